@@ -1,0 +1,274 @@
+//! A pinhole camera with skew and Brown-Conrady distortion, its projection and the Jacobians of it.
+
+use crate::GeometryError;
+use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix2x6, Matrix3, Matrix3x4, Point3, Vector2, Vector3};
+
+/// Width and height of an image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ImageSize {
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+}
+
+impl ImageSize {
+    /// Number of pixels.
+    pub fn area_px(&self) -> usize {
+        self.width_px as usize * self.height_px as usize
+    }
+
+    /// Whether a point lies on the image by at least `margin_px`.
+    pub fn contains(&self, pixel: &Vector2<f64>, margin_px: f64) -> bool {
+        pixel.x >= margin_px - 0.5
+            && pixel.y >= margin_px - 0.5
+            && pixel.x <= f64::from(self.width_px) - 0.5 - margin_px
+            && pixel.y <= f64::from(self.height_px) - 0.5 - margin_px
+    }
+}
+
+/// The affine part of a camera: u = fx x + skew y + cx, v = fy y + cy of the (distorted) normalised image point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Intrinsics {
+    /// Focal length along u.
+    pub fx_px: f64,
+    /// Focal length along v.
+    pub fy_px: f64,
+    /// Principal point, column.
+    pub cx_px: f64,
+    /// Principal point, row.
+    pub cy_px: f64,
+    /// Shear of v into u.
+    pub skew_px: f64,
+}
+
+impl Intrinsics {
+    /// Square pixels, centred, with the given angle across the width.
+    pub fn from_horizontal_fov(size: ImageSize, fov_rad: f64) -> Self {
+        let f = f64::from(size.width_px) / 2.0 / (fov_rad / 2.0).tan();
+        Self {
+            fx_px: f,
+            fy_px: f,
+            cx_px: (f64::from(size.width_px) - 1.0) / 2.0,
+            cy_px: (f64::from(size.height_px) - 1.0) / 2.0,
+            skew_px: 0.0,
+        }
+    }
+
+    /// The calibration matrix K.
+    pub fn matrix(&self) -> Matrix3<f64> {
+        Matrix3::new(self.fx_px, self.skew_px, self.cx_px, 0.0, self.fy_px, self.cy_px, 0.0, 0.0, 1.0)
+    }
+
+    fn apply(&self, n: Vector2<f64>) -> Vector2<f64> {
+        Vector2::new(self.fx_px * n.x + self.skew_px * n.y + self.cx_px, self.fy_px * n.y + self.cy_px)
+    }
+
+    fn unapply(&self, pixel: &Vector2<f64>) -> Vector2<f64> {
+        let y = (pixel.y - self.cy_px) / self.fy_px;
+        Vector2::new((pixel.x - self.cx_px - self.skew_px * y) / self.fx_px, y)
+    }
+
+    fn jacobian(&self) -> Matrix2<f64> {
+        Matrix2::new(self.fx_px, self.skew_px, 0.0, self.fy_px)
+    }
+}
+
+/// Radial and tangential lens distortion (Brown 1971; coefficients as in OpenCV's k1 k2 p1 p2 k3). All zero: none.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct BrownConrady {
+    /// Radial, r².
+    pub k1: f64,
+    /// Radial, r⁴.
+    pub k2: f64,
+    /// Tangential.
+    pub p1: f64,
+    /// Tangential.
+    pub p2: f64,
+    /// Radial, r⁶.
+    pub k3: f64,
+}
+
+impl BrownConrady {
+    /// Distorted normalised point and its derivative.
+    pub fn distort(&self, n: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+        let (x, y) = (n.x, n.y);
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        let d_radial = self.k1 + r2 * (2.0 * self.k2 + 3.0 * self.k3 * r2);
+        let point = Vector2::new(
+            x * radial + 2.0 * self.p1 * x * y + self.p2 * (r2 + 2.0 * x * x),
+            y * radial + self.p1 * (r2 + 2.0 * y * y) + 2.0 * self.p2 * x * y,
+        );
+        let off = 2.0 * x * y * d_radial + 2.0 * self.p1 * x + 2.0 * self.p2 * y;
+        let jacobian = Matrix2::new(
+            radial + 2.0 * x * x * d_radial + 2.0 * self.p1 * y + 6.0 * self.p2 * x,
+            off,
+            off,
+            radial + 2.0 * y * y * d_radial + 6.0 * self.p1 * y + 2.0 * self.p2 * x,
+        );
+        (point, jacobian)
+    }
+
+    /// Inverse of [`BrownConrady::distort`] by Newton's method; `None` where it does not converge.
+    pub fn undistort(&self, distorted: Vector2<f64>) -> Option<Vector2<f64>> {
+        if *self == Self::default() {
+            return Some(distorted);
+        }
+        let mut n = distorted;
+        for _ in 0..50 {
+            let (at, jacobian) = self.distort(n);
+            let step = jacobian.try_inverse()? * (distorted - at);
+            n += step;
+            if step.norm() < 1e-13 {
+                return Some(n);
+            }
+        }
+        None
+    }
+}
+
+/// A camera in the world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Camera {
+    /// Takes world coordinates into camera coordinates.
+    pub cam_from_world: Isometry3<f64>,
+    /// Focal lengths, principal point, skew.
+    pub intrinsics: Intrinsics,
+    /// Lens distortion.
+    pub distortion: BrownConrady,
+    /// Size of its images.
+    pub size: ImageSize,
+}
+
+/// An image point and its derivatives.
+#[derive(Debug, Clone, Copy)]
+pub struct Projection {
+    /// Where the point is seen.
+    pub pixel: Vector2<f64>,
+    /// Derivative with respect to the point in camera coordinates, px/m.
+    pub d_pixel_d_point_in_cam: Matrix2x3<f64>,
+    /// Derivative with respect to the point in world coordinates, px/m.
+    pub d_pixel_d_point_in_world: Matrix2x3<f64>,
+}
+
+impl Camera {
+    /// A camera at `centre_in_world_m` that looks at a target with the image's top towards world +Z.
+    ///
+    /// Looking straight up or down, the image's top points to world +Y.
+    pub fn looking_at(
+        centre_in_world_m: Vector3<f64>,
+        target_in_world_m: Vector3<f64>,
+        intrinsics: Intrinsics,
+        size: ImageSize,
+    ) -> Self {
+        let forward = (target_in_world_m - centre_in_world_m).normalize();
+        let up = if forward.z.abs() > 0.999_999 { Vector3::y() } else { Vector3::z() };
+        let right = forward.cross(&up).normalize();
+        let down = forward.cross(&right);
+        let rotation = nalgebra::Rotation3::from_matrix_unchecked(Matrix3::from_rows(&[
+            right.transpose(),
+            down.transpose(),
+            forward.transpose(),
+        ]));
+        let rotation = nalgebra::UnitQuaternion::from_rotation_matrix(&rotation);
+        let translation = -(rotation * centre_in_world_m);
+        Self {
+            cam_from_world: Isometry3::from_parts(translation.into(), rotation),
+            intrinsics,
+            distortion: BrownConrady::default(),
+            size,
+        }
+    }
+
+    /// The projection centre in world coordinates, metres.
+    pub fn centre_in_world(&self) -> Vector3<f64> {
+        self.cam_from_world.inverse().translation.vector
+    }
+
+    /// The 3×4 projection matrix K [R | t]; it leaves distortion out.
+    pub fn matrix(&self) -> Matrix3x4<f64> {
+        let mut pose = Matrix3x4::zeros();
+        pose.fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&crate::attitude::matrix_of(&self.cam_from_world.rotation));
+        pose.set_column(3, &self.cam_from_world.translation.vector);
+        self.intrinsics.matrix() * pose
+    }
+
+    /// Where a world point is seen, with derivatives.
+    ///
+    /// # Errors
+    /// [`GeometryError::BehindCamera`] for a point that is not in front of the camera.
+    pub fn project(&self, point_in_world: &Vector3<f64>) -> Result<Projection, GeometryError> {
+        let point_in_cam = self.cam_from_world * Point3::from(*point_in_world);
+        self.project_from_camera(&point_in_cam.coords)
+    }
+
+    /// The same from a point in camera coordinates.
+    ///
+    /// # Errors
+    /// [`GeometryError::BehindCamera`].
+    pub fn project_from_camera(&self, p: &Vector3<f64>) -> Result<Projection, GeometryError> {
+        if p.z.is_nan() || p.z <= 1e-6 {
+            return Err(GeometryError::BehindCamera { depth_m: p.z });
+        }
+        let inv_z = 1.0 / p.z;
+        let n = Vector2::new(p.x * inv_z, p.y * inv_z);
+        let (distorted, d_distorted) = self.distortion.distort(n);
+        let d_n = Matrix2x3::new(inv_z, 0.0, -n.x * inv_z, 0.0, inv_z, -n.y * inv_z);
+        let d_cam = self.intrinsics.jacobian() * d_distorted * d_n;
+        Ok(Projection {
+            pixel: self.intrinsics.apply(distorted),
+            d_pixel_d_point_in_cam: d_cam,
+            d_pixel_d_point_in_world: d_cam * crate::attitude::matrix_of(&self.cam_from_world.rotation),
+        })
+    }
+
+    /// Where the centre of the image of a ball is seen: the ellipse's centre, not the image of the ball's centre.
+    ///
+    /// The outline of a sphere of radius R at (x, y, z) is the conic whose dual is X Xᵀ - R² I; its centre is
+    /// (x z, y z)/(z² - R²), further from the principal point than x/z by the factor z²/(z² - R²)
+    /// (Hartley & Zisserman 2004, section 8.6). Distortion is taken at that centre.
+    ///
+    /// # Errors
+    /// [`GeometryError::BehindCamera`] for a ball that reaches behind the camera.
+    pub fn project_ball(
+        &self,
+        centre_in_world: &Vector3<f64>,
+        radius_m: f64,
+    ) -> Result<Projection, GeometryError> {
+        let mut p = (self.cam_from_world * Point3::from(*centre_in_world)).coords;
+        if p.z.is_nan() || p.z <= radius_m {
+            return Err(GeometryError::BehindCamera { depth_m: p.z });
+        }
+        p.z -= radius_m * radius_m / p.z;
+        self.project_from_camera(&p)
+    }
+
+    /// Unit direction in world coordinates of what is seen at a pixel.
+    ///
+    /// # Errors
+    /// [`GeometryError::UndistortionDiverged`] outside the field where the distortion can be undone.
+    pub fn ray(&self, pixel: &Vector2<f64>) -> Result<Vector3<f64>, GeometryError> {
+        let n = self
+            .distortion
+            .undistort(self.intrinsics.unapply(pixel))
+            .ok_or(GeometryError::UndistortionDiverged { u_px: pixel.x, v_px: pixel.y })?;
+        Ok(self.cam_from_world.rotation.inverse() * Vector3::new(n.x, n.y, 1.0).normalize())
+    }
+}
+
+/// Derivative of an image point with respect to a small motion (translation in world axes, rotation in body axes)
+/// of the body that carries the point: world_from_body ← (t + δt, R exp(δθ)).
+pub fn d_pixel_d_pose(
+    projection: &Projection,
+    world_from_body: &Isometry3<f64>,
+    point_in_body: &Vector3<f64>,
+) -> Matrix2x6<f64> {
+    let d_world = projection.d_pixel_d_point_in_world;
+    let d_turn = -crate::attitude::matrix_of(&world_from_body.rotation) * point_in_body.cross_matrix();
+    let mut out = Matrix2x6::zeros();
+    out.fixed_view_mut::<2, 3>(0, 0).copy_from(&d_world);
+    out.fixed_view_mut::<2, 3>(0, 3).copy_from(&(d_world * d_turn));
+    out
+}
