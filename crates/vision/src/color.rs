@@ -1,0 +1,208 @@
+//! Colours of balls, compared in a way that neither shading nor white light nor a neutral background changes.
+//!
+//! Shading multiplies linear RGB; a pixel that only partly shows the ball, and a glossy or hazy one, adds nearly
+//! neutral light. Both leave the direction within the plane perpendicular to the grey axis, the hue, where it is.
+//! So a hue is compared as an angle in that plane, and saturation serves only as a floor.
+
+use crate::VisionError;
+use std::sync::LazyLock;
+
+/// A marker's name and the colour a person would pick for it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BallColor {
+    /// Name for messages.
+    pub name: String,
+    /// Nominal colour, sRGB-coded. Brightness is not relied on.
+    pub rgb: [u8; 3],
+}
+
+/// Smallest angle between two hues, degrees.
+///
+/// Noise of two grey levels turns the hue of one pixel of a ball by about two degrees, that of the nine pixels inside
+/// the smallest ball by 0.7; the half angle must hold four standard deviations of that.
+pub(crate) const LEAST_HUE_APART_DEG: f64 = 6.0;
+
+/// Furthest that a surface's hue is taken to move with the colour of the light (lamp to daylight) and neighbours'
+/// reflections, degrees.
+const GREATEST_HUE_CHANGE_DEG: f64 = 25.0;
+
+/// Saturation (one less the ratio of weakest to strongest linear channel) from which a pixel shows more ball than
+/// neutral light.
+pub(crate) const LEAST_PURITY: f32 = 0.5;
+
+/// Chroma in linear light that stands out of the noise: four deviations of two grey levels at the dark end, where a
+/// level is 0.0025 at most.
+pub(crate) const LEAST_CHROMA: f32 = 0.02;
+
+/// sRGB code to linear light (IEC 61966-2-1).
+static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
+    std::array::from_fn(|code| {
+        let s = code as f64 / 255.0;
+        let linear = if s <= 0.040_45 { s / 12.92 } else { ((s + 0.055) / 1.055).powf(2.4) };
+        linear as f32
+    })
+});
+
+/// Linear light of an sRGB-coded colour.
+pub(crate) fn to_linear(rgb: [u8; 3]) -> [f32; 3] {
+    let table = &*LINEAR;
+    rgb.map(|code| table[code as usize])
+}
+
+/// A colour seen: hue as a vector in the plane perpendicular to grey, its length (chroma) and the saturation.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Seen {
+    pub(crate) hue: [f32; 2],
+    pub(crate) chroma: f32,
+    pub(crate) purity: f32,
+}
+
+impl Seen {
+    pub(crate) fn of(linear: [f32; 3]) -> Self {
+        let [r, g, b] = linear;
+        let hue = [r - 0.5 * (g + b), 0.866_025_4 * (g - b)];
+        let chroma = hue[0].hypot(hue[1]);
+        let most = r.max(g).max(b);
+        let purity = if most > 0.0 { 1.0 - r.min(g).min(b).max(0.0) / most } else { 0.0 };
+        Self { hue, chroma, purity }
+    }
+
+    /// Whether the colour is saturated and bright enough to have a hue.
+    pub(crate) fn is_colored(&self) -> bool {
+        self.chroma >= LEAST_CHROMA && self.purity >= LEAST_PURITY
+    }
+
+    /// Cosine of the angle to a unit hue.
+    pub(crate) fn cosine(&self, hue: [f32; 2]) -> f32 {
+        (self.hue[0] * hue[0] + self.hue[1] * hue[1]) / self.chroma.max(f32::MIN_POSITIVE)
+    }
+
+    pub(crate) fn unit_hue(&self) -> [f32; 2] {
+        let scale = 1.0 / self.chroma.max(f32::MIN_POSITIVE);
+        [self.hue[0] * scale, self.hue[1] * scale]
+    }
+}
+
+/// One marker's place among the hues.
+#[derive(Debug, Clone)]
+struct Target {
+    hue: [f32; 2],
+    /// Half the angle to the nearest other hue, or the physical cap, radians.
+    gate_rad: f32,
+}
+
+/// The hues that are looked for.
+#[derive(Debug, Clone)]
+pub(crate) struct ColorModel {
+    targets: Vec<Target>,
+    cap_cosine: f32,
+}
+
+impl ColorModel {
+    pub(crate) fn new(colors: &[BallColor]) -> Result<Self, VisionError> {
+        if colors.is_empty() {
+            return Err(VisionError::NoMarkers);
+        }
+        let seen: Vec<Seen> = colors.iter().map(|c| Seen::of(to_linear(c.rgb))).collect();
+        for (color, seen) in colors.iter().zip(&seen) {
+            if !seen.is_colored() {
+                let purity = f64::from(seen.purity);
+                return Err(VisionError::ColorTooGrey {
+                    name: color.name.clone(),
+                    purity,
+                    needed: f64::from(LEAST_PURITY),
+                });
+            }
+        }
+        let cap_rad = (GREATEST_HUE_CHANGE_DEG as f32).to_radians();
+        let mut targets: Vec<Target> =
+            seen.iter().map(|s| Target { hue: s.unit_hue(), gate_rad: cap_rad }).collect();
+        for i in 0..colors.len() {
+            for j in 0..i {
+                let apart_rad = seen[i].cosine(targets[j].hue).clamp(-1.0, 1.0).acos();
+                let apart_deg = f64::from(apart_rad.to_degrees());
+                if apart_deg < LEAST_HUE_APART_DEG {
+                    return Err(VisionError::ColorsTooClose {
+                        first: colors[j].name.clone(),
+                        second: colors[i].name.clone(),
+                        apart_deg,
+                        needed_deg: LEAST_HUE_APART_DEG,
+                    });
+                }
+                for k in [i, j] {
+                    targets[k].gate_rad = targets[k].gate_rad.min(apart_rad / 2.0);
+                }
+            }
+        }
+        Ok(Self { targets, cap_cosine: cap_rad.cos() })
+    }
+
+    /// Number of markers.
+    pub(crate) fn len(&self) -> usize {
+        self.targets.len()
+    }
+
+    /// Whether a pixel may belong to a marker: coloured and within the physical cap of its hue. Pixels at an edge mix
+    /// with the background, so the finer decision is made on whole balls.
+    pub(crate) fn may_be(&self, marker: usize, seen: &Seen) -> bool {
+        seen.cosine(self.targets[marker].hue) >= self.cap_cosine
+    }
+
+    /// Angle of a colour to a marker's hue as a fraction of the marker's gate; above one it is not that marker.
+    pub(crate) fn gate_fraction(&self, marker: usize, seen: &Seen) -> f64 {
+        let target = &self.targets[marker];
+        f64::from(seen.cosine(target.hue).clamp(-1.0, 1.0).acos() / target.gate_rad)
+    }
+
+    /// Replaces a marker's hue by the one that was measured, when that lies within the gate.
+    pub(crate) fn learn(&mut self, marker: usize, seen: &Seen) {
+        if seen.is_colored() && self.gate_fraction(marker, seen) <= 1.0 {
+            self.targets[marker].hue = seen.unit_hue();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn color(name: &str, rgb: [u8; 3]) -> BallColor {
+        BallColor { name: name.into(), rgb }
+    }
+
+    #[test]
+    fn linear_light_follows_the_standard() {
+        let [black, middle, white] = to_linear([0, 188, 255]);
+        assert_eq!((black, white), (0.0, 1.0));
+        // IEC 61966-2-1: code 188 is 50.3 % of white.
+        assert!((middle - 0.5029).abs() < 1e-4);
+    }
+
+    #[test]
+    fn hue_ignores_shading_and_neutral_light() {
+        let base = to_linear([208, 42, 42]);
+        let model = ColorModel::new(&[color("red", [208, 42, 42]), color("yellow", [216, 188, 48])]).unwrap();
+        for (shade, haze) in [(1.0, 0.0), (0.1, 0.0), (0.7, 0.2), (0.3, 0.05)] {
+            let seen = Seen::of(base.map(|c| c * shade + haze));
+            assert!(model.gate_fraction(0, &seen) < 1e-2);
+            assert!(model.gate_fraction(1, &seen) > 1.0);
+        }
+    }
+
+    #[test]
+    fn colors_that_cannot_be_told_apart_are_named() {
+        let error = ColorModel::new(&[
+            color("left", [200, 40, 40]),
+            color("x", [0, 0, 200]),
+            color("right", [120, 20, 22]),
+        ])
+        .unwrap_err();
+        let text = error.to_string();
+        assert!(text.contains("left") && text.contains("right"), "{text}");
+        assert!(matches!(
+            ColorModel::new(&[color("grey", [100, 100, 110])]),
+            Err(VisionError::ColorTooGrey { .. })
+        ));
+        assert_eq!(ColorModel::new(&[]).unwrap_err(), VisionError::NoMarkers);
+    }
+}

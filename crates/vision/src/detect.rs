@@ -1,0 +1,150 @@
+//! Finding balls of given colours in a whole frame.
+
+use crate::centre::{self, Fit, LEAST_RADIUS_PX};
+use crate::color::{ColorModel, Seen, to_linear};
+use crate::frame::YuvToRgb;
+use crate::patch::Patch;
+use crate::segment::{Blob, Segmenter, Window};
+use crate::{BallColor, Frame, Matrix2, Pixels, Vector2, VisionError};
+use std::ops::RangeInclusive;
+
+/// A region that looks like a ball of a marker's colour.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BallCandidate {
+    /// Centre of the outline.
+    pub pixel: Vector2<f64>,
+    /// Covariance of the centre.
+    pub covariance_px2: Matrix2<f64>,
+    /// Coloured pixels of the region.
+    pub area_px: f64,
+    /// Diameter of the fitted disc.
+    pub diameter_px: f64,
+    /// How well colour and shape agree with a ball of that marker: 0 (not at all) to 1.
+    pub score: f64,
+    /// Colour in the middle of the fitted disc, sRGB-coded.
+    pub color: [u8; 3],
+}
+
+/// Regions of one colour that are looked at closely in one frame, the strongest first.
+const MOST_BLOBS: usize = 64;
+
+/// Searches whole frames for balls of given colours.
+#[derive(Debug, Clone)]
+pub struct Detector {
+    model: ColorModel,
+}
+
+/// Working space of a search, reused from frame to frame.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Workspace {
+    pub(crate) segmenter: Segmenter,
+    patch: Patch,
+}
+
+impl Detector {
+    /// A detector of the given colours.
+    ///
+    /// # Errors
+    /// [`VisionError::ColorsTooClose`] naming two markers of one hue, [`VisionError::ColorTooGrey`] for a marker
+    /// without one, [`VisionError::NoMarkers`] for an empty list.
+    pub fn new(colors: &[BallColor]) -> Result<Self, VisionError> {
+        Ok(Self { model: ColorModel::new(colors)? })
+    }
+
+    /// Every region that may be a ball with an apparent diameter in the range: one list a colour, best first.
+    ///
+    /// A ball that is not seen yields an empty list. Balls below 3 px are not measured, whatever the range.
+    pub fn candidates(
+        &self,
+        frame: &Frame,
+        expected_diameter_px: RangeInclusive<f64>,
+    ) -> Vec<Vec<BallCandidate>> {
+        let mut workspace = Workspace::default();
+        let range_px = (*expected_diameter_px.start(), *expected_diameter_px.end());
+        workspace.segmenter.collect(frame, &Window::whole(frame));
+        (0..self.model.len())
+            .map(|marker| {
+                let mut found = Vec::new();
+                workspace.search(frame, &self.model, marker, range_px, &mut found);
+                found
+            })
+            .collect()
+    }
+}
+
+impl Workspace {
+    /// Balls of one marker among the collected pixels, best first.
+    pub(crate) fn search(
+        &mut self,
+        frame: &Frame,
+        model: &ColorModel,
+        marker: usize,
+        range_px: (f64, f64),
+        found: &mut Vec<BallCandidate>,
+    ) {
+        found.clear();
+        self.segmenter.regions(model, marker, area_gate_px(range_px));
+        let blobs = &mut self.segmenter.blobs;
+        blobs.sort_unstable_by(|a, b| b.strength.total_cmp(&a.strength));
+        blobs.truncate(MOST_BLOBS);
+        for blob in blobs.iter() {
+            found.extend(measure(frame, blob, model, marker, range_px, &mut self.patch));
+        }
+        found.sort_unstable_by(|a, b| b.score.total_cmp(&a.score));
+    }
+}
+
+/// Coloured pixels that a disc of the expected diameters yields: half of them may be lost to blur, glare or an arm,
+/// and a rim of one pixel may be tinged.
+fn area_gate_px((smallest_px, largest_px): (f64, f64)) -> (f64, f64) {
+    let disc = |diameter_px: f64| 0.25 * std::f64::consts::PI * diameter_px * diameter_px;
+    let smallest = smallest_px.max(2.0 * LEAST_RADIUS_PX);
+    (0.5 * disc(smallest - 1.0), disc(largest_px + 2.0))
+}
+
+/// Fits the ball of a region and judges it.
+fn measure(
+    frame: &Frame,
+    blob: &Blob,
+    model: &ColorModel,
+    marker: usize,
+    range_px: (f64, f64),
+    patch: &mut Patch,
+) -> Option<BallCandidate> {
+    let radius_px = (0.5 * range_px.0, 0.5 * range_px.1);
+    let start_px =
+        (blob.area_px / std::f64::consts::PI).sqrt().clamp(radius_px.0.max(LEAST_RADIUS_PX), radius_px.1);
+    // A ring of background about as wide as the blur can reach.
+    patch.fill(frame, blob.pixel, start_px + 3.5);
+    let fit = centre::fit(patch, radius_px, start_px)?;
+    if !frame.size.contains(&fit.pixel, fit.radius_px) {
+        return None;
+    }
+    let color = fitted_color(frame, &fit);
+    let seen = Seen::of(to_linear(color));
+    let gate = model.gate_fraction(marker, &seen);
+    if !seen.is_colored() || gate > 1.0 {
+        return None;
+    }
+    let disc_px = std::f64::consts::PI * fit.radius_px * fit.radius_px;
+    let filled = (blob.area_px / disc_px).min(disc_px / blob.area_px);
+    Some(BallCandidate {
+        pixel: fit.pixel,
+        covariance_px2: fit.covariance_px2,
+        area_px: blob.area_px,
+        diameter_px: 2.0 * fit.radius_px,
+        score: (1.0 - 0.5 * gate) * filled.sqrt() * fit.trusted,
+        color,
+    })
+}
+
+/// The fitted values in the middle of the ball as a colour.
+fn fitted_color(frame: &Frame, fit: &Fit) -> [u8; 3] {
+    let coded = fit.ball.map(|value| value.round().clamp(0.0, 255.0) as u8);
+    match &frame.pixels {
+        Pixels::Rgb(_) => coded,
+        Pixels::Yuv420 { full_range, matrix, .. } => {
+            YuvToRgb::of(*full_range, *matrix).convert(coded[0], coded[1], coded[2])
+        }
+    }
+}

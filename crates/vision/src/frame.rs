@@ -1,0 +1,293 @@
+//! An image as a camera or decoder hands it over, with colours converted where they are looked at.
+
+use crate::VisionError;
+use mavsight_geometry::ImageSize;
+
+/// Which luma weights a YUV image was made with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum YuvMatrix {
+    /// ITU-R BT.601: standard definition.
+    Bt601,
+    /// ITU-R BT.709: high definition.
+    Bt709,
+}
+
+/// The samples of a frame; rows from top to bottom without padding.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Pixels {
+    /// Red, green and blue of each pixel, sRGB-coded.
+    Rgb(Vec<u8>),
+    /// Luma and, for each 2×2 block (rounded up at odd sizes), two colour differences.
+    Yuv420 {
+        /// Luma, one a pixel.
+        y: Vec<u8>,
+        /// Blue difference, one a block.
+        u: Vec<u8>,
+        /// Red difference, one a block.
+        v: Vec<u8>,
+        /// Whether luma spans 0-255 rather than 16-235.
+        full_range: bool,
+        /// The luma weights.
+        matrix: YuvMatrix,
+    },
+}
+
+/// One image of one camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// Columns and rows.
+    pub size: ImageSize,
+    /// The samples.
+    pub pixels: Pixels,
+}
+
+/// Colour differences across a row of an image: half the columns, rounded up.
+pub(crate) fn chroma_size(size: ImageSize) -> (usize, usize) {
+    ((size.width_px as usize).div_ceil(2), (size.height_px as usize).div_ceil(2))
+}
+
+impl Frame {
+    /// A frame of packed sRGB bytes, three a pixel.
+    ///
+    /// # Errors
+    /// [`VisionError::FrameLength`] when the buffer does not fit the size.
+    pub fn from_rgb(size: ImageSize, rgb: Vec<u8>) -> Result<Self, VisionError> {
+        check_length("RGB", size, rgb.len(), 3 * size.area_px())?;
+        Ok(Self { size, pixels: Pixels::Rgb(rgb) })
+    }
+
+    /// A frame of three planes with colour differences at half resolution both ways, as video decoders yield it.
+    ///
+    /// # Errors
+    /// [`VisionError::FrameLength`] when a plane does not fit the size.
+    pub fn from_yuv420(
+        size: ImageSize,
+        planes: [Vec<u8>; 3],
+        full_range: bool,
+        matrix: YuvMatrix,
+    ) -> Result<Self, VisionError> {
+        let [y, u, v] = planes;
+        let frame = Self { size, pixels: Pixels::Yuv420 { y, u, v, full_range, matrix } };
+        frame.check()?;
+        Ok(frame)
+    }
+
+    /// Verifies that the buffers fit the size; needed only for a frame that was put together by hand.
+    ///
+    /// # Errors
+    /// [`VisionError::FrameLength`] naming the first plane that does not fit.
+    pub fn check(&self) -> Result<(), VisionError> {
+        let (chroma_width, chroma_height) = chroma_size(self.size);
+        match &self.pixels {
+            Pixels::Rgb(rgb) => check_length("RGB", self.size, rgb.len(), 3 * self.size.area_px()),
+            Pixels::Yuv420 { y, u, v, .. } => {
+                check_length("Y", self.size, y.len(), self.size.area_px())?;
+                check_length("U", self.size, u.len(), chroma_width * chroma_height)?;
+                check_length("V", self.size, v.len(), chroma_width * chroma_height)
+            }
+        }
+    }
+
+    /// Red, green and blue of one pixel; black outside the image.
+    pub fn rgb(&self, x: usize, y: usize) -> [u8; 3] {
+        let mut pixel = [0; 3];
+        if x < self.size.width_px as usize {
+            self.rgb_row(y, x, x + 1, &mut pixel);
+        }
+        pixel
+    }
+
+    /// Converts columns `x0` to `x1` (not included) of row `y` into `out`, three bytes a pixel.
+    ///
+    /// Columns beyond the image or beyond `out` are left alone, as is everything when the row is not in the image.
+    pub fn rgb_row(&self, y: usize, x0: usize, x1: usize, out: &mut [u8]) {
+        let width = self.size.width_px as usize;
+        let x1 = x1.min(width).min(x0 + out.len() / 3);
+        if y >= self.size.height_px as usize || x0 >= x1 {
+            return;
+        }
+        match &self.pixels {
+            Pixels::Rgb(rgb) => {
+                let from = 3 * (y * width + x0);
+                let count = 3 * (x1 - x0);
+                if let Some(row) = rgb.get(from..from + count) {
+                    out[..count].copy_from_slice(row);
+                }
+            }
+            Pixels::Yuv420 { y: luma, u, v, full_range, matrix } => {
+                let table = YuvToRgb::of(*full_range, *matrix);
+                let chroma_row = y / 2 * width.div_ceil(2);
+                let Some(luma) = luma.get(y * width..(y + 1) * width) else { return };
+                let chroma = chroma_row..chroma_row + width.div_ceil(2);
+                let (Some(u), Some(v)) = (u.get(chroma.clone()), v.get(chroma)) else { return };
+                for (x, pixel) in (x0..x1).zip(out.chunks_exact_mut(3)) {
+                    pixel.copy_from_slice(&table.convert(luma[x], u[x / 2], v[x / 2]));
+                }
+            }
+        }
+    }
+
+    /// The whole frame as packed sRGB bytes.
+    pub fn to_rgb(&self) -> Vec<u8> {
+        let width = self.size.width_px as usize;
+        let mut rgb = vec![0; 3 * self.size.area_px()];
+        if width > 0 {
+            for (y, row) in rgb.chunks_exact_mut(3 * width).enumerate() {
+                self.rgb_row(y, 0, width, row);
+            }
+        }
+        rgb
+    }
+}
+
+fn check_length(
+    plane: &'static str,
+    size: ImageSize,
+    bytes: usize,
+    wanted: usize,
+) -> Result<(), VisionError> {
+    if bytes == wanted {
+        return Ok(());
+    }
+    Err(VisionError::FrameLength { plane, width_px: size.width_px, height_px: size.height_px, bytes, wanted })
+}
+
+/// Integer conversion with 16 fractional bits, after the defining equations of BT.601 and BT.709.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct YuvToRgb {
+    luma_zero: i32,
+    luma_gain: i32,
+    red_v: i32,
+    green_u: i32,
+    green_v: i32,
+    blue_u: i32,
+}
+
+impl YuvToRgb {
+    const BT601_LIMITED: Self = Self::new(0.299, 0.114, false);
+    const BT601_FULL: Self = Self::new(0.299, 0.114, true);
+    const BT709_LIMITED: Self = Self::new(0.2126, 0.0722, false);
+    const BT709_FULL: Self = Self::new(0.2126, 0.0722, true);
+
+    const fn new(red_weight: f64, blue_weight: f64, full_range: bool) -> Self {
+        let (zero, luma, chroma) =
+            if full_range { (0, 1.0, 1.0) } else { (16, 255.0 / 219.0, 255.0 / 224.0) };
+        let green_weight = 1.0 - red_weight - blue_weight;
+        let red_v = 2.0 * (1.0 - red_weight) * chroma;
+        let blue_u = 2.0 * (1.0 - blue_weight) * chroma;
+        Self {
+            luma_zero: zero,
+            luma_gain: fixed(luma),
+            red_v: fixed(red_v),
+            green_u: fixed(blue_u * blue_weight / green_weight),
+            green_v: fixed(red_v * red_weight / green_weight),
+            blue_u: fixed(blue_u),
+        }
+    }
+
+    pub(crate) fn of(full_range: bool, matrix: YuvMatrix) -> &'static Self {
+        match (matrix, full_range) {
+            (YuvMatrix::Bt601, false) => &Self::BT601_LIMITED,
+            (YuvMatrix::Bt601, true) => &Self::BT601_FULL,
+            (YuvMatrix::Bt709, false) => &Self::BT709_LIMITED,
+            (YuvMatrix::Bt709, true) => &Self::BT709_FULL,
+        }
+    }
+
+    pub(crate) fn convert(&self, y: u8, u: u8, v: u8) -> [u8; 3] {
+        let luma = (i32::from(y) - self.luma_zero) * self.luma_gain + (1 << 15);
+        let (u, v) = (i32::from(u) - 128, i32::from(v) - 128);
+        [
+            clamped(luma + self.red_v * v),
+            clamped(luma - self.green_u * u - self.green_v * v),
+            clamped(luma + self.blue_u * u),
+        ]
+    }
+}
+
+const fn fixed(value: f64) -> i32 {
+    (value * 65536.0 + 0.5) as i32
+}
+
+fn clamped(value: i32) -> u8 {
+    (value >> 16).clamp(0, 255) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn size(width_px: u32, height_px: u32) -> ImageSize {
+        ImageSize { width_px, height_px }
+    }
+
+    /// 100 % colour bars: the code values printed in ITU-R BT.801 (601) and in SMPTE RP 219 rounded to 8 bits (709).
+    #[test]
+    fn colour_bars_decode_to_their_primaries() {
+        let bt601 = [
+            ([235, 128, 128], [255, 255, 255]),
+            ([210, 16, 146], [255, 255, 0]),
+            ([170, 166, 16], [0, 255, 255]),
+            ([145, 54, 34], [0, 255, 0]),
+            ([106, 202, 222], [255, 0, 255]),
+            ([81, 90, 240], [255, 0, 0]),
+            ([41, 240, 110], [0, 0, 255]),
+            ([16, 128, 128], [0, 0, 0]),
+        ];
+        let bt709 = [
+            ([219, 16, 138], [255, 255, 0]),
+            ([188, 154, 16], [0, 255, 255]),
+            ([173, 42, 26], [0, 255, 0]),
+            ([78, 214, 230], [255, 0, 255]),
+            ([63, 102, 240], [255, 0, 0]),
+            ([32, 240, 118], [0, 0, 255]),
+        ];
+        for (matrix, bars) in [(YuvMatrix::Bt601, &bt601[..]), (YuvMatrix::Bt709, &bt709[..])] {
+            for (code, rgb) in bars {
+                let seen = YuvToRgb::of(false, matrix).convert(code[0], code[1], code[2]);
+                for (a, b) in seen.iter().zip(rgb) {
+                    assert!(a.abs_diff(*b) <= 2, "{matrix:?} {code:?}: {seen:?} instead of {rgb:?}");
+                }
+            }
+        }
+    }
+
+    /// JFIF 1.02: R = Y + 1.402 (Cr - 128), G = Y - 0.344136 (Cb - 128) - 0.714136 (Cr - 128), B = Y + 1.772 (Cb - 128).
+    #[test]
+    fn full_range_follows_jfif() {
+        for (y, u, v) in [(0, 128, 128), (255, 128, 128), (100, 90, 160), (200, 140, 100), (29, 255, 107)] {
+            let (cb, cr) = (f64::from(u) - 128.0, f64::from(v) - 128.0);
+            let luma = f64::from(y);
+            let wanted = [luma + 1.402 * cr, luma - 0.344_136 * cb - 0.714_136 * cr, luma + 1.772 * cb];
+            let seen = YuvToRgb::of(true, YuvMatrix::Bt601).convert(y, u, v);
+            for (a, b) in seen.iter().zip(wanted) {
+                assert!((f64::from(*a) - b.clamp(0.0, 255.0)).abs() <= 0.51, "{seen:?} {wanted:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn wrong_lengths_are_named() {
+        let error = Frame::from_rgb(size(4, 2), vec![0; 23]).unwrap_err();
+        assert!(error.to_string().contains("23") && error.to_string().contains("24"), "{error}");
+        let error =
+            Frame::from_yuv420(size(5, 3), [vec![0; 15], vec![0; 6], vec![0; 4]], false, YuvMatrix::Bt709)
+                .unwrap_err();
+        assert!(matches!(error, VisionError::FrameLength { plane: "V", bytes: 4, wanted: 6, .. }));
+    }
+
+    #[test]
+    fn odd_sizes_rows_and_pixels_agree() {
+        let y = (0..15).map(|i| 20 + 10 * i as u8).collect::<Vec<_>>();
+        let planes = [y, vec![128, 100, 150, 90, 128, 200], vec![128, 90, 60, 170, 128, 200]];
+        let frame = Frame::from_yuv420(size(5, 3), planes, false, YuvMatrix::Bt601).unwrap();
+        let whole = frame.to_rgb();
+        for y in 0..3 {
+            for x in 0..5 {
+                assert_eq!(frame.rgb(x, y), whole[3 * (5 * y + x)..][..3]);
+            }
+        }
+        assert_eq!(frame.rgb(5, 0), [0; 3]);
+        assert_eq!(frame.rgb(0, 3), [0; 3]);
+    }
+}

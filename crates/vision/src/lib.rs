@@ -1,0 +1,19 @@
+//! From an image to marker observations: colour model, segmentation, sub-pixel centre, track.
+//!
+//! A pixel coordinate counts from the centre of the first pixel: column right, row down, the first pixel is (0, 0).
+
+mod centre;
+mod color;
+mod detect;
+mod error;
+mod frame;
+mod patch;
+mod segment;
+mod track;
+
+pub use color::BallColor;
+pub use detect::{BallCandidate, Detector};
+pub use error::VisionError;
+pub use frame::{Frame, Pixels, YuvMatrix};
+pub use mavsight_geometry::{ImageSize, Matrix2, Vector2};
+pub use track::Tracker;

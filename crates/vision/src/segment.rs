@@ -1,0 +1,234 @@
+//! Connected regions of coloured pixels that have the size and the shape of a ball.
+
+use crate::color::{ColorModel, Seen, to_linear};
+use crate::{Frame, Pixels, Vector2};
+use std::ops::Range;
+
+/// A coloured pixel.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Chromatic {
+    pub(crate) x: u16,
+    pub(crate) y: u16,
+    pub(crate) seen: Seen,
+}
+
+/// A region of one colour.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Blob {
+    pub(crate) pixel: Vector2<f64>,
+    pub(crate) area_px: f64,
+    /// Sum of chroma, to rank regions before they are looked at closely.
+    pub(crate) strength: f64,
+}
+
+/// Rectangle of pixels, ends not included.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Window {
+    pub(crate) columns: Range<usize>,
+    pub(crate) rows: Range<usize>,
+}
+
+impl Window {
+    pub(crate) fn whole(frame: &Frame) -> Self {
+        Self { columns: 0..frame.size.width_px as usize, rows: 0..frame.size.height_px as usize }
+    }
+
+    /// A square around a point, cut to the image.
+    pub(crate) fn around(frame: &Frame, middle: Vector2<f64>, reach_px: f64) -> Self {
+        let span = |centre: f64, count: u32| {
+            let from = (centre - reach_px).floor().clamp(0.0, f64::from(count)) as usize;
+            let to = ((centre + reach_px).ceil() + 1.0).clamp(0.0, f64::from(count)) as usize;
+            from..to.max(from)
+        };
+        Self { columns: span(middle.x, frame.size.width_px), rows: span(middle.y, frame.size.height_px) }
+    }
+}
+
+/// Ratio of long to short axis of a region of a few pixels that may still be a ball, smeared by motion or cut by an arm.
+const MOST_ELONGATED: f64 = 2.5;
+/// Least part of its bounding ellipse that a region fills; a disc on a pixel grid fills about one.
+const LEAST_FILLED: f64 = 0.5;
+/// Halvings of sensitivity after which a region that is still too large is given up.
+const LEVELS: usize = 6;
+
+/// Working space, reused from frame to frame.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Segmenter {
+    row: Vec<u8>,
+    /// Coloured pixels of the window, by row and column.
+    pub(crate) colored: Vec<Chromatic>,
+    /// Pixels of one marker at the present level, and those of the next.
+    level: Vec<Chromatic>,
+    next: Vec<Chromatic>,
+    parent: Vec<u32>,
+    sums: Vec<Sums>,
+    pub(crate) blobs: Vec<Blob>,
+}
+
+/// Moments of a region.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    count: f64,
+    weight: f64,
+    x: f64,
+    y: f64,
+    xx: f64,
+    xy: f64,
+    yy: f64,
+}
+
+impl Segmenter {
+    /// Collects the coloured pixels of a window.
+    pub(crate) fn collect(&mut self, frame: &Frame, window: &Window) {
+        self.colored.clear();
+        let (from, to) = (window.columns.start, window.columns.end);
+        if from >= to {
+            return;
+        }
+        self.row.resize(3 * (to - from), 0);
+        for y in window.rows.clone() {
+            if let Pixels::Yuv420 { u, v, .. } = &frame.pixels {
+                if neutral_row(u, v, frame.size.width_px as usize, y, window) {
+                    continue;
+                }
+            }
+            frame.rgb_row(y, from, to, &mut self.row);
+            for (offset, pixel) in self.row.chunks_exact(3).enumerate() {
+                let rgb = [pixel[0], pixel[1], pixel[2]];
+                if rgb_is_neutral(rgb) {
+                    continue;
+                }
+                let seen = Seen::of(to_linear(rgb));
+                if seen.is_colored() {
+                    self.colored.push(Chromatic { x: (from + offset) as u16, y: y as u16, seen });
+                }
+            }
+        }
+    }
+
+    /// Finds the regions of one marker among the collected pixels whose area lies in `area_px`, into [`Self::blobs`].
+    ///
+    /// A region that is too large is looked at again with only its more strongly coloured pixels: a ball before a
+    /// surface of a like hue but less colour.
+    pub(crate) fn regions(&mut self, model: &ColorModel, marker: usize, area_px: (f64, f64)) {
+        self.blobs.clear();
+        self.level.clear();
+        self.level.extend(self.colored.iter().filter(|p| model.may_be(marker, &p.seen)));
+        let mut least_chroma = 0.0;
+        for _ in 0..LEVELS {
+            if self.level.is_empty() {
+                return;
+            }
+            self.connect();
+            self.sum();
+            self.next.clear();
+            for (index, pixel) in self.level.iter().enumerate() {
+                let root = self.parent[index] as usize;
+                if self.sums[root].count > area_px.1 {
+                    self.next.push(*pixel);
+                } else if root == index
+                    && let Some(blob) = self.sums[root].blob(area_px.0)
+                {
+                    self.blobs.push(blob);
+                }
+            }
+            least_chroma =
+                if least_chroma == 0.0 { crate::color::LEAST_CHROMA * 2.0 } else { least_chroma * 2.0 };
+            self.next.retain(|p| p.seen.chroma >= least_chroma);
+            std::mem::swap(&mut self.level, &mut self.next);
+        }
+    }
+
+    /// Joins neighbours, diagonal ones too; afterwards each pixel's parent is the first pixel of its region.
+    fn connect(&mut self) {
+        self.parent.clear();
+        self.parent.extend(0..self.level.len() as u32);
+        let mut above = 0;
+        for index in 0..self.level.len() {
+            let (x, y) = (self.level[index].x, self.level[index].y);
+            if index > 0 && self.level[index - 1].y == y && self.level[index - 1].x + 1 == x {
+                self.join(index - 1, index);
+            }
+            while above < index
+                && (self.level[above].y + 1 < y
+                    || (self.level[above].y + 1 == y && self.level[above].x + 1 < x))
+            {
+                above += 1;
+            }
+            let mut neighbour = above;
+            while neighbour < index && self.level[neighbour].y + 1 == y && self.level[neighbour].x <= x + 1 {
+                self.join(neighbour, index);
+                neighbour += 1;
+            }
+        }
+        for index in 0..self.parent.len() {
+            self.parent[index] = self.root(index) as u32;
+        }
+    }
+
+    fn root(&self, mut index: usize) -> usize {
+        while self.parent[index] as usize != index {
+            index = self.parent[index] as usize;
+        }
+        index
+    }
+
+    fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.root(a), self.root(b));
+        let (first, second) = (a.min(b), a.max(b));
+        self.parent[second] = first as u32;
+    }
+
+    fn sum(&mut self) {
+        self.sums.clear();
+        self.sums.resize(self.level.len(), Sums::default());
+        for (pixel, root) in self.level.iter().zip(&self.parent) {
+            let sums = &mut self.sums[*root as usize];
+            let (x, y, weight) = (f64::from(pixel.x), f64::from(pixel.y), f64::from(pixel.seen.chroma));
+            sums.count += 1.0;
+            sums.weight += weight;
+            sums.x += weight * x;
+            sums.y += weight * y;
+            sums.xx += weight * x * x;
+            sums.xy += weight * x * y;
+            sums.yy += weight * y * y;
+        }
+    }
+}
+
+impl Sums {
+    fn blob(&self, least_area_px: f64) -> Option<Blob> {
+        if self.count < least_area_px || self.weight <= 0.0 {
+            return None;
+        }
+        let (x, y) = (self.x / self.weight, self.y / self.weight);
+        // A pixel is a square with a variance of 1/12 of its own.
+        let xx = self.xx / self.weight - x * x + 1.0 / 12.0;
+        let yy = self.yy / self.weight - y * y + 1.0 / 12.0;
+        let xy = self.xy / self.weight - x * y;
+        let mean = 0.5 * (xx + yy);
+        let apart = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
+        let (long, short) = (mean + apart, (mean - apart).max(1e-9));
+        // A uniform ellipse has semi-axes twice the square roots of its principal variances.
+        let ellipse_px = 4.0 * std::f64::consts::PI * (long * short).sqrt();
+        let ball = (long / short).sqrt() <= MOST_ELONGATED && self.count >= LEAST_FILLED * ellipse_px;
+        ball.then(|| Blob { pixel: Vector2::new(x, y), area_px: self.count, strength: self.weight })
+    }
+}
+
+/// Whether a row of colour differences is so grey that no pixel of it can reach the least purity.
+fn neutral_row(u: &[u8], v: &[u8], width: usize, y: usize, window: &Window) -> bool {
+    let across = width.div_ceil(2);
+    let range = y / 2 * across + window.columns.start / 2..y / 2 * across + window.columns.end.div_ceil(2);
+    let (Some(u), Some(v)) = (u.get(range.clone()), v.get(range)) else { return true };
+    u.iter().zip(v).all(|(u, v)| u.abs_diff(128).max(v.abs_diff(128)) < 6)
+}
+
+/// A quick test on coded values that only removes what the purity test would remove: on the sRGB curve half the linear
+/// light is at least 0.68 of the code.
+fn rgb_is_neutral(rgb: [u8; 3]) -> bool {
+    let most = rgb[0].max(rgb[1]).max(rgb[2]);
+    let least = rgb[0].min(rgb[1]).min(rgb[2]);
+    // 3/4 of the code is at most half the light only above the linear toe; below it there is no chroma either.
+    u32::from(least) * 4 > u32::from(most) * 3
+}
