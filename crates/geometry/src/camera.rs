@@ -110,7 +110,8 @@ impl BrownConrady {
         (point, jacobian)
     }
 
-    /// Inverse of [`BrownConrady::distort`] by Newton's method; `None` where it does not converge.
+    /// Inverse of [`BrownConrady::distort`] by Newton's method; `None` where it does not converge, or only to a point
+    /// beyond the fold, where the image would be reversed.
     pub fn undistort(&self, distorted: Vector2<f64>) -> Option<Vector2<f64>> {
         if *self == Self::default() {
             return Some(distorted);
@@ -121,7 +122,8 @@ impl BrownConrady {
             let step = jacobian.try_inverse()? * (distorted - at);
             n += step;
             if step.norm() < 1e-13 {
-                return Some(n);
+                let upright = jacobian.determinant() > 0.0 && n.dot(&distorted) >= 0.0;
+                return upright.then_some(n);
             }
         }
         None
@@ -241,8 +243,14 @@ impl Camera {
         if p.z.is_nan() || p.z <= radius_m {
             return Err(GeometryError::BehindCamera { depth_m: p.z });
         }
+        let share = (radius_m / p.z).powi(2);
         p.z -= radius_m * radius_m / p.z;
-        self.project_from_camera(&p)
+        let mut seen = self.project_from_camera(&p)?;
+        // d(z - R²/z)/dz
+        seen.d_pixel_d_point_in_cam.column_mut(2).scale_mut(1.0 + share);
+        seen.d_pixel_d_point_in_world =
+            seen.d_pixel_d_point_in_cam * crate::attitude::matrix_of(&self.cam_from_world.rotation);
+        Ok(seen)
     }
 
     /// Unit direction in world coordinates of what is seen at a pixel.
@@ -271,4 +279,113 @@ pub fn d_pixel_d_pose(
     out.fixed_view_mut::<2, 3>(0, 0).copy_from(&d_world);
     out.fixed_view_mut::<2, 3>(0, 3).copy_from(&(d_world * d_turn));
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{SVector, UnitQuaternion};
+    use proptest::prelude::*;
+
+    const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
+
+    fn camera() -> Camera {
+        let mut k = Intrinsics::from_horizontal_fov(SIZE, 53f64.to_radians());
+        k.skew_px = 2.0;
+        k.fy_px *= 1.01;
+        let mut camera =
+            Camera::looking_at(Vector3::new(4.0, -5.0, 2.0), Vector3::new(0.0, 0.0, 1.5), k, SIZE);
+        camera.distortion = BrownConrady { k1: -0.25, k2: 0.08, p1: 1e-3, p2: -2e-3, k3: 0.01 };
+        camera
+    }
+
+    fn numeric<const N: usize>(at: impl Fn(SVector<f64, N>) -> Vector2<f64>) -> nalgebra::SMatrix<f64, 2, N> {
+        let h = 1e-6;
+        let mut out = nalgebra::SMatrix::<f64, 2, N>::zeros();
+        for k in 0..N {
+            let mut step = SVector::<f64, N>::zeros();
+            step[k] = h;
+            out.set_column(k, &((at(step) - at(-step)) / (2.0 * h)));
+        }
+        out
+    }
+
+    proptest! {
+        #[test]
+        fn derivatives_match_numeric_ones(x in -1.0..1.0, y in -1.0..1.0, z in 0.0..3.0,
+            turn in proptest::array::uniform3(-2.0..2.0), marker in proptest::array::uniform3(-0.3..0.3))
+        {
+            let camera = camera();
+            let point = Vector3::new(x, y, z);
+            let got = camera.project(&point).unwrap();
+            let want = numeric(|d| camera.project(&(point + d)).unwrap().pixel);
+            prop_assert!((got.d_pixel_d_point_in_world - want).norm() < 1e-5);
+            let ball = camera.project_ball(&point, 0.1).unwrap();
+            let want = numeric(|d| camera.project_ball(&(point + d), 0.1).unwrap().pixel);
+            prop_assert!((ball.d_pixel_d_point_in_world - want).norm() < 1e-5);
+            let pose = Isometry3::from_parts(point.into(), UnitQuaternion::from_scaled_axis(Vector3::from(turn)));
+            let marker = Vector3::from(marker);
+            let moved = |d: SVector<f64, 6>| {
+                let t = pose.translation.vector + d.fixed_rows::<3>(0);
+                let r = pose.rotation * UnitQuaternion::from_scaled_axis(d.fixed_rows::<3>(3).into_owned());
+                camera.project(&(t + r * marker)).unwrap().pixel
+            };
+            let seen = camera.project(&(pose * Point3::from(marker)).coords).unwrap();
+            prop_assert!((d_pixel_d_pose(&seen, &pose, &marker) - numeric(moved)).norm() < 1e-4);
+        }
+
+        #[test]
+        fn distortion_has_a_derivative_and_an_inverse(x in -0.5..0.5, y in -0.4..0.4) {
+            let lens = camera().distortion;
+            let n = Vector2::new(x, y);
+            let (point, jacobian) = lens.distort(n);
+            let want = numeric(|d: Vector2<f64>| lens.distort(n + d).0);
+            prop_assert!((jacobian - want).norm() < 1e-8);
+            prop_assert!((lens.undistort(point).unwrap() - n).norm() < 1e-12);
+        }
+
+        #[test]
+        fn a_ray_leads_back_to_its_pixel(u in 0.0..639.0, v in 0.0..479.0, range in 1.0..10.0) {
+            let camera = camera();
+            let pixel = Vector2::new(u, v);
+            let point = camera.centre_in_world() + camera.ray(&pixel).unwrap() * range;
+            prop_assert!((camera.project(&point).unwrap().pixel - pixel).norm() < 1e-8);
+        }
+
+        /// The outline of a ball, sampled ray by ray, against the closed form of its centre.
+        #[test]
+        fn a_ball_is_seen_at_the_centre_of_its_outline(x in -2.0..2.0, y in -1.5..1.5, z in 3.0..6.0, radius in 0.02..0.5) {
+            let mut camera = camera();
+            camera.distortion = BrownConrady::default();
+            let centre = Vector3::new(x, y, z);
+            let world = (camera.cam_from_world.inverse() * Point3::from(centre)).coords;
+            let sine: f64 = radius / centre.norm();
+            let axis = centre.normalize();
+            let first = axis.cross(&Vector3::x()).normalize();
+            let second = axis.cross(&first);
+            let outline = |turn: f64| {
+                let across: Vector3<f64> = first * turn.cos() + second * turn.sin();
+                let ray = axis * (1.0 - sine * sine).sqrt() + across * sine;
+                camera.project_from_camera(&ray).unwrap().pixel
+            };
+            let dense: Vec<_> = (0..3600).map(|i| outline(f64::from(i) * std::f64::consts::PI / 1800.0)).collect();
+            let middle = |axis: usize| {
+                let (low, high) = dense.iter().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p[axis]), h.max(p[axis])));
+                (low + high) / 2.0
+            };
+            let got = camera.project_ball(&world, radius).unwrap().pixel;
+            prop_assert!((got - Vector2::new(middle(0), middle(1))).norm() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn what_lies_behind_has_no_image() {
+        let camera = camera();
+        let behind = camera.centre_in_world() * 2.0;
+        assert!(matches!(camera.project(&behind), Err(GeometryError::BehindCamera { .. })));
+        assert!(camera.project_ball(&(camera.centre_in_world() - Vector3::x() * 0.01), 0.1).is_err());
+        assert!(camera.project(&Vector3::new(f64::NAN, 0.0, 0.0)).is_err());
+        let strong = Camera { distortion: BrownConrady { k1: -2.0, ..Default::default() }, ..camera };
+        assert!(strong.ray(&Vector2::new(1e4, 1e4)).is_err());
+    }
 }

@@ -38,6 +38,7 @@ pub(crate) fn fit(control: &[ControlPoint]) -> Result<DltFit, GeometryError> {
     let (parameters, inverse_r) = refine(&normal, start)?;
     let matrix = normal.pixel_from_normal * matrix_of(&parameters) * normal.normal_from_world;
     let dlt = Dlt::from_matrix(&matrix)?;
+    refuse_mirror(control, &dlt)?;
     let to_pixels = jacobian_of_scale(&normal, &matrix);
     let root = to_pixels * inverse_r;
     let mut residuals_px = Vec::with_capacity(control.len());
@@ -63,6 +64,19 @@ fn refuse_plane(control: &[ControlPoint]) -> Result<(), GeometryError> {
         });
     }
     Ok(())
+}
+
+/// All points must be on the side of the focal plane towards which a camera of positive focal lengths looks.
+fn refuse_mirror(control: &[ControlPoint], dlt: &Dlt) -> Result<(), GeometryError> {
+    let p = dlt.matrix();
+    let forward = p.fixed_columns::<3>(0).determinant().signum();
+    let depths = control.iter().map(|c| forward * (p.row(2) * c.point_in_world_m.push(1.0))[0]);
+    let behind = depths.filter(|d| *d <= 0.0).count();
+    match behind {
+        0 => Ok(()),
+        all if all == control.len() => Err(GeometryError::MirroredImage),
+        some => Err(GeometryError::PointsOnBothSides { behind: some, points: control.len() }),
+    }
 }
 
 fn normalise(control: &[ControlPoint]) -> Result<Normalised, GeometryError> {
@@ -113,18 +127,22 @@ fn normalise(control: &[ControlPoint]) -> Result<Normalised, GeometryError> {
 fn null_vector(normal: &Normalised) -> Result<(SVector<f64, 11>, f64), GeometryError> {
     let n = normal.pixels.len();
     let mut a = DMatrix::zeros(2 * n, 12);
+    let stds: Vec<f64> =
+        normal.whiteners.iter().map(|w| w.try_inverse().map_or(0.0, |s| s.norm() / 2f64.sqrt())).collect();
+    let best = stds.iter().copied().fold(f64::MAX, f64::min);
     for (i, (pixel, point)) in normal.pixels.iter().zip(&normal.points).enumerate() {
+        let weighted = point * (best / stds[i]);
         for k in 0..4 {
-            a[(2 * i, k)] = point[k];
-            a[(2 * i, 8 + k)] = -pixel.x * point[k];
-            a[(2 * i + 1, 4 + k)] = point[k];
-            a[(2 * i + 1, 8 + k)] = -pixel.y * point[k];
+            a[(2 * i, k)] = weighted[k];
+            a[(2 * i, 8 + k)] = -pixel.x * weighted[k];
+            a[(2 * i + 1, 4 + k)] = weighted[k];
+            a[(2 * i + 1, 8 + k)] = -pixel.y * weighted[k];
         }
     }
     let svd = jacobi_svd(&a);
     let condition = svd.singular_values[0] / svd.singular_values[10];
-    let noise = normal.whiteners.iter().filter_map(|w| w.try_inverse()).map(|s| s.norm()).fold(0.0, f64::max);
-    let lost_in_noise = svd.singular_values[10] <= 3.0 * noise * (n as f64).sqrt().recip();
+    // The noise part of the matrix has entries of this standard deviation; its norm is about that times sqrt(2n).
+    let lost_in_noise = svd.singular_values[10] <= 2.0 * best * ((2 * n) as f64).sqrt();
     let last = svd.v[(11, 11)];
     if !condition.is_finite() || condition > 1e8 || lost_in_noise || last.abs() < 1e-9 {
         return Err(GeometryError::UndeterminedCamera { condition });
@@ -301,6 +319,13 @@ mod tests {
         let centre = fit.dlt.camera(SIZE).unwrap().centre_in_world();
         assert!((centre - truth.centre_in_world()).norm() < 1e-3);
         assert!((fit.residuals_px[2] - Vector2::new(5.0, -5.0)).norm() < 1e-2);
+    }
+
+    #[test]
+    fn a_mirrored_image_is_refused() {
+        let mut points = cube(&camera(), 0.1, &mut 9);
+        points.iter_mut().for_each(|p| p.pixel.x = 639.0 - p.pixel.x);
+        assert_eq!(Dlt::fit(&points), Err(GeometryError::MirroredImage));
     }
 
     #[test]

@@ -33,6 +33,21 @@ pub enum GeometryError {
         /// Ratio of the largest to the second smallest singular value of the normalised equations.
         condition: f64,
     },
+    /// The fit needs a mirror.
+    #[error(
+        "the control points are seen as in a mirror: check that u grows to the right and v down, that the world is right handed and that no two points are swapped"
+    )]
+    MirroredImage,
+    /// No camera sees points on both sides of its focal plane.
+    #[error(
+        "{behind} of {points} control points come to lie behind the camera: two of them are probably swapped or misplaced"
+    )]
+    PointsOnBothSides {
+        /// Points behind.
+        behind: usize,
+        /// Points given.
+        points: usize,
+    },
     /// The world's origin has no image, so the eleven parameters, which are scaled to it, do not exist.
     #[error(
         "the world's origin lies in the focal plane of the camera (its depth is {relative_depth:.1e} of the control points'): shift the origin of the world into view"

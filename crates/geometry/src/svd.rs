@@ -112,7 +112,7 @@ fn left_vector(u: &DMatrix<f64>, done: usize, column: DVector<f64>, norm: f64, l
         }
         x
     };
-    if norm > 1e-13 * largest {
+    if norm > 4.0 * f64::EPSILON * largest {
         let x = column / norm;
         let x = if norm < 1e-6 * largest { against(x) } else { x };
         let length = x.norm();

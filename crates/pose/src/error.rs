@@ -1,0 +1,132 @@
+//! What the step from observations to motion refuses, and what to do about it.
+
+use mavsight_geometry::GeometryError;
+use thiserror::Error;
+
+/// A calibration, a pose or a motion that the observations do not determine.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum PoseError {
+    /// One camera's control points do not make a camera.
+    #[error("camera {camera}: {source}")]
+    Calibration {
+        /// The camera.
+        camera: String,
+        /// Why.
+        source: GeometryError,
+    },
+    /// A table whose columns differ in length.
+    #[error(
+        "camera {camera}: {points} control points but {radii} ball radii: give one radius for each point (0 for a plain point)"
+    )]
+    ControlLengths {
+        /// The camera.
+        camera: String,
+        /// Points given.
+        points: usize,
+        /// Radii given.
+        radii: usize,
+    },
+    /// No camera at all.
+    #[error("the rig has {found} camera(s): a pose needs at least 1 and an accurate one at least 2")]
+    NoCameras {
+        /// Cameras given.
+        found: usize,
+    },
+    /// Too few control balls were found by colour.
+    #[error(
+        "{found} of {wanted} control balls have a candidate, but a camera needs at least 6; without one: {missing}"
+    )]
+    TooFewControlBalls {
+        /// Balls with a candidate.
+        found: usize,
+        /// Balls in the table.
+        wanted: usize,
+        /// Those without.
+        missing: String,
+    },
+    /// No assignment of candidates to control balls looks like one camera.
+    #[error(
+        "the candidates of the control balls fit no camera: the best choice agrees on {agreeing} of {found} balls within {gate_px:.1} px and disagrees on {disagreeing}; check their colours and positions in the table"
+    )]
+    InconsistentControlBalls {
+        /// Balls that agree with the best camera.
+        agreeing: usize,
+        /// Balls with a candidate.
+        found: usize,
+        /// Names (or row numbers) of those that do not.
+        disagreeing: String,
+        /// The gate.
+        gate_px: f64,
+    },
+    /// An observation of a camera or marker that does not exist, or not finite.
+    #[error("observation of marker {marker} by camera {camera} cannot be used: {reason}")]
+    BadObservation {
+        /// Camera index.
+        camera: usize,
+        /// Marker index.
+        marker: usize,
+        /// What is wrong with it.
+        reason: &'static str,
+    },
+    /// Not enough of the body was seen.
+    #[error(
+        "{seen} of {markers} markers seen by two cameras ({sights} sights in all): at least 3 are needed for a pose"
+    )]
+    TooFewMarkers {
+        /// Markers seen by at least two cameras.
+        seen: usize,
+        /// Markers of the body.
+        markers: usize,
+        /// Observations in all.
+        sights: usize,
+    },
+    /// The markers that were seen do not fit the body.
+    #[error(
+        "the markers seen do not fit the body: residual {residual_px:.2} px, {times:.0} times what their noise explains; check the markers' positions in the vehicle file"
+    )]
+    NotRigid {
+        /// Root mean square residual.
+        residual_px: f64,
+        /// Root of the reduced chi-square.
+        times: f64,
+    },
+    /// The iteration found no minimum.
+    #[error("the pose did not converge in {steps} steps: residual {residual_px:.2} px")]
+    NotConverged {
+        /// Steps taken.
+        steps: usize,
+        /// Root mean square residual.
+        residual_px: f64,
+    },
+    /// A geometric degeneracy within one instant.
+    #[error(transparent)]
+    Geometry(#[from] GeometryError),
+    /// Too short a flight for a motion.
+    #[error("{measured} measured poses of {samples}: the smoother needs at least {needed}")]
+    TooFewPoses {
+        /// Poses with an estimate.
+        measured: usize,
+        /// Samples in all.
+        samples: usize,
+        /// Poses needed.
+        needed: usize,
+    },
+    /// Time must move on.
+    #[error("sample {index} at {t_s:.6} s does not come after the one before it: sort the poses by time")]
+    TimeNotIncreasing {
+        /// Row.
+        index: usize,
+        /// Its time.
+        t_s: f64,
+    },
+    /// A pose, covariance or constant that is not usable.
+    #[error(
+        "{what} at sample {index} is not usable (not finite, or a covariance that is not positive definite)"
+    )]
+    BadPose {
+        /// Row.
+        index: usize,
+        /// What is wrong.
+        what: &'static str,
+    },
+}

@@ -1,0 +1,22 @@
+//! From observations to motion: calibration of the rig, rigid pose, smoothing.
+//!
+//! Frames and units are those of `mavsight-geometry`. Nothing here knows where the observations came from.
+
+mod calibrate;
+mod error;
+mod estimate;
+mod filter;
+mod motion;
+mod select;
+mod smooth;
+#[cfg(test)]
+mod testing;
+mod whittaker;
+
+pub use calibrate::{CameraControl, Rig, RigCamera, calibrate};
+pub use error::PoseError;
+pub use estimate::{BodyMarker, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
+pub use motion::{Motion, MotionSample, euler_std};
+pub use select::select_control_balls;
+pub use smooth::smooth;
+pub use whittaker::lowpass_like;
