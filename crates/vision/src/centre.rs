@@ -1,19 +1,21 @@
 //! The centre of a ball to a small fraction of a pixel, with its covariance.
 //!
-//! Model: a disc whose edge is blurred by a Gaussian (lens and pixel aperture) covers a fraction c of each sample;
-//! a channel's value is background (constant and gradient) plus c times ball (constant and gradient, for shading).
-//! Centre, radius and blur are found by Gauss-Newton; the six linear parameters of each channel are eliminated in
-//! each step (variable projection: Golub and Pereyra 1973, in Kaufman's form).
+//! A forward model of the image: a disc whose edge is blurred by a Gaussian (lens and aperture) covers a fraction of
+//! each sample; light mixes linearly there, ball and background; the sum is coded by the sRGB curve and, for video, by
+//! the luma matrix. Background: constant and gradient in each channel. Ball: one colour, times a shading of first and
+//! second order that is the same in all channels, as it is on a matt surface. All parameters are found together by
+//! Gauss-Newton on coded values, where the noise of a sensor and the rounding to 8 bits are about uniform.
 //!
-//! The fit works on coded values, not linear light: the sRGB curve is close to a square root, so the noise of a sensor
-//! and the rounding to 8 bits are nearly the same at all levels there. The curve bends the profile of the edge alike
-//! all around the disc, which the radius and the blur take up and the centre does not feel.
+//! Mixing in linear light matters: on coded values a ball seems up to a tenth too small or too large, more so on the
+//! side where it is darker, which moves its centre.
 //!
 //! Samples that fit badly (an arm that touches the ball, something in front of it) lose their weight (Tukey's biweight).
 
-use crate::patch::{Group, Patch, Sample};
+use crate::color::encode;
+use crate::patch::{Group, Patch};
 use crate::{Matrix2, Vector2};
-use nalgebra::{Cholesky, Matrix4, SMatrix, SVector, Vector4};
+use nalgebra::{Cholesky, SMatrix, SVector, Vector4};
+use std::ops::Range;
 
 /// Smallest radius whose centre is fitted.
 pub(crate) const LEAST_RADIUS_PX: f64 = 1.5;
@@ -27,13 +29,42 @@ const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
 const CUT_OFF: f64 = 4.685;
 /// A Gaussian's standard deviation over its median absolute value.
 const MEDIAN_TO_DEVIATION: f64 = 1.4826;
-/// Parameters a channel's residuals have been fitted with: six of its own and about two of the shared four.
-const PARAMETERS: usize = 8;
 const MOST_STEPS: usize = 25;
 /// Steps below this are far inside any achievable standard deviation.
-const SMALL_STEP_PX: f64 = 1e-3;
+const SMALL_STEP_PX: f64 = 2e-3;
 /// Standard deviations by which a ball must differ from its background in some channel.
 const LEAST_CONTRAST: f64 = 6.0;
+/// Standard deviations of the shading's slope and curvature over one radius, as parts of the colour in the middle: a
+/// matt sphere lit from one side has a slope near one, lit evenly from all sides none.
+const SHADE_STD: [f64; 2] = [0.5, 0.25];
+
+/// Centre, radius and edge width; background constant, slope in x, slope in y of three channels; ball colour of three
+/// channels; shading slopes x, y and curvatures xx, xy, yy; columns by which the colour differences are sited to the right
+/// of the left luma sample they belong to.
+const COUNT: usize = 22;
+const BACKGROUND: usize = 4;
+const BALL: usize = 13;
+const SHADE: usize = 16;
+const SITING: usize = 21;
+/// Parameters that the residuals of one channel have been fitted with.
+const PARAMETERS: usize = COUNT / 3;
+/// What is known of the siting of colour differences: left (H.264's default) or centred (JFIF, MPEG-1, and what many
+/// converters really do), and files rarely say which.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Siting {
+    pub(crate) mean_px: f64,
+    pub(crate) variance_px2: f64,
+}
+
+impl Default for Siting {
+    /// Halfway between the two, and as uncertain.
+    fn default() -> Self {
+        Self { mean_px: 0.25, variance_px2: 0.25 * 0.25 }
+    }
+}
+
+type Parameters = SVector<f64, COUNT>;
+type Information = SMatrix<f64, COUNT, COUNT>;
 
 /// A fitted ball.
 #[derive(Debug, Clone, Copy)]
@@ -41,133 +72,122 @@ pub(crate) struct Fit {
     pub(crate) pixel: Vector2<f64>,
     pub(crate) covariance_px2: Matrix2<f64>,
     pub(crate) radius_px: f64,
-    /// Coded value of each channel in the middle of the ball, full-resolution group first.
-    pub(crate) ball: [f64; 3],
+    /// Linear light in the middle of the ball.
+    pub(crate) ball: [f32; 3],
     /// Part of the disc whose samples were believed, 0 to 1.
     pub(crate) trusted: f64,
+    /// The siting of colour differences, what was known of it before included.
+    pub(crate) siting: Siting,
 }
 
-/// Centre from the middle of the patch, radius, standard deviation of the edge.
-type Shape = Vector4<f64>;
-type Linear = SVector<f64, 6>;
-type Basis = SMatrix<f64, 6, 6>;
-
-/// The linear solution of one group at a shape.
-struct Solved {
-    inverse: Basis,
-    parameters: [Linear; 3],
+/// Where a fit starts.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Start {
+    pub(crate) radius_px: f64,
+    /// Linear light of the ball and of what is around it.
+    pub(crate) ball: [f32; 3],
+    pub(crate) background: [f32; 3],
+    pub(crate) siting: Siting,
 }
 
 /// Fits the ball in the middle of the patch.
 ///
 /// None if it does not converge to a disc with a radius in `radius_px` that stands out and is mostly visible.
-pub(crate) fn fit(patch: &mut Patch, radius_px: (f64, f64), start_radius_px: f64) -> Option<Fit> {
+pub(crate) fn fit(patch: &mut Patch, radius_px: (f64, f64), start: &Start) -> Option<Fit> {
     let least_px = radius_px.0.max(LEAST_RADIUS_PX) / RADIUS_MARGIN;
     let most_px = radius_px.1 * RADIUS_MARGIN;
-    let mut shape = Shape::new(0.0, 0.0, start_radius_px.clamp(least_px, most_px), 2.0 * PIXEL_STD_PX);
-    let mut noise = [[1.0; 3]; 2];
+    let mut p = Parameters::zeros();
+    p[2] = start.radius_px.clamp(least_px, most_px);
+    p[3] = 2.0 * PIXEL_STD_PX;
+    p[SITING] = start.siting.mean_px;
+    for channel in 0..3 {
+        p[BACKGROUND + channel] = f64::from(start.background[channel]);
+        p[BALL + channel] = f64::from(start.ball[channel]);
+    }
+    let mut state = State { scale_px: p[2], siting: start.siting, noise: [[4.0; 3]; 2] };
     let mut converged = false;
     for step in 0..MOST_STEPS {
-        let (information, gradient) = normal_equations(patch, &shape, &mut noise, step >= 2)?;
-        let damped = information + Matrix4::from_diagonal(&(information.diagonal() * 1e-3));
+        predict(patch, &p, &state);
+        if step >= 2 {
+            reweigh(patch, &mut state);
+        }
+        let (information, gradient) = normal_equations(patch, &p, &state);
+        let damped =
+            information + Information::from_diagonal(&(information.diagonal() * 1e-4).add_scalar(1e-9));
         let mut change = Cholesky::new(damped)?.solve(&gradient);
-        let longest = change.amax();
+        let longest = change.fixed_rows::<4>(0).amax();
         if !longest.is_finite() {
             return None;
         }
         if longest > 0.5 {
             change *= 0.5 / longest;
         }
-        let before = shape;
-        shape += change;
-        shape[2] = shape[2].clamp(least_px, most_px);
-        shape[3] = shape[3].clamp(PIXEL_STD_PX, 0.6 * shape[2].max(LEAST_RADIUS_PX));
-        if shape.xy().norm() > 1.0 + shape[2] {
+        p += change;
+        p[2] = p[2].clamp(least_px, most_px);
+        p[3] = p[3].clamp(PIXEL_STD_PX, 0.6 * p[2].max(LEAST_RADIUS_PX));
+        if p[0].hypot(p[1]) > 1.0 + state.scale_px {
             return None;
         }
-        if step > 4 && (shape - before).xy().amax() < SMALL_STEP_PX {
+        if step > 3 && change.xy().amax() < SMALL_STEP_PX {
             converged = true;
             break;
         }
     }
-    if !converged || shape[2] <= least_px || shape[2] >= most_px {
+    if !converged || p[2] <= least_px || p[2] >= most_px {
         return None;
     }
-    summarize(patch, &shape, &mut noise)
+    summarize(patch, &p, &state)
 }
 
 /// Covariance, colour and plausibility at the solution.
-fn summarize(patch: &mut Patch, shape: &Shape, noise: &mut [[f64; 3]; 2]) -> Option<Fit> {
-    let (information, _) = normal_equations(patch, shape, noise, true)?;
+fn summarize(patch: &mut Patch, p: &Parameters, state: &State) -> Option<Fit> {
+    predict(patch, p, state);
+    let (information, _) = normal_equations(patch, p, state);
     let covariance = Cholesky::new(information)?.inverse();
     let covariance_px2 = covariance.fixed_view::<2, 2>(0, 0).into_owned();
     let (mut covered, mut believed) = (0.0, 0.0);
-    for sample in &patch.groups[0].samples {
-        let (c, _) = coverage(shape, 0.0, sample.x_px, sample.y_px);
-        covered += c;
-        believed += c * sample.trust;
-    }
-    let mut ball = [0.0; 3];
-    let mut next = ball.iter_mut();
-    let mut contrast = 0.0_f64;
-    for (group, noise) in patch.groups.iter().zip(noise) {
-        if group.channels == 0 {
-            continue;
-        }
-        let solved = solve_group(group, shape)?;
-        for (channel, parameters) in solved.parameters.iter().take(group.channels).enumerate() {
-            contrast = contrast.max(parameters[3].abs() / noise[channel].sqrt());
-            if let Some(value) = next.next() {
-                let background =
-                    parameters[0] + (parameters[1] * shape[0] + parameters[2] * shape[1]) / shape[2];
-                *value = background + parameters[3];
-            }
-        }
+    for (sample, predicted) in patch.groups[0].samples.iter().zip(&patch.groups[0].predicted) {
+        covered += predicted.covered;
+        believed += predicted.covered * sample.trust;
     }
     let trusted = believed / covered;
-    let uncertain = covariance_px2.trace() > 0.5 * shape[2] * shape[2];
+    let shade = shading(p, p[0] / state.scale_px, p[1] / state.scale_px);
+    let linear = [0, 1, 2].map(|channel| p[BALL + channel] * shade);
+    let mut contrast = 0.0_f64;
+    for (group, noise) in patch.groups.iter().zip(&state.noise) {
+        for (row, noise) in group.from_coded.iter().zip(noise).take(group.channels) {
+            let differs: f64 =
+                (0..3).map(|c| row[c] * (encode(linear[c]).0 - encode(p[BACKGROUND + c]).0)).sum();
+            contrast = contrast.max(differs.abs() / noise.sqrt());
+        }
+    }
+    let uncertain = covariance_px2.trace() > 0.5 * p[2] * p[2];
     let good = covariance_px2.iter().all(|v| v.is_finite())
         && !uncertain
         && contrast > LEAST_CONTRAST
         && trusted > 0.5;
-    good.then(|| Fit { pixel: patch.middle + shape.xy(), covariance_px2, radius_px: shape[2], ball, trusted })
-}
-
-/// Information matrix and gradient of the shape with the linear parameters eliminated; updates noise and trust.
-fn normal_equations(
-    patch: &mut Patch,
-    shape: &Shape,
-    noise: &mut [[f64; 3]; 2],
-    robust: bool,
-) -> Option<(Matrix4<f64>, Vector4<f64>)> {
-    let mut information = Matrix4::zeros();
-    let mut gradient = Vector4::zeros();
-    for (group, noise) in patch.groups.iter_mut().zip(noise) {
-        if group.channels == 0 {
-            continue;
-        }
-        let mut solved = solve_group(group, shape)?;
-        if robust {
-            reweigh(group, shape, &solved, noise);
-            solved = solve_group(group, shape)?;
-        }
-        accumulate(group, shape, &solved, noise, (&mut information, &mut gradient));
-    }
-    Some((information, gradient))
+    good.then(|| Fit {
+        pixel: patch.middle + p.xy(),
+        covariance_px2,
+        radius_px: p[2],
+        ball: linear.map(|l| l.clamp(0.0, 1.0) as f32),
+        trusted,
+        siting: Siting { mean_px: p[SITING], variance_px2: covariance[(SITING, SITING)] },
+    })
 }
 
 /// Covered fraction of a sample and its derivatives by centre, radius and edge width.
-fn coverage(shape: &Shape, aperture_px2: f64, x_px: f64, y_px: f64) -> (f64, Vector4<f64>) {
-    let (dx, dy) = (x_px - shape[0], y_px - shape[1]);
+fn coverage(p: &Parameters, aperture_px2: f64, x_px: f64, y_px: f64) -> (f64, Vector4<f64>) {
+    let (dx, dy) = (x_px - p[0], y_px - p[1]);
     let distance = dx.hypot(dy).max(1e-9);
-    let width = (shape[3] * shape[3] + aperture_px2).sqrt();
-    let z = (shape[2] - distance) / width;
+    let width = (p[3] * p[3] + aperture_px2).sqrt();
+    let z = (p[2] - distance) / width;
     if z.abs() > 6.0 {
         return (if z > 0.0 { 1.0 } else { 0.0 }, Vector4::zeros());
     }
     let density = 0.398_942_280_4 * (-0.5 * z * z).exp();
     let slope = density / width;
-    let by_edge = -slope * z * shape[3] / width;
+    let by_edge = -slope * z * p[3] / width;
     (normal_cdf(z, density), Vector4::new(slope * dx / distance, slope * dy / distance, slope, by_edge))
 }
 
@@ -180,98 +200,158 @@ fn normal_cdf(z: f64, density: f64) -> f64 {
     if z >= 0.0 { 1.0 - tail } else { tail }
 }
 
-fn basis(shape: &Shape, covered: f64, x_px: f64, y_px: f64) -> Linear {
-    let scale = 1.0 / shape[2];
-    let (bx, by) = (x_px * scale, y_px * scale);
-    let (gx, gy) = ((x_px - shape[0]) * scale, (y_px - shape[1]) * scale);
-    Linear::new(1.0, bx, by, covered, covered * gx, covered * gy)
+fn shading(p: &Parameters, x: f64, y: f64) -> f64 {
+    1.0 + p[SHADE] * x + p[SHADE + 1] * y + p[SHADE + 2] * x * x + p[SHADE + 3] * x * y + p[SHADE + 4] * y * y
 }
 
-fn solve_group(group: &Group, shape: &Shape) -> Option<Solved> {
-    let mut normal = Basis::zeros();
-    let mut right = [Linear::zeros(); 3];
-    for sample in &group.samples {
-        if sample.trust == 0.0 {
-            continue;
+/// What stays the same or changes slowly during a fit.
+struct State {
+    /// Unit of the slopes and curvatures.
+    scale_px: f64,
+    siting: Siting,
+    /// Variance of each channel of each group.
+    noise: [[f64; 3]; 2],
+}
+
+/// What the model says of one sample.
+#[derive(Debug, Clone)]
+pub(crate) struct Predicted {
+    covered: f64,
+    slope: Vector4<f64>,
+    /// Place in units of the scale.
+    x: f64,
+    y: f64,
+    shade: f64,
+    background: [f64; 3],
+    /// Derivative of each coded colour by linear light.
+    gain: [f64; 3],
+    residual: [f64; 3],
+    near: bool,
+}
+
+fn predict(patch: &mut Patch, p: &Parameters, state: &State) {
+    for group in &mut patch.groups {
+        let Group { samples, predicted, channels, aperture_px2, from_coded, .. } = group;
+        let shift_px = if *aperture_px2 > 0.0 { p[SITING] } else { 0.0 };
+        let reach_px = p[2] + 3.0 * (p[3] * p[3] + *aperture_px2).sqrt();
+        predicted.clear();
+        predicted.extend(samples.iter().map(|sample| {
+            let x_px = sample.x_px + shift_px;
+            let (covered, slope) = coverage(p, *aperture_px2, x_px, sample.y_px);
+            let (x, y) = (x_px / state.scale_px, sample.y_px / state.scale_px);
+            let shade = shading(p, x, y);
+            let background =
+                [0, 1, 2].map(|c| p[BACKGROUND + c] + p[BACKGROUND + 3 + c] * x + p[BACKGROUND + 6 + c] * y);
+            let coded =
+                [0, 1, 2].map(|c| encode(background[c] + covered * (p[BALL + c] * shade - background[c])));
+            let mut residual = [0.0; 3];
+            for (channel, row) in from_coded.iter().enumerate().take(*channels) {
+                let value = row[3] + row[0] * coded[0].0 + row[1] * coded[1].0 + row[2] * coded[2].0;
+                residual[channel] = sample.value[channel] - value;
+            }
+            let near = (x_px - p[0]).hypot(sample.y_px - p[1]) < reach_px;
+            Predicted { covered, slope, x, y, shade, background, gain: coded.map(|c| c.1), residual, near }
+        }));
+    }
+}
+
+impl Predicted {
+    /// Derivatives of one channel by all parameters, and the range of those that are not zero.
+    fn jacobian(&self, p: &Parameters, row: &[f64; 4], sited: bool) -> (Parameters, Range<usize>) {
+        let (x, y) = (self.x, self.y);
+        let mut out = Parameters::zeros();
+        let (mut contrast, mut lit) = (0.0, 0.0);
+        for c in 0..3 {
+            let gain = row[c] * self.gain[c];
+            contrast += gain * (p[BALL + c] * self.shade - self.background[c]);
+            lit += gain * p[BALL + c];
+            let open = gain * (1.0 - self.covered);
+            out[BACKGROUND + c] = open;
+            out[BACKGROUND + 3 + c] = open * x;
+            out[BACKGROUND + 6 + c] = open * y;
+            out[BALL + c] = gain * self.covered * self.shade;
         }
-        let (c, _) = coverage(shape, group.aperture_px2, sample.x_px, sample.y_px);
-        let row = basis(shape, c, sample.x_px, sample.y_px);
-        let weighted = row * sample.trust;
-        normal.ger(1.0, &weighted, &row, 1.0);
-        for (right, value) in right.iter_mut().zip(sample.value).take(group.channels) {
-            right.axpy(value, &weighted, 1.0);
+        for (i, slope) in self.slope.iter().enumerate() {
+            out[i] = contrast * slope;
+        }
+        let lit = lit * self.covered;
+        for (i, factor) in [x, y, x * x, x * y, y * y].into_iter().enumerate() {
+            out[SHADE + i] = lit * factor;
+        }
+        if sited {
+            out[SITING] = -out[0];
+        }
+        let range = if self.slope[2] != 0.0 {
+            0..COUNT
+        } else if self.covered > 0.5 {
+            BALL..SITING
+        } else {
+            BACKGROUND..BALL
+        };
+        (out, range)
+    }
+}
+
+/// Information matrix and gradient of all parameters, with what is known of shading and siting beforehand.
+fn normal_equations(patch: &Patch, p: &Parameters, state: &State) -> (Information, Parameters) {
+    let mut information = Information::zeros();
+    let mut gradient = Parameters::zeros();
+    for (group, noise) in patch.groups.iter().zip(&state.noise) {
+        let sited = group.aperture_px2 > 0.0;
+        for (sample, predicted) in group.samples.iter().zip(&group.predicted) {
+            if sample.trust == 0.0 {
+                continue;
+            }
+            for channel in 0..group.channels {
+                let (jacobian, range) = predicted.jacobian(p, &group.from_coded[channel], sited);
+                let weight = sample.trust / noise[channel];
+                gradient.axpy(predicted.residual[channel] * weight, &jacobian, 1.0);
+                let jacobian = jacobian.as_slice();
+                for i in range.clone() {
+                    let weighted = jacobian[i] * weight;
+                    let column = &mut information.as_mut_slice()[COUNT * i..COUNT * (i + 1)];
+                    for j in i..range.end {
+                        column[j] += weighted * jacobian[j];
+                    }
+                }
+            }
         }
     }
-    let inverse = Cholesky::new(normal)?.inverse();
-    Some(Solved { parameters: right.map(|r| inverse * r), inverse })
+    information.fill_upper_triangle_with_lower_triangle();
+    let mut know = |i: usize, mean: f64, variance: f64| {
+        information[(i, i)] += 1.0 / variance;
+        gradient[i] += (mean - p[i]) / variance;
+    };
+    for i in SHADE..SITING {
+        let std = SHADE_STD[usize::from(i >= SHADE + 2)];
+        know(i, 0.0, std * std);
+    }
+    know(SITING, state.siting.mean_px, state.siting.variance_px2);
+    (information, gradient)
 }
 
 /// Sets each channel's noise variance from the median residual near the disc and each sample's trust from it.
-fn reweigh(group: &mut Group, shape: &Shape, solved: &Solved, noise: &mut [f64; 3]) {
-    let Group { samples, residuals, channels, aperture_px2 } = group;
-    let reach_px = shape[2] + 3.0 * (shape[3] * shape[3] + *aperture_px2).sqrt();
-    for (channel, noise) in noise.iter_mut().enumerate().take(*channels) {
-        residuals.clear();
-        for sample in samples.iter() {
-            if (sample.x_px - shape[0]).hypot(sample.y_px - shape[1]) < reach_px {
-                let residual =
-                    sample.value[channel] - predicted(sample, shape, *aperture_px2, solved, channel);
-                residuals.push(residual.abs());
+fn reweigh(patch: &mut Patch, state: &mut State) {
+    for (group, noise) in patch.groups.iter_mut().zip(&mut state.noise) {
+        let Group { samples, predicted, residuals, channels, .. } = group;
+        for (channel, noise) in noise.iter_mut().enumerate().take(*channels) {
+            residuals.clear();
+            residuals.extend(predicted.iter().filter(|s| s.near).map(|s| s.residual[channel].abs()));
+            let count = residuals.len();
+            if count <= PARAMETERS {
+                continue;
             }
+            let (_, median, _) = residuals.select_nth_unstable_by(count / 2, f64::total_cmp);
+            let deviation = MEDIAN_TO_DEVIATION * *median;
+            let freedom = count as f64 / (count - PARAMETERS) as f64;
+            *noise = deviation * deviation * freedom + ROUNDING_VARIANCE;
         }
-        let count = residuals.len();
-        if count <= PARAMETERS {
-            continue;
+        for (sample, predicted) in samples.iter_mut().zip(predicted.iter()) {
+            let worst = (0..*channels).fold(0.0_f64, |worst, channel| {
+                worst.max(predicted.residual[channel] * predicted.residual[channel] / noise[channel])
+            });
+            let u = worst / (CUT_OFF * CUT_OFF);
+            sample.trust = if u < 1.0 { (1.0 - u) * (1.0 - u) } else { 0.0 };
         }
-        let (_, median, _) = residuals.select_nth_unstable_by(count / 2, f64::total_cmp);
-        let deviation = MEDIAN_TO_DEVIATION * *median;
-        let freedom = count as f64 / (count - PARAMETERS) as f64;
-        *noise = deviation * deviation * freedom + ROUNDING_VARIANCE;
-    }
-    for sample in samples.iter_mut() {
-        let worst = (0..*channels).fold(0.0_f64, |worst, channel| {
-            let residual = sample.value[channel] - predicted(sample, shape, *aperture_px2, solved, channel);
-            worst.max(residual * residual / noise[channel])
-        });
-        let u = worst / (CUT_OFF * CUT_OFF);
-        sample.trust = if u < 1.0 { (1.0 - u) * (1.0 - u) } else { 0.0 };
-    }
-}
-
-fn predicted(sample: &Sample, shape: &Shape, aperture_px2: f64, solved: &Solved, channel: usize) -> f64 {
-    let (c, _) = coverage(shape, aperture_px2, sample.x_px, sample.y_px);
-    basis(shape, c, sample.x_px, sample.y_px).dot(&solved.parameters[channel])
-}
-
-fn accumulate(
-    group: &Group,
-    shape: &Shape,
-    solved: &Solved,
-    noise: &[f64; 3],
-    (information, gradient): (&mut Matrix4<f64>, &mut Vector4<f64>),
-) {
-    let mut own = [Matrix4::<f64>::zeros(); 3];
-    let mut cross = [SMatrix::<f64, 4, 6>::zeros(); 3];
-    for sample in &group.samples {
-        if sample.trust == 0.0 {
-            continue;
-        }
-        let (c, slope) = coverage(shape, group.aperture_px2, sample.x_px, sample.y_px);
-        let row = basis(shape, c, sample.x_px, sample.y_px);
-        for (channel, parameters) in solved.parameters.iter().take(group.channels).enumerate() {
-            let residual = sample.value[channel] - row.dot(parameters);
-            let strength = parameters[3]
-                + ((sample.x_px - shape[0]) * parameters[4] + (sample.y_px - shape[1]) * parameters[5])
-                    / shape[2];
-            let jacobian = slope * strength;
-            let weighted = jacobian * (sample.trust / noise[channel]);
-            own[channel].ger(1.0, &weighted, &jacobian, 1.0);
-            cross[channel].ger(1.0, &weighted, &row, 1.0);
-            gradient.axpy(residual, &weighted, 1.0);
-        }
-    }
-    for channel in 0..group.channels {
-        let projected = cross[channel] * solved.inverse * cross[channel].transpose() * noise[channel];
-        *information += own[channel] - projected;
     }
 }

@@ -49,6 +49,17 @@ pub(crate) fn to_linear(rgb: [u8; 3]) -> [f32; 3] {
     rgb.map(|code| table[code as usize])
 }
 
+/// sRGB code, 0 to 255, of linear light, and its derivative; beyond the range the curve goes on straight.
+pub(crate) fn encode(linear: f64) -> (f64, f64) {
+    if linear <= 0.003_130_8 {
+        return (255.0 * 12.92 * linear, 255.0 * 12.92);
+    }
+    let inside = linear.min(1.0);
+    let power = 1.055 * inside.powf(1.0 / 2.4);
+    let slope = 255.0 * power / (2.4 * inside);
+    (255.0 * (power - 0.055) + slope * (linear - inside), slope)
+}
+
 /// A colour seen: hue as a vector in the plane perpendicular to grey, its length (chroma) and the saturation.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Seen {

@@ -1,11 +1,10 @@
 //! Finding balls of given colours in a whole frame.
 
-use crate::centre::{self, Fit, LEAST_RADIUS_PX};
-use crate::color::{ColorModel, Seen, to_linear};
-use crate::frame::YuvToRgb;
+use crate::centre::{self, LEAST_RADIUS_PX, Siting, Start};
+use crate::color::{ColorModel, Seen, encode, to_linear};
 use crate::patch::Patch;
 use crate::segment::{Blob, Segmenter, Window};
-use crate::{BallColor, Frame, Matrix2, Pixels, Vector2, VisionError};
+use crate::{BallColor, Frame, Matrix2, Vector2, VisionError};
 use std::ops::RangeInclusive;
 
 /// A region that looks like a ball of a marker's colour.
@@ -28,6 +27,9 @@ pub struct BallCandidate {
 /// Regions of one colour that are looked at closely in one frame, the strongest first.
 const MOST_BLOBS: usize = 64;
 
+/// Least standard deviation of the siting that is learned.
+const LEAST_SITING_STD_PX: f64 = 0.02;
+
 /// Searches whole frames for balls of given colours.
 #[derive(Debug, Clone)]
 pub struct Detector {
@@ -39,6 +41,7 @@ pub struct Detector {
 pub(crate) struct Workspace {
     pub(crate) segmenter: Segmenter,
     patch: Patch,
+    pub(crate) siting: Siting,
 }
 
 impl Detector {
@@ -66,13 +69,21 @@ impl Detector {
             .map(|marker| {
                 let mut found = Vec::new();
                 workspace.search(frame, &self.model, marker, range_px, &mut found);
-                found
+                found.into_iter().map(|(candidate, _)| candidate).collect()
             })
             .collect()
     }
 }
 
 impl Workspace {
+    /// Keeps what a followed ball tells of the siting of colour differences, a property of the encoder.
+    ///
+    /// It is never taken to be known better than the model of an edge is good for.
+    pub(crate) fn learn_siting(&mut self, siting: Siting) {
+        let floor_px2 = LEAST_SITING_STD_PX * LEAST_SITING_STD_PX;
+        self.siting = Siting { variance_px2: siting.variance_px2.max(floor_px2), ..siting };
+    }
+
     /// Balls of one marker among the collected pixels, best first.
     pub(crate) fn search(
         &mut self,
@@ -80,7 +91,7 @@ impl Workspace {
         model: &ColorModel,
         marker: usize,
         range_px: (f64, f64),
-        found: &mut Vec<BallCandidate>,
+        found: &mut Vec<(BallCandidate, Siting)>,
     ) {
         found.clear();
         self.segmenter.regions(model, marker, area_gate_px(range_px));
@@ -88,9 +99,9 @@ impl Workspace {
         blobs.sort_unstable_by(|a, b| b.strength.total_cmp(&a.strength));
         blobs.truncate(MOST_BLOBS);
         for blob in blobs.iter() {
-            found.extend(measure(frame, blob, model, marker, range_px, &mut self.patch));
+            found.extend(measure(frame, blob, (model, marker), range_px, (&mut self.patch, self.siting)));
         }
-        found.sort_unstable_by(|a, b| b.score.total_cmp(&a.score));
+        found.sort_unstable_by(|a, b| b.0.score.total_cmp(&a.0.score));
     }
 }
 
@@ -106,45 +117,54 @@ fn area_gate_px((smallest_px, largest_px): (f64, f64)) -> (f64, f64) {
 fn measure(
     frame: &Frame,
     blob: &Blob,
-    model: &ColorModel,
-    marker: usize,
+    (model, marker): (&ColorModel, usize),
     range_px: (f64, f64),
-    patch: &mut Patch,
-) -> Option<BallCandidate> {
+    (patch, siting): (&mut Patch, Siting),
+) -> Option<(BallCandidate, Siting)> {
     let radius_px = (0.5 * range_px.0, 0.5 * range_px.1);
     let start_px =
         (blob.area_px / std::f64::consts::PI).sqrt().clamp(radius_px.0.max(LEAST_RADIUS_PX), radius_px.1);
     // A ring of background about as wide as the blur can reach.
     patch.fill(frame, blob.pixel, start_px + 3.5);
-    let fit = centre::fit(patch, radius_px, start_px)?;
+    let start = Start { siting, ..start_colors(frame, blob.pixel, start_px) };
+    let fit = centre::fit(patch, radius_px, &start)?;
     if !frame.size.contains(&fit.pixel, fit.radius_px) {
         return None;
     }
-    let color = fitted_color(frame, &fit);
-    let seen = Seen::of(to_linear(color));
+    let seen = Seen::of(fit.ball);
     let gate = model.gate_fraction(marker, &seen);
     if !seen.is_colored() || gate > 1.0 {
         return None;
     }
     let disc_px = std::f64::consts::PI * fit.radius_px * fit.radius_px;
     let filled = (blob.area_px / disc_px).min(disc_px / blob.area_px);
-    Some(BallCandidate {
+    let candidate = BallCandidate {
         pixel: fit.pixel,
         covariance_px2: fit.covariance_px2,
         area_px: blob.area_px,
         diameter_px: 2.0 * fit.radius_px,
         score: (1.0 - 0.5 * gate) * filled.sqrt() * fit.trusted,
-        color,
-    })
+        color: fit.ball.map(|light| encode(f64::from(light)).0.round().clamp(0.0, 255.0) as u8),
+    };
+    Some((candidate, fit.siting))
 }
 
-/// The fitted values in the middle of the ball as a colour.
-fn fitted_color(frame: &Frame, fit: &Fit) -> [u8; 3] {
-    let coded = fit.ball.map(|value| value.round().clamp(0.0, 255.0) as u8);
-    match &frame.pixels {
-        Pixels::Rgb(_) => coded,
-        Pixels::Yuv420 { full_range, matrix, .. } => {
-            YuvToRgb::of(*full_range, *matrix).convert(coded[0], coded[1], coded[2])
+/// Colours in the middle of a region and, as the mean of a ring, around it.
+fn start_colors(frame: &Frame, middle: Vector2<f64>, radius_px: f64) -> Start {
+    let at = |offset_x: f64, offset_y: f64| {
+        let clamp = |v: f64, count: u32| v.round().clamp(0.0, f64::from(count.max(1) - 1)) as usize;
+        let x = clamp(middle.x + offset_x, frame.size.width_px);
+        let y = clamp(middle.y + offset_y, frame.size.height_px);
+        to_linear(frame.rgb(x, y))
+    };
+    let ring_px = radius_px + 2.5;
+    let mut background = [0.0; 3];
+    const DIRECTIONS: u8 = 8;
+    for i in 0..DIRECTIONS {
+        let (sin, cos) = (f64::from(i) / f64::from(DIRECTIONS) * std::f64::consts::TAU).sin_cos();
+        for (sum, light) in background.iter_mut().zip(at(ring_px * cos, ring_px * sin)) {
+            *sum += light / f32::from(DIRECTIONS);
         }
     }
+    Start { radius_px, ball: at(0.0, 0.0), background, siting: Siting::default() }
 }

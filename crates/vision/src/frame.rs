@@ -152,6 +152,30 @@ fn check_length(
     Err(VisionError::FrameLength { plane, width_px: size.width_px, height_px: size.height_px, bytes, wanted })
 }
 
+/// Luma, blue and red difference as combinations of coded red, green and blue, and a constant.
+pub(crate) fn rgb_to_yuv(full_range: bool, matrix: YuvMatrix) -> [[f64; 4]; 3] {
+    let (red, blue) = matrix.red_and_blue();
+    let weights = [red, 1.0 - red - blue, blue];
+    let (zero, luma, chroma) =
+        if full_range { (0.0, 1.0, 1.0) } else { (16.0, 219.0 / 255.0, 224.0 / 255.0) };
+    let difference = |channel: usize| {
+        let gain = 0.5 * chroma / (1.0 - weights[channel]);
+        let part = |c: usize| gain * (f64::from(u8::from(c == channel)) - weights[c]);
+        [part(0), part(1), part(2), 128.0]
+    };
+    [[luma * weights[0], luma * weights[1], luma * weights[2], zero], difference(2), difference(0)]
+}
+
+impl YuvMatrix {
+    /// The weights of red and blue in luma.
+    const fn red_and_blue(self) -> (f64, f64) {
+        match self {
+            Self::Bt601 => (0.299, 0.114),
+            Self::Bt709 => (0.2126, 0.0722),
+        }
+    }
+}
+
 /// Integer conversion with 16 fractional bits, after the defining equations of BT.601 and BT.709.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct YuvToRgb {
@@ -164,12 +188,13 @@ pub(crate) struct YuvToRgb {
 }
 
 impl YuvToRgb {
-    const BT601_LIMITED: Self = Self::new(0.299, 0.114, false);
-    const BT601_FULL: Self = Self::new(0.299, 0.114, true);
-    const BT709_LIMITED: Self = Self::new(0.2126, 0.0722, false);
-    const BT709_FULL: Self = Self::new(0.2126, 0.0722, true);
+    const BT601_LIMITED: Self = Self::new(YuvMatrix::Bt601, false);
+    const BT601_FULL: Self = Self::new(YuvMatrix::Bt601, true);
+    const BT709_LIMITED: Self = Self::new(YuvMatrix::Bt709, false);
+    const BT709_FULL: Self = Self::new(YuvMatrix::Bt709, true);
 
-    const fn new(red_weight: f64, blue_weight: f64, full_range: bool) -> Self {
+    const fn new(matrix: YuvMatrix, full_range: bool) -> Self {
+        let (red_weight, blue_weight) = matrix.red_and_blue();
         let (zero, luma, chroma) =
             if full_range { (0, 1.0, 1.0) } else { (16, 255.0 / 219.0, 255.0 / 224.0) };
         let green_weight = 1.0 - red_weight - blue_weight;

@@ -1,6 +1,6 @@
 //! The samples around a ball, whatever the layout of the frame, for the fit of its centre.
 
-use crate::frame::chroma_size;
+use crate::frame::{chroma_size, rgb_to_yuv};
 use crate::{Frame, Pixels, Vector2};
 
 /// One sample: place from the middle of the patch, values of its channels, and how far it is trusted (0 to 1).
@@ -20,6 +20,10 @@ pub(crate) struct Group {
     pub(crate) channels: usize,
     /// Variance that the sampling aperture adds to the blur of each axis beyond that of a pixel.
     pub(crate) aperture_px2: f64,
+    /// Each channel as a combination of coded red, green and blue, and a constant.
+    pub(crate) from_coded: [[f64; 4]; 3],
+    /// Working space of the fit.
+    pub(crate) predicted: Vec<crate::centre::Predicted>,
     /// Working space of the fit.
     pub(crate) residuals: Vec<f64>,
 }
@@ -51,18 +55,21 @@ impl Patch {
         match &frame.pixels {
             Pixels::Rgb(rgb) => {
                 fine.channels = 3;
+                fine.from_coded = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
                 whole.visit(middle, radius_px, fine, |i| {
                     [0, 1, 2].map(|c| rgb.get(3 * i + c).map_or(0.0, |v| f64::from(*v)))
                 });
             }
-            Pixels::Yuv420 { y, u, v, .. } => {
+            Pixels::Yuv420 { y, u, v, full_range, matrix } => {
+                let rows = rgb_to_yuv(*full_range, *matrix);
                 fine.channels = 1;
+                fine.from_coded[0] = rows[0];
+                coarse.from_coded = [rows[1], rows[2], [0.0; 4]];
                 whole.visit(middle, radius_px, fine, |i| [y.get(i).map_or(0.0, |v| f64::from(*v)), 0.0, 0.0]);
                 coarse.channels = 2;
                 coarse.aperture_px2 = CHROMA_APERTURE_PX2;
                 let (columns, rows) = chroma_size(frame.size);
-                // H.264, table E.2 and figure E-1: without a statement the colour differences sit at the left luma
-                // column and between the two rows.
+                // Between two rows; the fit adds the siting along the row.
                 let half = Grid { columns, rows, step: 2.0, first: (0.0, 0.5) };
                 half.visit(middle, radius_px, coarse, |i| {
                     let at = |plane: &[u8]| plane.get(i).map_or(128.0, |v| f64::from(*v));

@@ -1,6 +1,6 @@
 //! Following every marker from frame to frame.
 
-use crate::centre::LEAST_RADIUS_PX;
+use crate::centre::{LEAST_RADIUS_PX, Siting};
 use crate::color::{ColorModel, Seen, to_linear};
 use crate::detect::Workspace;
 use crate::segment::Window;
@@ -19,7 +19,7 @@ pub struct Tracker {
     range_px: (f64, f64),
     tracks: Vec<Track>,
     workspace: Workspace,
-    found: Vec<BallCandidate>,
+    found: Vec<(BallCandidate, Siting)>,
     sightings: Vec<Option<BallCandidate>>,
 }
 
@@ -95,7 +95,9 @@ impl Tracker {
         self.workspace.search(frame, &self.model, marker, self.range_px, &mut self.found);
         let track = &self.tracks[marker];
         let near = |ball: &BallCandidate| (ball.pixel - middle).norm() <= reach_px && track.agrees(ball);
-        self.found.iter().copied().find(near)
+        let (ball, siting) = self.found.iter().copied().find(|(ball, _)| near(ball))?;
+        self.workspace.learn_siting(siting);
+        Some(ball)
     }
 
     fn whole_frame(&mut self, frame: &Frame) {
@@ -113,7 +115,8 @@ impl Tracker {
                     .flatten()
                     .all(|other| (other.pixel - ball.pixel).norm() > 0.25 * ball.diameter_px)
             };
-            self.sightings[marker] = self.found.iter().copied().find(|ball| track.agrees(ball) && free(ball));
+            self.sightings[marker] =
+                self.found.iter().map(|(ball, _)| *ball).find(|ball| track.agrees(ball) && free(ball));
         }
     }
 }
