@@ -1,0 +1,148 @@
+//! Flapping of the lower rotor and of the fly-bar, longitudinal and lateral.
+
+use crate::{FlightError, InputSeries, Rotor};
+
+/// Flapping angles of the lower rotor (l) and of the fly-bar (f).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FlapState {
+    /// Lower rotor, longitudinal; positive tips it back.
+    pub alpha_l_rad: f64,
+    /// Lower rotor, lateral; positive tips it right.
+    pub beta_l_rad: f64,
+    /// Fly-bar, longitudinal.
+    pub alpha_f_rad: f64,
+    /// Fly-bar, lateral.
+    pub beta_f_rad: f64,
+}
+
+impl FlapState {
+    /// Upper rotor, longitudinal: alpha_u = K_u alpha_f.
+    pub fn alpha_u_rad(&self, rotor: &Rotor) -> f64 {
+        rotor.flybar_gain * self.alpha_f_rad
+    }
+
+    /// Upper rotor, lateral.
+    pub fn beta_u_rad(&self, rotor: &Rotor) -> f64 {
+        rotor.flybar_gain * self.beta_f_rad
+    }
+}
+
+/// What drives flapping: body rates about x and y, and the swash-plate.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FlapDrive {
+    /// Roll rate.
+    pub p_rad_s: f64,
+    /// Pitch rate.
+    pub q_rad_s: f64,
+    /// Swash-plate, longitudinal.
+    pub delta_lon_rad: f64,
+    /// Swash-plate, lateral.
+    pub delta_lat_rad: f64,
+}
+
+/// Rates of the flapping angles: equation 2 of the paper, and its lateral counterpart.
+pub fn derivative(state: &FlapState, drive: &FlapDrive, rotor: &Rotor) -> FlapState {
+    let lower = |angle: f64, delta: f64, rate: f64| {
+        (rotor.swashplate_gain * delta - angle) / rotor.flap_time_lower_s - rate
+    };
+    let flybar = |angle: f64, rate: f64| -angle / rotor.flap_time_flybar_s - rate;
+    FlapState {
+        alpha_l_rad: lower(state.alpha_l_rad, drive.delta_lon_rad, drive.q_rad_s),
+        beta_l_rad: lower(state.beta_l_rad, drive.delta_lat_rad, drive.p_rad_s),
+        alpha_f_rad: flybar(state.alpha_f_rad, drive.q_rad_s),
+        beta_f_rad: flybar(state.beta_f_rad, drive.p_rad_s),
+    }
+}
+
+/// The response of x' = -x/τ + f(t) from x(0) = `start`, with f a straight line between its samples: exact.
+///
+/// `times_s` must increase; the answer has one value a time.
+pub fn first_order_response(times_s: &[f64], forcing: &[f64], time_constant_s: f64, start: f64) -> Vec<f64> {
+    let mut out = Vec::with_capacity(times_s.len());
+    let mut x = start;
+    for (k, t_s) in times_s.iter().enumerate() {
+        if k > 0 {
+            let h = t_s - times_s[k - 1];
+            let (f0, slope) = (forcing[k - 1], (forcing[k] - forcing[k - 1]) / h);
+            let tau = time_constant_s;
+            let decay = (-h / tau).exp();
+            x = x * decay + tau * f0 * (1.0 - decay) + slope * tau * (h - tau * (1.0 - decay));
+        }
+        out.push(x);
+    }
+    out
+}
+
+/// The part of the lower rotor's flapping that the swash-plate drives, on the inputs' own times, from rest:
+/// (longitudinal, lateral), rad.
+pub fn lower_from_swashplate(inputs: &InputSeries, rotor: &Rotor) -> (Vec<f64>, Vec<f64>) {
+    let times_s: Vec<f64> = inputs.samples().iter().map(|s| s.t_s).collect();
+    let gain = rotor.swashplate_gain / rotor.flap_time_lower_s;
+    let respond = |delta: Vec<f64>| {
+        let start = rotor.swashplate_gain * delta.first().copied().unwrap_or(0.0);
+        let forcing: Vec<f64> = delta.iter().map(|d| gain * d).collect();
+        first_order_response(&times_s, &forcing, rotor.flap_time_lower_s, start)
+    };
+    (
+        respond(inputs.samples().iter().map(|s| s.delta_lon_rad).collect()),
+        respond(inputs.samples().iter().map(|s| s.delta_lat_rad).collect()),
+    )
+}
+
+/// The part of a rotor's flapping that a body rate drives, from rest: the response to -rate with the rotor's time
+/// constant.
+pub fn from_rate(times_s: &[f64], rate_rad_s: &[f64], time_constant_s: f64) -> Vec<f64> {
+    let forcing: Vec<f64> = rate_rad_s.iter().map(|r| -r).collect();
+    first_order_response(times_s, &forcing, time_constant_s, 0.0)
+}
+
+/// Linear interpolation of a series at a time.
+///
+/// # Errors
+/// [`FlightError::InputsDoNotCover`] outside the series.
+pub fn interpolate(times_s: &[f64], values: &[f64], t_s: f64) -> Result<f64, FlightError> {
+    let (start_s, end_s) = (times_s[0], times_s[times_s.len() - 1]);
+    if !(t_s >= start_s - 1e-6 && t_s <= end_s + 1e-6) {
+        return Err(FlightError::InputsDoNotCover { t_s, start_s, end_s });
+    }
+    let after = times_s.partition_point(|t| *t <= t_s).clamp(1, times_s.len() - 1);
+    let w = ((t_s - times_s[after - 1]) / (times_s[after] - times_s[after - 1])).clamp(0.0, 1.0);
+    Ok(values[after - 1] + w * (values[after] - values[after - 1]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_ramp_is_answered_by_the_closed_form(tau in 0.01..5.0, slope in -3.0..3.0, offset in -1.0..1.0, start in -1.0..1.0) {
+            let times: Vec<f64> = (0..60).map(|k| 0.03 * f64::from(k) + 0.004 * f64::from(k % 3)).collect();
+            let forcing: Vec<f64> = times.iter().map(|t| offset + slope * t).collect();
+            let got = first_order_response(&times, &forcing, tau, start);
+            for (t, x) in times.iter().zip(got) {
+                let particular = |t: f64| -> f64 { tau * (offset + slope * (t - tau)) };
+                let closed: f64 = particular(*t) + (start - particular(0.0)) * (-t / tau).exp();
+                prop_assert!((x - closed).abs() < 1e-11 * (1.0 + closed.abs() + tau * tau));
+            }
+        }
+    }
+
+    #[test]
+    fn lower_rotor_reaches_the_linkage_ratio_of_a_held_swashplate() {
+        let rotor = crate::Vehicle::paper().rotor;
+        let samples = (0..200)
+            .map(|k| crate::InputSample {
+                t_s: 0.01 * f64::from(k),
+                delta_lon_rad: if k > 50 { 0.1 } else { 0.0 },
+                ..Default::default()
+            })
+            .collect();
+        let inputs = InputSeries::new(samples).expect("valid");
+        let (lon, lat) = lower_from_swashplate(&inputs, &rotor);
+        assert_relative_eq!(lon[199], rotor.swashplate_gain * 0.1, epsilon = 1e-9);
+        assert!(lat.iter().all(|b| *b == 0.0));
+    }
+}

@@ -1,0 +1,126 @@
+//! Recorded inputs over time.
+
+use crate::FlightError;
+
+/// The inputs at one instant.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct InputSample {
+    /// Time.
+    pub t_s: f64,
+    /// Speed of the upper rotor.
+    pub omega_u_rad_s: f64,
+    /// Speed of the lower rotor.
+    pub omega_l_rad_s: f64,
+    /// Longitudinal angle of the swash-plate, positive tips the lower disc back.
+    pub delta_lon_rad: f64,
+    /// Lateral angle, positive tips it right.
+    pub delta_lat_rad: f64,
+}
+
+/// Inputs at increasing times; between samples they are taken as straight lines.
+///
+/// A command that steps between two samples is so smeared over one sample interval.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InputSeries {
+    samples: Vec<InputSample>,
+}
+
+impl InputSeries {
+    /// Checks and takes the samples.
+    ///
+    /// # Errors
+    /// Fewer than two samples, a number that is not finite, a time that does not increase; rows count from 1.
+    pub fn new(samples: Vec<InputSample>) -> Result<Self, FlightError> {
+        if samples.len() < 2 {
+            return Err(FlightError::TooFewInputs { found: samples.len() });
+        }
+        let mut before_s = f64::NEG_INFINITY;
+        for (k, sample) in samples.iter().enumerate() {
+            let columns = [
+                ("t_s", sample.t_s),
+                ("omega_u_rad_s", sample.omega_u_rad_s),
+                ("omega_l_rad_s", sample.omega_l_rad_s),
+                ("delta_lon_rad", sample.delta_lon_rad),
+                ("delta_lat_rad", sample.delta_lat_rad),
+            ];
+            if let Some((column, _)) = columns.into_iter().find(|(_, value)| !value.is_finite()) {
+                return Err(FlightError::InputNotFinite { row: k + 1, column });
+            }
+            if sample.t_s <= before_s {
+                return Err(FlightError::TimeNotIncreasing { row: k + 1, t_s: sample.t_s, before_s });
+            }
+            before_s = sample.t_s;
+        }
+        Ok(Self { samples })
+    }
+
+    /// All samples.
+    pub fn samples(&self) -> &[InputSample] {
+        &self.samples
+    }
+
+    /// Time of the first sample.
+    pub fn start_s(&self) -> f64 {
+        self.samples[0].t_s
+    }
+
+    /// Time of the last sample.
+    pub fn end_s(&self) -> f64 {
+        self.samples[self.samples.len() - 1].t_s
+    }
+
+    /// The inputs at a time; `None` outside the record by more than a microsecond.
+    pub fn at(&self, t_s: f64) -> Option<InputSample> {
+        const ROUNDING_S: f64 = 1e-6;
+        if !(t_s >= self.start_s() - ROUNDING_S && t_s <= self.end_s() + ROUNDING_S) {
+            return None;
+        }
+        let after = self.samples.partition_point(|s| s.t_s <= t_s).clamp(1, self.samples.len() - 1);
+        let (a, b) = (&self.samples[after - 1], &self.samples[after]);
+        let w = ((t_s - a.t_s) / (b.t_s - a.t_s)).clamp(0.0, 1.0);
+        let mix = |x: f64, y: f64| x + w * (y - x);
+        Some(InputSample {
+            t_s,
+            omega_u_rad_s: mix(a.omega_u_rad_s, b.omega_u_rad_s),
+            omega_l_rad_s: mix(a.omega_l_rad_s, b.omega_l_rad_s),
+            delta_lon_rad: mix(a.delta_lon_rad, b.delta_lon_rad),
+            delta_lat_rad: mix(a.delta_lat_rad, b.delta_lat_rad),
+        })
+    }
+
+    /// The same, as an error that says what the record covers.
+    ///
+    /// # Errors
+    /// [`FlightError::InputsDoNotCover`].
+    pub fn require(&self, t_s: f64) -> Result<InputSample, FlightError> {
+        self.at(t_s).ok_or(FlightError::InputsDoNotCover { t_s, start_s: self.start_s(), end_s: self.end_s() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(t_s: f64, delta_lon_rad: f64) -> InputSample {
+        InputSample { t_s, delta_lon_rad, ..Default::default() }
+    }
+
+    #[test]
+    fn values_between_samples_lie_on_the_line() {
+        let series = InputSeries::new(vec![sample(0.0, 0.0), sample(1.0, 2.0), sample(3.0, 0.0)]).expect("valid");
+        assert_eq!(series.at(0.25).map(|s| s.delta_lon_rad), Some(0.5));
+        assert_eq!(series.at(2.0).map(|s| s.delta_lon_rad), Some(1.0));
+        assert_eq!(series.at(3.0).map(|s| s.delta_lon_rad), Some(0.0));
+        assert_eq!(series.at(3.1), None);
+        assert!(matches!(series.require(-1.0), Err(FlightError::InputsDoNotCover { .. })));
+    }
+
+    #[test]
+    fn bad_rows_are_named() {
+        let nan = InputSeries::new(vec![sample(0.0, 0.0), sample(1.0, f64::NAN)]);
+        assert_eq!(nan, Err(FlightError::InputNotFinite { row: 2, column: "delta_lon_rad" }));
+        let back = InputSeries::new(vec![sample(0.0, 0.0), sample(0.0, 0.0)]);
+        assert_eq!(back, Err(FlightError::TimeNotIncreasing { row: 2, t_s: 0.0, before_s: 0.0 }));
+        assert_eq!(InputSeries::new(vec![]), Err(FlightError::TooFewInputs { found: 0 }));
+    }
+}

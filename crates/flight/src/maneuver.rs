@@ -1,0 +1,292 @@
+//! What is flown: a start and a sequence of manoeuvres, turned into inputs.
+
+use crate::{FlightError, InitialState, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_geometry::EulerAngles;
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
+
+/// The input that a manoeuvre moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Channel {
+    /// Swash-plate, longitudinal; amplitude in degrees.
+    DeltaLon,
+    /// Swash-plate, lateral; amplitude in degrees.
+    DeltaLat,
+    /// Upper rotor speed about hover; amplitude in per cent of the hover speed.
+    OmegaU,
+    /// Lower rotor speed about hover; amplitude in per cent of the hover speed.
+    OmegaL,
+}
+
+/// One movement of one input, added to hover. Amplitudes are in degrees of swash-plate or per cent of rotor speed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Maneuver {
+    /// One pulse up and one down, each `pulse_s` long; a negative amplitude begins down.
+    Doublet {
+        /// Input moved.
+        channel: Channel,
+        /// Begin.
+        start_s: f64,
+        /// Length of each pulse.
+        pulse_s: f64,
+        /// Amplitude.
+        amplitude: f64,
+    },
+    /// Pulses of 3, 2, 1 and 1 units of `unit_s` with changing sign.
+    #[serde(rename = "3-2-1-1")]
+    ThreeTwoOneOne {
+        /// Input moved.
+        channel: Channel,
+        /// Begin.
+        start_s: f64,
+        /// Length of the shortest pulse.
+        unit_s: f64,
+        /// Amplitude.
+        amplitude: f64,
+    },
+    /// A step that is held.
+    Step {
+        /// Input moved.
+        channel: Channel,
+        /// Begin.
+        start_s: f64,
+        /// Amplitude.
+        amplitude: f64,
+    },
+    /// Sines of equal amplitude at multiples of the lowest frequency, phases after Schroeder (1970) for a low peak.
+    Multisine {
+        /// Input moved.
+        channel: Channel,
+        /// Begin.
+        start_s: f64,
+        /// Length; also the period of the lowest frequency.
+        length_s: f64,
+        /// Harmonics of 1/`length_s`.
+        harmonics: Vec<u32>,
+        /// Root of the sum of squares over two, that is the effective value.
+        amplitude: f64,
+    },
+}
+
+impl Maneuver {
+    fn channel(&self) -> Channel {
+        match self {
+            Self::Doublet { channel, .. }
+            | Self::ThreeTwoOneOne { channel, .. }
+            | Self::Step { channel, .. }
+            | Self::Multisine { channel, .. } => *channel,
+        }
+    }
+
+    /// The manoeuvre's value at a time, in its own unit.
+    fn value(&self, t_s: f64) -> f64 {
+        // A sample that belongs to the start of a pulse may be a rounding error before it.
+        let t = t_s + 1e-9;
+        match self {
+            Self::Doublet { start_s, pulse_s, amplitude, .. } => pulses(&[1.0, 1.0], (t - start_s) / pulse_s) * amplitude,
+            Self::ThreeTwoOneOne { start_s, unit_s, amplitude, .. } => {
+                pulses(&[3.0, 2.0, 1.0, 1.0], (t - start_s) / unit_s) * amplitude
+            }
+            Self::Step { start_s, amplitude, .. } => {
+                if t >= *start_s {
+                    *amplitude
+                } else {
+                    0.0
+                }
+            }
+            Self::Multisine { start_s, length_s, harmonics, amplitude, .. } => {
+                let tau = t_s - start_s;
+                if !(0.0..=*length_s).contains(&tau) {
+                    return 0.0;
+                }
+                let n = harmonics.len() as f64;
+                let each = amplitude * (2.0 / n).sqrt();
+                let sum: f64 = harmonics
+                    .iter()
+                    .enumerate()
+                    .map(|(k, h)| {
+                        let phase = -PI * (k as f64) * (k as f64 + 1.0) / n;
+                        (2.0 * PI * f64::from(*h) * tau / length_s + phase).sin()
+                    })
+                    .sum();
+                each * sum
+            }
+        }
+    }
+
+    fn check(&self) -> Result<(), FlightError> {
+        let numbers = match self {
+            Self::Doublet { start_s, pulse_s: length, amplitude, .. }
+            | Self::ThreeTwoOneOne { start_s, unit_s: length, amplitude, .. }
+            | Self::Multisine { start_s, length_s: length, amplitude, .. } => [*start_s, *length, *amplitude],
+            Self::Step { start_s, amplitude, .. } => [*start_s, 1.0, *amplitude],
+        };
+        if numbers.iter().any(|v| !v.is_finite()) || numbers[1] <= 0.0 {
+            let what = format!("{self:?} needs finite numbers and a length above zero");
+            return Err(FlightError::Scenario { what });
+        }
+        if matches!(self, Self::Multisine { harmonics, .. } if harmonics.is_empty() || harmonics.contains(&0)) {
+            return Err(FlightError::Scenario { what: "a multisine needs harmonics of 1 or more".to_owned() });
+        }
+        Ok(())
+    }
+}
+
+/// Sign of a train of pulses of the given lengths at `t` units after its start; zero outside.
+fn pulses(lengths: &[f64], t: f64) -> f64 {
+    let (mut edge, mut sign) = (0.0, 1.0);
+    if t < 0.0 {
+        return 0.0;
+    }
+    for length in lengths {
+        edge += length;
+        if t < edge {
+            return sign;
+        }
+        sign = -sign;
+    }
+    0.0
+}
+
+/// A flight to be simulated: the content of a scenario file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scenario {
+    /// Length.
+    pub duration_s: f64,
+    /// Frames per second of the cameras.
+    pub frame_rate_hz: f64,
+    /// Rate at which inputs are recorded.
+    pub input_rate_hz: f64,
+    /// Where the body origin starts, in the world.
+    pub position_m: [f64; 3],
+    /// Where the nose points at the start, counted from world +X towards +Y.
+    pub heading_deg: f64,
+    /// What is done; movements of one input add.
+    pub maneuver: Vec<Maneuver>,
+}
+
+impl Scenario {
+    /// Section 4.2 of the paper: 2 s of hover, swash-plate 5° down for 1 s and up for 1 s, 10 s in all. The heading of
+    /// 22.5° keeps the balls apart in both views.
+    pub fn paper() -> Self {
+        Self {
+            duration_s: 10.0,
+            frame_rate_hz: 30.0,
+            input_rate_hz: 100.0,
+            position_m: [0.0, 0.0, 1.5],
+            heading_deg: 22.5,
+            maneuver: vec![Maneuver::Doublet {
+                channel: Channel::DeltaLon,
+                start_s: 2.0,
+                pulse_s: 1.0,
+                amplitude: -5.0,
+            }],
+        }
+    }
+
+    /// Checks the numbers.
+    ///
+    /// # Errors
+    /// [`FlightError::Scenario`].
+    pub fn validate(&self) -> Result<(), FlightError> {
+        for (key, value) in [
+            ("duration_s", self.duration_s),
+            ("frame_rate_hz", self.frame_rate_hz),
+            ("input_rate_hz", self.input_rate_hz),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(FlightError::Scenario { what: format!("{key} is {value}, but must be above zero") });
+            }
+        }
+        if !self.heading_deg.is_finite() || self.position_m.iter().any(|v| !v.is_finite()) {
+            return Err(FlightError::Scenario { what: "position_m and heading_deg must be finite".to_owned() });
+        }
+        if self.duration_s * self.input_rate_hz.max(self.frame_rate_hz) > 1e7 {
+            return Err(FlightError::Scenario { what: "more than ten million samples: shorten the flight".to_owned() });
+        }
+        self.maneuver.iter().try_for_each(Maneuver::check)
+    }
+
+    /// The inputs, from 0 to at least the end of the flight.
+    ///
+    /// # Errors
+    /// A scenario that is not valid.
+    pub fn inputs(&self, vehicle: &Vehicle) -> Result<InputSeries, FlightError> {
+        self.validate()?;
+        let hover = hover_rotor_speed_rad_s(vehicle);
+        let samples = (self.duration_s * self.input_rate_hz).ceil() as usize + 1;
+        let sample = |k: usize| {
+            let t_s = k as f64 / self.input_rate_hz;
+            let mut s = InputSample { t_s, omega_u_rad_s: hover, omega_l_rad_s: hover, ..Default::default() };
+            for maneuver in &self.maneuver {
+                let value = maneuver.value(t_s);
+                match maneuver.channel() {
+                    Channel::DeltaLon => s.delta_lon_rad += value.to_radians(),
+                    Channel::DeltaLat => s.delta_lat_rad += value.to_radians(),
+                    Channel::OmegaU => s.omega_u_rad_s += value / 100.0 * hover,
+                    Channel::OmegaL => s.omega_l_rad_s += value / 100.0 * hover,
+                }
+            }
+            s
+        };
+        InputSeries::new((0..samples).map(sample).collect())
+    }
+
+    /// Where the flight starts: at rest, level.
+    pub fn start(&self) -> InitialState {
+        InitialState {
+            position_in_world_m: Vector3::from(self.position_m),
+            attitude: EulerAngles { psi_rad: -self.heading_deg.to_radians(), ..Default::default() },
+            ..Default::default()
+        }
+    }
+
+    /// Middle of each exposure: frame k at k over the frame rate.
+    pub fn frame_times_s(&self) -> Vec<f64> {
+        let frames = (self.duration_s * self.frame_rate_hz).round() as usize;
+        (0..frames).map(|k| k as f64 / self.frame_rate_hz).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_papers_doublet_is_down_then_up() {
+        let inputs = Scenario::paper().inputs(&Vehicle::paper()).expect("inputs");
+        let at = |t: f64| inputs.at(t).map(|s| s.delta_lon_rad.to_degrees()).unwrap_or(f64::NAN);
+        for (t, degrees) in [(1.9, 0.0), (2.5, -5.0), (3.5, 5.0), (4.5, 0.0)] {
+            assert!((at(t) - degrees).abs() < 1e-12, "{t} s: {}", at(t));
+        }
+        assert!(inputs.end_s() >= 10.0);
+    }
+
+    #[test]
+    fn three_two_one_one_has_those_lengths() {
+        let m = Maneuver::ThreeTwoOneOne { channel: Channel::DeltaLat, start_s: 1.0, unit_s: 0.5, amplitude: 2.0 };
+        let value = |t| m.value(t);
+        assert_eq!([0.9, 1.1, 2.4, 2.6, 3.4, 3.6, 4.1, 4.6].map(value), [0.0, 2.0, 2.0, -2.0, -2.0, 2.0, -2.0, 0.0]);
+    }
+
+    #[test]
+    fn a_multisine_has_the_effective_value_asked_for_and_a_low_peak() {
+        let harmonics: Vec<u32> = (1..=8).collect();
+        let m = Maneuver::Multisine { channel: Channel::OmegaU, start_s: 0.0, length_s: 10.0, harmonics, amplitude: 3.0 };
+        let values: Vec<f64> = (0..1000).map(|k| m.value(0.01 * f64::from(k))).collect();
+        let rms = (values.iter().map(|v| v * v).sum::<f64>() / 1000.0).sqrt();
+        let peak = values.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
+        assert!((rms - 3.0).abs() < 1e-6, "{rms}");
+        assert!(peak / rms < 2.2, "a sum of sines in phase would peak at 4: {}", peak / rms);
+    }
+
+    #[test]
+    fn a_scenario_without_length_is_refused() {
+        let scenario = Scenario { duration_s: 0.0, ..Scenario::paper() };
+        assert!(matches!(scenario.inputs(&Vehicle::paper()), Err(FlightError::Scenario { .. })));
+    }
+}

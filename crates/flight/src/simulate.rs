@@ -1,0 +1,235 @@
+//! Integration of the equations of motion.
+
+use crate::dynamics::{STATES, State, accelerations, derivative};
+use crate::{FlapState, FlightError, InputSample, InputSeries, Vehicle};
+use differential_equations::prelude::{ExplicitRungeKutta, IVP, ODE};
+use mavsight_geometry::EulerAngles;
+use nalgebra::Vector3;
+
+/// Relative and absolute tolerance of the integrator, far below what cameras can see (1e-10 m, 1e-10 rad).
+const TOLERANCE: f64 = 1e-10;
+
+/// Where a flight begins.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct InitialState {
+    /// Body origin in the world, metres.
+    pub position_in_world_m: Vector3<f64>,
+    /// Attitude.
+    pub attitude: EulerAngles,
+    /// Velocity in body axes, m/s.
+    pub velocity_in_body_m_s: Vector3<f64>,
+    /// p, q, r.
+    pub rates_rad_s: Vector3<f64>,
+    /// Flapping.
+    pub flap: FlapState,
+}
+
+/// The aircraft at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FlightState {
+    /// Time.
+    pub t_s: f64,
+    /// Body origin in the world, metres.
+    pub position_in_world_m: Vector3<f64>,
+    /// Attitude.
+    pub attitude: EulerAngles,
+    /// u, v, w.
+    pub velocity_in_body_m_s: Vector3<f64>,
+    /// p, q, r.
+    pub rates_rad_s: Vector3<f64>,
+    /// Flapping.
+    pub flap: FlapState,
+    /// u̇, v̇, ẇ.
+    pub velocity_rate_m_s2: Vector3<f64>,
+    /// ṗ, q̇, ṙ.
+    pub angular_acceleration_rad_s2: Vector3<f64>,
+}
+
+struct Segment<'a> {
+    vehicle: &'a Vehicle,
+    from: InputSample,
+    to: InputSample,
+}
+
+impl Segment<'_> {
+    fn input(&self, t_s: f64) -> InputSample {
+        let w = ((t_s - self.from.t_s) / (self.to.t_s - self.from.t_s)).clamp(0.0, 1.0);
+        let mix = |a: f64, b: f64| a + w * (b - a);
+        InputSample {
+            t_s,
+            omega_u_rad_s: mix(self.from.omega_u_rad_s, self.to.omega_u_rad_s),
+            omega_l_rad_s: mix(self.from.omega_l_rad_s, self.to.omega_l_rad_s),
+            delta_lon_rad: mix(self.from.delta_lon_rad, self.to.delta_lon_rad),
+            delta_lat_rad: mix(self.from.delta_lat_rad, self.to.delta_lat_rad),
+        }
+    }
+}
+
+impl ODE<f64, [f64; STATES]> for Segment<'_> {
+    fn diff(&self, t: f64, y: &[f64; STATES], dydt: &mut [f64; STATES]) {
+        *dydt = derivative(self.vehicle, &self.input(t), y);
+    }
+}
+
+/// Flies the vehicle through the inputs and reports its state at increasing `times_s`, the first of which is the start.
+///
+/// The inputs have kinks at their samples, so each stretch between a sample or an output time and the next is
+/// integrated by itself (Dormand-Prince 8(5,3), adaptive, tolerance 1e-10).
+///
+/// # Errors
+/// Times that do not increase, inputs that do not cover them, a state that runs away.
+pub fn simulate(
+    vehicle: &Vehicle,
+    inputs: &InputSeries,
+    start: &InitialState,
+    times_s: &[f64],
+) -> Result<Vec<FlightState>, FlightError> {
+    let mut out = Vec::with_capacity(times_s.len());
+    let Some(&first_s) = times_s.first() else { return Ok(out) };
+    let mut y = State {
+        position_in_world_m: start.position_in_world_m,
+        level_from_body: start.attitude.level_from_body(),
+        velocity_in_body_m_s: start.velocity_in_body_m_s,
+        rates_rad_s: start.rates_rad_s,
+        flap: start.flap,
+    }
+    .pack();
+    let mut input = inputs.require(first_s)?;
+    out.push(state_at(vehicle, &input, &y));
+    for pair in times_s.windows(2) {
+        if pair[1] <= pair[0] || pair[1].is_nan() {
+            return Err(FlightError::OutputTimes { t_s: pair[1], before_s: pair[0] });
+        }
+        let end = inputs.require(pair[1])?;
+        let knots = inputs.samples().iter().filter(|s| s.t_s > pair[0] + 1e-9 && s.t_s < pair[1] - 1e-9);
+        for next in knots.copied().chain([end]) {
+            y = advance(&Segment { vehicle, from: input, to: next }, y)?;
+            input = next;
+        }
+        out.push(state_at(vehicle, &input, &y));
+    }
+    Ok(out)
+}
+
+fn advance(segment: &Segment<'_>, y: [f64; STATES]) -> Result<[f64; STATES], FlightError> {
+    let (from_s, to_s) = (segment.from.t_s, segment.to.t_s);
+    let broken = |detail: String| FlightError::Integration { t_s: from_s, detail };
+    let solution = IVP::ode(segment, from_s, to_s, y)
+        .method(ExplicitRungeKutta::dop853().rtol(TOLERANCE).atol(TOLERANCE).h0(to_s - from_s))
+        .solve()
+        .map_err(|e| broken(format!("{e:?}").chars().take(80).collect()))?;
+    let end = solution.y.last().copied().ok_or_else(|| broken("no step".to_owned()))?;
+    if end.iter().all(|v| v.is_finite()) { Ok(end) } else { Err(broken("the state is not finite".to_owned())) }
+}
+
+fn state_at(vehicle: &Vehicle, input: &InputSample, y: &[f64; STATES]) -> FlightState {
+    let s = State::unpack(y);
+    let (velocity_rate_m_s2, angular_acceleration_rad_s2) = accelerations(vehicle, input, &s);
+    FlightState {
+        t_s: input.t_s,
+        position_in_world_m: s.position_in_world_m,
+        attitude: EulerAngles::from_level_from_body(&s.level_from_body),
+        velocity_in_body_m_s: s.velocity_in_body_m_s,
+        rates_rad_s: s.rates_rad_s,
+        flap: s.flap,
+        velocity_rate_m_s2,
+        angular_acceleration_rad_s2,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Scenario, hover_rotor_speed_rad_s, model_coefficients};
+    use approx::assert_relative_eq;
+
+    fn hover_inputs(vehicle: &Vehicle, end_s: f64) -> InputSeries {
+        let omega = hover_rotor_speed_rad_s(vehicle);
+        let sample = |t_s| InputSample { t_s, omega_u_rad_s: omega, omega_l_rad_s: omega, ..Default::default() };
+        InputSeries::new(vec![sample(0.0), sample(end_s)]).expect("valid")
+    }
+
+    #[test]
+    fn hover_stands_still() {
+        let vehicle = Vehicle::paper();
+        let end = simulate(&vehicle, &hover_inputs(&vehicle, 20.0), &InitialState::default(), &[0.0, 20.0])
+            .expect("a flight")[1];
+        assert!(end.position_in_world_m.norm() < 1e-8, "{}", end.position_in_world_m);
+        assert!(end.rates_rad_s.norm() < 1e-9);
+    }
+
+    #[test]
+    fn falls_as_galileo_says_when_the_rotors_stop() {
+        let vehicle = Vehicle::paper();
+        let still = |t_s| InputSample { t_s, ..Default::default() };
+        let inputs = InputSeries::new(vec![still(0.0), still(1.0)]).expect("valid");
+        let end = simulate(&vehicle, &inputs, &InitialState::default(), &[0.0, 1.0]).expect("a flight")[1];
+        assert_relative_eq!(end.position_in_world_m.z, -9.804 / 2.0, epsilon = 1e-9);
+    }
+
+    #[test]
+    fn a_free_body_keeps_its_angular_momentum() {
+        let mut vehicle = Vehicle::paper();
+        vehicle.assumption.roll_damping_n_m_s_rad = 0.0;
+        vehicle.assumption.pitch_damping_n_m_s_rad = 0.0;
+        vehicle.assumption.yaw_damping_n_m_s_rad = 0.0;
+        let still = |t_s| InputSample { t_s, ..Default::default() };
+        let inputs = InputSeries::new(vec![still(0.0), still(3.0)]).expect("valid");
+        let start = InitialState { rates_rad_s: Vector3::new(2.0, 3.0, 4.0), ..Default::default() };
+        let states = simulate(&vehicle, &inputs, &start, &[0.0, 1.3, 3.0]).expect("a flight");
+        let momentum = |s: &FlightState| {
+            s.attitude.level_from_body() * Vector3::from(vehicle.inertia_kg_m2).component_mul(&s.rates_rad_s)
+        };
+        for s in &states[1..] {
+            assert_relative_eq!(momentum(s), momentum(&states[0]), epsilon = 1e-9);
+        }
+    }
+
+    #[test]
+    fn flybar_and_rotor_decay_with_their_time_constants() {
+        let mut vehicle = Vehicle::paper();
+        vehicle.rotor.thrust_coefficient_upper = 1e-12;
+        vehicle.rotor.thrust_coefficient_lower = 1e-12;
+        let still = |t_s| InputSample { t_s, omega_u_rad_s: 1.0, omega_l_rad_s: 1.0, ..Default::default() };
+        let inputs = InputSeries::new(vec![still(0.0), still(1.0)]).expect("valid");
+        let flap = FlapState { alpha_l_rad: 0.1, beta_l_rad: -0.1, alpha_f_rad: 0.2, beta_f_rad: 0.05 };
+        let start = InitialState { flap, ..Default::default() };
+        let end = simulate(&vehicle, &inputs, &start, &[0.0, 0.1]).expect("a flight")[1].flap;
+        assert_relative_eq!(end.alpha_l_rad, 0.1 * (-0.1_f64 / 0.05).exp(), epsilon = 1e-8);
+        assert_relative_eq!(end.beta_l_rad, -0.1 * (-0.1_f64 / 0.05).exp(), epsilon = 1e-8);
+        assert_relative_eq!(end.alpha_f_rad, 0.2 * (-0.1_f64 / 3.0).exp(), epsilon = 1e-8);
+        assert_relative_eq!(end.beta_f_rad, 0.05 * (-0.1_f64 / 3.0).exp(), epsilon = 1e-8);
+    }
+
+    #[test]
+    fn coefficients_are_those_of_the_independent_model() {
+        let vehicle = Vehicle::paper();
+        let c = model_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
+        assert_relative_eq!(c.cx_alpha_u, -0.01436, epsilon = 1e-12);
+        assert_relative_eq!(c.cx_alpha_l, -0.00996, epsilon = 1e-12);
+        assert_relative_eq!(c.cz_hover, -0.02432, epsilon = 1e-12);
+        assert_relative_eq!(c.cm_alpha_u, 0.011488, epsilon = 1e-12);
+        assert_relative_eq!(c.cm_alpha_l, 0.0047808, epsilon = 1e-12);
+        assert_relative_eq!(c.cm_q, -2.480_620_155e-5, epsilon = 1e-10);
+    }
+
+    #[test]
+    fn the_papers_doublet_pitches_and_travels() {
+        let vehicle = Vehicle::paper();
+        let scenario = Scenario::paper();
+        let inputs = scenario.inputs(&vehicle).expect("inputs");
+        let states =
+            simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s()).expect("a flight");
+        assert_eq!(states.len(), 300);
+        let least = states.iter().map(|s| s.attitude.theta_rad).fold(f64::MAX, f64::min);
+        assert!(least < -0.05, "swash-plate forward lowers the nose: {least}");
+        assert!(states.iter().all(|s| s.attitude.phi_rad.abs() < 1e-9), "longitudinal motion stays so");
+    }
+
+    #[test]
+    fn inputs_that_end_early_are_refused() {
+        let vehicle = Vehicle::paper();
+        let refused = simulate(&vehicle, &hover_inputs(&vehicle, 1.0), &InitialState::default(), &[0.0, 2.0]);
+        assert!(matches!(refused, Err(FlightError::InputsDoNotCover { .. })), "{refused:?}");
+    }
+}
