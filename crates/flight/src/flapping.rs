@@ -54,23 +54,42 @@ pub fn derivative(state: &FlapState, drive: &FlapDrive, rotor: &Rotor) -> FlapSt
     }
 }
 
-/// The response of x' = -x/τ + f(t) from x(0) = `start`, with f a straight line between its samples: exact.
+/// The response of x' = -x/τ + f(t) from x(0) = `start`, exact for an f that is a straight line between its samples
+/// ([`Between::Line`]) or holds until the next ([`Between::Hold`]).
 ///
 /// `times_s` must increase; the answer has one value a time.
-pub fn first_order_response(times_s: &[f64], forcing: &[f64], time_constant_s: f64, start: f64) -> Vec<f64> {
+pub fn first_order_response(
+    times_s: &[f64],
+    forcing: &[f64],
+    between: Between,
+    time_constant_s: f64,
+    start: f64,
+) -> Vec<f64> {
     let mut out = Vec::with_capacity(times_s.len());
     let mut x = start;
     for (k, t_s) in times_s.iter().enumerate() {
         if k > 0 {
             let h = t_s - times_s[k - 1];
-            let (f0, slope) = (forcing[k - 1], (forcing[k] - forcing[k - 1]) / h);
+            let slope = match between {
+                Between::Line => (forcing[k] - forcing[k - 1]) / h,
+                Between::Hold => 0.0,
+            };
             let tau = time_constant_s;
             let decay = (-h / tau).exp();
-            x = x * decay + tau * f0 * (1.0 - decay) + slope * tau * (h - tau * (1.0 - decay));
+            x = x * decay + tau * forcing[k - 1] * (1.0 - decay) + slope * tau * (h - tau * (1.0 - decay));
         }
         out.push(x);
     }
     out
+}
+
+/// How a sampled signal goes from one sample to the next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Between {
+    /// A straight line.
+    Line,
+    /// The earlier value, until the later.
+    Hold,
 }
 
 /// The part of the lower rotor's flapping that the swash-plate drives, on the inputs' own times, from rest:
@@ -81,7 +100,7 @@ pub fn lower_from_swashplate(inputs: &InputSeries, rotor: &Rotor) -> (Vec<f64>, 
     let respond = |delta: Vec<f64>| {
         let start = rotor.swashplate_gain * delta.first().copied().unwrap_or(0.0);
         let forcing: Vec<f64> = delta.iter().map(|d| gain * d).collect();
-        first_order_response(&times_s, &forcing, rotor.flap_time_lower_s, start)
+        first_order_response(&times_s, &forcing, Between::Hold, rotor.flap_time_lower_s, start)
     };
     (
         respond(inputs.samples().iter().map(|s| s.delta_lon_rad).collect()),
@@ -93,7 +112,7 @@ pub fn lower_from_swashplate(inputs: &InputSeries, rotor: &Rotor) -> (Vec<f64>, 
 /// constant.
 pub fn from_rate(times_s: &[f64], rate_rad_s: &[f64], time_constant_s: f64) -> Vec<f64> {
     let forcing: Vec<f64> = rate_rad_s.iter().map(|r| -r).collect();
-    first_order_response(times_s, &forcing, time_constant_s, 0.0)
+    first_order_response(times_s, &forcing, Between::Line, time_constant_s, 0.0)
 }
 
 /// Linear interpolation of a series at a time.
@@ -121,7 +140,7 @@ mod tests {
         fn a_ramp_is_answered_by_the_closed_form(tau in 0.01..5.0, slope in -3.0..3.0, offset in -1.0..1.0, start in -1.0..1.0) {
             let times: Vec<f64> = (0..60).map(|k| 0.03 * f64::from(k) + 0.004 * f64::from(k % 3)).collect();
             let forcing: Vec<f64> = times.iter().map(|t| offset + slope * t).collect();
-            let got = first_order_response(&times, &forcing, tau, start);
+            let got = first_order_response(&times, &forcing, Between::Line, tau, start);
             for (t, x) in times.iter().zip(got) {
                 let particular = |t: f64| -> f64 { tau * (offset + slope * (t - tau)) };
                 let closed: f64 = particular(*t) + (start - particular(0.0)) * (-t / tau).exp();

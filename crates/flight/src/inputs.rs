@@ -17,9 +17,9 @@ pub struct InputSample {
     pub delta_lat_rad: f64,
 }
 
-/// Inputs at increasing times; between samples they are taken as straight lines.
+/// Inputs at increasing times; each holds until the next, as a command does.
 ///
-/// A command that steps between two samples is so smeared over one sample interval.
+/// A quantity that moves smoothly between samples is so taken late by half a sample interval: record at 100 Hz or more.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InputSeries {
     samples: Vec<InputSample>,
@@ -75,17 +75,8 @@ impl InputSeries {
         if !(t_s >= self.start_s() - ROUNDING_S && t_s <= self.end_s() + ROUNDING_S) {
             return None;
         }
-        let after = self.samples.partition_point(|s| s.t_s <= t_s).clamp(1, self.samples.len() - 1);
-        let (a, b) = (&self.samples[after - 1], &self.samples[after]);
-        let w = ((t_s - a.t_s) / (b.t_s - a.t_s)).clamp(0.0, 1.0);
-        let mix = |x: f64, y: f64| x + w * (y - x);
-        Some(InputSample {
-            t_s,
-            omega_u_rad_s: mix(a.omega_u_rad_s, b.omega_u_rad_s),
-            omega_l_rad_s: mix(a.omega_l_rad_s, b.omega_l_rad_s),
-            delta_lon_rad: mix(a.delta_lon_rad, b.delta_lon_rad),
-            delta_lat_rad: mix(a.delta_lat_rad, b.delta_lat_rad),
-        })
+        let after = self.samples.partition_point(|s| s.t_s <= t_s + ROUNDING_S).max(1);
+        Some(InputSample { t_s, ..self.samples[after - 1] })
     }
 
     /// The same, as an error that says what the record covers.
@@ -106,10 +97,11 @@ mod tests {
     }
 
     #[test]
-    fn values_between_samples_lie_on_the_line() {
+    fn a_sample_holds_until_the_next() {
         let series = InputSeries::new(vec![sample(0.0, 0.0), sample(1.0, 2.0), sample(3.0, 0.0)]).expect("valid");
-        assert_eq!(series.at(0.25).map(|s| s.delta_lon_rad), Some(0.5));
-        assert_eq!(series.at(2.0).map(|s| s.delta_lon_rad), Some(1.0));
+        assert_eq!(series.at(0.25).map(|s| s.delta_lon_rad), Some(0.0));
+        assert_eq!(series.at(1.0).map(|s| s.delta_lon_rad), Some(2.0));
+        assert_eq!(series.at(2.9).map(|s| s.delta_lon_rad), Some(2.0));
         assert_eq!(series.at(3.0).map(|s| s.delta_lon_rad), Some(0.0));
         assert_eq!(series.at(3.1), None);
         assert!(matches!(series.require(-1.0), Err(FlightError::InputsDoNotCover { .. })));

@@ -47,33 +47,19 @@ pub struct FlightState {
 
 struct Segment<'a> {
     vehicle: &'a Vehicle,
-    from: InputSample,
-    to: InputSample,
-}
-
-impl Segment<'_> {
-    fn input(&self, t_s: f64) -> InputSample {
-        let w = ((t_s - self.from.t_s) / (self.to.t_s - self.from.t_s)).clamp(0.0, 1.0);
-        let mix = |a: f64, b: f64| a + w * (b - a);
-        InputSample {
-            t_s,
-            omega_u_rad_s: mix(self.from.omega_u_rad_s, self.to.omega_u_rad_s),
-            omega_l_rad_s: mix(self.from.omega_l_rad_s, self.to.omega_l_rad_s),
-            delta_lon_rad: mix(self.from.delta_lon_rad, self.to.delta_lon_rad),
-            delta_lat_rad: mix(self.from.delta_lat_rad, self.to.delta_lat_rad),
-        }
-    }
+    input: InputSample,
+    end_s: f64,
 }
 
 impl ODE<f64, [f64; STATES]> for Segment<'_> {
-    fn diff(&self, t: f64, y: &[f64; STATES], dydt: &mut [f64; STATES]) {
-        *dydt = derivative(self.vehicle, &self.input(t), y);
+    fn diff(&self, _t: f64, y: &[f64; STATES], dydt: &mut [f64; STATES]) {
+        *dydt = derivative(self.vehicle, &self.input, y);
     }
 }
 
 /// Flies the vehicle through the inputs and reports its state at increasing `times_s`, the first of which is the start.
 ///
-/// The inputs have kinks at their samples, so each stretch between a sample or an output time and the next is
+/// The inputs step at their samples, so each stretch between a sample or an output time and the next is
 /// integrated by itself (Dormand-Prince 8(5,3), adaptive, tolerance 1e-10).
 ///
 /// # Errors
@@ -103,7 +89,7 @@ pub fn simulate(
         let end = inputs.require(pair[1])?;
         let knots = inputs.samples().iter().filter(|s| s.t_s > pair[0] + 1e-9 && s.t_s < pair[1] - 1e-9);
         for next in knots.copied().chain([end]) {
-            y = advance(&Segment { vehicle, from: input, to: next }, y)?;
+            y = advance(&Segment { vehicle, input, end_s: next.t_s }, y)?;
             input = next;
         }
         out.push(state_at(vehicle, &input, &y));
@@ -112,7 +98,7 @@ pub fn simulate(
 }
 
 fn advance(segment: &Segment<'_>, y: [f64; STATES]) -> Result<[f64; STATES], FlightError> {
-    let (from_s, to_s) = (segment.from.t_s, segment.to.t_s);
+    let (from_s, to_s) = (segment.input.t_s, segment.end_s);
     let broken = |detail: String| FlightError::Integration { t_s: from_s, detail };
     let solution = IVP::ode(segment, from_s, to_s, y)
         .method(ExplicitRungeKutta::dop853().rtol(TOLERANCE).atol(TOLERANCE).h0(to_s - from_s))

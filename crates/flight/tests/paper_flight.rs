@@ -44,6 +44,5 @@ fn paper_flights_motion_is_reproduced() {
         worst[2] = worst[2].max((s.rates_rad_s.y - row[11]).abs());
     }
     println!("worst: position {:.2e} m, theta {:.2e} rad, q {:.2e} rad/s", worst[0], worst[1], worst[2]);
-    // The recorder samples at 100 Hz: a step is known to 10 ms, half of which a straight line between samples takes.
-    assert!(worst[1] < 5e-3 && worst[2] < 3e-2 && worst[0] < 0.05, "{worst:?}");
+    assert!(worst[0] < 1e-6 && worst[1] < 5e-6 && worst[2] < 5e-5, "{worst:?}");
 }
