@@ -157,6 +157,14 @@ impl Dlt {
     pub fn fit(points: &[ControlPoint]) -> Result<DltFit, GeometryError> {
         crate::dlt_fit::fit(points)
     }
+
+    /// The linear start of [`Dlt::fit`] alone: quick, for judging many assignments of points to pixels.
+    ///
+    /// # Errors
+    /// Those of [`Dlt::fit`].
+    pub fn fit_linear(points: &[ControlPoint]) -> Result<Self, GeometryError> {
+        crate::dlt_fit::linear(points)
+    }
 }
 
 /// M = K R with K upper triangular of positive diagonal, for a matrix of positive determinant.

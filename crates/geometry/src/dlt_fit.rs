@@ -22,7 +22,14 @@ struct Normalised {
     normal_from_world: Matrix4<f64>,
 }
 
-pub(crate) fn fit(control: &[ControlPoint]) -> Result<DltFit, GeometryError> {
+pub(crate) fn linear(control: &[ControlPoint]) -> Result<Dlt, GeometryError> {
+    let (normal, start, _) = linear_start(control)?;
+    let dlt = Dlt::from_matrix(&(normal.pixel_from_normal * matrix_of(&start) * normal.normal_from_world))?;
+    refuse_mirror(control, &dlt)?;
+    Ok(dlt)
+}
+
+fn linear_start(control: &[ControlPoint]) -> Result<(Normalised, SVector<f64, 11>, f64), GeometryError> {
     if control.len() < 6 {
         return Err(GeometryError::TooFewControlPoints { found: control.len(), needed: 6 });
     }
@@ -35,6 +42,11 @@ pub(crate) fn fit(control: &[ControlPoint]) -> Result<DltFit, GeometryError> {
     refuse_plane(control)?;
     let normal = normalise(control)?;
     let (start, condition) = null_vector(&normal)?;
+    Ok((normal, start, condition))
+}
+
+pub(crate) fn fit(control: &[ControlPoint]) -> Result<DltFit, GeometryError> {
+    let (normal, start, condition) = linear_start(control)?;
     let (parameters, inverse_r) = refine(&normal, start)?;
     let matrix = normal.pixel_from_normal * matrix_of(&parameters) * normal.normal_from_world;
     let dlt = Dlt::from_matrix(&matrix)?;

@@ -1,13 +1,358 @@
 //! Which of the candidates of each control ball are the balls of one camera.
+//!
+//! Colour proposes, geometry decides: a choice of one candidate (or none) per ball is judged by the camera that fits it.
+//! The search starts at the best colours and goes on to choices that differ from them in one ball, two, three and four,
+//! and further from the most promising of these.
 
 use crate::PoseError;
-use mavsight_geometry::{ImageSize, Vector2, Vector3};
+use mavsight_geometry::{ControlPoint, Dlt, GeometryError, ImageSize, Matrix2, Vector2, Vector3};
 
-/// Thin.
+/// Candidates looked at per ball.
+const CANDIDATES: usize = 4;
+/// A-priori error of a ball's centre, and its weight in degrees of freedom: keeps a lucky fit of few points from
+/// looking better than a good one of many.
+const APRIORI_STD_PX: f64 = 0.5;
+const APRIORI_WEIGHT: f64 = 4.0;
+/// Choices from which the search goes on when that many changes do not suffice, and how far.
+const CLIMBS: usize = 12;
+const CLIMB_STEPS: usize = 4;
+/// Most balls changed at once, and most choices of one such number, about half a second's work: beyond either only the
+/// climbs go on.
+const MAX_CHANGES: usize = 4;
+const MAX_CHOICES: usize = 20_000;
+
+/// One choice: for each ball the index of a candidate, or none.
+type Choice = Vec<Option<usize>>;
+
+#[derive(Debug, Clone)]
+struct Judged {
+    choice: Choice,
+    dlt: Dlt,
+    std_px: f64,
+    cost: f64,
+}
+
+struct Search<'a> {
+    /// Candidates best first, with their original index.
+    candidates: Vec<Vec<(usize, Vector2<f64>)>>,
+    points: &'a [Vector3<f64>],
+    size: ImageSize,
+    gate_px: f64,
+}
+
+/// Chooses the candidates of each control ball that one camera can have seen together.
+///
+/// `candidates` holds (pixel, score) per ball, a higher score is a better colour; the answer holds an index into each
+/// list, or none for a ball that has no candidate where the camera sees it. A choice is accepted when its residuals'
+/// standard deviation is within 0.5 % of the image width and the camera is one that is built: little skew, pixels at
+/// most half as long again as wide, principal point in the middle half. Lists of different length count up to the
+/// shorter. Same input, same answer.
+///
+/// # Errors
+/// [`PoseError::TooFewControlBalls`] and [`PoseError::InconsistentControlBalls`] name the balls by their row, from 1.
 pub fn select_control_balls(
     candidates: &[Vec<(Vector2<f64>, f64)>],
-    _points_in_world_m: &[Vector3<f64>],
-    _size: ImageSize,
+    points_in_world_m: &[Vector3<f64>],
+    size: ImageSize,
 ) -> Result<Vec<Option<usize>>, PoseError> {
-    Ok(candidates.iter().map(|c| (!c.is_empty()).then_some(0)).collect())
+    let n = candidates.len().min(points_in_world_m.len());
+    let search = Search {
+        candidates: candidates[..n].iter().map(|list| best_first(list)).collect(),
+        points: &points_in_world_m[..n],
+        size,
+        gate_px: 0.005 * f64::from(size.width_px),
+    };
+    let top: Choice = search.candidates.iter().map(|c| (!c.is_empty()).then_some(0)).collect();
+    let found = top.iter().flatten().count();
+    if found < 6 {
+        let missing = rows((0..n).filter(|i| top[*i].is_none()));
+        return Err(PoseError::TooFewControlBalls { found, wanted: n, missing });
+    }
+    refuse_plane(&search, &top)?;
+    let best = search.run(&top);
+    let Some(best) = best.map(|b| search.completed(b)).filter(|b| search.accepts(b)) else {
+        return Err(search.refusal(&top));
+    };
+    let original = |(list, chosen): (&Vec<(usize, Vector2<f64>)>, &Option<usize>)| chosen.map(|k| list[k].0);
+    Ok(search.candidates.iter().zip(&best.choice).map(original).collect())
+}
+
+fn best_first(list: &[(Vector2<f64>, f64)]) -> Vec<(usize, Vector2<f64>)> {
+    let mut order: Vec<usize> = (0..list.len())
+        .filter(|i| list[*i].0.iter().all(|x| x.is_finite()) && !list[*i].1.is_nan())
+        .collect();
+    order.sort_by(|a, b| list[*b].1.total_cmp(&list[*a].1));
+    order.iter().take(CANDIDATES).map(|i| (*i, list[*i].0)).collect()
+}
+
+fn rows(indices: impl Iterator<Item = usize>) -> String {
+    let names: Vec<String> = indices.map(|i| format!("row {}", i + 1)).collect();
+    names.join(", ")
+}
+
+/// Geometry that no choice can mend is refused as such.
+fn refuse_plane(search: &Search<'_>, top: &Choice) -> Result<(), PoseError> {
+    match Dlt::fit_linear(&search.control(top)) {
+        Err(error @ (GeometryError::CoplanarControlPoints { .. } | GeometryError::NotFinite { .. })) => {
+            Err(error.into())
+        }
+        _ => Ok(()),
+    }
+}
+
+impl Search<'_> {
+    fn control(&self, choice: &Choice) -> Vec<ControlPoint> {
+        let chosen = self.candidates.iter().zip(choice).zip(self.points);
+        chosen
+            .filter_map(|((list, k), point)| {
+                Some(ControlPoint {
+                    name: String::new(),
+                    point_in_world_m: *point,
+                    pixel: list[(*k)?].1,
+                    pixel_cov_px2: Matrix2::identity() * APRIORI_STD_PX * APRIORI_STD_PX,
+                })
+            })
+            .collect()
+    }
+
+    /// The camera of a choice, if it makes one at all.
+    fn judge(&self, choice: Choice, top: &Choice) -> Option<Judged> {
+        let control = self.control(&choice);
+        let apart = |a: &ControlPoint, b: &ControlPoint| (a.pixel - b.pixel).norm() > 1.0;
+        if control.len() < 6
+            || control.iter().enumerate().any(|(i, a)| control[..i].iter().any(|b| !apart(a, b)))
+        {
+            return None;
+        }
+        let dlt = Dlt::fit_linear(&control).ok()?;
+        let implausible = implausibility(&dlt, self.size)?;
+        let mut sum_px2 = 0.0;
+        for c in &control {
+            sum_px2 += (c.pixel - dlt.project(&c.point_in_world_m).ok()?).norm_squared();
+        }
+        let redundancy = (2 * control.len() - 11) as f64;
+        let prior_px2 = APRIORI_STD_PX * APRIORI_STD_PX * (APRIORI_WEIGHT + implausible);
+        let std_px = ((sum_px2 + prior_px2) / (redundancy + APRIORI_WEIGHT)).sqrt();
+        // Another colour must halve the residuals, a ball given up must quarter them.
+        let changes: f64 = choice
+            .iter()
+            .zip(top)
+            .map(|(now, first)| match (now, first) {
+                (None, Some(_)) => 2.0,
+                _ if now == first => 0.0,
+                _ => 1.0,
+            })
+            .sum();
+        Some(Judged { choice, dlt, std_px, cost: std_px.ln() + changes * 2f64.ln() })
+    }
+
+    fn accepts(&self, judged: &Judged) -> bool {
+        judged.std_px <= self.gate_px
+    }
+
+    /// All choices that differ in one ball.
+    fn neighbours(&self, choice: &Choice) -> Vec<(usize, Option<usize>)> {
+        let options = |i: usize| (0..self.candidates[i].len()).map(Some).chain([None]);
+        (0..choice.len())
+            .flat_map(|i| options(i).map(move |o| (i, o)))
+            .filter(|(i, o)| choice[*i] != *o)
+            .collect()
+    }
+
+    fn run(&self, top: &Choice) -> Option<Judged> {
+        let mut seen: Vec<Judged> = self.judge(top.clone(), top).into_iter().collect();
+        let single = self.neighbours(top);
+        let mut level: Vec<(usize, Choice)> = vec![(0, top.clone())];
+        for _ in 0..MAX_CHANGES {
+            level = widened(&level, &single);
+            if level.len() > MAX_CHOICES {
+                break;
+            }
+            seen.extend(level.iter().filter_map(|(_, choice)| self.judge(choice.clone(), top)));
+            if let Some(best) = self.best(&mut seen).filter(|b| self.accepts(b)) {
+                return Some(best);
+            }
+        }
+        let climbed: Vec<Judged> =
+            seen.iter().take(CLIMBS).map(|start| self.climb(start.clone(), top)).collect();
+        seen.extend(climbed);
+        self.best(&mut seen)
+    }
+
+    /// Sorts by acceptance, then by cost, and gives the first.
+    fn best(&self, seen: &mut [Judged]) -> Option<Judged> {
+        seen.sort_by(|a, b| self.accepts(b).cmp(&self.accepts(a)).then(a.cost.total_cmp(&b.cost)));
+        seen.first().cloned()
+    }
+
+    fn climb(&self, mut now: Judged, top: &Choice) -> Judged {
+        for _ in 0..CLIMB_STEPS {
+            let changes = self.neighbours(&now.choice);
+            let mut around: Vec<Judged> = changes
+                .iter()
+                .filter_map(|change| self.judge(changed(&now.choice, &[*change]), top))
+                .collect();
+            match self.best(&mut around) {
+                Some(next) if next.cost < now.cost => now = next,
+                _ => break,
+            }
+        }
+        now
+    }
+
+    /// Balls without a candidate in the choice take the one that lies where the camera sees them, if one does.
+    fn completed(&self, best: Judged) -> Judged {
+        let mut choice = best.choice.clone();
+        for (i, chosen) in choice.iter_mut().enumerate().filter(|(_, c)| c.is_none()) {
+            let Ok(expected) = best.dlt.project(&self.points[i]) else { continue };
+            let distance = |k: &usize| (self.candidates[i][*k].1 - expected).norm();
+            let nearest = (0..self.candidates[i].len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+            *chosen = nearest.filter(|k| distance(k) <= self.gate_px);
+        }
+        match self.judge(choice.clone(), &choice) {
+            Some(more) if self.accepts(&more) => more,
+            _ => best,
+        }
+    }
+
+    fn refusal(&self, top: &Choice) -> PoseError {
+        let mut seen: Vec<Judged> = self.judge(top.clone(), top).into_iter().collect();
+        seen.extend(
+            self.neighbours(top).iter().filter_map(|change| self.judge(changed(top, &[*change]), top)),
+        );
+        let best = self.best(&mut seen);
+        let misses = |i: &usize| {
+            let Some(best) = &best else { return true };
+            let pixel = best.choice[*i].or(top[*i]).map(|k| self.candidates[*i][k].1);
+            match (pixel, best.dlt.project(&self.points[*i])) {
+                (Some(pixel), Ok(expected)) => (pixel - expected).norm() > self.gate_px,
+                _ => true,
+            }
+        };
+        let found = top.iter().flatten().count();
+        let disagreeing: Vec<usize> = (0..top.len()).filter(|i| top[*i].is_some()).filter(misses).collect();
+        PoseError::InconsistentControlBalls {
+            agreeing: found - disagreeing.len(),
+            found,
+            disagreeing: rows(disagreeing.into_iter()),
+            gate_px: self.gate_px,
+        }
+    }
+}
+
+/// Each choice with one more change, in a ball after those already changed.
+fn widened(level: &[(usize, Choice)], single: &[(usize, Option<usize>)]) -> Vec<(usize, Choice)> {
+    let mut out = Vec::new();
+    for (from, choice) in level {
+        for change in single.iter().filter(|c| c.0 >= *from) {
+            out.push((change.0 + 1, changed(choice, &[*change])));
+        }
+        if out.len() > MAX_CHOICES {
+            break;
+        }
+    }
+    out
+}
+
+fn changed(choice: &Choice, changes: &[(usize, Option<usize>)]) -> Choice {
+    let mut out = choice.clone();
+    for (i, to) in changes {
+        out[*i] = *to;
+    }
+    out
+}
+
+/// How far the camera is from the usual, in squared standard deviations of cameras that are built (skew 1 % of the focal
+/// length, aspect 10 %, principal point 5 % of the width); `None` for one that is not built.
+fn implausibility(dlt: &Dlt, size: ImageSize) -> Option<f64> {
+    let k = dlt.camera(size).ok()?.intrinsics;
+    let (width, height) = (f64::from(size.width_px), f64::from(size.height_px));
+    let skew = k.skew_px / k.fx_px;
+    let aspect = (k.fx_px / k.fy_px).ln();
+    let off = Vector2::new(k.cx_px - (width - 1.0) / 2.0, k.cy_px - (height - 1.0) / 2.0);
+    let built = skew.abs() < 0.05
+        && aspect.abs() < 1.5f64.ln()
+        && off.x.abs() < width / 4.0
+        && off.y.abs() < height / 4.0;
+    built.then(|| (skew / 0.01).powi(2) + (aspect / 0.1).powi(2) + (off / (0.05 * width)).norm_squared())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{SIZE, cameras, cube, normal};
+
+    fn scene(camera: usize, seed: &mut u64) -> Vec<Vec<(Vector2<f64>, f64)>> {
+        let noise = |seed: &mut u64| Vector2::new(normal(seed), normal(seed)) * 0.1;
+        cube()
+            .iter()
+            .map(|p| vec![(cameras()[camera].project(p).unwrap().pixel + noise(seed), 0.9)])
+            .collect()
+    }
+
+    fn clutter(seed: &mut u64) -> Vector2<f64> {
+        Vector2::new(320.0 + 150.0 * normal(seed), 240.0 + 110.0 * normal(seed))
+    }
+
+    #[test]
+    fn a_plain_scene_is_taken_as_it_is() {
+        let mut seed = 1;
+        for camera in 0..2 {
+            let got = select_control_balls(&scene(camera, &mut seed), &cube(), SIZE).unwrap();
+            assert_eq!(got, vec![Some(0); 8]);
+        }
+    }
+
+    #[test]
+    fn balls_are_found_behind_better_coloured_clutter() {
+        let mut seed = 4;
+        for trial in 0..12 {
+            let wrong = 1 + trial % 4;
+            let mut candidates = scene(trial % 2, &mut seed);
+            let mut want = vec![Some(0); 8];
+            for (i, list) in candidates.iter_mut().enumerate() {
+                let score = if (i + trial) % 8 < wrong { 0.99 } else { 0.5 };
+                want[i] = Some(usize::from(trial % 2 == 0));
+                list.insert(usize::from(trial % 2 == 1), (clutter(&mut seed), score));
+                list.push((clutter(&mut seed), 0.1));
+            }
+            let got = select_control_balls(&candidates, &cube(), SIZE).unwrap();
+            assert_eq!(got, want, "trial {trial} with {wrong} wrong colours");
+        }
+    }
+
+    #[test]
+    fn a_hidden_ball_is_none_even_if_clutter_has_its_colour() {
+        let mut seed = 8;
+        let mut candidates = scene(0, &mut seed);
+        candidates[5] = vec![(Vector2::new(400.0, 50.0), 1.0)];
+        candidates[2] = vec![];
+        let got = select_control_balls(&candidates, &cube(), SIZE).unwrap();
+        let want: Vec<_> = (0..8).map(|i| (i != 5 && i != 2).then_some(0)).collect();
+        assert_eq!(got, want);
+    }
+
+    #[test]
+    fn swapped_balls_are_refused_by_row() {
+        let mut seed = 2;
+        let mut candidates = scene(0, &mut seed);
+        for k in 0..3 {
+            candidates.swap(k, 7 - k);
+        }
+        let error = select_control_balls(&candidates, &cube(), SIZE).unwrap_err();
+        assert!(matches!(error, PoseError::InconsistentControlBalls { found: 8, .. }), "{error}");
+        assert!(error.to_string().contains("row "), "{error}");
+        candidates.iter_mut().skip(5).for_each(Vec::clear);
+        let error = select_control_balls(&candidates, &cube(), SIZE).unwrap_err();
+        let missing = "row 6, row 7, row 8".to_string();
+        assert_eq!(error, PoseError::TooFewControlBalls { found: 5, wanted: 8, missing });
+    }
+
+    #[test]
+    fn a_flat_frame_is_refused_as_such() {
+        let mut seed = 2;
+        let flat: Vec<_> = (0..8).map(|i| Vector3::new(f64::from(i % 3), f64::from(i / 3), 1.0)).collect();
+        let error = select_control_balls(&scene(0, &mut seed), &flat, SIZE).unwrap_err();
+        assert!(matches!(error, PoseError::Geometry(GeometryError::CoplanarControlPoints { .. })));
+    }
 }
