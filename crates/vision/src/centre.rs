@@ -29,9 +29,16 @@ const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
 const CUT_OFF: f64 = 4.685;
 /// A Gaussian's standard deviation over its median absolute value.
 const MEDIAN_TO_DEVIATION: f64 = 1.4826;
-const MOST_STEPS: usize = 25;
-/// Steps below this are far inside any achievable standard deviation.
-const SMALL_STEP_PX: f64 = 2e-3;
+const MOST_STEPS: usize = 20;
+/// Steps before which the trust in samples is set anew; kept afterwards, so that the steps shrink.
+const WEIGHED_STEPS: Range<usize> = 2..9;
+/// Squared length, in standard deviations, of a step that no longer matters.
+const SMALL_STEP: f64 = 0.01;
+/// Edge width of a camera in focus: lens blur about as wide as a pixel, with an uncertainty that holds a soft lens and
+/// motion of a pixel or two.
+const EDGE_STD_PX: (f64, f64) = (0.6, 0.25);
+/// Part of the diameter by which light that the model does not describe (gloss, third-order shading) may move a centre.
+const MODEL_STD: f64 = 0.01;
 /// Standard deviations by which a ball must differ from its background in some channel.
 const LEAST_CONTRAST: f64 = 6.0;
 /// Standard deviations of the shading's slope and curvature over one radius, as parts of the colour in the middle: a
@@ -88,6 +95,8 @@ pub(crate) struct Start {
     pub(crate) ball: [f32; 3],
     pub(crate) background: [f32; 3],
     pub(crate) siting: Siting,
+    /// Mean and standard deviation of the radius, where it is known beforehand.
+    pub(crate) known_radius_px: Option<(f64, f64)>,
 }
 
 /// Fits the ball in the middle of the patch.
@@ -104,17 +113,23 @@ pub(crate) fn fit(patch: &mut Patch, radius_px: (f64, f64), start: &Start) -> Op
         p[BACKGROUND + channel] = f64::from(start.background[channel]);
         p[BALL + channel] = f64::from(start.ball[channel]);
     }
-    let mut state = State { scale_px: p[2], siting: start.siting, noise: [[4.0; 3]; 2] };
+    let mut state = State {
+        scale_px: p[2],
+        siting: start.siting,
+        known_radius_px: start.known_radius_px,
+        noise: [[4.0; 3]; 2],
+    };
     let mut converged = false;
     for step in 0..MOST_STEPS {
         predict(patch, &p, &state);
-        if step >= 2 {
+        if WEIGHED_STEPS.contains(&step) {
             reweigh(patch, &mut state);
         }
         let (information, gradient) = normal_equations(patch, &p, &state);
         let damped =
             information + Information::from_diagonal(&(information.diagonal() * 1e-4).add_scalar(1e-9));
         let mut change = Cholesky::new(damped)?.solve(&gradient);
+        let step_length = gradient.dot(&change);
         let longest = change.fixed_rows::<4>(0).amax();
         if !longest.is_finite() {
             return None;
@@ -128,7 +143,7 @@ pub(crate) fn fit(patch: &mut Patch, radius_px: (f64, f64), start: &Start) -> Op
         if p[0].hypot(p[1]) > 1.0 + state.scale_px {
             return None;
         }
-        if step > 3 && change.xy().amax() < SMALL_STEP_PX {
+        if step > 3 && step_length < SMALL_STEP {
             converged = true;
             break;
         }
@@ -144,7 +159,8 @@ fn summarize(patch: &mut Patch, p: &Parameters, state: &State) -> Option<Fit> {
     predict(patch, p, state);
     let (information, _) = normal_equations(patch, p, state);
     let covariance = Cholesky::new(information)?.inverse();
-    let covariance_px2 = covariance.fixed_view::<2, 2>(0, 0).into_owned();
+    let model_px = MODEL_STD * 2.0 * p[2];
+    let covariance_px2 = covariance.fixed_view::<2, 2>(0, 0) + Matrix2::identity() * (model_px * model_px);
     let (mut covered, mut believed) = (0.0, 0.0);
     for (sample, predicted) in patch.groups[0].samples.iter().zip(&patch.groups[0].predicted) {
         covered += predicted.covered;
@@ -182,7 +198,7 @@ fn coverage(p: &Parameters, aperture_px2: f64, x_px: f64, y_px: f64) -> (f64, Ve
     let distance = dx.hypot(dy).max(1e-9);
     let width = (p[3] * p[3] + aperture_px2).sqrt();
     let z = (p[2] - distance) / width;
-    if z.abs() > 6.0 {
+    if z.abs() > 4.0 {
         return (if z > 0.0 { 1.0 } else { 0.0 }, Vector4::zeros());
     }
     let density = 0.398_942_280_4 * (-0.5 * z * z).exp();
@@ -209,6 +225,7 @@ struct State {
     /// Unit of the slopes and curvatures.
     scale_px: f64,
     siting: Siting,
+    known_radius_px: Option<(f64, f64)>,
     /// Variance of each channel of each group.
     noise: [[f64; 3]; 2],
 }
@@ -292,7 +309,7 @@ impl Predicted {
     }
 }
 
-/// Information matrix and gradient of all parameters, with what is known of shading and siting beforehand.
+/// Information matrix and gradient of all parameters, with what is known of edge, shading and siting beforehand.
 fn normal_equations(patch: &Patch, p: &Parameters, state: &State) -> (Information, Parameters) {
     let mut information = Information::zeros();
     let mut gradient = Parameters::zeros();
@@ -325,6 +342,10 @@ fn normal_equations(patch: &Patch, p: &Parameters, state: &State) -> (Informatio
     for i in SHADE..SITING {
         let std = SHADE_STD[usize::from(i >= SHADE + 2)];
         know(i, 0.0, std * std);
+    }
+    know(3, EDGE_STD_PX.0, EDGE_STD_PX.1 * EDGE_STD_PX.1);
+    if let Some((mean_px, std_px)) = state.known_radius_px {
+        know(2, mean_px, std_px * std_px);
     }
     know(SITING, state.siting.mean_px, state.siting.variance_px2);
     (information, gradient)

@@ -27,6 +27,8 @@ pub struct BallCandidate {
 /// Regions of one colour that are looked at closely in one frame, the strongest first.
 const MOST_BLOBS: usize = 64;
 
+/// Gates that the mean hue of a region, edges included, may be from the marker's before it is looked at closely.
+const LOOSE_GATE: f64 = 2.0;
 /// Least standard deviation of the siting that is learned.
 const LEAST_SITING_STD_PX: f64 = 0.02;
 
@@ -42,6 +44,8 @@ pub(crate) struct Workspace {
     pub(crate) segmenter: Segmenter,
     patch: Patch,
     pub(crate) siting: Siting,
+    /// Mean and standard deviation of the radius of the ball that is followed.
+    pub(crate) known_radius_px: Option<(f64, f64)>,
 }
 
 impl Detector {
@@ -99,18 +103,27 @@ impl Workspace {
         blobs.sort_unstable_by(|a, b| b.strength.total_cmp(&a.strength));
         blobs.truncate(MOST_BLOBS);
         for blob in blobs.iter() {
-            found.extend(measure(frame, blob, (model, marker), range_px, (&mut self.patch, self.siting)));
+            if model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
+                continue;
+            }
+            found.extend(measure(
+                frame,
+                blob,
+                (model, marker),
+                range_px,
+                (&mut self.patch, self.siting, self.known_radius_px),
+            ));
         }
         found.sort_unstable_by(|a, b| b.0.score.total_cmp(&a.0.score));
     }
 }
 
-/// Coloured pixels that a disc of the expected diameters yields: half of them may be lost to blur, glare or an arm,
-/// and a rim of one pixel may be tinged.
+/// Coloured pixels that a disc of the expected diameters yields: two thirds of them may be lost to blur, glare or an
+/// arm, and a rim of one pixel may be tinged.
 fn area_gate_px((smallest_px, largest_px): (f64, f64)) -> (f64, f64) {
     let disc = |diameter_px: f64| 0.25 * std::f64::consts::PI * diameter_px * diameter_px;
     let smallest = smallest_px.max(2.0 * LEAST_RADIUS_PX);
-    (0.5 * disc(smallest - 1.0), disc(largest_px + 2.0))
+    (disc(smallest) / 3.0, disc(largest_px + 2.0))
 }
 
 /// Fits the ball of a region and judges it.
@@ -119,14 +132,14 @@ fn measure(
     blob: &Blob,
     (model, marker): (&ColorModel, usize),
     range_px: (f64, f64),
-    (patch, siting): (&mut Patch, Siting),
+    (patch, siting, known_radius_px): (&mut Patch, Siting, Option<(f64, f64)>),
 ) -> Option<(BallCandidate, Siting)> {
     let radius_px = (0.5 * range_px.0, 0.5 * range_px.1);
     let start_px =
         (blob.area_px / std::f64::consts::PI).sqrt().clamp(radius_px.0.max(LEAST_RADIUS_PX), radius_px.1);
     // A ring of background about as wide as the blur can reach.
-    patch.fill(frame, blob.pixel, start_px + 3.5);
-    let start = Start { siting, ..start_colors(frame, blob.pixel, start_px) };
+    patch.fill(frame, blob.pixel, start_px + 3.0);
+    let start = Start { siting, known_radius_px, ..start_colors(frame, blob.pixel, start_px) };
     let fit = centre::fit(patch, radius_px, &start)?;
     if !frame.size.contains(&fit.pixel, fit.radius_px) {
         return None;
@@ -166,5 +179,5 @@ fn start_colors(frame: &Frame, middle: Vector2<f64>, radius_px: f64) -> Start {
             *sum += light / f32::from(DIRECTIONS);
         }
     }
-    Start { radius_px, ball: at(0.0, 0.0), background, siting: Siting::default() }
+    Start { radius_px, ball: at(0.0, 0.0), background, siting: Siting::default(), known_radius_px: None }
 }

@@ -19,6 +19,14 @@ pub(crate) struct Blob {
     pub(crate) area_px: f64,
     /// Sum of chroma, to rank regions before they are looked at closely.
     pub(crate) strength: f64,
+    hue: [f32; 2],
+}
+
+impl Blob {
+    /// Mean colour of the region.
+    pub(crate) fn seen(&self) -> Seen {
+        Seen { hue: self.hue, chroma: self.hue[0].hypot(self.hue[1]), purity: 1.0 }
+    }
 }
 
 /// Rectangle of pixels, ends not included.
@@ -69,6 +77,7 @@ pub(crate) struct Segmenter {
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     count: f64,
+    hue: [f32; 2],
     weight: f64,
     x: f64,
     y: f64,
@@ -187,6 +196,8 @@ impl Segmenter {
             let (x, y, weight) = (f64::from(pixel.x), f64::from(pixel.y), f64::from(pixel.seen.chroma));
             sums.count += 1.0;
             sums.weight += weight;
+            sums.hue[0] += pixel.seen.hue[0];
+            sums.hue[1] += pixel.seen.hue[1];
             sums.x += weight * x;
             sums.y += weight * y;
             sums.xx += weight * x * x;
@@ -212,7 +223,12 @@ impl Sums {
         // A uniform ellipse has semi-axes twice the square roots of its principal variances.
         let ellipse_px = 4.0 * std::f64::consts::PI * (long * short).sqrt();
         let ball = (long / short).sqrt() <= MOST_ELONGATED && self.count >= LEAST_FILLED * ellipse_px;
-        ball.then(|| Blob { pixel: Vector2::new(x, y), area_px: self.count, strength: self.weight })
+        ball.then(|| Blob {
+            pixel: Vector2::new(x, y),
+            area_px: self.count,
+            strength: self.weight,
+            hue: self.hue,
+        })
     }
 }
 

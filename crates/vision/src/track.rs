@@ -10,6 +10,14 @@ use std::ops::RangeInclusive;
 /// Frames without a sighting after which a marker's motion is no longer extrapolated.
 const MOST_MISSED: u32 = 5;
 
+/// Change of size or brightness between sightings beyond which it is another thing: half a stop of shade, or the range
+/// changing by half.
+const MOST_CHANGE: f64 = 1.6;
+/// Sightings over which the apparent radius is averaged: a third of a second of video.
+const RADIUS_MEMORY: u32 = 10;
+/// Change of the range over that time that is allowed for, as a part of it.
+const RADIUS_STD: f64 = 0.1;
+
 /// Finds each marker in each frame of one camera, near where it is expected if possible.
 ///
 /// A marker that is not seen is None; nothing is ever guessed.
@@ -31,6 +39,8 @@ struct Track {
     missed: u32,
     /// Sum of the linear colours seen, for the mean.
     colors: [f32; 3],
+    seen: u32,
+    mean_radius_px: f64,
     external: Option<Vector2<f64>>,
 }
 
@@ -92,7 +102,9 @@ impl Tracker {
     fn near_prediction(&mut self, frame: &Frame, marker: usize) -> Option<BallCandidate> {
         let (middle, reach_px) = self.tracks[marker].search(self.range_px)?;
         self.workspace.segmenter.collect(frame, &Window::around(frame, middle, reach_px));
+        self.workspace.known_radius_px = self.tracks[marker].radius_px();
         self.workspace.search(frame, &self.model, marker, self.range_px, &mut self.found);
+        self.workspace.known_radius_px = None;
         let track = &self.tracks[marker];
         let near = |ball: &BallCandidate| (ball.pixel - middle).norm() <= reach_px && track.agrees(ball);
         let (ball, siting) = self.found.iter().copied().find(|(ball, _)| near(ball))?;
@@ -124,7 +136,7 @@ impl Tracker {
 impl Track {
     /// Where to look and how far around; None if nothing is known.
     fn search(&self, range_px: (f64, f64)) -> Option<(Vector2<f64>, f64)> {
-        let diameter_px = self.last.map_or(range_px.1, |ball| ball.diameter_px);
+        let diameter_px = if self.seen > 0 { 2.0 * self.mean_radius_px } else { range_px.1 };
         let expected = match (self.external, self.last) {
             (Some(pixel), _) => pixel,
             (None, Some(last)) if self.missed <= MOST_MISSED => {
@@ -136,12 +148,21 @@ impl Track {
         Some((expected, diameter_px * (1.5 + f64::from(self.missed)) + 2.0))
     }
 
-    /// Whether a ball is of about the size of the one followed: its range cannot halve or double from frame to frame.
+    /// Radius to expect and its standard deviation; None before the third sighting.
+    fn radius_px(&self) -> Option<(f64, f64)> {
+        (self.seen > 2).then(|| (self.mean_radius_px, RADIUS_STD * self.mean_radius_px))
+    }
+
+    /// Whether a ball is of about the size and brightness of the one followed.
     fn agrees(&self, ball: &BallCandidate) -> bool {
-        self.last.is_none_or(|last| {
-            let ratio = ball.diameter_px / last.diameter_px;
-            (0.5..=2.0).contains(&ratio)
-        })
+        if self.seen == 0 {
+            return true;
+        }
+        let brightness = |light: [f32; 3]| light[0] + light[1] + light[2];
+        let ratio = brightness(to_linear(ball.color)) * self.seen as f32 / brightness(self.colors);
+        let size = 0.5 * ball.diameter_px / self.mean_radius_px;
+        (1.0 / MOST_CHANGE..=MOST_CHANGE).contains(&size)
+            && (1.0 / MOST_CHANGE..=MOST_CHANGE).contains(&f64::from(ratio))
     }
 
     fn advance(&mut self, sighting: Option<BallCandidate>) {
@@ -163,5 +184,8 @@ impl Track {
         for (sum, value) in self.colors.iter_mut().zip(to_linear(ball.color)) {
             *sum += value;
         }
+        self.seen += 1;
+        let gain = 1.0 / f64::from(self.seen.min(RADIUS_MEMORY));
+        self.mean_radius_px += gain * (0.5 * ball.diameter_px - self.mean_radius_px);
     }
 }
