@@ -160,7 +160,8 @@ fn summarize(patch: &mut Patch, p: &Parameters, state: &State) -> Option<Fit> {
     let (information, _) = normal_equations(patch, p, state);
     let covariance = Cholesky::new(information)?.inverse();
     let model_px = MODEL_STD * 2.0 * p[2];
-    let covariance_px2 = covariance.fixed_view::<2, 2>(0, 0) + Matrix2::identity() * (model_px * model_px);
+    let covariance_px2 = covariance.fixed_view::<2, 2>(0, 0) * misfit(patch, state).max(1.0)
+        + Matrix2::identity() * (model_px * model_px);
     let (mut covered, mut believed) = (0.0, 0.0);
     for (sample, predicted) in patch.groups[0].samples.iter().zip(&patch.groups[0].predicted) {
         covered += predicted.covered;
@@ -190,6 +191,21 @@ fn summarize(patch: &mut Patch, p: &Parameters, state: &State) -> Option<Fit> {
         trusted,
         siting: Siting { mean_px: p[SITING], variance_px2: covariance[(SITING, SITING)] },
     })
+}
+
+/// Mean square of the residuals near the disc over their expected one (reduced chi-square), doubtful samples counted at
+/// the cut-off: above one where clutter touches the ball and the centre is worth less than the noise alone says.
+fn misfit(patch: &Patch, state: &State) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (group, noise) in patch.groups.iter().zip(&state.noise) {
+        for sample in group.predicted.iter().filter(|s| s.near) {
+            for (residual, noise) in sample.residual.iter().zip(noise).take(group.channels) {
+                sum += (residual * residual / noise).min(CUT_OFF * CUT_OFF);
+                count += 1.0;
+            }
+        }
+    }
+    sum / f64::max(count, 1.0)
 }
 
 /// Covered fraction of a sample and its derivatives by centre, radius and edge width.
@@ -319,10 +335,11 @@ fn normal_equations(patch: &Patch, p: &Parameters, state: &State) -> (Informatio
             if sample.trust == 0.0 {
                 continue;
             }
-            for channel in 0..group.channels {
-                let (jacobian, range) = predicted.jacobian(p, &group.from_coded[channel], sited);
-                let weight = sample.trust / noise[channel];
-                gradient.axpy(predicted.residual[channel] * weight, &jacobian, 1.0);
+            let rows = group.from_coded.iter().zip(noise).zip(&predicted.residual);
+            for ((row, noise), residual) in rows.take(group.channels) {
+                let (jacobian, range) = predicted.jacobian(p, row, sited);
+                let weight = sample.trust / noise;
+                gradient.axpy(residual * weight, &jacobian, 1.0);
                 let jacobian = jacobian.as_slice();
                 for i in range.clone() {
                     let weighted = jacobian[i] * weight;

@@ -1,6 +1,6 @@
 //! Connected regions of coloured pixels that have the size and the shape of a ball.
 
-use crate::color::{ColorModel, Seen, to_linear};
+use crate::color::{ColorModel, LEAST_CHROMA, Seen, to_linear};
 use crate::{Frame, Pixels, Vector2};
 use std::ops::Range;
 
@@ -96,10 +96,10 @@ impl Segmenter {
         }
         self.row.resize(3 * (to - from), 0);
         for y in window.rows.clone() {
-            if let Pixels::Yuv420 { u, v, .. } = &frame.pixels {
-                if neutral_row(u, v, frame.size.width_px as usize, y, window) {
-                    continue;
-                }
+            if let Pixels::Yuv420 { u, v, .. } = &frame.pixels
+                && neutral_row(u, v, frame.size.width_px as usize, y, window)
+            {
+                continue;
             }
             frame.rgb_row(y, from, to, &mut self.row);
             for (offset, pixel) in self.row.chunks_exact(3).enumerate() {
@@ -123,7 +123,7 @@ impl Segmenter {
         self.blobs.clear();
         self.level.clear();
         self.level.extend(self.colored.iter().filter(|p| model.may_be(marker, &p.seen)));
-        let mut least_chroma = 0.0;
+        let mut least_chroma = LEAST_CHROMA;
         for _ in 0..LEVELS {
             if self.level.is_empty() {
                 return;

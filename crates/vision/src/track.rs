@@ -150,7 +150,7 @@ impl Track {
 
     /// Radius to expect and its standard deviation; None before the third sighting.
     fn radius_px(&self) -> Option<(f64, f64)> {
-        (self.seen > 2).then(|| (self.mean_radius_px, RADIUS_STD * self.mean_radius_px))
+        (self.seen > 2).then_some((self.mean_radius_px, RADIUS_STD * self.mean_radius_px))
     }
 
     /// Whether a ball is of about the size and brightness of the one followed.
