@@ -107,7 +107,7 @@ impl PoseEstimator {
         Self { cameras: rig.cameras.iter().map(|c| c.camera).collect(), markers: markers.to_vec() }
     }
 
-    /// The pose that fits all sights of one instant best.
+    /// The pose that fits all sights of one instant best; observations of other instants are passed over.
     ///
     /// Markers seen by two cameras are triangulated and a rigid fit starts the iteration (`previous` does where fewer
     /// than three are); then the reprojection error of all sights, weighted by their covariances, is minimised. A
@@ -119,11 +119,15 @@ impl PoseEstimator {
     /// [`PoseError::BadObservation`], [`PoseError::Geometry`] for collinear markers.
     pub fn estimate(
         &self,
-        _t_ns: i64,
+        t_ns: i64,
         observations: &[MarkerObservation],
         previous: Option<&Isometry3<f64>>,
     ) -> Result<PoseEstimate, PoseError> {
-        let sights = observations.iter().map(|o| self.sight(o)).collect::<Result<Vec<_>, _>>()?;
+        let sights = observations
+            .iter()
+            .filter(|o| o.t_ns == t_ns)
+            .map(|o| self.sight(o))
+            .collect::<Result<Vec<_>, _>>()?;
         let mut used: Vec<usize> =
             (0..self.markers.len()).filter(|m| sights.iter().any(|s| s.marker == *m)).collect();
         let points = self.triangulated(&sights);
@@ -357,17 +361,21 @@ fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
     )
 }
 
-/// The 99.9 % quantile of chi-square (Wilson & Hilferty 1931; within 1 % from 2 degrees of freedom on).
+/// The 99.9 % quantile of chi-square (Wilson & Hilferty 1931; within 3 % from 2 degrees of freedom on, within 2 % from 4).
 fn chi_square_gate(degrees: usize) -> f64 {
     let d = degrees.max(1) as f64;
     let c = 2.0 / (9.0 * d);
     d * (1.0 - c + GATE_NORMAL_QUANTILE * c.sqrt()).powi(3)
 }
 
-/// Whether a ratio of variances is beyond the 99.9 % quantile of F (Paulson 1942).
+/// Whether a ratio of variances is beyond the 99.9 % quantile of F (Paulson 1942; a seventh too high for 6
+/// degrees of freedom below, right from 12 on).
 fn beyond_f_gate(ratio: f64, above: usize, below: usize) -> bool {
     let (a, b) = (2.0 / (9.0 * above as f64), 2.0 / (9.0 * below as f64));
     let root = ratio.cbrt();
     let normal = ((1.0 - b) * root - (1.0 - a)) / (b * root * root + a).sqrt();
     normal > GATE_NORMAL_QUANTILE
 }
+
+#[cfg(test)]
+mod tests;

@@ -167,13 +167,31 @@ fn start<P: Place>(series: &Series<'_, P>, factor: f64) -> Option<State<P>> {
     Some(State { place: first.place, rate: Vector3::zeros(), acceleration: Vector3::zeros(), covariance })
 }
 
-/// Runs the filter; `visit` gets the filtered state, and the prediction and transition that led to it.
+/// Share of the whole record's information that the smoother's start carries: little enough not to count, enough
+/// that the backward pass does not cancel a diffuse covariance digit by digit.
+const START_SHARE: f64 = 1e-4;
+
+/// The state at the first time as the whole record, filtered backwards, gives it, with a covariance that makes it
+/// next to worthless. It is also where the first steps of an attitude are linearised.
+fn informed_start<P: Place>(series: &Series<'_, P>, noise: Noise) -> Option<State<P>> {
+    let last = series.measured.iter().rposition(Option::is_some)?;
+    let t_s: Vec<f64> = series.t_s[..=last].iter().rev().copied().collect();
+    let measured: Vec<_> = series.measured[..=last].iter().rev().copied().collect();
+    let backwards = Series { t_s: &t_s, measured: &measured, prior_std: series.prior_std };
+    let mut at_first = None;
+    forward(&backwards, noise, start(&backwards, noise.variance_factor)?, |state, _| {
+        at_first = Some(*state)
+    })?;
+    at_first.map(|state| State { covariance: state.covariance / START_SHARE, ..state })
+}
+
+/// Runs the filter from the state just after the first measurement; `visit` gets the filtered state, and the prediction and transition that led to it.
 fn forward<P: Place>(
     series: &Series<'_, P>,
     noise: Noise,
+    mut state: State<P>,
     mut visit: impl FnMut(&State<P>, Option<(&State<P>, &Matrix9)>),
 ) -> Option<Innovations> {
-    let mut state = start(series, noise.variance_factor)?;
     visit(&state, None);
     let mut sums = Innovations::default();
     let mut seen_count = 1;
@@ -197,14 +215,17 @@ fn forward<P: Place>(
 
 /// The innovations of a whole series; `None` where the arithmetic fails.
 pub(crate) fn innovations<P: Place>(series: &Series<'_, P>, noise: Noise) -> Option<Innovations> {
-    forward(series, noise, |_, _| {}).filter(|s| s.log_det.is_finite() && s.chi_square.is_finite())
+    let start = start(series, noise.variance_factor)?;
+    forward(series, noise, start, |_, _| {}).filter(|s| s.log_det.is_finite() && s.chi_square.is_finite())
 }
 
 /// Smoothed states of a whole series (Rauch, Tung & Striebel 1965); `None` where the arithmetic fails.
 pub(crate) fn smoothed<P: Place>(series: &Series<'_, P>, noise: Noise) -> Option<Vec<State<P>>> {
     let mut filtered: Vec<State<P>> = Vec::with_capacity(series.t_s.len());
     let mut predictions: Vec<(State<P>, Matrix9)> = Vec::with_capacity(series.t_s.len());
-    forward(series, noise, |state, prediction| {
+    let mut start = informed_start(series, noise)?;
+    update(&mut start, &(*series.measured.first()?)?, noise.variance_factor)?;
+    forward(series, noise, start, |state, prediction| {
         filtered.push(*state);
         if let Some((predicted, transition)) = prediction {
             predictions.push((*predicted, *transition));

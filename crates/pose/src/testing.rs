@@ -29,3 +29,26 @@ pub(crate) fn cube() -> Vec<Vector3<f64>> {
     let side = |i: u32, bit: u32| if (i >> bit) & 1 == 1 { 1.5 } else { -1.5 };
     (0..8).map(|i| Vector3::new(side(i, 0), side(i, 1), side(i, 2) + 1.5)).collect()
 }
+
+/// The cameras as a rig, calibrated from the exact images of the control frame.
+pub(crate) fn rig() -> crate::Rig {
+    let controls: Vec<_> = cameras()
+        .iter()
+        .enumerate()
+        .map(|(i, camera)| crate::CameraControl {
+            name: format!("cam{}", i + 1),
+            size: SIZE,
+            points: cube()
+                .iter()
+                .map(|p| mavsight_geometry::ControlPoint {
+                    name: String::new(),
+                    point_in_world_m: *p,
+                    pixel: camera.project(p).unwrap().pixel,
+                    pixel_cov_px2: mavsight_geometry::Matrix2::identity() * 0.01,
+                })
+                .collect(),
+            ball_radius_m: vec![0.0; 8],
+        })
+        .collect();
+    crate::calibrate(&controls).unwrap()
+}

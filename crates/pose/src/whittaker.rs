@@ -17,15 +17,12 @@ pub fn lowpass_like(series: &[f64], dt_s: f64, bandwidth_hz: f64) -> Vec<f64> {
         return series.to_vec();
     }
     let lambda = (2.0 * (std::f64::consts::PI * bandwidth_hz * dt_s).sin()).powi(-6);
-    // Third differences of the answer deviate from those of the data by the solution of (I/λ... ) in differences:
-    // x = y - Dᵀ z with (I/λ + D Dᵀ) z = D y keeps quadratics exact at any λ, where (I + λ DᵀD) would lose digits.
+    // x = y - Dᵀ z with (I/λ + D Dᵀ) z = D y is the same as (I + λ DᵀD) x = y, but exact for quadratics at any λ.
     let m = n - BAND;
     let differences: Vec<f64> = (0..m).map(|i| (0..4).map(|k| STENCIL[k] * series[i + k]).sum()).collect();
-    let mut band = [[0.0; BAND + 1]; 1];
-    for (offset, value) in band[0].iter_mut().enumerate() {
-        *value = (0..4 - offset).map(|k| STENCIL[k] * STENCIL[k + offset]).sum();
-    }
-    let factor = banded_cholesky(m, &band[0], 1.0 / lambda);
+    let band: [f64; BAND + 1] =
+        std::array::from_fn(|offset| (0..=BAND - offset).map(|k| STENCIL[k] * STENCIL[k + offset]).sum());
+    let factor = banded_cholesky(m, &band, 1.0 / lambda);
     let z = banded_solve(&factor, differences);
     let mut out = series.to_vec();
     for (i, z) in z.iter().enumerate() {

@@ -1,1 +1,282 @@
+use super::*;
+use crate::PoseEstimate;
+use crate::testing::normal3;
+use mavsight_geometry::{EulerAngles, Matrix6, world_from_body};
+use nalgebra::SVector;
+use std::f64::consts::PI;
 
+const GRAVITY: f64 = 9.804;
+
+fn pose(t_ns: i64, world_from_body: Isometry3<f64>, std: (f64, f64)) -> PoseSample {
+    let mut covariance = Matrix6::identity() * std.0 * std.0;
+    covariance.fixed_view_mut::<3, 3>(3, 3).fill_diagonal(std.1 * std.1);
+    let estimate = PoseEstimate {
+        world_from_body,
+        covariance,
+        markers_used: vec![],
+        left_out: vec![],
+        residual_px: 0.0,
+    };
+    PoseSample { t_ns, estimate: Some(estimate), reason: None }
+}
+
+/// A smooth flight: sines of much the same jerk in all axes, as the smoother's one intensity supposes.
+fn flight(t: f64) -> Isometry3<f64> {
+    let position =
+        Vector3::new(0.8 * (1.1 * t).sin(), 0.3 * (1.5 * t + 1.0).cos(), 1.5 + 0.2 * (1.7 * t).sin());
+    let attitude = EulerAngles {
+        phi_rad: 0.2 * (1.7 * t).sin(),
+        theta_rad: 0.15 * (1.9 * t + 0.4).sin(),
+        psi_rad: -0.4 + 0.5 * (1.3 * t).sin(),
+    };
+    world_from_body(position, attitude)
+}
+
+/// The motion by central differences of the exact flight.
+fn exact(t: f64) -> SVector<f64, 12> {
+    let h = 1e-4;
+    let place = |t: f64| flight(t).translation.vector;
+    let turn = |t: f64| (flight(t - h).rotation.inverse() * flight(t + h).rotation).scaled_axis() / (2.0 * h);
+    let body = flight(t).rotation.inverse();
+    let velocity = body * ((place(t + h) - place(t - h)) / (2.0 * h));
+    let acceleration = (place(t + h) - place(t) * 2.0 + place(t - h)) / (h * h);
+    let force = body * (acceleration + Vector3::z() * GRAVITY);
+    let wide = 1e-3;
+    let spin = (turn(t + wide) - turn(t - wide)) / (2.0 * wide);
+    let mut out = SVector::<f64, 12>::zeros();
+    for (k, v) in [velocity, turn(t), force, spin].iter().enumerate() {
+        out.fixed_rows_mut::<3>(3 * k).copy_from(v);
+    }
+    out
+}
+
+fn filmed(
+    count: i64,
+    claimed_over_true: f64,
+    seed: &mut u64,
+    missing: impl Fn(i64) -> bool,
+) -> Vec<PoseSample> {
+    let (position_std, turn_std) = (5e-4, 2e-3);
+    (0..count)
+        .map(|k| {
+            let t_ns = k * 33_333_333 + if k % 2 == 0 { 0 } else { 2_000_000 };
+            let truth = flight(t_ns as f64 * 1e-9);
+            let noisy = Isometry3::from_parts(
+                Translation3::from(truth.translation.vector + normal3(seed) * position_std),
+                truth.rotation * UnitQuaternion::from_scaled_axis(normal3(seed) * turn_std),
+            );
+            let mut sample =
+                pose(t_ns, noisy, (position_std * claimed_over_true, turn_std * claimed_over_true));
+            if missing(k) {
+                sample.estimate = None;
+            }
+            sample
+        })
+        .collect()
+}
+
+/// What a motion should have been: pose, then velocity in body axes, rates, specific force, angular acceleration.
+type Truth = (Isometry3<f64>, SVector<f64, 12>);
+
+/// Share of the errors within 1.96 standard deviations of pose, velocities, accelerations; root mean square errors.
+fn coverage(motion: &Motion, truth: impl Fn(usize) -> Truth) -> ([f64; 3], SVector<f64, 18>) {
+    let mut inside = [0.0; 3];
+    let mut squares = SVector::<f64, 18>::zeros();
+    let count = motion.samples.len() as f64;
+    for (i, s) in motion.samples.iter().enumerate() {
+        let (pose, want) = truth(i);
+        let shift = s.world_from_body.translation.vector - pose.translation.vector;
+        let turn = (pose.rotation.inverse() * s.world_from_body.rotation).scaled_axis();
+        let rest =
+            [s.velocity_in_body_m_s, s.rates_rad_s, s.specific_force_m_s2, s.angular_acceleration_rad_s2];
+        let mut error = SVector::<f64, 18>::zeros();
+        error.fixed_rows_mut::<3>(0).copy_from(&shift);
+        error.fixed_rows_mut::<3>(3).copy_from(&turn);
+        for (k, v) in rest.iter().enumerate() {
+            error.fixed_rows_mut::<3>(6 + 3 * k).copy_from(&(v - want.fixed_rows::<3>(3 * k)));
+        }
+        for k in 0..18 {
+            inside[k / 6] += f64::from(error[k].abs() <= 1.96 * s.covariance[(k, k)].sqrt()) / (6.0 * count);
+            squares[k] += error[k] * error[k] / count;
+        }
+    }
+    (inside, squares.map(f64::sqrt))
+}
+
+#[test]
+fn intervals_hold_the_truth_with_gaps_and_wrong_claims() {
+    for (claimed, seed) in [(1.0, 1), (3.0, 2), (0.3, 3)] {
+        let mut seed = seed;
+        let gap = |k: i64| (120..132).contains(&k) || k % 17 == 3 || k == 0 || k == 299;
+        let motion = smooth(&filmed(300, claimed, &mut seed, gap), GRAVITY).unwrap();
+        assert_eq!(motion.samples.len(), 300);
+        let at = |i: usize| motion.samples[i].t_ns as f64 * 1e-9;
+        let (share, rms) = coverage(&motion, |i| (flight(at(i)), exact(at(i))));
+        // Sines are smoother than white jerk, so the intervals of their derivatives hold more than they claim.
+        assert!((0.90..=0.99).contains(&share[0]), "claimed {claimed}: {share:?}");
+        assert!(share[1] >= 0.95 && share[2] >= 0.95, "claimed {claimed}: {share:?}");
+        assert!(rms[0] < 4e-4 && rms[3] < 2e-3, "smoothing must help: {rms}");
+        assert!(rms[12] < 0.1 && rms[16] < 0.2, "accelerations: {rms}");
+    }
+}
+
+/// A flight of the smoother's own kind, integrated in steps of a millisecond.
+#[test]
+fn intervals_are_exact_for_white_jerk() {
+    let (jerk, spin_jerk, fine) = (0.5f64, 2.0f64, 1e-3);
+    let mut total = [0.0; 3];
+    for flight in 0..4 {
+        let mut seed = 100 + flight;
+        let (mut p, mut v, mut a) = (Vector3::new(0.0, 0.0, 1.5), Vector3::zeros(), Vector3::zeros());
+        let (mut r, mut w, mut alpha) = (UnitQuaternion::identity(), Vector3::zeros(), Vector3::zeros());
+        let (mut poses, mut truth): (Vec<PoseSample>, Vec<Truth>) = (vec![], vec![]);
+        for step in 0..10_000i64 {
+            if step % 33 == 0 {
+                let body = r.inverse();
+                let mut rest = SVector::<f64, 12>::zeros();
+                let parts = [body * v, w, body * (a + Vector3::z() * GRAVITY), alpha];
+                for (k, part) in parts.iter().enumerate() {
+                    rest.fixed_rows_mut::<3>(3 * k).copy_from(part);
+                }
+                truth.push((Isometry3::from_parts(Translation3::from(p), r), rest));
+                let noisy = Isometry3::from_parts(
+                    Translation3::from(p + normal3(&mut seed) * 1e-3),
+                    r * UnitQuaternion::from_scaled_axis(normal3(&mut seed) * 3e-3),
+                );
+                poses.push(pose(step * 1_000_000, noisy, (2e-3, 6e-3)));
+            }
+            p += v * fine + a * (0.5 * fine * fine);
+            v += a * fine;
+            a += normal3(&mut seed) * jerk * fine.sqrt();
+            r *= UnitQuaternion::from_scaled_axis(w * fine + alpha * (0.5 * fine * fine));
+            w += alpha * fine;
+            alpha += normal3(&mut seed) * spin_jerk * fine.sqrt();
+        }
+        let motion = smooth(&poses, GRAVITY).unwrap();
+        let (share, _) = coverage(&motion, |i| truth[i]);
+        (0..3).for_each(|k| total[k] += share[k] / 4.0);
+        let fc = (jerk * jerk / (1e-6 * 0.033)).powf(1.0 / 6.0) / (2.0 * PI);
+        assert!(
+            (motion.translation_bandwidth_hz / fc).ln().abs() < 0.15,
+            "{} Hz",
+            motion.translation_bandwidth_hz
+        );
+    }
+    assert!(total.iter().all(|s| (0.92..=0.98).contains(s)), "{total:?}");
+}
+
+#[test]
+fn hover_reads_minus_g() {
+    let mut seed = 4;
+    let still = world_from_body(Vector3::new(0.0, 0.0, 1.5), EulerAngles::default());
+    let poses: Vec<_> = (0..100)
+        .map(|k| {
+            let noisy = Isometry3::from_parts(
+                Translation3::from(still.translation.vector + normal3(&mut seed) * 1e-3),
+                still.rotation * UnitQuaternion::from_scaled_axis(normal3(&mut seed) * 1e-3),
+            );
+            pose(k * 33_333_333, noisy, (1e-3, 1e-3))
+        })
+        .collect();
+    let motion = smooth(&poses, GRAVITY).unwrap();
+    for s in &motion.samples {
+        let std = s.covariance.diagonal().map(f64::sqrt);
+        assert!((s.specific_force_m_s2.z + GRAVITY).abs() < 4.0 * std[14] + 1e-3);
+        assert!(s.specific_force_m_s2.x.abs() < 4.0 * std[12] + 1e-3);
+    }
+    assert!(motion.translation_bandwidth_hz < 1.0, "{}", motion.translation_bandwidth_hz);
+}
+
+#[test]
+fn a_quadratic_and_a_steady_turn_pass_unchanged() {
+    let spin = Vector3::new(0.3, -0.2, 0.4);
+    let poses: Vec<_> = (0..60)
+        .map(|k| {
+            let t = f64::from(k) / 30.0;
+            let place = Vector3::new(1.0 - 2.0 * t + 0.5 * t * t, 0.3 * t, 1.5 - 0.2 * t * t);
+            let turn = UnitQuaternion::from_scaled_axis(spin * t);
+            pose((t * 1e9) as i64, Isometry3::from_parts(place.into(), turn), (1e-4, 1e-4))
+        })
+        .collect();
+    let motion = smooth(&poses, GRAVITY).unwrap();
+    for (s, p) in motion.samples.iter().zip(&poses) {
+        let want = p.estimate.as_ref().unwrap().world_from_body;
+        assert!((s.world_from_body.translation.vector - want.translation.vector).norm() < 1e-6);
+        assert!(s.world_from_body.rotation.angle_to(&want.rotation) < 1e-6);
+        assert!((s.rates_rad_s - spin).norm() < 1e-4, "{}", s.rates_rad_s);
+        let acceleration = s.world_from_body.rotation * s.specific_force_m_s2 - Vector3::z() * GRAVITY;
+        assert!((acceleration - Vector3::new(1.0, 0.0, -0.4)).norm() < 1e-3, "{acceleration}");
+    }
+}
+
+/// The gain of the smoother for a given noise is the one that the bandwidth promises.
+#[test]
+fn a_sine_is_scaled_by_the_response() {
+    let (dt, fc, std) = (1.0 / 30.0, 2.0, 1e-3);
+    let intensity = (2.0 * PI * fc).powi(6) * std * std * dt;
+    let t_s: Vec<f64> = (0..900).map(|k| f64::from(k) * dt).collect();
+    for f in [1.0, 1.6, 2.0, 2.5] {
+        let wave = |t: f64| (2.0 * PI * f * t).sin();
+        let measured: Vec<_> = t_s
+            .iter()
+            .map(|t| {
+                let covariance = Matrix3::identity() * std * std;
+                Some(Measured { place: Vector3::new(wave(*t), 0.0, 0.0), covariance })
+            })
+            .collect();
+        let series = Series { t_s: &t_s, measured: &measured, prior_std: PRIOR_TRANSLATION };
+        let states = smoothed(&series, Noise { intensity, variance_factor: 1.0 }).unwrap();
+        let (mut along, mut square) = (0.0, 0.0);
+        for (t, s) in t_s.iter().zip(&states).skip(300).take(300) {
+            along += wave(*t) * s.place.x;
+            square += wave(*t).powi(2);
+        }
+        let want = 1.0 / (1.0 + (f / fc).powi(6));
+        assert!((along / square - want).abs() < 0.01, "at {f} Hz {} against {want}", along / square);
+    }
+}
+
+#[test]
+fn the_transition_of_the_error_matches_numeric_differences() {
+    let state = State {
+        place: UnitQuaternion::from_scaled_axis(Vector3::new(0.4, -1.0, 0.3)),
+        rate: Vector3::new(2.0, -3.0, 1.0),
+        acceleration: Vector3::new(-4.0, 5.0, 9.0),
+        covariance: SMatrix::identity(),
+    };
+    let (dt, h) = (0.1, 1e-6);
+    let (_, transition) = predict(&state, dt, 0.0);
+    for k in 0..9 {
+        let moved = |step: f64| {
+            let mut s = state;
+            let by = Vector3::ith(k % 3, step);
+            match k / 3 {
+                0 => s.place = s.place.plus(&by),
+                1 => s.rate += by,
+                _ => s.acceleration += by,
+            }
+            predict(&s, dt, 0.0).0
+        };
+        let (a, b) = (moved(h), moved(-h));
+        let column = transition.column(k);
+        assert!((a.place.minus(&b.place) / (2.0 * h) - column.fixed_rows::<3>(0)).norm() < 1e-7);
+        assert!(((a.rate - b.rate) / (2.0 * h) - column.fixed_rows::<3>(3)).norm() < 1e-7);
+        assert!(((a.acceleration - b.acceleration) / (2.0 * h) - column.fixed_rows::<3>(6)).norm() < 1e-7);
+    }
+}
+
+#[test]
+fn what_cannot_be_smoothed_is_refused() {
+    let mut seed = 6;
+    let good = filmed(30, 1.0, &mut seed, |_| false);
+    let few = filmed(30, 1.0, &mut seed, |k| k > 8);
+    assert_eq!(smooth(&few, GRAVITY), Err(PoseError::TooFewPoses { measured: 9, samples: 30, needed: 10 }));
+    assert!(matches!(smooth(&[], GRAVITY), Err(PoseError::TooFewPoses { .. })));
+    let mut back = good.clone();
+    back[7].t_ns = back[6].t_ns;
+    assert!(matches!(smooth(&back, GRAVITY), Err(PoseError::TimeNotIncreasing { index: 7, .. })));
+    let mut lost = good.clone();
+    lost[4].estimate.as_mut().unwrap().covariance = Matrix6::zeros();
+    assert!(matches!(smooth(&lost, GRAVITY), Err(PoseError::BadPose { index: 4, .. })));
+    assert!(matches!(smooth(&good, f64::NAN), Err(PoseError::BadPose { .. })));
+}
