@@ -1,0 +1,237 @@
+//! The session file and the vehicle file that it names.
+
+use crate::error::require_file;
+use crate::toml_file::read_toml;
+use crate::video::{FrameSource, sequence_exists};
+use crate::{ControlPixel, ControlPointRow, SessionError, TruthRow, tables};
+use mavsight_flight::{InputSeries, Vehicle};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Version of the session file that this crate reads and writes.
+pub const SESSION_SCHEMA: u32 = 1;
+
+/// The session file as written; paths may be relative to it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SessionFile {
+    /// Version of the contract: 1.
+    pub schema: u32,
+    /// Name of the session.
+    pub name: String,
+    /// Vehicle file.
+    pub vehicle: PathBuf,
+    /// Table of inputs.
+    pub inputs: PathBuf,
+    /// Table of truth, for scoring only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub truth: Option<PathBuf>,
+    /// Calibration.
+    pub control: ControlSection,
+    /// Cameras.
+    #[serde(default)]
+    pub camera: Vec<SessionCamera>,
+}
+
+/// Calibration by control points.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControlSection {
+    /// Table of control points.
+    pub points: PathBuf,
+    /// Table of their pixels, instead of finding them in the stills.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub observations: Option<PathBuf>,
+}
+
+/// One camera of a session.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SessionCamera {
+    /// Name, unique.
+    pub name: String,
+    /// Video file, or pattern of an image sequence such as `cam1/frame_%05d.png`.
+    pub video: PathBuf,
+    /// Image of the control frame; may be left out when the control pixels come from a table.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub still: Option<PathBuf>,
+    /// Frames a second of an image sequence; a video has its own time stamps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame_rate_hz: Option<f64>,
+    /// How much later than the true instant this camera's time stamps are; subtracted from them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_offset_s: Option<f64>,
+}
+
+/// A session with every path made whole and every file that it names seen to exist.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Session {
+    /// The session file.
+    pub path: PathBuf,
+    /// Name of the session.
+    pub name: String,
+    /// Vehicle file.
+    pub vehicle_path: PathBuf,
+    /// The vehicle, validated.
+    pub vehicle: Vehicle,
+    /// Table of inputs.
+    pub inputs_path: PathBuf,
+    /// Table of truth, for scoring only.
+    pub truth_path: Option<PathBuf>,
+    /// Table of control points.
+    pub control_points_path: PathBuf,
+    /// Table of control pixels.
+    pub control_pixels_path: Option<PathBuf>,
+    /// Cameras, at least two, with whole paths.
+    pub cameras: Vec<SessionCamera>,
+}
+
+impl Session {
+    /// Reads a session file and the vehicle, and checks that every file named is there.
+    ///
+    /// # Errors
+    /// Names the file, the line or key, and what to do.
+    pub fn load(path: &Path) -> Result<Self, SessionError> {
+        let file: SessionFile = read_toml(path, "session file")?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        validate(&file, path)?;
+        let vehicle_path = folder.join(&file.vehicle);
+        let vehicle = load_vehicle(&vehicle_path)?;
+        let session = Self {
+            path: path.to_owned(),
+            name: file.name,
+            vehicle_path,
+            vehicle,
+            inputs_path: folder.join(file.inputs),
+            truth_path: file.truth.map(|p| folder.join(p)),
+            control_points_path: folder.join(file.control.points),
+            control_pixels_path: file.control.observations.map(|p| folder.join(p)),
+            cameras: file
+                .camera
+                .into_iter()
+                .map(|c| SessionCamera {
+                    video: folder.join(&c.video),
+                    still: c.still.as_ref().map(|p| folder.join(p)),
+                    ..c
+                })
+                .collect(),
+        };
+        session.require_files()?;
+        Ok(session)
+    }
+
+    fn require_files(&self) -> Result<(), SessionError> {
+        let role = |key: &str| format!("{key} in {}", self.path.display());
+        require_file(&self.inputs_path, &role("inputs"))?;
+        require_file(&self.control_points_path, &role("control.points"))?;
+        if let Some(path) = &self.truth_path {
+            require_file(path, &role("truth"))?;
+        }
+        if let Some(path) = &self.control_pixels_path {
+            require_file(path, &role("control.observations"))?;
+        }
+        for camera in &self.cameras {
+            if !sequence_exists(&camera.video) {
+                require_file(&camera.video, &role(&format!("video of camera {}", camera.name)))?;
+            }
+            if let Some(still) = &camera.still {
+                require_file(still, &role(&format!("still of camera {}", camera.name)))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Opens one camera's frames, with its time offset taken off.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or a camera index beyond the list.
+    pub fn open_camera(&self, camera: usize) -> Result<FrameSource, SessionError> {
+        let camera = self.cameras.get(camera).ok_or_else(|| SessionError::Value {
+            path: self.path.clone(),
+            key: "camera".into(),
+            detail: format!("there is no camera number {camera}: the session has {}", self.cameras.len()),
+        })?;
+        let source = FrameSource::open(&camera.video, camera.frame_rate_hz)?;
+        Ok(source.delayed_by(camera.time_offset_s.unwrap_or(0.0)))
+    }
+
+    /// Reads the inputs.
+    ///
+    /// # Errors
+    /// Names row and column.
+    pub fn inputs(&self) -> Result<InputSeries, SessionError> {
+        tables::read_inputs(&self.inputs_path)
+    }
+
+    /// Reads the control points.
+    ///
+    /// # Errors
+    /// Names row and column.
+    pub fn control_points(&self) -> Result<Vec<ControlPointRow>, SessionError> {
+        tables::read_control_points(&self.control_points_path)
+    }
+
+    /// Reads the control pixels, where the session has a table of them; names are checked against the session.
+    ///
+    /// # Errors
+    /// Names row and column.
+    pub fn control_pixels(&self) -> Result<Option<Vec<ControlPixel>>, SessionError> {
+        let Some(path) = &self.control_pixels_path else { return Ok(None) };
+        let points = self.control_points()?;
+        let cameras: Vec<&str> = self.cameras.iter().map(|c| c.name.as_str()).collect();
+        let names: Vec<&str> = points.iter().map(|p| p.name.as_str()).collect();
+        tables::read_control_pixels(path, &cameras, &names).map(Some)
+    }
+
+    /// Reads the truth, where the session has it.
+    ///
+    /// # Errors
+    /// Names row and column.
+    pub fn truth(&self) -> Result<Option<Vec<TruthRow>>, SessionError> {
+        self.truth_path.as_deref().map(tables::read_truth).transpose()
+    }
+}
+
+/// Reads and validates a vehicle file.
+///
+/// # Errors
+/// Names the file and the line or key.
+pub fn load_vehicle(path: &Path) -> Result<Vehicle, SessionError> {
+    let vehicle: Vehicle = read_toml(path, "vehicle file")?;
+    vehicle.validate().map_err(|source| SessionError::Flight { path: path.to_owned(), source })?;
+    Ok(vehicle)
+}
+
+fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
+    let refuse =
+        |key: String, detail: String| Err(SessionError::Value { path: path.to_owned(), key, detail });
+    if file.schema != SESSION_SCHEMA {
+        let detail = format!("{} is not known: this version reads schema = {SESSION_SCHEMA}", file.schema);
+        return refuse("schema".into(), detail);
+    }
+    if file.camera.len() < 2 {
+        let detail =
+            format!("{} found, but a pose needs at least 2: add [[camera]] sections", file.camera.len());
+        return refuse("camera".into(), detail);
+    }
+    for (k, camera) in file.camera.iter().enumerate() {
+        if camera.name.is_empty() || file.camera[..k].iter().any(|c| c.name == camera.name) {
+            let detail = format!("{:?} is empty or taken: give each camera its own name", camera.name);
+            return refuse(format!("camera {}: name", k + 1), detail);
+        }
+        if camera.still.is_none() && file.control.observations.is_none() {
+            let detail =
+                "is missing: name the image of the control frame, or give control.observations".into();
+            return refuse(format!("camera {}: still", camera.name), detail);
+        }
+        if let Some(rate) = camera.frame_rate_hz.filter(|r| !(r.is_finite() && *r > 0.0)) {
+            let detail = format!("{rate} is not a rate: give frames a second, for instance 30.0");
+            return refuse(format!("camera {}: frame_rate_hz", camera.name), detail);
+        }
+        if let Some(offset) = camera.time_offset_s.filter(|o| !(o.abs() < 1e9)) {
+            let detail = format!("{offset} is not a time: give seconds");
+            return refuse(format!("camera {}: time_offset_s", camera.name), detail);
+        }
+    }
+    Ok(())
+}

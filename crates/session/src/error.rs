@@ -1,0 +1,195 @@
+//! What cannot be read or written: the file, the place in it, and what to do.
+
+use mavsight_flight::FlightError;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// A file that is missing, malformed or cannot be written.
+///
+/// Rows are counted from 1 below the header; the line of the file stands beside them.
+#[derive(Debug, Error)]
+pub enum SessionError {
+    /// A file that another one names is not there.
+    #[error("{}: there is no such file ({role}): correct the path or put the file there", path.display())]
+    Missing {
+        /// The file.
+        path: PathBuf,
+        /// What it is wanted for.
+        role: String,
+    },
+    /// The operating system refused.
+    #[error("{}: cannot {action}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was tried.
+        action: &'static str,
+        /// The system's words.
+        source: std::io::Error,
+    },
+    /// A TOML file that does not say what it should.
+    #[error("{}, line {line}: {detail}", path.display())]
+    Toml {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What is wrong.
+        detail: String,
+    },
+    /// A value that is well formed but makes no sense.
+    #[error("{}: {key}: {detail}", path.display())]
+    Value {
+        /// The file.
+        path: PathBuf,
+        /// Key concerned.
+        key: String,
+        /// What is wrong and what to do.
+        detail: String,
+    },
+    /// A vehicle or series that flight refuses.
+    #[error("{}: {source}", path.display())]
+    Flight {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: FlightError,
+    },
+    /// A column that is not in the table.
+    #[error("{}: there is no column {column:?}; the columns are {found}: add or rename it", path.display())]
+    Column {
+        /// The file.
+        path: PathBuf,
+        /// Column looked for.
+        column: String,
+        /// Columns there are.
+        found: String,
+    },
+    /// A cell that is not what its column holds.
+    #[error("{}, row {row} below the header (line {line}), column {column}: {detail}", path.display())]
+    Cell {
+        /// The file.
+        path: PathBuf,
+        /// Row, from 1 below the header.
+        row: usize,
+        /// Line of the file, from 1.
+        line: u64,
+        /// Column.
+        column: String,
+        /// What is wrong and what to do.
+        detail: String,
+    },
+    /// A row that is not a row.
+    #[error("{}, line {line}: {detail}", path.display())]
+    Row {
+        /// The file.
+        path: PathBuf,
+        /// Line of the file, from 1.
+        line: u64,
+        /// What is wrong.
+        detail: String,
+    },
+    /// A table without rows.
+    #[error("{}: the table has no rows: fill it, or correct the path", path.display())]
+    EmptyTable {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A video or image sequence without frames.
+    #[error("{}: the recording has no frames: record it again, or correct the path", path.display())]
+    NoFrames {
+        /// The file or pattern.
+        path: PathBuf,
+    },
+    /// A container that is not whole.
+    #[error("{}: not a whole MP4 file ({detail}): it may have been cut off while copied or recorded; copy it again", path.display())]
+    Container {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        detail: String,
+    },
+    /// A frame that cannot be decoded.
+    #[error("{}, frame {frame} (from 0): {detail}: the file is damaged there; copy it again, or cut it before that frame", path.display())]
+    Frame {
+        /// The file.
+        path: PathBuf,
+        /// Frame in order of time, from 0.
+        frame: usize,
+        /// What is wrong.
+        detail: String,
+    },
+    /// A recording shorter or longer than it says.
+    #[error("{}: the file announces {declared} frames but {read} were read: it is damaged or cut off; copy it again", path.display())]
+    FrameCount {
+        /// The file.
+        path: PathBuf,
+        /// Frames announced.
+        declared: usize,
+        /// Frames read.
+        read: usize,
+    },
+    /// The ffmpeg program is needed and missing.
+    #[error("{}: reading it needs the ffmpeg program ({reason}), and {program:?} cannot be started: install it with `apt-get install ffmpeg`, or convert the recording to MP4 with H.264", path.display())]
+    NeedsFfmpeg {
+        /// The file.
+        path: PathBuf,
+        /// Why the built-in decoder does not read it.
+        reason: String,
+        /// Program tried.
+        program: String,
+    },
+    /// The ffmpeg program failed.
+    #[error("{}: ffmpeg failed: {detail}", path.display())]
+    Ffmpeg {
+        /// The file.
+        path: PathBuf,
+        /// Its last words.
+        detail: String,
+    },
+    /// A number is missing in an image sequence.
+    #[error("{}: the sequence has {} and later frames but not this one: put it there or renumber the sequence", path.display(), before.display())]
+    SequenceGap {
+        /// The missing file.
+        path: PathBuf,
+        /// The last file before the gap.
+        before: PathBuf,
+    },
+    /// An image file that cannot be read.
+    #[error("{}: not a readable PNG or JPEG image: {detail}", path.display())]
+    Image {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        detail: String,
+    },
+    /// An image of another size than the ones before.
+    #[error("{}: the image is {width_px}×{height_px} but those before are {wanted_width_px}×{wanted_height_px}: one recording has one size", path.display())]
+    ImageSize {
+        /// The file.
+        path: PathBuf,
+        /// Its columns.
+        width_px: u32,
+        /// Its rows.
+        height_px: u32,
+        /// Columns of the others.
+        wanted_width_px: u32,
+        /// Rows of the others.
+        wanted_height_px: u32,
+    },
+}
+
+impl SessionError {
+    pub(crate) fn io(path: &std::path::Path, action: &'static str, source: std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), action, source }
+    }
+}
+
+/// Refuses a path at which there is no file.
+pub(crate) fn require_file(path: &std::path::Path, role: &str) -> Result<(), SessionError> {
+    if path.is_file() {
+        Ok(())
+    } else {
+        Err(SessionError::Missing { path: path.to_owned(), role: role.to_owned() })
+    }
+}

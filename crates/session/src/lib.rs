@@ -1,0 +1,27 @@
+//! What is on disk: session files, tables, video and image sources, and the results of a run.
+
+mod atomic;
+pub mod config;
+mod error;
+pub mod scenario;
+mod table;
+pub mod tables;
+mod toml_file;
+pub mod video;
+
+pub use atomic::{make_folder, write_whole};
+pub use config::{ControlSection, SESSION_SCHEMA, Session, SessionCamera, SessionFile, load_vehicle};
+pub use error::SessionError;
+pub use scenario::{write_control_points, write_inputs, write_session, write_truth, write_vehicle};
+pub use tables::{ControlPixel, ControlPointRow, TruthRow};
+pub use video::{FrameSource, read_image, write_png};
+
+/// Seconds as the nearest nanoseconds.
+pub fn ns_from_s(t_s: f64) -> i64 {
+    (t_s * 1e9).round() as i64
+}
+
+/// Nanoseconds as seconds.
+pub fn s_from_ns(t_ns: i64) -> f64 {
+    t_ns as f64 * 1e-9
+}

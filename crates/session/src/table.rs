@@ -1,0 +1,139 @@
+//! Comma-separated tables with a header, read by column name.
+
+use crate::{SessionError, error::require_file};
+use csv::StringRecord;
+use std::path::{Path, PathBuf};
+
+/// A table in memory.
+pub(crate) struct Table {
+    path: PathBuf,
+    columns: Vec<String>,
+    rows: Vec<StringRecord>,
+}
+
+/// One row of it.
+#[derive(Clone, Copy)]
+pub(crate) struct Row<'a> {
+    table: &'a Table,
+    index: usize,
+}
+
+impl Table {
+    /// Reads a table; spaces around cells do not count, lines that begin with `#` neither.
+    pub(crate) fn read(path: &Path, role: &str) -> Result<Self, SessionError> {
+        require_file(path, role)?;
+        let text = std::fs::read(path).map_err(|e| SessionError::io(path, "read it", e))?;
+        let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text);
+        let broken = |error: csv::Error| SessionError::Row {
+            path: path.to_owned(),
+            line: error.position().map_or(1, csv::Position::line),
+            detail: describe(&error),
+        };
+        let columns = reader.headers().map_err(broken)?.iter().map(str::to_owned).collect();
+        let rows = reader.records().collect::<Result<Vec<_>, _>>().map_err(broken)?;
+        Ok(Self { path: path.to_owned(), columns, rows })
+    }
+
+    /// The rows, at least one.
+    pub(crate) fn rows(&self) -> Result<impl Iterator<Item = Row<'_>>, SessionError> {
+        if self.rows.is_empty() {
+            return Err(SessionError::EmptyTable { path: self.path.clone() });
+        }
+        Ok(self.rows_if_any())
+    }
+
+    /// The rows, perhaps none.
+    pub(crate) fn rows_if_any(&self) -> impl Iterator<Item = Row<'_>> {
+        (0..self.rows.len()).map(move |index| Row { table: self, index })
+    }
+
+    pub(crate) fn has(&self, column: &str) -> bool {
+        self.columns.iter().any(|c| c == column)
+    }
+
+    /// The place of a column that must be there.
+    pub(crate) fn column(&self, name: &str) -> Result<usize, SessionError> {
+        self.columns.iter().position(|c| c == name).ok_or_else(|| SessionError::Column {
+            path: self.path.clone(),
+            column: name.to_owned(),
+            found: self.columns.join(", "),
+        })
+    }
+
+    /// The places of several columns that must be there.
+    pub(crate) fn columns<const N: usize>(&self, names: [&str; N]) -> Result<[usize; N], SessionError> {
+        let mut places = [0; N];
+        for (place, name) in places.iter_mut().zip(names) {
+            *place = self.column(name)?;
+        }
+        Ok(places)
+    }
+}
+
+fn describe(error: &csv::Error) -> String {
+    match error.kind() {
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            format!("{len} cells where the header has {expected_len}: complete the row")
+        }
+        csv::ErrorKind::Utf8 { .. } => "not UTF-8 text: save the table as UTF-8".into(),
+        _ => error.to_string(),
+    }
+}
+
+impl<'a> Row<'a> {
+    /// Text of a cell.
+    pub(crate) fn text(&self, column: usize) -> &'a str {
+        self.table.rows[self.index].get(column).unwrap_or("")
+    }
+
+    /// A finite number.
+    pub(crate) fn number(&self, column: usize) -> Result<f64, SessionError> {
+        let text = self.text(column);
+        match text.parse::<f64>() {
+            Ok(value) if value.is_finite() => Ok(value),
+            _ if text.is_empty() => {
+                Err(self.refuse(column, "the cell is empty where a number must be".into()))
+            }
+            _ => {
+                Err(self
+                    .refuse(column, format!("{text:?} is not a finite number: correct or remove the row")))
+            }
+        }
+    }
+
+    /// A finite number, or nothing in an empty cell.
+    pub(crate) fn number_if_any(&self, column: usize) -> Result<Option<f64>, SessionError> {
+        if self.text(column).is_empty() { Ok(None) } else { self.number(column).map(Some) }
+    }
+
+    /// Several numbers at once.
+    pub(crate) fn numbers<const N: usize>(&self, columns: [usize; N]) -> Result<[f64; N], SessionError> {
+        let mut values = [0.0; N];
+        for (value, column) in values.iter_mut().zip(columns) {
+            *value = self.number(column)?;
+        }
+        Ok(values)
+    }
+
+    /// A time in seconds as nanoseconds.
+    pub(crate) fn time_ns(&self, column: usize) -> Result<i64, SessionError> {
+        let t_s = self.number(column)?;
+        if t_s.abs() < 9e9 {
+            Ok(crate::ns_from_s(t_s))
+        } else {
+            Err(self.refuse(column, format!("{t_s} s is beyond what nanoseconds can count: give seconds")))
+        }
+    }
+
+    /// The error for a cell of this row.
+    pub(crate) fn refuse(&self, column: usize, detail: String) -> SessionError {
+        SessionError::Cell {
+            path: self.table.path.clone(),
+            row: self.index + 1,
+            line: self.table.rows[self.index].position().map_or(self.index as u64 + 2, csv::Position::line),
+            column: self.table.columns.get(column).cloned().unwrap_or_default(),
+            detail,
+        }
+    }
+}

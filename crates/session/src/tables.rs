@@ -1,0 +1,193 @@
+//! The tables of a session: inputs, control points and pixels, truth.
+
+use crate::SessionError;
+use crate::table::Table;
+use mavsight_flight::{Color, InputSample, InputSeries};
+use std::path::Path;
+
+/// Columns of the inputs.
+pub(crate) const INPUT_COLUMNS: [&str; 5] =
+    ["t_s", "omega_u_rad_s", "omega_l_rad_s", "delta_lon_rad", "delta_lat_rad"];
+
+/// Columns of the control points.
+pub(crate) const CONTROL_COLUMNS: [&str; 6] = ["name", "x_m", "y_m", "z_m", "diameter_m", "color"];
+
+/// A ball of the control frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ControlPointRow {
+    /// Name, unique.
+    pub name: String,
+    /// Centre, world axes.
+    pub position_m: [f64; 3],
+    /// Diameter; 0 for a point.
+    pub diameter_m: f64,
+    /// Nominal colour.
+    pub color: Color,
+}
+
+/// A control point as clicked or found elsewhere.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ControlPixel {
+    /// Camera name.
+    pub camera: String,
+    /// Name of the control point.
+    pub name: String,
+    /// Column; the centre of the top-left pixel is 0.
+    pub u_px: f64,
+    /// Row.
+    pub v_px: f64,
+}
+
+/// Reads `t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad`; other columns are ignored.
+///
+/// # Errors
+/// Names the file, row and column; times must increase.
+pub fn read_inputs(path: &Path) -> Result<InputSeries, SessionError> {
+    let table = Table::read(path, "inputs")?;
+    let columns = table.columns(INPUT_COLUMNS)?;
+    let mut samples = Vec::new();
+    for row in table.rows()? {
+        let [t_s, omega_u_rad_s, omega_l_rad_s, delta_lon_rad, delta_lat_rad] = row.numbers(columns)?;
+        samples.push(InputSample { t_s, omega_u_rad_s, omega_l_rad_s, delta_lon_rad, delta_lat_rad });
+    }
+    InputSeries::new(samples).map_err(|source| SessionError::Flight { path: path.to_owned(), source })
+}
+
+/// Reads `name,x_m,y_m,z_m,diameter_m,color`.
+///
+/// # Errors
+/// Names the file, row and column; names must be unique, colours `#rrggbb`.
+pub fn read_control_points(path: &Path) -> Result<Vec<ControlPointRow>, SessionError> {
+    let table = Table::read(path, "control points")?;
+    let [name, x, y, z, diameter, color] = table.columns(CONTROL_COLUMNS)?;
+    let mut points: Vec<ControlPointRow> = Vec::new();
+    for row in table.rows()? {
+        let text = row.text(name);
+        if text.is_empty() || points.iter().any(|p| p.name == text) {
+            return Err(row.refuse(name, format!("{text:?} is empty or taken: give each point its own name")));
+        }
+        let diameter_m = row.number(diameter)?;
+        if diameter_m < 0.0 {
+            return Err(
+                row.refuse(diameter, format!("{diameter_m} m is below zero: give the ball's diameter"))
+            );
+        }
+        points.push(ControlPointRow {
+            name: text.to_owned(),
+            position_m: row.numbers([x, y, z])?,
+            diameter_m,
+            color: Color::parse(row.text(color)).map_err(|e| row.refuse(color, e.to_string()))?,
+        });
+    }
+    Ok(points)
+}
+
+/// Reads `camera,name,u_px,v_px`; every camera and name must be among those given.
+///
+/// # Errors
+/// Names the file, row and column.
+pub fn read_control_pixels(
+    path: &Path,
+    cameras: &[&str],
+    names: &[&str],
+) -> Result<Vec<ControlPixel>, SessionError> {
+    let table = Table::read(path, "control pixels")?;
+    let [camera, name, u, v] = table.columns(["camera", "name", "u_px", "v_px"])?;
+    let mut pixels: Vec<ControlPixel> = Vec::new();
+    for row in table.rows()? {
+        for (column, known) in [(camera, cameras), (name, names)] {
+            if !known.contains(&row.text(column)) {
+                let detail = format!("{:?} is not known: use one of {}", row.text(column), known.join(", "));
+                return Err(row.refuse(column, detail));
+            }
+        }
+        let pixel = ControlPixel {
+            camera: row.text(camera).to_owned(),
+            name: row.text(name).to_owned(),
+            u_px: row.number(u)?,
+            v_px: row.number(v)?,
+        };
+        if pixels.iter().any(|p| p.camera == pixel.camera && p.name == pixel.name) {
+            return Err(
+                row.refuse(name, format!("{} is there twice for {}: keep one", pixel.name, pixel.camera))
+            );
+        }
+        pixels.push(pixel);
+    }
+    Ok(pixels)
+}
+
+/// Declares the truth's row and its columns together, so that they cannot drift apart.
+macro_rules! truth_row {
+    ($($(#[$doc:meta])* $field:ident),+ $(,)?) => {
+        /// The true state at one instant, for scoring.
+        #[derive(Debug, Clone, Copy, PartialEq, Default)]
+        pub struct TruthRow { $($(#[$doc])* pub $field: f64,)+ }
+
+        /// Columns of the truth.
+        pub(crate) const TRUTH_COLUMNS: &[&str] = &[$(stringify!($field)),+];
+
+        impl TruthRow {
+            pub(crate) fn values(&self) -> Vec<f64> { vec![$(self.$field),+] }
+        }
+
+        /// Reads the truth table; other columns are ignored.
+        ///
+        /// # Errors
+        /// Names the file, row and column.
+        pub fn read_truth(path: &Path) -> Result<Vec<TruthRow>, SessionError> {
+            let table = Table::read(path, "truth")?;
+            $(let $field = table.column(stringify!($field))?;)+
+            table.rows()?.map(|row| Ok(TruthRow { $($field: row.number($field)?),+ })).collect()
+        }
+    };
+}
+
+truth_row! {
+    /// Time.
+    t_s,
+    /// Position of the centre of gravity, world axes.
+    x_m,
+    /// World Y.
+    y_m,
+    /// World Z, up.
+    z_m,
+    /// Velocity, body axes: forward.
+    u_m_s,
+    /// Right.
+    v_m_s,
+    /// Down.
+    w_m_s,
+    /// Roll.
+    phi_rad,
+    /// Pitch.
+    theta_rad,
+    /// Yaw.
+    psi_rad,
+    /// Roll rate.
+    p_rad_s,
+    /// Pitch rate.
+    q_rad_s,
+    /// Yaw rate.
+    r_rad_s,
+    /// Flapping of the lower rotor, back.
+    alpha_l_rad,
+    /// Flapping of the lower rotor, right.
+    beta_l_rad,
+    /// Flapping of the fly-bar, back.
+    alpha_f_rad,
+    /// Flapping of the fly-bar, right.
+    beta_f_rad,
+    /// Rate of u.
+    du_m_s2,
+    /// Rate of v.
+    dv_m_s2,
+    /// Rate of w.
+    dw_m_s2,
+    /// Rate of p.
+    dp_rad_s2,
+    /// Rate of q.
+    dq_rad_s2,
+    /// Rate of r.
+    dr_rad_s2,
+}

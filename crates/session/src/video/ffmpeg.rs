@@ -1,0 +1,241 @@
+//! Any other recording, by the ffmpeg and ffprobe programs as child processes.
+
+use super::Opened;
+use super::color::YuvCoding;
+use crate::SessionError;
+use mavsight_geometry::ImageSize;
+use mavsight_vision::{Frame, YuvMatrix};
+use std::collections::VecDeque;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
+
+/// The ffmpeg program: `MAVSIGHT_FFMPEG`, or the one on the search path.
+pub(crate) fn program() -> String {
+    std::env::var("MAVSIGHT_FFMPEG").ok().filter(|p| !p.is_empty()).unwrap_or_else(|| "ffmpeg".into())
+}
+
+/// ffprobe from the same installation.
+fn probe_program(ffmpeg: &str) -> String {
+    match ffmpeg.rfind("ffmpeg") {
+        Some(at) => format!("{}ffprobe{}", &ffmpeg[..at], &ffmpeg[at + "ffmpeg".len()..]),
+        None => ffmpeg.to_owned(),
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Layout {
+    Rgb,
+    Yuv(YuvCoding),
+}
+
+impl Layout {
+    /// Name of ffmpeg's pixel format: that of the range of the source, so that nothing is rescaled.
+    fn pixel_format(self) -> &'static str {
+        match self {
+            Self::Rgb => "rgb24",
+            Self::Yuv(coding) if coding.full_range => "yuvj420p",
+            Self::Yuv(_) => "yuv420p",
+        }
+    }
+}
+
+struct Probe {
+    size: ImageSize,
+    layout: Layout,
+}
+
+/// Opens a video; `reason` says why ffmpeg is needed, for the case that it is not there.
+pub(crate) fn open(path: &Path, ffmpeg: &str, reason: &str) -> Result<Opened, SessionError> {
+    let missing = |program: &str| SessionError::NeedsFfmpeg {
+        path: path.to_owned(),
+        reason: reason.to_owned(),
+        program: program.to_owned(),
+    };
+    let Probe { size, layout } = probe(path, &probe_program(ffmpeg), missing)?;
+    let mut child = Command::new(ffmpeg)
+        .args(["-hide_banner", "-nostdin", "-nostats", "-loglevel", "info", "-copyts", "-noautorotate", "-i"])
+        .arg(path)
+        .args(["-map", "0:v:0", "-an", "-sn", "-vf", "showinfo=checksum=0", "-fps_mode", "passthrough"])
+        .args(["-pix_fmt", layout.pixel_format(), "-f", "rawvideo", "pipe:1"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(|_| missing(ffmpeg))?;
+    let (Some(stdout), Some(stderr)) = (child.stdout.take(), child.stderr.take()) else {
+        return Err(SessionError::Ffmpeg { path: path.to_owned(), detail: "it has no output".into() });
+    };
+    let (times_out, times) = channel();
+    let words = std::thread::spawn(move || listen(stderr, &times_out));
+    let frames = FfmpegFrames {
+        path: path.to_owned(),
+        child,
+        stdout,
+        times,
+        words: Some(words),
+        size,
+        layout,
+        read: 0,
+    };
+    Ok(Opened { size, declared: None, frames: Box::new(frames) })
+}
+
+fn probe(path: &Path, program: &str, missing: impl Fn(&str) -> SessionError) -> Result<Probe, SessionError> {
+    let output = Command::new(program)
+        .args(["-v", "error", "-select_streams", "v:0", "-of", "default=noprint_wrappers=1", "-show_entries"])
+        .arg("stream=width,height,pix_fmt,color_range,color_space")
+        .arg(path)
+        .stdin(Stdio::null())
+        .output()
+        .map_err(|_| missing(program))?;
+    let text = String::from_utf8_lossy(&output.stdout);
+    let value =
+        |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('=')).unwrap_or("");
+    if !output.status.success() {
+        let words = String::from_utf8_lossy(&output.stderr);
+        let last: Vec<&str> = words.lines().rev().take(3).collect();
+        let detail = last.into_iter().rev().collect::<Vec<_>>().join("; ");
+        let detail = format!("{detail}: the file is damaged or not a video; copy it again");
+        return Err(SessionError::Ffmpeg { path: path.to_owned(), detail });
+    }
+    let (Ok(width_px), Ok(height_px)) = (value("width").parse(), value("height").parse()) else {
+        return Err(SessionError::NoFrames { path: path.to_owned() });
+    };
+    let format = value("pix_fmt");
+    let layout = if ["rgb", "bgr", "gbr", "pal8"].iter().any(|name| format.contains(name)) {
+        Layout::Rgb
+    } else {
+        let full_range = format.starts_with("yuvj") || value("color_range") == "pc";
+        let wide = matches!(value("color_space"), "bt709" | "bt2020nc" | "bt2020c");
+        Layout::Yuv(YuvCoding { full_range, matrix: if wide { YuvMatrix::Bt709 } else { YuvMatrix::Bt601 } })
+    };
+    Ok(Probe { size: ImageSize { width_px, height_px }, layout })
+}
+
+/// Time stamps from the `showinfo` filter's lines; the last of the other lines are returned at the end.
+fn listen(stderr: ChildStderr, times: &Sender<Option<i64>>) -> Vec<String> {
+    let mut others = VecDeque::new();
+    let mut base = None;
+    for line in BufReader::new(stderr).split(b'\n').map_while(Result::ok) {
+        let line = String::from_utf8_lossy(&line).trim().to_owned();
+        if line.contains("Parsed_showinfo") {
+            if let Some(found) = field(&line, "config in time_base:") {
+                base = found.split_once('/').and_then(|(n, d)| Some((n.parse().ok()?, d.parse().ok()?)));
+            } else if let Some(pts) = field(&line, " pts:") {
+                // A receiver that is gone wants no more times; ffmpeg's words are still read to its end.
+                let _ = times.send(pts.parse().ok().and_then(|pts| nanoseconds(pts, base?)));
+            }
+        } else if !line.is_empty() {
+            others.push_back(line);
+            if others.len() > 3 {
+                others.pop_front();
+            }
+        }
+    }
+    others.into()
+}
+
+/// The word after a key.
+fn field<'a>(line: &'a str, key: &str) -> Option<&'a str> {
+    let rest = line.split_once(key)?.1.trim_start();
+    rest.split([' ', ',']).next()
+}
+
+fn nanoseconds(pts: i128, (numerator, denominator): (i128, i128)) -> Option<i64> {
+    if denominator <= 0 {
+        return None;
+    }
+    i64::try_from((pts * numerator * 1_000_000_000 + denominator / 2).div_euclid(denominator)).ok()
+}
+
+struct FfmpegFrames {
+    path: PathBuf,
+    child: Child,
+    stdout: ChildStdout,
+    times: Receiver<Option<i64>>,
+    words: Option<JoinHandle<Vec<String>>>,
+    size: ImageSize,
+    layout: Layout,
+    read: usize,
+}
+
+impl FfmpegFrames {
+    fn failed(&self, detail: String) -> SessionError {
+        SessionError::Ffmpeg { path: self.path.clone(), detail }
+    }
+
+    /// One plane, or `None` where the stream ends before its first byte.
+    fn plane(&mut self, bytes: usize) -> Result<Option<Vec<u8>>, SessionError> {
+        let mut plane = Vec::with_capacity(bytes);
+        let read = (&mut self.stdout).take(bytes as u64).read_to_end(&mut plane);
+        match read {
+            Ok(0) => Ok(None),
+            Ok(n) if n == bytes => Ok(Some(plane)),
+            Ok(n) => Err(self.failed(format!("frame {}: {n} of {bytes} bytes arrived", self.read))),
+            Err(e) => Err(self.failed(format!("frame {}: {e}", self.read))),
+        }
+    }
+
+    fn frame(&mut self) -> Result<Option<Frame>, SessionError> {
+        let area = self.size.area_px();
+        let frame = match self.layout {
+            Layout::Rgb => {
+                let Some(rgb) = self.plane(3 * area)? else { return Ok(None) };
+                Frame::from_rgb(self.size, rgb)
+            }
+            Layout::Yuv(coding) => {
+                let half = |n: u32| (n as usize).div_ceil(2);
+                let chroma = half(self.size.width_px) * half(self.size.height_px);
+                let Some(y) = self.plane(area)? else { return Ok(None) };
+                let (Some(u), Some(v)) = (self.plane(chroma)?, self.plane(chroma)?) else {
+                    return Err(self.failed(format!("frame {} is not whole", self.read)));
+                };
+                Frame::from_yuv420(self.size, [y, u, v], coding.full_range, coding.matrix)
+            }
+        };
+        frame.map(Some).map_err(|e| self.failed(e.to_string()))
+    }
+
+    /// Waits for the end of the program: what it said, if it failed.
+    fn finish(&mut self) -> Option<SessionError> {
+        let status = self.child.wait();
+        let words = self.words.take().and_then(|w| w.join().ok()).unwrap_or_default().join("; ");
+        match status {
+            Ok(status) if status.success() => None,
+            Ok(status) => Some(self.failed(format!("{status} after {} frames: {words}", self.read))),
+            Err(error) => Some(self.failed(error.to_string())),
+        }
+    }
+}
+
+impl Iterator for FfmpegFrames {
+    type Item = Result<(i64, Frame), SessionError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        match self.frame() {
+            Ok(Some(frame)) => match self.times.recv() {
+                Ok(Some(t_ns)) => {
+                    self.read += 1;
+                    Some(Ok((t_ns, frame)))
+                }
+                _ => Some(Err(self.failed(format!(
+                    "frame {} has no time stamp: convert the recording to MP4, which has them",
+                    self.read
+                )))),
+            },
+            Ok(None) => self.finish().map(Err),
+            Err(error) => Some(Err(self.finish().unwrap_or(error))),
+        }
+    }
+}
+
+impl Drop for FfmpegFrames {
+    fn drop(&mut self) {
+        // A program that has ended already cannot be killed: nothing is left to do then.
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}

@@ -1,0 +1,134 @@
+//! Still images and numbered sequences of them.
+
+use super::Opened;
+use crate::SessionError;
+use image::{ImageFormat, ImageReader};
+use mavsight_geometry::ImageSize;
+use mavsight_vision::Frame;
+use std::path::{Path, PathBuf};
+
+/// A file name with a counter such as `%05d` or `%d`.
+struct Pattern {
+    folder: PathBuf,
+    before: String,
+    after: String,
+    digits: usize,
+}
+
+impl Pattern {
+    fn of(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_str()?;
+        let (before, rest) = name.split_once('%')?;
+        let (width, after) = rest.split_once('d')?;
+        let digits = match width {
+            "" => 0,
+            _ => width.strip_prefix('0')?.parse().ok().filter(|n| (1..=18).contains(n))?,
+        };
+        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+        Some(Self { folder, before: before.to_owned(), after: after.to_owned(), digits })
+    }
+
+    fn file(&self, number: u64) -> PathBuf {
+        self.folder.join(format!("{}{number:0width$}{}", self.before, self.after, width = self.digits))
+    }
+
+    fn number(&self, name: &str) -> Option<u64> {
+        let number = name.strip_prefix(&self.before)?.strip_suffix(&self.after)?;
+        let plain = number.bytes().all(|b| b.is_ascii_digit());
+        number.parse().ok().filter(|n| plain && self.file(*n).file_name().is_some_and(|f| f == name))
+    }
+
+    /// Numbers of the files that are there, ascending.
+    fn numbers(&self) -> Vec<u64> {
+        let folder = if self.folder.as_os_str().is_empty() { Path::new(".") } else { &self.folder };
+        let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+        let mut numbers: Vec<u64> =
+            entries.flatten().filter_map(|e| self.number(e.file_name().to_str()?)).collect();
+        numbers.sort_unstable();
+        numbers
+    }
+}
+
+/// Whether a path is a pattern of an image sequence.
+pub(crate) fn is_pattern(path: &Path) -> bool {
+    Pattern::of(path).is_some()
+}
+
+/// Whether a path is a pattern; an empty sequence is found out when it is opened.
+pub(crate) fn sequence_exists(path: &Path) -> bool {
+    is_pattern(path)
+}
+
+/// Opens a sequence: its first file is at time 0.
+pub(crate) fn open(path: &Path, frame_rate_hz: Option<f64>) -> Result<Opened, SessionError> {
+    let refuse = || SessionError::NoFrames { path: path.to_owned() };
+    let pattern = Pattern::of(path).ok_or_else(refuse)?;
+    let numbers = pattern.numbers();
+    let first = *numbers.first().ok_or_else(refuse)?;
+    let rate_hz = frame_rate_hz.filter(|r| r.is_finite() && *r > 0.0).ok_or_else(|| SessionError::Value {
+        path: path.to_owned(),
+        key: "frame_rate_hz".into(),
+        detail: "an image sequence has no time stamps: give frame_rate_hz of this camera in the session file"
+            .into(),
+    })?;
+    for (number, wanted) in numbers.iter().zip(first..) {
+        if *number != wanted {
+            return Err(SessionError::SequenceGap {
+                path: pattern.file(wanted),
+                before: pattern.file(wanted.saturating_sub(1)),
+            });
+        }
+    }
+    let size = read_image(&pattern.file(first))?.size;
+    let declared = Some(numbers.len());
+    let frames = numbers.into_iter().enumerate().map(move |(k, number)| {
+        let file = pattern.file(number);
+        let frame = read_image(&file)?;
+        if frame.size != size {
+            return Err(SessionError::ImageSize {
+                path: file,
+                width_px: frame.size.width_px,
+                height_px: frame.size.height_px,
+                wanted_width_px: size.width_px,
+                wanted_height_px: size.height_px,
+            });
+        }
+        Ok((crate::ns_from_s(k as f64 / rate_hz), frame))
+    });
+    Ok(Opened { size, declared, frames: Box::new(frames) })
+}
+
+/// Reads a PNG or JPEG image as 8-bit sRGB; transparency is dropped.
+///
+/// # Errors
+/// A file that is missing or not such an image.
+pub fn read_image(path: &Path) -> Result<Frame, SessionError> {
+    crate::error::require_file(path, "image")?;
+    let broken = |detail: String| SessionError::Image { path: path.to_owned(), detail };
+    let image = ImageReader::open(path)
+        .and_then(ImageReader::with_guessed_format)
+        .map_err(|e| SessionError::io(path, "read it", e))?
+        .decode()
+        .map_err(|e| broken(e.to_string()))?
+        .into_rgb8();
+    let size = ImageSize { width_px: image.width(), height_px: image.height() };
+    Frame::from_rgb(size, image.into_raw()).map_err(|e| broken(e.to_string()))
+}
+
+/// Writes a frame as a PNG file, beside its place and then renamed into it.
+///
+/// # Errors
+/// A place that cannot be written.
+pub fn write_png(path: &Path, frame: &Frame) -> Result<(), SessionError> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image::write_buffer_with_format(
+        &mut bytes,
+        &frame.to_rgb(),
+        frame.size.width_px,
+        frame.size.height_px,
+        image::ExtendedColorType::Rgb8,
+        ImageFormat::Png,
+    )
+    .map_err(|e| SessionError::Image { path: path.to_owned(), detail: e.to_string() })?;
+    crate::write_whole(path, bytes.get_ref())
+}

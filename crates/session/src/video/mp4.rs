@@ -1,0 +1,218 @@
+//! MP4 with H.264, decoded in this process.
+
+use super::Opened;
+use super::color::YuvCoding;
+use super::mp4_times::{Sample, samples};
+use crate::SessionError;
+use mavsight_geometry::ImageSize;
+use mavsight_vision::Frame;
+use re_mp4::{Avc1Box, Mp4, StsdBoxContent, TrackKind};
+use rusty_h264::{DecodeError, Decoder};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+/// What came of trying.
+pub(crate) enum Attempt {
+    /// It reads.
+    Opened(Opened),
+    /// A sound file that the built-in decoder does not read, and why.
+    Unsupported(String),
+}
+
+/// Opens an MP4 file and decodes its first picture, so that what cannot be decoded is known at once.
+///
+/// Only the sample being decoded is in memory.
+pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
+    let damaged = |detail: String| SessionError::Container { path: path.to_owned(), detail };
+    let file = File::open(path).map_err(|e| SessionError::io(path, "open it", e))?;
+    let length = file.metadata().map_err(|e| SessionError::io(path, "measure it", e))?.len();
+    let mut reader = BufReader::new(file);
+    // The parser indexes tables of the file unchecked: inconsistent ones end in a panic, which is a damaged file.
+    let mp4 = catch_unwind(AssertUnwindSafe(|| Mp4::read(&mut reader, length)))
+        .map_err(|_| damaged("its tables contradict each other".into()))?
+        .map_err(|e| damaged(e.to_string()))?;
+    let Some(track) = mp4.tracks().values().find(|t| t.kind == Some(TrackKind::Video)) else {
+        return if mp4.tracks().values().any(|t| t.kind.is_none()) {
+            Ok(Attempt::Unsupported("its codec is not H.264".into()))
+        } else {
+            Err(SessionError::NoFrames { path: path.to_owned() })
+        };
+    };
+    let StsdBoxContent::Avc1(avc1) = &track.trak(&mp4).mdia.minf.stbl.stsd.contents else {
+        let codec = track.codec_string(&mp4).unwrap_or_else(|| "unknown".into());
+        return Ok(Attempt::Unsupported(format!("its codec is {codec}, not H.264")));
+    };
+    if track.samples.is_empty() {
+        return Err(SessionError::NoFrames { path: path.to_owned() });
+    }
+    let samples = match samples(&mp4, track) {
+        Ok(samples) => samples,
+        Err(reason) => return Ok(Attempt::Unsupported(reason)),
+    };
+    if let Some(beyond) = samples.iter().position(|s| s.offset.saturating_add(s.size) > length) {
+        return Err(damaged(format!("sample {beyond} of {} lies beyond the end", samples.len())));
+    }
+    start(Mp4Frames::new(path, reader, avc1, samples))
+}
+
+fn start(mut frames: Mp4Frames) -> Result<Attempt, SessionError> {
+    match frames.decode_next() {
+        Ok(()) => {}
+        Err(Failure::Unsupported(reason)) => return Ok(Attempt::Unsupported(reason)),
+        Err(Failure::Fatal(error)) => return Err(error),
+    }
+    let declared = Some(frames.samples.iter().filter(|s| s.shown).count());
+    Ok(Attempt::Opened(Opened { size: frames.size, declared, frames: Box::new(frames) }))
+}
+
+enum Failure {
+    Unsupported(String),
+    Fatal(SessionError),
+}
+
+struct Mp4Frames {
+    path: PathBuf,
+    reader: BufReader<File>,
+    decoder: Decoder,
+    samples: Vec<Sample>,
+    /// Place of each sample in order of time.
+    ranks: Vec<usize>,
+    /// Pictures that wait for earlier ones, with their samples, by rank.
+    waiting: BTreeMap<usize, (Sample, Frame)>,
+    next_sample: usize,
+    next_rank: usize,
+    length_bytes: usize,
+    parameter_sets: Vec<u8>,
+    coding: YuvCoding,
+    size: ImageSize,
+}
+
+const START_CODE: [u8; 4] = [0, 0, 0, 1];
+
+impl Mp4Frames {
+    fn new(path: &Path, reader: BufReader<File>, avc1: &Avc1Box, samples: Vec<Sample>) -> Self {
+        let avcc = &avc1.avcc.contents;
+        let mut parameter_sets = Vec::new();
+        for unit in avcc.sequence_parameter_sets.iter().chain(&avcc.picture_parameter_sets) {
+            parameter_sets.extend_from_slice(&START_CODE);
+            parameter_sets.extend_from_slice(&unit.bytes);
+        }
+        let coding = avcc
+            .sequence_parameter_sets
+            .first()
+            .map_or_else(YuvCoding::default, |s| YuvCoding::from_sps(&s.bytes));
+        let mut order: Vec<usize> = (0..samples.len()).collect();
+        order.sort_by_key(|&i| (samples[i].t_ns, i));
+        let mut ranks = vec![0; samples.len()];
+        for (rank, &sample) in order.iter().enumerate() {
+            ranks[sample] = rank;
+        }
+        Self {
+            path: path.to_owned(),
+            reader,
+            decoder: Decoder::new(),
+            samples,
+            ranks,
+            waiting: BTreeMap::new(),
+            next_sample: 0,
+            next_rank: 0,
+            length_bytes: usize::from(avcc.length_size_minus_one & 3) + 1,
+            parameter_sets,
+            coding,
+            size: ImageSize { width_px: avc1.width.into(), height_px: avc1.height.into() },
+        }
+    }
+
+    fn damaged(&self, sample: usize, detail: String) -> SessionError {
+        SessionError::Frame { path: self.path.clone(), frame: self.ranks[sample], detail }
+    }
+
+    /// The sample as an Annex B byte stream, with the parameter sets in front of the first.
+    fn annex_b(&mut self, index: usize) -> Result<Vec<u8>, SessionError> {
+        let Sample { offset, size, .. } = self.samples[index];
+        let mut bytes = vec![0; usize::try_from(size).unwrap_or(0)];
+        self.reader
+            .seek(SeekFrom::Start(offset))
+            .and_then(|_| self.reader.read_exact(&mut bytes))
+            .map_err(|e| self.damaged(index, e.to_string()))?;
+        let mut stream = if index == 0 { self.parameter_sets.clone() } else { Vec::new() };
+        stream.reserve(bytes.len() + 64);
+        let mut rest = &bytes[..];
+        while !rest.is_empty() {
+            let unit = rest.split_at_checked(self.length_bytes).and_then(|(length, after)| {
+                let length = length.iter().fold(0usize, |n, b| (n << 8) | usize::from(*b));
+                after.split_at_checked(length)
+            });
+            let Some((unit, after)) = unit else {
+                return Err(self.damaged(index, "a NAL unit is longer than its sample".into()));
+            };
+            stream.extend_from_slice(&START_CODE);
+            stream.extend_from_slice(unit);
+            rest = after;
+        }
+        Ok(stream)
+    }
+
+    /// Decodes the next sample and puts its picture among the waiting ones.
+    fn decode_next(&mut self) -> Result<(), Failure> {
+        let index = self.next_sample;
+        let stream = self.annex_b(index).map_err(Failure::Fatal)?;
+        let decoder = &mut self.decoder;
+        let picture = catch_unwind(AssertUnwindSafe(|| decoder.decode(&stream)))
+            .map_err(|_| Failure::Fatal(self.damaged(index, "the decoder broke down on it".into())))?;
+        let picture = match picture {
+            Ok(Some(picture)) => picture,
+            Ok(None) => return Err(Failure::Fatal(self.damaged(index, "it holds no whole picture".into()))),
+            Err(DecodeError::Unsupported(what)) if index == 0 => {
+                return Err(Failure::Unsupported(format!("its H.264 uses {what}")));
+            }
+            Err(error) => return Err(Failure::Fatal(self.damaged(index, error.to_string()))),
+        };
+        let (width, height) = (picture.width, picture.height);
+        let size = ImageSize {
+            width_px: u32::try_from(width).unwrap_or(0),
+            height_px: u32::try_from(height).unwrap_or(0),
+        };
+        if index == 0 {
+            self.size = size;
+        } else if size != self.size {
+            let detail = format!("the size changes to {width}×{height}");
+            return Err(Failure::Fatal(self.damaged(index, detail)));
+        }
+        let planes = [picture.y, picture.u, picture.v];
+        let frame = Frame::from_yuv420(size, planes, self.coding.full_range, self.coding.matrix)
+            .map_err(|e| Failure::Fatal(self.damaged(index, e.to_string())))?;
+        self.waiting.insert(self.ranks[index], (self.samples[index], frame));
+        self.next_sample += 1;
+        Ok(())
+    }
+}
+
+impl Iterator for Mp4Frames {
+    type Item = Result<(i64, Frame), SessionError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some((sample, frame)) = self.waiting.remove(&self.next_rank) {
+                self.next_rank += 1;
+                if sample.shown {
+                    return Some(Ok((sample.t_ns, frame)));
+                }
+                continue;
+            }
+            if self.next_sample >= self.samples.len() {
+                return None;
+            }
+            match self.decode_next() {
+                Ok(()) => {}
+                Err(Failure::Fatal(error)) => return Some(Err(error)),
+                Err(Failure::Unsupported(detail)) => {
+                    return Some(Err(self.damaged(self.next_sample, detail)));
+                }
+            }
+        }
+    }
+}
