@@ -140,7 +140,9 @@ pub(crate) fn fit(patch: &mut Patch, radius_px: (f64, f64), start: &Start) -> Op
         p += change;
         p[2] = p[2].clamp(least_px, most_px);
         p[3] = p[3].clamp(PIXEL_STD_PX, 0.6 * p[2].max(LEAST_RADIUS_PX));
-        if p[0].hypot(p[1]) > 1.0 + state.scale_px {
+        let strayed = p[0].hypot(p[1]) > 1.0 + state.scale_px;
+        let no_ball = step > 5 && (p[2] <= least_px || p[2] >= most_px);
+        if strayed || no_ball {
             return None;
         }
         if step > 3 && step_length < SMALL_STEP {
@@ -325,9 +327,21 @@ impl Predicted {
     }
 }
 
+/// Numbers that are worked on together, and how many such blocks hold all parameters.
+const LANES: usize = 4;
+const BLOCKS: usize = COUNT.div_ceil(LANES);
+
+fn padded(parameters: &Parameters) -> [[f64; LANES]; BLOCKS] {
+    let mut out = [[0.0; LANES]; BLOCKS];
+    for (i, value) in parameters.iter().enumerate() {
+        out[i / LANES][i % LANES] = *value;
+    }
+    out
+}
+
 /// Information matrix and gradient of all parameters, with what is known of edge, shading and siting beforehand.
 fn normal_equations(patch: &Patch, p: &Parameters, state: &State) -> (Information, Parameters) {
-    let mut information = Information::zeros();
+    let mut sums = [[[0.0; LANES]; BLOCKS]; COUNT];
     let mut gradient = Parameters::zeros();
     for (group, noise) in patch.groups.iter().zip(&state.noise) {
         let sited = group.aperture_px2 > 0.0;
@@ -340,17 +354,19 @@ fn normal_equations(patch: &Patch, p: &Parameters, state: &State) -> (Informatio
                 let (jacobian, range) = predicted.jacobian(p, row, sited);
                 let weight = sample.trust / noise;
                 gradient.axpy(residual * weight, &jacobian, 1.0);
-                let jacobian = jacobian.as_slice();
-                for i in range.clone() {
+                let padded = padded(&jacobian);
+                for i in range {
                     let weighted = jacobian[i] * weight;
-                    let column = &mut information.as_mut_slice()[COUNT * i..COUNT * (i + 1)];
-                    for j in i..range.end {
-                        column[j] += weighted * jacobian[j];
+                    for (sum, value) in sums[i].iter_mut().zip(&padded).skip(i / LANES) {
+                        for lane in 0..LANES {
+                            sum[lane] += weighted * value[lane];
+                        }
                     }
                 }
             }
         }
     }
+    let mut information = Information::from_fn(|row, column| sums[column][row / LANES][row % LANES]);
     information.fill_upper_triangle_with_lower_triangle();
     let mut know = |i: usize, mean: f64, variance: f64| {
         information[(i, i)] += 1.0 / variance;

@@ -1,6 +1,7 @@
 //! Connected regions of coloured pixels that have the size and the shape of a ball.
 
 use crate::color::{ColorModel, LEAST_CHROMA, Seen, to_linear};
+use crate::frame::YuvToRgb;
 use crate::{Frame, Pixels, Vector2};
 use std::ops::Range;
 
@@ -62,7 +63,6 @@ const LEVELS: usize = 6;
 /// Working space, reused from frame to frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Segmenter {
-    row: Vec<u8>,
     /// Coloured pixels of the window, by row and column.
     pub(crate) colored: Vec<Chromatic>,
     /// Pixels of one marker at the present level, and those of the next.
@@ -90,28 +90,45 @@ impl Segmenter {
     /// Collects the coloured pixels of a window.
     pub(crate) fn collect(&mut self, frame: &Frame, window: &Window) {
         self.colored.clear();
-        let (from, to) = (window.columns.start, window.columns.end);
-        if from >= to {
-            return;
-        }
-        self.row.resize(3 * (to - from), 0);
+        let width = frame.size.width_px as usize;
         for y in window.rows.clone() {
-            if let Pixels::Yuv420 { u, v, .. } = &frame.pixels
-                && neutral_row(u, v, frame.size.width_px as usize, y, window)
-            {
-                continue;
-            }
-            frame.rgb_row(y, from, to, &mut self.row);
-            for (offset, pixel) in self.row.chunks_exact(3).enumerate() {
-                let rgb = [pixel[0], pixel[1], pixel[2]];
-                if rgb_is_neutral(rgb) {
-                    continue;
+            let columns = window.columns.clone();
+            match &frame.pixels {
+                Pixels::Rgb(rgb) => {
+                    let Some(row) = rgb.get(3 * (y * width + columns.start)..3 * (y * width + columns.end))
+                    else {
+                        return;
+                    };
+                    for (x, pixel) in columns.zip(row.chunks_exact(3)) {
+                        let rgb = [pixel[0], pixel[1], pixel[2]];
+                        if !rgb_is_neutral(rgb) {
+                            self.add(x, y, rgb);
+                        }
+                    }
                 }
-                let seen = Seen::of(to_linear(rgb));
-                if seen.is_colored() {
-                    self.colored.push(Chromatic { x: (from + offset) as u16, y: y as u16, seen });
+                Pixels::Yuv420 { y: luma, u, v, full_range, matrix } => {
+                    let across = width.div_ceil(2);
+                    let half = y / 2 * across..(y / 2 + 1) * across;
+                    let luma = luma.get(y * width..(y + 1) * width);
+                    let (Some(luma), Some(u), Some(v)) = (luma, u.get(half.clone()), v.get(half)) else {
+                        return;
+                    };
+                    let convert = YuvToRgb::of(*full_range, *matrix);
+                    for x in columns {
+                        let (blue, red) = (u[x / 2], v[x / 2]);
+                        if !yuv_is_neutral(luma[x], blue, red) {
+                            self.add(x, y, convert.convert(luma[x], blue, red));
+                        }
+                    }
                 }
             }
+        }
+    }
+
+    fn add(&mut self, x: usize, y: usize, rgb: [u8; 3]) {
+        let seen = Seen::of(to_linear(rgb));
+        if seen.is_colored() {
+            self.colored.push(Chromatic { x: x as u16, y: y as u16, seen });
         }
     }
 
@@ -141,8 +158,7 @@ impl Segmenter {
                     self.blobs.push(blob);
                 }
             }
-            least_chroma =
-                if least_chroma == 0.0 { crate::color::LEAST_CHROMA * 2.0 } else { least_chroma * 2.0 };
+            least_chroma *= 2.0;
             self.next.retain(|p| p.seen.chroma >= least_chroma);
             std::mem::swap(&mut self.level, &mut self.next);
         }
@@ -232,12 +248,11 @@ impl Sums {
     }
 }
 
-/// Whether a row of colour differences is so grey that no pixel of it can reach the least purity.
-fn neutral_row(u: &[u8], v: &[u8], width: usize, y: usize, window: &Window) -> bool {
-    let across = width.div_ceil(2);
-    let range = y / 2 * across + window.columns.start / 2..y / 2 * across + window.columns.end.div_ceil(2);
-    let (Some(u), Some(v)) = (u.get(range.clone()), v.get(range)) else { return true };
-    u.iter().zip(v).all(|(u, v)| u.abs_diff(128).max(v.abs_diff(128)) < 6)
+/// A quick test that only removes what the purity test would remove: half the light is at most 0.73 of the code, so the
+/// code of a pure enough pixel spans 0.27 of its maximum, and a colour difference at least a third of that.
+fn yuv_is_neutral(y: u8, u: u8, v: u8) -> bool {
+    let difference = u32::from(u.abs_diff(128).max(v.abs_diff(128)));
+    difference * 12 + 16 < u32::from(y)
 }
 
 /// A quick test on coded values that only removes what the purity test would remove: on the sRGB curve half the linear

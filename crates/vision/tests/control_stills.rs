@@ -1,5 +1,6 @@
 //! The control frame of the shared film: eight balls in each still, against a projection written here from the stated
 //! geometry of the two cameras.
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 use mavsight_vision::{BallColor, Detector, Frame, ImageSize, Vector2};
 use std::path::PathBuf;

@@ -1,4 +1,5 @@
 //! Balls drawn by supersampling, which shares nothing with the fit's analytic edge, measured through the public calls.
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 use mavsight_vision::{BallColor, Detector, Frame, ImageSize, Tracker, Vector2, VisionError, YuvMatrix};
 
