@@ -1,0 +1,100 @@
+//! Which columns say something that the others have not said.
+
+use nalgebra::{DMatrix, DVector};
+
+/// Columns split into independent ones and those that are combinations of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dependence {
+    /// Indices of independent columns, in order.
+    pub independent: Vec<usize>,
+    /// Dependent columns: index, and the factor of each independent column (in the order of `independent`).
+    pub dependent: Vec<(usize, Vec<f64>)>,
+}
+
+impl Dependence {
+    /// Whether an independent column's coefficient is determined by itself, that is, carries no dependent column.
+    pub fn stands_alone(&self, position: usize) -> bool {
+        self.dependent.iter().all(|(_, factors)| factors[position] == 0.0)
+    }
+}
+
+/// Goes through the columns from left to right and keeps each that is not a combination of those kept before.
+///
+/// A column is a combination when what the kept ones leave of it is below `noise_std`·3·√rows (its own error, were it
+/// all noise) or below rows·columns·ε of its length (rounding; Golub & Van Loan 2013, section 5.5). Factors below 1e-9
+/// of the column are rounding and returned as zero.
+pub fn independent_columns(columns: &DMatrix<f64>, noise_std: &[f64]) -> Dependence {
+    let (rows, count) = columns.shape();
+    let mut out = Dependence { independent: Vec::new(), dependent: Vec::new() };
+    for j in 0..count {
+        let column = columns.column(j).into_owned();
+        let length = column.norm();
+        let rounding = (rows * count) as f64 * f64::EPSILON * length;
+        let noise = 3.0 * noise_std.get(j).copied().unwrap_or(0.0) * (rows as f64).sqrt();
+        let (factors, left) = project(columns, &out.independent, &column);
+        if length > 0.0 && left > rounding.max(noise) && out.independent.len() < rows {
+            out.independent.push(j);
+            for (_, factors) in &mut out.dependent {
+                factors.push(0.0);
+            }
+        } else {
+            out.dependent.push((j, factors));
+        }
+    }
+    out
+}
+
+/// Factors of the kept columns that come nearest to a column, and the length of what is left.
+fn project(columns: &DMatrix<f64>, kept: &[usize], column: &DVector<f64>) -> (Vec<f64>, f64) {
+    if kept.is_empty() {
+        return (Vec::new(), column.norm());
+    }
+    let basis = columns.select_columns(kept);
+    let scales: Vec<f64> = basis.column_iter().map(|c| c.norm()).collect();
+    let mut scaled = basis.clone();
+    for (mut c, s) in scaled.column_iter_mut().zip(&scales) {
+        c /= *s;
+    }
+    let qr = scaled.qr();
+    let Some(solution) = qr.r().solve_upper_triangular(&(qr.q().transpose() * column)) else {
+        return (vec![0.0; kept.len()], column.norm());
+    };
+    let length = column.norm();
+    let factors: Vec<f64> = solution
+        .iter()
+        .zip(&scales)
+        .map(|(x, s)| if x.abs() < 1e-9 * length { 0.0 } else { x / s })
+        .collect();
+    let left = (column - &basis * DVector::from_vec(factors.clone())).norm();
+    (factors, left)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn constants_lean_on_the_intercept() {
+        let columns = DMatrix::from_fn(50, 4, |i, j| match j {
+            0 => 1.0,
+            1 => (i as f64).sin(),
+            2 => 4.631,
+            _ => 2.0 * (i as f64).sin() + 1.0,
+        });
+        let d = independent_columns(&columns, &[0.0; 4]);
+        assert_eq!(d.independent, [0, 1]);
+        assert_eq!(d.dependent.len(), 2);
+        assert!((d.dependent[0].1[0] - 4.631).abs() < 1e-12 && d.dependent[0].1[1] == 0.0);
+        assert!((d.dependent[1].1[0] - 1.0).abs() < 1e-12 && (d.dependent[1].1[1] - 2.0).abs() < 1e-12);
+        assert!(!d.stands_alone(0) && !d.stands_alone(1));
+    }
+
+    #[test]
+    fn a_column_lost_in_its_own_noise_is_dependent() {
+        let columns = DMatrix::from_fn(100, 2, |i, j| {
+            if j == 0 { 1.0 } else { 2.0 + 1e-3 * ((i * 7 % 11) as f64 - 5.0) / 5.0 }
+        });
+        assert_eq!(independent_columns(&columns, &[0.0, 0.0]).independent, [0, 1]);
+        assert_eq!(independent_columns(&columns, &[0.0, 1e-3]).independent, [0]);
+    }
+}

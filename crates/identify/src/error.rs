@@ -1,0 +1,44 @@
+//! What identification refuses, and what to do about it.
+
+use thiserror::Error;
+
+/// A fit without a determined answer.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum IdentifyError {
+    /// Fewer instants than parameters.
+    #[error("{found} instants are not enough to fit {parameters} parameters: fly for longer, or widen the window")]
+    TooFewInstants {
+        /// Instants in the window.
+        found: usize,
+        /// Parameters of the model.
+        parameters: usize,
+    },
+    /// Inputs that do not cover the flight, or vehicle constants that make no sense.
+    #[error(transparent)]
+    Flight(#[from] mavsight_flight::FlightError),
+    /// Rotors that stand still make the coefficients infinite.
+    #[error("the mean rotor speed at {t_s:.3} s is {omega_rad_s:.1} rad/s: coefficients need turning rotors; fit a window in flight")]
+    RotorsStopped {
+        /// Time.
+        t_s: f64,
+        /// Mean speed.
+        omega_rad_s: f64,
+    },
+    /// Tables of different lengths or with numbers that are not finite.
+    #[error("{what}: every column must have {rows} finite values")]
+    BadColumn {
+        /// The column.
+        what: String,
+        /// Rows expected.
+        rows: usize,
+    },
+    /// No column carries anything.
+    #[error("the regressors have rank zero: nothing was excited; fly a manoeuvre")]
+    RankZero,
+    /// The total least-squares solution does not exist.
+    #[error("total least squares has no solution here (the smallest singular vector has no part in the output, {part:.1e}): use least squares, or a manoeuvre that excites the regressors")]
+    NonGeneric {
+        /// Share of the output in the vector.
+        part: f64,
+    },
+}

@@ -1,0 +1,20 @@
+//! From motion and inputs to parameters: regressors, estimators, diagnostics.
+//!
+//! The model is equation 3 of Mulyanto, Nurhakim, Muhammad (2012) with both thrusts: each of C_X, C_Z and C_m is linear
+//! in 1, alpha_u, alpha_l, q, delta_lon, T_u and T_l.
+
+mod dependence;
+mod error;
+mod fit;
+mod least_squares;
+mod regressors;
+mod robust_covariance;
+mod total_least_squares;
+mod verdict;
+
+pub use dependence::{Dependence, independent_columns};
+pub use error::IdentifyError;
+pub use fit::{Combination, Estimator, Identification, OutputFit, Parameter, identify};
+pub use least_squares::{LeastSquares, least_squares, student_quantile_975};
+pub use regressors::{CoefficientTable, Column, Options, Output, coefficients};
+pub use total_least_squares::{TotalLeastSquares, total_least_squares};
