@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 pub struct EulerAngles {
     /// Roll.
     pub phi_rad: f64,
-    /// Pitch, in [-pi/2, pi/2].
+    /// Pitch, from -pi/2 to pi/2.
     pub theta_rad: f64,
     /// Yaw.
     pub psi_rad: f64,
@@ -61,7 +61,7 @@ pub fn world_from_body(position_in_world_m: Vector3<f64>, attitude: EulerAngles)
     )
 }
 
-/// The matrix [v]× with [v]× w = v × w.
+/// The matrix `[v]×` with `[v]× w = v × w`.
 pub fn cross_matrix(v: &Vector3<f64>) -> Matrix3<f64> {
     v.cross_matrix()
 }

@@ -188,7 +188,7 @@ impl Camera {
         self.cam_from_world.inverse().translation.vector
     }
 
-    /// The 3×4 projection matrix K [R | t]; it leaves distortion out.
+    /// The 3×4 projection matrix `K [R | t]`; it leaves distortion out.
     pub fn matrix(&self) -> Matrix3x4<f64> {
         let mut pose = Matrix3x4::zeros();
         pose.fixed_view_mut::<3, 3>(0, 0)
