@@ -25,7 +25,7 @@ pub struct BallCandidate {
 }
 
 /// Regions of one colour that are looked at closely in one frame, the strongest first.
-const MOST_BLOBS: usize = 64;
+const MOST_BLOBS: usize = 16;
 
 /// Gates that the mean hue of a region, edges included, may be from the marker's before it is looked at closely.
 const LOOSE_GATE: f64 = 2.0;
@@ -60,23 +60,35 @@ impl Detector {
 
     /// Every region that may be a ball with an apparent diameter in the range: one list a colour, best first.
     ///
-    /// A ball that is not seen yields an empty list. Balls below 3 px are not measured, whatever the range.
+    /// A ball that is not seen yields an empty list. Balls below 3 px are not measured, whatever the range; a range
+    /// that is not finite or does not reach 3 px yields nothing at all.
     pub fn candidates(
         &self,
         frame: &Frame,
         expected_diameter_px: RangeInclusive<f64>,
     ) -> Vec<Vec<BallCandidate>> {
-        let mut workspace = Workspace::default();
         let range_px = (*expected_diameter_px.start(), *expected_diameter_px.end());
+        let mut lists = vec![Vec::new(); self.model.len()];
+        if !is_measurable(range_px) {
+            return lists;
+        }
+        let mut workspace = Workspace::default();
         workspace.segmenter.collect(frame, &Window::whole(frame));
-        (0..self.model.len())
-            .map(|marker| {
-                let mut found = Vec::new();
-                workspace.search(frame, &self.model, marker, range_px, &mut found);
-                found.into_iter().map(|(candidate, _)| candidate).collect()
-            })
-            .collect()
+        let mut found = Vec::new();
+        for (marker, list) in lists.iter_mut().enumerate() {
+            workspace.search(frame, &self.model, marker, range_px, &mut found);
+            list.extend(found.iter().map(|(candidate, _)| *candidate));
+        }
+        lists
     }
+}
+
+/// Whether a range of diameters is one, and holds a ball whose centre can be fitted.
+pub(crate) fn is_measurable((smallest_px, largest_px): (f64, f64)) -> bool {
+    smallest_px > 0.0
+        && smallest_px <= largest_px
+        && largest_px.is_finite()
+        && largest_px >= 2.0 * LEAST_RADIUS_PX
 }
 
 impl Workspace {

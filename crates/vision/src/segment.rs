@@ -8,8 +8,8 @@ use std::ops::Range;
 /// A coloured pixel.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Chromatic {
-    pub(crate) x: u16,
-    pub(crate) y: u16,
+    pub(crate) x: u32,
+    pub(crate) y: u32,
     pub(crate) seen: Seen,
 }
 
@@ -128,7 +128,7 @@ impl Segmenter {
     fn add(&mut self, x: usize, y: usize, rgb: [u8; 3]) {
         let seen = Seen::of(to_linear(rgb));
         if seen.is_colored() {
-            self.colored.push(Chromatic { x: x as u16, y: y as u16, seen });
+            self.colored.push(Chromatic { x: x as u32, y: y as u32, seen });
         }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::centre::{LEAST_RADIUS_PX, Siting};
 use crate::color::{ColorModel, Seen, to_linear};
-use crate::detect::Workspace;
+use crate::detect::{Workspace, is_measurable};
 use crate::segment::Window;
 use crate::{BallCandidate, BallColor, Frame, Vector2, VisionError};
 use std::ops::RangeInclusive;
@@ -52,8 +52,7 @@ impl Tracker {
     pub fn new(colors: &[BallColor], expected_diameter_px: RangeInclusive<f64>) -> Result<Self, VisionError> {
         let (smallest_px, largest_px) = (*expected_diameter_px.start(), *expected_diameter_px.end());
         let needed_px = 2.0 * LEAST_RADIUS_PX;
-        let sound = smallest_px > 0.0 && smallest_px <= largest_px && largest_px.is_finite();
-        if !sound || largest_px < needed_px {
+        if !is_measurable((smallest_px, largest_px)) {
             return Err(VisionError::DiameterRange { smallest_px, largest_px, needed_px });
         }
         let model = ColorModel::new(colors)?;

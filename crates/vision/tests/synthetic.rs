@@ -225,6 +225,8 @@ fn bad_requests_are_refused() {
     ];
     assert!(matches!(Detector::new(&twice), Err(VisionError::ColorsTooClose { .. })));
     for range in [0.0..=8.0, 9.0..=4.0, 1.0..=2.0, f64::NAN..=4.0, 3.0..=f64::INFINITY] {
+        let blank = Frame::from_rgb(SIZE, vec![90; 3 * SIZE.area_px()]).unwrap();
+        assert!(Detector::new(&red()).unwrap().candidates(&blank, range.clone())[0].is_empty());
         assert!(matches!(Tracker::new(&red(), range), Err(VisionError::DiameterRange { .. })));
     }
 }
