@@ -357,7 +357,7 @@ fn normal_equations(patch: &Patch, p: &Parameters, state: &State) -> (Informatio
                 let padded = padded(&jacobian);
                 for i in range {
                     let weighted = jacobian[i] * weight;
-                    for (sum, value) in sums[i].iter_mut().zip(&padded).skip(i / LANES) {
+                    for (sum, value) in sums[i].iter_mut().zip(&padded) {
                         for lane in 0..LANES {
                             sum[lane] += weighted * value[lane];
                         }
