@@ -48,10 +48,6 @@ impl Table {
         (0..self.rows.len()).map(move |index| Row { table: self, index })
     }
 
-    pub(crate) fn has(&self, column: &str) -> bool {
-        self.columns.iter().any(|c| c == column)
-    }
-
     /// The place of a column that must be there.
     pub(crate) fn column(&self, name: &str) -> Result<usize, SessionError> {
         self.columns.iter().position(|c| c == name).ok_or_else(|| SessionError::Column {

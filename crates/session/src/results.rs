@@ -1,0 +1,61 @@
+//! The results of a run on disk: one folder, one file for each kind, written whole or not at all.
+
+mod columns;
+mod read;
+mod rig_file;
+mod write;
+
+use mavsight_identify::{CoefficientTable, Identification};
+use mavsight_pose::{MarkerObservation, Motion, PoseSample, Rig};
+
+pub use read::{read_markers, read_motion, read_poses, read_summary};
+pub use rig_file::{read_rig, write_rig};
+pub use write::write_results;
+
+/// Version of `summary.json` and of the tables beside it.
+pub const RESULTS_SCHEMA: u32 = 1;
+
+/// Names of the files in a folder of results.
+pub mod names {
+    /// Cameras.
+    pub const RIG: &str = "rig.toml";
+    /// Marker observations.
+    pub const MARKERS: &str = "markers.csv";
+    /// Poses as measured.
+    pub const POSE: &str = "pose.csv";
+    /// Smoothed motion.
+    pub const MOTION: &str = "motion.csv";
+    /// Coefficients and regressors.
+    pub const COEFFICIENTS: &str = "coefficients.csv";
+    /// Parameters.
+    pub const PARAMETERS: &str = "parameters.csv";
+    /// Every figure, machine-readable.
+    pub const SUMMARY: &str = "summary.json";
+    /// The page for people.
+    pub const REPORT: &str = "report.html";
+}
+
+/// Everything that a run found; what a stage did not make is empty and its file is not touched.
+#[derive(Debug, Clone, Default)]
+pub struct RunResults {
+    /// Name of the session.
+    pub session: String,
+    /// Names of the cameras, in the order of the indices in `markers`.
+    pub camera_names: Vec<String>,
+    /// Names of the vehicle's markers, in the order of the indices in `markers` and `poses`.
+    pub marker_names: Vec<String>,
+    /// Cameras.
+    pub rig: Option<Rig>,
+    /// Every marker seen.
+    pub markers: Vec<MarkerObservation>,
+    /// One sample an instant.
+    pub poses: Vec<PoseSample>,
+    /// Smoothed motion.
+    pub motion: Option<Motion>,
+    /// Coefficients and regressors.
+    pub coefficients: Option<CoefficientTable>,
+    /// Fits.
+    pub identification: Option<Identification>,
+    /// Figures for `summary.json`: an object, or null for no such file.
+    pub summary: serde_json::Value,
+}

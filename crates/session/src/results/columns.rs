@@ -1,0 +1,36 @@
+//! Names of columns: a quantity, and its unit after it; `_std` stands between the two.
+
+/// Position and attitude, in `pose.csv` and `motion.csv`.
+pub(super) const POSE: [(&str, &str); 6] =
+    [("x", "m"), ("y", "m"), ("z", "m"), ("phi", "rad"), ("theta", "rad"), ("psi", "rad")];
+
+/// What `motion.csv` has after the pose: a is the specific force, `pdot` the angular acceleration.
+pub(super) const RATES: [(&str, &str); 12] = [
+    ("u", "m_s"),
+    ("v", "m_s"),
+    ("w", "m_s"),
+    ("p", "rad_s"),
+    ("q", "rad_s"),
+    ("r", "rad_s"),
+    ("ax", "m_s2"),
+    ("ay", "m_s2"),
+    ("az", "m_s2"),
+    ("pdot", "rad_s2"),
+    ("qdot", "rad_s2"),
+    ("rdot", "rad_s2"),
+];
+
+/// Columns of `markers.csv`.
+pub(super) const MARKERS: [&str; 7] = ["t_s", "camera", "marker", "u_px", "v_px", "u_std_px", "v_std_px"];
+
+/// Columns of `parameters.csv`.
+pub(super) const PARAMETERS: [&str; 8] =
+    ["estimator", "output", "parameter", "value", "std", "ci_low", "ci_high", "identifiable"];
+
+pub(super) fn value((quantity, unit): (&str, &str)) -> String {
+    format!("{quantity}_{unit}")
+}
+
+pub(super) fn std((quantity, unit): (&str, &str)) -> String {
+    format!("{quantity}_std_{unit}")
+}

@@ -1,0 +1,195 @@
+//! Results from their files, so that a stage can begin where another one ended.
+
+use super::columns;
+use crate::table::{Row, Table};
+use crate::{SessionError, error::require_file};
+use mavsight_geometry::{EulerAngles, Matrix2, Matrix3, Matrix6, Vector2, Vector3, world_from_body};
+use mavsight_pose::{MarkerObservation, Motion, MotionSample, PoseEstimate, PoseSample};
+use nalgebra::SMatrix;
+use std::path::Path;
+
+/// What a pose without `_std` columns is taken to be good to: a millimetre and a milliradian. Only their ratio matters,
+/// since the smoother finds the scale of the noise from the poses themselves.
+const UNKNOWN_STD: [f64; 6] = [1e-3; 6];
+
+/// Reads `markers.csv`. Only the standard deviations are on file: the covariance between u and v is zero.
+///
+/// # Errors
+/// Names the file, row and column; a camera or marker that is not among those given.
+pub fn read_markers(
+    path: &Path,
+    camera_names: &[String],
+    marker_names: &[String],
+) -> Result<Vec<MarkerObservation>, SessionError> {
+    let table = Table::read(path, "markers: `track` writes them")?;
+    let [t, camera, marker, u, v, u_std, v_std] = table.columns(columns::MARKERS)?;
+    let index = |row: Row<'_>, column: usize, names: &[String]| {
+        let text = row.text(column);
+        names.iter().position(|n| n == text).ok_or_else(|| {
+            row.refuse(column, format!("{text:?} is not known: use one of {}", names.join(", ")))
+        })
+    };
+    let read = |row: Row<'_>| {
+        let [u_px, v_px, u_std_px, v_std_px] = row.numbers([u, v, u_std, v_std])?;
+        Ok(MarkerObservation {
+            t_ns: row.time_ns(t)?,
+            camera: index(row, camera, camera_names)?,
+            marker: index(row, marker, marker_names)?,
+            pixel: Vector2::new(u_px, v_px),
+            covariance_px2: Matrix2::new(u_std_px * u_std_px, 0.0, 0.0, v_std_px * v_std_px),
+        })
+    };
+    table.rows_if_any().map(read).collect()
+}
+
+/// Reads `pose.csv`, or the pose table of another system: the columns `t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad` are
+/// needed, `_std` columns, `markers` and `residual_px` are not. A row whose pose is empty was not measured.
+///
+/// The standard deviations of the Euler angles are taken as uncorrelated, and without them every pose counts the same
+/// (1 mm, 1 mrad): the smoother scales the noise to what the poses show.
+///
+/// # Errors
+/// Names the file, row and column.
+pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample>, SessionError> {
+    let table = Table::read(path, "poses: `track` writes them")?;
+    let t = table.column("t_s")?;
+    let mut values = [0; 6];
+    let mut stds = [None; 6];
+    for (k, quantity) in columns::POSE.into_iter().enumerate() {
+        values[k] = table.column(&columns::value(quantity))?;
+        stds[k] = table.column(&columns::std(quantity)).ok();
+    }
+    let (markers, residual) = (table.column("markers").ok(), table.column("residual_px").ok());
+    let mut samples: Vec<PoseSample> = Vec::new();
+    for row in table.rows()? {
+        let t_ns = row.time_ns(t)?;
+        if samples.last().is_some_and(|before| before.t_ns >= t_ns) {
+            return Err(
+                row.refuse(t, "the time does not come after that of the row before: sort the rows".into())
+            );
+        }
+        if values.iter().all(|column| row.text(*column).is_empty()) {
+            samples.push(PoseSample { t_ns, estimate: None, reason: Some("not measured".into()) });
+            continue;
+        }
+        let pose = row.numbers(values)?;
+        let used = markers.map(|c| row.text(c)).unwrap_or("");
+        let estimate = PoseEstimate {
+            covariance: covariance(&pose, &std_cells(row, stds)?),
+            world_from_body: isometry(&pose),
+            markers_used: marker_names
+                .iter()
+                .enumerate()
+                .filter(|(_, name)| used.split_whitespace().any(|u| u == name.as_str()))
+                .map(|(k, _)| k)
+                .collect(),
+            left_out: Vec::new(),
+            residual_px: residual.map_or(Ok(None), |c| row.number_if_any(c))?.unwrap_or(0.0),
+        };
+        samples.push(PoseSample { t_ns, estimate: Some(estimate), reason: None });
+    }
+    Ok(samples)
+}
+
+fn std_cells(row: Row<'_>, columns: [Option<usize>; 6]) -> Result<[f64; 6], SessionError> {
+    let mut stds = UNKNOWN_STD;
+    for (std, column) in stds.iter_mut().zip(columns) {
+        let Some(column) = column else { continue };
+        let Some(value) = row.number_if_any(column)? else { continue };
+        if value <= 0.0 {
+            return Err(
+                row.refuse(column, format!("{value} must be above zero: leave the cell empty if unknown"))
+            );
+        }
+        *std = value;
+    }
+    Ok(stds)
+}
+
+fn angles(pose: &[f64; 6]) -> EulerAngles {
+    EulerAngles { phi_rad: pose[3], theta_rad: pose[4], psi_rad: pose[5] }
+}
+
+fn isometry(pose: &[f64; 6]) -> mavsight_geometry::Isometry3<f64> {
+    world_from_body(Vector3::new(pose[0], pose[1], pose[2]), angles(pose))
+}
+
+/// Position in world axes, then a small turn about body axes, from standard deviations of position and Euler angles.
+fn covariance(pose: &[f64; 6], stds: &[f64; 6]) -> Matrix6<f64> {
+    let var = stds.map(|s| s * s);
+    let mut covariance = Matrix6::from_diagonal(&var.into());
+    let euler = Matrix3::from_diagonal(&Vector3::new(var[3], var[4], var[5]));
+    // At a pitch of ±90° the angles say nothing about the turn: they are then taken as the turn itself.
+    let turn = angles(pose).rates_from_body_rates().try_inverse().map(|j| j * euler * j.transpose());
+    let turn = turn.filter(|t| t.iter().all(|x| x.is_finite())).unwrap_or(euler);
+    covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
+    covariance
+}
+
+/// Reads `motion.csv` and, from the `summary.json` beside it, the bandwidth of the smoother. The covariance has only
+/// its diagonal (and the turn's block).
+///
+/// # Errors
+/// Names the file, row and column, or the key of the summary.
+pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
+    let table = Table::read(path, "motion: `identify` writes it")?;
+    let t = table.column("t_s")?;
+    let mut values = [0; 18];
+    let mut stds = [0; 18];
+    for (k, quantity) in columns::POSE.iter().chain(&columns::RATES).enumerate() {
+        values[k] = table.column(&columns::value(*quantity))?;
+        stds[k] = table.column(&columns::std(*quantity))?;
+    }
+    let samples = table.rows()?.map(|row| {
+        let (value, std) = (row.numbers(values)?, row.numbers(stds)?);
+        Ok(motion_sample(row.time_ns(t)?, &value, &std))
+    });
+    let samples = samples.collect::<Result<Vec<_>, _>>()?;
+    let summary_path = path.with_file_name(super::names::SUMMARY);
+    let summary = read_summary(&summary_path)?;
+    let figure = |key: &str| {
+        let value = summary.get("smoother").and_then(|s| s.get(key)).and_then(serde_json::Value::as_f64);
+        value.ok_or_else(|| SessionError::Value {
+            path: summary_path.clone(),
+            key: format!("smoother.{key}"),
+            detail: "is missing: run `identify` again".into(),
+        })
+    };
+    Ok(Motion {
+        samples,
+        translation_bandwidth_hz: figure("translation_bandwidth_hz")?,
+        rotation_bandwidth_hz: figure("rotation_bandwidth_hz")?,
+        sample_interval_s: figure("sample_interval_s")?,
+    })
+}
+
+fn motion_sample(t_ns: i64, value: &[f64; 18], std: &[f64; 18]) -> MotionSample {
+    let three = |from: usize| Vector3::new(value[from], value[from + 1], value[from + 2]);
+    let pose = [value[0], value[1], value[2], value[3], value[4], value[5]];
+    let pose_std = [std[0], std[1], std[2], std[3], std[4], std[5]];
+    let mut all = SMatrix::<f64, 18, 18>::from_diagonal(&std.map(|s| s * s).into());
+    all.fixed_view_mut::<6, 6>(0, 0).copy_from(&covariance(&pose, &pose_std));
+    MotionSample {
+        t_ns,
+        world_from_body: isometry(&pose),
+        velocity_in_body_m_s: three(6),
+        rates_rad_s: three(9),
+        specific_force_m_s2: three(12),
+        angular_acceleration_rad_s2: three(15),
+        covariance: all,
+    }
+}
+
+/// Reads `summary.json`.
+///
+/// # Errors
+/// A file that is missing or not JSON.
+pub fn read_summary(path: &Path) -> Result<serde_json::Value, SessionError> {
+    require_file(path, "summary of a run")?;
+    let text = std::fs::read_to_string(path).map_err(|e| SessionError::io(path, "read it", e))?;
+    serde_json::from_str(&text).map_err(|e| SessionError::Toml {
+        path: path.to_owned(),
+        line: e.line(),
+        detail: format!("not JSON: {e}"),
+    })
+}

@@ -1,0 +1,227 @@
+//! Results into their files.
+
+use super::{RESULTS_SCHEMA, RunResults, columns, names, rig_file};
+use crate::{SessionError, make_folder, s_from_ns, write_whole};
+use mavsight_geometry::{EulerAngles, Isometry3};
+use mavsight_identify::{CoefficientTable, Identification};
+use mavsight_pose::{MarkerObservation, Motion, MotionSample, PoseSample, euler_std};
+use std::path::Path;
+
+/// Writes what a run found into a folder, which is made where it is missing.
+///
+/// Everything is formed before the first file is touched, each file is renamed into its place, `summary.json` last;
+/// when one cannot be written, those of this call are taken away again.
+///
+/// # Errors
+/// A folder that is a file, or what the file system refuses.
+pub fn write_results(folder: &Path, results: &RunResults) -> Result<(), SessionError> {
+    let files = files(results, folder)?;
+    make_folder(folder)?;
+    for (k, (name, content)) in files.iter().enumerate() {
+        if let Err(error) = write_whole(&folder.join(name), content) {
+            for (written, _) in &files[..k] {
+                // The first failure is what the user must know.
+                drop(std::fs::remove_file(folder.join(written)));
+            }
+            return Err(error);
+        }
+    }
+    Ok(())
+}
+
+fn files(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Vec<u8>)>, SessionError> {
+    let mut files = Vec::new();
+    if let Some(rig) = &results.rig {
+        files.push((names::RIG, rig_file::text(rig, &folder.join(names::RIG))?.into_bytes()));
+    }
+    if !results.poses.is_empty() || !results.markers.is_empty() {
+        files.push((names::MARKERS, markers(&results.markers, results)));
+        files.push((names::POSE, poses(&results.poses, &results.marker_names)));
+    }
+    if let Some(motion) = &results.motion {
+        files.push((names::MOTION, motion_table(motion)));
+    }
+    if let Some(table) = &results.coefficients {
+        files.push((names::COEFFICIENTS, coefficients(table)));
+    }
+    if let Some(identification) = &results.identification {
+        files.push((names::PARAMETERS, parameters(identification)));
+    }
+    if let Some(summary) = summary(results) {
+        let text = serde_json::to_string_pretty(&summary).map_err(|e| {
+            let source = std::io::Error::other(e.to_string());
+            SessionError::io(&folder.join(names::SUMMARY), "express it as JSON", source)
+        })?;
+        files.push((names::SUMMARY, (text + "\n").into_bytes()));
+    }
+    Ok(files)
+}
+
+/// Rows of cells, with quotes where a cell needs them.
+struct Lines(csv::Writer<Vec<u8>>);
+
+impl Lines {
+    fn new<T: AsRef<[u8]>>(header: impl IntoIterator<Item = T>) -> Self {
+        let mut lines = Self(csv::Writer::from_writer(Vec::new()));
+        lines.push(header);
+        lines
+    }
+
+    fn push<T: AsRef<[u8]>>(&mut self, cells: impl IntoIterator<Item = T>) {
+        // Every row has as many cells as the header, and memory does not fail: the only two errors there are.
+        let _ = self.0.write_record(cells);
+    }
+
+    fn bytes(self) -> Vec<u8> {
+        self.0.into_inner().unwrap_or_default()
+    }
+}
+
+fn time(t_ns: i64) -> String {
+    format!("{:.9}", s_from_ns(t_ns))
+}
+
+/// The shortest text that reads back as the same number; nothing for what is not one.
+fn number(value: f64) -> String {
+    if value.is_finite() { format!("{value:?}") } else { String::new() }
+}
+
+fn optional(value: Option<f64>) -> String {
+    value.map(number).unwrap_or_default()
+}
+
+fn name_of(names: &[String], index: usize) -> String {
+    names.get(index).cloned().unwrap_or_else(|| index.to_string())
+}
+
+fn markers(observations: &[MarkerObservation], results: &RunResults) -> Vec<u8> {
+    let mut lines = Lines::new(columns::MARKERS);
+    for o in observations {
+        lines.push([
+            time(o.t_ns),
+            name_of(&results.camera_names, o.camera),
+            name_of(&results.marker_names, o.marker),
+            number(o.pixel.x),
+            number(o.pixel.y),
+            number(o.covariance_px2[(0, 0)].sqrt()),
+            number(o.covariance_px2[(1, 1)].sqrt()),
+        ]);
+    }
+    lines.bytes()
+}
+
+fn pose_values(world_from_body: &Isometry3<f64>) -> [f64; 6] {
+    let (p, e) = (world_from_body.translation.vector, EulerAngles::from_world_from_body(world_from_body));
+    [p.x, p.y, p.z, e.phi_rad, e.theta_rad, e.psi_rad]
+}
+
+fn poses(samples: &[PoseSample], marker_names: &[String]) -> Vec<u8> {
+    let mut header = vec!["t_s".to_owned()];
+    header.extend(columns::POSE.map(columns::value));
+    header.extend(columns::POSE.map(columns::std));
+    header.extend(["markers".to_owned(), "residual_px".to_owned()]);
+    let width = header.len();
+    let mut lines = Lines::new(header);
+    for sample in samples {
+        let mut cells = vec![time(sample.t_ns)];
+        if let Some(e) = &sample.estimate {
+            cells.extend(pose_values(&e.world_from_body).map(number));
+            cells.extend((0..3).map(|i| number(e.covariance[(i, i)].sqrt())));
+            let turn = e.covariance.fixed_view::<3, 3>(3, 3).into_owned();
+            cells.extend(euler_std(&e.world_from_body, &turn).iter().map(|s| number(*s)));
+            let used: Vec<String> = e.markers_used.iter().map(|m| name_of(marker_names, *m)).collect();
+            cells.extend([used.join(" "), number(e.residual_px)]);
+        }
+        cells.resize(width, String::new());
+        lines.push(cells);
+    }
+    lines.bytes()
+}
+
+fn motion_table(motion: &Motion) -> Vec<u8> {
+    let quantities = columns::POSE.iter().chain(&columns::RATES);
+    let header = quantities.flat_map(|q| [columns::value(*q), columns::std(*q)]);
+    let mut lines = Lines::new(std::iter::once("t_s".to_owned()).chain(header));
+    for sample in &motion.samples {
+        let (values, stds) = motion_values(sample);
+        let cells = values.iter().zip(&stds).flat_map(|(value, std)| [number(*value), number(*std)]);
+        lines.push(std::iter::once(time(sample.t_ns)).chain(cells));
+    }
+    lines.bytes()
+}
+
+fn motion_values(sample: &MotionSample) -> (Vec<f64>, Vec<f64>) {
+    let mut values = pose_values(&sample.world_from_body).to_vec();
+    for part in [
+        sample.velocity_in_body_m_s,
+        sample.rates_rad_s,
+        sample.specific_force_m_s2,
+        sample.angular_acceleration_rad_s2,
+    ] {
+        values.extend(part.iter());
+    }
+    let mut stds: Vec<f64> = sample.covariance.diagonal().iter().map(|v| v.sqrt()).collect();
+    let turn = sample.covariance.fixed_view::<3, 3>(3, 3).into_owned();
+    for (std, euler) in stds.iter_mut().skip(3).zip(euler_std(&sample.world_from_body, &turn).iter()) {
+        *std = *euler;
+    }
+    (values, stds)
+}
+
+fn coefficients(table: &CoefficientTable) -> Vec<u8> {
+    let mut header = vec!["t_s".to_owned()];
+    for output in &table.outputs {
+        header.push(output.name.clone());
+        header.extend(output.columns.iter().map(|c| format!("{}:{}", output.name, c.name)));
+    }
+    let mut lines = Lines::new(header);
+    let cell = |values: &[f64], k: usize| optional(values.get(k).copied());
+    for (k, t_s) in table.t_s.iter().enumerate() {
+        let mut cells = vec![format!("{t_s:.9}")];
+        for output in &table.outputs {
+            cells.push(cell(&output.values, k));
+            cells.extend(output.columns.iter().map(|c| cell(&c.values, k)));
+        }
+        lines.push(cells);
+    }
+    lines.bytes()
+}
+
+fn parameters(identification: &Identification) -> Vec<u8> {
+    let mut lines = Lines::new(columns::PARAMETERS);
+    for fit in &identification.fits {
+        let begin = || vec![fit.estimator.name().to_owned(), fit.output.clone()];
+        for p in &fit.parameters {
+            let mut cells = begin();
+            cells.push(p.name.clone());
+            cells.extend([p.value, p.std, p.ci_low, p.ci_high].map(optional));
+            cells.push(p.identifiable.to_string());
+            lines.push(cells);
+        }
+        for c in &fit.combinations {
+            let mut cells = begin();
+            cells.extend([c.text.clone(), number(c.value), number(c.std), String::new(), String::new()]);
+            cells.push("true".to_owned());
+            lines.push(cells);
+        }
+    }
+    lines.bytes()
+}
+
+/// The summary with the schema's version, the session's name, and what the motion table cannot say of itself.
+fn summary(results: &RunResults) -> Option<serde_json::Value> {
+    let mut object = results.summary.as_object()?.clone();
+    object.insert("schema".into(), RESULTS_SCHEMA.into());
+    object.insert("session".into(), results.session.clone().into());
+    if let Some(motion) = &results.motion {
+        object.insert(
+            "smoother".into(),
+            serde_json::json!({
+                "translation_bandwidth_hz": motion.translation_bandwidth_hz,
+                "rotation_bandwidth_hz": motion.rotation_bandwidth_hz,
+                "sample_interval_s": motion.sample_interval_s,
+            }),
+        );
+    }
+    Some(object.into())
+}

@@ -1,0 +1,225 @@
+//! Results: what is written reads back, and what cannot be written leaves nothing.
+
+mod common;
+
+use approx::assert_relative_eq;
+use common::Folder;
+use mavsight_geometry::{
+    Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Matrix2, Matrix6, Vector2, Vector3,
+    world_from_body,
+};
+use mavsight_pose::{
+    CameraControl, MarkerObservation, Motion, MotionSample, PoseEstimate, PoseSample, Rig, calibrate,
+    euler_std,
+};
+use mavsight_session::{
+    RunResults, read_markers, read_motion, read_poses, read_rig, read_summary, write_results, write_rig,
+};
+use nalgebra::SMatrix;
+
+fn names(all: &[&str]) -> Vec<String> {
+    all.iter().map(|n| (*n).to_owned()).collect()
+}
+
+fn rig() -> Rig {
+    let size = ImageSize { width_px: 640, height_px: 480 };
+    let camera = Camera::looking_at(
+        &Vector3::new(4.5, -4.5, 1.5),
+        &Vector3::new(0.0, 0.0, 1.5),
+        Intrinsics::from_horizontal_fov(size, 0.925),
+        size,
+    )
+    .unwrap();
+    let points = (0..8).map(|k| {
+        let point =
+            Vector3::new(f64::from(k & 1) * 3.0 - 1.5, f64::from(k & 2) * 1.5 - 1.5, f64::from(k & 4) * 0.75);
+        let shift = Vector2::new(0.05 * f64::from(k % 3), -0.03 * f64::from(k % 2));
+        ControlPoint {
+            name: format!("p{k}"),
+            point_in_world_m: point,
+            pixel: camera.project(&point).unwrap().pixel + shift,
+            pixel_cov_px2: Matrix2::identity() * 0.01,
+        }
+    });
+    let points: Vec<_> = points.collect();
+    let control = CameraControl { name: "cam1".into(), size, ball_radius_m: vec![0.03; 8], points };
+    calibrate(&[control]).unwrap()
+}
+
+fn pose_sample(t_ns: i64) -> PoseSample {
+    let attitude = EulerAngles { phi_rad: 0.3, theta_rad: -0.4, psi_rad: 2.0 };
+    let covariance = Matrix6::from_diagonal(&[1e-6, 4e-6, 9e-6, 1e-4, 2e-4, 3e-4].into());
+    let estimate = PoseEstimate {
+        world_from_body: world_from_body(Vector3::new(0.1, -0.2, 1.5), attitude),
+        covariance,
+        markers_used: vec![0, 2],
+        left_out: vec![],
+        residual_px: 0.125,
+    };
+    PoseSample { t_ns, estimate: Some(estimate), reason: None }
+}
+
+fn motion() -> Motion {
+    let pose = pose_sample(0).estimate.unwrap();
+    let mut covariance = SMatrix::<f64, 18, 18>::from_diagonal_element(1e-4);
+    covariance.fixed_view_mut::<6, 6>(0, 0).copy_from(&pose.covariance);
+    let sample = MotionSample {
+        t_ns: 33_333_333,
+        world_from_body: pose.world_from_body,
+        velocity_in_body_m_s: Vector3::new(1.0, 2.0, 3.0),
+        rates_rad_s: Vector3::new(4.0, 5.0, 6.0),
+        specific_force_m_s2: Vector3::new(7.0, 8.0, -9.8),
+        angular_acceleration_rad_s2: Vector3::new(10.0, 11.0, 1e-9),
+        covariance,
+    };
+    Motion {
+        samples: vec![sample],
+        translation_bandwidth_hz: 3.5,
+        rotation_bandwidth_hz: 4.5,
+        sample_interval_s: 1.0 / 30.0,
+    }
+}
+
+fn results() -> RunResults {
+    let observation = MarkerObservation {
+        t_ns: 33_333_333,
+        camera: 1,
+        marker: 2,
+        pixel: Vector2::new(12.25, 480.0 / 7.0),
+        covariance_px2: Matrix2::new(0.04, 0.0, 0.0, 0.09),
+    };
+    RunResults {
+        session: "test".into(),
+        camera_names: names(&["cam1", "cam2"]),
+        marker_names: names(&["red", "green", "blue"]),
+        rig: Some(rig()),
+        markers: vec![observation],
+        poses: vec![
+            pose_sample(0),
+            PoseSample { t_ns: 33_333_333, estimate: None, reason: Some("dark".into()) },
+            pose_sample(66_666_667),
+        ],
+        motion: Some(motion()),
+        summary: serde_json::json!({"frames": 3}),
+        ..RunResults::default()
+    }
+}
+
+#[test]
+fn a_rig_survives() {
+    let (folder, rig) = (Folder::new(), rig());
+    write_rig(&folder.path("rig.toml"), &rig).unwrap();
+    let back = read_rig(&folder.path("rig.toml")).unwrap();
+    let (a, b) = (&rig.cameras[0], &back.cameras[0]);
+    assert_eq!(
+        (&a.name, a.camera.size, a.fit.dlt, a.camera.intrinsics),
+        (&b.name, b.camera.size, b.fit.dlt, b.camera.intrinsics)
+    );
+    assert_eq!((&a.points, &a.points_in_world_m, a.sigma_px), (&b.points, &b.points_in_world_m, b.sigma_px));
+    assert_eq!((a.fit.covariance, a.centre_cov_m2), (b.fit.covariance, b.centre_cov_m2));
+    let point = Vector3::new(0.3, 0.4, 1.1);
+    assert_relative_eq!(
+        a.camera.project(&point).unwrap().pixel,
+        b.camera.project(&point).unwrap().pixel,
+        epsilon = 1e-9
+    );
+    let text = std::fs::read_to_string(folder.path("rig.toml")).unwrap();
+    let error =
+        read_rig(&folder.write("bad.toml", text.replace("sigma_px", "sigma"))).unwrap_err().to_string();
+    assert!(error.contains("bad.toml") && error.contains("sigma") && error.contains("line"), "{error}");
+}
+
+#[test]
+fn all_tables_survive() {
+    let (folder, results) = (Folder::new(), results());
+    let out = folder.path("out");
+    write_results(&out, &results).unwrap();
+    let markers =
+        read_markers(&out.join("markers.csv"), &results.camera_names, &results.marker_names).unwrap();
+    assert_eq!(markers[0].t_ns, 33_333_333);
+    assert_eq!((markers[0].camera, markers[0].marker, markers[0].pixel), (1, 2, results.markers[0].pixel));
+    assert_relative_eq!(markers[0].covariance_px2, results.markers[0].covariance_px2, epsilon = 1e-15);
+
+    let poses = read_poses(&out.join("pose.csv"), &results.marker_names).unwrap();
+    assert_eq!(poses.iter().map(|p| p.t_ns).collect::<Vec<_>>(), [0, 33_333_333, 66_666_667]);
+    assert!(poses[1].estimate.is_none());
+    let (a, b) = (results.poses[2].estimate.as_ref().unwrap(), poses[2].estimate.as_ref().unwrap());
+    assert_relative_eq!(a.world_from_body, b.world_from_body, epsilon = 1e-14);
+    assert_eq!((&a.markers_used, a.residual_px), (&b.markers_used, b.residual_px));
+    let turn =
+        |p: &PoseEstimate| euler_std(&p.world_from_body, &p.covariance.fixed_view::<3, 3>(3, 3).into_owned());
+    assert_relative_eq!(turn(a), turn(b), epsilon = 1e-12);
+
+    let motion = read_motion(&out.join("motion.csv")).unwrap();
+    let wanted = results.motion.as_ref().unwrap();
+    assert_eq!((motion.translation_bandwidth_hz, motion.rotation_bandwidth_hz), (3.5, 4.5));
+    assert_eq!(motion.samples[0].specific_force_m_s2, wanted.samples[0].specific_force_m_s2);
+    assert_eq!(motion.samples[0].angular_acceleration_rad_s2, wanted.samples[0].angular_acceleration_rad_s2);
+    assert_relative_eq!(motion.samples[0].covariance[(17, 17)], 1e-4, epsilon = 1e-15);
+    let summary = read_summary(&out.join("summary.json")).unwrap();
+    assert_eq!((summary["schema"].as_u64(), summary["frames"].as_u64()), (Some(1), Some(3)));
+}
+
+#[test]
+fn headers_are_those_of_the_contract() {
+    let folder = Folder::new();
+    write_results(&folder.path(""), &results()).unwrap();
+    let header = |file: &str| {
+        std::fs::read_to_string(folder.path(file)).unwrap().lines().next().unwrap_or_default().to_owned()
+    };
+    assert_eq!(header("markers.csv"), "t_s,camera,marker,u_px,v_px,u_std_px,v_std_px");
+    assert_eq!(
+        header("pose.csv"),
+        "t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad,x_std_m,y_std_m,z_std_m,phi_std_rad,theta_std_rad,psi_std_rad,\
+         markers,residual_px"
+    );
+    assert!(
+        header("motion.csv").contains(",u_m_s,u_std_m_s,")
+            && header("motion.csv").contains(",rdot_rad_s2,rdot_std_rad_s2")
+    );
+    let text = std::fs::read_to_string(folder.path("pose.csv")).unwrap();
+    assert_eq!(
+        text.lines().nth(2).unwrap(),
+        "0.033333333,,,,,,,,,,,,,,",
+        "an unmeasured frame is an empty row"
+    );
+}
+
+#[test]
+fn a_pose_table_of_another_system_is_read() {
+    let folder = Folder::new();
+    let table =
+        "t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad\n0.0,1,2,3,0,0,0.5\n0.1,,,,,,\n0.2,1,2,3,0,0,0.5\n";
+    let poses = read_poses(&folder.write("pose.csv", table), &[]).unwrap();
+    assert!(poses[1].estimate.is_none());
+    let estimate = poses[2].estimate.as_ref().unwrap();
+    assert_eq!(estimate.world_from_body.translation.vector, Vector3::new(1.0, 2.0, 3.0));
+    assert_relative_eq!(estimate.covariance, Matrix6::identity() * 1e-6, epsilon = 1e-18);
+    for (bad, parts) in [
+        (table.replace("0.2,1", "0.05,1"), ["row 3", "t_s"]),
+        (table.replace("0.2,1,2,3", "0.2,1,,3"), ["row 3", "y_m"]),
+        (table.replace("psi_rad", "yaw"), ["psi_rad", "yaw"]),
+    ] {
+        let error = read_poses(&folder.write("bad.csv", bad), &[]).unwrap_err().to_string();
+        assert!(parts.iter().all(|p| error.contains(p)) && error.contains("bad.csv"), "{error}");
+    }
+}
+
+#[test]
+fn a_folder_that_is_a_file_is_refused() {
+    let folder = Folder::new();
+    let place = folder.write("out", "mine");
+    let error = write_results(&place, &results()).unwrap_err().to_string();
+    assert!(error.contains("out") && error.contains("another folder"), "{error}");
+    assert_eq!(std::fs::read_to_string(place).unwrap(), "mine");
+}
+
+#[test]
+fn a_failed_write_leaves_no_results() {
+    let folder = Folder::new();
+    std::fs::create_dir_all(folder.path("motion.csv/in the way")).unwrap();
+    let error = write_results(&folder.path(""), &results()).unwrap_err().to_string();
+    assert!(error.contains("motion.csv"), "{error}");
+    let left: Vec<_> = std::fs::read_dir(folder.path("")).unwrap().flatten().map(|e| e.file_name()).collect();
+    assert_eq!(left, ["motion.csv"], "only what was in the way");
+}

@@ -1,0 +1,191 @@
+//! Session files and tables: what is read, and what is refused with file, row and column.
+
+mod common;
+
+use common::{Folder, data};
+use mavsight_flight::{InputSample, InputSeries, Vehicle};
+use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs, read_truth};
+use mavsight_session::{
+    ControlSection, Session, SessionCamera, SessionFile, load_vehicle, write_inputs, write_session,
+    write_vehicle,
+};
+use std::path::PathBuf;
+
+const POINTS: &str = "name,x_m,y_m,z_m,diameter_m,color\na,0,0,0,0.06,#c83030\nb,1,0,0,0.06,#2c9030\n";
+
+fn inputs() -> InputSeries {
+    let sample = |k: usize| InputSample {
+        t_s: 0.01 * k as f64,
+        omega_u_rad_s: 214.5 + 0.125 * k as f64,
+        omega_l_rad_s: 214.25,
+        delta_lon_rad: 0.01 * k as f64,
+        delta_lat_rad: -0.5,
+    };
+    InputSeries::new((0..30).map(sample).collect()).unwrap()
+}
+
+fn session(folder: &Folder) -> PathBuf {
+    let camera = |name: &str| SessionCamera {
+        name: name.into(),
+        video: format!("{name}/frame_%05d.png").into(),
+        still: Some("still.png".into()),
+        frame_rate_hz: Some(30.0),
+        time_offset_s: None,
+    };
+    let file = SessionFile {
+        schema: 1,
+        name: "test".into(),
+        vehicle: "vehicle.toml".into(),
+        inputs: "inputs.csv".into(),
+        truth: None,
+        control: ControlSection { points: "points.csv".into(), observations: None },
+        camera: vec![camera("cam1"), camera("cam2")],
+    };
+    folder.write("points.csv", POINTS);
+    folder.write("still.png", "");
+    write_inputs(&folder.path("inputs.csv"), &inputs()).unwrap();
+    write_vehicle(&folder.path("vehicle.toml"), &Vehicle::paper()).unwrap();
+    write_session(&folder.path("session.toml"), &file).unwrap();
+    folder.path("session.toml")
+}
+
+/// The message that a session ends with when some text of one of its files is replaced.
+fn spoilt(file: &str, from: &str, to: &str) -> String {
+    let folder = Folder::new();
+    let path = session(&folder);
+    let text = std::fs::read_to_string(folder.path(file)).unwrap();
+    assert!(text.contains(from), "{file} has no {from:?}:\n{text}");
+    folder.write(file, text.replacen(from, to, 1));
+    Session::load(&path).unwrap_err().to_string()
+}
+
+fn has(text: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(text.contains(part), "{part:?} is not in: {text}");
+    }
+}
+
+#[test]
+fn paper_flight_is_read() {
+    let Some(flight) = data("paper-flight") else { return };
+    let session = Session::load(&flight.join("session.toml")).unwrap();
+    assert_eq!((session.name.as_str(), session.cameras.len()), ("paper-flight", 2));
+    assert_eq!(session.vehicle.marker[3].color.rgb(), [0xd8, 0xbc, 0x30]);
+    let points = session.control_points().unwrap();
+    assert_eq!((points.len(), points[7].name.as_str()), (8, "violet"));
+    assert_eq!(points[7].position_m, [-1.5, 1.5, 3.0]);
+    assert_eq!(session.inputs().unwrap().samples()[0].omega_u_rad_s, 214.719989849);
+    let truth = session.truth().unwrap().unwrap();
+    assert_eq!(truth.len(), 300);
+    assert_eq!((truth[1].t_s, truth[1].z_m, truth[1].psi_rad), (0.033333333, 1.5, -0.392699));
+}
+
+#[test]
+fn what_is_written_is_read() {
+    let folder = Folder::new();
+    let session = Session::load(&session(&folder)).unwrap();
+    assert_eq!(session.vehicle, Vehicle::paper());
+    assert_eq!(session.cameras[1].video, folder.path("cam2/frame_%05d.png"));
+    for (a, b) in session.inputs().unwrap().samples().iter().zip(inputs().samples()) {
+        assert!((a.t_s - b.t_s).abs() < 1e-12 && (a.omega_u_rad_s - b.omega_u_rad_s).abs() < 1e-12);
+    }
+    assert_eq!(load_vehicle(&folder.path("vehicle.toml")).unwrap(), Vehicle::paper());
+}
+
+#[test]
+fn missing_files_are_named_with_their_key() {
+    let folder = Folder::new();
+    has(
+        &Session::load(&folder.path("session.toml")).unwrap_err().to_string(),
+        &["session.toml", "no such file"],
+    );
+    for (file, key) in [("inputs.csv", "inputs"), ("points.csv", "control.points"), ("still.png", "cam1")] {
+        let folder = Folder::new();
+        let path = session(&folder);
+        std::fs::remove_file(folder.path(file)).unwrap();
+        has(&Session::load(&path).unwrap_err().to_string(), &[file, key, "session.toml"]);
+    }
+    has(&spoilt("session.toml", "cam2/frame_%05d.png", "cam2.mp4"), &["cam2.mp4", "camera cam2"]);
+}
+
+#[test]
+fn unknown_and_senseless_keys_are_named() {
+    has(&spoilt("session.toml", "vehicle =", "vehicel ="), &["session.toml", "line 3", "vehicel"]);
+    has(&spoilt("session.toml", "still =", "stil ="), &["session.toml", "stil", "line"]);
+    has(&spoilt("vehicle.toml", "mass_kg", "weight_kg"), &["vehicle.toml", "line 2", "weight_kg"]);
+    has(&spoilt("vehicle.toml", "mass_kg = 0.8", "mass_kg = -0.8"), &["vehicle.toml", "mass_kg", "-0.8"]);
+    has(&spoilt("vehicle.toml", "#db1212", "reddish"), &["vehicle.toml", "line", "reddish", "#rrggbb"]);
+    has(&spoilt("session.toml", "schema = 1", "schema = 9"), &["session.toml", "schema", "9", "1"]);
+    has(&spoilt("session.toml", "\"cam2\"", "\"cam1\""), &["session.toml", "camera 2", "cam1"]);
+    has(&spoilt("session.toml", "30.0", "-3.0"), &["frame_rate_hz", "-3", "cam1"]);
+    has(&spoilt("session.toml", "still = \"still.png\"", ""), &["still", "cam1", "control.observations"]);
+}
+
+#[test]
+fn one_camera_is_too_few() {
+    let folder = Folder::new();
+    let path = session(&folder);
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, &text[..text.rfind("[[camera]]").unwrap()]).unwrap();
+    has(&Session::load(&path).unwrap_err().to_string(), &["session.toml", "camera", "1 found", "at least 2"]);
+}
+
+#[test]
+fn a_nan_in_row_17_is_found() {
+    let folder = Folder::new();
+    session(&folder);
+    let text = std::fs::read_to_string(folder.path("inputs.csv")).unwrap();
+    for bad in ["NaN", "inf", "fast", ""] {
+        let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+        let mut cells: Vec<&str> = lines[17].split(',').collect();
+        cells[3] = bad;
+        lines[17] = cells.join(",");
+        let error = read_inputs(&folder.write("spoilt.csv", lines.join("\n"))).unwrap_err().to_string();
+        has(&error, &["spoilt.csv", "row 17", "line 18", "delta_lon_rad"]);
+    }
+}
+
+#[test]
+fn tables_that_are_none_are_refused() {
+    let folder = Folder::new();
+    let read = |content: &str| read_inputs(&folder.write("t.csv", content)).unwrap_err().to_string();
+    let header = "t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad";
+    has(
+        &read("t_s,omega_u_rad_s,omega_l_rad_s,delta_long_rad,delta_lat_rad\n0,1,1,0,0\n"),
+        &["t.csv", "\"delta_lon_rad\"", "delta_long_rad"],
+    );
+    has(&read(&format!("{header}\n")), &["t.csv", "no rows"]);
+    has(&read(""), &["t.csv", "t_s"]);
+    has(&read(&format!("{header}\n0,1,1,0,0\n1,1,1\n")), &["t.csv", "line 3", "3 cells", "5"]);
+    has(&read(&format!("{header}\n0,1,1,0,0\n0,1,1,0,0\n")), &["t.csv", "row 2"]);
+    let reordered =
+        "delta_lat_rad, t_s ,omega_u_rad_s,note,omega_l_rad_s,delta_lon_rad\n5,0,1,x,2,3\n6,1,1,,2,3\n";
+    let series = read_inputs(&folder.write("t.csv", format!("\u{feff}{reordered}"))).unwrap();
+    assert_eq!((series.samples()[1].t_s, series.samples()[1].delta_lat_rad), (1.0, 6.0));
+}
+
+#[test]
+fn control_tables_are_checked() {
+    let folder = Folder::new();
+    let read = |content: &str| read_control_points(&folder.write("p.csv", content)).unwrap_err().to_string();
+    has(&read(&POINTS.replace("#2c9030", "greenish")), &["p.csv", "row 2", "color", "greenish", "#rrggbb"]);
+    has(&read(&POINTS.replace("b,1", "a,1")), &["p.csv", "row 2", "name", "\"a\""]);
+    has(&read(&POINTS.replace("0.06,#2", "-0.06,#2")), &["p.csv", "row 2", "diameter_m", "-0.06"]);
+    let read = |content: &str| {
+        let path = folder.write("x.csv", format!("camera,name,u_px,v_px\n{content}"));
+        read_control_pixels(&path, &["cam1"], &["a", "b"])
+    };
+    assert_eq!(read("cam1,a,1.5,2\ncam1,b,3,4\n").unwrap()[0].u_px, 1.5);
+    has(&read("cam9,a,1,2\n").unwrap_err().to_string(), &["x.csv", "row 1", "camera", "cam9", "cam1"]);
+    has(&read("cam1,c,1,2\n").unwrap_err().to_string(), &["x.csv", "row 1", "name", "\"c\"", "a, b"]);
+    has(&read("cam1,a,1,2\ncam1,a,1,2\n").unwrap_err().to_string(), &["x.csv", "row 2", "twice"]);
+}
+
+#[test]
+fn truth_names_its_missing_column() {
+    let folder = Folder::new();
+    has(
+        &read_truth(&folder.write("truth.csv", "t_s,x_m\n0,0\n")).unwrap_err().to_string(),
+        &["truth.csv", "y_m"],
+    );
+}

@@ -1,0 +1,247 @@
+//! Frame sources: both video paths agree, time stamps come from the container, damaged recordings are refused.
+
+mod common;
+
+use common::{Folder, data, ffmpeg, fixture};
+use mavsight_session::{FrameSource, SessionError, read_image, write_png};
+use mavsight_vision::{Frame, Pixels, YuvMatrix};
+use std::path::Path;
+
+fn read(path: &Path) -> Result<Vec<(i64, Frame)>, SessionError> {
+    FrameSource::open(path, None)?.collect()
+}
+
+fn refusal(path: &Path) -> String {
+    read(path).unwrap_err().to_string()
+}
+
+fn same_frames(path: &Path) -> usize {
+    let ours = FrameSource::open(path, None).unwrap();
+    let theirs = FrameSource::open_with_ffmpeg(path, "ffmpeg").unwrap();
+    assert_eq!(ours.size(), theirs.size());
+    let (mut ours, mut theirs) = (ours, theirs);
+    let mut count = 0;
+    loop {
+        match (ours.next(), theirs.next()) {
+            (None, None) => return count,
+            (Some(a), Some(b)) => {
+                let ((t, frame), (wanted_t, wanted)) = (a.unwrap(), b.unwrap());
+                assert_eq!(t, wanted_t, "time of frame {count}");
+                assert!(frame == wanted, "frame {count} differs");
+                count += 1;
+            }
+            (a, b) => panic!("after {count} frames: ours {}, ffmpeg's {}", a.is_some(), b.is_some()),
+        }
+    }
+}
+
+#[test]
+fn paper_flight_is_the_same_by_both_paths() {
+    let Some(flight) = data("paper-flight") else { return };
+    if !ffmpeg() {
+        return;
+    }
+    for name in ["cam1.mp4", "cam2.mp4"] {
+        assert_eq!(same_frames(&flight.join(name)), 300, "{name}");
+    }
+}
+
+#[test]
+fn paper_flight_has_its_time_stamps() {
+    let Some(flight) = data("paper-flight") else { return };
+    let source = FrameSource::open(&flight.join("cam1.mp4"), None).unwrap();
+    assert_eq!(source.declared_frames(), Some(300));
+    let mut count = 0;
+    for (k, item) in source.enumerate() {
+        let (t_ns, frame) = item.unwrap();
+        assert!((t_ns as f64 * 1e-9 - k as f64 / 30.0).abs() < 1e-9, "frame {k} at {t_ns} ns");
+        assert!(matches!(frame.pixels, Pixels::Yuv420 { full_range: false, matrix: YuvMatrix::Bt709, .. }));
+        count += 1;
+    }
+    assert_eq!(count, 300);
+}
+
+#[test]
+fn reordered_frames_come_in_order_of_time() {
+    let frames = read(&fixture()).unwrap();
+    assert_eq!(frames.len(), 24);
+    for (k, (t_ns, frame)) in frames.iter().enumerate() {
+        assert!((*t_ns as f64 * 1e-9 - k as f64 / 30.0).abs() < 1e-9, "frame {k} at {t_ns} ns");
+        assert_eq!((frame.size.width_px, frame.size.height_px), (160, 120));
+    }
+}
+
+/// Cut, delayed, full-range and differently packed files, as ffmpeg makes and reads them.
+#[test]
+fn odd_files_are_the_same_by_both_paths() {
+    if !ffmpeg() {
+        return;
+    }
+    let folder = Folder::new();
+    let cases: [(&str, &[&str]); 5] = [
+        ("cut.mp4", &["-ss", "0.2", "-i", "FIXTURE", "-c", "copy"]),
+        ("late.mp4", &["-itsoffset", "0.25", "-i", "FIXTURE", "-c", "copy"]),
+        (
+            "full.mp4",
+            &["-i", "FIXTURE", "-vf", "scale=out_range=full", "-pix_fmt", "yuvj420p", "-c:v", "libx264"],
+        ),
+        ("fragments.mp4", &["-i", "FIXTURE", "-c", "copy", "-movflags", "frag_keyframe+empty_moov"]),
+        ("front.mov", &["-i", "FIXTURE", "-c", "copy", "-movflags", "faststart"]),
+    ];
+    for (name, arguments) in cases {
+        let fixture = fixture();
+        let arguments =
+            arguments.iter().map(|a| if *a == "FIXTURE" { fixture.as_os_str() } else { a.as_ref() });
+        let made = std::process::Command::new("ffmpeg")
+            .args(["-v", "error", "-y"])
+            .args(arguments)
+            .arg(folder.path(name))
+            .status()
+            .unwrap();
+        assert!(made.success(), "{name}");
+        let count = same_frames(&folder.path(name));
+        assert!(count >= 17, "{name}: {count} frames");
+    }
+}
+
+#[test]
+fn another_container_goes_through_ffmpeg() {
+    if !ffmpeg() {
+        return;
+    }
+    let folder = Folder::new();
+    let made = std::process::Command::new("ffmpeg")
+        .args(["-v", "error", "-i"])
+        .arg(fixture())
+        .args(["-c", "copy"])
+        .arg(folder.path("clip.mkv"))
+        .status()
+        .unwrap();
+    assert!(made.success());
+    let frames = read(&folder.path("clip.mkv")).unwrap();
+    let wanted = read(&fixture()).unwrap();
+    assert_eq!(frames.len(), wanted.len());
+    for ((t, frame), (wanted_t, wanted)) in frames.iter().zip(&wanted) {
+        assert!((t - wanted_t).abs() < 1_000_000, "Matroska counts milliseconds");
+        assert!(frame == wanted);
+    }
+}
+
+#[test]
+fn another_container_without_ffmpeg_says_how_to_get_it() {
+    let folder = Folder::new();
+    let clip = folder.write("clip.mkv", b"\x1a\x45\xdf\xa3");
+    let error = FrameSource::open_with_ffmpeg(&clip, "no-such-ffmpeg").unwrap_err();
+    assert!(matches!(error, SessionError::NeedsFfmpeg { .. }));
+    let text = error.to_string();
+    assert!(text.contains("clip.mkv") && text.contains("apt-get install ffmpeg"), "{text}");
+}
+
+#[test]
+fn a_container_that_is_no_video_is_refused() {
+    if !ffmpeg() {
+        return;
+    }
+    let folder = Folder::new();
+    let clip = folder.write("clip.avi", b"RIFF\x00\x00\x00\x00AVI LIST");
+    let text = refusal(&clip);
+    assert!(text.contains("clip.avi") && text.contains("ffmpeg failed"), "{text}");
+}
+
+#[test]
+fn a_truncated_mp4_is_refused_at_any_length() {
+    let folder = Folder::new();
+    let bytes = std::fs::read(fixture()).unwrap();
+    for percent in [0, 1, 10, 50, 90, 99] {
+        let clip = folder.write("cut.mp4", &bytes[..bytes.len() * percent / 100]);
+        let text = refusal(&clip);
+        assert!(text.contains("cut.mp4"), "{percent} %: {text}");
+    }
+}
+
+/// Every byte of the tables in turn: never a panic out of the library, and a success only with all frames.
+#[test]
+fn a_spoilt_mp4_never_ends_the_process() {
+    let folder = Folder::new();
+    let bytes = std::fs::read(fixture()).unwrap();
+    let moov = bytes.windows(4).position(|w| w == b"moov").unwrap();
+    let quiet = std::panic::take_hook();
+    std::panic::set_hook(Box::new(|_| {}));
+    let outcomes: Vec<_> = (moov..bytes.len())
+        .step_by(3)
+        .map(|at| {
+            let mut spoilt = bytes.clone();
+            spoilt[at] ^= 0x81;
+            let clip = folder.write("spoilt.mp4", &spoilt);
+            std::panic::catch_unwind(|| FrameSource::open(&clip, None).map(Iterator::count).is_ok())
+        })
+        .collect();
+    std::panic::set_hook(quiet);
+    assert!(outcomes.iter().all(Result::is_ok));
+    assert!(outcomes.iter().any(|o| matches!(o, Ok(false))), "some spoilt tables must be refused");
+}
+
+#[test]
+fn a_damaged_sample_is_named() {
+    let folder = Folder::new();
+    let mut bytes = std::fs::read(fixture()).unwrap();
+    let mdat = bytes.windows(4).position(|w| w == b"mdat").unwrap();
+    let middle = mdat + 4 + (bytes.len() - mdat) / 3;
+    bytes[middle..middle + 400].fill(0xff);
+    let text = refusal(&folder.write("damaged.mp4", &bytes));
+    assert!(text.contains("damaged.mp4") && text.contains("frame "), "{text}");
+}
+
+#[test]
+fn a_video_of_zero_frames_is_refused() {
+    if !ffmpeg() {
+        return;
+    }
+    let folder = Folder::new();
+    for name in ["none.mp4", "none.mkv"] {
+        let made = std::process::Command::new("ffmpeg")
+            .args(["-v", "quiet", "-i"])
+            .arg(fixture())
+            .args(["-frames:v", "0", "-c", "copy"])
+            .arg(folder.path(name))
+            .status()
+            .unwrap();
+        assert!(made.success(), "{name}");
+        let error = read(&folder.path(name)).unwrap_err();
+        assert!(matches!(error, SessionError::NoFrames { .. }), "{error}");
+        assert!(error.to_string().contains(name), "{error}");
+    }
+}
+
+#[test]
+fn an_image_sequence_is_timed_by_its_rate() {
+    let folder = Folder::new();
+    let frames = read(&fixture()).unwrap();
+    for (k, (_, frame)) in frames.iter().take(4).enumerate() {
+        write_png(&folder.path(&format!("frame_{:05}.png", k + 7)), frame).unwrap();
+    }
+    let pattern = folder.path("frame_%05d.png");
+    let source = FrameSource::open(&pattern, Some(25.0)).unwrap().delayed_by(0.5);
+    assert_eq!(source.declared_frames(), Some(4));
+    for (k, item) in source.enumerate() {
+        let (t_ns, frame) = item.unwrap();
+        assert_eq!(t_ns, 40_000_000 * k as i64 - 500_000_000);
+        assert_eq!(frame.to_rgb(), frames[k].1.to_rgb());
+    }
+    let text = FrameSource::open(&pattern, None).unwrap_err().to_string();
+    assert!(text.contains("frame_rate_hz"), "{text}");
+    std::fs::remove_file(folder.path("frame_00008.png")).unwrap();
+    let text = FrameSource::open(&pattern, Some(25.0)).unwrap_err().to_string();
+    assert!(text.contains("frame_00008.png") && text.contains("frame_00007.png"), "{text}");
+    let text = FrameSource::open(&folder.path("other_%d.jpg"), Some(25.0)).unwrap_err().to_string();
+    assert!(text.contains("other_%d.jpg") && text.contains("no frames"), "{text}");
+}
+
+#[test]
+fn an_image_that_is_none_is_refused() {
+    let folder = Folder::new();
+    let text = read_image(&folder.write("still.png", b"not an image")).unwrap_err().to_string();
+    assert!(text.contains("still.png"), "{text}");
+    let text = read_image(&folder.path("absent.png")).unwrap_err().to_string();
+    assert!(text.contains("absent.png") && text.contains("no such file"), "{text}");
+}
