@@ -24,12 +24,11 @@ fn names(all: &[&str]) -> Vec<String> {
 fn rig() -> Rig {
     let size = ImageSize { width_px: 640, height_px: 480 };
     let camera = Camera::looking_at(
-        &Vector3::new(4.5, -4.5, 1.5),
-        &Vector3::new(0.0, 0.0, 1.5),
+        Vector3::new(4.5, -4.5, 1.5),
+        Vector3::new(0.0, 0.0, 1.5),
         Intrinsics::from_horizontal_fov(size, 0.925),
         size,
-    )
-    .unwrap();
+    );
     let points = (0..8).map(|k| {
         let point =
             Vector3::new(f64::from(k & 1) * 3.0 - 1.5, f64::from(k & 2) * 1.5 - 1.5, f64::from(k & 4) * 0.75);
