@@ -1,0 +1,100 @@
+//! What is filmed: the helicopter with its balls, and the control frame.
+
+use crate::shapes::Shape;
+use nalgebra::Vector3;
+
+type V = Vector3<f64>;
+
+/// A coloured ball.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PaintedBall {
+    /// Centre, metres, in the axes of what carries it.
+    pub centre_m: Vector3<f64>,
+    /// Radius.
+    pub radius_m: f64,
+    /// Colour in linear light, 0 to 1.
+    pub linear: [f64; 3],
+}
+
+/// A part of something that moves: its shape, colour, gloss and how much of the light behind it passes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Part {
+    pub shape: Shape,
+    pub linear: [f64; 3],
+    pub gloss: f64,
+    pub passes: f64,
+    pub bound: (V, f64),
+}
+
+impl Part {
+    fn new(shape: Shape, linear: [f64; 3], gloss: f64, passes: f64) -> Self {
+        Self { shape, linear, gloss, passes, bound: shape.bound() }
+    }
+}
+
+/// A helicopter with coaxial rotors that carries coloured balls, in its body axes (x forward, y right, z down).
+#[derive(Debug, Clone)]
+pub struct Aircraft {
+    pub(crate) parts: Vec<Part>,
+}
+
+impl Aircraft {
+    /// The paper's helicopter; an arm leads from under the hull to each ball.
+    pub fn helicopter(balls: &[PaintedBall]) -> Self {
+        let dark = [0.02, 0.02, 0.024];
+        let metal = [0.28, 0.28, 0.30];
+        let capsule = |a: [f64; 3], b: [f64; 3], r: f64| Shape::Capsule { from: V::from(a), to: V::from(b), radius: r };
+        let mut parts = vec![
+            Part::new(Shape::Ellipsoid { centre: V::new(0.02, 0.0, 0.01), semi: V::new(0.12, 0.045, 0.05) }, dark, 0.25, 0.0),
+            Part::new(Shape::Ellipsoid { centre: V::new(0.09, 0.0, 0.015), semi: V::new(0.055, 0.038, 0.036) }, [0.05, 0.06, 0.08], 0.5, 0.0),
+            Part::new(capsule([-0.08, 0.0, 0.0], [-0.30, 0.0, -0.02], 0.008), dark, 0.1, 0.0),
+            Part::new(Shape::block([-0.29, 0.0, -0.04], [0.05, 0.004, 0.09], 0.0), dark, 0.1, 0.0),
+            Part::new(capsule([0.0, 0.0, -0.02], [0.0, 0.0, -0.23], 0.004), metal, 0.3, 0.0),
+            Part::new(capsule([0.0, -0.12, -0.225], [0.0, 0.12, -0.225], 0.003), metal, 0.2, 0.4),
+        ];
+        for z in [-0.12, -0.20] {
+            let disc = Shape::Ring { centre: V::new(0.0, 0.0, z), inner: 0.02, outer: 0.25 };
+            parts.push(Part::new(disc, [0.03; 3], 0.0, 0.88));
+        }
+        for side in [-0.07, 0.07] {
+            parts.push(Part::new(capsule([-0.1, side, 0.095], [0.12, side, 0.095], 0.004), metal, 0.2, 0.0));
+            for x in [-0.05, 0.06] {
+                parts.push(Part::new(capsule([x, side * 0.4, 0.04], [x, side, 0.095], 0.003), metal, 0.2, 0.0));
+            }
+        }
+        for ball in balls {
+            let hub = V::new(0.0, 0.0, ball.centre_m.z);
+            let arm = Shape::Capsule { from: hub, to: ball.centre_m, radius: 0.003 };
+            parts.push(Part::new(arm, [0.22, 0.22, 0.23], 0.1, 0.0));
+            parts.push(painted(ball));
+        }
+        Self { parts }
+    }
+}
+
+/// Balls at surveyed places on thin rods, in world axes.
+#[derive(Debug, Clone)]
+pub struct ControlFrame {
+    pub(crate) parts: Vec<Part>,
+}
+
+impl ControlFrame {
+    /// A rod joins every two balls that differ in one coordinate only.
+    pub fn new(balls: &[PaintedBall]) -> Self {
+        let mut parts: Vec<Part> = balls.iter().map(painted).collect();
+        for (k, a) in balls.iter().enumerate() {
+            for b in &balls[k + 1..] {
+                let differing = (b.centre_m - a.centre_m).iter().filter(|d| d.abs() > 1e-6).count();
+                if differing == 1 {
+                    let rod = Shape::Capsule { from: a.centre_m, to: b.centre_m, radius: 0.003 };
+                    parts.push(Part::new(rod, [0.30; 3], 0.1, 0.0));
+                }
+            }
+        }
+        Self { parts }
+    }
+}
+
+fn painted(ball: &PaintedBall) -> Part {
+    Part::new(Shape::Ball { centre: ball.centre_m, radius: ball.radius_m }, ball.linear, 0.06, 0.0)
+}

@@ -1,0 +1,20 @@
+//! The virtual room: shapes, light, camera sensor, frames.
+//!
+//! A film is made in two layers. The room is rendered once for each camera, with soft shadows, into linear light; what
+//! moves in front of it (the aircraft) or stands in it for a still (the control frame) is rendered into the pixels that
+//! it may touch, over the exposure. Lens blur, shot and read noise and the 8-bit coding come last, over all pixels.
+
+mod aircraft;
+mod film;
+mod light;
+mod overlay;
+mod render;
+mod room;
+mod sensor;
+mod shapes;
+
+pub use aircraft::{Aircraft, ControlFrame, PaintedBall};
+pub use film::Film;
+pub use overlay::draw_path;
+pub use room::Room;
+pub use sensor::Sensor;

@@ -1,0 +1,237 @@
+//! Rays through pixels: the room once, and moving parts over it.
+
+use crate::aircraft::Part;
+use crate::light::{IrradianceMap, ambient_irradiance};
+use crate::room::Room;
+use crate::sensor::{mix, unit};
+use crate::shapes::Ray;
+use mavsight_geometry::Camera;
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// How light becomes pixel value: a white surface under the lamps comes near, but not to, full well.
+const EXPOSURE: f64 = 0.42;
+/// Samples across a pixel of the room, each way.
+const ROOM_SAMPLES: u32 = 3;
+/// Samples across a pixel of what moves, each way. With 64 samples a disc's edge is known to about 1/64 of a pixel's
+/// coverage, its centroid to a thousandth of a pixel.
+pub(crate) const PART_SAMPLES: usize = 8;
+
+/// A rendered room: linear light of each pixel, and the distance along its middle ray.
+pub(crate) struct Plate {
+    pub light: Vec<[f32; 3]>,
+    pub distance_m: Vec<f32>,
+}
+
+fn ray_at(camera: &Camera, u: f64, v: f64) -> Option<Ray> {
+    let direction = camera.ray(&Vector2::new(u, v)).ok()?;
+    Some(Ray { origin: camera.centre_in_world(), direction })
+}
+
+/// Renders the room with soft shadows and contact shadows.
+pub(crate) fn room_plate(room: &Room, camera: &Camera) -> Plate {
+    let width = camera.size.width_px as usize;
+    let rows: Vec<(Vec<[f32; 3]>, Vec<f32>)> = (0..camera.size.height_px as usize)
+        .into_par_iter()
+        .map(|y| (0..width).map(|x| room_pixel(room, camera, x, y)).unzip())
+        .collect();
+    let (light, distance_m): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
+    Plate { light: light.concat(), distance_m: distance_m.concat() }
+}
+
+fn room_pixel(room: &Room, camera: &Camera, x: usize, y: usize) -> ([f32; 3], f32) {
+    let mut sum = [0.0; 3];
+    let n = ROOM_SAMPLES * ROOM_SAMPLES;
+    for s in 0..n {
+        let (sx, sy) = (f64::from(s % ROOM_SAMPLES), f64::from(s / ROOM_SAMPLES));
+        let across = |k: f64| (k + 0.5) / f64::from(ROOM_SAMPLES) - 0.5;
+        let Some(ray) = ray_at(camera, x as f64 + across(sx), y as f64 + across(sy)) else { continue };
+        let seed = mix(((y * 65_536 + x) as u64) << 8 | u64::from(s));
+        let light = room_light(room, &ray, seed);
+        for (sum, light) in sum.iter_mut().zip(light) {
+            *sum += light;
+        }
+    }
+    let middle = ray_at(camera, x as f64, y as f64).and_then(|ray| room.meet(&ray));
+    let distance_m = middle.map_or(f32::MAX, |(hit, _, _)| hit.distance_m as f32);
+    (sum.map(|c| (c / f64::from(n)) as f32), distance_m)
+}
+
+fn room_light(room: &Room, ray: &Ray, seed: u64) -> [f64; 3] {
+    let Some((hit, color, glow)) = room.meet(ray) else { return [0.0; 3] };
+    if glow > 0.0 && ray.direction.z > 0.0 {
+        return [glow * EXPOSURE; 3];
+    }
+    let at = ray.origin + ray.direction * (hit.distance_m - 1e-4) + hit.normal * 1e-3;
+    let mut irradiance = 0.0;
+    for (k, lamp) in room.lamps.iter().enumerate() {
+        for part in 0..2_u64 {
+            let counter = seed ^ ((k as u64) << 33) ^ (part << 41);
+            let a = (part as f64 + unit(counter)) / 2.0;
+            let point = lamp.point(a, unit(counter ^ 0x5bd1_e995));
+            let light = lamp.irradiance(&at, &hit.normal, &point);
+            if light > 0.0 && !room.hides(&at, &point) {
+                irradiance += light / 2.0;
+            }
+        }
+    }
+    irradiance += ambient_irradiance(&hit.normal) * openness(room, &at, &hit.normal, seed);
+    color.map(|c| c * irradiance / PI * EXPOSURE)
+}
+
+/// Share of the light from all sides that nothing within half a metre keeps away.
+fn openness(room: &Room, at: &Vector3<f64>, normal: &Vector3<f64>, seed: u64) -> f64 {
+    const REACH_M: f64 = 0.5;
+    let (a, b) = (unit(seed ^ 0x1234_5678), unit(seed ^ 0x9abc_def0));
+    let (angle, z) = (2.0 * PI * a, 2.0 * b - 1.0);
+    let flat = (1.0 - z * z).sqrt();
+    let sphere = Vector3::new(flat * angle.cos(), flat * angle.sin(), z);
+    let direction = (normal + sphere * 0.999).normalize();
+    let near = room.meet(&Ray { origin: *at, direction }).map_or(REACH_M, |(hit, _, _)| hit.distance_m);
+    0.45 + 0.55 * (near / REACH_M).min(1.0)
+}
+
+/// A rectangle of pixels, ends not included.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Region {
+    pub x: (usize, usize),
+    pub y: (usize, usize),
+}
+
+/// The pixels that parts may touch at any of the poses, with a margin; `None` when they are out of view.
+pub(crate) fn region_of(parts: &[Part], poses: &[Isometry3<f64>], camera: &Camera, margin_px: f64) -> Option<Region> {
+    let (mut low, mut high) = (Vector2::repeat(f64::MAX), Vector2::repeat(f64::MIN));
+    for part in parts {
+        for pose in poses {
+            let centre = pose * Point3::from(part.bound.0);
+            let depth_m = (camera.cam_from_world * centre).z;
+            let Ok(seen) = camera.project(&centre.coords) else { continue };
+            let reach = part.bound.1 * camera.intrinsics.fx_px / (depth_m - part.bound.1).max(0.05) * 1.3 + margin_px;
+            low = low.inf(&seen.pixel.add_scalar(-reach));
+            high = high.sup(&seen.pixel.add_scalar(reach));
+        }
+    }
+    let clip = |v: f64, size: u32| v.clamp(0.0, f64::from(size)) as usize;
+    let x = (clip(low.x.floor(), camera.size.width_px), clip(high.x.ceil() + 1.0, camera.size.width_px));
+    let y = (clip(low.y.floor(), camera.size.height_px), clip(high.y.ceil() + 1.0, camera.size.height_px));
+    (x.0 < x.1 && y.0 < y.1).then_some(Region { x, y })
+}
+
+/// Parts at their poses over the exposure, with the light on them.
+pub(crate) struct Moving<'a> {
+    pub parts: &'a [Part],
+    /// Poses at evenly spread times of the exposure; one for what stands still.
+    pub poses: &'a [Isometry3<f64>],
+    /// Light on each part.
+    pub light: &'a [IrradianceMap],
+}
+
+/// Renders moving parts over the plate, in a region: `out` has the region's pixels row by row.
+pub(crate) fn compose(moving: &Moving<'_>, camera: &Camera, plate: &Plate, region: Region) -> Vec<[f32; 3]> {
+    let width = region.x.1 - region.x.0;
+    let inverses: Vec<Isometry3<f64>> = moving.poses.iter().map(Isometry3::inverse).collect();
+    let origins: Vec<Vector3<f64>> =
+        inverses.iter().map(|i| (i * Point3::from(camera.centre_in_world())).coords).collect();
+    let mut out = Vec::with_capacity(width * (region.y.1 - region.y.0));
+    for y in region.y.0..region.y.1 {
+        for x in region.x.0..region.x.1 {
+            let k = y * camera.size.width_px as usize + x;
+            let behind = plate.light[k].map(f64::from);
+            let seen = pixel(moving, camera, (&inverses, &origins), (x, y), (behind, f64::from(plate.distance_m[k])));
+            out.push(seen.map(|c| c as f32));
+        }
+    }
+    out
+}
+
+fn pixel(
+    moving: &Moving<'_>,
+    camera: &Camera,
+    (inverses, origins): (&[Isometry3<f64>], &[Vector3<f64>]),
+    (x, y): (usize, usize),
+    (behind, distance_m): ([f64; 3], f64),
+) -> [f64; 3] {
+    const N: usize = PART_SAMPLES;
+    let Some(middle) = ray_at(camera, x as f64, y as f64) else { return behind };
+    let near = near_parts(moving, &middle, camera, inverses, origins);
+    if near.is_empty() {
+        return behind;
+    }
+    let mut sum = [0.0; 3];
+    let across = |k: usize| (k as f64 + 0.5) / N as f64 - 0.5;
+    for s in 0..N * N {
+        let (i, j) = (s % N, s / N);
+        // Times are dealt over the square so that each row, column and quarter sees the whole exposure.
+        let pose = (i * 5 + j * 3 + (x + 2 * y)) % N * inverses.len() / N;
+        let light = match ray_at(camera, x as f64 + across(i), y as f64 + across(j)) {
+            Some(ray) => {
+                let turned = Ray { origin: origins[pose], direction: inverses[pose].rotation * ray.direction };
+                sample(moving, &near, &turned, pose, (behind, distance_m))
+            }
+            None => behind,
+        };
+        for (sum, light) in sum.iter_mut().zip(light) {
+            *sum += light;
+        }
+    }
+    sum.map(|c| c / (N * N) as f64)
+}
+
+/// Indices of the parts that a pixel may see at some time of the exposure.
+fn near_parts(
+    moving: &Moving<'_>,
+    middle: &Ray,
+    camera: &Camera,
+    inverses: &[Isometry3<f64>],
+    origins: &[Vector3<f64>],
+) -> Vec<usize> {
+    let pixel_rad = 1.0 / camera.intrinsics.fx_px.abs().min(camera.intrinsics.fy_px.abs());
+    (0..moving.parts.len())
+        .filter(|k| {
+            let (centre, radius) = moving.parts[*k].bound;
+            [0, inverses.len() / 2, inverses.len() - 1].iter().any(|pose| {
+                let to = centre - origins[*pose];
+                let along = to.dot(&(inverses[*pose].rotation * middle.direction));
+                let sweep = 0.5 * (origins[0] - origins[origins.len() - 1]).norm();
+                let reach = radius + 1.5 * pixel_rad * along.abs() + sweep + 0.002;
+                along > 0.0 && to.norm_squared() - along * along <= reach * reach
+            })
+        })
+        .collect()
+}
+
+fn sample(
+    moving: &Moving<'_>,
+    near: &[usize],
+    ray: &Ray,
+    pose: usize,
+    (behind, distance_m): ([f64; 3], f64),
+) -> [f64; 3] {
+    let mut hits: Vec<(f64, usize, Vector3<f64>)> = near
+        .iter()
+        .filter_map(|k| moving.parts[*k].shape.meet(ray).map(|hit| (hit.distance_m, *k, hit.normal)))
+        .filter(|hit| hit.0 < distance_m)
+        .collect();
+    hits.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (mut light, mut passes) = ([0.0; 3], 1.0);
+    for (_, k, normal) in hits {
+        let part = &moving.parts[k];
+        let in_world = moving.poses[pose].rotation * normal;
+        let seen_from = moving.poses[pose].rotation * ray.direction;
+        let irradiance = moving.light[k].of(&in_world);
+        let mirrored = seen_from - in_world * (2.0 * seen_from.dot(&in_world));
+        let shine = part.gloss * mirrored.z.max(0.0).powi(12);
+        for (light, color) in light.iter_mut().zip(part.linear) {
+            *light += passes * (1.0 - part.passes) * (color * irradiance / PI + shine) * EXPOSURE;
+        }
+        passes *= part.passes;
+        if passes < 1e-3 {
+            return light;
+        }
+    }
+    for (light, behind) in light.iter_mut().zip(behind) {
+        *light += passes * behind;
+    }
+    light
+}

@@ -1,0 +1,235 @@
+//! The meeting room: 10 × 7 m, with a ceiling of 3.2 m so that a control frame of 3 m stands in it.
+
+use crate::light::Lamp;
+use crate::sensor::unit;
+use crate::shapes::{Hit, Ray, Shape};
+use nalgebra::Vector3;
+
+type V = Vector3<f64>;
+
+const LEFT_M: f64 = -5.0;
+const RIGHT_M: f64 = 5.0;
+const FRONT_M: f64 = -4.75;
+const BACK_M: f64 = 2.25;
+const HEIGHT_M: f64 = 3.2;
+
+/// How a surface is painted.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Paint {
+    Plain([f64; 3]),
+    Glow(f64),
+    Carpet,
+    CeilingTiles,
+    Wood,
+    Board,
+    Poster,
+}
+
+pub(crate) struct Item {
+    pub shape: Shape,
+    pub paint: Paint,
+    bound: (V, f64),
+}
+
+/// The furnished room with its lamps.
+pub struct Room {
+    pub(crate) items: Vec<Item>,
+    pub(crate) lamps: Vec<Lamp>,
+}
+
+impl Default for Room {
+    fn default() -> Self {
+        Self::meeting_room()
+    }
+}
+
+impl Room {
+    /// Two desks, four chairs, a cupboard, a board, a bin, a door and a poster under six lamps.
+    pub fn meeting_room() -> Self {
+        let mut room = Self { items: Vec::new(), lamps: Vec::new() };
+        for x in [-3.4, 0.0, 3.4] {
+            for y in [-3.0, 0.4] {
+                room.lamp(x, y);
+            }
+        }
+        room.desk(-2.9, 1.75, 0.0);
+        room.desk(3.9, -0.2, 90.0);
+        room.chair(-3.2, 1.15, 10.0);
+        room.chair(-2.5, 1.2, -15.0);
+        room.chair(3.2, -0.5, 95.0);
+        room.chair(3.25, 0.3, 80.0);
+        let wood_dark = [0.045, 0.035, 0.03];
+        room.block([-4.72, 0.0, 0.95], [0.5, 1.2, 1.9], 0.0, Paint::Plain(wood_dark));
+        room.block([-4.465, 0.0, 0.95], [0.01, 0.015, 1.86], 0.0, Paint::Plain([0.01; 3]));
+        room.block([1.2, BACK_M - 0.02, 1.45], [2.4, 0.03, 1.2], 0.0, Paint::Board);
+        room.block([1.2, BACK_M - 0.045, 0.83], [2.4, 0.09, 0.03], 0.0, Paint::Plain([0.35; 3]));
+        room.block([-1.0, BACK_M - 0.012, 1.6], [0.6, 0.02, 0.85], 0.0, Paint::Poster);
+        room.block([4.985, -2.6, 1.03], [0.03, 0.95, 2.06], 0.0, Paint::Plain([0.36, 0.35, 0.33]));
+        room.block([4.96, -2.25, 1.0], [0.05, 0.12, 0.03], 0.0, Paint::Plain([0.5; 3]));
+        room.block([0.1, 1.95, 0.16], [0.26, 0.26, 0.32], 20.0, Paint::Plain([0.03, 0.035, 0.04]));
+        room.block([0.0, BACK_M - 0.01, 0.05], [10.0, 0.02, 0.1], 0.0, Paint::Plain([0.16, 0.15, 0.14]));
+        room.block([LEFT_M + 0.01, -1.2, 0.05], [0.02, 7.0, 0.1], 0.0, Paint::Plain([0.16, 0.15, 0.14]));
+        room.block([RIGHT_M - 0.01, -1.2, 0.05], [0.02, 7.0, 0.1], 0.0, Paint::Plain([0.16, 0.15, 0.14]));
+        room
+    }
+
+    fn block(&mut self, centre: [f64; 3], size: [f64; 3], yaw_deg: f64, paint: Paint) {
+        let shape = Shape::block(centre, size, yaw_deg);
+        self.items.push(Item { shape, paint, bound: shape.bound() });
+    }
+
+    fn lamp(&mut self, x: f64, y: f64) {
+        let radiance = 7.0;
+        let size = (1.2, 0.6);
+        self.lamps.push(Lamp { centre: V::new(x, y, HEIGHT_M - 0.011), size, radiance });
+        self.block([x, y, HEIGHT_M], [size.0, size.1, 0.02], 0.0, Paint::Glow(radiance));
+        self.block([x, y, HEIGHT_M], [size.0 + 0.06, size.1 + 0.06, 0.012], 0.0, Paint::Plain([0.4; 3]));
+    }
+
+    fn desk(&mut self, x: f64, y: f64, yaw_deg: f64) {
+        self.block([x, y, 0.735], [1.5, 0.7, 0.03], yaw_deg, Paint::Wood);
+        let (s, c) = yaw_deg.to_radians().sin_cos();
+        for (dx, dy) in [(-0.7, -0.3), (-0.7, 0.3), (0.7, -0.3), (0.7, 0.3)] {
+            let (ox, oy) = (c * dx - s * dy, s * dx + c * dy);
+            self.block([x + ox, y + oy, 0.36], [0.04, 0.04, 0.72], yaw_deg, Paint::Plain([0.22; 3]));
+        }
+        let (ox, oy) = (-0.3 * c - 0.15 * s, -0.3 * s + 0.15 * c);
+        self.block([x + ox, y + oy, 0.93], [0.48, 0.03, 0.3], yaw_deg + 8.0, Paint::Plain([0.02; 3]));
+        let (ox, oy) = (0.35 * c, 0.35 * s);
+        self.block([x + ox, y + oy, 0.765], [0.21, 0.3, 0.03], yaw_deg - 12.0, Paint::Plain([0.7, 0.69, 0.66]));
+    }
+
+    fn chair(&mut self, x: f64, y: f64, yaw_deg: f64) {
+        let cloth = Paint::Plain([0.025, 0.035, 0.055]);
+        let (s, c) = yaw_deg.to_radians().sin_cos();
+        self.block([x, y, 0.45], [0.44, 0.42, 0.05], yaw_deg, cloth);
+        let back = (s * 0.2, -c * 0.2);
+        self.block([x + back.0, y + back.1, 0.72], [0.42, 0.035, 0.32], yaw_deg, cloth);
+        for (dx, dy) in [(-0.19, -0.18), (-0.19, 0.18), (0.19, -0.18), (0.19, 0.18)] {
+            let (ox, oy) = (c * dx - s * dy, s * dx + c * dy);
+            self.block([x + ox, y + oy, 0.22], [0.025, 0.025, 0.44], yaw_deg, Paint::Plain([0.3; 3]));
+        }
+    }
+
+    /// The first surface along a ray, and its paint's colour there with the light it sends out by itself.
+    pub(crate) fn meet(&self, ray: &Ray) -> Option<(Hit, [f64; 3], f64)> {
+        let mut best = shell(ray).map(|(hit, paint)| (hit, paint));
+        for item in &self.items {
+            if !reaches(ray, &item.bound, best.map_or(f64::MAX, |b| b.0.distance_m)) {
+                continue;
+            }
+            if let Some(hit) = item.shape.meet(ray) {
+                if best.is_none_or(|(b, _)| hit.distance_m < b.distance_m) {
+                    best = Some((hit, item.paint));
+                }
+            }
+        }
+        best.map(|(hit, paint)| {
+            let at = ray.origin + ray.direction * hit.distance_m;
+            let glow = if let Paint::Glow(radiance) = paint { radiance } else { 0.0 };
+            (hit, color(paint, &at), glow)
+        })
+    }
+
+    /// Whether something stands between two points.
+    pub(crate) fn hides(&self, from: &V, to: &V) -> bool {
+        let way = to - from;
+        let length = way.norm();
+        let ray = Ray { origin: *from, direction: way / length };
+        self.items.iter().any(|item| {
+            !matches!(item.paint, Paint::Glow(_))
+                && reaches(&ray, &item.bound, length)
+                && item.shape.meet(&ray).is_some_and(|hit| hit.distance_m < length - 0.02)
+        })
+    }
+}
+
+fn reaches(ray: &Ray, (centre, radius): &(V, f64), within_m: f64) -> bool {
+    let to = centre - ray.origin;
+    let along = to.dot(&ray.direction);
+    to.norm_squared() - along * along <= radius * radius && along > -radius && along - radius < within_m
+}
+
+/// Walls, floor and ceiling, seen from inside.
+fn shell(ray: &Ray) -> Option<(Hit, Paint)> {
+    let wall = Paint::Plain([0.60, 0.575, 0.52]);
+    let planes = [
+        (V::x(), LEFT_M, wall),
+        (-V::x(), -RIGHT_M, wall),
+        (V::y(), FRONT_M, wall),
+        (-V::y(), -BACK_M, wall),
+        (V::z(), 0.0, Paint::Carpet),
+        (-V::z(), -HEIGHT_M, Paint::CeilingTiles),
+    ];
+    let mut best: Option<(Hit, Paint)> = None;
+    for (normal, offset, paint) in planes {
+        let towards = normal.dot(&ray.direction);
+        if towards >= 0.0 {
+            continue;
+        }
+        let distance_m = (offset - normal.dot(&ray.origin)) / towards;
+        if distance_m > 0.0 && best.as_ref().is_none_or(|(b, _)| distance_m < b.distance_m) {
+            best = Some((Hit { distance_m, normal }, paint));
+        }
+    }
+    best
+}
+
+fn color(paint: Paint, p: &V) -> [f64; 3] {
+    match paint {
+        Paint::Plain(c) => c,
+        Paint::Glow(_) => [0.8; 3],
+        Paint::Carpet => {
+            let grain = 1.0 + 0.10 * noise(p.x * 90.0, p.y * 90.0) + 0.08 * noise(p.x * 7.0, p.y * 7.0);
+            [0.150 * grain, 0.125 * grain, 0.105 * grain]
+        }
+        Paint::CeilingTiles => {
+            let gap = |x: f64| (x / 0.6 - (x / 0.6).round()).abs() * 0.6 < 0.012;
+            if gap(p.x) || gap(p.y) { [0.33, 0.32, 0.30] } else { [0.66, 0.63, 0.58] }
+        }
+        Paint::Wood => {
+            let ring = noise(p.x * 3.0 + 0.6 * noise(p.y * 9.0, p.x), p.y * 45.0);
+            let k = 1.0 + 0.18 * ring;
+            [0.24 * k, 0.12 * k, 0.05 * k]
+        }
+        Paint::Board => board(p),
+        Paint::Poster => poster(p),
+    }
+}
+
+/// A white board in a grey frame, with lines of writing.
+fn board(p: &V) -> [f64; 3] {
+    let (x, z) = (p.x - 1.2, p.z - 1.45);
+    if x.abs() > 1.17 || z.abs() > 0.57 {
+        return [0.28, 0.28, 0.29];
+    }
+    let line = (z / 0.13).floor();
+    let in_line = (z / 0.13 - line - 0.4).abs() < 0.09;
+    let word = unit((x * 22.0).floor().to_bits() ^ line.to_bits().rotate_left(17)) > 0.35;
+    if in_line && word && x > -0.95 && x < 0.25 + 0.3 * unit(line.to_bits()) && z.abs() < 0.42 {
+        return [0.05, 0.05, 0.07];
+    }
+    [0.78, 0.78, 0.77]
+}
+
+/// A poster in muted tones.
+fn poster(p: &V) -> [f64; 3] {
+    let (x, z) = (p.x + 1.0, p.z - 1.6);
+    if x.abs() > 0.27 || z.abs() > 0.395 {
+        return [0.7, 0.69, 0.66];
+    }
+    let hill = 0.08 * noise(x * 5.0, 3.0) - 0.1;
+    if z > hill { [0.30 + 0.2 * z, 0.38 + 0.15 * z, 0.45] } else { [0.16, 0.17, 0.11] }
+}
+
+/// Value noise in -1..1.
+fn noise(x: f64, y: f64) -> f64 {
+    let (ix, iy) = (x.floor(), y.floor());
+    let (fx, fy) = (x - ix, y - iy);
+    let at = |dx: f64, dy: f64| unit((ix + dx).to_bits() ^ (iy + dy).to_bits().rotate_left(29)) * 2.0 - 1.0;
+    let ease = |t: f64| t * t * (3.0 - 2.0 * t);
+    let (ex, ey) = (ease(fx), ease(fy));
+    let low = at(0.0, 0.0) * (1.0 - ex) + at(1.0, 0.0) * ex;
+    let high = at(0.0, 1.0) * (1.0 - ex) + at(1.0, 1.0) * ex;
+    low * (1.0 - ey) + high * ey
+}

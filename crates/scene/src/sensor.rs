@@ -1,0 +1,142 @@
+//! From light on the sensor to 8-bit sRGB.
+
+/// What the camera's sensor and lens do to the light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sensor {
+    /// Electrons of a saturated pixel.
+    pub full_well_e: f64,
+    /// Read noise, standard deviation.
+    pub read_noise_e: f64,
+    /// Share of the frame interval for which the shutter is open.
+    pub exposure_fraction: f64,
+    /// Standard deviation of the lens's Gaussian blur.
+    pub lens_blur_px: f64,
+    /// Whether shot and read noise are added.
+    pub noise: bool,
+    /// Seed of the noise.
+    pub seed: u64,
+}
+
+impl Default for Sensor {
+    /// A consumer camera: 8000 electrons, 12 read, a quarter of the interval, half a pixel of blur.
+    fn default() -> Self {
+        Self { full_well_e: 8000.0, read_noise_e: 12.0, exposure_fraction: 0.25, lens_blur_px: 0.5, noise: true, seed: 1 }
+    }
+}
+
+/// Entries of the table from linear light to sRGB: finer than a quarter of a grey level at the darkest.
+const CODES: usize = 1 << 14;
+/// Entries of the table of normal quantiles.
+const QUANTILES: usize = 1 << 12;
+
+/// Tables that turn linear light into noisy 8-bit sRGB.
+pub(crate) struct Coder {
+    sensor: Sensor,
+    codes: Vec<u8>,
+    quantiles: Vec<f32>,
+}
+
+impl Coder {
+    pub(crate) fn new(sensor: Sensor) -> Self {
+        let codes = (0..=CODES).map(|k| srgb(k as f64 / CODES as f64)).collect();
+        let quantiles = (0..QUANTILES).map(|k| normal_quantile((k as f64 + 0.5) / QUANTILES as f64) as f32).collect();
+        Self { sensor, codes, quantiles }
+    }
+
+    /// Codes a frame of linear light, 0 to 1 of full well; the noise depends on seed, frame and pixel alone.
+    pub(crate) fn code(&self, linear: &[[f32; 3]], frame: u64) -> Vec<u8> {
+        let well = self.sensor.full_well_e as f32;
+        let read2 = (self.sensor.read_noise_e * self.sensor.read_noise_e) as f32;
+        let stream = mix(self.sensor.seed ^ mix(frame.wrapping_add(0x51_7c_c1_b7)));
+        let mut out = Vec::with_capacity(linear.len() * 3);
+        for (k, pixel) in linear.iter().enumerate() {
+            let mut bits = if self.sensor.noise { mix(stream.wrapping_add(k as u64)) } else { 0 };
+            for light in pixel {
+                let mut value = *light;
+                if self.sensor.noise {
+                    let electrons = (light * well).max(0.0);
+                    let sigma = (electrons + read2).sqrt();
+                    value = (electrons + sigma * self.quantiles[(bits & (QUANTILES as u64 - 1)) as usize]) / well;
+                    bits >>= 12;
+                }
+                let index = (value.clamp(0.0, 1.0) * CODES as f32 + 0.5) as usize;
+                out.push(self.codes[index]);
+            }
+        }
+        out
+    }
+}
+
+/// A counter turned into 64 well-mixed bits (SplitMix64; Steele, Lea & Flood 2014).
+pub(crate) fn mix(counter: u64) -> u64 {
+    let mut z = counter.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// A number in 0..1 from a counter.
+pub(crate) fn unit(counter: u64) -> f64 {
+    (mix(counter) >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+/// sRGB code of linear light (IEC 61966-2-1).
+fn srgb(linear: f64) -> u8 {
+    let coded = if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
+    (coded * 255.0).round() as u8
+}
+
+/// Quantile of the normal distribution (Acklam's rational approximation, relative error below 1.2e-9).
+fn normal_quantile(p: f64) -> f64 {
+    const A: [f64; 6] = [
+        -39.696_830_286_653_76, 220.946_098_424_520_5, -275.928_510_446_968_7, 138.357_751_867_269,
+        -30.664_798_066_147_16, 2.506_628_277_459_239,
+    ];
+    const B: [f64; 5] = [
+        -54.476_098_798_224_06, 161.585_836_858_040_9, -155.698_979_859_886_6, 66.801_311_887_719_72,
+        -13.280_681_552_885_72,
+    ];
+    const C: [f64; 6] = [
+        -0.007_784_894_002_430_293, -0.322_396_458_041_136_5, -2.400_758_277_161_838, -2.549_732_539_343_734,
+        4.374_664_141_464_968, 2.938_163_982_698_783,
+    ];
+    const D: [f64; 4] = [0.007_784_695_709_041_462, 0.322_467_129_070_039_8, 2.445_134_137_142_996, 3.754_408_661_907_416];
+    let poly = |c: &[f64], x: f64| c.iter().fold(0.0, |sum, k| sum * x + k);
+    let tail = |q: f64| poly(&C, q) / (poly(&D, q) * q + 1.0);
+    if p < 0.024_25 {
+        tail((-2.0 * p.ln()).sqrt())
+    } else if p > 1.0 - 0.024_25 {
+        -tail((-2.0 * (1.0 - p).ln()).sqrt())
+    } else {
+        let q = p - 0.5;
+        q * poly(&A, q * q) / (poly(&B, q * q) * q * q + 1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_has_the_variance_of_the_sensor_and_a_seed_repeats_it() {
+        let coder = Coder::new(Sensor::default());
+        let light = 0.5_f32;
+        let codes = coder.code(&vec![[light; 3]; 40_000], 3);
+        assert_eq!(codes, coder.code(&vec![[light; 3]; 40_000], 3));
+        assert_ne!(codes, coder.code(&vec![[light; 3]; 40_000], 4));
+        let mean = codes.iter().map(|c| f64::from(*c)).sum::<f64>() / codes.len() as f64;
+        let variance = codes.iter().map(|c| (f64::from(*c) - mean).powi(2)).sum::<f64>() / codes.len() as f64;
+        // d(code)/d(linear) at one half, and rounding to whole codes.
+        let slope = 255.0 * 1.055 / 2.4 * 0.5_f64.powf(1.0 / 2.4 - 1.0);
+        let expected = slope * slope * (0.5 * 8000.0 + 144.0) / 8000.0_f64.powi(2) + 1.0 / 12.0;
+        assert!((mean - 187.5).abs() < 0.3, "{mean}");
+        assert!((variance / expected - 1.0).abs() < 0.05, "{variance} is not {expected}");
+    }
+
+    #[test]
+    fn quantiles_are_normal() {
+        for (p, z) in [(0.5, 0.0), (0.975, 1.959_964), (0.001, -3.090_232)] {
+            assert!((normal_quantile(p) - z).abs() < 1e-6);
+        }
+    }
+}

@@ -1,0 +1,179 @@
+//! Shapes that a ray can meet.
+
+use nalgebra::Vector3;
+
+type V = Vector3<f64>;
+
+/// A ray; the direction has length one.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Ray {
+    pub origin: V,
+    pub direction: V,
+}
+
+/// Where a ray meets a surface.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Hit {
+    pub distance_m: f64,
+    pub normal: V,
+}
+
+/// A solid, or a flat ring.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Shape {
+    /// A box turned about the vertical.
+    Block { centre: V, half: V, yaw: (f64, f64) },
+    Ball { centre: V, radius: f64 },
+    Ellipsoid { centre: V, semi: V },
+    Capsule { from: V, to: V, radius: f64 },
+    /// A ring between two radii, level in its own axes.
+    Ring { centre: V, inner: f64, outer: f64 },
+}
+
+const NEAR_M: f64 = 1e-4;
+
+impl Shape {
+    pub(crate) fn block(centre: [f64; 3], size: [f64; 3], yaw_deg: f64) -> Self {
+        let (s, c) = yaw_deg.to_radians().sin_cos();
+        Self::Block { centre: V::from(centre), half: V::from(size) / 2.0, yaw: (s, c) }
+    }
+
+    /// Centre and radius of a ball that holds the shape.
+    pub(crate) fn bound(&self) -> (V, f64) {
+        match self {
+            Self::Block { centre, half, .. } => (*centre, half.norm()),
+            Self::Ball { centre, radius } => (*centre, *radius),
+            Self::Ellipsoid { centre, semi } => (*centre, semi.amax()),
+            Self::Capsule { from, to, radius } => ((from + to) / 2.0, (to - from).norm() / 2.0 + radius),
+            Self::Ring { centre, outer, .. } => (*centre, *outer),
+        }
+    }
+
+    /// The first meeting in front of the ray's origin.
+    pub(crate) fn meet(&self, ray: &Ray) -> Option<Hit> {
+        match self {
+            Self::Block { centre, half, yaw } => meet_block(ray, centre, half, *yaw),
+            Self::Ball { centre, radius } => meet_ball(ray, centre, *radius),
+            Self::Ellipsoid { centre, semi } => {
+                let scale = |v: V| v.component_div(semi);
+                let direction = scale(ray.direction);
+                let length = direction.norm();
+                let unit = Ray { origin: scale(ray.origin - centre), direction: direction / length };
+                let hit = meet_ball(&unit, &V::zeros(), 1.0)?;
+                Some(Hit { distance_m: hit.distance_m / length, normal: scale(hit.normal).normalize() })
+            }
+            Self::Capsule { from, to, radius } => meet_capsule(ray, from, to, *radius),
+            Self::Ring { centre, inner, outer } => {
+                let t = (centre.z - ray.origin.z) / ray.direction.z;
+                if !(t > NEAR_M) {
+                    return None;
+                }
+                let p = ray.origin + ray.direction * t - centre;
+                let r = p.x.hypot(p.y);
+                let up = V::new(0.0, 0.0, -ray.direction.z.signum());
+                (r >= *inner && r <= *outer).then_some(Hit { distance_m: t, normal: up })
+            }
+        }
+    }
+}
+
+fn meet_ball(ray: &Ray, centre: &V, radius: f64) -> Option<Hit> {
+    let to = ray.origin - centre;
+    let b = to.dot(&ray.direction);
+    let disc = b * b - to.norm_squared() + radius * radius;
+    if disc < 0.0 {
+        return None;
+    }
+    let root = disc.sqrt();
+    let t = if -b - root > NEAR_M { -b - root } else { -b + root };
+    (t > NEAR_M).then(|| Hit { distance_m: t, normal: (to + ray.direction * t) / radius })
+}
+
+fn meet_block(ray: &Ray, centre: &V, half: &V, (s, c): (f64, f64)) -> Option<Hit> {
+    let into = |v: V| V::new(c * v.x + s * v.y, -s * v.x + c * v.y, v.z);
+    let out = |v: V| V::new(c * v.x - s * v.y, s * v.x + c * v.y, v.z);
+    let (o, d) = (into(ray.origin - centre), into(ray.direction));
+    let (mut enter, mut leave, mut axis) = (f64::NEG_INFINITY, f64::INFINITY, 0);
+    for k in 0..3 {
+        let inverse = 1.0 / d[k];
+        let (a, b) = ((-half[k] - o[k]) * inverse, (half[k] - o[k]) * inverse);
+        let (a, b) = if a < b { (a, b) } else { (b, a) };
+        if a > enter {
+            (enter, axis) = (a, k);
+        }
+        leave = leave.min(b);
+    }
+    if enter > leave || enter < NEAR_M {
+        return None;
+    }
+    let mut normal = V::zeros();
+    normal[axis] = -d[axis].signum();
+    Some(Hit { distance_m: enter, normal: out(normal) })
+}
+
+fn meet_capsule(ray: &Ray, from: &V, to: &V, radius: f64) -> Option<Hit> {
+    let (axis, start) = (to - from, ray.origin - from);
+    let (aa, ad, ao) = (axis.norm_squared(), axis.dot(&ray.direction), axis.dot(&start));
+    let a = aa - ad * ad;
+    let b = aa * start.dot(&ray.direction) - ao * ad;
+    let c = aa * start.norm_squared() - ao * ao - radius * radius * aa;
+    let disc = b * b - a * c;
+    if disc >= 0.0 && a > 1e-12 {
+        let t = (-b - disc.sqrt()) / a;
+        let along = ao + t * ad;
+        if t > NEAR_M && along > 0.0 && along < aa {
+            let normal = (start + ray.direction * t - axis * (along / aa)) / radius;
+            return Some(Hit { distance_m: t, normal });
+        }
+    }
+    let ends = [meet_ball(ray, from, radius), meet_ball(ray, to, radius)];
+    ends.into_iter().flatten().min_by(|x, y| x.distance_m.total_cmp(&y.distance_m))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn inside(shape: &Shape, p: &V) -> bool {
+        match shape {
+            Shape::Block { centre, half, yaw: (s, c) } => {
+                let v = p - centre;
+                let v = V::new(c * v.x + s * v.y, -s * v.x + c * v.y, v.z);
+                (0..3).all(|k| v[k].abs() < half[k])
+            }
+            Shape::Ball { centre, radius } => (p - centre).norm() < *radius,
+            Shape::Ellipsoid { centre, semi } => (p - centre).component_div(semi).norm() < 1.0,
+            Shape::Capsule { from, to, radius } => {
+                let w = ((p - from).dot(&(to - from)) / (to - from).norm_squared()).clamp(0.0, 1.0);
+                (p - from - (to - from) * w).norm() < *radius
+            }
+            Shape::Ring { .. } => false,
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn rays_stop_where_the_solid_begins(x in -3.0..3.0, y in -3.0..3.0, z in -3.0..3.0, which in 0usize..4, aim in -0.3..0.3) {
+            let shape = [
+                Shape::block([0.1, 0.2, 0.0], [1.0, 0.6, 0.8], 30.0),
+                Shape::Ball { centre: V::new(0.0, 0.1, 0.0), radius: 0.5 },
+                Shape::Ellipsoid { centre: V::zeros(), semi: V::new(0.9, 0.4, 0.3) },
+                Shape::Capsule { from: V::new(-0.5, 0.0, 0.0), to: V::new(0.5, 0.2, 0.1), radius: 0.2 },
+            ][which];
+            let origin = V::new(x, y, z);
+            prop_assume!(origin.norm() > 1.5);
+            let direction = (V::new(aim, -aim, aim) - origin).normalize();
+            let marched = (0..8000).map(|k| f64::from(k) * 1e-3).find(|t| inside(&shape, &(origin + direction * *t)));
+            match (marched, shape.meet(&Ray { origin, direction })) {
+                (Some(t), Some(hit)) => {
+                    prop_assert!((t - hit.distance_m).abs() < 3e-3, "{} {}", t, hit.distance_m);
+                    prop_assert!(hit.normal.dot(&direction) < 1e-9 && (hit.normal.norm() - 1.0).abs() < 1e-9);
+                }
+                (Some(t), None) => prop_assert!(!inside(&shape, &(origin + direction * (t + 0.05))), "missed"),
+                (None, Some(hit)) => prop_assert!(!inside(&shape, &(origin + direction * (hit.distance_m + 0.05)))),
+                (None, None) => {}
+            }
+        }
+    }
+}
