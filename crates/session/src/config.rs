@@ -228,7 +228,7 @@ fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
             let detail = format!("{rate} is not a rate: give frames a second, for instance 30.0");
             return refuse(format!("camera {}: frame_rate_hz", camera.name), detail);
         }
-        if let Some(offset) = camera.time_offset_s.filter(|o| !(o.abs() < 1e9)) {
+        if let Some(offset) = camera.time_offset_s.filter(|o| !o.is_finite() || o.abs() >= 1e9) {
             let detail = format!("{offset} is not a time: give seconds");
             return refuse(format!("camera {}: time_offset_s", camera.name), detail);
         }

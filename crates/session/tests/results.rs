@@ -1,5 +1,7 @@
 //! Results: what is written reads back, and what cannot be written leaves nothing.
 
+#![allow(clippy::unwrap_used, clippy::panic)]
+
 mod common;
 
 use approx::assert_relative_eq;

@@ -138,10 +138,12 @@ pub fn read_rig(path: &Path) -> Result<Rig, SessionError> {
 fn camera(entry: CameraEntry) -> Result<RigCamera, &'static str> {
     let [w, i, j, k] = entry.cam_from_world_wxyz;
     let quaternion = Quaternion::new(w, i, j, k);
-    if !((quaternion.norm() - 1.0).abs() < 1e-6) {
+    let off_unit = (quaternion.norm() - 1.0).abs();
+    if !off_unit.is_finite() || off_unit > 1e-6 {
         return Err("cam_from_world_wxyz is not a unit quaternion: calibrate again");
     }
-    if !(entry.fx_px > 0.0 && entry.fy_px > 0.0 && entry.centre_in_world_m.iter().all(|x| x.is_finite())) {
+    let focal = [entry.fx_px, entry.fy_px].iter().all(|f| f.is_finite() && *f > 0.0);
+    if !focal || !entry.centre_in_world_m.iter().all(|x| x.is_finite()) {
         return Err("focal lengths must be above zero and the centre finite: calibrate again");
     }
     if entry.width_px == 0 || entry.height_px == 0 {
