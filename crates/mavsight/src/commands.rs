@@ -1,0 +1,29 @@
+//! What each command does.
+
+mod demo;
+mod run;
+mod stages;
+
+use crate::cli::{Cli, Command, WrongCall};
+use anyhow::Result;
+pub use run::Flight;
+use mavsight_session::SessionError;
+
+/// Carries out a command.
+pub fn run(cli: &Cli) -> Result<()> {
+    match &cli.command {
+        Command::Demo(args) => demo::demo(args),
+        Command::Run(args) => run::run(args),
+        Command::Simulate(args) => stages::simulate(args),
+        Command::Film(args) => stages::film(args),
+        Command::Calibrate(args) => stages::calibrate(args),
+        Command::Track(args) => stages::track(args),
+        Command::Identify(args) => stages::identify(args),
+        Command::Report(args) => stages::report(args),
+    }
+}
+
+/// A file that the caller named and that is not what it should be: the call was wrong.
+pub(crate) fn named<T>(loaded: Result<T, SessionError>) -> Result<T> {
+    loaded.map_err(|e| WrongCall(e.to_string()).into())
+}

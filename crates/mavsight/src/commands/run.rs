@@ -1,0 +1,160 @@
+//! The whole chain on a recorded session.
+
+use super::named;
+use crate::cli::Run;
+use crate::page::{Page, write_page};
+use crate::progress::Bars;
+use crate::summary::Summary;
+use anyhow::Result;
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_geometry::ImageSize;
+use mavsight_identify::IdentifyError;
+use mavsight_pipeline::{
+    CameraFeed, ControlStill, PipelineError, Progress, TimedFrame, Tracked, calibrate_from_observations,
+    calibrate_from_stills, identify_motion, motion_from_poses,
+};
+use mavsight_pose::Rig;
+use mavsight_score::{Scores, score_motion, score_poses};
+use mavsight_session::{RunResults, Session, TruthRow, read_image, write_results};
+use mavsight_vision::Frame;
+use std::path::Path;
+
+/// `mavsight run`
+pub fn run(args: &Run) -> Result<()> {
+    let session = named(Session::load(&args.session))?;
+    let (inputs, truth) = (named(session.inputs())?, named(session.truth())?);
+    let bars = Bars::new();
+    let rig = rig_of(&session, &bars)?;
+    let tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
+    let flight = Flight { name: &session.name, vehicle: &session.vehicle, inputs: &inputs, truth: truth.as_deref() };
+    let (results, notes) = solve(&flight, rig, tracked, &bars)?;
+    let scores = truth.as_deref().map(|t| scores_of(&results, t));
+    bars.done();
+    finish(&flight, results, notes, scores, first_frames(&session)?, &args.out)
+}
+
+/// What is known of a flight beside its frames.
+pub struct Flight<'a> {
+    /// Name of the session.
+    pub name: &'a str,
+    /// The aircraft.
+    pub vehicle: &'a Vehicle,
+    /// Recorded inputs.
+    pub inputs: &'a InputSeries,
+    /// Truth, for scoring and plots alone.
+    pub truth: Option<&'a [TruthRow]>,
+}
+
+/// Solves for the cameras by stills or by clicked pixels.
+pub fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
+    bars.begin(mavsight_pipeline::Stage::Calibrate, None);
+    let points = named(session.control_points())?;
+    if let Some(pixels) = named(session.control_pixels())? {
+        let sizes = session
+            .cameras
+            .iter()
+            .enumerate()
+            .map(|(k, c)| Ok((c.name.clone(), session.open_camera(k)?.size())))
+            .collect::<Result<Vec<(String, ImageSize)>>>()?;
+        return Ok(calibrate_from_observations(&sizes, &points, &pixels)?);
+    }
+    let mut stills = Vec::with_capacity(session.cameras.len());
+    for camera in &session.cameras {
+        if let Some(path) = &camera.still {
+            stills.push(ControlStill { camera: camera.name.clone(), frame: named(read_image(path))? });
+        }
+    }
+    Ok(calibrate_from_stills(&stills, &points)?)
+}
+
+/// Every camera's frames.
+pub fn feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>> {
+    let mut feeds = Vec::with_capacity(session.cameras.len());
+    for (k, camera) in session.cameras.iter().enumerate() {
+        let source = session.open_camera(k)?;
+        let name = camera.name.clone();
+        let announced = source.declared_frames();
+        let frames = source.map(move |item| {
+            item.map(|(t_ns, frame)| TimedFrame { t_ns, frame })
+                .map_err(|e| PipelineError::Source { camera: name.clone(), source: Box::new(e) })
+        });
+        feeds.push(CameraFeed { name: camera.name.clone(), announced, frames: Box::new(frames) });
+    }
+    Ok(feeds)
+}
+
+/// The first frame of each camera, for the figures.
+pub fn first_frames(session: &Session) -> Result<Vec<Frame>> {
+    let mut frames = Vec::with_capacity(session.cameras.len());
+    for k in 0..session.cameras.len() {
+        if let Some(first) = session.open_camera(k)?.next() {
+            frames.push(first?.1);
+        }
+    }
+    Ok(frames)
+}
+
+/// Motion and parameters of what was tracked, with notes on what could not be had.
+pub fn solve(flight: &Flight<'_>, rig: Rig, tracked: Tracked, bars: &Bars) -> Result<(RunResults, Vec<String>)> {
+    let mut results = RunResults {
+        session: flight.name.to_owned(),
+        camera_names: rig.cameras.iter().map(|c| c.name.clone()).collect(),
+        marker_names: flight.vehicle.marker.iter().map(|m| m.name.clone()).collect(),
+        rig: Some(rig),
+        markers: tracked.observations,
+        poses: tracked.poses,
+        ..RunResults::default()
+    };
+    let notes = identify_into(&mut results, flight, bars)?;
+    Ok((results, notes))
+}
+
+/// Smooths the poses and fits the model; what the flight cannot tell becomes a note, what is wrong an error.
+pub fn identify_into(results: &mut RunResults, flight: &Flight<'_>, bars: &Bars) -> Result<Vec<String>> {
+    let mut notes = Vec::new();
+    let motion = match motion_from_poses(&results.poses, flight.vehicle, bars) {
+        Ok(motion) => motion,
+        Err(refusal) => {
+            notes.push(format!("No motion: {refusal}"));
+            return Ok(notes);
+        }
+    };
+    match identify_motion(motion.clone(), flight.inputs, flight.vehicle, bars) {
+        Ok(solution) => {
+            results.coefficients = Some(solution.coefficients);
+            results.identification = Some(solution.identification);
+        }
+        Err(PipelineError::Identify(IdentifyError::Flight(wrong))) => return Err(wrong.into()),
+        Err(refusal) => notes.push(format!("No parameters: {refusal}")),
+    }
+    results.motion = Some(motion);
+    Ok(notes)
+}
+
+/// Errors of poses and motion against truth.
+pub fn scores_of(results: &RunResults, truth: &[TruthRow]) -> Scores {
+    Scores {
+        poses: score_poses(&results.poses, truth),
+        motion: results.motion.as_ref().and_then(|m| score_motion(m, truth)),
+        ..Scores::default()
+    }
+}
+
+/// Writes every result file and the report, and prints the summary.
+pub fn finish(
+    flight: &Flight<'_>,
+    mut results: RunResults,
+    notes: Vec<String>,
+    scores: Option<Scores>,
+    frames: Vec<Frame>,
+    out: &Path,
+) -> Result<()> {
+    let summary = Summary::of(&results, scores.as_ref(), &notes);
+    results.summary = summary.json();
+    let page = Page { flight, results: &results, summary: &summary, frames: &frames };
+    write_results(out, &results)?;
+    write_page(&page, out)?;
+    print!("{}", summary.text());
+    println!("\nResults: {}", out.display());
+    Ok(())
+}

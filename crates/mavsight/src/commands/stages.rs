@@ -1,0 +1,248 @@
+//! Each stage by itself, on the files of the stage before it.
+
+use super::demo::{scenario_of, vehicle_of};
+use super::named;
+use super::run::{Flight, feeds, first_frames, identify_into, rig_of, scores_of};
+use crate::cli::{Film, Identify, Simulate, Stage, WrongCall};
+use crate::lab;
+use crate::page::{Page, write_page};
+use crate::progress::Bars;
+use crate::summary::Summary;
+use anyhow::{Context, Result, bail};
+use mavsight_flight::Scenario;
+use mavsight_pipeline::Progress;
+use mavsight_scene::Room;
+use mavsight_session::{
+    ControlSection, RunResults, SESSION_SCHEMA, Session, SessionCamera, SessionFile, TruthRow, load_vehicle,
+    make_folder, read_markers, read_poses, read_rig, results::names, tables::read_inputs, tables::read_truth,
+    write_control_points, write_inputs, write_png, write_results, write_session, write_truth, write_vehicle,
+};
+use mavsight_vision::Frame;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// `mavsight simulate`
+pub fn simulate(args: &Simulate) -> Result<()> {
+    let vehicle = vehicle_of(args.vehicle.as_deref())?;
+    let scenario = scenario_of(args.scenario.as_deref())?;
+    if args.print_scenario {
+        print!("{}", toml::to_string(&scenario)?);
+    }
+    if args.print_vehicle {
+        print!("{}", toml::to_string(&vehicle)?);
+    }
+    let Some(out) = &args.out else { return Ok(()) };
+    let inputs = scenario.inputs(&vehicle)?;
+    let states = mavsight_flight::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
+    make_folder(out)?;
+    write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
+    write_inputs(&out.join("inputs.csv"), &inputs)?;
+    write_truth(&out.join("truth.csv"), &states)?;
+    println!("{} instants of {:.2} s: {}", states.len(), scenario.duration_s, out.display());
+    Ok(())
+}
+
+/// `mavsight film`
+pub fn film(args: &Film) -> Result<()> {
+    let vehicle = named(load_vehicle(&args.flight.join("vehicle.toml")))?;
+    let truth = named(read_truth(&args.flight.join("truth.csv")))?;
+    let inputs = named(read_inputs(&args.flight.join("inputs.csv")))?;
+    let interval_s = match truth.as_slice() {
+        [a, b, ..] => b.t_s - a.t_s,
+        _ => 1.0 / Scenario::paper().frame_rate_hz,
+    };
+    make_folder(&args.out)?;
+    let bars = Bars::new();
+    let (room, aircraft) = (Room::meeting_room(), lab::aircraft(&vehicle));
+    let mut cameras = Vec::new();
+    for (k, camera) in lab::cameras().iter().enumerate() {
+        bars.start("building", None);
+        let film = lab::film(&room, camera, k, args.seed);
+        let still = format!("{}-control.png", camera.name);
+        let size = camera.camera.size;
+        write_png(&args.out.join(&still), &Frame::from_rgb(size, film.still(Some(&lab::control_frame())))?)?;
+        bars.start("filming", Some(truth.len() as u64));
+        let frames = truth.iter().enumerate().map(|(n, row)| {
+            bars.step();
+            lab::frame(&film, n, &aircraft, row, interval_s)
+        });
+        let video = if args.video {
+            write_video(&args.out.join(format!("{}.mp4", camera.name)), size, interval_s, frames)?;
+            format!("{}.mp4", camera.name)
+        } else {
+            make_folder(&args.out.join(&camera.name))?;
+            for (n, rgb) in frames.enumerate() {
+                let file = args.out.join(&camera.name).join(format!("frame_{n:05}.png"));
+                write_png(&file, &Frame::from_rgb(size, rgb)?)?;
+            }
+            format!("{}/frame_%05d.png", camera.name)
+        };
+        cameras.push(SessionCamera {
+            name: camera.name.clone(),
+            video: video.into(),
+            still: Some(still.into()),
+            frame_rate_hz: (!args.video).then_some((1e6 / interval_s).round() / 1e6),
+            time_offset_s: None,
+        });
+    }
+    bars.done();
+    write_flight_files(args, &vehicle, &inputs)?;
+    let session = SessionFile {
+        schema: SESSION_SCHEMA,
+        name: "virtual-flight".to_owned(),
+        vehicle: "vehicle.toml".into(),
+        inputs: "inputs.csv".into(),
+        truth: Some("truth.csv".into()),
+        control: ControlSection { points: "control_points.csv".into(), observations: None },
+        camera: cameras,
+    };
+    write_session(&args.out.join("session.toml"), &session)?;
+    println!("{} frames of each camera: {}", truth.len(), args.out.join("session.toml").display());
+    Ok(())
+}
+
+fn write_flight_files(
+    args: &Film,
+    vehicle: &mavsight_flight::Vehicle,
+    inputs: &mavsight_flight::InputSeries,
+) -> Result<()> {
+    write_control_points(&args.out.join("control_points.csv"), &lab::control_points())?;
+    let same = args.flight.canonicalize().ok() == args.out.canonicalize().ok();
+    if !same {
+        write_vehicle(&args.out.join("vehicle.toml"), vehicle)?;
+        write_inputs(&args.out.join("inputs.csv"), inputs)?;
+        let truth = std::fs::read(args.flight.join("truth.csv")).context("truth.csv")?;
+        mavsight_session::write_whole(&args.out.join("truth.csv"), &truth)?;
+    }
+    Ok(())
+}
+
+/// Encodes frames with the `ffmpeg` program.
+fn write_video(
+    path: &Path,
+    size: mavsight_geometry::ImageSize,
+    interval_s: f64,
+    frames: impl Iterator<Item = Vec<u8>>,
+) -> Result<()> {
+    let mut child = Command::new("ffmpeg")
+        .args(["-v", "error", "-nostdin", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
+        .args(["-s", &format!("{}x{}", size.width_px, size.height_px), "-r", &format!("{}", 1.0 / interval_s)])
+        .args(["-i", "pipe:0", "-c:v", "libx264", "-crf", "12", "-pix_fmt", "yuv420p"])
+        .arg(path)
+        .stdin(Stdio::piped())
+        .spawn()
+        .context("--video needs the ffmpeg program: install it with `apt-get install ffmpeg`, or leave --video out")?;
+    let Some(mut pipe) = child.stdin.take() else { bail!("ffmpeg gave no input pipe") };
+    for rgb in frames {
+        pipe.write_all(&rgb).context("ffmpeg stopped reading frames")?;
+    }
+    drop(pipe);
+    let status = child.wait()?;
+    if !status.success() {
+        bail!("ffmpeg could not write {}: {status}", path.display());
+    }
+    Ok(())
+}
+
+/// `mavsight calibrate`
+pub fn calibrate(args: &Stage) -> Result<()> {
+    let session = named(Session::load(&args.session))?;
+    let bars = Bars::new();
+    let rig = rig_of(&session, &bars)?;
+    bars.done();
+    let results = RunResults { session: session.name.clone(), rig: Some(rig), ..RunResults::default() };
+    put(results, &args.out)
+}
+
+/// `mavsight track`
+pub fn track(args: &Stage) -> Result<()> {
+    let session = named(Session::load(&args.session))?;
+    let rig = named(read_rig(&args.out.join(names::RIG)))?;
+    let wanted: Vec<&str> = session.cameras.iter().map(|c| c.name.as_str()).collect();
+    let found: Vec<&str> = rig.cameras.iter().map(|c| c.name.as_str()).collect();
+    if wanted != found {
+        let rig_file = args.out.join(names::RIG);
+        let message = format!(
+            "{}: holds the cameras {}, but the session has {}: run `mavsight calibrate` on this session",
+            rig_file.display(),
+            found.join(", "),
+            wanted.join(", ")
+        );
+        return Err(WrongCall(message).into());
+    }
+    let bars = Bars::new();
+    let tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
+    let motion = mavsight_pipeline::motion_from_poses(&tracked.poses, &session.vehicle, &bars).ok();
+    bars.done();
+    let results = RunResults {
+        session: session.name.clone(),
+        camera_names: rig.cameras.iter().map(|c| c.name.clone()).collect(),
+        marker_names: session.vehicle.marker.iter().map(|m| m.name.clone()).collect(),
+        rig: Some(rig),
+        markers: tracked.observations,
+        poses: tracked.poses,
+        motion,
+        ..RunResults::default()
+    };
+    put(results, &args.out)
+}
+
+fn put(mut results: RunResults, out: &Path) -> Result<()> {
+    let summary = Summary::of(&results, None, &[]);
+    results.summary = summary.json();
+    write_results(out, &results)?;
+    print!("{}", summary.text());
+    println!("\nResults: {}", out.display());
+    Ok(())
+}
+
+/// `mavsight identify`
+pub fn identify(args: &Identify) -> Result<()> {
+    let vehicle = named(load_vehicle(&args.vehicle))?;
+    let inputs = named(read_inputs(&args.inputs))?;
+    let marker_names: Vec<String> = vehicle.marker.iter().map(|m| m.name.clone()).collect();
+    let poses = named(read_poses(&args.pose, &marker_names))?;
+    let bars = Bars::new();
+    let mut results = RunResults { session: vehicle.name.clone(), marker_names, poses, ..RunResults::default() };
+    let flight = Flight { name: &vehicle.name, vehicle: &vehicle, inputs: &inputs, truth: None };
+    let notes = identify_into(&mut results, &flight, &bars)?;
+    bars.done();
+    let summary = Summary::of(&results, None, &notes);
+    results.summary = summary.json();
+    // The poses came from a file of the caller's, which may lie in the same folder: they are not written again.
+    results.poses.clear();
+    write_results(&args.out, &results)?;
+    print!("{}", summary.text());
+    println!("\nResults: {}", args.out.display());
+    Ok(())
+}
+
+/// `mavsight report`
+pub fn report(args: &Stage) -> Result<()> {
+    let session = named(Session::load(&args.session))?;
+    let inputs = named(session.inputs())?;
+    let truth: Option<Vec<TruthRow>> = named(session.truth())?;
+    let camera_names: Vec<String> = session.cameras.iter().map(|c| c.name.clone()).collect();
+    let marker_names: Vec<String> = session.vehicle.marker.iter().map(|m| m.name.clone()).collect();
+    let mut results = RunResults {
+        session: session.name.clone(),
+        rig: Some(named(read_rig(&args.out.join(names::RIG)))?),
+        markers: named(read_markers(&args.out.join(names::MARKERS), &camera_names, &marker_names))?,
+        poses: named(read_poses(&args.out.join(names::POSE), &marker_names))?,
+        camera_names,
+        marker_names,
+        ..RunResults::default()
+    };
+    let bars = Bars::new();
+    let flight =
+        Flight { name: &session.name, vehicle: &session.vehicle, inputs: &inputs, truth: truth.as_deref() };
+    let notes = identify_into(&mut results, &flight, &bars)?;
+    bars.done();
+    let scores = truth.as_deref().map(|t| scores_of(&results, t));
+    let summary = Summary::of(&results, scores.as_ref(), &notes);
+    let frames = first_frames(&session)?;
+    write_page(&Page { flight: &flight, results: &results, summary: &summary, frames: &frames }, &args.out)?;
+    println!("{}", args.out.join(names::REPORT).display());
+    Ok(())
+}

@@ -1,0 +1,15 @@
+//! Videos of a small aircraft in, its motion and flight-dynamics parameters out.
+//!
+//! The facade of the workspace: each module is one crate of it. The binary `mavsight` drives them; a Rust user may
+//! enter the chain anywhere: source → detect → associate → reconstruct → smooth → identify → report.
+
+pub use mavsight_flight as flight;
+pub use mavsight_geometry as geometry;
+pub use mavsight_identify as identify;
+pub use mavsight_pipeline as pipeline;
+pub use mavsight_pose as pose;
+pub use mavsight_report as report;
+pub use mavsight_scene as scene;
+pub use mavsight_score as score;
+pub use mavsight_session as session;
+pub use mavsight_vision as vision;

@@ -1,0 +1,21 @@
+//! The command line.
+
+mod cli;
+mod commands;
+mod lab;
+mod page;
+mod progress;
+mod summary;
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    match commands::run(&cli::Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("mavsight: {error:#}");
+            ExitCode::from(if error.is::<cli::WrongCall>() { 2 } else { 1 })
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! Progress on standard error.
+
+use indicatif::{ProgressBar, ProgressStyle};
+use mavsight_pipeline::{Progress, Stage};
+use std::sync::Mutex;
+
+/// A bar a stage; silent where standard error is not a terminal, except for warnings.
+pub struct Bars(Mutex<ProgressBar>);
+
+impl Bars {
+    /// No stage yet.
+    pub fn new() -> Self {
+        Self(Mutex::new(ProgressBar::hidden()))
+    }
+
+    /// Starts a bar with a title.
+    pub fn start(&self, title: &str, steps: Option<u64>) {
+        let bar = match steps {
+            Some(n) => ProgressBar::new(n).with_style(style("{msg:<12} {bar:32} {pos}/{len} {elapsed} left {eta}")),
+            None => ProgressBar::new_spinner().with_style(style("{msg:<12} {spinner} {elapsed}")),
+        };
+        bar.set_message(title.to_owned());
+        let mut current = self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        current.finish_and_clear();
+        *current = bar;
+    }
+
+    /// Ends the running bar.
+    pub fn done(&self) {
+        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).finish_and_clear();
+    }
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+impl Progress for Bars {
+    fn begin(&self, stage: Stage, steps: Option<u64>) {
+        let title = match stage {
+            Stage::Calibrate => "calibrating",
+            Stage::Track => "tracking",
+            Stage::Smooth => "smoothing",
+            Stage::Identify => "identifying",
+        };
+        self.start(title, steps);
+    }
+
+    fn step(&self) {
+        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).inc(1);
+    }
+
+    fn warn(&self, message: &str) {
+        self.0
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner)
+            .suspend(|| eprintln!("mavsight: {message}"));
+    }
+}

@@ -1,0 +1,172 @@
+//! Every input that a user may get wrong ends with one message that names the file and the place.
+
+mod common;
+
+use common::{Session, mavsight};
+
+#[test]
+fn the_unspoilt_session_runs() {
+    let session = Session::new();
+    let out = session.path("results");
+    mavsight().arg("run").arg(session.path("session.toml")).arg("--out").arg(&out).assert().success();
+    for file in ["rig.toml", "markers.csv", "pose.csv", "motion.csv", "summary.json", "report.html"] {
+        assert!(out.join(file).is_file(), "{file} is missing");
+    }
+}
+
+#[test]
+fn a_missing_session_file() {
+    let assert = mavsight().args(["run", "nowhere/session.toml", "--out", "never"]).assert().code(2);
+    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(message.contains("nowhere/session.toml"), "{message}");
+}
+
+#[test]
+fn a_missing_file() {
+    let session = Session::new();
+    std::fs::remove_file(session.path("inputs.csv")).expect("the file was there");
+    session.is_refused(&["inputs.csv"]);
+}
+
+#[test]
+fn a_missing_still() {
+    let session = Session::new();
+    std::fs::remove_file(session.path("cam2-control.png")).expect("the file was there");
+    session.is_refused(&["cam2-control.png"]);
+}
+
+#[test]
+fn an_unknown_key() {
+    let session = Session::new();
+    session.replace("session.toml", "schema = 1", "schema = 1\nvehicel = \"vehicle.toml\"");
+    session.is_refused(&["session.toml", "vehicel"]);
+}
+
+#[test]
+fn an_unknown_key_in_the_vehicle() {
+    let session = Session::new();
+    session.replace("vehicle.toml", "mass_kg", "weight_kg = 0.8\nmass_kg");
+    session.is_refused(&["vehicle.toml", "weight_kg"]);
+}
+
+#[test]
+fn an_unknown_color() {
+    let session = Session::new();
+    session.edit_lines("control_points.csv", |lines| {
+        let cut = lines[3].rfind(',').expect("columns");
+        lines[3].truncate(cut);
+        lines[3].push_str(",reddish");
+    });
+    session.is_refused(&["control_points.csv", "reddish", "#rrggbb"]);
+}
+
+#[test]
+fn a_column_that_is_not_there() {
+    let session = Session::new();
+    session.replace("inputs.csv", "delta_lon_rad", "delta_long_rad");
+    session.is_refused(&["inputs.csv", "delta_lon_rad"]);
+}
+
+#[test]
+fn a_nan_in_row_17() {
+    let session = Session::new();
+    session.edit_lines("inputs.csv", |lines| {
+        let mut cells: Vec<&str> = lines[17].split(',').collect();
+        cells[3] = "NaN";
+        lines[17] = cells.join(",");
+    });
+    session.is_refused(&["inputs.csv", "17", "delta_lon_rad"]);
+}
+
+#[test]
+fn fewer_than_six_control_points() {
+    let session = Session::new();
+    session.edit_lines("control_points.csv", |lines| lines.truncate(6));
+    session.is_refused(&["5", "6", "control"]);
+}
+
+#[test]
+fn coplanar_control_points() {
+    let session = Session::new();
+    let pixels = [(100.0, 100.0), (300.0, 90.0), (500.0, 110.0), (120.0, 300.0), (310.0, 330.0), (520.0, 310.0)];
+    let mut points = String::from("name,x_m,y_m,z_m,diameter_m,color\n");
+    let mut seen = String::from("camera,name,u_px,v_px\n");
+    for (k, (u, v)) in pixels.iter().enumerate() {
+        points += &format!("p{k},{},{},0.0,0.06,#20{k}080\n", k % 3, k / 3);
+        seen += &format!("cam1,p{k},{u},{v}\ncam2,p{k},{u},{v}\n");
+    }
+    std::fs::write(session.path("control_points.csv"), points).expect("written");
+    std::fs::write(session.path("control_pixels.csv"), seen).expect("written");
+    session.replace("session.toml", "[control]", "[control]\nobservations = \"control_pixels.csv\"");
+    session.is_refused(&["coplanar", "cam1"]);
+}
+
+#[test]
+fn cameras_of_different_frame_counts() {
+    let session = Session::new();
+    std::fs::remove_file(last_frame(&session, "cam2")).expect("the file was there");
+    session.is_refused(&["cam1", "cam2", "12", "11"]);
+}
+
+#[test]
+fn a_camera_without_frames() {
+    let session = Session::new();
+    for entry in std::fs::read_dir(session.path("cam2")).expect("a folder").flatten() {
+        std::fs::remove_file(entry.path()).expect("removed");
+    }
+    session.is_refused(&["cam2"]);
+}
+
+#[test]
+fn two_markers_of_one_color() {
+    let session = Session::new();
+    let vehicle = std::fs::read_to_string(session.path("vehicle.toml")).expect("the file is there");
+    let colors: Vec<&str> = vehicle.lines().filter(|line| line.starts_with("color")).collect();
+    session.replace("vehicle.toml", colors[1], colors[0]);
+    session.is_refused(&["red", "green", "color"]);
+}
+
+#[test]
+fn a_truncated_mp4() {
+    let session = Session::new();
+    let Some(clip) = fixture_mp4() else {
+        println!("skipped: the MP4 fixture is missing");
+        return;
+    };
+    std::fs::write(session.path("cam1.mp4"), &clip[..clip.len() / 2]).expect("written");
+    session.replace("session.toml", "cam1/frame_%05d.png", "cam1.mp4");
+    drop_frame_rate_of_cam1(&session);
+    session.is_refused(&["cam1.mp4"]);
+}
+
+#[test]
+fn a_container_that_needs_ffmpeg_without_it() {
+    let session = Session::new();
+    std::fs::write(session.path("cam1.avi"), b"RIFF\x00\x00\x00\x00AVI LIST").expect("written");
+    session.replace("session.toml", "cam1/frame_%05d.png", "cam1.avi");
+    drop_frame_rate_of_cam1(&session);
+    session.is_refused_with(&["cam1.avi", "ffmpeg", "apt-get install ffmpeg"], |c| {
+        c.env("MAVSIGHT_FFMPEG", "no-such-program")
+    });
+}
+
+fn last_frame(session: &Session, camera: &str) -> std::path::PathBuf {
+    let mut frames: Vec<_> =
+        std::fs::read_dir(session.path(camera)).expect("a folder").flatten().map(|e| e.path()).collect();
+    frames.sort();
+    frames.pop().expect("frames")
+}
+
+fn fixture_mp4() -> Option<Vec<u8>> {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../session/tests/fixtures");
+    let entry = std::fs::read_dir(folder).ok()?.flatten().find(|e| e.path().extension().is_some_and(|x| x == "mp4"))?;
+    std::fs::read(entry.path()).ok()
+}
+
+fn drop_frame_rate_of_cam1(session: &Session) {
+    session.edit_lines("session.toml", |lines| {
+        if let Some(at) = lines.iter().position(|line| line.starts_with("frame_rate_hz")) {
+            lines.remove(at);
+        }
+    });
+}

@@ -1,0 +1,113 @@
+//! From control stills, or from a table of clicked pixels, to a rig.
+
+use crate::PipelineError;
+use mavsight_geometry::{ControlPoint, ImageSize, Matrix2, Vector2, Vector3};
+use mavsight_pose::{CameraControl, Rig, calibrate, select_control_balls};
+use mavsight_session::{ControlPixel, ControlPointRow};
+use mavsight_vision::{BallColor, Detector, Frame};
+
+/// The control frame as one camera saw it.
+pub struct ControlStill {
+    /// Camera name.
+    pub camera: String,
+    /// The image.
+    pub frame: Frame,
+}
+
+/// Standard deviation of a point clicked by hand: a person hits the centre of a small ball to about half a pixel.
+const CLICKED_STD_PX: f64 = 0.5;
+
+/// Smallest and largest apparent diameter of a ball that is searched for when nothing is known of the camera:
+/// below 3 px a disc has no inside that shows its colour, above a tenth of the image it is not a control ball.
+fn diameter_range_px(size: ImageSize) -> std::ops::RangeInclusive<f64> {
+    3.0..=f64::from(size.width_px) / 10.0
+}
+
+/// Finds the control balls in each still by colour and geometry, and solves for the cameras.
+///
+/// # Errors
+/// Too few balls, colours that cannot be told apart, or points that do not determine a camera; each names the camera.
+pub fn calibrate_from_stills(stills: &[ControlStill], table: &[ControlPointRow]) -> Result<Rig, PipelineError> {
+    let colors: Vec<BallColor> =
+        table.iter().map(|row| BallColor { name: row.name.clone(), rgb: row.color.rgb() }).collect();
+    let detector = Detector::new(&colors)
+        .map_err(|source| PipelineError::Vision { place: "control points".into(), source })?;
+    let mut controls = Vec::with_capacity(stills.len());
+    for still in stills {
+        controls.push(control_of_still(still, table, &detector)?);
+    }
+    solve(&controls)
+}
+
+fn control_of_still(
+    still: &ControlStill,
+    table: &[ControlPointRow],
+    detector: &Detector,
+) -> Result<CameraControl, PipelineError> {
+    let size = still.frame.size;
+    let candidates = detector.candidates(&still.frame, diameter_range_px(size));
+    let found = candidates.iter().filter(|c| !c.is_empty()).count();
+    if found < 6 {
+        let missing: Vec<&str> = table
+            .iter()
+            .zip(&candidates)
+            .filter(|(_, c)| c.is_empty())
+            .map(|(row, _)| row.name.as_str())
+            .collect();
+        return Err(PipelineError::ControlBalls {
+            camera: still.camera.clone(),
+            found,
+            wanted: table.len(),
+            missing: missing.join(", "),
+        });
+    }
+    let scored: Vec<Vec<(Vector2<f64>, f64)>> =
+        candidates.iter().map(|list| list.iter().map(|c| (c.pixel, c.score)).collect()).collect();
+    let positions: Vec<Vector3<f64>> = table.iter().map(|row| row.position_m.into()).collect();
+    let chosen = select_control_balls(&scored, &positions, size)
+        .map_err(|source| PipelineError::Pose { place: still.camera.clone(), source })?;
+    let mut control = CameraControl { name: still.camera.clone(), size, points: vec![], ball_radius_m: vec![] };
+    for ((row, list), choice) in table.iter().zip(&candidates).zip(&chosen) {
+        let Some(ball) = choice.and_then(|index| list.get(index)) else { continue };
+        control.points.push(ControlPoint {
+            name: row.name.clone(),
+            point_in_world_m: row.position_m.into(),
+            pixel: ball.pixel,
+            pixel_cov_px2: ball.covariance_px2,
+        });
+        control.ball_radius_m.push(row.diameter_m / 2.0);
+    }
+    Ok(control)
+}
+
+/// Solves for the cameras from pixels that were measured elsewhere.
+///
+/// # Errors
+/// Points that do not determine a camera; each names the camera.
+pub fn calibrate_from_observations(
+    cameras: &[(String, ImageSize)],
+    table: &[ControlPointRow],
+    pixels: &[ControlPixel],
+) -> Result<Rig, PipelineError> {
+    let mut controls = Vec::with_capacity(cameras.len());
+    for (camera, size) in cameras {
+        let mut control =
+            CameraControl { name: camera.clone(), size: *size, points: vec![], ball_radius_m: vec![] };
+        for pixel in pixels.iter().filter(|p| &p.camera == camera) {
+            let Some(row) = table.iter().find(|row| row.name == pixel.name) else { continue };
+            control.points.push(ControlPoint {
+                name: row.name.clone(),
+                point_in_world_m: row.position_m.into(),
+                pixel: Vector2::new(pixel.u_px, pixel.v_px),
+                pixel_cov_px2: Matrix2::identity() * CLICKED_STD_PX * CLICKED_STD_PX,
+            });
+            control.ball_radius_m.push(row.diameter_m / 2.0);
+        }
+        controls.push(control);
+    }
+    solve(&controls)
+}
+
+fn solve(controls: &[CameraControl]) -> Result<Rig, PipelineError> {
+    calibrate(controls).map_err(|source| PipelineError::Pose { place: "calibration".into(), source })
+}

@@ -1,0 +1,85 @@
+//! What ends a run, with the place where it happened.
+
+use thiserror::Error;
+
+/// A chain that could not be carried through.
+#[derive(Debug, Error)]
+pub enum PipelineError {
+    /// A source of frames failed.
+    #[error("{camera}: {source}")]
+    Source {
+        /// Camera name.
+        camera: String,
+        /// What happened.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// Seeing failed.
+    #[error("{place}: {source}")]
+    Vision {
+        /// Camera or table concerned.
+        place: String,
+        /// What happened.
+        source: mavsight_vision::VisionError,
+    },
+    /// Calibration, pose or smoothing failed.
+    #[error("{place}: {source}")]
+    Pose {
+        /// Camera or stage concerned.
+        place: String,
+        /// What happened.
+        source: mavsight_pose::PoseError,
+    },
+    /// Identification failed.
+    #[error("identification: {0}")]
+    Identify(#[from] mavsight_identify::IdentifyError),
+    /// The cameras did not deliver the same number of frames.
+    #[error("{first} has {first_frames} frames but {second} has {second_frames}: cut both recordings to the same stretch")]
+    FrameCounts {
+        /// Camera name.
+        first: String,
+        /// Its frames.
+        first_frames: usize,
+        /// Camera name.
+        second: String,
+        /// Its frames.
+        second_frames: usize,
+    },
+    /// Frames that should belong to one instant are too far apart in time.
+    #[error("frame {frame}: {first} is at {first_s:.4} s but {second} at {second_s:.4} s, more than half a frame apart: start both at the same instant, or set time_offset_s of the later camera")]
+    OutOfStep {
+        /// Index from 0.
+        frame: usize,
+        /// Camera name.
+        first: String,
+        /// Its time stamp.
+        first_s: f64,
+        /// Camera name.
+        second: String,
+        /// Its time stamp.
+        second_s: f64,
+    },
+    /// A camera delivered nothing.
+    #[error("{camera} has no frames: check the recording")]
+    NoFrames {
+        /// Camera name.
+        camera: String,
+    },
+    /// A control ball that no colour matched.
+    #[error("{camera}: only {found} of {wanted} control balls were found in the still (missing: {missing}): at least 6 are needed; check the colours in the control table, or click the balls and give `observations`")]
+    ControlBalls {
+        /// Camera name.
+        camera: String,
+        /// Balls found.
+        found: usize,
+        /// Balls in the table.
+        wanted: usize,
+        /// Names of those not found.
+        missing: String,
+    },
+    /// A worker thread ended without a result.
+    #[error("{camera}: the tracking stage stopped unexpectedly: please report this with the recording")]
+    Worker {
+        /// Camera name.
+        camera: String,
+    },
+}

@@ -1,0 +1,17 @@
+//! Stages joined by bounded queues: the one chain from frames to parameters.
+//!
+//! Recorded, live and virtual cameras enter as [`CameraFeed`]s; nothing here knows which kind it is handed.
+
+mod calibrate;
+mod error;
+mod feed;
+mod progress;
+mod solve;
+mod track;
+
+pub use calibrate::{ControlStill, calibrate_from_observations, calibrate_from_stills};
+pub use error::PipelineError;
+pub use feed::{CameraFeed, TimedFrame};
+pub use progress::{Progress, Quiet, Stage};
+pub use solve::{Solution, body_markers, identify_motion, motion_from_poses};
+pub use track::{Tracked, track};

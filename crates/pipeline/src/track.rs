@@ -1,0 +1,231 @@
+//! Frames of all cameras into marker observations and poses.
+
+use crate::{CameraFeed, PipelineError, Progress, Stage, TimedFrame};
+use mavsight_flight::Vehicle;
+use mavsight_geometry::{Isometry3, Vector3};
+use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, PoseSample, Rig};
+use mavsight_vision::{BallCandidate, BallColor, Tracker};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+/// Frames that may wait between two stages: enough to even out decoding, few enough to stay in the cache.
+const QUEUE_FRAMES: usize = 8;
+
+/// How far beyond the control points' ranges the aircraft may fly, as a factor on its apparent size.
+const RANGE_MARGIN: f64 = 2.0;
+
+/// What tracking yields.
+#[derive(Debug, Clone, Default)]
+pub struct Tracked {
+    /// Every marker seen, by time, camera and marker.
+    pub observations: Vec<MarkerObservation>,
+    /// One sample an instant, empty where it could not be measured.
+    pub poses: Vec<PoseSample>,
+}
+
+type Sighting = Result<(i64, Vec<Option<BallCandidate>>), PipelineError>;
+
+/// Runs every feed through detection and tracking, joins the cameras in time, and estimates one pose an instant.
+///
+/// Each camera has a thread that fetches frames and one that tracks, joined by queues of bounded length.
+///
+/// # Errors
+/// A source that fails, marker colours that cannot be told apart, cameras of different length or out of step.
+pub fn track(
+    feeds: Vec<CameraFeed<'_>>,
+    rig: &Rig,
+    vehicle: &Vehicle,
+    progress: &dyn Progress,
+) -> Result<Tracked, PipelineError> {
+    let names: Vec<String> = feeds.iter().map(|f| f.name.clone()).collect();
+    let trackers = feeds
+        .iter()
+        .enumerate()
+        .map(|(camera, feed)| tracker_for(rig, camera, vehicle).map_err(|source| PipelineError::Vision {
+            place: feed.name.clone(),
+            source,
+        }))
+        .collect::<Result<Vec<_>, _>>()?;
+    progress.begin(Stage::Track, feeds.iter().filter_map(|f| f.announced).min().map(|n| n as u64));
+    std::thread::scope(|scope| {
+        let sightings: Vec<Receiver<Sighting>> = feeds
+            .into_iter()
+            .zip(trackers)
+            .map(|(feed, tracker)| {
+                let (frame_out, frame_in) = sync_channel(QUEUE_FRAMES);
+                let (sighting_out, sighting_in) = sync_channel(QUEUE_FRAMES);
+                scope.spawn(move || fetch(feed, &frame_out));
+                scope.spawn(move || observe(tracker, &frame_in, &sighting_out));
+                sighting_in
+            })
+            .collect();
+        join(&names, &sightings, rig, vehicle, progress)
+    })
+}
+
+fn fetch(feed: CameraFeed<'_>, out: &SyncSender<Result<TimedFrame, PipelineError>>) {
+    for frame in feed.frames {
+        let failed = frame.is_err();
+        if out.send(frame).is_err() || failed {
+            return;
+        }
+    }
+}
+
+fn observe(mut tracker: Tracker, frames: &Receiver<Result<TimedFrame, PipelineError>>, out: &SyncSender<Sighting>) {
+    for frame in frames {
+        let sighting = frame.map(|f| (f.t_ns, tracker.observe(&f.frame).to_vec()));
+        if out.send(sighting).is_err() {
+            return;
+        }
+    }
+}
+
+/// The vehicle's markers as colours.
+fn ball_colors(vehicle: &Vehicle) -> Vec<BallColor> {
+    vehicle.marker.iter().map(|m| BallColor { name: m.name.clone(), rgb: m.color.rgb() }).collect()
+}
+
+/// A tracker that expects the apparent diameters the rig and the ball sizes imply over the calibrated volume.
+fn tracker_for(rig: &Rig, camera: usize, vehicle: &Vehicle) -> Result<Tracker, mavsight_vision::VisionError> {
+    let seen_by = &rig.cameras[camera];
+    let focal_px = (seen_by.camera.intrinsics.fx_px * seen_by.camera.intrinsics.fy_px).abs().sqrt();
+    let ranges_m = rig.control_points_in_world().into_iter().map(|p: Vector3<f64>| {
+        (p - seen_by.camera.centre_in_world()).norm()
+    });
+    let (near_m, far_m) = ranges_m.fold((f64::MAX, 0.0_f64), |(a, b), d| (a.min(d), b.max(d)));
+    let (near_m, far_m) = if far_m > 0.0 { (near_m, far_m) } else { (1.0, 10.0) };
+    let smallest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(f64::MAX, f64::min);
+    let largest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(0.0, f64::max);
+    let range = focal_px * smallest_m / far_m / RANGE_MARGIN..=focal_px * largest_m / near_m * RANGE_MARGIN;
+    Tracker::new(&ball_colors(vehicle), range)
+}
+
+fn join(
+    names: &[String],
+    sightings: &[Receiver<Sighting>],
+    rig: &Rig,
+    vehicle: &Vehicle,
+    progress: &dyn Progress,
+) -> Result<Tracked, PipelineError> {
+    let body = crate::body_markers(vehicle);
+    let estimator = PoseEstimator::new(rig, &body);
+    let mut tracked = Tracked::default();
+    let mut previous: Option<Isometry3<f64>> = None;
+    let mut interval_ns: Option<i64> = None;
+    loop {
+        let instant: Vec<Option<(i64, Vec<Option<BallCandidate>>)>> =
+            sightings.iter().map(|s| s.recv().ok().transpose()).collect::<Result<_, _>>()?;
+        if instant.iter().all(Option::is_none) {
+            break;
+        }
+        let frame = tracked.poses.len();
+        let instant = whole_instant(names, instant, sightings, frame)?;
+        check_in_step(names, &instant, frame, interval_ns)?;
+        let t_ns = instant[0].0;
+        if let Some(last) = tracked.poses.last() {
+            interval_ns = Some(t_ns - last.t_ns);
+        }
+        let seen = observations_at(t_ns, &instant);
+        let sample = pose_at(&estimator, t_ns, &seen, previous.as_ref());
+        previous = sample.estimate.as_ref().map(|e| e.world_from_body).or(previous);
+        tracked.observations.extend(seen);
+        tracked.poses.push(sample);
+        progress.step();
+    }
+    if tracked.poses.is_empty() {
+        return Err(PipelineError::NoFrames { camera: names.join(" and ") });
+    }
+    Ok(tracked)
+}
+
+/// All cameras' sightings of one instant; a camera that has ended before the others is an error with both counts.
+fn whole_instant(
+    names: &[String],
+    instant: Vec<Option<(i64, Vec<Option<BallCandidate>>)>>,
+    sightings: &[Receiver<Sighting>],
+    frame: usize,
+) -> Result<Vec<(i64, Vec<Option<BallCandidate>>)>, PipelineError> {
+    if let Some(ended) = instant.iter().position(Option::is_none) {
+        let longer = instant.iter().position(Option::is_some).unwrap_or(ended);
+        let mut longer_frames = frame + 1;
+        for sighting in &sightings[longer] {
+            sighting?;
+            longer_frames += 1;
+        }
+        if frame == 0 {
+            return Err(PipelineError::NoFrames { camera: names[ended].clone() });
+        }
+        return Err(PipelineError::FrameCounts {
+            first: names[ended].clone(),
+            first_frames: frame,
+            second: names[longer].clone(),
+            second_frames: longer_frames,
+        });
+    }
+    Ok(instant.into_iter().flatten().collect())
+}
+
+fn check_in_step(
+    names: &[String],
+    instant: &[(i64, Vec<Option<BallCandidate>>)],
+    frame: usize,
+    interval_ns: Option<i64>,
+) -> Result<(), PipelineError> {
+    let Some(interval_ns) = interval_ns else { return Ok(()) };
+    let reference_ns = instant[0].0;
+    for (camera, (t_ns, _)) in instant.iter().enumerate() {
+        if (t_ns - reference_ns).abs() * 2 > interval_ns {
+            return Err(PipelineError::OutOfStep {
+                frame,
+                first: names[0].clone(),
+                first_s: reference_ns as f64 * 1e-9,
+                second: names[camera].clone(),
+                second_s: *t_ns as f64 * 1e-9,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn observations_at(t_ns: i64, instant: &[(i64, Vec<Option<BallCandidate>>)]) -> Vec<MarkerObservation> {
+    let mut seen = Vec::new();
+    for (camera, (_, balls)) in instant.iter().enumerate() {
+        for (marker, ball) in balls.iter().enumerate() {
+            if let Some(ball) = ball {
+                seen.push(MarkerObservation {
+                    t_ns,
+                    camera,
+                    marker,
+                    pixel: ball.pixel,
+                    covariance_px2: ball.covariance_px2,
+                });
+            }
+        }
+    }
+    seen
+}
+
+fn pose_at(
+    estimator: &PoseEstimator,
+    t_ns: i64,
+    seen: &[MarkerObservation],
+    previous: Option<&Isometry3<f64>>,
+) -> PoseSample {
+    match estimator.estimate(t_ns, seen, previous) {
+        Ok(estimate) => PoseSample { t_ns, estimate: Some(estimate), reason: None },
+        Err(refusal) => PoseSample { t_ns, estimate: None, reason: Some(refusal.to_string()) },
+    }
+}
+
+/// The vehicle's markers as the pose estimator wants them.
+pub(crate) fn body_markers_of(vehicle: &Vehicle) -> Vec<BodyMarker> {
+    vehicle
+        .marker
+        .iter()
+        .map(|m| BodyMarker {
+            name: m.name.clone(),
+            marker_in_body_m: m.position_m.into(),
+            radius_m: m.diameter_m / 2.0,
+        })
+        .collect()
+}

@@ -1,0 +1,216 @@
+//! Errors of estimates against truth.
+//!
+//! Stands apart from all that estimates: nothing that estimates depends on this crate.
+
+use mavsight_flight::ModelCoefficients;
+use mavsight_geometry::{EulerAngles, Vector3};
+use mavsight_identify::{Estimator, Identification};
+use mavsight_pose::{Motion, PoseSample, Rig};
+use mavsight_session::TruthRow;
+use serde::Serialize;
+
+/// Errors of position and attitude.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PoseErrors {
+    /// Instants that were compared.
+    pub compared: usize,
+    /// Root mean square of the distance.
+    pub position_rms_mm: f64,
+    /// Largest distance.
+    pub position_max_mm: f64,
+    /// Root mean square error of roll, pitch and yaw.
+    pub attitude_rms_deg: [f64; 3],
+}
+
+/// Errors of the smoothed motion.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MotionErrors {
+    /// Pose.
+    pub pose: PoseErrors,
+    /// Root mean square error of u, v, w.
+    pub velocity_rms_mm_s: [f64; 3],
+    /// Root mean square error of p, q, r.
+    pub rates_rms_deg_s: [f64; 3],
+}
+
+/// Error of one parameter.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ParameterError {
+    /// `ols`, `tls` or `ols_reduced`.
+    pub estimator: &'static str,
+    /// Such as `C_m,alpha_u`.
+    pub name: String,
+    /// Value of the simulated model.
+    pub truth: f64,
+    /// Estimate.
+    pub value: f64,
+    /// Error over truth, where truth is not zero.
+    pub error_percent: Option<f64>,
+    /// Whether the 95 % interval holds the truth.
+    pub in_interval: bool,
+}
+
+/// Error of one camera.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CameraError {
+    /// Camera name.
+    pub camera: String,
+    /// Distance of the projection centre from the true one.
+    pub centre_mm: f64,
+}
+
+/// Everything that was compared.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Scores {
+    /// Single poses.
+    pub poses: Option<PoseErrors>,
+    /// Smoothed motion.
+    pub motion: Option<MotionErrors>,
+    /// Parameters.
+    pub parameters: Vec<ParameterError>,
+    /// Cameras.
+    pub cameras: Vec<CameraError>,
+}
+
+/// How far a time stamp may lie from that of truth to be the same instant.
+const SAME_INSTANT_S: f64 = 1e-3;
+
+/// The true state at a time; `None` where truth has no row within a millisecond.
+pub fn truth_at(truth: &[TruthRow], t_s: f64) -> Option<&TruthRow> {
+    let after = truth.partition_point(|row| row.t_s < t_s - SAME_INSTANT_S);
+    truth.get(after).filter(|row| (row.t_s - t_s).abs() <= SAME_INSTANT_S)
+}
+
+fn rms(squares: f64, count: usize) -> f64 {
+    (squares / count.max(1) as f64).sqrt()
+}
+
+fn pose_errors<'a>(
+    poses: impl Iterator<Item = (i64, &'a mavsight_geometry::Isometry3<f64>)>,
+    truth: &[TruthRow],
+) -> Option<PoseErrors> {
+    let (mut count, mut square, mut worst, mut angles) = (0, 0.0, 0.0_f64, [0.0; 3]);
+    for (t_ns, pose) in poses {
+        let Some(row) = truth_at(truth, t_ns as f64 * 1e-9) else { continue };
+        let distance_m = (pose.translation.vector - Vector3::new(row.x_m, row.y_m, row.z_m)).norm();
+        let e = EulerAngles::from_world_from_body(pose);
+        count += 1;
+        square += distance_m * distance_m;
+        worst = worst.max(distance_m);
+        let pairs = [(e.phi_rad, row.phi_rad), (e.theta_rad, row.theta_rad), (e.psi_rad, row.psi_rad)];
+        for (sum, (got, wanted)) in angles.iter_mut().zip(pairs) {
+            let turn = std::f64::consts::TAU;
+            let error = got - wanted;
+            *sum += (error - turn * (error / turn).round()).to_degrees().powi(2);
+        }
+    }
+    (count > 0).then(|| PoseErrors {
+        compared: count,
+        position_rms_mm: 1e3 * rms(square, count),
+        position_max_mm: 1e3 * worst,
+        attitude_rms_deg: angles.map(|s| rms(s, count)),
+    })
+}
+
+/// Errors of single poses; `None` where no instant has a truth.
+pub fn score_poses(poses: &[PoseSample], truth: &[TruthRow]) -> Option<PoseErrors> {
+    pose_errors(poses.iter().filter_map(|p| p.estimate.as_ref().map(|e| (p.t_ns, &e.world_from_body))), truth)
+}
+
+/// Errors of smoothed motion; `None` where no instant has a truth.
+pub fn score_motion(motion: &Motion, truth: &[TruthRow]) -> Option<MotionErrors> {
+    let pose = pose_errors(motion.samples.iter().map(|s| (s.t_ns, &s.world_from_body)), truth)?;
+    let (mut velocity, mut rates) = ([0.0; 3], [0.0; 3]);
+    for s in &motion.samples {
+        let Some(row) = truth_at(truth, s.t_ns as f64 * 1e-9) else { continue };
+        let (v, w) = ([row.u_m_s, row.v_m_s, row.w_m_s], [row.p_rad_s, row.q_rad_s, row.r_rad_s]);
+        for k in 0..3 {
+            velocity[k] += (1e3 * (s.velocity_in_body_m_s[k] - v[k])).powi(2);
+            rates[k] += (s.rates_rad_s[k] - w[k]).to_degrees().powi(2);
+        }
+    }
+    let count = pose.compared;
+    Some(MotionErrors {
+        pose,
+        velocity_rms_mm_s: velocity.map(|s| rms(s, count)),
+        rates_rms_deg_s: rates.map(|s| rms(s, count)),
+    })
+}
+
+/// Errors of the flapping parameters against the model that was simulated; parameters that were declared not
+/// identifiable, or left out, have no error.
+pub fn score_parameters(identification: &Identification, truth: &ModelCoefficients) -> Vec<ParameterError> {
+    let wanted = [
+        ("C_X", "alpha_u", truth.cx_alpha_u),
+        ("C_X", "alpha_l", truth.cx_alpha_l),
+        ("C_m", "alpha_u", truth.cm_alpha_u),
+        ("C_m", "alpha_l", truth.cm_alpha_l),
+    ];
+    let mut errors = Vec::new();
+    for estimator in [Estimator::LeastSquares, Estimator::TotalLeastSquares, Estimator::Reduced] {
+        for (output, name, truth) in wanted {
+            let parameter = identification
+                .fit(output, estimator)
+                .and_then(|fit| fit.parameters.iter().find(|p| p.name == name));
+            let Some((parameter, value)) = parameter.and_then(|p| p.value.map(|v| (p, v))) else { continue };
+            let holds = parameter.ci_low.zip(parameter.ci_high).is_some_and(|(a, b)| a <= truth && truth <= b);
+            errors.push(ParameterError {
+                estimator: estimator.name(),
+                name: format!("{output},{name}"),
+                truth,
+                value,
+                error_percent: (truth != 0.0).then(|| 100.0 * (value - truth) / truth.abs()),
+                in_interval: holds,
+            });
+        }
+    }
+    errors
+}
+
+/// Distances of the cameras' centres from the true ones, by name.
+pub fn score_cameras(rig: &Rig, centres_in_world_m: &[(String, Vector3<f64>)]) -> Vec<CameraError> {
+    rig.cameras
+        .iter()
+        .filter_map(|camera| {
+            let (_, truth) = centres_in_world_m.iter().find(|(name, _)| name == &camera.name)?;
+            let centre_mm = 1e3 * (camera.camera.centre_in_world() - truth).norm();
+            Some(CameraError { camera: camera.name.clone(), centre_mm })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_geometry::world_from_body;
+
+    #[test]
+    fn a_known_error_is_reported_as_such() {
+        let truth: Vec<TruthRow> =
+            (0..10).map(|k| TruthRow { t_s: 0.1 * f64::from(k), psi_rad: 3.14, ..Default::default() }).collect();
+        let poses: Vec<PoseSample> = (0..10)
+            .map(|k| {
+                let off = Vector3::new(0.003, 0.0, 0.004);
+                let turned = EulerAngles { psi_rad: -3.14, theta_rad: 0.01, ..Default::default() };
+                PoseSample {
+                    t_ns: k * 100_000_000,
+                    estimate: Some(mavsight_pose::PoseEstimate {
+                        world_from_body: world_from_body(off, turned),
+                        covariance: mavsight_geometry::Matrix6::identity(),
+                        markers_used: vec![0, 1, 2],
+                        left_out: vec![],
+                        residual_px: 0.0,
+                    }),
+                    reason: None,
+                }
+            })
+            .collect();
+        let errors = score_poses(&poses, &truth).expect("compared");
+        assert_eq!(errors.compared, 10);
+        assert!((errors.position_rms_mm - 5.0).abs() < 1e-9);
+        assert!((errors.attitude_rms_deg[1] - 0.01_f64.to_degrees()).abs() < 1e-9);
+        let across = (std::f64::consts::TAU - 6.28).to_degrees();
+        assert!((errors.attitude_rms_deg[2] - across).abs() < 1e-9, "yaw is compared across the half turn");
+        assert_eq!(score_poses(&poses, &[]), None);
+    }
+}
