@@ -31,7 +31,8 @@ pub fn thrust_n(vehicle: &Vehicle, input: &InputSample) -> Thrust {
 pub fn hover_rotor_speed_rad_s(vehicle: &Vehicle) -> f64 {
     let weight_n = vehicle.mass_kg * vehicle.environment.gravity_m_s2;
     let coefficients = vehicle.rotor.thrust_coefficient_upper + vehicle.rotor.thrust_coefficient_lower;
-    (weight_n / (coefficients * vehicle.environment.air_density_kg_m3 * PI * vehicle.rotor.radius_m.powi(4))).sqrt()
+    (weight_n / (coefficients * vehicle.environment.air_density_kg_m3 * PI * vehicle.rotor.radius_m.powi(4)))
+        .sqrt()
 }
 
 /// Aerodynamic force in body axes: each rotor's thrust tipped with its disc, and drag.
@@ -67,8 +68,11 @@ pub fn body_moments_n_m(
         * (a.torque_coefficient_lower * input.omega_l_rad_s.powi(2)
             - a.torque_coefficient_upper * input.omega_u_rad_s.powi(2));
     Vector3::new(
-        upper * flap.beta_u_rad(&vehicle.rotor) + lower * flap.beta_l_rad + a.roll_damping_n_m_s_rad * rates_rad_s.x,
-        upper * flap.alpha_u_rad(&vehicle.rotor) + lower * flap.alpha_l_rad
+        upper * flap.beta_u_rad(&vehicle.rotor)
+            + lower * flap.beta_l_rad
+            + a.roll_damping_n_m_s_rad * rates_rad_s.x,
+        upper * flap.alpha_u_rad(&vehicle.rotor)
+            + lower * flap.alpha_l_rad
             + a.pitch_damping_n_m_s_rad * rates_rad_s.y,
         yaw + a.yaw_damping_n_m_s_rad * rates_rad_s.z,
     )
@@ -85,11 +89,31 @@ pub(crate) struct State {
 
 impl State {
     pub(crate) fn pack(&self) -> [f64; STATES] {
-        let (p, q, v, w, f) =
-            (self.position_in_world_m, self.level_from_body, self.velocity_in_body_m_s, self.rates_rad_s, self.flap);
+        let (p, q, v, w, f) = (
+            self.position_in_world_m,
+            self.level_from_body,
+            self.velocity_in_body_m_s,
+            self.rates_rad_s,
+            self.flap,
+        );
         [
-            p.x, p.y, p.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, w.x, w.y, w.z, f.alpha_l_rad, f.beta_l_rad,
-            f.alpha_f_rad, f.beta_f_rad,
+            p.x,
+            p.y,
+            p.z,
+            q.w,
+            q.i,
+            q.j,
+            q.k,
+            v.x,
+            v.y,
+            v.z,
+            w.x,
+            w.y,
+            w.z,
+            f.alpha_l_rad,
+            f.beta_l_rad,
+            f.alpha_f_rad,
+            f.beta_f_rad,
         ]
     }
 
@@ -105,7 +129,11 @@ impl State {
 }
 
 /// Time derivatives of velocity and rates in body axes.
-pub(crate) fn accelerations(vehicle: &Vehicle, input: &InputSample, s: &State) -> (Vector3<f64>, Vector3<f64>) {
+pub(crate) fn accelerations(
+    vehicle: &Vehicle,
+    input: &InputSample,
+    s: &State,
+) -> (Vector3<f64>, Vector3<f64>) {
     let gravity_in_level = Vector3::new(0.0, 0.0, vehicle.environment.gravity_m_s2);
     let gravity_in_body = s.level_from_body.inverse() * gravity_in_level;
     let force_n = body_forces_n(vehicle, input, &s.flap, &s.velocity_in_body_m_s);
@@ -137,8 +165,23 @@ pub(crate) fn derivative(vehicle: &Vehicle, input: &InputSample, y: &[f64; STATE
     let flap_rate = flapping::derivative(&s.flap, &drive, &vehicle.rotor);
     let (v, a, w, f) = (velocity_in_level, velocity_rate, rate_rate, flap_rate);
     [
-        v.x, -v.y, -v.z, q_rate.w, q_rate.i, q_rate.j, q_rate.k, a.x, a.y, a.z, w.x, w.y, w.z, f.alpha_l_rad,
-        f.beta_l_rad, f.alpha_f_rad, f.beta_f_rad,
+        v.x,
+        -v.y,
+        -v.z,
+        q_rate.w,
+        q_rate.i,
+        q_rate.j,
+        q_rate.k,
+        a.x,
+        a.y,
+        a.z,
+        w.x,
+        w.y,
+        w.z,
+        f.alpha_l_rad,
+        f.beta_l_rad,
+        f.alpha_f_rad,
+        f.beta_f_rad,
     ]
 }
 

@@ -22,7 +22,9 @@ pub enum FlightError {
         value: f64,
     },
     /// A pose needs three markers.
-    #[error("the vehicle has {found} markers, but at least 3 that are not on one line are needed: add [[marker]] sections")]
+    #[error(
+        "the vehicle has {found} markers, but at least 3 that are not on one line are needed: add [[marker]] sections"
+    )]
     TooFewMarkers {
         /// Markers given.
         found: usize,
@@ -60,7 +62,9 @@ pub enum FlightError {
         column: &'static str,
     },
     /// Times must increase.
-    #[error("input row {row}: time {t_s} s does not come after the {before_s} s of the row before: sort the rows and remove repeats")]
+    #[error(
+        "input row {row}: time {t_s} s does not come after the {before_s} s of the row before: sort the rows and remove repeats"
+    )]
     TimeNotIncreasing {
         /// Row, counted from 1 below the header.
         row: usize,
@@ -70,7 +74,9 @@ pub enum FlightError {
         before_s: f64,
     },
     /// Inputs that end before the flight does.
-    #[error("the inputs cover {start_s:.3} to {end_s:.3} s, but the flight needs {t_s:.3} s: record the inputs over the whole flight")]
+    #[error(
+        "the inputs cover {start_s:.3} to {end_s:.3} s, but the flight needs {t_s:.3} s: record the inputs over the whole flight"
+    )]
     InputsDoNotCover {
         /// Time asked for.
         t_s: f64,

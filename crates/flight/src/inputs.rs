@@ -84,7 +84,11 @@ impl InputSeries {
     /// # Errors
     /// [`FlightError::InputsDoNotCover`].
     pub fn require(&self, t_s: f64) -> Result<InputSample, FlightError> {
-        self.at(t_s).ok_or(FlightError::InputsDoNotCover { t_s, start_s: self.start_s(), end_s: self.end_s() })
+        self.at(t_s).ok_or(FlightError::InputsDoNotCover {
+            t_s,
+            start_s: self.start_s(),
+            end_s: self.end_s(),
+        })
     }
 }
 
@@ -98,7 +102,8 @@ mod tests {
 
     #[test]
     fn a_sample_holds_until_the_next() {
-        let series = InputSeries::new(vec![sample(0.0, 0.0), sample(1.0, 2.0), sample(3.0, 0.0)]).expect("valid");
+        let series =
+            InputSeries::new(vec![sample(0.0, 0.0), sample(1.0, 2.0), sample(3.0, 0.0)]).expect("valid");
         assert_eq!(series.at(0.25).map(|s| s.delta_lon_rad), Some(0.0));
         assert_eq!(series.at(1.0).map(|s| s.delta_lon_rad), Some(2.0));
         assert_eq!(series.at(2.9).map(|s| s.delta_lon_rad), Some(2.0));

@@ -12,7 +12,8 @@ mod simulate;
 mod vehicle;
 
 pub use dynamics::{
-    ModelCoefficients, Thrust, body_forces_n, body_moments_n_m, hover_rotor_speed_rad_s, model_coefficients, thrust_n,
+    ModelCoefficients, Thrust, body_forces_n, body_moments_n_m, hover_rotor_speed_rad_s, model_coefficients,
+    thrust_n,
 };
 pub use error::FlightError;
 pub use flapping::FlapState;

@@ -86,7 +86,9 @@ impl Maneuver {
         // A sample that belongs to the start of a pulse may be a rounding error before it.
         let t = t_s + 1e-9;
         match self {
-            Self::Doublet { start_s, pulse_s, amplitude, .. } => pulses(&[1.0, 1.0], (t - start_s) / pulse_s) * amplitude,
+            Self::Doublet { start_s, pulse_s, amplitude, .. } => {
+                pulses(&[1.0, 1.0], (t - start_s) / pulse_s) * amplitude
+            }
             Self::ThreeTwoOneOne { start_s, unit_s, amplitude, .. } => {
                 pulses(&[3.0, 2.0, 1.0, 1.0], (t - start_s) / unit_s) * amplitude
             }
@@ -128,8 +130,11 @@ impl Maneuver {
             let what = format!("{self:?} needs finite numbers and a length above zero");
             return Err(FlightError::Scenario { what });
         }
-        if matches!(self, Self::Multisine { harmonics, .. } if harmonics.is_empty() || harmonics.contains(&0)) {
-            return Err(FlightError::Scenario { what: "a multisine needs harmonics of 1 or more".to_owned() });
+        if matches!(self, Self::Multisine { harmonics, .. } if harmonics.is_empty() || harmonics.contains(&0))
+        {
+            return Err(FlightError::Scenario {
+                what: "a multisine needs harmonics of 1 or more".to_owned(),
+            });
         }
         Ok(())
     }
@@ -199,14 +204,20 @@ impl Scenario {
             ("input_rate_hz", self.input_rate_hz),
         ] {
             if !(value.is_finite() && value > 0.0) {
-                return Err(FlightError::Scenario { what: format!("{key} is {value}, but must be above zero") });
+                return Err(FlightError::Scenario {
+                    what: format!("{key} is {value}, but must be above zero"),
+                });
             }
         }
         if !self.heading_deg.is_finite() || self.position_m.iter().any(|v| !v.is_finite()) {
-            return Err(FlightError::Scenario { what: "position_m and heading_deg must be finite".to_owned() });
+            return Err(FlightError::Scenario {
+                what: "position_m and heading_deg must be finite".to_owned(),
+            });
         }
         if self.duration_s * self.input_rate_hz.max(self.frame_rate_hz) > 1e7 {
-            return Err(FlightError::Scenario { what: "more than ten million samples: shorten the flight".to_owned() });
+            return Err(FlightError::Scenario {
+                what: "more than ten million samples: shorten the flight".to_owned(),
+            });
         }
         self.maneuver.iter().try_for_each(Maneuver::check)
     }
@@ -268,15 +279,29 @@ mod tests {
 
     #[test]
     fn three_two_one_one_has_those_lengths() {
-        let m = Maneuver::ThreeTwoOneOne { channel: Channel::DeltaLat, start_s: 1.0, unit_s: 0.5, amplitude: 2.0 };
+        let m = Maneuver::ThreeTwoOneOne {
+            channel: Channel::DeltaLat,
+            start_s: 1.0,
+            unit_s: 0.5,
+            amplitude: 2.0,
+        };
         let value = |t| m.value(t);
-        assert_eq!([0.9, 1.1, 2.4, 2.6, 3.4, 3.6, 4.1, 4.6].map(value), [0.0, 2.0, 2.0, -2.0, -2.0, 2.0, -2.0, 0.0]);
+        assert_eq!(
+            [0.9, 1.1, 2.4, 2.6, 3.4, 3.6, 4.1, 4.6].map(value),
+            [0.0, 2.0, 2.0, -2.0, -2.0, 2.0, -2.0, 0.0]
+        );
     }
 
     #[test]
     fn a_multisine_has_the_effective_value_asked_for_and_a_low_peak() {
         let harmonics: Vec<u32> = (1..=8).collect();
-        let m = Maneuver::Multisine { channel: Channel::OmegaU, start_s: 0.0, length_s: 10.0, harmonics, amplitude: 3.0 };
+        let m = Maneuver::Multisine {
+            channel: Channel::OmegaU,
+            start_s: 0.0,
+            length_s: 10.0,
+            harmonics,
+            amplitude: 3.0,
+        };
         let values: Vec<f64> = (0..1000).map(|k| m.value(0.01 * f64::from(k))).collect();
         let rms = (values.iter().map(|v| v * v).sum::<f64>() / 1000.0).sqrt();
         let peak = values.iter().fold(0.0_f64, |a, v| a.max(v.abs()));

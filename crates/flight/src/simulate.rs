@@ -105,7 +105,11 @@ fn advance(segment: &Segment<'_>, y: [f64; STATES]) -> Result<[f64; STATES], Fli
         .solve()
         .map_err(|e| broken(format!("{e:?}").chars().take(80).collect()))?;
     let end = solution.y.last().copied().ok_or_else(|| broken("no step".to_owned()))?;
-    if end.iter().all(|v| v.is_finite()) { Ok(end) } else { Err(broken("the state is not finite".to_owned())) }
+    if end.iter().all(|v| v.is_finite()) {
+        Ok(end)
+    } else {
+        Err(broken("the state is not finite".to_owned()))
+    }
 }
 
 fn state_at(vehicle: &Vehicle, input: &InputSample, y: &[f64; STATES]) -> FlightState {
@@ -131,7 +135,8 @@ mod tests {
 
     fn hover_inputs(vehicle: &Vehicle, end_s: f64) -> InputSeries {
         let omega = hover_rotor_speed_rad_s(vehicle);
-        let sample = |t_s| InputSample { t_s, omega_u_rad_s: omega, omega_l_rad_s: omega, ..Default::default() };
+        let sample =
+            |t_s| InputSample { t_s, omega_u_rad_s: omega, omega_l_rad_s: omega, ..Default::default() };
         InputSeries::new(vec![sample(0.0), sample(end_s)]).expect("valid")
     }
 

@@ -229,7 +229,9 @@ impl Vehicle {
                 return Err(FlightError::NotPositive { key: key.to_owned(), value });
             }
         }
-        for (key, value) in [("rotor.swashplate_gain", r.swashplate_gain), ("rotor.flybar_gain", r.flybar_gain)] {
+        for (key, value) in
+            [("rotor.swashplate_gain", r.swashplate_gain), ("rotor.flybar_gain", r.flybar_gain)]
+        {
             if !value.is_finite() {
                 return Err(FlightError::NotFinite { key: key.to_owned(), value });
             }
@@ -247,7 +249,10 @@ impl Vehicle {
                 return Err(FlightError::NotPositive { key, value: marker.diameter_m });
             }
             if let Some(value) = marker.position_m.iter().find(|v| !v.is_finite()) {
-                return Err(FlightError::NotFinite { key: format!("marker {}: position_m", marker.name), value: *value });
+                return Err(FlightError::NotFinite {
+                    key: format!("marker {}: position_m", marker.name),
+                    value: *value,
+                });
             }
             for other in &self.marker[..k] {
                 let shared = if other.name == marker.name {

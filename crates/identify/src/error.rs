@@ -6,7 +6,9 @@ use thiserror::Error;
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum IdentifyError {
     /// Fewer instants than parameters.
-    #[error("{found} instants are not enough to fit {parameters} parameters: fly for longer, or widen the window")]
+    #[error(
+        "{found} instants are not enough to fit {parameters} parameters: fly for longer, or widen the window"
+    )]
     TooFewInstants {
         /// Instants in the window.
         found: usize,
@@ -17,7 +19,9 @@ pub enum IdentifyError {
     #[error(transparent)]
     Flight(#[from] mavsight_flight::FlightError),
     /// Rotors that stand still make the coefficients infinite.
-    #[error("the mean rotor speed at {t_s:.3} s is {omega_rad_s:.1} rad/s: coefficients need turning rotors; fit a window in flight")]
+    #[error(
+        "the mean rotor speed at {t_s:.3} s is {omega_rad_s:.1} rad/s: coefficients need turning rotors; fit a window in flight"
+    )]
     RotorsStopped {
         /// Time.
         t_s: f64,
@@ -36,7 +40,9 @@ pub enum IdentifyError {
     #[error("the regressors have rank zero: nothing was excited; fly a manoeuvre")]
     RankZero,
     /// The total least-squares solution does not exist.
-    #[error("total least squares has no solution here (the smallest singular vector has no part in the output, {part:.1e}): use least squares, or a manoeuvre that excites the regressors")]
+    #[error(
+        "total least squares has no solution here (the smallest singular vector has no part in the output, {part:.1e}): use least squares, or a manoeuvre that excites the regressors"
+    )]
     NonGeneric {
         /// Share of the output in the vector.
         part: f64,

@@ -151,7 +151,9 @@ impl<'a> Problem<'a> {
             return Err(IdentifyError::RankZero);
         }
         // Errors behind the smoother are correlated over about one period of its cut-off frequency.
-        let lag = (1.0 / (output.bandwidth_hz * table.sample_interval_s)).ceil().clamp(1.0, rows.len() as f64 / 4.0);
+        let lag = (1.0 / (output.bandwidth_hz * table.sample_interval_s))
+            .ceil()
+            .clamp(1.0, rows.len() as f64 / 4.0);
         let output_std = if variance > 0.0 { variance.sqrt() } else { 1.0 };
         Ok(Self { output, all, x, y, output_std, lag: lag as usize, dependence })
     }
@@ -175,7 +177,10 @@ impl<'a> Problem<'a> {
     }
 
     /// Backward elimination: as long as PRESS falls, the term goes whose removal lowers it most.
-    fn reduce(&self, basis: &DMatrix<f64>) -> Result<(Vec<usize>, DVector<f64>, DMatrix<f64>), IdentifyError> {
+    fn reduce(
+        &self,
+        basis: &DMatrix<f64>,
+    ) -> Result<(Vec<usize>, DVector<f64>, DMatrix<f64>), IdentifyError> {
         let mut kept: Vec<usize> = (0..basis.ncols()).collect();
         let mut best = least_squares(basis, &self.y, self.lag)?;
         while kept.len() > 1 {
@@ -211,7 +216,14 @@ impl<'a> Problem<'a> {
             .output
             .columns
             .iter()
-            .map(|c| Parameter { name: c.name.clone(), value: None, std: None, ci_low: None, ci_high: None, identifiable: false })
+            .map(|c| Parameter {
+                name: c.name.clone(),
+                value: None,
+                std: None,
+                ci_low: None,
+                ci_high: None,
+                identifiable: false,
+            })
             .collect();
         let mut combinations = Vec::new();
         let mut full = DVector::zeros(self.x.ncols());
@@ -225,7 +237,11 @@ impl<'a> Problem<'a> {
                 (p.value, p.std) = (Some(value), Some(std));
                 (p.ci_low, p.ci_high) = (Some(value - t * std), Some(value + t * std));
             } else {
-                combinations.push(Combination { text: verdict::combination(self.output, &self.dependence, *position), value, std });
+                combinations.push(Combination {
+                    text: verdict::combination(self.output, &self.dependence, *position),
+                    value,
+                    std,
+                });
             }
         }
         let residuals = &self.y - &self.x * &full;

@@ -152,7 +152,11 @@ impl Sources<'_> {
         Ok(vec![
             column("0", vec![1.0; self.t_s.len()], 0.0),
             // The fly-bar's slow lag makes alpha_f follow minus the attitude, and its error that of the attitude.
-            column("alpha_u", flybar.iter().map(|a| rotor.flybar_gain * a).collect(), rotor.flybar_gain.abs() * turn_std),
+            column(
+                "alpha_u",
+                flybar.iter().map(|a| rotor.flybar_gain * a).collect(),
+                rotor.flybar_gain.abs() * turn_std,
+            ),
             column(
                 "alpha_l",
                 lower_swash.iter().zip(&lower_rate).map(|(a, b)| a + b).collect(),
@@ -195,6 +199,9 @@ impl Sources<'_> {
             .collect();
         let smooth = lowpass_like(&held, step_s, bandwidth_hz);
         let grid_s: Vec<f64> = (0..samples.len()).map(|k| start_s + step_s * k as f64).collect();
-        self.t_s.iter().map(|t| flapping::interpolate(&grid_s, &smooth, *t).map_err(IdentifyError::from)).collect()
+        self.t_s
+            .iter()
+            .map(|t| flapping::interpolate(&grid_s, &smooth, *t).map_err(IdentifyError::from))
+            .collect()
     }
 }

@@ -42,7 +42,11 @@ pub fn total_least_squares(
     let noisy: Vec<usize> = (0..count).filter(|j| column_std[*j] > 0.0).collect();
     if noisy.is_empty() {
         let fit = crate::least_squares(regressors, output, lag)?;
-        return Ok(TotalLeastSquares { values: fit.values, covariance: fit.covariance, residuals: fit.residuals });
+        return Ok(TotalLeastSquares {
+            values: fit.values,
+            covariance: fit.covariance,
+            residuals: fit.residuals,
+        });
     }
     let (values, level) = solve(regressors, output, (&exact, &noisy), column_std, output_std)?;
     let residuals = output - regressors * &values;
@@ -83,10 +87,8 @@ fn solve(
     scaled.rows_mut(k, m).copy_from(&noisy_scaled);
     if k > 0 {
         let right = r.view((0, k + m), (k, 1)) - r.view((0, k), (k, m)) * &noisy_scaled;
-        let exact_scaled = r
-            .view((0, 0), (k, k))
-            .solve_upper_triangular(&right)
-            .ok_or(IdentifyError::RankZero)?;
+        let exact_scaled =
+            r.view((0, 0), (k, k)).solve_upper_triangular(&right).ok_or(IdentifyError::RankZero)?;
         scaled.rows_mut(0, k).copy_from(&exact_scaled);
     }
     let mut values = DVector::zeros(k + m);
@@ -142,8 +144,9 @@ mod tests {
             0.39998, 0.80006, 0.49985, 0.99016,
             0.20002, 0.90007, 0.70009, 1.02994,
         ]);
-        let fit = total_least_squares(&c.columns(0, 3).into_owned(), &c.column(3).into_owned(), &[1.0; 3], 1.0, 0)
-            .expect("a fit");
+        let fit =
+            total_least_squares(&c.columns(0, 3).into_owned(), &c.column(3).into_owned(), &[1.0; 3], 1.0, 0)
+                .expect("a fit");
         for (got, printed) in fit.values.iter().zip([0.5003, 0.8003, 0.2995]) {
             assert!((got - printed).abs() < 5e-5, "{got} is not {printed}");
         }
@@ -163,8 +166,12 @@ mod tests {
         let (mut sum, mut squares, mut predicted, mut plain) = (0.0, 0.0, 0.0, 0.0);
         for _ in 0..runs {
             let clean: Vec<f64> = (0..rows).map(|i| (0.05 * f64::from(i)).sin()).collect();
-            let x = DMatrix::from_fn(rows as usize, 2, |i, j| if j == 0 { 1.0 } else { clean[i] + 0.3 * normal(&mut seed) });
-            let y = DVector::from_fn(rows as usize, |i, _| truth[0] + truth[1] * clean[i] + 0.3 * normal(&mut seed));
+            let x = DMatrix::from_fn(rows as usize, 2, |i, j| {
+                if j == 0 { 1.0 } else { clean[i] + 0.3 * normal(&mut seed) }
+            });
+            let y = DVector::from_fn(rows as usize, |i, _| {
+                truth[0] + truth[1] * clean[i] + 0.3 * normal(&mut seed)
+            });
             let fit = total_least_squares(&x, &y, &[0.0, 0.3], 0.3, 0).expect("a fit");
             sum += fit.values[1];
             squares += (fit.values[1] - truth[1]).powi(2);

@@ -1,8 +1,8 @@
 //! Identifiability in words.
 
+use crate::dependence::Dependence;
 use crate::fit::{Combination, Parameter};
 use crate::regressors::Output;
-use crate::dependence::Dependence;
 
 /// The condition number from which columns are entangled enough to say so (Belsley, Kuh & Welsch 1980, section 3.2).
 const ENTANGLED: f64 = 30.0;

@@ -9,15 +9,15 @@ use std::path::PathBuf;
 #[command(after_help = "Example:\n  mavsight demo\n  mavsight run session.toml --out results\n\n\
 Results go to standard output, progress and messages to standard error.\n\
 Exit status: 0 success, 1 the work failed, 2 the call was wrong.")]
-pub struct Cli {
+pub(crate) struct Cli {
     /// What to do.
     #[command(subcommand)]
-    pub command: Command,
+    pub(crate) command: Command,
 }
 
 /// The whole chain, or one stage of it.
 #[derive(Debug, Subcommand)]
-pub enum Command {
+pub(crate) enum Command {
     /// Fly, film, calibrate, track, identify and report a virtual aircraft, and score it against truth
     Demo(Demo),
     /// Run the whole chain on a recorded session
@@ -39,31 +39,31 @@ pub enum Command {
 /// `demo`
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mavsight demo --out my-demo --seed 7")]
-pub struct Demo {
+pub(crate) struct Demo {
     /// Folder for the results
     #[arg(long, value_name = "DIR", default_value = "mavsight-demo")]
-    pub out: PathBuf,
+    pub(crate) out: PathBuf,
     /// Seed of the image noise
     #[arg(long, default_value_t = 1)]
-    pub seed: u64,
+    pub(crate) seed: u64,
     /// Vehicle file; the paper's helicopter where left out
     #[arg(long, value_name = "FILE")]
-    pub vehicle: Option<PathBuf>,
+    pub(crate) vehicle: Option<PathBuf>,
     /// Scenario file; the paper's doublet where left out
     #[arg(long, value_name = "FILE")]
-    pub scenario: Option<PathBuf>,
+    pub(crate) scenario: Option<PathBuf>,
 }
 
 /// `run`
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mavsight run paper-flight/session.toml --out results")]
-pub struct Run {
+pub(crate) struct Run {
     /// The session file
     #[arg(value_name = "SESSION.toml")]
-    pub session: PathBuf,
+    pub(crate) session: PathBuf,
     /// Folder for the results
     #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
+    pub(crate) out: PathBuf,
 }
 
 /// `calibrate`, `track` and `report`
@@ -72,13 +72,13 @@ pub struct Run {
 mavsight track session.toml --out results\n  \
 mavsight identify --pose results/pose.csv --inputs inputs.csv --vehicle vehicle.toml --out results\n  \
 mavsight report session.toml --out results")]
-pub struct Stage {
+pub(crate) struct Stage {
     /// The session file
     #[arg(value_name = "SESSION.toml")]
-    pub session: PathBuf,
+    pub(crate) session: PathBuf,
     /// Folder with the results of the stages before, and for those of this one
     #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
+    pub(crate) out: PathBuf,
 }
 
 /// `simulate`
@@ -87,64 +87,66 @@ pub struct Stage {
 mavsight run flight/session.toml --out results\n\n\
 A scenario file says where the flight starts and what is done, for instance the paper's:\n  \
 mavsight simulate --print-scenario > scenario.toml")]
-pub struct Simulate {
+pub(crate) struct Simulate {
     /// Folder for the flight
     #[arg(long, value_name = "DIR", required_unless_present_any = ["print_scenario", "print_vehicle"])]
-    pub out: Option<PathBuf>,
+    pub(crate) out: Option<PathBuf>,
     /// Vehicle file; the paper's helicopter where left out
     #[arg(long, value_name = "FILE")]
-    pub vehicle: Option<PathBuf>,
+    pub(crate) vehicle: Option<PathBuf>,
     /// Scenario file; the paper's doublet where left out
     #[arg(long, value_name = "FILE")]
-    pub scenario: Option<PathBuf>,
+    pub(crate) scenario: Option<PathBuf>,
     /// Print the paper's scenario as a file to start from
     #[arg(long)]
-    pub print_scenario: bool,
+    pub(crate) print_scenario: bool,
     /// Print the paper's vehicle, with its assumptions, as a file to start from
     #[arg(long)]
-    pub print_vehicle: bool,
+    pub(crate) print_vehicle: bool,
 }
 
 /// `film`
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mavsight simulate --out flight\n  mavsight film flight --out flight\n  \
 mavsight film flight --out flight --video     (MP4 by the ffmpeg program in place of PNG frames)")]
-pub struct Film {
+pub(crate) struct Film {
     /// Folder that `simulate` wrote
     #[arg(value_name = "FLIGHT")]
-    pub flight: PathBuf,
+    pub(crate) flight: PathBuf,
     /// Folder for the session
     #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
+    pub(crate) out: PathBuf,
     /// Write MP4 videos (needs the ffmpeg program) in place of PNG frames
     #[arg(long)]
-    pub video: bool,
+    pub(crate) video: bool,
     /// Seed of the image noise
     #[arg(long, default_value_t = 1)]
-    pub seed: u64,
+    pub(crate) seed: u64,
 }
 
 /// `identify`
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  mavsight identify --pose pose.csv --inputs inputs.csv --vehicle vehicle.toml --out results")]
-pub struct Identify {
+#[command(
+    after_help = "Example:\n  mavsight identify --pose pose.csv --inputs inputs.csv --vehicle vehicle.toml --out results"
+)]
+pub(crate) struct Identify {
     /// Table of poses, from `track` or from any other system, in the columns of pose.csv
     #[arg(long, value_name = "FILE")]
-    pub pose: PathBuf,
+    pub(crate) pose: PathBuf,
     /// Recorded inputs
     #[arg(long, value_name = "FILE")]
-    pub inputs: PathBuf,
+    pub(crate) inputs: PathBuf,
     /// Vehicle file
     #[arg(long, value_name = "FILE")]
-    pub vehicle: PathBuf,
+    pub(crate) vehicle: PathBuf,
     /// Folder for the results
     #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
+    pub(crate) out: PathBuf,
 }
 
 /// The call itself was wrong: a file that is not there or does not say what it must.
 #[derive(Debug)]
-pub struct WrongCall(pub String);
+pub(crate) struct WrongCall(pub(crate) String);
 
 impl std::fmt::Display for WrongCall {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

@@ -6,11 +6,11 @@ mod stages;
 
 use crate::cli::{Cli, Command, WrongCall};
 use anyhow::Result;
-pub use run::Flight;
 use mavsight_session::SessionError;
+pub(crate) use run::Flight;
 
 /// Carries out a command.
-pub fn run(cli: &Cli) -> Result<()> {
+pub(crate) fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Demo(args) => demo::demo(args),
         Command::Run(args) => run::run(args),

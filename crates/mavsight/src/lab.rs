@@ -1,21 +1,23 @@
 //! The virtual laboratory: the paper's cameras, control frame and aircraft, filmed.
 
 use mavsight_flight::{Color, Vehicle};
-use mavsight_geometry::{Camera, EulerAngles, ImageSize, Intrinsics, Isometry3, UnitQuaternion, Vector3, world_from_body};
+use mavsight_geometry::{
+    Camera, EulerAngles, ImageSize, Intrinsics, Isometry3, UnitQuaternion, Vector3, world_from_body,
+};
 use mavsight_scene::{Aircraft, ControlFrame, Film, PaintedBall, Room, Sensor};
 use mavsight_session::{ControlPointRow, TruthRow};
 
 /// One camera of the laboratory.
-pub struct LabCamera {
+pub(crate) struct LabCamera {
     /// Name.
-    pub name: String,
+    pub(crate) name: String,
     /// Where and what it is.
-    pub camera: Camera,
+    pub(crate) camera: Camera,
 }
 
 /// Section 3 of the paper: two cameras of 640×480 and 53° across, 6.36 m from the middle of the control frame, whose axes
 /// cross there at a right angle.
-pub fn cameras() -> Vec<LabCamera> {
+pub(crate) fn cameras() -> Vec<LabCamera> {
     let size = ImageSize { width_px: 640, height_px: 480 };
     let intrinsics = Intrinsics::from_horizontal_fov(size, 53_f64.to_radians());
     let target = Vector3::new(0.0, 0.0, 1.5);
@@ -28,7 +30,7 @@ pub fn cameras() -> Vec<LabCamera> {
 }
 
 /// The control frame of 3 m with a 6 cm ball at each corner.
-pub fn control_points() -> Vec<ControlPointRow> {
+pub(crate) fn control_points() -> Vec<ControlPointRow> {
     let ball = |name: &str, position_m: [f64; 3], color: [u8; 3]| ControlPointRow {
         name: name.to_owned(),
         position_m,
@@ -48,7 +50,7 @@ pub fn control_points() -> Vec<ControlPointRow> {
 }
 
 /// The balls and the hull of a vehicle.
-pub fn aircraft(vehicle: &Vehicle) -> Aircraft {
+pub(crate) fn aircraft(vehicle: &Vehicle) -> Aircraft {
     let balls: Vec<PaintedBall> = vehicle
         .marker
         .iter()
@@ -62,7 +64,7 @@ pub fn aircraft(vehicle: &Vehicle) -> Aircraft {
 }
 
 /// The control frame as it is filmed.
-pub fn control_frame() -> ControlFrame {
+pub(crate) fn control_frame() -> ControlFrame {
     let balls: Vec<PaintedBall> = control_points()
         .iter()
         .map(|p| PaintedBall {
@@ -75,13 +77,19 @@ pub fn control_frame() -> ControlFrame {
 }
 
 /// A camera's film; the noise of each camera is its own.
-pub fn film<'a>(room: &'a Room, camera: &LabCamera, index: usize, seed: u64) -> Film<'a> {
+pub(crate) fn film<'a>(room: &'a Room, camera: &LabCamera, index: usize, seed: u64) -> Film<'a> {
     let seed = seed.wrapping_mul(1_000_003).wrapping_add(index as u64);
     Film::new(room, camera.camera, Sensor { seed, ..Sensor::default() })
 }
 
 /// One frame of a flight; the shutter is open for a quarter of the interval around the state's time.
-pub fn frame(film: &Film<'_>, index: usize, aircraft: &Aircraft, state: &TruthRow, interval_s: f64) -> Vec<u8> {
+pub(crate) fn frame(
+    film: &Film<'_>,
+    index: usize,
+    aircraft: &Aircraft,
+    state: &TruthRow,
+    interval_s: f64,
+) -> Vec<u8> {
     let open_s = Sensor::default().exposure_fraction * interval_s;
     film.frame(index as u64, aircraft, |share| pose_near(state, share * open_s))
 }

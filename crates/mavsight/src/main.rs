@@ -2,6 +2,7 @@
 
 mod cli;
 mod commands;
+mod figures;
 mod lab;
 mod page;
 mod progress;

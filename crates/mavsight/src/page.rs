@@ -1,21 +1,209 @@
-//! The report of a run.
+//! The report of a run: which figures and tables of the paper it shows.
 
 use crate::commands::Flight;
-use crate::summary::Summary;
+use crate::figures;
+use crate::summary::{Summary, title};
 use anyhow::Result;
-use mavsight_session::RunResults;
+use mavsight_pose::Rig;
+use mavsight_report::{Figure, Report, Table, render};
+use mavsight_session::{RunResults, results::names, write_whole};
 use mavsight_vision::Frame;
 use std::path::Path;
 
 /// What the report is made of.
-pub struct Page<'a> {
-    pub flight: &'a Flight<'a>,
-    pub results: &'a RunResults,
-    pub summary: &'a Summary,
-    pub frames: &'a [Frame],
+pub(crate) struct Page<'a> {
+    pub(crate) flight: &'a Flight<'a>,
+    pub(crate) results: &'a RunResults,
+    pub(crate) summary: &'a Summary,
+    pub(crate) frames: &'a [Frame],
 }
 
 /// Writes `report.html`.
-pub fn write_page(_page: &Page<'_>, _out: &Path) -> Result<()> {
+pub(crate) fn write_page(page: &Page<'_>, out: &Path) -> Result<()> {
+    let mut report = Report {
+        title: format!("mavsight: {}", page.flight.name),
+        lead: lead(page),
+        headline: headline(page.summary),
+        verdicts: page.summary.verdicts.clone(),
+        notes: page.summary.notes.clone(),
+        sections: Vec::new(),
+    };
+    let mut section = |heading: &str, tables: Vec<Table>, figures: Vec<Figure>| {
+        if !tables.is_empty() || !figures.is_empty() {
+            report.sections.push((heading.to_owned(), tables, figures));
+        }
+    };
+    section("Figures of merit", summary_tables(page.summary), vec![]);
+    if let Some(rig) = &page.results.rig {
+        section("Cameras", camera_tables(rig), figures::pictures(page)?);
+    }
+    section("Aircraft and inputs", vec![vehicle_table(page)], vec![figures::inputs(page)?]);
+    section("Motion", vec![], figures::motion(page)?);
+    section("Coefficients", parameter_tables(page.results), figures::coefficients(page)?);
+    section("Quality", vec![], figures::quality(page)?);
+    write_whole(&out.join(names::REPORT), render(&report)?.as_bytes())?;
     Ok(())
+}
+
+fn lead(page: &Page<'_>) -> String {
+    let instants = page.results.poses.len();
+    let end_s = page.results.poses.last().map_or(0.0, |p| p.t_ns as f64 * 1e-9);
+    let truth = if page.flight.truth.is_some() { " Truth is drawn as a black dashed line." } else { "" };
+    format!("{} with {instants} instants over {end_s:.1} s.{truth}", page.flight.vehicle.name)
+}
+
+/// The few figures that a reader looks for first.
+fn headline(summary: &Summary) -> Vec<(String, String)> {
+    let wanted = [
+        ("poses", "measured", "frames measured"),
+        ("motion", "position_std_mm", "predicted position error"),
+        ("truth", "motion_position_rms_mm", "position error against truth"),
+        ("truth", "motion_attitude_rms_deg", "roll, pitch, yaw error against truth"),
+        ("fit", "C_X_r2", "R² of C_X"),
+        ("fit", "C_m_r2", "R² of C_m"),
+    ];
+    wanted
+        .iter()
+        .filter_map(|(section, key, label)| {
+            let row = summary.rows.iter().find(|r| r.section == *section && r.key == *key)?;
+            Some(((*label).to_owned(), row.shown.clone()))
+        })
+        .collect()
+}
+
+fn summary_tables(summary: &Summary) -> Vec<Table> {
+    let mut tables: Vec<Table> = Vec::new();
+    for row in summary.rows.iter().filter(|r| !r.shown.is_empty() && r.section != "parameters") {
+        let caption = title(row.section);
+        if tables.last().is_none_or(|t| t.caption != caption) {
+            tables.push(Table {
+                caption: caption.to_owned(),
+                header: vec!["figure".into(), "value".into()],
+                rows: vec![],
+            });
+        }
+        if let Some(table) = tables.last_mut() {
+            table.rows.push(vec![row.label.clone(), row.shown.clone()]);
+        }
+    }
+    tables
+}
+
+/// Table 1 of the paper, and the residual of each control point.
+fn camera_tables(rig: &Rig) -> Vec<Table> {
+    let names: Vec<String> = rig.cameras.iter().map(|c| c.name.clone()).collect();
+    let header = |first: &str| std::iter::once(first.to_owned()).chain(names.clone()).collect::<Vec<_>>();
+    let dlt = Table {
+        caption:
+            "Table 1: the eleven DLT parameters, pixels counted from 0 at the centre of the top-left pixel."
+                .to_owned(),
+        header: header("parameter"),
+        rows: (0..11)
+            .map(|k| {
+                let cells = rig.cameras.iter().map(|c| format!("{:.4}", c.fit.dlt.l[k]));
+                std::iter::once(format!("L{}", k + 1)).chain(cells).collect()
+            })
+            .collect(),
+    };
+    let mut points: Vec<&String> = rig.cameras.iter().flat_map(|c| c.points.iter().map(|p| &p.0)).collect();
+    points.sort();
+    points.dedup();
+    let residuals = Table {
+        caption: "Residual of each control point (u, v), px; empty where it was not used.".to_owned(),
+        header: header("point"),
+        rows: points
+            .iter()
+            .map(|name| {
+                let cells = rig.cameras.iter().map(|c| {
+                    let found = c.points.iter().find(|p| p.0 == **name);
+                    found.map_or(String::new(), |p| format!("{:+.3}, {:+.3}", p.1.x, p.1.y))
+                });
+                std::iter::once((*name).clone()).chain(cells).collect()
+            })
+            .collect(),
+    };
+    vec![dlt, residuals]
+}
+
+/// Table 2 of the paper.
+fn vehicle_table(page: &Page<'_>) -> Table {
+    let (v, r, e) = (page.flight.vehicle, &page.flight.vehicle.rotor, &page.flight.vehicle.environment);
+    let row = |name: &str, value: String, unit: &str| vec![name.to_owned(), value, unit.to_owned()];
+    let [ix, iy, iz] = v.inertia_kg_m2;
+    Table {
+        caption: "Table 2: constants of the vehicle file.".to_owned(),
+        header: vec!["constant".into(), "value".into(), "unit".into()],
+        rows: vec![
+            row("air density ρ", e.air_density_kg_m3.to_string(), "kg/m³"),
+            row("gravity g", e.gravity_m_s2.to_string(), "m/s²"),
+            row("mass m", v.mass_kg.to_string(), "kg"),
+            row("rotor radius R", r.radius_m.to_string(), "m"),
+            row("inertia I_xx, I_yy, I_zz", format!("{ix}, {iy}, {iz}"), "kg m²"),
+            row("thrust coefficient, upper", r.thrust_coefficient_upper.to_string(), ""),
+            row("thrust coefficient, lower", r.thrust_coefficient_lower.to_string(), ""),
+            row("flapping time, lower rotor τ_fl", r.flap_time_lower_s.to_string(), "s"),
+            row("flapping time, fly-bar τ_ff", r.flap_time_flybar_s.to_string(), "s"),
+            row("linkage K_b", r.swashplate_gain.to_string(), ""),
+            row("linkage K_u (not in the paper)", r.flybar_gain.to_string(), ""),
+        ],
+    }
+}
+
+/// Table 3 of the paper, one for each estimator.
+fn parameter_tables(results: &RunResults) -> Vec<Table> {
+    let Some(identification) = &results.identification else { return vec![] };
+    let mut tables: Vec<Table> = Vec::new();
+    let mut fits: Vec<_> = identification.fits.iter().collect();
+    fits.sort_by_key(|f| f.estimator.name() != "tls");
+    for fit in fits {
+        let caption = format!(
+            "Table 3, {}: parameters with standard deviation and 95 % interval.",
+            estimator(fit.estimator.name())
+        );
+        if !tables.iter().any(|t| t.caption == caption) {
+            let header =
+                ["parameter", "value", "std", "95 % from", "to", "verdict"].map(str::to_owned).to_vec();
+            tables.push(Table { caption: caption.clone(), header, rows: vec![] });
+        }
+        let Some(table) = tables.iter_mut().find(|t| t.caption == caption) else { continue };
+        let show = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:+.3e}"));
+        for p in &fit.parameters {
+            let verdict = if p.identifiable {
+                ""
+            } else if fit.combinations.iter().any(|c| c.text.contains(&format!(",{}", p.name))) {
+                "only in a combination"
+            } else {
+                "left out"
+            };
+            let name = format!("{},{}", fit.output, p.name);
+            table.rows.push(vec![
+                name,
+                show(p.value),
+                show(p.std),
+                show(p.ci_low),
+                show(p.ci_high),
+                verdict.to_owned(),
+            ]);
+        }
+        for c in &fit.combinations {
+            let (value, std) = (show(Some(c.value)), show(Some(c.std)));
+            table.rows.push(vec![
+                c.text.clone(),
+                value,
+                std,
+                String::new(),
+                String::new(),
+                "determined".to_owned(),
+            ]);
+        }
+    }
+    tables
+}
+
+fn estimator(name: &str) -> &'static str {
+    match name {
+        "tls" => "total least squares with exact columns",
+        "ols" => "least squares",
+        _ => "least squares without the terms that do not help prediction",
+    }
 }

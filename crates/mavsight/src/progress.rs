@@ -5,18 +5,20 @@ use mavsight_pipeline::{Progress, Stage};
 use std::sync::Mutex;
 
 /// A bar a stage; silent where standard error is not a terminal, except for warnings.
-pub struct Bars(Mutex<ProgressBar>);
+pub(crate) struct Bars(Mutex<ProgressBar>);
 
 impl Bars {
     /// No stage yet.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(Mutex::new(ProgressBar::hidden()))
     }
 
     /// Starts a bar with a title.
-    pub fn start(&self, title: &str, steps: Option<u64>) {
+    pub(crate) fn start(&self, title: &str, steps: Option<u64>) {
         let bar = match steps {
-            Some(n) => ProgressBar::new(n).with_style(style("{msg:<12} {bar:32} {pos}/{len} {elapsed} left {eta}")),
+            Some(n) => {
+                ProgressBar::new(n).with_style(style("{msg:<12} {bar:32} {pos}/{len} {elapsed} left {eta}"))
+            }
             None => ProgressBar::new_spinner().with_style(style("{msg:<12} {spinner} {elapsed}")),
         };
         bar.set_message(title.to_owned());
@@ -26,7 +28,7 @@ impl Bars {
     }
 
     /// Ends the running bar.
-    pub fn done(&self) {
+    pub(crate) fn done(&self) {
         self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).finish_and_clear();
     }
 }

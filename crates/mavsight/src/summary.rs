@@ -7,32 +7,32 @@ use mavsight_session::{RESULTS_SCHEMA, RunResults};
 use serde_json::{Map, Value, json};
 
 /// One figure.
-pub struct Row {
+pub(crate) struct Row {
     /// Group, also the key of the JSON object that holds it.
-    pub section: &'static str,
+    pub(crate) section: &'static str,
     /// Key in the JSON object.
-    pub key: String,
+    pub(crate) key: String,
     /// What it is, for people.
-    pub label: String,
+    pub(crate) label: String,
     /// For machines, in the unit that the key ends in.
-    pub value: Value,
+    pub(crate) value: Value,
     /// For people.
-    pub shown: String,
+    pub(crate) shown: String,
 }
 
 /// All figures, and what else must be said.
-pub struct Summary {
+pub(crate) struct Summary {
     /// Figures in order.
-    pub rows: Vec<Row>,
+    pub(crate) rows: Vec<Row>,
     /// Verdicts on identifiability.
-    pub verdicts: Vec<String>,
+    pub(crate) verdicts: Vec<String>,
     /// What could not be had, and why.
-    pub notes: Vec<String>,
+    pub(crate) notes: Vec<String>,
 }
 
 impl Summary {
     /// Collects the figures of a run.
-    pub fn of(results: &RunResults, scores: Option<&Scores>, notes: &[String]) -> Self {
+    pub(crate) fn of(results: &RunResults, scores: Option<&Scores>, notes: &[String]) -> Self {
         let mut summary = Self { rows: Vec::new(), verdicts: Vec::new(), notes: notes.to_vec() };
         summary.cameras(results);
         summary.poses(results);
@@ -44,12 +44,30 @@ impl Summary {
         summary
     }
 
-    fn add(&mut self, section: &'static str, key: impl Into<String>, label: impl Into<String>, value: Value, shown: String) {
+    fn add(
+        &mut self,
+        section: &'static str,
+        key: impl Into<String>,
+        label: impl Into<String>,
+        value: Value,
+        shown: String,
+    ) {
         self.rows.push(Row { section, key: key.into(), label: label.into(), value, shown });
     }
 
-    fn number(&mut self, section: &'static str, key: impl Into<String>, label: impl Into<String>, value: f64, unit: &str) {
-        let shown = if value == 0.0 || (1e-2..1e5).contains(&value.abs()) { format!("{value:.3} {unit}") } else { format!("{value:.3e} {unit}") };
+    fn number(
+        &mut self,
+        section: &'static str,
+        key: impl Into<String>,
+        label: impl Into<String>,
+        value: f64,
+        unit: &str,
+    ) {
+        let shown = if value == 0.0 || (1e-2..1e5).contains(&value.abs()) {
+            format!("{value:.3} {unit}")
+        } else {
+            format!("{value:.3e} {unit}")
+        };
         self.add(section, key, label, json!(value), shown.trim_end().to_owned());
     }
 
@@ -58,17 +76,46 @@ impl Summary {
             let (name, c, s) = (&camera.name, camera.camera.centre_in_world(), camera.centre_std_m);
             let shown = format!(
                 "({:.4}, {:.4}, {:.4}) ± ({:.1}, {:.1}, {:.1}) mm",
-                c.x, c.y, c.z, 1e3 * s.x, 1e3 * s.y, 1e3 * s.z
+                c.x,
+                c.y,
+                c.z,
+                1e3 * s.x,
+                1e3 * s.y,
+                1e3 * s.z
             );
-            self.add("cameras", format!("{name}_centre_m"), format!("{name} centre, m"), json!([c.x, c.y, c.z]), shown);
+            self.add(
+                "cameras",
+                format!("{name}_centre_m"),
+                format!("{name} centre, m"),
+                json!([c.x, c.y, c.z]),
+                shown,
+            );
             self.add("cameras", format!("{name}_centre_std_m"), "", json!([s.x, s.y, s.z]), String::new());
             let k = camera.camera.intrinsics;
             let shown = format!("{:.1}, {:.1} px", k.fx_px, k.fy_px);
-            self.add("cameras", format!("{name}_focal_px"), format!("{name} focal lengths"), json!([k.fx_px, k.fy_px]), shown);
+            self.add(
+                "cameras",
+                format!("{name}_focal_px"),
+                format!("{name} focal lengths"),
+                json!([k.fx_px, k.fy_px]),
+                shown,
+            );
             let shown = format!("({:.1}, {:.1}) px", k.cx_px, k.cy_px);
             let value = json!([k.cx_px, k.cy_px]);
-            self.add("cameras", format!("{name}_principal_point_px"), format!("{name} principal point"), value, shown);
-            self.number("cameras", format!("{name}_residual_rms_px"), format!("{name} control residual, RMS"), camera.fit.rms_px, "px");
+            self.add(
+                "cameras",
+                format!("{name}_principal_point_px"),
+                format!("{name} principal point"),
+                value,
+                shown,
+            );
+            self.number(
+                "cameras",
+                format!("{name}_residual_rms_px"),
+                format!("{name} control residual, RMS"),
+                camera.fit.rms_px,
+                "px",
+            );
         }
     }
 
@@ -81,15 +128,29 @@ impl Summary {
         self.add("poses", "measured", "frames measured", json!(n), format!("{n} of {all}"));
         self.add("poses", "frames", "", json!(all), String::new());
         let left_out: usize = measured.iter().map(|e| e.left_out.len()).sum();
-        self.add("poses", "markers_left_out", "markers left out as not rigid", json!(left_out), left_out.to_string());
+        self.add(
+            "poses",
+            "markers_left_out",
+            "markers left out as not rigid",
+            json!(left_out),
+            left_out.to_string(),
+        );
         if n == 0 {
             return;
         }
-        let mean = |f: &dyn Fn(&mavsight_pose::PoseEstimate) -> f64| measured.iter().map(|e| f(e)).sum::<f64>() / n as f64;
+        let mean = |f: &dyn Fn(&mavsight_pose::PoseEstimate) -> f64| {
+            measured.iter().map(|e| f(e)).sum::<f64>() / n as f64
+        };
         let position = mean(&|e| e.covariance.fixed_view::<3, 3>(0, 0).trace()).sqrt();
         let attitude = mean(&|e| e.covariance.fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt();
         self.number("poses", "position_std_mm", "predicted position error (3-D)", 1e3 * position, "mm");
-        self.number("poses", "attitude_std_deg", "predicted attitude error (an axis)", attitude.to_degrees(), "°");
+        self.number(
+            "poses",
+            "attitude_std_deg",
+            "predicted attitude error (an axis)",
+            attitude.to_degrees(),
+            "°",
+        );
         let residual = (mean(&|e| e.residual_px * e.residual_px)).sqrt();
         self.number("poses", "residual_rms_px", "reprojection residual, RMS", residual, "px");
         if let Some(missing) = results.poses.iter().find(|p| p.estimate.is_none()) {
@@ -104,18 +165,33 @@ impl Summary {
 
     fn motion(&mut self, results: &RunResults) {
         let Some(motion) = &results.motion else { return };
-        self.number("motion", "translation_bandwidth_hz", "smoother passes half at, translation", motion.translation_bandwidth_hz, "Hz");
-        self.number("motion", "rotation_bandwidth_hz", "smoother passes half at, rotation", motion.rotation_bandwidth_hz, "Hz");
+        self.number(
+            "motion",
+            "translation_bandwidth_hz",
+            "smoother passes half at, translation",
+            motion.translation_bandwidth_hz,
+            "Hz",
+        );
+        self.number(
+            "motion",
+            "rotation_bandwidth_hz",
+            "smoother passes half at, rotation",
+            motion.rotation_bandwidth_hz,
+            "Hz",
+        );
         let n = motion.samples.len().max(1) as f64;
         let mean = |from: usize| {
-            let sum: f64 = motion.samples.iter().map(|s| s.covariance.fixed_view::<3, 3>(from, from).trace()).sum();
+            let sum: f64 =
+                motion.samples.iter().map(|s| s.covariance.fixed_view::<3, 3>(from, from).trace()).sum();
             (sum / n).sqrt()
         };
         self.number("motion", "position_std_mm", "predicted position error (3-D)", 1e3 * mean(0), "mm");
         let pitch: f64 = motion
             .samples
             .iter()
-            .map(|s| euler_std(&s.world_from_body, &s.covariance.fixed_view::<3, 3>(3, 3).into_owned()).y.powi(2))
+            .map(|s| {
+                euler_std(&s.world_from_body, &s.covariance.fixed_view::<3, 3>(3, 3).into_owned()).y.powi(2)
+            })
             .sum();
         self.number("motion", "theta_std_deg", "predicted pitch error", (pitch / n).sqrt().to_degrees(), "°");
     }
@@ -125,8 +201,20 @@ impl Summary {
         for fit in identification.fits.iter().filter(|f| f.estimator == Estimator::LeastSquares) {
             let name = &fit.output;
             self.number("fit", format!("{name}_r2"), format!("{name} R²"), fit.r2, "");
-            self.add("fit", format!("{name}_max_residual"), format!("{name} largest residual"), json!(fit.max_residual), format!("{:.2e}", fit.max_residual));
-            self.add("fit", format!("{name}_rank"), format!("{name} rank, condition"), json!(fit.rank), format!("{} of {}, {:.0}", fit.rank, fit.parameters.len(), fit.condition));
+            self.add(
+                "fit",
+                format!("{name}_max_residual"),
+                format!("{name} largest residual"),
+                json!(fit.max_residual),
+                format!("{:.2e}", fit.max_residual),
+            );
+            self.add(
+                "fit",
+                format!("{name}_rank"),
+                format!("{name} rank, condition"),
+                json!(fit.rank),
+                format!("{} of {}, {:.0}", fit.rank, fit.parameters.len(), fit.condition),
+            );
             self.add("fit", format!("{name}_condition"), "", json!(fit.condition), String::new());
             self.verdicts.push(fit.verdict.clone());
         }
@@ -135,21 +223,50 @@ impl Summary {
                 let (Some(value), Some(std)) = (p.value, p.std) else { continue };
                 let label = format!("{},{} ({})", fit.output, p.name, fit.estimator.name());
                 let key = format!("{}_{}_{}", fit.estimator.name(), fit.output, p.name);
-                self.add("parameters", key, label, json!({"value": value, "std": std}), format!("{value:+.3e} ± {std:.1e}"));
+                self.add(
+                    "parameters",
+                    key,
+                    label,
+                    json!({"value": value, "std": std}),
+                    format!("{value:+.3e} ± {std:.1e}"),
+                );
             }
         }
     }
 
     fn scores(&mut self, scores: &Scores) {
         for camera in &scores.cameras {
-            self.number("truth", format!("{}_centre_error_mm", camera.camera), format!("{} centre error", camera.camera), camera.centre_mm, "mm");
+            self.number(
+                "truth",
+                format!("{}_centre_error_mm", camera.camera),
+                format!("{} centre error", camera.camera),
+                camera.centre_mm,
+                "mm",
+            );
         }
         let poses = [("poses", scores.poses), ("motion", scores.motion.map(|m| m.pose))];
         for (what, errors) in poses {
             let Some(e) = errors else { continue };
-            self.number("truth", format!("{what}_position_rms_mm"), format!("{what}: position error, RMS (3-D)"), e.position_rms_mm, "mm");
-            self.number("truth", format!("{what}_position_max_mm"), format!("{what}: position error, largest"), e.position_max_mm, "mm");
-            self.triple(&format!("{what}_attitude_rms_deg"), &format!("{what}: roll, pitch, yaw error, RMS"), e.attitude_rms_deg, "°");
+            self.number(
+                "truth",
+                format!("{what}_position_rms_mm"),
+                format!("{what}: position error, RMS (3-D)"),
+                e.position_rms_mm,
+                "mm",
+            );
+            self.number(
+                "truth",
+                format!("{what}_position_max_mm"),
+                format!("{what}: position error, largest"),
+                e.position_max_mm,
+                "mm",
+            );
+            self.triple(
+                &format!("{what}_attitude_rms_deg"),
+                &format!("{what}: roll, pitch, yaw error, RMS"),
+                e.attitude_rms_deg,
+                "°",
+            );
         }
         if let Some(m) = scores.motion {
             self.triple("velocity_rms_mm_s", "motion: u, v, w error, RMS", m.velocity_rms_mm_s, "mm/s");
@@ -170,7 +287,7 @@ impl Summary {
     }
 
     /// For machines: one object a section, with the schema's version.
-    pub fn json(&self) -> Value {
+    pub(crate) fn json(&self) -> Value {
         let mut sections: Map<String, Value> = Map::new();
         sections.insert("schema".to_owned(), json!(RESULTS_SCHEMA));
         for row in &self.rows {
@@ -185,8 +302,9 @@ impl Summary {
     }
 
     /// For people: aligned text.
-    pub fn text(&self) -> String {
-        let shown: Vec<&Row> = self.rows.iter().filter(|r| !r.shown.is_empty() && r.section != "parameters").collect();
+    pub(crate) fn text(&self) -> String {
+        let shown: Vec<&Row> =
+            self.rows.iter().filter(|r| !r.shown.is_empty() && r.section != "parameters").collect();
         let width = shown.iter().map(|r| r.label.chars().count()).max().unwrap_or(0);
         let mut out = String::new();
         let mut section = "";
@@ -211,7 +329,7 @@ impl Summary {
 }
 
 /// A section's heading.
-pub fn title(section: &str) -> &'static str {
+pub(crate) fn title(section: &str) -> &'static str {
     match section {
         "cameras" => "Cameras",
         "poses" => "Single poses",

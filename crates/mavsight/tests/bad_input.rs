@@ -88,7 +88,8 @@ fn fewer_than_six_control_points() {
 #[test]
 fn coplanar_control_points() {
     let session = Session::new();
-    let pixels = [(100.0, 100.0), (300.0, 90.0), (500.0, 110.0), (120.0, 300.0), (310.0, 330.0), (520.0, 310.0)];
+    let pixels =
+        [(100.0, 100.0), (300.0, 90.0), (500.0, 110.0), (120.0, 300.0), (310.0, 330.0), (520.0, 310.0)];
     let mut points = String::from("name,x_m,y_m,z_m,diameter_m,color\n");
     let mut seen = String::from("camera,name,u_px,v_px\n");
     for (k, (u, v)) in pixels.iter().enumerate() {
@@ -159,7 +160,10 @@ fn last_frame(session: &Session, camera: &str) -> std::path::PathBuf {
 
 fn fixture_mp4() -> Option<Vec<u8>> {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../session/tests/fixtures");
-    let entry = std::fs::read_dir(folder).ok()?.flatten().find(|e| e.path().extension().is_some_and(|x| x == "mp4"))?;
+    let entry = std::fs::read_dir(folder)
+        .ok()?
+        .flatten()
+        .find(|e| e.path().extension().is_some_and(|x| x == "mp4"))?;
     std::fs::read(entry.path()).ok()
 }
 

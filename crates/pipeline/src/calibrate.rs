@@ -27,7 +27,10 @@ fn diameter_range_px(size: ImageSize) -> std::ops::RangeInclusive<f64> {
 ///
 /// # Errors
 /// Too few balls, colours that cannot be told apart, or points that do not determine a camera; each names the camera.
-pub fn calibrate_from_stills(stills: &[ControlStill], table: &[ControlPointRow]) -> Result<Rig, PipelineError> {
+pub fn calibrate_from_stills(
+    stills: &[ControlStill],
+    table: &[ControlPointRow],
+) -> Result<Rig, PipelineError> {
     let colors: Vec<BallColor> =
         table.iter().map(|row| BallColor { name: row.name.clone(), rgb: row.color.rgb() }).collect();
     let detector = Detector::new(&colors)
@@ -66,7 +69,8 @@ fn control_of_still(
     let positions: Vec<Vector3<f64>> = table.iter().map(|row| row.position_m.into()).collect();
     let chosen = select_control_balls(&scored, &positions, size)
         .map_err(|source| PipelineError::Pose { place: still.camera.clone(), source })?;
-    let mut control = CameraControl { name: still.camera.clone(), size, points: vec![], ball_radius_m: vec![] };
+    let mut control =
+        CameraControl { name: still.camera.clone(), size, points: vec![], ball_radius_m: vec![] };
     for ((row, list), choice) in table.iter().zip(&candidates).zip(&chosen) {
         let Some(ball) = choice.and_then(|index| list.get(index)) else { continue };
         control.points.push(ControlPoint {

@@ -33,7 +33,9 @@ pub enum PipelineError {
     #[error("identification: {0}")]
     Identify(#[from] mavsight_identify::IdentifyError),
     /// The cameras did not deliver the same number of frames.
-    #[error("{first} has {first_frames} frames but {second} has {second_frames}: cut both recordings to the same stretch")]
+    #[error(
+        "{first} has {first_frames} frames but {second} has {second_frames}: cut both recordings to the same stretch"
+    )]
     FrameCounts {
         /// Camera name.
         first: String,
@@ -45,7 +47,9 @@ pub enum PipelineError {
         second_frames: usize,
     },
     /// Frames that should belong to one instant are too far apart in time.
-    #[error("frame {frame}: {first} is at {first_s:.4} s but {second} at {second_s:.4} s, more than half a frame apart: start both at the same instant, or set time_offset_s of the later camera")]
+    #[error(
+        "frame {frame}: {first} is at {first_s:.4} s but {second} at {second_s:.4} s, more than half a frame apart: start both at the same instant, or set time_offset_s of the later camera"
+    )]
     OutOfStep {
         /// Index from 0.
         frame: usize,
@@ -65,7 +69,9 @@ pub enum PipelineError {
         camera: String,
     },
     /// A control ball that no colour matched.
-    #[error("{camera}: only {found} of {wanted} control balls were found in the still (missing: {missing}): at least 6 are needed; check the colours in the control table, or click the balls and give `observations`")]
+    #[error(
+        "{camera}: only {found} of {wanted} control balls were found in the still (missing: {missing}): at least 6 are needed; check the colours in the control table, or click the balls and give `observations`"
+    )]
     ControlBalls {
         /// Camera name.
         camera: String,

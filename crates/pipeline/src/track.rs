@@ -40,10 +40,10 @@ pub fn track(
     let trackers = feeds
         .iter()
         .enumerate()
-        .map(|(camera, feed)| tracker_for(rig, camera, vehicle).map_err(|source| PipelineError::Vision {
-            place: feed.name.clone(),
-            source,
-        }))
+        .map(|(camera, feed)| {
+            tracker_for(rig, camera, vehicle)
+                .map_err(|source| PipelineError::Vision { place: feed.name.clone(), source })
+        })
         .collect::<Result<Vec<_>, _>>()?;
     progress.begin(Stage::Track, feeds.iter().filter_map(|f| f.announced).min().map(|n| n as u64));
     std::thread::scope(|scope| {
@@ -71,7 +71,11 @@ fn fetch(feed: CameraFeed<'_>, out: &SyncSender<Result<TimedFrame, PipelineError
     }
 }
 
-fn observe(mut tracker: Tracker, frames: &Receiver<Result<TimedFrame, PipelineError>>, out: &SyncSender<Sighting>) {
+fn observe(
+    mut tracker: Tracker,
+    frames: &Receiver<Result<TimedFrame, PipelineError>>,
+    out: &SyncSender<Sighting>,
+) {
     for frame in frames {
         let sighting = frame.map(|f| (f.t_ns, tracker.observe(&f.frame).to_vec()));
         if out.send(sighting).is_err() {
@@ -89,9 +93,10 @@ fn ball_colors(vehicle: &Vehicle) -> Vec<BallColor> {
 fn tracker_for(rig: &Rig, camera: usize, vehicle: &Vehicle) -> Result<Tracker, mavsight_vision::VisionError> {
     let seen_by = &rig.cameras[camera];
     let focal_px = (seen_by.camera.intrinsics.fx_px * seen_by.camera.intrinsics.fy_px).abs().sqrt();
-    let ranges_m = rig.control_points_in_world().into_iter().map(|p: Vector3<f64>| {
-        (p - seen_by.camera.centre_in_world()).norm()
-    });
+    let ranges_m = rig
+        .control_points_in_world()
+        .into_iter()
+        .map(|p: Vector3<f64>| (p - seen_by.camera.centre_in_world()).norm());
     let (near_m, far_m) = ranges_m.fold((f64::MAX, 0.0_f64), |(a, b), d| (a.min(d), b.max(d)));
     let (near_m, far_m) = if far_m > 0.0 { (near_m, far_m) } else { (1.0, 10.0) };
     let smallest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(f64::MAX, f64::min);

@@ -12,7 +12,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = std::path::PathBuf::from(std::env::args().nth(1).ok_or("give a folder")?);
     let size = ImageSize { width_px: 640, height_px: 480 };
     let intrinsics = Intrinsics::from_horizontal_fov(size, 53_f64.to_radians());
-    let camera = Camera::looking_at(Vector3::new(4.5, -4.5, 1.5), Vector3::new(0.0, 0.0, 1.5), intrinsics, size);
+    let camera =
+        Camera::looking_at(Vector3::new(4.5, -4.5, 1.5), Vector3::new(0.0, 0.0, 1.5), intrinsics, size);
     let room = Room::meeting_room();
     let began = std::time::Instant::now();
     let film = Film::new(&room, camera, Sensor::default());
@@ -22,7 +23,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let balls: Vec<PaintedBall> =
         places.iter().zip(colors).map(|(p, c)| ball([p[0], p[1], 0.1], 0.025, c)).collect();
     let aircraft = Aircraft::helicopter(&balls);
-    let pose = world_from_body(Vector3::new(0.0, 0.0, 1.5), EulerAngles { psi_rad: -0.39, ..Default::default() });
+    let pose =
+        world_from_body(Vector3::new(0.0, 0.0, 1.5), EulerAngles { psi_rad: -0.39, ..Default::default() });
     let began = std::time::Instant::now();
     let frame = film.frame(0, &aircraft, |_| pose);
     println!("frame: {:?}", began.elapsed());

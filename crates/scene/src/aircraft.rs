@@ -43,10 +43,21 @@ impl Aircraft {
     pub fn helicopter(balls: &[PaintedBall]) -> Self {
         let dark = [0.02, 0.02, 0.024];
         let metal = [0.28, 0.28, 0.30];
-        let capsule = |a: [f64; 3], b: [f64; 3], r: f64| Shape::Capsule { from: V::from(a), to: V::from(b), radius: r };
+        let capsule =
+            |a: [f64; 3], b: [f64; 3], r: f64| Shape::Capsule { from: V::from(a), to: V::from(b), radius: r };
         let mut parts = vec![
-            Part::new(Shape::Ellipsoid { centre: V::new(0.02, 0.0, 0.01), semi: V::new(0.12, 0.045, 0.05) }, dark, 0.25, 0.0),
-            Part::new(Shape::Ellipsoid { centre: V::new(0.09, 0.0, 0.015), semi: V::new(0.055, 0.038, 0.036) }, [0.05, 0.06, 0.08], 0.5, 0.0),
+            Part::new(
+                Shape::Ellipsoid { centre: V::new(0.02, 0.0, 0.01), semi: V::new(0.12, 0.045, 0.05) },
+                dark,
+                0.25,
+                0.0,
+            ),
+            Part::new(
+                Shape::Ellipsoid { centre: V::new(0.09, 0.0, 0.015), semi: V::new(0.055, 0.038, 0.036) },
+                [0.05, 0.06, 0.08],
+                0.5,
+                0.0,
+            ),
             Part::new(capsule([-0.08, 0.0, 0.0], [-0.30, 0.0, -0.02], 0.008), dark, 0.1, 0.0),
             Part::new(Shape::block([-0.29, 0.0, -0.04], [0.05, 0.004, 0.09], 0.0), dark, 0.1, 0.0),
             Part::new(capsule([0.0, 0.0, -0.02], [0.0, 0.0, -0.23], 0.004), metal, 0.3, 0.0),
@@ -59,13 +70,18 @@ impl Aircraft {
         for side in [-0.07, 0.07] {
             parts.push(Part::new(capsule([-0.1, side, 0.095], [0.12, side, 0.095], 0.004), metal, 0.2, 0.0));
             for x in [-0.05, 0.06] {
-                parts.push(Part::new(capsule([x, side * 0.4, 0.04], [x, side, 0.095], 0.003), metal, 0.2, 0.0));
+                parts.push(Part::new(
+                    capsule([x, side * 0.4, 0.04], [x, side, 0.095], 0.003),
+                    metal,
+                    0.2,
+                    0.0,
+                ));
             }
         }
         for ball in balls {
             let hub = V::new(0.0, 0.0, ball.centre_m.z);
-            let arm = Shape::Capsule { from: hub, to: ball.centre_m, radius: 0.003 };
-            parts.push(Part::new(arm, [0.22, 0.22, 0.23], 0.1, 0.0));
+            let arm = Shape::Capsule { from: hub, to: ball.centre_m, radius: 0.002 };
+            parts.push(Part::new(arm, [0.30, 0.30, 0.31], 0.1, 0.0));
             parts.push(painted(ball));
         }
         Self { parts }
@@ -79,15 +95,15 @@ pub struct ControlFrame {
 }
 
 impl ControlFrame {
-    /// A rod joins every two balls that differ in one coordinate only.
+    /// A white rod of 3 mm joins every two balls that differ in one coordinate only.
     pub fn new(balls: &[PaintedBall]) -> Self {
         let mut parts: Vec<Part> = balls.iter().map(painted).collect();
         for (k, a) in balls.iter().enumerate() {
             for b in &balls[k + 1..] {
                 let differing = (b.centre_m - a.centre_m).iter().filter(|d| d.abs() > 1e-6).count();
                 if differing == 1 {
-                    let rod = Shape::Capsule { from: a.centre_m, to: b.centre_m, radius: 0.003 };
-                    parts.push(Part::new(rod, [0.30; 3], 0.1, 0.0));
+                    let rod = Shape::Capsule { from: a.centre_m, to: b.centre_m, radius: 0.0015 };
+                    parts.push(Part::new(rod, [0.45; 3], 0.1, 0.0));
                 }
             }
         }

@@ -90,7 +90,8 @@ impl<'a> Film<'a> {
         let region_width = region.x.1 - region.x.0;
         for (row, y) in (region.y.0..region.y.1).enumerate() {
             let at = (y - around.y.0) * w + region.x.0 - around.x.0;
-            patch[at..at + region_width].copy_from_slice(&sharp[row * region_width..(row + 1) * region_width]);
+            patch[at..at + region_width]
+                .copy_from_slice(&sharp[row * region_width..(row + 1) * region_width]);
         }
         let soft = blur(&patch, w, h, &self.kernel);
         for y in region.y.0..region.y.1 {
@@ -105,7 +106,8 @@ fn gaussian(std_px: f64) -> Vec<f32> {
         return vec![1.0];
     }
     let reach = (4.0 * std_px).ceil() as i32;
-    let weights: Vec<f64> = (-reach..=reach).map(|k| (-0.5 * (f64::from(k) / std_px).powi(2)).exp()).collect();
+    let weights: Vec<f64> =
+        (-reach..=reach).map(|k| (-0.5 * (f64::from(k) / std_px).powi(2)).exp()).collect();
     let sum: f64 = weights.iter().sum();
     weights.iter().map(|w| (w / sum) as f32).collect()
 }

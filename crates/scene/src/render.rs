@@ -68,7 +68,8 @@ fn room_light(room: &Room, ray: &Ray, sample: usize, seed: u64) -> [f64; 3] {
     // Each sample of a pixel looks at a third of the lamps; over the pixel's nine, each lamp is looked at three times.
     for (k, lamp) in room.lamps.iter().enumerate().filter(|(k, _)| (k + sample).is_multiple_of(3)) {
         let counter = seed ^ ((k as u64) << 33);
-        let point = lamp.point((((sample / 3) % 3) as f64 + unit(counter)) / 3.0, unit(counter ^ 0x5bd1_e995));
+        let point =
+            lamp.point((((sample / 3) % 3) as f64 + unit(counter)) / 3.0, unit(counter ^ 0x5bd1_e995));
         let light = lamp.irradiance(&at, &hit.normal, &point);
         if light > 0.0 && !room.hides(&at, &point) {
             irradiance += 3.0 * light;
@@ -98,14 +99,20 @@ pub(crate) struct Region {
 }
 
 /// The pixels that parts may touch at any of the poses, with a margin; `None` when they are out of view.
-pub(crate) fn region_of(parts: &[Part], poses: &[Isometry3<f64>], camera: &Camera, margin_px: f64) -> Option<Region> {
+pub(crate) fn region_of(
+    parts: &[Part],
+    poses: &[Isometry3<f64>],
+    camera: &Camera,
+    margin_px: f64,
+) -> Option<Region> {
     let (mut low, mut high) = (Vector2::repeat(f64::MAX), Vector2::repeat(f64::MIN));
     for part in parts {
         for pose in poses {
             let centre = pose * Point3::from(part.bound.0);
             let depth_m = (camera.cam_from_world * centre).z;
             let Ok(seen) = camera.project(&centre.coords) else { continue };
-            let reach = part.bound.1 * camera.intrinsics.fx_px / (depth_m - part.bound.1).max(0.05) * 1.3 + margin_px;
+            let reach =
+                part.bound.1 * camera.intrinsics.fx_px / (depth_m - part.bound.1).max(0.05) * 1.3 + margin_px;
             low = low.inf(&seen.pixel.add_scalar(-reach));
             high = high.sup(&seen.pixel.add_scalar(reach));
         }
@@ -136,7 +143,13 @@ pub(crate) fn compose(moving: &Moving<'_>, camera: &Camera, plate: &Plate, regio
         for x in region.x.0..region.x.1 {
             let k = y * camera.size.width_px as usize + x;
             let behind = plate.light[k].map(f64::from);
-            let seen = pixel(moving, camera, (&inverses, &origins), (x, y), (behind, f64::from(plate.distance_m[k])));
+            let seen = pixel(
+                moving,
+                camera,
+                (&inverses, &origins),
+                (x, y),
+                (behind, f64::from(plate.distance_m[k])),
+            );
             out.push(seen.map(|c| c as f32));
         }
     }
@@ -164,7 +177,8 @@ fn pixel(
         let pose = (i * 5 + j * 3 + (x + 2 * y)) % N * inverses.len() / N;
         let light = match ray_at(camera, x as f64 + across(i), y as f64 + across(j)) {
             Some(ray) => {
-                let turned = Ray { origin: origins[pose], direction: inverses[pose].rotation * ray.direction };
+                let turned =
+                    Ray { origin: origins[pose], direction: inverses[pose].rotation * ray.direction };
                 sample(moving, &near, &turned, pose, (behind, distance_m))
             }
             None => behind,

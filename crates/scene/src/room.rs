@@ -12,6 +12,8 @@ const RIGHT_M: f64 = 5.0;
 const FRONT_M: f64 = -4.75;
 const BACK_M: f64 = 2.25;
 const HEIGHT_M: f64 = 3.2;
+/// The floor lies below the world's origin, so that a control ball at the origin's height stands free of it.
+const FLOOR_M: f64 = -0.06;
 
 /// How a surface is painted.
 #[derive(Debug, Clone, Copy)]
@@ -74,14 +76,15 @@ impl Room {
     }
 
     fn block(&mut self, centre: [f64; 3], size: [f64; 3], yaw_deg: f64, paint: Paint) {
-        let shape = Shape::block(centre, size, yaw_deg);
+        let [x, y, above_floor_m] = centre;
+        let shape = Shape::block([x, y, above_floor_m + FLOOR_M], size, yaw_deg);
         self.items.push(Item { shape, paint, bound: shape.bound() });
     }
 
     fn lamp(&mut self, x: f64, y: f64) {
         let radiance = 7.0;
         let size = (1.2, 0.6);
-        self.lamps.push(Lamp { centre: V::new(x, y, HEIGHT_M - 0.011), size, radiance });
+        self.lamps.push(Lamp { centre: V::new(x, y, FLOOR_M + HEIGHT_M - 0.011), size, radiance });
         self.block([x, y, HEIGHT_M], [size.0, size.1, 0.02], 0.0, Paint::Glow(radiance));
         self.block([x, y, HEIGHT_M], [size.0 + 0.06, size.1 + 0.06, 0.012], 0.0, Paint::Plain([0.4; 3]));
     }
@@ -96,7 +99,12 @@ impl Room {
         let (ox, oy) = (-0.3 * c - 0.15 * s, -0.3 * s + 0.15 * c);
         self.block([x + ox, y + oy, 0.93], [0.48, 0.03, 0.3], yaw_deg + 8.0, Paint::Plain([0.02; 3]));
         let (ox, oy) = (0.35 * c, 0.35 * s);
-        self.block([x + ox, y + oy, 0.765], [0.21, 0.3, 0.03], yaw_deg - 12.0, Paint::Plain([0.7, 0.69, 0.66]));
+        self.block(
+            [x + ox, y + oy, 0.765],
+            [0.21, 0.3, 0.03],
+            yaw_deg - 12.0,
+            Paint::Plain([0.7, 0.69, 0.66]),
+        );
     }
 
     fn chair(&mut self, x: f64, y: f64, yaw_deg: f64) {
@@ -127,7 +135,7 @@ impl Room {
         best.map(|(hit, paint)| {
             let at = ray.origin + ray.direction * hit.distance_m;
             let glow = if let Paint::Glow(radiance) = paint { radiance } else { 0.0 };
-            (hit, color(paint, &at), glow)
+            (hit, color(paint, &(at - V::z() * FLOOR_M)), glow)
         })
     }
 
@@ -158,8 +166,8 @@ fn shell(ray: &Ray) -> Option<(Hit, Paint)> {
         (-V::x(), -RIGHT_M, wall),
         (V::y(), FRONT_M, wall),
         (-V::y(), -BACK_M, wall),
-        (V::z(), 0.0, Paint::Carpet),
-        (-V::z(), -HEIGHT_M, Paint::CeilingTiles),
+        (V::z(), FLOOR_M, Paint::Carpet),
+        (-V::z(), -HEIGHT_M - FLOOR_M, Paint::CeilingTiles),
     ];
     let mut best: Option<(Hit, Paint)> = None;
     for (normal, offset, paint) in planes {
@@ -175,6 +183,7 @@ fn shell(ray: &Ray) -> Option<(Hit, Paint)> {
     best
 }
 
+/// The paint's colour at a place whose height is counted from the floor.
 fn color(paint: Paint, p: &V) -> [f64; 3] {
     match paint {
         Paint::Plain(c) => c,

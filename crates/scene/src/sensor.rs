@@ -20,7 +20,14 @@ pub struct Sensor {
 impl Default for Sensor {
     /// A consumer camera: 8000 electrons, 12 read, a quarter of the interval, half a pixel of blur.
     fn default() -> Self {
-        Self { full_well_e: 8000.0, read_noise_e: 12.0, exposure_fraction: 0.25, lens_blur_px: 0.5, noise: true, seed: 1 }
+        Self {
+            full_well_e: 8000.0,
+            read_noise_e: 12.0,
+            exposure_fraction: 0.25,
+            lens_blur_px: 0.5,
+            noise: true,
+            seed: 1,
+        }
     }
 }
 
@@ -39,7 +46,8 @@ pub(crate) struct Coder {
 impl Coder {
     pub(crate) fn new(sensor: Sensor) -> Self {
         let codes = (0..=CODES).map(|k| srgb(k as f64 / CODES as f64)).collect();
-        let quantiles = (0..QUANTILES).map(|k| normal_quantile((k as f64 + 0.5) / QUANTILES as f64) as f32).collect();
+        let quantiles =
+            (0..QUANTILES).map(|k| normal_quantile((k as f64 + 0.5) / QUANTILES as f64) as f32).collect();
         Self { sensor, codes, quantiles }
     }
 
@@ -56,7 +64,8 @@ impl Coder {
                 if self.sensor.noise {
                     let electrons = (light * well).max(0.0);
                     let sigma = (electrons + read2).sqrt();
-                    value = (electrons + sigma * self.quantiles[(bits & (QUANTILES as u64 - 1)) as usize]) / well;
+                    value =
+                        (electrons + sigma * self.quantiles[(bits & (QUANTILES as u64 - 1)) as usize]) / well;
                     bits >>= 12;
                 }
                 let index = (value.clamp(0.0, 1.0) * CODES as f32 + 0.5) as usize;
@@ -89,18 +98,30 @@ fn srgb(linear: f64) -> u8 {
 /// Quantile of the normal distribution (Acklam's rational approximation, relative error below 1.2e-9).
 fn normal_quantile(p: f64) -> f64 {
     const A: [f64; 6] = [
-        -39.696_830_286_653_76, 220.946_098_424_520_5, -275.928_510_446_968_7, 138.357_751_867_269,
-        -30.664_798_066_147_16, 2.506_628_277_459_239,
+        -39.696_830_286_653_76,
+        220.946_098_424_520_5,
+        -275.928_510_446_968_7,
+        138.357_751_867_269,
+        -30.664_798_066_147_16,
+        2.506_628_277_459_239,
     ];
     const B: [f64; 5] = [
-        -54.476_098_798_224_06, 161.585_836_858_040_9, -155.698_979_859_886_6, 66.801_311_887_719_72,
+        -54.476_098_798_224_06,
+        161.585_836_858_040_9,
+        -155.698_979_859_886_6,
+        66.801_311_887_719_72,
         -13.280_681_552_885_72,
     ];
     const C: [f64; 6] = [
-        -0.007_784_894_002_430_293, -0.322_396_458_041_136_5, -2.400_758_277_161_838, -2.549_732_539_343_734,
-        4.374_664_141_464_968, 2.938_163_982_698_783,
+        -0.007_784_894_002_430_293,
+        -0.322_396_458_041_136_5,
+        -2.400_758_277_161_838,
+        -2.549_732_539_343_734,
+        4.374_664_141_464_968,
+        2.938_163_982_698_783,
     ];
-    const D: [f64; 4] = [0.007_784_695_709_041_462, 0.322_467_129_070_039_8, 2.445_134_137_142_996, 3.754_408_661_907_416];
+    const D: [f64; 4] =
+        [0.007_784_695_709_041_462, 0.322_467_129_070_039_8, 2.445_134_137_142_996, 3.754_408_661_907_416];
     let poly = |c: &[f64], x: f64| c.iter().fold(0.0, |sum, k| sum * x + k);
     let tail = |q: f64| poly(&C, q) / (poly(&D, q) * q + 1.0);
     if p < 0.024_25 {

@@ -22,12 +22,30 @@ pub(crate) struct Hit {
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Shape {
     /// A box turned about the vertical.
-    Block { centre: V, half: V, yaw: (f64, f64) },
-    Ball { centre: V, radius: f64 },
-    Ellipsoid { centre: V, semi: V },
-    Capsule { from: V, to: V, radius: f64 },
+    Block {
+        centre: V,
+        half: V,
+        yaw: (f64, f64),
+    },
+    Ball {
+        centre: V,
+        radius: f64,
+    },
+    Ellipsoid {
+        centre: V,
+        semi: V,
+    },
+    Capsule {
+        from: V,
+        to: V,
+        radius: f64,
+    },
     /// A ring between two radii, level in its own axes.
-    Ring { centre: V, inner: f64, outer: f64 },
+    Ring {
+        centre: V,
+        inner: f64,
+        outer: f64,
+    },
 }
 
 const NEAR_M: f64 = 1e-4;

@@ -153,7 +153,8 @@ pub fn score_parameters(identification: &Identification, truth: &ModelCoefficien
                 .fit(output, estimator)
                 .and_then(|fit| fit.parameters.iter().find(|p| p.name == name));
             let Some((parameter, value)) = parameter.and_then(|p| p.value.map(|v| (p, v))) else { continue };
-            let holds = parameter.ci_low.zip(parameter.ci_high).is_some_and(|(a, b)| a <= truth && truth <= b);
+            let holds =
+                parameter.ci_low.zip(parameter.ci_high).is_some_and(|(a, b)| a <= truth && truth <= b);
             errors.push(ParameterError {
                 estimator: estimator.name(),
                 name: format!("{output},{name}"),
@@ -186,8 +187,9 @@ mod tests {
 
     #[test]
     fn a_known_error_is_reported_as_such() {
-        let truth: Vec<TruthRow> =
-            (0..10).map(|k| TruthRow { t_s: 0.1 * f64::from(k), psi_rad: 3.14, ..Default::default() }).collect();
+        let truth: Vec<TruthRow> = (0..10)
+            .map(|k| TruthRow { t_s: 0.1 * f64::from(k), psi_rad: 3.14, ..Default::default() })
+            .collect();
         let poses: Vec<PoseSample> = (0..10)
             .map(|k| {
                 let off = Vector3::new(0.003, 0.0, 0.004);

@@ -8,7 +8,9 @@ use crate::progress::Bars;
 use anyhow::{Context, Result};
 use mavsight_flight::{Scenario, Vehicle, hover_rotor_speed_rad_s, model_coefficients, simulate};
 use mavsight_geometry::ImageSize;
-use mavsight_pipeline::{CameraFeed, ControlStill, PipelineError, Progress, TimedFrame, calibrate_from_stills};
+use mavsight_pipeline::{
+    CameraFeed, ControlStill, PipelineError, Progress, TimedFrame, calibrate_from_stills,
+};
 use mavsight_scene::{Aircraft, Film, Room};
 use mavsight_score::{score_cameras, score_parameters};
 use mavsight_session::{TruthRow, ns_from_s, write_control_points, write_inputs, write_truth, write_vehicle};
@@ -16,12 +18,12 @@ use mavsight_vision::Frame;
 use std::path::Path;
 
 /// Reads a vehicle, or takes the paper's.
-pub fn vehicle_of(path: Option<&Path>) -> Result<Vehicle> {
+pub(crate) fn vehicle_of(path: Option<&Path>) -> Result<Vehicle> {
     path.map_or_else(|| Ok(Vehicle::paper()), |p| named(mavsight_session::load_vehicle(p)))
 }
 
 /// Reads a scenario, or takes the paper's.
-pub fn scenario_of(path: Option<&Path>) -> Result<Scenario> {
+pub(crate) fn scenario_of(path: Option<&Path>) -> Result<Scenario> {
     let Some(path) = path else { return Ok(Scenario::paper()) };
     let wrong = |e: String| crate::cli::WrongCall(format!("{}: {e}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|e| wrong(e.to_string()))?;
@@ -31,7 +33,7 @@ pub fn scenario_of(path: Option<&Path>) -> Result<Scenario> {
 }
 
 /// `mavsight demo`
-pub fn demo(args: &Demo) -> Result<()> {
+pub(crate) fn demo(args: &Demo) -> Result<()> {
     let vehicle = vehicle_of(args.vehicle.as_deref())?;
     let scenario = scenario_of(args.scenario.as_deref())?;
     let bars = Bars::new();
@@ -65,7 +67,8 @@ pub fn demo(args: &Demo) -> Result<()> {
     let (results, notes) = solve(&flight, rig, tracked, &bars)?;
     let mut scores = scores_of(&results, &truth);
     let model = model_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
-    scores.parameters = results.identification.as_ref().map(|i| score_parameters(i, &model)).unwrap_or_default();
+    scores.parameters =
+        results.identification.as_ref().map(|i| score_parameters(i, &model)).unwrap_or_default();
     let centres: Vec<_> = cameras.iter().map(|c| (c.name.clone(), c.camera.centre_in_world())).collect();
     scores.cameras = results.rig.as_ref().map(|r| score_cameras(r, &centres)).unwrap_or_default();
     bars.done();

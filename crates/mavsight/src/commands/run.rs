@@ -20,13 +20,14 @@ use mavsight_vision::Frame;
 use std::path::Path;
 
 /// `mavsight run`
-pub fn run(args: &Run) -> Result<()> {
+pub(crate) fn run(args: &Run) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     let (inputs, truth) = (named(session.inputs())?, named(session.truth())?);
     let bars = Bars::new();
     let rig = rig_of(&session, &bars)?;
     let tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
-    let flight = Flight { name: &session.name, vehicle: &session.vehicle, inputs: &inputs, truth: truth.as_deref() };
+    let flight =
+        Flight { name: &session.name, vehicle: &session.vehicle, inputs: &inputs, truth: truth.as_deref() };
     let (results, notes) = solve(&flight, rig, tracked, &bars)?;
     let scores = truth.as_deref().map(|t| scores_of(&results, t));
     bars.done();
@@ -34,19 +35,19 @@ pub fn run(args: &Run) -> Result<()> {
 }
 
 /// What is known of a flight beside its frames.
-pub struct Flight<'a> {
+pub(crate) struct Flight<'a> {
     /// Name of the session.
-    pub name: &'a str,
+    pub(crate) name: &'a str,
     /// The aircraft.
-    pub vehicle: &'a Vehicle,
+    pub(crate) vehicle: &'a Vehicle,
     /// Recorded inputs.
-    pub inputs: &'a InputSeries,
+    pub(crate) inputs: &'a InputSeries,
     /// Truth, for scoring and plots alone.
-    pub truth: Option<&'a [TruthRow]>,
+    pub(crate) truth: Option<&'a [TruthRow]>,
 }
 
 /// Solves for the cameras by stills or by clicked pixels.
-pub fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
+pub(crate) fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
     let points = named(session.control_points())?;
     if let Some(pixels) = named(session.control_pixels())? {
@@ -68,7 +69,7 @@ pub fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
 }
 
 /// Every camera's frames.
-pub fn feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>> {
+pub(crate) fn feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>> {
     let mut feeds = Vec::with_capacity(session.cameras.len());
     for (k, camera) in session.cameras.iter().enumerate() {
         let source = session.open_camera(k)?;
@@ -84,7 +85,7 @@ pub fn feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>> {
 }
 
 /// The first frame of each camera, for the figures.
-pub fn first_frames(session: &Session) -> Result<Vec<Frame>> {
+pub(crate) fn first_frames(session: &Session) -> Result<Vec<Frame>> {
     let mut frames = Vec::with_capacity(session.cameras.len());
     for k in 0..session.cameras.len() {
         if let Some(first) = session.open_camera(k)?.next() {
@@ -95,7 +96,12 @@ pub fn first_frames(session: &Session) -> Result<Vec<Frame>> {
 }
 
 /// Motion and parameters of what was tracked, with notes on what could not be had.
-pub fn solve(flight: &Flight<'_>, rig: Rig, tracked: Tracked, bars: &Bars) -> Result<(RunResults, Vec<String>)> {
+pub(crate) fn solve(
+    flight: &Flight<'_>,
+    rig: Rig,
+    tracked: Tracked,
+    bars: &Bars,
+) -> Result<(RunResults, Vec<String>)> {
     let mut results = RunResults {
         session: flight.name.to_owned(),
         camera_names: rig.cameras.iter().map(|c| c.name.clone()).collect(),
@@ -110,7 +116,11 @@ pub fn solve(flight: &Flight<'_>, rig: Rig, tracked: Tracked, bars: &Bars) -> Re
 }
 
 /// Smooths the poses and fits the model; what the flight cannot tell becomes a note, what is wrong an error.
-pub fn identify_into(results: &mut RunResults, flight: &Flight<'_>, bars: &Bars) -> Result<Vec<String>> {
+pub(crate) fn identify_into(
+    results: &mut RunResults,
+    flight: &Flight<'_>,
+    bars: &Bars,
+) -> Result<Vec<String>> {
     let mut notes = Vec::new();
     let motion = match motion_from_poses(&results.poses, flight.vehicle, bars) {
         Ok(motion) => motion,
@@ -132,7 +142,7 @@ pub fn identify_into(results: &mut RunResults, flight: &Flight<'_>, bars: &Bars)
 }
 
 /// Errors of poses and motion against truth.
-pub fn scores_of(results: &RunResults, truth: &[TruthRow]) -> Scores {
+pub(crate) fn scores_of(results: &RunResults, truth: &[TruthRow]) -> Scores {
     Scores {
         poses: score_poses(&results.poses, truth),
         motion: results.motion.as_ref().and_then(|m| score_motion(m, truth)),
@@ -141,7 +151,7 @@ pub fn scores_of(results: &RunResults, truth: &[TruthRow]) -> Scores {
 }
 
 /// Writes every result file and the report, and prints the summary.
-pub fn finish(
+pub(crate) fn finish(
     flight: &Flight<'_>,
     mut results: RunResults,
     notes: Vec<String>,

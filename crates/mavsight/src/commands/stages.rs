@@ -23,7 +23,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// `mavsight simulate`
-pub fn simulate(args: &Simulate) -> Result<()> {
+pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     let vehicle = vehicle_of(args.vehicle.as_deref())?;
     let scenario = scenario_of(args.scenario.as_deref())?;
     if args.print_scenario {
@@ -44,7 +44,7 @@ pub fn simulate(args: &Simulate) -> Result<()> {
 }
 
 /// `mavsight film`
-pub fn film(args: &Film) -> Result<()> {
+pub(crate) fn film(args: &Film) -> Result<()> {
     let vehicle = named(load_vehicle(&args.flight.join("vehicle.toml")))?;
     let truth = named(read_truth(&args.flight.join("truth.csv")))?;
     let inputs = named(read_inputs(&args.flight.join("inputs.csv")))?;
@@ -146,7 +146,7 @@ fn write_video(
 }
 
 /// `mavsight calibrate`
-pub fn calibrate(args: &Stage) -> Result<()> {
+pub(crate) fn calibrate(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     let bars = Bars::new();
     let rig = rig_of(&session, &bars)?;
@@ -156,7 +156,7 @@ pub fn calibrate(args: &Stage) -> Result<()> {
 }
 
 /// `mavsight track`
-pub fn track(args: &Stage) -> Result<()> {
+pub(crate) fn track(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     let rig = named(read_rig(&args.out.join(names::RIG)))?;
     let wanted: Vec<&str> = session.cameras.iter().map(|c| c.name.as_str()).collect();
@@ -198,13 +198,14 @@ fn put(mut results: RunResults, out: &Path) -> Result<()> {
 }
 
 /// `mavsight identify`
-pub fn identify(args: &Identify) -> Result<()> {
+pub(crate) fn identify(args: &Identify) -> Result<()> {
     let vehicle = named(load_vehicle(&args.vehicle))?;
     let inputs = named(read_inputs(&args.inputs))?;
     let marker_names: Vec<String> = vehicle.marker.iter().map(|m| m.name.clone()).collect();
     let poses = named(read_poses(&args.pose, &marker_names))?;
     let bars = Bars::new();
-    let mut results = RunResults { session: vehicle.name.clone(), marker_names, poses, ..RunResults::default() };
+    let mut results =
+        RunResults { session: vehicle.name.clone(), marker_names, poses, ..RunResults::default() };
     let flight = Flight { name: &vehicle.name, vehicle: &vehicle, inputs: &inputs, truth: None };
     let notes = identify_into(&mut results, &flight, &bars)?;
     bars.done();
@@ -219,7 +220,7 @@ pub fn identify(args: &Identify) -> Result<()> {
 }
 
 /// `mavsight report`
-pub fn report(args: &Stage) -> Result<()> {
+pub(crate) fn report(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     let inputs = named(session.inputs())?;
     let truth: Option<Vec<TruthRow>> = named(session.truth())?;

@@ -30,7 +30,14 @@ fn original() -> &'static Path {
             let scenario = dir.path().join("scenario.toml");
             std::fs::write(&scenario, SCENARIO).expect("the scenario is written");
             let flight = dir.path().join("flight");
-            mavsight().arg("simulate").arg("--scenario").arg(&scenario).arg("--out").arg(&flight).assert().success();
+            mavsight()
+                .arg("simulate")
+                .arg("--scenario")
+                .arg(&scenario)
+                .arg("--out")
+                .arg(&flight)
+                .assert()
+                .success();
             mavsight().arg("film").arg(&flight).arg("--out").arg(&flight).assert().success();
             dir
         })
@@ -92,7 +99,8 @@ impl Session {
         }
         let messages = message.lines().filter(|line| line.starts_with("mavsight: ")).count();
         assert_eq!(messages, 1, "one message, not: {message}");
-        let left: Vec<_> = std::fs::read_dir(&out).map(|d| d.flatten().map(|e| e.file_name()).collect()).unwrap_or_default();
+        let left: Vec<_> =
+            std::fs::read_dir(&out).map(|d| d.flatten().map(|e| e.file_name()).collect()).unwrap_or_default();
         assert!(left.is_empty(), "left behind: {left:?}");
     }
 }

@@ -1,0 +1,259 @@
+//! The figures of the report, numbered as in the paper.
+
+use crate::page::Page;
+use anyhow::{Context, Result};
+use mavsight_geometry::{EulerAngles, Vector2, Vector3};
+use mavsight_identify::Estimator;
+use mavsight_report::{Chart, Curve, Figure, Panel, Role, draw, png_figure};
+use mavsight_scene::draw_path;
+use mavsight_session::TruthRow;
+use mavsight_vision::Frame;
+
+fn curve(label: &str, role: Role, points: impl Iterator<Item = (f64, f64)>) -> Curve {
+    Curve { label: label.to_owned(), role, points: points.collect() }
+}
+
+fn figure(caption: &str, panels: Vec<Panel>) -> Result<Figure> {
+    Ok(Figure { caption: caption.to_owned(), markup: draw(&Chart { panels })? })
+}
+
+fn seconds(t_ns: i64) -> f64 {
+    t_ns as f64 * 1e-9
+}
+
+/// Figure 4: the object as the first camera sees it; figure 6: the path of the flight over a frame of each camera.
+pub(crate) fn pictures(page: &Page<'_>) -> Result<Vec<Figure>> {
+    let mut figures = Vec::new();
+    let Some(rig) = &page.results.rig else { return Ok(figures) };
+    let path: Vec<Option<Vector3<f64>>> = page
+        .results
+        .poses
+        .iter()
+        .map(|p| p.estimate.as_ref().map(|e| e.world_from_body.translation.vector))
+        .collect();
+    for (k, (camera, frame)) in rig.cameras.iter().zip(page.frames).enumerate() {
+        let seen: Vec<Vector2<f64>> = path
+            .iter()
+            .map(|p| {
+                p.and_then(|p| camera.camera.project(&p).ok()).map_or(Vector2::repeat(f64::NAN), |s| s.pixel)
+            })
+            .collect();
+        if let Some(first) = seen.iter().find(|p| k == 0 && p.x.is_finite()) {
+            figures.push(png_figure(
+                "Figure 4: the observed object, from the first frame of the first camera.",
+                &close_up(frame, first)?,
+            ));
+        }
+        let mut rgb = frame.to_rgb();
+        draw_path(&mut rgb, frame.size, &seen, [0, 0, 0], 3.5);
+        draw_path(&mut rgb, frame.size, &seen, [255, 255, 255], 1.8);
+        let caption = format!("Figure 6: path of the body origin over the first frame of {}.", camera.name);
+        figures.push(png_figure(caption, &png(&rgb, frame.size.width_px, frame.size.height_px)?));
+    }
+    Ok(figures)
+}
+
+/// A window of a quarter of the frame around a point, enlarged fourfold.
+fn close_up(frame: &Frame, at: &Vector2<f64>) -> Result<Vec<u8>> {
+    const ENLARGE: u32 = 4;
+    let (width, height) = (frame.size.width_px / 4, frame.size.height_px / 5);
+    let place =
+        |c: f64, half: u32, end: u32| (c - f64::from(half / 2)).clamp(0.0, f64::from(end - half)) as u32;
+    let (x0, y0) = (place(at.x, width, frame.size.width_px), place(at.y, height, frame.size.height_px));
+    let mut rgb = Vec::with_capacity((width * height * ENLARGE * ENLARGE * 3) as usize);
+    for y in 0..height * ENLARGE {
+        for x in 0..width * ENLARGE {
+            rgb.extend(frame.rgb((x0 + x / ENLARGE) as usize, (y0 + y / ENLARGE) as usize));
+        }
+    }
+    png(&rgb, width * ENLARGE, height * ENLARGE)
+}
+
+fn png(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let image = image::RgbImage::from_raw(width, height, rgb.to_vec()).context("the picture has its size")?;
+    image.write_to(&mut bytes, image::ImageFormat::Png)?;
+    Ok(bytes.into_inner())
+}
+
+/// Figure 7.
+pub(crate) fn inputs(page: &Page<'_>) -> Result<Figure> {
+    let samples = page.flight.inputs.samples();
+    let series = |f: &dyn Fn(&mavsight_flight::InputSample) -> f64| -> Vec<(f64, f64)> {
+        samples.iter().map(|s| (s.t_s, f(s))).collect()
+    };
+    let panel = |axis: &str, curves: Vec<(&str, Role, Vec<(f64, f64)>)>| Panel {
+        axis: axis.to_owned(),
+        curves: curves.into_iter().map(|(l, r, p)| curve(l, r, p.into_iter())).collect(),
+    };
+    figure(
+        "Figure 7: recorded inputs.",
+        vec![
+            panel(
+                "rotor speed, rad/s",
+                vec![
+                    ("upper rotor, longitudinal", Role::Estimate, series(&|s| s.omega_u_rad_s)),
+                    ("lower rotor, lateral", Role::Model, series(&|s| s.omega_l_rad_s)),
+                ],
+            ),
+            panel(
+                "swash-plate, °",
+                vec![
+                    ("upper rotor, longitudinal", Role::Estimate, series(&|s| s.delta_lon_rad.to_degrees())),
+                    ("lower rotor, lateral", Role::Model, series(&|s| s.delta_lat_rad.to_degrees())),
+                ],
+            ),
+        ],
+    )
+}
+
+type OfTruth = fn(&TruthRow) -> f64;
+
+/// One panel of truth, smoothed motion and, where it exists, single measurements.
+fn motion_panel(
+    page: &Page<'_>,
+    axis: &str,
+    of_truth: OfTruth,
+    smoothed: &dyn Fn(&mavsight_pose::MotionSample) -> f64,
+    measured: Option<&dyn Fn(&mavsight_geometry::Isometry3<f64>) -> f64>,
+) -> Panel {
+    let mut curves = Vec::new();
+    if let Some(measured) = measured {
+        let points = page.results.poses.iter().map(|p| {
+            (seconds(p.t_ns), p.estimate.as_ref().map_or(f64::NAN, |e| measured(&e.world_from_body)))
+        });
+        curves.push(curve("single frames", Role::Measured, points));
+    }
+    if let Some(motion) = &page.results.motion {
+        curves.push(curve(
+            "smoothed",
+            Role::Estimate,
+            motion.samples.iter().map(|s| (seconds(s.t_ns), smoothed(s))),
+        ));
+    }
+    if let Some(truth) = page.flight.truth {
+        curves.push(curve("truth", Role::Truth, truth.iter().map(|r| (r.t_s, of_truth(r)))));
+    }
+    Panel { axis: axis.to_owned(), curves }
+}
+
+/// Figures 8 to 11.
+pub(crate) fn motion(page: &Page<'_>) -> Result<Vec<Figure>> {
+    if page.results.motion.is_none() {
+        return Ok(vec![]);
+    }
+    let deg = |r: f64| r.to_degrees();
+    let place = |axis: &str, k: usize, t: OfTruth| {
+        motion_panel(
+            page,
+            axis,
+            t,
+            &|s| s.world_from_body.translation.vector[k],
+            Some(&|p| p.translation.vector[k]),
+        )
+    };
+    let angle = |axis: &str, pick: fn(&EulerAngles) -> f64, t: OfTruth| {
+        let of = move |p: &mavsight_geometry::Isometry3<f64>| {
+            pick(&EulerAngles::from_world_from_body(p)).to_degrees()
+        };
+        motion_panel(page, axis, t, &|s| of(&s.world_from_body), Some(&of))
+    };
+    let speed =
+        |axis: &str, k: usize, t: OfTruth| motion_panel(page, axis, t, &|s| s.velocity_in_body_m_s[k], None);
+    let rate =
+        |axis: &str, k: usize, t: OfTruth| motion_panel(page, axis, t, &|s| deg(s.rates_rad_s[k]), None);
+    Ok(vec![
+        figure(
+            "Figure 8: position in the world.",
+            vec![place("X, m", 0, |r| r.x_m), place("Y, m", 1, |r| r.y_m), place("Z, m", 2, |r| r.z_m)],
+        )?,
+        figure(
+            "Figure 9: attitude.",
+            vec![
+                angle("roll φ, °", |e| e.phi_rad, |r| r.phi_rad.to_degrees()),
+                angle("pitch θ, °", |e| e.theta_rad, |r| r.theta_rad.to_degrees()),
+                angle("yaw ψ, °", |e| e.psi_rad, |r| r.psi_rad.to_degrees()),
+            ],
+        )?,
+        figure(
+            "Figure 10: velocity in body axes.",
+            vec![
+                speed("u, m/s", 0, |r| r.u_m_s),
+                speed("v, m/s", 1, |r| r.v_m_s),
+                speed("w, m/s", 2, |r| r.w_m_s),
+            ],
+        )?,
+        figure(
+            "Figure 11: angular rates in body axes.",
+            vec![
+                rate("p, °/s", 0, |r| r.p_rad_s.to_degrees()),
+                rate("q, °/s", 1, |r| r.q_rad_s.to_degrees()),
+                rate("r, °/s", 2, |r| r.r_rad_s.to_degrees()),
+            ],
+        )?,
+    ])
+}
+
+/// Figure 12, and what the fit leaves.
+pub(crate) fn coefficients(page: &Page<'_>) -> Result<Vec<Figure>> {
+    let (Some(table), Some(identification)) = (&page.results.coefficients, &page.results.identification)
+    else {
+        return Ok(vec![]);
+    };
+    let mut panels = Vec::new();
+    let mut left = Vec::new();
+    for output in &table.outputs {
+        let Some(fit) = identification.fit(&output.name, Estimator::TotalLeastSquares) else { continue };
+        let inside = |t: f64| t >= table.window_s.0 && t <= table.window_s.1;
+        let in_window = |values: Vec<f64>| -> Vec<(f64, f64)> {
+            table.t_s.iter().copied().zip(values).filter(|p| inside(p.0)).collect()
+        };
+        panels.push(Panel {
+            axis: output.name.clone(),
+            curves: vec![
+                curve("from the motion", Role::Estimate, in_window(output.values.clone()).into_iter()),
+                curve("total least squares", Role::Model, in_window(fit.fitted.clone()).into_iter()),
+            ],
+        });
+        let residual = output.values.iter().zip(&fit.fitted).map(|(a, b)| a - b).collect();
+        let points = in_window(residual).into_iter();
+        left.push(Panel {
+            axis: format!("Δ {}", output.name),
+            curves: vec![curve("residual", Role::Estimate, points)],
+        });
+    }
+    Ok(vec![
+        figure(
+            "Figure 12: coefficients from the motion and from the fitted model, inside the window that is fitted.",
+            panels,
+        )?,
+        figure("Residuals of figure 12.", left)?,
+    ])
+}
+
+/// How good each frame was.
+pub(crate) fn quality(page: &Page<'_>) -> Result<Vec<Figure>> {
+    let poses = &page.results.poses;
+    let series = |f: &dyn Fn(&mavsight_pose::PoseEstimate) -> f64| -> Vec<(f64, f64)> {
+        poses.iter().map(|p| (seconds(p.t_ns), p.estimate.as_ref().map_or(f64::NAN, f))).collect()
+    };
+    if !poses.iter().any(|p| p.estimate.is_some()) {
+        return Ok(vec![]);
+    }
+    let panel = |axis: &str, points: Vec<(f64, f64)>| Panel {
+        axis: axis.to_owned(),
+        curves: vec![curve("single frames", Role::Estimate, points.into_iter())],
+    };
+    let spread = |e: &mavsight_pose::PoseEstimate| 1e3 * e.covariance.fixed_view::<3, 3>(0, 0).trace().sqrt();
+    let turn = |e: &mavsight_pose::PoseEstimate| {
+        (e.covariance.fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt().to_degrees()
+    };
+    Ok(vec![figure(
+        "Each frame: what reprojection leaves, and the predicted errors of position (3-D) and attitude (an axis).",
+        vec![
+            panel("residual, px", series(&|e| e.residual_px)),
+            panel("position, mm", series(&spread)),
+            panel("attitude, °", series(&turn)),
+        ],
+    )?])
+}

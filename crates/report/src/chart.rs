@@ -1,0 +1,223 @@
+//! Stacked panels over one time axis, as SVG.
+
+use crate::ReportError;
+use plotters::prelude::*;
+
+/// What a curve shows; decides its colour, width and dashes together, so that no reader depends on hue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Known truth: black, dashed.
+    Truth,
+    /// Single measurements: small dots.
+    Measured,
+    /// The estimate: blue, solid.
+    Estimate,
+    /// A fitted model, or a second quantity: vermilion, solid, thin.
+    Model,
+}
+
+impl Role {
+    /// Okabe & Ito (2008).
+    fn color(self) -> RGBColor {
+        match self {
+            Self::Truth => RGBColor(0, 0, 0),
+            Self::Measured => RGBColor(86, 180, 233),
+            Self::Estimate => RGBColor(0, 114, 178),
+            Self::Model => RGBColor(213, 94, 0),
+        }
+    }
+}
+
+/// One curve; points that are not finite break it.
+#[derive(Debug, Clone)]
+pub struct Curve {
+    /// In the legend.
+    pub label: String,
+    /// How it is drawn.
+    pub role: Role,
+    /// Time in seconds and value.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// One panel.
+#[derive(Debug, Clone)]
+pub struct Panel {
+    /// Quantity and unit, beside the axis.
+    pub axis: String,
+    /// Curves, drawn in order.
+    pub curves: Vec<Curve>,
+}
+
+/// Panels over one time axis.
+#[derive(Debug, Clone)]
+pub struct Chart {
+    /// From top to bottom.
+    pub panels: Vec<Panel>,
+}
+
+const WIDTH: u32 = 860;
+const PANEL_HEIGHT: u32 = 200;
+const LEGEND_HEIGHT: u32 = 34;
+const FONT: &str = "sans-serif";
+
+/// Draws a chart as an SVG element that scales with the page.
+///
+/// # Errors
+/// [`ReportError::Plot`] when a chart has no finite point, or the plotting library refuses.
+pub fn draw(chart: &Chart) -> Result<String, ReportError> {
+    let failed = |e: String| ReportError::Plot(e);
+    let points = chart.panels.iter().flat_map(|p| &p.curves).flat_map(|c| &c.points);
+    let (start, end) =
+        bounds(points.map(|p| p.0)).ok_or_else(|| failed("a chart has no finite point".to_owned()))?;
+    let height = LEGEND_HEIGHT + PANEL_HEIGHT * chart.panels.len() as u32 + 24;
+    let mut svg = String::new();
+    {
+        let root = SVGBackend::with_string(&mut svg, (WIDTH, height)).into_drawing_area();
+        root.fill(&WHITE).map_err(|e| failed(e.to_string()))?;
+        let (head, body) = root.split_vertically(LEGEND_HEIGHT);
+        legend(&head, chart).map_err(|e| failed(e.to_string()))?;
+        let areas = body.split_evenly((chart.panels.len(), 1));
+        for (k, (area, panel)) in areas.iter().zip(&chart.panels).enumerate() {
+            let last = k + 1 == chart.panels.len();
+            draw_panel(area, panel, (start, end), last).map_err(|e| failed(e.to_string()))?;
+        }
+        root.present().map_err(|e| failed(e.to_string()))?;
+    }
+    Ok(scalable(&svg, height))
+}
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
+type Drawn<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
+
+fn legend<'a>(area: &Area<'a>, chart: &Chart) -> Drawn<'a> {
+    let mut seen: Vec<&str> = Vec::new();
+    let mut x = 96;
+    for curve in chart.panels.iter().flat_map(|p| &p.curves) {
+        if seen.contains(&curve.label.as_str()) {
+            continue;
+        }
+        seen.push(&curve.label);
+        let y = 16;
+        stroke(area, curve.role, &[(x, y), (x + 32, y)])?;
+        area.draw(&Text::new(curve.label.clone(), (x + 40, y - 8), (FONT, 17)))?;
+        x += 64 + 9 * i32::try_from(curve.label.chars().count()).unwrap_or(20);
+    }
+    Ok(())
+}
+
+/// A sample of a role's stroke.
+fn stroke<'a>(area: &Area<'a>, role: Role, points: &[(i32, i32); 2]) -> Drawn<'a> {
+    let style = role.color().stroke_width(if role == Role::Model { 2 } else { 3 });
+    match role {
+        Role::Truth => area.draw(&plotters::element::DashedPathElement::new(points.to_vec(), 7, 5, style)),
+        Role::Measured => {
+            for k in 0..4 {
+                area.draw(&Circle::new((points[0].0 + 4 + 8 * k, points[0].1), 2, role.color().filled()))?;
+            }
+            Ok(())
+        }
+        Role::Estimate | Role::Model => area.draw(&PathElement::new(points.to_vec(), style)),
+    }
+}
+
+fn draw_panel<'a>(area: &Area<'a>, panel: &Panel, (start, end): (f64, f64), last: bool) -> Drawn<'a> {
+    let values = panel.curves.iter().flat_map(|c| &c.points).map(|p| p.1);
+    let (low, high) = bounds(values).unwrap_or((-1.0, 1.0));
+    let floor = 1e-9_f64.max(1e-6 * low.abs().max(high.abs()));
+    let margin = (0.08 * (high - low)).max(floor);
+    let mut chart = ChartBuilder::on(area)
+        .margin_right(18)
+        .margin_top(8)
+        .x_label_area_size(if last { 44 } else { 12 })
+        .y_label_area_size(96)
+        .build_cartesian_2d(start..end, (low - margin)..(high + margin))?;
+    let span = high - low + 2.0 * margin;
+    chart
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(RGBColor(222, 222, 222))
+        .axis_style(RGBColor(120, 120, 120))
+        .label_style((FONT, 16))
+        .axis_desc_style((FONT, 17))
+        .x_labels(11)
+        .y_labels(5)
+        .x_desc(if last { "time, s" } else { "" })
+        .y_desc(panel.axis.as_str())
+        .x_label_formatter(&|x| {
+            if last {
+                format!("{x:.4}").trim_end_matches('0').trim_end_matches('.').to_owned()
+            } else {
+                String::new()
+            }
+        })
+        .y_label_formatter(&|y| tick(*y, span))
+        .draw()?;
+    for curve in &panel.curves {
+        let style = curve.role.color().stroke_width(if curve.role == Role::Model { 1 } else { 2 });
+        for run in curve.points.split(|p| !(p.0.is_finite() && p.1.is_finite())).filter(|r| !r.is_empty()) {
+            match curve.role {
+                Role::Truth => {
+                    chart.draw_series(DashedLineSeries::new(run.iter().copied(), 7, 5, style))?;
+                }
+                Role::Measured => {
+                    chart.draw_series(run.iter().map(|p| Circle::new(*p, 2, curve.role.color().filled())))?;
+                }
+                Role::Estimate | Role::Model => {
+                    chart.draw_series(LineSeries::new(run.iter().copied(), style))?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A tick's label with as many digits as the axis' span asks for.
+fn tick(value: f64, span: f64) -> String {
+    if value.abs() < 1e-9 * span {
+        return "0".to_owned();
+    }
+    if span < 1e-2 || span > 1e5 {
+        return format!("{value:.2e}");
+    }
+    let digits = (2.0 - span.log10().floor()).clamp(0.0, 5.0) as usize;
+    format!("{value:.digits$}")
+}
+
+fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    values.filter(|v| v.is_finite()).fold(None, |b, v| match b {
+        None => Some((v, v)),
+        Some((low, high)) => Some((f64::min(low, v), f64::max(high, v))),
+    })
+}
+
+/// Lets the page choose the width.
+fn scalable(svg: &str, height: u32) -> String {
+    let fixed = format!("<svg width=\"{WIDTH}\" height=\"{height}\"");
+    let free = "<svg role=\"img\"";
+    svg.replacen(&fixed, free, 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chart(points: Vec<(f64, f64)>) -> Chart {
+        let curve = Curve { label: "a <b>".to_owned(), role: Role::Estimate, points };
+        Chart { panels: vec![Panel { axis: "x, m".to_owned(), curves: vec![curve] }] }
+    }
+
+    #[test]
+    fn what_is_not_finite_breaks_the_line_and_never_reaches_the_page() {
+        let svg = draw(&chart(vec![(0.0, 1.0), (1.0, 2.0), (2.0, f64::NAN), (3.0, 1.0), (4.0, 1.5)]))
+            .expect("a plot");
+        assert!(!svg.contains("NaN") && !svg.contains("inf"));
+        assert_eq!(svg.matches("stroke=\"#0072B2\"").count(), 3, "two runs and the legend");
+        assert!(svg.contains("a &lt;b&gt;") && svg.contains("viewBox"));
+    }
+
+    #[test]
+    fn a_constant_and_a_single_point_have_axes_and_nothing_is_an_error() {
+        assert!(draw(&chart(vec![(0.0, 5.0), (1.0, 5.0)])).is_ok());
+        assert!(matches!(draw(&chart(vec![(f64::NAN, 1.0)])), Err(ReportError::Plot(_))));
+    }
+}
