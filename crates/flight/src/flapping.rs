@@ -120,7 +120,12 @@ pub fn from_rate(times_s: &[f64], rate_rad_s: &[f64], time_constant_s: f64) -> V
 /// # Errors
 /// [`FlightError::InputsDoNotCover`] outside the series.
 pub fn interpolate(times_s: &[f64], values: &[f64], t_s: f64) -> Result<f64, FlightError> {
-    let (start_s, end_s) = (times_s[0], times_s[times_s.len() - 1]);
+    let (Some(&start_s), Some(&end_s)) = (times_s.first(), times_s.last()) else {
+        return Err(FlightError::TooFewInputs { found: 0 });
+    };
+    if times_s.len() < 2 || values.len() != times_s.len() {
+        return Err(FlightError::TooFewInputs { found: values.len().min(times_s.len()) });
+    }
     if !(t_s >= start_s - 1e-6 && t_s <= end_s + 1e-6) {
         return Err(FlightError::InputsDoNotCover { t_s, start_s, end_s });
     }

@@ -1,7 +1,8 @@
 //! Coefficients and regressors of equation 3 from motion and inputs.
 
 use crate::IdentifyError;
-use mavsight_flight::{InputSeries, Vehicle, flapping, thrust_n};
+use mavsight_flight::flapping::{self, Between};
+use mavsight_flight::{InputSeries, Vehicle, thrust_n};
 use mavsight_pose::{Motion, lowpass_like};
 use std::f64::consts::PI;
 
@@ -143,7 +144,7 @@ impl Sources<'_> {
         let flybar = flapping::from_rate(self.t_s, self.q, rotor.flap_time_flybar_s);
         let lower_rate = flapping::from_rate(self.t_s, self.q, rotor.flap_time_lower_s);
         let (lower_swash, _) = flapping::lower_from_swashplate(self.inputs, rotor);
-        let lower_swash = self.onto_frames(&lower_swash, bandwidth_hz)?;
+        let lower_swash = self.onto_frames(&lower_swash, Between::Line, bandwidth_hz)?;
         let delta: Vec<f64> = samples.iter().map(|s| s.delta_lon_rad).collect();
         let upper: Vec<f64> = samples.iter().map(|s| thrust_n(self.vehicle, s).upper_n).collect();
         let lower: Vec<f64> = samples.iter().map(|s| thrust_n(self.vehicle, s).lower_n).collect();
@@ -163,9 +164,9 @@ impl Sources<'_> {
                 rotor.flap_time_lower_s * rate_std,
             ),
             column("q", self.q.to_vec(), rate_std),
-            column("delta_lon", self.onto_frames(&delta, bandwidth_hz)?, 0.0),
-            column("T_u", self.onto_frames(&upper, bandwidth_hz)?, 0.0),
-            column("T_l", self.onto_frames(&lower, bandwidth_hz)?, 0.0),
+            column("delta_lon", self.onto_frames(&delta, Between::Hold, bandwidth_hz)?, 0.0),
+            column("T_u", self.onto_frames(&upper, Between::Hold, bandwidth_hz)?, 0.0),
+            column("T_l", self.onto_frames(&lower, Between::Hold, bandwidth_hz)?, 0.0),
         ])
     }
 
@@ -178,27 +179,32 @@ impl Sources<'_> {
         (mean(4), mean(10))
     }
 
-    /// A series on the inputs' times, low-passed on a fine regular grid and read off at the frames.
-    fn onto_frames(&self, series: &[f64], bandwidth_hz: f64) -> Result<Vec<f64>, IdentifyError> {
+    /// A series on the inputs' times, low-passed on a regular grid of their mean interval and read off at the frames.
+    ///
+    /// A series that holds steps at a grid point: its value there is the mean of what it steps from and to.
+    fn onto_frames(
+        &self,
+        series: &[f64],
+        between: Between,
+        bandwidth_hz: f64,
+    ) -> Result<Vec<f64>, IdentifyError> {
         let first = series.first().copied().unwrap_or(0.0);
         if series.iter().all(|v| *v == first) {
             return Ok(vec![first; self.t_s.len()]);
         }
-        let samples = self.inputs.samples();
-        let times_s: Vec<f64> = samples.iter().map(|s| s.t_s).collect();
+        let times_s: Vec<f64> = self.inputs.samples().iter().map(|s| s.t_s).collect();
         let (start_s, end_s) = (self.inputs.start_s(), self.inputs.end_s());
-        let step_s = (end_s - start_s) / (samples.len() - 1) as f64;
-        // A sample that holds until the next lies, on average, in the middle of its interval.
-        let held: Vec<f64> = (0..samples.len())
-            .map(|k| {
-                let t_s = start_s + step_s * k as f64;
-                let middle = times_s.partition_point(|t| *t <= t_s + 0.5 * step_s - 1e-9).max(1) - 1;
-                let before = times_s.partition_point(|t| *t <= t_s - 0.5 * step_s + 1e-9).max(1) - 1;
-                0.5 * (series[middle] + series[before])
+        let step_s = (end_s - start_s) / (times_s.len() - 1) as f64;
+        let grid_s: Vec<f64> = (0..times_s.len()).map(|k| start_s + step_s * k as f64).collect();
+        let held_at = |t_s: f64| series[times_s.partition_point(|t| *t <= t_s).max(1) - 1];
+        let regular = grid_s
+            .iter()
+            .map(|t_s| match between {
+                Between::Hold => Ok(0.5 * (held_at(t_s + 0.5 * step_s) + held_at(t_s - 0.5 * step_s))),
+                Between::Line => flapping::interpolate(&times_s, series, *t_s),
             })
-            .collect();
-        let smooth = lowpass_like(&held, step_s, bandwidth_hz);
-        let grid_s: Vec<f64> = (0..samples.len()).map(|k| start_s + step_s * k as f64).collect();
+            .collect::<Result<Vec<f64>, _>>()?;
+        let smooth = lowpass_like(&regular, step_s, bandwidth_hz);
         self.t_s
             .iter()
             .map(|t| flapping::interpolate(&grid_s, &smooth, *t).map_err(IdentifyError::from))

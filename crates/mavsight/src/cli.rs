@@ -97,6 +97,9 @@ pub(crate) struct Simulate {
     /// Scenario file; the paper's doublet where left out
     #[arg(long, value_name = "FILE")]
     pub(crate) scenario: Option<PathBuf>,
+    /// Recorded inputs to fly in place of the scenario's manoeuvres
+    #[arg(long, value_name = "FILE")]
+    pub(crate) inputs: Option<PathBuf>,
     /// Print the paper's scenario as a file to start from
     #[arg(long)]
     pub(crate) print_scenario: bool,

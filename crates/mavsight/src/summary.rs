@@ -143,11 +143,17 @@ impl Summary {
         };
         let position = mean(&|e| e.covariance.fixed_view::<3, 3>(0, 0).trace()).sqrt();
         let attitude = mean(&|e| e.covariance.fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt();
-        self.number("poses", "position_std_mm", "predicted position error (3-D)", 1e3 * position, "mm");
+        self.number(
+            "poses",
+            "position_std_mm",
+            "predicted position error (3-D), cameras taken as exact",
+            1e3 * position,
+            "mm",
+        );
         self.number(
             "poses",
             "attitude_std_deg",
-            "predicted attitude error (an axis)",
+            "predicted attitude error (an axis), cameras taken as exact",
             attitude.to_degrees(),
             "°",
         );
@@ -185,7 +191,13 @@ impl Summary {
                 motion.samples.iter().map(|s| s.covariance.fixed_view::<3, 3>(from, from).trace()).sum();
             (sum / n).sqrt()
         };
-        self.number("motion", "position_std_mm", "predicted position error (3-D)", 1e3 * mean(0), "mm");
+        self.number(
+            "motion",
+            "position_std_mm",
+            "predicted position error (3-D), cameras taken as exact",
+            1e3 * mean(0),
+            "mm",
+        );
         let pitch: f64 = motion
             .samples
             .iter()
@@ -193,7 +205,13 @@ impl Summary {
                 euler_std(&s.world_from_body, &s.covariance.fixed_view::<3, 3>(3, 3).into_owned()).y.powi(2)
             })
             .sum();
-        self.number("motion", "theta_std_deg", "predicted pitch error", (pitch / n).sqrt().to_degrees(), "°");
+        self.number(
+            "motion",
+            "theta_std_deg",
+            "predicted pitch error, cameras taken as exact",
+            (pitch / n).sqrt().to_degrees(),
+            "°",
+        );
     }
 
     fn fits(&mut self, results: &RunResults) {

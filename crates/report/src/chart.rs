@@ -123,8 +123,9 @@ fn stroke<'a>(area: &Area<'a>, role: Role, points: &[(i32, i32); 2]) -> Drawn<'a
 fn draw_panel<'a>(area: &Area<'a>, panel: &Panel, (start, end): (f64, f64), last: bool) -> Drawn<'a> {
     let values = panel.curves.iter().flat_map(|c| &c.points).map(|p| p.1);
     let (low, high) = bounds(values).unwrap_or((-1.0, 1.0));
-    let floor = 1e-9_f64.max(1e-6 * low.abs().max(high.abs()));
-    let margin = (0.08 * (high - low)).max(floor);
+    // A constant gets an axis of a thousandth of its size, so that its ticks can be told apart.
+    let floor = 1e-9_f64.max(2e-3 * low.abs().max(high.abs()));
+    let margin = if high > low { 0.08 * (high - low) } else { floor };
     let mut chart = ChartBuilder::on(area)
         .margin_right(18)
         .margin_top(8)
@@ -179,7 +180,7 @@ fn tick(value: f64, span: f64) -> String {
     if span < 1e-2 || span > 1e5 {
         return format!("{value:.2e}");
     }
-    let digits = (2.0 - span.log10().floor()).clamp(0.0, 5.0) as usize;
+    let digits = (1.0 - span.log10().floor()).clamp(0.0, 5.0) as usize;
     format!("{value:.digits$}")
 }
 

@@ -188,12 +188,12 @@ mod tests {
     #[test]
     fn a_known_error_is_reported_as_such() {
         let truth: Vec<TruthRow> = (0..10)
-            .map(|k| TruthRow { t_s: 0.1 * f64::from(k), psi_rad: 3.14, ..Default::default() })
+            .map(|k| TruthRow { t_s: 0.1 * f64::from(k), psi_rad: 3.0, ..Default::default() })
             .collect();
         let poses: Vec<PoseSample> = (0..10)
             .map(|k| {
                 let off = Vector3::new(0.003, 0.0, 0.004);
-                let turned = EulerAngles { psi_rad: -3.14, theta_rad: 0.01, ..Default::default() };
+                let turned = EulerAngles { psi_rad: -3.0, theta_rad: 0.01, ..Default::default() };
                 PoseSample {
                     t_ns: k * 100_000_000,
                     estimate: Some(mavsight_pose::PoseEstimate {
@@ -211,7 +211,7 @@ mod tests {
         assert_eq!(errors.compared, 10);
         assert!((errors.position_rms_mm - 5.0).abs() < 1e-9);
         assert!((errors.attitude_rms_deg[1] - 0.01_f64.to_degrees()).abs() < 1e-9);
-        let across = (std::f64::consts::TAU - 6.28).to_degrees();
+        let across = (std::f64::consts::TAU - 6.0).to_degrees();
         assert!((errors.attitude_rms_deg[2] - across).abs() < 1e-9, "yaw is compared across the half turn");
         assert_eq!(score_poses(&poses, &[]), None);
     }

@@ -33,7 +33,10 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
         print!("{}", toml::to_string(&vehicle)?);
     }
     let Some(out) = &args.out else { return Ok(()) };
-    let inputs = scenario.inputs(&vehicle)?;
+    let inputs = match &args.inputs {
+        Some(path) => named(read_inputs(path))?,
+        None => scenario.inputs(&vehicle)?,
+    };
     let states = mavsight_flight::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
     make_folder(out)?;
     write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
