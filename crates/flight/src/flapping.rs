@@ -109,10 +109,35 @@ pub fn lower_from_swashplate(inputs: &InputSeries, rotor: &Rotor) -> (Vec<f64>, 
 }
 
 /// The part of a rotor's flapping that a body rate drives, from rest: the response to -rate with the rotor's time
-/// constant.
-pub fn from_rate(times_s: &[f64], rate_rad_s: &[f64], time_constant_s: f64) -> Vec<f64> {
-    let forcing: Vec<f64> = rate_rad_s.iter().map(|r| -r).collect();
-    first_order_response(times_s, &forcing, Between::Line, time_constant_s, 0.0)
+/// constant, exact for a rate that is the cubic between samples that its values and accelerations determine.
+///
+/// Straight lines between frames of 1/30 s would miss h²/12 of the acceleration, which biases the coefficients that
+/// the same acceleration is fitted by. All three series must have one value a time, and times must increase.
+pub fn from_rate(
+    times_s: &[f64],
+    rate_rad_s: &[f64],
+    acceleration_rad_s2: &[f64],
+    time_constant_s: f64,
+) -> Vec<f64> {
+    let tau = time_constant_s;
+    let mut out = Vec::with_capacity(times_s.len());
+    let mut x = 0.0;
+    for k in 0..times_s.len().min(rate_rad_s.len()).min(acceleration_rad_s2.len()) {
+        if k > 0 {
+            let h = times_s[k] - times_s[k - 1];
+            let (f0, f1) = (-rate_rad_s[k - 1], -rate_rad_s[k]);
+            let (d0, d1) = (-acceleration_rad_s2[k - 1], -acceleration_rad_s2[k]);
+            let c2 = (3.0 * (f1 - f0) / h - 2.0 * d0 - d1) / h;
+            let c3 = (2.0 * (f0 - f1) / h + d0 + d1) / (h * h);
+            // x' = -x/τ + f is solved by τ f - τ² df + τ³ d²f - τ⁴ d³f for a cubic f, up to a decaying part.
+            let particular = |f: f64, d: f64, dd: f64| tau * (f - tau * (d - tau * (dd - tau * 6.0 * c3)));
+            let start = particular(f0, d0, 2.0 * c2);
+            let end = particular(f1, d1, 2.0 * c2 + 6.0 * c3 * h);
+            x = (x - start) * (-h / tau).exp() + end;
+        }
+        out.push(x);
+    }
+    out
 }
 
 /// Linear interpolation of a series at a time.
@@ -150,6 +175,21 @@ mod tests {
                 let particular = |t: f64| -> f64 { tau * (offset + slope * (t - tau)) };
                 let closed: f64 = particular(*t) + (start - particular(0.0)) * (-t / tau).exp();
                 prop_assert!((x - closed).abs() < 1e-11 * (1.0 + closed.abs() + tau * tau));
+            }
+        }
+    }
+
+    #[test]
+    fn a_sine_of_rate_is_answered_by_the_closed_form() {
+        let (w, times) = (9.0, (0..200).map(|k| f64::from(k) / 30.0).collect::<Vec<f64>>());
+        let rate: Vec<f64> = times.iter().map(|t| (w * t).sin()).collect();
+        let acceleration: Vec<f64> = times.iter().map(|t| w * (w * t).cos()).collect();
+        for tau in [0.05, 3.0] {
+            let got = from_rate(&times, &rate, &acceleration, tau);
+            for (t, x) in times.iter().zip(got) {
+                let gain = tau / (1.0 + (w * tau).powi(2));
+                let closed = -gain * ((w * t).sin() - w * tau * (w * t).cos() + w * tau * (-t / tau).exp());
+                assert!((x - closed).abs() < 2e-5, "{tau} {t}: {x} is not {closed}");
             }
         }
     }

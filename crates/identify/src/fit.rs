@@ -1,4 +1,4 @@
-//! The fits of one flight: least squares, total least squares, and least squares with idle terms left out.
+//! The fits of one flight by least squares and by total least squares.
 
 use crate::dependence::{Dependence, independent_columns};
 use crate::regressors::Output;
@@ -14,8 +14,6 @@ pub enum Estimator {
     LeastSquares,
     /// Total least squares with exact columns held exact.
     TotalLeastSquares,
-    /// Least squares without the terms whose removal lowers PRESS (backward elimination; Klein & Morelli 2006, 5.4).
-    Reduced,
 }
 
 impl Estimator {
@@ -24,13 +22,12 @@ impl Estimator {
         match self {
             Self::LeastSquares => "ols",
             Self::TotalLeastSquares => "tls",
-            Self::Reduced => "ols_reduced",
         }
     }
 
     /// The estimator of a name.
     pub fn from_name(name: &str) -> Option<Self> {
-        [Self::LeastSquares, Self::TotalLeastSquares, Self::Reduced].into_iter().find(|e| e.name() == name)
+        [Self::LeastSquares, Self::TotalLeastSquares].into_iter().find(|e| e.name() == name)
     }
 }
 
@@ -125,7 +122,7 @@ pub fn identify(table: &CoefficientTable) -> Result<Identification, IdentifyErro
     let mut fits = Vec::new();
     for output in &table.outputs {
         let problem = Problem::new(table, output)?;
-        for estimator in [Estimator::LeastSquares, Estimator::TotalLeastSquares, Estimator::Reduced] {
+        for estimator in [Estimator::LeastSquares, Estimator::TotalLeastSquares] {
             fits.push(problem.fit(estimator)?);
         }
     }
@@ -161,56 +158,24 @@ impl<'a> Problem<'a> {
     fn fit(&self, estimator: Estimator) -> Result<OutputFit, IdentifyError> {
         let independent = &self.dependence.independent;
         let basis = self.x.select_columns(independent);
-        let (kept, values, covariance) = match estimator {
+        let (values, covariance) = match estimator {
             Estimator::LeastSquares => {
                 let fit = least_squares(&basis, &self.y, self.lag)?;
-                ((0..independent.len()).collect(), fit.values, fit.covariance)
+                (fit.values, fit.covariance)
             }
             Estimator::TotalLeastSquares => {
                 let std: Vec<f64> = independent.iter().map(|j| self.output.columns[*j].std).collect();
                 let fit = total_least_squares(&basis, &self.y, &std, self.output_std, self.lag)?;
-                ((0..independent.len()).collect(), fit.values, fit.covariance)
+                (fit.values, fit.covariance)
             }
-            Estimator::Reduced => self.reduce(&basis)?,
         };
-        Ok(self.report(estimator, &kept, &values, &covariance))
+        Ok(self.report(estimator, &values, &covariance))
     }
 
-    /// Backward elimination: as long as PRESS falls, the term goes whose removal lowers it most.
-    fn reduce(
-        &self,
-        basis: &DMatrix<f64>,
-    ) -> Result<(Vec<usize>, DVector<f64>, DMatrix<f64>), IdentifyError> {
-        let mut kept: Vec<usize> = (0..basis.ncols()).collect();
-        let mut best = least_squares(basis, &self.y, self.lag)?;
-        while kept.len() > 1 {
-            let mut better = None;
-            for position in 0..kept.len() {
-                let mut fewer = kept.clone();
-                fewer.remove(position);
-                let fit = least_squares(&basis.select_columns(&fewer), &self.y, self.lag)?;
-                if better.as_ref().is_none_or(|(press, _, _)| fit.press < *press) {
-                    better = Some((fit.press, fewer, fit));
-                }
-            }
-            match better {
-                Some((press, fewer, fit)) if press < best.press => (kept, best) = (fewer, fit),
-                _ => break,
-            }
-        }
-        Ok((kept, best.values, best.covariance))
-    }
-
-    /// Puts estimates of the kept columns (positions among the independent ones) into the model's order.
-    fn report(
-        &self,
-        estimator: Estimator,
-        kept: &[usize],
-        values: &DVector<f64>,
-        covariance: &DMatrix<f64>,
-    ) -> OutputFit {
+    /// Puts estimates of the independent columns into the model's order.
+    fn report(&self, estimator: Estimator, values: &DVector<f64>, covariance: &DMatrix<f64>) -> OutputFit {
         let independent = &self.dependence.independent;
-        let degrees = self.x.nrows() - kept.len();
+        let degrees = self.x.nrows() - independent.len();
         let t = student_quantile_975(degrees);
         let mut parameters: Vec<Parameter> = self
             .output
@@ -227,18 +192,17 @@ impl<'a> Problem<'a> {
             .collect();
         let mut combinations = Vec::new();
         let mut full = DVector::zeros(self.x.ncols());
-        for (k, position) in kept.iter().enumerate() {
-            let (value, std) = (values[k], covariance[(k, k)].max(0.0).sqrt());
-            let column = independent[*position];
+        for (position, column) in independent.iter().copied().enumerate() {
+            let (value, std) = (values[position], covariance[(position, position)].max(0.0).sqrt());
             full[column] = value;
-            if self.dependence.stands_alone(*position) {
+            if self.dependence.stands_alone(position) {
                 let p = &mut parameters[column];
                 p.identifiable = true;
                 (p.value, p.std) = (Some(value), Some(std));
                 (p.ci_low, p.ci_high) = (Some(value - t * std), Some(value + t * std));
             } else {
                 combinations.push(Combination {
-                    text: verdict::combination(self.output, &self.dependence, *position),
+                    text: verdict::combination(self.output, &self.dependence, position),
                     value,
                     std,
                 });

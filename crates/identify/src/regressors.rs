@@ -82,7 +82,8 @@ pub fn coefficients(
     };
     let scale = force_scales_n(&t_s, inputs, vehicle)?;
     let q: Vec<f64> = motion.samples.iter().map(|s| s.rates_rad_s.y).collect();
-    let sources = Sources { t_s: &t_s, q: &q, motion, inputs, vehicle };
+    let q_dot: Vec<f64> = motion.samples.iter().map(|s| s.angular_acceleration_rad_s2.y).collect();
+    let sources = Sources { t_s: &t_s, q: &q, q_dot: &q_dot, motion, inputs, vehicle };
     let inertia = vehicle.inertia_kg_m2[1] / vehicle.rotor.radius_m;
     let plan = [
         ("C_X", motion.translation_bandwidth_hz, vehicle.mass_kg, 12),
@@ -131,6 +132,7 @@ fn force_scales_n(t_s: &[f64], inputs: &InputSeries, vehicle: &Vehicle) -> Resul
 struct Sources<'a> {
     t_s: &'a [f64],
     q: &'a [f64],
+    q_dot: &'a [f64],
     motion: &'a Motion,
     inputs: &'a InputSeries,
     vehicle: &'a Vehicle,
@@ -141,8 +143,8 @@ impl Sources<'_> {
     fn columns(&self, bandwidth_hz: f64) -> Result<Vec<Column>, IdentifyError> {
         let rotor = &self.vehicle.rotor;
         let samples = self.inputs.samples();
-        let flybar = flapping::from_rate(self.t_s, self.q, rotor.flap_time_flybar_s);
-        let lower_rate = flapping::from_rate(self.t_s, self.q, rotor.flap_time_lower_s);
+        let flybar = flapping::from_rate(self.t_s, self.q, self.q_dot, rotor.flap_time_flybar_s);
+        let lower_rate = flapping::from_rate(self.t_s, self.q, self.q_dot, rotor.flap_time_lower_s);
         let (lower_swash, _) = flapping::lower_from_swashplate(self.inputs, rotor);
         let lower_swash = self.onto_frames(&lower_swash, Between::Line, bandwidth_hz)?;
         let delta: Vec<f64> = samples.iter().map(|s| s.delta_lon_rad).collect();

@@ -35,7 +35,11 @@ pub fn total_least_squares(
 ) -> Result<TotalLeastSquares, IdentifyError> {
     check(regressors, output)?;
     let count = regressors.ncols();
-    if column_std.len() != count || !(output_std > 0.0) || column_std.iter().any(|s| !(*s >= 0.0)) {
+    if column_std.len() != count
+        || output_std.is_nan()
+        || output_std <= 0.0
+        || column_std.iter().any(|s| s.is_nan() || *s < 0.0)
+    {
         return Err(IdentifyError::BadColumn { what: "standard deviations".to_owned(), rows: count });
     }
     let exact: Vec<usize> = (0..count).filter(|j| column_std[*j] == 0.0).collect();

@@ -9,6 +9,9 @@ use mavsight_scene::draw_path;
 use mavsight_session::TruthRow;
 use mavsight_vision::Frame;
 
+/// A value at each instant.
+type Of<'a, T> = &'a dyn Fn(&T) -> f64;
+
 fn curve(label: &str, role: Role, points: impl Iterator<Item = (f64, f64)>) -> Curve {
     Curve { label: label.to_owned(), role, points: points.collect() }
 }
@@ -76,13 +79,16 @@ fn png(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>> {
     Ok(bytes.into_inner())
 }
 
+/// Label, role and points of a curve.
+type Line = (&'static str, Role, Vec<(f64, f64)>);
+
 /// Figure 7.
 pub(crate) fn inputs(page: &Page<'_>) -> Result<Figure> {
     let samples = page.flight.inputs.samples();
-    let series = |f: &dyn Fn(&mavsight_flight::InputSample) -> f64| -> Vec<(f64, f64)> {
+    let series = |f: Of<'_, mavsight_flight::InputSample>| -> Vec<(f64, f64)> {
         samples.iter().map(|s| (s.t_s, f(s))).collect()
     };
-    let panel = |axis: &str, curves: Vec<(&str, Role, Vec<(f64, f64)>)>| Panel {
+    let panel = |axis: &str, curves: Vec<Line>| Panel {
         axis: axis.to_owned(),
         curves: curves.into_iter().map(|(l, r, p)| curve(l, r, p.into_iter())).collect(),
     };
@@ -114,8 +120,8 @@ fn motion_panel(
     page: &Page<'_>,
     axis: &str,
     of_truth: OfTruth,
-    smoothed: &dyn Fn(&mavsight_pose::MotionSample) -> f64,
-    measured: Option<&dyn Fn(&mavsight_geometry::Isometry3<f64>) -> f64>,
+    smoothed: Of<'_, mavsight_pose::MotionSample>,
+    measured: Option<Of<'_, mavsight_geometry::Isometry3<f64>>>,
 ) -> Panel {
     let mut curves = Vec::new();
     if let Some(measured) = measured {
@@ -234,7 +240,7 @@ pub(crate) fn coefficients(page: &Page<'_>) -> Result<Vec<Figure>> {
 /// How good each frame was.
 pub(crate) fn quality(page: &Page<'_>) -> Result<Vec<Figure>> {
     let poses = &page.results.poses;
-    let series = |f: &dyn Fn(&mavsight_pose::PoseEstimate) -> f64| -> Vec<(f64, f64)> {
+    let series = |f: Of<'_, mavsight_pose::PoseEstimate>| -> Vec<(f64, f64)> {
         poses.iter().map(|p| (seconds(p.t_ns), p.estimate.as_ref().map_or(f64::NAN, f))).collect()
     };
     if !poses.iter().any(|p| p.estimate.is_some()) {

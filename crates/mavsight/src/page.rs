@@ -168,13 +168,7 @@ fn parameter_tables(results: &RunResults) -> Vec<Table> {
         let Some(table) = tables.iter_mut().find(|t| t.caption == caption) else { continue };
         let show = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:+.3e}"));
         for p in &fit.parameters {
-            let verdict = if p.identifiable {
-                ""
-            } else if fit.combinations.iter().any(|c| c.text.contains(&format!(",{}", p.name))) {
-                "only in a combination"
-            } else {
-                "left out"
-            };
+            let verdict = if p.identifiable { "" } else { "only in a combination" };
             let name = format!("{},{}", fit.output, p.name);
             table.rows.push(vec![
                 name,
@@ -203,7 +197,6 @@ fn parameter_tables(results: &RunResults) -> Vec<Table> {
 fn estimator(name: &str) -> &'static str {
     match name {
         "tls" => "total least squares with exact columns",
-        "ols" => "least squares",
-        _ => "least squares without the terms that do not help prediction",
+        _ => "least squares",
     }
 }

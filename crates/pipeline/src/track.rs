@@ -22,7 +22,10 @@ pub struct Tracked {
     pub poses: Vec<PoseSample>,
 }
 
-type Sighting = Result<(i64, Vec<Option<BallCandidate>>), PipelineError>;
+/// What one camera saw at one time stamp, by marker.
+type Seen = (i64, Vec<Option<BallCandidate>>);
+
+type Sighting = Result<Seen, PipelineError>;
 
 /// Runs every feed through detection and tracking, joins the cameras in time, and estimates one pose an instant.
 ///
@@ -118,7 +121,7 @@ fn join(
     let mut previous: Option<Isometry3<f64>> = None;
     let mut interval_ns: Option<i64> = None;
     loop {
-        let instant: Vec<Option<(i64, Vec<Option<BallCandidate>>)>> =
+        let instant: Vec<Option<Seen>> =
             sightings.iter().map(|s| s.recv().ok().transpose()).collect::<Result<_, _>>()?;
         if instant.iter().all(Option::is_none) {
             break;
@@ -146,10 +149,10 @@ fn join(
 /// All cameras' sightings of one instant; a camera that has ended before the others is an error with both counts.
 fn whole_instant(
     names: &[String],
-    instant: Vec<Option<(i64, Vec<Option<BallCandidate>>)>>,
+    instant: Vec<Option<Seen>>,
     sightings: &[Receiver<Sighting>],
     frame: usize,
-) -> Result<Vec<(i64, Vec<Option<BallCandidate>>)>, PipelineError> {
+) -> Result<Vec<Seen>, PipelineError> {
     if let Some(ended) = instant.iter().position(Option::is_none) {
         let longer = instant.iter().position(Option::is_some).unwrap_or(ended);
         let mut longer_frames = frame + 1;
@@ -172,7 +175,7 @@ fn whole_instant(
 
 fn check_in_step(
     names: &[String],
-    instant: &[(i64, Vec<Option<BallCandidate>>)],
+    instant: &[Seen],
     frame: usize,
     interval_ns: Option<i64>,
 ) -> Result<(), PipelineError> {
@@ -192,7 +195,7 @@ fn check_in_step(
     Ok(())
 }
 
-fn observations_at(t_ns: i64, instant: &[(i64, Vec<Option<BallCandidate>>)]) -> Vec<MarkerObservation> {
+fn observations_at(t_ns: i64, instant: &[Seen]) -> Vec<MarkerObservation> {
     let mut seen = Vec::new();
     for (camera, (_, balls)) in instant.iter().enumerate() {
         for (marker, ball) in balls.iter().enumerate() {

@@ -177,7 +177,7 @@ fn tick(value: f64, span: f64) -> String {
     if value.abs() < 1e-9 * span {
         return "0".to_owned();
     }
-    if span < 1e-2 || span > 1e5 {
+    if !(1e-2..=1e5).contains(&span) {
         return format!("{value:.2e}");
     }
     let digits = (1.0 - span.log10().floor()).clamp(0.0, 5.0) as usize;

@@ -102,7 +102,7 @@ impl<'a> Film<'a> {
 }
 
 fn gaussian(std_px: f64) -> Vec<f32> {
-    if !(std_px > 0.0) {
+    if std_px.is_nan() || std_px <= 0.0 {
         return vec![1.0];
     }
     let reach = (4.0 * std_px).ceil() as i32;

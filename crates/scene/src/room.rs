@@ -121,15 +121,15 @@ impl Room {
 
     /// The first surface along a ray, and its paint's colour there with the light it sends out by itself.
     pub(crate) fn meet(&self, ray: &Ray) -> Option<(Hit, [f64; 3], f64)> {
-        let mut best = shell(ray).map(|(hit, paint)| (hit, paint));
+        let mut best = shell(ray);
         for item in &self.items {
             if !reaches(ray, &item.bound, best.map_or(f64::MAX, |b| b.0.distance_m)) {
                 continue;
             }
-            if let Some(hit) = item.shape.meet(ray) {
-                if best.is_none_or(|(b, _)| hit.distance_m < b.distance_m) {
-                    best = Some((hit, item.paint));
-                }
+            if let Some(hit) = item.shape.meet(ray)
+                && best.is_none_or(|(b, _)| hit.distance_m < b.distance_m)
+            {
+                best = Some((hit, item.paint));
             }
         }
         best.map(|(hit, paint)| {

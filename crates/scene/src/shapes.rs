@@ -83,7 +83,7 @@ impl Shape {
             Self::Capsule { from, to, radius } => meet_capsule(ray, from, to, *radius),
             Self::Ring { centre, inner, outer } => {
                 let t = (centre.z - ray.origin.z) / ray.direction.z;
-                if !(t > NEAR_M) {
+                if t.is_nan() || t <= NEAR_M {
                     return None;
                 }
                 let p = ray.origin + ray.direction * t - centre;

@@ -36,7 +36,7 @@ pub struct MotionErrors {
 /// Error of one parameter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ParameterError {
-    /// `ols`, `tls` or `ols_reduced`.
+    /// `ols` or `tls`.
     pub estimator: &'static str,
     /// Such as `C_m,alpha_u`.
     pub name: String,
@@ -147,7 +147,7 @@ pub fn score_parameters(identification: &Identification, truth: &ModelCoefficien
         ("C_m", "alpha_l", truth.cm_alpha_l),
     ];
     let mut errors = Vec::new();
-    for estimator in [Estimator::LeastSquares, Estimator::TotalLeastSquares, Estimator::Reduced] {
+    for estimator in [Estimator::LeastSquares, Estimator::TotalLeastSquares] {
         for (output, name, truth) in wanted {
             let parameter = identification
                 .fit(output, estimator)

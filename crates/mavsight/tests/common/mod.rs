@@ -18,7 +18,7 @@ maneuver = []
 "#;
 
 /// The program under test.
-pub fn mavsight() -> Command {
+pub(crate) fn mavsight() -> Command {
     Command::new(env!("CARGO_BIN_EXE_mavsight"))
 }
 
@@ -45,25 +45,25 @@ fn original() -> &'static Path {
 }
 
 /// A session that may be spoilt.
-pub struct Session {
+pub(crate) struct Session {
     dir: TempDir,
 }
 
 impl Session {
     /// A fresh copy of the short flight.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let dir = TempDir::new().expect("a folder for the copy");
         copy(&original().join("flight"), dir.path());
         Self { dir }
     }
 
     /// A file of it.
-    pub fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.dir.path().join(name)
     }
 
     /// Replaces text that must be there.
-    pub fn replace(&self, file: &str, from: &str, to: &str) -> &Self {
+    pub(crate) fn replace(&self, file: &str, from: &str, to: &str) -> &Self {
         let text = std::fs::read_to_string(self.path(file)).expect("the file is there");
         assert!(text.contains(from), "{file} does not contain {from:?}:\n{text}");
         std::fs::write(self.path(file), text.replacen(from, to, 1)).expect("the file is written");
@@ -71,7 +71,7 @@ impl Session {
     }
 
     /// Changes the lines of a file.
-    pub fn edit_lines(&self, file: &str, change: impl FnOnce(&mut Vec<String>)) -> &Self {
+    pub(crate) fn edit_lines(&self, file: &str, change: impl FnOnce(&mut Vec<String>)) -> &Self {
         let text = std::fs::read_to_string(self.path(file)).expect("the file is there");
         let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
         change(&mut lines);
@@ -80,12 +80,12 @@ impl Session {
     }
 
     /// Runs the chain, which must refuse: one message that holds every given word, status 1 or 2, no result file.
-    pub fn is_refused(&self, words: &[&str]) {
+    pub(crate) fn is_refused(&self, words: &[&str]) {
         self.is_refused_with(words, |command| command);
     }
 
     /// The same with a changed environment.
-    pub fn is_refused_with(&self, words: &[&str], change: impl FnOnce(&mut Command) -> &mut Command) {
+    pub(crate) fn is_refused_with(&self, words: &[&str], change: impl FnOnce(&mut Command) -> &mut Command) {
         let out = self.path("results");
         let mut command = mavsight();
         command.arg("run").arg(self.path("session.toml")).arg("--out").arg(&out);
