@@ -1,8 +1,10 @@
 //! From control points to a rig of cameras with their uncertainty.
 
 use crate::PoseError;
-use mavsight_geometry::{Camera, ControlPoint, Dlt, DltFit, ImageSize, Matrix3, Vector2, Vector3};
-use nalgebra::SMatrix;
+use mavsight_geometry::{
+    CAMERA_PARAMETERS, Camera, ControlPoint, Dlt, DltFit, ImageSize, Matrix3, Vector2, Vector3,
+};
+use nalgebra::{DMatrix, SMatrix};
 
 /// What one camera saw of the control frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,13 +41,29 @@ pub struct RigCamera {
 }
 
 /// Cameras that share one world.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Rig {
     /// In the order of the session.
     pub cameras: Vec<RigCamera>,
+    /// What is not known of the cameras: 16 rows a camera ([`mavsight_geometry::CameraChange`]), each column one standard
+    /// deviation along one of the independent directions of error, so that the covariance of all cameras is U Uᵀ. No
+    /// columns: the cameras count as exact.
+    pub uncertainty: DMatrix<f64>,
+}
+
+impl Default for Rig {
+    fn default() -> Self {
+        Self { cameras: Vec::new(), uncertainty: DMatrix::zeros(0, 0) }
+    }
 }
 
 impl Rig {
+    /// Cameras that count as exact.
+    pub fn exact(cameras: Vec<RigCamera>) -> Self {
+        let rows = CAMERA_PARAMETERS * cameras.len();
+        Self { cameras, uncertainty: DMatrix::zeros(rows, 0) }
+    }
+
     /// All places of control points, once per camera that saw them.
     pub fn control_points_in_world(&self) -> Vec<Vector3<f64>> {
         self.cameras.iter().flat_map(|c| c.points_in_world_m.iter().copied()).collect()
@@ -68,7 +86,7 @@ pub fn calibrate(controls: &[CameraControl]) -> Result<Rig, PoseError> {
         return Err(PoseError::NoCameras { found: 0 });
     }
     let cameras = controls.iter().map(calibrate_one).collect::<Result<_, _>>()?;
-    Ok(Rig { cameras })
+    Ok(Rig::exact(cameras))
 }
 
 fn calibrate_one(control: &CameraControl) -> Result<RigCamera, PoseError> {

@@ -6,7 +6,7 @@ use mavsight_geometry::{
     Camera, GeometryError, Isometry3, Matrix2, Matrix6, UnitQuaternion, Vector2, Vector3, rigid_fit,
     triangulate,
 };
-use nalgebra::{Point3, Translation3, Vector6};
+use nalgebra::{Matrix6xX, Point3, Translation3, Vector6};
 
 /// One marker seen by one camera.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,9 +39,13 @@ pub struct BodyMarker {
 pub struct PoseEstimate {
     /// The pose.
     pub world_from_body: Isometry3<f64>,
-    /// Position in world axes (m²), then a small turn about body axes (rad²): t + δt, R exp(δθ). From the pixels'
-    /// covariances, inflated by the reduced chi-square where that is above 1; the cameras count as exact.
+    /// Position in world axes (m²), then a small turn about body axes (rad²): t + δt, R exp(δθ). All that is
+    /// not known: pixels, cameras and marker positions.
     pub covariance: Matrix6<f64>,
+    /// The part of the covariance that is not new in each frame: what the same errors of cameras and marker positions do
+    /// to this pose. Each column is one standard deviation along one independent direction, the same directions in
+    /// all poses of a flight; the covariance holds S Sᵀ. No columns: none is known.
+    pub systematic: Matrix6xX<f64>,
     /// Markers that entered, ascending.
     pub markers_used: Vec<usize>,
     /// Markers that were seen but disagree with the rigid body, ascending.
@@ -153,6 +157,7 @@ impl PoseEstimator {
         Ok(PoseEstimate {
             world_from_body: solution.world_from_body,
             covariance: inverse * solution.variance_factor(),
+            systematic: Matrix6xX::zeros(0),
             markers_used: used,
             left_out,
             residual_px: solution.residual_px(),

@@ -51,6 +51,7 @@ fn pose_sample(t_ns: i64) -> PoseSample {
     let attitude = EulerAngles { phi_rad: 0.3, theta_rad: -0.4, psi_rad: 2.0 };
     let covariance = Matrix6::from_diagonal(&[1e-6, 4e-6, 9e-6, 1e-4, 2e-4, 3e-4].into());
     let estimate = PoseEstimate {
+        systematic: nalgebra::Matrix6xX::zeros(0),
         world_from_body: world_from_body(Vector3::new(0.1, -0.2, 1.5), attitude),
         covariance,
         markers_used: vec![0, 2],

@@ -11,6 +11,7 @@ fn pose(t_ns: i64, world_from_body: Isometry3<f64>, std: (f64, f64)) -> PoseSamp
     let mut covariance = Matrix6::identity() * std.0 * std.0;
     covariance.fixed_view_mut::<3, 3>(3, 3).fill_diagonal(std.1 * std.1);
     let estimate = PoseEstimate {
+        systematic: nalgebra::Matrix6xX::zeros(0),
         world_from_body,
         covariance,
         markers_used: vec![],

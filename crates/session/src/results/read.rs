@@ -5,7 +5,7 @@ use crate::table::{Row, Table};
 use crate::{SessionError, error::require_file};
 use mavsight_geometry::{EulerAngles, Matrix2, Matrix3, Matrix6, Vector2, Vector3, world_from_body};
 use mavsight_pose::{MarkerObservation, Motion, MotionSample, PoseEstimate, PoseSample};
-use nalgebra::SMatrix;
+use nalgebra::{Matrix6xX, SMatrix};
 use std::path::Path;
 
 /// What a pose without `_std` columns is taken to be good to: a millimetre and a milliradian. Only their ratio matters,
@@ -75,6 +75,7 @@ pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample
         let pose = row.numbers(values)?;
         let used = markers.map(|c| row.text(c)).unwrap_or("");
         let estimate = PoseEstimate {
+            systematic: Matrix6xX::zeros(0),
             covariance: covariance(&pose, &std_cells(row, stds)?),
             world_from_body: isometry(&pose),
             markers_used: marker_names

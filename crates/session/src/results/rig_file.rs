@@ -132,7 +132,7 @@ pub fn read_rig(path: &Path) -> Result<Rig, SessionError> {
         let name = entry.name.clone();
         camera(entry).map_err(|detail| refuse(format!("camera {name}"), detail))
     });
-    Ok(Rig { cameras: cameras.collect::<Result<_, _>>()? })
+    Ok(Rig::exact(cameras.collect::<Result<_, _>>()?))
 }
 
 fn camera(entry: CameraEntry) -> Result<RigCamera, &'static str> {
