@@ -1,46 +1,82 @@
-//! Cholesky factors in place, on rows of a slice, for matrices whose size changes from ball to ball.
+//! Cholesky factor of a symmetric matrix whose entries are near the diagonal, in place, by rows of the lower triangle.
 
-/// Replaces the lower triangle of a symmetric matrix by its factor; false where it is not positive definite.
-pub(super) fn factor(a: &mut [f64], n: usize) -> bool {
-    for i in 0..n {
-        let (above, row) = a.split_at_mut(i * n);
-        for j in 0..i {
-            let other = &above[j * n..j * n + j + 1];
-            let sum: f64 = row[..j].iter().zip(other).map(|(x, y)| x * y).sum();
-            row[j] = (row[j] - sum) / other[j];
-        }
-        let left = row[i] - row[..i].iter().map(|x| x * x).sum::<f64>();
-        if left.is_nan() || left <= 0.0 {
-            return false;
-        }
-        row[i] = left.sqrt();
-    }
-    true
+/// A lower triangle of which each row begins at its own column. Reused, so that nothing is allocated once it has grown.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Skyline {
+    /// First column of each row, and where the row's numbers start.
+    rows: Vec<(usize, usize)>,
+    values: Vec<f64>,
 }
 
-/// Solves L X = B in place for the lower factor of [`factor`]; B has `n` rows of `width` numbers.
-pub(super) fn whiten<const WIDTH: usize>(factor: &[f64], n: usize, b: &mut [[f64; WIDTH]]) {
-    for i in 0..n {
-        let (done, rest) = b.split_at_mut(i);
-        let row = &mut rest[0];
-        for (l, other) in factor[i * n..i * n + i].iter().zip(done) {
-            for (x, y) in row.iter_mut().zip(other.iter()) {
-                *x -= l * y;
+impl Skyline {
+    pub(super) fn clear(&mut self) {
+        self.rows.clear();
+        self.values.clear();
+    }
+
+    /// Number of rows.
+    pub(super) fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Appends a row whose entries before column `first` are zero and whose last one is on the diagonal.
+    pub(super) fn push(&mut self, first: usize, entries: impl Iterator<Item = f64>) {
+        self.rows.push((first, self.values.len()));
+        self.values.extend(entries);
+    }
+
+    /// The entries of a row with their columns.
+    pub(super) fn row(&self, i: usize) -> (usize, &[f64]) {
+        let (first, start) = self.rows[i];
+        (first, &self.values[start..=start + i - first])
+    }
+
+    /// Copies a matrix with its entries changed.
+    pub(super) fn copy(&mut self, from: &Self, change: impl Fn(usize, usize, f64) -> f64) {
+        self.rows.clone_from(&from.rows);
+        self.values.clear();
+        for i in 0..from.len() {
+            let (first, row) = from.row(i);
+            self.values.extend(row.iter().enumerate().map(|(k, v)| change(i, first + k, *v)));
+        }
+    }
+
+    /// Replaces the matrix by its factor; false where it is not positive definite.
+    pub(super) fn factor(&mut self) -> bool {
+        for i in 0..self.rows.len() {
+            let (first, start) = self.rows[i];
+            let (done, rest) = self.values.split_at_mut(start);
+            let row = &mut rest[..=i - first];
+            for j in first..i {
+                let (other_first, other_start) = self.rows[j];
+                let from = first.max(other_first);
+                let other = &done[other_start + from - other_first..other_start + j - other_first];
+                let sum: f64 = row[from - first..j - first].iter().zip(other).map(|(a, b)| a * b).sum();
+                row[j - first] = (row[j - first] - sum) / done[other_start + j - other_first];
             }
+            let left = row[i - first] - row[..i - first].iter().map(|a| a * a).sum::<f64>();
+            if left.is_nan() || left <= 0.0 {
+                return false;
+            }
+            row[i - first] = left.sqrt();
         }
-        let scale = factor[i * n + i].recip();
-        for x in row.iter_mut() {
-            *x *= scale;
-        }
+        true
     }
-}
 
-/// The same for one column of B, stored as a slice.
-pub(super) fn whiten_column(factor: &[f64], n: usize, b: &mut [f64]) {
-    for i in 0..n {
-        let (done, rest) = b.split_at_mut(i);
-        let sum: f64 = factor[i * n..i * n + i].iter().zip(done.iter()).map(|(l, x)| l * x).sum();
-        rest[0] = (rest[0] - sum) / factor[i * n + i];
+    /// Solves L X = B in place, L being this factor.
+    pub(super) fn whiten<const WIDTH: usize>(&self, b: &mut [[f64; WIDTH]]) {
+        for i in 0..self.rows.len() {
+            let (first, row) = self.row(i);
+            let (done, rest) = b.split_at_mut(i);
+            let target = &mut rest[0];
+            for (l, other) in row.iter().zip(&done[first..]) {
+                for (x, y) in target.iter_mut().zip(other) {
+                    *x -= l * y;
+                }
+            }
+            let scale = row[i - first].recip();
+            target.iter_mut().for_each(|x| *x *= scale);
+        }
     }
 }
 
@@ -51,19 +87,34 @@ mod tests {
 
     #[test]
     fn it_agrees_with_the_general_solver() {
-        let n = 7;
-        let b = DMatrix::from_fn(n, n, |i, j| ((i * 31 + j * 17) as f64).sin());
-        let a = &b * b.transpose() + DMatrix::identity(n, n);
-        let mut l: Vec<f64> = a.transpose().as_slice().to_vec();
-        assert!(factor(&mut l, n));
+        let (n, band) = (9_usize, 3_usize);
+        let near = |i: usize, j: usize| i.abs_diff(j) <= band;
+        let a = DMatrix::from_fn(n, n, |i, j| {
+            if i == j {
+                8.0
+            } else if near(i, j) {
+                ((i * j) as f64).sin()
+            } else {
+                0.0
+            }
+        });
+        let mut plain = Skyline::default();
+        for i in 0..n {
+            let first = i.saturating_sub(band);
+            plain.push(first, (first..=i).map(|j| a[(i, j)]));
+        }
+        let mut l = Skyline::default();
+        l.copy(&plain, |i, j, v| if i == j { v + 1.0 } else { v });
+        let a = a + DMatrix::identity(n, n);
+        assert!(l.factor());
         let rhs = DVector::from_fn(n, |i, _| i as f64 - 2.0);
-        let mut one = rhs.as_slice().to_vec();
-        whiten_column(&l, n, &mut one);
         let mut two: Vec<[f64; 2]> = rhs.iter().map(|x| [*x, 2.0 * x]).collect();
-        whiten(&l, n, &mut two);
+        l.whiten(&mut two);
         let want = rhs.dot(&a.lu().solve(&rhs).unwrap());
-        assert!((one.iter().map(|x| x * x).sum::<f64>() - want).abs() < 1e-10);
         assert!((two.iter().map(|x| x[0] * x[1]).sum::<f64>() - 2.0 * want).abs() < 1e-10);
-        assert!(!factor(&mut [1.0, 2.0, 2.0, 1.0], 2));
+        let mut indefinite = Skyline::default();
+        indefinite.push(0, [1.0].into_iter());
+        indefinite.push(0, [2.0, 1.0].into_iter());
+        assert!(!indefinite.factor());
     }
 }

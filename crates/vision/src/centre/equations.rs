@@ -1,6 +1,6 @@
 //! The equations of a ball's fit: residuals, weights and derivatives of every sample that the ball touches.
 
-use super::cholesky::{factor, whiten};
+use super::cholesky::Skyline;
 use super::model::{COUNT, Model, Parameters, RESIDUAL, Row, SITING, Shown, coverage};
 use super::surroundings::{MEDIAN_TO_DEVIATION, Surroundings, biweight, median};
 use super::{CLEAR, NOISE_STD, NOISE_WEIGHT, ROUNDING_VARIANCE, disc};
@@ -20,6 +20,9 @@ const IN_FRONT: f64 = 0.5;
 /// Clutter is taken to have half the brightness of the wall, so that one of a given variance hides this many times its
 /// relative strength of the ball.
 const HIDES: f64 = 2.0;
+
+/// Weight at which a sample no longer counts.
+const LEAST_TRUST: f64 = 1e-3;
 
 /// A pixel in use: its place in the patch and the light behind the ball there.
 #[derive(Debug, Clone, Copy)]
@@ -41,13 +44,18 @@ pub(super) struct Equations {
     blocks: Vec<u32>,
     trust: Vec<f64>,
     color_trust: Vec<f64>,
+    /// Trust, less what its neighbours spoil.
+    weight: Vec<f64>,
+    color_weight: Vec<f64>,
     shown: Vec<Shown>,
     rows: Vec<Row>,
     whitened: Vec<Row>,
     variance: Vec<f64>,
     color_rows: Vec<[Row; 2]>,
     color_variance: Vec<[f64; 2]>,
-    factor: Vec<f64>,
+    factor: Skyline,
+    /// Pixels that are not believed at all.
+    spoiled: Vec<u32>,
     surroundings: Surroundings,
     noise_variance: f64,
     /// The noise before the fit has shown more.
@@ -64,6 +72,8 @@ impl Equations {
         self.trust.resize(patch.bright.len(), 1.0);
         self.color_trust.clear();
         self.color_trust.resize(patch.colors.len(), 1.0);
+        self.weight.clone_from(&self.trust);
+        self.color_weight.clone_from(&self.color_trust);
     }
 
     /// Decides which samples the ball touches and what is behind it there.
@@ -148,25 +158,18 @@ impl Equations {
         self.whitened.clear();
         self.whitened.extend_from_slice(&self.rows);
         let mut sums = [[0.0; COUNT + 1]; COUNT];
-        let mut alone = 0;
-        for stretch in &self.surroundings.stretches {
-            let n = stretch.to - stretch.from;
-            alone = stretch.to;
-            self.factor.clear();
-            self.factor.extend_from_slice(&self.surroundings.covariance[stretch.at..stretch.at + n * n]);
-            for i in 0..n {
-                let open = self.shown[stretch.from + i].open;
-                for j in 0..=i {
-                    self.factor[i * n + j] *= open * self.shown[stretch.from + j].open;
-                }
-                self.factor[i * n + i] += self.variance[stretch.from + i];
-            }
-            if !factor(&mut self.factor, n) {
+        let stretched = self.surroundings.covariance.len();
+        if stretched > 0 {
+            let (shown, variance) = (&self.shown, &self.variance);
+            self.factor.copy(&self.surroundings.covariance, |i, j, value| {
+                shown[i].open * shown[j].open * value + if i == j { variance[i] } else { 0.0 }
+            });
+            if !self.factor.factor() {
                 return None;
             }
-            whiten(&self.factor, n, &mut self.whitened[stretch.from..stretch.to]);
+            self.factor.whiten(&mut self.whitened[..stretched]);
         }
-        for (row, variance) in self.whitened.iter_mut().zip(&self.variance).skip(alone) {
+        for (row, variance) in self.whitened.iter_mut().zip(&self.variance).skip(stretched) {
             let scale = variance.sqrt().recip();
             row.iter_mut().for_each(|x| *x *= scale);
         }
@@ -197,7 +200,7 @@ impl Equations {
             row[RESIDUAL] = patch.bright[index] - row[RESIDUAL] - patch.from_coded[0][3];
             self.rows.push(row);
             let front = over_face * shown.covered;
-            self.variance.push((self.noise_variance + front * front) / self.trust[index].max(1e-3));
+            self.variance.push((self.noise_variance + front * front) / self.weight[index].max(LEAST_TRUST));
             self.shown.push(shown);
         }
         let hidden = HIDES * self.surroundings.clutter
@@ -208,7 +211,7 @@ impl Equations {
             let block = *block as usize;
             let rows = self.color_row(patch, model, block);
             let covered = self.color_covered[block];
-            let trust = self.color_trust[block].max(1e-3);
+            let trust = self.color_weight[block].max(LEAST_TRUST);
             self.color_variance.push([0, 1].map(|k| {
                 let value = patch.colors[block][k] - rows[k][RESIDUAL] - patch.from_coded[k + 1][3];
                 let behind = (1.0 - covered).powi(2) * self.surroundings.color_variance[k];
@@ -251,38 +254,69 @@ impl Equations {
     }
 
     /// Sets the trust in each sample from its residual and, once the first fit stands, the noise from all of them.
+    ///
+    /// What is in front of the ball is no sharper than its blur, so neighbours of a sample that is not believed at all
+    /// are not believed either.
     pub(super) fn reweigh(&mut self, patch: &Patch, model: &Model, round: usize) {
         if self.normal(patch, model).is_none() {
             return;
         }
         let (mut chi_square, mut count) = (0.0, -DETERMINED);
-        for (row, used) in self.whitened.iter().zip(&self.used) {
-            chi_square += row[RESIDUAL] * row[RESIDUAL];
-            count += self.trust[used.index as usize];
-        }
-        let mut behind = variances_behind(&self.surroundings);
+        self.spoiled.clear();
         for (place, used) in self.used.iter().enumerate() {
             let index = used.index as usize;
+            chi_square += self.whitened[place][RESIDUAL].powi(2);
+            count += self.weight[index];
             let open = self.shown[place].open;
-            let own = self.variance[place] * self.trust[index].max(1e-3);
-            let variance = own + open * open * behind.next().unwrap_or(0.0);
+            let own = self.variance[place] * self.weight[index].max(LEAST_TRUST);
+            let covariance = &self.surroundings.covariance;
+            let behind =
+                if place < covariance.len() { covariance.row(place).1.last().copied() } else { None };
+            let variance = own + open * open * behind.unwrap_or(0.0);
             self.trust[index] = biweight(self.rows[place][RESIDUAL] / variance.sqrt());
+            if self.trust[index] == 0.0 {
+                self.spoiled.push(used.index);
+            }
         }
         for (place, block) in self.blocks.iter().enumerate() {
-            let trust = &mut self.color_trust[*block as usize];
+            let weight = self.color_weight[*block as usize];
             let mut worst = 0.0_f64;
             for k in 0..2 {
                 let square = self.color_rows[place][k][RESIDUAL].powi(2) / self.color_variance[place][k];
                 chi_square += square;
-                worst = worst.max(square * trust.max(1e-3));
+                worst = worst.max(square / weight.max(LEAST_TRUST));
             }
-            count += 2.0 * *trust;
-            *trust = biweight(worst.sqrt());
+            count += 2.0 * weight;
+            let trust = biweight(worst.sqrt());
+            self.color_trust[*block as usize] = trust;
+            if trust == 0.0 && patch.step == 1 {
+                self.spoiled.push(*block);
+            }
         }
+        self.spoil_neighbours(patch);
         if round > 0 {
             let guess = NOISE_WEIGHT * self.least_noise;
             let seen = (guess + chi_square * self.noise_variance) / (NOISE_WEIGHT + count.max(0.0));
             self.noise_variance = seen.max(ROUNDING_VARIANCE);
+        }
+    }
+
+    /// Takes the weight of the samples beside those that are not believed.
+    fn spoil_neighbours(&mut self, patch: &Patch) {
+        self.weight.clone_from(&self.trust);
+        self.color_weight.clone_from(&self.color_trust);
+        for index in &self.spoiled {
+            let (x, y) = (*index as usize % patch.columns, *index as usize / patch.columns);
+            for (column, row) in [(x.wrapping_sub(1), y), (x + 1, y), (x, y.wrapping_sub(1)), (x, y + 1)] {
+                if column >= patch.columns || row >= patch.rows {
+                    continue;
+                }
+                let neighbour = row * patch.columns + column;
+                self.weight[neighbour] = 0.0;
+                if patch.step == 1 {
+                    self.color_weight[neighbour] = 0.0;
+                }
+            }
         }
     }
 
@@ -323,14 +357,6 @@ fn grain_variance(patch: &Patch, values: &mut Vec<f64>) -> f64 {
     }
     // The operator's coefficients have a square sum of 36.
     median(values).map_or(0.0, |m| (MEDIAN_TO_DEVIATION * m / 6.0).powi(2))
-}
-
-/// Variances of what is behind the used pixels, in their order: those of the rim come first, and none without clutter.
-fn variances_behind(surroundings: &Surroundings) -> impl Iterator<Item = f64> + '_ {
-    surroundings.stretches.iter().flat_map(move |s| {
-        let n = s.to - s.from;
-        (0..n).map(move |i| surroundings.covariance[s.at + i * n + i])
-    })
 }
 
 /// The pixels that a colour sample averages: `each` gets pixel, weight and the weight's derivative by the siting. False

@@ -3,25 +3,30 @@
 //!
 //! Brightness: a plane, fitted robustly, and on it clutter (an arm, a skid, an edge of the wall) as a random field whose
 //! variance is that of what the plane leaves around the ball. No image is sharper than its blur, so the field's
-//! correlation is that of blurred white noise, exp(-d²/4w²) with w the width of an edge. Its mean and covariance under
-//! the ball follow by kriging (Matheron 1963; Rasmussen & Williams 2006, eq. 2.23-2.24). Where nothing but noise is left
-//! on the plane, the plane is taken as it is.
+//! correlation is that of blurred white noise, exp(-d²/4w²) with w the width of an edge. Its mean and variance under
+//! the ball follow by kriging from the nearest pixels that the ball leaves free (Matheron 1963; Rasmussen & Williams
+//! 2006, eq. 2.23-2.24); what is left unknown keeps the field's correlation. Where nothing but noise is left on the
+//! plane, the plane is taken as it is.
 //!
 //! Colour differences: one robust mean; clutter is mostly grey, and they are coarse.
 
-use super::cholesky::{factor, whiten_column};
+use super::CLEAR;
+use super::cholesky::Skyline;
 use crate::patch::Patch;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 /// Biweight cut-off with 95 % efficiency on Gaussian noise (Beaton & Tukey 1974).
-pub(super) const CUT_OFF: f64 = 4.685;
+const CUT_OFF: f64 = 4.685;
 /// A Gaussian's standard deviation over its median absolute value.
 pub(super) const MEDIAN_TO_DEVIATION: f64 = 1.4826;
-/// Width of the ring that is looked at beyond the ball's blurred rim, in edge widths: correlation beyond it is e⁻².
+/// Width of the ring that is looked at beyond the ball's blurred rim, in edge widths: correlation beyond it is e⁻⁴.
 const RING_EDGES: f64 = 4.0;
-/// Length of rim whose pixels are treated together; those of different stretches count as independent. The correlation
-/// reaches two or three pixels.
-const STRETCH_PX: f64 = 18.0;
+/// Distance in edge widths at which correlation ends.
+const FAR_EDGES: f64 = 4.0;
+/// Free pixels from which the background of one pixel is predicted: two rows of a neighbourhood of radius two.
+const NEIGHBOURS: usize = 8;
+/// Pixels to look for them in each direction.
+const REACH: i32 = 4;
 /// Clutter whose variance is below this part of the noise's does not matter.
 const LEAST_CLUTTER: f64 = 0.5;
 const ROBUST_ROUNDS: usize = 4;
@@ -35,30 +40,24 @@ pub(super) struct Disc {
     pub(super) edge_px: f64,
 }
 
-/// Pixels `from..to` of the rim's list, whose covariance starts at `at`.
+/// A pixel near the ball but free of it: place from the ball's centre and brightness.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Stretch {
-    pub(super) from: usize,
-    pub(super) to: usize,
-    pub(super) at: usize,
+struct Free {
+    place: Vector3<f64>,
+    bright: f64,
 }
 
 /// Working space and result.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Surroundings {
-    /// Pixels clear of the ball, near it.
-    clear: Vec<u32>,
-    left: Vec<f64>,
+pub(super) struct Surroundings {
+    free: Vec<Free>,
     sorted: Vec<f64>,
-    near: Vec<u32>,
     kernel: Vec<f64>,
-    cross: Vec<f64>,
-    solved: Vec<f64>,
+    deviation: Vec<f64>,
     /// Brightness expected behind each pixel of the rim.
     pub(super) mean: Vec<f64>,
-    /// Covariances of that, stretch by stretch; empty without clutter.
-    pub(super) covariance: Vec<f64>,
-    pub(super) stretches: Vec<Stretch>,
+    /// Covariance of that, in the rim's order; empty without clutter.
+    pub(super) covariance: Skyline,
     /// Standard deviation of the clutter.
     pub(super) clutter: f64,
     /// Brightness in the middle of the plane.
@@ -68,8 +67,8 @@ pub(crate) struct Surroundings {
 }
 
 impl Surroundings {
-    /// Estimates the background at the `rim` pixels, which are sorted by their angle around the disc. `clear` pixels are
-    /// those of the patch that the disc leaves free, `free` the same for colour samples; None with too few of them.
+    /// Estimates the background at the `rim` pixels, which are sorted by their angle around the disc, from how far the
+    /// disc covers each pixel and each colour sample of the patch; None with too few free ones.
     pub(super) fn estimate(
         &mut self,
         patch: &Patch,
@@ -79,125 +78,130 @@ impl Surroundings {
         noise_variance: f64,
     ) -> Option<()> {
         let reach_px = disc.radius_px + (3.0 + RING_EDGES) * disc.edge_px;
-        self.clear.clear();
-        self.clear.extend((0..patch.bright.len() as u32).filter(|i| {
-            let (x, y) = patch.place(*i as usize);
-            covered[*i as usize] < super::CLEAR && (x - disc.x_px).hypot(y - disc.y_px) < reach_px
-        }));
-        let plane = self.plane(patch, disc, noise_variance)?;
+        self.free.clear();
+        for (i, bright) in patch.bright.iter().enumerate() {
+            let (x, y) = patch.place(i);
+            let place = Vector3::new(1.0, x - disc.x_px, y - disc.y_px);
+            if covered[i] < CLEAR && place.y * place.y + place.z * place.z < reach_px * reach_px {
+                self.free.push(Free { place, bright: *bright });
+            }
+        }
+        let plane = self.plane(noise_variance)?;
         self.level = plane.x;
-        let level = |i: u32| {
-            let (x, y) = patch.place(i as usize);
+        let level = |i: usize| {
+            let (x, y) = patch.place(i);
             plane.dot(&Vector3::new(1.0, x - disc.x_px, y - disc.y_px))
         };
         self.mean.clear();
-        self.mean.extend(rim.iter().map(|i| level(*i)));
-        self.left.clear();
-        self.left.extend(self.clear.iter().map(|i| patch.bright[*i as usize] - level(*i)));
-        let mean_square = self.left.iter().map(|r| r * r).sum::<f64>() / self.left.len() as f64;
-        let clutter = mean_square - noise_variance;
-        self.covariance.clear();
-        self.stretches.clear();
+        self.mean.extend(rim.iter().map(|i| level(*i as usize)));
+        let square: f64 = self.free.iter().map(|f| (f.bright - plane.dot(&f.place)).powi(2)).sum();
+        let clutter = square / self.free.len() as f64 - noise_variance;
         self.clutter = clutter.max(0.0).sqrt();
+        self.covariance.clear();
         if clutter > LEAST_CLUTTER * noise_variance {
-            self.krige(patch, disc, rim, noise_variance)?;
+            self.krige(patch, disc, (rim, covered), noise_variance, level)?;
         }
         self.mean_color(patch, color_covered)
     }
 
-    /// Robust plane through the clear pixels: level in the middle and slopes.
-    fn plane(&mut self, patch: &Patch, disc: &Disc, noise_variance: f64) -> Option<Vector3<f64>> {
+    /// Robust plane through the free pixels: level in the middle and slopes.
+    fn plane(&mut self, noise_variance: f64) -> Option<Vector3<f64>> {
         let mut plane = Vector3::zeros();
         let mut scale = f64::INFINITY;
-        for round in 0..ROBUST_ROUNDS {
+        for _ in 0..ROBUST_ROUNDS {
             let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-            for i in &self.clear {
-                let (x, y) = patch.place(*i as usize);
-                let row = Vector3::new(1.0, x - disc.x_px, y - disc.y_px);
-                let value = patch.bright[*i as usize];
-                let weight = if round == 0 { 1.0 } else { biweight((value - plane.dot(&row)) / scale) };
-                normal += row * row.transpose() * weight;
-                right += row * (weight * value);
+            for Free { place, bright } in &self.free {
+                let weight = biweight((bright - plane.dot(place)) / scale);
+                normal += place * place.transpose() * weight;
+                right += place * (weight * bright);
             }
             plane = normal.cholesky()?.solve(&right);
             self.sorted.clear();
-            self.sorted.extend(self.clear.iter().map(|i| {
-                let (x, y) = patch.place(*i as usize);
-                (patch.bright[*i as usize] - plane.dot(&Vector3::new(1.0, x - disc.x_px, y - disc.y_px)))
-                    .abs()
-            }));
+            self.sorted.extend(self.free.iter().map(|f| (f.bright - plane.dot(&f.place)).abs()));
             scale = (MEDIAN_TO_DEVIATION * median(&mut self.sorted)?).max(noise_variance.sqrt());
         }
         Some(plane)
     }
 
-    fn krige(&mut self, patch: &Patch, disc: &Disc, rim: &[u32], noise_variance: f64) -> Option<()> {
+    /// Adds the clutter that the nearest free pixels predict to the mean of each rim pixel, and sets the covariance.
+    fn krige(
+        &mut self,
+        patch: &Patch,
+        disc: &Disc,
+        (rim, covered): (&[u32], &[f64]),
+        noise_variance: f64,
+        level: impl Fn(usize) -> f64,
+    ) -> Option<()> {
         let variance = self.clutter * self.clutter;
+        let far_px = FAR_EDGES * disc.edge_px;
         let fall = (4.0 * disc.edge_px * disc.edge_px).recip();
-        let correlated = |a: u32, b: u32| {
-            let ((ax, ay), (bx, by)) = (patch.place(a as usize), patch.place(b as usize));
-            variance * (-((ax - bx).powi(2) + (ay - by).powi(2)) * fall).exp()
+        self.kernel.clear();
+        let most = 2 * (2 * REACH) * (2 * REACH) + 1;
+        self.kernel.extend((0..most).map(|square| (-f64::from(square) * fall).exp()));
+        let correlated = |(ax, ay): (i32, i32), (bx, by): (i32, i32)| {
+            let square = (ax - bx).pow(2) + (ay - by).pow(2);
+            self.kernel.get(square as usize).copied().unwrap_or(0.0)
         };
-        let turn = |i: u32| {
-            let (x, y) = patch.place(i as usize);
-            (y - disc.y_px).atan2(x - disc.x_px)
-        };
-        let around_px = std::f64::consts::TAU * disc.radius_px;
-        let count = (around_px / STRETCH_PX).round().max(1.0) as usize;
-        let reach_rad = RING_EDGES * disc.edge_px / disc.radius_px;
-        for k in 0..count {
-            let (from, to) = (k * rim.len() / count, (k + 1) * rim.len() / count);
-            let pixels = &rim[from..to];
-            let (Some(first), Some(last)) = (pixels.first(), pixels.last()) else { continue };
-            self.near.clear();
-            let (low, high) = (turn(*first) - reach_rad, turn(*last) + reach_rad);
-            self.near.extend((0..self.clear.len() as u32).filter(|i| {
-                let at = turn(self.clear[*i as usize]);
-                count == 1
-                    || [-1.0, 0.0, 1.0]
-                        .iter()
-                        .any(|w| (low..high).contains(&(at + w * std::f64::consts::TAU)))
-            }));
-            let n = self.near.len();
-            self.kernel.clear();
-            self.kernel.resize(n * n, 0.0);
-            for i in 0..n {
-                for j in 0..=i {
-                    let (a, b) = (self.clear[self.near[i] as usize], self.clear[self.near[j] as usize]);
-                    self.kernel[i * n + j] = correlated(a, b) + if i == j { noise_variance } else { 0.0 };
+        self.deviation.clear();
+        let columns = patch.columns as i32;
+        for (mean, pixel) in self.mean.iter_mut().zip(rim) {
+            let here = (*pixel as i32 % columns, *pixel as i32 / columns);
+            let mut near = [(0, 0); NEIGHBOURS];
+            let (mut kernel, mut cross, mut left) =
+                (SMatrix::<f64, NEIGHBOURS, NEIGHBOURS>::identity(), SVector::zeros(), SVector::zeros());
+            let mut count = 0;
+            for (dx, dy) in &*BY_DISTANCE {
+                let (x, y) = (here.0 + dx, here.1 + dy);
+                if !(0..columns).contains(&x) || !(0..patch.rows as i32).contains(&y) {
+                    continue;
+                }
+                let index = (y * columns + x) as usize;
+                if covered[index] >= CLEAR {
+                    continue;
+                }
+                near[count] = (x, y);
+                for (k, other) in near[..count].iter().enumerate() {
+                    kernel[(count, k)] = variance * correlated((x, y), *other);
+                    kernel[(k, count)] = kernel[(count, k)];
+                }
+                kernel[(count, count)] = variance + noise_variance;
+                cross[count] = variance * correlated((x, y), here);
+                left[count] = patch.bright[index] - level(index);
+                count += 1;
+                if count == NEIGHBOURS {
+                    break;
                 }
             }
-            if !factor(&mut self.kernel, n) {
-                return None;
+            let weights: SVector<f64, NEIGHBOURS> = kernel.cholesky()?.solve(&cross);
+            *mean += weights.dot(&left);
+            self.deviation.push((variance - weights.dot(&cross)).max(0.0).sqrt());
+        }
+        for (i, pixel) in rim.iter().enumerate() {
+            let here = (*pixel as i32 % columns, *pixel as i32 / columns);
+            let at = |j: usize| (rim[j] as i32 % columns, rim[j] as i32 / columns);
+            // Neighbours around the disc are near in the list, save across its ends.
+            let mut first = i;
+            while first > 0 && i - first < MOST_BAND {
+                first -= 1;
             }
-            self.solved.clear();
-            self.solved.extend(self.near.iter().map(|i| self.left[*i as usize]));
-            whiten_column(&self.kernel, n, &mut self.solved);
-            self.cross.clear();
-            for pixel in pixels {
-                let start = self.cross.len();
-                self.cross.extend(self.near.iter().map(|i| correlated(*pixel, self.clear[*i as usize])));
-                whiten_column(&self.kernel, n, &mut self.cross[start..]);
-            }
-            let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-            let at = self.covariance.len();
-            for (i, a) in pixels.iter().enumerate() {
-                let row = &self.cross[i * n..(i + 1) * n];
-                self.mean[from + i] += dot(row, &self.solved);
-                for (j, b) in pixels.iter().enumerate() {
-                    self.covariance.push(correlated(*a, *b) - dot(row, &self.cross[j * n..(j + 1) * n]));
-                }
-            }
-            self.stretches.push(Stretch { from, to, at });
+            let deviation = &self.deviation;
+            let entries = (first..=i).map(|j| {
+                let ((ax, ay), (bx, by)) = (at(j), here);
+                let apart_px = f64::from((ax - bx).pow(2) + (ay - by).pow(2)).sqrt();
+                // The taper (Wendland 1995, C²) ends the correlation without making the matrix indefinite.
+                let part = (1.0 - apart_px / far_px).max(0.0);
+                let taper = part.powi(4) * (5.0 - 4.0 * part);
+                deviation[i] * deviation[j] * correlated(at(j), here) * taper
+            });
+            self.covariance.push(first, entries);
         }
         Some(())
     }
 
     fn mean_color(&mut self, patch: &Patch, covered: &[f64]) -> Option<()> {
         for channel in 0..2 {
-            let free = || {
-                patch.colors.iter().zip(covered).filter(|(_, c)| **c < super::CLEAR).map(|(v, _)| v[channel])
-            };
+            let free =
+                || patch.colors.iter().zip(covered).filter(|(_, c)| **c < CLEAR).map(|(v, _)| v[channel]);
             self.sorted.clear();
             self.sorted.extend(free());
             let middle = median(&mut self.sorted)?;
@@ -205,22 +209,35 @@ impl Surroundings {
             self.sorted.extend(free().map(|v| (v - middle).abs()));
             // Half a level is what rounding leaves of a uniform wall.
             let scale = (MEDIAN_TO_DEVIATION * median(&mut self.sorted)?).max(0.5);
-            let (mut sum, mut square, mut total) = (0.0, 0.0, 0.0);
+            let (mut sum, mut total) = (0.0, 0.0);
             for value in free() {
                 let weight = biweight((value - middle) / scale);
                 sum += weight * value;
-                square += weight * (value - middle) * (value - middle);
                 total += weight;
             }
             if total <= 0.0 {
                 return None;
             }
-            self.color[channel] = sum / total;
-            self.color_variance[channel] = square / total;
+            let mean = sum / total;
+            self.color[channel] = mean;
+            let (square, count) = free().fold((0.0, 0.0), |(s, n), v| (s + (v - mean).powi(2), n + 1.0));
+            self.color_variance[channel] = square / count;
         }
         Some(())
     }
 }
+
+/// Rim pixels that one is set against; a rim is about four pixels wide, and correlation reaches two or three.
+const MOST_BAND: usize = 16;
+
+/// Offsets to look for neighbours at, the nearest first.
+static BY_DISTANCE: std::sync::LazyLock<Vec<(i32, i32)>> = std::sync::LazyLock::new(|| {
+    let mut all: Vec<(i32, i32)> =
+        (-REACH..=REACH).flat_map(|y| (-REACH..=REACH).map(move |x| (x, y))).collect();
+    all.sort_by_key(|(x, y)| (x * x + y * y, *y, *x));
+    all.retain(|(x, y)| x * x + y * y <= REACH * REACH);
+    all
+});
 
 /// Tukey's biweight of a residual in standard deviations.
 pub(super) fn biweight(deviations: f64) -> f64 {
