@@ -4,6 +4,7 @@ use crate::commands::Flight;
 use crate::figures;
 use crate::summary::{Summary, title};
 use anyhow::Result;
+use mavsight_geometry::Dlt;
 use mavsight_pose::Rig;
 use mavsight_report::{Figure, Report, Table, render};
 use mavsight_session::{RunResults, results::names, write_whole};
@@ -100,12 +101,15 @@ fn camera_tables(rig: &Rig) -> Vec<Table> {
         header: header("parameter"),
         rows: (0..11)
             .map(|k| {
-                let cells = rig.cameras.iter().map(|c| format!("{:.4}", c.fit.dlt.l[k]));
+                let cells = rig.cameras.iter().map(|c| {
+                    Dlt::from_camera(&c.camera).map_or(String::new(), |dlt| format!("{:.4}", dlt.l[k]))
+                });
                 std::iter::once(format!("L{}", k + 1)).chain(cells).collect()
             })
             .collect(),
     };
-    let mut points: Vec<&String> = rig.cameras.iter().flat_map(|c| c.points.iter().map(|p| &p.0)).collect();
+    let mut points: Vec<&String> =
+        rig.cameras.iter().flat_map(|c| c.points.iter().map(|p| &p.name)).collect();
     points.sort();
     points.dedup();
     let residuals = Table {
@@ -115,8 +119,10 @@ fn camera_tables(rig: &Rig) -> Vec<Table> {
             .iter()
             .map(|name| {
                 let cells = rig.cameras.iter().map(|c| {
-                    let found = c.points.iter().find(|p| p.0 == **name);
-                    found.map_or(String::new(), |p| format!("{:+.3}, {:+.3}", p.1.x, p.1.y))
+                    let found = c.points.iter().find(|p| p.name == **name);
+                    found.map_or(String::new(), |p| {
+                        format!("{:+.3}, {:+.3}", p.residual_px.x, p.residual_px.y)
+                    })
                 });
                 std::iter::once((*name).clone()).chain(cells).collect()
             })

@@ -113,7 +113,7 @@ impl Summary {
                 "cameras",
                 format!("{name}_residual_rms_px"),
                 format!("{name} control residual, RMS"),
-                camera.fit.rms_px,
+                camera.residual_rms_px,
                 "px",
             );
         }

@@ -69,8 +69,7 @@ fn control_of_still(
     let positions: Vec<Vector3<f64>> = table.iter().map(|row| row.position_m.into()).collect();
     let chosen = select_control_balls(&scored, &positions, size)
         .map_err(|source| PipelineError::Pose { place: still.camera.clone(), source })?;
-    let mut control =
-        CameraControl { name: still.camera.clone(), size, points: vec![], ball_radius_m: vec![] };
+    let mut control = CameraControl::exact(still.camera.clone(), size, vec![], vec![]);
     for ((row, list), choice) in table.iter().zip(&candidates).zip(&chosen) {
         let Some(ball) = choice.and_then(|index| list.get(index)) else { continue };
         control.points.push(ControlPoint {
@@ -80,6 +79,7 @@ fn control_of_still(
             pixel_cov_px2: ball.covariance_px2,
         });
         control.ball_radius_m.push(row.diameter_m / 2.0);
+        control.survey_std_m.push(row.std_m);
     }
     Ok(control)
 }
@@ -95,8 +95,7 @@ pub fn calibrate_from_observations(
 ) -> Result<Rig, PipelineError> {
     let mut controls = Vec::with_capacity(cameras.len());
     for (camera, size) in cameras {
-        let mut control =
-            CameraControl { name: camera.clone(), size: *size, points: vec![], ball_radius_m: vec![] };
+        let mut control = CameraControl::exact(camera.clone(), *size, vec![], vec![]);
         for pixel in pixels.iter().filter(|p| &p.camera == camera) {
             let Some(row) = table.iter().find(|row| row.name == pixel.name) else { continue };
             control.points.push(ControlPoint {
@@ -106,6 +105,7 @@ pub fn calibrate_from_observations(
                 pixel_cov_px2: Matrix2::identity() * CLICKED_STD_PX * CLICKED_STD_PX,
             });
             control.ball_radius_m.push(row.diameter_m / 2.0);
+            control.survey_std_m.push(row.std_m);
         }
         controls.push(control);
     }

@@ -13,7 +13,10 @@ mod smooth;
 mod testing;
 mod whittaker;
 
-pub use calibrate::{CameraControl, Rig, RigCamera, calibrate};
+pub use calibrate::{
+    CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, Pixels, Rig, RigCamera,
+    calibrate,
+};
 pub use error::PoseError;
 pub use estimate::{BodyMarker, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
 pub use motion::{Motion, MotionSample, euler_std};
