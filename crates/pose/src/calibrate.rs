@@ -7,6 +7,8 @@ mod problem;
 mod snoop;
 mod start;
 #[cfg(test)]
+pub(crate) mod test_sets;
+#[cfg(test)]
 mod tests;
 
 pub use model::{CameraModel, Lens, Pixels};
@@ -159,8 +161,8 @@ impl Rig {
     }
 }
 
-/// A centre less certain than this part of the control points' extent is none.
-const UNDETERMINED: f64 = 0.5;
+/// A centre less certain than this part of its distance from the control points is none.
+const UNDETERMINED: f64 = 0.25;
 
 /// Solves for all cameras together from their control points.
 ///
@@ -200,7 +202,8 @@ fn rig_camera(
     let at = CAMERA_PARAMETERS * camera + CENTRE;
     let centre_cov_m2: Matrix3<f64> = covariance.fixed_view::<3, 3>(at, at).into_owned();
     let centre_std_m = centre_cov_m2.diagonal().map(|v| v.max(0.0).sqrt());
-    if !(centre_std_m.norm() <= UNDETERMINED * problem.extent_m()) {
+    let distance_m = (fit.cameras[camera].centre_in_world() - problem.middle_m()).norm();
+    if !(centre_std_m.norm() <= UNDETERMINED * distance_m) {
         let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
         return Err(PoseError::Calibration { camera: control.name.clone(), source });
     }

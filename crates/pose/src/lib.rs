@@ -7,6 +7,7 @@ mod error;
 mod estimate;
 mod filter;
 mod motion;
+mod precision;
 mod select;
 mod smooth;
 #[cfg(test)]
@@ -20,6 +21,10 @@ pub use calibrate::{
 pub use error::PoseError;
 pub use estimate::{BodyMarker, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
 pub use motion::{Motion, MotionSample, euler_std};
+pub use precision::{
+    MapPlane, PrecisionMap, Volume, VolumePrecision, control_volume, precision_map, predicted_covariance_m2,
+    volume_precision,
+};
 pub use select::select_control_balls;
 pub use smooth::smooth;
 pub use whittaker::lowpass_like;

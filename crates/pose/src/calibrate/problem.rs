@@ -99,10 +99,9 @@ impl Problem {
             .collect()
     }
 
-    /// Largest distance between two points.
-    pub(super) fn extent_m(&self) -> f64 {
-        let places = || self.points.iter().map(|p| p.in_world_m);
-        places().flat_map(|a| places().map(move |b| (a - b).norm())).fold(0.0, f64::max)
+    /// Mean of the points' places.
+    pub(super) fn middle_m(&self) -> Vector3<f64> {
+        self.points.iter().map(|p| p.in_world_m).sum::<Vector3<f64>>() / self.points.len().max(1) as f64
     }
 }
 
