@@ -85,6 +85,13 @@ pub struct RigCamera {
     pub sigma_px: f64,
 }
 
+impl RigCamera {
+    /// Whether its lens' distortion is among the parameters.
+    pub fn distortion_is_estimated(&self) -> bool {
+        self.model.lens != Lens::Straight
+    }
+}
+
 /// A control point that does not agree with the others.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftOut {
