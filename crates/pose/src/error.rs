@@ -79,7 +79,7 @@ pub enum PoseError {
         agreeing: usize,
         /// Balls with a candidate.
         found: usize,
-        /// Names (or row numbers) of those that do not.
+        /// Names of those that do not.
         disagreeing: String,
         /// The gate.
         gate_px: f64,

@@ -25,6 +25,6 @@ pub use precision::{
     MapPlane, PrecisionMap, Volume, VolumePrecision, control_volume, precision_map, predicted_covariance_m2,
     volume_precision,
 };
-pub use select::select_control_balls;
+pub use select::{Selection, select_control_balls};
 pub use smooth::smooth;
 pub use whittaker::lowpass_like;
