@@ -7,16 +7,24 @@ mod error;
 mod estimate;
 mod filter;
 mod motion;
+mod precision;
 mod select;
 mod smooth;
 #[cfg(test)]
 mod testing;
 mod whittaker;
 
-pub use calibrate::{CameraControl, Rig, RigCamera, calibrate};
+pub use calibrate::{
+    CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, Pixels, Rig, RigCamera,
+    calibrate,
+};
 pub use error::PoseError;
 pub use estimate::{BodyMarker, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
 pub use motion::{Motion, MotionSample, euler_std};
-pub use select::select_control_balls;
+pub use precision::{
+    MapPlane, PrecisionMap, Volume, VolumePrecision, control_volume, precision_map, predicted_covariance_m2,
+    volume_precision,
+};
+pub use select::{Selection, select_control_balls};
 pub use smooth::smooth;
 pub use whittaker::lowpass_like;
