@@ -3,10 +3,14 @@
 //! Frames and units are those of `mavsight-geometry`. Nothing here knows where the observations came from.
 
 mod calibrate;
+mod causal;
+mod chain;
 mod error;
 mod estimate;
 mod filter;
+mod joint;
 mod motion;
+mod noise;
 mod select;
 mod smooth;
 #[cfg(test)]
@@ -14,9 +18,13 @@ mod testing;
 mod whittaker;
 
 pub use calibrate::{CameraControl, Rig, RigCamera, calibrate};
+pub use causal::CausalFilter;
+pub use chain::ChainNoise;
 pub use error::PoseError;
 pub use estimate::{BodyMarker, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
+pub use joint::MotionNoise;
 pub use motion::{Motion, MotionSample, euler_std};
+pub use noise::motion_noise;
 pub use select::select_control_balls;
 pub use smooth::smooth;
 pub use whittaker::lowpass_like;
