@@ -1,6 +1,6 @@
 //! The filter as poses arrive: the forward pass of the smoother.
 
-use crate::joint::{Joint, MotionNoise, Update, own_covariance};
+use crate::joint::{Joint, MotionNoise, Update};
 use crate::{MotionSample, PoseError, PoseSample};
 use mavsight_geometry::Matrix6;
 
@@ -72,7 +72,7 @@ pub(crate) fn check_pose(index: usize, sample: &PoseSample) -> Result<(), PoseEr
     if !pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite()) {
         return Err(PoseError::BadPose { index, what: "the pose" });
     }
-    let own = own_covariance(estimate);
+    let own = estimate.own_covariance();
     let scale = own.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt().recip());
     let unit = Matrix6::from_fn(|i, j| own[(i, j)] * scale[i] * scale[j]);
     let positive = own.diagonal().iter().all(|v| *v > 0.0) && unit.cholesky().is_some();

@@ -59,6 +59,17 @@ pub struct PoseEstimate {
     pub residual_px: f64,
 }
 
+impl PoseEstimate {
+    /// The part of the covariance that is new in each frame.
+    pub fn own_covariance(&self) -> Matrix6<f64> {
+        let mut own = (self.covariance + self.covariance.transpose()) * 0.5;
+        for column in self.systematic.column_iter() {
+            own.ger(-1.0, &column, &column, 1.0);
+        }
+        own
+    }
+}
+
 /// One instant: a pose, or why there is none.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseSample {

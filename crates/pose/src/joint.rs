@@ -70,21 +70,12 @@ fn observe(matrix: &MatrixS) -> SMatrix<f64, 6, STATE> {
     out
 }
 
-/// The same, position and attitude each by its factor.
+/// The covariance of what is new in each measurement, position and attitude each by its factor.
 pub(crate) fn new_noise(estimate: &PoseEstimate, noise: &MotionNoise) -> Matrix6<f64> {
-    let own = own_covariance(estimate);
+    let own = estimate.own_covariance();
     let (t, r) = (noise.translation.variance_factor.sqrt(), noise.rotation.variance_factor.sqrt());
     let scale = Vector6::new(t, t, t, r, r, r);
     Matrix6::from_fn(|i, j| own[(i, j)] * scale[i] * scale[j])
-}
-
-/// The part of a pose's covariance that is new in each frame.
-pub(crate) fn own_covariance(estimate: &PoseEstimate) -> Matrix6<f64> {
-    let mut own = (estimate.covariance + estimate.covariance.transpose()) * 0.5;
-    for column in estimate.systematic.column_iter() {
-        own.ger(-1.0, &column, &column, 1.0);
-    }
-    own
 }
 
 impl Joint {

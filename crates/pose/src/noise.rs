@@ -2,7 +2,7 @@
 
 use crate::chain::{ChainNoise, Place};
 use crate::filter::{Innovations, Measured, Series, innovations};
-use crate::joint::{MotionNoise, PRIOR_ROTATION, PRIOR_TRANSLATION, own_covariance};
+use crate::joint::{MotionNoise, PRIOR_ROTATION, PRIOR_TRANSLATION};
 use crate::{PoseError, PoseSample};
 use mavsight_geometry::{Isometry3, Matrix3};
 
@@ -68,7 +68,7 @@ pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
 fn measured<P>(pose: &PoseSample, at: usize, place: impl Fn(&Isometry3<f64>) -> P) -> Option<Measured<P>> {
     pose.estimate.as_ref().map(|e| Measured {
         place: place(&e.world_from_body),
-        covariance: own_covariance(e).fixed_view::<3, 3>(at, at).into_owned(),
+        covariance: e.own_covariance().fixed_view::<3, 3>(at, at).into_owned(),
     })
 }
 

@@ -260,7 +260,7 @@ fn what_errors_that_stay_do_to_the_motion_is_their_smoothed_course() {
             ];
             for (want, at) in want.iter().zip([0, 3, 12, 15]) {
                 let got = state.effects.fixed_view::<3, 1>(at, c);
-                assert!((got - want).norm() < 0.02 * want.norm() + 2e-5, "{k} at {at}: {got} against {want}");
+                assert!((got - want).norm() < 0.05 * want.norm() + 5e-5, "{k} at {at}: {got} against {want}");
             }
         }
     }
