@@ -114,6 +114,14 @@ pub enum PoseError {
         /// Rows needed.
         needed: usize,
     },
+    /// A prior that is no standard deviation.
+    #[error(
+        "the markers' standard deviation of {std_m} m is not above zero: a ruler is good to 0.001 or 0.002"
+    )]
+    BadPrior {
+        /// What was given.
+        std_m: f64,
+    },
     /// The iteration found no minimum.
     #[error("the pose did not converge in {steps} steps: residual {residual_px:.2} px")]
     NotConverged {

@@ -5,12 +5,13 @@ mod p3p;
 mod solve;
 mod start;
 
-use crate::{PoseError, Rig};
+use crate::{PoseError, RefinedMarkers, Rig};
 use gates::{DECISIVE_CHI_SQUARE, beyond_f_gate, chi_square_gate, noise_factor};
 use mavsight_geometry::{
     CAMERA_PARAMETERS, Camera, Isometry3, Matrix2, Matrix6, Point3, UnitQuaternion, Vector2, Vector3,
 };
 use nalgebra::{DMatrix, Matrix6xX, Translation3, Vector6};
+pub(crate) use solve::noise_weight;
 use solve::{Sight, Solution};
 
 /// One marker seen by one camera.
@@ -89,6 +90,7 @@ pub struct PoseEstimator {
     markers: Vec<BodyMarker>,
     rig_uncertainty: DMatrix<f64>,
     marker_uncertainty: DMatrix<f64>,
+    marker_by_rig: DMatrix<f64>,
 }
 
 /// Levenberg-Marquardt steps; from the linear start four or five suffice.
@@ -104,6 +106,7 @@ impl PoseEstimator {
             centres: cameras.iter().map(Camera::centre_in_world).collect(),
             rig_uncertainty: if known { rig.uncertainty.clone() } else { DMatrix::zeros(rows, 0) },
             marker_uncertainty: DMatrix::zeros(3 * markers.len(), 0),
+            marker_by_rig: DMatrix::zeros(0, 0),
             markers: markers.to_vec(),
             cameras,
         }
@@ -121,6 +124,22 @@ impl PoseEstimator {
         }
         self.marker_uncertainty = factor_m.clone();
         Ok(self)
+    }
+
+    /// An estimator for the body as a flight has shown it, with what that leaves open: errors of the cameras have entered
+    /// the positions too.
+    ///
+    /// # Errors
+    /// [`PoseError::MarkerUncertainty`].
+    pub fn refined(rig: &Rig, markers: &RefinedMarkers) -> Result<Self, PoseError> {
+        let mut out = Self::new(rig, &markers.markers).with_marker_uncertainty(&markers.uncertainty_m)?;
+        let same = markers.by_rig_m.shape() == (3 * out.markers.len(), out.rig_uncertainty.ncols());
+        if !same || !markers.by_rig_m.iter().all(|x| x.is_finite()) {
+            let needed = 3 * out.markers.len();
+            return Err(PoseError::MarkerUncertainty { rows: markers.by_rig_m.nrows(), needed });
+        }
+        out.marker_by_rig = markers.by_rig_m.clone();
+        Ok(out)
     }
 
     /// The pose that fits all sights of one instant best; observations of other instants are passed over.

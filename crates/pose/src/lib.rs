@@ -11,6 +11,7 @@ mod filter;
 mod joint;
 mod motion;
 mod noise;
+mod refine;
 mod select;
 mod smooth;
 #[cfg(test)]
@@ -25,6 +26,7 @@ pub use estimate::{BodyMarker, MarkerObservation, PoseEstimate, PoseEstimator, P
 pub use joint::MotionNoise;
 pub use motion::{Motion, MotionSample, euler_std};
 pub use noise::motion_noise;
+pub use refine::{RefinedMarkers, refine_markers};
 pub use select::select_control_balls;
 pub use smooth::smooth;
 pub use whittaker::lowpass_like;

@@ -47,6 +47,11 @@ impl Solution {
     }
 }
 
+/// Huber's weight of a whitened residual under a factor on the claimed covariances.
+pub(crate) fn noise_weight(square: f64, factor: f64) -> f64 {
+    bounded(square, Some(factor)).0
+}
+
 /// Huber's weight of a whitened residual, and what its square counts.
 fn bounded(square: f64, scale: Option<f64>) -> (f64, f64) {
     let Some(scale) = scale else { return (1.0, square) };
@@ -159,6 +164,7 @@ impl PoseEstimator {
         };
         let pose = &solution.world_from_body;
         let turn = matrix_of(&pose.rotation);
+        let marker_by_rig = self.marker_by_rig.ncols() == from_rig;
         let mut right = Matrix6xX::zeros(columns);
         let mut squares = 0.0;
         for s in sights {
@@ -176,10 +182,15 @@ impl PoseEstimator {
             let by_marker = s.whitener * seen.d_pixel_d_point_in_world * turn;
             for c in 0..columns {
                 let effect = if c < from_rig {
-                    by_camera
+                    let direct = by_camera
                         * self
                             .rig_uncertainty
-                            .fixed_view::<CAMERA_PARAMETERS, 1>(CAMERA_PARAMETERS * s.camera, c)
+                            .fixed_view::<CAMERA_PARAMETERS, 1>(CAMERA_PARAMETERS * s.camera, c);
+                    if marker_by_rig {
+                        direct - by_marker * self.marker_by_rig.fixed_view::<3, 1>(3 * s.marker, c)
+                    } else {
+                        direct
+                    }
                 } else {
                     by_marker * self.marker_uncertainty.fixed_view::<3, 1>(3 * s.marker, c - from_rig)
                 };
