@@ -240,7 +240,9 @@ impl PoseEstimator {
         previous: Option<&Isometry3<f64>>,
     ) -> Option<(usize, Solution)> {
         let all_chi_square = all.as_ref().map_or(f64::INFINITY, |s| s.chi_square);
-        if all_chi_square <= chi_square_gate(2) || matches!(all, Err(PoseError::AmbiguousPose { .. })) {
+        let coordinates = |m: usize| 2 * sights.iter().filter(|s| s.marker == m).count();
+        let fewest = used.iter().map(|m| coordinates(*m)).min().unwrap_or(0);
+        if all_chi_square <= chi_square_gate(fewest) || matches!(all, Err(PoseError::AmbiguousPose { .. })) {
             return None;
         }
         let mut best: Option<(usize, Solution)> = None;
@@ -257,7 +259,7 @@ impl PoseEstimator {
             }
         }
         let (marker, without) = best?;
-        let own = 2 * sights.iter().filter(|s| s.marker == marker).count();
+        let own = coordinates(marker);
         let drop = all_chi_square - without.chi_square;
         let claimed = all.as_ref().map_or(1.0, |s| self.claimed_excess(sights, used, s));
         let factor = without.variance_factor().max(claimed);

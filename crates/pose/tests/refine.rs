@@ -24,7 +24,7 @@ fn off_by_a_ruler(markers: &[BodyMarker], random: &mut Random) -> Vec<BodyMarker
 /// The motion that carries the true body axes' coordinates into those of the file: the axes that refined markers have.
 fn file_from_body(true_body: &[BodyMarker], file: &[BodyMarker]) -> Isometry3<f64> {
     let places = |m: &[BodyMarker]| m.iter().map(|m| m.marker_in_body_m).collect::<Vec<_>>();
-    rigid_fit(&places(true_body), &places(file), &vec![1.0; file.len()]).unwrap().world_from_body
+    rigid_fit(&places(true_body), &places(file), &vec![1.0; file.len()]).expect("a fit").world_from_body
 }
 
 /// Position RMS against the flight in the axes that `file_from_body` leads to.
@@ -50,7 +50,7 @@ fn case(rig: &mavsight_pose::Rig, random: &mut Random) -> Case {
     let flight = flight(random);
     let cameras = true_cameras(rig, random);
     let seen = sights(&cameras, &square(), &flight, random);
-    let refined = refine_markers(&seen.concat(), rig, &file, RULER_M).unwrap();
+    let refined = refine_markers(&seen.concat(), rig, &file, RULER_M).expect("a refined body");
     Case { file, flight, seen, refined }
 }
 

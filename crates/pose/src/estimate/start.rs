@@ -5,8 +5,8 @@ use super::solve::{Sight, Solution};
 use super::{DECISIVE_CHI_SQUARE, PoseEstimator};
 use crate::PoseError;
 use mavsight_geometry::attitude::matrix_of;
-use mavsight_geometry::{GeometryError, Isometry3, Matrix3, UnitQuaternion, Vector3, rigid_fit};
-use nalgebra::{Rotation3, Translation3};
+use mavsight_geometry::{GeometryError, Isometry3, Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix4, Quaternion, Rotation3, Translation3};
 
 /// Two minima nearer than this share of the body's size are one.
 const SAME_POSE: f64 = 1e-3;
@@ -16,6 +16,39 @@ const CLEARLY_NEARER: f64 = 0.5;
 
 /// Sine of the least angle between two rays that places a point well enough to start from (half a degree).
 const LEAST_PARALLAX: f64 = 0.01;
+
+/// Below this ratio of the second to the first spread the points count as one line.
+const COLLINEAR_RATIO: f64 = 1e-3;
+
+/// The rigid motion that best carries body points onto world points: the quaternion of the largest eigenvalue (Horn 1987).
+/// It does what [`mavsight_geometry::rigid_fit`] does, without weights and without the heap.
+fn carried(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Result<Isometry3<f64>, GeometryError> {
+    let n = pairs.len() as f64;
+    let body = pairs.iter().map(|p| p.0).sum::<Vector3<f64>>() / n;
+    let world = pairs.iter().map(|p| p.1).sum::<Vector3<f64>>() / n;
+    let (mut spread, mut cross) = (Matrix3::zeros(), Matrix3::zeros());
+    for (b, w) in pairs {
+        spread += (b - body) * (b - body).transpose();
+        cross += (b - body) * (w - world).transpose();
+    }
+    let mut along = spread.symmetric_eigenvalues().map(|v| (v.max(0.0) / n).sqrt());
+    along.as_mut_slice().sort_by(f64::total_cmp);
+    if along[1] <= COLLINEAR_RATIO * along[2] || along[1].is_nan() {
+        return Err(GeometryError::CollinearMarkers { spread_mm: along[1] * 1e3 });
+    }
+    let (skew, trace) = (cross - cross.transpose(), cross.trace());
+    let turn = Vector3::new(skew[(1, 2)], skew[(2, 0)], skew[(0, 1)]);
+    let mut form = Matrix4::zeros();
+    form[(0, 0)] = trace;
+    form.fixed_view_mut::<3, 1>(1, 0).copy_from(&turn);
+    form.fixed_view_mut::<1, 3>(0, 1).copy_from(&turn.transpose());
+    let symmetric = cross + cross.transpose() - Matrix3::identity() * trace;
+    form.fixed_view_mut::<3, 3>(1, 1).copy_from(&symmetric);
+    let eigen = form.symmetric_eigen();
+    let q = eigen.eigenvectors.column(eigen.eigenvalues.imax());
+    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(q[0], q[1], q[2], q[3]));
+    Ok(Isometry3::from_parts(Translation3::from(world - rotation * body), rotation))
+}
 
 impl PoseEstimator {
     /// The best pose of the given markers.
@@ -49,15 +82,13 @@ impl PoseEstimator {
         own: &[&Sight],
         used: &[usize],
     ) -> Option<Result<Isometry3<f64>, GeometryError>> {
-        let (mut body, mut world) = (Vec::with_capacity(used.len()), Vec::with_capacity(used.len()));
+        let mut pairs: Vec<(Vector3<f64>, Vector3<f64>)> = Vec::with_capacity(used.len());
         for &marker in used {
             if let Some(point) = self.nearest_to_rays(own, marker) {
-                body.push(self.markers[marker].marker_in_body_m);
-                world.push(point);
+                pairs.push((self.markers[marker].marker_in_body_m, point));
             }
         }
-        let weights = vec![1.0; body.len()];
-        (body.len() >= 3).then(|| rigid_fit(&body, &world, &weights).map(|fit| fit.world_from_body))
+        (pairs.len() >= 3).then(|| carried(&pairs))
     }
 
     /// The point nearest to all rays of a marker, where two of them differ enough in direction.
@@ -153,8 +184,8 @@ impl PoseEstimator {
         p3p::distances(&rays, &body)
             .into_iter()
             .filter_map(|s| {
-                let world: [Vector3<f64>; 3] = std::array::from_fn(|i| centre + rays[i] * s[i]);
-                rigid_fit(&body, &world, &[1.0; 3]).ok().map(|fit| fit.world_from_body)
+                let pairs: [_; 3] = std::array::from_fn(|i| (body[i], centre + rays[i] * s[i]));
+                carried(&pairs).ok()
             })
             .collect()
     }
@@ -180,5 +211,29 @@ impl PoseEstimator {
     fn size_m(&self, used: &[usize]) -> f64 {
         let first = self.markers[used[0]].marker_in_body_m;
         used.iter().map(|m| (self.markers[*m].marker_in_body_m - first).norm()).fold(0.0, f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::normal3;
+    use mavsight_geometry::rigid_fit;
+
+    #[test]
+    fn horns_motion_is_the_rigid_fit() {
+        let mut seed = 2;
+        for count in [3, 4, 7] {
+            for _ in 0..50 {
+                let turn = UnitQuaternion::from_scaled_axis(normal3(&mut seed) * 2.0);
+                let body: Vec<_> = (0..count).map(|_| normal3(&mut seed)).collect();
+                let world: Vec<_> = body.iter().map(|b| turn * b + normal3(&mut seed) * 0.05).collect();
+                let want = rigid_fit(&body, &world, &vec![1.0; count]).unwrap().world_from_body;
+                let pairs: Vec<_> = body.into_iter().zip(world).collect();
+                let got = carried(&pairs).unwrap();
+                assert!(got.rotation.angle_to(&want.rotation) < 1e-7);
+                assert!((got.translation.vector - want.translation.vector).norm() < 1e-7);
+            }
+        }
     }
 }
