@@ -10,6 +10,10 @@ use mavsight_geometry::{
 };
 use nalgebra::{Matrix6xX, Vector6};
 
+/// A step that promises to lower the chi-square by less, a ten-thousandth of a standard deviation, is the last: what remains
+/// after it is smaller by its square.
+const SETTLED: f64 = 1e-8;
+
 /// An observation with the inverse root of its covariance.
 pub(super) struct Sight {
     pub(super) camera: usize,
@@ -27,6 +31,8 @@ pub(super) struct Solution {
     /// Sum of the squared whitened residuals.
     pub(super) chi_square: f64,
     pub(super) redundancy: usize,
+    /// The largest of those squares.
+    pub(super) longest: f64,
     pub(super) sum_px2: f64,
     pub(super) coordinates: usize,
     /// Factor on the claimed covariances under which a residual counts as large; none: none is bounded.
@@ -47,16 +53,10 @@ impl Solution {
     }
 }
 
-/// Huber's weight of a whitened residual under a factor on the claimed covariances.
+/// Huber's weight of a squared whitened residual under a factor on the claimed covariances.
 pub(crate) fn noise_weight(square: f64, factor: f64) -> f64 {
-    bounded(square, Some(factor)).0
-}
-
-/// Huber's weight of a whitened residual, and what its square counts.
-fn bounded(square: f64, scale: Option<f64>) -> (f64, f64) {
-    let Some(scale) = scale else { return (1.0, square) };
-    let bound = HUBER_BOUND * scale.sqrt();
-    if square <= bound * bound { (1.0, square) } else { (bound / square.sqrt(), bound * bound) }
+    let bound = HUBER_BOUND * factor.sqrt();
+    if square <= bound * bound { 1.0 } else { bound / square.sqrt() }
 }
 
 impl PoseEstimator {
@@ -75,13 +75,15 @@ impl PoseEstimator {
     ) -> Result<(Solution, Vector6<f64>), GeometryError> {
         let mut normal = Matrix6::zeros();
         let mut gradient = Vector6::zeros();
-        let (mut chi_square, mut sum_px2) = (0.0, 0.0);
+        let (mut chi_square, mut longest, mut sum_px2) = (0.0, 0.0_f64, 0.0);
         for s in sights {
             let seen = self.projected(s, pose)?;
             let jacobian = s.whitener * d_pixel_d_pose(&seen, pose, &self.markers[s.marker].marker_in_body_m);
             let error = s.pixel - seen.pixel;
             let whitened = s.whitener * error;
-            let (weight, square) = bounded(whitened.norm_squared(), bound_scale);
+            let square = whitened.norm_squared();
+            let weight = bound_scale.map_or(1.0, |scale| noise_weight(square, scale));
+            longest = longest.max(square);
             let weighted = jacobian.transpose() * weight;
             normal += weighted * jacobian;
             gradient += weighted * whitened;
@@ -94,6 +96,7 @@ impl PoseEstimator {
             world_from_body: *pose,
             normal,
             chi_square,
+            longest,
             redundancy,
             sum_px2,
             coordinates,
@@ -116,16 +119,16 @@ impl PoseEstimator {
             // The decrement is the drop of the chi-square that the step still promises.
             let decrement = step.dot(&gradient);
             let tried = moved(&pose, &step);
+            if decrement < SETTLED && damping < 1e-3 {
+                return Ok(Solution { world_from_body: tried, ..now });
+            }
             match self.equations(sights, &tried, None) {
                 Ok((next, slope)) if next.chi_square <= now.chi_square * (1.0 + 1e-12) + 1e-18 => {
                     pose = tried;
                     (now, gradient) = (next, slope);
                     damping *= 0.1;
-                    if decrement < 1e-10 {
-                        return Ok(now);
-                    }
                 }
-                _ if decrement < 1e-10 => return Ok(now),
+                _ if decrement < SETTLED => return Ok(now),
                 _ => damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 },
             }
         }
@@ -137,17 +140,17 @@ impl PoseEstimator {
     /// was claimed does not make outliers of half the sights. The chi-square stays that of least squares.
     pub(super) fn bounded_from(&self, sights: &[&Sight], least: Solution) -> Solution {
         let scale = noise_factor(least.chi_square, least.redundancy).max(1.0);
+        if least.longest <= HUBER_BOUND.powi(2) * scale {
+            return least;
+        }
         let mut now = least.clone();
         for _ in 0..MAX_STEPS {
             let Ok((at, gradient)) = self.equations(sights, &now.world_from_body, Some(scale)) else {
                 return least;
             };
-            if now.bound_scale.is_none() && at.chi_square >= least.chi_square * (1.0 - 1e-12) {
-                return least;
-            }
             let Some(step) = at.normal.cholesky().map(|c| c.solve(&gradient)) else { return least };
             now = Solution { world_from_body: moved(&at.world_from_body, &step), ..at };
-            if step.dot(&gradient) < 1e-8 {
+            if step.dot(&gradient) < 1e-6 {
                 return Solution { chi_square: least.chi_square, ..now };
             }
         }
@@ -176,8 +179,9 @@ impl PoseEstimator {
                 continue;
             };
             let jacobian = s.whitener * d_pixel_d_pose(&seen, pose, &body.marker_in_body_m);
-            let residual = s.whitener * (s.pixel - seen.pixel);
-            let weighted = jacobian.transpose() * bounded(residual.norm_squared(), solution.bound_scale).0;
+            let square = (s.whitener * (s.pixel - seen.pixel)).norm_squared();
+            let weight = solution.bound_scale.map_or(1.0, |scale| noise_weight(square, scale));
+            let weighted = jacobian.transpose() * weight;
             let by_camera = s.whitener * by_camera;
             let by_marker = s.whitener * seen.d_pixel_d_point_in_world * turn;
             for c in 0..columns {
