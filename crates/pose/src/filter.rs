@@ -4,8 +4,6 @@ use crate::chain::{CHAIN, Chain, ChainNoise, LASTING, Place, add_process_noise};
 use mavsight_geometry::{Matrix3, Vector3};
 use nalgebra::SMatrix;
 
-type MatrixC = SMatrix<f64, CHAIN, CHAIN>;
-
 /// A measured place.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Measured<P> {
@@ -46,32 +44,47 @@ const DIFFUSE: usize = 3;
 
 /// The innovations of a whole series; `None` where the arithmetic fails.
 pub(crate) fn innovations<P: Place>(series: &Series<'_, P>, noise: &ChainNoise) -> Option<Innovations> {
+    // Where nothing lasts the three coordinates of it would only cost time.
+    if noise.lasting == Matrix3::zeros() {
+        run::<P, LASTING>(series, noise)
+    } else {
+        run::<P, CHAIN>(series, noise)
+    }
+}
+
+/// The filter with an error state of `N`: all of it, or all but what lasts.
+fn run<P: Place, const N: usize>(series: &Series<'_, P>, noise: &ChainNoise) -> Option<Innovations> {
     let first = (*series.measured.first()?)?;
     let mut chain = Chain::at(first.place);
-    let mut covariance = start(&first.covariance, noise, series.prior_std);
+    let mut covariance: SMatrix<f64, N, N> = start(&first.covariance, noise, series.prior_std);
     let mut sums = Innovations::default();
     let (mut seen_count, mut before) = (1, None);
     for k in 1..series.t_s.len() {
         let dt_s = series.t_s[k] - series.t_s[k - 1];
         let (predicted, transition) = chain.predicted(dt_s, noise);
         chain = predicted;
-        transition.forward(covariance.as_mut_slice(), CHAIN, 0);
+        transition.forward(covariance.as_mut_slice(), N, 0);
         covariance.transpose_mut();
-        transition.forward(covariance.as_mut_slice(), CHAIN, 0);
-        add_process_noise(covariance.as_mut_slice(), CHAIN, 0, dt_s, noise);
+        transition.forward(covariance.as_mut_slice(), N, 0);
+        add_process_noise(covariance.as_mut_slice(), N, 0, dt_s, noise);
         let Some(seen) = &series.measured[k] else { continue };
         let y = chain.innovation(&seen.place);
-        let seen_rows: SMatrix<f64, 3, CHAIN> =
-            covariance.fixed_rows::<3>(0) + covariance.fixed_rows::<3>(LASTING);
-        let s = seen_rows.fixed_columns::<3>(0)
-            + seen_rows.fixed_columns::<3>(LASTING)
-            + seen.covariance * noise.variance_factor;
+        let mut seen_rows: SMatrix<f64, 3, N> = covariance.fixed_rows::<3>(0).into_owned();
+        if N > LASTING {
+            seen_rows += covariance.fixed_rows::<3>(LASTING);
+        }
+        let mut s = seen_rows.fixed_columns::<3>(0) + seen.covariance * noise.variance_factor;
+        if N > LASTING {
+            s += seen_rows.fixed_columns::<3>(LASTING);
+        }
         let factor = s.cholesky()?;
-        let gain: SMatrix<f64, CHAIN, 3> = factor.solve(&seen_rows).transpose();
+        let gain: SMatrix<f64, N, 3> = factor.solve(&seen_rows).transpose();
         let taken = gain * seen_rows;
         covariance += gain * s * gain.transpose() - taken - taken.transpose();
         covariance = (covariance + covariance.transpose()) * 0.5;
-        chain.correct((gain * y).as_slice());
+        let mut by = [0.0; CHAIN];
+        by[..N].copy_from_slice((gain * y).as_slice());
+        chain.correct(&by);
         seen_count += 1;
         if seen_count > DIFFUSE {
             let white = factor.l().solve_lower_triangular(&y)?;
@@ -87,12 +100,18 @@ pub(crate) fn innovations<P: Place>(series: &Series<'_, P>, noise: &ChainNoise) 
 
 /// Covariance just after the first measurement: what is not known yet scales with the noise, so that the likelihood of the
 /// factor has a closed form.
-fn start(first: &Matrix3<f64>, noise: &ChainNoise, prior_std: (f64, f64)) -> MatrixC {
-    let mut covariance = MatrixC::zeros();
+fn start<const N: usize>(
+    first: &Matrix3<f64>,
+    noise: &ChainNoise,
+    prior_std: (f64, f64),
+) -> SMatrix<f64, N, N> {
+    let mut covariance = SMatrix::<f64, N, N>::zeros();
     covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(first * noise.variance_factor + noise.lasting));
-    covariance.fixed_view_mut::<3, 3>(0, LASTING).copy_from(&-noise.lasting);
-    covariance.fixed_view_mut::<3, 3>(LASTING, 0).copy_from(&-noise.lasting);
-    covariance.fixed_view_mut::<3, 3>(LASTING, LASTING).copy_from(&noise.lasting);
+    if N > LASTING {
+        covariance.fixed_view_mut::<3, 3>(0, LASTING).copy_from(&-noise.lasting);
+        covariance.fixed_view_mut::<3, 3>(LASTING, 0).copy_from(&-noise.lasting);
+        covariance.fixed_view_mut::<3, 3>(LASTING, LASTING).copy_from(&noise.lasting);
+    }
     for k in 0..3 {
         covariance[(3 + k, 3 + k)] = prior_std.0.powi(2) * noise.variance_factor;
         covariance[(6 + k, 6 + k)] = prior_std.1.powi(2) * noise.variance_factor;
