@@ -16,8 +16,10 @@
 mod cholesky;
 mod equations;
 mod model;
+mod samples;
 mod surroundings;
 
+use crate::optics::{Known, Optics};
 use crate::patch::Patch;
 use crate::{Matrix2, Vector2};
 use equations::Equations;
@@ -47,6 +49,10 @@ const SAME_PLACE_PX: f64 = 0.1;
 /// Part of the diameter by which light that the model does not describe (gloss, third-order shading) may move a centre:
 /// a highlight of a twentieth of the disc's area, a tenth brighter, half a radius off the middle.
 const MODEL_STD: f64 = 0.002;
+/// Movement of the centre, in edge widths, for what the face shows beyond the model as a part of its contrast. A patch of
+/// relative strength s that reaches the rim moves an edge of width w by s w √π (matched filter of a Gaussian edge); the
+/// rim has room for about five such patches, half a radius wide, of which two directions take √(2/5).
+const TEXTURE_GAIN: f64 = 1.121;
 /// Standard deviations by which a ball must differ from its background in some channel.
 const LEAST_CONTRAST: f64 = 6.0;
 /// Standard deviations of the shading's slope and curvature over one radius, as parts of the colour in the middle: a
@@ -59,33 +65,6 @@ pub(crate) const NOISE_STD: f64 = 2.0;
 const NOISE_WEIGHT: f64 = 20.0;
 /// Least variance of a code: rounding to whole levels.
 const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
-
-/// Mean and variance of something that is known more or less.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Known {
-    pub(crate) mean: f64,
-    pub(crate) variance: f64,
-}
-
-/// What all balls in all frames of one camera share.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Optics {
-    /// Columns by which colour differences lie to the right of the left pixel of their pair.
-    pub(crate) siting_px: Known,
-    /// Standard deviation of the blur, pixel included.
-    pub(crate) edge_px: Known,
-}
-
-impl Default for Optics {
-    /// Siting halfway between left (H.264's default) and centred (JFIF, MPEG-1 and what many converters really do), and
-    /// as uncertain; a lens about as sharp as a pixel, with room for a soft one and for motion of a pixel or two.
-    fn default() -> Self {
-        Self {
-            siting_px: Known { mean: 0.25, variance: 0.25 * 0.25 },
-            edge_px: Known { mean: 0.6, variance: 0.25 * 0.25 },
-        }
-    }
-}
 
 /// A fitted ball.
 #[derive(Debug, Clone, Copy)]
@@ -198,11 +177,11 @@ impl Fitter {
             information[(i, i)] += known.variance.recip();
         }
         let covariance = Cholesky::new(information)?.inverse();
-        let model_px = MODEL_STD * 2.0 * p[RADIUS];
-        let covariance_px2 =
-            covariance.fixed_view::<2, 2>(0, 0) + Matrix2::identity() * (model_px * model_px);
         let shade = model.shade_at(p[0], p[1]).0;
         let linear = [0, 1, 2].map(|channel| p[BALL + channel] * shade);
+        let texture_px = TEXTURE_GAIN * p[EDGE] * self.equations.texture(patch, &linear);
+        let model_px2 = (MODEL_STD * 2.0 * p[RADIUS]).powi(2) + texture_px * texture_px;
+        let covariance_px2 = covariance.fixed_view::<2, 2>(0, 0) + Matrix2::identity() * model_px2;
         let trusted = self.equations.trusted();
         let uncertain = covariance_px2.trace() > 0.5 * p[RADIUS] * p[RADIUS];
         let good = covariance_px2.iter().all(|v| v.is_finite())

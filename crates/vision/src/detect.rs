@@ -1,7 +1,8 @@
 //! Finding balls of given colours in a whole frame.
 
-use crate::centre::{Fitter, Known, LEAST_RADIUS_PX, Optics, Start};
+use crate::centre::{Fitter, LEAST_RADIUS_PX, Start};
 use crate::color::{ColorModel, Seen, encode, to_linear};
+use crate::optics::{Known, Learned, Optics};
 use crate::patch::Patch;
 use crate::segment::{Blob, Segmenter, Window};
 use crate::{BallColor, Frame, Matrix2, Vector2, VisionError};
@@ -29,10 +30,6 @@ const MOST_BLOBS: usize = 16;
 
 /// Gates that the mean hue of a region, edges included, may be from the marker's before it is looked at closely.
 const LOOSE_GATE: f64 = 2.0;
-/// Standard deviations to which siting and blur are known at best: how far a real encoder's filter, and the motion blur of
-/// the next frame, are from a box and from this frame's.
-const LEAST_OPTICS_STD_PX: f64 = 0.02;
-
 /// Pixels around a region that are looked at: the blur of the rim and a ring of background beyond it.
 const RING_PX: f64 = 5.0;
 
@@ -48,7 +45,8 @@ pub(crate) struct Workspace {
     pub(crate) segmenter: Segmenter,
     patch: Patch,
     fitter: Fitter,
-    pub(crate) optics: Optics,
+    /// What followed balls told of the lens and the encoder.
+    pub(crate) optics: Learned,
     /// The radius of the ball that is followed.
     pub(crate) known_radius_px: Option<Known>,
 }
@@ -97,15 +95,6 @@ pub(crate) fn is_measurable((smallest_px, largest_px): (f64, f64)) -> bool {
 }
 
 impl Workspace {
-    /// Keeps what a followed ball tells of the lens and the encoder.
-    pub(crate) fn learn(&mut self, optics: Optics) {
-        let floor = |known: Known| Known {
-            variance: known.variance.max(LEAST_OPTICS_STD_PX * LEAST_OPTICS_STD_PX),
-            ..known
-        };
-        self.optics = Optics { siting_px: floor(optics.siting_px), edge_px: floor(optics.edge_px) };
-    }
-
     /// Balls of one marker among the collected pixels, best first.
     pub(crate) fn search(
         &mut self,
@@ -120,14 +109,21 @@ impl Workspace {
         let blobs = &mut self.segmenter.blobs;
         blobs.sort_unstable_by(|a, b| b.strength.total_cmp(&a.strength));
         blobs.truncate(MOST_BLOBS);
+        let optics = self.optics.expected();
         for blob in blobs.iter() {
             if model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
                 continue;
             }
-            let start = start(frame, blob, range_px, (self.optics, self.known_radius_px));
+            let start = start(frame, blob, range_px, (optics, self.known_radius_px));
             self.patch.fill(frame, blob.pixel, start.radius_px + RING_PX);
             let fit = self.fitter.fit(&self.patch, (0.5 * range_px.0, 0.5 * range_px.1), &start);
-            found.extend(fit.and_then(|fit| judge(frame, blob, (model, marker), &fit)));
+            found.extend(fit.and_then(|fit| {
+                judge(frame, blob, (model, marker), &fit).map(|ball| Sighting {
+                    ball,
+                    radius_px: fit.radius_px,
+                    optics: (optics, fit.optics),
+                })
+            }));
         }
         found.sort_unstable_by(|a, b| b.ball.score.total_cmp(&a.ball.score));
     }
@@ -161,7 +157,8 @@ fn start(
 pub(crate) struct Sighting {
     pub(crate) ball: BallCandidate,
     pub(crate) radius_px: Known,
-    pub(crate) optics: Optics,
+    /// Optics taken as known, and found.
+    pub(crate) optics: (Optics, Optics),
 }
 
 /// Whether a fitted disc is a ball of the marker, and how well it agrees.
@@ -170,7 +167,7 @@ fn judge(
     blob: &Blob,
     (model, marker): (&ColorModel, usize),
     fit: &crate::centre::Fit,
-) -> Option<Sighting> {
+) -> Option<BallCandidate> {
     let radius_px = fit.radius_px.mean;
     if !frame.size.contains(&fit.pixel, radius_px) {
         return None;
@@ -182,13 +179,12 @@ fn judge(
     }
     let disc_px = std::f64::consts::PI * radius_px * radius_px;
     let filled = (blob.area_px / disc_px).min(disc_px / blob.area_px);
-    let ball = BallCandidate {
+    Some(BallCandidate {
         pixel: fit.pixel,
         covariance_px2: fit.covariance_px2,
         area_px: blob.area_px,
         diameter_px: 2.0 * radius_px,
         score: (1.0 - 0.5 * gate) * filled.sqrt() * fit.trusted,
         color: fit.ball.map(|light| encode(f64::from(light)).0.round().clamp(0.0, 255.0) as u8),
-    };
-    Some(Sighting { ball, radius_px: fit.radius_px, optics: fit.optics })
+    })
 }

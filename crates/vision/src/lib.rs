@@ -7,6 +7,7 @@ mod color;
 mod detect;
 mod error;
 mod frame;
+mod optics;
 mod patch;
 mod segment;
 mod track;

@@ -1,8 +1,9 @@
 //! Following every marker from frame to frame.
 
-use crate::centre::{Known, LEAST_RADIUS_PX};
+use crate::centre::LEAST_RADIUS_PX;
 use crate::color::{ColorModel, Seen, to_linear};
 use crate::detect::{Sighting, Workspace, is_measurable};
+use crate::optics::Known;
 use crate::segment::Window;
 use crate::{BallCandidate, BallColor, Frame, Vector2, VisionError};
 use std::ops::RangeInclusive;
@@ -109,7 +110,8 @@ impl Tracker {
         let track = &self.tracks[marker];
         let near = |ball: &BallCandidate| (ball.pixel - middle).norm() <= reach_px && track.agrees(ball);
         let sighting = self.found.iter().copied().find(|sighting| near(&sighting.ball))?;
-        self.workspace.learn(sighting.optics);
+        let (taken, found) = sighting.optics;
+        self.workspace.optics.learn(taken, found);
         self.tracks[marker].radius_px = Some(sighting.radius_px);
         Some(sighting.ball)
     }
