@@ -1,9 +1,11 @@
 //! From poses to motion, and from motion and inputs to parameters.
 
-use crate::{PipelineError, Progress, Stage};
+use crate::{PipelineError, Progress, Stage, Tracked};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{CoefficientTable, Identification, Options, coefficients, identify};
-use mavsight_pose::{BodyMarker, Motion, PoseSample, smooth};
+use mavsight_pose::{
+    BodyMarker, Motion, PoseEstimator, PoseSample, RefinedMarkers, Rig, refine_markers, smooth,
+};
 
 /// Motion, coefficients and parameters of one flight.
 #[derive(Debug, Clone)]
@@ -19,6 +21,33 @@ pub struct Solution {
 /// The vehicle's markers as the pose estimator wants them.
 pub fn body_markers(vehicle: &Vehicle) -> Vec<BodyMarker> {
     crate::track::body_markers_of(vehicle)
+}
+
+/// Refines the marker positions from what was tracked, and estimates the poses anew with them; `ruler_std_m` is the
+/// standard deviation of a coordinate in the vehicle file.
+///
+/// # Errors
+/// Too few frames with a pose, or a standard deviation that is not above zero.
+pub fn refine_body(
+    tracked: &mut Tracked,
+    rig: &Rig,
+    vehicle: &Vehicle,
+    ruler_std_m: f64,
+) -> Result<RefinedMarkers, PipelineError> {
+    let failed = |source| PipelineError::Pose { place: "marker positions".into(), source };
+    let body = body_markers(vehicle);
+    let refined = refine_markers(&tracked.observations, rig, &body, ruler_std_m).map_err(failed)?;
+    let estimator = PoseEstimator::refined(rig, &refined).map_err(failed)?;
+    let mut previous = None;
+    let mut rest = tracked.observations.as_slice();
+    for pose in &mut tracked.poses {
+        let own = rest.iter().take_while(|o| o.t_ns == pose.t_ns).count();
+        let (seen, later) = rest.split_at(own);
+        rest = later;
+        *pose = crate::track::pose_at(&estimator, pose.t_ns, seen, previous.as_ref());
+        previous = pose.estimate.as_ref().map(|e| e.world_from_body).or(previous);
+    }
+    Ok(refined)
 }
 
 /// Smooths the poses into motion.

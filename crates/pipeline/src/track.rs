@@ -213,7 +213,7 @@ fn observations_at(t_ns: i64, instant: &[Seen]) -> Vec<MarkerObservation> {
     seen
 }
 
-fn pose_at(
+pub(crate) fn pose_at(
     estimator: &PoseEstimator,
     t_ns: i64,
     seen: &[MarkerObservation],
