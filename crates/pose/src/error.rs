@@ -16,15 +16,41 @@ pub enum PoseError {
     },
     /// A table whose columns differ in length.
     #[error(
-        "camera {camera}: {points} control points but {radii} ball radii: give one radius for each point (0 for a plain point)"
+        "camera {camera}: {points} control points but {given} values of {what}: give one for each point (0 where there is none)"
     )]
     ControlLengths {
         /// The camera.
         camera: String,
         /// Points given.
         points: usize,
-        /// Radii given.
-        radii: usize,
+        /// Which column.
+        what: &'static str,
+        /// Its length.
+        given: usize,
+    },
+    /// Control points that contradict the others, which are too few to decide without them.
+    #[error(
+        "control point {suspects} does not agree with the others, and too few others remain to tell for certain: check its place, its colour and its name in the table, or add control points"
+    )]
+    SuspectControlPoints {
+        /// Names.
+        suspects: String,
+    },
+    /// Control points that are not seen where the table puts them.
+    #[error(
+        "camera {camera}: the control points miss by {rms_px:.1} px (at most {gate_px:.1} px is a calibration), {worst} most, by {worst_px:.1} px: check places and names in the table, and that the still shows this control frame"
+    )]
+    ControlMisfit {
+        /// The camera.
+        camera: String,
+        /// Root mean square residual.
+        rms_px: f64,
+        /// The gate.
+        gate_px: f64,
+        /// The point that misses most.
+        worst: String,
+        /// By how much.
+        worst_px: f64,
     },
     /// No camera at all.
     #[error("the rig has {found} camera(s): a pose needs at least 1 and an accurate one at least 2")]
@@ -53,7 +79,7 @@ pub enum PoseError {
         agreeing: usize,
         /// Balls with a candidate.
         found: usize,
-        /// Names (or row numbers) of those that do not.
+        /// Names of those that do not.
         disagreeing: String,
         /// The gate.
         gate_px: f64,

@@ -43,8 +43,7 @@ fn rig() -> Rig {
         }
     });
     let points: Vec<_> = points.collect();
-    let control = CameraControl { name: "cam1".into(), size, ball_radius_m: vec![0.03; 8], points };
-    calibrate(&[control]).unwrap()
+    calibrate(&[CameraControl::exact("cam1".into(), size, points, vec![0.03; 8])]).unwrap()
 }
 
 fn pose_sample(t_ns: i64) -> PoseSample {
@@ -118,11 +117,13 @@ fn a_rig_survives() {
     let back = read_rig(&folder.path("rig.toml")).unwrap();
     let (a, b) = (&rig.cameras[0], &back.cameras[0]);
     assert_eq!(
-        (&a.name, a.camera.size, a.fit.dlt, a.camera.intrinsics),
-        (&b.name, b.camera.size, b.fit.dlt, b.camera.intrinsics)
+        (&a.name, a.camera.size, a.model, a.camera.intrinsics, a.camera.distortion),
+        (&b.name, b.camera.size, b.model, b.camera.intrinsics, b.camera.distortion)
     );
-    assert_eq!((&a.points, &a.points_in_world_m, a.sigma_px), (&b.points, &b.points_in_world_m, b.sigma_px));
-    assert_eq!((a.fit.covariance, a.centre_cov_m2), (b.fit.covariance, b.centre_cov_m2));
+    assert_eq!((&a.points, a.residual_rms_px, a.sigma_px), (&b.points, b.residual_rms_px, b.sigma_px));
+    assert_eq!((a.centre_std_m, a.centre_cov_m2), (b.centre_std_m, b.centre_cov_m2));
+    assert!(rig.uncertainty.ncols() >= 9);
+    assert_eq!((&rig.uncertainty, &rig.left_out), (&back.uncertainty, &back.left_out));
     let point = Vector3::new(0.3, 0.4, 1.1);
     assert_relative_eq!(
         a.camera.project(&point).unwrap().pixel,

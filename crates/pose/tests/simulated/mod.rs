@@ -72,6 +72,7 @@ fn uncertain(cameras: Vec<Camera>) -> Rig {
                 })
                 .collect(),
             ball_radius_m: vec![0.0; 27],
+            survey_std_m: vec![0.0; 27],
         })
         .collect();
     let mut rig = calibrate(&controls).expect("a rig");
