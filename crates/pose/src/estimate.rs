@@ -1,5 +1,6 @@
 //! The rigid pose of one instant from the markers that the cameras saw.
 
+mod bias;
 mod gates;
 mod p3p;
 mod solve;
@@ -91,6 +92,7 @@ pub struct PoseEstimator {
     rig_uncertainty: DMatrix<f64>,
     marker_uncertainty: DMatrix<f64>,
     marker_by_rig: DMatrix<f64>,
+    centre_bias_px: f64,
 }
 
 /// Levenberg-Marquardt steps; from the linear start four or five suffice.
@@ -107,6 +109,7 @@ impl PoseEstimator {
             rig_uncertainty: if known { rig.uncertainty.clone() } else { DMatrix::zeros(rows, 0) },
             marker_uncertainty: DMatrix::zeros(3 * markers.len(), 0),
             marker_by_rig: DMatrix::zeros(0, 0),
+            centre_bias_px: 0.0,
             markers: markers.to_vec(),
             cameras,
         }
