@@ -4,7 +4,7 @@ use crate::{PipelineError, Progress, Stage, Tracked};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{CoefficientTable, Identification, Options, coefficients, identify};
 use mavsight_pose::{
-    BodyMarker, Motion, PoseEstimator, PoseSample, RefinedMarkers, Rig, refine_markers, smooth,
+    BodyMarker, Motion, PoseError, PoseEstimator, PoseSample, RefinedMarkers, Rig, refine_markers, smooth,
 };
 
 /// Motion, coefficients and parameters of one flight.
@@ -38,6 +38,14 @@ pub fn refine_body(
     let body = body_markers(vehicle);
     let refined = refine_markers(&tracked.observations, rig, &body, ruler_std_m).map_err(failed)?;
     let estimator = PoseEstimator::refined(rig, &refined).map_err(failed)?;
+    poses_anew(estimator, tracked).map_err(failed)?;
+    Ok(refined)
+}
+
+/// Estimates all poses again with what the first estimates have shown of the centres' lasting errors.
+pub(crate) fn poses_anew(estimator: PoseEstimator, tracked: &mut Tracked) -> Result<(), PoseError> {
+    let bias_px = estimator.centre_bias_px(&tracked.observations, &tracked.poses)?;
+    let estimator = estimator.with_centre_bias(bias_px)?;
     let mut previous = None;
     let mut rest = tracked.observations.as_slice();
     for pose in &mut tracked.poses {
@@ -47,7 +55,7 @@ pub fn refine_body(
         *pose = crate::track::pose_at(&estimator, pose.t_ns, seen, previous.as_ref());
         previous = pose.estimate.as_ref().map(|e| e.world_from_body).or(previous);
     }
-    Ok(refined)
+    Ok(())
 }
 
 /// Smooths the poses into motion.

@@ -143,6 +143,8 @@ fn join(
     if tracked.poses.is_empty() {
         return Err(PipelineError::NoFrames { camera: names.join(" and ") });
     }
+    crate::solve::poses_anew(estimator, &mut tracked)
+        .map_err(|source| PipelineError::Pose { place: "centres".into(), source })?;
     Ok(tracked)
 }
 
