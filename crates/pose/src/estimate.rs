@@ -201,10 +201,7 @@ impl PoseEstimator {
             .map(|c| c.inverse())
             .ok_or(PoseError::NotConverged { steps: MAX_STEPS, residual_px })?;
         let (systematic, left_over) = self.systematic(own, solution);
-        // What cameras and markers explain of the residuals is no noise.
-        let nu = solution.redundancy as f64;
-        let share = if nu > 0.0 { nu / (nu + left_over) } else { 1.0 };
-        let factor = noise_factor(solution.chi_square * share, solution.redundancy);
+        let factor = noise_factor(solution.chi_square, left_over, solution.redundancy);
         Ok(PoseEstimate {
             world_from_body: solution.world_from_body,
             covariance: inverse * factor + &systematic * systematic.transpose(),

@@ -148,7 +148,7 @@ impl PoseEstimator {
     /// (Huber 1981, chapter 7, by iterative reweighting). The scale is that of [`noise_factor`], so that noise larger than
     /// was claimed does not make outliers of half the sights. The chi-square stays that of least squares.
     pub(super) fn bounded_from(&self, sights: &[&Sight], least: Solution) -> Solution {
-        let scale = noise_factor(least.chi_square, least.redundancy).max(1.0);
+        let scale = noise_factor(least.chi_square, 0.0, least.redundancy).max(1.0);
         if least.longest <= HUBER_BOUND.powi(2) * scale {
             return least;
         }
