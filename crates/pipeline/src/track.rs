@@ -143,6 +143,8 @@ fn join(
     if tracked.poses.is_empty() {
         return Err(PipelineError::NoFrames { camera: names.join(" and ") });
     }
+    crate::solve::poses_anew(estimator, &mut tracked)
+        .map_err(|source| PipelineError::Pose { place: "centres".into(), source })?;
     Ok(tracked)
 }
 
@@ -213,7 +215,7 @@ fn observations_at(t_ns: i64, instant: &[Seen]) -> Vec<MarkerObservation> {
     seen
 }
 
-fn pose_at(
+pub(crate) fn pose_at(
     estimator: &PoseEstimator,
     t_ns: i64,
     seen: &[MarkerObservation],
