@@ -260,3 +260,55 @@ fn unlike_cameras_and_surveyed_points_hold_the_truth_and_find_their_models() {
     println!("three unlike cameras: inside {share:.3}, NEES {nees:.2}");
     assert!((0.87..=1.0).contains(&share) && (2.0..4.0).contains(&nees), "{share} inside, NEES {nees}");
 }
+
+/// Each departure from the pinhole, and what must be found for it.
+#[test]
+fn the_model_is_the_one_that_made_the_images() {
+    type Change = fn(&mut Camera);
+    let cases: [(Change, CameraModel, fn(&Camera) -> f64, f64, f64); 4] = [
+        (|_| (), CameraModel::PINHOLE, |c| c.intrinsics.fx_px, 641.8, 0.5),
+        (
+            |c| c.intrinsics.fy_px *= 1.02,
+            CameraModel { pixels: Pixels::Rectangular, lens: Lens::Straight },
+            |c| c.intrinsics.fy_px / c.intrinsics.fx_px,
+            1.02,
+            1e-3,
+        ),
+        (
+            |c| c.intrinsics.skew_px = 6.0,
+            CameraModel { pixels: Pixels::Skewed, lens: Lens::Straight },
+            |c| c.intrinsics.skew_px,
+            6.0,
+            0.6,
+        ),
+        (
+            |c| c.distortion.k1 = -0.1,
+            CameraModel { pixels: Pixels::Square, lens: Lens::K1 },
+            |c| c.distortion.k1,
+            -0.1,
+            0.01,
+        ),
+    ];
+    let mut seed = 77;
+    let mut places = cube();
+    places.extend(cube().iter().map(|p| Vector3::new(0.5 * p.y, -0.6 * p.x, 0.4 + 0.7 * p.z)));
+    for (change, model, of, value, tolerance) in cases {
+        let mut found = 0;
+        for _ in 0..6 {
+            let controls: Vec<_> = cameras()
+                .iter()
+                .enumerate()
+                .map(|(k, camera)| {
+                    let mut camera = *camera;
+                    change(&mut camera);
+                    seen(&format!("cam{k}"), &camera, &places, (0.05, 0.03), &mut seed)
+                })
+                .collect();
+            let camera = &calibrate(&controls).unwrap().cameras[0];
+            found += i32::from(camera.model == model);
+            let got = of(&camera.camera);
+            assert!((got - value).abs() < tolerance, "{model}: {got} for {value}");
+        }
+        assert!(found >= 5, "{model} was found {found} times of 6");
+    }
+}
