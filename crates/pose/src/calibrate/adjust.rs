@@ -92,16 +92,34 @@ pub(super) fn adjust(
     models: &[CameraModel],
     start: &[Camera],
 ) -> Option<Fit> {
-    let layout = Layout::new(problem, choice, models);
-    let cameras: Vec<Camera> = start.iter().zip(models).map(|(c, m)| m.restricted(c)).collect();
     let places = problem.points.iter().map(|p| p.in_world_m).collect();
-    Adjustment { problem, choice, models, layout }.run(cameras, places)
+    from(problem, choice, models, (start.to_vec(), places, 1.0))
+}
+
+/// The same from a fit under another model.
+pub(super) fn readjust(
+    problem: &Problem,
+    choice: &Choice,
+    models: &[CameraModel],
+    near: &Fit,
+) -> Option<Fit> {
+    from(problem, choice, models, (near.cameras.clone(), near.places.clone(), near.variance_factor))
+}
+
+fn from(
+    problem: &Problem,
+    choice: &Choice,
+    models: &[CameraModel],
+    (cameras, places, factor): (Vec<Camera>, Vec<Vector3<f64>>, f64),
+) -> Option<Fit> {
+    let layout = Layout::new(problem, choice, models);
+    let cameras: Vec<Camera> = cameras.iter().zip(models).map(|(c, m)| m.restricted(c)).collect();
+    Adjustment { problem, choice, models, layout }.run(cameras, places, factor)
 }
 
 impl Adjustment<'_> {
-    fn run(self, mut cameras: Vec<Camera>, mut places: Vec<Vector3<f64>>) -> Option<Fit> {
+    fn run(self, mut cameras: Vec<Camera>, mut places: Vec<Vector3<f64>>, mut factor: f64) -> Option<Fit> {
         let n = 2 * self.choice.used.iter().filter(|u| **u).count();
-        let mut factor = 1.0;
         for round in 1.. {
             let equations = self.minimise(&mut cameras, &mut places, factor)?;
             let (covariance, log_determinant) = inverse(&equations.normal)?;
@@ -165,7 +183,7 @@ impl Adjustment<'_> {
             } else {
                 damping = if damping == 0.0 { 1e-4 } else { damping * 10.0 };
             }
-            if decrement < 1e-9 {
+            if decrement < 1e-7 {
                 break;
             }
         }
