@@ -96,10 +96,10 @@ pub enum PoseError {
     },
     /// Not enough of the body was seen.
     #[error(
-        "{seen} of {markers} markers seen by two cameras ({sights} sights in all): at least 3 are needed for a pose"
+        "{seen} of {markers} markers seen ({sights} sights in all): a pose needs 3, all of them in one camera or each in two"
     )]
     TooFewMarkers {
-        /// Markers seen by at least two cameras.
+        /// Markers seen.
         seen: usize,
         /// Markers of the body.
         markers: usize,
@@ -115,6 +115,38 @@ pub enum PoseError {
         residual_px: f64,
         /// Root of the reduced chi-square.
         times: f64,
+    },
+    /// More than one pose explains what was seen.
+    #[error(
+        "{poses} poses explain the {markers} markers seen (chi-square {chi_square:.1} and {next_chi_square:.1}) and no pose before decides: a second camera or a marker off the others' plane would"
+    )]
+    AmbiguousPose {
+        /// Poses about as likely as the best.
+        poses: usize,
+        /// Markers seen.
+        markers: usize,
+        /// Chi-square of the best.
+        chi_square: f64,
+        /// Chi-square of the next.
+        next_chi_square: f64,
+    },
+    /// The uncertainty of the markers' positions does not belong to these markers.
+    #[error(
+        "the uncertainty of the markers has {rows} rows or is not finite: give 3 rows a marker, {needed} in all"
+    )]
+    MarkerUncertainty {
+        /// Rows given.
+        rows: usize,
+        /// Rows needed.
+        needed: usize,
+    },
+    /// A prior that is no standard deviation.
+    #[error(
+        "the markers' standard deviation of {std_m} m is not above zero: a ruler is good to 0.001 or 0.002"
+    )]
+    BadPrior {
+        /// What was given.
+        std_m: f64,
     },
     /// The iteration found no minimum.
     #[error("the pose did not converge in {steps} steps: residual {residual_px:.2} px")]
