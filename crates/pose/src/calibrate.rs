@@ -113,6 +113,11 @@ pub enum LeftOutReason {
         /// The other.
         with: String,
     },
+    /// It or another does not agree with the rest, and which cannot be told: all of them were left out.
+    Doubtful {
+        /// The others.
+        with: String,
+    },
 }
 
 impl fmt::Display for LeftOut {
@@ -127,6 +132,9 @@ impl fmt::Display for LeftOut {
             }
             LeftOutReason::Swapped { with } => {
                 write!(out, ": it and {with} are seen in each other's place; exchange them in the table")
+            }
+            LeftOutReason::Doubtful { with } => {
+                write!(out, ": it or {with} does not agree with the others; measure them again")
             }
         }
     }

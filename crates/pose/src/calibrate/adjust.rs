@@ -92,16 +92,34 @@ pub(super) fn adjust(
     models: &[CameraModel],
     start: &[Camera],
 ) -> Option<Fit> {
-    let layout = Layout::new(problem, choice, models);
-    let cameras: Vec<Camera> = start.iter().zip(models).map(|(c, m)| m.restricted(c)).collect();
     let places = problem.points.iter().map(|p| p.in_world_m).collect();
-    Adjustment { problem, choice, models, layout }.run(cameras, places)
+    from(problem, choice, models, (start.to_vec(), places, 1.0))
+}
+
+/// The same from a fit under another model.
+pub(super) fn readjust(
+    problem: &Problem,
+    choice: &Choice,
+    models: &[CameraModel],
+    near: &Fit,
+) -> Option<Fit> {
+    from(problem, choice, models, (near.cameras.clone(), near.places.clone(), near.variance_factor))
+}
+
+fn from(
+    problem: &Problem,
+    choice: &Choice,
+    models: &[CameraModel],
+    (cameras, places, factor): (Vec<Camera>, Vec<Vector3<f64>>, f64),
+) -> Option<Fit> {
+    let layout = Layout::new(problem, choice, models);
+    let cameras: Vec<Camera> = cameras.iter().zip(models).map(|(c, m)| m.restricted(c)).collect();
+    Adjustment { problem, choice, models, layout }.run(cameras, places, factor)
 }
 
 impl Adjustment<'_> {
-    fn run(self, mut cameras: Vec<Camera>, mut places: Vec<Vector3<f64>>) -> Option<Fit> {
+    fn run(self, mut cameras: Vec<Camera>, mut places: Vec<Vector3<f64>>, mut factor: f64) -> Option<Fit> {
         let n = 2 * self.choice.used.iter().filter(|u| **u).count();
-        let mut factor = 1.0;
         for round in 1.. {
             let equations = self.minimise(&mut cameras, &mut places, factor)?;
             let (covariance, log_determinant) = inverse(&equations.normal)?;
@@ -165,7 +183,7 @@ impl Adjustment<'_> {
             } else {
                 damping = if damping == 0.0 { 1e-4 } else { damping * 10.0 };
             }
-            if decrement < 1e-9 {
+            if decrement < 1e-7 {
                 break;
             }
         }
@@ -201,13 +219,17 @@ impl Adjustment<'_> {
             prior: 0.0,
             log_prior_weight: 0.0,
         };
-        let mut rows = DMatrix::zeros(2, size);
+        let mut rows = Vec::with_capacity(CAMERA_PARAMETERS + 3);
         for (k, _) in self.choice.used.iter().enumerate().filter(|(_, used)| **used) {
             let residual =
                 sight_rows(&self.layout, (self.problem, self.choice), (cameras, places), k, &mut rows)?;
             out.squares += residual.norm_squared();
-            out.normal.gemm_tr(1.0 / factor, &rows, &rows, 1.0);
-            out.gradient.gemv_tr(1.0 / factor, &rows, &residual, 1.0);
+            for (i, a) in &rows {
+                out.gradient[*i] += a.dot(&residual) / factor;
+                for (j, b) in &rows {
+                    out.normal[(*i, *j)] += a.dot(b) / factor;
+                }
+            }
         }
         for ((model, camera), at) in self.models.iter().zip(cameras).zip(&self.layout.cameras) {
             let Some((at, _)) = at else { continue };
@@ -262,28 +284,27 @@ impl Adjustment<'_> {
     }
 }
 
-/// Whitened residual of a sight at the claimed covariance, and its derivatives by the free parameters.
+/// Whitened residual of a sight at the claimed covariance, and its derivatives by the free parameters that move it.
 fn sight_rows(
     layout: &Layout,
     (problem, choice): (&Problem, &Choice),
     (cameras, places): (&[Camera], &[Vector3<f64>]),
     sight: usize,
-    rows: &mut DMatrix<f64>,
+    rows: &mut Vec<(usize, Vector2<f64>)>,
 ) -> Option<Vector2<f64>> {
     let s = &problem.sights[sight];
     let row = choice.place[sight];
     let place = places[row];
     let camera = &cameras[s.camera];
     let seen = camera.project_ball(&place, s.radius_m).ok()?;
-    rows.fill(0.0);
+    rows.clear();
     if let Some((at, basis)) = &layout.cameras[s.camera] {
         let by_camera = s.whitener * camera.d_pixel_d_camera(&place).ok()?;
-        for (k, direction) in basis.iter().enumerate() {
-            rows.fixed_view_mut::<2, 1>(0, at + k).copy_from(&(by_camera * direction));
-        }
+        rows.extend(basis.iter().enumerate().map(|(k, direction)| (at + k, by_camera * direction)));
     }
     if let Some(at) = layout.points[row] {
-        rows.fixed_view_mut::<2, 3>(0, at).copy_from(&(s.whitener * seen.d_pixel_d_point_in_world));
+        let by_place = s.whitener * seen.d_pixel_d_point_in_world;
+        rows.extend((0..3).map(|k| (at + k, by_place.column(k).into_owned())));
     }
     Some(s.whitener * (s.pixel - seen.pixel))
 }
@@ -344,12 +365,14 @@ impl Fit {
         let inside = group.iter().all(|k| choice.used[*k]);
         let mut jacobian = DMatrix::zeros(d, self.layout.size);
         let mut residual = DVector::zeros(d);
-        let mut rows = DMatrix::zeros(2, self.layout.size);
+        let mut rows = Vec::new();
         for (i, k) in group.iter().enumerate() {
             let state = (self.cameras.as_slice(), self.places.as_slice());
             let r = sight_rows(&self.layout, (problem, choice), state, *k, &mut rows)?;
             residual.fixed_rows_mut::<2>(2 * i).copy_from(&r);
-            jacobian.rows_mut(2 * i, 2).copy_from(&rows);
+            for (column, by) in &rows {
+                jacobian.fixed_view_mut::<2, 1>(2 * i, *column).copy_from(by);
+            }
         }
         residual /= self.variance_factor.sqrt();
         jacobian /= self.variance_factor.sqrt();
