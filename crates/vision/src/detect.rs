@@ -37,6 +37,7 @@ const RING_PX: f64 = 5.0;
 #[derive(Debug, Clone)]
 pub struct Detector {
     model: ColorModel,
+    workspace: Workspace,
 }
 
 /// Working space of a search, reused from frame to frame.
@@ -58,7 +59,7 @@ impl Detector {
     /// [`VisionError::ColorsTooClose`] naming two markers of one hue, [`VisionError::ColorTooGrey`] for a marker
     /// without one, [`VisionError::NoMarkers`] for an empty list.
     pub fn new(colors: &[BallColor]) -> Result<Self, VisionError> {
-        Ok(Self { model: ColorModel::new(colors)? })
+        Ok(Self { model: ColorModel::new(colors)?, workspace: Workspace::default() })
     }
 
     /// Every region that may be a ball with an apparent diameter in the range: one list a colour, best first.
@@ -66,7 +67,7 @@ impl Detector {
     /// A ball that is not seen yields an empty list. Balls below 3 px are not measured, whatever the range; a range
     /// that is not finite or does not reach 3 px yields nothing at all.
     pub fn candidates(
-        &self,
+        &mut self,
         frame: &Frame,
         expected_diameter_px: RangeInclusive<f64>,
     ) -> Vec<Vec<BallCandidate>> {
@@ -75,7 +76,7 @@ impl Detector {
         if !is_measurable(range_px) {
             return lists;
         }
-        let mut workspace = Workspace::default();
+        let workspace = &mut self.workspace;
         workspace.segmenter.collect(frame, &Window::whole(frame));
         let mut found = Vec::new();
         for (marker, list) in lists.iter_mut().enumerate() {

@@ -4,6 +4,7 @@
 
 mod centre;
 mod color;
+mod colored;
 mod detect;
 mod error;
 mod frame;

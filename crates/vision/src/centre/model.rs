@@ -40,7 +40,7 @@ pub(super) struct Shown {
 
 /// Fraction of a pixel that the disc covers: a Gaussian edge (lens, aperture and pixel together).
 pub(super) fn coverage(p: &Parameters, x_px: f64, y_px: f64) -> f64 {
-    let z = (p[RADIUS] - (x_px - p[0]).hypot(y_px - p[1])) / p[EDGE];
+    let z = (p[RADIUS] - ((x_px - p[0]).powi(2) + (y_px - p[1]).powi(2)).sqrt()) / p[EDGE];
     if z.abs() > FAR {
         return if z > 0.0 { 1.0 } else { 0.0 };
     }
@@ -71,7 +71,7 @@ impl Model {
     pub(super) fn at(&self, x_px: f64, y_px: f64, behind: &[f64; 3]) -> Shown {
         let p = &self.p;
         let (dx, dy) = (x_px - p[0], y_px - p[1]);
-        let distance = dx.hypot(dy).max(1e-9);
+        let distance = (dx * dx + dy * dy).sqrt().max(1e-9);
         let z = (p[RADIUS] - distance) / p[EDGE];
         let (covered, slope) = if z.abs() > FAR {
             (if z > 0.0 { 1.0 } else { 0.0 }, [0.0; 4])
