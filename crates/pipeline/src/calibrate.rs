@@ -37,7 +37,8 @@ pub fn calibrate_from_stills(
         table.iter().map(|row| BallColor { name: row.name.clone(), rgb: row.color.rgb() }).collect();
     let mut detector = Detector::new(&colors)
         .map_err(|source| PipelineError::Vision { place: "control points".into(), source })?;
-    let seen = stills.iter().map(|s| seen_in_still(s, table, &mut detector)).collect::<Result<Vec<_>, _>>()?;
+    let seen =
+        stills.iter().map(|s| seen_in_still(s, table, &mut detector)).collect::<Result<Vec<_>, _>>()?;
     let swapped = swapped_pairs(&seen);
     let mut left_out = named_swaps(&swapped, table);
     let mut controls = Vec::with_capacity(stills.len());

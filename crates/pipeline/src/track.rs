@@ -105,7 +105,7 @@ fn tracker_for(rig: &Rig, camera: usize, vehicle: &Vehicle) -> Result<Tracker, m
     let smallest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(f64::MAX, f64::min);
     let largest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(0.0, f64::max);
     let range = focal_px * smallest_m / far_m / RANGE_MARGIN..=focal_px * largest_m / near_m * RANGE_MARGIN;
-    Tracker::new(&ball_colors(vehicle), range)
+    Ok(Tracker::new(&ball_colors(vehicle), range)?.with_camera(seen_by.camera))
 }
 
 fn join(

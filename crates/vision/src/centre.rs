@@ -20,6 +20,7 @@ mod samples;
 mod surroundings;
 
 use crate::optics::{Known, Optics};
+use crate::outline::Outline;
 use crate::patch::Patch;
 use crate::{Matrix2, Vector2};
 use equations::{Covariance, Equations};
@@ -90,6 +91,7 @@ pub(crate) struct Start {
     /// Linear light of the ball.
     pub(crate) ball: [f32; 3],
     pub(crate) optics: Optics,
+    pub(crate) outline: Outline,
     /// The radius, where something is known of it beforehand.
     pub(crate) known_radius_px: Option<Known>,
 }
@@ -224,7 +226,7 @@ fn first_guess(start: &Start, range_px: (f64, f64)) -> Model {
         p[BALL + channel] = f64::from(*light);
     }
     p[SITING] = start.optics.siting_px.mean;
-    Model { p, origin: (p[0], p[1]), unit_px: p[RADIUS] }
+    Model { p, origin: (p[0], p[1]), unit_px: p[RADIUS], outline: start.outline }
 }
 
 /// What is known beforehand: little of place, radius and colour.

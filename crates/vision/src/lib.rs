@@ -9,6 +9,7 @@ mod detect;
 mod error;
 mod frame;
 mod optics;
+mod outline;
 mod patch;
 mod segment;
 mod track;

@@ -1,7 +1,7 @@
 //! The equations of a ball's fit: residuals, weights and derivatives of every sample that the ball touches.
 
 use super::cholesky::Skyline;
-use super::model::{COUNT, Model, Parameters, RESIDUAL, Row, SITING, Shown, coverage};
+use super::model::{COUNT, Model, Parameters, RESIDUAL, Row, SITING, Shown};
 use super::samples::{add, combined, grain_variance, visit};
 use super::surroundings::{Surroundings, biweight};
 use super::{CLEAR, NOISE_STD, NOISE_WEIGHT, ROUNDING_VARIANCE, disc};
@@ -90,7 +90,7 @@ impl Equations {
         self.covered.clear();
         self.covered.extend((0..patch.bright.len()).map(|i| {
             let (x, y) = patch.place(i);
-            coverage(p, x, y)
+            model.coverage(x, y)
         }));
         self.by_angle.clear();
         let mut inside = 0;
