@@ -21,7 +21,7 @@ impl PoseEstimator {
         if !(std_px.is_finite() && std_px >= 0.0) {
             return Err(PoseError::BadBias { std_px });
         }
-        self.centre_bias_px = std_px;
+        self.lasting = self.lasting.with_bias_px(std_px);
         Ok(self)
     }
 
