@@ -18,6 +18,8 @@ const RANGE_MARGIN: f64 = 2.0;
 pub struct Tracked {
     /// Every marker seen, by time, camera and marker.
     pub observations: Vec<MarkerObservation>,
+    /// Apparent diameters, one for each observation.
+    pub diameters_px: Vec<f64>,
     /// One sample an instant, empty where it could not be measured.
     pub poses: Vec<PoseSample>,
 }
@@ -134,6 +136,8 @@ fn join(
             interval_ns = Some(t_ns - last.t_ns);
         }
         let seen = observations_at(t_ns, &instant);
+        let balls = instant.iter().flat_map(|(_, balls)| balls.iter().flatten());
+        tracked.diameters_px.extend(balls.map(|b| b.diameter_px));
         let sample = pose_at(&estimator, t_ns, &seen, previous.as_ref());
         previous = sample.estimate.as_ref().map(|e| e.world_from_body).or(previous);
         tracked.observations.extend(seen);
