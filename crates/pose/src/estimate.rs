@@ -186,7 +186,7 @@ impl PoseEstimator {
             .cholesky()
             .map(|c| c.inverse())
             .ok_or(PoseError::NotConverged { steps: MAX_STEPS, residual_px })?;
-        let (systematic, left_over) = self.systematic(own, solution);
+        let (systematic, left_over) = self.systematic(own, solution, &inverse);
         let factor = noise_factor(solution.chi_square, left_over, solution.redundancy);
         Ok(PoseEstimate {
             world_from_body: solution.world_from_body,
@@ -259,7 +259,9 @@ impl PoseEstimator {
     /// Factor by which what is not known of cameras and markers raises the mean chi-square.
     fn claimed_excess(&self, sights: &[Sight], used: &[usize], solution: &Solution) -> f64 {
         let own: Vec<&Sight> = sights.iter().filter(|s| used.contains(&s.marker)).collect();
-        1.0 + self.systematic(&own, solution).1 / solution.redundancy.max(1) as f64
+        let explained =
+            solution.normal.cholesky().map_or(0.0, |c| self.systematic(&own, solution, &c.inverse()).1);
+        1.0 + explained / solution.redundancy.max(1) as f64
     }
 
     /// Markers that miss by more than their own radius are not the body's markers.

@@ -166,14 +166,19 @@ impl PoseEstimator {
 
     /// What one standard deviation along each direction of error of cameras, marker positions and centres does to the pose, and
     /// the mean chi-square that all of them together leave in the residuals.
-    pub(super) fn systematic(&self, sights: &[&Sight], solution: &Solution) -> (Matrix6xX<f64>, f64) {
-        let columns = self.lasting.columns();
-        let Some(factor) = solution.normal.cholesky().filter(|_| columns > 0) else {
-            return (Matrix6xX::zeros(columns), 0.0);
-        };
+    /// `inverse` is that of the normal equations.
+    pub(super) fn systematic(
+        &self,
+        sights: &[&Sight],
+        solution: &Solution,
+        inverse: &Matrix6<f64>,
+    ) -> (Matrix6xX<f64>, f64) {
+        let mut effects = Matrix6xX::zeros(self.lasting.columns());
+        if effects.is_empty() {
+            return (effects, 0.0);
+        }
         let pose = &solution.world_from_body;
         let turn = matrix_of(&pose.rotation);
-        let mut effects = Matrix6xX::zeros(columns);
         let mut squares = 0.0;
         for s in sights {
             let body: &BodyMarker = &self.markers[s.marker];
@@ -198,9 +203,10 @@ impl PoseEstimator {
         }
         let mut taken = 0.0;
         for mut column in effects.column_iter_mut() {
-            let right = column.clone_owned();
-            factor.solve_mut(&mut column);
-            taken += column.dot(&right);
+            let right: Vector6<f64> = column.clone_owned();
+            let effect = inverse * right;
+            taken += effect.dot(&right);
+            column.copy_from(&effect);
         }
         (effects, (squares - taken).max(0.0))
     }
