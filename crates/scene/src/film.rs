@@ -2,7 +2,7 @@
 
 use crate::aircraft::{Aircraft, ControlFrame, Part};
 use crate::light::IrradianceMap;
-use crate::render::{Moving, PART_SAMPLES, Plate, Region, compose, region_of, room_plate};
+use crate::render::{Composer, Moving, PART_SAMPLES, Plate, Region, region_of, room_plate};
 use crate::sensor::Coder;
 use crate::{Room, Sensor};
 use mavsight_geometry::Camera;
@@ -14,7 +14,7 @@ pub struct Film<'a> {
     camera: Camera,
     plate: Plate,
     blurred: Vec<[f32; 3]>,
-    kernel: Vec<f32>,
+    lens: Lens,
     coder: Coder,
 }
 
@@ -25,10 +25,10 @@ impl<'a> Film<'a> {
     /// Renders the room once for this camera. Pixels outside the field where the lens distortion can be undone are black.
     pub fn new(room: &'a Room, camera: Camera, sensor: Sensor) -> Self {
         let plate = room_plate(room, &camera);
-        let kernel = gaussian(sensor.lens_blur_px);
-        let mut film = Self { room, camera, plate, blurred: Vec::new(), kernel, coder: Coder::new(sensor) };
+        let lens = Lens::new(sensor.lens_blur_px);
+        let mut film = Self { room, camera, plate, blurred: Vec::new(), lens, coder: Coder::new(sensor) };
         let (width, height) = film.size();
-        film.blurred = blur(&film.plate.light, width, height, &film.kernel);
+        film.blurred = blur(&film.plate.light, width, height, &film.lens.coarse);
         film
     }
 
@@ -58,9 +58,9 @@ impl<'a> Film<'a> {
 
     /// Linear light of the room with parts before it, behind the lens.
     fn with_parts(&self, parts: &[Part], poses: &[Isometry3<f64>]) -> Vec<[f32; 3]> {
-        let reach = self.kernel.len() / 2;
+        let margin_px = 2.0 + 2.0 * self.lens.reach as f64;
         let mut out = self.blurred.clone();
-        let Some(region) = region_of(parts, poses, &self.camera, 2.0 + reach as f64) else { return out };
+        let Some(region) = region_of(parts, poses, &self.camera, margin_px) else { return out };
         let light: Vec<IrradianceMap> = parts
             .iter()
             .map(|part| {
@@ -69,47 +69,95 @@ impl<'a> Film<'a> {
             })
             .collect();
         let moving = Moving { parts, poses, light: &light };
-        let sharp = compose(&moving, &self.camera, &self.plate, region);
-        self.blur_into(&mut out, &sharp, region);
+        let composer = Composer::new(&moving, &self.camera, &self.plate);
+        self.soften_into(&mut out, &composer, region);
         out
     }
 
-    /// Blurs a sharp region with the plate around it, and puts it in its place.
-    fn blur_into(&self, out: &mut [[f32; 3]], sharp: &[[f32; 3]], region: Region) {
+    /// Puts a region with moving parts behind the lens in its place. Pixels within the lens's reach of its border, where it
+    /// is not the image's, see no part.
+    fn soften_into(&self, out: &mut [[f32; 3]], composer: &Composer<'_>, region: Region) {
         let (width, height) = self.size();
-        let reach = self.kernel.len() / 2;
-        let around = Region {
-            x: (region.x.0.saturating_sub(reach), (region.x.1 + reach).min(width)),
-            y: (region.y.0.saturating_sub(reach), (region.y.1 + reach).min(height)),
-        };
-        let (w, h) = (around.x.1 - around.x.0, around.y.1 - around.y.0);
-        let mut patch = Vec::with_capacity(w * h);
-        for y in around.y.0..around.y.1 {
-            patch.extend_from_slice(&self.plate.light[y * width + around.x.0..y * width + around.x.1]);
-        }
-        let region_width = region.x.1 - region.x.0;
-        for (row, y) in (region.y.0..region.y.1).enumerate() {
-            let at = (y - around.y.0) * w + region.x.0 - around.x.0;
-            patch[at..at + region_width]
-                .copy_from_slice(&sharp[row * region_width..(row + 1) * region_width]);
-        }
-        let soft = blur(&patch, w, h, &self.kernel);
+        let columns = region.x.1 - region.x.0;
+        let mut samples = vec![[0.0; 3]; columns * PART_SAMPLES * PART_SAMPLES];
+        let mut line = vec![[0.0; 3]; columns];
+        let mut sums = vec![([0.0_f32; 3], 0.0_f32); columns * (region.y.1 - region.y.0)];
+        let reach = self.lens.reach;
         for y in region.y.0..region.y.1 {
-            let at = (y - around.y.0) * w + region.x.0 - around.x.0;
-            out[y * width + region.x.0..y * width + region.x.1].copy_from_slice(&soft[at..at + region_width]);
+            composer.row(y, region.x, &mut samples);
+            for (j, row) in samples.chunks_exact(columns * PART_SAMPLES).enumerate() {
+                self.lens.across(row, &mut line);
+                for target in y.saturating_sub(reach).max(region.y.0)..(y + reach + 1).min(region.y.1) {
+                    let weight = self.lens.fine[(y + reach - target) * PART_SAMPLES + j];
+                    let sums = &mut sums[(target - region.y.0) * columns..][..columns];
+                    for ((sum, total), light) in sums.iter_mut().zip(&line) {
+                        (0..3).for_each(|c| sum[c] += weight * light[c]);
+                        *total += weight;
+                    }
+                }
+            }
+        }
+        let inner = |(from, to): (usize, usize), size: usize| {
+            (
+                if from == 0 { 0 } else { from + reach },
+                if to == size { size } else { to.saturating_sub(reach) },
+            )
+        };
+        let (x, y) = (inner(region.x, width), inner(region.y, height));
+        for row in y.0..y.1 {
+            for column in x.0..x.1 {
+                let (sum, total) = sums[(row - region.y.0) * columns + column - region.x.0];
+                out[row * width + column] = sum.map(|c| c / total);
+            }
         }
     }
 }
 
-fn gaussian(std_px: f64) -> Vec<f32> {
-    if std_px.is_nan() || std_px <= 0.0 {
-        return vec![1.0];
+/// Parts of a pixel in the mean of the lens's blur over it.
+const PIXEL_PARTS: usize = 64;
+
+/// A lens's Gaussian blur and a pixel's area together, as weights.
+struct Lens {
+    /// Pixels to either side that light may come from.
+    reach: usize,
+    /// Weight of each sample row or column, [`PART_SAMPLES`] to a pixel.
+    fine: Vec<f32>,
+    /// Weight of each whole pixel: the same for light that is uniform within pixels.
+    coarse: Vec<f32>,
+}
+
+impl Lens {
+    fn new(blur_px: f64) -> Self {
+        let reach = if blur_px > 0.0 { (4.0 * blur_px).ceil() as usize } else { 0 };
+        let count = PART_SAMPLES * (2 * reach + 1);
+        let offset_px = |k: usize| (k as f64 + 0.5) / PART_SAMPLES as f64 - reach as f64 - 0.5;
+        // The Gaussian's mean over the pixel around each sample; without blur every sample of the one pixel counts alike.
+        let weight = |k: usize| {
+            let within = |part: usize| offset_px(k) + (part as f64 + 0.5) / PIXEL_PARTS as f64 - 0.5;
+            (0..PIXEL_PARTS).map(|part| (-0.5 * (within(part) / blur_px).powi(2)).exp()).sum::<f64>()
+        };
+        let weights: Vec<f64> = (0..count).map(|k| if reach == 0 { 1.0 } else { weight(k) }).collect();
+        let sum: f64 = weights.iter().sum();
+        let fine: Vec<f32> = weights.iter().map(|w| (w / sum) as f32).collect();
+        let coarse = fine.chunks_exact(PART_SAMPLES).map(|w| w.iter().sum()).collect();
+        Self { reach, fine, coarse }
     }
-    let reach = (4.0 * std_px).ceil() as i32;
-    let weights: Vec<f64> =
-        (-reach..=reach).map(|k| (-0.5 * (f64::from(k) / std_px).powi(2)).exp()).collect();
-    let sum: f64 = weights.iter().sum();
-    weights.iter().map(|w| (w / sum) as f32).collect()
+
+    /// One row of samples into pixels; beyond its ends nothing counts.
+    fn across(&self, row: &[[f32; 3]], line: &mut [[f32; 3]]) {
+        let reach = self.reach * PART_SAMPLES;
+        for (x, out) in line.iter_mut().enumerate() {
+            let first = (x * PART_SAMPLES).saturating_sub(reach);
+            let last = ((x + 1) * PART_SAMPLES + reach).min(row.len());
+            let weights = &self.fine[first + reach - x * PART_SAMPLES..];
+            let (mut sum, mut total) = ([0.0_f32; 3], 0.0_f32);
+            for (light, weight) in row[first..last].iter().zip(weights) {
+                (0..3).for_each(|c| sum[c] += weight * light[c]);
+                total += weight;
+            }
+            *out = sum.map(|c| c / total);
+        }
+    }
 }
 
 /// Separable convolution; beyond the border the border's pixels repeat.

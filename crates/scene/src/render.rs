@@ -14,8 +14,8 @@ use std::f64::consts::PI;
 const EXPOSURE: f64 = 0.85;
 /// Samples across a pixel of the room, each way.
 const ROOM_SAMPLES: u32 = 3;
-/// Samples across a pixel of what moves, each way. With 64 samples a disc's edge is known to about 1/64 of a pixel's
-/// coverage, its centroid to a thousandth of a pixel.
+/// Samples across a pixel of what moves, each way; their 64 rows and columns are all different, so that an edge along an
+/// axis is met in 64 steps too, and a disc's centroid is true to a thousandth of a pixel.
 pub(crate) const PART_SAMPLES: usize = 8;
 
 /// A rendered room: linear light of each pixel, and the distance along its middle ray.
@@ -132,62 +132,63 @@ pub(crate) struct Moving<'a> {
     pub light: &'a [IrradianceMap],
 }
 
-/// Renders moving parts over the plate, in a region: `out` has the region's pixels row by row.
-pub(crate) fn compose(moving: &Moving<'_>, camera: &Camera, plate: &Plate, region: Region) -> Vec<[f32; 3]> {
-    let width = region.x.1 - region.x.0;
-    let inverses: Vec<Isometry3<f64>> = moving.poses.iter().map(Isometry3::inverse).collect();
-    let origins: Vec<Vector3<f64>> =
-        inverses.iter().map(|i| (i * Point3::from(camera.centre_in_world())).coords).collect();
-    let mut out = Vec::with_capacity(width * (region.y.1 - region.y.0));
-    for y in region.y.0..region.y.1 {
-        for x in region.x.0..region.x.1 {
-            let k = y * camera.size.width_px as usize + x;
-            let behind = plate.light[k].map(f64::from);
-            let seen = pixel(
-                moving,
-                camera,
-                (&inverses, &origins),
-                (x, y),
-                (behind, f64::from(plate.distance_m[k])),
-            );
-            out.push(seen.map(|c| c as f32));
-        }
-    }
-    out
+/// What rays through a region need, worked out once a frame.
+pub(crate) struct Composer<'a> {
+    moving: &'a Moving<'a>,
+    camera: &'a Camera,
+    plate: &'a Plate,
+    inverses: Vec<Isometry3<f64>>,
+    origins: Vec<Vector3<f64>>,
 }
 
-fn pixel(
-    moving: &Moving<'_>,
-    camera: &Camera,
-    (inverses, origins): (&[Isometry3<f64>], &[Vector3<f64>]),
-    (x, y): (usize, usize),
-    (behind, distance_m): ([f64; 3], f64),
-) -> [f64; 3] {
-    const N: usize = PART_SAMPLES;
-    let Some(middle) = ray_at(camera, x as f64, y as f64) else { return behind };
-    let near = near_parts(moving, &middle, camera, inverses, origins);
-    if near.is_empty() {
-        return behind;
+impl<'a> Composer<'a> {
+    pub(crate) fn new(moving: &'a Moving<'a>, camera: &'a Camera, plate: &'a Plate) -> Self {
+        let inverses: Vec<Isometry3<f64>> = moving.poses.iter().map(Isometry3::inverse).collect();
+        let origins = inverses.iter().map(|i| (i * Point3::from(camera.centre_in_world())).coords).collect();
+        Self { moving, camera, plate, inverses, origins }
     }
-    let mut sum = [0.0; 3];
-    let across = |k: usize| (k as f64 + 0.5) / N as f64 - 0.5;
-    for s in 0..N * N {
-        let (i, j) = (s % N, s / N);
-        // Times are dealt over the square so that each row, column and quarter sees the whole exposure.
-        let pose = (i * 5 + j * 3 + (x + 2 * y)) % N * inverses.len() / N;
-        let light = match ray_at(camera, x as f64 + across(i), y as f64 + across(j)) {
-            Some(ray) => {
-                let turned =
-                    Ray { origin: origins[pose], direction: inverses[pose].rotation * ray.direction };
-                sample(moving, &near, &turned, pose, (behind, distance_m))
-            }
-            None => behind,
-        };
-        for (sum, light) in sum.iter_mut().zip(light) {
-            *sum += light;
+
+    /// Samples of one row of pixels with the moving parts over the plate, [`PART_SAMPLES`] rows of as many to a pixel.
+    pub(crate) fn row(&self, y: usize, columns: (usize, usize), samples: &mut [[f32; 3]]) {
+        let width = (columns.1 - columns.0) * PART_SAMPLES;
+        for x in columns.0..columns.1 {
+            let k = y * self.camera.size.width_px as usize + x;
+            let behind = (self.plate.light[k].map(f64::from), f64::from(self.plate.distance_m[k]));
+            self.pixel((x, y), behind, |i, j, light| {
+                samples[j * width + (x - columns.0) * PART_SAMPLES + i] = light.map(|c| c as f32);
+            });
         }
     }
-    sum.map(|c| c / (N * N) as f64)
+
+    fn pixel(
+        &self,
+        (x, y): (usize, usize),
+        (behind, distance_m): ([f64; 3], f64),
+        mut each: impl FnMut(usize, usize, [f64; 3]),
+    ) {
+        const N: usize = PART_SAMPLES;
+        let near = ray_at(self.camera, x as f64, y as f64)
+            .map(|middle| near_parts(self.moving, &middle, self.camera, &self.inverses, &self.origins))
+            .unwrap_or_default();
+        // The canonical multi-jittered arrangement (Chiu, Shirley & Wang 1994).
+        let across = |k: usize, other: usize| (k as f64 + (other as f64 + 0.5) / N as f64) / N as f64 - 0.5;
+        for s in 0..N * N {
+            let (i, j) = (s % N, s / N);
+            // Times are dealt over the square so that each row, column and quarter sees the whole exposure.
+            let pose = (i * 5 + j * 3 + (x + 2 * y)) % N * self.inverses.len() / N;
+            let ray = if near.is_empty() {
+                None
+            } else {
+                ray_at(self.camera, x as f64 + across(i, j), y as f64 + across(j, i))
+            };
+            let light = ray.map_or(behind, |ray| {
+                let direction = self.inverses[pose].rotation * ray.direction;
+                let turned = Ray { origin: self.origins[pose], direction };
+                sample(self.moving, &near, &turned, pose, (behind, distance_m))
+            });
+            each(i, j, light);
+        }
+    }
 }
 
 /// Indices of the parts that a pixel may see at some time of the exposure.

@@ -24,7 +24,7 @@ use crate::outline::Outline;
 use crate::patch::Patch;
 use crate::{Matrix2, Vector2};
 use equations::{Covariance, Equations};
-use model::{BALL, COUNT, EDGE, Model, Parameters, RADIUS, SHADE, SITING};
+use model::{BALL, COUNT, EDGE, FIRST_ORDER, Model, Parameters, RADIUS, SHADE, SITING};
 use nalgebra::{Cholesky, SMatrix};
 use surroundings::Disc;
 
@@ -37,7 +37,7 @@ const PIXEL_STD_PX: f64 = 0.288_675;
 /// Coverage below which a pixel counts as clear of the ball, and above one less which as inside it.
 const CLEAR: f64 = 0.01;
 /// Rounds in which background and noise are set anew, and steps in each.
-const ROUNDS: usize = 5;
+const ROUNDS: usize = 8;
 const STEPS: usize = 4;
 /// Rounds after which trust and noise are kept, so that the steps shrink.
 const WEIGHED_ROUNDS: usize = 4;
@@ -47,9 +47,9 @@ const LEAST_ROUNDS: usize = 2;
 const SMALL_STEP: f64 = 0.01;
 /// Movement after which the background is estimated again.
 const SAME_PLACE_PX: f64 = 0.1;
-/// Part of the diameter by which light that the model does not describe (gloss, third-order shading) may move a centre:
-/// a highlight of a twentieth of the disc's area, a tenth brighter, half a radius off the middle.
-const MODEL_STD: f64 = 0.002;
+/// Part of the diameter by which a centre may be off whatever the image shows: moulded balls are round to a few
+/// thousandths (the rules of table tennis allow six), and the light on them is modelled to about as much.
+const MODEL_STD: f64 = 0.001;
 /// Movement of the centre, in edge widths, for what the face shows beyond the model as a part of its contrast. A patch of
 /// relative strength s that reaches the rim moves an edge of width w by s w √π (matched filter of a Gaussian edge); the
 /// rim has room for about five such patches, half a radius wide, of which two directions take √(2/5).
@@ -58,10 +58,10 @@ const TEXTURE_GAIN: f64 = 1.121;
 const LEAST_CONTRAST: f64 = 6.0;
 /// Part of the disc whose samples must be believed.
 const LEAST_TRUSTED: f64 = 0.5;
-/// Standard deviations of the shading's slope and curvature over one radius, as parts of the colour in the middle: a
-/// matt sphere lit from one side has a slope near one and, lit as much from the camera's side as from all around, a
-/// curvature of -1/4; lit evenly it has neither.
-const SHADE_STD: [f64; 2] = [0.5, 0.15];
+/// Standard deviations of the shading's coefficients of first and second order as parts of the ball's colour: a matt sphere
+/// lit from one side and half as much from all around has 0.5, and passes what light has of the second order 3/8 as
+/// strongly as what it has of the first (Ramamoorthi & Hanrahan 2001, eq. 9).
+const SHADE_STD: [f64; 2] = [0.5, 0.2];
 /// Noise of a pixel before a film has shown its own: two levels, a consumer camera's in a lit room (shot noise of 8000
 /// electrons is 1.4 levels at half the range), and the number of samples that this guess counts for.
 pub(crate) const NOISE_STD: f64 = 2.0;
@@ -75,7 +75,7 @@ pub(crate) struct Fit {
     pub(crate) pixel: Vector2<f64>,
     pub(crate) covariance_px2: Matrix2<f64>,
     pub(crate) radius_px: Known,
-    /// Linear light in the middle of the ball.
+    /// Linear light of the ball, mean over its disc.
     pub(crate) ball: [f32; 3],
     /// Part of the disc whose samples were believed, 0 to 1.
     pub(crate) trusted: f64,
@@ -118,6 +118,7 @@ impl Fitter {
         let mut last_place = None;
         for round in 0..ROUNDS {
             let place = model.p.xy();
+            (model.origin, model.unit_px) = ((place.x, place.y), model.p[RADIUS]);
             let same = last_place.is_some_and(|last: Vector2<f64>| (last - place).norm() < SAME_PLACE_PX);
             if round < LEAST_ROUNDS || !same {
                 self.equations.look_around(patch, &model)?;
@@ -144,7 +145,7 @@ impl Fitter {
             if round < WEIGHED_ROUNDS {
                 self.equations.reweigh(patch, &model, round);
             }
-            if self.equations.trusted() < LEAST_TRUSTED {
+            if round >= LEAST_ROUNDS && self.equations.trusted() < LEAST_TRUSTED {
                 return None;
             }
         }
@@ -192,8 +193,7 @@ impl Fitter {
             information[(i, i)] += known.variance.recip();
         }
         let covariance = Cholesky::new(information)?.inverse();
-        let shade = model.shade_at(p[0], p[1]).0;
-        let linear = [0, 1, 2].map(|channel| p[BALL + channel] * shade);
+        let linear = [0, 1, 2].map(|channel| p[BALL + channel]);
         let texture_px = TEXTURE_GAIN * p[EDGE] * self.equations.texture(patch, &linear);
         let model_px2 = (MODEL_STD * 2.0 * p[RADIUS]).powi(2) + texture_px * texture_px;
         let covariance_px2 = covariance.fixed_view::<2, 2>(0, 0) + Matrix2::identity() * model_px2;
@@ -237,7 +237,7 @@ fn prior(start: &Start, model: &Model) -> [Known; COUNT] {
         known.variance = 1.0;
     }
     for (i, known) in prior[SHADE..SITING].iter_mut().enumerate() {
-        let std = SHADE_STD[usize::from(i >= 2)];
+        let std = SHADE_STD[usize::from(i >= FIRST_ORDER)];
         *known = Known { mean: 0.0, variance: std * std };
     }
     prior[EDGE] = start.optics.edge_px;

@@ -23,7 +23,7 @@ pub struct BallCandidate {
     pub diameter_px: f64,
     /// How well colour and shape agree with a ball of that marker: 0 (not at all) to 1.
     pub score: f64,
-    /// Colour in the middle of the fitted disc, sRGB-coded.
+    /// Mean colour of the fitted disc, sRGB-coded.
     pub color: [u8; 3],
 }
 

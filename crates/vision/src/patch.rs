@@ -123,6 +123,16 @@ impl Patch {
             && self.colors.len().is_multiple_of(self.block_columns)
     }
 
+    /// Column and row of the middle of a colour sample's block.
+    pub(crate) fn block_place(&self, block: usize) -> (f64, f64) {
+        let middle = 0.5 * (self.step - 1) as f64;
+        let at = |k: usize| (k * self.step) as f64 + middle;
+        (
+            at(self.first_block.0 + block % self.block_columns),
+            at(self.first_block.1 + block / self.block_columns),
+        )
+    }
+
     /// Column and row of a pixel in the image.
     pub(crate) fn place(&self, index: usize) -> (f64, f64) {
         ((self.first.0 + index % self.columns) as f64, (self.first.1 + index / self.columns) as f64)

@@ -43,10 +43,10 @@ fn code(linear: f64) -> f64 {
     255.0 * if l <= 0.003_130_8 { 12.92 * l } else { 1.055 * l.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Draws balls before a wall with a gradient: Gaussian blur of `blur_px` and a pixel's box by 21 × 21 supersampling.
+/// Draws balls before a wall with a gradient: Gaussian blur of `blur_px` and a pixel's box by 41 × 41 supersampling.
 fn draw(balls: &[Drawn], blur_px: f64, noise: f64, dice: &mut Dice) -> Vec<u8> {
     let mut rgb = Vec::new();
-    let taps: Vec<(f64, f64)> = (-10..=10).map(|i| (f64::from(i) * 0.2, f64::from(i))).collect();
+    let taps: Vec<(f64, f64)> = (-20..=20).map(|i| (f64::from(i) * 0.1, f64::from(i))).collect();
     let kernel = |offset: f64| {
         // Box of one pixel convolved with the Gaussian, at `offset`.
         let edge = |z: f64| 1.0 / (1.0 + (-1.5976 * z - 0.070_565 * z * z * z).exp());

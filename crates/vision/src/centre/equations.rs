@@ -13,6 +13,9 @@ pub(super) type Information = SMatrix<f64, COUNT, COUNT>;
 
 /// Samples well inside a large ball that are used: enough to know its colour and shading as well as the rim needs.
 const MOST_INSIDE: usize = 96;
+/// Depth inside the outline, in edge widths, from which samples say nothing of it: the shading near the rim is then told
+/// from what lies around it there, whatever lamps and gloss do in the middle.
+const DEEPEST: f64 = 6.0;
 /// Parameters that the samples determine in the main: place, radius, colour and shading's slopes.
 const DETERMINED: f64 = 8.0;
 /// Clutter may reach over the ball's face as well as behind it: standard deviation there as a part of the one around,
@@ -93,27 +96,25 @@ impl Equations {
             model.coverage(x, y)
         }));
         self.by_angle.clear();
-        let mut inside = 0;
         for (i, covered) in self.covered.iter().enumerate() {
             if (CLEAR..=1.0 - CLEAR).contains(covered) {
                 let (x, y) = patch.place(i);
                 self.by_angle.push(((y - p[1]).atan2(x - p[0]), i as u32));
-            } else if *covered > 0.5 {
-                inside += 1;
             }
         }
         self.by_angle.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         self.rim.clear();
         self.rim.extend(self.by_angle.iter().map(|(_, i)| *i));
-        self.cover_blocks(patch, p[SITING]);
+        self.cover_blocks(patch, model);
         let around = (&self.rim[..], &self.covered[..]);
         self.surroundings.estimate(patch, &disc(model), around, &self.color_covered, self.noise_variance)?;
-        self.use_pixels(patch, inside);
+        self.use_pixels(patch, model);
         Some(())
     }
 
     /// How far each block is covered, and which blocks count.
-    fn cover_blocks(&mut self, patch: &Patch, siting_px: f64) {
+    fn cover_blocks(&mut self, patch: &Patch, model: &Model) {
+        let siting_px = model.p[SITING];
         self.color_covered.clear();
         self.blocks.clear();
         for block in 0..patch.colors.len() {
@@ -122,7 +123,8 @@ impl Equations {
                 visit(patch, block, siting_px, |pixel, weight, _| sum += weight * self.covered[pixel]);
             // A block at the border of the patch serves neither as ball nor as background.
             self.color_covered.push(if whole { sum } else { 0.5 });
-            if whole && sum >= CLEAR {
+            let (x, y) = patch.block_place(block);
+            if whole && sum >= CLEAR && model.depth_edges(x, y) < DEEPEST {
                 self.blocks.push(block as u32);
             }
         }
@@ -138,7 +140,7 @@ impl Equations {
         }
     }
 
-    fn use_pixels(&mut self, patch: &Patch, inside: usize) {
+    fn use_pixels(&mut self, patch: &Patch, model: &Model) {
         let color = self.surroundings.color;
         self.used.clear();
         for (index, bright) in self.rim.iter().zip(&self.surroundings.mean) {
@@ -150,9 +152,13 @@ impl Equations {
             let behind = patch.to_coded.map(|row| decode((0..3).map(|k| row[k] * channels[k]).sum::<f64>()));
             self.used.push(Used { index: *index, behind });
         }
-        let stride = inside.div_ceil(MOST_INSIDE).max(1);
-        let deep = self.covered.iter().enumerate().filter(|(_, c)| **c > 1.0 - CLEAR);
-        self.used.extend(deep.step_by(stride).map(|(i, _)| Used { index: i as u32, behind: [0.5; 3] }));
+        let deep = |(i, covered): &(usize, &f64)| {
+            let (x, y) = patch.place(*i);
+            **covered > 1.0 - CLEAR && model.depth_edges(x, y) < DEEPEST
+        };
+        let inside = || self.covered.iter().enumerate().filter(deep);
+        let stride = inside().count().div_ceil(MOST_INSIDE).max(1);
+        self.used.extend(inside().step_by(stride).map(|(i, _)| Used { index: i as u32, behind: [0.5; 3] }));
         self.slot.clear();
         self.slot.resize(patch.bright.len(), 0);
         for (place, used) in self.used.iter().enumerate() {

@@ -4,14 +4,17 @@ use crate::color::encode;
 use crate::outline::Outline;
 use nalgebra::SVector;
 
-/// Centre x and y, radius, edge width; ball colour of three channels; shading slopes x, y and curvatures xx, xy, yy;
-/// columns by which the colour differences are sited to the right of the left pixel of their block.
-pub(super) const COUNT: usize = 13;
+/// Centre x and y, radius, edge width; ball colour of three channels; shading of first order (x, y, z of the surface's
+/// normal) and second (xy, xz, yz, x² - y², z²); columns by which the colour differences are sited to the right of the left pixel of their block.
+pub(super) const COUNT: usize = 16;
 pub(super) const RADIUS: usize = 2;
 pub(super) const EDGE: usize = 3;
 pub(super) const BALL: usize = 4;
 pub(super) const SHADE: usize = 7;
-pub(super) const SITING: usize = 12;
+pub(super) const SITING: usize = 15;
+/// Terms of the shading, and those of first order among them.
+const SHADES: usize = SITING - SHADE;
+pub(super) const FIRST_ORDER: usize = 3;
 /// Parameters that a single pixel depends on.
 pub(super) const OWN: usize = SITING;
 
@@ -24,7 +27,7 @@ pub(super) const RESIDUAL: usize = COUNT;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Model {
     pub(super) p: Parameters,
-    /// Where slopes and curvatures are counted from, and their unit.
+    /// The disc whose normals shade the ball: its centre and radius.
     pub(super) origin: (f64, f64),
     pub(super) unit_px: f64,
     pub(super) outline: Outline,
@@ -40,6 +43,8 @@ pub(super) struct Shown {
     pub(super) open: f64,
 }
 
+/// The blur rounds off the normal's steep fall at the rim: an edge width over the radius, of a ball 6 px wide.
+const RIM_SOFT: f64 = 0.2;
 const FAR: f64 = 4.5;
 /// 1/√(2π).
 const DENSITY: f64 = 0.398_942_280_401_432_7;
@@ -63,19 +68,39 @@ impl Model {
         normal_cdf(z, DENSITY * (-0.5 * z * z).exp())
     }
 
-    /// Distance of a pixel inside the edge, in edge widths; its derivatives by centre and radius, in which the outline's
-    /// own stretch is taken as constant.
-    fn edge_at(&self, x_px: f64, y_px: f64) -> (f64, [f64; 3]) {
+    /// Distance of a place inside the edge, in edge widths.
+    pub(super) fn depth_edges(&self, x_px: f64, y_px: f64) -> f64 {
+        self.edge_at(x_px, y_px).0
+    }
+
+    /// Distance of a pixel inside the edge, in edge widths; its derivatives by centre, radius and edge width, in which
+    /// the outline's own stretch is taken as constant.
+    fn edge_at(&self, x_px: f64, y_px: f64) -> (f64, [f64; 4]) {
         let p = &self.p;
         let (size, ax, ay) = self.outline.measure(x_px - p[0], y_px - p[1]);
         let scale = (ax * ax + ay * ay).sqrt().max(1e-9);
         let stretch = size.max(1e-9) / (scale * p[EDGE]);
-        ((p[RADIUS] - size) * stretch, [ax / (scale * p[EDGE]), ay / (scale * p[EDGE]), stretch])
+        // Blur draws the half-covered contour of a small disc inwards (Huertas & Medioni 1986).
+        let bend = p[EDGE] * p[EDGE] / (2.0 * p[RADIUS]);
+        let by_centre = [ax / (scale * p[EDGE]), ay / (scale * p[EDGE])];
+        let by_radius = stretch * (1.0 + bend / p[RADIUS]);
+        let z = (p[RADIUS] - bend - size) * stretch;
+        (z, [by_centre[0], by_centre[1], by_radius, -(z + 2.0 * bend * stretch) / p[EDGE]])
     }
 
-    pub(super) fn shade_at(&self, x_px: f64, y_px: f64) -> (f64, [f64; 5]) {
+    /// Brightness of the ball relative to its colour, and its derivatives by the shading's coefficients: the first and second
+    /// spherical harmonics of the normal, in which the light on a matt ball under any lamps is known to about 2 % (Basri &
+    /// Jacobs 2003; Ramamoorthi & Hanrahan 2001).
+    fn shade_at(&self, x_px: f64, y_px: f64) -> (f64, [f64; SHADES]) {
         let (x, y) = ((x_px - self.origin.0) / self.unit_px, (y_px - self.origin.1) / self.unit_px);
-        let terms = [x, y, x * x, x * y, y * y];
+        let (size, ..) = self.outline.measure(x, y);
+        let scale = size.max(1.0).recip();
+        let (x, y) = (x * scale, y * scale);
+        let left = 1.0 - size * size;
+        let z2 = 0.5 * (left + (left * left + RIM_SOFT * RIM_SOFT).sqrt());
+        let z = z2.sqrt();
+        // Less the means over the disc, so that the colour stays that of the whole ball.
+        let terms = [x, y, z - 2.0 / 3.0, x * y, x * z, y * z, x * x - y * y, z2 - 0.5];
         (1.0 + terms.iter().enumerate().map(|(i, t)| t * self.p[SHADE + i]).sum::<f64>(), terms)
     }
 
@@ -87,7 +112,7 @@ impl Model {
             (if z > 0.0 { 1.0 } else { 0.0 }, [0.0; 4])
         } else {
             let density = DENSITY * (-0.5 * z * z).exp();
-            (normal_cdf(z, density), [by[0], by[1], by[2], -z / p[EDGE]].map(|d| density * d))
+            (normal_cdf(z, density), by.map(|d| density * d))
         };
         let (shade, terms) = self.shade_at(x_px, y_px);
         let mut shown = Shown { covered, coded: [0.0; 3], by: [[0.0; OWN]; 3], open: 0.0 };
@@ -131,8 +156,9 @@ mod tests {
     #[test]
     fn derivatives_are_the_numeric_ones() {
         let mut p = Parameters::zeros();
-        p.as_mut_slice()[..12]
-            .copy_from_slice(&[10.2, 8.9, 2.6, 0.6, 0.5, 0.1, 0.05, 0.2, -0.3, 0.1, 0.05, -0.1]);
+        p.as_mut_slice()[..15].copy_from_slice(&[
+            10.2, 8.9, 2.6, 0.6, 0.5, 0.1, 0.05, 0.2, -0.3, 0.1, 0.05, -0.1, 0.1, -0.05, 0.1,
+        ]);
         let model = Model { p, origin: (10.0, 9.0), unit_px: 2.5, outline: Outline::ROUND };
         let behind = [0.4, 0.42, 0.35];
         for (x, y) in [(12.0, 9.0), (10.0, 11.0), (8.0, 7.0), (10.0, 9.0)] {
