@@ -2,7 +2,10 @@
 
 mod adjust;
 mod choose;
+#[cfg(test)]
+mod fault_tests;
 mod model;
+mod normal;
 mod problem;
 mod snoop;
 mod start;
@@ -218,7 +221,7 @@ fn rig_camera(
     let centre_cov_m2: Matrix3<f64> = covariance.fixed_view::<3, 3>(at, at).into_owned();
     let centre_std_m = centre_cov_m2.diagonal().map(|v| v.max(0.0).sqrt());
     let distance_m = (fit.cameras[camera].centre_in_world() - problem.middle_m()).norm();
-    if !(centre_std_m.norm() <= UNDETERMINED * distance_m) {
+    if centre_std_m.norm().partial_cmp(&(UNDETERMINED * distance_m)).is_none_or(|order| order.is_gt()) {
         let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
         return Err(PoseError::Calibration { camera: control.name.clone(), source });
     }

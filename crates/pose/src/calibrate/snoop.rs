@@ -172,6 +172,7 @@ fn decide(problem: &Problem, mut found: Vec<Explanation>) -> Result<Explanation,
     let mut all: Vec<Suspicion> = same.iter().chain(&others).map(|e| e.suspicion.clone()).collect();
     let least = same.into_iter().filter(|e| is_enough(problem, &e.without)).min_by_key(used);
     let Some(mut best) = least else { return Err(refusal(problem, &all)) };
+    distrust_everywhere(problem, &mut best);
     for other in others {
         let shared = best.without.used.iter().zip(&other.without.used).map(|(a, b)| *a && *b).collect();
         best.without.used = shared;
@@ -182,6 +183,19 @@ fn decide(problem: &Problem, mut found: Vec<Explanation>) -> Result<Explanation,
     }
     all.dedup();
     Err(refusal(problem, &all))
+}
+
+/// What one camera shows to be misplaced may be so along another's line of sight, which that one does not notice: where
+/// points enough remain it is left out of all.
+fn distrust_everywhere(problem: &Problem, best: &mut Explanation) {
+    let Suspicion::Sight(sight) = best.suspicion else { return };
+    let point = problem.sights[sight].point;
+    let mut without = best.without.clone();
+    let own = problem.sights.iter().zip(&mut without.used).filter(|(s, _)| s.point == point);
+    own.for_each(|(_, used)| *used = false);
+    if is_enough(problem, &without) {
+        (best.suspicion, best.without) = (Suspicion::Point(point), without);
+    }
 }
 
 /// The groups that disagree most with a fit; all of them where there is none.
