@@ -13,7 +13,7 @@ use lasting::Lasting;
 use mavsight_geometry::{Camera, Isometry3, Matrix2, Matrix6, Point3, UnitQuaternion, Vector2, Vector3};
 use nalgebra::{DMatrix, Matrix6xX, Translation3, Vector6};
 pub(crate) use solve::noise_weight;
-use solve::{Sight, Solution};
+use solve::{Sight, Solution, of_markers};
 
 /// One marker seen by one camera.
 #[derive(Debug, Clone, PartialEq)]
@@ -167,7 +167,7 @@ impl PoseEstimator {
             solution = Ok(without);
         }
         left_out.sort_unstable();
-        let own: Vec<&Sight> = sights.iter().filter(|s| used.contains(&s.marker)).collect();
+        let own = of_markers(&sights, &used);
         let solution = self.bounded_from(&own, solution?);
         self.refuse_misfit(&solution, &used)?;
         self.finished(&own, &solution, used, left_out)
@@ -175,7 +175,7 @@ impl PoseEstimator {
 
     fn finished(
         &self,
-        own: &[&Sight],
+        own: &[Sight],
         solution: &Solution,
         used: Vec<usize>,
         left_out: Vec<usize>,
@@ -258,7 +258,7 @@ impl PoseEstimator {
 
     /// Factor by which what is not known of cameras and markers raises the mean chi-square.
     fn claimed_excess(&self, sights: &[Sight], used: &[usize], solution: &Solution) -> f64 {
-        let own: Vec<&Sight> = sights.iter().filter(|s| used.contains(&s.marker)).collect();
+        let own = of_markers(sights, used);
         let explained =
             solution.normal.cholesky().map_or(0.0, |c| self.systematic(&own, solution, &c.inverse()).1);
         1.0 + explained / solution.redundancy.max(1) as f64

@@ -282,7 +282,6 @@ fn bounded_influence_beats_least_squares_where_some_sights_are_off() {
         let mut sights = seen(&truth(), 0.1, &mut seed);
         sights[3].pixel += Vector2::new(normal(&mut seed), normal(&mut seed)) * 0.25;
         let own: Vec<Sight> = sights.iter().map(|o| estimator.sight(o).unwrap()).collect();
-        let own: Vec<&Sight> = own.iter().collect();
         let plain = estimator.descend(&own, &truth()).unwrap();
         let robust = estimator.bounded_from(&own, plain.clone());
         least += error(&plain.world_from_body, &truth()).fixed_rows::<3>(0).norm_squared();
