@@ -65,9 +65,8 @@ pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
     let rotation = Series { t_s: &t_s, measured: &attitudes, prior_std: PRIOR_ROTATION };
     // A table without what stays of the errors has covariances whose size nobody vouches for.
     let vouched = poses.iter().filter_map(|p| p.estimate.as_ref()).any(|e| e.systematic.ncols() > 0);
-    let least = if vouched { 1.0 } else { LEAST_FACTOR };
-    let (translation, first_hz) = most_likely(&translation, least).ok_or(failed.clone())?;
-    let (rotation, second_hz) = most_likely(&rotation, least).ok_or(failed)?;
+    let (translation, first_hz) = most_likely(&translation, vouched).ok_or(failed.clone())?;
+    let (rotation, second_hz) = most_likely(&rotation, vouched).ok_or(failed)?;
     Ok(Likely { noise: MotionNoise { translation, rotation }, bandwidth_hz: (first_hz, second_hz) })
 }
 
@@ -97,9 +96,9 @@ struct Search<'a, P> {
 /// The factor on the covariances is the mean square of the normalised innovations for given ratios, so that the white case
 /// has one dimension to search: from one cycle in twice the flight to the Nyquist frequency.
 ///
-/// The factor is `least` at least. Innovations that show less than covariances that are vouched for do not tell that the errors
-/// are absent, but that they move too slowly to be told from motion: the estimate is the same, its covariance is not.
-fn most_likely<P: Place>(series: &Series<'_, P>, least_factor: f64) -> Option<(ChainNoise, f64)> {
+/// Innovations that show significantly less than covariances that are vouched for do not tell that the errors are absent, but that
+/// they move too slowly to be told from motion. The factor is then one: the estimate is the same, its covariance is not.
+fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(ChainNoise, f64)> {
     let times: Vec<f64> =
         series.t_s.iter().zip(series.measured).filter(|(_, m)| m.is_some()).map(|(t, _)| *t).collect();
     let count = times.len() as f64;
@@ -121,7 +120,9 @@ fn most_likely<P: Place>(series: &Series<'_, P>, least_factor: f64) -> Option<(C
         }
     }
     let sums = search.run(&best).filter(|s| s.count > 0)?;
-    let factor = (sums.chi_square / sums.count as f64).max(least_factor);
+    let shown = (sums.chi_square / sums.count as f64).max(LEAST_FACTOR);
+    let slow = vouched && shown < 1.0 - SIGNIFICANT * (2.0 / sums.count as f64).sqrt();
+    let factor = if slow { 1.0 } else { shown };
     let unit = search.noise(&best);
     let noise = ChainNoise {
         intensity: unit.intensity * factor,
