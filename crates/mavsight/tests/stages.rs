@@ -24,8 +24,17 @@ fn the_chain_in_steps_is_the_chain_in_one() {
     mavsight().arg("report").arg(&file).arg("--out").arg(&steps).assert().success();
     let read =
         |folder: &std::path::Path, name: &str| std::fs::read_to_string(folder.join(name)).expect("a table");
-    assert!(read(&whole, "markers.csv") == read(&steps, "markers.csv"), "markers.csv differs");
-    // Between the steps the rig has passed through a file of finite digits.
+    // Between the steps the rig, by which balls are expected and judged, has passed through a file of finite digits.
+    let (one, other) = (read(&whole, "markers.csv"), read(&steps, "markers.csv"));
+    assert_eq!(one.lines().count(), other.lines().count());
+    for (a, b) in one.lines().zip(other.lines()).skip(1) {
+        let (a, b): (Vec<&str>, Vec<&str>) = (a.split(',').collect(), b.split(',').collect());
+        assert_eq!(a[..3], b[..3]);
+        for (x, y) in a[3..].iter().zip(&b[3..]) {
+            let (x, y): (f64, f64) = (x.parse().expect("a number"), y.parse().expect("a number"));
+            assert!((x - y).abs() < 1e-6, "{a:?}\n{b:?}");
+        }
+    }
     let (one, other) = (read(&whole, "pose.csv"), read(&steps, "pose.csv"));
     assert_eq!(one.lines().count(), other.lines().count());
     for (a, b) in one.lines().zip(other.lines()).skip(1) {
