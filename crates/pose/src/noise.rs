@@ -12,6 +12,9 @@ const NEEDED: usize = 10;
 /// Steps of the coarse search for the bandwidth; the fine one halves the bracket until it is within a percent.
 const COARSE_STEPS: usize = 16;
 
+/// Least factor on covariances that nobody vouches for: a record without any scatter would claim no noise at all.
+const LEAST_FACTOR: f64 = 1e-4;
+
 /// Twice the logarithm of the likelihood that two more parameters must gain: the 99.9 % quantile of chi-square with
 /// two degrees of freedom.
 const TWO_MORE: f64 = 13.816;
@@ -60,8 +63,10 @@ pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
     let attitudes: Vec<_> = poses.iter().map(|p| measured(p, 3, |pose| pose.rotation)).collect();
     let translation = Series { t_s: &t_s, measured: &positions, prior_std: PRIOR_TRANSLATION };
     let rotation = Series { t_s: &t_s, measured: &attitudes, prior_std: PRIOR_ROTATION };
-    let (translation, first_hz) = most_likely(&translation).ok_or(failed.clone())?;
-    let (rotation, second_hz) = most_likely(&rotation).ok_or(failed)?;
+    // A table without what stays of the errors has covariances whose size nobody vouches for.
+    let vouched = poses.iter().filter_map(|p| p.estimate.as_ref()).any(|e| e.systematic.ncols() > 0);
+    let (translation, first_hz) = most_likely(&translation, vouched).ok_or(failed.clone())?;
+    let (rotation, second_hz) = most_likely(&rotation, vouched).ok_or(failed)?;
     Ok(Likely { noise: MotionNoise { translation, rotation }, bandwidth_hz: (first_hz, second_hz) })
 }
 
@@ -90,7 +95,10 @@ struct Search<'a, P> {
 ///
 /// The factor on the covariances is the mean square of the normalised innovations for given ratios, so that the white case
 /// has one dimension to search: from one cycle in twice the flight to the Nyquist frequency.
-fn most_likely<P: Place>(series: &Series<'_, P>) -> Option<(ChainNoise, f64)> {
+///
+/// Innovations that show significantly less than covariances that are vouched for do not tell that the errors are absent, but that
+/// they move too slowly to be told from motion. The factor is then one: the estimate is the same, its covariance is not.
+fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(ChainNoise, f64)> {
     let times: Vec<f64> =
         series.t_s.iter().zip(series.measured).filter(|(_, m)| m.is_some()).map(|(t, _)| *t).collect();
     let count = times.len() as f64;
@@ -112,8 +120,9 @@ fn most_likely<P: Place>(series: &Series<'_, P>) -> Option<(ChainNoise, f64)> {
         }
     }
     let sums = search.run(&best).filter(|s| s.count > 0)?;
-    // A record without any scatter would claim no noise at all: the poses' own covariances bound it from below by 1e-4.
-    let factor = (sums.chi_square / sums.count as f64).max(1e-4);
+    let shown = (sums.chi_square / sums.count as f64).max(LEAST_FACTOR);
+    let slow = vouched && shown < 1.0 - SIGNIFICANT * (2.0 / sums.count as f64).sqrt();
+    let factor = if slow { 1.0 } else { shown };
     let unit = search.noise(&best);
     let noise = ChainNoise {
         intensity: unit.intensity * factor,
