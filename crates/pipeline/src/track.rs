@@ -19,6 +19,8 @@ const RANGE_MARGIN: f64 = 2.0;
 pub struct Tracked {
     /// Every marker seen, by time, camera and marker.
     pub observations: Vec<MarkerObservation>,
+    /// Apparent diameters, one for each observation.
+    pub diameters_px: Vec<f64>,
     /// One sample an instant, empty where it could not be measured.
     pub poses: Vec<PoseSample>,
 }
@@ -106,7 +108,7 @@ fn tracker_for(rig: &Rig, camera: usize, vehicle: &Vehicle) -> Result<Tracker, m
     let smallest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(f64::MAX, f64::min);
     let largest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(0.0, f64::max);
     let range = focal_px * smallest_m / far_m / RANGE_MARGIN..=focal_px * largest_m / near_m * RANGE_MARGIN;
-    Tracker::new(&ball_colors(vehicle), range)
+    Ok(Tracker::new(&ball_colors(vehicle), range)?.with_camera(seen_by.camera))
 }
 
 fn join(
@@ -131,6 +133,8 @@ fn join(
         if let Some(last) = all.tracked.poses.last() {
             interval_ns = Some(t_ns - last.t_ns);
         }
+        let balls = instant.iter().flat_map(|(_, balls)| balls.iter().flatten());
+        all.tracked.diameters_px.extend(balls.map(|b| b.diameter_px));
         all.add(t_ns, observations_at(t_ns, &instant));
         progress.step();
     }

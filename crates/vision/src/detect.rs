@@ -3,9 +3,11 @@
 use crate::centre::{Fitter, LEAST_RADIUS_PX, Start};
 use crate::color::{ColorModel, Seen, encode, to_linear};
 use crate::optics::{Known, Learned, Optics};
+use crate::outline::{Outline, usual_camera};
 use crate::patch::Patch;
 use crate::segment::{Blob, Segmenter, Window};
 use crate::{BallColor, Frame, Matrix2, Vector2, VisionError};
+use mavsight_geometry::Camera;
 use std::ops::RangeInclusive;
 
 /// A region that looks like a ball of a marker's colour.
@@ -37,6 +39,7 @@ const RING_PX: f64 = 5.0;
 #[derive(Debug, Clone)]
 pub struct Detector {
     model: ColorModel,
+    workspace: Workspace,
 }
 
 /// Working space of a search, reused from frame to frame.
@@ -47,6 +50,8 @@ pub(crate) struct Workspace {
     fitter: Fitter,
     /// What followed balls told of the lens and the encoder.
     pub(crate) optics: Learned,
+    /// The camera, where it is known.
+    pub(crate) camera: Option<Camera>,
     /// The radius of the ball that is followed.
     pub(crate) known_radius_px: Option<Known>,
 }
@@ -58,7 +63,15 @@ impl Detector {
     /// [`VisionError::ColorsTooClose`] naming two markers of one hue, [`VisionError::ColorTooGrey`] for a marker
     /// without one, [`VisionError::NoMarkers`] for an empty list.
     pub fn new(colors: &[BallColor]) -> Result<Self, VisionError> {
-        Ok(Self { model: ColorModel::new(colors)? })
+        Ok(Self { model: ColorModel::new(colors)?, workspace: Workspace::default() })
+    }
+
+    /// The same for a camera that is known, or nearly: the images of balls are stretched as it does. Without, it is taken to
+    /// have a horizontal field of view of 60°.
+    #[must_use]
+    pub fn with_camera(mut self, camera: Camera) -> Self {
+        self.workspace.camera = Some(camera);
+        self
     }
 
     /// Every region that may be a ball with an apparent diameter in the range: one list a colour, best first.
@@ -66,7 +79,7 @@ impl Detector {
     /// A ball that is not seen yields an empty list. Balls below 3 px are not measured, whatever the range; a range
     /// that is not finite or does not reach 3 px yields nothing at all.
     pub fn candidates(
-        &self,
+        &mut self,
         frame: &Frame,
         expected_diameter_px: RangeInclusive<f64>,
     ) -> Vec<Vec<BallCandidate>> {
@@ -75,7 +88,7 @@ impl Detector {
         if !is_measurable(range_px) {
             return lists;
         }
-        let mut workspace = Workspace::default();
+        let workspace = &mut self.workspace;
         workspace.segmenter.collect(frame, &Window::whole(frame));
         let mut found = Vec::new();
         for (marker, list) in lists.iter_mut().enumerate() {
@@ -110,11 +123,14 @@ impl Workspace {
         blobs.sort_unstable_by(|a, b| b.strength.total_cmp(&a.strength));
         blobs.truncate(MOST_BLOBS);
         let optics = self.optics.expected();
+        let camera = self.camera.unwrap_or_else(|| usual_camera(frame.size));
         for blob in blobs.iter() {
             if model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
                 continue;
             }
-            let start = start(frame, blob, range_px, (optics, self.known_radius_px));
+            let known_radius_px = self.known_radius_px;
+            let outline = Outline::at(&camera, &blob.pixel);
+            let start = Start { optics, outline, known_radius_px, ..start(frame, blob, range_px) };
             self.patch.fill(frame, blob.pixel, start.radius_px + RING_PX);
             let fit = self.fitter.fit(&self.patch, (0.5 * range_px.0, 0.5 * range_px.1), &start);
             found.extend(fit.and_then(|fit| {
@@ -138,18 +154,20 @@ fn area_gate_px((smallest_px, largest_px): (f64, f64)) -> (f64, f64) {
 }
 
 /// Where the fit of a region's ball begins.
-fn start(
-    frame: &Frame,
-    blob: &Blob,
-    range_px: (f64, f64),
-    (optics, known_radius_px): (Optics, Option<Known>),
-) -> Start {
+fn start(frame: &Frame, blob: &Blob, range_px: (f64, f64)) -> Start {
     let least_px = (0.5 * range_px.0).max(LEAST_RADIUS_PX);
     let radius_px = (blob.area_px / std::f64::consts::PI).sqrt().clamp(least_px, 0.5 * range_px.1);
     let clamp = |v: f64, count: u32| v.round().clamp(0.0, f64::from(count.max(1) - 1)) as usize;
     let x = clamp(blob.pixel.x, frame.size.width_px);
     let y = clamp(blob.pixel.y, frame.size.height_px);
-    Start { pixel: blob.pixel, radius_px, ball: to_linear(frame.rgb(x, y)), optics, known_radius_px }
+    Start {
+        pixel: blob.pixel,
+        radius_px,
+        ball: to_linear(frame.rgb(x, y)),
+        optics: Optics::default(),
+        outline: Outline::ROUND,
+        known_radius_px: None,
+    }
 }
 
 /// A fitted ball with what it tells of the camera and of itself.

@@ -6,6 +6,7 @@ use crate::detect::{Sighting, Workspace, is_measurable};
 use crate::optics::Known;
 use crate::segment::Window;
 use crate::{BallCandidate, BallColor, Frame, Vector2, VisionError};
+use mavsight_geometry::Camera;
 use std::ops::RangeInclusive;
 
 /// Frames without a sighting after which a marker's motion is no longer extrapolated.
@@ -67,6 +68,14 @@ impl Tracker {
             found: Vec::new(),
             sightings: vec![None; colors.len()],
         })
+    }
+
+    /// The same for a camera that is known: the images of balls are stretched as it does. Without, it is taken to have a
+    /// horizontal field of view of 60°.
+    #[must_use]
+    pub fn with_camera(mut self, camera: Camera) -> Self {
+        self.workspace.camera = Some(camera);
+        self
     }
 
     /// States where a marker should appear in the next frame, for instance by projecting a predicted pose.

@@ -43,7 +43,7 @@ fn eight_balls_in_each_still() {
     };
     let controls = controls(&std::fs::read_to_string(folder.join("control_points.csv")).unwrap());
     let colors: Vec<BallColor> = controls.iter().map(|c| c.0.clone()).collect();
-    let detector = Detector::new(&colors).unwrap();
+    let mut detector = Detector::new(&colors).unwrap();
     let mut beyond = 0;
     for camera in [1, 2] {
         let still = image::open(folder.join(format!("cam{camera}-control.png"))).unwrap().to_rgb8();

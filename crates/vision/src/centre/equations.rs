@@ -1,7 +1,7 @@
 //! The equations of a ball's fit: residuals, weights and derivatives of every sample that the ball touches.
 
 use super::cholesky::Skyline;
-use super::model::{COUNT, Model, Parameters, RESIDUAL, Row, SITING, Shown, coverage};
+use super::model::{COUNT, Model, Parameters, RESIDUAL, Row, SITING, Shown};
 use super::samples::{add, combined, grain_variance, visit};
 use super::surroundings::{Surroundings, biweight};
 use super::{CLEAR, NOISE_STD, NOISE_WEIGHT, ROUNDING_VARIANCE, disc};
@@ -24,6 +24,13 @@ const HIDES: f64 = 2.0;
 
 /// Weight at which a sample no longer counts.
 const LEAST_TRUST: f64 = 1e-3;
+
+/// Whether the samples' covariance follows the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Covariance {
+    Anew,
+    Kept,
+}
 
 /// A pixel in use: its place in the patch and the light behind the ball there.
 #[derive(Debug, Clone, Copy)]
@@ -83,7 +90,7 @@ impl Equations {
         self.covered.clear();
         self.covered.extend((0..patch.bright.len()).map(|i| {
             let (x, y) = patch.place(i);
-            coverage(p, x, y)
+            model.coverage(x, y)
         }));
         self.by_angle.clear();
         let mut inside = 0;
@@ -153,14 +160,18 @@ impl Equations {
         }
     }
 
-    /// Information matrix and gradient of the samples.
-    pub(super) fn normal(&mut self, patch: &Patch, model: &Model) -> Option<(Information, Parameters)> {
+    /// Information matrix and gradient of the samples; their covariance is set anew from the model or, within a round,
+    /// kept.
+    pub(super) fn normal(
+        &mut self,
+        patch: &Patch,
+        model: &Model,
+        covariance: Covariance,
+    ) -> Option<(Information, Parameters)> {
         self.evaluate(patch, model);
-        self.whitened.clear();
-        self.whitened.extend_from_slice(&self.rows);
-        let mut sums = [[0.0; COUNT + 1]; COUNT];
         let stretched = self.surroundings.covariance.len();
-        if stretched > 0 {
+        if covariance == Covariance::Anew {
+            self.set_variances(patch);
             let (shown, variance) = (&self.shown, &self.variance);
             self.factor.copy(&self.surroundings.covariance, |i, j, value| {
                 shown[i].open * shown[j].open * value + if i == j { variance[i] } else { 0.0 }
@@ -168,8 +179,11 @@ impl Equations {
             if !self.factor.factor() {
                 return None;
             }
-            self.factor.whiten(&mut self.whitened[..stretched]);
         }
+        self.whitened.clear();
+        self.whitened.extend_from_slice(&self.rows);
+        let mut sums = [[0.0; COUNT + 1]; COUNT];
+        self.factor.whiten(&mut self.whitened[..stretched]);
         for (row, variance) in self.whitened.iter_mut().zip(&self.variance).skip(stretched) {
             let scale = variance.sqrt().recip();
             row.iter_mut().for_each(|x| *x *= scale);
@@ -186,12 +200,10 @@ impl Equations {
         Some((information, Parameters::from_fn(|i, _| sums[i][RESIDUAL])))
     }
 
-    /// Residuals, derivatives and variances of all samples in use.
+    /// Residuals and derivatives of all samples in use.
     fn evaluate(&mut self, patch: &Patch, model: &Model) {
-        let over_face = IN_FRONT * self.surroundings.clutter;
         self.shown.clear();
         self.rows.clear();
-        self.variance.clear();
         for used in &self.used {
             let index = used.index as usize;
             let (x, y) = patch.place(index);
@@ -200,17 +212,29 @@ impl Equations {
             shown.add_to(&mut row, &patch.from_coded[0], 1.0);
             row[RESIDUAL] = patch.bright[index] - row[RESIDUAL] - patch.from_coded[0][3];
             self.rows.push(row);
-            let front = over_face * shown.covered;
-            self.variance.push((self.noise_variance + front * front) / self.weight[index].max(LEAST_TRUST));
             self.shown.push(shown);
+        }
+        self.color_rows.clear();
+        for block in &self.blocks {
+            let rows = self.color_row(patch, model, *block as usize);
+            self.color_rows.push(rows);
+        }
+    }
+
+    /// Variances of all samples in use as far as they are independent of each other.
+    fn set_variances(&mut self, patch: &Patch) {
+        let over_face = IN_FRONT * self.surroundings.clutter;
+        self.variance.clear();
+        for (used, shown) in self.used.iter().zip(&self.shown) {
+            let front = over_face * shown.covered;
+            let trust = self.weight[used.index as usize].max(LEAST_TRUST);
+            self.variance.push((self.noise_variance + front * front) / trust);
         }
         let hidden = HIDES * self.surroundings.clutter
             / (self.surroundings.level - patch.from_coded[0][3]).abs().max(self.noise_variance.sqrt());
-        self.color_rows.clear();
         self.color_variance.clear();
-        for block in &self.blocks {
+        for (block, rows) in self.blocks.iter().zip(&self.color_rows) {
             let block = *block as usize;
-            let rows = self.color_row(patch, model, block);
             let covered = self.color_covered[block];
             let trust = self.color_weight[block].max(LEAST_TRUST);
             self.color_variance.push([0, 1].map(|k| {
@@ -218,7 +242,6 @@ impl Equations {
                 let behind = (1.0 - covered).powi(2) * self.surroundings.color_variance[k];
                 (self.noise_variance + behind + (covered * hidden.min(1.0) * value).powi(2)) / trust
             }));
-            self.color_rows.push(rows);
         }
     }
 
@@ -259,7 +282,7 @@ impl Equations {
     /// What is in front of the ball is no sharper than its blur, so neighbours of a sample that is not believed at all
     /// are not believed either.
     pub(super) fn reweigh(&mut self, patch: &Patch, model: &Model, round: usize) {
-        if self.normal(patch, model).is_none() {
+        if self.normal(patch, model, Covariance::Kept).is_none() {
             return;
         }
         let (mut chi_square, mut count) = (0.0, -DETERMINED);
