@@ -1,4 +1,4 @@
-//! Medians of the steps of the chain, on the virtual room: `cargo bench -p mavsight`.
+//! Medians of the steps of the chain, on the virtual laboratory: `cargo bench -p mavsight`.
 
 // criterion_group! writes a public function without a docstring.
 #![allow(missing_docs)]
@@ -6,91 +6,141 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use mavsight::flight::{Scenario, Vehicle, simulate};
 use mavsight::geometry::{
-    Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Isometry3, Matrix2, Vector3, world_from_body,
+    Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector3,
+    world_from_body,
 };
-use mavsight::pose::{BodyMarker, CameraControl, MarkerObservation, PoseEstimator, calibrate};
-use mavsight::scene::{Aircraft, Film, PaintedBall, Room, Sensor};
-use mavsight::vision::{BallColor, Detector, Frame, Tracker};
+use mavsight::lab;
+use mavsight::pose::{
+    CameraControl, CausalFilter, MarkerObservation, PoseEstimator, PoseSample, Rig, calibrate, motion_noise,
+    smooth,
+};
+use mavsight::scene::Room;
+use mavsight::score::VirtualCamera;
+use mavsight::vision::{BallCandidate, BallColor, Detector, Frame, Tracker};
 use std::hint::black_box;
 
-fn camera(x_m: f64) -> Camera {
-    let size = ImageSize { width_px: 640, height_px: 480 };
-    let intrinsics = Intrinsics::from_horizontal_fov(size, 53_f64.to_radians());
-    Camera::looking_at(Vector3::new(x_m, -4.5, 1.5), Vector3::new(0.0, 0.0, 1.5), intrinsics, size)
-}
+/// Noise of a ball's centre, px² in each coordinate.
+const CENTRE_VAR_PX2: f64 = 0.0025;
 
 fn pose() -> Isometry3<f64> {
     let attitude = EulerAngles { psi_rad: -0.4, ..EulerAngles::default() };
     world_from_body(Vector3::new(0.0, 0.0, 1.5), attitude)
 }
 
-/// The corners of a cube of 3 m as a camera sees them.
-fn control(name: &str, x_m: f64) -> CameraControl {
-    let view = camera(x_m);
-    let points = (0..8)
-        .map(|k: u8| {
-            let side = |bit: u8| if k & bit == 0 { -1.5 } else { 1.5 };
-            let point_in_world_m = Vector3::new(side(1), side(2), side(4) + 1.5);
-            ControlPoint {
-                name: k.to_string(),
-                point_in_world_m,
-                pixel: view.project(&point_in_world_m).expect("in view").pixel,
-                pixel_cov_px2: Matrix2::identity() * 0.0025,
-            }
-        })
-        .collect();
-    CameraControl::exact(name.to_owned(), view.size, points, vec![0.0; 8])
+fn colors(vehicle: &Vehicle) -> Vec<BallColor> {
+    vehicle.marker.iter().map(|m| BallColor { name: m.name.clone(), rgb: m.color.rgb() }).collect()
 }
 
-fn aircraft(vehicle: &Vehicle) -> Aircraft {
-    let balls: Vec<PaintedBall> = vehicle
-        .marker
-        .iter()
-        .map(|m| PaintedBall {
-            centre_m: m.position_m.into(),
-            radius_m: m.diameter_m / 2.0,
-            linear: m.color.to_linear(),
-        })
-        .collect();
-    Aircraft::helicopter(&balls)
+/// The laboratory's cameras, calibrated from its control frame.
+fn rig() -> Rig {
+    let control = |camera: VirtualCamera| {
+        let points = lab::control_points();
+        let seen = points.iter().map(|p| {
+            let point_in_world_m = Vector3::from(p.position_m);
+            ControlPoint {
+                name: p.name.clone(),
+                point_in_world_m,
+                pixel: camera.camera.project(&point_in_world_m).expect("in view").pixel,
+                pixel_cov_px2: Matrix2::identity() * CENTRE_VAR_PX2,
+            }
+        });
+        CameraControl::exact(camera.name, camera.camera.size, seen.collect(), vec![0.0; points.len()])
+    };
+    calibrate(&lab::cameras().into_iter().map(control).collect::<Vec<_>>()).expect("a rig")
+}
+
+/// What the rig sees of the body at one instant.
+fn sightings(rig: &Rig, vehicle: &Vehicle, t_ns: i64, pose: &Isometry3<f64>) -> Vec<MarkerObservation> {
+    let mut seen = Vec::new();
+    for (camera, view) in rig.cameras.iter().enumerate() {
+        for (marker, ball) in mavsight::pipeline::body_markers(vehicle).iter().enumerate() {
+            let centre = (pose * Point3::from(ball.marker_in_body_m)).coords;
+            let pixel = view.camera.project_ball(&centre, ball.radius_m).expect("in view").pixel;
+            let covariance_px2 = Matrix2::identity() * CENTRE_VAR_PX2;
+            seen.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
+        }
+    }
+    seen
+}
+
+fn large() -> VirtualCamera {
+    let size = ImageSize { width_px: 1920, height_px: 1080 };
+    let small = lab::cameras().swap_remove(0);
+    let intrinsics = Intrinsics::from_horizontal_fov(size, 53_f64.to_radians());
+    VirtualCamera { camera: Camera { intrinsics, size, ..small.camera }, ..small }
+}
+
+fn filmed(room: &Room, camera: &VirtualCamera, vehicle: &Vehicle) -> Frame {
+    let film = lab::film(room, camera, 0, 1);
+    let rgb = film.frame(0, &lab::aircraft(vehicle), |_| pose());
+    Frame::from_rgb(camera.camera.size, rgb).expect("a frame")
 }
 
 fn seeing(c: &mut Criterion) {
     let vehicle = Vehicle::paper();
-    let (room, craft) = (Room::meeting_room(), aircraft(&vehicle));
-    let view = camera(4.5);
-    let film = Film::new(&room, view, Sensor::default());
+    let room = Room::meeting_room();
+    let cameras = lab::cameras();
+    let (craft, film) = (lab::aircraft(&vehicle), lab::film(&room, &cameras[0], 0, 1));
     c.bench_function("film one frame, 640x480", |b| b.iter(|| black_box(film.frame(0, &craft, |_| pose()))));
-    let frame = Frame::from_rgb(view.size, film.frame(0, &craft, |_| pose())).expect("a frame");
-    let colors: Vec<BallColor> =
-        vehicle.marker.iter().map(|m| BallColor { name: m.name.clone(), rgb: m.color.rgb() }).collect();
-    let mut detector = Detector::new(&colors).expect("a detector");
-    c.bench_function("detect four balls in a whole frame", |b| {
-        b.iter(|| black_box(detector.candidates(&frame, 3.0..=12.0)));
-    });
-    let mut tracker = Tracker::new(&colors, 3.0..=12.0).expect("a tracker");
-    tracker.observe(&frame);
-    c.bench_function("track four balls", |b| b.iter(|| black_box(tracker.observe(&frame).len())));
+    let mut detector = Detector::new(&colors(&vehicle)).expect("a detector");
+    for (camera, range) in [(&cameras[0], 3.0..=12.0), (&large(), 9.0..=36.0)] {
+        let frame = filmed(&room, camera, &vehicle);
+        let name = format!("detect four balls in a whole frame of {} px across", frame.size.width_px);
+        c.bench_function(&name, |b| b.iter(|| black_box(detector.candidates(&frame, range.clone()))));
+    }
+    let mut pair: Vec<(Frame, Tracker)> = cameras
+        .iter()
+        .map(|camera| {
+            let tracker = Tracker::new(&colors(&vehicle), 3.0..=12.0).expect("a tracker");
+            (filmed(&room, camera, &vehicle), tracker)
+        })
+        .collect();
+    let estimator = PoseEstimator::new(&rig(), &mavsight::pipeline::body_markers(&vehicle));
+    let mut seen = Vec::new();
+    let mut track = || {
+        seen.clear();
+        for (camera, (frame, tracker)) in pair.iter_mut().enumerate() {
+            for (marker, ball) in tracker.observe(frame).iter().enumerate() {
+                let Some(BallCandidate { pixel, covariance_px2, .. }) = *ball else { continue };
+                seen.push(MarkerObservation { t_ns: 0, camera, marker, pixel, covariance_px2 });
+            }
+        }
+        estimator.estimate(0, &seen, None).expect("a pose")
+    };
+    track();
+    c.bench_function("tracked pair to pose", |b| b.iter(|| black_box(track())));
 }
 
 fn solving(c: &mut Criterion) {
     let vehicle = Vehicle::paper();
-    let body: Vec<BodyMarker> = mavsight::pipeline::body_markers(&vehicle);
-    let rig = calibrate(&[control("cam1", 4.5), control("cam2", -4.5)]).expect("a rig");
-    let mut seen = Vec::new();
-    for (k, c) in rig.cameras.iter().enumerate() {
-        for (m, marker) in body.iter().enumerate() {
-            let centre = (pose() * mavsight::geometry::Point3::from(marker.marker_in_body_m)).coords;
-            let pixel = c.camera.project_ball(&centre, marker.radius_m).expect("in view").pixel;
-            let covariance_px2 = Matrix2::identity() * 0.0025;
-            seen.push(MarkerObservation { t_ns: 0, camera: k, marker: m, pixel, covariance_px2 });
-        }
-    }
-    let estimator = PoseEstimator::new(&rig, &body);
+    let rig = rig();
+    let estimator = PoseEstimator::new(&rig, &mavsight::pipeline::body_markers(&vehicle));
+    let seen = sightings(&rig, &vehicle, 0, &pose());
     c.bench_function("pose of eight sightings", |b| b.iter(|| black_box(estimator.estimate(0, &seen, None))));
     let scenario = Scenario::paper();
     let inputs = scenario.inputs(&vehicle).expect("inputs");
     let times = scenario.frame_times_s();
+    let states = simulate(&vehicle, &inputs, &scenario.start(), &times).expect("a flight");
+    let poses: Vec<PoseSample> = states
+        .iter()
+        .map(|state| {
+            let t_ns = (state.t_s * 1e9).round() as i64;
+            let pose = world_from_body(state.position_in_world_m, state.attitude);
+            let estimate = estimator.estimate(t_ns, &sightings(&rig, &vehicle, t_ns, &pose), None).ok();
+            PoseSample { t_ns, estimate, reason: None }
+        })
+        .collect();
+    let gravity_m_s2 = vehicle.environment.gravity_m_s2;
+    let noise = motion_noise(&poses).expect("a noise");
+    c.bench_function("causal filter, 300 poses", |b| {
+        b.iter(|| {
+            let mut filter = CausalFilter::new(noise.clone(), gravity_m_s2).expect("a filter");
+            poses.iter().for_each(|p| drop(black_box(filter.push(p))));
+        });
+    });
+    c.bench_function("smooth 300 poses, noise estimated", |b| {
+        b.iter(|| black_box(smooth(&poses, gravity_m_s2)))
+    });
     c.bench_function("simulate 10 s", |b| {
         b.iter(|| black_box(simulate(&vehicle, &inputs, &scenario.start(), &times)));
     });

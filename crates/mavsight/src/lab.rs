@@ -7,17 +7,17 @@ use mavsight_score::{VirtualCamera, VirtualLab};
 use mavsight_session::{ControlPointRow, TruthRow};
 
 /// The paper's cameras.
-pub(crate) fn cameras() -> Vec<VirtualCamera> {
+pub fn cameras() -> Vec<VirtualCamera> {
     VirtualLab::paper().cameras
 }
 
 /// The paper's control frame.
-pub(crate) fn control_points() -> Vec<ControlPointRow> {
+pub fn control_points() -> Vec<ControlPointRow> {
     VirtualLab::paper().control
 }
 
 /// The balls and the hull of a vehicle.
-pub(crate) fn aircraft(vehicle: &Vehicle) -> Aircraft {
+pub fn aircraft(vehicle: &Vehicle) -> Aircraft {
     let balls: Vec<PaintedBall> = vehicle
         .marker
         .iter()
@@ -31,7 +31,7 @@ pub(crate) fn aircraft(vehicle: &Vehicle) -> Aircraft {
 }
 
 /// A control frame as it is filmed.
-pub(crate) fn control_frame(points: &[ControlPointRow]) -> ControlFrame {
+pub fn control_frame(points: &[ControlPointRow]) -> ControlFrame {
     let balls: Vec<PaintedBall> = points
         .iter()
         .map(|p| PaintedBall {
@@ -44,13 +44,13 @@ pub(crate) fn control_frame(points: &[ControlPointRow]) -> ControlFrame {
 }
 
 /// A camera's film; the noise of each camera is its own.
-pub(crate) fn film<'a>(room: &'a Room, camera: &VirtualCamera, index: usize, seed: u64) -> Film<'a> {
+pub fn film<'a>(room: &'a Room, camera: &VirtualCamera, index: usize, seed: u64) -> Film<'a> {
     let seed = seed.wrapping_mul(1_000_003).wrapping_add(index as u64);
     Film::new(room, camera.camera, Sensor { seed, ..Sensor::default() })
 }
 
 /// One frame of a flight; the shutter is open for a quarter of the interval around the state's time.
-pub(crate) fn frame(
+pub fn frame(
     film: &Film<'_>,
     index: usize,
     aircraft: &Aircraft,

@@ -3,6 +3,8 @@
 //! The facade of the workspace: each module is one crate of it. The binary `mavsight` drives them; a Rust user may
 //! enter the chain anywhere: source → detect → associate → reconstruct → smooth → identify → report.
 
+pub mod lab;
+
 pub use mavsight_flight as flight;
 pub use mavsight_geometry as geometry;
 pub use mavsight_identify as identify;

@@ -3,12 +3,12 @@
 mod cli;
 mod commands;
 mod figures;
-mod lab;
 mod page;
 mod progress;
 mod summary;
 
 use clap::Parser;
+use mavsight::lab;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {

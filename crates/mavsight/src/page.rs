@@ -139,8 +139,8 @@ fn camera_tables(rig: &Rig) -> Vec<Table> {
     vec![parameters_table(rig), dlt, residuals]
 }
 
-/// Name of a camera's parameter, and where it is found.
-type Parameter = (&'static str, fn(&Camera) -> f64);
+/// One parameter of a camera.
+type OfCamera = fn(&Camera) -> f64;
 
 /// The cameras that were estimated, each with the standard deviations of its parameters.
 fn parameters_table(rig: &Rig) -> Table {
@@ -158,7 +158,7 @@ fn parameters_table(rig: &Rig) -> Table {
     for (k, axis) in ["X", "Y", "Z"].iter().enumerate() {
         rows.push(row(&format!("centre {axis}, m"), 4, CENTRE + k, &|c| c.centre_in_world()[k]));
     }
-    let linear: [Parameter; 5] = [
+    let linear: [(&str, OfCamera); 5] = [
         ("f_x, px", |c| c.intrinsics.fx_px),
         ("f_y, px", |c| c.intrinsics.fy_px),
         ("skew, px", |c| c.intrinsics.skew_px),
@@ -168,7 +168,7 @@ fn parameters_table(rig: &Rig) -> Table {
     for (k, (label, of)) in linear.iter().enumerate() {
         rows.push(row(label, 2, INTRINSICS + k, of));
     }
-    let lens: [Parameter; 5] = [
+    let lens: [(&str, OfCamera); 5] = [
         ("k1", |c| c.distortion.k1),
         ("k2", |c| c.distortion.k2),
         ("p1", |c| c.distortion.p1),

@@ -19,7 +19,7 @@ const RANGE_MARGIN: f64 = 2.0;
 pub struct Tracked {
     /// Every marker seen, by time, camera and marker.
     pub observations: Vec<MarkerObservation>,
-    /// Apparent diameters, one for each observation.
+    /// Apparent diameters, one for each observation; none where the observations came from elsewhere.
     pub diameters_px: Vec<f64>,
     /// One sample an instant, empty where it could not be measured.
     pub poses: Vec<PoseSample>,
