@@ -134,7 +134,7 @@ fn solving(c: &mut Criterion) {
     let noise = motion_noise(&poses).expect("a noise");
     c.bench_function("causal filter, 300 poses", |b| {
         b.iter(|| {
-            let mut filter = CausalFilter::new(noise.clone(), gravity_m_s2).expect("a filter");
+            let mut filter = CausalFilter::new(noise, gravity_m_s2).expect("a filter");
             poses.iter().for_each(|p| drop(black_box(filter.push(p))));
         });
     });

@@ -24,8 +24,13 @@ fn the_chain_in_steps_is_the_chain_in_one() {
     mavsight().arg("report").arg(&file).arg("--out").arg(&steps).assert().success();
     let read =
         |folder: &std::path::Path, name: &str| std::fs::read_to_string(folder.join(name)).expect("a table");
-    assert!(read(&whole, "markers.csv") == read(&steps, "markers.csv"), "markers.csv differs");
     // Between the steps the rig has passed through a file of finite digits.
+    let (one, other) = (read(&whole, "markers.csv"), read(&steps, "markers.csv"));
+    assert_eq!(one.lines().count(), other.lines().count());
+    for (x, y) in one.split([',', '\n']).zip(other.split([',', '\n'])).filter(|(x, y)| x != y) {
+        let (x, y): (f64, f64) = (x.parse().expect("a number"), y.parse().expect("a number"));
+        assert!((x - y).abs() < 1e-9, "markers.csv differs: {x} and {y}");
+    }
     let (one, other) = (read(&whole, "pose.csv"), read(&steps, "pose.csv"));
     assert_eq!(one.lines().count(), other.lines().count());
     for (a, b) in one.lines().zip(other.lines()).skip(1) {
