@@ -98,3 +98,19 @@ fn markers_are_refined_or_the_reason_is_told() {
         }
     }
 }
+
+/// At heading 0 each camera looks along a diagonal of the square of balls: the near one hides nearly all of the far one.
+#[test]
+fn a_ball_behind_another_costs_neither_frames_nor_exactness() {
+    let session = Session::with_heading(0.0);
+    let out = session.path("results");
+    mavsight().arg("run").arg(session.path("session.toml")).arg("--out").arg(&out).assert().success();
+    let summary = std::fs::read_to_string(out.join("summary.json")).expect("a summary");
+    let summary: serde_json::Value = serde_json::from_str(&summary).expect("an object");
+    assert_eq!(summary["poses"]["measured"], summary["poses"]["frames"]);
+    let rms_mm = summary["truth"]["poses_position_rms_mm"].as_f64().expect("a figure");
+    assert!(rms_mm < 0.8, "{rms_mm} mm");
+    let markers = std::fs::read_to_string(out.join("markers.csv")).expect("a table");
+    let sights = markers.lines().count() - 1;
+    assert!(sights < 8 * 12, "nothing was hidden in this film");
+}

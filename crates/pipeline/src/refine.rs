@@ -20,7 +20,7 @@ pub struct Refinement {
 pub struct Diameter {
     /// The diameter.
     pub diameter_m: f64,
-    /// Its standard deviation; none where one camera alone saw the ball.
+    /// Its standard deviation; none where no ball was seen by two cameras.
     pub std_m: Option<f64>,
 }
 
@@ -76,7 +76,7 @@ fn diameters(tracked: &Tracked, rig: &Rig, body: &[BodyMarker]) -> Vec<Option<Di
             *count += 1.0;
         }
     }
-    sums.iter().map(|cameras| mean_of_cameras(cameras)).collect()
+    means_of_cameras(&sums)
 }
 
 /// Diameter of a sphere whose image is as large as a disc of this diameter. Where its centre is seen under an angle α to the
@@ -95,13 +95,22 @@ fn of_image(
     (diameter_m.is_finite() && diameter_m > 0.0).then_some(diameter_m)
 }
 
-fn mean_of_cameras(sums: &[(f64, f64)]) -> Option<Diameter> {
-    let means: Vec<f64> = sums.iter().filter(|(_, n)| *n > 0.0).map(|(sum, n)| sum / n).collect();
-    let n = means.len() as f64;
-    let diameter_m = means.iter().sum::<f64>() / n;
-    let squares: f64 = means.iter().map(|m| (m - diameter_m).powi(2)).sum();
-    let std_m = (n > 1.0).then(|| (squares / (n - 1.0) / n).sqrt());
-    (n > 0.0).then_some(Diameter { diameter_m, std_m })
+/// Means over cameras of `(sum, count)` by marker and camera. The cameras' disagreement is pooled over all balls: two cameras
+/// alone may agree by chance.
+fn means_of_cameras(sums: &[Vec<(f64, f64)>]) -> Vec<Option<Diameter>> {
+    let means: Vec<Vec<f64>> = sums
+        .iter()
+        .map(|cameras| cameras.iter().filter(|(_, n)| *n > 0.0).map(|(sum, n)| sum / n).collect())
+        .collect();
+    let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len() as f64;
+    let squares: f64 = means.iter().flat_map(|m| m.iter().map(|d| (d - mean(m)).powi(2))).sum();
+    let freedom: usize = means.iter().map(|m| m.len().saturating_sub(1)).sum();
+    let variance_m2 = (freedom > 0).then(|| squares / freedom as f64);
+    let diameter = |m: &Vec<f64>| Diameter {
+        diameter_m: mean(m),
+        std_m: variance_m2.map(|v| (v / m.len() as f64).sqrt()),
+    };
+    means.iter().map(|m| (!m.is_empty()).then(|| diameter(m))).collect()
 }
 
 #[cfg(test)]
@@ -142,9 +151,18 @@ mod tests {
 
     #[test]
     fn cameras_that_disagree_are_the_standard_deviation() {
-        let both = mean_of_cameras(&[(0.5, 10.0), (1.08, 20.0)]).unwrap();
-        assert!((both.diameter_m - 0.052).abs() < 1e-12 && (both.std_m.unwrap() - 0.002).abs() < 1e-12);
-        assert_eq!(mean_of_cameras(&[(0.5, 10.0), (0.0, 0.0)]).unwrap().std_m, None);
-        assert_eq!(mean_of_cameras(&[(0.0, 0.0)]), None);
+        let [a, b, unseen] = means_of_cameras(&[
+            vec![(0.5, 10.0), (1.08, 20.0)],
+            vec![(0.5, 10.0), (0.5, 10.0)],
+            vec![(0.0, 0.0), (0.0, 0.0)],
+        ])[..] else {
+            panic!("three balls");
+        };
+        let (a, b) = (a.unwrap(), b.unwrap());
+        assert!((a.diameter_m - 0.052).abs() < 1e-12 && (b.diameter_m - 0.05).abs() < 1e-12);
+        // Deviations of 2 mm twice, two degrees of freedom, two cameras.
+        assert!((a.std_m.unwrap() - 0.002 / 2f64.sqrt()).abs() < 1e-12 && a.std_m == b.std_m);
+        assert_eq!(unseen, None);
+        assert_eq!(means_of_cameras(&[vec![(0.5, 10.0), (0.0, 0.0)]])[0].unwrap().std_m, None);
     }
 }

@@ -1,6 +1,7 @@
 //! The rigid pose of one instant from the markers that the cameras saw.
 
 mod bias;
+mod components;
 mod gates;
 mod lasting;
 mod p3p;
@@ -13,7 +14,7 @@ use lasting::Lasting;
 use mavsight_geometry::{Camera, Isometry3, Matrix2, Matrix6, Point3, UnitQuaternion, Vector2, Vector3};
 use nalgebra::{DMatrix, Matrix6xX, Translation3, Vector6};
 pub(crate) use solve::noise_weight;
-use solve::{Sight, Solution};
+use solve::{Sight, Solution, of_markers};
 
 /// One marker seen by one camera.
 #[derive(Debug, Clone, PartialEq)]
@@ -107,6 +108,11 @@ impl PoseEstimator {
         }
     }
 
+    /// The body.
+    pub fn markers(&self) -> &[BodyMarker] {
+        &self.markers
+    }
+
     /// The same with what is not known of the markers' positions: 3 rows a marker (body axes, m), each column one standard
     /// deviation along an independent direction, so that their covariance is M Mᵀ.
     ///
@@ -149,11 +155,10 @@ impl PoseEstimator {
         observations: &[MarkerObservation],
         previous: Option<&Isometry3<f64>>,
     ) -> Result<PoseEstimate, PoseError> {
-        let sights = observations
-            .iter()
-            .filter(|o| o.t_ns == t_ns)
-            .map(|o| self.sight(o))
-            .collect::<Result<Vec<_>, _>>()?;
+        let mut sights = Vec::with_capacity(observations.len());
+        for seen in observations.iter().filter(|o| o.t_ns == t_ns) {
+            sights.push(self.sight(seen)?);
+        }
         let mut used: Vec<usize> =
             (0..self.markers.len()).filter(|m| sights.iter().any(|s| s.marker == *m)).collect();
         let mut left_out = Vec::new();
@@ -167,7 +172,7 @@ impl PoseEstimator {
             solution = Ok(without);
         }
         left_out.sort_unstable();
-        let own: Vec<&Sight> = sights.iter().filter(|s| used.contains(&s.marker)).collect();
+        let own = of_markers(&sights, &used);
         let solution = self.bounded_from(&own, solution?);
         self.refuse_misfit(&solution, &used)?;
         self.finished(&own, &solution, used, left_out)
@@ -175,7 +180,7 @@ impl PoseEstimator {
 
     fn finished(
         &self,
-        own: &[&Sight],
+        own: &[Sight],
         solution: &Solution,
         used: Vec<usize>,
         left_out: Vec<usize>,
@@ -188,9 +193,11 @@ impl PoseEstimator {
             .ok_or(PoseError::NotConverged { steps: MAX_STEPS, residual_px })?;
         let (systematic, left_over) = self.systematic(own, solution, &inverse);
         let factor = noise_factor(solution.chi_square, left_over, solution.redundancy);
+        let mut covariance = inverse * factor;
+        systematic.column_iter().for_each(|c| covariance.ger(1.0, &c, &c, 1.0));
         Ok(PoseEstimate {
             world_from_body: solution.world_from_body,
-            covariance: inverse * factor + &systematic * systematic.transpose(),
+            covariance,
             systematic,
             markers_used: used,
             left_out,
@@ -258,7 +265,7 @@ impl PoseEstimator {
 
     /// Factor by which what is not known of cameras and markers raises the mean chi-square.
     fn claimed_excess(&self, sights: &[Sight], used: &[usize], solution: &Solution) -> f64 {
-        let own: Vec<&Sight> = sights.iter().filter(|s| used.contains(&s.marker)).collect();
+        let own = of_markers(sights, used);
         let explained =
             solution.normal.cholesky().map_or(0.0, |c| self.systematic(&own, solution, &c.inverse()).1);
         1.0 + explained / solution.redundancy.max(1) as f64

@@ -3,56 +3,11 @@
 #[allow(dead_code)]
 mod simulated;
 
-use mavsight_flight::FlightState;
-use mavsight_geometry::{Isometry3, Vector3, rigid_fit};
-use mavsight_pose::{
-    BodyMarker, MarkerObservation, PoseError, PoseEstimator, PoseSample, RefinedMarkers, refine_markers,
-};
+use mavsight_geometry::Vector3;
+use mavsight_pose::{PoseError, refine_markers};
 use nalgebra::DVector;
-use simulated::{Random, flight, pose_of, poses, rigs, sights, square, true_cameras};
-
-const RULER_M: f64 = 2e-3;
-
-fn off_by_a_ruler(markers: &[BodyMarker], random: &mut Random) -> Vec<BodyMarker> {
-    let mut out = markers.to_vec();
-    for m in &mut out {
-        m.marker_in_body_m += Vector3::from_fn(|_, _| random.normal()) * RULER_M;
-    }
-    out
-}
-
-/// The motion that carries the true body axes' coordinates into those of the file: the axes that refined markers have.
-fn file_from_body(true_body: &[BodyMarker], file: &[BodyMarker]) -> Isometry3<f64> {
-    let places = |m: &[BodyMarker]| m.iter().map(|m| m.marker_in_body_m).collect::<Vec<_>>();
-    rigid_fit(&places(true_body), &places(file), &vec![1.0; file.len()]).expect("a fit").world_from_body
-}
-
-/// Position RMS against the flight in the axes that `file_from_body` leads to.
-fn rms(poses: &[PoseSample], flight: &[FlightState], file_from_body: &Isometry3<f64>) -> f64 {
-    let error = |(p, s): (&PoseSample, &FlightState)| {
-        let truth = pose_of(s) * file_from_body.inverse();
-        let e = p.estimate.as_ref()?;
-        Some((e.world_from_body.translation.vector - truth.translation.vector).norm_squared())
-    };
-    let errors: Vec<f64> = poses.iter().zip(flight).filter_map(error).collect();
-    (errors.iter().sum::<f64>() / errors.len() as f64).sqrt()
-}
-
-struct Case {
-    file: Vec<BodyMarker>,
-    flight: Vec<FlightState>,
-    seen: Vec<Vec<MarkerObservation>>,
-    refined: RefinedMarkers,
-}
-
-fn case(rig: &mavsight_pose::Rig, random: &mut Random) -> Case {
-    let file = off_by_a_ruler(&square(), random);
-    let flight = flight(random);
-    let cameras = true_cameras(rig, random);
-    let seen = sights(&cameras, &square(), &flight, random);
-    let refined = refine_markers(&seen.concat(), rig, &file, RULER_M).expect("a refined body");
-    Case { file, flight, seen, refined }
-}
+use simulated::ruler::{RULER_M, case, file_from_body, position_rms_m};
+use simulated::{Random, flight, rigs, sights, square, true_cameras};
 
 #[test]
 fn positions_with_refined_markers_are_as_good_as_with_true_ones() {
@@ -61,11 +16,10 @@ fn positions_with_refined_markers_are_as_good_as_with_true_ones() {
     let (mut with_true, mut with_file, mut with_refined) = (0.0, 0.0, 0.0);
     for _ in 0..6 {
         let c = case(&rig, &mut random);
-        let axes = file_from_body(&square(), &c.file);
-        let run = |e: &PoseEstimator| poses(e, &c.flight, &c.seen);
-        with_true += rms(&run(&PoseEstimator::new(&rig, &square())), &c.flight, &Isometry3::identity());
-        with_file += rms(&run(&PoseEstimator::new(&rig, &c.file)), &c.flight, &axes);
-        with_refined += rms(&run(&PoseEstimator::refined(&rig, &c.refined).unwrap()), &c.flight, &axes);
+        let [of_true, of_file, of_refined] = position_rms_m(&rig, &c);
+        with_true += of_true;
+        with_file += of_file;
+        with_refined += of_refined;
         assert!(c.refined.chi_square.1 < 0.9 * c.refined.chi_square.0, "{:?}", c.refined.chi_square);
     }
     assert!(with_refined < 1.2 * with_true, "{with_refined} against {with_true} (file: {with_file})");

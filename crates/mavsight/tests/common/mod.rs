@@ -24,24 +24,17 @@ pub(crate) fn mavsight() -> Command {
 
 fn original() -> &'static Path {
     static ORIGINAL: OnceLock<TempDir> = OnceLock::new();
-    ORIGINAL
-        .get_or_init(|| {
-            let dir = TempDir::new().expect("a folder for the flight");
-            let scenario = dir.path().join("scenario.toml");
-            std::fs::write(&scenario, SCENARIO).expect("the scenario is written");
-            let flight = dir.path().join("flight");
-            mavsight()
-                .arg("simulate")
-                .arg("--scenario")
-                .arg(&scenario)
-                .arg("--out")
-                .arg(&flight)
-                .assert()
-                .success();
-            mavsight().arg("film").arg(&flight).arg("--out").arg(&flight).assert().success();
-            dir
-        })
-        .path()
+    ORIGINAL.get_or_init(|| filmed(SCENARIO)).path()
+}
+
+/// A folder whose `flight` is a session of the paper's vehicle in a scenario.
+fn filmed(scenario: &str) -> TempDir {
+    let dir = TempDir::new().expect("a folder for the flight");
+    let (file, flight) = (dir.path().join("scenario.toml"), dir.path().join("flight"));
+    std::fs::write(&file, scenario).expect("the scenario is written");
+    mavsight().arg("simulate").arg("--scenario").arg(&file).arg("--out").arg(&flight).assert().success();
+    mavsight().arg("film").arg(&flight).arg("--out").arg(&flight).assert().success();
+    dir
 }
 
 /// A session that may be spoilt.
@@ -54,6 +47,14 @@ impl Session {
     pub(crate) fn new() -> Self {
         let dir = TempDir::new().expect("a folder for the copy");
         copy(&original().join("flight"), dir.path());
+        Self { dir }
+    }
+
+    /// The short flight at another heading.
+    pub(crate) fn with_heading(heading_deg: f64) -> Self {
+        let turned = SCENARIO.replace("heading_deg = 22.5", &format!("heading_deg = {heading_deg:?}"));
+        let (film, dir) = (filmed(&turned), TempDir::new().expect("a folder for the copy"));
+        copy(&film.path().join("flight"), dir.path());
         Self { dir }
     }
 

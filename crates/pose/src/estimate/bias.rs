@@ -54,7 +54,6 @@ impl PoseEstimator {
             if let Some(estimate) = &pose.estimate {
                 let used = seen.iter().filter(|o| estimate.markers_used.contains(&o.marker));
                 let sights = used.map(|o| self.sight(o)).collect::<Result<Vec<Sight>, _>>()?;
-                let sights: Vec<&Sight> = sights.iter().collect();
                 for s in &sights {
                     let Ok(at) = self.projected(s, &estimate.world_from_body) else { continue };
                     row[s.camera * self.markers.len() + s.marker] = Some(s.whitener * (s.pixel - at.pixel));

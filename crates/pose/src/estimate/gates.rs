@@ -9,7 +9,7 @@ pub(super) const DECISIVE_CHI_SQUARE: f64 = 13.814;
 
 /// Weight of the claimed covariances against one instant's residuals when its noise is judged, in degrees of freedom: as
 /// much as four markers in two cameras have.
-const CLAIM_DEGREES: f64 = 10.0;
+pub(super) const CLAIM_DEGREES: f64 = 10.0;
 
 /// Huber's bound for the length of a whitened residual in the plane: 95 % efficient where the noise is normal.
 /// From (E[ψ'/2 + ψ/2r])² / (E[ψ²]/2) = 0.95 with r of a Rayleigh distribution (Huber 1981, section 8).

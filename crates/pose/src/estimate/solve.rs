@@ -7,17 +7,28 @@ use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::camera::d_pixel_d_pose;
 use mavsight_geometry::{GeometryError, Isometry3, Matrix2, Matrix6, Point3, Projection, Vector2, Vector3};
 use nalgebra::{Matrix6xX, Vector6};
+use std::borrow::Cow;
 
 /// A step that promises to lower the chi-square by less, a ten-thousandth of a standard deviation, is the last: what remains
 /// after it is smaller by its square.
 const SETTLED: f64 = 1e-8;
 
 /// An observation with the inverse root of its covariance.
+#[derive(Clone, Copy)]
 pub(super) struct Sight {
     pub(super) camera: usize,
     pub(super) marker: usize,
     pub(super) pixel: Vector2<f64>,
     pub(super) whitener: Matrix2<f64>,
+}
+
+/// The sights of some markers: mostly of all.
+pub(super) fn of_markers<'a>(sights: &'a [Sight], markers: &[usize]) -> Cow<'a, [Sight]> {
+    let wanted = |s: &Sight| markers.contains(&s.marker);
+    if sights.iter().all(wanted) {
+        return Cow::Borrowed(sights);
+    }
+    Cow::Owned(sights.iter().copied().filter(wanted).collect())
 }
 
 /// A pose at a minimum.
@@ -67,7 +78,7 @@ impl PoseEstimator {
     /// Normal equations at a pose.
     fn equations(
         &self,
-        sights: &[&Sight],
+        sights: &[Sight],
         pose: &Isometry3<f64>,
         bound_scale: Option<f64>,
     ) -> Result<(Solution, Vector6<f64>), GeometryError> {
@@ -104,16 +115,12 @@ impl PoseEstimator {
     }
 
     /// The normal equations at a pose that is known already.
-    pub(super) fn at_pose(
-        &self,
-        sights: &[&Sight],
-        pose: &Isometry3<f64>,
-    ) -> Result<Solution, GeometryError> {
+    pub(super) fn at_pose(&self, sights: &[Sight], pose: &Isometry3<f64>) -> Result<Solution, GeometryError> {
         self.equations(sights, pose, None).map(|e| e.0)
     }
 
     /// Least squares from a start (Levenberg 1944; Marquardt 1963).
-    pub(super) fn descend(&self, sights: &[&Sight], start: &Isometry3<f64>) -> Result<Solution, PoseError> {
+    pub(super) fn descend(&self, sights: &[Sight], start: &Isometry3<f64>) -> Result<Solution, PoseError> {
         let mut pose = *start;
         let (mut now, mut gradient) = self.equations(sights, &pose, None)?;
         let mut damping = 0.0;
@@ -145,7 +152,7 @@ impl PoseEstimator {
     /// The same with bounded influence: residuals longer than [`HUBER_BOUND`] weigh no more than one of that length
     /// (Huber 1981, chapter 7, by iterative reweighting). The scale is that of [`noise_factor`], so that noise larger than
     /// was claimed does not make outliers of half the sights. The chi-square stays that of least squares.
-    pub(super) fn bounded_from(&self, sights: &[&Sight], least: Solution) -> Solution {
+    pub(super) fn bounded_from(&self, sights: &[Sight], least: Solution) -> Solution {
         let scale = noise_factor(least.chi_square, 0.0, least.redundancy).max(1.0);
         if least.longest <= HUBER_BOUND.powi(2) * scale {
             return least;
@@ -169,7 +176,7 @@ impl PoseEstimator {
     /// `inverse` is that of the normal equations.
     pub(super) fn systematic(
         &self,
-        sights: &[&Sight],
+        sights: &[Sight],
         solution: &Solution,
         inverse: &Matrix6<f64>,
     ) -> (Matrix6xX<f64>, f64) {

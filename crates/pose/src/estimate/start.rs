@@ -1,7 +1,7 @@
 //! Where the iteration begins: from triangulated markers, or from one camera's view of three.
 
 use super::p3p;
-use super::solve::{Sight, Solution};
+use super::solve::{Sight, Solution, of_markers};
 use super::{DECISIVE_CHI_SQUARE, PoseEstimator};
 use crate::PoseError;
 use mavsight_geometry::attitude::matrix_of;
@@ -22,14 +22,19 @@ const COLLINEAR_RATIO: f64 = 1e-3;
 
 /// The rigid motion that best carries body points onto world points: the quaternion of the largest eigenvalue (Horn 1987).
 /// It does what [`mavsight_geometry::rigid_fit`] does, without weights and without the heap.
-fn carried(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Result<Isometry3<f64>, GeometryError> {
-    let n = pairs.len() as f64;
-    let body = pairs.iter().map(|p| p.0).sum::<Vector3<f64>>() / n;
-    let world = pairs.iter().map(|p| p.1).sum::<Vector3<f64>>() / n;
+fn carried(
+    pairs: impl Iterator<Item = (Vector3<f64>, Vector3<f64>)>,
+) -> Result<Isometry3<f64>, GeometryError> {
+    let (mut n, mut body, mut world) = (0.0, Vector3::zeros(), Vector3::zeros());
     let (mut spread, mut cross) = (Matrix3::zeros(), Matrix3::zeros());
     for (b, w) in pairs {
-        spread += (b - body) * (b - body).transpose();
-        cross += (b - body) * (w - world).transpose();
+        // Sums about the running means (Welford 1962).
+        n += 1.0;
+        let (from_body, from_world): (Vector3<f64>, Vector3<f64>) = (b - body, w - world);
+        body += from_body / n;
+        world += from_world / n;
+        spread += from_body * (b - body).transpose();
+        cross += from_body * (w - world).transpose();
     }
     let mut along = spread.symmetric_eigenvalues().map(|v| (v.max(0.0) / n).sqrt());
     along.as_mut_slice().sort_by(f64::total_cmp);
@@ -58,7 +63,7 @@ impl PoseEstimator {
         used: &[usize],
         previous: Option<&Isometry3<f64>>,
     ) -> Result<Solution, PoseError> {
-        let own: Vec<&Sight> = sights.iter().filter(|s| used.contains(&s.marker)).collect();
+        let own = of_markers(sights, used);
         if used.len() < 3 || own.len() < 3 {
             return Err(PoseError::TooFewMarkers {
                 seen: used.len(),
@@ -79,20 +84,20 @@ impl PoseEstimator {
     /// A rigid fit to the markers that two cameras saw; `None` where they are fewer than three.
     fn triangulated_start(
         &self,
-        own: &[&Sight],
+        own: &[Sight],
         used: &[usize],
     ) -> Option<Result<Isometry3<f64>, GeometryError>> {
-        let mut pairs: Vec<(Vector3<f64>, Vector3<f64>)> = Vec::with_capacity(used.len());
-        for &marker in used {
-            if let Some(point) = self.nearest_to_rays(own, marker) {
-                pairs.push((self.markers[marker].marker_in_body_m, point));
-            }
-        }
-        (pairs.len() >= 3).then(|| carried(&pairs))
+        let mut triangulated = 0;
+        let fit = carried(used.iter().filter_map(|marker| {
+            let point = self.nearest_to_rays(own, *marker)?;
+            triangulated += 1;
+            Some((self.markers[*marker].marker_in_body_m, point))
+        }));
+        (triangulated >= 3).then_some(fit)
     }
 
     /// The point nearest to all rays of a marker, where two of them differ enough in direction.
-    fn nearest_to_rays(&self, own: &[&Sight], marker: usize) -> Option<Vector3<f64>> {
+    fn nearest_to_rays(&self, own: &[Sight], marker: usize) -> Option<Vector3<f64>> {
         let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
         let mut first: Option<Vector3<f64>> = None;
         let mut widest: f64 = 0.0;
@@ -111,14 +116,14 @@ impl PoseEstimator {
     /// distinguished by its chi-square or by the pose before.
     fn best_of_views(
         &self,
-        own: &[&Sight],
+        own: &[Sight],
         used: &[usize],
         previous: Option<&Isometry3<f64>>,
     ) -> Result<Solution, PoseError> {
         let mut minima: Vec<Solution> = Vec::new();
         let mut starts: Vec<Isometry3<f64>> = previous.into_iter().copied().collect();
         for camera in 0..self.cameras.len() {
-            let view: Vec<&Sight> = own.iter().copied().filter(|s| s.camera == camera).collect();
+            let view: Vec<Sight> = own.iter().copied().filter(|s| s.camera == camera).collect();
             for pose in self.three_point_poses(&view) {
                 starts.push(pose);
                 starts.extend(self.mirrored(&view, &pose));
@@ -162,7 +167,7 @@ impl PoseEstimator {
     }
 
     /// Poses that one camera's view of three markers allows, from the triangle of the largest area on the body.
-    fn three_point_poses(&self, view: &[&Sight]) -> Vec<Isometry3<f64>> {
+    fn three_point_poses(&self, view: &[Sight]) -> Vec<Isometry3<f64>> {
         let place = |s: &Sight| self.markers[s.marker].marker_in_body_m;
         let mut best: (f64, Option<[&Sight; 3]>) = (0.0, None);
         for (i, a) in view.iter().enumerate() {
@@ -185,14 +190,14 @@ impl PoseEstimator {
             .into_iter()
             .filter_map(|s| {
                 let pairs: [_; 3] = std::array::from_fn(|i| (body[i], centre + rays[i] * s[i]));
-                carried(&pairs).ok()
+                carried(pairs.into_iter()).ok()
             })
             .collect()
     }
 
     /// The other pose in which flat markers look much the same from afar: their plane tipped the other way about the line of
     /// sight (Oberkampf, DeMenthon & Davis 1996; Schweighofer & Pinz 2006). The plane is the one of least spread.
-    fn mirrored(&self, view: &[&Sight], pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
+    fn mirrored(&self, view: &[Sight], pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
         let places: Vec<Vector3<f64>> =
             view.iter().map(|s| self.markers[s.marker].marker_in_body_m).collect();
         let middle = places.iter().sum::<Vector3<f64>>() / places.len() as f64;
@@ -230,7 +235,7 @@ mod tests {
                 let world: Vec<_> = body.iter().map(|b| turn * b + normal3(&mut seed) * 0.05).collect();
                 let want = rigid_fit(&body, &world, &vec![1.0; count]).unwrap().world_from_body;
                 let pairs: Vec<_> = body.into_iter().zip(world).collect();
-                let got = carried(&pairs).unwrap();
+                let got = carried(pairs.into_iter()).unwrap();
                 assert!(got.rotation.angle_to(&want.rotation) < 1e-7);
                 assert!((got.translation.vector - want.translation.vector).norm() < 1e-7);
             }

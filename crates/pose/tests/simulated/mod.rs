@@ -1,5 +1,7 @@
 //! Flights that are known exactly, seen by rigs that are known only as well as a calibration knows them.
 
+pub(crate) mod ruler;
+
 use mavsight_flight::{Channel, Maneuver, Scenario};
 use mavsight_flight::{FlightState, Vehicle, simulate};
 use mavsight_geometry::{

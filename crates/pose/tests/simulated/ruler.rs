@@ -1,0 +1,66 @@
+//! Bodies whose vehicle file is off by what a ruler is off.
+
+use super::{Random, flight, pose_of, poses, sights, square, true_cameras};
+use mavsight_flight::FlightState;
+use mavsight_geometry::{Isometry3, Vector3, rigid_fit};
+use mavsight_pose::{
+    BodyMarker, MarkerObservation, PoseEstimator, PoseSample, RefinedMarkers, Rig, refine_markers,
+};
+
+/// Standard deviation of a coordinate in the file.
+pub(crate) const RULER_M: f64 = 2e-3;
+
+fn off_by_a_ruler(markers: &[BodyMarker], random: &mut Random) -> Vec<BodyMarker> {
+    let mut out = markers.to_vec();
+    for m in &mut out {
+        m.marker_in_body_m += Vector3::from_fn(|_, _| random.normal()) * RULER_M;
+    }
+    out
+}
+
+/// The motion that carries the true body axes' coordinates into those of the file: the axes that refined markers have.
+pub(crate) fn file_from_body(true_body: &[BodyMarker], file: &[BodyMarker]) -> Isometry3<f64> {
+    let places = |m: &[BodyMarker]| m.iter().map(|m| m.marker_in_body_m).collect::<Vec<_>>();
+    rigid_fit(&places(true_body), &places(file), &vec![1.0; file.len()]).expect("a fit").world_from_body
+}
+
+/// Position RMS against the flight in the axes that `file_from_body` leads to.
+pub(crate) fn rms(poses: &[PoseSample], flight: &[FlightState], file_from_body: &Isometry3<f64>) -> f64 {
+    let error = |(p, s): (&PoseSample, &FlightState)| {
+        let truth = pose_of(s) * file_from_body.inverse();
+        let e = p.estimate.as_ref()?;
+        Some((e.world_from_body.translation.vector - truth.translation.vector).norm_squared())
+    };
+    let errors: Vec<f64> = poses.iter().zip(flight).filter_map(error).collect();
+    (errors.iter().sum::<f64>() / errors.len() as f64).sqrt()
+}
+
+/// A flight, and what it tells of the body.
+pub(crate) struct Case {
+    pub(crate) file: Vec<BodyMarker>,
+    pub(crate) flight: Vec<FlightState>,
+    pub(crate) seen: Vec<Vec<MarkerObservation>>,
+    pub(crate) refined: RefinedMarkers,
+}
+
+/// A file, a flight and a calibration at random.
+pub(crate) fn case(rig: &Rig, random: &mut Random) -> Case {
+    let file = off_by_a_ruler(&square(), random);
+    let flight = flight(random);
+    let cameras = true_cameras(rig, random);
+    let seen = sights(&cameras, &square(), &flight, random);
+    let refined = refine_markers(&seen.concat(), rig, &file, RULER_M).expect("a refined body");
+    Case { file, flight, seen, refined }
+}
+
+/// Position RMS with the true marker positions, with those of the file, and with the refined ones. The last two are in the axes
+/// of the file, which are off from the true ones by a motion that no film can show.
+pub(crate) fn position_rms_m(rig: &Rig, c: &Case) -> [f64; 3] {
+    let axes = file_from_body(&square(), &c.file);
+    let with = |e: &PoseEstimator, axes: &Isometry3<f64>| rms(&poses(e, &c.flight, &c.seen), &c.flight, axes);
+    [
+        with(&PoseEstimator::new(rig, &square()), &Isometry3::identity()),
+        with(&PoseEstimator::new(rig, &c.file), &axes),
+        with(&PoseEstimator::refined(rig, &c.refined).expect("a refined body"), &axes),
+    ]
+}
