@@ -63,8 +63,9 @@ fn a_session_is_flown_with_what_was_seen_in_it() {
         VirtualLab::of_session(&flight.rig, paper.control.clone(), paper.vehicle.clone(), &flight.tracked)
             .expect("a laboratory");
     assert!((lab.frame_rate_hz - 30.0).abs() < 1e-3);
+    // What the cameras' errors leave in the residuals counts as noise.
     let noise_px = lab.claimed_std_px() * lab.noise_over_claim;
-    assert!((noise_px / (0.15 * 1.5) - 1.0).abs() < 0.1, "{noise_px}");
+    assert!((0.95..1.25).contains(&(noise_px / (0.15 * 1.5))), "{noise_px}");
     assert!((0.1..0.35).contains(&lab.bias_px), "{}", lab.bias_px);
     assert!(!lab.cameras[1].sees[3] && lab.cameras[0].sees[3]);
     assert!((lab.middle_m - paper.middle_m).norm() < 1e-9);
