@@ -4,7 +4,7 @@ use crate::page::Page;
 use anyhow::{Context, Result};
 use mavsight_geometry::{EulerAngles, Vector2, Vector3};
 use mavsight_identify::Estimator;
-use mavsight_pose::{Rig, control_volume, precision_map};
+use mavsight_pose::{MotionSample, Rig, control_volume, euler_std, precision_map};
 use mavsight_report::{Chart, Curve, Figure, HeatMap, Panel, Role, draw, draw_heat_maps, png_figure};
 use mavsight_scene::draw_path;
 use mavsight_session::TruthRow;
@@ -14,7 +14,7 @@ use mavsight_vision::Frame;
 type Of<'a, T> = &'a dyn Fn(&T) -> f64;
 
 fn curve(label: &str, role: Role, points: impl Iterator<Item = (f64, f64)>) -> Curve {
-    Curve { label: label.to_owned(), role, points: points.collect() }
+    Curve { label: label.to_owned(), role, points: points.collect(), half_width: vec![] }
 }
 
 fn figure(caption: &str, panels: Vec<Panel>) -> Result<Figure> {
@@ -24,6 +24,9 @@ fn figure(caption: &str, panels: Vec<Panel>) -> Result<Figure> {
 fn seconds(t_ns: i64) -> f64 {
     t_ns as f64 * 1e-9
 }
+
+/// Half-width of a normal 95 % interval.
+const NORMAL_95: f64 = 1.959_964;
 
 /// Cells along each side of a map.
 const MAP_CELLS: usize = 30;
@@ -155,7 +158,7 @@ fn motion_panel(
     page: &Page<'_>,
     axis: &str,
     of_truth: OfTruth,
-    smoothed: Of<'_, mavsight_pose::MotionSample>,
+    (smoothed, std): (Of<'_, MotionSample>, Of<'_, MotionSample>),
     measured: Option<Of<'_, mavsight_geometry::Isometry3<f64>>>,
 ) -> Panel {
     let mut curves = Vec::new();
@@ -166,11 +169,9 @@ fn motion_panel(
         curves.push(curve("single frames", Role::Measured, points));
     }
     if let Some(motion) = &page.results.motion {
-        curves.push(curve(
-            "smoothed",
-            Role::Estimate,
-            motion.samples.iter().map(|s| (seconds(s.t_ns), smoothed(s))),
-        ));
+        let points = motion.samples.iter().map(|s| (seconds(s.t_ns), smoothed(s)));
+        let half_width = motion.samples.iter().map(|s| NORMAL_95 * std(s)).collect();
+        curves.push(Curve { half_width, ..curve("smoothed, 95 %", Role::Estimate, points) });
     }
     if let Some(truth) = page.flight.truth {
         curves.push(curve("truth", Role::Truth, truth.iter().map(|r| (r.t_s, of_truth(r)))));
@@ -184,25 +185,27 @@ pub(crate) fn motion(page: &Page<'_>) -> Result<Vec<Figure>> {
         return Ok(vec![]);
     }
     let deg = |r: f64| r.to_degrees();
+    let std = |s: &MotionSample, row: usize| s.covariance[(row, row)].max(0.0).sqrt();
     let place = |axis: &str, k: usize, t: OfTruth| {
-        motion_panel(
-            page,
-            axis,
-            t,
-            &|s| s.world_from_body.translation.vector[k],
-            Some(&|p| p.translation.vector[k]),
-        )
+        let smoothed = |s: &MotionSample| s.world_from_body.translation.vector[k];
+        motion_panel(page, axis, t, (&smoothed, &|s| std(s, k)), Some(&|p| p.translation.vector[k]))
     };
-    let angle = |axis: &str, pick: fn(&EulerAngles) -> f64, t: OfTruth| {
+    let angle = |axis: &str, k: usize, t: OfTruth| {
         let of = move |p: &mavsight_geometry::Isometry3<f64>| {
-            pick(&EulerAngles::from_world_from_body(p)).to_degrees()
+            let e = EulerAngles::from_world_from_body(p);
+            [e.phi_rad, e.theta_rad, e.psi_rad][k].to_degrees()
         };
-        motion_panel(page, axis, t, &|s| of(&s.world_from_body), Some(&of))
+        let turn = move |s: &MotionSample| {
+            euler_std(&s.world_from_body, &s.covariance.fixed_view::<3, 3>(3, 3).into_owned())[k].to_degrees()
+        };
+        motion_panel(page, axis, t, (&|s| of(&s.world_from_body), &turn), Some(&of))
     };
-    let speed =
-        |axis: &str, k: usize, t: OfTruth| motion_panel(page, axis, t, &|s| s.velocity_in_body_m_s[k], None);
-    let rate =
-        |axis: &str, k: usize, t: OfTruth| motion_panel(page, axis, t, &|s| deg(s.rates_rad_s[k]), None);
+    let speed = |axis: &str, k: usize, t: OfTruth| {
+        motion_panel(page, axis, t, (&|s| s.velocity_in_body_m_s[k], &|s| std(s, 6 + k)), None)
+    };
+    let rate = |axis: &str, k: usize, t: OfTruth| {
+        motion_panel(page, axis, t, (&|s| deg(s.rates_rad_s[k]), &|s| deg(std(s, 9 + k))), None)
+    };
     Ok(vec![
         figure(
             "Figure 8: position in the world.",
@@ -211,9 +214,9 @@ pub(crate) fn motion(page: &Page<'_>) -> Result<Vec<Figure>> {
         figure(
             "Figure 9: attitude.",
             vec![
-                angle("roll φ, °", |e| e.phi_rad, |r| r.phi_rad.to_degrees()),
-                angle("pitch θ, °", |e| e.theta_rad, |r| r.theta_rad.to_degrees()),
-                angle("yaw ψ, °", |e| e.psi_rad, |r| r.psi_rad.to_degrees()),
+                angle("roll φ, °", 0, |r| r.phi_rad.to_degrees()),
+                angle("pitch θ, °", 1, |r| r.theta_rad.to_degrees()),
+                angle("yaw ψ, °", 2, |r| r.psi_rad.to_degrees()),
             ],
         )?,
         figure(

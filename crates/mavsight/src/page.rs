@@ -53,7 +53,7 @@ fn lead(page: &Page<'_>) -> String {
     let instants = page.results.poses.len();
     let end_s = page.results.poses.last().map_or(0.0, |p| p.t_ns as f64 * 1e-9);
     let truth = if page.flight.truth.is_some() { " Truth is drawn as a black dashed line." } else { "" };
-    format!("{} with {instants} instants over {end_s:.1} s.{truth}", page.flight.vehicle.name)
+    format!("{}: {instants} instants over {end_s:.1} s.{truth}", page.flight.vehicle.name)
 }
 
 /// The few figures that a reader looks for first.
@@ -104,9 +104,10 @@ fn camera_tables(rig: &Rig) -> Vec<Table> {
         header: header("parameter"),
         rows: (0..11)
             .map(|k| {
-                let cells = rig.cameras.iter().map(|c| {
-                    Dlt::from_camera(&c.camera).map_or(String::new(), |dlt| format!("{:.4}", dlt.l[k]))
-                });
+                let cells = rig
+                    .cameras
+                    .iter()
+                    .map(|c| Dlt::from_camera(&c.camera).map_or(String::new(), |dlt| six_digits(dlt.l[k])));
                 std::iter::once(format!("L{}", k + 1)).chain(cells).collect()
             })
             .collect(),
@@ -137,6 +138,12 @@ fn camera_tables(rig: &Rig) -> Vec<Table> {
             .collect(),
     };
     vec![parameters_table(rig), dlt, residuals]
+}
+
+/// Six significant digits.
+fn six_digits(value: f64) -> String {
+    let digits = if value == 0.0 { 6.0 } else { (5.0 - value.abs().log10().floor()).clamp(0.0, 12.0) };
+    format!("{value:.0$}", digits as usize)
 }
 
 /// One parameter of a camera.
@@ -230,20 +237,21 @@ fn parameter_tables(results: &RunResults) -> Vec<Table> {
         }
         let Some(table) = tables.iter_mut().find(|t| t.caption == caption) else { continue };
         let show = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:+.3e}"));
+        let spread = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.1e}"));
         for p in &fit.parameters {
             let verdict = if p.identifiable { "" } else { "only in a combination" };
             let name = format!("{},{}", fit.output, p.name);
             table.rows.push(vec![
                 name,
                 show(p.value),
-                show(p.std),
+                spread(p.std),
                 show(p.ci_low),
                 show(p.ci_high),
                 verdict.to_owned(),
             ]);
         }
         for c in &fit.combinations {
-            let (value, std) = (show(Some(c.value)), show(Some(c.std)));
+            let (value, std) = (show(Some(c.value)), spread(Some(c.std)));
             table.rows.push(vec![
                 c.text.clone(),
                 value,

@@ -78,7 +78,7 @@ impl Summary {
         for camera in results.rig.iter().flat_map(|r| &r.cameras) {
             let (name, c, s) = (&camera.name, camera.camera.centre_in_world(), camera.centre_std_m);
             let shown = format!(
-                "({:.4}, {:.4}, {:.4}) ± ({:.1}, {:.1}, {:.1}) mm",
+                "({:.4}, {:.4}, {:.4}) m ± ({:.1}, {:.1}, {:.1}) mm",
                 c.x,
                 c.y,
                 c.z,
@@ -89,7 +89,7 @@ impl Summary {
             self.add(
                 "cameras",
                 format!("{name}_centre_m"),
-                format!("{name} centre, m"),
+                format!("{name} centre"),
                 json!([c.x, c.y, c.z]),
                 shown,
             );

@@ -2,6 +2,7 @@
 
 mod adjust;
 mod choose;
+mod disagree;
 #[cfg(test)]
 mod fault_tests;
 mod model;
@@ -17,8 +18,8 @@ mod tests;
 pub use model::{CameraModel, Lens, Pixels};
 
 use crate::PoseError;
-use adjust::hotelling_over_normal;
 use choose::root;
+use disagree::hotelling_over_normal;
 use mavsight_geometry::camera_parameters::CENTRE;
 use mavsight_geometry::{
     CAMERA_PARAMETERS, Camera, ControlPoint, GeometryError, ImageSize, Matrix3, Vector2, Vector3,

@@ -37,6 +37,8 @@ pub struct Curve {
     pub role: Role,
     /// Time in seconds and value.
     pub points: Vec<(f64, f64)>,
+    /// Half the width of the band around each point; empty for none.
+    pub half_width: Vec<f64>,
 }
 
 /// One panel.
@@ -58,6 +60,7 @@ pub struct Chart {
 pub(crate) const WIDTH: u32 = 860;
 const PANEL_HEIGHT: u32 = 200;
 const LEGEND_HEIGHT: u32 = 34;
+const BAND_OPACITY: f64 = 0.22;
 pub(crate) const FONT: &str = "sans-serif";
 
 /// Draws a chart as an SVG element that scales with the page.
@@ -121,7 +124,8 @@ fn stroke<'a>(area: &Area<'a>, role: Role, points: &[(i32, i32); 2]) -> Drawn<'a
 }
 
 fn draw_panel<'a>(area: &Area<'a>, panel: &Panel, (start, end): (f64, f64), last: bool) -> Drawn<'a> {
-    let values = panel.curves.iter().flat_map(|c| &c.points).map(|p| p.1);
+    let edges = panel.curves.iter().flat_map(band).flat_map(|(_, low, high)| [low, high]);
+    let values = panel.curves.iter().flat_map(|c| &c.points).map(|p| p.1).chain(edges);
     let (low, high) = bounds(values).unwrap_or((-1.0, 1.0));
     // A constant gets an axis of a thousandth of its size, so that its ticks can be told apart.
     let floor = 1e-9_f64.max(2e-3 * low.abs().max(high.abs()));
@@ -154,6 +158,15 @@ fn draw_panel<'a>(area: &Area<'a>, panel: &Panel, (start, end): (f64, f64), last
         .y_label_formatter(&|y| tick(*y, span))
         .draw()?;
     for curve in &panel.curves {
+        let edges: Vec<_> = band(curve).collect();
+        for run in edges.split(|(t, low, high)| !(t + low + high).is_finite()).filter(|r| r.len() > 1) {
+            let below = run.iter().map(|(t, low, _)| (*t, *low));
+            let above = run.iter().rev().map(|(t, _, high)| (*t, *high));
+            let fill = curve.role.color().mix(BAND_OPACITY).filled();
+            chart.draw_series([Polygon::new(below.chain(above).collect::<Vec<_>>(), fill)])?;
+        }
+    }
+    for curve in &panel.curves {
         let style = curve.role.color().stroke_width(if curve.role == Role::Model { 1 } else { 2 });
         for run in curve.points.split(|p| !(p.0.is_finite() && p.1.is_finite())).filter(|r| !r.is_empty()) {
             match curve.role {
@@ -170,6 +183,11 @@ fn draw_panel<'a>(area: &Area<'a>, panel: &Panel, (start, end): (f64, f64), last
         }
     }
     Ok(())
+}
+
+/// Time, lower and upper edge of a curve's band.
+fn band(curve: &Curve) -> impl Iterator<Item = (f64, f64, f64)> {
+    curve.points.iter().zip(&curve.half_width).map(|((t, value), half)| (*t, value - half, value + half))
 }
 
 /// A tick's label with as many digits as the axis' span asks for.
@@ -203,7 +221,7 @@ mod tests {
     use super::*;
 
     fn chart(points: Vec<(f64, f64)>) -> Chart {
-        let curve = Curve { label: "a <b>".to_owned(), role: Role::Estimate, points };
+        let curve = Curve { label: "a <b>".to_owned(), role: Role::Estimate, points, half_width: vec![] };
         Chart { panels: vec![Panel { axis: "x, m".to_owned(), curves: vec![curve] }] }
     }
 
@@ -214,6 +232,16 @@ mod tests {
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
         assert_eq!(svg.matches("stroke=\"#0072B2\"").count(), 3, "two runs and the legend");
         assert!(svg.contains("a &lt;b&gt;") && svg.contains("viewBox"));
+    }
+
+    #[test]
+    fn a_band_breaks_with_its_curve() {
+        let mut banded = chart(vec![(0.0, 1.0), (1.0, 2.0), (2.0, f64::NAN), (3.0, 1.0), (4.0, 1.5)]);
+        assert!(!draw(&banded).expect("a plot").contains("<polygon"));
+        banded.panels[0].curves[0].half_width = vec![0.5; 5];
+        let svg = draw(&banded).expect("a plot");
+        assert_eq!(svg.matches("<polygon").count(), 2);
+        assert!(!svg.contains("NaN"));
     }
 
     #[test]

@@ -110,8 +110,8 @@ fn draw_map<'a>(area: &Area<'a>, map: &HeatMap, scale: (f64, f64)) -> Drawn<'a> 
     for (k, value) in map.values.iter().enumerate() {
         let (column, row) = (k % map.columns, k / map.columns);
         let (low, high) = (corner(column, row), corner(column + 1, row + 1));
-        // Cells overlap by a little, so that no seam shows between them.
-        let over = ((high.0 + 0.1 * step.0).min(map.x.1), (high.1 + 0.1 * step.1).min(map.y.1));
+        // Cells reach below the next ones, so that no seam shows between them.
+        let over = ((high.0 + 0.5 * step.0).min(map.x.1), (high.1 + 0.5 * step.1).min(map.y.1));
         match value.filter(|v| v.is_finite()) {
             Some(v) => {
                 let fill = color((v - scale.0) / (scale.1 - scale.0)).filled();
@@ -119,6 +119,7 @@ fn draw_map<'a>(area: &Area<'a>, map: &HeatMap, scale: (f64, f64)) -> Drawn<'a> 
             }
             None => {
                 let line = RGBColor(150, 150, 150).stroke_width(1);
+                chart.draw_series([Rectangle::new([low, over], WHITE.filled())])?;
                 chart.draw_series([PathElement::new(vec![low, high], line)])?;
             }
         }

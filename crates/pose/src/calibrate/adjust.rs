@@ -29,19 +29,19 @@ pub(super) struct Fit {
     pub(super) freedom: f64,
     /// Covariance of all free parameters, at the variance factor.
     pub(super) covariance: DMatrix<f64>,
-    layout: Layout,
+    pub(super) layout: Layout,
     /// Laplace's approximation of the log of the probability of the data under the models and the choice.
     pub(super) log_evidence: f64,
 }
 
 /// Where each free parameter stands.
 #[derive(Clone)]
-struct Layout {
+pub(super) struct Layout {
     cameras: Vec<Option<(usize, Vec<CameraChange>)>>,
-    points: Vec<Option<usize>>,
+    pub(super) points: Vec<Option<usize>>,
     /// Parameters of cameras, which come first.
     of_cameras: usize,
-    size: usize,
+    pub(super) size: usize,
 }
 
 impl Layout {
@@ -286,7 +286,7 @@ impl Adjustment<'_> {
 }
 
 /// Whitened residual of a sight at the claimed covariance, and its derivatives by the free parameters that move it.
-fn sight_rows(
+pub(super) fn sight_rows(
     layout: &Layout,
     (problem, choice): (&Problem, &Choice),
     (cameras, places): (&[Camera], &[Vector3<f64>]),
@@ -310,19 +310,6 @@ fn sight_rows(
     Some(s.whitener * (s.pixel - seen.pixel))
 }
 
-/// How much a group of sights disagrees with all the others.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Disagreement {
-    /// Drop of the weighted squares when the group is left out, at the variance factor of all.
-    pub(super) drop: f64,
-    /// Coordinates of the group.
-    pub(super) coordinates: usize,
-    /// Root of the drop per coordinate over the variance factor of the others: 1 is usual.
-    pub(super) studentised: f64,
-    /// Probability of so much or more by chance (F distribution).
-    pub(super) probability: f64,
-}
-
 impl Fit {
     /// Measured less expected pixel of a sight, whether it was used or not.
     pub(super) fn residual_px(
@@ -334,57 +321,6 @@ impl Fit {
         let s = &problem.sights[sight];
         let seen = self.cameras[s.camera].project_ball(&self.places[choice.place[sight]], s.radius_m).ok()?;
         Some(s.pixel - seen.pixel)
-    }
-
-    /// The externally studentised residual of a group of sights, used ones or ones that were left out
-    /// (Cook & Weisberg 1982, section 2.2.3; for one coordinate Baarda's and Pope's test).
-    ///
-    /// `None` when the group's removal would leave the rest without a redundancy, or the group is not seen at all.
-    pub(super) fn disagreement(
-        &self,
-        problem: &Problem,
-        choice: &Choice,
-        group: &[usize],
-    ) -> Option<Disagreement> {
-        let d = 2 * group.len();
-        let inside = group.iter().all(|k| choice.used[*k]);
-        let mut jacobian = DMatrix::zeros(d, self.layout.size);
-        let mut residual = DVector::zeros(d);
-        let mut rows = Vec::new();
-        let mut surveyed = DMatrix::zeros(d, 3 * group.len());
-        for (i, k) in group.iter().enumerate() {
-            let state = (self.cameras.as_slice(), self.places.as_slice());
-            let r = sight_rows(&self.layout, (problem, choice), state, *k, &mut rows)?;
-            residual.fixed_rows_mut::<2>(2 * i).copy_from(&r);
-            for (column, by) in &rows {
-                jacobian.fixed_view_mut::<2, 1>(2 * i, *column).copy_from(by);
-            }
-            // A place that nothing else adjusts is as uncertain as its survey.
-            let (sight, row) = (&problem.sights[*k], choice.place[*k]);
-            if self.layout.points[row].is_none() && problem.points[row].std_m > 0.0 {
-                let own = group.iter().position(|other| choice.place[*other] == row).unwrap_or(i);
-                let seen = self.cameras[sight.camera].project_ball(&self.places[row], sight.radius_m).ok()?;
-                let by_place = sight.whitener * seen.d_pixel_d_point_in_world * problem.points[row].std_m;
-                surveyed.fixed_view_mut::<2, 3>(2 * i, 3 * own).copy_from(&by_place);
-            }
-        }
-        surveyed /= self.variance_factor.sqrt();
-        residual /= self.variance_factor.sqrt();
-        jacobian /= self.variance_factor.sqrt();
-        let mut spread = &jacobian * &self.covariance * jacobian.transpose();
-        if inside {
-            spread = -spread;
-        }
-        spread += DMatrix::identity(d, d) + &surveyed * surveyed.transpose();
-        let drop = residual.dot(&spread.cholesky()?.solve(&residual));
-        let below = if inside { self.freedom - d as f64 } else { self.freedom };
-        let left = if inside { self.freedom - drop } else { self.freedom };
-        if below < 1.0 {
-            return None;
-        }
-        let ratio = drop / d as f64 * below / left.max(1e-9 * self.freedom);
-        let probability = beyond_f(ratio, d, below);
-        Some(Disagreement { drop, coordinates: d, studentised: ratio.sqrt(), probability })
     }
 
     /// Covariance of all sixteen parameters of all cameras.
@@ -400,56 +336,5 @@ impl Fit {
             }
         }
         &spread * &self.covariance * spread.transpose()
-    }
-}
-
-/// Probability that an F ratio of an even number of degrees of freedom above exceeds `ratio` by chance: the finite sum
-/// of the incomplete beta function (Abramowitz & Stegun 1964, 26.6.4).
-pub(super) fn beyond_f(ratio: f64, above: usize, below: f64) -> f64 {
-    if ratio <= 0.0 {
-        return 1.0;
-    }
-    let x = below / (below + above as f64 * ratio);
-    let a = below / 2.0;
-    let mut term = 1.0;
-    let mut sum = 1.0;
-    for j in 1..above / 2 {
-        term *= (a + j as f64 - 1.0) / j as f64 * (1.0 - x);
-        sum += term;
-    }
-    (x.powf(a) * sum).clamp(0.0, 1.0)
-}
-
-/// Half-width of the 95 % region of three coordinates whose variance was estimated with so many degrees of freedom, over
-/// that with a known variance: the root of 3 F(3, freedom) over chi-square(3) (Hotelling 1931), by Paulson's normal
-/// approximation of F (1942; within 1 % in the half-width from 4 degrees of freedom on).
-pub(super) fn hotelling_over_normal(freedom: f64) -> f64 {
-    const NORMAL: f64 = 1.644_854;
-    const CHI_SQUARE: f64 = 7.814_73;
-    let (a, b) = (2.0 / 27.0, 2.0 / (9.0 * freedom.max(2.0)));
-    // (1 - b) r - (1 - a) = z sqrt(b r² + a) for the cube root r of F.
-    let (p, q, z2) = (1.0 - b, 1.0 - a, NORMAL * NORMAL);
-    let (square, half, rest) = (p * p - z2 * b, p * q, q * q - z2 * a);
-    let root = (half + (half * half - square * rest).max(0.0).sqrt()) / square.max(0.05);
-    (3.0 * root.powi(3) / CHI_SQUARE).sqrt()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_are_those_of_the_tables() {
-        // Abramowitz & Stegun, tables 26.9 and 26.10.
-        for (ratio, above, below, probability) in
-            [(3.49, 2, 20.0, 0.05), (5.85, 2, 20.0, 0.01), (6.39, 4, 4.0, 0.05), (4.43, 4, 20.0, 0.01)]
-        {
-            let got = beyond_f(ratio, above, below);
-            assert!((got / probability - 1.0).abs() < 0.01, "F({above}, {below}) beyond {ratio}: {got}");
-        }
-        for (freedom, f) in [(5.0, 5.409), (10.0, 3.708), (20.0, 3.098), (60.0, 2.758)] {
-            let got = hotelling_over_normal(freedom).powi(2) * 7.814_73 / 3.0;
-            assert!((got / f - 1.0).abs() < 0.02, "F(3, {freedom}) = {got}");
-        }
     }
 }
