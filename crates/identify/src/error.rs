@@ -47,4 +47,80 @@ pub enum IdentifyError {
         /// Share of the output in the vector.
         part: f64,
     },
+    /// A name that the model does not have.
+    #[error("the model has no parameter {name:?}: use one of {known}")]
+    UnknownParameter {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// A value that makes no sense for a parameter.
+    #[error("{name} cannot be {value}: give a finite number, and flapping times of 2 ms or more")]
+    ParameterOutOfRange {
+        /// The parameter.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// Times of measurements must increase.
+    #[error(
+        "the measurement at {t_s} s does not come after the one at {before_s} s: sort them and remove repeats"
+    )]
+    MeasurementTimes {
+        /// Time.
+        t_s: f64,
+        /// The time before.
+        before_s: f64,
+    },
+    /// A measurement that cannot be weighed.
+    #[error(
+        "the {what} at {t_s:.3} s is not usable: it needs finite numbers, a positive definite covariance, and a known camera and marker"
+    )]
+    BadMeasurement {
+        /// Time.
+        t_s: f64,
+        /// Which part.
+        what: &'static str,
+    },
+    /// Too few instants to start from.
+    #[error(
+        "{known} instants have a pose (or velocity and rates), but at least 4 are needed to start: measure more of the flight"
+    )]
+    NoStart {
+        /// Instants with a pose.
+        known: usize,
+    },
+    /// A trajectory that is not finite.
+    #[error("the trajectory from {t_s:.3} s on runs away: start from other values, or shorten the segments")]
+    RanAway {
+        /// Start of the segment.
+        t_s: f64,
+    },
+    /// Nothing to be estimated.
+    #[error("no parameter is free: name at least one")]
+    NothingFree,
+    /// Parameters that the flight cannot tell apart.
+    #[error("the flight does not determine {}: {combination}; fix one of them, or fly a manoeuvre that moves them by themselves", names.join(", "))]
+    NotDetermined {
+        /// The parameters.
+        names: Vec<String>,
+        /// Which change of them leaves every measurement as it is.
+        combination: String,
+    },
+    /// The iteration stopped early.
+    #[error(
+        "the fit has not converged after {iterations} iterations (it still promises to lower {squares:.4e} by {promise:.1e}): start from other values, or shorten the segments"
+    )]
+    NotConverged {
+        /// Iterations.
+        iterations: usize,
+        /// Weighted squares reached.
+        squares: f64,
+        /// What the next step promises.
+        promise: f64,
+    },
+    /// A marker that no camera can see at the fitted pose, or a camera that cannot be differentiated.
+    #[error(transparent)]
+    Geometry(#[from] mavsight_geometry::GeometryError),
 }

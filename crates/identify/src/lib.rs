@@ -7,6 +7,7 @@ mod dependence;
 mod error;
 mod fit;
 mod least_squares;
+pub mod output_error;
 mod regressors;
 mod robust_covariance;
 mod total_least_squares;

@@ -1,0 +1,32 @@
+//! Output error: the parameters, and the start, with which the equations of motion pass nearest to what was measured.
+//!
+//! The measurements are poses, velocities and rates, or the images of markers themselves; nothing is differentiated or
+//! smoothed. The flight is cut into segments that are flown each from its own start and held together by a penalty
+//! that is tightened until it is a constraint (multiple shooting, Bock 1983), so that an unstable aircraft does not
+//! carry a fit away. Sensitivities are the exact derivative of the integration. Weights follow from the
+//! residuals by iterated relaxation (Maine & Iliff 1985; Jategaonkar 2015, chapter 4).
+//!
+//! The process is taken as free of noise: wind, or a model that lacks a term, shows as coloured residuals, for which
+//! the standard deviations are corrected (Morelli & Klein 1997) but the estimates are not.
+
+mod covariance;
+mod dead_reckoning;
+mod disagreement;
+mod fit;
+mod image;
+mod measure;
+mod model;
+mod propagate;
+mod result;
+mod shooting;
+mod start;
+
+pub use disagreement::{Correlation, Disagreement, disagreement};
+pub use fit::{InitialFlapping, NoiseModel, OutputErrorOptions, output_error};
+pub use image::{CAMERA_PARAMETERS, ImageMeasurements};
+pub use measure::{Measurements, StateMeasurement};
+pub use model::{FlightModel, ModelParameter};
+pub use result::{ChannelResiduals, FittedParameter, FittedState, OutputErrorFit};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,223 @@
+//! How well parameters are known: Cramér-Rao bounds, their correction for coloured residuals, and refusals.
+
+use super::model::ModelParameter;
+use super::propagate::TANGENT;
+use super::shooting::{Condensed, Evaluation, Point, Record};
+use crate::IdentifyError;
+use mavsight_geometry::svd::jacobi_svd;
+use nalgebra::{DMatrix, DVector};
+
+/// Information in units of the diagonal below which a direction is lost in rounding: the condensed information carries
+/// about ten digits.
+const SINGULAR: f64 = 1e-9;
+
+/// Inverse of a positive definite matrix, scaled to a unit diagonal on the way.
+pub(crate) fn inverse(a: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let n = a.nrows();
+    let scale = DVector::from_fn(n, |i, _| 1.0 / a[(i, i)].sqrt());
+    let scaled = DMatrix::from_fn(n, n, |i, j| 0.5 * (a[(i, j)] + a[(j, i)]) * scale[i] * scale[j]);
+    let inverse = scaled.cholesky()?.inverse();
+    let out = DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] * scale[i] * scale[j]);
+    out.iter().all(|v| v.is_finite()).then_some(out)
+}
+
+/// Information on the parameters, with start and nuisances unknown.
+fn marginal(condensed: &Condensed, parameters: usize) -> Result<DMatrix<f64>, IdentifyError> {
+    let a = condensed.information();
+    let n = a.nrows();
+    let mine: Vec<usize> = (TANGENT..TANGENT + parameters).collect();
+    let rest: Vec<usize> = (0..TANGENT).chain(TANGENT + parameters..n).collect();
+    let a_rr = a.select_rows(&rest).select_columns(&rest);
+    let a_rm = a.select_rows(&rest).select_columns(&mine);
+    let a_mm = a.select_rows(&mine).select_columns(&mine);
+    let rest_inverse = inverse(&a_rr).ok_or(IdentifyError::RankZero)?;
+    Ok(&a_mm - a_rm.transpose() * rest_inverse * a_rm)
+}
+
+/// Refuses a fit in which a combination of parameters changes nothing that was measured.
+pub(crate) fn refuse_undetermined(
+    condensed: &Condensed,
+    free: &[ModelParameter],
+) -> Result<(), IdentifyError> {
+    let p = free.len();
+    let total = condensed.information();
+    let a = marginal(condensed, p)?;
+    // In units of what each parameter alone, all else known, would be told.
+    let scale = DVector::from_fn(p, |i, _| {
+        let own = total[(TANGENT + i, TANGENT + i)];
+        if own > 0.0 { 1.0 / own.sqrt() } else { 0.0 }
+    });
+    if let Some(k) = (0..p).find(|k| scale[*k] == 0.0) {
+        let name = free[k].name();
+        let combination = format!("{name} changes nothing that was measured");
+        return Err(IdentifyError::NotDetermined { names: vec![name.to_owned()], combination });
+    }
+    let scaled = DMatrix::from_fn(p, p, |i, j| a[(i, j)] * scale[i] * scale[j]);
+    let symmetric = (&scaled + scaled.transpose()) * 0.5;
+    let svd = jacobi_svd(&symmetric);
+    if svd.singular_values[p - 1] > SINGULAR {
+        return Ok(());
+    }
+    let direction = svd.v.column(p - 1).component_mul(&scale);
+    let weight = svd.v.column(p - 1);
+    let named: Vec<usize> = (0..p).filter(|k| weight[*k].abs() > 0.02).collect();
+    let lead =
+        named.iter().copied().max_by(|a, b| weight[*a].abs().total_cmp(&weight[*b].abs())).unwrap_or(0);
+    let names: Vec<String> = named.iter().map(|k| free[*k].name().to_owned()).collect();
+    let change: Vec<String> = named
+        .iter()
+        .map(|k| format!("{:+.4}·{}", direction[*k] / direction[lead], free[*k].name()))
+        .collect();
+    let mut combination = format!("a change along {} leaves every measurement as it is", change.join(" "));
+    if let [i, j] = named[..] {
+        combination += &format!(
+            ", only {} {:+.4}·{} is seen",
+            free[i].name(),
+            -direction[i] / direction[j],
+            free[j].name()
+        );
+    }
+    Err(IdentifyError::NotDetermined { names, combination })
+}
+
+/// How many of the unknowns the measurements decide: all but what the nuisances' priors do.
+pub(crate) fn effective_parameters(condensed: &Condensed, point: &Point) -> f64 {
+    let decided = TANGENT + point.model.free().len();
+    let k = point.nuisances.len();
+    let undecided = inverse(&condensed.information())
+        .map_or(0.0, |c| (0..k).map(|i| c[(decided + i, decided + i)]).sum::<f64>());
+    (decided + k) as f64 - undecided
+}
+
+/// Bounds and their correction.
+pub(crate) struct Covariance {
+    /// Of start and parameters, for white residuals.
+    pub(crate) bound: DMatrix<f64>,
+    /// Of the parameters, for residuals of the colour that was found.
+    pub(crate) coloured: DMatrix<f64>,
+    /// Instants over which residuals are correlated.
+    pub(crate) lag: usize,
+}
+
+impl Covariance {
+    pub(crate) fn new(
+        condensed: &Condensed,
+        at: &Evaluation,
+        records: &[Record],
+        (parameters, channels): (usize, usize),
+        directions: impl Fn(usize) -> Vec<f64>,
+    ) -> Result<Self, IdentifyError> {
+        let all = inverse(&condensed.information()).ok_or(IdentifyError::RankZero)?;
+        let m = TANGENT + parameters;
+        let bound = all.view((0, 0), (m, m)).into_owned();
+        let lag = correlation_lag(records, channels);
+        let own = bound.view((TANGENT, TANGENT), (parameters, parameters)).into_owned();
+        let influence = influence(condensed, at, records, (&all, parameters), directions);
+        let coloured = own + colour(records, &influence, (channels, lag));
+        Ok(Self { bound, coloured, lag })
+    }
+}
+
+/// What a unit of each row's noise does to the parameters: rows by parameters.
+fn influence(
+    condensed: &Condensed,
+    at: &Evaluation,
+    records: &[Record],
+    (all, parameters): (&DMatrix<f64>, usize),
+    directions: impl Fn(usize) -> Vec<f64>,
+) -> DMatrix<f64> {
+    let m = TANGENT + parameters;
+    let mut out = DMatrix::zeros(records.len(), parameters);
+    let starts: Vec<Vec<DVector<f64>>> =
+        (0..parameters).map(|p| condensed.expand(at, &all.column(TANGENT + p).into_owned(), 0.0)).collect();
+    for (i, record) in records.iter().enumerate() {
+        let directions = directions(i);
+        for p in 0..parameters {
+            let column = all.column(TANGENT + p);
+            let mut sum = 0.0;
+            for k in 0..TANGENT {
+                sum += record.by[k] * starts[p][record.segment][k];
+            }
+            for k in TANGENT..m {
+                sum += record.by[k] * column[k];
+            }
+            for (k, d) in directions.iter().enumerate() {
+                sum += d * column[m + k];
+            }
+            out[(i, p)] = sum;
+        }
+    }
+    out
+}
+
+/// The lag from which residuals are uncorrelated, by the rule of Politis (2003, section 2): twice the lag after which five
+/// autocorrelations in a row stay below 2√(log₁₀ n/n), here of all channels together; 0 for white ones.
+fn correlation_lag(records: &[Record], channels: usize) -> usize {
+    let table = residual_table(records, channels);
+    let instants = table.nrows();
+    let longest = instants / 5;
+    let n = records.len() as f64;
+    let limit = 2.0 * (n.log10() / n).sqrt();
+    let zero = table.norm_squared();
+    if zero == 0.0 {
+        return 0;
+    }
+    let correlation = |lag: usize| {
+        let product: f64 =
+            table.rows(0, instants - lag).component_mul(&table.rows(lag, instants - lag)).sum();
+        (product / zero).abs()
+    };
+    let mut quiet = 0;
+    for lag in 1..longest {
+        quiet = if correlation(lag) < limit { quiet + 1 } else { 0 };
+        if quiet == 5 {
+            return (2 * (lag - 5)).min(longest);
+        }
+    }
+    longest
+}
+
+/// Residuals by instant and channel; zero where nothing was seen.
+fn residual_table(records: &[Record], channels: usize) -> DMatrix<f64> {
+    let first = records.first().map_or(0, |r| r.instant);
+    let last = records.last().map_or(0, |r| r.instant);
+    let mut table = DMatrix::zeros(last - first + 1, channels);
+    for r in records {
+        table[(r.instant - first, r.row.channel)] = r.row.residual;
+    }
+    table
+}
+
+/// What the correlation of residuals over instants and channels adds to the covariance of white ones: Σ_ij G_iᵀ R_{j-i} G_j
+/// - Σ_i G_iᵀ G_i (Morelli & Klein 1997, equation 14), R by lag from the residuals, tapered flat to half of `lag` and to
+/// zero at it (Politis & Romano 1995); nothing at lag 0, where residuals are white.
+fn colour(records: &[Record], influence: &DMatrix<f64>, (channels, lag): (usize, usize)) -> DMatrix<f64> {
+    let p = influence.ncols();
+    let mut out = DMatrix::zeros(p, p);
+    if lag == 0 {
+        return out;
+    }
+    let table = residual_table(records, channels);
+    let instants = table.nrows();
+    let first = records.first().map_or(0, |r| r.instant);
+    // Influence by instant: channels × parameters.
+    let mut by_instant = vec![DMatrix::zeros(channels, p); instants];
+    for (i, r) in records.iter().enumerate() {
+        by_instant[r.instant - first].row_mut(r.row.channel).copy_from(&influence.row(i));
+    }
+    let seen = table.iter().filter(|v| **v != 0.0).count().max(1) as f64 / channels as f64;
+    for l in 0..=lag {
+        let taper = (2.0 * (1.0 - l as f64 / (lag as f64 + 1.0))).min(1.0);
+        let pairs = instants.saturating_sub(l);
+        let correlation = table.rows(0, pairs).transpose() * table.rows(l, pairs) * (taper / seen);
+        let mut sum = DMatrix::zeros(p, p);
+        for i in 0..pairs {
+            sum += by_instant[i].transpose() * (&correlation * &by_instant[i + l]);
+        }
+        out += &sum;
+        if l > 0 {
+            out += sum.transpose();
+        }
+    }
+    out - influence.transpose() * influence
+}

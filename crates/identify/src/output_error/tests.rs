@@ -1,0 +1,3 @@
+mod sensitivities;
+mod support;
+mod white_noise;
