@@ -135,8 +135,8 @@ fn influence(
         for p in 0..parameters {
             let column = all.column(TANGENT + p);
             let mut sum = 0.0;
-            for k in 0..TANGENT {
-                sum += record.by[k] * starts[p][record.segment][k];
+            for (by, start) in record.by.iter().zip(starts[p][record.segment].iter()) {
+                sum += by * start;
             }
             for k in TANGENT..m {
                 sum += record.by[k] * column[k];
@@ -188,9 +188,11 @@ fn residual_table(records: &[Record], channels: usize) -> DMatrix<f64> {
     table
 }
 
-/// What the correlation of residuals over instants and channels adds to the covariance of white ones: Σ_ij G_iᵀ R_{j-i} G_j
-/// - Σ_i G_iᵀ G_i (Morelli & Klein 1997, equation 14), R by lag from the residuals, tapered flat to half of `lag` and to
-/// zero at it (Politis & Romano 1995); nothing at lag 0, where residuals are white.
+/// What the correlation of residuals over instants and channels adds to the covariance of white ones (Morelli & Klein
+/// 1997, equation 14): the sum of Gᵢᵀ R(j - i) Gⱼ over all i and j, less that of Gᵢᵀ Gᵢ.
+///
+/// R by lag is that of the residuals, tapered flat to half of `lag` and to zero at it (Politis & Romano 1995); nothing
+/// at lag 0, where residuals are white.
 fn colour(records: &[Record], influence: &DMatrix<f64>, (channels, lag): (usize, usize)) -> DMatrix<f64> {
     let p = influence.ncols();
     let mut out = DMatrix::zeros(p, p);

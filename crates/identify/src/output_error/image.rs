@@ -160,9 +160,8 @@ impl ImageMeasurements {
             let marker = &markers[s.marker];
             let point = (pose * Point3::from(marker.marker_in_body_m)).coords;
             if let Ok(seen) = cameras[s.camera].project_ball(&point, marker.radius_m) {
-                for axis in 0..3 {
-                    let in_world = pose.rotation * Vector3::ith(axis, std_m);
-                    columns[3 * s.marker + axis] = seen.d_pixel_d_point_in_world * in_world;
+                for (axis, column) in columns[3 * s.marker..3 * s.marker + 3].iter_mut().enumerate() {
+                    *column = seen.d_pixel_d_point_in_world * (pose.rotation * Vector3::ith(axis, std_m));
                 }
             }
         })
@@ -184,15 +183,15 @@ impl ImageMeasurements {
         let first = self.poses.iter().flatten().next().map_or_else(Default::default, |p| p.rotation);
         self.with_directions(&names, |s, pose, columns| {
             let turn = (first.inverse() * pose.rotation).scaled_axis();
-            let channel = 2 * (s.camera * markers + s.marker);
-            for axis in 0..2 {
-                let at = (channel + axis) * per_channel;
-                columns[at][axis] = std_px;
-                if let Some(scale_rad) = turn_rad {
-                    for k in 0..3 {
-                        columns[at + 1 + k][axis] = std_px * turn[k] / scale_rad;
-                    }
-                }
+            let first_column = 2 * (s.camera * markers + s.marker) * per_channel;
+            let mine = &mut columns[first_column..first_column + 2 * per_channel];
+            for (k, column) in mine.iter_mut().enumerate() {
+                let (axis, order) = (k / per_channel, k % per_channel);
+                let share = match (order, turn_rad) {
+                    (0, _) | (_, None) => 1.0,
+                    (_, Some(scale_rad)) => turn[order - 1] / scale_rad,
+                };
+                column[axis] = std_px * share;
             }
         })
     }

@@ -9,10 +9,10 @@ pub(crate) const TANGENT: usize = 16;
 /// Degrees of freedom that a measurement may see: the same without flapping.
 pub(crate) const SEEN: usize = 12;
 
-/// The longest step. The input record at 100 Hz makes no longer one.
-const MAX_STEP_S: f64 = 0.01;
-/// Steps per flapping time constant, at least: the error of a step is then (1/10)⁵/120 of the transient.
-const STEPS_PER_FLAP_TIME: f64 = 10.0;
+/// The longest step: below a micrometre of error over ten seconds of flight.
+const MAX_STEP_S: f64 = 0.005;
+/// Steps per flapping time constant, at least: the error of a step is then (1/5)⁵/120 of the transient.
+const STEPS_PER_FLAP_TIME: f64 = 5.0;
 /// Events nearer than this are one.
 const SAME_TIME_S: f64 = 1e-9;
 

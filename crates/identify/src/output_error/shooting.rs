@@ -181,15 +181,15 @@ impl Problem<'_> {
     }
 
     /// Gram matrix of the nuisance directions under the present weights.
-    pub(crate) fn update_nuisance_gram(&mut self, start: &[StateVector]) -> Result<(), IdentifyError> {
+    pub(crate) fn update_nuisance_gram(&mut self, states: &[StateVector]) -> Result<(), IdentifyError> {
         let k = self.measurements.nuisances();
         self.nuisance_gram = DMatrix::zeros(k, k);
         if k == 0 {
             return Ok(());
         }
         let mut rows = Vec::with_capacity(64);
-        for instant in self.bounds[0]..self.bounds[self.segments()] {
-            self.measurements.rows(instant, &start[instant], &mut rows)?;
+        for (instant, y) in states.iter().enumerate().skip(self.bounds[0]) {
+            self.measurements.rows(instant, y, &mut rows)?;
             for row in &rows {
                 let weight = self.group_weight[row.group].powi(2);
                 let d = self.measurements.nuisance_row(row.nuisance);

@@ -1,3 +1,5 @@
+mod image;
 mod sensitivities;
 mod support;
+mod unstable;
 mod white_noise;

@@ -1,5 +1,5 @@
 use super::support::{flown, multisine, noisy_poses};
-use crate::output_error::{FlightModel, Measurements, OutputErrorOptions, output_error};
+use crate::output_error::{FlightModel, Measurements, ModelParameter, OutputErrorOptions, output_error};
 use mavsight_flight::{Coefficients, Vehicle, hover_rotor_speed_rad_s};
 
 #[test]
@@ -11,20 +11,20 @@ fn poses_with_white_noise_give_the_truth_within_their_intervals() {
     let mut seed = 5;
     let measured = Measurements::States(noisy_poses(&states, 1.0, &mut seed));
     let fit = output_error(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit");
-    println!(
-        "{} iterations, factors {:?}, lag {}, gap {:.1e}",
-        fit.iterations, fit.variance_factors, fit.correlated_instants, fit.largest_gap_m
-    );
+    assert!(fit.converged && fit.largest_gap_m < 1e-8, "{}", fit.largest_gap_m);
+    for (name, factor) in &fit.variance_factors[..2] {
+        assert!((0.85..1.15).contains(factor), "{name}: {factor}");
+    }
     for p in &fit.parameters {
-        let crate::output_error::ModelParameter::Coefficient(c) = p.parameter else { continue };
-        println!(
-            "{:14} {:+.6e} ± {:.1e}  truth {:+.6e}  {:+.2}σ {}",
+        let ModelParameter::Coefficient(c) = p.parameter else { continue };
+        let off = (p.value - truth.get(c)) / p.std;
+        assert!(
+            off.abs() < 3.5,
+            "{}: {:.4e} ± {:.1e} is {off:.1} standard deviations off",
             p.name,
             p.value,
-            p.std,
-            truth.get(c),
-            (p.value - truth.get(c)) / p.std,
-            p.identifiable
+            p.std
         );
+        assert!(p.identifiable, "{}", p.name);
     }
 }

@@ -1,0 +1,104 @@
+use super::support::{flown, multisine, normal, pose};
+use crate::output_error::{
+    FlightModel, ImageMeasurements, Measurements, ModelParameter, OutputErrorOptions, output_error,
+};
+use mavsight_flight::{Coefficients, FlightState, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
+use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, Rig, calibrate};
+use nalgebra::Point3;
+
+pub(crate) fn rig() -> Rig {
+    let size = ImageSize { width_px: 640, height_px: 480 };
+    let k = Intrinsics::from_horizontal_fov(size, 53f64.to_radians());
+    let target = Vector3::new(0.0, 0.0, 1.5);
+    let side = |i: u32, bit: u32| if (i >> bit) & 1 == 1 { 1.5 } else { -1.5 };
+    let controls: Vec<_> = [[4.5, -4.5, 1.5], [-4.5, -4.5, 1.5]]
+        .iter()
+        .map(|c| {
+            let camera = Camera::looking_at(Vector3::from(*c), target, k, size);
+            let points = (0..8)
+                .map(|i| Vector3::new(side(i, 0), side(i, 1), side(i, 2) + 1.5))
+                .map(|p| ControlPoint {
+                    name: String::new(),
+                    point_in_world_m: p,
+                    pixel: camera.project(&p).expect("in view").pixel,
+                    pixel_cov_px2: Matrix2::identity() * 0.01,
+                })
+                .collect();
+            CameraControl { name: "camera".to_owned(), size, points, ball_radius_m: vec![0.0; 8] }
+        })
+        .collect();
+    calibrate(&controls).expect("a rig")
+}
+
+pub(crate) fn markers(vehicle: &Vehicle) -> Vec<BodyMarker> {
+    let marker = |m: &mavsight_flight::Marker| BodyMarker {
+        name: m.name.clone(),
+        marker_in_body_m: Vector3::from(m.position_m),
+        radius_m: 0.5 * m.diameter_m,
+    };
+    vehicle.marker.iter().map(marker).collect()
+}
+
+/// What the cameras see, with white noise of `std_px` and further displacements.
+fn seen(
+    states: &[FlightState],
+    (rig, markers): (&Rig, &[BodyMarker]),
+    std_px: f64,
+    seed: &mut u64,
+    shift: impl Fn(usize, usize) -> Vector2<f64>,
+) -> Vec<MarkerObservation> {
+    let mut out = Vec::new();
+    for s in states {
+        for (c, camera) in rig.cameras.iter().enumerate() {
+            for (m, marker) in markers.iter().enumerate() {
+                let centre = (pose(s) * Point3::from(marker.marker_in_body_m)).coords;
+                let exact = camera.camera.project_ball(&centre, marker.radius_m).expect("in view").pixel;
+                let noise = Vector2::new(normal(seed), normal(seed)) * std_px;
+                out.push(MarkerObservation {
+                    t_ns: (s.t_s * 1e9).round() as i64,
+                    camera: c,
+                    marker: m,
+                    pixel: exact + noise + shift(c, m),
+                    covariance_px2: Matrix2::identity() * (std_px * std_px),
+                });
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn pixels_give_the_truth_within_their_intervals() {
+    let vehicle = Vehicle::paper();
+    let (inputs, states) = flown(&vehicle, &multisine(5.0));
+    let truth = Coefficients::of_vehicle(&vehicle, hover_rotor_speed_rad_s(&vehicle));
+    let (rig, markers) = (rig(), markers(&vehicle));
+    let mut seed = 8;
+    let shifts: Vec<Vector2<f64>> =
+        (0..8).map(|_| Vector2::new(normal(&mut seed), normal(&mut seed)) * 0.1).collect();
+    let observations = seen(&states, (&rig, &markers), 0.1, &mut seed, |c, m| shifts[4 * c + m]);
+    let images = ImageMeasurements::new(&rig, &markers, &observations)
+        .expect("images")
+        .with_marker_positions(5e-4)
+        .with_marker_biases(0.1, None);
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    let measured = Measurements::Image(images);
+    let fit = output_error(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit");
+    println!("{} iterations, {:?} lag {}", fit.iterations, fit.variance_factors, fit.correlated_instants);
+    for p in &fit.parameters {
+        let ModelParameter::Coefficient(c) = p.parameter else { continue };
+        let off = (p.value - truth.get(c)) / p.std;
+        println!("{:12} {:+.5e} ± {:.1e} {off:+.2}", p.name, p.value, p.std);
+        assert!(
+            off.abs() < 3.5,
+            "{}: {:.4e} ± {:.1e} is {off:.1} standard deviations off",
+            p.name,
+            p.value,
+            p.std
+        );
+    }
+    for (name, factor) in &fit.variance_factors {
+        assert!((0.85..1.15).contains(factor), "{name}: {factor}");
+    }
+}
