@@ -6,7 +6,7 @@ use super::model::{FlightModel, ModelParameter};
 use super::propagate::TANGENT;
 use super::result::{OutputErrorFit, assemble};
 use super::shooting::{Condensed, Evaluation, Point, Problem, moved_point};
-use super::start;
+use super::start::nodes;
 use crate::IdentifyError;
 use mavsight_flight::{Coefficient, InputSeries};
 use nalgebra::{DMatrix, DVector};
@@ -33,8 +33,8 @@ pub enum NoiseModel {
 /// What a user may choose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutputErrorOptions {
-    /// Length of the segments; infinite for single shooting. One second is short beside the time in which the hover of
-    /// a small aircraft doubles a disturbance, and long beside a camera's interval.
+    /// Length of the segments; infinite for single shooting. A quarter of a second is short beside the time in which a
+    /// small aircraft runs away, and a few of a camera's intervals.
     pub segment_s: f64,
     /// The start.
     pub initial_flapping: InitialFlapping,
@@ -47,7 +47,7 @@ pub struct OutputErrorOptions {
 impl Default for OutputErrorOptions {
     fn default() -> Self {
         Self {
-            segment_s: 1.0,
+            segment_s: 0.25,
             initial_flapping: InitialFlapping::Trim,
             noise: NoiseModel::Scaled,
             max_iterations: 100,
@@ -57,10 +57,10 @@ impl Default for OutputErrorOptions {
 
 /// Tightness of the gaps: loose enough for any start, then far below what is measured. With the last one a gap costs
 /// less than 1e-9 m.
-const TIGHTNESS: [f64; 3] = [1e-3, 1e-5, 1e-7];
+const TIGHTNESS: [f64; 4] = [3e-2, 3e-3, 1e-4, 1e-7];
 /// A stage ends when the next step promises less than this of the squares: an intermediate one, the last one (a
 /// hundredth of a standard deviation).
-const PROMISE: [f64; 3] = [1.0, 1.0, 1e-4];
+const PROMISE: [f64; 4] = [100.0, 100.0, 10.0, 1e-4];
 /// Claimed noise is not believed to be more than a hundred times too large: exact data would drive the weights up for ever.
 const LEAST_VARIANCE_FACTOR: f64 = 1e-4;
 const RELAXATIONS: usize = 8;
@@ -102,17 +102,18 @@ pub fn output_error(
     measurements.check()?;
     let mut fitter = Fitter::new(model, inputs, measurements, options)?;
     for (tightness, promise) in TIGHTNESS.into_iter().zip(PROMISE) {
+        fitter.hold_times(tightness == TIGHTNESS[0])?;
         fitter.converge(tightness, promise)?;
-        if options.noise == NoiseModel::Scaled && tightness < TIGHTNESS[0] {
+        if options.noise == NoiseModel::Scaled && tightness < TIGHTNESS[1] {
             fitter.rescale(tightness)?;
         }
     }
     let tightness = TIGHTNESS[TIGHTNESS.len() - 1];
-    fitter.converge(tightness, PROMISE[2])?;
+    fitter.converge(tightness, PROMISE[3])?;
     if options.noise == NoiseModel::Scaled {
         for _ in 0..RELAXATIONS {
             let change = fitter.rescale(tightness)?;
-            fitter.converge(tightness, PROMISE[2])?;
+            fitter.converge(tightness, PROMISE[3])?;
             if change < FACTOR_CHANGE {
                 break;
             }
@@ -132,14 +133,14 @@ pub fn output_error(
 
 impl<'a> Fitter<'a> {
     fn new(
-        model: &FlightModel,
+        start: &FlightModel,
         inputs: &'a InputSeries,
         measurements: &'a Measurements,
         options: &OutputErrorOptions,
     ) -> Result<Self, IdentifyError> {
         let times_s = measurements.times_s();
         let segment_s = if options.segment_s > 0.0 { options.segment_s } else { f64::INFINITY };
-        let nodes = start::nodes(model, inputs, measurements, segment_s)?;
+        let (model, nodes) = nodes(start, inputs, measurements, segment_s)?;
         let mut bounds: Vec<usize> = nodes.iter().map(|(i, _)| *i).collect();
         bounds.push(times_s.len());
         for t_s in [times_s[bounds[0]], times_s[times_s.len() - 1]] {
@@ -163,6 +164,7 @@ impl<'a> Fitter<'a> {
         let mut problem = Problem {
             inputs: inputs.samples(),
             measurements,
+            hold_times: false,
             group_weight: vec![1.0; measurements.groups().len()],
             times_s,
             bounds,
@@ -179,12 +181,18 @@ impl<'a> Fitter<'a> {
         }
         problem.update_nuisance_gram(&at.states)?;
         let limit = options.max_iterations;
-        let start = model.clone();
+        let start = start.clone();
         Ok(Self { start, problem, point, at, iterations: 0, converged: false, promise: f64::INFINITY, limit })
     }
 
     pub(crate) fn condensed(&self, tightness: f64, damping: f64) -> Result<Condensed, IdentifyError> {
         Condensed::new(&self.problem, &self.at, &self.point.nuisances, (tightness, damping))
+    }
+
+    fn hold_times(&mut self, hold: bool) -> Result<(), IdentifyError> {
+        self.problem.hold_times = hold;
+        self.at = self.problem.evaluate(&self.point, None)?;
+        Ok(())
     }
 
     /// Gauss-Newton steps with the damping of Levenberg and Marquardt where one fails.
@@ -193,7 +201,7 @@ impl<'a> Fitter<'a> {
         self.converged = false;
         while self.iterations < self.limit {
             self.iterations += 1;
-            let stronger = (damping * 10.0).max(1e-4);
+            let stronger = (damping * 8.0).max(1e-3);
             let merit = self.at.merit(tightness);
             let Ok(condensed) = self.condensed(tightness, damping) else {
                 damping = stronger;
@@ -213,8 +221,19 @@ impl<'a> Fitter<'a> {
                 None
             };
             if let Some(at) = tried {
+                let kept = (merit - at.merit(tightness)) / self.promise;
                 (self.point, self.at) = (trial, at);
-                damping = if damping < 1e-3 { 0.0 } else { damping * 0.1 };
+                // What a step kept of its promise tells how far the quadratic model reaches (Marquardt 1963).
+                damping *= if kept > 0.75 {
+                    0.1
+                } else if kept > 0.25 {
+                    0.5
+                } else {
+                    2.0
+                };
+                if damping < 1e-3 {
+                    damping = 0.0;
+                }
                 self.converged = negligible && damping < 1e-3;
             } else {
                 self.converged = negligible;

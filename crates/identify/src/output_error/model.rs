@@ -21,6 +21,11 @@ impl ModelParameter {
         }
     }
 
+    /// Whether it is a flapping time or the lag, which enter the motion less linearly than all others.
+    pub(crate) fn is_time(self) -> bool {
+        matches!(self, Self::InputLag | Self::Coefficient(Coefficient::TauLower | Coefficient::TauFlybar))
+    }
+
     /// The parameter of a name.
     pub fn from_name(name: &str) -> Option<Self> {
         Coefficient::ALL.into_iter().map(Self::Coefficient).chain([Self::InputLag]).find(|p| p.name() == name)
@@ -123,6 +128,19 @@ impl FlightModel {
             ModelParameter::Coefficient(c) => self.coefficients.set(c, value),
             ModelParameter::InputLag => self.input_lag_s = value,
         }
+    }
+
+    /// Moves a parameter by a step of the fit. A flapping time moves by its logarithm, at most by a factor of two, so that
+    /// no step makes it negative.
+    pub(crate) fn shift(&mut self, parameter: ModelParameter, step: f64) {
+        let value = self.value(parameter);
+        let to = match parameter {
+            ModelParameter::Coefficient(Coefficient::TauLower | Coefficient::TauFlybar) => {
+                value * (step / value).exp().clamp(0.5, 2.0)
+            }
+            _ => value + step,
+        };
+        self.set(parameter, to);
     }
 
     /// Whether flapping times are positive and everything is finite.

@@ -26,6 +26,8 @@ pub(crate) struct Problem<'a> {
     pub(crate) bounds: Vec<usize>,
     /// One over the standard deviation factor of each group.
     pub(crate) group_weight: Vec<f64>,
+    /// Flapping times and the lag stay where they are.
+    pub(crate) hold_times: bool,
     /// Gram matrix of the weighted nuisance directions.
     pub(crate) nuisance_gram: DMatrix<f64>,
     /// Inverse variance and mean of the start's degrees of freedom.
@@ -85,6 +87,7 @@ impl Evaluation {
 struct Accumulator<'a> {
     problem: &'a Problem<'a>,
     columns: usize,
+    held: Vec<usize>,
     tangent: Vec<f64>,
     by: Vec<f64>,
     rows: Vec<Row>,
@@ -121,6 +124,12 @@ impl Problem<'_> {
         let mut sums = Accumulator {
             problem: self,
             columns: m,
+            held: free
+                .iter()
+                .enumerate()
+                .filter(|(_, p)| self.hold_times && p.is_time())
+                .map(|(k, _)| TANGENT + k)
+                .collect(),
             tangent: vec![0.0; TANGENT * m],
             by: vec![0.0; m],
             rows: Vec::with_capacity(64),
@@ -151,7 +160,7 @@ impl Problem<'_> {
             if !flyer.is_finite() {
                 return Err(IdentifyError::RanAway { t_s: self.times_s[self.bounds[s]] });
             }
-            flyer.tangent(&mut sums.tangent);
+            sums.sensitivity(&flyer);
             segment.end_by = DMatrix::from_row_slice(TANGENT, m, &sums.tangent);
             if let Some(next) = point.starts.get(s + 1) {
                 segment.gap = difference(next, &flyer.y);
@@ -207,6 +216,15 @@ impl Problem<'_> {
 }
 
 impl Accumulator<'_> {
+    fn sensitivity(&mut self, flyer: &Propagator) {
+        flyer.tangent(&mut self.tangent);
+        for row in self.tangent.chunks_exact_mut(self.columns) {
+            for k in &self.held {
+                row[*k] = 0.0;
+            }
+        }
+    }
+
     /// Adds the rows of one instant.
     fn add(
         &mut self,
@@ -221,7 +239,7 @@ impl Accumulator<'_> {
         if self.rows.is_empty() {
             return Ok(());
         }
-        flyer.tangent(&mut self.tangent);
+        self.sensitivity(flyer);
         let (m, last) = (self.columns, segment.quadratic.ncols() - 1);
         for row in &mut self.rows {
             let weight = self.problem.group_weight[row.group];
@@ -304,6 +322,21 @@ impl Condensed {
             let top = q.rows(0, TANGENT).into_owned();
             let gain = block.cholesky().ok_or(IdentifyError::RankZero)?.solve(&top);
             q -= top.transpose() * &gain;
+            // Top rows as W (L + W)⁻¹ L in place of L - L (L + W)⁻¹ L, which cancels where W is small beside L.
+            for i in 0..TANGENT {
+                for j in 0..n {
+                    let value = information[i] * gain[(i, j)];
+                    q[(i, j)] = value;
+                    q[(j, i)] = value;
+                }
+            }
+            for i in 0..TANGENT {
+                for j in 0..i {
+                    let mean = 0.5 * (information[i] * gain[(i, j)] + information[j] * gain[(j, i)]);
+                    q[(i, j)] = mean;
+                    q[(j, i)] = mean;
+                }
+            }
             gains.push(gain);
             q = fold(&q, &at.segments[s], m) + damped(s);
         }
@@ -390,7 +423,7 @@ fn fold(q: &DMatrix<f64>, segment: &Segment, m: usize) -> DMatrix<f64> {
 pub(crate) fn moved_point(point: &Point, step: &DVector<f64>, starts: &[DVector<f64>]) -> Point {
     let mut out = point.clone();
     for (k, parameter) in point.model.free().iter().enumerate() {
-        out.model.set(*parameter, point.model.value(*parameter) + step[TANGENT + k]);
+        out.model.shift(*parameter, step[TANGENT + k]);
     }
     let first = TANGENT + point.model.free().len();
     out.nuisances += step.rows(first, point.nuisances.len());

@@ -1,22 +1,24 @@
 //! States to start from, drawn out of the poses by local polynomials.
 
 use super::measure::Measurements;
-use super::model::FlightModel;
+use super::model::{FlightModel, ModelParameter};
 use crate::IdentifyError;
 use mavsight_flight::flapping::{Between, first_order_response};
-use mavsight_flight::{Coefficient, InputSeries, StateVector};
+use mavsight_flight::{Coefficient, InputSample, InputSeries, Linearisation, StateVector};
 use mavsight_geometry::{Isometry3, Matrix3, UnitQuaternion, Vector3, world_from_level};
+use nalgebra::{DMatrix, DVector};
 
-/// Poses within this of an instant give its velocity and rates.
-const WINDOW_S: f64 = 0.2;
+/// Poses within this of an instant give its velocity, rates and accelerations: nine at 30 Hz.
+const WINDOW_S: f64 = 0.135;
 
-/// Instants at which segments begin, each with a state. The first is the first instant with a pose.
+/// Instants at which segments begin, each with a state, and the model with rough values of its free parameters. The first
+/// is the first instant with a pose.
 pub(crate) fn nodes(
     model: &FlightModel,
     inputs: &InputSeries,
     measurements: &Measurements,
     segment_s: f64,
-) -> Result<Vec<(usize, StateVector)>, IdentifyError> {
+) -> Result<(FlightModel, Vec<(usize, StateVector)>), IdentifyError> {
     let times_s = measurements.times_s();
     let mut poses = measurements.poses();
     if poses.is_empty()
@@ -30,28 +32,92 @@ pub(crate) fn nodes(
     let t_s: Vec<f64> = poses.iter().map(|(i, _)| times_s[*i]).collect();
     let local: Vec<Local> = (0..poses.len()).map(|k| Local::at(k, &t_s, &poses)).collect();
     let flap = flapping(model, inputs, &t_s, &local);
+    let state = |k: usize| -> StateVector {
+        let pose = &poses[k].1;
+        let q = world_from_level().inverse() * pose.rotation;
+        let (p, v, w, f) = (pose.translation.vector, local[k].velocity_in_body, local[k].rates, flap[k]);
+        [p.x, p.y, p.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, w.x, w.y, w.z, f[0], f[1], f[2], f[3]]
+    };
     let last_s = t_s[t_s.len() - 1];
     let mut out: Vec<(usize, StateVector)> = Vec::new();
     let mut next_s = t_s[0];
-    for (k, (instant, pose)) in poses.iter().enumerate() {
+    for (k, (instant, _)) in poses.iter().enumerate() {
         if t_s[k] < next_s - 1e-9 || (k > 0 && last_s - t_s[k] < 0.5 * segment_s) {
             continue;
         }
         next_s = t_s[k] + segment_s;
-        let q = world_from_level().inverse() * pose.rotation;
-        let (p, v, w) = (pose.translation.vector, local[k].velocity_in_body, local[k].rates);
-        let f = flap[k];
-        out.push((
-            *instant,
-            [p.x, p.y, p.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, w.x, w.y, w.z, f[0], f[1], f[2], f[3]],
-        ));
+        out.push((*instant, state(k)));
     }
-    Ok(out)
+    let rows: Vec<_> = (0..poses.len())
+        .filter_map(|k| {
+            let input = inputs.at(t_s[k] - model.input_lag_s)?;
+            let y = state(k);
+            let d = &local[k];
+            // Local polynomials give the acceleration in axes that do not turn.
+            let velocity_rate = d.acceleration - d.rates.cross(&d.velocity_in_body);
+            Some((input, y, velocity_rate, d.angular_acceleration))
+        })
+        .collect();
+    Ok((rough(model, &rows), out))
 }
+
+/// Coefficients that are nearest to the accelerations, by least squares with a weak pull towards those given; flapping
+/// times, linkages and the lag stay. Good for a start alone: the polynomials flatten what is fast.
+fn rough(
+    model: &FlightModel,
+    rows: &[(InputSample, StateVector, Vector3<f64>, Vector3<f64>)],
+) -> FlightModel {
+    let linear: Vec<Coefficient> = model
+        .free()
+        .iter()
+        .filter_map(|p| match p {
+            ModelParameter::Coefficient(
+                Coefficient::TauLower
+                | Coefficient::TauFlybar
+                | Coefficient::SwashplateGain
+                | Coefficient::FlybarGain,
+            )
+            | ModelParameter::InputLag => None,
+            ModelParameter::Coefficient(c) => Some(*c),
+        })
+        .collect();
+    let n = linear.len();
+    let mut normal = DMatrix::<f64>::zeros(n, n);
+    let mut right = DVector::<f64>::zeros(n);
+    let mut at = Linearisation::zeros();
+    for (input, y, velocity_rate, rate_rate) in rows {
+        model.airframe.linearise(&model.coefficients, input, y, &mut at);
+        let predicted = model.airframe.derivative(&model.coefficients, input, y);
+        for (row, measured) in (7..13).zip(velocity_rate.iter().chain(rate_rate.iter())) {
+            let error = measured - predicted[row];
+            let by: DVector<f64> =
+                DVector::from_iterator(n, linear.iter().map(|c| at.by_coefficient[row][*c as usize]));
+            normal.ger(1.0, &by, &by, 1.0);
+            right.axpy(error, &by, 1.0);
+        }
+    }
+    for k in 0..n {
+        normal[(k, k)] = normal[(k, k)] * (1.0 + PULL) + f64::MIN_POSITIVE.sqrt();
+    }
+    let mut out = model.clone();
+    if let Some(step) = normal.cholesky().map(|c| c.solve(&right))
+        && step.iter().all(|v| v.is_finite())
+    {
+        for (c, d) in linear.iter().zip(step.iter()) {
+            out.coefficients.set(*c, model.coefficients.get(*c) + d);
+        }
+    }
+    out
+}
+
+/// Share of the information on each coefficient that pulls it to where it was: enough to part columns that are alike.
+const PULL: f64 = 1e-3;
 
 struct Local {
     velocity_in_body: Vector3<f64>,
     rates: Vector3<f64>,
+    acceleration: Vector3<f64>,
+    angular_acceleration: Vector3<f64>,
 }
 
 impl Local {
@@ -80,8 +146,15 @@ impl Local {
             turn += powers * rotation.transpose();
         }
         let inverse = normal.try_inverse().unwrap_or_else(Matrix3::zeros);
-        let slope = |m: Matrix3<f64>| -> Vector3<f64> { (inverse * m).row(1).transpose() };
-        Self { velocity_in_body: here.rotation.inverse() * slope(place), rates: slope(turn) }
+        let back = here.rotation.inverse();
+        let (place, turn) = (inverse * place, inverse * turn);
+        let row = |m: &Matrix3<f64>, k: usize| -> Vector3<f64> { m.row(k).transpose() };
+        Self {
+            velocity_in_body: back * row(&place, 1),
+            rates: row(&turn, 1),
+            acceleration: back * row(&place, 2) * 2.0,
+            angular_acceleration: row(&turn, 2) * 2.0,
+        }
     }
 }
 
