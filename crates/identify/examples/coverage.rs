@@ -8,8 +8,8 @@ use mavsight_flight::{
     simulate,
 };
 use mavsight_geometry::{
-    Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix6, UnitQuaternion, Vector2, Vector3,
-    world_from_body,
+    Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix6, UnitQuaternion, Vector2,
+    Vector3, world_from_body,
 };
 use mavsight_identify::output_error::{
     FlightModel, ImageMeasurements, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions,
@@ -164,14 +164,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             _ => image(&states, (&rig, &markers), kind == "nuisances", &mut seed)?,
         };
         let begin = Instant::now();
-        let fit: OutputErrorFit = match output_error(&model, &inputs, &measured, &OutputErrorOptions::default()) {
-            Ok(fit) => fit,
-            Err(error) => {
-                println!("flight {flight}: {error}");
-                failed += 1;
-                continue;
-            }
-        };
+        let fit: OutputErrorFit =
+            match output_error(&model, &inputs, &measured, &OutputErrorOptions::default()) {
+                Ok(fit) => fit,
+                Err(error) => {
+                    println!("flight {flight}: {error}");
+                    failed += 1;
+                    continue;
+                }
+            };
         seconds += begin.elapsed().as_secs_f64();
         iterations += fit.iterations;
         coloured += usize::from(fit.correlated_instants > 0);

@@ -11,6 +11,7 @@
 
 mod covariance;
 mod dead_reckoning;
+mod determined;
 mod disagreement;
 mod fit;
 mod image;

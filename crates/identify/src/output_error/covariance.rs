@@ -1,15 +1,9 @@
 //! How well parameters are known: Cramér-Rao bounds, their correction for coloured residuals, and refusals.
 
-use super::model::ModelParameter;
 use super::propagate::TANGENT;
 use super::shooting::{Condensed, Evaluation, Point, Record};
 use crate::IdentifyError;
-use mavsight_geometry::svd::jacobi_svd;
 use nalgebra::{DMatrix, DVector};
-
-/// Information in units of the diagonal below which a direction is lost in rounding: the condensed information carries
-/// about ten digits.
-const SINGULAR: f64 = 1e-9;
 
 /// Inverse of a positive definite matrix, scaled to a unit diagonal on the way.
 pub(crate) fn inverse(a: &DMatrix<f64>) -> Option<DMatrix<f64>> {
@@ -19,65 +13,6 @@ pub(crate) fn inverse(a: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let inverse = scaled.cholesky()?.inverse();
     let out = DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] * scale[i] * scale[j]);
     out.iter().all(|v| v.is_finite()).then_some(out)
-}
-
-/// Information on the parameters, with start and nuisances unknown.
-fn marginal(condensed: &Condensed, parameters: usize) -> Result<DMatrix<f64>, IdentifyError> {
-    let a = condensed.information();
-    let n = a.nrows();
-    let mine: Vec<usize> = (TANGENT..TANGENT + parameters).collect();
-    let rest: Vec<usize> = (0..TANGENT).chain(TANGENT + parameters..n).collect();
-    let a_rr = a.select_rows(&rest).select_columns(&rest);
-    let a_rm = a.select_rows(&rest).select_columns(&mine);
-    let a_mm = a.select_rows(&mine).select_columns(&mine);
-    let rest_inverse = inverse(&a_rr).ok_or(IdentifyError::RankZero)?;
-    Ok(&a_mm - a_rm.transpose() * rest_inverse * a_rm)
-}
-
-/// Refuses a fit in which a combination of parameters changes nothing that was measured.
-pub(crate) fn refuse_undetermined(
-    condensed: &Condensed,
-    free: &[ModelParameter],
-) -> Result<(), IdentifyError> {
-    let p = free.len();
-    let total = condensed.information();
-    let a = marginal(condensed, p)?;
-    // In units of what each parameter alone, all else known, would be told.
-    let scale = DVector::from_fn(p, |i, _| {
-        let own = total[(TANGENT + i, TANGENT + i)];
-        if own > 0.0 { 1.0 / own.sqrt() } else { 0.0 }
-    });
-    if let Some(k) = (0..p).find(|k| scale[*k] == 0.0) {
-        let name = free[k].name();
-        let combination = format!("{name} changes nothing that was measured");
-        return Err(IdentifyError::NotDetermined { names: vec![name.to_owned()], combination });
-    }
-    let scaled = DMatrix::from_fn(p, p, |i, j| a[(i, j)] * scale[i] * scale[j]);
-    let symmetric = (&scaled + scaled.transpose()) * 0.5;
-    let svd = jacobi_svd(&symmetric);
-    if svd.singular_values[p - 1] > SINGULAR {
-        return Ok(());
-    }
-    let direction = svd.v.column(p - 1).component_mul(&scale);
-    let weight = svd.v.column(p - 1);
-    let named: Vec<usize> = (0..p).filter(|k| weight[*k].abs() > 0.02).collect();
-    let lead =
-        named.iter().copied().max_by(|a, b| weight[*a].abs().total_cmp(&weight[*b].abs())).unwrap_or(0);
-    let names: Vec<String> = named.iter().map(|k| free[*k].name().to_owned()).collect();
-    let change: Vec<String> = named
-        .iter()
-        .map(|k| format!("{:+.4}·{}", direction[*k] / direction[lead], free[*k].name()))
-        .collect();
-    let mut combination = format!("a change along {} leaves every measurement as it is", change.join(" "));
-    if let [i, j] = named[..] {
-        combination += &format!(
-            ", only {} {:+.4}·{} is seen",
-            free[i].name(),
-            -direction[i] / direction[j],
-            free[j].name()
-        );
-    }
-    Err(IdentifyError::NotDetermined { names, combination })
 }
 
 /// How many of the unknowns the measurements decide: all but what the nuisances' priors do.

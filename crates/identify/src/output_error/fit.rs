@@ -1,6 +1,7 @@
 //! The iteration of an output-error fit.
 
 use super::covariance;
+use super::determined::refuse_undetermined;
 use super::measure::Measurements;
 use super::model::{FlightModel, ModelParameter};
 use super::propagate::TANGENT;
@@ -63,6 +64,8 @@ const TIGHTNESS: [f64; 4] = [3e-2, 3e-3, 1e-4, 1e-7];
 const PROMISE: [f64; 4] = [100.0, 100.0, 10.0, 1e-4];
 /// Claimed noise is not believed to be more than a hundred times too large: exact data would drive the weights up for ever.
 const LEAST_VARIANCE_FACTOR: f64 = 1e-4;
+/// The longest step of the integration on the way, and at the end, where it is below a micrometre of error over ten seconds.
+const LONGEST_STEP_S: [f64; 2] = [0.01, 0.005];
 const RELAXATIONS: usize = 8;
 /// Variance factors that change by less are settled.
 const FACTOR_CHANGE: f64 = 0.01;
@@ -102,25 +105,26 @@ pub fn output_error(
     measurements.check()?;
     let mut fitter = Fitter::new(model, inputs, measurements, options)?;
     for (tightness, promise) in TIGHTNESS.into_iter().zip(PROMISE) {
-        fitter.hold_times(tightness == TIGHTNESS[0])?;
+        fitter.stage(tightness)?;
         fitter.converge(tightness, promise)?;
-        if options.noise == NoiseModel::Scaled && tightness < TIGHTNESS[1] {
+        if options.noise == NoiseModel::Scaled && tightness < TIGHTNESS[1] && tightness > TIGHTNESS[3] {
             fitter.rescale(tightness)?;
         }
     }
-    let tightness = TIGHTNESS[TIGHTNESS.len() - 1];
-    fitter.converge(tightness, PROMISE[3])?;
+    let tightness = TIGHTNESS[3];
     if options.noise == NoiseModel::Scaled {
         for _ in 0..RELAXATIONS {
-            let change = fitter.rescale(tightness)?;
             fitter.converge(tightness, PROMISE[3])?;
-            if change < FACTOR_CHANGE {
+            if fitter.rescale(tightness)? < FACTOR_CHANGE {
                 break;
             }
         }
     }
+    fitter.converge(tightness, PROMISE[3])?;
     let condensed = fitter.condensed(tightness, 0.0)?;
-    covariance::refuse_undetermined(&condensed, fitter.point.model.free())?;
+    let mut records = Vec::new();
+    fitter.problem.evaluate(&fitter.point, Some(&mut records))?;
+    refuse_undetermined(&fitter, &condensed, &records)?;
     if !fitter.converged {
         return Err(IdentifyError::NotConverged {
             iterations: fitter.iterations,
@@ -128,7 +132,7 @@ pub fn output_error(
             promise: fitter.promise,
         });
     }
-    assemble(&fitter, &condensed)
+    assemble(&fitter, &condensed, &records)
 }
 
 impl<'a> Fitter<'a> {
@@ -165,6 +169,7 @@ impl<'a> Fitter<'a> {
             inputs: inputs.samples(),
             measurements,
             hold_times: false,
+            longest_step_s: LONGEST_STEP_S[0],
             group_weight: vec![1.0; measurements.groups().len()],
             times_s,
             bounds,
@@ -189,8 +194,10 @@ impl<'a> Fitter<'a> {
         Condensed::new(&self.problem, &self.at, &self.point.nuisances, (tightness, damping))
     }
 
-    fn hold_times(&mut self, hold: bool) -> Result<(), IdentifyError> {
-        self.problem.hold_times = hold;
+    /// Times are held in the first stage, and steps are fine in the last.
+    fn stage(&mut self, tightness: f64) -> Result<(), IdentifyError> {
+        self.problem.hold_times = tightness == TIGHTNESS[0];
+        self.problem.longest_step_s = LONGEST_STEP_S[usize::from(tightness == TIGHTNESS[3])];
         self.at = self.problem.evaluate(&self.point, None)?;
         Ok(())
     }
@@ -213,6 +220,10 @@ impl<'a> Fitter<'a> {
             };
             self.promise = merit - left;
             let negligible = self.promise < promised.max(1e-9 * merit);
+            if negligible && damping < 1e-3 {
+                self.converged = true;
+                break;
+            }
             let starts = condensed.expand(&self.at, &step, 1.0);
             let trial = moved_point(&self.point, &step, &starts);
             let tried = if trial.model.is_physical() {
@@ -234,13 +245,11 @@ impl<'a> Fitter<'a> {
                 if damping < 1e-3 {
                     damping = 0.0;
                 }
-                self.converged = negligible && damping < 1e-3;
-            } else {
+            } else if negligible || damping > 1e8 {
                 self.converged = negligible;
-                damping = stronger;
-            }
-            if self.converged || damping > 1e8 {
                 break;
+            } else {
+                damping = stronger;
             }
         }
         Ok(())

@@ -9,8 +9,6 @@ pub(crate) const TANGENT: usize = 16;
 /// Degrees of freedom that a measurement may see: the same without flapping.
 pub(crate) const SEEN: usize = 12;
 
-/// The longest step: below a micrometre of error over ten seconds of flight.
-const MAX_STEP_S: f64 = 0.005;
 /// Steps per flapping time constant, at least: the error of a step is then (1/5)⁵/120 of the transient.
 const STEPS_PER_FLAP_TIME: f64 = 5.0;
 /// Events nearer than this are one.
@@ -28,44 +26,54 @@ pub(crate) struct Step {
     pub(crate) instant: Option<usize>,
 }
 
-/// Steps from one time to another that end at every change of the inputs and at every instant.
-///
-/// `instants` are indices into `times_s` of what lies in (from, to].
-pub(crate) fn steps(
-    (from_s, to_s): (f64, f64),
-    model: &FlightModel,
-    inputs: &[InputSample],
-    times_s: &[f64],
-    instants: std::ops::Range<usize>,
-) -> Vec<Step> {
-    let lag_s = model.input_lag_s;
-    let tau_s = model.coefficients.get(mavsight_flight::Coefficient::TauLower);
-    let longest_s = MAX_STEP_S.min(tau_s / STEPS_PER_FLAP_TIME);
-    let mut input = inputs.partition_point(|s| s.t_s + lag_s <= from_s + SAME_TIME_S).max(1) - 1;
-    let mut next_instant = instants.start;
-    let mut out = Vec::new();
-    let mut now_s = from_s;
-    while now_s < to_s - SAME_TIME_S {
-        let change_s = inputs.get(input + 1).map_or(f64::INFINITY, |s| s.t_s + lag_s);
-        let instant_s = if next_instant < instants.end { times_s[next_instant] } else { f64::INFINITY };
-        let end_s = change_s.min(instant_s).min(to_s);
-        let count = ((end_s - now_s) / longest_s).ceil().max(1.0);
-        for _ in 0..count as usize {
-            out.push(Step { h_s: (end_s - now_s) / count, input, changes_to: None, instant: None });
-        }
-        if let Some(last) = out.last_mut() {
-            if (change_s - end_s).abs() < SAME_TIME_S {
-                input += 1;
-                last.changes_to = Some(input);
+/// What divides a flight into steps.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Raster<'a> {
+    pub(crate) inputs: &'a [InputSample],
+    pub(crate) times_s: &'a [f64],
+    pub(crate) longest_s: f64,
+}
+
+impl Raster<'_> {
+    /// Steps from one time to another that end at every change of the inputs and at every instant.
+    ///
+    /// `instants` are indices into the times of what lies in (from, to].
+    pub(crate) fn steps(
+        &self,
+        (from_s, to_s): (f64, f64),
+        model: &FlightModel,
+        instants: std::ops::Range<usize>,
+    ) -> Vec<Step> {
+        let (inputs, times_s) = (self.inputs, self.times_s);
+        let lag_s = model.input_lag_s;
+        let tau_s = model.coefficients.get(mavsight_flight::Coefficient::TauLower);
+        let longest_s = self.longest_s.min(tau_s / STEPS_PER_FLAP_TIME);
+        let mut input = inputs.partition_point(|s| s.t_s + lag_s <= from_s + SAME_TIME_S).max(1) - 1;
+        let mut next_instant = instants.start;
+        let mut out = Vec::new();
+        let mut now_s = from_s;
+        while now_s < to_s - SAME_TIME_S {
+            let change_s = inputs.get(input + 1).map_or(f64::INFINITY, |s| s.t_s + lag_s);
+            let instant_s = if next_instant < instants.end { times_s[next_instant] } else { f64::INFINITY };
+            let end_s = change_s.min(instant_s).min(to_s);
+            let count = ((end_s - now_s) / longest_s).ceil().max(1.0);
+            for _ in 0..count as usize {
+                out.push(Step { h_s: (end_s - now_s) / count, input, changes_to: None, instant: None });
             }
-            if (instant_s - end_s).abs() < SAME_TIME_S {
-                last.instant = Some(next_instant);
-                next_instant += 1;
+            if let Some(last) = out.last_mut() {
+                if (change_s - end_s).abs() < SAME_TIME_S {
+                    input += 1;
+                    last.changes_to = Some(input);
+                }
+                if (instant_s - end_s).abs() < SAME_TIME_S {
+                    last.instant = Some(next_instant);
+                    next_instant += 1;
+                }
             }
+            now_s = end_s;
         }
-        now_s = end_s;
+        out
     }
-    out
 }
 
 /// A state and its derivative with respect to where it started (16 columns) and to the free parameters.

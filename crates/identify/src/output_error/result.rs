@@ -1,13 +1,14 @@
 //! What an output-error fit found.
 
 use super::covariance::Covariance;
+use super::determined::typical;
 use super::fit::Fitter;
 use super::measure::pose_of;
-use super::model::{FlightModel, ModelParameter};
+use super::model::ModelParameter;
 use super::propagate::TANGENT;
 use super::shooting::{Condensed, Record};
 use crate::{IdentifyError, student_quantile_975};
-use mavsight_flight::{Coefficient, FlapState, StateVector};
+use mavsight_flight::{FlapState, StateVector};
 use mavsight_geometry::{Isometry3, Vector3};
 use nalgebra::DMatrix;
 
@@ -28,8 +29,8 @@ pub struct FittedParameter {
     pub ci_low: f64,
     /// 95 % interval, to.
     pub ci_high: f64,
-    /// Whether the interval's half is less than the value, the value that the fit started from, or, for an offset, one
-    /// hundredth of the weight: the flight tells more than a sign.
+    /// Whether half the interval is less than the value itself, the value that the fit started from, or an effect of one
+    /// hundredth of the weight (over the rotor's radius; per m/s, per 10 rad/s), whichever is the largest.
     pub identifiable: bool,
 }
 
@@ -106,10 +107,12 @@ impl OutputErrorFit {
     }
 }
 
-pub(crate) fn assemble(fitter: &Fitter<'_>, condensed: &Condensed) -> Result<OutputErrorFit, IdentifyError> {
+pub(crate) fn assemble(
+    fitter: &Fitter<'_>,
+    condensed: &Condensed,
+    records: &[Record],
+) -> Result<OutputErrorFit, IdentifyError> {
     let problem = &fitter.problem;
-    let mut records: Vec<Record> = Vec::new();
-    problem.evaluate(&fitter.point, Some(&mut records))?;
     let channels = problem.measurements.channels();
     let p = fitter.free().len();
     let weighted = |i: usize| -> Vec<f64> {
@@ -117,7 +120,7 @@ pub(crate) fn assemble(fitter: &Fitter<'_>, condensed: &Condensed) -> Result<Out
         let weight = problem.group_weight[row.group];
         problem.measurements.nuisance_row(row.nuisance).iter().map(|d| weight * d).collect()
     };
-    let known = Covariance::new(condensed, &fitter.at, &records, (p, channels.len()), weighted)?;
+    let known = Covariance::new(condensed, &fitter.at, records, (p, channels.len()), weighted)?;
     let bound = known.bound.view((TANGENT, TANGENT), (p, p)).into_owned();
     let covariance = no_less_than(&bound, &known.coloured);
     let degrees = records.len().saturating_sub(p + TANGENT).max(1);
@@ -128,7 +131,7 @@ pub(crate) fn assemble(fitter: &Fitter<'_>, condensed: &Condensed) -> Result<Out
         .enumerate()
         .map(|(k, parameter)| {
             let (value, std) = (fitter.point.model.value(*parameter), covariance[(k, k)].sqrt());
-            let scale = value.abs().max(typical(*parameter, &fitter.start));
+            let scale = typical(*parameter, fitter);
             FittedParameter {
                 parameter: *parameter,
                 name: parameter.name(),
@@ -151,7 +154,7 @@ pub(crate) fn assemble(fitter: &Fitter<'_>, condensed: &Condensed) -> Result<Out
         parameters,
         covariance,
         correlation,
-        residuals: residuals(&records, &channels),
+        residuals: residuals(records, &channels),
         variance_factors: problem
             .measurements
             .groups()
@@ -174,17 +177,6 @@ pub(crate) fn assemble(fitter: &Fitter<'_>, condensed: &Condensed) -> Result<Out
             .fold(0.0, f64::max),
         notes,
     })
-}
-
-/// A size of a parameter below which an uncertainty is worth having.
-fn typical(parameter: ModelParameter, start: &FlightModel) -> f64 {
-    use Coefficient as C;
-    let weight = (start.coefficients.get(C::CzU) + start.coefficients.get(C::CzL)).abs();
-    let offset = match parameter {
-        ModelParameter::Coefficient(C::Cx0 | C::Cy0 | C::Cz0 | C::Cl0 | C::Cm0 | C::Cn0) => 0.01 * weight,
-        _ => 0.0,
-    };
-    start.value(parameter).abs().max(offset)
 }
 
 /// The corrected covariance with no variance below its bound.

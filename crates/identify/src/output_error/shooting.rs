@@ -2,7 +2,7 @@
 
 use super::measure::{Measurements, Row};
 use super::model::FlightModel;
-use super::propagate::{Propagator, SEEN, Step, TANGENT, difference, moved, steps};
+use super::propagate::{Propagator, Raster, SEEN, Step, TANGENT, difference, moved};
 use crate::IdentifyError;
 use mavsight_flight::{InputSample, StateVector};
 use nalgebra::{DMatrix, DVector};
@@ -28,6 +28,8 @@ pub(crate) struct Problem<'a> {
     pub(crate) group_weight: Vec<f64>,
     /// Flapping times and the lag stay where they are.
     pub(crate) hold_times: bool,
+    /// The longest step of the integration.
+    pub(crate) longest_step_s: f64,
     /// Gram matrix of the weighted nuisance directions.
     pub(crate) nuisance_gram: DMatrix<f64>,
     /// Inverse variance and mean of the start's degrees of freedom.
@@ -102,13 +104,8 @@ impl Problem<'_> {
         let last = segment + 1 == self.segments();
         let (from, to) = (self.bounds[segment], self.bounds[segment + 1] - usize::from(last));
         // The instant at which the next segment starts belongs to that.
-        steps(
-            (self.times_s[from], self.times_s[to]),
-            model,
-            self.inputs,
-            &self.times_s,
-            from + 1..to + usize::from(last),
-        )
+        let raster = Raster { inputs: self.inputs, times_s: &self.times_s, longest_s: self.longest_step_s };
+        raster.steps((self.times_s[from], self.times_s[to]), model, from + 1..to + usize::from(last))
     }
 
     /// Flies all segments; `records` keeps the rows.
@@ -285,6 +282,9 @@ impl Accumulator<'_> {
     }
 }
 
+/// Added to a unit diagonal, so that a direction that is not determined stays where it is.
+const RIDGE: f64 = 1e-13;
+
 /// The quadratic of all segments in [start, parameters, nuisances, -1], and how the later starts follow.
 pub(crate) struct Condensed {
     quadratic: DMatrix<f64>,
@@ -369,7 +369,7 @@ impl Condensed {
         let scale = DVector::from_fn(n, |i, _| 1.0 / a[(i, i)].max(f64::MIN_POSITIVE).sqrt());
         let mut scaled = DMatrix::from_fn(n, n, |i, j| a[(i, j)] * scale[i] * scale[j]);
         for i in 0..n {
-            scaled[(i, i)] += 1e-11;
+            scaled[(i, i)] += RIDGE;
         }
         let right = DVector::from_fn(n, |i, _| b[i] * scale[i]);
         let step = scaled.cholesky()?.solve(&right).component_mul(&scale);

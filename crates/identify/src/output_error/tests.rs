@@ -1,4 +1,5 @@
 mod image;
+mod refusals;
 mod sensitivities;
 mod support;
 mod unstable;

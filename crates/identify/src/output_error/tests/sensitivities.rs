@@ -1,6 +1,6 @@
 use super::support::{flown, multisine};
 use crate::output_error::model::{FlightModel, ModelParameter};
-use crate::output_error::propagate::{Propagator, TANGENT, difference, moved, steps};
+use crate::output_error::propagate::{Propagator, Raster, TANGENT, difference, moved};
 use mavsight_flight::{Coefficient, Coefficients, InputSeries, Scenario, StateVector, Vehicle};
 
 fn true_model(vehicle: &Vehicle, inputs: &InputSeries) -> FlightModel {
@@ -17,10 +17,14 @@ fn start(scenario: &Scenario) -> StateVector {
     y
 }
 
+fn raster<'a>(inputs: &'a InputSeries, times_s: &'a [f64]) -> Raster<'a> {
+    Raster { inputs: inputs.samples(), times_s, longest_s: 0.005 }
+}
+
 fn fly(model: &FlightModel, inputs: &InputSeries, y: &StateVector, end_s: f64) -> Propagator {
     let mut flyer = Propagator::new(model.free());
     flyer.start(y);
-    for step in steps((0.0, end_s), model, inputs.samples(), &[], 0..0) {
+    for step in raster(inputs, &[]).steps((0.0, end_s), model, 0..0) {
         flyer.step(model, inputs.samples(), &step);
     }
     flyer
@@ -37,7 +41,7 @@ fn fixed_steps_agree_with_the_adaptive_integrator() {
         flyer.start(&start(&scenario));
         let (mut worst_m, mut seen) = (0.0_f64, 0);
         let end_s = times[times.len() - 1];
-        for step in steps((0.0, end_s), &model, inputs.samples(), &times, 1..times.len()) {
+        for step in raster(&inputs, &times).steps((0.0, end_s), &model, 1..times.len()) {
             flyer.step(&model, inputs.samples(), &step);
             if let Some(k) = step.instant {
                 let p = states[k].position_in_world_m;
