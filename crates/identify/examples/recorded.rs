@@ -1,0 +1,152 @@
+//! Output error on a recorded flight, from its poses and straight from the images of its markers.
+//!
+//! `cargo run --release -p mavsight-identify --example recorded -- SESSION.toml RESULTS`, where the results are
+//! those of `mavsight run SESSION.toml --out RESULTS`.
+
+use mavsight_flight::InputSeries;
+use mavsight_geometry::{Vector2, Vector3};
+use mavsight_identify::output_error::{
+    Correlation, FlightModel, ImageMeasurements, Measurements, OutputErrorFit, OutputErrorOptions,
+    StateMeasurement, disagreement, output_error,
+};
+use mavsight_pose::{BodyMarker, Rig};
+use mavsight_session::{Session, read_markers, read_poses, read_rig};
+use nalgebra::{DVector, Point3};
+use std::path::PathBuf;
+
+type Failure = Box<dyn std::error::Error>;
+
+fn show(title: &str, fit: &OutputErrorFit, seconds: f64) {
+    println!(
+        "\n{title}: {seconds:.2} s, {} iterations, reduced chi-square {:.3}, factors {:?}",
+        fit.iterations, fit.reduced_chi_square, fit.variance_factors
+    );
+    for p in &fit.parameters {
+        println!(
+            "  {:14} {:+.5e} ± {:.1e} (bound {:.1e}), 95 % [{:+.4e}, {:+.4e}]{}",
+            p.name,
+            p.value,
+            p.std,
+            p.bound_std,
+            p.ci_low,
+            p.ci_high,
+            if p.identifiable { "" } else { "  hardly told" }
+        );
+    }
+    for note in &fit.notes {
+        println!("  {note}");
+    }
+    if std::env::var_os("RESIDUALS").is_some() {
+        for r in &fit.residuals {
+            println!(
+                "    {:24} mean {:+.3} rms {:.3} neighbours {:+.3}",
+                r.name, r.mean, r.rms, r.autocorrelation
+            );
+        }
+    }
+}
+
+/// The calibration's covariance of each camera's DLT as directions of all its pixels.
+fn with_calibration(
+    images: ImageMeasurements,
+    rig: &Rig,
+    markers: &[BodyMarker],
+) -> Result<ImageMeasurements, Failure> {
+    let mut factors = Vec::new();
+    for camera in &rig.cameras {
+        let c = camera.fit.covariance;
+        let unit = c.diagonal().map(|v| 1.0 / v.sqrt());
+        let scaled = nalgebra::SMatrix::<f64, 11, 11>::from_fn(|i, j| c[(i, j)] * unit[i] * unit[j]);
+        let l = scaled.cholesky().ok_or("the calibration's covariance is not positive definite")?.l();
+        factors.push(nalgebra::SMatrix::<f64, 11, 11>::from_fn(|i, j| l[(i, j)] / unit[i]));
+    }
+    let names: Vec<String> = (0..11 * factors.len()).map(|k| format!("DLT {k}")).collect();
+    Ok(images.with_directions(&names, |s, pose, columns| {
+        let x = (pose * Point3::from(markers[s.marker].marker_in_body_m)).coords;
+        let l = &rig.cameras[s.camera].fit.dlt.l;
+        let depth = l[8] * x.x + l[9] * x.y + l[10] * x.z + 1.0;
+        let u = (l[0] * x.x + l[1] * x.y + l[2] * x.z + l[3]) / depth;
+        let v = (l[4] * x.x + l[5] * x.y + l[6] * x.z + l[7]) / depth;
+        let by: [Vector2<f64>; 11] = std::array::from_fn(|k| match k {
+            0..=2 => Vector2::new(x[k] / depth, 0.0),
+            3 => Vector2::new(1.0 / depth, 0.0),
+            4..=6 => Vector2::new(0.0, x[k - 4] / depth),
+            7 => Vector2::new(0.0, 1.0 / depth),
+            _ => Vector2::new(u, v) * (-x[k - 8] / depth),
+        });
+        for (k, column) in columns[11 * s.camera..11 * (s.camera + 1)].iter_mut().enumerate() {
+            for (i, b) in by.iter().enumerate() {
+                *column += b * factors[s.camera][(i, k)];
+            }
+        }
+    }))
+}
+
+fn timed(
+    title: &str,
+    model: &FlightModel,
+    inputs: &InputSeries,
+    measured: &Measurements,
+) -> Option<OutputErrorFit> {
+    let begin = std::time::Instant::now();
+    match output_error(model, inputs, measured, &OutputErrorOptions::default()) {
+        Ok(fit) => {
+            show(title, &fit, begin.elapsed().as_secs_f64());
+            Some(fit)
+        }
+        Err(error) => {
+            println!("\n{title}: {error}");
+            None
+        }
+    }
+}
+
+fn main() -> Result<(), Failure> {
+    let mut words = std::env::args_os().skip(1).map(PathBuf::from);
+    let (Some(session), Some(results)) = (words.next(), words.next()) else {
+        return Err("name the session's file and the results' folder".into());
+    };
+    let session = Session::load(&session)?;
+    let (vehicle, inputs) = (&session.vehicle, session.inputs()?);
+    let rig = read_rig(&results.join("rig.toml"))?;
+    let cameras: Vec<String> = rig.cameras.iter().map(|c| c.name.clone()).collect();
+    let names: Vec<String> = vehicle.marker.iter().map(|m| m.name.clone()).collect();
+    let markers: Vec<BodyMarker> = vehicle
+        .marker
+        .iter()
+        .map(|m| BodyMarker {
+            name: m.name.clone(),
+            marker_in_body_m: Vector3::from(m.position_m),
+            radius_m: 0.5 * m.diameter_m,
+        })
+        .collect();
+    let poses = read_poses(&results.join("pose.csv"), &names)?;
+    let seen = read_markers(&results.join("markers.csv"), &cameras, &names)?;
+    let model = FlightModel::new(vehicle, &inputs)?;
+    let states = Measurements::States(poses.iter().map(StateMeasurement::from_pose).collect());
+    let from_poses = timed("from poses", &model, &inputs, &states);
+    let plain = ImageMeasurements::new(&rig, &markers, &seen)?;
+    timed("straight from the image, nothing uncertain", &model, &inputs, &Measurements::Image(plain.clone()));
+    let calibrated = with_calibration(plain, &rig, &markers)?.with_marker_positions(5e-4);
+    timed("cameras and markers uncertain", &model, &inputs, &Measurements::Image(calibrated.clone()));
+    let biased = calibrated.clone().with_marker_biases(0.1, None);
+    timed("centres off by 0.1 px", &model, &inputs, &Measurements::Image(biased));
+    let turning = calibrated.with_marker_biases(0.1, Some(0.1));
+    let from_image =
+        timed("centres off by 0.1 px and 0.1 px per 0.1 rad", &model, &inputs, &Measurements::Image(turning));
+    if let (Some(a), Some(b)) = (from_poses, from_image) {
+        let take = |f: &OutputErrorFit| {
+            (
+                DVector::from_iterator(4, f.parameters.iter().take(4).map(|p| p.value)),
+                f.covariance.view((0, 0), (4, 4)).into_owned(),
+            )
+        };
+        let ((x, c), (y, d)) = (take(&a), take(&b));
+        let test = disagreement((&x, &c), (&y, &d), Correlation::IndependentOrAlike)?;
+        println!(
+            "\nposes against image, four coefficients: chi-square {:.2}, p = {:.3}",
+            test.chi_square, test.p_value
+        );
+    }
+    Ok(())
+}
