@@ -71,7 +71,7 @@ fn rig() -> Result<Rig, Box<dyn std::error::Error>> {
             let pixel_cov_px2 = Matrix2::identity() * 0.01;
             points.push(ControlPoint { name: String::new(), point_in_world_m, pixel, pixel_cov_px2 });
         }
-        controls.push(CameraControl { name: "camera".to_owned(), size, points, ball_radius_m: vec![0.0; 8] });
+        controls.push(CameraControl::exact("camera".to_owned(), size, points, vec![0.0; 8]));
     }
     Ok(calibrate(&controls)?)
 }

@@ -4,14 +4,14 @@
 //! those of `mavsight run SESSION.toml --out RESULTS`.
 
 use mavsight_flight::InputSeries;
-use mavsight_geometry::{Vector2, Vector3};
+use mavsight_geometry::Vector3;
 use mavsight_identify::output_error::{
     Correlation, FlightModel, ImageMeasurements, Measurements, OutputErrorFit, OutputErrorOptions,
     StateMeasurement, disagreement, output_error,
 };
-use mavsight_pose::{BodyMarker, Rig};
+use mavsight_pose::BodyMarker;
 use mavsight_session::{Session, read_markers, read_poses, read_rig};
-use nalgebra::{DVector, Point3};
+use nalgebra::DVector;
 use std::path::PathBuf;
 
 type Failure = Box<dyn std::error::Error>;
@@ -46,42 +46,6 @@ fn show(title: &str, fit: &OutputErrorFit, seconds: f64) {
     }
 }
 
-/// The calibration's covariance of each camera's DLT as directions of all its pixels.
-fn with_calibration(
-    images: ImageMeasurements,
-    rig: &Rig,
-    markers: &[BodyMarker],
-) -> Result<ImageMeasurements, Failure> {
-    let mut factors = Vec::new();
-    for camera in &rig.cameras {
-        let c = camera.fit.covariance;
-        let unit = c.diagonal().map(|v| 1.0 / v.sqrt());
-        let scaled = nalgebra::SMatrix::<f64, 11, 11>::from_fn(|i, j| c[(i, j)] * unit[i] * unit[j]);
-        let l = scaled.cholesky().ok_or("the calibration's covariance is not positive definite")?.l();
-        factors.push(nalgebra::SMatrix::<f64, 11, 11>::from_fn(|i, j| l[(i, j)] / unit[i]));
-    }
-    let names: Vec<String> = (0..11 * factors.len()).map(|k| format!("DLT {k}")).collect();
-    Ok(images.with_directions(&names, |s, pose, columns| {
-        let x = (pose * Point3::from(markers[s.marker].marker_in_body_m)).coords;
-        let l = &rig.cameras[s.camera].fit.dlt.l;
-        let depth = l[8] * x.x + l[9] * x.y + l[10] * x.z + 1.0;
-        let u = (l[0] * x.x + l[1] * x.y + l[2] * x.z + l[3]) / depth;
-        let v = (l[4] * x.x + l[5] * x.y + l[6] * x.z + l[7]) / depth;
-        let by: [Vector2<f64>; 11] = std::array::from_fn(|k| match k {
-            0..=2 => Vector2::new(x[k] / depth, 0.0),
-            3 => Vector2::new(1.0 / depth, 0.0),
-            4..=6 => Vector2::new(0.0, x[k - 4] / depth),
-            7 => Vector2::new(0.0, 1.0 / depth),
-            _ => Vector2::new(u, v) * (-x[k - 8] / depth),
-        });
-        for (k, column) in columns[11 * s.camera..11 * (s.camera + 1)].iter_mut().enumerate() {
-            for (i, b) in by.iter().enumerate() {
-                *column += b * factors[s.camera][(i, k)];
-            }
-        }
-    }))
-}
-
 fn timed(
     title: &str,
     model: &FlightModel,
@@ -89,7 +53,11 @@ fn timed(
     measured: &Measurements,
 ) -> Option<OutputErrorFit> {
     let begin = std::time::Instant::now();
-    match output_error(model, inputs, measured, &OutputErrorOptions::default()) {
+    let noise = match std::env::var("NOISE").as_deref() {
+        Ok("channel") => mavsight_identify::output_error::NoiseModel::ScaledByChannel,
+        _ => mavsight_identify::output_error::NoiseModel::Scaled,
+    };
+    match output_error(model, inputs, measured, &OutputErrorOptions { noise, ..Default::default() }) {
         Ok(fit) => {
             show(title, &fit, begin.elapsed().as_secs_f64());
             Some(fit)
@@ -122,15 +90,24 @@ fn main() -> Result<(), Failure> {
         .collect();
     let poses = read_poses(&results.join("pose.csv"), &names)?;
     let seen = read_markers(&results.join("markers.csv"), &cameras, &names)?;
-    let model = FlightModel::new(vehicle, &inputs)?;
+    let mut model = FlightModel::new(vehicle, &inputs)?;
+    if std::env::var_os("LAG").is_some() {
+        let names: Vec<_> =
+            model.free().iter().map(|p| p.name()).chain(["input_lag_s", "C_l,p", "C_n,r"]).collect();
+        model = model.clone().with_free(&names)?;
+    }
     let states = Measurements::States(poses.iter().map(StateMeasurement::from_pose).collect());
     let from_poses = timed("from poses", &model, &inputs, &states);
     let plain = ImageMeasurements::new(&rig, &markers, &seen)?;
     timed("straight from the image, nothing uncertain", &model, &inputs, &Measurements::Image(plain.clone()));
-    let calibrated = with_calibration(plain, &rig, &markers)?.with_marker_positions(5e-4);
+    let calibrated = plain.with_cameras(&rig)?.with_marker_positions(5e-4);
     timed("cameras and markers uncertain", &model, &inputs, &Measurements::Image(calibrated.clone()));
     let biased = calibrated.clone().with_marker_biases(0.1, None);
     timed("centres off by 0.1 px", &model, &inputs, &Measurements::Image(biased));
+    for (std, dt) in [(0.1, 2.0), (0.1, 1.0), (0.1, 0.5)] {
+        let drift = calibrated.clone().with_marker_biases(0.1, None).with_marker_drifts(std, dt)?;
+        timed(&format!("centres drift {std} per {dt}"), &model, &inputs, &Measurements::Image(drift));
+    }
     let turning = calibrated.with_marker_biases(0.1, Some(0.1));
     let from_image =
         timed("centres off by 0.1 px and 0.1 px per 0.1 rad", &model, &inputs, &Measurements::Image(turning));

@@ -24,7 +24,7 @@ mod start;
 
 pub use disagreement::{Correlation, Disagreement, disagreement};
 pub use fit::{InitialFlapping, NoiseModel, OutputErrorOptions, output_error};
-pub use image::{CAMERA_PARAMETERS, ImageMeasurements};
+pub use image::ImageMeasurements;
 pub use measure::{Measurements, StateMeasurement};
 pub use model::{FlightModel, ModelParameter};
 pub use result::{ChannelResiduals, FittedParameter, FittedState, OutputErrorFit};

@@ -29,6 +29,8 @@ pub enum NoiseModel {
     /// As right but for one factor for all positions, turns, velocities, rates, or pixels of a camera, which the
     /// residuals tell.
     Scaled,
+    /// As right but for one factor for each channel: x, y, z, ..., or u and v of each marker in each camera.
+    ScaledByChannel,
 }
 
 /// What a user may choose.
@@ -107,12 +109,12 @@ pub fn output_error(
     for (tightness, promise) in TIGHTNESS.into_iter().zip(PROMISE) {
         fitter.stage(tightness)?;
         fitter.converge(tightness, promise)?;
-        if options.noise == NoiseModel::Scaled && tightness < TIGHTNESS[1] && tightness > TIGHTNESS[3] {
+        if options.noise != NoiseModel::Given && tightness < TIGHTNESS[1] && tightness > TIGHTNESS[3] {
             fitter.rescale(tightness)?;
         }
     }
     let tightness = TIGHTNESS[3];
-    if options.noise == NoiseModel::Scaled {
+    if options.noise != NoiseModel::Given {
         for _ in 0..RELAXATIONS {
             fitter.converge(tightness, PROMISE[3])?;
             if fitter.rescale(tightness)? < FACTOR_CHANGE {
@@ -165,12 +167,15 @@ impl<'a> Fitter<'a> {
         starts[0][13..].copy_from_slice(&trimmed);
         let prior_start = starts[0];
         let k = measurements.nuisances();
+        let by_channel = options.noise == NoiseModel::ScaledByChannel;
+        let groups = if by_channel { measurements.channels().len() } else { measurements.groups().len() };
         let mut problem = Problem {
             inputs: inputs.samples(),
             measurements,
             hold_times: false,
             longest_step_s: LONGEST_STEP_S[0],
-            group_weight: vec![1.0; measurements.groups().len()],
+            group_weight: vec![1.0; groups],
+            by_channel,
             times_s,
             bounds,
             nuisance_gram: DMatrix::zeros(k, k),

@@ -5,12 +5,9 @@ use super::propagate::SEEN;
 use crate::IdentifyError;
 use mavsight_flight::StateVector;
 use mavsight_geometry::camera::d_pixel_d_pose;
-use mavsight_geometry::{Camera, GeometryError, Isometry3, Vector2, Vector3};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
-use nalgebra::{DMatrix, Matrix2, Point3, SMatrix};
-
-/// Numbers of a camera that a calibration leaves uncertain: pose, intrinsics, distortion.
-pub const CAMERA_PARAMETERS: usize = 16;
+use nalgebra::{Matrix2, Point3};
 
 /// Markers seen by the cameras of a rig over a flight, with nuisances: directions in which all predicted pixels
 /// may be off together, each a standard normal number times a displacement of every sight.
@@ -109,43 +106,28 @@ impl ImageMeasurements {
         self
     }
 
-    /// Adds what the calibration left uncertain of the cameras: `factor` is 16·cameras × K with factor·factorᵀ the
-    /// covariance of all cameras' parameters, `d_pixel_d_camera` their derivative of the image of a point.
+    /// Adds what the calibration left uncertain of the cameras: a nuisance for each column of [`Rig::uncertainty`].
     ///
     /// # Errors
-    /// [`IdentifyError::BadColumn`] for a factor of other size or with numbers that are not finite, and the refusals
-    /// of `d_pixel_d_camera`.
-    pub fn with_cameras(
-        self,
-        factor: &DMatrix<f64>,
-        d_pixel_d_camera: impl Fn(
-            &Camera,
-            &Vector3<f64>,
-        ) -> Result<SMatrix<f64, 2, CAMERA_PARAMETERS>, GeometryError>,
-    ) -> Result<Self, IdentifyError> {
+    /// [`IdentifyError::BadColumn`] for a rig with other cameras or numbers that are not finite.
+    pub fn with_cameras(self, rig: &Rig) -> Result<Self, IdentifyError> {
         let rows = CAMERA_PARAMETERS * self.cameras.len();
+        let factor = &rig.uncertainty;
         if factor.nrows() != rows || !factor.iter().all(|v| v.is_finite()) {
-            return Err(IdentifyError::BadColumn { what: "camera covariance factor".to_owned(), rows });
+            return Err(IdentifyError::BadColumn { what: "uncertainty of the cameras".to_owned(), rows });
         }
-        let names: Vec<String> = (0..factor.ncols()).map(|k| format!("camera direction {k}")).collect();
+        let names: Vec<String> = (0..factor.ncols()).map(|k| format!("cameras {k}")).collect();
         let (cameras, markers) = (self.cameras.clone(), self.markers.clone());
-        let refused = std::cell::RefCell::new(None);
-        let out = self.with_directions(&names, |s, pose, columns| {
+        Ok(self.with_directions(&names, |s, pose, columns| {
             let point = (pose * Point3::from(markers[s.marker].marker_in_body_m)).coords;
-            match d_pixel_d_camera(&cameras[s.camera], &point) {
-                Ok(d) => {
-                    let part = factor.rows(CAMERA_PARAMETERS * s.camera, CAMERA_PARAMETERS);
-                    for (k, column) in columns.iter_mut().enumerate() {
-                        *column = d * part.column(k);
-                    }
+            // Behind the camera nothing was seen: the fit refuses such a sight by itself.
+            if let Ok(by) = cameras[s.camera].d_pixel_d_camera(&point) {
+                let part = factor.rows(CAMERA_PARAMETERS * s.camera, CAMERA_PARAMETERS);
+                for (k, column) in columns.iter_mut().enumerate() {
+                    *column = by * part.column(k);
                 }
-                Err(error) => *refused.borrow_mut() = Some(error),
             }
-        });
-        match refused.into_inner() {
-            Some(error) => Err(error.into()),
-            None => Ok(out),
-        }
+        }))
     }
 
     /// Adds the place of every marker on the body, known to `std_m` along each axis.
@@ -194,6 +176,34 @@ impl ImageMeasurements {
                 column[axis] = std_px * share;
             }
         })
+    }
+
+    /// Adds an error of each marker's centre in each camera that drifts through the flight: along each axis the straight line
+    /// between values every `interval_s`, each of `std_px` by itself. Light, a passing occlusion or compression do that.
+    ///
+    /// # Errors
+    /// [`IdentifyError::BadColumn`] for numbers that are not positive and finite, or an interval so short that there are more
+    /// than 64 values.
+    pub fn with_marker_drifts(self, std_px: f64, interval_s: f64) -> Result<Self, IdentifyError> {
+        let times_s = self.times_s();
+        let (start_s, end_s) = (times_s[0], times_s[times_s.len() - 1]);
+        let knots = ((end_s - start_s) / interval_s).ceil() + 1.0;
+        if !(std_px.is_finite() && std_px > 0.0 && interval_s > 0.0 && (2.0..=64.0).contains(&knots)) {
+            return Err(IdentifyError::BadColumn { what: "marker drifts".to_owned(), rows: 64 });
+        }
+        let (knots, markers) = (knots as usize, self.markers.len());
+        let names: Vec<String> =
+            self.channels().iter().flat_map(|c| (0..knots).map(move |k| format!("{c} drift {k}"))).collect();
+        Ok(self.with_directions(&names, |s, _, columns| {
+            let at = (s.t_ns as f64 * 1e-9 - start_s) / interval_s;
+            let before = (at.floor() as usize).min(knots - 2);
+            let share = at - before as f64;
+            for axis in 0..2 {
+                let first = (2 * (s.camera * markers + s.marker) + axis) * knots + before;
+                columns[first][axis] = std_px * (1.0 - share);
+                columns[first + 1][axis] = std_px * share;
+            }
+        }))
     }
 
     /// Names of the nuisances.

@@ -117,7 +117,7 @@ pub(crate) fn assemble(
     let p = fitter.free().len();
     let weighted = |i: usize| -> Vec<f64> {
         let row = &records[i].row;
-        let weight = problem.group_weight[row.group];
+        let weight = problem.weight(row);
         problem.measurements.nuisance_row(row.nuisance).iter().map(|d| weight * d).collect()
     };
     let known = Covariance::new(condensed, &fitter.at, records, (p, channels.len()), weighted)?;
@@ -150,17 +150,13 @@ pub(crate) fn assemble(
         .map(|i| fitted_state(problem.times_s[i], &fitter.at.states[i]))
         .collect();
     let notes = notes(&parameters, known.lag);
+    let groups = if problem.by_channel { channels.clone() } else { problem.measurements.groups() };
     Ok(OutputErrorFit {
         parameters,
         covariance,
         correlation,
         residuals: residuals(records, &channels),
-        variance_factors: problem
-            .measurements
-            .groups()
-            .into_iter()
-            .zip(problem.group_weight.iter().map(|w| w.powi(-2)))
-            .collect(),
+        variance_factors: groups.into_iter().zip(problem.group_weight.iter().map(|w| w.powi(-2))).collect(),
         correlated_instants: known.lag,
         reduced_chi_square: fitter.at.chi_square / degrees as f64,
         iterations: fitter.iterations,

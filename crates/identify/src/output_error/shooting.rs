@@ -26,6 +26,8 @@ pub(crate) struct Problem<'a> {
     pub(crate) bounds: Vec<usize>,
     /// One over the standard deviation factor of each group.
     pub(crate) group_weight: Vec<f64>,
+    /// Groups are channels.
+    pub(crate) by_channel: bool,
     /// Flapping times and the lag stay where they are.
     pub(crate) hold_times: bool,
     /// The longest step of the integration.
@@ -96,6 +98,15 @@ struct Accumulator<'a> {
 }
 
 impl Problem<'_> {
+    /// Which of the group weights scales a row.
+    pub(crate) fn group(&self, row: &Row) -> usize {
+        if self.by_channel { row.channel } else { row.group }
+    }
+
+    pub(crate) fn weight(&self, row: &Row) -> f64 {
+        self.group_weight[self.group(row)]
+    }
+
     pub(crate) fn segments(&self) -> usize {
         self.bounds.len() - 1
     }
@@ -197,7 +208,7 @@ impl Problem<'_> {
         for (instant, y) in states.iter().enumerate().skip(self.bounds[0]) {
             self.measurements.rows(instant, y, &mut rows)?;
             for row in &rows {
-                let weight = self.group_weight[row.group].powi(2);
+                let weight = self.weight(row).powi(2);
                 let d = self.measurements.nuisance_row(row.nuisance);
                 for (b, factor) in d.iter().enumerate().filter(|(_, v)| **v != 0.0) {
                     let mut column = self.nuisance_gram.column_mut(b);
@@ -239,7 +250,8 @@ impl Accumulator<'_> {
         self.sensitivity(flyer);
         let (m, last) = (self.columns, segment.quadratic.ncols() - 1);
         for row in &mut self.rows {
-            let weight = self.problem.group_weight[row.group];
+            let group = self.problem.group(row);
+            let weight = self.problem.group_weight[group];
             let directions = self.problem.measurements.nuisance_row(row.nuisance);
             let shift: f64 = directions.iter().zip(point.nuisances.iter()).map(|(d, z)| d * z).sum();
             let residual = weight * (row.residual - shift);
@@ -271,8 +283,8 @@ impl Accumulator<'_> {
             add(last, residual, m);
             q[last * n + last] += residual * residual;
             out.chi_square += residual * residual;
-            out.group_squares[row.group].0 += residual * residual;
-            out.group_squares[row.group].1 += 1;
+            out.group_squares[group].0 += residual * residual;
+            out.group_squares[group].1 += 1;
             if let Some(records) = records.as_deref_mut() {
                 row.residual = residual;
                 records.push(Record { segment: s, instant, row: *row, by: self.by.clone() });

@@ -25,7 +25,7 @@ pub(crate) fn rig() -> Rig {
                     pixel_cov_px2: Matrix2::identity() * 0.01,
                 })
                 .collect();
-            CameraControl { name: "camera".to_owned(), size, points, ball_radius_m: vec![0.0; 8] }
+            CameraControl::exact("camera".to_owned(), size, points, vec![0.0; 8])
         })
         .collect();
     calibrate(&controls).expect("a rig")
