@@ -53,11 +53,7 @@ fn timed(
     measured: &Measurements,
 ) -> Option<OutputErrorFit> {
     let begin = std::time::Instant::now();
-    let noise = match std::env::var("NOISE").as_deref() {
-        Ok("channel") => mavsight_identify::output_error::NoiseModel::ScaledByChannel,
-        _ => mavsight_identify::output_error::NoiseModel::Scaled,
-    };
-    match output_error(model, inputs, measured, &OutputErrorOptions { noise, ..Default::default() }) {
+    match output_error(model, inputs, measured, &OutputErrorOptions::default()) {
         Ok(fit) => {
             show(title, &fit, begin.elapsed().as_secs_f64());
             Some(fit)
@@ -92,8 +88,7 @@ fn main() -> Result<(), Failure> {
     let seen = read_markers(&results.join("markers.csv"), &cameras, &names)?;
     let mut model = FlightModel::new(vehicle, &inputs)?;
     if std::env::var_os("LAG").is_some() {
-        let names: Vec<_> =
-            model.free().iter().map(|p| p.name()).chain(["input_lag_s", "C_l,p", "C_n,r"]).collect();
+        let names: Vec<_> = model.free().iter().map(|p| p.name()).chain(["input_lag_s"]).collect();
         model = model.clone().with_free(&names)?;
     }
     let states = Measurements::States(poses.iter().map(StateMeasurement::from_pose).collect());
@@ -104,10 +99,6 @@ fn main() -> Result<(), Failure> {
     timed("cameras and markers uncertain", &model, &inputs, &Measurements::Image(calibrated.clone()));
     let biased = calibrated.clone().with_marker_biases(0.1, None);
     timed("centres off by 0.1 px", &model, &inputs, &Measurements::Image(biased));
-    for (std, dt) in [(0.1, 2.0), (0.1, 1.0), (0.1, 0.5)] {
-        let drift = calibrated.clone().with_marker_biases(0.1, None).with_marker_drifts(std, dt)?;
-        timed(&format!("centres drift {std} per {dt}"), &model, &inputs, &Measurements::Image(drift));
-    }
     let turning = calibrated.with_marker_biases(0.1, Some(0.1));
     let from_image =
         timed("centres off by 0.1 px and 0.1 px per 0.1 rad", &model, &inputs, &Measurements::Image(turning));

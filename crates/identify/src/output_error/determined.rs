@@ -87,7 +87,7 @@ fn change(fitter: &Fitter<'_>, condensed: &Condensed, records: &[Record], step: 
         {
             by += b * d;
         }
-        let weight = problem.weight(&record.row);
+        let weight = problem.weights[record.row.channel];
         for (d, z) in problem
             .measurements
             .nuisance_row(record.row.nuisance)

@@ -26,11 +26,9 @@ pub enum InitialFlapping {
 pub enum NoiseModel {
     /// As they are.
     Given,
-    /// As right but for one factor for all positions, turns, velocities, rates, or pixels of a camera, which the
-    /// residuals tell.
+    /// As right but for one factor for each channel, which the residuals tell: x, y, z, ..., or u and v of each marker in
+    /// each camera.
     Scaled,
-    /// As right but for one factor for each channel: x, y, z, ..., or u and v of each marker in each camera.
-    ScaledByChannel,
 }
 
 /// What a user may choose.
@@ -61,13 +59,17 @@ impl Default for OutputErrorOptions {
 /// Tightness of the gaps: loose enough for any start, then far below what is measured. With the last one a gap costs
 /// less than 1e-9 m.
 const TIGHTNESS: [f64; 4] = [3e-2, 3e-3, 1e-4, 1e-7];
-/// A stage ends when the next step promises less than this of the squares: an intermediate one, the last one (a
-/// hundredth of a standard deviation).
-const PROMISE: [f64; 4] = [100.0, 100.0, 10.0, 1e-4];
+/// A stage ends when the next step promises less than this of the squares.
+const PROMISE: [f64; 4] = [100.0, 100.0, 10.0, 0.1];
+/// The fit ends when the next step promises less than this: a hundredth of a standard deviation.
+const LAST_PROMISE: f64 = 1e-4;
 /// Claimed noise is not believed to be more than a hundred times too large: exact data would drive the weights up for ever.
 const LEAST_VARIANCE_FACTOR: f64 = 1e-4;
 /// The longest step of the integration on the way, and at the end, where it is below a micrometre of error over ten seconds.
 const LONGEST_STEP_S: [f64; 2] = [0.01, 0.005];
+/// As if each channel had so many more residuals of the mean size: a marker that a camera hardly sees gets no weight that
+/// its few residuals cannot bear.
+const MORE_RESIDUALS: f64 = 10.0;
 const RELAXATIONS: usize = 8;
 /// Variance factors that change by less are settled.
 const FACTOR_CHANGE: f64 = 0.01;
@@ -75,6 +77,14 @@ const FACTOR_CHANGE: f64 = 0.01;
 const FLAP_STD_RAD: [f64; 2] = [1e-6, 0.2];
 /// Without poses, position and heading are conventions: they are held at the start by these.
 const GAUGE_STD: f64 = 1e-4;
+
+/// Where a step began that has raised the squares.
+struct Watched {
+    point: Point,
+    at: Evaluation,
+    merit: f64,
+    promise: f64,
+}
 
 pub(crate) struct Fitter<'a> {
     pub(crate) start: FlightModel,
@@ -106,23 +116,21 @@ pub fn output_error(
     }
     measurements.check()?;
     let mut fitter = Fitter::new(model, inputs, measurements, options)?;
-    for (tightness, promise) in TIGHTNESS.into_iter().zip(PROMISE) {
-        fitter.stage(tightness)?;
-        fitter.converge(tightness, promise)?;
-        if options.noise != NoiseModel::Given && tightness < TIGHTNESS[1] && tightness > TIGHTNESS[3] {
-            fitter.rescale(tightness)?;
-        }
-    }
     let tightness = TIGHTNESS[3];
-    if options.noise != NoiseModel::Given {
+    for (tightness, promise) in TIGHTNESS.into_iter().zip(PROMISE) {
+        fitter.stage(tightness == TIGHTNESS[0], LONGEST_STEP_S[0])?;
+        fitter.converge(tightness, promise)?;
+    }
+    if options.noise == NoiseModel::Scaled {
         for _ in 0..RELAXATIONS {
-            fitter.converge(tightness, PROMISE[3])?;
             if fitter.rescale(tightness)? < FACTOR_CHANGE {
                 break;
             }
+            fitter.converge(tightness, PROMISE[3])?;
         }
     }
-    fitter.converge(tightness, PROMISE[3])?;
+    fitter.stage(false, LONGEST_STEP_S[1])?;
+    fitter.converge(tightness, LAST_PROMISE)?;
     let condensed = fitter.condensed(tightness, 0.0)?;
     let mut records = Vec::new();
     fitter.problem.evaluate(&fitter.point, Some(&mut records))?;
@@ -167,15 +175,13 @@ impl<'a> Fitter<'a> {
         starts[0][13..].copy_from_slice(&trimmed);
         let prior_start = starts[0];
         let k = measurements.nuisances();
-        let by_channel = options.noise == NoiseModel::ScaledByChannel;
-        let groups = if by_channel { measurements.channels().len() } else { measurements.groups().len() };
+        let channels = measurements.channels().len();
         let mut problem = Problem {
             inputs: inputs.samples(),
             measurements,
             hold_times: false,
             longest_step_s: LONGEST_STEP_S[0],
-            group_weight: vec![1.0; groups],
-            by_channel,
+            weights: vec![1.0; channels],
             times_s,
             bounds,
             nuisance_gram: DMatrix::zeros(k, k),
@@ -184,7 +190,7 @@ impl<'a> Fitter<'a> {
         };
         let point = Point { model: model.clone(), nuisances: DVector::zeros(k), starts };
         let at = problem.evaluate(&point, None)?;
-        let rows: usize = at.group_squares.iter().map(|g| g.1).sum();
+        let rows: usize = at.channel_squares.iter().map(|g| g.1).sum();
         let unknown = model.free().len() + TANGENT;
         if rows <= unknown {
             return Err(IdentifyError::TooFewInstants { found: rows, parameters: unknown });
@@ -199,78 +205,97 @@ impl<'a> Fitter<'a> {
         Condensed::new(&self.problem, &self.at, &self.point.nuisances, (tightness, damping))
     }
 
-    /// Times are held in the first stage, and steps are fine in the last.
-    fn stage(&mut self, tightness: f64) -> Result<(), IdentifyError> {
-        self.problem.hold_times = tightness == TIGHTNESS[0];
-        self.problem.longest_step_s = LONGEST_STEP_S[usize::from(tightness == TIGHTNESS[3])];
+    fn stage(&mut self, hold_times: bool, longest_step_s: f64) -> Result<(), IdentifyError> {
+        self.problem.hold_times = hold_times;
+        self.problem.longest_step_s = longest_step_s;
         self.at = self.problem.evaluate(&self.point, None)?;
         Ok(())
     }
 
     /// Gauss-Newton steps with the damping of Levenberg and Marquardt where one fails.
+    ///
+    /// A step along the constraint opens the gaps by its square, which a tight penalty punishes: a step that raises the squares
+    /// may stand if the next one, which closes the gaps, makes them less than before both (the watchdog of Chamberlain,
+    /// Powell, Lemarechal & Pedersen 1982).
     fn converge(&mut self, tightness: f64, promised: f64) -> Result<(), IdentifyError> {
         let mut damping: f64 = 0.0;
+        let mut watched: Option<Watched> = None;
         self.converged = false;
         while self.iterations < self.limit {
             self.iterations += 1;
             let stronger = (damping * 8.0).max(1e-3);
             let merit = self.at.merit(tightness);
-            let Ok(condensed) = self.condensed(tightness, damping) else {
-                damping = stronger;
-                continue;
-            };
-            let Some((step, left)) = condensed.minimum() else {
-                damping = stronger;
-                continue;
-            };
-            self.promise = merit - left;
-            let negligible = self.promise < promised.max(1e-9 * merit);
-            if negligible && damping < 1e-3 {
-                self.converged = true;
-                break;
-            }
-            let starts = condensed.expand(&self.at, &step, 1.0);
-            let trial = moved_point(&self.point, &step, &starts);
-            let tried = if trial.model.is_physical() {
-                self.problem.evaluate(&trial, None).ok().filter(|e| e.merit(tightness) <= merit)
+            let (reference, promised_there) =
+                watched.as_ref().map_or((merit, None), |w| (w.merit, Some(w.promise)));
+            let step = self.condensed(tightness, damping).ok().and_then(|c| Some((c.minimum()?, c)));
+            let tried = if let Some(((step, left), condensed)) = &step {
+                self.promise = merit - left;
+                let starts = condensed.expand(&self.at, step, 1.0);
+                Some(moved_point(&self.point, step, &starts))
             } else {
                 None
             };
-            if let Some(at) = tried {
-                let kept = (merit - at.merit(tightness)) / self.promise;
-                (self.point, self.at) = (trial, at);
-                // What a step kept of its promise tells how far the quadratic model reaches (Marquardt 1963).
-                damping *= if kept > 0.75 {
-                    0.1
-                } else if kept > 0.25 {
-                    0.5
-                } else {
-                    2.0
-                };
-                if damping < 1e-3 {
-                    damping = 0.0;
-                }
-            } else if negligible || damping > 1e8 {
-                self.converged = negligible;
+            let negligible = step.is_some() && self.promise < promised.max(1e-9 * merit);
+            if negligible && damping < 1e-3 && merit <= reference {
+                self.converged = true;
                 break;
-            } else {
-                damping = stronger;
             }
+            let tried = tried
+                .filter(|point| point.model.is_physical())
+                .and_then(|point| Some((self.problem.evaluate(&point, None).ok()?, point)));
+            match tried {
+                Some((at, point)) if at.merit(tightness) <= reference => {
+                    let kept = (reference - at.merit(tightness)) / promised_there.unwrap_or(self.promise);
+                    (self.point, self.at, watched) = (point, at, None);
+                    // What a step kept of its promise tells how far the quadratic model reaches (Marquardt 1963).
+                    damping *= if kept > 0.75 {
+                        0.1
+                    } else if kept > 0.25 {
+                        0.5
+                    } else {
+                        2.0
+                    };
+                    if damping < 1e-3 {
+                        damping = 0.0;
+                    }
+                }
+                Some((at, point)) if watched.is_none() => {
+                    let point = std::mem::replace(&mut self.point, point);
+                    let at = std::mem::replace(&mut self.at, at);
+                    watched = Some(Watched { point, at, merit, promise: self.promise });
+                }
+                _ => {
+                    let (point, at) = (&mut self.point, &mut self.at);
+                    let negligible = watched.take().map_or(negligible, |w| {
+                        (*point, *at) = (w.point, w.at);
+                        w.promise < promised.max(1e-9 * w.merit)
+                    });
+                    if negligible || damping > 1e8 {
+                        self.converged = negligible;
+                        break;
+                    }
+                    damping = stronger;
+                }
+            }
+        }
+        if let Some(w) = watched {
+            (self.point, self.at, self.promise) = (w.point, w.at, w.promise);
         }
         Ok(())
     }
 
-    /// Weighs each group by its residuals; the largest relative change of a variance.
+    /// Weighs each channel by its residuals; the largest relative change of a variance.
     fn rescale(&mut self, tightness: f64) -> Result<f64, IdentifyError> {
         let used = covariance::effective_parameters(&self.condensed(tightness, 0.0)?, &self.point);
-        let rows: usize = self.at.group_squares.iter().map(|g| g.1).sum();
+        let rows: usize = self.at.channel_squares.iter().map(|g| g.1).sum();
         let free = 1.0 - used / rows as f64;
+        let mean = self.at.chi_square / (rows as f64 * free);
         let mut change: f64 = 0.0;
-        for (weight, (squares, count)) in self.problem.group_weight.iter_mut().zip(&self.at.group_squares) {
+        for (weight, (squares, count)) in self.problem.weights.iter_mut().zip(&self.at.channel_squares) {
             if *count == 0 {
                 continue;
             }
-            let factor = squares / (*count as f64 * free);
+            let factor = (squares / free + MORE_RESIDUALS * mean) / (*count as f64 + MORE_RESIDUALS);
             let variance = (factor / (*weight * *weight)).max(LEAST_VARIANCE_FACTOR);
             change = change.max((variance * *weight * *weight - 1.0).abs());
             *weight = 1.0 / variance.sqrt();

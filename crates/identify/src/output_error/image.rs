@@ -178,34 +178,6 @@ impl ImageMeasurements {
         })
     }
 
-    /// Adds an error of each marker's centre in each camera that drifts through the flight: along each axis the straight line
-    /// between values every `interval_s`, each of `std_px` by itself. Light, a passing occlusion or compression do that.
-    ///
-    /// # Errors
-    /// [`IdentifyError::BadColumn`] for numbers that are not positive and finite, or an interval so short that there are more
-    /// than 64 values.
-    pub fn with_marker_drifts(self, std_px: f64, interval_s: f64) -> Result<Self, IdentifyError> {
-        let times_s = self.times_s();
-        let (start_s, end_s) = (times_s[0], times_s[times_s.len() - 1]);
-        let knots = ((end_s - start_s) / interval_s).ceil() + 1.0;
-        if !(std_px.is_finite() && std_px > 0.0 && interval_s > 0.0 && (2.0..=64.0).contains(&knots)) {
-            return Err(IdentifyError::BadColumn { what: "marker drifts".to_owned(), rows: 64 });
-        }
-        let (knots, markers) = (knots as usize, self.markers.len());
-        let names: Vec<String> =
-            self.channels().iter().flat_map(|c| (0..knots).map(move |k| format!("{c} drift {k}"))).collect();
-        Ok(self.with_directions(&names, |s, _, columns| {
-            let at = (s.t_ns as f64 * 1e-9 - start_s) / interval_s;
-            let before = (at.floor() as usize).min(knots - 2);
-            let share = at - before as f64;
-            for axis in 0..2 {
-                let first = (2 * (s.camera * markers + s.marker) + axis) * knots + before;
-                columns[first][axis] = std_px * (1.0 - share);
-                columns[first + 1][axis] = std_px * share;
-            }
-        }))
-    }
-
     /// Names of the nuisances.
     pub fn nuisance_names(&self) -> &[String] {
         &self.names
@@ -215,13 +187,9 @@ impl ImageMeasurements {
         self.times_ns.iter().map(|t| *t as f64 * 1e-9).collect()
     }
 
-    pub(crate) fn cameras(&self) -> std::ops::Range<usize> {
-        0..self.cameras.len()
-    }
-
     pub(crate) fn channels(&self) -> Vec<String> {
         let markers = &self.markers;
-        self.cameras()
+        (0..self.cameras.len())
             .flat_map(|c| {
                 markers.iter().flat_map(move |m| ["u", "v"].map(|a| format!("camera {c} {} {a}", m.name)))
             })
@@ -260,7 +228,6 @@ impl ImageMeasurements {
                     residual: residual[axis],
                     jacobian: [0.0; SEEN],
                     channel: 2 * (s.camera * self.markers.len() + s.marker) + axis,
-                    group: s.camera,
                     nuisance: 2 * k + axis,
                 };
                 for j in 0..6 {

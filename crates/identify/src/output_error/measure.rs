@@ -58,16 +58,12 @@ pub enum Measurements {
 pub(crate) struct Row {
     pub(crate) residual: f64,
     pub(crate) jacobian: [f64; SEEN],
-    /// Which of the coordinates that return at every instant.
+    /// Which of the coordinates that return at every instant; each has a variance factor.
     pub(crate) channel: usize,
-    /// Which variance factor scales it.
-    pub(crate) group: usize,
     /// Row of the whitened nuisance directions.
     pub(crate) nuisance: usize,
 }
 
-/// Groups of [`StateMeasurement`]s.
-const STATE_GROUPS: [&str; 4] = ["position", "turn", "velocity", "rates"];
 const STATE_CHANNELS: [&str; 12] =
     ["x", "y", "z", "turn_x", "turn_y", "turn_z", "u", "v", "w", "p", "q", "r"];
 
@@ -76,13 +72,6 @@ impl Measurements {
         match self {
             Self::States(s) => s.iter().map(|m| m.t_ns as f64 * 1e-9).collect(),
             Self::Image(i) => i.times_s(),
-        }
-    }
-
-    pub(crate) fn groups(&self) -> Vec<String> {
-        match self {
-            Self::States(_) => STATE_GROUPS.map(str::to_owned).to_vec(),
-            Self::Image(i) => i.cameras().map(|k| format!("camera {k}")).collect(),
         }
     }
 
@@ -196,13 +185,13 @@ fn state_rows(s: &StateMeasurement, y: &StateVector, out: &mut Vec<Row>) -> Resu
         let by_turn = right_jacobian(&-turn).try_inverse().unwrap_or_else(Matrix3::identity);
         let mut jacobian = Matrix6::identity();
         jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&by_turn);
-        push(&(l * error), &(l * jacobian), (0, [0, 0, 0, 1, 1, 1]), out);
+        push(&(l * error), &(l * jacobian), 0, out);
     }
-    for (what, part, first, group) in [("velocity", &s.velocity, 6, 2), ("rates", &s.rates, 9, 3)] {
+    for (what, part, first) in [("velocity", &s.velocity, 6), ("rates", &s.rates, 9)] {
         if let Some((measured, covariance)) = part {
             let l = whitener(covariance).ok_or(bad(what))?;
             let at = Vector3::new(y[first + 1], y[first + 2], y[first + 3]);
-            push(&(l * (measured - at)), &l, (first, [group; 3]), out);
+            push(&(l * (measured - at)), &l, first, out);
         }
     }
     Ok(())
@@ -211,17 +200,11 @@ fn state_rows(s: &StateMeasurement, y: &StateVector, out: &mut Vec<Row>) -> Resu
 fn push<const N: usize>(
     residual: &SVector<f64, N>,
     jacobian: &SMatrix<f64, N, N>,
-    (first, groups): (usize, [usize; N]),
+    first: usize,
     out: &mut Vec<Row>,
 ) {
     for i in 0..N {
-        let mut row = Row {
-            residual: residual[i],
-            jacobian: [0.0; SEEN],
-            channel: first + i,
-            group: groups[i],
-            nuisance: 0,
-        };
+        let mut row = Row { residual: residual[i], jacobian: [0.0; SEEN], channel: first + i, nuisance: 0 };
         for j in 0..N {
             row.jacobian[first + j] = jacobian[(i, j)];
         }

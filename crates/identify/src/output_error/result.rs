@@ -75,8 +75,7 @@ pub struct OutputErrorFit {
     pub correlation: DMatrix<f64>,
     /// Residuals by channel.
     pub residuals: Vec<ChannelResiduals>,
-    /// Each group of measurements with the factor by which its given variances were multiplied; for poses `position` and
-    /// `turn`, for images `camera 0` ...
+    /// Each channel with the factor by which its given variances were multiplied; see [`ChannelResiduals::name`].
     pub variance_factors: Vec<(String, f64)>,
     /// Instants over which residuals are correlated; 0 for white ones.
     pub correlated_instants: usize,
@@ -117,7 +116,7 @@ pub(crate) fn assemble(
     let p = fitter.free().len();
     let weighted = |i: usize| -> Vec<f64> {
         let row = &records[i].row;
-        let weight = problem.weight(row);
+        let weight = problem.weights[row.channel];
         problem.measurements.nuisance_row(row.nuisance).iter().map(|d| weight * d).collect()
     };
     let known = Covariance::new(condensed, &fitter.at, records, (p, channels.len()), weighted)?;
@@ -150,13 +149,12 @@ pub(crate) fn assemble(
         .map(|i| fitted_state(problem.times_s[i], &fitter.at.states[i]))
         .collect();
     let notes = notes(&parameters, known.lag);
-    let groups = if problem.by_channel { channels.clone() } else { problem.measurements.groups() };
     Ok(OutputErrorFit {
         parameters,
         covariance,
         correlation,
         residuals: residuals(records, &channels),
-        variance_factors: groups.into_iter().zip(problem.group_weight.iter().map(|w| w.powi(-2))).collect(),
+        variance_factors: channels.iter().cloned().zip(problem.weights.iter().map(|w| w.powi(-2))).collect(),
         correlated_instants: known.lag,
         reduced_chi_square: fitter.at.chi_square / degrees as f64,
         iterations: fitter.iterations,

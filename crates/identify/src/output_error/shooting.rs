@@ -24,10 +24,8 @@ pub(crate) struct Problem<'a> {
     pub(crate) times_s: Vec<f64>,
     /// Instant at which each segment begins, and one past the last instant.
     pub(crate) bounds: Vec<usize>,
-    /// One over the standard deviation factor of each group.
-    pub(crate) group_weight: Vec<f64>,
-    /// Groups are channels.
-    pub(crate) by_channel: bool,
+    /// One over the standard deviation factor of each channel.
+    pub(crate) weights: Vec<f64>,
     /// Flapping times and the lag stay where they are.
     pub(crate) hold_times: bool,
     /// The longest step of the integration.
@@ -76,7 +74,8 @@ pub(crate) struct Evaluation {
     /// The same with priors, without gaps.
     pub(crate) fit: f64,
     pub(crate) gap_squares: [f64; TANGENT],
-    pub(crate) group_squares: Vec<(f64, usize)>,
+    /// Weighted squares of each channel, and their number.
+    pub(crate) channel_squares: Vec<(f64, usize)>,
     /// State at each instant.
     pub(crate) states: Vec<StateVector>,
 }
@@ -98,15 +97,6 @@ struct Accumulator<'a> {
 }
 
 impl Problem<'_> {
-    /// Which of the group weights scales a row.
-    pub(crate) fn group(&self, row: &Row) -> usize {
-        if self.by_channel { row.channel } else { row.group }
-    }
-
-    pub(crate) fn weight(&self, row: &Row) -> f64 {
-        self.group_weight[self.group(row)]
-    }
-
     pub(crate) fn segments(&self) -> usize {
         self.bounds.len() - 1
     }
@@ -148,7 +138,7 @@ impl Problem<'_> {
             chi_square: 0.0,
             fit: point.nuisances.norm_squared(),
             gap_squares: [0.0; TANGENT],
-            group_squares: vec![(0.0, 0); self.group_weight.len()],
+            channel_squares: vec![(0.0, 0); self.weights.len()],
             states: vec![[f64::NAN; 17]; self.times_s.len()],
         };
         for s in 0..self.segments() {
@@ -208,7 +198,7 @@ impl Problem<'_> {
         for (instant, y) in states.iter().enumerate().skip(self.bounds[0]) {
             self.measurements.rows(instant, y, &mut rows)?;
             for row in &rows {
-                let weight = self.weight(row).powi(2);
+                let weight = self.weights[row.channel].powi(2);
                 let d = self.measurements.nuisance_row(row.nuisance);
                 for (b, factor) in d.iter().enumerate().filter(|(_, v)| **v != 0.0) {
                     let mut column = self.nuisance_gram.column_mut(b);
@@ -250,8 +240,7 @@ impl Accumulator<'_> {
         self.sensitivity(flyer);
         let (m, last) = (self.columns, segment.quadratic.ncols() - 1);
         for row in &mut self.rows {
-            let group = self.problem.group(row);
-            let weight = self.problem.group_weight[group];
+            let weight = self.problem.weights[row.channel];
             let directions = self.problem.measurements.nuisance_row(row.nuisance);
             let shift: f64 = directions.iter().zip(point.nuisances.iter()).map(|(d, z)| d * z).sum();
             let residual = weight * (row.residual - shift);
@@ -283,8 +272,8 @@ impl Accumulator<'_> {
             add(last, residual, m);
             q[last * n + last] += residual * residual;
             out.chi_square += residual * residual;
-            out.group_squares[group].0 += residual * residual;
-            out.group_squares[group].1 += 1;
+            out.channel_squares[row.channel].0 += residual * residual;
+            out.channel_squares[row.channel].1 += 1;
             if let Some(records) = records.as_deref_mut() {
                 row.residual = residual;
                 records.push(Record { segment: s, instant, row: *row, by: self.by.clone() });

@@ -12,8 +12,9 @@ fn poses_with_white_noise_give_the_truth_within_their_intervals() {
     let measured = Measurements::States(noisy_poses(&states, 1.0, &mut seed));
     let fit = output_error(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit");
     assert!(fit.converged && fit.largest_gap_m < 1e-8, "{}", fit.largest_gap_m);
-    for (name, factor) in &fit.variance_factors[..2] {
-        assert!((0.85..1.15).contains(factor), "{name}: {factor}");
+    // 180 residuals each: a standard deviation of 0.11.
+    for (name, factor) in &fit.variance_factors[..6] {
+        assert!((0.65..1.35).contains(factor), "{name}: {factor}");
     }
     for p in &fit.parameters {
         let ModelParameter::Coefficient(c) = p.parameter else { continue };
