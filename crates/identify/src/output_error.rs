@@ -6,15 +6,19 @@
 //! carry a fit away. Sensitivities are the exact derivative of the integration. Weights follow from the
 //! residuals by iterated relaxation (Maine & Iliff 1985; Jategaonkar 2015, chapter 4).
 //!
-//! The process is taken as free of noise: wind, or a model that lacks a term, shows as coloured residuals, for which
-//! the standard deviations are corrected (Morelli & Klein 1997) but the estimates are not.
+//! Where residuals are not white, part of each channel's errors is taken to last for some time; its share and the time are
+//! found by restricted maximum likelihood and weighed. What is still correlated then widens the standard deviations
+//! (Morelli & Klein 1997). The process itself is taken as free of noise: wind, or a model that lacks a term, is treated
+//! as such errors.
 
+mod colour;
 mod covariance;
 mod dead_reckoning;
 mod determined;
 mod disagreement;
 mod fit;
 mod image;
+mod linear;
 mod measure;
 mod model;
 mod propagate;
@@ -27,7 +31,7 @@ pub use fit::{InitialFlapping, NoiseModel, OutputErrorOptions, output_error};
 pub use image::ImageMeasurements;
 pub use measure::{Measurements, StateMeasurement};
 pub use model::{FlightModel, ModelParameter};
-pub use result::{ChannelResiduals, FittedParameter, FittedState, OutputErrorFit};
+pub use result::{ChannelResiduals, FittedParameter, FittedState, LastingErrors, OutputErrorFit};
 
 #[cfg(test)]
 mod tests;

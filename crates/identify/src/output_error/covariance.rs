@@ -1,7 +1,8 @@
-//! How well parameters are known: Cramér-Rao bounds, their correction for coloured residuals, and refusals.
+//! How well parameters are known: Cramér-Rao bounds, and their correction for coloured residuals.
 
+use super::linear::Linear;
 use super::propagate::TANGENT;
-use super::shooting::{Condensed, Evaluation, Point, Record};
+use super::shooting::{Condensed, Point};
 use crate::IdentifyError;
 use nalgebra::{DMatrix, DVector};
 
@@ -26,72 +27,35 @@ pub(crate) fn effective_parameters(condensed: &Condensed, point: &Point) -> f64 
 
 /// Bounds and their correction.
 pub(crate) struct Covariance {
-    /// Of start and parameters, for white residuals.
+    /// Of start and parameters, for white rows.
     pub(crate) bound: DMatrix<f64>,
-    /// Of the parameters, for residuals of the colour that was found.
+    /// Of the parameters, for rows of the colour that was found.
     pub(crate) coloured: DMatrix<f64>,
-    /// Instants over which residuals are correlated.
+    /// Instants over which rows are correlated.
     pub(crate) lag: usize,
 }
 
 impl Covariance {
-    pub(crate) fn new(
-        condensed: &Condensed,
-        at: &Evaluation,
-        records: &[Record],
-        (parameters, channels): (usize, usize),
-        directions: impl Fn(usize) -> Vec<f64>,
-    ) -> Result<Self, IdentifyError> {
-        let all = inverse(&condensed.information()).ok_or(IdentifyError::RankZero)?;
+    pub(crate) fn new(linear: &Linear, parameters: usize, channels: usize) -> Result<Self, IdentifyError> {
+        let all = inverse(&linear.information()).ok_or(IdentifyError::RankZero)?;
         let m = TANGENT + parameters;
         let bound = all.view((0, 0), (m, m)).into_owned();
-        let lag = correlation_lag(records, channels);
+        let lag = correlation_lag(linear, channels);
         let own = bound.view((TANGENT, TANGENT), (parameters, parameters)).into_owned();
-        let influence = influence(condensed, at, records, (&all, parameters), directions);
-        let coloured = own + colour(records, &influence, (channels, lag));
+        // What a unit of each row's noise does to the parameters: parameters by rows.
+        let influence = all.rows(TANGENT, parameters) * &linear.by;
+        let coloured = own + colour(linear, &influence, (channels, lag));
         Ok(Self { bound, coloured, lag })
     }
 }
 
-/// What a unit of each row's noise does to the parameters: rows by parameters.
-fn influence(
-    condensed: &Condensed,
-    at: &Evaluation,
-    records: &[Record],
-    (all, parameters): (&DMatrix<f64>, usize),
-    directions: impl Fn(usize) -> Vec<f64>,
-) -> DMatrix<f64> {
-    let m = TANGENT + parameters;
-    let mut out = DMatrix::zeros(records.len(), parameters);
-    let starts: Vec<Vec<DVector<f64>>> =
-        (0..parameters).map(|p| condensed.expand(at, &all.column(TANGENT + p).into_owned(), 0.0)).collect();
-    for (i, record) in records.iter().enumerate() {
-        let directions = directions(i);
-        for p in 0..parameters {
-            let column = all.column(TANGENT + p);
-            let mut sum = 0.0;
-            for (by, start) in record.by.iter().zip(starts[p][record.segment].iter()) {
-                sum += by * start;
-            }
-            for k in TANGENT..m {
-                sum += record.by[k] * column[k];
-            }
-            for (k, d) in directions.iter().enumerate() {
-                sum += d * column[m + k];
-            }
-            out[(i, p)] = sum;
-        }
-    }
-    out
-}
-
 /// The lag from which residuals are uncorrelated, by the rule of Politis (2003, section 2): twice the lag after which five
 /// autocorrelations in a row stay below 2√(log₁₀ n/n), here of all channels together; 0 for white ones.
-fn correlation_lag(records: &[Record], channels: usize) -> usize {
-    let table = residual_table(records, channels);
+pub(crate) fn correlation_lag(linear: &Linear, channels: usize) -> usize {
+    let table = linear.table(&linear.residual, channels);
     let instants = table.nrows();
     let longest = instants / 5;
-    let n = records.len() as f64;
+    let n = linear.residual.len() as f64;
     let limit = 2.0 * (n.log10() / n).sqrt();
     let zero = table.norm_squared();
     if zero == 0.0 {
@@ -112,35 +76,24 @@ fn correlation_lag(records: &[Record], channels: usize) -> usize {
     longest
 }
 
-/// Residuals by instant and channel; zero where nothing was seen.
-fn residual_table(records: &[Record], channels: usize) -> DMatrix<f64> {
-    let first = records.first().map_or(0, |r| r.instant);
-    let last = records.last().map_or(0, |r| r.instant);
-    let mut table = DMatrix::zeros(last - first + 1, channels);
-    for r in records {
-        table[(r.instant - first, r.row.channel)] = r.row.residual;
-    }
-    table
-}
-
 /// What the correlation of residuals over instants and channels adds to the covariance of white ones (Morelli & Klein
 /// 1997, equation 14): the sum of Gᵢᵀ R(j - i) Gⱼ over all i and j, less that of Gᵢᵀ Gᵢ.
 ///
 /// R by lag is that of the residuals, tapered flat to half of `lag` and to zero at it (Politis & Romano 1995); nothing
 /// at lag 0, where residuals are white.
-fn colour(records: &[Record], influence: &DMatrix<f64>, (channels, lag): (usize, usize)) -> DMatrix<f64> {
-    let p = influence.ncols();
+fn colour(linear: &Linear, influence: &DMatrix<f64>, (channels, lag): (usize, usize)) -> DMatrix<f64> {
+    let p = influence.nrows();
     let mut out = DMatrix::zeros(p, p);
     if lag == 0 {
         return out;
     }
-    let table = residual_table(records, channels);
+    let table = linear.table(&linear.residual, channels);
     let instants = table.nrows();
-    let first = records.first().map_or(0, |r| r.instant);
-    // Influence by instant: channels × parameters.
-    let mut by_instant = vec![DMatrix::zeros(channels, p); instants];
-    for (i, r) in records.iter().enumerate() {
-        by_instant[r.instant - first].row_mut(r.row.channel).copy_from(&influence.row(i));
+    let first = linear.first_instant();
+    // Influence by instant: parameters × channels.
+    let mut by_instant = vec![DMatrix::zeros(p, channels); instants];
+    for (i, (instant, channel)) in linear.place.iter().enumerate() {
+        by_instant[instant - first].column_mut(*channel).copy_from(&influence.column(i));
     }
     let seen = table.iter().filter(|v| **v != 0.0).count().max(1) as f64 / channels as f64;
     for l in 0..=lag {
@@ -149,12 +102,12 @@ fn colour(records: &[Record], influence: &DMatrix<f64>, (channels, lag): (usize,
         let correlation = table.rows(0, pairs).transpose() * table.rows(l, pairs) * (taper / seen);
         let mut sum = DMatrix::zeros(p, p);
         for i in 0..pairs {
-            sum += by_instant[i].transpose() * (&correlation * &by_instant[i + l]);
+            sum += &by_instant[i] * &correlation * by_instant[i + l].transpose();
         }
         out += &sum;
         if l > 0 {
             out += sum.transpose();
         }
     }
-    out - influence.transpose() * influence
+    out - influence * influence.transpose()
 }

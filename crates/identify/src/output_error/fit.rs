@@ -1,12 +1,14 @@
 //! The iteration of an output-error fit.
 
-use super::covariance;
+use super::colour::Colour;
+use super::covariance::{self, inverse};
 use super::determined::refuse_undetermined;
+use super::linear::Linear;
 use super::measure::Measurements;
 use super::model::{FlightModel, ModelParameter};
 use super::propagate::TANGENT;
 use super::result::{OutputErrorFit, assemble};
-use super::shooting::{Condensed, Evaluation, Point, Problem, moved_point};
+use super::shooting::{Condensed, Evaluation, Point, Problem, Record, moved_point};
 use super::start::nodes;
 use crate::IdentifyError;
 use mavsight_flight::{Coefficient, InputSeries};
@@ -131,9 +133,7 @@ pub fn output_error(
     }
     fitter.stage(false, LONGEST_STEP_S[1])?;
     fitter.converge(tightness, LAST_PROMISE)?;
-    let condensed = fitter.condensed(tightness, 0.0)?;
-    let mut records = Vec::new();
-    fitter.problem.evaluate(&fitter.point, Some(&mut records))?;
+    let (condensed, records) = fitter.linearised(tightness)?;
     refuse_undetermined(&fitter, &condensed, &records)?;
     if !fitter.converged {
         return Err(IdentifyError::NotConverged {
@@ -142,7 +142,12 @@ pub fn output_error(
             promise: fitter.promise,
         });
     }
-    assemble(&fitter, &condensed, &records)
+    let white = Linear::new(&fitter, &condensed, &records);
+    let channels = measurements.channels().len();
+    let lasting = options.noise == NoiseModel::Scaled && covariance::correlation_lag(&white, channels) > 0;
+    let coloured = if lasting { fitter.weigh_colour(white.clone(), tightness)? } else { None };
+    let (linear, colour) = coloured.map_or((white, None), |(linear, colour)| (linear, Some(colour)));
+    assemble(&fitter, &linear, colour.as_ref())
 }
 
 impl<'a> Fitter<'a> {
@@ -303,6 +308,49 @@ impl<'a> Fitter<'a> {
         self.problem.update_nuisance_gram(&self.at.states)?;
         self.at = self.problem.evaluate(&self.point, None)?;
         Ok(change)
+    }
+
+    fn linearised(&self, tightness: f64) -> Result<(Condensed, Vec<Record>), IdentifyError> {
+        let condensed = self.condensed(tightness, 0.0)?;
+        let mut records = Vec::new();
+        self.problem.evaluate(&self.point, Some(&mut records))?;
+        Ok((condensed, records))
+    }
+
+    /// Moves to the fit with weights for errors that last, which it finds first: Gauss-Newton steps of the whole flight.
+    ///
+    /// None, and nothing moved, where they do not settle: the fit with weights for white errors then stands.
+    fn weigh_colour(
+        &mut self,
+        white: Linear,
+        tightness: f64,
+    ) -> Result<Option<(Linear, Colour)>, IdentifyError> {
+        let colour = Colour::find(&white, &self.problem.times_s, self.problem.weights.len())?;
+        let start = self.point.clone();
+        let mut linear = white;
+        for _ in 0..RELAXATIONS {
+            let whitened = colour.whitened(&linear, &self.problem.times_s);
+            let information = whitened.information();
+            let covariance = inverse(&information).ok_or(IdentifyError::RankZero)?;
+            let step = whitened.step(&covariance);
+            if step.dot(&(&information * &step)) < LAST_PROMISE {
+                return Ok(Some((whitened, colour)));
+            }
+            let starts = self.condensed(tightness, 0.0)?.expand(&self.at, &step, 1.0);
+            let trial = moved_point(&self.point, &step, &starts);
+            if !trial.model.is_physical() {
+                break;
+            }
+            self.point = trial;
+            self.iterations += 1;
+            let Ok(at) = self.problem.evaluate(&self.point, None) else { break };
+            self.at = at;
+            let (condensed, records) = self.linearised(tightness)?;
+            linear = Linear::new(self, &condensed, &records);
+        }
+        self.point = start;
+        self.at = self.problem.evaluate(&self.point, None)?;
+        Ok(None)
     }
 
     /// The free parameters.

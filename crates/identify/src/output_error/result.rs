@@ -1,12 +1,13 @@
 //! What an output-error fit found.
 
+use super::colour::Colour;
 use super::covariance::Covariance;
 use super::determined::typical;
 use super::fit::Fitter;
+use super::linear::Linear;
 use super::measure::pose_of;
 use super::model::ModelParameter;
 use super::propagate::TANGENT;
-use super::shooting::{Condensed, Record};
 use crate::{IdentifyError, student_quantile_975};
 use mavsight_flight::{FlapState, StateVector};
 use mavsight_geometry::{Isometry3, Vector3};
@@ -21,9 +22,9 @@ pub struct FittedParameter {
     pub name: &'static str,
     /// Estimate.
     pub value: f64,
-    /// Standard deviation: the Cramér-Rao bound, or what coloured residuals make of it where that is more.
+    /// Standard deviation: the Cramér-Rao bound, or what residuals that are still correlated make of it where that is more.
     pub std: f64,
-    /// The Cramér-Rao bound, for white residuals of the level found.
+    /// The Cramér-Rao bound, for errors of the level and the duration found.
     pub bound_std: f64,
     /// 95 % interval, from.
     pub ci_low: f64,
@@ -41,7 +42,7 @@ pub struct ChannelResiduals {
     pub name: String,
     /// How many.
     pub count: usize,
-    /// Mean of the whitened residuals.
+    /// Mean of the whitened residuals: predictions one instant ahead where errors last.
     pub mean: f64,
     /// Root mean square of them: 1 where they are as large as weighed.
     pub rms: f64,
@@ -64,12 +65,21 @@ pub struct FittedState {
     pub flap: FlapState,
 }
 
+/// Errors of the measurements that last: part of each channel's variance has the autocorrelation exp(-|t|/τ).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LastingErrors {
+    /// τ.
+    pub time_s: f64,
+    /// Its share of the variance of all channels.
+    pub share: f64,
+}
+
 /// The answer of [`super::output_error`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct OutputErrorFit {
     /// Free parameters in the order of the model.
     pub parameters: Vec<FittedParameter>,
-    /// Their covariance, corrected where residuals are coloured.
+    /// Their covariance, corrected where residuals are still correlated.
     pub covariance: DMatrix<f64>,
     /// Their correlation.
     pub correlation: DMatrix<f64>,
@@ -77,7 +87,9 @@ pub struct OutputErrorFit {
     pub residuals: Vec<ChannelResiduals>,
     /// Each channel with the factor by which its given variances were multiplied; see [`ChannelResiduals::name`].
     pub variance_factors: Vec<(String, f64)>,
-    /// Instants over which residuals are correlated; 0 for white ones.
+    /// Errors of the measurements that last; none where residuals are white.
+    pub lasting: Option<LastingErrors>,
+    /// Instants over which residuals are correlated once `lasting` is allowed for; 0 for white ones.
     pub correlated_instants: usize,
     /// Weighted squares over redundancy.
     pub reduced_chi_square: f64,
@@ -106,23 +118,19 @@ impl OutputErrorFit {
     }
 }
 
+/// `linear` is the flight about the fitted point, in rows of unit variance as far as `colour` explains them.
 pub(crate) fn assemble(
     fitter: &Fitter<'_>,
-    condensed: &Condensed,
-    records: &[Record],
+    linear: &Linear,
+    colour: Option<&Colour>,
 ) -> Result<OutputErrorFit, IdentifyError> {
     let problem = &fitter.problem;
     let channels = problem.measurements.channels();
     let p = fitter.free().len();
-    let weighted = |i: usize| -> Vec<f64> {
-        let row = &records[i].row;
-        let weight = problem.weights[row.channel];
-        problem.measurements.nuisance_row(row.nuisance).iter().map(|d| weight * d).collect()
-    };
-    let known = Covariance::new(condensed, &fitter.at, records, (p, channels.len()), weighted)?;
+    let known = Covariance::new(linear, p, channels.len())?;
     let bound = known.bound.view((TANGENT, TANGENT), (p, p)).into_owned();
     let covariance = no_less_than(&bound, &known.coloured);
-    let degrees = records.len().saturating_sub(p + TANGENT).max(1);
+    let degrees = linear.residual.len().saturating_sub(p + TANGENT).max(1);
     let t = student_quantile_975(degrees);
     let parameters = fitter
         .free()
@@ -148,15 +156,21 @@ pub(crate) fn assemble(
     let trajectory: Vec<FittedState> = (problem.bounds[0]..problem.times_s.len())
         .map(|i| fitted_state(problem.times_s[i], &fitter.at.states[i]))
         .collect();
-    let notes = notes(&parameters, known.lag);
+    let mut factors: Vec<f64> = problem.weights.iter().map(|w| w.powi(-2)).collect();
+    for (factor, variance) in factors.iter_mut().zip(colour.iter().flat_map(|c| c.variances())) {
+        *factor *= variance;
+    }
+    let lasting = colour.map(|c| LastingErrors { time_s: c.time_s, share: c.lasting_share });
+    let notes = notes(&parameters, lasting, known.lag);
     Ok(OutputErrorFit {
         parameters,
         covariance,
         correlation,
-        residuals: residuals(records, &channels),
-        variance_factors: channels.iter().cloned().zip(problem.weights.iter().map(|w| w.powi(-2))).collect(),
+        residuals: residuals(linear, &channels),
+        variance_factors: channels.into_iter().zip(factors).collect(),
+        lasting,
         correlated_instants: known.lag,
-        reduced_chi_square: fitter.at.chi_square / degrees as f64,
+        reduced_chi_square: linear.residual.norm_squared() / degrees as f64,
         iterations: fitter.iterations,
         converged: fitter.converged,
         initial_state: trajectory[0],
@@ -190,13 +204,15 @@ fn fitted_state(t_s: f64, y: &StateVector) -> FittedState {
     }
 }
 
-fn residuals(records: &[Record], channels: &[String]) -> Vec<ChannelResiduals> {
+fn residuals(linear: &Linear, channels: &[String]) -> Vec<ChannelResiduals> {
     let mut out = Vec::new();
     for (channel, name) in channels.iter().enumerate() {
-        let series: Vec<(usize, f64)> = records
+        let series: Vec<(usize, f64)> = linear
+            .place
             .iter()
-            .filter(|r| r.row.channel == channel)
-            .map(|r| (r.instant, r.row.residual))
+            .zip(linear.residual.iter())
+            .filter(|((_, c), _)| *c == channel)
+            .map(|((instant, _), r)| (*instant, *r))
             .collect();
         if series.is_empty() {
             continue;
@@ -215,7 +231,7 @@ fn residuals(records: &[Record], channels: &[String]) -> Vec<ChannelResiduals> {
     out
 }
 
-fn notes(parameters: &[FittedParameter], lag: usize) -> Vec<String> {
+fn notes(parameters: &[FittedParameter], lasting: Option<LastingErrors>, lag: usize) -> Vec<String> {
     let mut out = Vec::new();
     if let Some(p) = parameters.iter().find(|p| p.parameter == ModelParameter::InputLag)
         && (p.ci_low > 0.0 || p.ci_high < 0.0)
@@ -227,9 +243,15 @@ fn notes(parameters: &[FittedParameter], lag: usize) -> Vec<String> {
             1e3 * p.std
         ));
     }
+    if let Some(lasting) = lasting {
+        out.push(format!(
+            "{:.0} % of the measurements' variance lasts about {:.1} s: something slow is missing from the model or the measurements; weights and standard deviations allow for it.",
+            100.0 * lasting.share, lasting.time_s
+        ));
+    }
     if lag > 0 {
         out.push(format!(
-            "Residuals are correlated over {lag} instants: something slow is missing from the model or the measurements; standard deviations allow for it."
+            "Residuals are correlated over {lag} instants for which no model was found; standard deviations allow for it."
         ));
     }
     let vague: Vec<&str> = parameters.iter().filter(|p| !p.identifiable).map(|p| p.name).collect();

@@ -1,3 +1,4 @@
+mod colour;
 mod image;
 mod refusals;
 mod sensitivities;
