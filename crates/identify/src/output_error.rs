@@ -12,6 +12,7 @@
 //! as such errors.
 
 mod colour;
+mod condense;
 mod covariance;
 mod dead_reckoning;
 mod determined;

@@ -52,7 +52,7 @@ impl Whitener {
         Self { steps, log_determinant }
     }
 
-    /// Whitens the given columns of a matrix, one after the other, in place; the sum of their squares.
+    /// Whitens the given columns of a matrix, one after the other, in place.
     fn apply(&self, columns: &[usize], matrix: &mut DMatrix<f64>, mean: &mut [f64]) {
         mean.fill(0.0);
         for (column, (kept, gain, unit)) in columns.iter().zip(&self.steps) {
@@ -137,46 +137,31 @@ impl Colour {
 
     /// The most likely of all τ and ratios tried; variances follow from the squares of the series' columns.
     fn most_likely(places: &Channels, series: &DMatrix<f64>, times_s: &[f64]) -> Self {
-        let first = places.times_s.iter().flatten().fold(f64::INFINITY, |a, b| a.min(*b));
-        let span_s = times_s.last().map_or(0.0, |t| t - first);
+        let first_s = places.times_s.iter().flatten().fold(f64::INFINITY, |a, b| a.min(*b));
+        let span_s = times_s.last().map_or(0.0, |t| t - first_s);
         let interval_s = span_s / times_s.len().max(2) as f64;
         let mut mean = vec![0.0; series.nrows()];
-        let mut best: Option<(f64, Self)> = None;
+        let white =
+            Self { time_s: interval_s, channels: vec![(1.0, 0.0); places.rows.len()], lasting_share: 0.0 };
+        let mut best = (f64::INFINITY, white);
         let mut time_s = 2.0 * interval_s;
         while time_s < span_s {
             let (mut total, mut lasting, mut all) = (0.0, 0.0, 0.0);
             let mut channels = Vec::with_capacity(places.rows.len());
-            for (rows, times_s) in places.rows.iter().zip(&places.times_s) {
-                let n = rows.len().max(1) as f64;
-                let mut least: Option<(f64, (f64, f64))> = None;
-                for k in 0..=RATIOS {
-                    let ratio = if k == 0 { 0.0 } else { FIRST_RATIO * 2f64.powi(k as i32 - 1) };
-                    let filter = Whitener::new(times_s, time_s, ratio);
-                    let variance = (filter.squares(rows, series, &mut mean) / n).max(f64::MIN_POSITIVE);
-                    let deviance = n * variance.ln() + filter.log_determinant;
-                    if rows.is_empty() || least.is_none_or(|(d, _)| deviance < d) {
-                        least = Some((deviance, (if rows.is_empty() { 1.0 } else { variance }, ratio)));
-                    }
-                    if rows.is_empty() {
-                        break;
-                    }
-                }
-                if let Some((deviance, found)) = least {
-                    total += deviance;
-                    lasting += rows.len() as f64 * found.0 * found.1;
-                    all += rows.len() as f64 * found.0 * (1.0 + found.1);
-                    channels.push(found);
-                }
+            for place in places.rows.iter().zip(&places.times_s) {
+                let (deviance, (white, ratio)) = likeliest_ratio(place, series, time_s, &mut mean);
+                let rows = place.0.len() as f64;
+                total += deviance;
+                lasting += rows * white * ratio;
+                all += rows * white * (1.0 + ratio);
+                channels.push((white, ratio));
             }
-            if best.as_ref().is_none_or(|(d, _)| total < *d) {
-                best = Some((total, Self { time_s, channels, lasting_share: lasting / all }));
+            if total < best.0 {
+                best = (total, Self { time_s, channels, lasting_share: lasting / all });
             }
             time_s *= 2.0;
         }
-        best.map_or_else(
-            || Self { time_s: interval_s, channels: vec![(1.0, 0.0); places.rows.len()] },
-            |b| b.1,
-        )
+        best.1
     }
 
     /// The model with rows of unit variance that do not hang together, if these are the errors.
@@ -204,6 +189,30 @@ impl Colour {
     pub(crate) fn variances(&self) -> impl Iterator<Item = f64> {
         self.channels.iter().map(|(white, ratio)| white * (1.0 + ratio))
     }
+}
+
+/// Minus twice the logarithm of a channel's likelihood at a τ, and the white variance and the ratio that make it largest.
+fn likeliest_ratio(
+    (rows, times_s): (&Vec<usize>, &Vec<f64>),
+    series: &DMatrix<f64>,
+    tau_s: f64,
+    mean: &mut [f64],
+) -> (f64, (f64, f64)) {
+    if rows.is_empty() {
+        return (0.0, (1.0, 0.0));
+    }
+    let n = rows.len() as f64;
+    let mut best = (f64::INFINITY, (1.0, 0.0));
+    for k in 0..=RATIOS {
+        let ratio = if k == 0 { 0.0 } else { FIRST_RATIO * 2f64.powi(k as i32 - 1) };
+        let filter = Whitener::new(times_s, tau_s, ratio);
+        let variance = (filter.squares(rows, series, mean) / n).max(f64::MIN_POSITIVE);
+        let deviance = n * variance.ln() + filter.log_determinant;
+        if deviance < best.0 {
+            best = (deviance, (variance, ratio));
+        }
+    }
+    best
 }
 
 #[cfg(test)]

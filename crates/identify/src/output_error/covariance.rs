@@ -1,8 +1,9 @@
 //! How well parameters are known: Cramér-Rao bounds, and their correction for coloured residuals.
 
+use super::condense::Condensed;
 use super::linear::Linear;
 use super::propagate::TANGENT;
-use super::shooting::{Condensed, Point};
+use super::shooting::Point;
 use crate::IdentifyError;
 use nalgebra::{DMatrix, DVector};
 

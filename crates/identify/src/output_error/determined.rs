@@ -1,10 +1,11 @@
 //! Whether the flight determines every free parameter.
 
+use super::condense::Condensed;
 use super::covariance::inverse;
 use super::fit::Fitter;
 use super::model::ModelParameter;
 use super::propagate::TANGENT;
-use super::shooting::{Condensed, Record};
+use super::shooting::Record;
 use crate::IdentifyError;
 use mavsight_flight::Coefficient as C;
 use mavsight_geometry::svd::jacobi_svd;

@@ -1,6 +1,7 @@
 //! The iteration of an output-error fit.
 
 use super::colour::Colour;
+use super::condense::Condensed;
 use super::covariance::{self, inverse};
 use super::determined::refuse_undetermined;
 use super::linear::Linear;
@@ -8,7 +9,7 @@ use super::measure::Measurements;
 use super::model::{FlightModel, ModelParameter};
 use super::propagate::TANGENT;
 use super::result::{OutputErrorFit, assemble};
-use super::shooting::{Condensed, Evaluation, Point, Problem, Record, moved_point};
+use super::shooting::{Evaluation, Point, Problem, Record, moved_point};
 use super::start::nodes;
 use crate::IdentifyError;
 use mavsight_flight::{Coefficient, InputSeries};

@@ -1,8 +1,9 @@
 //! The whole flight as one linear model about a point.
 
+use super::condense::Condensed;
 use super::fit::Fitter;
 use super::propagate::{TANGENT, difference};
-use super::shooting::{Condensed, Record};
+use super::shooting::Record;
 use nalgebra::{DMatrix, DVector};
 
 /// Residuals of all rows, closed gaps allowed for, and their derivative by start, parameters and nuisances.
