@@ -2,6 +2,7 @@
 
 mod demo;
 mod run;
+mod selftest;
 mod stages;
 
 use crate::cli::{Cli, Command, WrongCall};
@@ -20,6 +21,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Track(args) => stages::track(args),
         Command::Identify(args) => stages::identify(args),
         Command::Report(args) => stages::report(args),
+        Command::Selftest(args) => selftest::selftest(args),
     }
 }
 

@@ -60,7 +60,7 @@ fn lead(page: &Page<'_>) -> String {
 fn headline(summary: &Summary) -> Vec<(String, String)> {
     let wanted = [
         ("poses", "measured", "frames measured"),
-        ("motion", "position_std_mm", "predicted position error, cameras taken as exact"),
+        ("motion", "position_std_mm", "predicted position error"),
         ("truth", "motion_position_rms_mm", "position error against truth"),
         ("truth", "motion_attitude_rms_deg", "roll, pitch, yaw error against truth"),
         ("fit", "C_X_r2", "R² of C_X"),
@@ -173,7 +173,10 @@ fn parameters_table(rig: &Rig) -> Table {
         ("k3", |c| c.distortion.k3),
     ];
     for (k, (label, of)) in lens.iter().enumerate() {
-        rows.push(row(label, 5, DISTORTION + k, of));
+        let known = (0..rig.cameras.len()).all(|c| std(c, DISTORTION + k) == 0.0);
+        if !known || rig.cameras.iter().any(|c| of(&c.camera) != 0.0) {
+            rows.push(row(label, 5, DISTORTION + k, of));
+        }
     }
     Table {
         caption: "The cameras: most probable model, parameters and standard deviations.".to_owned(),

@@ -34,6 +34,18 @@ fn the_chain_in_steps_is_the_chain_in_one() {
             assert!((x - y).abs() < 1e-6, "{a}\n{b}");
         }
     }
+    // The noise is read back exactly, so that the smoother does the same; what errors that stay add to the standard
+    // deviations is approximated, and stands apart in every second column.
+    let (one, other) = (read(&whole, "motion.csv"), read(&steps, "motion.csv"));
+    assert_eq!(one.lines().count(), other.lines().count());
+    for (a, b) in one.lines().zip(other.lines()).skip(1) {
+        for (k, (x, y)) in a.split(',').zip(b.split(',')).enumerate().filter(|(k, _)| k % 2 == 1) {
+            let (x, y): (f64, f64) = (x.parse().expect("a number"), y.parse().expect("a number"));
+            // Pose, velocity and rates, then accelerations.
+            let close = if k < 25 { 1e-4 } else { 1e-2 };
+            assert!((x - y).abs() < close, "column {k}: {a}\n{b}");
+        }
+    }
     assert!(steps.join("report.html").is_file() && steps.join("motion.csv").is_file());
 }
 
@@ -49,4 +61,35 @@ fn tracking_without_a_rig_says_which_stage_makes_it() {
         .code(2);
     let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
     assert!(message.contains("rig.toml") && message.contains("calibrate"), "{message}");
+}
+
+/// The body is refined where the session asks for it; where the flight tells no more than the ruler, a note says so.
+#[test]
+fn markers_are_refined_or_the_reason_is_told() {
+    let session = Session::new();
+    let text = std::fs::read_to_string(session.path("session.toml")).expect("the session is there");
+    for (std_m, refined) in [("0.002", true), ("0.00005", false)] {
+        let asks = format!("{text}\n[refine]\nmarkers_std_m = {std_m}\ndiameters = true\n");
+        std::fs::write(session.path("session.toml"), asks).expect("the session is written");
+        let out = session.path(std_m);
+        mavsight().arg("run").arg(session.path("session.toml")).arg("--out").arg(&out).assert().success();
+        let summary = std::fs::read_to_string(out.join("summary.json")).expect("a summary");
+        assert_eq!(summary.contains("no better than the"), !refined, "{summary}");
+        assert_eq!(out.join("body.csv").is_file(), refined);
+        if refined {
+            let report = std::fs::read_to_string(out.join("report.html")).expect("a report");
+            assert!(report.contains("Body as built") && report.contains("red ball, diameter"));
+            let body = std::fs::read_to_string(out.join("body.csv")).expect("a table");
+            let red: Vec<f64> = body
+                .lines()
+                .nth(1)
+                .expect("a row")
+                .split(',')
+                .skip(1)
+                .map(|c| c.parse().expect("a number"))
+                .collect();
+            assert!((red[0] - 0.225).abs() < 2e-3 && (1e-5..1.5e-3).contains(&red[3]), "{red:?}");
+            assert!((red[6] - 0.05).abs() < 5e-3 && red[7] > 0.0, "{red:?}");
+        }
+    }
 }

@@ -6,6 +6,8 @@ mod calibrate;
 mod error;
 mod feed;
 mod progress;
+mod reconstruct;
+mod refine;
 mod solve;
 mod track;
 
@@ -13,5 +15,7 @@ pub use calibrate::{ControlStill, calibrate_from_observations, calibrate_from_st
 pub use error::PipelineError;
 pub use feed::{CameraFeed, TimedFrame};
 pub use progress::{Progress, Quiet, Stage};
+pub use reconstruct::reconstruct;
+pub use refine::{BodyAsBuilt, Diameter, Refinement, refine_body};
 pub use solve::{Solution, body_markers, identify_motion, motion_from_poses};
 pub use track::{Tracked, track};
