@@ -36,6 +36,24 @@ pub enum IdentifyError {
         /// Rows expected.
         rows: usize,
     },
+    /// An error covariance that is none.
+    #[error("the error covariance of {columns} regressors and the output {what}")]
+    BadErrors {
+        /// What it must be.
+        what: &'static str,
+        /// Regressors.
+        columns: usize,
+    },
+    /// Steps that do not end.
+    #[error(
+        "{what} has not converged in {steps} steps: the data hardly determine the answer; use fewer regressors"
+    )]
+    NotConverged {
+        /// The estimator.
+        what: &'static str,
+        /// Steps taken.
+        steps: usize,
+    },
     /// No column carries anything.
     #[error("the regressors have rank zero: nothing was excited; fly a manoeuvre")]
     RankZero,

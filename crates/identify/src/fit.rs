@@ -3,7 +3,8 @@
 use crate::dependence::{Dependence, independent_columns};
 use crate::regressors::Output;
 use crate::{
-    CoefficientTable, IdentifyError, least_squares, student_quantile_975, total_least_squares, verdict,
+    CoefficientTable, Correlation, IdentifyError, independent_errors, least_squares, student_quantile_975,
+    total_least_squares, verdict,
 };
 use nalgebra::{DMatrix, DVector};
 
@@ -107,7 +108,7 @@ struct Problem<'a> {
     x: DMatrix<f64>,
     y: DVector<f64>,
     output_std: f64,
-    lag: usize,
+    correlation: Correlation,
     dependence: Dependence,
 }
 
@@ -152,7 +153,7 @@ impl<'a> Problem<'a> {
             .ceil()
             .clamp(1.0, rows.len() as f64 / 4.0);
         let output_std = if variance > 0.0 { variance.sqrt() } else { 1.0 };
-        Ok(Self { output, all, x, y, output_std, lag: lag as usize, dependence })
+        Ok(Self { output, all, x, y, output_std, correlation: Correlation::Rows(lag as usize), dependence })
     }
 
     fn fit(&self, estimator: Estimator) -> Result<OutputFit, IdentifyError> {
@@ -160,12 +161,17 @@ impl<'a> Problem<'a> {
         let basis = self.x.select_columns(independent);
         let (values, covariance) = match estimator {
             Estimator::LeastSquares => {
-                let fit = least_squares(&basis, &self.y, self.lag)?;
+                let fit = least_squares(&basis, &self.y, self.correlation)?;
                 (fit.values, fit.covariance)
             }
             Estimator::TotalLeastSquares => {
                 let std: Vec<f64> = independent.iter().map(|j| self.output.columns[*j].std).collect();
-                let fit = total_least_squares(&basis, &self.y, &std, self.output_std, self.lag)?;
+                let fit = total_least_squares(
+                    &basis,
+                    &self.y,
+                    &independent_errors(&std, self.output_std),
+                    self.correlation,
+                )?;
                 (fit.values, fit.covariance)
             }
         };

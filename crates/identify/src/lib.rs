@@ -3,18 +3,25 @@
 //! The model is equation 3 of Mulyanto, Nurhakim, Muhammad (2012) with both thrusts: each of C_X, C_Z and C_m is linear
 //! in 1, alpha_u, alpha_l, q, delta_lon, T_u and T_l.
 
+mod compensated;
 mod dependence;
 mod error;
 mod fit;
 mod least_squares;
+mod orthogonal;
 mod regressors;
 mod robust_covariance;
+mod row_errors;
+#[cfg(test)]
+mod testing;
 mod total_least_squares;
 mod verdict;
 
 pub use dependence::{Dependence, independent_columns};
 pub use error::IdentifyError;
 pub use fit::{Combination, Estimator, Identification, OutputFit, Parameter, identify};
-pub use least_squares::{LeastSquares, least_squares, student_quantile_975};
+pub use least_squares::{LeastSquares, least_squares, student_quantile_975, weighted_least_squares};
 pub use regressors::{CoefficientTable, Column, Options, Output, coefficients};
-pub use total_least_squares::{TotalLeastSquares, total_least_squares};
+pub use robust_covariance::Correlation;
+pub use row_errors::total_least_squares_by_row;
+pub use total_least_squares::{TotalLeastSquares, independent_errors, total_least_squares};
