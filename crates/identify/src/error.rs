@@ -54,6 +54,28 @@ pub enum IdentifyError {
         /// Steps taken.
         steps: usize,
     },
+    /// A setting outside its range.
+    #[error("{what} is {value}, but must {must}")]
+    BadSetting {
+        /// The setting.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// A band without a frequency that the samples can show.
+    #[error(
+        "no band of frequencies: {low_hz} to {high_hz} Hz; it must rise and lie between 0 and {nyquist_hz:.2} Hz, half the sampling rate"
+    )]
+    BadBand {
+        /// From.
+        low_hz: f64,
+        /// To.
+        high_hz: f64,
+        /// Half the sampling rate.
+        nyquist_hz: f64,
+    },
     /// No column carries anything.
     #[error("the regressors have rank zero: nothing was excited; fly a manoeuvre")]
     RankZero,

@@ -134,9 +134,7 @@ impl<'a> Problem<'a> {
     fn new(table: &CoefficientTable, output: &'a Output) -> Result<Self, IdentifyError> {
         let count = output.columns.len();
         let all = DMatrix::from_fn(table.t_s.len(), count, |i, j| output.columns[j].values[i]);
-        let rows: Vec<usize> = (0..table.t_s.len())
-            .filter(|i| table.t_s[*i] >= table.window_s.0 - 1e-9 && table.t_s[*i] <= table.window_s.1 + 1e-9)
-            .collect();
+        let rows = table.rows_in_window();
         if rows.len() <= count {
             return Err(IdentifyError::TooFewInstants { found: rows.len(), parameters: count });
         }
@@ -148,12 +146,9 @@ impl<'a> Problem<'a> {
         if dependence.independent.is_empty() {
             return Err(IdentifyError::RankZero);
         }
-        // Errors behind the smoother are correlated over about one period of its cut-off frequency.
-        let lag = (1.0 / (output.bandwidth_hz * table.sample_interval_s))
-            .ceil()
-            .clamp(1.0, rows.len() as f64 / 4.0);
+        let lag = table.correlated_rows(output.bandwidth_hz, rows.len());
         let output_std = if variance > 0.0 { variance.sqrt() } else { 1.0 };
-        Ok(Self { output, all, x, y, output_std, correlation: Correlation::Rows(lag as usize), dependence })
+        Ok(Self { output, all, x, y, output_std, correlation: Correlation::Rows(lag), dependence })
     }
 
     fn fit(&self, estimator: Estimator) -> Result<OutputFit, IdentifyError> {

@@ -45,6 +45,21 @@ pub struct CoefficientTable {
     pub sample_interval_s: f64,
 }
 
+impl CoefficientTable {
+    /// Indices of the times that are fitted.
+    pub fn rows_in_window(&self) -> Vec<usize> {
+        const ROUNDING_S: f64 = 1e-9;
+        let (from_s, to_s) = (self.window_s.0 - ROUNDING_S, self.window_s.1 + ROUNDING_S);
+        (0..self.t_s.len()).filter(|i| self.t_s[*i] >= from_s && self.t_s[*i] <= to_s).collect()
+    }
+
+    /// Rows over which errors behind a low-pass are correlated: about one period of its cut-off frequency, at most a
+    /// quarter of the rows.
+    pub(crate) fn correlated_rows(&self, bandwidth_hz: f64, rows: usize) -> usize {
+        (1.0 / (bandwidth_hz * self.sample_interval_s)).ceil().min(rows as f64 / 4.0).max(1.0) as usize
+    }
+}
+
 /// What a user may choose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
