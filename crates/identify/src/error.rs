@@ -76,6 +76,20 @@ pub enum IdentifyError {
         /// Half the sampling rate.
         nyquist_hz: f64,
     },
+    /// A model file that cannot be read.
+    #[error("the model file: {detail}")]
+    ModelFile {
+        /// What is wrong with it.
+        detail: String,
+    },
+    /// A regressor that names no signal.
+    #[error("output {output} names the signal {signal:?}, which there is not; there are {}", known_signals())]
+    UnknownSignal {
+        /// Output.
+        output: String,
+        /// What was written.
+        signal: String,
+    },
     /// No column carries anything.
     #[error("the regressors have rank zero: nothing was excited; fly a manoeuvre")]
     RankZero,
@@ -87,4 +101,8 @@ pub enum IdentifyError {
         /// Share of the output in the vector.
         part: f64,
     },
+}
+
+fn known_signals() -> String {
+    crate::model::SIGNALS.map(|(name, _)| name).join(", ")
 }

@@ -1,0 +1,186 @@
+//! How the errors of poses, behind a smoother, reach what is computed from the motion.
+
+use nalgebra::DMatrix;
+use std::f64::consts::PI;
+
+/// What errs: the position or the turn of each pose along a body axis, white from pose to pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Source {
+    Position(usize),
+    Turn(usize),
+}
+
+/// The frequency response from that to a signal, beside the low-passes that all signals have passed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Transfer {
+    /// (iω)ⁿ.
+    Derivative(i32),
+    /// iωτ/(1 + iωτ): a disc that follows the body with a time constant.
+    Washout { time_s: f64 },
+}
+
+impl Transfer {
+    /// Real and imaginary part.
+    fn at(self, omega_rad_s: f64) -> (f64, f64) {
+        match self {
+            Self::Derivative(order) => {
+                let size = omega_rad_s.powi(order);
+                match order.rem_euclid(4) {
+                    0 => (size, 0.0),
+                    1 => (0.0, size),
+                    2 => (-size, 0.0),
+                    _ => (0.0, -size),
+                }
+            }
+            Self::Washout { time_s } => {
+                let x = omega_rad_s * time_s;
+                (x * x / (1.0 + x * x), x / (1.0 + x * x))
+            }
+        }
+    }
+}
+
+/// One way from a source to a signal, with its gain at each row.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Term {
+    pub(crate) source: Source,
+    pub(crate) transfer: Transfer,
+    pub(crate) gains: Vec<f64>,
+}
+
+/// The bandwidths behind which errors are seen.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Bands {
+    pub(crate) translation_hz: f64,
+    pub(crate) rotation_hz: f64,
+    /// All low-passes that every signal has passed, the smoother's own among them.
+    pub(crate) passed_hz: Vec<f64>,
+}
+
+impl Bands {
+    fn own_hz(&self, source: Source) -> f64 {
+        match source {
+            Source::Position(_) => self.translation_hz,
+            Source::Turn(_) => self.rotation_hz,
+        }
+    }
+
+    /// Covariance of two signals over the smoother's variance of their source: ∫ Re(F G*) Π H² df over ∫ H df, where
+    /// H = 1/(1 + (f/fc)⁶).
+    ///
+    /// The variance that a smoother states holds what it could not resolve as well, which is no error of a regression
+    /// whose both sides have passed the same low-pass: of white noise of density S it is S∫H, of which S∫H² is noise.
+    fn share(&self, a: Transfer, b: Transfer, source: Source) -> f64 {
+        const POINTS: usize = 600;
+        let lowest = self.passed_hz.iter().copied().fold(f64::INFINITY, f64::min);
+        let step_hz = 6.0 * lowest / POINTS as f64;
+        let sum: f64 = (0..POINTS)
+            .map(|k| {
+                let f = step_hz * (k as f64 + 0.5);
+                let (x, y) = (a.at(2.0 * PI * f), b.at(2.0 * PI * f));
+                let passed: f64 = self.passed_hz.iter().map(|fc| (1.0 + (f / fc).powi(6)).powi(-2)).product();
+                (x.0 * y.0 + x.1 * y.1) * passed
+            })
+            .sum();
+        // ∫ 1/(1 + x⁶) dx from nought on is π/3.
+        sum * step_hz / (self.own_hz(source) * PI / 3.0)
+    }
+
+    /// Covariance of the signals at each row, given the smoother's variance of each source there.
+    pub(crate) fn covariances(
+        &self,
+        signals: &[&[Term]],
+        rows: usize,
+        variance: &dyn Fn(Source, usize) -> f64,
+    ) -> Vec<DMatrix<f64>> {
+        let count = signals.len();
+        let mut out = vec![DMatrix::zeros(count, count); rows];
+        for i in 0..count {
+            for j in 0..=i {
+                for a in signals[i] {
+                    for b in signals[j].iter().filter(|b| b.source == a.source) {
+                        let share = self.share(a.transfer, b.transfer, a.source);
+                        for (row, matrix) in out.iter_mut().enumerate() {
+                            let part = share * a.gains[row] * b.gains[row] * variance(a.source, row);
+                            matrix[(i, j)] += part;
+                            if i != j {
+                                matrix[(j, i)] += part;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::normal;
+    use mavsight_pose::lowpass_like;
+
+    #[test]
+    fn shares_are_those_of_the_closed_form() {
+        // ∫ x^{2k}/(1 + x⁶)² = (1 - (2k + 1)/6) ∫ x^{2k}/(1 + x⁶), by parts; the latter is (π/6)/sin((2k + 1)π/6).
+        let bands = Bands { translation_hz: 2.0, rotation_hz: 5.0, passed_hz: vec![2.0] };
+        for k in 0..3 {
+            let share = bands.share(Transfer::Derivative(k), Transfer::Derivative(k), Source::Position(0));
+            let m = f64::from(2 * k + 1);
+            let closed =
+                (1.0 - m / 6.0) * (PI / 6.0) / (m * PI / 6.0).sin() / (PI / 3.0) * (4.0 * PI).powi(2 * k);
+            assert!((share / closed - 1.0).abs() < 1e-3, "{k}: {share} is not {closed}");
+        }
+        let odd = bands.share(Transfer::Derivative(0), Transfer::Derivative(1), Source::Turn(1));
+        assert_eq!(odd, 0.0);
+    }
+
+    #[test]
+    fn covariances_are_those_of_smoothed_white_noise() {
+        let (dt, fc, n, tau) = (1.0 / 100.0, 3.0, 60_000, 0.08);
+        let mut seed = 12;
+        let white: Vec<f64> = (0..n).map(|_| normal(&mut seed)).collect();
+        let smooth = lowpass_like(&white, dt, fc);
+        let rate: Vec<f64> = (0..n)
+            .map(|i| if i == 0 || i == n - 1 { 0.0 } else { (smooth[i + 1] - smooth[i - 1]) / (2.0 * dt) })
+            .collect();
+        let mut disc = vec![0.0; n];
+        for i in 1..n {
+            disc[i] = disc[i - 1] * (1.0 - dt / tau) - 0.5 * dt * (rate[i] + rate[i - 1]);
+        }
+        let mean = |x: &[f64], y: &[f64]| -> f64 {
+            (1000..n - 1000).map(|i| x[i] * y[i]).sum::<f64>() / (n - 2000) as f64
+        };
+        let bands = Bands { translation_hz: fc, rotation_hz: fc, passed_hz: vec![fc] };
+        let term = |transfer, gain| vec![Term { source: Source::Turn(1), transfer, gains: vec![gain] }];
+        let signals = [
+            term(Transfer::Derivative(0), 1.0),
+            term(Transfer::Derivative(1), 1.0),
+            term(Transfer::Washout { time_s: tau }, -1.0),
+        ];
+        // White noise of variance one at steps dt has the density 2 dt; the smoother's variance is that times ∫H.
+        let stated = 2.0 * dt * fc * PI / 3.0;
+        let signals: Vec<&[Term]> = signals.iter().map(Vec::as_slice).collect();
+        let got = &bands.covariances(&signals, 1, &|_, _| stated)[0];
+        let series = [&smooth, &rate, &disc];
+        for i in 0..3 {
+            for j in 0..3 {
+                let size = (got[(i, i)] * got[(j, j)]).sqrt();
+                let seen = mean(series[i], series[j]);
+                assert!((got[(i, j)] - seen).abs() < 0.06 * size, "{i} {j}: {} is not {seen}", got[(i, j)]);
+            }
+        }
+    }
+
+    #[test]
+    fn sources_do_not_mix_and_gains_may_change() {
+        let bands = Bands { translation_hz: 2.0, rotation_hz: 2.0, passed_hz: vec![2.0] };
+        let a =
+            [Term { source: Source::Position(0), transfer: Transfer::Derivative(0), gains: vec![1.0, 3.0] }];
+        let b = [Term { source: Source::Turn(0), transfer: Transfer::Derivative(0), gains: vec![1.0, 1.0] }];
+        let got = bands.covariances(&[&a, &b, &[]], 2, &|_, _| 1.0);
+        assert_eq!((got[0][(0, 1)], got[0][(2, 2)]), (0.0, 0.0));
+        assert!((got[1][(0, 0)] / got[0][(0, 0)] - 9.0).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,222 @@
+//! One output by one estimator.
+
+use crate::dependence::{Dependence, independent_columns};
+use crate::diagnostics::{agreement, autocorrelations, collinearity, correlations, press};
+use crate::fit::{Combination, Diagnostics, Estimator, FitOptions, OutputFit, Parameter};
+use crate::regressors::{Output, rows_of};
+use crate::{
+    Band, CoefficientTable, Correlation, IdentifyError, frequency_domain, least_squares,
+    student_quantile_975, total_least_squares, total_least_squares_by_row, verdict, weighted_least_squares,
+};
+use nalgebra::{DMatrix, DVector};
+
+/// The rows of one output inside the window.
+pub(crate) struct Problem<'a> {
+    table: &'a CoefficientTable,
+    output: &'a Output,
+    estimator: Estimator,
+    rows: Vec<usize>,
+    held_out: Vec<usize>,
+    /// Regressors and output, about their means in the frequency domain.
+    x: DMatrix<f64>,
+    y: DVector<f64>,
+    /// Those means.
+    origin: (DVector<f64>, f64),
+    band: Band,
+    lag: usize,
+    dependence: Dependence,
+}
+
+impl<'a> Problem<'a> {
+    pub(crate) fn new(
+        table: &'a CoefficientTable,
+        output: &'a Output,
+        estimator: Estimator,
+        options: &FitOptions,
+    ) -> Result<Self, IdentifyError> {
+        let count = output.columns.len();
+        let is_held = |i: &usize| {
+            options.held_out_s.is_some_and(|(from, to)| table.t_s[*i] >= from && table.t_s[*i] <= to)
+        };
+        let (held_out, rows): (Vec<usize>, Vec<usize>) =
+            table.rows_in_window().into_iter().partition(is_held);
+        if rows.len() <= count {
+            return Err(IdentifyError::TooFewInstants { found: rows.len(), parameters: count });
+        }
+        let mut x = rows_of(output, &rows);
+        let mut y = DVector::from_iterator(rows.len(), rows.iter().map(|i| output.values[*i]));
+        let mut origin = (DVector::zeros(count), 0.0);
+        if estimator == Estimator::FrequencyDomain {
+            origin = (DVector::from_iterator(count, x.column_iter().map(|c| c.mean())), y.mean());
+            for (mut column, mean) in x.column_iter_mut().zip(&origin.0) {
+                // What is a constant leaves rounding, which is no signal.
+                if column.iter().all(|v| (v - mean).abs() <= 1e-12 * mean.abs()) {
+                    column.fill(0.0);
+                } else {
+                    column.add_scalar_mut(-mean);
+                }
+            }
+            y.add_scalar_mut(-origin.1);
+        }
+        let noise: Vec<f64> = output.columns.iter().map(|c| c.std).collect();
+        let dependence = independent_columns(&x, &noise);
+        if dependence.independent.is_empty() {
+            return Err(IdentifyError::RankZero);
+        }
+        let length_s = rows.len() as f64 * table.sample_interval_s;
+        let nyquist_hz = 0.5 / table.sample_interval_s;
+        let band = options
+            .band
+            .unwrap_or(Band { low_hz: 1.0 / length_s, high_hz: output.bandwidth_hz.min(nyquist_hz) });
+        let lag = table.correlated_rows(output.bandwidth_hz, rows.len());
+        Ok(Self { table, output, estimator, rows, held_out, x, y, origin, band, lag, dependence })
+    }
+
+    pub(crate) fn fit(&self) -> Result<OutputFit, IdentifyError> {
+        let basis = self.x.select_columns(&self.dependence.independent);
+        let how = Correlation::Rows(self.lag);
+        let (values, covariance) = match self.estimator {
+            Estimator::LeastSquares => {
+                let fit = least_squares(&basis, &self.y, how)?;
+                (fit.values, fit.covariance)
+            }
+            Estimator::WeightedLeastSquares => {
+                let std: Vec<f64> = self.rows.iter().map(|i| self.output.std[*i]).collect();
+                let known = std.iter().all(|s| *s > 0.0);
+                let std = if known { std } else { vec![1.0; self.rows.len()] };
+                let fit = weighted_least_squares(&basis, &self.y, &std, how)?;
+                (fit.values, fit.covariance)
+            }
+            Estimator::TotalLeastSquares => {
+                let fit = total_least_squares(&basis, &self.y, &self.mean_errors(), how)?;
+                (fit.values, fit.covariance)
+            }
+            Estimator::TotalLeastSquaresByRow => {
+                let errors: Vec<DMatrix<f64>> = self.rows.iter().map(|i| self.errors_of(*i)).collect();
+                let fit = total_least_squares_by_row(&basis, &self.y, &errors, how)?;
+                (fit.values, fit.covariance)
+            }
+            Estimator::FrequencyDomain => {
+                let fit = frequency_domain(&basis, &self.y, self.table.sample_interval_s, self.band)?;
+                (fit.values, fit.covariance)
+            }
+        };
+        self.report(&basis, &values, &covariance)
+    }
+
+    /// Error covariance of the independent columns and the output at an instant; where none is known, of the output alone.
+    fn errors_of(&self, row: usize) -> DMatrix<f64> {
+        let count = self.output.columns.len();
+        let kept: Vec<usize> = self.dependence.independent.iter().copied().chain([count]).collect();
+        match self.output.errors.get(row) {
+            Some(errors) if errors[(count, count)] > 0.0 => errors.select_rows(&kept).select_columns(&kept),
+            _ => {
+                let mut errors = DMatrix::zeros(kept.len(), kept.len());
+                errors[(kept.len() - 1, kept.len() - 1)] = 1.0;
+                errors
+            }
+        }
+    }
+
+    fn mean_errors(&self) -> DMatrix<f64> {
+        let size = self.dependence.independent.len() + 1;
+        let sum = self.rows.iter().fold(DMatrix::zeros(size, size), |sum, i| sum + self.errors_of(*i));
+        sum / self.rows.len() as f64
+    }
+
+    /// Puts estimates of the independent columns into the model's order.
+    fn report(
+        &self,
+        basis: &DMatrix<f64>,
+        values: &DVector<f64>,
+        covariance: &DMatrix<f64>,
+    ) -> Result<OutputFit, IdentifyError> {
+        let (parameters, combinations) = self.parameters(values, covariance);
+        let mut full = DVector::zeros(self.x.ncols());
+        for (position, column) in self.dependence.independent.iter().enumerate() {
+            full[*column] = values[position];
+        }
+        let everything: Vec<usize> = (0..self.table.t_s.len()).collect();
+        let offset = self.origin.1 - self.origin.0.dot(&full);
+        let fitted: Vec<f64> =
+            (rows_of(self.output, &everything) * &full).iter().map(|v| v + offset).collect();
+        let diagnostics = self.diagnostics(basis, covariance, &fitted)?;
+        let mut fit = OutputFit {
+            output: self.output.name.clone(),
+            estimator: self.estimator,
+            parameters,
+            combinations,
+            r2: diagnostics.fit.r2,
+            max_residual: diagnostics.fit.max,
+            rms_residual: diagnostics.fit.rms,
+            rank: values.len(),
+            condition: diagnostics.collinearity.condition_indices.max(),
+            fitted,
+            diagnostics,
+            verdict: String::new(),
+        };
+        fit.verdict = verdict::words(self.output, &self.dependence, &fit);
+        Ok(fit)
+    }
+
+    fn parameters(
+        &self,
+        values: &DVector<f64>,
+        covariance: &DMatrix<f64>,
+    ) -> (Vec<Parameter>, Vec<Combination>) {
+        // Behind a low-pass, as many instants as one of its periods holds count for about two.
+        let degrees = self.x.nrows() - values.len();
+        let t = student_quantile_975(degrees);
+        let nothing = |name: &String| Parameter {
+            name: name.clone(),
+            value: None,
+            std: None,
+            ci_low: None,
+            ci_high: None,
+            identifiable: false,
+        };
+        let mut parameters: Vec<Parameter> = self.output.columns.iter().map(|c| nothing(&c.name)).collect();
+        let mut combinations = Vec::new();
+        for (position, column) in self.dependence.independent.iter().copied().enumerate() {
+            let (value, std) = (values[position], covariance[(position, position)].max(0.0).sqrt());
+            if self.dependence.stands_alone(position) {
+                let p = &mut parameters[column];
+                p.identifiable = true;
+                (p.value, p.std) = (Some(value), Some(std));
+                (p.ci_low, p.ci_high) = (Some(value - t * std), Some(value + t * std));
+            } else {
+                let text = verdict::combination(self.output, &self.dependence, position);
+                combinations.push(Combination { text, value, std });
+            }
+        }
+        (parameters, combinations)
+    }
+
+    fn diagnostics(
+        &self,
+        basis: &DMatrix<f64>,
+        covariance: &DMatrix<f64>,
+        fitted: &[f64],
+    ) -> Result<Diagnostics, IdentifyError> {
+        let pick = |rows: &[usize]| -> (Vec<f64>, Vec<f64>) {
+            rows.iter().map(|i| (self.output.values[*i], fitted[*i])).unzip()
+        };
+        let (measured, explained) = pick(&self.rows);
+        let residuals: Vec<f64> = measured.iter().zip(&explained).map(|(a, b)| a - b).collect();
+        let press = press(basis, &self.y, self.lag)?;
+        let spread = self.y.add_scalar(-self.y.mean()).norm_squared();
+        let held = pick(&self.held_out);
+        let columns =
+            self.dependence.independent.iter().map(|j| self.output.columns[*j].name.clone()).collect();
+        Ok(Diagnostics {
+            columns,
+            collinearity: collinearity(basis)?,
+            correlations: correlations(covariance),
+            press,
+            predicted_r2: if spread > 0.0 { 1.0 - press / spread } else { 0.0 },
+            autocorrelations: autocorrelations(&residuals, 2 * self.lag),
+            fit: agreement(&measured, &explained),
+            held_out: (!self.held_out.is_empty()).then(|| agreement(&held.0, &held.1)),
+        })
+    }
+}
