@@ -3,11 +3,13 @@
 use crate::IdentifyError;
 use crate::least_squares::{check, weighted_least_squares};
 use crate::robust_covariance::Correlation;
-use crate::total_least_squares::{TotalLeastSquares, inverse_of_scaled};
+use crate::total_least_squares::{TotalLeastSquares, inverse_of_scaled, total_least_squares};
 use nalgebra::{DMatrix, DVector};
 
-/// Steps at most; they are Gauss-Newton's and gain digits in proportion to how small residuals are.
-const MAX_STEPS: usize = 200;
+/// Steps at most; Newton's double the digits, Gauss-Newton's gain some in proportion to how small errors are.
+const MAX_STEPS: usize = 100;
+/// Change of the sum, relative, below which a step is one of a millionth of a standard deviation or less.
+const NEGLIGIBLE: f64 = 1e-15;
 /// Halvings of a step that makes the sum of squares grow.
 const MAX_HALVINGS: usize = 30;
 
@@ -16,9 +18,10 @@ const MAX_HALVINGS: usize = 30;
 ///
 /// Minimises Σ v_i²/σ_i² with v_i = y_i - a_i x and σ_i² the variance of v_i, which is orthogonal distance regression of
 /// a linear model (Boggs, Byrd & Schnabel 1987) and element-wise weighted total least squares (Markovsky & Van Huffel
-/// 2006). The Gauss-Newton step regresses v_i on the corrected regressors a_i - s_i v_i/σ_i², s_i = Σ_ay - Σ_aa x, from
-/// weighted least squares on; equal covariances give what [`crate::total_least_squares`] finds without steps. Covariance by
-/// the scores, as there; `level` is Σ v_i²/σ_i² over the degrees of freedom, and the only `singular_values` its root.
+/// 2006). Newton's steps begin at [`crate::total_least_squares`] with the mean covariance; where the second derivatives are not
+/// positive definite, a Gauss-Newton step regresses v_i on the corrected regressors a_i - s_i v_i/σ_i² with
+/// s_i = Σ_ay - Σ_aa x. Covariance by the scores, as there; `level` is Σ v_i²/σ_i² over the degrees of freedom, and the
+/// only `singular_values` the root of the sum.
 ///
 /// Zero rows of every covariance mark exact columns. Valid where errors are small beside what the corrected
 /// regressors vary by.
@@ -36,11 +39,13 @@ pub fn total_least_squares_by_row(
     let problem = Problem { regressors, output, errors };
     problem.check()?;
     let count = regressors.ncols();
-    let output_std: Vec<f64> = errors.iter().map(|e| e[(count, count)].sqrt()).collect();
-    let mut x = weighted_least_squares(regressors, output, &output_std, Correlation::White)?.values;
+    let mut x = problem.start()?;
     let mut state = problem.at(&x)?;
     for _ in 0..MAX_STEPS {
-        let step = state.step(count)?;
+        let step = match problem.newton_step(&state) {
+            Some(step) => step,
+            None => state.gauss_newton_step()?,
+        };
         // The change of Σ v²/σ² that the step promises, over the sum.
         let promise = step.dot(&state.score());
         let mut scale = 1.0;
@@ -55,7 +60,7 @@ pub fn total_least_squares_by_row(
             x += step * scale;
             state = next;
         }
-        if promise.abs() <= 1e-24 * state.sum || halvings == MAX_HALVINGS {
+        if promise.abs() <= NEGLIGIBLE * state.sum || halvings == MAX_HALVINGS {
             return problem.finish(x, &state, correlation);
         }
     }
@@ -76,6 +81,8 @@ struct State {
     residuals: DVector<f64>,
     /// Corrected regressors over σ.
     corrected: DMatrix<f64>,
+    /// s/σ².
+    shared: DMatrix<f64>,
     /// σ.
     std: DVector<f64>,
 }
@@ -86,11 +93,10 @@ impl State {
         self.corrected.tr_mul(&self.residuals)
     }
 
-    fn step(&self, count: usize) -> Result<DVector<f64>, IdentifyError> {
+    fn gauss_newton_step(&self) -> Result<DVector<f64>, IdentifyError> {
         let qr = self.corrected.clone().qr();
         let right = qr.q().tr_mul(&self.residuals);
         let step = qr.r().solve_upper_triangular(&right).ok_or(IdentifyError::RankZero)?;
-        debug_assert_eq!(step.len(), count);
         if step.iter().all(|v| v.is_finite()) { Ok(step) } else { Err(IdentifyError::RankZero) }
     }
 }
@@ -119,6 +125,7 @@ impl Problem<'_> {
             sum: 0.0,
             residuals: self.output - self.regressors * x,
             corrected: self.regressors.clone(),
+            shared: DMatrix::zeros(rows, count),
             std: DVector::zeros(rows),
         };
         let mut shared = DVector::zeros(count);
@@ -133,6 +140,7 @@ impl Problem<'_> {
             }
             let (v, std) = (out.residuals[i], variance.sqrt());
             for j in 0..count {
+                out.shared[(i, j)] = shared[j] / variance;
                 out.corrected[(i, j)] = (out.corrected[(i, j)] - shared[j] * v / variance) / std;
             }
             out.residuals[i] = v / std;
@@ -140,6 +148,49 @@ impl Problem<'_> {
             out.sum += v * v / variance;
         }
         Ok(out)
+    }
+
+    /// Total least squares with the mean covariance, or weighted least squares where that has no answer.
+    fn start(&self) -> Result<DVector<f64>, IdentifyError> {
+        let count = self.regressors.ncols();
+        let mut mean = DMatrix::zeros(count + 1, count + 1);
+        for errors in self.errors {
+            mean += errors / self.errors.len() as f64;
+        }
+        if let Ok(fit) = total_least_squares(self.regressors, self.output, &mean, Correlation::White) {
+            return Ok(fit.values);
+        }
+        let output_std: Vec<f64> = self.errors.iter().map(|e| e[(count, count)].sqrt()).collect();
+        Ok(weighted_least_squares(self.regressors, self.output, &output_std, Correlation::White)?.values)
+    }
+
+    /// Half the second derivatives of Σ v²/σ².
+    fn curvature(&self, state: &State) -> DMatrix<f64> {
+        let (rows, count) = self.regressors.shape();
+        let mut out = DMatrix::zeros(count, count);
+        // a - 2 s v/σ², over σ.
+        let mut twice = DMatrix::zeros(rows, count);
+        for (i, errors) in self.errors.iter().enumerate() {
+            let (std, v) = (state.std[i], state.residuals[i]);
+            for j in 0..count {
+                twice[(i, j)] = self.regressors[(i, j)] / std - 2.0 * state.shared[(i, j)] * v;
+            }
+            out -= errors.view((0, 0), (count, count)) * (v / std).powi(2);
+        }
+        out + twice.tr_mul(&twice)
+    }
+
+    /// None where the sum is not convex.
+    fn newton_step(&self, state: &State) -> Option<DVector<f64>> {
+        let curvature = self.curvature(state);
+        let count = curvature.nrows();
+        let lengths: Vec<f64> = state.corrected.column_iter().map(|c| c.norm()).collect();
+        let scaled = DMatrix::from_fn(count, count, |i, j| curvature[(i, j)] / (lengths[i] * lengths[j]));
+        let score = state.score();
+        let right = DVector::from_fn(count, |j, _| score[j] / lengths[j]);
+        let step = scaled.cholesky()?.solve(&right);
+        let step = DVector::from_fn(count, |j, _| step[j] / lengths[j]);
+        step.iter().all(|v| v.is_finite()).then_some(step)
     }
 
     fn finish(
@@ -175,8 +226,8 @@ impl Problem<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::independent_errors;
     use crate::testing::{linear_problem_of_scipy, normal};
-    use crate::{independent_errors, total_least_squares};
 
     /// Covariances that differ from row to row, x1 and x2 correlated; as given to scipy.
     fn errors_of_rows() -> Vec<DMatrix<f64>> {
@@ -231,6 +282,24 @@ mod tests {
             };
             let numeric = -(moved(1e-5) - moved(-1e-5)) / 4e-5;
             assert!((numeric - score[j]).abs() < 1e-6 * score.norm(), "{numeric} is not {}", score[j]);
+        }
+    }
+
+    #[test]
+    fn the_curvature_is_the_scores_negative_derivative() {
+        let (x, y) = linear_problem_of_scipy();
+        let errors = errors_of_rows();
+        let problem = Problem { regressors: &x, output: &y, errors: &errors };
+        let at = DVector::from_vec(vec![1.0, 0.5, -0.7]);
+        let curvature = problem.curvature(&problem.at(&at).expect("a state"));
+        for j in 0..3 {
+            let moved = |h: f64| {
+                let mut x = at.clone();
+                x[j] += h;
+                problem.at(&x).expect("a state").score()
+            };
+            let numeric = (moved(-1e-5) - moved(1e-5)) / 2e-5;
+            assert!((numeric - curvature.column(j)).norm() < 1e-6 * curvature.norm());
         }
     }
 

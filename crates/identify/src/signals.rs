@@ -5,6 +5,7 @@ use crate::model::{Measured, factors};
 use crate::noise::{Source, Term, Transfer};
 use mavsight_flight::flapping::{self, Between};
 use mavsight_flight::{InputSample, InputSeries, Vehicle, thrust_n};
+use mavsight_geometry::Vector3;
 use mavsight_pose::{Motion, MotionSample, lowpass_like};
 
 /// Values at the motion's times, and how errors reach them.
@@ -29,9 +30,9 @@ impl Passed {
         Self { translation: self.translation || other.translation, rotation: self.rotation || other.rotation }
     }
 
-    /// What the measured side has passed.
+    /// What the measured side passes: a specific force is an acceleration and the weight, which the attitude tips.
     pub(crate) fn by_measured(measured: Measured) -> Self {
-        if measured.axis().1 { Self::ROTATION } else { Self::TRANSLATION }
+        if measured.axis().1 { Self::ROTATION } else { Self::TRANSLATION.and(Self::ROTATION) }
     }
 
     /// What a regressor has passed before anything is done to it.
@@ -85,7 +86,7 @@ impl<'a> Flight<'a> {
         let variance = match source {
             Source::Position(axis) => {
                 let world = sample.covariance.fixed_view::<3, 3>(0, 0);
-                let mut unit = nalgebra::Vector3::zeros();
+                let mut unit = Vector3::zeros();
                 unit[axis] = 1.0;
                 let along = sample.world_from_body.rotation * unit;
                 along.dot(&(world * along))
@@ -98,31 +99,41 @@ impl<'a> Flight<'a> {
     /// What is measured, newtons or newton metres.
     pub(crate) fn measured(&self, measured: Measured, passed: Passed) -> Signal {
         let (axis, is_moment) = measured.axis();
-        let rows = self.t_s.len();
+        if is_moment { self.moment(axis, passed) } else { self.force(axis, passed) }
+    }
+
+    fn moment(&self, axis: usize, passed: Passed) -> Signal {
         let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
-        let (values, terms) = if is_moment {
-            let inertia = self.vehicle.inertia_kg_m2;
-            let value = |s: &MotionSample| {
-                inertia[axis] * s.angular_acceleration_rad_s2[axis]
-                    + (inertia[last] - inertia[next]) * s.rates_rad_s[next] * s.rates_rad_s[last]
-            };
-            (
-                self.of(value),
-                vec![term(Source::Turn(axis), Transfer::Derivative(2), vec![inertia[axis]; rows])],
-            )
-        } else {
-            let mass_kg = self.vehicle.mass_kg;
-            let force = |k: usize, sign: f64| self.of(|s| sign * mass_kg * s.specific_force_m_s2[k]);
-            // A turn δ of the attitude turns the force f by f × δ.
-            let terms = vec![
-                term(Source::Position(axis), Transfer::Derivative(2), vec![mass_kg; rows]),
-                term(Source::Turn(last), Transfer::Derivative(0), force(next, 1.0)),
-                term(Source::Turn(next), Transfer::Derivative(0), force(last, -1.0)),
-            ];
-            (force(axis, 1.0), terms)
-        };
-        let own = Passed::by_measured(measured);
-        Signal { values: self.pass_rest(values, own, passed), terms }
+        let inertia = self.vehicle.inertia_kg_m2;
+        let values = self.of(|s| {
+            inertia[axis] * s.angular_acceleration_rad_s2[axis]
+                + (inertia[last] - inertia[next]) * s.rates_rad_s[next] * s.rates_rad_s[last]
+        });
+        let gains = vec![inertia[axis]; self.t_s.len()];
+        Signal {
+            values: self.pass_rest(values, Passed::ROTATION, passed),
+            terms: vec![term(Source::Turn(axis), Transfer::Derivative(2), gains)],
+        }
+    }
+
+    /// The force is what is left of two larger things, the acceleration, which has passed the smoother's low-pass of
+    /// translation, and the weight's part along the axis, which has passed that of rotation: both pass both.
+    fn force(&self, axis: usize, passed: Passed) -> Signal {
+        let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
+        let weight_n = self.vehicle.mass_kg * self.vehicle.environment.gravity_m_s2;
+        let mass_kg = self.vehicle.mass_kg;
+        let held = self.of(|s| weight_n * (s.world_from_body.rotation.inverse() * Vector3::z())[axis]);
+        let force = |k: usize, sign: f64| self.of(|s| sign * mass_kg * s.specific_force_m_s2[k]);
+        let moved = force(axis, 1.0).iter().zip(&held).map(|(f, h)| f - h).collect();
+        let moved = self.pass_rest(moved, Passed::TRANSLATION, passed);
+        let held = self.pass_rest(held, Passed::ROTATION, passed);
+        // A turn δ of the attitude turns the force f by f × δ.
+        let terms = vec![
+            term(Source::Position(axis), Transfer::Derivative(2), vec![mass_kg; self.t_s.len()]),
+            term(Source::Turn(last), Transfer::Derivative(0), force(next, 1.0)),
+            term(Source::Turn(next), Transfer::Derivative(0), force(last, -1.0)),
+        ];
+        Signal { values: moved.iter().zip(&held).map(|(a, b)| a + b).collect(), terms }
     }
 
     /// A regressor that has passed what it must, and no more.
