@@ -14,6 +14,8 @@ pub struct LeastSquares {
     pub covariance: DMatrix<f64>,
     /// Covariance were the residuals white: σ²(XᵀX)⁻¹.
     pub white_covariance: DMatrix<f64>,
+    /// (XᵀX)⁻¹.
+    pub inverse_gram: DMatrix<f64>,
     /// Output less fit.
     pub residuals: DVector<f64>,
     /// What each row weighs in its own fit, the diagonal of X(XᵀX)⁻¹Xᵀ.
@@ -51,7 +53,7 @@ pub fn least_squares(
     };
     let leverages = DVector::from_fn(rows, |i, _| factored.q.row(i).norm_squared());
     let press = residuals.iter().zip(&leverages).map(|(e, h)| (e / (1.0 - h).max(1e-12)).powi(2)).sum();
-    Ok(LeastSquares { values, covariance, white_covariance, residuals, leverages, press })
+    Ok(LeastSquares { values, covariance, white_covariance, inverse_gram, residuals, leverages, press })
 }
 
 /// Fits rows whose outputs have errors of the given standard deviations (Aitken 1935), each row divided by its own.

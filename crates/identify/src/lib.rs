@@ -3,6 +3,7 @@
 //! The model is a file ([`Model`]); by default equation 3 of Mulyanto, Nurhakim, Muhammad (2012) with both thrusts: each of
 //! C_X, C_Z and C_m is linear in 1, alpha_u, alpha_l, q, delta_lon, T_u and T_l; and C_Y, C_l and C_n likewise.
 
+mod coloured;
 mod compensated;
 mod dependence;
 mod diagnostics;
@@ -37,6 +38,7 @@ pub use fit::{
 pub use frequency_domain::{Band, fourier_transform, frequency_domain};
 pub use least_squares::{LeastSquares, least_squares, student_quantile_975, weighted_least_squares};
 pub use model::{EQUATION_3, Measured, Model, OutputModel, SIGNALS, Scale, When};
+pub use noise::ErrorSpectrum;
 pub use recursive::RecursiveLeastSquares;
 pub use regressors::{Bandwidth, CoefficientTable, Column, Fixed, Options, Output, coefficients};
 pub use robust_covariance::Correlation;

@@ -115,6 +115,74 @@ impl Bands {
     }
 }
 
+/// Spectrum of the errors of some signals, from the mean gain and variance of each way.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ErrorSpectrum {
+    step_hz: f64,
+    /// For each source, at each frequency, the signals' responses, with the root of the density.
+    responses: Vec<Vec<Vec<(f64, f64)>>>,
+}
+
+impl ErrorSpectrum {
+    /// Autocovariances at lags 0, 1, ... of steps `dt_s` of the sum of the signals by the given weights.
+    pub(crate) fn autocovariances(&self, weights: &[f64], dt_s: f64, lags: usize) -> Vec<f64> {
+        let points = self.responses.first().map_or(0, Vec::len);
+        let mut density = vec![0.0; points];
+        for responses in &self.responses {
+            for (density, signals) in density.iter_mut().zip(responses) {
+                let sum = signals.iter().zip(weights).fold((0.0, 0.0), |sum, (response, weight)| {
+                    (sum.0 + weight * response.0, sum.1 + weight * response.1)
+                });
+                *density += sum.0 * sum.0 + sum.1 * sum.1;
+            }
+        }
+        let angle = 2.0 * PI * self.step_hz * dt_s;
+        (0..lags)
+            .map(|l| {
+                let at = |(k, s): (usize, &f64)| s * (angle * l as f64 * (k as f64 + 0.5)).cos();
+                density.iter().enumerate().map(at).sum::<f64>()
+            })
+            .collect()
+    }
+}
+
+impl Bands {
+    /// The spectrum of the signals' errors, given the mean variance of each source.
+    pub(crate) fn spectrum(&self, signals: &[&[Term]], variance: &dyn Fn(Source) -> f64) -> ErrorSpectrum {
+        const POINTS: usize = 300;
+        let lowest = self.passed_hz.iter().copied().fold(f64::INFINITY, f64::min);
+        let step_hz = 5.0 * lowest / POINTS as f64;
+        let mut sources: Vec<Source> = Vec::new();
+        for term in signals.iter().flat_map(|s| s.iter()) {
+            if !sources.contains(&term.source) {
+                sources.push(term.source);
+            }
+        }
+        let responses = sources.into_iter().map(|source| {
+            let own = variance(source) / (self.own_hz(source) * PI / 3.0) * step_hz;
+            (0..POINTS)
+                .map(|k| {
+                    let f = step_hz * (k as f64 + 0.5);
+                    let passed: f64 =
+                        self.passed_hz.iter().map(|fc| 1.0 / (1.0 + (f / fc).powi(6))).product();
+                    let root = own.sqrt() * passed;
+                    signals.iter().map(|terms| response(terms, source, f, root)).collect()
+                })
+                .collect()
+        });
+        ErrorSpectrum { step_hz, responses: responses.collect() }
+    }
+}
+
+/// Response of a signal to a source at a frequency, times a factor.
+fn response(terms: &[Term], source: Source, f_hz: f64, factor: f64) -> (f64, f64) {
+    terms.iter().filter(|t| t.source == source).fold((0.0, 0.0), |sum, term| {
+        let mean = term.gains.iter().sum::<f64>() / term.gains.len().max(1) as f64;
+        let at = term.transfer.at(2.0 * PI * f_hz);
+        (sum.0 + factor * mean * at.0, sum.1 + factor * mean * at.1)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -150,7 +218,7 @@ mod tests {
             disc[i] = disc[i - 1] * (1.0 - dt / tau) - 0.5 * dt * (rate[i] + rate[i - 1]);
         }
         let mean = |x: &[f64], y: &[f64]| -> f64 {
-            (1000..n - 1000).map(|i| x[i] * y[i]).sum::<f64>() / (n - 2000) as f64
+            (1000..x.len() - 1000).map(|i| x[i] * y[i]).sum::<f64>() / (x.len() - 2000) as f64
         };
         let bands = Bands { translation_hz: fc, rotation_hz: fc, passed_hz: vec![fc] };
         let term = |transfer, gain| vec![Term { source: Source::Turn(1), transfer, gains: vec![gain] }];
@@ -163,6 +231,14 @@ mod tests {
         let stated = 2.0 * dt * fc * PI / 3.0;
         let signals: Vec<&[Term]> = signals.iter().map(Vec::as_slice).collect();
         let got = &bands.covariances(&signals, 1, &|_, _| stated)[0];
+        // The sum of a rate and three times an angle, at some lags.
+        let spectrum = bands.spectrum(&signals, &|_| stated);
+        let gamma = spectrum.autocovariances(&[3.0, 1.0, 0.0], dt, 40);
+        let sum: Vec<f64> = smooth.iter().zip(&rate).map(|(a, b)| 3.0 * a + b).collect();
+        for lag in [0, 5, 15, 39] {
+            let seen = mean(&sum[..n - lag], &[&sum[lag..], &vec![0.0; lag]].concat()[..n - lag]);
+            assert!((gamma[lag] - seen).abs() < 0.06 * gamma[0], "lag {lag}: {} is not {seen}", gamma[lag]);
+        }
         let series = [&smooth, &rate, &disc];
         for i in 0..3 {
             for j in 0..3 {

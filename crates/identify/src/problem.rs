@@ -1,5 +1,6 @@
 //! One output by one estimator.
 
+use crate::coloured::{Coloured, coloured};
 use crate::dependence::{Dependence, independent_columns};
 use crate::diagnostics::{agreement, autocorrelations, collinearity, correlations, press};
 use crate::fit::{Combination, Diagnostics, Estimator, FitOptions, OutputFit, Parameter};
@@ -25,6 +26,13 @@ pub(crate) struct Problem<'a> {
     band: Band,
     lag: usize,
     dependence: Dependence,
+}
+
+/// Estimates of the independent columns.
+struct Solved {
+    values: DVector<f64>,
+    covariance: DMatrix<f64>,
+    degrees: f64,
 }
 
 impl<'a> Problem<'a> {
@@ -75,33 +83,58 @@ impl<'a> Problem<'a> {
     pub(crate) fn fit(&self) -> Result<OutputFit, IdentifyError> {
         let basis = self.x.select_columns(&self.dependence.independent);
         let how = Correlation::Rows(self.lag);
-        let (values, covariance) = match self.estimator {
+        let solved = match self.estimator {
             Estimator::LeastSquares => {
                 let fit = least_squares(&basis, &self.y, how)?;
-                (fit.values, fit.covariance)
+                self.solved(&basis, fit.values, fit.covariance, Some(fit.inverse_gram))
             }
             Estimator::WeightedLeastSquares => {
                 let std: Vec<f64> = self.rows.iter().map(|i| self.output.std[*i]).collect();
                 let known = std.iter().all(|s| *s > 0.0);
                 let std = if known { std } else { vec![1.0; self.rows.len()] };
                 let fit = weighted_least_squares(&basis, &self.y, &std, how)?;
-                (fit.values, fit.covariance)
+                self.solved(&basis, fit.values, fit.covariance, None)
             }
             Estimator::TotalLeastSquares => {
                 let fit = total_least_squares(&basis, &self.y, &self.mean_errors(), how)?;
-                (fit.values, fit.covariance)
+                self.solved(&basis, fit.values, fit.covariance, Some(fit.inverse_moment))
             }
             Estimator::TotalLeastSquaresByRow => {
                 let errors: Vec<DMatrix<f64>> = self.rows.iter().map(|i| self.errors_of(*i)).collect();
                 let fit = total_least_squares_by_row(&basis, &self.y, &errors, how)?;
-                (fit.values, fit.covariance)
+                self.solved(&basis, fit.values, fit.covariance, None)
             }
             Estimator::FrequencyDomain => {
                 let fit = frequency_domain(&basis, &self.y, self.table.sample_interval_s, self.band)?;
-                (fit.values, fit.covariance)
+                let degrees =
+                    (2 * self.band.frequencies_hz(self.length_s()).len()).saturating_sub(basis.ncols());
+                Solved { values: fit.values, covariance: fit.covariance, degrees: degrees.max(1) as f64 }
             }
         };
-        self.report(&basis, &values, &covariance)
+        self.report(&basis, &solved)
+    }
+
+    fn length_s(&self) -> f64 {
+        self.rows.len() as f64 * self.table.sample_interval_s
+    }
+
+    /// Takes the covariance that the colour of the errors gives, where that is known and rows are alike, for the one of the
+    /// scores; degrees of freedom are those of the residuals' level.
+    fn solved(
+        &self,
+        basis: &DMatrix<f64>,
+        values: DVector<f64>,
+        covariance: DMatrix<f64>,
+        bread: Option<DMatrix<f64>>,
+    ) -> Solved {
+        let gamma = self.table.autocovariances(self.output, &self.dependence.independent, &values);
+        let residuals = &self.y - basis * &values;
+        let known = bread.and_then(|bread| coloured(basis, &bread, residuals.as_slice(), &gamma));
+        let degrees = (self.x.nrows() - values.len()) as f64;
+        match known {
+            Some(Coloured { covariance, degrees }) => Solved { values, covariance, degrees },
+            None => Solved { values, covariance, degrees },
+        }
     }
 
     /// Error covariance of the independent columns and the output at an instant; where none is known, of the output alone.
@@ -125,13 +158,9 @@ impl<'a> Problem<'a> {
     }
 
     /// Puts estimates of the independent columns into the model's order.
-    fn report(
-        &self,
-        basis: &DMatrix<f64>,
-        values: &DVector<f64>,
-        covariance: &DMatrix<f64>,
-    ) -> Result<OutputFit, IdentifyError> {
-        let (parameters, combinations) = self.parameters(values, covariance);
+    fn report(&self, basis: &DMatrix<f64>, solved: &Solved) -> Result<OutputFit, IdentifyError> {
+        let (parameters, combinations) = self.parameters(solved);
+        let values = &solved.values;
         let mut full = DVector::zeros(self.x.ncols());
         for (position, column) in self.dependence.independent.iter().enumerate() {
             full[*column] = values[position];
@@ -140,7 +169,7 @@ impl<'a> Problem<'a> {
         let offset = self.origin.1 - self.origin.0.dot(&full);
         let fitted: Vec<f64> =
             (rows_of(self.output, &everything) * &full).iter().map(|v| v + offset).collect();
-        let diagnostics = self.diagnostics(basis, covariance, &fitted)?;
+        let diagnostics = self.diagnostics(basis, &solved.covariance, &fitted)?;
         let mut fit = OutputFit {
             output: self.output.name.clone(),
             estimator: self.estimator,
@@ -159,14 +188,9 @@ impl<'a> Problem<'a> {
         Ok(fit)
     }
 
-    fn parameters(
-        &self,
-        values: &DVector<f64>,
-        covariance: &DMatrix<f64>,
-    ) -> (Vec<Parameter>, Vec<Combination>) {
-        // Behind a low-pass, as many instants as one of its periods holds count for about two.
-        let degrees = self.x.nrows() - values.len();
-        let t = student_quantile_975(degrees);
+    fn parameters(&self, solved: &Solved) -> (Vec<Parameter>, Vec<Combination>) {
+        let Solved { values, covariance, degrees } = solved;
+        let t = student_quantile_975(degrees.floor() as usize);
         let nothing = |name: &String| Parameter {
             name: name.clone(),
             value: None,

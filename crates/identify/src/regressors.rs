@@ -1,8 +1,9 @@
 //! Outputs and regressors of a model from motion and inputs.
 
+use crate::coloured::coloured;
 use crate::dependence::independent_columns;
 use crate::model::{Model, OutputModel, Scale, When};
-use crate::noise::{Bands, Source, Term};
+use crate::noise::{Bands, ErrorSpectrum, Source, Term};
 use crate::signals::{Flight, Passed, Signal, lowpass_at, scale_terms};
 use crate::{Correlation, IdentifyError, least_squares};
 use mavsight_flight::{InputSeries, Vehicle};
@@ -42,6 +43,8 @@ pub struct Output {
     pub columns: Vec<Column>,
     /// Covariance of the errors of the regressors and, last, of the output, at each time.
     pub errors: Vec<DMatrix<f64>>,
+    /// Spectrum of those errors.
+    pub spectrum: ErrorSpectrum,
     /// Coefficients that the model fixes; their part is taken off the values.
     pub fixed: Vec<Fixed>,
     /// The lowest frequency at which a low-pass of both sides passes one half.
@@ -78,6 +81,24 @@ impl CoefficientTable {
     /// quarter of the rows.
     pub(crate) fn correlated_rows(&self, bandwidth_hz: f64, rows: usize) -> usize {
         (1.0 / (bandwidth_hz * self.sample_interval_s)).ceil().min(rows as f64 / 4.0).max(1.0) as usize
+    }
+
+    /// Autocovariances of the errors of the residuals of a fit of some columns, over eight periods of the low-pass, after
+    /// which what is left is below a thousandth; all zero where the errors are not known.
+    pub(crate) fn autocovariances(
+        &self,
+        output: &Output,
+        columns: &[usize],
+        values: &DVector<f64>,
+    ) -> Vec<f64> {
+        let mut weights = vec![0.0; output.columns.len() + 1];
+        for (column, value) in columns.iter().zip(values) {
+            weights[*column] = -value;
+        }
+        weights[output.columns.len()] = 1.0;
+        let periods = 8.0 / (output.bandwidth_hz * self.sample_interval_s);
+        let lags = periods.ceil().clamp(1.0, self.t_s.len() as f64) as usize;
+        output.spectrum.autocovariances(&weights, self.sample_interval_s, lags)
     }
 }
 
@@ -179,14 +200,17 @@ fn usable(flight: &Flight<'_>) -> Vec<bool> {
     let mut out = vec![true; rows];
     for source in (0..3).flat_map(|axis| [Source::Position(axis), Source::Turn(axis)]) {
         let variances: Vec<f64> = (0..rows).map(|i| flight.variance(source, i)).collect();
-        let mut sorted = variances.clone();
-        sorted.sort_by(f64::total_cmp);
-        let median = sorted.get(rows / 2).copied().unwrap_or(0.0);
+        let median = median(variances.clone());
         for (usable, variance) in out.iter_mut().zip(&variances) {
             *usable &= median == 0.0 || *variance <= 9.0 * median;
         }
     }
     out
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Standard deviation about the mean, of some rows.
@@ -268,6 +292,11 @@ impl Draft {
             .collect();
         let rows = flight.t_s.len();
         let errors = bands.covariances(&terms, rows, &|source, row| flight.variance(source, row));
+        let mean_variance = |source: Source| {
+            let usable: Vec<f64> = (0..rows).map(|row| flight.variance(source, row)).collect();
+            median(usable)
+        };
+        let spectrum = bands.spectrum(&terms, &mean_variance);
         let mean = |j: usize| errors.iter().map(|e| e[(j, j)]).sum::<f64>() / rows.max(1) as f64;
         let column = |(j, (name, signal)): (usize, &(String, Signal))| Column {
             name: name.clone(),
@@ -280,6 +309,7 @@ impl Draft {
             std: errors.iter().map(|e| e[(count, count)].sqrt()).collect(),
             columns: self.columns.iter().enumerate().map(column).collect(),
             errors,
+            spectrum,
             fixed: self.fixed.clone(),
             bandwidth_hz: bands.passed_hz.iter().copied().fold(f64::INFINITY, f64::min),
         }
@@ -326,10 +356,13 @@ fn log_determinant(
     let y = DVector::from_iterator(rows.len(), rows.iter().map(|i| output.values[*i]));
     let how = Correlation::Rows(table.correlated_rows(output.bandwidth_hz, rows.len()));
     let fit = least_squares(&x, &y, how).ok()?;
+    let gamma = table.autocovariances(output, independent, &fit.values);
+    let covariance = coloured(&x, &fit.inverse_gram, fit.residuals.as_slice(), &gamma)
+        .map_or(fit.covariance, |c| c.covariance);
     // Scaled by the columns' lengths, which differ by orders of magnitude.
     let lengths: Vec<f64> = x.column_iter().map(|c| c.norm()).collect();
     let count = lengths.len();
-    let scaled = DMatrix::from_fn(count, count, |i, j| fit.covariance[(i, j)] * lengths[i] * lengths[j]);
+    let scaled = DMatrix::from_fn(count, count, |i, j| covariance[(i, j)] * lengths[i] * lengths[j]);
     let factor = scaled.cholesky()?;
     let own: f64 = (0..count).map(|j| factor.l_dirty()[(j, j)].ln() - lengths[j].ln()).sum();
     Some(2.0 * own)

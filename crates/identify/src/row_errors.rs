@@ -22,6 +22,7 @@ const MAX_HALVINGS: usize = 30;
 /// positive definite, a Gauss-Newton step regresses v_i on the corrected regressors a_i - s_i v_i/σ_i² with
 /// s_i = Σ_ay - Σ_aa x. Covariance by the scores, as there; `level` is Σ v_i²/σ_i² over the degrees of freedom, and the
 /// only `singular_values` the root of the sum.
+/// `inverse_moment` is of rows divided by their σ_i.
 ///
 /// Zero rows of every covariance mark exact columns. Valid where errors are small beside what the corrected
 /// regressors vary by.
@@ -38,7 +39,6 @@ pub fn total_least_squares_by_row(
     check(regressors, output)?;
     let problem = Problem { regressors, output, errors };
     problem.check()?;
-    let count = regressors.ncols();
     let mut x = problem.start()?;
     let mut state = problem.at(&x)?;
     for _ in 0..MAX_STEPS {
@@ -215,6 +215,7 @@ impl Problem<'_> {
         let covariance = &inverse * correlation.sum(&scores) * &inverse;
         Ok(TotalLeastSquares {
             covariance,
+            inverse_moment: inverse,
             residuals: self.output - self.regressors * &values,
             values,
             level,

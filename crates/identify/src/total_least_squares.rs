@@ -13,6 +13,8 @@ pub struct TotalLeastSquares {
     pub values: DVector<f64>,
     /// Covariance of the values.
     pub covariance: DMatrix<f64>,
+    /// M⁻¹, the inverse of AᵀA less what the errors add to it.
+    pub inverse_moment: DMatrix<f64>,
     /// Output less fit at the measured regressors.
     pub residuals: DVector<f64>,
     /// Variance of the errors over that of the given covariance, from the smallest singular value; one where that
@@ -56,10 +58,10 @@ pub fn total_least_squares(
     }
     let solved = split.solve(regressors, output)?;
     let residuals = output - regressors * &solved.values;
-    let covariance =
+    let (covariance, inverse_moment) =
         covariance(regressors, &solved.values, &residuals, &(errors * solved.level), correlation)?;
     let Solved { values, level, singular_values } = solved;
-    Ok(TotalLeastSquares { values, covariance, residuals, level, singular_values })
+    Ok(TotalLeastSquares { values, covariance, inverse_moment, residuals, level, singular_values })
 }
 
 fn exact(
@@ -74,6 +76,7 @@ fn exact(
     Ok(TotalLeastSquares {
         values: fit.values,
         covariance: fit.covariance,
+        inverse_moment: fit.inverse_gram,
         singular_values: DVector::from_element(1, fit.residuals.norm() / errors[(count, count)].sqrt()),
         level: variance / errors[(count, count)],
         residuals: fit.residuals,
@@ -165,14 +168,14 @@ impl Split {
     }
 }
 
-/// Fuller's covariance of values fitted to rows whose errors, output last, have the given covariance.
+/// Fuller's covariance, and M⁻¹, of values fitted to rows whose errors, output last, have the given covariance.
 fn covariance(
     regressors: &DMatrix<f64>,
     values: &DVector<f64>,
     residuals: &DVector<f64>,
     errors: &DMatrix<f64>,
     correlation: Correlation,
-) -> Result<DMatrix<f64>, IdentifyError> {
+) -> Result<(DMatrix<f64>, DMatrix<f64>), IdentifyError> {
     let (rows, count) = regressors.shape();
     let n = rows as f64;
     let in_regressors = errors.view((0, 0), (count, count)).into_owned();
@@ -191,7 +194,7 @@ fn covariance(
             correlation.sum(&scores)
         }
     };
-    Ok(&inverse * middle * &inverse)
+    Ok((&inverse * middle * &inverse, inverse))
 }
 
 /// The inverse of a symmetric matrix of the size of AᵀA, which scaling by A's columns keeps from being worse than it is.

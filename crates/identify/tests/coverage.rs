@@ -4,7 +4,7 @@ mod common;
 
 use common::{Flown, fly, multisine};
 use mavsight_flight::{Channel, Scenario, Vehicle, hover_rotor_speed_rad_s, model_coefficients};
-use mavsight_identify::{Estimator, FitOptions, Model, Options, coefficients, identify_with};
+use mavsight_identify::{Bandwidth, Estimator, FitOptions, Model, Options, coefficients, identify_with};
 
 /// Equation 3 with thrusts as the forces have them: products of rotor speed and flapping angle.
 const PRODUCTS: &str = r#"
@@ -45,13 +45,15 @@ fn tally(flown: &Flown, text: Option<&str>, truth: &[(&str, &str, f64)], runs: u
         Estimator::FrequencyDomain,
     ];
     let mut out: Vec<Tally> = Vec::new();
-    let options = Options { model: text.map(|t| Model::parse(t).expect("a model")), ..Options::default() };
+    let bandwidth = std::env::var("BAND").ok().and_then(|b| b.parse().ok()).map_or(Bandwidth::Automatic, Bandwidth::Hz);
+    let options = Options { bandwidth, model: text.map(|t| Model::parse(t).expect("a model")), ..Options::default() };
     let mut seed = 5;
     for _ in 0..runs {
         let motion = flown.noisy_motion(&mut seed);
         let table = coefficients(&motion, &flown.inputs, &flown.vehicle, &options).expect("a table");
         let choice = FitOptions { estimators: estimators.clone(), ..FitOptions::default() };
         let found = identify_with(&table, &choice).expect("fits");
+        if runs < 12 { println!("{:.2} {:.2} {:?}", motion.translation_bandwidth_hz, motion.rotation_bandwidth_hz, table.outputs.iter().map(|o| o.bandwidth_hz).collect::<Vec<_>>()); }
         for estimator in &estimators {
             for (output, name, truth) in truth {
                 let fit = found.fit(output, *estimator).expect("a fit");
