@@ -119,6 +119,8 @@ pub struct OutputFit {
     pub condition: f64,
     /// Fit at all times of the table.
     pub fitted: Vec<f64>,
+    /// Instants of the window that were not fitted because they lie in a gap of the poses.
+    pub left_out: usize,
     /// More of that kind.
     pub diagnostics: Diagnostics,
     /// What that means, in words.
@@ -188,6 +190,3 @@ pub fn identify_with(
     }
     Ok(Identification { fits })
 }
-
-#[cfg(test)]
-mod tests;

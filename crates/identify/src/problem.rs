@@ -181,6 +181,7 @@ impl<'a> Problem<'a> {
             rank: values.len(),
             condition: diagnostics.collinearity.condition_indices.max(),
             fitted,
+            left_out: self.table.instants_in_gaps(),
             diagnostics,
             verdict: String::new(),
         };

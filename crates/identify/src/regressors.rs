@@ -17,7 +17,7 @@ pub struct Column {
     pub name: String,
     /// Values at the table's times.
     pub values: Vec<f64>,
-    /// Root mean square standard deviation of their error; 0 where the column is exact.
+    /// Root mean square standard deviation of their error outside gaps; 0 where the column is exact.
     pub std: f64,
 }
 
@@ -69,12 +69,21 @@ pub struct CoefficientTable {
 }
 
 impl CoefficientTable {
-    /// Indices of the times that are fitted.
-    pub fn rows_in_window(&self) -> Vec<usize> {
+    fn in_window(&self) -> impl Iterator<Item = (usize, bool)> {
         const ROUNDING_S: f64 = 1e-9;
         let (from_s, to_s) = (self.window_s.0 - ROUNDING_S, self.window_s.1 + ROUNDING_S);
-        let inside = |i: &usize| self.t_s[*i] >= from_s && self.t_s[*i] <= to_s;
-        (0..self.t_s.len()).filter(inside).filter(|i| self.usable.get(*i).copied().unwrap_or(true)).collect()
+        let inside = move |i: &usize| self.t_s[*i] >= from_s && self.t_s[*i] <= to_s;
+        (0..self.t_s.len()).filter(inside).map(|i| (i, self.usable.get(i).copied().unwrap_or(true)))
+    }
+
+    /// Indices of the times that are fitted.
+    pub fn rows_in_window(&self) -> Vec<usize> {
+        self.in_window().filter(|(_, usable)| *usable).map(|(i, _)| i).collect()
+    }
+
+    /// Instants of the window that are not fitted because they lie in a gap.
+    pub fn instants_in_gaps(&self) -> usize {
+        self.in_window().filter(|(_, usable)| !usable).count()
     }
 
     /// Rows over which errors behind a low-pass are correlated: about one period of its cut-off frequency, at most a
@@ -175,14 +184,14 @@ pub fn coefficients(
     let rows = table.rows_in_window();
     for equation in &model.output {
         let draft = Draft::new(&flight, equation, motion)?;
-        let whole = draft.finish(&flight, None);
+        let whole = draft.finish(&flight, &table.usable, None);
         if equation.when == When::Excited && !excited(&whole, &rows) {
             table.not_excited.push(equation.name.clone());
             continue;
         }
         let output = match options.bandwidth {
             Bandwidth::Smoother => whole,
-            Bandwidth::Hz(hz) if hz.is_finite() && hz > 0.0 => draft.finish(&flight, Some(hz)),
+            Bandwidth::Hz(hz) if hz.is_finite() && hz > 0.0 => draft.finish(&flight, &table.usable, Some(hz)),
             Bandwidth::Hz(value) => {
                 let (what, must) = ("the bandwidth", "be above zero");
                 return Err(IdentifyError::BadSetting { what, value, must });
@@ -276,7 +285,7 @@ impl Draft {
     }
 
     /// The output behind one more low-pass.
-    fn finish(&self, flight: &Flight<'_>, extra_hz: Option<f64>) -> Output {
+    fn finish(&self, flight: &Flight<'_>, usable: &[bool], extra_hz: Option<f64>) -> Output {
         let pass = |values: &[f64]| match extra_hz {
             Some(hz) => lowpass_at(&flight.t_s, values, hz),
             None => values.to_vec(),
@@ -293,11 +302,12 @@ impl Draft {
         let rows = flight.t_s.len();
         let errors = bands.covariances(&terms, rows, &|source, row| flight.variance(source, row));
         let mean_variance = |source: Source| {
-            let usable: Vec<f64> = (0..rows).map(|row| flight.variance(source, row)).collect();
-            median(usable)
+            let all = (0..rows).filter(|row| usable[*row]).map(|row| flight.variance(source, row));
+            median(all.collect())
         };
         let spectrum = bands.spectrum(&terms, &mean_variance);
-        let mean = |j: usize| errors.iter().map(|e| e[(j, j)]).sum::<f64>() / rows.max(1) as f64;
+        let used = || errors.iter().zip(usable).filter(|(_, usable)| **usable);
+        let mean = |j: usize| used().map(|(e, _)| e[(j, j)]).sum::<f64>() / used().count().max(1) as f64;
         let column = |(j, (name, signal)): (usize, &(String, Signal))| Column {
             name: name.clone(),
             values: pass(&signal.values),
@@ -328,7 +338,7 @@ impl Draft {
         let mut output = whole;
         let mut hz = output.bandwidth_hz;
         while hz > lowest_hz && hz.is_finite() {
-            let candidate = self.finish(flight, Some(hz));
+            let candidate = self.finish(flight, &table.usable, Some(hz));
             if let Some(value) = measure(&candidate)
                 && value < best
             {
@@ -367,6 +377,3 @@ fn log_determinant(
     let own: f64 = (0..count).map(|j| factor.l_dirty()[(j, j)].ln() - lengths[j].ln()).sum();
     Some(2.0 * own)
 }
-
-#[cfg(test)]
-mod tests;

@@ -43,6 +43,9 @@ pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -
         }
     }
     text += &entangled(fit);
+    if fit.left_out > 0 {
+        text += &format!(" {} instants in gaps of the poses were left out.", fit.left_out);
+    }
     if let Some(held) = &fit.diagnostics.held_out {
         text += &format!(
             " It predicts the {} instants held out with R² {:.3} and Theil's coefficient {:.3}.",
@@ -159,6 +162,3 @@ fn once<'a>(mut seen: Vec<&'a str>, next: &'a str) -> Vec<&'a str> {
 fn listed(names: &[&str]) -> String {
     names.join(" and ")
 }
-
-#[cfg(test)]
-mod tests;

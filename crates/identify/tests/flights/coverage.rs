@@ -1,31 +1,9 @@
 //! Intervals against the truth of many simulated flights.
 
-mod common;
-
-use common::{Flown, fly, multisine};
-use mavsight_flight::{Channel, Scenario, Vehicle, hover_rotor_speed_rad_s, model_coefficients};
+use crate::aircraft::{Flown, fly};
+use crate::{PRODUCTS, longitudinal_multisine};
+use mavsight_flight::{Scenario, Vehicle, hover_rotor_speed_rad_s, model_coefficients};
 use mavsight_identify::{Bandwidth, Estimator, FitOptions, Model, Options, coefficients, identify_with};
-
-/// Equation 3 with thrusts as the forces have them: products of rotor speed and flapping angle.
-const PRODUCTS: &str = r#"
-schema = 1
-name = "tipped discs"
-[[output]]
-name = "C_X"
-measured = "force_x"
-scale = "rotor"
-regressors = ["1", "kappa_u*alpha_u", "kappa_l*alpha_l"]
-[[output]]
-name = "C_Z"
-measured = "force_z"
-scale = "rotor"
-regressors = ["kappa_u", "kappa_l"]
-[[output]]
-name = "C_m"
-measured = "moment_y"
-scale = "rotor"
-regressors = ["1", "kappa_u*alpha_u", "kappa_l*alpha_l", "q"]
-"#;
 
 struct Tally {
     name: String,
@@ -45,15 +23,24 @@ fn tally(flown: &Flown, text: Option<&str>, truth: &[(&str, &str, f64)], runs: u
         Estimator::FrequencyDomain,
     ];
     let mut out: Vec<Tally> = Vec::new();
-    let bandwidth = std::env::var("BAND").ok().and_then(|b| b.parse().ok()).map_or(Bandwidth::Automatic, Bandwidth::Hz);
-    let options = Options { bandwidth, model: text.map(|t| Model::parse(t).expect("a model")), ..Options::default() };
+    let bandwidth =
+        std::env::var("BAND").ok().and_then(|b| b.parse().ok()).map_or(Bandwidth::Automatic, Bandwidth::Hz);
+    let options =
+        Options { bandwidth, model: text.map(|t| Model::parse(t).expect("a model")), ..Options::default() };
     let mut seed = 5;
     for _ in 0..runs {
         let motion = flown.noisy_motion(&mut seed);
         let table = coefficients(&motion, &flown.inputs, &flown.vehicle, &options).expect("a table");
         let choice = FitOptions { estimators: estimators.clone(), ..FitOptions::default() };
         let found = identify_with(&table, &choice).expect("fits");
-        if runs < 12 { println!("{:.2} {:.2} {:?}", motion.translation_bandwidth_hz, motion.rotation_bandwidth_hz, table.outputs.iter().map(|o| o.bandwidth_hz).collect::<Vec<_>>()); }
+        if runs < 12 {
+            println!(
+                "{:.2} {:.2} {:?}",
+                motion.translation_bandwidth_hz,
+                motion.rotation_bandwidth_hz,
+                table.outputs.iter().map(|o| o.bandwidth_hz).collect::<Vec<_>>()
+            );
+        }
         for estimator in &estimators {
             for (output, name, truth) in truth {
                 let fit = found.fit(output, *estimator).expect("a fit");
@@ -74,6 +61,14 @@ fn tally(flown: &Flown, text: Option<&str>, truth: &[(&str, &str, f64)], runs: u
                     out.len() - 1
                 });
                 let t = &mut out[at];
+                if std::env::var("SHOW").is_ok_and(|k| k == key) {
+                    println!(
+                        "RUN {:+.2} {:.2} {:.2}",
+                        100.0 * (value / truth - 1.0),
+                        100.0 * std / truth.abs(),
+                        motion.rotation_bandwidth_hz
+                    );
+                }
                 t.runs += 1.0;
                 t.error += value - truth;
                 t.square += (value - truth).powi(2);
@@ -101,13 +96,6 @@ fn tally(flown: &Flown, text: Option<&str>, truth: &[(&str, &str, f64)], runs: u
     out
 }
 
-fn multisine_flight() -> Flown {
-    fly(
-        &multisine(&[(Channel::DeltaLon, 3.0), (Channel::OmegaU, 2.0), (Channel::OmegaL, 2.0)]),
-        Vehicle::paper(),
-    )
-}
-
 #[test]
 #[ignore = "200 flights: minutes"]
 fn two_hundred_flights() {
@@ -124,7 +112,7 @@ fn two_hundred_flights() {
     let paper = fly(&Scenario::paper(), vehicle);
     println!("--- paper's manoeuvre, equation 3");
     tally(&paper, None, &truth, runs);
-    let flown = multisine_flight();
+    let flown = fly(&longitudinal_multisine(), Vehicle::paper());
     let largest = flown.states.iter().map(|s| s.attitude.theta_rad.abs()).fold(0.0, f64::max);
     println!("--- multisine, pitch up to {:.1} degrees, products", largest.to_degrees());
     let truth = [
