@@ -5,6 +5,7 @@
 
 pub mod attitude;
 pub mod camera;
+pub mod camera_parameters;
 pub mod dlt;
 mod dlt_fit;
 mod error;
@@ -16,6 +17,7 @@ pub mod triangulate;
 
 pub use attitude::{EulerAngles, world_from_body, world_from_level};
 pub use camera::{BrownConrady, Camera, ImageSize, Intrinsics, Projection};
+pub use camera_parameters::{CAMERA_PARAMETERS, CameraChange};
 pub use dlt::{ControlPoint, Dlt, DltFit};
 pub use error::GeometryError;
 pub use rigid_fit::{RigidFit, rigid_fit};

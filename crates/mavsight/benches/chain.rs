@@ -39,7 +39,7 @@ fn control(name: &str, x_m: f64) -> CameraControl {
             }
         })
         .collect();
-    CameraControl { name: name.to_owned(), size: view.size, points, ball_radius_m: vec![0.0; 8] }
+    CameraControl::exact(name.to_owned(), view.size, points, vec![0.0; 8])
 }
 
 fn aircraft(vehicle: &Vehicle) -> Aircraft {

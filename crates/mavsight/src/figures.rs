@@ -4,7 +4,8 @@ use crate::page::Page;
 use anyhow::{Context, Result};
 use mavsight_geometry::{EulerAngles, Vector2, Vector3};
 use mavsight_identify::Estimator;
-use mavsight_report::{Chart, Curve, Figure, Panel, Role, draw, png_figure};
+use mavsight_pose::{Rig, control_volume, precision_map};
+use mavsight_report::{Chart, Curve, Figure, HeatMap, Panel, Role, draw, draw_heat_maps, png_figure};
 use mavsight_scene::draw_path;
 use mavsight_session::TruthRow;
 use mavsight_vision::Frame;
@@ -22,6 +23,40 @@ fn figure(caption: &str, panels: Vec<Panel>) -> Result<Figure> {
 
 fn seconds(t_ns: i64) -> f64 {
     t_ns as f64 * 1e-9
+}
+
+/// Cells along each side of a map.
+const MAP_CELLS: usize = 30;
+
+/// The predicted precision over the calibrated volume.
+pub(crate) fn precision(rig: &Rig, pixel_std_px: f64) -> Result<Vec<Figure>> {
+    let Some(volume) = control_volume(rig) else { return Ok(vec![]) };
+    let middle = 0.5 * (volume.low_m + volume.high_m);
+    let planes = [
+        (volume.horizontal(), format!("horizontal, Z = {:.2} m", middle.z), "Y, m", 1),
+        (volume.vertical(), format!("upright, Y = {:.2} m", middle.y), "Z, m", 2),
+    ];
+    let maps: Vec<HeatMap> = planes
+        .into_iter()
+        .map(|(plane, title, y_axis, axis)| HeatMap {
+            title,
+            x_axis: "X, m".to_owned(),
+            y_axis: y_axis.to_owned(),
+            x: (volume.low_m.x, volume.high_m.x),
+            y: (volume.low_m[axis], volume.high_m[axis]),
+            columns: MAP_CELLS,
+            rows: MAP_CELLS,
+            values: precision_map(rig, plane, (MAP_CELLS, MAP_CELLS), pixel_std_px).std_mm,
+        })
+        .collect();
+    if maps.iter().all(|m| m.values.iter().all(Option::is_none)) {
+        return Ok(vec![]);
+    }
+    let caption = format!(
+        "Predicted error (3-D standard deviation) of the place of one ball whose centre is seen with {pixel_std_px:.3} px \
+         in each coordinate, with all that is not known of the cameras; crossed out where fewer than two cameras see it."
+    );
+    Ok(vec![Figure { caption, markup: draw_heat_maps(&maps, "mm")? }])
 }
 
 /// Figure 4: the object as the first camera sees it; figure 6: the path of the flight over a frame of each camera.

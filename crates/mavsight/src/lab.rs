@@ -35,6 +35,7 @@ pub(crate) fn control_points() -> Vec<ControlPointRow> {
         name: name.to_owned(),
         position_m,
         diameter_m: 0.06,
+        std_m: 0.0,
         color: Color::new(color[0], color[1], color[2]),
     };
     vec![

@@ -2,8 +2,10 @@
 
 use crate::commands::Flight;
 use crate::figures;
-use crate::summary::{Summary, title};
+use crate::summary::{Summary, pixel_std_px, title};
 use anyhow::Result;
+use mavsight_geometry::camera_parameters::{CENTRE, DISTORTION, INTRINSICS};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Dlt};
 use mavsight_pose::Rig;
 use mavsight_report::{Figure, Report, Table, render};
 use mavsight_session::{RunResults, results::names, write_whole};
@@ -35,7 +37,9 @@ pub(crate) fn write_page(page: &Page<'_>, out: &Path) -> Result<()> {
     };
     section("Figures of merit", summary_tables(page.summary), vec![]);
     if let Some(rig) = &page.results.rig {
-        section("Cameras", camera_tables(rig), figures::pictures(page)?);
+        let mut pictures = figures::precision(rig, pixel_std_px(page.results))?;
+        pictures.extend(figures::pictures(page)?);
+        section("Cameras", camera_tables(rig), pictures);
     }
     section("Aircraft and inputs", vec![vehicle_table(page)], vec![figures::inputs(page)?]);
     section("Motion", vec![], figures::motion(page)?);
@@ -100,29 +104,82 @@ fn camera_tables(rig: &Rig) -> Vec<Table> {
         header: header("parameter"),
         rows: (0..11)
             .map(|k| {
-                let cells = rig.cameras.iter().map(|c| format!("{:.4}", c.fit.dlt.l[k]));
+                let cells = rig.cameras.iter().map(|c| {
+                    Dlt::from_camera(&c.camera).map_or(String::new(), |dlt| format!("{:.4}", dlt.l[k]))
+                });
                 std::iter::once(format!("L{}", k + 1)).chain(cells).collect()
             })
             .collect(),
     };
-    let mut points: Vec<&String> = rig.cameras.iter().flat_map(|c| c.points.iter().map(|p| &p.0)).collect();
+    let mut points: Vec<&String> =
+        rig.cameras.iter().flat_map(|c| c.points.iter().map(|p| &p.name)).collect();
     points.sort();
     points.dedup();
     let residuals = Table {
-        caption: "Residual of each control point (u, v), px; empty where it was not used.".to_owned(),
+        caption:
+            "Residual of each control point (u, v), px, and in brackets its studentised size: 1 is usual. \
+                  A point marked × was left out; empty where it was not seen."
+                .to_owned(),
         header: header("point"),
         rows: points
             .iter()
             .map(|name| {
                 let cells = rig.cameras.iter().map(|c| {
-                    let found = c.points.iter().find(|p| p.0 == **name);
-                    found.map_or(String::new(), |p| format!("{:+.3}, {:+.3}", p.1.x, p.1.y))
+                    let found = c.points.iter().find(|p| p.name == **name);
+                    found.map_or(String::new(), |p| {
+                        let mark = if p.used { "" } else { " ×" };
+                        let r = p.residual_px;
+                        format!("{:+.3}, {:+.3} ({:.1}){mark}", r.x, r.y, p.studentised)
+                    })
                 });
                 std::iter::once((*name).clone()).chain(cells).collect()
             })
             .collect(),
     };
-    vec![dlt, residuals]
+    vec![parameters_table(rig), dlt, residuals]
+}
+
+/// The cameras that were estimated, each with the standard deviations of its parameters.
+fn parameters_table(rig: &Rig) -> Table {
+    let names = rig.cameras.iter().map(|c| c.name.clone());
+    let std = |camera: usize, row: usize| rig.uncertainty.rows(CAMERA_PARAMETERS * camera + row, 1).norm();
+    let with_std = |value: f64, std: f64, digits: usize| {
+        if std > 0.0 { format!("{value:.digits$} ± {std:.digits$}") } else { format!("{value:.digits$}") }
+    };
+    let row = |label: &str, digits: usize, at: usize, of: &dyn Fn(&Camera) -> f64| {
+        let cells = rig.cameras.iter().enumerate().map(|(k, c)| with_std(of(&c.camera), std(k, at), digits));
+        std::iter::once(label.to_owned()).chain(cells).collect::<Vec<_>>()
+    };
+    let models = rig.cameras.iter().map(|c| c.model.to_string());
+    let mut rows = vec![std::iter::once("model".to_owned()).chain(models).collect()];
+    for (k, axis) in ["X", "Y", "Z"].iter().enumerate() {
+        rows.push(row(&format!("centre {axis}, m"), 4, CENTRE + k, &|c| c.centre_in_world()[k]));
+    }
+    let linear: [(&str, fn(&Camera) -> f64); 5] = [
+        ("f_x, px", |c| c.intrinsics.fx_px),
+        ("f_y, px", |c| c.intrinsics.fy_px),
+        ("skew, px", |c| c.intrinsics.skew_px),
+        ("principal point u, px", |c| c.intrinsics.cx_px),
+        ("principal point v, px", |c| c.intrinsics.cy_px),
+    ];
+    for (k, (label, of)) in linear.iter().enumerate() {
+        rows.push(row(label, 2, INTRINSICS + k, of));
+    }
+    let lens: [(&str, fn(&Camera) -> f64); 5] = [
+        ("k1", |c| c.distortion.k1),
+        ("k2", |c| c.distortion.k2),
+        ("p1", |c| c.distortion.p1),
+        ("p2", |c| c.distortion.p2),
+        ("k3", |c| c.distortion.k3),
+    ];
+    for (k, (label, of)) in lens.iter().enumerate() {
+        rows.push(row(label, 5, DISTORTION + k, of));
+    }
+    Table {
+        caption: "The cameras: most probable model, parameters and standard deviations.".to_owned(),
+        header: std::iter::once("parameter".to_owned()).chain(names).collect(),
+        rows,
+    }
 }
 
 /// Table 2 of the paper.

@@ -1,7 +1,7 @@
 //! Every figure of a run: printed, in `summary.json` and in the report from one list.
 
 use mavsight_identify::Estimator;
-use mavsight_pose::euler_std;
+use mavsight_pose::{Rig, control_volume, euler_std, volume_precision};
 use mavsight_score::Scores;
 use mavsight_session::{RESULTS_SCHEMA, RunResults};
 use serde_json::{Map, Value, json};
@@ -113,9 +113,65 @@ impl Summary {
                 "cameras",
                 format!("{name}_residual_rms_px"),
                 format!("{name} control residual, RMS"),
-                camera.fit.rms_px,
+                camera.residual_rms_px,
                 "px",
             );
+            let model = camera.model.to_string();
+            self.add(
+                "cameras",
+                format!("{name}_model"),
+                format!("{name} model, chosen by the data"),
+                json!(model),
+                model.clone(),
+            );
+            if camera.distortion_is_estimated() {
+                let d = camera.camera.distortion;
+                self.add(
+                    "cameras",
+                    format!("{name}_distortion_k1_k2_p1_p2_k3"),
+                    format!("{name} distortion k1, k2, p1, p2, k3"),
+                    json!([d.k1, d.k2, d.p1, d.p2, d.k3]),
+                    format!("{:.4}, {:.4}, {:.5}, {:.5}, {:.4}", d.k1, d.k2, d.p1, d.p2, d.k3),
+                );
+            }
+        }
+        if let Some(rig) = &results.rig {
+            self.rig(rig, pixel_std_px(results));
+        }
+    }
+
+    /// What the cameras together promise, and what of the control points was left out.
+    fn rig(&mut self, rig: &Rig, pixel_std_px: f64) {
+        let precision = control_volume(rig).and_then(|v| volume_precision(rig, &v, pixel_std_px));
+        if let Some(p) = precision {
+            if let Some(centre_mm) = p.centre_mm {
+                self.number(
+                    "cameras",
+                    "predicted_centre_mm",
+                    format!("a ball seen with {pixel_std_px:.3} px: predicted error in the middle (3-D)"),
+                    centre_mm,
+                    "mm",
+                );
+            }
+            let at = p.worst_at_m;
+            let shown = format!("{:.3} mm at ({:.2}, {:.2}, {:.2}) m", p.worst_mm, at.x, at.y, at.z);
+            let label = "and worst within the control frame";
+            self.add("cameras", "predicted_worst_mm", label, json!(p.worst_mm), shown);
+            let seen = format!("{:.0} %", 100.0 * p.share_seen);
+            let label = "part of the control frame's volume that two cameras see";
+            self.add("cameras", "share_seen", label, json!(p.share_seen), seen);
+        }
+        let names: Vec<&str> = rig.left_out.iter().map(|l| l.name.as_str()).collect();
+        if !names.is_empty() {
+            let label = "control points left out";
+            self.add("cameras", "control_points_left_out", label, json!(names), names.join(", "));
+        }
+        for point in &rig.left_out {
+            let mut note = point.to_string();
+            if let Some(first) = note.get_mut(..1) {
+                first.make_ascii_uppercase();
+            }
+            self.notes.push(format!("{note}."));
         }
     }
 
@@ -344,6 +400,19 @@ impl Summary {
         }
         out
     }
+}
+
+/// Standard deviation of one coordinate of a ball's centre: what the markers' observations claim, root mean square, or what
+/// the control points' residuals show where nothing was tracked.
+pub(crate) fn pixel_std_px(results: &RunResults) -> f64 {
+    let rms = |values: &mut dyn Iterator<Item = f64>| {
+        let (sum, n) = values.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+        (n > 0.0).then(|| f64::sqrt(sum / n))
+    };
+    let cameras = results.rig.iter().flat_map(|r| &r.cameras);
+    rms(&mut results.markers.iter().map(|m| m.covariance_px2.trace() / 2.0))
+        .or_else(|| rms(&mut cameras.map(|c| c.sigma_px * c.sigma_px)))
+        .unwrap_or(0.0)
 }
 
 /// A section's heading.

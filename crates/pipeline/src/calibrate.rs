@@ -2,9 +2,9 @@
 
 use crate::PipelineError;
 use mavsight_geometry::{ControlPoint, ImageSize, Matrix2, Vector2, Vector3};
-use mavsight_pose::{CameraControl, Rig, calibrate, select_control_balls};
+use mavsight_pose::{CameraControl, LeftOut, LeftOutReason, Rig, Selection, calibrate, select_control_balls};
 use mavsight_session::{ControlPixel, ControlPointRow};
-use mavsight_vision::{BallColor, Detector, Frame};
+use mavsight_vision::{BallCandidate, BallColor, Detector, Frame};
 
 /// The control frame as one camera saw it.
 pub struct ControlStill {
@@ -25,6 +25,8 @@ fn diameter_range_px(size: ImageSize) -> std::ops::RangeInclusive<f64> {
 
 /// Finds the control balls in each still by colour and geometry, and solves for the cameras.
 ///
+/// Two balls whose colours are exchanged in the table are left out and named.
+///
 /// # Errors
 /// Too few balls, colours that cannot be told apart, or points that do not determine a camera; each names the camera.
 pub fn calibrate_from_stills(
@@ -35,18 +37,38 @@ pub fn calibrate_from_stills(
         table.iter().map(|row| BallColor { name: row.name.clone(), rgb: row.color.rgb() }).collect();
     let detector = Detector::new(&colors)
         .map_err(|source| PipelineError::Vision { place: "control points".into(), source })?;
+    let seen = stills.iter().map(|s| seen_in_still(s, table, &detector)).collect::<Result<Vec<_>, _>>()?;
+    let swapped = swapped_pairs(&seen);
+    let mut left_out = named_swaps(&swapped, table);
     let mut controls = Vec::with_capacity(stills.len());
-    for still in stills {
-        controls.push(control_of_still(still, table, &detector)?);
+    for (still, seen) in stills.iter().zip(&seen) {
+        let is_swapped = |i: usize| swapped.iter().any(|(a, b)| *a == i || *b == i);
+        controls.push(control_of(still, seen, table, &is_swapped));
+        for i in seen.selection.elsewhere.iter().filter(|i| !is_swapped(**i)) {
+            left_out.push(LeftOut {
+                name: table[*i].name.clone(),
+                camera: Some(still.camera.clone()),
+                reason: LeftOutReason::Displaced,
+            });
+        }
     }
-    solve(&controls)
+    let mut rig = solve(&controls)?;
+    left_out.append(&mut rig.left_out);
+    rig.left_out = left_out;
+    Ok(rig)
 }
 
-fn control_of_still(
+/// What one still shows of the control frame.
+struct Seen {
+    candidates: Vec<Vec<BallCandidate>>,
+    selection: Selection,
+}
+
+fn seen_in_still(
     still: &ControlStill,
     table: &[ControlPointRow],
     detector: &Detector,
-) -> Result<CameraControl, PipelineError> {
+) -> Result<Seen, PipelineError> {
     let size = still.frame.size;
     let candidates = detector.candidates(&still.frame, diameter_range_px(size));
     let found = candidates.iter().filter(|c| !c.is_empty()).count();
@@ -67,12 +89,48 @@ fn control_of_still(
     let scored: Vec<Vec<(Vector2<f64>, f64)>> =
         candidates.iter().map(|list| list.iter().map(|c| (c.pixel, c.score)).collect()).collect();
     let positions: Vec<Vector3<f64>> = table.iter().map(|row| row.position_m.into()).collect();
-    let chosen = select_control_balls(&scored, &positions, size)
+    let names: Vec<&str> = table.iter().map(|row| row.name.as_str()).collect();
+    let selection = select_control_balls(&scored, &positions, &names, size)
         .map_err(|source| PipelineError::Pose { place: still.camera.clone(), source })?;
-    let mut control =
-        CameraControl { name: still.camera.clone(), size, points: vec![], ball_radius_m: vec![] };
-    for ((row, list), choice) in table.iter().zip(&candidates).zip(&chosen) {
-        let Some(ball) = choice.and_then(|index| list.get(index)) else { continue };
+    Ok(Seen { candidates, selection })
+}
+
+/// Pairs that a camera sees exchanged while none sees them in place: those are wrong in the table. Where another camera
+/// sees them right, the first only took one colour for the other, which its geometry mends.
+fn swapped_pairs(seen: &[Seen]) -> Vec<(usize, usize)> {
+    let mut pairs: Vec<(usize, usize)> = seen.iter().flat_map(|s| s.selection.swapped.clone()).collect();
+    pairs.sort_unstable();
+    pairs.dedup();
+    let right = |s: &Seen, i: usize| {
+        let best = |list: &Vec<BallCandidate>| {
+            list.iter().enumerate().max_by(|a, b| a.1.score.total_cmp(&b.1.score)).map(|(k, _)| k)
+        };
+        s.selection.chosen[i].is_some() && s.selection.chosen[i] == best(&s.candidates[i])
+    };
+    pairs.retain(|(a, b)| !seen.iter().any(|s| right(s, *a) && right(s, *b)));
+    pairs
+}
+
+fn named_swaps(pairs: &[(usize, usize)], table: &[ControlPointRow]) -> Vec<LeftOut> {
+    let both = pairs.iter().flat_map(|(a, b)| [(*a, *b), (*b, *a)]);
+    both.map(|(i, with)| LeftOut {
+        name: table[i].name.clone(),
+        camera: None,
+        reason: LeftOutReason::Swapped { with: table[with].name.clone() },
+    })
+    .collect()
+}
+
+fn control_of(
+    still: &ControlStill,
+    seen: &Seen,
+    table: &[ControlPointRow],
+    is_swapped: &dyn Fn(usize) -> bool,
+) -> CameraControl {
+    let mut control = CameraControl::exact(still.camera.clone(), still.frame.size, vec![], vec![]);
+    for (i, row) in table.iter().enumerate().filter(|(i, _)| !is_swapped(*i)) {
+        let chosen = seen.selection.chosen[i];
+        let Some(ball) = chosen.and_then(|index| seen.candidates[i].get(index)) else { continue };
         control.points.push(ControlPoint {
             name: row.name.clone(),
             point_in_world_m: row.position_m.into(),
@@ -80,8 +138,9 @@ fn control_of_still(
             pixel_cov_px2: ball.covariance_px2,
         });
         control.ball_radius_m.push(row.diameter_m / 2.0);
+        control.survey_std_m.push(row.std_m);
     }
-    Ok(control)
+    control
 }
 
 /// Solves for the cameras from pixels that were measured elsewhere.
@@ -95,8 +154,7 @@ pub fn calibrate_from_observations(
 ) -> Result<Rig, PipelineError> {
     let mut controls = Vec::with_capacity(cameras.len());
     for (camera, size) in cameras {
-        let mut control =
-            CameraControl { name: camera.clone(), size: *size, points: vec![], ball_radius_m: vec![] };
+        let mut control = CameraControl::exact(camera.clone(), *size, vec![], vec![]);
         for pixel in pixels.iter().filter(|p| &p.camera == camera) {
             let Some(row) = table.iter().find(|row| row.name == pixel.name) else { continue };
             control.points.push(ControlPoint {
@@ -106,6 +164,7 @@ pub fn calibrate_from_observations(
                 pixel_cov_px2: Matrix2::identity() * CLICKED_STD_PX * CLICKED_STD_PX,
             });
             control.ball_radius_m.push(row.diameter_m / 2.0);
+            control.survey_std_m.push(row.std_m);
         }
         controls.push(control);
     }

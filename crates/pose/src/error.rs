@@ -16,15 +16,41 @@ pub enum PoseError {
     },
     /// A table whose columns differ in length.
     #[error(
-        "camera {camera}: {points} control points but {radii} ball radii: give one radius for each point (0 for a plain point)"
+        "camera {camera}: {points} control points but {given} values of {what}: give one for each point (0 where there is none)"
     )]
     ControlLengths {
         /// The camera.
         camera: String,
         /// Points given.
         points: usize,
-        /// Radii given.
-        radii: usize,
+        /// Which column.
+        what: &'static str,
+        /// Its length.
+        given: usize,
+    },
+    /// Control points that contradict the others, which are too few to decide without them.
+    #[error(
+        "control point {suspects} does not agree with the others, and too few others remain to tell for certain: check its place, its colour and its name in the table, or add control points"
+    )]
+    SuspectControlPoints {
+        /// Names.
+        suspects: String,
+    },
+    /// Control points that are not seen where the table puts them.
+    #[error(
+        "camera {camera}: the control points miss by {rms_px:.1} px (at most {gate_px:.1} px is a calibration), {worst} most, by {worst_px:.1} px: check places and names in the table, and that the still shows this control frame"
+    )]
+    ControlMisfit {
+        /// The camera.
+        camera: String,
+        /// Root mean square residual.
+        rms_px: f64,
+        /// The gate.
+        gate_px: f64,
+        /// The point that misses most.
+        worst: String,
+        /// By how much.
+        worst_px: f64,
     },
     /// No camera at all.
     #[error("the rig has {found} camera(s): a pose needs at least 1 and an accurate one at least 2")]
@@ -53,7 +79,7 @@ pub enum PoseError {
         agreeing: usize,
         /// Balls with a candidate.
         found: usize,
-        /// Names (or row numbers) of those that do not.
+        /// Names of those that do not.
         disagreeing: String,
         /// The gate.
         gate_px: f64,
@@ -70,10 +96,10 @@ pub enum PoseError {
     },
     /// Not enough of the body was seen.
     #[error(
-        "{seen} of {markers} markers seen by two cameras ({sights} sights in all): at least 3 are needed for a pose"
+        "{seen} of {markers} markers seen ({sights} sights in all): a pose needs 3, all of them in one camera or each in two"
     )]
     TooFewMarkers {
-        /// Markers seen by at least two cameras.
+        /// Markers seen.
         seen: usize,
         /// Markers of the body.
         markers: usize,
@@ -89,6 +115,38 @@ pub enum PoseError {
         residual_px: f64,
         /// Root of the reduced chi-square.
         times: f64,
+    },
+    /// More than one pose explains what was seen.
+    #[error(
+        "{poses} poses explain the {markers} markers seen (chi-square {chi_square:.1} and {next_chi_square:.1}) and no pose before decides: a second camera or a marker off the others' plane would"
+    )]
+    AmbiguousPose {
+        /// Poses about as likely as the best.
+        poses: usize,
+        /// Markers seen.
+        markers: usize,
+        /// Chi-square of the best.
+        chi_square: f64,
+        /// Chi-square of the next.
+        next_chi_square: f64,
+    },
+    /// The uncertainty of the markers' positions does not belong to these markers.
+    #[error(
+        "the uncertainty of the markers has {rows} rows or is not finite: give 3 rows a marker, {needed} in all"
+    )]
+    MarkerUncertainty {
+        /// Rows given.
+        rows: usize,
+        /// Rows needed.
+        needed: usize,
+    },
+    /// A prior that is no standard deviation.
+    #[error(
+        "the markers' standard deviation of {std_m} m is not above zero: a ruler is good to 0.001 or 0.002"
+    )]
+    BadPrior {
+        /// What was given.
+        std_m: f64,
     },
     /// The iteration found no minimum.
     #[error("the pose did not converge in {steps} steps: residual {residual_px:.2} px")]

@@ -3,20 +3,38 @@
 //! Frames and units are those of `mavsight-geometry`. Nothing here knows where the observations came from.
 
 mod calibrate;
+mod causal;
+mod chain;
 mod error;
 mod estimate;
 mod filter;
+mod joint;
 mod motion;
+mod noise;
+mod precision;
+mod refine;
 mod select;
 mod smooth;
 #[cfg(test)]
 mod testing;
 mod whittaker;
 
-pub use calibrate::{CameraControl, Rig, RigCamera, calibrate};
+pub use calibrate::{
+    CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, Pixels, Rig, RigCamera,
+    calibrate,
+};
+pub use causal::CausalFilter;
+pub use chain::ChainNoise;
 pub use error::PoseError;
 pub use estimate::{BodyMarker, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
+pub use joint::MotionNoise;
 pub use motion::{Motion, MotionSample, euler_std};
-pub use select::select_control_balls;
+pub use noise::motion_noise;
+pub use precision::{
+    MapPlane, PrecisionMap, Volume, VolumePrecision, control_volume, precision_map, predicted_covariance_m2,
+    volume_precision,
+};
+pub use refine::{RefinedMarkers, refine_markers};
+pub use select::{Selection, select_control_balls};
 pub use smooth::smooth;
 pub use whittaker::lowpass_like;

@@ -21,6 +21,18 @@ const CLIMB_STEPS: usize = 4;
 const MAX_CHANGES: usize = 4;
 const MAX_CHOICES: usize = 20_000;
 
+/// Which candidate is which ball.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Selection {
+    /// For each ball an index into its candidates, or none.
+    pub chosen: Vec<Option<usize>>,
+    /// Pairs of balls, the lower index first, of which each has its best colour where the other must be seen: their
+    /// colours, or their places, are exchanged in the table.
+    pub swapped: Vec<(usize, usize)>,
+    /// Balls whose colour is seen, but nowhere near their place.
+    pub elsewhere: Vec<usize>,
+}
+
 /// One choice: for each ball the index of a candidate, or none.
 type Choice = Vec<Option<usize>>;
 
@@ -36,36 +48,38 @@ struct Search<'a> {
     /// Candidates best first, with their original index.
     candidates: Vec<Vec<(usize, Vector2<f64>)>>,
     points: &'a [Vector3<f64>],
+    names: &'a [&'a str],
     size: ImageSize,
     gate_px: f64,
 }
 
 /// Chooses the candidates of each control ball that one camera can have seen together.
 ///
-/// `candidates` holds (pixel, score) per ball, a higher score is a better colour; the answer holds an index into each
-/// list, or none for a ball that has no candidate where the camera sees it. A choice is accepted when its residuals'
+/// `candidates` holds (pixel, score) per ball, a higher score is a better colour. A choice is accepted when its residuals'
 /// standard deviation is within 0.5 % of the image width and the camera is one that is built: little skew, pixels at
 /// most half as long again as wide, principal point in the middle half. Lists of different length count up to the
-/// shorter. Same input, same answer.
+/// shortest. Same input, same answer.
 ///
 /// # Errors
-/// [`PoseError::TooFewControlBalls`] and [`PoseError::InconsistentControlBalls`] name the balls by their row, from 1.
+/// [`PoseError::TooFewControlBalls`] and [`PoseError::InconsistentControlBalls`] name the balls.
 pub fn select_control_balls(
     candidates: &[Vec<(Vector2<f64>, f64)>],
     points_in_world_m: &[Vector3<f64>],
+    names: &[&str],
     size: ImageSize,
-) -> Result<Vec<Option<usize>>, PoseError> {
-    let n = candidates.len().min(points_in_world_m.len());
+) -> Result<Selection, PoseError> {
+    let n = candidates.len().min(points_in_world_m.len()).min(names.len());
     let search = Search {
         candidates: candidates[..n].iter().map(|list| best_first(list)).collect(),
         points: &points_in_world_m[..n],
+        names: &names[..n],
         size,
         gate_px: 0.005 * f64::from(size.width_px),
     };
     let top: Choice = search.candidates.iter().map(|c| (!c.is_empty()).then_some(0)).collect();
     let found = top.iter().flatten().count();
     if found < 6 {
-        let missing = rows((0..n).filter(|i| top[*i].is_none()));
+        let missing = search.listed((0..n).filter(|i| top[*i].is_none()));
         return Err(PoseError::TooFewControlBalls { found, wanted: n, missing });
     }
     refuse_plane(&search, &top)?;
@@ -73,8 +87,7 @@ pub fn select_control_balls(
     let Some(best) = best.map(|b| search.completed(b)).filter(|b| search.accepts(b)) else {
         return Err(search.refusal(&top));
     };
-    let original = |(list, chosen): (&Vec<(usize, Vector2<f64>)>, &Option<usize>)| chosen.map(|k| list[k].0);
-    Ok(search.candidates.iter().zip(&best.choice).map(original).collect())
+    Ok(search.selection(&best))
 }
 
 fn best_first(list: &[(Vector2<f64>, f64)]) -> Vec<(usize, Vector2<f64>)> {
@@ -83,11 +96,6 @@ fn best_first(list: &[(Vector2<f64>, f64)]) -> Vec<(usize, Vector2<f64>)> {
         .collect();
     order.sort_by(|a, b| list[*b].1.total_cmp(&list[*a].1));
     order.iter().take(CANDIDATES).map(|i| (*i, list[*i].0)).collect()
-}
-
-fn rows(indices: impl Iterator<Item = usize>) -> String {
-    let names: Vec<String> = indices.map(|i| format!("row {}", i + 1)).collect();
-    names.join(", ")
 }
 
 /// Geometry that no choice can mend is refused as such.
@@ -144,6 +152,34 @@ impl Search<'_> {
             })
             .sum();
         Some(Judged { choice, dlt, std_px, cost: std_px.ln() + changes * 2f64.ln() })
+    }
+
+    fn listed(&self, balls: impl Iterator<Item = usize>) -> String {
+        balls.map(|i| self.names[i]).collect::<Vec<_>>().join(", ")
+    }
+
+    fn selection(&self, best: &Judged) -> Selection {
+        let n = self.points.len();
+        let original =
+            |(list, chosen): (&Vec<(usize, Vector2<f64>)>, &Option<usize>)| chosen.map(|k| list[k].0);
+        // Where the colour of one ball is best, is it where another must be?
+        let lies_at = |ball: usize, place: usize| {
+            let Some((_, pixel)) = self.candidates[ball].first() else { return false };
+            best.dlt.project(&self.points[place]).is_ok_and(|at| (at - pixel).norm() <= 2.0 * self.gate_px)
+        };
+        let swapped: Vec<(usize, usize)> = (0..n)
+            .flat_map(|a| (a + 1..n).map(move |b| (a, b)))
+            .filter(|(a, b)| lies_at(*a, *b) && lies_at(*b, *a) && !lies_at(*a, *a) && !lies_at(*b, *b))
+            .collect();
+        let elsewhere = (0..n)
+            .filter(|i| best.choice[*i].is_none() && !self.candidates[*i].is_empty())
+            .filter(|i| !swapped.iter().any(|(a, b)| a == i || b == i))
+            .collect();
+        Selection {
+            chosen: self.candidates.iter().zip(&best.choice).map(original).collect(),
+            swapped,
+            elsewhere,
+        }
     }
 
     fn accepts(&self, judged: &Judged) -> bool {
@@ -234,7 +270,7 @@ impl Search<'_> {
         PoseError::InconsistentControlBalls {
             agreeing: found - disagreeing.len(),
             found,
-            disagreeing: rows(disagreeing.into_iter()),
+            disagreeing: self.listed(disagreeing.into_iter()),
             gate_px: self.gate_px,
         }
     }
@@ -290,6 +326,8 @@ mod tests {
             .collect()
     }
 
+    const NAMES: [&str; 8] = ["p0", "p1", "p2", "p3", "p4", "p5", "p6", "p7"];
+
     fn clutter(seed: &mut u64) -> Vector2<f64> {
         Vector2::new(320.0 + 150.0 * normal(seed), 240.0 + 110.0 * normal(seed))
     }
@@ -298,8 +336,9 @@ mod tests {
     fn a_plain_scene_is_taken_as_it_is() {
         let mut seed = 1;
         for camera in 0..2 {
-            let got = select_control_balls(&scene(camera, &mut seed), &cube(), SIZE).unwrap();
-            assert_eq!(got, vec![Some(0); 8]);
+            let got = select_control_balls(&scene(camera, &mut seed), &cube(), &NAMES, SIZE).unwrap();
+            let want = Selection { chosen: vec![Some(0); 8], swapped: vec![], elsewhere: vec![] };
+            assert_eq!(got, want);
         }
     }
 
@@ -316,8 +355,8 @@ mod tests {
                 list.insert(usize::from(trial % 2 == 1), (clutter(&mut seed), score));
                 list.push((clutter(&mut seed), 0.1));
             }
-            let got = select_control_balls(&candidates, &cube(), SIZE).unwrap();
-            assert_eq!(got, want, "trial {trial} with {wrong} wrong colours");
+            let got = select_control_balls(&candidates, &cube(), &NAMES, SIZE).unwrap();
+            assert_eq!(got.chosen, want, "trial {trial} with {wrong} wrong colours");
         }
     }
 
@@ -327,24 +366,45 @@ mod tests {
         let mut candidates = scene(0, &mut seed);
         candidates[5] = vec![(Vector2::new(400.0, 50.0), 1.0)];
         candidates[2] = vec![];
-        let got = select_control_balls(&candidates, &cube(), SIZE).unwrap();
+        let got = select_control_balls(&candidates, &cube(), &NAMES, SIZE).unwrap();
         let want: Vec<_> = (0..8).map(|i| (i != 5 && i != 2).then_some(0)).collect();
-        assert_eq!(got, want);
+        assert_eq!((got.chosen, got.elsewhere), (want, vec![5]));
     }
 
     #[test]
-    fn swapped_balls_are_refused_by_row() {
+    fn two_swapped_colours_are_named_whether_the_other_colour_is_a_candidate_or_not() {
+        let mut seed = 12;
+        for a in 0..8 {
+            for b in a + 1..8 {
+                let mut candidates = scene(a % 2, &mut seed);
+                candidates.swap(a, b);
+                if b % 2 == 0 {
+                    let (first, second) = (candidates[a][0].0, candidates[b][0].0);
+                    candidates[a].push((second, 0.4));
+                    candidates[b].push((first, 0.4));
+                }
+                let got = select_control_balls(&candidates, &cube(), &NAMES, SIZE).unwrap();
+                assert_eq!(got.swapped, vec![(a, b)]);
+                assert!(got.elsewhere.is_empty());
+                let others = (0..8).filter(|i| *i != a && *i != b).all(|i| got.chosen[i] == Some(0));
+                assert!(others, "{a} with {b}: {got:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn many_swapped_balls_are_refused_by_name() {
         let mut seed = 2;
         let mut candidates = scene(0, &mut seed);
         for k in 0..3 {
             candidates.swap(k, 7 - k);
         }
-        let error = select_control_balls(&candidates, &cube(), SIZE).unwrap_err();
+        let error = select_control_balls(&candidates, &cube(), &NAMES, SIZE).unwrap_err();
         assert!(matches!(error, PoseError::InconsistentControlBalls { found: 8, .. }), "{error}");
-        assert!(error.to_string().contains("row "), "{error}");
+        assert!(error.to_string().contains("disagrees on p"), "{error}");
         candidates.iter_mut().skip(5).for_each(Vec::clear);
-        let error = select_control_balls(&candidates, &cube(), SIZE).unwrap_err();
-        let missing = "row 6, row 7, row 8".to_string();
+        let error = select_control_balls(&candidates, &cube(), &NAMES, SIZE).unwrap_err();
+        let missing = "p5, p6, p7".to_string();
         assert_eq!(error, PoseError::TooFewControlBalls { found: 5, wanted: 8, missing });
     }
 
@@ -352,7 +412,7 @@ mod tests {
     fn a_flat_frame_is_refused_as_such() {
         let mut seed = 2;
         let flat: Vec<_> = (0..8).map(|i| Vector3::new(f64::from(i % 3), f64::from(i / 3), 1.0)).collect();
-        let error = select_control_balls(&scene(0, &mut seed), &flat, SIZE).unwrap_err();
+        let error = select_control_balls(&scene(0, &mut seed), &flat, &NAMES, SIZE).unwrap_err();
         assert!(matches!(error, PoseError::Geometry(GeometryError::CoplanarControlPoints { .. })));
     }
 }

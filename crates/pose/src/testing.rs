@@ -40,14 +40,16 @@ pub(crate) fn rig() -> crate::Rig {
             size: SIZE,
             points: cube()
                 .iter()
-                .map(|p| mavsight_geometry::ControlPoint {
-                    name: String::new(),
+                .enumerate()
+                .map(|(k, p)| mavsight_geometry::ControlPoint {
+                    name: format!("p{k}"),
                     point_in_world_m: *p,
                     pixel: camera.project(p).unwrap().pixel,
                     pixel_cov_px2: mavsight_geometry::Matrix2::identity() * 0.01,
                 })
                 .collect(),
             ball_radius_m: vec![0.0; 8],
+            survey_std_m: vec![0.0; 8],
         })
         .collect();
     crate::calibrate(&controls).unwrap()

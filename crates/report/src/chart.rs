@@ -55,10 +55,10 @@ pub struct Chart {
     pub panels: Vec<Panel>,
 }
 
-const WIDTH: u32 = 860;
+pub(crate) const WIDTH: u32 = 860;
 const PANEL_HEIGHT: u32 = 200;
 const LEGEND_HEIGHT: u32 = 34;
-const FONT: &str = "sans-serif";
+pub(crate) const FONT: &str = "sans-serif";
 
 /// Draws a chart as an SVG element that scales with the page.
 ///
@@ -192,7 +192,7 @@ fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
 }
 
 /// Lets the page choose the width.
-fn scalable(svg: &str, height: u32) -> String {
+pub(crate) fn scalable(svg: &str, height: u32) -> String {
     let fixed = format!("<svg width=\"{WIDTH}\" height=\"{height}\"");
     let free = "<svg role=\"img\"";
     svg.replacen(&fixed, free, 1)

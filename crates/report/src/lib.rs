@@ -3,7 +3,9 @@
 //! Knows nothing of where numbers come from: a caller fills a [`Report`] and gets one page.
 
 mod chart;
+mod heatmap;
 mod page;
 
 pub use chart::{Chart, Curve, Panel, Role, draw};
+pub use heatmap::{HeatMap, draw_heat_maps};
 pub use page::{Figure, Report, ReportError, Table, png_figure, render};

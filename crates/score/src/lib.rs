@@ -197,6 +197,7 @@ mod tests {
                 PoseSample {
                     t_ns: k * 100_000_000,
                     estimate: Some(mavsight_pose::PoseEstimate {
+                        systematic: nalgebra::Matrix6xX::zeros(0),
                         world_from_body: world_from_body(off, turned),
                         covariance: mavsight_geometry::Matrix6::identity(),
                         markers_used: vec![0, 1, 2],

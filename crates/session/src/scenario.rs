@@ -1,6 +1,6 @@
 //! Files that a simulated flight leaves.
 
-use crate::tables::{CONTROL_COLUMNS, ControlPointRow, INPUT_COLUMNS, TRUTH_COLUMNS};
+use crate::tables::{CONTROL_COLUMNS, ControlPointRow, INPUT_COLUMNS, SURVEY_COLUMN, TRUTH_COLUMNS};
 use crate::{SessionError, SessionFile, TruthRow, write_whole};
 use mavsight_flight::{FlightState, InputSeries, Vehicle};
 use std::path::Path;
@@ -77,10 +77,14 @@ fn write_numbers(
 /// # Errors
 /// What the file system refuses.
 pub fn write_control_points(path: &Path, points: &[ControlPointRow]) -> Result<(), SessionError> {
-    let mut text = CONTROL_COLUMNS.join(",") + "\n";
+    let surveyed = points.iter().any(|p| p.std_m > 0.0);
+    let mut columns = CONTROL_COLUMNS.to_vec();
+    columns.extend(surveyed.then_some(SURVEY_COLUMN));
+    let mut text = columns.join(",") + "\n";
     for p in points {
         let [x, y, z] = p.position_m;
-        text += &format!("{},{x},{y},{z},{},{}\n", p.name, p.diameter_m, p.color);
+        let std = if surveyed { format!(",{}", p.std_m) } else { String::new() };
+        text += &format!("{},{x},{y},{z},{},{}{std}\n", p.name, p.diameter_m, p.color);
     }
     write_whole(path, text.as_bytes())
 }

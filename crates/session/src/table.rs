@@ -57,6 +57,11 @@ impl Table {
         })
     }
 
+    /// The place of a column that may be left out.
+    pub(crate) fn column_if_any(&self, name: &str) -> Option<usize> {
+        self.columns.iter().position(|c| c == name)
+    }
+
     /// The places of several columns that must be there.
     pub(crate) fn columns<const N: usize>(&self, names: [&str; N]) -> Result<[usize; N], SessionError> {
         let mut places = [0; N];

@@ -12,6 +12,9 @@ pub(crate) const INPUT_COLUMNS: [&str; 5] =
 /// Columns of the control points.
 pub(crate) const CONTROL_COLUMNS: [&str; 6] = ["name", "x_m", "y_m", "z_m", "diameter_m", "color"];
 
+/// Column of the control points that may be left out.
+pub(crate) const SURVEY_COLUMN: &str = "std_m";
+
 /// A ball of the control frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControlPointRow {
@@ -23,6 +26,8 @@ pub struct ControlPointRow {
     pub diameter_m: f64,
     /// Nominal colour.
     pub color: Color,
+    /// Standard deviation of each coordinate of the surveyed centre; 0 for exact.
+    pub std_m: f64,
 }
 
 /// A control point as clicked or found elsewhere.
@@ -53,13 +58,14 @@ pub fn read_inputs(path: &Path) -> Result<InputSeries, SessionError> {
     InputSeries::new(samples).map_err(|source| SessionError::Flight { path: path.to_owned(), source })
 }
 
-/// Reads `name,x_m,y_m,z_m,diameter_m,color`.
+/// Reads `name,x_m,y_m,z_m,diameter_m,color` and, if it is there, `std_m`; an empty cell of it is 0.
 ///
 /// # Errors
 /// Names the file, row and column; names must be unique, colours `#rrggbb`.
 pub fn read_control_points(path: &Path) -> Result<Vec<ControlPointRow>, SessionError> {
     let table = Table::read(path, "control points")?;
     let [name, x, y, z, diameter, color] = table.columns(CONTROL_COLUMNS)?;
+    let std = table.column_if_any(SURVEY_COLUMN);
     let mut points: Vec<ControlPointRow> = Vec::new();
     for row in table.rows()? {
         let text = row.text(name);
@@ -72,7 +78,16 @@ pub fn read_control_points(path: &Path) -> Result<Vec<ControlPointRow>, SessionE
                 row.refuse(diameter, format!("{diameter_m} m is below zero: give the ball's diameter"))
             );
         }
+        let std_m = match std {
+            Some(column) => row.number_if_any(column)?.unwrap_or(0.0),
+            None => 0.0,
+        };
+        if let Some(column) = std.filter(|_| std_m < 0.0) {
+            let detail = format!("{std_m} m is below zero: give the standard deviation of each coordinate");
+            return Err(row.refuse(column, detail));
+        }
         points.push(ControlPointRow {
+            std_m,
             name: text.to_owned(),
             position_m: row.numbers([x, y, z])?,
             diameter_m,

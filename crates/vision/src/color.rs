@@ -77,6 +77,14 @@ pub(crate) fn encode(linear: f64) -> (f64, f64) {
     (from.0 + part * (to.0 - from.0) + slope * beyond, slope)
 }
 
+/// Linear light of a code, 0 to 255, that need not be whole; beyond the range the curve goes on straight.
+pub(crate) fn decode(code: f64) -> f64 {
+    let table = &*LINEAR;
+    let index = (code.clamp(0.0, 254.0)) as usize;
+    let (from, to) = (f64::from(table[index]), f64::from(table[index + 1]));
+    from + (code - index as f64) * (to - from)
+}
+
 /// A colour seen: hue as a vector in the plane perpendicular to grey, its length (chroma) and the saturation.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Seen {

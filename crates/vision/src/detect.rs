@@ -1,6 +1,6 @@
 //! Finding balls of given colours in a whole frame.
 
-use crate::centre::{self, LEAST_RADIUS_PX, Siting, Start};
+use crate::centre::{Fitter, Known, LEAST_RADIUS_PX, Optics, Start};
 use crate::color::{ColorModel, Seen, encode, to_linear};
 use crate::patch::Patch;
 use crate::segment::{Blob, Segmenter, Window};
@@ -29,8 +29,12 @@ const MOST_BLOBS: usize = 16;
 
 /// Gates that the mean hue of a region, edges included, may be from the marker's before it is looked at closely.
 const LOOSE_GATE: f64 = 2.0;
-/// Least standard deviation of the siting that is learned.
-const LEAST_SITING_STD_PX: f64 = 0.02;
+/// Standard deviations to which siting and blur are known at best: how far a real encoder's filter, and the motion blur of
+/// the next frame, are from a box and from this frame's.
+const LEAST_OPTICS_STD_PX: f64 = 0.02;
+
+/// Pixels around a region that are looked at: the blur of the rim and a ring of background beyond it.
+const RING_PX: f64 = 5.0;
 
 /// Searches whole frames for balls of given colours.
 #[derive(Debug, Clone)]
@@ -43,9 +47,10 @@ pub struct Detector {
 pub(crate) struct Workspace {
     pub(crate) segmenter: Segmenter,
     patch: Patch,
-    pub(crate) siting: Siting,
-    /// Mean and standard deviation of the radius of the ball that is followed.
-    pub(crate) known_radius_px: Option<(f64, f64)>,
+    fitter: Fitter,
+    pub(crate) optics: Optics,
+    /// The radius of the ball that is followed.
+    pub(crate) known_radius_px: Option<Known>,
 }
 
 impl Detector {
@@ -77,7 +82,7 @@ impl Detector {
         let mut found = Vec::new();
         for (marker, list) in lists.iter_mut().enumerate() {
             workspace.search(frame, &self.model, marker, range_px, &mut found);
-            list.extend(found.iter().map(|(candidate, _)| *candidate));
+            list.extend(found.iter().map(|sighting| sighting.ball));
         }
         lists
     }
@@ -92,12 +97,13 @@ pub(crate) fn is_measurable((smallest_px, largest_px): (f64, f64)) -> bool {
 }
 
 impl Workspace {
-    /// Keeps what a followed ball tells of the siting of colour differences, a property of the encoder.
-    ///
-    /// It is never taken to be known better than the model of an edge is good for.
-    pub(crate) fn learn_siting(&mut self, siting: Siting) {
-        let floor_px2 = LEAST_SITING_STD_PX * LEAST_SITING_STD_PX;
-        self.siting = Siting { variance_px2: siting.variance_px2.max(floor_px2), ..siting };
+    /// Keeps what a followed ball tells of the lens and the encoder.
+    pub(crate) fn learn(&mut self, optics: Optics) {
+        let floor = |known: Known| Known {
+            variance: known.variance.max(LEAST_OPTICS_STD_PX * LEAST_OPTICS_STD_PX),
+            ..known
+        };
+        self.optics = Optics { siting_px: floor(optics.siting_px), edge_px: floor(optics.edge_px) };
     }
 
     /// Balls of one marker among the collected pixels, best first.
@@ -107,7 +113,7 @@ impl Workspace {
         model: &ColorModel,
         marker: usize,
         range_px: (f64, f64),
-        found: &mut Vec<(BallCandidate, Siting)>,
+        found: &mut Vec<Sighting>,
     ) {
         found.clear();
         self.segmenter.regions(model, marker, area_gate_px(range_px));
@@ -118,15 +124,12 @@ impl Workspace {
             if model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
                 continue;
             }
-            found.extend(measure(
-                frame,
-                blob,
-                (model, marker),
-                range_px,
-                (&mut self.patch, self.siting, self.known_radius_px),
-            ));
+            let start = start(frame, blob, range_px, (self.optics, self.known_radius_px));
+            self.patch.fill(frame, blob.pixel, start.radius_px + RING_PX);
+            let fit = self.fitter.fit(&self.patch, (0.5 * range_px.0, 0.5 * range_px.1), &start);
+            found.extend(fit.and_then(|fit| judge(frame, blob, (model, marker), &fit)));
         }
-        found.sort_unstable_by(|a, b| b.0.score.total_cmp(&a.0.score));
+        found.sort_unstable_by(|a, b| b.ball.score.total_cmp(&a.ball.score));
     }
 }
 
@@ -138,22 +141,38 @@ fn area_gate_px((smallest_px, largest_px): (f64, f64)) -> (f64, f64) {
     (disc(smallest) / 3.0, disc(largest_px + 2.0))
 }
 
-/// Fits the ball of a region and judges it.
-fn measure(
+/// Where the fit of a region's ball begins.
+fn start(
+    frame: &Frame,
+    blob: &Blob,
+    range_px: (f64, f64),
+    (optics, known_radius_px): (Optics, Option<Known>),
+) -> Start {
+    let least_px = (0.5 * range_px.0).max(LEAST_RADIUS_PX);
+    let radius_px = (blob.area_px / std::f64::consts::PI).sqrt().clamp(least_px, 0.5 * range_px.1);
+    let clamp = |v: f64, count: u32| v.round().clamp(0.0, f64::from(count.max(1) - 1)) as usize;
+    let x = clamp(blob.pixel.x, frame.size.width_px);
+    let y = clamp(blob.pixel.y, frame.size.height_px);
+    Start { pixel: blob.pixel, radius_px, ball: to_linear(frame.rgb(x, y)), optics, known_radius_px }
+}
+
+/// A fitted ball with what it tells of the camera and of itself.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sighting {
+    pub(crate) ball: BallCandidate,
+    pub(crate) radius_px: Known,
+    pub(crate) optics: Optics,
+}
+
+/// Whether a fitted disc is a ball of the marker, and how well it agrees.
+fn judge(
     frame: &Frame,
     blob: &Blob,
     (model, marker): (&ColorModel, usize),
-    range_px: (f64, f64),
-    (patch, siting, known_radius_px): (&mut Patch, Siting, Option<(f64, f64)>),
-) -> Option<(BallCandidate, Siting)> {
-    let radius_px = (0.5 * range_px.0, 0.5 * range_px.1);
-    let start_px =
-        (blob.area_px / std::f64::consts::PI).sqrt().clamp(radius_px.0.max(LEAST_RADIUS_PX), radius_px.1);
-    // A ring of background about as wide as the blur can reach.
-    patch.fill(frame, blob.pixel, start_px + 3.0);
-    let start = Start { siting, known_radius_px, ..start_colors(frame, blob.pixel, start_px) };
-    let fit = centre::fit(patch, radius_px, &start)?;
-    if !frame.size.contains(&fit.pixel, fit.radius_px) {
+    fit: &crate::centre::Fit,
+) -> Option<Sighting> {
+    let radius_px = fit.radius_px.mean;
+    if !frame.size.contains(&fit.pixel, radius_px) {
         return None;
     }
     let seen = Seen::of(fit.ball);
@@ -161,35 +180,15 @@ fn measure(
     if !seen.is_colored() || gate > 1.0 {
         return None;
     }
-    let disc_px = std::f64::consts::PI * fit.radius_px * fit.radius_px;
+    let disc_px = std::f64::consts::PI * radius_px * radius_px;
     let filled = (blob.area_px / disc_px).min(disc_px / blob.area_px);
-    let candidate = BallCandidate {
+    let ball = BallCandidate {
         pixel: fit.pixel,
         covariance_px2: fit.covariance_px2,
         area_px: blob.area_px,
-        diameter_px: 2.0 * fit.radius_px,
+        diameter_px: 2.0 * radius_px,
         score: (1.0 - 0.5 * gate) * filled.sqrt() * fit.trusted,
         color: fit.ball.map(|light| encode(f64::from(light)).0.round().clamp(0.0, 255.0) as u8),
     };
-    Some((candidate, fit.siting))
-}
-
-/// Colours in the middle of a region and, as the mean of a ring, around it.
-fn start_colors(frame: &Frame, middle: Vector2<f64>, radius_px: f64) -> Start {
-    let at = |offset_x: f64, offset_y: f64| {
-        let clamp = |v: f64, count: u32| v.round().clamp(0.0, f64::from(count.max(1) - 1)) as usize;
-        let x = clamp(middle.x + offset_x, frame.size.width_px);
-        let y = clamp(middle.y + offset_y, frame.size.height_px);
-        to_linear(frame.rgb(x, y))
-    };
-    let ring_px = radius_px + 2.5;
-    let mut background = [0.0; 3];
-    const DIRECTIONS: u8 = 8;
-    for i in 0..DIRECTIONS {
-        let (sin, cos) = (f64::from(i) / f64::from(DIRECTIONS) * std::f64::consts::TAU).sin_cos();
-        for (sum, light) in background.iter_mut().zip(at(ring_px * cos, ring_px * sin)) {
-            *sum += light / f32::from(DIRECTIONS);
-        }
-    }
-    Start { radius_px, ball: at(0.0, 0.0), background, siting: Siting::default(), known_radius_px: None }
+    Some(Sighting { ball, radius_px: fit.radius_px, optics: fit.optics })
 }

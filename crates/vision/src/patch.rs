@@ -1,115 +1,130 @@
-//! The samples around a ball, whatever the layout of the frame, for the fit of its centre.
+//! The samples around a ball in one form, whatever the layout of the frame: a brightness at each pixel and two colour
+//! differences at each pixel or at each block of 2×2.
 
 use crate::frame::{chroma_size, rgb_to_yuv};
 use crate::{Frame, Pixels, Vector2};
+use nalgebra::Matrix3;
 
-/// One sample: place from the middle of the patch, values of its channels, and how far it is trusted (0 to 1).
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Sample {
-    pub(crate) x_px: f64,
-    pub(crate) y_px: f64,
-    pub(crate) value: [f64; 3],
-    pub(crate) trust: f64,
-}
-
-/// Channels that are sampled at the same places.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Group {
-    pub(crate) samples: Vec<Sample>,
-    /// How many entries of [`Sample::value`] are in use.
-    pub(crate) channels: usize,
-    /// Variance that the sampling aperture adds to the blur of each axis beyond that of a pixel.
-    pub(crate) aperture_px2: f64,
+/// A rectangle of samples. Reused from ball to ball, so that nothing is allocated once it has grown.
+#[derive(Debug, Clone)]
+pub(crate) struct Patch {
+    /// Column and row of the first pixel.
+    pub(crate) first: (usize, usize),
+    pub(crate) columns: usize,
+    pub(crate) rows: usize,
+    /// Brightness code of each pixel, row by row.
+    pub(crate) bright: Vec<f64>,
+    /// Pixels that a colour sample spans each way: 1 or 2.
+    pub(crate) step: usize,
+    /// Block column and row of the first colour sample, whose block lies wholly in the patch.
+    pub(crate) first_block: (usize, usize),
+    pub(crate) block_columns: usize,
+    /// Colour differences of each block, row by row.
+    pub(crate) colors: Vec<[f64; 2]>,
     /// Each channel as a combination of coded red, green and blue, and a constant.
     pub(crate) from_coded: [[f64; 4]; 3],
-    /// Working space of the fit.
-    pub(crate) predicted: Vec<crate::centre::Predicted>,
-    /// Working space of the fit.
-    pub(crate) residuals: Vec<f64>,
+    /// Coded red, green and blue from the channels less their constants.
+    pub(crate) to_coded: [[f64; 3]; 3],
 }
 
-/// The samples in a circle around a point. Reused from ball to ball, so that nothing is allocated once it has grown.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Patch {
-    /// Full resolution (RGB, or luma alone), then half resolution (colour differences, or nothing).
-    pub(crate) groups: [Group; 2],
-    pub(crate) middle: Vector2<f64>,
-}
-
-/// Variance of the two-pixel box over which a colour difference is averaged, less that of a one-pixel box.
-const CHROMA_APERTURE_PX2: f64 = (4.0 - 1.0) / 12.0;
-
-impl Patch {
-    /// Fills the patch with what the frame holds within `radius_px` of `middle`.
-    pub(crate) fn fill(&mut self, frame: &Frame, middle: Vector2<f64>, radius_px: f64) {
-        self.middle = middle;
-        let width = frame.size.width_px as usize;
-        let height = frame.size.height_px as usize;
-        for group in &mut self.groups {
-            group.samples.clear();
-            group.aperture_px2 = 0.0;
-            group.channels = 0;
-        }
-        let [fine, coarse] = &mut self.groups;
-        let whole = Grid { columns: width, rows: height, step: 1.0, first: (0.0, 0.0) };
-        match &frame.pixels {
-            Pixels::Rgb(rgb) => {
-                fine.channels = 3;
-                fine.from_coded = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
-                whole.visit(middle, radius_px, fine, |i| {
-                    [0, 1, 2].map(|c| rgb.get(3 * i + c).map_or(0.0, |v| f64::from(*v)))
-                });
-            }
-            Pixels::Yuv420 { y, u, v, full_range, matrix } => {
-                let rows = rgb_to_yuv(*full_range, *matrix);
-                fine.channels = 1;
-                fine.from_coded[0] = rows[0];
-                coarse.from_coded = [rows[1], rows[2], [0.0; 4]];
-                whole.visit(middle, radius_px, fine, |i| [y.get(i).map_or(0.0, |v| f64::from(*v)), 0.0, 0.0]);
-                coarse.channels = 2;
-                coarse.aperture_px2 = CHROMA_APERTURE_PX2;
-                let (columns, rows) = chroma_size(frame.size);
-                // Between two rows; the fit adds the siting along the row.
-                let half = Grid { columns, rows, step: 2.0, first: (0.0, 0.5) };
-                half.visit(middle, radius_px, coarse, |i| {
-                    let at = |plane: &[u8]| plane.get(i).map_or(128.0, |v| f64::from(*v));
-                    [at(u), at(v), 0.0]
-                });
-            }
+impl Default for Patch {
+    fn default() -> Self {
+        Self {
+            first: (0, 0),
+            columns: 0,
+            rows: 0,
+            bright: Vec::new(),
+            step: 1,
+            first_block: (0, 0),
+            block_columns: 0,
+            colors: Vec::new(),
+            from_coded: OPPONENTS,
+            to_coded: [[0.0; 3]; 3],
         }
     }
 }
 
-/// Where the samples of a plane lie.
-struct Grid {
-    columns: usize,
-    rows: usize,
-    step: f64,
-    first: (f64, f64),
-}
+/// An orthonormal basis of RGB with grey first: white noise stays white, and grey clutter leaves two channels alone.
+const OPPONENTS: [[f64; 4]; 3] = {
+    const GREY: f64 = 0.577_350_269_189_625_8;
+    const ACROSS: f64 = 0.707_106_781_186_547_5;
+    const ALONG: f64 = 0.408_248_290_463_863_1;
+    [[GREY, GREY, GREY, 0.0], [ACROSS, 0.0, -ACROSS, 0.0], [-ALONG, 2.0 * ALONG, -ALONG, 0.0]]
+};
 
-impl Grid {
-    fn visit(
-        &self,
-        middle: Vector2<f64>,
-        radius_px: f64,
-        group: &mut Group,
-        value: impl Fn(usize) -> [f64; 3],
-    ) {
-        let span = |centre: f64, first: f64, count: usize| {
-            let from = ((centre - radius_px - first) / self.step).ceil().max(0.0) as usize;
-            let to = ((centre + radius_px - first) / self.step).floor() + 1.0;
-            from..(to.max(0.0) as usize).min(count)
+impl Patch {
+    /// Fills the patch with what the frame holds within `reach_px` of `middle` in each direction.
+    pub(crate) fn fill(&mut self, frame: &Frame, middle: Vector2<f64>, reach_px: f64) {
+        let span = |centre: f64, count: u32| {
+            let from = (centre - reach_px).ceil().clamp(0.0, f64::from(count)) as usize;
+            let to = ((centre + reach_px).floor() + 1.0).clamp(0.0, f64::from(count)) as usize;
+            (from, to.max(from))
         };
-        for row in span(middle.y, self.first.1, self.rows) {
-            let y_px = self.first.1 + self.step * row as f64 - middle.y;
-            for column in span(middle.x, self.first.0, self.columns) {
-                let x_px = self.first.0 + self.step * column as f64 - middle.x;
-                if x_px * x_px + y_px * y_px <= radius_px * radius_px {
-                    let value = value(row * self.columns + column);
-                    group.samples.push(Sample { x_px, y_px, value, trust: 1.0 });
+        let ((left, right), (top, bottom)) =
+            (span(middle.x, frame.size.width_px), span(middle.y, frame.size.height_px));
+        self.first = (left, top);
+        (self.columns, self.rows) = (right - left, bottom - top);
+        self.bright.clear();
+        self.colors.clear();
+        let width = frame.size.width_px as usize;
+        match &frame.pixels {
+            Pixels::Rgb(rgb) => {
+                self.step = 1;
+                self.first_block = self.first;
+                self.block_columns = self.columns;
+                self.set_matrix(OPPONENTS);
+                for y in top..bottom {
+                    for x in left..right {
+                        let at = 3 * (y * width + x);
+                        let code =
+                            rgb.get(at..at + 3).map_or([0.0; 3], |p| [0, 1, 2].map(|c| f64::from(p[c])));
+                        let channel = |k: usize| (0..3).map(|c| OPPONENTS[k][c] * code[c]).sum::<f64>();
+                        self.bright.push(channel(0));
+                        self.colors.push([channel(1), channel(2)]);
+                    }
+                }
+            }
+            Pixels::Yuv420 { y: luma, u, v, full_range, matrix } => {
+                self.step = 2;
+                self.set_matrix(rgb_to_yuv(*full_range, *matrix));
+                for y in top..bottom {
+                    let row = luma.get(y * width + left..y * width + right).unwrap_or(&[]);
+                    self.bright.extend(row.iter().map(|v| f64::from(*v)));
+                }
+                let across = chroma_size(frame.size).0;
+                let blocks = |from: usize, to: usize| (from.div_ceil(2), (to / 2).max(from.div_ceil(2)));
+                let ((x0, x1), (y0, y1)) = (blocks(left, right), blocks(top, bottom));
+                self.first_block = (x0, y0);
+                self.block_columns = x1 - x0;
+                for y in y0..y1 {
+                    let row = y * across + x0..y * across + x1;
+                    let (Some(u), Some(v)) = (u.get(row.clone()), v.get(row)) else { continue };
+                    self.colors.extend(u.iter().zip(v).map(|(u, v)| [f64::from(*u), f64::from(*v)]));
                 }
             }
         }
+    }
+
+    fn set_matrix(&mut self, rows: [[f64; 4]; 3]) {
+        if rows == self.from_coded && self.to_coded[0][0] != 0.0 {
+            return;
+        }
+        self.from_coded = rows;
+        let inverse = Matrix3::from_fn(|i, j| rows[i][j]).try_inverse().unwrap_or_else(Matrix3::identity);
+        self.to_coded = std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]));
+    }
+
+    /// Whether the buffers hold what the size says.
+    pub(crate) fn is_whole(&self) -> bool {
+        !self.bright.is_empty()
+            && self.bright.len() == self.columns * self.rows
+            && self.block_columns > 0
+            && !self.colors.is_empty()
+            && self.colors.len().is_multiple_of(self.block_columns)
+    }
+
+    /// Column and row of a pixel in the image.
+    pub(crate) fn place(&self, index: usize) -> (f64, f64) {
+        ((self.first.0 + index % self.columns) as f64, (self.first.1 + index / self.columns) as f64)
     }
 }

@@ -1,8 +1,8 @@
 //! Following every marker from frame to frame.
 
-use crate::centre::{LEAST_RADIUS_PX, Siting};
+use crate::centre::{Known, LEAST_RADIUS_PX};
 use crate::color::{ColorModel, Seen, to_linear};
-use crate::detect::{Workspace, is_measurable};
+use crate::detect::{Sighting, Workspace, is_measurable};
 use crate::segment::Window;
 use crate::{BallCandidate, BallColor, Frame, Vector2, VisionError};
 use std::ops::RangeInclusive;
@@ -15,8 +15,9 @@ const MOST_MISSED: u32 = 5;
 const MOST_CHANGE: f64 = 1.6;
 /// Sightings over which the apparent radius is averaged: a third of a second of video.
 const RADIUS_MEMORY: u32 = 10;
-/// Change of the range over that time that is allowed for, as a part of it.
-const RADIUS_STD: f64 = 0.1;
+/// Standard deviation of the change of the range from frame to frame, as a part of it: a metre a second at six metres
+/// and thirty frames a second.
+const RADIUS_CHANGE: f64 = 0.005;
 
 /// Finds each marker in each frame of one camera, near where it is expected if possible.
 ///
@@ -27,7 +28,7 @@ pub struct Tracker {
     range_px: (f64, f64),
     tracks: Vec<Track>,
     workspace: Workspace,
-    found: Vec<(BallCandidate, Siting)>,
+    found: Vec<Sighting>,
     sightings: Vec<Option<BallCandidate>>,
 }
 
@@ -41,6 +42,7 @@ struct Track {
     colors: [f32; 3],
     seen: u32,
     mean_radius_px: f64,
+    radius_px: Option<Known>,
     external: Option<Vector2<f64>>,
 }
 
@@ -101,14 +103,15 @@ impl Tracker {
     fn near_prediction(&mut self, frame: &Frame, marker: usize) -> Option<BallCandidate> {
         let (middle, reach_px) = self.tracks[marker].search(self.range_px)?;
         self.workspace.segmenter.collect(frame, &Window::around(frame, middle, reach_px));
-        self.workspace.known_radius_px = self.tracks[marker].radius_px();
+        self.workspace.known_radius_px = self.tracks[marker].expected_radius_px();
         self.workspace.search(frame, &self.model, marker, self.range_px, &mut self.found);
         self.workspace.known_radius_px = None;
         let track = &self.tracks[marker];
         let near = |ball: &BallCandidate| (ball.pixel - middle).norm() <= reach_px && track.agrees(ball);
-        let (ball, siting) = self.found.iter().copied().find(|(ball, _)| near(ball))?;
-        self.workspace.learn_siting(siting);
-        Some(ball)
+        let sighting = self.found.iter().copied().find(|sighting| near(&sighting.ball))?;
+        self.workspace.learn(sighting.optics);
+        self.tracks[marker].radius_px = Some(sighting.radius_px);
+        Some(sighting.ball)
     }
 
     fn whole_frame(&mut self, frame: &Frame) {
@@ -127,7 +130,7 @@ impl Tracker {
                     .all(|other| (other.pixel - ball.pixel).norm() > 0.25 * ball.diameter_px)
             };
             self.sightings[marker] =
-                self.found.iter().map(|(ball, _)| *ball).find(|ball| track.agrees(ball) && free(ball));
+                self.found.iter().map(|sighting| sighting.ball).find(|ball| track.agrees(ball) && free(ball));
         }
     }
 }
@@ -147,9 +150,11 @@ impl Track {
         Some((expected, diameter_px * (1.5 + f64::from(self.missed)) + 2.0))
     }
 
-    /// Radius to expect and its standard deviation; None before the third sighting.
-    fn radius_px(&self) -> Option<(f64, f64)> {
-        (self.seen > 2).then_some((self.mean_radius_px, RADIUS_STD * self.mean_radius_px))
+    /// Radius to expect; None before it was first followed.
+    fn expected_radius_px(&self) -> Option<Known> {
+        let known = self.radius_px?;
+        let change_px = RADIUS_CHANGE * f64::from(self.missed + 1) * known.mean;
+        Some(Known { variance: known.variance + change_px * change_px, ..known })
     }
 
     /// Whether a ball is of about the size and brightness of the one followed.

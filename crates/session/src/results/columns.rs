@@ -4,6 +4,22 @@
 pub(super) const POSE: [(&str, &str); 6] =
     [("x", "m"), ("y", "m"), ("z", "m"), ("phi", "rad"), ("theta", "rad"), ("psi", "rad")];
 
+/// Coordinates of a pose's covariance: position in world axes, then a small turn about body axes, each with its unit.
+const ERROR: [(&str, &str); 6] =
+    [("x", "m"), ("y", "m"), ("z", "m"), ("turn_x", "rad"), ("turn_y", "rad"), ("turn_z", "rad")];
+
+/// Places in the upper triangle of a pose's covariance, row by row.
+pub(super) fn upper_triangle() -> impl Iterator<Item = (usize, usize)> {
+    (0..6).flat_map(|i| (i..6).map(move |j| (i, j)))
+}
+
+/// Name of a covariance of the part of a pose's error that is new in each frame.
+pub(super) fn new_covariance((i, j): (usize, usize)) -> String {
+    let ((a, first), (b, second)) = (ERROR[i], ERROR[j]);
+    let unit = if first == second { format!("{first}2") } else { format!("{first}_{second}") };
+    format!("new_{a}_{b}_{unit}")
+}
+
 /// What `motion.csv` has after the pose: a is the specific force, `pdot` the angular acceleration.
 pub(super) const RATES: [(&str, &str); 12] = [
     ("u", "m_s"),

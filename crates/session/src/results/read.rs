@@ -5,7 +5,7 @@ use crate::table::{Row, Table};
 use crate::{SessionError, error::require_file};
 use mavsight_geometry::{EulerAngles, Matrix2, Matrix3, Matrix6, Vector2, Vector3, world_from_body};
 use mavsight_pose::{MarkerObservation, Motion, MotionSample, PoseEstimate, PoseSample};
-use nalgebra::SMatrix;
+use nalgebra::{Matrix6xX, SMatrix};
 use std::path::Path;
 
 /// What a pose without `_std` columns is taken to be good to: a millimetre and a milliradian. Only their ratio matters,
@@ -46,7 +46,9 @@ pub fn read_markers(
 /// needed, `_std` columns, `markers` and `residual_px` are not. A row whose pose is empty was not measured.
 ///
 /// The standard deviations of the Euler angles are taken as uncorrelated, and without them every pose counts the same
-/// (1 mm, 1 mrad): the smoother scales the noise to what the poses show.
+/// (1 mm, 1 mrad): the smoother scales the noise to what the poses show. With the `new_` columns that this program writes
+/// the part of the covariance that is new in each frame is read exactly; what is beyond it in the standard deviations is
+/// taken as errors that stay, one for each coordinate and apart from each other.
 ///
 /// # Errors
 /// Names the file, row and column.
@@ -60,6 +62,8 @@ pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample
         stds[k] = table.column(&columns::std(quantity)).ok();
     }
     let (markers, residual) = (table.column("markers").ok(), table.column("residual_px").ok());
+    let own = columns::upper_triangle().map(|at| table.column(&columns::new_covariance(at)));
+    let own: Option<Vec<usize>> = own.collect::<Result<_, _>>().ok();
     let mut samples: Vec<PoseSample> = Vec::new();
     for row in table.rows()? {
         let t_ns = row.time_ns(t)?;
@@ -74,8 +78,14 @@ pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample
         }
         let pose = row.numbers(values)?;
         let used = markers.map(|c| row.text(c)).unwrap_or("");
+        let stds = std_cells(row, stds)?;
+        let (covariance, systematic) = match &own {
+            Some(columns) => with_new_part(row, columns, &pose, &stds)?,
+            None => (covariance(&pose, &stds), Matrix6xX::zeros(0)),
+        };
         let estimate = PoseEstimate {
-            covariance: covariance(&pose, &std_cells(row, stds)?),
+            systematic,
+            covariance,
             world_from_body: isometry(&pose),
             markers_used: marker_names
                 .iter()
@@ -124,6 +134,37 @@ fn covariance(pose: &[f64; 6], stds: &[f64; 6]) -> Matrix6<f64> {
     let turn = turn.filter(|t| t.iter().all(|x| x.is_finite())).unwrap_or(euler);
     covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
     covariance
+}
+
+/// The covariance and its systematic columns from the part that is new in each frame and the standard deviations of all.
+fn with_new_part(
+    row: Row<'_>,
+    columns: &[usize],
+    pose: &[f64; 6],
+    stds: &[f64; 6],
+) -> Result<(Matrix6<f64>, Matrix6xX<f64>), SessionError> {
+    let mut own = Matrix6::zeros();
+    for ((i, j), column) in columns::upper_triangle().zip(columns) {
+        let [value] = row.numbers([*column])?;
+        (own[(i, j)], own[(j, i)]) = (value, value);
+    }
+    let euler_from_turn = angles(pose).rates_from_body_rates();
+    let turn_from_euler = euler_from_turn.try_inverse().filter(|j| j.iter().all(|x| x.is_finite()));
+    let (to_euler, to_turn) = turn_from_euler
+        .map_or((Matrix3::identity(), Matrix3::identity()), |inverse| (euler_from_turn, inverse));
+    let turn = to_euler * own.fixed_view::<3, 3>(3, 3) * to_euler.transpose();
+    // Below a billionth of the variance the difference is one of the last digits.
+    let beyond = |std: f64, new: f64| {
+        let rest = std * std - new;
+        if rest > 1e-9 * std * std { rest.sqrt() } else { 0.0 }
+    };
+    let mut systematic = Matrix6xX::zeros(6);
+    for k in 0..3 {
+        systematic[(k, k)] = beyond(stds[k], own[(k, k)]);
+        let column = to_turn.column(k) * beyond(stds[3 + k], turn[(k, k)]);
+        systematic.fixed_view_mut::<3, 1>(3, 3 + k).copy_from(&column);
+    }
+    Ok((own + &systematic * systematic.transpose(), systematic))
 }
 
 /// Reads `motion.csv` and, from the `summary.json` beside it, the bandwidth of the smoother. The covariance has only

@@ -2,11 +2,11 @@
 
 use crate::{SessionError, toml_file::read_toml, write_whole};
 use mavsight_geometry::{
-    BrownConrady, Camera, Dlt, DltFit, ImageSize, Intrinsics, Isometry3, Matrix3, UnitQuaternion, Vector2,
+    BrownConrady, CAMERA_PARAMETERS, Camera, Dlt, ImageSize, Intrinsics, Isometry3, Matrix3, UnitQuaternion,
     Vector3,
 };
-use mavsight_pose::{Rig, RigCamera};
-use nalgebra::{Quaternion, SMatrix, Translation3};
+use mavsight_pose::{ControlResidual, LeftOut, LeftOutReason, Rig, RigCamera};
+use nalgebra::{DMatrix, Quaternion, Translation3};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -16,8 +16,28 @@ const RIG_SCHEMA: u32 = 1;
 #[serde(deny_unknown_fields)]
 struct RigFile {
     schema: u32,
+    /// What is not known of all cameras together: each row one independent direction of error, one standard
+    /// deviation long; 16 numbers a camera, in their order: turn about the camera's axes (rad), centre in the world (m),
+    /// fx, fy, skew, cx, cy (px), k1, k2, p1, p2, k3.
+    #[serde(default)]
+    uncertainty: Vec<Vec<f64>>,
+    #[serde(default)]
+    left_out: Vec<LeftOutEntry>,
     #[serde(default)]
     camera: Vec<CameraEntry>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LeftOutEntry {
+    name: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    camera: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    swapped_with: Option<String>,
+    /// For people.
+    #[serde(default)]
+    reason: String,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -26,11 +46,11 @@ struct CameraEntry {
     name: String,
     width_px: u32,
     height_px: u32,
-    /// L1 to L11.
-    dlt: [f64; 11],
-    /// Row by row.
-    #[serde(default)]
-    dlt_covariance: Vec<f64>,
+    /// Name of the camera model that was chosen.
+    model: String,
+    /// L1 to L11 of the camera without its distortion; absent where the world's origin has no image.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    dlt: Option<[f64; 11]>,
     centre_in_world_m: [f64; 3],
     centre_std_m: [f64; 3],
     /// Row by row.
@@ -47,7 +67,6 @@ struct CameraEntry {
     distortion_k1_k2_p1_p2_k3: [f64; 5],
     residual_rms_px: f64,
     sigma_px: f64,
-    condition: f64,
     #[serde(default)]
     point: Vec<PointEntry>,
 }
@@ -58,6 +77,14 @@ struct PointEntry {
     name: String,
     position_m: [f64; 3],
     residual_px: [f64; 2],
+    #[serde(default)]
+    studentised: f64,
+    #[serde(default = "yes")]
+    used: bool,
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// Writes a rig.
@@ -69,28 +96,41 @@ pub fn write_rig(path: &Path, rig: &Rig) -> Result<(), SessionError> {
 }
 
 pub(super) fn text(rig: &Rig, path: &Path) -> Result<String, SessionError> {
-    let file = RigFile { schema: RIG_SCHEMA, camera: rig.cameras.iter().map(entry).collect() };
+    let file = RigFile {
+        schema: RIG_SCHEMA,
+        uncertainty: rig.uncertainty.column_iter().map(|c| c.iter().copied().collect()).collect(),
+        left_out: rig.left_out.iter().map(left_out_entry).collect(),
+        camera: rig.cameras.iter().map(entry).collect(),
+    };
     toml::to_string(&file)
         .map_err(|e| SessionError::io(path, "express it as TOML", std::io::Error::other(e.to_string())))
 }
 
-fn row_by_row(values: impl Fn(usize, usize) -> f64, size: usize) -> Vec<f64> {
-    (0..size * size).map(|k| values(k / size, k % size)).collect()
+fn left_out_entry(point: &LeftOut) -> LeftOutEntry {
+    let swapped_with = match &point.reason {
+        LeftOutReason::Swapped { with } => Some(with.clone()),
+        LeftOutReason::Displaced => None,
+    };
+    LeftOutEntry {
+        name: point.name.clone(),
+        camera: point.camera.clone(),
+        swapped_with,
+        reason: point.to_string(),
+    }
 }
 
 fn entry(camera: &RigCamera) -> CameraEntry {
     let Camera { cam_from_world, intrinsics: i, distortion: d, size } = &camera.camera;
     let q = cam_from_world.rotation.quaternion();
-    let points = camera.points.iter().zip(&camera.points_in_world_m);
     CameraEntry {
         name: camera.name.clone(),
         width_px: size.width_px,
         height_px: size.height_px,
-        dlt: camera.fit.dlt.l,
-        dlt_covariance: row_by_row(|r, c| camera.fit.covariance[(r, c)], 11),
-        centre_in_world_m: cam_from_world.inverse().translation.vector.into(),
+        model: camera.model.to_string(),
+        dlt: Dlt::from_camera(&camera.camera).ok().map(|dlt| dlt.l),
+        centre_in_world_m: camera.camera.centre_in_world().into(),
         centre_std_m: camera.centre_std_m.into(),
-        centre_cov_m2: row_by_row(|r, c| camera.centre_cov_m2[(r, c)], 3),
+        centre_cov_m2: camera.centre_cov_m2.transpose().iter().copied().collect(),
         cam_from_world_wxyz: [q.w, q.i, q.j, q.k],
         fx_px: i.fx_px,
         fy_px: i.fy_px,
@@ -98,14 +138,17 @@ fn entry(camera: &RigCamera) -> CameraEntry {
         cy_px: i.cy_px,
         skew_px: i.skew_px,
         distortion_k1_k2_p1_p2_k3: [d.k1, d.k2, d.p1, d.p2, d.k3],
-        residual_rms_px: camera.fit.rms_px,
+        residual_rms_px: camera.residual_rms_px,
         sigma_px: camera.sigma_px,
-        condition: camera.fit.condition,
-        point: points
-            .map(|((name, residual), position)| PointEntry {
-                name: name.clone(),
-                position_m: (*position).into(),
-                residual_px: (*residual).into(),
+        point: camera
+            .points
+            .iter()
+            .map(|p| PointEntry {
+                name: p.name.clone(),
+                position_m: p.point_in_world_m.into(),
+                residual_px: p.residual_px.into(),
+                studentised: p.studentised,
+                used: p.used,
             })
             .collect(),
     }
@@ -128,40 +171,49 @@ pub fn read_rig(path: &Path) -> Result<Rig, SessionError> {
     if file.camera.is_empty() {
         return Err(refuse("camera".into(), "there is none: calibrate again"));
     }
+    let rows = CAMERA_PARAMETERS * file.camera.len();
+    let whole = |direction: &Vec<f64>| direction.len() == rows && direction.iter().all(|x| x.is_finite());
+    if !file.uncertainty.iter().all(whole) {
+        let detail = "each row must have 16 finite numbers a camera: calibrate again";
+        return Err(refuse("uncertainty".into(), detail));
+    }
+    let uncertainty = DMatrix::from_fn(rows, file.uncertainty.len(), |i, k| file.uncertainty[k][i]);
     let cameras = file.camera.into_iter().map(|entry| {
         let name = entry.name.clone();
-        camera(entry).map_err(|detail| refuse(format!("camera {name}"), detail))
+        camera(entry).map_err(|detail| refuse(format!("camera {name}"), &detail))
     });
-    Ok(Rig { cameras: cameras.collect::<Result<_, _>>()? })
+    let left_out = file.left_out.into_iter().map(|point| LeftOut {
+        name: point.name,
+        camera: point.camera,
+        reason: point.swapped_with.map_or(LeftOutReason::Displaced, |with| LeftOutReason::Swapped { with }),
+    });
+    Ok(Rig { cameras: cameras.collect::<Result<_, _>>()?, uncertainty, left_out: left_out.collect() })
 }
 
-fn camera(entry: CameraEntry) -> Result<RigCamera, &'static str> {
+fn camera(entry: CameraEntry) -> Result<RigCamera, String> {
     let [w, i, j, k] = entry.cam_from_world_wxyz;
     let quaternion = Quaternion::new(w, i, j, k);
     let off_unit = (quaternion.norm() - 1.0).abs();
     if !off_unit.is_finite() || off_unit > 1e-6 {
-        return Err("cam_from_world_wxyz is not a unit quaternion: calibrate again");
+        return Err("cam_from_world_wxyz is not a unit quaternion: calibrate again".into());
     }
     let focal = [entry.fx_px, entry.fy_px].iter().all(|f| f.is_finite() && *f > 0.0);
     if !focal || !entry.centre_in_world_m.iter().all(|x| x.is_finite()) {
-        return Err("focal lengths must be above zero and the centre finite: calibrate again");
+        return Err("focal lengths must be above zero and the centre finite: calibrate again".into());
+    }
+    let lens = entry.distortion_k1_k2_p1_p2_k3;
+    if ![entry.cx_px, entry.cy_px, entry.skew_px].iter().chain(&lens).all(|x| x.is_finite()) {
+        return Err("principal point, skew and distortion must be finite: calibrate again".into());
     }
     if entry.width_px == 0 || entry.height_px == 0 {
-        return Err("width_px and height_px must be above zero: calibrate again");
+        return Err("width_px and height_px must be above zero: calibrate again".into());
     }
-    if entry.centre_cov_m2.len() != 9
-        || !(entry.dlt_covariance.is_empty() || entry.dlt_covariance.len() == 121)
-    {
-        return Err("centre_cov_m2 must have 9 numbers and dlt_covariance 121: calibrate again");
+    if entry.centre_cov_m2.len() != 9 {
+        return Err("centre_cov_m2 must have 9 numbers: calibrate again".into());
     }
-    let rotation = UnitQuaternion::from_quaternion(quaternion);
+    let rotation = UnitQuaternion::new_unchecked(quaternion);
     let translation = -(rotation * Vector3::from(entry.centre_in_world_m));
-    let [k1, k2, p1, p2, k3] = entry.distortion_k1_k2_p1_p2_k3;
-    let covariance = if entry.dlt_covariance.is_empty() {
-        SMatrix::zeros()
-    } else {
-        SMatrix::from_row_slice(&entry.dlt_covariance)
-    };
+    let [k1, k2, p1, p2, k3] = lens;
     Ok(RigCamera {
         camera: Camera {
             cam_from_world: Isometry3::from_parts(Translation3::from(translation), rotation),
@@ -175,17 +227,21 @@ fn camera(entry: CameraEntry) -> Result<RigCamera, &'static str> {
             distortion: BrownConrady { k1, k2, p1, p2, k3 },
             size: ImageSize { width_px: entry.width_px, height_px: entry.height_px },
         },
-        fit: DltFit {
-            dlt: Dlt { l: entry.dlt },
-            residuals_px: entry.point.iter().map(|p| Vector2::from(p.residual_px)).collect(),
-            rms_px: entry.residual_rms_px,
-            condition: entry.condition,
-            covariance,
-        },
+        model: entry.model.parse()?,
         centre_std_m: entry.centre_std_m.into(),
         centre_cov_m2: Matrix3::from_row_slice(&entry.centre_cov_m2),
-        points_in_world_m: entry.point.iter().map(|p| p.position_m.into()).collect(),
-        points: entry.point.into_iter().map(|p| (p.name, p.residual_px.into())).collect(),
+        points: entry
+            .point
+            .into_iter()
+            .map(|p| ControlResidual {
+                name: p.name,
+                point_in_world_m: p.position_m.into(),
+                residual_px: p.residual_px.into(),
+                studentised: p.studentised,
+                used: p.used,
+            })
+            .collect(),
+        residual_rms_px: entry.residual_rms_px,
         sigma_px: entry.sigma_px,
         name: entry.name,
     })

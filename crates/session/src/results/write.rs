@@ -120,6 +120,7 @@ fn poses(samples: &[PoseSample], marker_names: &[String]) -> Vec<u8> {
     header.extend(columns::POSE.map(columns::value));
     header.extend(columns::POSE.map(columns::std));
     header.extend(["markers".to_owned(), "residual_px".to_owned()]);
+    header.extend(columns::upper_triangle().map(columns::new_covariance));
     let width = header.len();
     let mut lines = Lines::new(header);
     for sample in samples {
@@ -131,6 +132,8 @@ fn poses(samples: &[PoseSample], marker_names: &[String]) -> Vec<u8> {
             cells.extend(euler_std(&e.world_from_body, &turn).iter().map(|s| number(*s)));
             let used: Vec<String> = e.markers_used.iter().map(|m| name_of(marker_names, *m)).collect();
             cells.extend([used.join(" "), number(e.residual_px)]);
+            let own = e.own_covariance();
+            cells.extend(columns::upper_triangle().map(|at| number(own[at])));
         }
         cells.resize(width, String::new());
         lines.push(cells);

@@ -1,0 +1,168 @@
+//! The filter as poses arrive: the forward pass of the smoother.
+
+use crate::joint::{Joint, MotionNoise, Update};
+use crate::{MotionSample, PoseError, PoseSample};
+use mavsight_geometry::Matrix6;
+
+/// Motion from the poses so far, for use while the flight goes on. It is the forward pass of [`crate::smooth`] with the
+/// noise given, for example that of an earlier flight by [`crate::motion_noise`].
+///
+/// After the first pose, which makes room for its systematic columns, nothing is allocated.
+#[derive(Debug, Clone)]
+pub struct CausalFilter {
+    noise: MotionNoise,
+    gravity_m_s2: f64,
+    t_ns: i64,
+    index: usize,
+    state: Option<(Joint, Update)>,
+}
+
+impl CausalFilter {
+    /// A filter before its first pose.
+    ///
+    /// # Errors
+    /// [`PoseError::BadPose`] for a noise or gravity that is not finite or not positive.
+    pub fn new(noise: MotionNoise, gravity_m_s2: f64) -> Result<Self, PoseError> {
+        let sound = [noise.translation, noise.rotation].iter().all(|n| {
+            [n.intensity, n.variance_factor, n.lasting_s].iter().all(|x| x.is_finite() && *x > 0.0)
+                && n.lasting.iter().all(|x| x.is_finite())
+                && n.lasting.diagonal().iter().all(|x| *x >= 0.0)
+        });
+        if !sound || !gravity_m_s2.is_finite() {
+            return Err(PoseError::BadPose { index: 0, what: "the noise or gravity" });
+        }
+        Ok(Self { noise, gravity_m_s2, t_ns: i64::MIN, index: 0, state: None })
+    }
+
+    /// Takes one instant in, measured or not: the motion then, or nothing before the first pose.
+    ///
+    /// # Errors
+    /// [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`]. The filter stays as it was.
+    pub fn push(&mut self, sample: &PoseSample) -> Result<Option<MotionSample>, PoseError> {
+        if sample.t_ns <= self.t_ns {
+            let t_s = sample.t_ns as f64 * 1e-9;
+            return Err(PoseError::TimeNotIncreasing { index: self.index, t_s });
+        }
+        check_pose(self.index, sample)?;
+        let unsound = PoseError::BadPose { index: self.index, what: "the filter's covariance" };
+        match (&mut self.state, &sample.estimate) {
+            (None, None) => {}
+            (None, Some(first)) => {
+                let joint = Joint::start(first, &self.noise);
+                let update = joint.blank_update();
+                self.state = Some((joint, update));
+            }
+            (Some((joint, update)), seen) => {
+                joint.predict((sample.t_ns - self.t_ns) as f64 * 1e-9, &self.noise);
+                if let Some(seen) = seen {
+                    joint.update(seen, &self.noise, update).ok_or(unsound)?;
+                }
+            }
+        }
+        self.t_ns = sample.t_ns;
+        self.index += 1;
+        Ok(self.state.as_ref().map(|(joint, _)| joint.sample(sample.t_ns, self.gravity_m_s2)))
+    }
+}
+
+/// Refuses a pose that is not finite or whose covariance, less its systematic part, is not positive definite.
+pub(crate) fn check_pose(index: usize, sample: &PoseSample) -> Result<(), PoseError> {
+    let Some(estimate) = &sample.estimate else { return Ok(()) };
+    let pose = &estimate.world_from_body;
+    if !pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite()) {
+        return Err(PoseError::BadPose { index, what: "the pose" });
+    }
+    let own = estimate.own_covariance();
+    let scale = own.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt().recip());
+    let unit = Matrix6::from_fn(|i, j| own[(i, j)] * scale[i] * scale[j]);
+    let positive = own.diagonal().iter().all(|v| *v > 0.0) && unit.cholesky().is_some();
+    if !own.iter().all(|x| x.is_finite()) || !positive {
+        return Err(PoseError::BadPose { index, what: "the covariance" });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{ChainNoise, PoseEstimate, smooth::forward_samples};
+    use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
+    use nalgebra::{Matrix6xX, Translation3};
+
+    const GRAVITY: f64 = 9.81;
+
+    fn noise() -> MotionNoise {
+        MotionNoise { translation: ChainNoise::white(0.3, 1.2), rotation: ChainNoise::white(4.0, 0.8) }
+    }
+
+    fn flight(count: i64) -> Vec<PoseSample> {
+        let mut seed = 5;
+        (0..count)
+            .map(|k| {
+                let t = k as f64 / 30.0;
+                let shift = crate::testing::normal3(&mut seed) * 1e-3;
+                let turn = crate::testing::normal3(&mut seed) * 2e-3;
+                let place = Vector3::new(t.sin(), 0.2 * t, (0.7 * t).cos()) + shift;
+                let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(0.2 * t.sin(), 0.1, 0.4 * t))
+                    * UnitQuaternion::from_scaled_axis(turn);
+                let mut covariance = Matrix6::identity() * 1e-6;
+                (3..6).for_each(|i| covariance[(i, i)] = 4e-6);
+                covariance[(0, 4)] = 1e-6;
+                covariance[(4, 0)] = 1e-6;
+                let systematic = Matrix6xX::from_fn(3, |i, j| 1e-4 * (i as f64 + 1.0) * (t + j as f64).cos());
+                let estimate = PoseEstimate {
+                    world_from_body: Isometry3::from_parts(Translation3::from(place), rotation),
+                    covariance: covariance + &systematic * systematic.transpose(),
+                    systematic,
+                    markers_used: vec![],
+                    left_out: vec![],
+                    residual_px: 0.0,
+                };
+                let measured = k > 1 && !(60..70).contains(&k);
+                PoseSample { t_ns: k * 33_333_333, estimate: measured.then_some(estimate), reason: None }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn it_is_the_forward_pass_of_the_smoother() {
+        let poses = flight(400);
+        let batch = forward_samples(&poses[2..], &noise(), GRAVITY);
+        let mut filter = CausalFilter::new(noise(), GRAVITY).unwrap();
+        let causal: Vec<_> = poses.iter().map(|p| filter.push(p).unwrap()).collect();
+        assert!(causal[0].is_none() && causal[1].is_none() && causal[2].is_some());
+        // The smoother's start knows a ten-thousandth of the whole record; that is forgotten.
+        for (a, b) in causal.iter().flatten().zip(&batch).skip(250) {
+            assert!(
+                (a.world_from_body.translation.vector - b.world_from_body.translation.vector).norm() < 1e-9
+            );
+            assert!(a.world_from_body.rotation.angle_to(&b.world_from_body.rotation) < 1e-9);
+            assert!((a.velocity_in_body_m_s - b.velocity_in_body_m_s).norm() < 1e-9);
+            assert!((a.rates_rad_s - b.rates_rad_s).norm() < 1e-9);
+            assert!((a.covariance - b.covariance).amax() < 1e-9 * b.covariance.amax());
+        }
+        let early = causal[4].as_ref().unwrap();
+        assert!(early.covariance[(6, 6)] > 10.0 * causal[50].as_ref().unwrap().covariance[(6, 6)]);
+    }
+
+    #[test]
+    fn what_it_cannot_take_is_refused_and_changes_nothing() {
+        let poses = flight(40);
+        let mut filter = CausalFilter::new(noise(), GRAVITY).unwrap();
+        let mut other = filter.clone();
+        for p in &poses {
+            let want = other.push(p).unwrap();
+            let mut bad = p.clone();
+            if let Some(e) = &mut bad.estimate {
+                e.covariance = Matrix6::zeros();
+                assert!(matches!(filter.push(&bad), Err(PoseError::BadPose { what: "the covariance", .. })));
+            }
+            assert_eq!(filter.push(p).unwrap(), want);
+            assert!(matches!(filter.push(p), Err(PoseError::TimeNotIncreasing { .. })));
+        }
+        let mut unsound = noise();
+        unsound.rotation.intensity = -1.0;
+        assert!(CausalFilter::new(unsound, GRAVITY).is_err());
+        assert!(CausalFilter::new(noise(), f64::NAN).is_err());
+    }
+}

@@ -1,0 +1,299 @@
+//! Position and attitude in one filter, and its backward pass.
+
+use crate::chain::{CHAIN, Chain, ChainNoise, LASTING, Transition, add_process_noise};
+use crate::{MotionSample, PoseEstimate};
+use mavsight_geometry::attitude::{cross_matrix, matrix_of};
+use mavsight_geometry::{Isometry3, Matrix3, Matrix6, UnitQuaternion, Vector3};
+use nalgebra::{Const, Dyn, Matrix6xX, OMatrix, SMatrix, SVector, Translation3, Vector6};
+
+/// Length of the error state: the chain of position, then that of attitude.
+pub(crate) const STATE: usize = 2 * CHAIN;
+pub(crate) type MatrixS = SMatrix<f64, STATE, STATE>;
+pub(crate) type VectorS = SVector<f64, STATE>;
+/// What errors that stay do to the state, one column for each direction.
+pub(crate) type Effects = OMatrix<f64, Const<STATE>, Dyn>;
+
+/// The noise of a flight: what drives the body and what disturbs its measured poses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotionNoise {
+    /// Of position.
+    pub translation: ChainNoise,
+    /// Of attitude.
+    pub rotation: ChainNoise,
+}
+
+/// Standard deviations of what is unknown before the first pose, an order of magnitude beyond anything that flies in a
+/// room: 10 m/s, 100 m/s²; 30 rad/s, 1000 rad/s².
+pub(crate) const PRIOR_TRANSLATION: (f64, f64) = (10.0, 100.0);
+pub(crate) const PRIOR_ROTATION: (f64, f64) = (30.0, 1000.0);
+
+/// The state of motion with its covariance.
+#[derive(Debug, Clone)]
+pub(crate) struct Joint {
+    pub(crate) translation: Chain<Vector3<f64>>,
+    pub(crate) rotation: Chain<UnitQuaternion<f64>>,
+    pub(crate) covariance: MatrixS,
+    pub(crate) effects: Effects,
+}
+
+/// What a measured pose did to the state.
+#[derive(Debug, Clone)]
+pub(crate) struct Update {
+    gain: SMatrix<f64, STATE, 6>,
+    inverse: Matrix6<f64>,
+    pub(crate) innovation: Vector6<f64>,
+    effects: Matrix6xX<f64>,
+}
+
+/// H times each column of a matrix: what a measurement sees of the error state.
+fn seen_of(column: &[f64]) -> [f64; 6] {
+    std::array::from_fn(|i| {
+        let at = if i < 3 { i } else { CHAIN + i - 3 };
+        column[at] + column[at + LASTING]
+    })
+}
+
+/// Adds Hᵀ y to a column.
+fn add_unseen(column: &mut [f64], y: &[f64], sign: f64) {
+    for (i, y) in y.iter().enumerate().take(6) {
+        let at = if i < 3 { i } else { CHAIN + i - 3 };
+        column[at] += sign * y;
+        column[at + LASTING] += sign * y;
+    }
+}
+
+fn observe(matrix: &MatrixS) -> SMatrix<f64, 6, STATE> {
+    let mut out = SMatrix::<f64, 6, STATE>::zeros();
+    for (k, column) in matrix.as_slice().chunks_exact(STATE).enumerate() {
+        out.column_mut(k).copy_from_slice(&seen_of(column));
+    }
+    out
+}
+
+/// The covariance of what is new in each measurement, position and attitude each by its factor.
+pub(crate) fn new_noise(estimate: &PoseEstimate, noise: &MotionNoise) -> Matrix6<f64> {
+    let own = estimate.own_covariance();
+    let (t, r) = (noise.translation.variance_factor.sqrt(), noise.rotation.variance_factor.sqrt());
+    let scale = Vector6::new(t, t, t, r, r, r);
+    Matrix6::from_fn(|i, j| own[(i, j)] * scale[i] * scale[j])
+}
+
+impl Joint {
+    /// The state at the first measured pose.
+    pub(crate) fn start(first: &PoseEstimate, noise: &MotionNoise) -> Self {
+        let pose = &first.world_from_body;
+        let seen = new_noise(first, noise);
+        let mut covariance = MatrixS::zeros();
+        let chains = [
+            (0, &noise.translation, PRIOR_TRANSLATION, noise.translation.variance_factor),
+            (CHAIN, &noise.rotation, PRIOR_ROTATION, noise.rotation.variance_factor),
+        ];
+        for (i, (at, chain, prior, factor)) in chains.into_iter().enumerate() {
+            let other = CHAIN - at;
+            let block = |m: &Matrix6<f64>, column: usize| m.fixed_view::<3, 3>(3 * i, column).into_owned();
+            let mut put = |row: usize, column: usize, value: &Matrix3<f64>| {
+                covariance.fixed_view_mut::<3, 3>(row, column).copy_from(value);
+            };
+            put(at, at, &(block(&seen, 3 * i) + chain.lasting));
+            put(at, other, &block(&seen, 3 - 3 * i));
+            put(at, at + LASTING, &-chain.lasting);
+            put(at + LASTING, at, &-chain.lasting);
+            put(at + LASTING, at + LASTING, &chain.lasting);
+            put(at + 3, at + 3, &(Matrix3::identity() * prior.0.powi(2) * factor));
+            put(at + 6, at + 6, &(Matrix3::identity() * prior.1.powi(2) * factor));
+        }
+        let mut effects = Effects::zeros(first.systematic.ncols());
+        effects.fixed_rows_mut::<3>(0).copy_from(&first.systematic.fixed_rows::<3>(0));
+        effects.fixed_rows_mut::<3>(CHAIN).copy_from(&first.systematic.fixed_rows::<3>(3));
+        Self {
+            translation: Chain::at(pose.translation.vector),
+            rotation: Chain::at(pose.rotation),
+            covariance,
+            effects,
+        }
+    }
+
+    /// Moves the state on (back, if `dt_s` is negative).
+    pub(crate) fn predict(&mut self, dt_s: f64, noise: &MotionNoise) -> [Transition; 2] {
+        let (translation, first) = self.translation.predicted(dt_s, &noise.translation);
+        let (rotation, second) = self.rotation.predicted(dt_s, &noise.rotation);
+        (self.translation, self.rotation) = (translation, rotation);
+        for _ in 0..2 {
+            first.forward(self.covariance.as_mut_slice(), STATE, 0);
+            second.forward(self.covariance.as_mut_slice(), STATE, CHAIN);
+            self.covariance.transpose_mut();
+        }
+        add_process_noise(self.covariance.as_mut_slice(), STATE, 0, dt_s, &noise.translation);
+        add_process_noise(self.covariance.as_mut_slice(), STATE, CHAIN, dt_s, &noise.rotation);
+        first.forward(self.effects.as_mut_slice(), STATE, 0);
+        second.forward(self.effects.as_mut_slice(), STATE, CHAIN);
+        [first, second]
+    }
+
+    /// Takes a pose in (Joseph's form, expanded). `None` where the arithmetic fails.
+    pub(crate) fn update(
+        &mut self,
+        seen: &PoseEstimate,
+        noise: &MotionNoise,
+        out: &mut Update,
+    ) -> Option<()> {
+        let pose = &seen.world_from_body;
+        out.innovation
+            .fixed_rows_mut::<3>(0)
+            .copy_from(&self.translation.innovation(&pose.translation.vector));
+        out.innovation.fixed_rows_mut::<3>(3).copy_from(&self.rotation.innovation(&pose.rotation));
+        let rows = observe(&self.covariance);
+        let mut s = new_noise(seen, noise);
+        for i in 0..6 {
+            let at = if i < 3 { i } else { CHAIN + i - 3 };
+            let column = rows.column(at) + rows.column(at + LASTING);
+            let mut target = s.column_mut(i);
+            target += column;
+        }
+        let s = (s + s.transpose()) * 0.5;
+        out.inverse = s.cholesky()?.inverse();
+        out.gain = rows.transpose() * out.inverse;
+        let taken = out.gain * rows;
+        let covariance = self.covariance + out.gain * s * out.gain.transpose() - taken - taken.transpose();
+        self.covariance = (covariance + covariance.transpose()) * 0.5;
+        let by = out.gain * out.innovation;
+        self.translation.correct(&by.as_slice()[..CHAIN]);
+        self.rotation.correct(&by.as_slice()[CHAIN..]);
+        self.take_effects(seen, out);
+        Some(())
+    }
+
+    fn take_effects(&mut self, seen: &PoseEstimate, out: &mut Update) {
+        let known = seen.systematic.ncols();
+        for (c, effect) in self.effects.as_mut_slice().chunks_exact_mut(STATE).enumerate() {
+            let expected = seen_of(effect);
+            let mut y = Vector6::zeros();
+            for i in 0..6 {
+                y[i] = if c < known { seen.systematic[(i, c)] - expected[i] } else { -expected[i] };
+            }
+            let by = out.gain * y;
+            effect.iter_mut().zip(by.iter()).for_each(|(e, b)| *e += b);
+            out.effects.set_column(c, &y);
+        }
+    }
+
+    /// Room for what an update leaves.
+    pub(crate) fn blank_update(&self) -> Update {
+        Update {
+            gain: SMatrix::zeros(),
+            inverse: Matrix6::zeros(),
+            innovation: Vector6::zeros(),
+            effects: Matrix6xX::zeros(self.effects.ncols()),
+        }
+    }
+
+    /// The state as body quantities, with the covariance by the Jacobian of that; errors that stay included.
+    pub(crate) fn sample(&self, t_ns: i64, gravity_m_s2: f64) -> MotionSample {
+        let (translation, rotation) = (&self.translation, &self.rotation);
+        let body_from_world = matrix_of(&rotation.place).transpose();
+        let velocity = body_from_world * translation.rate;
+        let force = body_from_world * (translation.acceleration + Vector3::z() * gravity_m_s2);
+        let mut jacobian = SMatrix::<f64, 18, STATE>::zeros();
+        let blocks: [(usize, usize, Matrix3<f64>); 8] = [
+            (0, 0, Matrix3::identity()),
+            (3, CHAIN, Matrix3::identity()),
+            (6, 3, body_from_world),
+            (6, CHAIN, cross_matrix(&velocity)),
+            (9, CHAIN + 3, Matrix3::identity()),
+            (12, 6, body_from_world),
+            (12, CHAIN, cross_matrix(&force)),
+            (15, CHAIN + 6, Matrix3::identity()),
+        ];
+        for (row, column, block) in blocks {
+            jacobian.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
+        }
+        let mut covariance = jacobian * self.covariance * jacobian.transpose();
+        for effect in self.effects.column_iter() {
+            let on_body = jacobian * effect;
+            covariance.ger(1.0, &on_body, &on_body, 1.0);
+        }
+        MotionSample {
+            t_ns,
+            world_from_body: Isometry3::from_parts(Translation3::from(translation.place), rotation.place),
+            velocity_in_body_m_s: velocity,
+            rates_rad_s: rotation.rate,
+            specific_force_m_s2: force,
+            angular_acceleration_rad_s2: rotation.acceleration,
+            covariance: (covariance + covariance.transpose()) * 0.5,
+        }
+    }
+}
+
+/// What the later measurements say: the adjoint state and its information (Bryson & Frazier 1963 in the form of Bierman
+/// 1977, which inverts no predicted covariance).
+#[derive(Debug, Clone)]
+pub(crate) struct Adjoint {
+    pub(crate) vector: VectorS,
+    pub(crate) information: MatrixS,
+    effects: Effects,
+}
+
+impl Adjoint {
+    /// After the last instant nothing is said.
+    pub(crate) fn nothing(columns: usize) -> Self {
+        Self { vector: VectorS::zeros(), information: MatrixS::zeros(), effects: Effects::zeros(columns) }
+    }
+
+    /// The filtered state with what the later measurements say.
+    pub(crate) fn smoothed(&self, filtered: &Joint) -> Joint {
+        let p = &filtered.covariance;
+        let by = -(p * self.vector);
+        let mut out = filtered.clone();
+        out.translation.correct(&by.as_slice()[..CHAIN]);
+        out.rotation.correct(&by.as_slice()[CHAIN..]);
+        let covariance = p - p * self.information * p;
+        out.covariance = (covariance + covariance.transpose()) * 0.5;
+        out.effects -= p * &self.effects;
+        out
+    }
+
+    /// Back through a measurement.
+    pub(crate) fn before_update(&mut self, update: &Update) {
+        let back = |column: &mut [f64], y: &Vector6<f64>| {
+            let through = update.gain.tr_mul(&VectorS::from_column_slice(column)) + update.inverse * y;
+            add_unseen(column, through.as_slice(), -1.0);
+        };
+        back(self.vector.as_mut_slice(), &update.innovation);
+        for (c, column) in self.effects.as_mut_slice().chunks_exact_mut(STATE).enumerate() {
+            back(column, &update.effects.column(c).into_owned());
+        }
+        // (1 - K H)ᵀ Λ (1 - K H) + Hᵀ S⁻¹ H, one side after the other.
+        for _ in 0..2 {
+            for column in self.information.as_mut_slice().chunks_exact_mut(STATE) {
+                let through = update.gain.tr_mul(&VectorS::from_column_slice(column));
+                add_unseen(column, through.as_slice(), -1.0);
+            }
+            self.information.transpose_mut();
+        }
+        for i in 0..6 {
+            let column: Vector6<f64> = update.inverse.column(i).into_owned();
+            let at = if i < 3 { i } else { CHAIN + i - 3 };
+            for j in [at, at + LASTING] {
+                add_unseen(
+                    &mut self.information.as_mut_slice()[j * STATE..(j + 1) * STATE],
+                    column.as_slice(),
+                    1.0,
+                );
+            }
+        }
+    }
+
+    /// Back through an interval.
+    pub(crate) fn before_predict(&mut self, transitions: &[Transition; 2]) {
+        let [first, second] = transitions;
+        first.backward(self.vector.as_mut_slice(), STATE, 0);
+        second.backward(self.vector.as_mut_slice(), STATE, CHAIN);
+        first.backward(self.effects.as_mut_slice(), STATE, 0);
+        second.backward(self.effects.as_mut_slice(), STATE, CHAIN);
+        for _ in 0..2 {
+            first.backward(self.information.as_mut_slice(), STATE, 0);
+            second.backward(self.information.as_mut_slice(), STATE, CHAIN);
+            self.information.transpose_mut();
+        }
+    }
+}

@@ -1,0 +1,211 @@
+//! The noise of a flight, by greatest likelihood.
+
+use crate::chain::{ChainNoise, Place};
+use crate::filter::{Innovations, Measured, Series, innovations};
+use crate::joint::{MotionNoise, PRIOR_ROTATION, PRIOR_TRANSLATION};
+use crate::{PoseError, PoseSample};
+use mavsight_geometry::{Isometry3, Matrix3};
+
+/// Poses needed: three fix the start, and two noise parameters want more than a handful of innovations.
+const NEEDED: usize = 10;
+
+/// Steps of the coarse search for the bandwidth; the fine one halves the bracket until it is within a percent.
+const COARSE_STEPS: usize = 16;
+
+/// Twice the logarithm of the likelihood that two more parameters must gain: the 99.9 % quantile of chi-square with
+/// two degrees of freedom.
+const TWO_MORE: f64 = 13.816;
+
+/// The normal quantile of 99.9 %.
+const SIGNIFICANT: f64 = 3.09;
+
+/// Noise and the bandwidths that it implies, in Hz: of position, of attitude.
+pub(crate) struct Likely {
+    pub(crate) noise: MotionNoise,
+    pub(crate) bandwidth_hz: (f64, f64),
+}
+
+/// The noise under which the poses of a flight are most likely: strength of the jerk and size of the measurements' errors,
+/// for position and attitude apart, and where neighbouring innovations are correlated, the part of those errors that
+/// lasts and for how long.
+///
+/// # Errors
+/// [`PoseError::TooFewPoses`] under 10 poses; [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`].
+pub fn motion_noise(poses: &[PoseSample]) -> Result<MotionNoise, PoseError> {
+    check(poses)?;
+    likely(poses).map(|l| l.noise)
+}
+
+pub(crate) fn check(poses: &[PoseSample]) -> Result<(), PoseError> {
+    let measured = poses.iter().filter(|p| p.estimate.is_some()).count();
+    if measured < NEEDED {
+        return Err(PoseError::TooFewPoses { measured, samples: poses.len(), needed: NEEDED });
+    }
+    for (index, pair) in poses.windows(2).enumerate() {
+        if pair[1].t_ns <= pair[0].t_ns {
+            let t_s = pair[1].t_ns as f64 * 1e-9;
+            return Err(PoseError::TimeNotIncreasing { index: index + 1, t_s });
+        }
+    }
+    poses.iter().enumerate().try_for_each(|(index, pose)| crate::causal::check_pose(index, pose))
+}
+
+pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
+    let failed = PoseError::BadPose { index: 0, what: "the likelihood of the noise" };
+    let first = poses.iter().position(|p| p.estimate.is_some()).ok_or(failed.clone())?;
+    let poses = &poses[first..];
+    let origin_ns = poses[0].t_ns;
+    let t_s: Vec<f64> = poses.iter().map(|p| (p.t_ns - origin_ns) as f64 * 1e-9).collect();
+    let positions: Vec<_> = poses.iter().map(|p| measured(p, 0, |pose| pose.translation.vector)).collect();
+    let attitudes: Vec<_> = poses.iter().map(|p| measured(p, 3, |pose| pose.rotation)).collect();
+    let translation = Series { t_s: &t_s, measured: &positions, prior_std: PRIOR_TRANSLATION };
+    let rotation = Series { t_s: &t_s, measured: &attitudes, prior_std: PRIOR_ROTATION };
+    let (translation, first_hz) = most_likely(&translation).ok_or(failed.clone())?;
+    let (rotation, second_hz) = most_likely(&rotation).ok_or(failed)?;
+    Ok(Likely { noise: MotionNoise { translation, rotation }, bandwidth_hz: (first_hz, second_hz) })
+}
+
+fn measured<P>(pose: &PoseSample, at: usize, place: impl Fn(&Isometry3<f64>) -> P) -> Option<Measured<P>> {
+    pose.estimate.as_ref().map(|e| Measured {
+        place: place(&e.world_from_body),
+        covariance: e.own_covariance().fixed_view::<3, 3>(at, at).into_owned(),
+    })
+}
+
+/// What the search moves: logarithms of the bandwidth in Hz, of the lasting part's variance over the new part's, and of
+/// its time constant in s.
+type Parameters = [f64; 3];
+
+struct Search<'a, P> {
+    series: &'a Series<'a, P>,
+    interval_s: f64,
+    duration_s: f64,
+    /// Median variance of a coordinate.
+    variance: f64,
+    /// Mean covariance.
+    covariance: Matrix3<f64>,
+}
+
+/// Noise of greatest likelihood, and the bandwidth.
+///
+/// The factor on the covariances is the mean square of the normalised innovations for given ratios, so that the white case
+/// has one dimension to search: from one cycle in twice the flight to the Nyquist frequency.
+fn most_likely<P: Place>(series: &Series<'_, P>) -> Option<(ChainNoise, f64)> {
+    let times: Vec<f64> =
+        series.t_s.iter().zip(series.measured).filter(|(_, m)| m.is_some()).map(|(t, _)| *t).collect();
+    let count = times.len() as f64;
+    let search = Search {
+        series,
+        interval_s: median(times.windows(2).map(|w| w[1] - w[0]).collect()),
+        duration_s: times.last()? - times.first()?,
+        variance: median(series.measured.iter().flatten().map(|m| m.covariance.trace() / 3.0).collect()),
+        covariance: series.measured.iter().flatten().map(|m| m.covariance / count).sum(),
+    };
+    let white = |log_hz: f64| [log_hz, f64::NEG_INFINITY, 0.0];
+    let (low, high) = ((0.5 / search.duration_s).ln(), (0.5 / search.interval_s).ln());
+    let mut best = white(least(|x| search.cost(&white(x)), low, high, COARSE_STEPS));
+    let sums = search.run(&best).filter(|s| s.count > 0)?;
+    if sums.correlation() > SIGNIFICANT / (sums.count as f64).sqrt() {
+        let coloured = search.coloured(best[0], (low, high));
+        if search.cost(&coloured) + TWO_MORE < search.cost(&best) {
+            best = coloured;
+        }
+    }
+    let sums = search.run(&best).filter(|s| s.count > 0)?;
+    // A record without any scatter would claim no noise at all: the poses' own covariances bound it from below by 1e-4.
+    let factor = (sums.chi_square / sums.count as f64).max(1e-4);
+    let unit = search.noise(&best);
+    let noise = ChainNoise {
+        intensity: unit.intensity * factor,
+        variance_factor: factor,
+        lasting: unit.lasting * factor,
+        ..unit
+    };
+    Some((noise, best[0].exp()))
+}
+
+impl<P: Place> Search<'_, P> {
+    /// Noise with a factor of one on the covariances.
+    fn noise(&self, at: &Parameters) -> ChainNoise {
+        let angular = 2.0 * std::f64::consts::PI * at[0].exp();
+        ChainNoise {
+            intensity: angular.powi(6) * self.variance * self.interval_s,
+            variance_factor: 1.0,
+            lasting: self.covariance * at[1].exp(),
+            lasting_s: at[2].exp(),
+        }
+    }
+
+    fn run(&self, at: &Parameters) -> Option<Innovations> {
+        innovations(self.series, &self.noise(at))
+    }
+
+    /// Minus twice the logarithm of the likelihood, with the best factor, but for a constant.
+    fn cost(&self, at: &Parameters) -> f64 {
+        self.run(at).filter(|s| s.count > 0).map_or(f64::INFINITY, |s| {
+            s.log_det + s.count as f64 * (s.chi_square / s.count as f64).max(f64::MIN_POSITIVE).ln()
+        })
+    }
+
+    /// The best noise with a lasting part, one parameter after the other: variance ratios from a hundredth to a hundred, time
+    /// constants from one interval to a fifth of the flight.
+    fn coloured(&self, log_hz: f64, bandwidths: (f64, f64)) -> Parameters {
+        let mut best = [log_hz, 0.0, (4.0 * self.interval_s).ln()];
+        let ranges = [
+            bandwidths,
+            (0.01_f64.ln(), 100_f64.ln()),
+            (self.interval_s.ln(), (0.2 * self.duration_s).max(2.0 * self.interval_s).ln()),
+        ];
+        let mut cost = f64::INFINITY;
+        for _ in 0..6 {
+            for k in [1, 0, 2] {
+                let at = |x: f64| {
+                    let mut tried = best;
+                    tried[k] = x;
+                    self.cost(&tried)
+                };
+                best[k] = least(at, ranges[k].0, ranges[k].1, COARSE_STEPS / 2);
+            }
+            let now = self.cost(&best);
+            if cost - now < 0.1 {
+                break;
+            }
+            cost = now;
+        }
+        best
+    }
+}
+
+/// The least of a function of one variable: a grid, then golden sections of the bracket around its best point.
+fn least(cost: impl Fn(f64) -> f64, low: f64, high: f64, steps: usize) -> f64 {
+    let step = (high - low) / steps as f64;
+    let mut best = (low, f64::INFINITY);
+    for k in 0..=steps {
+        let x = low + step * k as f64;
+        let c = cost(x);
+        if c < best.1 {
+            best = (x, c);
+        }
+    }
+    let golden = (5f64.sqrt() - 1.0) / 2.0;
+    let (mut a, mut b) = ((best.0 - step).max(low), (best.0 + step).min(high));
+    let (mut x, mut y) = (b - golden * (b - a), a + golden * (b - a));
+    let (mut at_x, mut at_y) = (cost(x), cost(y));
+    while b - a > 0.01 {
+        if at_x < at_y {
+            (b, y, at_y) = (y, x, at_x);
+            x = b - golden * (b - a);
+            at_x = cost(x);
+        } else {
+            (a, x, at_x) = (x, y, at_y);
+            y = a + golden * (b - a);
+            at_y = cost(y);
+        }
+    }
+    0.5 * (a + b)
+}
+
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}

@@ -1,0 +1,252 @@
+//! What a rig will measure, before anything flies: predicted millimetres over a volume.
+
+use crate::Rig;
+use mavsight_geometry::{CAMERA_PARAMETERS, Matrix3, Vector3};
+use nalgebra::{DMatrix, Matrix3xX};
+
+/// A rectangle in the world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapPlane {
+    /// One corner.
+    pub corner_in_world_m: Vector3<f64>,
+    /// From there along the first side, all of it.
+    pub first_side_m: Vector3<f64>,
+    /// Along the second side.
+    pub second_side_m: Vector3<f64>,
+}
+
+/// Predicted standard deviations on a plane.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PrecisionMap {
+    /// Where.
+    pub plane: MapPlane,
+    /// Cells along the first side.
+    pub columns: usize,
+    /// Cells along the second side.
+    pub rows: usize,
+    /// At the middle of each cell, first side first: root of the trace of a point's covariance, mm; none where fewer than
+    /// two cameras see it.
+    pub std_mm: Vec<Option<f64>>,
+}
+
+/// A box along the world's axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Volume {
+    /// Corner of the least coordinates.
+    pub low_m: Vector3<f64>,
+    /// Corner of the largest.
+    pub high_m: Vector3<f64>,
+}
+
+/// Predicted standard deviations (3-D) in a volume.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VolumePrecision {
+    /// In the middle; none where fewer than two cameras see it.
+    pub centre_mm: Option<f64>,
+    /// The largest that was found.
+    pub worst_mm: f64,
+    /// Where.
+    pub worst_at_m: Vector3<f64>,
+    /// Part of the volume that two cameras see.
+    pub share_seen: f64,
+}
+
+/// Points along each side of a volume that are looked at.
+const VOLUME_STEPS: usize = 11;
+
+/// The box that holds the rig's control points: the volume for which it is calibrated. `None` without control points.
+pub fn control_volume(rig: &Rig) -> Option<Volume> {
+    let points = rig.control_points_in_world();
+    let first = *points.first()?;
+    let around = points.iter().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)));
+    Some(Volume { low_m: around.0, high_m: around.1 })
+}
+
+impl Volume {
+    /// The horizontal rectangle at mid height.
+    pub fn horizontal(&self) -> MapPlane {
+        let side = self.high_m - self.low_m;
+        let corner = Vector3::new(self.low_m.x, self.low_m.y, 0.5 * (self.low_m.z + self.high_m.z));
+        MapPlane {
+            corner_in_world_m: corner,
+            first_side_m: Vector3::new(side.x, 0.0, 0.0),
+            second_side_m: Vector3::new(0.0, side.y, 0.0),
+        }
+    }
+
+    /// The upright rectangle along X in the middle of Y.
+    pub fn vertical(&self) -> MapPlane {
+        let side = self.high_m - self.low_m;
+        let corner = Vector3::new(self.low_m.x, 0.5 * (self.low_m.y + self.high_m.y), self.low_m.z);
+        MapPlane {
+            corner_in_world_m: corner,
+            first_side_m: Vector3::new(side.x, 0.0, 0.0),
+            second_side_m: Vector3::new(0.0, 0.0, side.z),
+        }
+    }
+}
+
+/// Covariance with which the cameras that have a point on their image will measure it: from the noise of its images, and
+/// from what is not known of the cameras.
+///
+/// Weighted least squares from two rays or more: C = σ² (Σ JᵀJ)⁻¹ from the pixels; an error of the cameras moves the
+/// point by G = -(Σ JᵀJ)⁻¹ Σ Jᵀ J_camera times it, to first order. `None` where fewer than two cameras see the point or
+/// their rays are parallel.
+pub fn predicted_covariance_m2(
+    rig: &Rig,
+    point_in_world_m: &Vector3<f64>,
+    pixel_std_px: f64,
+) -> Option<Matrix3<f64>> {
+    let directions = rig.uncertainty.ncols();
+    let mut normal = Matrix3::zeros();
+    let mut moved: Matrix3xX<f64> = Matrix3xX::zeros(directions);
+    let mut seen_by = 0;
+    for (k, camera) in rig.cameras.iter().enumerate() {
+        let Ok(seen) = camera.camera.project(point_in_world_m) else { continue };
+        if !camera.camera.size.contains(&seen.pixel, 0.0) {
+            continue;
+        }
+        let Ok(by_camera) = camera.camera.d_pixel_d_camera(point_in_world_m) else { continue };
+        seen_by += 1;
+        let jacobian = seen.d_pixel_d_point_in_world;
+        normal += jacobian.transpose() * jacobian;
+        let own: DMatrix<f64> = rig.uncertainty.rows(CAMERA_PARAMETERS * k, CAMERA_PARAMETERS).into_owned();
+        moved -= jacobian.transpose() * (by_camera * own);
+    }
+    if seen_by < 2 {
+        return None;
+    }
+    let inverse = normal.cholesky()?.inverse();
+    let systematic = inverse * moved;
+    let covariance = inverse * pixel_std_px.powi(2) + &systematic * systematic.transpose();
+    covariance.iter().all(|x| x.is_finite()).then_some(covariance)
+}
+
+/// The predicted precision of a single ball's place on a plane, cell by cell.
+pub fn precision_map(
+    rig: &Rig,
+    plane: MapPlane,
+    (columns, rows): (usize, usize),
+    pixel_std_px: f64,
+) -> PrecisionMap {
+    let middle = |k: usize, n: usize| (k as f64 + 0.5) / n as f64;
+    let std_mm = (0..columns * rows)
+        .map(|cell| {
+            let point = plane.corner_in_world_m
+                + plane.first_side_m * middle(cell % columns, columns)
+                + plane.second_side_m * middle(cell / columns, rows);
+            std_mm_at(rig, &point, pixel_std_px)
+        })
+        .collect();
+    PrecisionMap { plane, columns, rows, std_mm }
+}
+
+fn std_mm_at(rig: &Rig, point: &Vector3<f64>, pixel_std_px: f64) -> Option<f64> {
+    predicted_covariance_m2(rig, point, pixel_std_px).map(|c| 1e3 * c.trace().sqrt())
+}
+
+/// The predicted precision of a single ball's place in the middle of a volume, and the worst in it. `None` where no two
+/// cameras see any of it.
+pub fn volume_precision(rig: &Rig, volume: &Volume, pixel_std_px: f64) -> Option<VolumePrecision> {
+    let side = volume.high_m - volume.low_m;
+    let steps = VOLUME_STEPS;
+    let part = |k: usize| k as f64 / (steps - 1) as f64;
+    let (mut worst, mut seen): (Option<(f64, Vector3<f64>)>, usize) = (None, 0);
+    for cell in 0..steps.pow(3) {
+        let at = Vector3::new(part(cell % steps), part(cell / steps % steps), part(cell / steps / steps));
+        let point = volume.low_m + side.component_mul(&at);
+        let Some(std_mm) = std_mm_at(rig, &point, pixel_std_px) else { continue };
+        seen += 1;
+        if worst.is_none_or(|(most, _)| std_mm > most) {
+            worst = Some((std_mm, point));
+        }
+    }
+    let (worst_mm, worst_at_m) = worst?;
+    let centre_mm = std_mm_at(rig, &(volume.low_m + side * 0.5), pixel_std_px);
+    Some(VolumePrecision { centre_mm, worst_mm, worst_at_m, share_seen: seen as f64 / steps.pow(3) as f64 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibrate::test_sets::{both, seen};
+    use crate::testing::{cameras, cube, normal};
+    use crate::{Rig, calibrate};
+    use mavsight_geometry::{Matrix2, Vector2, triangulate};
+
+    /// Calibrations and measurements with noise, many times over, against the prediction.
+    #[test]
+    fn the_prediction_is_the_spread_of_many_measurements() {
+        let (std_px, mut seed, trials) = (0.1, 3, 300);
+        let point = Vector3::new(0.6, 0.4, 2.0);
+        let (mut sum, mut claimed) = (Matrix3::zeros(), 0.0);
+        for _ in 0..trials {
+            let rig = calibrate(&both(std_px, &mut seed)).unwrap();
+            let pixels: Vec<Vector2<f64>> = cameras()
+                .iter()
+                .map(|c| {
+                    c.project(&point).unwrap().pixel
+                        + Vector2::new(normal(&mut seed), normal(&mut seed)) * std_px
+                })
+                .collect();
+            let sights: Vec<_> = rig
+                .cameras
+                .iter()
+                .zip(&pixels)
+                .map(|(c, p)| (&c.camera, *p, Matrix2::identity() * std_px * std_px))
+                .collect();
+            let error = triangulate(&sights).unwrap().point_in_world_m - point;
+            sum += error * error.transpose() / f64::from(trials);
+            claimed += predicted_covariance_m2(&rig, &point, std_px).unwrap().trace() / f64::from(trials);
+        }
+        let ratio = sum.trace() / claimed;
+        let exact = Rig::exact(crate::testing::rig().cameras);
+        let pixels_alone = predicted_covariance_m2(&exact, &point, std_px).unwrap().trace();
+        assert!((0.7..1.15).contains(&ratio), "measured over predicted variance {ratio}");
+        assert!(claimed > 1.15 * pixels_alone, "{claimed} m² with the cameras, {pixels_alone} m² without");
+    }
+
+    /// Twelve points of only five distinct places fit as well as twelve places, and measure much worse.
+    #[test]
+    fn a_small_residual_of_few_distinct_points_hides_what_the_map_shows() {
+        let mut seed = 8;
+        let inner = [[-0.4, -0.3, 1.1], [0.4, -0.3, 1.4], [0.0, 0.4, 1.9], [-0.3, 0.3, 1.0], [0.3, 0.3, 1.6]];
+        let inner = inner.map(Vector3::from);
+        let few: Vec<Vector3<f64>> = (0..12).map(|k| inner[k % 5]).collect();
+        let mut frame = cube();
+        frame.extend(&inner[..4]);
+        let calibrated = |places: &[Vector3<f64>], seed: &mut u64| {
+            let [a, b] = cameras();
+            calibrate(&[
+                seen("cam1", &a, places, (0.1, 0.03), seed),
+                seen("cam2", &b, places, (0.1, 0.03), seed),
+            ])
+        };
+        let volume = Volume { low_m: Vector3::new(-1.5, -1.5, 0.0), high_m: Vector3::new(1.5, 1.5, 3.0) };
+        let good = calibrated(&frame, &mut seed).unwrap();
+        let poor = calibrated(&few, &mut seed).unwrap();
+        let worst = |rig: &Rig| volume_precision(rig, &volume, 0.1).unwrap().worst_mm;
+        let residual = |rig: &Rig| rig.cameras[0].residual_rms_px.max(rig.cameras[1].residual_rms_px);
+        assert!(residual(&poor) < 0.2, "{} px", residual(&poor));
+        assert!(worst(&good) < 8.0 && worst(&poor) > 5.0 * worst(&good), "{} {}", worst(&good), worst(&poor));
+        for (camera, truth) in poor.cameras.iter().zip(cameras()) {
+            let error = camera.camera.centre_in_world() - truth.centre_in_world();
+            let square = (error.transpose() * camera.centre_cov_m2.try_inverse().unwrap() * error)[0];
+            assert!(square < 16.27, "{square}: outside the 99.9 % region");
+        }
+    }
+
+    #[test]
+    fn what_two_cameras_do_not_see_is_not_predicted() {
+        let rig = crate::testing::rig();
+        assert_eq!(predicted_covariance_m2(&rig, &Vector3::new(0.0, 0.0, 9.0), 0.1), None);
+        let one = Rig::exact(rig.cameras[..1].to_vec());
+        assert_eq!(predicted_covariance_m2(&one, &Vector3::new(0.0, 0.0, 1.5), 0.1), None);
+        let volume = control_volume(&rig).unwrap();
+        let map = precision_map(&rig, volume.horizontal(), (4, 3), 0.1);
+        assert_eq!(map.std_mm.len(), 12);
+        assert!(map.std_mm.iter().all(|s| s.is_some_and(|mm| mm > 0.5 && mm < 10.0)), "{map:?}");
+        assert_eq!(control_volume(&Rig::default()), None);
+        assert_eq!(volume_precision(&one, &volume, 0.1), None);
+    }
+}

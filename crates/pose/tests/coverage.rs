@@ -1,0 +1,20 @@
+//! The 95 % intervals hold 92 to 98 % of the truths: a small sample of what `--example coverage` prints.
+
+#[allow(dead_code)]
+mod simulated;
+
+use simulated::{ROWS, Random, Tally, rigs};
+
+#[test]
+fn intervals_of_pose_velocity_and_rates_hold_the_truth() {
+    for (name, rig) in rigs() {
+        let (mut tally, mut random) = (Tally::default(), Random(11));
+        (0..10).for_each(|_| tally.film(&rig, &mut random));
+        assert_eq!(tally.unmeasured(), 80, "only the frames that were lost");
+        for (row, what) in ROWS.iter().enumerate().take(6) {
+            let share = tally.share(row);
+            // Ten films are ten calibrations: the share of a single one of six rows scatters by two per cent.
+            assert!((0.89..=0.985).contains(&share), "{name}: {what} {share}");
+        }
+    }
+}

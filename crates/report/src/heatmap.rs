@@ -1,0 +1,229 @@
+//! Values over planes as colours, side by side under one scale, as SVG.
+
+use crate::ReportError;
+use crate::chart::{FONT, WIDTH, scalable};
+use plotters::prelude::*;
+
+/// One plane of values.
+#[derive(Debug, Clone)]
+pub struct HeatMap {
+    /// Above it.
+    pub title: String,
+    /// Quantity and unit along the first side.
+    pub x_axis: String,
+    /// Along the second side.
+    pub y_axis: String,
+    /// From and to.
+    pub x: (f64, f64),
+    /// From and to, upwards.
+    pub y: (f64, f64),
+    /// Cells along the first side.
+    pub columns: usize,
+    /// Cells along the second side.
+    pub rows: usize,
+    /// First side first, from the lower left; none is left white with a cross.
+    pub values: Vec<Option<f64>>,
+}
+
+const HEIGHT: u32 = 400;
+const BAR_WIDTH: u32 = 110;
+const BAR_STEPS: usize = 64;
+
+/// Cividis at every fifth of its length: rises in lightness, and reads the same with red-green blindness (Nuñez,
+/// Anderton & Renslow 2018).
+const CIVIDIS: [[f64; 3]; 6] = [
+    [0.0, 32.0, 77.0],
+    [49.0, 68.0, 107.0],
+    [102.0, 105.0, 112.0],
+    [149.0, 143.0, 120.0],
+    [203.0, 186.0, 105.0],
+    [255.0, 234.0, 70.0],
+];
+
+/// The colour at a part of the scale, 0 to 1.
+fn color(part: f64) -> RGBColor {
+    let at = part.clamp(0.0, 1.0) * (CIVIDIS.len() - 1) as f64;
+    let from = (at as usize).min(CIVIDIS.len() - 2);
+    let share = at - from as f64;
+    let [r, g, b] = std::array::from_fn(|k| {
+        (CIVIDIS[from][k] * (1.0 - share) + CIVIDIS[from + 1][k] * share).round() as u8
+    });
+    RGBColor(r, g, b)
+}
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
+type Drawn<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
+
+/// Draws maps with a common colour bar, whose unit is given, as an SVG element that scales with the page.
+///
+/// # Errors
+/// [`ReportError::Plot`] when no map has a finite value or one has not as many values as cells, or the plotting
+/// library refuses.
+pub fn draw_heat_maps(maps: &[HeatMap], unit: &str) -> Result<String, ReportError> {
+    let failed = |e: String| ReportError::Plot(e);
+    if maps.iter().any(|m| m.values.len() != m.columns * m.rows || m.values.is_empty()) {
+        return Err(failed("a map has not as many values as cells".to_owned()));
+    }
+    let finite = maps.iter().flat_map(|m| &m.values).flatten().copied().filter(|v| v.is_finite());
+    let scale = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+    if scale.0 > scale.1 {
+        return Err(failed("a map has no finite value".to_owned()));
+    }
+    // One value everywhere still has a bar.
+    let scale = if scale.1 > scale.0 { scale } else { (0.9 * scale.0, 1.1 * scale.1 + f64::MIN_POSITIVE) };
+    let mut svg = String::new();
+    {
+        let root = SVGBackend::with_string(&mut svg, (WIDTH, HEIGHT)).into_drawing_area();
+        root.fill(&WHITE).map_err(|e| failed(e.to_string()))?;
+        let (body, bar) = root.split_horizontally(WIDTH - BAR_WIDTH);
+        for (area, map) in body.split_evenly((1, maps.len())).iter().zip(maps) {
+            draw_map(area, map, scale).map_err(|e| failed(e.to_string()))?;
+        }
+        draw_bar(&bar, scale, unit).map_err(|e| failed(e.to_string()))?;
+        root.present().map_err(|e| failed(e.to_string()))?;
+    }
+    Ok(scalable(&svg, HEIGHT))
+}
+
+fn draw_map<'a>(area: &Area<'a>, map: &HeatMap, scale: (f64, f64)) -> Drawn<'a> {
+    let area = area.titled(&map.title, (FONT, 17))?;
+    let mut chart = ChartBuilder::on(&area)
+        .margin_right(14)
+        .margin_top(6)
+        .x_label_area_size(46)
+        .y_label_area_size(62)
+        .build_cartesian_2d(map.x.0..map.x.1, map.y.0..map.y.1)?;
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .axis_style(RGBColor(120, 120, 120))
+        .label_style((FONT, 15))
+        .axis_desc_style((FONT, 16))
+        .x_labels(5)
+        .y_labels(6)
+        .x_desc(map.x_axis.as_str())
+        .y_desc(map.y_axis.as_str())
+        .draw()?;
+    let step = ((map.x.1 - map.x.0) / map.columns as f64, (map.y.1 - map.y.0) / map.rows as f64);
+    let corner =
+        |column: usize, row: usize| (map.x.0 + step.0 * column as f64, map.y.0 + step.1 * row as f64);
+    for (k, value) in map.values.iter().enumerate() {
+        let (column, row) = (k % map.columns, k / map.columns);
+        let (low, high) = (corner(column, row), corner(column + 1, row + 1));
+        match value.filter(|v| v.is_finite()) {
+            Some(v) => {
+                let fill = color((v - scale.0) / (scale.1 - scale.0)).filled();
+                chart.draw_series([Rectangle::new([low, high], fill)])?;
+            }
+            None => {
+                let line = RGBColor(150, 150, 150).stroke_width(1);
+                chart.draw_series([PathElement::new(vec![low, high], line)])?;
+            }
+        }
+    }
+    for (k, value) in label_cells(map) {
+        let (low, part) = (corner(k % map.columns, k / map.columns), (value - scale.0) / (scale.1 - scale.0));
+        let style = TextStyle::from((FONT, 15)).color(if part > 0.55 { &BLACK } else { &WHITE });
+        let middle = (low.0 + 0.5 * step.0, low.1 + 0.5 * step.1);
+        let style = style.pos(plotters::style::text_anchor::Pos::new(
+            plotters::style::text_anchor::HPos::Center,
+            plotters::style::text_anchor::VPos::Center,
+        ));
+        chart.draw_series([Text::new(three_digits(value), middle, style)])?;
+    }
+    Ok(())
+}
+
+/// Cells on a grid of three by three that bear their value.
+fn label_cells(map: &HeatMap) -> Vec<(usize, f64)> {
+    let places = |n: usize| [n / 6, n / 2, n - 1 - n / 6];
+    let mut out: Vec<(usize, f64)> = Vec::new();
+    for row in places(map.rows) {
+        for column in places(map.columns) {
+            let k = row * map.columns + column;
+            if let Some(value) = map.values[k].filter(|v| v.is_finite()) {
+                out.push((k, value));
+            }
+        }
+    }
+    out.dedup_by_key(|cell| cell.0);
+    out
+}
+
+fn three_digits(value: f64) -> String {
+    match value.abs() {
+        v if v >= 99.5 => format!("{value:.0}"),
+        v if v >= 9.95 => format!("{value:.1}"),
+        _ => format!("{value:.2}"),
+    }
+}
+
+fn draw_bar<'a>(area: &Area<'a>, scale: (f64, f64), unit: &str) -> Drawn<'a> {
+    let area = area.titled(unit, (FONT, 17))?;
+    let mut chart = ChartBuilder::on(&area)
+        .margin_top(6)
+        .margin_right(18)
+        .margin_bottom(46)
+        .y_label_area_size(56)
+        .build_cartesian_2d(0.0..1.0, scale.0..scale.1)?;
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .disable_x_axis()
+        .axis_style(RGBColor(120, 120, 120))
+        .label_style((FONT, 15))
+        .y_labels(6)
+        .y_label_formatter(&|v| three_digits(*v))
+        .draw()?;
+    let part = |k: usize| k as f64 / BAR_STEPS as f64;
+    let at = |k: usize| scale.0 + (scale.1 - scale.0) * part(k);
+    chart.draw_series((0..BAR_STEPS).map(|k| {
+        Rectangle::new([(0.0, at(k)), (1.0, at(k + 1))], color(part(k) + 0.5 / BAR_STEPS as f64).filled())
+    }))?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn map(values: Vec<Option<f64>>) -> HeatMap {
+        HeatMap {
+            title: "z = 1.5 m".to_owned(),
+            x_axis: "X, m".to_owned(),
+            y_axis: "Y, m".to_owned(),
+            x: (-1.5, 1.5),
+            y: (-1.5, 1.5),
+            columns: 2,
+            rows: values.len() / 2,
+            values,
+        }
+    }
+
+    #[test]
+    fn the_least_and_the_largest_have_the_ends_of_the_scale_and_the_unseen_none() {
+        let svg =
+            draw_heat_maps(&[map(vec![Some(1.0), Some(3.0), None, Some(f64::NAN)])], "mm").expect("a map");
+        assert!(svg.contains("#00204D") && svg.contains("#FFEA46"), "{svg}");
+        assert_eq!(svg.matches("#969696").count(), 2, "two cells are crossed out");
+        assert!(svg.contains("mm") && svg.contains("1.00") && svg.contains("3.00") && !svg.contains("NaN"));
+    }
+
+    #[test]
+    fn one_value_has_a_bar_and_none_or_too_few_are_refused() {
+        assert!(draw_heat_maps(&[map(vec![Some(2.0), Some(2.0)])], "mm").is_ok());
+        assert!(matches!(draw_heat_maps(&[map(vec![None, None])], "mm"), Err(ReportError::Plot(_))));
+        let mut short = map(vec![Some(1.0), Some(2.0)]);
+        short.rows = 2;
+        assert!(matches!(draw_heat_maps(&[short], "mm"), Err(ReportError::Plot(_))));
+    }
+
+    #[test]
+    fn the_scale_rises_in_lightness() {
+        let lightness = |part: f64| {
+            let RGBColor(r, g, b) = color(part);
+            0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b)
+        };
+        assert!((0..20).all(|k| lightness(f64::from(k + 1) / 20.0) > lightness(f64::from(k) / 20.0)));
+    }
+}

@@ -1,0 +1,403 @@
+//! The equations of a ball's fit: residuals, weights and derivatives of every sample that the ball touches.
+
+use super::cholesky::Skyline;
+use super::model::{COUNT, Model, Parameters, RESIDUAL, Row, SITING, Shown, coverage};
+use super::surroundings::{MEDIAN_TO_DEVIATION, Surroundings, biweight, median};
+use super::{CLEAR, NOISE_STD, NOISE_WEIGHT, ROUNDING_VARIANCE, disc};
+use crate::color::decode;
+use crate::patch::Patch;
+use nalgebra::SMatrix;
+
+pub(super) type Information = SMatrix<f64, COUNT, COUNT>;
+
+/// Samples well inside a large ball that are used: enough to know its colour and shading as well as the rim needs.
+const MOST_INSIDE: usize = 96;
+/// Parameters that the samples determine in the main: place, radius, colour and shading's slopes.
+const DETERMINED: f64 = 8.0;
+/// Clutter may reach over the ball's face as well as behind it: standard deviation there as a part of the one around,
+/// for one clutter in four in front.
+const IN_FRONT: f64 = 0.5;
+/// Clutter is taken to have half the brightness of the wall, so that one of a given variance hides this many times its
+/// relative strength of the ball.
+const HIDES: f64 = 2.0;
+
+/// Weight at which a sample no longer counts.
+const LEAST_TRUST: f64 = 1e-3;
+
+/// A pixel in use: its place in the patch and the light behind the ball there.
+#[derive(Debug, Clone, Copy)]
+struct Used {
+    index: u32,
+    behind: [f64; 3],
+}
+
+/// Working space.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Equations {
+    covered: Vec<f64>,
+    color_covered: Vec<f64>,
+    by_angle: Vec<(f64, u32)>,
+    rim: Vec<u32>,
+    used: Vec<Used>,
+    /// For each pixel of the patch one more than its place in `used`, or 0.
+    slot: Vec<u32>,
+    blocks: Vec<u32>,
+    trust: Vec<f64>,
+    color_trust: Vec<f64>,
+    /// Trust, less what its neighbours spoil.
+    weight: Vec<f64>,
+    color_weight: Vec<f64>,
+    shown: Vec<Shown>,
+    rows: Vec<Row>,
+    whitened: Vec<Row>,
+    variance: Vec<f64>,
+    color_rows: Vec<[Row; 2]>,
+    color_variance: Vec<[f64; 2]>,
+    factor: Skyline,
+    /// Pixels that are not believed at all.
+    spoiled: Vec<u32>,
+    surroundings: Surroundings,
+    noise_variance: f64,
+    /// The noise before the fit has shown more.
+    least_noise: f64,
+    grain: Vec<f64>,
+}
+
+impl Equations {
+    /// Trusts every sample of a new patch.
+    pub(super) fn begin(&mut self, patch: &Patch) {
+        self.least_noise = grain_variance(patch, &mut self.grain).max(NOISE_STD * NOISE_STD);
+        self.noise_variance = self.least_noise;
+        self.trust.clear();
+        self.trust.resize(patch.bright.len(), 1.0);
+        self.color_trust.clear();
+        self.color_trust.resize(patch.colors.len(), 1.0);
+        self.weight.clone_from(&self.trust);
+        self.color_weight.clone_from(&self.color_trust);
+    }
+
+    /// Decides which samples the ball touches and what is behind it there.
+    pub(super) fn look_around(&mut self, patch: &Patch, model: &Model) -> Option<()> {
+        let p = &model.p;
+        self.covered.clear();
+        self.covered.extend((0..patch.bright.len()).map(|i| {
+            let (x, y) = patch.place(i);
+            coverage(p, x, y)
+        }));
+        self.by_angle.clear();
+        let mut inside = 0;
+        for (i, covered) in self.covered.iter().enumerate() {
+            if (CLEAR..=1.0 - CLEAR).contains(covered) {
+                let (x, y) = patch.place(i);
+                self.by_angle.push(((y - p[1]).atan2(x - p[0]), i as u32));
+            } else if *covered > 0.5 {
+                inside += 1;
+            }
+        }
+        self.by_angle.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        self.rim.clear();
+        self.rim.extend(self.by_angle.iter().map(|(_, i)| *i));
+        self.cover_blocks(patch, p[SITING]);
+        let around = (&self.rim[..], &self.covered[..]);
+        self.surroundings.estimate(patch, &disc(model), around, &self.color_covered, self.noise_variance)?;
+        self.use_pixels(patch, inside);
+        Some(())
+    }
+
+    /// How far each block is covered, and which blocks count.
+    fn cover_blocks(&mut self, patch: &Patch, siting_px: f64) {
+        self.color_covered.clear();
+        self.blocks.clear();
+        for block in 0..patch.colors.len() {
+            let mut sum = 0.0;
+            let whole =
+                visit(patch, block, siting_px, |pixel, weight, _| sum += weight * self.covered[pixel]);
+            // A block at the border of the patch serves neither as ball nor as background.
+            self.color_covered.push(if whole { sum } else { 0.5 });
+            if whole && sum >= CLEAR {
+                self.blocks.push(block as u32);
+            }
+        }
+        let stride = self.blocks.len().div_ceil(2 * MOST_INSIDE).max(1);
+        if stride > 1 {
+            let covered = &self.color_covered;
+            let mut seen = 0;
+            self.blocks.retain(|b| {
+                let deep = covered[*b as usize] > 1.0 - CLEAR;
+                seen += usize::from(deep);
+                !deep || seen.is_multiple_of(stride)
+            });
+        }
+    }
+
+    fn use_pixels(&mut self, patch: &Patch, inside: usize) {
+        let color = self.surroundings.color;
+        self.used.clear();
+        for (index, bright) in self.rim.iter().zip(&self.surroundings.mean) {
+            let channels = [
+                *bright - patch.from_coded[0][3],
+                color[0] - patch.from_coded[1][3],
+                color[1] - patch.from_coded[2][3],
+            ];
+            let behind = patch.to_coded.map(|row| decode((0..3).map(|k| row[k] * channels[k]).sum::<f64>()));
+            self.used.push(Used { index: *index, behind });
+        }
+        let stride = inside.div_ceil(MOST_INSIDE).max(1);
+        let deep = self.covered.iter().enumerate().filter(|(_, c)| **c > 1.0 - CLEAR);
+        self.used.extend(deep.step_by(stride).map(|(i, _)| Used { index: i as u32, behind: [0.5; 3] }));
+        self.slot.clear();
+        self.slot.resize(patch.bright.len(), 0);
+        for (place, used) in self.used.iter().enumerate() {
+            self.slot[used.index as usize] = place as u32 + 1;
+        }
+    }
+
+    /// Information matrix and gradient of the samples.
+    pub(super) fn normal(&mut self, patch: &Patch, model: &Model) -> Option<(Information, Parameters)> {
+        self.evaluate(patch, model);
+        self.whitened.clear();
+        self.whitened.extend_from_slice(&self.rows);
+        let mut sums = [[0.0; COUNT + 1]; COUNT];
+        let stretched = self.surroundings.covariance.len();
+        if stretched > 0 {
+            let (shown, variance) = (&self.shown, &self.variance);
+            self.factor.copy(&self.surroundings.covariance, |i, j, value| {
+                shown[i].open * shown[j].open * value + if i == j { variance[i] } else { 0.0 }
+            });
+            if !self.factor.factor() {
+                return None;
+            }
+            self.factor.whiten(&mut self.whitened[..stretched]);
+        }
+        for (row, variance) in self.whitened.iter_mut().zip(&self.variance).skip(stretched) {
+            let scale = variance.sqrt().recip();
+            row.iter_mut().for_each(|x| *x *= scale);
+        }
+        for row in &self.whitened {
+            add(&mut sums, row, 1.0);
+        }
+        for (rows, variances) in self.color_rows.iter().zip(&self.color_variance) {
+            for (row, variance) in rows.iter().zip(variances) {
+                add(&mut sums, row, variance.recip());
+            }
+        }
+        let information = Information::from_fn(|i, j| sums[i][j]);
+        Some((information, Parameters::from_fn(|i, _| sums[i][RESIDUAL])))
+    }
+
+    /// Residuals, derivatives and variances of all samples in use.
+    fn evaluate(&mut self, patch: &Patch, model: &Model) {
+        let over_face = IN_FRONT * self.surroundings.clutter;
+        self.shown.clear();
+        self.rows.clear();
+        self.variance.clear();
+        for used in &self.used {
+            let index = used.index as usize;
+            let (x, y) = patch.place(index);
+            let shown = model.at(x, y, &used.behind);
+            let mut row = [0.0; COUNT + 1];
+            shown.add_to(&mut row, &patch.from_coded[0], 1.0);
+            row[RESIDUAL] = patch.bright[index] - row[RESIDUAL] - patch.from_coded[0][3];
+            self.rows.push(row);
+            let front = over_face * shown.covered;
+            self.variance.push((self.noise_variance + front * front) / self.weight[index].max(LEAST_TRUST));
+            self.shown.push(shown);
+        }
+        let hidden = HIDES * self.surroundings.clutter
+            / (self.surroundings.level - patch.from_coded[0][3]).abs().max(self.noise_variance.sqrt());
+        self.color_rows.clear();
+        self.color_variance.clear();
+        for block in &self.blocks {
+            let block = *block as usize;
+            let rows = self.color_row(patch, model, block);
+            let covered = self.color_covered[block];
+            let trust = self.color_weight[block].max(LEAST_TRUST);
+            self.color_variance.push([0, 1].map(|k| {
+                let value = patch.colors[block][k] - rows[k][RESIDUAL] - patch.from_coded[k + 1][3];
+                let behind = (1.0 - covered).powi(2) * self.surroundings.color_variance[k];
+                (self.noise_variance + behind + (covered * hidden.min(1.0) * value).powi(2)) / trust
+            }));
+            self.color_rows.push(rows);
+        }
+    }
+
+    /// Both colour differences of a block: the mean over its pixels.
+    fn color_row(&self, patch: &Patch, model: &Model, block: usize) -> [Row; 2] {
+        let mut rows = [[0.0; COUNT + 1]; 2];
+        let free = [0, 1].map(|k| self.surroundings.color[k] - patch.from_coded[k + 1][3]);
+        visit(patch, block, model.p[SITING], |pixel, weight, by_siting| {
+            let mut add_shown = |shown: &Shown| {
+                for (k, row) in rows.iter_mut().enumerate() {
+                    let channel = &patch.from_coded[k + 1];
+                    shown.add_to(row, channel, weight);
+                    row[SITING] += by_siting * (0..3).map(|c| channel[c] * shown.coded[c]).sum::<f64>();
+                }
+            };
+            match self.slot[pixel] {
+                0 if self.covered[pixel] < 0.5 => {
+                    for (row, value) in rows.iter_mut().zip(free) {
+                        row[RESIDUAL] += weight * value;
+                        row[SITING] += by_siting * value;
+                    }
+                }
+                0 => {
+                    let (x, y) = patch.place(pixel);
+                    add_shown(&model.at(x, y, &[0.5; 3]));
+                }
+                place => add_shown(&self.shown[place as usize - 1]),
+            }
+        });
+        for (k, row) in rows.iter_mut().enumerate() {
+            row[RESIDUAL] = patch.colors[block][k] - row[RESIDUAL] - patch.from_coded[k + 1][3];
+        }
+        rows
+    }
+
+    /// Sets the trust in each sample from its residual and, once the first fit stands, the noise from all of them.
+    ///
+    /// What is in front of the ball is no sharper than its blur, so neighbours of a sample that is not believed at all
+    /// are not believed either.
+    pub(super) fn reweigh(&mut self, patch: &Patch, model: &Model, round: usize) {
+        if self.normal(patch, model).is_none() {
+            return;
+        }
+        let (mut chi_square, mut count) = (0.0, -DETERMINED);
+        self.spoiled.clear();
+        for (place, used) in self.used.iter().enumerate() {
+            let index = used.index as usize;
+            chi_square += self.whitened[place][RESIDUAL].powi(2);
+            count += self.weight[index];
+            let open = self.shown[place].open;
+            let own = self.variance[place] * self.weight[index].max(LEAST_TRUST);
+            let covariance = &self.surroundings.covariance;
+            let behind =
+                if place < covariance.len() { covariance.row(place).1.last().copied() } else { None };
+            let variance = own + open * open * behind.unwrap_or(0.0);
+            self.trust[index] = biweight(self.rows[place][RESIDUAL] / variance.sqrt());
+            if self.trust[index] == 0.0 {
+                self.spoiled.push(used.index);
+            }
+        }
+        for (place, block) in self.blocks.iter().enumerate() {
+            let weight = self.color_weight[*block as usize];
+            let mut worst = 0.0_f64;
+            for k in 0..2 {
+                let square = self.color_rows[place][k][RESIDUAL].powi(2) / self.color_variance[place][k];
+                chi_square += square;
+                worst = worst.max(square / weight.max(LEAST_TRUST));
+            }
+            count += 2.0 * weight;
+            let trust = biweight(worst.sqrt());
+            self.color_trust[*block as usize] = trust;
+            if trust == 0.0 && patch.step == 1 {
+                self.spoiled.push(*block);
+            }
+        }
+        self.spoil_neighbours(patch);
+        if round > 0 {
+            let guess = NOISE_WEIGHT * self.least_noise;
+            let seen = (guess + chi_square * self.noise_variance) / (NOISE_WEIGHT + count.max(0.0));
+            self.noise_variance = seen.max(ROUNDING_VARIANCE);
+        }
+    }
+
+    /// Takes the weight of the samples beside those that are not believed.
+    fn spoil_neighbours(&mut self, patch: &Patch) {
+        self.weight.clone_from(&self.trust);
+        self.color_weight.clone_from(&self.color_trust);
+        for index in &self.spoiled {
+            let (x, y) = (*index as usize % patch.columns, *index as usize / patch.columns);
+            for (column, row) in [(x.wrapping_sub(1), y), (x + 1, y), (x, y.wrapping_sub(1)), (x, y + 1)] {
+                if column >= patch.columns || row >= patch.rows {
+                    continue;
+                }
+                let neighbour = row * patch.columns + column;
+                self.weight[neighbour] = 0.0;
+                if patch.step == 1 {
+                    self.color_weight[neighbour] = 0.0;
+                }
+            }
+        }
+    }
+
+    /// Part of the covered samples that is believed.
+    pub(super) fn trusted(&self) -> f64 {
+        let (mut covered, mut believed) = (0.0, 0.0);
+        for (used, shown) in self.used.iter().zip(&self.shown) {
+            covered += shown.covered;
+            believed += shown.covered * self.trust[used.index as usize];
+        }
+        believed / covered
+    }
+
+    /// Greatest difference between a light and the surroundings in any channel, in standard deviations of the noise.
+    pub(super) fn contrast(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
+        let coded = linear.map(|l| crate::color::encode(l).0);
+        let around = [self.surroundings.level, self.surroundings.color[0], self.surroundings.color[1]];
+        let differs =
+            patch.from_coded.iter().zip(around).map(|(row, around)| {
+                ((0..3).map(|c| row[c] * coded[c]).sum::<f64>() + row[3] - around).abs()
+            });
+        differs.fold(0.0, f64::max) / self.noise_variance.sqrt()
+    }
+}
+
+/// Variance of the noise from the second difference of second differences, which passes neither slopes nor most edges
+/// (Immerkær 1996, with the median in place of the mean).
+fn grain_variance(patch: &Patch, values: &mut Vec<f64>) -> f64 {
+    values.clear();
+    for y in 1..patch.rows.saturating_sub(1) {
+        for x in 1..patch.columns - 1 {
+            let row = |dy: usize| {
+                let at = (y + dy - 1) * patch.columns + x;
+                patch.bright[at - 1] - 2.0 * patch.bright[at] + patch.bright[at + 1]
+            };
+            values.push((row(0) - 2.0 * row(1) + row(2)).abs());
+        }
+    }
+    // The operator's coefficients have a square sum of 36.
+    median(values).map_or(0.0, |m| (MEDIAN_TO_DEVIATION * m / 6.0).powi(2))
+}
+
+/// The pixels that a colour sample averages: `each` gets pixel, weight and the weight's derivative by the siting. False
+/// where some lie outside the patch.
+///
+/// A colour sample is the mean over the two rows of its block and over a box two pixels wide whose middle lies the siting
+/// to the right of the block's left pixel: weights of 1/4, 1/2, 1/4 for a siting of 0, of 0, 1/2, 1/2 for one of 1/2.
+fn visit(patch: &Patch, block: usize, siting_px: f64, mut each: impl FnMut(usize, f64, f64)) -> bool {
+    if patch.step == 1 {
+        each(block, 1.0, 0.0);
+        return true;
+    }
+    let (bx, by) = (
+        patch.first_block.0 + block % patch.block_columns,
+        patch.first_block.1 + block / patch.block_columns,
+    );
+    let (left, top) = ((2 * bx).wrapping_sub(1), 2 * by);
+    let inside = bx > 0
+        && left >= patch.first.0
+        && left + 2 < patch.first.0 + patch.columns
+        && top >= patch.first.1
+        && top + 1 < patch.first.1 + patch.rows;
+    if !inside {
+        return false;
+    }
+    let shift = 0.25 * siting_px.clamp(-0.5, 1.0);
+    for row in [top, top + 1] {
+        let pixel = (row - patch.first.1) * patch.columns + left - patch.first.0;
+        each(pixel, 0.125 - shift, -0.25);
+        each(pixel + 1, 0.25, 0.0);
+        each(pixel + 2, 0.125 + shift, 0.25);
+    }
+    true
+}
+
+/// Adds the outer product of a row with itself and its residual.
+fn add(sums: &mut [[f64; COUNT + 1]; COUNT], row: &Row, weight: f64) {
+    for (i, sum) in sums.iter_mut().enumerate() {
+        let scaled = weight * row[i];
+        for (out, value) in sum.iter_mut().zip(row) {
+            *out += scaled * value;
+        }
+    }
+}
