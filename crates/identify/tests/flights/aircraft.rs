@@ -3,7 +3,7 @@
 use mavsight_flight::{Channel, FlightState, InputSeries, Maneuver, Scenario, Vehicle, simulate};
 use mavsight_geometry::{UnitQuaternion, Vector3, world_from_body};
 use mavsight_pose::{Motion, MotionSample, PoseEstimate, PoseSample, smooth};
-use nalgebra::{Matrix6, SMatrix, Translation3};
+use nalgebra::{Matrix6, Matrix6xX, SMatrix, Translation3};
 
 /// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX constants).
 pub(crate) fn normal(state: &mut u64) -> f64 {
@@ -88,6 +88,7 @@ impl Flown {
                     estimate: Some(PoseEstimate {
                         world_from_body: pose,
                         covariance,
+                        systematic: Matrix6xX::zeros(0),
                         markers_used: vec![0, 1, 2, 3],
                         left_out: vec![],
                         residual_px: 0.1,
