@@ -271,7 +271,7 @@ impl<'a> Flight<'a> {
 
     /// A series on the inputs' times, low-passed on a regular grid of their mean interval and read off at the frames.
     ///
-    /// A series that holds steps at a grid point: its value there is the mean of what it steps from and to.
+    /// Of a series that holds a grid point gets its mean over the grid's interval around it.
     fn onto_frames(
         &self,
         series: &[f64],
@@ -286,20 +286,32 @@ impl<'a> Flight<'a> {
         let (start_s, end_s) = (self.inputs.start_s(), self.inputs.end_s());
         let step_s = (end_s - start_s) / (times_s.len() - 1) as f64;
         let grid_s: Vec<f64> = (0..times_s.len()).map(|k| start_s + step_s * k as f64).collect();
-        let held_at = |t_s: f64| series[times_s.partition_point(|t| *t <= t_s).max(1) - 1];
-        let regular = grid_s
-            .iter()
-            .map(|t_s| match between {
-                Between::Hold => Ok(0.5 * (held_at(t_s + 0.5 * step_s) + held_at(t_s - 0.5 * step_s))),
-                Between::Line => flapping::interpolate(times_s, series, *t_s),
-            })
-            .collect::<Result<Vec<f64>, _>>()?;
+        let regular = match between {
+            Between::Hold => means_of_held(times_s, series, &grid_s, step_s),
+            Between::Line => grid_s
+                .iter()
+                .map(|t_s| flapping::interpolate(times_s, series, *t_s))
+                .collect::<Result<Vec<f64>, _>>()?,
+        };
         let smooth = self.bandwidths_hz(passed).fold(regular, |values, hz| lowpass_like(&values, step_s, hz));
         self.t_s
             .iter()
             .map(|t| flapping::interpolate(&grid_s, &smooth, *t).map_err(IdentifyError::from))
             .collect()
     }
+}
+
+/// Means over `step_s` around each point of a grid of a series that holds from each time to the next, and beyond both ends.
+fn means_of_held(times_s: &[f64], series: &[f64], grid_s: &[f64], step_s: f64) -> Vec<f64> {
+    let mut integrals = vec![0.0; series.len()];
+    for k in 1..series.len() {
+        integrals[k] = integrals[k - 1] + series[k - 1] * (times_s[k] - times_s[k - 1]);
+    }
+    let integral = |t_s: f64| {
+        let k = times_s.partition_point(|t| *t <= t_s).max(1) - 1;
+        integrals[k] + series[k] * (t_s - times_s[k])
+    };
+    grid_s.iter().map(|t_s| (integral(t_s + 0.5 * step_s) - integral(t_s - 0.5 * step_s)) / step_s).collect()
 }
 
 fn term(source: Source, transfer: Transfer, gains: Vec<f64>) -> Term {
@@ -336,4 +348,18 @@ pub(crate) fn lowpass_at(t_s: &[f64], values: &[f64], bandwidth_hz: f64) -> Vec<
     let back = smooth.and_then(|series| t_s.iter().map(|t| read(&grid_s, &series, *t)).collect());
     // Both reads lie inside their grids; were they not, the series would stay as it is.
     back.unwrap_or_else(|_| values.to_vec())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn held_series_have_the_mean_of_their_steps() {
+        let times_s = [0.0, 1.0, 1.5, 3.0];
+        let got = means_of_held(&times_s, &[2.0, 4.0, -2.0, 6.0], &[0.0, 1.0, 1.3, 3.0], 1.0);
+        for (got, exact) in got.iter().zip([2.0, 3.0, 0.2 * 2.0 + 0.5 * 4.0 - 0.3 * 2.0, 2.0]) {
+            assert!((got - exact).abs() < 1e-12, "{got} is not {exact}");
+        }
+    }
 }

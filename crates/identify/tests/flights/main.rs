@@ -1,6 +1,7 @@
 //! Identification of simulated flights: what was put in comes out, and what cannot be told is not told.
 
 mod aircraft;
+mod clocks;
 mod coverage;
 
 use aircraft::{Flown, fly, multisine};
