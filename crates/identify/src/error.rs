@@ -83,12 +83,16 @@ pub enum IdentifyError {
         detail: String,
     },
     /// A regressor that names no signal.
-    #[error("output {output} names the signal {signal:?}, which there is not; there are {}", known_signals())]
+    #[error(
+        "output {output} names the signal {signal:?}, which there is not; there are {known}, and each further column of numbers in the inputs"
+    )]
     UnknownSignal {
         /// Output.
         output: String,
         /// What was written.
         signal: String,
+        /// Those that there are.
+        known: String,
     },
     /// No column carries anything.
     #[error("the regressors have rank zero: nothing was excited; fly a manoeuvre")]
@@ -101,8 +105,4 @@ pub enum IdentifyError {
         /// Share of the output in the vector.
         part: f64,
     },
-}
-
-fn known_signals() -> String {
-    crate::model::SIGNALS.map(|(name, _)| name).join(", ")
 }

@@ -8,7 +8,7 @@ use crate::{
     Bandwidth, CoefficientTable, Correlation, IdentifyError, Model, Options, OutputModel, When, coefficients,
     least_squares,
 };
-use mavsight_flight::{InputSample, InputSeries, Vehicle};
+use mavsight_flight::{InputChannel, InputSample, InputSeries, Vehicle};
 use mavsight_pose::Motion;
 use nalgebra::{DMatrix, DVector};
 
@@ -53,7 +53,15 @@ pub fn delayed(inputs: &InputSeries, lag_s: f64) -> Result<InputSeries, Identify
     if lag_s < 0.0 {
         samples.extend((1..=uncovered).map(|k| held(&given[given.len() - 1], k as f64)));
     }
-    Ok(InputSeries::new(samples)?)
+    let before = if lag_s > 0.0 { uncovered } else { 0 };
+    let count = samples.len();
+    let channel = |c: &InputChannel| {
+        let last = c.values.len() - 1;
+        let value = |k: usize| c.values[k.saturating_sub(before).min(last)];
+        InputChannel { name: c.name.clone(), values: (0..count).map(value).collect() }
+    };
+    let channels = inputs.channels().iter().map(channel).collect();
+    Ok(InputSeries::new(samples)?.with_channels(channels)?)
 }
 
 /// Estimates the lag between the inputs' clock and the motion's, up to `reach_s` either way, from what the inputs leave in

@@ -1,6 +1,7 @@
 //! Output equations as data: the content of a model file.
 
 use crate::IdentifyError;
+use mavsight_flight::InputSeries;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -94,7 +95,7 @@ pub struct OutputModel {
     pub measured: Measured,
     /// Its unit.
     pub scale: Scale,
-    /// Names of [`SIGNALS`], or products of them such as `kappa_u*alpha_u`.
+    /// Names of [`SIGNALS`] or of channels of the inputs, or products of them such as `kappa_u*alpha_u`.
     pub regressors: Vec<String>,
     /// Regressors whose coefficients are known, and their values: their part is taken off the output.
     #[serde(default)]
@@ -123,8 +124,7 @@ impl Model {
     /// Reads a model file's text.
     ///
     /// # Errors
-    /// [`IdentifyError::ModelFile`] for text that is not such a file, [`IdentifyError::UnknownSignal`] for a regressor that
-    /// is none, with those that there are.
+    /// [`IdentifyError::ModelFile`] for text that is not such a file. Whether its signals exist, [`Model::check_signals`] says.
     pub fn parse(text: &str) -> Result<Self, IdentifyError> {
         let model: Self =
             toml::from_str(text).map_err(|e| IdentifyError::ModelFile { detail: e.to_string() })?;
@@ -138,6 +138,27 @@ impl Model {
     /// Never: the text is part of the program, and a test reads it.
     pub fn equation_3() -> Result<Self, IdentifyError> {
         Self::parse(EQUATION_3)
+    }
+
+    /// Checks that every signal is one of [`SIGNALS`] or a channel of the inputs.
+    ///
+    /// # Errors
+    /// [`IdentifyError::UnknownSignal`], with those that there are.
+    pub fn check_signals(&self, inputs: &InputSeries) -> Result<(), IdentifyError> {
+        let own = SIGNALS.iter().map(|(name, _)| *name);
+        let known: Vec<&str> = own.chain(inputs.channels().iter().map(|c| c.name.as_str())).collect();
+        for output in &self.output {
+            if let Some(signal) =
+                output.regressors.iter().flat_map(|r| factors(r)).find(|f| !known.contains(f))
+            {
+                return Err(IdentifyError::UnknownSignal {
+                    output: output.name.clone(),
+                    signal: signal.to_owned(),
+                    known: known.join(", "),
+                });
+            }
+        }
+        Ok(())
     }
 
     fn check(&self) -> Result<(), IdentifyError> {
@@ -162,14 +183,6 @@ impl OutputModel {
     fn check(&self) -> Result<(), IdentifyError> {
         let wrong = |detail: String| Err(IdentifyError::ModelFile { detail });
         for (k, regressor) in self.regressors.iter().enumerate() {
-            for factor in factors(regressor) {
-                if !SIGNALS.iter().any(|(name, _)| *name == factor) {
-                    return Err(IdentifyError::UnknownSignal {
-                        output: self.name.clone(),
-                        signal: factor.to_owned(),
-                    });
-                }
-            }
             if self.regressors[..k].contains(regressor) {
                 return wrong(format!("output {} names the regressor {regressor} twice", self.name));
             }
@@ -200,6 +213,7 @@ pub(crate) fn factors(regressor: &str) -> impl Iterator<Item = &str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mavsight_flight::{InputChannel, InputSample};
 
     #[test]
     fn equation_3_is_read() {
@@ -227,10 +241,16 @@ mod tests {
 
     #[test]
     fn an_unknown_signal_is_named_with_those_that_there_are() {
-        let refused = with_output("regressors = [\"1\", \"alpha_u*gamma\"]").expect_err("an error");
-        assert_eq!(refused, IdentifyError::UnknownSignal { output: "Z".into(), signal: "gamma".into() });
+        let samples = [0.0, 1.0].map(|t_s| InputSample { t_s, ..Default::default() });
+        let inputs = InputSeries::new(samples.to_vec()).expect("inputs");
+        let model = with_output("regressors = [\"1\", \"alpha_u*gamma\"]").expect("a model");
+        let refused = model.check_signals(&inputs).expect_err("an error");
+        assert!(matches!(&refused, IdentifyError::UnknownSignal { signal, .. } if signal == "gamma"));
         let text = refused.to_string();
         assert!(text.contains("gamma") && SIGNALS.iter().all(|(name, _)| text.contains(name)), "{text}");
+        let channel = InputChannel { name: "gamma".into(), values: vec![0.0, 1.0] };
+        let inputs = inputs.with_channels(vec![channel]).expect("inputs");
+        assert_eq!(model.check_signals(&inputs), Ok(()));
     }
 
     #[test]

@@ -168,6 +168,7 @@ pub fn coefficients(
         Some(model) => model.clone(),
         None => Model::equation_3()?,
     };
+    model.check_signals(inputs)?;
     let flight = Flight::new(motion, inputs, vehicle)?;
     let (Some(first_s), Some(last_s)) = (flight.t_s.first().copied(), flight.t_s.last().copied()) else {
         return Err(IdentifyError::TooFewInstants { found: 0, parameters: 7 });

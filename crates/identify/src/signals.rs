@@ -1,7 +1,7 @@
 //! The signals that a model may name, from motion and inputs.
 
 use crate::IdentifyError;
-use crate::model::{Measured, factors};
+use crate::model::{Measured, SIGNALS, factors};
 use crate::noise::{Source, Term, Transfer};
 use mavsight_flight::flapping::{self, Between};
 use mavsight_flight::{InputSample, InputSeries, Vehicle, thrust_n};
@@ -13,6 +13,15 @@ use mavsight_pose::{Motion, MotionSample, lowpass_like};
 pub(crate) struct Signal {
     pub(crate) values: Vec<f64>,
     pub(crate) terms: Vec<Term>,
+}
+
+impl Signal {
+    fn multiply(&mut self, mut factor: Self) {
+        scale_terms(&mut self.terms, &factor.values);
+        scale_terms(&mut factor.terms, &self.values);
+        self.terms.extend(factor.terms);
+        self.values.iter_mut().zip(&factor.values).for_each(|(value, by)| *value *= by);
+    }
 }
 
 /// Which of the smoother's low-passes a signal has passed.
@@ -138,53 +147,63 @@ impl<'a> Flight<'a> {
 
     /// A regressor that has passed what it must, and no more.
     ///
-    /// Factors of a product pass by themselves: exact where one of them hardly moves.
+    /// Inputs are multiplied before they pass. Other factors of a product pass by themselves: exact where one of them
+    /// hardly moves.
     pub(crate) fn regressor(&self, regressor: &str, passed: Passed) -> Result<Signal, IdentifyError> {
+        let mut series = vec![1.0; self.input_times_s.len()];
         let mut product = Signal { values: vec![1.0; self.t_s.len()], terms: Vec::new() };
         for name in factors(regressor) {
-            let factor = self.signal(name, passed)?;
-            scale_terms(&mut product.terms, &factor.values);
-            let mut terms = factor.terms;
-            scale_terms(&mut terms, &product.values);
-            product.terms.extend(terms);
-            for (value, by) in product.values.iter_mut().zip(&factor.values) {
-                *value *= by;
+            if let Some(factor) = self.signal(name, passed)? {
+                product.multiply(factor);
+                continue;
             }
+            let input = self.input(name).ok_or_else(|| IdentifyError::UnknownSignal {
+                output: "of the model".to_owned(),
+                signal: name.to_owned(),
+                known: SIGNALS.map(|(name, _)| name).join(", "),
+            })?;
+            series.iter_mut().zip(&input).for_each(|(s, v)| *s *= v);
         }
+        let values = self.onto_frames(&series, Between::Hold, passed)?;
+        product.multiply(Signal { values, terms: Vec::new() });
         Ok(product)
     }
 
-    fn signal(&self, name: &str, passed: Passed) -> Result<Signal, IdentifyError> {
-        match name {
-            "1" => Ok(Signal { values: vec![1.0; self.t_s.len()], terms: Vec::new() }),
-            "alpha_u" => Ok(self.upper(1, passed)),
-            "beta_u" => Ok(self.upper(0, passed)),
-            "alpha_l" => self.lower(1, passed),
-            "beta_l" => self.lower(0, passed),
-            "p" | "q" | "r" => {
-                let axis = ["p", "q", "r"].iter().position(|n| *n == name).unwrap_or_default();
-                let values = self.pass_rest(self.of(|s| s.rates_rad_s[axis]), Passed::ROTATION, passed);
-                let gains = vec![1.0; self.t_s.len()];
-                Ok(Signal { values, terms: vec![term(Source::Turn(axis), Transfer::Derivative(1), gains)] })
+    /// A signal that the motion has a part in; none for inputs.
+    fn signal(&self, name: &str, passed: Passed) -> Result<Option<Signal>, IdentifyError> {
+        let axis_of = |names: [&str; 3]| names.iter().position(|n| *n == name);
+        let ones = || vec![1.0; self.t_s.len()];
+        Ok(match name {
+            "alpha_u" => Some(self.upper(1, passed)),
+            "beta_u" => Some(self.upper(0, passed)),
+            "alpha_l" => Some(self.lower(1, passed)?),
+            "beta_l" => Some(self.lower(0, passed)?),
+            _ => {
+                if let Some(axis) = axis_of(["p", "q", "r"]) {
+                    let values = self.of(|s| s.rates_rad_s[axis]);
+                    let values = self.pass_rest(values, Passed::ROTATION, passed);
+                    let terms = vec![term(Source::Turn(axis), Transfer::Derivative(1), ones())];
+                    Some(Signal { values, terms })
+                } else if let Some(axis) = axis_of(["u", "v", "w"]) {
+                    let values = self.of(|s| s.velocity_in_body_m_s[axis]);
+                    let values = self.pass_rest(values, Passed::TRANSLATION, passed);
+                    let terms = vec![term(Source::Position(axis), Transfer::Derivative(1), ones())];
+                    Some(Signal { values, terms })
+                } else {
+                    None
+                }
             }
-            "u" | "v" | "w" => {
-                let axis = ["u", "v", "w"].iter().position(|n| *n == name).unwrap_or_default();
-                let values = self.of(|s| s.velocity_in_body_m_s[axis]);
-                let values = self.pass_rest(values, Passed::TRANSLATION, passed);
-                let gains = vec![1.0; self.t_s.len()];
-                let terms = vec![term(Source::Position(axis), Transfer::Derivative(1), gains)];
-                Ok(Signal { values, terms })
-            }
-            _ => self.input(name, passed),
-        }
+        })
     }
 
-    fn input(&self, name: &str, passed: Passed) -> Result<Signal, IdentifyError> {
+    /// A signal of the inputs alone, at their times.
+    fn input(&self, name: &str) -> Option<Vec<f64>> {
         let ratio = |omega_rad_s: f64, s: &InputSample| {
             let mean_rad_s = 0.5 * (s.omega_u_rad_s + s.omega_l_rad_s);
             if mean_rad_s == 0.0 { 0.0 } else { (omega_rad_s / mean_rad_s).powi(2) }
         };
-        let series = match name {
+        Some(match name {
+            "1" => vec![1.0; self.input_times_s.len()],
             "delta_lon" => self.of_inputs(|s| s.delta_lon_rad),
             "delta_lat" => self.of_inputs(|s| s.delta_lat_rad),
             "T_u" => self.of_inputs(|s| thrust_n(self.vehicle, s).upper_n),
@@ -194,12 +213,8 @@ impl<'a> Flight<'a> {
             "kappa_u" => self.of_inputs(|s| ratio(s.omega_u_rad_s, s)),
             "kappa_l" => self.of_inputs(|s| ratio(s.omega_l_rad_s, s)),
             "kappa_d" => self.of_inputs(|s| ratio(s.omega_l_rad_s, s) - ratio(s.omega_u_rad_s, s)),
-            _ => {
-                let (output, signal) = ("of the model".to_owned(), name.to_owned());
-                return Err(IdentifyError::UnknownSignal { output, signal });
-            }
-        };
-        Ok(Signal { values: self.onto_frames(&series, Between::Hold, passed)?, terms: Vec::new() })
+            _ => self.inputs.channels().iter().find(|c| c.name == name)?.values.clone(),
+        })
     }
 
     /// Flapping of the upper rotor about a body axis: 1 longitudinal, 0 lateral.
