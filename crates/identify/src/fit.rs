@@ -21,7 +21,8 @@ pub enum Estimator {
 }
 
 impl Estimator {
-    const ALL: [Self; 5] = [
+    /// All of them.
+    pub const ALL: [Self; 5] = [
         Self::LeastSquares,
         Self::WeightedLeastSquares,
         Self::TotalLeastSquares,
@@ -155,14 +156,19 @@ pub struct FitOptions {
 impl Default for FitOptions {
     fn default() -> Self {
         Self {
-            estimators: vec![Estimator::LeastSquares, Estimator::TotalLeastSquares],
+            estimators: vec![
+                Estimator::LeastSquares,
+                Estimator::TotalLeastSquares,
+                Estimator::TotalLeastSquaresByRow,
+            ],
             band: None,
             held_out_s: None,
         }
     }
 }
 
-/// Fits every output of the table by ordinary and by total least squares: [`identify_with`] its default options.
+/// Fits every output of the table by [`identify_with`] its default options: ordinary and total least squares, the latter also with
+/// each instant's own covariance.
 ///
 /// # Errors
 /// Those of [`identify_with`].

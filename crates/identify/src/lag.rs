@@ -28,6 +28,53 @@ impl Lag {
     }
 }
 
+/// What a flight tells of the clocks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Clocks {
+    /// The lag that was found.
+    Lag(Lag),
+    /// The lag is beyond so many seconds: residuals are least there.
+    Beyond(f64),
+    /// The inputs move too little to tell.
+    Untold,
+    /// The lag was given.
+    Known(f64),
+}
+
+impl Clocks {
+    /// What is to be added to the inputs' times: a lag that was given, or one that is significant.
+    pub fn correction_s(&self) -> f64 {
+        match self {
+            Self::Lag(lag) if lag.significant() => lag.lag_s,
+            Self::Known(lag_s) => *lag_s,
+            _ => 0.0,
+        }
+    }
+
+    /// What a user must know of it; nothing where the clocks agree.
+    pub fn words(&self) -> Option<String> {
+        match self {
+            Self::Lag(lag) if lag.significant() => {
+                let (size_ms, std_ms) = (1e3 * lag.lag_s.abs(), 1e3 * lag.std_s);
+                let side = if lag.lag_s > 0.0 { "later" } else { "earlier" };
+                Some(format!(
+                    "The clocks differ: the motion shows the inputs {size_ms:.1} ± {std_ms:.1} ms {side} than their time \
+                     stamps say, and they were moved by as much. If the clocks are known to agree, give --lag 0."
+                ))
+            }
+            Self::Beyond(reach_s) => Some(format!(
+                "The clocks differ by more than the {reach_s:.2} s that were searched, and nothing was moved: \
+                 check that inputs and motion are of the same flight, or give --lag."
+            )),
+            Self::Untold => Some(
+                "The inputs move too little to tell whether their clock is the motion's: it was taken to be."
+                    .to_owned(),
+            ),
+            _ => None,
+        }
+    }
+}
+
 /// Steps of Gauss-Newton at most; each gains digits, since the lag enters the residuals almost linearly.
 const MAX_STEPS: usize = 12;
 
@@ -72,8 +119,7 @@ pub fn delayed(inputs: &InputSeries, lag_s: f64) -> Result<InputSeries, Identify
 /// A swash-plate's own column beside that of the disc that it drives is left out: the rate of flapping is a sum of both and
 /// the body's rate, so that the two columns together imitate a lag.
 ///
-/// `None` where the inputs move too little to tell, or the least residuals lie at the end of the reach. Valid for a model
-/// that holds: a time constant of a rotor that is longer than the vehicle file says looks like a lag.
+/// Valid for a model that holds: a time constant of a rotor that is longer than the vehicle file says looks like a lag.
 ///
 /// # Errors
 /// Those of [`coefficients`].
@@ -83,22 +129,38 @@ pub fn estimate_lag(
     vehicle: &Vehicle,
     options: &Options,
     reach_s: f64,
-) -> Result<Option<Lag>, IdentifyError> {
+) -> Result<Clocks, IdentifyError> {
     let search = Search::new(motion, inputs, vehicle, options)?;
-    let Some(mut lag_s) = search.coarse(reach_s)? else { return Ok(None) };
+    let mut lag_s = match search.coarse(reach_s)? {
+        Coarse::Inside(lag_s) => lag_s,
+        Coarse::End => return Ok(Clocks::Beyond(reach_s)),
+        Coarse::Flat => return Ok(Clocks::Untold),
+    };
     let step_s = 0.02 / search.bandwidth_hz;
     for _ in 0..MAX_STEPS {
-        let Some(Lag { lag_s: step, std_s }) = search.step(lag_s, step_s)? else { return Ok(None) };
+        let Some(Lag { lag_s: step, std_s }) = search.step(lag_s, step_s)? else { break };
         lag_s += step;
-        if lag_s.abs() > reach_s || !lag_s.is_finite() {
-            return Ok(None);
+        if lag_s.is_nan() || lag_s.abs() > reach_s {
+            break;
         }
         if step.abs() < 1e-3 * std_s || step.abs() < 1e-9 {
-            return Ok(Some(Lag { lag_s, std_s }));
+            return Ok(Clocks::Lag(Lag { lag_s, std_s }));
         }
     }
-    Ok(None)
+    Ok(Clocks::Untold)
 }
+
+/// Where on a grid of shifts the residuals are least.
+enum Coarse {
+    Inside(f64),
+    End,
+    /// Everywhere alike, as far as the residuals' scatter tells.
+    Flat,
+}
+
+/// Twice the logarithm of the likelihood that a shift must gain to count: the 99.9 % quantile of chi-square with one degree
+/// of freedom.
+const TELLING: f64 = 10.83;
 
 struct Search<'a> {
     motion: &'a Motion,
@@ -143,24 +205,34 @@ impl<'a> Search<'a> {
         coefficients(self.motion, &delayed(self.inputs, lag_s)?, self.vehicle, &self.options)
     }
 
-    /// The shift of least residuals on a grid of a quarter of a period of the low-pass; none at the grid's end.
-    fn coarse(&self, reach_s: f64) -> Result<Option<f64>, IdentifyError> {
+    /// The shift of least residuals on a grid of a quarter of a period of the low-pass.
+    fn coarse(&self, reach_s: f64) -> Result<Coarse, IdentifyError> {
         let count = (4.0 * self.bandwidth_hz * reach_s).ceil().clamp(2.0, 200.0) as i32;
-        let mut best = (f64::INFINITY, 0);
+        let shift_s = |k: i32| reach_s * f64::from(k) / f64::from(count);
+        let (mut best, mut most) = ((f64::INFINITY, 0), f64::NEG_INFINITY);
         for k in -count..=count {
-            let table = self.table(reach_s * f64::from(k) / f64::from(count))?;
-            let mut sum = 0.0;
-            for (output, independent) in table.outputs.iter().zip(&self.independent) {
-                let Some((x, y)) = problem(&table, output, independent) else { continue };
-                let fit = least_squares(&x, &y, Correlation::White)?;
-                sum += y.len() as f64 * fit.residuals.norm_squared().max(f64::MIN_POSITIVE).ln();
-            }
+            let sum = self.scatter(&self.table(shift_s(k))?)?;
+            most = most.max(sum);
             if sum < best.0 {
                 best = (sum, k);
             }
         }
-        let inside = best.1.abs() < count;
-        Ok(inside.then(|| reach_s * f64::from(best.1) / f64::from(count)))
+        if most - best.0 < TELLING {
+            return Ok(Coarse::Flat);
+        }
+        Ok(if best.1.abs() < count { Coarse::Inside(shift_s(best.1)) } else { Coarse::End })
+    }
+
+    /// Σ n ln(RSS), with n the number of rows that are not correlated.
+    fn scatter(&self, table: &CoefficientTable) -> Result<f64, IdentifyError> {
+        let mut sum = 0.0;
+        for (output, independent) in table.outputs.iter().zip(&self.independent) {
+            let Some((x, y)) = problem(table, output, independent) else { continue };
+            let fit = least_squares(&x, &y, Correlation::White)?;
+            let apart = y.len() as f64 / table.correlated_rows(output.bandwidth_hz, y.len()) as f64;
+            sum += apart * fit.residuals.norm_squared().max(f64::MIN_POSITIVE).ln();
+        }
+        Ok(sum)
     }
 
     /// The step from a lag to where every output's residuals are least, with its standard deviation.

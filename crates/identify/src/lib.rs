@@ -37,7 +37,7 @@ pub use fit::{
     identify_with,
 };
 pub use frequency_domain::{Band, fourier_transform, frequency_domain};
-pub use lag::{Lag, delayed, estimate_lag};
+pub use lag::{Clocks, Lag, delayed, estimate_lag};
 pub use least_squares::{LeastSquares, least_squares, student_quantile_975, weighted_least_squares};
 pub use model::{EQUATION_3, Measured, Model, OutputModel, SIGNALS, Scale, When};
 pub use noise::ErrorSpectrum;

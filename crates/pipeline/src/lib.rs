@@ -13,5 +13,5 @@ pub use calibrate::{ControlStill, calibrate_from_observations, calibrate_from_st
 pub use error::PipelineError;
 pub use feed::{CameraFeed, TimedFrame};
 pub use progress::{Progress, Quiet, Stage};
-pub use solve::{Solution, body_markers, identify_motion, motion_from_poses};
+pub use solve::{IdentifyOptions, Solution, body_markers, identify_motion, motion_from_poses};
 pub use track::{Tracked, track};

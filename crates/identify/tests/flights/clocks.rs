@@ -3,14 +3,14 @@
 use crate::aircraft::{Flown, fly};
 use crate::longitudinal_multisine;
 use mavsight_flight::{InputSeries, Scenario, Vehicle};
-use mavsight_identify::{IdentifyError, Lag, Options, delayed, estimate_lag};
+use mavsight_identify::{Clocks, IdentifyError, Options, delayed, estimate_lag};
 
 /// The inputs as a clock that is `late_s` late has stamped them.
 fn stamped(flown: &Flown, late_s: f64) -> InputSeries {
     delayed(&flown.inputs, late_s).expect("inputs")
 }
 
-fn found(flown: &Flown, late_s: f64, seed: &mut u64) -> Option<Lag> {
+fn found(flown: &Flown, late_s: f64, seed: &mut u64) -> Clocks {
     let motion = flown.noisy_motion(seed);
     estimate_lag(&motion, &stamped(flown, late_s), &flown.vehicle, &Options::default(), 0.5)
         .expect("a search")
@@ -24,12 +24,16 @@ fn a_lag_is_found_with_its_standard_deviation() {
         let mut squares = 0.0;
         let lates = [-0.31, 0.0, 0.12];
         for late_s in lates {
-            let lag = found(&flown, late_s, &mut seed).expect("a lag");
+            let clocks = found(&flown, late_s, &mut seed);
+            let Clocks::Lag(lag) = clocks else { panic!("{clocks:?}") };
             println!("late {late_s}: {lag:?}");
             let error = (lag.lag_s + late_s) / lag.std_s;
             assert!(error.abs() < 4.0, "late {late_s}: {lag:?}");
             assert!(lag.std_s < 0.02, "{lag:?}");
             assert_eq!(lag.significant(), late_s.abs() > 0.01, "{lag:?}");
+            let differ = late_s != 0.0;
+            assert_eq!(clocks.correction_s(), if differ { lag.lag_s } else { 0.0 });
+            assert_eq!(clocks.words().is_some_and(|w| w.contains("clocks differ")), differ);
             squares += error * error;
         }
         let mean = squares / lates.len() as f64;
@@ -38,15 +42,19 @@ fn a_lag_is_found_with_its_standard_deviation() {
 }
 
 #[test]
-fn a_flight_without_inputs_tells_no_lag() {
+fn what_tells_no_lag_is_said() {
     let hover = Scenario { maneuver: vec![], ..Scenario::paper() };
     let flown = fly(&hover, Vehicle::paper());
-    assert_eq!(found(&flown, 0.1, &mut 5), None);
-    // Nor does one whose clocks are further apart than the reach.
+    let clocks = found(&flown, 0.1, &mut 5);
+    assert_eq!((clocks, clocks.correction_s()), (Clocks::Untold, 0.0));
+    assert!(clocks.words().is_some_and(|w| w.contains("too little")));
+    // Clocks that are further apart than the reach.
     let flown = fly(&Scenario::paper(), Vehicle::paper());
     let motion = flown.noisy_motion(&mut 6);
     let far = estimate_lag(&motion, &stamped(&flown, 0.45), &flown.vehicle, &Options::default(), 0.2);
-    assert_eq!(far, Ok(None));
+    assert_eq!(far, Ok(Clocks::Beyond(0.2)));
+    assert!(Clocks::Beyond(0.2).words().is_some_and(|w| w.contains("0.20 s")));
+    assert_eq!((Clocks::Known(0.3).correction_s(), Clocks::Known(0.3).words()), (0.3, None));
 }
 
 #[test]
