@@ -86,23 +86,24 @@ impl<'a> Problem<'a> {
         let solved = match self.estimator {
             Estimator::LeastSquares => {
                 let fit = least_squares(&basis, &self.y, how)?;
-                self.solved(&basis, fit.values, fit.covariance, Some(fit.inverse_gram))
+                self.solved(&basis, fit.values, fit.covariance, &fit.inverse_gram, None)
             }
             Estimator::WeightedLeastSquares => {
                 let std: Vec<f64> = self.rows.iter().map(|i| self.output.std[*i]).collect();
                 let known = std.iter().all(|s| *s > 0.0);
                 let std = if known { std } else { vec![1.0; self.rows.len()] };
                 let fit = weighted_least_squares(&basis, &self.y, &std, how)?;
-                self.solved(&basis, fit.values, fit.covariance, None)
+                self.solved(&basis, fit.values, fit.covariance, &fit.inverse_gram, Some(std))
             }
             Estimator::TotalLeastSquares => {
                 let fit = total_least_squares(&basis, &self.y, &self.mean_errors(), how)?;
-                self.solved(&basis, fit.values, fit.covariance, Some(fit.inverse_moment))
+                self.solved(&basis, fit.values, fit.covariance, &fit.inverse_moment, None)
             }
             Estimator::TotalLeastSquaresByRow => {
                 let errors: Vec<DMatrix<f64>> = self.rows.iter().map(|i| self.errors_of(*i)).collect();
                 let fit = total_least_squares_by_row(&basis, &self.y, &errors, how)?;
-                self.solved(&basis, fit.values, fit.covariance, None)
+                let std = residual_std(&errors, &fit.values);
+                self.solved(&basis, fit.values, fit.covariance, &fit.inverse_moment, Some(std))
             }
             Estimator::FrequencyDomain => {
                 let fit = frequency_domain(&basis, &self.y, self.table.sample_interval_s, self.band)?;
@@ -118,20 +119,26 @@ impl<'a> Problem<'a> {
         self.rows.len() as f64 * self.table.sample_interval_s
     }
 
-    /// Takes the covariance that the colour of the errors gives, where that is known and rows are alike, for the one of the
-    /// scores; degrees of freedom are those of the residuals' level.
+    /// Takes the covariance that the colour of the errors gives, where that is known, for the one of the scores; degrees of
+    /// freedom are those of the residuals' level. Rows that were divided by a standard deviation each have its colour
+    /// when they are.
     fn solved(
         &self,
         basis: &DMatrix<f64>,
         values: DVector<f64>,
         covariance: DMatrix<f64>,
-        bread: Option<DMatrix<f64>>,
+        bread: &DMatrix<f64>,
+        std: Option<Vec<f64>>,
     ) -> Solved {
         let gamma = self.table.autocovariances(self.output, &self.dependence.independent, &values);
-        let residuals = &self.y - basis * &values;
-        let known = bread.and_then(|bread| coloured(basis, &bread, residuals.as_slice(), &gamma));
+        let mut residuals = &self.y - basis * &values;
+        let mut scaled = basis.clone();
+        for (i, std) in std.iter().flatten().enumerate() {
+            residuals[i] /= std;
+            scaled.row_mut(i).unscale_mut(*std);
+        }
         let degrees = (self.x.nrows() - values.len()) as f64;
-        match known {
+        match coloured(&scaled, bread, residuals.as_slice(), &gamma) {
             Some(Coloured { covariance, degrees }) => Solved { values, covariance, degrees },
             None => Solved { values, covariance, degrees },
         }
@@ -244,4 +251,10 @@ impl<'a> Problem<'a> {
             held_out: (!self.held_out.is_empty()).then(|| agreement(&held.0, &held.1)),
         })
     }
+}
+
+/// Standard deviation of each row's residual, output less fit, by its errors' covariance.
+fn residual_std(errors: &[DMatrix<f64>], values: &DVector<f64>) -> Vec<f64> {
+    let weights = values.map(|v| -v).push(1.0);
+    errors.iter().map(|e| weights.dot(&(e * &weights)).sqrt()).collect()
 }

@@ -114,9 +114,11 @@ impl CoefficientTable {
 /// The low-pass that both sides of a regression pass beside the smoother's.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Bandwidth {
-    /// The one of a grid below the smoother's that makes the least-squares parameters' covariance determinant least
-    /// (D-optimal: Box & Lucas 1959). The smoother's bandwidth suits positions; the noise of accelerations grows with
-    /// frequency to the fourth power, so that a lower one tells more of their coefficients.
+    /// The lowest of a grid below the smoother's by which standard deviations are, in the geometric mean, at most a
+    /// twentieth above the least that the grid has: by the determinant of the least-squares parameters' covariance
+    /// (D-optimal: Box & Lucas 1959). The smoother's bandwidth suits positions; the noise of accelerations grows with frequency
+    /// to the fourth power, so that a lower one tells more of their coefficients. Frequencies that hardly tell anything are
+    /// left out since what models neglect, and what lies between samples, is most there.
     #[default]
     Automatic,
     /// None.
@@ -242,6 +244,9 @@ fn excited(output: &Output, rows: &[usize]) -> bool {
     moved(&output.values, noise) && output.columns.iter().any(|c| moved(&c.values, c.std))
 }
 
+/// Standard deviations over the least ones up to which a lower bandwidth is taken.
+const NO_GAIN: f64 = 1.05;
+
 /// An output behind the smoother's low-passes alone.
 struct Draft {
     name: String,
@@ -326,7 +331,7 @@ impl Draft {
         }
     }
 
-    /// The output behind the low-pass of [`Bandwidth::Automatic`]: steps of a fourth of an octave down to where the window
+    /// The output behind the low-pass of [`Bandwidth::Automatic`]: of steps of a fourth of an octave, down to where the window
     /// has no more degrees of freedom, twice bandwidth times length, than three times the parameters.
     fn best(&self, flight: &Flight<'_>, whole: Output, rows: &[usize], table: &CoefficientTable) -> Output {
         let length_s = table.window_s.1 - table.window_s.0;
@@ -334,20 +339,18 @@ impl Draft {
         let all = rows_of(&whole, rows);
         let std: Vec<f64> = whole.columns.iter().map(|c| c.std).collect();
         let independent = independent_columns(&all, &std).independent;
-        let measure = |output: &Output| log_determinant(output, &independent, rows, table);
-        let Some(mut best) = measure(&whole) else { return whole };
-        let mut output = whole;
-        let mut hz = output.bandwidth_hz;
-        while hz > lowest_hz && hz.is_finite() {
-            let candidate = self.finish(flight, &table.usable, Some(hz));
-            if let Some(value) = measure(&candidate)
-                && value < best
-            {
-                (best, output) = (value, candidate);
-            }
+        let mut candidates = vec![whole];
+        let mut hz = candidates[0].bandwidth_hz.min(0.5 / table.sample_interval_s);
+        while hz > lowest_hz {
+            candidates.push(self.finish(flight, &table.usable, Some(hz)));
             hz *= 0.5_f64.powf(0.25);
         }
-        output
+        let measure = |output: &Output| log_determinant(output, &independent, rows, table);
+        let measures: Vec<f64> = candidates.iter().map(|c| measure(c).unwrap_or(f64::INFINITY)).collect();
+        let least = measures.iter().copied().fold(f64::INFINITY, f64::min);
+        let enough = least + 2.0 * independent.len() as f64 * NO_GAIN.ln();
+        let chosen = measures.iter().rposition(|m| *m <= enough).unwrap_or(0);
+        candidates.swap_remove(chosen)
     }
 }
 

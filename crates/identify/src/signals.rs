@@ -89,19 +89,17 @@ impl<'a> Flight<'a> {
         self.inputs.samples().iter().map(value).collect()
     }
 
-    /// The smoother's variance of a source at a row.
+    /// The variance at a row of a source's errors that change: by the smoother's variance of its rate, of which white errors
+    /// behind H = 1/(1 + (f/fc)⁶) have (2π fc)²/2 times their own. An error that stays, such as a camera's, is none of it.
     pub(crate) fn variance(&self, source: Source, row: usize) -> f64 {
-        let sample = &self.motion.samples[row];
-        let variance = match source {
+        let covariance = &self.motion.samples[row].covariance;
+        let (rate_variance, hz) = match source {
             Source::Position(axis) => {
-                let world = sample.covariance.fixed_view::<3, 3>(0, 0);
-                let mut unit = Vector3::zeros();
-                unit[axis] = 1.0;
-                let along = sample.world_from_body.rotation * unit;
-                along.dot(&(world * along))
+                (covariance[(6 + axis, 6 + axis)], self.motion.translation_bandwidth_hz)
             }
-            Source::Turn(axis) => sample.covariance[(3 + axis, 3 + axis)],
+            Source::Turn(axis) => (covariance[(9 + axis, 9 + axis)], self.motion.rotation_bandwidth_hz),
         };
+        let variance = 2.0 * rate_variance / (2.0 * std::f64::consts::PI * hz).powi(2);
         if variance.is_finite() { variance.max(0.0) } else { 0.0 }
     }
 
