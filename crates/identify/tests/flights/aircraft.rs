@@ -1,6 +1,9 @@
 //! Flights of the simulated aircraft, as exact motion and as noisy poses behind the smoother.
 
-use mavsight_flight::{Channel, FlightState, InputSeries, Maneuver, Scenario, Vehicle, simulate};
+use mavsight_flight::{
+    Channel, FlightState, InputSeries, Maneuver, Scenario, Vehicle, hover_rotor_speed_rad_s,
+    model_coefficients, simulate,
+};
 use mavsight_geometry::{UnitQuaternion, Vector3, world_from_body};
 use mavsight_pose::{Motion, MotionSample, PoseEstimate, PoseSample, smooth};
 use nalgebra::{Matrix6, Matrix6xX, SMatrix, Translation3};
@@ -40,6 +43,45 @@ pub(crate) fn multisine(channels: &[(Channel, f64)]) -> Scenario {
         })
         .collect();
     Scenario { maneuver, ..Scenario::paper() }
+}
+
+/// Equation 3 with thrusts as the forces have them: products of rotor speed and flapping angle.
+pub(crate) const PRODUCTS: &str = r#"
+schema = 1
+name = "tipped discs"
+[[output]]
+name = "C_X"
+measured = "force_x"
+scale = "rotor"
+regressors = ["1", "kappa_u*alpha_u", "kappa_l*alpha_l"]
+[[output]]
+name = "C_Z"
+measured = "force_z"
+scale = "rotor"
+regressors = ["kappa_u", "kappa_l"]
+[[output]]
+name = "C_m"
+measured = "moment_y"
+scale = "rotor"
+regressors = ["1", "kappa_u*alpha_u", "kappa_l*alpha_l", "q"]
+"#;
+
+pub(crate) fn longitudinal_multisine() -> Scenario {
+    multisine(&[(Channel::DeltaLon, 3.0), (Channel::OmegaU, 2.0), (Channel::OmegaL, 2.0)])
+}
+
+/// What the model of [`PRODUCTS`] is in truth, by output and parameter.
+pub(crate) fn multisine_truth(vehicle: &Vehicle) -> [(&'static str, &'static str, f64); 7] {
+    let c = model_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
+    [
+        ("C_X", "kappa_u*alpha_u", c.cx_alpha_u),
+        ("C_X", "kappa_l*alpha_l", c.cx_alpha_l),
+        ("C_Z", "kappa_u", c.cx_alpha_u),
+        ("C_Z", "kappa_l", c.cx_alpha_l),
+        ("C_m", "kappa_u*alpha_u", c.cm_alpha_u),
+        ("C_m", "kappa_l*alpha_l", c.cm_alpha_l),
+        ("C_m", "q", c.cm_q),
+    ]
 }
 
 impl Flown {

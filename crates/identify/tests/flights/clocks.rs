@@ -1,7 +1,6 @@
 //! Clocks that differ between inputs and motion.
 
-use crate::aircraft::{Flown, fly};
-use crate::longitudinal_multisine;
+use crate::aircraft::{Flown, fly, longitudinal_multisine};
 use mavsight_flight::{InputSeries, Scenario, Vehicle};
 use mavsight_identify::{Clocks, IdentifyError, Options, delayed, estimate_lag};
 

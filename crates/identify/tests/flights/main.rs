@@ -3,8 +3,9 @@
 mod aircraft;
 mod clocks;
 mod coverage;
+mod tally;
 
-use aircraft::{Flown, fly, multisine};
+use aircraft::{Flown, PRODUCTS, fly, longitudinal_multisine, multisine};
 use mavsight_flight::{
     Channel, FlightError, InputSample, InputSeries, Maneuver, Scenario, Vehicle, hover_rotor_speed_rad_s,
     model_coefficients,
@@ -14,31 +15,6 @@ use mavsight_identify::{
     choose_structure, coefficients, identify, identify_with,
 };
 use mavsight_pose::smooth;
-
-/// Equation 3 with thrusts as the forces have them: products of rotor speed and flapping angle.
-pub(crate) const PRODUCTS: &str = r#"
-schema = 1
-name = "tipped discs"
-[[output]]
-name = "C_X"
-measured = "force_x"
-scale = "rotor"
-regressors = ["1", "kappa_u*alpha_u", "kappa_l*alpha_l"]
-[[output]]
-name = "C_Z"
-measured = "force_z"
-scale = "rotor"
-regressors = ["kappa_u", "kappa_l"]
-[[output]]
-name = "C_m"
-measured = "moment_y"
-scale = "rotor"
-regressors = ["1", "kappa_u*alpha_u", "kappa_l*alpha_l", "q"]
-"#;
-
-pub(crate) fn longitudinal_multisine() -> Scenario {
-    multisine(&[(Channel::DeltaLon, 3.0), (Channel::OmegaU, 2.0), (Channel::OmegaL, 2.0)])
-}
 
 /// Options without any low-pass, for motion that has passed none.
 fn unfiltered(model: Option<&str>) -> Options {
