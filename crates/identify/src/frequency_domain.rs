@@ -1,7 +1,7 @@
 //! Regression over a band of frequencies.
 
 use crate::robust_covariance::Correlation;
-use crate::{IdentifyError, LeastSquares, least_squares};
+use crate::{IdentifyError, LeastSquares, least_squares, weighted_least_squares};
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::PI;
 
@@ -112,8 +112,9 @@ impl Band {
 /// regressors (Klein 1978; Morelli & Klein 2016, section 7.4), of rows at equal steps.
 ///
 /// What is outside the band, such as drift below and noise above, does not enter. A constant column leaks little
-/// into a band away from zero: leave it out, or accept a wide interval. Covariance from the residuals in the band, where the
-/// spectrum of coloured ones is about flat. Residuals and leverages are those of the real parts, then of the imaginary.
+/// into a band away from zero: leave it out, or accept a wide interval. Covariance from the residuals in the band, whose
+/// spectrum must be about flat, or else be given up to a factor as `density`, one value a frequency, by which each is then
+/// weighed. Residuals and leverages are those of the weighted real parts, then of the imaginary.
 ///
 /// # Errors
 /// [`IdentifyError::BadBand`]; those of [`crate::least_squares`], where rows are two a frequency.
@@ -122,11 +123,19 @@ pub fn frequency_domain(
     output: &DVector<f64>,
     dt_s: f64,
     band: Band,
+    density: Option<&[f64]>,
 ) -> Result<LeastSquares, IdentifyError> {
     crate::least_squares::check(regressors, output)?;
     let x = band.transform(regressors, dt_s)?;
     let y = band.transform(&DMatrix::from_column_slice(output.len(), 1, output.as_slice()), dt_s)?;
-    least_squares(&x, &y.column(0).into_owned(), Correlation::White)
+    let y = y.column(0).into_owned();
+    match density {
+        None => least_squares(&x, &y, Correlation::White),
+        Some(density) => {
+            let std: Vec<f64> = density.iter().chain(density).map(|d| d.sqrt()).collect();
+            weighted_least_squares(&x, &y, &std, Correlation::White)
+        }
+    }
 }
 
 #[cfg(test)]
@@ -178,10 +187,10 @@ mod tests {
         // A disturbance at 6 Hz, a multiple of 1/(n dt), which in time would sit on the residuals.
         let y =
             DVector::from_fn(n, |i, _| 2.0 * x[(i, 0)] - x[(i, 1)] + 5.0 * (2.0 * PI * 6.0 * time(i)).sin());
-        let fit = frequency_domain(&x, &y, dt, Band { low_hz: 0.2, high_hz: 2.0 }).expect("a fit");
+        let fit = frequency_domain(&x, &y, dt, Band { low_hz: 0.2, high_hz: 2.0 }, None).expect("a fit");
         assert!((fit.values[0] - 2.0).abs() < 0.1 && (fit.values[1] + 1.0).abs() < 0.1, "{}", fit.values);
         let clean = DVector::from_fn(n, |i, _| 2.0 * x[(i, 0)] - x[(i, 1)]);
-        let fit = frequency_domain(&x, &clean, dt, Band { low_hz: 0.2, high_hz: 2.0 }).expect("a fit");
+        let fit = frequency_domain(&x, &clean, dt, Band { low_hz: 0.2, high_hz: 2.0 }, None).expect("a fit");
         assert!((fit.values[0] - 2.0).abs() < 1e-12 && (fit.values[1] + 1.0).abs() < 1e-12);
     }
 
@@ -202,7 +211,7 @@ mod tests {
                 state = 0.8 * state + normal(&mut seed);
                 2.0 * x[(i, 0)] - x[(i, 1)] + state
             });
-            let fit = frequency_domain(&x, &y, dt, Band { low_hz: 0.1, high_hz: 1.6 }).expect("a fit");
+            let fit = frequency_domain(&x, &y, dt, Band { low_hz: 0.1, high_hz: 1.6 }, None).expect("a fit");
             squares += (fit.values[0] - 2.0).powi(2);
             predicted += fit.covariance[(0, 0)];
         }

@@ -296,7 +296,8 @@ fn own_step(
     let rows = Correlation::Rows(table.correlated_rows(output.bandwidth_hz, x.nrows()));
     let fit = least_squares(&with_slope, residuals, rows).ok()?;
     let gamma = table.autocovariances(output, independent, values);
-    let covariance = coloured(&with_slope, &fit.inverse_gram, fit.residuals.as_slice(), &gamma)
+    let once = table.once(output, independent, values, &table.rows_in_window());
+    let covariance = coloured(&with_slope, &fit.inverse_gram, fit.residuals.as_slice(), &gamma, &once)
         .map_or(fit.covariance, |c| c.covariance);
     let std_s = covariance[(count, count)].max(0.0).sqrt();
     (std_s > 0.0 && std_s.is_finite()).then_some(Lag { lag_s: fit.values[count], std_s })

@@ -124,8 +124,8 @@ pub struct ErrorSpectrum {
 }
 
 impl ErrorSpectrum {
-    /// Autocovariances at lags 0, 1, ... of steps `dt_s` of the sum of the signals by the given weights.
-    pub(crate) fn autocovariances(&self, weights: &[f64], dt_s: f64, lags: usize) -> Vec<f64> {
+    /// Power of the sum of the signals by the given weights in each step of the grid.
+    fn density(&self, weights: &[f64]) -> Vec<f64> {
         let points = self.responses.first().map_or(0, Vec::len);
         let mut density = vec![0.0; points];
         for responses in &self.responses {
@@ -136,6 +136,12 @@ impl ErrorSpectrum {
                 *density += sum.0 * sum.0 + sum.1 * sum.1;
             }
         }
+        density
+    }
+
+    /// Autocovariances at lags 0, 1, ... of steps `dt_s` of the sum of the signals by the given weights.
+    pub(crate) fn autocovariances(&self, weights: &[f64], dt_s: f64, lags: usize) -> Vec<f64> {
+        let density = self.density(weights);
         let angle = 2.0 * PI * self.step_hz * dt_s;
         (0..lags)
             .map(|l| {

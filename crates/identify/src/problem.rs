@@ -105,14 +105,53 @@ impl<'a> Problem<'a> {
                 let std = residual_std(&errors, &fit.values);
                 self.solved(&basis, fit.values, fit.covariance, &fit.inverse_moment, Some(std))
             }
-            Estimator::FrequencyDomain => {
-                let fit = frequency_domain(&basis, &self.y, self.table.sample_interval_s, self.band)?;
-                let degrees =
-                    (2 * self.band.frequencies_hz(self.length_s()).len()).saturating_sub(basis.ncols());
-                Solved { values: fit.values, covariance: fit.covariance, degrees: degrees.max(1) as f64 }
-            }
+            Estimator::FrequencyDomain => self.in_frequency(&basis)?,
         };
         self.report(&basis, &solved)
+    }
+
+    /// Least squares in the band, then weighted by the spectrum that the errors have at those values, until that stands.
+    fn in_frequency(&self, basis: &DMatrix<f64>) -> Result<Solved, IdentifyError> {
+        /// Weights change little with values that are within their errors: each step gains more than a digit.
+        const STEPS: usize = 4;
+        let dt_s = self.table.sample_interval_s;
+        let frequencies_hz = self.band.frequencies_hz(self.length_s());
+        let mut fit = frequency_domain(basis, &self.y, dt_s, self.band, None)?;
+        for _ in 0..STEPS {
+            let density = self.expected_power(&fit.values, &frequencies_hz);
+            if !density.iter().all(|d| *d > 0.0) {
+                break;
+            }
+            fit = frequency_domain(basis, &self.y, dt_s, self.band, Some(&density))?;
+        }
+        let degrees = (2 * frequencies_hz.len()).saturating_sub(basis.ncols()).max(1) as f64;
+        Ok(Solved { values: fit.values, covariance: fit.covariance, degrees })
+    }
+
+    /// What the errors' transforms over the record have in the mean square, up to a factor: Σ (n - |l|) γ_l cos(2πfl dt) and
+    /// the squares of those that happen once. A record that ends leaks what is strong at high frequencies into low ones, which
+    /// the spectrum itself does not say.
+    fn expected_power(&self, values: &DVector<f64>, frequencies_hz: &[f64]) -> Vec<f64> {
+        let independent = &self.dependence.independent;
+        let gamma = self.table.autocovariances(self.output, independent, values);
+        let once = self.table.once(self.output, independent, values, &self.rows);
+        let rows = self.rows.len();
+        let power = |f: &f64| {
+            let angle = 2.0 * std::f64::consts::PI * f * self.table.sample_interval_s;
+            let lags = gamma.iter().take(rows).enumerate().map(|(l, g)| {
+                let both = if l == 0 { 1.0 } else { 2.0 };
+                both * (rows - l) as f64 * g * (angle * l as f64).cos()
+            });
+            let single = once.iter().map(|e| {
+                let (re, im) = e.iter().enumerate().fold((0.0, 0.0), |(re, im), (i, e)| {
+                    let (sin, cos) = (angle * i as f64).sin_cos();
+                    (re + e * cos, im + e * sin)
+                });
+                re * re + im * im
+            });
+            lags.chain(single).sum()
+        };
+        frequencies_hz.iter().map(power).collect()
     }
 
     fn length_s(&self) -> f64 {
@@ -130,15 +169,21 @@ impl<'a> Problem<'a> {
         bread: &DMatrix<f64>,
         std: Option<Vec<f64>>,
     ) -> Solved {
-        let gamma = self.table.autocovariances(self.output, &self.dependence.independent, &values);
+        let mut gamma = self.table.autocovariances(self.output, &self.dependence.independent, &values);
+        if let Some(std) = &std {
+            let mean_square = std.iter().map(|s| s * s).sum::<f64>() / std.len() as f64;
+            gamma.iter_mut().for_each(|g| *g /= mean_square);
+        }
+        let mut once = self.table.once(self.output, &self.dependence.independent, &values, &self.rows);
         let mut residuals = &self.y - basis * &values;
         let mut scaled = basis.clone();
         for (i, std) in std.iter().flatten().enumerate() {
             residuals[i] /= std;
+            once.iter_mut().for_each(|e| e[i] /= std);
             scaled.row_mut(i).unscale_mut(*std);
         }
         let degrees = (self.x.nrows() - values.len()) as f64;
-        match coloured(&scaled, bread, residuals.as_slice(), &gamma) {
+        match coloured(&scaled, bread, residuals.as_slice(), &gamma, &once) {
             Some(Coloured { covariance, degrees }) => Solved { values, covariance, degrees },
             None => Solved { values, covariance, degrees },
         }

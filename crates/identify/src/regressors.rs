@@ -3,7 +3,7 @@
 use crate::coloured::coloured;
 use crate::dependence::independent_columns;
 use crate::model::{Model, OutputModel, Scale, When};
-use crate::noise::{Bands, ErrorSpectrum, Source, Term};
+use crate::noise::{Bands, ErrorSpectrum, Source, Term, Transfer};
 use crate::signals::{Flight, Passed, Signal, lowpass_at, scale_terms};
 use crate::{Correlation, IdentifyError, least_squares};
 use mavsight_flight::{InputSeries, Vehicle};
@@ -45,6 +45,9 @@ pub struct Output {
     pub errors: Vec<DMatrix<f64>>,
     /// Spectrum of those errors.
     pub spectrum: ErrorSpectrum,
+    /// Errors that happen once, since flapping is integrated from a turn that errs where the flight begins: for each, what one
+    /// standard deviation of it does to the regressors and, last, the output, at each time.
+    pub once: Vec<DMatrix<f64>>,
     /// Coefficients that the model fixes; their part is taken off the values.
     pub fixed: Vec<Fixed>,
     /// The lowest frequency at which a low-pass of both sides passes one half.
@@ -92,6 +95,21 @@ impl CoefficientTable {
         (1.0 / (bandwidth_hz * self.sample_interval_s)).ceil().min(rows as f64 / 4.0).max(1.0) as usize
     }
 
+    /// What the errors that happen once do to the residuals of a fit of some columns, at some rows.
+    pub(crate) fn once(
+        &self,
+        output: &Output,
+        columns: &[usize],
+        values: &DVector<f64>,
+        rows: &[usize],
+    ) -> Vec<DVector<f64>> {
+        let weights = residual_weights(output, columns, values);
+        let of = |all: &DMatrix<f64>| {
+            DVector::from_iterator(rows.len(), rows.iter().map(|i| all.row(*i).dot(&weights.transpose())))
+        };
+        output.once.iter().map(of).collect()
+    }
+
     /// Autocovariances of the errors of the residuals of a fit of some columns, over eight periods of the low-pass, after
     /// which what is left is below a thousandth; all zero where the errors are not known.
     pub(crate) fn autocovariances(
@@ -100,15 +118,21 @@ impl CoefficientTable {
         columns: &[usize],
         values: &DVector<f64>,
     ) -> Vec<f64> {
-        let mut weights = vec![0.0; output.columns.len() + 1];
-        for (column, value) in columns.iter().zip(values) {
-            weights[*column] = -value;
-        }
-        weights[output.columns.len()] = 1.0;
+        let weights = residual_weights(output, columns, values);
         let periods = 8.0 / (output.bandwidth_hz * self.sample_interval_s);
         let lags = periods.ceil().clamp(1.0, self.t_s.len() as f64) as usize;
-        output.spectrum.autocovariances(&weights, self.sample_interval_s, lags)
+        output.spectrum.autocovariances(weights.as_slice(), self.sample_interval_s, lags)
     }
+}
+
+/// What each regressor, and last the output, weighs in the residual of a fit of some columns.
+fn residual_weights(output: &Output, columns: &[usize], values: &DVector<f64>) -> DVector<f64> {
+    let mut weights = DVector::zeros(output.columns.len() + 1);
+    for (column, value) in columns.iter().zip(values) {
+        weights[*column] = -value;
+    }
+    weights[output.columns.len()] = 1.0;
+    weights
 }
 
 /// The low-pass that both sides of a regression pass beside the smoother's.
@@ -130,8 +154,9 @@ pub enum Bandwidth {
 /// What a user may choose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Left out at either end, where a smoother leans on one side only: half a second is one to two periods of the
-    /// cut-off frequencies that ordinary cameras allow.
+    /// Left out at either end, where a low-pass leans on one side only: half a second is one to two periods of the cut-off
+    /// frequencies that ordinary cameras allow. It is at least one period of the smoother's, and a further low-pass
+    /// is none of which it is less.
     pub margin_s: f64,
     /// Output equations; equation 3 where there are none.
     pub model: Option<Model>,
@@ -155,7 +180,7 @@ impl Default for Options {
 /// smoother, what comes from the inputs as well, and both that of [`Bandwidth`].
 ///
 /// Valid for flights that begin in trim, with flapping times that are known. Instants in a gap of the poses, where the
-/// smoother's variance of turn or position is above nine times its median, are not fitted.
+/// smoother's variance of a velocity or rate is above nine times its median, are not fitted.
 ///
 /// # Errors
 /// Inputs that do not cover the flight, rotors that stand still where a scale needs them turning, a bandwidth that is
@@ -175,7 +200,8 @@ pub fn coefficients(
     let (Some(first_s), Some(last_s)) = (flight.t_s.first().copied(), flight.t_s.last().copied()) else {
         return Err(IdentifyError::TooFewInstants { found: 0, parameters: 7 });
     };
-    let margin_s = options.margin_s.clamp(0.0, (last_s - first_s) / 4.0);
+    let slowest_hz = motion.translation_bandwidth_hz.min(motion.rotation_bandwidth_hz);
+    let margin_s = options.margin_s.max(1.0 / slowest_hz).clamp(0.0, (last_s - first_s) / 4.0);
     let mut table = CoefficientTable {
         t_s: flight.t_s.clone(),
         outputs: Vec::with_capacity(model.output.len()),
@@ -206,7 +232,7 @@ pub fn coefficients(
     Ok(table)
 }
 
-/// Instants whose smoothed turn and position are not much worse than usual.
+/// Instants whose smoothed rates are not much worse than usual.
 fn usable(flight: &Flight<'_>) -> Vec<bool> {
     let rows = flight.t_s.len();
     let mut out = vec![true; rows];
@@ -220,7 +246,7 @@ fn usable(flight: &Flight<'_>) -> Vec<bool> {
     out
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
@@ -312,6 +338,7 @@ impl Draft {
             median(all.collect())
         };
         let spectrum = bands.spectrum(&terms, &mean_variance);
+        let once = start_errors(flight, &terms);
         let used = || errors.iter().zip(usable).filter(|(_, usable)| **usable);
         let mean = |j: usize| used().map(|(e, _)| e[(j, j)]).sum::<f64>() / used().count().max(1) as f64;
         let column = |(j, (name, signal)): (usize, &(String, Signal))| Column {
@@ -326,22 +353,23 @@ impl Draft {
             columns: self.columns.iter().enumerate().map(column).collect(),
             errors,
             spectrum,
+            once,
             fixed: self.fixed.clone(),
             bandwidth_hz: bands.passed_hz.iter().copied().fold(f64::INFINITY, f64::min),
         }
     }
 
-    /// The output behind the low-pass of [`Bandwidth::Automatic`]: of steps of a fourth of an octave, down to where the window
-    /// has no more degrees of freedom, twice bandwidth times length, than three times the parameters.
+    /// The output behind the low-pass of [`Bandwidth::Automatic`]: of steps of a fourth of an octave, down to where the window's
+    /// margin is one period.
     fn best(&self, flight: &Flight<'_>, whole: Output, rows: &[usize], table: &CoefficientTable) -> Output {
-        let length_s = table.window_s.1 - table.window_s.0;
-        let lowest_hz = 1.5 * self.columns.len() as f64 / length_s;
+        let margin_s = table.window_s.0 - table.t_s[0];
+        let lowest_hz = 1.0 / margin_s;
         let all = rows_of(&whole, rows);
         let std: Vec<f64> = whole.columns.iter().map(|c| c.std).collect();
         let independent = independent_columns(&all, &std).independent;
         let mut candidates = vec![whole];
         let mut hz = candidates[0].bandwidth_hz.min(0.5 / table.sample_interval_s);
-        while hz > lowest_hz {
+        while hz >= lowest_hz {
             candidates.push(self.finish(flight, &table.usable, Some(hz)));
             hz *= 0.5_f64.powf(0.25);
         }
@@ -352,6 +380,29 @@ impl Draft {
         let chosen = measures.iter().rposition(|m| *m <= enough).unwrap_or(0);
         candidates.swap_remove(chosen)
     }
+}
+
+/// What an error of the turn at the first time does to flapping, which is integrated from there: it fades with the disc's time.
+fn start_errors(flight: &Flight<'_>, signals: &[&[Term]]) -> Vec<DMatrix<f64>> {
+    let rows = flight.t_s.len();
+    let mut out = Vec::new();
+    for axis in 0..3 {
+        let std_rad = flight.start_turn_std_rad(axis);
+        let mut effect = DMatrix::zeros(rows, signals.len());
+        for (j, terms) in signals.iter().enumerate() {
+            for term in terms.iter().filter(|t| t.source == Source::Turn(axis)) {
+                let Transfer::Washout { time_s } = term.transfer else { continue };
+                for (row, t_s) in flight.t_s.iter().enumerate() {
+                    let fading = (-(t_s - flight.t_s[0]) / time_s).exp();
+                    effect[(row, j)] -= std_rad * term.gains[row] * fading;
+                }
+            }
+        }
+        if effect.iter().any(|e| *e != 0.0) {
+            out.push(effect);
+        }
+    }
+    out
 }
 
 /// The regressors at some rows.
@@ -371,7 +422,8 @@ fn log_determinant(
     let how = Correlation::Rows(table.correlated_rows(output.bandwidth_hz, rows.len()));
     let fit = least_squares(&x, &y, how).ok()?;
     let gamma = table.autocovariances(output, independent, &fit.values);
-    let covariance = coloured(&x, &fit.inverse_gram, fit.residuals.as_slice(), &gamma)
+    let once = table.once(output, independent, &fit.values, rows);
+    let covariance = coloured(&x, &fit.inverse_gram, fit.residuals.as_slice(), &gamma, &once)
         .map_or(fit.covariance, |c| c.covariance);
     // Scaled by the columns' lengths, which differ by orders of magnitude.
     let lengths: Vec<f64> = x.column_iter().map(|c| c.norm()).collect();

@@ -3,6 +3,7 @@
 use crate::IdentifyError;
 use crate::model::{Measured, SIGNALS, factors};
 use crate::noise::{Source, Term, Transfer};
+use crate::regressors::median;
 use mavsight_flight::flapping::{self, Between};
 use mavsight_flight::{InputSample, InputSeries, Vehicle, thrust_n};
 use mavsight_geometry::Vector3;
@@ -101,6 +102,16 @@ impl<'a> Flight<'a> {
         };
         let variance = 2.0 * rate_variance / (2.0 * std::f64::consts::PI * hz).powi(2);
         if variance.is_finite() { variance.max(0.0) } else { 0.0 }
+    }
+
+    /// The standard deviation of the turn about a body axis at the first time, without errors that stay: those are what the
+    /// variances of all times have beyond [`Flight::variance`].
+    pub(crate) fn start_turn_std_rad(&self, axis: usize) -> f64 {
+        let samples = &self.motion.samples;
+        let turn = |row: usize| samples[row].covariance[(3 + axis, 3 + axis)];
+        let beyond = (0..samples.len()).map(|row| turn(row) - self.variance(Source::Turn(axis), row));
+        let staying = median(beyond.collect()).max(0.0);
+        (turn(0) - staying).max(0.0).sqrt()
     }
 
     /// What is measured, newtons or newton metres.
