@@ -224,7 +224,7 @@ mod tests {
         let x = DMatrix::from_fn(100, 1, |i, _| (i as f64).sin());
         let y = x.column(0).into_owned();
         for (low_hz, high_hz) in [(2.0, 1.0), (-1.0, 1.0), (0.1, 40.0), (0.1, f64::NAN), (f64::NAN, 1.0)] {
-            let refused = frequency_domain(&x, &y, 1.0 / 30.0, Band { low_hz, high_hz });
+            let refused = frequency_domain(&x, &y, 1.0 / 30.0, Band { low_hz, high_hz }, None);
             assert!(matches!(refused, Err(IdentifyError::BadBand { .. })), "{low_hz} {high_hz}: {refused:?}");
         }
     }

@@ -57,6 +57,12 @@ pub(crate) struct Bands {
     pub(crate) passed_hz: Vec<f64>,
 }
 
+/// Frequencies at half steps, and the power that all low-passes let through.
+struct Grid {
+    step_hz: f64,
+    passed: Vec<f64>,
+}
+
 impl Bands {
     fn own_hz(&self, source: Source) -> f64 {
         match source {
@@ -70,20 +76,31 @@ impl Bands {
     ///
     /// The variance that a smoother states holds what it could not resolve as well, which is no error of a regression
     /// whose both sides have passed the same low-pass: of white noise of density S it is S∫H, of which S∫H² is noise.
-    fn share(&self, a: Transfer, b: Transfer, source: Source) -> f64 {
-        const POINTS: usize = 600;
-        let lowest = self.passed_hz.iter().copied().fold(f64::INFINITY, f64::min);
-        let step_hz = 6.0 * lowest / POINTS as f64;
-        let sum: f64 = (0..POINTS)
-            .map(|k| {
-                let f = step_hz * (k as f64 + 0.5);
-                let (x, y) = (a.at(2.0 * PI * f), b.at(2.0 * PI * f));
-                let passed: f64 = self.passed_hz.iter().map(|fc| (1.0 + (f / fc).powi(6)).powi(-2)).product();
+    fn share(&self, a: Transfer, b: Transfer, source: Source, grid: &Grid) -> f64 {
+        let sum: f64 = grid
+            .passed
+            .iter()
+            .enumerate()
+            .map(|(k, passed)| {
+                let omega_rad_s = 2.0 * PI * grid.step_hz * (k as f64 + 0.5);
+                let (x, y) = (a.at(omega_rad_s), b.at(omega_rad_s));
                 (x.0 * y.0 + x.1 * y.1) * passed
             })
             .sum();
         // ∫ 1/(1 + x⁶) dx from nought on is π/3.
-        sum * step_hz / (self.own_hz(source) * PI / 3.0)
+        sum * grid.step_hz / (self.own_hz(source) * PI / 3.0)
+    }
+
+    /// Steps up to six times the lowest bandwidth, beyond which next to nothing passes.
+    fn grid(&self) -> Grid {
+        const POINTS: usize = 600;
+        let lowest = self.passed_hz.iter().copied().fold(f64::INFINITY, f64::min);
+        let step_hz = 6.0 * lowest / POINTS as f64;
+        let passed = |k: usize| {
+            let f = step_hz * (k as f64 + 0.5);
+            self.passed_hz.iter().map(|fc| (1.0 + (f / fc).powi(6)).powi(-2)).product()
+        };
+        Grid { step_hz, passed: (0..POINTS).map(passed).collect() }
     }
 
     /// Covariance of the signals at each row, given the smoother's variance of each source there.
@@ -94,12 +111,13 @@ impl Bands {
         variance: &dyn Fn(Source, usize) -> f64,
     ) -> Vec<DMatrix<f64>> {
         let count = signals.len();
+        let grid = self.grid();
         let mut out = vec![DMatrix::zeros(count, count); rows];
         for i in 0..count {
             for j in 0..=i {
                 for a in signals[i] {
                     for b in signals[j].iter().filter(|b| b.source == a.source) {
-                        let share = self.share(a.transfer, b.transfer, a.source);
+                        let share = self.share(a.transfer, b.transfer, a.source, &grid);
                         for (row, matrix) in out.iter_mut().enumerate() {
                             let part = share * a.gains[row] * b.gains[row] * variance(a.source, row);
                             matrix[(i, j)] += part;
@@ -124,6 +142,13 @@ pub struct ErrorSpectrum {
 }
 
 impl ErrorSpectrum {
+    /// That of some of the signals.
+    pub(crate) fn of_signals(&self, kept: &[usize]) -> Self {
+        let at = |signals: &Vec<(f64, f64)>| kept.iter().map(|j| signals[*j]).collect();
+        let responses = self.responses.iter().map(|source| source.iter().map(at).collect()).collect();
+        Self { step_hz: self.step_hz, responses }
+    }
+
     /// Power of the sum of the signals by the given weights in each step of the grid.
     fn density(&self, weights: &[f64]) -> Vec<f64> {
         let points = self.responses.first().map_or(0, Vec::len);
@@ -200,13 +225,19 @@ mod tests {
         // ∫ x^{2k}/(1 + x⁶)² = (1 - (2k + 1)/6) ∫ x^{2k}/(1 + x⁶), by parts; the latter is (π/6)/sin((2k + 1)π/6).
         let bands = Bands { translation_hz: 2.0, rotation_hz: 5.0, passed_hz: vec![2.0] };
         for k in 0..3 {
-            let share = bands.share(Transfer::Derivative(k), Transfer::Derivative(k), Source::Position(0));
+            let share = bands.share(
+                Transfer::Derivative(k),
+                Transfer::Derivative(k),
+                Source::Position(0),
+                &bands.grid(),
+            );
             let m = f64::from(2 * k + 1);
             let closed =
                 (1.0 - m / 6.0) * (PI / 6.0) / (m * PI / 6.0).sin() / (PI / 3.0) * (4.0 * PI).powi(2 * k);
             assert!((share / closed - 1.0).abs() < 1e-3, "{k}: {share} is not {closed}");
         }
-        let odd = bands.share(Transfer::Derivative(0), Transfer::Derivative(1), Source::Turn(1));
+        let odd =
+            bands.share(Transfer::Derivative(0), Transfer::Derivative(1), Source::Turn(1), &bands.grid());
         assert_eq!(odd, 0.0);
     }
 

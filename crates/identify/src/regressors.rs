@@ -54,6 +54,20 @@ pub struct Output {
     pub bandwidth_hz: f64,
 }
 
+impl Output {
+    /// The same with some of the regressors.
+    pub(crate) fn with_columns(&self, chosen: &[usize]) -> Self {
+        let kept: Vec<usize> = chosen.iter().copied().chain([self.columns.len()]).collect();
+        Self {
+            columns: chosen.iter().map(|j| self.columns[*j].clone()).collect(),
+            errors: self.errors.iter().map(|e| e.select_rows(&kept).select_columns(&kept)).collect(),
+            once: self.once.iter().map(|e| e.select_columns(&kept)).collect(),
+            spectrum: self.spectrum.of_signals(&kept),
+            ..self.clone()
+        }
+    }
+}
+
 /// Coefficients and regressors of a flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CoefficientTable {
@@ -138,11 +152,12 @@ fn residual_weights(output: &Output, columns: &[usize], values: &DVector<f64>) -
 /// The low-pass that both sides of a regression pass beside the smoother's.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Bandwidth {
-    /// The lowest of a grid below the smoother's by which standard deviations are, in the geometric mean, at most a
-    /// twentieth above the least that the grid has: by the determinant of the least-squares parameters' covariance
-    /// (D-optimal: Box & Lucas 1959). The smoother's bandwidth suits positions; the noise of accelerations grows with frequency
-    /// to the fourth power, so that a lower one tells more of their coefficients. Frequencies that hardly tell anything are
-    /// left out since what models neglect, and what lies between samples, is most there.
+    /// Of a grid below the smoother's the lowest whose parameters have, in the geometric mean, standard deviations that
+    /// cannot be told from the least of the grid, by the determinant of the least-squares covariance (D-optimal: Box & Lucas
+    /// 1959). From a record of n = 2BT independent values a standard deviation is known to 1/√(2n), and what is within that is
+    /// the simpler choice (Breiman, Friedman, Olshen & Stone 1984, section 3.4.3). The smoother's bandwidth suits
+    /// positions; the noise of accelerations grows with frequency to the fourth power, and so do what models neglect and
+    /// what lies between samples.
     #[default]
     Automatic,
     /// None.
@@ -213,19 +228,19 @@ pub fn coefficients(
     let rows = table.rows_in_window();
     for equation in &model.output {
         let draft = Draft::new(&flight, equation, motion)?;
-        let whole = draft.finish(&flight, &table.usable, None);
-        if equation.when == When::Excited && !excited(&whole, &rows) {
+        let whole = || draft.finish(&flight, &table.usable, None);
+        if equation.when == When::Excited && !excited(&whole(), &rows) {
             table.not_excited.push(equation.name.clone());
             continue;
         }
         let output = match options.bandwidth {
-            Bandwidth::Smoother => whole,
+            Bandwidth::Smoother => whole(),
             Bandwidth::Hz(hz) if hz.is_finite() && hz > 0.0 => draft.finish(&flight, &table.usable, Some(hz)),
             Bandwidth::Hz(value) => {
                 let (what, must) = ("the bandwidth", "be above zero");
                 return Err(IdentifyError::BadSetting { what, value, must });
             }
-            Bandwidth::Automatic => draft.best(&flight, whole, &rows, &table),
+            Bandwidth::Automatic => draft.best(&flight, whole(), &rows, &table),
         };
         table.outputs.push(output);
     }
@@ -269,9 +284,6 @@ fn excited(output: &Output, rows: &[usize]) -> bool {
     };
     moved(&output.values, noise) && output.columns.iter().any(|c| moved(&c.values, c.std))
 }
-
-/// Standard deviations over the least ones up to which a lower bandwidth is taken.
-const NO_GAIN: f64 = 1.05;
 
 /// An output behind the smoother's low-passes alone.
 struct Draft {
@@ -376,7 +388,9 @@ impl Draft {
         let measure = |output: &Output| log_determinant(output, &independent, rows, table);
         let measures: Vec<f64> = candidates.iter().map(|c| measure(c).unwrap_or(f64::INFINITY)).collect();
         let least = measures.iter().copied().fold(f64::INFINITY, f64::min);
-        let enough = least + 2.0 * independent.len() as f64 * NO_GAIN.ln();
+        let degrees = 2.0 * candidates[0].bandwidth_hz * (table.window_s.1 - table.window_s.0);
+        let known_to = 1.0 + (2.0 * degrees.max(1.0)).sqrt().recip();
+        let enough = least + 2.0 * independent.len() as f64 * known_to.ln();
         let chosen = measures.iter().rposition(|m| *m <= enough).unwrap_or(0);
         candidates.swap_remove(chosen)
     }

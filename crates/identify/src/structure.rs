@@ -100,7 +100,7 @@ pub fn choose_structure(
         let always: Vec<usize> = (0..columns.len()).filter(|j| columns[*j].name == "0").collect();
         let block = table.correlated_rows(output.bandwidth_hz, rows.len());
         let structure = stepwise(&candidates, &values, &always, block)?;
-        output.columns = structure.chosen.iter().map(|j| columns[*j].clone()).collect();
+        *output = output.with_columns(&structure.chosen);
         structures.push(structure);
     }
     Ok((out, structures))

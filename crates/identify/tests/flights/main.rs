@@ -200,7 +200,14 @@ fn structure_is_found_from_the_flight() {
         assert!(names(2).contains(&name), "C_m: {:?}", names(2));
     }
     assert!(structures.iter().all(|s| s.predicted_r2 <= 1.0 && !s.chosen.is_empty()));
-    identify(&chosen).expect("fits");
+    // What errors the columns have goes with them: a model of those columns alone is fitted to the same values.
+    let found = identify(&chosen).expect("fits");
+    let whole = identify(&table).expect("fits");
+    for estimator in [Estimator::TotalLeastSquares, Estimator::TotalLeastSquaresByRow] {
+        let (few, all) =
+            (value(&found, "C_m", estimator, "alpha_u"), value(&whole, "C_m", estimator, "alpha_u"));
+        assert!((few / all - 1.0).abs() < 0.01, "{few} is not {all}");
+    }
 }
 
 #[test]
