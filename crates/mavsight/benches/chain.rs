@@ -64,7 +64,7 @@ fn seeing(c: &mut Criterion) {
     let frame = Frame::from_rgb(view.size, film.frame(0, &craft, |_| pose())).expect("a frame");
     let colors: Vec<BallColor> =
         vehicle.marker.iter().map(|m| BallColor { name: m.name.clone(), rgb: m.color.rgb() }).collect();
-    let detector = Detector::new(&colors).expect("a detector");
+    let mut detector = Detector::new(&colors).expect("a detector");
     c.bench_function("detect four balls in a whole frame", |b| {
         b.iter(|| black_box(detector.candidates(&frame, 3.0..=12.0)));
     });

@@ -1,6 +1,6 @@
 //! What may be typed.
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
 /// Videos of a small aircraft in, its motion and flight-dynamics parameters out.
@@ -34,6 +34,8 @@ pub(crate) enum Command {
     Identify(Identify),
     /// Make report.html from the result files in a folder
     Report(Stage),
+    /// Fly a rig many times on paper: do the 95 % intervals hold the truth?
+    Selftest(Selftest),
 }
 
 /// `demo`
@@ -184,6 +186,46 @@ impl std::str::FromStr for Interval {
         let (from, to) = (number(from)?, number(to)?);
         if from < to { Ok(Self(from, to)) } else { Err(wrong()) }
     }
+}
+
+/// `selftest`
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  mavsight selftest session.toml\n  mavsight selftest --rig wide --flights 50\n\n\
+Each flight draws the control points' noise and calibrates anew, then a manoeuvre, the noise of every centre\n\
+and its losses, all as in the session, and goes through the chain that measures flights. Exit status 1 where\n\
+intervals of pose, velocity or rates hold less than 92 % or more than 98 % of the truths, or others less than 92 %."
+)]
+pub(crate) struct Selftest {
+    /// The session whose cameras, vehicle, frame rate and noise are tested
+    #[arg(value_name = "SESSION.toml", required_unless_present = "rig")]
+    pub(crate) session: Option<PathBuf>,
+    /// A built-in rig instead
+    #[arg(long, value_enum, conflicts_with = "session")]
+    pub(crate) rig: Option<BuiltInRig>,
+    /// Number of flights [default: 200, or 3 with --film]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub(crate) flights: Option<u64>,
+    /// Seed of all that is drawn
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Film each flight in the virtual room and detect the balls, in place of drawing the noise of their centres: slow
+    #[arg(long)]
+    pub(crate) film: bool,
+    /// Folder for selftest.csv and selftest.json
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+}
+
+/// Rigs that need no session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BuiltInRig {
+    /// The paper's two cameras at a right angle
+    Paper,
+    /// Two wide distorted lenses on 1920×1080
+    Wide,
+    /// Three cameras around
+    Three,
 }
 
 /// The call itself was wrong: a file that is not there or does not say what it must.

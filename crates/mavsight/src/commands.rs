@@ -3,6 +3,7 @@
 mod demo;
 mod identify;
 mod run;
+mod selftest;
 mod stages;
 
 use crate::cli::{Cli, Command, WrongCall};
@@ -21,6 +22,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Track(args) => stages::track(args),
         Command::Identify(args) => identify::identify(args),
         Command::Report(args) => stages::report(args),
+        Command::Selftest(args) => selftest::selftest(args),
     }
 }
 

@@ -175,7 +175,10 @@ fn parameters_table(rig: &Rig) -> Table {
         ("k3", |c| c.distortion.k3),
     ];
     for (k, (label, of)) in lens.iter().enumerate() {
-        rows.push(row(label, 5, DISTORTION + k, of));
+        let known = (0..rig.cameras.len()).all(|c| std(c, DISTORTION + k) == 0.0);
+        if !known || rig.cameras.iter().any(|c| of(&c.camera) != 0.0) {
+            rows.push(row(label, 5, DISTORTION + k, of));
+        }
     }
     Table {
         caption: "The cameras: most probable model, parameters and standard deviations.".to_owned(),

@@ -35,9 +35,10 @@ pub fn calibrate_from_stills(
 ) -> Result<Rig, PipelineError> {
     let colors: Vec<BallColor> =
         table.iter().map(|row| BallColor { name: row.name.clone(), rgb: row.color.rgb() }).collect();
-    let detector = Detector::new(&colors)
+    let mut detector = Detector::new(&colors)
         .map_err(|source| PipelineError::Vision { place: "control points".into(), source })?;
-    let seen = stills.iter().map(|s| seen_in_still(s, table, &detector)).collect::<Result<Vec<_>, _>>()?;
+    let seen =
+        stills.iter().map(|s| seen_in_still(s, table, &mut detector)).collect::<Result<Vec<_>, _>>()?;
     let swapped = swapped_pairs(&seen);
     let mut left_out = named_swaps(&swapped, table);
     let mut controls = Vec::with_capacity(stills.len());
@@ -67,7 +68,7 @@ struct Seen {
 fn seen_in_still(
     still: &ControlStill,
     table: &[ControlPointRow],
-    detector: &Detector,
+    detector: &mut Detector,
 ) -> Result<Seen, PipelineError> {
     let size = still.frame.size;
     let candidates = detector.candidates(&still.frame, diameter_range_px(size));

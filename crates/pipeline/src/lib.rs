@@ -6,6 +6,7 @@ mod calibrate;
 mod error;
 mod feed;
 mod progress;
+mod reconstruct;
 mod solve;
 mod track;
 
@@ -13,5 +14,6 @@ pub use calibrate::{ControlStill, calibrate_from_observations, calibrate_from_st
 pub use error::PipelineError;
 pub use feed::{CameraFeed, TimedFrame};
 pub use progress::{Progress, Quiet, Stage};
-pub use solve::{IdentifyOptions, Solution, body_markers, identify_motion, motion_from_poses};
+pub use reconstruct::reconstruct;
+pub use solve::{IdentifyOptions, Solution, body_markers, identify_motion, motion_from_poses, refine_body};
 pub use track::{Tracked, track};

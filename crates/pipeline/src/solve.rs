@@ -1,12 +1,14 @@
 //! From poses to motion, and from motion and inputs to parameters.
 
-use crate::{PipelineError, Progress, Stage};
+use crate::{PipelineError, Progress, Stage, Tracked};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{
     Clocks, CoefficientTable, FitOptions, Identification, Options, choose_structure, coefficients, delayed,
     estimate_lag, identify_with,
 };
-use mavsight_pose::{BodyMarker, Motion, PoseSample, smooth};
+use mavsight_pose::{
+    BodyMarker, Motion, PoseError, PoseEstimator, PoseSample, RefinedMarkers, Rig, refine_markers, smooth,
+};
 
 /// What a user may choose of identification.
 #[derive(Debug, Clone, Default)]
@@ -39,6 +41,41 @@ pub struct Solution {
 /// The vehicle's markers as the pose estimator wants them.
 pub fn body_markers(vehicle: &Vehicle) -> Vec<BodyMarker> {
     crate::track::body_markers_of(vehicle)
+}
+
+/// Refines the marker positions from what was tracked, and estimates the poses anew with them; `ruler_std_m` is the
+/// standard deviation of a coordinate in the vehicle file.
+///
+/// # Errors
+/// Too few frames with a pose, or a standard deviation that is not above zero.
+pub fn refine_body(
+    tracked: &mut Tracked,
+    rig: &Rig,
+    vehicle: &Vehicle,
+    ruler_std_m: f64,
+) -> Result<RefinedMarkers, PipelineError> {
+    let failed = |source| PipelineError::Pose { place: "marker positions".into(), source };
+    let body = body_markers(vehicle);
+    let refined = refine_markers(&tracked.observations, rig, &body, ruler_std_m).map_err(failed)?;
+    let estimator = PoseEstimator::refined(rig, &refined).map_err(failed)?;
+    poses_anew(estimator, tracked).map_err(failed)?;
+    Ok(refined)
+}
+
+/// Estimates all poses again with what the first estimates have shown of the centres' lasting errors.
+pub(crate) fn poses_anew(estimator: PoseEstimator, tracked: &mut Tracked) -> Result<(), PoseError> {
+    let bias_px = estimator.centre_bias_px(&tracked.observations, &tracked.poses)?;
+    let estimator = estimator.with_centre_bias(bias_px)?;
+    let mut previous = None;
+    let mut rest = tracked.observations.as_slice();
+    for pose in &mut tracked.poses {
+        let own = rest.iter().take_while(|o| o.t_ns == pose.t_ns).count();
+        let (seen, later) = rest.split_at(own);
+        rest = later;
+        *pose = crate::track::pose_at(&estimator, pose.t_ns, seen, previous.as_ref());
+        previous = pose.estimate.as_ref().map(|e| e.world_from_body).or(previous);
+    }
+    Ok(())
 }
 
 /// Smooths the poses into motion.
@@ -83,4 +120,115 @@ pub fn identify_motion(
     }
     let identification = identify_with(&table, &options.fit)?;
     Ok(Solution { motion, coefficients: table, identification, clocks, inputs })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_geometry::{
+        Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Matrix2, Point3, Vector2, Vector3,
+        world_from_body,
+    };
+    use mavsight_pose::{CameraControl, MarkerObservation, calibrate};
+
+    const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
+
+    fn rig() -> Rig {
+        let k = Intrinsics::from_horizontal_fov(SIZE, 53f64.to_radians());
+        let side = |i: usize| (i % 3) as f64 * 1.5 - 1.5;
+        let points: Vec<Vector3<f64>> =
+            (0..27).map(|i| Vector3::new(side(i), side(i / 3), side(i / 9) + 1.5)).collect();
+        let control = |x: f64| {
+            let camera = Camera::looking_at(Vector3::new(x, -4.5, 1.5), Vector3::new(0.0, 0.0, 1.5), k, SIZE);
+            let seen = points.iter().map(|p| ControlPoint {
+                name: String::new(),
+                point_in_world_m: *p,
+                pixel: camera.project(p).unwrap().pixel,
+                pixel_cov_px2: Matrix2::identity() * 1e-5,
+            });
+            CameraControl {
+                name: format!("at {x}"),
+                size: SIZE,
+                points: seen.collect(),
+                ball_radius_m: vec![0.0; 27],
+                survey_std_m: vec![0.0; 27],
+            }
+        };
+        calibrate(&[control(4.5), control(-4.5)]).unwrap()
+    }
+
+    /// A slow turn and climb, seen with noise of a uniform spread; each centre is off by its own amount that stays.
+    fn tracked(rig: &Rig, markers: &[BodyMarker], bias_px: f64) -> Tracked {
+        let mut state = 1u64;
+        let mut uniform = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+        };
+        let mut out = Tracked::default();
+        for k in 0..90 {
+            let (t_ns, t) = (k * 33_333_333, k as f64 / 30.0);
+            let attitude =
+                EulerAngles { phi_rad: 0.2 * t.sin(), theta_rad: 0.2 * (2.0 * t).cos(), psi_rad: 0.3 * t };
+            let pose = world_from_body(Vector3::new(0.3 * t.sin(), 0.1 * t, 1.3 + 0.1 * t), attitude);
+            for (camera, view) in rig.cameras.iter().enumerate() {
+                for (marker, ball) in markers.iter().enumerate() {
+                    let centre = (pose * Point3::from(ball.marker_in_body_m)).coords;
+                    let noise = Vector2::new(uniform(), uniform()) * 0.1;
+                    let sign = if (camera + marker) % 2 == 0 { bias_px } else { -bias_px };
+                    let pixel = view.camera.project_ball(&centre, ball.radius_m).unwrap().pixel;
+                    out.observations.push(MarkerObservation {
+                        t_ns,
+                        camera,
+                        marker,
+                        pixel: pixel + noise + Vector2::new(sign, -sign),
+                        covariance_px2: Matrix2::identity() * 0.01 / 12.0,
+                    });
+                }
+            }
+            out.poses.push(PoseSample { t_ns, estimate: None, reason: None });
+        }
+        let (estimator, mut previous) = (PoseEstimator::new(rig, &body_markers(&Vehicle::paper())), None);
+        for (pose, seen) in out.poses.iter_mut().zip(out.observations.chunks(2 * markers.len())) {
+            *pose = crate::track::pose_at(&estimator, pose.t_ns, seen, previous.as_ref());
+            previous = pose.estimate.as_ref().map(|e| e.world_from_body);
+        }
+        out
+    }
+
+    /// Standard deviations of x: what stays from frame to frame, and what is new.
+    fn lasting_and_own_std_m(tracked: &Tracked) -> (f64, f64) {
+        let estimate = tracked.poses[40].estimate.as_ref().unwrap();
+        (estimate.systematic.row(0).norm(), estimate.own_covariance()[(0, 0)].sqrt())
+    }
+
+    #[test]
+    fn centres_that_are_off_for_good_do_so_in_all_poses_alike() {
+        let (rig, body) = (rig(), body_markers(&Vehicle::paper()));
+        for (bias_px, stays) in [(0.0, false), (0.3, true)] {
+            let mut tracked = tracked(&rig, &body, bias_px);
+            let before = lasting_and_own_std_m(&tracked);
+            poses_anew(PoseEstimator::new(&rig, &body), &mut tracked).unwrap();
+            let after = lasting_and_own_std_m(&tracked);
+            assert_eq!(after.0 > 2.0 * before.0, stays, "bias {bias_px}: {before:?} then {after:?}");
+            assert_eq!(after.1 < 0.5 * before.1, stays, "bias {bias_px}: {before:?} then {after:?}");
+        }
+    }
+
+    #[test]
+    fn a_body_that_is_not_as_in_its_file_is_refined() {
+        let (rig, vehicle) = (rig(), Vehicle::paper());
+        let mut built = body_markers(&vehicle);
+        built[2].marker_in_body_m.x += 4e-3;
+        let mut tracked = tracked(&rig, &built, 0.0);
+        let refined = refine_body(&mut tracked, &rig, &vehicle, 2e-3).unwrap();
+        let length =
+            |m: &[BodyMarker], a: usize, b: usize| (m[a].marker_in_body_m - m[b].marker_in_body_m).norm();
+        for (a, b) in [(0, 1), (0, 2), (1, 2), (2, 3)] {
+            let error = length(&refined.markers, a, b) - length(&built, a, b);
+            assert!(error.abs() < 3e-4, "between {a} and {b}: {error} m");
+        }
+        assert!(tracked.poses.iter().all(|p| p.estimate.is_some()));
+        let refused = refine_body(&mut tracked, &rig, &vehicle, -1.0).unwrap_err().to_string();
+        assert!(refused.contains("marker positions"), "{refused}");
+    }
 }

@@ -1,5 +1,6 @@
 //! Frames of all cameras into marker observations and poses.
 
+use crate::reconstruct::Reconstruction;
 use crate::{CameraFeed, PipelineError, Progress, Stage, TimedFrame};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Isometry3, Vector3};
@@ -105,7 +106,7 @@ fn tracker_for(rig: &Rig, camera: usize, vehicle: &Vehicle) -> Result<Tracker, m
     let smallest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(f64::MAX, f64::min);
     let largest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(0.0, f64::max);
     let range = focal_px * smallest_m / far_m / RANGE_MARGIN..=focal_px * largest_m / near_m * RANGE_MARGIN;
-    Tracker::new(&ball_colors(vehicle), range)
+    Ok(Tracker::new(&ball_colors(vehicle), range)?.with_camera(seen_by.camera))
 }
 
 fn join(
@@ -115,10 +116,7 @@ fn join(
     vehicle: &Vehicle,
     progress: &dyn Progress,
 ) -> Result<Tracked, PipelineError> {
-    let body = crate::body_markers(vehicle);
-    let estimator = PoseEstimator::new(rig, &body);
-    let mut tracked = Tracked::default();
-    let mut previous: Option<Isometry3<f64>> = None;
+    let mut all = Reconstruction::new(rig, vehicle);
     let mut interval_ns: Option<i64> = None;
     loop {
         let instant: Vec<Option<Seen>> =
@@ -126,24 +124,20 @@ fn join(
         if instant.iter().all(Option::is_none) {
             break;
         }
-        let frame = tracked.poses.len();
+        let frame = all.tracked.poses.len();
         let instant = whole_instant(names, instant, sightings, frame)?;
         check_in_step(names, &instant, frame, interval_ns)?;
         let t_ns = instant[0].0;
-        if let Some(last) = tracked.poses.last() {
+        if let Some(last) = all.tracked.poses.last() {
             interval_ns = Some(t_ns - last.t_ns);
         }
-        let seen = observations_at(t_ns, &instant);
-        let sample = pose_at(&estimator, t_ns, &seen, previous.as_ref());
-        previous = sample.estimate.as_ref().map(|e| e.world_from_body).or(previous);
-        tracked.observations.extend(seen);
-        tracked.poses.push(sample);
+        all.add(t_ns, observations_at(t_ns, &instant));
         progress.step();
     }
-    if tracked.poses.is_empty() {
+    if all.tracked.poses.is_empty() {
         return Err(PipelineError::NoFrames { camera: names.join(" and ") });
     }
-    Ok(tracked)
+    all.finish()
 }
 
 /// All cameras' sightings of one instant; a camera that has ended before the others is an error with both counts.
@@ -213,7 +207,7 @@ fn observations_at(t_ns: i64, instant: &[Seen]) -> Vec<MarkerObservation> {
     seen
 }
 
-fn pose_at(
+pub(crate) fn pose_at(
     estimator: &PoseEstimator,
     t_ns: i64,
     seen: &[MarkerObservation],

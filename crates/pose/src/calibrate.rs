@@ -2,7 +2,10 @@
 
 mod adjust;
 mod choose;
+#[cfg(test)]
+mod fault_tests;
 mod model;
+mod normal;
 mod problem;
 mod snoop;
 mod start;
@@ -113,6 +116,11 @@ pub enum LeftOutReason {
         /// The other.
         with: String,
     },
+    /// It or another does not agree with the rest, and which cannot be told: all of them were left out.
+    Doubtful {
+        /// The others.
+        with: String,
+    },
 }
 
 impl fmt::Display for LeftOut {
@@ -127,6 +135,9 @@ impl fmt::Display for LeftOut {
             }
             LeftOutReason::Swapped { with } => {
                 write!(out, ": it and {with} are seen in each other's place; exchange them in the table")
+            }
+            LeftOutReason::Doubtful { with } => {
+                write!(out, ": it or {with} does not agree with the others; measure them again")
             }
         }
     }
@@ -210,7 +221,7 @@ fn rig_camera(
     let centre_cov_m2: Matrix3<f64> = covariance.fixed_view::<3, 3>(at, at).into_owned();
     let centre_std_m = centre_cov_m2.diagonal().map(|v| v.max(0.0).sqrt());
     let distance_m = (fit.cameras[camera].centre_in_world() - problem.middle_m()).norm();
-    if !(centre_std_m.norm() <= UNDETERMINED * distance_m) {
+    if centre_std_m.norm().partial_cmp(&(UNDETERMINED * distance_m)).is_none_or(|order| order.is_gt()) {
         let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
         return Err(PoseError::Calibration { camera: control.name.clone(), source });
     }

@@ -140,6 +140,12 @@ pub enum PoseError {
         /// Rows needed.
         needed: usize,
     },
+    /// A standard deviation of the centres that is none.
+    #[error("the centres' standard deviation of {std_px} px must be zero or above")]
+    BadBias {
+        /// What was given.
+        std_px: f64,
+    },
     /// A prior that is no standard deviation.
     #[error(
         "the markers' standard deviation of {std_m} m is not above zero: a ruler is good to 0.001 or 0.002"

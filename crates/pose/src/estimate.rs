@@ -1,5 +1,6 @@
 //! The rigid pose of one instant from the markers that the cameras saw.
 
+mod bias;
 mod gates;
 mod p3p;
 mod solve;
@@ -91,6 +92,7 @@ pub struct PoseEstimator {
     rig_uncertainty: DMatrix<f64>,
     marker_uncertainty: DMatrix<f64>,
     marker_by_rig: DMatrix<f64>,
+    centre_bias_px: f64,
 }
 
 /// Levenberg-Marquardt steps; from the linear start four or five suffice.
@@ -107,6 +109,7 @@ impl PoseEstimator {
             rig_uncertainty: if known { rig.uncertainty.clone() } else { DMatrix::zeros(rows, 0) },
             marker_uncertainty: DMatrix::zeros(3 * markers.len(), 0),
             marker_by_rig: DMatrix::zeros(0, 0),
+            centre_bias_px: 0.0,
             markers: markers.to_vec(),
             cameras,
         }
@@ -198,10 +201,7 @@ impl PoseEstimator {
             .map(|c| c.inverse())
             .ok_or(PoseError::NotConverged { steps: MAX_STEPS, residual_px })?;
         let (systematic, left_over) = self.systematic(own, solution);
-        // What cameras and markers explain of the residuals is no noise.
-        let nu = solution.redundancy as f64;
-        let share = if nu > 0.0 { nu / (nu + left_over) } else { 1.0 };
-        let factor = noise_factor(solution.chi_square * share, solution.redundancy);
+        let factor = noise_factor(solution.chi_square, left_over, solution.redundancy);
         Ok(PoseEstimate {
             world_from_body: solution.world_from_body,
             covariance: inverse * factor + &systematic * systematic.transpose(),

@@ -110,10 +110,12 @@ fn draw_map<'a>(area: &Area<'a>, map: &HeatMap, scale: (f64, f64)) -> Drawn<'a> 
     for (k, value) in map.values.iter().enumerate() {
         let (column, row) = (k % map.columns, k / map.columns);
         let (low, high) = (corner(column, row), corner(column + 1, row + 1));
+        // Cells overlap by a little, so that no seam shows between them.
+        let over = ((high.0 + 0.1 * step.0).min(map.x.1), (high.1 + 0.1 * step.1).min(map.y.1));
         match value.filter(|v| v.is_finite()) {
             Some(v) => {
                 let fill = color((v - scale.0) / (scale.1 - scale.0)).filled();
-                chart.draw_series([Rectangle::new([low, high], fill)])?;
+                chart.draw_series([Rectangle::new([low, over], fill)])?;
             }
             None => {
                 let line = RGBColor(150, 150, 150).stroke_width(1);
@@ -178,7 +180,8 @@ fn draw_bar<'a>(area: &Area<'a>, scale: (f64, f64), unit: &str) -> Drawn<'a> {
     let part = |k: usize| k as f64 / BAR_STEPS as f64;
     let at = |k: usize| scale.0 + (scale.1 - scale.0) * part(k);
     chart.draw_series((0..BAR_STEPS).map(|k| {
-        Rectangle::new([(0.0, at(k)), (1.0, at(k + 1))], color(part(k) + 0.5 / BAR_STEPS as f64).filled())
+        let to = if k + 2 < BAR_STEPS { k + 2 } else { BAR_STEPS };
+        Rectangle::new([(0.0, at(k)), (1.0, at(to))], color(part(k) + 0.5 / BAR_STEPS as f64).filled())
     }))?;
     Ok(())
 }

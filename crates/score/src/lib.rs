@@ -1,6 +1,18 @@
-//! Errors of estimates against truth.
+//! Errors of estimates against truth, and the virtual laboratories that show whether their intervals are true.
 //!
 //! Stands apart from all that estimates: nothing that estimates depends on this crate.
+
+mod coverage;
+mod error;
+mod random;
+mod virtual_flight;
+mod virtual_lab;
+
+pub use coverage::{Coverage, QUANTITIES, Quantity, Tally};
+pub use error::ScoreError;
+pub use random::Random;
+pub use virtual_flight::VirtualFlight;
+pub use virtual_lab::{SightNoise, VirtualCamera, VirtualLab};
 
 use mavsight_flight::ModelCoefficients;
 use mavsight_geometry::{EulerAngles, Vector3};

@@ -16,11 +16,14 @@
 mod cholesky;
 mod equations;
 mod model;
+mod samples;
 mod surroundings;
 
+use crate::optics::{Known, Optics};
+use crate::outline::Outline;
 use crate::patch::Patch;
 use crate::{Matrix2, Vector2};
-use equations::Equations;
+use equations::{Covariance, Equations};
 use model::{BALL, COUNT, EDGE, Model, Parameters, RADIUS, SHADE, SITING};
 use nalgebra::{Cholesky, SMatrix};
 use surroundings::Disc;
@@ -34,7 +37,7 @@ const PIXEL_STD_PX: f64 = 0.288_675;
 /// Coverage below which a pixel counts as clear of the ball, and above one less which as inside it.
 const CLEAR: f64 = 0.01;
 /// Rounds in which background and noise are set anew, and steps in each.
-const ROUNDS: usize = 8;
+const ROUNDS: usize = 5;
 const STEPS: usize = 4;
 /// Rounds after which trust and noise are kept, so that the steps shrink.
 const WEIGHED_ROUNDS: usize = 4;
@@ -47,8 +50,14 @@ const SAME_PLACE_PX: f64 = 0.1;
 /// Part of the diameter by which light that the model does not describe (gloss, third-order shading) may move a centre:
 /// a highlight of a twentieth of the disc's area, a tenth brighter, half a radius off the middle.
 const MODEL_STD: f64 = 0.002;
+/// Movement of the centre, in edge widths, for what the face shows beyond the model as a part of its contrast. A patch of
+/// relative strength s that reaches the rim moves an edge of width w by s w √π (matched filter of a Gaussian edge); the
+/// rim has room for about five such patches, half a radius wide, of which two directions take √(2/5).
+const TEXTURE_GAIN: f64 = 1.121;
 /// Standard deviations by which a ball must differ from its background in some channel.
 const LEAST_CONTRAST: f64 = 6.0;
+/// Part of the disc whose samples must be believed.
+const LEAST_TRUSTED: f64 = 0.5;
 /// Standard deviations of the shading's slope and curvature over one radius, as parts of the colour in the middle: a
 /// matt sphere lit from one side has a slope near one and, lit as much from the camera's side as from all around, a
 /// curvature of -1/4; lit evenly it has neither.
@@ -59,33 +68,6 @@ pub(crate) const NOISE_STD: f64 = 2.0;
 const NOISE_WEIGHT: f64 = 20.0;
 /// Least variance of a code: rounding to whole levels.
 const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
-
-/// Mean and variance of something that is known more or less.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Known {
-    pub(crate) mean: f64,
-    pub(crate) variance: f64,
-}
-
-/// What all balls in all frames of one camera share.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Optics {
-    /// Columns by which colour differences lie to the right of the left pixel of their pair.
-    pub(crate) siting_px: Known,
-    /// Standard deviation of the blur, pixel included.
-    pub(crate) edge_px: Known,
-}
-
-impl Default for Optics {
-    /// Siting halfway between left (H.264's default) and centred (JFIF, MPEG-1 and what many converters really do), and
-    /// as uncertain; a lens about as sharp as a pixel, with room for a soft one and for motion of a pixel or two.
-    fn default() -> Self {
-        Self {
-            siting_px: Known { mean: 0.25, variance: 0.25 * 0.25 },
-            edge_px: Known { mean: 0.6, variance: 0.25 * 0.25 },
-        }
-    }
-}
 
 /// A fitted ball.
 #[derive(Debug, Clone, Copy)]
@@ -109,6 +91,7 @@ pub(crate) struct Start {
     /// Linear light of the ball.
     pub(crate) ball: [f32; 3],
     pub(crate) optics: Optics,
+    pub(crate) outline: Outline,
     /// The radius, where something is known of it beforehand.
     pub(crate) known_radius_px: Option<Known>,
 }
@@ -141,8 +124,9 @@ impl Fitter {
                 last_place = Some(place);
             }
             let mut settled = false;
-            for _ in 0..STEPS {
-                let change = self.step(patch, &model, &prior)?;
+            for step in 0..STEPS {
+                let covariance = if step == 0 { Covariance::Anew } else { Covariance::Kept };
+                let change = self.step(patch, &model, &prior, covariance)?;
                 settled = change.1 < SMALL_STEP;
                 model.p += change.0;
                 model.p[RADIUS] = model.p[RADIUS].clamp(range_px.0, range_px.1);
@@ -160,13 +144,22 @@ impl Fitter {
             if round < WEIGHED_ROUNDS {
                 self.equations.reweigh(patch, &model, round);
             }
+            if self.equations.trusted() < LEAST_TRUSTED {
+                return None;
+            }
         }
         None
     }
 
     /// One step of Gauss-Newton, and its squared length in standard deviations.
-    fn step(&mut self, patch: &Patch, model: &Model, prior: &[Known; COUNT]) -> Option<(Parameters, f64)> {
-        let (mut information, mut gradient) = self.equations.normal(patch, model)?;
+    fn step(
+        &mut self,
+        patch: &Patch,
+        model: &Model,
+        prior: &[Known; COUNT],
+        covariance: Covariance,
+    ) -> Option<(Parameters, f64)> {
+        let (mut information, mut gradient) = self.equations.normal(patch, model, covariance)?;
         for (i, known) in prior.iter().enumerate() {
             information[(i, i)] += known.variance.recip();
             gradient[i] += (known.mean - model.p[i]) / known.variance;
@@ -193,23 +186,24 @@ impl Fitter {
     ) -> Option<Fit> {
         let p = &model.p;
         let inside_range = p[RADIUS] > range_px.0 && p[RADIUS] < range_px.1;
-        let (mut information, _): (SMatrix<f64, COUNT, COUNT>, _) = self.equations.normal(patch, model)?;
+        let (mut information, _): (SMatrix<f64, COUNT, COUNT>, _) =
+            self.equations.normal(patch, model, Covariance::Anew)?;
         for (i, known) in prior.iter().enumerate() {
             information[(i, i)] += known.variance.recip();
         }
         let covariance = Cholesky::new(information)?.inverse();
-        let model_px = MODEL_STD * 2.0 * p[RADIUS];
-        let covariance_px2 =
-            covariance.fixed_view::<2, 2>(0, 0) + Matrix2::identity() * (model_px * model_px);
         let shade = model.shade_at(p[0], p[1]).0;
         let linear = [0, 1, 2].map(|channel| p[BALL + channel] * shade);
+        let texture_px = TEXTURE_GAIN * p[EDGE] * self.equations.texture(patch, &linear);
+        let model_px2 = (MODEL_STD * 2.0 * p[RADIUS]).powi(2) + texture_px * texture_px;
+        let covariance_px2 = covariance.fixed_view::<2, 2>(0, 0) + Matrix2::identity() * model_px2;
         let trusted = self.equations.trusted();
         let uncertain = covariance_px2.trace() > 0.5 * p[RADIUS] * p[RADIUS];
         let good = covariance_px2.iter().all(|v| v.is_finite())
             && inside_range
             && !uncertain
             && self.equations.contrast(patch, &linear) > LEAST_CONTRAST
-            && trusted > 0.5;
+            && trusted > LEAST_TRUSTED;
         let known = |i: usize| Known { mean: p[i], variance: covariance[(i, i)] };
         good.then(|| Fit {
             pixel: p.xy(),
@@ -232,7 +226,7 @@ fn first_guess(start: &Start, range_px: (f64, f64)) -> Model {
         p[BALL + channel] = f64::from(*light);
     }
     p[SITING] = start.optics.siting_px.mean;
-    Model { p, origin: (p[0], p[1]), unit_px: p[RADIUS] }
+    Model { p, origin: (p[0], p[1]), unit_px: p[RADIUS], outline: start.outline }
 }
 
 /// What is known beforehand: little of place, radius and colour.

@@ -1,10 +1,13 @@
 //! Finding balls of given colours in a whole frame.
 
-use crate::centre::{Fitter, Known, LEAST_RADIUS_PX, Optics, Start};
+use crate::centre::{Fitter, LEAST_RADIUS_PX, Start};
 use crate::color::{ColorModel, Seen, encode, to_linear};
+use crate::optics::{Known, Learned, Optics};
+use crate::outline::{Outline, usual_camera};
 use crate::patch::Patch;
 use crate::segment::{Blob, Segmenter, Window};
 use crate::{BallColor, Frame, Matrix2, Vector2, VisionError};
+use mavsight_geometry::Camera;
 use std::ops::RangeInclusive;
 
 /// A region that looks like a ball of a marker's colour.
@@ -29,10 +32,6 @@ const MOST_BLOBS: usize = 16;
 
 /// Gates that the mean hue of a region, edges included, may be from the marker's before it is looked at closely.
 const LOOSE_GATE: f64 = 2.0;
-/// Standard deviations to which siting and blur are known at best: how far a real encoder's filter, and the motion blur of
-/// the next frame, are from a box and from this frame's.
-const LEAST_OPTICS_STD_PX: f64 = 0.02;
-
 /// Pixels around a region that are looked at: the blur of the rim and a ring of background beyond it.
 const RING_PX: f64 = 5.0;
 
@@ -40,6 +39,7 @@ const RING_PX: f64 = 5.0;
 #[derive(Debug, Clone)]
 pub struct Detector {
     model: ColorModel,
+    workspace: Workspace,
 }
 
 /// Working space of a search, reused from frame to frame.
@@ -48,7 +48,10 @@ pub(crate) struct Workspace {
     pub(crate) segmenter: Segmenter,
     patch: Patch,
     fitter: Fitter,
-    pub(crate) optics: Optics,
+    /// What followed balls told of the lens and the encoder.
+    pub(crate) optics: Learned,
+    /// The camera, where it is known.
+    pub(crate) camera: Option<Camera>,
     /// The radius of the ball that is followed.
     pub(crate) known_radius_px: Option<Known>,
 }
@@ -60,7 +63,15 @@ impl Detector {
     /// [`VisionError::ColorsTooClose`] naming two markers of one hue, [`VisionError::ColorTooGrey`] for a marker
     /// without one, [`VisionError::NoMarkers`] for an empty list.
     pub fn new(colors: &[BallColor]) -> Result<Self, VisionError> {
-        Ok(Self { model: ColorModel::new(colors)? })
+        Ok(Self { model: ColorModel::new(colors)?, workspace: Workspace::default() })
+    }
+
+    /// The same for a camera that is known, or nearly: the images of balls are stretched as it does. Without, it is taken to
+    /// have a horizontal field of view of 60°.
+    #[must_use]
+    pub fn with_camera(mut self, camera: Camera) -> Self {
+        self.workspace.camera = Some(camera);
+        self
     }
 
     /// Every region that may be a ball with an apparent diameter in the range: one list a colour, best first.
@@ -68,7 +79,7 @@ impl Detector {
     /// A ball that is not seen yields an empty list. Balls below 3 px are not measured, whatever the range; a range
     /// that is not finite or does not reach 3 px yields nothing at all.
     pub fn candidates(
-        &self,
+        &mut self,
         frame: &Frame,
         expected_diameter_px: RangeInclusive<f64>,
     ) -> Vec<Vec<BallCandidate>> {
@@ -77,7 +88,7 @@ impl Detector {
         if !is_measurable(range_px) {
             return lists;
         }
-        let mut workspace = Workspace::default();
+        let workspace = &mut self.workspace;
         workspace.segmenter.collect(frame, &Window::whole(frame));
         let mut found = Vec::new();
         for (marker, list) in lists.iter_mut().enumerate() {
@@ -97,15 +108,6 @@ pub(crate) fn is_measurable((smallest_px, largest_px): (f64, f64)) -> bool {
 }
 
 impl Workspace {
-    /// Keeps what a followed ball tells of the lens and the encoder.
-    pub(crate) fn learn(&mut self, optics: Optics) {
-        let floor = |known: Known| Known {
-            variance: known.variance.max(LEAST_OPTICS_STD_PX * LEAST_OPTICS_STD_PX),
-            ..known
-        };
-        self.optics = Optics { siting_px: floor(optics.siting_px), edge_px: floor(optics.edge_px) };
-    }
-
     /// Balls of one marker among the collected pixels, best first.
     pub(crate) fn search(
         &mut self,
@@ -120,14 +122,24 @@ impl Workspace {
         let blobs = &mut self.segmenter.blobs;
         blobs.sort_unstable_by(|a, b| b.strength.total_cmp(&a.strength));
         blobs.truncate(MOST_BLOBS);
+        let optics = self.optics.expected();
+        let camera = self.camera.unwrap_or_else(|| usual_camera(frame.size));
         for blob in blobs.iter() {
             if model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
                 continue;
             }
-            let start = start(frame, blob, range_px, (self.optics, self.known_radius_px));
+            let known_radius_px = self.known_radius_px;
+            let outline = Outline::at(&camera, &blob.pixel);
+            let start = Start { optics, outline, known_radius_px, ..start(frame, blob, range_px) };
             self.patch.fill(frame, blob.pixel, start.radius_px + RING_PX);
             let fit = self.fitter.fit(&self.patch, (0.5 * range_px.0, 0.5 * range_px.1), &start);
-            found.extend(fit.and_then(|fit| judge(frame, blob, (model, marker), &fit)));
+            found.extend(fit.and_then(|fit| {
+                judge(frame, blob, (model, marker), &fit).map(|ball| Sighting {
+                    ball,
+                    radius_px: fit.radius_px,
+                    optics: (optics, fit.optics),
+                })
+            }));
         }
         found.sort_unstable_by(|a, b| b.ball.score.total_cmp(&a.ball.score));
     }
@@ -142,18 +154,20 @@ fn area_gate_px((smallest_px, largest_px): (f64, f64)) -> (f64, f64) {
 }
 
 /// Where the fit of a region's ball begins.
-fn start(
-    frame: &Frame,
-    blob: &Blob,
-    range_px: (f64, f64),
-    (optics, known_radius_px): (Optics, Option<Known>),
-) -> Start {
+fn start(frame: &Frame, blob: &Blob, range_px: (f64, f64)) -> Start {
     let least_px = (0.5 * range_px.0).max(LEAST_RADIUS_PX);
     let radius_px = (blob.area_px / std::f64::consts::PI).sqrt().clamp(least_px, 0.5 * range_px.1);
     let clamp = |v: f64, count: u32| v.round().clamp(0.0, f64::from(count.max(1) - 1)) as usize;
     let x = clamp(blob.pixel.x, frame.size.width_px);
     let y = clamp(blob.pixel.y, frame.size.height_px);
-    Start { pixel: blob.pixel, radius_px, ball: to_linear(frame.rgb(x, y)), optics, known_radius_px }
+    Start {
+        pixel: blob.pixel,
+        radius_px,
+        ball: to_linear(frame.rgb(x, y)),
+        optics: Optics::default(),
+        outline: Outline::ROUND,
+        known_radius_px: None,
+    }
 }
 
 /// A fitted ball with what it tells of the camera and of itself.
@@ -161,7 +175,8 @@ fn start(
 pub(crate) struct Sighting {
     pub(crate) ball: BallCandidate,
     pub(crate) radius_px: Known,
-    pub(crate) optics: Optics,
+    /// Optics taken as known, and found.
+    pub(crate) optics: (Optics, Optics),
 }
 
 /// Whether a fitted disc is a ball of the marker, and how well it agrees.
@@ -170,7 +185,7 @@ fn judge(
     blob: &Blob,
     (model, marker): (&ColorModel, usize),
     fit: &crate::centre::Fit,
-) -> Option<Sighting> {
+) -> Option<BallCandidate> {
     let radius_px = fit.radius_px.mean;
     if !frame.size.contains(&fit.pixel, radius_px) {
         return None;
@@ -182,13 +197,12 @@ fn judge(
     }
     let disc_px = std::f64::consts::PI * radius_px * radius_px;
     let filled = (blob.area_px / disc_px).min(disc_px / blob.area_px);
-    let ball = BallCandidate {
+    Some(BallCandidate {
         pixel: fit.pixel,
         covariance_px2: fit.covariance_px2,
         area_px: blob.area_px,
         diameter_px: 2.0 * radius_px,
         score: (1.0 - 0.5 * gate) * filled.sqrt() * fit.trusted,
         color: fit.ball.map(|light| encode(f64::from(light)).0.round().clamp(0.0, 255.0) as u8),
-    };
-    Some(Sighting { ball, radius_px: fit.radius_px, optics: fit.optics })
+    })
 }

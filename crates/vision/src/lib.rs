@@ -4,9 +4,12 @@
 
 mod centre;
 mod color;
+mod colored;
 mod detect;
 mod error;
 mod frame;
+mod optics;
+mod outline;
 mod patch;
 mod segment;
 mod track;

@@ -1,17 +1,9 @@
 //! Connected regions of coloured pixels that have the size and the shape of a ball.
 
-use crate::color::{ColorModel, LEAST_CHROMA, Seen, to_linear};
-use crate::frame::YuvToRgb;
-use crate::{Frame, Pixels, Vector2};
+use crate::color::{ColorModel, LEAST_CHROMA, Seen};
+use crate::colored::{Chromatic, Collector};
+use crate::{Frame, Vector2};
 use std::ops::Range;
-
-/// A coloured pixel.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Chromatic {
-    pub(crate) x: u32,
-    pub(crate) y: u32,
-    pub(crate) seen: Seen,
-}
 
 /// A region of one colour.
 #[derive(Debug, Clone, Copy)]
@@ -63,8 +55,7 @@ const LEVELS: usize = 6;
 /// Working space, reused from frame to frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Segmenter {
-    /// Coloured pixels of the window, by row and column.
-    pub(crate) colored: Vec<Chromatic>,
+    colored: Collector,
     /// Pixels of one marker at the present level, and those of the next.
     level: Vec<Chromatic>,
     next: Vec<Chromatic>,
@@ -89,47 +80,7 @@ struct Sums {
 impl Segmenter {
     /// Collects the coloured pixels of a window.
     pub(crate) fn collect(&mut self, frame: &Frame, window: &Window) {
-        self.colored.clear();
-        let width = frame.size.width_px as usize;
-        for y in window.rows.clone() {
-            let columns = window.columns.clone();
-            match &frame.pixels {
-                Pixels::Rgb(rgb) => {
-                    let Some(row) = rgb.get(3 * (y * width + columns.start)..3 * (y * width + columns.end))
-                    else {
-                        return;
-                    };
-                    for (x, pixel) in columns.zip(row.chunks_exact(3)) {
-                        let rgb = [pixel[0], pixel[1], pixel[2]];
-                        if !rgb_is_neutral(rgb) {
-                            self.add(x, y, rgb);
-                        }
-                    }
-                }
-                Pixels::Yuv420 { y: luma, u, v, full_range, matrix } => {
-                    let across = width.div_ceil(2);
-                    let half = y / 2 * across..(y / 2 + 1) * across;
-                    let luma = luma.get(y * width..(y + 1) * width);
-                    let (Some(luma), Some(u), Some(v)) = (luma, u.get(half.clone()), v.get(half)) else {
-                        return;
-                    };
-                    let convert = YuvToRgb::of(*full_range, *matrix);
-                    for x in columns {
-                        let (blue, red) = (u[x / 2], v[x / 2]);
-                        if !yuv_is_neutral(luma[x], blue, red) {
-                            self.add(x, y, convert.convert(luma[x], blue, red));
-                        }
-                    }
-                }
-            }
-        }
-    }
-
-    fn add(&mut self, x: usize, y: usize, rgb: [u8; 3]) {
-        let seen = Seen::of(to_linear(rgb));
-        if seen.is_colored() {
-            self.colored.push(Chromatic { x: x as u32, y: y as u32, seen });
-        }
+        self.colored.collect(frame, window);
     }
 
     /// Finds the regions of one marker among the collected pixels whose area lies in `area_px`, into [`Self::blobs`].
@@ -139,7 +90,7 @@ impl Segmenter {
     pub(crate) fn regions(&mut self, model: &ColorModel, marker: usize, area_px: (f64, f64)) {
         self.blobs.clear();
         self.level.clear();
-        self.level.extend(self.colored.iter().filter(|p| model.may_be(marker, &p.seen)));
+        self.level.extend(self.colored.found.iter().filter(|p| model.may_be(marker, &p.seen)));
         let mut least_chroma = LEAST_CHROMA;
         for _ in 0..LEVELS {
             if self.level.is_empty() {
@@ -246,20 +197,4 @@ impl Sums {
             hue: self.hue,
         })
     }
-}
-
-/// A quick test that only removes what the purity test would remove: half the light is at most 0.73 of the code, so the
-/// code of a pure enough pixel spans 0.27 of its maximum, and a colour difference at least a third of that.
-fn yuv_is_neutral(y: u8, u: u8, v: u8) -> bool {
-    let difference = u32::from(u.abs_diff(128).max(v.abs_diff(128)));
-    difference * 12 + 16 < u32::from(y)
-}
-
-/// A quick test on coded values that only removes what the purity test would remove: on the sRGB curve half the linear
-/// light is at least 0.68 of the code.
-fn rgb_is_neutral(rgb: [u8; 3]) -> bool {
-    let most = rgb[0].max(rgb[1]).max(rgb[2]);
-    let least = rgb[0].min(rgb[1]).min(rgb[2]);
-    // 3/4 of the code is at most half the light only above the linear toe; below it there is no chroma either.
-    u32::from(least) * 4 > u32::from(most) * 3
 }

@@ -1,10 +1,12 @@
 //! Following every marker from frame to frame.
 
-use crate::centre::{Known, LEAST_RADIUS_PX};
+use crate::centre::LEAST_RADIUS_PX;
 use crate::color::{ColorModel, Seen, to_linear};
 use crate::detect::{Sighting, Workspace, is_measurable};
+use crate::optics::Known;
 use crate::segment::Window;
 use crate::{BallCandidate, BallColor, Frame, Vector2, VisionError};
+use mavsight_geometry::Camera;
 use std::ops::RangeInclusive;
 
 /// Frames without a sighting after which a marker's motion is no longer extrapolated.
@@ -68,6 +70,14 @@ impl Tracker {
         })
     }
 
+    /// The same for a camera that is known: the images of balls are stretched as it does. Without, it is taken to have a
+    /// horizontal field of view of 60°.
+    #[must_use]
+    pub fn with_camera(mut self, camera: Camera) -> Self {
+        self.workspace.camera = Some(camera);
+        self
+    }
+
     /// States where a marker should appear in the next frame, for instance by projecting a predicted pose.
     ///
     /// Used for that frame alone; a marker number that does not exist and a pixel that is not finite are ignored.
@@ -109,7 +119,8 @@ impl Tracker {
         let track = &self.tracks[marker];
         let near = |ball: &BallCandidate| (ball.pixel - middle).norm() <= reach_px && track.agrees(ball);
         let sighting = self.found.iter().copied().find(|sighting| near(&sighting.ball))?;
-        self.workspace.learn(sighting.optics);
+        let (taken, found) = sighting.optics;
+        self.workspace.optics.learn(taken, found);
         self.tracks[marker].radius_px = Some(sighting.radius_px);
         Some(sighting.ball)
     }

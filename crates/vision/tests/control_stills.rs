@@ -43,7 +43,8 @@ fn eight_balls_in_each_still() {
     };
     let controls = controls(&std::fs::read_to_string(folder.join("control_points.csv")).unwrap());
     let colors: Vec<BallColor> = controls.iter().map(|c| c.0.clone()).collect();
-    let detector = Detector::new(&colors).unwrap();
+    let mut detector = Detector::new(&colors).unwrap();
+    let mut beyond = 0;
     for camera in [1, 2] {
         let still = image::open(folder.join(format!("cam{camera}-control.png"))).unwrap().to_rgb8();
         let size = ImageSize { width_px: still.width(), height_px: still.height() };
@@ -61,13 +62,15 @@ fn eight_balls_in_each_still() {
                 best.diameter_px,
                 (best.covariance_px2.trace() / 2.0).sqrt()
             );
-            // Six deviations, and never half a pixel, in two directions for sixteen balls.
             let normalized = error.dot(&(best.covariance_px2.try_inverse().unwrap() * error));
-            assert!(error.norm() < 0.5 && normalized < 3600.0, "camera {camera} {}: {error:?}", color.name);
+            assert!(error.norm() < 0.5, "camera {camera} {}: {error:?}", color.name);
+            beyond += usize::from(normalized > 13.8);
             errors_px.push(error.norm());
         }
         errors_px.sort_by(f64::total_cmp);
         assert!(errors_px[6] < 0.3, "camera {camera}: {errors_px:?}");
         assert!(errors_px[3] < 0.1, "camera {camera}: median {}", errors_px[3]);
     }
+    // 99.9 % regions; rods as light as the wall, in front of a ball's rim, are not to be told from the wall.
+    assert!(beyond <= 3, "{beyond} of 16 balls are far outside what they claim");
 }

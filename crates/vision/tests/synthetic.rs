@@ -94,7 +94,7 @@ fn red() -> Vec<BallColor> {
 
 /// Errors of the best candidate over many places, and the mean of the squared error over its covariance per axis.
 fn trial(count: usize, blur_px: f64, noise: f64, shade: Vector2<f64>) -> (Vector2<f64>, f64, f64) {
-    let detector = Detector::new(&red()).unwrap();
+    let mut detector = Detector::new(&red()).unwrap();
     let mut dice = Dice(7);
     let (mut sum, mut square, mut normalized) = (Vector2::zeros(), 0.0, 0.0);
     for _ in 0..count {

@@ -12,7 +12,7 @@ use mavsight_pipeline::{
     CameraFeed, ControlStill, IdentifyOptions, PipelineError, Progress, TimedFrame, calibrate_from_stills,
 };
 use mavsight_scene::{Aircraft, Film, Room};
-use mavsight_score::{score_cameras, score_parameters};
+use mavsight_score::{VirtualCamera, score_cameras, score_parameters};
 use mavsight_session::{TruthRow, ns_from_s, write_control_points, write_inputs, write_truth, write_vehicle};
 use mavsight_vision::Frame;
 use std::path::Path;
@@ -51,7 +51,8 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
         .iter()
         .zip(&films)
         .map(|(c, film)| {
-            let frame = frame_of(c.camera.size, film.still(Some(&lab::control_frame())))?;
+            let frame =
+                frame_of(c.camera.size, film.still(Some(&lab::control_frame(&lab::control_points()))))?;
             Ok(ControlStill { camera: c.name.clone(), frame })
         })
         .collect::<Result<Vec<_>>>()?;
@@ -91,13 +92,13 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     finish(&flight, results, notes, Some(scores), frames, &args.out)
 }
 
-fn frame_of(size: ImageSize, rgb: Vec<u8>) -> Result<Frame> {
+pub(super) fn frame_of(size: ImageSize, rgb: Vec<u8>) -> Result<Frame> {
     Frame::from_rgb(size, rgb).context("a filmed frame has the size of its camera")
 }
 
 /// A virtual camera as a source of frames.
-fn feed<'a>(
-    camera: &'a lab::LabCamera,
+pub(super) fn feed<'a>(
+    camera: &'a VirtualCamera,
     film: &'a Film<'a>,
     aircraft: &'a Aircraft,
     truth: &'a [TruthRow],

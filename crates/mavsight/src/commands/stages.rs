@@ -64,7 +64,10 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         let film = lab::film(&room, camera, k, args.seed);
         let still = format!("{}-control.png", camera.name);
         let size = camera.camera.size;
-        write_png(&args.out.join(&still), &Frame::from_rgb(size, film.still(Some(&lab::control_frame())))?)?;
+        write_png(
+            &args.out.join(&still),
+            &Frame::from_rgb(size, film.still(Some(&lab::control_frame(&lab::control_points()))))?,
+        )?;
         bars.start("filming", Some(truth.len() as u64));
         let frames = truth.iter().enumerate().map(|(n, row)| {
             bars.step();

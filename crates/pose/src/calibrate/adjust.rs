@@ -1,6 +1,7 @@
 //! Bundle adjustment of all cameras and of the surveyed points that are not exact.
 
 use super::model::CameraModel;
+use super::normal::Eliminated;
 use super::problem::{Choice, Problem};
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, CameraChange, Vector2, Vector3};
 use nalgebra::{DMatrix, DVector};
@@ -38,6 +39,8 @@ pub(super) struct Fit {
 struct Layout {
     cameras: Vec<Option<(usize, Vec<CameraChange>)>>,
     points: Vec<Option<usize>>,
+    /// Parameters of cameras, which come first.
+    of_cameras: usize,
     size: usize,
 }
 
@@ -54,6 +57,7 @@ impl Layout {
             size += basis.len();
             cameras[camera] = Some((at, basis));
         }
+        let of_cameras = size;
         for sight in used() {
             let row = choice.place[sight];
             if problem.points[row].std_m > 0.0 && points[row].is_none() {
@@ -61,7 +65,7 @@ impl Layout {
                 size += 3;
             }
         }
-        Self { cameras, points, size }
+        Self { cameras, points, of_cameras, size }
     }
 }
 
@@ -92,19 +96,38 @@ pub(super) fn adjust(
     models: &[CameraModel],
     start: &[Camera],
 ) -> Option<Fit> {
-    let layout = Layout::new(problem, choice, models);
-    let cameras: Vec<Camera> = start.iter().zip(models).map(|(c, m)| m.restricted(c)).collect();
     let places = problem.points.iter().map(|p| p.in_world_m).collect();
-    Adjustment { problem, choice, models, layout }.run(cameras, places)
+    from(problem, choice, models, (start.to_vec(), places, 1.0))
+}
+
+/// The same from a fit under another model.
+pub(super) fn readjust(
+    problem: &Problem,
+    choice: &Choice,
+    models: &[CameraModel],
+    near: &Fit,
+) -> Option<Fit> {
+    from(problem, choice, models, (near.cameras.clone(), near.places.clone(), near.variance_factor))
+}
+
+fn from(
+    problem: &Problem,
+    choice: &Choice,
+    models: &[CameraModel],
+    (cameras, places, factor): (Vec<Camera>, Vec<Vector3<f64>>, f64),
+) -> Option<Fit> {
+    let layout = Layout::new(problem, choice, models);
+    let cameras: Vec<Camera> = cameras.iter().zip(models).map(|(c, m)| m.restricted(c)).collect();
+    Adjustment { problem, choice, models, layout }.run(cameras, places, factor)
 }
 
 impl Adjustment<'_> {
-    fn run(self, mut cameras: Vec<Camera>, mut places: Vec<Vector3<f64>>) -> Option<Fit> {
+    fn run(self, mut cameras: Vec<Camera>, mut places: Vec<Vector3<f64>>, mut factor: f64) -> Option<Fit> {
         let n = 2 * self.choice.used.iter().filter(|u| **u).count();
-        let mut factor = 1.0;
         for round in 1.. {
             let equations = self.minimise(&mut cameras, &mut places, factor)?;
-            let (covariance, log_determinant) = inverse(&equations.normal)?;
+            let factors = Eliminated::new(&equations.normal, self.layout.of_cameras, 0.0)?;
+            let (covariance, log_determinant) = (factors.inverse(), factors.log_determinant);
             let bound: f64 = self.bound_by_priors(&cameras, &covariance);
             let freedom = PRIOR_FREEDOM + n as f64 - (self.layout.size as f64 - bound);
             if freedom < 1.0 {
@@ -148,11 +171,7 @@ impl Adjustment<'_> {
         let mut now = self.equations(cameras, places, factor)?;
         let mut damping = 0.0;
         for _ in 0..MAX_STEPS {
-            let mut damped = now.normal.clone();
-            for k in 0..self.layout.size {
-                damped[(k, k)] *= 1.0 + damping;
-            }
-            let step = damped.cholesky()?.solve(&now.gradient);
+            let step = Eliminated::new(&now.normal, self.layout.of_cameras, damping)?.solve(&now.gradient);
             let decrement = step.dot(&now.gradient);
             let (tried_cameras, tried_places) = self.moved(cameras, places, &step);
             let cost = now.squares / factor + now.prior;
@@ -165,7 +184,7 @@ impl Adjustment<'_> {
             } else {
                 damping = if damping == 0.0 { 1e-4 } else { damping * 10.0 };
             }
-            if decrement < 1e-9 {
+            if decrement < 1e-7 {
                 break;
             }
         }
@@ -201,13 +220,17 @@ impl Adjustment<'_> {
             prior: 0.0,
             log_prior_weight: 0.0,
         };
-        let mut rows = DMatrix::zeros(2, size);
+        let mut rows = Vec::with_capacity(CAMERA_PARAMETERS + 3);
         for (k, _) in self.choice.used.iter().enumerate().filter(|(_, used)| **used) {
             let residual =
                 sight_rows(&self.layout, (self.problem, self.choice), (cameras, places), k, &mut rows)?;
             out.squares += residual.norm_squared();
-            out.normal.gemm_tr(1.0 / factor, &rows, &rows, 1.0);
-            out.gradient.gemv_tr(1.0 / factor, &rows, &residual, 1.0);
+            for (i, a) in &rows {
+                out.gradient[*i] += a.dot(&residual) / factor;
+                for (j, b) in &rows {
+                    out.normal[(*i, *j)] += a.dot(b) / factor;
+                }
+            }
         }
         for ((model, camera), at) in self.models.iter().zip(cameras).zip(&self.layout.cameras) {
             let Some((at, _)) = at else { continue };
@@ -262,46 +285,29 @@ impl Adjustment<'_> {
     }
 }
 
-/// Whitened residual of a sight at the claimed covariance, and its derivatives by the free parameters.
+/// Whitened residual of a sight at the claimed covariance, and its derivatives by the free parameters that move it.
 fn sight_rows(
     layout: &Layout,
     (problem, choice): (&Problem, &Choice),
     (cameras, places): (&[Camera], &[Vector3<f64>]),
     sight: usize,
-    rows: &mut DMatrix<f64>,
+    rows: &mut Vec<(usize, Vector2<f64>)>,
 ) -> Option<Vector2<f64>> {
     let s = &problem.sights[sight];
     let row = choice.place[sight];
     let place = places[row];
     let camera = &cameras[s.camera];
     let seen = camera.project_ball(&place, s.radius_m).ok()?;
-    rows.fill(0.0);
+    rows.clear();
     if let Some((at, basis)) = &layout.cameras[s.camera] {
         let by_camera = s.whitener * camera.d_pixel_d_camera(&place).ok()?;
-        for (k, direction) in basis.iter().enumerate() {
-            rows.fixed_view_mut::<2, 1>(0, at + k).copy_from(&(by_camera * direction));
-        }
+        rows.extend(basis.iter().enumerate().map(|(k, direction)| (at + k, by_camera * direction)));
     }
     if let Some(at) = layout.points[row] {
-        rows.fixed_view_mut::<2, 3>(0, at).copy_from(&(s.whitener * seen.d_pixel_d_point_in_world));
+        let by_place = s.whitener * seen.d_pixel_d_point_in_world;
+        rows.extend((0..3).map(|k| (at + k, by_place.column(k).into_owned())));
     }
     Some(s.whitener * (s.pixel - seen.pixel))
-}
-
-/// Inverse and log determinant of a positive definite matrix, scaled to a unit diagonal first.
-fn inverse(normal: &DMatrix<f64>) -> Option<(DMatrix<f64>, f64)> {
-    let scale = normal.diagonal().map(|d| 1.0 / d.sqrt());
-    if !scale.iter().all(|s| s.is_finite()) {
-        return None;
-    }
-    let n = normal.nrows();
-    let unit = DMatrix::from_fn(n, n, |i, j| normal[(i, j)] * scale[i] * scale[j]);
-    let factor = unit.cholesky()?;
-    let log_determinant: f64 = factor.l_dirty().diagonal().iter().map(|d| 2.0 * d.ln()).sum::<f64>()
-        - 2.0 * scale.iter().map(|s| s.ln()).sum::<f64>();
-    let inverse = factor.inverse();
-    let out = DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] * scale[i] * scale[j]);
-    log_determinant.is_finite().then_some((out, log_determinant))
 }
 
 /// How much a group of sights disagrees with all the others.
@@ -344,20 +350,32 @@ impl Fit {
         let inside = group.iter().all(|k| choice.used[*k]);
         let mut jacobian = DMatrix::zeros(d, self.layout.size);
         let mut residual = DVector::zeros(d);
-        let mut rows = DMatrix::zeros(2, self.layout.size);
+        let mut rows = Vec::new();
+        let mut surveyed = DMatrix::zeros(d, 3 * group.len());
         for (i, k) in group.iter().enumerate() {
             let state = (self.cameras.as_slice(), self.places.as_slice());
             let r = sight_rows(&self.layout, (problem, choice), state, *k, &mut rows)?;
             residual.fixed_rows_mut::<2>(2 * i).copy_from(&r);
-            jacobian.rows_mut(2 * i, 2).copy_from(&rows);
+            for (column, by) in &rows {
+                jacobian.fixed_view_mut::<2, 1>(2 * i, *column).copy_from(by);
+            }
+            // A place that nothing else adjusts is as uncertain as its survey.
+            let (sight, row) = (&problem.sights[*k], choice.place[*k]);
+            if self.layout.points[row].is_none() && problem.points[row].std_m > 0.0 {
+                let own = group.iter().position(|other| choice.place[*other] == row).unwrap_or(i);
+                let seen = self.cameras[sight.camera].project_ball(&self.places[row], sight.radius_m).ok()?;
+                let by_place = sight.whitener * seen.d_pixel_d_point_in_world * problem.points[row].std_m;
+                surveyed.fixed_view_mut::<2, 3>(2 * i, 3 * own).copy_from(&by_place);
+            }
         }
+        surveyed /= self.variance_factor.sqrt();
         residual /= self.variance_factor.sqrt();
         jacobian /= self.variance_factor.sqrt();
         let mut spread = &jacobian * &self.covariance * jacobian.transpose();
         if inside {
             spread = -spread;
         }
-        spread += DMatrix::identity(d, d);
+        spread += DMatrix::identity(d, d) + &surveyed * surveyed.transpose();
         let drop = residual.dot(&spread.cholesky()?.solve(&residual));
         let below = if inside { self.freedom - d as f64 } else { self.freedom };
         let left = if inside { self.freedom - drop } else { self.freedom };

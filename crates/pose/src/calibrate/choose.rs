@@ -1,6 +1,6 @@
 //! The model that the data ask for, and what the others say.
 
-use super::adjust::{Fit, adjust};
+use super::adjust::{Fit, adjust, readjust};
 use super::model::CameraModel;
 use super::problem::{Choice, Problem};
 use super::start::{MIN_POINTS, starts};
@@ -97,7 +97,7 @@ pub(super) fn choose(problem: &Problem, choice: &Choice, start: &[Camera]) -> Op
                     .zip(&best.models)
                     .map(|(s, model)| if s == size { wider } else { *model })
                     .collect();
-                let Some(fit) = adjust(problem, choice, &models, &best.cameras) else { continue };
+                let Some(fit) = readjust(problem, choice, &models, &best) else { continue };
                 let ahead = better.as_ref().map_or(best.log_evidence, |b| b.log_evidence);
                 if fit.log_evidence > ahead {
                     tried.extend(better.replace(fit));

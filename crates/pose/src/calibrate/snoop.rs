@@ -3,7 +3,7 @@
 use super::adjust::{Fit, adjust};
 use super::choose::{Chosen, choose, is_enough, start_cameras};
 use super::problem::{Choice, Problem};
-use super::{LeftOut, LeftOutReason};
+use super::{CameraModel, LeftOut, LeftOutReason};
 use crate::PoseError;
 use mavsight_geometry::{Camera, Dlt};
 
@@ -16,6 +16,9 @@ const DECISIVE: f64 = 20.0;
 /// Variance factor from which points are tried one by one and in pairs even if none stands out: two that are swapped
 /// hide each other. Claimed covariances are trusted to within a factor 3 in the standard deviation.
 const MASKED: f64 = 9.0;
+
+/// Most suspect explanations that are worked out in full.
+const CLOSER_LOOKS: usize = 8;
 
 /// What may be wrong.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,6 +33,8 @@ enum Suspicion {
 
 struct Explanation {
     suspicion: Suspicion,
+    /// Others that explain the data about as well and name other points; these are left out too.
+    or: Vec<Suspicion>,
     /// The choice without the suspects.
     without: Choice,
     log_evidence: f64,
@@ -114,7 +119,7 @@ fn is_doubtful(problem: &Problem, choice: &Choice, chosen: &Chosen, start: Optio
                 fit.disagreement(problem, choice, group).is_some_and(|d| d.probability < level)
             })
     };
-    let least = vec![super::CameraModel::PINHOLE; problem.sizes.len()];
+    let least = vec![CameraModel::PINHOLE; problem.sizes.len()];
     beyond(&chosen.best)
         || (chosen.best.models != least
             && start.and_then(|s| adjust(problem, choice, &least, s)).is_some_and(|fit| beyond(&fit)))
@@ -127,11 +132,11 @@ fn explain(
     now: Option<&Chosen>,
 ) -> Result<Option<Explanation>, PoseError> {
     let ahead = now.map_or(f64::NEG_INFINITY, |c| c.best.log_evidence);
-    let mut found: Vec<Explanation> = Vec::new();
-    let mut needed: Vec<Suspicion> = Vec::new();
     let groups = groups(problem, choice);
     let level = level(groups.len());
-    for (suspicion, group) in groups {
+    let mut found: Vec<Explanation> = Vec::new();
+    let mut needed: Vec<Suspicion> = Vec::new();
+    for (suspicion, group) in most_suspect(problem, choice, groups, now.map(|c| &c.best)) {
         let mut without = choice.clone();
         group.iter().for_each(|k| without.used[*k] = false);
         if !is_enough(problem, &without) {
@@ -141,15 +146,10 @@ fn explain(
             needed.extend(beyond.then_some(suspicion));
             continue;
         }
-        let Some(chosen) = start_cameras(problem, &without).ok().and_then(|s| choose(problem, &without, &s))
-        else {
-            continue;
-        };
-        let disagrees =
-            chosen.best.disagreement(problem, &without, &group).is_some_and(|d| d.probability < level);
-        if disagrees {
-            let log_evidence = chosen.best.log_evidence + SUSPECT.ln();
-            found.push(Explanation { suspicion, without, log_evidence });
+        let Some(fit) = quick(problem, &without, now) else { continue };
+        if fit.disagreement(problem, &without, &group).is_some_and(|d| d.probability < level) {
+            let log_evidence = fit.log_evidence + SUSPECT.ln();
+            found.push(Explanation { suspicion, or: vec![], without, log_evidence });
         }
     }
     found.extend(swaps(problem, choice).into_iter().filter(|e| e.log_evidence > ahead));
@@ -157,30 +157,80 @@ fn explain(
     if found.is_empty() {
         return if needed.is_empty() { Ok(None) } else { Err(refusal(problem, &needed)) };
     }
-    let best = &found[0];
-    if !is_enough(problem, &best.without) {
-        return Err(refusal(problem, std::slice::from_ref(&best.suspicion)));
-    }
-    let rivals: Vec<Suspicion> = found
-        .iter()
-        .filter(|e| best.log_evidence - e.log_evidence < DECISIVE.ln())
-        .map(|e| e.suspicion.clone())
-        .collect();
-    let same = rivals.iter().all(|r| points_of(problem, r) == points_of(problem, &best.suspicion));
-    if !same {
-        return Err(refusal(problem, &rivals));
-    }
-    // Of explanations about as good the one that trusts the point least.
+    decide(problem, found).map(Some)
+}
+
+/// Takes the best of several explanations, sorted by evidence; of others about as good leaves out the points too.
+fn decide(problem: &Problem, mut found: Vec<Explanation>) -> Result<Explanation, PoseError> {
+    let ahead = found[0].log_evidence;
+    found.retain(|e| ahead - e.log_evidence < DECISIVE.ln());
+    let points = points_of(problem, &found[0].suspicion);
+    let (same, others): (Vec<_>, Vec<_>) =
+        found.into_iter().partition(|e| points_of(problem, &e.suspicion) == points);
+    // Of explanations by the same points the one that trusts them least.
     let used = |e: &Explanation| e.without.used.iter().filter(|u| **u).count();
-    found.truncate(rivals.len());
-    Ok(found.into_iter().min_by_key(used))
+    let mut all: Vec<Suspicion> = same.iter().chain(&others).map(|e| e.suspicion.clone()).collect();
+    let least = same.into_iter().filter(|e| is_enough(problem, &e.without)).min_by_key(used);
+    let Some(mut best) = least else { return Err(refusal(problem, &all)) };
+    distrust_everywhere(problem, &mut best);
+    for other in others {
+        let shared = best.without.used.iter().zip(&other.without.used).map(|(a, b)| *a && *b).collect();
+        best.without.used = shared;
+        best.or.push(other.suspicion);
+    }
+    if is_enough(problem, &best.without) {
+        return Ok(best);
+    }
+    all.dedup();
+    Err(refusal(problem, &all))
+}
+
+/// What one camera shows to be misplaced may be so along another's line of sight, which that one does not notice: where
+/// points enough remain it is left out of all.
+fn distrust_everywhere(problem: &Problem, best: &mut Explanation) {
+    let Suspicion::Sight(sight) = best.suspicion else { return };
+    let point = problem.sights[sight].point;
+    let mut without = best.without.clone();
+    let own = problem.sights.iter().zip(&mut without.used).filter(|(s, _)| s.point == point);
+    own.for_each(|(_, used)| *used = false);
+    if is_enough(problem, &without) {
+        (best.suspicion, best.without) = (Suspicion::Point(point), without);
+    }
+}
+
+/// The groups that disagree most with a fit; all of them where there is none.
+fn most_suspect(
+    problem: &Problem,
+    choice: &Choice,
+    groups: Vec<(Suspicion, Vec<usize>)>,
+    fit: Option<&Fit>,
+) -> Vec<(Suspicion, Vec<usize>)> {
+    let Some(fit) = fit else { return groups };
+    let probability =
+        |group: &[usize]| fit.disagreement(problem, choice, group).map_or(1.0, |d| d.probability);
+    let mut order: Vec<(f64, (Suspicion, Vec<usize>))> =
+        groups.into_iter().map(|g| (probability(&g.1), g)).collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    order.into_iter().take(CLOSER_LOOKS).map(|(_, g)| g).collect()
+}
+
+/// A fit for judging an explanation: under the least model, and under the one that the data chose so far.
+fn quick(problem: &Problem, choice: &Choice, now: Option<&Chosen>) -> Option<Fit> {
+    let least = vec![CameraModel::PINHOLE; problem.sizes.len()];
+    let start = start_cameras(problem, choice).ok();
+    let fresh = start.as_deref().and_then(|s| adjust(problem, choice, &least, s));
+    let wide = now.filter(|c| c.best.models != least).and_then(|c| {
+        let from = fresh.as_ref().map_or(&c.best.cameras, |f| &f.cameras);
+        adjust(problem, choice, &c.best.models, from)
+    });
+    fresh.into_iter().chain(wide).max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))
 }
 
 /// Pairs whose exchange turns a gross misfit into a fit.
 fn swaps(problem: &Problem, choice: &Choice) -> Vec<Explanation> {
-    let misfit = |choice: &Choice| -> Option<f64> {
+    let misfit = |choice: &Choice, of: Option<usize>| -> Option<f64> {
         let mut sum_px2 = 0.0;
-        for camera in 0..problem.sizes.len() {
+        for camera in (0..problem.sizes.len()).filter(|c| of.is_none_or(|of| of == *c)) {
             let control = problem.control(choice, camera);
             let dlt = Dlt::fit_linear(&control).ok()?;
             for c in &control {
@@ -189,23 +239,28 @@ fn swaps(problem: &Problem, choice: &Choice) -> Vec<Explanation> {
         }
         Some(sum_px2)
     };
-    let before = misfit(choice).unwrap_or(f64::INFINITY);
     let cameras: Vec<Option<usize>> =
         std::iter::once(None).chain((0..problem.sizes.len()).map(Some)).collect();
-    let mut out = Vec::new();
-    for a in 0..problem.points.len() {
-        for b in a + 1..problem.points.len() {
-            for camera in &cameras {
-                let (swapped, without) = swapped(problem, choice, (a, b), *camera);
-                if misfit(&swapped).is_none_or(|after| after > 0.25 * before) {
-                    continue;
+    let mut promising: Vec<(f64, (usize, usize), Option<usize>)> = Vec::new();
+    for camera in cameras {
+        let before = misfit(choice, camera).unwrap_or(f64::INFINITY);
+        for a in 0..problem.points.len() {
+            for b in a + 1..problem.points.len() {
+                let (swapped, _) = swapped(problem, choice, (a, b), camera);
+                if let Some(after) = misfit(&swapped, camera).filter(|after| *after <= 0.25 * before) {
+                    promising.push((after, (a, b), camera));
                 }
-                let start = start_cameras(problem, &swapped).ok();
-                let Some(fitted) = start.and_then(|s| choose(problem, &swapped, &s)) else { continue };
-                let log_evidence = fitted.best.log_evidence + 2.0 * SUSPECT.ln();
-                out.push(Explanation { suspicion: Suspicion::Swap(a, b, *camera), without, log_evidence });
             }
         }
+    }
+    promising.sort_by(|a, b| a.0.total_cmp(&b.0));
+    promising.truncate(CLOSER_LOOKS);
+    let mut out = Vec::new();
+    for (_, (a, b), camera) in promising {
+        let (swapped, without) = swapped(problem, choice, (a, b), camera);
+        let Some(fit) = quick(problem, &swapped, None) else { continue };
+        let log_evidence = fit.log_evidence + 2.0 * SUSPECT.ln();
+        out.push(Explanation { suspicion: Suspicion::Swap(a, b, camera), or: vec![], without, log_evidence });
     }
     out
 }
@@ -237,8 +292,25 @@ fn points_of(problem: &Problem, suspicion: &Suspicion) -> Vec<usize> {
 }
 
 fn reports(problem: &Problem, found: &Explanation) -> Vec<LeftOut> {
+    if found.or.is_empty() {
+        return report(problem, &found.suspicion);
+    }
+    let mut points: Vec<usize> = Vec::new();
+    for suspicion in std::iter::once(&found.suspicion).chain(&found.or) {
+        points.extend(points_of(problem, suspicion));
+    }
+    points.sort_unstable();
+    points.dedup();
     let name = |p: usize| problem.points[p].name.clone();
-    match found.suspicion {
+    let others =
+        |p: usize| points.iter().filter(|q| **q != p).map(|q| name(*q)).collect::<Vec<_>>().join(", ");
+    let doubtful = |p: usize| LeftOutReason::Doubtful { with: others(p) };
+    points.iter().map(|p| LeftOut { name: name(*p), camera: None, reason: doubtful(*p) }).collect()
+}
+
+fn report(problem: &Problem, suspicion: &Suspicion) -> Vec<LeftOut> {
+    let name = |p: usize| problem.points[p].name.clone();
+    match *suspicion {
         Suspicion::Point(p) => {
             vec![LeftOut { name: name(p), camera: None, reason: LeftOutReason::Displaced }]
         }

@@ -2,7 +2,7 @@
 
 use super::CameraControl;
 use crate::testing::{SIZE, cameras, cube, normal};
-use mavsight_geometry::{Camera, ControlPoint, Matrix2, Vector2, Vector3};
+use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
 
 /// The control frame as a camera sees it.
 pub(crate) fn control(
@@ -40,4 +40,56 @@ pub(crate) fn seen(
 pub(crate) fn both(std_px: f64, seed: &mut u64) -> Vec<CameraControl> {
     let [a, b] = cameras();
     vec![control("cam1", &a, std_px, 0.03, seed), control("cam2", &b, std_px, 0.03, seed)]
+}
+
+/// A rig of three unlike cameras: two sizes, a distorted wide lens, non-square pixels.
+pub(crate) fn unlike_cameras() -> Vec<Camera> {
+    let target = Vector3::new(0.0, 0.0, 1.5);
+    let hd = ImageSize { width_px: 1920, height_px: 1080 };
+    let mut wide = Intrinsics::from_horizontal_fov(hd, 1.35);
+    (wide.cx_px, wide.cy_px) = (wide.cx_px + 18.0, wide.cy_px - 11.0);
+    let mut first = Camera::looking_at(Vector3::new(3.6, -2.9, 2.4), target, wide, hd);
+    (first.distortion.k1, first.distortion.k2) = (-0.24, 0.07);
+    let mut second = Camera::looking_at(Vector3::new(-3.4, -3.2, 1.1), target, wide, hd);
+    (second.distortion.k1, second.distortion.k2) = (-0.22, 0.05);
+    let mut video = Intrinsics::from_horizontal_fov(SIZE, 0.9);
+    video.fy_px *= 1.066;
+    vec![first, second, Camera::looking_at(Vector3::new(0.3, 5.2, 2.0), target, video, SIZE)]
+}
+
+pub(crate) fn unlike_rig(std_px: f64, survey_std_m: f64, seed: &mut u64) -> Vec<CameraControl> {
+    let mut places = cube();
+    places.extend(cube().iter().map(|p| Vector3::new(p.y * 0.6, -p.x * 0.5 + 0.1, 0.3 + p.z * 0.75)));
+    let real: Vec<_> = places.iter().map(|p| p + crate::testing::normal3(seed) * survey_std_m).collect();
+    let cameras = unlike_cameras();
+    cameras
+        .iter()
+        .enumerate()
+        .map(|(k, camera)| {
+            let name = format!("cam{}", k + 1);
+            let mut control = seen(&name, camera, &real, (std_px, 0.03), seed);
+            control.size = camera.size;
+            control.points.iter_mut().zip(&places).for_each(|(p, place)| p.point_in_world_m = *place);
+            control.survey_std_m = vec![survey_std_m; places.len()];
+            control
+        })
+        .collect()
+}
+
+/// Three cameras around a cube with a cross of four points within.
+pub(crate) fn around(std_px: f64, seed: &mut u64) -> Vec<CameraControl> {
+    let mut places = cube();
+    let within = [[0.7, 0.2, 1.1], [-0.6, 0.4, 2.1], [0.1, -0.8, 1.7], [-0.2, 0.5, 0.6]];
+    places.extend(within.map(Vector3::from));
+    let views = cameras_around();
+    let one =
+        |(k, camera): (usize, &Camera)| seen(&format!("cam{}", k + 1), camera, &places, (std_px, 0.03), seed);
+    views.iter().enumerate().map(one).collect()
+}
+
+pub(crate) fn cameras_around() -> Vec<Camera> {
+    let target = Vector3::new(0.0, 0.0, 1.5);
+    let k = Intrinsics::from_horizontal_fov(SIZE, 53f64.to_radians());
+    let [a, b] = cameras();
+    vec![a, b, Camera::looking_at(Vector3::new(0.5, 6.0, 3.0), target, k, SIZE)]
 }

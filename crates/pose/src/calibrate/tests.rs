@@ -1,6 +1,7 @@
 use super::test_sets::*;
 use super::*;
-use crate::testing::cameras;
+use crate::testing::{cameras, cube};
+use mavsight_geometry::Matrix2;
 
 #[test]
 fn large_balls_do_not_bias_the_camera() {
@@ -42,83 +43,158 @@ fn the_centres_regions_hold_the_truth() {
     }
 }
 
-/// Names that a calibration leaves out, or that its refusal holds.
-fn named(result: &Result<Rig, PoseError>) -> (Vec<String>, String) {
-    match result {
-        Ok(rig) => {
-            let mut names: Vec<String> = rig.left_out.iter().map(|l| l.name.clone()).collect();
-            names.sort();
-            names.dedup();
-            (names, rig.left_out.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))
-        }
-        Err(PoseError::SuspectControlPoints { suspects }) => {
-            let mut names: Vec<String> =
-                suspects.split(" or ").map(|s| s.split(' ').next().unwrap_or("").to_owned()).collect();
-            names.sort();
-            names.dedup();
-            (names, suspects.clone())
-        }
-        Err(other) => (vec![], other.to_string()),
-    }
-}
-
 #[test]
-fn a_displaced_point_is_named() {
-    let mut seed = 21;
-    let directions = [
-        Vector3::new(1.0, 0.0, 0.0),
-        Vector3::new(0.0, 1.0, 0.0),
-        Vector3::new(0.0, 0.0, 1.0),
-        Vector3::new(1.0, 1.0, -1.0),
-        Vector3::new(-1.0, 1.0, 1.0),
-    ];
-    let (mut refused, mut wrong) = (0, vec![]);
-    for point in 0..8 {
-        for (k, direction) in directions.iter().enumerate() {
-            let mut controls = both(0.1, &mut seed);
-            for c in &mut controls {
-                c.points[point].point_in_world_m += direction.normalize() * 0.02;
-            }
-            let result = calibrate(&controls);
-            refused += i32::from(result.is_err());
-            let (names, text) = named(&result);
-            if !names.contains(&format!("p{point}")) || (result.is_ok() && names.len() > 1) {
-                wrong.push(format!("p{point} direction {k}: {names:?} {text}"));
-            }
-            if let Ok(rig) = result {
-                let error = rig.cameras[0].camera.centre_in_world() - cameras()[0].centre_in_world();
-                if error.norm() > 4.0 * rig.cameras[0].centre_std_m.norm() {
-                    wrong.push(format!(
-                        "p{point} direction {k}: centre off by {} m, {} {text}",
-                        error.norm(),
-                        rig.cameras[0].model
-                    ));
-                }
-            }
-        }
-    }
-    println!("refused {refused} of 40");
-    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-}
-
-#[test]
-fn swapped_points_are_named() {
+fn residuals_larger_than_claimed_widen_the_centre() {
     let mut seed = 5;
-    let mut wrong = vec![];
-    for a in 0..8 {
-        for b in a + 1..8 {
-            let mut controls = both(0.1, &mut seed);
-            for c in &mut controls {
-                let place = c.points[a].point_in_world_m;
-                c.points[a].point_in_world_m = c.points[b].point_in_world_m;
-                c.points[b].point_in_world_m = place;
-            }
-            let result = calibrate(&controls);
-            let (names, text) = named(&result);
-            if names != [format!("p{a}"), format!("p{b}")] {
-                wrong.push(format!("p{a} with p{b}: {names:?} {text}"));
-            }
+    let mut loud = both(1.0, &mut seed);
+    for c in &mut loud {
+        c.points.iter_mut().for_each(|p| p.pixel_cov_px2 = Matrix2::identity() * 1e-4);
+    }
+    let rig = calibrate(&loud).unwrap();
+    for (camera, truth) in rig.cameras.iter().zip(cameras()) {
+        assert!(camera.sigma_px > 0.6 && camera.sigma_px < 1.6, "{}", camera.sigma_px);
+        let error = camera.camera.centre_in_world() - truth.centre_in_world();
+        assert!(error.norm() < 4.0 * camera.centre_std_m.norm());
+    }
+}
+
+#[test]
+fn errors_name_the_camera() {
+    let mut few = control("cam1", &cameras()[0], 0.1, 0.03, &mut 2);
+    few.points.truncate(4);
+    assert_eq!(
+        calibrate(&[few.clone()]),
+        Err(PoseError::ControlLengths { camera: "cam1".into(), points: 4, what: "radii", given: 8 })
+    );
+    few.ball_radius_m.truncate(4);
+    assert!(matches!(calibrate(&[few.clone()]), Err(PoseError::ControlLengths { what: "survey", .. })));
+    few.survey_std_m.truncate(4);
+    let error = calibrate(&[few.clone()]).unwrap_err();
+    let source = GeometryError::TooFewControlPoints { found: 4, needed: 5 };
+    assert_eq!(error, PoseError::Calibration { camera: "cam1".into(), source });
+    assert!(error.to_string().starts_with("camera cam1: 4 control points"));
+    few.points[0].pixel.x = f64::NAN;
+    assert!(matches!(
+        calibrate(&[few]),
+        Err(PoseError::Calibration { source: GeometryError::NotFinite { .. }, .. })
+    ));
+    assert!(matches!(calibrate(&[]), Err(PoseError::NoCameras { found: 0 })));
+    let flat: Vec<_> = (0..8).map(|i| Vector3::new(f64::from(i % 3), f64::from(i / 3), 1.0)).collect();
+    let flat = seen("cam1", &cameras()[0], &flat, (0.1, 0.0), &mut 3);
+    assert!(matches!(
+        calibrate(&[flat]),
+        Err(PoseError::Calibration { source: GeometryError::CoplanarControlPoints { .. }, .. })
+    ));
+}
+
+#[test]
+fn points_that_show_another_frame_are_refused() {
+    let mut seed = 4;
+    let mut wrong = both(0.1, &mut seed);
+    for c in &mut wrong {
+        let places: Vec<_> = c.points.iter().map(|p| p.point_in_world_m).collect();
+        for (k, p) in c.points.iter_mut().enumerate() {
+            p.point_in_world_m = places[(5 * k + 3) % 8];
         }
     }
-    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    let error = calibrate(&wrong).unwrap_err();
+    let typed = matches!(
+        error,
+        PoseError::ControlMisfit { .. }
+            | PoseError::SuspectControlPoints { .. }
+            | PoseError::Calibration { .. }
+    );
+    assert!(typed, "{error}");
+}
+
+#[test]
+fn five_points_make_a_pinhole() {
+    let places: Vec<_> = [0, 3, 5, 6, 7].map(|k| cube()[k]).into();
+    let (mut nees, mut seed, trials) = (0.0, 17, 60);
+    let mut most: f64 = 0.0;
+    for _ in 0..trials {
+        let control = seen("cam1", &cameras()[0], &places, (0.1, 0.03), &mut seed);
+        let camera = &calibrate(&[control]).unwrap().cameras[0];
+        assert_eq!(camera.model, CameraModel::PINHOLE);
+        let error = camera.camera.centre_in_world() - cameras()[0].centre_in_world();
+        most = most.max(error.norm());
+        nees += (error.transpose() * camera.centre_cov_m2.try_inverse().unwrap() * error)[0];
+    }
+    let mean = nees / f64::from(trials);
+    // Of few degrees of freedom: Hotelling's region is much wider than that of the covariance.
+    assert!((0.2..3.0).contains(&mean), "mean NEES {mean}, largest error {most} m");
+}
+
+#[test]
+fn unlike_cameras_and_surveyed_points_hold_the_truth_and_find_their_models() {
+    let trials = 8;
+    let (mut seed, mut inside, mut nees) = (31, 0, 0.0);
+    for _ in 0..trials {
+        let rig = calibrate(&unlike_rig(0.1, 0.002, &mut seed)).unwrap();
+        assert!(rig.cameras[0].model.lens >= Lens::K1K2, "{}", rig.cameras[0].model);
+        assert_eq!(rig.cameras[0].model, rig.cameras[1].model);
+        assert!(rig.cameras[2].model.pixels >= Pixels::Rectangular, "{}", rig.cameras[2].model);
+        for (camera, truth) in rig.cameras.iter().zip(unlike_cameras()) {
+            let error = camera.camera.centre_in_world() - truth.centre_in_world();
+            let square = (error.transpose() * camera.centre_cov_m2.try_inverse().unwrap() * error)[0];
+            inside += i32::from(square < 7.815);
+            nees += square / f64::from(3 * trials);
+        }
+    }
+    let share = f64::from(inside) / f64::from(3 * trials);
+    println!("three unlike cameras: inside {share:.3}, NEES {nees:.2}");
+    assert!((0.8..=1.0).contains(&share) && (1.5..4.8).contains(&nees), "{share} inside, NEES {nees}");
+}
+
+/// Each departure from the pinhole, and what must be found for it.
+#[test]
+fn the_model_is_the_one_that_made_the_images() {
+    type Change = fn(&mut Camera);
+    type Case = (Change, CameraModel, fn(&Camera) -> f64, f64, f64);
+    let cases: [Case; 4] = [
+        (|_| (), CameraModel::PINHOLE, |c| c.intrinsics.fx_px, 641.8, 0.5),
+        (
+            |c| c.intrinsics.fy_px *= 1.02,
+            CameraModel { pixels: Pixels::Rectangular, lens: Lens::Straight },
+            |c| c.intrinsics.fy_px / c.intrinsics.fx_px,
+            1.02,
+            1e-3,
+        ),
+        (
+            |c| c.intrinsics.skew_px = 6.0,
+            CameraModel { pixels: Pixels::Skewed, lens: Lens::Straight },
+            |c| c.intrinsics.skew_px,
+            6.0,
+            0.6,
+        ),
+        (
+            |c| c.distortion.k1 = -0.1,
+            CameraModel { pixels: Pixels::Square, lens: Lens::K1 },
+            |c| c.distortion.k1,
+            -0.1,
+            0.01,
+        ),
+    ];
+    let mut seed = 77;
+    let mut places = cube();
+    places.extend(cube().iter().map(|p| Vector3::new(0.5 * p.y, -0.6 * p.x, 0.4 + 0.7 * p.z)));
+    for (change, model, of, value, tolerance) in cases {
+        let mut found = 0;
+        for _ in 0..6 {
+            let controls: Vec<_> = cameras()
+                .iter()
+                .enumerate()
+                .map(|(k, camera)| {
+                    let mut camera = *camera;
+                    change(&mut camera);
+                    seen(&format!("cam{k}"), &camera, &places, (0.05, 0.03), &mut seed)
+                })
+                .collect();
+            let camera = &calibrate(&controls).unwrap().cameras[0];
+            found += i32::from(camera.model == model);
+            let got = of(&camera.camera);
+            assert!((got - value).abs() < tolerance, "{model}: {got} for {value}");
+        }
+        assert!(found >= 5, "{model} was found {found} times of 6");
+    }
 }

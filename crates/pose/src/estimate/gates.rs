@@ -31,15 +31,22 @@ pub(super) fn beyond_f_gate(ratio: f64, above: usize, below: usize) -> bool {
     normal > GATE_NORMAL_QUANTILE
 }
 
-/// The factor on the claimed covariances that residuals suggest: the mean of claim and residuals, weighted by their
-/// degrees of freedom (the conjugate scaled inverse chi-square; Gelman et al. 2013, section 2.6), or the residuals'
-/// alone where they refute the claim.
-pub(super) fn noise_factor(chi_square: f64, degrees: usize) -> f64 {
+/// The factor on the claimed covariances that residuals suggest, where errors that stay raise the mean chi-square by
+/// `explained`: the mean of claim and residuals, weighted by their degrees of freedom (the conjugate scaled inverse
+/// chi-square; Gelman et al. 2013, section 2.6), or the residuals' alone where they refute the claim.
+///
+/// A claim that stands gives noise and errors that stay their expected shares of the chi-square. Where it is refuted it is the
+/// noise that is larger than was said, and the errors that stay explain no more than they did.
+pub(super) fn noise_factor(chi_square: f64, explained: f64, degrees: usize) -> f64 {
     let nu = degrees as f64;
-    if chi_square > chi_square_gate(degrees) && degrees > 0 {
-        return chi_square / nu;
+    if degrees == 0 {
+        return 1.0;
     }
-    (CLAIM_DEGREES + chi_square) / (CLAIM_DEGREES + nu)
+    let own = chi_square * nu / (nu + explained);
+    if own > chi_square_gate(degrees) {
+        return (chi_square - explained) / nu;
+    }
+    (CLAIM_DEGREES + own) / (CLAIM_DEGREES + nu)
 }
 
 #[cfg(test)]
@@ -61,9 +68,15 @@ mod tests {
 
     #[test]
     fn a_refuted_claim_counts_for_nothing() {
-        assert!((noise_factor(10.0, 10) - 1.0).abs() < 1e-12);
-        assert!((noise_factor(20.0, 10) - 1.5).abs() < 1e-12);
-        assert!((noise_factor(1000.0, 10) - 100.0).abs() < 1e-12);
-        assert_eq!(noise_factor(0.0, 0), 1.0);
+        assert!((noise_factor(10.0, 0.0, 10) - 1.0).abs() < 1e-12);
+        assert!((noise_factor(20.0, 0.0, 10) - 1.5).abs() < 1e-12);
+        assert!((noise_factor(1000.0, 0.0, 10) - 100.0).abs() < 1e-12);
+        assert_eq!(noise_factor(0.0, 0.0, 0), 1.0);
+    }
+
+    #[test]
+    fn errors_that_stay_explain_what_they_are_expected_to_and_no_more() {
+        assert!((noise_factor(40.0, 30.0, 10) - 1.0).abs() < 1e-12);
+        assert!((noise_factor(1030.0, 30.0, 10) - 100.0).abs() < 1e-12);
     }
 }

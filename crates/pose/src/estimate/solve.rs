@@ -105,6 +105,15 @@ impl PoseEstimator {
         Ok((solution, gradient))
     }
 
+    /// The normal equations at a pose that is known already.
+    pub(super) fn at_pose(
+        &self,
+        sights: &[&Sight],
+        pose: &Isometry3<f64>,
+    ) -> Result<Solution, GeometryError> {
+        self.equations(sights, pose, None).map(|e| e.0)
+    }
+
     /// Least squares from a start (Levenberg 1944; Marquardt 1963).
     pub(super) fn descend(&self, sights: &[&Sight], start: &Isometry3<f64>) -> Result<Solution, PoseError> {
         let mut pose = *start;
@@ -139,7 +148,7 @@ impl PoseEstimator {
     /// (Huber 1981, chapter 7, by iterative reweighting). The scale is that of [`noise_factor`], so that noise larger than
     /// was claimed does not make outliers of half the sights. The chi-square stays that of least squares.
     pub(super) fn bounded_from(&self, sights: &[&Sight], least: Solution) -> Solution {
-        let scale = noise_factor(least.chi_square, least.redundancy).max(1.0);
+        let scale = noise_factor(least.chi_square, 0.0, least.redundancy).max(1.0);
         if least.longest <= HUBER_BOUND.powi(2) * scale {
             return least;
         }
@@ -157,11 +166,14 @@ impl PoseEstimator {
         least
     }
 
-    /// What one standard deviation along each direction of error of cameras and marker positions does to the pose, and
+    /// What one standard deviation along each direction of error of cameras, marker positions and centres does to the pose, and
     /// the mean chi-square that all of them together leave in the residuals.
     pub(super) fn systematic(&self, sights: &[&Sight], solution: &Solution) -> (Matrix6xX<f64>, f64) {
         let (from_rig, from_markers) = (self.rig_uncertainty.ncols(), self.marker_uncertainty.ncols());
-        let columns = from_rig + from_markers;
+        let at_centres = from_rig + from_markers;
+        let from_centres =
+            if self.centre_bias_px > 0.0 { 2 * self.cameras.len() * self.markers.len() } else { 0 };
+        let columns = at_centres + from_centres;
         let Some(factor) = solution.normal.cholesky().filter(|_| columns > 0) else {
             return (Matrix6xX::zeros(columns), 0.0);
         };
@@ -184,7 +196,7 @@ impl PoseEstimator {
             let weighted = jacobian.transpose() * weight;
             let by_camera = s.whitener * by_camera;
             let by_marker = s.whitener * seen.d_pixel_d_point_in_world * turn;
-            for c in 0..columns {
+            for c in 0..at_centres {
                 let effect = if c < from_rig {
                     let direct = by_camera
                         * self
@@ -201,6 +213,12 @@ impl PoseEstimator {
                 squares += effect.norm_squared();
                 let mut column = right.column_mut(c);
                 column += weighted * effect;
+            }
+            let own = at_centres + 2 * (s.camera * self.markers.len() + s.marker);
+            for axis in 0..from_centres.min(2) {
+                let effect = s.whitener.column(axis) * self.centre_bias_px;
+                squares += effect.norm_squared();
+                right.set_column(own + axis, &(weighted * effect));
             }
         }
         let effects = factor.solve(&right);

@@ -264,15 +264,38 @@ impl Tally {
 
     /// One flight seen by one draw of a rig; eight frames in a row are lost.
     pub(crate) fn film(&mut self, rig: &Rig, random: &mut Random) {
+        self.film_with_bias(rig, 0.0, random);
+    }
+
+    /// The same with centres of which each is off by an amount that stays; the standard deviation that the flight tells of
+    /// that comes back.
+    pub(crate) fn film_with_bias(&mut self, rig: &Rig, bias_px: f64, random: &mut Random) -> f64 {
         let gravity = Vehicle::paper().environment.gravity_m_s2;
         let states = flight(random);
         let cameras = true_cameras(rig, random);
         let mut seen = sights(&cameras, &square(), &states, random);
         let lost = (random.uniform() * (states.len() - 8) as f64) as usize;
         seen[lost..lost + 8].iter_mut().for_each(Vec::clear);
-        let poses = poses(&PoseEstimator::new(rig, &square()), &states, &seen);
-        let motion = mavsight_pose::smooth(&poses, gravity).expect("a motion");
-        for ((pose, sample), truth) in poses.iter().zip(&motion.samples).zip(&states) {
+        let mut estimator = PoseEstimator::new(rig, &square());
+        let mut measured = poses(&estimator, &states, &seen);
+        let mut found_px = 0.0;
+        if bias_px > 0.0 {
+            let bias: Vec<Vector2<f64>> = (0..4 * cameras.len())
+                .map(|_| Vector2::new(random.normal(), random.normal()) * bias_px)
+                .collect();
+            seen.iter_mut().flatten().for_each(|o| o.pixel += bias[4 * o.camera + o.marker]);
+            measured = poses(&estimator, &states, &seen);
+            found_px = estimator.centre_bias_px(&seen.concat(), &measured).expect("a bias");
+            estimator = estimator.with_centre_bias(found_px).expect("a bias");
+            measured = poses(&estimator, &states, &seen);
+        }
+        self.count_film(&measured, &states, gravity);
+        found_px
+    }
+
+    fn count_film(&mut self, poses: &[PoseSample], states: &[FlightState], gravity: f64) {
+        let motion = mavsight_pose::smooth(poses, gravity).expect("a motion");
+        for ((pose, sample), truth) in poses.iter().zip(&motion.samples).zip(states) {
             let smoothed = error(sample, truth, gravity);
             if let Some(e) = &pose.estimate {
                 let mut single = sample.clone();

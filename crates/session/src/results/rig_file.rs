@@ -33,11 +33,21 @@ struct LeftOutEntry {
     name: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     camera: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    swapped_with: Option<String>,
+    kind: LeftOutKind,
+    /// The other points concerned.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    with: String,
     /// For people.
     #[serde(default)]
     reason: String,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum LeftOutKind {
+    Displaced,
+    Swapped,
+    Doubtful,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -107,16 +117,13 @@ pub(super) fn text(rig: &Rig, path: &Path) -> Result<String, SessionError> {
 }
 
 fn left_out_entry(point: &LeftOut) -> LeftOutEntry {
-    let swapped_with = match &point.reason {
-        LeftOutReason::Swapped { with } => Some(with.clone()),
-        LeftOutReason::Displaced => None,
+    let (kind, with) = match &point.reason {
+        LeftOutReason::Displaced => (LeftOutKind::Displaced, String::new()),
+        LeftOutReason::Swapped { with } => (LeftOutKind::Swapped, with.clone()),
+        LeftOutReason::Doubtful { with } => (LeftOutKind::Doubtful, with.clone()),
     };
-    LeftOutEntry {
-        name: point.name.clone(),
-        camera: point.camera.clone(),
-        swapped_with,
-        reason: point.to_string(),
-    }
+    let (name, camera) = (point.name.clone(), point.camera.clone());
+    LeftOutEntry { name, camera, kind, with, reason: point.to_string() }
 }
 
 fn entry(camera: &RigCamera) -> CameraEntry {
@@ -182,10 +189,14 @@ pub fn read_rig(path: &Path) -> Result<Rig, SessionError> {
         let name = entry.name.clone();
         camera(entry).map_err(|detail| refuse(format!("camera {name}"), &detail))
     });
-    let left_out = file.left_out.into_iter().map(|point| LeftOut {
-        name: point.name,
-        camera: point.camera,
-        reason: point.swapped_with.map_or(LeftOutReason::Displaced, |with| LeftOutReason::Swapped { with }),
+    let left_out = file.left_out.into_iter().map(|point| {
+        let with = point.with;
+        let reason = match point.kind {
+            LeftOutKind::Displaced => LeftOutReason::Displaced,
+            LeftOutKind::Swapped => LeftOutReason::Swapped { with },
+            LeftOutKind::Doubtful => LeftOutReason::Doubtful { with },
+        };
+        LeftOut { name: point.name, camera: point.camera, reason }
     });
     Ok(Rig { cameras: cameras.collect::<Result<_, _>>()?, uncertainty, left_out: left_out.collect() })
 }

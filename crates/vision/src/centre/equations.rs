@@ -1,8 +1,9 @@
 //! The equations of a ball's fit: residuals, weights and derivatives of every sample that the ball touches.
 
 use super::cholesky::Skyline;
-use super::model::{COUNT, Model, Parameters, RESIDUAL, Row, SITING, Shown, coverage};
-use super::surroundings::{MEDIAN_TO_DEVIATION, Surroundings, biweight, median};
+use super::model::{COUNT, Model, Parameters, RESIDUAL, Row, SITING, Shown};
+use super::samples::{add, combined, grain_variance, visit};
+use super::surroundings::{Surroundings, biweight};
 use super::{CLEAR, NOISE_STD, NOISE_WEIGHT, ROUNDING_VARIANCE, disc};
 use crate::color::decode;
 use crate::patch::Patch;
@@ -23,6 +24,13 @@ const HIDES: f64 = 2.0;
 
 /// Weight at which a sample no longer counts.
 const LEAST_TRUST: f64 = 1e-3;
+
+/// Whether the samples' covariance follows the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Covariance {
+    Anew,
+    Kept,
+}
 
 /// A pixel in use: its place in the patch and the light behind the ball there.
 #[derive(Debug, Clone, Copy)]
@@ -82,7 +90,7 @@ impl Equations {
         self.covered.clear();
         self.covered.extend((0..patch.bright.len()).map(|i| {
             let (x, y) = patch.place(i);
-            coverage(p, x, y)
+            model.coverage(x, y)
         }));
         self.by_angle.clear();
         let mut inside = 0;
@@ -152,14 +160,18 @@ impl Equations {
         }
     }
 
-    /// Information matrix and gradient of the samples.
-    pub(super) fn normal(&mut self, patch: &Patch, model: &Model) -> Option<(Information, Parameters)> {
+    /// Information matrix and gradient of the samples; their covariance is set anew from the model or, within a round,
+    /// kept.
+    pub(super) fn normal(
+        &mut self,
+        patch: &Patch,
+        model: &Model,
+        covariance: Covariance,
+    ) -> Option<(Information, Parameters)> {
         self.evaluate(patch, model);
-        self.whitened.clear();
-        self.whitened.extend_from_slice(&self.rows);
-        let mut sums = [[0.0; COUNT + 1]; COUNT];
         let stretched = self.surroundings.covariance.len();
-        if stretched > 0 {
+        if covariance == Covariance::Anew {
+            self.set_variances(patch);
             let (shown, variance) = (&self.shown, &self.variance);
             self.factor.copy(&self.surroundings.covariance, |i, j, value| {
                 shown[i].open * shown[j].open * value + if i == j { variance[i] } else { 0.0 }
@@ -167,8 +179,11 @@ impl Equations {
             if !self.factor.factor() {
                 return None;
             }
-            self.factor.whiten(&mut self.whitened[..stretched]);
         }
+        self.whitened.clear();
+        self.whitened.extend_from_slice(&self.rows);
+        let mut sums = [[0.0; COUNT + 1]; COUNT];
+        self.factor.whiten(&mut self.whitened[..stretched]);
         for (row, variance) in self.whitened.iter_mut().zip(&self.variance).skip(stretched) {
             let scale = variance.sqrt().recip();
             row.iter_mut().for_each(|x| *x *= scale);
@@ -185,12 +200,10 @@ impl Equations {
         Some((information, Parameters::from_fn(|i, _| sums[i][RESIDUAL])))
     }
 
-    /// Residuals, derivatives and variances of all samples in use.
+    /// Residuals and derivatives of all samples in use.
     fn evaluate(&mut self, patch: &Patch, model: &Model) {
-        let over_face = IN_FRONT * self.surroundings.clutter;
         self.shown.clear();
         self.rows.clear();
-        self.variance.clear();
         for used in &self.used {
             let index = used.index as usize;
             let (x, y) = patch.place(index);
@@ -199,17 +212,29 @@ impl Equations {
             shown.add_to(&mut row, &patch.from_coded[0], 1.0);
             row[RESIDUAL] = patch.bright[index] - row[RESIDUAL] - patch.from_coded[0][3];
             self.rows.push(row);
-            let front = over_face * shown.covered;
-            self.variance.push((self.noise_variance + front * front) / self.weight[index].max(LEAST_TRUST));
             self.shown.push(shown);
+        }
+        self.color_rows.clear();
+        for block in &self.blocks {
+            let rows = self.color_row(patch, model, *block as usize);
+            self.color_rows.push(rows);
+        }
+    }
+
+    /// Variances of all samples in use as far as they are independent of each other.
+    fn set_variances(&mut self, patch: &Patch) {
+        let over_face = IN_FRONT * self.surroundings.clutter;
+        self.variance.clear();
+        for (used, shown) in self.used.iter().zip(&self.shown) {
+            let front = over_face * shown.covered;
+            let trust = self.weight[used.index as usize].max(LEAST_TRUST);
+            self.variance.push((self.noise_variance + front * front) / trust);
         }
         let hidden = HIDES * self.surroundings.clutter
             / (self.surroundings.level - patch.from_coded[0][3]).abs().max(self.noise_variance.sqrt());
-        self.color_rows.clear();
         self.color_variance.clear();
-        for block in &self.blocks {
+        for (block, rows) in self.blocks.iter().zip(&self.color_rows) {
             let block = *block as usize;
-            let rows = self.color_row(patch, model, block);
             let covered = self.color_covered[block];
             let trust = self.color_weight[block].max(LEAST_TRUST);
             self.color_variance.push([0, 1].map(|k| {
@@ -217,7 +242,6 @@ impl Equations {
                 let behind = (1.0 - covered).powi(2) * self.surroundings.color_variance[k];
                 (self.noise_variance + behind + (covered * hidden.min(1.0) * value).powi(2)) / trust
             }));
-            self.color_rows.push(rows);
         }
     }
 
@@ -258,7 +282,7 @@ impl Equations {
     /// What is in front of the ball is no sharper than its blur, so neighbours of a sample that is not believed at all
     /// are not believed either.
     pub(super) fn reweigh(&mut self, patch: &Patch, model: &Model, round: usize) {
-        if self.normal(patch, model).is_none() {
+        if self.normal(patch, model, Covariance::Kept).is_none() {
             return;
         }
         let (mut chi_square, mut count) = (0.0, -DETERMINED);
@@ -330,74 +354,38 @@ impl Equations {
         believed / covered
     }
 
+    /// Standard deviation of what the face shows beyond the model and the noise of a pixel (a shadow, a highlight), as a
+    /// part of its difference from the surroundings.
+    pub(super) fn texture(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
+        let coded = linear.map(|l| crate::color::encode(l).0);
+        let around = [self.surroundings.level, self.surroundings.color[0], self.surroundings.color[1]];
+        let contrast: f64 = std::iter::zip(&patch.from_coded, around)
+            .map(|(row, around)| (combined(row, &coded) - around).powi(2))
+            .sum();
+        let (mut square, mut count) = (0.0, 0.0);
+        for (used, (shown, row)) in self.used.iter().zip(self.shown.iter().zip(&self.rows)) {
+            let weight = shown.covered * self.weight[used.index as usize];
+            square += weight * (row[RESIDUAL].powi(2) - self.least_noise);
+            count += weight;
+        }
+        let bright = square / f64::max(count, 1.0);
+        (square, count) = (0.0, 0.0);
+        for (block, rows) in self.blocks.iter().zip(&self.color_rows) {
+            let block = *block as usize;
+            let weight = self.color_covered[block] * self.color_weight[block];
+            square += weight * rows.iter().map(|row| row[RESIDUAL].powi(2) - self.least_noise).sum::<f64>();
+            count += weight;
+        }
+        let colors = square / f64::max(count, 1.0);
+        ((bright + colors).max(0.0) / contrast.max(self.noise_variance)).sqrt()
+    }
+
     /// Greatest difference between a light and the surroundings in any channel, in standard deviations of the noise.
     pub(super) fn contrast(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
         let coded = linear.map(|l| crate::color::encode(l).0);
         let around = [self.surroundings.level, self.surroundings.color[0], self.surroundings.color[1]];
         let differs =
-            patch.from_coded.iter().zip(around).map(|(row, around)| {
-                ((0..3).map(|c| row[c] * coded[c]).sum::<f64>() + row[3] - around).abs()
-            });
+            patch.from_coded.iter().zip(around).map(|(row, around)| (combined(row, &coded) - around).abs());
         differs.fold(0.0, f64::max) / self.noise_variance.sqrt()
-    }
-}
-
-/// Variance of the noise from the second difference of second differences, which passes neither slopes nor most edges
-/// (Immerkær 1996, with the median in place of the mean).
-fn grain_variance(patch: &Patch, values: &mut Vec<f64>) -> f64 {
-    values.clear();
-    for y in 1..patch.rows.saturating_sub(1) {
-        for x in 1..patch.columns - 1 {
-            let row = |dy: usize| {
-                let at = (y + dy - 1) * patch.columns + x;
-                patch.bright[at - 1] - 2.0 * patch.bright[at] + patch.bright[at + 1]
-            };
-            values.push((row(0) - 2.0 * row(1) + row(2)).abs());
-        }
-    }
-    // The operator's coefficients have a square sum of 36.
-    median(values).map_or(0.0, |m| (MEDIAN_TO_DEVIATION * m / 6.0).powi(2))
-}
-
-/// The pixels that a colour sample averages: `each` gets pixel, weight and the weight's derivative by the siting. False
-/// where some lie outside the patch.
-///
-/// A colour sample is the mean over the two rows of its block and over a box two pixels wide whose middle lies the siting
-/// to the right of the block's left pixel: weights of 1/4, 1/2, 1/4 for a siting of 0, of 0, 1/2, 1/2 for one of 1/2.
-fn visit(patch: &Patch, block: usize, siting_px: f64, mut each: impl FnMut(usize, f64, f64)) -> bool {
-    if patch.step == 1 {
-        each(block, 1.0, 0.0);
-        return true;
-    }
-    let (bx, by) = (
-        patch.first_block.0 + block % patch.block_columns,
-        patch.first_block.1 + block / patch.block_columns,
-    );
-    let (left, top) = ((2 * bx).wrapping_sub(1), 2 * by);
-    let inside = bx > 0
-        && left >= patch.first.0
-        && left + 2 < patch.first.0 + patch.columns
-        && top >= patch.first.1
-        && top + 1 < patch.first.1 + patch.rows;
-    if !inside {
-        return false;
-    }
-    let shift = 0.25 * siting_px.clamp(-0.5, 1.0);
-    for row in [top, top + 1] {
-        let pixel = (row - patch.first.1) * patch.columns + left - patch.first.0;
-        each(pixel, 0.125 - shift, -0.25);
-        each(pixel + 1, 0.25, 0.0);
-        each(pixel + 2, 0.125 + shift, 0.25);
-    }
-    true
-}
-
-/// Adds the outer product of a row with itself and its residual.
-fn add(sums: &mut [[f64; COUNT + 1]; COUNT], row: &Row, weight: f64) {
-    for (i, sum) in sums.iter_mut().enumerate() {
-        let scaled = weight * row[i];
-        for (out, value) in sum.iter_mut().zip(row) {
-            *out += scaled * value;
-        }
     }
 }

@@ -1,6 +1,7 @@
 //! The forward model of one ball: what a pixel shows, and its derivatives.
 
 use crate::color::encode;
+use crate::outline::Outline;
 use nalgebra::SVector;
 
 /// Centre x and y, radius, edge width; ball colour of three channels; shading slopes x, y and curvatures xx, xy, yy;
@@ -26,6 +27,7 @@ pub(super) struct Model {
     /// Where slopes and curvatures are counted from, and their unit.
     pub(super) origin: (f64, f64),
     pub(super) unit_px: f64,
+    pub(super) outline: Outline,
 }
 
 /// What a pixel shows: coded red, green and blue, and their derivatives.
@@ -36,15 +38,6 @@ pub(super) struct Shown {
     pub(super) by: [[f64; OWN]; 3],
     /// Derivative of each code by the code of what is behind.
     pub(super) open: f64,
-}
-
-/// Fraction of a pixel that the disc covers: a Gaussian edge (lens, aperture and pixel together).
-pub(super) fn coverage(p: &Parameters, x_px: f64, y_px: f64) -> f64 {
-    let z = (p[RADIUS] - (x_px - p[0]).hypot(y_px - p[1])) / p[EDGE];
-    if z.abs() > FAR {
-        return if z > 0.0 { 1.0 } else { 0.0 };
-    }
-    normal_cdf(z, DENSITY * (-0.5 * z * z).exp())
 }
 
 const FAR: f64 = 4.5;
@@ -61,6 +54,25 @@ fn normal_cdf(z: f64, density: f64) -> f64 {
 }
 
 impl Model {
+    /// Fraction of a pixel that the disc covers: a Gaussian edge (lens, aperture and pixel together).
+    pub(super) fn coverage(&self, x_px: f64, y_px: f64) -> f64 {
+        let (z, ..) = self.edge_at(x_px, y_px);
+        if z.abs() > FAR {
+            return if z > 0.0 { 1.0 } else { 0.0 };
+        }
+        normal_cdf(z, DENSITY * (-0.5 * z * z).exp())
+    }
+
+    /// Distance of a pixel inside the edge, in edge widths; its derivatives by centre and radius, in which the outline's
+    /// own stretch is taken as constant.
+    fn edge_at(&self, x_px: f64, y_px: f64) -> (f64, [f64; 3]) {
+        let p = &self.p;
+        let (size, ax, ay) = self.outline.measure(x_px - p[0], y_px - p[1]);
+        let scale = (ax * ax + ay * ay).sqrt().max(1e-9);
+        let stretch = size.max(1e-9) / (scale * p[EDGE]);
+        ((p[RADIUS] - size) * stretch, [ax / (scale * p[EDGE]), ay / (scale * p[EDGE]), stretch])
+    }
+
     pub(super) fn shade_at(&self, x_px: f64, y_px: f64) -> (f64, [f64; 5]) {
         let (x, y) = ((x_px - self.origin.0) / self.unit_px, (y_px - self.origin.1) / self.unit_px);
         let terms = [x, y, x * x, x * y, y * y];
@@ -70,15 +82,12 @@ impl Model {
     /// What a pixel shows whose uncovered part shows `behind` (linear light).
     pub(super) fn at(&self, x_px: f64, y_px: f64, behind: &[f64; 3]) -> Shown {
         let p = &self.p;
-        let (dx, dy) = (x_px - p[0], y_px - p[1]);
-        let distance = dx.hypot(dy).max(1e-9);
-        let z = (p[RADIUS] - distance) / p[EDGE];
+        let (z, by) = self.edge_at(x_px, y_px);
         let (covered, slope) = if z.abs() > FAR {
             (if z > 0.0 { 1.0 } else { 0.0 }, [0.0; 4])
         } else {
             let density = DENSITY * (-0.5 * z * z).exp();
-            let slope = density / p[EDGE];
-            (normal_cdf(z, density), [slope * dx / distance, slope * dy / distance, slope, -slope * z])
+            (normal_cdf(z, density), [by[0], by[1], by[2], -z / p[EDGE]].map(|d| density * d))
         };
         let (shade, terms) = self.shade_at(x_px, y_px);
         let mut shown = Shown { covered, coded: [0.0; 3], by: [[0.0; OWN]; 3], open: 0.0 };
@@ -124,7 +133,7 @@ mod tests {
         let mut p = Parameters::zeros();
         p.as_mut_slice()[..12]
             .copy_from_slice(&[10.2, 8.9, 2.6, 0.6, 0.5, 0.1, 0.05, 0.2, -0.3, 0.1, 0.05, -0.1]);
-        let model = Model { p, origin: (10.0, 9.0), unit_px: 2.5 };
+        let model = Model { p, origin: (10.0, 9.0), unit_px: 2.5, outline: Outline::ROUND };
         let behind = [0.4, 0.42, 0.35];
         for (x, y) in [(12.0, 9.0), (10.0, 11.0), (8.0, 7.0), (10.0, 9.0)] {
             let got = model.at(x, y, &behind);
@@ -144,7 +153,7 @@ mod tests {
                     );
                 }
             }
-            assert!((coverage(&p, x, y) - got.covered).abs() < 1e-12);
+            assert!((model.coverage(x, y) - got.covered).abs() < 1e-12);
         }
     }
 }

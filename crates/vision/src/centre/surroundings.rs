@@ -174,7 +174,8 @@ impl Surroundings {
             }
             let weights: SVector<f64, NEIGHBOURS> = kernel.cholesky()?.solve(&cross);
             *mean += weights.dot(&left);
-            self.deviation.push((variance - weights.dot(&cross)).max(0.0).sqrt());
+            let local = (variance + left.norm_squared()) / (1 + count) as f64;
+            self.deviation.push(local.sqrt());
         }
         for (i, pixel) in rim.iter().enumerate() {
             let here = (*pixel as i32 % columns, *pixel as i32 / columns);

@@ -1,0 +1,186 @@
+//! Whether the printed intervals are true, for one's own rig.
+
+use super::demo::{feed, frame_of};
+use super::named;
+use super::run::{feeds, rig_of};
+use crate::cli::{BuiltInRig, Selftest};
+use crate::lab;
+use crate::progress::Bars;
+use anyhow::{Result, bail};
+use mavsight_pipeline::{ControlStill, Progress, Quiet, calibrate_from_stills};
+use mavsight_scene::{Film, Room};
+use mavsight_score::{Coverage, Random, Tally, VirtualFlight, VirtualLab};
+use mavsight_session::{RESULTS_SCHEMA, Session, TruthRow, make_folder, write_whole};
+use rayon::prelude::*;
+use serde_json::json;
+
+/// Flights by sets of observations, and films, where no number is given.
+const FLIGHTS: u64 = 200;
+const FILMS: u64 = 3;
+
+/// Flights that are measured before they are counted: bounds the memory.
+const AT_ONCE: u64 = 16;
+
+/// `mavsight selftest`
+pub(crate) fn selftest(args: &Selftest) -> Result<()> {
+    let bars = Bars::new();
+    let (name, lab) = lab_of(args, &bars)?;
+    let flights = args.flights.unwrap_or(if args.film { FILMS } else { FLIGHTS });
+    let gravity_m_s2 = lab.vehicle.environment.gravity_m_s2;
+    let mut tally = Tally::default();
+    bars.start("flying", Some(flights));
+    for first in (0..flights).step_by(AT_ONCE as usize) {
+        let some = first..flights.min(first + AT_ONCE);
+        let measured: Vec<Result<VirtualFlight>> = if args.film {
+            some.map(|k| film(&lab, args.seed, k).inspect(|_| bars.step())).collect()
+        } else {
+            some.into_par_iter()
+                .map(|k| Ok(lab.fly(&mut Random::new(args.seed, k)).inspect(|_| bars.step())?))
+                .collect()
+        };
+        for flight in measured {
+            tally.add(&flight?, gravity_m_s2);
+        }
+    }
+    bars.done();
+    let coverage = tally.coverage();
+    println!("{}", setting(&name, &lab, &tally, args));
+    print!("{}", table(&coverage));
+    if let Some(out) = &args.out {
+        make_folder(out)?;
+        write_whole(&out.join("selftest.csv"), csv(&coverage).as_bytes())?;
+        let summary = json!({
+            "schema": RESULTS_SCHEMA,
+            "laboratory": name,
+            "seed": args.seed,
+            "filmed": args.film,
+            "flights": tally.flights(),
+            "instants": tally.instants().0,
+            "instants_without_pose": tally.instants().1,
+            "claimed_std_px": lab.claimed_std_px(),
+            "noise_over_claim": lab.noise_over_claim,
+            "bias_px": lab.bias_px,
+            "quantities": coverage,
+        });
+        write_whole(&out.join("selftest.json"), serde_json::to_string_pretty(&summary)?.as_bytes())?;
+        println!("\nResults: {}", out.display());
+    }
+    let wrong: Vec<String> = coverage
+        .iter()
+        .filter(|c| !c.is_accepted)
+        .map(|c| format!("{} {} ({:.1} %)", c.quantity, c.verdict, 100.0 * c.share))
+        .collect();
+    if !wrong.is_empty() {
+        bail!("the 95 % intervals are not true here: {}", wrong.join(", "));
+    }
+    Ok(())
+}
+
+/// The laboratory, and what it is called.
+fn lab_of(args: &Selftest, bars: &Bars) -> Result<(String, VirtualLab)> {
+    let Some(path) = &args.session else {
+        return Ok(match args.rig.unwrap_or(BuiltInRig::Paper) {
+            BuiltInRig::Paper => ("paper".to_owned(), VirtualLab::paper()),
+            BuiltInRig::Wide => ("wide".to_owned(), VirtualLab::wide()),
+            BuiltInRig::Three => ("three".to_owned(), VirtualLab::three()),
+        });
+    };
+    let session = named(Session::load(path))?;
+    let control = named(session.control_points())?;
+    let rig = rig_of(&session, bars)?;
+    let tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, bars)?;
+    let lab = VirtualLab::of_session(&rig, control, session.vehicle.clone(), &tracked)?;
+    Ok((session.name, lab))
+}
+
+/// One flight through the virtual room and the whole chain.
+fn film(lab: &VirtualLab, seed: u64, index: u64) -> Result<VirtualFlight> {
+    let mut random = Random::new(seed, index);
+    let truth = lab.flight(&mut random)?;
+    let rows: Vec<TruthRow> = truth.iter().map(TruthRow::from).collect();
+    let mut as_built = lab.control.clone();
+    for row in &mut as_built {
+        row.position_m.iter_mut().for_each(|x| *x += row.std_m * random.normal());
+    }
+    let (room, aircraft) = (Room::meeting_room(), lab::aircraft(&lab.vehicle));
+    let control = lab::control_frame(&as_built);
+    let films: Vec<Film<'_>> =
+        lab.cameras.iter().enumerate().map(|(k, c)| lab::film(&room, c, k, seed + index)).collect();
+    let stills = lab
+        .cameras
+        .iter()
+        .zip(&films)
+        .map(|(c, film)| {
+            let frame = frame_of(c.camera.size, film.still(Some(&control)))?;
+            Ok(ControlStill { camera: c.name.clone(), frame })
+        })
+        .collect::<Result<Vec<_>>>()?;
+    let rig = calibrate_from_stills(&stills, &lab.control)?;
+    let feeds = lab
+        .cameras
+        .iter()
+        .zip(&films)
+        .map(|(camera, film)| feed(camera, film, &aircraft, &rows, 1.0 / lab.frame_rate_hz))
+        .collect();
+    let tracked = mavsight_pipeline::track(feeds, &rig, &lab.vehicle, &Quiet)?;
+    Ok(lab.measured(truth, rig, tracked)?)
+}
+
+/// What was tested, in words.
+fn setting(name: &str, lab: &VirtualLab, tally: &Tally, args: &Selftest) -> String {
+    let (instants, without) = tally.instants();
+    let seen = if args.film {
+        "filmed in the virtual room, without a codec".to_owned()
+    } else {
+        format!(
+            "centres claimed to {:.3} px with {:.2} of that as noise, {:.3} px that stay",
+            lab.claimed_std_px(),
+            lab.noise_over_claim,
+            lab.bias_px
+        )
+    };
+    format!(
+        "{name}: {} cameras, {} markers, {:.2} frames a second; {seen}\n{} flights, calibrated anew for each; {instants} instants, {without} without a pose of their own\n",
+        lab.cameras.len(),
+        lab.vehicle.marker.len(),
+        lab.frame_rate_hz,
+        tally.flights(),
+    )
+}
+
+/// For people.
+fn table(coverage: &[Coverage]) -> String {
+    let mut out = format!(
+        "{:<23} {:>8} {:>15} {:>6} {:>13} {:>10} {:<7} {}\n",
+        "quantity", "inside %", "(95 %)", "NEES", "(if true)", "RMS", "", "95 % intervals"
+    );
+    for c in coverage {
+        let [low, high] = c.share_interval.map(|s| 100.0 * s);
+        let [least, most] = c.nees_interval;
+        out += &format!(
+            "{:<23} {:>8.1} {:>15} {:>6.2} {:>13} {:>10.3} {:<7} {}\n",
+            c.quantity,
+            100.0 * c.share,
+            format!("({low:.1} to {high:.1})"),
+            c.nees,
+            format!("({least:.2}-{most:.2})"),
+            c.rms,
+            c.unit,
+            c.verdict
+        );
+    }
+    out
+}
+
+fn csv(coverage: &[Coverage]) -> String {
+    let mut out =
+        "quantity,unit,share,share_low,share_high,nees,nees_low,nees_high,rms,verdict,accepted\n".to_owned();
+    for c in coverage {
+        let ([low, high], [least, most]) = (c.share_interval, c.nees_interval);
+        out += &format!(
+            "{},{},{:.5},{low:.5},{high:.5},{:.4},{least:.4},{most:.4},{:.6},{},{}\n",
+            c.quantity, c.unit, c.share, c.nees, c.rms, c.verdict, c.is_accepted
+        );
+    }
+    out
+}

@@ -1,0 +1,53 @@
+//! Marker observations into poses.
+
+use crate::{PipelineError, Tracked};
+use mavsight_flight::Vehicle;
+use mavsight_geometry::Isometry3;
+use mavsight_pose::{MarkerObservation, PoseEstimator, Rig};
+
+/// Poses of instants as they come, each with the last one before it as a hint, and all of them again at the end.
+pub(crate) struct Reconstruction {
+    estimator: PoseEstimator,
+    previous: Option<Isometry3<f64>>,
+    pub(crate) tracked: Tracked,
+}
+
+impl Reconstruction {
+    pub(crate) fn new(rig: &Rig, vehicle: &Vehicle) -> Self {
+        let estimator = PoseEstimator::new(rig, &crate::body_markers(vehicle));
+        Self { estimator, previous: None, tracked: Tracked::default() }
+    }
+
+    /// What was seen at the next instant.
+    pub(crate) fn add(&mut self, t_ns: i64, seen: Vec<MarkerObservation>) {
+        let sample = crate::track::pose_at(&self.estimator, t_ns, &seen, self.previous.as_ref());
+        self.previous = sample.estimate.as_ref().map(|e| e.world_from_body).or(self.previous);
+        self.tracked.observations.extend(seen);
+        self.tracked.poses.push(sample);
+    }
+
+    /// All poses, with what the whole flight has shown of the centres' lasting errors.
+    pub(crate) fn finish(mut self) -> Result<Tracked, PipelineError> {
+        crate::solve::poses_anew(self.estimator, &mut self.tracked)
+            .map_err(|source| PipelineError::Pose { place: "centres".into(), source })?;
+        Ok(self.tracked)
+    }
+}
+
+/// The poses of a flight whose markers were observed elsewhere: what follows detection in [`crate::track`]. Instants come in
+/// the order of time; an instant without observations is one without a pose.
+///
+/// # Errors
+/// No instants, or observations that are not numbers.
+pub fn reconstruct(
+    rig: &Rig,
+    vehicle: &Vehicle,
+    instants: impl IntoIterator<Item = (i64, Vec<MarkerObservation>)>,
+) -> Result<Tracked, PipelineError> {
+    let mut all = Reconstruction::new(rig, vehicle);
+    instants.into_iter().for_each(|(t_ns, seen)| all.add(t_ns, seen));
+    if all.tracked.poses.is_empty() {
+        return Err(PipelineError::NoFrames { camera: "the table of observations".into() });
+    }
+    all.finish()
+}

@@ -1,0 +1,98 @@
+//! Errors of the centres that stay: how large they are, from residuals that do not average out.
+
+use super::PoseEstimator;
+use super::solve::Sight;
+use crate::{MarkerObservation, PoseError, PoseSample};
+use nalgebra::Vector2;
+
+/// Lags over which residuals are compared: what is still there after up to a second counts as staying.
+const LONGEST_LAG_S: f64 = 1.0;
+
+/// Frames at which the shares of the known errors are computed: they change as slowly as the aircraft moves.
+const SAMPLED_FRAMES: usize = 40;
+
+impl PoseEstimator {
+    /// The same with centres that are off by an amount that stays: `std_px` for each coordinate of each marker in each
+    /// camera, independent of each other. Light from one side, colours that shade into each other and lenses do that.
+    ///
+    /// # Errors
+    /// [`PoseError::BadBias`] for what is not finite or negative.
+    pub fn with_centre_bias(mut self, std_px: f64) -> Result<Self, PoseError> {
+        if !(std_px.is_finite() && std_px >= 0.0) {
+            return Err(PoseError::BadBias { std_px });
+        }
+        self.centre_bias_px = std_px;
+        Ok(self)
+    }
+
+    /// Standard deviation of what stays of the centres' errors, px, from the residuals of a flight's poses.
+    ///
+    /// The products of a sight's residuals at two times, up to a second apart, have the mean square of what stays, as far as
+    /// the pose has not taken it up; new noise has a mean of zero. What the uncertainty of cameras and marker positions
+    /// explains is taken off. Zero where nothing is left or there is no redundancy. Observations are sorted by time, as the
+    /// poses are.
+    ///
+    /// # Errors
+    /// [`PoseError::BadObservation`].
+    pub fn centre_bias_px(
+        &self,
+        observations: &[MarkerObservation],
+        poses: &[PoseSample],
+    ) -> Result<f64, PoseError> {
+        let unit = self.clone().with_centre_bias(1.0)?;
+        let every = (poses.len() / SAMPLED_FRAMES).max(1);
+        let blank = || vec![None; self.cameras.len() * self.markers.len()];
+        let mut residuals: Vec<Vec<Option<Vector2<f64>>>> = Vec::with_capacity(poses.len());
+        let (mut explained, mut by_unit, mut sampled) = (0.0, 0.0, 0.0);
+        let mut rest = observations;
+        for (k, pose) in poses.iter().enumerate() {
+            let early = rest.iter().take_while(|o| o.t_ns < pose.t_ns).count();
+            let own = rest[early..].iter().take_while(|o| o.t_ns == pose.t_ns).count();
+            let seen = &rest[early..early + own];
+            rest = &rest[early + own..];
+            let mut row = blank();
+            if let Some(estimate) = &pose.estimate {
+                let used = seen.iter().filter(|o| estimate.markers_used.contains(&o.marker));
+                let sights = used.map(|o| self.sight(o)).collect::<Result<Vec<Sight>, _>>()?;
+                let sights: Vec<&Sight> = sights.iter().collect();
+                for s in &sights {
+                    let Ok(at) = self.projected(s, &estimate.world_from_body) else { continue };
+                    row[s.camera * self.markers.len() + s.marker] = Some(s.whitener * (s.pixel - at.pixel));
+                }
+                if k % every == 0
+                    && let Ok(solution) = self.at_pose(&sights, &estimate.world_from_body)
+                {
+                    let known = self.systematic(&sights, &solution).1;
+                    explained += known;
+                    by_unit += unit.systematic(&sights, &solution).1 - known;
+                    sampled += sights.len() as f64;
+                }
+            }
+            residuals.push(row);
+        }
+        let (product, pairs) = lagged_products(poses, &residuals);
+        if pairs < 1.0 || by_unit <= 0.0 {
+            return Ok(0.0);
+        }
+        Ok(((product / pairs * sampled - explained) / by_unit).max(0.0).sqrt())
+    }
+}
+
+/// Sum and number of the products of each sight's residuals at two times.
+fn lagged_products(poses: &[PoseSample], residuals: &[Vec<Option<Vector2<f64>>>]) -> (f64, f64) {
+    let (mut product, mut pairs) = (0.0, 0.0);
+    for (k, first) in residuals.iter().enumerate() {
+        for (later, second) in poses[k + 1..].iter().zip(&residuals[k + 1..]) {
+            if (later.t_ns - poses[k].t_ns) as f64 * 1e-9 > LONGEST_LAG_S {
+                break;
+            }
+            for (a, b) in first.iter().zip(second) {
+                if let (Some(a), Some(b)) = (a, b) {
+                    product += a.dot(b);
+                    pairs += 1.0;
+                }
+            }
+        }
+    }
+    (product, pairs)
+}

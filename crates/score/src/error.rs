@@ -1,0 +1,43 @@
+//! What keeps a self-test from being carried out.
+
+use thiserror::Error;
+
+/// A virtual laboratory in which nothing can be measured.
+#[derive(Debug, Error)]
+pub enum ScoreError {
+    /// The cameras do not see where the aircraft would fly.
+    #[error(
+        "in {share_percent:.0} % of a flight around ({x_m:.2}, {y_m:.2}, {z_m:.2}) m two cameras see three markers: a self-test needs {needed_percent:.0} %; move the cameras or fly elsewhere"
+    )]
+    OutOfView {
+        /// Part of the instants in view.
+        share_percent: f64,
+        /// Part needed.
+        needed_percent: f64,
+        /// Middle of the flight volume.
+        x_m: f64,
+        /// Y.
+        y_m: f64,
+        /// Z.
+        z_m: f64,
+    },
+    /// A laboratory that is none.
+    #[error("the laboratory has {found} {what}, but needs {needed}: check the session")]
+    TooFew {
+        /// Of what.
+        what: &'static str,
+        /// How many there are.
+        found: usize,
+        /// How many are needed.
+        needed: usize,
+    },
+    /// The vehicle does not fly.
+    #[error("simulating the vehicle: {0}")]
+    Flight(#[from] mavsight_flight::FlightError),
+    /// The control points were refused.
+    #[error("calibrating the virtual cameras: {0}")]
+    Pose(#[from] mavsight_pose::PoseError),
+    /// The chain failed.
+    #[error(transparent)]
+    Pipeline(#[from] mavsight_pipeline::PipelineError),
+}

@@ -1,0 +1,196 @@
+//! Flights in a virtual laboratory, seen by its cameras as sets of observations, and measured by the real chain.
+
+use crate::{Random, ScoreError, VirtualLab};
+use mavsight_flight::{Channel, FlightState, InitialState, Maneuver, Scenario, simulate};
+use mavsight_geometry::{ControlPoint, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body};
+use mavsight_pipeline::{Quiet, Tracked, motion_from_poses, reconstruct};
+use mavsight_pose::{CameraControl, MarkerObservation, Motion, Rig, calibrate};
+use mavsight_session::ns_from_s;
+
+/// Length of a flight.
+const DURATION_S: f64 = 6.0;
+
+/// For so long no camera sees anything, once a flight.
+const GAP_S: f64 = 0.25;
+
+/// A ball's centre must lie so far within the image.
+const MARGIN_PX: f64 = 3.0;
+
+/// Part of the instants at which two cameras must see three markers.
+const IN_VIEW_SHARE: f64 = 0.9;
+
+/// Where a flight leaves the view, its manoeuvres are made smaller by this factor, so many times.
+const SMALLER: f64 = 0.6;
+const SMALLER_TIMES: usize = 8;
+
+/// A flight and what was measured of it.
+#[derive(Debug, Clone)]
+pub struct VirtualFlight {
+    /// What was flown, at the instants of the frames.
+    pub truth: Vec<FlightState>,
+    /// The cameras as calibrated for this flight.
+    pub rig: Rig,
+    /// Poses.
+    pub tracked: Tracked,
+    /// Motion.
+    pub motion: Motion,
+}
+
+impl VirtualLab {
+    /// One flight by sets of observations: control points are seen with noise and the cameras calibrated from them, the
+    /// aircraft flies a random manoeuvre, its markers are seen with noise and losses, and the chain that follows
+    /// detection measures the motion.
+    ///
+    /// # Errors
+    /// A laboratory in which nothing can be measured, or a chain that fails.
+    pub fn fly(&self, random: &mut Random) -> Result<VirtualFlight, ScoreError> {
+        let rig = calibrate(&self.control_sights(random))?;
+        let truth = self.flight(random)?;
+        let tracked = reconstruct(&rig, &self.vehicle, self.sights(&truth, random))?;
+        self.measured(truth, rig, tracked)
+    }
+
+    /// Smooths what was tracked of a flight.
+    ///
+    /// # Errors
+    /// Too few poses.
+    pub fn measured(
+        &self,
+        truth: Vec<FlightState>,
+        rig: Rig,
+        tracked: Tracked,
+    ) -> Result<VirtualFlight, ScoreError> {
+        let motion = motion_from_poses(&tracked.poses, &self.vehicle, &Quiet)?;
+        Ok(VirtualFlight { truth, rig, tracked, motion })
+    }
+
+    /// Hover with doublets and a 3-2-1-1 in the swash-plate and the rotor speed at random times, in view of the cameras.
+    ///
+    /// # Errors
+    /// [`ScoreError::OutOfView`] where even a small manoeuvre is not seen; a vehicle that cannot be simulated.
+    pub fn flight(&self, random: &mut Random) -> Result<Vec<FlightState>, ScoreError> {
+        let mut scenario = self.scenario(random);
+        let mut most = 0.0;
+        for _ in 0..SMALLER_TIMES {
+            let inputs = scenario.inputs(&self.vehicle)?;
+            let start: InitialState = scenario.start();
+            let states = simulate(&self.vehicle, &inputs, &start, &scenario.frame_times_s())?;
+            let seen = states.iter().filter(|s| self.is_in_view(s)).count() as f64;
+            let share = seen / states.len().max(1) as f64;
+            if share >= IN_VIEW_SHARE {
+                return Ok(states);
+            }
+            most = f64::max(most, share);
+            scenario.maneuver.iter_mut().for_each(|m| match m {
+                Maneuver::Doublet { amplitude, .. }
+                | Maneuver::ThreeTwoOneOne { amplitude, .. }
+                | Maneuver::Step { amplitude, .. }
+                | Maneuver::Multisine { amplitude, .. } => *amplitude *= SMALLER,
+            });
+        }
+        let [x_m, y_m, z_m] = self.middle_m.into();
+        let (share_percent, needed_percent) = (100.0 * most, 100.0 * IN_VIEW_SHARE);
+        Err(ScoreError::OutOfView { share_percent, needed_percent, x_m, y_m, z_m })
+    }
+
+    fn scenario(&self, random: &mut Random) -> Scenario {
+        let mut maneuver = Vec::new();
+        let largest = [(Channel::DeltaLon, 5.0), (Channel::DeltaLat, 4.0), (Channel::OmegaU, 1.5)];
+        for (channel, largest) in largest {
+            let (amplitude, start_s) = (largest * random.between(-1.0, 1.0), random.between(0.5, 3.0));
+            let pulse_s = random.between(0.3, 0.8);
+            maneuver.push(Maneuver::Doublet { channel, start_s, pulse_s, amplitude });
+        }
+        let (channel, amplitude) = (Channel::DeltaLon, random.between(-2.0, 2.0));
+        maneuver.push(Maneuver::ThreeTwoOneOne { channel, start_s: 3.0, unit_s: 0.25, amplitude });
+        let start = self.middle_m + self.around_m.map(|half| half * random.between(-1.0, 1.0));
+        Scenario {
+            duration_s: DURATION_S,
+            frame_rate_hz: self.frame_rate_hz,
+            heading_deg: random.between(0.0, 360.0),
+            position_m: start.into(),
+            maneuver,
+            ..Scenario::paper()
+        }
+    }
+
+    /// The pixel of a marker in a camera.
+    fn pixel(&self, camera: usize, marker: usize, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
+        let (view, ball) = (&self.cameras[camera].camera, &self.vehicle.marker[marker]);
+        let centre = (pose * Point3::from(Vector3::from(ball.position_m))).coords;
+        let pixel = view.project_ball(&centre, ball.diameter_m / 2.0).ok()?.pixel;
+        view.size.contains(&pixel, MARGIN_PX).then_some(pixel)
+    }
+
+    fn is_in_view(&self, state: &FlightState) -> bool {
+        let pose = pose_of(state);
+        let markers = self.vehicle.marker.len();
+        let sees = |camera: usize| {
+            let seen = |m: &usize| {
+                let noise = &self.sights[camera * markers + m];
+                !noise.claims_px2.is_empty() && self.pixel(camera, *m, &pose).is_some()
+            };
+            (0..markers).filter(seen).count() >= 3
+        };
+        (0..self.cameras.len()).filter(|c| sees(*c)).count() >= 2
+    }
+
+    /// What each camera sees of the control frame. Survey errors are the same for all of them.
+    fn control_sights(&self, random: &mut Random) -> Vec<CameraControl> {
+        let mut normal3 = |std: f64| Vector3::from_fn(|_, _| std * random.normal());
+        let places: Vec<Vector3<f64>> =
+            self.control.iter().map(|row| Vector3::from(row.position_m) + normal3(row.std_m)).collect();
+        let mut out = Vec::with_capacity(self.cameras.len());
+        for c in &self.cameras {
+            let mut control = CameraControl::exact(c.name.clone(), c.camera.size, vec![], vec![]);
+            for ((row, place), _) in self.control.iter().zip(&places).zip(&c.sees).filter(|(_, sees)| **sees)
+            {
+                let Ok(seen) = c.camera.project_ball(place, row.diameter_m / 2.0) else { continue };
+                let noise = Vector2::new(random.normal(), random.normal()) * c.control_std_px;
+                control.points.push(ControlPoint {
+                    name: row.name.clone(),
+                    point_in_world_m: row.position_m.into(),
+                    pixel: seen.pixel + noise,
+                    pixel_cov_px2: Matrix2::identity() * c.control_std_px.powi(2),
+                });
+                control.ball_radius_m.push(row.diameter_m / 2.0);
+                control.survey_std_m.push(row.std_m);
+            }
+            out.push(control);
+        }
+        out
+    }
+
+    /// What the cameras see of a flight, by instant.
+    fn sights(&self, flight: &[FlightState], random: &mut Random) -> Vec<(i64, Vec<MarkerObservation>)> {
+        let markers = self.vehicle.marker.len();
+        let gap = ((GAP_S * self.frame_rate_hz).round() as usize).min(flight.len());
+        let lost_from = (random.uniform() * (flight.len() - gap) as f64) as usize;
+        let mut normal2 = |std: f64| Vector2::new(random.normal(), random.normal()) * std;
+        let bias: Vec<Vector2<f64>> = self.sights.iter().map(|_| normal2(self.bias_px)).collect();
+        let mut out = Vec::with_capacity(flight.len());
+        for (k, state) in flight.iter().enumerate() {
+            let (pose, t_ns) = (pose_of(state), ns_from_s(state.t_s));
+            let mut seen = Vec::new();
+            for (sight, noise) in self.sights.iter().enumerate() {
+                let (camera, marker) = (sight / markers, sight % markers);
+                let drawn = (random.uniform() * noise.claims_px2.len() as f64) as usize;
+                let normal = Vector2::new(random.normal(), random.normal()) * self.noise_over_claim;
+                let is_lost =
+                    random.uniform() < noise.lost_share || (lost_from..lost_from + gap).contains(&k);
+                let Some(covariance_px2) = noise.claims_px2.get(drawn).copied() else { continue };
+                let Some(spread) = covariance_px2.cholesky().filter(|_| !is_lost) else { continue };
+                let Some(pixel) = self.pixel(camera, marker, &pose) else { continue };
+                let pixel = pixel + spread.l() * normal + bias[sight];
+                seen.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
+            }
+            out.push((t_ns, seen));
+        }
+        out
+    }
+}
+
+/// The pose of a state.
+pub(crate) fn pose_of(state: &FlightState) -> Isometry3<f64> {
+    world_from_body(state.position_in_world_m, state.attitude)
+}

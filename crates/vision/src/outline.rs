@@ -1,0 +1,90 @@
+//! The shape of a small ball's image: an ellipse, stretched away from the principal point and by the lens.
+
+use crate::{Matrix2, Vector2};
+use mavsight_geometry::{Camera, ImageSize, Intrinsics, Vector3};
+
+/// Horizontal field of view of a camera of which nothing is known: webcams and camcorders have 50° to 70°.
+const USUAL_FOV_RAD: f64 = std::f64::consts::FRAC_PI_3;
+
+/// Symmetric matrix A of determinant one: a ball of mean radius r has the outline dᵀ A d = r².
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Outline {
+    xx: f64,
+    xy: f64,
+    yy: f64,
+}
+
+impl Outline {
+    /// A circle.
+    pub(crate) const ROUND: Self = Self { xx: 1.0, xy: 0.0, yy: 1.0 };
+
+    /// The outline at a pixel. To first order in its angular size, a sphere seen through a projection with Jacobian J has the
+    /// outline dᵀ (J Jᵀ)⁻¹ d = R² (Hartley & Zisserman 2004, section 8.6, for the exact conic). A circle where the camera
+    /// cannot see.
+    pub(crate) fn at(camera: &Camera, pixel: &Vector2<f64>) -> Self {
+        let seen = camera.ray(pixel).and_then(|ray| camera.project(&(camera.centre_in_world() + ray)));
+        let Ok(seen) = seen else { return Self::ROUND };
+        let shape = seen.d_pixel_d_point_in_world * seen.d_pixel_d_point_in_world.transpose();
+        let Some(inverse) = shape.try_inverse() else { return Self::ROUND };
+        let scaled: Matrix2<f64> = inverse * shape.determinant().sqrt();
+        if scaled.iter().all(|v| v.is_finite()) {
+            Self { xx: scaled[(0, 0)], xy: scaled[(0, 1)], yy: scaled[(1, 1)] }
+        } else {
+            Self::ROUND
+        }
+    }
+
+    /// Distance from the centre in mean radii times the mean radius, √(dᵀ A d), and A d.
+    pub(crate) fn measure(&self, dx: f64, dy: f64) -> (f64, f64, f64) {
+        let (ax, ay) = (self.xx * dx + self.xy * dy, self.xy * dx + self.yy * dy);
+        ((dx * ax + dy * ay).max(0.0).sqrt(), ax, ay)
+    }
+}
+
+/// A camera of usual field of view, for stretching balls where the true one is not known.
+pub(crate) fn usual_camera(size: ImageSize) -> Camera {
+    let intrinsics = Intrinsics::from_horizontal_fov(size, USUAL_FOV_RAD);
+    Camera::looking_at(Vector3::zeros(), Vector3::y(), intrinsics, size)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
+
+    /// A sphere's outline by its tangent rays: where the angle between a pixel's ray and the centre is the angular radius.
+    #[test]
+    fn the_outline_is_that_of_the_tangent_cone() {
+        let mut camera = usual_camera(SIZE);
+        camera.distortion.k1 = -0.2;
+        let (distance_m, radius_m) = (6.0, 0.03);
+        for place in [Vector2::new(320.0, 240.0), Vector2::new(600.0, 60.0), Vector2::new(100.0, 400.0)] {
+            let to_centre = camera.ray(&place).expect("in view") * distance_m;
+            let outline = Outline::at(&camera, &place);
+            let mut radii = Vec::new();
+            for k in 0..12 {
+                let (sin, cos) = (f64::from(k) * std::f64::consts::PI / 6.0).sin_cos();
+                let angle = |r: f64| {
+                    let ray = camera.ray(&(place + Vector2::new(cos, sin) * r)).expect("in view");
+                    ray.angle(&to_centre)
+                };
+                let (mut near, mut far) = (0.1, 20.0);
+                for _ in 0..60 {
+                    let middle = 0.5 * (near + far);
+                    if angle(middle) < (radius_m / distance_m).asin() { near = middle } else { far = middle }
+                }
+                radii.push(outline.measure(cos * near, sin * near).0);
+            }
+            let mean = radii.iter().sum::<f64>() / 12.0;
+            assert!(radii.iter().all(|r| (r / mean - 1.0).abs() < 0.01), "{radii:?}");
+        }
+    }
+
+    #[test]
+    fn in_the_middle_it_is_a_circle() {
+        let middle = Vector2::new(319.5, 239.5);
+        let (radius, ..) = Outline::at(&usual_camera(SIZE), &middle).measure(3.0, 4.0);
+        assert!((radius - 5.0).abs() < 1e-9);
+    }
+}
