@@ -211,6 +211,16 @@ impl Camera {
     /// # Errors
     /// [`GeometryError::BehindCamera`].
     pub fn project_from_camera(&self, p: &Vector3<f64>) -> Result<Projection, GeometryError> {
+        let (pixel, d_cam) = self.image(p)?;
+        Ok(Projection {
+            pixel,
+            d_pixel_d_point_in_cam: d_cam,
+            d_pixel_d_point_in_world: d_cam * crate::attitude::matrix_of(&self.cam_from_world.rotation),
+        })
+    }
+
+    /// The image of a point in camera coordinates and its derivative.
+    fn image(&self, p: &Vector3<f64>) -> Result<(Vector2<f64>, Matrix2x3<f64>), GeometryError> {
         if p.z.is_nan() || p.z <= 1e-6 {
             return Err(GeometryError::BehindCamera { depth_m: p.z });
         }
@@ -218,12 +228,7 @@ impl Camera {
         let n = Vector2::new(p.x * inv_z, p.y * inv_z);
         let (distorted, d_distorted) = self.distortion.distort(n);
         let d_n = Matrix2x3::new(inv_z, 0.0, -n.x * inv_z, 0.0, inv_z, -n.y * inv_z);
-        let d_cam = self.intrinsics.jacobian() * d_distorted * d_n;
-        Ok(Projection {
-            pixel: self.intrinsics.apply(distorted),
-            d_pixel_d_point_in_cam: d_cam,
-            d_pixel_d_point_in_world: d_cam * crate::attitude::matrix_of(&self.cam_from_world.rotation),
-        })
+        Ok((self.intrinsics.apply(distorted), self.intrinsics.jacobian() * d_distorted * d_n))
     }
 
     /// Where the centre of the image of a ball is seen: the ellipse's centre, not the image of the ball's centre.
@@ -245,12 +250,14 @@ impl Camera {
         }
         let share = (radius_m / p.z).powi(2);
         p.z -= radius_m * radius_m / p.z;
-        let mut seen = self.project_from_camera(&p)?;
+        let (pixel, mut d_cam) = self.image(&p)?;
         // d(z - R²/z)/dz
-        seen.d_pixel_d_point_in_cam.column_mut(2).scale_mut(1.0 + share);
-        seen.d_pixel_d_point_in_world =
-            seen.d_pixel_d_point_in_cam * crate::attitude::matrix_of(&self.cam_from_world.rotation);
-        Ok(seen)
+        d_cam.column_mut(2).scale_mut(1.0 + share);
+        Ok(Projection {
+            pixel,
+            d_pixel_d_point_in_cam: d_cam,
+            d_pixel_d_point_in_world: d_cam * crate::attitude::matrix_of(&self.cam_from_world.rotation),
+        })
     }
 
     /// Unit direction in world coordinates of what is seen at a pixel.

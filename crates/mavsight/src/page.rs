@@ -60,7 +60,7 @@ fn lead(page: &Page<'_>) -> String {
 fn headline(summary: &Summary) -> Vec<(String, String)> {
     let wanted = [
         ("poses", "measured", "frames measured"),
-        ("motion", "position_std_mm", "predicted position error, cameras taken as exact"),
+        ("motion", "position_std_mm", "predicted position error"),
         ("truth", "motion_position_rms_mm", "position error against truth"),
         ("truth", "motion_attitude_rms_deg", "roll, pitch, yaw error against truth"),
         ("fit", "C_X_r2", "R² of C_X"),

@@ -5,6 +5,8 @@ use mavsight_score::Scores;
 use mavsight_session::{RESULTS_SCHEMA, RunResults};
 use serde_json::{Map, Value, json};
 
+mod body;
+
 /// One figure.
 pub(crate) struct Row {
     /// Group, also the key of the JSON object that holds it.
@@ -34,6 +36,7 @@ impl Summary {
     pub(crate) fn of(results: &RunResults, scores: Option<&Scores>, notes: &[String]) -> Self {
         let mut summary = Self { rows: Vec::new(), verdicts: Vec::new(), notes: notes.to_vec() };
         summary.cameras(results);
+        summary.body(results);
         summary.poses(results);
         summary.motion(results);
         crate::fits::summarise(&mut summary, results);
@@ -198,17 +201,11 @@ impl Summary {
         };
         let position = mean(&|e| e.covariance.fixed_view::<3, 3>(0, 0).trace()).sqrt();
         let attitude = mean(&|e| e.covariance.fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt();
-        self.number(
-            "poses",
-            "position_std_mm",
-            "predicted position error (3-D), cameras taken as exact",
-            1e3 * position,
-            "mm",
-        );
+        self.number("poses", "position_std_mm", "predicted position error (3-D)", 1e3 * position, "mm");
         self.number(
             "poses",
             "attitude_std_deg",
-            "predicted attitude error (an axis), cameras taken as exact",
+            "predicted attitude error (an axis)",
             attitude.to_degrees(),
             "°",
         );
@@ -246,13 +243,7 @@ impl Summary {
                 motion.samples.iter().map(|s| s.covariance.fixed_view::<3, 3>(from, from).trace()).sum();
             (sum / n).sqrt()
         };
-        self.number(
-            "motion",
-            "position_std_mm",
-            "predicted position error (3-D), cameras taken as exact",
-            1e3 * mean(0),
-            "mm",
-        );
+        self.number("motion", "position_std_mm", "predicted position error (3-D)", 1e3 * mean(0), "mm");
         let pitch: f64 = motion
             .samples
             .iter()
@@ -260,13 +251,7 @@ impl Summary {
                 euler_std(&s.world_from_body, &s.covariance.fixed_view::<3, 3>(3, 3).into_owned()).y.powi(2)
             })
             .sum();
-        self.number(
-            "motion",
-            "theta_std_deg",
-            "predicted pitch error, cameras taken as exact",
-            (pitch / n).sqrt().to_degrees(),
-            "°",
-        );
+        self.number("motion", "theta_std_deg", "predicted pitch error", (pitch / n).sqrt().to_degrees(), "°");
     }
 
     fn scores(&mut self, scores: &Scores) {
@@ -380,6 +365,7 @@ pub(crate) fn pixel_std_px(results: &RunResults) -> f64 {
 pub(crate) fn title(section: &str) -> &'static str {
     match section {
         "cameras" => "Cameras",
+        "body" => "Body as built (its axes: no common shift or turn against the vehicle file)",
         "poses" => "Single poses",
         "motion" => "Smoothed motion",
         "fit" => "Fit",

@@ -7,6 +7,7 @@ mod error;
 mod feed;
 mod progress;
 mod reconstruct;
+mod refine;
 mod solve;
 mod track;
 
@@ -15,5 +16,6 @@ pub use error::PipelineError;
 pub use feed::{CameraFeed, TimedFrame};
 pub use progress::{Progress, Quiet, Stage};
 pub use reconstruct::reconstruct;
-pub use solve::{IdentifyOptions, Solution, body_markers, identify_motion, motion_from_poses, refine_body};
+pub use refine::{BodyAsBuilt, Diameter, Refinement, refine_body};
+pub use solve::{IdentifyOptions, Solution, body_markers, identify_motion, motion_from_poses};
 pub use track::{Tracked, track};

@@ -6,9 +6,7 @@ use mavsight_identify::{
     Clocks, CoefficientTable, FitOptions, Identification, Options, choose_structure, coefficients, delayed,
     estimate_lag, identify_with,
 };
-use mavsight_pose::{
-    BodyMarker, Motion, PoseError, PoseEstimator, PoseSample, RefinedMarkers, Rig, refine_markers, smooth,
-};
+use mavsight_pose::{BodyMarker, Motion, PoseError, PoseEstimator, PoseSample, smooth};
 
 /// What a user may choose of identification.
 #[derive(Debug, Clone, Default)]
@@ -41,25 +39,6 @@ pub struct Solution {
 /// The vehicle's markers as the pose estimator wants them.
 pub fn body_markers(vehicle: &Vehicle) -> Vec<BodyMarker> {
     crate::track::body_markers_of(vehicle)
-}
-
-/// Refines the marker positions from what was tracked, and estimates the poses anew with them; `ruler_std_m` is the
-/// standard deviation of a coordinate in the vehicle file.
-///
-/// # Errors
-/// Too few frames with a pose, or a standard deviation that is not above zero.
-pub fn refine_body(
-    tracked: &mut Tracked,
-    rig: &Rig,
-    vehicle: &Vehicle,
-    ruler_std_m: f64,
-) -> Result<RefinedMarkers, PipelineError> {
-    let failed = |source| PipelineError::Pose { place: "marker positions".into(), source };
-    let body = body_markers(vehicle);
-    let refined = refine_markers(&tracked.observations, rig, &body, ruler_std_m).map_err(failed)?;
-    let estimator = PoseEstimator::refined(rig, &refined).map_err(failed)?;
-    poses_anew(estimator, tracked).map_err(failed)?;
-    Ok(refined)
 }
 
 /// Estimates all poses again with what the first estimates have shown of the centres' lasting errors.
@@ -125,11 +104,12 @@ pub fn identify_motion(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Refinement, refine_body};
     use mavsight_geometry::{
         Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Matrix2, Point3, Vector2, Vector3,
         world_from_body,
     };
-    use mavsight_pose::{CameraControl, MarkerObservation, calibrate};
+    use mavsight_pose::{CameraControl, MarkerObservation, Rig, calibrate};
 
     const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
 
@@ -220,7 +200,8 @@ mod tests {
         let mut built = body_markers(&vehicle);
         built[2].marker_in_body_m.x += 4e-3;
         let mut tracked = tracked(&rig, &built, 0.0);
-        let refined = refine_body(&mut tracked, &rig, &vehicle, 2e-3).unwrap();
+        let how = Refinement { markers_std_m: 2e-3, diameters: false };
+        let refined = refine_body(&mut tracked, &rig, &vehicle, how).unwrap().refined;
         let length =
             |m: &[BodyMarker], a: usize, b: usize| (m[a].marker_in_body_m - m[b].marker_in_body_m).norm();
         for (a, b) in [(0, 1), (0, 2), (1, 2), (2, 3)] {
@@ -228,7 +209,8 @@ mod tests {
             assert!(error.abs() < 3e-4, "between {a} and {b}: {error} m");
         }
         assert!(tracked.poses.iter().all(|p| p.estimate.is_some()));
-        let refused = refine_body(&mut tracked, &rig, &vehicle, -1.0).unwrap_err().to_string();
+        let wrong = Refinement { markers_std_m: -1.0, ..how };
+        let refused = refine_body(&mut tracked, &rig, &vehicle, wrong).unwrap_err().to_string();
         assert!(refused.contains("marker positions"), "{refused}");
     }
 }

@@ -19,6 +19,8 @@ const RANGE_MARGIN: f64 = 2.0;
 pub struct Tracked {
     /// Every marker seen, by time, camera and marker.
     pub observations: Vec<MarkerObservation>,
+    /// Apparent diameters, one for each observation.
+    pub diameters_px: Vec<f64>,
     /// One sample an instant, empty where it could not be measured.
     pub poses: Vec<PoseSample>,
 }
@@ -131,6 +133,8 @@ fn join(
         if let Some(last) = all.tracked.poses.last() {
             interval_ns = Some(t_ns - last.t_ns);
         }
+        let balls = instant.iter().flat_map(|(_, balls)| balls.iter().flatten());
+        all.tracked.diameters_px.extend(balls.map(|b| b.diameter_px));
         all.add(t_ns, observations_at(t_ns, &instant));
         progress.step();
     }

@@ -154,6 +154,21 @@ pub enum PoseError {
         /// What was given.
         std_m: f64,
     },
+    /// The flight shows the body's shape no better than the ruler did.
+    #[error(
+        "the flight tells the markers' positions to {:.1} mm only, no better than the {:.1} mm of the vehicle file: the aircraft turned by {:.0}° and centres may be off by {stays_px:.2} px all the while; turn it further, or keep the positions of the file",
+        1e3 * .std_m, 1e3 * .prior_std_m, .turned_rad.to_degrees()
+    )]
+    ShapeNotShown {
+        /// What the flight would leave, root mean square over the directions of the shape.
+        std_m: f64,
+        /// What the file claims.
+        prior_std_m: f64,
+        /// Largest angle between two attitudes.
+        turned_rad: f64,
+        /// What may stay of the centres' errors.
+        stays_px: f64,
+    },
     /// The iteration found no minimum.
     #[error("the pose did not converge in {steps} steps: residual {residual_px:.2} px")]
     NotConverged {

@@ -2,15 +2,15 @@
 
 mod bias;
 mod gates;
+mod lasting;
 mod p3p;
 mod solve;
 mod start;
 
 use crate::{PoseError, RefinedMarkers, Rig};
 use gates::{DECISIVE_CHI_SQUARE, beyond_f_gate, chi_square_gate, noise_factor};
-use mavsight_geometry::{
-    CAMERA_PARAMETERS, Camera, Isometry3, Matrix2, Matrix6, Point3, UnitQuaternion, Vector2, Vector3,
-};
+use lasting::Lasting;
+use mavsight_geometry::{Camera, Isometry3, Matrix2, Matrix6, Point3, UnitQuaternion, Vector2, Vector3};
 use nalgebra::{DMatrix, Matrix6xX, Translation3, Vector6};
 pub(crate) use solve::noise_weight;
 use solve::{Sight, Solution};
@@ -89,10 +89,7 @@ pub struct PoseEstimator {
     cameras: Vec<Camera>,
     centres: Vec<Vector3<f64>>,
     markers: Vec<BodyMarker>,
-    rig_uncertainty: DMatrix<f64>,
-    marker_uncertainty: DMatrix<f64>,
-    marker_by_rig: DMatrix<f64>,
-    centre_bias_px: f64,
+    lasting: Lasting,
 }
 
 /// Levenberg-Marquardt steps; from the linear start four or five suffice.
@@ -102,14 +99,9 @@ impl PoseEstimator {
     /// An estimator for a body seen by a rig; the markers' positions count as exact.
     pub fn new(rig: &Rig, markers: &[BodyMarker]) -> Self {
         let cameras: Vec<Camera> = rig.cameras.iter().map(|c| c.camera).collect();
-        let rows = CAMERA_PARAMETERS * cameras.len();
-        let known = rig.uncertainty.nrows() == rows && rig.uncertainty.iter().all(|x| x.is_finite());
         Self {
             centres: cameras.iter().map(Camera::centre_in_world).collect(),
-            rig_uncertainty: if known { rig.uncertainty.clone() } else { DMatrix::zeros(rows, 0) },
-            marker_uncertainty: DMatrix::zeros(3 * markers.len(), 0),
-            marker_by_rig: DMatrix::zeros(0, 0),
-            centre_bias_px: 0.0,
+            lasting: Lasting::of_rig(rig, markers.len()),
             markers: markers.to_vec(),
             cameras,
         }
@@ -121,27 +113,21 @@ impl PoseEstimator {
     /// # Errors
     /// [`PoseError::MarkerUncertainty`] for another number of rows or what is not finite.
     pub fn with_marker_uncertainty(mut self, factor_m: &DMatrix<f64>) -> Result<Self, PoseError> {
-        let needed = 3 * self.markers.len();
-        if factor_m.nrows() != needed || !factor_m.iter().all(|x| x.is_finite()) {
-            return Err(PoseError::MarkerUncertainty { rows: factor_m.nrows(), needed });
-        }
-        self.marker_uncertainty = factor_m.clone();
+        let refused = PoseError::MarkerUncertainty { rows: factor_m.nrows(), needed: 3 * self.markers.len() };
+        self.lasting = self.lasting.with_markers(factor_m).ok_or(refused)?;
         Ok(self)
     }
 
-    /// An estimator for the body as a flight has shown it, with what that leaves open: errors of the cameras have entered
-    /// the positions too.
+    /// An estimator for the body as a flight has shown it, with what that leaves open: errors of the cameras and of the centres
+    /// have entered the positions too.
     ///
     /// # Errors
     /// [`PoseError::MarkerUncertainty`].
     pub fn refined(rig: &Rig, markers: &RefinedMarkers) -> Result<Self, PoseError> {
         let mut out = Self::new(rig, &markers.markers).with_marker_uncertainty(&markers.uncertainty_m)?;
-        let same = markers.by_rig_m.shape() == (3 * out.markers.len(), out.rig_uncertainty.ncols());
-        if !same || !markers.by_rig_m.iter().all(|x| x.is_finite()) {
-            let needed = 3 * out.markers.len();
-            return Err(PoseError::MarkerUncertainty { rows: markers.by_rig_m.nrows(), needed });
-        }
-        out.marker_by_rig = markers.by_rig_m.clone();
+        let refused =
+            PoseError::MarkerUncertainty { rows: markers.by_rig_m.nrows(), needed: 3 * out.markers.len() };
+        out.lasting = out.lasting.with_markers_by(&markers.by_rig_m, &markers.by_centres_m).ok_or(refused)?;
         Ok(out)
     }
 
@@ -200,7 +186,7 @@ impl PoseEstimator {
             .cholesky()
             .map(|c| c.inverse())
             .ok_or(PoseError::NotConverged { steps: MAX_STEPS, residual_px })?;
-        let (systematic, left_over) = self.systematic(own, solution);
+        let (systematic, left_over) = self.systematic(own, solution, &inverse);
         let factor = noise_factor(solution.chi_square, left_over, solution.redundancy);
         Ok(PoseEstimate {
             world_from_body: solution.world_from_body,
@@ -273,7 +259,9 @@ impl PoseEstimator {
     /// Factor by which what is not known of cameras and markers raises the mean chi-square.
     fn claimed_excess(&self, sights: &[Sight], used: &[usize], solution: &Solution) -> f64 {
         let own: Vec<&Sight> = sights.iter().filter(|s| used.contains(&s.marker)).collect();
-        1.0 + self.systematic(&own, solution).1 / solution.redundancy.max(1) as f64
+        let explained =
+            solution.normal.cholesky().map_or(0.0, |c| self.systematic(&own, solution, &c.inverse()).1);
+        1.0 + explained / solution.redundancy.max(1) as f64
     }
 
     /// Markers that miss by more than their own radius are not the body's markers.

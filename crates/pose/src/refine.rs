@@ -24,6 +24,14 @@ pub struct RefinedMarkers {
     /// What one standard deviation along each direction of the rig's uncertainty has done to the positions: 3 rows a
     /// marker, columns as in [`Rig::uncertainty`].
     pub by_rig_m: DMatrix<f64>,
+    /// What a centre that is off by a pixel in all frames alike does to the positions, m/px: 3 rows a marker, a column for
+    /// each coordinate of each marker in each camera (camera by camera, marker by marker, u then v).
+    pub by_centres_m: DMatrix<f64>,
+    /// Standard deviation of each coordinate of each marker with all that is not known: noise, cameras, and centres that
+    /// are off for the whole flight by what they claim for one frame.
+    pub std_m: Vec<Vector3<f64>>,
+    /// Largest angle between the attitudes of two frames.
+    pub turned_rad: f64,
     /// Sum of the squared whitened residuals with the positions of the file, and with the refined ones.
     pub chi_square: (f64, f64),
     /// Coordinates less what was estimated.
@@ -53,6 +61,9 @@ struct Reduced {
     normal: DMatrix<f64>,
     gradient: DVector<f64>,
     by_rig: DMatrix<f64>,
+    by_centres: DMatrix<f64>,
+    /// Sum of the claimed variances of the coordinates.
+    claimed_px2: f64,
     chi_square: f64,
     weighted: f64,
     coordinates: usize,
@@ -66,8 +77,13 @@ struct Reduced {
 /// Sights are weighted by their covariances, with bounded influence (Huber 1981). The scale of their noise is estimated,
 /// as the claimed covariances may be off.
 ///
+/// A centre may be off in the same way in all frames, by light from one side or what is behind the ball. While the aircraft keeps its
+/// attitude that looks like a marker elsewhere; where it turns, it does not. A flight that turns so little that the positions
+/// would be no better than those of the file is refused.
+///
 /// # Errors
 /// [`PoseError::BadPrior`]; [`PoseError::TooFewPoses`] with fewer than ten frames that have a pose and redundancy;
+/// [`PoseError::ShapeNotShown`] for a flight that turns too little;
 /// [`PoseError::BadObservation`]; [`PoseError::NotConverged`].
 pub fn refine_markers(
     observations: &[MarkerObservation],
@@ -95,7 +111,7 @@ pub fn refine_markers(
             step.iter().zip(covariance.diagonal().iter()).all(|(s, v)| s.abs() <= SETTLED * v.sqrt());
         bundle.take(&step, &reduced);
         if settled {
-            return bundle.finished(&covariance, &reduced, factor, first);
+            return bundle.finished((&covariance, prior_std_m), &reduced, factor, first);
         }
     }
     let reduced = bundle.reduced(factor)?;
@@ -168,6 +184,8 @@ impl<'a> Bundle<'a> {
             normal: DMatrix::zeros(size, size),
             gradient: DVector::zeros(size),
             by_rig: DMatrix::zeros(size, columns),
+            by_centres: DMatrix::zeros(size, 2 * self.rig.cameras.len() * self.markers.len()),
+            claimed_px2: 0.0,
             chi_square: 0.0,
             weighted: 0.0,
             coordinates: 0,
@@ -185,6 +203,7 @@ impl<'a> Bundle<'a> {
         let mut gradient = Vector6::zeros();
         let mut coupling = PoseByMarkers::zeros(self.size());
         let mut rig_to_pose = PoseByMarkers::zeros(out.by_rig.ncols());
+        let mut centres_to_pose = PoseByMarkers::zeros(out.by_centres.ncols());
         for (camera, marker, pixel, whitener) in &frame.sights {
             let ball = &self.markers[*marker];
             let centre = (frame.pose * Point3::from(ball.marker_in_body_m)).coords;
@@ -210,6 +229,12 @@ impl<'a> Bundle<'a> {
             rig_to_pose += by_pose.transpose() * &by_rig * weight;
             let mut block = out.by_rig.fixed_rows_mut::<3>(at);
             block += by_marker.transpose() * &by_rig * weight;
+            let centre_at = 2 * (camera * self.markers.len() + marker);
+            let mut block = centres_to_pose.fixed_columns_mut::<2>(centre_at);
+            block += by_pose.transpose() * whitener * weight;
+            let mut block = out.by_centres.fixed_view_mut::<3, 2>(at, centre_at);
+            block += by_marker.transpose() * whitener * weight;
+            out.claimed_px2 += (whitener.transpose() * whitener).try_inverse().map_or(0.0, |c| c.trace());
             out.chi_square += error.norm_squared();
             out.weighted += error.norm_squared() * weight;
             out.coordinates += 2;
@@ -221,6 +246,7 @@ impl<'a> Bundle<'a> {
         out.normal -= coupling.tr_mul(&eliminated);
         out.gradient -= eliminated.tr_mul(&gradient);
         out.by_rig -= eliminated.tr_mul(&rig_to_pose);
+        out.by_centres -= eliminated.tr_mul(&centres_to_pose);
         out.poses.push((inverse, coupling, gradient));
         Ok(())
     }
@@ -242,7 +268,7 @@ impl<'a> Bundle<'a> {
     /// The shape's uncertainty: the covariance without common shift and turn.
     fn finished(
         &self,
-        covariance: &DMatrix<f64>,
+        (covariance, prior_std_m): (&DMatrix<f64>, f64),
         reduced: &Reduced,
         factor: f64,
         before: f64,
@@ -255,16 +281,50 @@ impl<'a> Bundle<'a> {
         let uncertainty_m = DMatrix::from_fn(self.size(), kept.len(), |i, j| {
             eigen.eigenvectors[(i, kept[j])] * eigen.eigenvalues[kept[j]].sqrt()
         });
+        let gain = &shape * covariance / factor;
+        let (by_rig_m, by_centres_m) = (&gain * &reduced.by_rig, &gain * &reduced.by_centres);
+        let stays_px = (factor * reduced.claimed_px2 / reduced.coordinates.max(1) as f64).sqrt();
+        let variance = |i: usize| {
+            uncertainty_m.row(i).norm_squared()
+                + by_rig_m.row(i).norm_squared()
+                + by_centres_m.row(i).norm_squared() * stays_px * stays_px
+        };
+        let std_m: Vec<Vector3<f64>> = (0..self.markers.len())
+            .map(|m| Vector3::from_fn(|axis, _| variance(3 * m + axis).sqrt()))
+            .collect();
+        let turned_rad = self.turned_rad();
+        // The ruler leaves its variance in each direction but those of the whole body's motion.
+        let (left_m2, ruler_m2) =
+            (std_m.iter().map(Vector3::norm_squared).sum::<f64>(), shape.trace() * prior_std_m.powi(2));
+        if left_m2 >= ruler_m2 {
+            let std_m = prior_std_m * (left_m2 / ruler_m2).sqrt();
+            return Err(PoseError::ShapeNotShown { std_m, prior_std_m, turned_rad, stays_px });
+        }
         Ok(RefinedMarkers {
             markers: self.markers.clone(),
             uncertainty_m,
-            by_rig_m: &shape * covariance * &reduced.by_rig / factor,
+            by_rig_m,
+            by_centres_m,
+            std_m,
+            turned_rad,
             chi_square: (before, reduced.chi_square),
             redundancy: reduced
                 .coordinates
                 .saturating_sub(6 * self.frames.len() + self.size().saturating_sub(6)),
             frames: self.frames.len(),
         })
+    }
+
+    /// Largest angle between the attitude of one frame and that of another, found from both ends: the frame farthest from the
+    /// first, and the one farthest from that.
+    fn turned_rad(&self) -> f64 {
+        let farthest = |from: &UnitQuaternion<f64>| {
+            self.frames
+                .iter()
+                .map(|f| (f.pose.rotation.angle_to(from), f.pose.rotation))
+                .fold((0.0, *from), |a, b| if b.0 > a.0 { b } else { a })
+        };
+        self.frames.first().map_or(0.0, |f| farthest(&farthest(&f.pose.rotation).1).0)
     }
 
     /// Projector on the displacements that a motion of the whole body makes.

@@ -122,3 +122,30 @@ fn what_cannot_be_refined_is_refused() {
     seen[3].pixel.x = f64::NAN;
     assert!(matches!(refine_markers(&seen, &rig, &square(), RULER_M), Err(PoseError::BadObservation { .. })));
 }
+
+/// With one attitude all the while a centre that is off looks like a marker elsewhere; with a turn about the vertical it does not.
+#[test]
+fn a_flight_that_does_not_turn_is_refused_and_one_that_does_is_not() {
+    let (_, rig) = rigs().into_iter().next().unwrap();
+    let (mut random, good_ruler_m) = (Random(4), 5e-4);
+    let mut states = flight(&mut random);
+    let (attitude, cameras) = (states[0].attitude, true_cameras(&rig, &mut random));
+    for turns in [0.0, 1.0] {
+        let share = 1.0 / states.len() as f64;
+        for (k, s) in states.iter_mut().enumerate() {
+            s.attitude = attitude;
+            s.attitude.psi_rad += turns * std::f64::consts::TAU * k as f64 * share;
+        }
+        let seen = sights(&cameras, &square(), &states, &mut random).concat();
+        match refine_markers(&seen, &rig, &square(), good_ruler_m) {
+            Err(PoseError::ShapeNotShown { std_m, turned_rad, .. }) => {
+                assert!(turns == 0.0 && std_m > good_ruler_m && turned_rad < 0.1, "{std_m} {turned_rad}");
+            }
+            Ok(refined) => {
+                assert!(turns > 0.0 && refined.turned_rad > 3.0, "{turns} {}", refined.turned_rad);
+                assert!(refined.std_m.iter().all(|s| s.amax() < good_ruler_m), "{:?}", refined.std_m);
+            }
+            Err(other) => panic!("{other}"),
+        }
+    }
+}

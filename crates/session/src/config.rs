@@ -32,6 +32,9 @@ pub struct SessionFile {
     pub model: Option<PathBuf>,
     /// Calibration.
     pub control: ControlSection,
+    /// The vehicle as built; left out: as in its file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refine: Option<RefineSection>,
     /// Cameras.
     #[serde(default)]
     pub camera: Vec<SessionCamera>,
@@ -46,6 +49,17 @@ pub struct ControlSection {
     /// Table of their pixels, instead of finding them in the stills.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub observations: Option<PathBuf>,
+}
+
+/// Refinement of the markers from the flight itself.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RefineSection {
+    /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002.
+    pub markers_std_m: f64,
+    /// Whether the balls' diameters are measured too, from their images.
+    #[serde(default)]
+    pub diameters: bool,
 }
 
 /// One camera of a session.
@@ -88,6 +102,8 @@ pub struct Session {
     pub control_points_path: PathBuf,
     /// Table of control pixels.
     pub control_pixels_path: Option<PathBuf>,
+    /// How the markers are refined, where they are.
+    pub refine: Option<RefineSection>,
     /// Cameras, at least two, with whole paths.
     pub cameras: Vec<SessionCamera>,
 }
@@ -113,6 +129,7 @@ impl Session {
             model_path: file.model.map(|p| folder.join(p)),
             control_points_path: folder.join(file.control.points),
             control_pixels_path: file.control.observations.map(|p| folder.join(p)),
+            refine: file.refine,
             cameras: file
                 .camera
                 .into_iter()
@@ -241,6 +258,10 @@ fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
         let detail =
             format!("{} found, but a pose needs at least 2: add [[camera]] sections", file.camera.len());
         return refuse("camera".into(), detail);
+    }
+    if let Some(std_m) = file.refine.map(|r| r.markers_std_m).filter(|s| !(s.is_finite() && *s > 0.0)) {
+        let detail = format!("{std_m} is not above zero: a ruler is good to 0.001 or 0.002");
+        return refuse("refine.markers_std_m".into(), detail);
     }
     for (k, camera) in file.camera.iter().enumerate() {
         if camera.name.is_empty() || file.camera[..k].iter().any(|c| c.name == camera.name) {

@@ -1,5 +1,6 @@
 //! The results of a run on disk: one folder, one file for each kind, written whole or not at all.
 
+mod body;
 mod columns;
 mod read;
 mod read_motion;
@@ -9,6 +10,7 @@ mod write;
 use mavsight_identify::{Clocks, CoefficientTable, Identification};
 use mavsight_pose::{MarkerObservation, Motion, PoseSample, Rig};
 
+pub use body::{MarkerAsBuilt, read_body};
 pub use read::{read_markers, read_poses, read_summary};
 pub use read_motion::{FlightTable, read_flight_table, read_motion};
 pub use rig_file::{read_rig, write_rig};
@@ -23,6 +25,8 @@ pub mod names {
     pub const RIG: &str = "rig.toml";
     /// Marker observations.
     pub const MARKERS: &str = "markers.csv";
+    /// Markers as the flight has shown them.
+    pub const BODY: &str = "body.csv";
     /// Poses as measured.
     pub const POSE: &str = "pose.csv";
     /// Smoothed motion.
@@ -50,6 +54,8 @@ pub struct RunResults {
     pub rig: Option<Rig>,
     /// Every marker seen.
     pub markers: Vec<MarkerObservation>,
+    /// Markers as the flight has shown them; empty where they were not refined.
+    pub body: Vec<MarkerAsBuilt>,
     /// One sample an instant.
     pub poses: Vec<PoseSample>,
     /// Smoothed motion.

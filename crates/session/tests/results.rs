@@ -15,7 +15,8 @@ use mavsight_pose::{
     euler_std,
 };
 use mavsight_session::{
-    RunResults, read_markers, read_motion, read_poses, read_rig, read_summary, write_results, write_rig,
+    MarkerAsBuilt, RunResults, read_body, read_markers, read_motion, read_poses, read_rig, read_summary,
+    write_results, write_rig,
 };
 use nalgebra::SMatrix;
 
@@ -85,6 +86,16 @@ fn motion() -> Motion {
     }
 }
 
+fn as_built(name: &str, diameter_std_m: Option<f64>) -> MarkerAsBuilt {
+    MarkerAsBuilt {
+        name: name.into(),
+        position_m: Vector3::new(0.225, -1.0 / 3.0, 0.1),
+        position_std_m: Vector3::new(1e-4, 2e-4, 1.0 / 7e3),
+        diameter_m: 0.05,
+        diameter_std_m,
+    }
+}
+
 fn results() -> RunResults {
     let observation = MarkerObservation {
         t_ns: 33_333_333,
@@ -99,6 +110,7 @@ fn results() -> RunResults {
         marker_names: names(&["red", "green", "blue"]),
         rig: Some(rig()),
         markers: vec![observation],
+        body: vec![as_built("red", Some(1e-4)), as_built("green", None)],
         poses: vec![
             pose_sample(0),
             PoseSample { t_ns: 33_333_333, estimate: None, reason: Some("dark".into()) },
@@ -165,6 +177,7 @@ fn all_tables_survive() {
     assert_eq!(motion.samples[0].specific_force_m_s2, wanted.samples[0].specific_force_m_s2);
     assert_eq!(motion.samples[0].angular_acceleration_rad_s2, wanted.samples[0].angular_acceleration_rad_s2);
     assert_relative_eq!(motion.samples[0].covariance[(17, 17)], 1e-4, epsilon = 1e-15);
+    assert_eq!(read_body(&out.join("body.csv")).unwrap(), results.body);
     let summary = read_summary(&out.join("summary.json")).unwrap();
     assert_eq!((summary["schema"].as_u64(), summary["frames"].as_u64()), (Some(1), Some(3)));
 }

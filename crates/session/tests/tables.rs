@@ -8,8 +8,8 @@ use common::{Folder, data};
 use mavsight_flight::{InputSample, InputSeries, Vehicle};
 use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs, read_truth};
 use mavsight_session::{
-    ControlSection, Session, SessionCamera, SessionFile, load_vehicle, write_inputs, write_session,
-    write_vehicle,
+    ControlSection, RefineSection, Session, SessionCamera, SessionFile, load_vehicle, write_inputs,
+    write_session, write_vehicle,
 };
 use std::path::PathBuf;
 
@@ -42,6 +42,7 @@ fn session(folder: &Folder) -> PathBuf {
         model: None,
         truth: None,
         control: ControlSection { points: "points.csv".into(), observations: None },
+        refine: Some(RefineSection { markers_std_m: 0.002, diameters: false }),
         camera: vec![camera("cam1"), camera("cam2")],
     };
     folder.write("points.csv", POINTS);
@@ -121,6 +122,7 @@ fn unknown_and_senseless_keys_are_named() {
     has(&spoilt("vehicle.toml", "#db1212", "reddish"), &["vehicle.toml", "line", "reddish", "#rrggbb"]);
     has(&spoilt("session.toml", "schema = 1", "schema = 9"), &["session.toml", "schema", "9", "1"]);
     has(&spoilt("session.toml", "\"cam2\"", "\"cam1\""), &["session.toml", "camera 2", "cam1"]);
+    has(&spoilt("session.toml", "= 0.002", "= 0.0"), &["refine.markers_std_m", "ruler"]);
     has(&spoilt("session.toml", "30.0", "-3.0"), &["frame_rate_hz", "-3", "cam1"]);
     has(&spoilt("session.toml", "still = \"still.png\"", ""), &["still", "cam1", "control.observations"]);
 }

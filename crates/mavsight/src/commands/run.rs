@@ -10,12 +10,13 @@ use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_identify::IdentifyError;
 use mavsight_pipeline::{
-    CameraFeed, ControlStill, IdentifyOptions, PipelineError, Progress, TimedFrame, Tracked,
-    calibrate_from_observations, calibrate_from_stills, identify_motion, motion_from_poses,
+    BodyAsBuilt, CameraFeed, ControlStill, IdentifyOptions, PipelineError, Progress, Refinement, TimedFrame,
+    Tracked, calibrate_from_observations, calibrate_from_stills, identify_motion, motion_from_poses,
+    refine_body,
 };
 use mavsight_pose::{Motion, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
-use mavsight_session::{RunResults, Session, TruthRow, read_image, write_results};
+use mavsight_session::{MarkerAsBuilt, RunResults, Session, TruthRow, read_image, write_results};
 use mavsight_vision::Frame;
 use std::path::Path;
 
@@ -25,9 +26,12 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let (inputs, truth) = (named(session.inputs())?, named(session.truth())?);
     let bars = Bars::new();
     let rig = rig_of(&session, &bars)?;
-    let tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
+    let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
+    let (body, refusal) = refined_body(&session, &rig, &mut tracked)?;
     let flight = Flight::of_session(&session, &inputs, truth.as_deref())?;
-    let (results, notes) = solve(&flight, rig, tracked, &bars)?;
+    let (mut results, mut notes) = solve(&flight, rig, tracked, &bars)?;
+    results.body = body;
+    notes.extend(refusal);
     let scores = truth.as_deref().map(|t| scores_of(&results, t));
     bars.done();
     finish(&flight, results, notes, scores, first_frames(&session)?, &args.out)
@@ -80,6 +84,34 @@ pub(crate) fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
         }
     }
     Ok(calibrate_from_stills(&stills, &points)?)
+}
+
+/// The markers as the flight has shown them, where the session asks for that, and poses with them; or a note why not.
+pub(crate) fn refined_body(
+    session: &Session,
+    rig: &Rig,
+    tracked: &mut Tracked,
+) -> Result<(Vec<MarkerAsBuilt>, Option<String>)> {
+    let Some(wanted) = session.refine else { return Ok((Vec::new(), None)) };
+    let how = Refinement { markers_std_m: wanted.markers_std_m, diameters: wanted.diameters };
+    match refine_body(tracked, rig, &session.vehicle, how) {
+        Ok(body) => Ok((as_built(&body), None)),
+        Err(PipelineError::Pose { source, .. }) => {
+            Ok((Vec::new(), Some(format!("The markers are those of the vehicle file: {source}."))))
+        }
+        Err(other) => Err(other.into()),
+    }
+}
+
+fn as_built(body: &BodyAsBuilt) -> Vec<MarkerAsBuilt> {
+    let row = |(k, marker): (usize, &mavsight_pose::BodyMarker)| MarkerAsBuilt {
+        name: marker.name.clone(),
+        position_m: marker.marker_in_body_m,
+        position_std_m: body.refined.std_m[k],
+        diameter_m: 2.0 * marker.radius_m,
+        diameter_std_m: body.diameters.get(k).copied().flatten().and_then(|d| d.std_m),
+    };
+    body.refined.markers.iter().enumerate().map(row).collect()
 }
 
 /// Every camera's frames.

@@ -2,7 +2,7 @@
 
 use super::demo::{scenario_of, vehicle_of};
 use super::named;
-use super::run::{Flight, feeds, first_frames, identify_into, rig_of, scores_of};
+use super::run::{Flight, feeds, first_frames, identify_into, refined_body, rig_of, scores_of};
 use crate::cli::{Film, Simulate, Stage, WrongCall};
 use crate::lab;
 use crate::page::{Page, write_page};
@@ -14,8 +14,9 @@ use mavsight_pipeline::Progress;
 use mavsight_scene::Room;
 use mavsight_session::{
     ControlSection, RunResults, SESSION_SCHEMA, Session, SessionCamera, SessionFile, TruthRow, load_vehicle,
-    make_folder, read_markers, read_poses, read_rig, results::names, tables::read_inputs, tables::read_truth,
-    write_control_points, write_inputs, write_png, write_results, write_session, write_truth, write_vehicle,
+    make_folder, read_body, read_markers, read_poses, read_rig, results::names, tables::read_inputs,
+    tables::read_truth, write_control_points, write_inputs, write_png, write_results, write_session,
+    write_truth, write_vehicle,
 };
 use mavsight_vision::Frame;
 use std::io::Write;
@@ -102,6 +103,7 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         truth: Some("truth.csv".into()),
         model: None,
         control: ControlSection { points: "control_points.csv".into(), observations: None },
+        refine: None,
         camera: cameras,
     };
     write_session(&args.out.join("session.toml"), &session)?;
@@ -159,7 +161,7 @@ pub(crate) fn calibrate(args: &Stage) -> Result<()> {
     let rig = rig_of(&session, &bars)?;
     bars.done();
     let results = RunResults { session: session.name.clone(), rig: Some(rig), ..RunResults::default() };
-    put(results, &args.out)
+    put(results, &[], &args.out)
 }
 
 /// `mavsight track`
@@ -179,7 +181,8 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
         return Err(WrongCall(message).into());
     }
     let bars = Bars::new();
-    let tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
+    let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
+    let (body, refusal) = refined_body(&session, &rig, &mut tracked)?;
     let motion = mavsight_pipeline::motion_from_poses(&tracked.poses, &session.vehicle, &bars).ok();
     bars.done();
     let results = RunResults {
@@ -188,15 +191,16 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
         marker_names: session.vehicle.marker.iter().map(|m| m.name.clone()).collect(),
         rig: Some(rig),
         markers: tracked.observations,
+        body,
         poses: tracked.poses,
         motion,
         ..RunResults::default()
     };
-    put(results, &args.out)
+    put(results, &refusal.into_iter().collect::<Vec<_>>(), &args.out)
 }
 
-fn put(mut results: RunResults, out: &Path) -> Result<()> {
-    let summary = Summary::of(&results, None, &[]);
+fn put(mut results: RunResults, notes: &[String], out: &Path) -> Result<()> {
+    let summary = Summary::of(&results, None, notes);
     results.summary = summary.json();
     write_results(out, &results)?;
     print!("{}", summary.text());
@@ -220,6 +224,10 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
         marker_names,
         ..RunResults::default()
     };
+    let body = args.out.join(names::BODY);
+    if session.refine.is_some() && body.is_file() {
+        results.body = named(read_body(&body))?;
+    }
     let bars = Bars::new();
     let flight = Flight::of_session(&session, &inputs, truth.as_deref())?;
     let notes = identify_into(&mut results, &flight, &bars)?;

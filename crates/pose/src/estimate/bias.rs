@@ -21,7 +21,7 @@ impl PoseEstimator {
         if !(std_px.is_finite() && std_px >= 0.0) {
             return Err(PoseError::BadBias { std_px });
         }
-        self.centre_bias_px = std_px;
+        self.lasting = self.lasting.with_bias_px(std_px);
         Ok(self)
     }
 
@@ -61,10 +61,12 @@ impl PoseEstimator {
                 }
                 if k % every == 0
                     && let Ok(solution) = self.at_pose(&sights, &estimate.world_from_body)
+                    && let Some(factor) = solution.normal.cholesky()
                 {
-                    let known = self.systematic(&sights, &solution).1;
+                    let inverse = factor.inverse();
+                    let known = self.systematic(&sights, &solution, &inverse).1;
                     explained += known;
-                    by_unit += unit.systematic(&sights, &solution).1 - known;
+                    by_unit += unit.systematic(&sights, &solution, &inverse).1 - known;
                     sampled += sights.len() as f64;
                 }
             }

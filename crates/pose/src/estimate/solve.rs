@@ -5,9 +5,7 @@ use super::{BodyMarker, MAX_STEPS, PoseEstimator, moved};
 use crate::PoseError;
 use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::camera::d_pixel_d_pose;
-use mavsight_geometry::{
-    CAMERA_PARAMETERS, GeometryError, Isometry3, Matrix2, Matrix6, Point3, Projection, Vector2, Vector3,
-};
+use mavsight_geometry::{GeometryError, Isometry3, Matrix2, Matrix6, Point3, Projection, Vector2, Vector3};
 use nalgebra::{Matrix6xX, Vector6};
 
 /// A step that promises to lower the chi-square by less, a ten-thousandth of a standard deviation, is the last: what remains
@@ -168,19 +166,19 @@ impl PoseEstimator {
 
     /// What one standard deviation along each direction of error of cameras, marker positions and centres does to the pose, and
     /// the mean chi-square that all of them together leave in the residuals.
-    pub(super) fn systematic(&self, sights: &[&Sight], solution: &Solution) -> (Matrix6xX<f64>, f64) {
-        let (from_rig, from_markers) = (self.rig_uncertainty.ncols(), self.marker_uncertainty.ncols());
-        let at_centres = from_rig + from_markers;
-        let from_centres =
-            if self.centre_bias_px > 0.0 { 2 * self.cameras.len() * self.markers.len() } else { 0 };
-        let columns = at_centres + from_centres;
-        let Some(factor) = solution.normal.cholesky().filter(|_| columns > 0) else {
-            return (Matrix6xX::zeros(columns), 0.0);
-        };
+    /// `inverse` is that of the normal equations.
+    pub(super) fn systematic(
+        &self,
+        sights: &[&Sight],
+        solution: &Solution,
+        inverse: &Matrix6<f64>,
+    ) -> (Matrix6xX<f64>, f64) {
+        let mut effects = Matrix6xX::zeros(self.lasting.columns());
+        if effects.is_empty() {
+            return (effects, 0.0);
+        }
         let pose = &solution.world_from_body;
         let turn = matrix_of(&pose.rotation);
-        let marker_by_rig = self.marker_by_rig.ncols() == from_rig;
-        let mut right = Matrix6xX::zeros(columns);
         let mut squares = 0.0;
         for s in sights {
             let body: &BodyMarker = &self.markers[s.marker];
@@ -196,33 +194,20 @@ impl PoseEstimator {
             let weighted = jacobian.transpose() * weight;
             let by_camera = s.whitener * by_camera;
             let by_marker = s.whitener * seen.d_pixel_d_point_in_world * turn;
-            for c in 0..at_centres {
-                let effect = if c < from_rig {
-                    let direct = by_camera
-                        * self
-                            .rig_uncertainty
-                            .fixed_view::<CAMERA_PARAMETERS, 1>(CAMERA_PARAMETERS * s.camera, c);
-                    if marker_by_rig {
-                        direct - by_marker * self.marker_by_rig.fixed_view::<3, 1>(3 * s.marker, c)
-                    } else {
-                        direct
-                    }
-                } else {
-                    by_marker * self.marker_uncertainty.fixed_view::<3, 1>(3 * s.marker, c - from_rig)
-                };
+            let mut add = |column: usize, effect: Vector2<f64>| {
                 squares += effect.norm_squared();
-                let mut column = right.column_mut(c);
-                column += weighted * effect;
-            }
-            let own = at_centres + 2 * (s.camera * self.markers.len() + s.marker);
-            for axis in 0..from_centres.min(2) {
-                let effect = s.whitener.column(axis) * self.centre_bias_px;
-                squares += effect.norm_squared();
-                right.set_column(own + axis, &(weighted * effect));
-            }
+                let mut sum = effects.column_mut(column);
+                sum += weighted * effect;
+            };
+            self.lasting.effects((s.camera, s.marker), &by_camera, &by_marker, &s.whitener, &mut add);
         }
-        let effects = factor.solve(&right);
-        let taken: f64 = effects.column_iter().zip(right.column_iter()).map(|(e, r)| e.dot(&r)).sum();
+        let mut taken = 0.0;
+        for mut column in effects.column_iter_mut() {
+            let right: Vector6<f64> = column.clone_owned();
+            let effect = inverse * right;
+            taken += effect.dot(&right);
+            column.copy_from(&effect);
+        }
         (effects, (squares - taken).max(0.0))
     }
 

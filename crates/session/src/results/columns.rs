@@ -39,6 +39,10 @@ pub(super) const RATES: [(&str, &str); 12] = [
 /// Columns of `markers.csv`.
 pub(super) const MARKERS: [&str; 7] = ["t_s", "camera", "marker", "u_px", "v_px", "u_std_px", "v_std_px"];
 
+/// Columns of `body.csv`.
+pub(super) const BODY: [&str; 9] =
+    ["marker", "x_m", "y_m", "z_m", "x_std_m", "y_std_m", "z_std_m", "diameter_m", "diameter_std_m"];
+
 /// Columns of `parameters.csv`.
 pub(super) const PARAMETERS: [&str; 8] =
     ["estimator", "output", "parameter", "value", "std", "ci_low", "ci_high", "identifiable"];

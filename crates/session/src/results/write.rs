@@ -1,6 +1,6 @@
 //! Results into their files.
 
-use super::{RESULTS_SCHEMA, RunResults, columns, names, rig_file};
+use super::{RESULTS_SCHEMA, RunResults, body, columns, names, rig_file};
 use crate::{SessionError, make_folder, s_from_ns, write_whole};
 use mavsight_geometry::{EulerAngles, Isometry3};
 use mavsight_identify::{CoefficientTable, Identification};
@@ -37,6 +37,11 @@ fn files(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Vec<u
     if !results.poses.is_empty() || !results.markers.is_empty() {
         files.push((names::MARKERS, markers(&results.markers, results)));
         files.push((names::POSE, poses(&results.poses, &results.marker_names)));
+    }
+    if !results.body.is_empty() {
+        let mut lines = Lines(csv::Writer::from_writer(Vec::new()));
+        body::rows(&results.body).into_iter().for_each(|row| lines.push(row));
+        files.push((names::BODY, lines.bytes()));
     }
     if let Some(motion) = &results.motion {
         files.push((names::MOTION, motion_table(motion)));

@@ -1,0 +1,150 @@
+//! The body as built: marker positions and ball diameters from what was tracked.
+
+use crate::solve::{body_markers, poses_anew};
+use crate::{PipelineError, Tracked};
+use mavsight_flight::Vehicle;
+use mavsight_geometry::{Camera, Isometry3, Point3};
+use mavsight_pose::{BodyMarker, PoseEstimator, RefinedMarkers, Rig, refine_markers};
+
+/// What is refined, and from what it starts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Refinement {
+    /// Standard deviation of a coordinate in the vehicle file.
+    pub markers_std_m: f64,
+    /// Whether the balls' diameters are measured too.
+    pub diameters: bool,
+}
+
+/// A ball's diameter from its images.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Diameter {
+    /// The diameter.
+    pub diameter_m: f64,
+    /// Its standard deviation; none where one camera alone saw the ball.
+    pub std_m: Option<f64>,
+}
+
+/// The body as a flight has shown it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BodyAsBuilt {
+    /// Markers, with what is not known of their positions.
+    pub refined: RefinedMarkers,
+    /// Diameters, by marker: empty where they were not asked for, `None` for a ball that no pose used.
+    pub diameters: Vec<Option<Diameter>>,
+}
+
+/// Refines the marker positions, and the diameters if asked, from what was tracked; estimates the poses anew with them.
+///
+/// # Errors
+/// Too few frames with a pose, a flight that turns too little, or a standard deviation that is not above zero; the poses are
+/// then as before.
+pub fn refine_body(
+    tracked: &mut Tracked,
+    rig: &Rig,
+    vehicle: &Vehicle,
+    how: Refinement,
+) -> Result<BodyAsBuilt, PipelineError> {
+    let failed = |source| PipelineError::Pose { place: "marker positions".into(), source };
+    let mut body = body_markers(vehicle);
+    let diameters = if how.diameters { diameters(tracked, rig, &body) } else { Vec::new() };
+    for (marker, diameter) in body.iter_mut().zip(&diameters) {
+        marker.radius_m = diameter.map_or(marker.radius_m, |d| d.diameter_m / 2.0);
+    }
+    let refined = refine_markers(&tracked.observations, rig, &body, how.markers_std_m).map_err(failed)?;
+    let estimator = PoseEstimator::refined(rig, &refined).map_err(failed)?;
+    poses_anew(estimator, tracked).map_err(failed)?;
+    Ok(BodyAsBuilt { refined, diameters })
+}
+
+/// Diameters from those of the images and the poses' distances: the mean over cameras of each camera's mean. What a camera's
+/// blur and light do to a rim is the same in all its frames, so that the cameras' disagreement is the standard deviation.
+fn diameters(tracked: &Tracked, rig: &Rig, body: &[BodyMarker]) -> Vec<Option<Diameter>> {
+    let mut sums = vec![vec![(0.0, 0.0); rig.cameras.len()]; body.len()];
+    let mut poses = tracked.poses.iter();
+    let mut pose = poses.next();
+    for (seen, diameter_px) in tracked.observations.iter().zip(&tracked.diameters_px) {
+        while pose.is_some_and(|p| p.t_ns < seen.t_ns) {
+            pose = poses.next();
+        }
+        let estimate = pose.filter(|p| p.t_ns == seen.t_ns).and_then(|p| p.estimate.as_ref());
+        let Some(estimate) = estimate.filter(|e| e.markers_used.contains(&seen.marker)) else { continue };
+        let camera = &rig.cameras[seen.camera].camera;
+        let marker = &body[seen.marker];
+        if let Some(diameter_m) = of_image(camera, &estimate.world_from_body, marker, *diameter_px) {
+            let (sum, count) = &mut sums[seen.marker][seen.camera];
+            *sum += diameter_m;
+            *count += 1.0;
+        }
+    }
+    sums.iter().map(|cameras| mean_of_cameras(cameras)).collect()
+}
+
+/// Diameter of a sphere whose image is as large as a disc of this diameter. Where its centre is seen under an angle α to the
+/// optical axis, a small cone's image is enlarged in area by cos⁻³ α.
+fn of_image(
+    camera: &Camera,
+    world_from_body: &Isometry3<f64>,
+    marker: &BodyMarker,
+    diameter_px: f64,
+) -> Option<f64> {
+    let centre = camera.cam_from_world * (world_from_body * Point3::from(marker.marker_in_body_m));
+    let distance_m = centre.coords.norm();
+    let cosine = centre.z / distance_m;
+    let focal_px = (camera.intrinsics.fx_px * camera.intrinsics.fy_px).abs().sqrt();
+    let diameter_m = 2.0 * distance_m * (0.5 * diameter_px * cosine.max(0.0).powf(1.5) / focal_px).sin();
+    (diameter_m.is_finite() && diameter_m > 0.0).then_some(diameter_m)
+}
+
+fn mean_of_cameras(sums: &[(f64, f64)]) -> Option<Diameter> {
+    let means: Vec<f64> = sums.iter().filter(|(_, n)| *n > 0.0).map(|(sum, n)| sum / n).collect();
+    let n = means.len() as f64;
+    let diameter_m = means.iter().sum::<f64>() / n;
+    let squares: f64 = means.iter().map(|m| (m - diameter_m).powi(2)).sum();
+    let std_m = (n > 1.0).then(|| (squares / (n - 1.0) / n).sqrt());
+    (n > 0.0).then_some(Diameter { diameter_m, std_m })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_geometry::{ImageSize, Intrinsics, Vector3};
+
+    #[test]
+    fn a_sphere_has_the_diameter_that_its_outline_has() {
+        let size = ImageSize { width_px: 640, height_px: 480 };
+        let k = Intrinsics::from_horizontal_fov(size, 60f64.to_radians());
+        let camera = Camera::looking_at(Vector3::new(0.0, -3.0, 0.0), Vector3::zeros(), k, size);
+        let marker =
+            |radius_m| BodyMarker { name: String::new(), marker_in_body_m: Vector3::zeros(), radius_m };
+        for (at, radius_m) in [([0.0, 0.0, 0.0], 0.03), ([1.0, 0.2, 0.4], 0.02)] {
+            let pose = Isometry3::translation(at[0], at[1], at[2]);
+            // The outline's area by projecting the circle of tangency.
+            let line = Vector3::from(at) - camera.centre_in_world();
+            let (d, along) = (line.norm(), line.normalize());
+            let across = along.cross(&Vector3::z()).normalize();
+            let up = along.cross(&across);
+            let rim = radius_m * (1.0 - (radius_m / d).powi(2)).sqrt();
+            let middle = camera.centre_in_world() + along * (d - radius_m * radius_m / d);
+            let corners: Vec<_> = (0..360)
+                .map(|deg| f64::from(deg).to_radians())
+                .map(|a| camera.project(&(middle + (across * a.cos() + up * a.sin()) * rim)).unwrap().pixel)
+                .collect();
+            let area_px2 = (0..360)
+                .map(|i| corners[i].x * corners[(i + 1) % 360].y - corners[(i + 1) % 360].x * corners[i].y)
+                .sum::<f64>()
+                .abs()
+                / 2.0;
+            let diameter_px = 2.0 * (area_px2 / std::f64::consts::PI).sqrt();
+            let got = of_image(&camera, &pose, &marker(radius_m), diameter_px).unwrap();
+            assert!((got / (2.0 * radius_m) - 1.0).abs() < 1e-3, "{got} against {}", 2.0 * radius_m);
+        }
+    }
+
+    #[test]
+    fn cameras_that_disagree_are_the_standard_deviation() {
+        let both = mean_of_cameras(&[(0.5, 10.0), (1.08, 20.0)]).unwrap();
+        assert!((both.diameter_m - 0.052).abs() < 1e-12 && (both.std_m.unwrap() - 0.002).abs() < 1e-12);
+        assert_eq!(mean_of_cameras(&[(0.5, 10.0), (0.0, 0.0)]).unwrap().std_m, None);
+        assert_eq!(mean_of_cameras(&[(0.0, 0.0)]), None);
+    }
+}
