@@ -21,7 +21,7 @@ pub use dynamics::{
 };
 pub use error::FlightError;
 pub use flapping::FlapState;
-pub use inputs::{InputSample, InputSeries};
+pub use inputs::{InputChannel, InputSample, InputSeries};
 pub use maneuver::{Channel, Maneuver, Scenario};
 pub use simulate::{FlightState, InitialState, simulate};
 pub use vehicle::{Assumption, Color, Environment, Marker, Rotor, Vehicle};

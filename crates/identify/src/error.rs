@@ -36,6 +36,64 @@ pub enum IdentifyError {
         /// Rows expected.
         rows: usize,
     },
+    /// An error covariance that is none.
+    #[error("the error covariance of {columns} regressors and the output {what}")]
+    BadErrors {
+        /// What it must be.
+        what: &'static str,
+        /// Regressors.
+        columns: usize,
+    },
+    /// Steps that do not end.
+    #[error(
+        "{what} has not converged in {steps} steps: the data hardly determine the answer; use fewer regressors"
+    )]
+    NotConverged {
+        /// The estimator.
+        what: &'static str,
+        /// Steps taken.
+        steps: usize,
+    },
+    /// A setting outside its range.
+    #[error("{what} is {value}, but must {must}")]
+    BadSetting {
+        /// The setting.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// A band without a frequency that the samples can show.
+    #[error(
+        "no band of frequencies: {low_hz} to {high_hz} Hz; it must rise and lie between 0 and {nyquist_hz:.2} Hz, half the sampling rate"
+    )]
+    BadBand {
+        /// From.
+        low_hz: f64,
+        /// To.
+        high_hz: f64,
+        /// Half the sampling rate.
+        nyquist_hz: f64,
+    },
+    /// A model file that cannot be read.
+    #[error("the model file: {detail}")]
+    ModelFile {
+        /// What is wrong with it.
+        detail: String,
+    },
+    /// A regressor that names no signal.
+    #[error(
+        "output {output} names the signal {signal:?}, which there is not; there are {known}, and each further column of numbers in the inputs"
+    )]
+    UnknownSignal {
+        /// Output.
+        output: String,
+        /// What was written.
+        signal: String,
+        /// Those that there are.
+        known: String,
+    },
     /// No column carries anything.
     #[error("the regressors have rank zero: nothing was excited; fly a manoeuvre")]
     RankZero,
@@ -112,7 +170,7 @@ pub enum IdentifyError {
     #[error(
         "the fit has not converged after {iterations} iterations (it still promises to lower {squares:.4e} by {promise:.1e}): start from other values, or shorten the segments"
     )]
-    NotConverged {
+    FitNotConverged {
         /// Iterations.
         iterations: usize,
         /// Weighted squares reached.

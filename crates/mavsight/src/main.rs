@@ -3,6 +3,7 @@
 mod cli;
 mod commands;
 mod figures;
+mod fits;
 mod lab;
 mod page;
 mod progress;

@@ -14,7 +14,7 @@ fn the_chain_in_steps_is_the_chain_in_one() {
     mavsight().arg("track").arg(&file).arg("--out").arg(&steps).assert().success();
     mavsight()
         .arg("identify")
-        .args(["--pose".as_ref(), steps.join("pose.csv").as_os_str()])
+        .arg(steps.join("pose.csv"))
         .args(["--inputs".as_ref(), session.path("inputs.csv").as_os_str()])
         .args(["--vehicle".as_ref(), session.path("vehicle.toml").as_os_str()])
         .arg("--out")
@@ -24,8 +24,15 @@ fn the_chain_in_steps_is_the_chain_in_one() {
     mavsight().arg("report").arg(&file).arg("--out").arg(&steps).assert().success();
     let read =
         |folder: &std::path::Path, name: &str| std::fs::read_to_string(folder.join(name)).expect("a table");
-    assert!(read(&whole, "markers.csv") == read(&steps, "markers.csv"), "markers.csv differs");
     // Between the steps the rig has passed through a file of finite digits.
+    let (one, other) = (read(&whole, "markers.csv"), read(&steps, "markers.csv"));
+    assert_eq!(one.lines().count(), other.lines().count());
+    for (a, b) in one.lines().zip(other.lines()) {
+        for (x, y) in a.split(',').zip(b.split(',')) {
+            let near = |(x, y): (f64, f64)| (x - y).abs() < 1e-9;
+            assert!(x == y || x.parse().ok().zip(y.parse().ok()).is_some_and(near), "{a}\n{b}");
+        }
+    }
     let (one, other) = (read(&whole, "pose.csv"), read(&steps, "pose.csv"));
     assert_eq!(one.lines().count(), other.lines().count());
     for (a, b) in one.lines().zip(other.lines()).skip(1) {

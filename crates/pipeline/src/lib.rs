@@ -17,5 +17,5 @@ pub use feed::{CameraFeed, TimedFrame};
 pub use progress::{Progress, Quiet, Stage};
 pub use reconstruct::reconstruct;
 pub use refine::{BodyAsBuilt, Diameter, Refinement, refine_body};
-pub use solve::{Solution, body_markers, identify_motion, motion_from_poses};
+pub use solve::{IdentifyOptions, Solution, body_markers, identify_motion, motion_from_poses};
 pub use track::{Tracked, track};

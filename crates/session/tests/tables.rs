@@ -39,6 +39,7 @@ fn session(folder: &Folder) -> PathBuf {
         name: "test".into(),
         vehicle: "vehicle.toml".into(),
         inputs: "inputs.csv".into(),
+        model: None,
         truth: None,
         control: ControlSection { points: "points.csv".into(), observations: None },
         refine: Some(RefineSection { markers_std_m: 0.002, diameters: false }),

@@ -137,7 +137,7 @@ pub fn output_error(
     let (condensed, records) = fitter.linearised(tightness)?;
     refuse_undetermined(&fitter, &condensed, &records)?;
     if !fitter.converged {
-        return Err(IdentifyError::NotConverged {
+        return Err(IdentifyError::FitNotConverged {
             iterations: fitter.iterations,
             squares: fitter.at.merit(tightness),
             promise: fitter.promise,

@@ -1,7 +1,7 @@
 //! The whole chain on a recorded session.
 
 use super::named;
-use crate::cli::Run;
+use crate::cli::{Run, WrongCall};
 use crate::page::{Page, write_page};
 use crate::progress::Bars;
 use crate::summary::Summary;
@@ -10,10 +10,11 @@ use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_identify::IdentifyError;
 use mavsight_pipeline::{
-    BodyAsBuilt, CameraFeed, ControlStill, PipelineError, Progress, Refinement, TimedFrame, Tracked,
-    calibrate_from_observations, calibrate_from_stills, identify_motion, motion_from_poses, refine_body,
+    BodyAsBuilt, CameraFeed, ControlStill, IdentifyOptions, PipelineError, Progress, Refinement, TimedFrame,
+    Tracked, calibrate_from_observations, calibrate_from_stills, identify_motion, motion_from_poses,
+    refine_body,
 };
-use mavsight_pose::Rig;
+use mavsight_pose::{Motion, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
 use mavsight_session::{MarkerAsBuilt, RunResults, Session, TruthRow, read_image, write_results};
 use mavsight_vision::Frame;
@@ -27,8 +28,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let rig = rig_of(&session, &bars)?;
     let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
     let (body, refusal) = refined_body(&session, &rig, &mut tracked)?;
-    let flight =
-        Flight { name: &session.name, vehicle: &session.vehicle, inputs: &inputs, truth: truth.as_deref() };
+    let flight = Flight::of_session(&session, &inputs, truth.as_deref())?;
     let (mut results, mut notes) = solve(&flight, rig, tracked, &bars)?;
     results.body = body;
     notes.extend(refusal);
@@ -47,6 +47,21 @@ pub(crate) struct Flight<'a> {
     pub(crate) inputs: &'a InputSeries,
     /// Truth, for scoring and plots alone.
     pub(crate) truth: Option<&'a [TruthRow]>,
+    /// How parameters are estimated.
+    pub(crate) options: IdentifyOptions,
+}
+
+impl<'a> Flight<'a> {
+    /// That of a session, with its model.
+    pub(crate) fn of_session(
+        session: &'a Session,
+        inputs: &'a InputSeries,
+        truth: Option<&'a [TruthRow]>,
+    ) -> Result<Self> {
+        let mut options = IdentifyOptions::default();
+        options.table.model = named(session.model())?;
+        Ok(Self { name: &session.name, vehicle: &session.vehicle, inputs, truth, options })
+    }
 }
 
 /// Solves for the cameras by stills or by clicked pixels.
@@ -152,24 +167,46 @@ pub(crate) fn identify_into(
     flight: &Flight<'_>,
     bars: &Bars,
 ) -> Result<Vec<String>> {
+    match motion_from_poses(&results.poses, flight.vehicle, bars) {
+        Ok(motion) => fit_into(results, motion, flight, bars),
+        Err(refusal) => Ok(vec![format!("No motion: {refusal}")]),
+    }
+}
+
+/// The same from a motion.
+pub(crate) fn fit_into(
+    results: &mut RunResults,
+    motion: Motion,
+    flight: &Flight<'_>,
+    bars: &Bars,
+) -> Result<Vec<String>> {
     let mut notes = Vec::new();
-    let motion = match motion_from_poses(&results.poses, flight.vehicle, bars) {
-        Ok(motion) => motion,
-        Err(refusal) => {
-            notes.push(format!("No motion: {refusal}"));
-            return Ok(notes);
-        }
-    };
-    match identify_motion(motion.clone(), flight.inputs, flight.vehicle, bars) {
+    match identify_motion(motion.clone(), flight.inputs, flight.vehicle, &flight.options, bars) {
         Ok(solution) => {
+            notes.extend(solution.clocks.words());
             results.coefficients = Some(solution.coefficients);
             results.identification = Some(solution.identification);
+            results.clocks = Some(solution.clocks);
         }
         Err(PipelineError::Identify(IdentifyError::Flight(wrong))) => return Err(wrong.into()),
+        Err(PipelineError::Identify(wrong)) if is_of_the_call(&wrong) => {
+            return Err(WrongCall(wrong.to_string()).into());
+        }
         Err(refusal) => notes.push(format!("No parameters: {refusal}")),
     }
     results.motion = Some(motion);
     Ok(notes)
+}
+
+/// Whether an error lies in what was asked for, and not in the flight.
+fn is_of_the_call(error: &IdentifyError) -> bool {
+    matches!(
+        error,
+        IdentifyError::UnknownSignal { .. }
+            | IdentifyError::ModelFile { .. }
+            | IdentifyError::BadSetting { .. }
+            | IdentifyError::BadBand { .. }
+    )
 }
 
 /// Errors of poses and motion against truth.

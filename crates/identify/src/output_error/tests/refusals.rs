@@ -92,5 +92,5 @@ fn a_fit_that_may_not_iterate_says_so() {
     let model = FlightModel::new(&vehicle, &inputs).expect("a model");
     let options = OutputErrorOptions { max_iterations: 1, ..Default::default() };
     let refused = output_error(&model, &inputs, &measured, &options);
-    assert!(matches!(refused, Err(IdentifyError::NotConverged { iterations: 1, .. })), "{refused:?}");
+    assert!(matches!(refused, Err(IdentifyError::FitNotConverged { iterations: 1, .. })), "{refused:?}");
 }
