@@ -18,6 +18,7 @@ mod dead_reckoning;
 mod determined;
 mod disagreement;
 mod fit;
+mod flight;
 mod image;
 mod linear;
 mod measure;
@@ -29,6 +30,7 @@ mod start;
 
 pub use disagreement::{Correlation, Disagreement, disagreement};
 pub use fit::{InitialFlapping, NoiseModel, OutputErrorOptions, output_error};
+pub use flight::{Comparison, FlightFits, Images};
 pub use image::ImageMeasurements;
 pub use measure::{Measurements, StateMeasurement};
 pub use model::{FlightModel, ModelParameter};

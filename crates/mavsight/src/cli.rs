@@ -66,6 +66,9 @@ pub(crate) struct Run {
     /// Folder for the results
     #[arg(long, value_name = "DIR")]
     pub(crate) out: PathBuf,
+    /// Leave out output error from the poses and from the images
+    #[arg(long)]
+    pub(crate) equation_error_only: bool,
 }
 
 /// `calibrate`, `track` and `report`
@@ -149,7 +152,7 @@ pub(crate) struct Identify {
     /// Output equations; those of equation 3 where left out
     #[arg(long, value_name = "FILE")]
     pub(crate) model: Option<PathBuf>,
-    /// Estimators, of ols, wls, tls, gtls, fd [default: ols,tls,gtls]
+    /// Estimators, of ols, wls, tls, gtls, fd, and oe for output error from poses [default: ols,tls,gtls,oe]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(crate) estimator: Vec<String>,
     /// Band of the estimator fd, Hz

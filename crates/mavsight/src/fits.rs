@@ -10,7 +10,7 @@ use mavsight_session::RunResults;
 use serde_json::json;
 
 /// The estimator that verdicts and plots are of: total least squares where it was asked for, else the first.
-fn lead(identification: &Identification) -> Option<Estimator> {
+pub(crate) fn lead(identification: &Identification) -> Option<Estimator> {
     let all = || identification.fits.iter().map(|f| f.estimator);
     all().find(|e| *e == Estimator::TotalLeastSquares).or_else(|| all().next())
 }
@@ -119,14 +119,18 @@ fn parameter_rows(fit: &OutputFit) -> Vec<Vec<String>> {
 
 /// The same for a terminal.
 pub(crate) fn parameter_text(results: &RunResults) -> String {
-    let Some(identification) = &results.identification else { return String::new() };
-    let rows: Vec<Vec<String>> = identification
-        .fits
+    let mut rows: Vec<Vec<String>> = results
+        .identification
         .iter()
+        .flat_map(|i| &i.fits)
         .flat_map(|fit| {
             parameter_rows(fit).into_iter().map(|row| [vec![fit.estimator.name().to_owned()], row].concat())
         })
         .collect();
+    rows.extend(crate::motion_fits::text_rows(results));
+    if rows.is_empty() {
+        return String::new();
+    }
     let width = |k: usize| rows.iter().map(|r| r[k].chars().count()).max().unwrap_or(0);
     let widths: Vec<usize> = (0..rows.first().map_or(0, Vec::len)).map(width).collect();
     let mut text = String::from("\nParameters: value, standard deviation, 95 % interval\n");
@@ -225,7 +229,7 @@ pub(crate) fn figures(page: &Page<'_>) -> Result<Vec<Figure>> {
     ])
 }
 
-fn words(estimator: Estimator) -> &'static str {
+pub(crate) fn words(estimator: Estimator) -> &'static str {
     match estimator {
         Estimator::LeastSquares => "least squares",
         Estimator::WeightedLeastSquares => "weighted least squares",

@@ -5,6 +5,7 @@ mod commands;
 mod figures;
 mod fits;
 mod lab;
+mod motion_fits;
 mod page;
 mod progress;
 mod summary;

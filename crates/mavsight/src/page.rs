@@ -2,7 +2,7 @@
 
 use crate::commands::Flight;
 use crate::summary::{Summary, pixel_std_px, title};
-use crate::{figures, fits};
+use crate::{figures, fits, motion_fits};
 use anyhow::Result;
 use mavsight_geometry::camera_parameters::{CENTRE, DISTORTION, INTRINSICS};
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Dlt};
@@ -44,6 +44,7 @@ pub(crate) fn write_page(page: &Page<'_>, out: &Path) -> Result<()> {
     section("Aircraft and inputs", vec![vehicle_table(page)], vec![figures::inputs(page)?]);
     section("Motion", vec![], figures::motion(page)?);
     section("Coefficients", fits::tables(page.results), fits::figures(page)?);
+    section("Equations of motion", motion_fits::tables(page.results), vec![]);
     section("Quality", vec![], figures::quality(page)?);
     write_whole(&out.join(names::REPORT), render(&report)?.as_bytes())?;
     Ok(())

@@ -40,6 +40,7 @@ impl Summary {
         summary.poses(results);
         summary.motion(results);
         crate::fits::summarise(&mut summary, results);
+        crate::motion_fits::summarise(&mut summary, results);
         if let Some(scores) = scores {
             summary.scores(scores);
         }

@@ -19,6 +19,8 @@ pub struct IdentifyOptions {
     pub lag_s: Option<f64>,
     /// Whether the regressors of each output are chosen from the model's by PRESS.
     pub stepwise: bool,
+    /// Whether output error is left out.
+    pub equation_error_only: bool,
 }
 
 /// Motion, coefficients and parameters of one flight.

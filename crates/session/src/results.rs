@@ -7,6 +7,7 @@ mod read_motion;
 mod rig_file;
 mod write;
 
+use mavsight_identify::output_error::FlightFits;
 use mavsight_identify::{Clocks, CoefficientTable, Identification};
 use mavsight_pose::{MarkerObservation, Motion, PoseSample, Rig};
 
@@ -64,6 +65,8 @@ pub struct RunResults {
     pub coefficients: Option<CoefficientTable>,
     /// Fits.
     pub identification: Option<Identification>,
+    /// Fits of the equations of motion.
+    pub output_error: FlightFits,
     /// The lag between inputs and motion.
     pub clocks: Option<Clocks>,
     /// Figures for `summary.json`: an object, or null for no such file.

@@ -115,6 +115,17 @@ impl FlightModel {
         &self.free
     }
 
+    /// Coefficients of thrust, torque and damping that stay at the vehicle's values: those that a flight tells only if it
+    /// moves the rotor speeds or the lateral swash-plate.
+    pub fn held(&self) -> Vec<ModelParameter> {
+        use Coefficient as C;
+        [C::ClP, C::CzU, C::CzL, C::CnUpper, C::CnLower, C::CnR]
+            .into_iter()
+            .map(ModelParameter::Coefficient)
+            .filter(|p| !self.free.contains(p))
+            .collect()
+    }
+
     /// One value.
     pub fn value(&self, parameter: ModelParameter) -> f64 {
         match parameter {

@@ -46,9 +46,13 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     Ok(())
 }
 
+/// Output error from poses among the estimators' names.
+const OUTPUT_ERROR: &str = "oe";
+
 fn options(args: &Identify) -> Result<IdentifyOptions> {
+    let is_output_error = |name: &&String| name.as_str() == OUTPUT_ERROR;
     let estimator = |name: &String| {
-        let known = || Estimator::ALL.map(Estimator::name).join(", ");
+        let known = || Estimator::ALL.map(Estimator::name).join(", ") + ", " + OUTPUT_ERROR;
         let wrong =
             || WrongCall(format!("--estimator {name}: there is none of that name; there are {}", known()));
         Estimator::from_name(name).ok_or_else(wrong)
@@ -59,12 +63,15 @@ fn options(args: &Identify) -> Result<IdentifyOptions> {
         ..FitOptions::default()
     };
     if !args.estimator.is_empty() {
-        fit.estimators = args.estimator.iter().map(estimator).collect::<Result<_, _>>()?;
+        let equations = args.estimator.iter().filter(|name| !is_output_error(name));
+        fit.estimators = equations.map(estimator).collect::<Result<_, _>>()?;
     }
     let table = Options {
         model: args.model.as_deref().map(|path| named(load_model(path))).transpose()?,
         bandwidth: args.bandwidth.map_or(Bandwidth::Automatic, Bandwidth::Hz),
         ..Options::default()
     };
-    Ok(IdentifyOptions { table, fit, lag_s: args.lag, stepwise: args.stepwise })
+    let equation_error_only =
+        !args.estimator.is_empty() && !args.estimator.iter().any(|n| is_output_error(&n));
+    Ok(IdentifyOptions { table, fit, lag_s: args.lag, stepwise: args.stepwise, equation_error_only })
 }
