@@ -195,11 +195,13 @@ impl Default for Options {
 /// smoother, what comes from the inputs as well, and both that of [`Bandwidth`].
 ///
 /// Valid for flights that begin in trim, with flapping times that are known. Instants in a gap of the poses, where the
-/// smoother's variance of a velocity or rate is above nine times its median, are not fitted.
+/// smoother's variance of a velocity or rate is above nine times its median, or beside a gap in
+/// time, are not fitted.
 ///
 /// # Errors
 /// Inputs that do not cover the flight, rotors that stand still where a scale needs them turning, a bandwidth that is
-/// not positive, an empty motion, a model with an unknown signal.
+/// not positive, an empty motion, a model with an unknown signal, or with flapping where the motion has a gap in time, over
+/// which rates cannot be integrated.
 pub fn coefficients(
     motion: &Motion,
     inputs: &InputSeries,
@@ -222,7 +224,7 @@ pub fn coefficients(
         outputs: Vec::with_capacity(model.output.len()),
         window_s: (first_s + margin_s, last_s - margin_s),
         sample_interval_s: motion.sample_interval_s,
-        usable: usable(&flight),
+        usable: usable(&flight, margin_s),
         not_excited: Vec::new(),
     };
     let rows = table.rows_in_window();
@@ -247,8 +249,9 @@ pub fn coefficients(
     Ok(table)
 }
 
-/// Instants whose smoothed rates are not much worse than usual.
-fn usable(flight: &Flight<'_>) -> Vec<bool> {
+/// Instants whose smoothed rates are not much worse than usual, and not within the margin of a gap in time: a low-pass leans
+/// on one side there as it does at the ends.
+fn usable(flight: &Flight<'_>, margin_s: f64) -> Vec<bool> {
     let rows = flight.t_s.len();
     let mut out = vec![true; rows];
     for source in (0..3).flat_map(|axis| [Source::Position(axis), Source::Turn(axis)]) {
@@ -256,6 +259,11 @@ fn usable(flight: &Flight<'_>) -> Vec<bool> {
         let median = median(variances.clone());
         for (usable, variance) in out.iter_mut().zip(&variances) {
             *usable &= median == 0.0 || *variance <= 9.0 * median;
+        }
+    }
+    for (from_s, to_s) in flight.gaps_s() {
+        for (usable, t_s) in out.iter_mut().zip(&flight.t_s) {
+            *usable &= *t_s < from_s - margin_s || *t_s > to_s + margin_s;
         }
     }
     out

@@ -118,6 +118,19 @@ fn a_quadrotor_before_a_motion_capture_system() {
 }
 
 #[test]
+fn rows_that_are_missing_are_left_out_and_said() {
+    let folder = TempDir::new().expect("a folder");
+    let (table, inputs) = flight(folder.path());
+    let text = std::fs::read_to_string(&table).expect("the table");
+    let rows: Vec<&str> = text.lines().collect();
+    std::fs::write(&table, [&rows[..601], &rows[721..]].concat().join("\n")).expect("written");
+    let mut command = identify(&table, &inputs);
+    let assert = command.arg("--model").arg(example("model.toml")).assert().success();
+    let text = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
+    assert!(text.contains("1481 of 1601") && text.contains("in gaps of the poses were left out"), "{text}");
+}
+
+#[test]
 fn a_motion_table_is_taken_as_it_is() {
     let folder = TempDir::new().expect("a folder");
     let (table, inputs) = flight(folder.path());

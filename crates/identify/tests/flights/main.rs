@@ -234,6 +234,23 @@ fn a_gap_in_the_poses_is_left_out() {
 }
 
 #[test]
+fn a_gap_in_time_is_refused_with_flapping_and_left_out_without() {
+    let flown = fly(&Scenario::paper(), Vehicle::paper());
+    let mut motion = flown.exact_motion();
+    let gap = 4.0..5.2;
+    motion.samples.retain(|s| !gap.contains(&(s.t_ns as f64 * 1e-9)));
+    let with = |text| coefficients(&motion, &flown.inputs, &flown.vehicle, &unfiltered(text));
+    let refused = with(None);
+    assert!(matches!(refused, Err(IdentifyError::GapInMotion { .. })), "{refused:?}");
+    let text = "schema = 1\nname = \"n\"\n[[output]]\nname = \"C_m\"\nmeasured = \"moment_y\"\nscale = \"rotor\"\n\
+                regressors = [\"1\", \"q\", \"delta_lon\"]";
+    let table = with(Some(text)).expect("a table");
+    let near = |t: f64| t > gap.start - 0.4 && t < gap.end + 0.4;
+    assert!(table.rows_in_window().iter().all(|i| !near(table.t_s[*i])));
+    assert!(table.instants_in_gaps() > 20);
+}
+
+#[test]
 fn inputs_that_do_not_fit_the_flight_are_refused() {
     let flown = fly(&Scenario::paper(), Vehicle::paper());
     let motion = flown.exact_motion();
