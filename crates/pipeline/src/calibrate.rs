@@ -23,7 +23,8 @@ fn diameter_range_px(size: ImageSize) -> std::ops::RangeInclusive<f64> {
     3.0..=f64::from(size.width_px) / 10.0
 }
 
-/// Finds the control balls in each still by colour and geometry, and solves for the cameras.
+/// Finds the control balls in each still by colour and geometry, and solves for the cameras; then once more with the
+/// images of the balls stretched as these cameras do.
 ///
 /// Two balls whose colours are exchanged in the table are left out and named.
 ///
@@ -35,10 +36,24 @@ pub fn calibrate_from_stills(
 ) -> Result<Rig, PipelineError> {
     let colors: Vec<BallColor> =
         table.iter().map(|row| BallColor { name: row.name.clone(), rgb: row.color.rgb() }).collect();
-    let mut detector = Detector::new(&colors)
+    let detector = Detector::new(&colors)
         .map_err(|source| PipelineError::Vision { place: "control points".into(), source })?;
-    let seen =
-        stills.iter().map(|s| seen_in_still(s, table, &mut detector)).collect::<Result<Vec<_>, _>>()?;
+    let mut detectors = vec![detector; stills.len()];
+    let first = rig_of(stills, table, &mut detectors)?;
+    for (detector, seen_by) in detectors.iter_mut().zip(&first.cameras) {
+        *detector = detector.clone().with_camera(seen_by.camera);
+    }
+    rig_of(stills, table, &mut detectors)
+}
+
+fn rig_of(
+    stills: &[ControlStill],
+    table: &[ControlPointRow],
+    detectors: &mut [Detector],
+) -> Result<Rig, PipelineError> {
+    let seen: Vec<Seen> = std::iter::zip(stills, detectors)
+        .map(|(still, detector)| seen_in_still(still, table, detector))
+        .collect::<Result<_, _>>()?;
     let swapped = swapped_pairs(&seen);
     let mut left_out = named_swaps(&swapped, table);
     let mut controls = Vec::with_capacity(stills.len());
