@@ -18,6 +18,16 @@ pub enum IdentifyError {
     /// Inputs that do not cover the flight, or vehicle constants that make no sense.
     #[error(transparent)]
     Flight(#[from] mavsight_flight::FlightError),
+    /// Flapping cannot be integrated over times without rates.
+    #[error(
+        "the motion has nothing between {from_s:.3} s and {to_s:.3} s, over which flapping cannot be integrated: give poses with an empty row for each instant that was not measured, or fit the parts one by one"
+    )]
+    GapInMotion {
+        /// From.
+        from_s: f64,
+        /// To.
+        to_s: f64,
+    },
     /// Rotors that stand still make the coefficients infinite.
     #[error(
         "the mean rotor speed at {t_s:.3} s is {omega_rad_s:.1} rad/s: coefficients need turning rotors; fit a window in flight"

@@ -3,7 +3,7 @@
 use crate::coloured::coloured;
 use crate::dependence::independent_columns;
 use crate::model::factors;
-use crate::regressors::{Output, rows_of};
+use crate::table::{Output, rows_of};
 use crate::{
     Bandwidth, CoefficientTable, Correlation, IdentifyError, Model, Options, OutputModel, When, coefficients,
     least_squares,

@@ -23,6 +23,7 @@ mod robust_covariance;
 mod row_errors;
 mod signals;
 mod structure;
+mod table;
 #[cfg(test)]
 mod testing;
 mod total_least_squares;
@@ -43,8 +44,9 @@ pub use least_squares::{LeastSquares, least_squares, student_quantile_975, weigh
 pub use model::{EQUATION_3, Measured, Model, OutputModel, SIGNALS, Scale, When};
 pub use noise::ErrorSpectrum;
 pub use recursive::RecursiveLeastSquares;
-pub use regressors::{Bandwidth, CoefficientTable, Column, Fixed, Options, Output, coefficients};
+pub use regressors::{Bandwidth, Options, coefficients};
 pub use robust_covariance::Correlation;
 pub use row_errors::total_least_squares_by_row;
 pub use structure::{Structure, choose_structure, stepwise};
+pub use table::{CoefficientTable, Column, Fixed, Output};
 pub use total_least_squares::{TotalLeastSquares, independent_errors, total_least_squares};

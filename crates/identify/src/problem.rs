@@ -4,7 +4,7 @@ use crate::coloured::{Coloured, coloured};
 use crate::dependence::{Dependence, independent_columns};
 use crate::diagnostics::{agreement, autocorrelations, collinearity, correlations, press};
 use crate::fit::{Combination, Diagnostics, Estimator, FitOptions, OutputFit, Parameter};
-use crate::regressors::{Output, rows_of};
+use crate::table::{Output, rows_of};
 use crate::{
     Band, CoefficientTable, Correlation, IdentifyError, frequency_domain, least_squares,
     student_quantile_975, total_least_squares, total_least_squares_by_row, verdict, weighted_least_squares,

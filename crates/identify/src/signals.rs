@@ -104,6 +104,14 @@ impl<'a> Flight<'a> {
         if variance.is_finite() { variance.max(0.0) } else { 0.0 }
     }
 
+    /// Intervals between times that are longer than two usual ones and half a period of the smoother, between which a motion
+    /// cannot be read.
+    pub(crate) fn gaps_s(&self) -> impl Iterator<Item = (f64, f64)> {
+        let hz = self.motion.translation_bandwidth_hz.min(self.motion.rotation_bandwidth_hz);
+        let longest_s = (2.5 * self.motion.sample_interval_s).max(0.5 / hz);
+        self.t_s.windows(2).filter(move |w| w[1] - w[0] > longest_s).map(|w| (w[0], w[1]))
+    }
+
     /// The standard deviation of the turn about a body axis at the first time, without errors that stay: those are what the
     /// variances of all times have beyond [`Flight::variance`].
     pub(crate) fn start_turn_std_rad(&self, axis: usize) -> f64 {
@@ -183,8 +191,8 @@ impl<'a> Flight<'a> {
         let axis_of = |names: [&str; 3]| names.iter().position(|n| *n == name);
         let ones = || vec![1.0; self.t_s.len()];
         Ok(match name {
-            "alpha_u" => Some(self.upper(1, passed)),
-            "beta_u" => Some(self.upper(0, passed)),
+            "alpha_u" => Some(self.upper(1, passed)?),
+            "beta_u" => Some(self.upper(0, passed)?),
             "alpha_l" => Some(self.lower(1, passed)?),
             "beta_l" => Some(self.lower(0, passed)?),
             _ => {
@@ -227,16 +235,16 @@ impl<'a> Flight<'a> {
     }
 
     /// Flapping of the upper rotor about a body axis: 1 longitudinal, 0 lateral.
-    fn upper(&self, axis: usize, passed: Passed) -> Signal {
+    fn upper(&self, axis: usize, passed: Passed) -> Result<Signal, IdentifyError> {
         let rotor = &self.vehicle.rotor;
         let time_s = rotor.flap_time_flybar_s;
-        let flybar = self.flapping_from_rate(axis, time_s);
+        let flybar = self.flapping_from_rate(axis, time_s)?;
         let values = flybar.iter().map(|a| rotor.flybar_gain * a).collect();
         let gains = vec![-rotor.flybar_gain; self.t_s.len()];
-        Signal {
+        Ok(Signal {
             values: self.pass_rest(values, Passed::ROTATION, passed),
             terms: vec![term(Source::Turn(axis), Transfer::Washout { time_s }, gains)],
-        }
+        })
     }
 
     /// Flapping of the lower rotor: what the swash-plate drives, and what the rate drives.
@@ -246,7 +254,7 @@ impl<'a> Flight<'a> {
         let (longitudinal, lateral) = flapping::lower_from_swashplate(self.inputs, rotor);
         let driven = if axis == 1 { longitudinal } else { lateral };
         let driven = self.onto_frames(&driven, Between::Line, passed)?;
-        let rate = self.pass_rest(self.flapping_from_rate(axis, time_s), Passed::ROTATION, passed);
+        let rate = self.pass_rest(self.flapping_from_rate(axis, time_s)?, Passed::ROTATION, passed);
         let gains = vec![-1.0; self.t_s.len()];
         Ok(Signal {
             values: driven.iter().zip(&rate).map(|(a, b)| a + b).collect(),
@@ -254,10 +262,13 @@ impl<'a> Flight<'a> {
         })
     }
 
-    fn flapping_from_rate(&self, axis: usize, time_s: f64) -> Vec<f64> {
+    fn flapping_from_rate(&self, axis: usize, time_s: f64) -> Result<Vec<f64>, IdentifyError> {
+        if let Some((from_s, to_s)) = self.gaps_s().next() {
+            return Err(IdentifyError::GapInMotion { from_s, to_s });
+        }
         let rate = self.of(|s| s.rates_rad_s[axis]);
         let acceleration = self.of(|s| s.angular_acceleration_rad_s2[axis]);
-        flapping::from_rate(&self.t_s, &rate, &acceleration, time_s)
+        Ok(flapping::from_rate(&self.t_s, &rate, &acceleration, time_s))
     }
 
     /// ½ρπR⁴ω² for a force, ½ρπR⁵ω² for a moment, at each time, with the square low-passed as the force is.

@@ -2,7 +2,7 @@
 
 use crate::dependence::Dependence;
 use crate::fit::{Estimator, OutputFit, Parameter};
-use crate::regressors::Output;
+use crate::table::Output;
 
 /// The condition number from which columns are entangled enough to say so (Belsley, Kuh & Welsch 1980, section 3.2).
 const ENTANGLED: f64 = 30.0;

@@ -83,6 +83,35 @@ fn the_papers_manoeuvre_tells_flapping_but_not_thrust() {
 }
 
 #[test]
+fn noise_does_not_change_which_thrusts_are_told() {
+    let longitudinal = ["C_X", "C_Z", "C_m"];
+    let paper = fly(&Scenario::paper(), Vehicle::paper());
+    let multisine = fly(&longitudinal_multisine(), Vehicle::paper());
+    let mut seed = 51;
+    for _ in 0..5 {
+        for (flown, moved) in [(&paper, false), (&multisine, true)] {
+            let motion = flown.noisy_motion(&mut seed);
+            let options = Options::default();
+            let table = coefficients(&motion, &flown.inputs, &flown.vehicle, &options).expect("a table");
+            let found = identify(&table).expect("fits");
+            for fit in found.fits.iter().filter(|f| longitudinal.contains(&f.output.as_str())) {
+                for name in ["0", "T_u", "T_l"] {
+                    let p = fit.parameters.iter().find(|p| p.name == name).expect("a parameter");
+                    assert_eq!(p.identifiable, moved, "{}", fit.verdict);
+                }
+                assert_eq!(fit.combinations.len(), usize::from(!moved), "{}", fit.verdict);
+            }
+            // What the paper's flight is asked for, with the noise of its cameras.
+            if !moved {
+                let fit = |output| found.fit(output, Estimator::TotalLeastSquares).expect("a fit");
+                assert!(fit("C_X").r2 > 0.93 && fit("C_m").r2 > 0.97, "{} {}", fit("C_X").r2, fit("C_m").r2);
+                assert!(fit("C_Z").max_residual < 2e-4, "{}", fit("C_Z").max_residual);
+            }
+        }
+    }
+}
+
+#[test]
 fn moved_rotor_speeds_tell_thrust_as_well() {
     let flown = fly(&longitudinal_multisine(), Vehicle::paper());
     let c = model_coefficients(&flown.vehicle, hover_rotor_speed_rad_s(&flown.vehicle));
@@ -231,6 +260,23 @@ fn a_gap_in_the_poses_is_left_out() {
     assert!((got / c.cm_alpha_u - 1.0).abs() < 0.05, "{got}");
     let fit = found.fit("C_m", Estimator::TotalLeastSquares).expect("a fit");
     assert!(fit.verdict.contains("left out"), "{}", fit.verdict);
+}
+
+#[test]
+fn a_gap_in_time_is_refused_with_flapping_and_left_out_without() {
+    let flown = fly(&Scenario::paper(), Vehicle::paper());
+    let mut motion = flown.exact_motion();
+    let gap = 4.0..5.2;
+    motion.samples.retain(|s| !gap.contains(&(s.t_ns as f64 * 1e-9)));
+    let with = |text| coefficients(&motion, &flown.inputs, &flown.vehicle, &unfiltered(text));
+    let refused = with(None);
+    assert!(matches!(refused, Err(IdentifyError::GapInMotion { .. })), "{refused:?}");
+    let text = "schema = 1\nname = \"n\"\n[[output]]\nname = \"C_m\"\nmeasured = \"moment_y\"\nscale = \"rotor\"\n\
+                regressors = [\"1\", \"q\", \"delta_lon\"]";
+    let table = with(Some(text)).expect("a table");
+    let near = |t: f64| t > gap.start - 0.4 && t < gap.end + 0.4;
+    assert!(table.rows_in_window().iter().all(|i| !near(table.t_s[*i])));
+    assert!(table.instants_in_gaps() > 20);
 }
 
 #[test]

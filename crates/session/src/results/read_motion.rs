@@ -18,18 +18,43 @@ pub enum FlightTable {
     Motion(Motion),
 }
 
-/// Reads a table as motion where it has every column of `motion.csv` beside the `_std` ones, else as poses.
+/// Reads a table as motion where it has every column of `motion.csv` beside the `_std` ones, else as poses. Rows of poses that
+/// are missing altogether, where times are more than one and a half usual intervals apart, become rows that were not measured,
+/// as long as they are fewer than those that there are.
 ///
 /// # Errors
 /// Those of [`read_motion`] and [`read_poses`].
 pub fn read_flight_table(path: &Path, marker_names: &[String]) -> Result<FlightTable, SessionError> {
     let table = Table::read(path, "flight")?;
     let moved = columns::RATES.iter().all(|q| table.column_if_any(&columns::value(*q)).is_some());
-    if moved {
-        read_motion(path).map(FlightTable::Motion)
+    Ok(if moved {
+        FlightTable::Motion(read_motion(path)?)
     } else {
-        read_poses(path, marker_names).map(FlightTable::Poses)
+        FlightTable::Poses(with_missing_rows(read_poses(path, marker_names)?))
+    })
+}
+
+fn with_missing_rows(poses: Vec<PoseSample>) -> Vec<PoseSample> {
+    let Some(usual_ns) = median(poses.windows(2).map(|w| w[1].t_ns - w[0].t_ns).collect()) else {
+        return poses;
+    };
+    let count = poses.len() as i64;
+    let mut out: Vec<PoseSample> = Vec::with_capacity(poses.len());
+    for pose in poses {
+        if let Some(before_ns) = out.last().map(|p| p.t_ns) {
+            let gap_ns = pose.t_ns - before_ns;
+            let missing = (gap_ns as f64 / usual_ns as f64).round() as i64 - 1;
+            // Where more would be missing than there is, the clock has jumped.
+            let missing = if missing < count { missing.max(0) } else { 0 };
+            out.extend((1..=missing).map(|k| PoseSample {
+                t_ns: before_ns + (gap_ns as i128 * k as i128 / (missing + 1) as i128) as i64,
+                estimate: None,
+                reason: Some("the row is missing".into()),
+            }));
+        }
+        out.push(pose);
     }
+    out
 }
 
 /// Reads `motion.csv` and, from the `summary.json` beside it, the bandwidth of the smoother. The covariance has only
@@ -83,7 +108,8 @@ pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
         });
     }
     let none = || SessionError::EmptyTable { path: path.to_owned() };
-    let sample_interval_s = median_interval_s(&samples).ok_or_else(none)?;
+    let interval_ns = median(samples.windows(2).map(|w| w[1].t_ns - w[0].t_ns).collect());
+    let sample_interval_s = crate::s_from_ns(interval_ns.ok_or_else(none)?);
     let nyquist_hz = 0.5 / sample_interval_s;
     Ok(Motion {
         samples,
@@ -93,11 +119,10 @@ pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
     })
 }
 
-/// None of fewer than two samples.
-fn median_interval_s(samples: &[MotionSample]) -> Option<f64> {
-    let mut intervals_ns: Vec<i64> = samples.windows(2).map(|w| w[1].t_ns - w[0].t_ns).collect();
+/// None of nothing.
+fn median(mut intervals_ns: Vec<i64>) -> Option<i64> {
     intervals_ns.sort_unstable();
-    intervals_ns.get(intervals_ns.len() / 2).map(|ns| crate::s_from_ns(*ns))
+    intervals_ns.get(intervals_ns.len() / 2).copied()
 }
 
 fn motion_sample(t_ns: i64, value: &[f64; 18], std: &[f64; 18]) -> MotionSample {
