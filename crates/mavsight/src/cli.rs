@@ -152,7 +152,8 @@ pub(crate) struct Identify {
     /// Output equations; those of equation 3 where left out
     #[arg(long, value_name = "FILE")]
     pub(crate) model: Option<PathBuf>,
-    /// Estimators, of ols, wls, tls, gtls, fd, and oe for output error from poses [default: ols,tls,gtls,oe]
+    /// Estimators, of ols, wls, tls, gtls, fd, and oe for output error from poses [default: ols,tls,gtls, and oe
+    /// where no model is given]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(crate) estimator: Vec<String>,
     /// Band of the estimator fd, Hz

@@ -71,7 +71,11 @@ fn options(args: &Identify) -> Result<IdentifyOptions> {
         bandwidth: args.bandwidth.map_or(Bandwidth::Automatic, Bandwidth::Hz),
         ..Options::default()
     };
-    let equation_error_only =
-        !args.estimator.is_empty() && !args.estimator.iter().any(|n| is_output_error(&n));
+    // The equations of motion are a coaxial helicopter's; a model of one's own is of another aircraft.
+    let equation_error_only = if args.estimator.is_empty() {
+        args.model.is_some()
+    } else {
+        !args.estimator.iter().any(|name| is_output_error(&name))
+    };
     Ok(IdentifyOptions { table, fit, lag_s: args.lag, stepwise: args.stepwise, equation_error_only })
 }

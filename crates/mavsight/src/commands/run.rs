@@ -30,7 +30,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
     let (body, refusal) = refined_body(&session, &rig, &mut tracked)?;
     let mut flight = Flight::of_session(&session, &inputs, truth.as_deref())?;
-    flight.options.equation_error_only = args.equation_error_only;
+    flight.options.equation_error_only |= args.equation_error_only;
     let (results, mut notes) = solve(&flight, rig, tracked, body, &bars)?;
     notes.extend(refusal);
     let scores = truth.as_deref().map(|t| scores_of(&results, t));
@@ -61,6 +61,8 @@ impl<'a> Flight<'a> {
     ) -> Result<Self> {
         let mut options = IdentifyOptions::default();
         options.table.model = named(session.model())?;
+        // The equations of motion are a coaxial helicopter's; a model of one's own is of another aircraft.
+        options.equation_error_only = options.table.model.is_some();
         Ok(Self { name: &session.name, vehicle: &session.vehicle, inputs, truth, options })
     }
 }

@@ -1,10 +1,11 @@
-use super::support::{flown, multisine, normal, pose};
+use super::support::{flown, multisine, noisy_poses, normal, pose, pose_covariance};
 use crate::output_error::{
-    FlightModel, ImageMeasurements, Measurements, ModelParameter, OutputErrorOptions, output_error,
+    FlightFits, FlightModel, ImageMeasurements, Images, Measurements, ModelParameter, OutputErrorOptions,
+    output_error,
 };
-use mavsight_flight::{Coefficients, FlightState, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{Coefficients, FlightState, Scenario, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
-use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, Rig, calibrate};
+use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, PoseEstimate, PoseSample, Rig, calibrate};
 use nalgebra::Point3;
 
 pub(crate) fn rig() -> Rig {
@@ -104,4 +105,57 @@ fn pixels_give_the_truth_within_their_intervals() {
     }
     let mean = fit.variance_factors.iter().map(|f| f.1).sum::<f64>() / fit.variance_factors.len() as f64;
     assert!((0.9..1.1).contains(&mean), "{mean}");
+}
+
+fn samples(states: &[FlightState], seed: &mut u64) -> Vec<PoseSample> {
+    let estimate = |world_from_body| PoseEstimate {
+        world_from_body,
+        covariance: pose_covariance(),
+        systematic: nalgebra::Matrix6xX::zeros(0),
+        markers_used: vec![0, 1, 2, 3],
+        left_out: vec![],
+        residual_px: 0.1,
+    };
+    noisy_poses(states, 1.0, seed)
+        .into_iter()
+        .map(|m| PoseSample { t_ns: m.t_ns, estimate: m.pose.map(|(p, _)| estimate(p)), reason: None })
+        .collect()
+}
+
+#[test]
+fn poses_and_images_of_a_flight_agree_and_a_wrong_clock_makes_them_disagree() {
+    let vehicle = Vehicle::paper();
+    let (inputs, states) = flown(&vehicle, &multisine(5.0));
+    let (rig, markers) = (rig(), markers(&vehicle));
+    let mut seed = 12;
+    let mut observations = seen(&states, (&rig, &markers), 0.1, &mut seed, |_, _| Vector2::zeros());
+    let poses = samples(&states, &mut seed);
+    let fit = |observations: &[MarkerObservation]| {
+        let images = Images { rig: &rig, markers: &markers, markers_std_m: 5e-4, observations };
+        FlightFits::of_flight(&vehicle, &inputs, &poses, Some(images)).expect("fits")
+    };
+    let fits = fit(&observations);
+    assert_eq!(fits.named().map(|(name, _)| name).collect::<Vec<_>>(), ["oe", "image"]);
+    assert!(fits.held.is_empty() && fits.refusals.is_empty(), "{:?} {:?}", fits.held, fits.refusals);
+    let [both] = &fits.comparisons(None)[..] else { panic!("one pair") };
+    assert_eq!(both.parameters.len(), 17);
+    assert!(both.test.p_value > 1e-3, "{:?}", both.test);
+    observations.retain(|o| o.t_ns < 4_900_000_000);
+    for o in &mut observations {
+        o.t_ns += 30_000_000;
+    }
+    let late = fit(&observations).comparisons(None);
+    assert!(late[0].test.is_significant(), "{:?}", late[0].test);
+}
+
+#[test]
+fn what_constant_rotor_speeds_cannot_tell_is_held_and_named() {
+    let vehicle = Vehicle::paper();
+    let (inputs, states) = flown(&vehicle, &Scenario::paper());
+    let fits = FlightFits::of_flight(&vehicle, &inputs, &samples(&states, &mut 3), None).expect("fits");
+    let held: Vec<&str> = fits.held.iter().map(|p| p.name()).collect();
+    assert_eq!(held, ["C_l,p", "C_Z,u", "C_Z,l", "C_n,u", "C_n,l", "C_n,r"]);
+    assert!(fits.image.is_none() && fits.comparisons(None).is_empty());
+    let nothing = FlightFits::of_flight(&vehicle, &inputs, &[], None).expect("refused, not wrong");
+    assert!(nothing.poses.is_none() && nothing.refusals.len() == 1, "{:?}", nothing.refusals);
 }
