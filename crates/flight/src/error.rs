@@ -61,6 +61,14 @@ pub enum FlightError {
         /// Column.
         column: &'static str,
     },
+    /// A channel that does not go with the samples.
+    #[error("input {name}: there must be {samples} finite values, one a row")]
+    BadChannel {
+        /// Its name.
+        name: String,
+        /// Samples of the series.
+        samples: usize,
+    },
     /// Times must increase.
     #[error(
         "input row {row}: time {t_s} s does not come after the {before_s} s of the row before: sort the rows and remove repeats"

@@ -17,12 +17,22 @@ pub struct InputSample {
     pub delta_lat_rad: f64,
 }
 
+/// A recorded quantity beside the helicopter's own, such as the speed of one of four rotors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InputChannel {
+    /// Name, for models.
+    pub name: String,
+    /// One value a sample.
+    pub values: Vec<f64>,
+}
+
 /// Inputs at increasing times; each holds until the next, as a command does.
 ///
 /// A quantity that moves smoothly between samples is so taken late by half a sample interval: record at 100 Hz or more.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InputSeries {
     samples: Vec<InputSample>,
+    channels: Vec<InputChannel>,
 }
 
 impl InputSeries {
@@ -51,7 +61,25 @@ impl InputSeries {
             }
             before_s = sample.t_s;
         }
-        Ok(Self { samples })
+        Ok(Self { samples, channels: Vec::new() })
+    }
+
+    /// The same series with more quantities.
+    ///
+    /// # Errors
+    /// [`FlightError::BadChannel`] where one has not a finite value for each sample.
+    pub fn with_channels(self, channels: Vec<InputChannel>) -> Result<Self, FlightError> {
+        let samples = self.samples.len();
+        let sound = |c: &InputChannel| c.values.len() == samples && c.values.iter().all(|v| v.is_finite());
+        match channels.iter().find(|c| !sound(c)) {
+            Some(bad) => Err(FlightError::BadChannel { name: bad.name.clone(), samples }),
+            None => Ok(Self { channels, ..self }),
+        }
+    }
+
+    /// Quantities beside the helicopter's own.
+    pub fn channels(&self) -> &[InputChannel] {
+        &self.channels
     }
 
     /// All samples.
@@ -110,6 +138,18 @@ mod tests {
         assert_eq!(series.at(3.0).map(|s| s.delta_lon_rad), Some(0.0));
         assert_eq!(series.at(3.1), None);
         assert!(matches!(series.require(-1.0), Err(FlightError::InputsDoNotCover { .. })));
+    }
+
+    #[test]
+    fn channels_have_a_value_a_sample() {
+        let series = InputSeries::new(vec![sample(0.0, 0.0), sample(1.0, 2.0)]).expect("valid");
+        let channel = |values: &[f64]| vec![InputChannel { name: "omega_3".into(), values: values.to_vec() }];
+        let with = series.clone().with_channels(channel(&[1.0, 2.0])).expect("valid");
+        assert_eq!(with.channels(), channel(&[1.0, 2.0]));
+        for bad in [&[1.0][..], &[1.0, f64::NAN]] {
+            let refused = series.clone().with_channels(channel(bad));
+            assert_eq!(refused, Err(FlightError::BadChannel { name: "omega_3".into(), samples: 2 }));
+        }
     }
 
     #[test]

@@ -18,6 +18,16 @@ pub enum IdentifyError {
     /// Inputs that do not cover the flight, or vehicle constants that make no sense.
     #[error(transparent)]
     Flight(#[from] mavsight_flight::FlightError),
+    /// Flapping cannot be integrated over times without rates.
+    #[error(
+        "the motion has nothing between {from_s:.3} s and {to_s:.3} s, over which flapping cannot be integrated: give poses with an empty row for each instant that was not measured, or fit the parts one by one"
+    )]
+    GapInMotion {
+        /// From.
+        from_s: f64,
+        /// To.
+        to_s: f64,
+    },
     /// Rotors that stand still make the coefficients infinite.
     #[error(
         "the mean rotor speed at {t_s:.3} s is {omega_rad_s:.1} rad/s: coefficients need turning rotors; fit a window in flight"
@@ -36,6 +46,64 @@ pub enum IdentifyError {
         /// Rows expected.
         rows: usize,
     },
+    /// An error covariance that is none.
+    #[error("the error covariance of {columns} regressors and the output {what}")]
+    BadErrors {
+        /// What it must be.
+        what: &'static str,
+        /// Regressors.
+        columns: usize,
+    },
+    /// Steps that do not end.
+    #[error(
+        "{what} has not converged in {steps} steps: the data hardly determine the answer; use fewer regressors"
+    )]
+    NotConverged {
+        /// The estimator.
+        what: &'static str,
+        /// Steps taken.
+        steps: usize,
+    },
+    /// A setting outside its range.
+    #[error("{what} is {value}, but must {must}")]
+    BadSetting {
+        /// The setting.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// A band without a frequency that the samples can show.
+    #[error(
+        "no band of frequencies: {low_hz} to {high_hz} Hz; it must rise and lie between 0 and {nyquist_hz:.2} Hz, half the sampling rate"
+    )]
+    BadBand {
+        /// From.
+        low_hz: f64,
+        /// To.
+        high_hz: f64,
+        /// Half the sampling rate.
+        nyquist_hz: f64,
+    },
+    /// A model file that cannot be read.
+    #[error("the model file: {detail}")]
+    ModelFile {
+        /// What is wrong with it.
+        detail: String,
+    },
+    /// A regressor that names no signal.
+    #[error(
+        "output {output} names the signal {signal:?}, which there is not; there are {known}, and each further column of numbers in the inputs"
+    )]
+    UnknownSignal {
+        /// Output.
+        output: String,
+        /// What was written.
+        signal: String,
+        /// Those that there are.
+        known: String,
+    },
     /// No column carries anything.
     #[error("the regressors have rank zero: nothing was excited; fly a manoeuvre")]
     RankZero,
@@ -47,4 +115,80 @@ pub enum IdentifyError {
         /// Share of the output in the vector.
         part: f64,
     },
+    /// A name that the model does not have.
+    #[error("the model has no parameter {name:?}: use one of {known}")]
+    UnknownParameter {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// A value that makes no sense for a parameter.
+    #[error("{name} cannot be {value}: give a finite number, and flapping times of 2 ms or more")]
+    ParameterOutOfRange {
+        /// The parameter.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// Times of measurements must increase.
+    #[error(
+        "the measurement at {t_s} s does not come after the one at {before_s} s: sort them and remove repeats"
+    )]
+    MeasurementTimes {
+        /// Time.
+        t_s: f64,
+        /// The time before.
+        before_s: f64,
+    },
+    /// A measurement that cannot be weighed.
+    #[error(
+        "the {what} at {t_s:.3} s is not usable: it needs finite numbers, a positive definite covariance, and a known camera and marker"
+    )]
+    BadMeasurement {
+        /// Time.
+        t_s: f64,
+        /// Which part.
+        what: &'static str,
+    },
+    /// Too few instants to start from.
+    #[error(
+        "{known} instants have a pose (or velocity and rates), but at least 4 are needed to start: measure more of the flight"
+    )]
+    NoStart {
+        /// Instants with a pose.
+        known: usize,
+    },
+    /// A trajectory that is not finite.
+    #[error("the trajectory from {t_s:.3} s on runs away: start from other values, or shorten the segments")]
+    RanAway {
+        /// Start of the segment.
+        t_s: f64,
+    },
+    /// Nothing to be estimated.
+    #[error("no parameter is free: name at least one")]
+    NothingFree,
+    /// Parameters that the flight cannot tell apart.
+    #[error("the flight does not determine {}: {combination}; fix one of them, or fly a manoeuvre that moves them by themselves", names.join(", "))]
+    NotDetermined {
+        /// The parameters.
+        names: Vec<String>,
+        /// Which change of them leaves every measurement as it is.
+        combination: String,
+    },
+    /// The iteration stopped early.
+    #[error(
+        "the fit has not converged after {iterations} iterations (it still promises to lower {squares:.4e} by {promise:.1e}): start from other values, or shorten the segments"
+    )]
+    FitNotConverged {
+        /// Iterations.
+        iterations: usize,
+        /// Weighted squares reached.
+        squares: f64,
+        /// What the next step promises.
+        promise: f64,
+    },
+    /// A marker that no camera can see at the fitted pose, or a camera that cannot be differentiated.
+    #[error(transparent)]
+    Geometry(#[from] mavsight_geometry::GeometryError),
 }

@@ -1,37 +1,53 @@
-//! The fits of one flight by least squares and by total least squares.
+//! The fits of one flight by the estimators.
 
-use crate::dependence::{Dependence, independent_columns};
-use crate::regressors::Output;
-use crate::{
-    CoefficientTable, IdentifyError, least_squares, student_quantile_975, total_least_squares, verdict,
-};
-use nalgebra::{DMatrix, DVector};
+use crate::diagnostics::{Agreement, Collinearity};
+use crate::problem::Problem;
+use crate::{Band, CoefficientTable, IdentifyError};
+use nalgebra::DMatrix;
 
 /// How parameters were estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Estimator {
     /// Ordinary least squares with errors for coloured residuals.
     LeastSquares,
+    /// Least squares with each instant weighted by the error of its output.
+    WeightedLeastSquares,
     /// Total least squares with exact columns held exact.
     TotalLeastSquares,
+    /// Total least squares with the error covariance of each instant.
+    TotalLeastSquaresByRow,
+    /// Least squares of the Fourier transforms in a band.
+    FrequencyDomain,
 }
 
 impl Estimator {
+    /// All of them.
+    pub const ALL: [Self; 5] = [
+        Self::LeastSquares,
+        Self::WeightedLeastSquares,
+        Self::TotalLeastSquares,
+        Self::TotalLeastSquaresByRow,
+        Self::FrequencyDomain,
+    ];
+
     /// The name in `parameters.csv`.
     pub fn name(self) -> &'static str {
         match self {
             Self::LeastSquares => "ols",
+            Self::WeightedLeastSquares => "wls",
             Self::TotalLeastSquares => "tls",
+            Self::TotalLeastSquaresByRow => "gtls",
+            Self::FrequencyDomain => "fd",
         }
     }
 
     /// The estimator of a name.
     pub fn from_name(name: &str) -> Option<Self> {
-        [Self::LeastSquares, Self::TotalLeastSquares].into_iter().find(|e| e.name() == name)
+        Self::ALL.into_iter().find(|e| e.name() == name)
     }
 }
 
-/// One parameter of equation 3.
+/// One parameter of the model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
     /// Regressor that it belongs to.
@@ -59,14 +75,36 @@ pub struct Combination {
     pub std: f64,
 }
 
+/// How far a fit can be trusted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Diagnostics {
+    /// Names of the independent columns, in the order of all that follows.
+    pub columns: Vec<String>,
+    /// What they can tell apart.
+    pub collinearity: Collinearity,
+    /// Correlations of their estimates.
+    pub correlations: DMatrix<f64>,
+    /// Sum of squares of the prediction errors of instants left out in blocks of one period of the low-pass
+    /// ([`crate::press()`]).
+    pub press: f64,
+    /// One less PRESS over the sum of squares about the mean.
+    pub predicted_r2: f64,
+    /// Autocorrelations of the residuals from lag one on, over two periods of the low-pass.
+    pub autocorrelations: Vec<f64>,
+    /// Fit against measurement in the window, with Theil's coefficient.
+    pub fit: Agreement,
+    /// Prediction against measurement where the fit has not looked.
+    pub held_out: Option<Agreement>,
+}
+
 /// The fit of one output.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OutputFit {
-    /// `C_X`, `C_Z` or `C_m`.
+    /// `C_X`, `C_Z` or `C_m`, or as the model has it.
     pub output: String,
     /// How.
     pub estimator: Estimator,
-    /// All parameters of the model, in its order.
+    /// All free parameters of the model, in its order.
     pub parameters: Vec<Parameter>,
     /// What can be said of those that are not identifiable.
     pub combinations: Vec<Combination>,
@@ -82,6 +120,10 @@ pub struct OutputFit {
     pub condition: f64,
     /// Fit at all times of the table.
     pub fitted: Vec<f64>,
+    /// Instants of the window that were not fitted because they lie in a gap of the poses.
+    pub left_out: usize,
+    /// More of that kind.
+    pub diagnostics: Diagnostics,
     /// What that means, in words.
     pub verdict: String,
 }
@@ -100,140 +142,57 @@ impl Identification {
     }
 }
 
-/// The rows of one output inside the window.
-struct Problem<'a> {
-    output: &'a Output,
-    all: DMatrix<f64>,
-    x: DMatrix<f64>,
-    y: DVector<f64>,
-    output_std: f64,
-    lag: usize,
-    dependence: Dependence,
+/// What a user may choose of a fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitOptions {
+    /// Estimators, in the order of the results.
+    pub estimators: Vec<Estimator>,
+    /// Band of [`Estimator::FrequencyDomain`]; where there is none, from one cycle in the window to the bandwidth of the output.
+    pub band: Option<Band>,
+    /// First and last time of a part that is not fitted but predicted.
+    pub held_out_s: Option<(f64, f64)>,
+}
+
+impl Default for FitOptions {
+    fn default() -> Self {
+        Self {
+            estimators: vec![
+                Estimator::LeastSquares,
+                Estimator::TotalLeastSquares,
+                Estimator::TotalLeastSquaresByRow,
+            ],
+            band: None,
+            held_out_s: None,
+        }
+    }
+}
+
+/// Fits every output of the table by [`identify_with`] its default options: ordinary and total least squares, the latter also with
+/// each instant's own covariance.
+///
+/// # Errors
+/// Those of [`identify_with`].
+pub fn identify(table: &CoefficientTable) -> Result<Identification, IdentifyError> {
+    identify_with(table, &FitOptions::default())
 }
 
 /// Fits every output of the table by each estimator.
 ///
 /// A column that is a combination of those before it (constant thrusts are multiples of the intercept) is taken into
-/// them; parameters concerned are marked as not identifiable and the combination that is determined is given.
+/// them; parameters concerned are marked as not identifiable and the combination that is determined is given. Intervals
+/// allow for residuals that are correlated over a period of the low-pass. [`Estimator::FrequencyDomain`] leaves the constant out.
 ///
 /// # Errors
-/// Too few instants, columns of rank zero, no total least-squares solution.
-pub fn identify(table: &CoefficientTable) -> Result<Identification, IdentifyError> {
-    let mut fits = Vec::new();
+/// Too few instants, columns of rank zero, no total least-squares solution, a band without frequencies.
+pub fn identify_with(
+    table: &CoefficientTable,
+    options: &FitOptions,
+) -> Result<Identification, IdentifyError> {
+    let mut fits = Vec::with_capacity(table.outputs.len() * options.estimators.len());
     for output in &table.outputs {
-        let problem = Problem::new(table, output)?;
-        for estimator in [Estimator::LeastSquares, Estimator::TotalLeastSquares] {
-            fits.push(problem.fit(estimator)?);
+        for estimator in &options.estimators {
+            fits.push(Problem::new(table, output, *estimator, options)?.fit()?);
         }
     }
     Ok(Identification { fits })
-}
-
-impl<'a> Problem<'a> {
-    fn new(table: &CoefficientTable, output: &'a Output) -> Result<Self, IdentifyError> {
-        let count = output.columns.len();
-        let all = DMatrix::from_fn(table.t_s.len(), count, |i, j| output.columns[j].values[i]);
-        let rows: Vec<usize> = (0..table.t_s.len())
-            .filter(|i| table.t_s[*i] >= table.window_s.0 - 1e-9 && table.t_s[*i] <= table.window_s.1 + 1e-9)
-            .collect();
-        if rows.len() <= count {
-            return Err(IdentifyError::TooFewInstants { found: rows.len(), parameters: count });
-        }
-        let x = all.select_rows(&rows);
-        let y = DVector::from_iterator(rows.len(), rows.iter().map(|i| output.values[*i]));
-        let variance: f64 = rows.iter().map(|i| output.std[*i].powi(2)).sum::<f64>() / rows.len() as f64;
-        let noise: Vec<f64> = output.columns.iter().map(|c| c.std).collect();
-        let dependence = independent_columns(&x, &noise);
-        if dependence.independent.is_empty() {
-            return Err(IdentifyError::RankZero);
-        }
-        // Errors behind the smoother are correlated over about one period of its cut-off frequency.
-        let lag = (1.0 / (output.bandwidth_hz * table.sample_interval_s))
-            .ceil()
-            .clamp(1.0, rows.len() as f64 / 4.0);
-        let output_std = if variance > 0.0 { variance.sqrt() } else { 1.0 };
-        Ok(Self { output, all, x, y, output_std, lag: lag as usize, dependence })
-    }
-
-    fn fit(&self, estimator: Estimator) -> Result<OutputFit, IdentifyError> {
-        let independent = &self.dependence.independent;
-        let basis = self.x.select_columns(independent);
-        let (values, covariance) = match estimator {
-            Estimator::LeastSquares => {
-                let fit = least_squares(&basis, &self.y, self.lag)?;
-                (fit.values, fit.covariance)
-            }
-            Estimator::TotalLeastSquares => {
-                let std: Vec<f64> = independent.iter().map(|j| self.output.columns[*j].std).collect();
-                let fit = total_least_squares(&basis, &self.y, &std, self.output_std, self.lag)?;
-                (fit.values, fit.covariance)
-            }
-        };
-        Ok(self.report(estimator, &values, &covariance))
-    }
-
-    /// Puts estimates of the independent columns into the model's order.
-    fn report(&self, estimator: Estimator, values: &DVector<f64>, covariance: &DMatrix<f64>) -> OutputFit {
-        let independent = &self.dependence.independent;
-        let degrees = self.x.nrows() - independent.len();
-        let t = student_quantile_975(degrees);
-        let mut parameters: Vec<Parameter> = self
-            .output
-            .columns
-            .iter()
-            .map(|c| Parameter {
-                name: c.name.clone(),
-                value: None,
-                std: None,
-                ci_low: None,
-                ci_high: None,
-                identifiable: false,
-            })
-            .collect();
-        let mut combinations = Vec::new();
-        let mut full = DVector::zeros(self.x.ncols());
-        for (position, column) in independent.iter().copied().enumerate() {
-            let (value, std) = (values[position], covariance[(position, position)].max(0.0).sqrt());
-            full[column] = value;
-            if self.dependence.stands_alone(position) {
-                let p = &mut parameters[column];
-                p.identifiable = true;
-                (p.value, p.std) = (Some(value), Some(std));
-                (p.ci_low, p.ci_high) = (Some(value - t * std), Some(value + t * std));
-            } else {
-                combinations.push(Combination {
-                    text: verdict::combination(self.output, &self.dependence, position),
-                    value,
-                    std,
-                });
-            }
-        }
-        let residuals = &self.y - &self.x * &full;
-        let spread = self.y.add_scalar(-self.y.mean()).norm_squared();
-        let condition = self.condition();
-        let rank = independent.len();
-        OutputFit {
-            output: self.output.name.clone(),
-            estimator,
-            r2: if spread > 0.0 { 1.0 - residuals.norm_squared() / spread } else { 0.0 },
-            max_residual: residuals.amax(),
-            rms_residual: (residuals.norm_squared() / residuals.len() as f64).sqrt(),
-            rank,
-            condition,
-            fitted: (&self.all * &full).iter().copied().collect(),
-            verdict: verdict::words(self.output, &self.dependence, &parameters, &combinations, condition),
-            parameters,
-            combinations,
-        }
-    }
-
-    fn condition(&self) -> f64 {
-        let mut scaled = self.x.select_columns(&self.dependence.independent);
-        for mut column in scaled.column_iter_mut() {
-            let length = column.norm();
-            column /= length;
-        }
-        let s = mavsight_geometry::svd::jacobi_svd(&scaled.qr().r()).singular_values;
-        s[0] / s[s.len() - 1]
-    }
 }

@@ -1,20 +1,52 @@
 //! From motion and inputs to parameters: regressors, estimators, diagnostics.
 //!
-//! The model is equation 3 of Mulyanto, Nurhakim, Muhammad (2012) with both thrusts: each of C_X, C_Z and C_m is linear
-//! in 1, alpha_u, alpha_l, q, delta_lon, T_u and T_l.
+//! The model is a file ([`Model`]); by default equation 3 of Mulyanto, Nurhakim, Muhammad (2012) with both thrusts: each of
+//! C_X, C_Z and C_m is linear in 1, alpha_u, alpha_l, q, delta_lon, T_u and T_l; and C_Y, C_l and C_n likewise.
 
+mod coloured;
+mod compensated;
 mod dependence;
+mod diagnostics;
 mod error;
 mod fit;
+mod frequency_domain;
+mod lag;
 mod least_squares;
+mod model;
+mod noise;
+mod orthogonal;
+pub mod output_error;
+mod problem;
+mod recursive;
 mod regressors;
 mod robust_covariance;
+mod row_errors;
+mod signals;
+mod structure;
+mod table;
+#[cfg(test)]
+mod testing;
 mod total_least_squares;
 mod verdict;
 
 pub use dependence::{Dependence, independent_columns};
+pub use diagnostics::{
+    Agreement, Collinearity, agreement, autocorrelations, collinearity, correlations, press,
+};
 pub use error::IdentifyError;
-pub use fit::{Combination, Estimator, Identification, OutputFit, Parameter, identify};
-pub use least_squares::{LeastSquares, least_squares, student_quantile_975};
-pub use regressors::{CoefficientTable, Column, Options, Output, coefficients};
-pub use total_least_squares::{TotalLeastSquares, total_least_squares};
+pub use fit::{
+    Combination, Diagnostics, Estimator, FitOptions, Identification, OutputFit, Parameter, identify,
+    identify_with,
+};
+pub use frequency_domain::{Band, fourier_transform, frequency_domain};
+pub use lag::{Clocks, Lag, delayed, estimate_lag};
+pub use least_squares::{LeastSquares, least_squares, student_quantile_975, weighted_least_squares};
+pub use model::{EQUATION_3, Measured, Model, OutputModel, SIGNALS, Scale, When};
+pub use noise::ErrorSpectrum;
+pub use recursive::RecursiveLeastSquares;
+pub use regressors::{Bandwidth, Options, coefficients};
+pub use robust_covariance::Correlation;
+pub use row_errors::total_least_squares_by_row;
+pub use structure::{Structure, choose_structure, stepwise};
+pub use table::{CoefficientTable, Column, Fixed, Output};
+pub use total_least_squares::{TotalLeastSquares, independent_errors, total_least_squares};

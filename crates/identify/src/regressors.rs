@@ -1,215 +1,314 @@
-//! Coefficients and regressors of equation 3 from motion and inputs.
+//! Outputs and regressors of a model from motion and inputs.
 
-use crate::IdentifyError;
-use mavsight_flight::flapping::{self, Between};
-use mavsight_flight::{InputSeries, Vehicle, thrust_n};
-use mavsight_pose::{Motion, lowpass_like};
-use std::f64::consts::PI;
+use crate::coloured::coloured;
+use crate::dependence::independent_columns;
+use crate::model::{Model, OutputModel, Scale, When};
+use crate::noise::{Bands, Source, Term, Transfer};
+use crate::signals::{Flight, Passed, Signal, lowpass_at, scale_terms};
+use crate::table::{CoefficientTable, Column, Fixed, Output, rows_of};
+use crate::{Correlation, IdentifyError, least_squares};
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_pose::Motion;
+use nalgebra::{DMatrix, DVector};
 
-/// One regressor over time.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Column {
-    /// Name: `0`, `alpha_u`, `alpha_l`, `q`, `delta_lon`, `T_u`, `T_l`.
-    pub name: String,
-    /// Values at the table's times.
-    pub values: Vec<f64>,
-    /// Standard deviation of their error; 0 where the column is exact.
-    pub std: f64,
-}
-
-/// One coefficient over time with its regressors, which have passed the same low-pass.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Output {
-    /// `C_X`, `C_Z` or `C_m`.
-    pub name: String,
-    /// Values at the table's times.
-    pub values: Vec<f64>,
-    /// Standard deviation of their error, at each time.
-    pub std: Vec<f64>,
-    /// Regressors.
-    pub columns: Vec<Column>,
-    /// Frequency at which both sides are passed by one half.
-    pub bandwidth_hz: f64,
-}
-
-/// Coefficients and regressors of a flight.
-#[derive(Debug, Clone, PartialEq)]
-pub struct CoefficientTable {
-    /// Times.
-    pub t_s: Vec<f64>,
-    /// Outputs.
-    pub outputs: Vec<Output>,
-    /// First and last time that is fitted.
-    pub window_s: (f64, f64),
-    /// Median interval of the times.
-    pub sample_interval_s: f64,
+/// The low-pass that both sides of a regression pass beside the smoother's.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Bandwidth {
+    /// Of a grid below the smoother's the lowest whose parameters have, in the geometric mean, standard deviations that
+    /// cannot be told from the least of the grid, by the determinant of the least-squares covariance (D-optimal: Box & Lucas
+    /// 1959). From a record of n = 2BT independent values a standard deviation is known to 1/√(2n), and what is within that is
+    /// the simpler choice (Breiman, Friedman, Olshen & Stone 1984, section 3.4.3). The smoother's bandwidth suits
+    /// positions; the noise of accelerations grows with frequency to the fourth power, and so do what models neglect and
+    /// what lies between samples.
+    #[default]
+    Automatic,
+    /// None.
+    Smoother,
+    /// One that passes one half at so many hertz.
+    Hz(f64),
 }
 
 /// What a user may choose.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Left out at either end, where a smoother leans on one side only: half a second is one to two periods of the
-    /// cut-off frequencies that ordinary cameras allow.
+    /// Left out at either end, where a low-pass leans on one side only: half a second is one to two periods of the cut-off
+    /// frequencies that ordinary cameras allow. It is at least one period of the smoother's, and a further low-pass
+    /// is none of which it is less.
     pub margin_s: f64,
+    /// Output equations; equation 3 where there are none.
+    pub model: Option<Model>,
+    /// Low-pass.
+    pub bandwidth: Bandwidth,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { margin_s: 0.5 }
+        Self { margin_s: 0.5, model: None, bandwidth: Bandwidth::Automatic }
     }
 }
 
-/// Forms C_X, C_Z and C_m (equation 4, with q̇ in place of the misprinted q) and the regressors of equation 3.
+/// Forms the outputs of the model and their regressors.
 ///
-/// C_X, C_Z = m a/(½ρπR⁴ω²) with a the specific force and ω the mean rotor speed, C_m = I_yy q̇/(½ρπR⁵ω²). The flapping
-/// angles are integrated from the smoothed rate and the recorded swash-plate (equation 2), from trim. What the
-/// swash-plate drives directly passes the low-pass of the smoother ([`mavsight_pose::lowpass_like`]), at the bandwidth of
-/// translation for forces and of rotation for the moment; what the rate drives has passed it already.
+/// By default these are C_X, C_Z and C_m (equation 4, with q̇ in place of the misprinted q) over the regressors of
+/// equation 3, and C_Y, C_l and C_n where the flight excites them. C_X, C_Z = m a/(½ρπR⁴ω²) with a the specific force and ω
+/// the mean rotor speed, C_m = I_yy q̇/(½ρπR⁵ω²) with the gyroscopic part of [`crate::Measured`]. Flapping angles are
+/// integrated from the smoothed rates and the recorded swash-plate (equation 2), from trim. All that stands in one
+/// equation has passed the same low-passes ([`mavsight_pose::lowpass_like`]): what comes from the motion those of the
+/// smoother, what comes from the inputs as well, and both that of [`Bandwidth`].
 ///
-/// Valid for flights that begin in trim, with flapping times that are known.
+/// Valid for flights that begin in trim, with flapping times that are known. Instants in a gap of the poses, where the
+/// smoother's variance of a velocity or rate is above nine times its median, or beside a gap in
+/// time, are not fitted.
 ///
 /// # Errors
-/// Inputs that do not cover the flight, rotors that stand still, fewer than eight samples in the window.
+/// Inputs that do not cover the flight, rotors that stand still where a scale needs them turning, a bandwidth that is
+/// not positive, an empty motion, a model with an unknown signal, or with flapping where the motion has a gap in time, over
+/// which rates cannot be integrated.
 pub fn coefficients(
     motion: &Motion,
     inputs: &InputSeries,
     vehicle: &Vehicle,
     options: &Options,
 ) -> Result<CoefficientTable, IdentifyError> {
-    let t_s: Vec<f64> = motion.samples.iter().map(|s| s.t_ns as f64 * 1e-9).collect();
-    let (Some(first_s), Some(last_s)) = (t_s.first().copied(), t_s.last().copied()) else {
+    let model = match &options.model {
+        Some(model) => model.clone(),
+        None => Model::equation_3()?,
+    };
+    model.check_signals(inputs)?;
+    let flight = Flight::new(motion, inputs, vehicle)?;
+    let (Some(first_s), Some(last_s)) = (flight.t_s.first().copied(), flight.t_s.last().copied()) else {
         return Err(IdentifyError::TooFewInstants { found: 0, parameters: 7 });
     };
-    let scale = force_scales_n(&t_s, inputs, vehicle)?;
-    let q: Vec<f64> = motion.samples.iter().map(|s| s.rates_rad_s.y).collect();
-    let q_dot: Vec<f64> = motion.samples.iter().map(|s| s.angular_acceleration_rad_s2.y).collect();
-    let sources = Sources { t_s: &t_s, q: &q, q_dot: &q_dot, motion, inputs, vehicle };
-    let inertia = vehicle.inertia_kg_m2[1] / vehicle.rotor.radius_m;
-    let plan = [
-        ("C_X", motion.translation_bandwidth_hz, vehicle.mass_kg, 12),
-        ("C_Z", motion.translation_bandwidth_hz, vehicle.mass_kg, 14),
-        ("C_m", motion.rotation_bandwidth_hz, inertia, 16),
-    ];
-    let mut outputs = Vec::with_capacity(plan.len());
-    for (name, bandwidth_hz, factor, index) in plan {
-        let value = |k: usize| {
-            let s = &motion.samples[k];
-            match index {
-                12 => s.specific_force_m_s2.x,
-                14 => s.specific_force_m_s2.z,
-                _ => s.angular_acceleration_rad_s2.y,
-            }
-        };
-        let std = |k: usize| motion.samples[k].covariance[(index, index)].max(0.0).sqrt();
-        outputs.push(Output {
-            name: name.to_owned(),
-            values: (0..t_s.len()).map(|k| factor * value(k) / scale[k]).collect(),
-            std: (0..t_s.len()).map(|k| factor * std(k) / scale[k]).collect(),
-            columns: sources.columns(bandwidth_hz)?,
-            bandwidth_hz,
-        });
-    }
-    let margin_s = options.margin_s.clamp(0.0, (last_s - first_s) / 4.0);
-    let window_s = (first_s + margin_s, last_s - margin_s);
-    Ok(CoefficientTable { t_s, outputs, window_s, sample_interval_s: motion.sample_interval_s })
-}
-
-/// ½ρπR⁴ω² at each time.
-fn force_scales_n(t_s: &[f64], inputs: &InputSeries, vehicle: &Vehicle) -> Result<Vec<f64>, IdentifyError> {
-    let per_omega2 = 0.5 * vehicle.environment.air_density_kg_m3 * PI * vehicle.rotor.radius_m.powi(4);
-    t_s.iter()
-        .map(|t| {
-            let input = inputs.require(*t)?;
-            let omega_rad_s = 0.5 * (input.omega_u_rad_s + input.omega_l_rad_s);
-            if omega_rad_s.abs() < 1.0 {
-                return Err(IdentifyError::RotorsStopped { t_s: *t, omega_rad_s });
-            }
-            Ok(per_omega2 * omega_rad_s * omega_rad_s)
-        })
-        .collect()
-}
-
-struct Sources<'a> {
-    t_s: &'a [f64],
-    q: &'a [f64],
-    q_dot: &'a [f64],
-    motion: &'a Motion,
-    inputs: &'a InputSeries,
-    vehicle: &'a Vehicle,
-}
-
-impl Sources<'_> {
-    /// The seven regressors, low-passed at a bandwidth.
-    fn columns(&self, bandwidth_hz: f64) -> Result<Vec<Column>, IdentifyError> {
-        let rotor = &self.vehicle.rotor;
-        let samples = self.inputs.samples();
-        let flybar = flapping::from_rate(self.t_s, self.q, self.q_dot, rotor.flap_time_flybar_s);
-        let lower_rate = flapping::from_rate(self.t_s, self.q, self.q_dot, rotor.flap_time_lower_s);
-        let (lower_swash, _) = flapping::lower_from_swashplate(self.inputs, rotor);
-        let lower_swash = self.onto_frames(&lower_swash, Between::Line, bandwidth_hz)?;
-        let delta: Vec<f64> = samples.iter().map(|s| s.delta_lon_rad).collect();
-        let upper: Vec<f64> = samples.iter().map(|s| thrust_n(self.vehicle, s).upper_n).collect();
-        let lower: Vec<f64> = samples.iter().map(|s| thrust_n(self.vehicle, s).lower_n).collect();
-        let (turn_std, rate_std) = self.errors();
-        let column = |name: &str, values: Vec<f64>, std: f64| Column { name: name.to_owned(), values, std };
-        Ok(vec![
-            column("0", vec![1.0; self.t_s.len()], 0.0),
-            // The fly-bar's slow lag makes alpha_f follow minus the attitude, and its error that of the attitude.
-            column(
-                "alpha_u",
-                flybar.iter().map(|a| rotor.flybar_gain * a).collect(),
-                rotor.flybar_gain.abs() * turn_std,
-            ),
-            column(
-                "alpha_l",
-                lower_swash.iter().zip(&lower_rate).map(|(a, b)| a + b).collect(),
-                rotor.flap_time_lower_s * rate_std,
-            ),
-            column("q", self.q.to_vec(), rate_std),
-            column("delta_lon", self.onto_frames(&delta, Between::Hold, bandwidth_hz)?, 0.0),
-            column("T_u", self.onto_frames(&upper, Between::Hold, bandwidth_hz)?, 0.0),
-            column("T_l", self.onto_frames(&lower, Between::Hold, bandwidth_hz)?, 0.0),
-        ])
-    }
-
-    /// Root mean square standard deviation of the smoothed turn and rate about the pitch axis.
-    fn errors(&self) -> (f64, f64) {
-        let mean = |index: usize| {
-            let sum: f64 = self.motion.samples.iter().map(|s| s.covariance[(index, index)].max(0.0)).sum();
-            (sum / self.motion.samples.len().max(1) as f64).sqrt()
-        };
-        (mean(4), mean(10))
-    }
-
-    /// A series on the inputs' times, low-passed on a regular grid of their mean interval and read off at the frames.
-    ///
-    /// A series that holds steps at a grid point: its value there is the mean of what it steps from and to.
-    fn onto_frames(
-        &self,
-        series: &[f64],
-        between: Between,
-        bandwidth_hz: f64,
-    ) -> Result<Vec<f64>, IdentifyError> {
-        let first = series.first().copied().unwrap_or(0.0);
-        if series.iter().all(|v| *v == first) {
-            return Ok(vec![first; self.t_s.len()]);
+    let slowest_hz = motion.translation_bandwidth_hz.min(motion.rotation_bandwidth_hz);
+    let margin_s = options.margin_s.max(1.0 / slowest_hz).clamp(0.0, (last_s - first_s) / 4.0);
+    let mut table = CoefficientTable {
+        t_s: flight.t_s.clone(),
+        outputs: Vec::with_capacity(model.output.len()),
+        window_s: (first_s + margin_s, last_s - margin_s),
+        sample_interval_s: motion.sample_interval_s,
+        usable: usable(&flight, margin_s),
+        not_excited: Vec::new(),
+    };
+    let rows = table.rows_in_window();
+    for equation in &model.output {
+        let draft = Draft::new(&flight, equation, motion)?;
+        let whole = || draft.finish(&flight, &table.usable, None);
+        if equation.when == When::Excited && !excited(&whole(), &rows) {
+            table.not_excited.push(equation.name.clone());
+            continue;
         }
-        let times_s: Vec<f64> = self.inputs.samples().iter().map(|s| s.t_s).collect();
-        let (start_s, end_s) = (self.inputs.start_s(), self.inputs.end_s());
-        let step_s = (end_s - start_s) / (times_s.len() - 1) as f64;
-        let grid_s: Vec<f64> = (0..times_s.len()).map(|k| start_s + step_s * k as f64).collect();
-        let held_at = |t_s: f64| series[times_s.partition_point(|t| *t <= t_s).max(1) - 1];
-        let regular = grid_s
-            .iter()
-            .map(|t_s| match between {
-                Between::Hold => Ok(0.5 * (held_at(t_s + 0.5 * step_s) + held_at(t_s - 0.5 * step_s))),
-                Between::Line => flapping::interpolate(&times_s, series, *t_s),
-            })
-            .collect::<Result<Vec<f64>, _>>()?;
-        let smooth = lowpass_like(&regular, step_s, bandwidth_hz);
-        self.t_s
-            .iter()
-            .map(|t| flapping::interpolate(&grid_s, &smooth, *t).map_err(IdentifyError::from))
-            .collect()
+        let output = match options.bandwidth {
+            Bandwidth::Smoother => whole(),
+            Bandwidth::Hz(hz) if hz.is_finite() && hz > 0.0 => draft.finish(&flight, &table.usable, Some(hz)),
+            Bandwidth::Hz(value) => {
+                let (what, must) = ("the bandwidth", "be above zero");
+                return Err(IdentifyError::BadSetting { what, value, must });
+            }
+            Bandwidth::Automatic => draft.best(&flight, whole(), &rows, &table),
+        };
+        table.outputs.push(output);
     }
+    Ok(table)
+}
+
+/// Instants whose smoothed rates are not much worse than usual, and not within the margin of a gap in time: a low-pass leans
+/// on one side there as it does at the ends.
+fn usable(flight: &Flight<'_>, margin_s: f64) -> Vec<bool> {
+    let rows = flight.t_s.len();
+    let mut out = vec![true; rows];
+    for source in (0..3).flat_map(|axis| [Source::Position(axis), Source::Turn(axis)]) {
+        let variances: Vec<f64> = (0..rows).map(|i| flight.variance(source, i)).collect();
+        let median = median(variances.clone());
+        for (usable, variance) in out.iter_mut().zip(&variances) {
+            *usable &= median == 0.0 || *variance <= 9.0 * median;
+        }
+    }
+    for (from_s, to_s) in flight.gaps_s() {
+        for (usable, t_s) in out.iter_mut().zip(&flight.t_s) {
+            *usable &= *t_s < from_s - margin_s || *t_s > to_s + margin_s;
+        }
+    }
+    out
+}
+
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Standard deviation about the mean, of some rows.
+fn spread(values: &[f64], rows: &[usize]) -> f64 {
+    let n = rows.len().max(1) as f64;
+    let mean = rows.iter().map(|i| values[*i]).sum::<f64>() / n;
+    (rows.iter().map(|i| (values[*i] - mean).powi(2)).sum::<f64>() / n).sqrt()
+}
+
+/// Whether the output, and one regressor, move by more than three times their errors: a signal that does not is not
+/// told from noise at any usual level.
+fn excited(output: &Output, rows: &[usize]) -> bool {
+    let noise = (rows.iter().map(|i| output.std[*i].powi(2)).sum::<f64>() / rows.len().max(1) as f64).sqrt();
+    let moved = |values: &[f64], std: f64| {
+        let size = rows.iter().map(|i| values[*i].abs()).fold(0.0, f64::max);
+        let spread = spread(values, rows);
+        spread > 3.0 * std && spread > 1e-9 * size
+    };
+    moved(&output.values, noise) && output.columns.iter().any(|c| moved(&c.values, c.std))
+}
+
+/// An output behind the smoother's low-passes alone.
+struct Draft {
+    name: String,
+    output: Signal,
+    columns: Vec<(String, Signal)>,
+    fixed: Vec<Fixed>,
+    bands: Bands,
+}
+
+impl Draft {
+    fn new(flight: &Flight<'_>, equation: &OutputModel, motion: &Motion) -> Result<Self, IdentifyError> {
+        let passed = equation
+            .regressors
+            .iter()
+            .fold(Passed::by_measured(equation.measured), |all, r| all.and(Passed::by_regressor(r)));
+        let mut output = flight.measured(equation.measured, passed);
+        if equation.scale == Scale::Rotor {
+            let scale = flight.rotor_scale(equation.measured.axis().1, passed)?;
+            let inverse: Vec<f64> = scale.iter().map(|s| 1.0 / s).collect();
+            scale_terms(&mut output.terms, &inverse);
+            output.values.iter_mut().zip(&inverse).for_each(|(v, s)| *v *= s);
+        }
+        let mut columns = Vec::new();
+        let mut fixed = Vec::new();
+        for regressor in &equation.regressors {
+            let name = if regressor == "1" { "0".to_owned() } else { regressor.clone() };
+            let mut signal = flight.regressor(regressor, passed)?;
+            if let Some(value) = equation.fixed.get(regressor) {
+                output.values.iter_mut().zip(&signal.values).for_each(|(y, x)| *y -= value * x);
+                scale_terms(&mut signal.terms, &vec![-value; signal.values.len()]);
+                output.terms.extend(signal.terms);
+                fixed.push(Fixed { name, value: *value });
+            } else {
+                columns.push((name, signal));
+            }
+        }
+        let (translation_hz, rotation_hz) = (motion.translation_bandwidth_hz, motion.rotation_bandwidth_hz);
+        let both = [(passed.translation, translation_hz), (passed.rotation, rotation_hz)];
+        let passed_hz = both.into_iter().filter(|(wanted, _)| *wanted).map(|(_, hz)| hz).collect();
+        let bands = Bands { translation_hz, rotation_hz, passed_hz };
+        Ok(Self { name: equation.name.clone(), output, columns, fixed, bands })
+    }
+
+    /// The output behind one more low-pass.
+    fn finish(&self, flight: &Flight<'_>, usable: &[bool], extra_hz: Option<f64>) -> Output {
+        let pass = |values: &[f64]| match extra_hz {
+            Some(hz) => lowpass_at(&flight.t_s, values, hz),
+            None => values.to_vec(),
+        };
+        let mut bands = self.bands.clone();
+        bands.passed_hz.extend(extra_hz);
+        let count = self.columns.len();
+        let terms: Vec<&[Term]> = self
+            .columns
+            .iter()
+            .map(|(_, s)| s.terms.as_slice())
+            .chain([self.output.terms.as_slice()])
+            .collect();
+        let rows = flight.t_s.len();
+        let errors = bands.covariances(&terms, rows, &|source, row| flight.variance(source, row));
+        let mean_variance = |source: Source| {
+            let all = (0..rows).filter(|row| usable[*row]).map(|row| flight.variance(source, row));
+            median(all.collect())
+        };
+        let spectrum = bands.spectrum(&terms, &mean_variance);
+        let once = start_errors(flight, &terms);
+        let used = || errors.iter().zip(usable).filter(|(_, usable)| **usable);
+        let mean = |j: usize| used().map(|(e, _)| e[(j, j)]).sum::<f64>() / used().count().max(1) as f64;
+        let column = |(j, (name, signal)): (usize, &(String, Signal))| Column {
+            name: name.clone(),
+            values: pass(&signal.values),
+            std: mean(j).sqrt(),
+        };
+        Output {
+            name: self.name.clone(),
+            values: pass(&self.output.values),
+            std: errors.iter().map(|e| e[(count, count)].sqrt()).collect(),
+            columns: self.columns.iter().enumerate().map(column).collect(),
+            errors,
+            spectrum,
+            once,
+            fixed: self.fixed.clone(),
+            bandwidth_hz: bands.passed_hz.iter().copied().fold(f64::INFINITY, f64::min),
+        }
+    }
+
+    /// The output behind the low-pass of [`Bandwidth::Automatic`]: of steps of a fourth of an octave, down to where the window's
+    /// margin is one period.
+    fn best(&self, flight: &Flight<'_>, whole: Output, rows: &[usize], table: &CoefficientTable) -> Output {
+        let margin_s = table.window_s.0 - table.t_s[0];
+        let lowest_hz = 1.0 / margin_s;
+        let all = rows_of(&whole, rows);
+        let std: Vec<f64> = whole.columns.iter().map(|c| c.std).collect();
+        let independent = independent_columns(&all, &std).independent;
+        let mut candidates = vec![whole];
+        let mut hz = candidates[0].bandwidth_hz.min(0.5 / table.sample_interval_s);
+        while hz >= lowest_hz {
+            candidates.push(self.finish(flight, &table.usable, Some(hz)));
+            hz *= 0.5_f64.powf(0.25);
+        }
+        let measure = |output: &Output| log_determinant(output, &independent, rows, table);
+        let measures: Vec<f64> = candidates.iter().map(|c| measure(c).unwrap_or(f64::INFINITY)).collect();
+        let least = measures.iter().copied().fold(f64::INFINITY, f64::min);
+        let degrees = 2.0 * candidates[0].bandwidth_hz * (table.window_s.1 - table.window_s.0);
+        let known_to = 1.0 + (2.0 * degrees.max(1.0)).sqrt().recip();
+        let enough = least + 2.0 * independent.len() as f64 * known_to.ln();
+        let chosen = measures.iter().rposition(|m| *m <= enough).unwrap_or(0);
+        candidates.swap_remove(chosen)
+    }
+}
+
+/// What an error of the turn at the first time does to flapping, which is integrated from there: it fades with the disc's time.
+fn start_errors(flight: &Flight<'_>, signals: &[&[Term]]) -> Vec<DMatrix<f64>> {
+    let rows = flight.t_s.len();
+    let mut out = Vec::new();
+    for axis in 0..3 {
+        let std_rad = flight.start_turn_std_rad(axis);
+        let mut effect = DMatrix::zeros(rows, signals.len());
+        for (j, terms) in signals.iter().enumerate() {
+            for term in terms.iter().filter(|t| t.source == Source::Turn(axis)) {
+                let Transfer::Washout { time_s } = term.transfer else { continue };
+                for (row, t_s) in flight.t_s.iter().enumerate() {
+                    let fading = (-(t_s - flight.t_s[0]) / time_s).exp();
+                    effect[(row, j)] -= std_rad * term.gains[row] * fading;
+                }
+            }
+        }
+        if effect.iter().any(|e| *e != 0.0) {
+            out.push(effect);
+        }
+    }
+    out
+}
+
+/// Logarithm of the determinant of the least-squares covariance of independent columns, for coloured residuals.
+fn log_determinant(
+    output: &Output,
+    independent: &[usize],
+    rows: &[usize],
+    table: &CoefficientTable,
+) -> Option<f64> {
+    let x = rows_of(output, rows).select_columns(independent);
+    let y = DVector::from_iterator(rows.len(), rows.iter().map(|i| output.values[*i]));
+    let how = Correlation::Rows(table.correlated_rows(output.bandwidth_hz, rows.len()));
+    let fit = least_squares(&x, &y, how).ok()?;
+    let gamma = table.autocovariances(output, independent, &fit.values);
+    let once = table.once(output, independent, &fit.values, rows);
+    let covariance = coloured(&x, &fit.inverse_gram, fit.residuals.as_slice(), &gamma, &once)
+        .map_or(fit.covariance, |c| c.covariance);
+    // Scaled by the columns' lengths, which differ by orders of magnitude.
+    let lengths: Vec<f64> = x.column_iter().map(|c| c.norm()).collect();
+    let count = lengths.len();
+    let scaled = DMatrix::from_fn(count, count, |i, j| covariance[(i, j)] * lengths[i] * lengths[j]);
+    let factor = scaled.cholesky()?;
+    let own: f64 = (0..count).map(|j| factor.l_dirty()[(j, j)].ln() - lengths[j].ln()).sum();
+    Some(2.0 * own)
 }

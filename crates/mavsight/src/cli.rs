@@ -66,13 +66,16 @@ pub(crate) struct Run {
     /// Folder for the results
     #[arg(long, value_name = "DIR")]
     pub(crate) out: PathBuf,
+    /// Leave out output error from the poses and from the images
+    #[arg(long)]
+    pub(crate) equation_error_only: bool,
 }
 
 /// `calibrate`, `track` and `report`
 #[derive(Debug, Args)]
 #[command(after_help = "Example, the chain in steps:\n  mavsight calibrate session.toml --out results\n  \
 mavsight track session.toml --out results\n  \
-mavsight identify --pose results/pose.csv --inputs inputs.csv --vehicle vehicle.toml --out results\n  \
+mavsight identify results/pose.csv --inputs inputs.csv --vehicle vehicle.toml --out results\n  \
 mavsight report session.toml --out results")]
 pub(crate) struct Stage {
     /// The session file
@@ -131,22 +134,62 @@ pub(crate) struct Film {
 
 /// `identify`
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  mavsight identify --pose pose.csv --inputs inputs.csv --vehicle vehicle.toml --out results"
-)]
+#[command(after_help = "Example:\n  \
+mavsight identify results/pose.csv --inputs inputs.csv --vehicle vehicle.toml --out results\n  \
+mavsight identify mocap.csv --inputs log.csv --vehicle quad.toml --model quad-model.toml --hold-out 7..9\n\n\
+The table has t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad at any rate, with or without a `_std` column for each, and is\n\
+smoothed; or it has all columns of motion.csv and is taken as it is. A row with its time alone was not measured.")]
 pub(crate) struct Identify {
-    /// Table of poses, from `track` or from any other system, in the columns of pose.csv
-    #[arg(long, value_name = "FILE")]
-    pub(crate) pose: PathBuf,
+    /// Poses or motion, from `track` or from any other system
+    #[arg(value_name = "TABLE.csv")]
+    pub(crate) table: PathBuf,
     /// Recorded inputs
     #[arg(long, value_name = "FILE")]
     pub(crate) inputs: PathBuf,
     /// Vehicle file
     #[arg(long, value_name = "FILE")]
     pub(crate) vehicle: PathBuf,
-    /// Folder for the results
+    /// Output equations; those of equation 3 where left out
+    #[arg(long, value_name = "FILE")]
+    pub(crate) model: Option<PathBuf>,
+    /// Estimators, of ols, wls, tls, gtls, fd, and oe for output error from poses [default: ols,tls,gtls, and oe
+    /// where no model is given]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub(crate) estimator: Vec<String>,
+    /// Band of the estimator fd, Hz
+    #[arg(long, value_name = "LOW..HIGH")]
+    pub(crate) band: Option<Interval>,
+    /// Frequency at which one more low-pass of both sides passes one half; found from the data where left out
+    #[arg(long, value_name = "HZ")]
+    pub(crate) bandwidth: Option<f64>,
+    /// A part of the flight that is not fitted but predicted, s
+    #[arg(long, value_name = "FROM..TO")]
+    pub(crate) hold_out: Option<Interval>,
+    /// What to add to the inputs' times; estimated, and said, where left out
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    pub(crate) lag: Option<f64>,
+    /// Choose each output's regressors from the model's, step by step by PRESS
+    #[arg(long)]
+    pub(crate) stepwise: bool,
+    /// Folder for the results; printed only where left out
     #[arg(long, value_name = "DIR")]
-    pub(crate) out: PathBuf,
+    pub(crate) out: Option<PathBuf>,
+}
+
+/// Two numbers, `FROM..TO`, the second above the first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Interval(pub(crate) f64, pub(crate) f64);
+
+impl std::str::FromStr for Interval {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("{text:?} is not two rising numbers: write them as 0.5..3");
+        let (from, to) = text.split_once("..").ok_or_else(wrong)?;
+        let number = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(wrong);
+        let (from, to) = (number(from)?, number(to)?);
+        if from < to { Ok(Self(from, to)) } else { Err(wrong()) }
+    }
 }
 
 /// `selftest`

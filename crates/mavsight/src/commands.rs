@@ -1,6 +1,7 @@
 //! What each command does.
 
 mod demo;
+mod identify;
 mod run;
 mod selftest;
 mod stages;
@@ -19,7 +20,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Film(args) => stages::film(args),
         Command::Calibrate(args) => stages::calibrate(args),
         Command::Track(args) => stages::track(args),
-        Command::Identify(args) => stages::identify(args),
+        Command::Identify(args) => identify::identify(args),
         Command::Report(args) => stages::report(args),
         Command::Selftest(args) => selftest::selftest(args),
     }

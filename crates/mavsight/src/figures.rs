@@ -3,7 +3,6 @@
 use crate::page::Page;
 use anyhow::{Context, Result};
 use mavsight_geometry::{EulerAngles, Vector2, Vector3};
-use mavsight_identify::Estimator;
 use mavsight_pose::{MotionSample, Rig, control_volume, euler_std, precision_map};
 use mavsight_report::{Chart, Curve, Figure, HeatMap, Panel, Role, draw, draw_heat_maps, png_figure};
 use mavsight_scene::draw_path;
@@ -13,11 +12,11 @@ use mavsight_vision::Frame;
 /// A value at each instant.
 type Of<'a, T> = &'a dyn Fn(&T) -> f64;
 
-fn curve(label: &str, role: Role, points: impl Iterator<Item = (f64, f64)>) -> Curve {
+pub(crate) fn curve(label: &str, role: Role, points: impl Iterator<Item = (f64, f64)>) -> Curve {
     Curve { label: label.to_owned(), role, points: points.collect(), half_width: vec![] }
 }
 
-fn figure(caption: &str, panels: Vec<Panel>) -> Result<Figure> {
+pub(crate) fn figure(caption: &str, panels: Vec<Panel>) -> Result<Figure> {
     Ok(Figure { caption: caption.to_owned(), markup: draw(&Chart { panels })? })
 }
 
@@ -235,43 +234,6 @@ pub(crate) fn motion(page: &Page<'_>) -> Result<Vec<Figure>> {
                 rate("r, °/s", 2, |r| r.r_rad_s.to_degrees()),
             ],
         )?,
-    ])
-}
-
-/// Figure 12, and what the fit leaves.
-pub(crate) fn coefficients(page: &Page<'_>) -> Result<Vec<Figure>> {
-    let (Some(table), Some(identification)) = (&page.results.coefficients, &page.results.identification)
-    else {
-        return Ok(vec![]);
-    };
-    let mut panels = Vec::new();
-    let mut left = Vec::new();
-    for output in &table.outputs {
-        let Some(fit) = identification.fit(&output.name, Estimator::TotalLeastSquares) else { continue };
-        let inside = |t: f64| t >= table.window_s.0 && t <= table.window_s.1;
-        let in_window = |values: Vec<f64>| -> Vec<(f64, f64)> {
-            table.t_s.iter().copied().zip(values).filter(|p| inside(p.0)).collect()
-        };
-        panels.push(Panel {
-            axis: output.name.clone(),
-            curves: vec![
-                curve("from the motion", Role::Estimate, in_window(output.values.clone()).into_iter()),
-                curve("total least squares", Role::Model, in_window(fit.fitted.clone()).into_iter()),
-            ],
-        });
-        let residual = output.values.iter().zip(&fit.fitted).map(|(a, b)| a - b).collect();
-        let points = in_window(residual).into_iter();
-        left.push(Panel {
-            axis: format!("Δ {}", output.name),
-            curves: vec![curve("residual", Role::Estimate, points)],
-        });
-    }
-    Ok(vec![
-        figure(
-            "Figure 12: coefficients from the motion and from the fitted model, inside the window that is fitted.",
-            panels,
-        )?,
-        figure("Residuals of figure 12.", left)?,
     ])
 }
 

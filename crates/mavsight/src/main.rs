@@ -3,6 +3,8 @@
 mod cli;
 mod commands;
 mod figures;
+mod fits;
+mod motion_fits;
 mod page;
 mod progress;
 mod summary;

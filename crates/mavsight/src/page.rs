@@ -1,8 +1,8 @@
 //! The report of a run: which figures and tables of the paper it shows.
 
 use crate::commands::Flight;
-use crate::figures;
 use crate::summary::{Summary, pixel_std_px, title};
+use crate::{figures, fits, motion_fits};
 use anyhow::Result;
 use mavsight_geometry::camera_parameters::{CENTRE, DISTORTION, INTRINSICS};
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Dlt};
@@ -43,7 +43,8 @@ pub(crate) fn write_page(page: &Page<'_>, out: &Path) -> Result<()> {
     }
     section("Aircraft and inputs", vec![vehicle_table(page)], vec![figures::inputs(page)?]);
     section("Motion", vec![], figures::motion(page)?);
-    section("Coefficients", parameter_tables(page.results), figures::coefficients(page)?);
+    section("Coefficients", fits::tables(page.results), fits::figures(page)?);
+    section("Equations of motion", motion_fits::tables(page.results), vec![]);
     section("Quality", vec![], figures::quality(page)?);
     write_whole(&out.join(names::REPORT), render(&report)?.as_bytes())?;
     Ok(())
@@ -216,58 +217,5 @@ fn vehicle_table(page: &Page<'_>) -> Table {
             row("linkage K_b", r.swashplate_gain.to_string(), ""),
             row("linkage K_u (not in the paper)", r.flybar_gain.to_string(), ""),
         ],
-    }
-}
-
-/// Table 3 of the paper, one for each estimator.
-fn parameter_tables(results: &RunResults) -> Vec<Table> {
-    let Some(identification) = &results.identification else { return vec![] };
-    let mut tables: Vec<Table> = Vec::new();
-    let mut fits: Vec<_> = identification.fits.iter().collect();
-    fits.sort_by_key(|f| f.estimator.name() != "tls");
-    for fit in fits {
-        let caption = format!(
-            "Table 3, {}: parameters with standard deviation and 95 % interval.",
-            estimator(fit.estimator.name())
-        );
-        if !tables.iter().any(|t| t.caption == caption) {
-            let header =
-                ["parameter", "value", "std", "95 % from", "to", "verdict"].map(str::to_owned).to_vec();
-            tables.push(Table { caption: caption.clone(), header, rows: vec![] });
-        }
-        let Some(table) = tables.iter_mut().find(|t| t.caption == caption) else { continue };
-        let show = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:+.3e}"));
-        let spread = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.1e}"));
-        for p in &fit.parameters {
-            let verdict = if p.identifiable { "" } else { "only in a combination" };
-            let name = format!("{},{}", fit.output, p.name);
-            table.rows.push(vec![
-                name,
-                show(p.value),
-                spread(p.std),
-                show(p.ci_low),
-                show(p.ci_high),
-                verdict.to_owned(),
-            ]);
-        }
-        for c in &fit.combinations {
-            let (value, std) = (show(Some(c.value)), spread(Some(c.std)));
-            table.rows.push(vec![
-                c.text.clone(),
-                value,
-                std,
-                String::new(),
-                String::new(),
-                "determined".to_owned(),
-            ]);
-        }
-    }
-    tables
-}
-
-fn estimator(name: &str) -> &'static str {
-    match name {
-        "tls" => "total least squares with exact columns",
-        _ => "least squares",
     }
 }

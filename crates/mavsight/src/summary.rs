@@ -1,6 +1,5 @@
 //! Every figure of a run: printed, in `summary.json` and in the report from one list.
 
-use mavsight_identify::Estimator;
 use mavsight_pose::{Rig, control_volume, euler_std, volume_precision};
 use mavsight_score::Scores;
 use mavsight_session::{RESULTS_SCHEMA, RunResults};
@@ -40,14 +39,15 @@ impl Summary {
         summary.body(results);
         summary.poses(results);
         summary.motion(results);
-        summary.fits(results);
+        crate::fits::summarise(&mut summary, results);
+        crate::motion_fits::summarise(&mut summary, results);
         if let Some(scores) = scores {
             summary.scores(scores);
         }
         summary
     }
 
-    fn add(
+    pub(crate) fn add(
         &mut self,
         section: &'static str,
         key: impl Into<String>,
@@ -58,7 +58,7 @@ impl Summary {
         self.rows.push(Row { section, key: key.into(), label: label.into(), value, shown });
     }
 
-    fn number(
+    pub(crate) fn number(
         &mut self,
         section: &'static str,
         key: impl Into<String>,
@@ -255,44 +255,6 @@ impl Summary {
         self.number("motion", "theta_std_deg", "predicted pitch error", (pitch / n).sqrt().to_degrees(), "°");
     }
 
-    fn fits(&mut self, results: &RunResults) {
-        let Some(identification) = &results.identification else { return };
-        for fit in identification.fits.iter().filter(|f| f.estimator == Estimator::LeastSquares) {
-            let name = &fit.output;
-            self.number("fit", format!("{name}_r2"), format!("{name} R²"), fit.r2, "");
-            self.add(
-                "fit",
-                format!("{name}_max_residual"),
-                format!("{name} largest residual"),
-                json!(fit.max_residual),
-                format!("{:.2e}", fit.max_residual),
-            );
-            self.add(
-                "fit",
-                format!("{name}_rank"),
-                format!("{name} rank, condition"),
-                json!(fit.rank),
-                format!("{} of {}, {:.0}", fit.rank, fit.parameters.len(), fit.condition),
-            );
-            self.add("fit", format!("{name}_condition"), "", json!(fit.condition), String::new());
-            self.verdicts.push(fit.verdict.clone());
-        }
-        for fit in &identification.fits {
-            for p in fit.parameters.iter().filter(|p| p.identifiable) {
-                let (Some(value), Some(std)) = (p.value, p.std) else { continue };
-                let label = format!("{},{} ({})", fit.output, p.name, fit.estimator.name());
-                let key = format!("{}_{}_{}", fit.estimator.name(), fit.output, p.name);
-                self.add(
-                    "parameters",
-                    key,
-                    label,
-                    json!({"value": value, "std": std}),
-                    format!("{value:+.3e} ± {std:.1e}"),
-                );
-            }
-        }
-    }
-
     fn scores(&mut self, scores: &Scores) {
         for camera in &scores.cameras {
             self.number(
@@ -407,7 +369,7 @@ pub(crate) fn title(section: &str) -> &'static str {
         "body" => "Body as built (its axes: no common shift or turn against the vehicle file)",
         "poses" => "Single poses",
         "motion" => "Smoothed motion",
-        "fit" => "Fit (least squares)",
+        "fit" => "Fit",
         "parameters" => "Parameters",
         _ => "Against truth",
     }

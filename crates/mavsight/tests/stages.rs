@@ -14,7 +14,7 @@ fn the_chain_in_steps_is_the_chain_in_one() {
     mavsight().arg("track").arg(&file).arg("--out").arg(&steps).assert().success();
     mavsight()
         .arg("identify")
-        .args(["--pose".as_ref(), steps.join("pose.csv").as_os_str()])
+        .arg(steps.join("pose.csv"))
         .args(["--inputs".as_ref(), session.path("inputs.csv").as_os_str()])
         .args(["--vehicle".as_ref(), session.path("vehicle.toml").as_os_str()])
         .arg("--out")

@@ -2,8 +2,26 @@
 
 use crate::{PipelineError, Progress, Stage, Tracked};
 use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_identify::{CoefficientTable, Identification, Options, coefficients, identify};
+use mavsight_identify::{
+    Clocks, CoefficientTable, FitOptions, Identification, Options, choose_structure, coefficients, delayed,
+    estimate_lag, identify_with,
+};
 use mavsight_pose::{BodyMarker, Motion, PoseError, PoseEstimator, PoseSample, smooth};
+
+/// What a user may choose of identification.
+#[derive(Debug, Clone, Default)]
+pub struct IdentifyOptions {
+    /// Model, low-pass and window.
+    pub table: Options,
+    /// Estimators, band and what is held out.
+    pub fit: FitOptions,
+    /// What is to be added to the inputs' times; estimated where it is not given.
+    pub lag_s: Option<f64>,
+    /// Whether the regressors of each output are chosen from the model's by PRESS.
+    pub stepwise: bool,
+    /// Whether output error is left out.
+    pub equation_error_only: bool,
+}
 
 /// Motion, coefficients and parameters of one flight.
 #[derive(Debug, Clone)]
@@ -14,6 +32,10 @@ pub struct Solution {
     pub coefficients: CoefficientTable,
     /// Fits.
     pub identification: Identification,
+    /// The lag between inputs and motion.
+    pub clocks: Clocks,
+    /// The inputs as they were fitted, with their clock set right.
+    pub inputs: InputSeries,
 }
 
 /// The vehicle's markers as the pose estimator wants them.
@@ -61,20 +83,34 @@ pub fn motion_from_poses(
         .map_err(|source| PipelineError::Pose { place: "smoothing".into(), source })
 }
 
-/// Forms the coefficients and fits the model.
+/// Sets the inputs' clock right, forms the coefficients and fits the model.
+///
+/// A lag is searched as far as the margin that fits leave out at either end, over which the inputs' ends are held.
 ///
 /// # Errors
-/// Inputs that do not cover the flight, or a fit without a determined answer.
+/// Inputs that do not cover the flight, a model with an unknown signal, or a fit without a determined answer.
 pub fn identify_motion(
     motion: Motion,
     inputs: &InputSeries,
     vehicle: &Vehicle,
+    options: &IdentifyOptions,
     progress: &dyn Progress,
 ) -> Result<Solution, PipelineError> {
     progress.begin(Stage::Identify, None);
-    let table = coefficients(&motion, inputs, vehicle, &Options::default())?;
-    let identification = identify(&table)?;
-    Ok(Solution { motion, coefficients: table, identification })
+    let clocks = match options.lag_s {
+        Some(lag_s) => Clocks::Known(lag_s),
+        None => estimate_lag(&motion, inputs, vehicle, &options.table, options.table.margin_s)?,
+    };
+    let inputs = match clocks.correction_s() {
+        0.0 => inputs.clone(),
+        lag_s => delayed(inputs, lag_s)?,
+    };
+    let mut table = coefficients(&motion, &inputs, vehicle, &options.table)?;
+    if options.stepwise {
+        table = choose_structure(&table)?.0;
+    }
+    let identification = identify_with(&table, &options.fit)?;
+    Ok(Solution { motion, coefficients: table, identification, clocks, inputs })
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use crate::toml_file::read_toml;
 use crate::video::{FrameSource, sequence_exists};
 use crate::{ControlPixel, ControlPointRow, SessionError, TruthRow, tables};
 use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_identify::Model;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -26,6 +27,9 @@ pub struct SessionFile {
     /// Table of truth, for scoring only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub truth: Option<PathBuf>,
+    /// Output equations to fit; those of equation 3 where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<PathBuf>,
     /// Calibration.
     pub control: ControlSection,
     /// The vehicle as built; left out: as in its file.
@@ -92,6 +96,8 @@ pub struct Session {
     pub inputs_path: PathBuf,
     /// Table of truth, for scoring only.
     pub truth_path: Option<PathBuf>,
+    /// Output equations to fit.
+    pub model_path: Option<PathBuf>,
     /// Table of control points.
     pub control_points_path: PathBuf,
     /// Table of control pixels.
@@ -120,6 +126,7 @@ impl Session {
             vehicle,
             inputs_path: folder.join(file.inputs),
             truth_path: file.truth.map(|p| folder.join(p)),
+            model_path: file.model.map(|p| folder.join(p)),
             control_points_path: folder.join(file.control.points),
             control_pixels_path: file.control.observations.map(|p| folder.join(p)),
             refine: file.refine,
@@ -143,6 +150,9 @@ impl Session {
         require_file(&self.control_points_path, &role("control.points"))?;
         if let Some(path) = &self.truth_path {
             require_file(path, &role("truth"))?;
+        }
+        if let Some(path) = &self.model_path {
+            require_file(path, &role("model"))?;
         }
         if let Some(path) = &self.control_pixels_path {
             require_file(path, &role("control.observations"))?;
@@ -200,6 +210,14 @@ impl Session {
         tables::read_control_pixels(path, &cameras, &names).map(Some)
     }
 
+    /// Reads the output equations, where the session names them.
+    ///
+    /// # Errors
+    /// Names the file and the line or key.
+    pub fn model(&self) -> Result<Option<Model>, SessionError> {
+        self.model_path.as_deref().map(load_model).transpose()
+    }
+
     /// Reads the truth, where the session has it.
     ///
     /// # Errors
@@ -207,6 +225,16 @@ impl Session {
     pub fn truth(&self) -> Result<Option<Vec<TruthRow>>, SessionError> {
         self.truth_path.as_deref().map(tables::read_truth).transpose()
     }
+}
+
+/// Reads a model file. Whether its signals exist is seen when it is used.
+///
+/// # Errors
+/// Names the file and the line or key.
+pub fn load_model(path: &Path) -> Result<Model, SessionError> {
+    require_file(path, "model file")?;
+    let text = std::fs::read_to_string(path).map_err(|e| SessionError::io(path, "read it", e))?;
+    Model::parse(&text).map_err(|source| SessionError::Model { path: path.to_owned(), source })
 }
 
 /// Reads and validates a vehicle file.

@@ -55,6 +55,14 @@ pub enum SessionError {
         /// What is wrong.
         source: FlightError,
     },
+    /// A model file that identification refuses.
+    #[error("{}: {source}", path.display())]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: mavsight_identify::IdentifyError,
+    },
     /// A column that is not in the table.
     #[error("{}: there is no column {column:?}; the columns are {found}: add or rename it", path.display())]
     Column {

@@ -12,12 +12,13 @@ pub mod video;
 
 pub use atomic::{make_folder, write_whole};
 pub use config::{
-    ControlSection, RefineSection, SESSION_SCHEMA, Session, SessionCamera, SessionFile, load_vehicle,
+    ControlSection, RefineSection, SESSION_SCHEMA, Session, SessionCamera, SessionFile, load_model,
+    load_vehicle,
 };
 pub use error::SessionError;
 pub use results::{
-    MarkerAsBuilt, RESULTS_SCHEMA, RunResults, read_body, read_markers, read_motion, read_poses, read_rig,
-    read_summary, write_results, write_rig,
+    FlightTable, MarkerAsBuilt, RESULTS_SCHEMA, RunResults, read_body, read_flight_table, read_markers,
+    read_motion, read_poses, read_rig, read_summary, write_results, write_rig,
 };
 pub use scenario::{write_control_points, write_inputs, write_session, write_truth, write_vehicle};
 pub use tables::{ControlPixel, ControlPointRow, TruthRow};

@@ -3,14 +3,17 @@
 mod body;
 mod columns;
 mod read;
+mod read_motion;
 mod rig_file;
 mod write;
 
-use mavsight_identify::{CoefficientTable, Identification};
+use mavsight_identify::output_error::FlightFits;
+use mavsight_identify::{Clocks, CoefficientTable, Identification};
 use mavsight_pose::{MarkerObservation, Motion, PoseSample, Rig};
 
 pub use body::{MarkerAsBuilt, read_body};
-pub use read::{read_markers, read_motion, read_poses, read_summary};
+pub use read::{read_markers, read_poses, read_summary};
+pub use read_motion::{FlightTable, read_flight_table, read_motion};
 pub use rig_file::{read_rig, write_rig};
 pub use write::write_results;
 
@@ -62,6 +65,10 @@ pub struct RunResults {
     pub coefficients: Option<CoefficientTable>,
     /// Fits.
     pub identification: Option<Identification>,
+    /// Fits of the equations of motion.
+    pub output_error: FlightFits,
+    /// The lag between inputs and motion.
+    pub clocks: Option<Clocks>,
     /// Figures for `summary.json`: an object, or null for no such file.
     pub summary: serde_json::Value,
 }

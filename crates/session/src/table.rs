@@ -48,6 +48,11 @@ impl Table {
         (0..self.rows.len()).map(move |index| Row { table: self, index })
     }
 
+    /// Names of the columns.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
+        self.columns.iter().map(String::as_str)
+    }
+
     /// The place of a column that must be there.
     pub(crate) fn column(&self, name: &str) -> Result<usize, SessionError> {
         self.columns.iter().position(|c| c == name).ok_or_else(|| SessionError::Column {

@@ -2,7 +2,7 @@
 
 use crate::SessionError;
 use crate::table::Table;
-use mavsight_flight::{Color, InputSample, InputSeries};
+use mavsight_flight::{Color, InputChannel, InputSample, InputSeries};
 use std::path::Path;
 
 /// Columns of the inputs.
@@ -43,19 +43,35 @@ pub struct ControlPixel {
     pub v_px: f64,
 }
 
-/// Reads `t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad`; other columns are ignored.
+/// Reads `t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad`; a table of another aircraft may have none of the
+/// last four, which are then zero. Every other column that holds numbers alone is a channel that models may name.
 ///
 /// # Errors
 /// Names the file, row and column; times must increase.
 pub fn read_inputs(path: &Path) -> Result<InputSeries, SessionError> {
     let table = Table::read(path, "inputs")?;
-    let columns = table.columns(INPUT_COLUMNS)?;
+    let own = &INPUT_COLUMNS[1..];
+    let others: Vec<&str> = table.names().filter(|n| !n.is_empty() && !INPUT_COLUMNS.contains(n)).collect();
+    let foreign = !others.is_empty() && own.iter().all(|name| table.column_if_any(name).is_none());
+    let t = table.column(INPUT_COLUMNS[0])?;
+    let columns = if foreign { None } else { Some(table.columns(INPUT_COLUMNS)?) };
     let mut samples = Vec::new();
     for row in table.rows()? {
-        let [t_s, omega_u_rad_s, omega_l_rad_s, delta_lon_rad, delta_lat_rad] = row.numbers(columns)?;
+        let [t_s, omega_u_rad_s, omega_l_rad_s, delta_lon_rad, delta_lat_rad] = match columns {
+            Some(columns) => row.numbers(columns)?,
+            None => [row.number(t)?, 0.0, 0.0, 0.0, 0.0],
+        };
         samples.push(InputSample { t_s, omega_u_rad_s, omega_l_rad_s, delta_lon_rad, delta_lat_rad });
     }
-    InputSeries::new(samples).map_err(|source| SessionError::Flight { path: path.to_owned(), source })
+    let channel = |name: &&str| {
+        let column = table.column_if_any(name)?;
+        let values: Result<Vec<f64>, _> = table.rows_if_any().map(|row| row.number(column)).collect();
+        Some(InputChannel { name: (*name).to_owned(), values: values.ok()? })
+    };
+    let channels = others.iter().filter_map(channel).collect();
+    InputSeries::new(samples)
+        .and_then(|series| series.with_channels(channels))
+        .map_err(|source| SessionError::Flight { path: path.to_owned(), source })
 }
 
 /// Reads `name,x_m,y_m,z_m,diameter_m,color` and, if it is there, `std_m`; an empty cell of it is 0.

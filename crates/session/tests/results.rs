@@ -15,8 +15,8 @@ use mavsight_pose::{
     euler_std,
 };
 use mavsight_session::{
-    MarkerAsBuilt, RunResults, read_body, read_markers, read_motion, read_poses, read_rig, read_summary,
-    write_results, write_rig,
+    FlightTable, MarkerAsBuilt, RunResults, read_body, read_flight_table, read_markers, read_motion,
+    read_poses, read_rig, read_summary, write_results, write_rig,
 };
 use nalgebra::SMatrix;
 
@@ -247,4 +247,31 @@ fn a_failed_write_leaves_no_results() {
     assert!(error.contains("motion.csv"), "{error}");
     let left: Vec<_> = std::fs::read_dir(folder.path("")).unwrap().flatten().map(|e| e.file_name()).collect();
     assert_eq!(left, ["motion.csv"], "only what was in the way");
+}
+
+#[test]
+fn a_motion_of_another_system_needs_no_summary() {
+    let folder = Folder::new();
+    let names = "t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad,u_m_s,v_m_s,w_m_s,p_rad_s,q_rad_s,r_rad_s,ax_m_s2,ay_m_s2,\
+                 az_m_s2,pdot_rad_s2,qdot_rad_s2,rdot_rad_s2";
+    let row = |t: f64| format!("{t},{}", ["0.5"; 18].join(","));
+    let rows = [row(0.0), row(0.01), format!("0.02{}", ",".repeat(18)), row(0.03)];
+    let path = folder.write("motion.csv", format!("{names}\n{}\n", rows.join("\n")));
+    let FlightTable::Motion(motion) = read_flight_table(&path, &[]).unwrap() else { panic!("a motion") };
+    assert_eq!((motion.samples.len(), motion.samples[2].rates_rad_s.y), (3, 0.5));
+    assert_eq!(motion.samples[0].covariance.amax(), 0.0);
+    assert_relative_eq!(motion.rotation_bandwidth_hz, 25.0, epsilon = 1e-9);
+    let swapped = folder.write("motion.csv", format!("{names}\n{}\n{}\n", row(0.1), row(0.0)));
+    assert!(read_flight_table(&swapped, &[]).unwrap_err().to_string().contains("sort"));
+    let poses = folder.write("pose.csv", "t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad\n0,1,2,3,0,0,0\n");
+    assert!(matches!(read_flight_table(&poses, &[]).unwrap(), FlightTable::Poses(p) if p.len() == 1));
+    // A row that is missing was not measured.
+    let rows: Vec<String> = [0.0, 0.1, 0.2, 0.4, 0.5].iter().map(|t| format!("{t},1,2,3,0,0,0")).collect();
+    let text = format!("t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad\n{}\n", rows.join("\n"));
+    let FlightTable::Poses(poses) = read_flight_table(&folder.write("pose.csv", text), &[]).unwrap() else {
+        panic!("poses")
+    };
+    let times: Vec<i64> = poses.iter().map(|p| p.t_ns / 1_000_000).collect();
+    assert_eq!(times, [0, 100, 200, 300, 400, 500]);
+    assert!(poses[3].estimate.is_none() && poses[4].estimate.is_some());
 }

@@ -8,8 +8,8 @@ use common::{Folder, data};
 use mavsight_flight::{InputSample, InputSeries, Vehicle};
 use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs, read_truth};
 use mavsight_session::{
-    ControlSection, RefineSection, Session, SessionCamera, SessionFile, load_vehicle, write_inputs,
-    write_session, write_vehicle,
+    ControlSection, RefineSection, Session, SessionCamera, SessionFile, load_model, load_vehicle,
+    write_inputs, write_session, write_vehicle,
 };
 use std::path::PathBuf;
 
@@ -39,6 +39,7 @@ fn session(folder: &Folder) -> PathBuf {
         name: "test".into(),
         vehicle: "vehicle.toml".into(),
         inputs: "inputs.csv".into(),
+        model: None,
         truth: None,
         control: ControlSection { points: "points.csv".into(), observations: None },
         refine: Some(RefineSection { markers_std_m: 0.002, diameters: false }),
@@ -193,4 +194,33 @@ fn truth_names_its_missing_column() {
         &read_truth(&folder.write("truth.csv", "t_s,x_m\n0,0\n")).unwrap_err().to_string(),
         &["truth.csv", "y_m"],
     );
+}
+
+#[test]
+fn further_columns_of_numbers_are_channels() {
+    let folder = Folder::new();
+    let read = |content: &str| read_inputs(&folder.write("t.csv", content));
+    let own = "t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad";
+    let series = read(&format!("{own},aileron,remark\n0,1,2,3,4,0.5,go\n1,1,2,3,4,0.7,\n")).unwrap();
+    assert_eq!(series.channels().len(), 1, "words are no channel");
+    assert_eq!((series.channels()[0].name.as_str(), series.channels()[0].values[1]), ("aileron", 0.7));
+    // Another aircraft's table has none of the helicopter's columns.
+    let series = read("t_s,omega_1,omega_2\n0,1,2\n0.5,3,4\n").unwrap();
+    assert_eq!(series.samples()[1].omega_u_rad_s, 0.0);
+    assert_eq!(series.channels()[1].values, [2.0, 4.0]);
+    // With some of them, the others are missed; with nothing else, all are.
+    for header in ["t_s,omega_u_rad_s,omega_1\n0,1,2\n1,2,3\n", "t_s\n0\n1\n"] {
+        let error = read(header).unwrap_err().to_string();
+        assert!(error.contains("omega_l_rad_s") || error.contains("omega_u_rad_s"), "{error}");
+    }
+}
+
+#[test]
+fn a_model_file_is_named_when_it_is_wrong() {
+    let folder = Folder::new();
+    let model = folder.write("model.toml", "schema = 2\nname = \"m\"\noutput = []");
+    let error = load_model(&model).unwrap_err().to_string();
+    assert!(error.contains("model.toml") && error.contains("schema is 2"), "{error}");
+    let error = load_model(&folder.path("none.toml")).unwrap_err().to_string();
+    assert!(error.contains("none.toml"), "{error}");
 }

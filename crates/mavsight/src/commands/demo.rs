@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use mavsight_flight::{Scenario, Vehicle, hover_rotor_speed_rad_s, model_coefficients, simulate};
 use mavsight_geometry::ImageSize;
 use mavsight_pipeline::{
-    CameraFeed, ControlStill, PipelineError, Progress, TimedFrame, calibrate_from_stills,
+    CameraFeed, ControlStill, IdentifyOptions, PipelineError, Progress, TimedFrame, calibrate_from_stills,
 };
 use mavsight_scene::{Aircraft, Film, Room};
 use mavsight_score::{VirtualCamera, score_cameras, score_parameters};
@@ -64,8 +64,14 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
         .map(|(camera, film)| feed(camera, film, &aircraft, &truth, interval_s))
         .collect();
     let tracked = mavsight_pipeline::track(feeds, &rig, &vehicle, &bars)?;
-    let flight = Flight { name: "demo", vehicle: &vehicle, inputs: &inputs, truth: Some(&truth) };
-    let (results, notes) = solve(&flight, rig, tracked, &bars)?;
+    let flight = Flight {
+        name: "demo",
+        vehicle: &vehicle,
+        inputs: &inputs,
+        truth: Some(&truth),
+        options: IdentifyOptions::default(),
+    };
+    let (results, notes) = solve(&flight, rig, tracked, Vec::new(), &bars)?;
     let mut scores = scores_of(&results, &truth);
     let model = model_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
     scores.parameters =

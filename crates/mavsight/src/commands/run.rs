@@ -1,7 +1,7 @@
 //! The whole chain on a recorded session.
 
 use super::named;
-use crate::cli::Run;
+use crate::cli::{Run, WrongCall};
 use crate::page::{Page, write_page};
 use crate::progress::Bars;
 use crate::summary::Summary;
@@ -9,11 +9,13 @@ use anyhow::Result;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_identify::IdentifyError;
+use mavsight_identify::output_error::FlightFits;
 use mavsight_pipeline::{
-    BodyAsBuilt, CameraFeed, ControlStill, PipelineError, Progress, Refinement, TimedFrame, Tracked,
-    calibrate_from_observations, calibrate_from_stills, identify_motion, motion_from_poses, refine_body,
+    BodyAsBuilt, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress,
+    Refinement, TimedFrame, Tracked, body_markers, calibrate_from_observations, calibrate_from_stills,
+    identify_motion, motion_from_poses, output_error_fits, refine_body,
 };
-use mavsight_pose::Rig;
+use mavsight_pose::{Motion, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
 use mavsight_session::{MarkerAsBuilt, RunResults, Session, TruthRow, read_image, write_results};
 use mavsight_vision::Frame;
@@ -27,10 +29,9 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let rig = rig_of(&session, &bars)?;
     let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
     let (body, refusal) = refined_body(&session, &rig, &mut tracked)?;
-    let flight =
-        Flight { name: &session.name, vehicle: &session.vehicle, inputs: &inputs, truth: truth.as_deref() };
-    let (mut results, mut notes) = solve(&flight, rig, tracked, &bars)?;
-    results.body = body;
+    let mut flight = Flight::of_session(&session, &inputs, truth.as_deref())?;
+    flight.options.equation_error_only |= args.equation_error_only;
+    let (results, mut notes) = solve(&flight, rig, tracked, body, &bars)?;
     notes.extend(refusal);
     let scores = truth.as_deref().map(|t| scores_of(&results, t));
     bars.done();
@@ -47,6 +48,23 @@ pub(crate) struct Flight<'a> {
     pub(crate) inputs: &'a InputSeries,
     /// Truth, for scoring and plots alone.
     pub(crate) truth: Option<&'a [TruthRow]>,
+    /// How parameters are estimated.
+    pub(crate) options: IdentifyOptions,
+}
+
+impl<'a> Flight<'a> {
+    /// That of a session, with its model.
+    pub(crate) fn of_session(
+        session: &'a Session,
+        inputs: &'a InputSeries,
+        truth: Option<&'a [TruthRow]>,
+    ) -> Result<Self> {
+        let mut options = IdentifyOptions::default();
+        options.table.model = named(session.model())?;
+        // The equations of motion are a coaxial helicopter's; a model of one's own is of another aircraft.
+        options.equation_error_only = options.table.model.is_some();
+        Ok(Self { name: &session.name, vehicle: &session.vehicle, inputs, truth, options })
+    }
 }
 
 /// Solves for the cameras by stills or by clicked pixels.
@@ -131,6 +149,7 @@ pub(crate) fn solve(
     flight: &Flight<'_>,
     rig: Rig,
     tracked: Tracked,
+    body: Vec<MarkerAsBuilt>,
     bars: &Bars,
 ) -> Result<(RunResults, Vec<String>)> {
     let mut results = RunResults {
@@ -139,6 +158,7 @@ pub(crate) fn solve(
         marker_names: flight.vehicle.marker.iter().map(|m| m.name.clone()).collect(),
         rig: Some(rig),
         markers: tracked.observations,
+        body,
         poses: tracked.poses,
         ..RunResults::default()
     };
@@ -152,24 +172,73 @@ pub(crate) fn identify_into(
     flight: &Flight<'_>,
     bars: &Bars,
 ) -> Result<Vec<String>> {
+    match motion_from_poses(&results.poses, flight.vehicle, bars) {
+        Ok(motion) => fit_into(results, motion, flight, bars),
+        Err(refusal) => Ok(vec![format!("No motion: {refusal}")]),
+    }
+}
+
+/// The same from a motion.
+pub(crate) fn fit_into(
+    results: &mut RunResults,
+    motion: Motion,
+    flight: &Flight<'_>,
+    bars: &Bars,
+) -> Result<Vec<String>> {
     let mut notes = Vec::new();
-    let motion = match motion_from_poses(&results.poses, flight.vehicle, bars) {
-        Ok(motion) => motion,
-        Err(refusal) => {
-            notes.push(format!("No motion: {refusal}"));
-            return Ok(notes);
-        }
-    };
-    match identify_motion(motion.clone(), flight.inputs, flight.vehicle, bars) {
+    let mut inputs = None;
+    match identify_motion(motion.clone(), flight.inputs, flight.vehicle, &flight.options, bars) {
         Ok(solution) => {
+            notes.extend(solution.clocks.words());
+            inputs = Some(solution.inputs);
             results.coefficients = Some(solution.coefficients);
             results.identification = Some(solution.identification);
+            results.clocks = Some(solution.clocks);
         }
         Err(PipelineError::Identify(IdentifyError::Flight(wrong))) => return Err(wrong.into()),
+        Err(PipelineError::Identify(wrong)) if is_of_the_call(&wrong) => {
+            return Err(WrongCall(wrong.to_string()).into());
+        }
         Err(refusal) => notes.push(format!("No parameters: {refusal}")),
     }
     results.motion = Some(motion);
+    if !flight.options.equation_error_only && !results.poses.is_empty() {
+        results.output_error =
+            output_error_of(results, flight, inputs.as_ref().unwrap_or(flight.inputs), bars)?;
+        notes.extend(results.output_error.refusals.iter().cloned());
+    }
     Ok(notes)
+}
+
+/// Output error from the poses, and from the images where they are at hand; with the body as the flight has shown it.
+fn output_error_of(
+    results: &RunResults,
+    flight: &Flight<'_>,
+    inputs: &InputSeries,
+    bars: &Bars,
+) -> Result<FlightFits> {
+    let mut markers = body_markers(flight.vehicle);
+    let mut markers_std_m: f64 = if results.body.is_empty() { MARKERS_STD_M } else { 0.0 };
+    for (marker, built) in markers.iter_mut().zip(&results.body) {
+        marker.marker_in_body_m = built.position_m;
+        marker.radius_m = 0.5 * built.diameter_m;
+        markers_std_m = markers_std_m.max(built.position_std_m.max());
+    }
+    let seen = (results.rig.as_ref())
+        .filter(|_| !results.markers.is_empty())
+        .map(|rig| (rig, markers.as_slice(), markers_std_m, results.markers.as_slice()));
+    Ok(output_error_fits(flight.vehicle, inputs, &results.poses, seen, bars)?)
+}
+
+/// Whether an error lies in what was asked for, and not in the flight.
+fn is_of_the_call(error: &IdentifyError) -> bool {
+    matches!(
+        error,
+        IdentifyError::UnknownSignal { .. }
+            | IdentifyError::ModelFile { .. }
+            | IdentifyError::BadSetting { .. }
+            | IdentifyError::BadBand { .. }
+    )
 }
 
 /// Errors of poses and motion against truth.

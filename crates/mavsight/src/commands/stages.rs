@@ -3,7 +3,7 @@
 use super::demo::{scenario_of, vehicle_of};
 use super::named;
 use super::run::{Flight, feeds, first_frames, identify_into, refined_body, rig_of, scores_of};
-use crate::cli::{Film, Identify, Simulate, Stage, WrongCall};
+use crate::cli::{Film, Simulate, Stage, WrongCall};
 use crate::lab;
 use crate::page::{Page, write_page};
 use crate::progress::Bars;
@@ -101,6 +101,7 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         vehicle: "vehicle.toml".into(),
         inputs: "inputs.csv".into(),
         truth: Some("truth.csv".into()),
+        model: None,
         control: ControlSection { points: "control_points.csv".into(), observations: None },
         refine: None,
         camera: cameras,
@@ -207,28 +208,6 @@ fn put(mut results: RunResults, notes: &[String], out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// `mavsight identify`
-pub(crate) fn identify(args: &Identify) -> Result<()> {
-    let vehicle = named(load_vehicle(&args.vehicle))?;
-    let inputs = named(read_inputs(&args.inputs))?;
-    let marker_names: Vec<String> = vehicle.marker.iter().map(|m| m.name.clone()).collect();
-    let poses = named(read_poses(&args.pose, &marker_names))?;
-    let bars = Bars::new();
-    let mut results =
-        RunResults { session: vehicle.name.clone(), marker_names, poses, ..RunResults::default() };
-    let flight = Flight { name: &vehicle.name, vehicle: &vehicle, inputs: &inputs, truth: None };
-    let notes = identify_into(&mut results, &flight, &bars)?;
-    bars.done();
-    let summary = Summary::of(&results, None, &notes);
-    results.summary = summary.json();
-    // The poses came from a file of the caller's, which may lie in the same folder: they are not written again.
-    results.poses.clear();
-    write_results(&args.out, &results)?;
-    print!("{}", summary.text());
-    println!("\nResults: {}", args.out.display());
-    Ok(())
-}
-
 /// `mavsight report`
 pub(crate) fn report(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
@@ -250,8 +229,7 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
         results.body = named(read_body(&body))?;
     }
     let bars = Bars::new();
-    let flight =
-        Flight { name: &session.name, vehicle: &session.vehicle, inputs: &inputs, truth: truth.as_deref() };
+    let flight = Flight::of_session(&session, &inputs, truth.as_deref())?;
     let notes = identify_into(&mut results, &flight, &bars)?;
     bars.done();
     let scores = truth.as_deref().map(|t| scores_of(&results, t));

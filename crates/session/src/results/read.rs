@@ -4,8 +4,8 @@ use super::columns;
 use crate::table::{Row, Table};
 use crate::{SessionError, error::require_file};
 use mavsight_geometry::{EulerAngles, Matrix2, Matrix3, Matrix6, Vector2, Vector3, world_from_body};
-use mavsight_pose::{MarkerObservation, Motion, MotionSample, PoseEstimate, PoseSample};
-use nalgebra::{Matrix6xX, SMatrix};
+use mavsight_pose::{MarkerObservation, PoseEstimate, PoseSample};
+use nalgebra::Matrix6xX;
 use std::path::Path;
 
 /// What a pose without `_std` columns is taken to be good to: a millimetre and a milliradian. Only their ratio matters,
@@ -120,12 +120,12 @@ fn angles(pose: &[f64; 6]) -> EulerAngles {
     EulerAngles { phi_rad: pose[3], theta_rad: pose[4], psi_rad: pose[5] }
 }
 
-fn isometry(pose: &[f64; 6]) -> mavsight_geometry::Isometry3<f64> {
+pub(super) fn isometry(pose: &[f64; 6]) -> mavsight_geometry::Isometry3<f64> {
     world_from_body(Vector3::new(pose[0], pose[1], pose[2]), angles(pose))
 }
 
 /// Position in world axes, then a small turn about body axes, from standard deviations of position and Euler angles.
-fn covariance(pose: &[f64; 6], stds: &[f64; 6]) -> Matrix6<f64> {
+pub(super) fn covariance(pose: &[f64; 6], stds: &[f64; 6]) -> Matrix6<f64> {
     let var = stds.map(|s| s * s);
     let mut covariance = Matrix6::from_diagonal(&var.into());
     let euler = Matrix3::from_diagonal(&Vector3::new(var[3], var[4], var[5]));
@@ -165,60 +165,6 @@ fn with_new_part(
         systematic.fixed_view_mut::<3, 1>(3, 3 + k).copy_from(&column);
     }
     Ok((own + &systematic * systematic.transpose(), systematic))
-}
-
-/// Reads `motion.csv` and, from the `summary.json` beside it, the bandwidth of the smoother. The covariance has only
-/// its diagonal (and the turn's block).
-///
-/// # Errors
-/// Names the file, row and column, or the key of the summary.
-pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
-    let table = Table::read(path, "motion: `identify` writes it")?;
-    let t = table.column("t_s")?;
-    let mut values = [0; 18];
-    let mut stds = [0; 18];
-    for (k, quantity) in columns::POSE.iter().chain(&columns::RATES).enumerate() {
-        values[k] = table.column(&columns::value(*quantity))?;
-        stds[k] = table.column(&columns::std(*quantity))?;
-    }
-    let samples = table.rows()?.map(|row| {
-        let (value, std) = (row.numbers(values)?, row.numbers(stds)?);
-        Ok(motion_sample(row.time_ns(t)?, &value, &std))
-    });
-    let samples = samples.collect::<Result<Vec<_>, _>>()?;
-    let summary_path = path.with_file_name(super::names::SUMMARY);
-    let summary = read_summary(&summary_path)?;
-    let figure = |key: &str| {
-        let value = summary.get("smoother").and_then(|s| s.get(key)).and_then(serde_json::Value::as_f64);
-        value.ok_or_else(|| SessionError::Value {
-            path: summary_path.clone(),
-            key: format!("smoother.{key}"),
-            detail: "is missing: run `identify` again".into(),
-        })
-    };
-    Ok(Motion {
-        samples,
-        translation_bandwidth_hz: figure("translation_bandwidth_hz")?,
-        rotation_bandwidth_hz: figure("rotation_bandwidth_hz")?,
-        sample_interval_s: figure("sample_interval_s")?,
-    })
-}
-
-fn motion_sample(t_ns: i64, value: &[f64; 18], std: &[f64; 18]) -> MotionSample {
-    let three = |from: usize| Vector3::new(value[from], value[from + 1], value[from + 2]);
-    let pose = [value[0], value[1], value[2], value[3], value[4], value[5]];
-    let pose_std = [std[0], std[1], std[2], std[3], std[4], std[5]];
-    let mut all = SMatrix::<f64, 18, 18>::from_diagonal(&std.map(|s| s * s).into());
-    all.fixed_view_mut::<6, 6>(0, 0).copy_from(&covariance(&pose, &pose_std));
-    MotionSample {
-        t_ns,
-        world_from_body: isometry(&pose),
-        velocity_in_body_m_s: three(6),
-        rates_rad_s: three(9),
-        specific_force_m_s2: three(12),
-        angular_acceleration_rad_s2: three(15),
-        covariance: all,
-    }
 }
 
 /// Reads `summary.json`.

@@ -3,7 +3,7 @@
 use super::{RESULTS_SCHEMA, RunResults, body, columns, names, rig_file};
 use crate::{SessionError, make_folder, s_from_ns, write_whole};
 use mavsight_geometry::{EulerAngles, Isometry3};
-use mavsight_identify::{CoefficientTable, Identification};
+use mavsight_identify::CoefficientTable;
 use mavsight_pose::{MarkerObservation, Motion, MotionSample, PoseSample, euler_std};
 use std::path::Path;
 
@@ -49,8 +49,8 @@ fn files(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Vec<u
     if let Some(table) = &results.coefficients {
         files.push((names::COEFFICIENTS, coefficients(table)));
     }
-    if let Some(identification) = &results.identification {
-        files.push((names::PARAMETERS, parameters(identification)));
+    if results.identification.is_some() || results.output_error.named().next().is_some() {
+        files.push((names::PARAMETERS, parameters(results)));
     }
     if let Some(summary) = summary(results) {
         let text = serde_json::to_string_pretty(&summary).map_err(|e| {
@@ -195,9 +195,9 @@ fn coefficients(table: &CoefficientTable) -> Vec<u8> {
     lines.bytes()
 }
 
-fn parameters(identification: &Identification) -> Vec<u8> {
+fn parameters(results: &RunResults) -> Vec<u8> {
     let mut lines = Lines::new(columns::PARAMETERS);
-    for fit in &identification.fits {
+    for fit in results.identification.iter().flat_map(|i| &i.fits) {
         let begin = || vec![fit.estimator.name().to_owned(), fit.output.clone()];
         for p in &fit.parameters {
             let mut cells = begin();
@@ -210,6 +210,25 @@ fn parameters(identification: &Identification) -> Vec<u8> {
             let mut cells = begin();
             cells.extend([c.text.clone(), number(c.value), number(c.std), String::new(), String::new()]);
             cells.push("true".to_owned());
+            lines.push(cells);
+        }
+    }
+    for (estimator, fit) in results.output_error.named() {
+        let begin = |name: &'static str| {
+            // Flapping times and the lag are of no output.
+            let (output, parameter) = name.split_once(',').unwrap_or(("", name));
+            [estimator, output, parameter].map(str::to_owned).to_vec()
+        };
+        for p in &fit.parameters {
+            let mut cells = begin(p.name);
+            cells.extend([p.value, p.std, p.ci_low, p.ci_high].map(number));
+            cells.push(p.identifiable.to_string());
+            lines.push(cells);
+        }
+        for parameter in &results.output_error.held {
+            let mut cells = begin(parameter.name());
+            cells.extend(vec![String::new(); 4]);
+            cells.push("false".to_owned());
             lines.push(cells);
         }
     }

@@ -1,0 +1,279 @@
+//! The equations of motion in dimensionless coefficients, with exact derivatives: what an output-error fit integrates.
+
+mod linearise;
+
+pub use linearise::Linearisation;
+
+use crate::{FlightError, InputSample, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_geometry::Vector3;
+use nalgebra::Quaternion;
+use std::f64::consts::PI;
+
+/// States: position in the world (3), level_from_body as w, x, y, z (4), velocity in body axes (3), rates (3), and the
+/// flapping angles alpha_l, beta_l, alpha_f, beta_f.
+pub const FLIGHT_STATES: usize = 17;
+
+/// A packed state, in the order of [`FLIGHT_STATES`].
+pub type StateVector = [f64; FLIGHT_STATES];
+
+macro_rules! coefficients {
+    ($($(#[$doc:meta])* $variant:ident = $name:literal,)*) => {
+        /// A coefficient of the model. Forces are made dimensionless by ½ρπR⁴ω², moments by ½ρπR⁵ω²; what a rotor
+        /// does by the square of its own speed, everything else by that of the reference speed.
+        ///
+        /// Roll and side force follow from pitch and longitudinal force by the symmetry of the rotors about their shaft.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        pub enum Coefficient { $($(#[$doc])* $variant,)* }
+
+        impl Coefficient {
+            /// All coefficients, in the order of [`Coefficients::values`].
+            pub const ALL: [Self; COEFFICIENTS] = [$(Self::$variant,)*];
+
+            /// The name in tables.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name,)* }
+            }
+        }
+    };
+}
+
+/// Number of coefficients.
+pub const COEFFICIENTS: usize = 25;
+
+coefficients! {
+    /// X per radian of the upper disc; Y per radian to the right is minus this.
+    CxAlphaU = "C_X,alpha_u",
+    /// X per radian of the lower disc.
+    CxAlphaL = "C_X,alpha_l",
+    /// Z of the upper rotor.
+    CzU = "C_Z,u",
+    /// Z of the lower rotor.
+    CzL = "C_Z,l",
+    /// Pitch moment per radian of the upper disc; roll moment per radian to the right.
+    CmAlphaU = "C_m,alpha_u",
+    /// Pitch moment per radian of the lower disc.
+    CmAlphaL = "C_m,alpha_l",
+    /// Moment per radian of either disc that does not grow with its thrust: hub stiffness at the reference speed.
+    CmHub = "C_m,hub",
+    /// Roll moment per roll rate, s.
+    ClP = "C_l,p",
+    /// Pitch moment per pitch rate, s.
+    CmQ = "C_m,q",
+    /// Yaw moment per yaw rate, s.
+    CnR = "C_n,r",
+    /// Pitch moment per forward speed, s/m; roll moment per speed to the right is minus this.
+    CmU = "C_m,u",
+    /// Pitch moment per speed downwards, s/m.
+    CmW = "C_m,w",
+    /// Torque of the upper rotor.
+    CnUpper = "C_n,u",
+    /// Torque of the lower rotor.
+    CnLower = "C_n,l",
+    /// Drag per speed, the same along all axes, s/m.
+    CxU = "C_X,u",
+    /// Constant force forward.
+    Cx0 = "C_X,0",
+    /// Constant force to the right.
+    Cy0 = "C_Y,0",
+    /// Constant force downwards.
+    Cz0 = "C_Z,0",
+    /// Constant roll moment.
+    Cl0 = "C_l,0",
+    /// Constant pitch moment.
+    Cm0 = "C_m,0",
+    /// Constant yaw moment.
+    Cn0 = "C_n,0",
+    /// Flapping time constant of the lower rotor, s.
+    TauLower = "tau_l",
+    /// Flapping time constant of the fly-bar, s.
+    TauFlybar = "tau_f",
+    /// Linkage from swash-plate to lower rotor.
+    SwashplateGain = "K_b",
+    /// Linkage from fly-bar to upper rotor.
+    FlybarGain = "K_u",
+}
+
+/// One value of each [`Coefficient`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Coefficients {
+    /// Values in the order of [`Coefficient::ALL`].
+    pub values: [f64; COEFFICIENTS],
+}
+
+impl Default for Coefficients {
+    fn default() -> Self {
+        let mut c = Self { values: [0.0; COEFFICIENTS] };
+        c.set(Coefficient::TauLower, 1.0);
+        c.set(Coefficient::TauFlybar, 1.0);
+        c
+    }
+}
+
+impl Coefficients {
+    /// One value.
+    pub fn get(&self, which: Coefficient) -> f64 {
+        self.values[which as usize]
+    }
+
+    /// Changes one value.
+    pub fn set(&mut self, which: Coefficient, value: f64) {
+        self.values[which as usize] = value;
+    }
+
+    /// The coefficients that a vehicle's constants and assumptions imply at a reference speed: the truth of a
+    /// simulated flight. An estimator starts without it.
+    pub fn of_vehicle(vehicle: &Vehicle, reference_speed_rad_s: f64) -> Self {
+        let (r, a) = (&vehicle.rotor, &vehicle.assumption);
+        let force_n = force_per_omega2(vehicle) * reference_speed_rad_s.powi(2);
+        let moment_n_m = force_n * r.radius_m;
+        let mut c = Self::default();
+        for (which, value) in [
+            (Coefficient::CxAlphaU, -2.0 * r.thrust_coefficient_upper),
+            (Coefficient::CxAlphaL, -2.0 * r.thrust_coefficient_lower),
+            (Coefficient::CzU, -2.0 * r.thrust_coefficient_upper),
+            (Coefficient::CzL, -2.0 * r.thrust_coefficient_lower),
+            (Coefficient::CmAlphaU, 2.0 * r.thrust_coefficient_upper * a.height_upper_m / r.radius_m),
+            (Coefficient::CmAlphaL, 2.0 * r.thrust_coefficient_lower * a.height_lower_m / r.radius_m),
+            (Coefficient::CmHub, a.hub_stiffness_n_m_rad / moment_n_m),
+            (Coefficient::ClP, a.roll_damping_n_m_s_rad / moment_n_m),
+            (Coefficient::CmQ, a.pitch_damping_n_m_s_rad / moment_n_m),
+            (Coefficient::CnR, a.yaw_damping_n_m_s_rad / moment_n_m),
+            (Coefficient::CnUpper, -2.0 * a.torque_coefficient_upper),
+            (Coefficient::CnLower, 2.0 * a.torque_coefficient_lower),
+            (Coefficient::CxU, -a.drag_n_s_m / force_n),
+            (Coefficient::TauLower, r.flap_time_lower_s),
+            (Coefficient::TauFlybar, r.flap_time_flybar_s),
+            (Coefficient::SwashplateGain, r.swashplate_gain),
+            (Coefficient::FlybarGain, r.flybar_gain),
+        ] {
+            c.set(which, value);
+        }
+        c
+    }
+}
+
+/// ½ρπR⁴, N s².
+fn force_per_omega2(vehicle: &Vehicle) -> f64 {
+    0.5 * vehicle.environment.air_density_kg_m3 * PI * vehicle.rotor.radius_m.powi(4)
+}
+
+/// What turns coefficients into accelerations: mass, inertia, size, air.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Airframe {
+    mass_kg: f64,
+    inertia_kg_m2: Vector3<f64>,
+    radius_m: f64,
+    gravity_m_s2: f64,
+    force_per_omega2: f64,
+    reference_speed_rad_s: f64,
+}
+
+/// Forces of unit coefficients.
+#[derive(Debug, Clone, Copy)]
+struct Scales {
+    upper_n: f64,
+    lower_n: f64,
+    reference_n: f64,
+}
+
+impl Airframe {
+    /// The airframe of a vehicle, with the rotor speed of its hover as the reference.
+    ///
+    /// # Errors
+    /// A vehicle that is not valid ([`Vehicle::validate`]).
+    pub fn of_vehicle(vehicle: &Vehicle) -> Result<Self, FlightError> {
+        vehicle.validate()?;
+        Ok(Self {
+            mass_kg: vehicle.mass_kg,
+            inertia_kg_m2: Vector3::from(vehicle.inertia_kg_m2),
+            radius_m: vehicle.rotor.radius_m,
+            gravity_m_s2: vehicle.environment.gravity_m_s2,
+            force_per_omega2: force_per_omega2(vehicle),
+            reference_speed_rad_s: hover_rotor_speed_rad_s(vehicle),
+        })
+    }
+
+    /// The speed at which coefficients that belong to no rotor are made dimensionless.
+    pub fn reference_speed_rad_s(&self) -> f64 {
+        self.reference_speed_rad_s
+    }
+
+    fn scales(&self, input: &InputSample) -> Scales {
+        let of = |omega_rad_s: f64| self.force_per_omega2 * omega_rad_s * omega_rad_s;
+        Scales {
+            upper_n: of(input.omega_u_rad_s),
+            lower_n: of(input.omega_l_rad_s),
+            reference_n: of(self.reference_speed_rad_s),
+        }
+    }
+
+    /// Force in newtons and moment in newton metres, body axes.
+    fn loads(&self, c: &Coefficients, s: &Scales, y: &StateVector) -> (Vector3<f64>, Vector3<f64>) {
+        use Coefficient as C;
+        let g = |which| c.get(which);
+        let ku = g(C::FlybarGain);
+        let (alpha_l, beta_l, alpha_u, beta_u) = (y[13], y[14], ku * y[15], ku * y[16]);
+        let (u, v, w) = (y[7], y[8], y[9]);
+        let (up, lo, re) = (s.upper_n, s.lower_n, s.reference_n);
+        let tip = |a_u: f64, a_l: f64| g(C::CxAlphaU) * up * a_u + g(C::CxAlphaL) * lo * a_l;
+        let force = Vector3::new(
+            tip(alpha_u, alpha_l) + re * (g(C::Cx0) + g(C::CxU) * u),
+            -tip(beta_u, beta_l) + re * (g(C::Cy0) + g(C::CxU) * v),
+            g(C::CzU) * up + g(C::CzL) * lo + re * (g(C::Cz0) + g(C::CxU) * w),
+        );
+        let turn = |a_u: f64, a_l: f64| {
+            g(C::CmAlphaU) * up * a_u + g(C::CmAlphaL) * lo * a_l + g(C::CmHub) * re * (a_u + a_l)
+        };
+        let moment = Vector3::new(
+            turn(beta_u, beta_l) + re * (g(C::Cl0) + g(C::ClP) * y[10] - g(C::CmU) * v),
+            turn(alpha_u, alpha_l) + re * (g(C::Cm0) + g(C::CmQ) * y[11] + g(C::CmU) * u + g(C::CmW) * w),
+            g(C::CnUpper) * up + g(C::CnLower) * lo + re * (g(C::Cn0) + g(C::CnR) * y[12]),
+        );
+        (force, moment * self.radius_m)
+    }
+
+    /// Time derivative of a state: Euler's equations for principal axes, flapping after equation 2 of Mulyanto, Nurhakim,
+    /// Muhammad (2012).
+    ///
+    /// With [`Coefficients::of_vehicle`] it is what [`crate::simulate()`] integrates. The quaternion's length is
+    /// drawn back to one with a time constant of one second.
+    pub fn derivative(&self, c: &Coefficients, input: &InputSample, y: &StateVector) -> StateVector {
+        let (force, moment) = self.loads(c, &self.scales(input), y);
+        let q = Quaternion::new(y[3], y[4], y[5], y[6]);
+        let n2 = q.norm_squared();
+        let velocity = Vector3::new(y[7], y[8], y[9]);
+        let rates = Vector3::new(y[10], y[11], y[12]);
+        let turned =
+            |q: Quaternion<f64>, v: Vector3<f64>| (q * Quaternion::from_imag(v) * q.conjugate()).imag() / n2;
+        let p_rate = turned(q, velocity);
+        let q_rate = q * Quaternion::from_imag(rates) * 0.5 + q * (1.0 - n2) * 0.5;
+        let gravity = turned(q.conjugate(), Vector3::new(0.0, 0.0, self.gravity_m_s2));
+        let v_rate = force / self.mass_kg + gravity - rates.cross(&velocity);
+        let momentum = self.inertia_kg_m2.component_mul(&rates);
+        let w_rate = (moment - rates.cross(&momentum)).component_div(&self.inertia_kg_m2);
+        let (tau_l, tau_f) = (c.get(Coefficient::TauLower), c.get(Coefficient::TauFlybar));
+        let kb = c.get(Coefficient::SwashplateGain);
+        [
+            p_rate.x,
+            -p_rate.y,
+            -p_rate.z,
+            q_rate.w,
+            q_rate.i,
+            q_rate.j,
+            q_rate.k,
+            v_rate.x,
+            v_rate.y,
+            v_rate.z,
+            w_rate.x,
+            w_rate.y,
+            w_rate.z,
+            (kb * input.delta_lon_rad - y[13]) / tau_l - y[11],
+            (kb * input.delta_lat_rad - y[14]) / tau_l - y[10],
+            -y[15] / tau_f - y[11],
+            -y[16] / tau_f - y[10],
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,225 @@
+//! How often 95 % intervals of output error hold the truth, over simulated flights with a multisine.
+//!
+//! `cargo run --release -p mavsight-identify --example coverage -- poses 200`; the first word is `poses`, `image` (exact
+//! cameras and markers), `nuisances` (markers off by 0.5 mm, their centres by 0.1 px through each flight) or `coloured`
+//! (exact cameras and markers, but half of the variance of each centre lasts about half a second).
+
+use mavsight_flight::{
+    Channel, Coefficients, FlightState, InputSeries, Maneuver, Scenario, Vehicle, hover_rotor_speed_rad_s,
+    simulate,
+};
+use mavsight_geometry::{
+    Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix6, UnitQuaternion, Vector2,
+    Vector3, world_from_body,
+};
+use mavsight_identify::output_error::{
+    FlightModel, ImageMeasurements, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions,
+    StateMeasurement, output_error,
+};
+use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, Rig, calibrate};
+use nalgebra::Point3;
+use std::time::Instant;
+
+const POSITION_STD_M: f64 = 5e-4;
+const TURN_STD_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
+const PIXEL_STD_PX: f64 = 0.1;
+const COLOUR_TIME_S: f64 = 0.5;
+
+fn normal(seed: &mut u64) -> f64 {
+    // SplitMix64 (Steele, Lea & Flood 2014).
+    let mut uniform = || {
+        *seed = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = *seed;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (((z ^ (z >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+    };
+    let (a, b) = (uniform(), uniform());
+    (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
+}
+
+fn normal3(seed: &mut u64) -> Vector3<f64> {
+    Vector3::new(normal(seed), normal(seed), normal(seed))
+}
+
+fn scenario() -> Scenario {
+    let sine = |channel, amplitude, harmonics: [u32; 4]| Maneuver::Multisine {
+        channel,
+        start_s: 0.5,
+        length_s: 9.5,
+        harmonics: harmonics.to_vec(),
+        amplitude,
+    };
+    Scenario {
+        maneuver: vec![
+            sine(Channel::DeltaLon, 2.5, [3, 7, 11, 15]),
+            sine(Channel::DeltaLat, 2.5, [4, 8, 12, 16]),
+            sine(Channel::OmegaU, 1.0, [5, 9, 13, 17]),
+            sine(Channel::OmegaL, 1.0, [6, 10, 14, 18]),
+        ],
+        ..Scenario::paper()
+    }
+}
+
+fn rig() -> Result<Rig, Box<dyn std::error::Error>> {
+    let size = ImageSize { width_px: 640, height_px: 480 };
+    let k = Intrinsics::from_horizontal_fov(size, 53f64.to_radians());
+    let side = |i: u32, bit: u32| if (i >> bit) & 1 == 1 { 1.5 } else { -1.5 };
+    let mut controls = Vec::new();
+    for centre in [[4.5, -4.5, 1.5], [-4.5, -4.5, 1.5]] {
+        let camera = Camera::looking_at(Vector3::from(centre), Vector3::new(0.0, 0.0, 1.5), k, size);
+        let mut points = Vec::new();
+        for i in 0..8 {
+            let point_in_world_m = Vector3::new(side(i, 0), side(i, 1), side(i, 2) + 1.5);
+            let pixel = camera.project(&point_in_world_m)?.pixel;
+            let pixel_cov_px2 = Matrix2::identity() * 0.01;
+            points.push(ControlPoint { name: String::new(), point_in_world_m, pixel, pixel_cov_px2 });
+        }
+        controls.push(CameraControl::exact("camera".to_owned(), size, points, vec![0.0; 8]));
+    }
+    Ok(calibrate(&controls)?)
+}
+
+fn poses(states: &[FlightState], seed: &mut u64) -> Measurements {
+    let (p, t) = (POSITION_STD_M.powi(2), TURN_STD_RAD.powi(2));
+    let covariance = Matrix6::from_diagonal(&nalgebra::Vector6::new(p, p, p, t, t, t));
+    let measured = |s: &FlightState, seed: &mut u64| {
+        let at = world_from_body(s.position_in_world_m, s.attitude);
+        let place = at.translation.vector + normal3(seed) * POSITION_STD_M;
+        let turn = UnitQuaternion::from_scaled_axis(normal3(seed) * TURN_STD_RAD);
+        let pose = Isometry3::from_parts(place.into(), at.rotation * turn);
+        let t_ns = (s.t_s * 1e9).round() as i64;
+        StateMeasurement { t_ns, pose: Some((pose, covariance)), velocity: None, rates: None }
+    };
+    Measurements::States(states.iter().map(|s| measured(s, seed)).collect())
+}
+
+fn image(
+    states: &[FlightState],
+    (rig, markers): (&Rig, &[BodyMarker]),
+    kind: &str,
+    seed: &mut u64,
+) -> Result<Measurements, Box<dyn std::error::Error>> {
+    let nuisances = kind == "nuisances";
+    let share = if nuisances { 1.0 } else { 0.0 };
+    let coloured = kind == "coloured";
+    let level = if coloured { 0.5f64.sqrt() * PIXEL_STD_PX } else { PIXEL_STD_PX };
+    let normal2 = |seed: &mut u64| Vector2::new(normal(seed), normal(seed));
+    let mut slow: Vec<Vector2<f64>> =
+        (0..rig.cameras.len() * markers.len()).map(|_| normal2(seed) * level).collect();
+    let mut before_s = states[0].t_s;
+    let off: Vec<Vector3<f64>> = markers.iter().map(|_| normal3(seed) * (5e-4 * share)).collect();
+    let bias: Vec<Vector2<f64>> = (0..rig.cameras.len() * markers.len())
+        .map(|_| Vector2::new(normal(seed), normal(seed)) * (0.1 * share))
+        .collect();
+    let mut seen = Vec::new();
+    for s in states {
+        let pose = world_from_body(s.position_in_world_m, s.attitude);
+        let kept = (-(s.t_s - before_s) / COLOUR_TIME_S).exp();
+        before_s = s.t_s;
+        for e in &mut slow {
+            *e = *e * kept + normal2(seed) * (level * (1.0 - kept * kept).sqrt());
+        }
+        for (camera, c) in rig.cameras.iter().enumerate() {
+            for (marker, m) in markers.iter().enumerate() {
+                let centre = (pose * Point3::from(m.marker_in_body_m + off[marker])).coords;
+                let exact = c.camera.project_ball(&centre, m.radius_m)?.pixel;
+                let k = camera * markers.len() + marker;
+                let lasting = if coloured { slow[k] } else { bias[k] };
+                let pixel = exact + normal2(seed) * level + lasting;
+                let covariance_px2 = Matrix2::identity() * PIXEL_STD_PX.powi(2);
+                let t_ns = (s.t_s * 1e9).round() as i64;
+                seen.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
+            }
+        }
+    }
+    let mut images = ImageMeasurements::new(rig, markers, &seen)?;
+    if nuisances {
+        images = images.with_marker_positions(5e-4).with_marker_biases(0.1, None);
+    }
+    Ok(Measurements::Image(images))
+}
+
+struct Tally {
+    held: usize,
+    squares: f64,
+    variance: f64,
+    bound: f64,
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut words = std::env::args().skip(1);
+    let kind = words.next().unwrap_or_else(|| "poses".to_owned());
+    let flights: usize = words.next().map_or(Ok(20), |w| w.parse())?;
+    let vehicle = Vehicle::paper();
+    let scenario = scenario();
+    let inputs: InputSeries = scenario.inputs(&vehicle)?;
+    let states = simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
+    let truth = Coefficients::of_vehicle(&vehicle, hover_rotor_speed_rad_s(&vehicle));
+    let rig = rig()?;
+    let markers: Vec<BodyMarker> = vehicle
+        .marker
+        .iter()
+        .map(|m| BodyMarker {
+            name: m.name.clone(),
+            marker_in_body_m: Vector3::from(m.position_m),
+            radius_m: 0.5 * m.diameter_m,
+        })
+        .collect();
+    let model = FlightModel::new(&vehicle, &inputs)?;
+    let mut tallies: Vec<Tally> =
+        model.free().iter().map(|_| Tally { held: 0, squares: 0.0, variance: 0.0, bound: 0.0 }).collect();
+    let (mut seconds, mut iterations, mut coloured, mut failed) = (Vec::new(), 0, 0, 0);
+    let mut factor = 0.0;
+    for flight in 0..flights {
+        // Far apart on the generator's cycle.
+        let mut seed = (flight as u64 + 1) << 40;
+        let measured = match kind.as_str() {
+            "poses" => poses(&states, &mut seed),
+            _ => image(&states, (&rig, &markers), &kind, &mut seed)?,
+        };
+        let begin = Instant::now();
+        let fit: OutputErrorFit =
+            match output_error(&model, &inputs, &measured, &OutputErrorOptions::default()) {
+                Ok(fit) => fit,
+                Err(error) => {
+                    println!("flight {flight}: {error}");
+                    failed += 1;
+                    continue;
+                }
+            };
+        seconds.push(begin.elapsed().as_secs_f64());
+        iterations += fit.iterations;
+        coloured += usize::from(fit.correlated_instants > 0);
+        factor += fit.variance_factors.iter().map(|f| f.1).sum::<f64>() / fit.variance_factors.len() as f64;
+        for (tally, p) in tallies.iter_mut().zip(&fit.parameters) {
+            let true_value = match p.parameter {
+                ModelParameter::Coefficient(c) => truth.get(c),
+                ModelParameter::InputLag => 0.0,
+            };
+            tally.held += usize::from(p.ci_low <= true_value && true_value <= p.ci_high);
+            tally.squares += (p.value - true_value).powi(2);
+            tally.variance += p.std.powi(2);
+            tally.bound += p.bound_std.powi(2);
+        }
+    }
+    let n = (flights - failed) as f64;
+    seconds.sort_by(f64::total_cmp);
+    println!(
+        "{kind}: {n} flights, {:.3} s (median) and {:.1} iterations each, {coloured} taken as coloured, {failed} failed, mean factor {:.4}",
+        seconds.get(seconds.len() / 2).copied().unwrap_or_default(),
+        iterations as f64 / n,
+        factor / n
+    );
+    println!("{:14} {:>8} {:>12} {:>14}", "parameter", "held", "error/bound", "predicted/got");
+    for (tally, parameter) in tallies.iter().zip(model.free()) {
+        println!(
+            "{:14} {:7.1}% {:12.3} {:14.3}",
+            parameter.name(),
+            100.0 * tally.held as f64 / n,
+            (tally.squares / tally.bound).sqrt(),
+            (tally.variance / tally.squares).sqrt()
+        );
+    }
+    Ok(())
+}

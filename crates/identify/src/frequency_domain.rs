@@ -1,0 +1,231 @@
+//! Regression over a band of frequencies.
+
+use crate::robust_covariance::Correlation;
+use crate::{IdentifyError, LeastSquares, least_squares, weighted_least_squares};
+use nalgebra::{DMatrix, DVector};
+use std::f64::consts::PI;
+
+/// The finite Fourier transform ∫ x(t) exp(-2πi f t) dt of a series at steps of `dt_s`, counted from its first sample, at
+/// any frequency: (real, imaginary) for each of `frequencies_hz`.
+///
+/// Exact for the straight lines between samples (Filon's rule of first order; Press et al. 2007, section 13.9), where
+/// a plain sum would be in error by the sampling; Morelli (1997) says why that matters. Frequencies need not be multiples
+/// of anything.
+pub fn fourier_transform(series: &[f64], dt_s: f64, frequencies_hz: &[f64]) -> Vec<(f64, f64)> {
+    frequencies_hz.iter().map(|f| transform_at(series, dt_s, 2.0 * PI * f * dt_s)).collect()
+}
+
+/// At an angle a sample.
+fn transform_at(series: &[f64], dt_s: f64, angle: f64) -> (f64, f64) {
+    let Some(last) = series.len().checked_sub(1).filter(|last| *last > 0) else { return (0.0, 0.0) };
+    // A rotation by a constant angle loses a digit in about a thousand steps: it is set anew before that.
+    const RESTART: usize = 64;
+    let (step_c, step_s) = (angle.cos(), angle.sin());
+    let (mut c, mut s) = (1.0, 0.0);
+    let (mut real, mut imaginary) = (0.0, 0.0);
+    for (k, x) in series.iter().enumerate() {
+        if k % RESTART == 0 {
+            let turned = angle * k as f64;
+            (c, s) = (turned.cos(), turned.sin());
+        }
+        if k > 0 && k < last {
+            real += x * c;
+            imaginary -= x * s;
+        }
+        if k < last {
+            (c, s) = (c * step_c - s * step_s, s * step_c + c * step_s);
+        }
+    }
+    // Weights of inner samples, and of the first; the last has the first's conjugate.
+    let (inner, end_real, end_imaginary) = weights(angle);
+    let (first, final_) = (series[0], series[last]);
+    let turned = angle * last as f64;
+    let (c, s) = (turned.cos(), turned.sin());
+    // exp(-i turned) times the conjugate of the first's weight.
+    let last_real = c * end_real - s * end_imaginary;
+    let last_imaginary = -s * end_real - c * end_imaginary;
+    (
+        dt_s * (inner * real + end_real * first + last_real * final_),
+        dt_s * (inner * imaginary + end_imaginary * first + last_imaginary * final_),
+    )
+}
+
+/// ∫ of the hat function times exp(-iθx), and of its right half, (real, imaginary).
+fn weights(theta: f64) -> (f64, f64, f64) {
+    if theta.abs() < 1e-2 {
+        let t2 = theta * theta;
+        return (
+            1.0 - t2 / 12.0 + t2 * t2 / 360.0,
+            0.5 - t2 / 24.0 + t2 * t2 / 720.0,
+            -theta * (1.0 / 6.0 - t2 / 120.0 + t2 * t2 / 5040.0),
+        );
+    }
+    let inner = (2.0 - 2.0 * theta.cos()) / (theta * theta);
+    (inner, 0.5 * inner, -(theta - theta.sin()) / (theta * theta))
+}
+
+/// A band and the frequencies in it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Band {
+    /// From.
+    pub low_hz: f64,
+    /// To.
+    pub high_hz: f64,
+}
+
+impl Band {
+    /// Frequencies one cycle in the record apart, between which a record of that length does not tell more: their
+    /// transforms have errors that are independent (Brillinger 1981, theorem 4.4.1).
+    pub fn frequencies_hz(&self, length_s: f64) -> Vec<f64> {
+        let step_hz = 1.0 / length_s;
+        let count = ((self.high_hz - self.low_hz) / step_hz + 1e-9).floor();
+        if !(count.is_finite() && count >= 0.0 && self.low_hz >= 0.0) {
+            return Vec::new();
+        }
+        (0..=count as usize).map(|k| self.low_hz + step_hz * k as f64).collect()
+    }
+
+    /// Rows of the real and of the imaginary parts of the columns' transforms in the band.
+    ///
+    /// # Errors
+    /// [`IdentifyError::BadBand`] where no frequency of it lies between zero and half the sampling rate.
+    pub fn transform(&self, columns: &DMatrix<f64>, dt_s: f64) -> Result<DMatrix<f64>, IdentifyError> {
+        let nyquist_hz = 0.5 / dt_s;
+        let frequencies_hz = self.frequencies_hz(columns.nrows() as f64 * dt_s);
+        if frequencies_hz.is_empty() || self.high_hz.is_nan() || self.high_hz > nyquist_hz {
+            return Err(IdentifyError::BadBand { low_hz: self.low_hz, high_hz: self.high_hz, nyquist_hz });
+        }
+        let count = frequencies_hz.len();
+        let mut out = DMatrix::zeros(2 * count, columns.ncols());
+        for (j, column) in columns.column_iter().enumerate() {
+            let transformed = fourier_transform(column.as_slice(), dt_s, &frequencies_hz);
+            for (k, (real, imaginary)) in transformed.into_iter().enumerate() {
+                out[(k, j)] = real;
+                out[(count + k, j)] = imaginary;
+            }
+        }
+        Ok(out)
+    }
+}
+
+/// Equation error over a band of frequencies: complex least squares of the output's transform by those of the
+/// regressors (Klein 1978; Morelli & Klein 2016, section 7.4), of rows at equal steps.
+///
+/// What is outside the band, such as drift below and noise above, does not enter. A constant column leaks little
+/// into a band away from zero: leave it out, or accept a wide interval. Covariance from the residuals in the band, whose
+/// spectrum must be about flat, or else be given up to a factor as `density`, one value a frequency, by which each is then
+/// weighed. Residuals and leverages are those of the weighted real parts, then of the imaginary.
+///
+/// # Errors
+/// [`IdentifyError::BadBand`]; those of [`crate::least_squares`], where rows are two a frequency.
+pub fn frequency_domain(
+    regressors: &DMatrix<f64>,
+    output: &DVector<f64>,
+    dt_s: f64,
+    band: Band,
+    density: Option<&[f64]>,
+) -> Result<LeastSquares, IdentifyError> {
+    crate::least_squares::check(regressors, output)?;
+    let x = band.transform(regressors, dt_s)?;
+    let y = band.transform(&DMatrix::from_column_slice(output.len(), 1, output.as_slice()), dt_s)?;
+    let y = y.column(0).into_owned();
+    match density {
+        None => least_squares(&x, &y, Correlation::White),
+        Some(density) => {
+            let std: Vec<f64> = density.iter().chain(density).map(|d| d.sqrt()).collect();
+            weighted_least_squares(&x, &y, &std, Correlation::White)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::normal;
+
+    #[test]
+    fn straight_lines_are_transformed_as_the_closed_form_says() {
+        let (dt, n) = (0.1, 41);
+        let length = dt * (n - 1) as f64;
+        let line: Vec<f64> = (0..n).map(|k| 0.7 - 0.3 * dt * k as f64).collect();
+        for f in [1e-6, 0.01, 0.3, 1.7, 4.9] {
+            let w = 2.0 * PI * f;
+            let (real, imaginary) = fourier_transform(&line, dt, &[f])[0];
+            // ∫ (a + b t) e^{-iwt} dt by parts, as sums of sines and cosines.
+            let (a, b) = (0.7, -0.3);
+            let (c, s) = ((w * length).cos(), (w * length).sin());
+            let end = a + b * length;
+            let real_exact = end * s / w + b * (c - 1.0) / (w * w);
+            let imaginary_exact = (end * c - a) / w - b * s / (w * w);
+            // At 1e-6 Hz the closed form itself cancels.
+            let tolerance = if f < 1e-3 { 1e-3 } else { 1e-12 };
+            assert!((real - real_exact).abs() < tolerance, "{f}: {real} is not {real_exact}");
+            assert!(
+                (imaginary - imaginary_exact).abs() < tolerance,
+                "{f}: {imaginary} is not {imaginary_exact}"
+            );
+        }
+        let (area, none) = fourier_transform(&line, dt, &[0.0])[0];
+        assert!((area - (0.7 * length - 0.15 * length * length)).abs() < 1e-12 && none == 0.0);
+    }
+
+    #[test]
+    fn weights_are_continuous_where_the_series_ends() {
+        let (below, above) = (weights(0.009_999_999), weights(0.010_000_001));
+        assert!((below.0 - above.0).abs() < 1e-9);
+        assert!((below.1 - above.1).abs() < 1e-9);
+        assert!((below.2 - above.2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_is_outside_the_band_does_not_matter() {
+        let (dt, n) = (1.0 / 30.0, 300);
+        let time = |i: usize| i as f64 * dt;
+        let x = DMatrix::from_fn(n, 2, |i, j| {
+            if j == 0 { (2.0 * PI * 0.7 * time(i)).sin() } else { (2.0 * PI * 1.3 * time(i)).cos() }
+        });
+        // A disturbance at 6 Hz, a multiple of 1/(n dt), which in time would sit on the residuals.
+        let y =
+            DVector::from_fn(n, |i, _| 2.0 * x[(i, 0)] - x[(i, 1)] + 5.0 * (2.0 * PI * 6.0 * time(i)).sin());
+        let fit = frequency_domain(&x, &y, dt, Band { low_hz: 0.2, high_hz: 2.0 }, None).expect("a fit");
+        assert!((fit.values[0] - 2.0).abs() < 0.1 && (fit.values[1] + 1.0).abs() < 0.1, "{}", fit.values);
+        let clean = DVector::from_fn(n, |i, _| 2.0 * x[(i, 0)] - x[(i, 1)]);
+        let fit = frequency_domain(&x, &clean, dt, Band { low_hz: 0.2, high_hz: 2.0 }, None).expect("a fit");
+        assert!((fit.values[0] - 2.0).abs() < 1e-12 && (fit.values[1] + 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn knows_its_spread_in_coloured_noise() {
+        let (dt, n, runs) = (1.0 / 30.0, 600, 400);
+        let mut seed = 21;
+        let x = DMatrix::from_fn(n, 2, |i, j| {
+            let t = i as f64 * dt;
+            (1..8)
+                .map(|h| (2.0 * PI * 0.2 * f64::from(h) * t + f64::from(h * h) * (j as f64 + 0.4)).sin())
+                .sum()
+        });
+        let (mut squares, mut predicted) = (0.0, 0.0);
+        for _ in 0..runs {
+            let mut state = 0.0;
+            let y = DVector::from_fn(n, |i, _| {
+                state = 0.8 * state + normal(&mut seed);
+                2.0 * x[(i, 0)] - x[(i, 1)] + state
+            });
+            let fit = frequency_domain(&x, &y, dt, Band { low_hz: 0.1, high_hz: 1.6 }, None).expect("a fit");
+            squares += (fit.values[0] - 2.0).powi(2);
+            predicted += fit.covariance[(0, 0)];
+        }
+        let ratio: f64 = (predicted / squares).sqrt();
+        assert!((0.85..1.15).contains(&ratio), "predicted over achieved standard deviation {ratio}");
+    }
+
+    #[test]
+    fn a_band_that_is_none_is_refused() {
+        let x = DMatrix::from_fn(100, 1, |i, _| (i as f64).sin());
+        let y = x.column(0).into_owned();
+        for (low_hz, high_hz) in [(2.0, 1.0), (-1.0, 1.0), (0.1, 40.0), (0.1, f64::NAN), (f64::NAN, 1.0)] {
+            let refused = frequency_domain(&x, &y, 1.0 / 30.0, Band { low_hz, high_hz }, None);
+            assert!(matches!(refused, Err(IdentifyError::BadBand { .. })), "{low_hz} {high_hz}: {refused:?}");
+        }
+    }
+}

@@ -1,0 +1,316 @@
+//! How much later than the inputs' clock says the motion follows them.
+
+use crate::coloured::coloured;
+use crate::dependence::independent_columns;
+use crate::model::factors;
+use crate::table::{Output, rows_of};
+use crate::{
+    Bandwidth, CoefficientTable, Correlation, IdentifyError, Model, Options, OutputModel, When, coefficients,
+    least_squares,
+};
+use mavsight_flight::{InputChannel, InputSample, InputSeries, Vehicle};
+use mavsight_pose::Motion;
+use nalgebra::{DMatrix, DVector};
+
+/// The lag of the motion behind the inputs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lag {
+    /// To be added to the inputs' times; positive where the motion shows them later than they say.
+    pub lag_s: f64,
+    /// Standard deviation.
+    pub std_s: f64,
+}
+
+impl Lag {
+    /// Whether it is more than three standard deviations from nothing, which chance exceeds once in 370 flights.
+    pub fn significant(&self) -> bool {
+        self.lag_s.abs() > 3.0 * self.std_s
+    }
+}
+
+/// What a flight tells of the clocks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Clocks {
+    /// The lag that was found.
+    Lag(Lag),
+    /// The lag is beyond so many seconds: residuals are least there.
+    Beyond(f64),
+    /// The inputs move too little to tell.
+    Untold,
+    /// The lag was given.
+    Known(f64),
+}
+
+impl Clocks {
+    /// What is to be added to the inputs' times: a lag that was given, or one that is significant.
+    pub fn correction_s(&self) -> f64 {
+        match self {
+            Self::Lag(lag) if lag.significant() => lag.lag_s,
+            Self::Known(lag_s) => *lag_s,
+            _ => 0.0,
+        }
+    }
+
+    /// What a user must know of it; nothing where the clocks agree.
+    pub fn words(&self) -> Option<String> {
+        match self {
+            Self::Lag(lag) if lag.significant() => {
+                let (size_ms, std_ms) = (1e3 * lag.lag_s.abs(), 1e3 * lag.std_s);
+                let side = if lag.lag_s > 0.0 { "later" } else { "earlier" };
+                Some(format!(
+                    "The clocks differ: the motion shows the inputs {size_ms:.1} ± {std_ms:.1} ms {side} than their time \
+                     stamps say, and they were moved by as much. If the clocks are known to agree, give --lag 0."
+                ))
+            }
+            Self::Beyond(reach_s) => Some(format!(
+                "The clocks differ by more than the {reach_s:.2} s that were searched, and nothing was moved: \
+                 check that inputs and motion are of the same flight, or give --lag."
+            )),
+            Self::Untold => Some(
+                "The inputs move too little to tell whether their clock is the motion's: it was taken to be."
+                    .to_owned(),
+            ),
+            _ => None,
+        }
+    }
+}
+
+/// Steps of Gauss-Newton at most; each gains digits, since the lag enters the residuals almost linearly.
+const MAX_STEPS: usize = 12;
+
+/// The inputs with `lag_s` added to their times, the first or last value held, at the mean interval,
+/// for as long as that uncovers.
+///
+/// # Errors
+/// A lag that is not finite.
+pub fn delayed(inputs: &InputSeries, lag_s: f64) -> Result<InputSeries, IdentifyError> {
+    if !lag_s.is_finite() {
+        return Err(IdentifyError::BadSetting { what: "the lag", value: lag_s, must: "be a number" });
+    }
+    let given = inputs.samples();
+    let interval_s = (inputs.end_s() - inputs.start_s()) / (given.len() - 1) as f64;
+    let uncovered = (lag_s.abs() / interval_s).ceil() as usize;
+    let moved = |s: &InputSample| InputSample { t_s: s.t_s + lag_s, ..*s };
+    let held = |at: &InputSample, k: f64| InputSample { t_s: at.t_s + lag_s + k * interval_s, ..*at };
+    let mut samples: Vec<InputSample> = Vec::with_capacity(given.len() + uncovered);
+    if lag_s > 0.0 {
+        samples.extend((1..=uncovered).rev().map(|k| held(&given[0], -(k as f64))));
+    }
+    samples.extend(given.iter().map(moved));
+    if lag_s < 0.0 {
+        samples.extend((1..=uncovered).map(|k| held(&given[given.len() - 1], k as f64)));
+    }
+    let before = if lag_s > 0.0 { uncovered } else { 0 };
+    let count = samples.len();
+    let channel = |c: &InputChannel| {
+        let last = c.values.len() - 1;
+        let value = |k: usize| c.values[k.saturating_sub(before).min(last)];
+        InputChannel { name: c.name.clone(), values: (0..count).map(value).collect() }
+    };
+    let channels = inputs.channels().iter().map(channel).collect();
+    Ok(InputSeries::new(samples)?.with_channels(channels)?)
+}
+
+/// Estimates the lag between the inputs' clock and the motion's, up to `reach_s` either way, from what the inputs leave in
+/// the outputs: the shift of least residuals, by one more column of each regression, the derivative of its residuals by
+/// the shift. Outputs are weighed by their variances; where they disagree by more, the standard deviation grows by
+/// the root of chi-square over its degrees of freedom (Birge 1932).
+///
+/// A swash-plate's own column beside that of the disc that it drives is left out: the rate of flapping is a sum of both and
+/// the body's rate, so that the two columns together imitate a lag.
+///
+/// Valid for a model that holds: a time constant of a rotor that is longer than the vehicle file says looks like a lag.
+///
+/// # Errors
+/// Those of [`coefficients`].
+pub fn estimate_lag(
+    motion: &Motion,
+    inputs: &InputSeries,
+    vehicle: &Vehicle,
+    options: &Options,
+    reach_s: f64,
+) -> Result<Clocks, IdentifyError> {
+    let search = Search::new(motion, inputs, vehicle, options)?;
+    let mut lag_s = match search.coarse(reach_s)? {
+        Coarse::Inside(lag_s) => lag_s,
+        Coarse::End => return Ok(Clocks::Beyond(reach_s)),
+        Coarse::Flat => return Ok(Clocks::Untold),
+    };
+    let step_s = 0.02 / search.bandwidth_hz;
+    for _ in 0..MAX_STEPS {
+        let Some(Lag { lag_s: step, std_s }) = search.step(lag_s, step_s)? else { break };
+        lag_s += step;
+        if lag_s.is_nan() || lag_s.abs() > reach_s {
+            break;
+        }
+        if step.abs() < 1e-3 * std_s || step.abs() < 1e-9 {
+            return Ok(Clocks::Lag(Lag { lag_s, std_s }));
+        }
+    }
+    Ok(Clocks::Untold)
+}
+
+/// Where on a grid of shifts the residuals are least.
+enum Coarse {
+    Inside(f64),
+    End,
+    /// Everywhere alike, as far as the residuals' scatter tells.
+    Flat,
+}
+
+/// Twice the logarithm of the likelihood that a shift must gain to count: the 99.9 % quantile of chi-square with one degree
+/// of freedom.
+const TELLING: f64 = 10.83;
+
+struct Search<'a> {
+    motion: &'a Motion,
+    inputs: &'a InputSeries,
+    vehicle: &'a Vehicle,
+    options: Options,
+    bandwidth_hz: f64,
+    /// Independent columns of each output.
+    independent: Vec<Vec<usize>>,
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        motion: &'a Motion,
+        inputs: &'a InputSeries,
+        vehicle: &'a Vehicle,
+        options: &Options,
+    ) -> Result<Self, IdentifyError> {
+        let mut model = match &options.model {
+            Some(model) => model.clone(),
+            None => Model::equation_3()?,
+        };
+        let excited = coefficients(motion, inputs, vehicle, options)?;
+        model.output.retain(|o| !excited.not_excited.contains(&o.name));
+        model.output.iter_mut().for_each(without_imitators);
+        let highest_hz = excited.outputs.iter().map(|o| o.bandwidth_hz).fold(0.0, f64::max);
+        let bandwidth_hz = highest_hz.min(0.5 / excited.sample_interval_s);
+        let options =
+            Options { model: Some(model), bandwidth: Bandwidth::Hz(bandwidth_hz), ..options.clone() };
+        let mut search = Self { motion, inputs, vehicle, options, bandwidth_hz, independent: Vec::new() };
+        let table = search.table(0.0)?;
+        let rows = table.rows_in_window();
+        let independent = |output: &Output| {
+            let std: Vec<f64> = output.columns.iter().map(|c| c.std).collect();
+            independent_columns(&rows_of(output, &rows), &std).independent
+        };
+        search.independent = table.outputs.iter().map(independent).collect();
+        Ok(search)
+    }
+
+    fn table(&self, lag_s: f64) -> Result<CoefficientTable, IdentifyError> {
+        coefficients(self.motion, &delayed(self.inputs, lag_s)?, self.vehicle, &self.options)
+    }
+
+    /// The shift of least residuals on a grid of a quarter of a period of the low-pass.
+    fn coarse(&self, reach_s: f64) -> Result<Coarse, IdentifyError> {
+        let count = (4.0 * self.bandwidth_hz * reach_s).ceil().clamp(2.0, 200.0) as i32;
+        let shift_s = |k: i32| reach_s * f64::from(k) / f64::from(count);
+        let (mut best, mut most) = ((f64::INFINITY, 0), f64::NEG_INFINITY);
+        for k in -count..=count {
+            let sum = self.scatter(&self.table(shift_s(k))?)?;
+            most = most.max(sum);
+            if sum < best.0 {
+                best = (sum, k);
+            }
+        }
+        if most - best.0 < TELLING {
+            return Ok(Coarse::Flat);
+        }
+        Ok(if best.1.abs() < count { Coarse::Inside(shift_s(best.1)) } else { Coarse::End })
+    }
+
+    /// Σ n ln(RSS), with n the number of rows that are not correlated.
+    fn scatter(&self, table: &CoefficientTable) -> Result<f64, IdentifyError> {
+        let mut sum = 0.0;
+        for (output, independent) in table.outputs.iter().zip(&self.independent) {
+            let Some((x, y)) = problem(table, output, independent) else { continue };
+            let fit = least_squares(&x, &y, Correlation::White)?;
+            let apart = y.len() as f64 / table.correlated_rows(output.bandwidth_hz, y.len()) as f64;
+            sum += apart * fit.residuals.norm_squared().max(f64::MIN_POSITIVE).ln();
+        }
+        Ok(sum)
+    }
+
+    /// The step from a lag to where every output's residuals are least, with its standard deviation.
+    fn step(&self, lag_s: f64, by_s: f64) -> Result<Option<Lag>, IdentifyError> {
+        let [before, here, after] = [lag_s - by_s, lag_s, lag_s + by_s].map(|t| self.table(t));
+        let (before, here, after) = (before?, here?, after?);
+        let mut steps: Vec<Lag> = Vec::new();
+        for (k, independent) in self.independent.iter().enumerate() {
+            let of = |table: &CoefficientTable| problem(table, &table.outputs[k], independent);
+            let (Some((x, y)), Some(low), Some(high)) = (of(&here), of(&before), of(&after)) else {
+                continue;
+            };
+            let fit = least_squares(&x, &y, Correlation::White)?;
+            let left = |(x, y): (DMatrix<f64>, DVector<f64>)| y - x * &fit.values;
+            let slope = (left(low) - left(high)) / (2.0 * by_s);
+            steps.extend(own_step(
+                &here,
+                &here.outputs[k],
+                independent,
+                (&x, &fit.values, &fit.residuals, &slope),
+            ));
+        }
+        Ok(together(&steps))
+    }
+}
+
+/// Without the columns that a lag could hide in; and fitted whatever a shift does to it.
+fn without_imitators(output: &mut OutputModel) {
+    output.when = When::Always;
+    for (disc, plate) in [("alpha_l", "delta_lon"), ("beta_l", "delta_lat")] {
+        let driven = output.regressors.iter().any(|r| factors(r).any(|f| f == disc));
+        output.regressors.retain(|r| !driven || r != plate || output.fixed.contains_key(r));
+    }
+}
+
+/// Regressors and output inside the window; none without a column.
+fn problem(
+    table: &CoefficientTable,
+    output: &Output,
+    independent: &[usize],
+) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    let rows = table.rows_in_window();
+    let y = DVector::from_iterator(rows.len(), rows.iter().map(|i| output.values[*i]));
+    (!independent.is_empty() && rows.len() > independent.len() + 1)
+        .then(|| (rows_of(output, &rows).select_columns(independent), y))
+}
+
+/// The step that one output asks for: the coefficient of the slope beside the regressors.
+fn own_step(
+    table: &CoefficientTable,
+    output: &Output,
+    independent: &[usize],
+    (x, values, residuals, slope): (&DMatrix<f64>, &DVector<f64>, &DVector<f64>, &DVector<f64>),
+) -> Option<Lag> {
+    let count = x.ncols();
+    let mut with_slope = x.clone().insert_column(count, 0.0);
+    with_slope.set_column(count, slope);
+    if !independent_columns(&with_slope, &vec![0.0; count + 1]).independent.contains(&count) {
+        return None;
+    }
+    let rows = Correlation::Rows(table.correlated_rows(output.bandwidth_hz, x.nrows()));
+    let fit = least_squares(&with_slope, residuals, rows).ok()?;
+    let gamma = table.autocovariances(output, independent, values);
+    let once = table.once(output, independent, values, &table.rows_in_window());
+    let covariance = coloured(&with_slope, &fit.inverse_gram, fit.residuals.as_slice(), &gamma, &once)
+        .map_or(fit.covariance, |c| c.covariance);
+    let std_s = covariance[(count, count)].max(0.0).sqrt();
+    (std_s > 0.0 && std_s.is_finite()).then_some(Lag { lag_s: fit.values[count], std_s })
+}
+
+/// The mean by inverse variances.
+fn together(steps: &[Lag]) -> Option<Lag> {
+    let weight: f64 = steps.iter().map(|s| s.std_s.powi(-2)).sum();
+    if weight <= 0.0 {
+        return None;
+    }
+    let lag_s = steps.iter().map(|s| s.lag_s * s.std_s.powi(-2)).sum::<f64>() / weight;
+    let chi_square: f64 = steps.iter().map(|s| ((s.lag_s - lag_s) / s.std_s).powi(2)).sum();
+    let disagreement = (chi_square / (steps.len().max(2) - 1) as f64).max(1.0).sqrt();
+    Some(Lag { lag_s, std_s: disagreement / weight.sqrt() })
+}

@@ -1,0 +1,121 @@
+//! Whether the flight determines every free parameter.
+
+use super::condense::Condensed;
+use super::covariance::inverse;
+use super::fit::Fitter;
+use super::model::ModelParameter;
+use super::propagate::TANGENT;
+use super::shooting::Record;
+use crate::IdentifyError;
+use mavsight_flight::Coefficient as C;
+use mavsight_geometry::svd::jacobi_svd;
+use nalgebra::{DMatrix, DVector};
+
+/// A change by ten times a parameter's size must be seen by one standard deviation.
+const SEEN_SIZES: f64 = 10.0;
+
+/// A size of a parameter below which an uncertainty is worth having: its value, at the start or now, or an effect of one
+/// hundredth of the weight (over the rotor's radius; per m/s, per 10 rad/s); 10 ms for the lag.
+pub(crate) fn typical(parameter: ModelParameter, fitter: &Fitter<'_>) -> f64 {
+    let model = &fitter.start;
+    let effect = 0.01 * (model.coefficients.get(C::CzU) + model.coefficients.get(C::CzL)).abs();
+    let floor = match parameter {
+        ModelParameter::InputLag => 0.01,
+        ModelParameter::Coefficient(C::TauLower | C::TauFlybar | C::SwashplateGain | C::FlybarGain) => 0.0,
+        ModelParameter::Coefficient(C::ClP | C::CmQ | C::CnR) => 0.1 * effect,
+        ModelParameter::Coefficient(_) => effect,
+    };
+    model.value(parameter).abs().max(fitter.point.model.value(parameter).abs()).max(floor)
+}
+
+/// Refuses a fit in which a combination of parameters changes nothing that was measured.
+///
+/// The least determined direction is taken from the information on the parameters with start and nuisances
+/// unknown; what it changes is then added up row by row, which is exact where the information has lost its digits.
+pub(crate) fn refuse_undetermined(
+    fitter: &Fitter<'_>,
+    condensed: &Condensed,
+    records: &[Record],
+) -> Result<(), IdentifyError> {
+    let free = fitter.free();
+    let p = free.len();
+    let size = DVector::from_iterator(p, free.iter().map(|q| typical(*q, fitter)));
+    let a = condensed.information();
+    let mine: Vec<usize> = (TANGENT..TANGENT + p).collect();
+    let rest: Vec<usize> = (0..TANGENT).chain(TANGENT + p..a.nrows()).collect();
+    let a_rm = a.select_rows(&rest).select_columns(&mine);
+    let follow = inverse(&a.select_rows(&rest).select_columns(&rest)).ok_or(IdentifyError::RankZero)? * &a_rm;
+    let marginal = a.select_rows(&mine).select_columns(&mine) - a_rm.transpose() * &follow;
+    // In units of what is told of each parameter alone: that keeps the digits of weak ones.
+    let unit = DVector::from_fn(p, |i, _| {
+        let own = a[(TANGENT + i, TANGENT + i)];
+        if own > 0.0 { 1.0 / own.sqrt() } else { size[i] }
+    });
+    let scaled =
+        DMatrix::from_fn(p, p, |i, j| 0.5 * (marginal[(i, j)] + marginal[(j, i)]) * unit[i] * unit[j]);
+    let directions = jacobi_svd(&scaled).v;
+    for k in (0..p).rev().take(3) {
+        let direction = directions.column(k).component_mul(&unit);
+        let largest = direction.component_div(&size).amax();
+        if largest == 0.0 {
+            continue;
+        }
+        let direction = direction * (SEEN_SIZES / largest);
+        let mut step = DVector::zeros(a.nrows());
+        for (i, row) in mine.iter().enumerate() {
+            step[*row] = direction[i];
+        }
+        for (row, value) in rest.iter().zip((&follow * &direction).iter()) {
+            step[*row] = -value;
+        }
+        if change(fitter, condensed, records, &step) < 1.0 {
+            return Err(refusal(free, &direction, &direction.component_div(&size)));
+        }
+    }
+    Ok(())
+}
+
+/// Squares that a step of [start, parameters, nuisances] makes.
+fn change(fitter: &Fitter<'_>, condensed: &Condensed, records: &[Record], step: &DVector<f64>) -> f64 {
+    let m = TANGENT + fitter.free().len();
+    let starts = condensed.expand(&fitter.at, step, 0.0);
+    let problem = &fitter.problem;
+    let mut sum = 0.0;
+    for record in records {
+        let mut by = 0.0;
+        for (b, d) in
+            record.by.iter().zip(starts[record.segment].iter().chain(step.rows(TANGENT, m - TANGENT).iter()))
+        {
+            by += b * d;
+        }
+        let weight = problem.weights[record.row.channel];
+        for (d, z) in problem
+            .measurements
+            .nuisance_row(record.row.nuisance)
+            .iter()
+            .zip(step.rows(m, step.len() - m).iter())
+        {
+            by += weight * d * z;
+        }
+        sum += by * by;
+    }
+    let prior = problem.prior_information.iter().zip(step.iter()).map(|(w, d)| w * d * d).sum::<f64>();
+    sum + prior + step.rows(m, step.len() - m).norm_squared()
+}
+
+fn refusal(free: &[ModelParameter], direction: &DVector<f64>, sizes: &DVector<f64>) -> IdentifyError {
+    let largest = sizes.amax();
+    let named: Vec<usize> = (0..free.len()).filter(|k| sizes[*k].abs() > 0.02 * largest).collect();
+    let lead = sizes.iamax();
+    let names: Vec<String> = named.iter().map(|k| free[*k].name().to_owned()).collect();
+    let change: Vec<String> = named
+        .iter()
+        .map(|k| format!("{:+.4}·{}", direction[*k] / direction[lead], free[*k].name()))
+        .collect();
+    let mut combination = format!("a change along {} leaves every measurement as it is", change.join(" "));
+    if let [i, j] = named[..] {
+        let factor = -direction[i] / direction[j];
+        combination += &format!(", only {} {factor:+.4}·{} is seen", free[i].name(), free[j].name());
+    }
+    IdentifyError::NotDetermined { names, combination }
+}

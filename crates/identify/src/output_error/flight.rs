@@ -1,0 +1,175 @@
+//! Output error on all that was recorded of a flight.
+
+use super::measure::{Measurements, StateMeasurement};
+use super::model::{FlightModel, ModelParameter};
+use super::{
+    Correlation, Disagreement, ImageMeasurements, OutputErrorFit, OutputErrorOptions, disagreement,
+    output_error,
+};
+use crate::{Identification, IdentifyError};
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_pose::{BodyMarker, MarkerObservation, PoseSample, Rig};
+use nalgebra::{DMatrix, DVector};
+
+/// What the images of a flight are made of.
+#[derive(Debug, Clone, Copy)]
+pub struct Images<'a> {
+    /// Cameras, with what their calibration leaves open.
+    pub rig: &'a Rig,
+    /// Markers of the body.
+    pub markers: &'a [BodyMarker],
+    /// Standard deviation of a coordinate of a marker on the body.
+    pub markers_std_m: f64,
+    /// Where they were seen.
+    pub observations: &'a [MarkerObservation],
+}
+
+/// The fits of a flight by output error.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FlightFits {
+    /// To the poses.
+    pub poses: Option<OutputErrorFit>,
+    /// To the images of the markers.
+    pub image: Option<OutputErrorFit>,
+    /// Parameters that would be free had the inputs moved what they act on.
+    pub held: Vec<ModelParameter>,
+    /// Fits that were refused, and why.
+    pub refusals: Vec<String>,
+}
+
+/// Two estimates of the same parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// Names of the estimators, as in [`FlightFits::named`].
+    pub between: (String, String),
+    /// What was compared.
+    pub parameters: Vec<String>,
+    /// The test.
+    pub test: Disagreement,
+}
+
+/// Estimates with their covariance.
+struct Estimates {
+    estimator: String,
+    names: Vec<String>,
+    values: Vec<f64>,
+    covariance: DMatrix<f64>,
+}
+
+impl FlightFits {
+    /// Fits the default model of a vehicle ([`FlightModel::new`]) to the poses and, where there are some, to the images.
+    ///
+    /// # Errors
+    /// A vehicle that is not valid; refusals of a fit become sentences.
+    pub fn of_flight(
+        vehicle: &Vehicle,
+        inputs: &InputSeries,
+        poses: &[PoseSample],
+        images: Option<Images<'_>>,
+    ) -> Result<Self, IdentifyError> {
+        let model = FlightModel::new(vehicle, inputs)?;
+        let fit = |measured: Result<Measurements, IdentifyError>| {
+            output_error(&model, inputs, &measured?, &OutputErrorOptions::default())
+        };
+        let states = || Ok(Measurements::States(poses.iter().map(StateMeasurement::from_pose).collect()));
+        let (poses, image) = std::thread::scope(|scope| {
+            let image = images.map(|images| scope.spawn(move || fit(images.measurements())));
+            (fit(states()), image.and_then(|handle| handle.join().ok()))
+        });
+        let mut refusals = Vec::new();
+        let mut kept = |what: &str, fit: Result<OutputErrorFit, IdentifyError>| {
+            fit.map_err(|why| refusals.push(format!("No output error {what}: {why}"))).ok()
+        };
+        let poses = kept("from poses", poses);
+        let image = image.and_then(|fit| kept("from images", fit));
+        Ok(Self { poses, image, held: model.held(), refusals })
+    }
+
+    /// The fits with their names in `parameters.csv`.
+    pub fn named(&self) -> impl Iterator<Item = (&'static str, &OutputErrorFit)> {
+        [("oe", &self.poses), ("image", &self.image)]
+            .into_iter()
+            .filter_map(|(name, fit)| Some((name, fit.as_ref()?)))
+    }
+
+    /// Whether the estimators disagree: each pair of these fits in all they share, and each with equation error by one
+    /// estimator in what both call by the same name.
+    pub fn comparisons(
+        &self,
+        equation_error: Option<(&Identification, crate::Estimator)>,
+    ) -> Vec<Comparison> {
+        let mut all: Vec<Estimates> =
+            equation_error.and_then(|(i, e)| of_equations(i, e)).into_iter().collect();
+        all.extend(self.named().map(|(name, fit)| Estimates {
+            estimator: name.to_owned(),
+            names: fit.parameters.iter().map(|p| p.name.to_owned()).collect(),
+            values: fit.parameters.iter().map(|p| p.value).collect(),
+            covariance: fit.covariance.clone(),
+        }));
+        let mut out = Vec::new();
+        for (k, first) in all.iter().enumerate() {
+            out.extend(all[k + 1..].iter().filter_map(|second| compare(first, second)));
+        }
+        out
+    }
+}
+
+impl Images<'_> {
+    fn measurements(&self) -> Result<Measurements, IdentifyError> {
+        let images = ImageMeasurements::new(self.rig, self.markers, self.observations)?
+            .with_cameras(self.rig)?
+            .with_marker_positions(self.markers_std_m);
+        Ok(Measurements::Image(images))
+    }
+}
+
+/// Offsets are left out: equation error's stand for the mean of its window.
+fn of_equations(identification: &Identification, estimator: crate::Estimator) -> Option<Estimates> {
+    let fits = || identification.fits.iter().filter(|f| f.estimator == estimator);
+    let (mut names, mut values, mut places) = (Vec::new(), Vec::new(), Vec::new());
+    for (k, fit) in fits().enumerate() {
+        for p in fit.parameters.iter().filter(|p| p.identifiable) {
+            let name = format!("{},{}", fit.output, p.name);
+            let (Some(value), Some(std)) = (p.value, p.std) else { continue };
+            let column = fit.diagnostics.columns.iter().position(|c| *c == p.name);
+            if p.name != "0" && ModelParameter::from_name(&name).is_some() {
+                names.push(name);
+                values.push(value);
+                places.push((k, column, std));
+            }
+        }
+    }
+    let correlations: Vec<&DMatrix<f64>> = fits().map(|f| &f.diagnostics.correlations).collect();
+    let n = names.len();
+    let covariance = DMatrix::from_fn(n, n, |i, j| {
+        let ((a, row, std_a), (b, column, std_b)) = (places[i], places[j]);
+        let correlation = match (row, column) {
+            _ if i == j => 1.0,
+            (Some(row), Some(column)) if a == b => correlations[a].get((row, column)).copied().unwrap_or(0.0),
+            _ => 0.0,
+        };
+        correlation * std_a * std_b
+    });
+    (n > 0).then(|| Estimates { estimator: estimator.name().to_owned(), names, values, covariance })
+}
+
+fn compare(first: &Estimates, second: &Estimates) -> Option<Comparison> {
+    let shared: Vec<(usize, usize)> = first
+        .names
+        .iter()
+        .enumerate()
+        .filter_map(|(i, name)| Some((i, second.names.iter().position(|n| n == name)?)))
+        .collect();
+    let part = |e: &Estimates, index: &[usize]| {
+        let values = DVector::from_iterator(index.len(), index.iter().map(|i| e.values[*i]));
+        (values, e.covariance.select_rows(index).select_columns(index))
+    };
+    let (a, b): (Vec<usize>, Vec<usize>) = shared.into_iter().unzip();
+    let (one, other) = (part(first, &a), part(second, &b));
+    let test = disagreement((&one.0, &one.1), (&other.0, &other.1), Correlation::IndependentOrAlike).ok()?;
+    Some(Comparison {
+        between: (first.estimator.clone(), second.estimator.clone()),
+        parameters: a.iter().map(|i| first.names[*i].clone()).collect(),
+        test,
+    })
+}

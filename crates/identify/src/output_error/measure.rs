@@ -1,0 +1,213 @@
+//! What was measured: states with their covariance, or images of markers.
+
+use super::image::ImageMeasurements;
+use super::propagate::{SEEN, attitude};
+use crate::IdentifyError;
+use mavsight_flight::StateVector;
+use mavsight_geometry::attitude::right_jacobian;
+use mavsight_geometry::{Isometry3, Matrix3, Matrix6, Vector3, world_from_level};
+use mavsight_pose::{MotionSample, PoseSample};
+use nalgebra::{SMatrix, SVector};
+
+/// What was measured of the motion at one instant. A part that was not measured is `None`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StateMeasurement {
+    /// Middle of the exposure.
+    pub t_ns: i64,
+    /// Pose, and the covariance of position (world axes, m²) and of a small turn about body axes (rad²).
+    pub pose: Option<(Isometry3<f64>, Matrix6<f64>)>,
+    /// Velocity in body axes, m/s, and its covariance.
+    pub velocity: Option<(Vector3<f64>, Matrix3<f64>)>,
+    /// p, q, r in rad/s, and their covariance.
+    pub rates: Option<(Vector3<f64>, Matrix3<f64>)>,
+}
+
+impl StateMeasurement {
+    /// The pose of a sample; nothing where it holds none.
+    pub fn from_pose(sample: &PoseSample) -> Self {
+        let pose = sample.estimate.as_ref().map(|e| (e.world_from_body, e.covariance));
+        Self { t_ns: sample.t_ns, pose, velocity: None, rates: None }
+    }
+
+    /// Velocity and rates of a smoothed sample, and its pose.
+    ///
+    /// A smoother's errors are correlated over its time constant; the corrected standard deviations of the fit allow for
+    /// that, its Cramér-Rao bounds do not.
+    pub fn from_motion(sample: &MotionSample) -> Self {
+        let c = &sample.covariance;
+        Self {
+            t_ns: sample.t_ns,
+            pose: Some((sample.world_from_body, c.fixed_view::<6, 6>(0, 0).into_owned())),
+            velocity: Some((sample.velocity_in_body_m_s, c.fixed_view::<3, 3>(6, 6).into_owned())),
+            rates: Some((sample.rates_rad_s, c.fixed_view::<3, 3>(9, 9).into_owned())),
+        }
+    }
+}
+
+/// The measurements of a flight.
+#[derive(Debug, Clone)]
+pub enum Measurements {
+    /// Poses, velocities or rates at increasing times, each with its covariance.
+    States(Vec<StateMeasurement>),
+    /// Markers in images.
+    Image(ImageMeasurements),
+}
+
+/// One whitened coordinate: residual, its derivative by the seen part of the state, and where it belongs.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Row {
+    pub(crate) residual: f64,
+    pub(crate) jacobian: [f64; SEEN],
+    /// Which of the coordinates that return at every instant; each has a variance factor.
+    pub(crate) channel: usize,
+    /// Row of the whitened nuisance directions.
+    pub(crate) nuisance: usize,
+}
+
+const STATE_CHANNELS: [&str; 12] =
+    ["x", "y", "z", "turn_x", "turn_y", "turn_z", "u", "v", "w", "p", "q", "r"];
+
+impl Measurements {
+    pub(crate) fn times_s(&self) -> Vec<f64> {
+        match self {
+            Self::States(s) => s.iter().map(|m| m.t_ns as f64 * 1e-9).collect(),
+            Self::Image(i) => i.times_s(),
+        }
+    }
+
+    pub(crate) fn channels(&self) -> Vec<String> {
+        match self {
+            Self::States(_) => STATE_CHANNELS.map(str::to_owned).to_vec(),
+            Self::Image(i) => i.channels(),
+        }
+    }
+
+    pub(crate) fn nuisances(&self) -> usize {
+        match self {
+            Self::States(_) => 0,
+            Self::Image(i) => i.nuisances(),
+        }
+    }
+
+    /// Whitened directions of a row, one value a nuisance.
+    pub(crate) fn nuisance_row(&self, row: usize) -> &[f64] {
+        match self {
+            Self::States(_) => &[],
+            Self::Image(i) => i.nuisance_row(row),
+        }
+    }
+
+    /// Known poses at their instants, for a start.
+    pub(crate) fn poses(&self) -> Vec<(usize, Isometry3<f64>)> {
+        match self {
+            Self::States(s) => {
+                s.iter().enumerate().filter_map(|(i, m)| m.pose.map(|(pose, _)| (i, pose))).collect()
+            }
+            Self::Image(i) => i.poses(),
+        }
+    }
+
+    /// Rows of one instant at a state, into a cleared `out`.
+    pub(crate) fn rows(
+        &self,
+        instant: usize,
+        y: &StateVector,
+        out: &mut Vec<Row>,
+    ) -> Result<(), IdentifyError> {
+        out.clear();
+        match self {
+            Self::States(s) => state_rows(&s[instant], y, out),
+            Self::Image(i) => i.rows(instant, y, out),
+        }
+    }
+
+    /// Refuses what cannot be fitted.
+    pub(crate) fn check(&self) -> Result<(), IdentifyError> {
+        let times = self.times_s();
+        for pair in times.windows(2) {
+            if pair[1] <= pair[0] {
+                return Err(IdentifyError::MeasurementTimes { t_s: pair[1], before_s: pair[0] });
+            }
+        }
+        let Self::States(samples) = self else { return Ok(()) };
+        for s in samples {
+            let t_s = s.t_ns as f64 * 1e-9;
+            let bad = |what| IdentifyError::BadMeasurement { t_s, what };
+            if let Some((pose, covariance)) = &s.pose {
+                let finite =
+                    pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|v| v.is_finite());
+                if !finite || whitener(covariance).is_none() {
+                    return Err(bad("pose"));
+                }
+            }
+            for (what, part) in [("velocity", &s.velocity), ("rates", &s.rates)] {
+                if let Some((value, covariance)) = part
+                    && (!value.iter().all(|v| v.is_finite()) || whitener(covariance).is_none())
+                {
+                    return Err(bad(what));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// L⁻¹ with L Lᵀ the covariance; none where it is not positive definite.
+pub(crate) fn whitener<const N: usize>(covariance: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>>
+where
+    nalgebra::Const<N>: nalgebra::DimMin<nalgebra::Const<N>, Output = nalgebra::Const<N>>,
+{
+    if !covariance.iter().all(|v| v.is_finite()) {
+        return None;
+    }
+    let l = covariance.cholesky()?.l();
+    let inverse = l.solve_lower_triangular(&SMatrix::<f64, N, N>::identity())?;
+    inverse.iter().all(|v| v.is_finite()).then_some(inverse)
+}
+
+/// The pose in the world of a state.
+pub(crate) fn pose_of(y: &StateVector) -> Isometry3<f64> {
+    Isometry3::from_parts(Vector3::new(y[0], y[1], y[2]).into(), world_from_level() * attitude(y))
+}
+
+fn state_rows(s: &StateMeasurement, y: &StateVector, out: &mut Vec<Row>) -> Result<(), IdentifyError> {
+    let t_s = s.t_ns as f64 * 1e-9;
+    let bad = |what| IdentifyError::BadMeasurement { t_s, what };
+    if let Some((measured, covariance)) = &s.pose {
+        let l = whitener(covariance).ok_or(bad("pose"))?;
+        let at = pose_of(y);
+        let turn = (at.rotation.inverse() * measured.rotation).scaled_axis();
+        let offset = measured.translation.vector - at.translation.vector;
+        let mut error = SVector::<f64, 6>::zeros();
+        error.fixed_rows_mut::<3>(0).copy_from(&offset);
+        error.fixed_rows_mut::<3>(3).copy_from(&turn);
+        // log(exp(-δ) exp(e)) = e - J_l(e)⁻¹ δ, and J_l(e) = J_r(-e).
+        let by_turn = right_jacobian(&-turn).try_inverse().unwrap_or_else(Matrix3::identity);
+        let mut jacobian = Matrix6::identity();
+        jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&by_turn);
+        push(&(l * error), &(l * jacobian), 0, out);
+    }
+    for (what, part, first) in [("velocity", &s.velocity, 6), ("rates", &s.rates, 9)] {
+        if let Some((measured, covariance)) = part {
+            let l = whitener(covariance).ok_or(bad(what))?;
+            let at = Vector3::new(y[first + 1], y[first + 2], y[first + 3]);
+            push(&(l * (measured - at)), &l, first, out);
+        }
+    }
+    Ok(())
+}
+
+fn push<const N: usize>(
+    residual: &SVector<f64, N>,
+    jacobian: &SMatrix<f64, N, N>,
+    first: usize,
+    out: &mut Vec<Row>,
+) {
+    for i in 0..N {
+        let mut row = Row { residual: residual[i], jacobian: [0.0; SEEN], channel: first + i, nuisance: 0 };
+        for j in 0..N {
+            row.jacobian[first + j] = jacobian[(i, j)];
+        }
+        out.push(row);
+    }
+}

@@ -1,0 +1,194 @@
+//! States to start from, drawn out of the poses by local polynomials.
+
+use super::measure::Measurements;
+use super::model::{FlightModel, ModelParameter};
+use crate::IdentifyError;
+use mavsight_flight::flapping::{Between, first_order_response};
+use mavsight_flight::{Coefficient, InputSample, InputSeries, Linearisation, StateVector};
+use mavsight_geometry::{Isometry3, Matrix3, UnitQuaternion, Vector3, world_from_level};
+use nalgebra::{DMatrix, DVector};
+
+/// Poses within this of an instant give its velocity, rates and accelerations: nine at 30 Hz.
+const WINDOW_S: f64 = 0.135;
+
+/// Instants at which segments begin, each with a state, and the model with rough values of its free parameters. The first
+/// is the first instant with a pose.
+pub(crate) fn nodes(
+    model: &FlightModel,
+    inputs: &InputSeries,
+    measurements: &Measurements,
+    segment_s: f64,
+) -> Result<(FlightModel, Vec<(usize, StateVector)>), IdentifyError> {
+    let times_s = measurements.times_s();
+    let mut poses = measurements.poses();
+    if poses.is_empty()
+        && let Measurements::States(samples) = measurements
+    {
+        poses = super::dead_reckoning::poses(samples);
+    }
+    if poses.len() < 4 {
+        return Err(IdentifyError::NoStart { known: poses.len() });
+    }
+    let t_s: Vec<f64> = poses.iter().map(|(i, _)| times_s[*i]).collect();
+    let local: Vec<Local> = (0..poses.len()).map(|k| Local::at(k, &t_s, &poses)).collect();
+    let flap = flapping(model, inputs, &t_s, &local);
+    let state = |k: usize| -> StateVector {
+        let pose = &poses[k].1;
+        let q = world_from_level().inverse() * pose.rotation;
+        let (p, v, w, f) = (pose.translation.vector, local[k].velocity_in_body, local[k].rates, flap[k]);
+        [p.x, p.y, p.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, w.x, w.y, w.z, f[0], f[1], f[2], f[3]]
+    };
+    let last_s = t_s[t_s.len() - 1];
+    let mut out: Vec<(usize, StateVector)> = Vec::new();
+    let mut next_s = t_s[0];
+    for (k, (instant, _)) in poses.iter().enumerate() {
+        if t_s[k] < next_s - 1e-9 || (k > 0 && last_s - t_s[k] < 0.5 * segment_s) {
+            continue;
+        }
+        next_s = t_s[k] + segment_s;
+        out.push((*instant, state(k)));
+    }
+    let rows: Vec<_> = (0..poses.len())
+        .filter_map(|k| {
+            let input = inputs.at(t_s[k] - model.input_lag_s)?;
+            let y = state(k);
+            let d = &local[k];
+            // Local polynomials give the acceleration in axes that do not turn.
+            let velocity_rate = d.acceleration - d.rates.cross(&d.velocity_in_body);
+            Some((input, y, velocity_rate, d.angular_acceleration))
+        })
+        .collect();
+    Ok((rough(model, &rows), out))
+}
+
+/// Coefficients that are nearest to the accelerations, by least squares with a weak pull towards those given; flapping
+/// times, linkages and the lag stay. Good for a start alone: the polynomials flatten what is fast.
+fn rough(
+    model: &FlightModel,
+    rows: &[(InputSample, StateVector, Vector3<f64>, Vector3<f64>)],
+) -> FlightModel {
+    let linear: Vec<Coefficient> = model
+        .free()
+        .iter()
+        .filter_map(|p| match p {
+            ModelParameter::Coefficient(
+                Coefficient::TauLower
+                | Coefficient::TauFlybar
+                | Coefficient::SwashplateGain
+                | Coefficient::FlybarGain,
+            )
+            | ModelParameter::InputLag => None,
+            ModelParameter::Coefficient(c) => Some(*c),
+        })
+        .collect();
+    let n = linear.len();
+    let mut normal = DMatrix::<f64>::zeros(n, n);
+    let mut right = DVector::<f64>::zeros(n);
+    let mut at = Linearisation::zeros();
+    for (input, y, velocity_rate, rate_rate) in rows {
+        model.airframe.linearise(&model.coefficients, input, y, &mut at);
+        let predicted = model.airframe.derivative(&model.coefficients, input, y);
+        for (row, measured) in (7..13).zip(velocity_rate.iter().chain(rate_rate.iter())) {
+            let error = measured - predicted[row];
+            let by: DVector<f64> =
+                DVector::from_iterator(n, linear.iter().map(|c| at.by_coefficient[row][*c as usize]));
+            normal.ger(1.0, &by, &by, 1.0);
+            right.axpy(error, &by, 1.0);
+        }
+    }
+    for k in 0..n {
+        normal[(k, k)] = normal[(k, k)] * (1.0 + PULL) + f64::MIN_POSITIVE.sqrt();
+    }
+    let mut out = model.clone();
+    if let Some(step) = normal.cholesky().map(|c| c.solve(&right))
+        && step.iter().all(|v| v.is_finite())
+    {
+        for (c, d) in linear.iter().zip(step.iter()) {
+            out.coefficients.set(*c, model.coefficients.get(*c) + d);
+        }
+    }
+    out
+}
+
+/// Share of the information on each coefficient that pulls it to where it was: enough to part columns that are alike.
+const PULL: f64 = 1e-3;
+
+struct Local {
+    velocity_in_body: Vector3<f64>,
+    rates: Vector3<f64>,
+    acceleration: Vector3<f64>,
+    angular_acceleration: Vector3<f64>,
+}
+
+impl Local {
+    fn at(k: usize, t_s: &[f64], poses: &[(usize, Isometry3<f64>)]) -> Self {
+        let here = poses[k].1;
+        let (mut a, mut b) = (k, k);
+        while b - a < 4 || t_s[b] - t_s[k] < WINDOW_S || t_s[k] - t_s[a] < WINDOW_S {
+            let can_left = a > 0 && (t_s[k] - t_s[a - 1] <= WINDOW_S || b - a < 4);
+            let can_right = b + 1 < poses.len() && (t_s[b + 1] - t_s[k] <= WINDOW_S || b - a < 4);
+            if !can_left && !can_right {
+                break;
+            }
+            a -= usize::from(can_left);
+            b += usize::from(can_right);
+        }
+        // Least squares of c0 + c1 τ + c2 τ².
+        let mut normal = Matrix3::zeros();
+        let (mut place, mut turn) = (Matrix3::zeros(), Matrix3::zeros());
+        for i in a..=b {
+            let tau = t_s[i] - t_s[k];
+            let powers = Vector3::new(1.0, tau, tau * tau);
+            normal += powers * powers.transpose();
+            let offset = poses[i].1.translation.vector - here.translation.vector;
+            let rotation = (here.rotation.inverse() * poses[i].1.rotation).scaled_axis();
+            place += powers * offset.transpose();
+            turn += powers * rotation.transpose();
+        }
+        let inverse = normal.try_inverse().unwrap_or_else(Matrix3::zeros);
+        let back = here.rotation.inverse();
+        let (place, turn) = (inverse * place, inverse * turn);
+        let row = |m: &Matrix3<f64>, k: usize| -> Vector3<f64> { m.row(k).transpose() };
+        Self {
+            velocity_in_body: back * row(&place, 1),
+            rates: row(&turn, 1),
+            acceleration: back * row(&place, 2) * 2.0,
+            angular_acceleration: row(&turn, 2) * 2.0,
+        }
+    }
+}
+
+/// alpha_l, beta_l, alpha_f, beta_f at the times, from rest.
+fn flapping(model: &FlightModel, inputs: &InputSeries, t_s: &[f64], local: &[Local]) -> Vec<[f64; 4]> {
+    let c = &model.coefficients;
+    let (tau_l, tau_f) = (c.get(Coefficient::TauLower), c.get(Coefficient::TauFlybar));
+    let kb = c.get(Coefficient::SwashplateGain);
+    let samples = inputs.samples();
+    let input_t_s: Vec<f64> = samples.iter().map(|s| s.t_s + model.input_lag_s).collect();
+    let swash = |delta: Vec<f64>| -> Vec<f64> {
+        let forcing: Vec<f64> = delta.iter().map(|d| kb * d / tau_l).collect();
+        let start = kb * delta.first().copied().unwrap_or(0.0);
+        let response = first_order_response(&input_t_s, &forcing, Between::Hold, tau_l, start);
+        t_s.iter()
+            .map(|t| {
+                let k = input_t_s.partition_point(|u| *u <= *t + 1e-9).max(1) - 1;
+                let end = kb * delta[k];
+                end + (response[k] - end) * (-(t - input_t_s[k]).max(0.0) / tau_l).exp()
+            })
+            .collect()
+    };
+    let rate = |axis: usize, tau_s: f64| {
+        let forcing: Vec<f64> = local.iter().map(|l| -l.rates[axis]).collect();
+        first_order_response(t_s, &forcing, Between::Line, tau_s, 0.0)
+    };
+    let lon = swash(samples.iter().map(|s| s.delta_lon_rad).collect());
+    let lat = swash(samples.iter().map(|s| s.delta_lat_rad).collect());
+    let (lower_q, lower_p) = (rate(1, tau_l), rate(0, tau_l));
+    let (flybar_q, flybar_p) = (rate(1, tau_f), rate(0, tau_f));
+    (0..t_s.len()).map(|k| [lon[k] + lower_q[k], lat[k] + lower_p[k], flybar_q[k], flybar_p[k]]).collect()
+}
+
+/// The turn that leads from one attitude to another over a time at constant rates.
+pub(crate) fn turned(rotation: &UnitQuaternion<f64>, rates: &Vector3<f64>, h_s: f64) -> UnitQuaternion<f64> {
+    rotation * UnitQuaternion::from_scaled_axis(rates * h_s)
+}

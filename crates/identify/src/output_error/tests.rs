@@ -1,0 +1,7 @@
+mod colour;
+mod image;
+mod refusals;
+mod sensitivities;
+mod support;
+mod unstable;
+mod white_noise;

@@ -1,0 +1,72 @@
+use super::support::{POSITION_STD_M, TURN_STD_RAD, flown, multisine, noisy_poses, normal3};
+use crate::output_error::{
+    FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, output_error,
+};
+use mavsight_flight::{Coefficients, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_geometry::{UnitQuaternion, Vector3};
+
+fn check(fit: &OutputErrorFit, vehicle: &Vehicle, lag_s: f64) {
+    let truth = Coefficients::of_vehicle(vehicle, hover_rotor_speed_rad_s(vehicle));
+    for p in &fit.parameters {
+        let true_value = match p.parameter {
+            ModelParameter::Coefficient(c) => truth.get(c),
+            ModelParameter::InputLag => lag_s,
+        };
+        let off = (p.value - true_value) / p.std;
+        println!("{:12} {:+.5e} ± {:.1e} {off:+.2}", p.name, p.value, p.std);
+        assert!(off.abs() < 3.5, "{}: {:.4e} ± {:.1e} is {off:.1} off", p.name, p.value, p.std);
+    }
+}
+
+#[test]
+fn errors_that_last_are_found_and_weighed() {
+    let vehicle = Vehicle::paper();
+    let (inputs, states) = flown(&vehicle, &multisine(8.0));
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    let mut seed = 21;
+    let mut samples = noisy_poses(&states, 0.5, &mut seed);
+    let (time_s, level) = (0.5, 2.0);
+    let mut slow = (normal3(&mut seed), normal3(&mut seed));
+    for (k, sample) in samples.iter_mut().enumerate() {
+        let interval_s = if k == 0 { 0.0 } else { states[k].t_s - states[k - 1].t_s };
+        let kept = f64::exp(-interval_s / time_s);
+        let fresh = (1.0 - kept * kept).sqrt();
+        let next = |e: Vector3<f64>, seed: &mut u64| e * kept + normal3(seed) * fresh;
+        slow = (next(slow.0, &mut seed), next(slow.1, &mut seed));
+        let pose = &mut sample.pose.as_mut().expect("a pose").0;
+        pose.translation.vector += slow.0 * (level * POSITION_STD_M);
+        pose.rotation *= UnitQuaternion::from_scaled_axis(slow.1 * (level * TURN_STD_RAD));
+    }
+    let fit = output_error(&model, &inputs, &Measurements::States(samples), &OutputErrorOptions::default())
+        .expect("a fit");
+    let lasting = fit.lasting.expect("errors that last");
+    println!("{lasting:?}, {} instants", fit.correlated_instants);
+    assert!((0.25..1.0).contains(&lasting.time_s), "{lasting:?}");
+    // 4 of 4.25 parts.
+    assert!((0.85..0.99).contains(&lasting.share), "{lasting:?}");
+    assert!(fit.notes.iter().any(|n| n.contains("lasts about")), "{:?}", fit.notes);
+    check(&fit, &vehicle, 0.0);
+}
+
+#[test]
+fn inputs_by_another_clock_are_found_and_said() {
+    let vehicle = Vehicle::paper();
+    let (inputs, states) = flown(&vehicle, &multisine(6.0));
+    let lag_s = 0.0173;
+    let early = |s: &InputSample| InputSample { t_s: s.t_s - lag_s, ..*s };
+    let mut shifted: Vec<InputSample> = inputs.samples().iter().map(early).collect();
+    // The recorder runs on, so that the flight is covered.
+    let last = shifted[shifted.len() - 1];
+    shifted.push(InputSample { t_s: last.t_s + 0.1, ..last });
+    shifted.insert(0, InputSample { t_s: shifted[0].t_s - 0.1, ..shifted[0] });
+    let shifted = InputSeries::new(shifted).expect("inputs");
+    let model = FlightModel::new(&vehicle, &shifted).expect("a model");
+    let names: Vec<&str> = model.free().iter().map(|p| p.name()).chain(["input_lag_s"]).collect();
+    let model = model.clone().with_free(&names).expect("names");
+    let measured = Measurements::States(noisy_poses(&states, 1.0, &mut 4));
+    let fit = output_error(&model, &shifted, &measured, &OutputErrorOptions::default()).expect("a fit");
+    let lag = fit.parameter("input_lag_s").expect("the lag");
+    assert!(lag.std < 2e-3, "{}", lag.std);
+    assert!(fit.notes.iter().any(|n| n.contains("check the clocks")), "{:?}", fit.notes);
+    check(&fit, &vehicle, lag_s);
+}

@@ -1,0 +1,162 @@
+use super::support::{flown, multisine, noisy_poses, normal, pose, pose_covariance};
+use crate::output_error::{
+    FlightFits, FlightModel, ImageMeasurements, Images, Measurements, ModelParameter, OutputErrorOptions,
+    output_error,
+};
+use mavsight_flight::{Coefficients, FlightState, Scenario, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
+use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, PoseEstimate, PoseSample, Rig, calibrate};
+use nalgebra::Point3;
+
+pub(crate) fn rig() -> Rig {
+    let size = ImageSize { width_px: 640, height_px: 480 };
+    let k = Intrinsics::from_horizontal_fov(size, 53f64.to_radians());
+    let target = Vector3::new(0.0, 0.0, 1.5);
+    let side = |i: u32, bit: u32| if (i >> bit) & 1 == 1 { 1.5 } else { -1.5 };
+    let controls: Vec<_> = [[4.5, -4.5, 1.5], [-4.5, -4.5, 1.5]]
+        .iter()
+        .map(|c| {
+            let camera = Camera::looking_at(Vector3::from(*c), target, k, size);
+            let points = (0..8)
+                .map(|i| Vector3::new(side(i, 0), side(i, 1), side(i, 2) + 1.5))
+                .map(|p| ControlPoint {
+                    name: String::new(),
+                    point_in_world_m: p,
+                    pixel: camera.project(&p).expect("in view").pixel,
+                    pixel_cov_px2: Matrix2::identity() * 0.01,
+                })
+                .collect();
+            CameraControl::exact("camera".to_owned(), size, points, vec![0.0; 8])
+        })
+        .collect();
+    calibrate(&controls).expect("a rig")
+}
+
+pub(crate) fn markers(vehicle: &Vehicle) -> Vec<BodyMarker> {
+    let marker = |m: &mavsight_flight::Marker| BodyMarker {
+        name: m.name.clone(),
+        marker_in_body_m: Vector3::from(m.position_m),
+        radius_m: 0.5 * m.diameter_m,
+    };
+    vehicle.marker.iter().map(marker).collect()
+}
+
+/// What the cameras see, with white noise of `std_px` and further displacements.
+fn seen(
+    states: &[FlightState],
+    (rig, markers): (&Rig, &[BodyMarker]),
+    std_px: f64,
+    seed: &mut u64,
+    shift: impl Fn(usize, usize) -> Vector2<f64>,
+) -> Vec<MarkerObservation> {
+    let mut out = Vec::new();
+    for s in states {
+        for (c, camera) in rig.cameras.iter().enumerate() {
+            for (m, marker) in markers.iter().enumerate() {
+                let centre = (pose(s) * Point3::from(marker.marker_in_body_m)).coords;
+                let exact = camera.camera.project_ball(&centre, marker.radius_m).expect("in view").pixel;
+                let noise = Vector2::new(normal(seed), normal(seed)) * std_px;
+                out.push(MarkerObservation {
+                    t_ns: (s.t_s * 1e9).round() as i64,
+                    camera: c,
+                    marker: m,
+                    pixel: exact + noise + shift(c, m),
+                    covariance_px2: Matrix2::identity() * (std_px * std_px),
+                });
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn pixels_give_the_truth_within_their_intervals() {
+    let vehicle = Vehicle::paper();
+    let (inputs, states) = flown(&vehicle, &multisine(5.0));
+    let truth = Coefficients::of_vehicle(&vehicle, hover_rotor_speed_rad_s(&vehicle));
+    let (rig, markers) = (rig(), markers(&vehicle));
+    let mut seed = 8;
+    let shifts: Vec<Vector2<f64>> =
+        (0..8).map(|_| Vector2::new(normal(&mut seed), normal(&mut seed)) * 0.1).collect();
+    let observations = seen(&states, (&rig, &markers), 0.1, &mut seed, |c, m| shifts[4 * c + m]);
+    let images = ImageMeasurements::new(&rig, &markers, &observations)
+        .expect("images")
+        .with_marker_positions(5e-4)
+        .with_marker_biases(0.1, None);
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    let measured = Measurements::Image(images);
+    let fit = output_error(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit");
+    println!("{} iterations, {:?} lag {}", fit.iterations, fit.variance_factors, fit.correlated_instants);
+    for p in &fit.parameters {
+        let ModelParameter::Coefficient(c) = p.parameter else { continue };
+        let off = (p.value - truth.get(c)) / p.std;
+        println!("{:12} {:+.5e} ± {:.1e} {off:+.2}", p.name, p.value, p.std);
+        assert!(
+            off.abs() < 3.5,
+            "{}: {:.4e} ± {:.1e} is {off:.1} standard deviations off",
+            p.name,
+            p.value,
+            p.std
+        );
+    }
+    // 150 residuals each: a standard deviation of 0.12.
+    for (name, factor) in &fit.variance_factors {
+        assert!((0.6..1.4).contains(factor), "{name}: {factor}");
+    }
+    let mean = fit.variance_factors.iter().map(|f| f.1).sum::<f64>() / fit.variance_factors.len() as f64;
+    assert!((0.9..1.1).contains(&mean), "{mean}");
+}
+
+fn samples(states: &[FlightState], seed: &mut u64) -> Vec<PoseSample> {
+    let estimate = |world_from_body| PoseEstimate {
+        world_from_body,
+        covariance: pose_covariance(),
+        systematic: nalgebra::Matrix6xX::zeros(0),
+        markers_used: vec![0, 1, 2, 3],
+        left_out: vec![],
+        residual_px: 0.1,
+    };
+    noisy_poses(states, 1.0, seed)
+        .into_iter()
+        .map(|m| PoseSample { t_ns: m.t_ns, estimate: m.pose.map(|(p, _)| estimate(p)), reason: None })
+        .collect()
+}
+
+#[test]
+fn poses_and_images_of_a_flight_agree_and_a_wrong_scale_makes_them_disagree() {
+    let vehicle = Vehicle::paper();
+    let (inputs, states) = flown(&vehicle, &multisine(5.0));
+    let (rig, markers) = (rig(), markers(&vehicle));
+    let mut seed = 12;
+    let observations = seen(&states, (&rig, &markers), 0.1, &mut seed, |_, _| Vector2::zeros());
+    let mut poses = samples(&states, &mut seed);
+    let fit = |poses: &[PoseSample]| {
+        let images =
+            Images { rig: &rig, markers: &markers, markers_std_m: 5e-4, observations: &observations };
+        FlightFits::of_flight(&vehicle, &inputs, poses, Some(images)).expect("fits")
+    };
+    let fits = fit(&poses);
+    assert_eq!(fits.named().map(|(name, _)| name).collect::<Vec<_>>(), ["oe", "image"]);
+    assert!(fits.held.is_empty() && fits.refusals.is_empty(), "{:?} {:?}", fits.held, fits.refusals);
+    let [both] = &fits.comparisons(None)[..] else { panic!("one pair") };
+    assert_eq!(both.parameters.len(), 17);
+    assert!(both.test.p_value > 1e-3, "{:?}", both.test);
+    for estimate in poses.iter_mut().filter_map(|p| p.estimate.as_mut()) {
+        estimate.world_from_body.translation.vector *= 1.05;
+    }
+    let scaled = fit(&poses);
+    let apart = scaled.comparisons(None);
+    assert!(apart[0].test.is_significant(), "{:?} {:?}", apart[0].test, scaled.refusals);
+}
+
+#[test]
+fn what_constant_rotor_speeds_cannot_tell_is_held_and_named() {
+    let vehicle = Vehicle::paper();
+    let (inputs, states) = flown(&vehicle, &Scenario::paper());
+    let fits = FlightFits::of_flight(&vehicle, &inputs, &samples(&states, &mut 3), None).expect("fits");
+    let held: Vec<&str> = fits.held.iter().map(|p| p.name()).collect();
+    assert_eq!(held, ["C_l,p", "C_Z,u", "C_Z,l", "C_n,u", "C_n,l", "C_n,r"]);
+    assert!(fits.image.is_none() && fits.comparisons(None).is_empty());
+    let nothing = FlightFits::of_flight(&vehicle, &inputs, &[], None).expect("refused, not wrong");
+    assert!(nothing.poses.is_none() && nothing.refusals.len() == 1, "{:?}", nothing.refusals);
+}

@@ -1,0 +1,96 @@
+use super::support::{flown, multisine, noisy_poses};
+use crate::IdentifyError;
+use crate::output_error::{FlightModel, Measurements, OutputErrorOptions, output_error};
+use mavsight_flight::{FlightError, InputSample, InputSeries, Scenario, Vehicle};
+
+fn paper() -> (Vehicle, InputSeries, Measurements) {
+    let vehicle = Vehicle::paper();
+    let scenario = Scenario { duration_s: 5.0, ..Scenario::paper() };
+    let (inputs, states) = flown(&vehicle, &scenario);
+    (vehicle, inputs, Measurements::States(noisy_poses(&states, 1.0, &mut 21)))
+}
+
+#[test]
+fn thrusts_at_constant_speeds_are_refused_with_their_combination() {
+    let (vehicle, inputs, measured) = paper();
+    let model = FlightModel::new(&vehicle, &inputs)
+        .and_then(|m| m.with_free(&["C_m,alpha_u", "C_m,alpha_l", "C_Z,u", "C_Z,l", "C_n,0", "C_l,0"]))
+        .expect("names");
+    let refused = output_error(&model, &inputs, &measured, &OutputErrorOptions::default());
+    let Err(IdentifyError::NotDetermined { names, combination }) = refused else { panic!("{refused:?}") };
+    assert_eq!(names, ["C_Z,u", "C_Z,l"]);
+    assert!(combination.contains("C_Z,u +1.0000·C_Z,l is seen"), "{combination}");
+}
+
+#[test]
+fn a_linkage_and_the_gains_behind_it_are_refused() {
+    let vehicle = Vehicle::paper();
+    let (inputs, states) = flown(&vehicle, &multisine(4.0));
+    let measured = Measurements::States(noisy_poses(&states, 1.0, &mut 2));
+    let model = FlightModel::new(&vehicle, &inputs)
+        .and_then(|m| m.with_free(&["C_X,alpha_u", "C_m,alpha_u", "C_m,alpha_l", "K_u", "C_m,q", "C_l,p"]))
+        .expect("names");
+    let refused = output_error(&model, &inputs, &measured, &OutputErrorOptions::default());
+    let Err(IdentifyError::NotDetermined { names, .. }) = refused else { panic!("{refused:?}") };
+    assert_eq!(names, ["C_X,alpha_u", "C_m,alpha_u", "K_u"]);
+}
+
+#[test]
+fn inputs_that_end_early_are_refused() {
+    let (vehicle, inputs, measured) = paper();
+    let short: Vec<InputSample> = inputs.samples().iter().filter(|s| s.t_s < 3.0).copied().collect();
+    let short = InputSeries::new(short).expect("inputs");
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    let refused = output_error(&model, &short, &measured, &OutputErrorOptions::default());
+    assert!(
+        matches!(refused, Err(IdentifyError::Flight(FlightError::InputsDoNotCover { .. }))),
+        "{refused:?}"
+    );
+}
+
+#[test]
+fn bad_measurements_are_named() {
+    let (vehicle, inputs, measured) = paper();
+    let Measurements::States(good) = measured else { panic!() };
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    let fit = |samples| {
+        output_error(&model, &inputs, &Measurements::States(samples), &OutputErrorOptions::default()).err()
+    };
+    let mut bad = good.clone();
+    bad.swap(3, 4);
+    assert!(matches!(fit(bad), Some(IdentifyError::MeasurementTimes { .. })));
+    let mut bad = good.clone();
+    bad[5].pose.as_mut().expect("a pose").1[(2, 2)] = -1.0;
+    assert!(matches!(fit(bad), Some(IdentifyError::BadMeasurement { what: "pose", .. })));
+    let mut bad = good.clone();
+    bad[5].pose.as_mut().expect("a pose").0.translation.vector.x = f64::NAN;
+    assert!(matches!(fit(bad), Some(IdentifyError::BadMeasurement { what: "pose", .. })));
+    let mut none = good.clone();
+    for s in &mut none[3..] {
+        s.pose = None;
+    }
+    assert_eq!(fit(none), Some(IdentifyError::NoStart { known: 3 }));
+    assert!(matches!(fit(good[..4].to_vec()), Some(IdentifyError::TooFewInstants { .. })));
+}
+
+#[test]
+fn bad_models_are_named() {
+    let (vehicle, inputs, measured) = paper();
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    let unknown = model.clone().with_free(&["C_X,beta"]);
+    assert!(matches!(unknown, Err(IdentifyError::UnknownParameter { name, .. }) if name == "C_X,beta"));
+    let negative = model.clone().with_value("tau_l", -0.1);
+    assert_eq!(negative, Err(IdentifyError::ParameterOutOfRange { name: "tau_l", value: -0.1 }));
+    let nothing = model.with_free(&[]).expect("no names");
+    let refused = output_error(&nothing, &inputs, &measured, &OutputErrorOptions::default());
+    assert_eq!(refused, Err(IdentifyError::NothingFree));
+}
+
+#[test]
+fn a_fit_that_may_not_iterate_says_so() {
+    let (vehicle, inputs, measured) = paper();
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    let options = OutputErrorOptions { max_iterations: 1, ..Default::default() };
+    let refused = output_error(&model, &inputs, &measured, &options);
+    assert!(matches!(refused, Err(IdentifyError::FitNotConverged { iterations: 1, .. })), "{refused:?}");
+}

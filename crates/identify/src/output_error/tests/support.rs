@@ -1,0 +1,89 @@
+//! Flights to be identified.
+
+use crate::output_error::StateMeasurement;
+use mavsight_flight::{
+    Channel, FlightState, InitialState, InputSeries, Maneuver, Scenario, Vehicle, simulate,
+};
+use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3, world_from_body};
+
+/// A standard normal number from a linear congruential generator (Knuth's MMIX) by Box and Muller.
+pub(crate) fn normal(seed: &mut u64) -> f64 {
+    let mut uniform = || {
+        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((*seed >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+    };
+    let (a, b) = (uniform(), uniform());
+    (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
+}
+
+pub(crate) fn normal3(seed: &mut u64) -> Vector3<f64> {
+    Vector3::new(normal(seed), normal(seed), normal(seed))
+}
+
+/// A multisine on both swash-plate axes and both rotor speeds: odd harmonics each to their own.
+pub(crate) fn multisine(duration_s: f64) -> Scenario {
+    let sine = |channel, amplitude, harmonics: [u32; 4]| Maneuver::Multisine {
+        channel,
+        start_s: 0.5,
+        length_s: duration_s - 0.5,
+        harmonics: harmonics.to_vec(),
+        amplitude,
+    };
+    Scenario {
+        duration_s,
+        maneuver: vec![
+            sine(Channel::DeltaLon, 2.5, [3, 7, 11, 15]),
+            sine(Channel::DeltaLat, 2.5, [4, 8, 12, 16]),
+            sine(Channel::OmegaU, 1.0, [5, 9, 13, 17]),
+            sine(Channel::OmegaL, 1.0, [6, 10, 14, 18]),
+        ],
+        ..Scenario::paper()
+    }
+}
+
+pub(crate) fn flown(vehicle: &Vehicle, scenario: &Scenario) -> (InputSeries, Vec<FlightState>) {
+    let inputs = scenario.inputs(vehicle).expect("inputs");
+    let states = simulate(vehicle, &inputs, &scenario.start(), &scenario.frame_times_s()).expect("a flight");
+    (inputs, states)
+}
+
+pub(crate) const POSITION_STD_M: f64 = 5e-4;
+pub(crate) const TURN_STD_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
+
+pub(crate) fn pose_covariance() -> Matrix6<f64> {
+    let (p, t) = (POSITION_STD_M.powi(2), TURN_STD_RAD.powi(2));
+    Matrix6::from_diagonal(&nalgebra::Vector6::new(p, p, p, t, t, t))
+}
+
+pub(crate) fn pose(state: &FlightState) -> Isometry3<f64> {
+    world_from_body(state.position_in_world_m, state.attitude)
+}
+
+/// Poses with white noise of the given multiple of 0.5 mm and 0.05°.
+pub(crate) fn noisy_poses(states: &[FlightState], times: f64, seed: &mut u64) -> Vec<StateMeasurement> {
+    states
+        .iter()
+        .map(|s| {
+            let at = pose(s);
+            let place = at.translation.vector + normal3(seed) * (POSITION_STD_M * times);
+            let turn = UnitQuaternion::from_scaled_axis(normal3(seed) * (TURN_STD_RAD * times));
+            StateMeasurement {
+                t_ns: (s.t_s * 1e9).round() as i64,
+                pose: Some((Isometry3::from_parts(place.into(), at.rotation * turn), pose_covariance())),
+                velocity: None,
+                rates: None,
+            }
+        })
+        .collect()
+}
+
+/// A start of a flight at a state.
+pub(crate) fn start_of(s: &FlightState) -> InitialState {
+    InitialState {
+        position_in_world_m: s.position_in_world_m,
+        attitude: s.attitude,
+        velocity_in_body_m_s: s.velocity_in_body_m_s,
+        rates_rad_s: s.rates_rad_s,
+        flap: s.flap,
+    }
+}

@@ -1,0 +1,31 @@
+use super::support::{flown, multisine, noisy_poses};
+use crate::output_error::{FlightModel, Measurements, ModelParameter, OutputErrorOptions, output_error};
+use mavsight_flight::{Coefficients, Vehicle, hover_rotor_speed_rad_s};
+
+#[test]
+fn poses_with_white_noise_give_the_truth_within_their_intervals() {
+    let vehicle = Vehicle::paper();
+    let (inputs, states) = flown(&vehicle, &multisine(6.0));
+    let truth = Coefficients::of_vehicle(&vehicle, hover_rotor_speed_rad_s(&vehicle));
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    let mut seed = 5;
+    let measured = Measurements::States(noisy_poses(&states, 1.0, &mut seed));
+    let fit = output_error(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit");
+    assert!(fit.converged && fit.largest_gap_m < 1e-8, "{}", fit.largest_gap_m);
+    // 180 residuals each: a standard deviation of 0.11.
+    for (name, factor) in &fit.variance_factors[..6] {
+        assert!((0.65..1.35).contains(factor), "{name}: {factor}");
+    }
+    for p in &fit.parameters {
+        let ModelParameter::Coefficient(c) = p.parameter else { continue };
+        let off = (p.value - truth.get(c)) / p.std;
+        assert!(
+            off.abs() < 3.5,
+            "{}: {:.4e} ± {:.1e} is {off:.1} standard deviations off",
+            p.name,
+            p.value,
+            p.std
+        );
+        assert!(p.identifiable, "{}", p.name);
+    }
+}

@@ -1,0 +1,201 @@
+//! Least squares row by row, for use in flight.
+
+use crate::IdentifyError;
+use nalgebra::{DMatrix, DVector};
+
+/// Least squares that takes one row at a time and forgets old ones at a chosen rate.
+///
+/// Keeps the triangle R of QR and turns each new row into it by Givens rotations (Golub & Van Loan 2013, section 6.5.3),
+/// so that after any number of rows it holds what batch least squares would, without the loss of symmetry that
+/// updating the covariance suffers. Everything is allocated at the start; an update costs O(p²).
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecursiveLeastSquares {
+    /// R with Qᵀy as its last column.
+    triangle: DMatrix<f64>,
+    row: DVector<f64>,
+    values: DVector<f64>,
+    inverse: DMatrix<f64>,
+    covariance: DMatrix<f64>,
+    square_sum: f64,
+    /// Σ of the rows' weights.
+    weight: f64,
+    forgetting: f64,
+}
+
+impl RecursiveLeastSquares {
+    /// For `parameters` columns. `forgetting` λ is the weight that a row keeps from one row to the next: 1 forgets
+    /// nothing, 0.99 about what is older than 100 rows (Goodwin & Sin 1984).
+    ///
+    /// # Errors
+    /// [`IdentifyError::BadSetting`] for no parameters, or a λ outside 0 < λ ≤ 1.
+    pub fn new(parameters: usize, forgetting: f64) -> Result<Self, IdentifyError> {
+        if parameters == 0 {
+            return Err(IdentifyError::BadSetting { what: "parameters", value: 0.0, must: "be one or more" });
+        }
+        if !(forgetting > 0.0 && forgetting <= 1.0) {
+            let (what, must) = ("forgetting", "be above zero and at most one");
+            return Err(IdentifyError::BadSetting { what, value: forgetting, must });
+        }
+        Ok(Self {
+            triangle: DMatrix::zeros(parameters, parameters + 1),
+            row: DVector::zeros(parameters + 1),
+            values: DVector::zeros(parameters),
+            inverse: DMatrix::zeros(parameters, parameters),
+            covariance: DMatrix::zeros(parameters, parameters),
+            square_sum: 0.0,
+            weight: 0.0,
+            forgetting,
+        })
+    }
+
+    /// Takes one row; allocates nothing.
+    ///
+    /// # Errors
+    /// [`IdentifyError::BadColumn`] for a row of the wrong length or with a number that is not finite, which is left
+    /// out: what was known stands.
+    pub fn update(&mut self, regressors: &[f64], output: f64) -> Result<(), IdentifyError> {
+        let count = self.values.len();
+        if regressors.len() != count || !output.is_finite() || !regressors.iter().all(|v| v.is_finite()) {
+            return Err(IdentifyError::BadColumn { what: "the new row".to_owned(), rows: count });
+        }
+        for (to, from) in self.row.iter_mut().zip(regressors.iter().chain([&output])) {
+            *to = *from;
+        }
+        let keep = self.forgetting.sqrt();
+        self.triangle *= keep;
+        self.square_sum *= self.forgetting;
+        self.weight = self.weight * self.forgetting + 1.0;
+        for k in 0..count {
+            let (a, b) = (self.triangle[(k, k)], self.row[k]);
+            let length = a.hypot(b);
+            if length == 0.0 {
+                continue;
+            }
+            let (c, s) = (a / length, b / length);
+            for j in k..=count {
+                let (up, down) = (self.triangle[(k, j)], self.row[j]);
+                self.triangle[(k, j)] = c * up + s * down;
+                self.row[j] = c * down - s * up;
+            }
+        }
+        self.square_sum += self.row[count].powi(2);
+        Ok(())
+    }
+
+    /// Values and their covariance for white residuals, σ²(RᵀR)⁻¹; none until there are more rows than
+    /// parameters and every one was moved. Allocates nothing.
+    ///
+    /// With forgetting, σ² is the weighted mean square and a row counts by its weight, as if old rows were noisier. Where
+    /// the truth stands still they are not, and the variance is too large by a factor of up to 1 + λ.
+    pub fn estimate(&mut self) -> Option<(&DVector<f64>, &DMatrix<f64>)> {
+        let count = self.values.len();
+        let degrees = self.weight - count as f64;
+        // What is left of a column beside its length, so that units do not matter.
+        let singular = |k: usize| {
+            let rounding = f64::EPSILON * (self.weight + count as f64) * self.triangle.column(k).norm();
+            self.triangle[(k, k)].abs() <= rounding
+        };
+        if degrees <= 0.0 || (0..count).any(singular) {
+            return None;
+        }
+        for k in (0..count).rev() {
+            let known: f64 = (k + 1..count).map(|j| self.triangle[(k, j)] * self.values[j]).sum();
+            self.values[k] = (self.triangle[(k, count)] - known) / self.triangle[(k, k)];
+        }
+        self.inverse.fill(0.0);
+        for j in 0..count {
+            for k in (0..=j).rev() {
+                let known: f64 = (k + 1..=j).map(|i| self.triangle[(k, i)] * self.inverse[(i, j)]).sum();
+                let unit = if k == j { 1.0 } else { 0.0 };
+                self.inverse[(k, j)] = (unit - known) / self.triangle[(k, k)];
+            }
+        }
+        let variance = self.square_sum / degrees;
+        for i in 0..count {
+            for j in 0..count {
+                let sum: f64 = (i.max(j)..count).map(|k| self.inverse[(i, k)] * self.inverse[(j, k)]).sum();
+                self.covariance[(i, j)] = variance * sum;
+            }
+        }
+        Some((&self.values, &self.covariance))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::normal;
+    use crate::{Correlation, least_squares, weighted_least_squares};
+
+    fn problem(rows: usize) -> (DMatrix<f64>, DVector<f64>) {
+        let mut seed = 7;
+        let x =
+            DMatrix::from_fn(rows, 3, |i, j| [1.0, (0.1 * i as f64).sin(), 1e3 * (i as f64).powf(0.7)][j]);
+        let y = DVector::from_fn(rows, |i, _| 2.0 - x[(i, 1)] + 3e-3 * x[(i, 2)] + 0.2 * normal(&mut seed));
+        (x, y)
+    }
+
+    fn feed(x: &DMatrix<f64>, y: &DVector<f64>, forgetting: f64) -> RecursiveLeastSquares {
+        let mut recursive = RecursiveLeastSquares::new(x.ncols(), forgetting).expect("settings");
+        for i in 0..x.nrows() {
+            let row: Vec<f64> = x.row(i).iter().copied().collect();
+            recursive.update(&row, y[i]).expect("a row");
+        }
+        recursive
+    }
+
+    #[test]
+    fn it_is_batch_least_squares_at_every_row() {
+        let (x, y) = problem(60);
+        let mut recursive = RecursiveLeastSquares::new(3, 1.0).expect("settings");
+        for i in 0..60 {
+            recursive.update(&[x[(i, 0)], x[(i, 1)], x[(i, 2)]], y[i]).expect("a row");
+            let Some((values, covariance)) = recursive.estimate() else {
+                assert!(i < 3, "no estimate after {} rows", i + 1);
+                continue;
+            };
+            let (x, y) = (x.rows(0, i + 1).into_owned(), y.rows(0, i + 1).into_owned());
+            let batch = least_squares(&x, &y, Correlation::White).expect("a fit");
+            assert!((values - &batch.values).component_div(&batch.values).amax() < 1e-9);
+            let apart = (covariance - &batch.white_covariance).component_div(&batch.white_covariance);
+            assert!(apart.amax() < 1e-7, "{apart}");
+        }
+    }
+
+    #[test]
+    fn forgetting_is_batch_with_fading_weights() {
+        let (x, y) = problem(80);
+        let lambda: f64 = 0.95;
+        let mut recursive = feed(&x, &y, lambda);
+        let std: Vec<f64> = (0..80).map(|i| lambda.powi(i - 79).sqrt()).collect();
+        let batch = weighted_least_squares(&x, &y, &std, Correlation::White).expect("a fit");
+        let (values, covariance) = recursive.estimate().expect("an estimate");
+        assert!((values - &batch.values).component_div(&batch.values).amax() < 1e-9);
+        // The same but for the degrees of freedom: the sum of weights instead of the number of rows.
+        let weight: f64 = std.iter().map(|s| 1.0 / (s * s)).sum();
+        let expected = batch.white_covariance * (77.0 / (weight - 3.0));
+        assert!((covariance - &expected).component_div(&expected).amax() < 1e-7);
+    }
+
+    #[test]
+    fn a_column_that_was_not_moved_has_no_estimate() {
+        let (x, y) = problem(30);
+        let still = DMatrix::from_fn(30, 3, |i, j| if j == 2 { 2.0 * x[(i, 0)] } else { x[(i, j)] });
+        assert!(feed(&still, &y, 1.0).estimate().is_none());
+        assert!(feed(&x, &y, 1.0).estimate().is_some());
+    }
+
+    #[test]
+    fn bad_rows_change_nothing_and_bad_settings_are_refused() {
+        let (x, y) = problem(30);
+        let mut recursive = feed(&x, &y, 1.0);
+        let before = recursive.clone();
+        assert!(matches!(recursive.update(&[1.0, f64::NAN, 0.0], 1.0), Err(IdentifyError::BadColumn { .. })));
+        assert!(matches!(recursive.update(&[1.0], 1.0), Err(IdentifyError::BadColumn { .. })));
+        assert_eq!(recursive, before);
+        for (parameters, forgetting) in [(0, 1.0), (2, 0.0), (2, 1.1), (2, f64::NAN)] {
+            let refused = RecursiveLeastSquares::new(parameters, forgetting);
+            assert!(matches!(refused, Err(IdentifyError::BadSetting { .. })), "{refused:?}");
+        }
+    }
+}

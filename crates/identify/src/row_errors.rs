@@ -1,0 +1,353 @@
+//! Total least squares where each row has an error covariance of its own.
+
+use crate::IdentifyError;
+use crate::least_squares::{check, weighted_least_squares};
+use crate::robust_covariance::Correlation;
+use crate::total_least_squares::{TotalLeastSquares, inverse_of_scaled, total_least_squares};
+use nalgebra::{DMatrix, DVector};
+
+/// Steps at most; Newton's double the digits, Gauss-Newton's gain some in proportion to how small errors are.
+const MAX_STEPS: usize = 100;
+/// Change of the sum, relative, below which a step is one of a millionth of a standard deviation or less.
+const NEGLIGIBLE: f64 = 1e-15;
+/// Halvings of a step that makes the sum of squares grow.
+const MAX_HALVINGS: usize = 30;
+
+/// Fits `output` by `regressors` of which row i, with its output last, carries an error of covariance `errors[i]` times a
+/// factor common to all rows: the maximum of the likelihood with the true regressors as unknowns.
+///
+/// Minimises Σ v_i²/σ_i² with v_i = y_i - a_i x and σ_i² the variance of v_i, which is orthogonal distance regression of
+/// a linear model (Boggs, Byrd & Schnabel 1987) and element-wise weighted total least squares (Markovsky & Van Huffel
+/// 2006). Newton's steps begin at [`crate::total_least_squares`] with the mean covariance; where the second derivatives are not
+/// positive definite, a Gauss-Newton step regresses v_i on the corrected regressors a_i - s_i v_i/σ_i² with
+/// s_i = Σ_ay - Σ_aa x. Covariance by the scores, as there; `level` is Σ v_i²/σ_i² over the degrees of freedom, and the
+/// only `singular_values` the root of the sum.
+/// `inverse_moment` is of rows divided by their σ_i.
+///
+/// Zero rows of every covariance mark exact columns. Valid where errors are small beside what the corrected
+/// regressors vary by.
+///
+/// # Errors
+/// Columns that [`crate::least_squares`] refuses; [`IdentifyError::BadErrors`] for a covariance of the wrong size, not
+/// finite, with negative variances, or one that leaves a residual without error; [`IdentifyError::NotConverged`].
+pub fn total_least_squares_by_row(
+    regressors: &DMatrix<f64>,
+    output: &DVector<f64>,
+    errors: &[DMatrix<f64>],
+    correlation: Correlation,
+) -> Result<TotalLeastSquares, IdentifyError> {
+    check(regressors, output)?;
+    let problem = Problem { regressors, output, errors };
+    problem.check()?;
+    let mut x = problem.start()?;
+    let mut state = problem.at(&x)?;
+    for _ in 0..MAX_STEPS {
+        let step = match problem.newton_step(&state) {
+            Some(step) => step,
+            None => state.gauss_newton_step()?,
+        };
+        // The change of Σ v²/σ² that the step promises, over the sum.
+        let promise = step.dot(&state.score());
+        let mut scale = 1.0;
+        let mut next = problem.at(&(&x + &step))?;
+        let mut halvings = 0;
+        while next.sum > state.sum * (1.0 + 1e-14) && halvings < MAX_HALVINGS {
+            scale *= 0.5;
+            halvings += 1;
+            next = problem.at(&(&x + &step * scale))?;
+        }
+        if halvings < MAX_HALVINGS {
+            x += step * scale;
+            state = next;
+        }
+        if promise.abs() <= NEGLIGIBLE * state.sum || halvings == MAX_HALVINGS {
+            return problem.finish(x, &state, correlation);
+        }
+    }
+    Err(IdentifyError::NotConverged { what: "total least squares by rows", steps: MAX_STEPS })
+}
+
+struct Problem<'a> {
+    regressors: &'a DMatrix<f64>,
+    output: &'a DVector<f64>,
+    errors: &'a [DMatrix<f64>],
+}
+
+/// The problem at one x.
+struct State {
+    /// Σ v²/σ².
+    sum: f64,
+    /// v/σ.
+    residuals: DVector<f64>,
+    /// Corrected regressors over σ.
+    corrected: DMatrix<f64>,
+    /// s/σ².
+    shared: DMatrix<f64>,
+    /// σ.
+    std: DVector<f64>,
+}
+
+impl State {
+    /// Half the negative gradient.
+    fn score(&self) -> DVector<f64> {
+        self.corrected.tr_mul(&self.residuals)
+    }
+
+    fn gauss_newton_step(&self) -> Result<DVector<f64>, IdentifyError> {
+        let qr = self.corrected.clone().qr();
+        let right = qr.q().tr_mul(&self.residuals);
+        let step = qr.r().solve_upper_triangular(&right).ok_or(IdentifyError::RankZero)?;
+        if step.iter().all(|v| v.is_finite()) { Ok(step) } else { Err(IdentifyError::RankZero) }
+    }
+}
+
+impl Problem<'_> {
+    fn check(&self) -> Result<(), IdentifyError> {
+        let (rows, count) = self.regressors.shape();
+        let bad = |what| IdentifyError::BadErrors { what, columns: count };
+        if self.errors.len() != rows || self.errors.iter().any(|e| e.shape() != (count + 1, count + 1)) {
+            return Err(bad("must be one matrix a row, with one row a column and one for the output"));
+        }
+        for e in self.errors {
+            if !e.iter().all(|v| v.is_finite()) || e.diagonal().iter().any(|v| *v < 0.0) {
+                return Err(bad("must be finite with variances that are not negative"));
+            }
+            if e[(count, count)] == 0.0 {
+                return Err(bad("must leave the output an error: total least squares needs one"));
+            }
+        }
+        Ok(())
+    }
+
+    fn at(&self, x: &DVector<f64>) -> Result<State, IdentifyError> {
+        let (rows, count) = self.regressors.shape();
+        let mut out = State {
+            sum: 0.0,
+            residuals: self.output - self.regressors * x,
+            corrected: self.regressors.clone(),
+            shared: DMatrix::zeros(rows, count),
+            std: DVector::zeros(rows),
+        };
+        let mut shared = DVector::zeros(count);
+        for (i, errors) in self.errors.iter().enumerate() {
+            shared.copy_from(&errors.view((0, count), (count, 1)));
+            let with_output = shared.dot(x);
+            shared.gemv(-1.0, &errors.view((0, 0), (count, count)), x, 1.0);
+            let variance = errors[(count, count)] - with_output - shared.dot(x);
+            if variance.is_nan() || variance <= 0.0 {
+                let what = "must be positive definite: a residual has no error";
+                return Err(IdentifyError::BadErrors { what, columns: count });
+            }
+            let (v, std) = (out.residuals[i], variance.sqrt());
+            for j in 0..count {
+                out.shared[(i, j)] = shared[j] / variance;
+                out.corrected[(i, j)] = (out.corrected[(i, j)] - shared[j] * v / variance) / std;
+            }
+            out.residuals[i] = v / std;
+            out.std[i] = std;
+            out.sum += v * v / variance;
+        }
+        Ok(out)
+    }
+
+    /// Total least squares with the mean covariance, or weighted least squares where that has no answer.
+    fn start(&self) -> Result<DVector<f64>, IdentifyError> {
+        let count = self.regressors.ncols();
+        let mut mean = DMatrix::zeros(count + 1, count + 1);
+        for errors in self.errors {
+            mean += errors / self.errors.len() as f64;
+        }
+        if let Ok(fit) = total_least_squares(self.regressors, self.output, &mean, Correlation::White) {
+            return Ok(fit.values);
+        }
+        let output_std: Vec<f64> = self.errors.iter().map(|e| e[(count, count)].sqrt()).collect();
+        Ok(weighted_least_squares(self.regressors, self.output, &output_std, Correlation::White)?.values)
+    }
+
+    /// Half the second derivatives of Σ v²/σ².
+    fn curvature(&self, state: &State) -> DMatrix<f64> {
+        let (rows, count) = self.regressors.shape();
+        let mut out = DMatrix::zeros(count, count);
+        // a - 2 s v/σ², over σ.
+        let mut twice = DMatrix::zeros(rows, count);
+        for (i, errors) in self.errors.iter().enumerate() {
+            let (std, v) = (state.std[i], state.residuals[i]);
+            for j in 0..count {
+                twice[(i, j)] = self.regressors[(i, j)] / std - 2.0 * state.shared[(i, j)] * v;
+            }
+            out -= errors.view((0, 0), (count, count)) * (v / std).powi(2);
+        }
+        out + twice.tr_mul(&twice)
+    }
+
+    /// None where the sum is not convex.
+    fn newton_step(&self, state: &State) -> Option<DVector<f64>> {
+        let curvature = self.curvature(state);
+        let count = curvature.nrows();
+        let lengths: Vec<f64> = state.corrected.column_iter().map(|c| c.norm()).collect();
+        let scaled = DMatrix::from_fn(count, count, |i, j| curvature[(i, j)] / (lengths[i] * lengths[j]));
+        let score = state.score();
+        let right = DVector::from_fn(count, |j, _| score[j] / lengths[j]);
+        let step = scaled.cholesky()?.solve(&right);
+        let step = DVector::from_fn(count, |j, _| step[j] / lengths[j]);
+        step.iter().all(|v| v.is_finite()).then_some(step)
+    }
+
+    fn finish(
+        &self,
+        values: DVector<f64>,
+        state: &State,
+        correlation: Correlation,
+    ) -> Result<TotalLeastSquares, IdentifyError> {
+        let (rows, count) = self.regressors.shape();
+        let level = state.sum / (rows - count) as f64;
+        // M = Σ (a aᵀ - Σ_aa)/σ², the part of the scores' derivative that does not vanish in the mean.
+        let mut m = DMatrix::zeros(count, count);
+        let mut scaled = self.regressors.clone();
+        for (i, errors) in self.errors.iter().enumerate() {
+            let weight = 1.0 / state.std[i].powi(2);
+            m.gemm_tr(weight, &self.regressors.rows(i, 1), &self.regressors.rows(i, 1), 1.0);
+            m -= errors.view((0, 0), (count, count)) * (level * weight);
+            scaled.row_mut(i).scale_mut(1.0 / state.std[i]);
+        }
+        let inverse = inverse_of_scaled(&m, &scaled)?;
+        let scores = DMatrix::from_fn(rows, count, |i, j| state.corrected[(i, j)] * state.residuals[i]);
+        let covariance = &inverse * correlation.sum(&scores) * &inverse;
+        Ok(TotalLeastSquares {
+            covariance,
+            inverse_moment: inverse,
+            residuals: self.output - self.regressors * &values,
+            values,
+            level,
+            singular_values: DVector::from_element(1, state.sum.sqrt()),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::independent_errors;
+    use crate::testing::{linear_problem_of_scipy, normal};
+
+    /// Covariances that differ from row to row, x1 and x2 correlated; as given to scipy.
+    fn errors_of_rows() -> Vec<DMatrix<f64>> {
+        (0..12)
+            .map(|k| {
+                let k = f64::from(k);
+                let (a, b, c) = (0.1 + 0.02 * k, 0.3 - 0.015 * k, 0.5 * k.sin());
+                let mut e = independent_errors(&[0.0, a, b], 0.2 + 0.02 * k);
+                (e[(1, 2)], e[(2, 1)]) = (c * a * b, c * a * b);
+                e
+            })
+            .collect()
+    }
+
+    #[test]
+    fn rows_with_covariances_of_their_own_are_those_of_odrpack() {
+        // scipy 1.17.1: as in the test of equal rows, with RealData([x1, x2], y, covx=cov, sy=0.2 + 0.02 i), cov[:, :, i]
+        // the 2 x 2 block above. ODRPACK stops when the sum of squares stands, which leaves nine digits of beta.
+        let (x, y) = linear_problem_of_scipy();
+        let fit = total_least_squares_by_row(&x, &y, &errors_of_rows(), Correlation::White).expect("a fit");
+        for (got, printed) in fit.values.iter().zip([1.557_869_605, 0.744_022_965, -1.202_751_159]) {
+            assert!((got - printed).abs() < 1e-9, "{got} is not {printed}");
+        }
+        assert!((fit.level * 9.0 - 4.90808646584).abs() < 5e-11, "{}", fit.level * 9.0);
+        assert!((fit.level - 0.545342940649).abs() < 1e-11);
+    }
+
+    #[test]
+    fn equal_rows_are_total_least_squares() {
+        let (x, y) = linear_problem_of_scipy();
+        let errors = errors_of_rows().swap_remove(3);
+        let how = Correlation::Rows(2);
+        let one = total_least_squares(&x, &y, &errors, how).expect("a fit");
+        let many = total_least_squares_by_row(&x, &y, &vec![errors; 12], how).expect("a fit");
+        assert!((&one.values - &many.values).norm() < 1e-10);
+        assert!((&one.covariance - &many.covariance).norm() < 1e-9 * one.covariance.norm());
+        assert!((one.level - many.level).abs() < 1e-10);
+    }
+
+    #[test]
+    fn the_score_is_half_the_negative_gradient() {
+        let (x, y) = linear_problem_of_scipy();
+        let errors = errors_of_rows();
+        let problem = Problem { regressors: &x, output: &y, errors: &errors };
+        let at = DVector::from_vec(vec![1.0, 0.5, -0.7]);
+        let score = problem.at(&at).expect("a state").score();
+        for j in 0..3 {
+            let moved = |h: f64| {
+                let mut x = at.clone();
+                x[j] += h;
+                problem.at(&x).expect("a state").sum
+            };
+            let numeric = -(moved(1e-5) - moved(-1e-5)) / 4e-5;
+            assert!((numeric - score[j]).abs() < 1e-6 * score.norm(), "{numeric} is not {}", score[j]);
+        }
+    }
+
+    #[test]
+    fn the_curvature_is_the_scores_negative_derivative() {
+        let (x, y) = linear_problem_of_scipy();
+        let errors = errors_of_rows();
+        let problem = Problem { regressors: &x, output: &y, errors: &errors };
+        let at = DVector::from_vec(vec![1.0, 0.5, -0.7]);
+        let curvature = problem.curvature(&problem.at(&at).expect("a state"));
+        for j in 0..3 {
+            let moved = |h: f64| {
+                let mut x = at.clone();
+                x[j] += h;
+                problem.at(&x).expect("a state").score()
+            };
+            let numeric = (moved(-1e-5) - moved(1e-5)) / 2e-5;
+            assert!((numeric - curvature.column(j)).norm() < 1e-6 * curvature.norm());
+        }
+    }
+
+    #[test]
+    fn knows_its_spread_where_the_quality_of_rows_changes() {
+        let (runs, rows, truth) = (400, 300, [0.5, 2.0]);
+        let mut seed = 3;
+        let std: Vec<f64> = (0..rows).map(|i| if i % 3 == 0 { 0.6 } else { 0.15 }).collect();
+        let errors: Vec<DMatrix<f64>> = std.iter().map(|s| independent_errors(&[0.0, *s], *s)).collect();
+        let (mut squares, mut predicted, mut unweighted) = (0.0, 0.0, 0.0);
+        for _ in 0..runs {
+            let clean = |i: usize| (0.07 * i as f64).sin();
+            let x =
+                DMatrix::from_fn(
+                    rows,
+                    2,
+                    |i, j| {
+                        if j == 0 { 1.0 } else { clean(i) + std[i] * normal(&mut seed) }
+                    },
+                );
+            let y =
+                DVector::from_fn(rows, |i, _| truth[0] + truth[1] * clean(i) + std[i] * normal(&mut seed));
+            let fit = total_least_squares_by_row(&x, &y, &errors, Correlation::White).expect("a fit");
+            squares += (fit.values[1] - truth[1]).powi(2);
+            predicted += fit.covariance[(1, 1)];
+            let plain =
+                total_least_squares(&x, &y, &independent_errors(&[0.0, 1.0], 1.0), Correlation::White);
+            unweighted += (plain.expect("a fit").values[1] - truth[1]).powi(2);
+        }
+        let ratio = (predicted / squares).sqrt();
+        assert!((0.88..1.12).contains(&ratio), "predicted over achieved standard deviation {ratio}");
+        assert!(squares < 0.6 * unweighted, "weights should pay: {squares} against {unweighted}");
+    }
+
+    #[test]
+    fn covariances_that_are_none_are_refused() {
+        let (x, y) = linear_problem_of_scipy();
+        let refused = |errors: Vec<DMatrix<f64>>| {
+            let fit = total_least_squares_by_row(&x, &y, &errors, Correlation::White);
+            assert!(matches!(fit, Err(IdentifyError::BadErrors { columns: 3, .. })), "{fit:?}");
+        };
+        refused(errors_of_rows()[1..].to_vec());
+        let mut errors = errors_of_rows();
+        errors[4][(1, 1)] = f64::NAN;
+        refused(errors);
+        let mut errors = errors_of_rows();
+        errors[4][(3, 3)] = 0.0;
+        refused(errors);
+    }
+}

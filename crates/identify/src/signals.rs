@@ -1,0 +1,400 @@
+//! The signals that a model may name, from motion and inputs.
+
+use crate::IdentifyError;
+use crate::model::{Measured, SIGNALS, factors};
+use crate::noise::{Source, Term, Transfer};
+use crate::regressors::median;
+use mavsight_flight::flapping::{self, Between};
+use mavsight_flight::{InputSample, InputSeries, Vehicle, thrust_n};
+use mavsight_geometry::Vector3;
+use mavsight_pose::{Motion, MotionSample, lowpass_like};
+
+/// Values at the motion's times, and how errors reach them.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Signal {
+    pub(crate) values: Vec<f64>,
+    pub(crate) terms: Vec<Term>,
+}
+
+impl Signal {
+    fn multiply(&mut self, mut factor: Self) {
+        scale_terms(&mut self.terms, &factor.values);
+        scale_terms(&mut factor.terms, &self.values);
+        self.terms.extend(factor.terms);
+        self.values.iter_mut().zip(&factor.values).for_each(|(value, by)| *value *= by);
+    }
+}
+
+/// Which of the smoother's low-passes a signal has passed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Passed {
+    pub(crate) translation: bool,
+    pub(crate) rotation: bool,
+}
+
+impl Passed {
+    pub(crate) const TRANSLATION: Self = Self { translation: true, rotation: false };
+    pub(crate) const ROTATION: Self = Self { translation: false, rotation: true };
+
+    pub(crate) fn and(self, other: Self) -> Self {
+        Self { translation: self.translation || other.translation, rotation: self.rotation || other.rotation }
+    }
+
+    /// What the measured side passes: a specific force is an acceleration and the weight, which the attitude tips.
+    pub(crate) fn by_measured(measured: Measured) -> Self {
+        if measured.axis().1 { Self::ROTATION } else { Self::TRANSLATION.and(Self::ROTATION) }
+    }
+
+    /// What a regressor has passed before anything is done to it.
+    pub(crate) fn by_regressor(regressor: &str) -> Self {
+        factors(regressor).fold(Self::default(), |passed, name| {
+            passed.and(match name {
+                "u" | "v" | "w" => Self::TRANSLATION,
+                "alpha_u" | "alpha_l" | "beta_u" | "beta_l" | "p" | "q" | "r" => Self::ROTATION,
+                _ => Self::default(),
+            })
+        })
+    }
+}
+
+/// One flight's motion and inputs.
+pub(crate) struct Flight<'a> {
+    pub(crate) t_s: Vec<f64>,
+    motion: &'a Motion,
+    inputs: &'a InputSeries,
+    vehicle: &'a Vehicle,
+    input_times_s: Vec<f64>,
+}
+
+impl<'a> Flight<'a> {
+    /// # Errors
+    /// Inputs that do not cover the motion.
+    pub(crate) fn new(
+        motion: &'a Motion,
+        inputs: &'a InputSeries,
+        vehicle: &'a Vehicle,
+    ) -> Result<Self, IdentifyError> {
+        let t_s: Vec<f64> = motion.samples.iter().map(|s| s.t_ns as f64 * 1e-9).collect();
+        for t_s in t_s.first().into_iter().chain(t_s.last()) {
+            inputs.require(*t_s)?;
+        }
+        let input_times_s = inputs.samples().iter().map(|s| s.t_s).collect();
+        Ok(Self { t_s, motion, inputs, vehicle, input_times_s })
+    }
+
+    fn of(&self, value: impl Fn(&MotionSample) -> f64) -> Vec<f64> {
+        self.motion.samples.iter().map(value).collect()
+    }
+
+    fn of_inputs(&self, value: impl Fn(&InputSample) -> f64) -> Vec<f64> {
+        self.inputs.samples().iter().map(value).collect()
+    }
+
+    /// The variance at a row of a source's errors that change: by the smoother's variance of its rate, of which white errors
+    /// behind H = 1/(1 + (f/fc)⁶) have (2π fc)²/2 times their own. An error that stays, such as a camera's, is none of it.
+    pub(crate) fn variance(&self, source: Source, row: usize) -> f64 {
+        let covariance = &self.motion.samples[row].covariance;
+        let (rate_variance, hz) = match source {
+            Source::Position(axis) => {
+                (covariance[(6 + axis, 6 + axis)], self.motion.translation_bandwidth_hz)
+            }
+            Source::Turn(axis) => (covariance[(9 + axis, 9 + axis)], self.motion.rotation_bandwidth_hz),
+        };
+        let variance = 2.0 * rate_variance / (2.0 * std::f64::consts::PI * hz).powi(2);
+        if variance.is_finite() { variance.max(0.0) } else { 0.0 }
+    }
+
+    /// Intervals between times that are longer than two usual ones and half a period of the smoother, between which a motion
+    /// cannot be read.
+    pub(crate) fn gaps_s(&self) -> impl Iterator<Item = (f64, f64)> {
+        let hz = self.motion.translation_bandwidth_hz.min(self.motion.rotation_bandwidth_hz);
+        let longest_s = (2.5 * self.motion.sample_interval_s).max(0.5 / hz);
+        self.t_s.windows(2).filter(move |w| w[1] - w[0] > longest_s).map(|w| (w[0], w[1]))
+    }
+
+    /// The standard deviation of the turn about a body axis at the first time, without errors that stay: those are what the
+    /// variances of all times have beyond [`Flight::variance`].
+    pub(crate) fn start_turn_std_rad(&self, axis: usize) -> f64 {
+        let samples = &self.motion.samples;
+        let turn = |row: usize| samples[row].covariance[(3 + axis, 3 + axis)];
+        let beyond = (0..samples.len()).map(|row| turn(row) - self.variance(Source::Turn(axis), row));
+        let staying = median(beyond.collect()).max(0.0);
+        (turn(0) - staying).max(0.0).sqrt()
+    }
+
+    /// What is measured, newtons or newton metres.
+    pub(crate) fn measured(&self, measured: Measured, passed: Passed) -> Signal {
+        let (axis, is_moment) = measured.axis();
+        if is_moment { self.moment(axis, passed) } else { self.force(axis, passed) }
+    }
+
+    fn moment(&self, axis: usize, passed: Passed) -> Signal {
+        let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
+        let inertia = self.vehicle.inertia_kg_m2;
+        let values = self.of(|s| {
+            inertia[axis] * s.angular_acceleration_rad_s2[axis]
+                + (inertia[last] - inertia[next]) * s.rates_rad_s[next] * s.rates_rad_s[last]
+        });
+        let gains = vec![inertia[axis]; self.t_s.len()];
+        Signal {
+            values: self.pass_rest(values, Passed::ROTATION, passed),
+            terms: vec![term(Source::Turn(axis), Transfer::Derivative(2), gains)],
+        }
+    }
+
+    /// The force is what is left of two larger things, the acceleration, which has passed the smoother's low-pass of
+    /// translation, and the weight's part along the axis, which has passed that of rotation: both pass both.
+    fn force(&self, axis: usize, passed: Passed) -> Signal {
+        let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
+        let weight_n = self.vehicle.mass_kg * self.vehicle.environment.gravity_m_s2;
+        let mass_kg = self.vehicle.mass_kg;
+        let held = self.of(|s| weight_n * (s.world_from_body.rotation.inverse() * Vector3::z())[axis]);
+        let force = |k: usize, sign: f64| self.of(|s| sign * mass_kg * s.specific_force_m_s2[k]);
+        let moved = force(axis, 1.0).iter().zip(&held).map(|(f, h)| f - h).collect();
+        let moved = self.pass_rest(moved, Passed::TRANSLATION, passed);
+        let held = self.pass_rest(held, Passed::ROTATION, passed);
+        // A turn δ of the attitude turns the force f by f × δ.
+        let terms = vec![
+            term(Source::Position(axis), Transfer::Derivative(2), vec![mass_kg; self.t_s.len()]),
+            term(Source::Turn(last), Transfer::Derivative(0), force(next, 1.0)),
+            term(Source::Turn(next), Transfer::Derivative(0), force(last, -1.0)),
+        ];
+        Signal { values: moved.iter().zip(&held).map(|(a, b)| a + b).collect(), terms }
+    }
+
+    /// A regressor that has passed what it must, and no more.
+    ///
+    /// Inputs are multiplied before they pass. Other factors of a product pass by themselves: exact where one of them
+    /// hardly moves.
+    pub(crate) fn regressor(&self, regressor: &str, passed: Passed) -> Result<Signal, IdentifyError> {
+        let mut series = vec![1.0; self.input_times_s.len()];
+        let mut product = Signal { values: vec![1.0; self.t_s.len()], terms: Vec::new() };
+        for name in factors(regressor) {
+            if let Some(factor) = self.signal(name, passed)? {
+                product.multiply(factor);
+                continue;
+            }
+            let input = self.input(name).ok_or_else(|| IdentifyError::UnknownSignal {
+                output: "of the model".to_owned(),
+                signal: name.to_owned(),
+                known: SIGNALS.map(|(name, _)| name).join(", "),
+            })?;
+            series.iter_mut().zip(&input).for_each(|(s, v)| *s *= v);
+        }
+        let values = self.onto_frames(&series, Between::Hold, passed)?;
+        product.multiply(Signal { values, terms: Vec::new() });
+        Ok(product)
+    }
+
+    /// A signal that the motion has a part in; none for inputs.
+    fn signal(&self, name: &str, passed: Passed) -> Result<Option<Signal>, IdentifyError> {
+        let axis_of = |names: [&str; 3]| names.iter().position(|n| *n == name);
+        let ones = || vec![1.0; self.t_s.len()];
+        Ok(match name {
+            "alpha_u" => Some(self.upper(1, passed)?),
+            "beta_u" => Some(self.upper(0, passed)?),
+            "alpha_l" => Some(self.lower(1, passed)?),
+            "beta_l" => Some(self.lower(0, passed)?),
+            _ => {
+                if let Some(axis) = axis_of(["p", "q", "r"]) {
+                    let values = self.of(|s| s.rates_rad_s[axis]);
+                    let values = self.pass_rest(values, Passed::ROTATION, passed);
+                    let terms = vec![term(Source::Turn(axis), Transfer::Derivative(1), ones())];
+                    Some(Signal { values, terms })
+                } else if let Some(axis) = axis_of(["u", "v", "w"]) {
+                    let values = self.of(|s| s.velocity_in_body_m_s[axis]);
+                    let values = self.pass_rest(values, Passed::TRANSLATION, passed);
+                    let terms = vec![term(Source::Position(axis), Transfer::Derivative(1), ones())];
+                    Some(Signal { values, terms })
+                } else {
+                    None
+                }
+            }
+        })
+    }
+
+    /// A signal of the inputs alone, at their times.
+    fn input(&self, name: &str) -> Option<Vec<f64>> {
+        let ratio = |omega_rad_s: f64, s: &InputSample| {
+            let mean_rad_s = 0.5 * (s.omega_u_rad_s + s.omega_l_rad_s);
+            if mean_rad_s == 0.0 { 0.0 } else { (omega_rad_s / mean_rad_s).powi(2) }
+        };
+        Some(match name {
+            "1" => vec![1.0; self.input_times_s.len()],
+            "delta_lon" => self.of_inputs(|s| s.delta_lon_rad),
+            "delta_lat" => self.of_inputs(|s| s.delta_lat_rad),
+            "T_u" => self.of_inputs(|s| thrust_n(self.vehicle, s).upper_n),
+            "T_l" => self.of_inputs(|s| thrust_n(self.vehicle, s).lower_n),
+            "omega_u" => self.of_inputs(|s| s.omega_u_rad_s),
+            "omega_l" => self.of_inputs(|s| s.omega_l_rad_s),
+            "kappa_u" => self.of_inputs(|s| ratio(s.omega_u_rad_s, s)),
+            "kappa_l" => self.of_inputs(|s| ratio(s.omega_l_rad_s, s)),
+            "kappa_d" => self.of_inputs(|s| ratio(s.omega_l_rad_s, s) - ratio(s.omega_u_rad_s, s)),
+            _ => self.inputs.channels().iter().find(|c| c.name == name)?.values.clone(),
+        })
+    }
+
+    /// Flapping of the upper rotor about a body axis: 1 longitudinal, 0 lateral.
+    fn upper(&self, axis: usize, passed: Passed) -> Result<Signal, IdentifyError> {
+        let rotor = &self.vehicle.rotor;
+        let time_s = rotor.flap_time_flybar_s;
+        let flybar = self.flapping_from_rate(axis, time_s)?;
+        let values = flybar.iter().map(|a| rotor.flybar_gain * a).collect();
+        let gains = vec![-rotor.flybar_gain; self.t_s.len()];
+        Ok(Signal {
+            values: self.pass_rest(values, Passed::ROTATION, passed),
+            terms: vec![term(Source::Turn(axis), Transfer::Washout { time_s }, gains)],
+        })
+    }
+
+    /// Flapping of the lower rotor: what the swash-plate drives, and what the rate drives.
+    fn lower(&self, axis: usize, passed: Passed) -> Result<Signal, IdentifyError> {
+        let rotor = &self.vehicle.rotor;
+        let time_s = rotor.flap_time_lower_s;
+        let (longitudinal, lateral) = flapping::lower_from_swashplate(self.inputs, rotor);
+        let driven = if axis == 1 { longitudinal } else { lateral };
+        let driven = self.onto_frames(&driven, Between::Line, passed)?;
+        let rate = self.pass_rest(self.flapping_from_rate(axis, time_s)?, Passed::ROTATION, passed);
+        let gains = vec![-1.0; self.t_s.len()];
+        Ok(Signal {
+            values: driven.iter().zip(&rate).map(|(a, b)| a + b).collect(),
+            terms: vec![term(Source::Turn(axis), Transfer::Washout { time_s }, gains)],
+        })
+    }
+
+    fn flapping_from_rate(&self, axis: usize, time_s: f64) -> Result<Vec<f64>, IdentifyError> {
+        if let Some((from_s, to_s)) = self.gaps_s().next() {
+            return Err(IdentifyError::GapInMotion { from_s, to_s });
+        }
+        let rate = self.of(|s| s.rates_rad_s[axis]);
+        let acceleration = self.of(|s| s.angular_acceleration_rad_s2[axis]);
+        Ok(flapping::from_rate(&self.t_s, &rate, &acceleration, time_s))
+    }
+
+    /// ½ρπR⁴ω² for a force, ½ρπR⁵ω² for a moment, at each time, with the square low-passed as the force is.
+    pub(crate) fn rotor_scale(&self, is_moment: bool, passed: Passed) -> Result<Vec<f64>, IdentifyError> {
+        let radius_m = self.vehicle.rotor.radius_m;
+        let area = std::f64::consts::PI * radius_m.powi(if is_moment { 5 } else { 4 });
+        let per_square = 0.5 * self.vehicle.environment.air_density_kg_m3 * area;
+        let square = self.of_inputs(|s| (0.5 * (s.omega_u_rad_s + s.omega_l_rad_s)).powi(2));
+        let square = self.onto_frames(&square, Between::Hold, passed)?;
+        for (t_s, square) in self.t_s.iter().zip(&square) {
+            let omega_rad_s = square.max(0.0).sqrt();
+            if omega_rad_s < 1.0 {
+                return Err(IdentifyError::RotorsStopped { t_s: *t_s, omega_rad_s });
+            }
+        }
+        Ok(square.iter().map(|s| per_square * s).collect())
+    }
+
+    fn bandwidths_hz(&self, passed: Passed) -> impl Iterator<Item = f64> {
+        let all = [
+            (passed.translation, self.motion.translation_bandwidth_hz),
+            (passed.rotation, self.motion.rotation_bandwidth_hz),
+        ];
+        all.into_iter().filter(|(wanted, _)| *wanted).map(|(_, hz)| hz)
+    }
+
+    /// Passes the low-passes of `passed` that are not in `own`.
+    fn pass_rest(&self, values: Vec<f64>, own: Passed, passed: Passed) -> Vec<f64> {
+        let rest = Passed {
+            translation: passed.translation && !own.translation,
+            rotation: passed.rotation && !own.rotation,
+        };
+        self.bandwidths_hz(rest).fold(values, |values, hz| lowpass_at(&self.t_s, &values, hz))
+    }
+
+    /// A series on the inputs' times, low-passed on a regular grid of their mean interval and read off at the frames.
+    ///
+    /// Of a series that holds a grid point gets its mean over the grid's interval around it.
+    fn onto_frames(
+        &self,
+        series: &[f64],
+        between: Between,
+        passed: Passed,
+    ) -> Result<Vec<f64>, IdentifyError> {
+        let first = series.first().copied().unwrap_or(0.0);
+        if series.iter().all(|v| *v == first) {
+            return Ok(vec![first; self.t_s.len()]);
+        }
+        let times_s = &self.input_times_s;
+        let (start_s, end_s) = (self.inputs.start_s(), self.inputs.end_s());
+        let step_s = (end_s - start_s) / (times_s.len() - 1) as f64;
+        let grid_s: Vec<f64> = (0..times_s.len()).map(|k| start_s + step_s * k as f64).collect();
+        let regular = match between {
+            Between::Hold => means_of_held(times_s, series, &grid_s, step_s),
+            Between::Line => grid_s
+                .iter()
+                .map(|t_s| flapping::interpolate(times_s, series, *t_s))
+                .collect::<Result<Vec<f64>, _>>()?,
+        };
+        let smooth = self.bandwidths_hz(passed).fold(regular, |values, hz| lowpass_like(&values, step_s, hz));
+        self.t_s
+            .iter()
+            .map(|t| flapping::interpolate(&grid_s, &smooth, *t).map_err(IdentifyError::from))
+            .collect()
+    }
+}
+
+/// Means over `step_s` around each point of a grid of a series that holds from each time to the next, and beyond both ends.
+fn means_of_held(times_s: &[f64], series: &[f64], grid_s: &[f64], step_s: f64) -> Vec<f64> {
+    let mut integrals = vec![0.0; series.len()];
+    for k in 1..series.len() {
+        integrals[k] = integrals[k - 1] + series[k - 1] * (times_s[k] - times_s[k - 1]);
+    }
+    let integral = |t_s: f64| {
+        let k = times_s.partition_point(|t| *t <= t_s).max(1) - 1;
+        integrals[k] + series[k] * (t_s - times_s[k])
+    };
+    grid_s.iter().map(|t_s| (integral(t_s + 0.5 * step_s) - integral(t_s - 0.5 * step_s)) / step_s).collect()
+}
+
+fn term(source: Source, transfer: Transfer, gains: Vec<f64>) -> Term {
+    Term { source, transfer, gains }
+}
+
+/// Multiplies every gain by a value of its row.
+pub(crate) fn scale_terms(terms: &mut [Term], by: &[f64]) {
+    for term in terms {
+        for (gain, by) in term.gains.iter_mut().zip(by) {
+            *gain *= by;
+        }
+    }
+}
+
+/// Low-pass of a series at times that may be unevenly spaced: on a grid of their median interval, and back.
+pub(crate) fn lowpass_at(t_s: &[f64], values: &[f64], bandwidth_hz: f64) -> Vec<f64> {
+    let mut intervals: Vec<f64> = t_s.windows(2).map(|w| w[1] - w[0]).collect();
+    intervals.sort_by(f64::total_cmp);
+    let Some(step_s) = intervals.get(intervals.len() / 2).copied().filter(|s| *s > 0.0) else {
+        return values.to_vec();
+    };
+    let even = intervals.iter().all(|s| (s - step_s).abs() < 0.01 * step_s);
+    if even {
+        return lowpass_like(values, step_s, bandwidth_hz);
+    }
+    let (start_s, end_s) = (t_s[0], t_s[t_s.len() - 1]);
+    let count = ((end_s - start_s) / step_s).round().max(1.0) as usize;
+    let step_s = (end_s - start_s) / count as f64;
+    let grid_s: Vec<f64> = (0..=count).map(|k| start_s + step_s * k as f64).collect();
+    let read = |times: &[f64], series: &[f64], t: f64| flapping::interpolate(times, series, t);
+    let regular: Result<Vec<f64>, _> = grid_s.iter().map(|t| read(t_s, values, *t)).collect();
+    let smooth = regular.map(|series| lowpass_like(&series, step_s, bandwidth_hz));
+    let back = smooth.and_then(|series| t_s.iter().map(|t| read(&grid_s, &series, *t)).collect());
+    // Both reads lie inside their grids; were they not, the series would stay as it is.
+    back.unwrap_or_else(|_| values.to_vec())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn held_series_have_the_mean_of_their_steps() {
+        let times_s = [0.0, 1.0, 1.5, 3.0];
+        let got = means_of_held(&times_s, &[2.0, 4.0, -2.0, 6.0], &[0.0, 1.0, 1.3, 3.0], 1.0);
+        for (got, exact) in got.iter().zip([2.0, 3.0, 0.2 * 2.0 + 0.5 * 4.0 - 0.3 * 2.0, 2.0]) {
+            assert!((got - exact).abs() < 1e-12, "{got} is not {exact}");
+        }
+    }
+}

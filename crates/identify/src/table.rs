@@ -1,0 +1,148 @@
+//! Outputs and regressors of a flight over time, with their errors.
+
+use crate::noise::ErrorSpectrum;
+use nalgebra::{DMatrix, DVector};
+
+/// One regressor over time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Column {
+    /// Name: `0` for the constant, else as the model has it.
+    pub name: String,
+    /// Values at the table's times.
+    pub values: Vec<f64>,
+    /// Root mean square standard deviation of their error outside gaps; 0 where the column is exact.
+    pub std: f64,
+}
+
+/// A coefficient that the model knows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fixed {
+    /// Name of its column.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+}
+
+/// One coefficient over time with its regressors, which have passed the same low-pass.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Output {
+    /// As the model has it, such as `C_X`.
+    pub name: String,
+    /// Values at the table's times, less the part of fixed coefficients.
+    pub values: Vec<f64>,
+    /// Standard deviation of their error behind the low-pass, at each time.
+    pub std: Vec<f64>,
+    /// Regressors.
+    pub columns: Vec<Column>,
+    /// Covariance of the errors of the regressors and, last, of the output, at each time.
+    pub errors: Vec<DMatrix<f64>>,
+    /// Spectrum of those errors.
+    pub spectrum: ErrorSpectrum,
+    /// Errors that happen once, since flapping is integrated from a turn that errs where the flight begins: for each, what one
+    /// standard deviation of it does to the regressors and, last, the output, at each time.
+    pub once: Vec<DMatrix<f64>>,
+    /// Coefficients that the model fixes; their part is taken off the values.
+    pub fixed: Vec<Fixed>,
+    /// The lowest frequency at which a low-pass of both sides passes one half.
+    pub bandwidth_hz: f64,
+}
+
+impl Output {
+    /// The same with some of the regressors.
+    pub(crate) fn with_columns(&self, chosen: &[usize]) -> Self {
+        let kept: Vec<usize> = chosen.iter().copied().chain([self.columns.len()]).collect();
+        Self {
+            columns: chosen.iter().map(|j| self.columns[*j].clone()).collect(),
+            errors: self.errors.iter().map(|e| e.select_rows(&kept).select_columns(&kept)).collect(),
+            once: self.once.iter().map(|e| e.select_columns(&kept)).collect(),
+            spectrum: self.spectrum.of_signals(&kept),
+            ..self.clone()
+        }
+    }
+}
+
+/// Coefficients and regressors of a flight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CoefficientTable {
+    /// Times.
+    pub t_s: Vec<f64>,
+    /// Outputs.
+    pub outputs: Vec<Output>,
+    /// First and last time that is fitted.
+    pub window_s: (f64, f64),
+    /// Median interval of the times.
+    pub sample_interval_s: f64,
+    /// Whether each instant rests on poses; those in a gap, which the smoother has bridged, are left out of fits.
+    pub usable: Vec<bool>,
+    /// Names of outputs that are fitted only when excited, and were not.
+    pub not_excited: Vec<String>,
+}
+
+impl CoefficientTable {
+    fn in_window(&self) -> impl Iterator<Item = (usize, bool)> {
+        const ROUNDING_S: f64 = 1e-9;
+        let (from_s, to_s) = (self.window_s.0 - ROUNDING_S, self.window_s.1 + ROUNDING_S);
+        let inside = move |i: &usize| self.t_s[*i] >= from_s && self.t_s[*i] <= to_s;
+        (0..self.t_s.len()).filter(inside).map(|i| (i, self.usable.get(i).copied().unwrap_or(true)))
+    }
+
+    /// Indices of the times that are fitted.
+    pub fn rows_in_window(&self) -> Vec<usize> {
+        self.in_window().filter(|(_, usable)| *usable).map(|(i, _)| i).collect()
+    }
+
+    /// Instants of the window that are not fitted because they lie in a gap.
+    pub fn instants_in_gaps(&self) -> usize {
+        self.in_window().filter(|(_, usable)| !usable).count()
+    }
+
+    /// Rows over which errors behind a low-pass are correlated: about one period of its cut-off frequency, at most a
+    /// quarter of the rows.
+    pub(crate) fn correlated_rows(&self, bandwidth_hz: f64, rows: usize) -> usize {
+        (1.0 / (bandwidth_hz * self.sample_interval_s)).ceil().min(rows as f64 / 4.0).max(1.0) as usize
+    }
+
+    /// What the errors that happen once do to the residuals of a fit of some columns, at some rows.
+    pub(crate) fn once(
+        &self,
+        output: &Output,
+        columns: &[usize],
+        values: &DVector<f64>,
+        rows: &[usize],
+    ) -> Vec<DVector<f64>> {
+        let weights = residual_weights(output, columns, values);
+        let of = |all: &DMatrix<f64>| {
+            DVector::from_iterator(rows.len(), rows.iter().map(|i| all.row(*i).dot(&weights.transpose())))
+        };
+        output.once.iter().map(of).collect()
+    }
+
+    /// Autocovariances of the errors of the residuals of a fit of some columns, over eight periods of the low-pass, after
+    /// which what is left is below a thousandth; all zero where the errors are not known.
+    pub(crate) fn autocovariances(
+        &self,
+        output: &Output,
+        columns: &[usize],
+        values: &DVector<f64>,
+    ) -> Vec<f64> {
+        let weights = residual_weights(output, columns, values);
+        let periods = 8.0 / (output.bandwidth_hz * self.sample_interval_s);
+        let lags = periods.ceil().clamp(1.0, self.t_s.len() as f64) as usize;
+        output.spectrum.autocovariances(weights.as_slice(), self.sample_interval_s, lags)
+    }
+}
+
+/// What each regressor, and last the output, weighs in the residual of a fit of some columns.
+fn residual_weights(output: &Output, columns: &[usize], values: &DVector<f64>) -> DVector<f64> {
+    let mut weights = DVector::zeros(output.columns.len() + 1);
+    for (column, value) in columns.iter().zip(values) {
+        weights[*column] = -value;
+    }
+    weights[output.columns.len()] = 1.0;
+    weights
+}
+
+/// The regressors at some rows.
+pub(crate) fn rows_of(output: &Output, rows: &[usize]) -> DMatrix<f64> {
+    DMatrix::from_fn(rows.len(), output.columns.len(), |i, j| output.columns[j].values[rows[i]])
+}

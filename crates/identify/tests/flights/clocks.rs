@@ -1,0 +1,70 @@
+//! Clocks that differ between inputs and motion.
+
+use crate::aircraft::{Flown, fly, longitudinal_multisine};
+use mavsight_flight::{InputSeries, Scenario, Vehicle};
+use mavsight_identify::{Clocks, IdentifyError, Options, delayed, estimate_lag};
+
+/// The inputs as a clock that is `late_s` late has stamped them.
+fn stamped(flown: &Flown, late_s: f64) -> InputSeries {
+    delayed(&flown.inputs, late_s).expect("inputs")
+}
+
+fn found(flown: &Flown, late_s: f64, seed: &mut u64) -> Clocks {
+    let motion = flown.noisy_motion(seed);
+    estimate_lag(&motion, &stamped(flown, late_s), &flown.vehicle, &Options::default(), 0.5)
+        .expect("a search")
+}
+
+#[test]
+fn a_lag_is_found_with_its_standard_deviation() {
+    let mut seed = 41;
+    for flown in [fly(&Scenario::paper(), Vehicle::paper()), fly(&longitudinal_multisine(), Vehicle::paper())]
+    {
+        let mut squares = 0.0;
+        let lates = [-0.31, 0.0, 0.12];
+        for late_s in lates {
+            let clocks = found(&flown, late_s, &mut seed);
+            let Clocks::Lag(lag) = clocks else { panic!("{clocks:?}") };
+            println!("late {late_s}: {lag:?}");
+            let error = (lag.lag_s + late_s) / lag.std_s;
+            assert!(error.abs() < 4.0, "late {late_s}: {lag:?}");
+            assert!(lag.std_s < 0.02, "{lag:?}");
+            assert_eq!(lag.significant(), late_s.abs() > 0.01, "{lag:?}");
+            let differ = late_s != 0.0;
+            assert_eq!(clocks.correction_s(), if differ { lag.lag_s } else { 0.0 });
+            assert_eq!(clocks.words().is_some_and(|w| w.contains("clocks differ")), differ);
+            squares += error * error;
+        }
+        let mean = squares / lates.len() as f64;
+        assert!((0.1..2.5).contains(&mean), "mean square of errors over their standard deviations {mean}");
+    }
+}
+
+#[test]
+fn what_tells_no_lag_is_said() {
+    let hover = Scenario { maneuver: vec![], ..Scenario::paper() };
+    let flown = fly(&hover, Vehicle::paper());
+    let clocks = found(&flown, 0.1, &mut 5);
+    assert_eq!((clocks, clocks.correction_s()), (Clocks::Untold, 0.0));
+    assert!(clocks.words().is_some_and(|w| w.contains("too little")));
+    // Clocks that are further apart than the reach.
+    let flown = fly(&Scenario::paper(), Vehicle::paper());
+    let motion = flown.noisy_motion(&mut 6);
+    let far = estimate_lag(&motion, &stamped(&flown, 0.45), &flown.vehicle, &Options::default(), 0.2);
+    assert_eq!(far, Ok(Clocks::Beyond(0.2)));
+    assert!(Clocks::Beyond(0.2).words().is_some_and(|w| w.contains("0.20 s")));
+    assert_eq!((Clocks::Known(0.3).correction_s(), Clocks::Known(0.3).words()), (0.3, None));
+}
+
+#[test]
+fn ends_are_held_where_a_shift_uncovers_them() {
+    let flown = fly(&Scenario::paper(), Vehicle::paper());
+    let (first, last) = (flown.inputs.start_s(), flown.inputs.end_s());
+    for late_s in [-0.2, 0.0, 0.2] {
+        let moved = stamped(&flown, late_s);
+        assert!(moved.start_s() <= first && moved.end_s() >= last, "{late_s}");
+        let (was, is) = (flown.inputs.at(3.2), moved.at(3.2 + late_s));
+        assert_eq!(was.map(|s| s.delta_lon_rad), is.map(|s| s.delta_lon_rad));
+    }
+    assert!(matches!(delayed(&flown.inputs, f64::NAN), Err(IdentifyError::BadSetting { .. })));
+}

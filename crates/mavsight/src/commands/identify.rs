@@ -1,0 +1,81 @@
+//! Identification by itself, on a table of poses or of motion from any system.
+
+use super::named;
+use super::run::{Flight, fit_into, identify_into};
+use crate::cli::{Identify, Interval, WrongCall};
+use crate::fits;
+use crate::progress::Bars;
+use crate::summary::Summary;
+use anyhow::Result;
+use mavsight_identify::{Band, Bandwidth, Estimator, FitOptions, Options};
+use mavsight_pipeline::IdentifyOptions;
+use mavsight_session::{
+    FlightTable, RunResults, load_model, load_vehicle, read_flight_table, tables::read_inputs, write_results,
+};
+
+/// `mavsight identify`
+pub(crate) fn identify(args: &Identify) -> Result<()> {
+    let vehicle = named(load_vehicle(&args.vehicle))?;
+    let inputs = named(read_inputs(&args.inputs))?;
+    let options = options(args)?;
+    let marker_names: Vec<String> = vehicle.marker.iter().map(|m| m.name.clone()).collect();
+    let table = named(read_flight_table(&args.table, &marker_names))?;
+    let bars = Bars::new();
+    let mut results = RunResults { session: vehicle.name.clone(), marker_names, ..RunResults::default() };
+    let flight = Flight { name: &vehicle.name, vehicle: &vehicle, inputs: &inputs, truth: None, options };
+    let notes = match table {
+        FlightTable::Poses(poses) => {
+            results.poses = poses;
+            identify_into(&mut results, &flight, &bars)?
+        }
+        FlightTable::Motion(motion) => fit_into(&mut results, motion, &flight, &bars)?,
+    };
+    bars.done();
+    let summary = Summary::of(&results, None, &notes);
+    print!("{}{}", summary.text(), fits::parameter_text(&results));
+    if let Some(out) = &args.out {
+        results.summary = summary.json();
+        // The table came from a file of the caller's, which may lie in the same folder: it is not written again.
+        if results.poses.is_empty() {
+            results.motion = None;
+        }
+        results.poses.clear();
+        write_results(out, &results)?;
+        println!("\nResults: {}", out.display());
+    }
+    Ok(())
+}
+
+/// Output error from poses among the estimators' names.
+const OUTPUT_ERROR: &str = "oe";
+
+fn options(args: &Identify) -> Result<IdentifyOptions> {
+    let is_output_error = |name: &&String| name.as_str() == OUTPUT_ERROR;
+    let estimator = |name: &String| {
+        let known = || Estimator::ALL.map(Estimator::name).join(", ") + ", " + OUTPUT_ERROR;
+        let wrong =
+            || WrongCall(format!("--estimator {name}: there is none of that name; there are {}", known()));
+        Estimator::from_name(name).ok_or_else(wrong)
+    };
+    let mut fit = FitOptions {
+        band: args.band.map(|Interval(low_hz, high_hz)| Band { low_hz, high_hz }),
+        held_out_s: args.hold_out.map(|Interval(from_s, to_s)| (from_s, to_s)),
+        ..FitOptions::default()
+    };
+    if !args.estimator.is_empty() {
+        let equations = args.estimator.iter().filter(|name| !is_output_error(name));
+        fit.estimators = equations.map(estimator).collect::<Result<_, _>>()?;
+    }
+    let table = Options {
+        model: args.model.as_deref().map(|path| named(load_model(path))).transpose()?,
+        bandwidth: args.bandwidth.map_or(Bandwidth::Automatic, Bandwidth::Hz),
+        ..Options::default()
+    };
+    // The equations of motion are a coaxial helicopter's; a model of one's own is of another aircraft.
+    let equation_error_only = if args.estimator.is_empty() {
+        args.model.is_some()
+    } else {
+        !args.estimator.iter().any(|name| is_output_error(&name))
+    };
+    Ok(IdentifyOptions { table, fit, lag_s: args.lag, stepwise: args.stepwise, equation_error_only })
+}

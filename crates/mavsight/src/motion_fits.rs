@@ -1,0 +1,157 @@
+//! What is shown of output error: figures, the estimators side by side, whether they disagree.
+
+use crate::fits::{lead, words as words_of};
+use crate::summary::Summary;
+use mavsight_identify::output_error::{Comparison, FlightFits, OutputErrorFit};
+use mavsight_report::Table;
+use mavsight_session::RunResults;
+use serde_json::json;
+
+/// Adds the figures of the fits, and the verdicts.
+pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
+    let fits = &results.output_error;
+    for (name, fit) in fits.named() {
+        let key = |what: &str| format!("{name}_{what}");
+        summary.add("fit", key("iterations"), "", json!(fit.iterations), String::new());
+        summary.add("fit", key("reduced_chi_square"), "", json!(fit.reduced_chi_square), String::new());
+        if let Some(lasting) = fit.lasting {
+            let shown = format!("{:.0} % for {:.1} s", 100.0 * lasting.share, lasting.time_s);
+            let label = format!("{}: part of the errors that lasts", words(name));
+            let value = json!({"share": lasting.share, "time_s": lasting.time_s});
+            summary.add("fit", key("lasting"), label, value, shown);
+        }
+        for p in fit.parameters.iter().filter(|p| p.identifiable) {
+            let label = format!("{} ({name})", p.name);
+            let value = json!({"value": p.value, "std": p.std});
+            let shown = format!("{:+.3e} ± {:.1e}", p.value, p.std);
+            summary.add("parameters", key(&p.name.replace(',', "_")), label, value, shown);
+        }
+        summary.verdicts.extend(fit.notes.iter().map(|note| format!("{}: {note}", words(name))));
+    }
+    if let Some(held) = held(fits) {
+        summary.verdicts.push(held);
+    }
+    for c in comparisons(results) {
+        let (first, second) = &c.between;
+        let key = format!("{first}_against_{second}_p_value");
+        summary.add("fit", key, "", json!(c.test.p_value), String::new());
+        summary.verdicts.push(sentence(&c));
+    }
+}
+
+fn comparisons(results: &RunResults) -> Vec<Comparison> {
+    let equations = results.identification.as_ref().and_then(|i| Some((i, lead(i)?)));
+    results.output_error.comparisons(equations)
+}
+
+fn sentence(c: &Comparison) -> String {
+    let (first, second) = &c.between;
+    let told = if c.test.is_significant() {
+        "disagree by more than their uncertainties allow: the model of one of them lacks something"
+    } else {
+        "agree within their uncertainties"
+    };
+    format!(
+        "{} and {} {told} (chi-square {:.1} of {} parameters: {}; p = {:.2}).",
+        words(first),
+        words(second),
+        c.test.chi_square,
+        c.test.degrees,
+        c.parameters.join(", "),
+        c.test.p_value
+    )
+}
+
+fn held(fits: &FlightFits) -> Option<String> {
+    let any = fits.named().next().is_some() && !fits.held.is_empty();
+    let names: Vec<&str> = fits.held.iter().map(|p| p.name()).collect();
+    any.then(|| {
+        format!(
+            "Output error holds {} at the vehicle file's values: the flight does not move what would tell them, and of \
+             thrusts and torques only the sums C_Z,0 and C_n,0 are seen. To free them, move each rotor's speed by itself and \
+             the lateral swash-plate.",
+            names.join(", ")
+        )
+    })
+}
+
+/// All estimators side by side, and the numbers of each fit of the equations of motion.
+pub(crate) fn tables(results: &RunResults) -> Vec<Table> {
+    let fits: Vec<(&str, &OutputErrorFit)> = results.output_error.named().collect();
+    let Some((_, first)) = fits.first() else { return vec![] };
+    let equations = results.identification.as_ref().and_then(|i| Some((i, lead(i)?)));
+    let of_equations = |name: &str| {
+        let (identification, estimator) = equations?;
+        let (output, parameter) = name.split_once(',')?;
+        let fit = identification.fit(output, estimator)?;
+        let p = fit.parameters.iter().find(|p| p.name == parameter && p.identifiable)?;
+        Some(with_std(p.value?, p.std?))
+    };
+    let mut header = vec!["parameter".to_owned()];
+    header.extend(equations.map(|(_, estimator)| words_of(estimator).to_owned()));
+    header.extend(fits.iter().map(|(name, _)| words(name).to_owned()));
+    let rows = first.parameters.iter().map(|p| {
+        let mut row = vec![p.name.to_owned()];
+        row.extend(equations.map(|_| of_equations(p.name).unwrap_or_default()));
+        row.extend(
+            fits.iter()
+                .map(|(_, fit)| fit.parameter(p.name).map_or(String::new(), |p| with_std(p.value, p.std))),
+        );
+        row
+    });
+    let side_by_side = Table {
+        caption: "Estimators side by side: value ± standard deviation. Equation error takes the flapping times from the \
+                  vehicle file, output error finds them."
+            .to_owned(),
+        header,
+        rows: rows.collect(),
+    };
+    std::iter::once(side_by_side).chain(fits.iter().map(|(name, fit)| parameters(name, fit))).collect()
+}
+
+fn with_std(value: f64, std: f64) -> String {
+    format!("{value:+.4e} ± {std:.1e}")
+}
+
+fn parameters(name: &str, fit: &OutputErrorFit) -> Table {
+    let show = |v: f64| format!("{v:+.3e}");
+    Table {
+        caption: format!("{}: parameters with standard deviation and 95 % interval.", words(name)),
+        header: ["parameter", "value", "std", "95 % from", "to", "verdict"].map(str::to_owned).to_vec(),
+        rows: rows(fit)
+            .map(|(name, values, verdict)| {
+                [vec![name], values.map(show).to_vec(), vec![verdict.to_owned()]].concat()
+            })
+            .collect(),
+    }
+}
+
+fn rows(fit: &OutputErrorFit) -> impl Iterator<Item = (String, [f64; 4], &'static str)> {
+    fit.parameters.iter().map(|p| {
+        let verdict = if p.identifiable { "" } else { "hardly told" };
+        (p.name.to_owned(), [p.value, p.std, p.ci_low, p.ci_high], verdict)
+    })
+}
+
+/// Rows for a terminal: estimator, parameter, value, standard deviation, interval, verdict.
+pub(crate) fn text_rows(results: &RunResults) -> Vec<Vec<String>> {
+    let show = |v: f64| format!("{v:+.3e}");
+    results
+        .output_error
+        .named()
+        .flat_map(|(estimator, fit)| {
+            rows(fit).map(move |(name, values, verdict)| {
+                [vec![estimator.to_owned(), name], values.map(show).to_vec(), vec![verdict.to_owned()]]
+                    .concat()
+            })
+        })
+        .collect()
+}
+
+fn words(name: &str) -> &str {
+    match name {
+        "oe" => "output error from the poses",
+        "image" => "output error straight from the images",
+        other => mavsight_identify::Estimator::from_name(other).map_or(other, |e| words_of(e)),
+    }
+}

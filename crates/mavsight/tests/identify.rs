@@ -1,0 +1,200 @@
+//! Identification by itself, on tables from elsewhere.
+
+use assert_cmd::Command;
+use std::f64::consts::PI;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+const MASS_KG: f64 = 0.5;
+const INERTIA_KG_M2: f64 = 3.0e-3;
+const GRAVITY_M_S2: f64 = 9.81;
+const THRUST_N_S2: f64 = 5.0e-6;
+const ARM_M: f64 = 0.2;
+const DAMPING_N_M_S: f64 = 4.0e-3;
+
+fn example(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/quadrotor").join(name)
+}
+
+/// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX constants).
+fn normal(state: &mut u64) -> f64 {
+    let mut uniform = || {
+        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((*state >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
+    };
+    (-2.0 * uniform().ln()).sqrt() * (2.0 * PI * uniform()).cos()
+}
+
+/// Rotor speeds at a time: hover, and a multisine of its own harmonics of 8 s on each.
+fn speeds_rad_s(t_s: f64) -> [f64; 4] {
+    let hover = (MASS_KG * GRAVITY_M_S2 / (4.0 * THRUST_N_S2)).sqrt();
+    std::array::from_fn(|rotor| {
+        let line = |k: usize| {
+            let harmonic = (5 + rotor + 4 * k) as f64;
+            (2.0 * PI * harmonic * t_s / 8.0 + 1.7 * (k * k + rotor) as f64).sin()
+        };
+        hover + 4.0 * (0..4).map(line).sum::<f64>()
+    })
+}
+
+/// A flight in the vertical plane, seen at 200 Hz with a motion-capture system's noise: the tables of poses and inputs.
+fn flight(folder: &Path) -> (PathBuf, PathBuf) {
+    let (dt_s, mut seed) = (1e-3, 4);
+    let (mut x, mut z, mut u, mut w, mut theta, mut q) = (0.0, 1.5, 0.0, 0.0, 0.0_f64, 0.0);
+    let mut poses = String::from("t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad\n");
+    let mut inputs = String::from("t_s,omega_1_rad_s,omega_2_rad_s,omega_3_rad_s,omega_4_rad_s,remark\n");
+    for step in 0..=8000 {
+        let t_s = f64::from(step) * dt_s;
+        let omega = speeds_rad_s(t_s);
+        if step % 5 == 0 {
+            let mut noise = |std: f64| std * normal(&mut seed);
+            let (x, y, z) = (x + noise(2e-4), noise(2e-4), z + noise(2e-4));
+            let (phi, theta, psi) = (noise(5e-4), theta + noise(5e-4), noise(5e-4));
+            writeln!(poses, "{t_s},{x},{y},{z},{phi},{theta},{psi}").expect("memory");
+        }
+        if step % 2 == 0 {
+            // What holds until the next row is the mean between.
+            let mean = speeds_rad_s(t_s + dt_s);
+            let [a, b, c, d] = mean;
+            writeln!(inputs, "{t_s},{a},{b},{c},{d},ok").expect("memory");
+        }
+        let thrust_n: f64 = omega.iter().map(|o| THRUST_N_S2 * o * o).sum();
+        let moment = ARM_M * THRUST_N_S2 * (omega[0].powi(2) - omega[2].powi(2)) - DAMPING_N_M_S * q;
+        // Trapezoids of rates that hardly change in a millisecond.
+        let (was_u, was_w, was_q) = (u, w, q);
+        u -= thrust_n * theta.sin() / MASS_KG * dt_s;
+        w += (thrust_n * theta.cos() / MASS_KG - GRAVITY_M_S2) * dt_s;
+        q += moment / INERTIA_KG_M2 * dt_s;
+        x += 0.5 * (u + was_u) * dt_s;
+        z += 0.5 * (w + was_w) * dt_s;
+        theta += 0.5 * (q + was_q) * dt_s;
+    }
+    assert!(theta.abs() < 0.6, "the flight stays upright: {theta}");
+    let paths = (folder.join("mocap.csv"), folder.join("log.csv"));
+    std::fs::write(&paths.0, poses).expect("written");
+    std::fs::write(&paths.1, inputs).expect("written");
+    paths
+}
+
+fn identify(table: &Path, inputs: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mavsight"));
+    command.arg("identify").arg(table).arg("--inputs").arg(inputs);
+    command.arg("--vehicle").arg(example("vehicle.toml"));
+    command
+}
+
+fn message(command: &mut Command, code: i32) -> String {
+    String::from_utf8_lossy(&command.assert().code(code).get_output().stderr).into_owned()
+}
+
+#[test]
+fn a_quadrotor_before_a_motion_capture_system() {
+    let folder = TempDir::new().expect("a folder");
+    let (table, inputs) = flight(folder.path());
+    let out = folder.path().join("results");
+    let mut command = identify(&table, &inputs);
+    command.arg("--model").arg(example("model.toml")).args(["--hold-out", "5..6"]).arg("--out").arg(&out);
+    let assert = command.assert().success();
+    let text = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
+    assert!(text.contains("predicts the 201 instants held out"), "{text}");
+    let parameters = std::fs::read_to_string(out.join("parameters.csv")).expect("parameters");
+    let square = |rotor: usize| format!("omega_{rotor}_rad_s*omega_{rotor}_rad_s");
+    let moment = ARM_M * THRUST_N_S2;
+    let mut truth: Vec<(&str, String, f64)> =
+        (1..=4).map(|rotor| ("Z", square(rotor), -THRUST_N_S2)).collect();
+    truth.extend([("M", square(1), moment), ("M", square(3), -moment), ("M", "q".into(), -DAMPING_N_M_S)]);
+    for estimator in ["ols", "tls", "gtls"] {
+        for (output, name, truth) in &truth {
+            let begin = format!("{estimator},{output},{name},");
+            let row = parameters.lines().find(|l| l.starts_with(&begin)).expect("a row");
+            let cells: Vec<&str> = row.split(',').collect();
+            let [value, std] = [3, 4].map(|k| cells[k].parse::<f64>().expect("a number"));
+            let error = (value - truth).abs();
+            assert!(error < 4.0 * std && std < 0.05 * truth.abs(), "{row} against {truth}");
+        }
+        assert!(!parameters.contains(&format!("{estimator},L,")), "nothing rolled: {parameters}");
+    }
+}
+
+#[test]
+fn rows_that_are_missing_are_left_out_and_said() {
+    let folder = TempDir::new().expect("a folder");
+    let (table, inputs) = flight(folder.path());
+    let text = std::fs::read_to_string(&table).expect("the table");
+    let rows: Vec<&str> = text.lines().collect();
+    std::fs::write(&table, [&rows[..601], &rows[721..]].concat().join("\n")).expect("written");
+    let mut command = identify(&table, &inputs);
+    let assert = command.arg("--model").arg(example("model.toml")).assert().success();
+    let text = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
+    assert!(text.contains("1481 of 1601") && text.contains("in gaps of the poses were left out"), "{text}");
+}
+
+#[test]
+fn a_motion_table_is_taken_as_it_is() {
+    let folder = TempDir::new().expect("a folder");
+    let (table, inputs) = flight(folder.path());
+    let out = folder.path().join("results");
+    let run = |table: &Path| {
+        let mut command = identify(table, &inputs);
+        command.arg("--model").arg(example("model.toml")).args(["--estimator", "ols", "--lag", "0"]);
+        command
+    };
+    run(&table).arg("--out").arg(&out).assert().success();
+    let text = |command: &mut Command| {
+        let assert = command.assert().success();
+        let text = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
+        text.lines().filter(|l| l.trim_start().starts_with("ols")).map(str::to_owned).collect::<Vec<_>>()
+    };
+    let (poses, motion) = (text(&mut run(&table)), text(&mut run(&out.join("motion.csv"))));
+    assert_eq!(poses.len(), 7);
+    assert_eq!(poses, motion);
+}
+
+#[test]
+fn wrong_calls_are_named() {
+    let folder = TempDir::new().expect("a folder");
+    let (table, inputs) = flight(folder.path());
+    let model = folder.path().join("model.toml");
+    let text = std::fs::read_to_string(example("model.toml")).expect("the example");
+    std::fs::write(&model, text.replace("\"q\"]", "\"qq\"]")).expect("written");
+    let said = message(identify(&table, &inputs).arg("--model").arg(&model), 2);
+    assert!(["M", "qq", "alpha_u", "omega_4_rad_s"].iter().all(|w| said.contains(w)), "{said}");
+    assert!(!said.contains("remark"), "a column of words is no signal: {said}");
+    std::fs::write(&model, "schema = 1\nname = \"n\"\noutputs = []").expect("written");
+    let said = message(identify(&table, &inputs).arg("--model").arg(&model), 2);
+    assert!(said.contains("model.toml") && said.contains("outputs"), "{said}");
+    let said = message(identify(&table, &inputs).args(["--estimator", "ols,best"]), 2);
+    assert!(said.contains("best") && said.contains("gtls"), "{said}");
+    for option in ["--band", "--hold-out"] {
+        for text in ["3", "2..1", "a..b", "1..nan"] {
+            let said = message(identify(&table, &inputs).args([option, text]), 2);
+            assert!(said.contains("0.5..3"), "{option} {text}: {said}");
+        }
+    }
+    let said = message(
+        identify(&table, &inputs).arg("--model").arg(example("model.toml")).args([
+            "--estimator",
+            "fd",
+            "--band",
+            "1..900",
+        ]),
+        2,
+    );
+    assert!(said.contains("900") && said.contains("100.00"), "{said}");
+    // Coefficients of rotors that the table of inputs does not have.
+    let output = identify(&table, &inputs).assert().success();
+    let said = String::from_utf8_lossy(&output.get_output().stdout).into_owned();
+    assert!(said.contains("No parameters") && said.contains("need turning rotors"), "{said}");
+}
+
+#[test]
+fn inputs_that_end_early_are_refused() {
+    let folder = TempDir::new().expect("a folder");
+    let (table, inputs) = flight(folder.path());
+    let text = std::fs::read_to_string(&inputs).expect("inputs");
+    let short: Vec<&str> = text.lines().take(2000).collect();
+    std::fs::write(&inputs, short.join("\n")).expect("written");
+    let said = message(identify(&table, &inputs).arg("--model").arg(example("model.toml")), 1);
+    assert!(said.contains("8") && said.contains("3.99"), "{said}");
+}

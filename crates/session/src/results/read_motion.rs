@@ -1,0 +1,143 @@
+//! Motion from its table, and whichever of poses and motion a table holds.
+
+use super::columns;
+use super::read::{covariance, isometry, read_poses, read_summary};
+use crate::SessionError;
+use crate::table::Table;
+use mavsight_geometry::Vector3;
+use mavsight_pose::{Motion, MotionSample, PoseSample};
+use nalgebra::SMatrix;
+use std::path::Path;
+
+/// What a table of a flight holds.
+#[derive(Debug, Clone, PartialEq)]
+pub enum FlightTable {
+    /// Poses, to be smoothed.
+    Poses(Vec<PoseSample>),
+    /// Motion with its rates and accelerations, to be taken as it is.
+    Motion(Motion),
+}
+
+/// Reads a table as motion where it has every column of `motion.csv` beside the `_std` ones, else as poses. Rows of poses that
+/// are missing altogether, where times are more than one and a half usual intervals apart, become rows that were not measured,
+/// as long as they are fewer than those that there are.
+///
+/// # Errors
+/// Those of [`read_motion`] and [`read_poses`].
+pub fn read_flight_table(path: &Path, marker_names: &[String]) -> Result<FlightTable, SessionError> {
+    let table = Table::read(path, "flight")?;
+    let moved = columns::RATES.iter().all(|q| table.column_if_any(&columns::value(*q)).is_some());
+    Ok(if moved {
+        FlightTable::Motion(read_motion(path)?)
+    } else {
+        FlightTable::Poses(with_missing_rows(read_poses(path, marker_names)?))
+    })
+}
+
+fn with_missing_rows(poses: Vec<PoseSample>) -> Vec<PoseSample> {
+    let Some(usual_ns) = median(poses.windows(2).map(|w| w[1].t_ns - w[0].t_ns).collect()) else {
+        return poses;
+    };
+    let count = poses.len() as i64;
+    let mut out: Vec<PoseSample> = Vec::with_capacity(poses.len());
+    for pose in poses {
+        if let Some(before_ns) = out.last().map(|p| p.t_ns) {
+            let gap_ns = pose.t_ns - before_ns;
+            let missing = (gap_ns as f64 / usual_ns as f64).round() as i64 - 1;
+            // Where more would be missing than there is, the clock has jumped.
+            let missing = if missing < count { missing.max(0) } else { 0 };
+            out.extend((1..=missing).map(|k| PoseSample {
+                t_ns: before_ns + (gap_ns as i128 * k as i128 / (missing + 1) as i128) as i64,
+                estimate: None,
+                reason: Some("the row is missing".into()),
+            }));
+        }
+        out.push(pose);
+    }
+    out
+}
+
+/// Reads `motion.csv` and, from the `summary.json` beside it, the bandwidth of the smoother. The covariance has only
+/// its diagonal (and the turn's block); without `_std` columns it is zero, which leaves estimators to find the size of the
+/// errors. Without a summary the motion is taken to have passed nothing but its own sampling: half its rate is the bandwidth.
+/// A row with its time alone was not measured and is left out.
+///
+/// # Errors
+/// Names the file, row and column, or the key of the summary; times must increase.
+pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
+    let table = Table::read(path, "motion: `track` writes it")?;
+    let t = table.column("t_s")?;
+    let mut values = [0; 18];
+    let mut stds = [None; 18];
+    for (k, quantity) in columns::POSE.iter().chain(&columns::RATES).enumerate() {
+        values[k] = table.column(&columns::value(*quantity))?;
+        stds[k] = table.column_if_any(&columns::std(*quantity));
+    }
+    let mut samples: Vec<MotionSample> = Vec::new();
+    for row in table.rows()? {
+        let t_ns = row.time_ns(t)?;
+        if samples.last().is_some_and(|before| before.t_ns >= t_ns) {
+            let detail = "the time does not come after that of the row before: sort the rows".into();
+            return Err(row.refuse(t, detail));
+        }
+        if values.iter().all(|column| row.text(*column).is_empty()) {
+            continue;
+        }
+        let mut std = [0.0; 18];
+        for (std, column) in std.iter_mut().zip(stds) {
+            *std = column.map_or(Ok(None), |c| row.number_if_any(c))?.unwrap_or(0.0);
+        }
+        samples.push(motion_sample(t_ns, &row.numbers(values)?, &std));
+    }
+    let summary_path = path.with_file_name(super::names::SUMMARY);
+    if summary_path.is_file() {
+        let summary = read_summary(&summary_path)?;
+        let figure = |key: &str| {
+            let value = summary.get("smoother").and_then(|s| s.get(key)).and_then(serde_json::Value::as_f64);
+            value.ok_or_else(|| SessionError::Value {
+                path: summary_path.clone(),
+                key: format!("smoother.{key}"),
+                detail: "is missing: make motion.csv and summary.json again, or remove the latter".into(),
+            })
+        };
+        return Ok(Motion {
+            samples,
+            translation_bandwidth_hz: figure("translation_bandwidth_hz")?,
+            rotation_bandwidth_hz: figure("rotation_bandwidth_hz")?,
+            sample_interval_s: figure("sample_interval_s")?,
+        });
+    }
+    let none = || SessionError::EmptyTable { path: path.to_owned() };
+    let interval_ns = median(samples.windows(2).map(|w| w[1].t_ns - w[0].t_ns).collect());
+    let sample_interval_s = crate::s_from_ns(interval_ns.ok_or_else(none)?);
+    let nyquist_hz = 0.5 / sample_interval_s;
+    Ok(Motion {
+        samples,
+        translation_bandwidth_hz: nyquist_hz,
+        rotation_bandwidth_hz: nyquist_hz,
+        sample_interval_s,
+    })
+}
+
+/// None of nothing.
+fn median(mut intervals_ns: Vec<i64>) -> Option<i64> {
+    intervals_ns.sort_unstable();
+    intervals_ns.get(intervals_ns.len() / 2).copied()
+}
+
+fn motion_sample(t_ns: i64, value: &[f64; 18], std: &[f64; 18]) -> MotionSample {
+    let three = |from: usize| Vector3::new(value[from], value[from + 1], value[from + 2]);
+    let pose = [value[0], value[1], value[2], value[3], value[4], value[5]];
+    let pose_std = [std[0], std[1], std[2], std[3], std[4], std[5]];
+    let mut all = SMatrix::<f64, 18, 18>::from_diagonal(&std.map(|s| s * s).into());
+    all.fixed_view_mut::<6, 6>(0, 0).copy_from(&covariance(&pose, &pose_std));
+    MotionSample {
+        t_ns,
+        world_from_body: isometry(&pose),
+        velocity_in_body_m_s: three(6),
+        rates_rad_s: three(9),
+        specific_force_m_s2: three(12),
+        angular_acceleration_rad_s2: three(15),
+        covariance: all,
+    }
+}
