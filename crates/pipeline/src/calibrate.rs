@@ -1,7 +1,7 @@
 //! From control stills, or from a table of clicked pixels, to a rig.
 
 use crate::PipelineError;
-use mavsight_geometry::{ControlPoint, ImageSize, Matrix2, Vector2, Vector3};
+use mavsight_geometry::{Camera, ControlPoint, ImageSize, Matrix2, Vector2, Vector3};
 use mavsight_pose::{CameraControl, LeftOut, LeftOutReason, Rig, Selection, calibrate, select_control_balls};
 use mavsight_session::{ControlPixel, ControlPointRow};
 use mavsight_vision::{BallCandidate, BallColor, Detector, Frame};
@@ -39,17 +39,18 @@ pub fn calibrate_from_stills(
     let detector = Detector::new(&colors)
         .map_err(|source| PipelineError::Vision { place: "control points".into(), source })?;
     let mut detectors = vec![detector; stills.len()];
-    let first = rig_of(stills, table, &mut detectors)?;
+    let first = rig_of(stills, table, &mut detectors, None)?;
     for (detector, seen_by) in detectors.iter_mut().zip(&first.cameras) {
         *detector = detector.clone().with_camera(seen_by.camera);
     }
-    rig_of(stills, table, &mut detectors)
+    rig_of(stills, table, &mut detectors, Some(&first))
 }
 
 fn rig_of(
     stills: &[ControlStill],
     table: &[ControlPointRow],
     detectors: &mut [Detector],
+    first: Option<&Rig>,
 ) -> Result<Rig, PipelineError> {
     let seen: Vec<Seen> = std::iter::zip(stills, detectors)
         .map(|(still, detector)| seen_in_still(still, table, detector))
@@ -57,9 +58,13 @@ fn rig_of(
     let swapped = swapped_pairs(&seen);
     let mut left_out = named_swaps(&swapped, table);
     let mut controls = Vec::with_capacity(stills.len());
-    for (still, seen) in stills.iter().zip(&seen) {
+    for (k, (still, seen)) in stills.iter().zip(&seen).enumerate() {
         let is_swapped = |i: usize| swapped.iter().any(|(a, b)| *a == i || *b == i);
-        controls.push(control_of(still, seen, table, &is_swapped));
+        let mut control = control_of(still, seen, table, &is_swapped);
+        if let Some(camera) = first.and_then(|rig| rig.cameras.get(k)) {
+            doubt_odd_sizes(&mut control, &camera.camera);
+        }
+        controls.push(control.control);
         for i in seen.selection.elsewhere.iter().filter(|i| !is_swapped(**i)) {
             left_out.push(LeftOut {
                 name: table[*i].name.clone(),
@@ -142,8 +147,9 @@ fn control_of(
     seen: &Seen,
     table: &[ControlPointRow],
     is_swapped: &dyn Fn(usize) -> bool,
-) -> CameraControl {
+) -> Measured {
     let mut control = CameraControl::exact(still.camera.clone(), still.frame.size, vec![], vec![]);
+    let mut diameters_px = Vec::new();
     for (i, row) in table.iter().enumerate().filter(|(i, _)| !is_swapped(*i)) {
         let chosen = seen.selection.chosen[i];
         let Some(ball) = chosen.and_then(|index| seen.candidates[i].get(index)) else { continue };
@@ -155,8 +161,44 @@ fn control_of(
         });
         control.ball_radius_m.push(row.diameter_m / 2.0);
         control.survey_std_m.push(row.std_m);
+        diameters_px.push(ball.diameter_px);
     }
-    control
+    Measured { control, diameters_px }
+}
+
+/// Control points of one camera with the apparent diameters of their balls.
+struct Measured {
+    control: CameraControl,
+    diameters_px: Vec<f64>,
+}
+
+/// What makes a ball appear larger or smaller than it is, beyond what all balls of the camera share (blur, the light's fall
+/// towards the rim), moves its centre by up to as much: half the difference widens its covariance.
+fn doubt_odd_sizes(measured: &mut Measured, camera: &Camera) {
+    let control = &mut measured.control;
+    let expected_px = |point: &ControlPoint, radius_m: f64| {
+        let seen = camera.project(&point.point_in_world_m).ok()?;
+        let spread = seen.d_pixel_d_point_in_world * seen.d_pixel_d_point_in_world.transpose();
+        let diameter_px = 2.0 * radius_m * spread.determinant().powf(0.25);
+        (diameter_px > 0.0).then_some(diameter_px)
+    };
+    let expected_px: Vec<Option<f64>> =
+        control.points.iter().zip(&control.ball_radius_m).map(|(p, r)| expected_px(p, *r)).collect();
+    let ratio = |(measured, expected): (&f64, &Option<f64>)| expected.map(|e| measured / e);
+    let mut ratios: Vec<f64> = measured.diameters_px.iter().zip(&expected_px).filter_map(ratio).collect();
+    if ratios.is_empty() {
+        return;
+    }
+    let middle = ratios.len() / 2;
+    let usual = *ratios.select_nth_unstable_by(middle, f64::total_cmp).1;
+    for ((point, measured), expected) in
+        control.points.iter_mut().zip(&measured.diameters_px).zip(&expected_px)
+    {
+        if let Some(expected_px) = expected {
+            let odd_px = 0.5 * (measured - usual * expected_px);
+            point.pixel_cov_px2 += Matrix2::identity() * (odd_px * odd_px);
+        }
+    }
 }
 
 /// Solves for the cameras from pixels that were measured elsewhere.
