@@ -88,9 +88,9 @@ fn noisy(image: &[u8], random: &mut Random) -> Vec<u8> {
     image.iter().map(|v| (f64::from(*v) + NOISE_LEVELS * random.normal()).round() as u8).collect()
 }
 
-/// Sums over all centres of one ball: squared error, both bounds, squared normalised error, number.
+/// Sums over all centres of one ball: squared error, both bounds, squared normalised error, number, error in u and v.
 #[derive(Default)]
-struct Sums([f64; 5]);
+struct Sums([f64; 7]);
 
 fn follow(films: &[Film<'_>; 2], marker: (&str, [u8; 3], [f64; 3]), diameter_px: f64, sums: &mut Sums) {
     let [sharp, softer] = films;
@@ -112,7 +112,15 @@ fn follow(films: &[Film<'_>; 2], marker: (&str, [u8; 3], [f64; 3]), diameter_px:
             let Some(seen) = tracker.observe(&frame)[0] else { continue };
             let error = seen.pixel - pixel_of(&ball);
             let claimed = seen.covariance_px2.try_inverse().expect("a covariance");
-            let one = [error.norm_squared(), alone.trace(), all.trace(), error.dot(&(claimed * error)), 1.0];
+            let one = [
+                error.norm_squared(),
+                alone.trace(),
+                all.trace(),
+                error.dot(&(claimed * error)),
+                1.0,
+                error.x,
+                error.y,
+            ];
             sums.0.iter_mut().zip(one).for_each(|(sum, v)| *sum += v);
         }
     }
@@ -122,20 +130,24 @@ fn main() {
     let room = Room::meeting_room();
     let films = [film(&room, 0.5), film(&room, 0.6)];
     println!("noise {NOISE_LEVELS} levels, {} frames a ball", PLACES * FRAMES_AT_A_PLACE);
-    println!("ball            found  RMS, px  over the bound  over that with all else known  NEES/2");
+    println!(
+        "ball            found  RMS, px  over the bound  over that with all else known  NEES/2  mean error, px"
+    );
     for diameter_px in [5.0, 10.0, 30.0] {
         for marker in Vehicle::paper().marker {
             let mut sums = Sums::default();
             let painted = (marker.name.as_str(), marker.color.rgb(), marker.color.to_linear());
             follow(&films, painted, diameter_px, &mut sums);
-            let [square, alone, all, normalised, count] = sums.0;
+            let [square, alone, all, normalised, count, u, v] = sums.0;
             println!(
-                "{diameter_px:4.0} px {:8} {count:5.0}  {:.4}         {:.2}                 {:.2}                      {:.2}",
+                "{diameter_px:4.0} px {:8} {count:5.0}  {:.4}         {:.2}                 {:.2}                      {:.2}     {:+.4} {:+.4}",
                 marker.name,
                 (0.5 * square / count).sqrt(),
                 (square / all).sqrt(),
                 (square / alone).sqrt(),
-                0.5 * normalised / count
+                0.5 * normalised / count,
+                u / count,
+                v / count
             );
         }
     }

@@ -232,3 +232,37 @@ pub fn calibrate_from_observations(
 fn solve(controls: &[CameraControl]) -> Result<Rig, PipelineError> {
     calibrate(controls).map_err(|source| PipelineError::Pose { place: "calibration".into(), source })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_geometry::Intrinsics;
+
+    #[test]
+    fn a_ball_that_appears_too_large_is_believed_less() {
+        let size = ImageSize { width_px: 640, height_px: 480 };
+        let intrinsics = Intrinsics::from_horizontal_fov(size, 53_f64.to_radians());
+        let camera = Camera::looking_at(Vector3::new(0.0, -6.0, 0.0), Vector3::zeros(), intrinsics, size);
+        let mut control = CameraControl::exact("cam".to_owned(), size, vec![], vec![]);
+        let mut diameters_px = Vec::new();
+        for k in 0..5 {
+            let x_m = 0.5 * f64::from(k) - 1.0;
+            control.points.push(ControlPoint {
+                name: k.to_string(),
+                point_in_world_m: Vector3::new(x_m, 0.0, 0.0),
+                pixel: Vector2::zeros(),
+                pixel_cov_px2: Matrix2::identity() * 1e-4,
+            });
+            control.ball_radius_m.push(0.03);
+            // All appear 2 % too large.
+            diameters_px.push(1.02 * 0.06 * intrinsics.fx_px / 6.0);
+        }
+        diameters_px[3] += 0.4;
+        let mut measured = Measured { control, diameters_px };
+        doubt_odd_sizes(&mut measured, &camera);
+        let std_px: Vec<f64> =
+            measured.control.points.iter().map(|p| p.pixel_cov_px2[(0, 0)].sqrt()).collect();
+        assert!((std_px[3] - 0.2).abs() < 0.03, "{std_px:?}");
+        assert!([0, 1, 2, 4].iter().all(|k| std_px[*k] < 0.04), "{std_px:?}");
+    }
+}

@@ -196,7 +196,9 @@ fn tick(value: f64, span: f64) -> String {
         return "0".to_owned();
     }
     if !(1e-2..=1e5).contains(&span) {
-        return format!("{value:.2e}");
+        // As many digits as tell neighbouring ticks, a tenth of the span apart, from each other.
+        let digits = (value.abs().log10().floor() - span.log10().floor() + 1.0).clamp(1.0, 6.0) as usize;
+        return format!("{value:.digits$e}");
     }
     let digits = (1.0 - span.log10().floor()).clamp(0.0, 5.0) as usize;
     format!("{value:.digits$}")
@@ -232,6 +234,12 @@ mod tests {
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
         assert_eq!(svg.matches("stroke=\"#0072B2\"").count(), 3, "two runs and the legend");
         assert!(svg.contains("a &lt;b&gt;") && svg.contains("viewBox"));
+    }
+
+    #[test]
+    fn neighbouring_ticks_of_a_small_span_differ() {
+        let labels: Vec<String> = (0..5).map(|k| tick(-0.0243 - 2e-6 * f64::from(k), 1e-5)).collect();
+        assert!(labels.windows(2).all(|pair| pair[0] != pair[1]), "{labels:?}");
     }
 
     #[test]

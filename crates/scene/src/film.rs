@@ -188,3 +188,45 @@ fn blur(light: &[[f32; 3]], width: usize, height: usize, kernel: &[f32]) -> Vec<
     }
     down
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A Gaussian of variance σ² over a pixel of variance 1/12 has the sum of both, wherever light falls within the pixel.
+    #[test]
+    fn the_lens_spreads_light_alike_from_every_place_of_a_pixel() {
+        let (blur_px, pixels) = (0.5, 9);
+        let lens = Lens::new(blur_px);
+        assert!((lens.coarse.iter().sum::<f32>() - 1.0).abs() < 1e-6);
+        for place in 0..PART_SAMPLES {
+            let mut row = vec![[0.0; 3]; pixels * PART_SAMPLES];
+            let from = pixels / 2 * PART_SAMPLES + place;
+            row[from] = [1.0; 3];
+            let mut line = vec![[0.0; 3]; pixels];
+            lens.across(&row, &mut line);
+            let sum: f64 = line.iter().map(|l| f64::from(l[0])).sum();
+            let moment = |power: i32, about: f64| {
+                let term = |(k, l): (usize, &[f32; 3])| f64::from(l[0]) * (k as f64 - about).powi(power);
+                line.iter().enumerate().map(term).sum::<f64>() / sum
+            };
+            let true_px = (from as f64 + 0.5) / PART_SAMPLES as f64 - 0.5;
+            let mean_px = moment(1, 0.0);
+            assert!((mean_px - true_px).abs() < 0.005, "{place}: {mean_px} for {true_px}");
+            let variance_px2 = moment(2, mean_px);
+            assert!((variance_px2 - blur_px * blur_px - 1.0 / 12.0).abs() < 0.02, "{place}: {variance_px2}");
+            // Every place sends the same amount of light.
+            assert!((sum - 1.0 / PART_SAMPLES as f64).abs() < 0.001, "{place}: {sum}");
+        }
+    }
+
+    #[test]
+    fn without_blur_a_pixel_is_the_mean_of_its_samples() {
+        let lens = Lens::new(0.0);
+        let row: Vec<[f32; 3]> = (0..2 * PART_SAMPLES).map(|k| [k as f32; 3]).collect();
+        let mut line = [[0.0; 3]; 2];
+        lens.across(&row, &mut line);
+        let first = (PART_SAMPLES as f32 - 1.0) / 2.0;
+        assert!((line[0][0] - first).abs() < 1e-4 && (line[1][0] - first - PART_SAMPLES as f32).abs() < 1e-4);
+    }
+}
