@@ -24,7 +24,7 @@ use crate::outline::Outline;
 use crate::patch::Patch;
 use crate::{Matrix2, Vector2};
 use equations::{Covariance, Equations};
-use model::{BALL, COUNT, EDGE, FIRST_ORDER, Model, Parameters, RADIUS, SHADE, SITING};
+use model::{BALL, COUNT, EDGE, FIRST_ORDER, GLOSS, Model, Parameters, RADIUS, SHADE, SITING};
 use nalgebra::{Cholesky, SMatrix};
 use surroundings::Disc;
 
@@ -62,6 +62,9 @@ const LEAST_TRUSTED: f64 = 0.5;
 /// lit from one side and half as much from all around has 0.5, and passes what light has of the second order 3/8 as
 /// strongly as what it has of the first (Ramamoorthi & Hanrahan 2001, eq. 9).
 const SHADE_STD: [f64; 2] = [0.5, 0.2];
+/// Standard deviation of the slope of the light that a gloss adds: a dielectric mirrors 4 % of what falls on it, of which a
+/// quarter may come from one side.
+const GLOSS_STD: f64 = 0.01;
 /// Noise of a pixel before a film has shown its own: two levels, a consumer camera's in a lit room (shot noise of 8000
 /// electrons is 1.4 levels at half the range), and the number of samples that this guess counts for.
 pub(crate) const NOISE_STD: f64 = 2.0;
@@ -236,7 +239,8 @@ fn prior(start: &Start, model: &Model) -> [Known; COUNT] {
     for known in &mut prior[BALL..SHADE] {
         known.variance = 1.0;
     }
-    for (i, known) in prior[SHADE..SITING].iter_mut().enumerate() {
+    prior[GLOSS..SITING].fill(Known { mean: 0.0, variance: GLOSS_STD * GLOSS_STD });
+    for (i, known) in prior[SHADE..GLOSS].iter_mut().enumerate() {
         let std = SHADE_STD[usize::from(i >= FIRST_ORDER)];
         *known = Known { mean: 0.0, variance: std * std };
     }

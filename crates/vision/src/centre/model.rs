@@ -5,15 +5,17 @@ use crate::outline::Outline;
 use nalgebra::SVector;
 
 /// Centre x and y, radius, edge width; ball colour of three channels; shading of first order (x, y, z of the surface's
-/// normal) and second (xy, xz, yz, x² - y², z²); columns by which the colour differences are sited to the right of the left pixel of their block.
-pub(super) const COUNT: usize = 16;
+/// normal) and second (xy, xz, yz, x² - y², z²); slopes x and y of the neutral light
+/// that a gloss adds; columns by which the colour differences are sited to the right of the left pixel of their block.
+pub(super) const COUNT: usize = 18;
 pub(super) const RADIUS: usize = 2;
 pub(super) const EDGE: usize = 3;
 pub(super) const BALL: usize = 4;
 pub(super) const SHADE: usize = 7;
-pub(super) const SITING: usize = 15;
+pub(super) const GLOSS: usize = 15;
+pub(super) const SITING: usize = 17;
 /// Terms of the shading, and those of first order among them.
-const SHADES: usize = SITING - SHADE;
+const SHADES: usize = GLOSS - SHADE;
 pub(super) const FIRST_ORDER: usize = 3;
 /// Parameters that a single pixel depends on.
 pub(super) const OWN: usize = SITING;
@@ -88,51 +90,96 @@ impl Model {
         (z, [by_centre[0], by_centre[1], by_radius, -(z + 2.0 * bend * stretch) / p[EDGE]])
     }
 
-    /// Brightness of the ball relative to its colour, and its derivatives by the shading's coefficients: the first and second
-    /// spherical harmonics of the normal, in which the light on a matt ball under any lamps is known to about 2 % (Basri &
-    /// Jacobs 2003; Ramamoorthi & Hanrahan 2001).
-    fn shade_at(&self, x_px: f64, y_px: f64) -> (f64, [f64; SHADES]) {
+    /// First and second spherical harmonics of the normal at a place, in which the light on a matt ball under any lamps is
+    /// known to about 2 % (Basri & Jacobs 2003; Ramamoorthi & Hanrahan 2001), less their means over the disc, so that the
+    /// colour stays that of the whole ball; and what the slope of each along two axes is, per pixel, as far as it matters to
+    /// the centre.
+    fn harmonics_at(&self, x_px: f64, y_px: f64) -> [[f64; SHADES]; 3] {
         let (x, y) = ((x_px - self.origin.0) / self.unit_px, (y_px - self.origin.1) / self.unit_px);
         let (size, ..) = self.outline.measure(x, y);
-        let scale = size.max(1.0).recip();
-        let (x, y) = (x * scale, y * scale);
         let left = 1.0 - size * size;
         let z2 = 0.5 * (left + (left * left + RIM_SOFT * RIM_SOFT).sqrt());
         let z = z2.sqrt();
-        // Less the means over the disc, so that the colour stays that of the whole ball.
-        let terms = [x, y, z - 2.0 / 3.0, x * y, x * z, y * z, x * x - y * y, z2 - 0.5];
-        (1.0 + terms.iter().enumerate().map(|(i, t)| t * self.p[SHADE + i]).sum::<f64>(), terms)
+        let per_px = |slopes: [f64; SHADES]| slopes.map(|s| s / self.unit_px);
+        [
+            [x, y, z - 2.0 / 3.0, x * y, x * z, y * z, x * x - y * y, z2 - 0.5],
+            per_px([1.0, 0.0, 0.0, y, z, 0.0, 2.0 * x, 0.0]),
+            per_px([0.0, 1.0, 0.0, x, 0.0, z, -2.0 * y, 0.0]),
+        ]
+    }
+
+    /// The rim at a pixel.
+    fn rim_at(&self, x_px: f64, y_px: f64) -> Rim {
+        let (z, by) = self.edge_at(x_px, y_px);
+        if z.abs() > FAR {
+            return Rim { covered: if z > 0.0 { 1.0 } else { 0.0 }, slope: [0.0; 4], bend: [[0.0; 2]; 4] };
+        }
+        let density = DENSITY * (-0.5 * z * z).exp();
+        let edge_px = self.p[EDGE];
+        let distance_px = (self.p[RADIUS] - z * edge_px).max(0.5 * edge_px);
+        let normal = [by[0] * edge_px, by[1] * edge_px];
+        let bend = std::array::from_fn(|k| {
+            std::array::from_fn(|axis| {
+                let turned = match k {
+                    RADIUS => 0.0,
+                    EDGE => -by[axis] / edge_px,
+                    _ => {
+                        let same = f64::from(u8::from(k == axis));
+                        (normal[axis] * normal[k] - same) / (distance_px * edge_px)
+                    }
+                };
+                density * (turned - z * by[k] * by[axis])
+            })
+        });
+        Rim { covered: normal_cdf(z, density), slope: by.map(|d| density * d), bend }
     }
 
     /// What a pixel shows whose uncovered part shows `behind` (linear light).
     pub(super) fn at(&self, x_px: f64, y_px: f64, behind: &[f64; 3]) -> Shown {
         let p = &self.p;
-        let (z, by) = self.edge_at(x_px, y_px);
-        let (covered, slope) = if z.abs() > FAR {
-            (if z > 0.0 { 1.0 } else { 0.0 }, [0.0; 4])
-        } else {
-            let density = DENSITY * (-0.5 * z * z).exp();
-            (normal_cdf(z, density), by.map(|d| density * d))
-        };
-        let (shade, terms) = self.shade_at(x_px, y_px);
+        let Rim { covered, slope, bend } = self.rim_at(x_px, y_px);
+        let [terms, across, down] = self.harmonics_at(x_px, y_px);
+        // Blur of variance w² moves light along its slope: f·disc blurred is f·(disc blurred) + w² ∇f·∇(disc blurred).
+        let spread = p[EDGE] * p[EDGE];
+        let lit: [f64; SHADES] = std::array::from_fn(|i| {
+            covered * terms[i] - spread * (across[i] * slope[0] + down[i] * slope[1])
+        });
+        let shaded = |by: &[f64; SHADES]| by.iter().enumerate().map(|(i, t)| t * p[SHADE + i]).sum::<f64>();
+        let (shade, whole) = (1.0 + shaded(&terms), covered + shaded(&lit));
+        let (shade_across, shade_down) = (shaded(&across), shaded(&down));
+        let gloss = |by: (f64, f64)| p[GLOSS] * by.0 + p[GLOSS + 1] * by.1;
         let mut shown = Shown { covered, coded: [0.0; 3], by: [[0.0; OWN]; 3], open: 0.0 };
         for c in 0..3 {
-            let ball = p[BALL + c] * shade;
-            let (code, gain) = encode(behind[c] + covered * (ball - behind[c]));
+            let ball = p[BALL + c];
+            let light = behind[c] * (1.0 - covered) + ball * whole + gloss((lit[0], lit[1]));
+            let (code, gain) = encode(light);
             shown.coded[c] = code;
             shown.open += (1.0 - covered) * gain / encode(behind[c]).1 / 3.0;
             let by = &mut shown.by[c];
-            for (out, s) in by.iter_mut().zip(slope) {
-                *out = gain * (ball - behind[c]) * s;
+            let contrast = ball * shade + gloss((terms[0], terms[1])) - behind[c];
+            let along =
+                [ball * shade_across + p[GLOSS] * across[0], ball * shade_down + p[GLOSS + 1] * down[1]];
+            for k in 0..4 {
+                by[k] = contrast * slope[k] - spread * (along[0] * bend[k][0] + along[1] * bend[k][1]);
             }
-            by[BALL + c] = gain * covered * shade;
-            let lit = gain * covered * p[BALL + c];
-            for (out, term) in by[SHADE..].iter_mut().zip(terms) {
-                *out = lit * term;
+            by[EDGE] -= 2.0 * p[EDGE] * (along[0] * slope[0] + along[1] * slope[1]);
+            by[..4].iter_mut().for_each(|d| *d *= gain);
+            by[BALL + c] = gain * whole;
+            for (out, l) in by[SHADE..GLOSS].iter_mut().zip(lit) {
+                *out = gain * ball * l;
             }
+            (by[GLOSS], by[GLOSS + 1]) = (gain * lit[0], gain * lit[1]);
         }
         shown
     }
+}
+
+/// Coverage of a pixel at the rim, its derivatives by centre, radius and edge width, and the derivatives by these of the
+/// first two.
+struct Rim {
+    covered: f64,
+    slope: [f64; 4],
+    bend: [[f64; 2]; 4],
 }
 
 impl Shown {
@@ -156,8 +203,8 @@ mod tests {
     #[test]
     fn derivatives_are_the_numeric_ones() {
         let mut p = Parameters::zeros();
-        p.as_mut_slice()[..15].copy_from_slice(&[
-            10.2, 8.9, 2.6, 0.6, 0.5, 0.1, 0.05, 0.2, -0.3, 0.1, 0.05, -0.1, 0.1, -0.05, 0.1,
+        p.as_mut_slice()[..17].copy_from_slice(&[
+            10.2, 8.9, 2.6, 0.6, 0.5, 0.1, 0.05, 0.2, -0.3, 0.1, 0.05, -0.1, 0.1, -0.05, 0.1, 0.01, -0.01,
         ]);
         let model = Model { p, origin: (10.0, 9.0), unit_px: 2.5, outline: Outline::ROUND };
         let behind = [0.4, 0.42, 0.35];
