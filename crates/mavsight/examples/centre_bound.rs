@@ -40,8 +40,8 @@ fn derivative(up: &[u8], down: &[u8], step: f64) -> Vec<f64> {
     up.iter().zip(down).map(|(a, b)| (f64::from(*a) - f64::from(*b)) / step).collect()
 }
 
-/// Least covariance of an unbiased centre, px²: with all else known, and with what must be estimated along with it (radius,
-/// blur, colour and the slopes of its shading).
+/// Least covariance of an unbiased centre, px²: with all else known, and with what must be estimated along with it: radius,
+/// blur, colour, the light on the ball in first and second harmonics, and the slope of what its gloss adds.
 fn bounds(sharp: &Film<'_>, softer: &Film<'_>, ball: &PaintedBall) -> (Matrix2<f64>, Matrix2<f64>) {
     let view = camera();
     let right = view.cam_from_world.rotation.inverse() * Vector3::x();
@@ -59,8 +59,8 @@ fn bounds(sharp: &Film<'_>, softer: &Film<'_>, ball: &PaintedBall) -> (Matrix2<f
     let resized = |by: f64| PaintedBall { radius_m: ball.radius_m + by, ..*ball };
     columns.push(between(&resized(half_px_m), &resized(-half_px_m), 1.0));
     columns.push(derivative(&shown(softer, ball), &shown(sharp, ball), 0.1));
-    let centre = pixel_of(ball);
-    let mut lit = vec![0.0; 3 * SIZE.area_px()];
+    // Change of every sample with the ball's light as it is coloured, and with neutral light that a gloss adds.
+    let (mut lit, mut glossy) = (vec![0.0; 3 * SIZE.area_px()], vec![0.0; 3 * SIZE.area_px()]);
     for channel in 0..3 {
         let dyed = |by: f64| {
             let mut linear = ball.linear;
@@ -68,13 +68,33 @@ fn bounds(sharp: &Film<'_>, softer: &Film<'_>, ball: &PaintedBall) -> (Matrix2<f
             PaintedBall { linear, ..*ball }
         };
         let by_color = between(&dyed(0.1), &dyed(-0.1), 0.2);
-        lit.iter_mut().zip(&by_color).for_each(|(sum, d)| *sum += d);
+        for ((lit, glossy), d) in lit.iter_mut().zip(&mut glossy).zip(&by_color) {
+            *lit += d;
+            *glossy += d / ball.linear[channel];
+        }
         columns.push(by_color);
     }
-    let place = |k: usize| Vector2::new((k / 3 % 640) as f64, (k / 3 / 640) as f64) - centre;
+    let centre = pixel_of(ball);
     let radius_px = ball.radius_m / (2.0 * half_px_m);
-    columns.push(lit.iter().enumerate().map(|(k, v)| v * place(k).x / radius_px).collect());
-    columns.push(lit.iter().enumerate().map(|(k, v)| v * place(k).y / radius_px).collect());
+    let over = |light: &[f64], harmonic: &dyn Fn(f64, f64, f64) -> f64| -> Vec<f64> {
+        let at = |k: usize| {
+            let place = (Vector2::new((k / 3 % 640) as f64, (k / 3 / 640) as f64) - centre) / radius_px;
+            harmonic(place.x, place.y, (1.0 - place.norm_squared()).max(0.0).sqrt())
+        };
+        light.iter().enumerate().map(|(k, v)| if *v == 0.0 { 0.0 } else { v * at(k) }).collect()
+    };
+    let harmonics: [&dyn Fn(f64, f64, f64) -> f64; 8] = [
+        &|x, _, _| x,
+        &|_, y, _| y,
+        &|_, _, z| z,
+        &|x, y, _| x * y,
+        &|x, _, z| x * z,
+        &|_, y, z| y * z,
+        &|x, y, _| x * x - y * y,
+        &|_, _, z| z * z,
+    ];
+    columns.extend(harmonics.iter().map(|h| over(&lit, *h)));
+    columns.extend(harmonics[..2].iter().map(|h| over(&glossy, *h)));
     let n = columns.len();
     let information = DMatrix::from_fn(n, n, |i, j| {
         columns[i].iter().zip(&columns[j]).map(|(a, b)| a * b).sum::<f64>() / VARIANCE
