@@ -12,7 +12,7 @@ use nalgebra::SMatrix;
 pub(super) type Information = SMatrix<f64, COUNT, COUNT>;
 
 /// Samples well inside a large ball that are used: enough to know its colour and shading as well as the rim needs.
-const MOST_INSIDE: usize = 96;
+const MOST_INSIDE: usize = 400;
 /// Depth inside the outline, in edge widths, from which samples say nothing of it: the shading near the rim is then told
 /// from what lies around it there, whatever lamps and gloss do in the middle.
 const DEEPEST: f64 = 6.0;
