@@ -16,6 +16,7 @@
 mod cholesky;
 mod equations;
 mod model;
+mod normal;
 mod samples;
 mod surroundings;
 
@@ -25,7 +26,7 @@ use crate::patch::Patch;
 use crate::{Matrix2, Vector2};
 use equations::{Covariance, Equations};
 use model::{BALL, COUNT, EDGE, FIRST_ORDER, GLOSS, Model, Parameters, RADIUS, SHADE, SITING};
-use nalgebra::{Cholesky, SMatrix};
+use normal::Normal;
 use surroundings::Disc;
 
 /// Smallest radius whose centre is fitted.
@@ -36,15 +37,19 @@ const RADIUS_MARGIN: f64 = 1.25;
 const PIXEL_STD_PX: f64 = 0.288_675;
 /// Coverage below which a pixel counts as clear of the ball, and above one less which as inside it.
 const CLEAR: f64 = 0.01;
-/// Rounds in which background and noise are set anew, and steps in each.
-const ROUNDS: usize = 8;
-const STEPS: usize = 4;
-/// Rounds after which trust and noise are kept, so that the steps shrink.
-const WEIGHED_ROUNDS: usize = 4;
-/// Rounds before which nothing is final.
-const LEAST_ROUNDS: usize = 2;
-/// Squared length, in standard deviations, of a step that no longer matters.
-const SMALL_STEP: f64 = 0.01;
+/// Steps after which a fit is given up.
+const MOST_STEPS: usize = 24;
+/// Times that trust and noise are set before they are kept, so that the steps shrink.
+const MOST_WEIGHED: usize = 4;
+/// Times that they are set at least: first the trust, then the noise too. A ball that is followed brings its noise along.
+const LEAST_WEIGHED: usize = 2;
+const LEAST_WEIGHED_FOLLOWED: usize = 1;
+/// Squared length, in standard deviations over all parameters, of a step whose outcome may be foreseen from the equations'
+/// linear form: as long as that by which two frames' noise sets their parameters apart (2 a parameter; three quarters of all
+/// frames).
+const NEAR: f64 = 3.0 * COUNT as f64;
+/// That of the last step: what the next would add is an order of magnitude less.
+const SMALL_STEP: f64 = 0.1;
 /// Movement after which the background is estimated again.
 const SAME_PLACE_PX: f64 = 0.1;
 /// Part of the diameter by which a centre may be off whatever the image shows: moulded balls are round to a few
@@ -84,6 +89,60 @@ pub(crate) struct Fit {
     pub(crate) trusted: f64,
     /// With what was known of it before.
     pub(crate) optics: Optics,
+    pub(crate) followed: Followed,
+}
+
+/// What a ball looked like when it was last seen, for its next fit to start from; it tells that fit nothing.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Followed {
+    parameters: Parameters,
+    noise_variance: f64,
+}
+
+/// A step of Gauss-Newton: the change, and its squared length in standard deviations.
+struct Step {
+    change: Parameters,
+    length: f64,
+}
+
+/// The forming and solving of one step's equations, compiled for each vector unit that a processor may have.
+struct Solve<'a> {
+    equations: (&'a mut Equations, &'a mut Normal),
+    patch: &'a Patch,
+    model: &'a Model,
+    prior: &'a [Known; COUNT],
+    covariance: Covariance,
+}
+
+impl pulp::WithSimd for Solve<'_> {
+    type Output = Option<(Parameters, f64)>;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Self::Output {
+        let (equations, normal) = self.equations;
+        normal.clear();
+        equations.add_to(self.patch, self.model, self.covariance, normal)?;
+        for (i, known) in self.prior.iter().enumerate() {
+            normal.add_known(i, known.variance.recip(), known.mean - self.model.p[i]);
+        }
+        normal.solve()
+    }
+}
+
+/// The same for what is done where the ball has moved.
+struct LookAround<'a> {
+    equations: &'a mut Equations,
+    patch: &'a Patch,
+    model: &'a Model,
+}
+
+impl pulp::WithSimd for LookAround<'_> {
+    type Output = Option<()>;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Self::Output {
+        self.equations.look_around(self.patch, self.model)
+    }
 }
 
 /// Where a fit starts.
@@ -97,12 +156,15 @@ pub(crate) struct Start {
     pub(crate) outline: Outline,
     /// The radius, where something is known of it beforehand.
     pub(crate) known_radius_px: Option<Known>,
+    /// The same ball in a frame before.
+    pub(crate) followed: Option<Followed>,
 }
 
 /// Fits balls; its working space is reused.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Fitter {
     equations: Equations,
+    normal: Normal,
 }
 
 impl Fitter {
@@ -117,59 +179,50 @@ impl Fitter {
         let mut model = first_guess(start, range_px);
         let prior = prior(start, &model);
         let reach_px = 1.0 + model.unit_px;
-        self.equations.begin(patch);
-        let mut last_place = None;
-        for round in 0..ROUNDS {
-            let place = model.p.xy();
-            (model.origin, model.unit_px) = ((place.x, place.y), model.p[RADIUS]);
-            let same = last_place.is_some_and(|last: Vector2<f64>| (last - place).norm() < SAME_PLACE_PX);
-            if round < LEAST_ROUNDS || !same {
-                self.equations.look_around(patch, &model)?;
-                last_place = Some(place);
+        let least_weighed = if start.followed.is_some() { LEAST_WEIGHED_FOLLOWED } else { LEAST_WEIGHED };
+        self.equations.begin(patch, start.followed.map(|f| f.noise_variance));
+        let (mut weighed, mut seen_from, mut covariance) = (0, None, Covariance::Anew);
+        for _ in 0..MOST_STEPS {
+            if seen_from.is_none_or(|from| distance_px(&from, &model.p) > SAME_PLACE_PX) {
+                (model.origin, model.unit_px) = ((model.p[0], model.p[1]), model.p[RADIUS]);
+                let equations = &mut self.equations;
+                pulp::Arch::new().dispatch(LookAround { equations, patch, model: &model })?;
+                (seen_from, covariance) = (Some(model.p), Covariance::Anew);
             }
-            let mut settled = false;
-            for step in 0..STEPS {
-                let covariance = if step == 0 { Covariance::Anew } else { Covariance::Kept };
-                let change = self.step(patch, &model, &prior, covariance)?;
-                settled = change.1 < SMALL_STEP;
-                model.p += change.0;
-                model.p[RADIUS] = model.p[RADIUS].clamp(range_px.0, range_px.1);
-                model.p[EDGE] = model.p[EDGE].clamp(PIXEL_STD_PX, 0.6 * model.p[RADIUS].max(LEAST_RADIUS_PX));
-                if (model.p.xy() - start.pixel).norm() > reach_px {
+            let step = self.step(patch, &model, &prior, covariance)?;
+            covariance = Covariance::Kept;
+            model.p += step.change;
+            model.p[RADIUS] = model.p[RADIUS].clamp(range_px.0, range_px.1);
+            model.p[EDGE] = model.p[EDGE].clamp(PIXEL_STD_PX, 0.6 * model.p[RADIUS].max(LEAST_RADIUS_PX));
+            if (model.p.xy() - start.pixel).norm() > reach_px {
+                return None;
+            }
+            if step.length < SMALL_STEP && weighed >= least_weighed {
+                return self.summarize(patch, &model, range_px);
+            }
+            if step.length < NEAR && weighed < MOST_WEIGHED {
+                let with_noise = weighed + 1 >= least_weighed;
+                self.equations.reweigh(patch, &step.change, with_noise);
+                (weighed, covariance) = (weighed + 1, Covariance::Anew);
+                if weighed >= least_weighed && self.equations.trusted() < LEAST_TRUSTED {
                     return None;
                 }
-                if settled {
-                    break;
-                }
-            }
-            if settled && same && round >= LEAST_ROUNDS {
-                return self.summarize(patch, &model, &prior, range_px);
-            }
-            if round < WEIGHED_ROUNDS {
-                self.equations.reweigh(patch, &model, round);
-            }
-            if round >= LEAST_ROUNDS && self.equations.trusted() < LEAST_TRUSTED {
-                return None;
             }
         }
         None
     }
 
-    /// One step of Gauss-Newton, and its squared length in standard deviations.
+    /// One step of Gauss-Newton.
     fn step(
         &mut self,
         patch: &Patch,
         model: &Model,
         prior: &[Known; COUNT],
         covariance: Covariance,
-    ) -> Option<(Parameters, f64)> {
-        let (mut information, mut gradient) = self.equations.normal(patch, model, covariance)?;
-        for (i, known) in prior.iter().enumerate() {
-            information[(i, i)] += known.variance.recip();
-            gradient[i] += (known.mean - model.p[i]) / known.variance;
-        }
-        let mut change = Cholesky::new(information)?.solve(&gradient);
-        let length = gradient.dot(&change);
+    ) -> Option<Step> {
+        let equations = (&mut self.equations, &mut self.normal);
+        let (mut change, length) =
+            pulp::Arch::new().dispatch(Solve { equations, patch, model, prior, covariance })?;
         let longest = change.fixed_rows::<4>(0).amax();
         if !longest.is_finite() {
             return None;
@@ -177,29 +230,19 @@ impl Fitter {
         if longest > 0.5 {
             change *= 0.5 / longest;
         }
-        Some((change, length))
+        Some(Step { change, length })
     }
 
     /// Covariance, colour and plausibility at the solution.
-    fn summarize(
-        &mut self,
-        patch: &Patch,
-        model: &Model,
-        prior: &[Known; COUNT],
-        range_px: (f64, f64),
-    ) -> Option<Fit> {
+    fn summarize(&mut self, patch: &Patch, model: &Model, range_px: (f64, f64)) -> Option<Fit> {
         let p = &model.p;
         let inside_range = p[RADIUS] > range_px.0 && p[RADIUS] < range_px.1;
-        let (mut information, _): (SMatrix<f64, COUNT, COUNT>, _) =
-            self.equations.normal(patch, model, Covariance::Anew)?;
-        for (i, known) in prior.iter().enumerate() {
-            information[(i, i)] += known.variance.recip();
-        }
-        let covariance = Cholesky::new(information)?.inverse();
+        let columns = [0, 1].map(|k| self.normal.covariance_column(k));
+        let centre_px2 = Matrix2::from_fn(|i, j| columns[j][i]);
         let linear = [0, 1, 2].map(|channel| p[BALL + channel]);
         let texture_px = TEXTURE_GAIN * p[EDGE] * self.equations.texture(patch, &linear);
         let model_px2 = (MODEL_STD * 2.0 * p[RADIUS]).powi(2) + texture_px * texture_px;
-        let covariance_px2 = covariance.fixed_view::<2, 2>(0, 0) + Matrix2::identity() * model_px2;
+        let covariance_px2 = 0.5 * (centre_px2 + centre_px2.transpose()) + Matrix2::identity() * model_px2;
         let trusted = self.equations.trusted();
         let uncertain = covariance_px2.trace() > 0.5 * p[RADIUS] * p[RADIUS];
         let good = covariance_px2.iter().all(|v| v.is_finite())
@@ -207,7 +250,7 @@ impl Fitter {
             && !uncertain
             && self.equations.contrast(patch, &linear) > LEAST_CONTRAST
             && trusted > LEAST_TRUSTED;
-        let known = |i: usize| Known { mean: p[i], variance: covariance[(i, i)] };
+        let known = |i: usize| Known { mean: p[i], variance: self.normal.covariance_column(i)[i] };
         good.then(|| Fit {
             pixel: p.xy(),
             covariance_px2,
@@ -215,21 +258,30 @@ impl Fitter {
             ball: linear.map(|l| l.clamp(0.0, 1.0) as f32),
             trusted,
             optics: Optics { siting_px: known(SITING), edge_px: known(EDGE) },
+            followed: Followed { parameters: *p, noise_variance: self.equations.noise_variance() },
         })
     }
 }
 
 fn first_guess(start: &Start, range_px: (f64, f64)) -> Model {
     let mut p = Parameters::zeros();
-    (p[0], p[1]) = (start.pixel.x, start.pixel.y);
-    let radius_px = start.known_radius_px.map_or(start.radius_px, |known| known.mean);
-    p[RADIUS] = radius_px.clamp(range_px.0, range_px.1);
     p[EDGE] = start.optics.edge_px.mean;
+    p[SITING] = start.optics.siting_px.mean;
+    p[RADIUS] = start.known_radius_px.map_or(start.radius_px, |known| known.mean);
     for (channel, light) in start.ball.iter().enumerate() {
         p[BALL + channel] = f64::from(*light);
     }
-    p[SITING] = start.optics.siting_px.mean;
+    if let Some(followed) = &start.followed {
+        p = followed.parameters;
+    }
+    (p[0], p[1]) = (start.pixel.x, start.pixel.y);
+    p[RADIUS] = p[RADIUS].clamp(range_px.0, range_px.1);
     Model { p, origin: (p[0], p[1]), unit_px: p[RADIUS], outline: start.outline }
+}
+
+/// How far two models' discs are apart: middle, radius, and the width of the edge as far out as it reaches.
+fn distance_px(a: &Parameters, b: &Parameters) -> f64 {
+    (a.xy() - b.xy()).norm().max((a[RADIUS] - b[RADIUS]).abs()).max(2.0 * (a[EDGE] - b[EDGE]).abs())
 }
 
 /// What is known beforehand: little of place, radius and colour.

@@ -1,6 +1,6 @@
 //! Finding balls of given colours in a whole frame.
 
-use crate::centre::{Fitter, LEAST_RADIUS_PX, Start};
+use crate::centre::{Fitter, Followed, LEAST_RADIUS_PX, Start};
 use crate::color::{ColorModel, Seen, encode, to_linear};
 use crate::optics::{Known, Learned, Optics};
 use crate::outline::{Outline, usual_camera};
@@ -35,6 +35,10 @@ const LOOSE_GATE: f64 = 2.0;
 /// Pixels around a region that are looked at: the blur of the rim and a ring of background beyond it.
 const RING_PX: f64 = 5.0;
 
+/// How far from where its region shows it a ball may be foreseen: the middle of a region is known to about a quarter of
+/// this.
+const AS_FORESEEN_PX: f64 = 0.5;
+
 /// Searches whole frames for balls of given colours.
 #[derive(Debug, Clone)]
 pub struct Detector {
@@ -52,8 +56,20 @@ pub(crate) struct Workspace {
     pub(crate) optics: Learned,
     /// The camera, where it is known.
     pub(crate) camera: Option<Camera>,
-    /// The radius of the ball that is followed.
-    pub(crate) known_radius_px: Option<Known>,
+    /// The ball that is followed, where one is.
+    pub(crate) expected: Option<Expected>,
+}
+
+/// What is known of a ball from the frames before.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Expected {
+    pub(crate) radius_px: Known,
+    /// How it looked.
+    pub(crate) followed: Followed,
+    /// Where its motion takes it.
+    pub(crate) pixel: Option<Vector2<f64>>,
+    /// From the middle of its region to its centre.
+    pub(crate) from_region_px: Vector2<f64>,
 }
 
 impl Detector {
@@ -128,15 +144,28 @@ impl Workspace {
             if model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
                 continue;
             }
-            let known_radius_px = self.known_radius_px;
             let outline = Outline::at(&camera, &blob.pixel);
+            let known_radius_px = self.expected.map(|e| e.radius_px);
             let start = Start { optics, outline, known_radius_px, ..start(frame, blob, range_px) };
             self.patch.fill(frame, blob.pixel, start.radius_px + RING_PX);
-            let fit = self.fitter.fit(&self.patch, (0.5 * range_px.0, 0.5 * range_px.1), &start);
+            let range_px = (0.5 * range_px.0, 0.5 * range_px.1);
+            let followed = self.expected.and_then(|expected| {
+                let seen = blob.pixel + expected.from_region_px;
+                let foreseen = expected.pixel.filter(|p| (p - seen).norm() < AS_FORESEEN_PX);
+                let pixel = foreseen.unwrap_or(seen);
+                let start = Start { pixel, followed: Some(expected.followed), ..start };
+                self.fitter.fit(&self.patch, range_px, &start)
+            });
+            let fit = followed.or_else(|| self.fitter.fit(&self.patch, range_px, &start));
             found.extend(fit.and_then(|fit| {
                 judge(frame, blob, (model, marker), &fit).map(|ball| Sighting {
                     ball,
-                    radius_px: fit.radius_px,
+                    expected: Expected {
+                        radius_px: fit.radius_px,
+                        followed: fit.followed,
+                        pixel: None,
+                        from_region_px: fit.pixel - blob.pixel,
+                    },
                     optics: (optics, fit.optics),
                 })
             }));
@@ -167,6 +196,7 @@ fn start(frame: &Frame, blob: &Blob, range_px: (f64, f64)) -> Start {
         optics: Optics::default(),
         outline: Outline::ROUND,
         known_radius_px: None,
+        followed: None,
     }
 }
 
@@ -174,7 +204,7 @@ fn start(frame: &Frame, blob: &Blob, range_px: (f64, f64)) -> Start {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sighting {
     pub(crate) ball: BallCandidate,
-    pub(crate) radius_px: Known,
+    pub(crate) expected: Expected,
     /// Optics taken as known, and found.
     pub(crate) optics: (Optics, Optics),
 }

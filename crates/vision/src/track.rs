@@ -2,7 +2,7 @@
 
 use crate::centre::LEAST_RADIUS_PX;
 use crate::color::{ColorModel, Seen, to_linear};
-use crate::detect::{Sighting, Workspace, is_measurable};
+use crate::detect::{Expected, Sighting, Workspace, is_measurable};
 use crate::optics::Known;
 use crate::segment::Window;
 use crate::{BallCandidate, BallColor, Frame, Vector2, VisionError};
@@ -44,7 +44,7 @@ struct Track {
     colors: [f32; 3],
     seen: u32,
     mean_radius_px: f64,
-    radius_px: Option<Known>,
+    expected: Option<Expected>,
     external: Option<Vector2<f64>>,
 }
 
@@ -113,15 +113,15 @@ impl Tracker {
     fn near_prediction(&mut self, frame: &Frame, marker: usize) -> Option<BallCandidate> {
         let (middle, reach_px) = self.tracks[marker].search(self.range_px)?;
         self.workspace.segmenter.collect(frame, &Window::around(frame, middle, reach_px));
-        self.workspace.known_radius_px = self.tracks[marker].expected_radius_px();
+        self.workspace.expected = self.tracks[marker].expected(middle);
         self.workspace.search(frame, &self.model, marker, self.range_px, &mut self.found);
-        self.workspace.known_radius_px = None;
+        self.workspace.expected = None;
         let track = &self.tracks[marker];
         let near = |ball: &BallCandidate| (ball.pixel - middle).norm() <= reach_px && track.agrees(ball);
         let sighting = self.found.iter().copied().find(|sighting| near(&sighting.ball))?;
         let (taken, found) = sighting.optics;
         self.workspace.optics.learn(taken, found);
-        self.tracks[marker].radius_px = Some(sighting.radius_px);
+        self.tracks[marker].expected = Some(sighting.expected);
         Some(sighting.ball)
     }
 
@@ -161,11 +161,13 @@ impl Track {
         Some((expected, diameter_px * (1.5 + f64::from(self.missed)) + 2.0))
     }
 
-    /// Radius to expect; None before it was first followed.
-    fn expected_radius_px(&self) -> Option<Known> {
-        let known = self.radius_px?;
+    /// What to expect of the ball; None before it was first followed.
+    fn expected(&self, middle: Vector2<f64>) -> Option<Expected> {
+        let expected = self.expected?;
+        let known = expected.radius_px;
         let change_px = RADIUS_CHANGE * f64::from(self.missed + 1) * known.mean;
-        Some(Known { variance: known.variance + change_px * change_px, ..known })
+        let radius_px = Known { variance: known.variance + change_px * change_px, ..known };
+        Some(Expected { radius_px, pixel: self.velocity_px.map(|_| middle), ..expected })
     }
 
     /// Whether a ball is of about the size and brightness of the one followed.

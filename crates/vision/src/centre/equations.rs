@@ -1,15 +1,13 @@
 //! The equations of a ball's fit: residuals, weights and derivatives of every sample that the ball touches.
 
 use super::cholesky::Skyline;
-use super::model::{COUNT, Model, Parameters, RESIDUAL, Row, SITING, Shown};
-use super::samples::{add, combined, grain_variance, visit};
+use super::model::{Behind, Model, Parameters, RESIDUAL, Row, SITING, Shown, WIDTH, add_scaled};
+use super::normal::Normal;
+use super::samples::{combined, grain_variance, visit};
 use super::surroundings::{Surroundings, biweight};
 use super::{CLEAR, NOISE_STD, NOISE_WEIGHT, ROUNDING_VARIANCE, disc};
 use crate::color::decode;
 use crate::patch::Patch;
-use nalgebra::SMatrix;
-
-pub(super) type Information = SMatrix<f64, COUNT, COUNT>;
 
 /// Samples well inside a large ball that are used: enough to know its colour and shading as well as the rim needs.
 const MOST_INSIDE: usize = 400;
@@ -25,6 +23,8 @@ const IN_FRONT: f64 = 0.5;
 /// relative strength of the ball.
 const HIDES: f64 = 2.0;
 
+/// Light behind a pixel that is wholly covered: any.
+const NOTHING: [f64; 3] = [0.5; 3];
 /// Weight at which a sample no longer counts.
 const LEAST_TRUST: f64 = 1e-3;
 
@@ -39,7 +39,7 @@ pub(super) enum Covariance {
 #[derive(Debug, Clone, Copy)]
 struct Used {
     index: u32,
-    behind: [f64; 3],
+    behind: Behind,
 }
 
 /// Working space.
@@ -58,8 +58,8 @@ pub(super) struct Equations {
     /// Trust, less what its neighbours spoil.
     weight: Vec<f64>,
     color_weight: Vec<f64>,
+    /// Each pixel in use: derivatives, behind those of the brightness its residual.
     shown: Vec<Shown>,
-    rows: Vec<Row>,
     whitened: Vec<Row>,
     variance: Vec<f64>,
     color_rows: Vec<[Row; 2]>,
@@ -76,9 +76,9 @@ pub(super) struct Equations {
 
 impl Equations {
     /// Trusts every sample of a new patch.
-    pub(super) fn begin(&mut self, patch: &Patch) {
+    pub(super) fn begin(&mut self, patch: &Patch, noise_variance: Option<f64>) {
         self.least_noise = grain_variance(patch, &mut self.grain).max(NOISE_STD * NOISE_STD);
-        self.noise_variance = self.least_noise;
+        self.noise_variance = noise_variance.unwrap_or(self.least_noise);
         self.trust.clear();
         self.trust.resize(patch.bright.len(), 1.0);
         self.color_trust.clear();
@@ -88,6 +88,7 @@ impl Equations {
     }
 
     /// Decides which samples the ball touches and what is behind it there.
+    #[inline(always)]
     pub(super) fn look_around(&mut self, patch: &Patch, model: &Model) -> Option<()> {
         let p = &model.p;
         self.covered.clear();
@@ -113,6 +114,7 @@ impl Equations {
     }
 
     /// How far each block is covered, and which blocks count.
+    #[inline(always)]
     fn cover_blocks(&mut self, patch: &Patch, model: &Model) {
         let siting_px = model.p[SITING];
         self.color_covered.clear();
@@ -140,6 +142,7 @@ impl Equations {
         }
     }
 
+    #[inline(always)]
     fn use_pixels(&mut self, patch: &Patch, model: &Model) {
         let color = self.surroundings.color;
         self.used.clear();
@@ -150,7 +153,7 @@ impl Equations {
                 color[1] - patch.from_coded[2][3],
             ];
             let behind = patch.to_coded.map(|row| decode((0..3).map(|k| row[k] * channels[k]).sum::<f64>()));
-            self.used.push(Used { index: *index, behind });
+            self.used.push(Used { index: *index, behind: Behind::of(behind) });
         }
         let deep = |(i, covered): &(usize, &f64)| {
             let (x, y) = patch.place(*i);
@@ -158,7 +161,8 @@ impl Equations {
         };
         let inside = || self.covered.iter().enumerate().filter(deep);
         let stride = inside().count().div_ceil(MOST_INSIDE).max(1);
-        self.used.extend(inside().step_by(stride).map(|(i, _)| Used { index: i as u32, behind: [0.5; 3] }));
+        let behind = Behind::of(NOTHING);
+        self.used.extend(inside().step_by(stride).map(|(i, _)| Used { index: i as u32, behind }));
         self.slot.clear();
         self.slot.resize(patch.bright.len(), 0);
         for (place, used) in self.used.iter().enumerate() {
@@ -166,14 +170,16 @@ impl Equations {
         }
     }
 
-    /// Information matrix and gradient of the samples; their covariance is set anew from the model or, within a round,
+    /// Adds the samples to the normal equations; their covariance is set anew from the model or, within a round,
     /// kept.
-    pub(super) fn normal(
+    #[inline(always)]
+    pub(super) fn add_to(
         &mut self,
         patch: &Patch,
         model: &Model,
         covariance: Covariance,
-    ) -> Option<(Information, Parameters)> {
+        normal: &mut Normal,
+    ) -> Option<()> {
         self.evaluate(patch, model);
         let stretched = self.surroundings.covariance.len();
         if covariance == Covariance::Anew {
@@ -187,38 +193,32 @@ impl Equations {
             }
         }
         self.whitened.clear();
-        self.whitened.extend_from_slice(&self.rows);
-        let mut sums = [[0.0; COUNT + 1]; COUNT];
+        self.whitened.extend(self.shown.iter().map(|shown| shown.channels[0]));
         self.factor.whiten(&mut self.whitened[..stretched]);
         for (row, variance) in self.whitened.iter_mut().zip(&self.variance).skip(stretched) {
             let scale = variance.sqrt().recip();
             row.iter_mut().for_each(|x| *x *= scale);
         }
         for row in &self.whitened {
-            add(&mut sums, row, 1.0);
+            normal.add(row, 1.0);
         }
         for (rows, variances) in self.color_rows.iter().zip(&self.color_variance) {
             for (row, variance) in rows.iter().zip(variances) {
-                add(&mut sums, row, variance.recip());
+                normal.add(row, variance.recip());
             }
         }
-        let information = Information::from_fn(|i, j| sums[i][j]);
-        Some((information, Parameters::from_fn(|i, _| sums[i][RESIDUAL])))
+        Some(())
     }
 
     /// Residuals and derivatives of all samples in use.
+    #[inline(always)]
     fn evaluate(&mut self, patch: &Patch, model: &Model) {
-        self.shown.clear();
-        self.rows.clear();
-        for used in &self.used {
+        self.shown.resize(self.used.len(), Shown::NOTHING);
+        for (used, shown) in self.used.iter().zip(&mut self.shown) {
             let index = used.index as usize;
-            let (x, y) = patch.place(index);
-            let shown = model.at(x, y, &used.behind);
-            let mut row = [0.0; COUNT + 1];
-            shown.add_to(&mut row, &patch.from_coded[0], 1.0);
-            row[RESIDUAL] = patch.bright[index] - row[RESIDUAL] - patch.from_coded[0][3];
-            self.rows.push(row);
-            self.shown.push(shown);
+            model.show(patch.place(index), &used.behind, &patch.from_coded, shown);
+            let residual = &mut shown.channels[0][RESIDUAL];
+            *residual = patch.bright[index] - *residual - patch.from_coded[0][3];
         }
         self.color_rows.clear();
         for block in &self.blocks {
@@ -228,6 +228,7 @@ impl Equations {
     }
 
     /// Variances of all samples in use as far as they are independent of each other.
+    #[inline(always)]
     fn set_variances(&mut self, patch: &Patch) {
         let over_face = IN_FRONT * self.surroundings.clutter;
         self.variance.clear();
@@ -252,15 +253,16 @@ impl Equations {
     }
 
     /// Both colour differences of a block: the mean over its pixels.
+    #[inline(always)]
     fn color_row(&self, patch: &Patch, model: &Model, block: usize) -> [Row; 2] {
-        let mut rows = [[0.0; COUNT + 1]; 2];
+        let mut rows = [[0.0; WIDTH]; 2];
         let free = [0, 1].map(|k| self.surroundings.color[k] - patch.from_coded[k + 1][3]);
+        let behind = Behind::of(NOTHING);
         visit(patch, block, model.p[SITING], |pixel, weight, by_siting| {
             let mut add_shown = |shown: &Shown| {
-                for (k, row) in rows.iter_mut().enumerate() {
-                    let channel = &patch.from_coded[k + 1];
-                    shown.add_to(row, channel, weight);
-                    row[SITING] += by_siting * (0..3).map(|c| channel[c] * shown.coded[c]).sum::<f64>();
+                for (row, channel) in rows.iter_mut().zip(&shown.channels[1..]) {
+                    add_scaled(row, channel, weight);
+                    row[SITING] += by_siting * channel[RESIDUAL];
                 }
             };
             match self.slot[pixel] {
@@ -271,8 +273,9 @@ impl Equations {
                     }
                 }
                 0 => {
-                    let (x, y) = patch.place(pixel);
-                    add_shown(&model.at(x, y, &[0.5; 3]));
+                    let mut shown = Shown::NOTHING;
+                    model.show(patch.place(pixel), &behind, &patch.from_coded, &mut shown);
+                    add_shown(&shown);
                 }
                 place => add_shown(&self.shown[place as usize - 1]),
             }
@@ -283,19 +286,17 @@ impl Equations {
         rows
     }
 
-    /// Sets the trust in each sample from its residual and, once the first fit stands, the noise from all of them.
+    /// Sets the trust in each sample from what a step from the last equations leaves of its residual and, once a first fit stands, the noise from
+    /// all of them.
     ///
     /// What is in front of the ball is no sharper than its blur, so neighbours of a sample that is not believed at all
     /// are not believed either.
-    pub(super) fn reweigh(&mut self, patch: &Patch, model: &Model, round: usize) {
-        if self.normal(patch, model, Covariance::Kept).is_none() {
-            return;
-        }
+    pub(super) fn reweigh(&mut self, patch: &Patch, step: &Parameters, with_noise: bool) {
         let (mut chi_square, mut count) = (0.0, -DETERMINED);
         self.spoiled.clear();
         for (place, used) in self.used.iter().enumerate() {
             let index = used.index as usize;
-            chi_square += self.whitened[place][RESIDUAL].powi(2);
+            chi_square += left(&self.whitened[place], step).powi(2);
             count += self.weight[index];
             let open = self.shown[place].open;
             let own = self.variance[place] * self.weight[index].max(LEAST_TRUST);
@@ -303,7 +304,7 @@ impl Equations {
             let behind =
                 if place < covariance.len() { covariance.row(place).1.last().copied() } else { None };
             let variance = own + open * open * behind.unwrap_or(0.0);
-            self.trust[index] = biweight(self.rows[place][RESIDUAL] / variance.sqrt());
+            self.trust[index] = biweight(left(&self.shown[place].channels[0], step) / variance.sqrt());
             if self.trust[index] == 0.0 {
                 self.spoiled.push(used.index);
             }
@@ -312,7 +313,7 @@ impl Equations {
             let weight = self.color_weight[*block as usize];
             let mut worst = 0.0_f64;
             for k in 0..2 {
-                let square = self.color_rows[place][k][RESIDUAL].powi(2) / self.color_variance[place][k];
+                let square = left(&self.color_rows[place][k], step).powi(2) / self.color_variance[place][k];
                 chi_square += square;
                 worst = worst.max(square / weight.max(LEAST_TRUST));
             }
@@ -324,7 +325,7 @@ impl Equations {
             }
         }
         self.spoil_neighbours(patch);
-        if round > 0 {
+        if with_noise {
             let guess = NOISE_WEIGHT * self.least_noise;
             let seen = (guess + chi_square * self.noise_variance) / (NOISE_WEIGHT + count.max(0.0));
             self.noise_variance = seen.max(ROUNDING_VARIANCE);
@@ -350,6 +351,11 @@ impl Equations {
         }
     }
 
+    /// Variance of one sample's noise.
+    pub(super) fn noise_variance(&self) -> f64 {
+        self.noise_variance
+    }
+
     /// Part of the covered samples that is believed.
     pub(super) fn trusted(&self) -> f64 {
         let (mut covered, mut believed) = (0.0, 0.0);
@@ -369,9 +375,9 @@ impl Equations {
             .map(|(row, around)| (combined(row, &coded) - around).powi(2))
             .sum();
         let (mut square, mut count) = (0.0, 0.0);
-        for (used, (shown, row)) in self.used.iter().zip(self.shown.iter().zip(&self.rows)) {
+        for (used, shown) in self.used.iter().zip(&self.shown) {
             let weight = shown.covered * self.weight[used.index as usize];
-            square += weight * (row[RESIDUAL].powi(2) - self.least_noise);
+            square += weight * (shown.channels[0][RESIDUAL].powi(2) - self.least_noise);
             count += weight;
         }
         let bright = square / f64::max(count, 1.0);
@@ -394,4 +400,9 @@ impl Equations {
             patch.from_coded.iter().zip(around).map(|(row, around)| (combined(row, &coded) - around).abs());
         differs.fold(0.0, f64::max) / self.noise_variance.sqrt()
     }
+}
+
+/// What a step leaves of a residual.
+fn left(row: &Row, step: &Parameters) -> f64 {
+    row[RESIDUAL] - step.iter().zip(row).map(|(change, by)| change * by).sum::<f64>()
 }

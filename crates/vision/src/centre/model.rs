@@ -17,13 +17,11 @@ pub(super) const SITING: usize = 17;
 /// Terms of the shading, and those of first order among them.
 const SHADES: usize = GLOSS - SHADE;
 pub(super) const FIRST_ORDER: usize = 3;
-/// Parameters that a single pixel depends on.
-pub(super) const OWN: usize = SITING;
-
 pub(super) type Parameters = SVector<f64, COUNT>;
-/// Derivatives by all parameters, and the residual behind them.
-pub(super) type Row = [f64; COUNT + 1];
+/// Derivatives by all parameters, the value or residual behind them, and nothing in what is left of whole lanes of four.
+pub(super) type Row = [f64; WIDTH];
 pub(super) const RESIDUAL: usize = COUNT;
+pub(super) const WIDTH: usize = 20;
 
 /// A ball and the coordinates of its shading.
 #[derive(Debug, Clone, Copy)]
@@ -35,14 +33,32 @@ pub(super) struct Model {
     pub(super) outline: Outline,
 }
 
-/// What a pixel shows: coded red, green and blue, and their derivatives.
+/// What is behind a pixel: linear light, and the slope of light over code there.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Behind {
+    light: [f64; 3],
+    decoding: [f64; 3],
+}
+
+impl Behind {
+    /// Of a light.
+    pub(super) fn of(light: [f64; 3]) -> Self {
+        Self { light, decoding: light.map(|l| encode(l).1.recip()) }
+    }
+}
+
+/// What a pixel shows: its channels, less their constants, behind their derivatives.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shown {
     pub(super) covered: f64,
-    pub(super) coded: [f64; 3],
-    pub(super) by: [[f64; OWN]; 3],
+    pub(super) channels: [Row; 3],
     /// Derivative of each code by the code of what is behind.
     pub(super) open: f64,
+}
+
+impl Shown {
+    /// Nothing yet.
+    pub(super) const NOTHING: Self = Self { covered: 0.0, channels: [[0.0; WIDTH]; 3], open: 0.0 };
 }
 
 /// The blur rounds off the normal's steep fall at the rim: an edge width over the radius, of a ball 6 px wide.
@@ -62,6 +78,7 @@ fn normal_cdf(z: f64, density: f64) -> f64 {
 
 impl Model {
     /// Fraction of a pixel that the disc covers: a Gaussian edge (lens, aperture and pixel together).
+    #[inline(always)]
     pub(super) fn coverage(&self, x_px: f64, y_px: f64) -> f64 {
         let (z, ..) = self.edge_at(x_px, y_px);
         if z.abs() > FAR {
@@ -77,6 +94,7 @@ impl Model {
 
     /// Distance of a pixel inside the edge, in edge widths; its derivatives by centre, radius and edge width, in which
     /// the outline's own stretch is taken as constant.
+    #[inline(always)]
     fn edge_at(&self, x_px: f64, y_px: f64) -> (f64, [f64; 4]) {
         let p = &self.p;
         let (size, ax, ay) = self.outline.measure(x_px - p[0], y_px - p[1]);
@@ -94,21 +112,24 @@ impl Model {
     /// known to about 2 % (Basri & Jacobs 2003; Ramamoorthi & Hanrahan 2001), less their means over the disc, so that the
     /// colour stays that of the whole ball; and what the slope of each along two axes is, per pixel, as far as it matters to
     /// the centre.
+    #[inline(always)]
     fn harmonics_at(&self, x_px: f64, y_px: f64) -> [[f64; SHADES]; 3] {
-        let (x, y) = ((x_px - self.origin.0) / self.unit_px, (y_px - self.origin.1) / self.unit_px);
+        let per_px = self.unit_px.recip();
+        let (x, y) = ((x_px - self.origin.0) * per_px, (y_px - self.origin.1) * per_px);
         let (size, ..) = self.outline.measure(x, y);
         let left = 1.0 - size * size;
         let z2 = 0.5 * (left + (left * left + RIM_SOFT * RIM_SOFT).sqrt());
         let z = z2.sqrt();
-        let per_px = |slopes: [f64; SHADES]| slopes.map(|s| s / self.unit_px);
+        let (xp, yp, zp) = (x * per_px, y * per_px, z * per_px);
         [
             [x, y, z - 2.0 / 3.0, x * y, x * z, y * z, x * x - y * y, z2 - 0.5],
-            per_px([1.0, 0.0, 0.0, y, z, 0.0, 2.0 * x, 0.0]),
-            per_px([0.0, 1.0, 0.0, x, 0.0, z, -2.0 * y, 0.0]),
+            [per_px, 0.0, 0.0, yp, zp, 0.0, 2.0 * xp, 0.0],
+            [0.0, per_px, 0.0, xp, 0.0, zp, -2.0 * yp, 0.0],
         ]
     }
 
     /// The rim at a pixel.
+    #[inline(always)]
     fn rim_at(&self, x_px: f64, y_px: f64) -> Rim {
         let (z, by) = self.edge_at(x_px, y_px);
         if z.abs() > FAR {
@@ -118,59 +139,78 @@ impl Model {
         let edge_px = self.p[EDGE];
         let distance_px = (self.p[RADIUS] - z * edge_px).max(0.5 * edge_px);
         let normal = [by[0] * edge_px, by[1] * edge_px];
-        let bend = std::array::from_fn(|k| {
-            std::array::from_fn(|axis| {
-                let turned = match k {
-                    RADIUS => 0.0,
-                    EDGE => -by[axis] / edge_px,
-                    _ => {
-                        let same = f64::from(u8::from(k == axis));
-                        (normal[axis] * normal[k] - same) / (distance_px * edge_px)
-                    }
-                };
-                density * (turned - z * by[k] * by[axis])
-            })
-        });
+        let curved = (distance_px * edge_px).recip();
+        let mut bend = [[0.0; 2]; 4];
+        for axis in 0..2 {
+            for k in 0..2 {
+                let same = if k == axis { 1.0 } else { 0.0 };
+                bend[k][axis] = density * ((normal[axis] * normal[k] - same) * curved - z * by[k] * by[axis]);
+            }
+            bend[RADIUS][axis] = -density * z * by[RADIUS] * by[axis];
+            bend[EDGE][axis] = density * (-by[axis] / edge_px - z * by[EDGE] * by[axis]);
+        }
         Rim { covered: normal_cdf(z, density), slope: by.map(|d| density * d), bend }
     }
 
-    /// What a pixel shows whose uncovered part shows `behind` (linear light).
-    pub(super) fn at(&self, x_px: f64, y_px: f64, behind: &[f64; 3]) -> Shown {
+    /// What a pixel shows whose uncovered part shows `behind`, in the channels that these combinations of codes are.
+    #[inline(always)]
+    pub(super) fn show(
+        &self,
+        place: (f64, f64),
+        behind: &Behind,
+        from_coded: &[[f64; 4]; 3],
+        shown: &mut Shown,
+    ) {
         let p = &self.p;
-        let Rim { covered, slope, bend } = self.rim_at(x_px, y_px);
-        let [terms, across, down] = self.harmonics_at(x_px, y_px);
+        let Rim { covered, slope, bend } = self.rim_at(place.0, place.1);
+        let [terms, across, down] = self.harmonics_at(place.0, place.1);
         // Blur of variance w² moves light along its slope: f·disc blurred is f·(disc blurred) + w² ∇f·∇(disc blurred).
         let spread = p[EDGE] * p[EDGE];
-        let lit: [f64; SHADES] = std::array::from_fn(|i| {
-            covered * terms[i] - spread * (across[i] * slope[0] + down[i] * slope[1])
-        });
-        let shaded = |by: &[f64; SHADES]| by.iter().enumerate().map(|(i, t)| t * p[SHADE + i]).sum::<f64>();
-        let (shade, whole) = (1.0 + shaded(&terms), covered + shaded(&lit));
-        let (shade_across, shade_down) = (shaded(&across), shaded(&down));
-        let gloss = |by: (f64, f64)| p[GLOSS] * by.0 + p[GLOSS + 1] * by.1;
-        let mut shown = Shown { covered, coded: [0.0; 3], by: [[0.0; OWN]; 3], open: 0.0 };
+        let mut lit = [0.0; SHADES];
+        let (mut face, mut seen, mut along_x, mut along_y) = (0.0, 0.0, 0.0, 0.0);
+        for i in 0..SHADES {
+            lit[i] = covered * terms[i] - spread * (across[i] * slope[0] + down[i] * slope[1]);
+            face += p[SHADE + i] * terms[i];
+            seen += p[SHADE + i] * lit[i];
+            along_x += p[SHADE + i] * across[i];
+            along_y += p[SHADE + i] * down[i];
+        }
+        let (shade, whole) = (1.0 + face, covered + seen);
+        let gloss_face = p[GLOSS] * terms[0] + p[GLOSS + 1] * terms[1];
+        let gloss_seen = p[GLOSS] * lit[0] + p[GLOSS + 1] * lit[1];
+        shown.covered = covered;
+        shown.open = 0.0;
+        shown.channels = [[0.0; WIDTH]; 3];
         for c in 0..3 {
             let ball = p[BALL + c];
-            let light = behind[c] * (1.0 - covered) + ball * whole + gloss((lit[0], lit[1]));
-            let (code, gain) = encode(light);
-            shown.coded[c] = code;
-            shown.open += (1.0 - covered) * gain / encode(behind[c]).1 / 3.0;
-            let by = &mut shown.by[c];
-            let contrast = ball * shade + gloss((terms[0], terms[1])) - behind[c];
-            let along =
-                [ball * shade_across + p[GLOSS] * across[0], ball * shade_down + p[GLOSS + 1] * down[1]];
+            let (code, gain) = encode(behind.light[c] * (1.0 - covered) + ball * whole + gloss_seen);
+            shown.open += (1.0 - covered) * gain * behind.decoding[c] / 3.0;
+            let mut by: Row = [0.0; WIDTH];
+            by[RESIDUAL] = code;
+            let contrast = ball * shade + gloss_face - behind.light[c];
+            let along = [ball * along_x + p[GLOSS] * across[0], ball * along_y + p[GLOSS + 1] * down[1]];
             for k in 0..4 {
-                by[k] = contrast * slope[k] - spread * (along[0] * bend[k][0] + along[1] * bend[k][1]);
+                by[k] =
+                    gain * (contrast * slope[k] - spread * (along[0] * bend[k][0] + along[1] * bend[k][1]));
             }
-            by[EDGE] -= 2.0 * p[EDGE] * (along[0] * slope[0] + along[1] * slope[1]);
-            by[..4].iter_mut().for_each(|d| *d *= gain);
+            by[EDGE] -= gain * 2.0 * p[EDGE] * (along[0] * slope[0] + along[1] * slope[1]);
             by[BALL + c] = gain * whole;
-            for (out, l) in by[SHADE..GLOSS].iter_mut().zip(lit) {
-                *out = gain * ball * l;
+            for i in 0..SHADES {
+                by[SHADE + i] = gain * ball * lit[i];
             }
             (by[GLOSS], by[GLOSS + 1]) = (gain * lit[0], gain * lit[1]);
+            for (channel, part) in shown.channels.iter_mut().zip(from_coded) {
+                add_scaled(channel, &by, part[c]);
+            }
         }
-        shown
+    }
+}
+
+/// Adds a multiple of a row.
+#[inline(always)]
+pub(super) fn add_scaled(sum: &mut Row, row: &Row, weight: f64) {
+    for (out, value) in sum.iter_mut().zip(row) {
+        *out += weight * value;
     }
 }
 
@@ -180,20 +220,6 @@ struct Rim {
     covered: f64,
     slope: [f64; 4],
     bend: [[f64; 2]; 4],
-}
-
-impl Shown {
-    /// Adds `weight` times one channel and its derivatives; the channel's value without its constant goes where the
-    /// residual will stand.
-    pub(super) fn add_to(&self, row: &mut Row, channel: &[f64; 4], weight: f64) {
-        for ((part, by), coded) in channel.iter().zip(&self.by).zip(self.coded) {
-            let w = weight * part;
-            for (out, by) in row.iter_mut().zip(by) {
-                *out += w * by;
-            }
-            row[RESIDUAL] += w * coded;
-        }
-    }
 }
 
 #[cfg(test)]
@@ -207,22 +233,28 @@ mod tests {
             10.2, 8.9, 2.6, 0.6, 0.5, 0.1, 0.05, 0.2, -0.3, 0.1, 0.05, -0.1, 0.1, -0.05, 0.1, 0.01, -0.01,
         ]);
         let model = Model { p, origin: (10.0, 9.0), unit_px: 2.5, outline: Outline::ROUND };
-        let behind = [0.4, 0.42, 0.35];
+        let behind = Behind::of([0.4, 0.42, 0.35]);
+        let channels = [[0.3, 0.6, 0.1, 0.0], [0.5, -0.5, 0.0, 0.0], [0.1, 0.2, -0.7, 0.0]];
         for (x, y) in [(12.0, 9.0), (10.0, 11.0), (8.0, 7.0), (10.0, 9.0)] {
-            let got = model.at(x, y, &behind);
-            for k in 0..OWN {
+            let shown = |model: &Model| {
+                let mut shown = Shown::NOTHING;
+                model.show((x, y), &behind, &channels, &mut shown);
+                shown
+            };
+            let got = shown(&model);
+            for k in 0..SITING {
                 let value = |h: f64| {
                     let mut moved = model;
                     moved.p[k] += h;
-                    moved.at(x, y, &behind).coded
+                    shown(&moved).channels.map(|c| c[RESIDUAL])
                 };
                 let (up, down) = (value(1e-5), value(-1e-5));
                 for c in 0..3 {
                     let want = (up[c] - down[c]) / 2e-5;
                     assert!(
-                        (got.by[c][k] - want).abs() < 0.02 * want.abs() + 0.2,
+                        (got.channels[c][k] - want).abs() < 0.02 * want.abs() + 0.2,
                         "{k} {c}: {} for {want}",
-                        got.by[c][k]
+                        got.channels[c][k]
                     );
                 }
             }

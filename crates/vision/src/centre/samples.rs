@@ -1,6 +1,5 @@
 //! What a sample of the image is made of, and the noise of the samples of a patch.
 
-use super::model::{COUNT, Row};
 use super::surroundings::{MEDIAN_TO_DEVIATION, median};
 use crate::patch::Patch;
 
@@ -31,6 +30,7 @@ pub(super) fn grain_variance(patch: &Patch, values: &mut Vec<f64>) -> f64 {
 ///
 /// A colour sample is the mean over the two rows of its block and over a box two pixels wide whose middle lies the siting
 /// to the right of the block's left pixel: weights of 1/4, 1/2, 1/4 for a siting of 0, of 0, 1/2, 1/2 for one of 1/2.
+#[inline(always)]
 pub(super) fn visit(
     patch: &Patch,
     block: usize,
@@ -62,14 +62,4 @@ pub(super) fn visit(
         each(pixel + 2, 0.125 + shift, 0.25);
     }
     true
-}
-
-/// Adds the outer product of a row with itself and its residual.
-pub(super) fn add(sums: &mut [[f64; COUNT + 1]; COUNT], row: &Row, weight: f64) {
-    for (i, sum) in sums.iter_mut().enumerate() {
-        let scaled = weight * row[i];
-        for (out, value) in sum.iter_mut().zip(row) {
-            *out += scaled * value;
-        }
-    }
 }

@@ -13,7 +13,7 @@
 use super::CLEAR;
 use super::cholesky::Skyline;
 use crate::patch::Patch;
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 /// Biweight cut-off with 95 % efficiency on Gaussian noise (Beaton & Tukey 1974).
 const CUT_OFF: f64 = 4.685;
@@ -43,8 +43,45 @@ pub(super) struct Disc {
 /// A pixel near the ball but free of it: place from the ball's centre and brightness.
 #[derive(Debug, Clone, Copy)]
 struct Free {
-    place: Vector3<f64>,
+    x: f64,
+    y: f64,
     bright: f64,
+}
+
+/// A plane's value.
+#[inline(always)]
+fn on(plane: &Vector3<f64>, x: f64, y: f64) -> f64 {
+    plane.x + plane.y * x + plane.z * y
+}
+
+/// Squared distance of two pixels.
+#[inline(always)]
+fn apart(a: (i32, i32), b: (i32, i32)) -> usize {
+    ((a.0 - b.0) * (a.0 - b.0) + (a.1 - b.1) * (a.1 - b.1)) as usize
+}
+
+/// Solves a symmetric positive definite system in place; None where it is not.
+#[inline(always)]
+fn solve(matrix: &mut [[f64; NEIGHBOURS]; NEIGHBOURS], x: &mut [f64; NEIGHBOURS]) -> Option<()> {
+    for k in 0..NEIGHBOURS {
+        let pivot_row = matrix[k];
+        if pivot_row[k].is_nan() || pivot_row[k] <= 0.0 {
+            return None;
+        }
+        let inverse = pivot_row[k].recip();
+        for i in k + 1..NEIGHBOURS {
+            let factor = pivot_row[i] * inverse;
+            for j in 0..NEIGHBOURS {
+                matrix[i][j] -= factor * pivot_row[j];
+            }
+            x[i] -= factor * x[k];
+        }
+    }
+    for k in (0..NEIGHBOURS).rev() {
+        let known: f64 = (k + 1..NEIGHBOURS).map(|j| matrix[k][j] * x[j]).sum();
+        x[k] = (x[k] - known) / matrix[k][k];
+    }
+    Some(())
 }
 
 /// Working space and result.
@@ -53,6 +90,7 @@ pub(super) struct Surroundings {
     free: Vec<Free>,
     sorted: Vec<f64>,
     kernel: Vec<f64>,
+    tapered: Vec<f64>,
     deviation: Vec<f64>,
     /// Brightness expected behind each pixel of the rim.
     pub(super) mean: Vec<f64>,
@@ -69,6 +107,7 @@ pub(super) struct Surroundings {
 impl Surroundings {
     /// Estimates the background at the `rim` pixels, which are sorted by their angle around the disc, from how far the
     /// disc covers each pixel and each colour sample of the patch; None with too few free ones.
+    #[inline(always)]
     pub(super) fn estimate(
         &mut self,
         patch: &Patch,
@@ -80,21 +119,24 @@ impl Surroundings {
         let reach_px = disc.radius_px + (3.0 + RING_EDGES) * disc.edge_px;
         self.free.clear();
         for (i, bright) in patch.bright.iter().enumerate() {
+            if covered[i] >= CLEAR {
+                continue;
+            }
             let (x, y) = patch.place(i);
-            let place = Vector3::new(1.0, x - disc.x_px, y - disc.y_px);
-            if covered[i] < CLEAR && place.y * place.y + place.z * place.z < reach_px * reach_px {
-                self.free.push(Free { place, bright: *bright });
+            let (x, y) = (x - disc.x_px, y - disc.y_px);
+            if x * x + y * y < reach_px * reach_px {
+                self.free.push(Free { x, y, bright: *bright });
             }
         }
         let plane = self.plane(noise_variance)?;
         self.level = plane.x;
         let level = |i: usize| {
             let (x, y) = patch.place(i);
-            plane.dot(&Vector3::new(1.0, x - disc.x_px, y - disc.y_px))
+            on(&plane, x - disc.x_px, y - disc.y_px)
         };
         self.mean.clear();
         self.mean.extend(rim.iter().map(|i| level(*i as usize)));
-        let square: f64 = self.free.iter().map(|f| (f.bright - plane.dot(&f.place)).powi(2)).sum();
+        let square: f64 = self.free.iter().map(|f| (f.bright - on(&plane, f.x, f.y)).powi(2)).sum();
         let clutter = square / self.free.len() as f64 - noise_variance;
         self.clutter = clutter.max(0.0).sqrt();
         self.covariance.clear();
@@ -105,25 +147,33 @@ impl Surroundings {
     }
 
     /// Robust plane through the free pixels: level in the middle and slopes.
+    #[inline(always)]
     fn plane(&mut self, noise_variance: f64) -> Option<Vector3<f64>> {
         let mut plane = Vector3::zeros();
         let mut scale = f64::INFINITY;
         for _ in 0..ROBUST_ROUNDS {
-            let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-            for Free { place, bright } in &self.free {
-                let weight = biweight((bright - plane.dot(place)) / scale);
-                normal += place * place.transpose() * weight;
-                right += place * (weight * bright);
+            let (mut normal, mut right) = ([0.0; 6], [0.0; 3]);
+            for Free { x, y, bright } in &self.free {
+                let weight = biweight((bright - on(&plane, *x, *y)) / scale);
+                let (wx, wy) = (weight * x, weight * y);
+                for (sum, term) in normal.iter_mut().zip([weight, wx, wy, wx * x, wx * y, wy * y]) {
+                    *sum += term;
+                }
+                for (sum, term) in right.iter_mut().zip([weight, wx, wy]) {
+                    *sum += term * bright;
+                }
             }
-            plane = normal.cholesky()?.solve(&right);
+            let [n, x, y, xx, xy, yy] = normal;
+            plane = Matrix3::new(n, x, y, x, xx, xy, y, xy, yy).cholesky()?.solve(&Vector3::from(right));
             self.sorted.clear();
-            self.sorted.extend(self.free.iter().map(|f| (f.bright - plane.dot(&f.place)).abs()));
+            self.sorted.extend(self.free.iter().map(|f| (f.bright - on(&plane, f.x, f.y)).abs()));
             scale = (MEDIAN_TO_DEVIATION * median(&mut self.sorted)?).max(noise_variance.sqrt());
         }
         Some(plane)
     }
 
     /// Adds the clutter that the nearest free pixels predict to the mean of each rim pixel, and sets the covariance.
+    #[inline(always)]
     fn krige(
         &mut self,
         patch: &Patch,
@@ -132,23 +182,15 @@ impl Surroundings {
         noise_variance: f64,
         level: impl Fn(usize) -> f64,
     ) -> Option<()> {
+        self.set_kernels(disc.edge_px);
         let variance = self.clutter * self.clutter;
-        let far_px = FAR_EDGES * disc.edge_px;
-        let fall = (4.0 * disc.edge_px * disc.edge_px).recip();
-        self.kernel.clear();
-        let most = 2 * (2 * REACH) * (2 * REACH) + 1;
-        self.kernel.extend((0..most).map(|square| (-f64::from(square) * fall).exp()));
-        let correlated = |(ax, ay): (i32, i32), (bx, by): (i32, i32)| {
-            let square = (ax - bx).pow(2) + (ay - by).pow(2);
-            self.kernel.get(square as usize).copied().unwrap_or(0.0)
-        };
-        self.deviation.clear();
         let columns = patch.columns as i32;
+        let place = |pixel: u32| (pixel as i32 % columns, pixel as i32 / columns);
+        self.deviation.clear();
         for (mean, pixel) in self.mean.iter_mut().zip(rim) {
-            let here = (*pixel as i32 % columns, *pixel as i32 / columns);
+            let here = place(*pixel);
             let mut near = [(0, 0); NEIGHBOURS];
-            let (mut kernel, mut cross, mut left) =
-                (SMatrix::<f64, NEIGHBOURS, NEIGHBOURS>::identity(), SVector::zeros(), SVector::zeros());
+            let mut left = [0.0; NEIGHBOURS];
             let mut count = 0;
             for (dx, dy) in &*BY_DISTANCE {
                 let (x, y) = (here.0 + dx, here.1 + dy);
@@ -160,43 +202,60 @@ impl Surroundings {
                     continue;
                 }
                 near[count] = (x, y);
-                for (k, other) in near[..count].iter().enumerate() {
-                    kernel[(count, k)] = variance * correlated((x, y), *other);
-                    kernel[(k, count)] = kernel[(count, k)];
-                }
-                kernel[(count, count)] = variance + noise_variance;
-                cross[count] = variance * correlated((x, y), here);
                 left[count] = patch.bright[index] - level(index);
                 count += 1;
                 if count == NEIGHBOURS {
                     break;
                 }
             }
-            let weights: SVector<f64, NEIGHBOURS> = kernel.cholesky()?.solve(&cross);
-            *mean += weights.dot(&left);
-            let local = (variance + left.norm_squared()) / (1 + count) as f64;
-            self.deviation.push(local.sqrt());
+            let mut kernel = [[0.0; NEIGHBOURS]; NEIGHBOURS];
+            let mut cross = [0.0; NEIGHBOURS];
+            for i in 0..NEIGHBOURS {
+                // What was not found predicts nothing.
+                kernel[i][i] = variance + noise_variance;
+                for j in 0..i.min(count) {
+                    let value = if i < count { variance * self.kernel[apart(near[i], near[j])] } else { 0.0 };
+                    (kernel[i][j], kernel[j][i]) = (value, value);
+                }
+                if i < count {
+                    cross[i] = variance * self.kernel[apart(near[i], here)];
+                }
+            }
+            solve(&mut kernel, &mut cross)?;
+            let (mut predicted, mut square) = (0.0, 0.0);
+            for (weight, left) in cross.iter().zip(&left) {
+                predicted += weight * left;
+                square += left * left;
+            }
+            *mean += predicted;
+            self.deviation.push(((variance + square) / (1 + count) as f64).sqrt());
         }
         for (i, pixel) in rim.iter().enumerate() {
-            let here = (*pixel as i32 % columns, *pixel as i32 / columns);
-            let at = |j: usize| (rim[j] as i32 % columns, rim[j] as i32 / columns);
+            let here = place(*pixel);
             // Neighbours around the disc are near in the list, save across its ends.
-            let mut first = i;
-            while first > 0 && i - first < MOST_BAND {
-                first -= 1;
-            }
-            let deviation = &self.deviation;
+            let first = i.saturating_sub(MOST_BAND);
+            let (deviation, tapered) = (&self.deviation, &self.tapered);
             let entries = (first..=i).map(|j| {
-                let ((ax, ay), (bx, by)) = (at(j), here);
-                let apart_px = f64::from((ax - bx).pow(2) + (ay - by).pow(2)).sqrt();
-                // The taper (Wendland 1995, C²) ends the correlation without making the matrix indefinite.
-                let part = (1.0 - apart_px / far_px).max(0.0);
-                let taper = part.powi(4) * (5.0 - 4.0 * part);
-                deviation[i] * deviation[j] * correlated(at(j), here) * taper
+                let correlation = tapered.get(apart(place(rim[j]), here)).copied().unwrap_or(0.0);
+                deviation[i] * deviation[j] * correlation
             });
             self.covariance.push(first, entries);
         }
         Some(())
+    }
+
+    /// Correlation by squared distance in pixels, as it is and as it ends.
+    fn set_kernels(&mut self, edge_px: f64) {
+        let (far_px, fall) = (FAR_EDGES * edge_px, (4.0 * edge_px * edge_px).recip());
+        let most = 2 * (2 * REACH) * (2 * REACH) + 1;
+        self.kernel.clear();
+        self.kernel.extend((0..most).map(|square| (-f64::from(square) * fall).exp()));
+        self.tapered.clear();
+        self.tapered.extend(self.kernel.iter().enumerate().map(|(square, kernel)| {
+            // The taper (Wendland 1995, C²) ends the correlation without making the matrix indefinite.
+            let part = (1.0 - (square as f64).sqrt() / far_px).max(0.0);
+            kernel * part.powi(4) * (5.0 - 4.0 * part)
+        }));
     }
 
     fn mean_color(&mut self, patch: &Patch, covered: &[f64]) -> Option<()> {
