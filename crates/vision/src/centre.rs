@@ -38,7 +38,7 @@ const PIXEL_STD_PX: f64 = 0.288_675;
 /// Coverage below which a pixel counts as clear of the ball, and above one less which as inside it.
 const CLEAR: f64 = 0.01;
 /// Steps after which a fit is given up.
-const MOST_STEPS: usize = 24;
+const MOST_STEPS: usize = 16;
 /// Times that trust and noise are set before they are kept, so that the steps shrink.
 const MOST_WEIGHED: usize = 4;
 /// Times that they are set at least: first the trust, then the noise too. A ball that is followed brings its noise along.
@@ -52,6 +52,10 @@ const NEAR: f64 = 3.0 * COUNT as f64;
 const SMALL_STEP: f64 = 0.1;
 /// Movement after which the background is estimated again.
 const SAME_PLACE_PX: f64 = 0.1;
+/// The same before the fit has come near: as far as one step goes.
+const ABOUT_SAME_PLACE_PX: f64 = LONGEST_STEP_PX;
+/// Longest step of a length in pixels: about an edge's width, beyond which nothing is linear.
+const LONGEST_STEP_PX: f64 = 0.5;
 /// Part of the diameter by which a centre may be off whatever the image shows: moulded balls are round to a few
 /// thousandths (the rules of table tennis allow six), and the light on them is modelled to about as much.
 const MODEL_STD: f64 = 0.001;
@@ -61,6 +65,8 @@ const MODEL_STD: f64 = 0.001;
 const TEXTURE_GAIN: f64 = 1.121;
 /// Standard deviations by which a ball must differ from its background in some channel.
 const LEAST_CONTRAST: f64 = 6.0;
+/// Those below which a first look at a region ends: its colour is one pixel's and the noise not yet the film's own.
+const FAINT: f64 = 0.5 * LEAST_CONTRAST;
 /// Part of the disc whose samples must be believed.
 const LEAST_TRUSTED: f64 = 0.5;
 /// Standard deviations of the shading's coefficients of first and second order as parts of the ball's colour: a matt sphere
@@ -182,15 +188,21 @@ impl Fitter {
         let least_weighed = if start.followed.is_some() { LEAST_WEIGHED_FOLLOWED } else { LEAST_WEIGHED };
         self.equations.begin(patch, start.followed.map(|f| f.noise_variance));
         let (mut weighed, mut seen_from, mut covariance) = (0, None, Covariance::Anew);
+        let mut same_place_px = SAME_PLACE_PX;
         for _ in 0..MOST_STEPS {
-            if seen_from.is_none_or(|from| distance_px(&from, &model.p) > SAME_PLACE_PX) {
+            if seen_from.is_none_or(|from| distance_px(&from, &model.p) > same_place_px) {
                 (model.origin, model.unit_px) = ((model.p[0], model.p[1]), model.p[RADIUS]);
                 let equations = &mut self.equations;
                 pulp::Arch::new().dispatch(LookAround { equations, patch, model: &model })?;
                 (seen_from, covariance) = (Some(model.p), Covariance::Anew);
             }
             let step = self.step(patch, &model, &prior, covariance)?;
+            let linear = [0, 1, 2].map(|c| model.p[BALL + c]);
+            if weighed == 0 && self.equations.contrast(patch, &linear) < FAINT {
+                return None;
+            }
             covariance = Covariance::Kept;
+            same_place_px = if step.length < NEAR { SAME_PLACE_PX } else { ABOUT_SAME_PLACE_PX };
             model.p += step.change;
             model.p[RADIUS] = model.p[RADIUS].clamp(range_px.0, range_px.1);
             model.p[EDGE] = model.p[EDGE].clamp(PIXEL_STD_PX, 0.6 * model.p[RADIUS].max(LEAST_RADIUS_PX));
@@ -227,8 +239,8 @@ impl Fitter {
         if !longest.is_finite() {
             return None;
         }
-        if longest > 0.5 {
-            change *= 0.5 / longest;
+        if longest > LONGEST_STEP_PX {
+            change *= LONGEST_STEP_PX / longest;
         }
         Some(Step { change, length })
     }

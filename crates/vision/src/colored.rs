@@ -73,13 +73,17 @@ impl Collector {
         let (width, across) = (frame.size.width_px as usize, frame.size.width_px.div_ceil(2) as usize);
         let columns = &window.columns;
         let blocks = columns.start / 2..columns.end.div_ceil(2);
+        let pixels = 2 * blocks.start..(2 * blocks.end).min(width);
         let mut top = window.rows.start;
         while top < window.rows.end {
-            let bottom = (top / 2 * 2 + 2).min(window.rows.end);
+            let bottom = (top / 2 * 2 + 2).min(window.rows.end) - 1;
             let samples = top / 2 * across + blocks.start..top / 2 * across + blocks.end;
+            let row = |y: usize| luma.get(y * width + pixels.start..y * width + pixels.end);
             let (Some(blue), Some(red)) = (blue.get(samples.clone()), red.get(samples)) else { return };
+            let (Some(above), Some(below)) = (row(top), row(bottom)) else { return };
             self.below.clear();
-            for (block, (u, v)) in blocks.clone().zip(blue.iter().zip(red)) {
+            let codes = above.chunks(2).zip(below.chunks(2)).zip(blue.iter().zip(red)).zip(blocks.clone());
+            for (((above, below), (u, v)), block) in codes {
                 let pair = usize::from(*u) << 8 | usize::from(*v);
                 let mut range = self.ranges[pair];
                 if range.0 > range.1 {
@@ -89,18 +93,21 @@ impl Collector {
                     range = luma_range(convert, *u, *v);
                     self.ranges[pair] = range;
                 }
-                for y in top..bottom {
-                    for x in (2 * block).max(columns.start)..(2 * block + 2).min(columns.end) {
-                        let Some(code) = luma.get(y * width + x) else { return };
-                        if (range.0..=range.1).contains(code) {
-                            let into = if y == top { &mut self.found } else { &mut self.below };
+                let colored = |code: &u8| code.wrapping_sub(range.0) <= range.1.wrapping_sub(range.0);
+                if range == NEVER || !(above.iter().any(colored) || below.iter().any(colored)) {
+                    continue;
+                }
+                for (codes, y) in [(above, top), (below, bottom)].into_iter().take(1 + bottom - top) {
+                    let into = if y == top { &mut self.found } else { &mut self.below };
+                    for (code, x) in codes.iter().zip(2 * block..) {
+                        if colored(code) && columns.contains(&x) {
                             add(into, x, y, convert.convert(*code, *u, *v));
                         }
                     }
                 }
             }
             self.found.append(&mut self.below);
-            top = bottom;
+            top = bottom + 1;
         }
     }
 }
