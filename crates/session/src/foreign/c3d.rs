@@ -120,7 +120,7 @@ fn layout(bytes: &[u8], processor: Processor, parameters: &Parameters) -> Result
         Some(n) => n,
         None => last - first + 1.0,
     };
-    if !(points >= 1.0) {
+    if points.is_nan() || points < 1.0 {
         return Err(("POINT:USED", "the file has no points: export marker trajectories".into()));
     }
     if !(rate_hz.is_finite() && rate_hz > 0.0) {
@@ -129,7 +129,7 @@ fn layout(bytes: &[u8], processor: Processor, parameters: &Parameters) -> Result
     if !(scale.is_finite() && scale != 0.0) {
         return Err(("POINT:SCALE", format!("{scale}: a number other than zero is wanted")));
     }
-    if !(frames >= 1.0 && frames < 1e9) {
+    if !(1.0..1e9).contains(&frames) {
         return Err(("frames", format!("from {first} to {last}: the header is damaged")));
     }
     if data_block < 2.0 {
