@@ -82,6 +82,8 @@ def dlt(folder, expected):
     for name, v_up in (("cal-DLTcoefs.csv", False), ("cal-dlt-coefficients.csv", True)):
         coefficients = np.loadtxt(folder / name, delimiter=",").T
         assert coefficients.shape == (2, 11)
+        # dltx keeps the twelfth, which is 1.
+        coefficients = np.hstack([coefficients, np.ones((2, 1))])
         views = np.array(expected["pixels"])
         views = np.stack([views[..., 0], height - views[..., 1]], -1) if v_up else views + 1
         found = [dltx.dlt_reconstruct(3, 2, coefficients, view) for view in np.moveaxis(views, 1, 0)]
@@ -89,13 +91,14 @@ def dlt(folder, expected):
     digitised = np.genfromtxt(folder / "flight-xypts.csv", delimiter=",", names=True)
     assert digitised.dtype.names[:4] == ("pt1_cam1_U", "pt1_cam1_V", "pt1_cam2_U", "pt1_cam2_V")
     coefficients = np.loadtxt(folder / "cal-DLTcoefs.csv", delimiter=",").T
+    coefficients = np.hstack([coefficients, np.ones((2, 1))])
     for k, row in enumerate(digitised):
         view = np.array(list(row)).reshape(-1, 2)
         close(dltx.dlt_reconstruct(3, 2, coefficients, view), points[k], 1e-7, f"dltx, digitised point {k}, m")
     fitted = []
     for pixels in expected["pixels"]:
         parameters, rms = dltx.dlt_calibrate(3, points, np.array(pixels) + 1)
-        fitted.append(parameters)
+        fitted.append(np.ravel(parameters)[:11])
     np.savetxt(folder / "theirs-DLTcoefs.csv", np.array(fitted).T, delimiter=",", fmt="%.17g")
 
 

@@ -11,7 +11,7 @@ use super::rigs::{exact_rig, names_and_sizes, refuse, rig_camera};
 use super::text::Text;
 use crate::{ControlPointRow, SessionError, write_whole};
 use mavsight_flight::Color;
-use mavsight_geometry::{Dlt, ImageSize};
+use mavsight_geometry::{Camera, Dlt, ImageSize};
 use mavsight_pose::Rig;
 use std::path::Path;
 
@@ -70,10 +70,22 @@ pub fn read_coefficients(path: &Path, options: &DltOptions) -> Result<Noted<Rig>
             |e: mavsight_geometry::GeometryError| refuse(path, format!("camera {name}"), e.to_string());
         let ours =
             Dlt::from_matrix(&(origin.ours_from_theirs(size.height_px) * dlt.matrix())).map_err(geometric)?;
-        let camera = ours.camera(size).map_err(geometric)?;
+        let camera = upright(ours.camera(size).map_err(geometric)?);
         cameras.push(rig_camera(name, camera));
     }
     Ok(exact_rig(cameras, notes))
+}
+
+/// Takes rounding for what it is: skew and a difference of the focal lengths below a billionth of them are none.
+fn upright(mut camera: Camera) -> Camera {
+    let k = &mut camera.intrinsics;
+    if k.skew_px.abs() < 1e-9 * k.fx_px {
+        k.skew_px = 0.0;
+    }
+    if (k.fx_px - k.fy_px).abs() < 1e-9 * k.fx_px {
+        k.fy_px = k.fx_px;
+    }
+    camera
 }
 
 fn describe(origin: PixelOrigin) -> &'static str {
