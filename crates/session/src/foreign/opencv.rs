@@ -34,9 +34,7 @@ pub fn read(path: &Path, sizes: &[ImageSize], names: &[String]) -> Result<Noted<
         );
         return Err(refuse(path, "camera", detail));
     }
-    let own_size = own_size(&file)?;
-    let sizes: Vec<ImageSize> =
-        if sizes.is_empty() { own_size.into_iter().collect() } else { sizes.to_vec() };
+    let sizes = if sizes.is_empty() { own_sizes(&file, &suffixes)? } else { sizes.to_vec() };
     let own_names: Vec<String> = suffixes
         .iter()
         .filter_map(|(_, _, s)| Some(file.root.get(&format!("name{s}"))?.text()?.to_owned()))
@@ -47,11 +45,7 @@ pub fn read(path: &Path, sizes: &[ImageSize], names: &[String]) -> Result<Noted<
     let mut notes = Vec::new();
     let mut cameras = Vec::new();
     let count = suffixes.len();
-    for (k, ((family, key, suffix), (name, mut size))) in suffixes.into_iter().zip(named).enumerate() {
-        if let Some(node) = file.root.get(&format!("image_size{suffix}")) {
-            let [w, h] = file.exactly(node, "an image size")?;
-            size = ImageSize { width_px: w as u32, height_px: h as u32 };
-        }
+    for (k, ((family, key, suffix), (name, size))) in suffixes.into_iter().zip(named).enumerate() {
         let m = file.shaped(file.key(&file.root, &key)?, 3, 3)?;
         let intrinsics = Intrinsics { fx_px: m[0], skew_px: m[1], cx_px: m[2], fy_px: m[4], cy_px: m[5] };
         let intrinsics = checked(path, &key, intrinsics, size)?;
@@ -83,12 +77,25 @@ fn suffixes(file: &YamlFile) -> Vec<(usize, String, String)> {
     Vec::new()
 }
 
-fn own_size(file: &YamlFile) -> Result<Option<ImageSize>, SessionError> {
-    let (Some(w), Some(h)) = (file.root.get("image_width"), file.root.get("image_height")) else {
-        return Ok(None);
+/// `image_size1`, ... of each camera, or `image_width` and `image_height` for all; nothing where the file has neither.
+fn own_sizes(file: &YamlFile, suffixes: &[(usize, String, String)]) -> Result<Vec<ImageSize>, SessionError> {
+    let size = |w: f64, h: f64| {
+        let fine = [w, h].iter().all(|n| n.fract() == 0.0 && (1.0..1e6).contains(n));
+        let wrong =
+            || refuse(&file.path, "image size", format!("{w} by {h}: whole numbers above zero are wanted"));
+        if fine { Ok(ImageSize { width_px: w as u32, height_px: h as u32 }) } else { Err(wrong()) }
     };
-    let (w, h) = (file.number(w)?, file.number(h)?);
-    Ok(Some(ImageSize { width_px: w as u32, height_px: h as u32 }))
+    let nodes: Vec<_> =
+        suffixes.iter().filter_map(|(_, _, s)| file.root.get(&format!("image_size{s}"))).collect();
+    if nodes.len() == suffixes.len() {
+        let one =
+            |node: &&super::yaml::Yaml| file.exactly(node, "an image size").and_then(|[w, h]| size(w, h));
+        return nodes.iter().map(one).collect();
+    }
+    match (file.root.get("image_width"), file.root.get("image_height")) {
+        (Some(w), Some(h)) => Ok(vec![size(file.number(w)?, file.number(h)?)?]),
+        _ => Ok(Vec::new()),
+    }
 }
 
 fn place(

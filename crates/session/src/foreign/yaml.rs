@@ -243,7 +243,14 @@ fn logical(text: &Text) -> Parsed<Vec<Logical>> {
             return Err((line.number, "a tab indents the line: YAML wants spaces".into()));
         }
         depth = brackets(trimmed);
-        lines.push(Logical { line: line.number, indent, text: trimmed.to_owned() });
+        // A list that begins in a list's item: each dash on a line of its own.
+        let (mut indent, mut rest) = (indent, trimmed);
+        while let Some(inner) = rest.strip_prefix("- ").map(str::trim_start).filter(|t| t.starts_with("- ")) {
+            lines.push(Logical { line: line.number, indent, text: "-".to_owned() });
+            indent += rest.len() - inner.len();
+            rest = inner;
+        }
+        lines.push(Logical { line: line.number, indent, text: rest.to_owned() });
     }
     match lines.last() {
         Some(last) if depth > 0 => Err((last.line, "a bracket is not closed: the file breaks off".into())),
