@@ -380,7 +380,9 @@ fn content(
     match lines.get(*at) {
         Some(next)
             if next.indent > indent
-                || (next.indent == indent && next.text.starts_with("- ") && !line.text.starts_with('-')) =>
+                || (next.indent == indent
+                    && (next.text == "-" || next.text.starts_with("- "))
+                    && !line.text.starts_with('-')) =>
         {
             block(lines, at, next.indent, depth + 1)
         }
