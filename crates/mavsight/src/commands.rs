@@ -1,5 +1,7 @@
 //! What each command does.
 
+mod convert;
+mod convert_formats;
 mod demo;
 mod identify;
 mod run;
@@ -22,6 +24,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Track(args) => stages::track(args),
         Command::Identify(args) => identify::identify(args),
         Command::Report(args) => stages::report(args),
+        Command::Convert(args) => convert::convert(args),
         Command::Selftest(args) => selftest::selftest(args),
     }
 }

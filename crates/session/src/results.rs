@@ -1,7 +1,7 @@
 //! The results of a run on disk: one folder, one file for each kind, written whole or not at all.
 
 mod body;
-mod columns;
+pub(crate) mod columns;
 mod read;
 mod read_motion;
 mod rig_file;
@@ -15,7 +15,7 @@ pub use body::{MarkerAsBuilt, read_body};
 pub use read::{read_markers, read_poses, read_summary};
 pub use read_motion::{FlightTable, read_flight_table, read_motion};
 pub use rig_file::{read_rig, write_rig};
-pub use write::write_results;
+pub use write::{write_markers, write_results};
 
 /// Version of `summary.json` and of the tables beside it.
 pub const RESULTS_SCHEMA: u32 = 1;

@@ -19,9 +19,14 @@ pub(crate) struct Row<'a> {
 }
 
 impl Table {
-    /// Reads a table; spaces around cells do not count, lines that begin with `#` neither.
+    /// Reads a table, a Parquet one by its name; spaces around cells do not count, lines that begin with `#` neither.
     pub(crate) fn read(path: &Path, role: &str) -> Result<Self, SessionError> {
         require_file(path, role)?;
+        #[cfg(feature = "parquet")]
+        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet")) {
+            let (columns, rows) = crate::foreign::parquet::records(path)?;
+            return Ok(Self { path: path.to_owned(), columns, rows });
+        }
         let text = std::fs::read(path).map_err(|e| SessionError::io(path, "read it", e))?;
         let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
         let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text);

@@ -1,7 +1,7 @@
 //! Names of columns: a quantity, and its unit after it; `_std` stands between the two.
 
 /// Position and attitude, in `pose.csv` and `motion.csv`.
-pub(super) const POSE: [(&str, &str); 6] =
+pub(crate) const POSE: [(&str, &str); 6] =
     [("x", "m"), ("y", "m"), ("z", "m"), ("phi", "rad"), ("theta", "rad"), ("psi", "rad")];
 
 /// Coordinates of a pose's covariance: position in world axes, then a small turn about body axes, each with its unit.
@@ -47,7 +47,7 @@ pub(super) const BODY: [&str; 9] =
 pub(super) const PARAMETERS: [&str; 8] =
     ["estimator", "output", "parameter", "value", "std", "ci_low", "ci_high", "identifiable"];
 
-pub(super) fn value((quantity, unit): (&str, &str)) -> String {
+pub(crate) fn value((quantity, unit): (&str, &str)) -> String {
     format!("{quantity}_{unit}")
 }
 

@@ -29,6 +29,14 @@ pub fn write_results(folder: &Path, results: &RunResults) -> Result<(), SessionE
     Ok(())
 }
 
+/// Writes `markers.csv` alone.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_markers(path: &Path, results: &RunResults) -> Result<(), SessionError> {
+    write_whole(path, &markers(&results.markers, results))
+}
+
 fn files(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Vec<u8>)>, SessionError> {
     let mut files = Vec::new();
     if let Some(rig) = &results.rig {

@@ -1,0 +1,296 @@
+//! Files of other programs, both ways.
+
+use super::convert_formats::{Kind, formats};
+use super::named;
+use crate::cli::{Convert, Format, Frame, Origin, Up, WrongCall};
+use anyhow::Result;
+use mavsight_geometry::{ImageSize, Vector3};
+use mavsight_pose::Rig;
+use mavsight_session::foreign::dltdv::{self, DltOptions};
+use mavsight_session::foreign::dltdv_points::{self, PointOptions};
+use mavsight_session::foreign::frames::AxesOf;
+use mavsight_session::foreign::marker_paths::{self, MarkerPaths};
+use mavsight_session::foreign::pixels::PixelOrigin;
+use mavsight_session::foreign::poses::{TimedPose, read_pose_table, write_pose_table};
+use mavsight_session::foreign::{Noted, argus, c3d, euroc, kalibr, opencv, ros, trc, tum};
+use mavsight_session::{
+    RunResults, load_vehicle, read_rig, tables, write_control_points, write_markers, write_rig,
+};
+use std::path::{Path, PathBuf};
+
+/// `mavsight convert`
+pub(crate) fn convert(args: &Convert) -> Result<()> {
+    let (from, to) = formats(&args.input, &args.output, (args.from, args.to), args.vehicle.is_some())?;
+    let call = Call { args, from, to, body: body(args)? };
+    let notes = match (from.kind(), to.kind()) {
+        (Kind::Cameras, Kind::Cameras) => call.cameras()?,
+        (Kind::Poses | Kind::Paths, Kind::Poses | Kind::Paths) => call.trajectory()?,
+        (Kind::Pixels, Kind::Pixels) => call.pixels()?,
+        (Kind::Control, Kind::Control) => call.control()?,
+        (Kind::Offsets, Kind::Offsets) => call.offsets()?,
+        (_, Kind::Table) => call.table()?,
+        _ => {
+            return Err(
+                WrongCall(format!("{from:?} does not turn into {to:?}: see mavsight help convert")).into()
+            );
+        }
+    };
+    for note in notes {
+        eprintln!("note: {note}");
+    }
+    println!("{}", args.output.display());
+    Ok(())
+}
+
+/// Markers by name, in body axes.
+type Body = Vec<(String, Vector3<f64>)>;
+
+/// The vehicle's markers, where a vehicle is given.
+fn body(args: &Convert) -> Result<Option<Body>> {
+    let Some(path) = &args.vehicle else { return Ok(None) };
+    let vehicle = named(load_vehicle(path))?;
+    Ok(Some(vehicle.marker.into_iter().map(|m| (m.name, Vector3::from(m.position_m))).collect()))
+}
+
+struct Call<'a> {
+    args: &'a Convert,
+    from: Format,
+    to: Format,
+    body: Option<Body>,
+}
+
+impl Call<'_> {
+    fn sizes(&self) -> Vec<ImageSize> {
+        self.args.size.iter().map(|s| s.0).collect()
+    }
+
+    fn origin(&self) -> Option<PixelOrigin> {
+        self.args.origin.map(|o| match o {
+            Origin::Zero => PixelOrigin::TopLeftZero,
+            Origin::Dltdv8 => PixelOrigin::Dltdv8,
+            Origin::Dltdv5 => PixelOrigin::Dltdv5,
+            Origin::Argus => PixelOrigin::Argus,
+        })
+    }
+
+    fn axes(&self) -> AxesOf {
+        match self.args.frame {
+            Frame::World => AxesOf::World,
+            Frame::WorldFlu => AxesOf::WorldFlu,
+            Frame::Ned => AxesOf::Ned,
+            Frame::Enu => AxesOf::Enu,
+        }
+    }
+
+    fn cameras(&self) -> Result<Vec<String>> {
+        let (path, names) = (&self.args.input, &self.args.cameras);
+        let read = named(match self.from {
+            Format::Dlt => {
+                let options = DltOptions { origin: self.origin(), sizes: self.sizes(), names: names.clone() };
+                dltdv::read_coefficients(path, &options)
+            }
+            Format::Argus => argus::read_profile(path, self.origin().unwrap_or(PixelOrigin::Argus), names),
+            Format::Opencv => opencv::read(path, &self.sizes(), names),
+            Format::Ros => ros::read(path, names),
+            Format::Kalibr => kalibr::read(path, names),
+            _ => read_rig(path).map(Noted::plain),
+        })?;
+        let mut notes = read.notes;
+        for (path, camera) in self.outputs(&read.value) {
+            notes.extend(self.write_cameras(&path, &read.value, camera.as_deref())?);
+        }
+        Ok(notes)
+    }
+
+    /// The file, or one a camera where the name asks for it.
+    fn outputs(&self, rig: &Rig) -> Vec<(PathBuf, Option<String>)> {
+        let out = self.args.output.to_string_lossy();
+        if out.contains("{camera}") {
+            let one = |name: &String| (PathBuf::from(out.replace("{camera}", name)), Some(name.clone()));
+            rig.cameras.iter().map(|c| one(&c.name)).collect()
+        } else {
+            vec![(self.args.output.clone(), self.args.camera.clone())]
+        }
+    }
+
+    fn write_cameras(&self, path: &Path, rig: &Rig, camera: Option<&str>) -> Result<Vec<String>> {
+        let drop_skew = self.args.drop_skew;
+        named(match self.to {
+            Format::Dlt => {
+                let argus = path.to_string_lossy().contains("dlt-coefficients");
+                let usual = if argus { PixelOrigin::Argus } else { PixelOrigin::Dltdv8 };
+                dltdv::write_coefficients(path, rig, self.origin().unwrap_or(usual))
+            }
+            Format::Argus => {
+                argus::write_profile(path, rig, self.origin().unwrap_or(PixelOrigin::Argus), drop_skew)
+            }
+            Format::Opencv => opencv::write(path, &self.chosen(rig, camera)?, drop_skew),
+            Format::Ros => ros::write(path, rig, camera, drop_skew),
+            Format::Kalibr => kalibr::write(path, rig, drop_skew),
+            _ => write_rig(path, rig).map(|()| Vec::new()),
+        })
+    }
+
+    fn chosen(&self, rig: &Rig, camera: Option<&str>) -> Result<Rig> {
+        let Some(name) = camera else { return Ok(rig.clone()) };
+        let one = named(mavsight_session::foreign::rigs::one_camera(&self.args.output, rig, Some(name)))?;
+        Ok(Rig::exact(vec![one.clone()]))
+    }
+
+    fn trajectory(&self) -> Result<Vec<String>> {
+        let mut notes = Vec::new();
+        if self.from.kind() == Kind::Poses {
+            let poses = self.read_poses()?;
+            if self.to.kind() == Kind::Poses {
+                return self.write_poses(&poses);
+            }
+            let body = self.body.as_ref().ok_or_else(|| self.needs_vehicle())?;
+            return self.write_paths(marker_paths::paths_of_body(&poses, body));
+        }
+        let paths = self.read_paths(&mut notes)?;
+        if self.to.kind() == Kind::Paths {
+            notes.extend(self.write_paths(paths)?);
+            return Ok(notes);
+        }
+        let body = self.body.as_ref().ok_or_else(|| self.needs_vehicle())?;
+        let poses = named(marker_paths::poses_of_body(&self.args.input, &paths, body))?;
+        notes.extend(poses.notes);
+        notes.extend(self.write_poses(&poses.value)?);
+        Ok(notes)
+    }
+
+    fn needs_vehicle(&self) -> WrongCall {
+        WrongCall("poses and marker paths turn into each other by the vehicle's markers: give --vehicle vehicle.toml".into())
+    }
+
+    fn read_poses(&self) -> Result<Vec<TimedPose>> {
+        let path = &self.args.input;
+        named(match self.from {
+            Format::Tum => tum::read(path, self.axes()),
+            Format::Euroc => euroc::read(path, self.axes()),
+            _ => read_pose_table(path),
+        })
+    }
+
+    fn write_poses(&self, poses: &[TimedPose]) -> Result<Vec<String>> {
+        let path = &self.args.output;
+        named(match self.to {
+            Format::Tum => tum::write(path, poses, self.axes()),
+            Format::Euroc => euroc::write(path, poses, self.axes()),
+            _ => write_pose_table(path, poses).map(|()| Vec::new()),
+        })
+    }
+
+    fn rate_hz(&self) -> Result<f64> {
+        let missing =
+            || WrongCall("DLTdv's tables have no times: give the frames a second, --rate 30".into());
+        Ok(self.args.rate.ok_or_else(missing)?)
+    }
+
+    fn read_paths(&self, notes: &mut Vec<String>) -> Result<MarkerPaths> {
+        let path = &self.args.input;
+        let mut paths = match self.from {
+            Format::Trc => named(trc::read(path))?,
+            Format::C3d => {
+                let read = named(c3d::read(path))?;
+                notes.extend(read.notes);
+                read.value
+            }
+            Format::Xyzpts => named(dltdv_points::read_xyzpts(path, self.rate_hz()?, &self.args.points))?,
+            _ => named(marker_paths::read_table(path))?,
+        };
+        if self.from != Format::Paths && self.args.up == Up::Y {
+            turn(&mut paths, |p| Vector3::new(p.x, -p.z, p.y));
+        }
+        Ok(paths)
+    }
+
+    fn write_paths(&self, mut paths: MarkerPaths) -> Result<Vec<String>> {
+        let path = &self.args.output;
+        if self.to != Format::Paths && self.args.up == Up::Y {
+            turn(&mut paths, |p| Vector3::new(p.x, p.z, -p.y));
+        }
+        named(match self.to {
+            Format::Trc => trc::write(path, &paths).map(|()| Vec::new()),
+            Format::C3d => c3d::write(path, &paths),
+            Format::Xyzpts => dltdv_points::write_xyzpts(path, &paths),
+            _ => marker_paths::write_table(path, &paths).map(|()| Vec::new()),
+        })
+    }
+
+    /// Names of the points: those given, else the vehicle's markers.
+    fn point_names(&self) -> Vec<String> {
+        match &self.body {
+            Some(body) if self.args.points.is_empty() => body.iter().map(|(n, _)| n.clone()).collect(),
+            _ => self.args.points.clone(),
+        }
+    }
+
+    fn pixels(&self) -> Result<Vec<String>> {
+        let (path, origin) = (&self.args.input, self.origin().unwrap_or(PixelOrigin::Dltdv8));
+        let (cameras, points) = (self.args.cameras.clone(), self.point_names());
+        let tracks: RunResults = if self.from == Format::Xypts {
+            let (rate_hz, sizes, std_px) = (self.rate_hz()?, self.sizes(), self.args.std);
+            let options = PointOptions { rate_hz, origin, sizes, cameras, points, std_px };
+            named(dltdv_points::read_xypts(path, &options))?
+        } else {
+            named(dltdv_points::read_marker_table(path, &cameras, &points))?
+        };
+        if self.to == Format::Xypts {
+            return named(dltdv_points::write_xypts(&self.args.output, &tracks, origin, &self.sizes()));
+        }
+        named(write_markers(&self.args.output, &tracks))?;
+        Ok(vec![format!(
+            "pixels are taken as those of --origin {}, good to {} px (--std)",
+            origin.name(),
+            self.args.std
+        )])
+    }
+
+    fn control(&self) -> Result<Vec<String>> {
+        let read = match self.from {
+            Format::Object => named(dltdv::read_control_object(&self.args.input))?,
+            _ => Noted::plain(named(tables::read_control_points(&self.args.input))?),
+        };
+        let mut notes = read.notes;
+        match self.to {
+            Format::Object => {
+                notes.extend(named(dltdv::write_control_object(&self.args.output, &read.value))?)
+            }
+            _ => named(write_control_points(&self.args.output, &read.value))?,
+        }
+        Ok(notes)
+    }
+
+    fn offsets(&self) -> Result<Vec<String>> {
+        let offsets = named(dltdv_points::read_offsets(&self.args.input, self.rate_hz()?))?;
+        let name = |k: usize| self.args.cameras.get(k).cloned().unwrap_or_else(|| format!("cam{}", k + 1));
+        let lines: String = offsets
+            .iter()
+            .enumerate()
+            .map(|(k, s)| format!("[[camera]]\nname = {:?}\ntime_offset_s = {s:?}\n", name(k)))
+            .collect();
+        named(mavsight_session::write_whole(&self.args.output, lines.as_bytes()))?;
+        Ok(vec!["these lines belong into the cameras of session.toml".into()])
+    }
+
+    #[cfg(feature = "parquet")]
+    fn table(&self) -> Result<Vec<String>> {
+        use mavsight_session::foreign::parquet;
+        let (input, output) = (&self.args.input, &self.args.output);
+        named(match (self.from, self.to) {
+            (Format::Parquet, Format::Csv) => parquet::to_csv(input, output),
+            _ => parquet::from_csv(input, output),
+        })?;
+        Ok(Vec::new())
+    }
+
+    #[cfg(not(feature = "parquet"))]
+    fn table(&self) -> Result<Vec<String>> {
+        Err(WrongCall("this build has no Parquet: build with --features parquet".into()).into())
+    }
+}
+
+fn turn(paths: &mut MarkerPaths, by: impl Fn(Vector3<f64>) -> Vector3<f64>) {
+    paths.points_m.iter_mut().flatten().flatten().for_each(|p| *p = by(*p));
+}

@@ -1,0 +1,120 @@
+//! Kalibr's camchain: `cam0`, `cam1`, ... with `T_cn_cnm1`, the transform from the camera before.
+//!
+//! Its pixels are OpenCV's and this program's. The world is cam0.
+
+use super::Noted;
+use super::rigs::{checked, exact_rig, isometry, refuse, rig_camera, rows_of, without_skew};
+use super::yaml::{Yaml, YamlFile};
+use crate::{SessionError, write_whole};
+use mavsight_geometry::{BrownConrady, Camera, ImageSize, Intrinsics, Isometry3};
+use mavsight_pose::Rig;
+use std::path::Path;
+
+/// Reads a camchain; the world is cam0.
+///
+/// # Errors
+/// Names the line or key: camera models other than pinhole, distortion other than radtan or none.
+pub fn read(path: &Path, names: &[String]) -> Result<Noted<Rig>, SessionError> {
+    let file = YamlFile::read(path, "Kalibr camchain")?;
+    let mut cameras = Vec::new();
+    let mut notes = vec!["the world is cam0: x right, y down, z forward".to_owned()];
+    let mut cam_from_world = Isometry3::identity();
+    while let Some(node) = file.root.get(&format!("cam{}", cameras.len())) {
+        let key = format!("cam{}", cameras.len());
+        if !cameras.is_empty() {
+            let step = file.numbers(file.key(node, "T_cn_cnm1")?)?;
+            cam_from_world = isometry(path, &format!("{key}: T_cn_cnm1"), &step)? * cam_from_world;
+        }
+        if let Some(shift) = node.get("timeshift_cam_imu") {
+            notes.push(format!("{key}: timeshift_cam_imu of {} s is left alone", file.number(shift)?));
+        }
+        let camera = camera(&file, node, &key, cam_from_world)?;
+        let name = names.get(cameras.len()).cloned().unwrap_or(key);
+        cameras.push(rig_camera(name, camera));
+    }
+    if cameras.is_empty() {
+        return Err(refuse(
+            path,
+            "cam0",
+            format!("is missing; the keys are {}", file.root.keys().join(", ")),
+        ));
+    }
+    Ok(exact_rig(cameras, notes))
+}
+
+fn camera(
+    file: &YamlFile,
+    node: &Yaml,
+    key: &str,
+    cam_from_world: Isometry3<f64>,
+) -> Result<Camera, SessionError> {
+    let word = |name: &str, known: &[&str], remedy: &str| -> Result<String, SessionError> {
+        let at = file.key(node, name)?;
+        let text = at.text().unwrap_or("").to_owned();
+        if known.contains(&text.as_str()) {
+            Ok(text)
+        } else {
+            Err(file.refuse(at, format!("{name} {text:?}: {remedy}")))
+        }
+    };
+    word("camera_model", &["pinhole"], "this program has pinhole; calibrate with pinhole-radtan")?;
+    let lens = word(
+        "distortion_model",
+        &["radtan", "none"],
+        "this program has radtan; calibrate with pinhole-radtan",
+    )?;
+    let [fx_px, fy_px, cx_px, cy_px] = file.exactly(file.key(node, "intrinsics")?, "fu fv pu pv")?;
+    let at = file.key(node, "resolution")?;
+    let [w, h] = file.exactly(at, "a resolution")?;
+    let size = ImageSize { width_px: w as u32, height_px: h as u32 };
+    let intrinsics = checked(&file.path, key, Intrinsics { fx_px, fy_px, cx_px, cy_px, skew_px: 0.0 }, size)?;
+    let mut distortion = BrownConrady::default();
+    if lens == "radtan" {
+        let [k1, k2, p1, p2] = file.exactly(file.key(node, "distortion_coeffs")?, "radtan")?;
+        distortion = BrownConrady { k1, k2, p1, p2, k3: 0.0 };
+    }
+    Ok(Camera { cam_from_world, intrinsics, distortion, size })
+}
+
+/// Writes a camchain.
+///
+/// # Errors
+/// A k3, which radtan has not, or skew (unless dropped); what the file system refuses.
+pub fn write(path: &Path, rig: &Rig, drop_skew: bool) -> Result<Vec<String>, SessionError> {
+    let mut text = String::new();
+    let mut notes = Vec::new();
+    for (k, camera) in rig.cameras.iter().enumerate() {
+        notes.extend(without_skew(path, camera, drop_skew)?);
+        let (i, d, size) = (&camera.camera.intrinsics, &camera.camera.distortion, camera.camera.size);
+        if d.k3 != 0.0 {
+            let detail = format!(
+                "k3 of {} has no place in Kalibr's radtan: write OpenCV or ROS, or calibrate without k3",
+                d.k3
+            );
+            return Err(refuse(path, format!("camera {}", camera.name), detail));
+        }
+        let others: Vec<String> = (0..rig.cameras.len()).filter(|o| *o != k).map(|o| o.to_string()).collect();
+        text += &format!("cam{k}:\n");
+        if k > 0 {
+            let step = camera.camera.cam_from_world * rig.cameras[k - 1].camera.cam_from_world.inverse();
+            text += "  T_cn_cnm1:\n";
+            for row in rows_of(&step) {
+                text += &format!("  - {row:?}\n");
+            }
+            text += "  - [0.0, 0.0, 0.0, 1.0]\n";
+        }
+        text += &format!(
+            "  cam_overlaps: [{}]\n  camera_model: pinhole\n  distortion_coeffs: {:?}\n  distortion_model: radtan\n  intrinsics: {:?}\n  \
+             resolution: [{}, {}]\n  rostopic: /{}/image_raw\n",
+            others.join(", "),
+            [d.k1, d.k2, d.p1, d.p2],
+            [i.fx_px, i.fy_px, i.cx_px, i.cy_px],
+            size.width_px,
+            size.height_px,
+            camera.name.replace(|c: char| !c.is_alphanumeric(), "_"),
+        );
+    }
+    write_whole(path, text.as_bytes())?;
+    notes.push("a camchain's world is its first camera: where that one stands is left out".into());
+    Ok(notes)
+}

@@ -1,0 +1,215 @@
+//! Markers in space over time: what motion-capture systems export, and the poses of a rigid body that they make.
+
+use super::Noted;
+use super::poses::TimedPose;
+use super::text::decimal_from_ns;
+use crate::table::Table;
+use crate::{SessionError, write_whole};
+use mavsight_geometry::{GeometryError, Vector3, rigid_fit};
+use std::path::Path;
+
+/// Columns of the table: one row for each marker and instant, coordinates empty where it was not seen.
+const COLUMNS: [&str; 5] = ["t_s", "marker", "x_m", "y_m", "z_m"];
+
+/// A stamp may be this part of an interval off an even clock: the jitter of a video's stamps, far below the half at which a
+/// frame would be taken for its neighbour.
+const JITTER: f64 = 0.1;
+
+/// Markers in space.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MarkerPaths {
+    /// Names.
+    pub names: Vec<String>,
+    /// Increasing.
+    pub t_ns: Vec<i64>,
+    /// For each instant where each marker was, world axes; none where it was not seen.
+    pub points_m: Vec<Vec<Option<Vector3<f64>>>>,
+}
+
+/// Reads `t_s,marker,x_m,y_m,z_m`.
+///
+/// # Errors
+/// Names the file, row and column; times must not decrease, a marker be there once an instant.
+pub fn read_table(path: &Path) -> Result<MarkerPaths, SessionError> {
+    let table = Table::read(path, "marker positions")?;
+    let [t, marker, x, y, z] = table.columns(COLUMNS)?;
+    let mut paths = MarkerPaths::default();
+    for row in table.rows()? {
+        let name = row.text(marker);
+        if !name.is_empty() && !paths.names.iter().any(|n| n == name) {
+            paths.names.push(name.to_owned());
+        }
+    }
+    for row in table.rows()? {
+        let t_ns = row.time_ns(t)?;
+        match paths.t_ns.last() {
+            Some(last) if *last > t_ns => {
+                return Err(
+                    row.refuse(t, "the time comes before that of the row before: sort the rows".into())
+                );
+            }
+            Some(last) if *last == t_ns => {}
+            _ => {
+                paths.t_ns.push(t_ns);
+                paths.points_m.push(vec![None; paths.names.len()]);
+            }
+        }
+        let Some(index) = paths.names.iter().position(|n| n == row.text(marker)) else { continue };
+        if [x, y, z].iter().all(|c| row.text(*c).is_empty()) {
+            continue;
+        }
+        let point = Vector3::from(row.numbers([x, y, z])?);
+        if let Some(places) = paths.points_m.last_mut()
+            && places[index].replace(point).is_some()
+        {
+            return Err(
+                row.refuse(marker, format!("{} is there twice at this time: keep one", row.text(marker)))
+            );
+        }
+    }
+    Ok(paths)
+}
+
+/// Writes `t_s,marker,x_m,y_m,z_m`.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_table(path: &Path, paths: &MarkerPaths) -> Result<(), SessionError> {
+    let mut text = COLUMNS.join(",") + "\n";
+    for (t_ns, places) in paths.t_ns.iter().zip(&paths.points_m) {
+        let time = decimal_from_ns(*t_ns);
+        for (name, place) in paths.names.iter().zip(places) {
+            text += &match place {
+                Some(p) => format!("{time},{name},{:?},{:?},{:?}\n", p.x, p.y, p.z),
+                None => format!("{time},{name},,,\n"),
+            };
+        }
+    }
+    write_whole(path, text.as_bytes())
+}
+
+/// Poses of a rigid body from at least three of its markers an instant, by least squares (Kabsch 1976); an instant with fewer
+/// was not measured.
+///
+/// Labels are matched to names without their subject (`Lama:red`) and without regard to case.
+///
+/// # Errors
+/// Fewer than three labels that are markers of the body; no instant with three.
+pub fn poses_of_body(
+    path: &Path,
+    paths: &MarkerPaths,
+    body: &[(String, Vector3<f64>)],
+) -> Result<Noted<Vec<TimedPose>>, SessionError> {
+    let bare = |label: &str| label.rsplit(':').next().unwrap_or(label).trim().to_lowercase();
+    let column = |name: &str| paths.names.iter().position(|label| bare(label) == name.trim().to_lowercase());
+    let found: Vec<(usize, Vector3<f64>)> =
+        body.iter().filter_map(|(name, p)| Some((column(name)?, *p))).collect();
+    let wrong = |detail: String| SessionError::Value { path: path.to_owned(), key: "markers".into(), detail };
+    if found.len() < 3 {
+        let names: Vec<&str> = body.iter().map(|(n, _)| n.as_str()).collect();
+        return Err(wrong(format!(
+            "{} of the labels {} are markers of the vehicle ({}), and a pose needs three: rename either",
+            found.len(),
+            paths.names.join(", "),
+            names.join(", ")
+        )));
+    }
+    let (mut sum_m2, mut count, mut worst) = (0.0, 0usize, None);
+    let mut poses = Vec::with_capacity(paths.t_ns.len());
+    for (t_ns, places) in paths.t_ns.iter().zip(&paths.points_m) {
+        let seen = found.iter().filter_map(|(c, p)| Some((*p, places.get(*c).copied().flatten()?)));
+        let (in_body, in_world): (Vec<_>, Vec<_>) = seen.unzip();
+        let fit = rigid_fit(&in_body, &in_world, &vec![1.0; in_body.len()]);
+        let world_from_body = match fit {
+            Ok(fit) => {
+                sum_m2 += fit.residuals_m.iter().map(|r| r * r).sum::<f64>();
+                count += fit.residuals_m.len();
+                Some(fit.world_from_body)
+            }
+            Err(GeometryError::TooFewMarkers { .. }) => None,
+            Err(error) => {
+                worst = Some(error.to_string());
+                None
+            }
+        };
+        poses.push(TimedPose { t_ns: *t_ns, world_from_body });
+    }
+    let measured = poses.iter().filter(|p| p.world_from_body.is_some()).count();
+    if measured == 0 {
+        let why = worst.unwrap_or_else(|| "none has three markers".into());
+        return Err(wrong(format!("no instant of {} gives a pose: {why}", poses.len())));
+    }
+    let mut notes = vec![format!(
+        "{measured} of {} instants give a pose from {} markers; they are {:.3} mm (RMS) off the vehicle's shape",
+        poses.len(),
+        found.len(),
+        1e3 * (sum_m2 / count.max(1) as f64).sqrt()
+    )];
+    notes.extend(worst.map(|e| format!("some instants were left out: {e}")));
+    Ok(Noted { value: poses, notes })
+}
+
+/// Where the markers of a body are along its poses.
+pub fn paths_of_body(poses: &[TimedPose], body: &[(String, Vector3<f64>)]) -> MarkerPaths {
+    let place = |p: &TimedPose| {
+        let world = |m: &Vector3<f64>| p.world_from_body.map(|w| w.rotation * m + w.translation.vector);
+        body.iter().map(|(_, m)| world(m)).collect()
+    };
+    MarkerPaths {
+        names: body.iter().map(|(n, _)| n.clone()).collect(),
+        t_ns: poses.iter().map(|p| p.t_ns).collect(),
+        points_m: poses.iter().map(place).collect(),
+    }
+}
+
+/// Instants on an even clock.
+pub(super) struct Even {
+    /// Rate.
+    pub(super) rate_hz: f64,
+    /// For each tick from the first instant on, the index of the instant there.
+    pub(super) ticks: Vec<Option<usize>>,
+}
+
+/// The even clock that the times lie on, with gaps where instants are missing.
+///
+/// # Errors
+/// Fewer than two instants, or times that are on no even clock.
+pub(super) fn even_clock(path: &Path, t_ns: &[i64]) -> Result<Even, SessionError> {
+    let wrong = |detail: String| SessionError::Value { path: path.to_owned(), key: "times".into(), detail };
+    let mut intervals: Vec<i64> = t_ns.windows(2).map(|w| w[1] - w[0]).collect();
+    intervals.sort_unstable();
+    let Some(usual_ns) = intervals.get(intervals.len() / 2).filter(|i| **i > 0).copied() else {
+        return Err(wrong("at least two instants are needed for a rate".into()));
+    };
+    // Ticks are counted from one instant to the next, so that a rate known to a part of a nanosecond does not drift.
+    let mut at = vec![0usize];
+    for w in t_ns.windows(2) {
+        let steps = ((w[1] - w[0]) as f64 / usual_ns as f64).round().max(1.0) as usize;
+        at.push(at[at.len() - 1] + steps);
+    }
+    let last = at[at.len() - 1];
+    let span_ns = (t_ns[t_ns.len() - 1] - t_ns[0]) as f64;
+    let interval_ns = span_ns / last as f64;
+    for (k, (t, tick)) in t_ns.iter().zip(&at).enumerate() {
+        let off_ns = (*t - t_ns[0]) as f64 - *tick as f64 * interval_ns;
+        if off_ns.abs() > JITTER * interval_ns {
+            return Err(wrong(format!(
+                "instant {} at {} s is {:.3} ms off an even clock of {:.3} Hz, and the format has a rate alone: write \
+                 TRC, TUM or a table, which keep each time",
+                k + 1,
+                decimal_from_ns(*t),
+                off_ns * 1e-6,
+                1e9 / interval_ns
+            )));
+        }
+    }
+    if last > 20 * t_ns.len() + 1000 {
+        return Err(wrong(format!(
+            "{last} ticks for {} instants: the clock has jumped; split the table there",
+            t_ns.len()
+        )));
+    }
+    let mut ticks = vec![None; last + 1];
+    at.iter().enumerate().for_each(|(k, tick)| ticks[*tick] = Some(k));
+    Ok(Even { rate_hz: 1e9 / interval_ns, ticks })
+}

@@ -1,0 +1,209 @@
+//! Cameras that another program has calibrated.
+
+use super::Noted;
+use crate::SessionError;
+use mavsight_geometry::{
+    BrownConrady, Camera, ImageSize, Intrinsics, Isometry3, Matrix3, UnitQuaternion, Vector3,
+};
+use mavsight_pose::{CameraModel, Lens, Pixels, Rig, RigCamera};
+use nalgebra::Rotation3;
+use std::path::Path;
+
+/// What is said of cameras whose file holds no uncertainty.
+pub const EXACT: &str = "the file says nothing of how certain the cameras are: they count as exact, and standard deviations of \
+poses hold the noise of the centres and the markers alone";
+
+/// A camera of another program: exact, with the least model that holds it.
+pub(super) fn rig_camera(name: String, camera: Camera) -> RigCamera {
+    let (i, d) = (&camera.intrinsics, &camera.distortion);
+    let pixels = match () {
+        () if i.skew_px != 0.0 => Pixels::Skewed,
+        () if i.fx_px != i.fy_px => Pixels::Rectangular,
+        () => Pixels::Square,
+    };
+    let lens = match () {
+        () if d.k3 != 0.0 => Lens::Full,
+        () if d.p1 != 0.0 || d.p2 != 0.0 => Lens::Tangential,
+        () if d.k2 != 0.0 => Lens::K1K2,
+        () if d.k1 != 0.0 => Lens::K1,
+        () => Lens::Straight,
+    };
+    RigCamera {
+        name,
+        camera,
+        model: CameraModel { pixels, lens },
+        centre_std_m: Vector3::zeros(),
+        centre_cov_m2: Matrix3::zeros(),
+        points: Vec::new(),
+        residual_rms_px: 0.0,
+        sigma_px: 0.0,
+    }
+}
+
+/// Cameras as a rig, with what must be said of all such rigs.
+pub(super) fn exact_rig(cameras: Vec<RigCamera>, notes: Vec<String>) -> Noted<Rig> {
+    let notes = std::iter::once(EXACT.to_owned()).chain(notes).collect();
+    Noted { value: Rig::exact(cameras), notes }
+}
+
+/// Error for one key of a file.
+pub(super) fn refuse(path: &Path, key: impl Into<String>, detail: impl Into<String>) -> SessionError {
+    SessionError::Value { path: path.to_owned(), key: key.into(), detail: detail.into() }
+}
+
+/// Focal lengths above zero and an image that is there; everything finite.
+pub(super) fn checked(
+    path: &Path,
+    key: &str,
+    k: Intrinsics,
+    size: ImageSize,
+) -> Result<Intrinsics, SessionError> {
+    let all = [k.fx_px, k.fy_px, k.cx_px, k.cy_px, k.skew_px];
+    if !all.iter().all(|x| x.is_finite()) || k.fx_px <= 0.0 || k.fy_px <= 0.0 {
+        let detail =
+            format!("focal lengths {}, {} must be finite and above zero: calibrate again", k.fx_px, k.fy_px);
+        return Err(refuse(path, key, detail));
+    }
+    if size.width_px == 0 || size.height_px == 0 {
+        return Err(refuse(path, key, "the image has no size: give it as --size 640x480"));
+    }
+    Ok(k)
+}
+
+/// OpenCV's k1 k2 p1 p2 [k3 [k4 k5 k6 [...]]], of which this program has the first five.
+pub(super) fn distortion(path: &Path, key: &str, d: &[f64]) -> Result<BrownConrady, SessionError> {
+    if !matches!(d.len(), 0 | 4 | 5 | 8 | 12 | 14) {
+        let detail =
+            format!("{} numbers: k1 k2 p1 p2 and perhaps k3 are wanted (0, 4, 5, 8, 12 or 14)", d.len());
+        return Err(refuse(path, key, detail));
+    }
+    if let Some(x) = d.iter().skip(5).find(|x| **x != 0.0) {
+        let detail = format!(
+            "a coefficient beyond k3 is {x}: this program has k1 k2 p1 p2 k3 alone; calibrate without the rational, \
+             thin-prism and tilted models"
+        );
+        return Err(refuse(path, key, detail));
+    }
+    let at = |k: usize| d.get(k).copied().unwrap_or(0.0);
+    Ok(BrownConrady { k1: at(0), k2: at(1), p1: at(2), p2: at(3), k3: at(4) })
+}
+
+/// k1 k2 p1 p2 k3, OpenCV's order.
+pub(super) fn coefficients(d: &BrownConrady) -> [f64; 5] {
+    [d.k1, d.k2, d.p1, d.p2, d.k3]
+}
+
+/// A transform from the upper three rows of its matrix, row by row; the 3×3 block must be a rotation.
+pub(super) fn isometry(path: &Path, key: &str, m: &[f64]) -> Result<Isometry3<f64>, SessionError> {
+    let wrong = |detail: String| Err(refuse(path, key, detail));
+    if m.len() != 12 && m.len() != 16 {
+        return wrong(format!("{} numbers: a transform has 12 or 16", m.len()));
+    }
+    let block = Matrix3::from_fn(|i, j| m[4 * i + j]);
+    rotation(path, key, &block).map(|r| Isometry3::from_parts(Vector3::new(m[3], m[7], m[11]).into(), r))
+}
+
+/// A rotation from its matrix, made exactly orthonormal.
+pub(super) fn rotation(
+    path: &Path,
+    key: &str,
+    block: &Matrix3<f64>,
+) -> Result<UnitQuaternion<f64>, SessionError> {
+    let off = (block * block.transpose() - Matrix3::identity()).norm();
+    // Six printed digits leave 1e-6 each.
+    if !off.is_finite() || off > 1e-4 || block.determinant() < 0.0 {
+        let detail = format!("not a rotation (R Rᵀ is off by {off:.1e}): check rows, signs and digits");
+        return Err(refuse(path, key, detail));
+    }
+    Ok(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_eps(
+        block,
+        1e-15,
+        100,
+        Rotation3::from_matrix_unchecked(*block),
+    )))
+}
+
+/// Row by row, 3×4.
+pub(super) fn rows_of(t: &Isometry3<f64>) -> [[f64; 4]; 3] {
+    let r = t.rotation.to_rotation_matrix().into_inner();
+    let v = t.translation.vector;
+    std::array::from_fn(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)], v[i]])
+}
+
+/// Refuses skew that a format has no place for, unless it may be dropped; then says what that costs.
+pub(super) fn without_skew(
+    path: &Path,
+    camera: &RigCamera,
+    drop: bool,
+) -> Result<Option<String>, SessionError> {
+    let k = &camera.camera.intrinsics;
+    if k.skew_px == 0.0 {
+        return Ok(None);
+    }
+    let reach = f64::from(camera.camera.size.height_px) / 2.0 / k.fy_px * k.skew_px.abs();
+    let name = &camera.name;
+    if drop {
+        return Ok(Some(format!(
+            "camera {name}: a skew of {:.3} px is dropped: {reach:.3} px at the image's edge",
+            k.skew_px
+        )));
+    }
+    let detail = format!(
+        "a skew of {:.3} px has no place in this format; --drop-skew leaves it out, which moves the image's edge by {reach:.3} px",
+        k.skew_px
+    );
+    Err(refuse(path, format!("camera {name}"), detail))
+}
+
+/// The one camera of a rig that a file for one camera is to hold.
+///
+/// # Errors
+/// A name that is not there, or none where there are several.
+pub fn one_camera<'a>(path: &Path, rig: &'a Rig, name: Option<&str>) -> Result<&'a RigCamera, SessionError> {
+    let names: Vec<&str> = rig.cameras.iter().map(|c| c.name.as_str()).collect();
+    match (name, rig.cameras.as_slice()) {
+        (None, [only]) => Ok(only),
+        (None, _) => Err(refuse(
+            path,
+            "camera",
+            format!("the format holds one: choose by --camera, of {}", names.join(", ")),
+        )),
+        (Some(name), cameras) => cameras.iter().find(|c| c.name == name).ok_or_else(|| {
+            refuse(path, "camera", format!("{name:?} is not there: choose of {}", names.join(", ")))
+        }),
+    }
+}
+
+/// Name and size of each camera of a file that says neither.
+///
+/// Sizes are one for all or one a camera; names are `cam1`, `cam2`, ... where none are given.
+///
+/// # Errors
+/// Numbers of them that do not fit.
+pub fn names_and_sizes(
+    path: &Path,
+    count: usize,
+    names: &[String],
+    sizes: &[ImageSize],
+) -> Result<Vec<(String, ImageSize)>, SessionError> {
+    if !names.is_empty() && names.len() != count {
+        return Err(refuse(
+            path,
+            "names",
+            format!("{} names for {count} cameras: give one each", names.len()),
+        ));
+    }
+    let size = |k: usize| match sizes {
+        [one] => Some(*one),
+        many => many.get(k).filter(|_| many.len() == count).copied(),
+    };
+    let one = |k: usize| {
+        let detail = format!(
+            "the file does not say it: give --size 640x480 for all cameras, or {count} sizes with commas between ({} given)",
+            sizes.len()
+        );
+        let size = size(k).ok_or_else(|| refuse(path, "image size", detail))?;
+        Ok((names.get(k).cloned().unwrap_or_else(|| format!("cam{}", k + 1)), size))
+    };
+    (0..count).map(one).collect()
+}
