@@ -93,6 +93,14 @@ pub enum FlightError {
         /// Last input.
         end_s: f64,
     },
+    /// A flight that begins nowhere.
+    #[error("{what} at the start of the flight is {value}: give a finite number")]
+    StartNotFinite {
+        /// Which part of the state.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
     /// Output times must increase.
     #[error("output time {t_s} s does not come after {before_s} s")]
     OutputTimes {

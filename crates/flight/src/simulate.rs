@@ -8,6 +8,28 @@ use nalgebra::Vector3;
 
 /// Relative and absolute tolerance of the integrator, far below what cameras can see (1e-10 m, 1e-10 rad).
 const TOLERANCE: f64 = 1e-10;
+/// Samples and output times nearer than this are one.
+const SAME_TIME_S: f64 = 1e-9;
+/// What [`State::pack`] packs.
+const STATE_NAMES: [&str; STATES] = [
+    "x_m",
+    "y_m",
+    "z_m",
+    "the attitude",
+    "the attitude",
+    "the attitude",
+    "the attitude",
+    "u_m_s",
+    "v_m_s",
+    "w_m_s",
+    "p_rad_s",
+    "q_rad_s",
+    "r_rad_s",
+    "alpha_l_rad",
+    "beta_l_rad",
+    "alpha_f_rad",
+    "beta_f_rad",
+];
 
 /// Where a flight begins.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -63,7 +85,7 @@ impl ODE<f64, [f64; STATES]> for Segment<'_> {
 /// integrated by itself (Dormand-Prince 8(5,3), adaptive, tolerance 1e-10).
 ///
 /// # Errors
-/// Times that do not increase, inputs that do not cover them, a state that runs away.
+/// A start that is not finite, times that do not increase, inputs that do not cover them, a state that runs away.
 pub fn simulate(
     vehicle: &Vehicle,
     inputs: &InputSeries,
@@ -80,18 +102,26 @@ pub fn simulate(
         flap: start.flap,
     }
     .pack();
+    if let Some(k) = y.iter().position(|v| !v.is_finite()) {
+        return Err(FlightError::StartNotFinite { what: STATE_NAMES[k], value: y[k] });
+    }
     let mut input = inputs.require(first_s)?;
+    // Samples before this are past.
+    let mut next = inputs.samples().partition_point(|s| s.t_s <= first_s + SAME_TIME_S);
     out.push(state_at(vehicle, &input, &y));
     for pair in times_s.windows(2) {
         if pair[1] <= pair[0] || pair[1].is_nan() {
             return Err(FlightError::OutputTimes { t_s: pair[1], before_s: pair[0] });
         }
         let end = inputs.require(pair[1])?;
-        let knots = inputs.samples().iter().filter(|s| s.t_s > pair[0] + 1e-9 && s.t_s < pair[1] - 1e-9);
-        for next in knots.copied().chain([end]) {
-            y = advance(&Segment { vehicle, input, end_s: next.t_s }, y)?;
-            input = next;
+        let ahead = &inputs.samples()[next..];
+        let before_end = ahead.iter().take_while(|s| s.t_s < pair[1] - SAME_TIME_S).count();
+        for knot in ahead[..before_end].iter().copied().chain([end]) {
+            y = advance(&Segment { vehicle, input, end_s: knot.t_s }, y)?;
+            input = knot;
         }
+        let at_end = ahead[before_end..].iter().take_while(|s| s.t_s <= pair[1] + SAME_TIME_S).count();
+        next += before_end + at_end;
         out.push(state_at(vehicle, &input, &y));
     }
     Ok(out)
@@ -222,5 +252,44 @@ mod tests {
         let vehicle = Vehicle::paper();
         let refused = simulate(&vehicle, &hover_inputs(&vehicle, 1.0), &InitialState::default(), &[0.0, 2.0]);
         assert!(matches!(refused, Err(FlightError::InputsDoNotCover { .. })), "{refused:?}");
+    }
+
+    #[test]
+    fn a_start_that_is_no_number_is_refused_by_name() {
+        let vehicle = Vehicle::paper();
+        let inputs = hover_inputs(&vehicle, 2.0);
+        let mut starts = [InitialState::default(); 3];
+        starts[0].rates_rad_s.y = f64::NAN;
+        starts[1].attitude.theta_rad = f64::NAN;
+        starts[2].flap.beta_f_rad = f64::INFINITY;
+        for (start, part) in starts.iter().zip(["q_rad_s", "the attitude", "beta_f_rad"]) {
+            let refused = simulate(&vehicle, &inputs, start, &[0.0, 1.0]);
+            assert!(
+                matches!(refused, Err(FlightError::StartNotFinite { what, .. }) if what == part),
+                "{part}: {refused:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn samples_between_output_times_act_once_each() {
+        let vehicle = Vehicle::paper();
+        let omega = hover_rotor_speed_rad_s(&vehicle);
+        let sample = |k: usize| InputSample {
+            t_s: 0.01 * k as f64,
+            omega_u_rad_s: omega,
+            omega_l_rad_s: omega,
+            delta_lon_rad: 0.05 * (0.2 * k as f64).sin(),
+            delta_lat_rad: 0.0,
+        };
+        let inputs = InputSeries::new((0..=200).map(sample).collect()).expect("valid");
+        let fine: Vec<f64> = (0..=400).map(|k| 0.005 * k as f64).collect();
+        let fly = |t_s: &[f64]| {
+            let states = simulate(&vehicle, &inputs, &InitialState::default(), t_s).expect("a flight");
+            *states.last().expect("an end")
+        };
+        let (all, few) = (fly(&fine), fly(&[0.0, 0.0333, 1.2345, 2.0]));
+        assert_relative_eq!(all.position_in_world_m, few.position_in_world_m, epsilon = 1e-9);
+        assert_relative_eq!(all.rates_rad_s, few.rates_rad_s, epsilon = 1e-8);
     }
 }

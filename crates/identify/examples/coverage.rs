@@ -1,8 +1,16 @@
 //! How often 95 % intervals of output error hold the truth, over simulated flights with a multisine.
 //!
 //! `cargo run --release -p mavsight-identify --example coverage -- poses 200`; the first word is `poses`, `image` (exact
-//! cameras and markers), `nuisances` (markers off by 0.5 mm, their centres by 0.1 px through each flight) or `coloured`
-//! (exact cameras and markers, but half of the variance of each centre lasts about half a second).
+//! cameras and markers), `nuisances` (markers off by 0.5 mm, their centres by 0.1 px through each flight), `coloured`
+//! (exact cameras and markers, but half of the variance of each centre lasts about half a second) or `path` (half of it is a
+//! function of where the marker is in the image, which changes within some ten pixels).
+//!
+//! For all but `poses`, total least squares of equation error gets the same sightings, by way of poses and the smoother:
+//! the last column is the error of this fit over its error, where both have the parameter.
+
+#[allow(dead_code)]
+#[path = "../tests/flights/aircraft.rs"]
+mod aircraft;
 
 use mavsight_flight::{
     Channel, Coefficients, FlightState, InputSeries, Maneuver, Scenario, Vehicle, hover_rotor_speed_rad_s,
@@ -16,13 +24,19 @@ use mavsight_identify::output_error::{
     FlightModel, ImageMeasurements, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions,
     StateMeasurement, output_error,
 };
-use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, Rig, calibrate};
+use mavsight_identify::{Bandwidth, Estimator, FitOptions, Model, Options, coefficients, identify_with};
+use mavsight_pose::{
+    BodyMarker, CameraControl, MarkerObservation, PoseEstimator, PoseSample, Rig, calibrate, smooth,
+};
 use nalgebra::Point3;
 use std::time::Instant;
 
 const POSITION_STD_M: f64 = 5e-4;
 const TURN_STD_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
 const PIXEL_STD_PX: f64 = 0.1;
+/// Waves a channel of an error that changes with the place in the image, and the longest and shortest.
+const WAVES: usize = 6;
+const WAVELENGTHS_PX: [f64; 2] = [200.0, 20.0];
 const COLOUR_TIME_S: f64 = 0.5;
 
 fn normal(seed: &mut u64) -> f64 {
@@ -94,24 +108,44 @@ fn poses(states: &[FlightState], seed: &mut u64) -> Measurements {
     Measurements::States(states.iter().map(|s| measured(s, seed)).collect())
 }
 
-fn image(
+/// Sums of waves over the image, one for each axis of each marker in each camera, of unit variance.
+struct Waves(Vec<[(Vector2<f64>, f64); WAVES]>);
+
+impl Waves {
+    fn new(channels: usize, seed: &mut u64) -> Self {
+        let wave = |k: usize, seed: &mut u64| {
+            let [longest, shortest] = WAVELENGTHS_PX;
+            let length_px = longest * (shortest / longest).powf(k as f64 / (WAVES - 1) as f64);
+            let direction = Vector2::new(normal(seed), normal(seed)).normalize();
+            (direction * (std::f64::consts::TAU / length_px), normal(seed) * 10.0)
+        };
+        Self((0..channels).map(|_| std::array::from_fn(|k| wave(k, seed))).collect())
+    }
+
+    fn at(&self, channel: usize, pixel: &Vector2<f64>) -> f64 {
+        let sum: f64 = self.0[channel].iter().map(|(k, phase)| (k.dot(pixel) + phase).sin()).sum();
+        sum * (2.0 / WAVES as f64).sqrt()
+    }
+}
+
+/// All sightings of a flight.
+fn sightings(
     states: &[FlightState],
     (rig, markers): (&Rig, &[BodyMarker]),
     kind: &str,
     seed: &mut u64,
-) -> Result<Measurements, Box<dyn std::error::Error>> {
-    let nuisances = kind == "nuisances";
-    let share = if nuisances { 1.0 } else { 0.0 };
-    let coloured = kind == "coloured";
-    let level = if coloured { 0.5f64.sqrt() * PIXEL_STD_PX } else { PIXEL_STD_PX };
+) -> Result<Vec<MarkerObservation>, Box<dyn std::error::Error>> {
+    let share = if kind == "nuisances" { 1.0 } else { 0.0 };
+    let half = matches!(kind, "coloured" | "path");
+    let level = if half { 0.5f64.sqrt() * PIXEL_STD_PX } else { PIXEL_STD_PX };
     let normal2 = |seed: &mut u64| Vector2::new(normal(seed), normal(seed));
-    let mut slow: Vec<Vector2<f64>> =
-        (0..rig.cameras.len() * markers.len()).map(|_| normal2(seed) * level).collect();
+    let channels = rig.cameras.len() * markers.len();
+    let mut slow: Vec<Vector2<f64>> = (0..channels).map(|_| normal2(seed) * level).collect();
+    let waves = Waves::new(2 * channels, &mut seed.wrapping_add(77));
     let mut before_s = states[0].t_s;
     let off: Vec<Vector3<f64>> = markers.iter().map(|_| normal3(seed) * (5e-4 * share)).collect();
-    let bias: Vec<Vector2<f64>> = (0..rig.cameras.len() * markers.len())
-        .map(|_| Vector2::new(normal(seed), normal(seed)) * (0.1 * share))
-        .collect();
+    let bias: Vec<Vector2<f64>> =
+        (0..channels).map(|_| Vector2::new(normal(seed), normal(seed)) * (0.1 * share)).collect();
     let mut seen = Vec::new();
     for s in states {
         let pose = world_from_body(s.position_in_world_m, s.attitude);
@@ -125,7 +159,11 @@ fn image(
                 let centre = (pose * Point3::from(m.marker_in_body_m + off[marker])).coords;
                 let exact = c.camera.project_ball(&centre, m.radius_m)?.pixel;
                 let k = camera * markers.len() + marker;
-                let lasting = if coloured { slow[k] } else { bias[k] };
+                let lasting = match kind {
+                    "coloured" => slow[k],
+                    "path" => Vector2::new(waves.at(2 * k, &exact), waves.at(2 * k + 1, &exact)) * level,
+                    _ => bias[k],
+                };
                 let pixel = exact + normal2(seed) * level + lasting;
                 let covariance_px2 = Matrix2::identity() * PIXEL_STD_PX.powi(2);
                 let t_ns = (s.t_s * 1e9).round() as i64;
@@ -133,11 +171,53 @@ fn image(
             }
         }
     }
-    let mut images = ImageMeasurements::new(rig, markers, &seen)?;
-    if nuisances {
+    Ok(seen)
+}
+
+fn image(
+    seen: &[MarkerObservation],
+    (rig, markers): (&Rig, &[BodyMarker]),
+    kind: &str,
+) -> Result<Measurements, Box<dyn std::error::Error>> {
+    let mut images = ImageMeasurements::new(rig, markers, seen)?;
+    if kind == "nuisances" {
         images = images.with_marker_positions(5e-4).with_marker_biases(0.1, None);
     }
     Ok(Measurements::Image(images))
+}
+
+/// What equation error by total least squares finds in the same sightings, by the names of output error.
+fn by_equations(
+    seen: &[MarkerObservation],
+    (rig, markers): (&Rig, &[BodyMarker]),
+    (vehicle, inputs): (&Vehicle, &InputSeries),
+) -> Result<Vec<(String, f64)>, Box<dyn std::error::Error>> {
+    let estimator = PoseEstimator::new(rig, markers);
+    let mut poses = Vec::new();
+    let mut previous = None;
+    for own in seen.chunk_by(|a, b| a.t_ns == b.t_ns) {
+        let estimate = estimator.estimate(own[0].t_ns, own, previous.as_ref()).ok();
+        previous = estimate.as_ref().map(|e| e.world_from_body).or(previous);
+        poses.push(PoseSample { t_ns: own[0].t_ns, estimate, reason: None });
+    }
+    let motion = smooth(&poses, vehicle.environment.gravity_m_s2)?;
+    let options = Options {
+        model: Some(Model::parse(aircraft::PRODUCTS)?),
+        bandwidth: Bandwidth::Automatic,
+        ..Options::default()
+    };
+    let table = coefficients(&motion, inputs, vehicle, &options)?;
+    let choice = FitOptions { estimators: vec![Estimator::TotalLeastSquares], ..FitOptions::default() };
+    let found = identify_with(&table, &choice)?;
+    let mut out = Vec::new();
+    for fit in &found.fits {
+        for p in &fit.parameters {
+            // kappa_u*alpha_u is called alpha_u there, kappa_u alone u.
+            let name = p.name.rsplit('*').next().unwrap_or(&p.name).replace("kappa_", "");
+            out.extend(p.value.map(|value| (format!("{},{name}", fit.output), value)));
+        }
+    }
+    Ok(out)
 }
 
 struct Tally {
@@ -145,6 +225,8 @@ struct Tally {
     squares: f64,
     variance: f64,
     bound: f64,
+    /// Squares of the errors of equation error, and of this fit in the same flights.
+    by_equations: (f64, f64),
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -167,16 +249,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         })
         .collect();
     let model = FlightModel::new(&vehicle, &inputs)?;
-    let mut tallies: Vec<Tally> =
-        model.free().iter().map(|_| Tally { held: 0, squares: 0.0, variance: 0.0, bound: 0.0 }).collect();
+    let none = || Tally { held: 0, squares: 0.0, variance: 0.0, bound: 0.0, by_equations: (0.0, 0.0) };
+    let mut tallies: Vec<Tally> = model.free().iter().map(|_| none()).collect();
     let (mut seconds, mut iterations, mut coloured, mut failed) = (Vec::new(), 0, 0, 0);
     let mut factor = 0.0;
     for flight in 0..flights {
         // Far apart on the generator's cycle.
         let mut seed = (flight as u64 + 1) << 40;
-        let measured = match kind.as_str() {
-            "poses" => poses(&states, &mut seed),
-            _ => image(&states, (&rig, &markers), &kind, &mut seed)?,
+        let mut other = Vec::new();
+        let measured = if kind == "poses" {
+            poses(&states, &mut seed)
+        } else {
+            let seen = sightings(&states, (&rig, &markers), &kind, &mut seed)?;
+            other = by_equations(&seen, (&rig, &markers), (&vehicle, &inputs))?;
+            image(&seen, (&rig, &markers), &kind)?
         };
         let begin = Instant::now();
         let fit: OutputErrorFit =
@@ -201,6 +287,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             tally.squares += (p.value - true_value).powi(2);
             tally.variance += p.std.powi(2);
             tally.bound += p.bound_std.powi(2);
+            if let Some((_, value)) = other.iter().find(|(name, _)| name == p.name) {
+                tally.by_equations.0 += (value - true_value).powi(2);
+                tally.by_equations.1 += (p.value - true_value).powi(2);
+            }
         }
     }
     let n = (flights - failed) as f64;
@@ -211,14 +301,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         iterations as f64 / n,
         factor / n
     );
-    println!("{:14} {:>8} {:>12} {:>14}", "parameter", "held", "error/bound", "predicted/got");
+    println!(
+        "{:14} {:>8} {:>12} {:>14} {:>16}",
+        "parameter", "held", "error/bound", "predicted/got", "error/tls error"
+    );
     for (tally, parameter) in tallies.iter().zip(model.free()) {
         println!(
-            "{:14} {:7.1}% {:12.3} {:14.3}",
+            "{:14} {:7.1}% {:12.3} {:14.3} {:>16}",
             parameter.name(),
             100.0 * tally.held as f64 / n,
             (tally.squares / tally.bound).sqrt(),
-            (tally.variance / tally.squares).sqrt()
+            (tally.variance / tally.squares).sqrt(),
+            match tally.by_equations {
+                (0.0, _) => String::new(),
+                (theirs, ours) => format!("{:.3}", (ours / theirs).sqrt()),
+            }
         );
     }
     Ok(())

@@ -30,11 +30,11 @@ mod start;
 
 pub use disagreement::{Correlation, Disagreement, disagreement};
 pub use fit::{InitialFlapping, NoiseModel, OutputErrorOptions, output_error};
-pub use flight::{Comparison, FlightFits, Images};
+pub use flight::{Comparison, FlightFits, Images, InputClock};
 pub use image::ImageMeasurements;
 pub use measure::{Measurements, StateMeasurement};
 pub use model::{FlightModel, ModelParameter};
-pub use result::{ChannelResiduals, FittedParameter, FittedState, LastingErrors, OutputErrorFit};
+pub use result::{ChannelResiduals, Extent, FittedParameter, FittedState, LastingErrors, OutputErrorFit};
 
 #[cfg(test)]
 mod tests;

@@ -2,7 +2,7 @@
 
 use crate::fits::{lead, words as words_of};
 use crate::summary::Summary;
-use mavsight_identify::output_error::{Comparison, FlightFits, OutputErrorFit};
+use mavsight_identify::output_error::{Comparison, Extent, FlightFits, OutputErrorFit};
 use mavsight_report::Table;
 use mavsight_session::RunResults;
 use serde_json::json;
@@ -15,9 +15,13 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
         summary.add("fit", key("iterations"), "", json!(fit.iterations), String::new());
         summary.add("fit", key("reduced_chi_square"), "", json!(fit.reduced_chi_square), String::new());
         if let Some(lasting) = fit.lasting {
-            let shown = format!("{:.0} % for {:.1} s", 100.0 * lasting.share, lasting.time_s);
+            let shown = format!("{:.0} % for {}", 100.0 * lasting.share, lasting.extent);
             let label = format!("{}: part of the errors that lasts", words(name));
-            let value = json!({"share": lasting.share, "time_s": lasting.time_s});
+            let (key_of_extent, extent) = match lasting.extent {
+                Extent::Time(time_s) => ("time_s", time_s),
+                Extent::Path(path_px) => ("path_px", path_px),
+            };
+            let value = json!({"share": lasting.share, key_of_extent: extent});
             summary.add("fit", key("lasting"), label, value, shown);
         }
         for p in fit.parameters.iter().filter(|p| p.identifiable) {

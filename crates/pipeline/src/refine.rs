@@ -1,6 +1,7 @@
 //! The body as built: marker positions and ball diameters from what was tracked.
 
-use crate::solve::{body_markers, poses_anew};
+use crate::solve::poses_anew;
+use crate::track::body_markers;
 use crate::{PipelineError, Tracked};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, Isometry3, Point3};

@@ -6,7 +6,7 @@ use mavsight_identify::{
     Clocks, CoefficientTable, FitOptions, Identification, Options, choose_structure, coefficients, delayed,
     estimate_lag, identify_with,
 };
-use mavsight_pose::{BodyMarker, Motion, PoseError, PoseEstimator, PoseSample, smooth};
+use mavsight_pose::{Motion, PoseError, PoseEstimator, PoseSample, smooth};
 
 /// What a user may choose of identification.
 #[derive(Debug, Clone, Default)]
@@ -36,11 +36,6 @@ pub struct Solution {
     pub clocks: Clocks,
     /// The inputs as they were fitted, with their clock set right.
     pub inputs: InputSeries,
-}
-
-/// The vehicle's markers as the pose estimator wants them.
-pub fn body_markers(vehicle: &Vehicle) -> Vec<BodyMarker> {
-    crate::track::body_markers_of(vehicle)
 }
 
 /// Estimates all poses again with what the first estimates have shown of the centres: how good those of each ball in each camera
@@ -116,12 +111,13 @@ pub fn identify_motion(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::body_markers;
     use crate::{Refinement, refine_body};
     use mavsight_geometry::{
         Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Matrix2, Point3, Vector2, Vector3,
         world_from_body,
     };
-    use mavsight_pose::{CameraControl, MarkerObservation, Rig, calibrate};
+    use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, Rig, calibrate};
 
     const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
 

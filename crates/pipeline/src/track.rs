@@ -224,7 +224,7 @@ pub(crate) fn pose_at(
 }
 
 /// The vehicle's markers as the pose estimator wants them.
-pub(crate) fn body_markers_of(vehicle: &Vehicle) -> Vec<BodyMarker> {
+pub fn body_markers(vehicle: &Vehicle) -> Vec<BodyMarker> {
     vehicle
         .marker
         .iter()

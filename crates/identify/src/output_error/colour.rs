@@ -1,20 +1,47 @@
-//! Errors of measurements that last: part of each channel's variance is new at every instant, part dies away slowly.
+//! Errors of measurements that last: part of each channel's variance is new at every instant, part dies away slowly, with
+//! time or with the path that a marker's image has gone.
 
 use super::covariance::inverse;
 use super::linear::Linear;
+use super::result::Extent;
 use crate::IdentifyError;
 use nalgebra::DMatrix;
 
-/// The errors of all channels: each is the sum of a white one and of one with the autocorrelation exp(-|t|/τ)
-/// (Ornstein & Uhlenbeck 1930), with one τ for all.
+/// Along what errors die away.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Along {
+    Time,
+    /// What is wrong with a centre changes with what is behind the marker, and how it is lit: where it is in the image.
+    Path,
+}
+
+/// The errors of one channel: the sum of a white one and of one with the autocorrelation exp(-|x|/extent), x time or path
+/// (Ornstein & Uhlenbeck 1930).
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Noise {
+    /// Variance of the white part.
+    white: f64,
+    /// Variance of the lasting part over that.
+    ratio: f64,
+    /// In s or in px.
+    extent: f64,
+}
+
+impl Noise {
+    fn variance(&self) -> f64 {
+        self.white * (1.0 + self.ratio)
+    }
+}
+
+/// The errors of all channels.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Colour {
-    /// τ.
-    pub(crate) time_s: f64,
-    /// Variance of the white part, and of the lasting part over it, by channel.
-    pub(crate) channels: Vec<(f64, f64)>,
+    along: Along,
+    channels: Vec<Noise>,
     /// Share of the lasting part in the variance of all rows together.
     pub(crate) lasting_share: f64,
+    /// The extents' mean, each weighed by its channel's lasting part, as a logarithm.
+    mean_extent: f64,
 }
 
 /// Ratios of the lasting part's variance to the white one's that are tried, beside none, each twice the one before.
@@ -33,14 +60,15 @@ struct Whitener {
 }
 
 impl Whitener {
-    fn new(times_s: &[f64], tau_s: f64, ratio: f64) -> Self {
+    /// The lasting part has `ratio` times the white one's variance; rows lie at `places` along time or path.
+    fn new(places: &[f64], extent: f64, ratio: f64) -> Self {
         let (mut variance, mut log_determinant) = (ratio, 0.0);
-        let mut before_s = None;
-        let steps = times_s
+        let mut before = None;
+        let steps = places
             .iter()
-            .map(|t_s| {
-                let kept = before_s.map_or(0.0, |b: f64| (-(t_s - b) / tau_s).exp());
-                before_s = Some(*t_s);
+            .map(|place| {
+                let kept = before.map_or(0.0, |b: f64| (-(place - b) / extent).exp());
+                before = Some(*place);
                 variance = kept * kept * variance + (1.0 - kept * kept) * ratio;
                 let innovation = variance + 1.0;
                 let gain = variance / innovation;
@@ -83,20 +111,48 @@ impl Whitener {
     }
 }
 
-/// Rows of each channel, and their times.
+/// Rows of each channel, and where they lie.
 struct Channels {
     rows: Vec<Vec<usize>>,
     times_s: Vec<Vec<f64>>,
+    /// The way that the image has gone since the channel's first row.
+    paths_px: Vec<Vec<f64>>,
 }
 
 impl Channels {
     fn new(linear: &Linear, times_s: &[f64], channels: usize) -> Self {
-        let mut out = Self { rows: vec![Vec::new(); channels], times_s: vec![Vec::new(); channels] };
+        let none = vec![Vec::new(); channels];
+        let mut out = Self { rows: vec![Vec::new(); channels], times_s: none.clone(), paths_px: none };
         for (row, (instant, channel)) in linear.place.iter().enumerate() {
+            let [u, v] = linear.pixel[row];
+            let path_px = out.rows[*channel].last().zip(out.paths_px[*channel].last());
+            let path_px = path_px.map_or(0.0, |(before, path_px)| {
+                let [u0, v0] = linear.pixel[*before];
+                path_px + (u - u0).hypot(v - v0)
+            });
             out.rows[*channel].push(row);
             out.times_s[*channel].push(times_s[*instant]);
+            out.paths_px[*channel].push(path_px);
         }
         out
+    }
+
+    fn along(&self, along: Along) -> &[Vec<f64>] {
+        match along {
+            Along::Time => &self.times_s,
+            Along::Path => &self.paths_px,
+        }
+    }
+
+    /// The extents that are tried: from twice the mean distance of rows, each twice the one before, to the longest channel.
+    fn extents(&self, along: Along) -> Vec<f64> {
+        let length = |places: &Vec<f64>| places.last().zip(places.first()).map_or(0.0, |(b, a)| b - a);
+        let longest = self.along(along).iter().map(length).fold(0.0, f64::max);
+        let rows = self.rows.iter().map(Vec::len).max().unwrap_or_default().max(2);
+        let first = 2.0 * longest / rows as f64;
+        std::iter::successors(Some(first), |e| Some(2.0 * e))
+            .take_while(|e| *e > 0.0 && *e < longest)
+            .collect()
     }
 }
 
@@ -106,7 +162,7 @@ impl Colour {
     pub(crate) fn find(linear: &Linear, times_s: &[f64], channels: usize) -> Result<Self, IdentifyError> {
         let places = Channels::new(linear, times_s, channels);
         let series = DMatrix::from_row_slice(1, linear.residual.len(), linear.residual.as_slice());
-        let mut found = Self::most_likely(&places, &series, times_s);
+        let mut found = Self::most_likely(&places, &series);
         for _ in 0..ROUNDS {
             let white = found.whitened(linear, times_s);
             let covariance = inverse(&white.information()).ok_or(IdentifyError::RankZero)?;
@@ -116,7 +172,7 @@ impl Colour {
             let mut series = DMatrix::zeros(taken.nrows() + 1, left.len());
             series.rows_mut(0, 1).copy_from(&left.transpose());
             series.rows_mut(1, taken.nrows()).copy_from(&taken);
-            let next = Self::most_likely(&places, &series, times_s);
+            let next = Self::most_likely(&places, &series);
             let settled = next.is_like(&found);
             found = next;
             if settled {
@@ -127,41 +183,32 @@ impl Colour {
     }
 
     fn is_like(&self, other: &Self) -> bool {
-        self.time_s == other.time_s
-            && self
-                .channels
-                .iter()
-                .zip(&other.channels)
-                .all(|(a, b)| a.1 == b.1 && (a.0 / b.0 - 1.0).abs() < 0.02)
+        let alike = |(a, b): (&Noise, &Noise)| {
+            a.ratio == b.ratio && a.extent == b.extent && (a.white / b.white - 1.0).abs() < 0.02
+        };
+        self.along == other.along && self.channels.iter().zip(&other.channels).all(alike)
     }
 
-    /// The most likely of all τ and ratios tried; variances follow from the squares of the series' columns.
-    fn most_likely(places: &Channels, series: &DMatrix<f64>, times_s: &[f64]) -> Self {
-        let first_s = places.times_s.iter().flatten().fold(f64::INFINITY, |a, b| a.min(*b));
-        let span_s = times_s.last().map_or(0.0, |t| t - first_s);
-        let interval_s = span_s / times_s.len().max(2) as f64;
+    /// The most likely of all extents and ratios tried; variances follow from the squares of the series' columns.
+    fn most_likely(places: &Channels, series: &DMatrix<f64>) -> Self {
         let mut mean = vec![0.0; series.nrows()];
-        let white =
-            Self { time_s: interval_s, channels: vec![(1.0, 0.0); places.rows.len()], lasting_share: 0.0 };
-        let mut best = (f64::INFINITY, white);
-        let mut time_s = 2.0 * interval_s;
-        while time_s < span_s {
-            let (mut total, mut lasting, mut all) = (0.0, 0.0, 0.0);
-            let mut channels = Vec::with_capacity(places.rows.len());
-            for place in places.rows.iter().zip(&places.times_s) {
-                let (deviance, (white, ratio)) = likeliest_ratio(place, series, time_s, &mut mean);
-                let rows = place.0.len() as f64;
-                total += deviance;
-                lasting += rows * white * ratio;
-                all += rows * white * (1.0 + ratio);
-                channels.push((white, ratio));
-            }
-            if total < best.0 {
-                best = (total, Self { time_s, channels, lasting_share: lasting / all });
-            }
-            time_s *= 2.0;
+        let [(by_time, time), (by_path, path)] = [Along::Time, Along::Path].map(|along| {
+            let extents = places.extents(along);
+            let found = places.rows.iter().zip(places.along(along));
+            let found = found.map(|place| likeliest(place, series, &extents, &mut mean));
+            let (deviances, channels): (Vec<f64>, Vec<Noise>) = found.unzip();
+            (deviances.iter().sum::<f64>(), channels)
+        });
+        let (along, channels) = if by_path < by_time { (Along::Path, path) } else { (Along::Time, time) };
+        let (mut lasting, mut all, mut extents) = (0.0, 0.0, 0.0);
+        for (noise, rows) in channels.iter().zip(&places.rows) {
+            let part = rows.len() as f64 * noise.white * noise.ratio;
+            lasting += part;
+            all += rows.len() as f64 * noise.variance();
+            extents += part * noise.extent.ln();
         }
-        best.1
+        let mean_extent = if lasting > 0.0 { (extents / lasting).exp() } else { 0.0 };
+        Self { along, channels, lasting_share: lasting / all, mean_extent }
     }
 
     /// The model with rows of unit variance that do not hang together, if these are the errors.
@@ -170,13 +217,11 @@ impl Colour {
         let mut out = linear.clone();
         let mut residual = DMatrix::from_row_slice(1, linear.residual.len(), linear.residual.as_slice());
         let mut mean = vec![0.0; linear.by.nrows()];
-        for ((rows, times_s), (variance, ratio)) in
-            places.rows.iter().zip(&places.times_s).zip(&self.channels)
-        {
-            let filter = Whitener::new(times_s, self.time_s, *ratio);
+        for ((rows, along), noise) in places.rows.iter().zip(places.along(self.along)).zip(&self.channels) {
+            let filter = Whitener::new(along, noise.extent, noise.ratio);
             filter.apply(rows, &mut out.by, &mut mean);
             filter.apply(rows, &mut residual, &mut mean[..1]);
-            let unit = variance.sqrt().recip();
+            let unit = noise.white.sqrt().recip();
             for row in rows {
                 out.by.column_mut(*row).scale_mut(unit);
                 out.residual[*row] = residual[(0, *row)] * unit;
@@ -185,31 +230,39 @@ impl Colour {
         out
     }
 
+    pub(crate) fn extent(&self) -> Extent {
+        match self.along {
+            Along::Time => Extent::Time(self.mean_extent),
+            Along::Path => Extent::Path(self.mean_extent),
+        }
+    }
+
     /// Variance of each channel, both parts together, in the units of the weights.
     pub(crate) fn variances(&self) -> impl Iterator<Item = f64> {
-        self.channels.iter().map(|(white, ratio)| white * (1.0 + ratio))
+        self.channels.iter().map(Noise::variance)
     }
 }
 
-/// Minus twice the logarithm of a channel's likelihood at a τ, and the white variance and the ratio that make it largest.
-fn likeliest_ratio(
-    (rows, times_s): (&Vec<usize>, &Vec<f64>),
+/// Minus twice the logarithm of a channel's likelihood, and the noise that makes it the largest.
+fn likeliest(
+    (rows, places): (&Vec<usize>, &Vec<f64>),
     series: &DMatrix<f64>,
-    tau_s: f64,
+    extents: &[f64],
     mean: &mut [f64],
-) -> (f64, (f64, f64)) {
-    if rows.is_empty() {
-        return (0.0, (1.0, 0.0));
-    }
+) -> (f64, Noise) {
     let n = rows.len() as f64;
-    let mut best = (f64::INFINITY, (1.0, 0.0));
-    for k in 0..=RATIOS {
-        let ratio = if k == 0 { 0.0 } else { FIRST_RATIO * 2f64.powi(k as i32 - 1) };
-        let filter = Whitener::new(times_s, tau_s, ratio);
-        let variance = (filter.squares(rows, series, mean) / n).max(f64::MIN_POSITIVE);
-        let deviance = n * variance.ln() + filter.log_determinant;
+    let mut best = (f64::INFINITY, Noise { white: 1.0, ratio: 0.0, extent: 1.0 });
+    if rows.is_empty() {
+        return (0.0, best.1);
+    }
+    let ratios = (0..RATIOS).map(|k| FIRST_RATIO * 2f64.powi(k as i32));
+    let lasting = extents.iter().flat_map(|extent| ratios.clone().map(move |ratio| (*extent, ratio)));
+    for (extent, ratio) in std::iter::once((1.0, 0.0)).chain(lasting) {
+        let filter = Whitener::new(places, extent, ratio);
+        let white = (filter.squares(rows, series, mean) / n).max(f64::MIN_POSITIVE);
+        let deviance = n * white.ln() + filter.log_determinant;
         if deviance < best.0 {
-            best = (deviance, (variance, ratio));
+            best = (deviance, Noise { white, ratio, extent });
         }
     }
     best
@@ -218,26 +271,76 @@ fn likeliest_ratio(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::normal;
 
     #[test]
     fn the_filter_is_the_inverse_root_of_the_covariance() {
         let times_s = [0.0, 0.1, 0.13, 0.5, 0.51, 2.0];
         let x = [0.3, -1.2, 0.7, 2.0, 1.9, -0.4];
-        for (tau_s, ratio) in [(0.2, 3.0), (1.5, 100.0), (0.4, 0.0)] {
+        for (extent, ratio) in [(0.2, 3.0), (1.5, 100.0), (0.4, 0.0)] {
             let sigma = DMatrix::from_fn(6, 6, |i, j| {
-                let lasting = ratio * (-f64::abs(times_s[i] - times_s[j]) / tau_s).exp();
+                let lasting = ratio * (-f64::abs(times_s[i] - times_s[j]) / extent).exp();
                 lasting + if i == j { 1.0 } else { 0.0 }
             });
             let dense = sigma.cholesky().expect("positive definite");
             let column = DMatrix::from_column_slice(6, 1, &x);
             let squares = column.dot(&dense.solve(&column));
-            let filter = Whitener::new(&times_s, tau_s, ratio);
+            let filter = Whitener::new(&times_s, extent, ratio);
             let mut series = DMatrix::from_row_slice(1, 6, &x);
             let rows: Vec<usize> = (0..6).collect();
             assert!((filter.squares(&rows, &series, &mut [0.0]) - squares).abs() < 1e-10 * squares);
             assert!((filter.log_determinant - dense.ln_determinant()).abs() < 1e-10);
             filter.apply(&rows, &mut series, &mut [0.0]);
             assert!((series.norm_squared() - squares).abs() < 1e-10 * squares);
+        }
+    }
+
+    /// Errors that go with the place, of a marker that stands, moves and creeps, and errors that go with time.
+    #[test]
+    fn errors_by_the_way_are_told_from_errors_by_time() {
+        let (instants, channels) = (300, 8);
+        let times_s: Vec<f64> = (0..instants).map(|k| k as f64 / 30.0).collect();
+        let speed_px_s = |t: f64| {
+            if t < 2.0 {
+                0.0
+            } else if t < 4.0 {
+                50.0
+            } else {
+                10.0
+            }
+        };
+        let mut path_px = 0.0;
+        let path: Vec<f64> = times_s
+            .iter()
+            .map(|t| {
+                path_px += speed_px_s(*t) / 30.0;
+                path_px
+            })
+            .collect();
+        let places = Channels {
+            rows: (0..channels).map(|c| (0..instants).map(|i| i * channels + c).collect()).collect(),
+            times_s: vec![times_s.clone(); channels],
+            paths_px: vec![path.clone(); channels],
+        };
+        for (along, extent) in [(Along::Path, 8.0), (Along::Time, 0.5)] {
+            let coordinate = if along == Along::Path { &path } else { &times_s };
+            let mut seed = 5;
+            let mut series = DMatrix::zeros(1, instants * channels);
+            for channel in 0..channels {
+                let mut lasting = 3.0 * normal(&mut seed);
+                for i in 0..instants {
+                    let apart = if i == 0 { 0.0 } else { coordinate[i] - coordinate[i - 1] };
+                    let kept = f64::exp(-apart / extent);
+                    lasting = kept * lasting + 3.0 * (1.0 - kept * kept).sqrt() * normal(&mut seed);
+                    series[(0, i * channels + channel)] = lasting + normal(&mut seed);
+                }
+            }
+            let found = Colour::most_likely(&places, &series);
+            assert_eq!(found.along, along);
+            let ratio = found.mean_extent / extent;
+            assert!((0.5..2.0).contains(&ratio), "{} for {extent}", found.mean_extent);
+            // 9 of 10 parts.
+            assert!((0.8..0.97).contains(&found.lasting_share), "{}", found.lasting_share);
         }
     }
 }

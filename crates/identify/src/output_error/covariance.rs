@@ -32,6 +32,8 @@ pub(crate) struct Covariance {
     pub(crate) bound: DMatrix<f64>,
     /// Of the parameters, for rows of the colour that was found.
     pub(crate) coloured: DMatrix<f64>,
+    /// Of the parameters, for rows that are at times larger than at others; none where chance explains how they differ.
+    pub(crate) uneven: Option<DMatrix<f64>>,
     /// Instants over which rows are correlated.
     pub(crate) lag: usize,
 }
@@ -45,8 +47,13 @@ impl Covariance {
         let own = bound.view((TANGENT, TANGENT), (parameters, parameters)).into_owned();
         // What a unit of each row's noise does to the parameters: parameters by rows.
         let influence = all.rows(TANGENT, parameters) * &linear.by;
-        let coloured = own + colour(linear, &influence, (channels, lag));
-        Ok(Self { bound, coloured, lag })
+        let by_instant = Instants::new(linear, &influence, channels);
+        // The priors' part of the bound stays.
+        let rest = own - &influence * influence.transpose();
+        let coloured =
+            &rest + if lag == 0 { &influence * influence.transpose() } else { by_instant.colour(lag) };
+        let uneven = by_instant.is_uneven().then(|| &rest + by_instant.scores_spread(lag));
+        Ok(Self { bound, coloured, uneven, lag })
     }
 }
 
@@ -77,38 +84,130 @@ pub(crate) fn correlation_lag(linear: &Linear, channels: usize) -> usize {
     longest
 }
 
-/// What the correlation of residuals over instants and channels adds to the covariance of white ones (Morelli & Klein
-/// 1997, equation 14): the sum of Gᵢᵀ R(j - i) Gⱼ over all i and j, less that of Gᵢᵀ Gᵢ.
-///
-/// R by lag is that of the residuals, tapered flat to half of `lag` and to zero at it (Politis & Romano 1995); nothing
-/// at lag 0, where residuals are white.
-fn colour(linear: &Linear, influence: &DMatrix<f64>, (channels, lag): (usize, usize)) -> DMatrix<f64> {
-    let p = influence.nrows();
-    let mut out = DMatrix::zeros(p, p);
-    if lag == 0 {
-        return out;
-    }
-    let table = linear.table(&linear.residual, channels);
-    let instants = table.nrows();
-    let first = linear.first_instant();
-    // Influence by instant: parameters × channels.
-    let mut by_instant = vec![DMatrix::zeros(p, channels); instants];
-    for (i, (instant, channel)) in linear.place.iter().enumerate() {
-        by_instant[instant - first].column_mut(*channel).copy_from(&influence.column(i));
-    }
-    let seen = table.iter().filter(|v| **v != 0.0).count().max(1) as f64 / channels as f64;
-    for l in 0..=lag {
-        let taper = (2.0 * (1.0 - l as f64 / (lag as f64 + 1.0))).min(1.0);
-        let pairs = instants.saturating_sub(l);
-        let correlation = table.rows(0, pairs).transpose() * table.rows(l, pairs) * (taper / seen);
-        let mut sum = DMatrix::zeros(p, p);
-        for i in 0..pairs {
-            sum += &by_instant[i] * &correlation * by_instant[i + l].transpose();
+/// Residuals by instant and channel, and what a unit of each does to the parameters: parameters by channels an instant.
+struct Instants {
+    residuals: DMatrix<f64>,
+    influence: Vec<DMatrix<f64>>,
+    rows: Vec<usize>,
+}
+
+impl Instants {
+    fn new(linear: &Linear, influence: &DMatrix<f64>, channels: usize) -> Self {
+        let residuals = linear.table(&linear.residual, channels);
+        let first = linear.first_instant();
+        let mut by_instant = vec![DMatrix::zeros(influence.nrows(), channels); residuals.nrows()];
+        let mut rows = vec![0; residuals.nrows()];
+        for (i, (instant, channel)) in linear.place.iter().enumerate() {
+            by_instant[instant - first].column_mut(*channel).copy_from(&influence.column(i));
+            rows[instant - first] += 1;
         }
-        out += &sum;
-        if l > 0 {
-            out += sum.transpose();
+        Self { residuals, influence: by_instant, rows }
+    }
+
+    /// The parameters' covariance for rows that are correlated over instants and channels alike through the flight (Morelli
+    /// & Klein 1997, equation 14): the sum of Gᵢᵀ R(j - i) Gⱼ over all i and j.
+    ///
+    /// R by lag is that of the residuals, tapered flat to half of `lag` and to zero at it (Politis & Romano 1995).
+    fn colour(&self, lag: usize) -> DMatrix<f64> {
+        let p = self.influence.first().map_or(0, DMatrix::nrows);
+        let mut out = DMatrix::zeros(p, p);
+        let instants = self.residuals.nrows();
+        let seen = self.rows.iter().sum::<usize>().max(1) as f64 / self.residuals.ncols() as f64;
+        for l in 0..=lag {
+            let taper = (2.0 * (1.0 - l as f64 / (lag as f64 + 1.0))).min(1.0);
+            let pairs = instants.saturating_sub(l);
+            let (before, after) = (self.residuals.rows(0, pairs), self.residuals.rows(l, pairs));
+            let correlation = before.transpose() * after * (taper / seen);
+            let mut sum = DMatrix::zeros(p, p);
+            for i in 0..pairs {
+                sum += &self.influence[i] * &correlation * self.influence[i + l].transpose();
+            }
+            out += &sum;
+            if l > 0 {
+                out += sum.transpose();
+            }
+        }
+        out
+    }
+
+    /// Whether the squares of the instants differ by more than chance, were all rows normal with one variance: by five
+    /// standard deviations of their sum of squared deviations.
+    fn is_uneven(&self) -> bool {
+        let all = self.rows.iter().sum::<usize>() as f64;
+        let variance = self.residuals.norm_squared() / all;
+        let (mut excess, mut chance) = (0.0, 0.0);
+        for (residuals, rows) in self.residuals.row_iter().zip(&self.rows).filter(|(_, rows)| **rows > 0) {
+            let n = *rows as f64;
+            // Of a chi-square: variance 2n, fourth central moment 12n² + 48n.
+            excess += (residuals.norm_squared() / variance - n).powi(2) / (2.0 * n) - 1.0;
+            chance += 2.0 + 12.0 / n;
+        }
+        excess > 5.0 * chance.sqrt()
+    }
+
+    /// The same for rows of any variance at any instant (White 1980; Newey & West 1987): the Bartlett-weighted sum of the
+    /// products of what the residuals of instants, as they are, do to the parameters. `lag`, or what Newey & West (1994) take
+    /// for the number of instants, whichever is more.
+    fn scores_spread(&self, lag: usize) -> DMatrix<f64> {
+        let scores: Vec<DVector<f64>> = self
+            .influence
+            .iter()
+            .zip(self.residuals.row_iter())
+            .map(|(influence, residuals)| influence * residuals.transpose())
+            .collect();
+        let lag = lag.max((4.0 * (scores.len() as f64 / 100.0).powf(2.0 / 9.0)) as usize);
+        let p = self.influence.first().map_or(0, DMatrix::nrows);
+        let mut out = DMatrix::zeros(p, p);
+        for l in 0..=lag.min(scores.len().saturating_sub(1)) {
+            let weight = 1.0 - l as f64 / (lag as f64 + 1.0);
+            for (before, after) in scores.iter().zip(&scores[l..]) {
+                out.ger(weight, before, after, 1.0);
+                if l > 0 {
+                    out.ger(weight, after, before, 1.0);
+                }
+            }
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::normal;
+
+    /// Residuals whose standard deviation is three in a tenth of the flight, that of the most telling instants, and one else.
+    #[test]
+    fn a_burst_of_errors_is_found_and_its_spread_is_right() {
+        let (instants, channels, runs) = (300, 16, 300_i32);
+        let std = |i: usize, burst: f64| if (100..130).contains(&i) { burst } else { 1.0 };
+        let influence: Vec<DMatrix<f64>> = (0..instants)
+            .map(|i| {
+                let telling = if (100..130).contains(&i) { 3.0 } else { 0.5 };
+                DMatrix::from_fn(2, channels, |p, c| telling * ((p + 1) as f64 * (c + i) as f64).sin())
+            })
+            .collect();
+        let mut seed = 3;
+        let mut drawn = |burst: f64| Instants {
+            residuals: DMatrix::from_fn(instants, channels, |i, _| std(i, burst) * normal(&mut seed)),
+            influence: influence.clone(),
+            rows: vec![channels; instants],
+        };
+        let even = (0..runs).filter(|_| drawn(1.0).is_uneven()).count();
+        assert_eq!(even, 0, "of {runs} flights without a burst");
+        let exact = influence
+            .iter()
+            .enumerate()
+            .fold(DMatrix::zeros(2, 2), |sum, (i, g)| sum + g * g.transpose() * std(i, 3.0).powi(2));
+        let mut mean = DMatrix::zeros(2, 2);
+        for _ in 0..runs {
+            let flight = drawn(3.0);
+            assert!(flight.is_uneven());
+            mean += flight.scores_spread(0) / f64::from(runs);
+        }
+        for k in 0..2 {
+            let ratio = mean[(k, k)] / exact[(k, k)];
+            assert!((0.9..1.1).contains(&ratio), "{ratio}");
         }
     }
-    out - influence * influence.transpose()
 }

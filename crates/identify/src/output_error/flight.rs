@@ -24,6 +24,15 @@ pub struct Images<'a> {
     pub observations: &'a [MarkerObservation],
 }
 
+/// What is known of the inputs' clock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InputClock {
+    /// It is that of the measurements.
+    Known,
+    /// It may be early or late.
+    Free,
+}
+
 /// The fits of a flight by output error.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FlightFits {
@@ -59,6 +68,9 @@ struct Estimates {
 impl FlightFits {
     /// Fits the default model of a vehicle ([`FlightModel::new`]) to the poses and, where there are some, to the images.
     ///
+    /// Where the clocks are not known to agree, the lag of the inputs is free too: what is not known of it is then in all
+    /// intervals. A flight that cannot tell it is fitted without.
+    ///
     /// # Errors
     /// A vehicle that is not valid; refusals of a fit become sentences.
     pub fn of_flight(
@@ -66,10 +78,24 @@ impl FlightFits {
         inputs: &InputSeries,
         poses: &[PoseSample],
         images: Option<Images<'_>>,
+        clocks: InputClock,
     ) -> Result<Self, IdentifyError> {
         let model = FlightModel::new(vehicle, inputs)?;
         let fit = |measured: Result<Measurements, IdentifyError>| {
-            output_error(&model, inputs, &measured?, &OutputErrorOptions::default())
+            let (measured, options) = (measured?, OutputErrorOptions::default());
+            let held = || output_error(&model, inputs, &measured, &options);
+            if clocks == InputClock::Known {
+                return held();
+            }
+            match output_error(&model.clone().with_free_lag(), inputs, &measured, &options) {
+                // What the lag moves may lie outside the inputs, or what the inputs move may not tell it.
+                Err(
+                    IdentifyError::NotDetermined { .. }
+                    | IdentifyError::Flight(_)
+                    | IdentifyError::FitNotConverged { .. },
+                ) => held(),
+                fitted => fitted,
+            }
         };
         let states = || Ok(Measurements::States(poses.iter().map(StateMeasurement::from_pose).collect()));
         let (poses, image) = std::thread::scope(|scope| {

@@ -229,6 +229,7 @@ impl ImageMeasurements {
                     jacobian: [0.0; SEEN],
                     channel: 2 * (s.camera * self.markers.len() + s.marker) + axis,
                     nuisance: 2 * k + axis,
+                    pixel: seen.pixel.into(),
                 };
                 for j in 0..6 {
                     row.jacobian[j] = jacobian[(axis, j)];

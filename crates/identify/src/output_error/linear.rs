@@ -15,6 +15,8 @@ pub(crate) struct Linear {
     pub(crate) residual: DVector<f64>,
     /// Instant and channel of each row; instants ascend.
     pub(crate) place: Vec<(usize, usize)>,
+    /// Where each row was predicted in the image; the origin for what is no image.
+    pub(crate) pixel: Vec<[f64; 2]>,
     /// Inverse variances of the unknowns before the flight.
     prior: DVector<f64>,
     /// How far the point is from their means.
@@ -62,7 +64,8 @@ impl Linear {
         prior.rows_mut(m, k).fill(1.0);
         off.rows_mut(m, k).copy_from(&point.nuisances);
         let place = records.iter().map(|r| (r.instant, r.row.channel)).collect();
-        Self { by, residual, place, prior, off }
+        let pixel = records.iter().map(|r| r.row.pixel).collect();
+        Self { by, residual, place, pixel, prior, off }
     }
 
     /// Information on all unknowns.

@@ -62,6 +62,8 @@ pub(crate) struct Row {
     pub(crate) channel: usize,
     /// Row of the whitened nuisance directions.
     pub(crate) nuisance: usize,
+    /// Where it is predicted in the image; the origin for what is no image.
+    pub(crate) pixel: [f64; 2],
 }
 
 const STATE_CHANNELS: [&str; 12] =
@@ -204,7 +206,13 @@ fn push<const N: usize>(
     out: &mut Vec<Row>,
 ) {
     for i in 0..N {
-        let mut row = Row { residual: residual[i], jacobian: [0.0; SEEN], channel: first + i, nuisance: 0 };
+        let mut row = Row {
+            residual: residual[i],
+            jacobian: [0.0; SEEN],
+            channel: first + i,
+            nuisance: 0,
+            pixel: [0.0; 2],
+        };
         for j in 0..N {
             row.jacobian[first + j] = jacobian[(i, j)];
         }

@@ -126,6 +126,15 @@ impl FlightModel {
             .collect()
     }
 
+    /// The same with the lag of the inputs free as well.
+    #[must_use]
+    pub fn with_free_lag(mut self) -> Self {
+        if !self.free.contains(&ModelParameter::InputLag) {
+            self.free.push(ModelParameter::InputLag);
+        }
+        self
+    }
+
     /// One value.
     pub fn value(&self, parameter: ModelParameter) -> f64 {
         match parameter {

@@ -22,7 +22,8 @@ pub struct FittedParameter {
     pub name: &'static str,
     /// Estimate.
     pub value: f64,
-    /// Standard deviation: the Cramér-Rao bound, or what residuals that are still correlated make of it where that is more.
+    /// Standard deviation: the Cramér-Rao bound, or what residuals that are still correlated, or larger at some times than at
+    /// others, make of it where that is more.
     pub std: f64,
     /// The Cramér-Rao bound, for errors of the level and the duration found.
     pub bound_std: f64,
@@ -65,13 +66,32 @@ pub struct FittedState {
     pub flap: FlapState,
 }
 
-/// Errors of the measurements that last: part of each channel's variance has the autocorrelation exp(-|t|/τ).
+/// Errors of the measurements that last: part of each channel's variance has the autocorrelation exp(-|x|/extent), x
+/// time or the path of the marker's image, whichever is the more likely.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LastingErrors {
-    /// τ.
-    pub time_s: f64,
-    /// Its share of the variance of all channels.
+    /// How long or how far they last.
+    pub extent: Extent,
+    /// Their share of the variance of all channels.
     pub share: f64,
+}
+
+/// How long or how far errors last.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Extent {
+    /// A time, s: errors that change by themselves.
+    Time(f64),
+    /// A way in the image, px: errors that change with where a marker is, before what, and in which light.
+    Path(f64),
+}
+
+impl std::fmt::Display for Extent {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Time(s) => write!(f, "{s:.1} s"),
+            Self::Path(px) => write!(f, "{px:.0} px of a marker's way"),
+        }
+    }
 }
 
 /// The answer of [`super::output_error`].
@@ -129,7 +149,10 @@ pub(crate) fn assemble(
     let p = fitter.free().len();
     let known = Covariance::new(linear, p, channels.len())?;
     let bound = known.bound.view((TANGENT, TANGENT), (p, p)).into_owned();
-    let covariance = no_less_than(&bound, &known.coloured);
+    let mut covariance = no_less_than(&bound, &known.coloured);
+    if let Some(uneven) = &known.uneven {
+        covariance = no_less_than(&covariance, uneven);
+    }
     let degrees = linear.residual.len().saturating_sub(p + TANGENT).max(1);
     let t = student_quantile_975(degrees);
     let parameters = fitter
@@ -160,8 +183,8 @@ pub(crate) fn assemble(
     for (factor, variance) in factors.iter_mut().zip(colour.iter().flat_map(|c| c.variances())) {
         *factor *= variance;
     }
-    let lasting = colour.map(|c| LastingErrors { time_s: c.time_s, share: c.lasting_share });
-    let notes = notes(&parameters, lasting, known.lag);
+    let lasting = colour.map(|c| LastingErrors { extent: c.extent(), share: c.lasting_share });
+    let notes = notes(&parameters, lasting, known.lag, known.uneven.is_some());
     Ok(OutputErrorFit {
         parameters,
         covariance,
@@ -231,7 +254,12 @@ fn residuals(linear: &Linear, channels: &[String]) -> Vec<ChannelResiduals> {
     out
 }
 
-fn notes(parameters: &[FittedParameter], lasting: Option<LastingErrors>, lag: usize) -> Vec<String> {
+fn notes(
+    parameters: &[FittedParameter],
+    lasting: Option<LastingErrors>,
+    lag: usize,
+    uneven: bool,
+) -> Vec<String> {
     let mut out = Vec::new();
     if let Some(p) = parameters.iter().find(|p| p.parameter == ModelParameter::InputLag)
         && (p.ci_low > 0.0 || p.ci_high < 0.0)
@@ -245,14 +273,19 @@ fn notes(parameters: &[FittedParameter], lasting: Option<LastingErrors>, lag: us
     }
     if let Some(lasting) = lasting {
         out.push(format!(
-            "{:.0} % of the measurements' variance lasts about {:.1} s: something slow is missing from the model or the measurements; weights and standard deviations allow for it.",
-            100.0 * lasting.share, lasting.time_s
+            "{:.0} % of the measurements' variance lasts about {}: something slow is missing from the model or the measurements; weights and standard deviations allow for it.",
+            100.0 * lasting.share, lasting.extent
         ));
     }
     if lag > 0 {
         out.push(format!(
             "Residuals are correlated over {lag} instants for which no model was found; standard deviations allow for it."
         ));
+    }
+    if uneven {
+        out.push(
+            "Residuals are larger at some times than at others; standard deviations allow for it.".to_owned(),
+        );
     }
     let vague: Vec<&str> = parameters.iter().filter(|p| !p.identifiable).map(|p| p.name).collect();
     if !vague.is_empty() {

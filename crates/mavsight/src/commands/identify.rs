@@ -2,6 +2,7 @@
 
 use super::named;
 use super::run::{Flight, fit_into, identify_into};
+use super::stages::beside_other_stages;
 use crate::cli::{Identify, Interval, WrongCall};
 use crate::fits;
 use crate::progress::Bars;
@@ -34,7 +35,7 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     let summary = Summary::of(&results, None, &notes);
     print!("{}{}", summary.text(), fits::parameter_text(&results));
     if let Some(out) = &args.out {
-        results.summary = summary.json();
+        results.summary = beside_other_stages(out, &results.session, summary.json());
         // The table came from a file of the caller's, which may lie in the same folder: it is not written again.
         if results.poses.is_empty() {
             results.motion = None;

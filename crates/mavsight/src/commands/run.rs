@@ -9,7 +9,7 @@ use anyhow::Result;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_identify::IdentifyError;
-use mavsight_identify::output_error::FlightFits;
+use mavsight_identify::output_error::{FlightFits, InputClock};
 use mavsight_pipeline::{
     BodyAsBuilt, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress,
     Refinement, TimedFrame, Tracked, body_markers, calibrate_from_observations, calibrate_from_stills,
@@ -227,7 +227,8 @@ fn output_error_of(
     let seen = (results.rig.as_ref())
         .filter(|_| !results.markers.is_empty())
         .map(|rig| (rig, markers.as_slice(), markers_std_m, results.markers.as_slice()));
-    Ok(output_error_fits(flight.vehicle, inputs, &results.poses, seen, bars)?)
+    let clock = if flight.options.lag_s.is_some() { InputClock::Known } else { InputClock::Free };
+    Ok(output_error_fits(flight.vehicle, inputs, &results.poses, seen, clock, bars)?)
 }
 
 /// Whether an error lies in what was asked for, and not in the flight.

@@ -14,11 +14,12 @@ use mavsight_pipeline::Progress;
 use mavsight_scene::Room;
 use mavsight_session::{
     ControlSection, RunResults, SESSION_SCHEMA, Session, SessionCamera, SessionFile, TruthRow, load_vehicle,
-    make_folder, read_body, read_markers, read_poses, read_rig, results::names, tables::read_inputs,
-    tables::read_truth, write_control_points, write_inputs, write_png, write_results, write_session,
-    write_truth, write_vehicle,
+    make_folder, read_body, read_markers, read_poses, read_rig, read_summary, results::names,
+    tables::read_inputs, tables::read_truth, write_control_points, write_inputs, write_png, write_results,
+    write_session, write_truth, write_vehicle,
 };
 use mavsight_vision::Frame;
+use serde_json::Value;
 use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -199,9 +200,25 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
     put(results, &refusal.into_iter().collect::<Vec<_>>(), &args.out)
 }
 
+/// The figures of a stage among those that the summary in a folder has of the same session's other stages.
+pub(super) fn beside_other_stages(out: &Path, session: &str, figures: Value) -> Value {
+    let before = read_summary(&out.join(names::SUMMARY)).ok();
+    let Some(Value::Object(mut all)) = before.filter(|b| b["session"] == session) else { return figures };
+    for (section, value) in figures.as_object().into_iter().flatten() {
+        match value {
+            // This stage has nothing to say in words: what the others said stands.
+            Value::Array(words) if words.is_empty() => {}
+            _ => {
+                all.insert(section.clone(), value.clone());
+            }
+        }
+    }
+    Value::Object(all)
+}
+
 fn put(mut results: RunResults, notes: &[String], out: &Path) -> Result<()> {
     let summary = Summary::of(&results, None, notes);
-    results.summary = summary.json();
+    results.summary = beside_other_stages(out, &results.session, summary.json());
     write_results(out, &results)?;
     print!("{}", summary.text());
     println!("\nResults: {}", out.display());
@@ -238,4 +255,30 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
     write_page(&Page { flight: &flight, results: &results, summary: &summary, frames: &frames }, &args.out)?;
     println!("{}", args.out.join(names::REPORT).display());
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_stage_leaves_the_figures_of_the_others() {
+        let folder = std::env::temp_dir().join(format!("mavsight-summary-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let before = json!({
+            "session": "flight", "cameras": {"a": 1}, "poses": {"measured": 2}, "notes": ["seen"],
+        });
+        std::fs::write(folder.join(names::SUMMARY), before.to_string()).expect("a summary");
+        let stage = json!({"poses": {"measured": 3}, "notes": [], "verdicts": ["told"]});
+        let merged = beside_other_stages(&folder, "flight", stage.clone());
+        assert_eq!(merged["cameras"], before["cameras"]);
+        assert_eq!(merged["poses"], stage["poses"]);
+        assert_eq!(merged["notes"], before["notes"]);
+        assert_eq!(merged["verdicts"], stage["verdicts"]);
+        // Another session's figures have no place beside these.
+        assert_eq!(beside_other_stages(&folder, "another", stage.clone()), stage);
+        std::fs::remove_dir_all(&folder).expect("cleared");
+        assert_eq!(beside_other_stages(&folder, "flight", stage.clone()), stage);
+    }
 }

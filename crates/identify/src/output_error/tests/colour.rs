@@ -1,6 +1,6 @@
 use super::support::{POSITION_STD_M, TURN_STD_RAD, flown, multisine, noisy_poses, normal3};
 use crate::output_error::{
-    FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, output_error,
+    Extent, FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, output_error,
 };
 use mavsight_flight::{Coefficients, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{UnitQuaternion, Vector3};
@@ -41,7 +41,8 @@ fn errors_that_last_are_found_and_weighed() {
         .expect("a fit");
     let lasting = fit.lasting.expect("errors that last");
     println!("{lasting:?}, {} instants", fit.correlated_instants);
-    assert!((0.25..1.0).contains(&lasting.time_s), "{lasting:?}");
+    let Extent::Time(time_s) = lasting.extent else { panic!("{lasting:?}") };
+    assert!((0.25..1.0).contains(&time_s), "{lasting:?}");
     // 4 of 4.25 parts.
     assert!((0.85..0.99).contains(&lasting.share), "{lasting:?}");
     assert!(fit.notes.iter().any(|n| n.contains("lasts about")), "{:?}", fit.notes);

@@ -1,7 +1,7 @@
 use super::support::{flown, multisine, noisy_poses, normal, pose, pose_covariance};
 use crate::output_error::{
-    FlightFits, FlightModel, ImageMeasurements, Images, Measurements, ModelParameter, OutputErrorOptions,
-    output_error,
+    FlightFits, FlightModel, ImageMeasurements, Images, InputClock, Measurements, ModelParameter,
+    OutputErrorOptions, output_error,
 };
 use mavsight_flight::{Coefficients, FlightState, Scenario, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
@@ -133,7 +133,7 @@ fn poses_and_images_of_a_flight_agree_and_a_wrong_scale_makes_them_disagree() {
     let fit = |poses: &[PoseSample]| {
         let images =
             Images { rig: &rig, markers: &markers, markers_std_m: 5e-4, observations: &observations };
-        FlightFits::of_flight(&vehicle, &inputs, poses, Some(images)).expect("fits")
+        FlightFits::of_flight(&vehicle, &inputs, poses, Some(images), InputClock::Known).expect("fits")
     };
     let fits = fit(&poses);
     assert_eq!(fits.named().map(|(name, _)| name).collect::<Vec<_>>(), ["oe", "image"]);
@@ -153,10 +153,12 @@ fn poses_and_images_of_a_flight_agree_and_a_wrong_scale_makes_them_disagree() {
 fn what_constant_rotor_speeds_cannot_tell_is_held_and_named() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &Scenario::paper());
-    let fits = FlightFits::of_flight(&vehicle, &inputs, &samples(&states, &mut 3), None).expect("fits");
+    let fits = FlightFits::of_flight(&vehicle, &inputs, &samples(&states, &mut 3), None, InputClock::Known)
+        .expect("fits");
     let held: Vec<&str> = fits.held.iter().map(|p| p.name()).collect();
     assert_eq!(held, ["C_l,p", "C_Z,u", "C_Z,l", "C_n,u", "C_n,l", "C_n,r"]);
     assert!(fits.image.is_none() && fits.comparisons(None).is_empty());
-    let nothing = FlightFits::of_flight(&vehicle, &inputs, &[], None).expect("refused, not wrong");
+    let nothing =
+        FlightFits::of_flight(&vehicle, &inputs, &[], None, InputClock::Known).expect("refused, not wrong");
     assert!(nothing.poses.is_none() && nothing.refusals.len() == 1, "{:?}", nothing.refusals);
 }
