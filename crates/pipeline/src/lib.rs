@@ -18,6 +18,6 @@ pub use feed::{CameraFeed, TimedFrame};
 pub use output_error::{MARKERS_STD_M, output_error_fits};
 pub use progress::{Progress, Quiet, Stage};
 pub use reconstruct::reconstruct;
-pub use refine::{BodyAsBuilt, Diameter, Refinement, refine_body};
+pub use refine::{AsFlown, Diameter, Refinement, refine};
 pub use solve::{IdentifyOptions, Solution, body_markers, identify_motion, motion_from_poses};
 pub use track::{Tracked, track};

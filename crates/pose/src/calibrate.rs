@@ -159,6 +159,8 @@ pub struct Rig {
     pub uncertainty: DMatrix<f64>,
     /// Control points that disagree with the others.
     pub left_out: Vec<LeftOut>,
+    /// Frames of a flight that have refined the cameras: 0 where they are as the control points have left them.
+    pub frames: usize,
 }
 
 impl Default for Rig {
@@ -171,7 +173,7 @@ impl Rig {
     /// Cameras that count as exact.
     pub fn exact(cameras: Vec<RigCamera>) -> Self {
         let rows = CAMERA_PARAMETERS * cameras.len();
-        Self { cameras, uncertainty: DMatrix::zeros(rows, 0), left_out: Vec::new() }
+        Self { cameras, uncertainty: DMatrix::zeros(rows, 0), left_out: Vec::new(), frames: 0 }
     }
 
     /// All places of control points, once per camera that saw them.
@@ -208,7 +210,7 @@ pub fn calibrate(controls: &[CameraControl]) -> Result<Rig, PoseError> {
         .enumerate()
         .map(|(camera, control)| rig_camera(&problem, &cleaned, (camera, control), &covariance))
         .collect::<Result<_, _>>()?;
-    Ok(Rig { cameras, uncertainty: root(&covariance), left_out: cleaned.left_out })
+    Ok(Rig { cameras, uncertainty: root(&covariance), left_out: cleaned.left_out, frames: 0 })
 }
 
 fn rig_camera(

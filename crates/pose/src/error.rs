@@ -154,6 +154,14 @@ pub enum PoseError {
         /// What was given.
         std_m: f64,
     },
+    /// Cameras that a flight has refined are known by more than the control points.
+    #[error(
+        "{frames} frames of a flight have refined the cameras already, and what they told must not count twice: calibrate again from the control points"
+    )]
+    AlreadyRefined {
+        /// Frames that entered.
+        frames: usize,
+    },
     /// The flight shows the body's shape no better than the ruler did.
     #[error(
         "the flight tells the markers' positions to {:.1} mm only, no better than the {:.1} mm of the vehicle file: the aircraft turned by {:.0}° and centres may be off by {stays_px:.2} px all the while; turn it further, or keep the positions of the file",

@@ -32,7 +32,7 @@ pub struct SessionFile {
     pub model: Option<PathBuf>,
     /// Calibration.
     pub control: ControlSection,
-    /// The vehicle as built; left out: as in its file.
+    /// What is refined from the flight itself; left out: the cameras alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refine: Option<RefineSection>,
     /// Cameras.
@@ -51,15 +51,30 @@ pub struct ControlSection {
     pub observations: Option<PathBuf>,
 }
 
-/// Refinement of the markers from the flight itself.
+/// Refinement of cameras and markers from the flight itself.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RefineSection {
-    /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002.
-    pub markers_std_m: f64,
+    /// Whether the cameras are refined.
+    #[serde(default = "yes")]
+    pub rig: bool,
+    /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002. Left out: the markers are
+    /// as in the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub markers_std_m: Option<f64>,
     /// Whether the balls' diameters are measured too, from their images.
     #[serde(default)]
     pub diameters: bool,
+}
+
+impl Default for RefineSection {
+    fn default() -> Self {
+        Self { rig: true, markers_std_m: None, diameters: false }
+    }
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// One camera of a session.
@@ -102,8 +117,8 @@ pub struct Session {
     pub control_points_path: PathBuf,
     /// Table of control pixels.
     pub control_pixels_path: Option<PathBuf>,
-    /// How the markers are refined, where they are.
-    pub refine: Option<RefineSection>,
+    /// What is refined from the flight.
+    pub refine: RefineSection,
     /// Cameras, at least two, with whole paths.
     pub cameras: Vec<SessionCamera>,
 }
@@ -129,7 +144,7 @@ impl Session {
             model_path: file.model.map(|p| folder.join(p)),
             control_points_path: folder.join(file.control.points),
             control_pixels_path: file.control.observations.map(|p| folder.join(p)),
-            refine: file.refine,
+            refine: file.refine.unwrap_or_default(),
             cameras: file
                 .camera
                 .into_iter()
@@ -259,9 +274,15 @@ fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
             format!("{} found, but a pose needs at least 2: add [[camera]] sections", file.camera.len());
         return refuse("camera".into(), detail);
     }
-    if let Some(std_m) = file.refine.map(|r| r.markers_std_m).filter(|s| !(s.is_finite() && *s > 0.0)) {
+    let refine = file.refine.unwrap_or_default();
+    if let Some(std_m) = refine.markers_std_m.filter(|s| !(s.is_finite() && *s > 0.0)) {
         let detail = format!("{std_m} is not above zero: a ruler is good to 0.001 or 0.002");
         return refuse("refine.markers_std_m".into(), detail);
+    }
+    if !refine.rig && (refine.markers_std_m.is_some() || refine.diameters) {
+        let detail = "false leaves nothing to refine the markers with, as they are refined together with the cameras: \
+                      leave it out, or leave markers_std_m and diameters out";
+        return refuse("refine.rig".into(), detail.into());
     }
     for (k, camera) in file.camera.iter().enumerate() {
         if camera.name.is_empty() || file.camera[..k].iter().any(|c| c.name == camera.name) {

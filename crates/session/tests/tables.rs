@@ -42,7 +42,7 @@ fn session(folder: &Folder) -> PathBuf {
         model: None,
         truth: None,
         control: ControlSection { points: "points.csv".into(), observations: None },
-        refine: Some(RefineSection { markers_std_m: 0.002, diameters: false }),
+        refine: Some(RefineSection { markers_std_m: Some(0.002), ..RefineSection::default() }),
         camera: vec![camera("cam1"), camera("cam2")],
     };
     folder.write("points.csv", POINTS);

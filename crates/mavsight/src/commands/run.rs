@@ -11,9 +11,9 @@ use mavsight_geometry::ImageSize;
 use mavsight_identify::IdentifyError;
 use mavsight_identify::output_error::FlightFits;
 use mavsight_pipeline::{
-    BodyAsBuilt, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress,
+    AsFlown, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress,
     Refinement, TimedFrame, Tracked, body_markers, calibrate_from_observations, calibrate_from_stills,
-    identify_motion, motion_from_poses, output_error_fits, refine_body,
+    identify_motion, motion_from_poses, output_error_fits, refine,
 };
 use mavsight_pose::{Motion, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
@@ -28,11 +28,11 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let bars = Bars::new();
     let rig = rig_of(&session, &bars)?;
     let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
-    let (body, refusal) = refined_body(&session, &rig, &mut tracked)?;
+    let refined = refined(&session, rig, &mut tracked)?;
     let mut flight = Flight::of_session(&session, &inputs, truth.as_deref())?;
     flight.options.equation_error_only |= args.equation_error_only;
-    let (results, mut notes) = solve(&flight, rig, tracked, body, &bars)?;
-    notes.extend(refusal);
+    let (results, mut notes) = solve(&flight, refined.rig, tracked, refined.body, &bars)?;
+    notes.extend(refined.note);
     let scores = truth.as_deref().map(|t| scores_of(&results, t));
     bars.done();
     finish(&flight, results, notes, scores, first_frames(&session)?, &args.out)
@@ -89,28 +89,43 @@ pub(crate) fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
     Ok(calibrate_from_stills(&stills, &points)?)
 }
 
-/// The markers as the flight has shown them, where the session asks for that, and poses with them; or a note why not.
-pub(crate) fn refined_body(
-    session: &Session,
-    rig: &Rig,
-    tracked: &mut Tracked,
-) -> Result<(Vec<MarkerAsBuilt>, Option<String>)> {
-    let Some(wanted) = session.refine else { return Ok((Vec::new(), None)) };
+/// Cameras and markers as the flight has shown them.
+pub(crate) struct Refined {
+    pub(crate) rig: Rig,
+    /// Empty where the markers are those of the file.
+    pub(crate) body: Vec<MarkerAsBuilt>,
+    /// What could not be refined, and why.
+    pub(crate) note: Option<String>,
+}
+
+/// The cameras, and the markers where the session asks for that, as the flight has shown them, and poses with them; or a note
+/// why not.
+pub(crate) fn refined(session: &Session, rig: Rig, tracked: &mut Tracked) -> Result<Refined> {
+    let wanted = session.refine;
+    if !wanted.rig {
+        return Ok(Refined { rig, body: Vec::new(), note: None });
+    }
     let how = Refinement { markers_std_m: wanted.markers_std_m, diameters: wanted.diameters };
-    match refine_body(tracked, rig, &session.vehicle, how) {
-        Ok(body) => Ok((as_built(&body), None)),
+    match refine(tracked, &rig, &session.vehicle, how) {
+        Ok(flown) => {
+            let is_new = wanted.markers_std_m.is_some() && flown.kept.is_none();
+            let body = if is_new { as_built(&flown) } else { Vec::new() };
+            let note = flown.kept.map(|why| format!("The markers are those of the vehicle file: {why}."));
+            Ok(Refined { rig: flown.refined.rig, body, note })
+        }
         Err(PipelineError::Pose { source, .. }) => {
-            Ok((Vec::new(), Some(format!("The markers are those of the vehicle file: {source}."))))
+            let note = format!("Cameras and markers are not refined from the flight: {source}.");
+            Ok(Refined { rig, body: Vec::new(), note: Some(note) })
         }
         Err(other) => Err(other.into()),
     }
 }
 
-fn as_built(body: &BodyAsBuilt) -> Vec<MarkerAsBuilt> {
+fn as_built(body: &AsFlown) -> Vec<MarkerAsBuilt> {
     let row = |(k, marker): (usize, &mavsight_pose::BodyMarker)| MarkerAsBuilt {
         name: marker.name.clone(),
         position_m: marker.marker_in_body_m,
-        position_std_m: body.refined.std_m[k],
+        position_std_m: body.refined.markers_std_m[k],
         diameter_m: 2.0 * marker.radius_m,
         diameter_std_m: body.diameters.get(k).copied().flatten().and_then(|d| d.std_m),
     };

@@ -2,7 +2,7 @@
 
 use super::demo::{scenario_of, vehicle_of};
 use super::named;
-use super::run::{Flight, feeds, first_frames, identify_into, refined_body, rig_of, scores_of};
+use super::run::{Flight, feeds, first_frames, identify_into, refined, rig_of, scores_of};
 use crate::cli::{Film, Simulate, Stage, WrongCall};
 use crate::lab;
 use crate::page::{Page, write_page};
@@ -182,21 +182,21 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
     }
     let bars = Bars::new();
     let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
-    let (body, refusal) = refined_body(&session, &rig, &mut tracked)?;
+    let refined = refined(&session, rig, &mut tracked)?;
     let motion = mavsight_pipeline::motion_from_poses(&tracked.poses, &session.vehicle, &bars).ok();
     bars.done();
     let results = RunResults {
         session: session.name.clone(),
-        camera_names: rig.cameras.iter().map(|c| c.name.clone()).collect(),
+        camera_names: refined.rig.cameras.iter().map(|c| c.name.clone()).collect(),
         marker_names: session.vehicle.marker.iter().map(|m| m.name.clone()).collect(),
-        rig: Some(rig),
+        rig: Some(refined.rig),
         markers: tracked.observations,
-        body,
+        body: refined.body,
         poses: tracked.poses,
         motion,
         ..RunResults::default()
     };
-    put(results, &refusal.into_iter().collect::<Vec<_>>(), &args.out)
+    put(results, &refined.note.into_iter().collect::<Vec<_>>(), &args.out)
 }
 
 fn put(mut results: RunResults, notes: &[String], out: &Path) -> Result<()> {
@@ -225,7 +225,7 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
         ..RunResults::default()
     };
     let body = args.out.join(names::BODY);
-    if session.refine.is_some() && body.is_file() {
+    if session.refine.markers_std_m.is_some() && body.is_file() {
         results.body = named(read_body(&body))?;
     }
     let bars = Bars::new();
