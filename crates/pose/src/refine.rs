@@ -100,7 +100,8 @@ pub fn refine_flight(
     (shared.free_points, shared.free_offsets) = (true, true);
     let directions = directions(&shared, rig);
     let state = DVector::zeros(directions.ncols());
-    Bundle { rig, nominal: markers, prior, directions, instants, shared, state, factor: f64::INFINITY }.refined()
+    Bundle { rig, nominal: markers, prior, directions, instants, shared, state, factor: f64::INFINITY }
+        .refined()
 }
 
 /// What each parameter changes: a column for each direction of the rig's uncertainty, then one a coordinate of each marker, then
@@ -241,7 +242,8 @@ impl Bundle<'_> {
     fn move_shared(&mut self) {
         let change = &self.directions * &self.state;
         for (k, camera) in self.shared.cameras.iter_mut().enumerate() {
-            let own: CameraChange = change.fixed_rows::<CAMERA_PARAMETERS>(CAMERA_PARAMETERS * k).into_owned();
+            let own: CameraChange =
+                change.fixed_rows::<CAMERA_PARAMETERS>(CAMERA_PARAMETERS * k).into_owned();
             *camera = self.rig.cameras[k].camera.moved(&own);
         }
         let (first, offsets) = (self.shared.first_point(), self.shared.first_offset());

@@ -87,8 +87,8 @@ fn cameras_that_a_flight_has_refined_are_better_and_as_good_as_they_claim() {
                     flown.rig.uncertainty[(16 * (i / 3) + 3 + i % 3, k)]
                 });
                 let covariance = &of_centres * of_centres.transpose();
-                nees += error.dot(&covariance.cholesky().expect("positive").solve(&error))
-                    / (n * trials) as f64;
+                nees +=
+                    error.dot(&covariance.cholesky().expect("positive").solve(&error)) / (n * trials) as f64;
                 let rms_m = |e: &PoseEstimator| {
                     rms(&poses(e, &states, &seen), &states, &Isometry3::identity()).powi(2)
                 };
@@ -145,7 +145,10 @@ fn a_flight_that_does_not_turn_is_refused_and_one_that_does_is_not() {
         let refined = refine_flight(&seen, &rig, &square(), prior).expect("a refined flight");
         match refined.shape_is_shown() {
             Err(PoseError::ShapeNotShown { std_m, turned_rad, .. }) => {
-                assert!(turns == 0.0 && std_m > 0.9 * good_ruler_m && turned_rad < 0.1, "{std_m} {turned_rad}");
+                assert!(
+                    turns == 0.0 && std_m > 0.9 * good_ruler_m && turned_rad < 0.1,
+                    "{std_m} {turned_rad}"
+                );
             }
             Ok(()) => {
                 assert!(turns > 0.0 && refined.turned_rad > 3.0, "{turns} {}", refined.turned_rad);

@@ -28,7 +28,7 @@ const SMALLER_TIMES: usize = 8;
 pub struct VirtualFlight {
     /// What was flown, at the instants of the frames.
     pub truth: Vec<FlightState>,
-    /// The cameras as calibrated for this flight and refined from it.
+    /// The cameras as calibrated for this flight, and as refined from it.
     pub rig: Rig,
     /// Poses.
     pub tracked: Tracked,
@@ -50,7 +50,7 @@ impl VirtualLab {
         self.measured(truth, rig, tracked)
     }
 
-    /// Refines the cameras from what was tracked of a flight, and smooths.
+    /// Refines the cameras from what was tracked of a flight, if the laboratory does, and smooths.
     ///
     /// # Errors
     /// Too few poses.
@@ -60,7 +60,10 @@ impl VirtualLab {
         rig: Rig,
         mut tracked: Tracked,
     ) -> Result<VirtualFlight, ScoreError> {
-        let rig = refine(&mut tracked, &rig, &self.vehicle, Refinement::default())?.refined.rig;
+        let rig = match self.refines {
+            true => refine(&mut tracked, &rig, &self.vehicle, Refinement::default())?.refined.rig,
+            false => rig,
+        };
         let motion = motion_from_poses(&tracked.poses, &self.vehicle, &Quiet)?;
         Ok(VirtualFlight { truth, rig, tracked, motion })
     }

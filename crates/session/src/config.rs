@@ -32,7 +32,7 @@ pub struct SessionFile {
     pub model: Option<PathBuf>,
     /// Calibration.
     pub control: ControlSection,
-    /// What is refined from the flight itself; left out: the cameras alone.
+    /// What is refined from the flight itself; left out: nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refine: Option<RefineSection>,
     /// Cameras.
@@ -52,11 +52,11 @@ pub struct ControlSection {
 }
 
 /// Refinement of cameras and markers from the flight itself.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RefineSection {
-    /// Whether the cameras are refined.
-    #[serde(default = "yes")]
+    /// Whether the cameras are refined; they are wherever the markers are.
+    #[serde(default)]
     pub rig: bool,
     /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002. Left out: the markers are
     /// as in the file.
@@ -65,16 +65,6 @@ pub struct RefineSection {
     /// Whether the balls' diameters are measured too, from their images.
     #[serde(default)]
     pub diameters: bool,
-}
-
-impl Default for RefineSection {
-    fn default() -> Self {
-        Self { rig: true, markers_std_m: None, diameters: false }
-    }
-}
-
-fn yes() -> bool {
-    true
 }
 
 /// One camera of a session.
@@ -117,8 +107,8 @@ pub struct Session {
     pub control_points_path: PathBuf,
     /// Table of control pixels.
     pub control_pixels_path: Option<PathBuf>,
-    /// What is refined from the flight.
-    pub refine: RefineSection,
+    /// What is refined from the flight, where something is.
+    pub refine: Option<RefineSection>,
     /// Cameras, at least two, with whole paths.
     pub cameras: Vec<SessionCamera>,
 }
@@ -144,7 +134,7 @@ impl Session {
             model_path: file.model.map(|p| folder.join(p)),
             control_points_path: folder.join(file.control.points),
             control_pixels_path: file.control.observations.map(|p| folder.join(p)),
-            refine: file.refine.unwrap_or_default(),
+            refine: file.refine,
             cameras: file
                 .camera
                 .into_iter()
@@ -279,10 +269,9 @@ fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
         let detail = format!("{std_m} is not above zero: a ruler is good to 0.001 or 0.002");
         return refuse("refine.markers_std_m".into(), detail);
     }
-    if !refine.rig && (refine.markers_std_m.is_some() || refine.diameters) {
-        let detail = "false leaves nothing to refine the markers with, as they are refined together with the cameras: \
-                      leave it out, or leave markers_std_m and diameters out";
-        return refuse("refine.rig".into(), detail.into());
+    if file.refine.is_some() && !refine.rig && refine.markers_std_m.is_none() {
+        let detail = "asks for nothing: give markers_std_m, rig = true, or leave the section out";
+        return refuse("refine".into(), detail.into());
     }
     for (k, camera) in file.camera.iter().enumerate() {
         if camera.name.is_empty() || file.camera[..k].iter().any(|c| c.name == camera.name) {

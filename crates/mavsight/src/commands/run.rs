@@ -11,9 +11,9 @@ use mavsight_geometry::ImageSize;
 use mavsight_identify::IdentifyError;
 use mavsight_identify::output_error::FlightFits;
 use mavsight_pipeline::{
-    AsFlown, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress,
-    Refinement, TimedFrame, Tracked, body_markers, calibrate_from_observations, calibrate_from_stills,
-    identify_motion, motion_from_poses, output_error_fits, refine,
+    AsFlown, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress, Refinement,
+    TimedFrame, Tracked, body_markers, calibrate_from_observations, calibrate_from_stills, identify_motion,
+    motion_from_poses, output_error_fits, refine,
 };
 use mavsight_pose::{Motion, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
@@ -101,14 +101,12 @@ pub(crate) struct Refined {
 /// The cameras, and the markers where the session asks for that, as the flight has shown them, and poses with them; or a note
 /// why not.
 pub(crate) fn refined(session: &Session, rig: Rig, tracked: &mut Tracked) -> Result<Refined> {
-    let wanted = session.refine;
-    if !wanted.rig {
+    let Some(how) = refinement_of(session) else {
         return Ok(Refined { rig, body: Vec::new(), note: None });
-    }
-    let how = Refinement { markers_std_m: wanted.markers_std_m, diameters: wanted.diameters };
+    };
     match refine(tracked, &rig, &session.vehicle, how) {
         Ok(flown) => {
-            let is_new = wanted.markers_std_m.is_some() && flown.kept.is_none();
+            let is_new = how.markers_std_m.is_some() && flown.kept.is_none();
             let body = if is_new { as_built(&flown) } else { Vec::new() };
             let note = flown.kept.map(|why| format!("The markers are those of the vehicle file: {why}."));
             Ok(Refined { rig: flown.refined.rig, body, note })
@@ -119,6 +117,11 @@ pub(crate) fn refined(session: &Session, rig: Rig, tracked: &mut Tracked) -> Res
         }
         Err(other) => Err(other.into()),
     }
+}
+
+/// What a session asks to refine.
+pub(crate) fn refinement_of(session: &Session) -> Option<Refinement> {
+    session.refine.map(|r| Refinement { markers_std_m: r.markers_std_m, diameters: r.diameters })
 }
 
 fn as_built(body: &AsFlown) -> Vec<MarkerAsBuilt> {

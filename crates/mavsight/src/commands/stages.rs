@@ -225,7 +225,7 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
         ..RunResults::default()
     };
     let body = args.out.join(names::BODY);
-    if session.refine.markers_std_m.is_some() && body.is_file() {
+    if session.refine.is_some() && body.is_file() {
         results.body = named(read_body(&body))?;
     }
     let bars = Bars::new();
