@@ -21,8 +21,8 @@ mod testing;
 mod whittaker;
 
 pub use calibrate::{
-    CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, Pixels, Rig, RigCamera,
-    calibrate,
+    CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, MovedObject, Pixels, Rig,
+    RigCamera, calibrate, calibrate_with,
 };
 pub use causal::CausalFilter;
 pub use chain::ChainNoise;

@@ -12,8 +12,9 @@ use nalgebra::{DMatrix, DVector, Dyn, OMatrix, SMatrix, Translation3, U6, Vector
 
 /// Steps with which a pose follows the cameras; from a near one two suffice.
 const POSE_STEPS: usize = 20;
-/// A pose is at its minimum where a step promises less than this part of a standard deviation, squared.
-const SETTLED: f64 = 1e-8;
+/// A step that promises to lower the chi-square by less, a hundredth of a standard deviation squared, is the last: what remains
+/// after it is smaller by its square.
+const SETTLED: f64 = 1e-4;
 /// What is added to the information on a body's turn, of its largest: points on one line say nothing of a turn about it.
 const NO_TURN: f64 = 1e-9;
 
@@ -84,11 +85,28 @@ impl Shared {
         })
     }
 
-    /// Squared residual, normal matrix and gradient of a pose.
-    fn pose_equations(&self, instant: &Instant, factor: f64) -> Option<(f64, Matrix6<f64>, Vector6<f64>)> {
+    /// Measured less expected pixel of a sight; `None` where it is not in view.
+    pub(crate) fn residual_px(&self, s: &PointSight, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
+        let body = &self.points[s.point];
+        let centre = (pose * Point3::from(body.marker_in_body_m)).coords;
+        let seen = self.cameras[s.camera].project_ball(&centre, body.radius_m).ok()?;
+        Some(s.pixel - seen.pixel - self.offsets_px[s.camera * self.points.len() + s.point])
+    }
+
+    /// The same at the claimed covariance.
+    pub(crate) fn whitened(&self, s: &PointSight, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
+        Some(s.whitener * self.residual_px(s, pose)?)
+    }
+
+    /// Huber's loss, normal matrix and gradient of a pose.
+    fn pose_equations(
+        &self,
+        sights: &[PointSight],
+        pose: &Isometry3<f64>,
+        factor: f64,
+    ) -> Option<(f64, Matrix6<f64>, Vector6<f64>)> {
         let (mut squares, mut normal, mut gradient) = (0.0, Matrix6::zeros(), Vector6::zeros());
-        let pose = &instant.world_from_body;
-        for s in &instant.sights {
+        for s in sights {
             let body = &self.points[s.point];
             let centre = (pose * Point3::from(body.marker_in_body_m)).coords;
             let seen = self.cameras[s.camera].project_ball(&centre, body.radius_m).ok()?;
@@ -97,46 +115,56 @@ impl Shared {
             let by_pose = s.whitener * d_pixel_d_pose(&seen, pose, &body.marker_in_body_m);
             let square = residual.norm_squared();
             let weight = noise_weight(square, factor);
-            // Huber's loss in units of half its square.
-            squares += if weight < 1.0 { square * weight * (2.0 - weight) } else { square };
+            squares += loss(square, weight);
             normal += by_pose.transpose() * by_pose * weight;
             gradient += by_pose.transpose() * residual * weight;
         }
-        let turning = NO_TURN * normal.diagonal().fixed_rows::<3>(3).max();
-        (3..6).for_each(|k| normal[(k, k)] += turning);
+        determine_turn(&mut normal);
         (squares.is_finite() && gradient.iter().all(|g| g.is_finite())).then_some((squares, normal, gradient))
     }
 
-    /// Brings the pose of an instant to its minimum under these cameras (Levenberg 1944; Marquardt 1963). `None` where a
-    /// point leaves the view or the pose is not determined.
-    pub(crate) fn settle(&self, instant: &mut Instant, factor: f64) -> Option<()> {
-        let (mut cost, mut normal, mut gradient) = self.pose_equations(instant, factor)?;
+    /// The pose at its minimum under these cameras, from one near (Levenberg 1944; Marquardt 1963). `None` where a point
+    /// leaves the view or the pose is not determined.
+    pub(crate) fn settled(
+        &self,
+        sights: &[PointSight],
+        near: &Isometry3<f64>,
+        factor: f64,
+    ) -> Option<Isometry3<f64>> {
+        let mut pose = *near;
+        let (mut cost, mut normal, mut gradient) = self.pose_equations(sights, &pose, factor)?;
         let mut damping = 0.0;
         for _ in 0..POSE_STEPS {
             let mut damped = normal;
             (0..6).for_each(|k| damped[(k, k)] *= 1.0 + damping);
             let step = damped.cholesky()?.solve(&gradient);
             let decrement = step.dot(&gradient);
-            let tried = Instant {
-                world_from_body: moved(&instant.world_from_body, &step),
-                sights: std::mem::take(&mut instant.sights),
-            };
-            let next = self.pose_equations(&tried, factor);
-            instant.sights = tried.sights;
-            match next {
+            let tried = moved(&pose, &step);
+            if decrement < SETTLED * factor.min(1.0) && damping < 1e-3 {
+                return Some(tried);
+            }
+            match self.pose_equations(sights, &tried, factor) {
                 Some(better) if better.0 <= cost * (1.0 + 1e-12) + 1e-18 => {
-                    instant.world_from_body = tried.world_from_body;
+                    pose = tried;
                     (cost, normal, gradient) = better;
                     damping *= 0.1;
                 }
                 _ => damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 },
             }
-            if decrement < SETTLED * factor.min(1.0) {
-                break;
-            }
         }
-        Some(())
+        Some(pose)
     }
+}
+
+/// Huber's loss in units of half its square: that of a squared whitened residual with its weight.
+fn loss(square: f64, weight: f64) -> f64 {
+    if weight < 1.0 { square * weight * (2.0 - weight) } else { square }
+}
+
+/// Points on one line say nothing of a turn about it: it stays as it is.
+fn determine_turn(normal: &mut Matrix6<f64>) {
+    let turning = NO_TURN * normal.diagonal().fixed_rows::<3>(3).max();
+    (3..6).for_each(|k| normal[(k, k)] += turning);
 }
 
 struct Rows {
@@ -150,8 +178,9 @@ struct Rows {
 pub(crate) struct Reduced {
     pub(crate) normal: DMatrix<f64>,
     pub(crate) gradient: DVector<f64>,
-    /// Sum of the squared whitened residuals, and the same with bounded influence.
+    /// Sum of the squared whitened residuals, of Huber's losses, and of the squares as they are weighted.
     pub(crate) squares: f64,
+    pub(crate) loss: f64,
     pub(crate) weighted: f64,
     pub(crate) coordinates: usize,
     pub(crate) instants: usize,
@@ -165,6 +194,7 @@ impl Reduced {
             normal: DMatrix::zeros(rows, rows),
             gradient: DVector::zeros(rows),
             squares: 0.0,
+            loss: 0.0,
             weighted: 0.0,
             coordinates: 0,
             instants: 0,
@@ -174,24 +204,29 @@ impl Reduced {
 
     /// Adds an instant, whose pose is at its minimum. `factor` is that on the claimed covariances by which residuals count as
     /// long; infinite for none.
-    pub(crate) fn add(&mut self, shared: &Shared, instant: &Instant, factor: f64) -> Option<()> {
+    pub(crate) fn add(
+        &mut self,
+        shared: &Shared,
+        (sights, pose): (&[PointSight], &Isometry3<f64>),
+        factor: f64,
+    ) -> Option<()> {
         let mut own = Matrix6::zeros();
         let mut slope = Vector6::zeros();
         let mut coupling: OMatrix<f64, U6, Dyn> = OMatrix::<f64, U6, Dyn>::zeros(self.normal.nrows());
-        for s in &instant.sights {
-            let rows = shared.sight(s, &instant.world_from_body)?;
+        for s in sights {
+            let rows = shared.sight(s, pose)?;
             let square = rows.residual.norm_squared();
             let weight = noise_weight(square, factor);
-            let pose = rows.by_pose.transpose() * weight;
-            own += pose * rows.by_pose;
-            slope += pose * rows.residual;
-            self.add_sight(shared, s, &rows, (weight, &pose), &mut coupling);
+            let by_pose = rows.by_pose.transpose() * weight;
+            own += by_pose * rows.by_pose;
+            slope += by_pose * rows.residual;
+            self.add_sight(shared, s, &rows, (weight, &by_pose), &mut coupling);
+            self.loss += loss(square, weight);
             self.squares += square;
             self.weighted += square * weight;
             self.coordinates += 2;
         }
-        let turning = NO_TURN * own.diagonal().fixed_rows::<3>(3).max();
-        (3..6).for_each(|k| own[(k, k)] += turning);
+        determine_turn(&mut own);
         let factored = own.cholesky()?;
         self.log_determinant += 2.0 * factored.l_dirty().diagonal().map(f64::ln).sum();
         let eliminated = factored.solve(&coupling);
@@ -219,6 +254,7 @@ impl Reduced {
         self.normal += &other.normal;
         self.gradient += &other.gradient;
         self.squares += other.squares;
+        self.loss += other.loss;
         self.weighted += other.weighted;
         self.coordinates += other.coordinates;
         self.instants += other.instants;
@@ -264,4 +300,111 @@ pub(crate) fn moved(pose: &Isometry3<f64>, by: &Vector6<f64>) -> Isometry3<f64> 
         Translation3::from(pose.translation.vector + by.fixed_rows::<3>(0)),
         pose.rotation * UnitQuaternion::from_scaled_axis(Vector3::from(by.fixed_rows::<3>(3))),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{cameras, normal, normal3};
+    use mavsight_geometry::CameraChange;
+
+    fn body() -> Vec<BodyMarker> {
+        let corner = |k: usize| BodyMarker {
+            name: String::new(),
+            marker_in_body_m: Vector3::new((k % 2) as f64 * 0.4, (k / 2) as f64 * 0.3, (k % 3) as f64 * 0.1),
+            radius_m: 0.02,
+        };
+        (0..4).map(corner).collect()
+    }
+
+    /// The state after a change of all that is shared.
+    fn changed(shared: &Shared, by: &DVector<f64>) -> Shared {
+        let mut out = shared.clone();
+        for (k, camera) in out.cameras.iter_mut().enumerate() {
+            let own: CameraChange = by.fixed_rows::<CAMERA_PARAMETERS>(CAMERA_PARAMETERS * k).into_owned();
+            *camera = camera.moved(&own);
+        }
+        for (k, point) in out.points.iter_mut().enumerate() {
+            point.marker_in_body_m += by.fixed_rows::<3>(shared.first_point() + 3 * k);
+        }
+        for (k, offset) in out.offsets_px.iter_mut().enumerate() {
+            *offset += by.fixed_rows::<2>(shared.first_offset() + 2 * k);
+        }
+        out
+    }
+
+    /// The reduced gradient is the derivative of the least loss over the pose.
+    #[test]
+    fn the_reduced_gradient_is_the_numeric_derivative_of_the_settled_loss() {
+        let mut shared = Shared::new(cameras().to_vec(), body());
+        (shared.free_points, shared.free_offsets) = (true, true);
+        shared.cameras[0].distortion.k1 = -0.2;
+        let (mut seed, pose) = (3, moved(&Isometry3::translation(0.2, -0.3, 1.4), &Vector6::repeat(0.3)));
+        let sights: Vec<PointSight> = (0..8)
+            .map(|k| {
+                let (camera, point) = (k / 4, k % 4);
+                let centre = (pose * Point3::from(shared.points[point].marker_in_body_m)).coords;
+                let seen = shared.cameras[camera].project_ball(&centre, 0.02).unwrap().pixel;
+                let noise = Vector2::new(normal(&mut seed), normal(&mut seed));
+                PointSight { camera, point, pixel: seen + noise, whitener: Matrix2::new(1.0, 0.0, 0.2, 1.5) }
+            })
+            .collect();
+        // Some of the residuals are longer than Huber's bound.
+        let factor = 0.5;
+        let loss = |shared: &Shared| {
+            let at = shared.settled(&sights, &pose, factor).unwrap();
+            let mut out = Reduced::new(shared.rows());
+            out.add(shared, (&sights, &at), factor).unwrap();
+            out
+        };
+        let got = loss(&shared);
+        for row in 0..shared.rows() {
+            // A derivative by the camera's lens is that of a point: a ball's offset moves a little less.
+            let step = if row % 16 >= 6 && row < 32 { 1e-3 } else { 1e-5 };
+            let mut by = DVector::zeros(shared.rows());
+            by[row] = step;
+            let numeric =
+                (loss(&changed(&shared, &by)).loss - loss(&changed(&shared, &-by)).loss) / (2.0 * step);
+            let want = -0.5 * numeric;
+            assert!(
+                (got.gradient[row] - want).abs()
+                    < 2e-3 * (want.abs() + 1e-3 * got.normal[(row, row)].sqrt() + 0.1),
+                "row {row}: {} against {want}",
+                got.gradient[row]
+            );
+        }
+    }
+
+    /// Six coordinates of a pose less, and a turn about a stick's own axis that stays where it is.
+    #[test]
+    fn a_stick_keeps_the_turn_about_itself_and_says_nothing_of_its_pose_twice() {
+        let mut stick = body();
+        stick.truncate(2);
+        stick[1].marker_in_body_m = Vector3::new(0.5, 0.0, 0.0);
+        let shared = Shared::new(cameras().to_vec(), stick);
+        let mut seed = 8;
+        let pose =
+            moved(&Isometry3::translation(0.1, 0.1, 1.5), &Vector6::new(0.0, 0.0, 0.0, 0.7, 0.2, -0.4));
+        let sights: Vec<PointSight> = (0..4)
+            .map(|k| {
+                let (camera, point) = (k / 2, k % 2);
+                let centre = (pose * Point3::from(shared.points[point].marker_in_body_m)).coords;
+                let pixel = shared.cameras[camera].project_ball(&centre, 0.02).unwrap().pixel;
+                PointSight { camera, point, pixel, whitener: Matrix2::identity() }
+            })
+            .collect();
+        let near = moved(&pose, &Vector6::from_fn(|_, _| 0.01 * normal3(&mut seed).x));
+        let settled = shared.settled(&sights, &near, f64::INFINITY).unwrap();
+        let ends = |p: &Isometry3<f64>| [p * Point3::origin(), p * Point3::new(0.5, 0.0, 0.0)];
+        for (a, b) in ends(&settled).iter().zip(ends(&pose)) {
+            assert!((a - b).norm() < 1e-6, "{a} {b}");
+        }
+        // Eight coordinates less five of the pose leave three that say something of the cameras.
+        let mut reduced = Reduced::new(shared.rows());
+        reduced.add(&shared, (&sights, &settled), f64::INFINITY).unwrap();
+        let scale = reduced.normal.diagonal().map(|d| 1.0 / d.max(1e-12).sqrt());
+        let scaled = DMatrix::from_fn(32, 32, |i, j| reduced.normal[(i, j)] * scale[i] * scale[j]);
+        let values = scaled.symmetric_eigenvalues();
+        assert_eq!(values.iter().filter(|v| **v > 1e-6).count(), 3, "{values}");
+    }
 }

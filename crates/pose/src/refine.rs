@@ -206,10 +206,11 @@ impl Bundle<'_> {
         for second in &mut self.instants {
             let mut own = Reduced::new(self.shared.rows());
             for instant in second {
-                let settled = self.shared.settle(instant, self.factor);
-                if settled.and_then(|()| own.add(&self.shared, instant, self.factor)).is_none() {
-                    return Err(not_converged(&own));
-                }
+                let (shared, factor) = (&self.shared, self.factor);
+                let settled = shared.settled(&instant.sights, &instant.world_from_body, factor);
+                instant.world_from_body = settled.ok_or_else(|| not_converged(&own))?;
+                let at = (instant.sights.as_slice(), &instant.world_from_body);
+                own.add(shared, at, factor).ok_or_else(|| not_converged(&own))?;
             }
             if variance_px2 > 0.0 {
                 own.eliminate_changes(first, scale / variance_px2).ok_or(not_converged(&own))?;
