@@ -11,8 +11,11 @@ mod reconstruct;
 mod refine;
 mod solve;
 mod track;
+mod wand;
 
-pub use calibrate::{ControlStill, calibrate_from_observations, calibrate_from_stills};
+pub use calibrate::{
+    ControlStill, calibrate_from_observations, calibrate_from_stills, calibrate_from_stills_and,
+};
 pub use error::PipelineError;
 pub use feed::{CameraFeed, TimedFrame};
 pub use output_error::{MARKERS_STD_M, output_error_fits};
@@ -21,3 +24,4 @@ pub use reconstruct::reconstruct;
 pub use refine::{AsFlown, Diameter, Refinement, refine};
 pub use solve::{IdentifyOptions, Solution, body_markers, identify_motion, motion_from_poses};
 pub use track::{Tracked, track};
+pub use wand::{Wand, wand_of};

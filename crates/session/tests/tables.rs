@@ -31,6 +31,8 @@ fn session(folder: &Folder) -> PathBuf {
         name: name.into(),
         video: format!("{name}/frame_%05d.png").into(),
         still: Some("still.png".into()),
+        wand: None,
+        board: None,
         frame_rate_hz: Some(30.0),
         time_offset_s: None,
     };
@@ -41,7 +43,9 @@ fn session(folder: &Folder) -> PathBuf {
         inputs: "inputs.csv".into(),
         model: None,
         truth: None,
-        control: ControlSection { points: "points.csv".into(), observations: None },
+        control: Some(ControlSection { points: "points.csv".into(), observations: None }),
+        wand: None,
+        board: None,
         refine: Some(RefineSection { markers_std_m: Some(0.002), ..RefineSection::default() }),
         camera: vec![camera("cam1"), camera("cam2")],
     };

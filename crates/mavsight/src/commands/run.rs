@@ -12,12 +12,14 @@ use mavsight_identify::IdentifyError;
 use mavsight_identify::output_error::FlightFits;
 use mavsight_pipeline::{
     AsFlown, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress, Refinement,
-    TimedFrame, Tracked, body_markers, calibrate_from_observations, calibrate_from_stills, identify_motion,
-    motion_from_poses, output_error_fits, refine,
+    TimedFrame, Tracked, Wand, body_markers, calibrate_from_observations, calibrate_from_stills_and,
+    identify_motion, motion_from_poses, output_error_fits, refine, wand_of,
 };
-use mavsight_pose::{Motion, Rig};
+use mavsight_pose::{Motion, MovedObject, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
-use mavsight_session::{MarkerAsBuilt, RunResults, Session, TruthRow, read_image, write_results};
+use mavsight_session::{
+    FrameSource, MarkerAsBuilt, RunResults, Session, SessionCamera, TruthRow, read_image, write_results,
+};
 use mavsight_vision::Frame;
 use std::path::Path;
 
@@ -67,18 +69,20 @@ impl<'a> Flight<'a> {
     }
 }
 
-/// Solves for the cameras by stills or by clicked pixels.
+/// Solves for the cameras by stills or by clicked pixels, and by what was moved before them.
 pub(crate) fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
     let points = named(session.control_points())?;
-    if let Some(pixels) = named(session.control_pixels())? {
+    let objects = objects_of(session)?;
+    let pixels = named(session.control_pixels())?;
+    if pixels.is_some() || points.is_empty() {
         let sizes = session
             .cameras
             .iter()
             .enumerate()
             .map(|(k, c)| Ok((c.name.clone(), session.open_camera(k)?.size())))
             .collect::<Result<Vec<(String, ImageSize)>>>()?;
-        return Ok(calibrate_from_observations(&sizes, &points, &pixels)?);
+        return Ok(calibrate_from_observations(&sizes, &points, &pixels.unwrap_or_default(), &objects)?);
     }
     let mut stills = Vec::with_capacity(session.cameras.len());
     for camera in &session.cameras {
@@ -86,7 +90,27 @@ pub(crate) fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
             stills.push(ControlStill { camera: camera.name.clone(), frame: named(read_image(path))? });
         }
     }
-    Ok(calibrate_from_stills(&stills, &points)?)
+    Ok(calibrate_from_stills_and(&stills, &points, &objects)?)
+}
+
+/// The wand of a session, where it has one.
+fn objects_of(session: &Session) -> Result<Vec<MovedObject>> {
+    let mut objects = Vec::new();
+    if let Some(wand) = &session.wand
+        && let [a, b] = wand.ball[..]
+    {
+        let feeds = (0..session.cameras.len())
+            .map(|k| Ok(session.open_wand(k)?.map(|source| feed_of(&session.cameras[k].name, source))))
+            .collect::<Result<Vec<_>>>()?;
+        let wand = Wand {
+            length_m: wand.length_m,
+            length_std_m: wand.length_std_m,
+            colors: [a.color.rgb(), b.color.rgb()],
+            diameters_m: [a.diameter_m, b.diameter_m],
+        };
+        objects.push(wand_of(&wand, feeds)?);
+    }
+    Ok(objects)
 }
 
 /// Cameras and markers as the flight has shown them.
@@ -137,18 +161,18 @@ fn as_built(body: &AsFlown) -> Vec<MarkerAsBuilt> {
 
 /// Every camera's frames.
 pub(crate) fn feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>> {
-    let mut feeds = Vec::with_capacity(session.cameras.len());
-    for (k, camera) in session.cameras.iter().enumerate() {
-        let source = session.open_camera(k)?;
-        let name = camera.name.clone();
-        let announced = source.declared_frames();
-        let frames = source.map(move |item| {
-            item.map(|(t_ns, frame)| TimedFrame { t_ns, frame })
-                .map_err(|e| PipelineError::Source { camera: name.clone(), source: Box::new(e) })
-        });
-        feeds.push(CameraFeed { name: camera.name.clone(), announced, frames: Box::new(frames) });
-    }
-    Ok(feeds)
+    let feed = |(k, camera): (usize, &SessionCamera)| Ok(feed_of(&camera.name, session.open_camera(k)?));
+    session.cameras.iter().enumerate().map(feed).collect()
+}
+
+fn feed_of(camera: &str, source: FrameSource) -> CameraFeed<'static> {
+    let name = camera.to_owned();
+    let announced = source.declared_frames();
+    let frames = source.map(move |item| {
+        item.map(|(t_ns, frame)| TimedFrame { t_ns, frame })
+            .map_err(|e| PipelineError::Source { camera: name.clone(), source: Box::new(e) })
+    });
+    CameraFeed { name: camera.to_owned(), announced, frames: Box::new(frames) }
 }
 
 /// The first frame of each camera, for the figures.

@@ -89,6 +89,8 @@ pub(crate) fn film(args: &Film) -> Result<()> {
             name: camera.name.clone(),
             video: video.into(),
             still: Some(still.into()),
+            wand: None,
+            board: None,
             frame_rate_hz: (!args.video).then_some((1e6 / interval_s).round() / 1e6),
             time_offset_s: None,
         });
@@ -102,7 +104,9 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         inputs: "inputs.csv".into(),
         truth: Some("truth.csv".into()),
         model: None,
-        control: ControlSection { points: "control_points.csv".into(), observations: None },
+        control: Some(ControlSection { points: "control_points.csv".into(), observations: None }),
+        wand: None,
+        board: None,
         refine: None,
         camera: cameras,
     };
