@@ -2,6 +2,7 @@
 //!
 //! Recorded, live and virtual cameras enter as [`CameraFeed`]s; nothing here knows which kind it is handed.
 
+mod board;
 mod calibrate;
 mod error;
 mod feed;
@@ -13,6 +14,7 @@ mod solve;
 mod track;
 mod wand;
 
+pub use board::{Board, board_of};
 pub use calibrate::{
     ControlStill, calibrate_from_observations, calibrate_from_stills, calibrate_from_stills_and,
 };

@@ -2,8 +2,8 @@
 //! `cargo run --release -p mavsight-pose --example wand`.
 //!
 //! An argument is the number of recordings (20 without one). Balls of 4 cm are seen by the paper's cameras with 0.1 px of noise
-//! thirty times a second, the eight balls of the control frame with 0.05 px; scale comes from the wand, axes from the frame, whose
-//! places are known to 2 mm.
+//! thirty times a second, the eight balls of the control frame with 0.05 px;
+//! scale comes from both, axes from the frame.
 
 use mavsight_geometry::{
     Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, UnitQuaternion, Vector2, Vector3,
@@ -13,7 +13,6 @@ use mavsight_pose::{CameraControl, MarkerObservation, MovedObject, calibrate_wit
 const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
 const WAND_STD_PX: f64 = 0.1;
 const CONTROL_STD_PX: f64 = 0.05;
-const SURVEY_STD_M: f64 = 2e-3;
 
 /// Standard normal numbers from a linear congruential generator (Knuth's MMIX) by Box and Muller.
 struct Random(u64);
@@ -27,10 +26,6 @@ impl Random {
     fn normal(&mut self) -> f64 {
         let (a, b) = (self.uniform(), self.uniform());
         (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
-    }
-
-    fn normal3(&mut self) -> Vector3<f64> {
-        Vector3::from_fn(|_, _| self.normal())
     }
 
     fn pixel(&mut self, std_px: f64) -> Vector2<f64> {
@@ -78,22 +73,19 @@ fn control(random: &mut Random) -> Vec<CameraControl> {
     let side = |i: u32, bit: u32| if (i >> bit) & 1 == 1 { 1.5 } else { -1.5 };
     let table: Vec<Vector3<f64>> =
         (0..8).map(|i| Vector3::new(side(i, 0), side(i, 1), side(i, 2) + 1.5)).collect();
-    let real: Vec<Vector3<f64>> = table.iter().map(|p| p + random.normal3() * SURVEY_STD_M).collect();
     let one = |(k, camera): (usize, &Camera)| {
         let points: Vec<ControlPoint> = table
             .iter()
-            .zip(&real)
             .enumerate()
-            .map(|(i, (place, real))| ControlPoint {
+            .map(|(i, place)| ControlPoint {
                 name: format!("p{i}"),
                 point_in_world_m: *place,
-                pixel: camera.project_ball(real, 0.03).expect("in view").pixel + random.pixel(CONTROL_STD_PX),
+                pixel: camera.project_ball(place, 0.03).expect("in view").pixel
+                    + random.pixel(CONTROL_STD_PX),
                 pixel_cov_px2: Matrix2::identity() * CONTROL_STD_PX * CONTROL_STD_PX,
             })
             .collect();
-        let mut out = CameraControl::exact(format!("cam{}", k + 1), SIZE, points, vec![0.03; 8]);
-        out.survey_std_m = vec![SURVEY_STD_M; 8];
-        out
+        CameraControl::exact(format!("cam{}", k + 1), SIZE, points, vec![0.03; 8])
     };
     cameras().iter().enumerate().map(one).collect()
 }

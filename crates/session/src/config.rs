@@ -426,6 +426,11 @@ fn validate_objects(file: &SessionFile) -> Result<(), (String, String)> {
             );
             return refuse("board.columns, board.rows", detail);
         }
+        if board.together && (board.columns + board.rows) % 2 == 0 {
+            let detail = "cannot be seen from its corners where the numbers of columns and rows are both even or both odd: \
+                          use a board of, for instance, 9 by 6, or show it to each camera by itself";
+            return refuse("board.together", detail.to_owned());
+        }
         if !(board.square_m.is_finite() && board.square_m > 0.0) {
             return refuse(
                 "board.square_m",

@@ -11,9 +11,9 @@ use mavsight_geometry::ImageSize;
 use mavsight_identify::IdentifyError;
 use mavsight_identify::output_error::FlightFits;
 use mavsight_pipeline::{
-    AsFlown, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress, Refinement,
-    TimedFrame, Tracked, Wand, body_markers, calibrate_from_observations, calibrate_from_stills_and,
-    identify_motion, motion_from_poses, output_error_fits, refine, wand_of,
+    AsFlown, Board, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress,
+    Refinement, TimedFrame, Tracked, Wand, board_of, body_markers, calibrate_from_observations,
+    calibrate_from_stills_and, identify_motion, motion_from_poses, output_error_fits, refine, wand_of,
 };
 use mavsight_pose::{Motion, MovedObject, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
@@ -93,7 +93,7 @@ pub(crate) fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
     Ok(calibrate_from_stills_and(&stills, &points, &objects)?)
 }
 
-/// The wand of a session, where it has one.
+/// The wand and the board of a session, where it has them.
 fn objects_of(session: &Session) -> Result<Vec<MovedObject>> {
     let mut objects = Vec::new();
     if let Some(wand) = &session.wand
@@ -109,6 +109,18 @@ fn objects_of(session: &Session) -> Result<Vec<MovedObject>> {
             diameters_m: [a.diameter_m, b.diameter_m],
         };
         objects.push(wand_of(&wand, feeds)?);
+    }
+    if let Some(board) = &session.board {
+        let feeds = (0..session.cameras.len())
+            .map(|k| Ok(session.open_board(k)?.map(|source| feed_of(&session.cameras[k].name, source))))
+            .collect::<Result<Vec<_>>>()?;
+        let board = Board {
+            columns: board.columns,
+            rows: board.rows,
+            square_m: board.square_m,
+            together: board.together,
+        };
+        objects.push(board_of(&board, feeds)?);
     }
     Ok(objects)
 }
