@@ -2,7 +2,9 @@
 
 use crate::PipelineError;
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Matrix2, Vector2, Vector3};
-use mavsight_pose::{CameraControl, LeftOut, LeftOutReason, Rig, Selection, calibrate, select_control_balls};
+use mavsight_pose::{
+    CameraControl, LeftOut, LeftOutReason, MovedObject, Rig, Selection, calibrate_with, select_control_balls,
+};
 use mavsight_session::{ControlPixel, ControlPointRow};
 use mavsight_vision::{BallCandidate, BallColor, Detector, Frame};
 
@@ -19,7 +21,7 @@ const CLICKED_STD_PX: f64 = 0.5;
 
 /// Smallest and largest apparent diameter of a ball that is searched for when nothing is known of the camera:
 /// below 3 px a disc has no inside that shows its colour, above a tenth of the image it is not a control ball.
-fn diameter_range_px(size: ImageSize) -> std::ops::RangeInclusive<f64> {
+pub(crate) fn diameter_range_px(size: ImageSize) -> std::ops::RangeInclusive<f64> {
     3.0..=f64::from(size.width_px) / 10.0
 }
 
@@ -34,26 +36,38 @@ pub fn calibrate_from_stills(
     stills: &[ControlStill],
     table: &[ControlPointRow],
 ) -> Result<Rig, PipelineError> {
+    calibrate_from_stills_and(stills, table, &[])
+}
+
+/// The same together with objects that were moved before the cameras; the table may then be as short as three points.
+///
+/// # Errors
+/// Those of [`calibrate_from_stills`], and objects that do not determine the cameras.
+pub fn calibrate_from_stills_and(
+    stills: &[ControlStill],
+    table: &[ControlPointRow],
+    objects: &[MovedObject],
+) -> Result<Rig, PipelineError> {
     let colors: Vec<BallColor> =
         table.iter().map(|row| BallColor { name: row.name.clone(), rgb: row.color.rgb() }).collect();
     let detector = Detector::new(&colors)
         .map_err(|source| PipelineError::Vision { place: "control points".into(), source })?;
     let mut detectors = vec![detector; stills.len()];
-    let first = rig_of(stills, table, &mut detectors, None)?;
+    let first = rig_of((stills, objects), table, &mut detectors, None)?;
     for (detector, seen_by) in detectors.iter_mut().zip(&first.cameras) {
         *detector = detector.clone().with_camera(seen_by.camera);
     }
-    rig_of(stills, table, &mut detectors, Some(&first))
+    rig_of((stills, objects), table, &mut detectors, Some(&first))
 }
 
 fn rig_of(
-    stills: &[ControlStill],
+    (stills, objects): (&[ControlStill], &[MovedObject]),
     table: &[ControlPointRow],
     detectors: &mut [Detector],
     first: Option<&Rig>,
 ) -> Result<Rig, PipelineError> {
     let seen: Vec<Seen> = std::iter::zip(stills, detectors)
-        .map(|(still, detector)| seen_in_still(still, table, detector))
+        .map(|(still, detector)| seen_in_still(still, table, (detector, !objects.is_empty())))
         .collect::<Result<_, _>>()?;
     let swapped = swapped_pairs(&seen);
     let mut left_out = named_swaps(&swapped, table);
@@ -73,7 +87,7 @@ fn rig_of(
             });
         }
     }
-    let mut rig = solve(&controls)?;
+    let mut rig = solve(&controls, objects)?;
     left_out.append(&mut rig.left_out);
     rig.left_out = left_out;
     Ok(rig)
@@ -88,11 +102,19 @@ struct Seen {
 fn seen_in_still(
     still: &ControlStill,
     table: &[ControlPointRow],
-    detector: &mut Detector,
+    (detector, has_objects): (&mut Detector, bool),
 ) -> Result<Seen, PipelineError> {
     let size = still.frame.size;
     let candidates = detector.candidates(&still.frame, diameter_range_px(size));
     let found = candidates.iter().filter(|c| !c.is_empty()).count();
+    if found < 6 && has_objects {
+        // Too few for their geometry to tell which is which: the most ball-like of each colour.
+        let best = |list: &Vec<BallCandidate>| {
+            list.iter().enumerate().max_by(|a, b| a.1.score.total_cmp(&b.1.score)).map(|(k, _)| k)
+        };
+        let chosen = candidates.iter().map(best).collect();
+        return Ok(Seen { candidates, selection: Selection { chosen, ..Selection::default() } });
+    }
     if found < 6 {
         let missing: Vec<&str> = table
             .iter()
@@ -201,7 +223,7 @@ fn doubt_odd_sizes(measured: &mut Measured, camera: &Camera) {
     }
 }
 
-/// Solves for the cameras from pixels that were measured elsewhere.
+/// Solves for the cameras from pixels that were measured elsewhere, of which there may be none, and from moved objects.
 ///
 /// # Errors
 /// Points that do not determine a camera; each names the camera.
@@ -209,6 +231,7 @@ pub fn calibrate_from_observations(
     cameras: &[(String, ImageSize)],
     table: &[ControlPointRow],
     pixels: &[ControlPixel],
+    objects: &[MovedObject],
 ) -> Result<Rig, PipelineError> {
     let mut controls = Vec::with_capacity(cameras.len());
     for (camera, size) in cameras {
@@ -226,11 +249,12 @@ pub fn calibrate_from_observations(
         }
         controls.push(control);
     }
-    solve(&controls)
+    solve(&controls, objects)
 }
 
-fn solve(controls: &[CameraControl]) -> Result<Rig, PipelineError> {
-    calibrate(controls).map_err(|source| PipelineError::Pose { place: "calibration".into(), source })
+fn solve(controls: &[CameraControl], objects: &[MovedObject]) -> Result<Rig, PipelineError> {
+    calibrate_with(controls, objects)
+        .map_err(|source| PipelineError::Pose { place: "calibration".into(), source })
 }
 
 #[cfg(test)]

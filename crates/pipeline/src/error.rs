@@ -82,6 +82,20 @@ pub enum PipelineError {
         /// Names of those not found.
         missing: String,
     },
+    /// A board that no image shows.
+    #[error(
+        "{camera}: none of {frames} images shows a chessboard with {columns} by {rows} inner corners: check the numbers (inner corners, not squares), and that the whole board with a white margin is in view and sharp"
+    )]
+    NoBoard {
+        /// Camera name.
+        camera: String,
+        /// Images looked at.
+        frames: usize,
+        /// Inner corners along a row.
+        columns: usize,
+        /// Rows of them.
+        rows: usize,
+    },
     /// A worker thread ended without a result.
     #[error("{camera}: the tracking stage stopped unexpectedly: please report this with the recording")]
     Worker {

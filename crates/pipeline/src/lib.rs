@@ -2,6 +2,7 @@
 //!
 //! Recorded, live and virtual cameras enter as [`CameraFeed`]s; nothing here knows which kind it is handed.
 
+mod board;
 mod calibrate;
 mod error;
 mod feed;
@@ -11,13 +12,18 @@ mod reconstruct;
 mod refine;
 mod solve;
 mod track;
+mod wand;
 
-pub use calibrate::{ControlStill, calibrate_from_observations, calibrate_from_stills};
+pub use board::{Board, board_of};
+pub use calibrate::{
+    ControlStill, calibrate_from_observations, calibrate_from_stills, calibrate_from_stills_and,
+};
 pub use error::PipelineError;
 pub use feed::{CameraFeed, TimedFrame};
 pub use output_error::{MARKERS_STD_M, output_error_fits};
 pub use progress::{Progress, Quiet, Stage};
 pub use reconstruct::reconstruct;
-pub use refine::{BodyAsBuilt, Diameter, Refinement, refine_body};
+pub use refine::{AsFlown, Diameter, Refinement, refine};
 pub use solve::{IdentifyOptions, Solution, identify_motion, motion_from_poses};
 pub use track::{Tracked, body_markers, track};
+pub use wand::{Wand, wand_of};

@@ -1,17 +1,19 @@
-//! The body as built: marker positions and ball diameters from what was tracked.
+//! Cameras and body from what was tracked: their refinement, and ball diameters.
 
-use crate::solve::poses_anew;
+use crate::output_error::MARKERS_STD_M;
+use crate::solve::poses_again;
 use crate::track::body_markers;
 use crate::{PipelineError, Tracked};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, Isometry3, Point3};
-use mavsight_pose::{BodyMarker, PoseEstimator, RefinedMarkers, Rig, refine_markers};
+use mavsight_pose::{BodyMarker, FlightPrior, PoseError, PoseEstimator, RefinedFlight, Rig, refine_flight};
+use nalgebra::DMatrix;
 
-/// What is refined, and from what it starts.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// What is refined beside the cameras, and from what it starts.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Refinement {
-    /// Standard deviation of a coordinate in the vehicle file.
-    pub markers_std_m: f64,
+    /// Standard deviation of a coordinate in the vehicle file, where the markers are to be refined.
+    pub markers_std_m: Option<f64>,
     /// Whether the balls' diameters are measured too.
     pub diameters: bool,
 }
@@ -25,36 +27,47 @@ pub struct Diameter {
     pub std_m: Option<f64>,
 }
 
-/// The body as a flight has shown it.
+/// Cameras and body as a flight has shown them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct BodyAsBuilt {
-    /// Markers, with what is not known of their positions.
-    pub refined: RefinedMarkers,
+pub struct AsFlown {
+    /// Cameras, markers and lasting errors of centres, with what is not known of them.
+    pub refined: RefinedFlight,
+    /// Why the markers are those of the file although they were to be refined.
+    pub kept: Option<PoseError>,
     /// Diameters, by marker: empty where they were not asked for, `None` for a ball that no pose used.
     pub diameters: Vec<Option<Diameter>>,
 }
 
-/// Refines the marker positions, and the diameters if asked, from what was tracked; estimates the poses anew with them.
+/// Refines the cameras, and if asked the marker positions and the diameters, from what was tracked; estimates the poses anew with
+/// them. Markers that are not asked for count as known to half a millimetre while the cameras are refined, and as
+/// exact for the poses, as they do without a refinement.
 ///
 /// # Errors
-/// Too few frames with a pose, a flight that turns too little, or a standard deviation that is not above zero; the poses are
-/// then as before.
-pub fn refine_body(
+/// Too few frames with a pose, or a standard deviation that is not above zero; the poses are then as before.
+pub fn refine(
     tracked: &mut Tracked,
     rig: &Rig,
     vehicle: &Vehicle,
     how: Refinement,
-) -> Result<BodyAsBuilt, PipelineError> {
-    let failed = |source| PipelineError::Pose { place: "marker positions".into(), source };
+) -> Result<AsFlown, PipelineError> {
+    let failed = |source| PipelineError::Pose { place: "the flight's refinement".into(), source };
     let mut body = body_markers(vehicle);
     let diameters = if how.diameters { diameters(tracked, rig, &body) } else { Vec::new() };
     for (marker, diameter) in body.iter_mut().zip(&diameters) {
         marker.radius_m = diameter.map_or(marker.radius_m, |d| d.diameter_m / 2.0);
     }
-    let refined = refine_markers(&tracked.observations, rig, &body, how.markers_std_m).map_err(failed)?;
-    let estimator = PoseEstimator::refined(rig, &refined).map_err(failed)?;
-    poses_anew(estimator, tracked).map_err(failed)?;
-    Ok(BodyAsBuilt { refined, diameters })
+    let markers_std_m = how.markers_std_m.unwrap_or(MARKERS_STD_M);
+    let unsure = DMatrix::identity(3 * body.len(), 3 * body.len()) * markers_std_m;
+    let before = PoseEstimator::new(rig, &body).with_marker_uncertainty(&unsure).map_err(failed)?;
+    let centres_std_px = before.centre_bias_px(&tracked.observations, &tracked.poses).map_err(failed)?;
+    let prior = FlightPrior { markers_std_m, centres_std_px };
+    let refined = refine_flight(&tracked.observations, rig, &body, prior).map_err(failed)?;
+    let kept = how.markers_std_m.and_then(|_| refined.shape_is_shown().err());
+    let is_new = how.markers_std_m.is_some() && kept.is_none();
+    let markers = (!is_new).then_some(body.as_slice());
+    let estimator = PoseEstimator::refined(&refined, markers).map_err(failed)?;
+    poses_again(estimator, tracked).map_err(failed)?;
+    Ok(AsFlown { refined, kept, diameters })
 }
 
 /// Diameters from those of the images and the poses' distances: the mean over cameras of each camera's mean. What a camera's

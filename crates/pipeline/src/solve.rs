@@ -52,6 +52,12 @@ pub(crate) fn poses_anew(estimator: PoseEstimator, tracked: &mut Tracked) -> Res
     Ok(())
 }
 
+/// The same for poses of other cameras and markers than those that are there.
+pub(crate) fn poses_again(estimator: PoseEstimator, tracked: &mut Tracked) -> Result<(), PoseError> {
+    estimate_all(&estimator, tracked);
+    poses_anew(estimator, tracked)
+}
+
 fn estimate_all(estimator: &PoseEstimator, tracked: &mut Tracked) {
     let mut previous = None;
     let mut rest = tracked.observations.as_slice();
@@ -111,8 +117,7 @@ pub fn identify_motion(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::body_markers;
-    use crate::{Refinement, refine_body};
+    use crate::{Refinement, body_markers, refine};
     use mavsight_geometry::{
         Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Matrix2, Point3, Vector2, Vector3,
         world_from_body,
@@ -236,8 +241,8 @@ mod tests {
         let mut built = body_markers(&vehicle);
         built[2].marker_in_body_m.x += 4e-3;
         let mut tracked = tracked(&rig, &built, 0.0);
-        let how = Refinement { markers_std_m: 2e-3, diameters: false };
-        let refined = refine_body(&mut tracked, &rig, &vehicle, how).unwrap().refined;
+        let how = Refinement { markers_std_m: Some(2e-3), diameters: false };
+        let refined = refine(&mut tracked, &rig, &vehicle, how).unwrap().refined;
         let length =
             |m: &[BodyMarker], a: usize, b: usize| (m[a].marker_in_body_m - m[b].marker_in_body_m).norm();
         for (a, b) in [(0, 1), (0, 2), (1, 2), (2, 3)] {
@@ -245,8 +250,8 @@ mod tests {
             assert!(error.abs() < 3e-4, "between {a} and {b}: {error} m");
         }
         assert!(tracked.poses.iter().all(|p| p.estimate.is_some()));
-        let wrong = Refinement { markers_std_m: -1.0, ..how };
-        let refused = refine_body(&mut tracked, &rig, &vehicle, wrong).unwrap_err().to_string();
-        assert!(refused.contains("marker positions"), "{refused}");
+        let wrong = Refinement { markers_std_m: Some(-1.0), ..how };
+        let refused = refine(&mut tracked, &rig, &vehicle, wrong).unwrap_err().to_string();
+        assert!(refused.contains("a ruler is good to"), "{refused}");
     }
 }

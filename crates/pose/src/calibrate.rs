@@ -5,8 +5,15 @@ mod choose;
 mod disagree;
 #[cfg(test)]
 mod fault_tests;
+mod link;
 mod model;
+mod moved;
 mod normal;
+#[cfg(test)]
+mod object_tests;
+mod objects;
+mod pair;
+mod plane;
 mod problem;
 mod snoop;
 mod start;
@@ -16,6 +23,7 @@ pub(crate) mod test_sets;
 mod tests;
 
 pub use model::{CameraModel, Lens, Pixels};
+pub use moved::MovedObject;
 
 use crate::PoseError;
 use choose::root;
@@ -25,6 +33,7 @@ use mavsight_geometry::{
     CAMERA_PARAMETERS, Camera, ControlPoint, GeometryError, ImageSize, Matrix3, Vector2, Vector3,
 };
 use nalgebra::DMatrix;
+use objects::with_objects;
 use problem::Problem;
 use snoop::{Cleaned, clean};
 use std::fmt;
@@ -159,6 +168,8 @@ pub struct Rig {
     pub uncertainty: DMatrix<f64>,
     /// Control points that disagree with the others.
     pub left_out: Vec<LeftOut>,
+    /// Frames of a flight that have refined the cameras: 0 where they are as the control points have left them.
+    pub frames: usize,
 }
 
 impl Default for Rig {
@@ -171,7 +182,7 @@ impl Rig {
     /// Cameras that count as exact.
     pub fn exact(cameras: Vec<RigCamera>) -> Self {
         let rows = CAMERA_PARAMETERS * cameras.len();
-        Self { cameras, uncertainty: DMatrix::zeros(rows, 0), left_out: Vec::new() }
+        Self { cameras, uncertainty: DMatrix::zeros(rows, 0), left_out: Vec::new(), frames: 0 }
     }
 
     /// All places of control points, once per camera that saw them.
@@ -196,11 +207,30 @@ const UNDETERMINED: f64 = 0.25;
 /// [`PoseError::SuspectControlPoints`] where a point disagrees but too few others remain to do without it;
 /// [`PoseError::ControlMisfit`] where the points as a whole are not seen as the table says.
 pub fn calibrate(controls: &[CameraControl]) -> Result<Rig, PoseError> {
+    calibrate_with(controls, &[])
+}
+
+/// The same with objects of known shape that were moved before the cameras, in one bundle adjustment: each place of an object is
+/// a pose of its own, which is eliminated. Intrinsics come from both, extrinsics and the world's axes from the control
+/// points: five or more in each camera, or three in all that two cameras see, where the objects link the cameras. Without any
+/// control point the world's axes are those of the first camera: x to its right, y forward, z up, origin in its centre.
+///
+/// A wand links cameras that see both of its balls at eight places or more, a board those that see it at once.
+///
+/// # Errors
+/// Those of [`calibrate`]; [`PoseError::BadObject`], [`PoseError::BadObservation`]; [`PoseError::NotLinked`];
+/// [`PoseError::WorldAxes`]; [`PoseError::ObjectMisfit`]; [`PoseError::FocalUndetermined`].
+pub fn calibrate_with(controls: &[CameraControl], objects: &[MovedObject]) -> Result<Rig, PoseError> {
     if controls.is_empty() {
         return Err(PoseError::NoCameras { found: 0 });
     }
-    let problem = Problem::new(controls)?;
-    let cleaned = clean(&problem)?;
+    let (problem, cleaned) = if objects.is_empty() {
+        let problem = Problem::new(controls)?;
+        let cleaned = clean(&problem)?;
+        (problem, cleaned)
+    } else {
+        with_objects(controls, objects)?
+    };
     let widened = hotelling_over_normal(cleaned.chosen.best.freedom);
     let covariance = cleaned.chosen.camera_covariance() * (widened * widened);
     let cameras = controls
@@ -208,7 +238,7 @@ pub fn calibrate(controls: &[CameraControl]) -> Result<Rig, PoseError> {
         .enumerate()
         .map(|(camera, control)| rig_camera(&problem, &cleaned, (camera, control), &covariance))
         .collect::<Result<_, _>>()?;
-    Ok(Rig { cameras, uncertainty: root(&covariance), left_out: cleaned.left_out })
+    Ok(Rig { cameras, uncertainty: root(&covariance), left_out: cleaned.left_out, frames: 0 })
 }
 
 fn rig_camera(
@@ -226,7 +256,8 @@ fn rig_camera(
         let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
         return Err(PoseError::Calibration { camera: control.name.clone(), source });
     }
-    let (mut points, mut claimed_px2, mut sum_px2, mut used) = (vec![], 0.0, 0.0, 0.0);
+    let (moved_px2, mut used, mut claimed_px2) = problem.moved_residuals(fit, camera);
+    let (mut points, mut sum_px2) = (vec![], moved_px2 / 2.0);
     for k in (0..problem.sights.len()).filter(|k| problem.sights[*k].camera == camera) {
         let sight = &problem.sights[k];
         let residual_px = fit.residual_px(problem, choice, k).unwrap_or_else(Vector2::zeros);

@@ -154,6 +154,78 @@ pub enum PoseError {
         /// What was given.
         std_m: f64,
     },
+    /// A wand or board that is none.
+    #[error("the {object} cannot calibrate: {detail}")]
+    BadObject {
+        /// Its name.
+        object: String,
+        /// What is wrong with it.
+        detail: &'static str,
+    },
+    /// A camera that no moved object joins to the others.
+    #[error(
+        "camera {camera} shares {places} places of the {objects} with the other cameras: it needs {needed}, with both balls or four corners seen by two cameras; move the {objects} where two cameras see it at once, or give each camera five control points"
+    )]
+    NotLinked {
+        /// The camera.
+        camera: String,
+        /// The objects.
+        objects: String,
+        /// Places shared.
+        places: usize,
+        /// Places needed.
+        needed: usize,
+    },
+    /// Control points that do not fix the world's axes.
+    #[error(
+        "{found} control points are seen by two cameras and not on one line: the world's axes need {needed}; survey more of them, or leave all out and have the axes of the first camera"
+    )]
+    WorldAxes {
+        /// Points that two cameras see.
+        found: usize,
+        /// Points needed.
+        needed: usize,
+    },
+    /// A moved object that is not seen as it is said to be.
+    #[error(
+        "camera {camera}: the {objects} is missed by {rms_px:.1} px (at most {gate_px:.1} px is a calibration): check its length or squares, its colours, and that the recordings run in step"
+    )]
+    ObjectMisfit {
+        /// The camera.
+        camera: String,
+        /// The objects.
+        objects: String,
+        /// Root mean square residual.
+        rms_px: f64,
+        /// The gate.
+        gate_px: f64,
+    },
+    /// Views of an object that leave a focal length open.
+    #[error(
+        "camera {camera}: {places} views of the {objects} tell the focal length to {percent:.0} % only: its tilts differ by {tilt_deg:.0}° at most and it covers {covered_percent:.0} % of the image; add views tilted by 30° or more about both axes and near the corners of the image"
+    )]
+    FocalUndetermined {
+        /// The camera.
+        camera: String,
+        /// Standard deviation of the focal length.
+        percent: f64,
+        /// The objects.
+        objects: String,
+        /// Views.
+        places: usize,
+        /// Largest angle between two attitudes.
+        tilt_deg: f64,
+        /// Part of the image within which the object was seen.
+        covered_percent: f64,
+    },
+    /// Cameras that a flight has refined are known by more than the control points.
+    #[error(
+        "{frames} frames of a flight have refined the cameras already, and what they told must not count twice: calibrate again from the control points"
+    )]
+    AlreadyRefined {
+        /// Frames that entered.
+        frames: usize,
+    },
     /// The flight shows the body's shape no better than the ruler did.
     #[error(
         "the flight tells the markers' positions to {:.1} mm only, no better than the {:.1} mm of the vehicle file: the aircraft turned by {:.0}° and centres may be off by {stays_px:.2} px all the while; turn it further, or keep the positions of the file",

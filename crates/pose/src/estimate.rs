@@ -8,11 +8,11 @@ mod p3p;
 mod solve;
 mod start;
 
-use crate::{PoseError, RefinedMarkers, Rig};
+use crate::{PoseError, RefinedFlight, Rig};
 use gates::{DECISIVE_CHI_SQUARE, beyond_f_gate, chi_square_gate, noise_factor};
 use lasting::Lasting;
-use mavsight_geometry::{Camera, Isometry3, Matrix2, Matrix6, Point3, UnitQuaternion, Vector2, Vector3};
-use nalgebra::{DMatrix, Matrix6xX, Translation3, Vector6};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Matrix2, Matrix6, Point3, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix6xX};
 pub(crate) use solve::noise_weight;
 use solve::{Sight, Solution, of_markers};
 
@@ -91,6 +91,8 @@ pub struct PoseEstimator {
     centres: Vec<Vector3<f64>>,
     markers: Vec<BodyMarker>,
     lasting: Lasting,
+    /// By how much each marker's centre is off for good, camera by camera.
+    offsets_px: Vec<Vector2<f64>>,
 }
 
 /// Levenberg-Marquardt steps; from the linear start four or five suffice.
@@ -104,6 +106,7 @@ impl PoseEstimator {
             centres: cameras.iter().map(Camera::centre_in_world).collect(),
             lasting: Lasting::of_rig(rig, markers.len()),
             markers: markers.to_vec(),
+            offsets_px: vec![Vector2::zeros(); cameras.len() * markers.len()],
             cameras,
         }
     }
@@ -124,16 +127,24 @@ impl PoseEstimator {
         Ok(self)
     }
 
-    /// An estimator for the body as a flight has shown it, with what that leaves open: errors of the cameras and of the centres
-    /// have entered the positions too.
+    /// An estimator with cameras and centres as a flight has shown them, with what that leaves open; the markers are those of
+    /// the flight, or where it does not show them, those of the file.
     ///
     /// # Errors
-    /// [`PoseError::MarkerUncertainty`].
-    pub fn refined(rig: &Rig, markers: &RefinedMarkers) -> Result<Self, PoseError> {
-        let mut out = Self::new(rig, &markers.markers).with_marker_uncertainty(&markers.uncertainty_m)?;
-        let refused =
-            PoseError::MarkerUncertainty { rows: markers.by_rig_m.nrows(), needed: 3 * out.markers.len() };
-        out.lasting = out.lasting.with_markers_by(&markers.by_rig_m, &markers.by_centres_m).ok_or(refused)?;
+    /// [`PoseError::MarkerUncertainty`] for a body of another number of markers.
+    pub fn refined(flight: &RefinedFlight, markers: Option<&[BodyMarker]>) -> Result<Self, PoseError> {
+        let mut out = Self::new(&flight.rig, markers.unwrap_or(&flight.markers));
+        let needed = 3 * flight.markers.len();
+        let refused = PoseError::MarkerUncertainty { rows: 3 * out.markers.len(), needed };
+        if out.markers.len() != flight.markers.len() {
+            return Err(refused);
+        }
+        let mut factor = flight.uncertainty.clone();
+        if markers.is_some() {
+            factor.rows_mut(CAMERA_PARAMETERS * out.cameras.len(), needed).fill(0.0);
+        }
+        out.lasting = out.lasting.fitted(&factor).ok_or(refused)?;
+        out.offsets_px.clone_from(&flight.offsets_px);
         Ok(out)
     }
 
@@ -222,7 +233,8 @@ impl PoseEstimator {
             .and_then(|c| c.l().try_inverse())
             .filter(|w| w.iter().all(|x| x.is_finite()))
             .ok_or(bad("its covariance is not positive definite"))?;
-        Ok(Sight { camera: o.camera, marker: o.marker, pixel: o.pixel, whitener })
+        let pixel = o.pixel - self.offsets_px[o.camera * self.markers.len() + o.marker];
+        Ok(Sight { camera: o.camera, marker: o.marker, pixel, whitener })
     }
 
     /// The marker that disagrees most with the body of the others, if one does.
@@ -291,13 +303,6 @@ impl PoseEstimator {
         }
         Ok(())
     }
-}
-
-fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
-    Isometry3::from_parts(
-        Translation3::from(pose.translation.vector + step.fixed_rows::<3>(0)),
-        pose.rotation * UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(3).into_owned()),
-    )
 }
 
 #[cfg(test)]

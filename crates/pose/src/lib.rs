@@ -10,6 +10,7 @@ mod estimate;
 mod filter;
 mod joint;
 mod motion;
+mod moving;
 mod noise;
 mod precision;
 mod refine;
@@ -20,8 +21,8 @@ mod testing;
 mod whittaker;
 
 pub use calibrate::{
-    CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, Pixels, Rig, RigCamera,
-    calibrate,
+    CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, MovedObject, Pixels, Rig,
+    RigCamera, calibrate, calibrate_with,
 };
 pub use causal::CausalFilter;
 pub use chain::ChainNoise;
@@ -34,7 +35,7 @@ pub use precision::{
     MapPlane, PrecisionMap, Volume, VolumePrecision, control_volume, precision_map, predicted_covariance_m2,
     volume_precision,
 };
-pub use refine::{RefinedMarkers, refine_markers};
+pub use refine::{FlightPrior, RefinedFlight, refine_flight};
 pub use select::{Selection, select_control_balls};
 pub use smooth::smooth;
 pub use whittaker::lowpass_like;

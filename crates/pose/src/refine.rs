@@ -1,335 +1,330 @@
-//! The body as built: marker positions from the flight itself.
+//! Cameras, markers and centres as the flight itself shows them.
 
-use crate::estimate::noise_weight;
+use crate::moving::{Instant, PointSight, Reduced, Shared};
 use crate::{BodyMarker, MarkerObservation, PoseError, PoseEstimator, Rig};
-use mavsight_geometry::attitude::matrix_of;
-use mavsight_geometry::camera::d_pixel_d_pose;
-use mavsight_geometry::{
-    CAMERA_PARAMETERS, Isometry3, Matrix2, Matrix6, Point3, UnitQuaternion, Vector2, Vector3,
-};
-use nalgebra::{DMatrix, DVector, Dyn, OMatrix, Translation3, U2, U6, Vector6};
+use mavsight_geometry::camera_parameters::CENTRE;
+use mavsight_geometry::{CAMERA_PARAMETERS, CameraChange, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector};
 
-/// Marker positions that a flight has told, with what it leaves open.
+/// Cameras, marker positions and lasting errors of centres that a flight has told, with what it leaves open.
 ///
-/// A film shows the shape of the body, not where its axes lie in it: the markers are given in the body axes for which their
-/// displacements from the vehicle file have no common shift and no common turn (Procrustes). If the ruler was off by σ in
-/// each coordinate, these axes are off from the file's true ones by about σ/√n, for every pose alike; a comparison with
-/// poses in other axes has to allow for one constant motion of the body frame.
+/// A film shows neither where the world's axes lie nor those of the body. The first stay where the control points have put them.
+/// The markers are given in the body axes for which their displacements from the vehicle file have no common shift and no
+/// common turn (Procrustes). If the ruler was off by σ in each coordinate, these axes are off from the file's true ones by about
+/// σ/√n, for every pose alike; a comparison with poses in other axes has to allow for one constant motion of the body frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct RefinedMarkers {
+pub struct RefinedFlight {
+    /// The cameras, with what remains unknown of them.
+    pub rig: Rig,
     /// The body with the refined positions.
     pub markers: Vec<BodyMarker>,
-    /// What remains unknown of the shape: 3 rows a marker, each column one standard deviation along an independent direction.
-    pub uncertainty_m: DMatrix<f64>,
-    /// What one standard deviation along each direction of the rig's uncertainty has done to the positions: 3 rows a
-    /// marker, columns as in [`Rig::uncertainty`].
-    pub by_rig_m: DMatrix<f64>,
-    /// What a centre that is off by a pixel in all frames alike does to the positions, m/px: 3 rows a marker, a column for
-    /// each coordinate of each marker in each camera (camera by camera, marker by marker, u then v).
-    pub by_centres_m: DMatrix<f64>,
-    /// Standard deviation of each coordinate of each marker with all that is not known: noise, cameras, and centres that
-    /// are off for the whole flight by what they claim for one frame.
-    pub std_m: Vec<Vector3<f64>>,
+    /// By how much centres are off all the while, camera by camera, marker by marker.
+    pub offsets_px: Vec<Vector2<f64>>,
+    /// What remains unknown of all three together: 16 rows a camera, 3 a marker (body axes, m), 2 for each marker in each camera
+    /// (camera by camera, px); each column one standard deviation along an independent direction.
+    pub uncertainty: DMatrix<f64>,
+    /// Standard deviation of each coordinate of each marker.
+    pub markers_std_m: Vec<Vector3<f64>>,
     /// Largest angle between the attitudes of two frames.
     pub turned_rad: f64,
-    /// Sum of the squared whitened residuals with the positions of the file, and with the refined ones.
+    /// Sum of the squared whitened residuals as it was, and with all that was refined.
     pub chi_square: (f64, f64),
-    /// Coordinates less what was estimated.
-    pub redundancy: usize,
+    /// Estimated ratio of the residuals' variance to what the centres' covariances claim.
+    pub variance_factor: f64,
     /// Instants that entered.
     pub frames: usize,
+    prior: FlightPrior,
 }
 
-/// Frames needed for the shape to rest on more than the noise of a few.
+/// What is known before a flight tells more.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FlightPrior {
+    /// Standard deviation of each coordinate of the markers' positions: a ruler is good to 1 or 2 mm, to half a millimetre where it
+    /// was read with care.
+    pub markers_std_m: f64,
+    /// Standard deviation of what stays of a centre's error, each coordinate of each marker in each camera by its own, as
+    /// [`PoseEstimator::centre_bias_px`] finds it; 0 for none.
+    pub centres_std_px: f64,
+}
+
+/// For so long an error of a centre stays at least: the lags over which [`PoseEstimator::centre_bias_px`] compares residuals.
+const STAYS_NS: i64 = 1_000_000_000;
+
+/// Part of the variance of what stays that is taken to stay all the flight; the rest is anew in each second. Residuals that are
+/// compared over a second cannot tell them apart, and the one would be too sure of the cameras where the other is true.
+const STAYS_ALL_THE_WHILE: f64 = 0.5;
+
+/// Frames needed for what stays to rest on more than the noise of a few.
 const NEEDED_FRAMES: usize = 10;
+
+/// Frames that enter, spread over the flight: what is refined stays, and with noise a tenth of that of one frame it is what
+/// the control points and the lasting errors leave open that counts.
+const MOST_FRAMES: usize = 150;
 
 /// Gauss-Newton steps; millimetres beside metres settle in three or four.
 const MAX_STEPS: usize = 20;
 
-/// A step shorter than this share of the positions' own uncertainty ends the iteration.
+/// A step shorter than this share of the parameters' own uncertainty ends the iteration.
 const SETTLED: f64 = 1e-3;
 
-struct Frame {
-    sights: Vec<(usize, usize, Vector2<f64>, Matrix2<f64>)>,
-    pose: Isometry3<f64>,
-}
-
-type PoseByMarkers = OMatrix<f64, U6, Dyn>;
-
-/// Normal equations of the positions once the poses are eliminated (Schur complement; Triggs et al. 2000, section 6.1).
-struct Reduced {
-    normal: DMatrix<f64>,
-    gradient: DVector<f64>,
-    by_rig: DMatrix<f64>,
-    by_centres: DMatrix<f64>,
-    /// Sum of the claimed variances of the coordinates.
-    claimed_px2: f64,
-    chi_square: f64,
-    weighted: f64,
-    coordinates: usize,
-    /// For each frame: inverse of the pose's block, its coupling with the markers, its gradient.
-    poses: Vec<(Matrix6<f64>, PoseByMarkers, Vector6<f64>)>,
-}
-
-/// Refines the marker positions of a body by a bundle adjustment of all poses and positions, with the positions of the file
-/// as a prior: `prior_std_m` is the standard deviation of each of their coordinates (a ruler: 1 to 2 mm).
+/// Refines cameras, marker positions and the lasting errors of centres by one bundle adjustment of all of them and of the poses.
 ///
-/// Sights are weighted by their covariances, with bounded influence (Huber 1981). The scale of their noise is estimated,
-/// as the claimed covariances may be off.
+/// What is known before: the cameras by their covariance, which is what the control points have left, and [`FlightPrior`]. A centre
+/// may be off in the same way in many frames, by light from one side or what is behind the ball: half of the variance of that is
+/// taken to stay all the flight, the other half for a second, which bounds what many frames tell.
 ///
-/// A centre may be off in the same way in all frames, by light from one side or what is behind the ball. While the aircraft keeps its
-/// attitude that looks like a marker elsewhere; where it turns, it does not. A flight that turns so little that the positions
-/// would be no better than those of the file is refused.
+/// Sights are weighted by their covariances, with bounded influence (Huber 1981). The scale of their noise is estimated, as the
+/// claimed covariances may be off.
 ///
 /// # Errors
-/// [`PoseError::BadPrior`]; [`PoseError::TooFewPoses`] with fewer than ten frames that have a pose and redundancy;
-/// [`PoseError::ShapeNotShown`] for a flight that turns too little;
+/// [`PoseError::BadPrior`]; [`PoseError::BadBias`]; [`PoseError::AlreadyRefined`]; [`PoseError::TooFewPoses`] with fewer than ten frames that have a pose and redundancy;
 /// [`PoseError::BadObservation`]; [`PoseError::NotConverged`].
-pub fn refine_markers(
+pub fn refine_flight(
     observations: &[MarkerObservation],
     rig: &Rig,
     markers: &[BodyMarker],
-    prior_std_m: f64,
-) -> Result<RefinedMarkers, PoseError> {
-    if !(prior_std_m.is_finite() && prior_std_m > 0.0) {
-        return Err(PoseError::BadPrior { std_m: prior_std_m });
+    prior: FlightPrior,
+) -> Result<RefinedFlight, PoseError> {
+    let FlightPrior { markers_std_m, centres_std_px } = prior;
+    if !(markers_std_m.is_finite() && markers_std_m > 0.0) {
+        return Err(PoseError::BadPrior { std_m: markers_std_m });
     }
-    let mut bundle = Bundle::new(observations, rig, markers, prior_std_m)?;
-    let mut factor = f64::INFINITY;
-    let mut before = None;
-    for _ in 0..MAX_STEPS {
-        let reduced = bundle.reduced(factor)?;
-        let redundancy = (reduced.coordinates - 6 * bundle.frames.len()).max(1) as f64;
-        let first = *before.get_or_insert(reduced.chi_square);
-        factor = (reduced.weighted / redundancy).max(f64::MIN_POSITIVE);
-        let information =
-            &reduced.normal / factor + DMatrix::identity(bundle.size(), bundle.size()) / prior_std_m.powi(2);
-        let pull = &reduced.gradient / factor - bundle.displacement() / prior_std_m.powi(2);
-        let covariance = information.cholesky().ok_or(bundle.not_converged(&reduced))?.inverse();
-        let step = &covariance * pull;
-        let settled =
-            step.iter().zip(covariance.diagonal().iter()).all(|(s, v)| s.abs() <= SETTLED * v.sqrt());
-        bundle.take(&step, &reduced);
-        if settled {
-            return bundle.finished((&covariance, prior_std_m), &reduced, factor, first);
+    if !(centres_std_px.is_finite() && centres_std_px >= 0.0) {
+        return Err(PoseError::BadBias { std_px: centres_std_px });
+    }
+    if rig.frames > 0 {
+        return Err(PoseError::AlreadyRefined { frames: rig.frames });
+    }
+    let instants = instants_of(observations, rig, markers, markers_std_m)?;
+    let mut shared = Shared::new(rig.cameras.iter().map(|c| c.camera).collect(), markers.to_vec());
+    (shared.free_points, shared.free_offsets) = (true, true);
+    let directions = directions(&shared, rig);
+    let state = DVector::zeros(directions.ncols());
+    Bundle { rig, nominal: markers, prior, directions, instants, shared, state, factor: f64::INFINITY }
+        .refined()
+}
+
+/// What each parameter changes: a column for each direction of the rig's uncertainty, then one a coordinate of each marker, then
+/// one a coordinate of each centre.
+fn directions(shared: &Shared, rig: &Rig) -> DMatrix<f64> {
+    let (rows, first) = (shared.rows(), shared.first_point());
+    let of_rig = if rig.uncertainty.nrows() == first { rig.uncertainty.ncols() } else { 0 };
+    let mut out = DMatrix::zeros(rows, of_rig + rows - first);
+    out.view_mut((0, 0), (first, of_rig)).copy_from(&rig.uncertainty.columns(0, of_rig));
+    out.view_mut((first, of_rig), (rows - first, rows - first)).fill_with_identity();
+    out
+}
+
+/// Frames with a pose and redundancy, spread over the flight, by the seconds through which errors of centres stay.
+fn instants_of(
+    observations: &[MarkerObservation],
+    rig: &Rig,
+    markers: &[BodyMarker],
+    markers_std_m: f64,
+) -> Result<Vec<Vec<Instant>>, PoseError> {
+    let mut sorted: Vec<&MarkerObservation> = observations.iter().collect();
+    sorted.sort_by_key(|o| o.t_ns);
+    // The prior tells the estimator how far markers may be off before they count as false.
+    let unsure = DMatrix::identity(3 * markers.len(), 3 * markers.len()) * markers_std_m;
+    let estimator = PoseEstimator::new(rig, markers).with_marker_uncertainty(&unsure)?;
+    let groups: Vec<&[&MarkerObservation]> = sorted.chunk_by(|a, b| a.t_ns == b.t_ns).collect();
+    let (mut out, mut previous, mut measured) = (Vec::<Vec<Instant>>::new(), None, 0);
+    let mut second = None;
+    let tried = MOST_FRAMES.min(groups.len());
+    for group in (0..tried).map(|k| groups[(2 * k + 1) * groups.len() / (2 * tried)]) {
+        let own: Vec<MarkerObservation> = group.iter().map(|o| (*o).clone()).collect();
+        let estimate = match estimator.estimate(own[0].t_ns, &own, previous.as_ref()) {
+            Ok(estimate) => estimate,
+            Err(bad @ PoseError::BadObservation { .. }) => return Err(bad),
+            Err(_) => continue,
+        };
+        previous = Some(estimate.world_from_body);
+        let whitened = |o: &MarkerObservation| {
+            let whitener = o.covariance_px2.cholesky()?.l().try_inverse()?;
+            Some(PointSight { camera: o.camera, point: o.marker, pixel: o.pixel, whitener })
+        };
+        let used = own.iter().filter(|o| estimate.markers_used.contains(&o.marker));
+        let sights: Vec<PointSight> = used.filter_map(whitened).collect();
+        if sights.len() > 3 {
+            let instant = Instant { sights, world_from_body: estimate.world_from_body };
+            measured += 1;
+            let own_second = Some((own[0].t_ns - groups[0][0].t_ns) / STAYS_NS);
+            match out.last_mut().filter(|_| own_second == second) {
+                Some(same) => same.push(instant),
+                None => out.push(vec![instant]),
+            }
+            second = own_second;
         }
     }
-    let reduced = bundle.reduced(factor)?;
-    Err(bundle.not_converged(&reduced))
+    if measured < NEEDED_FRAMES {
+        return Err(PoseError::TooFewPoses { measured, samples: tried, needed: NEEDED_FRAMES });
+    }
+    Ok(out)
 }
 
 struct Bundle<'a> {
     rig: &'a Rig,
     nominal: &'a [BodyMarker],
-    markers: Vec<BodyMarker>,
-    frames: Vec<Frame>,
+    prior: FlightPrior,
+    directions: DMatrix<f64>,
+    /// By seconds.
+    instants: Vec<Vec<Instant>>,
+    shared: Shared,
+    /// Along the directions.
+    state: DVector<f64>,
+    factor: f64,
 }
 
-impl<'a> Bundle<'a> {
-    fn new(
-        observations: &[MarkerObservation],
-        rig: &'a Rig,
-        markers: &'a [BodyMarker],
-        prior_std_m: f64,
-    ) -> Result<Self, PoseError> {
-        let mut sorted: Vec<&MarkerObservation> = observations.iter().collect();
-        sorted.sort_by_key(|o| o.t_ns);
-        // The prior tells the estimator how far markers may be off before they count as false.
-        let size = 3 * markers.len();
-        let unsure = DMatrix::identity(size, size) * prior_std_m;
-        let estimator = PoseEstimator::new(rig, markers).with_marker_uncertainty(&unsure)?;
-        let (mut frames, mut previous, mut instants) = (Vec::new(), None, 0);
-        for group in sorted.chunk_by(|a, b| a.t_ns == b.t_ns) {
-            instants += 1;
-            let own: Vec<MarkerObservation> = group.iter().map(|o| (*o).clone()).collect();
-            let pose = match estimator.estimate(own[0].t_ns, &own, previous.as_ref()) {
-                Ok(estimate) => estimate.world_from_body,
-                Err(bad @ PoseError::BadObservation { .. }) => return Err(bad),
-                Err(_) => continue,
-            };
-            previous = Some(pose);
-            let whitened = |o: &MarkerObservation| {
-                let whitener = o.covariance_px2.cholesky()?.l().try_inverse()?;
-                Some((o.camera, o.marker, o.pixel, whitener))
-            };
-            let sights: Vec<_> = own.iter().filter_map(whitened).collect();
-            if sights.len() > 3 {
-                frames.push(Frame { sights, pose });
+impl Bundle<'_> {
+    fn refined(mut self) -> Result<RefinedFlight, PoseError> {
+        let mut before = None;
+        for _ in 0..MAX_STEPS {
+            let reduced = self.reduced()?;
+            let first = *before.get_or_insert(reduced.squares);
+            let freedom = (reduced.coordinates - 6 * reduced.instants).max(1) as f64;
+            self.factor = (reduced.weighted / freedom).max(f64::MIN_POSITIVE);
+            let (next, covariance) = self.solved(&reduced).ok_or(not_converged(&reduced))?;
+            let step = &next - &self.state;
+            let settled =
+                step.iter().zip(covariance.diagonal().iter()).all(|(s, v)| s.abs() <= SETTLED * v.sqrt());
+            self.state = next;
+            self.move_shared();
+            if settled {
+                return self.finished(&covariance, &reduced, first);
             }
         }
-        if frames.len() < NEEDED_FRAMES {
-            let measured = frames.len();
-            return Err(PoseError::TooFewPoses { measured, samples: instants, needed: NEEDED_FRAMES });
-        }
-        Ok(Self { rig, nominal: markers, markers: markers.to_vec(), frames })
+        let reduced = self.reduced()?;
+        Err(not_converged(&reduced))
     }
 
-    fn size(&self) -> usize {
-        3 * self.markers.len()
-    }
-
-    fn displacement(&self) -> DVector<f64> {
-        DVector::from_fn(self.size(), |i, _| {
-            self.markers[i / 3].marker_in_body_m[i % 3] - self.nominal[i / 3].marker_in_body_m[i % 3]
-        })
-    }
-
-    fn not_converged(&self, reduced: &Reduced) -> PoseError {
-        PoseError::NotConverged { steps: MAX_STEPS, residual_px: error_px(reduced) }
-    }
-
-    fn reduced(&self, factor: f64) -> Result<Reduced, PoseError> {
-        let (size, columns) = (self.size(), self.rig.uncertainty.ncols());
-        let mut out = Reduced {
-            normal: DMatrix::zeros(size, size),
-            gradient: DVector::zeros(size),
-            by_rig: DMatrix::zeros(size, columns),
-            by_centres: DMatrix::zeros(size, 2 * self.rig.cameras.len() * self.markers.len()),
-            claimed_px2: 0.0,
-            chi_square: 0.0,
-            weighted: 0.0,
-            coordinates: 0,
-            poses: Vec::with_capacity(self.frames.len()),
-        };
-        for frame in &self.frames {
-            self.add_frame(frame, factor, &mut out)?;
+    /// The equations with all poses at their minima, and with what stays of the centres' errors for a second eliminated.
+    fn reduced(&mut self) -> Result<Reduced, PoseError> {
+        let mut out = Reduced::new(self.shared.rows());
+        let first = self.shared.first_offset();
+        let variance_px2 = (1.0 - STAYS_ALL_THE_WHILE) * self.prior.centres_std_px.powi(2);
+        let scale = if self.factor.is_finite() { self.factor } else { 1.0 };
+        for second in &mut self.instants {
+            let mut own = Reduced::new(self.shared.rows());
+            for instant in second {
+                let (shared, factor) = (&self.shared, self.factor);
+                let settled = shared.settled(&instant.sights, &instant.world_from_body, factor);
+                instant.world_from_body = settled.ok_or_else(|| not_converged(&own))?;
+                let at = (instant.sights.as_slice(), &instant.world_from_body);
+                own.add(shared, at, factor).ok_or_else(|| not_converged(&own))?;
+            }
+            if variance_px2 > 0.0 {
+                own.eliminate_changes(first, scale / variance_px2).ok_or(not_converged(&own))?;
+            }
+            out.join(&own);
         }
         Ok(out)
     }
 
-    fn add_frame(&self, frame: &Frame, factor: f64, out: &mut Reduced) -> Result<(), PoseError> {
-        let turn = matrix_of(&frame.pose.rotation);
-        let mut own = Matrix6::zeros();
-        let mut gradient = Vector6::zeros();
-        let mut coupling = PoseByMarkers::zeros(self.size());
-        let mut rig_to_pose = PoseByMarkers::zeros(out.by_rig.ncols());
-        let mut centres_to_pose = PoseByMarkers::zeros(out.by_centres.ncols());
-        for (camera, marker, pixel, whitener) in &frame.sights {
-            let ball = &self.markers[*marker];
-            let centre = (frame.pose * Point3::from(ball.marker_in_body_m)).coords;
-            let view = &self.rig.cameras[*camera].camera;
-            let seen = view.project_ball(&centre, ball.radius_m)?;
-            let error = whitener * (pixel - seen.pixel);
-            let weight = noise_weight(error.norm_squared(), factor);
-            let by_pose = whitener * d_pixel_d_pose(&seen, &frame.pose, &ball.marker_in_body_m);
-            let by_marker = whitener * seen.d_pixel_d_point_in_world * turn;
-            let parameters = CAMERA_PARAMETERS * camera;
-            let by_rig: OMatrix<f64, U2, Dyn> = whitener
-                * view.d_pixel_d_camera(&centre)?
-                * self.rig.uncertainty.fixed_rows::<CAMERA_PARAMETERS>(parameters);
-            let at = 3 * marker;
-            own += by_pose.transpose() * by_pose * weight;
-            gradient += by_pose.transpose() * error * weight;
-            let mut block = coupling.fixed_columns_mut::<3>(at);
-            block += by_pose.transpose() * by_marker * weight;
-            let mut block = out.normal.fixed_view_mut::<3, 3>(at, at);
-            block += by_marker.transpose() * by_marker * weight;
-            let mut block = out.gradient.fixed_rows_mut::<3>(at);
-            block += by_marker.transpose() * error * weight;
-            rig_to_pose += by_pose.transpose() * &by_rig * weight;
-            let mut block = out.by_rig.fixed_rows_mut::<3>(at);
-            block += by_marker.transpose() * &by_rig * weight;
-            let centre_at = 2 * (camera * self.markers.len() + marker);
-            let mut block = centres_to_pose.fixed_columns_mut::<2>(centre_at);
-            block += by_pose.transpose() * whitener * weight;
-            let mut block = out.by_centres.fixed_view_mut::<3, 2>(at, centre_at);
-            block += by_marker.transpose() * whitener * weight;
-            out.claimed_px2 += (whitener.transpose() * whitener).try_inverse().map_or(0.0, |c| c.trace());
-            out.chi_square += error.norm_squared();
-            out.weighted += error.norm_squared() * weight;
-            out.coordinates += 2;
+    /// State and covariance.
+    fn solved(&self, reduced: &Reduced) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let mut information = self.directions.tr_mul(&reduced.normal) * &self.directions / self.factor;
+        let pull = self.directions.tr_mul(&reduced.gradient) / self.factor + &information * &self.state;
+        let (markers, offsets) = (3 * self.nominal.len(), 2 * self.shared.offsets_px.len());
+        let from_markers = self.state.len() - markers - offsets;
+        let from_offsets = from_markers + markers;
+        let offset_px2 = STAYS_ALL_THE_WHILE * self.prior.centres_std_px.powi(2);
+        for k in 0..self.state.len() {
+            information[(k, k)] += match k {
+                _ if k < from_markers => 1.0,
+                _ if k < from_offsets => self.prior.markers_std_m.powi(-2),
+                // Exact centres are those that are off by a millionth of a pixel.
+                _ => 1.0 / offset_px2.max(1e-12),
+            };
         }
-        let residual_px = error_px(out);
-        let inverse =
-            own.cholesky().ok_or(PoseError::NotConverged { steps: MAX_STEPS, residual_px })?.inverse();
-        let eliminated = inverse * &coupling;
-        out.normal -= coupling.tr_mul(&eliminated);
-        out.gradient -= eliminated.tr_mul(&gradient);
-        out.by_rig -= eliminated.tr_mul(&rig_to_pose);
-        out.by_centres -= eliminated.tr_mul(&centres_to_pose);
-        out.poses.push((inverse, coupling, gradient));
-        Ok(())
+        let covariance = information.cholesky()?.inverse();
+        Some((&covariance * pull, covariance))
     }
 
-    fn take(&mut self, step: &DVector<f64>, reduced: &Reduced) {
-        for (frame, (inverse, coupling, gradient)) in self.frames.iter_mut().zip(&reduced.poses) {
-            let by: Vector6<f64> = inverse * (gradient - coupling * step);
-            let pose = &frame.pose;
-            frame.pose = Isometry3::from_parts(
-                Translation3::from(pose.translation.vector + by.fixed_rows::<3>(0)),
-                pose.rotation * UnitQuaternion::from_scaled_axis(by.fixed_rows::<3>(3).into_owned()),
-            );
+    fn move_shared(&mut self) {
+        let change = &self.directions * &self.state;
+        for (k, camera) in self.shared.cameras.iter_mut().enumerate() {
+            let own: CameraChange =
+                change.fixed_rows::<CAMERA_PARAMETERS>(CAMERA_PARAMETERS * k).into_owned();
+            *camera = self.rig.cameras[k].camera.moved(&own);
         }
-        for (marker, by) in self.markers.iter_mut().zip(step.as_slice().chunks_exact(3)) {
-            marker.marker_in_body_m += Vector3::new(by[0], by[1], by[2]);
+        let (first, offsets) = (self.shared.first_point(), self.shared.first_offset());
+        for (k, marker) in self.shared.points.iter_mut().enumerate() {
+            marker.marker_in_body_m =
+                self.nominal[k].marker_in_body_m + change.fixed_rows::<3>(first + 3 * k);
+        }
+        for (k, offset) in self.shared.offsets_px.iter_mut().enumerate() {
+            *offset = change.fixed_rows::<2>(offsets + 2 * k).into_owned();
         }
     }
 
-    /// The shape's uncertainty: the covariance without common shift and turn.
     fn finished(
-        &self,
-        (covariance, prior_std_m): (&DMatrix<f64>, f64),
+        self,
+        covariance: &DMatrix<f64>,
         reduced: &Reduced,
-        factor: f64,
         before: f64,
-    ) -> Result<RefinedMarkers, PoseError> {
-        let shape = DMatrix::identity(self.size(), self.size()) - self.rigid_motions();
-        let of_shape = &shape * covariance * &shape;
-        let eigen = ((&of_shape + of_shape.transpose()) * 0.5).symmetric_eigen();
-        let largest = eigen.eigenvalues.max();
-        let kept: Vec<usize> = (0..self.size()).filter(|k| eigen.eigenvalues[*k] > 1e-9 * largest).collect();
-        let uncertainty_m = DMatrix::from_fn(self.size(), kept.len(), |i, j| {
-            eigen.eigenvectors[(i, kept[j])] * eigen.eigenvalues[kept[j]].sqrt()
-        });
-        let gain = &shape * covariance / factor;
-        let (by_rig_m, by_centres_m) = (&gain * &reduced.by_rig, &gain * &reduced.by_centres);
-        let stays_px = (factor * reduced.claimed_px2 / reduced.coordinates.max(1) as f64).sqrt();
-        let variance = |i: usize| {
-            uncertainty_m.row(i).norm_squared()
-                + by_rig_m.row(i).norm_squared()
-                + by_centres_m.row(i).norm_squared() * stays_px * stays_px
-        };
-        let std_m: Vec<Vector3<f64>> = (0..self.markers.len())
-            .map(|m| Vector3::from_fn(|axis, _| variance(3 * m + axis).sqrt()))
-            .collect();
-        let turned_rad = self.turned_rad();
-        // The ruler leaves its variance in each direction but those of the whole body's motion.
-        let (left_m2, ruler_m2) =
-            (std_m.iter().map(Vector3::norm_squared).sum::<f64>(), shape.trace() * prior_std_m.powi(2));
-        if left_m2 >= ruler_m2 {
-            let std_m = prior_std_m * (left_m2 / ruler_m2).sqrt();
-            return Err(PoseError::ShapeNotShown { std_m, prior_std_m, turned_rad, stays_px });
-        }
-        Ok(RefinedMarkers {
-            markers: self.markers.clone(),
-            uncertainty_m,
-            by_rig_m,
-            by_centres_m,
-            std_m,
-            turned_rad,
-            chi_square: (before, reduced.chi_square),
-            redundancy: reduced
-                .coordinates
-                .saturating_sub(6 * self.frames.len() + self.size().saturating_sub(6)),
-            frames: self.frames.len(),
+    ) -> Result<RefinedFlight, PoseError> {
+        let factor = covariance.clone().cholesky().ok_or(not_converged(reduced))?.unpack();
+        let mut uncertainty = &self.directions * factor;
+        // Of the markers the shape: a common shift or turn is none of the film's.
+        let (first, rows) = (self.shared.first_point(), 3 * self.nominal.len());
+        let shape = DMatrix::identity(rows, rows) - self.rigid_motions();
+        let of_shape = shape * uncertainty.rows(first, rows);
+        uncertainty.rows_mut(first, rows).copy_from(&of_shape);
+        let std_m = |m: usize| Vector3::from_fn(|axis, _| of_shape.row(3 * m + axis).norm());
+        Ok(RefinedFlight {
+            rig: self.refined_rig(&uncertainty),
+            markers_std_m: (0..self.nominal.len()).map(std_m).collect(),
+            uncertainty,
+            turned_rad: self.turned_rad(),
+            markers: self.shared.points,
+            offsets_px: self.shared.offsets_px,
+            chi_square: (before, reduced.squares),
+            variance_factor: self.factor,
+            frames: reduced.instants,
+            prior: self.prior,
         })
+    }
+
+    fn refined_rig(&self, uncertainty: &DMatrix<f64>) -> Rig {
+        let mut rig = self.rig.clone();
+        rig.frames = self.instants.iter().map(Vec::len).sum();
+        rig.uncertainty = uncertainty.rows(0, self.shared.first_point()).into_owned();
+        for (k, own) in rig.cameras.iter_mut().enumerate() {
+            let moved = self.shared.cameras[k];
+            for point in &mut own.points {
+                let place = &point.point_in_world_m;
+                if let (Ok(was), Ok(is)) = (own.camera.project(place), moved.project(place)) {
+                    point.residual_px += was.pixel - is.pixel;
+                }
+            }
+            let used = || own.points.iter().filter(|p| p.used);
+            let squares_px2: f64 = used().map(|p| p.residual_px.norm_squared()).sum();
+            own.residual_rms_px = (squares_px2 / (2 * used().count().max(1)) as f64).sqrt();
+            own.camera = moved;
+            let centre = rig.uncertainty.fixed_rows::<3>(CAMERA_PARAMETERS * k + CENTRE);
+            own.centre_cov_m2 = centre * centre.transpose();
+            own.centre_std_m = own.centre_cov_m2.diagonal().map(f64::sqrt);
+        }
+        rig
     }
 
     /// Largest angle between the attitude of one frame and that of another, found from both ends: the frame farthest from the
     /// first, and the one farthest from that.
     fn turned_rad(&self) -> f64 {
+        let turn = |i: &Instant| i.world_from_body.rotation;
         let farthest = |from: &UnitQuaternion<f64>| {
-            self.frames
+            self.instants
                 .iter()
-                .map(|f| (f.pose.rotation.angle_to(from), f.pose.rotation))
+                .flatten()
+                .map(|i| (turn(i).angle_to(from), turn(i)))
                 .fold((0.0, *from), |a, b| if b.0 > a.0 { b } else { a })
         };
-        self.frames.first().map_or(0.0, |f| farthest(&farthest(&f.pose.rotation).1).0)
+        self.instants.iter().flatten().next().map_or(0.0, |i| farthest(&farthest(&turn(i)).1).0)
     }
 
     /// Projector on the displacements that a motion of the whole body makes.
     fn rigid_motions(&self) -> DMatrix<f64> {
-        let mut motions = DMatrix::zeros(self.size(), 6);
+        let mut motions = DMatrix::zeros(3 * self.nominal.len(), 6);
         for (k, marker) in self.nominal.iter().enumerate() {
             motions.fixed_view_mut::<3, 3>(3 * k, 0).fill_with_identity();
             motions.fixed_view_mut::<3, 3>(3 * k, 3).copy_from(&-marker.marker_in_body_m.cross_matrix());
@@ -339,6 +334,29 @@ impl<'a> Bundle<'a> {
     }
 }
 
-fn error_px(reduced: &Reduced) -> f64 {
-    (reduced.chi_square / reduced.coordinates.max(1) as f64).sqrt()
+impl RefinedFlight {
+    /// Whether the flight shows the body's shape better than the vehicle file did. While the aircraft keeps its attitude, centres
+    /// that are off look like markers elsewhere; where it turns, they do not.
+    ///
+    /// # Errors
+    /// [`PoseError::ShapeNotShown`] for a flight that turns too little.
+    pub fn shape_is_shown(&self) -> Result<(), PoseError> {
+        // The ruler leaves its variance in each direction but the six of the whole body's motion.
+        let free = (3 * self.markers.len()).saturating_sub(6).max(1) as f64;
+        let left_m2: f64 = self.markers_std_m.iter().map(Vector3::norm_squared).sum();
+        let std_m = (left_m2 / free).sqrt();
+        if std_m < SHOWN * self.prior.markers_std_m {
+            return Ok(());
+        }
+        let FlightPrior { markers_std_m: prior_std_m, centres_std_px: stays_px } = self.prior;
+        Err(PoseError::ShapeNotShown { std_m, prior_std_m, turned_rad: self.turned_rad, stays_px })
+    }
+}
+
+/// A shape that is not known better than to this part of the file's standard deviation is not worth a change of the body.
+const SHOWN: f64 = 0.9;
+
+fn not_converged(reduced: &Reduced) -> PoseError {
+    let residual_px = (reduced.squares / reduced.coordinates.max(1) as f64).sqrt();
+    PoseError::NotConverged { steps: MAX_STEPS, residual_px }
 }

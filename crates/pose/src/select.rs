@@ -22,7 +22,7 @@ const MAX_CHANGES: usize = 4;
 const MAX_CHOICES: usize = 20_000;
 
 /// Which candidate is which ball.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Selection {
     /// For each ball an index into its candidates, or none.
     pub chosen: Vec<Option<usize>>,

@@ -88,6 +88,37 @@ impl Aircraft {
     }
 }
 
+/// What calibrates cameras, in place of the helicopter.
+impl Aircraft {
+    /// Balls joined by a stick of 6 mm, from the first to the last.
+    pub fn stick(balls: &[PaintedBall]) -> Self {
+        let mut parts: Vec<Part> = balls.iter().map(painted).collect();
+        if let [first, .., last] = balls {
+            let stick = Shape::Capsule { from: first.centre_m, to: last.centre_m, radius: 0.003 };
+            parts.push(Part::new(stick, [0.30; 3], 0.1, 0.0));
+        }
+        Self { parts }
+    }
+
+    /// A chessboard in the plane z = 0, which is seen from -z: `columns` by `rows` inner corners, of which the first is the
+    /// origin; x along a row, y from row to row. The square beyond the first corner is dark.
+    pub fn board(columns: usize, rows: usize, square_m: f64) -> Self {
+        let (paper, ink) = ([0.75; 3], [0.02; 3]);
+        let half = |n: usize| 0.5 * (n as f64 - 1.0) * square_m;
+        let size = |n: usize| (n as f64 + 3.0) * square_m;
+        let sheet =
+            Shape::block([half(columns), half(rows), 0.002], [size(columns), size(rows), 0.0036], 0.0);
+        let mut parts = vec![Part::new(sheet, paper, 0.0, 0.0)];
+        for j in 0..=rows {
+            for i in (0..=columns).filter(|i| (i + j) % 2 == 0) {
+                let centre = [(i as f64 - 0.5) * square_m, (j as f64 - 0.5) * square_m, 1e-4];
+                parts.push(Part::new(Shape::block(centre, [square_m, square_m, 2e-4], 0.0), ink, 0.0, 0.0));
+            }
+        }
+        Self { parts }
+    }
+}
+
 /// Balls at surveyed places on thin rods, in world axes.
 #[derive(Debug, Clone)]
 pub struct ControlFrame {

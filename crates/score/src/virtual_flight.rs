@@ -3,7 +3,7 @@
 use crate::{Random, ScoreError, VirtualLab};
 use mavsight_flight::{Channel, FlightState, InitialState, Maneuver, Scenario, simulate};
 use mavsight_geometry::{ControlPoint, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body};
-use mavsight_pipeline::{Quiet, Tracked, motion_from_poses, reconstruct};
+use mavsight_pipeline::{Quiet, Refinement, Tracked, motion_from_poses, reconstruct, refine};
 use mavsight_pose::{CameraControl, MarkerObservation, Motion, Rig, calibrate};
 use mavsight_session::ns_from_s;
 
@@ -28,7 +28,7 @@ const SMALLER_TIMES: usize = 8;
 pub struct VirtualFlight {
     /// What was flown, at the instants of the frames.
     pub truth: Vec<FlightState>,
-    /// The cameras as calibrated for this flight.
+    /// The cameras as calibrated for this flight, and as refined from it.
     pub rig: Rig,
     /// Poses.
     pub tracked: Tracked,
@@ -50,7 +50,7 @@ impl VirtualLab {
         self.measured(truth, rig, tracked)
     }
 
-    /// Smooths what was tracked of a flight.
+    /// Refines the cameras from what was tracked of a flight, if the laboratory does, and smooths.
     ///
     /// # Errors
     /// Too few poses.
@@ -58,8 +58,12 @@ impl VirtualLab {
         &self,
         truth: Vec<FlightState>,
         rig: Rig,
-        tracked: Tracked,
+        mut tracked: Tracked,
     ) -> Result<VirtualFlight, ScoreError> {
+        let rig = match self.refines {
+            true => refine(&mut tracked, &rig, &self.vehicle, Refinement::default())?.refined.rig,
+            false => rig,
+        };
         let motion = motion_from_poses(&tracked.poses, &self.vehicle, &Quiet)?;
         Ok(VirtualFlight { truth, rig, tracked, motion })
     }

@@ -46,6 +46,8 @@ pub struct VirtualLab {
     pub bias_px: f64,
     /// Frames a second.
     pub frame_rate_hz: f64,
+    /// Whether the cameras are refined from each flight.
+    pub refines: bool,
     /// Where flights begin.
     pub middle_m: Vector3<f64>,
     /// Half the spread of that.
@@ -125,6 +127,7 @@ impl VirtualLab {
             vehicle,
             noise_over_claim: 1.0,
             bias_px: 0.0,
+            refines: false,
             frame_rate_hz: 30.0,
             middle_m: TARGET,
             around_m: Vector3::repeat(1.5 * START_SHARE),
@@ -165,6 +168,7 @@ impl VirtualLab {
             sights: sights_of(tracked, rig.cameras.len(), vehicle.marker.len()),
             noise_over_claim: noise_over_claim(tracked, bias_px),
             bias_px,
+            refines: false,
             frame_rate_hz: 1e9 / interval_ns as f64,
             middle_m: 0.5 * (volume.low_m + volume.high_m),
             around_m: 0.5 * START_SHARE * (volume.high_m - volume.low_m),

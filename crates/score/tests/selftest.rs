@@ -18,6 +18,7 @@ fn intervals_of_pose_velocity_and_rates_hold_the_truth() {
         ("paper", VirtualLab::paper(), 12),
         ("three", VirtualLab::three(), 8),
         ("wide", VirtualLab::wide(), 4),
+        ("paper, refined", VirtualLab { refines: true, bias_px: 0.05, ..VirtualLab::paper() }, 8),
     ] {
         let tally = tally(&lab, flights);
         assert_eq!(tally.instants(), (180 * flights as usize, 8 * flights as usize), "only the gaps");

@@ -4,7 +4,7 @@ use crate::error::require_file;
 use crate::toml_file::read_toml;
 use crate::video::{FrameSource, sequence_exists};
 use crate::{ControlPixel, ControlPointRow, SessionError, TruthRow, tables};
-use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_flight::{Color, InputSeries, Vehicle};
 use mavsight_identify::Model;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -30,9 +30,16 @@ pub struct SessionFile {
     /// Output equations to fit; those of equation 3 where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<PathBuf>,
-    /// Calibration.
-    pub control: ControlSection,
-    /// The vehicle as built; left out: as in its file.
+    /// Calibration by control points; may be left out where a wand or a board links the cameras.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub control: Option<ControlSection>,
+    /// Calibration by a wand.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wand: Option<WandSection>,
+    /// Calibration by a chessboard.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub board: Option<BoardSection>,
+    /// What is refined from the flight itself; left out: nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refine: Option<RefineSection>,
     /// Cameras.
@@ -51,12 +58,55 @@ pub struct ControlSection {
     pub observations: Option<PathBuf>,
 }
 
-/// Refinement of the markers from the flight itself.
+/// Calibration by two balls on a stick, waved through the volume.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WandSection {
+    /// Distance between the centres of the balls.
+    pub length_m: f64,
+    /// Standard deviation of that; 0 for exact.
+    #[serde(default)]
+    pub length_std_m: f64,
+    /// The two balls, of unlike colours.
+    pub ball: Vec<WandBall>,
+}
+
+/// A ball of a wand.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+pub struct WandBall {
+    /// Nominal colour.
+    pub color: Color,
+    /// Diameter.
+    pub diameter_m: f64,
+}
+
+/// Calibration by a chessboard.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoardSection {
+    /// Inner corners along a row.
+    pub columns: usize,
+    /// Rows of inner corners.
+    pub rows: usize,
+    /// Side of a square.
+    pub square_m: f64,
+    /// Whether images of the same number show the board at the same place to all cameras.
+    #[serde(default)]
+    pub together: bool,
+}
+
+/// Refinement of cameras and markers from the flight itself.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct RefineSection {
-    /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002.
-    pub markers_std_m: f64,
+    /// Whether the cameras are refined; they are wherever the markers are.
+    #[serde(default)]
+    pub rig: bool,
+    /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002. Left out: the markers are
+    /// as in the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub markers_std_m: Option<f64>,
     /// Whether the balls' diameters are measured too, from their images.
     #[serde(default)]
     pub diameters: bool,
@@ -73,6 +123,12 @@ pub struct SessionCamera {
     /// Image of the control frame; may be left out when the control pixels come from a table.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub still: Option<PathBuf>,
+    /// Recording of the wand, for a session with one: a video, or a pattern of an image sequence.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wand: Option<PathBuf>,
+    /// Images of the board, for a session with one: a pattern such as `board/cam1_%02d.png`, or a video.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub board: Option<PathBuf>,
     /// Frames a second of an image sequence; a video has its own time stamps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame_rate_hz: Option<f64>,
@@ -98,11 +154,15 @@ pub struct Session {
     pub truth_path: Option<PathBuf>,
     /// Output equations to fit.
     pub model_path: Option<PathBuf>,
-    /// Table of control points.
-    pub control_points_path: PathBuf,
+    /// Table of control points, where there is one.
+    pub control_points_path: Option<PathBuf>,
     /// Table of control pixels.
     pub control_pixels_path: Option<PathBuf>,
-    /// How the markers are refined, where they are.
+    /// The wand, where one was waved.
+    pub wand: Option<WandSection>,
+    /// The board, where one was shown.
+    pub board: Option<BoardSection>,
+    /// What is refined from the flight, where something is.
     pub refine: Option<RefineSection>,
     /// Cameras, at least two, with whole paths.
     pub cameras: Vec<SessionCamera>,
@@ -127,8 +187,10 @@ impl Session {
             inputs_path: folder.join(file.inputs),
             truth_path: file.truth.map(|p| folder.join(p)),
             model_path: file.model.map(|p| folder.join(p)),
-            control_points_path: folder.join(file.control.points),
-            control_pixels_path: file.control.observations.map(|p| folder.join(p)),
+            control_points_path: file.control.as_ref().map(|c| folder.join(&c.points)),
+            control_pixels_path: file.control.and_then(|c| c.observations).map(|p| folder.join(p)),
+            wand: file.wand,
+            board: file.board,
             refine: file.refine,
             cameras: file
                 .camera
@@ -136,6 +198,8 @@ impl Session {
                 .map(|c| SessionCamera {
                     video: folder.join(&c.video),
                     still: c.still.as_ref().map(|p| folder.join(p)),
+                    wand: c.wand.as_ref().map(|p| folder.join(p)),
+                    board: c.board.as_ref().map(|p| folder.join(p)),
                     ..c
                 })
                 .collect(),
@@ -147,7 +211,9 @@ impl Session {
     fn require_files(&self) -> Result<(), SessionError> {
         let role = |key: &str| format!("{key} in {}", self.path.display());
         require_file(&self.inputs_path, &role("inputs"))?;
-        require_file(&self.control_points_path, &role("control.points"))?;
+        if let Some(path) = &self.control_points_path {
+            require_file(path, &role("control.points"))?;
+        }
         if let Some(path) = &self.truth_path {
             require_file(path, &role("truth"))?;
         }
@@ -161,6 +227,11 @@ impl Session {
             if !sequence_exists(&camera.video) {
                 require_file(&camera.video, &role(&format!("video of camera {}", camera.name)))?;
             }
+            for (what, path) in [("wand", &camera.wand), ("board", &camera.board)] {
+                if let Some(path) = path.as_ref().filter(|p| !sequence_exists(p)) {
+                    require_file(path, &role(&format!("{what} of camera {}", camera.name)))?;
+                }
+            }
             if let Some(still) = &camera.still {
                 require_file(still, &role(&format!("still of camera {}", camera.name)))?;
             }
@@ -173,13 +244,37 @@ impl Session {
     /// # Errors
     /// A file that cannot be read, or a camera index beyond the list.
     pub fn open_camera(&self, camera: usize) -> Result<FrameSource, SessionError> {
-        let camera = self.cameras.get(camera).ok_or_else(|| SessionError::Value {
+        let camera = self.camera(camera)?;
+        let source = FrameSource::open(&camera.video, camera.frame_rate_hz)?;
+        Ok(source.delayed_by(camera.time_offset_s.unwrap_or(0.0)))
+    }
+
+    /// Opens one camera's recording of the wand, with its time offset taken off; `None` where it has none.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or a camera index beyond the list.
+    pub fn open_wand(&self, camera: usize) -> Result<Option<FrameSource>, SessionError> {
+        let camera = self.camera(camera)?;
+        let Some(path) = &camera.wand else { return Ok(None) };
+        let source = FrameSource::open(path, camera.frame_rate_hz)?;
+        Ok(Some(source.delayed_by(camera.time_offset_s.unwrap_or(0.0))))
+    }
+
+    /// Opens one camera's images of the board; `None` where it has none. Images of a sequence are a second apart.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or a camera index beyond the list.
+    pub fn open_board(&self, camera: usize) -> Result<Option<FrameSource>, SessionError> {
+        let path = &self.camera(camera)?.board;
+        path.as_ref().map(|path| FrameSource::open(path, Some(1.0))).transpose()
+    }
+
+    fn camera(&self, camera: usize) -> Result<&SessionCamera, SessionError> {
+        self.cameras.get(camera).ok_or_else(|| SessionError::Value {
             path: self.path.clone(),
             key: "camera".into(),
             detail: format!("there is no camera number {camera}: the session has {}", self.cameras.len()),
-        })?;
-        let source = FrameSource::open(&camera.video, camera.frame_rate_hz)?;
-        Ok(source.delayed_by(camera.time_offset_s.unwrap_or(0.0)))
+        })
     }
 
     /// Reads the inputs.
@@ -190,12 +285,12 @@ impl Session {
         tables::read_inputs(&self.inputs_path)
     }
 
-    /// Reads the control points.
+    /// Reads the control points; none where the session has no table of them.
     ///
     /// # Errors
     /// Names row and column.
     pub fn control_points(&self) -> Result<Vec<ControlPointRow>, SessionError> {
-        tables::read_control_points(&self.control_points_path)
+        self.control_points_path.as_deref().map_or_else(|| Ok(Vec::new()), tables::read_control_points)
     }
 
     /// Reads the control pixels, where the session has a table of them; names are checked against the session.
@@ -259,16 +354,22 @@ fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
             format!("{} found, but a pose needs at least 2: add [[camera]] sections", file.camera.len());
         return refuse("camera".into(), detail);
     }
-    if let Some(std_m) = file.refine.map(|r| r.markers_std_m).filter(|s| !(s.is_finite() && *s > 0.0)) {
+    let refine = file.refine.unwrap_or_default();
+    if let Some(std_m) = refine.markers_std_m.filter(|s| !(s.is_finite() && *s > 0.0)) {
         let detail = format!("{std_m} is not above zero: a ruler is good to 0.001 or 0.002");
         return refuse("refine.markers_std_m".into(), detail);
     }
+    if file.refine.is_some() && !refine.rig && refine.markers_std_m.is_none() {
+        let detail = "asks for nothing: give markers_std_m, rig = true, or leave the section out";
+        return refuse("refine".into(), detail.into());
+    }
+    validate_objects(file).or_else(|(key, detail)| refuse(key, detail))?;
     for (k, camera) in file.camera.iter().enumerate() {
         if camera.name.is_empty() || file.camera[..k].iter().any(|c| c.name == camera.name) {
             let detail = format!("{:?} is empty or taken: give each camera its own name", camera.name);
             return refuse(format!("camera {}: name", k + 1), detail);
         }
-        if camera.still.is_none() && file.control.observations.is_none() {
+        if camera.still.is_none() && file.control.as_ref().is_some_and(|c| c.observations.is_none()) {
             let detail =
                 "is missing: name the image of the control frame, or give control.observations".into();
             return refuse(format!("camera {}: still", camera.name), detail);
@@ -280,6 +381,64 @@ fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
         if let Some(offset) = camera.time_offset_s.filter(|o| !o.is_finite() || o.abs() >= 1e9) {
             let detail = format!("{offset} is not a time: give seconds");
             return refuse(format!("camera {}: time_offset_s", camera.name), detail);
+        }
+    }
+    Ok(())
+}
+
+/// What is wrong with the wand or the board: key and remedy.
+fn validate_objects(file: &SessionFile) -> Result<(), (String, String)> {
+    let refuse = |key: &str, detail: String| Err((key.to_owned(), detail));
+    if file.control.is_none() && file.wand.is_none() && file.board.is_none() {
+        let detail = "is missing: the cameras need control points, a [wand] or a [board]".to_owned();
+        return refuse("control", detail);
+    }
+    if let Some(wand) = &file.wand {
+        if !(wand.length_m.is_finite() && wand.length_m > 0.0) {
+            return refuse(
+                "wand.length_m",
+                format!("{} is no length: give metres, for instance 0.5", wand.length_m),
+            );
+        }
+        let std_m = wand.length_std_m;
+        if !(std_m >= 0.0 && std_m < wand.length_m) {
+            return refuse("wand.length_std_m", format!("{std_m} is not from 0 to the length: give metres"));
+        }
+        if wand.ball.len() != 2 || wand.ball.iter().any(|b| !(b.diameter_m.is_finite() && b.diameter_m > 0.0))
+        {
+            let detail = format!(
+                "{} given: give two balls, each with a color and a diameter_m above zero",
+                wand.ball.len()
+            );
+            return refuse("wand.ball", detail);
+        }
+        if file.camera.iter().filter(|c| c.wand.is_some()).count() < 2 {
+            let detail =
+                "is named by fewer than two cameras: give each camera that saw it its recording".to_owned();
+            return refuse("camera: wand", detail);
+        }
+    }
+    if let Some(board) = &file.board {
+        if board.columns < 3 || board.rows < 3 || board.columns == board.rows {
+            let detail = format!(
+                "{} by {} inner corners: give 3 or more of each, and unlike numbers, so that a board is not taken for one turned",
+                board.columns, board.rows
+            );
+            return refuse("board.columns, board.rows", detail);
+        }
+        if board.together && (board.columns + board.rows) % 2 == 0 {
+            let detail = "cannot be seen from its corners where the numbers of columns and rows are both even or both odd: \
+                          use a board of, for instance, 9 by 6, or show it to each camera by itself";
+            return refuse("board.together", detail.to_owned());
+        }
+        if !(board.square_m.is_finite() && board.square_m > 0.0) {
+            return refuse(
+                "board.square_m",
+                format!("{} is no length: give metres, for instance 0.03", board.square_m),
+            );
+        }
+        if file.camera.iter().all(|c| c.board.is_none()) {
+            return refuse("camera: board", "is named by no camera: give each its images of it".to_owned());
         }
     }
     Ok(())

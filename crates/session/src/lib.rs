@@ -13,8 +13,8 @@ pub mod video;
 
 pub use atomic::{make_folder, write_whole};
 pub use config::{
-    ControlSection, RefineSection, SESSION_SCHEMA, Session, SessionCamera, SessionFile, load_model,
-    load_vehicle,
+    BoardSection, ControlSection, RefineSection, SESSION_SCHEMA, Session, SessionCamera, SessionFile,
+    WandBall, WandSection, load_model, load_vehicle,
 };
 pub use error::SessionError;
 pub use results::{

@@ -31,6 +31,8 @@ fn session(folder: &Folder) -> PathBuf {
         name: name.into(),
         video: format!("{name}/frame_%05d.png").into(),
         still: Some("still.png".into()),
+        wand: None,
+        board: None,
         frame_rate_hz: Some(30.0),
         time_offset_s: None,
     };
@@ -41,8 +43,10 @@ fn session(folder: &Folder) -> PathBuf {
         inputs: "inputs.csv".into(),
         model: None,
         truth: None,
-        control: ControlSection { points: "points.csv".into(), observations: None },
-        refine: Some(RefineSection { markers_std_m: 0.002, diameters: false }),
+        control: Some(ControlSection { points: "points.csv".into(), observations: None }),
+        wand: None,
+        board: None,
+        refine: Some(RefineSection { markers_std_m: Some(0.002), ..RefineSection::default() }),
         camera: vec![camera("cam1"), camera("cam2")],
     };
     folder.write("points.csv", POINTS);
@@ -125,6 +129,50 @@ fn unknown_and_senseless_keys_are_named() {
     has(&spoilt("session.toml", "= 0.002", "= 0.0"), &["refine.markers_std_m", "ruler"]);
     has(&spoilt("session.toml", "30.0", "-3.0"), &["frame_rate_hz", "-3", "cam1"]);
     has(&spoilt("session.toml", "still = \"still.png\"", ""), &["still", "cam1", "control.observations"]);
+}
+
+/// A session with a section more, and something more for each camera.
+fn with(section: &str, of_camera: &str) -> Result<Session, String> {
+    let folder = Folder::new();
+    let path = session(&folder);
+    let text = std::fs::read_to_string(&path).unwrap();
+    let text = text.replace("[refine]", &format!("{section}\n[refine]"));
+    let text = text.replace("still = ", &format!("{of_camera}\nstill = "));
+    std::fs::write(&path, text).unwrap();
+    Session::load(&path).map_err(|e| e.to_string())
+}
+
+#[test]
+fn wands_and_boards_are_read_and_senseless_ones_named() {
+    let wand = |length: &str, balls: usize| {
+        let ball = ["{ color = \"#db1212\", diameter_m = 0.04 }"; 3][..balls].join(", ");
+        format!("[wand]\nlength_m = {length}\nball = [{ball}]")
+    };
+    let own = "wand = \"still.png\"";
+    let session = with(&wand("0.5", 2), own).unwrap();
+    let read = session.wand.as_ref().unwrap();
+    assert_eq!((read.length_m, read.length_std_m, read.ball.len()), (0.5, 0.0, 2));
+    assert_eq!(session.cameras[1].wand, session.cameras[1].still);
+    has(&with(&wand("0.0", 2), own).unwrap_err(), &["wand.length_m", "0 is no length"]);
+    has(
+        &with(&format!("{}\nlength_std_m = 0.7", wand("0.5", 2)), own).unwrap_err(),
+        &["wand.length_std_m", "0.7"],
+    );
+    has(&with(&wand("0.5", 3), own).unwrap_err(), &["wand.ball", "3 given", "two balls"]);
+    has(&with(&wand("0.5", 2), "").unwrap_err(), &["camera: wand", "fewer than two"]);
+    has(&with(&wand("0.5", 2), "wand = \"none.mp4\"").unwrap_err(), &["wand of camera cam1", "none.mp4"]);
+    let board = |columns: usize, rest: &str| format!("[board]\ncolumns = {columns}\nrows = 6\n{rest}");
+    let own = "board = \"still.png\"";
+    assert_eq!(with(&board(9, "square_m = 0.03"), own).unwrap().board.unwrap().columns, 9);
+    has(&with(&board(6, "square_m = 0.03"), own).unwrap_err(), &["board.columns", "6 by 6"]);
+    has(&with(&board(9, "square_m = -1"), own).unwrap_err(), &["board.square_m", "-1"]);
+    has(
+        &with(&board(8, "square_m = 0.03\ntogether = true"), own).unwrap_err(),
+        &["board.together", "9 by 6"],
+    );
+    has(&with(&board(9, "square_m = 0.03"), "").unwrap_err(), &["camera: board", "no camera"]);
+    has(&spoilt("session.toml", "[control]\npoints = \"points.csv\"", ""), &["control", "[wand]"]);
+    has(&spoilt("session.toml", "markers_std_m = 0.002", ""), &["refine", "asks for nothing"]);
 }
 
 #[test]

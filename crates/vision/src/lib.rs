@@ -2,6 +2,7 @@
 //!
 //! A pixel coordinate counts from the centre of the first pixel: column right, row down, the first pixel is (0, 0).
 
+mod board;
 mod centre;
 mod color;
 mod colored;
@@ -14,6 +15,7 @@ mod patch;
 mod segment;
 mod track;
 
+pub use board::{BoardCorner, find_board};
 pub use color::BallColor;
 pub use detect::{BallCandidate, Detector};
 pub use error::VisionError;

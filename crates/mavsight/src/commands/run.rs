@@ -11,13 +11,15 @@ use mavsight_geometry::ImageSize;
 use mavsight_identify::IdentifyError;
 use mavsight_identify::output_error::{FlightFits, InputClock};
 use mavsight_pipeline::{
-    BodyAsBuilt, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress,
-    Refinement, TimedFrame, Tracked, body_markers, calibrate_from_observations, calibrate_from_stills,
-    identify_motion, motion_from_poses, output_error_fits, refine_body,
+    AsFlown, Board, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress,
+    Refinement, TimedFrame, Tracked, Wand, board_of, body_markers, calibrate_from_observations,
+    calibrate_from_stills_and, identify_motion, motion_from_poses, output_error_fits, refine, wand_of,
 };
-use mavsight_pose::{Motion, Rig};
+use mavsight_pose::{Motion, MovedObject, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
-use mavsight_session::{MarkerAsBuilt, RunResults, Session, TruthRow, read_image, write_results};
+use mavsight_session::{
+    FrameSource, MarkerAsBuilt, RunResults, Session, SessionCamera, TruthRow, read_image, write_results,
+};
 use mavsight_vision::Frame;
 use std::path::Path;
 
@@ -28,11 +30,11 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let bars = Bars::new();
     let rig = rig_of(&session, &bars)?;
     let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
-    let (body, refusal) = refined_body(&session, &rig, &mut tracked)?;
+    let refined = refined(&session, rig, &mut tracked)?;
     let mut flight = Flight::of_session(&session, &inputs, truth.as_deref())?;
     flight.options.equation_error_only |= args.equation_error_only;
-    let (results, mut notes) = solve(&flight, rig, tracked, body, &bars)?;
-    notes.extend(refusal);
+    let (results, mut notes) = solve(&flight, refined.rig, tracked, refined.body, &bars)?;
+    notes.extend(refined.note);
     let scores = truth.as_deref().map(|t| scores_of(&results, t));
     bars.done();
     finish(&flight, results, notes, scores, first_frames(&session)?, &args.out)
@@ -67,18 +69,20 @@ impl<'a> Flight<'a> {
     }
 }
 
-/// Solves for the cameras by stills or by clicked pixels.
+/// Solves for the cameras by stills or by clicked pixels, and by what was moved before them.
 pub(crate) fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
     let points = named(session.control_points())?;
-    if let Some(pixels) = named(session.control_pixels())? {
+    let objects = objects_of(session)?;
+    let pixels = named(session.control_pixels())?;
+    if pixels.is_some() || points.is_empty() {
         let sizes = session
             .cameras
             .iter()
             .enumerate()
             .map(|(k, c)| Ok((c.name.clone(), session.open_camera(k)?.size())))
             .collect::<Result<Vec<(String, ImageSize)>>>()?;
-        return Ok(calibrate_from_observations(&sizes, &points, &pixels)?);
+        return Ok(calibrate_from_observations(&sizes, &points, &pixels.unwrap_or_default(), &objects)?);
     }
     let mut stills = Vec::with_capacity(session.cameras.len());
     for camera in &session.cameras {
@@ -86,31 +90,81 @@ pub(crate) fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
             stills.push(ControlStill { camera: camera.name.clone(), frame: named(read_image(path))? });
         }
     }
-    Ok(calibrate_from_stills(&stills, &points)?)
+    Ok(calibrate_from_stills_and(&stills, &points, &objects)?)
 }
 
-/// The markers as the flight has shown them, where the session asks for that, and poses with them; or a note why not.
-pub(crate) fn refined_body(
-    session: &Session,
-    rig: &Rig,
-    tracked: &mut Tracked,
-) -> Result<(Vec<MarkerAsBuilt>, Option<String>)> {
-    let Some(wanted) = session.refine else { return Ok((Vec::new(), None)) };
-    let how = Refinement { markers_std_m: wanted.markers_std_m, diameters: wanted.diameters };
-    match refine_body(tracked, rig, &session.vehicle, how) {
-        Ok(body) => Ok((as_built(&body), None)),
+/// The wand and the board of a session, where it has them.
+fn objects_of(session: &Session) -> Result<Vec<MovedObject>> {
+    let mut objects = Vec::new();
+    if let Some(wand) = &session.wand
+        && let [a, b] = wand.ball[..]
+    {
+        let feeds = (0..session.cameras.len())
+            .map(|k| Ok(session.open_wand(k)?.map(|source| feed_of(&session.cameras[k].name, source))))
+            .collect::<Result<Vec<_>>>()?;
+        let wand = Wand {
+            length_m: wand.length_m,
+            length_std_m: wand.length_std_m,
+            colors: [a.color.rgb(), b.color.rgb()],
+            diameters_m: [a.diameter_m, b.diameter_m],
+        };
+        objects.push(wand_of(&wand, feeds)?);
+    }
+    if let Some(board) = &session.board {
+        let feeds = (0..session.cameras.len())
+            .map(|k| Ok(session.open_board(k)?.map(|source| feed_of(&session.cameras[k].name, source))))
+            .collect::<Result<Vec<_>>>()?;
+        let board = Board {
+            columns: board.columns,
+            rows: board.rows,
+            square_m: board.square_m,
+            together: board.together,
+        };
+        objects.push(board_of(&board, feeds)?);
+    }
+    Ok(objects)
+}
+
+/// Cameras and markers as the flight has shown them.
+pub(crate) struct Refined {
+    pub(crate) rig: Rig,
+    /// Empty where the markers are those of the file.
+    pub(crate) body: Vec<MarkerAsBuilt>,
+    /// What could not be refined, and why.
+    pub(crate) note: Option<String>,
+}
+
+/// The cameras, and the markers where the session asks for that, as the flight has shown them, and poses with them; or a note
+/// why not.
+pub(crate) fn refined(session: &Session, rig: Rig, tracked: &mut Tracked) -> Result<Refined> {
+    let Some(how) = refinement_of(session) else {
+        return Ok(Refined { rig, body: Vec::new(), note: None });
+    };
+    match refine(tracked, &rig, &session.vehicle, how) {
+        Ok(flown) => {
+            let is_new = how.markers_std_m.is_some() && flown.kept.is_none();
+            let body = if is_new { as_built(&flown) } else { Vec::new() };
+            let note = flown.kept.map(|why| format!("The markers are those of the vehicle file: {why}."));
+            Ok(Refined { rig: flown.refined.rig, body, note })
+        }
         Err(PipelineError::Pose { source, .. }) => {
-            Ok((Vec::new(), Some(format!("The markers are those of the vehicle file: {source}."))))
+            let note = format!("Cameras and markers are not refined from the flight: {source}.");
+            Ok(Refined { rig, body: Vec::new(), note: Some(note) })
         }
         Err(other) => Err(other.into()),
     }
 }
 
-fn as_built(body: &BodyAsBuilt) -> Vec<MarkerAsBuilt> {
+/// What a session asks to refine.
+pub(crate) fn refinement_of(session: &Session) -> Option<Refinement> {
+    session.refine.map(|r| Refinement { markers_std_m: r.markers_std_m, diameters: r.diameters })
+}
+
+fn as_built(body: &AsFlown) -> Vec<MarkerAsBuilt> {
     let row = |(k, marker): (usize, &mavsight_pose::BodyMarker)| MarkerAsBuilt {
         name: marker.name.clone(),
         position_m: marker.marker_in_body_m,
-        position_std_m: body.refined.std_m[k],
+        position_std_m: body.refined.markers_std_m[k],
         diameter_m: 2.0 * marker.radius_m,
         diameter_std_m: body.diameters.get(k).copied().flatten().and_then(|d| d.std_m),
     };
@@ -119,18 +173,18 @@ fn as_built(body: &BodyAsBuilt) -> Vec<MarkerAsBuilt> {
 
 /// Every camera's frames.
 pub(crate) fn feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>> {
-    let mut feeds = Vec::with_capacity(session.cameras.len());
-    for (k, camera) in session.cameras.iter().enumerate() {
-        let source = session.open_camera(k)?;
-        let name = camera.name.clone();
-        let announced = source.declared_frames();
-        let frames = source.map(move |item| {
-            item.map(|(t_ns, frame)| TimedFrame { t_ns, frame })
-                .map_err(|e| PipelineError::Source { camera: name.clone(), source: Box::new(e) })
-        });
-        feeds.push(CameraFeed { name: camera.name.clone(), announced, frames: Box::new(frames) });
-    }
-    Ok(feeds)
+    let feed = |(k, camera): (usize, &SessionCamera)| Ok(feed_of(&camera.name, session.open_camera(k)?));
+    session.cameras.iter().enumerate().map(feed).collect()
+}
+
+fn feed_of(camera: &str, source: FrameSource) -> CameraFeed<'static> {
+    let name = camera.to_owned();
+    let announced = source.declared_frames();
+    let frames = source.map(move |item| {
+        item.map(|(t_ns, frame)| TimedFrame { t_ns, frame })
+            .map_err(|e| PipelineError::Source { camera: name.clone(), source: Box::new(e) })
+    });
+    CameraFeed { name: camera.to_owned(), announced, frames: Box::new(frames) }
 }
 
 /// The first frame of each camera, for the figures.

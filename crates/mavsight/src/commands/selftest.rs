@@ -89,7 +89,8 @@ fn lab_of(args: &Selftest, bars: &Bars) -> Result<(String, VirtualLab)> {
     let control = named(session.control_points())?;
     let rig = rig_of(&session, bars)?;
     let tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, bars)?;
-    let lab = VirtualLab::of_session(&rig, control, session.vehicle.clone(), &tracked)?;
+    let mut lab = VirtualLab::of_session(&rig, control, session.vehicle.clone(), &tracked)?;
+    lab.refines = session.refine.is_some();
     Ok((session.name, lab))
 }
 

@@ -2,7 +2,7 @@
 
 use super::demo::{scenario_of, vehicle_of};
 use super::named;
-use super::run::{Flight, feeds, first_frames, identify_into, refined_body, rig_of, scores_of};
+use super::run::{Flight, feeds, first_frames, identify_into, refined, rig_of, scores_of};
 use crate::cli::{Film, Simulate, Stage, WrongCall};
 use crate::lab;
 use crate::page::{Page, write_page};
@@ -90,6 +90,8 @@ pub(crate) fn film(args: &Film) -> Result<()> {
             name: camera.name.clone(),
             video: video.into(),
             still: Some(still.into()),
+            wand: None,
+            board: None,
             frame_rate_hz: (!args.video).then_some((1e6 / interval_s).round() / 1e6),
             time_offset_s: None,
         });
@@ -103,7 +105,9 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         inputs: "inputs.csv".into(),
         truth: Some("truth.csv".into()),
         model: None,
-        control: ControlSection { points: "control_points.csv".into(), observations: None },
+        control: Some(ControlSection { points: "control_points.csv".into(), observations: None }),
+        wand: None,
+        board: None,
         refine: None,
         camera: cameras,
     };
@@ -183,21 +187,21 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
     }
     let bars = Bars::new();
     let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
-    let (body, refusal) = refined_body(&session, &rig, &mut tracked)?;
+    let refined = refined(&session, rig, &mut tracked)?;
     let motion = mavsight_pipeline::motion_from_poses(&tracked.poses, &session.vehicle, &bars).ok();
     bars.done();
     let results = RunResults {
         session: session.name.clone(),
-        camera_names: rig.cameras.iter().map(|c| c.name.clone()).collect(),
+        camera_names: refined.rig.cameras.iter().map(|c| c.name.clone()).collect(),
         marker_names: session.vehicle.marker.iter().map(|m| m.name.clone()).collect(),
-        rig: Some(rig),
+        rig: Some(refined.rig),
         markers: tracked.observations,
-        body,
+        body: refined.body,
         poses: tracked.poses,
         motion,
         ..RunResults::default()
     };
-    put(results, &refusal.into_iter().collect::<Vec<_>>(), &args.out)
+    put(results, &refined.note.into_iter().collect::<Vec<_>>(), &args.out)
 }
 
 /// The figures of a stage among those that the summary in a folder has of the same session's other stages.

@@ -1,9 +1,11 @@
 //! Bundle adjustment of all cameras and of the surveyed points that are not exact.
 
 use super::model::CameraModel;
+use super::moved::Moved;
 use super::normal::Eliminated;
 use super::problem::{Choice, Problem};
-use mavsight_geometry::{CAMERA_PARAMETERS, Camera, CameraChange, Vector2, Vector3};
+use crate::moving::Reduced;
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, CameraChange, Isometry3, Vector2, Vector3};
 use nalgebra::{DMatrix, DVector};
 
 /// Degrees of freedom that the claimed pixel covariances count for against the residuals: the variance factor of few
@@ -23,6 +25,9 @@ pub(super) struct Fit {
     pub(super) cameras: Vec<Camera>,
     /// Places of the table's rows.
     pub(super) places: Vec<Vector3<f64>>,
+    /// Poses of the moved objects, by object and instant, and what their sizes are relative to what was said.
+    pub(super) poses: Vec<Vec<Isometry3<f64>>>,
+    pub(super) scales: Vec<f64>,
     /// Estimated ratio of the residuals' variance to what the pixels' covariances claim.
     pub(super) variance_factor: f64,
     /// Degrees of freedom of that, the prior ones included.
@@ -37,11 +42,31 @@ pub(super) struct Fit {
 /// Where each free parameter stands.
 #[derive(Clone)]
 pub(super) struct Layout {
-    cameras: Vec<Option<(usize, Vec<CameraChange>)>>,
+    cameras: Vec<Option<Columns>>,
     pub(super) points: Vec<Option<usize>>,
-    /// Parameters of cameras, which come first.
+    /// The moved objects' sizes, where they are not exact.
+    scales: Vec<Option<usize>>,
+    /// Parameters of cameras and sizes, which come first.
     of_cameras: usize,
     pub(super) size: usize,
+}
+
+/// The parameters of one camera.
+#[derive(Clone)]
+struct Columns {
+    at: usize,
+    basis: Vec<CameraChange>,
+    /// Columns of the model's basis that are held: those of the pose, where this camera's axes are the world's.
+    held: usize,
+}
+
+/// What is adjusted.
+#[derive(Clone)]
+pub(super) struct State {
+    pub(super) cameras: Vec<Camera>,
+    pub(super) places: Vec<Vector3<f64>>,
+    pub(super) poses: Vec<Vec<Isometry3<f64>>>,
+    pub(super) scales: Vec<f64>,
 }
 
 impl Layout {
@@ -50,12 +75,21 @@ impl Layout {
         let mut cameras = vec![None; problem.sizes.len()];
         let mut points = vec![None; problem.points.len()];
         let used = || (0..problem.sights.len()).filter(|k| choice.used[*k]);
-        let sees = |camera: usize| used().any(|k| problem.sights[k].camera == camera);
+        let sees = |camera: usize| {
+            used().any(|k| problem.sights[k].camera == camera)
+                || problem.moved.iter().any(|m| m.is_seen_by(camera))
+        };
         for (camera, model) in models.iter().enumerate().filter(|(c, _)| sees(*c)) {
-            let basis = model.basis();
+            let held = if problem.held == Some(camera) { 6 } else { 0 };
+            let basis = model.basis().split_off(held);
             let at = size;
             size += basis.len();
-            cameras[camera] = Some((at, basis));
+            cameras[camera] = Some(Columns { at, basis, held });
+        }
+        let mut scales = vec![None; problem.moved.len()];
+        for (at, _) in scales.iter_mut().zip(&problem.moved).filter(|(_, m)| m.scale_std > 0.0) {
+            *at = Some(size);
+            size += 1;
         }
         let of_cameras = size;
         for sight in used() {
@@ -65,7 +99,7 @@ impl Layout {
                 size += 3;
             }
         }
-        Self { cameras, points, of_cameras, size }
+        Self { cameras, points, scales, of_cameras, size }
     }
 }
 
@@ -79,6 +113,8 @@ struct Equations {
     prior: f64,
     /// Sum of the logs of the priors' weights.
     log_prior_weight: f64,
+    /// Of the moved objects: coordinates, parameters of their poses, and the log determinant of those at the factor.
+    moved: (usize, usize, f64),
 }
 
 struct Adjustment<'a> {
@@ -96,8 +132,13 @@ pub(super) fn adjust(
     models: &[CameraModel],
     start: &[Camera],
 ) -> Option<Fit> {
-    let places = problem.points.iter().map(|p| p.in_world_m).collect();
-    from(problem, choice, models, (start.to_vec(), places, 1.0))
+    let state = State {
+        cameras: start.to_vec(),
+        places: problem.points.iter().map(|p| p.in_world_m).collect(),
+        poses: problem.moved.iter().map(|m| m.start.clone()).collect(),
+        scales: vec![1.0; problem.moved.len()],
+    };
+    from(problem, choice, models, (state, 1.0))
 }
 
 /// The same from a fit under another model.
@@ -107,29 +148,30 @@ pub(super) fn readjust(
     models: &[CameraModel],
     near: &Fit,
 ) -> Option<Fit> {
-    from(problem, choice, models, (near.cameras.clone(), near.places.clone(), near.variance_factor))
+    from(problem, choice, models, (near.state(), near.variance_factor))
 }
 
 fn from(
     problem: &Problem,
     choice: &Choice,
     models: &[CameraModel],
-    (cameras, places, factor): (Vec<Camera>, Vec<Vector3<f64>>, f64),
+    (mut state, factor): (State, f64),
 ) -> Option<Fit> {
     let layout = Layout::new(problem, choice, models);
-    let cameras: Vec<Camera> = cameras.iter().zip(models).map(|(c, m)| m.restricted(c)).collect();
-    Adjustment { problem, choice, models, layout }.run(cameras, places, factor)
+    state.cameras = state.cameras.iter().zip(models).map(|(c, m)| m.restricted(c)).collect();
+    Adjustment { problem, choice, models, layout }.run(state, factor)
 }
 
 impl Adjustment<'_> {
-    fn run(self, mut cameras: Vec<Camera>, mut places: Vec<Vector3<f64>>, mut factor: f64) -> Option<Fit> {
-        let n = 2 * self.choice.used.iter().filter(|u| **u).count();
+    fn run(self, mut state: State, mut factor: f64) -> Option<Fit> {
         for round in 1.. {
-            let equations = self.minimise(&mut cameras, &mut places, factor)?;
+            let equations = self.minimise(&mut state, factor)?;
+            let (coordinates, of_poses, log_poses) = equations.moved;
+            let n = 2 * self.choice.used.iter().filter(|u| **u).count() + coordinates;
             let factors = Eliminated::new(&equations.normal, self.layout.of_cameras, 0.0)?;
             let (covariance, log_determinant) = (factors.inverse(), factors.log_determinant);
-            let bound: f64 = self.bound_by_priors(&cameras, &covariance);
-            let freedom = PRIOR_FREEDOM + n as f64 - (self.layout.size as f64 - bound);
+            let bound: f64 = self.bound_by_priors(&state.cameras, &covariance);
+            let freedom = PRIOR_FREEDOM + n as f64 - ((self.layout.size + of_poses) as f64 - bound);
             if freedom < 1.0 {
                 return None;
             }
@@ -146,11 +188,14 @@ impl Adjustment<'_> {
                         + equations.prior
                         + n as f64 * factor.ln()
                         + log_determinant
+                        + log_poses
                         + PRIOR_FREEDOM * (factor.ln() + 1.0 / factor));
             return Some(Fit {
                 models: self.models.to_vec(),
-                cameras,
-                places,
+                cameras: state.cameras,
+                places: state.places,
+                poses: state.poses,
+                scales: state.scales,
                 variance_factor: factor,
                 freedom,
                 covariance,
@@ -162,24 +207,19 @@ impl Adjustment<'_> {
     }
 
     /// Levenberg-Marquardt at a given variance factor.
-    fn minimise(
-        &self,
-        cameras: &mut Vec<Camera>,
-        places: &mut Vec<Vector3<f64>>,
-        factor: f64,
-    ) -> Option<Equations> {
-        let mut now = self.equations(cameras, places, factor)?;
+    fn minimise(&self, state: &mut State, factor: f64) -> Option<Equations> {
+        let mut now = self.equations(state, factor)?;
         let mut damping = 0.0;
         for _ in 0..MAX_STEPS {
             let step = Eliminated::new(&now.normal, self.layout.of_cameras, damping)?.solve(&now.gradient);
             let decrement = step.dot(&now.gradient);
-            let (tried_cameras, tried_places) = self.moved(cameras, places, &step);
+            let mut tried = self.moved(state, &step);
             let cost = now.squares / factor + now.prior;
             let next = self
-                .equations(&tried_cameras, &tried_places, factor)
+                .equations(&mut tried, factor)
                 .filter(|e| e.squares / factor + e.prior <= cost * (1.0 + 1e-12) + 1e-12);
             if let Some(next) = next {
-                (*cameras, *places, now) = (tried_cameras, tried_places, next);
+                (*state, now) = (tried, next);
                 damping = if damping < 1e-9 { 0.0 } else { damping * 0.1 };
             } else {
                 damping = if damping == 0.0 { 1e-4 } else { damping * 10.0 };
@@ -191,27 +231,24 @@ impl Adjustment<'_> {
         Some(now)
     }
 
-    fn moved(
-        &self,
-        cameras: &[Camera],
-        places: &[Vector3<f64>],
-        step: &DVector<f64>,
-    ) -> (Vec<Camera>, Vec<Vector3<f64>>) {
-        let cameras = cameras.iter().zip(&self.layout.cameras).map(|(camera, at)| match at {
-            None => *camera,
-            Some((at, basis)) => {
-                let change = basis.iter().enumerate().map(|(k, b)| b * step[at + k]).sum();
-                camera.moved(&change)
-            }
-        });
-        let places = places.iter().zip(&self.layout.points).map(|(place, at)| match at {
-            None => *place,
-            Some(at) => place + step.fixed_rows::<3>(*at),
-        });
-        (cameras.collect(), places.collect())
+    fn moved(&self, state: &State, step: &DVector<f64>) -> State {
+        let mut out = state.clone();
+        for (camera, own) in out.cameras.iter_mut().zip(&self.layout.cameras) {
+            let Some(own) = own else { continue };
+            let change = own.basis.iter().enumerate().map(|(k, b)| b * step[own.at + k]).sum();
+            *camera = camera.moved(&change);
+        }
+        for (place, at) in out.places.iter_mut().zip(&self.layout.points) {
+            *place += at.map_or_else(Vector3::zeros, |at| step.fixed_rows::<3>(at).into_owned());
+        }
+        for (scale, at) in out.scales.iter_mut().zip(&self.layout.scales) {
+            *scale += at.map_or(0.0, |at| step[at]);
+        }
+        out
     }
 
-    fn equations(&self, cameras: &[Camera], places: &[Vector3<f64>], factor: f64) -> Option<Equations> {
+    /// The equations, with the moved objects at the poses that suit the cameras best.
+    fn equations(&self, state: &mut State, factor: f64) -> Option<Equations> {
         let size = self.layout.size;
         let mut out = Equations {
             normal: DMatrix::zeros(size, size),
@@ -219,7 +256,12 @@ impl Adjustment<'_> {
             squares: 0.0,
             prior: 0.0,
             log_prior_weight: 0.0,
+            moved: (0, 0, 0.0),
         };
+        for k in 0..self.problem.moved.len() {
+            self.add_moved(k, state, factor, &mut out)?;
+        }
+        let (cameras, places) = (&state.cameras, &state.places);
         let mut rows = Vec::with_capacity(CAMERA_PARAMETERS + 3);
         for (k, _) in self.choice.used.iter().enumerate().filter(|(_, used)| **used) {
             let residual =
@@ -232,10 +274,10 @@ impl Adjustment<'_> {
                 }
             }
         }
-        for ((model, camera), at) in self.models.iter().zip(cameras).zip(&self.layout.cameras) {
-            let Some((at, _)) = at else { continue };
+        for ((model, camera), own) in self.models.iter().zip(cameras).zip(&self.layout.cameras) {
+            let Some(own) = own else { continue };
             for prior in model.priors(camera) {
-                let k = at + prior.column;
+                let k = own.at + prior.column - own.held;
                 out.normal[(k, k)] += prior.slope * prior.slope;
                 out.gradient[k] -= prior.slope * prior.residual;
                 out.prior += prior.residual * prior.residual;
@@ -256,15 +298,58 @@ impl Adjustment<'_> {
         out.normal.iter().chain(out.gradient.iter()).all(|x| x.is_finite()).then_some(out)
     }
 
+    /// The equations of one moved object: its poses follow the cameras, and are eliminated.
+    fn add_moved(&self, k: usize, state: &mut State, factor: f64, out: &mut Equations) -> Option<()> {
+        let object: &Moved = &self.problem.moved[k];
+        let shared = object.shared(&state.cameras, state.scales[k]);
+        let mut reduced = Reduced::new(shared.rows());
+        for (sights, pose) in object.sights.iter().zip(&mut state.poses[k]) {
+            *pose = shared.settled(sights, pose, factor)?;
+            reduced.add(&shared, (sights.as_slice(), pose), factor)?;
+        }
+        // From the rows of what is shared to the free parameters.
+        let mut directions = DMatrix::zeros(shared.rows(), self.layout.size);
+        for (camera, own) in self.layout.cameras.iter().enumerate() {
+            let Some(own) = own else { continue };
+            for (j, direction) in own.basis.iter().enumerate() {
+                directions
+                    .fixed_view_mut::<CAMERA_PARAMETERS, 1>(CAMERA_PARAMETERS * camera, own.at + j)
+                    .copy_from(direction);
+            }
+        }
+        if let Some(at) = self.layout.scales[k] {
+            for (p, point) in object.body.iter().enumerate() {
+                let row = shared.first_point() + 3 * p;
+                directions.fixed_view_mut::<3, 1>(row, at).copy_from(&point.marker_in_body_m);
+            }
+            let off = (state.scales[k] - 1.0) / object.scale_std;
+            out.normal[(at, at)] += object.scale_std.powi(-2);
+            out.gradient[at] -= off / object.scale_std;
+            out.prior += off * off;
+            out.log_prior_weight -= object.scale_std.ln();
+        }
+        out.normal += directions.tr_mul(&reduced.normal) * &directions / factor;
+        out.gradient += directions.tr_mul(&reduced.gradient) / factor;
+        out.squares += reduced.loss;
+        let of_poses = object.pose_parameters() * reduced.instants;
+        out.moved.0 += reduced.coordinates;
+        out.moved.1 += of_poses;
+        out.moved.2 += reduced.log_determinant - of_poses as f64 * factor.ln();
+        Some(())
+    }
+
     /// How many of the parameters the priors determine: the trace of their part in the normal matrix.
     fn bound_by_priors(&self, cameras: &[Camera], covariance: &DMatrix<f64>) -> f64 {
         let mut sum = 0.0;
-        for ((model, camera), at) in self.models.iter().zip(cameras).zip(&self.layout.cameras) {
-            let Some((at, _)) = at else { continue };
+        for ((model, camera), own) in self.models.iter().zip(cameras).zip(&self.layout.cameras) {
+            let Some(own) = own else { continue };
             for prior in model.priors(camera) {
-                let k = at + prior.column;
+                let k = own.at + prior.column - own.held;
                 sum += covariance[(k, k)] * prior.slope * prior.slope;
             }
+        }
+        for (at, object) in self.layout.scales.iter().zip(&self.problem.moved) {
+            sum += at.map_or(0.0, |at| covariance[(at, at)] / object.scale_std.powi(2));
         }
         for (row, at) in self.layout.points.iter().enumerate() {
             let Some(at) = at else { continue };
@@ -299,9 +384,9 @@ pub(super) fn sight_rows(
     let camera = &cameras[s.camera];
     let seen = camera.project_ball(&place, s.radius_m).ok()?;
     rows.clear();
-    if let Some((at, basis)) = &layout.cameras[s.camera] {
+    if let Some(own) = &layout.cameras[s.camera] {
         let by_camera = s.whitener * camera.d_pixel_d_camera(&place).ok()?;
-        rows.extend(basis.iter().enumerate().map(|(k, direction)| (at + k, by_camera * direction)));
+        rows.extend(own.basis.iter().enumerate().map(|(k, direction)| (own.at + k, by_camera * direction)));
     }
     if let Some(at) = layout.points[row] {
         let by_place = s.whitener * seen.d_pixel_d_point_in_world;
@@ -311,6 +396,15 @@ pub(super) fn sight_rows(
 }
 
 impl Fit {
+    pub(super) fn state(&self) -> State {
+        State {
+            cameras: self.cameras.clone(),
+            places: self.places.clone(),
+            poses: self.poses.clone(),
+            scales: self.scales.clone(),
+        }
+    }
+
     /// Measured less expected pixel of a sight, whether it was used or not.
     pub(super) fn residual_px(
         &self,
@@ -328,10 +422,10 @@ impl Fit {
         let rows = CAMERA_PARAMETERS * self.cameras.len();
         let mut spread = DMatrix::zeros(rows, self.layout.size);
         for (camera, at) in self.layout.cameras.iter().enumerate() {
-            let Some((at, basis)) = at else { continue };
-            for (k, direction) in basis.iter().enumerate() {
+            let Some(own) = at else { continue };
+            for (k, direction) in own.basis.iter().enumerate() {
                 spread
-                    .fixed_view_mut::<CAMERA_PARAMETERS, 1>(CAMERA_PARAMETERS * camera, at + k)
+                    .fixed_view_mut::<CAMERA_PARAMETERS, 1>(CAMERA_PARAMETERS * camera, own.at + k)
                     .copy_from(direction);
             }
         }

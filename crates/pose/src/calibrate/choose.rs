@@ -27,6 +27,9 @@ pub(super) fn start_cameras(
     problem: &Problem,
     choice: &Choice,
 ) -> Result<Vec<Camera>, (usize, GeometryError)> {
+    if let Some(known) = &problem.start {
+        return Ok(known.clone());
+    }
     let neutral = |size: ImageSize| starting_point(size);
     let mut cameras: Vec<Camera> = problem.sizes.iter().map(|s| neutral(*s)).collect();
     for camera in 0..cameras.len() {
@@ -67,6 +70,9 @@ fn starting_point(size: ImageSize) -> Camera {
 /// Whether each camera keeps points enough.
 pub(super) fn is_enough(problem: &Problem, choice: &Choice) -> bool {
     (0..problem.sizes.len()).all(|camera| {
+        if problem.moved.iter().any(|m| m.is_seen_by(camera)) {
+            return true;
+        }
         let seen = problem.sights.iter().zip(&choice.used).filter(|(s, used)| **used && s.camera == camera);
         seen.count() >= MIN_POINTS
     })

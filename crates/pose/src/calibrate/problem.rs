@@ -1,8 +1,10 @@
 //! What all cameras saw of all surveyed points, as one adjustment.
 
 use super::CameraControl;
+use super::adjust::Fit;
+use super::moved::Moved;
 use crate::PoseError;
-use mavsight_geometry::{ControlPoint, GeometryError, ImageSize, Matrix2, Vector2, Vector3};
+use mavsight_geometry::{Camera, ControlPoint, GeometryError, ImageSize, Matrix2, Vector2, Vector3};
 
 /// One point seen by one camera.
 pub(super) struct Sight {
@@ -28,6 +30,12 @@ pub(super) struct Problem {
     pub(super) sizes: Vec<ImageSize>,
     pub(super) points: Vec<Surveyed>,
     pub(super) sights: Vec<Sight>,
+    /// Objects that were moved before the cameras.
+    pub(super) moved: Vec<Moved>,
+    /// The camera whose axes are the world's, where no control points say it.
+    pub(super) held: Option<usize>,
+    /// Cameras to start from, where they are known already.
+    pub(super) start: Option<Vec<Camera>>,
 }
 
 /// Which sights enter, and which surveyed place belongs to each point.
@@ -42,7 +50,15 @@ pub(super) struct Choice {
 impl Problem {
     /// Points of the same name and place are one point.
     pub(super) fn new(controls: &[CameraControl]) -> Result<Self, PoseError> {
-        let mut out = Self { names: vec![], sizes: vec![], points: vec![], sights: vec![] };
+        let mut out = Self {
+            names: vec![],
+            sizes: vec![],
+            points: vec![],
+            sights: vec![],
+            moved: vec![],
+            held: None,
+            start: None,
+        };
         for (camera, control) in controls.iter().enumerate() {
             out.names.push(control.name.clone());
             out.sizes.push(control.size);
@@ -99,9 +115,34 @@ impl Problem {
             .collect()
     }
 
-    /// Mean of the points' places.
+    /// Mean of the places of points and of moved objects.
     pub(super) fn middle_m(&self) -> Vector3<f64> {
-        self.points.iter().map(|p| p.in_world_m).sum::<Vector3<f64>>() / self.points.len().max(1) as f64
+        let moved = self.moved.iter().flat_map(|m| m.start.iter().map(|pose| pose.translation.vector));
+        let all = self.points.iter().map(|p| p.in_world_m).chain(moved);
+        let (sum, n) = all.fold((Vector3::zeros(), 0.0), |(sum, n), p| (sum + p, n + 1.0));
+        sum / f64::max(n, 1.0)
+    }
+
+    /// Of the moved objects in one camera: sum of the squared residuals, sights, and sum of the claimed variances of a
+    /// coordinate.
+    pub(super) fn moved_residuals(&self, fit: &Fit, camera: usize) -> (f64, f64, f64) {
+        let (mut squares_px2, mut sights, mut claimed_px2) = (0.0, 0.0, 0.0);
+        for (k, object) in self.moved.iter().enumerate() {
+            let shared = object.shared(&fit.cameras, fit.scales[k]);
+            for (place, pose) in object.sights.iter().zip(&fit.poses[k]) {
+                for s in place.iter().filter(|s| s.camera == camera) {
+                    let (Some(residual), Some(covariance)) =
+                        (shared.residual_px(s, pose), s.covariance_px2())
+                    else {
+                        continue;
+                    };
+                    squares_px2 += residual.norm_squared();
+                    sights += 1.0;
+                    claimed_px2 += covariance.trace() / 2.0;
+                }
+            }
+        }
+        (squares_px2, sights, claimed_px2)
     }
 }
 

@@ -29,7 +29,7 @@ impl PoseEstimator {
     ///
     /// The products of a sight's residuals at two times, up to a second apart, have the mean square of what stays, as far as
     /// the pose has not taken it up; new noise has a mean of zero. What the uncertainty of cameras and marker positions
-    /// explains is taken off. Zero where nothing is left or there is no redundancy. Observations are sorted by time, as the
+    /// explains is taken off, unless that is what a fit to these observations left. Zero where nothing is left or there is no redundancy. Observations are sorted by time, as the
     /// poses are.
     ///
     /// # Errors
@@ -70,6 +70,9 @@ impl PoseEstimator {
                 }
             }
             residuals.push(row);
+        }
+        if self.lasting.is_fitted {
+            explained = 0.0;
         }
         let (product, pairs) = lagged_products(poses, &residuals);
         if pairs < 1.0 || by_unit <= 0.0 {

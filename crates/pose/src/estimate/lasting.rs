@@ -1,87 +1,80 @@
 //! Errors that are the same in all frames of a flight: of cameras, of marker positions, of centres.
 
 use crate::Rig;
-use mavsight_geometry::{CAMERA_PARAMETERS, Matrix2, Vector2, Vector3};
+use mavsight_geometry::{CAMERA_PARAMETERS, Matrix2, Vector2};
 use nalgebra::{DMatrix, Matrix2x3, SMatrix};
 
 /// What is not known of cameras, markers and centres, as columns of one standard deviation along independent directions: first
-/// those of the rig, then those of the markers, then one for each coordinate of each marker in each camera.
+/// those that are known together, then one for each coordinate of each marker in each camera.
 #[derive(Debug, Clone)]
 pub(super) struct Lasting {
+    cameras: usize,
     markers: usize,
-    /// 16 rows a camera.
-    rig: DMatrix<f64>,
-    /// 3 rows a marker: by how much the marker is off its estimated place along each column of all.
-    shift_m: DMatrix<f64>,
-    /// Columns of `shift_m` that are not zero.
-    shifting: Vec<bool>,
-    own: Own,
+    /// 16 rows a camera, 3 a marker, 2 for each marker in each camera (camera by camera).
+    factor: DMatrix<f64>,
+    /// Columns that say something of markers, and of centres.
+    of_markers: Vec<bool>,
+    of_centres: Vec<bool>,
     bias_px: f64,
-}
-
-/// What is known of the markers, before it is put together.
-#[derive(Debug, Clone)]
-struct Own {
-    uncertainty_m: DMatrix<f64>,
-    by_rig_m: DMatrix<f64>,
-    by_centres_m: DMatrix<f64>,
+    /// Whether the factor is what a fit to the same observations left.
+    pub(super) is_fitted: bool,
 }
 
 impl Lasting {
     /// Errors of the rig alone.
     pub(super) fn of_rig(rig: &Rig, markers: usize) -> Self {
-        let rows = CAMERA_PARAMETERS * rig.cameras.len();
+        let cameras = rig.cameras.len();
+        let rows = CAMERA_PARAMETERS * cameras;
         let known = rig.uncertainty.nrows() == rows && rig.uncertainty.iter().all(|x| x.is_finite());
-        let factor = if known { rig.uncertainty.clone() } else { DMatrix::zeros(rows, 0) };
-        let own = Own {
-            uncertainty_m: DMatrix::zeros(3 * markers, 0),
-            by_rig_m: DMatrix::zeros(3 * markers, factor.ncols()),
-            by_centres_m: DMatrix::zeros(3 * markers, 2 * markers * rig.cameras.len()),
+        let columns = if known { rig.uncertainty.ncols() } else { 0 };
+        let mut factor = DMatrix::zeros(rows + 3 * markers + 2 * cameras * markers, columns);
+        factor.rows_mut(0, rows).copy_from(&rig.uncertainty.columns(0, columns));
+        Self::of_factor(factor, (cameras, markers))
+    }
+
+    fn of_factor(factor: DMatrix<f64>, (cameras, markers): (usize, usize)) -> Self {
+        let any = |from: usize, n: usize| {
+            factor.column_iter().map(|c| c.rows(from, n).amax() > 0.0).collect::<Vec<bool>>()
         };
-        let shifting = vec![false; factor.ncols()];
-        let shift_m = DMatrix::zeros(3 * markers, factor.ncols());
-        Self { markers, rig: factor, shift_m, shifting, own, bias_px: 0.0 }
+        let at = CAMERA_PARAMETERS * cameras;
+        let of_markers = if markers > 0 { any(at, 3 * markers) } else { vec![false; factor.ncols()] };
+        let centres = 2 * cameras * markers;
+        let of_centres =
+            if centres > 0 { any(at + 3 * markers, centres) } else { vec![false; factor.ncols()] };
+        Self { cameras, markers, factor, of_markers, of_centres, bias_px: 0.0, is_fitted: false }
     }
 
-    /// With errors of the marker positions; `None` for factors of another shape or not finite.
-    pub(super) fn with_markers(mut self, uncertainty_m: &DMatrix<f64>) -> Option<Self> {
-        let good = uncertainty_m.nrows() == 3 * self.markers && uncertainty_m.iter().all(|x| x.is_finite());
-        self.own.uncertainty_m = good.then(|| uncertainty_m.clone())?;
-        Some(self.put_together())
+    /// With errors of the marker positions that have nothing to do with the others; `None` for a factor of another shape or
+    /// not finite.
+    pub(super) fn with_markers(self, uncertainty_m: &DMatrix<f64>) -> Option<Self> {
+        if uncertainty_m.nrows() != 3 * self.markers || !uncertainty_m.iter().all(|x| x.is_finite()) {
+            return None;
+        }
+        let (rows, columns) = self.factor.shape();
+        let mut factor = self.factor.resize(rows, columns + uncertainty_m.ncols(), 0.0);
+        factor
+            .view_mut((CAMERA_PARAMETERS * self.cameras, columns), uncertainty_m.shape())
+            .copy_from(uncertainty_m);
+        let bias_px = self.bias_px;
+        Some(Self::of_factor(factor, (self.cameras, self.markers)).with_bias_px(bias_px))
     }
 
-    /// With what the errors of the rig, and of centres by a pixel, have done to the marker positions.
-    pub(super) fn with_markers_by(mut self, rig_m: &DMatrix<f64>, centres_m: &DMatrix<f64>) -> Option<Self> {
-        let same =
-            rig_m.shape() == self.own.by_rig_m.shape() && centres_m.shape() == self.own.by_centres_m.shape();
-        let good = same && rig_m.iter().chain(centres_m.iter()).all(|x| x.is_finite());
-        good.then(|| (self.own.by_rig_m, self.own.by_centres_m) = (rig_m.clone(), centres_m.clone()))?;
-        Some(self.put_together())
+    /// What a fit of cameras, markers and centres together has left, in place of all else; `None` for a factor of another
+    /// shape or not finite.
+    pub(super) fn fitted(self, factor: &DMatrix<f64>) -> Option<Self> {
+        let good = factor.nrows() == self.factor.nrows() && factor.iter().all(|x| x.is_finite());
+        let own = (self.cameras, self.markers);
+        good.then(|| Self { is_fitted: true, ..Self::of_factor(factor.clone(), own) })
     }
 
     /// With centres that are off by an amount that stays.
     pub(super) fn with_bias_px(mut self, bias_px: f64) -> Self {
         self.bias_px = bias_px;
-        self.put_together()
-    }
-
-    fn put_together(mut self) -> Self {
-        let (own, rows) = (&self.own, 3 * self.markers);
-        let (rig, markers) = (self.rig.ncols(), own.uncertainty_m.ncols());
-        let centres = if self.bias_px > 0.0 { own.by_centres_m.ncols() } else { 0 };
-        let mut shift_m = DMatrix::zeros(rows, rig + markers + centres);
-        // A marker that an error has moved in the file is off the other way.
-        shift_m.columns_mut(0, rig).copy_from(&-&own.by_rig_m);
-        shift_m.columns_mut(rig, markers).copy_from(&own.uncertainty_m);
-        let by_centres = own.by_centres_m.columns(0, centres) * -self.bias_px;
-        shift_m.columns_mut(rig + markers, centres).copy_from(&by_centres);
-        self.shifting = shift_m.column_iter().map(|c| c.amax() > 0.0).collect();
-        self.shift_m = shift_m;
         self
     }
 
     pub(super) fn columns(&self) -> usize {
-        self.shift_m.ncols()
+        self.factor.ncols() + if self.bias_px > 0.0 { 2 * self.cameras * self.markers } else { 0 }
     }
 
     /// Hands on what each direction of error does to one whitened sight.
@@ -93,26 +86,24 @@ impl Lasting {
         whitener: &Matrix2<f64>,
         add: &mut impl FnMut(usize, Vector2<f64>),
     ) {
-        let from_rig = self.rig.ncols();
-        let centres = from_rig + self.own.uncertainty_m.ncols();
-        let own = centres + 2 * (camera * self.markers + marker);
-        let shift_m =
-            |c: usize| -> Vector3<f64> { self.shift_m.fixed_view::<3, 1>(3 * marker, c).into_owned() };
-        for c in 0..self.columns() {
-            let mut effect = Vector2::zeros();
-            if c < from_rig {
-                let at = CAMERA_PARAMETERS * camera;
-                effect += by_camera * self.rig.fixed_view::<CAMERA_PARAMETERS, 1>(at, c);
+        let from_markers = CAMERA_PARAMETERS * self.cameras;
+        let own = 2 * (camera * self.markers + marker);
+        let from_centres = from_markers + 3 * self.markers + own;
+        for c in 0..self.factor.ncols() {
+            let at = CAMERA_PARAMETERS * camera;
+            let mut effect = by_camera * self.factor.fixed_view::<CAMERA_PARAMETERS, 1>(at, c);
+            if self.of_markers[c] {
+                effect += by_marker * self.factor.fixed_view::<3, 1>(from_markers + 3 * marker, c);
             }
-            if self.shifting[c] {
-                effect += by_marker * shift_m(c);
-            }
-            if c == own || c == own + 1 {
-                effect += whitener.column(c - own) * self.bias_px;
+            if self.of_centres[c] {
+                effect += whitener * self.factor.fixed_view::<2, 1>(from_centres, c);
             }
             if effect != Vector2::zeros() {
                 add(c, effect);
             }
+        }
+        if self.bias_px > 0.0 {
+            (0..2).for_each(|k| add(self.factor.ncols() + own + k, whitener.column(k) * self.bias_px));
         }
     }
 }

@@ -1,8 +1,9 @@
 //! The iteration: reprojection error of one instant, its normal equations, and what errors that stay do to it.
 
 use super::gates::{HUBER_BOUND, noise_factor};
-use super::{BodyMarker, MAX_STEPS, PoseEstimator, moved};
+use super::{BodyMarker, MAX_STEPS, PoseEstimator};
 use crate::PoseError;
+use crate::moving::moved;
 use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::camera::d_pixel_d_pose;
 use mavsight_geometry::{GeometryError, Isometry3, Matrix2, Matrix6, Point3, Projection, Vector2, Vector3};

@@ -1,7 +1,9 @@
 use super::*;
+use crate::moving::moved;
 use crate::testing::{cameras, normal, rig};
 use mavsight_geometry::GeometryError;
 use mavsight_geometry::{EulerAngles, world_from_body};
+use nalgebra::Vector6;
 
 fn body() -> Vec<BodyMarker> {
     [[0.225, 0.225], [0.225, -0.225], [-0.225, -0.225], [-0.225, 0.225]]

@@ -4,11 +4,14 @@ use super::{Random, flight, pose_of, poses, sights, square, true_cameras};
 use mavsight_flight::FlightState;
 use mavsight_geometry::{Isometry3, Vector3, rigid_fit};
 use mavsight_pose::{
-    BodyMarker, MarkerObservation, PoseEstimator, PoseSample, RefinedMarkers, Rig, refine_markers,
+    BodyMarker, FlightPrior, MarkerObservation, PoseEstimator, PoseSample, RefinedFlight, Rig, refine_flight,
 };
 
 /// Standard deviation of a coordinate in the file.
 pub(crate) const RULER_M: f64 = 2e-3;
+
+/// The same where centres are not off for good.
+pub(crate) const RULER: FlightPrior = FlightPrior { markers_std_m: RULER_M, centres_std_px: 0.0 };
 
 fn off_by_a_ruler(markers: &[BodyMarker], random: &mut Random) -> Vec<BodyMarker> {
     let mut out = markers.to_vec();
@@ -40,7 +43,7 @@ pub(crate) struct Case {
     pub(crate) file: Vec<BodyMarker>,
     pub(crate) flight: Vec<FlightState>,
     pub(crate) seen: Vec<Vec<MarkerObservation>>,
-    pub(crate) refined: RefinedMarkers,
+    pub(crate) refined: RefinedFlight,
 }
 
 /// A file, a flight and a calibration at random.
@@ -49,7 +52,7 @@ pub(crate) fn case(rig: &Rig, random: &mut Random) -> Case {
     let flight = flight(random);
     let cameras = true_cameras(rig, random);
     let seen = sights(&cameras, &square(), &flight, random);
-    let refined = refine_markers(&seen.concat(), rig, &file, RULER_M).expect("a refined body");
+    let refined = refine_flight(&seen.concat(), rig, &file, RULER).expect("a refined body");
     Case { file, flight, seen, refined }
 }
 
@@ -61,6 +64,6 @@ pub(crate) fn position_rms_m(rig: &Rig, c: &Case) -> [f64; 3] {
     [
         with(&PoseEstimator::new(rig, &square()), &Isometry3::identity()),
         with(&PoseEstimator::new(rig, &c.file), &axes),
-        with(&PoseEstimator::refined(rig, &c.refined).expect("a refined body"), &axes),
+        with(&PoseEstimator::refined(&c.refined, None).expect("a refined body"), &axes),
     ]
 }

@@ -16,6 +16,9 @@ const RIG_SCHEMA: u32 = 1;
 #[serde(deny_unknown_fields)]
 struct RigFile {
     schema: u32,
+    /// Frames of a flight that have refined the cameras.
+    #[serde(default)]
+    frames: usize,
     /// What is not known of all cameras together: each row one independent direction of error, one standard
     /// deviation long; 16 numbers a camera, in their order: turn about the camera's axes (rad), centre in the world (m),
     /// fx, fy, skew, cx, cy (px), k1, k2, p1, p2, k3.
@@ -108,6 +111,7 @@ pub fn write_rig(path: &Path, rig: &Rig) -> Result<(), SessionError> {
 pub(super) fn text(rig: &Rig, path: &Path) -> Result<String, SessionError> {
     let file = RigFile {
         schema: RIG_SCHEMA,
+        frames: rig.frames,
         uncertainty: rig.uncertainty.column_iter().map(|c| c.iter().copied().collect()).collect(),
         left_out: rig.left_out.iter().map(left_out_entry).collect(),
         camera: rig.cameras.iter().map(entry).collect(),
@@ -198,7 +202,12 @@ pub fn read_rig(path: &Path) -> Result<Rig, SessionError> {
         };
         LeftOut { name: point.name, camera: point.camera, reason }
     });
-    Ok(Rig { cameras: cameras.collect::<Result<_, _>>()?, uncertainty, left_out: left_out.collect() })
+    Ok(Rig {
+        cameras: cameras.collect::<Result<_, _>>()?,
+        uncertainty,
+        left_out: left_out.collect(),
+        frames: file.frames,
+    })
 }
 
 fn camera(entry: CameraEntry) -> Result<RigCamera, String> {

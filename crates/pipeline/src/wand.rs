@@ -1,0 +1,88 @@
+//! A wand from its recordings.
+
+use crate::calibrate::diameter_range_px;
+use crate::{CameraFeed, PipelineError};
+use mavsight_pose::{MarkerObservation, MovedObject};
+use mavsight_vision::{BallCandidate, BallColor, Tracker};
+
+/// Two balls on a stick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wand {
+    /// Distance between their centres.
+    pub length_m: f64,
+    /// Standard deviation of that.
+    pub length_std_m: f64,
+    /// Colours, sRGB-coded.
+    pub colors: [[u8; 3]; 2],
+    /// Diameters.
+    pub diameters_m: [f64; 2],
+}
+
+/// What one camera saw: time stamps, and both balls.
+type Seen = Vec<(i64, Vec<Option<BallCandidate>>)>;
+
+/// Finds both balls in every frame of every camera and joins the cameras in time: frames within half an interval of one of the
+/// first camera's are of the same instant.
+///
+/// # Errors
+/// Sources that fail, colours that cannot be told apart, a camera without frames.
+pub fn wand_of(wand: &Wand, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<MovedObject, PipelineError> {
+    let seen: Vec<Result<Seen, PipelineError>> = std::thread::scope(|scope| {
+        let workers: Vec<_> = feeds
+            .into_iter()
+            .map(|feed| scope.spawn(move || feed.map_or_else(|| Ok(Vec::new()), |feed| balls_of(wand, feed))))
+            .collect();
+        let lost = || PipelineError::Worker { camera: "the wand's recordings".into() };
+        workers.into_iter().map(|w| w.join().unwrap_or_else(|_| Err(lost()))).collect()
+    });
+    let seen: Vec<Seen> = seen.into_iter().collect::<Result<_, _>>()?;
+    let balls = [("first ball", wand.diameters_m[0]), ("second ball", wand.diameters_m[1])];
+    Ok(MovedObject::wand((wand.length_m, wand.length_std_m), balls, joined(&seen)))
+}
+
+fn balls_of(wand: &Wand, feed: CameraFeed<'_>) -> Result<Seen, PipelineError> {
+    let colors: Vec<BallColor> = wand
+        .colors
+        .iter()
+        .zip(["first ball", "second ball"])
+        .map(|(rgb, name)| BallColor { name: name.to_owned(), rgb: *rgb })
+        .collect();
+    let failed = |source| PipelineError::Vision { place: format!("wand, {}", feed.name), source };
+    let mut tracker: Option<Tracker> = None;
+    let mut out = Vec::new();
+    for frame in feed.frames {
+        let frame = frame?;
+        let tracker = match &mut tracker {
+            Some(tracker) => tracker,
+            None => {
+                tracker.insert(Tracker::new(&colors, diameter_range_px(frame.frame.size)).map_err(failed)?)
+            }
+        };
+        out.push((frame.t_ns, tracker.observe(&frame.frame).to_vec()));
+    }
+    Ok(out)
+}
+
+/// Sights of all cameras under the time stamps of the first camera that has any.
+fn joined(seen: &[Seen]) -> Vec<MarkerObservation> {
+    let Some(first) = seen.iter().find(|s| !s.is_empty()) else { return Vec::new() };
+    let mut intervals: Vec<i64> = first.windows(2).map(|w| w[1].0 - w[0].0).collect();
+    intervals.sort_unstable();
+    let within_ns = intervals.get(intervals.len() / 2).map_or(0, |n| n / 2);
+    let mut out = Vec::new();
+    for (camera, frames) in seen.iter().enumerate() {
+        for (own_ns, balls) in frames {
+            let after = first.partition_point(|(t_ns, _)| t_ns < own_ns);
+            let near = first[after.saturating_sub(1)..first.len().min(after + 1)].iter().map(|f| f.0);
+            let Some(t_ns) = near.min_by_key(|t_ns| (t_ns - own_ns).abs()) else { continue };
+            if (t_ns - own_ns).abs() > within_ns {
+                continue;
+            }
+            for (marker, ball) in balls.iter().enumerate() {
+                let Some(BallCandidate { pixel, covariance_px2, .. }) = *ball else { continue };
+                out.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
+            }
+        }
+    }
+    out
+}

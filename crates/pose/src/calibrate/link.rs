@@ -1,0 +1,173 @@
+//! Cameras to start from where moved objects link them, in the axes of the first.
+
+use super::moved::Moved;
+use super::pair::{MIN_MATCHES, pairs, seen_by_both};
+use super::plane::{pinhole_of_planes, pose_of_plane};
+use super::start::{MIN_POINTS, starts};
+use crate::PoseError;
+use crate::moving::PointSight;
+use mavsight_geometry::{
+    Camera, ControlPoint, ImageSize, Isometry3, Matrix2, Matrix3, UnitQuaternion, triangulate,
+};
+use nalgebra::Rotation3;
+
+/// Starts of a pair that are followed: those whose wand changes its length least.
+const FOLLOWED: usize = 4;
+
+/// Sets of cameras near those that saw the objects, in the axes of the first camera: x to its right, y forward, z up.
+///
+/// # Errors
+/// [`PoseError::NotLinked`] names a camera that shares too little with the others.
+pub(super) fn linked(
+    objects: &[Moved],
+    names: &[String],
+    sizes: &[ImageSize],
+) -> Result<Vec<Vec<Camera>>, PoseError> {
+    let board = objects.iter().find(|o| o.is_board());
+    let mut sets: Vec<Vec<Option<Camera>>> = match board {
+        Some(board) => vec![of_board(board, sizes)],
+        None => Vec::new(),
+    };
+    if let Some(wand) = objects.iter().find(|o| o.is_line())
+        && sets.iter().all(|s| s.iter().flatten().count() < 2)
+    {
+        sets = of_wand(wand, sizes);
+    }
+    let mut out = Vec::new();
+    let mut missing = None;
+    for mut set in sets {
+        for object in objects {
+            add_others(object, &mut set, sizes);
+        }
+        match set.iter().position(Option::is_none) {
+            Some(camera) => missing = missing.or(Some(camera)),
+            None => out.push(in_axes_of_first(set.into_iter().flatten().collect())),
+        }
+    }
+    if !out.is_empty() {
+        return Ok(out);
+    }
+    let camera = missing.unwrap_or(sizes.len() - 1);
+    let shared = |object: &Moved| {
+        let both = |sights: &&Vec<PointSight>| {
+            sights.iter().any(|s| s.camera == camera) && sights.iter().any(|s| s.camera != camera)
+        };
+        object.sights.iter().filter(both).count()
+    };
+    Err(PoseError::NotLinked {
+        camera: names[camera].clone(),
+        objects: objects.iter().map(|o| o.name.as_str()).collect::<Vec<_>>().join(" and "),
+        places: objects.iter().map(shared).sum(),
+        needed: MIN_MATCHES / 2,
+    })
+}
+
+/// The world's axes as the first camera has them if it is held level.
+fn level() -> UnitQuaternion<f64> {
+    let matrix = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix))
+}
+
+fn in_axes_of_first(mut cameras: Vec<Camera>) -> Vec<Camera> {
+    let cam_from_new = Isometry3::from_parts(Default::default(), level());
+    let old_from_new = cameras[0].cam_from_world.inverse() * cam_from_new;
+    cameras.iter_mut().for_each(|c| c.cam_from_world *= old_from_new);
+    cameras
+}
+
+/// Cameras that saw a board, those that are joined to the first of them by boards that both saw.
+fn of_board(board: &Moved, sizes: &[ImageSize]) -> Vec<Option<Camera>> {
+    let own = |place: &[PointSight], camera: usize| -> Vec<PointSight> {
+        place.iter().filter(|s| s.camera == camera).copied().collect()
+    };
+    let pinholes: Vec<Camera> = sizes
+        .iter()
+        .enumerate()
+        .map(|(camera, size)| {
+            let views: Vec<Vec<PointSight>> = board.sights.iter().map(|p| own(p, camera)).collect();
+            pinhole_of_planes(*size, &board.body, &views)
+        })
+        .collect();
+    let in_camera = |place: &[PointSight], camera: usize| {
+        pose_of_plane(&pinholes[camera], &board.body, &own(place, camera))
+    };
+    let mut out: Vec<Option<Camera>> = vec![None; sizes.len()];
+    let seen = |camera: usize| board.is_seen_by(camera);
+    let Some(first) = (0..sizes.len()).find(|c| seen(*c)) else { return out };
+    out[first] = Some(pinholes[first]);
+    loop {
+        // The place that shows most of the board to a known and an unknown camera.
+        let mut best: Option<(usize, usize, Camera)> = None;
+        for place in &board.sights {
+            for known in 0..sizes.len() {
+                let Some(camera) = out[known] else { continue };
+                for unknown in (0..sizes.len()).filter(|c| out[*c].is_none()) {
+                    let points = own(place, known).len().min(own(place, unknown).len());
+                    if best.as_ref().is_some_and(|b| b.0 >= points) {
+                        continue;
+                    }
+                    let (Some(a), Some(b)) = (in_camera(place, known), in_camera(place, unknown)) else {
+                        continue;
+                    };
+                    let cam_from_world = b * a.inverse() * camera.cam_from_world;
+                    best = Some((points, unknown, Camera { cam_from_world, ..pinholes[unknown] }));
+                }
+            }
+        }
+        let Some((_, unknown, camera)) = best else { return out };
+        out[unknown] = Some(camera);
+    }
+}
+
+/// The pair that saw the wand most often, in several guesses.
+fn of_wand(wand: &Moved, sizes: &[ImageSize]) -> Vec<Vec<Option<Camera>>> {
+    let all = (0..sizes.len()).flat_map(|a| (a + 1..sizes.len()).map(move |b| (a, b)));
+    let Some((a, b)) = all.max_by_key(|pair| seen_by_both(wand, *pair).len()) else { return Vec::new() };
+    let guesses = pairs(wand, (a, b), sizes);
+    let set = |(one, other): (Camera, Camera)| {
+        let mut set = vec![None; sizes.len()];
+        (set[a], set[b]) = (Some(one), Some(other));
+        set
+    };
+    guesses.into_iter().take(FOLLOWED).map(set).collect()
+}
+
+/// Cameras that see points which the known ones have triangulated.
+fn add_others(object: &Moved, set: &mut [Option<Camera>], sizes: &[ImageSize]) {
+    for camera in 0..sizes.len() {
+        if set[camera].is_some() {
+            continue;
+        }
+        let mut points = Vec::new();
+        for place in &object.sights {
+            for s in place.iter().filter(|s| s.camera == camera) {
+                let rays: Vec<_> = place
+                    .iter()
+                    .filter(|o| o.point == s.point)
+                    .filter_map(|o| Some((set[o.camera].as_ref()?, o.pixel, Matrix2::identity())))
+                    .collect();
+                if let Ok(found) = triangulate(&rays) {
+                    points.push(ControlPoint {
+                        name: String::new(),
+                        point_in_world_m: found.point_in_world_m,
+                        pixel: s.pixel,
+                        pixel_cov_px2: Matrix2::identity(),
+                    });
+                }
+            }
+        }
+        let every = points.len().div_ceil(100).max(1);
+        let some: Vec<ControlPoint> = points.into_iter().step_by(every).collect();
+        if some.len() >= MIN_POINTS
+            && let Ok(found) = starts(&some, sizes[camera])
+        {
+            let error = |c: &Camera| {
+                let miss = |p: &ControlPoint| {
+                    c.project(&p.point_in_world_m).map_or(1e6, |seen| (seen.pixel - p.pixel).norm())
+                };
+                some.iter().map(miss).sum::<f64>()
+            };
+            set[camera] = found.into_iter().min_by(|a, b| error(a).total_cmp(&error(b)));
+        }
+    }
+}

@@ -1,0 +1,270 @@
+//! Cameras from wands and boards whose places are drawn at random.
+
+use super::test_sets::{seen, unlike_cameras};
+use super::*;
+use crate::testing::{cameras, normal, normal3};
+use crate::{BodyMarker, MarkerObservation};
+use mavsight_geometry::{Isometry3, Matrix2, Point3, UnitQuaternion};
+use nalgebra::Translation3;
+
+const LENGTH_M: f64 = 0.5;
+
+/// What cameras see of a body at some poses; a point in ten is lost.
+fn sights(
+    cameras: &[Camera],
+    body: &[BodyMarker],
+    poses: &[Isometry3<f64>],
+    std_px: f64,
+    seed: &mut u64,
+) -> Vec<MarkerObservation> {
+    let mut out = Vec::new();
+    for (k, pose) in poses.iter().enumerate() {
+        for (camera, view) in cameras.iter().enumerate() {
+            for (marker, point) in body.iter().enumerate() {
+                let centre = (pose * Point3::from(point.marker_in_body_m)).coords;
+                let Ok(at) = view.project_ball(&centre, point.radius_m) else { continue };
+                let noise = Vector2::new(normal(seed), normal(seed)) * std_px;
+                if view.size.contains(&at.pixel, 5.0) && normal(seed).abs() > 0.126 {
+                    let covariance_px2 = Matrix2::identity() * std_px * std_px;
+                    let (pixel, t_ns) = (at.pixel + noise, 33_333_333 * k as i64);
+                    out.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
+                }
+            }
+        }
+    }
+    out
+}
+
+/// Places in a room of 2 m, in any attitude.
+fn waved(n: usize, seed: &mut u64) -> Vec<Isometry3<f64>> {
+    (0..n)
+        .map(|_| {
+            let at = Vector3::new(0.0, 0.0, 1.5) + normal3(seed) * 0.5;
+            Isometry3::from_parts(
+                Translation3::from(at),
+                UnitQuaternion::from_scaled_axis(normal3(seed) * 2.0),
+            )
+        })
+        .collect()
+}
+
+fn wand(cameras: &[Camera], std_px: f64, seed: &mut u64) -> MovedObject {
+    let empty = MovedObject::wand((LENGTH_M, 0.0), [("a", 0.04), ("b", 0.04)], Vec::new());
+    let poses = waved(80, seed);
+    let sights = sights(cameras, &empty.points, &poses, std_px, seed);
+    MovedObject { sights, ..empty }
+}
+
+fn unseen(cameras: &[Camera]) -> Vec<CameraControl> {
+    let one = |(k, c): (usize, &Camera)| {
+        CameraControl::exact(format!("cam{}", k + 1), c.size, Vec::new(), Vec::new())
+    };
+    cameras.iter().enumerate().map(one).collect()
+}
+
+/// Distances between cameras over the true ones, less one.
+fn scale_error(rig: &Rig, truth: &[Camera]) -> f64 {
+    let apart = |a: &Camera, b: &Camera| (a.centre_in_world() - b.centre_in_world()).norm();
+    let mut worst = 0.0_f64;
+    for i in 0..truth.len() {
+        for j in i + 1..truth.len() {
+            let ratio = apart(&rig.cameras[i].camera, &rig.cameras[j].camera) / apart(&truth[i], &truth[j]);
+            worst = worst.max((ratio - 1.0).abs());
+        }
+    }
+    worst
+}
+
+#[test]
+fn a_wand_alone_gives_cameras_their_lenses_and_the_scale() {
+    let mut seed = 3;
+    for truth in [cameras().to_vec(), unlike_cameras().split_off(1)] {
+        let rig = calibrate_with(&unseen(&truth), &[wand(&truth, 0.05, &mut seed)]).unwrap();
+        let error = scale_error(&rig, &truth);
+        assert!(error < 2e-3, "{error}");
+        for (found, truth) in rig.cameras.iter().zip(&truth) {
+            let (f, want) = (found.camera.intrinsics.fx_px, truth.intrinsics.fx_px);
+            assert!((f / want - 1.0).abs() < 5e-3, "{f} {want}");
+            assert_eq!(found.model.lens != Lens::Straight, truth.distortion.k1 != 0.0, "{}", found.model);
+            assert!((0.04..0.06).contains(&found.sigma_px), "{}", found.sigma_px);
+        }
+        // The first camera is the world: level, in its origin.
+        let first = &rig.cameras[0];
+        assert!(first.camera.centre_in_world().norm() < 1e-9 && first.centre_std_m.norm() < 1e-9);
+        let forward = first.camera.cam_from_world.rotation.inverse() * Vector3::z();
+        assert!((forward - Vector3::y()).norm() < 1e-9);
+    }
+}
+
+/// Four surveyed points: too few for a camera, enough for the axes.
+#[test]
+fn a_wand_and_four_surveyed_points_give_centres_as_good_as_they_claim() {
+    let truth = cameras().to_vec();
+    let places: Vec<Vector3<f64>> =
+        [[-0.6, -0.5, 0.4], [0.7, -0.4, 0.6], [0.1, 0.8, 0.5], [0.2, -0.2, 2.3]].map(Vector3::from).into();
+    let (mut seed, mut nees, trials) = (11, 0.0, 3);
+    for _ in 0..trials {
+        let control: Vec<CameraControl> = truth
+            .iter()
+            .enumerate()
+            .map(|(k, c)| seen(&format!("cam{}", k + 1), c, &places, (0.05, 0.03), &mut seed))
+            .collect();
+        let rig = calibrate_with(&control, &[wand(&truth, 0.05, &mut seed)]).unwrap();
+        for (found, truth) in rig.cameras.iter().zip(&truth) {
+            let error = found.camera.centre_in_world() - truth.centre_in_world();
+            assert!(error.norm() < 4.0 * found.centre_std_m.norm(), "{error} {}", found.centre_std_m);
+            let solved = found.centre_cov_m2.cholesky().expect("positive").solve(&error);
+            nees += error.dot(&solved) / f64::from(3 * 2 * trials);
+        }
+    }
+    assert!((0.3..2.0).contains(&nees), "{nees}");
+}
+
+/// One sight in fifty is of something else.
+#[test]
+fn balls_that_are_none_are_left_out() {
+    let (truth, mut seed) = (cameras().to_vec(), 21);
+    let mut wand = wand(&truth, 0.05, &mut seed);
+    for o in wand.sights.iter_mut().step_by(53) {
+        o.pixel += Vector2::new(normal(&mut seed), normal(&mut seed)) * 40.0;
+    }
+    let rig = calibrate_with(&unseen(&truth), &[wand]).unwrap();
+    assert!(scale_error(&rig, &truth) < 2e-3, "{}", scale_error(&rig, &truth));
+    assert!(rig.cameras.iter().all(|c| c.sigma_px < 0.06));
+}
+
+/// A wand whose length is known to a part in a thousand leaves the scale open by as much.
+#[test]
+fn a_length_that_is_not_exact_is_in_the_uncertainty() {
+    let (truth, mut seed) = (cameras().to_vec(), 5);
+    let std = |length_std_m: f64, seed: &mut u64| {
+        let mut wand = wand(&truth, 0.02, seed);
+        wand.scale_std = length_std_m / LENGTH_M;
+        let rig = calibrate_with(&unseen(&truth), &[wand]).unwrap();
+        let apart = rig.cameras[1].camera.centre_in_world();
+        let along = apart.normalize();
+        ((along.transpose() * rig.cameras[1].centre_cov_m2 * along)[0].sqrt()) / apart.norm()
+    };
+    let (exact, unsure) = (std(0.0, &mut seed), std(1e-3 * LENGTH_M * 2.0, &mut seed));
+    assert!((unsure.hypot(0.0) / exact.hypot(2e-3) - 1.0).abs() < 0.15, "{exact} {unsure}");
+}
+
+/// A board at arm's length before each camera, tilted up to `tilt_rad`.
+fn board_views(camera: &Camera, n: usize, tilt_rad: f64, seed: &mut u64) -> Vec<Isometry3<f64>> {
+    let middle = Vector3::new(0.12, 0.075, 0.0);
+    (0..n)
+        .map(|_| {
+            let depth_m = 0.9 + 0.2 * normal(seed).abs();
+            let turn = UnitQuaternion::from_scaled_axis(Vector3::new(
+                normal(seed).clamp(-1.5, 1.5) * tilt_rad,
+                normal(seed).clamp(-1.5, 1.5) * tilt_rad,
+                normal(seed) * 0.3,
+            ));
+            let aside = Vector3::new(normal(seed) * 0.15, normal(seed) * 0.1, 0.0);
+            let at = Vector3::new(0.0, 0.0, depth_m) + aside - turn * middle;
+            camera.cam_from_world.inverse() * Isometry3::from_parts(Translation3::from(at), turn)
+        })
+        .collect()
+}
+
+fn board(cameras: &[Camera], per_camera: usize, tilt_rad: f64, seed: &mut u64) -> MovedObject {
+    let empty = MovedObject::board((7, 5), 0.04, Vec::new());
+    let mut all = Vec::new();
+    for (k, camera) in cameras.iter().enumerate() {
+        let poses = board_views(camera, per_camera, tilt_rad, seed);
+        let mut own = sights(std::slice::from_ref(camera), &empty.points, &poses, 0.05, seed);
+        own.iter_mut().for_each(|o| (o.camera, o.t_ns) = (k, o.t_ns + 1_000_000_000_000 * k as i64));
+        all.extend(own);
+    }
+    MovedObject { sights: all, ..empty }
+}
+
+#[test]
+fn boards_give_lenses_and_control_points_where_the_cameras_are() {
+    let (truth, mut seed) = (unlike_cameras(), 7);
+    let truth = &truth[..2];
+    let board = board(truth, 10, 0.5, &mut seed);
+    let control: Vec<CameraControl> = truth
+        .iter()
+        .enumerate()
+        .map(|(k, c)| {
+            let mut one = seen(&format!("cam{}", k + 1), c, &crate::testing::cube(), (0.1, 0.03), &mut seed);
+            one.size = c.size;
+            one
+        })
+        .collect();
+    let alone = calibrate(&control).unwrap();
+    let both = calibrate_with(&control, &[board]).unwrap();
+    for ((found, alone), truth) in both.cameras.iter().zip(&alone.cameras).zip(truth) {
+        let (f, want) = (found.camera.intrinsics.fx_px, truth.intrinsics.fx_px);
+        assert!((f / want - 1.0).abs() < 2e-3, "{f} {want} {}", found.model);
+        let (k, want) = (&found.camera.distortion, &truth.distortion);
+        assert!((k.k1 - want.k1).abs() < 0.01 && (k.k2 - want.k2).abs() < 0.03, "{k:?}");
+        assert!(found.centre_std_m.norm() < alone.centre_std_m.norm());
+        let error = found.camera.centre_in_world() - truth.centre_in_world();
+        assert!(error.norm() < 4.0 * found.centre_std_m.norm(), "{error} {}", found.centre_std_m);
+    }
+}
+
+/// A board that two cameras see at once joins them.
+#[test]
+fn a_board_that_cameras_share_links_them() {
+    let (mut truth, mut seed) = (cameras().to_vec(), 9);
+    let target = Vector3::new(0.0, 0.0, 1.5);
+    for (camera, at) in truth.iter_mut().zip([[1.0, -1.2, 1.5], [-0.9, -1.3, 1.8]]) {
+        *camera = Camera::looking_at(Vector3::from(at), target, camera.intrinsics, camera.size);
+    }
+    let empty = MovedObject::board((6, 4), 0.08, Vec::new());
+    let between =
+        Camera::looking_at(Vector3::new(0.0, -1.4, 1.6), target, truth[0].intrinsics, truth[0].size);
+    let poses = board_views(&between, 12, 0.4, &mut seed);
+    let sights = sights(&truth, &empty.points, &poses, 0.05, &mut seed);
+    let rig = calibrate_with(&unseen(&truth), &[MovedObject { sights, ..empty }]).unwrap();
+    assert!(scale_error(&rig, &truth) < 2e-3, "{}", scale_error(&rig, &truth));
+}
+
+#[test]
+fn what_objects_cannot_tell_is_refused() {
+    let (truth, mut seed) = (cameras().to_vec(), 13);
+    let control = unseen(&truth);
+    let good = wand(&truth, 0.05, &mut seed);
+    let refused = |object: MovedObject| calibrate_with(&control, &[object]).unwrap_err();
+    // Only one camera saw it.
+    let mut alone = good.clone();
+    alone.sights.retain(|o| o.camera == 0);
+    let why = refused(alone).to_string();
+    assert!(why.contains("camera cam2 shares 0 places of the wand"), "{why}");
+    for (length_m, std_m) in [(0.0, 0.0), (f64::NAN, 0.0), (0.5, -1.0)] {
+        let none = MovedObject::wand((length_m, std_m), [("a", 0.04), ("b", 0.04)], good.sights.clone());
+        assert!(matches!(refused(none), PoseError::BadObject { .. }), "{length_m} {std_m}");
+    }
+    let mut wrong = good.clone();
+    wrong.sights[5].marker = 2;
+    assert!(matches!(refused(wrong), PoseError::BadObservation { marker: 2, .. }));
+    let mut wrong = good.clone();
+    wrong.sights[5].pixel.x = f64::NAN;
+    assert!(matches!(refused(wrong), PoseError::BadObservation { .. }));
+    // Two points do not fix the axes.
+    let places = [Vector3::new(0.5, 0.5, 0.5), Vector3::new(-0.5, 0.5, 0.5)];
+    let two: Vec<CameraControl> =
+        truth.iter().map(|c| seen("cam", c, &places, (0.05, 0.03), &mut seed)).collect();
+    let why = calibrate_with(&two, &[good]).unwrap_err();
+    assert!(matches!(why, PoseError::WorldAxes { found: 2, needed: 3 }), "{why}");
+}
+
+/// Boards held square to the camera say nothing of its focal length.
+#[test]
+fn a_board_at_no_useful_angle_says_which_views_are_missing() {
+    let mut seed = 17;
+    let side = |x: f64| {
+        let k = cameras()[0];
+        let at = Vector3::new(x, -2.0, 1.5);
+        Camera::looking_at(at, at + Vector3::y(), k.intrinsics, k.size)
+    };
+    let truth = [side(-0.1), side(0.1)];
+    let empty = MovedObject::board((6, 4), 0.04, Vec::new());
+    let poses = board_views(&side(0.0), 8, 0.003, &mut seed);
+    let sights = sights(&truth, &empty.points, &poses, 0.05, &mut seed);
+    let why = calibrate_with(&unseen(&truth), &[MovedObject { sights, ..empty }]).unwrap_err();
+    assert!(why.to_string().contains("add views tilted by 30°"), "{why}");
+}

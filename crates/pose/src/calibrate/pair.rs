@@ -1,0 +1,194 @@
+//! Two cameras from a wand that both saw: the essential matrix for guessed focal lengths, told by the wand's length.
+
+use super::moved::Moved;
+use mavsight_geometry::{
+    Camera, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix3, UnitQuaternion, Vector2, Vector3, jacobi_svd,
+    triangulate,
+};
+use nalgebra::{DMatrix, Rotation3, Translation3};
+
+/// Fields of view that are tried for each camera, across the width.
+const FIELDS_RAD: [f64; 6] = [0.35, 0.55, 0.8, 1.1, 1.45, 1.9];
+/// Matches that the fundamental matrix needs to be told from noise: twice the eight of the linear method.
+pub(super) const MIN_MATCHES: usize = 16;
+/// Rounds in which matches that are far from their epipolar lines are dropped.
+const ROUNDS: usize = 6;
+/// A match is dropped beyond so many robust standard deviations.
+const BEYOND: f64 = 4.0;
+
+/// A point in both images.
+type Match = (Vector2<f64>, Vector2<f64>);
+
+/// Cameras at places relative to the first, best first: such under which the wand keeps its length.
+pub(super) fn pairs(wand: &Moved, (a, b): (usize, usize), sizes: &[ImageSize]) -> Vec<(Camera, Camera)> {
+    let length_m = (wand.body[1].marker_in_body_m - wand.body[0].marker_in_body_m).norm();
+    let both = seen_by_both(wand, (a, b));
+    let matches: Vec<Match> = both.iter().flatten().copied().collect();
+    if matches.len() < MIN_MATCHES {
+        return Vec::new();
+    }
+    let to_unit = |size: ImageSize| {
+        let width = f64::from(size.width_px);
+        let middle = Vector2::new((width - 1.0) / 2.0, (f64::from(size.height_px) - 1.0) / 2.0);
+        move |p: &Vector2<f64>| (p - middle) / width
+    };
+    let (first, second) = (to_unit(sizes[a]), to_unit(sizes[b]));
+    let scaled: Vec<Match> = matches.iter().map(|(p, q)| (first(p), second(q))).collect();
+    let Some(fundamental) = fundamental(&scaled) else { return Vec::new() };
+    let mut found: Vec<(f64, (Camera, Camera))> = Vec::new();
+    for field_a in FIELDS_RAD {
+        for field_b in FIELDS_RAD {
+            let (fa, fb) = (0.5 / (field_a / 2.0).tan(), 0.5 / (field_b / 2.0).tan());
+            let essential = Matrix3::from_diagonal(&Vector3::new(fb, fb, 1.0))
+                * fundamental
+                * Matrix3::from_diagonal(&Vector3::new(fa, fa, 1.0));
+            let cameras = |pose: Isometry3<f64>| {
+                let of = |size, field, cam_from_world| Camera {
+                    cam_from_world,
+                    intrinsics: Intrinsics::from_horizontal_fov(size, field),
+                    distortion: Default::default(),
+                    size,
+                };
+                (of(sizes[a], field_a, Isometry3::identity()), of(sizes[b], field_b, pose))
+            };
+            let best = poses(&essential)
+                .into_iter()
+                .filter_map(|pose| {
+                    let pair = cameras(pose);
+                    let (spread, mean) = length_spread(&both, &pair)?;
+                    Some((spread, pair, mean))
+                })
+                .min_by(|x, y| x.0.total_cmp(&y.0));
+            if let Some((spread, (one, mut other), mean)) = best {
+                other.cam_from_world.translation.vector *= length_m / mean;
+                found.push((spread, (one, other)));
+            }
+        }
+    }
+    found.sort_by(|x, y| x.0.total_cmp(&y.0));
+    found.into_iter().map(|f| f.1).collect()
+}
+
+/// Both balls in both cameras, by place.
+pub(super) fn seen_by_both(wand: &Moved, (a, b): (usize, usize)) -> Vec<[Match; 2]> {
+    let of = |sights: &[crate::moving::PointSight], camera: usize, point: usize| {
+        sights.iter().find(|s| s.camera == camera && s.point == point).map(|s| s.pixel)
+    };
+    let place = |sights: &Vec<crate::moving::PointSight>| {
+        let ball = |p| Some((of(sights, a, p)?, of(sights, b, p)?));
+        Some([ball(0)?, ball(1)?])
+    };
+    wand.sights.iter().filter_map(place).collect()
+}
+
+/// The fundamental matrix by the normalised eight-point method (Hartley 1997), with matches that disagree left out.
+fn fundamental(matches: &[Match]) -> Option<Matrix3<f64>> {
+    let mut kept: Vec<Match> = matches.to_vec();
+    let mut answer = linear(&kept)?;
+    for _ in 0..ROUNDS {
+        let mut errors: Vec<f64> = kept.iter().map(|m| sampson(&answer, m)).collect();
+        let middle = errors.len() / 2;
+        // The median of a chi-square with one degree of freedom is 0.455.
+        let variance = *errors.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.455;
+        let within: Vec<Match> =
+            matches.iter().filter(|m| sampson(&answer, m) <= BEYOND * BEYOND * variance).copied().collect();
+        if within.len() < MIN_MATCHES {
+            return None;
+        }
+        let same = within.len() == kept.len();
+        kept = within;
+        answer = linear(&kept)?;
+        if same {
+            break;
+        }
+    }
+    Some(answer)
+}
+
+fn linear(matches: &[Match]) -> Option<Matrix3<f64>> {
+    let normaliser = |points: Vec<Vector2<f64>>| {
+        let n = points.len() as f64;
+        let middle = points.iter().sum::<Vector2<f64>>() / n;
+        let spread = (points.iter().map(|p| (p - middle).norm_squared()).sum::<f64>() / (2.0 * n)).sqrt();
+        (spread > 0.0).then(|| {
+            Matrix3::new(
+                1.0 / spread,
+                0.0,
+                -middle.x / spread,
+                0.0,
+                1.0 / spread,
+                -middle.y / spread,
+                0.0,
+                0.0,
+                1.0,
+            )
+        })
+    };
+    let first = normaliser(matches.iter().map(|m| m.0).collect())?;
+    let second = normaliser(matches.iter().map(|m| m.1).collect())?;
+    let mut rows = DMatrix::zeros(matches.len().max(9), 9);
+    for (i, (p, q)) in matches.iter().enumerate() {
+        let (p, q) = (first * p.push(1.0), second * q.push(1.0));
+        for r in 0..3 {
+            for c in 0..3 {
+                rows[(i, 3 * r + c)] = q[r] * p[c];
+            }
+        }
+    }
+    let f = jacobi_svd(&rows).v.column(8).into_owned();
+    let svd = jacobi_svd(&DMatrix::from_row_slice(3, 3, f.as_slice()));
+    let mut values = svd.singular_values.clone();
+    values[2] = 0.0;
+    let rank_two = &svd.u * DMatrix::from_diagonal(&values) * svd.v.transpose();
+    let out = second.transpose() * Matrix3::from_fn(|i, j| rank_two[(i, j)]) * first;
+    out.iter().all(|x| x.is_finite()).then_some(out)
+}
+
+/// Squared distance from the epipolar geometry to first order (Sampson 1982).
+fn sampson(f: &Matrix3<f64>, (p, q): &Match) -> f64 {
+    let (p, q) = (p.push(1.0), q.push(1.0));
+    let (line, back) = (f * p, f.transpose() * q);
+    q.dot(&line).powi(2) / (line.xy().norm_squared() + back.xy().norm_squared()).max(f64::MIN_POSITIVE)
+}
+
+/// The four poses of the second camera that have an essential matrix (Hartley & Zisserman 2004, result 9.19).
+fn poses(essential: &Matrix3<f64>) -> Vec<Isometry3<f64>> {
+    let svd = jacobi_svd(&DMatrix::from_fn(3, 3, |i, j| essential[(i, j)]));
+    let square = |m: &DMatrix<f64>| Matrix3::from_fn(|i, j| m[(i, j)]);
+    let (mut u, mut v) = (square(&svd.u), square(&svd.v));
+    // The third columns have no length where the third singular value has none.
+    u.set_column(2, &u.column(0).cross(&u.column(1)));
+    v.set_column(2, &v.column(0).cross(&v.column(1)));
+    let w = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+    let mut out = Vec::with_capacity(4);
+    for turn in [u * w * v.transpose(), u * w.transpose() * v.transpose()] {
+        for side in [1.0, -1.0] {
+            let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn));
+            let at: Vector3<f64> = u.column(2) * side;
+            out.push(Isometry3::from_parts(Translation3::from(at), rotation));
+        }
+    }
+    out
+}
+
+/// Relative spread of the wand's length under two cameras, and its mean; `None` where less than three quarters of the places
+/// lie before both.
+fn length_spread(both: &[[Match; 2]], (one, other): &(Camera, Camera)) -> Option<(f64, f64)> {
+    let at = |(p, q): &Match| {
+        let unit = Matrix2::identity();
+        let found = triangulate(&[(one, *p, unit), (other, *q, unit)]).ok()?;
+        Some(found.point_in_world_m)
+    };
+    let every = both.len().div_ceil(100).max(1);
+    let tried = both.len().div_ceil(every);
+    let mut lengths: Vec<f64> =
+        both.iter().step_by(every).filter_map(|b| Some((at(&b[0])? - at(&b[1])?).norm())).collect();
+    if 4 * lengths.len() < 3 * tried || lengths.len() < 3 {
+        return None;
+    }
+    // Quartiles are not moved by a wrong ball.
+    lengths.sort_by(f64::total_cmp);
+    let at = |share: f64| lengths[((lengths.len() - 1) as f64 * share).round() as usize];
+    let spread = (at(0.75) - at(0.25)) / at(0.5);
+    spread.is_finite().then_some((spread, at(0.5)))
+}
