@@ -127,6 +127,9 @@ pub(crate) struct Film {
     /// Write MP4 videos (needs the ffmpeg program) in place of PNG frames
     #[arg(long)]
     pub(crate) video: bool,
+    /// Cameras to film with: places, lenses, rates, clocks; the paper's where left out
+    #[arg(long, value_name = "FILE")]
+    pub(crate) cameras: Option<PathBuf>,
     /// Seed of the image noise
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,

@@ -3,7 +3,7 @@
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector3, world_from_body};
 use mavsight_scene::{Aircraft, ControlFrame, Film, PaintedBall, Room, Sensor};
-use mavsight_score::{VirtualCamera, VirtualLab};
+use mavsight_score::{VirtualCamera, VirtualLab, true_pose};
 use mavsight_session::{ControlPointRow, TruthRow};
 
 /// The paper's cameras.
@@ -59,6 +59,40 @@ pub fn frame(
 ) -> Vec<u8> {
     let open_s = Sensor::default().exposure_fraction * interval_s;
     film.frame(index as u64, aircraft, |share| pose_near(state, share * open_s))
+}
+
+/// One frame of a flight at any time between the rows of its truth, by a camera whose rows are read `line_time_s` apart. Before the
+/// first row and after the last the aircraft stands still.
+pub fn frame_at(
+    film: &Film<'_>,
+    index: usize,
+    aircraft: &Aircraft,
+    truth: &[TruthRow],
+    when: Shot,
+) -> Option<Vec<u8>> {
+    let open_s = Sensor::default().exposure_fraction * when.interval_s;
+    let (first, last) = (truth.first()?, truth.last()?);
+    let start = true_pose(truth, first.t_s)?;
+    let pose_at = |share: f64| {
+        let t_s = (when.t_s + share * open_s).clamp(first.t_s, last.t_s);
+        true_pose(truth, t_s).unwrap_or(start)
+    };
+    Some(if when.line_time_s == 0.0 {
+        film.frame(index as u64, aircraft, pose_at)
+    } else {
+        film.rolling_frame(index as u64, aircraft, when.line_time_s / open_s, pose_at)
+    })
+}
+
+/// When a frame is taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shot {
+    /// Middle of the exposure of the middle row.
+    pub t_s: f64,
+    /// Time from frame to frame.
+    pub interval_s: f64,
+    /// Time from row to row; 0: all together.
+    pub line_time_s: f64,
 }
 
 /// The pose a moment before or after a state, with its velocities and accelerations taken as constant.

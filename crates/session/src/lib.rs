@@ -12,8 +12,8 @@ pub mod video;
 
 pub use atomic::{make_folder, write_whole};
 pub use config::{
-    ControlSection, RefineSection, SESSION_SCHEMA, Session, SessionCamera, SessionFile, load_model,
-    load_vehicle,
+    ControlSection, Estimate, FieldOrder, LineTime, RefineSection, SESSION_SCHEMA, Session, SessionCamera,
+    SessionFile, load_model, load_vehicle,
 };
 pub use error::SessionError;
 pub use results::{

@@ -32,7 +32,7 @@ fn session(folder: &Folder) -> PathBuf {
         video: format!("{name}/frame_%05d.png").into(),
         still: Some("still.png".into()),
         frame_rate_hz: Some(30.0),
-        time_offset_s: None,
+        ..SessionCamera::default()
     };
     let file = SessionFile {
         schema: 1,

@@ -221,8 +221,11 @@ fn an_image_sequence_is_timed_by_its_rate() {
     let text = FrameSource::open(&pattern, None).unwrap_err().to_string();
     assert!(text.contains("frame_rate_hz"), "{text}");
     std::fs::remove_file(folder.path("frame_00008.png")).unwrap();
-    let text = FrameSource::open(&pattern, Some(25.0)).unwrap_err().to_string();
+    let items: Vec<_> = FrameSource::open(&pattern, Some(25.0)).unwrap().collect();
+    let text = items[1].as_ref().unwrap_err().to_string();
     assert!(text.contains("frame_00008.png") && text.contains("frame_00007.png"), "{text}");
+    let times: Vec<i64> = items.iter().flatten().map(|f| f.0).collect();
+    assert_eq!(times, [0, 80_000_000, 120_000_000], "a missing frame leaves its time empty");
     let text = FrameSource::open(&folder.path("other_%d.jpg"), Some(25.0)).unwrap_err().to_string();
     assert!(text.contains("other_%d.jpg") && text.contains("no frames"), "{text}");
 }

@@ -15,9 +15,11 @@ use mavsight_pipeline::{
     Refinement, TimedFrame, Tracked, body_markers, calibrate_from_observations, calibrate_from_stills,
     identify_motion, motion_from_poses, output_error_fits, refine_body,
 };
-use mavsight_pose::{Motion, Rig};
+use mavsight_pose::{CameraClock, ClockPrior, Motion, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
-use mavsight_session::{MarkerAsBuilt, RunResults, Session, TruthRow, read_image, write_results};
+use mavsight_session::{
+    LineTime, MarkerAsBuilt, RunResults, Session, SessionCamera, TruthRow, read_image, write_results,
+};
 use mavsight_vision::Frame;
 use std::path::Path;
 
@@ -123,14 +125,35 @@ pub(crate) fn feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>> {
     for (k, camera) in session.cameras.iter().enumerate() {
         let source = session.open_camera(k)?;
         let name = camera.name.clone();
-        let announced = source.declared_frames();
+        let (announced, readout, size) = (source.declared_frames(), source.readout(), source.size());
         let frames = source.map(move |item| {
             item.map(|(t_ns, frame)| TimedFrame { t_ns, frame })
                 .map_err(|e| PipelineError::Source { camera: name.clone(), source: Box::new(e) })
         });
-        feeds.push(CameraFeed { name: camera.name.clone(), announced, frames: Box::new(frames) });
+        let feed = CameraFeed::new(camera.name.clone(), announced, Box::new(frames));
+        feeds.push(feed.with_clock(clock_of(camera, k == 0, size), readout.into()));
     }
     Ok(feeds)
+}
+
+/// What a session tells of a camera's clock. The first camera's is the reference.
+fn clock_of(camera: &SessionCamera, is_first: bool, size: ImageSize) -> ClockPrior {
+    let mut prior = if is_first || (camera.time_offset_s.is_some() && camera.time_offset_std_s.is_none()) {
+        ClockPrior::known(CameraClock::default())
+    } else {
+        ClockPrior::unknown()
+    };
+    prior.clock.offset_s = camera.time_offset_s.unwrap_or(0.0);
+    if let Some(std_s) = camera.time_offset_std_s.filter(|_| !is_first) {
+        prior.offset_std_s = std_s;
+    }
+    match camera.line_time_s {
+        Some(LineTime::Known(line_time_s)) => prior.clock.line_time_s = line_time_s,
+        // No sensor takes longer than a thirtieth of a second for all its rows.
+        Some(LineTime::Unknown(_)) => prior.line_time_std_s = 1.0 / 30.0 / f64::from(size.height_px.max(1)),
+        None => {}
+    }
+    prior
 }
 
 /// The first frame of each camera, for the figures.
@@ -160,9 +183,11 @@ pub(crate) fn solve(
         markers: tracked.observations,
         body,
         poses: tracked.poses,
+        camera_clocks: tracked.clocks,
         ..RunResults::default()
     };
-    let notes = identify_into(&mut results, flight, bars)?;
+    let mut notes = tracked.notes;
+    notes.extend(identify_into(&mut results, flight, bars)?);
     Ok((results, notes))
 }
 
@@ -266,5 +291,15 @@ pub(crate) fn finish(
     write_page(&page, out)?;
     print!("{}", summary.text());
     println!("\nResults: {}", out.display());
+    require_a_pose(&results)
+}
+
+/// Refuses a flight of which nothing was measured.
+pub(crate) fn require_a_pose(results: &RunResults) -> Result<()> {
+    let none = !results.poses.is_empty() && results.poses.iter().all(|p| p.estimate.is_none());
+    if none {
+        let reason = results.poses.iter().find_map(|p| p.reason.clone()).unwrap_or_default();
+        anyhow::bail!("none of {} instants has a pose; the first: {reason}", results.poses.len());
+    }
     Ok(())
 }
