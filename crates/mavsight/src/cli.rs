@@ -105,6 +105,9 @@ pub(crate) struct Simulate {
     /// Recorded inputs to fly in place of the scenario's manoeuvres
     #[arg(long, value_name = "FILE")]
     pub(crate) inputs: Option<PathBuf>,
+    /// Carry the aircraft about by hand for as long as the scenario, in place of flying
+    #[arg(long, conflicts_with = "inputs")]
+    pub(crate) carried: bool,
     /// Print the paper's scenario as a file to start from
     #[arg(long)]
     pub(crate) print_scenario: bool,

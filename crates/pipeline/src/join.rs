@@ -110,3 +110,92 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{SIZE, pose, rig, stream};
+    use mavsight_flight::Vehicle;
+    use mavsight_geometry::{Point3, Vector3};
+
+    fn late(offset_s: f64) -> CameraClock {
+        CameraClock { offset_s, ..CameraClock::default() }
+    }
+
+    fn joined(streams: &[Stream], clocks: &[CameraClock]) -> Vec<Instant> {
+        instants(streams, &vec![SIZE; streams.len()], clocks, 4)
+    }
+
+    /// Root mean square of where markers are seen against where they are, in standard deviations claimed.
+    fn misfit(instants: &[Instant]) -> f64 {
+        let (rig, vehicle) = (rig(), Vehicle::paper());
+        let (mut sum, mut count) = (0.0, 0.0);
+        for o in instants.iter().flat_map(|i| &i.observations) {
+            let ball = &vehicle.marker[o.marker];
+            let centre = (pose(o.t_ns as f64 * 1e-9) * Point3::from(Vector3::from(ball.position_m))).coords;
+            let true_px = rig.cameras[o.camera].camera.project_ball(&centre, ball.diameter_m / 2.0).unwrap().pixel;
+            sum += (o.pixel - true_px).norm_squared() / o.covariance_px2.trace();
+            count += 1.0;
+        }
+        f64::sqrt(sum / count)
+    }
+
+    #[test]
+    fn cameras_in_step_go_through_as_they_are() {
+        let exact = late(0.0);
+        let streams = [stream(0, exact, 30.0, 0..60), stream(1, exact, 30.0, 0..60)];
+        let got = joined(&streams, &[exact, exact]);
+        assert_eq!(got.len(), 60);
+        for (k, instant) in got.iter().enumerate() {
+            assert_eq!(instant.t_ns, streams[0].stamps_ns[k]);
+            let own = [0, 1].map(|c| &streams[c].sights[4 * k..4 * k + 4]);
+            for (o, s) in instant.observations.iter().zip(own.into_iter().flatten()) {
+                assert!(o.pixel == s.pixel && o.covariance_px2 == s.covariance_px2 && o.marker == s.marker);
+            }
+            assert_eq!((instant.observations.len(), instant.diameters_px.len()), (8, 8));
+        }
+    }
+
+    #[test]
+    fn a_late_camera_is_brought_to_the_instants_with_a_true_covariance() {
+        for offset_s in [13.7e-3, -9e-3, 0.4] {
+            let streams = [stream(0, late(0.0), 30.0, 0..90), stream(1, late(offset_s), 30.0, 0..100)];
+            let got = joined(&streams, &[late(0.0), late(offset_s)]);
+            assert!((0.9..1.15).contains(&misfit(&got)), "{offset_s}: {}", misfit(&got));
+            let both = got.iter().filter(|i| i.observations.len() == 8).count();
+            assert!(both >= 75, "{offset_s}: {both}");
+            // Taken as in step it would be far off.
+            assert!(misfit(&joined(&streams, &[late(0.0), late(0.0)])) > 5.0);
+        }
+    }
+
+    #[test]
+    fn the_fastest_camera_leads_and_a_slow_one_lends_without_counting_twice() {
+        let exact = late(0.0);
+        let streams = [stream(0, exact, 25.0, 0..50), stream(1, exact, 50.0, 0..100)];
+        let got = joined(&streams, &[exact, exact]);
+        assert_eq!(got.len(), 100);
+        let of = |k: usize, camera: usize| got[k].observations.iter().find(|o| o.camera == camera).unwrap();
+        assert!((of(20, 0).covariance_px2.trace() / of(20, 1).covariance_px2.trace() - 2.0).abs() < 0.01);
+        assert!(misfit(&got) < 1.1);
+    }
+
+    #[test]
+    fn where_the_first_camera_has_a_gap_the_others_give_the_instants() {
+        let exact = late(0.0);
+        let whole = stream(0, exact, 30.0, 0..60);
+        let mut gappy = whole;
+        gappy.stamps_ns.retain(|t| !(700_000_000..900_000_000).contains(t));
+        let mut k = 0;
+        gappy.sights.retain(|s| !(700_000_000..900_000_000).contains(&s.stamp_ns));
+        gappy.diameters_px.retain(|_| {
+            k += 1;
+            k <= 4 * 54
+        });
+        let streams = [gappy, stream(1, exact, 30.0, 0..60)];
+        let got = joined(&streams, &[exact, exact]);
+        assert_eq!(got.len(), 60);
+        let alone: Vec<usize> = (0..60).filter(|k| got[*k].observations.len() == 4).collect();
+        assert_eq!(alone, [21, 22, 23, 24, 25, 26]);
+    }
+}

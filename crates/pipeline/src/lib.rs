@@ -12,6 +12,8 @@ mod reconstruct;
 mod refine;
 mod solve;
 mod stream;
+#[cfg(test)]
+mod testing;
 mod track;
 
 pub use calibrate::{ControlStill, calibrate_from_observations, calibrate_from_stills};

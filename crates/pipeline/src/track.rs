@@ -220,3 +220,101 @@ pub(crate) fn body_markers_of(vehicle: &Vehicle) -> Vec<BodyMarker> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{pose, rig, stream};
+    use mavsight_pose::ClockPrior;
+
+    fn late(offset_s: f64, drift: f64) -> CameraClock {
+        CameraClock { offset_s, drift, line_time_s: 0.0 }
+    }
+
+    /// Root mean square position error, mm, and instants with a pose.
+    fn errors(tracked: &Tracked) -> (f64, usize) {
+        let mut sum = 0.0;
+        let mut count = 0;
+        for sample in &tracked.poses {
+            let Some(estimate) = &sample.estimate else { continue };
+            let true_m = pose(sample.t_ns as f64 * 1e-9).translation.vector;
+            sum += (estimate.world_from_body.translation.vector - true_m).norm_squared();
+            count += 1;
+        }
+        (1e3 * f64::sqrt(sum / f64::from(count)), count as usize)
+    }
+
+    fn flown(streams: Vec<Stream>) -> Tracked {
+        let mut rig = rig();
+        rig.cameras.truncate(streams.len());
+        rig.uncertainty = rig.uncertainty.rows(0, mavsight_geometry::CAMERA_PARAMETERS * streams.len()).into();
+        joined(streams, &rig, &Vehicle::paper()).unwrap()
+    }
+
+    fn unknown(mut stream: Stream) -> Stream {
+        stream.clock = ClockPrior::unknown();
+        stream
+    }
+
+    #[test]
+    fn a_late_and_fast_camera_costs_no_exactness() {
+        let exact = late(0.0, 0.0);
+        let in_step = flown(vec![stream(0, exact, 30.0, 0..600), unknown(stream(1, exact, 30.0, 0..600))]);
+        assert_eq!(in_step.clocks[1].verdict, ClockVerdict::InStep, "{}", in_step.clocks[1]);
+        let off = late(13.7e-3, 50e-6);
+        let set = flown(vec![stream(0, exact, 30.0, 0..600), unknown(stream(1, off, 30.0, 0..600))]);
+        let (got, clock) = (errors(&set), set.clocks[1]);
+        println!("{clock}; {:.3} mm over {:.3} mm", got.0, errors(&in_step).0);
+        assert_eq!(clock.verdict, ClockVerdict::SetRight);
+        // The offset at the middle of the flight, wherever the drift turns about.
+        let shown_s = clock.clock.offset_s + 10.0 * clock.clock.drift;
+        assert!((shown_s - 13.7e-3 - 10.0 * 50e-6).abs() < 0.3e-3, "{clock}");
+        assert!(got.0 < 1.3 * errors(&in_step).0 && got.1 >= 598, "{got:?}");
+        assert_eq!(set.notes, Vec::<String>::new());
+    }
+
+    /// What is wrong is said with camera and time, and the rest of the flight is as good as ever.
+    #[test]
+    fn a_camera_that_ends_early_is_named_and_the_others_go_on() {
+        let exact = late(0.0, 0.0);
+        let whole = |k: usize| stream(k, exact, 30.0, 0..150);
+        let sound = errors(&flown(vec![whole(0), whole(1), whole(2)]));
+        let tracked = flown(vec![whole(0), stream(1, exact, 30.0, 0..60), whole(2)]);
+        let [note] = &tracked.notes[..] else { panic!("{:?}", tracked.notes) };
+        assert!(note.contains("cam2 ends at 1.967 s, 3.000 s before"), "{note}");
+        let got = errors(&tracked);
+        assert!(got.1 == 150 && got.0 < 1.5 * sound.0, "{got:?} against {sound:?}");
+        // The first camera may be the one that ends.
+        let tracked = flown(vec![stream(0, exact, 30.0, 0..60), whole(1), whole(2)]);
+        assert!(errors(&tracked).1 == 150 && tracked.notes[0].contains("cam1 ends"), "{:?}", tracked.notes);
+        // One camera alone gives poses of a larger covariance.
+        let two = flown(vec![whole(0), stream(1, exact, 30.0, 0..60)]);
+        let traces: Vec<f64> =
+            two.poses.iter().filter_map(|p| p.estimate.as_ref()).map(|e| e.covariance.trace()).collect();
+        assert!(traces.len() > 140 && traces[100] > 10.0 * traces[30], "{}", traces.len());
+    }
+
+    #[test]
+    fn recordings_of_different_times_are_refused() {
+        let exact = late(0.0, 0.0);
+        let streams = vec![stream(0, exact, 30.0, 0..30), stream(1, exact, 30.0, 600..630)];
+        let mut rig = rig();
+        rig.cameras.truncate(2);
+        let text = joined(streams, &rig, &Vehicle::paper()).unwrap_err().to_string();
+        assert!(text.contains("cam1 runs from 0.000 s") && text.contains("time_offset_s"), "{text}");
+    }
+
+    #[test]
+    fn a_flight_at_rest_leaves_the_clocks_and_says_so() {
+        let exact = late(0.0, 0.0);
+        let mut streams = vec![stream(0, exact, 30.0, 0..90), unknown(stream(1, exact, 30.0, 0..90))];
+        for stream in &mut streams {
+            let first: Vec<_> = stream.sights[..4].to_vec();
+            for (k, sight) in stream.sights.iter_mut().enumerate() {
+                sight.pixel = first[k % 4].pixel + (sight.pixel - first[k % 4].pixel) * 1e-3;
+            }
+        }
+        let tracked = flown(streams);
+        assert!(tracked.notes.iter().any(|n| n.contains("cam2") && n.contains("too slow")), "{:?}", tracked.notes);
+    }
+}

@@ -29,7 +29,11 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
         Some(path) => named(read_inputs(path))?,
         None => scenario.inputs(&vehicle)?,
     };
-    let states = mavsight_flight::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
+    let states = if args.carried {
+        crate::lab::carried(scenario.duration_s, scenario.frame_rate_hz)
+    } else {
+        mavsight_flight::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?
+    };
     make_folder(out)?;
     write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
     write_inputs(&out.join("inputs.csv"), &inputs)?;
