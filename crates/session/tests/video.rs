@@ -260,9 +260,16 @@ fn rotated_files_are_upright_by_both_paths() {
         return;
     }
     let folder = Folder::new();
-    for (degrees, quarters) in [("90", 3), ("180", 2), ("270", 1)] {
-        let name = format!("turned{degrees}.mp4");
-        let clip = made(&folder, &name, &["-display_rotation", degrees, "-i", "FIXTURE", "-c", "copy"]);
+    let bytes = std::fs::read(fixture()).unwrap();
+    let matrix = bytes.windows(4).position(|w| w == b"tkhd").unwrap() + 44;
+    for (degrees, quarters, [a, b, c, d]) in
+        [(90, 1, [0, 1, -1, 0]), (180, 2, [-1, 0, 0, -1]), (270, 3, [0, -1, 1, 0i32])]
+    {
+        let mut turned = bytes.clone();
+        for (at, value) in [(0, a), (4, b), (12, c), (16, d)] {
+            turned[matrix + at..matrix + at + 4].copy_from_slice(&(value << 16).to_be_bytes());
+        }
+        let clip = folder.write("turned.mp4", turned);
         assert_eq!(same_frames(&clip), 24);
         let upright = made(&folder, "upright.avi", &["-i", clip.to_str().unwrap(), "-c:v", "rawvideo", "-pix_fmt", "yuv420p"]);
         let (ours, theirs) = (read(&clip).unwrap(), read(&upright).unwrap());

@@ -31,7 +31,8 @@ pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
     let length = file.metadata().map_err(|e| SessionError::io(path, "measure it", e))?.len();
     let mut reader = BufReader::new(file);
     // The parser indexes tables of the file unchecked: inconsistent ones end in a panic, which is a damaged file.
-    let mp4 = catch_unwind(AssertUnwindSafe(|| Mp4::read(&mut reader, length)))
+    let announced = announced_length(&mut reader, length).map_err(|e| SessionError::io(path, "read it", e))?;
+    let mp4 = catch_unwind(AssertUnwindSafe(|| Mp4::read(&mut reader, announced)))
         .map_err(|_| damaged("its tables contradict each other".into()))?
         .map_err(|e| damaged(e.to_string()))?;
     let Some(track) = mp4.tracks().values().find(|t| t.kind == Some(TrackKind::Video)) else {
@@ -61,6 +62,30 @@ pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
     let declared = samples.iter().filter(|s| s.shown).count();
     let m = &track.trak(&mp4).tkhd.matrix;
     start(Mp4Frames::new(path, reader, avc1, whole), declared, quarters([m.a, m.b, m.c, m.d]))
+}
+
+/// Length of the file before the media data at its end were cut off: where that box says that it ends, or the file's own length.
+/// The reader is left at its start.
+fn announced_length(reader: &mut BufReader<File>, length: u64) -> std::io::Result<u64> {
+    let (mut at, mut announced) = (0, length);
+    let mut header = [0u8; 16];
+    while at + 16 <= length {
+        reader.seek(SeekFrom::Start(at))?;
+        reader.read_exact(&mut header)?;
+        let [a, b, c, d, kind @ ..] = &header[..8] else { break };
+        let size = match u32::from_be_bytes([*a, *b, *c, *d]) {
+            0 => break,
+            1 => header[8..].iter().fold(0, |sum, byte| (sum << 8) | u64::from(*byte)),
+            size => u64::from(size),
+        };
+        let Some(end) = at.checked_add(size.max(8)) else { break };
+        if end > length && kind == b"mdat" {
+            announced = end;
+        }
+        at = end;
+    }
+    reader.seek(SeekFrom::Start(0))?;
+    Ok(announced)
 }
 
 /// Quarters clockwise of a display matrix (ISO/IEC 14496-12, 6.2.2), 16.16 fixed point: (x, y) → (a x + c y, b x + d y).
