@@ -133,6 +133,9 @@ pub(crate) struct Film {
     /// Cameras to film with: places, lenses, rates, clocks; the paper's where left out
     #[arg(long, value_name = "FILE")]
     pub(crate) cameras: Option<PathBuf>,
+    /// Table of control points to set up; the paper's where left out
+    #[arg(long, value_name = "FILE")]
+    pub(crate) control: Option<PathBuf>,
     /// Seed of the image noise
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,

@@ -11,8 +11,8 @@ use mavsight_pipeline::Progress;
 use mavsight_scene::{Aircraft, Room};
 use mavsight_score::VirtualCamera;
 use mavsight_session::{
-    ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow, load_vehicle, make_folder,
-    tables::read_inputs, tables::read_truth, write_control_points, write_inputs, write_png, write_session,
+    ControlPointRow, ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow, load_vehicle, make_folder,
+    tables::read_control_points, tables::read_inputs, tables::read_truth, write_control_points, write_inputs, write_png, write_session,
     write_vehicle,
 };
 use mavsight_vision::Frame;
@@ -129,6 +129,7 @@ struct Set<'a> {
     args: &'a Film,
     truth: &'a [TruthRow],
     aircraft: &'a Aircraft,
+    control: &'a [ControlPointRow],
     interval_s: f64,
 }
 
@@ -145,13 +146,17 @@ pub(crate) fn film(args: &Film) -> Result<()> {
     let bars = Bars::new();
     let room = Room::meeting_room();
     let aircraft = lab::aircraft(&vehicle);
-    let set = Set { args, truth: &truth, aircraft: &aircraft, interval_s };
+    let control = match &args.control {
+        Some(path) => named(read_control_points(path))?,
+        None => lab::control_points(),
+    };
+    let set = Set { args, truth: &truth, aircraft: &aircraft, control: &control, interval_s };
     let mut cameras = Vec::new();
     for (k, camera) in cameras_of(args.cameras.as_deref())?.iter().enumerate() {
         cameras.push(one_camera(&set, &room, camera, k, &bars)?);
     }
     bars.done();
-    write_flight_files(args, &vehicle, &inputs)?;
+    write_flight_files(args, &vehicle, &inputs, &control)?;
     let session = SessionFile {
         schema: SESSION_SCHEMA,
         name: "virtual-flight".to_owned(),
@@ -181,7 +186,7 @@ fn one_camera(
     let view = VirtualCamera { name: name.clone(), camera: *camera, sees: Vec::new(), control_std_px: 0.0 };
     let film = lab::film(room, &view, index, args.seed);
     let still = format!("{name}-control.png");
-    let control = lab::control_frame(&lab::control_points());
+    let control = lab::control_frame(set.control);
     write_png(&args.out.join(&still), &Frame::from_rgb(size, film.still(Some(&control)))?)?;
     let rate_hz = own.frame_rate_hz.unwrap_or((1e6 / set.interval_s).round() / 1e6);
     let times_s = match args.cameras {
@@ -222,8 +227,9 @@ fn write_flight_files(
     args: &Film,
     vehicle: &mavsight_flight::Vehicle,
     inputs: &mavsight_flight::InputSeries,
+    control: &[ControlPointRow],
 ) -> Result<()> {
-    write_control_points(&args.out.join("control_points.csv"), &lab::control_points())?;
+    write_control_points(&args.out.join("control_points.csv"), control)?;
     let same = args.flight.canonicalize().ok() == args.out.canonicalize().ok();
     if !same {
         write_vehicle(&args.out.join("vehicle.toml"), vehicle)?;
