@@ -102,9 +102,7 @@ pub fn carried(duration_s: f64, rate_hz: f64) -> Vec<FlightState> {
     let state = |k: usize| {
         let t_s = k as f64 / rate_hz;
         let turn = |t: f64| world_from_body(Vector3::zeros(), attitude(t)).rotation;
-        let rates = |t: f64| {
-            (turn(t - STEP_S).inverse() * turn(t + STEP_S)).scaled_axis() / (2.0 * STEP_S)
-        };
+        let rates = |t: f64| (turn(t - STEP_S).inverse() * turn(t + STEP_S)).scaled_axis() / (2.0 * STEP_S);
         let velocity =
             |t: f64| turn(t).inverse() * ((place(t + STEP_S) - place(t - STEP_S)) / (2.0 * STEP_S));
         FlightState {

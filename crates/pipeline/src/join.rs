@@ -38,11 +38,8 @@ pub(crate) fn instants(
     clocks: &[CameraClock],
     markers: usize,
 ) -> Vec<Instant> {
-    let cameras: Vec<Joined> = streams
-        .iter()
-        .enumerate()
-        .map(|(k, s)| Joined::of(s, sizes[k], &clocks[k], markers))
-        .collect();
+    let cameras: Vec<Joined> =
+        streams.iter().enumerate().map(|(k, s)| Joined::of(s, sizes[k], &clocks[k], markers)).collect();
     let times_ns = times(&cameras);
     let steps: Vec<f64> = times_ns.windows(2).map(|w| (w[1] - w[0]) as f64 * 1e-9).collect();
     let step_s = median(steps).unwrap_or(0.0);
@@ -97,9 +94,14 @@ fn instant(cameras: &[Joined], t_ns: i64, step_s: f64) -> Instant {
         let lent = if step_s > 0.0 { seen.interval_s / step_s } else { 1.0 };
         for (marker, path) in seen.paths.iter().enumerate() {
             let Some(at) = path.at(t_ns as f64 * 1e-9) else { continue };
-            let covariance_px2 =
-                if lent > SLOWER { at.covariance_px2 * lent } else { at.covariance_px2 };
-            out.observations.push(MarkerObservation { t_ns, camera, marker, pixel: at.pixel, covariance_px2 });
+            let covariance_px2 = if lent > SLOWER { at.covariance_px2 * lent } else { at.covariance_px2 };
+            out.observations.push(MarkerObservation {
+                t_ns,
+                camera,
+                marker,
+                pixel: at.pixel,
+                covariance_px2,
+            });
             out.diameters_px.push(seen.diameters_px[marker][at.sight]);
         }
     }
@@ -133,7 +135,8 @@ mod tests {
         for o in instants.iter().flat_map(|i| &i.observations) {
             let ball = &vehicle.marker[o.marker];
             let centre = (pose(o.t_ns as f64 * 1e-9) * Point3::from(Vector3::from(ball.position_m))).coords;
-            let true_px = rig.cameras[o.camera].camera.project_ball(&centre, ball.diameter_m / 2.0).unwrap().pixel;
+            let true_px =
+                rig.cameras[o.camera].camera.project_ball(&centre, ball.diameter_m / 2.0).unwrap().pixel;
             sum += (o.pixel - true_px).norm_squared() / o.covariance_px2.trace();
             count += 1.0;
         }

@@ -209,7 +209,10 @@ mod tests {
         assert!(note.contains("cam2: 1 frame(s) with a time stamp") && note.contains("0.017 s"), "{note}");
         let missing = stream(&[(0.0, 0), (1.0, 1), (2.0, 2), (5.0, 3), (6.0, 4), (8.0, 5), (9.0, 6)]);
         let [note] = &missing.notes()[..] else { panic!("{:?}", missing.notes()) };
-        assert!(note.contains("cam2: 3 frame(s) are missing in 2 places, the first after 0.067 s (2"), "{note}");
+        assert!(
+            note.contains("cam2: 3 frame(s) are missing in 2 places, the first after 0.067 s (2"),
+            "{note}"
+        );
     }
 
     #[test]

@@ -45,17 +45,28 @@ pub(crate) fn rig() -> Rig {
 pub(crate) fn pose(t_s: f64) -> Isometry3<f64> {
     let s = |hz: f64, phase: f64| (std::f64::consts::TAU * hz * t_s + phase).sin();
     let place = Vector3::new(0.3 * s(0.37, 0.0), 0.2 * s(0.43, 1.0), 1.5 + 0.15 * s(0.53, 2.0));
-    let angles =
-        EulerAngles { phi_rad: 0.2 * s(0.61, 0.4), theta_rad: 0.2 * s(0.47, 1.4), psi_rad: 0.5 + 0.2 * s(0.23, 0.0) };
+    let angles = EulerAngles {
+        phi_rad: 0.2 * s(0.61, 0.4),
+        theta_rad: 0.2 * s(0.47, 1.4),
+        psi_rad: 0.5 + 0.2 * s(0.23, 0.0),
+    };
     world_from_body(place, angles)
 }
 
 /// What one camera of the rig sees over a time, `frames` of them at a rate, with a clock of its own.
-pub(crate) fn stream(camera: usize, clock: CameraClock, rate_hz: f64, frames: std::ops::Range<usize>) -> Stream {
+pub(crate) fn stream(
+    camera: usize,
+    clock: CameraClock,
+    rate_hz: f64,
+    frames: std::ops::Range<usize>,
+) -> Stream {
     let rig = rig();
     let view = &rig.cameras[camera].camera;
-    let mut out =
-        Stream::new(rig.cameras[camera].name.clone(), ClockPrior::known(CameraClock::default()), Vector2::y());
+    let mut out = Stream::new(
+        rig.cameras[camera].name.clone(),
+        ClockPrior::known(CameraClock::default()),
+        Vector2::y(),
+    );
     let mut state = 7 + camera as u64;
     let mut uniform = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

@@ -140,9 +140,8 @@ fn joined(mut streams: Vec<Stream>, rig: &Rig, vehicle: &Vehicle) -> Result<Trac
 
 /// Cameras that begin later or end earlier than others.
 fn span_notes(streams: &[Stream], clocks: &[CameraClock]) -> Result<Vec<String>, PipelineError> {
-    let time_s = |k: usize, stamp_ns: Option<&i64>| {
-        stamp_ns.map_or(0.0, |t| clocks[k].time_ns(*t) as f64 * 1e-9)
-    };
+    let time_s =
+        |k: usize, stamp_ns: Option<&i64>| stamp_ns.map_or(0.0, |t| clocks[k].time_ns(*t) as f64 * 1e-9);
     let spans: Vec<(f64, f64)> = streams
         .iter()
         .enumerate()
@@ -247,7 +246,8 @@ mod tests {
     fn flown(streams: Vec<Stream>) -> Tracked {
         let mut rig = rig();
         rig.cameras.truncate(streams.len());
-        rig.uncertainty = rig.uncertainty.rows(0, mavsight_geometry::CAMERA_PARAMETERS * streams.len()).into();
+        rig.uncertainty =
+            rig.uncertainty.rows(0, mavsight_geometry::CAMERA_PARAMETERS * streams.len()).into();
         joined(streams, &rig, &Vehicle::paper()).unwrap()
     }
 
@@ -315,6 +315,10 @@ mod tests {
             }
         }
         let tracked = flown(streams);
-        assert!(tracked.notes.iter().any(|n| n.contains("cam2") && n.contains("too slow")), "{:?}", tracked.notes);
+        assert!(
+            tracked.notes.iter().any(|n| n.contains("cam2") && n.contains("too slow")),
+            "{:?}",
+            tracked.notes
+        );
     }
 }

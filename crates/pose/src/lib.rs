@@ -27,8 +27,8 @@ pub use calibrate::{
 pub use causal::CausalFilter;
 pub use chain::ChainNoise;
 pub use clock::{
-    CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, PathPoint, PathVelocity, PixelPath, QUARTZ_DRIFT_STD,
-    StreamSight, estimate_clocks, image_middle,
+    CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, PathPoint, PathVelocity, PixelPath,
+    QUARTZ_DRIFT_STD, StreamSight, estimate_clocks, image_middle,
 };
 pub use error::PoseError;
 pub use estimate::{BodyMarker, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};

@@ -68,14 +68,17 @@ impl<'a> Film<'a> {
         let sample = |k: usize| (k as f64 + 0.5) / PART_SAMPLES as f64 - 0.5;
         let rows = self.size().1;
         let late = |row: usize| row_share * (row as f64 - (rows as f64 - 1.0) / 2.0);
-        let all: Vec<Isometry3<f64>> =
-            (0..=8).map(|k| pose_at(late(k * (rows - 1) / 8))).chain((0..PART_SAMPLES).map(|k| pose_at(sample(k)))).collect();
+        let all: Vec<Isometry3<f64>> = (0..=8)
+            .map(|k| pose_at(late(k * (rows - 1) / 8)))
+            .chain((0..PART_SAMPLES).map(|k| pose_at(sample(k))))
+            .collect();
         let margin_px = 3.0 + 2.0 * self.lens.reach as f64;
         let mut out = self.blurred.clone();
         if let Some(region) = region_of(&aircraft.parts, &all, &self.camera, margin_px) {
             let light = self.light_on(&aircraft.parts, &pose_at(0.0));
             self.soften_into(&mut out, region, |y, columns, samples| {
-                let poses: Vec<Isometry3<f64>> = (0..PART_SAMPLES).map(|k| pose_at(sample(k) + late(y))).collect();
+                let poses: Vec<Isometry3<f64>> =
+                    (0..PART_SAMPLES).map(|k| pose_at(sample(k) + late(y))).collect();
                 let moving = Moving { parts: &aircraft.parts, poses: &poses, light: &light };
                 Composer::new(&moving, &self.camera, &self.plate).row(y, columns, samples);
             });
@@ -84,7 +87,8 @@ impl<'a> Film<'a> {
     }
 
     fn light_on(&self, parts: &[Part], pose: &Isometry3<f64>) -> Vec<IrradianceMap> {
-        let at = |part: &Part| IrradianceMap::at(&(pose * Point3::from(part.bound.0)).coords, &self.room.lamps);
+        let at =
+            |part: &Part| IrradianceMap::at(&(pose * Point3::from(part.bound.0)).coords, &self.room.lamps);
         parts.iter().map(at).collect()
     }
 

@@ -70,17 +70,14 @@ fn hermite(x: f64) -> Hermite {
     Hermite {
         value: 10.0 * x3 - 15.0 * x4 + 6.0 * x5,
         slopes: [x - 6.0 * x3 + 8.0 * x4 - 3.0 * x5, -4.0 * x3 + 7.0 * x4 - 3.0 * x5],
-        curvatures: [
-            0.5 * x2 - 1.5 * x3 + 1.5 * x4 - 0.5 * x5,
-            0.5 * x3 - x4 + 0.5 * x5,
-        ],
+        curvatures: [0.5 * x2 - 1.5 * x3 + 1.5 * x4 - 0.5 * x5, 0.5 * x3 - x4 + 0.5 * x5],
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_flight::{Maneuver, Channel, Scenario, Vehicle, simulate};
+    use mavsight_flight::{Channel, Maneuver, Scenario, Vehicle, simulate};
 
     /// Every second instant of a flight against the simulation itself.
     #[test]
@@ -88,7 +85,12 @@ mod tests {
         let vehicle = Vehicle::paper();
         let scenario = Scenario {
             duration_s: 4.0,
-            maneuver: vec![Maneuver::Doublet { channel: Channel::DeltaLon, start_s: 0.5, pulse_s: 0.7, amplitude: 5.0 }],
+            maneuver: vec![Maneuver::Doublet {
+                channel: Channel::DeltaLon,
+                start_s: 0.5,
+                pulse_s: 0.7,
+                amplitude: 5.0,
+            }],
             ..Scenario::paper()
         };
         let inputs = scenario.inputs(&vehicle).unwrap();

@@ -337,9 +337,8 @@ fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
             return refuse(format!("camera {}: time_offset_std_s", camera.name), detail);
         }
         if let Some(LineTime::Known(line)) = camera.line_time_s.filter(|l| !l.is_sound()) {
-            let detail = format!(
-                "{line} is no line time: give seconds a row, for instance 30e-6, or \"estimate\""
-            );
+            let detail =
+                format!("{line} is no line time: give seconds a row, for instance 30e-6, or \"estimate\"");
             return refuse(format!("camera {}: line_time_s", camera.name), detail);
         }
     }

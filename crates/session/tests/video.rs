@@ -271,7 +271,11 @@ fn rotated_files_are_upright_by_both_paths() {
         }
         let clip = folder.write("turned.mp4", turned);
         assert_eq!(same_frames(&clip), 24);
-        let upright = made(&folder, "upright.avi", &["-i", clip.to_str().unwrap(), "-c:v", "rawvideo", "-pix_fmt", "yuv420p"]);
+        let upright = made(
+            &folder,
+            "upright.avi",
+            &["-i", clip.to_str().unwrap(), "-c:v", "rawvideo", "-pix_fmt", "yuv420p"],
+        );
         let (ours, theirs) = (read(&clip).unwrap(), read(&upright).unwrap());
         assert_eq!(ours[5].1.size, theirs[5].1.size, "{degrees}");
         let luma = |f: &Frame| match &f.pixels {
@@ -323,7 +327,9 @@ fn reading_goes_on_behind_a_damaged_sample() {
     bytes[middle..middle + 300].fill(0xff);
     let items: Vec<_> = FrameSource::open(&folder.write("spoilt.mp4", &bytes), None).unwrap().collect();
     let frames: Vec<&(i64, Frame)> = items.iter().flatten().collect();
-    assert!(items[..items.len() - 1].iter().any(|i| i.as_ref().is_err_and(|e| e.to_string().contains("frame "))));
+    assert!(
+        items[..items.len() - 1].iter().any(|i| i.as_ref().is_err_and(|e| e.to_string().contains("frame ")))
+    );
     for k in (0..8).chain(16..24) {
         let found = frames.iter().find(|f| f.0 == whole[k].0).unwrap_or_else(|| panic!("frame {k} is lost"));
         assert!(found.1 == whole[k].1, "frame {k} differs");
@@ -339,16 +345,21 @@ fn a_file_that_breaks_off_yields_what_it_holds_and_says_how_much_is_missing() {
     }
     let folder = Folder::new();
     for name in ["cut.mp4", "cut.mkv"] {
-        let clip = made(&folder, name, &["-i", "FIXTURE", "-c:v", "libx264", "-bf", "0", "-movflags", "faststart"]);
+        let clip =
+            made(&folder, name, &["-i", "FIXTURE", "-c:v", "libx264", "-bf", "0", "-movflags", "faststart"]);
         let bytes = std::fs::read(&clip).unwrap();
         let clip = folder.write(name, &bytes[..bytes.len() * 6 / 10]);
         let items: Vec<_> = FrameSource::open(&clip, None).unwrap().collect();
         let read = items.iter().flatten().count();
         assert!((6..22).contains(&read), "{name}: {read}");
-        let words: Vec<String> = items.iter().filter_map(|i| i.as_ref().err()).map(ToString::to_string).collect();
+        let words: Vec<String> =
+            items.iter().filter_map(|i| i.as_ref().err()).map(ToString::to_string).collect();
         assert!(!words.is_empty() && words.iter().all(|w| w.contains(name)), "{name}: {words:?}");
         if name == "cut.mp4" {
-            assert!(words[0].contains("24 frames") && words[0].contains(&format!("{read} were read")), "{words:?}");
+            assert!(
+                words[0].contains("24 frames") && words[0].contains(&format!("{read} were read")),
+                "{words:?}"
+            );
         }
     }
 }

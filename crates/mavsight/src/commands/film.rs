@@ -11,9 +11,9 @@ use mavsight_pipeline::Progress;
 use mavsight_scene::{Aircraft, Room};
 use mavsight_score::VirtualCamera;
 use mavsight_session::{
-    ControlPointRow, ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow, load_vehicle, make_folder,
-    tables::read_control_points, tables::read_inputs, tables::read_truth, write_control_points, write_inputs, write_png, write_session,
-    write_vehicle,
+    ControlPointRow, ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow,
+    load_vehicle, make_folder, tables::read_control_points, tables::read_inputs, tables::read_truth,
+    write_control_points, write_inputs, write_png, write_session, write_vehicle,
 };
 use mavsight_vision::Frame;
 use serde::Deserialize;

@@ -2,15 +2,17 @@
 
 use super::demo::{scenario_of, vehicle_of};
 use super::named;
-use super::run::{Flight, feeds, first_frames, identify_into, refined_body, require_a_pose, rig_of, scores_of};
+use super::run::{
+    Flight, feeds, first_frames, identify_into, refined_body, require_a_pose, rig_of, scores_of,
+};
 use crate::cli::{Simulate, Stage, WrongCall};
 use crate::page::{Page, write_page};
 use crate::progress::Bars;
 use crate::summary::Summary;
 use anyhow::Result;
 use mavsight_session::{
-    RunResults, Session, TruthRow, make_folder, read_body, read_markers, read_poses, read_rig, results::names,
-    tables::read_inputs, write_inputs, write_results, write_truth, write_vehicle,
+    RunResults, Session, TruthRow, make_folder, read_body, read_markers, read_poses, read_rig,
+    results::names, tables::read_inputs, write_inputs, write_results, write_truth, write_vehicle,
 };
 use std::path::Path;
 

@@ -92,9 +92,9 @@ impl<'a> Problem<'a> {
             .filter(|(_, s)| !s.sights.is_empty())
             .min_by(|a, b| a.1.interval_s.total_cmp(&b.1.interval_s))
             .map_or(0, |(k, _)| k);
-        let mut instants: Vec<f64> = streams.get(fastest).map_or(Vec::new(), |s| {
-            s.sights.iter().map(|x| s.prior.clock.time_s(x.stamp_ns, 0.0)).collect()
-        });
+        let mut instants: Vec<f64> = streams
+            .get(fastest)
+            .map_or(Vec::new(), |s| s.sights.iter().map(|x| s.prior.clock.time_s(x.stamp_ns, 0.0)).collect());
         instants.dedup();
         let stride = instants.len().div_ceil(MOST_INSTANTS).max(1);
         let instants: Vec<f64> = instants.into_iter().step_by(stride).collect();
@@ -115,7 +115,8 @@ impl<'a> Problem<'a> {
     }
 
     fn paths(&self, clocks: &[CameraClock]) -> Vec<Vec<PixelPath>> {
-        let one = |(k, s): (usize, &CameraStream)| s.paths(self.cameras[k].size, self.markers.len(), &clocks[k]);
+        let one =
+            |(k, s): (usize, &CameraStream)| s.paths(self.cameras[k].size, self.markers.len(), &clocks[k]);
         self.streams.iter().enumerate().map(one).collect()
     }
 
@@ -300,7 +301,8 @@ impl<'a> Problem<'a> {
         let Some(inverse) = inverse else { return };
         let cross = jacobians.transpose() * &columns;
         let normal = columns.transpose() * &columns - cross.transpose() * &inverse * &cross;
-        let gradient = columns.transpose() * &residuals - cross.transpose() * (&inverse * (jacobians.transpose() * &residuals));
+        let gradient = columns.transpose() * &residuals
+            - cross.transpose() * (&inverse * (jacobians.transpose() * &residuals));
         let place = |c: usize| {
             if c < count {
                 return c;

@@ -112,7 +112,9 @@ impl PixelPath {
     fn nearest(&self, t_s: f64) -> Option<usize> {
         let after = self.t_s.partition_point(|t| *t < t_s);
         match (after.checked_sub(1), self.t_s.get(after)) {
-            (Some(before), Some(next)) => Some(if t_s - self.t_s[before] <= next - t_s { before } else { after }),
+            (Some(before), Some(next)) => {
+                Some(if t_s - self.t_s[before] <= next - t_s { before } else { after })
+            }
             (Some(before), None) => Some(before),
             (None, Some(_)) => Some(after),
             (None, None) => None,
@@ -211,7 +213,12 @@ mod tests {
                 square += (got.pixel - curve(t)).norm_squared();
                 claimed += got.covariance_px2.trace();
             }
-            assert!((square / claimed - 1.0).abs() < 0.08, "{t}: {} of {}", square, claimed / f64::from(trials));
+            assert!(
+                (square / claimed - 1.0).abs() < 0.08,
+                "{t}: {} of {}",
+                square,
+                claimed / f64::from(trials)
+            );
         }
     }
 }

@@ -1,9 +1,7 @@
 //! The search for the clocks: coarse over a second, then by Gauss and Newton, then what is made of it.
 
 use super::equations::{Part, Problem, Sums, Unknown};
-use super::{
-    CameraClock, ClockEstimate, ClockVerdict, RELEVANT_STD, SIGNIFICANT, TOLD_INTERVALS,
-};
+use super::{CameraClock, ClockEstimate, ClockVerdict, RELEVANT_STD, SIGNIFICANT, TOLD_INTERVALS};
 use nalgebra::{DMatrix, DVector};
 
 /// An offset of which nothing is known is sought this far on either side of the start.
@@ -58,7 +56,9 @@ pub(super) fn solve(problem: &mut Problem<'_>, out: &mut [ClockEstimate]) {
     let told = |f: &Found, u: usize, k: usize| f.std[u] <= TOLD_INTERVALS * problem.streams[k].interval_s;
     let wanted: Vec<Unknown> = drifts
         .into_iter()
-        .filter(|(k, _)| unknowns.iter().position(|u| *u == (*k, Part::Offset)).is_some_and(|u| told(&found, u, *k)))
+        .filter(|(k, _)| {
+            unknowns.iter().position(|u| *u == (*k, Part::Offset)).is_some_and(|u| told(&found, u, *k))
+        })
         .collect();
     let mut drift_std = vec![f64::INFINITY; problem.streams.len()];
     if !wanted.is_empty() {
@@ -211,7 +211,8 @@ fn conclude(
                     let needed_m_s = needed_px_s * of.metres_a_pixel / of.sights.max(1.0);
                     ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s }
                 } else if !is_drifting
-                    && (shift_s < SIGNIFICANT * found.std[u] || shift_s * speed_px_s < RELEVANT_STD * white_px)
+                    && (shift_s < SIGNIFICANT * found.std[u]
+                        || shift_s * speed_px_s < RELEVANT_STD * white_px)
                 {
                     ClockVerdict::InStep
                 } else {

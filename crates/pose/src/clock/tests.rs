@@ -26,16 +26,18 @@ fn pose(t_s: f64, lively: f64) -> Isometry3<f64> {
 }
 
 /// What a camera sees that shows `clock` and takes a picture every `interval_s`.
-fn stream(camera: usize, clock: CameraClock, interval_s: f64, flight: (f64, f64), seed: &mut u64) -> CameraStream {
+fn stream(
+    camera: usize,
+    clock: CameraClock,
+    interval_s: f64,
+    flight: (f64, f64),
+    seed: &mut u64,
+) -> CameraStream {
     let (duration_s, lively) = flight;
     let rig = rig();
     let view = &rig.cameras[camera].camera;
-    let mut out = CameraStream {
-        interval_s,
-        readout: Vector2::y(),
-        sights: Vec::new(),
-        prior: ClockPrior::unknown(),
-    };
+    let mut out =
+        CameraStream { interval_s, readout: Vector2::y(), sights: Vec::new(), prior: ClockPrior::unknown() };
     for k in 0..(duration_s / interval_s) as usize {
         let stamp_ns = (k as f64 * interval_s * 1e9).round() as i64;
         let t_s = clock.time_s(stamp_ns, 0.0);
@@ -49,7 +51,12 @@ fn stream(camera: usize, clock: CameraClock, interval_s: f64, flight: (f64, f64)
                 at_s = clock.time_s(stamp_ns, out.rows_px(view.size, &pixel));
             }
             let pixel = pixel + Vector2::new(normal(seed), normal(seed)) * STD_PX;
-            out.sights.push(StreamSight { stamp_ns, marker, pixel, covariance_px2: Matrix2::identity() * STD_PX * STD_PX });
+            out.sights.push(StreamSight {
+                stamp_ns,
+                marker,
+                pixel,
+                covariance_px2: Matrix2::identity() * STD_PX * STD_PX,
+            });
         }
     }
     if camera == 0 {
@@ -131,7 +138,11 @@ fn wrong_markers_for_a_while_do_no_harm() {
         stream(0, CameraClock::default(), H, (12.0, 1.0), &mut seed),
         stream(1, late(5e-3, 0.0), H, (12.0, 1.0), &mut seed),
     ];
-    for sight in streams[1].sights.iter_mut().filter(|s| s.marker == 2 && (3_000_000_000..4_000_000_000).contains(&s.stamp_ns)) {
+    for sight in streams[1]
+        .sights
+        .iter_mut()
+        .filter(|s| s.marker == 2 && (3_000_000_000..4_000_000_000).contains(&s.stamp_ns))
+    {
         sight.pixel.x += 40.0;
     }
     let got = estimate_clocks(&rig(), &body(), &streams)[1];

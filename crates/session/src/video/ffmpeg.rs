@@ -138,8 +138,14 @@ struct Words {
 }
 
 /// What ffmpeg's demuxers and decoders say of damage that they pass over.
-const DAMAGE: [&str; 6] =
-    ["error while decoding", "corrupt", "concealing", "Invalid data", "ended prematurely", "Error submitting"];
+const DAMAGE: [&str; 6] = [
+    "error while decoding",
+    "corrupt",
+    "concealing",
+    "Invalid data",
+    "ended prematurely",
+    "Error submitting",
+];
 
 /// Time stamps from the `showinfo` filter's lines; the last of the other lines are returned at the end.
 fn listen(stderr: ChildStderr, times: &Sender<Option<i64>>) -> Words {

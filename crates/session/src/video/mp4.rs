@@ -31,7 +31,8 @@ pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
     let length = file.metadata().map_err(|e| SessionError::io(path, "measure it", e))?.len();
     let mut reader = BufReader::new(file);
     // The parser indexes tables of the file unchecked: inconsistent ones end in a panic, which is a damaged file.
-    let announced = announced_length(&mut reader, length).map_err(|e| SessionError::io(path, "read it", e))?;
+    let announced =
+        announced_length(&mut reader, length).map_err(|e| SessionError::io(path, "read it", e))?;
     let mp4 = catch_unwind(AssertUnwindSafe(|| Mp4::read(&mut reader, announced)))
         .map_err(|_| damaged("its tables contradict each other".into()))?
         .map_err(|e| damaged(e.to_string()))?;
