@@ -54,7 +54,7 @@ fn wand(seconds: f64, room: &Room) -> Result<()> {
             let frame = Frame::from_rgb(size, rgb).expect("a frame of its size");
             Ok(TimedFrame { t_ns: (t_s * 1e9).round() as i64, frame })
         });
-        Some(CameraFeed { name: camera.name.clone(), announced: None, frames: Box::new(frames) })
+        Some(CameraFeed::new(camera.name.clone(), None, Box::new(frames)))
     });
     let how = Wand { length_m: LENGTH_M, length_std_m: 0.0, colors, diameters_m: [0.06; 2] };
     let object = wand_of(&how, feeds.collect())?;
@@ -122,7 +122,7 @@ fn board(room: &Room) -> Result<()> {
         stills.push(frame);
     }
     let frames = stills.into_iter().enumerate().map(|(k, frame)| Ok(TimedFrame { t_ns: k as i64, frame }));
-    let feed = CameraFeed { name: "wide".into(), announced: None, frames: Box::new(frames) };
+    let feed = CameraFeed::new("wide".into(), None, Box::new(frames));
     let how = Board { columns, rows, square_m, together: false };
     let object = board_of(&how, vec![Some(feed)])?;
     let put_in_px = f64::sqrt(errors.0 / errors.1);

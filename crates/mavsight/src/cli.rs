@@ -107,6 +107,9 @@ pub(crate) struct Simulate {
     /// Recorded inputs to fly in place of the scenario's manoeuvres
     #[arg(long, value_name = "FILE")]
     pub(crate) inputs: Option<PathBuf>,
+    /// Carry the aircraft about by hand for as long as the scenario, in place of flying
+    #[arg(long, conflicts_with = "inputs")]
+    pub(crate) carried: bool,
     /// Print the paper's scenario as a file to start from
     #[arg(long)]
     pub(crate) print_scenario: bool,
@@ -129,6 +132,12 @@ pub(crate) struct Film {
     /// Write MP4 videos (needs the ffmpeg program) in place of PNG frames
     #[arg(long)]
     pub(crate) video: bool,
+    /// Cameras to film with: places, lenses, rates, clocks; the paper's where left out
+    #[arg(long, value_name = "FILE")]
+    pub(crate) cameras: Option<PathBuf>,
+    /// Table of control points to set up; the paper's where left out
+    #[arg(long, value_name = "FILE")]
+    pub(crate) control: Option<PathBuf>,
     /// Seed of the image noise
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,

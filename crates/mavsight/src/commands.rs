@@ -3,6 +3,7 @@
 mod convert;
 mod convert_formats;
 mod demo;
+mod film;
 mod identify;
 mod run;
 mod selftest;
@@ -19,7 +20,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Demo(args) => demo::demo(args),
         Command::Run(args) => run::run(args),
         Command::Simulate(args) => stages::simulate(args),
-        Command::Film(args) => stages::film(args),
+        Command::Film(args) => film::film(args),
         Command::Calibrate(args) => stages::calibrate(args),
         Command::Track(args) => stages::track(args),
         Command::Identify(args) => identify::identify(args),

@@ -6,6 +6,7 @@ use mavsight_session::{RESULTS_SCHEMA, RunResults};
 use serde_json::{Map, Value, json};
 
 mod body;
+mod clocks;
 
 /// One figure.
 pub(crate) struct Row {
@@ -36,6 +37,7 @@ impl Summary {
     pub(crate) fn of(results: &RunResults, scores: Option<&Scores>, notes: &[String]) -> Self {
         let mut summary = Self { rows: Vec::new(), verdicts: Vec::new(), notes: notes.to_vec() };
         summary.cameras(results);
+        summary.clocks(results);
         summary.body(results);
         summary.poses(results);
         summary.motion(results);
@@ -366,6 +368,7 @@ pub(crate) fn pixel_std_px(results: &RunResults) -> f64 {
 pub(crate) fn title(section: &str) -> &'static str {
     match section {
         "cameras" => "Cameras",
+        "time" => "Time",
         "body" => "Body as built (its axes: no common shift or turn against the vehicle file)",
         "poses" => "Single poses",
         "motion" => "Smoothed motion",

@@ -32,35 +32,17 @@ pub enum PipelineError {
     /// Identification failed.
     #[error("identification: {0}")]
     Identify(#[from] mavsight_identify::IdentifyError),
-    /// The cameras did not deliver the same number of frames.
+    /// A recording at other times than all others.
     #[error(
-        "{first} has {first_frames} frames but {second} has {second_frames}: cut both recordings to the same stretch"
+        "{camera} runs from {from_s:.3} s to {to_s:.3} s by its time stamps, when no other camera does: give time_offset_s of the cameras, or recordings of one flight"
     )]
-    FrameCounts {
+    NoCommonTime {
         /// Camera name.
-        first: String,
-        /// Its frames.
-        first_frames: usize,
-        /// Camera name.
-        second: String,
-        /// Its frames.
-        second_frames: usize,
-    },
-    /// Frames that should belong to one instant are too far apart in time.
-    #[error(
-        "frame {frame}: {first} is at {first_s:.4} s but {second} at {second_s:.4} s, more than half a frame apart: start both at the same instant, or set time_offset_s of the later camera"
-    )]
-    OutOfStep {
-        /// Index from 0.
-        frame: usize,
-        /// Camera name.
-        first: String,
-        /// Its time stamp.
-        first_s: f64,
-        /// Camera name.
-        second: String,
-        /// Its time stamp.
-        second_s: f64,
+        camera: String,
+        /// Its first frame.
+        from_s: f64,
+        /// Its last frame.
+        to_s: f64,
     },
     /// A camera delivered nothing.
     #[error("{camera} has no frames: check the recording")]

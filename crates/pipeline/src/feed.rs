@@ -1,6 +1,8 @@
 //! Frames of one camera in order of time.
 
 use crate::PipelineError;
+use mavsight_geometry::Vector2;
+use mavsight_pose::{CameraClock, ClockPrior};
 use mavsight_vision::Frame;
 
 /// A frame and the middle of its exposure.
@@ -12,6 +14,10 @@ pub struct TimedFrame {
     pub frame: Frame,
 }
 
+/// Frames as they come. An error after the first frame is a fault at that place, which is noted; what comes after it, if
+/// anything does, is used.
+pub type Frames<'a> = Box<dyn Iterator<Item = Result<TimedFrame, PipelineError>> + Send + 'a>;
+
 /// One camera's frames, from wherever they come.
 pub struct CameraFeed<'a> {
     /// Camera name, as in the rig.
@@ -19,5 +25,24 @@ pub struct CameraFeed<'a> {
     /// Number of frames announced, where that is known.
     pub announced: Option<usize>,
     /// The frames.
-    pub frames: Box<dyn Iterator<Item = Result<TimedFrame, PipelineError>> + Send + 'a>,
+    pub frames: Frames<'a>,
+    /// What is known of the clock behind their time stamps.
+    pub clock: ClockPrior,
+    /// Unit vector in the image along which a rolling shutter goes.
+    pub readout: Vector2<f64>,
+}
+
+impl<'a> CameraFeed<'a> {
+    /// A camera whose time stamps are true.
+    pub fn new(name: impl Into<String>, announced: Option<usize>, frames: Frames<'a>) -> Self {
+        let clock = ClockPrior::known(CameraClock::default());
+        Self { name: name.into(), announced, frames, clock, readout: Vector2::y() }
+    }
+
+    /// The same with another clock.
+    #[must_use]
+    pub fn with_clock(mut self, clock: ClockPrior, readout: Vector2<f64>) -> Self {
+        (self.clock, self.readout) = (clock, readout);
+        self
+    }
 }

@@ -6,11 +6,15 @@ mod board;
 mod calibrate;
 mod error;
 mod feed;
+mod join;
 mod output_error;
 mod progress;
 mod reconstruct;
 mod refine;
 mod solve;
+mod stream;
+#[cfg(test)]
+mod testing;
 mod track;
 mod wand;
 
@@ -19,7 +23,7 @@ pub use calibrate::{
     ControlStill, calibrate_from_observations, calibrate_from_stills, calibrate_from_stills_and,
 };
 pub use error::PipelineError;
-pub use feed::{CameraFeed, TimedFrame};
+pub use feed::{CameraFeed, Frames, TimedFrame};
 pub use output_error::{MARKERS_STD_M, output_error_fits};
 pub use progress::{Progress, Quiet, Stage};
 pub use reconstruct::reconstruct;

@@ -1,11 +1,15 @@
 //! Frames of all cameras into marker observations and poses.
 
 use crate::reconstruct::Reconstruction;
-use crate::{CameraFeed, PipelineError, Progress, Stage, TimedFrame};
+use crate::stream::Stream;
+use crate::{CameraFeed, PipelineError, Progress, Stage, TimedFrame, join};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Isometry3, Vector3};
-use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, PoseSample, Rig};
-use mavsight_vision::{BallCandidate, BallColor, Tracker};
+use mavsight_pose::{
+    BodyMarker, CameraClock, CameraStream, ClockEstimate, ClockVerdict, MarkerObservation, PoseEstimator,
+    PoseSample, Rig, estimate_clocks,
+};
+use mavsight_vision::{BallColor, Tracker};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 /// Frames that may wait between two stages: enough to even out decoding, few enough to stay in the cache.
@@ -23,26 +27,26 @@ pub struct Tracked {
     pub diameters_px: Vec<f64>,
     /// One sample an instant, empty where it could not be measured.
     pub poses: Vec<PoseSample>,
+    /// The cameras' clocks; none where the observations came from elsewhere.
+    pub clocks: Vec<ClockEstimate>,
+    /// What was wrong with the recordings, with camera and time.
+    pub notes: Vec<String>,
 }
 
-/// What one camera saw at one time stamp, by marker.
-type Seen = (i64, Vec<Option<BallCandidate>>);
-
-type Sighting = Result<Seen, PipelineError>;
-
-/// Runs every feed through detection and tracking, joins the cameras in time, and estimates one pose an instant.
+/// Runs every feed through detection and tracking, sets the cameras' clocks right, brings what they saw to common instants, and
+/// estimates one pose an instant.
 ///
-/// Each camera has a thread that fetches frames and one that tracks, joined by queues of bounded length.
+/// Each camera has a thread that fetches frames and one that tracks, joined by a queue of bounded length. Faults of a recording
+/// behind its first frame are noted with camera and time, and the flight goes on with what remains.
 ///
 /// # Errors
-/// A source that fails, marker colours that cannot be told apart, cameras of different length or out of step.
+/// A camera without frames, marker colours that cannot be told apart, recordings that share no time.
 pub fn track(
     feeds: Vec<CameraFeed<'_>>,
     rig: &Rig,
     vehicle: &Vehicle,
     progress: &dyn Progress,
 ) -> Result<Tracked, PipelineError> {
-    let names: Vec<String> = feeds.iter().map(|f| f.name.clone()).collect();
     let trackers = feeds
         .iter()
         .enumerate()
@@ -52,26 +56,30 @@ pub fn track(
         })
         .collect::<Result<Vec<_>, _>>()?;
     progress.begin(Stage::Track, feeds.iter().filter_map(|f| f.announced).min().map(|n| n as u64));
-    std::thread::scope(|scope| {
-        let sightings: Vec<Receiver<Sighting>> = feeds
+    let streams = std::thread::scope(|scope| {
+        let workers: Vec<_> = feeds
             .into_iter()
             .zip(trackers)
-            .map(|(feed, tracker)| {
+            .enumerate()
+            .map(|(camera, (feed, tracker))| {
                 let (frame_out, frame_in) = sync_channel(QUEUE_FRAMES);
-                let (sighting_out, sighting_in) = sync_channel(QUEUE_FRAMES);
+                let stream = Stream::new(feed.name.clone(), feed.clock, feed.readout);
                 scope.spawn(move || fetch(feed, &frame_out));
-                scope.spawn(move || observe(tracker, &frame_in, &sighting_out));
-                sighting_in
+                let watched = (camera == 0).then_some(progress);
+                scope.spawn(move || observe(tracker, stream, &frame_in, watched))
             })
             .collect();
-        join(&names, &sightings, rig, vehicle, progress)
-    })
+        let ended = |w: std::thread::ScopedJoinHandle<'_, _>| {
+            w.join().unwrap_or_else(|_| Err(PipelineError::Worker { camera: "a camera".into() }))
+        };
+        workers.into_iter().map(ended).collect::<Result<Vec<Stream>, _>>()
+    })?;
+    joined(streams, rig, vehicle)
 }
 
 fn fetch(feed: CameraFeed<'_>, out: &SyncSender<Result<TimedFrame, PipelineError>>) {
     for frame in feed.frames {
-        let failed = frame.is_err();
-        if out.send(frame).is_err() || failed {
+        if out.send(frame).is_err() {
             return;
         }
     }
@@ -79,15 +87,91 @@ fn fetch(feed: CameraFeed<'_>, out: &SyncSender<Result<TimedFrame, PipelineError
 
 fn observe(
     mut tracker: Tracker,
+    mut stream: Stream,
     frames: &Receiver<Result<TimedFrame, PipelineError>>,
-    out: &SyncSender<Sighting>,
-) {
+    progress: Option<&dyn Progress>,
+) -> Result<Stream, PipelineError> {
     for frame in frames {
-        let sighting = frame.map(|f| (f.t_ns, tracker.observe(&f.frame).to_vec()));
-        if out.send(sighting).is_err() {
-            return;
+        match frame {
+            Ok(timed) if stream.takes(&timed) => {
+                let balls = tracker.observe(&timed.frame);
+                stream.add(timed, balls);
+            }
+            Ok(_) => {}
+            Err(error) => stream.add_fault(error)?,
+        }
+        if let Some(progress) = progress {
+            progress.step();
         }
     }
+    stream.finish();
+    if stream.stamps_ns.is_empty() {
+        return Err(PipelineError::NoFrames { camera: stream.name });
+    }
+    Ok(stream)
+}
+
+/// Clocks, instants and poses of what the cameras saw.
+fn joined(mut streams: Vec<Stream>, rig: &Rig, vehicle: &Vehicle) -> Result<Tracked, PipelineError> {
+    let markers = body_markers(vehicle);
+    let mut notes: Vec<String> = streams.iter().flat_map(Stream::notes).collect();
+    let seen: Vec<CameraStream> = streams.iter_mut().map(Stream::camera_stream).collect();
+    let clocks = estimate_clocks(rig, &markers, &seen);
+    for (stream, seen) in streams.iter_mut().zip(seen) {
+        stream.sights = seen.sights;
+    }
+    for (stream, clock) in streams.iter().zip(&clocks) {
+        if let ClockVerdict::TooSlow { .. } = clock.verdict {
+            notes.push(format!("{}: its clock is {clock}.", stream.name));
+        }
+    }
+    let exact: Vec<CameraClock> = clocks.iter().map(|c| c.clock).collect();
+    notes.extend(span_notes(&streams, &exact)?);
+    let sizes: Vec<_> = rig.cameras.iter().map(|c| c.camera.size).collect();
+    let mut all = Reconstruction::new(rig, vehicle);
+    for instant in join::instants(&streams, &sizes, &exact, markers.len()) {
+        all.tracked.diameters_px.extend(&instant.diameters_px);
+        all.add(instant.t_ns, instant.observations);
+    }
+    let mut tracked = all.finish()?;
+    (tracked.clocks, tracked.notes) = (clocks, notes);
+    Ok(tracked)
+}
+
+/// Cameras that begin later or end earlier than others.
+fn span_notes(streams: &[Stream], clocks: &[CameraClock]) -> Result<Vec<String>, PipelineError> {
+    let time_s =
+        |k: usize, stamp_ns: Option<&i64>| stamp_ns.map_or(0.0, |t| clocks[k].time_ns(*t) as f64 * 1e-9);
+    let spans: Vec<(f64, f64)> = streams
+        .iter()
+        .enumerate()
+        .map(|(k, s)| (time_s(k, s.stamps_ns.first()), time_s(k, s.stamps_ns.last())))
+        .collect();
+    let (begin_s, end_s) = spans.iter().fold((f64::MAX, f64::MIN), |(b, e), s| (b.min(s.0), e.max(s.1)));
+    let mut notes = Vec::new();
+    for (k, (stream, (from_s, to_s))) in streams.iter().zip(&spans).enumerate() {
+        let overlaps = |(j, other): (usize, &(f64, f64))| j != k && other.0 <= *to_s && other.1 >= *from_s;
+        if streams.len() > 1 && !spans.iter().enumerate().any(overlaps) {
+            let (camera, from_s, to_s) = (stream.name.clone(), *from_s, *to_s);
+            return Err(PipelineError::NoCommonTime { camera, from_s, to_s });
+        }
+        let slack_s = 1.5 * stream.interval_s();
+        if end_s - to_s > slack_s {
+            notes.push(format!(
+                "{} ends at {to_s:.3} s, {:.3} s before the last camera: from there on poses are by the others.",
+                stream.name,
+                end_s - to_s
+            ));
+        }
+        if from_s - begin_s > slack_s {
+            notes.push(format!(
+                "{} begins at {from_s:.3} s, {:.3} s after the first camera: until then poses are by the others.",
+                stream.name,
+                from_s - begin_s
+            ));
+        }
+    }
+    Ok(notes)
 }
 
 /// The vehicle's markers as colours.
@@ -109,106 +193,6 @@ fn tracker_for(rig: &Rig, camera: usize, vehicle: &Vehicle) -> Result<Tracker, m
     let largest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(0.0, f64::max);
     let range = focal_px * smallest_m / far_m / RANGE_MARGIN..=focal_px * largest_m / near_m * RANGE_MARGIN;
     Ok(Tracker::new(&ball_colors(vehicle), range)?.with_camera(seen_by.camera))
-}
-
-fn join(
-    names: &[String],
-    sightings: &[Receiver<Sighting>],
-    rig: &Rig,
-    vehicle: &Vehicle,
-    progress: &dyn Progress,
-) -> Result<Tracked, PipelineError> {
-    let mut all = Reconstruction::new(rig, vehicle);
-    let mut interval_ns: Option<i64> = None;
-    loop {
-        let instant: Vec<Option<Seen>> =
-            sightings.iter().map(|s| s.recv().ok().transpose()).collect::<Result<_, _>>()?;
-        if instant.iter().all(Option::is_none) {
-            break;
-        }
-        let frame = all.tracked.poses.len();
-        let instant = whole_instant(names, instant, sightings, frame)?;
-        check_in_step(names, &instant, frame, interval_ns)?;
-        let t_ns = instant[0].0;
-        if let Some(last) = all.tracked.poses.last() {
-            interval_ns = Some(t_ns - last.t_ns);
-        }
-        let balls = instant.iter().flat_map(|(_, balls)| balls.iter().flatten());
-        all.tracked.diameters_px.extend(balls.map(|b| b.diameter_px));
-        all.add(t_ns, observations_at(t_ns, &instant));
-        progress.step();
-    }
-    if all.tracked.poses.is_empty() {
-        return Err(PipelineError::NoFrames { camera: names.join(" and ") });
-    }
-    all.finish()
-}
-
-/// All cameras' sightings of one instant; a camera that has ended before the others is an error with both counts.
-fn whole_instant(
-    names: &[String],
-    instant: Vec<Option<Seen>>,
-    sightings: &[Receiver<Sighting>],
-    frame: usize,
-) -> Result<Vec<Seen>, PipelineError> {
-    if let Some(ended) = instant.iter().position(Option::is_none) {
-        let longer = instant.iter().position(Option::is_some).unwrap_or(ended);
-        let mut longer_frames = frame + 1;
-        for sighting in &sightings[longer] {
-            sighting?;
-            longer_frames += 1;
-        }
-        if frame == 0 {
-            return Err(PipelineError::NoFrames { camera: names[ended].clone() });
-        }
-        return Err(PipelineError::FrameCounts {
-            first: names[ended].clone(),
-            first_frames: frame,
-            second: names[longer].clone(),
-            second_frames: longer_frames,
-        });
-    }
-    Ok(instant.into_iter().flatten().collect())
-}
-
-fn check_in_step(
-    names: &[String],
-    instant: &[Seen],
-    frame: usize,
-    interval_ns: Option<i64>,
-) -> Result<(), PipelineError> {
-    let Some(interval_ns) = interval_ns else { return Ok(()) };
-    let reference_ns = instant[0].0;
-    for (camera, (t_ns, _)) in instant.iter().enumerate() {
-        if (t_ns - reference_ns).abs() * 2 > interval_ns {
-            return Err(PipelineError::OutOfStep {
-                frame,
-                first: names[0].clone(),
-                first_s: reference_ns as f64 * 1e-9,
-                second: names[camera].clone(),
-                second_s: *t_ns as f64 * 1e-9,
-            });
-        }
-    }
-    Ok(())
-}
-
-fn observations_at(t_ns: i64, instant: &[Seen]) -> Vec<MarkerObservation> {
-    let mut seen = Vec::new();
-    for (camera, (_, balls)) in instant.iter().enumerate() {
-        for (marker, ball) in balls.iter().enumerate() {
-            if let Some(ball) = ball {
-                seen.push(MarkerObservation {
-                    t_ns,
-                    camera,
-                    marker,
-                    pixel: ball.pixel,
-                    covariance_px2: ball.covariance_px2,
-                });
-            }
-        }
-    }
-    seen
 }
 
 pub(crate) fn pose_at(
@@ -234,4 +218,107 @@ pub fn body_markers(vehicle: &Vehicle) -> Vec<BodyMarker> {
             radius_m: m.diameter_m / 2.0,
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{pose, rig, stream};
+    use mavsight_pose::ClockPrior;
+
+    fn late(offset_s: f64, drift: f64) -> CameraClock {
+        CameraClock { offset_s, drift, line_time_s: 0.0 }
+    }
+
+    /// Root mean square position error, mm, and instants with a pose.
+    fn errors(tracked: &Tracked) -> (f64, usize) {
+        let mut sum = 0.0;
+        let mut count = 0;
+        for sample in &tracked.poses {
+            let Some(estimate) = &sample.estimate else { continue };
+            let true_m = pose(sample.t_ns as f64 * 1e-9).translation.vector;
+            sum += (estimate.world_from_body.translation.vector - true_m).norm_squared();
+            count += 1;
+        }
+        (1e3 * f64::sqrt(sum / f64::from(count)), count as usize)
+    }
+
+    fn flown(streams: Vec<Stream>) -> Tracked {
+        let mut rig = rig();
+        rig.cameras.truncate(streams.len());
+        rig.uncertainty =
+            rig.uncertainty.rows(0, mavsight_geometry::CAMERA_PARAMETERS * streams.len()).into();
+        joined(streams, &rig, &Vehicle::paper()).unwrap()
+    }
+
+    fn unknown(mut stream: Stream) -> Stream {
+        stream.clock = ClockPrior::unknown();
+        stream
+    }
+
+    #[test]
+    fn a_late_and_fast_camera_costs_no_exactness() {
+        let exact = late(0.0, 0.0);
+        let in_step = flown(vec![stream(0, exact, 30.0, 0..600), unknown(stream(1, exact, 30.0, 0..600))]);
+        assert_eq!(in_step.clocks[1].verdict, ClockVerdict::InStep, "{}", in_step.clocks[1]);
+        let off = late(13.7e-3, 50e-6);
+        let set = flown(vec![stream(0, exact, 30.0, 0..600), unknown(stream(1, off, 30.0, 0..600))]);
+        let (got, clock) = (errors(&set), set.clocks[1]);
+        println!("{clock}; {:.3} mm over {:.3} mm", got.0, errors(&in_step).0);
+        assert_eq!(clock.verdict, ClockVerdict::SetRight);
+        // The offset at the middle of the flight, wherever the drift turns about.
+        let shown_s = clock.clock.offset_s + 10.0 * clock.clock.drift;
+        assert!((shown_s - 13.7e-3 - 10.0 * 50e-6).abs() < 0.3e-3, "{clock}");
+        assert!(got.0 < 1.3 * errors(&in_step).0 && got.1 >= 598, "{got:?}");
+        assert_eq!(set.notes, Vec::<String>::new());
+    }
+
+    /// What is wrong is said with camera and time, and the rest of the flight is as good as ever.
+    #[test]
+    fn a_camera_that_ends_early_is_named_and_the_others_go_on() {
+        let exact = late(0.0, 0.0);
+        let whole = |k: usize| stream(k, exact, 30.0, 0..150);
+        let sound = errors(&flown(vec![whole(0), whole(1), whole(2)]));
+        let tracked = flown(vec![whole(0), stream(1, exact, 30.0, 0..60), whole(2)]);
+        let [note] = &tracked.notes[..] else { panic!("{:?}", tracked.notes) };
+        assert!(note.contains("cam2 ends at 1.967 s, 3.000 s before"), "{note}");
+        let got = errors(&tracked);
+        assert!(got.1 == 150 && got.0 < 1.5 * sound.0, "{got:?} against {sound:?}");
+        // The first camera may be the one that ends.
+        let tracked = flown(vec![stream(0, exact, 30.0, 0..60), whole(1), whole(2)]);
+        assert!(errors(&tracked).1 == 150 && tracked.notes[0].contains("cam1 ends"), "{:?}", tracked.notes);
+        // One camera alone gives poses of a larger covariance.
+        let two = flown(vec![whole(0), stream(1, exact, 30.0, 0..60)]);
+        let traces: Vec<f64> =
+            two.poses.iter().filter_map(|p| p.estimate.as_ref()).map(|e| e.covariance.trace()).collect();
+        assert!(traces.len() > 140 && traces[100] > 10.0 * traces[30], "{}", traces.len());
+    }
+
+    #[test]
+    fn recordings_of_different_times_are_refused() {
+        let exact = late(0.0, 0.0);
+        let streams = vec![stream(0, exact, 30.0, 0..30), stream(1, exact, 30.0, 600..630)];
+        let mut rig = rig();
+        rig.cameras.truncate(2);
+        let text = joined(streams, &rig, &Vehicle::paper()).unwrap_err().to_string();
+        assert!(text.contains("cam1 runs from 0.000 s") && text.contains("time_offset_s"), "{text}");
+    }
+
+    #[test]
+    fn a_flight_at_rest_leaves_the_clocks_and_says_so() {
+        let exact = late(0.0, 0.0);
+        let mut streams = vec![stream(0, exact, 30.0, 0..90), unknown(stream(1, exact, 30.0, 0..90))];
+        for stream in &mut streams {
+            let first: Vec<_> = stream.sights[..4].to_vec();
+            for (k, sight) in stream.sights.iter_mut().enumerate() {
+                sight.pixel = first[k % 4].pixel + (sight.pixel - first[k % 4].pixel) * 1e-3;
+            }
+        }
+        let tracked = flown(streams);
+        assert!(
+            tracked.notes.iter().any(|n| n.contains("cam2") && n.contains("too slow")),
+            "{:?}",
+            tracked.notes
+        );
+    }
 }

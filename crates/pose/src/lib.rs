@@ -5,6 +5,7 @@
 mod calibrate;
 mod causal;
 mod chain;
+mod clock;
 mod error;
 mod estimate;
 mod filter;
@@ -26,6 +27,10 @@ pub use calibrate::{
 };
 pub use causal::CausalFilter;
 pub use chain::ChainNoise;
+pub use clock::{
+    CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, PathPoint, PathVelocity, PixelPath,
+    QUARTZ_DRIFT_STD, StreamSight, estimate_clocks, image_middle,
+};
 pub use error::PoseError;
 pub use estimate::{BodyMarker, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
 pub use joint::MotionNoise;

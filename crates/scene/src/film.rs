@@ -56,27 +56,62 @@ impl<'a> Film<'a> {
         self.coder.code(&self.with_parts(&aircraft.parts, &poses), index)
     }
 
+    /// One frame by a rolling shutter, whose rows are each exposed later than the one above by `row_share` of the exposure; the
+    /// middle row is exposed as in [`Film::frame`].
+    pub fn rolling_frame(
+        &self,
+        index: u64,
+        aircraft: &Aircraft,
+        row_share: f64,
+        pose_at: impl Fn(f64) -> Isometry3<f64>,
+    ) -> Vec<u8> {
+        let sample = |k: usize| (k as f64 + 0.5) / PART_SAMPLES as f64 - 0.5;
+        let rows = self.size().1;
+        let late = |row: usize| row_share * (row as f64 - (rows as f64 - 1.0) / 2.0);
+        let all: Vec<Isometry3<f64>> = (0..=8)
+            .map(|k| pose_at(late(k * (rows - 1) / 8)))
+            .chain((0..PART_SAMPLES).map(|k| pose_at(sample(k))))
+            .collect();
+        let margin_px = 3.0 + 2.0 * self.lens.reach as f64;
+        let mut out = self.blurred.clone();
+        if let Some(region) = region_of(&aircraft.parts, &all, &self.camera, margin_px) {
+            let light = self.light_on(&aircraft.parts, &pose_at(0.0));
+            self.soften_into(&mut out, region, |y, columns, samples| {
+                let poses: Vec<Isometry3<f64>> =
+                    (0..PART_SAMPLES).map(|k| pose_at(sample(k) + late(y))).collect();
+                let moving = Moving { parts: &aircraft.parts, poses: &poses, light: &light };
+                Composer::new(&moving, &self.camera, &self.plate).row(y, columns, samples);
+            });
+        }
+        self.coder.code(&out, index)
+    }
+
+    fn light_on(&self, parts: &[Part], pose: &Isometry3<f64>) -> Vec<IrradianceMap> {
+        let at =
+            |part: &Part| IrradianceMap::at(&(pose * Point3::from(part.bound.0)).coords, &self.room.lamps);
+        parts.iter().map(at).collect()
+    }
+
     /// Linear light of the room with parts before it, behind the lens.
     fn with_parts(&self, parts: &[Part], poses: &[Isometry3<f64>]) -> Vec<[f32; 3]> {
         let margin_px = 2.0 + 2.0 * self.lens.reach as f64;
         let mut out = self.blurred.clone();
         let Some(region) = region_of(parts, poses, &self.camera, margin_px) else { return out };
-        let light: Vec<IrradianceMap> = parts
-            .iter()
-            .map(|part| {
-                let centre = poses[poses.len() / 2] * Point3::from(part.bound.0);
-                IrradianceMap::at(&centre.coords, &self.room.lamps)
-            })
-            .collect();
+        let light = self.light_on(parts, &poses[poses.len() / 2]);
         let moving = Moving { parts, poses, light: &light };
         let composer = Composer::new(&moving, &self.camera, &self.plate);
-        self.soften_into(&mut out, &composer, region);
+        self.soften_into(&mut out, region, |y, columns, samples| composer.row(y, columns, samples));
         out
     }
 
     /// Puts a region with moving parts behind the lens in its place. Pixels within the lens's reach of its border, where it
     /// is not the image's, see no part.
-    fn soften_into(&self, out: &mut [[f32; 3]], composer: &Composer<'_>, region: Region) {
+    fn soften_into(
+        &self,
+        out: &mut [[f32; 3]],
+        region: Region,
+        compose: impl Fn(usize, (usize, usize), &mut [[f32; 3]]),
+    ) {
         let (width, height) = self.size();
         let columns = region.x.1 - region.x.0;
         let mut samples = vec![[0.0; 3]; columns * PART_SAMPLES * PART_SAMPLES];
@@ -84,7 +119,7 @@ impl<'a> Film<'a> {
         let mut sums = vec![([0.0_f32; 3], 0.0_f32); columns * (region.y.1 - region.y.0)];
         let reach = self.lens.reach;
         for y in region.y.0..region.y.1 {
-            composer.row(y, region.x, &mut samples);
+            compose(y, region.x, &mut samples);
             for (j, row) in samples.chunks_exact(columns * PART_SAMPLES).enumerate() {
                 self.lens.across(row, &mut line);
                 for target in y.saturating_sub(reach).max(region.y.0)..(y + reach + 1).min(region.y.1) {

@@ -113,7 +113,7 @@ pub struct RefineSection {
 }
 
 /// One camera of a session.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SessionCamera {
     /// Name, unique.
@@ -132,9 +132,57 @@ pub struct SessionCamera {
     /// Frames a second of an image sequence; a video has its own time stamps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame_rate_hz: Option<f64>,
-    /// How much later than the true instant this camera's time stamps are; subtracted from them.
+    /// How much later than the true instant this camera's time stamps are; left out: estimated from the flight (0 for the
+    /// first camera, whose clock is the others' reference).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_offset_s: Option<f64>,
+    /// Standard deviation of `time_offset_s`: it is then where the estimation starts; left out: it is exact.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_offset_std_s: Option<f64>,
+    /// Time from one row of a rolling shutter to the next; left out: all rows are exposed together.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub line_time_s: Option<LineTime>,
+    /// Which field of an interlaced recording is the earlier one; left out: it is progressive.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub interlaced: Option<FieldOrder>,
+}
+
+/// The line time of a rolling shutter.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum LineTime {
+    /// It is known; below 0 where the lower rows come first.
+    Known(f64),
+    /// The flight is to show it: the word `estimate`.
+    Unknown(Estimate),
+}
+
+impl LineTime {
+    /// A known one must be shorter than a thousandth of a second: a frame of so few rows that it is longer has none.
+    fn is_sound(&self) -> bool {
+        match self {
+            Self::Known(line_time_s) => line_time_s.is_finite() && line_time_s.abs() < 1e-3,
+            Self::Unknown(_) => true,
+        }
+    }
+}
+
+/// The word `estimate`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Estimate {
+    /// From the flight.
+    Estimate,
+}
+
+/// Which rows of an interlaced frame are exposed first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FieldOrder {
+    /// Rows 0, 2, 4 and so on.
+    TopFirst,
+    /// Rows 1, 3, 5 and so on.
+    BottomFirst,
 }
 
 /// A session with every path made whole and every file that it names seen to exist.
@@ -239,25 +287,23 @@ impl Session {
         Ok(())
     }
 
-    /// Opens one camera's frames, with its time offset taken off.
+    /// Opens one camera's frames, with the time stamps of the file; fields of an interlaced recording one by one.
     ///
     /// # Errors
     /// A file that cannot be read, or a camera index beyond the list.
     pub fn open_camera(&self, camera: usize) -> Result<FrameSource, SessionError> {
         let camera = self.camera(camera)?;
-        let source = FrameSource::open(&camera.video, camera.frame_rate_hz)?;
-        Ok(source.delayed_by(camera.time_offset_s.unwrap_or(0.0)))
+        Ok(in_fields(camera, FrameSource::open(&camera.video, camera.frame_rate_hz)?))
     }
 
-    /// Opens one camera's recording of the wand, with its time offset taken off; `None` where it has none.
+    /// Opens one camera's recording of the wand as [`Self::open_camera`] does that of the flight; `None` where it has none.
     ///
     /// # Errors
     /// A file that cannot be read, or a camera index beyond the list.
     pub fn open_wand(&self, camera: usize) -> Result<Option<FrameSource>, SessionError> {
         let camera = self.camera(camera)?;
         let Some(path) = &camera.wand else { return Ok(None) };
-        let source = FrameSource::open(path, camera.frame_rate_hz)?;
-        Ok(Some(source.delayed_by(camera.time_offset_s.unwrap_or(0.0))))
+        Ok(Some(in_fields(camera, FrameSource::open(path, camera.frame_rate_hz)?)))
     }
 
     /// Opens one camera's images of the board; `None` where it has none. Images of a sequence are a second apart.
@@ -322,6 +368,14 @@ impl Session {
     }
 }
 
+/// The fields one by one, where a camera is interlaced.
+fn in_fields(camera: &SessionCamera, source: FrameSource) -> FrameSource {
+    match camera.interlaced {
+        Some(order) => source.fields(order),
+        None => source,
+    }
+}
+
 /// Reads a model file. Whether its signals exist is seen when it is used.
 ///
 /// # Errors
@@ -381,6 +435,15 @@ fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
         if let Some(offset) = camera.time_offset_s.filter(|o| !o.is_finite() || o.abs() >= 1e9) {
             let detail = format!("{offset} is not a time: give seconds");
             return refuse(format!("camera {}: time_offset_s", camera.name), detail);
+        }
+        if let Some(std) = camera.time_offset_std_s.filter(|s| !(s.is_finite() && *s > 0.0)) {
+            let detail = format!("{std} is no standard deviation: give seconds above 0, or leave it out");
+            return refuse(format!("camera {}: time_offset_std_s", camera.name), detail);
+        }
+        if let Some(LineTime::Known(line)) = camera.line_time_s.filter(|l| !l.is_sound()) {
+            let detail =
+                format!("{line} is no line time: give seconds a row, for instance 30e-6, or \"estimate\"");
+            return refuse(format!("camera {}: line_time_s", camera.name), detail);
         }
     }
     Ok(())

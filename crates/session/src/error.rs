@@ -155,13 +155,15 @@ pub enum SessionError {
         /// Its last words.
         detail: String,
     },
-    /// A number is missing in an image sequence.
-    #[error("{}: the sequence has {} and later frames but not this one: put it there or renumber the sequence", path.display(), before.display())]
+    /// Numbers are missing in an image sequence.
+    #[error("{}: the sequence has {} and later frames but not the {missing} from this one on: put them there or renumber the sequence", path.display(), before.display())]
     SequenceGap {
         /// The missing file.
         path: PathBuf,
         /// The last file before the gap.
         before: PathBuf,
+        /// How many are missing.
+        missing: u64,
     },
     /// An image file that cannot be read.
     #[error("{}: not a readable PNG or JPEG image: {detail}", path.display())]

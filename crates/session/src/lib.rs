@@ -13,8 +13,8 @@ pub mod video;
 
 pub use atomic::{make_folder, write_whole};
 pub use config::{
-    BoardSection, ControlSection, RefineSection, SESSION_SCHEMA, Session, SessionCamera, SessionFile,
-    WandBall, WandSection, load_model, load_vehicle,
+    BoardSection, ControlSection, Estimate, FieldOrder, LineTime, RefineSection, SESSION_SCHEMA, Session,
+    SessionCamera, SessionFile, WandBall, WandSection, load_model, load_vehicle,
 };
 pub use error::SessionError;
 pub use results::{

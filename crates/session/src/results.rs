@@ -9,7 +9,7 @@ mod write;
 
 use mavsight_identify::output_error::FlightFits;
 use mavsight_identify::{Clocks, CoefficientTable, Identification};
-use mavsight_pose::{MarkerObservation, Motion, PoseSample, Rig};
+use mavsight_pose::{ClockEstimate, MarkerObservation, Motion, PoseSample, Rig};
 
 pub use body::{MarkerAsBuilt, read_body};
 pub use read::{read_markers, read_poses, read_summary};
@@ -67,6 +67,8 @@ pub struct RunResults {
     pub identification: Option<Identification>,
     /// Fits of the equations of motion.
     pub output_error: FlightFits,
+    /// The cameras' clocks, in the order of `camera_names`; empty where they were not looked at.
+    pub camera_clocks: Vec<ClockEstimate>,
     /// The lag between inputs and motion.
     pub clocks: Option<Clocks>,
     /// Figures for `summary.json`: an object, or null for no such file.

@@ -6,7 +6,7 @@ mod images;
 mod mp4;
 mod mp4_times;
 
-use crate::SessionError;
+use crate::{FieldOrder, SessionError};
 use mavsight_geometry::ImageSize;
 use mavsight_vision::Frame;
 use std::path::{Path, PathBuf};
@@ -21,19 +21,34 @@ pub(crate) type Frames = Box<dyn Iterator<Item = Result<(i64, Frame), SessionErr
 pub(crate) struct Opened {
     pub(crate) size: ImageSize,
     pub(crate) declared: Option<usize>,
+    /// Length from the first frame to the end of the last, where the file declares that in place of a number.
+    pub(crate) declared_s: Option<f64>,
+    /// Quarters by which the container has frames turned clockwise.
+    pub(crate) quarters: u8,
     pub(crate) frames: Frames,
 }
 
-/// One camera's recording.
+/// One camera's recording, the right way up where the container says which that is.
 ///
-/// An iterator that ends after its first error. A recording without frames, and one with another number of frames
-/// than it announces, is an error as well.
+/// An error before the first frame is the last item; one behind it is a fault at that place, and what can be read after it follows.
+/// A recording without frames, and one with another number of frames than it announces, ends with an error as well.
 pub struct FrameSource {
     path: PathBuf,
     opened: Opened,
     offset_ns: i64,
+    fields: Option<Fields>,
     read: usize,
+    span_ns: Option<(i64, i64)>,
     done: bool,
+}
+
+/// Fields of an interlaced recording that wait: a frame's time is known to be its first field's, the second's is half a frame
+/// later, which the next frame tells.
+struct Fields {
+    order: FieldOrder,
+    frame: Option<(i64, Frame)>,
+    second: Option<(i64, Frame)>,
+    interval_ns: i64,
 }
 
 impl FrameSource {
@@ -69,7 +84,15 @@ impl FrameSource {
     }
 
     fn around(path: &Path, opened: Opened) -> Self {
-        Self { path: path.to_owned(), opened, offset_ns: 0, read: 0, done: false }
+        let path = path.to_owned();
+        Self { path, opened, offset_ns: 0, fields: None, read: 0, span_ns: None, done: false }
+    }
+
+    /// The fields of an interlaced recording one by one, at twice the rate, each filled up to a whole frame. Rows are those of the
+    /// recording as it is stored.
+    pub fn fields(mut self, order: FieldOrder) -> Self {
+        self.fields = Some(Fields { order, frame: None, second: None, interval_ns: 0 });
+        self
     }
 
     /// The same frames with `lateness_s` taken off their time stamps.
@@ -85,20 +108,73 @@ impl FrameSource {
 
     /// Size of every frame.
     pub fn size(&self) -> ImageSize {
-        self.opened.size
+        let ImageSize { width_px, height_px } = self.opened.size;
+        let is_turned = self.opened.quarters % 2 == 1;
+        if is_turned { ImageSize { width_px: height_px, height_px: width_px } } else { self.opened.size }
     }
 
     /// Number of frames that the recording announces.
     pub fn declared_frames(&self) -> Option<usize> {
-        self.opened.declared
+        let fields = if self.fields.is_some() { 2 } else { 1 };
+        self.opened.declared.map(|n| n * fields)
+    }
+
+    /// Unit vector (u, v) in the image along which the sensor's rows follow each other.
+    pub fn readout(&self) -> [f64; 2] {
+        [[0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]][usize::from(self.opened.quarters % 4)]
     }
 
     fn end(&self) -> Option<SessionError> {
-        if self.read == 0 {
+        let Some((first_ns, last_ns)) = self.span_ns else {
             return Some(SessionError::NoFrames { path: self.path.clone() });
-        }
-        let declared = self.opened.declared.filter(|n| *n != self.read)?;
+        };
+        let interval_s = (last_ns - first_ns) as f64 * 1e-9 / self.read.saturating_sub(1).max(1) as f64;
+        // A declared length is rounded, and the last frame's own length may be left out of it.
+        let by_length = self.opened.declared_s.filter(|_| self.read > 1).and_then(|length_s| {
+            let frames = (length_s / interval_s).round() as usize;
+            (frames > self.read + 2).then_some(frames)
+        });
+        let declared = self.opened.declared.or(by_length).filter(|n| *n != self.read)?;
         Some(SessionError::FrameCount { path: self.path.clone(), declared, read: self.read })
+    }
+
+    /// The next frame of the file, the right way up.
+    fn whole(&mut self) -> Option<Result<(i64, Frame), SessionError>> {
+        if self.done {
+            return None;
+        }
+        match self.opened.frames.next() {
+            Some(Ok((t_ns, frame))) => {
+                self.read += 1;
+                let first_ns = self.span_ns.map_or(t_ns, |s| s.0);
+                self.span_ns = Some((first_ns, t_ns));
+                let frame =
+                    if self.opened.quarters == 0 { frame } else { frame.turned(self.opened.quarters) };
+                Some(Ok((t_ns - self.offset_ns, frame)))
+            }
+            Some(Err(error)) => {
+                self.done = self.read == 0;
+                Some(Err(error))
+            }
+            None => {
+                self.done = true;
+                self.end().map(Err)
+            }
+        }
+    }
+}
+
+impl Fields {
+    /// Takes a whole frame, and yields the first field of the one before.
+    fn take(&mut self, next: Option<(i64, Frame)>) -> Option<(i64, Frame)> {
+        let waiting = std::mem::replace(&mut self.frame, next);
+        let (t_ns, frame) = waiting?;
+        if let Some((next_ns, _)) = &self.frame {
+            self.interval_ns = next_ns - t_ns;
+        }
+        let top_first = self.order == FieldOrder::TopFirst;
+        self.second = Some((t_ns + self.interval_ns / 2, frame.field(!top_first)));
+        Some((t_ns, frame.field(top_first)))
     }
 }
 
@@ -117,23 +193,18 @@ impl Iterator for FrameSource {
     type Item = Result<(i64, Frame), SessionError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        if self.done {
-            return None;
+        let Some(mut fields) = self.fields.take() else { return self.whole() };
+        let mut item = fields.second.take().map(Ok);
+        while item.is_none() {
+            item = match self.whole() {
+                Some(Ok(frame)) => fields.take(Some(frame)).map(Ok),
+                Some(Err(error)) => Some(Err(error)),
+                None if fields.frame.is_some() => fields.take(None).map(Ok),
+                None => break,
+            };
         }
-        match self.opened.frames.next() {
-            Some(Ok((t_ns, frame))) => {
-                self.read += 1;
-                Some(Ok((t_ns - self.offset_ns, frame)))
-            }
-            Some(Err(error)) => {
-                self.done = true;
-                Some(Err(error))
-            }
-            None => {
-                self.done = true;
-                self.end().map(Err)
-            }
-        }
+        self.fields = Some(fields);
+        item
     }
 }
 

@@ -34,7 +34,7 @@ fn session(folder: &Folder) -> PathBuf {
         wand: None,
         board: None,
         frame_rate_hz: Some(30.0),
-        time_offset_s: None,
+        ..SessionCamera::default()
     };
     let file = SessionFile {
         schema: 1,

@@ -221,8 +221,11 @@ fn an_image_sequence_is_timed_by_its_rate() {
     let text = FrameSource::open(&pattern, None).unwrap_err().to_string();
     assert!(text.contains("frame_rate_hz"), "{text}");
     std::fs::remove_file(folder.path("frame_00008.png")).unwrap();
-    let text = FrameSource::open(&pattern, Some(25.0)).unwrap_err().to_string();
+    let items: Vec<_> = FrameSource::open(&pattern, Some(25.0)).unwrap().collect();
+    let text = items[1].as_ref().unwrap_err().to_string();
     assert!(text.contains("frame_00008.png") && text.contains("frame_00007.png"), "{text}");
+    let times: Vec<i64> = items.iter().flatten().map(|f| f.0).collect();
+    assert_eq!(times, [0, 80_000_000, 120_000_000], "a missing frame leaves its time empty");
     let text = FrameSource::open(&folder.path("other_%d.jpg"), Some(25.0)).unwrap_err().to_string();
     assert!(text.contains("other_%d.jpg") && text.contains("no frames"), "{text}");
 }
@@ -234,4 +237,157 @@ fn an_image_that_is_none_is_refused() {
     assert!(text.contains("still.png"), "{text}");
     let text = read_image(&folder.path("absent.png")).unwrap_err().to_string();
     assert!(text.contains("absent.png") && text.contains("no such file"), "{text}");
+}
+
+/// Makes a file by ffmpeg from the fixture; the word FIXTURE stands for it.
+fn made(folder: &Folder, name: &str, arguments: &[&str]) -> std::path::PathBuf {
+    let fixture = fixture();
+    let arguments = arguments.iter().map(|a| if *a == "FIXTURE" { fixture.as_os_str() } else { a.as_ref() });
+    let status = std::process::Command::new("ffmpeg")
+        .args(["-v", "error", "-y"])
+        .args(arguments)
+        .arg(folder.path(name))
+        .status()
+        .unwrap();
+    assert!(status.success(), "{name}");
+    folder.path(name)
+}
+
+/// A telephone held upright leaves a matrix in the container: both paths turn the frames as ffmpeg's own rotation does.
+#[test]
+fn rotated_files_are_upright_by_both_paths() {
+    if !ffmpeg() {
+        return;
+    }
+    let folder = Folder::new();
+    let bytes = std::fs::read(fixture()).unwrap();
+    let matrix = bytes.windows(4).position(|w| w == b"tkhd").unwrap() + 44;
+    for (degrees, quarters, [a, b, c, d]) in
+        [(90, 1, [0, 1, -1, 0]), (180, 2, [-1, 0, 0, -1]), (270, 3, [0, -1, 1, 0i32])]
+    {
+        let mut turned = bytes.clone();
+        for (at, value) in [(0, a), (4, b), (12, c), (16, d)] {
+            turned[matrix + at..matrix + at + 4].copy_from_slice(&(value << 16).to_be_bytes());
+        }
+        let clip = folder.write("turned.mp4", turned);
+        assert_eq!(same_frames(&clip), 24);
+        let upright = made(
+            &folder,
+            "upright.avi",
+            &["-i", clip.to_str().unwrap(), "-c:v", "rawvideo", "-pix_fmt", "yuv420p"],
+        );
+        let (ours, theirs) = (read(&clip).unwrap(), read(&upright).unwrap());
+        assert_eq!(ours[5].1.size, theirs[5].1.size, "{degrees}");
+        let luma = |f: &Frame| match &f.pixels {
+            Pixels::Yuv420 { y, .. } => y.clone(),
+            Pixels::Rgb(_) => panic!("video is in planes"),
+        };
+        assert!(luma(&ours[5].1) == luma(&theirs[5].1), "{degrees}° differs");
+        let plain = read(&fixture()).unwrap();
+        assert!(ours[5].1 == plain[5].1.turned(quarters));
+        let readout = FrameSource::open(&clip, None).unwrap().readout();
+        assert_eq!(readout, [[0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]][usize::from(quarters)]);
+    }
+}
+
+#[test]
+fn a_variable_rate_is_that_of_the_stamps_by_both_paths() {
+    if !ffmpeg() {
+        return;
+    }
+    let folder = Folder::new();
+    let pick = "select='not(eq(mod(n,5),3))'";
+    let clip = made(
+        &folder,
+        "vfr.mp4",
+        &["-i", "FIXTURE", "-vf", pick, "-fps_mode", "vfr", "-c:v", "libx264", "-bf", "0"],
+    );
+    assert_eq!(same_frames(&clip), 19);
+    let times: Vec<i64> = read(&clip).unwrap().iter().map(|f| f.0 / 1_000_000).collect();
+    assert_eq!(times[..6], [0, 33, 66, 133, 166, 200]);
+}
+
+/// Damage in one group of pictures costs that group alone; what is lost is counted.
+#[test]
+fn reading_goes_on_behind_a_damaged_sample() {
+    if !ffmpeg() {
+        return;
+    }
+    let folder = Folder::new();
+    let clip = made(
+        &folder,
+        "groups.mp4",
+        &["-i", "FIXTURE", "-c:v", "libx264", "-g", "8", "-sc_threshold", "0", "-bf", "0"],
+    );
+    let whole = read(&clip).unwrap();
+    let mut bytes = std::fs::read(&clip).unwrap();
+    let mdat = bytes.windows(4).position(|w| w == b"mdat").unwrap();
+    let moov = bytes.windows(4).rposition(|w| w == b"moov").unwrap();
+    let middle = mdat + (moov - mdat) * 45 / 100;
+    bytes[middle..middle + 300].fill(0xff);
+    let items: Vec<_> = FrameSource::open(&folder.write("spoilt.mp4", &bytes), None).unwrap().collect();
+    let frames: Vec<&(i64, Frame)> = items.iter().flatten().collect();
+    assert!(
+        items[..items.len() - 1].iter().any(|i| i.as_ref().is_err_and(|e| e.to_string().contains("frame ")))
+    );
+    for k in (0..8).chain(16..24) {
+        let found = frames.iter().find(|f| f.0 == whole[k].0).unwrap_or_else(|| panic!("frame {k} is lost"));
+        assert!(found.1 == whole[k].1, "frame {k} differs");
+    }
+    let last = items.last().unwrap().as_ref().unwrap_err();
+    assert!(matches!(last, SessionError::FrameCount { declared: 24, .. }), "{last}");
+}
+
+#[test]
+fn a_file_that_breaks_off_yields_what_it_holds_and_says_how_much_is_missing() {
+    if !ffmpeg() {
+        return;
+    }
+    let folder = Folder::new();
+    for name in ["cut.mp4", "cut.mkv"] {
+        let clip =
+            made(&folder, name, &["-i", "FIXTURE", "-c:v", "libx264", "-bf", "0", "-movflags", "faststart"]);
+        let bytes = std::fs::read(&clip).unwrap();
+        let clip = folder.write(name, &bytes[..bytes.len() * 6 / 10]);
+        let items: Vec<_> = FrameSource::open(&clip, None).unwrap().collect();
+        let read = items.iter().flatten().count();
+        assert!((6..22).contains(&read), "{name}: {read}");
+        let words: Vec<String> =
+            items.iter().filter_map(|i| i.as_ref().err()).map(ToString::to_string).collect();
+        assert!(!words.is_empty() && words.iter().all(|w| w.contains(name)), "{name}: {words:?}");
+        if name == "cut.mp4" {
+            assert!(
+                words[0].contains("24 frames") && words[0].contains(&format!("{read} were read")),
+                "{words:?}"
+            );
+        }
+    }
+}
+
+/// Fields woven from a progressive film of twice the rate, and taken apart again.
+#[test]
+fn fields_come_at_twice_the_rate_in_their_order() {
+    if !ffmpeg() {
+        return;
+    }
+    let folder = Folder::new();
+    let clip = made(
+        &folder,
+        "woven.avi",
+        &["-i", "FIXTURE", "-vf", "tinterlace=interleave_top", "-c:v", "rawvideo", "-pix_fmt", "yuv420p"],
+    );
+    let plain = read(&fixture()).unwrap();
+    let source = FrameSource::open(&clip, None).unwrap().fields(mavsight_session::FieldOrder::TopFirst);
+    let fields: Vec<(i64, Frame)> = source.map(Result::unwrap).collect();
+    assert_eq!(fields.len(), 24);
+    let row = |f: &Frame, y: usize| match &f.pixels {
+        Pixels::Yuv420 { y: luma, .. } => luma[160 * y..160 * (y + 1)].to_vec(),
+        Pixels::Rgb(_) => panic!("video is in planes"),
+    };
+    for (k, (t_ns, field)) in fields.iter().enumerate() {
+        assert!((t_ns - fields[0].0 - plain[k].0).abs() < 1000, "field {k} at {t_ns} ns");
+        for y in (k % 2..120).step_by(2) {
+            assert!(row(field, y) == row(&plain[k].1, y), "field {k}, row {y}");
+        }
+    }
 }

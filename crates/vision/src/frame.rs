@@ -72,6 +72,47 @@ impl Frame {
         Ok(frame)
     }
 
+    /// The frame turned clockwise by quarters, plane by plane.
+    #[must_use]
+    pub fn turned(&self, quarters: u8) -> Self {
+        let (width, height) = (self.size.width_px as usize, self.size.height_px as usize);
+        let chroma = chroma_size(self.size);
+        let pixels = match &self.pixels {
+            Pixels::Rgb(rgb) => Pixels::Rgb(turned::<3>(rgb, (width, height), quarters)),
+            Pixels::Yuv420 { y, u, v, full_range, matrix } => Pixels::Yuv420 {
+                y: turned::<1>(y, (width, height), quarters),
+                u: turned::<1>(u, chroma, quarters),
+                v: turned::<1>(v, chroma, quarters),
+                full_range: *full_range,
+                matrix: *matrix,
+            },
+        };
+        let size = if quarters % 2 == 0 {
+            self.size
+        } else {
+            ImageSize { width_px: self.size.height_px, height_px: self.size.width_px }
+        };
+        Self { size, pixels }
+    }
+
+    /// One field of an interlaced frame as a frame of full size: its own rows (even ones where `is_top`) where they are, those
+    /// between as the mean of their neighbours, and likewise the rows of colour differences.
+    #[must_use]
+    pub fn field(&self, is_top: bool) -> Self {
+        let chroma = chroma_size(self.size).0;
+        let width = self.size.width_px as usize;
+        let mut out = self.clone();
+        match &mut out.pixels {
+            Pixels::Rgb(rgb) => keep_field(rgb, 3 * width, is_top),
+            Pixels::Yuv420 { y, u, v, .. } => {
+                keep_field(y, width, is_top);
+                keep_field(u, chroma, is_top);
+                keep_field(v, chroma, is_top);
+            }
+        }
+        out
+    }
+
     /// Verifies that the buffers fit the size; needed only for a frame that was put together by hand.
     ///
     /// # Errors
@@ -137,6 +178,38 @@ impl Frame {
             }
         }
         rgb
+    }
+}
+
+/// A plane of `N` bytes a pixel, turned clockwise by quarters.
+fn turned<const N: usize>(plane: &[u8], (width, height): (usize, usize), quarters: u8) -> Vec<u8> {
+    let mut out = Vec::with_capacity(plane.len());
+    let (across, down) = if quarters % 2 == 0 { (width, height) } else { (height, width) };
+    for row in 0..down {
+        for column in 0..across {
+            let (x, y) = match quarters % 4 {
+                0 => (column, row),
+                1 => (row, height - 1 - column),
+                2 => (width - 1 - column, height - 1 - row),
+                _ => (width - 1 - row, column),
+            };
+            let from = N * (y * width + x);
+            out.extend_from_slice(plane.get(from..from + N).unwrap_or(&[0; N]));
+        }
+    }
+    out
+}
+
+/// Replaces the rows of the other field by the mean of their neighbours.
+fn keep_field(plane: &mut [u8], row_bytes: usize, is_top: bool) {
+    let rows = plane.len().checked_div(row_bytes).unwrap_or(0);
+    for row in (usize::from(is_top)..rows).step_by(2).filter(|_| rows > 1) {
+        let above = if row > 0 { row - 1 } else { row + 1 };
+        let below = if row + 1 < rows { row + 1 } else { row - 1 };
+        for k in 0..row_bytes {
+            let sum = u16::from(plane[above * row_bytes + k]) + u16::from(plane[below * row_bytes + k]);
+            plane[row * row_bytes + k] = sum.div_ceil(2) as u8;
+        }
     }
 }
 
@@ -299,6 +372,34 @@ mod tests {
             Frame::from_yuv420(size(5, 3), [vec![0; 15], vec![0; 6], vec![0; 4]], false, YuvMatrix::Bt709)
                 .unwrap_err();
         assert!(matches!(error, VisionError::FrameLength { plane: "V", bytes: 4, wanted: 6, .. }));
+    }
+
+    #[test]
+    fn quarters_turn_clockwise() {
+        let rgb: Vec<u8> = (0..6).flat_map(|k| [k, 10 + k, 20 + k]).collect();
+        // 0 1 2 over 3 4 5.
+        let frame = Frame::from_rgb(size(3, 2), rgb).unwrap();
+        let red = |f: &Frame| f.to_rgb().chunks(3).map(|p| p[0]).collect::<Vec<_>>();
+        assert_eq!(red(&frame.turned(1)), [3, 0, 4, 1, 5, 2]);
+        assert_eq!(red(&frame.turned(2)), [5, 4, 3, 2, 1, 0]);
+        assert_eq!(red(&frame.turned(3)), [2, 5, 1, 4, 0, 3]);
+        assert_eq!(frame.turned(1).size, size(2, 3));
+        assert_eq!(frame.turned(1).turned(3), frame);
+        let planes = [(0..15).collect(), (0..6).collect(), (6..12).collect()];
+        let yuv = Frame::from_yuv420(size(5, 3), planes, false, YuvMatrix::Bt601).unwrap();
+        assert!(yuv.turned(1).check().is_ok() && yuv.turned(2).turned(2) == yuv);
+    }
+
+    /// A slope of brightness down the image is the same in both fields; a field keeps its own rows.
+    #[test]
+    fn a_field_fills_the_rows_between() {
+        let rgb: Vec<u8> = (0..6).flat_map(|row| [20 * row; 6]).collect();
+        let frame = Frame::from_rgb(size(2, 6), rgb).unwrap();
+        let red = |f: &Frame| f.to_rgb().chunks(6).map(|p| p[0]).collect::<Vec<_>>();
+        assert_eq!(red(&frame.field(true)), [0, 20, 40, 60, 80, 80]);
+        assert_eq!(red(&frame.field(false)), [20, 20, 40, 60, 80, 100]);
+        let one = Frame::from_rgb(size(1, 1), vec![7; 3]).unwrap();
+        assert_eq!(one.field(false), one);
     }
 
     #[test]

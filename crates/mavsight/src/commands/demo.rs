@@ -110,5 +110,5 @@ pub(super) fn feed<'a>(
             .map_err(|e| PipelineError::Source { camera: camera.name.clone(), source: Box::new(e) })?;
         Ok(TimedFrame { t_ns: ns_from_s(row.t_s), frame })
     });
-    CameraFeed { name: camera.name.clone(), announced: Some(truth.len()), frames: Box::new(frames) }
+    CameraFeed::new(camera.name.clone(), Some(truth.len()), Box::new(frames))
 }

@@ -15,10 +15,10 @@ use mavsight_pipeline::{
     Refinement, TimedFrame, Tracked, Wand, board_of, body_markers, calibrate_from_observations,
     calibrate_from_stills_and, identify_motion, motion_from_poses, output_error_fits, refine, wand_of,
 };
-use mavsight_pose::{Motion, MovedObject, Rig};
+use mavsight_pose::{CameraClock, ClockPrior, Motion, MovedObject, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
 use mavsight_session::{
-    FrameSource, MarkerAsBuilt, RunResults, Session, SessionCamera, TruthRow, read_image, write_results,
+    FrameSource, LineTime, MarkerAsBuilt, RunResults, Session, SessionCamera, TruthRow, read_image, write_results,
 };
 use mavsight_vision::Frame;
 use std::path::Path;
@@ -100,7 +100,7 @@ fn objects_of(session: &Session) -> Result<Vec<MovedObject>> {
         && let [a, b] = wand.ball[..]
     {
         let feeds = (0..session.cameras.len())
-            .map(|k| Ok(session.open_wand(k)?.map(|source| feed_of(&session.cameras[k].name, source))))
+            .map(|k| Ok(session.open_wand(k)?.map(|source| feed_of(&session.cameras[k], k == 0, source))))
             .collect::<Result<Vec<_>>>()?;
         let wand = Wand {
             length_m: wand.length_m,
@@ -112,7 +112,7 @@ fn objects_of(session: &Session) -> Result<Vec<MovedObject>> {
     }
     if let Some(board) = &session.board {
         let feeds = (0..session.cameras.len())
-            .map(|k| Ok(session.open_board(k)?.map(|source| feed_of(&session.cameras[k].name, source))))
+            .map(|k| Ok(session.open_board(k)?.map(|source| feed_of(&session.cameras[k], k == 0, source))))
             .collect::<Result<Vec<_>>>()?;
         let board = Board {
             columns: board.columns,
@@ -173,18 +173,39 @@ fn as_built(body: &AsFlown) -> Vec<MarkerAsBuilt> {
 
 /// Every camera's frames.
 pub(crate) fn feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>> {
-    let feed = |(k, camera): (usize, &SessionCamera)| Ok(feed_of(&camera.name, session.open_camera(k)?));
+    let feed = |(k, camera): (usize, &SessionCamera)| Ok(feed_of(camera, k == 0, session.open_camera(k)?));
     session.cameras.iter().enumerate().map(feed).collect()
 }
 
-fn feed_of(camera: &str, source: FrameSource) -> CameraFeed<'static> {
-    let name = camera.to_owned();
-    let announced = source.declared_frames();
+fn feed_of(camera: &SessionCamera, is_first: bool, source: FrameSource) -> CameraFeed<'static> {
+    let name = camera.name.clone();
+    let (announced, readout, size) = (source.declared_frames(), source.readout(), source.size());
     let frames = source.map(move |item| {
         item.map(|(t_ns, frame)| TimedFrame { t_ns, frame })
             .map_err(|e| PipelineError::Source { camera: name.clone(), source: Box::new(e) })
     });
-    CameraFeed { name: camera.to_owned(), announced, frames: Box::new(frames) }
+    let feed = CameraFeed::new(camera.name.clone(), announced, Box::new(frames));
+    feed.with_clock(clock_of(camera, is_first, size), readout.into())
+}
+
+/// What a session tells of a camera's clock. The first camera's is the reference.
+fn clock_of(camera: &SessionCamera, is_first: bool, size: ImageSize) -> ClockPrior {
+    let mut prior = if is_first || (camera.time_offset_s.is_some() && camera.time_offset_std_s.is_none()) {
+        ClockPrior::known(CameraClock::default())
+    } else {
+        ClockPrior::unknown()
+    };
+    prior.clock.offset_s = camera.time_offset_s.unwrap_or(0.0);
+    if let Some(std_s) = camera.time_offset_std_s.filter(|_| !is_first) {
+        prior.offset_std_s = std_s;
+    }
+    match camera.line_time_s {
+        Some(LineTime::Known(line_time_s)) => prior.clock.line_time_s = line_time_s,
+        // No sensor takes longer than a thirtieth of a second for all its rows.
+        Some(LineTime::Unknown(_)) => prior.line_time_std_s = 1.0 / 30.0 / f64::from(size.height_px.max(1)),
+        None => {}
+    }
+    prior
 }
 
 /// The first frame of each camera, for the figures.
@@ -214,9 +235,11 @@ pub(crate) fn solve(
         markers: tracked.observations,
         body,
         poses: tracked.poses,
+        camera_clocks: tracked.clocks,
         ..RunResults::default()
     };
-    let notes = identify_into(&mut results, flight, bars)?;
+    let mut notes = tracked.notes;
+    notes.extend(identify_into(&mut results, flight, bars)?);
     Ok((results, notes))
 }
 
@@ -321,5 +344,15 @@ pub(crate) fn finish(
     write_page(&page, out)?;
     print!("{}", summary.text());
     println!("\nResults: {}", out.display());
+    require_a_pose(&results)
+}
+
+/// Refuses a flight of which nothing was measured.
+pub(crate) fn require_a_pose(results: &RunResults) -> Result<()> {
+    let none = !results.poses.is_empty() && results.poses.iter().all(|p| p.estimate.is_none());
+    if none {
+        let reason = results.poses.iter().find_map(|p| p.reason.clone()).unwrap_or_default();
+        anyhow::bail!("none of {} instants has a pose; the first: {reason}", results.poses.len());
+    }
     Ok(())
 }

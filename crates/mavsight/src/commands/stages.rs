@@ -2,27 +2,18 @@
 
 use super::demo::{scenario_of, vehicle_of};
 use super::named;
-use super::run::{Flight, feeds, first_frames, identify_into, refined, rig_of, scores_of};
-use crate::cli::{Film, Simulate, Stage, WrongCall};
-use crate::lab;
+use super::run::{Flight, feeds, first_frames, identify_into, refined, require_a_pose, rig_of, scores_of};
+use crate::cli::{Simulate, Stage, WrongCall};
 use crate::page::{Page, write_page};
 use crate::progress::Bars;
 use crate::summary::Summary;
-use anyhow::{Context, Result, bail};
-use mavsight_flight::Scenario;
-use mavsight_pipeline::Progress;
-use mavsight_scene::Room;
+use anyhow::Result;
 use mavsight_session::{
-    ControlSection, RunResults, SESSION_SCHEMA, Session, SessionCamera, SessionFile, TruthRow, load_vehicle,
-    make_folder, read_body, read_markers, read_poses, read_rig, read_summary, results::names,
-    tables::read_inputs, tables::read_truth, write_control_points, write_inputs, write_png, write_results,
-    write_session, write_truth, write_vehicle,
+    RunResults, Session, TruthRow, make_folder, read_body, read_markers, read_poses, read_rig, read_summary,
+    results::names, tables::read_inputs, write_inputs, write_results, write_truth, write_vehicle,
 };
-use mavsight_vision::Frame;
 use serde_json::Value;
-use std::io::Write;
 use std::path::Path;
-use std::process::{Command, Stdio};
 
 /// `mavsight simulate`
 pub(crate) fn simulate(args: &Simulate) -> Result<()> {
@@ -39,123 +30,16 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
         Some(path) => named(read_inputs(path))?,
         None => scenario.inputs(&vehicle)?,
     };
-    let states = mavsight_flight::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
+    let states = if args.carried {
+        crate::lab::carried(scenario.duration_s, scenario.frame_rate_hz)
+    } else {
+        mavsight_flight::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?
+    };
     make_folder(out)?;
     write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
     write_inputs(&out.join("inputs.csv"), &inputs)?;
     write_truth(&out.join("truth.csv"), &states)?;
     println!("{} instants of {:.2} s: {}", states.len(), scenario.duration_s, out.display());
-    Ok(())
-}
-
-/// `mavsight film`
-pub(crate) fn film(args: &Film) -> Result<()> {
-    let vehicle = named(load_vehicle(&args.flight.join("vehicle.toml")))?;
-    let truth = named(read_truth(&args.flight.join("truth.csv")))?;
-    let inputs = named(read_inputs(&args.flight.join("inputs.csv")))?;
-    let interval_s = match truth.as_slice() {
-        [a, b, ..] => b.t_s - a.t_s,
-        _ => 1.0 / Scenario::paper().frame_rate_hz,
-    };
-    make_folder(&args.out)?;
-    let bars = Bars::new();
-    let (room, aircraft) = (Room::meeting_room(), lab::aircraft(&vehicle));
-    let mut cameras = Vec::new();
-    for (k, camera) in lab::cameras().iter().enumerate() {
-        bars.start("building", None);
-        let film = lab::film(&room, camera, k, args.seed);
-        let still = format!("{}-control.png", camera.name);
-        let size = camera.camera.size;
-        write_png(
-            &args.out.join(&still),
-            &Frame::from_rgb(size, film.still(Some(&lab::control_frame(&lab::control_points()))))?,
-        )?;
-        bars.start("filming", Some(truth.len() as u64));
-        let frames = truth.iter().enumerate().map(|(n, row)| {
-            bars.step();
-            lab::frame(&film, n, &aircraft, row, interval_s)
-        });
-        let video = if args.video {
-            write_video(&args.out.join(format!("{}.mp4", camera.name)), size, interval_s, frames)?;
-            format!("{}.mp4", camera.name)
-        } else {
-            make_folder(&args.out.join(&camera.name))?;
-            for (n, rgb) in frames.enumerate() {
-                let file = args.out.join(&camera.name).join(format!("frame_{n:05}.png"));
-                write_png(&file, &Frame::from_rgb(size, rgb)?)?;
-            }
-            format!("{}/frame_%05d.png", camera.name)
-        };
-        cameras.push(SessionCamera {
-            name: camera.name.clone(),
-            video: video.into(),
-            still: Some(still.into()),
-            wand: None,
-            board: None,
-            frame_rate_hz: (!args.video).then_some((1e6 / interval_s).round() / 1e6),
-            time_offset_s: None,
-        });
-    }
-    bars.done();
-    write_flight_files(args, &vehicle, &inputs)?;
-    let session = SessionFile {
-        schema: SESSION_SCHEMA,
-        name: "virtual-flight".to_owned(),
-        vehicle: "vehicle.toml".into(),
-        inputs: "inputs.csv".into(),
-        truth: Some("truth.csv".into()),
-        model: None,
-        control: Some(ControlSection { points: "control_points.csv".into(), observations: None }),
-        wand: None,
-        board: None,
-        refine: None,
-        camera: cameras,
-    };
-    write_session(&args.out.join("session.toml"), &session)?;
-    println!("{} frames of each camera: {}", truth.len(), args.out.join("session.toml").display());
-    Ok(())
-}
-
-fn write_flight_files(
-    args: &Film,
-    vehicle: &mavsight_flight::Vehicle,
-    inputs: &mavsight_flight::InputSeries,
-) -> Result<()> {
-    write_control_points(&args.out.join("control_points.csv"), &lab::control_points())?;
-    let same = args.flight.canonicalize().ok() == args.out.canonicalize().ok();
-    if !same {
-        write_vehicle(&args.out.join("vehicle.toml"), vehicle)?;
-        write_inputs(&args.out.join("inputs.csv"), inputs)?;
-        let truth = std::fs::read(args.flight.join("truth.csv")).context("truth.csv")?;
-        mavsight_session::write_whole(&args.out.join("truth.csv"), &truth)?;
-    }
-    Ok(())
-}
-
-/// Encodes frames with the `ffmpeg` program.
-fn write_video(
-    path: &Path,
-    size: mavsight_geometry::ImageSize,
-    interval_s: f64,
-    frames: impl Iterator<Item = Vec<u8>>,
-) -> Result<()> {
-    let mut child = Command::new("ffmpeg")
-        .args(["-v", "error", "-nostdin", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
-        .args(["-s", &format!("{}x{}", size.width_px, size.height_px), "-r", &format!("{}", 1.0 / interval_s)])
-        .args(["-i", "pipe:0", "-c:v", "libx264", "-crf", "12", "-pix_fmt", "yuv420p"])
-        .arg(path)
-        .stdin(Stdio::piped())
-        .spawn()
-        .context("--video needs the ffmpeg program: install it with `apt-get install ffmpeg`, or leave --video out")?;
-    let Some(mut pipe) = child.stdin.take() else { bail!("ffmpeg gave no input pipe") };
-    for rgb in frames {
-        pipe.write_all(&rgb).context("ffmpeg stopped reading frames")?;
-    }
-    drop(pipe);
-    let status = child.wait()?;
-    if !status.success() {
-        bail!("ffmpeg could not write {}: {status}", path.display());
-    }
     Ok(())
 }
 
@@ -198,10 +82,13 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
         markers: tracked.observations,
         body: refined.body,
         poses: tracked.poses,
+        camera_clocks: tracked.clocks,
         motion,
         ..RunResults::default()
     };
-    put(results, &refined.note.into_iter().collect::<Vec<_>>(), &args.out)
+    let mut notes = tracked.notes;
+    notes.extend(refined.note);
+    put(results, &notes, &args.out)
 }
 
 /// The figures of a stage among those that the summary in a folder has of the same session's other stages.
@@ -226,7 +113,7 @@ fn put(mut results: RunResults, notes: &[String], out: &Path) -> Result<()> {
     write_results(out, &results)?;
     print!("{}", summary.text());
     println!("\nResults: {}", out.display());
-    Ok(())
+    require_a_pose(&results)
 }
 
 /// `mavsight report`

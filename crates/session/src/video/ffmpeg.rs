@@ -45,6 +45,8 @@ impl Layout {
 struct Probe {
     size: ImageSize,
     layout: Layout,
+    quarters: u8,
+    declared_s: Option<f64>,
 }
 
 /// Opens a video; `reason` says why ffmpeg is needed, for the case that it is not there.
@@ -54,7 +56,7 @@ pub(crate) fn open(path: &Path, ffmpeg: &str, reason: &str) -> Result<Opened, Se
         reason: reason.to_owned(),
         program: program.to_owned(),
     };
-    let Probe { size, layout } = probe(path, &probe_program(ffmpeg), missing)?;
+    let Probe { size, layout, quarters, declared_s } = probe(path, &probe_program(ffmpeg), missing)?;
     let mut child = Command::new(ffmpeg)
         .args(["-hide_banner", "-nostdin", "-nostats", "-loglevel", "info", "-copyts", "-noautorotate", "-i"])
         .arg(path)
@@ -79,14 +81,15 @@ pub(crate) fn open(path: &Path, ffmpeg: &str, reason: &str) -> Result<Opened, Se
         size,
         layout,
         read: 0,
+        ended: false,
     };
-    Ok(Opened { size, declared: None, frames: Box::new(frames) })
+    Ok(Opened { size, declared: None, declared_s, quarters, frames: Box::new(frames) })
 }
 
 fn probe(path: &Path, program: &str, missing: impl Fn(&str) -> SessionError) -> Result<Probe, SessionError> {
     let output = Command::new(program)
         .args(["-v", "error", "-select_streams", "v:0", "-of", "default=noprint_wrappers=1", "-show_entries"])
-        .arg("stream=width,height,pix_fmt,color_range,color_space")
+        .arg("stream=width,height,pix_fmt,color_range,color_space,duration:stream_tags=DURATION:stream_side_data=rotation")
         .arg(path)
         .stdin(Stdio::null())
         .output()
@@ -112,13 +115,42 @@ fn probe(path: &Path, program: &str, missing: impl Fn(&str) -> SessionError) -> 
         let wide = matches!(value("color_space"), "bt709" | "bt2020nc" | "bt2020c");
         Layout::Yuv(YuvCoding { full_range, matrix: if wide { YuvMatrix::Bt709 } else { YuvMatrix::Bt601 } })
     };
-    Ok(Probe { size: ImageSize { width_px, height_px }, layout })
+    // ffprobe counts degrees anticlockwise.
+    let quarters = value("rotation").parse::<f64>().map_or(0, |d| (-d / 90.0).round().rem_euclid(4.0) as u8);
+    let declared_s = value("duration").parse().ok().or_else(|| seconds(value("TAG:DURATION")));
+    Ok(Probe { size: ImageSize { width_px, height_px }, layout, quarters, declared_s })
 }
 
+/// Hours, minutes and seconds with colons between, as Matroska has them.
+fn seconds(text: &str) -> Option<f64> {
+    let mut parts = text.split(':').map(|p| p.parse::<f64>().ok());
+    let (hours, minutes, seconds) = (parts.next()??, parts.next()??, parts.next()??);
+    Some(3600.0 * hours + 60.0 * minutes + seconds)
+}
+
+/// What ffmpeg said beside the times.
+#[derive(Default)]
+struct Words {
+    /// Its last lines.
+    last: Vec<String>,
+    /// Lines that tell of damage, with the number of frames before.
+    complaints: Vec<(usize, String)>,
+}
+
+/// What ffmpeg's demuxers and decoders say of damage that they pass over.
+const DAMAGE: [&str; 6] = [
+    "error while decoding",
+    "corrupt",
+    "concealing",
+    "Invalid data",
+    "ended prematurely",
+    "Error submitting",
+];
+
 /// Time stamps from the `showinfo` filter's lines; the last of the other lines are returned at the end.
-fn listen(stderr: ChildStderr, times: &Sender<Option<i64>>) -> Vec<String> {
+fn listen(stderr: ChildStderr, times: &Sender<Option<i64>>) -> Words {
     let mut others = VecDeque::new();
-    let mut base = None;
+    let (mut base, mut shown, mut complaints) = (None, 0, Vec::new());
     for line in BufReader::new(stderr).split(b'\n').map_while(Result::ok) {
         let line = String::from_utf8_lossy(&line).trim().to_owned();
         if line.contains("Parsed_showinfo") {
@@ -127,15 +159,19 @@ fn listen(stderr: ChildStderr, times: &Sender<Option<i64>>) -> Vec<String> {
             } else if let Some(pts) = field(&line, " pts:") {
                 // A receiver that is gone wants no more times; ffmpeg's words are still read to its end.
                 let _ = times.send(pts.parse().ok().and_then(|pts| nanoseconds(pts, base?)));
+                shown += 1;
             }
         } else if !line.is_empty() {
+            if DAMAGE.iter().any(|word| line.contains(word)) {
+                complaints.push((shown, line.clone()));
+            }
             others.push_back(line);
             if others.len() > 3 {
                 others.pop_front();
             }
         }
     }
-    others.into()
+    Words { last: others.into(), complaints }
 }
 
 /// The word after a key.
@@ -156,10 +192,11 @@ struct FfmpegFrames {
     child: Child,
     stdout: ChildStdout,
     times: Receiver<Option<i64>>,
-    words: Option<JoinHandle<Vec<String>>>,
+    words: Option<JoinHandle<Words>>,
     size: ImageSize,
     layout: Layout,
     read: usize,
+    ended: bool,
 }
 
 impl FfmpegFrames {
@@ -202,10 +239,18 @@ impl FfmpegFrames {
     /// Waits for the end of the program: what it said, if it failed.
     fn finish(&mut self) -> Option<SessionError> {
         let status = self.child.wait();
-        let words = self.words.take().and_then(|w| w.join().ok()).unwrap_or_default().join("; ");
+        let words = self.words.take().and_then(|w| w.join().ok()).unwrap_or_default();
+        let last = words.last.join("; ");
         match status {
-            Ok(status) if status.success() => None,
-            Ok(status) => Some(self.failed(format!("{status} after {} frames: {words}", self.read))),
+            Ok(status) if status.success() => {
+                let (near, first) = words.complaints.first()?;
+                let places = words.complaints.len();
+                Some(self.failed(format!(
+                    "{places} complaint(s) of damaged data, the first near frame {near} of {}: {first}: frames there may show what is not so; copy the file again",
+                    self.read
+                )))
+            }
+            Ok(status) => Some(self.failed(format!("{status} after {} frames: {last}", self.read))),
             Err(error) => Some(self.failed(error.to_string())),
         }
     }
@@ -215,11 +260,14 @@ impl Iterator for FfmpegFrames {
     type Item = Result<(i64, Frame), SessionError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        match self.frame() {
+        if self.ended {
+            return None;
+        }
+        let item = match self.frame() {
             Ok(Some(frame)) => match self.times.recv() {
                 Ok(Some(t_ns)) => {
                     self.read += 1;
-                    Some(Ok((t_ns, frame)))
+                    return Some(Ok((t_ns, frame)));
                 }
                 _ => Some(Err(self.failed(format!(
                     "frame {} has no time stamp: convert the recording to MP4, which has them",
@@ -228,7 +276,9 @@ impl Iterator for FfmpegFrames {
             },
             Ok(None) => self.finish().map(Err),
             Err(error) => Some(Err(self.finish().unwrap_or(error))),
-        }
+        };
+        self.ended = true;
+        item
     }
 }
 

@@ -71,31 +71,37 @@ pub(crate) fn open(path: &Path, frame_rate_hz: Option<f64>) -> Result<Opened, Se
         detail: "an image sequence has no time stamps: give frame_rate_hz of this camera in the session file"
             .into(),
     })?;
-    for (number, wanted) in numbers.iter().zip(first..) {
-        if *number != wanted {
-            return Err(SessionError::SequenceGap {
-                path: pattern.file(wanted),
-                before: pattern.file(wanted.saturating_sub(1)),
-            });
-        }
-    }
     let size = read_image(&pattern.file(first))?.size;
     let declared = Some(numbers.len());
-    let frames = numbers.into_iter().enumerate().map(move |(k, number)| {
-        let file = pattern.file(number);
-        let frame = read_image(&file)?;
-        if frame.size != size {
-            return Err(SessionError::ImageSize {
-                path: file,
-                width_px: frame.size.width_px,
-                height_px: frame.size.height_px,
-                wanted_width_px: size.width_px,
-                wanted_height_px: size.height_px,
-            });
-        }
-        Ok((crate::ns_from_s(k as f64 / rate_hz), frame))
+    let mut last = first;
+    let frames = numbers.into_iter().flat_map(move |number| {
+        let gap = (number > last + 1).then(|| {
+            Err(SessionError::SequenceGap {
+                path: pattern.file(last + 1),
+                before: pattern.file(last),
+                missing: number - last - 1,
+            })
+        });
+        last = number;
+        let t_ns = crate::ns_from_s((number - first) as f64 / rate_hz);
+        let frame = frame_of_size(&pattern.file(number), size).map(|frame| (t_ns, frame));
+        gap.into_iter().chain(std::iter::once(frame))
     });
-    Ok(Opened { size, declared, frames: Box::new(frames) })
+    Ok(Opened { size, declared, declared_s: None, quarters: 0, frames: Box::new(frames) })
+}
+
+fn frame_of_size(file: &Path, size: ImageSize) -> Result<Frame, SessionError> {
+    let frame = read_image(file)?;
+    if frame.size != size {
+        return Err(SessionError::ImageSize {
+            path: file.to_owned(),
+            width_px: frame.size.width_px,
+            height_px: frame.size.height_px,
+            wanted_width_px: size.width_px,
+            wanted_height_px: size.height_px,
+        });
+    }
+    Ok(frame)
 }
 
 /// Reads a PNG or JPEG image as 8-bit sRGB; transparency is dropped.

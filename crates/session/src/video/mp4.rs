@@ -31,7 +31,9 @@ pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
     let length = file.metadata().map_err(|e| SessionError::io(path, "measure it", e))?.len();
     let mut reader = BufReader::new(file);
     // The parser indexes tables of the file unchecked: inconsistent ones end in a panic, which is a damaged file.
-    let mp4 = catch_unwind(AssertUnwindSafe(|| Mp4::read(&mut reader, length)))
+    let announced =
+        announced_length(&mut reader, length).map_err(|e| SessionError::io(path, "read it", e))?;
+    let mp4 = catch_unwind(AssertUnwindSafe(|| Mp4::read(&mut reader, announced)))
         .map_err(|_| damaged("its tables contradict each other".into()))?
         .map_err(|e| damaged(e.to_string()))?;
     let Some(track) = mp4.tracks().values().find(|t| t.kind == Some(TrackKind::Video)) else {
@@ -52,20 +54,59 @@ pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
         Ok(samples) => samples,
         Err(reason) => return Ok(Attempt::Unsupported(reason)),
     };
-    if let Some(beyond) = samples.iter().position(|s| s.offset.saturating_add(s.size) > length) {
-        return Err(damaged(format!("sample {beyond} of {} lies beyond the end", samples.len())));
+    // What lies beyond the end of the file was cut off: what comes before it reads, and the count of frames tells.
+    let is_there = |s: &Sample| s.offset.saturating_add(s.size) <= length;
+    let whole: Vec<Sample> = samples.iter().copied().take_while(is_there).collect();
+    if whole.is_empty() {
+        return Err(damaged(format!("all of its {} samples lie beyond the end", samples.len())));
     }
-    start(Mp4Frames::new(path, reader, avc1, samples))
+    let declared = samples.iter().filter(|s| s.shown).count();
+    let m = &track.trak(&mp4).tkhd.matrix;
+    start(Mp4Frames::new(path, reader, avc1, whole), declared, quarters([m.a, m.b, m.c, m.d]))
 }
 
-fn start(mut frames: Mp4Frames) -> Result<Attempt, SessionError> {
+/// Length of the file before the media data at its end were cut off: where that box says that it ends, or the file's own length.
+/// The reader is left at its start.
+fn announced_length(reader: &mut BufReader<File>, length: u64) -> std::io::Result<u64> {
+    let (mut at, mut announced) = (0, length);
+    let mut header = [0u8; 16];
+    while at + 16 <= length {
+        reader.seek(SeekFrom::Start(at))?;
+        reader.read_exact(&mut header)?;
+        let [a, b, c, d, kind @ ..] = &header[..8] else { break };
+        let size = match u32::from_be_bytes([*a, *b, *c, *d]) {
+            0 => break,
+            1 => header[8..].iter().fold(0, |sum, byte| (sum << 8) | u64::from(*byte)),
+            size => u64::from(size),
+        };
+        let Some(end) = at.checked_add(size.max(8)) else { break };
+        if end > length && kind == b"mdat" {
+            announced = end;
+        }
+        at = end;
+    }
+    reader.seek(SeekFrom::Start(0))?;
+    Ok(announced)
+}
+
+/// Quarters clockwise of a display matrix (ISO/IEC 14496-12, 6.2.2), 16.16 fixed point: (x, y) → (a x + c y, b x + d y).
+fn quarters(matrix: [i32; 4]) -> u8 {
+    match matrix.map(i32::signum) {
+        [0, 1, -1, 0] => 1,
+        [-1, 0, 0, -1] => 2,
+        [0, -1, 1, 0] => 3,
+        _ => 0,
+    }
+}
+
+fn start(mut frames: Mp4Frames, declared: usize, quarters: u8) -> Result<Attempt, SessionError> {
     match frames.decode_next() {
         Ok(()) => {}
         Err(Failure::Unsupported(reason)) => return Ok(Attempt::Unsupported(reason)),
         Err(Failure::Fatal(error)) => return Err(error),
     }
-    let declared = Some(frames.samples.iter().filter(|s| s.shown).count());
-    Ok(Attempt::Opened(Opened { size: frames.size, declared, frames: Box::new(frames) }))
+    let (size, declared) = (frames.size, Some(declared));
+    Ok(Attempt::Opened(Opened { size, declared, declared_s: None, quarters, frames: Box::new(frames) }))
 }
 
 enum Failure {
@@ -82,8 +123,12 @@ struct Mp4Frames {
     ranks: Vec<usize>,
     /// Pictures that wait for earlier ones, with their samples, by rank.
     waiting: BTreeMap<usize, (Sample, Frame)>,
+    /// By rank: whether a picture cannot be had.
+    lost: Vec<bool>,
     next_sample: usize,
     next_rank: usize,
+    /// Where decoding begins, with a new decoder: the first sample, or a key picture behind a damaged one.
+    fresh_at: usize,
     length_bytes: usize,
     parameter_sets: Vec<u8>,
     coding: YuvCoding,
@@ -114,8 +159,10 @@ impl Mp4Frames {
             path: path.to_owned(),
             reader,
             decoder: Decoder::new(),
+            lost: vec![false; samples.len()],
             samples,
             ranks,
+            fresh_at: 0,
             waiting: BTreeMap::new(),
             next_sample: 0,
             next_rank: 0,
@@ -138,7 +185,7 @@ impl Mp4Frames {
             .seek(SeekFrom::Start(offset))
             .and_then(|_| self.reader.read_exact(&mut bytes))
             .map_err(|e| self.damaged(index, e.to_string()))?;
-        let mut stream = if index == 0 { self.parameter_sets.clone() } else { Vec::new() };
+        let mut stream = if index == self.fresh_at { self.parameter_sets.clone() } else { Vec::new() };
         stream.reserve(bytes.len() + 64);
         let mut rest = &bytes[..];
         while !rest.is_empty() {
@@ -159,6 +206,7 @@ impl Mp4Frames {
     /// Decodes the next sample and puts its picture among the waiting ones.
     fn decode_next(&mut self) -> Result<(), Failure> {
         let index = self.next_sample;
+        self.next_sample += 1;
         let stream = self.annex_b(index).map_err(Failure::Fatal)?;
         let decoder = &mut self.decoder;
         let picture = catch_unwind(AssertUnwindSafe(|| decoder.decode(&stream)))
@@ -176,7 +224,7 @@ impl Mp4Frames {
             width_px: u32::try_from(width).unwrap_or(0),
             height_px: u32::try_from(height).unwrap_or(0),
         };
-        if index == 0 {
+        if index == 0 && self.fresh_at == 0 {
             self.size = size;
         } else if size != self.size {
             let detail = format!("the size changes to {width}×{height}");
@@ -186,8 +234,19 @@ impl Mp4Frames {
         let frame = Frame::from_yuv420(size, planes, self.coding.full_range, self.coding.matrix)
             .map_err(|e| Failure::Fatal(self.damaged(index, e.to_string())))?;
         self.waiting.insert(self.ranks[index], (self.samples[index], frame));
-        self.next_sample += 1;
         Ok(())
+    }
+
+    /// Goes on behind a damaged sample: all pictures from it to the next key picture build on it and are lost.
+    fn resume(&mut self) {
+        let damaged = self.next_sample - 1;
+        let next = (self.next_sample..self.samples.len()).find(|k| self.samples[*k].is_key);
+        self.next_sample = next.unwrap_or(self.samples.len());
+        self.fresh_at = self.next_sample;
+        self.decoder = Decoder::new();
+        for k in damaged..self.next_sample {
+            self.lost[self.ranks[k]] = true;
+        }
     }
 }
 
@@ -203,16 +262,26 @@ impl Iterator for Mp4Frames {
                 }
                 continue;
             }
+            if self.lost.get(self.next_rank).copied().unwrap_or(false) {
+                self.next_rank += 1;
+                continue;
+            }
             if self.next_sample >= self.samples.len() {
-                return None;
-            }
-            match self.decode_next() {
-                Ok(()) => {}
-                Err(Failure::Fatal(error)) => return Some(Err(error)),
-                Err(Failure::Unsupported(detail)) => {
-                    return Some(Err(self.damaged(self.next_sample, detail)));
+                // Without the pictures that were cut off, some of those that wait have no more to wait for.
+                let (rank, (sample, frame)) = self.waiting.pop_first()?;
+                self.next_rank = rank + 1;
+                if sample.shown {
+                    return Some(Ok((sample.t_ns, frame)));
                 }
+                continue;
             }
+            let error = match self.decode_next() {
+                Ok(()) => continue,
+                Err(Failure::Fatal(error)) => error,
+                Err(Failure::Unsupported(detail)) => self.damaged(self.next_sample - 1, detail),
+            };
+            self.resume();
+            return Some(Err(error));
         }
     }
 }

@@ -13,6 +13,8 @@ pub(crate) struct Sample {
     pub(crate) t_ns: i64,
     /// Whether the edit list shows it.
     pub(crate) shown: bool,
+    /// Whether it builds on no other.
+    pub(crate) is_key: bool,
 }
 
 /// The samples with their times: composition time less the edit's start, plus any empty edit before it, as ffmpeg
@@ -52,6 +54,7 @@ pub(crate) fn samples(mp4: &Mp4, track: &Track) -> Result<Vec<Sample>, String> {
                 size: sample.size,
                 t_ns: i64::try_from(ns(ticks) + delay_ns).unwrap_or(i64::MAX),
                 shown: ticks >= 0 && !over,
+                is_key: sample.is_sync,
             }
         })
         .collect())

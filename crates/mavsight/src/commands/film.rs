@@ -1,0 +1,270 @@
+//! Filming a simulated flight: a session on disk, by the paper's cameras or by those of a file.
+
+use super::named;
+use crate::cli::{Film, WrongCall};
+use crate::lab::{self, Shot};
+use crate::progress::Bars;
+use anyhow::{Context, Result, bail};
+use mavsight_flight::Scenario;
+use mavsight_geometry::{BrownConrady, Camera, ImageSize, Intrinsics, Vector3};
+use mavsight_pipeline::Progress;
+use mavsight_scene::{Aircraft, Room};
+use mavsight_score::VirtualCamera;
+use mavsight_session::{
+    ControlPointRow, ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow,
+    load_vehicle, make_folder, tables::read_control_points, tables::read_inputs, tables::read_truth,
+    write_control_points, write_inputs, write_png, write_session, write_vehicle,
+};
+use mavsight_vision::Frame;
+use serde::Deserialize;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// Cameras to film with, as a file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CameraFile {
+    camera: Vec<FilmCamera>,
+}
+
+/// One of them. What its clock does is not written into the session: the chain has to find out.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FilmCamera {
+    name: String,
+    centre_m: [f64; 3],
+    #[serde(default = "middle")]
+    target_m: [f64; 3],
+    #[serde(default = "degrees")]
+    field_of_view_deg: f64,
+    #[serde(default = "pixels")]
+    size_px: [u32; 2],
+    #[serde(default)]
+    k1: f64,
+    #[serde(default)]
+    k2: f64,
+    /// The flight's where left out.
+    frame_rate_hz: Option<f64>,
+    /// How late its time stamps are at the start.
+    #[serde(default)]
+    late_s: f64,
+    /// How fast its clock is.
+    #[serde(default)]
+    fast_ppm: f64,
+    /// Of a rolling shutter; this alone is written into the session.
+    #[serde(default)]
+    line_time_s: f64,
+}
+
+fn middle() -> [f64; 3] {
+    [0.0, 0.0, 1.5]
+}
+
+fn degrees() -> f64 {
+    53.0
+}
+
+fn pixels() -> [u32; 2] {
+    [640, 480]
+}
+
+impl FilmCamera {
+    fn of_lab(camera: &VirtualCamera) -> (Self, Camera) {
+        let own = Self {
+            name: camera.name.clone(),
+            centre_m: camera.camera.centre_in_world().into(),
+            target_m: middle(),
+            field_of_view_deg: degrees(),
+            size_px: [camera.camera.size.width_px, camera.camera.size.height_px],
+            k1: 0.0,
+            k2: 0.0,
+            frame_rate_hz: None,
+            late_s: 0.0,
+            fast_ppm: 0.0,
+            line_time_s: 0.0,
+        };
+        (own, camera.camera)
+    }
+
+    fn camera(&self) -> Result<Camera> {
+        let wrong = |what: String| WrongCall(format!("camera {}: {what}", self.name));
+        let numbers = [self.k1, self.k2, self.late_s, self.fast_ppm, self.line_time_s];
+        let places = self.centre_m.iter().chain(&self.target_m);
+        if !numbers.iter().chain(places).all(|v| v.is_finite()) || self.fast_ppm.abs() >= 1e5 {
+            return Err(wrong("its numbers must be finite, and fast_ppm below 100000".into()).into());
+        }
+        let [width_px, height_px] = self.size_px;
+        if !(1.0..179.0).contains(&self.field_of_view_deg) || width_px < 16 || height_px < 16 {
+            return Err(wrong("field_of_view_deg must be 1 to 179, size_px at least 16 by 16".into()).into());
+        }
+        if self.frame_rate_hz.is_some_and(|r| !(r.is_finite() && r > 0.0)) {
+            return Err(wrong("frame_rate_hz must be above 0".into()).into());
+        }
+        let size = ImageSize { width_px, height_px };
+        let lens = Intrinsics::from_horizontal_fov(size, self.field_of_view_deg.to_radians());
+        let mut camera =
+            Camera::looking_at(Vector3::from(self.centre_m), Vector3::from(self.target_m), lens, size);
+        camera.distortion = BrownConrady { k1: self.k1, k2: self.k2, ..BrownConrady::default() };
+        Ok(camera)
+    }
+
+    /// Times of its frames over a flight: stamp k/rate = late + (1 + fast) t.
+    fn times_s(&self, rate_hz: f64, end_s: f64) -> Vec<f64> {
+        let time = |k: usize| (k as f64 / rate_hz - self.late_s) / (1.0 + 1e-6 * self.fast_ppm);
+        (0..).map(time).take_while(|t| *t <= end_s + 1e-9).collect()
+    }
+}
+
+fn cameras_of(path: Option<&Path>) -> Result<Vec<(FilmCamera, Camera)>> {
+    let Some(path) = path else { return Ok(lab::cameras().iter().map(FilmCamera::of_lab).collect()) };
+    let wrong = |e: String| WrongCall(format!("{}: {e}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|e| wrong(e.to_string()))?;
+    let file: CameraFile = toml::from_str(&text).map_err(|e| wrong(e.to_string().trim().to_owned()))?;
+    file.camera.into_iter().map(|c| c.camera().map(|camera| (c, camera))).collect()
+}
+
+/// A flight and how it is filmed.
+struct Set<'a> {
+    args: &'a Film,
+    truth: &'a [TruthRow],
+    aircraft: &'a Aircraft,
+    control: &'a [ControlPointRow],
+    interval_s: f64,
+}
+
+/// `mavsight film`
+pub(crate) fn film(args: &Film) -> Result<()> {
+    let vehicle = named(load_vehicle(&args.flight.join("vehicle.toml")))?;
+    let truth = named(read_truth(&args.flight.join("truth.csv")))?;
+    let inputs = named(read_inputs(&args.flight.join("inputs.csv")))?;
+    let interval_s = match truth.as_slice() {
+        [a, b, ..] => b.t_s - a.t_s,
+        _ => 1.0 / Scenario::paper().frame_rate_hz,
+    };
+    make_folder(&args.out)?;
+    let bars = Bars::new();
+    let room = Room::meeting_room();
+    let aircraft = lab::aircraft(&vehicle);
+    let control = match &args.control {
+        Some(path) => named(read_control_points(path))?,
+        None => lab::control_points(),
+    };
+    let set = Set { args, truth: &truth, aircraft: &aircraft, control: &control, interval_s };
+    let mut cameras = Vec::new();
+    for (k, camera) in cameras_of(args.cameras.as_deref())?.iter().enumerate() {
+        cameras.push(one_camera(&set, &room, camera, k, &bars)?);
+    }
+    bars.done();
+    write_flight_files(args, &vehicle, &inputs, &control)?;
+    let session = SessionFile {
+        schema: SESSION_SCHEMA,
+        name: "virtual-flight".to_owned(),
+        vehicle: "vehicle.toml".into(),
+        inputs: "inputs.csv".into(),
+        truth: Some("truth.csv".into()),
+        model: None,
+        control: Some(ControlSection { points: "control_points.csv".into(), observations: None }),
+        wand: None,
+        board: None,
+        refine: None,
+        camera: cameras,
+    };
+    write_session(&args.out.join("session.toml"), &session)?;
+    println!("{} cameras: {}", session.camera.len(), args.out.join("session.toml").display());
+    Ok(())
+}
+
+/// Films with one camera.
+fn one_camera(
+    set: &Set<'_>,
+    room: &Room,
+    (own, camera): &(FilmCamera, Camera),
+    index: usize,
+    bars: &Bars,
+) -> Result<SessionCamera> {
+    let (args, name, size) = (set.args, &own.name, camera.size);
+    bars.start("building", None);
+    let view = VirtualCamera { name: name.clone(), camera: *camera, sees: Vec::new(), control_std_px: 0.0 };
+    let film = lab::film(room, &view, index, args.seed);
+    let still = format!("{name}-control.png");
+    let control = lab::control_frame(set.control);
+    write_png(&args.out.join(&still), &Frame::from_rgb(size, film.still(Some(&control)))?)?;
+    let rate_hz = own.frame_rate_hz.unwrap_or((1e6 / set.interval_s).round() / 1e6);
+    let times_s = match args.cameras {
+        Some(_) => own.times_s(rate_hz, set.truth.last().map_or(0.0, |row| row.t_s)),
+        None => set.truth.iter().map(|row| row.t_s).collect(),
+    };
+    bars.start("filming", Some(times_s.len() as u64));
+    let frames = times_s.iter().enumerate().filter_map(|(n, t_s)| {
+        bars.step();
+        if args.cameras.is_none() {
+            return Some(lab::frame(&film, n, set.aircraft, &set.truth[n], set.interval_s));
+        }
+        let shot = Shot { t_s: *t_s, interval_s: 1.0 / rate_hz, line_time_s: own.line_time_s };
+        lab::frame_at(&film, n, set.aircraft, set.truth, shot)
+    });
+    let video = if args.video {
+        write_video(&args.out.join(format!("{name}.mp4")), size, 1.0 / rate_hz, frames)?;
+        format!("{name}.mp4")
+    } else {
+        make_folder(&args.out.join(name))?;
+        for (n, rgb) in frames.enumerate() {
+            let file = args.out.join(name).join(format!("frame_{n:05}.png"));
+            write_png(&file, &Frame::from_rgb(size, rgb)?)?;
+        }
+        format!("{name}/frame_%05d.png")
+    };
+    Ok(SessionCamera {
+        name: name.clone(),
+        video: video.into(),
+        still: Some(still.into()),
+        frame_rate_hz: (!args.video).then_some(rate_hz),
+        line_time_s: (own.line_time_s != 0.0).then_some(LineTime::Known(own.line_time_s)),
+        ..SessionCamera::default()
+    })
+}
+
+fn write_flight_files(
+    args: &Film,
+    vehicle: &mavsight_flight::Vehicle,
+    inputs: &mavsight_flight::InputSeries,
+    control: &[ControlPointRow],
+) -> Result<()> {
+    write_control_points(&args.out.join("control_points.csv"), control)?;
+    let same = args.flight.canonicalize().ok() == args.out.canonicalize().ok();
+    if !same {
+        write_vehicle(&args.out.join("vehicle.toml"), vehicle)?;
+        write_inputs(&args.out.join("inputs.csv"), inputs)?;
+        let truth = std::fs::read(args.flight.join("truth.csv")).context("truth.csv")?;
+        mavsight_session::write_whole(&args.out.join("truth.csv"), &truth)?;
+    }
+    Ok(())
+}
+
+/// Encodes frames with the `ffmpeg` program.
+fn write_video(
+    path: &Path,
+    size: mavsight_geometry::ImageSize,
+    interval_s: f64,
+    frames: impl Iterator<Item = Vec<u8>>,
+) -> Result<()> {
+    let mut child = Command::new("ffmpeg")
+        .args(["-v", "error", "-nostdin", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
+        .args(["-s", &format!("{}x{}", size.width_px, size.height_px), "-r", &format!("{}", 1.0 / interval_s)])
+        .args(["-i", "pipe:0", "-c:v", "libx264", "-crf", "12", "-pix_fmt", "yuv420p"])
+        .arg(path)
+        .stdin(Stdio::piped())
+        .spawn()
+        .context("--video needs the ffmpeg program: install it with `apt-get install ffmpeg`, or leave --video out")?;
+    let Some(mut pipe) = child.stdin.take() else { bail!("ffmpeg gave no input pipe") };
+    for rgb in frames {
+        pipe.write_all(&rgb).context("ffmpeg stopped reading frames")?;
+    }
+    drop(pipe);
+    let status = child.wait()?;
+    if !status.success() {
+        bail!("ffmpeg could not write {}: {status}", path.display());
+    }
+    Ok(())
+}

@@ -1,0 +1,229 @@
+//! What one camera saw, by its own clock, and what was wrong with its frames.
+
+use crate::{PipelineError, TimedFrame};
+use mavsight_geometry::Vector2;
+use mavsight_pose::{CameraStream, ClockPrior, StreamSight};
+use mavsight_vision::{BallCandidate, Frame};
+
+/// Frames further apart than this many intervals have others missing between them.
+const GAP_INTERVALS: f64 = 1.5;
+
+/// Faults that are told one by one; of more, the number.
+const MOST_TOLD: usize = 3;
+
+/// A camera's sights.
+pub(crate) struct Stream {
+    pub(crate) name: String,
+    /// Time stamps of the frames that were looked at, rising.
+    pub(crate) stamps_ns: Vec<i64>,
+    /// What was seen in them, in order of time.
+    pub(crate) sights: Vec<StreamSight>,
+    /// Apparent diameters, one for each sight.
+    pub(crate) diameters_px: Vec<f64>,
+    pub(crate) clock: ClockPrior,
+    pub(crate) readout: Vector2<f64>,
+    faults: Faults,
+    last: Option<Frame>,
+}
+
+/// What was wrong with the frames.
+#[derive(Default)]
+struct Faults {
+    /// Stamps of frames that repeat the one before.
+    copies_ns: Vec<i64>,
+    /// Stamps of frames that are not later than the one before.
+    backward_ns: Vec<i64>,
+    /// What the source said, and the stamp of the frame before it.
+    broken: Vec<(i64, String)>,
+}
+
+impl Stream {
+    pub(crate) fn new(name: String, clock: ClockPrior, readout: Vector2<f64>) -> Self {
+        Self {
+            name,
+            stamps_ns: Vec::new(),
+            sights: Vec::new(),
+            diameters_px: Vec::new(),
+            clock,
+            readout,
+            faults: Faults::default(),
+            last: None,
+        }
+    }
+
+    /// Takes the next frame, and says whether it is worth looking at: one that repeats the frame before it, sample by sample,
+    /// shows nothing new, and one that is not later has no time of its own.
+    pub(crate) fn takes(&mut self, timed: &TimedFrame) -> bool {
+        if self.stamps_ns.last().is_some_and(|last| timed.t_ns <= *last) {
+            self.faults.backward_ns.push(timed.t_ns);
+            return false;
+        }
+        if self.last.as_ref() == Some(&timed.frame) {
+            self.faults.copies_ns.push(timed.t_ns);
+            return false;
+        }
+        true
+    }
+
+    /// Adds what was seen in a frame that was taken.
+    pub(crate) fn add(&mut self, timed: TimedFrame, balls: &[Option<BallCandidate>]) {
+        self.stamps_ns.push(timed.t_ns);
+        for (marker, ball) in balls.iter().enumerate() {
+            let Some(ball) = ball else { continue };
+            let (pixel, covariance_px2) = (ball.pixel, ball.covariance_px2);
+            self.sights.push(StreamSight { stamp_ns: timed.t_ns, marker, pixel, covariance_px2 });
+            self.diameters_px.push(ball.diameter_px);
+        }
+        self.last = Some(timed.frame);
+    }
+
+    /// Notes an error of the source behind the first frame.
+    ///
+    /// # Errors
+    /// The error itself where there was no frame before it.
+    pub(crate) fn add_fault(&mut self, error: PipelineError) -> Result<(), PipelineError> {
+        let Some(last_ns) = self.stamps_ns.last() else { return Err(error) };
+        let words = match error {
+            PipelineError::Source { source, .. } => source.to_string(),
+            other => other.to_string(),
+        };
+        self.faults.broken.push((*last_ns, words));
+        Ok(())
+    }
+
+    /// Forgets the last frame; its sights are whole.
+    pub(crate) fn finish(&mut self) {
+        self.last = None;
+    }
+
+    /// Median time between frames; that of 30 frames a second where there is one frame alone.
+    pub(crate) fn interval_s(&self) -> f64 {
+        let mut steps: Vec<i64> = self.stamps_ns.windows(2).map(|w| w[1] - w[0]).collect();
+        steps.sort_unstable();
+        steps.get(steps.len() / 2).map_or(1.0 / 30.0, |step| *step as f64 * 1e-9)
+    }
+
+    /// The same for the estimation of clocks.
+    pub(crate) fn camera_stream(&mut self) -> CameraStream {
+        CameraStream {
+            interval_s: self.interval_s(),
+            readout: self.readout,
+            sights: std::mem::take(&mut self.sights),
+            prior: self.clock,
+        }
+    }
+
+    /// What was wrong, in words.
+    pub(crate) fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        let first_s = |of: &[i64]| of.first().map_or(0.0, |t| *t as f64 * 1e-9);
+        for (after_ns, words) in self.faults.broken.iter().take(MOST_TOLD) {
+            notes.push(format!("{}, after {:.3} s: {words}.", self.name, *after_ns as f64 * 1e-9));
+        }
+        let untold = self.faults.broken.len().saturating_sub(MOST_TOLD);
+        if untold > 0 {
+            notes.push(format!("{}: {untold} more faults of this kind.", self.name));
+        }
+        let copies = &self.faults.copies_ns;
+        if !copies.is_empty() {
+            notes.push(format!(
+                "{}: {} frame(s) repeat the one before and are left out, the first at {:.3} s: the camera or a converter put them in.",
+                self.name,
+                copies.len(),
+                first_s(copies)
+            ));
+        }
+        let backward = &self.faults.backward_ns;
+        if !backward.is_empty() {
+            notes.push(format!(
+                "{}: {} frame(s) with a time stamp not after that of the frame before are left out, the first at {:.3} s.",
+                self.name,
+                backward.len(),
+                first_s(backward)
+            ));
+        }
+        notes.extend(self.gaps());
+        notes
+    }
+
+    /// Frames missing between those that came; copies came.
+    fn gaps(&self) -> Option<String> {
+        let interval_ns = self.interval_s() * 1e9;
+        let mut came: Vec<i64> = self.stamps_ns.iter().chain(&self.faults.copies_ns).copied().collect();
+        came.sort_unstable();
+        let gaps: Vec<(i64, i64)> = came
+            .windows(2)
+            .filter(|w| (w[1] - w[0]) as f64 > GAP_INTERVALS * interval_ns)
+            .map(|w| (w[0], ((w[1] - w[0]) as f64 / interval_ns).round() as i64 - 1))
+            .collect();
+        let (first_ns, first) = *gaps.first()?;
+        let missing: i64 = gaps.iter().map(|g| g.1.max(1)).sum();
+        let places =
+            if gaps.len() > 1 { format!(" in {} places, the first", gaps.len()) } else { String::new() };
+        Some(format!(
+            "{}: {missing} frame(s) are missing{places} after {:.3} s ({} there).",
+            self.name,
+            first_ns as f64 * 1e-9,
+            first.max(1)
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_geometry::ImageSize;
+    use mavsight_pose::CameraClock;
+
+    fn frame(k: u8) -> Frame {
+        Frame::from_rgb(ImageSize { width_px: 2, height_px: 2 }, vec![k; 12]).unwrap()
+    }
+
+    fn stream(stamps: &[(f64, u8)]) -> Stream {
+        let mut stream = Stream::new("cam2".into(), ClockPrior::known(CameraClock::default()), Vector2::y());
+        for (k, shade) in stamps {
+            let timed = TimedFrame { t_ns: (k / 30.0 * 1e9).round() as i64, frame: frame(*shade) };
+            if stream.takes(&timed) {
+                stream.add(timed, &[]);
+            }
+        }
+        stream
+    }
+
+    #[test]
+    fn whole_recordings_have_nothing_to_tell() {
+        let whole: Vec<(f64, u8)> = (0..20).map(|k| (f64::from(k), k)).collect();
+        let stream = stream(&whole);
+        assert_eq!(stream.notes(), Vec::<String>::new());
+        assert!((stream.interval_s() - 1.0 / 30.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn copied_backward_and_missing_frames_are_told_with_camera_and_time() {
+        let copied = stream(&[(0.0, 0), (1.0, 1), (2.0, 1), (3.0, 3), (4.0, 4)]);
+        assert_eq!(copied.stamps_ns.len(), 4);
+        let [note] = &copied.notes()[..] else { panic!("{:?}", copied.notes()) };
+        assert!(note.contains("cam2: 1 frame(s) repeat") && note.contains("0.067 s"), "{note}");
+        let backward = stream(&[(0.0, 0), (1.0, 1), (0.5, 2), (2.0, 3)]);
+        let [note] = &backward.notes()[..] else { panic!("{:?}", backward.notes()) };
+        assert!(note.contains("cam2: 1 frame(s) with a time stamp") && note.contains("0.017 s"), "{note}");
+        let missing = stream(&[(0.0, 0), (1.0, 1), (2.0, 2), (5.0, 3), (6.0, 4), (8.0, 5), (9.0, 6)]);
+        let [note] = &missing.notes()[..] else { panic!("{:?}", missing.notes()) };
+        assert!(
+            note.contains("cam2: 3 frame(s) are missing in 2 places, the first after 0.067 s (2"),
+            "{note}"
+        );
+    }
+
+    #[test]
+    fn an_error_before_the_first_frame_ends_all_and_one_behind_it_is_told() {
+        let mut empty = stream(&[]);
+        let error = || PipelineError::NoFrames { camera: "cam2".into() };
+        assert!(empty.add_fault(error()).is_err());
+        let mut some = stream(&[(0.0, 0), (1.0, 1)]);
+        (0..5).for_each(|_| some.add_fault(error()).unwrap());
+        let notes = some.notes();
+        assert!(notes.len() == 4 && notes[0].contains("cam2, after 0.033 s: "), "{notes:?}");
+        assert!(notes[3].contains("2 more"), "{notes:?}");
+    }
+}

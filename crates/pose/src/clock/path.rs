@@ -1,0 +1,224 @@
+//! One marker's path through one camera's images, between its frames.
+
+use mavsight_geometry::{Matrix2, Vector2};
+use nalgebra::{Matrix3, Vector3};
+
+/// Times that differ by less are one: what moves at 500 px/s goes a two-hundredth of a pixel in it.
+const SAME_S: f64 = 10e-6;
+
+/// Frames on either side that a local parabola goes through.
+const SIDE: usize = 3;
+
+/// Frames further apart than this many intervals have a gap between them.
+const GAP_INTERVALS: f64 = 1.5;
+
+/// Beyond the first or last frame of a run the path is followed this part of an interval and no further.
+const BEYOND_INTERVALS: f64 = 0.5;
+
+/// The centres of one marker in one camera, each at its own time.
+#[derive(Debug, Clone, Default)]
+pub struct PixelPath {
+    t_s: Vec<f64>,
+    pixels: Vec<Vector2<f64>>,
+    covariances_px2: Vec<Matrix2<f64>>,
+    interval_s: f64,
+}
+
+/// A path at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathPoint {
+    /// Index of the sight that was brought to this time.
+    pub sight: usize,
+    /// Where the marker was seen then.
+    pub pixel: Vector2<f64>,
+    /// Covariance of that: of the sight and of the way it was brought.
+    pub covariance_px2: Matrix2<f64>,
+    /// How fast it moved; none where fewer than three sights tell.
+    pub velocity: Option<PathVelocity>,
+}
+
+/// Velocity of a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathVelocity {
+    /// The velocity.
+    pub px_s: Vector2<f64>,
+    /// Its variance over that of a centre.
+    pub gain_per_s2: f64,
+}
+
+impl PixelPath {
+    /// A path of a camera whose frames are `interval_s` apart; sights come by [`PixelPath::push`].
+    pub fn new(interval_s: f64) -> Self {
+        Self { interval_s, ..Self::default() }
+    }
+
+    /// Adds a sight and says whether it was taken; one that is not later than the last, or not finite, is passed over.
+    pub fn push(&mut self, t_s: f64, pixel: Vector2<f64>, covariance_px2: Matrix2<f64>) -> bool {
+        let is_later = self.t_s.last().is_none_or(|last| t_s > *last);
+        let is_number = pixel.iter().chain(covariance_px2.iter()).all(|v| v.is_finite());
+        let is_taken = is_later && t_s.is_finite() && is_number;
+        if is_taken {
+            self.t_s.push(t_s);
+            self.pixels.push(pixel);
+            self.covariances_px2.push(covariance_px2);
+        }
+        is_taken
+    }
+
+    /// Where the marker was at a time; `None` where no sight is near enough.
+    ///
+    /// The nearest sight is moved along the parabola through it and up to three neighbours on either side, so that its noise
+    /// stays its own and white from frame to frame; a sight at this very time is taken as it is. Nothing reaches across a gap,
+    /// and at the end of a run no further than half an interval.
+    pub fn at(&self, t_s: f64) -> Option<PathPoint> {
+        let sight = self.nearest(t_s)?;
+        let dt_s = t_s - self.t_s[sight];
+        let (from, to) = self.run_about(sight);
+        let is_same = dt_s.abs() <= SAME_S;
+        let beyond = if dt_s < 0.0 { from == sight } else { to == sight };
+        let reach = if beyond { BEYOND_INTERVALS } else { 0.5 * GAP_INTERVALS };
+        if !is_same && dt_s.abs() > reach * self.interval_s * (1.0 + 1e-6) {
+            return None;
+        }
+        let as_it_is = PathPoint {
+            sight,
+            pixel: self.pixels[sight],
+            covariance_px2: self.covariances_px2[sight],
+            velocity: None,
+        };
+        let Some(inverse) = self.inverse_of(sight, from, to) else { return is_same.then_some(as_it_is) };
+        let x = dt_s / self.interval_s;
+        let (mut pixel, mut covariance_px2) = (Vector2::zeros(), Matrix2::zeros());
+        let (mut px_s, mut gain_per_s2) = (Vector2::zeros(), 0.0);
+        for k in from..=to {
+            let at = (self.t_s[k] - self.t_s[sight]) / self.interval_s;
+            let parabola = inverse * Vector3::new(1.0, at, at * at);
+            let own = if k == sight { 1.0 } else { 0.0 };
+            let weight = own + parabola.y * x + parabola.z * x * x;
+            pixel += self.pixels[k] * weight;
+            covariance_px2 += self.covariances_px2[k] * (weight * weight);
+            let slope = (parabola.y + 2.0 * parabola.z * x) / self.interval_s;
+            px_s += self.pixels[k] * slope;
+            gain_per_s2 += slope * slope;
+        }
+        let velocity = Some(PathVelocity { px_s, gain_per_s2 });
+        Some(if is_same {
+            PathPoint { velocity, ..as_it_is }
+        } else {
+            PathPoint { sight, pixel, covariance_px2, velocity }
+        })
+    }
+
+    fn nearest(&self, t_s: f64) -> Option<usize> {
+        let after = self.t_s.partition_point(|t| *t < t_s);
+        match (after.checked_sub(1), self.t_s.get(after)) {
+            (Some(before), Some(next)) => {
+                Some(if t_s - self.t_s[before] <= next - t_s { before } else { after })
+            }
+            (Some(before), None) => Some(before),
+            (None, Some(_)) => Some(after),
+            (None, None) => None,
+        }
+    }
+
+    /// First and last of the sights around one without a gap between.
+    fn run_about(&self, sight: usize) -> (usize, usize) {
+        let joined = |k: usize| self.t_s[k + 1] - self.t_s[k] <= GAP_INTERVALS * self.interval_s;
+        let (mut from, mut to) = (sight, sight);
+        while from > 0 && sight - from < SIDE && joined(from - 1) {
+            from -= 1;
+        }
+        while to + 1 < self.t_s.len() && to - sight < SIDE && joined(to) {
+            to += 1;
+        }
+        (from, to)
+    }
+
+    /// Inverse normal matrix of the parabola, time in intervals from the sight; `None` for fewer than three sights.
+    fn inverse_of(&self, sight: usize, from: usize, to: usize) -> Option<Matrix3<f64>> {
+        if to - from < 2 {
+            return None;
+        }
+        let mut normal = Matrix3::zeros();
+        for k in from..=to {
+            let at = (self.t_s[k] - self.t_s[sight]) / self.interval_s;
+            let row = Vector3::new(1.0, at, at * at);
+            normal += row * row.transpose();
+        }
+        normal.cholesky().map(|c| c.inverse())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::normal;
+
+    const H: f64 = 1.0 / 30.0;
+
+    fn curve(t: f64) -> Vector2<f64> {
+        Vector2::new(100.0 + 80.0 * t - 300.0 * t * t, 50.0 - 40.0 * t + 90.0 * t * t)
+    }
+
+    fn path(times: impl Iterator<Item = f64>, at: impl Fn(f64) -> Vector2<f64>) -> PixelPath {
+        let mut path = PixelPath::new(H);
+        times.for_each(|t| assert!(path.push(t, at(t), Matrix2::identity() * 0.01)));
+        path
+    }
+
+    #[test]
+    fn a_parabola_is_followed_exactly_within_a_run_and_half_an_interval_beyond() {
+        let path = path((0..20).map(|k| f64::from(k) * H), curve);
+        for t in [-0.49 * H, 0.0, 0.3 * H, 7.5 * H, 18.9 * H, 19.49 * H] {
+            let got = path.at(t).unwrap();
+            assert!((got.pixel - curve(t)).norm() < 1e-9, "{t}: {}", got.pixel);
+            let slope = (curve(t + 1e-6) - curve(t - 1e-6)) / 2e-6;
+            assert!((got.velocity.unwrap().px_s - slope).norm() < 1e-5);
+        }
+        assert_eq!(path.at(-0.51 * H), None);
+        assert_eq!(path.at(19.51 * H), None);
+        let same = path.at(7.0 * H + 5e-6).unwrap();
+        assert_eq!((same.pixel, same.covariance_px2), (curve(7.0 * H), Matrix2::identity() * 0.01));
+    }
+
+    #[test]
+    fn nothing_reaches_across_a_gap() {
+        let path = path((0..20).filter(|k| *k != 10).map(|k| f64::from(k) * H), curve);
+        assert_eq!(path.at(10.0 * H), None);
+        assert!(path.at(9.4 * H).is_some() && path.at(10.6 * H).is_some());
+        // Two sights alone tell no curvature: they hold at their own times only.
+        let two = self::path([0.0, H].into_iter(), curve);
+        assert!(two.at(0.3 * H).is_none() && two.at(H).is_some_and(|p| p.velocity.is_none()));
+        assert_eq!(PixelPath::new(H).at(0.0), None);
+        let mut spoilt = PixelPath::new(H);
+        assert!(!spoilt.push(f64::NAN, Vector2::zeros(), Matrix2::identity()));
+        assert!(!spoilt.push(0.0, Vector2::new(f64::NAN, 0.0), Matrix2::identity()));
+        assert_eq!(spoilt.at(0.0), None);
+    }
+
+    /// The claimed covariance is the scatter, in the middle of a run and at its end.
+    #[test]
+    fn the_covariance_is_that_of_many_paths() {
+        let mut seed = 5;
+        for t in [7.5 * H, 19.4 * H] {
+            let (mut square, mut claimed, trials) = (0.0, 0.0, 4000);
+            for _ in 0..trials {
+                let mut noisy = PixelPath::new(H);
+                for k in 0..20 {
+                    let at = f64::from(k) * H;
+                    let noise = Vector2::new(normal(&mut seed), normal(&mut seed)) * 0.1;
+                    noisy.push(at, curve(at) + noise, Matrix2::identity() * 0.01);
+                }
+                let got = noisy.at(t).unwrap();
+                square += (got.pixel - curve(t)).norm_squared();
+                claimed += got.covariance_px2.trace();
+            }
+            assert!(
+                (square / claimed - 1.0).abs() < 0.08,
+                "{t}: {} of {}",
+                square,
+                claimed / f64::from(trials)
+            );
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! The search for the clocks: coarse over a second, then by Gauss and Newton, then what is made of it.
+
+use super::equations::{Part, Problem, Sums, Unknown};
+use super::{CameraClock, ClockEstimate, ClockVerdict, RELEVANT_STD, SIGNIFICANT, TOLD_INTERVALS};
+use nalgebra::{DMatrix, DVector};
+
+/// An offset of which nothing is known is sought this far on either side of the start.
+const REACH_S: f64 = 1.0;
+
+/// A coarse offset is taken where its misfit is less than this part of that at the start: beyond what noise does.
+const MUCH_BETTER: f64 = 0.9;
+
+/// Instants of the coarse search.
+const COARSE_INSTANTS: usize = 80;
+
+const MOST_STEPS: usize = 20;
+
+/// Steps smaller than this part of an unknown's standard deviation are the last.
+const SETTLED_STD: f64 = 0.03;
+
+/// Where the search has come to.
+struct Found {
+    clocks: Vec<CameraClock>,
+    sums: Sums,
+    /// Of the unknowns, corrected for noise in the velocities; infinite where they are not told.
+    std: Vec<f64>,
+}
+
+pub(super) fn solve(problem: &mut Problem<'_>, out: &mut [ClockEstimate]) {
+    let free = |part: Part| -> Vec<Unknown> {
+        let std = |k: usize| {
+            let prior = &problem.streams[k].prior;
+            match part {
+                Part::Offset => prior.offset_std_s,
+                Part::Drift => prior.drift_std,
+                Part::LineTime => prior.line_time_std_s,
+            }
+        };
+        let first = if part == Part::LineTime { 0 } else { 1 };
+        (first..problem.streams.len()).filter(|k| std(*k) > 0.0).map(|k| (k, part)).collect()
+    };
+    let (offsets, drifts, lines) = (free(Part::Offset), free(Part::Drift), free(Part::LineTime));
+    let mut unknowns: Vec<Unknown> = offsets.iter().chain(&lines).copied().collect();
+    if unknowns.is_empty() || problem.instants.is_empty() {
+        return;
+    }
+    let mut clocks = problem.clocks();
+    problem.find_poses(&clocks);
+    for (camera, _) in &offsets {
+        coarse(problem, &mut clocks, *camera);
+    }
+    let Some(mut found) = descend(problem, clocks, &unknowns) else {
+        return offsets.iter().for_each(|(k, _)| out[*k].verdict = unseen());
+    };
+    // A drift is estimated where its offset is told, and kept where it is no chance.
+    let told = |f: &Found, u: usize, k: usize| f.std[u] <= TOLD_INTERVALS * problem.streams[k].interval_s;
+    let wanted: Vec<Unknown> = drifts
+        .into_iter()
+        .filter(|(k, _)| {
+            unknowns.iter().position(|u| *u == (*k, Part::Offset)).is_some_and(|u| told(&found, u, *k))
+        })
+        .collect();
+    let mut drift_std = vec![f64::INFINITY; problem.streams.len()];
+    if !wanted.is_empty() {
+        let fixed = unknowns.len();
+        let with: Vec<Unknown> = unknowns.iter().chain(&wanted).copied().collect();
+        if let Some(drifting) = descend(problem, found.clocks.clone(), &with) {
+            let mut kept = Vec::new();
+            for (u, (k, part)) in with.iter().enumerate().skip(fixed) {
+                drift_std[*k] = drifting.std[u];
+                if drifting.clocks[*k].drift.abs() > SIGNIFICANT * drifting.std[u] {
+                    kept.push((*k, *part));
+                }
+            }
+            if kept.len() == wanted.len() {
+                (found, unknowns) = (drifting, with);
+            } else if !kept.is_empty() {
+                unknowns.extend(kept);
+                match descend(problem, found.clocks.clone(), &unknowns) {
+                    Some(again) => found = again,
+                    None => return,
+                }
+            }
+        }
+    }
+    conclude(problem, &found, &unknowns, &drift_std, out);
+}
+
+fn unseen() -> ClockVerdict {
+    ClockVerdict::TooSlow { speed_px_s: 0.0, needed_px_s: f64::INFINITY, needed_m_s: f64::INFINITY }
+}
+
+/// Tries offsets of one camera half a frame apart against the first camera, and takes one that is much better than the start.
+fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) {
+    let stream = &problem.streams[camera];
+    let reach_s = (3.0 * stream.prior.offset_std_s).min(REACH_S);
+    let step_s = 0.5 * stream.interval_s;
+    let stride = (problem.instants.len() / COARSE_INSTANTS).max(1);
+    let pair = [0, camera];
+    let misfit = |problem: &mut Problem<'_>, offset_s: f64| {
+        let mut tried = clocks.to_vec();
+        tried[camera].offset_s = offset_s;
+        let sums = problem.sums(&tried, &[], (&pair, stride), false);
+        (sums.instants, sums.misfit / sums.instants.max(1) as f64)
+    };
+    let start_s = clocks[camera].offset_s;
+    let (instants, at_start) = misfit(problem, start_s);
+    let steps = (reach_s / step_s).floor() as i32;
+    let mut best = (if instants > 0 { MUCH_BETTER * at_start } else { f64::INFINITY }, start_s);
+    for k in (-steps..=steps).filter(|k| *k != 0) {
+        let offset_s = start_s + f64::from(k) * step_s;
+        let (seen, at) = misfit(problem, offset_s);
+        // Where the recordings share less than half of what they share at the start, little agreement is no merit.
+        if seen > 10 && 2 * seen >= instants && at < best.0 {
+            best = (at, offset_s);
+        }
+    }
+    clocks[camera].offset_s = best.1;
+}
+
+/// Gauss-Newton over the unknowns and the lasting errors; `None` where nothing is seen by two cameras.
+fn descend(problem: &mut Problem<'_>, mut clocks: Vec<CameraClock>, unknowns: &[Unknown]) -> Option<Found> {
+    let all: Vec<usize> = (0..problem.streams.len()).collect();
+    for _ in 0..MOST_STEPS {
+        let mut sums = problem.sums(&clocks, unknowns, (&all, 1), true);
+        if sums.instants < 2 * unknowns.len() + 2 {
+            return None;
+        }
+        problem.scale = sums.scale();
+        let by_noise = sums.by_noise.clone();
+        problem.add_priors(&mut sums, &clocks, unknowns);
+        let inverse = sums.normal.clone().cholesky()?.inverse();
+        let step = -(&inverse * &sums.gradient);
+        let std = deviations(problem, &sums, &inverse, &by_noise);
+        let mut largest: f64 = 0.0;
+        for (u, (camera, part)) in unknowns.iter().enumerate() {
+            let most = match part {
+                Part::Offset => problem.streams[*camera].interval_s,
+                Part::Drift => 1e-3,
+                Part::LineTime => problem.streams[*camera].interval_s * 1e-3,
+            };
+            *part.of(&mut clocks[*camera]) += step[u].clamp(-most, most);
+            largest = largest.max(step[u].abs() * (problem.scale * inverse[(u, u)]).sqrt().recip());
+        }
+        let lasting = step.rows(unknowns.len(), problem.lasting_px.len());
+        problem.lasting_px += lasting;
+        if largest < SETTLED_STD {
+            return Some(Found { clocks, sums, std });
+        }
+    }
+    let mut sums = problem.sums(&clocks, unknowns, (&all, 1), true);
+    let by_noise = sums.by_noise.clone();
+    problem.add_priors(&mut sums, &clocks, unknowns);
+    let inverse = sums.normal.clone().cholesky()?.inverse();
+    let std = deviations(problem, &sums, &inverse, &by_noise);
+    Some(Found { clocks, sums, std })
+}
+
+/// Standard deviations of the unknowns: the larger of what white noise gives and what the scatter between parts of the flight
+/// gives (Huber 1967; Liang & Zeger 1986), less what the velocities' noise only seems to tell.
+fn deviations(problem: &Problem<'_>, sums: &Sums, inverse: &DMatrix<f64>, by_noise: &[f64]) -> Vec<f64> {
+    let mut between = DMatrix::zeros(inverse.nrows(), inverse.nrows());
+    let mean: DVector<f64> =
+        sums.blocks.iter().fold(DVector::zeros(inverse.nrows()), |sum, b| sum + b) / sums.blocks.len() as f64;
+    for block in &sums.blocks {
+        let apart = block - &mean;
+        between += &apart * apart.transpose();
+    }
+    let robust = inverse * between * inverse;
+    by_noise
+        .iter()
+        .enumerate()
+        .map(|(u, noise)| {
+            let variance = (problem.scale * inverse[(u, u)]).max(robust[(u, u)]);
+            let told = 1.0 - noise * problem.scale * inverse[(u, u)];
+            if told > 0.25 { (variance / told).sqrt() } else { f64::INFINITY }
+        })
+        .collect()
+}
+
+/// What is made of the clocks shown.
+fn conclude(
+    problem: &Problem<'_>,
+    found: &Found,
+    unknowns: &[Unknown],
+    drift_std: &[f64],
+    out: &mut [ClockEstimate],
+) {
+    for (u, (camera, part)) in unknowns.iter().enumerate() {
+        let (stream, of) = (&problem.streams[*camera], &found.sums.by_camera[*camera]);
+        let estimate = &mut out[*camera];
+        estimate.shown = found.clocks[*camera];
+        match part {
+            Part::Drift => estimate.drift_std = found.std[u],
+            Part::LineTime => {
+                estimate.line_time_std_s = found.std[u];
+                if estimate.shown.line_time_s.abs() > SIGNIFICANT * found.std[u] {
+                    estimate.clock.line_time_s = estimate.shown.line_time_s;
+                }
+            }
+            Part::Offset => {
+                estimate.offset_std_s = found.std[u];
+                estimate.drift_std = drift_std[*camera];
+                let speed_px_s = (of.speed2 / of.sights.max(1.0)).max(0.0).sqrt();
+                let limit_s = TOLD_INTERVALS * stream.interval_s;
+                let shift_s = (found.clocks[*camera].offset_s - stream.prior.clock.offset_s).abs();
+                let white_px = (of.sights / (2.0 * of.at_unit_speed).max(1e-300)).sqrt();
+                let is_drifting = found.clocks[*camera].drift != stream.prior.clock.drift;
+                estimate.verdict = if found.std[u] > limit_s && shift_s < 2.0 * SIGNIFICANT * found.std[u] {
+                    let needed_px_s = (problem.scale / of.at_unit_speed.max(1e-300)).sqrt() / limit_s;
+                    let needed_m_s = needed_px_s * of.metres_a_pixel / of.sights.max(1.0);
+                    ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s }
+                } else if !is_drifting
+                    && (shift_s < SIGNIFICANT * found.std[u]
+                        || shift_s * speed_px_s < RELEVANT_STD * white_px)
+                {
+                    ClockVerdict::InStep
+                } else {
+                    ClockVerdict::SetRight
+                };
+                if estimate.verdict == ClockVerdict::SetRight {
+                    estimate.clock.offset_s = estimate.shown.offset_s;
+                    estimate.clock.drift = estimate.shown.drift;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,165 @@
+use super::*;
+use crate::testing::{normal, rig};
+use mavsight_geometry::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+const H: f64 = 1.0 / 30.0;
+const STD_PX: f64 = 0.05;
+
+fn body() -> Vec<BodyMarker> {
+    let at = [[0.225, 0.225, 0.1], [0.225, -0.225, 0.1], [-0.225, -0.225, 0.1], [-0.225, 0.225, 0.12]];
+    let marker = |(k, p): (usize, &[f64; 3])| BodyMarker {
+        name: format!("m{k}"),
+        marker_in_body_m: Vector3::from(*p),
+        radius_m: 0.025,
+    };
+    at.iter().enumerate().map(marker).collect()
+}
+
+/// A swaying, pitching flight; `lively` 1 moves about at half a metre a second.
+fn pose(t_s: f64, lively: f64) -> Isometry3<f64> {
+    let s = |hz: f64, phase: f64| (std::f64::consts::TAU * hz * t_s + phase).sin() * lively;
+    let turn = Vector3::new(0.15 * s(0.7, 0.3), 0.2 * s(0.5, 1.0), 0.3 * s(0.21, 2.0));
+    Isometry3::from_parts(
+        Vector3::new(0.3 * s(0.27, 0.0), 0.2 * s(0.37, 1.3), 1.5 + 0.15 * s(0.43, 0.7)).into(),
+        UnitQuaternion::from_scaled_axis(turn),
+    )
+}
+
+/// What a camera sees that shows `clock` and takes a picture every `interval_s`.
+fn stream(
+    camera: usize,
+    clock: CameraClock,
+    interval_s: f64,
+    flight: (f64, f64),
+    seed: &mut u64,
+) -> CameraStream {
+    let (duration_s, lively) = flight;
+    let rig = rig();
+    let view = &rig.cameras[camera].camera;
+    let mut out =
+        CameraStream { interval_s, readout: Vector2::y(), sights: Vec::new(), prior: ClockPrior::unknown() };
+    for k in 0..(duration_s / interval_s) as usize {
+        let stamp_ns = (k as f64 * interval_s * 1e9).round() as i64;
+        let t_s = clock.time_s(stamp_ns, 0.0);
+        for (marker, ball) in body().iter().enumerate() {
+            // The row that it lies on tells when it is seen: two rounds settle that.
+            let mut at_s = t_s;
+            let mut pixel = Vector2::zeros();
+            for _ in 0..4 {
+                let centre = (pose(at_s, lively) * Point3::from(ball.marker_in_body_m)).coords;
+                pixel = view.project_ball(&centre, ball.radius_m).unwrap().pixel;
+                at_s = clock.time_s(stamp_ns, out.rows_px(view.size, &pixel));
+            }
+            let pixel = pixel + Vector2::new(normal(seed), normal(seed)) * STD_PX;
+            out.sights.push(StreamSight {
+                stamp_ns,
+                marker,
+                pixel,
+                covariance_px2: Matrix2::identity() * STD_PX * STD_PX,
+            });
+        }
+    }
+    if camera == 0 {
+        out.prior = ClockPrior::known(CameraClock::default());
+    }
+    out
+}
+
+fn late(offset_s: f64, drift: f64) -> CameraClock {
+    CameraClock { offset_s, drift, line_time_s: 0.0 }
+}
+
+#[test]
+fn an_offset_and_a_drift_are_found_within_their_deviations() {
+    for (offset_s, drift, seconds) in [(13.7e-3, 50e-6, 40.0), (-0.41, 0.0, 8.0)] {
+        let mut seed = 3;
+        let clock = late(offset_s, drift);
+        let streams = [
+            stream(0, CameraClock::default(), H, (seconds, 1.0), &mut seed),
+            stream(1, clock, H, (seconds, 1.0), &mut seed),
+        ];
+        let got = estimate_clocks(&rig(), &body(), &streams)[1];
+        println!("{got}; {:.4} ms, {:.2} ppm", 1e3 * got.clock.offset_s, 1e6 * got.clock.drift);
+        assert_eq!(got.verdict, ClockVerdict::SetRight);
+        assert!((got.clock.offset_s - offset_s).abs() < 4.0 * got.offset_std_s, "{got}");
+        assert!((got.clock.drift - drift).abs() <= 4.0 * got.drift_std && got.offset_std_s < 0.2e-3);
+        assert!(drift == 0.0 || got.drift_std < 5e-6);
+    }
+}
+
+#[test]
+fn cameras_in_step_stay_as_they_are() {
+    let mut seed = 8;
+    let one = |k: usize, seed: &mut u64| stream(k, CameraClock::default(), H, (10.0, 1.0), seed);
+    let streams = [one(0, &mut seed), one(1, &mut seed)];
+    let got = estimate_clocks(&rig(), &body(), &streams)[1];
+    assert_eq!((got.verdict, got.clock), (ClockVerdict::InStep, CameraClock::default()), "{got}");
+    assert!(got.shown.offset_s.abs() < 4.0 * got.offset_std_s && got.offset_std_s < 1e-3, "{got}");
+}
+
+#[test]
+fn a_flight_at_rest_tells_no_clock_and_says_what_would() {
+    let mut seed = 2;
+    let streams = [
+        stream(0, CameraClock::default(), H, (10.0, 0.0), &mut seed),
+        stream(1, late(13.7e-3, 0.0), H, (10.0, 0.0), &mut seed),
+    ];
+    let got = estimate_clocks(&rig(), &body(), &streams)[1];
+    let ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s } = got.verdict else { panic!("{got}") };
+    assert!(speed_px_s < 1.0 && got.clock == CameraClock::default(), "{got}");
+    // At that speed the deviation is an eighth of a frame: some hundred sights of 0.05 px tell 4 ms at 1 px/s.
+    assert!((0.05..5.0).contains(&needed_px_s) && needed_m_s < 0.1, "{got}");
+    let text = got.to_string();
+    assert!(text.contains("too slow") && text.contains("time_offset_s"), "{text}");
+}
+
+#[test]
+fn unlike_rates_and_rolling_rows_are_told() {
+    let mut seed = 4;
+    let rolling = CameraClock { line_time_s: 30e-6, ..late(20e-3, 0.0) };
+    let mut streams = [
+        stream(0, CameraClock::default(), H, (12.0, 1.5), &mut seed),
+        stream(1, rolling, 1.0 / 50.0, (12.0, 1.5), &mut seed),
+    ];
+    streams[1].prior.line_time_std_s = 1.0 / 50.0 / 480.0;
+    let got = estimate_clocks(&rig(), &body(), &streams)[1];
+    println!("{got}; {:.3} ± {:.3} µs a row", 1e6 * got.clock.line_time_s, 1e6 * got.line_time_std_s);
+    assert!((got.clock.line_time_s - 30e-6).abs() < 4.0 * got.line_time_std_s, "{got}");
+    assert!((got.clock.offset_s - 20e-3).abs() < 4.0 * got.offset_std_s, "{got}");
+    // Known, it is left as it is.
+    streams[1].prior = ClockPrior::known(rolling);
+    assert_eq!(estimate_clocks(&rig(), &body(), &streams)[1].clock, rolling);
+}
+
+#[test]
+fn wrong_markers_for_a_while_do_no_harm() {
+    let mut seed = 6;
+    let mut streams = [
+        stream(0, CameraClock::default(), H, (12.0, 1.0), &mut seed),
+        stream(1, late(5e-3, 0.0), H, (12.0, 1.0), &mut seed),
+    ];
+    for sight in streams[1]
+        .sights
+        .iter_mut()
+        .filter(|s| s.marker == 2 && (3_000_000_000..4_000_000_000).contains(&s.stamp_ns))
+    {
+        sight.pixel.x += 40.0;
+    }
+    let got = estimate_clocks(&rig(), &body(), &streams)[1];
+    assert!((got.clock.offset_s - 5e-3).abs() < 0.3e-3, "{got}");
+}
+
+#[test]
+fn cameras_that_share_no_instant_say_so() {
+    let mut seed = 6;
+    let mut streams = [
+        stream(0, CameraClock::default(), H, (2.0, 1.0), &mut seed),
+        stream(1, CameraClock::default(), H, (2.0, 1.0), &mut seed),
+    ];
+    streams[1].sights.iter_mut().for_each(|s| s.stamp_ns += 100_000_000_000);
+    let got = estimate_clocks(&rig(), &body(), &streams)[1];
+    assert!(matches!(got.verdict, ClockVerdict::TooSlow { needed_px_s: f64::INFINITY, .. }), "{got:?}");
+    assert!(got.to_string().contains("never see it together"), "{got}");
+    streams[0].sights.clear();
+    assert_eq!(estimate_clocks(&rig(), &body(), &streams)[1].clock, CameraClock::default());
+}
