@@ -21,12 +21,12 @@ mod whittaker;
 
 pub use calibrate::{
     CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, Pixels, Rig, RigCamera,
-    calibrate,
+    calibrate, predict_calibration,
 };
 pub use causal::CausalFilter;
 pub use chain::ChainNoise;
 pub use error::PoseError;
-pub use estimate::{BodyMarker, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
+pub use estimate::{BodyMarker, ExpectedSight, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
 pub use joint::MotionNoise;
 pub use motion::{Motion, MotionSample, euler_std};
 pub use noise::motion_noise;

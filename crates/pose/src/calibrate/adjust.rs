@@ -100,6 +100,36 @@ pub(super) fn adjust(
     from(problem, choice, models, (start.to_vec(), places, 1.0))
 }
 
+/// The fit that exact images of these cameras would have if their noise were as claimed: nothing is adjusted, and the
+/// variance factor is 1.
+pub(super) fn expected(
+    problem: &Problem,
+    choice: &Choice,
+    models: &[CameraModel],
+    cameras: &[Camera],
+) -> Option<Fit> {
+    let layout = Layout::new(problem, choice, models);
+    let places: Vec<Vector3<f64>> = problem.points.iter().map(|p| p.in_world_m).collect();
+    let adjustment = Adjustment { problem, choice, models, layout };
+    let equations = adjustment.equations(cameras, &places, 1.0)?;
+    let covariance = Eliminated::new(&equations.normal, adjustment.layout.of_cameras, 0.0)?.inverse();
+    let n = 2 * choice.used.iter().filter(|u| **u).count();
+    let bound = adjustment.bound_by_priors(cameras, &covariance);
+    let freedom = PRIOR_FREEDOM + n as f64 - (adjustment.layout.size as f64 - bound);
+    let models = models.to_vec();
+    let (cameras, layout) = (cameras.to_vec(), adjustment.layout);
+    Some(Fit {
+        models,
+        cameras,
+        places,
+        variance_factor: 1.0,
+        freedom,
+        covariance,
+        layout,
+        log_evidence: 0.0,
+    })
+}
+
 /// The same from a fit under another model.
 pub(super) fn readjust(
     problem: &Problem,
@@ -325,6 +355,19 @@ impl Fit {
 
     /// Covariance of all sixteen parameters of all cameras.
     pub(super) fn camera_covariance(&self) -> DMatrix<f64> {
+        let spread = self.spread();
+        &spread * &self.covariance * spread.transpose()
+    }
+
+    /// U with U Uᵀ that covariance, one column for each free parameter of the cameras; `None` where it is not positive.
+    pub(super) fn camera_root(&self) -> Option<DMatrix<f64>> {
+        let own = self.layout.of_cameras;
+        let factor = self.covariance.view((0, 0), (own, own)).into_owned().cholesky()?.unpack();
+        Some(self.spread().columns(0, own) * factor)
+    }
+
+    /// The sixteen parameters of each camera by the free parameters.
+    fn spread(&self) -> DMatrix<f64> {
         let rows = CAMERA_PARAMETERS * self.cameras.len();
         let mut spread = DMatrix::zeros(rows, self.layout.size);
         for (camera, at) in self.layout.cameras.iter().enumerate() {
@@ -335,6 +378,6 @@ impl Fit {
                     .copy_from(direction);
             }
         }
-        &spread * &self.covariance * spread.transpose()
+        spread
     }
 }
