@@ -36,6 +36,46 @@ pub(crate) enum Command {
     Report(Stage),
     /// Fly a rig many times on paper: do the 95 % intervals hold the truth?
     Selftest(Selftest),
+    /// What to expect before flying: where to put cameras, which manoeuvre to fly
+    #[command(subcommand)]
+    Plan(Plan),
+}
+
+/// `plan`
+#[derive(Debug, Subcommand)]
+pub(crate) enum Plan {
+    /// Find the placements of cameras with the least predicted error of pose
+    Cameras(PlanCameras),
+}
+
+/// `plan cameras`
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mavsight plan cameras --example room\n  \
+mavsight plan cameras room/room.toml --out plan --study\n\n\
+Errors are predicted by the equations that estimate poses and calibrate cameras. Each marker must be seen by two cameras,\n\
+large enough and sharp, everywhere in the volume.")]
+pub(crate) struct PlanCameras {
+    /// Room, flight volume, cameras, obstacles
+    #[arg(value_name = "ROOM.toml", required_unless_present = "example")]
+    pub(crate) room: Option<PathBuf>,
+    /// Folder for plan.html, plan.json, placements.csv and a session to start from; printed only where left out
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Distance between the places that are tried before the best are refined
+    #[arg(long, value_name = "METRES", default_value_t = 0.75)]
+    pub(crate) step: f64,
+    /// Cameras may look beside the middle of the volume
+    #[arg(long)]
+    pub(crate) free_aim: bool,
+    /// Placements in the ranking
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub(crate) best: usize,
+    /// Also predict error against angle and distance of two cameras of the first type
+    #[arg(long)]
+    pub(crate) study: bool,
+    /// Write the paper's room into a folder, as files to start from
+    #[arg(long, value_name = "DIR")]
+    pub(crate) example: Option<PathBuf>,
 }
 
 /// `demo`

@@ -2,11 +2,13 @@
 
 mod demo;
 mod identify;
+mod plan;
+mod plan_page;
 mod run;
 mod selftest;
 mod stages;
 
-use crate::cli::{Cli, Command, WrongCall};
+use crate::cli::{Cli, Command, Plan, WrongCall};
 use anyhow::Result;
 use mavsight_session::SessionError;
 pub(crate) use run::Flight;
@@ -23,6 +25,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Identify(args) => identify::identify(args),
         Command::Report(args) => stages::report(args),
         Command::Selftest(args) => selftest::selftest(args),
+        Command::Plan(Plan::Cameras(args)) => plan::cameras(args),
     }
 }
 

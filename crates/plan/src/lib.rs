@@ -15,7 +15,7 @@ mod study;
 pub use centre::CentreNoise;
 pub use error::PlanError;
 pub use layout::{Placed, Planner, PosePrecision, Prediction, ViewLimit};
-pub use room::{CameraType, ControlSection, Criterion, ROOM_SCHEMA, Room, VolumeSection, Weights};
+pub use room::{CameraType, ControlSection, Criterion, EXAMPLE, ROOM_SCHEMA, Room, VolumeSection, Weights};
 pub use search::{Ranked, SearchOptions};
 pub use solid::Solid;
 pub use study::{StudyRow, angle_study, distance_study};

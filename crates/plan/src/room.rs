@@ -11,6 +11,12 @@ use std::path::PathBuf;
 /// Version of the room file.
 pub const ROOM_SCHEMA: u32 = 1;
 
+/// The paper's room as files to start from: name and content of each.
+pub const EXAMPLE: [(&str, &str); 2] = [
+    ("room.toml", include_str!("../example/room.toml")),
+    ("control_points.csv", include_str!("../example/control_points.csv")),
+];
+
 /// A room with all that matters for where its cameras go; the content of `ROOM.toml`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
