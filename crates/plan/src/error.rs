@@ -1,5 +1,7 @@
 //! What cannot be planned, and what to do about it.
 
+use mavsight_flight::FlightError;
+use mavsight_identify::IdentifyError;
 use mavsight_pose::PoseError;
 use thiserror::Error;
 
@@ -38,9 +40,29 @@ pub enum PlanError {
         /// What fails there.
         limit: String,
     },
+    /// A flight that the cameras do not see.
+    #[error(
+        "at {t_s:.2} s, at ({x_m:.2}, {y_m:.2}, {z_m:.2}) m, some marker is not seen by two cameras: make the volume smaller or place the cameras for it"
+    )]
+    OutOfView {
+        /// When.
+        t_s: f64,
+        /// Where.
+        x_m: f64,
+        /// Where.
+        y_m: f64,
+        /// Where.
+        z_m: f64,
+    },
     /// The estimator's own refusal.
     #[error(transparent)]
     Pose(#[from] PoseError),
+    /// A flight that cannot be simulated.
+    #[error(transparent)]
+    Flight(#[from] FlightError),
+    /// A flight that tells nothing.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
 }
 
 impl PlanError {

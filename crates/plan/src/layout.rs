@@ -343,6 +343,17 @@ impl Planner {
         out
     }
 
+    /// The pose as it will be measured; none where some marker is not seen by two cameras.
+    pub(crate) fn expected_pose(
+        &self,
+        (placed, cameras, estimator): (&[Placed], &[Camera], &PoseEstimator),
+        pose: &Isometry3<f64>,
+    ) -> Option<PoseEstimate> {
+        let mut least_px = f64::INFINITY;
+        let (sights, twice) = self.sights((placed, cameras), pose, &mut [0; 4], &mut least_px);
+        estimator.predict(pose, &sights).ok().filter(|_| twice)
+    }
+
     fn figure(&self, one: &PosePrecision) -> f64 {
         let w = &self.room.weights;
         (w.per_mm * one.position_std_mm).hypot(w.per_deg * one.attitude_std_deg)
@@ -353,10 +364,9 @@ impl Planner {
     pub fn position_std_mm(&self, (placed, rig): (&[Placed], &Rig), place_m: &Vector3<f64>) -> Option<f64> {
         let cameras: Vec<Camera> = placed.iter().map(|p| self.camera(p)).collect();
         let estimator = self.estimator(rig).ok()?;
-        let (mut sum, mut n, mut least_px) = (0.0, 0.0, f64::INFINITY);
+        let (mut sum, mut n) = (0.0, 0.0);
         for pose in self.room.poses_at(place_m) {
-            let (sights, twice) = self.sights((placed, &cameras), &pose, &mut [0; 4], &mut least_px);
-            let estimate = estimator.predict(&pose, &sights).ok().filter(|_| twice)?;
+            let estimate = self.expected_pose((placed, &cameras, &estimator), &pose)?;
             sum += PosePrecision::of(&estimate).position_std_mm;
             n += 1.0;
         }

@@ -6,6 +6,8 @@
 mod centre;
 mod error;
 mod layout;
+mod manoeuvre;
+mod multisine;
 mod place;
 mod room;
 mod search;
@@ -15,6 +17,8 @@ mod study;
 pub use centre::CentreNoise;
 pub use error::PlanError;
 pub use layout::{Placed, Planner, PosePrecision, Prediction, ViewLimit};
+pub use manoeuvre::{FlightLimits, FlightPlanner, PlannedManoeuvre, pose_of, true_model};
+pub use multisine::{MultisineOptions, Optimality};
 pub use room::{CameraType, ControlSection, Criterion, EXAMPLE, ROOM_SCHEMA, Room, VolumeSection, Weights};
 pub use search::{Ranked, SearchOptions};
 pub use solid::Solid;

@@ -167,15 +167,15 @@ fn draw_view<'a>(
 fn draw_legend<'a>(area: &Area<'a>) -> Drawn<'a> {
     let style = TextStyle::from((FONT, 15)).color(&BLACK);
     let entries = [
-        "camera and its field",
-        "flight volume",
-        "may stand",
-        "keep out",
-        "blocks the view",
-        "control point",
+        ("camera and its field", 0),
+        ("flight volume", 172),
+        ("may stand", 306),
+        ("keep out", 416),
+        ("blocks the view", 518),
+        ("control point", 660),
     ];
-    for (k, text) in entries.iter().enumerate() {
-        let x = LEFT as i32 + 132 * k as i32;
+    for (k, (text, at)) in entries.into_iter().enumerate() {
+        let x = LEFT as i32 + at;
         let low = [(x, 10), (x + 16, 24)];
         match k {
             0 => area.draw(&Circle::new((x + 8, 17), 6, BLUE.filled()))?,
@@ -191,7 +191,7 @@ fn draw_legend<'a>(area: &Area<'a>) -> Drawn<'a> {
             4 => area.draw(&Rectangle::new(low, RGBColor(60, 60, 60).filled()))?,
             _ => area.draw(&Cross::new((x + 8, 17), 4, BLACK.stroke_width(1)))?,
         }
-        area.draw(&Text::new(*text, (x + 22, 10), style.clone()))?;
+        area.draw(&Text::new(text, (x + 22, 10), style.clone()))?;
     }
     Ok(())
 }
