@@ -39,6 +39,25 @@ pub(crate) enum Command {
     /// What to expect before flying: where to put cameras, which manoeuvre to fly
     #[command(subcommand)]
     Plan(Plan),
+    /// Fly thousands of simulated flights over a grid of rigs, noise and manoeuvres
+    Campaign(Campaign),
+}
+
+/// `campaign`
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mavsight campaign campaign.toml --out campaign\n\n\
+Writes flights.csv, with every estimate of every flight, and summary.json. A campaign that was killed goes on where it was,\n\
+and ends with the same table.")]
+pub(crate) struct Campaign {
+    /// Rigs, noise, manoeuvres
+    #[arg(value_name = "CAMPAIGN.toml")]
+    pub(crate) campaign: PathBuf,
+    /// Folder for the results
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+    /// Threads; all cores where left out
+    #[arg(long, value_name = "N")]
+    pub(crate) threads: Option<usize>,
 }
 
 /// `plan`
@@ -46,6 +65,65 @@ pub(crate) enum Command {
 pub(crate) enum Plan {
     /// Find the placements of cameras with the least predicted error of pose
     Cameras(PlanCameras),
+    /// Compare what manoeuvres tell of the parameters, and find a multisine that tells more
+    Manoeuvre(PlanManoeuvre),
+}
+
+/// `plan manoeuvre`
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  mavsight plan manoeuvre room/room.toml --cameras plan/plan.json --out plan\n\n\
+Each manoeuvre is flown as large as the limits allow, in the middle of the room file's volume. Standard deviations are\n\
+those of output error from poses, Cramér-Rao bounds through cameras, poses and equations of motion."
+)]
+pub(crate) struct PlanManoeuvre {
+    /// Room, flight volume, cameras, obstacles
+    #[arg(value_name = "ROOM.toml")]
+    pub(crate) room: PathBuf,
+    /// plan.json of `plan cameras`, whose best placement is taken; searched for where left out
+    #[arg(long, value_name = "FILE")]
+    pub(crate) cameras: Option<PathBuf>,
+    /// A scenario of your own to compare; may be repeated
+    #[arg(long, value_name = "FILE")]
+    pub(crate) scenario: Vec<PathBuf>,
+    /// Length of the built-in manoeuvres' flights, s
+    #[arg(long, value_name = "SECONDS", default_value_t = 10.0)]
+    pub(crate) duration: f64,
+    /// Largest angle of the swash-plate, degrees
+    #[arg(long, value_name = "DEGREES", default_value_t = 5.0)]
+    pub(crate) max_deflection: f64,
+    /// Largest bank and pitch, degrees
+    #[arg(long, value_name = "DEGREES", default_value_t = 25.0)]
+    pub(crate) max_tilt: f64,
+    /// Parameters that the multisine is optimised for
+    #[arg(
+        long,
+        value_name = "NAMES",
+        value_delimiter = ' ',
+        default_value = "C_m,alpha_u C_m,alpha_l C_m,q"
+    )]
+    pub(crate) parameters: Vec<String>,
+    /// Least determinant of their covariance (d), or least sum of relative variances (a)
+    #[arg(long, value_enum, default_value_t = Criterion::D)]
+    pub(crate) criterion: Criterion,
+    /// Rounds of the search for the multisine
+    #[arg(long, value_name = "N", default_value_t = 60)]
+    pub(crate) generations: usize,
+    /// Seed of that search
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Folder for manoeuvres.csv, manoeuvres.json and a scenario file of each
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+}
+
+/// Criterion of an optimal input.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Criterion {
+    /// Determinant
+    D,
+    /// Sum of relative variances
+    A,
 }
 
 /// `plan cameras`

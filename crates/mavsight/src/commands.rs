@@ -1,7 +1,9 @@
 //! What each command does.
 
+mod campaign;
 mod demo;
 mod identify;
+mod manoeuvre;
 mod plan;
 mod plan_page;
 mod run;
@@ -26,6 +28,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Report(args) => stages::report(args),
         Command::Selftest(args) => selftest::selftest(args),
         Command::Plan(Plan::Cameras(args)) => plan::cameras(args),
+        Command::Plan(Plan::Manoeuvre(args)) => manoeuvre::manoeuvre(args),
+        Command::Campaign(args) => campaign::campaign(args),
     }
 }
 

@@ -117,6 +117,14 @@ impl<'a> FlightPlanner<'a> {
     /// [`PlanError::Flight`] for a flight that runs away; [`PlanError::OutOfView`]; [`PlanError::Identify`].
     pub fn predict(&self, scenario: &Scenario, grow: bool) -> Result<PlannedManoeuvre, PlanError> {
         let (scenario, used) = self.within_limits(scenario, grow)?;
+        Ok(PlannedManoeuvre { used, ..self.predict_here(&scenario)? })
+    }
+
+    /// What a manoeuvre will tell that is flown as it is, where it is; limits are not looked at.
+    ///
+    /// # Errors
+    /// As [`FlightPlanner::predict`].
+    pub fn predict_here(&self, scenario: &Scenario) -> Result<PlannedManoeuvre, PlanError> {
         let inputs = scenario.inputs(&self.vehicle)?;
         let states = simulate(&self.vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
         let mut measured = Vec::with_capacity(states.len());
@@ -140,7 +148,8 @@ impl<'a> FlightPlanner<'a> {
         let model = true_model(&self.vehicle, &inputs)?;
         let vectors: Vec<StateVector> = states.iter().map(state_vector).collect();
         let fit = expected_fit(&model, &inputs, measured, &vectors, &OutputErrorOptions::default())?;
-        Ok(PlannedManoeuvre { scenario, inputs, states, pose_covariance, used, fit })
+        let scenario = scenario.clone();
+        Ok(PlannedManoeuvre { scenario, inputs, states, pose_covariance, used: 1.0, fit })
     }
 
     /// The scenario scaled to the limits and shifted to the middle of the volume, and the largest share of a limit.

@@ -2,12 +2,20 @@
 //!
 //! Stands apart from all that estimates: nothing that estimates depends on this crate.
 
+mod campaign;
+mod campaign_file;
+mod chunks;
 mod coverage;
 mod error;
 mod random;
 mod virtual_flight;
 mod virtual_lab;
 
+pub use campaign::{Campaign, CellSummary, FlownParameter, Sources};
+pub use campaign_file::{
+    CAMPAIGN_SCHEMA, CampaignCamera, CampaignFile, CampaignRig, FitKind, NoiseLevel, Steered,
+};
+pub use chunks::ChunkFile;
 pub use coverage::{Coverage, QUANTITIES, Quantity, Tally};
 pub use error::ScoreError;
 pub use random::Random;
