@@ -3,10 +3,12 @@
 use mavsight_flight::FlightError;
 use mavsight_identify::IdentifyError;
 use mavsight_pose::PoseError;
+use mavsight_session::SessionError;
+use std::path::PathBuf;
 use thiserror::Error;
 
 /// A plan that cannot be made.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Error)]
 pub enum PlanError {
     /// A value of the room file that makes no sense.
     #[error("{key}: {detail}")]
@@ -16,6 +18,17 @@ pub enum PlanError {
         /// What is wrong and what to do.
         detail: String,
     },
+    /// A room file with such a value.
+    #[error("{}: {source}", path.display())]
+    Room {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong in it.
+        source: Box<PlanError>,
+    },
+    /// A file that cannot be read.
+    #[error(transparent)]
+    Session(#[from] SessionError),
     /// Nowhere to stand.
     #[error(
         "no place for a camera is left of the {looked_at} that were looked at, {step_m} m apart: enlarge a [[stand]] box, or take away a [[keep_out]] or [[block]] box"

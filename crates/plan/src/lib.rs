@@ -6,6 +6,7 @@
 mod centre;
 mod error;
 mod layout;
+mod load;
 mod manoeuvre;
 mod multisine;
 mod place;

@@ -11,7 +11,7 @@ use mavsight_identify::output_error::{
 };
 use mavsight_plan::{FlightLimits, FlightPlanner, Placed, PlannedManoeuvre, Planner, pose_of};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
-use mavsight_session::ns_from_s;
+use mavsight_session::{ns_from_s, read_toml};
 use nalgebra::DVector;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -71,27 +71,15 @@ pub struct Campaign {
 const CHUNK: u64 = 50;
 const NORMAL_95: f64 = 1.959_964;
 
-/// What a campaign's files say, by the paths they are named by: planner and vehicle of a room, and scenarios.
-pub trait Sources {
-    /// A planner for a room file.
-    ///
-    /// # Errors
-    /// A file that cannot be read.
-    fn planner(&self, path: &Path) -> Result<(Planner, mavsight_flight::Vehicle), ScoreError>;
-
-    /// A scenario.
-    ///
-    /// # Errors
-    /// A file that cannot be read.
-    fn scenario(&self, path: &Path) -> Result<Scenario, ScoreError>;
-}
-
 impl Campaign {
-    /// Plans every combination.
+    /// Reads a campaign file and the rooms and scenarios that it names, relative to it, and plans every combination.
     ///
     /// # Errors
-    /// [`ScoreError::Campaign`] names the key; a combination that cannot be flown or seen.
-    pub fn new(file: CampaignFile, sources: &dyn Sources) -> Result<Self, ScoreError> {
+    /// [`ScoreError::Session`] and [`ScoreError::Plan`] for a file; [`ScoreError::Campaign`] names the key; a combination that
+    /// cannot be flown or seen.
+    pub fn load(path: &Path) -> Result<Self, ScoreError> {
+        let file: CampaignFile = read_toml(path, "campaign file")?;
+        let folder = path.parent().unwrap_or(Path::new(""));
         let refuse = |key: &str, detail: String| Err(ScoreError::Campaign { key: key.to_owned(), detail });
         if file.schema != CAMPAIGN_SCHEMA {
             return refuse(
@@ -108,11 +96,11 @@ impl Campaign {
         let mut combinations = Vec::new();
         let mut inputs = format!("{file:?}");
         for rig in &file.rig {
-            let (planner, vehicle) = sources.planner(&rig.room)?;
+            let (planner, vehicle) = Planner::load(&folder.join(&rig.room))?;
             inputs += &format!("{:?}{vehicle:?}{:?}", planner.room(), planner.control());
             for noise in &file.noise {
                 for steered in &file.manoeuvre {
-                    let scenario = sources.scenario(&steered.scenario)?;
+                    let scenario: Scenario = read_toml(&folder.join(&steered.scenario), "scenario file")?;
                     inputs += &format!("{scenario:?}");
                     combinations.push((rig, noise, steered, planner.clone(), vehicle.clone(), scenario));
                 }

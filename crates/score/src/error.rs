@@ -47,6 +47,9 @@ pub enum ScoreError {
         /// What is wrong.
         detail: String,
     },
+    /// A file that cannot be read.
+    #[error(transparent)]
+    Session(#[from] mavsight_session::SessionError),
     /// What cannot be planned.
     #[error(transparent)]
     Plan(#[from] mavsight_plan::PlanError),

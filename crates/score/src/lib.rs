@@ -11,7 +11,7 @@ mod random;
 mod virtual_flight;
 mod virtual_lab;
 
-pub use campaign::{Campaign, CellSummary, FlownParameter, Sources};
+pub use campaign::{Campaign, CellSummary, FlownParameter};
 pub use campaign_file::{
     CAMPAIGN_SCHEMA, CampaignCamera, CampaignFile, CampaignRig, FitKind, NoiseLevel, Steered,
 };

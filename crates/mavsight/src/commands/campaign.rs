@@ -1,49 +1,25 @@
 //! Thousands of simulated flights.
 
-use super::demo::scenario_of;
-use super::named;
-use super::plan::planner_of;
+use super::plan::wrong_call;
 use crate::cli::{Campaign as Args, WrongCall};
 use crate::progress::Bars;
 use anyhow::Result;
-use mavsight_flight::{Scenario, Vehicle};
 use mavsight_pipeline::Progress;
-use mavsight_plan::Planner;
-use mavsight_score::{Campaign, CampaignFile, CellSummary, ScoreError, Sources};
-use mavsight_session::{RESULTS_SCHEMA, make_folder, read_toml, write_whole};
+use mavsight_score::{Campaign, CellSummary, ScoreError};
+use mavsight_session::{RESULTS_SCHEMA, make_folder, write_whole};
 use serde_json::json;
-use std::path::{Path, PathBuf};
 use std::time::Instant;
-
-/// Files named in a campaign, relative to it.
-struct Files(PathBuf);
-
-fn refused(path: &Path, error: &anyhow::Error) -> ScoreError {
-    ScoreError::Campaign { key: path.display().to_string(), detail: format!("{error:#}") }
-}
-
-impl Sources for Files {
-    fn planner(&self, path: &Path) -> Result<(Planner, Vehicle), ScoreError> {
-        planner_of(&self.0.join(path)).map_err(|e| refused(path, &e))
-    }
-
-    fn scenario(&self, path: &Path) -> Result<Scenario, ScoreError> {
-        scenario_of(Some(&self.0.join(path))).map_err(|e| refused(path, &e))
-    }
-}
 
 /// `mavsight campaign`
 pub(crate) fn campaign(args: &Args) -> Result<()> {
-    let file: CampaignFile = named(read_toml(&args.campaign, "campaign file"))?;
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
     }
-    let folder = args.campaign.parent().unwrap_or(Path::new("")).to_owned();
-    let campaign = Campaign::new(file, &Files(folder)).map_err(|e| match e {
-        ScoreError::Campaign { .. } => {
-            anyhow::Error::new(WrongCall(format!("{}: {e}", args.campaign.display())))
-        }
-        other => other.into(),
+    let campaign = Campaign::load(&args.campaign).map_err(|e| match e {
+        ScoreError::Campaign { .. } => WrongCall(format!("{}: {e}", args.campaign.display())).into(),
+        ScoreError::Session(e) => WrongCall(e.to_string()).into(),
+        ScoreError::Plan(e) => wrong_call(e),
+        other => anyhow::Error::new(other),
     })?;
     make_folder(&args.out)?;
     let bars = Bars::new();

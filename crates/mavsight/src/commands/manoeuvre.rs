@@ -1,7 +1,7 @@
 //! Which manoeuvre tells most.
 
 use super::demo::scenario_of;
-use super::plan::planner_of;
+use super::plan::wrong_call;
 use crate::cli::{Criterion, PlanManoeuvre, WrongCall};
 use anyhow::{Context, Result};
 use mavsight_flight::{Channel, Maneuver, Scenario};
@@ -27,7 +27,7 @@ const ROTOR_PERCENT: f64 = 5.0;
 
 /// `mavsight plan manoeuvre`
 pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
-    let (planner, vehicle) = planner_of(&args.room)?;
+    let (planner, vehicle) = Planner::load(&args.room).map_err(wrong_call)?;
     let placed = match &args.cameras {
         Some(path) => placement(&planner, path)?,
         None => planner.search(&SearchOptions { best: 1, ..Default::default() })?.swap_remove(0).placed,

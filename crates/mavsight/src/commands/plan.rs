@@ -1,16 +1,15 @@
 //! What to expect before flying.
 
-use super::demo::vehicle_of;
-use super::named;
 use super::plan_page::write_plan_page;
 use crate::cli::{PlanCameras, WrongCall};
 use anyhow::Result;
 use mavsight_flight::Vehicle;
-use mavsight_pipeline::body_markers;
-use mavsight_plan::{EXAMPLE, Planner, Ranked, Room, SearchOptions, StudyRow, angle_study, distance_study};
+use mavsight_plan::{
+    EXAMPLE, PlanError, Planner, Ranked, SearchOptions, StudyRow, angle_study, distance_study,
+};
 use mavsight_session::{
     ControlSection, RESULTS_SCHEMA, SESSION_SCHEMA, SessionCamera, SessionFile, make_folder,
-    read_control_points, read_toml, write_control_points, write_session, write_vehicle, write_whole,
+    write_control_points, write_session, write_vehicle, write_whole,
 };
 use serde_json::json;
 use std::path::Path;
@@ -41,7 +40,7 @@ pub(crate) fn cameras(args: &PlanCameras) -> Result<()> {
         println!("{}", folder.join(EXAMPLE[0].0).display());
     }
     let Some(path) = args.room.as_deref() else { return Ok(()) };
-    let (planner, vehicle) = planner_of(path)?;
+    let (planner, vehicle) = Planner::load(path).map_err(wrong_call)?;
     let options = SearchOptions { step_m: args.step, free_aim: args.free_aim, best: args.best };
     let begin = Instant::now();
     let ranked = planner.search(&options)?;
@@ -72,17 +71,12 @@ pub(crate) fn cameras(args: &PlanCameras) -> Result<()> {
     Ok(())
 }
 
-/// Reads a room with what it names.
-pub(crate) fn planner_of(path: &Path) -> Result<(Planner, Vehicle)> {
-    let room: Room = named(read_toml(path, "room file"))?;
-    let folder = path.parent().unwrap_or(Path::new(""));
-    let vehicle = vehicle_of(room.vehicle.as_ref().map(|v| folder.join(v)).as_deref())?;
-    let control = match &room.control {
-        Some(section) => named(read_control_points(&folder.join(&section.points)))?,
-        None => vec![],
-    };
-    let wrong = |e: mavsight_plan::PlanError| WrongCall(format!("{}: {e}", path.display()));
-    Ok((Planner::new(room, body_markers(&vehicle), control).map_err(wrong)?, vehicle))
+/// A file that cannot be planned with is a wrong call, all else a failure.
+pub(crate) fn wrong_call(error: PlanError) -> anyhow::Error {
+    match error {
+        PlanError::Session(_) | PlanError::Room { .. } => WrongCall(error.to_string()).into(),
+        other => other.into(),
+    }
 }
 
 /// Two cameras of the first type, at the mean distance of the best placement, and at a right angle.
