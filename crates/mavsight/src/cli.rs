@@ -100,7 +100,7 @@ pub(crate) struct PlanManoeuvre {
         long,
         value_name = "NAMES",
         value_delimiter = ' ',
-        default_value = "C_m,alpha_u C_m,alpha_l C_m,q"
+        default_value = "C_m,0 C_m,alpha_u C_m,alpha_l C_m,q"
     )]
     pub(crate) parameters: Vec<String>,
     /// Least determinant of their covariance (d), or least sum of relative variances (a)

@@ -7,6 +7,9 @@ use mavsight_plan::{Placed, PlanError, Planner, Room, SearchOptions, Solid, angl
 use mavsight_pose::BodyMarker;
 use mavsight_session::ControlPointRow;
 
+/// A change of the room.
+type Spoil = fn(&mut Room);
+
 const ROOM: &str = r#"
 schema = 1
 name = "meeting room"
@@ -120,7 +123,7 @@ fn calibration_markers_and_centres_that_stay_add_what_does_not_average_out() {
     let place = |p: &Planner| p.predict(&p.pair(0, 90.0, 6.36), &p.room().poses(2));
     let exact = place(&planner(|_| ()));
     let mut before = exact.mean.position_std_mm;
-    let with: [fn(&mut Room); 3] = [with_control, |r| r.markers_std_m = 2e-3, |r| r.centre_bias_px = 0.2];
+    let with: [Spoil; 3] = [with_control, |r| r.markers_std_m = 2e-3, |r| r.centre_bias_px = 0.2];
     for change in with {
         let got = place(&planner(change)).mean;
         assert!((got.new_position_std_mm / exact.mean.position_std_mm - 1.0).abs() < 1e-9);
@@ -208,7 +211,7 @@ fn a_camera_that_sees_too_few_control_points_is_refused_by_name() {
 
 #[test]
 fn rooms_that_make_no_sense_are_refused_by_key() {
-    let cases: [(&str, fn(&mut Room)); 9] = [
+    let cases: [(&str, Spoil); 9] = [
         ("schema", |r| r.schema = 9),
         ("volume", |r| r.volume.high_m[2] = 9.0),
         ("volume.headings_deg", |r| r.volume.headings_deg.clear()),

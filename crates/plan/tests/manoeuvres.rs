@@ -9,7 +9,7 @@ use mavsight_plan::{
     Solid, pose_of, true_model,
 };
 
-const C_M: [&str; 3] = ["C_m,alpha_u", "C_m,alpha_l", "C_m,q"];
+const C_M: [&str; 4] = ["C_m,0", "C_m,alpha_u", "C_m,alpha_l", "C_m,q"];
 
 fn planner() -> Planner {
     let room: Room = toml::from_str(

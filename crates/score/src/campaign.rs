@@ -122,6 +122,14 @@ impl Campaign {
         self.file.flights * self.cells.len() as u64
     }
 
+    /// Rig, noise and manoeuvre of each combination, with the names of its free parameters and their truth.
+    pub fn combinations(&self) -> impl Iterator<Item = (&[String; 3], Vec<(String, f64)>)> {
+        self.cells.iter().map(|c| {
+            let parameters = c.plan.fit.parameters.iter().map(|p| (p.name.to_owned(), p.value));
+            (&c.names, parameters.collect())
+        })
+    }
+
     /// One flight, by its number from 0: which combination, and estimates of its free parameters; none where the fit was
     /// refused. The same on every machine and in every order.
     pub fn fly(&self, number: u64) -> (usize, Option<Vec<FlownParameter>>) {

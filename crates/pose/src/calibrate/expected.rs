@@ -27,8 +27,8 @@ pub fn predict_calibration(
     }
     let refuse =
         |camera: usize, source| Err(PoseError::Calibration { camera: controls[camera].name.clone(), source });
-    for (k, control) in controls.iter().enumerate().filter(|(_, c)| c.points.len() < MIN_POINTS) {
-        let found = control.points.len();
+    if let Some(k) = controls.iter().position(|c| c.points.len() < MIN_POINTS) {
+        let found = controls[k].points.len();
         return refuse(k, GeometryError::TooFewControlPoints { found, needed: MIN_POINTS });
     }
     let problem = Problem::new(controls)?;
@@ -44,7 +44,7 @@ pub fn predict_calibration(
 
 fn rig_camera(fit: &Fit, k: usize, control: &CameraControl, uncertainty: &DMatrix<f64>) -> RigCamera {
     let centre = uncertainty.rows(CAMERA_PARAMETERS * k + CENTRE, 3);
-    let product = &centre * centre.transpose();
+    let product = centre * centre.transpose();
     let centre_cov_m2 = Matrix3::from_fn(|i, j| product[(i, j)]);
     let n = control.points.len().max(1) as f64;
     let variance_px2 = control.points.iter().map(|p| p.pixel_cov_px2.trace() / 2.0).sum::<f64>() / n;
