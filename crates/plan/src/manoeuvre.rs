@@ -129,6 +129,7 @@ impl<'a> FlightPlanner<'a> {
         let states = simulate(&self.vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
         let mut measured = Vec::with_capacity(states.len());
         let mut pose_covariance = Vec::with_capacity(states.len());
+        let mut systematic = Vec::with_capacity(states.len());
         for s in &states {
             let pose = pose_of(s);
             let Some(estimate) = self.expected_pose(&pose) else {
@@ -144,10 +145,12 @@ impl<'a> FlightPlanner<'a> {
                 rates: None,
             });
             pose_covariance.push(covariance);
+            systematic.push(estimate.systematic);
         }
         let model = true_model(&self.vehicle, &inputs)?;
         let vectors: Vec<StateVector> = states.iter().map(state_vector).collect();
-        let fit = expected_fit(&model, &inputs, measured, &vectors, &OutputErrorOptions::default())?;
+        let fit = expected_fit(&model, &inputs, measured, &vectors, &OutputErrorOptions::default())?
+            .with_lasting(&systematic)?;
         let scenario = scenario.clone();
         Ok(PlannedManoeuvre { scenario, inputs, states, pose_covariance, used: 1.0, fit })
     }

@@ -4,13 +4,13 @@ use super::covariance::inverse;
 use super::determined::{refuse_undetermined, typical};
 use super::fit::{Fitter, OutputErrorOptions, TIGHTNESS};
 use super::linear::Linear;
-use super::measure::{Measurements, Row, StateMeasurement};
+use super::measure::{Measurements, Row, StateMeasurement, whitener};
 use super::model::{FlightModel, ModelParameter};
 use super::propagate::TANGENT;
 use crate::IdentifyError;
 use mavsight_flight::{InputSeries, StateVector};
 use mavsight_geometry::Isometry3;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Matrix6xX};
 
 /// Half-width of a normal 95 % interval.
 const NORMAL_95: f64 = 1.959_964;
@@ -48,7 +48,7 @@ pub struct ExpectedFit {
 
 /// The covariance with which [`super::output_error`] will estimate the free parameters of a model from measurements that are
 /// as good as they say, about the motion with the model's own values; `states` are those of the motion at the instants of
-/// the measurements, whose values are not looked at beyond that. For measurements of states.
+/// the measurements, each of which holds a pose and nothing else.
 ///
 /// The same integration, sensitivities, constraint between segments and unknown start as in the fit: the inverse of the
 /// information, which is Cramér and Rao's bound and, for an efficient estimator, the covariance (Maine & Iliff 1985).
@@ -67,6 +67,9 @@ pub fn expected_fit(
     }
     if states.len() != measured.len() || states.len() < 2 {
         return Err(IdentifyError::PlannedStates { states: states.len(), instants: measured.len() });
+    }
+    if let Some(m) = measured.iter().find(|m| m.pose.is_none() || m.velocity.is_some() || m.rates.is_some()) {
+        return Err(IdentifyError::BadMeasurement { t_s: m.t_ns as f64 * 1e-9, what: "planned pose" });
     }
     let measurements = Measurements::States(measured);
     measurements.check()?;
@@ -110,6 +113,32 @@ fn nodes(times_s: &[f64], states: &[StateVector], segment_s: f64) -> Vec<(usize,
 }
 
 impl ExpectedFit {
+    /// The same with errors of the poses that stay for the flight: for each instant one column for each independent direction, a
+    /// standard deviation along it in position (world, m) and turn (body, rad), as [`mavsight_pose::PoseEstimate::systematic`] has
+    /// them. The fit does not know of them; they move its estimates by the influence of every row.
+    ///
+    /// # Errors
+    /// [`IdentifyError::PlannedStates`] for another number of instants, or of directions at some of them.
+    pub fn with_lasting(mut self, systematic: &[Matrix6xX<f64>]) -> Result<Self, IdentifyError> {
+        let instants = self.states.len();
+        let directions = systematic.first().map_or(0, Matrix6xX::ncols);
+        if systematic.len() != instants || systematic.iter().any(|s| s.ncols() != directions) {
+            return Err(IdentifyError::PlannedStates { states: systematic.len(), instants });
+        }
+        let mut moved = DMatrix::zeros(self.parameters.len(), directions);
+        for (k, (m, s)) in self.measured.iter().zip(systematic).enumerate() {
+            let t_s = m.t_ns as f64 * 1e-9;
+            let whitener = m.pose.as_ref().and_then(|(_, covariance)| whitener(covariance));
+            let whitener = whitener.ok_or(IdentifyError::BadMeasurement { t_s, what: "pose" })?;
+            moved += self.influence.columns(6 * k, 6) * (whitener * s);
+        }
+        self.covariance += &moved * moved.transpose();
+        for (k, p) in self.parameters.iter_mut().enumerate() {
+            p.std = self.covariance[(k, k)].sqrt();
+        }
+        Ok(self)
+    }
+
     /// The parameters that poses of the planned flight give, to first order about the truth: one Gauss-Newton step of the fit,
     /// with the weights of the plan. One pose an instant.
     ///
