@@ -34,6 +34,7 @@ struct Sums {
     coordinates: f64,
     control_px: f64,
     claimed_px2: f64,
+    calibrations: f64,
 }
 
 fn row(k: usize, place: Vector3<f64>, attitude: EulerAngles) -> TruthRow {
@@ -67,36 +68,55 @@ fn poses(planner: &Planner, count: usize, random: &mut Random) -> Vec<(TruthRow,
         .collect()
 }
 
-fn film_once(
+fn cameras_of(planner: &Planner, placed: &[Placed]) -> Vec<VirtualCamera> {
+    let camera = |(k, p): (usize, &Placed)| VirtualCamera {
+        name: planner.name(k),
+        camera: planner.camera(p),
+        sees: vec![true; planner.control().len()],
+        control_std_px: 0.0,
+    };
+    placed.iter().enumerate().map(camera).collect()
+}
+
+/// Films of a rig, calibration after calibration; the room is rendered once.
+fn filmed(
     planner: &Planner,
     placed: &[Placed],
+    (seeds, count): (std::ops::Range<u64>, usize),
+) -> Outcome<Sums> {
+    let room = Room::meeting_room();
+    let cameras = cameras_of(planner, placed);
+    let mut films: Vec<Film<'_>> =
+        cameras.iter().enumerate().map(|(k, c)| lab::film(&room, c, k, 1)).collect();
+    let mut sums = Sums::default();
+    for seed in seeds {
+        films.iter_mut().enumerate().for_each(|(k, f)| f.reseed(1_000_003 * seed + k as u64));
+        if let Err(error) = film_once(planner, (placed, &cameras, &films), (seed, count), &mut sums) {
+            println!("calibration {seed}: {error}");
+        }
+        sums.calibrations += 1.0;
+    }
+    Ok(sums)
+}
+
+fn film_once(
+    planner: &Planner,
+    (placed, cameras, films): (&[Placed], &[VirtualCamera], &[Film<'_>]),
     (seed, count): (u64, usize),
     sums: &mut Sums,
 ) -> Outcome<()> {
     let vehicle = Vehicle::paper();
-    let (room, aircraft) = (Room::meeting_room(), lab::aircraft(&vehicle));
-    let cameras: Vec<VirtualCamera> = placed
-        .iter()
-        .enumerate()
-        .map(|(k, p)| VirtualCamera {
-            name: planner.name(k),
-            camera: planner.camera(p),
-            sees: vec![true; planner.control().len()],
-            control_std_px: 0.0,
-        })
-        .collect();
-    let films: Vec<Film<'_>> =
-        cameras.iter().enumerate().map(|(k, c)| lab::film(&room, c, k, seed)).collect();
+    let aircraft = lab::aircraft(&vehicle);
     let control = lab::control_frame(planner.control());
     let mut stills = Vec::new();
-    for (c, film) in cameras.iter().zip(&films) {
+    for (c, film) in cameras.iter().zip(films) {
         let frame = Frame::from_rgb(c.camera.size, film.still(Some(&control)))?;
         stills.push(ControlStill { camera: c.name.clone(), frame });
     }
     let rig = calibrate_from_stills(&stills, planner.control())?;
     sums.control_px += rig.cameras.iter().map(|c| c.sigma_px).sum::<f64>() / rig.cameras.len() as f64;
     let truth = poses(planner, count, &mut Random::new(seed, 7));
-    let feeds = cameras.iter().zip(&films).map(|(c, film)| {
+    let feeds = cameras.iter().zip(films).map(|(c, film)| {
         let frames = truth.iter().enumerate().map(|(k, (row, _))| {
             let frame = Frame::from_rgb(c.camera.size, lab::frame(film, k, &aircraft, row, INTERVAL_S))
                 .map_err(|e| PipelineError::Source { camera: c.name.clone(), source: Box::new(e) })?;
@@ -173,10 +193,7 @@ fn rigs(known: Option<Known>) -> Outcome<Vec<(String, Planner, Vec<Placed>)>> {
 /// residuals, and the residuals of calibration.
 fn pilot(calibrations: u64, frames: usize) -> Outcome<Known> {
     let p = planner(None, |_| ())?;
-    let (placed, mut sums) = (p.pair(0, 90.0, 6.36), Sums::default());
-    for k in 0..calibrations {
-        film_once(&p, &placed, (1000 + k, frames), &mut sums)?;
-    }
+    let sums = filmed(&p, &p.pair(0, 90.0, 6.36), (1000..1000 + calibrations, frames))?;
     let centre_std_px = (sums.claimed_px2 / sums.coordinates.max(1.0)).sqrt();
     Ok(Known { centre_std_px, control_std_px: sums.control_px / calibrations as f64 })
 }
@@ -196,13 +213,7 @@ fn main() -> Outcome<()> {
         if only.as_ref().is_some_and(|o| !name.contains(o.as_str())) {
             continue;
         }
-        let mut sums = Sums::default();
-        for k in 0..calibrations {
-            if let Err(error) = film_once(&planner, &placed, (k + 1, frames), &mut sums) {
-                println!("{name}, calibration {k}: {error}");
-            }
-        }
-        let s = sums;
+        let s = filmed(&planner, &placed, (1..1 + calibrations, frames))?;
         let root = |sum: f64, n: f64| (sum / n.max(1.0)).sqrt();
         let (mm, wanted_mm) = (1e3 * root(s.position_m2, s.poses), 1e3 * root(s.predicted_m2, s.poses));
         let (deg, wanted_deg) =
