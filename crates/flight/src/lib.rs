@@ -22,6 +22,6 @@ pub use dynamics::{
 pub use error::FlightError;
 pub use flapping::FlapState;
 pub use inputs::{InputChannel, InputSample, InputSeries};
-pub use maneuver::{Channel, Maneuver, Scenario};
+pub use maneuver::{Channel, Maneuver, Scenario, Sine};
 pub use simulate::{FlightState, InitialState, simulate};
 pub use vehicle::{Assumption, Color, Environment, Marker, Rotor, Vehicle};

@@ -69,6 +69,29 @@ pub enum Maneuver {
         /// Root of the sum of squares over two, that is the effective value.
         amplitude: f64,
     },
+    /// Sines whose amplitudes and phases are given: what an optimised multisine consists of.
+    Sines {
+        /// Input moved.
+        channel: Channel,
+        /// Begin.
+        start_s: f64,
+        /// Length; also the period of the first harmonic.
+        length_s: f64,
+        /// What is added.
+        sine: Vec<Sine>,
+    },
+}
+
+/// amplitude · sin(2π harmonic t/length + phase)
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sine {
+    /// Multiple of 1/`length_s`.
+    pub harmonic: u32,
+    /// Amplitude.
+    pub amplitude: f64,
+    /// Phase at the begin.
+    pub phase_rad: f64,
 }
 
 impl Maneuver {
@@ -77,8 +100,22 @@ impl Maneuver {
             Self::Doublet { channel, .. }
             | Self::ThreeTwoOneOne { channel, .. }
             | Self::Step { channel, .. }
-            | Self::Multisine { channel, .. } => *channel,
+            | Self::Multisine { channel, .. }
+            | Self::Sines { channel, .. } => *channel,
         }
+    }
+
+    /// The same movement, so many times as large.
+    pub fn scaled(&self, by: f64) -> Self {
+        let mut out = self.clone();
+        match &mut out {
+            Self::Doublet { amplitude, .. }
+            | Self::ThreeTwoOneOne { amplitude, .. }
+            | Self::Step { amplitude, .. }
+            | Self::Multisine { amplitude, .. } => *amplitude *= by,
+            Self::Sines { sine, .. } => sine.iter_mut().for_each(|s| s.amplitude *= by),
+        }
+        out
     }
 
     /// The manoeuvre's value at a time, in its own unit.
@@ -116,6 +153,14 @@ impl Maneuver {
                     .sum();
                 each * sum
             }
+            Self::Sines { start_s, length_s, sine, .. } => {
+                let tau = t_s - start_s;
+                if !(0.0..=*length_s).contains(&tau) {
+                    return 0.0;
+                }
+                let turn = 2.0 * PI * tau / length_s;
+                sine.iter().map(|s| s.amplitude * (f64::from(s.harmonic) * turn + s.phase_rad).sin()).sum()
+            }
         }
     }
 
@@ -125,13 +170,21 @@ impl Maneuver {
             | Self::ThreeTwoOneOne { start_s, unit_s: length, amplitude, .. }
             | Self::Multisine { start_s, length_s: length, amplitude, .. } => [*start_s, *length, *amplitude],
             Self::Step { start_s, amplitude, .. } => [*start_s, 1.0, *amplitude],
+            Self::Sines { start_s, length_s, sine, .. } => {
+                let sum = sine.iter().map(|s| s.amplitude.abs() + s.phase_rad.abs()).sum();
+                [*start_s, *length_s, sum]
+            }
         };
         if numbers.iter().any(|v| !v.is_finite()) || numbers[1] <= 0.0 {
             let what = format!("{self:?} needs finite numbers and a length above zero");
             return Err(FlightError::Scenario { what });
         }
-        if matches!(self, Self::Multisine { harmonics, .. } if harmonics.is_empty() || harmonics.contains(&0))
-        {
+        let no_sine = match self {
+            Self::Multisine { harmonics, .. } => harmonics.is_empty() || harmonics.contains(&0),
+            Self::Sines { sine, .. } => sine.is_empty() || sine.iter().any(|s| s.harmonic == 0),
+            _ => false,
+        };
+        if no_sine {
             return Err(FlightError::Scenario {
                 what: "a multisine needs harmonics of 1 or more".to_owned(),
             });
@@ -307,6 +360,24 @@ mod tests {
         let peak = values.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
         assert!((rms - 3.0).abs() < 1e-6, "{rms}");
         assert!(peak / rms < 2.2, "a sum of sines in phase would peak at 4: {}", peak / rms);
+    }
+
+    #[test]
+    fn given_sines_are_added_and_scaled() {
+        let sine = |harmonic, amplitude, phase_rad| Sine { harmonic, amplitude, phase_rad };
+        let m = Maneuver::Sines {
+            channel: Channel::DeltaLon,
+            start_s: 1.0,
+            length_s: 4.0,
+            sine: vec![sine(1, 2.0, 0.0), sine(3, 1.0, PI / 2.0)],
+        };
+        // At a quarter of the period the first is at its top, and the third has turned by 3π/2 + π/2.
+        for (t, wanted) in [(0.9, 0.0), (1.0, 1.0), (2.0, 2.0), (5.1, 0.0)] {
+            assert!((m.value(t) - wanted).abs() < 1e-12, "{t}");
+            assert!((m.scaled(-0.5).value(t) + 0.5 * wanted).abs() < 1e-12);
+        }
+        let none = Maneuver::Sines { channel: Channel::DeltaLon, start_s: 0.0, length_s: 1.0, sine: vec![] };
+        assert!(none.check().is_err());
     }
 
     #[test]

@@ -5,6 +5,14 @@ use thiserror::Error;
 /// A fit without a determined answer.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum IdentifyError {
+    /// A planned flight whose states and measurements are not of the same instants.
+    #[error("{states} states of a planned flight for {instants} instants of measurement: give one for each")]
+    PlannedStates {
+        /// States given.
+        states: usize,
+        /// Instants.
+        instants: usize,
+    },
     /// Fewer instants than parameters.
     #[error(
         "{found} instants are not enough to fit {parameters} parameters: fly for longer, or widen the window"

@@ -17,6 +17,7 @@ mod covariance;
 mod dead_reckoning;
 mod determined;
 mod disagreement;
+mod expected;
 mod fit;
 mod flight;
 mod image;
@@ -29,6 +30,7 @@ mod shooting;
 mod start;
 
 pub use disagreement::{Correlation, Disagreement, disagreement};
+pub use expected::{ExpectedFit, ExpectedParameter, expected_fit};
 pub use fit::{InitialFlapping, NoiseModel, OutputErrorOptions, output_error};
 pub use flight::{Comparison, FlightFits, Images, InputClock};
 pub use image::ImageMeasurements;

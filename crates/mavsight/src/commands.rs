@@ -2,14 +2,18 @@
 
 mod convert;
 mod convert_formats;
+mod campaign;
 mod demo;
 mod film;
 mod identify;
+mod manoeuvre;
+mod plan;
+mod plan_page;
 mod run;
 mod selftest;
 mod stages;
 
-use crate::cli::{Cli, Command, WrongCall};
+use crate::cli::{Cli, Command, Plan, WrongCall};
 use anyhow::Result;
 use mavsight_session::SessionError;
 pub(crate) use run::Flight;
@@ -27,6 +31,9 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Report(args) => stages::report(args),
         Command::Convert(args) => convert::convert(args),
         Command::Selftest(args) => selftest::selftest(args),
+        Command::Plan(Plan::Cameras(args)) => plan::cameras(args),
+        Command::Plan(Plan::Manoeuvre(args)) => manoeuvre::manoeuvre(args),
+        Command::Campaign(args) => campaign::campaign(args),
     }
 }
 

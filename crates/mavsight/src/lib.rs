@@ -9,6 +9,7 @@ pub use mavsight_flight as flight;
 pub use mavsight_geometry as geometry;
 pub use mavsight_identify as identify;
 pub use mavsight_pipeline as pipeline;
+pub use mavsight_plan as plan;
 pub use mavsight_pose as pose;
 pub use mavsight_report as report;
 pub use mavsight_scene as scene;

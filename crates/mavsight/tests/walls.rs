@@ -36,7 +36,7 @@ fn reach(all: &BTreeMap<String, BTreeSet<String>>, from: &str) -> BTreeSet<Strin
 fn estimators_reach_neither_the_virtual_room_nor_the_scores() {
     let all = workspace_dependencies();
     assert!(all.len() >= 10, "crates found: {:?}", all.keys());
-    for estimator in ["geometry", "flight", "vision", "pose", "identify", "session", "pipeline"] {
+    for estimator in ["geometry", "flight", "vision", "pose", "identify", "session", "pipeline", "plan"] {
         let reached = reach(&all, &format!("mavsight-{estimator}"));
         for forbidden in ["mavsight-scene", "mavsight-score", "mavsight-report"] {
             assert!(!reached.contains(forbidden), "{estimator} reaches {forbidden}");
@@ -44,10 +44,21 @@ fn estimators_reach_neither_the_virtual_room_nor_the_scores() {
     }
 }
 
+/// What predicts is used by no estimator: a plan is checked against them, so it may not steer them.
+#[test]
+fn estimators_do_not_reach_the_plan() {
+    let all = workspace_dependencies();
+    for estimator in ["geometry", "flight", "vision", "pose", "identify", "session", "pipeline"] {
+        assert!(!reach(&all, &format!("mavsight-{estimator}")).contains("mavsight-plan"), "{estimator}");
+    }
+}
+
 #[test]
 fn the_virtual_room_reaches_no_estimator() {
     let reached = reach(&workspace_dependencies(), "mavsight-scene");
-    for forbidden in ["mavsight-vision", "mavsight-pose", "mavsight-identify", "mavsight-pipeline"] {
+    for forbidden in
+        ["mavsight-vision", "mavsight-pose", "mavsight-identify", "mavsight-pipeline", "mavsight-plan"]
+    {
         assert!(!reached.contains(forbidden), "scene reaches {forbidden}");
     }
 }

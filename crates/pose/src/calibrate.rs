@@ -3,6 +3,7 @@
 mod adjust;
 mod choose;
 mod disagree;
+mod expected;
 #[cfg(test)]
 mod fault_tests;
 mod link;
@@ -22,6 +23,7 @@ pub(crate) mod test_sets;
 #[cfg(test)]
 mod tests;
 
+pub use expected::predict_calibration;
 pub use model::{CameraModel, Lens, Pixels};
 pub use moved::MovedObject;
 

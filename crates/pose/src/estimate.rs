@@ -73,6 +73,17 @@ impl PoseEstimate {
     }
 }
 
+/// A sight that is expected, before there is a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExpectedSight {
+    /// Index of the camera in the rig.
+    pub camera: usize,
+    /// Index of the marker on the body.
+    pub marker: usize,
+    /// Covariance that the centre of its image will have.
+    pub covariance_px2: Matrix2<f64>,
+}
+
 /// One instant: a pose, or why there is none.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseSample {
@@ -187,6 +198,50 @@ impl PoseEstimator {
         let solution = self.bounded_from(&own, solution?);
         self.refuse_misfit(&solution, &used)?;
         self.finished(&own, &solution, used, left_out)
+    }
+
+    /// The covariance with which a pose will be measured from sights that are as good as they claim: what
+    /// [`PoseEstimator::estimate`] gives where the residuals are as large as expected.
+    ///
+    /// # Errors
+    /// [`PoseError::BadObservation`]; [`PoseError::TooFewMarkers`] and [`PoseError::NotConverged`] for sights that do not
+    /// determine the pose; [`PoseError::Geometry`] for a marker behind its camera.
+    pub fn predict(
+        &self,
+        world_from_body: &Isometry3<f64>,
+        sights: &[ExpectedSight],
+    ) -> Result<PoseEstimate, PoseError> {
+        let mut own = Vec::with_capacity(sights.len());
+        for s in sights {
+            let (camera, marker) = (s.camera, s.marker);
+            let (pixel, covariance_px2) = (Vector2::zeros(), s.covariance_px2);
+            let mut sight =
+                self.sight(&MarkerObservation { t_ns: 0, camera, marker, pixel, covariance_px2 })?;
+            sight.pixel = self.projected(&sight, world_from_body)?.pixel;
+            own.push(sight);
+        }
+        let used: Vec<usize> =
+            (0..self.markers.len()).filter(|m| own.iter().any(|s| s.marker == *m)).collect();
+        if used.len() < 3 {
+            let markers = self.markers.len();
+            return Err(PoseError::TooFewMarkers { seen: used.len(), markers, sights: own.len() });
+        }
+        let solution = self.at_pose(&own, world_from_body)?;
+        let undetermined = || PoseError::NotConverged { steps: 0, residual_px: 0.0 };
+        let mut covariance = solution.normal.cholesky().map(|c| c.inverse()).ok_or_else(undetermined)?;
+        let (systematic, _) = self.systematic(&own, &solution, &covariance);
+        systematic.column_iter().for_each(|c| covariance.ger(1.0, &c, &c, 1.0));
+        if !covariance.iter().all(|x| x.is_finite()) {
+            return Err(undetermined());
+        }
+        Ok(PoseEstimate {
+            world_from_body: *world_from_body,
+            covariance,
+            systematic,
+            markers_used: used,
+            left_out: Vec::new(),
+            residual_px: 0.0,
+        })
     }
 
     fn finished(

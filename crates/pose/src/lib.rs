@@ -23,7 +23,7 @@ mod whittaker;
 
 pub use calibrate::{
     CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, MovedObject, Pixels, Rig,
-    RigCamera, calibrate, calibrate_with,
+    RigCamera, calibrate, calibrate_with, predict_calibration,
 };
 pub use causal::CausalFilter;
 pub use chain::ChainNoise;
@@ -32,7 +32,7 @@ pub use clock::{
     QUARTZ_DRIFT_STD, StreamSight, estimate_clocks, image_middle,
 };
 pub use error::PoseError;
-pub use estimate::{BodyMarker, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
+pub use estimate::{BodyMarker, ExpectedSight, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
 pub use joint::MotionNoise;
 pub use motion::{Motion, MotionSample, euler_std};
 pub use noise::motion_noise;

@@ -157,7 +157,8 @@ fn three_digits(value: f64) -> String {
     match value.abs() {
         v if v >= 99.5 => format!("{value:.0}"),
         v if v >= 9.95 => format!("{value:.1}"),
-        _ => format!("{value:.2}"),
+        v if v >= 0.995 => format!("{value:.2}"),
+        _ => format!("{value:.3}"),
     }
 }
 

@@ -32,6 +32,11 @@ impl<'a> Film<'a> {
         film
     }
 
+    /// The same camera on another day: what it films from now on has the noise of another seed.
+    pub fn reseed(&mut self, seed: u64) {
+        self.coder.reseed(seed);
+    }
+
     fn size(&self) -> (usize, usize) {
         (self.camera.size.width_px as usize, self.camera.size.height_px as usize)
     }

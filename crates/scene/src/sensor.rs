@@ -51,6 +51,11 @@ impl Coder {
         Self { sensor, codes, quantiles }
     }
 
+    /// From now on another noise.
+    pub(crate) fn reseed(&mut self, seed: u64) {
+        self.sensor.seed = seed;
+    }
+
     /// Codes a frame of linear light, 0 to 1 of full well; the noise depends on seed, frame and pixel alone.
     pub(crate) fn code(&self, linear: &[[f32; 3]], frame: u64) -> Vec<u8> {
         let well = self.sensor.full_well_e as f32;

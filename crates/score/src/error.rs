@@ -31,6 +31,28 @@ pub enum ScoreError {
         /// How many are needed.
         needed: usize,
     },
+    /// A campaign file that makes no sense.
+    #[error("campaign: {key}: {detail}")]
+    Campaign {
+        /// Key concerned.
+        key: String,
+        /// What is wrong and what to do.
+        detail: String,
+    },
+    /// The file of a campaign's pieces.
+    #[error("{}: {detail}", path.display())]
+    Chunks {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What is wrong.
+        detail: String,
+    },
+    /// A file that cannot be read.
+    #[error(transparent)]
+    Session(#[from] mavsight_session::SessionError),
+    /// What cannot be planned.
+    #[error(transparent)]
+    Plan(#[from] mavsight_plan::PlanError),
     /// The vehicle does not fly.
     #[error("simulating the vehicle: {0}")]
     Flight(#[from] mavsight_flight::FlightError),

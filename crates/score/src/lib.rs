@@ -3,6 +3,9 @@
 //! Stands apart from all that estimates: nothing that estimates depends on this crate.
 
 mod between;
+mod campaign;
+mod campaign_file;
+mod chunks;
 mod coverage;
 mod error;
 mod random;
@@ -10,6 +13,11 @@ mod virtual_flight;
 mod virtual_lab;
 
 pub use between::true_pose;
+pub use campaign::{Campaign, CellSummary, FlownParameter};
+pub use campaign_file::{
+    CAMPAIGN_SCHEMA, CampaignCamera, CampaignFile, CampaignRig, FitKind, NoiseLevel, Steered,
+};
+pub use chunks::ChunkFile;
 pub use coverage::{Coverage, QUANTITIES, Quantity, Tally};
 pub use error::ScoreError;
 pub use random::Random;

@@ -85,12 +85,7 @@ impl VirtualLab {
                 return Ok(states);
             }
             most = f64::max(most, share);
-            scenario.maneuver.iter_mut().for_each(|m| match m {
-                Maneuver::Doublet { amplitude, .. }
-                | Maneuver::ThreeTwoOneOne { amplitude, .. }
-                | Maneuver::Step { amplitude, .. }
-                | Maneuver::Multisine { amplitude, .. } => *amplitude *= SMALLER,
-            });
+            scenario.maneuver.iter_mut().for_each(|m| *m = m.scaled(SMALLER));
         }
         let [x_m, y_m, z_m] = self.middle_m.into();
         let (share_percent, needed_percent) = (100.0 * most, 100.0 * IN_VIEW_SHARE);

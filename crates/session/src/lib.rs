@@ -22,7 +22,8 @@ pub use results::{
     read_motion, read_poses, read_rig, read_summary, write_markers, write_results, write_rig,
 };
 pub use scenario::{write_control_points, write_inputs, write_session, write_truth, write_vehicle};
-pub use tables::{ControlPixel, ControlPointRow, TruthRow};
+pub use tables::{ControlPixel, ControlPointRow, TruthRow, read_control_points};
+pub use toml_file::read_toml;
 pub use video::{FrameSource, read_image, write_png};
 
 /// Seconds as the nearest nanoseconds.

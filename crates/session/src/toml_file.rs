@@ -5,7 +5,7 @@ use serde::de::DeserializeOwned;
 use std::path::Path;
 
 /// Reads a TOML file into a type.
-pub(crate) fn read_toml<T: DeserializeOwned>(path: &Path, role: &str) -> Result<T, SessionError> {
+pub fn read_toml<T: DeserializeOwned>(path: &Path, role: &str) -> Result<T, SessionError> {
     require_file(path, role)?;
     let text = std::fs::read_to_string(path).map_err(|e| SessionError::io(path, "read it", e))?;
     toml::from_str(&text).map_err(|error| {

@@ -12,7 +12,7 @@ use super::result::{OutputErrorFit, assemble};
 use super::shooting::{Evaluation, Point, Problem, Record, moved_point};
 use super::start::nodes;
 use crate::IdentifyError;
-use mavsight_flight::{Coefficient, InputSeries};
+use mavsight_flight::{Coefficient, InputSeries, StateVector};
 use nalgebra::{DMatrix, DVector};
 
 /// What is known of the flapping angles at the start.
@@ -61,7 +61,7 @@ impl Default for OutputErrorOptions {
 
 /// Tightness of the gaps: loose enough for any start, then far below what is measured. With the last one a gap costs
 /// less than 1e-9 m.
-const TIGHTNESS: [f64; 4] = [3e-2, 3e-3, 1e-4, 1e-7];
+pub(super) const TIGHTNESS: [f64; 4] = [3e-2, 3e-3, 1e-4, 1e-7];
 /// A stage ends when the next step promises less than this of the squares.
 const PROMISE: [f64; 4] = [100.0, 100.0, 10.0, 0.1];
 /// The fit ends when the next step promises less than this: a hundredth of a standard deviation.
@@ -158,9 +158,19 @@ impl<'a> Fitter<'a> {
         measurements: &'a Measurements,
         options: &OutputErrorOptions,
     ) -> Result<Self, IdentifyError> {
-        let times_s = measurements.times_s();
         let segment_s = if options.segment_s > 0.0 { options.segment_s } else { f64::INFINITY };
         let (model, nodes) = nodes(start, inputs, measurements, segment_s)?;
+        Self::at((start, model), nodes, (inputs, measurements), options)
+    }
+
+    /// At a model and at states with which the segments begin, each with its instant.
+    pub(super) fn at(
+        (start, model): (&FlightModel, FlightModel),
+        nodes: Vec<(usize, StateVector)>,
+        (inputs, measurements): (&'a InputSeries, &'a Measurements),
+        options: &OutputErrorOptions,
+    ) -> Result<Self, IdentifyError> {
+        let times_s = measurements.times_s();
         let mut bounds: Vec<usize> = nodes.iter().map(|(i, _)| *i).collect();
         bounds.push(times_s.len());
         for t_s in [times_s[bounds[0]], times_s[times_s.len() - 1]] {
@@ -311,7 +321,7 @@ impl<'a> Fitter<'a> {
         Ok(change)
     }
 
-    fn linearised(&self, tightness: f64) -> Result<(Condensed, Vec<Record>), IdentifyError> {
+    pub(super) fn linearised(&self, tightness: f64) -> Result<(Condensed, Vec<Record>), IdentifyError> {
         let condensed = self.condensed(tightness, 0.0)?;
         let mut records = Vec::new();
         self.problem.evaluate(&self.point, Some(&mut records))?;

@@ -132,13 +132,47 @@ pub(super) fn adjust(
     models: &[CameraModel],
     start: &[Camera],
 ) -> Option<Fit> {
-    let state = State {
-        cameras: start.to_vec(),
+    from(problem, choice, models, (start_of(problem, start), 1.0))
+}
+
+/// The fit that exact images of these cameras would have if their noise were as claimed: nothing is adjusted, and the
+/// variance factor is 1.
+pub(super) fn expected(
+    problem: &Problem,
+    choice: &Choice,
+    models: &[CameraModel],
+    cameras: &[Camera],
+) -> Option<Fit> {
+    let layout = Layout::new(problem, choice, models);
+    let mut state = start_of(problem, cameras);
+    let adjustment = Adjustment { problem, choice, models, layout };
+    let equations = adjustment.equations(&mut state, 1.0)?;
+    let (coordinates, of_poses, _) = equations.moved;
+    let covariance = Eliminated::new(&equations.normal, adjustment.layout.of_cameras, 0.0)?.inverse();
+    let n = 2 * choice.used.iter().filter(|u| **u).count() + coordinates;
+    let bound = adjustment.bound_by_priors(cameras, &covariance);
+    let freedom = PRIOR_FREEDOM + n as f64 - ((adjustment.layout.size + of_poses) as f64 - bound);
+    Some(Fit {
+        models: models.to_vec(),
+        cameras: state.cameras,
+        places: state.places,
+        poses: state.poses,
+        scales: state.scales,
+        variance_factor: 1.0,
+        freedom,
+        covariance,
+        layout: adjustment.layout,
+        log_evidence: 0.0,
+    })
+}
+
+fn start_of(problem: &Problem, cameras: &[Camera]) -> State {
+    State {
+        cameras: cameras.to_vec(),
         places: problem.points.iter().map(|p| p.in_world_m).collect(),
         poses: problem.moved.iter().map(|m| m.start.clone()).collect(),
         scales: vec![1.0; problem.moved.len()],
-    };
-    from(problem, choice, models, (state, 1.0))
+    }
 }
 
 /// The same from a fit under another model.
@@ -419,6 +453,19 @@ impl Fit {
 
     /// Covariance of all sixteen parameters of all cameras.
     pub(super) fn camera_covariance(&self) -> DMatrix<f64> {
+        let spread = self.spread();
+        &spread * &self.covariance * spread.transpose()
+    }
+
+    /// U with U Uᵀ that covariance, one column for each free parameter of the cameras; `None` where it is not positive.
+    pub(super) fn camera_root(&self) -> Option<DMatrix<f64>> {
+        let own = self.layout.of_cameras;
+        let factor = self.covariance.view((0, 0), (own, own)).into_owned().cholesky()?.unpack();
+        Some(self.spread().columns(0, own) * factor)
+    }
+
+    /// The sixteen parameters of each camera by the free parameters.
+    fn spread(&self) -> DMatrix<f64> {
         let rows = CAMERA_PARAMETERS * self.cameras.len();
         let mut spread = DMatrix::zeros(rows, self.layout.size);
         for (camera, at) in self.layout.cameras.iter().enumerate() {
@@ -429,6 +476,6 @@ impl Fit {
                     .copy_from(direction);
             }
         }
-        &spread * &self.covariance * spread.transpose()
+        spread
     }
 }

@@ -1,0 +1,183 @@
+//! What an output-error fit will tell of a flight that is only planned.
+
+use super::covariance::inverse;
+use super::determined::{refuse_undetermined, typical};
+use super::fit::{Fitter, OutputErrorOptions, TIGHTNESS};
+use super::linear::Linear;
+use super::measure::{Measurements, Row, StateMeasurement, whitener};
+use super::model::{FlightModel, ModelParameter};
+use super::propagate::TANGENT;
+use crate::IdentifyError;
+use mavsight_flight::{InputSeries, StateVector};
+use mavsight_geometry::Isometry3;
+use nalgebra::{DMatrix, DVector, Matrix6xX};
+
+/// Half-width of a normal 95 % interval.
+const NORMAL_95: f64 = 1.959_964;
+
+/// What is expected of one parameter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExpectedParameter {
+    /// The parameter.
+    pub parameter: ModelParameter,
+    /// Its name.
+    pub name: &'static str,
+    /// Its value in the planned flight.
+    pub value: f64,
+    /// Standard deviation that an estimate will have: the Cramér-Rao bound.
+    pub std: f64,
+    /// Whether half the 95 % interval will be less than the parameter's typical size; see
+    /// [`super::FittedParameter::identifiable`].
+    pub identifiable: bool,
+}
+
+/// The fit of a planned flight, linear about the truth.
+#[derive(Debug, Clone)]
+pub struct ExpectedFit {
+    /// Free parameters in the order of the model.
+    pub parameters: Vec<ExpectedParameter>,
+    /// Their covariance.
+    pub covariance: DMatrix<f64>,
+    /// The combination that changes nothing that is measured, where there is one.
+    pub undetermined: Option<String>,
+    states: Vec<StateVector>,
+    measured: Vec<StateMeasurement>,
+    /// Parameters by rows: what a unit of each row's noise does to them.
+    influence: DMatrix<f64>,
+}
+
+/// The covariance with which [`super::output_error`] will estimate the free parameters of a model from measurements that are
+/// as good as they say, about the motion with the model's own values; `states` are those of the motion at the instants of
+/// the measurements, each of which holds a pose and nothing else.
+///
+/// The same integration, sensitivities, constraint between segments and unknown start as in the fit: the inverse of the
+/// information, which is Cramér and Rao's bound and, for an efficient estimator, the covariance (Maine & Iliff 1985).
+///
+/// # Errors
+/// [`IdentifyError::PlannedStates`]; nothing free; inputs that do not cover the flight; a flight that tells nothing.
+pub fn expected_fit(
+    model: &FlightModel,
+    inputs: &InputSeries,
+    measured: Vec<StateMeasurement>,
+    states: &[StateVector],
+    options: &OutputErrorOptions,
+) -> Result<ExpectedFit, IdentifyError> {
+    if model.free().is_empty() {
+        return Err(IdentifyError::NothingFree);
+    }
+    if states.len() != measured.len() || states.len() < 2 {
+        return Err(IdentifyError::PlannedStates { states: states.len(), instants: measured.len() });
+    }
+    if let Some(m) = measured.iter().find(|m| m.pose.is_none() || m.velocity.is_some() || m.rates.is_some()) {
+        return Err(IdentifyError::BadMeasurement { t_s: m.t_ns as f64 * 1e-9, what: "planned pose" });
+    }
+    let measurements = Measurements::States(measured);
+    measurements.check()?;
+    let nodes = nodes(&measurements.times_s(), states, options.segment_s);
+    let fitter = Fitter::at((model, model.clone()), nodes, (inputs, &measurements), options)?;
+    let (condensed, records) = fitter.linearised(TIGHTNESS[3])?;
+    let linear = Linear::new(&fitter, &condensed, &records);
+    let undetermined = refuse_undetermined(&fitter, &condensed, &records).err().map(|e| e.to_string());
+    let all = inverse(&linear.information()).ok_or(IdentifyError::RankZero)?;
+    let p = model.free().len();
+    let covariance = all.view((TANGENT, TANGENT), (p, p)).into_owned();
+    let influence = all.rows(TANGENT, p) * &linear.by;
+    let expected = |(k, parameter): (usize, &ModelParameter)| {
+        let std = covariance[(k, k)].sqrt();
+        ExpectedParameter {
+            parameter: *parameter,
+            name: parameter.name(),
+            value: model.value(*parameter),
+            std,
+            identifiable: undetermined.is_none() && NORMAL_95 * std < typical(*parameter, &fitter),
+        }
+    };
+    let parameters = model.free().iter().enumerate().map(expected).collect();
+    let Measurements::States(measured) = measurements else { return Err(IdentifyError::RankZero) };
+    Ok(ExpectedFit { parameters, covariance, undetermined, states: states.to_vec(), measured, influence })
+}
+
+/// States with which segments begin.
+fn nodes(times_s: &[f64], states: &[StateVector], segment_s: f64) -> Vec<(usize, StateVector)> {
+    let segment_s = if segment_s > 0.0 { segment_s } else { f64::INFINITY };
+    let (last_s, mut next_s) = (times_s[times_s.len() - 1], times_s[0]);
+    let mut out = Vec::new();
+    for (k, (t_s, y)) in times_s.iter().zip(states).enumerate() {
+        if *t_s < next_s - 1e-9 || (k > 0 && last_s - t_s < 0.5 * segment_s) {
+            continue;
+        }
+        next_s = t_s + segment_s;
+        out.push((k, *y));
+    }
+    out
+}
+
+impl ExpectedFit {
+    /// The same with errors of the poses that stay for the flight: for each instant one column for each independent direction, a
+    /// standard deviation along it in position (world, m) and turn (body, rad), as [`mavsight_pose::PoseEstimate::systematic`] has
+    /// them. The fit does not know of them; they move its estimates by the influence of every row.
+    ///
+    /// # Errors
+    /// [`IdentifyError::PlannedStates`] for another number of instants, or of directions at some of them.
+    pub fn with_lasting(mut self, systematic: &[Matrix6xX<f64>]) -> Result<Self, IdentifyError> {
+        let instants = self.states.len();
+        let directions = systematic.first().map_or(0, Matrix6xX::ncols);
+        if systematic.len() != instants || systematic.iter().any(|s| s.ncols() != directions) {
+            return Err(IdentifyError::PlannedStates { states: systematic.len(), instants });
+        }
+        let mut moved = DMatrix::zeros(self.parameters.len(), directions);
+        for (k, (m, s)) in self.measured.iter().zip(systematic).enumerate() {
+            let t_s = m.t_ns as f64 * 1e-9;
+            let whitener = m.pose.as_ref().and_then(|(_, covariance)| whitener(covariance));
+            let whitener = whitener.ok_or(IdentifyError::BadMeasurement { t_s, what: "pose" })?;
+            moved += self.influence.columns(6 * k, 6) * (whitener * s);
+        }
+        self.covariance += &moved * moved.transpose();
+        for (k, p) in self.parameters.iter_mut().enumerate() {
+            p.std = self.covariance[(k, k)].sqrt();
+        }
+        Ok(self)
+    }
+
+    /// The parameters that poses of the planned flight give, to first order about the truth: one Gauss-Newton step of the fit,
+    /// with the weights of the plan. One pose an instant.
+    ///
+    /// # Errors
+    /// [`IdentifyError::PlannedStates`] for another number of poses; a pose that is not finite.
+    pub fn first_order(&self, poses: &[Isometry3<f64>]) -> Result<DVector<f64>, IdentifyError> {
+        let instants = self.states.len();
+        if poses.len() != instants {
+            return Err(IdentifyError::PlannedStates { states: poses.len(), instants });
+        }
+        let mut measured = self.measured.clone();
+        for (m, pose) in measured.iter_mut().zip(poses) {
+            m.pose = m.pose.map(|(_, covariance)| (*pose, covariance));
+        }
+        let measured = Measurements::States(measured);
+        let mut residual = Vec::with_capacity(self.influence.ncols());
+        let mut rows: Vec<Row> = Vec::with_capacity(12);
+        for (instant, y) in self.states.iter().enumerate() {
+            measured.rows(instant, y, &mut rows)?;
+            residual.extend(rows.iter().map(|r| r.residual));
+        }
+        let truth = DVector::from_iterator(self.parameters.len(), self.parameters.iter().map(|p| p.value));
+        let out = truth + &self.influence * DVector::from_vec(residual);
+        if out.iter().all(|v| v.is_finite()) {
+            return Ok(out);
+        }
+        Err(IdentifyError::BadMeasurement { t_s: self.measured[0].t_ns as f64 * 1e-9, what: "pose" })
+    }
+
+    /// Log of the determinant of the covariance of some parameters, by name: the generalised
+    /// variance that a D-optimal plan makes least. `None` for names that are not free or a covariance that is not positive.
+    pub fn log_generalised_variance(&self, names: &[&str]) -> Option<f64> {
+        let at: Option<Vec<usize>> =
+            names.iter().map(|n| self.parameters.iter().position(|p| p.name == *n)).collect();
+        let at = at?;
+        let own = self.covariance.select_rows(&at).select_columns(&at);
+        let scale: Vec<f64> = (0..at.len()).map(|k| own[(k, k)].sqrt()).collect();
+        let unit = DMatrix::from_fn(at.len(), at.len(), |i, j| own[(i, j)] / (scale[i] * scale[j]));
+        let factor = unit.cholesky()?;
+        Some(factor.ln_determinant() + 2.0 * scale.iter().map(|s| s.ln()).sum::<f64>())
+    }
+}

@@ -1,0 +1,229 @@
+//! Which manoeuvre tells most.
+
+use super::demo::scenario_of;
+use super::plan::wrong_call;
+use crate::cli::{Criterion, PlanManoeuvre, WrongCall};
+use anyhow::{Context, Result};
+use mavsight_flight::{Channel, Maneuver, Scenario};
+use mavsight_geometry::Vector3;
+use mavsight_plan::{
+    FlightLimits, FlightPlanner, MultisineOptions, Optimality, Placed, PlannedManoeuvre, Planner,
+    SearchOptions, Solid,
+};
+use mavsight_session::{RESULTS_SCHEMA, make_folder, write_whole};
+use serde_json::json;
+use std::path::Path;
+
+/// Nothing is done before, so that the start can be told.
+const QUIET_S: f64 = 0.5;
+/// The paper's doublet begins after two seconds, with pulses of one.
+const DOUBLET: (f64, f64) = (2.0, 1.0);
+/// Unit of the 3-2-1-1 whose band is that of the doublet.
+const UNIT_S: f64 = 0.5;
+/// Frequencies of the multisines: from what a volume allows to what rotors answer to.
+const BAND_HZ: (f64, f64) = (0.25, 2.5);
+const HARMONICS: usize = 10;
+const ROTOR_PERCENT: f64 = 5.0;
+
+/// `mavsight plan manoeuvre`
+pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
+    let (planner, vehicle) = Planner::load(&args.room).map_err(wrong_call)?;
+    let placed = match &args.cameras {
+        Some(path) => placement(&planner, path)?,
+        None => planner.search(&SearchOptions { best: 1, ..Default::default() })?.swap_remove(0).placed,
+    };
+    let volume = &planner.room().volume;
+    let limits = FlightLimits {
+        volume: Solid { name: None, low_m: volume.low_m, high_m: volume.high_m },
+        tilt_deg: args.max_tilt,
+        deflection_deg: args.max_deflection,
+        rotor_percent: ROTOR_PERCENT,
+    };
+    let flights = FlightPlanner::new(&planner, &placed, &vehicle, limits)?;
+    let base = Scenario {
+        duration_s: args.duration,
+        position_m: planner.room().middle_m().into(),
+        ..Scenario::paper()
+    };
+    let mut plans = Vec::new();
+    for (name, maneuver) in built_in(args.duration) {
+        let scenario = Scenario { maneuver: vec![maneuver], ..base.clone() };
+        plans.push((name.to_owned(), flights.predict(&scenario, true).with_context(|| name)?));
+    }
+    for path in &args.scenario {
+        let name = path.file_stem().map_or_else(|| "own".to_owned(), |s| s.to_string_lossy().into_owned());
+        plans.push((name.clone(), flights.predict(&scenario_of(Some(path))?, false).context(name)?));
+    }
+    let options = MultisineOptions {
+        channels: vec![Channel::DeltaLon],
+        harmonics: harmonics(args.duration - QUIET_S),
+        start_s: QUIET_S,
+        parameters: args.parameters.clone(),
+        optimality: if args.criterion == Criterion::D { Optimality::D } else { Optimality::A },
+        generations: args.generations,
+        seed: args.seed,
+    };
+    plans.push(("optimised".to_owned(), flights.optimise(&base, &options)?));
+    let names: Vec<&str> = args.parameters.iter().map(String::as_str).collect();
+    if plans[0].1.fit.log_generalised_variance(&names).is_none() {
+        let known: Vec<&str> = plans[0].1.fit.parameters.iter().map(|p| p.name).collect();
+        let message =
+            format!("--parameters {}: not all are free: use some of {}", names.join(" "), known.join(" "));
+        return Err(WrongCall(message).into());
+    }
+    print!("{}", table(&plans, &names));
+    for line in verdicts(&plans) {
+        println!("{line}");
+    }
+    if let Some(out) = &args.out {
+        make_folder(out)?;
+        write_whole(&out.join("manoeuvres.csv"), csv(&plans).as_bytes())?;
+        let text = serde_json::to_string_pretty(&json(&plans, &names))?;
+        write_whole(&out.join("manoeuvres.json"), text.as_bytes())?;
+        for (name, plan) in &plans {
+            write_whole(
+                &out.join(format!("scenario-{name}.toml")),
+                toml::to_string(&plan.scenario)?.as_bytes(),
+            )?;
+        }
+        println!("\nResults: {}", out.display());
+    }
+    Ok(())
+}
+
+fn built_in(duration_s: f64) -> [(&'static str, Maneuver); 3] {
+    let channel = Channel::DeltaLon;
+    let length_s = duration_s - QUIET_S;
+    [
+        ("doublet", Maneuver::Doublet { channel, start_s: DOUBLET.0, pulse_s: DOUBLET.1, amplitude: -5.0 }),
+        ("3-2-1-1", Maneuver::ThreeTwoOneOne { channel, start_s: DOUBLET.0, unit_s: UNIT_S, amplitude: 2.0 }),
+        (
+            "multisine",
+            Maneuver::Multisine {
+                channel,
+                start_s: QUIET_S,
+                length_s,
+                harmonics: harmonics(length_s),
+                amplitude: 1.0,
+            },
+        ),
+    ]
+}
+
+/// Harmonics of one over a length, spread over the band.
+fn harmonics(length_s: f64) -> Vec<u32> {
+    let (low, high) = BAND_HZ;
+    let mut out: Vec<u32> = (0..HARMONICS)
+        .map(|k| {
+            let share = k as f64 / (HARMONICS - 1) as f64;
+            ((low * (high / low).powf(share)) * length_s).round().max(1.0) as u32
+        })
+        .collect();
+    out.dedup();
+    out
+}
+
+/// The best placement of a plan.json.
+fn placement(planner: &Planner, path: &Path) -> Result<Vec<Placed>> {
+    let wrong = |detail: &str| {
+        WrongCall(format!("{}: {detail}: give the plan.json of `mavsight plan cameras`", path.display()))
+    };
+    let text = std::fs::read_to_string(path).map_err(|e| wrong(&e.to_string()))?;
+    let plan: serde_json::Value = serde_json::from_str(&text).map_err(|e| wrong(&e.to_string()))?;
+    let cameras = plan["placements"][0]["cameras"].as_array().ok_or_else(|| wrong("holds no placement"))?;
+    let placed = cameras.iter().map(|c| {
+        let point = |key: &str| {
+            let xyz: Option<Vec<f64>> = c[key].as_array()?.iter().map(serde_json::Value::as_f64).collect();
+            let [x, y, z] = xyz?[..] else { return None };
+            Some(Vector3::new(x, y, z))
+        };
+        let kind = planner.room().camera.iter().position(|k| Some(k.name.as_str()) == c["type"].as_str())?;
+        Some(Placed { kind, centre_m: point("centre_m")?, aim_m: point("aim_m")? })
+    });
+    let placed: Option<Vec<Placed>> = placed.collect();
+    Ok(placed.filter(|p| p.len() >= 2).ok_or_else(|| wrong("has cameras that the room has not"))?)
+}
+
+type Plans = [(String, PlannedManoeuvre)];
+
+fn table(plans: &Plans, names: &[&str]) -> String {
+    let mut out = format!("{:<14} {:>12}", "std of", "value");
+    plans.iter().for_each(|(name, _)| out += &format!(" {name:>12}"));
+    out.push('\n');
+    for p in &plans[0].1.fit.parameters {
+        out += &format!("{:<14} {:>12.4e}", p.name, p.value);
+        for (_, plan) in plans {
+            match plan.fit.parameters.iter().find(|q| q.name == p.name) {
+                Some(q) if q.identifiable => out += &format!(" {:>12.3e}", q.std),
+                Some(q) => out += &format!(" {:>11.3e}?", q.std),
+                None => out += &format!(" {:>12}", "-"),
+            }
+        }
+        out.push('\n');
+    }
+    out += &format!("{:<27}", format!("variance of {}", names.len()));
+    plans.iter().for_each(|(_, plan)| out += &format!(" {:>12.3e}", ratio(plans, plan, names)));
+    out += "  (generalised, over the doublet's)\n";
+    out += &format!("{:<27}", "largest share of a limit");
+    plans.iter().for_each(|(_, plan)| out += &format!(" {:>12.2}", plan.used));
+    out.push('\n');
+    out
+}
+
+/// Generalised variance over that of the doublet.
+fn ratio(plans: &Plans, plan: &PlannedManoeuvre, names: &[&str]) -> f64 {
+    let log = |p: &PlannedManoeuvre| p.fit.log_generalised_variance(names);
+    log(plan).zip(log(&plans[0].1)).map_or(f64::INFINITY, |(own, doublet)| (own - doublet).exp())
+}
+
+/// What manoeuvres cannot tell.
+fn verdicts(plans: &Plans) -> Vec<String> {
+    let mut out = Vec::new();
+    for (name, plan) in plans {
+        let vague: Vec<&str> =
+            plan.fit.parameters.iter().filter(|p| !p.identifiable).map(|p| p.name).collect();
+        if let Some(combination) = &plan.fit.undetermined {
+            out.push(format!("The {name}: {combination}."));
+        } else if !vague.is_empty() {
+            out.push(format!("The {name} hardly tells {}.", vague.join(", ")));
+        }
+    }
+    out.push(
+        "No manoeuvre of the longitudinal swash-plate alone tells lateral damping, thrust and torque of each rotor or yaw damping: they stay at the vehicle file's values."
+            .to_owned(),
+    );
+    out
+}
+
+fn csv(plans: &Plans) -> String {
+    let mut out = "manoeuvre,parameter,value,std,identifiable\n".to_owned();
+    for (name, plan) in plans {
+        for p in &plan.fit.parameters {
+            out += &format!("{name},\"{}\",{:e},{:e},{}\n", p.name, p.value, p.std, p.identifiable);
+        }
+    }
+    out
+}
+
+fn json(plans: &Plans, names: &[&str]) -> serde_json::Value {
+    let all: Vec<_> = plans
+        .iter()
+        .map(|(name, plan)| {
+            let parameters: Vec<_> = plan
+                .fit
+                .parameters
+                .iter()
+                .map(|p| json!({ "name": p.name, "value": p.value, "std": p.std, "identifiable": p.identifiable }))
+                .collect();
+            json!({
+                "name": name,
+                "scenario": plan.scenario,
+                "used_share_of_limits": plan.used,
+                "parameters": parameters,
+                "generalised_variance_over_doublet": ratio(plans, plan, names),
+                "undetermined": plan.fit.undetermined,
+            })
+        })
+        .collect();
+    json!({ "schema": RESULTS_SCHEMA, "optimised_for": names, "manoeuvres": all })
+}

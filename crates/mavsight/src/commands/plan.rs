@@ -1,0 +1,237 @@
+//! What to expect before flying.
+
+use super::plan_page::write_plan_page;
+use crate::cli::{PlanCameras, WrongCall};
+use anyhow::Result;
+use mavsight_flight::Vehicle;
+use mavsight_plan::{
+    EXAMPLE, PlanError, Planner, Ranked, SearchOptions, StudyRow, angle_study, distance_study,
+};
+use mavsight_session::{
+    ControlSection, RESULTS_SCHEMA, SESSION_SCHEMA, SessionCamera, SessionFile, make_folder,
+    write_control_points, write_session, write_vehicle, write_whole,
+};
+use serde_json::json;
+use std::path::Path;
+use std::time::Instant;
+
+/// Angles and distances of the study.
+const ANGLES_DEG: std::ops::RangeInclusive<u32> = 8..=30;
+const ANGLE_STEP_DEG: f64 = 5.0;
+const DISTANCES: std::ops::RangeInclusive<u32> = 6..=20;
+const DISTANCE_STEP_M: f64 = 0.5;
+const RIGHT_ANGLE_DEG: f64 = 90.0;
+
+/// What a search has found.
+pub(crate) struct CameraPlan<'a> {
+    pub(crate) planner: &'a Planner,
+    pub(crate) ranked: &'a [Ranked],
+    /// Against angle, and against distance; empty where not asked for.
+    pub(crate) study: [Vec<StudyRow>; 2],
+}
+
+/// `mavsight plan cameras`
+pub(crate) fn cameras(args: &PlanCameras) -> Result<()> {
+    if let Some(folder) = &args.example {
+        make_folder(folder)?;
+        for (name, text) in EXAMPLE {
+            write_whole(&folder.join(name), text.as_bytes())?;
+        }
+        println!("{}", folder.join(EXAMPLE[0].0).display());
+    }
+    let Some(path) = args.room.as_deref() else { return Ok(()) };
+    let (planner, vehicle) = Planner::load(path).map_err(wrong_call)?;
+    let options = SearchOptions { step_m: args.step, free_aim: args.free_aim, best: args.best };
+    let begin = Instant::now();
+    let ranked = planner.search(&options)?;
+    let seconds = begin.elapsed().as_secs_f64();
+    let study = if args.study { study(&planner, &ranked[0]) } else { [vec![], vec![]] };
+    let plan = CameraPlan { planner: &planner, ranked: &ranked, study };
+    let cameras = ranked[0].placed.len();
+    println!(
+        "{}: {cameras} cameras, {} of the placements found in {seconds:.1} s\n",
+        planner.room().name,
+        ranked.len()
+    );
+    print!("{}", placement_table(&plan));
+    if let Some(text) = study_text(&plan) {
+        print!("\n{text}");
+    }
+    if let Some(out) = &args.out {
+        make_folder(out)?;
+        write_whole(&out.join("placements.csv"), placements_csv(&plan).as_bytes())?;
+        write_whole(
+            &out.join("plan.json"),
+            serde_json::to_string_pretty(&plan_json(&plan, seconds))?.as_bytes(),
+        )?;
+        write_plan_page(&plan, out)?;
+        write_start(&plan, &vehicle, out)?;
+        println!("\nResults: {}", out.display());
+    }
+    Ok(())
+}
+
+/// A file that cannot be planned with is a wrong call, all else a failure.
+pub(crate) fn wrong_call(error: PlanError) -> anyhow::Error {
+    match error {
+        PlanError::Session(_) | PlanError::Room { .. } => WrongCall(error.to_string()).into(),
+        other => other.into(),
+    }
+}
+
+/// Two cameras of the first type, at the mean distance of the best placement, and at a right angle.
+fn study(planner: &Planner, best: &Ranked) -> [Vec<StudyRow>; 2] {
+    let middle = planner.room().middle_m();
+    let n = best.placed.len() as f64;
+    let distance_m = best.placed.iter().map(|p| (p.centre_m - middle).norm()).sum::<f64>() / n;
+    let angles: Vec<f64> = ANGLES_DEG.map(|k| ANGLE_STEP_DEG * f64::from(k)).collect();
+    let distances: Vec<f64> = DISTANCES.map(|k| DISTANCE_STEP_M * f64::from(k)).collect();
+    [angle_study(planner, 0, distance_m, &angles), distance_study(planner, 0, RIGHT_ANGLE_DEG, &distances)]
+}
+
+/// Angle between the optical axes of the first two cameras.
+pub(crate) fn angle_deg(ranked: &Ranked) -> f64 {
+    let axis = |k: usize| {
+        let p = &ranked.placed[k];
+        (p.aim_m - p.centre_m).normalize()
+    };
+    axis(0).dot(&axis(1)).clamp(-1.0, 1.0).acos().to_degrees()
+}
+
+/// For people.
+fn placement_table(plan: &CameraPlan<'_>) -> String {
+    let mut out = format!(
+        "{:>4} {:>9} {:>9} {:>9} {:>9} {:>9} {:>7}  cameras at X Y Z, m\n",
+        "rank", "mean mm", "worst mm", "new mm", "mean °", "least px", "angle °"
+    );
+    for (k, r) in plan.ranked.iter().enumerate() {
+        let p = &r.prediction;
+        let places: Vec<String> = r
+            .placed
+            .iter()
+            .map(|c| format!("({:.2} {:.2} {:.2})", c.centre_m.x, c.centre_m.y, c.centre_m.z))
+            .collect();
+        out += &format!(
+            "{:>4} {:>9.3} {:>9.3} {:>9.3} {:>9.4} {:>9.1} {:>7.1}  {}\n",
+            k + 1,
+            p.mean.position_std_mm,
+            p.worst.position_std_mm,
+            p.mean.new_position_std_mm,
+            p.mean.attitude_std_deg,
+            p.least_diameter_px,
+            angle_deg(r),
+            places.join(" ")
+        );
+    }
+    out
+}
+
+/// The row of least error among those that meet all limits, or among all.
+pub(crate) fn least(rows: &[StudyRow]) -> Option<&StudyRow> {
+    let figure = |r: &&StudyRow| r.prediction.figure;
+    let feasible = rows.iter().filter(|r| r.prediction.is_feasible());
+    feasible.min_by(|a, b| figure(a).total_cmp(&figure(b)))
+}
+
+fn study_text(plan: &CameraPlan<'_>) -> Option<String> {
+    let [angles, distances] = &plan.study;
+    let best = least(angles)?;
+    let mut out = format!(
+        "Two cameras {:.2} m from the middle: least error at {:.0}°, {:.3} mm\n",
+        best.distance_m, best.angle_deg, best.prediction.mean.position_std_mm
+    );
+    if let Some(near) = least(distances) {
+        out += &format!(
+            "At a right angle: least error {:.1} m from the middle, {:.3} mm; nearer, not all is seen\n",
+            near.distance_m, near.prediction.mean.position_std_mm
+        );
+    }
+    Some(out)
+}
+
+fn placements_csv(plan: &CameraPlan<'_>) -> String {
+    let mut out = "rank,camera,type,x_m,y_m,z_m,aim_x_m,aim_y_m,aim_z_m,mean_position_std_mm,worst_position_std_mm,new_position_std_mm,mean_attitude_std_deg,least_diameter_px\n".to_owned();
+    for (rank, r) in plan.ranked.iter().enumerate() {
+        for (k, c) in r.placed.iter().enumerate() {
+            let (p, kind) = (&r.prediction, &plan.planner.room().camera[c.kind].name);
+            out += &format!(
+                "{},{},{kind},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.5},{:.5},{:.5},{:.6},{:.3}\n",
+                rank + 1,
+                plan.planner.name(k),
+                c.centre_m.x,
+                c.centre_m.y,
+                c.centre_m.z,
+                c.aim_m.x,
+                c.aim_m.y,
+                c.aim_m.z,
+                p.mean.position_std_mm,
+                p.worst.position_std_mm,
+                p.mean.new_position_std_mm,
+                p.mean.attitude_std_deg,
+                p.least_diameter_px
+            );
+        }
+    }
+    out
+}
+
+fn plan_json(plan: &CameraPlan<'_>, seconds: f64) -> serde_json::Value {
+    let placements: Vec<_> = plan
+        .ranked
+        .iter()
+        .map(|r| {
+            let cameras: Vec<_> = r
+                .placed
+                .iter()
+                .enumerate()
+                .map(|(k, c)| {
+                    json!({
+                        "name": plan.planner.name(k),
+                        "type": plan.planner.room().camera[c.kind].name,
+                        "centre_m": [c.centre_m.x, c.centre_m.y, c.centre_m.z],
+                        "aim_m": [c.aim_m.x, c.aim_m.y, c.aim_m.z],
+                    })
+                })
+                .collect();
+            json!({ "cameras": cameras, "angle_deg": angle_deg(r), "prediction": r.prediction })
+        })
+        .collect();
+    json!({
+        "schema": RESULTS_SCHEMA,
+        "room": plan.planner.room(),
+        "seconds": seconds,
+        "placements": placements,
+        "angle_study": plan.study[0],
+        "distance_study": plan.study[1],
+    })
+}
+
+/// The session to start from: its videos, stills and inputs are yet to be recorded.
+fn write_start(plan: &CameraPlan<'_>, vehicle: &Vehicle, out: &Path) -> Result<()> {
+    let folder = out.join("session");
+    make_folder(&folder)?;
+    let camera = |k: usize| {
+        let name = plan.planner.name(k);
+        SessionCamera {
+            video: format!("{name}.mp4").into(),
+            still: Some(format!("{name}-control.png").into()),
+            name,
+            frame_rate_hz: None,
+            time_offset_s: None,
+        }
+    };
+    let session = SessionFile {
+        schema: SESSION_SCHEMA,
+        name: plan.planner.room().name.clone(),
+        vehicle: "vehicle.toml".into(),
+        inputs: "inputs.csv".into(),
+        truth: None,
+        model: None,
+        control: ControlSection { points: "control_points.csv".into(), observations: None },
+        refine: None,
+        camera: (0..plan.ranked[0].placed.len()).map(camera).collect(),
+    };
+    write_session(&folder.join("session.toml"), &session)?;
+    write_control_points(&folder.join("control_points.csv"), plan.planner.control())?;
+    Ok(write_vehicle(&folder.join("vehicle.toml"), vehicle)?)
+}

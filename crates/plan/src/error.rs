@@ -1,0 +1,85 @@
+//! What cannot be planned, and what to do about it.
+
+use mavsight_flight::FlightError;
+use mavsight_identify::IdentifyError;
+use mavsight_pose::PoseError;
+use mavsight_session::SessionError;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// A plan that cannot be made.
+#[derive(Debug, Error)]
+pub enum PlanError {
+    /// A value of the room file that makes no sense.
+    #[error("{key}: {detail}")]
+    Value {
+        /// Key concerned.
+        key: String,
+        /// What is wrong and what to do.
+        detail: String,
+    },
+    /// A room file with such a value.
+    #[error("{}: {source}", path.display())]
+    Room {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong in it.
+        source: Box<PlanError>,
+    },
+    /// A file that cannot be read.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// Nowhere to stand.
+    #[error(
+        "no place for a camera is left of the {looked_at} that were looked at, {step_m} m apart: enlarge a [[stand]] box, or take away a [[keep_out]] or [[block]] box"
+    )]
+    NoPlace {
+        /// Grid points.
+        looked_at: usize,
+        /// Their distance.
+        step_m: f64,
+    },
+    /// No placement that was tried shows all that must be seen.
+    #[error(
+        "none of {tried} placements of {cameras} cameras meets all limits; the best sees every marker by two cameras in {seen_percent:.0} % of the volume and {limit}: make the volume smaller, add cameras or places, or take a wider lens"
+    )]
+    NothingSeen {
+        /// Placements.
+        tried: usize,
+        /// Cameras.
+        cameras: usize,
+        /// Of the best.
+        seen_percent: f64,
+        /// What fails there.
+        limit: String,
+    },
+    /// A flight that the cameras do not see.
+    #[error(
+        "at {t_s:.2} s, at ({x_m:.2}, {y_m:.2}, {z_m:.2}) m, some marker is not seen by two cameras: make the volume smaller or place the cameras for it"
+    )]
+    OutOfView {
+        /// When.
+        t_s: f64,
+        /// Where.
+        x_m: f64,
+        /// Where.
+        y_m: f64,
+        /// Where.
+        z_m: f64,
+    },
+    /// The estimator's own refusal.
+    #[error(transparent)]
+    Pose(#[from] PoseError),
+    /// A flight that cannot be simulated.
+    #[error(transparent)]
+    Flight(#[from] FlightError),
+    /// A flight that tells nothing.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+}
+
+impl PlanError {
+    pub(crate) fn value(key: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self::Value { key: key.into(), detail: detail.into() }
+    }
+}

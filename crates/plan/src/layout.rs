@@ -1,0 +1,388 @@
+//! What a rig will measure that stands as planned.
+
+use crate::{CameraType, Criterion, PlanError, Room};
+use mavsight_geometry::{Camera, ControlPoint, Isometry3, Matrix2, Matrix6, Point3, Vector3};
+use mavsight_pose::{
+    BodyMarker, CameraControl, CameraModel, ExpectedSight, PoseError, PoseEstimate, PoseEstimator, Rig,
+    RigCamera, predict_calibration,
+};
+use mavsight_session::ControlPointRow;
+use nalgebra::{DMatrix, Matrix3};
+use serde::Serialize;
+
+/// A camera at its place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placed {
+    /// Index of its type in the room file.
+    pub kind: usize,
+    /// Projection centre, world axes.
+    pub centre_m: Vector3<f64>,
+    /// Where it looks at.
+    pub aim_m: Vector3<f64>,
+}
+
+/// Why a camera does not see a ball.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ViewLimit {
+    /// Beside the image.
+    OutOfImage,
+    /// Its image is too small.
+    TooSmall,
+    /// It is not sharp.
+    OutOfFocus,
+    /// Something stands before it.
+    Blocked,
+}
+
+impl ViewLimit {
+    const ALL: [Self; 4] = [Self::OutOfImage, Self::TooSmall, Self::OutOfFocus, Self::Blocked];
+
+    /// In words.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::OutOfImage => "lacks some beside the image",
+            Self::TooSmall => "has some too small",
+            Self::OutOfFocus => "has some out of focus",
+            Self::Blocked => "has some hidden by an obstacle",
+        }
+    }
+}
+
+/// Predicted standard deviations of a pose: roots of the traces of the covariances of position and attitude.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct PosePrecision {
+    /// Position, all that is not known.
+    pub position_std_mm: f64,
+    /// Attitude, all that is not known.
+    pub attitude_std_deg: f64,
+    /// Position, the part that is new in each frame and averages out.
+    pub new_position_std_mm: f64,
+    /// Attitude, the part that is new in each frame.
+    pub new_attitude_std_deg: f64,
+}
+
+impl PosePrecision {
+    fn of(estimate: &PoseEstimate) -> Self {
+        let std = |c: &Matrix6<f64>, at: usize| (at..at + 3).map(|k| c[(k, k)]).sum::<f64>().max(0.0).sqrt();
+        let new = estimate.own_covariance();
+        Self {
+            position_std_mm: 1e3 * std(&estimate.covariance, 0),
+            attitude_std_deg: std(&estimate.covariance, 3).to_degrees(),
+            new_position_std_mm: 1e3 * std(&new, 0),
+            new_attitude_std_deg: std(&new, 3).to_degrees(),
+        }
+    }
+
+    fn plus(&self, other: &Self, share: f64) -> Self {
+        Self {
+            position_std_mm: self.position_std_mm + share * other.position_std_mm,
+            attitude_std_deg: self.attitude_std_deg + share * other.attitude_std_deg,
+            new_position_std_mm: self.new_position_std_mm + share * other.new_position_std_mm,
+            new_attitude_std_deg: self.new_attitude_std_deg + share * other.new_attitude_std_deg,
+        }
+    }
+}
+
+/// What a placement will do over the flight volume.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Prediction {
+    /// What the search minimises: the weighted figure, mean or worst over the volume.
+    pub figure: f64,
+    /// Mean over all poses at which every marker is seen by two cameras.
+    pub mean: PosePrecision,
+    /// At the pose of the largest figure.
+    pub worst: PosePrecision,
+    /// Where that is.
+    pub worst_at_m: [f64; 3],
+    /// Part of the poses at which every marker is seen by two cameras or more.
+    pub share_seen: f64,
+    /// What most often keeps a marker from being seen; none where all are seen twice.
+    pub limit: Option<ViewLimit>,
+    /// Diameter of the smallest image of a marker that counts.
+    pub least_diameter_px: f64,
+    /// Why the cameras cannot be calibrated.
+    pub refused: Option<String>,
+}
+
+impl Prediction {
+    /// Whether all limits are met.
+    pub fn is_feasible(&self) -> bool {
+        self.refused.is_none() && self.share_seen >= 1.0
+    }
+
+    /// The figure, or more than any figure where limits are not met, the more so the less is seen.
+    pub(crate) fn cost(&self) -> f64 {
+        const BEYOND_ANY_FIGURE: f64 = 1e6;
+        let refused = if self.refused.is_some() { 2.0 } else { 0.0 };
+        let unseen = 1.0 - self.share_seen;
+        let penalty = if self.is_feasible() { 0.0 } else { BEYOND_ANY_FIGURE * (1.0 + refused + unseen) };
+        penalty + self.figure.min(BEYOND_ANY_FIGURE)
+    }
+}
+
+/// Predicts what placements in a room will measure.
+#[derive(Debug, Clone)]
+pub struct Planner {
+    pub(crate) room: Room,
+    markers: Vec<BodyMarker>,
+    control: Vec<ControlPointRow>,
+}
+
+impl Planner {
+    /// A planner for a room, the markers of a vehicle and the control points of `room.control`, which are not looked at
+    /// where the room has no such section.
+    ///
+    /// # Errors
+    /// [`PlanError::Value`] for a room that is not valid or fewer than three markers.
+    pub fn new(
+        room: Room,
+        markers: Vec<BodyMarker>,
+        control: Vec<ControlPointRow>,
+    ) -> Result<Self, PlanError> {
+        room.validate()?;
+        if markers.len() < 3 || markers.iter().any(|m| m.radius_m <= 0.0) {
+            let detail =
+                format!("has {} markers: a pose needs 3 or more, each with a diameter", markers.len());
+            return Err(PlanError::value("vehicle", detail));
+        }
+        if room.control.is_some() && control.len() < 5 {
+            let detail = format!("has {} points: a calibration needs 5 or more", control.len());
+            return Err(PlanError::value("control.points", detail));
+        }
+        Ok(Self { room, markers, control })
+    }
+
+    /// The room.
+    pub fn room(&self) -> &Room {
+        &self.room
+    }
+
+    /// The markers.
+    pub fn markers(&self) -> &[BodyMarker] {
+        &self.markers
+    }
+
+    /// The control points.
+    pub fn control(&self) -> &[ControlPointRow] {
+        &self.control
+    }
+
+    /// The camera that stands so.
+    pub fn camera(&self, placed: &Placed) -> Camera {
+        let kind = &self.room.camera[placed.kind];
+        let (lens, distortion) = kind.lens();
+        let camera = Camera::looking_at(placed.centre_m, placed.aim_m, lens, kind.size());
+        Camera { distortion, ..camera }
+    }
+
+    /// The rig as it will be calibrated, with its uncertainty.
+    ///
+    /// # Errors
+    /// A camera that sees too few control points.
+    pub fn rig(&self, placed: &[Placed]) -> Result<Rig, PoseError> {
+        let cameras: Vec<(Camera, CameraModel)> =
+            placed.iter().map(|p| (self.camera(p), self.room.camera[p.kind].model())).collect();
+        let Some(section) = &self.room.control else {
+            let exact = cameras.iter().enumerate().map(|(k, c)| exact_camera(self.name(k), *c));
+            return Ok(Rig::exact(exact.collect()));
+        };
+        let mut controls = Vec::with_capacity(placed.len());
+        for (k, (p, (camera, _))) in placed.iter().zip(&cameras).enumerate() {
+            let kind = &self.room.camera[p.kind];
+            let mut control = CameraControl::exact(self.name(k), kind.size(), vec![], vec![]);
+            for row in &self.control {
+                let (place, radius_m) = (Vector3::from(row.position_m), row.diameter_m / 2.0);
+                let Ok(diameter_px) = self.seen(kind, camera, &place, radius_m) else { continue };
+                let std_px = section.std_px.unwrap_or_else(|| kind.centre_std_px(diameter_px.max(1.0)));
+                control.points.push(ControlPoint {
+                    name: row.name.clone(),
+                    point_in_world_m: place,
+                    pixel: camera.project_ball(&place, radius_m)?.pixel,
+                    pixel_cov_px2: Matrix2::identity() * std_px * std_px,
+                });
+                control.ball_radius_m.push(radius_m);
+                control.survey_std_m.push(row.std_m);
+            }
+            controls.push(control);
+        }
+        predict_calibration(&cameras, &controls)
+    }
+
+    /// Name of the k-th camera of a placement, from 0.
+    pub fn name(&self, k: usize) -> String {
+        format!("cam{}", k + 1)
+    }
+
+    /// Diameter of a ball's image, px, or why it does not count as seen. A point has none.
+    fn seen(
+        &self,
+        kind: &CameraType,
+        camera: &Camera,
+        place: &Vector3<f64>,
+        radius_m: f64,
+    ) -> Result<f64, ViewLimit> {
+        let depth_m = (camera.cam_from_world * Point3::from(*place)).z;
+        let seen = camera.project_ball(place, radius_m).map_err(|_| ViewLimit::OutOfImage)?;
+        let diameter_px = 2.0 * camera.intrinsics.fx_px * radius_m / depth_m;
+        // The rim and the two pixels around it, which its centre is measured against.
+        if !camera.size.contains(&seen.pixel, diameter_px / 2.0 + 2.0) {
+            return Err(ViewLimit::OutOfImage);
+        }
+        if radius_m > 0.0 && diameter_px < kind.least_diameter_px {
+            return Err(ViewLimit::TooSmall);
+        }
+        let centre = camera.centre_in_world();
+        let distance_m = (place - centre).norm();
+        if kind.focus_m.is_some_and(|[near, far]| distance_m < near || distance_m > far) {
+            return Err(ViewLimit::OutOfFocus);
+        }
+        if self.room.block.iter().any(|b| b.blocks(&centre, place)) {
+            return Err(ViewLimit::Blocked);
+        }
+        Ok(diameter_px)
+    }
+
+    /// The estimator for a rig, with what is not known of markers and centres.
+    ///
+    /// # Errors
+    /// Never for a valid room.
+    pub fn estimator(&self, rig: &Rig) -> Result<PoseEstimator, PoseError> {
+        let mut out = PoseEstimator::new(rig, &self.markers);
+        if self.room.markers_std_m > 0.0 {
+            let n = 3 * self.markers.len();
+            out = out.with_marker_uncertainty(&(DMatrix::identity(n, n) * self.room.markers_std_m))?;
+        }
+        if self.room.centre_bias_px > 0.0 {
+            out = out.with_centre_bias(self.room.centre_bias_px)?;
+        }
+        Ok(out)
+    }
+
+    /// The sights of a pose, and whether two cameras see each marker; counts what keeps markers from being seen, and takes
+    /// the least diameter.
+    fn sights(
+        &self,
+        (placed, cameras): (&[Placed], &[Camera]),
+        pose: &Isometry3<f64>,
+        counts: &mut [usize; 4],
+        least_px: &mut f64,
+    ) -> (Vec<ExpectedSight>, bool) {
+        let mut sights = Vec::with_capacity(cameras.len() * self.markers.len());
+        let mut all_twice = true;
+        for (marker, ball) in self.markers.iter().enumerate() {
+            let place = (pose * Point3::from(ball.marker_in_body_m)).coords;
+            let mut views = 0;
+            for (camera, view) in cameras.iter().enumerate() {
+                let kind = &self.room.camera[placed[camera].kind];
+                match self.seen(kind, view, &place, ball.radius_m) {
+                    Ok(diameter_px) => {
+                        views += 1;
+                        *least_px = least_px.min(diameter_px);
+                        let variance = kind.centre_std_px(diameter_px).powi(2);
+                        let covariance_px2 = Matrix2::identity() * variance;
+                        sights.push(ExpectedSight { camera, marker, covariance_px2 });
+                    }
+                    Err(limit) => counts[limit as usize] += 1,
+                }
+            }
+            all_twice &= views >= 2;
+        }
+        (sights, all_twice)
+    }
+
+    /// What a placement will do at the given poses; each marker must be seen by two cameras.
+    pub fn predict(&self, placed: &[Placed], poses: &[Isometry3<f64>]) -> Prediction {
+        let mut out = Prediction {
+            figure: 0.0,
+            mean: PosePrecision::default(),
+            worst: PosePrecision::default(),
+            worst_at_m: self.room.middle_m().into(),
+            share_seen: 0.0,
+            limit: None,
+            least_diameter_px: f64::INFINITY,
+            refused: None,
+        };
+        let cameras: Vec<Camera> = placed.iter().map(|p| self.camera(p)).collect();
+        let estimator = match self.rig(placed).and_then(|rig| self.estimator(&rig)) {
+            Ok(estimator) => Some(estimator),
+            Err(refused) => {
+                out.refused = Some(refused.to_string());
+                None
+            }
+        };
+        let (mut counts, mut all, mut worst, mut sum) = ([0; 4], Vec::new(), 0.0, 0.0);
+        let mut seen = 0;
+        for pose in poses {
+            let (sights, all_twice) =
+                self.sights((placed, &cameras), pose, &mut counts, &mut out.least_diameter_px);
+            seen += usize::from(all_twice);
+            let Some(estimator) = estimator.as_ref().filter(|_| all_twice) else { continue };
+            let Ok(estimate) = estimator.predict(pose, &sights) else { continue };
+            let one = PosePrecision::of(&estimate);
+            let figure = self.figure(&one);
+            if figure > worst {
+                (worst, out.worst, out.worst_at_m) = (figure, one, pose.translation.vector.into());
+            }
+            sum += figure;
+            all.push(one);
+        }
+        let n = all.len().max(1) as f64;
+        out.mean = all.iter().fold(PosePrecision::default(), |mean, one| mean.plus(one, 1.0 / n));
+        out.share_seen = seen as f64 / poses.len().max(1) as f64;
+        if seen < poses.len() {
+            out.limit = ViewLimit::ALL.into_iter().max_by_key(|limit| counts[*limit as usize]);
+        }
+        out.figure = match self.room.weights.criterion {
+            Criterion::Mean => sum / n,
+            Criterion::Worst => worst,
+        };
+        if estimator.is_some() && all.len() < seen {
+            out.refused = Some("the poses are not determined".to_owned());
+        }
+        out
+    }
+
+    /// The pose as it will be measured; none where some marker is not seen by two cameras.
+    pub(crate) fn expected_pose(
+        &self,
+        (placed, cameras, estimator): (&[Placed], &[Camera], &PoseEstimator),
+        pose: &Isometry3<f64>,
+    ) -> Option<PoseEstimate> {
+        let mut least_px = f64::INFINITY;
+        let (sights, twice) = self.sights((placed, cameras), pose, &mut [0; 4], &mut least_px);
+        estimator.predict(pose, &sights).ok().filter(|_| twice)
+    }
+
+    fn figure(&self, one: &PosePrecision) -> f64 {
+        let w = &self.room.weights;
+        (w.per_mm * one.position_std_mm).hypot(w.per_deg * one.attitude_std_deg)
+    }
+
+    /// Predicted standard deviation of position at a place, mean over the headings; `None` where some marker is not seen by
+    /// two cameras at one of them. The rig is that of [`Planner::rig`].
+    pub fn position_std_mm(&self, (placed, rig): (&[Placed], &Rig), place_m: &Vector3<f64>) -> Option<f64> {
+        let cameras: Vec<Camera> = placed.iter().map(|p| self.camera(p)).collect();
+        let estimator = self.estimator(rig).ok()?;
+        let (mut sum, mut n) = (0.0, 0.0);
+        for pose in self.room.poses_at(place_m) {
+            let estimate = self.expected_pose((placed, &cameras, &estimator), &pose)?;
+            sum += PosePrecision::of(&estimate).position_std_mm;
+            n += 1.0;
+        }
+        (n > 0.0).then(|| sum / n)
+    }
+}
+
+fn exact_camera(name: String, (camera, model): (Camera, CameraModel)) -> RigCamera {
+    RigCamera {
+        name,
+        camera,
+        model,
+        centre_std_m: Vector3::zeros(),
+        centre_cov_m2: Matrix3::zeros(),
+        points: vec![],
+        residual_rms_px: 0.0,
+        sigma_px: 0.0,
+    }
+}

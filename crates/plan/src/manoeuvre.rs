@@ -1,0 +1,254 @@
+//! What a manoeuvre will tell about the parameters, through the whole chain: cameras, poses, output error.
+
+use crate::{Placed, PlanError, Planner, Solid};
+use mavsight_flight::{
+    Coefficient, Coefficients, FlightState, InputSeries, Scenario, StateVector, Vehicle,
+    hover_rotor_speed_rad_s, simulate,
+};
+use mavsight_geometry::{Camera, Isometry3, Matrix6, Vector3, world_from_body};
+use mavsight_identify::output_error::{
+    ExpectedFit, FlightModel, OutputErrorOptions, StateMeasurement, expected_fit,
+};
+use mavsight_pose::{PoseEstimate, PoseEstimator};
+
+/// What a flight must not exceed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FlightLimits {
+    /// Where the body's origin may go.
+    pub volume: Solid,
+    /// Largest bank or pitch.
+    pub tilt_deg: f64,
+    /// Largest angle of the swash-plate.
+    pub deflection_deg: f64,
+    /// Largest change of a rotor's speed, of the speed in hover.
+    pub rotor_percent: f64,
+}
+
+/// Predicts what manoeuvres tell of one vehicle before one rig.
+#[derive(Debug, Clone)]
+pub struct FlightPlanner<'a> {
+    planner: &'a Planner,
+    placed: Vec<Placed>,
+    cameras: Vec<Camera>,
+    estimator: PoseEstimator,
+    vehicle: Vehicle,
+    limits: FlightLimits,
+}
+
+/// A manoeuvre as large as the limits allow, and what it will tell.
+#[derive(Debug, Clone)]
+pub struct PlannedManoeuvre {
+    /// The scenario: amplitudes and start as they may be flown.
+    pub scenario: Scenario,
+    /// Its inputs.
+    pub inputs: InputSeries,
+    /// The motion at the frames.
+    pub states: Vec<FlightState>,
+    /// Covariance of the part of each frame's pose that is new.
+    pub pose_covariance: Vec<Matrix6<f64>>,
+    /// The largest of all shares of a limit that are used; 1 at a limit.
+    pub used: f64,
+    /// What the fit of the equations of motion will tell.
+    pub fit: ExpectedFit,
+}
+
+/// Rounds of scaling towards the limits, and the share of them that is near enough.
+const ROUNDS: usize = 6;
+const NEAR: f64 = 0.95;
+/// A flight is aimed so far below its limits.
+const AIM: f64 = 0.985;
+
+impl<'a> FlightPlanner<'a> {
+    /// A planner of flights before the cameras of a placement.
+    ///
+    /// # Errors
+    /// A rig that cannot be calibrated; limits that are not positive.
+    pub fn new(
+        planner: &'a Planner,
+        placed: &[Placed],
+        vehicle: &Vehicle,
+        limits: FlightLimits,
+    ) -> Result<Self, PlanError> {
+        let angles = [
+            ("tilt", limits.tilt_deg),
+            ("deflection", limits.deflection_deg),
+            ("rotor", limits.rotor_percent),
+        ];
+        for (key, value) in angles {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(PlanError::value(key, format!("{value} is no limit: give a number above zero")));
+            }
+        }
+        let rig = planner.rig(placed)?;
+        Ok(Self {
+            planner,
+            placed: placed.to_vec(),
+            cameras: placed.iter().map(|p| planner.camera(p)).collect(),
+            estimator: planner.estimator(&rig)?,
+            vehicle: vehicle.clone(),
+            limits,
+        })
+    }
+
+    /// The vehicle.
+    pub fn vehicle(&self) -> &Vehicle {
+        &self.vehicle
+    }
+
+    /// The rig's own estimator of poses.
+    pub fn estimator(&self) -> &PoseEstimator {
+        &self.estimator
+    }
+
+    /// The rig.
+    pub fn rig(&self) -> (&Planner, &[Placed]) {
+        (self.planner, &self.placed)
+    }
+
+    /// The pose of one frame as it will be measured; none where some marker is not seen by two cameras.
+    pub fn expected_pose(&self, pose: &Isometry3<f64>) -> Option<PoseEstimate> {
+        self.planner.expected_pose((&self.placed, &self.cameras, &self.estimator), pose)
+    }
+
+    /// The manoeuvre, as large as the limits allow or as it is where that is less and `grow` is not set, centred in the volume;
+    /// and what it will tell. Free are the parameters that [`FlightModel::new`] frees for its inputs.
+    ///
+    /// # Errors
+    /// [`PlanError::Flight`] for a flight that runs away; [`PlanError::OutOfView`]; [`PlanError::Identify`].
+    pub fn predict(&self, scenario: &Scenario, grow: bool) -> Result<PlannedManoeuvre, PlanError> {
+        let (scenario, used) = self.within_limits(scenario, grow)?;
+        Ok(PlannedManoeuvre { used, ..self.predict_here(&scenario)? })
+    }
+
+    /// What a manoeuvre will tell that is flown as it is, where it is; limits are not looked at.
+    ///
+    /// # Errors
+    /// As [`FlightPlanner::predict`].
+    pub fn predict_here(&self, scenario: &Scenario) -> Result<PlannedManoeuvre, PlanError> {
+        let inputs = scenario.inputs(&self.vehicle)?;
+        let states = simulate(&self.vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
+        let mut measured = Vec::with_capacity(states.len());
+        let mut pose_covariance = Vec::with_capacity(states.len());
+        let mut systematic = Vec::with_capacity(states.len());
+        for s in &states {
+            let pose = pose_of(s);
+            let Some(estimate) = self.expected_pose(&pose) else {
+                let [x_m, y_m, z_m] = s.position_in_world_m.into();
+                return Err(PlanError::OutOfView { t_s: s.t_s, x_m, y_m, z_m });
+            };
+            let covariance = estimate.own_covariance();
+            let t_ns = mavsight_session::ns_from_s(s.t_s);
+            measured.push(StateMeasurement {
+                t_ns,
+                pose: Some((pose, covariance)),
+                velocity: None,
+                rates: None,
+            });
+            pose_covariance.push(covariance);
+            systematic.push(estimate.systematic);
+        }
+        let model = true_model(&self.vehicle, &inputs)?;
+        let vectors: Vec<StateVector> = states.iter().map(state_vector).collect();
+        let fit = expected_fit(&model, &inputs, measured, &vectors, &OutputErrorOptions::default())?
+            .with_lasting(&systematic)?;
+        let scenario = scenario.clone();
+        Ok(PlannedManoeuvre { scenario, inputs, states, pose_covariance, used: 1.0, fit })
+    }
+
+    /// The scenario scaled to the limits and shifted to the middle of the volume, and the largest share of a limit.
+    fn within_limits(&self, scenario: &Scenario, grow: bool) -> Result<(Scenario, f64), PlanError> {
+        let mut out = scenario.clone();
+        let mut largest: Option<PlanError> = None;
+        for _ in 0..ROUNDS {
+            let (used, shift) = match self.used(&out) {
+                Ok(used) => used,
+                Err(error) => {
+                    // A flight that runs away is too large by far.
+                    largest = Some(error);
+                    out.maneuver.iter_mut().for_each(|m| *m = m.scaled(0.25));
+                    continue;
+                }
+            };
+            if used <= 1.0 && (used >= NEAR || !grow) {
+                let place = Vector3::from(out.position_m) + shift;
+                out.position_m = place.into();
+                return Ok((out, used));
+            }
+            if used < 1e-9 {
+                return Err(PlanError::value("manoeuvre", "moves nothing: give it an amplitude"));
+            }
+            out.maneuver.iter_mut().for_each(|m| *m = m.scaled(AIM / used));
+        }
+        Err(largest
+            .unwrap_or_else(|| PlanError::value("manoeuvre", "cannot be scaled to its limits: shorten it")))
+    }
+
+    /// The largest share of a limit that a flight uses, and by how much it must be shifted to be in the middle.
+    fn used(&self, scenario: &Scenario) -> Result<(f64, Vector3<f64>), PlanError> {
+        let inputs = scenario.inputs(&self.vehicle)?;
+        let states = simulate(&self.vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
+        let first = states.first().map_or_else(Vector3::zeros, |s| s.position_in_world_m);
+        let (mut low, mut high, mut tilt_rad) = (first, first, 0.0_f64);
+        for s in &states {
+            (low, high) = (low.inf(&s.position_in_world_m), high.sup(&s.position_in_world_m));
+            tilt_rad = tilt_rad.max(s.attitude.phi_rad.abs()).max(s.attitude.theta_rad.abs());
+        }
+        let hover = hover_rotor_speed_rad_s(&self.vehicle);
+        let (mut deflection_rad, mut rotor) = (0.0_f64, 0.0_f64);
+        for s in inputs.samples() {
+            deflection_rad = deflection_rad.max(s.delta_lon_rad.abs()).max(s.delta_lat_rad.abs());
+            rotor =
+                rotor.max((s.omega_u_rad_s / hover - 1.0).abs()).max((s.omega_l_rad_s / hover - 1.0).abs());
+        }
+        let l = &self.limits;
+        let side = Vector3::from(l.volume.high_m) - Vector3::from(l.volume.low_m);
+        let box_share = (high - low).component_div(&side).max();
+        let used = box_share
+            .max(tilt_rad.to_degrees() / l.tilt_deg)
+            .max(deflection_rad.to_degrees() / l.deflection_deg)
+            .max(100.0 * rotor / l.rotor_percent);
+        Ok((used, l.volume.middle_m() - (low + high) / 2.0))
+    }
+}
+
+/// The default model of a vehicle with the values of its simulation.
+///
+/// # Errors
+/// A vehicle that is not valid.
+pub fn true_model(vehicle: &Vehicle, inputs: &InputSeries) -> Result<FlightModel, PlanError> {
+    let truth = Coefficients::of_vehicle(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let mut model = FlightModel::new(vehicle, inputs)?;
+    for c in Coefficient::ALL {
+        model = model.with_value(c.name(), truth.get(c))?;
+    }
+    Ok(model)
+}
+
+/// The pose of a state.
+pub fn pose_of(s: &FlightState) -> Isometry3<f64> {
+    world_from_body(s.position_in_world_m, s.attitude)
+}
+
+fn state_vector(s: &FlightState) -> StateVector {
+    let q = s.attitude.level_from_body();
+    let (p, v, w, f) = (s.position_in_world_m, s.velocity_in_body_m_s, s.rates_rad_s, s.flap);
+    [
+        p.x,
+        p.y,
+        p.z,
+        q.w,
+        q.i,
+        q.j,
+        q.k,
+        v.x,
+        v.y,
+        v.z,
+        w.x,
+        w.y,
+        w.z,
+        f.alpha_l_rad,
+        f.beta_l_rad,
+        f.alpha_f_rad,
+        f.beta_f_rad,
+    ]
+}

@@ -1,0 +1,155 @@
+//! Predicted parameters against fits of noisy poses, and multisines against the doublet.
+
+use mavsight_flight::{Channel, Maneuver, Scenario, Vehicle};
+use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
+use mavsight_identify::output_error::{Measurements, OutputErrorOptions, StateMeasurement, output_error};
+use mavsight_pipeline::body_markers;
+use mavsight_plan::{
+    FlightLimits, FlightPlanner, MultisineOptions, Optimality, PlanError, PlannedManoeuvre, Planner, Room,
+    Solid, pose_of, true_model,
+};
+
+const C_M: [&str; 4] = ["C_m,0", "C_m,alpha_u", "C_m,alpha_l", "C_m,q"];
+
+fn planner() -> Planner {
+    let room: Room = toml::from_str(
+        r#"
+schema = 1
+name = "meeting room"
+room = { low_m = [-5.0, -5.0, 0.0], high_m = [5.0, 2.0, 3.2] }
+volume = { low_m = [-1.0, -1.0, 0.6], high_m = [1.0, 1.0, 2.4] }
+[[camera]]
+name = "camcorder"
+count = 2
+width_px = 640
+height_px = 480
+horizontal_fov_deg = 53.0
+centre_std_px = 0.05
+"#,
+    )
+    .expect("a room");
+    Planner::new(room, body_markers(&Vehicle::paper()), vec![]).expect("a planner")
+}
+
+fn limits() -> FlightLimits {
+    let volume = Solid { name: None, low_m: [-1.0, -1.0, 0.6], high_m: [1.0, 1.0, 2.4] };
+    FlightLimits { volume, tilt_deg: 25.0, deflection_deg: 5.0, rotor_percent: 5.0 }
+}
+
+fn flights<'a>(planner: &'a Planner) -> FlightPlanner<'a> {
+    FlightPlanner::new(planner, &planner.pair(0, 90.0, 6.36), &Vehicle::paper(), limits()).expect("a rig")
+}
+
+fn normal3(seed: &mut u64) -> Vector3<f64> {
+    let mut uniform = || {
+        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((*seed >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+    };
+    let mut normal = || {
+        let (a, b) = (uniform(), uniform());
+        (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
+    };
+    Vector3::new(normal(), normal(), normal())
+}
+
+/// Poses with errors of the planned covariance.
+fn noisy(plan: &PlannedManoeuvre, seed: &mut u64) -> Vec<Isometry3<f64>> {
+    let measured = plan.states.iter().zip(&plan.pose_covariance).map(|(s, covariance)| {
+        let (pose, factor) = (pose_of(s), covariance.cholesky().expect("positive").l());
+        let (a, b) = (normal3(seed), normal3(seed));
+        let error = factor * nalgebra::Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z);
+        let turn = UnitQuaternion::from_scaled_axis(error.fixed_rows::<3>(3).into_owned());
+        let place = pose.translation.vector + error.fixed_rows::<3>(0);
+        Isometry3::from_parts(place.into(), pose.rotation * turn)
+    });
+    measured.collect()
+}
+
+/// The scatter of first-order estimates over 200 noisy flights is the prediction, and whole fits give what they give.
+#[test]
+fn estimates_scatter_as_predicted_and_one_step_is_the_whole_fit() {
+    let planner = planner();
+    let flights = flights(&planner);
+    let plan = flights.predict(&Scenario::paper(), true).expect("a plan");
+    assert!((0.9..=1.0).contains(&plan.used), "{}", plan.used);
+    let (mut seed, trials) = (11, 200);
+    let mut squares = vec![0.0; plan.fit.parameters.len()];
+    for _ in 0..trials {
+        let estimate = plan.fit.first_order(&noisy(&plan, &mut seed)).expect("an estimate");
+        for ((sum, p), got) in squares.iter_mut().zip(&plan.fit.parameters).zip(estimate.iter()) {
+            *sum += (got - p.value).powi(2) / f64::from(trials);
+        }
+    }
+    for (p, square) in plan.fit.parameters.iter().zip(&squares) {
+        let ratio = p.std / square.sqrt();
+        assert!((0.85..1.15).contains(&ratio), "{}: predicted over achieved {ratio}", p.name);
+    }
+    let poses = noisy(&plan, &mut seed);
+    let samples = plan.states.iter().zip(&poses).zip(&plan.pose_covariance).map(|((s, pose), covariance)| {
+        let t_ns = mavsight_session::ns_from_s(s.t_s);
+        StateMeasurement { t_ns, pose: Some((*pose, *covariance)), velocity: None, rates: None }
+    });
+    let model = true_model(flights.vehicle(), &plan.inputs).expect("a model");
+    let measured = Measurements::States(samples.collect());
+    let whole = output_error(&model, &plan.inputs, &measured, &OutputErrorOptions::default()).expect("a fit");
+    let step = plan.fit.first_order(&poses).expect("an estimate");
+    for ((fitted, one), p) in whole.parameters.iter().zip(step.iter()).zip(&plan.fit.parameters) {
+        println!(
+            "{:12} whole {:+.5e} one step {one:+.5e} predicted std {:.2e} fitted {:.2e}",
+            p.name, fitted.value, p.std, fitted.std
+        );
+        assert!((fitted.value - one).abs() < 0.7 * p.std, "{}: {} against {one}", p.name, fitted.value);
+        assert!((fitted.std / p.std - 1.0).abs() < 0.25, "{}: {} against {}", p.name, fitted.std, p.std);
+    }
+}
+
+#[test]
+fn an_optimised_multisine_tells_much_more_of_the_moment_than_the_doublet() {
+    let planner = planner();
+    let flights = flights(&planner);
+    let base = Scenario { frame_rate_hz: 15.0, ..Scenario::paper() };
+    let doublet = flights.predict(&base, true).expect("a doublet");
+    let options = MultisineOptions {
+        channels: vec![Channel::DeltaLon],
+        harmonics: vec![2, 3, 5, 7, 10, 14],
+        start_s: 0.5,
+        parameters: C_M.map(str::to_owned).to_vec(),
+        optimality: Optimality::D,
+        generations: 4,
+        seed: 1,
+    };
+    let best = flights.optimise(&base, &options).expect("a multisine");
+    assert!(best.used <= 1.0);
+    let [from, to] = [&doublet, &best].map(|p| p.fit.log_generalised_variance(&C_M).expect("a covariance"));
+    println!("doublet {from}, multisine {to}: ratio {:.1}", (from - to).exp());
+    for p in doublet.fit.parameters.iter().zip(&best.fit.parameters) {
+        println!(
+            "{:12} {:+.4e} doublet {:.3e} {} multisine {:.3e}",
+            p.0.name, p.0.value, p.0.std, p.0.identifiable, p.1.std
+        );
+    }
+    println!("{:?} used {} {}", doublet.fit.undetermined, doublet.used, best.used);
+    assert!((from - to).exp() > 5.0, "ratio of generalised variances {}", (from - to).exp());
+    let again = flights.optimise(&base, &options).expect("a multisine");
+    assert_eq!(again.scenario, best.scenario, "the same seed finds the same");
+}
+
+#[test]
+fn what_cannot_be_flown_is_refused() {
+    let planner = planner();
+    let flights = flights(&planner);
+    let still = Scenario { maneuver: vec![], ..Scenario::paper() };
+    assert!(matches!(flights.predict(&still, true), Err(PlanError::Value { .. })));
+    let mut far = limits();
+    far.volume = Solid { name: None, low_m: [-1.0, 5.0, 0.6], high_m: [1.0, 7.0, 2.4] };
+    let rig = planner.pair(0, 90.0, 6.36);
+    let away = FlightPlanner::new(&planner, &rig, &Vehicle::paper(), far).expect("a rig");
+    assert!(matches!(away.predict(&Scenario::paper(), true), Err(PlanError::OutOfView { .. })));
+    let none = FlightLimits { tilt_deg: 0.0, ..limits() };
+    assert!(FlightPlanner::new(&planner, &rig, &Vehicle::paper(), none).is_err());
+    let nan = Scenario { duration_s: f64::NAN, ..Scenario::paper() };
+    assert!(matches!(flights.predict(&nan, false), Err(PlanError::Flight(_))));
+    let step = Maneuver::Step { channel: Channel::DeltaLon, start_s: 1.0, amplitude: 80.0 };
+    let plan = flights.predict(&Scenario { maneuver: vec![step], ..Scenario::paper() }, false);
+    assert!(plan.is_err() || plan.is_ok_and(|p| p.used <= 1.0));
+}

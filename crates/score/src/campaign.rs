@@ -1,0 +1,354 @@
+//! Thousands of simulated flights over a grid of rigs, noise and manoeuvres.
+
+use crate::chunks::checksum;
+use crate::{CAMPAIGN_SCHEMA, CampaignFile, CampaignRig, ChunkFile, FitKind, NoiseLevel, Random, ScoreError};
+use mavsight_flight::Scenario;
+use mavsight_geometry::{
+    CAMERA_PARAMETERS, Camera, CameraChange, Isometry3, Matrix2, Point3, Vector2, Vector3,
+};
+use mavsight_identify::output_error::{
+    FlightModel, Measurements, OutputErrorOptions, StateMeasurement, output_error,
+};
+use mavsight_plan::{FlightLimits, FlightPlanner, Placed, PlannedManoeuvre, Planner, pose_of};
+use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
+use mavsight_session::{ns_from_s, read_toml};
+use nalgebra::DVector;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::path::Path;
+
+/// One estimate of one flight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FlownParameter {
+    /// Name.
+    pub name: &'static str,
+    /// Truth.
+    pub truth: f64,
+    /// Estimate.
+    pub estimate: f64,
+    /// Its standard deviation, predicted for `first_order` and as the fit says for `output_error`.
+    pub std: f64,
+}
+
+/// What the flights of one combination have shown of one parameter.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CellSummary {
+    /// Rig, noise and manoeuvre.
+    pub cell: [String; 3],
+    /// Parameter.
+    pub parameter: String,
+    /// Flights with an estimate.
+    pub flights: usize,
+    /// Truth.
+    pub truth: f64,
+    /// Predicted standard deviation, before any flight.
+    pub predicted_std: f64,
+    /// Root mean square error.
+    pub achieved_std: f64,
+    /// Part of the flights whose 95 % interval holds the truth.
+    pub inside: f64,
+}
+
+/// One combination, planned.
+struct Cell {
+    names: [String; 3],
+    planner: Planner,
+    placed: Vec<Placed>,
+    rig: Rig,
+    estimator: PoseEstimator,
+    plan: PlannedManoeuvre,
+    model: FlightModel,
+}
+
+/// A campaign whose combinations are planned and flown once; flights draw their noise about that.
+pub struct Campaign {
+    file: CampaignFile,
+    cells: Vec<Cell>,
+    job: u64,
+}
+
+/// Flights of a piece of the results.
+const CHUNK: u64 = 50;
+const NORMAL_95: f64 = 1.959_964;
+
+impl Campaign {
+    /// Reads a campaign file and the rooms and scenarios that it names, relative to it, and plans every combination.
+    ///
+    /// # Errors
+    /// [`ScoreError::Session`] and [`ScoreError::Plan`] for a file; [`ScoreError::Campaign`] names the key; a combination that
+    /// cannot be flown or seen.
+    pub fn load(path: &Path) -> Result<Self, ScoreError> {
+        let file: CampaignFile = read_toml(path, "campaign file")?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let refuse = |key: &str, detail: String| Err(ScoreError::Campaign { key: key.to_owned(), detail });
+        if file.schema != CAMPAIGN_SCHEMA {
+            return refuse(
+                "schema",
+                format!("{} is not known: this version reads {CAMPAIGN_SCHEMA}", file.schema),
+            );
+        }
+        if file.flights == 0 || file.flights > 10_000_000 {
+            return refuse("flights", format!("{} is not from 1 to 10 000 000", file.flights));
+        }
+        if file.rig.is_empty() || file.noise.is_empty() || file.manoeuvre.is_empty() {
+            return refuse("rig, noise, manoeuvre", "need one entry each at least".to_owned());
+        }
+        let mut combinations = Vec::new();
+        let mut inputs = format!("{file:?}");
+        for rig in &file.rig {
+            let (planner, vehicle) = Planner::load(&folder.join(&rig.room))?;
+            inputs += &format!("{:?}{vehicle:?}{:?}", planner.room(), planner.control());
+            for noise in &file.noise {
+                for steered in &file.manoeuvre {
+                    let scenario: Scenario = read_toml(&folder.join(&steered.scenario), "scenario file")?;
+                    inputs += &format!("{scenario:?}");
+                    combinations.push((rig, noise, steered, planner.clone(), vehicle.clone(), scenario));
+                }
+            }
+        }
+        let cells = combinations
+            .into_par_iter()
+            .map(|(rig, noise, steered, planner, vehicle, scenario)| {
+                let names = [rig.name.clone(), noise.name.clone(), steered.name.clone()];
+                cell((names, rig, noise), planner, &vehicle, &scenario)
+            })
+            .collect::<Result<Vec<Cell>, ScoreError>>()?;
+        let job = checksum(inputs.as_bytes());
+        Ok(Self { file, cells, job })
+    }
+
+    /// Number of flights in all.
+    pub fn flights(&self) -> u64 {
+        self.file.flights * self.cells.len() as u64
+    }
+
+    /// Rig, noise and manoeuvre of each combination, with the names of its free parameters and their truth.
+    pub fn combinations(&self) -> impl Iterator<Item = (&[String; 3], Vec<(String, f64)>)> {
+        self.cells.iter().map(|c| {
+            let parameters = c.plan.fit.parameters.iter().map(|p| (p.name.to_owned(), p.value));
+            (&c.names, parameters.collect())
+        })
+    }
+
+    /// One flight, by its number from 0: which combination, and estimates of its free parameters; none where the fit was
+    /// refused. The same on every machine and in every order.
+    pub fn fly(&self, number: u64) -> (usize, Option<Vec<FlownParameter>>) {
+        let index = ((number / self.file.flights) as usize).min(self.cells.len() - 1);
+        let cell = &self.cells[index];
+        let mut random = Random::new(self.file.seed, number);
+        let estimates = cell.poses(&mut random).and_then(|poses| cell.estimate(&poses, self.file.fit));
+        (index, estimates)
+    }
+
+    /// Rows of the table of some flights: rig, noise, manoeuvre, flight, parameter, truth, estimate, std.
+    pub fn rows(&self, flights: std::ops::Range<u64>) -> String {
+        let mut out = String::new();
+        for number in flights {
+            let (index, estimates) = self.fly(number);
+            let [rig, noise, manoeuvre] = &self.cells[index].names;
+            let flight = number % self.file.flights;
+            match estimates {
+                None => out += &format!("{rig},{noise},{manoeuvre},{flight},,,,\n"),
+                Some(all) => {
+                    for p in all {
+                        out += &format!(
+                            "{rig},{noise},{manoeuvre},{flight},{},{:e},{:e},{:e}\n",
+                            // A comma in a name would be a column.
+                            p.name.replace(',', ":"),
+                            p.truth,
+                            p.estimate,
+                            p.std
+                        );
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    /// Header of the table.
+    pub const HEADER: &'static str = "rig,noise,manoeuvre,flight,parameter,truth,estimate,std\n";
+
+    /// Flies what `file` does not hold yet, on all threads, and returns the whole table; `step` hears of each piece.
+    ///
+    /// # Errors
+    /// A file of another campaign, or what the file system refuses.
+    pub fn run(&self, file: &Path, step: &(dyn Fn(u64) + Sync)) -> Result<String, ScoreError> {
+        let store = ChunkFile::open(file, self.job)?;
+        let chunks = self.flights().div_ceil(CHUNK);
+        let range = |k: u64| k * CHUNK..((k + 1) * CHUNK).min(self.flights());
+        let fresh: Vec<(u64, String)> = (0..chunks)
+            .into_par_iter()
+            .filter(|k| !store.done().contains_key(k))
+            .map(|k| {
+                let rows = self.rows(range(k));
+                store.append(k, &rows)?;
+                step(range(k).end - range(k).start);
+                Ok((k, rows))
+            })
+            .collect::<Result<_, ScoreError>>()?;
+        let mut all: Vec<(u64, &String)> = store.done().iter().map(|(k, rows)| (*k, rows)).collect();
+        all.extend(fresh.iter().map(|(k, rows)| (*k, rows)));
+        all.retain(|(k, _)| *k < chunks);
+        all.sort_by_key(|(k, _)| *k);
+        let mut table = Self::HEADER.to_owned();
+        all.into_iter().for_each(|(_, rows)| table += rows);
+        Ok(table)
+    }
+
+    /// What a table has shown, by combination and parameter.
+    pub fn summary(&self, table: &str) -> Vec<CellSummary> {
+        let mut out = Vec::new();
+        for cell in &self.cells {
+            let start = format!("{},", cell.names.join(","));
+            let rows: Vec<Vec<&str>> =
+                table.lines().filter_map(|l| Some(l.strip_prefix(&start)?.split(',').collect())).collect();
+            for p in &cell.plan.fit.parameters {
+                let name = p.name.replace(',', ":");
+                let numbers = rows.iter().filter(|r| r[1] == name).filter_map(|r| {
+                    let number = |k: usize| r.get(k)?.parse::<f64>().ok();
+                    Some((number(2)?, number(3)?, number(4)?))
+                });
+                let (mut n, mut squares, mut inside) = (0, 0.0, 0.0);
+                for (truth, estimate, std) in numbers {
+                    n += 1;
+                    squares += (estimate - truth).powi(2);
+                    inside += f64::from(u8::from((estimate - truth).abs() <= NORMAL_95 * std));
+                }
+                out.push(CellSummary {
+                    cell: cell.names.clone(),
+                    parameter: p.name.to_owned(),
+                    flights: n,
+                    truth: p.value,
+                    predicted_std: p.std,
+                    achieved_std: (squares / f64::from(n.max(1) as u32)).sqrt(),
+                    inside: inside / f64::from(n.max(1) as u32),
+                });
+            }
+        }
+        out
+    }
+}
+
+fn cell(
+    (names, rig, noise): ([String; 3], &CampaignRig, &NoiseLevel),
+    planner: Planner,
+    vehicle: &mavsight_flight::Vehicle,
+    scenario: &Scenario,
+) -> Result<Cell, ScoreError> {
+    let mut room = planner.room().clone();
+    room.centre_bias_px = noise.centre_bias_px.unwrap_or(room.centre_bias_px);
+    room.markers_std_m = noise.markers_std_m.unwrap_or(room.markers_std_m);
+    for kind in &mut room.camera {
+        kind.centre_std_px = noise.centre_std_px.or(kind.centre_std_px);
+    }
+    let middle = room.middle_m();
+    let placed = rig
+        .camera
+        .iter()
+        .map(|c| {
+            let kind =
+                room.camera.iter().position(|k| k.name == c.kind).ok_or_else(|| ScoreError::Campaign {
+                    key: format!("rig {}: type", rig.name),
+                    detail: format!("{:?} is no camera of {}", c.kind, rig.room.display()),
+                })?;
+            let aim_m = c.aim_m.map_or(middle, Vector3::from);
+            Ok(Placed { kind, centre_m: c.centre_m.into(), aim_m })
+        })
+        .collect::<Result<Vec<Placed>, ScoreError>>()?;
+    let planner = Planner::new(room, planner.markers().to_vec(), planner.control().to_vec())?;
+    let limits = FlightLimits {
+        volume: planner.room().room.clone(),
+        tilt_deg: 80.0,
+        deflection_deg: 80.0,
+        rotor_percent: 80.0,
+    };
+    let rig = planner.rig(&placed)?;
+    let plan = FlightPlanner::new(&planner, &placed, vehicle, limits)?.predict_here(scenario)?;
+    // The start of a whole fit: what the vehicle file states, nothing of the truth.
+    let model = FlightModel::new(vehicle, &plan.inputs).map_err(mavsight_plan::PlanError::from)?;
+    let estimator = planner.estimator(&rig)?;
+    Ok(Cell { names, rig, estimator, placed, model, plan, planner })
+}
+
+impl Cell {
+    /// The poses that one flight's images give: cameras, markers and centres off by what is not known of them, each
+    /// centre with its own noise, each pose estimated. None where one is refused.
+    fn poses(&self, random: &mut Random) -> Option<Vec<Isometry3<f64>>> {
+        let room = self.planner.room();
+        let normal = DVector::from_fn(self.rig.uncertainty.ncols(), |_, _| random.normal());
+        let off = &self.rig.uncertainty * normal;
+        let real: Vec<Camera> = self
+            .rig
+            .cameras
+            .iter()
+            .enumerate()
+            .map(|(k, c)| {
+                let own: CameraChange =
+                    off.fixed_rows::<CAMERA_PARAMETERS>(k * CAMERA_PARAMETERS).into_owned();
+                c.camera.moved(&own)
+            })
+            .collect();
+        let mut normal3 = |std: f64| Vector3::from_fn(|_, _| std * random.normal());
+        let markers: Vec<BodyMarker> = self
+            .planner
+            .markers()
+            .iter()
+            .map(|m| BodyMarker {
+                marker_in_body_m: m.marker_in_body_m + normal3(room.markers_std_m),
+                ..m.clone()
+            })
+            .collect();
+        let mut normal2 = |std: f64| Vector2::new(std * random.normal(), std * random.normal());
+        let bias: Vec<Vector2<f64>> =
+            (0..real.len() * markers.len()).map(|_| normal2(room.centre_bias_px)).collect();
+        let mut previous: Option<Isometry3<f64>> = None;
+        let mut seen = Vec::with_capacity(real.len() * markers.len());
+        let mut out = Vec::with_capacity(self.plan.states.len());
+        for s in &self.plan.states {
+            let (pose, t_ns) = (pose_of(s), ns_from_s(s.t_s));
+            seen.clear();
+            for (camera, view) in real.iter().enumerate() {
+                let kind = &room.camera[self.placed[camera].kind];
+                for (marker, ball) in markers.iter().enumerate() {
+                    let centre = (pose * Point3::from(ball.marker_in_body_m)).coords;
+                    let Ok(exact) = view.project_ball(&centre, ball.radius_m) else { continue };
+                    let depth_m = (view.cam_from_world * Point3::from(centre)).z;
+                    let std_px = kind.centre_std_px(2.0 * view.intrinsics.fx_px * ball.radius_m / depth_m);
+                    let pixel = exact.pixel + normal2(std_px) + bias[camera * markers.len() + marker];
+                    let covariance_px2 = Matrix2::identity() * std_px * std_px;
+                    seen.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
+                }
+            }
+            let estimate = self.estimator.estimate(t_ns, &seen, previous.as_ref()).ok()?;
+            previous = Some(estimate.world_from_body);
+            out.push(estimate.world_from_body);
+        }
+        Some(out)
+    }
+
+    fn estimate(&self, poses: &[Isometry3<f64>], kind: FitKind) -> Option<Vec<FlownParameter>> {
+        let plan = &self.plan;
+        if kind == FitKind::FirstOrder {
+            let got = plan.fit.first_order(poses).ok()?;
+            let flown = plan.fit.parameters.iter().zip(got.iter());
+            let flown =
+                flown.map(|(p, e)| FlownParameter { name: p.name, truth: p.value, estimate: *e, std: p.std });
+            return Some(flown.collect());
+        }
+        let measured = plan.states.iter().zip(poses).zip(&plan.pose_covariance).map(|((s, pose), c)| {
+            let t_ns = ns_from_s(s.t_s);
+            StateMeasurement { t_ns, pose: Some((*pose, *c)), velocity: None, rates: None }
+        });
+        let measured = Measurements::States(measured.collect());
+        let fit = output_error(&self.model, &plan.inputs, &measured, &OutputErrorOptions::default()).ok()?;
+        let flown = fit.parameters.iter().zip(&plan.fit.parameters);
+        let flown = flown.map(|(f, p)| FlownParameter {
+            name: f.name,
+            truth: p.value,
+            estimate: f.value,
+            std: f.std,
+        });
+        Some(flown.collect())
+    }
+}
