@@ -216,8 +216,7 @@ fn write_start(plan: &CameraPlan<'_>, vehicle: &Vehicle, out: &Path) -> Result<(
             video: format!("{name}.mp4").into(),
             still: Some(format!("{name}-control.png").into()),
             name,
-            frame_rate_hz: None,
-            time_offset_s: None,
+            ..SessionCamera::default()
         }
     };
     let session = SessionFile {
@@ -227,7 +226,9 @@ fn write_start(plan: &CameraPlan<'_>, vehicle: &Vehicle, out: &Path) -> Result<(
         inputs: "inputs.csv".into(),
         truth: None,
         model: None,
-        control: ControlSection { points: "control_points.csv".into(), observations: None },
+        control: Some(ControlSection { points: "control_points.csv".into(), observations: None }),
+        wand: None,
+        board: None,
         refine: None,
         camera: (0..plan.ranked[0].placed.len()).map(camera).collect(),
     };
