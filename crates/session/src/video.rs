@@ -138,7 +138,7 @@ impl FrameSource {
         Some(SessionError::FrameCount { path: self.path.clone(), declared, read: self.read })
     }
 
-    /// The next frame of the file, the right way up.
+    /// The next frame of the file as it is stored.
     fn whole(&mut self) -> Option<Result<(i64, Frame), SessionError>> {
         if self.done {
             return None;
@@ -148,8 +148,6 @@ impl FrameSource {
                 self.read += 1;
                 let first_ns = self.span_ns.map_or(t_ns, |s| s.0);
                 self.span_ns = Some((first_ns, t_ns));
-                let frame =
-                    if self.opened.quarters == 0 { frame } else { frame.turned(self.opened.quarters) };
                 Some(Ok((t_ns - self.offset_ns, frame)))
             }
             Some(Err(error)) => {
@@ -193,7 +191,10 @@ impl Iterator for FrameSource {
     type Item = Result<(i64, Frame), SessionError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let Some(mut fields) = self.fields.take() else { return self.whole() };
+        let quarters = self.opened.quarters;
+        let upright =
+            |(t_ns, frame): (i64, Frame)| (t_ns, if quarters == 0 { frame } else { frame.turned(quarters) });
+        let Some(mut fields) = self.fields.take() else { return self.whole().map(|item| item.map(upright)) };
         let mut item = fields.second.take().map(Ok);
         while item.is_none() {
             item = match self.whole() {
@@ -204,7 +205,7 @@ impl Iterator for FrameSource {
             };
         }
         self.fields = Some(fields);
-        item
+        item.map(|item| item.map(upright))
     }
 }
 
