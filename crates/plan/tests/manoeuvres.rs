@@ -134,6 +134,29 @@ fn an_optimised_multisine_tells_much_more_of_the_moment_than_the_doublet() {
     assert_eq!(again.scenario, best.scenario, "the same seed finds the same");
 }
 
+/// An error that stays, 0.1 mm along X in every pose: the estimates move by what it does to them, and the covariance by its square.
+#[test]
+fn errors_that_stay_enter_by_what_they_do_to_the_estimates() {
+    let planner = planner();
+    let plan = flights(&planner).predict(&Scenario::paper(), true).expect("a plan");
+    let shift = nalgebra::Vector6::new(1e-4, 0.0, 0.0, 0.0, 0.0, 3e-4);
+    let poses = plan.states.iter().map(|s| {
+        let pose = pose_of(s);
+        let turn = UnitQuaternion::from_scaled_axis(shift.fixed_rows::<3>(3).into_owned());
+        Isometry3::from_parts(
+            (pose.translation.vector + shift.fixed_rows::<3>(0)).into(),
+            pose.rotation * turn,
+        )
+    });
+    let moved = plan.fit.first_order(&poses.collect::<Vec<_>>()).expect("estimates");
+    let column = nalgebra::Matrix6xX::from_column_slice(shift.as_slice());
+    let lasting = plan.fit.clone().with_lasting(&vec![column; plan.states.len()]).expect("a covariance");
+    for (k, (before, after)) in plan.fit.parameters.iter().zip(&lasting.parameters).enumerate() {
+        let wanted = before.std.hypot(moved[k] - before.value);
+        assert!((after.std / wanted - 1.0).abs() < 1e-3, "{}: {} against {wanted}", before.name, after.std);
+    }
+}
+
 #[test]
 fn what_cannot_be_flown_is_refused() {
     let planner = planner();
@@ -149,6 +172,19 @@ fn what_cannot_be_flown_is_refused() {
     assert!(FlightPlanner::new(&planner, &rig, &Vehicle::paper(), none).is_err());
     let nan = Scenario { duration_s: f64::NAN, ..Scenario::paper() };
     assert!(matches!(flights.predict(&nan, false), Err(PlanError::Flight(_))));
+    let nothing = MultisineOptions {
+        channels: vec![Channel::DeltaLon],
+        harmonics: vec![],
+        start_s: 0.5,
+        parameters: C_M.map(str::to_owned).to_vec(),
+        optimality: Optimality::A,
+        generations: 1,
+        seed: 1,
+    };
+    assert!(matches!(flights.optimise(&Scenario::paper(), &nothing), Err(PlanError::Value { .. })));
+    let plan = flights.predict(&Scenario::paper(), true).expect("a plan");
+    assert!(plan.fit.first_order(&[]).is_err());
+    assert!(plan.fit.clone().with_lasting(&[]).is_err());
     let step = Maneuver::Step { channel: Channel::DeltaLon, start_s: 1.0, amplitude: 80.0 };
     let plan = flights.predict(&Scenario { maneuver: vec![step], ..Scenario::paper() }, false);
     assert!(plan.is_err() || plan.is_ok_and(|p| p.used <= 1.0));

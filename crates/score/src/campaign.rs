@@ -68,7 +68,7 @@ pub struct Campaign {
 }
 
 /// Flights of a piece of the results.
-const CHUNK: u64 = 50;
+const CHUNK: u64 = 10;
 const NORMAL_95: f64 = 1.959_964;
 
 impl Campaign {
