@@ -54,6 +54,8 @@ pub(crate) struct Workspace {
     pub(crate) camera: Option<Camera>,
     /// The radius of the ball that is followed.
     pub(crate) known_radius_px: Option<Known>,
+    /// Centres and radii of what is known already and is not looked at again.
+    pub(crate) known: Vec<(Vector2<f64>, f64)>,
 }
 
 impl Detector {
@@ -125,7 +127,8 @@ impl Workspace {
         let optics = self.optics.expected();
         let camera = self.camera.unwrap_or_else(|| usual_camera(frame.size));
         for blob in blobs.iter() {
-            if model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
+            let is_known = self.known.iter().any(|(at, radius_px)| (at - blob.pixel).norm() <= *radius_px);
+            if is_known || model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
                 continue;
             }
             let known_radius_px = self.known_radius_px;

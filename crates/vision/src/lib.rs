@@ -19,4 +19,4 @@ pub use detect::{BallCandidate, Detector};
 pub use error::VisionError;
 pub use frame::{Frame, Pixels, YuvMatrix};
 pub use mavsight_geometry::{ImageSize, Matrix2, Vector2};
-pub use track::Tracker;
+pub use track::{ColorSighting, Tracker};
