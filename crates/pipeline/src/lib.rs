@@ -2,6 +2,7 @@
 //!
 //! Recorded, live and virtual cameras enter as [`CameraFeed`]s; nothing here knows which kind it is handed.
 
+mod associate;
 mod calibrate;
 mod error;
 mod feed;

@@ -1,11 +1,12 @@
 //! Frames of all cameras into marker observations and poses.
 
+use crate::associate::{Identities, MarkerColors};
 use crate::reconstruct::Reconstruction;
 use crate::{CameraFeed, PipelineError, Progress, Stage, TimedFrame};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Isometry3, Vector3};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, PoseSample, Rig};
-use mavsight_vision::{BallCandidate, BallColor, Tracker};
+use mavsight_vision::{ColorSighting, Tracker};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 /// Frames that may wait between two stages: enough to even out decoding, few enough to stay in the cache.
@@ -25,8 +26,8 @@ pub struct Tracked {
     pub poses: Vec<PoseSample>,
 }
 
-/// What one camera saw at one time stamp, by marker.
-type Seen = (i64, Vec<Option<BallCandidate>>);
+/// What one camera saw at one time stamp.
+type Seen = (i64, Vec<ColorSighting>);
 
 type Sighting = Result<Seen, PipelineError>;
 
@@ -83,16 +84,11 @@ fn observe(
     out: &SyncSender<Sighting>,
 ) {
     for frame in frames {
-        let sighting = frame.map(|f| (f.t_ns, tracker.observe(&f.frame).to_vec()));
+        let sighting = frame.map(|f| (f.t_ns, tracker.candidates(&f.frame).to_vec()));
         if out.send(sighting).is_err() {
             return;
         }
     }
-}
-
-/// The vehicle's markers as colours.
-fn ball_colors(vehicle: &Vehicle) -> Vec<BallColor> {
-    vehicle.marker.iter().map(|m| BallColor { name: m.name.clone(), rgb: m.color.rgb() }).collect()
 }
 
 /// A tracker that expects the apparent diameters the rig and the ball sizes imply over the calibrated volume.
@@ -108,7 +104,8 @@ fn tracker_for(rig: &Rig, camera: usize, vehicle: &Vehicle) -> Result<Tracker, m
     let smallest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(f64::MAX, f64::min);
     let largest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(0.0, f64::max);
     let range = focal_px * smallest_m / far_m / RANGE_MARGIN..=focal_px * largest_m / near_m * RANGE_MARGIN;
-    Ok(Tracker::new(&ball_colors(vehicle), range)?.with_camera(seen_by.camera))
+    let colors = MarkerColors::of(vehicle);
+    Ok(Tracker::new(&colors.balls, range)?.with_markers(&colors.counts()).with_camera(seen_by.camera))
 }
 
 fn join(
@@ -119,6 +116,7 @@ fn join(
     progress: &dyn Progress,
 ) -> Result<Tracked, PipelineError> {
     let mut all = Reconstruction::new(rig, vehicle);
+    let mut identities = Identities::new(rig, vehicle)?;
     let mut interval_ns: Option<i64> = None;
     loop {
         let instant: Vec<Option<Seen>> =
@@ -133,9 +131,7 @@ fn join(
         if let Some(last) = all.tracked.poses.last() {
             interval_ns = Some(t_ns - last.t_ns);
         }
-        let balls = instant.iter().flat_map(|(_, balls)| balls.iter().flatten());
-        all.tracked.diameters_px.extend(balls.map(|b| b.diameter_px));
-        all.add(t_ns, observations_at(t_ns, &instant));
+        identities.add(t_ns, instant.iter().map(|(_, seen)| seen.as_slice()), &mut all.tracked);
         progress.step();
     }
     if all.tracked.poses.is_empty() {
@@ -191,24 +187,6 @@ fn check_in_step(
         }
     }
     Ok(())
-}
-
-fn observations_at(t_ns: i64, instant: &[Seen]) -> Vec<MarkerObservation> {
-    let mut seen = Vec::new();
-    for (camera, (_, balls)) in instant.iter().enumerate() {
-        for (marker, ball) in balls.iter().enumerate() {
-            if let Some(ball) = ball {
-                seen.push(MarkerObservation {
-                    t_ns,
-                    camera,
-                    marker,
-                    pixel: ball.pixel,
-                    covariance_px2: ball.covariance_px2,
-                });
-            }
-        }
-    }
-    seen
 }
 
 pub(crate) fn pose_at(

@@ -2,6 +2,7 @@
 //!
 //! Frames and units are those of `mavsight-geometry`. Nothing here knows where the observations came from.
 
+mod associate;
 mod calibrate;
 mod causal;
 mod chain;
@@ -19,6 +20,7 @@ mod smooth;
 mod testing;
 mod whittaker;
 
+pub use associate::{Association, Associator, Candidate};
 pub use calibrate::{
     CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, Pixels, Rig, RigCamera,
     calibrate,

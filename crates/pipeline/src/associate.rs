@@ -1,0 +1,77 @@
+//! What the trackers of all cameras saw at one instant, as candidates for the vehicle's markers.
+
+use crate::output_error::MARKERS_STD_M;
+use crate::{PipelineError, Tracked};
+use mavsight_flight::Vehicle;
+use mavsight_pose::{Associator, Candidate, MarkerObservation, PoseEstimator, Rig};
+use mavsight_vision::{BallColor, ColorSighting};
+
+/// The colours of a vehicle's markers, each once, and which of them each marker has.
+pub(crate) struct MarkerColors {
+    pub(crate) balls: Vec<BallColor>,
+    pub(crate) of_marker: Vec<usize>,
+}
+
+impl MarkerColors {
+    pub(crate) fn of(vehicle: &Vehicle) -> Self {
+        let mut out = Self { balls: Vec::new(), of_marker: Vec::new() };
+        for marker in &vehicle.marker {
+            let rgb = marker.color.rgb();
+            let color = out.balls.iter().position(|b| b.rgb == rgb).unwrap_or_else(|| {
+                out.balls.push(BallColor { name: marker.name.clone(), rgb });
+                out.balls.len() - 1
+            });
+            out.of_marker.push(color);
+        }
+        out
+    }
+
+    /// How many markers each colour has.
+    pub(crate) fn counts(&self) -> Vec<usize> {
+        (0..self.balls.len()).map(|c| self.of_marker.iter().filter(|m| **m == c).count()).collect()
+    }
+}
+
+/// Tells which candidates are which markers.
+pub(crate) struct Identities {
+    associator: Associator,
+    candidates: Vec<Candidate>,
+}
+
+impl Identities {
+    pub(crate) fn new(rig: &Rig, vehicle: &Vehicle) -> Result<Self, PipelineError> {
+        let estimator = PoseEstimator::new(rig, &crate::body_markers(vehicle));
+        let colors = MarkerColors::of(vehicle).of_marker;
+        let associator = Associator::new(estimator, rig, &colors, MARKERS_STD_M)
+            .map_err(|source| PipelineError::Pose { place: "the vehicle's markers".into(), source })?;
+        Ok(Self { associator, candidates: Vec::new() })
+    }
+
+    /// Adds one instant to what was tracked. The sightings are those of each camera, in the order of the rig.
+    pub(crate) fn add<'a>(
+        &mut self,
+        t_ns: i64,
+        cameras: impl Iterator<Item = &'a [ColorSighting]>,
+        tracked: &mut Tracked,
+    ) {
+        self.candidates.clear();
+        for (camera, sightings) in cameras.enumerate() {
+            self.candidates.extend(sightings.iter().map(|s| Candidate {
+                camera,
+                color: s.color,
+                pixel: s.ball.pixel,
+                covariance_px2: s.ball.covariance_px2,
+                diameter_px: s.ball.diameter_px,
+                stays: s.stays,
+            }));
+        }
+        let found = self.associator.associate(t_ns, &self.candidates);
+        for (index, marker) in &found.pairs {
+            let Candidate { camera, pixel, covariance_px2, diameter_px, .. } = self.candidates[*index];
+            let seen = MarkerObservation { t_ns, camera, marker: *marker, pixel, covariance_px2 };
+            tracked.observations.push(seen);
+            tracked.diameters_px.push(diameter_px);
+        }
+        tracked.poses.push(found.sample);
+    }
+}
