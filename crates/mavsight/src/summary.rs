@@ -265,6 +265,14 @@ impl Summary {
                 "mm",
             );
         }
+        if let Some(i) = scores.identity {
+            let shown = format!("{} of {}", i.measured, i.measurable);
+            let label = "frames measured of those with three balls visible to two cameras";
+            self.add("truth", "measured_of_measurable", label, json!([i.measured, i.measurable]), shown);
+            let label = "frames with a wrong identity, with a frozen pose";
+            let shown = format!("{}, {}", i.wrong, i.frozen);
+            self.add("truth", "wrong_and_frozen", label, json!([i.wrong, i.frozen]), shown);
+        }
         let poses = [("poses", scores.poses), ("motion", scores.motion.map(|m| m.pose))];
         for (what, errors) in poses {
             let Some(e) = errors else { continue };

@@ -9,6 +9,7 @@ mod table;
 pub mod tables;
 mod toml_file;
 pub mod video;
+pub mod visibility;
 
 pub use atomic::{make_folder, write_whole};
 pub use config::{
@@ -23,6 +24,7 @@ pub use results::{
 pub use scenario::{write_control_points, write_inputs, write_session, write_truth, write_vehicle};
 pub use tables::{ControlPixel, ControlPointRow, TruthRow};
 pub use video::{FrameSource, read_image, write_png};
+pub use visibility::{VISIBILITY, read_visibility, write_visibility};
 
 /// Seconds as the nearest nanoseconds.
 pub fn ns_from_s(t_s: f64) -> i64 {

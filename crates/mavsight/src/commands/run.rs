@@ -33,7 +33,13 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     flight.options.equation_error_only |= args.equation_error_only;
     let (results, mut notes) = solve(&flight, rig, tracked, body, &bars)?;
     notes.extend(refusal);
-    let scores = truth.as_deref().map(|t| scores_of(&results, t));
+    let mut scores = truth.as_deref().map(|t| scores_of(&results, t));
+    if let (Some(scores), Some(truth), Some(visible)) =
+        (scores.as_mut(), truth.as_deref(), named(session.visibility())?)
+    {
+        let markers = super::demo::markers_of(&session.vehicle);
+        scores.identity = Some(mavsight_score::score_identity(&results.poses, truth, &markers, &visible));
+    }
     bars.done();
     finish(&flight, results, notes, scores, first_frames(&session)?, &args.out)
 }

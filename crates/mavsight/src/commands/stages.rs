@@ -9,19 +9,21 @@ use crate::page::{Page, write_page};
 use crate::progress::Bars;
 use crate::summary::Summary;
 use anyhow::{Context, Result, bail};
-use mavsight_flight::Scenario;
+use mavsight_flight::{Scenario, Staging};
 use mavsight_pipeline::Progress;
-use mavsight_scene::Room;
 use mavsight_session::{
-    ControlSection, RunResults, SESSION_SCHEMA, Session, SessionCamera, SessionFile, TruthRow, load_vehicle,
-    make_folder, read_body, read_markers, read_poses, read_rig, results::names, tables::read_inputs,
-    tables::read_truth, write_control_points, write_inputs, write_png, write_results, write_session,
-    write_truth, write_vehicle,
+    ControlSection, RunResults, SESSION_SCHEMA, Session, SessionCamera, SessionFile, TruthRow, VISIBILITY,
+    load_vehicle, make_folder, read_body, read_markers, read_poses, read_rig, results::names,
+    tables::read_inputs, tables::read_truth, write_control_points, write_inputs, write_png, write_results,
+    write_session, write_truth, write_vehicle, write_visibility,
 };
 use mavsight_vision::Frame;
 use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Stdio};
+
+/// What a scenario stages, beside the flight that `simulate` writes.
+const STAGING: &str = "staging.toml";
 
 /// `mavsight simulate`
 pub(crate) fn simulate(args: &Simulate) -> Result<()> {
@@ -43,6 +45,10 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
     write_inputs(&out.join("inputs.csv"), &inputs)?;
     write_truth(&out.join("truth.csv"), &states)?;
+    if !scenario.staging.is_empty() {
+        let text = toml::to_string(&scenario.staging)?;
+        mavsight_session::write_whole(&out.join(STAGING), text.as_bytes())?;
+    }
     println!("{} instants of {:.2} s: {}", states.len(), scenario.duration_s, out.display());
     Ok(())
 }
@@ -58,11 +64,15 @@ pub(crate) fn film(args: &Film) -> Result<()> {
     };
     make_folder(&args.out)?;
     let bars = Bars::new();
-    let (room, aircraft) = (Room::meeting_room(), lab::aircraft(&vehicle));
+    let staging = staging_of(&args.flight)?;
+    let (room, aircraft) = (lab::room(&staging), lab::aircraft(&vehicle));
+    let mut visible = vec![Vec::new(); truth.len()];
     let mut cameras = Vec::new();
     for (k, camera) in lab::cameras().iter().enumerate() {
         bars.start("building", None);
-        let film = lab::film(&room, camera, k, args.seed);
+        let film = lab::staged_film(&room, camera, k, args.seed, &staging);
+        let shares = truth.iter().map(|row| film.visible_shares(&vehicle, &aircraft, row));
+        visible.iter_mut().zip(shares).for_each(|(all, own): (&mut Vec<_>, _)| all.push(own));
         let still = format!("{}-control.png", camera.name);
         let size = camera.camera.size;
         write_png(
@@ -72,7 +82,7 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         bars.start("filming", Some(truth.len() as u64));
         let frames = truth.iter().enumerate().map(|(n, row)| {
             bars.step();
-            lab::frame(&film, n, &aircraft, row, interval_s)
+            film.frame(n, &aircraft, row, interval_s)
         });
         let video = if args.video {
             write_video(&args.out.join(format!("{}.mp4", camera.name)), size, interval_s, frames)?;
@@ -94,6 +104,8 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         });
     }
     bars.done();
+    let names: Vec<String> = cameras.iter().map(|c| c.name.clone()).collect();
+    write_visibility(&args.out.join(VISIBILITY), &truth, &names, &vehicle, &visible)?;
     write_flight_files(args, &vehicle, &inputs)?;
     let session = SessionFile {
         schema: SESSION_SCHEMA,
@@ -109,6 +121,19 @@ pub(crate) fn film(args: &Film) -> Result<()> {
     write_session(&args.out.join("session.toml"), &session)?;
     println!("{} frames of each camera: {}", truth.len(), args.out.join("session.toml").display());
     Ok(())
+}
+
+/// What a scenario staged, as `simulate` left it beside a flight; nothing where there is none.
+fn staging_of(flight: &Path) -> Result<Staging> {
+    let path = flight.join(STAGING);
+    if !path.is_file() {
+        return Ok(Staging::default());
+    }
+    let wrong = |e: String| WrongCall(format!("{}: {e}", path.display()));
+    let text = std::fs::read_to_string(&path).map_err(|e| wrong(e.to_string()))?;
+    let staging: Staging = toml::from_str(&text).map_err(|e| wrong(e.to_string().trim().to_owned()))?;
+    staging.check().map_err(|e| wrong(e.to_string()))?;
+    Ok(staging)
 }
 
 fn write_flight_files(
