@@ -6,6 +6,7 @@ use mavsight_session::{RESULTS_SCHEMA, RunResults};
 use serde_json::{Map, Value, json};
 
 mod body;
+mod health;
 
 /// One figure.
 pub(crate) struct Row {
@@ -38,6 +39,7 @@ impl Summary {
         summary.cameras(results);
         summary.body(results);
         summary.poses(results);
+        summary.health(results);
         summary.motion(results);
         crate::fits::summarise(&mut summary, results);
         crate::motion_fits::summarise(&mut summary, results);
@@ -376,6 +378,7 @@ pub(crate) fn title(section: &str) -> &'static str {
         "cameras" => "Cameras",
         "body" => "Body as built (its axes: no common shift or turn against the vehicle file)",
         "poses" => "Single poses",
+        "health" => "How well the cameras see the markers",
         "motion" => "Smoothed motion",
         "fit" => "Fit",
         "parameters" => "Parameters",

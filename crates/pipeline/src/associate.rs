@@ -1,6 +1,7 @@
 //! What the trackers of all cameras saw at one instant, as candidates for the vehicle's markers.
 
 use crate::output_error::MARKERS_STD_M;
+use crate::watch::{CameraWatch, moved_notes};
 use crate::{PipelineError, Tracked};
 use mavsight_flight::Vehicle;
 use mavsight_pose::{Associator, Candidate, MarkerObservation, PoseEstimator, Rig};
@@ -35,6 +36,7 @@ impl MarkerColors {
 /// Tells which candidates are which markers.
 pub(crate) struct Identities {
     associator: Associator,
+    colors: Vec<usize>,
     candidates: Vec<Candidate>,
 }
 
@@ -44,7 +46,20 @@ impl Identities {
         let colors = MarkerColors::of(vehicle).of_marker;
         let associator = Associator::new(estimator, rig, &colors, MARKERS_STD_M)
             .map_err(|source| PipelineError::Pose { place: "the vehicle's markers".into(), source })?;
-        Ok(Self { associator, candidates: Vec::new() })
+        Ok(Self { associator, colors, candidates: Vec::new() })
+    }
+
+    /// What happened to the cameras and how well they saw the markers, into what was tracked.
+    pub(crate) fn finish(&self, rig: &Rig, watches: Vec<CameraWatch>, tracked: &mut Tracked) {
+        let markers = self.colors.len();
+        let mut seen = vec![0; watches.len() * markers];
+        tracked.observations.iter().for_each(|o| seen[o.camera * markers + o.marker] += 1);
+        for (watch, seen) in watches.into_iter().zip(seen.chunks(markers.max(1))) {
+            let (health, notes) = watch.told(&self.colors, seen);
+            tracked.health.push(health);
+            tracked.notes.extend(notes);
+        }
+        tracked.notes.extend(moved_notes(rig, self.associator.moved_cameras()));
     }
 
     /// Adds one instant to what was tracked. The sightings are those of each camera, in the order of the rig.

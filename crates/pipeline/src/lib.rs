@@ -12,6 +12,7 @@ mod reconstruct;
 mod refine;
 mod solve;
 mod track;
+mod watch;
 
 pub use calibrate::{ControlStill, calibrate_from_observations, calibrate_from_stills};
 pub use error::PipelineError;

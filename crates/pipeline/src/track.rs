@@ -2,10 +2,12 @@
 
 use crate::associate::{Identities, MarkerColors};
 use crate::reconstruct::Reconstruction;
+use crate::watch::CameraWatch;
 use crate::{CameraFeed, PipelineError, Progress, Stage, TimedFrame};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Isometry3, Vector3};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, PoseSample, Rig};
+use mavsight_session::results::CameraHealth;
 use mavsight_vision::{ColorSighting, Tracker};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
@@ -24,6 +26,10 @@ pub struct Tracked {
     pub diameters_px: Vec<f64>,
     /// One sample an instant, empty where it could not be measured.
     pub poses: Vec<PoseSample>,
+    /// How well each camera saw the markers; none where the observations came from elsewhere.
+    pub health: Vec<CameraHealth>,
+    /// What happened to the cameras, for people.
+    pub notes: Vec<String>,
 }
 
 /// What one camera saw at one time stamp.
@@ -54,18 +60,26 @@ pub fn track(
         .collect::<Result<Vec<_>, _>>()?;
     progress.begin(Stage::Track, feeds.iter().filter_map(|f| f.announced).min().map(|n| n as u64));
     std::thread::scope(|scope| {
-        let sightings: Vec<Receiver<Sighting>> = feeds
+        let (sightings, watches): (Vec<Receiver<Sighting>>, Vec<_>) = feeds
             .into_iter()
             .zip(trackers)
             .map(|(feed, tracker)| {
                 let (frame_out, frame_in) = sync_channel(QUEUE_FRAMES);
                 let (sighting_out, sighting_in) = sync_channel(QUEUE_FRAMES);
+                let watch = CameraWatch::new(feed.name.clone());
                 scope.spawn(move || fetch(feed, &frame_out));
-                scope.spawn(move || observe(tracker, &frame_in, &sighting_out));
-                sighting_in
+                let watched = scope.spawn(move || observe(tracker, watch, &frame_in, &sighting_out));
+                (sighting_in, watched)
             })
-            .collect();
-        join(&names, &sightings, rig, vehicle, progress)
+            .unzip();
+        let (mut all, identities) = join(&names, &sightings, rig, vehicle, progress)?;
+        drop(sightings);
+        let ended = |camera: &String| PipelineError::Worker { camera: camera.clone() };
+        let watches = (watches.into_iter().zip(&names))
+            .map(|(watched, name)| watched.join().map_err(|_| ended(name)))
+            .collect::<Result<Vec<_>, _>>()?;
+        identities.finish(rig, watches, &mut all.tracked);
+        all.finish()
     })
 }
 
@@ -80,15 +94,21 @@ fn fetch(feed: CameraFeed<'_>, out: &SyncSender<Result<TimedFrame, PipelineError
 
 fn observe(
     mut tracker: Tracker,
+    mut watch: CameraWatch,
     frames: &Receiver<Result<TimedFrame, PipelineError>>,
     out: &SyncSender<Sighting>,
-) {
+) -> CameraWatch {
     for frame in frames {
-        let sighting = frame.map(|f| (f.t_ns, tracker.candidates(&f.frame).to_vec()));
+        let sighting = frame.map(|f| {
+            let seen = tracker.candidates(&f.frame).to_vec();
+            watch.saw(f.t_ns, &tracker);
+            (f.t_ns, seen)
+        });
         if out.send(sighting).is_err() {
-            return;
+            break;
         }
     }
+    watch.finish(&tracker)
 }
 
 /// A tracker that expects the apparent diameters the rig and the ball sizes imply over the calibrated volume.
@@ -114,7 +134,7 @@ fn join(
     rig: &Rig,
     vehicle: &Vehicle,
     progress: &dyn Progress,
-) -> Result<Tracked, PipelineError> {
+) -> Result<(Reconstruction, Identities), PipelineError> {
     let mut all = Reconstruction::new(rig, vehicle);
     let mut identities = Identities::new(rig, vehicle)?;
     let mut interval_ns: Option<i64> = None;
@@ -137,7 +157,7 @@ fn join(
     if all.tracked.poses.is_empty() {
         return Err(PipelineError::NoFrames { camera: names.join(" and ") });
     }
-    all.finish()
+    Ok((all, identities))
 }
 
 /// All cameras' sightings of one instant; a camera that has ended before the others is an error with both counts.

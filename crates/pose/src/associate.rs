@@ -7,12 +7,15 @@
 mod acquire;
 mod belief;
 mod symmetry;
+mod watch;
 
 use crate::{MarkerObservation, PoseError, PoseEstimator, PoseSample, Rig};
 use belief::{Belief, Expected, History};
 use mavsight_geometry::{Camera, Matrix2, Matrix3, Matrix6, Vector2, Vector3};
 use nalgebra::{Cholesky, Const};
 use std::f64::consts::PI;
+pub use watch::MovedCamera;
+use watch::Watch;
 
 /// Logarithm of the odds at which an assignment is believed: 999 to 1.
 const DECISIVE_LOG_ODDS: f64 = 6.907;
@@ -70,6 +73,7 @@ pub struct Associator {
     size_m: f64,
     history: History,
     noise: Noise,
+    watch: Watch,
 }
 
 impl Associator {
@@ -94,8 +98,8 @@ impl Associator {
         let size_m = (markers.iter().map(square).sum::<f64>() / n).sqrt().max(1e-3);
         let cameras: Vec<Camera> = rig.cameras.iter().map(|c| c.camera).collect();
         let volume_m3 = room_m3(rig, &cameras);
-        let (history, noise) = Default::default();
-        Ok(Self { estimator, cameras, colors, markers_std_m, volume_m3, size_m, history, noise })
+        let (history, noise, watch) = Default::default();
+        Ok(Self { estimator, cameras, colors, markers_std_m, volume_m3, size_m, history, noise, watch })
     }
 
     /// The estimator of poses.
@@ -111,18 +115,24 @@ impl Associator {
     /// What the candidates of the next instant are, and the pose they give.
     pub fn associate(&mut self, t_ns: i64, candidates: &[Candidate]) -> Association {
         let predicted = self.history.predicted(t_ns, self.size_m);
-        let mut out = match &predicted {
-            Some(belief) => self.follow(t_ns, candidates, belief),
-            None => self.acquire(t_ns, candidates),
-        };
-        if out.sample.estimate.is_none() && predicted.is_some() {
-            let anew = self.acquire(t_ns, candidates);
-            if anew.sample.estimate.is_some() {
-                out = anew;
+        let in_use = |camera: usize| !self.watch.is_out(camera);
+        let mut out = self.told_by(t_ns, candidates, predicted.as_ref(), in_use);
+        if let Some(belief) = predicted.as_ref().filter(|_| !self.is_sound(&out, candidates)) {
+            if let Some(rest) = self.without_one(t_ns, candidates, belief) {
+                out = rest;
+            } else if out.sample.estimate.is_none() {
+                let anew = self.told_by(t_ns, candidates, None, in_use);
+                out = if anew.sample.estimate.is_some() { anew } else { out };
             }
         }
+        if let Some(belief) = &predicted
+            && self.watch_cameras(t_ns, candidates, (&out, belief))
+        {
+            let rest = self.told_by(t_ns, candidates, Some(belief), |camera| !self.watch.is_out(camera));
+            out = if rest.sample.estimate.is_some() { rest } else { out };
+        }
         if let Some(estimate) = &out.sample.estimate {
-            self.history.push(t_ns, estimate);
+            self.history.push(t_ns, estimate, predicted.as_ref());
             let (squares, degrees) = self.misfit(estimate, candidates, &out.pairs);
             self.noise.learn(estimate, squares, degrees);
             self.drop_strangers(estimate, candidates, &mut out.pairs);
@@ -315,8 +325,13 @@ impl Noise {
             let scale = (squares / degrees).max(1.0);
             return (scale, -0.5 * squares / scale);
         }
-        let scale = if self.degrees > 0.0 { (self.squares / self.degrees).max(1.0) } else { 1.0 };
+        let scale = self.scale().unwrap_or(1.0);
         (scale, -0.5 * (CLAIM_DEGREES + degrees) * (squares / (CLAIM_DEGREES * scale)).ln_1p())
+    }
+
+    /// The factor on the claims, where anything was seen yet.
+    fn scale(&self) -> Option<f64> {
+        (self.degrees > 0.0).then(|| (self.squares / self.degrees).max(1.0))
     }
 
     fn learn(&mut self, estimate: &crate::PoseEstimate, squares: f64, degrees: f64) {

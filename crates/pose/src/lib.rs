@@ -20,7 +20,7 @@ mod smooth;
 mod testing;
 mod whittaker;
 
-pub use associate::{Association, Associator, Candidate};
+pub use associate::{Association, Associator, Candidate, MovedCamera};
 pub use calibrate::{
     CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, Pixels, Rig, RigCamera,
     calibrate,

@@ -7,7 +7,7 @@ use mavsight_session::TruthRow;
 use serde::Serialize;
 
 /// Share of a ball's face from which it counts as visible.
-const VISIBLE_SHARE: f64 = 0.9;
+const VISIBLE_SHARE: f64 = 0.75;
 /// Standard deviations by which a marker may be off beside its radius.
 const MOST_STD: f64 = 4.0;
 

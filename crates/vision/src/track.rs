@@ -3,6 +3,7 @@
 use crate::centre::LEAST_RADIUS_PX;
 use crate::color::{ColorModel, Seen, to_linear};
 use crate::detect::{Workspace, is_measurable};
+use crate::health::{self, BallHealth};
 use crate::optics::Known;
 use crate::segment::Window;
 use crate::{BallCandidate, BallColor, Frame, Vector2, VisionError};
@@ -62,6 +63,8 @@ pub struct Tracker {
     leading: Vec<Option<BallCandidate>>,
     frames: u64,
     next_id: u32,
+    health: Vec<BallHealth>,
+    is_dark: bool,
 }
 
 /// What is known of one colour.
@@ -115,6 +118,8 @@ impl Tracker {
             leading: vec![None; colors.len()],
             frames: 0,
             next_id: 0,
+            health: vec![BallHealth::default(); colors.len()],
+            is_dark: false,
         })
     }
 
@@ -147,9 +152,30 @@ impl Tracker {
         for color in 0..self.colors.len() {
             if let Some(lead) = self.lead(color) {
                 self.model.learn(color, &Seen::of(self.tracks[lead].colors));
+                if self.frames % health::EVERY == 1 {
+                    let seen = self.sightings.iter().filter(|s| s.color == color).count();
+                    let others = seen.saturating_sub(self.colors[color].markers);
+                    self.health[color].look(frame, &self.model, color, &self.tracks[lead].last, others);
+                }
             }
         }
+        self.is_dark = self.sightings.is_empty() && health::is_dark(frame);
         &self.sightings
+    }
+
+    /// How well the balls of each colour have been seen so far.
+    pub fn health(&self) -> &[BallHealth] {
+        &self.health
+    }
+
+    /// Whether the last frame was dark all over.
+    pub fn is_dark(&self) -> bool {
+        self.is_dark
+    }
+
+    /// Standard deviation of the blur of edges, pixel included, as the balls have shown it.
+    pub fn edge_px(&self) -> f64 {
+        self.workspace.optics.expected().edge_px.mean
     }
 
     /// Looks at the next frame: for each colour the ball that has been followed longest, those that moved first; None where

@@ -166,9 +166,11 @@ pub(crate) fn solve(
         markers: tracked.observations,
         body,
         poses: tracked.poses,
+        camera_health: tracked.health,
         ..RunResults::default()
     };
-    let notes = identify_into(&mut results, flight, bars)?;
+    let mut notes = tracked.notes;
+    notes.extend(identify_into(&mut results, flight, bars)?);
     Ok((results, notes))
 }
 

@@ -218,10 +218,13 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
         markers: tracked.observations,
         body,
         poses: tracked.poses,
+        camera_health: tracked.health,
         motion,
         ..RunResults::default()
     };
-    put(results, &refusal.into_iter().collect::<Vec<_>>(), &args.out)
+    let mut notes = tracked.notes;
+    notes.extend(refusal);
+    put(results, &notes, &args.out)
 }
 
 fn put(mut results: RunResults, notes: &[String], out: &Path) -> Result<()> {

@@ -35,6 +35,20 @@ impl Belief {
         spread.cholesky().map_or(f64::INFINITY, |c| change.dot(&c.solve(&change)))
     }
 
+    /// Both beliefs together, weighted by their covariances; none where they contradict each other.
+    fn with(&self, seen: &Self) -> Option<Self> {
+        if self.distance(seen) > crate::estimate::chi_square_quantile(6) {
+            return None;
+        }
+        let gain = self.covariance * (self.covariance + seen.covariance).cholesky()?.inverse();
+        let covariance = self.covariance - gain * self.covariance;
+        Some(Self {
+            pose: changed(&self.pose, &(gain * change(&self.pose, &seen.pose))),
+            covariance: (covariance + covariance.transpose()) * 0.5,
+            shift_m: 0.0,
+        })
+    }
+
     /// Logarithm of the density with which another belief is where it is.
     pub(super) fn log_density(&self, other: &Self) -> f64 {
         let spread = (self.covariance + other.covariance) * (2.0 * std::f64::consts::PI);
@@ -72,8 +86,11 @@ pub(super) struct History {
 }
 
 impl History {
-    pub(super) fn push(&mut self, t_ns: i64, estimate: &PoseEstimate) {
-        self.before = self.last.replace((t_ns, Belief::of(estimate)));
+    /// Adds a pose, with what was predicted where that is where it is.
+    pub(super) fn push(&mut self, t_ns: i64, estimate: &PoseEstimate, predicted: Option<&Belief>) {
+        let seen = Belief::of(estimate);
+        let both = predicted.and_then(|p| p.with(&seen)).unwrap_or(seen);
+        self.before = self.last.replace((t_ns, both));
     }
 
     /// The pose that constant velocity leads to, with what an unforeseen acceleration does to it; none where that is more

@@ -172,3 +172,50 @@ fn nothing_seen_is_nothing_measured() {
     assert!(found.sample.estimate.is_none() && found.pairs.is_empty());
     assert!(found.sample.reason.unwrap().contains("0 of"));
 }
+
+/// The second camera is turned by half a degree at frame 60: it is named with that time by the next frame, and the first
+/// camera goes on alone. Where nothing happens nobody is blamed.
+#[test]
+fn a_camera_that_is_pushed_is_named_and_left_out() {
+    let colors = [0, 1, 2, 3];
+    for (turn_px, pushed) in
+        [(Vector2::zeros(), false), (Vector2::new(4.4, 3.4), true), (Vector2::new(-5.6, 0.0), true)]
+    {
+        let mut associator = associator(&PAPER, &colors).unwrap();
+        let mut seed = 21;
+        for k in 0..100 {
+            let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut seed);
+            for (_, candidate) in frame.iter_mut().filter(|(_, c)| c.camera == 1 && k >= 60) {
+                candidate.pixel += turn_px;
+            }
+            let candidates: Vec<Candidate> = frame.iter().map(|f| f.1).collect();
+            let found = associator.associate(k * FRAME_NS, &candidates);
+            let estimate =
+                found.sample.estimate.unwrap_or_else(|| panic!("frame {k}: {:?}", found.sample.reason));
+            let error_m =
+                (estimate.world_from_body.translation.vector - pose_at(k).translation.vector).norm();
+            assert!(error_m < if pushed && k >= 60 { 0.06 } else { 0.01 }, "frame {k}: {error_m} m");
+            let named = associator.moved_cameras().first().copied();
+            assert_eq!(named.is_some(), pushed && k > 60, "frame {k}: {named:?}");
+        }
+        if let Some(named) = associator.moved_cameras().first() {
+            assert_eq!((named.camera, named.t_ns), (1, 60 * FRAME_NS));
+            assert!((named.shift_px - turn_px).norm() < 2.0, "{named:?}");
+        }
+    }
+}
+
+#[test]
+fn a_camera_that_goes_black_leaves_the_other() {
+    let colors = [0, 1, 2, 3];
+    let mut associator = associator(&PAPER, &colors).unwrap();
+    let mut seed = 2;
+    for k in 0..60 {
+        let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut seed);
+        frame.retain(|(_, c)| c.camera == 0 || k < 20);
+        let candidates: Vec<Candidate> = frame.iter().map(|f| f.1).collect();
+        let found = associator.associate(k * FRAME_NS, &candidates);
+        assert!(found.sample.estimate.is_some(), "frame {k}: {:?}", found.sample.reason);
+    }
+    assert!(associator.moved_cameras().is_empty());
+}
