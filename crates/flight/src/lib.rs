@@ -10,6 +10,7 @@ pub mod flapping;
 mod inputs;
 mod maneuver;
 mod simulate;
+pub mod staging;
 mod vehicle;
 
 pub use coefficient_model::{
@@ -24,4 +25,5 @@ pub use flapping::FlapState;
 pub use inputs::{InputChannel, InputSample, InputSeries};
 pub use maneuver::{Channel, Maneuver, Scenario, Sine};
 pub use simulate::{FlightState, InitialState, simulate};
+pub use staging::Staging;
 pub use vehicle::{Assumption, Color, Environment, Marker, Rotor, Vehicle};

@@ -1,6 +1,6 @@
 //! What is flown: a start and a sequence of manoeuvres, turned into inputs.
 
-use crate::{FlightError, InitialState, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use crate::{FlightError, InitialState, InputSample, InputSeries, Staging, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::EulerAngles;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -225,6 +225,9 @@ pub struct Scenario {
     pub heading_deg: f64,
     /// What is done; movements of one input add.
     pub maneuver: Vec<Maneuver>,
+    /// What else is in the room and happens to the cameras.
+    #[serde(default, skip_serializing_if = "Staging::is_empty")]
+    pub staging: Staging,
 }
 
 impl Scenario {
@@ -243,6 +246,7 @@ impl Scenario {
                 pulse_s: 1.0,
                 amplitude: -5.0,
             }],
+            staging: Staging::default(),
         }
     }
 
@@ -272,6 +276,7 @@ impl Scenario {
                 what: "more than ten million samples: shorten the flight".to_owned(),
             });
         }
+        self.staging.check()?;
         self.maneuver.iter().try_for_each(Maneuver::check)
     }
 

@@ -1,8 +1,8 @@
 //! What each command does.
 
+mod campaign;
 mod convert;
 mod convert_formats;
-mod campaign;
 mod demo;
 mod film;
 mod identify;

@@ -1,8 +1,8 @@
 //! The virtual laboratory: the paper's cameras, control frame and aircraft, filmed.
 
-use mavsight_flight::{FlightState, Vehicle};
-use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector3, world_from_body};
-use mavsight_scene::{Aircraft, ControlFrame, Film, PaintedBall, Room, Sensor};
+use mavsight_flight::{FlightState, Staging, Vehicle};
+use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector2, Vector3, world_from_body};
+use mavsight_scene::{Aircraft, ControlFrame, Film, InTheWay, PaintedBall, Person, Room, Sensor, Veil};
 use mavsight_score::{VirtualCamera, VirtualLab, true_pose};
 use mavsight_session::{ControlPointRow, TruthRow};
 
@@ -43,45 +43,139 @@ pub fn control_frame(points: &[ControlPointRow]) -> ControlFrame {
     ControlFrame::new(&balls)
 }
 
+/// The meeting room with what a scenario puts into it.
+pub fn room(staging: &Staging) -> Room {
+    let mut room = Room::meeting_room();
+    for d in &staging.decoy {
+        let (centre_m, radius_m) = (d.position_m.into(), d.diameter_m / 2.0);
+        room.add_ball(&PaintedBall { centre_m, radius_m, linear: d.color.to_linear() });
+    }
+    for p in &staging.poster {
+        let [width_m, height_m] = p.size_m;
+        room.add_block(p.position_m, [width_m, 0.01, height_m], p.heading_deg, p.color.to_linear());
+    }
+    room
+}
+
+/// A camera that films a scenario.
+pub struct StagedFilm<'a> {
+    camera: VirtualCamera,
+    film: Film<'a>,
+    /// From when on the camera stands otherwise, and what it films then.
+    bumped: Vec<(f64, Film<'a>)>,
+    staging: Staging,
+}
+
 /// A camera's film; the noise of each camera is its own.
 pub fn film<'a>(room: &'a Room, camera: &VirtualCamera, index: usize, seed: u64) -> Film<'a> {
+    Film::new(room, camera.camera, sensor(index, seed))
+}
+
+fn sensor(index: usize, seed: u64) -> Sensor {
     let seed = seed.wrapping_mul(1_000_003).wrapping_add(index as u64);
-    Film::new(room, camera.camera, Sensor { seed, ..Sensor::default() })
+    Sensor { seed, ..Sensor::default() }
 }
 
-/// One frame of a flight; the shutter is open for a quarter of the interval around the state's time.
-pub fn frame(
-    film: &Film<'_>,
+/// The same with what a scenario does to the camera.
+pub fn staged_film<'a>(
+    room: &'a Room,
+    camera: &VirtualCamera,
     index: usize,
-    aircraft: &Aircraft,
-    state: &TruthRow,
-    interval_s: f64,
-) -> Vec<u8> {
-    let open_s = Sensor::default().exposure_fraction * interval_s;
-    film.frame(index as u64, aircraft, |share| pose_near(state, share * open_s))
+    seed: u64,
+    staging: &Staging,
+) -> StagedFilm<'a> {
+    let mut turned = camera.camera;
+    let mut bumps: Vec<_> = staging.bump.iter().filter(|b| b.camera == camera.name).collect();
+    bumps.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+    let bumped = bumps
+        .into_iter()
+        .map(|bump| {
+            let turn = Vector3::from(bump.turn_deg.map(f64::to_radians));
+            turned.cam_from_world = UnitQuaternion::from_scaled_axis(turn) * turned.cam_from_world;
+            (bump.at_s, Film::new(room, turned, sensor(index, seed)))
+        })
+        .collect();
+    let film = film(room, camera, index, seed);
+    StagedFilm { camera: camera.clone(), film, bumped, staging: staging.clone() }
 }
 
-/// One frame of a flight at any time between the rows of its truth, by a camera whose rows are read `line_time_s` apart. Before the
-/// first row and after the last the aircraft stands still.
-pub fn frame_at(
-    film: &Film<'_>,
-    index: usize,
-    aircraft: &Aircraft,
-    truth: &[TruthRow],
-    when: Shot,
-) -> Option<Vec<u8>> {
-    let open_s = Sensor::default().exposure_fraction * when.interval_s;
-    let (first, last) = (truth.first()?, truth.last()?);
-    let start = true_pose(truth, first.t_s)?;
-    let pose_at = |share: f64| {
-        let t_s = (when.t_s + share * open_s).clamp(first.t_s, last.t_s);
-        true_pose(truth, t_s).unwrap_or(start)
-    };
-    Some(if when.line_time_s == 0.0 {
-        film.frame(index as u64, aircraft, pose_at)
-    } else {
-        film.rolling_frame(index as u64, aircraft, when.line_time_s / open_s, pose_at)
-    })
+impl StagedFilm<'_> {
+    /// The room with a control frame, before anything happens.
+    pub fn still(&self, control: Option<&ControlFrame>) -> Vec<u8> {
+        self.film.still(control)
+    }
+
+    /// One frame of a flight; the shutter is open for a quarter of the interval around the state's time.
+    pub fn frame(&self, index: usize, aircraft: &Aircraft, state: &TruthRow, interval_s: f64) -> Vec<u8> {
+        let open_s = Sensor::default().exposure_fraction * interval_s;
+        let pose_at = |share: f64| pose_near(state, share * open_s);
+        self.film_at(state.t_s).frame_with(index as u64, aircraft, pose_at, &self.way(state.t_s))
+    }
+
+    /// One frame of a flight at any time between the rows of its truth. Before the first row and after the last the aircraft
+    /// stands still. A rolling shutter films nothing that is in the way.
+    pub fn frame_at(
+        &self,
+        index: usize,
+        aircraft: &Aircraft,
+        truth: &[TruthRow],
+        when: Shot,
+    ) -> Option<Vec<u8>> {
+        let open_s = Sensor::default().exposure_fraction * when.interval_s;
+        let (first, last) = (truth.first()?, truth.last()?);
+        let start = true_pose(truth, first.t_s)?;
+        let pose_at = |share: f64| {
+            let t_s = (when.t_s + share * open_s).clamp(first.t_s, last.t_s);
+            true_pose(truth, t_s).unwrap_or(start)
+        };
+        let film = self.film_at(when.t_s);
+        Some(if when.line_time_s == 0.0 {
+            film.frame_with(index as u64, aircraft, pose_at, &self.way(when.t_s))
+        } else {
+            film.rolling_frame(index as u64, aircraft, when.line_time_s / open_s, pose_at)
+        })
+    }
+
+    /// Share of each ball's face that the camera sees.
+    pub fn visible_shares(&self, vehicle: &Vehicle, aircraft: &Aircraft, state: &TruthRow) -> Vec<f64> {
+        let (way, pose) = (self.way(state.t_s), pose_near(state, 0.0));
+        let film = self.film_at(state.t_s);
+        let share = |m: &mavsight_flight::Marker| {
+            film.visible_share((&m.position_m.into(), m.diameter_m / 2.0), aircraft, &pose, &way)
+        };
+        vehicle.marker.iter().map(share).collect()
+    }
+
+    fn film_at(&self, t_s: f64) -> &Film<'_> {
+        self.bumped.iter().rev().find(|b| b.0 <= t_s).map_or(&self.film, |b| &b.1)
+    }
+
+    fn way(&self, t_s: f64) -> InTheWay {
+        let size = self.camera.camera.size;
+        let (width, height) = (f64::from(size.width_px), f64::from(size.height_px));
+        let own = |name: &str| name == self.camera.name;
+        let veil = |g: &mavsight_flight::staging::Glare| {
+            let along = (t_s - g.from_s) / (g.to_s - g.from_s);
+            let at = |k: usize| g.from[k] + along * (g.to[k] - g.from[k]);
+            let pixel = Vector2::new(at(0) * width, at(1) * height);
+            Veil { pixel, radius_px: g.radius * width, strength: g.strength }
+        };
+        let shines =
+            |g: &&mavsight_flight::staging::Glare| own(&g.camera) && (g.from_s..g.to_s).contains(&t_s);
+        let dark = |b: &mavsight_flight::staging::Black| {
+            own(&b.camera) && t_s >= b.from_s && b.to_s.is_none_or(|to_s| t_s < to_s)
+        };
+        InTheWay {
+            people: self
+                .staging
+                .walker
+                .iter()
+                .map(|w| Person { at_m: w.place_m(t_s), linear: w.color.to_linear() })
+                .collect(),
+            veils: self.staging.glare.iter().filter(shines).map(veil).collect(),
+            black: self.staging.black.iter().any(dark),
+        }
+    }
 }
 
 /// An aircraft that is carried about by hand, in front of the paper's cameras: sums of sines of 0.2 to 0.7 Hz, at about half a
@@ -117,6 +211,18 @@ pub fn carried(duration_s: f64, rate_hz: f64) -> Vec<FlightState> {
         }
     };
     (0..(duration_s * rate_hz).round() as usize).map(state).collect()
+}
+
+/// One frame of a flight with nothing in the way; the shutter is open for a quarter of the interval around the state's time.
+pub fn frame(
+    film: &Film<'_>,
+    index: usize,
+    aircraft: &Aircraft,
+    state: &TruthRow,
+    interval_s: f64,
+) -> Vec<u8> {
+    let open_s = Sensor::default().exposure_fraction * interval_s;
+    film.frame(index as u64, aircraft, |share| pose_near(state, share * open_s))
 }
 
 /// When a frame is taken.

@@ -7,6 +7,7 @@ use serde_json::{Map, Value, json};
 
 mod body;
 mod clocks;
+mod health;
 
 /// One figure.
 pub(crate) struct Row {
@@ -40,6 +41,7 @@ impl Summary {
         summary.clocks(results);
         summary.body(results);
         summary.poses(results);
+        summary.health(results);
         summary.motion(results);
         crate::fits::summarise(&mut summary, results);
         crate::motion_fits::summarise(&mut summary, results);
@@ -267,6 +269,14 @@ impl Summary {
                 "mm",
             );
         }
+        if let Some(i) = scores.identity {
+            let shown = format!("{} of {}", i.measured, i.measurable);
+            let label = "frames measured of those with three balls visible to two cameras";
+            self.add("truth", "measured_of_measurable", label, json!([i.measured, i.measurable]), shown);
+            let label = "frames with a wrong identity, with a frozen pose";
+            let shown = format!("{}, {}", i.wrong, i.frozen);
+            self.add("truth", "wrong_and_frozen", label, json!([i.wrong, i.frozen]), shown);
+        }
         let poses = [("poses", scores.poses), ("motion", scores.motion.map(|m| m.pose))];
         for (what, errors) in poses {
             let Some(e) = errors else { continue };
@@ -371,6 +381,7 @@ pub(crate) fn title(section: &str) -> &'static str {
         "time" => "Time",
         "body" => "Body as built (its axes: no common shift or turn against the vehicle file)",
         "poses" => "Single poses",
+        "health" => "How well the cameras see the markers",
         "motion" => "Smoothed motion",
         "fit" => "Fit",
         "parameters" => "Parameters",

@@ -2,6 +2,7 @@
 //!
 //! Recorded, live and virtual cameras enter as [`CameraFeed`]s; nothing here knows which kind it is handed.
 
+mod associate;
 mod board;
 mod calibrate;
 mod error;
@@ -17,6 +18,7 @@ mod stream;
 mod testing;
 mod track;
 mod wand;
+mod watch;
 
 pub use board::{Board, board_of};
 pub use calibrate::{

@@ -65,7 +65,12 @@ fn estimate_all(estimator: &PoseEstimator, tracked: &mut Tracked) {
         let own = rest.iter().take_while(|o| o.t_ns == pose.t_ns).count();
         let (seen, later) = rest.split_at(own);
         rest = later;
-        *pose = crate::track::pose_at(estimator, pose.t_ns, seen, previous.as_ref());
+        if seen.is_empty() && pose.estimate.is_none() && pose.reason.is_some() {
+            continue;
+        }
+        // Where two minima are likely, the one that was found with what the instant knew is the one.
+        let known = pose.estimate.as_ref().map(|e| e.world_from_body).or(previous);
+        *pose = crate::track::pose_at(estimator, pose.t_ns, seen, known.as_ref());
         previous = pose.estimate.as_ref().map(|e| e.world_from_body).or(previous);
     }
 }

@@ -1,9 +1,10 @@
 //! What one camera saw, by its own clock, and what was wrong with its frames.
 
+use crate::associate::MarkerColors;
 use crate::{PipelineError, TimedFrame};
-use mavsight_geometry::Vector2;
+use mavsight_geometry::{Matrix2, Vector2};
 use mavsight_pose::{CameraStream, ClockPrior, StreamSight};
-use mavsight_vision::{BallCandidate, Frame};
+use mavsight_vision::{ColorSighting, Frame};
 
 /// Frames further apart than this many intervals have others missing between them.
 const GAP_INTERVALS: f64 = 1.5;
@@ -17,13 +18,27 @@ pub(crate) struct Stream {
     /// Time stamps of the frames that were looked at, rising.
     pub(crate) stamps_ns: Vec<i64>,
     /// What was seen in them, in order of time.
-    pub(crate) sights: Vec<StreamSight>,
-    /// Apparent diameters, one for each sight.
-    pub(crate) diameters_px: Vec<f64>,
+    pub(crate) sights: Vec<Sight>,
     pub(crate) clock: ClockPrior,
     pub(crate) readout: Vector2<f64>,
     faults: Faults,
     last: Option<Frame>,
+}
+
+/// One thing of a marker's colour in one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Sight {
+    pub(crate) stamp_ns: i64,
+    /// The same for the same thing from frame to frame.
+    pub(crate) id: u32,
+    pub(crate) color: usize,
+    pub(crate) pixel: Vector2<f64>,
+    pub(crate) covariance_px2: Matrix2<f64>,
+    pub(crate) diameter_px: f64,
+    /// Whether it has long stayed at one place.
+    pub(crate) stays: bool,
+    /// Whether it is the most likely of its colour to be a marker.
+    pub(crate) leads: bool,
 }
 
 /// What was wrong with the frames.
@@ -43,7 +58,6 @@ impl Stream {
             name,
             stamps_ns: Vec::new(),
             sights: Vec::new(),
-            diameters_px: Vec::new(),
             clock,
             readout,
             faults: Faults::default(),
@@ -66,14 +80,18 @@ impl Stream {
     }
 
     /// Adds what was seen in a frame that was taken.
-    pub(crate) fn add(&mut self, timed: TimedFrame, balls: &[Option<BallCandidate>]) {
+    pub(crate) fn add(&mut self, timed: TimedFrame, seen: &[ColorSighting]) {
         self.stamps_ns.push(timed.t_ns);
-        for (marker, ball) in balls.iter().enumerate() {
-            let Some(ball) = ball else { continue };
-            let (pixel, covariance_px2) = (ball.pixel, ball.covariance_px2);
-            self.sights.push(StreamSight { stamp_ns: timed.t_ns, marker, pixel, covariance_px2 });
-            self.diameters_px.push(ball.diameter_px);
-        }
+        self.sights.extend(seen.iter().map(|s| Sight {
+            stamp_ns: timed.t_ns,
+            id: s.id,
+            color: s.color,
+            pixel: s.ball.pixel,
+            covariance_px2: s.ball.covariance_px2,
+            diameter_px: s.ball.diameter_px,
+            stays: s.stays,
+            leads: s.leads,
+        }));
         self.last = Some(timed.frame);
     }
 
@@ -103,12 +121,26 @@ impl Stream {
         steps.get(steps.len() / 2).map_or(1.0 / 30.0, |step| *step as f64 * 1e-9)
     }
 
-    /// The same for the estimation of clocks.
-    pub(crate) fn camera_stream(&mut self) -> CameraStream {
+    /// What the estimation of clocks needs, before the body has told which ball is which: of each colour that one marker alone
+    /// has, what is most likely that marker.
+    pub(crate) fn camera_stream(&self, colors: &MarkerColors) -> CameraStream {
+        let counts = colors.counts();
+        let marker = |color: usize| {
+            let own = counts.get(color) == Some(&1);
+            colors.of_marker.iter().position(|c| own && *c == color)
+        };
+        let sights = self.sights.iter().filter(|s| s.leads).filter_map(|s| {
+            Some(StreamSight {
+                stamp_ns: s.stamp_ns,
+                marker: marker(s.color)?,
+                pixel: s.pixel,
+                covariance_px2: s.covariance_px2,
+            })
+        });
         CameraStream {
             interval_s: self.interval_s(),
             readout: self.readout,
-            sights: std::mem::take(&mut self.sights),
+            sights: sights.collect(),
             prior: self.clock,
         }
     }

@@ -1,12 +1,12 @@
 //! What several tests share: two cameras, and what they see of a body that is carried about.
 
-use crate::stream::Stream;
+use crate::stream::{Sight, Stream};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{
     Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector2, Vector3,
     world_from_body,
 };
-use mavsight_pose::{CameraClock, CameraControl, ClockPrior, Rig, StreamSight, calibrate};
+use mavsight_pose::{CameraClock, CameraControl, ClockPrior, Rig, calibrate};
 
 pub(crate) const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
 
@@ -81,8 +81,16 @@ pub(crate) fn stream(
             let pixel = view.project_ball(&centre, ball.diameter_m / 2.0).unwrap().pixel;
             let pixel = pixel + Vector2::new(uniform(), uniform());
             let covariance_px2 = Matrix2::identity() * STD_PX * STD_PX;
-            out.sights.push(StreamSight { stamp_ns, marker, pixel, covariance_px2 });
-            out.diameters_px.push(6.0);
+            out.sights.push(Sight {
+                stamp_ns,
+                id: marker as u32,
+                color: marker,
+                pixel,
+                covariance_px2,
+                diameter_px: 6.0,
+                stays: false,
+                leads: true,
+            });
         }
     }
     out

@@ -1,7 +1,9 @@
 //! Frames of all cameras into marker observations and poses.
 
+use crate::associate::{Identities, MarkerColors};
 use crate::reconstruct::Reconstruction;
 use crate::stream::Stream;
+use crate::watch::CameraWatch;
 use crate::{CameraFeed, PipelineError, Progress, Stage, TimedFrame, join};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Isometry3, Vector3};
@@ -9,7 +11,8 @@ use mavsight_pose::{
     BodyMarker, CameraClock, CameraStream, ClockEstimate, ClockVerdict, MarkerObservation, PoseEstimator,
     PoseSample, Rig, estimate_clocks,
 };
-use mavsight_vision::{BallColor, Tracker};
+use mavsight_session::results::CameraHealth;
+use mavsight_vision::Tracker;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 /// Frames that may wait between two stages: enough to even out decoding, few enough to stay in the cache.
@@ -29,12 +32,14 @@ pub struct Tracked {
     pub poses: Vec<PoseSample>,
     /// The cameras' clocks; none where the observations came from elsewhere.
     pub clocks: Vec<ClockEstimate>,
-    /// What was wrong with the recordings, with camera and time.
+    /// How well each camera saw the markers; none where the observations came from elsewhere.
+    pub health: Vec<CameraHealth>,
+    /// What was wrong with the recordings and what happened to the cameras, with camera and time.
     pub notes: Vec<String>,
 }
 
-/// Runs every feed through detection and tracking, sets the cameras' clocks right, brings what they saw to common instants, and
-/// estimates one pose an instant.
+/// Runs every feed through detection and tracking, sets the cameras' clocks right, brings what they saw to common instants, tells
+/// which ball is which, and estimates one pose an instant.
 ///
 /// Each camera has a thread that fetches frames and one that tracks, joined by a queue of bounded length. Faults of a recording
 /// behind its first frame are noted with camera and time, and the flight goes on with what remains.
@@ -56,7 +61,7 @@ pub fn track(
         })
         .collect::<Result<Vec<_>, _>>()?;
     progress.begin(Stage::Track, feeds.iter().filter_map(|f| f.announced).min().map(|n| n as u64));
-    let streams = std::thread::scope(|scope| {
+    let seen = std::thread::scope(|scope| {
         let workers: Vec<_> = feeds
             .into_iter()
             .zip(trackers)
@@ -72,9 +77,10 @@ pub fn track(
         let ended = |w: std::thread::ScopedJoinHandle<'_, _>| {
             w.join().unwrap_or_else(|_| Err(PipelineError::Worker { camera: "a camera".into() }))
         };
-        workers.into_iter().map(ended).collect::<Result<Vec<Stream>, _>>()
+        workers.into_iter().map(ended).collect::<Result<Vec<(Stream, CameraWatch)>, _>>()
     })?;
-    joined(streams, rig, vehicle)
+    let (streams, watches) = seen.into_iter().unzip();
+    joined(streams, watches, rig, vehicle)
 }
 
 fn fetch(feed: CameraFeed<'_>, out: &SyncSender<Result<TimedFrame, PipelineError>>) {
@@ -90,12 +96,14 @@ fn observe(
     mut stream: Stream,
     frames: &Receiver<Result<TimedFrame, PipelineError>>,
     progress: Option<&dyn Progress>,
-) -> Result<Stream, PipelineError> {
+) -> Result<(Stream, CameraWatch), PipelineError> {
+    let mut watch = CameraWatch::new(stream.name.clone());
     for frame in frames {
         match frame {
             Ok(timed) if stream.takes(&timed) => {
-                let balls = tracker.observe(&timed.frame);
-                stream.add(timed, balls);
+                let seen = tracker.candidates(&timed.frame).to_vec();
+                watch.saw(timed.t_ns, &tracker);
+                stream.add(timed, &seen);
             }
             Ok(_) => {}
             Err(error) => stream.add_fault(error)?,
@@ -108,18 +116,21 @@ fn observe(
     if stream.stamps_ns.is_empty() {
         return Err(PipelineError::NoFrames { camera: stream.name });
     }
-    Ok(stream)
+    Ok((stream, watch.finish(&tracker)))
 }
 
-/// Clocks, instants and poses of what the cameras saw.
-fn joined(mut streams: Vec<Stream>, rig: &Rig, vehicle: &Vehicle) -> Result<Tracked, PipelineError> {
-    let markers = body_markers(vehicle);
+/// Clocks, instants, identities and poses of what the cameras saw.
+fn joined(
+    streams: Vec<Stream>,
+    watches: Vec<CameraWatch>,
+    rig: &Rig,
+    vehicle: &Vehicle,
+) -> Result<Tracked, PipelineError> {
+    let colors = MarkerColors::of(vehicle);
     let mut notes: Vec<String> = streams.iter().flat_map(Stream::notes).collect();
-    let seen: Vec<CameraStream> = streams.iter_mut().map(Stream::camera_stream).collect();
-    let clocks = estimate_clocks(rig, &markers, &seen);
-    for (stream, seen) in streams.iter_mut().zip(seen) {
-        stream.sights = seen.sights;
-    }
+    let seen: Vec<CameraStream> = streams.iter().map(|s| s.camera_stream(&colors)).collect();
+    let clocks = estimate_clocks(rig, &body_markers(vehicle), &seen);
+    drop(seen);
     for (stream, clock) in streams.iter().zip(&clocks) {
         if let ClockVerdict::TooSlow { .. } = clock.verdict {
             notes.push(format!("{}: its clock is {clock}.", stream.name));
@@ -129,11 +140,11 @@ fn joined(mut streams: Vec<Stream>, rig: &Rig, vehicle: &Vehicle) -> Result<Trac
     notes.extend(span_notes(&streams, &exact)?);
     let sizes: Vec<_> = rig.cameras.iter().map(|c| c.camera.size).collect();
     let mut all = Reconstruction::new(rig, vehicle);
-    for instant in join::instants(&streams, &sizes, &exact, markers.len()) {
-        all.tracked.diameters_px.extend(&instant.diameters_px);
-        all.add(instant.t_ns, instant.observations);
-    }
+    let mut identities = Identities::new(rig, vehicle)?;
+    join::instants(&streams, &sizes, &exact, |t_ns, seen| identities.add(t_ns, seen, &mut all.tracked));
+    identities.finish(rig, watches, &mut all.tracked);
     let mut tracked = all.finish()?;
+    notes.append(&mut tracked.notes);
     (tracked.clocks, tracked.notes) = (clocks, notes);
     Ok(tracked)
 }
@@ -174,11 +185,6 @@ fn span_notes(streams: &[Stream], clocks: &[CameraClock]) -> Result<Vec<String>,
     Ok(notes)
 }
 
-/// The vehicle's markers as colours.
-fn ball_colors(vehicle: &Vehicle) -> Vec<BallColor> {
-    vehicle.marker.iter().map(|m| BallColor { name: m.name.clone(), rgb: m.color.rgb() }).collect()
-}
-
 /// A tracker that expects the apparent diameters the rig and the ball sizes imply over the calibrated volume.
 fn tracker_for(rig: &Rig, camera: usize, vehicle: &Vehicle) -> Result<Tracker, mavsight_vision::VisionError> {
     let seen_by = &rig.cameras[camera];
@@ -192,7 +198,8 @@ fn tracker_for(rig: &Rig, camera: usize, vehicle: &Vehicle) -> Result<Tracker, m
     let smallest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(f64::MAX, f64::min);
     let largest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(0.0, f64::max);
     let range = focal_px * smallest_m / far_m / RANGE_MARGIN..=focal_px * largest_m / near_m * RANGE_MARGIN;
-    Ok(Tracker::new(&ball_colors(vehicle), range)?.with_camera(seen_by.camera))
+    let colors = MarkerColors::of(vehicle);
+    Ok(Tracker::new(&colors.balls, range)?.with_markers(&colors.counts()).with_camera(seen_by.camera))
 }
 
 pub(crate) fn pose_at(
@@ -248,7 +255,8 @@ mod tests {
         rig.cameras.truncate(streams.len());
         rig.uncertainty =
             rig.uncertainty.rows(0, mavsight_geometry::CAMERA_PARAMETERS * streams.len()).into();
-        joined(streams, &rig, &Vehicle::paper()).unwrap()
+        let watches = streams.iter().map(|s| CameraWatch::new(s.name.clone())).collect();
+        joined(streams, watches, &rig, &Vehicle::paper()).unwrap()
     }
 
     fn unknown(mut stream: Stream) -> Stream {

@@ -130,6 +130,46 @@ pub enum PoseError {
         /// Chi-square of the next.
         next_chi_square: f64,
     },
+    /// Markers of one colour whose arrangement looks the same after a turn.
+    #[error(
+        "the markers {markers} have one colour and change places when the body is turned, so that no image tells its attitude: move one of them by more than {needed_mm:.1} mm, so that all distances differ, or paint one in another colour"
+    )]
+    SymmetricMarkers {
+        /// Names.
+        markers: String,
+        /// Shift that can be told from errors of the markers' places.
+        needed_mm: f64,
+    },
+    /// Balls that make a body no likelier than chance does.
+    #[error(
+        "{balls} balls of the markers' colours are seen, but odds of e^{log_odds:.1} that they are the body's are too low for a pose (e^{needed:.1} needed): show three markers to two cameras, or four to one"
+    )]
+    UnconvincingPose {
+        /// Balls seen by all cameras.
+        balls: usize,
+        /// Logarithm of the odds of the best assignment.
+        log_odds: f64,
+        /// Least that is believed.
+        needed: f64,
+    },
+    /// Two assignments of balls to markers that are about as likely.
+    #[error(
+        "{balls} balls of the markers' colours fit the body in two ways, the better one likelier by only e^{lead:.1}: cover what has a marker's colour in the room, or place the markers less symmetrically"
+    )]
+    AmbiguousIdentity {
+        /// Balls seen by all cameras.
+        balls: usize,
+        /// Logarithm of the odds between the two.
+        lead: f64,
+    },
+    /// A pose that no aircraft reaches from the ones before.
+    #[error(
+        "the balls near the predicted markers give a pose {times:.1} standard deviations from where the poses before lead: they are not all the body's"
+    )]
+    UnlikelyPose {
+        /// Root of the mean square.
+        times: f64,
+    },
     /// The uncertainty of the markers' positions does not belong to these markers.
     #[error(
         "the uncertainty of the markers has {rows} rows or is not finite: give 3 rows a marker, {needed} in all"

@@ -2,6 +2,7 @@
 //!
 //! Frames and units are those of `mavsight-geometry`. Nothing here knows where the observations came from.
 
+mod associate;
 mod calibrate;
 mod causal;
 mod chain;
@@ -21,6 +22,7 @@ mod smooth;
 mod testing;
 mod whittaker;
 
+pub use associate::{Association, Associator, Candidate, MovedCamera};
 pub use calibrate::{
     CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, MovedObject, Pixels, Rig,
     RigCamera, calibrate, calibrate_with, predict_calibration,

@@ -27,7 +27,7 @@ pub(crate) struct Part {
 }
 
 impl Part {
-    fn new(shape: Shape, linear: [f64; 3], gloss: f64, passes: f64) -> Self {
+    pub(crate) fn new(shape: Shape, linear: [f64; 3], gloss: f64, passes: f64) -> Self {
         Self { shape, linear, gloss, passes, bound: shape.bound() }
     }
 }

@@ -4,15 +4,16 @@ use crate::aircraft::{Aircraft, ControlFrame, Part};
 use crate::light::IrradianceMap;
 use crate::render::{Composer, Moving, PART_SAMPLES, Plate, Region, region_of, room_plate};
 use crate::sensor::Coder;
+use crate::way::InTheWay;
 use crate::{Room, Sensor};
 use mavsight_geometry::Camera;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector2};
 
 /// A camera in a room, ready to film.
 pub struct Film<'a> {
-    room: &'a Room,
-    camera: Camera,
-    plate: Plate,
+    pub(crate) room: &'a Room,
+    pub(crate) camera: Camera,
+    pub(crate) plate: Plate,
     blurred: Vec<[f32; 3]>,
     lens: Lens,
     coder: Coder,
@@ -45,7 +46,7 @@ impl<'a> Film<'a> {
     pub fn still(&self, control: Option<&ControlFrame>) -> Vec<u8> {
         let pose = [Isometry3::identity()];
         let light = match control {
-            Some(frame) => self.with_parts(&frame.parts, &pose),
+            Some(frame) => self.with_parts(&frame.parts, &pose, (&self.plate, &self.blurred)),
             None => self.blurred.clone(),
         };
         self.coder.code(&light, STILL_FRAME)
@@ -56,9 +57,37 @@ impl<'a> Film<'a> {
     /// `pose_at` gives world_from_body at a share of the exposure, from -0.5 (shutter opens) to 0.5 (it closes); 0 is
     /// the time stamp of the frame. `index` chooses the noise.
     pub fn frame(&self, index: u64, aircraft: &Aircraft, pose_at: impl Fn(f64) -> Isometry3<f64>) -> Vec<u8> {
+        self.frame_with(index, aircraft, pose_at, &InTheWay::default())
+    }
+
+    /// The same with things in the way.
+    pub fn frame_with(
+        &self,
+        index: u64,
+        aircraft: &Aircraft,
+        pose_at: impl Fn(f64) -> Isometry3<f64>,
+        way: &InTheWay,
+    ) -> Vec<u8> {
+        if way.black {
+            return vec![0; 3 * self.plate.light.len()];
+        }
         let poses: Vec<Isometry3<f64>> =
             (0..PART_SAMPLES).map(|k| pose_at((k as f64 + 0.5) / PART_SAMPLES as f64 - 0.5)).collect();
-        self.coder.code(&self.with_parts(&aircraft.parts, &poses), index)
+        let (width, height) = self.size();
+        let mut light = match self.peopled(way) {
+            Some(plate) => {
+                let blurred = blur(&plate.light, width, height, &self.lens.coarse);
+                self.with_parts(&aircraft.parts, &poses, (&plate, &blurred))
+            }
+            None => self.with_parts(&aircraft.parts, &poses, (&self.plate, &self.blurred)),
+        };
+        if !way.veils.is_empty() {
+            for (k, pixel) in light.iter_mut().enumerate() {
+                let veil = way.veil(&Vector2::new((k % width) as f64, (k / width) as f64)) as f32;
+                pixel.iter_mut().for_each(|c| *c += veil);
+            }
+        }
+        self.coder.code(&light, index)
     }
 
     /// One frame by a rolling shutter, whose rows are each exposed later than the one above by `row_share` of the exposure; the
@@ -98,13 +127,18 @@ impl<'a> Film<'a> {
     }
 
     /// Linear light of the room with parts before it, behind the lens.
-    fn with_parts(&self, parts: &[Part], poses: &[Isometry3<f64>]) -> Vec<[f32; 3]> {
+    fn with_parts(
+        &self,
+        parts: &[Part],
+        poses: &[Isometry3<f64>],
+        (plate, blurred): (&Plate, &[[f32; 3]]),
+    ) -> Vec<[f32; 3]> {
         let margin_px = 2.0 + 2.0 * self.lens.reach as f64;
-        let mut out = self.blurred.clone();
+        let mut out = blurred.to_vec();
         let Some(region) = region_of(parts, poses, &self.camera, margin_px) else { return out };
         let light = self.light_on(parts, &poses[poses.len() / 2]);
         let moving = Moving { parts, poses, light: &light };
-        let composer = Composer::new(&moving, &self.camera, &self.plate);
+        let composer = Composer::new(&moving, &self.camera, plate);
         self.soften_into(&mut out, region, |y, columns, samples| composer.row(y, columns, samples));
         out
     }

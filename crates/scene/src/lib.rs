@@ -12,9 +12,11 @@ mod render;
 mod room;
 mod sensor;
 mod shapes;
+mod way;
 
 pub use aircraft::{Aircraft, ControlFrame, PaintedBall};
 pub use film::Film;
 pub use overlay::draw_path;
 pub use room::Room;
 pub use sensor::Sensor;
+pub use way::{InTheWay, Person, Veil};

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// How light becomes pixel value: a white surface under the lamps comes near, but not to, full well.
-const EXPOSURE: f64 = 0.85;
+pub(crate) const EXPOSURE: f64 = 0.85;
 /// Samples across a pixel of the room, each way.
 const ROOM_SAMPLES: u32 = 3;
 /// Samples across a pixel of what moves, each way; their 64 rows and columns are all different, so that an edge along an
@@ -19,12 +19,13 @@ const ROOM_SAMPLES: u32 = 3;
 pub(crate) const PART_SAMPLES: usize = 8;
 
 /// A rendered room: linear light of each pixel, and the distance along its middle ray.
+#[derive(Clone)]
 pub(crate) struct Plate {
     pub light: Vec<[f32; 3]>,
     pub distance_m: Vec<f32>,
 }
 
-fn ray_at(camera: &Camera, u: f64, v: f64) -> Option<Ray> {
+pub(crate) fn ray_at(camera: &Camera, u: f64, v: f64) -> Option<Ray> {
     let direction = camera.ray(&Vector2::new(u, v)).ok()?;
     Some(Ray { origin: camera.centre_in_world(), direction })
 }

@@ -75,6 +75,18 @@ impl Room {
         room
     }
 
+    /// Adds a ball of a colour in linear light that stands in the room, world axes.
+    pub fn add_ball(&mut self, ball: &crate::PaintedBall) {
+        let shape = Shape::Ball { centre: ball.centre_m, radius: ball.radius_m };
+        self.items.push(Item { shape, paint: Paint::Plain(ball.linear), bound: shape.bound() });
+    }
+
+    /// Adds an upright block of a colour in linear light, its centre in world axes, turned from +X towards +Y.
+    pub fn add_block(&mut self, centre_m: [f64; 3], size_m: [f64; 3], yaw_deg: f64, linear: [f64; 3]) {
+        let [x, y, z] = centre_m;
+        self.block([x, y, z - FLOOR_M], size_m, yaw_deg, Paint::Plain(linear));
+    }
+
     fn block(&mut self, centre: [f64; 3], size: [f64; 3], yaw_deg: f64, paint: Paint) {
         let [x, y, above_floor_m] = centre;
         let shape = Shape::block([x, y, above_floor_m + FLOOR_M], size, yaw_deg);

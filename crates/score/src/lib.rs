@@ -8,6 +8,7 @@ mod campaign_file;
 mod chunks;
 mod coverage;
 mod error;
+mod identity;
 mod random;
 mod virtual_flight;
 mod virtual_lab;
@@ -20,6 +21,7 @@ pub use campaign_file::{
 pub use chunks::ChunkFile;
 pub use coverage::{Coverage, QUANTITIES, Quantity, Tally};
 pub use error::ScoreError;
+pub use identity::{IdentityScore, score_identity};
 pub use random::Random;
 pub use virtual_flight::VirtualFlight;
 pub use virtual_lab::{SightNoise, VirtualCamera, VirtualLab};
@@ -92,6 +94,8 @@ pub struct Scores {
     pub parameters: Vec<ParameterError>,
     /// Cameras.
     pub cameras: Vec<CameraError>,
+    /// Identities, where it is known which balls were visible.
+    pub identity: Option<IdentityScore>,
 }
 
 /// How far a time stamp may lie from that of truth to be the same instant.

@@ -366,6 +366,18 @@ impl Session {
     pub fn truth(&self) -> Result<Option<Vec<TruthRow>>, SessionError> {
         self.truth_path.as_deref().map(tables::read_truth).transpose()
     }
+
+    /// Shares of the balls' faces that were visible, by instant, camera and marker, for scoring only; none where no such
+    /// file stands beside the truth.
+    ///
+    /// # Errors
+    /// Names the file, row and column.
+    pub fn visibility(&self) -> Result<Option<Vec<Vec<Vec<f64>>>>, SessionError> {
+        let path = self.truth_path.as_deref().map(|t| t.with_file_name(crate::VISIBILITY));
+        let markers: Vec<String> = self.vehicle.marker.iter().map(|m| m.name.clone()).collect();
+        let read = |p: std::path::PathBuf| crate::read_visibility(&p, self.cameras.len(), &markers);
+        path.filter(|p| p.is_file()).map(read).transpose()
+    }
 }
 
 /// The fields one by one, where a camera is interlaced.

@@ -10,6 +10,7 @@ mod table;
 pub mod tables;
 mod toml_file;
 pub mod video;
+pub mod visibility;
 
 pub use atomic::{make_folder, write_whole};
 pub use config::{
@@ -25,6 +26,7 @@ pub use scenario::{write_control_points, write_inputs, write_session, write_trut
 pub use tables::{ControlPixel, ControlPointRow, TruthRow, read_control_points};
 pub use toml_file::read_toml;
 pub use video::{FrameSource, read_image, write_png};
+pub use visibility::{VISIBILITY, read_visibility, write_visibility};
 
 /// Seconds as the nearest nanoseconds.
 pub fn ns_from_s(t_s: f64) -> i64 {

@@ -2,6 +2,7 @@
 
 mod body;
 pub(crate) mod columns;
+mod health;
 mod read;
 mod read_motion;
 mod rig_file;
@@ -12,6 +13,7 @@ use mavsight_identify::{Clocks, CoefficientTable, Identification};
 use mavsight_pose::{ClockEstimate, MarkerObservation, Motion, PoseSample, Rig};
 
 pub use body::{MarkerAsBuilt, read_body};
+pub use health::{CameraHealth, MarkerHealth};
 pub use read::{read_markers, read_poses, read_summary};
 pub use read_motion::{FlightTable, read_flight_table, read_motion};
 pub use rig_file::{read_rig, write_rig};
@@ -71,6 +73,8 @@ pub struct RunResults {
     pub camera_clocks: Vec<ClockEstimate>,
     /// The lag between inputs and motion.
     pub clocks: Option<Clocks>,
+    /// How well each camera saw the markers; none where they were seen by others.
+    pub camera_health: Vec<CameraHealth>,
     /// Figures for `summary.json`: an object, or null for no such file.
     pub summary: serde_json::Value,
 }

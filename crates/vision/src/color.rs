@@ -190,6 +190,11 @@ impl ColorModel {
         f64::from(seen.cosine(target.hue).clamp(-1.0, 1.0).acos() / target.gate_rad)
     }
 
+    /// Angle of a colour to a marker's hue, degrees.
+    pub(crate) fn apart_deg(&self, marker: usize, seen: &Seen) -> f64 {
+        f64::from(seen.cosine(self.targets[marker].hue).clamp(-1.0, 1.0).acos().to_degrees())
+    }
+
     /// Replaces a marker's hue by the one that was measured, when that lies within the gate.
     pub(crate) fn learn(&mut self, marker: usize, seen: &Seen) {
         if seen.is_colored() && self.gate_fraction(marker, seen) <= 1.0 {

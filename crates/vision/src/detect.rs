@@ -58,6 +58,8 @@ pub(crate) struct Workspace {
     pub(crate) camera: Option<Camera>,
     /// The ball that is followed, where one is.
     pub(crate) expected: Option<Expected>,
+    /// Centres and radii of what is known already and is not looked at again.
+    pub(crate) known: Vec<(Vector2<f64>, f64)>,
 }
 
 /// What is known of a ball from the frames before.
@@ -141,7 +143,8 @@ impl Workspace {
         let optics = self.optics.expected();
         let camera = self.camera.unwrap_or_else(|| usual_camera(frame.size));
         for blob in blobs.iter() {
-            if model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
+            let is_known = self.known.iter().any(|(at, radius_px)| (at - blob.pixel).norm() <= *radius_px);
+            if is_known || model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
                 continue;
             }
             let outline = Outline::at(&camera, &blob.pixel);

@@ -152,20 +152,29 @@ fn a_ball_that_is_not_there_is_not_found() {
     assert!((seen[0].unwrap().pixel - drawn.middle).norm() < 0.2);
 }
 
+/// A ball of the marker's colour that stays, and the marker that crosses it: both are there, and the one that moves leads.
 #[test]
-fn prediction_from_outside_is_used_once_and_may_be_nonsense() {
+fn everything_of_a_colour_is_followed_and_what_moves_leads() {
     let mut tracker = Tracker::new(&red(), 3.0..=10.0).unwrap();
     let mut dice = Dice(5);
-    for (u, hint) in [
-        (20.0, Vector2::new(f64::NAN, 1.0)),
-        (40.0, Vector2::new(40.0, 20.0)),
-        (41.0, Vector2::new(-1e9, 1e9)),
-    ] {
-        tracker.predict(0, hint);
-        tracker.predict(9, hint);
-        let seen = tracker.observe(&frame(&[ball(u, 20.0)], 0.5, 2.0, &mut dice));
-        assert!((seen[0].unwrap().pixel.x - u).abs() < 0.2);
+    let decoy = ball(20.0, 14.0);
+    let mut ids = std::collections::BTreeSet::new();
+    for step in 0..40 {
+        let drawn = ball(14.0 + f64::from(step), 30.0);
+        let hidden = (20..24).contains(&step);
+        let balls = if hidden { vec![decoy] } else { vec![decoy, drawn] };
+        let seen = tracker.candidates(&frame(&balls, 0.5, 2.0, &mut dice)).to_vec();
+        let at = |middle: Vector2<f64>| seen.iter().find(|s| (s.ball.pixel - middle).norm() < 0.3);
+        assert!(at(decoy.middle).is_some(), "step {step}: {seen:?}");
+        let marker = at(drawn.middle);
+        assert_eq!(marker.is_none(), hidden, "step {step}: {seen:?}");
+        ids.extend(marker.map(|m| m.id));
+        if step > 12 && !hidden {
+            let lead = tracker.clone().observe(&frame(&balls, 0.5, 2.0, &mut dice))[0].unwrap();
+            assert!((lead.pixel - drawn.middle).norm() < 0.3, "step {step}");
+        }
     }
+    assert_eq!(ids.len(), 1, "one thing has one number: {ids:?}");
 }
 
 /// Video is made from the same drawing by averaging 2 × 2 blocks of colour differences (centred siting).

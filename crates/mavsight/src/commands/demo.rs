@@ -3,16 +3,16 @@
 use super::named;
 use super::run::{Flight, finish, scores_of, solve};
 use crate::cli::Demo;
-use crate::lab;
+use crate::lab::{self, StagedFilm};
 use crate::progress::Bars;
 use anyhow::{Context, Result};
 use mavsight_flight::{Scenario, Vehicle, hover_rotor_speed_rad_s, model_coefficients, simulate};
-use mavsight_geometry::ImageSize;
+use mavsight_geometry::{ImageSize, Vector3};
 use mavsight_pipeline::{
     CameraFeed, ControlStill, IdentifyOptions, PipelineError, Progress, TimedFrame, calibrate_from_stills,
 };
-use mavsight_scene::{Aircraft, Film, Room};
-use mavsight_score::{VirtualCamera, score_cameras, score_parameters};
+use mavsight_scene::Aircraft;
+use mavsight_score::{VirtualCamera, score_cameras, score_identity, score_parameters};
 use mavsight_session::{TruthRow, ns_from_s, write_control_points, write_inputs, write_truth, write_vehicle};
 use mavsight_vision::Frame;
 use std::path::Path;
@@ -43,9 +43,10 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     let truth: Vec<TruthRow> = states.iter().map(TruthRow::from).collect();
     bars.start("building", None);
     let cameras = lab::cameras();
-    let (room, aircraft) = (Room::meeting_room(), lab::aircraft(&vehicle));
-    let films: Vec<Film<'_>> =
-        cameras.iter().enumerate().map(|(k, camera)| lab::film(&room, camera, k, args.seed)).collect();
+    let staging = &scenario.staging;
+    let (room, aircraft) = (lab::room(staging), lab::aircraft(&vehicle));
+    let filmed = |(k, camera)| lab::staged_film(&room, camera, k, args.seed, staging);
+    let films: Vec<StagedFilm<'_>> = cameras.iter().enumerate().map(filmed).collect();
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
     let stills = cameras
         .iter()
@@ -76,6 +77,9 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     let model = model_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
     scores.parameters =
         results.identification.as_ref().map(|i| score_parameters(i, &model)).unwrap_or_default();
+    let shares = |row: &TruthRow| films.iter().map(|f| f.visible_shares(&vehicle, &aircraft, row)).collect();
+    let visible: Vec<Vec<Vec<f64>>> = truth.iter().map(shares).collect();
+    scores.identity = Some(score_identity(&results.poses, &truth, &markers_of(&vehicle), &visible));
     let centres: Vec<_> = cameras.iter().map(|c| (c.name.clone(), c.camera.centre_in_world())).collect();
     scores.cameras = results.rig.as_ref().map(|r| score_cameras(r, &centres)).unwrap_or_default();
     bars.done();
@@ -87,9 +91,14 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
         .iter()
         .zip(&films)
         .filter_map(|(c, film)| Some((c, film, truth.first()?)))
-        .map(|(c, film, row)| frame_of(c.camera.size, lab::frame(film, 0, &aircraft, row, interval_s)))
+        .map(|(c, film, row)| frame_of(c.camera.size, film.frame(0, &aircraft, row, interval_s)))
         .collect::<Result<Vec<_>>>()?;
     finish(&flight, results, notes, Some(scores), frames, &args.out)
+}
+
+/// Places and radii of a vehicle's markers.
+pub(super) fn markers_of(vehicle: &Vehicle) -> Vec<(Vector3<f64>, f64)> {
+    vehicle.marker.iter().map(|m| (m.position_m.into(), m.diameter_m / 2.0)).collect()
 }
 
 pub(super) fn frame_of(size: ImageSize, rgb: Vec<u8>) -> Result<Frame> {
@@ -99,13 +108,13 @@ pub(super) fn frame_of(size: ImageSize, rgb: Vec<u8>) -> Result<Frame> {
 /// A virtual camera as a source of frames.
 pub(super) fn feed<'a>(
     camera: &'a VirtualCamera,
-    film: &'a Film<'a>,
+    film: &'a StagedFilm<'a>,
     aircraft: &'a Aircraft,
     truth: &'a [TruthRow],
     interval_s: f64,
 ) -> CameraFeed<'a> {
     let frames = truth.iter().enumerate().map(move |(k, row)| {
-        let rgb = lab::frame(film, k, aircraft, row, interval_s);
+        let rgb = film.frame(k, aircraft, row, interval_s);
         let frame = Frame::from_rgb(camera.camera.size, rgb)
             .map_err(|e| PipelineError::Source { camera: camera.name.clone(), source: Box::new(e) })?;
         Ok(TimedFrame { t_ns: ns_from_s(row.t_s), frame })

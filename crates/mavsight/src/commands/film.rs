@@ -2,24 +2,28 @@
 
 use super::named;
 use crate::cli::{Film, WrongCall};
-use crate::lab::{self, Shot};
+use crate::lab::{self, Shot, StagedFilm};
 use crate::progress::Bars;
 use anyhow::{Context, Result, bail};
-use mavsight_flight::Scenario;
+use mavsight_flight::{Scenario, Staging};
 use mavsight_geometry::{BrownConrady, Camera, ImageSize, Intrinsics, Vector3};
 use mavsight_pipeline::Progress;
-use mavsight_scene::{Aircraft, Room};
+use mavsight_scene::Aircraft;
 use mavsight_score::VirtualCamera;
 use mavsight_session::{
     ControlPointRow, ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow,
-    load_vehicle, make_folder, tables::read_control_points, tables::read_inputs, tables::read_truth,
-    write_control_points, write_inputs, write_png, write_session, write_vehicle,
+    VISIBILITY, load_vehicle, make_folder, tables::read_control_points, tables::read_inputs,
+    tables::read_truth, write_control_points, write_inputs, write_png, write_session, write_vehicle,
+    write_visibility,
 };
 use mavsight_vision::Frame;
 use serde::Deserialize;
 use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Stdio};
+
+/// What a scenario stages, beside the flight that `simulate` writes.
+pub(super) const STAGING: &str = "staging.toml";
 
 /// Cameras to film with, as a file.
 #[derive(Debug, Deserialize)]
@@ -131,6 +135,7 @@ struct Set<'a> {
     aircraft: &'a Aircraft,
     control: &'a [ControlPointRow],
     interval_s: f64,
+    staging: Staging,
 }
 
 /// `mavsight film`
@@ -144,18 +149,30 @@ pub(crate) fn film(args: &Film) -> Result<()> {
     };
     make_folder(&args.out)?;
     let bars = Bars::new();
-    let room = Room::meeting_room();
+    let staging = staging_of(&args.flight)?;
+    let room = lab::room(&staging);
     let aircraft = lab::aircraft(&vehicle);
     let control = match &args.control {
         Some(path) => named(read_control_points(path))?,
         None => lab::control_points(),
     };
-    let set = Set { args, truth: &truth, aircraft: &aircraft, control: &control, interval_s };
+    let set = Set { args, truth: &truth, aircraft: &aircraft, control: &control, interval_s, staging };
     let mut cameras = Vec::new();
-    for (k, camera) in cameras_of(args.cameras.as_deref())?.iter().enumerate() {
-        cameras.push(one_camera(&set, &room, camera, k, &bars)?);
+    let mut visible = vec![Vec::new(); truth.len()];
+    for (k, (own, camera)) in cameras_of(args.cameras.as_deref())?.iter().enumerate() {
+        bars.start("building", None);
+        let (name, camera) = (own.name.clone(), *camera);
+        let view = VirtualCamera { name, camera, sees: Vec::new(), control_std_px: 0.0 };
+        let film = lab::staged_film(&room, &view, k, args.seed, &set.staging);
+        cameras.push(one_camera(&set, &film, own, camera.size, &bars)?);
+        let shares = truth.iter().map(|row| film.visible_shares(&vehicle, &aircraft, row));
+        visible.iter_mut().zip(shares).for_each(|(all, own): (&mut Vec<_>, _)| all.push(own));
     }
     bars.done();
+    if args.cameras.is_none() {
+        let names: Vec<String> = cameras.iter().map(|c| c.name.clone()).collect();
+        write_visibility(&args.out.join(VISIBILITY), &truth, &names, &vehicle, &visible)?;
+    }
     write_flight_files(args, &vehicle, &inputs, &control)?;
     let session = SessionFile {
         schema: SESSION_SCHEMA,
@@ -175,18 +192,32 @@ pub(crate) fn film(args: &Film) -> Result<()> {
     Ok(())
 }
 
+/// What a scenario staged, as `simulate` left it beside a flight; nothing where there is none.
+fn staging_of(flight: &Path) -> Result<Staging> {
+    let path = flight.join(STAGING);
+    if !path.is_file() {
+        return Ok(Staging::default());
+    }
+    let wrong = |e: String| WrongCall(format!("{}: {e}", path.display()));
+    let text = std::fs::read_to_string(&path).map_err(|e| wrong(e.to_string()))?;
+    let staging: Staging = toml::from_str(&text).map_err(|e| wrong(e.to_string().trim().to_owned()))?;
+    staging.check().map_err(|e| wrong(e.to_string()))?;
+    Ok(staging)
+}
+
 /// Films with one camera.
 fn one_camera(
     set: &Set<'_>,
-    room: &Room,
-    (own, camera): &(FilmCamera, Camera),
-    index: usize,
+    film: &StagedFilm<'_>,
+    own: &FilmCamera,
+    size: ImageSize,
     bars: &Bars,
 ) -> Result<SessionCamera> {
-    let (args, name, size) = (set.args, &own.name, camera.size);
-    bars.start("building", None);
-    let view = VirtualCamera { name: name.clone(), camera: *camera, sees: Vec::new(), control_std_px: 0.0 };
-    let film = lab::film(room, &view, index, args.seed);
+    let (args, name) = (set.args, &own.name);
+    if own.line_time_s != 0.0 && set.staging != Staging::default() {
+        let what = "things in the way are filmed by a global shutter alone: leave line_time_s out";
+        return Err(WrongCall(format!("camera {name}: {what}")).into());
+    }
     let still = format!("{name}-control.png");
     let control = lab::control_frame(set.control);
     write_png(&args.out.join(&still), &Frame::from_rgb(size, film.still(Some(&control)))?)?;
@@ -199,10 +230,10 @@ fn one_camera(
     let frames = times_s.iter().enumerate().filter_map(|(n, t_s)| {
         bars.step();
         if args.cameras.is_none() {
-            return Some(lab::frame(&film, n, set.aircraft, &set.truth[n], set.interval_s));
+            return Some(film.frame(n, set.aircraft, &set.truth[n], set.interval_s));
         }
         let shot = Shot { t_s: *t_s, interval_s: 1.0 / rate_hz, line_time_s: own.line_time_s };
-        lab::frame_at(&film, n, set.aircraft, set.truth, shot)
+        film.frame_at(n, set.aircraft, set.truth, shot)
     });
     let video = if args.video {
         write_video(&args.out.join(format!("{name}.mp4")), size, 1.0 / rate_hz, frames)?;

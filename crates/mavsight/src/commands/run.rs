@@ -18,7 +18,8 @@ use mavsight_pipeline::{
 use mavsight_pose::{CameraClock, ClockPrior, Motion, MovedObject, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
 use mavsight_session::{
-    FrameSource, LineTime, MarkerAsBuilt, RunResults, Session, SessionCamera, TruthRow, read_image, write_results,
+    FrameSource, LineTime, MarkerAsBuilt, RunResults, Session, SessionCamera, TruthRow, read_image,
+    write_results,
 };
 use mavsight_vision::Frame;
 use std::path::Path;
@@ -35,7 +36,13 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     flight.options.equation_error_only |= args.equation_error_only;
     let (results, mut notes) = solve(&flight, refined.rig, tracked, refined.body, &bars)?;
     notes.extend(refined.note);
-    let scores = truth.as_deref().map(|t| scores_of(&results, t));
+    let mut scores = truth.as_deref().map(|t| scores_of(&results, t));
+    if let (Some(scores), Some(truth), Some(visible)) =
+        (scores.as_mut(), truth.as_deref(), named(session.visibility())?)
+    {
+        let markers = super::demo::markers_of(&session.vehicle);
+        scores.identity = Some(mavsight_score::score_identity(&results.poses, truth, &markers, &visible));
+    }
     bars.done();
     finish(&flight, results, notes, scores, first_frames(&session)?, &args.out)
 }
@@ -236,6 +243,7 @@ pub(crate) fn solve(
         body,
         poses: tracked.poses,
         camera_clocks: tracked.clocks,
+        camera_health: tracked.health,
         ..RunResults::default()
     };
     let mut notes = tracked.notes;

@@ -4,11 +4,12 @@ use super::demo::{feed, frame_of};
 use super::named;
 use super::run::{feeds, rig_of};
 use crate::cli::{BuiltInRig, Selftest};
-use crate::lab;
+use crate::lab::{self, StagedFilm};
 use crate::progress::Bars;
 use anyhow::{Result, bail};
+use mavsight_flight::Staging;
 use mavsight_pipeline::{ControlStill, Progress, Quiet, calibrate_from_stills};
-use mavsight_scene::{Film, Room};
+use mavsight_scene::Room;
 use mavsight_score::{Coverage, Random, Tally, VirtualFlight, VirtualLab};
 use mavsight_session::{RESULTS_SCHEMA, Session, TruthRow, make_folder, write_whole};
 use rayon::prelude::*;
@@ -105,8 +106,12 @@ fn film(lab: &VirtualLab, seed: u64, index: u64) -> Result<VirtualFlight> {
     }
     let (room, aircraft) = (Room::meeting_room(), lab::aircraft(&lab.vehicle));
     let control = lab::control_frame(&as_built);
-    let films: Vec<Film<'_>> =
-        lab.cameras.iter().enumerate().map(|(k, c)| lab::film(&room, c, k, seed + index)).collect();
+    let films: Vec<StagedFilm<'_>> = lab
+        .cameras
+        .iter()
+        .enumerate()
+        .map(|(k, c)| lab::staged_film(&room, c, k, seed + index, &Staging::default()))
+        .collect();
     let stills = lab
         .cameras
         .iter()

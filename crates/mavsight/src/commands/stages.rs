@@ -1,6 +1,7 @@
 //! Each stage by itself, on the files of the stage before it.
 
 use super::demo::{scenario_of, vehicle_of};
+use super::film::STAGING;
 use super::named;
 use super::run::{Flight, feeds, first_frames, identify_into, refined, require_a_pose, rig_of, scores_of};
 use crate::cli::{Simulate, Stage, WrongCall};
@@ -39,6 +40,10 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
     write_inputs(&out.join("inputs.csv"), &inputs)?;
     write_truth(&out.join("truth.csv"), &states)?;
+    if !scenario.staging.is_empty() {
+        let text = toml::to_string(&scenario.staging)?;
+        mavsight_session::write_whole(&out.join(STAGING), text.as_bytes())?;
+    }
     println!("{} instants of {:.2} s: {}", states.len(), scenario.duration_s, out.display());
     Ok(())
 }
@@ -83,6 +88,7 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
         body: refined.body,
         poses: tracked.poses,
         camera_clocks: tracked.clocks,
+        camera_health: tracked.health,
         motion,
         ..RunResults::default()
     };

@@ -16,7 +16,7 @@ pub(super) const CLAIM_DEGREES: f64 = 10.0;
 pub(super) const HUBER_BOUND: f64 = 1.501;
 
 /// The 99.9 % quantile of chi-square (Wilson & Hilferty 1931; within 3 % from 2 degrees of freedom on, within 2 % from 4).
-pub(super) fn chi_square_gate(degrees: usize) -> f64 {
+pub(crate) fn chi_square_gate(degrees: usize) -> f64 {
     let d = degrees.max(1) as f64;
     let c = 2.0 / (9.0 * d);
     d * (1.0 - c + GATE_NORMAL_QUANTILE * c.sqrt()).powi(3)

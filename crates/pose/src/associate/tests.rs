@@ -1,0 +1,221 @@
+use super::*;
+use crate::BodyMarker;
+use crate::testing::{cameras, normal, rig};
+use mavsight_geometry::{EulerAngles, Isometry3, Point3, world_from_body};
+
+const STD_PX: f64 = 0.1;
+const FRAME_NS: i64 = 33_333_333;
+
+fn body(places_m: &[[f64; 3]]) -> Vec<BodyMarker> {
+    let marker = |(k, p): (usize, &[f64; 3])| BodyMarker {
+        name: format!("m{k}"),
+        marker_in_body_m: Vector3::from(*p),
+        radius_m: 0.025,
+    };
+    places_m.iter().enumerate().map(marker).collect()
+}
+
+/// The paper's four balls, not in one plane.
+const PAPER: [[f64; 3]; 4] =
+    [[0.225, 0.225, 0.1], [0.225, -0.225, 0.0], [-0.225, 0.225, -0.05], [-0.225, -0.225, 0.1]];
+/// Four balls all of whose distances differ.
+const UNEVEN: [[f64; 3]; 4] =
+    [[0.30, 0.225, 0.1], [0.225, -0.16, 0.0], [-0.225, 0.28, -0.05], [-0.16, -0.225, 0.12]];
+
+fn associator(places_m: &[[f64; 3]], colors: &[usize]) -> Result<Associator, PoseError> {
+    Associator::new(PoseEstimator::new(&rig(), &body(places_m)), &rig(), colors, 5e-4)
+}
+
+fn pose_at(k: i64) -> Isometry3<f64> {
+    let t = k as f64 / 30.0;
+    let attitude = EulerAngles {
+        phi_rad: 0.2 * (2.0 * t).sin(),
+        theta_rad: 0.15 * (3.0 * t).cos(),
+        psi_rad: 0.6 + 0.5 * t,
+    };
+    world_from_body(Vector3::new(0.4 * t.sin(), 0.1 - 0.2 * t, 1.4 + 0.1 * (2.0 * t).sin()), attitude)
+}
+
+fn ball(camera: usize, color: usize, at_m: &Vector3<f64>, seed: &mut u64) -> Candidate {
+    let view = cameras()[camera];
+    let pixel = view.project_ball(at_m, 0.025).unwrap().pixel;
+    let range_m = (at_m - view.centre_in_world()).norm();
+    Candidate {
+        camera,
+        color,
+        pixel: pixel + Vector2::new(normal(seed), normal(seed)) * STD_PX,
+        covariance_px2: Matrix2::identity() * STD_PX * STD_PX,
+        diameter_px: view.intrinsics.fx_px * 0.05 / range_m,
+        stays: false,
+    }
+}
+
+/// What both cameras see of the body, with the marker of each sight.
+fn seen(
+    places_m: &[[f64; 3]],
+    colors: &[usize],
+    pose: &Isometry3<f64>,
+    seed: &mut u64,
+) -> Vec<(usize, Candidate)> {
+    let mut out = Vec::new();
+    for camera in 0..2 {
+        for (marker, place) in places_m.iter().enumerate() {
+            let at = (pose * Point3::from(Vector3::from(*place))).coords;
+            out.push((marker, ball(camera, colors[marker], &at, seed)));
+        }
+    }
+    out
+}
+
+/// Decoys of every colour stand in the room, everything is hidden from one camera for a while and from both for another: each
+/// pair is right in each frame, and the body is met again in the very frame in which three balls are back.
+#[test]
+fn decoys_and_hiding_never_change_an_identity() {
+    let colors = [0, 1, 2, 3];
+    let mut associator = associator(&PAPER, &colors).unwrap();
+    let mut seed = 3;
+    let decoys: Vec<Vector3<f64>> =
+        (0..4).map(|k| Vector3::new(0.3 * k as f64 - 0.5, 0.25, 1.2 + 0.12 * k as f64)).collect();
+    let mut measured = 0;
+    for k in 0..150 {
+        let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut seed);
+        frame.retain(|(m, c)| match k {
+            0..10 => c.camera == 1 || *m == 0,
+            40..70 => c.camera == 0,
+            80..110 => *m == 3,
+            _ => true,
+        });
+        for camera in 0..2 {
+            let decoy = |(color, at): (usize, &Vector3<f64>)| (9, ball(camera, color, at, &mut seed.clone()));
+            frame.splice(0..0, decoys.iter().enumerate().map(decoy));
+            seed += 1;
+        }
+        let candidates: Vec<Candidate> = frame.iter().map(|f| f.1).collect();
+        let found = associator.associate(k * FRAME_NS, &candidates);
+        for (index, marker) in &found.pairs {
+            assert_eq!(frame[*index].0, *marker, "frame {k}");
+        }
+        if let Some(estimate) = &found.sample.estimate {
+            let error_m =
+                (estimate.world_from_body.translation.vector - pose_at(k).translation.vector).norm();
+            assert!(error_m < 0.1, "frame {k}: {error_m} m");
+            measured += 1;
+        }
+        if (10..80).contains(&k) || k >= 110 {
+            assert!(found.sample.estimate.is_some(), "frame {k}: {:?}", found.sample.reason);
+        }
+    }
+    assert!(measured < 150);
+}
+
+#[test]
+fn markers_of_one_colour_are_told_by_their_distances() {
+    let colors = [0; 4];
+    let mut seed = 11;
+    for start in 0..5 {
+        let mut associator = associator(&UNEVEN, &colors).unwrap();
+        for k in 40 * start..40 * start + 20 {
+            let frame = seen(&UNEVEN, &colors, &pose_at(k), &mut seed);
+            let candidates: Vec<Candidate> = frame.iter().map(|f| f.1).collect();
+            let found = associator.associate(k * FRAME_NS, &candidates);
+            assert!(found.sample.estimate.is_some(), "frame {k}: {:?}", found.sample.reason);
+            assert!(found.pairs.len() >= 7, "frame {k}: {:?}", found.pairs);
+            for (index, marker) in &found.pairs {
+                assert_eq!(frame[*index].0, *marker, "frame {k}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_square_of_one_colour_is_refused_by_name() {
+    let square = [[0.2, 0.2, 0.0], [0.2, -0.2, 0.0], [-0.2, 0.2, 0.0], [-0.2, -0.2, 0.0]];
+    let refused = associator(&square, &[0; 4]).unwrap_err();
+    assert!(matches!(refused, PoseError::SymmetricMarkers { .. }), "{refused}");
+    assert!(refused.to_string().contains("m1, m2"), "{refused}");
+    // One ball of another colour leaves the mirror image alone, and that is a turn about the diagonal of a flat square.
+    assert!(associator(&square, &[1, 0, 0, 0]).is_err());
+    assert!(associator(&square, &[1, 2, 0, 0]).is_ok());
+    let mut moved = square;
+    moved[0] = [0.26, 0.2, 0.0];
+    moved[1] = [0.2, -0.23, 0.0];
+    assert!(associator(&moved, &[0; 4]).is_ok());
+}
+
+/// Balls strewn over both images: of 100 such instants none is taken for the body.
+#[test]
+fn chance_makes_no_body() {
+    let mut seed = 5;
+    let mut believed = 0;
+    for k in 0..100 {
+        let mut associator = associator(&PAPER, &[0, 1, 2, 3]).unwrap();
+        let mut candidates = Vec::new();
+        for color in 0..4 {
+            for _ in 0..3 {
+                let at = Vector3::new(
+                    0.6 * normal(&mut seed),
+                    0.6 * normal(&mut seed),
+                    1.5 + 0.4 * normal(&mut seed),
+                );
+                candidates.extend((0..2).map(|camera| ball(camera, color, &at, &mut seed)));
+            }
+        }
+        believed += usize::from(associator.associate(k, &candidates).sample.estimate.is_some());
+    }
+    assert_eq!(believed, 0);
+}
+
+#[test]
+fn nothing_seen_is_nothing_measured() {
+    let mut associator = associator(&PAPER, &[0, 1, 2, 3]).unwrap();
+    let found = associator.associate(0, &[]);
+    assert!(found.sample.estimate.is_none() && found.pairs.is_empty());
+    assert!(found.sample.reason.unwrap().contains("0 of"));
+}
+
+/// The second camera is turned by half a degree at frame 60: it is named with that time by the next frame, and the first
+/// camera goes on alone. Where nothing happens nobody is blamed.
+#[test]
+fn a_camera_that_is_pushed_is_named_and_left_out() {
+    let colors = [0, 1, 2, 3];
+    for (turn_px, pushed) in
+        [(Vector2::zeros(), false), (Vector2::new(4.4, 3.4), true), (Vector2::new(-5.6, 0.0), true)]
+    {
+        let mut associator = associator(&PAPER, &colors).unwrap();
+        let mut seed = 21;
+        for k in 0..100 {
+            let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut seed);
+            for (_, candidate) in frame.iter_mut().filter(|(_, c)| c.camera == 1 && k >= 60) {
+                candidate.pixel += turn_px;
+            }
+            let candidates: Vec<Candidate> = frame.iter().map(|f| f.1).collect();
+            let found = associator.associate(k * FRAME_NS, &candidates);
+            let estimate =
+                found.sample.estimate.unwrap_or_else(|| panic!("frame {k}: {:?}", found.sample.reason));
+            let error_m =
+                (estimate.world_from_body.translation.vector - pose_at(k).translation.vector).norm();
+            assert!(error_m < if pushed && k >= 60 { 0.06 } else { 0.01 }, "frame {k}: {error_m} m");
+            let named = associator.moved_cameras().first().copied();
+            assert_eq!(named.is_some(), pushed && k > 60, "frame {k}: {named:?}");
+        }
+        if let Some(named) = associator.moved_cameras().first() {
+            assert_eq!((named.camera, named.t_ns), (1, 60 * FRAME_NS));
+            assert!((named.shift_px - turn_px).norm() < 2.0, "{named:?}");
+        }
+    }
+}
+
+#[test]
+fn a_camera_that_goes_black_leaves_the_other() {
+    let colors = [0, 1, 2, 3];
+    let mut associator = associator(&PAPER, &colors).unwrap();
+    let mut seed = 2;
+    for k in 0..60 {
+        let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut seed);
+        frame.retain(|(_, c)| c.camera == 0 || k < 20);
+        let candidates: Vec<Candidate> = frame.iter().map(|f| f.1).collect();
+        let found = associator.associate(k * FRAME_NS, &candidates);
+        assert!(found.sample.estimate.is_some(), "frame {k}: {:?}", found.sample.reason);
+    }
+    assert!(associator.moved_cameras().is_empty());
+}

@@ -1,0 +1,168 @@
+//! Cameras that no longer stand as they were calibrated.
+
+use super::{Association, Associator, Candidate, DECISIVE_LOG_ODDS, belief::Belief};
+use mavsight_geometry::{Matrix2, Vector2};
+use nalgebra::Matrix2x6;
+
+/// Standard deviations, in the plane, beyond which a camera's view is shifted: 99.9 %.
+const SHIFTED: f64 = 3.72;
+/// Share of a shift within which all balls have it in common.
+const COMMON: f64 = 0.25;
+
+/// A camera that was moved while it filmed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MovedCamera {
+    /// Index in the rig.
+    pub camera: usize,
+    /// First instant at which its view was shifted.
+    pub t_ns: i64,
+    /// By how much the body's image was shifted then.
+    pub shift_px: Vector2<f64>,
+}
+
+/// What is known of the cameras' standing still.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Watch {
+    suspects: Vec<MovedCamera>,
+    pub(super) moved: Vec<MovedCamera>,
+}
+
+impl Watch {
+    pub(super) fn is_out(&self, camera: usize) -> bool {
+        self.moved.iter().chain(&self.suspects).any(|m| m.camera == camera)
+    }
+}
+
+impl Associator {
+    /// Cameras that were found to be moved; they take no part from then on.
+    pub fn moved_cameras(&self) -> &[MovedCamera] {
+        &self.watch.moved
+    }
+
+    /// What the cameras that are wanted say.
+    pub(super) fn told_by(
+        &self,
+        t_ns: i64,
+        candidates: &[Candidate],
+        predicted: Option<&Belief>,
+        wanted: impl Fn(usize) -> bool,
+    ) -> Association {
+        let solve =
+            |c: &[Candidate]| predicted.map_or_else(|| self.acquire(t_ns, c), |p| self.follow(t_ns, c, p));
+        if candidates.iter().all(|c| wanted(c.camera)) {
+            return solve(candidates);
+        }
+        let kept: Vec<usize> = (0..candidates.len()).filter(|k| wanted(candidates[*k].camera)).collect();
+        let own: Vec<Candidate> = kept.iter().map(|k| candidates[*k]).collect();
+        let mut out = solve(&own);
+        out.pairs.iter_mut().for_each(|pair| pair.0 = kept[pair.0]);
+        out
+    }
+
+    /// The pose of all cameras but one, where all together make no sense and it is clear which one to leave out.
+    pub(super) fn without_one(
+        &self,
+        t_ns: i64,
+        candidates: &[Candidate],
+        predicted: &Belief,
+    ) -> Option<Association> {
+        let mut best: Option<(f64, Association)> = None;
+        let mut next = f64::NEG_INFINITY;
+        for camera in (0..self.cameras.len()).filter(|c| !self.watch.is_out(*c)) {
+            let wanted = |c: usize| c != camera && !self.watch.is_out(c);
+            let found = self.told_by(t_ns, candidates, Some(predicted), wanted);
+            if !self.is_sound(&found, candidates) {
+                continue;
+            }
+            let Some(estimate) = &found.sample.estimate else { continue };
+            let odds = self.log_odds(estimate, candidates, &found.pairs, Some(predicted));
+            if best.as_ref().is_none_or(|(most, _)| odds > *most) {
+                next = best.as_ref().map_or(next, |b| b.0);
+                best = Some((odds, found));
+            } else {
+                next = next.max(odds);
+            }
+        }
+        best.filter(|(odds, _)| odds - next >= DECISIVE_LOG_ODDS).map(|b| b.1)
+    }
+
+    /// Whether there is a pose whose residuals are what they have been.
+    pub(super) fn is_sound(&self, found: &Association, candidates: &[Candidate]) -> bool {
+        let Some(estimate) = &found.sample.estimate else { return false };
+        let (squares, degrees) = self.misfit(estimate, candidates, &found.pairs);
+        let scale = self.noise.scale();
+        scale.is_none_or(|s| {
+            degrees < 1.0 || squares <= s * crate::estimate::chi_square_quantile(degrees as usize)
+        })
+    }
+
+    /// Looks for cameras whose view of the body is shifted as a whole against the prediction and the other cameras. A camera
+    /// that is so for the first time is suspected and left out; twice in a row alike, it was moved. Whether anyone is newly
+    /// suspected.
+    pub(super) fn watch_cameras(
+        &mut self,
+        t_ns: i64,
+        candidates: &[Candidate],
+        (found, predicted): (&Association, &Belief),
+    ) -> bool {
+        let before = std::mem::take(&mut self.watch.suspects);
+        for camera in 0..self.cameras.len() {
+            if self.watch.moved.iter().any(|m| m.camera == camera) {
+                continue;
+            }
+            let others = || found.pairs.iter().filter(|p| candidates[p.0].camera != camera);
+            if others().count() < 3 {
+                continue;
+            }
+            let mut belief = *predicted;
+            others().for_each(|(index, marker)| self.narrow(&mut belief, &candidates[*index], *marker));
+            let Some((shift_px, square)) = self.common_shift(camera, candidates, &belief) else { continue };
+            match before.iter().find(|s| s.camera == camera) {
+                Some(s) if (s.shift_px - shift_px).norm() <= 2.0 * COMMON * s.shift_px.norm() => {
+                    self.watch.moved.push(*s);
+                }
+                None if square > SHIFTED * SHIFTED => {
+                    self.watch.suspects.push(MovedCamera { camera, t_ns, shift_px });
+                }
+                _ => {}
+            }
+        }
+        // Where all are shifted it is the aircraft that moved.
+        if self.watch.suspects.len() > 1 {
+            self.watch.suspects.clear();
+        }
+        !self.watch.suspects.is_empty()
+    }
+
+    /// The shift that three balls or more of a camera have in common against a belief, and its square in standard deviations.
+    fn common_shift(
+        &self,
+        camera: usize,
+        candidates: &[Candidate],
+        belief: &Belief,
+    ) -> Option<(Vector2<f64>, f64)> {
+        let mut errors: Vec<Vector2<f64>> = Vec::new();
+        let (mut jacobian, mut noise) = (Matrix2x6::zeros(), Matrix2::zeros());
+        for marker in 0..self.colors.len() {
+            let Some(expected) = self.expected(&belief.pose, camera, marker) else { continue };
+            let error = |c: &Candidate| c.pixel - expected.pixel;
+            let nearest = candidates
+                .iter()
+                .filter(|c| c.camera == camera && c.color == self.colors[marker])
+                .min_by(|a, b| error(a).norm().total_cmp(&error(b).norm()));
+            let Some(nearest) = nearest else { continue };
+            errors.push(error(nearest));
+            jacobian += expected.jacobian;
+            noise += self.sight_covariance(&expected, nearest);
+        }
+        let n = errors.len() as f64;
+        if n < 3.0 {
+            return None;
+        }
+        let mean = errors.iter().sum::<Vector2<f64>>() / n;
+        let about = (errors.iter().map(|e| (e - mean).norm_squared()).sum::<f64>() / n).sqrt();
+        let spread = (jacobian * belief.covariance * jacobian.transpose() + noise) / (n * n);
+        let square = spread.cholesky().map_or(0.0, |c| mean.dot(&c.solve(&mean)));
+        (about < COMMON * mean.norm()).then_some((mean, square))
+    }
+}

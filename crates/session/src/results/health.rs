@@ -1,0 +1,33 @@
+//! How well the cameras saw the markers.
+
+/// How well one camera saw the markers over a flight.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CameraHealth {
+    /// Camera name.
+    pub camera: String,
+    /// Frames it delivered.
+    pub frames: usize,
+    /// Frames that were dark all over.
+    pub dark: usize,
+    /// Standard deviation of the blur of edges, pixel included.
+    pub edge_px: f64,
+    /// By marker.
+    pub markers: Vec<MarkerHealth>,
+}
+
+/// How well one camera saw one marker; all but the share are its colour's, and 0 where no ball of it was ever seen.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MarkerHealth {
+    /// Share of the frames in which the marker was told.
+    pub seen: f64,
+    /// Share of the ball's pixels with a full channel.
+    pub saturated: f64,
+    /// Contrast of the ball's light to that around it (Michelson).
+    pub contrast: f64,
+    /// Apparent diameter.
+    pub diameter_px: f64,
+    /// Other things of its colour in the image.
+    pub others: f64,
+    /// Smallest angle of hue to coloured background beside the ball; 180 where there is none.
+    pub hue_apart_deg: f64,
+}
