@@ -96,3 +96,36 @@ pub(crate) fn moved_notes(rig: &Rig, moved: &[MovedCamera]) -> Vec<String> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_vision::{BallColor, Frame, ImageSize};
+
+    const SIZE: ImageSize = ImageSize { width_px: 32, height_px: 24 };
+
+    #[test]
+    fn the_dark_is_noted_with_its_time_from_its_first_frame_on() {
+        let red = BallColor { name: "red".into(), rgb: [200, 40, 40] };
+        let mut tracker = Tracker::new(&[red], 3.0..=10.0).unwrap();
+        let mut watch = CameraWatch::new("cam2".into());
+        for k in 0..20 {
+            let light = if (5..9).contains(&k) || k >= 15 { 8 } else { 120 };
+            let frame = Frame::from_rgb(SIZE, vec![light; 3 * SIZE.area_px()]).unwrap();
+            tracker.candidates(&frame);
+            watch.saw(k * 100_000_000, &tracker);
+        }
+        let (health, notes) = watch.finish(&tracker).told(&[0], &[4]);
+        assert_eq!((health.frames, health.dark, health.markers[0].seen), (20, 9, 0.2));
+        assert!(notes.len() == 2 && notes.iter().all(|n| n.starts_with("cam2 is dark")), "{notes:?}");
+        assert!(notes[0].contains("0.500 s") && notes[1].contains("1.500 s to 1.900 s"), "{notes:?}");
+    }
+
+    #[test]
+    fn nothing_seen_is_nothing_noted() {
+        let red = BallColor { name: "red".into(), rgb: [200, 40, 40] };
+        let tracker = Tracker::new(&[red], 3.0..=10.0).unwrap();
+        let (health, notes) = CameraWatch::new("cam1".into()).finish(&tracker).told(&[0], &[0]);
+        assert!(notes.is_empty() && health.markers[0].seen == 0.0);
+    }
+}

@@ -11,6 +11,7 @@ use crate::joint::{Adjoint, Joint, MotionNoise, Update};
 use crate::noise::{check, likely, median};
 use crate::{Motion, PoseError, PoseSample};
 use nalgebra::{DMatrix, Matrix6xX};
+use std::ops::Range;
 
 /// Share of the systematic variance that may be left out when its directions are reduced to the few that matter.
 const NEGLIGIBLE: f64 = 1e-4;
@@ -30,8 +31,10 @@ pub fn smooth(poses: &[PoseSample], gravity_m_s2: f64) -> Result<Motion, PoseErr
     let failed = PoseError::BadPose { index: 0, what: "the smoother's covariance" };
     let found = likely(poses)?;
     let reduced = with_few_directions(poses);
-    let states = smoothed(&reduced, &found.noise).ok_or(failed)?;
-    let samples = poses.iter().zip(&states).map(|(p, s)| s.sample(p.t_ns, gravity_m_s2)).collect();
+    let mut samples = Vec::with_capacity(poses.len());
+    each_smoothed(&reduced, &found.noise, |k, s| samples.push(s.sample(poses[k].t_ns, gravity_m_s2)))
+        .ok_or(failed)?;
+    samples.reverse();
     Ok(Motion {
         samples,
         translation_bandwidth_hz: found.bandwidth_hz.0,
@@ -102,16 +105,20 @@ fn informed_start(poses: &[PoseSample], noise: &MotionNoise) -> Option<Joint> {
     Some(state)
 }
 
-/// The filter over all instants; the first is measured. From there on each step is that of [`crate::CausalFilter`].
-fn forward(poses: &[PoseSample], noise: &MotionNoise, mut state: Joint) -> Option<Vec<Step>> {
-    let mut first = state.blank_update();
-    state.update(poses.first()?.estimate.as_ref()?, noise, &mut first)?;
-    let mut steps = Vec::with_capacity(poses.len());
-    steps.push(Step { filtered: state.clone(), transitions: None, update: None });
-    for pair in poses.windows(2) {
-        let transitions = Some(state.predict((pair[1].t_ns - pair[0].t_ns) as f64 * 1e-9, noise));
+/// The filter over some instants, from the state that those before them left, or from the start; the first of all is measured.
+/// Each step is that of [`crate::CausalFilter`].
+fn forward(
+    poses: &[PoseSample],
+    instants: Range<usize>,
+    noise: &MotionNoise,
+    state: &mut Joint,
+) -> Option<Vec<Step>> {
+    let mut steps = Vec::with_capacity(instants.len());
+    for k in instants {
+        let dt_s = k.checked_sub(1).map(|before| (poses[k].t_ns - poses[before].t_ns) as f64 * 1e-9);
+        let transitions = dt_s.map(|dt_s| state.predict(dt_s, noise));
         let mut update = None;
-        if let Some(seen) = &pair[1].estimate {
+        if let Some(seen) = &poses[k].estimate {
             let mut blank = state.blank_update();
             state.update(seen, noise, &mut blank)?;
             update = Some(blank);
@@ -121,44 +128,60 @@ fn forward(poses: &[PoseSample], noise: &MotionNoise, mut state: Joint) -> Optio
     Some(steps)
 }
 
-/// Calls `visit` with each smoothed state, the last first.
-fn backward(steps: &[Step], mut visit: impl FnMut(usize, Joint)) {
-    let Some(last) = steps.last() else { return };
-    let mut adjoint = Adjoint::nothing(last.filtered.effects.ncols());
-    for (k, step) in steps.iter().enumerate().rev() {
-        visit(k, adjoint.smoothed(&step.filtered));
-        if let Some(update) = &step.update {
-            adjoint.before_update(update);
-        }
-        if let Some(transitions) = &step.transitions {
-            adjoint.before_predict(transitions);
+/// Calls `visit` with each smoothed state, the last first; instants before the first pose are predicted backwards from it.
+///
+/// Only one stretch of √n steps is held at a time: the forward pass leaves the states between the stretches, from which each is
+/// filtered once more when the backward pass comes to it (Griewank 1992 on checkpoints).
+fn each_smoothed(
+    poses: &[PoseSample],
+    noise: &MotionNoise,
+    mut visit: impl FnMut(usize, &Joint),
+) -> Option<()> {
+    let first = poses.iter().position(|p| p.estimate.is_some())?;
+    let flown = &poses[first..];
+    let stretch = ((flown.len() as f64).sqrt() as usize).max(64);
+    let instants = |part: usize| part * stretch..((part + 1) * stretch).min(flown.len());
+    let mut state = informed_start(flown, noise)?;
+    let mut starts = Vec::new();
+    for part in 0..flown.len().div_ceil(stretch) {
+        starts.push(state.clone());
+        forward(flown, instants(part), noise, &mut state)?;
+    }
+    let mut adjoint = Adjoint::nothing(state.effects.ncols());
+    let mut earliest = state.clone();
+    for (part, start) in starts.iter().enumerate().rev() {
+        let steps = forward(flown, instants(part), noise, &mut start.clone())?;
+        for (k, step) in instants(part).zip(&steps).rev() {
+            earliest = adjoint.smoothed(&step.filtered);
+            is_sound(&earliest).then(|| visit(first + k, &earliest))?;
+            if let Some(update) = &step.update {
+                adjoint.before_update(update);
+            }
+            if let Some(transitions) = &step.transitions {
+                adjoint.before_predict(transitions);
+            }
         }
     }
+    for k in (0..first).rev() {
+        let mut state = earliest.clone();
+        state.predict((poses[k].t_ns - poses[first].t_ns) as f64 * 1e-9, noise);
+        is_sound(&state).then(|| visit(k, &state))?;
+    }
+    Some(())
 }
 
-/// Smoothed states of all instants; those before the first pose are predicted backwards from it.
+fn is_sound(state: &Joint) -> bool {
+    let positive = |at: usize| (at..at + 9).all(|i| state.covariance[(i, i)] > 0.0);
+    state.covariance.iter().all(|v| v.is_finite()) && positive(0) && positive(crate::chain::CHAIN)
+}
+
+/// Smoothed states of all instants.
+#[cfg(test)]
 fn smoothed(poses: &[PoseSample], noise: &MotionNoise) -> Option<Vec<Joint>> {
-    let first = poses.iter().position(|p| p.estimate.is_some())?;
-    let start = informed_start(&poses[first..], noise)?;
-    let steps = forward(&poses[first..], noise, start)?;
-    let mut after = Vec::with_capacity(steps.len());
-    backward(&steps, |_, state| after.push(state));
-    after.reverse();
-    let start = after.first()?;
-    let mut out: Vec<Joint> = poses[..first]
-        .iter()
-        .map(|p| {
-            let mut state = start.clone();
-            state.predict((p.t_ns - poses[first].t_ns) as f64 * 1e-9, noise);
-            state
-        })
-        .collect();
-    out.extend(after);
-    let positive = |at: usize, s: &Joint| (at..at + 9).all(|i| s.covariance[(i, i)] > 0.0);
-    let sound = out.iter().all(|s| {
-        s.covariance.iter().all(|v| v.is_finite()) && positive(0, s) && positive(crate::chain::CHAIN, s)
-    });
-    sound.then_some(out)
+    let mut out = Vec::with_capacity(poses.len());
+    each_smoothed(poses, noise, |_, state| out.push(state.clone()))?;
+    out.reverse();
+    Some(out)
 }
 
 /// The states of the forward pass, as samples.
@@ -168,8 +191,8 @@ pub(crate) fn forward_samples(
     noise: &MotionNoise,
     gravity_m_s2: f64,
 ) -> Vec<crate::MotionSample> {
-    let start = informed_start(poses, noise).unwrap();
-    let steps = forward(poses, noise, start).unwrap();
+    let mut start = informed_start(poses, noise).unwrap();
+    let steps = forward(poses, 0..poses.len(), noise, &mut start).unwrap();
     steps.iter().zip(poses).map(|(s, p)| s.filtered.sample(p.t_ns, gravity_m_s2)).collect()
 }
 

@@ -24,7 +24,7 @@ impl Summary {
             let value = json!({"frames": camera.frames, "dark": camera.dark, "edge_px": camera.edge_px});
             let shown =
                 format!("{} frames, {} dark, edges {:.2} px", camera.frames, camera.dark, camera.edge_px);
-            self.add("health", format!("{name}_frames"), format!("{name}"), value, shown);
+            self.add("health", format!("{name}_frames"), name.clone(), value, shown);
             for (marker, m) in results.marker_names.iter().zip(&camera.markers) {
                 let value = json!({
                     "seen": m.seen, "saturated": m.saturated, "contrast": m.contrast,

@@ -43,9 +43,9 @@ impl Associator {
             let spots = self.spots(candidates);
             let in_space = |m: &usize| spots.iter().any(|s| s.color == self.colors[*m]);
             if (0..self.colors.len()).filter(in_space).count() > 2 {
-                self.from_triangles(t_ns, candidates, &spots, (&mut trials, &mut tried));
+                self.try_triangles(t_ns, candidates, &spots, (&mut trials, &mut tried));
             } else {
-                self.from_one_view(t_ns, candidates, (&mut trials, &mut tried));
+                self.try_one_view(t_ns, candidates, (&mut trials, &mut tried));
             }
         }
         trials.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
@@ -107,7 +107,7 @@ impl Associator {
     }
 
     /// Every triangle of balls in space that is one of the body's.
-    fn from_triangles(
+    fn try_triangles(
         &self,
         t_ns: i64,
         candidates: &[Candidate],
@@ -258,7 +258,7 @@ impl Associator {
     }
 
     /// Poses of one camera's view of four markers or more, where each colour is one marker's.
-    fn from_one_view(
+    fn try_one_view(
         &self,
         t_ns: i64,
         candidates: &[Candidate],
