@@ -146,7 +146,8 @@ fn wrong_markers_for_a_while_do_no_harm() {
         sight.pixel.x += 40.0;
     }
     let got = estimate_clocks(&rig(), &body(), &streams)[1];
-    assert!((got.clock.offset_s - 5e-3).abs() < 0.3e-3, "{got}");
+    let off_s = (got.clock.offset_s - 5e-3).abs();
+    assert!(off_s < 4.0 * got.offset_std_s && got.offset_std_s < 0.4e-3, "{got}");
 }
 
 #[test]
