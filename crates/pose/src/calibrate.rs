@@ -5,6 +5,7 @@ mod choose;
 mod disagree;
 #[cfg(test)]
 mod fault_tests;
+mod layout;
 mod link;
 mod model;
 mod moved;
