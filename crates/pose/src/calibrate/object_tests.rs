@@ -250,6 +250,7 @@ fn what_objects_cannot_tell_is_refused() {
     let full = super::test_sets::both(0.05, &mut seed);
     let why = calibrate_with(&full, &[late]).unwrap_err();
     assert!(matches!(why, PoseError::ObjectMisfit { .. }), "{why}");
+    assert!(why.to_string().contains("run in step"), "{why}");
     // Two points do not fix the axes.
     let places = [Vector3::new(0.5, 0.5, 0.5), Vector3::new(-0.5, 0.5, 0.5)];
     let two: Vec<CameraControl> =
