@@ -2,7 +2,7 @@
 //!
 //! Wand: two balls 500 mm apart are waved for 20 s before the paper's cameras, and the control frame is seen in one still each;
 //! what is compared is the distance between the cameras (scale) and their centres. An argument `SECONDS` makes it shorter.
-//! Board: 20 stills of 8 by 5 squares of 40 mm by one wide camera with k1 = -0.25, k2 = 0.08, beside control balls; what is
+//! Board: 12 stills of 8 by 5 squares of 40 mm by one wide camera with k1 = -0.25, k2 = 0.08, beside control balls; what is
 //! compared is the focal length, and the reprojection RMS over the corners' own errors.
 
 use anyhow::{Result, anyhow};
@@ -94,7 +94,7 @@ fn wand(seconds: f64, room: &Room) -> Result<()> {
 }
 
 fn board(room: &Room) -> Result<()> {
-    let size = ImageSize { width_px: 1280, height_px: 720 };
+    let size = ImageSize { width_px: 640, height_px: 480 };
     let mut camera = lab::cameras().swap_remove(0);
     let lens = Intrinsics::from_horizontal_fov(size, 70_f64.to_radians());
     camera.camera = Camera::looking_at(Vector3::new(0.0, -3.0, 1.5), Vector3::new(0.0, 0.0, 1.5), lens, size);
@@ -105,7 +105,7 @@ fn board(room: &Room) -> Result<()> {
     let middle = Vector3::new(0.12, 0.06, 0.0);
     let mut stills = Vec::new();
     let mut errors = (0.0, 0.0);
-    for k in 0..20u32 {
+    for k in 0..12u32 {
         let wave = |step: f64| (TAU * step * f64::from(k)).sin();
         let turn = Vector3::new(0.7 * wave(0.39), 0.7 * wave(0.61), 0.4 * wave(0.23));
         let turn = UnitQuaternion::from_scaled_axis(turn);

@@ -86,3 +86,30 @@ fn joined(seen: &[Seen]) -> Vec<MarkerObservation> {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_geometry::{Matrix2, Vector2};
+
+    #[test]
+    fn frames_join_with_the_nearest_of_the_first_camera() {
+        let ball = |u: f64| BallCandidate {
+            pixel: Vector2::new(u, 0.0),
+            covariance_px2: Matrix2::identity(),
+            area_px: 20.0,
+            diameter_px: 5.0,
+            score: 1.0,
+            color: [0; 3],
+        };
+        let first: Seen = (0..4).map(|k| (100 * k, vec![Some(ball(k as f64)), None])).collect();
+        // Late by a fifth of a frame; the first of its frames comes before the other camera's.
+        let second: Seen = (-1..3).map(|k| (100 * k + 20, vec![None, Some(ball(k as f64))])).collect();
+        let joined = joined(&[Vec::new(), first, second]);
+        let of = |camera: usize| -> Vec<(i64, f64)> {
+            joined.iter().filter(|o| o.camera == camera).map(|o| (o.t_ns, o.pixel.x)).collect()
+        };
+        assert_eq!(of(1), [(0, 0.0), (100, 1.0), (200, 2.0), (300, 3.0)]);
+        assert_eq!(of(2), [(0, 0.0), (100, 1.0), (200, 2.0)]);
+    }
+}

@@ -6,6 +6,7 @@ mod disagree;
 mod expected;
 #[cfg(test)]
 mod fault_tests;
+mod layout;
 mod link;
 mod model;
 mod moved;

@@ -199,7 +199,8 @@ fn refined(grey: &Grey, near: &Vector2<f64>, half_px: isize) -> Option<BoardCorn
         let step: Vector2<f64> = inverse * right;
         p += step;
         // Away from the corner by more than its window it is another.
-        if !((p - near).norm() < 1.5 * half_px as f64) {
+        let moved_px = (p - near).norm();
+        if moved_px.is_nan() || moved_px > 1.5 * half_px as f64 {
             return None;
         }
         let left = (squares - right.dot(&step)).max(0.0) / f64::max(n - 2.0, 1.0);
@@ -262,6 +263,6 @@ mod tests {
     fn no_board_is_none() {
         assert_eq!(find_board(&frame(5, 4, |u, v| Vector2::new(u / 18.0 + 8.0, v / 18.0)), 5, 4), None);
         assert_eq!(find_board(&frame(5, 4, |u, v| Vector2::new(u / 20.0 - 2.0, v / 20.0 - 2.0)), 7, 4), None);
-        assert_eq!(find_board(&frame(5, 4, |u, v| Vector2::new(u, v)), 2, 4), None);
+        assert_eq!(find_board(&frame(5, 4, Vector2::new), 2, 4), None);
     }
 }

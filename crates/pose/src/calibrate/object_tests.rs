@@ -244,6 +244,13 @@ fn what_objects_cannot_tell_is_refused() {
     let mut wrong = good.clone();
     wrong.sights[5].pixel.x = f64::NAN;
     assert!(matches!(refused(wrong), PoseError::BadObservation { .. }));
+    // Where the recordings are out of step, control points keep the cameras and the wand is nowhere.
+    let mut late = good.clone();
+    late.sights.iter_mut().filter(|o| o.camera == 1).for_each(|o| o.t_ns += 333_333_330);
+    let full = super::test_sets::both(0.05, &mut seed);
+    let why = calibrate_with(&full, &[late]).unwrap_err();
+    assert!(matches!(why, PoseError::ObjectMisfit { .. }), "{why}");
+    assert!(why.to_string().contains("run in step"), "{why}");
     // Two points do not fix the axes.
     let places = [Vector3::new(0.5, 0.5, 0.5), Vector3::new(-0.5, 0.5, 0.5)];
     let two: Vec<CameraControl> =

@@ -52,6 +52,8 @@ pub(super) fn with_objects(
     problem.start = Some(cameras);
     let all = problem.all();
     let (problem, fit) = without_strays(problem, &all)?;
+    // Before the control points are suspected of what an object does to them.
+    refuse(&problem, &fit)?;
     let problem = Problem { start: Some(fit.cameras), ..problem };
     let cleaned = clean(&problem)?;
     refuse(&problem, &cleaned.chosen.best)?;
