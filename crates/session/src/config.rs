@@ -149,7 +149,10 @@ pub struct SessionCamera {
 
 /// The line time of a rolling shutter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "line_time_s is a number of seconds from row to row, for instance 30e-6, or \"estimate\""
+)]
 pub enum LineTime {
     /// It is known; below 0 where the lower rows come first.
     Known(f64),

@@ -87,7 +87,7 @@ impl Frame {
                 matrix: *matrix,
             },
         };
-        let size = if quarters % 2 == 0 {
+        let size = if quarters.is_multiple_of(2) {
             self.size
         } else {
             ImageSize { width_px: self.size.height_px, height_px: self.size.width_px }
@@ -184,7 +184,7 @@ impl Frame {
 /// A plane of `N` bytes a pixel, turned clockwise by quarters.
 fn turned<const N: usize>(plane: &[u8], (width, height): (usize, usize), quarters: u8) -> Vec<u8> {
     let mut out = Vec::with_capacity(plane.len());
-    let (across, down) = if quarters % 2 == 0 { (width, height) } else { (height, width) };
+    let (across, down) = if quarters.is_multiple_of(2) { (width, height) } else { (height, width) };
     for row in 0..down {
         for column in 0..across {
             let (x, y) = match quarters % 4 {
