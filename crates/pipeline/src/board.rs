@@ -61,7 +61,7 @@ mod tests {
         let size = ImageSize { width_px: 64, height_px: 48 };
         let frame = Frame::from_rgb(size, vec![90; 3 * 64 * 48]).unwrap();
         let frames = Box::new((0..3).map(move |k| Ok(TimedFrame { t_ns: k, frame: frame.clone() })));
-        let feed = CameraFeed { name: "cam1".into(), announced: None, frames };
+        let feed = CameraFeed::new("cam1", None, frames);
         let board = Board { columns: 9, rows: 6, square_m: 0.03, together: false };
         let why = board_of(&board, vec![None, Some(feed)]).unwrap_err().to_string();
         assert!(why.contains("cam1: none of 3 images shows a chessboard with 9 by 6"), "{why}");

@@ -308,7 +308,8 @@ mod tests {
         let streams = vec![stream(0, exact, 30.0, 0..30), stream(1, exact, 30.0, 600..630)];
         let mut rig = rig();
         rig.cameras.truncate(2);
-        let text = joined(streams, &rig, &Vehicle::paper()).unwrap_err().to_string();
+        let watches = streams.iter().map(|s| CameraWatch::new(s.name.clone())).collect();
+        let text = joined(streams, watches, &rig, &Vehicle::paper()).unwrap_err().to_string();
         assert!(text.contains("cam1 runs from 0.000 s") && text.contains("time_offset_s"), "{text}");
     }
 
