@@ -21,6 +21,8 @@ use mavsight::vision::Frame;
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 
 const INTERVAL_S: f64 = 1.0 / 30.0;
+/// Of the cameras from the middle: within the walls for every angle.
+const DISTANCE_M: f64 = 5.3;
 
 /// Squares of errors of position and turn, what was predicted of them, squares of centres, and their numbers.
 #[derive(Default, Clone, Copy)]
@@ -179,12 +181,12 @@ fn rigs(known: Option<Known>) -> Outcome<Vec<(String, Planner, Vec<Placed>)>> {
     let mut out: Vec<(String, Planner, Vec<Placed>)> = Vec::new();
     for angle in [50.0, 70.0, 90.0, 110.0, 130.0] {
         let p = planner(known, |_| ())?;
-        let placed = p.pair(0, angle, 6.36).to_vec();
+        let placed = p.pair(0, angle, DISTANCE_M).to_vec();
         out.push((format!("{angle:.0} degrees"), p, placed));
     }
     let three = planner(known, |_| ())?;
-    let mut placed = three.pair(0, 90.0, 6.36).to_vec();
-    placed.push(Placed { centre_m: Vector3::new(0.5, 6.0, 2.6), ..placed[0] });
+    let mut placed = three.pair(0, 90.0, DISTANCE_M).to_vec();
+    placed.push(Placed { centre_m: Vector3::new(1.5, 1.9, 2.9), ..placed[0] });
     out.push(("three".to_owned(), three, placed));
     Ok(out)
 }
@@ -193,7 +195,7 @@ fn rigs(known: Option<Known>) -> Outcome<Vec<(String, Planner, Vec<Placed>)>> {
 /// residuals, and the residuals of calibration.
 fn pilot(calibrations: u64, frames: usize) -> Outcome<Known> {
     let p = planner(None, |_| ())?;
-    let sums = filmed(&p, &p.pair(0, 90.0, 6.36), (1000..1000 + calibrations, frames))?;
+    let sums = filmed(&p, &p.pair(0, 90.0, DISTANCE_M), (1000..1000 + calibrations, frames))?;
     let centre_std_px = (sums.claimed_px2 / sums.coordinates.max(1.0)).sqrt();
     Ok(Known { centre_std_px, control_std_px: sums.control_px / calibrations as f64 })
 }

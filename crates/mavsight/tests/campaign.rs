@@ -83,12 +83,22 @@ fn a_killed_campaign_ends_with_the_same_table() {
             .stderr(Stdio::null())
             .spawn()
             .expect("the program");
-        // From before the first piece to well into the work, in no order.
-        std::thread::sleep(Duration::from_millis(20 + 41 * (7 * k % 10)));
+        // At once, after some milliseconds, and whenever so much more has been written.
+        let enough = sizes[sizes.len() - 1] + 1 + 3001 * (7 * k % 4);
+        let written = || std::fs::metadata(out.join("flights.part")).map_or(0, |m| m.len());
+        let patience = if k < 2 { 17 * k } else { 20_000 };
+        let begin = std::time::Instant::now();
+        while begin.elapsed() < Duration::from_millis(patience) && written() < enough {
+            std::thread::sleep(Duration::from_millis(1));
+        }
         child.kill().expect("killed");
         child.wait().expect("ended");
         sizes.push(std::fs::metadata(out.join("flights.part")).map_or(0, |m| m.len()));
     }
+    assert!(
+        sizes.windows(2).filter(|w| w[1] > w[0]).count() >= 3,
+        "kills came too early or too late: {sizes:?}"
+    );
     let (resumed, _) = flown(&file, &out, &["--threads", "1"]);
     assert!(resumed == whole, "the tables differ; sizes after each kill {sizes:?}");
     let rows: Vec<&str> = whole.lines().collect();
