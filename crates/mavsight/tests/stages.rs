@@ -77,7 +77,7 @@ fn tracking_without_a_rig_says_which_stage_makes_it() {
 fn markers_are_refined_or_the_reason_is_told() {
     let session = Session::new();
     let text = std::fs::read_to_string(session.path("session.toml")).expect("the session is there");
-    for (std_m, refined) in [("0.002", true), ("0.00005", false)] {
+    for (std_m, refined) in [("0.002", true), ("0.00001", false)] {
         let asks = format!("{text}\n[refine]\nmarkers_std_m = {std_m}\ndiameters = true\n");
         std::fs::write(session.path("session.toml"), asks).expect("the session is written");
         let out = session.path(std_m);

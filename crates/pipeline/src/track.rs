@@ -250,13 +250,17 @@ mod tests {
         (1e3 * f64::sqrt(sum / f64::from(count)), count as usize)
     }
 
-    fn flown(streams: Vec<Stream>) -> Tracked {
+    fn joined_by_rig(streams: Vec<Stream>) -> Result<Tracked, PipelineError> {
         let mut rig = rig();
         rig.cameras.truncate(streams.len());
         rig.uncertainty =
             rig.uncertainty.rows(0, mavsight_geometry::CAMERA_PARAMETERS * streams.len()).into();
         let watches = streams.iter().map(|s| CameraWatch::new(s.name.clone())).collect();
-        joined(streams, watches, &rig, &Vehicle::paper()).unwrap()
+        joined(streams, watches, &rig, &Vehicle::paper())
+    }
+
+    fn flown(streams: Vec<Stream>) -> Tracked {
+        joined_by_rig(streams).unwrap()
     }
 
     fn unknown(mut stream: Stream) -> Stream {
@@ -306,10 +310,7 @@ mod tests {
     fn recordings_of_different_times_are_refused() {
         let exact = late(0.0, 0.0);
         let streams = vec![stream(0, exact, 30.0, 0..30), stream(1, exact, 30.0, 600..630)];
-        let mut rig = rig();
-        rig.cameras.truncate(2);
-        let watches = streams.iter().map(|s| CameraWatch::new(s.name.clone())).collect();
-        let text = joined(streams, watches, &rig, &Vehicle::paper()).unwrap_err().to_string();
+        let text = joined_by_rig(streams).unwrap_err().to_string();
         assert!(text.contains("cam1 runs from 0.000 s") && text.contains("time_offset_s"), "{text}");
     }
 

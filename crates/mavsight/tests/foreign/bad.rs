@@ -150,7 +150,7 @@ fn calibrations_in_yaml() {
         ("camera_info.yaml", info.replace("plumb_bob", "equidistant"), &["equidistant", "plumb_bob"]),
         ("camera_info.yaml", info.replace("image_width", "width"), &["image_width"]),
         ("camera_info.yaml", info.replace("cols: 5", "cols: 6"), &["5 numbers"]),
-        ("camera_info.yaml", "a: &x 1\n".repeat(1), &["anchors"]),
+        ("camera_info.yaml", "a: &x 1\n".to_string(), &["anchors"]),
     ];
     for (name, text, words) in cases {
         let from = if name.starts_with("camchain") {

@@ -141,11 +141,9 @@ pub(crate) fn poses_apart(a: &[TimedPose], b: &[TimedPose]) -> f64 {
     assert_eq!(a.len(), b.len());
     let one = |(a, b): (&TimedPose, &TimedPose)| {
         assert_eq!(a.t_ns, b.t_ns);
-        match (a.world_from_body, b.world_from_body) {
-            (Some(a), Some(b)) => (a.to_homogeneous() - b.to_homogeneous()).amax(),
-            (None, None) => 0.0,
-            _ => panic!("a gap at {} ns in one of them alone", a.t_ns),
-        }
+        let (t_ns, a, b) = (a.t_ns, a.world_from_body, b.world_from_body);
+        assert_eq!(a.is_some(), b.is_some(), "a gap at {t_ns} ns in one of them alone");
+        a.zip(b).map_or(0.0, |(a, b)| (a.to_homogeneous() - b.to_homogeneous()).amax())
     };
     a.iter().zip(b).map(one).fold(0.0, f64::max)
 }
