@@ -301,11 +301,17 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         iterations as f64 / n,
         factor / n
     );
+    print_table(&tallies, model.free(), n);
+    Ok(())
+}
+
+/// A line for each parameter.
+fn print_table(tallies: &[Tally], parameters: &[ModelParameter], n: f64) {
     println!(
         "{:14} {:>8} {:>12} {:>14} {:>16}",
         "parameter", "held", "error/bound", "predicted/got", "error/tls error"
     );
-    for (tally, parameter) in tallies.iter().zip(model.free()) {
+    for (tally, parameter) in tallies.iter().zip(parameters) {
         println!(
             "{:14} {:7.1}% {:12.3} {:14.3} {:>16}",
             parameter.name(),
@@ -318,5 +324,4 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             }
         );
     }
-    Ok(())
 }
