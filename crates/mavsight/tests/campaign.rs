@@ -23,10 +23,12 @@ camera = [
 [[noise]]
 name = "fine"
 centre_std_px = 0.05
+centre_bias_px = 0.0
 
 [[noise]]
 name = "coarse"
 centre_std_px = 0.2
+centre_bias_px = 0.0
 
 [[manoeuvre]]
 name = "doublet"
