@@ -1,0 +1,127 @@
+//! Who may have the page.
+
+use std::net::IpAddr;
+
+/// Whether the `Host` of a request is an address, or this machine's own name for itself.
+///
+/// A page elsewhere can have its own name lead to this machine (DNS rebinding), and its scripts then count as of one origin with
+/// this server; but they still send their own name. An address cannot be made to lead elsewhere. Ports are free, as they are
+/// other ones behind a forwarded port.
+pub(crate) fn is_own_host(host: &str) -> bool {
+    let name = if let Some(rest) = host.strip_prefix('[') {
+        let Some((name, port)) = rest.split_once(']') else { return false };
+        if !port.is_empty() && !port.strip_prefix(':').is_some_and(is_port) {
+            return false;
+        }
+        return name.parse::<IpAddr>().is_ok_and(|address| address.is_ipv6());
+    } else if let Some((name, port)) = host.split_once(':') {
+        if !is_port(port) {
+            return false;
+        }
+        name
+    } else {
+        host
+    };
+    name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|address| address.is_ipv4())
+}
+
+fn is_port(text: &str) -> bool {
+    text.bytes().all(|byte| byte.is_ascii_digit()) && text.parse::<u16>().is_ok()
+}
+
+/// Whether a page of this origin is the one that was served under this `Host`.
+pub(crate) fn is_own_origin(origin: &str, host: &str) -> bool {
+    origin.strip_prefix("http://").is_some_and(|rest| rest.eq_ignore_ascii_case(host))
+}
+
+/// A new token: 128 random bits as hexadecimal digits.
+///
+/// # Errors
+/// What the system says where it has no random numbers.
+pub(crate) fn token() -> Result<String, String> {
+    let mut bytes = [0_u8; 16];
+    getrandom::fill(&mut bytes).map_err(|error| error.to_string())?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// What follows the page's own address in a path: all after `/`, or after `/TOKEN/`; none where the token is not that.
+///
+/// Takes as long for a token that is wrong in its first letter as for one wrong in its last.
+pub(crate) fn below<'a>(path: &'a str, token: Option<&str>) -> Option<&'a str> {
+    let path = path.strip_prefix('/')?;
+    let Some(token) = token else { return Some(path) };
+    let (given, rest) = path.split_once('/')?;
+    let differs = given.len() != token.len()
+        || given.bytes().zip(token.bytes()).fold(0, |differs, (a, b)| differs | (a ^ b)) != 0;
+    (!differs).then_some(rest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_addresses_and_localhost_are_own_hosts() {
+        for own in [
+            "127.0.0.1",
+            "127.0.0.1:80",
+            "localhost:9000",
+            "LocalHost",
+            "[::1]:8080",
+            "[::1]",
+            "192.168.1.7:80",
+        ] {
+            assert!(is_own_host(own), "{own}");
+        }
+        for other in [
+            "",
+            ":",
+            "evil.example",
+            "evil.example:8080",
+            "127.0.0.1.evil.example",
+            "localhost.evil.example",
+            "::1",
+            "[::1",
+            "[::1]x",
+            "[::1]:x",
+            "[127.0.0.1]",
+            "127.0.0.1:",
+            "127.0.0.1:+8",
+            "127.0.0.1:99999",
+            "127.0.0.1:80:80",
+            "a@127.0.0.1",
+        ] {
+            assert!(!is_own_host(other), "{other}");
+        }
+    }
+
+    #[test]
+    fn an_origin_is_own_only_if_it_is_the_host_itself() {
+        assert!(is_own_origin("http://127.0.0.1:8080", "127.0.0.1:8080"));
+        for other in [
+            "null",
+            "",
+            "http://127.0.0.1:3000",
+            "http://127.0.0.1",
+            "https://127.0.0.1:8080",
+            "http://evil.example",
+        ] {
+            assert!(!is_own_origin(other, "127.0.0.1:8080"), "{other}");
+        }
+    }
+
+    #[test]
+    fn tokens_differ_and_open_only_their_own_door() {
+        let (one, two) = (token().unwrap(), token().unwrap());
+        assert_eq!(one.len(), 32);
+        assert_ne!(one, two);
+        assert_eq!(below(&format!("/{one}/events"), Some(&one)), Some("events"));
+        assert_eq!(below(&format!("/{one}/"), Some(&one)), Some(""));
+        assert_eq!(below(&format!("/{two}/events"), Some(&one)), None);
+        assert_eq!(below(&format!("/{one}"), Some(&one)), None);
+        assert_eq!(below("/events", Some(&one)), None);
+        assert_eq!(below("//", Some(&one)), None);
+        assert_eq!(below("/events", None), Some("events"));
+        assert_eq!(below("events", None), None);
+    }
+}

@@ -1,0 +1,99 @@
+//! Small pictures of what a camera sees.
+
+use image::ExtendedColorType;
+use image::codecs::jpeg::JpegEncoder;
+
+use crate::PageError;
+
+/// The longer side of a picture has at most this many pixels: what a page can show beside everything else.
+pub const LONGEST_SIDE_PX: u32 = 640;
+
+/// Quality of the JPEG, 1 to 100: pictures are looked at, not measured.
+const QUALITY: u8 = 75;
+
+/// A picture of a frame as JPEG, for [`crate::Server::preview`].
+///
+/// `pixel(x, y)` is the colour (sRGB) of a column and row of the frame. A frame whose longer side exceeds [`LONGEST_SIDE_PX`] is
+/// shrunk by the least whole factor that fits it; each pixel of the picture is then the mean of two by two of the frame,
+/// which is enough against aliasing to the eye and asks for few of the frame's pixels.
+///
+/// # Errors
+/// [`PageError::PictureSize`] where a side is 0 or above 65535, [`PageError::Encode`] where the encoder fails.
+pub fn encode(
+    width_px: u32,
+    height_px: u32,
+    pixel: impl Fn(usize, usize) -> [u8; 3],
+) -> Result<Vec<u8>, PageError> {
+    let sides = 1..=u32::from(u16::MAX);
+    if !sides.contains(&width_px) || !sides.contains(&height_px) {
+        return Err(PageError::PictureSize { width_px, height_px });
+    }
+    let factor = width_px.max(height_px).div_ceil(LONGEST_SIDE_PX);
+    let (columns, rows) = ((width_px / factor).max(1), (height_px / factor).max(1));
+    let mut rgb = Vec::with_capacity(3 * columns as usize * rows as usize);
+    for row in 0..rows {
+        for column in 0..columns {
+            rgb.extend(mean(&pixel, (width_px, height_px), (column * factor, row * factor), factor));
+        }
+    }
+    let mut jpeg = Vec::new();
+    JpegEncoder::new_with_quality(&mut jpeg, QUALITY)
+        .encode(&rgb, columns, rows, ExtendedColorType::Rgb8)
+        .map_err(|source| PageError::Encode { width_px: columns, height_px: rows, source })?;
+    Ok(jpeg)
+}
+
+/// The mean of two by two pixels, half a factor apart, of the block that begins at `first`.
+fn mean(
+    pixel: &impl Fn(usize, usize) -> [u8; 3],
+    (width_px, height_px): (u32, u32),
+    first: (u32, u32),
+    factor: u32,
+) -> [u8; 3] {
+    if factor == 1 {
+        return pixel(first.0 as usize, first.1 as usize);
+    }
+    let mut sum = [0_u16; 3];
+    for (right, down) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+        let x = (first.0 + right * factor / 2).min(width_px - 1);
+        let y = (first.1 + down * factor / 2).min(height_px - 1);
+        for (total, channel) in sum.iter_mut().zip(pixel(x as usize, y as usize)) {
+            *total += u16::from(channel);
+        }
+    }
+    sum.map(|total| (total / 4) as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn large_frames_are_shrunk_and_stay_in_place() {
+        // Left half red, right half blue, 1080p: 640 x 360 with the edge in the middle.
+        let jpeg = encode(1920, 1080, |x, _| if x < 960 { [220, 20, 20] } else { [20, 20, 220] }).unwrap();
+        let picture = image::load_from_memory(&jpeg).unwrap().to_rgb8();
+        assert_eq!(picture.dimensions(), (640, 360));
+        for (x, want) in [(300, [220, 20, 20]), (340, [20, 20, 220])] {
+            let seen = picture.get_pixel(x, 180).0;
+            assert!(seen.iter().zip(want).all(|(a, b)| a.abs_diff(b) < 12), "column {x}: {seen:?}");
+        }
+    }
+
+    #[test]
+    fn a_frame_that_fits_keeps_its_size() {
+        let picture = image::load_from_memory(&encode(640, 480, |_, _| [9, 9, 9]).unwrap()).unwrap();
+        assert_eq!((picture.width(), picture.height()), (640, 480));
+        let picture = image::load_from_memory(&encode(3, 2000, |_, _| [9, 9, 9]).unwrap()).unwrap();
+        assert_eq!((picture.width(), picture.height()), (1, 500));
+    }
+
+    #[test]
+    fn sizes_that_no_jpeg_has_are_refused() {
+        for (width_px, height_px) in [(0, 10), (10, 0), (70_000, 10)] {
+            let error = encode(width_px, height_px, |_, _| [0; 3]).unwrap_err();
+            assert!(matches!(error, PageError::PictureSize { .. }), "{error}");
+            assert!(error.to_string().contains("1 to 65535"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,390 @@
+//! The running server against malformed, oversized and slow requests, pages of other origins, and listeners that do not read.
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::time::{Duration, Instant};
+
+use mavsight_link::{CameraState, Event};
+use mavsight_page::{Command, Limits, Reach, Server};
+use tungstenite::{Message, WebSocket};
+
+fn limits() -> Limits {
+    Limits { connections: 24, listeners: 3, request_time: Duration::from_millis(400), ..Limits::default() }
+}
+
+fn start() -> Server {
+    Server::start_with("127.0.0.1:0".parse().unwrap(), Reach::Loopback, limits()).unwrap()
+}
+
+fn connect(server: &Server) -> TcpStream {
+    let stream = TcpStream::connect(server.address()).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    stream
+}
+
+/// All that the server answers until it closes.
+fn rest_of(mut stream: TcpStream) -> String {
+    let mut bytes = Vec::new();
+    // A reset after the answer is an end too.
+    let _ = stream.read_to_end(&mut bytes);
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+fn ask(server: &Server, request: &[u8]) -> String {
+    let mut stream = connect(server);
+    // The server may have answered and closed before all is written.
+    let _ = stream.write_all(request);
+    rest_of(stream)
+}
+
+/// A request of a browser for a path, with further header lines.
+fn get(server: &Server, path: &str, more: &str) -> String {
+    ask(server, format!("GET {path} HTTP/1.1\r\nHost: {}\r\n{more}\r\n", server.address()).as_bytes())
+}
+
+fn status(answer: &str) -> u16 {
+    answer
+        .get(9..12)
+        .and_then(|digits| digits.parse().ok())
+        .unwrap_or_else(|| panic!("no status: {answer:?}"))
+}
+
+fn assert_still_serving(server: &Server) {
+    assert_eq!(status(&get(server, "/", "")), 200);
+    drop(open(server).unwrap());
+}
+
+fn handshake(address: SocketAddr, host: &str, path: &str, origin: &str) -> Result<WebSocket<TcpStream>, u16> {
+    let stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    let request = tungstenite::http::Request::get(format!("ws://{address}{path}"))
+        .header("Host", host)
+        .header("Origin", origin)
+        .header("Connection", "Upgrade")
+        .header("Upgrade", "websocket")
+        .header("Sec-WebSocket-Version", "13")
+        .header("Sec-WebSocket-Key", "dGhlIHNhbXBsZSBub25jZQ==")
+        .body(())
+        .unwrap();
+    match tungstenite::client(request, stream) {
+        Ok((socket, _)) => Ok(socket),
+        Err(tungstenite::HandshakeError::Failure(tungstenite::Error::Http(answer))) => {
+            Err(answer.status().as_u16())
+        }
+        Err(error) => panic!("{error}"),
+    }
+}
+
+fn open(server: &Server) -> Result<WebSocket<TcpStream>, u16> {
+    let host = server.address().to_string();
+    handshake(server.address(), &host, "/events", &format!("http://{host}"))
+}
+
+/// The next text that is no beat.
+fn next_text(socket: &mut WebSocket<TcpStream>) -> String {
+    loop {
+        if let Message::Text(text) = socket.read().unwrap()
+            && !text.contains(r#""event":"beat""#)
+        {
+            return text.to_string();
+        }
+    }
+}
+
+fn wait_for(what: &str, is_so: impl Fn() -> bool) {
+    let begun = Instant::now();
+    while !is_so() {
+        assert!(begun.elapsed() < Duration::from_secs(5), "{what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn note(text: &str) -> Event {
+    Event::Note { t_s: 1.0, fault: false, text: text.to_owned() }
+}
+
+fn sights(t_s: f64) -> Event {
+    Event::Sights { camera: 0, t_s, seen: Vec::new() }
+}
+
+#[test]
+fn the_page_and_its_files_come_with_a_policy() {
+    let server = start();
+    for (path, media_type) in [("/", "text/html"), ("/page.js", "text/javascript"), ("/page.css", "text/css")]
+    {
+        let answer = get(&server, path, "");
+        assert_eq!(status(&answer), 200, "{path}");
+        for header in [
+            &format!("Content-Type: {media_type}"),
+            "default-src 'none'",
+            "frame-ancestors 'none'",
+            "Referrer-Policy: no-referrer",
+            "nosniff",
+        ] {
+            assert!(answer.contains(header), "{path}: {header}");
+        }
+        let (head, body) = answer.split_once("\r\n\r\n").unwrap();
+        assert!(body.len() > 500 && head.contains(&format!("Content-Length: {}", body.len())), "{head}");
+    }
+    let head = ask(&server, format!("HEAD / HTTP/1.1\r\nHost: {}\r\n\r\n", server.address()).as_bytes());
+    assert!(head.starts_with("HTTP/1.1 200 OK") && head.ends_with("\r\n\r\n"), "{head}");
+}
+
+#[test]
+fn malformed_requests_are_refused_and_it_still_serves() {
+    let server = start();
+    let host = format!("Host: {}\r\n", server.address());
+    for (request, want) in [
+        ("\u{0}\u{3}\u{1}nonsense\r\n\r\n".to_owned(), 400),
+        ("GET\r\n\r\n".to_owned(), 400),
+        ("GET / HTTP/1.1\r\n\r\n".to_owned(), 400),
+        (format!("GET / HTTP/7.3\r\n{host}\r\n"), 400),
+        (format!("GET / HTTP/1.1\r\n{host}{host}\r\n"), 400),
+        (format!("GET / HTTP/1.1\r\n{host}Content-Length: many\r\n\r\n"), 400),
+        (format!("GET http://other/ HTTP/1.1\r\n{host}\r\n"), 400),
+        (format!("GET /../../etc/passwd HTTP/1.1\r\n{host}\r\n"), 404),
+        (format!("GET /index.php HTTP/1.1\r\n{host}\r\n"), 404),
+        (format!("DELETE / HTTP/1.1\r\n{host}\r\n"), 405),
+        (format!("GET /events HTTP/1.1\r\n{host}\r\n"), 426),
+        (format!("GET /events HTTP/1.1\r\n{host}Upgrade: websocket\r\nConnection: Upgrade\r\n\r\n"), 426),
+    ] {
+        assert_eq!(status(&ask(&server, request.as_bytes())), want, "{request:?}");
+    }
+    let upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n";
+    let origin = format!("Origin: http://{}\r\n", server.address());
+    assert_eq!(status(&get(&server, "/events", &format!("{upgrade}{origin}"))), 400);
+    assert_eq!(
+        status(&get(&server, "/events", &format!("{upgrade}{origin}Sec-WebSocket-Key: abc\r\n"))),
+        400
+    );
+    assert_eq!(server.listeners(), 0);
+    assert_still_serving(&server);
+}
+
+#[test]
+fn oversized_requests_are_refused_and_it_still_serves() {
+    let server = start();
+    let long = "x".repeat(1 << 20);
+    assert_eq!(status(&get(&server, &format!("/{long}"), "")), 431);
+    assert_eq!(status(&get(&server, "/", &format!("Cookie: {long}\r\n"))), 431);
+    assert_eq!(status(&get(&server, "/", &"A: b\r\n".repeat(100))), 431);
+    let host = server.address();
+    for body in [
+        format!("Content-Length: {}\r\n\r\n{long}", long.len()),
+        "Transfer-Encoding: chunked\r\n\r\n".to_owned(),
+    ] {
+        let request = format!("GET / HTTP/1.1\r\nHost: {host}\r\n{body}");
+        assert_eq!(status(&ask(&server, request.as_bytes())), 413);
+    }
+    let mut socket = open(&server).unwrap();
+    socket.send(Message::text("y".repeat(5000))).unwrap();
+    assert!(std::iter::from_fn(|| socket.read().ok()).all(|message| !matches!(message, Message::Binary(_))));
+    wait_for("a page that sends too much is left", || server.listeners() == 0);
+    assert_still_serving(&server);
+}
+
+#[test]
+fn slow_requests_end_and_do_not_keep_others_out() {
+    let server = start();
+    let mut slow: Vec<TcpStream> = (0..20).map(|_| connect(&server)).collect();
+    let begun = Instant::now();
+    for letter in "GET / HTTP/1.1".bytes() {
+        for stream in &mut slow {
+            let _ = stream.write_all(&[letter]);
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert_eq!(status(&get(&server, "/", "")), 200);
+    for stream in slow {
+        assert_eq!(status(&rest_of(stream)), 408);
+    }
+    assert!(begun.elapsed() < Duration::from_secs(2), "{:?}", begun.elapsed());
+    assert_still_serving(&server);
+}
+
+#[test]
+fn more_connections_than_may_be_are_turned_away_until_there_is_place() {
+    let server = start();
+    let idle: Vec<TcpStream> = (0..24).map(|_| connect(&server)).collect();
+    assert_eq!(status(&get(&server, "/", "")), 503);
+    for stream in idle {
+        assert_eq!(status(&rest_of(stream)), 408);
+    }
+    wait_for("places of those who left are free", || status(&get(&server, "/", "")) == 200);
+    let pages: Vec<_> = (0..3).map(|_| open(&server).unwrap()).collect();
+    assert_eq!(open(&server).unwrap_err(), 503);
+    drop(pages);
+    wait_for("pages that are closed are forgotten", || server.listeners() == 0);
+    assert_still_serving(&server);
+}
+
+#[test]
+fn pages_of_other_origins_and_names_get_nothing() {
+    let server = start();
+    let own = server.address().to_string();
+    for origin in ["http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1"] {
+        assert_eq!(handshake(server.address(), &own, "/events", origin).unwrap_err(), 403, "{origin}");
+        assert_eq!(status(&get(&server, "/", &format!("Origin: {origin}\r\n"))), 403, "{origin}");
+    }
+    let upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n\
+        Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
+    assert_eq!(status(&get(&server, "/events", upgrade)), 403, "without an origin");
+    // A name that leads here: its page has that name as its origin, and is refused all the same.
+    let port = server.address().port();
+    for name in
+        [format!("evil.example:{port}"), format!("127.0.0.1.evil.example:{port}"), "evil.example".to_owned()]
+    {
+        let refused = handshake(server.address(), &name, "/events", &format!("http://{name}")).unwrap_err();
+        assert_eq!(refused, 403, "{name}");
+        let page = ask(&server, format!("GET / HTTP/1.1\r\nHost: {name}\r\n\r\n").as_bytes());
+        assert_eq!(status(&page), 403, "{name}");
+    }
+    let forwarded = format!("localhost:{}", port.wrapping_add(1));
+    assert!(handshake(server.address(), &forwarded, "/events", &format!("http://{forwarded}")).is_ok());
+    assert_eq!(server.next_command(Duration::ZERO), None);
+    assert_still_serving(&server);
+}
+
+#[test]
+fn beyond_this_machine_only_the_token_opens() {
+    let server = Server::start_with("0.0.0.0:0".parse().unwrap(), Reach::Network, limits()).unwrap();
+    let here = SocketAddr::from(([127, 0, 0, 1], server.address().port()));
+    let token = server.url().rsplit('/').nth(1).unwrap().to_owned();
+    assert_eq!(token.len(), 32);
+    let ask = |path: &str| {
+        let mut stream = TcpStream::connect(here).unwrap();
+        write!(stream, "GET {path} HTTP/1.1\r\nHost: {here}\r\n\r\n").unwrap();
+        status(&rest_of(stream))
+    };
+    let wrong = "0".repeat(32);
+    for path in ["/", "/page.js", "/events", &format!("/{wrong}/"), &format!("/{token}")] {
+        assert_eq!(ask(path), 403, "{path}");
+    }
+    assert_eq!(ask(&format!("/{token}/")), 200);
+    assert_eq!(ask(&format!("/{token}/page.js")), 200);
+    let (own, origin) = (here.to_string(), format!("http://{here}"));
+    assert_eq!(handshake(here, &own, &format!("/{wrong}/events"), &origin).unwrap_err(), 403);
+    assert!(handshake(here, &own, &format!("/{token}/events"), &origin).is_ok());
+}
+
+#[test]
+fn events_pictures_and_commands_go_through() {
+    let server = start();
+    server.publish(&note("before"));
+    server.publish(&sights(0.5));
+    let mut socket = open(&server).unwrap();
+    wait_for("the page is counted", || server.listeners() == 1);
+    server.publish(&sights(1.5));
+    server.publish(&Event::Camera {
+        camera: 1,
+        state: CameraState::Stalled,
+        rate_hz: 0.0,
+        latency_ms: 0.0,
+        dropped: 3,
+        markers: vec![0.5],
+        reason: None,
+    });
+    assert!(next_text(&mut socket).contains("before"));
+    let sights: serde_json::Value = serde_json::from_str(&next_text(&mut socket)).unwrap();
+    assert_eq!((&sights["event"], sights["t_s"].as_f64()), (&"sights".into(), Some(1.5)));
+    assert!(next_text(&mut socket).contains("stalled"));
+    server.preview(1, -2, b"picture");
+    let picture = loop {
+        if let Message::Binary(bytes) = socket.read().unwrap() {
+            break bytes;
+        }
+    };
+    assert_eq!(&picture[..], b"\x01\xfe\xff\xff\xff\xff\xff\xff\xffpicture");
+    for (name, command) in [
+        ("start_recording", Command::StartRecording),
+        ("stop_recording", Command::StopRecording),
+        ("calibrate", Command::Calibrate),
+        ("self_check", Command::SelfCheck),
+    ] {
+        socket.send(Message::text(format!(r#"{{"command":"{name}"}}"#))).unwrap();
+        assert_eq!(server.next_command(Duration::from_secs(5)), Some(command));
+    }
+    drop(server);
+    let last = std::iter::from_fn(|| socket.read().ok()).last();
+    assert!(matches!(last, Some(Message::Close(Some(frame))) if frame.reason.contains("ended")));
+}
+
+#[test]
+fn commands_that_are_none_or_too_many_are_answered_and_do_no_harm() {
+    let server = start();
+    let mut socket = open(&server).unwrap();
+    socket.send(Message::text(r#"{"command":"explode"}"#)).unwrap();
+    let answer: serde_json::Value = serde_json::from_str(&next_text(&mut socket)).unwrap();
+    assert_eq!((&answer["event"], &answer["fault"]), (&"note".into(), &true.into()));
+    for _ in 0..20 {
+        socket.send(Message::text(r#"{"command":"calibrate"}"#)).unwrap();
+    }
+    assert!(next_text(&mut socket).contains("Too many requests"));
+    let waiting = std::iter::from_fn(|| server.next_command(Duration::ZERO)).count();
+    assert_eq!(waiting, 16);
+    for _ in 0..10 {
+        let _ = socket.send(Message::text("nonsense"));
+    }
+    wait_for("who sends nonsense is left", || server.listeners() == 0);
+    let mut socket = open(&server).unwrap();
+    socket.send(Message::binary(vec![1, 2, 3])).unwrap();
+    wait_for("who sends bytes is left", || server.listeners() == 0);
+    assert_still_serving(&server);
+}
+
+#[test]
+fn a_listener_that_does_not_read_holds_nobody_and_then_sees_what_is_new() {
+    let server = start();
+    let mut asleep = open(&server).unwrap();
+    let mut awake = open(&server).unwrap();
+    wait_for("both are counted", || server.listeners() == 2);
+    let picture = vec![7; 40_000];
+    let begun = Instant::now();
+    let mut slowest = Duration::ZERO;
+    for count in 0..2000 {
+        let before = Instant::now();
+        server.publish(&sights(f64::from(count)));
+        if count % 4 == 0 {
+            server.preview(0, 0, &picture);
+        }
+        slowest = slowest.max(before.elapsed());
+        if count % 50 == 0 {
+            // So that who reads is never behind.
+            server.publish(&note("here"));
+            while !next_text(&mut awake).contains("here") {}
+        }
+    }
+    assert!(slowest < Duration::from_millis(200), "a publish took {slowest:?}");
+    assert!(begun.elapsed() < Duration::from_secs(10));
+    // What the sleeper finds: what had gone out before the system's buffers were full, then only the newest.
+    server.publish(&note("the end"));
+    let mut seen = Vec::new();
+    loop {
+        let text = next_text(&mut asleep);
+        if text.contains("the end") {
+            break;
+        }
+        let event: serde_json::Value = serde_json::from_str(&text).unwrap();
+        seen.extend(event["t_s"].as_f64().filter(|_| event["event"] == "sights"));
+    }
+    assert!(seen.windows(2).all(|pair| pair[0] < pair[1]));
+    assert!(seen.len() < 1500, "{} of 2000 waited", seen.len());
+    assert_eq!(seen[seen.len() - 30..], (1970..2000).map(f64::from).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_page_that_has_gone_without_a_word_is_left() {
+    let quick = Limits { beat: Duration::from_millis(30), silence: Duration::from_millis(300), ..limits() };
+    let server = Server::start_with("127.0.0.1:0".parse().unwrap(), Reach::Loopback, quick).unwrap();
+    let silent = open(&server).unwrap();
+    wait_for("the page is counted", || server.listeners() == 1);
+    let mut beats = open(&server).unwrap();
+    for _ in 0..30 {
+        beats.read().unwrap();
+    }
+    wait_for("who answers no ping is left", || {
+        // Reading answers the pings of the other.
+        server.listeners() == 1
+    });
+    drop(silent);
+}

@@ -1,0 +1,191 @@
+// The cameras' pictures with what was seen in them, and how each camera does.
+
+import { colours, label, prepare, type Surface } from "./canvas.ts";
+import type { Camera, CameraState, Scene, Sight } from "./events.ts";
+import type { CameraNow, Flight } from "./flight.ts";
+import { magnification } from "./maths.ts";
+import { element } from "./page.ts";
+
+/** Signs beside the words, so that states are told apart not by colour alone. */
+export const STATE_SIGNS: Record<CameraState, string> = {
+  starting: "◌",
+  running: "●",
+  stalled: "▲",
+  gone: "✕",
+  moved: "⤢",
+  dark: "◐",
+};
+
+/** A residual of usual length is drawn about so long. */
+const ARROW_PX = 14;
+/** A picture older than this is greyed. */
+const PICTURE_OLD_MS = 600;
+
+export class Cameras {
+  private scene: Scene | null = null;
+  private canvases: HTMLCanvasElement[] = [];
+  private captions: HTMLElement[] = [];
+  private magnified = 1;
+  private usual_px = 0;
+  private written: (Camera | null)[] = [];
+  private readonly flight: Flight;
+  private readonly pictures: HTMLElement;
+  private readonly scaleNote: HTMLElement;
+  private readonly table: HTMLTableElement;
+
+  constructor(flight: Flight, pictures: HTMLElement, scaleNote: HTMLElement, table: HTMLTableElement) {
+    this.flight = flight;
+    this.pictures = pictures;
+    this.scaleNote = scaleNote;
+    this.table = table;
+  }
+
+  private lay(scene: Scene): void {
+    this.scene = scene;
+    this.written = [];
+    this.canvases = [];
+    this.captions = [];
+    this.pictures.replaceChildren(...scene.cameras.map((camera) => {
+      const canvas = element("canvas");
+      canvas.setAttribute("role", "img");
+      canvas.setAttribute("aria-label", `Picture of ${camera.name} with the markers seen in it`);
+      const caption = element("figcaption");
+      this.canvases.push(canvas);
+      this.captions.push(caption);
+      return element("figure", [canvas, caption]);
+    }));
+    this.pictures.dataset["count"] = String(scene.cameras.length);
+  }
+
+  draw(isAlive: boolean): void {
+    const { scene } = this.flight;
+    if (!scene) return;
+    if (scene !== this.scene) this.lay(scene);
+    this.flight.cameras.forEach((camera, k) => {
+      const canvas = this.canvases[k];
+      const surface = canvas && prepare(canvas);
+      if (surface) this.drawPicture(scene, k, camera, surface, isAlive);
+    });
+  }
+
+  private drawPicture(scene: Scene, k: number, camera: CameraNow, surface: Surface, isAlive: boolean): void {
+    const view = scene.cameras[k];
+    if (!view) return;
+    const { pen, width, height } = surface;
+    const zoom = Math.min(width / view.width_px, height / view.height_px);
+    const [left, top] = [(width - zoom * view.width_px) / 2, (height - zoom * view.height_px) / 2];
+    const age_ms = performance.now() - camera.image_ms;
+    const isOld = !isAlive || age_ms > PICTURE_OLD_MS;
+    pen.fillStyle = "#000";
+    pen.fillRect(left, top, zoom * view.width_px, zoom * view.height_px);
+    if (camera.image) {
+      pen.filter = isOld ? "grayscale(1) brightness(0.6)" : "none";
+      pen.drawImage(camera.image, left, top, zoom * view.width_px, zoom * view.height_px);
+      pen.filter = "none";
+    }
+    const seen = isOld && camera.image ? [] : (this.flight.sightsShown(camera)?.seen ?? []);
+    // A pixel's coordinates are those of its centre.
+    const at = (u: number, v: number): [number, number] => [left + (u + 0.5) * zoom, top + (v + 0.5) * zoom];
+    for (const sight of seen) this.drawSight(scene, sight, pen, at, zoom);
+    pen.font = `600 13px ${colours().font}`;
+    pen.textAlign = "center";
+    if (isOld && camera.image) label(pen, `picture ${(age_ms / 1000).toFixed(1)} s old`, width / 2, height / 2, "#fff", "#000");
+    else if (!camera.image) label(pen, "no picture yet", width / 2, height / 2, "#fff", "#000");
+  }
+
+  private drawSight(
+    scene: Scene, sight: Sight, pen: CanvasRenderingContext2D, at: (u: number, v: number) => [number, number], zoom: number,
+  ): void {
+    const marker = sight.marker === null ? undefined : scene.markers[sight.marker];
+    const [x, y] = at(sight.u_px, sight.v_px);
+    const radius = Math.max(4, (sight.diameter_px * zoom) / 2 + 3);
+    const ring = (colour: string, width: number) => {
+      pen.beginPath();
+      pen.arc(x, y, radius, 0, 2 * Math.PI);
+      pen.strokeStyle = colour;
+      pen.lineWidth = width;
+      pen.stroke();
+    };
+    pen.setLineDash(marker ? [] : [3, 3]);
+    ring("#000", 3.5);
+    ring(marker ? "#fff" : "#bbb", 1.5);
+    pen.setLineDash([]);
+    pen.font = `600 12px ${colours().font}`;
+    pen.textBaseline = "middle";
+    pen.textAlign = "left";
+    label(pen, marker?.name ?? "?", x + radius + 4, y - radius, "#fff", "#000");
+    if (!sight.residual_px) return;
+    const [du, dv] = sight.residual_px;
+    const length = Math.hypot(du, dv);
+    this.usual_px += 0.01 * (length - this.usual_px);
+    this.magnified = magnification(this.usual_px * zoom, ARROW_PX, this.magnified);
+    drawArrow(pen, x, y, du * zoom * this.magnified, dv * zoom * this.magnified);
+  }
+
+  /** Fills in captions and table. */
+  write(isAlive: boolean): void {
+    const { scene } = this;
+    if (!scene) return;
+    this.scaleNote.textContent = this.usual_px > 0 ? `residuals ×${this.magnified}` : "";
+    this.flight.cameras.forEach((camera, k) => {
+      const caption = this.captions[k];
+      const state = camera.state?.state ?? "starting";
+      const word = isAlive ? `${STATE_SIGNS[state]} ${state}` : "no connection";
+      if (caption) {
+        caption.textContent = `${scene.cameras[k]?.name ?? ""} ${word}`;
+        caption.dataset["well"] = String(isAlive && state === "running");
+      }
+    });
+    const states = this.flight.cameras.map((camera) => camera.state);
+    if (states.length === this.written.length && states.every((state, k) => state === this.written[k])) return;
+    this.written = states;
+    this.table.tBodies[0]?.replaceChildren(...this.flight.cameras.flatMap((camera, k) => this.rows(scene, camera, k)));
+  }
+
+  private rows(scene: Scene, camera: CameraNow, k: number): HTMLTableRowElement[] {
+    const now = camera.state;
+    const name = element("th", scene.cameras[k]?.name ?? "");
+    name.scope = "row";
+    const state = element("td", now ? `${STATE_SIGNS[now.state]} ${now.state}` : "◌ starting");
+    state.className = !now || now.state === "running" || now.state === "starting" ? "" : "bad";
+    const numbers = now ? [now.rate_hz.toFixed(1), now.latency_ms.toFixed(1), String(now.dropped)] : ["–", "–", "–"];
+    const first = element("tr", [name, state, ...numbers.map((text) => element("td", text))]);
+    const shares = scene.markers.map((marker, m) => share(marker.name, marker.rgb, now?.markers[m]));
+    const wide = element("td", now?.reason && now.state !== "running" ? [element("p", now.reason), ...shares] : shares);
+    wide.colSpan = 5;
+    wide.className = "shares";
+    return [first, element("tr", [wide])];
+  }
+}
+
+/** In how many of the last second's frames a marker was seen. */
+function share(name: string, rgb: readonly number[], seen: number | undefined): HTMLElement {
+  const dot = element("i");
+  dot.style.background = `rgb(${rgb.join(",")})`;
+  const isFew = seen !== undefined && seen < 0.9;
+  const text = seen === undefined ? "–" : `${Math.round(100 * seen)} %${isFew ? " ▼" : ""}`;
+  const chip = element("span", [dot, `${name} ${text}`]);
+  chip.className = isFew ? "share few" : "share";
+  chip.title = `${name}: seen in ${text} of the last second's frames`;
+  return chip;
+}
+
+function drawArrow(pen: CanvasRenderingContext2D, x: number, y: number, dx: number, dy: number): void {
+  const length = Math.hypot(dx, dy);
+  if (length < 1) return;
+  const [ux, uy] = [dx / length, dy / length];
+  const head = Math.min(5, length / 2);
+  const draw = (colour: string, width: number) => {
+    pen.beginPath();
+    pen.moveTo(x, y);
+    pen.lineTo(x + dx, y + dy);
+    pen.moveTo(x + dx - head * (ux + 0.6 * uy), y + dy - head * (uy - 0.6 * ux));
+    pen.lineTo(x + dx, y + dy);
+    pen.lineTo(x + dx - head * (ux - 0.6 * uy), y + dy - head * (uy + 0.6 * ux));
+    pen.strokeStyle = colour;
+    pen.lineWidth = width;
+    pen.stroke();
+  };
+  draw("#000", 3.5);
+  draw("#f0e442", 1.8);
+}

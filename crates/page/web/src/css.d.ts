@@ -1,0 +1,2 @@
+// The build puts the style sheet beside the script.
+declare module "*.css";

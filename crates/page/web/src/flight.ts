@@ -1,0 +1,155 @@
+// What the page knows of the flight, and how old that is.
+
+import type { Camera, Parameter, Parameters, Pose, Preview, Quaternion, Recording, Scene, Sights, Vec3 } from "./events.ts";
+import { History } from "./history.ts";
+import { norm, sub } from "./maths.ts";
+
+/** One point of the path; none where the aircraft was not seen in between. */
+export type PathPoint = Vec3 | null;
+
+const PATH_POINTS = 1500;
+/** Sights are kept so long, as the picture that they belong to comes later. */
+const SIGHTS_KEPT_S = 1;
+
+export interface CameraNow {
+  state: Camera | null;
+  sights: Sights[];
+  image: ImageBitmap | null;
+  image_t_s: number;
+  image_ms: number;
+}
+
+export class Flight {
+  scene: Scene | null = null;
+  /** The newest instant, measured or not. */
+  pose: Pose | null = null;
+  pose_ms = 0;
+  /** The newest that was measured. */
+  seen: (Pose & { position_m: Vec3; attitude: Quaternion }) | null = null;
+  seen_ms = 0;
+  readonly history = new History();
+  readonly path: PathPoint[] = [];
+  cameras: CameraNow[] = [];
+  parameters: Parameters | null = null;
+  /** The widest interval that each parameter has had. */
+  readonly widest = new Map<string, { low: number; high: number }>();
+  recording: Recording | null = null;
+  skipped = 0;
+  /** Interval between instants, of late. */
+  interval_ms = 33;
+  rate_hz = 0;
+  private delays: [number, number][] = [];
+
+  start(scene: Scene): void {
+    // The same flight heard again after the connection was lost: what was seen of it stays.
+    if (this.scene && JSON.stringify(scene) === JSON.stringify(this.scene)) return;
+    this.scene = scene;
+    this.pose = null;
+    this.seen = null;
+    this.history.clear();
+    this.path.length = 0;
+    for (const camera of this.cameras) camera.image?.close();
+    this.cameras = scene.cameras.map(() => ({ state: null, sights: [], image: null, image_t_s: 0, image_ms: 0 }));
+    this.parameters = null;
+    this.widest.clear();
+    this.recording = null;
+    this.delays = [];
+  }
+
+  takePose(pose: Pose): void {
+    const now = performance.now();
+    if (this.pose && pose.t_s < this.pose.t_s) {
+      this.path.length = 0;
+      this.widest.clear();
+    } else if (this.pose) {
+      const step_s = (pose.t_s - this.pose.t_s) / Math.max(1, pose.sequence - this.pose.sequence);
+      if (step_s > 0 && step_s < 1) this.interval_ms += 0.05 * (1000 * step_s - this.interval_ms);
+    }
+    this.pose = pose;
+    this.pose_ms = now;
+    this.history.push(pose);
+    this.delays.push([now, now - pose.captured_ns / 1e6]);
+    while (this.delays.length > 0 && now - (this.delays[0]?.[0] ?? now) > 2000) this.delays.shift();
+    this.rate_hz = this.delays.length / 2;
+    if (pose.valid && pose.position_m && pose.attitude) {
+      this.seen = { ...pose, position_m: pose.position_m, attitude: pose.attitude };
+      this.seen_ms = now;
+      const last = this.path.at(-1);
+      if (!last || norm(sub(last, pose.position_m)) > 0.005) this.path.push(pose.position_m);
+    } else if (this.path.at(-1)) {
+      this.path.push(null);
+    }
+    if (this.path.length > PATH_POINTS) this.path.splice(0, this.path.length - PATH_POINTS);
+  }
+
+  takeSights(sights: Sights): void {
+    const camera = this.cameras[sights.camera];
+    if (!camera) return;
+    if ((camera.sights.at(-1)?.t_s ?? Number.NEGATIVE_INFINITY) >= sights.t_s) camera.sights.length = 0;
+    camera.sights.push(sights);
+    while ((camera.sights[0]?.t_s ?? sights.t_s) < sights.t_s - SIGHTS_KEPT_S) camera.sights.shift();
+  }
+
+  async takePreview(preview: Preview): Promise<void> {
+    const image = await createImageBitmap(preview.jpeg).catch(() => null);
+    const camera = this.cameras[preview.camera];
+    if (!image || !camera) return;
+    camera.image?.close();
+    Object.assign(camera, { image, image_t_s: preview.t_s, image_ms: performance.now() });
+  }
+
+  takeParameters(parameters: Parameters): void {
+    this.parameters = parameters;
+    for (const one of parameters.parameters) this.widen(one);
+  }
+
+  private widen({ name, value, half_width }: Parameter): void {
+    if (value === null || half_width === null) return;
+    const widest = this.widest.get(name);
+    if (!widest || 2 * half_width > widest.high - widest.low) {
+      this.widest.set(name, { low: value - half_width, high: value + half_width });
+    } else if (value - half_width < widest.low || value + half_width > widest.high) {
+      const reach = Math.max(widest.high - widest.low, 2 * half_width);
+      const centre = Math.min(Math.max((widest.low + widest.high) / 2, value + half_width - reach / 2), value - half_width + reach / 2);
+      this.widest.set(name, { low: centre - reach / 2, high: centre + reach / 2 });
+    }
+  }
+
+  /** Milliseconds since the newest instant came. */
+  poseAge_ms(): number {
+    return this.pose ? performance.now() - this.pose_ms : Number.POSITIVE_INFINITY;
+  }
+
+  /** Milliseconds since the newest measured pose came. */
+  seenAge_ms(): number {
+    return this.seen ? performance.now() - this.seen_ms : Number.POSITIVE_INFINITY;
+  }
+
+  /** A pose older than this is no longer shown as if it were now: three instants, or what a browser's own pauses take. */
+  patience_ms(): number {
+    return Math.max(200, 3 * this.interval_ms);
+  }
+
+  /** How much later poses come than the quickest of late: what has piled up on the way. */
+  behind_ms(): number {
+    const newest = this.delays.at(-1)?.[1];
+    if (newest === undefined) return 0;
+    return newest - Math.min(...this.delays.map(([, delay]) => delay));
+  }
+
+  /** Flight time now, as the newest instant has it. */
+  now_s(): number {
+    return this.pose ? this.pose.t_s + this.poseAge_ms() / 1000 : 0;
+  }
+
+  /** What a camera saw in the picture that is shown; in none, what it saw last. */
+  sightsShown(camera: CameraNow): Sights | undefined {
+    if (!camera.image) return camera.sights.at(-1);
+    let best: Sights | undefined;
+    for (const sights of camera.sights) {
+      const nearer = Math.abs(sights.t_s - camera.image_t_s) < Math.abs((best?.t_s ?? Number.POSITIVE_INFINITY) - camera.image_t_s);
+      if (nearer) best = sights;
+    }
+    return best && Math.abs(best.t_s - camera.image_t_s) < this.interval_ms / 500 ? best : undefined;
+  }
+}
