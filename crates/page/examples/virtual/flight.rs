@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 pub(crate) const RATE_HZ: f64 = 60.0;
 const WIDTH_PX: u32 = 640;
 const HEIGHT_PX: u32 = 480;
-const FOCAL_PX: f64 = 520.0;
+const FOCAL_PX: f64 = 800.0;
 
 /// A camera that looks at a point.
 struct Eye {
@@ -79,8 +79,8 @@ const DIAMETER_M: f64 = 0.05;
 impl VirtualFlight {
     pub(crate) fn new(has_losses: bool) -> Self {
         let eyes = [
-            Eye::new("cam1", [-3.2, -2.6, 2.2], [0.2, 0.1, 1.0]),
-            Eye::new("cam2", [3.0, -2.9, 2.3], [-0.1, 0.1, 1.0]),
+            Eye::new("cam1", [-2.4, -2.2, 2.0], [0.2, 0.2, 0.95]),
+            Eye::new("cam2", [2.7, -2.3, 2.1], [0.2, 0.2, 0.95]),
         ];
         Self { eyes, noise: Noise(1), has_losses, last_seen_s: f64::NEG_INFINITY, found_s: 0.0 }
     }
@@ -113,7 +113,7 @@ impl VirtualFlight {
     fn truth(t_s: f64) -> (Point3<f64>, [f64; 3]) {
         let angle = 0.55 * t_s;
         let position =
-            Point3::new(0.3 + 0.95 * angle.cos(), 0.2 + 0.7 * angle.sin(), 1.05 + 0.25 * (0.7 * t_s).sin());
+            Point3::new(0.2 + 0.85 * angle.cos(), 0.2 + 0.65 * angle.sin(), 1.0 + 0.2 * (0.7 * t_s).sin());
         let yaw = angle.sin().atan2(angle.cos()) + 0.1 * (1.3 * t_s).sin();
         // Towards X the nose has psi = 0, and psi > 0 turns it towards -Y.
         let psi = -(yaw + std::f64::consts::FRAC_PI_2);

@@ -86,7 +86,9 @@ export class Cameras {
     const seen = isOld && camera.image ? [] : (this.flight.sightsShown(camera)?.seen ?? []);
     // A pixel's coordinates are those of its centre.
     const at = (u: number, v: number): [number, number] => [left + (u + 0.5) * zoom, top + (v + 0.5) * zoom];
-    for (const sight of seen) this.drawSight(scene, sight, pen, at, zoom);
+    const told = seen.filter((sight) => sight.marker !== null);
+    const middle = at(mean(told.map((sight) => sight.u_px)), mean(told.map((sight) => sight.v_px)));
+    for (const sight of seen) this.drawSight(scene, sight, pen, at, zoom, middle);
     pen.font = `600 13px ${colours().font}`;
     pen.textAlign = "center";
     if (isOld && camera.image) label(pen, `picture ${(age_ms / 1000).toFixed(1)} s old`, width / 2, height / 2, "#fff", "#000");
@@ -95,6 +97,7 @@ export class Cameras {
 
   private drawSight(
     scene: Scene, sight: Sight, pen: CanvasRenderingContext2D, at: (u: number, v: number) => [number, number], zoom: number,
+    middle: readonly [number, number],
   ): void {
     const marker = sight.marker === null ? undefined : scene.markers[sight.marker];
     const [x, y] = at(sight.u_px, sight.v_px);
@@ -112,8 +115,11 @@ export class Cameras {
     pen.setLineDash([]);
     pen.font = `600 12px ${colours().font}`;
     pen.textBaseline = "middle";
-    pen.textAlign = "left";
-    label(pen, marker?.name ?? "?", x + radius + 4, y - radius, "#fff", "#000");
+    // Names stand on the outside of the body, where they lie on none of its balls.
+    const isLeft = marker !== undefined && x < middle[0];
+    pen.textAlign = isLeft ? "right" : "left";
+    const aside = isLeft ? -radius - 4 : radius + 4;
+    label(pen, marker?.name ?? "?", x + aside, y + (y < middle[1] ? -radius / 2 : radius / 2), "#fff", "#000");
     if (!sight.residual_px) return;
     const [du, dv] = sight.residual_px;
     const length = Math.hypot(du, dv);
@@ -156,6 +162,10 @@ export class Cameras {
     wide.className = "shares";
     return [first, element("tr", [wide])];
   }
+}
+
+function mean(values: readonly number[]): number {
+  return values.reduce((sum, value) => sum + value, 0) / Math.max(1, values.length);
 }
 
 /** In how many of the last second's frames a marker was seen. */

@@ -34,7 +34,9 @@ export class Flight {
   /** The widest interval that each parameter has had. */
   readonly widest = new Map<string, { low: number; high: number }>();
   recording: Recording | null = null;
+  /** Poses that the server left out of late, as the page did not take them fast enough. */
   skipped = 0;
+  private skips: [number, number][] = [];
   /** Interval between instants, of late. */
   interval_ms = 33;
   rate_hz = 0;
@@ -115,6 +117,14 @@ export class Flight {
     }
   }
 
+  takeSkipped(sinceOpened: number): void {
+    const now = performance.now();
+    if ((this.skips.at(-1)?.[1] ?? 0) > sinceOpened) this.skips.length = 0;
+    this.skips.push([now, sinceOpened]);
+    while (this.skips.length > 1 && now - (this.skips[0]?.[0] ?? now) > 5000) this.skips.shift();
+    this.skipped = sinceOpened - (this.skips[0]?.[1] ?? 0);
+  }
+
   /** Milliseconds since the newest instant came. */
   poseAge_ms(): number {
     return this.pose ? performance.now() - this.pose_ms : Number.POSITIVE_INFINITY;
@@ -127,7 +137,7 @@ export class Flight {
 
   /** A pose older than this is no longer shown as if it were now: three instants, or what a browser's own pauses take. */
   patience_ms(): number {
-    return Math.max(200, 3 * this.interval_ms);
+    return Math.max(300, 3 * this.interval_ms);
   }
 
   /** How much later poses come than the quickest of late: what has piled up on the way. */

@@ -52,6 +52,12 @@ export class History {
     return (this.count - this.length + index) % CAPACITY;
   }
 
+  /** The first index from here on of which, counted from the beginning of time, only one in `stride` is; so that these stay the same. */
+  aligned(index: number, stride: number): number {
+    const rest = (this.count - this.length + index) % stride;
+    return rest === 0 ? index : index + stride - rest;
+  }
+
   time(index: number): number {
     return this.t_s[this.row(index)] ?? Number.NaN;
   }

@@ -46,7 +46,7 @@ function take(message: Message): void {
     case "note":
       return notes.add(message);
     case "beat":
-      flight.skipped = message.dropped;
+      return flight.takeSkipped(message.dropped);
   }
 }
 
@@ -80,21 +80,40 @@ function isLive(): boolean {
   return link.isAlive() && flight.seenAge_ms() < flight.patience_ms();
 }
 
-const CHART_INTERVAL_MS = 33;
-let charted_ms = 0;
+/** Thirty pictures a second, fewer where the browser is slow: two thirds of the time are left to take what comes. */
+const LEAST_INTERVAL_MS = 30;
+let drawn_ms = 0;
+let cost_ms = 0;
+let hasDrawn = false;
+let drawsStrips = false;
 
 function draw(now_ms: number): void {
-  room.draw(isLive());
-  if (now_ms - charted_ms >= CHART_INTERVAL_MS) {
-    charted_ms = now_ms;
-    strips.draw();
-    cameras.draw(link.isAlive());
-  }
   requestAnimationFrame(draw);
+  const since_ms = now_ms - drawn_ms;
+  // The frame after a drawn one comes late by what drawing it cost.
+  if (hasDrawn) cost_ms += 0.2 * (Math.min(since_ms, 200) - cost_ms);
+  hasDrawn = false;
+  if (since_ms < Math.max(LEAST_INTERVAL_MS, 3 * (cost_ms - 17))) return;
+  drawn_ms = now_ms;
+  hasDrawn = true;
+  room.draw(isLive());
+  drawsStrips = !drawsStrips;
+  if (drawsStrips) strips.draw();
+  else cameras.draw(link.isAlive());
 }
+
+const WRITE_INTERVAL_MS = 100;
+let written_ms = 0;
+let yields = false;
 
 /** Texts change so often that they can be read. */
 function write(): void {
+  // After a pause of the page itself what has come meanwhile is taken first: it is not old.
+  const now_ms = performance.now();
+  const paused = !yields && now_ms - written_ms > 1.5 * WRITE_INTERVAL_MS;
+  written_ms = now_ms;
+  yields = paused;
+  if (paused) return void setTimeout(write, 0);
   head.write(isLive());
   strips.write(isLive());
   cameras.write(link.isAlive());
@@ -103,4 +122,4 @@ function write(): void {
 }
 
 requestAnimationFrame(draw);
-setInterval(write, 100);
+setInterval(write, WRITE_INTERVAL_MS);

@@ -3,7 +3,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { below125, entry, eulerStd, magnification, positionRoot, rounded, ticks, turn } from "./maths.ts";
+import { below125, entry, eulerStd, magnification, positionRoot, ticks, turn, withUncertainty } from "./maths.ts";
 
 /** Upper triangle by rows of a 6×6. */
 function upper(full) {
@@ -76,8 +76,10 @@ test("scales are round", () => {
 });
 
 test("numbers have the digits that they deserve", () => {
-  assert.equal(rounded(1.23456, 0.0021), "1.2346");
-  assert.equal(rounded(-12.3456, 0.5), "−12.35");
-  assert.equal(rounded(-123.456, 30), "−123");
-  assert.equal(rounded(1.5, 0), "1.500");
+  assert.equal(withUncertainty(1.23456, 0.0021), "1.235 ± 0.002");
+  assert.equal(withUncertainty(-12.3456, 0.5), "−12.3 ± 0.5");
+  assert.equal(withUncertainty(-123.456, 30), "−123 ± 30");
+  assert.equal(withUncertainty(0.00307, 7e-5), "0.00307 ± 0.00007");
+  assert.equal(withUncertainty(-7.3e-4, 2e-5), "(−7.3 ± 0.2)e−4");
+  assert.equal(withUncertainty(0, 0), "0.000 ± 0.000");
 });

@@ -107,10 +107,18 @@ export function ticks(low: number, high: number, most: number): number[] {
   return Array.from({ length: Math.max(0, last - first + 1) }, (_, k) => (first + k) * step);
 }
 
-/** A number with so many digits behind the point as its uncertainty has two digits of; a proper minus. */
-export function rounded(value: number, uncertainty: number, most = 5): string {
-  const digits = uncertainty > 0 ? Math.ceil(1 - Math.log10(uncertainty)) : 3;
-  return minus(value.toFixed(Math.min(most, Math.max(0, digits))));
+/**
+ * A number and its uncertainty, with so many digits as the first digit of the uncertainty bears; small and large numbers with a power
+ * of ten that is common to both. `most` digits behind the point at most.
+ */
+export function withUncertainty(value: number, uncertainty: number, most = 7): string {
+  const power = Math.floor(Math.log10(Math.max(Math.abs(value), uncertainty) || 1));
+  if (power >= -3 && power < 5) {
+    const digits = uncertainty > 0 ? Math.min(most, Math.max(0, Math.ceil(-Math.log10(uncertainty)))) : 3;
+    return minus(`${value.toFixed(digits)} ± ${uncertainty.toFixed(digits)}`);
+  }
+  const unit = 10 ** power;
+  return `(${withUncertainty(value / unit, uncertainty / unit)})e${minus(String(power))}`;
 }
 
 export function minus(text: string): string {

@@ -3,7 +3,7 @@
 import type { Note, Parameter } from "./events.ts";
 import type { Flight } from "./flight.ts";
 import type { Link } from "./link.ts";
-import { rounded } from "./maths.ts";
+import { withUncertainty } from "./maths.ts";
 import { byId, element, say } from "./page.ts";
 
 /** What the head says in large letters. */
@@ -69,7 +69,7 @@ export class Head {
     say(byId("residual"), isLive && pose && pose.residual_px !== null ? pose.residual_px.toFixed(3) : "–");
     const behind = flight.behind_ms();
     const late = behind > 500 ? `This page is ${seconds(behind)} behind the flight. ` : "";
-    say(byId("behind"), late + (flight.skipped > 0 ? `${flight.skipped} poses skipped: this page is too slow` : ""));
+    say(byId("behind"), late + (flight.skipped > 0 ? `This page is too slow: ${flight.skipped} poses of the last 5 s left out.` : ""));
   }
 }
 
@@ -115,7 +115,7 @@ export class ParameterList {
     }
     const { value, half_width: half } = one;
     const isKnown = value !== null && half !== null;
-    say(parts.value, isKnown ? `${shown(value, half)} ± ${shown(half, half)}` : "not determined");
+    say(parts.value, isKnown ? withUncertainty(value, half) : "not determined");
     say(parts.mark, one.enough ? "✓" : "");
     parts.mark.title = one.enough ? "seen as exactly as was asked for" : "";
     parts.row.dataset["enough"] = String(one.enough);
@@ -127,13 +127,6 @@ export class ParameterList {
       parts.bar.style.width = `${(100 * 2 * half) / span}%`;
     }
   }
-}
-
-/** Small and large numbers too, with as many digits as are known. */
-function shown(value: number, uncertainty: number): string {
-  const power = Math.floor(Math.log10(Math.max(Math.abs(value), uncertainty) || 1));
-  if (power >= -3 && power < 5) return rounded(value, uncertainty);
-  return `${rounded(value / 10 ** power, uncertainty / 10 ** power)}e${power}`.replace("e-", "e−");
 }
 
 const NOTES_KEPT = 100;

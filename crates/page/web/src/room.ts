@@ -15,12 +15,10 @@ interface Spot {
 }
 
 const FIELD = 0.9;
-/** The ellipsoid's longest half axis is drawn about this long. */
-const ELLIPSOID_M = 0.15;
 const FRUSTUM_M = 0.55;
 
 export class Room {
-  private azimuth = -0.9;
+  private azimuth = 0;
   private elevation = 0.42;
   private distance = 8;
   private target: Vec3 = [0, 0, 1];
@@ -41,15 +39,29 @@ export class Room {
   /** Puts all of the room into view. */
   reset(): void {
     const { scene } = this;
-    this.azimuth = -0.9;
     this.elevation = 0.42;
     this.follows = false;
     if (!scene) return;
-    const points = [...scene.volume_m, ...scene.cameras.map((camera) => camera.centre_m)];
+    const [from, to] = scene.volume_m;
+    const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((k): Vec3 => [
+      (k & 1 ? to : from)[0], (k & 2 ? to : from)[1], (k & 4 ? to : from)[2],
+    ]);
+    const points = [...corners, ...scene.cameras.flatMap(frustum)];
     const low = [0, 1, 2].map((i) => Math.min(...points.map((p) => p[i] ?? 0))) as Vec3;
     const high = [0, 1, 2].map((i) => Math.max(...points.map((p) => p[i] ?? 0))) as Vec3;
     this.target = scale(add(low, high), 0.5);
-    this.distance = Math.max(1, norm(sub(high, low)) * 0.98);
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const isInside = (spot: Spot | null) =>
+      spot !== null && spot.x > 0.04 * width && spot.x < 0.96 * width && spot.y > 0.06 * height && spot.y < 0.96 * height;
+    // From where the room fills the view best.
+    let best = { azimuth: 0, distance: 60 };
+    for (let k = 0; k < 36; k++) {
+      this.azimuth = (k / 18) * Math.PI;
+      this.distance = 1;
+      while (this.distance < best.distance && !points.map(this.projection(width, height)).every(isInside)) this.distance *= 1.03;
+      if (this.distance < best.distance) best = { azimuth: this.azimuth, distance: this.distance };
+    }
+    Object.assign(this, best);
   }
 
   follow(): void {
@@ -122,6 +134,19 @@ export class Room {
     return { at: add(this.target, scale(ahead, -this.distance)), right: [-sa, ca, 0], up: [-ca * se, -sa * se, ce], ahead };
   }
 
+  /** From the world to the screen. */
+  private projection(width: number, height: number): (point: Vec3) => Spot | null {
+    const eye = this.eye();
+    const focal = focalLength({ width, height });
+    return (point) => {
+      const d = sub(point, eye.at);
+      const dot = (axis: Vec3) => d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2];
+      const depth = dot(eye.ahead);
+      if (depth < 0.05) return null;
+      return { x: width / 2 + (focal * dot(eye.right)) / depth, y: height / 2 - (focal * dot(eye.up)) / depth, depth };
+    };
+  }
+
   draw(isLive: boolean): void {
     const surface = prepare(this.canvas);
     if (!surface) return;
@@ -132,16 +157,7 @@ export class Room {
     const { scene } = this;
     if (!scene) return;
     if (this.follows && this.flight.seen) this.target = this.flight.seen.position_m;
-    const eye = this.eye();
-    const focal = Math.min(surface.width, surface.height * 1.35) / FIELD;
-    const project = (point: Vec3): Spot | null => {
-      const d = sub(point, eye.at);
-      const dot = (axis: Vec3) => d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2];
-      const depth = dot(eye.ahead);
-      if (depth < 0.05) return null;
-      return { x: surface.width / 2 + (focal * dot(eye.right)) / depth, y: surface.height / 2 - (focal * dot(eye.up)) / depth, depth };
-    };
-    const artist = new Artist(surface, project, focal);
+    const artist = new Artist(surface, this.projection(surface.width, surface.height), focalLength(surface));
     drawVolume(artist, scene);
     scene.cameras.forEach((camera, k) => drawCamera(artist, camera, this.flight.cameras[k]?.state?.state ?? "starting"));
     drawPath(artist, this.flight, scene.volume_m[0][2]);
@@ -167,7 +183,7 @@ export class Room {
     const floor: Vec3 = [seen.position_m[0], seen.position_m[1], scene.volume_m[0][2]];
     artist.line([seen.position_m, floor], soft, 1);
     artist.circle(floor, [size * 0.7, 0, 0], [0, size * 0.7, 0], soft, 1);
-    if (isLive) this.drawEllipsoid(artist, seen.position_m, seen.covariance);
+    if (isLive) this.drawEllipsoid(artist, seen.position_m, seen.covariance, size);
     else this.caption.textContent = "last seen here";
     for (const marker of scene.markers) artist.line([seen.position_m, place(marker.in_body_m)], soft, 1.5);
     pen.font = `600 12px ${font}`;
@@ -185,7 +201,8 @@ export class Room {
     pen.restore();
   }
 
-  private drawEllipsoid(artist: Artist, centre: Vec3, covariance: readonly number[] | null): void {
+  /** Magnified so that it is about as large as the vehicle. */
+  private drawEllipsoid(artist: Artist, centre: Vec3, covariance: readonly number[] | null, size_m: number): void {
     const root = covariance && positionRoot(covariance);
     if (!root) {
       this.caption.textContent = "";
@@ -193,7 +210,7 @@ export class Room {
     }
     // The longest half axis of two standard deviations is at most twice the root of the trace.
     const longest = 2 * Math.hypot(...root.map(norm));
-    this.magnified = magnification(longest, ELLIPSOID_M, this.magnified);
+    this.magnified = magnification(longest, size_m, this.magnified);
     const [a, b, c] = root.map((column) => scale(column, 2 * this.magnified)) as [Vec3, Vec3, Vec3];
     const { accent } = colours();
     artist.silhouette(centre, [a, b, c], accent);
@@ -202,6 +219,15 @@ export class Room {
     artist.circle(centre, c, a, accent, 1);
     this.caption.textContent = `ellipsoid: 2σ of position, ×${this.magnified}`;
   }
+}
+
+function focalLength({ width, height }: { width: number; height: number }): number {
+  return Math.min(width, height * 1.35) / FIELD;
+}
+
+/** A camera's centre and the corners of its image, as they are drawn. */
+function frustum(camera: CameraView): Vec3[] {
+  return [camera.centre_m, ...camera.corners.map((direction) => add(camera.centre_m, scale(direction, FRUSTUM_M)))];
 }
 
 /** Draws in world coordinates. */
@@ -306,7 +332,7 @@ function drawCamera(artist: Artist, camera: CameraView, state: string): void {
   const { ink, soft, bad, panel, font } = colours();
   const isWell = state === "running" || state === "starting";
   const colour = isWell ? soft : bad;
-  const corners = camera.corners.map((direction) => add(camera.centre_m, scale(direction, FRUSTUM_M)));
+  const corners = frustum(camera).slice(1);
   const { pen } = artist;
   pen.save();
   if (!isWell) pen.setLineDash([4, 3]);

@@ -3,7 +3,7 @@
 import { colours, label, prepare, type Surface } from "./canvas.ts";
 import type { Flight } from "./flight.ts";
 import { SPAN_S } from "./history.ts";
-import { minus, rounded, ticks } from "./maths.ts";
+import { minus, ticks, withUncertainty } from "./maths.ts";
 
 interface Strip {
   canvas: HTMLCanvasElement;
@@ -11,14 +11,17 @@ interface Strip {
   first: number;
   names: string[];
   leastSpan: number;
+  /** A quantity with an axis of its own on the right, in degrees of the full circle: it would flatten the others. */
+  apart: number | null;
   /** What the axis shows; it grows at once and shrinks slowly. */
   low: number;
   high: number;
 }
 
 const LEFT = 44;
-const RIGHT = 20;
+const RIGHT = 46;
 const BOTTOM = 16;
+const TOP = 7;
 
 export class Strips {
   private readonly strips: Strip[];
@@ -33,6 +36,7 @@ export class Strips {
       first: 3 * k,
       names: [...figure.querySelectorAll<HTMLElement>("dt")].map((name) => name.textContent ?? ""),
       leastSpan: least[k] ?? 1,
+      apart: k === 1 ? 2 : null,
       low: 0,
       high: 0,
     }));
@@ -55,7 +59,7 @@ export class Strips {
         const twice = newest < 0 ? Number.NaN : 2 * history.std(newest, strip.first + i);
         let text = "–";
         if (isLive && Number.isFinite(value)) {
-          text = Number.isFinite(twice) ? `${rounded(value, twice, 4)} ± ${rounded(twice, twice, 4)}` : minus(value.toFixed(2));
+          text = Number.isFinite(twice) ? withUncertainty(value, twice, 3) : minus(value.toFixed(2));
         }
         if (output.textContent !== text) output.textContent = text;
       });
@@ -66,19 +70,22 @@ export class Strips {
     const { history } = this.flight;
     const now_s = this.flight.now_s();
     const from = history.since(now_s - SPAN_S);
-    const plot = { width: surface.width - LEFT - RIGHT, height: surface.height - BOTTOM - 4 };
+    const plot = { width: surface.width - LEFT - RIGHT, height: surface.height - BOTTOM - TOP };
     this.range(strip, from);
     const x = (t_s: number) => LEFT + ((t_s - now_s + SPAN_S) / SPAN_S) * plot.width;
-    const y = (value: number) => 4 + ((strip.high - value) / (strip.high - strip.low)) * plot.height;
+    const y = (value: number, i: number) => {
+      const [low, high] = i === strip.apart ? [-180, 180] : [strip.low, strip.high];
+      return TOP + ((high - value) / (high - low)) * plot.height;
+    };
     this.drawAxes(strip, surface, y);
     this.drawLosses(surface, from, x);
     const { pen } = surface;
     pen.save();
     pen.beginPath();
-    pen.rect(LEFT, 2, plot.width + RIGHT, plot.height + 4);
+    pen.rect(LEFT, TOP - 2, plot.width + RIGHT, plot.height + 4);
     pen.clip();
-    // Two instants a pixel are all that can be told apart.
-    const stride = Math.max(1, Math.floor((history.length - from) / (2 * plot.width)));
+    // One instant a pixel is all that can be told apart.
+    const stride = Math.max(1, Math.floor((history.length - from) / plot.width));
     for (const draws of ["band", "line"] as const) {
       for (let i = 0; i < 3; i++) {
         for (const [begin, end] of this.runs(strip.first + i, from, stride)) {
@@ -98,7 +105,7 @@ export class Strips {
     for (let k = from; k < history.length; k++) {
       for (let i = 0; i < 3; i++) {
         const value = history.value(k, strip.first + i);
-        if (!Number.isFinite(value)) continue;
+        if (!Number.isFinite(value) || i === strip.apart) continue;
         const twice = 2 * history.std(k, strip.first + i) || 0;
         low = Math.min(low, value - twice);
         high = Math.max(high, value + twice);
@@ -112,8 +119,8 @@ export class Strips {
     strip.high = strip.high > strip.low ? Math.max(high, strip.high + ease * (high - strip.high)) : high;
   }
 
-  private drawAxes(strip: Strip, { pen, width, height }: Surface, y: (value: number) => number): void {
-    const { soft, line, font } = colours();
+  private drawAxes(strip: Strip, { pen, width, height }: Surface, y: (value: number, i: number) => number): void {
+    const { soft, line, series, font } = colours();
     pen.font = `11px ${font}`;
     pen.lineWidth = 1;
     pen.strokeStyle = line;
@@ -125,16 +132,22 @@ export class Strips {
     const digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
     pen.beginPath();
     for (const mark of marks) {
-      const at = Math.round(y(mark)) + 0.5;
+      const at = Math.round(y(mark, -1)) + 0.5;
       pen.moveTo(LEFT, at);
       pen.lineTo(width - RIGHT, at);
       pen.fillText(minus((Math.abs(mark) < step / 1e3 ? 0 : mark).toFixed(digits)), LEFT - 6, at);
+    }
+    if (strip.apart !== null) {
+      pen.fillStyle = series[strip.apart] ?? soft;
+      pen.textAlign = "right";
+      for (const mark of [-180, -90, 0, 90, 180]) pen.fillText(minus(String(mark)), width - 1, y(mark, strip.apart));
+      pen.fillStyle = soft;
     }
     pen.textAlign = "center";
     pen.textBaseline = "bottom";
     for (let back = 0; back <= SPAN_S; back += 5) {
       const at = Math.round(width - RIGHT - (back / SPAN_S) * (width - LEFT - RIGHT)) + 0.5;
-      pen.moveTo(at, 4);
+      pen.moveTo(at, TOP);
       pen.lineTo(at, height - BOTTOM);
       pen.fillText(back === 0 ? "now" : `−${back} s`, at, height);
     }
@@ -155,7 +168,7 @@ export class Strips {
       const [left, right] = [Math.max(LEFT, x(begin_s)), Math.min(width - RIGHT, x(until_s))];
       pen.save();
       pen.beginPath();
-      pen.rect(left, 4, right - left, height - BOTTOM - 4);
+      pen.rect(left, TOP, right - left, height - BOTTOM - TOP);
       pen.clip();
       pen.beginPath();
       for (let at = left - (left % 8) - height; at < right; at += 8) {
@@ -179,7 +192,7 @@ export class Strips {
     const longest_s = (3 * stride * this.flight.interval_ms) / 1000;
     let begin = -1;
     let before = Number.NaN;
-    for (let k = from - (from % stride); k < history.length; k += stride) {
+    for (let k = history.aligned(from, stride); k < history.length; k += stride) {
       const value = history.value(k, quantity);
       const breaks = !Number.isFinite(value) || (quantity >= 3 && quantity < 6 && Math.abs(value - before) > 180);
       const leaps = begin >= 0 && history.time(k) - history.time(k - stride) > longest_s;
@@ -195,7 +208,7 @@ export class Strips {
 
   private drawBand(
     strip: Strip, i: number, pen: CanvasRenderingContext2D, begin: number, end: number, stride: number,
-    x: (t_s: number) => number, y: (value: number) => number,
+    x: (t_s: number) => number, y: (value: number, i: number) => number,
   ): void {
     const { history } = this.flight;
     const quantity = strip.first + i;
@@ -203,10 +216,10 @@ export class Strips {
     pen.beginPath();
     let last = begin;
     for (let k = begin; k < end; k += stride) {
-      pen.lineTo(x(history.time(k)), y(history.value(k, quantity) + twice(k)));
+      pen.lineTo(x(history.time(k)), y(history.value(k, quantity) + twice(k), i));
       last = k;
     }
-    for (let k = last; k >= begin; k -= stride) pen.lineTo(x(history.time(k)), y(history.value(k, quantity) - twice(k)));
+    for (let k = last; k >= begin; k -= stride) pen.lineTo(x(history.time(k)), y(history.value(k, quantity) - twice(k), i));
     pen.closePath();
     pen.globalAlpha = 0.28;
     pen.fillStyle = colours().series[i] ?? "";
@@ -216,11 +229,11 @@ export class Strips {
 
   private drawLine(
     strip: Strip, i: number, pen: CanvasRenderingContext2D, begin: number, end: number, stride: number,
-    x: (t_s: number) => number, y: (value: number) => number,
+    x: (t_s: number) => number, y: (value: number, i: number) => number,
   ): void {
     const { history } = this.flight;
     pen.beginPath();
-    for (let k = begin; k < end; k += stride) pen.lineTo(x(history.time(k)), y(history.value(k, strip.first + i)));
+    for (let k = begin; k < end; k += stride) pen.lineTo(x(history.time(k)), y(history.value(k, strip.first + i), i));
     pen.strokeStyle = colours().series[i] ?? "";
     pen.lineWidth = 1.6;
     pen.lineJoin = "round";
@@ -228,7 +241,7 @@ export class Strips {
   }
 
   /** Names at the lines' ends, so that they are told apart not by colour alone. */
-  private drawNames(strip: Strip, { pen, width }: Surface, y: (value: number) => number): void {
+  private drawNames(strip: Strip, { pen, width }: Surface, y: (value: number, i: number) => number): void {
     const { history } = this.flight;
     const newest = history.length - 1;
     if (newest < 0) return;
@@ -237,7 +250,7 @@ export class Strips {
     pen.textAlign = "left";
     pen.textBaseline = "middle";
     const ends = strip.names
-      .map((name, i) => ({ name, i, at: y(history.value(newest, strip.first + i)) }))
+      .map((name, i) => ({ name, i, at: y(history.value(newest, strip.first + i), i) }))
       .filter(({ at }) => Number.isFinite(at))
       .sort((a, b) => a.at - b.at);
     // Names that would lie on one another are moved apart.
