@@ -64,6 +64,8 @@ pub(crate) struct VirtualFlight {
     noise: Noise,
     /// Whether the aircraft flies out of sight now and then, and the second camera stalls.
     pub(crate) has_losses: bool,
+    /// Without such losses: whether it is out of sight now.
+    pub(crate) is_hidden: bool,
     last_seen_s: f64,
     found_s: f64,
 }
@@ -82,7 +84,14 @@ impl VirtualFlight {
             Eye::new("cam1", [-2.4, -2.2, 2.0], [0.2, 0.2, 0.95]),
             Eye::new("cam2", [2.7, -2.3, 2.1], [0.2, 0.2, 0.95]),
         ];
-        Self { eyes, noise: Noise(1), has_losses, last_seen_s: f64::NEG_INFINITY, found_s: 0.0 }
+        Self {
+            eyes,
+            noise: Noise(1),
+            has_losses,
+            is_hidden: false,
+            last_seen_s: f64::NEG_INFINITY,
+            found_s: 0.0,
+        }
     }
 
     pub(crate) fn scene(&self) -> Event {
@@ -130,7 +139,7 @@ impl VirtualFlight {
     /// Whether a camera sees a ball, as somebody walks by and one lens is dark for a while.
     fn is_seen(&self, camera: usize, marker: usize, t_s: f64) -> bool {
         if !self.has_losses {
-            return true;
+            return !self.is_hidden;
         }
         let phase = t_s.rem_euclid(24.0);
         let is_hidden = (13.0..15.2).contains(&phase);

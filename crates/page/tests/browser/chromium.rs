@@ -121,7 +121,7 @@ impl Chromium {
     pub(crate) fn wait_for(&mut self, expression: &str) -> Duration {
         let begun = Instant::now();
         while self.value(&format!("Boolean({expression})")) != true {
-            let body = if begun.elapsed() > Duration::from_secs(15) {
+            let body = if begun.elapsed() > Duration::from_secs(30) {
                 self.text("document.body.innerText")
             } else {
                 String::new()
@@ -133,7 +133,6 @@ impl Chromium {
             );
             std::thread::sleep(Duration::from_millis(20));
         }
-        eprintln!("{:?} {}", begun.elapsed(), expression.get(..90.min(expression.len())).unwrap_or(""));
         begun.elapsed()
     }
 

@@ -9,7 +9,7 @@ mod chromium;
 
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -19,11 +19,18 @@ use mavsight_link::{CameraState, Event};
 use mavsight_page::{Command, Reach, Server, encode_preview};
 use serde_json::json;
 
+/// What the feed is told to do.
+#[derive(Default)]
+struct Orders {
+    hide: AtomicBool,
+    pause: AtomicBool,
+    end: AtomicBool,
+}
+
 /// A server that is fed with the virtual flight in real time.
 struct Feed {
     server: Arc<Server>,
-    pauses: Arc<AtomicBool>,
-    ends: Arc<AtomicBool>,
+    orders: Arc<Orders>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -31,33 +38,34 @@ impl Feed {
     /// Begins at an instant of the flight that is `already_s` old, of which the page is told quickly.
     fn start(address: SocketAddr, already_s: f64) -> Self {
         let server = Arc::new(Server::start(address, Reach::Loopback).unwrap());
-        let (pauses, ends) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
+        let orders = Arc::new(Orders::default());
         let thread = std::thread::spawn({
-            let (server, pauses, ends) = (Arc::clone(&server), Arc::clone(&pauses), Arc::clone(&ends));
-            move || feed(&server, &pauses, &ends, already_s)
+            let (server, orders) = (Arc::clone(&server), Arc::clone(&orders));
+            move || feed(&server, &orders, already_s)
         });
-        Self { server, pauses, ends, thread: Some(thread) }
+        Self { server, orders, thread: Some(thread) }
     }
 }
 
 impl Drop for Feed {
     fn drop(&mut self) {
-        self.ends.store(true, Ordering::Relaxed);
+        self.orders.end.store(true, Ordering::Relaxed);
         self.thread.take().unwrap().join().unwrap();
     }
 }
 
-fn feed(server: &Server, pauses: &AtomicBool, ends: &AtomicBool, already_s: f64) {
+fn feed(server: &Server, orders: &Orders, already_s: f64) {
     let mut flight = VirtualFlight::new(true);
     server.publish(&flight.scene());
-    while server.listeners() == 0 && !ends.load(Ordering::Relaxed) {
+    while server.listeners() == 0 && !orders.end.load(Ordering::Relaxed) {
         std::thread::sleep(Duration::from_millis(5));
     }
     let first = (already_s * RATE_HZ) as u64;
     let mut begun = Instant::now();
-    let sequence = AtomicU64::new(0);
-    while !ends.load(Ordering::Relaxed) {
-        let count = sequence.fetch_add(1, Ordering::Relaxed);
+    for count in 0_u64.. {
+        if orders.end.load(Ordering::Relaxed) {
+            return;
+        }
         let t_s = count as f64 / RATE_HZ;
         if count < first {
             begun = Instant::now();
@@ -66,9 +74,11 @@ fn feed(server: &Server, pauses: &AtomicBool, ends: &AtomicBool, already_s: f64)
             let due = Duration::from_secs_f64((count - first) as f64 / RATE_HZ);
             std::thread::sleep(due.saturating_sub(begun.elapsed()));
         }
-        if pauses.load(Ordering::Relaxed) {
+        if orders.pause.load(Ordering::Relaxed) {
             continue;
         }
+        flight.has_losses = count < first;
+        flight.is_hidden = orders.hide.load(Ordering::Relaxed);
         let now_ns = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos() as i64;
         flight.step(count, now_ns).iter().for_each(|event| server.publish(event));
         let t_ns = (1e9 * t_s) as i64;
@@ -236,18 +246,20 @@ fn losses_are_said(browser: &mut Chromium, feed: &Feed) {
     browser.wait_for(
         "document.getElementById('notes').textContent.includes('cam1 is gone. Its stream has ended.')",
     );
+    feed.orders.hide.store(true, Ordering::Relaxed);
     browser.wait_for(&format!("{WORD} === 'Lost'"));
     browser.wait_for("document.body.dataset.live === 'false'");
     browser.wait_for(&format!("{VALUES} === '–;–;–;–;–;–;–;–;–'"));
     assert!(browser.text("document.getElementById('tracking-why').textContent").contains("ago"));
     browser.photograph("page-lost");
+    feed.orders.hide.store(false, Ordering::Relaxed);
     browser.wait_for(&format!("{WORD} === 'Reacquired'"));
     browser.wait_for(&format!("{WORD} === 'Tracking'"));
-    feed.pauses.store(true, Ordering::Relaxed);
+    feed.orders.pause.store(true, Ordering::Relaxed);
     let said = browser.wait_for(&format!("{WORD} === 'No frames'"));
     assert!(said < Duration::from_secs(2), "{said:?}");
     browser.wait_for("document.body.dataset.live === 'false'");
-    feed.pauses.store(false, Ordering::Relaxed);
+    feed.orders.pause.store(false, Ordering::Relaxed);
     browser.wait_for("document.body.dataset.live === 'true'");
 }
 

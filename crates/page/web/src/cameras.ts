@@ -101,7 +101,7 @@ export class Cameras {
   ): void {
     const marker = sight.marker === null ? undefined : scene.markers[sight.marker];
     const [x, y] = at(sight.u_px, sight.v_px);
-    const radius = Math.max(4, (sight.diameter_px * zoom) / 2 + 3);
+    const radius = Math.max(4, (sight.diameter_px * zoom) / 2 + 4);
     const ring = (colour: string, width: number) => {
       pen.beginPath();
       pen.arc(x, y, radius, 0, 2 * Math.PI);

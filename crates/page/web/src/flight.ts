@@ -72,7 +72,8 @@ export class Flight {
     this.history.push(pose);
     this.delays.push([now, now - pose.captured_ns / 1e6]);
     while (this.delays.length > 0 && now - (this.delays[0]?.[0] ?? now) > 2000) this.delays.shift();
-    this.rate_hz = this.delays.length / 2;
+    const since_ms = now - (this.delays[0]?.[0] ?? now);
+    this.rate_hz = since_ms > 100 ? (1000 * (this.delays.length - 1)) / since_ms : 0;
     if (pose.valid && pose.position_m && pose.attitude) {
       this.seen = { ...pose, position_m: pose.position_m, attitude: pose.attitude };
       this.seen_ms = now;

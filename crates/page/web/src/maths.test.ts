@@ -81,5 +81,6 @@ test("numbers have the digits that they deserve", () => {
   assert.equal(withUncertainty(-123.456, 30), "−123 ± 30");
   assert.equal(withUncertainty(0.00307, 7e-5), "0.00307 ± 0.00007");
   assert.equal(withUncertainty(-7.3e-4, 2e-5), "(−7.3 ± 0.2)e−4");
+  assert.equal(withUncertainty(-0.2, 2), "0 ± 2");
   assert.equal(withUncertainty(0, 0), "0.000 ± 0.000");
 });

@@ -115,7 +115,8 @@ export function withUncertainty(value: number, uncertainty: number, most = 7): s
   const power = Math.floor(Math.log10(Math.max(Math.abs(value), uncertainty) || 1));
   if (power >= -3 && power < 5) {
     const digits = uncertainty > 0 ? Math.min(most, Math.max(0, Math.ceil(-Math.log10(uncertainty)))) : 3;
-    return minus(`${value.toFixed(digits)} ± ${uncertainty.toFixed(digits)}`);
+    const text = value.toFixed(digits);
+    return minus(`${Number(text) === 0 ? text.replace("-", "") : text} ± ${uncertainty.toFixed(digits)}`);
   }
   const unit = 10 ** power;
   return `(${withUncertainty(value / unit, uncertainty / unit)})e${minus(String(power))}`;
