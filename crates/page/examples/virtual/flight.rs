@@ -11,6 +11,8 @@ use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 pub(crate) const RATE_HZ: f64 = 60.0;
 const WIDTH_PX: u32 = 640;
 const HEIGHT_PX: u32 = 480;
+/// Columns and rows of a picture for the page.
+pub(crate) const PICTURE_PX: (u32, u32) = (WIDTH_PX / 2, HEIGHT_PX / 2);
 const FOCAL_PX: f64 = 800.0;
 
 /// A camera that looks at a point.
@@ -61,6 +63,7 @@ impl Noise {
 /// The flight.
 pub(crate) struct VirtualFlight {
     eyes: [Eye; 2],
+    backgrounds: [Vec<[u8; 3]>; 2],
     noise: Noise,
     /// Whether the aircraft flies out of sight now and then, and the second camera stalls.
     pub(crate) has_losses: bool,
@@ -84,8 +87,10 @@ impl VirtualFlight {
             Eye::new("cam1", [-2.4, -2.2, 2.0], [0.2, 0.2, 0.95]),
             Eye::new("cam2", [2.7, -2.3, 2.1], [0.2, 0.2, 0.95]),
         ];
+        let backgrounds = [background(&eyes[0]), background(&eyes[1])];
         Self {
             eyes,
+            backgrounds,
             noise: Noise(1),
             has_losses,
             is_hidden: false,
@@ -304,7 +309,7 @@ impl VirtualFlight {
         Event::Parameters { t_s, parameters, enough }
     }
 
-    /// What a camera's picture of an instant shows: sRGB of a column and row.
+    /// What a camera's picture of an instant, of half its columns and rows, shows: sRGB of a column and row.
     pub(crate) fn picture(&self, camera: usize, t_s: f64) -> impl Fn(usize, usize) -> [u8; 3] {
         let eye = &self.eyes[camera];
         let (position, angles) = Self::truth(t_s);
@@ -322,9 +327,9 @@ impl VirtualFlight {
             let (u_px, v_px, _) = eye.project(&Point3::new(1.2, 1.9, 0.6));
             balls.push((u_px, v_px, 9.0, [200, 40, 40]));
         }
-        let (centre, world_from_cam) = (eye.centre, eye.world_from_cam);
+        let background = &self.backgrounds[camera];
         move |x, y| {
-            let (u_px, v_px) = (x as f64, y as f64);
+            let (u_px, v_px) = (2.0 * x as f64 + 0.5, 2.0 * y as f64 + 0.5);
             for &(ball_u, ball_v, radius, rgb) in &balls {
                 let (du, dv) = ((u_px - ball_u) / radius, (v_px - ball_v) / radius);
                 let square = du * du + dv * dv;
@@ -333,14 +338,17 @@ impl VirtualFlight {
                     return rgb.map(|channel| (f64::from(channel) * shade) as u8);
                 }
             }
-            let in_cam = Vector3::new(
-                (u_px - f64::from(WIDTH_PX - 1) / 2.0) / FOCAL_PX,
-                (v_px - f64::from(HEIGHT_PX - 1) / 2.0) / FOCAL_PX,
-                1.0,
-            );
-            room(&centre, &(world_from_cam * in_cam))
+            background[y * PICTURE_PX.0 as usize + x]
         }
     }
+}
+
+/// What a camera sees of the empty room.
+fn background(eye: &Eye) -> Vec<[u8; 3]> {
+    let (columns, rows) = PICTURE_PX;
+    let pixels = (0..rows)
+        .flat_map(|y| (0..columns).map(move |x| (2.0 * f64::from(x) + 0.5, 2.0 * f64::from(y) + 0.5)));
+    pixels.map(|(u_px, v_px)| room(&eye.centre, &eye.ray(u_px, v_px))).collect()
 }
 
 /// The floor with its boards, or a wall.

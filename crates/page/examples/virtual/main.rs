@@ -5,7 +5,7 @@ mod flight;
 use std::net::SocketAddr;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use flight::{RATE_HZ, VirtualFlight};
+use flight::{PICTURE_PX, RATE_HZ, VirtualFlight};
 use mavsight_link::Event;
 use mavsight_page::{Command, Reach, Server, encode_preview};
 
@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let t_ns = (1e9 * t_s) as i64;
         for camera in 0..2 {
             if server.wants_preview(camera, t_ns) {
-                let jpeg = encode_preview(640, 480, flight.picture(camera, t_s))?;
+                let jpeg = encode_preview(PICTURE_PX.0, PICTURE_PX.1, flight.picture(camera, t_s))?;
                 server.preview(camera as u8, t_ns, &jpeg);
             }
         }

@@ -14,7 +14,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use chromium::Chromium;
-use flight::{RATE_HZ, VirtualFlight};
+use flight::{PICTURE_PX, RATE_HZ, VirtualFlight};
 use mavsight_link::{CameraState, Event};
 use mavsight_page::{Command, Reach, Server, encode_preview};
 use serde_json::json;
@@ -84,7 +84,7 @@ fn feed(server: &Server, orders: &Orders, already_s: f64) {
         let t_ns = (1e9 * t_s) as i64;
         for camera in 0..2 {
             if count >= first && server.wants_preview(camera, t_ns) {
-                let jpeg = encode_preview(640, 480, flight.picture(camera, t_s)).unwrap();
+                let jpeg = encode_preview(PICTURE_PX.0, PICTURE_PX.1, flight.picture(camera, t_s)).unwrap();
                 server.preview(camera as u8, t_ns, &jpeg);
             }
         }
@@ -137,7 +137,7 @@ fn poses_move(browser: &mut Chromium) {
         let value: f64 = value.replace('−', "-").parse().unwrap();
         assert!(value.abs() <= 180.0 && twice.parse::<f64>().unwrap() > 0.0, "{text}");
     }
-    browser.wait_for("(rate => rate > 40 && rate < 80)(Number(document.getElementById('rate').textContent))");
+    browser.wait_for("(rate => rate > 10 && rate < 80)(Number(document.getElementById('rate').textContent))");
     browser.wait_for("document.querySelectorAll('#parameters li[data-enough=true]').length > 0");
 }
 

@@ -108,7 +108,9 @@ export class ParameterList {
       bar.className = "interval";
       const track = element("div", [bar]);
       track.className = "track";
-      const row = element("li", [element("span", one.name), value, track, mark]);
+      const name = element("span", one.name);
+      name.title = one.name;
+      const row = element("li", [name, value, track, mark]);
       parts = { row, value, bar, mark };
       this.rows.set(one.name, parts);
       this.list.append(row);
