@@ -1,5 +1,7 @@
 //! The running server against malformed, oversized and slow requests, pages of other origins, and listeners that do not read.
 
+#![allow(clippy::unwrap_used, clippy::panic)]
+
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};

@@ -3,6 +3,8 @@
 //!
 //! `MAVSIGHT_WRITE=1 cargo test -p mavsight-page --test types` writes the file anew.
 
+#![allow(clippy::unwrap_used, clippy::panic)]
+
 use mavsight_link::{
     CameraState, CameraView, Event, MarkerView, Parameter, PoseEvent, Scene, Sight, Tracking,
 };

@@ -194,10 +194,10 @@ impl VirtualFlight {
         }
         let residual_px = (pairs > 3).then(|| (sum_px2 / f64::from(2 * pairs)).sqrt());
         events.push(Event::Pose(Box::new(self.pose(sequence, captured_ns, residual_px))));
-        if sequence % 15 == 0 {
+        if sequence.is_multiple_of(15) {
             events.push(Self::parameters(t_s));
         }
-        if sequence % 30 == 0 {
+        if sequence.is_multiple_of(30) {
             events.extend((0..2).map(|camera| self.camera(camera, t_s)));
         }
         events

@@ -45,7 +45,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             });
             server.publish(&recording(recording_since, t_s));
         }
-        if recording_since.is_some() && sequence % 30 == 0 {
+        if recording_since.is_some() && sequence.is_multiple_of(30) {
             server.publish(&recording(recording_since, t_s));
         }
     }

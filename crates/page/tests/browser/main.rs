@@ -2,6 +2,8 @@
 //!
 //! Skipped where there is no Chromium. With `MAVSIGHT_SCREENSHOTS=DIR` it leaves pictures of the page there.
 
+#![allow(clippy::unwrap_used, clippy::panic)]
+
 #[path = "../../examples/virtual/flight.rs"]
 mod flight;
 
@@ -162,11 +164,13 @@ fn everything_fits(browser: &mut Chromium) {
          return r.bottom > innerHeight || r.right > innerWidth || r.height < 25 || r.width < 40; }).map(e => e.className || e.id)",
     );
     browser.photograph("page-light");
+    colours_can_be_read(browser);
     assert_eq!(browser.value(overflow), false, "scrolls at 1280x720");
     assert_eq!(browser.value(cut), json!([]), "cut off at 1280x720");
     browser.look_like(1280, 720, "dark");
     browser.wait_for("getComputedStyle(document.body).colorScheme === 'dark'");
     browser.photograph("page-dark");
+    colours_can_be_read(browser);
     browser.look_like(390, 844, "light");
     std::thread::sleep(Duration::from_millis(200));
     browser.photograph("page-phone");
@@ -175,6 +179,21 @@ fn everything_fits(browser: &mut Chromium) {
     assert_eq!(browser.value(small), 0, "buttons too small for fingers");
     browser.look_like(1280, 720, "light");
     std::thread::sleep(Duration::from_millis(200));
+}
+
+/// Every colour of text against the grounds it stands on, by the formula of WCAG 2.2: at least 4.5 to 1.
+fn colours_can_be_read(browser: &mut Chromium) {
+    let worst = "(() => { const style = getComputedStyle(document.documentElement); \
+        const pen = document.createElement('canvas').getContext('2d'); \
+        const hex = name => { pen.fillStyle = style.getPropertyValue(name).trim(); return pen.fillStyle; }; \
+        const light = name => [1, 3, 5].map(k => parseInt(hex(name).slice(k, k + 2), 16) / 255) \
+            .map(c => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4) \
+            .reduce((sum, c, k) => sum + c * [0.2126, 0.7152, 0.0722][k], 0); \
+        const ratio = (a, b) => (Math.max(light(a), light(b)) + 0.05) / (Math.min(light(a), light(b)) + 0.05); \
+        const pairs = ['ink', 'soft', 'gone', 'good', 'bad', 'series-1', 'series-2', 'series-3'].map(name => [name, 'panel']); \
+        pairs.push(['good', 'good-wash'], ['busy', 'busy-wash'], ['bad', 'bad-wash'], ['ink', 'bad-wash'], ['soft', 'ground']); \
+        return pairs.filter(([a, b]) => !(ratio('--' + a, '--' + b) >= 4.5)).map(pair => pair.join(' on ')); })()";
+    assert_eq!(browser.value(worst), json!([]), "too little contrast");
 }
 
 fn keys_ask(browser: &mut Chromium, server: &Server) {
