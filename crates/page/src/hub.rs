@@ -86,7 +86,7 @@ impl Hub {
         // Held to the end, so that who joins meanwhile gets the event once.
         let mut lasting = lock(&self.lasting);
         if kind == Kind::Scene {
-            lasting.clear();
+            lasting.forget_cameras();
         }
         if kind.lasts() {
             lasting.push(kind, message.clone());
@@ -163,6 +163,8 @@ impl Hub {
 mod tests {
     use std::sync::mpsc::sync_channel;
 
+    use mavsight_link::{CameraState, Scene};
+
     use super::*;
 
     fn note(text: &str) -> Event {
@@ -181,10 +183,23 @@ mod tests {
         hub.publish(&Event::Sights { camera: 0, t_s: 0.0, seen: Vec::new() });
         hub.preview(0, 0, b"jpeg");
         hub.publish(&Event::Recording { folder: None, seconds: 0.0, bytes: 0, fault: None });
+        hub.publish(&Event::Camera {
+            camera: 0,
+            state: CameraState::Running,
+            rate_hz: 60.0,
+            latency_ms: 0.0,
+            dropped: 0,
+            markers: Vec::new(),
+            reason: None,
+        });
+        let (name, volume_m) = ("other".to_owned(), [[0.0; 3], [1.0; 3]]);
+        hub.publish(&Event::Scene(Scene { name, cameras: Vec::new(), markers: Vec::new(), volume_m }));
         let mailbox = hub.join(1).unwrap();
         let texts = texts(&mailbox);
-        assert_eq!(texts.len(), 2);
-        assert!(texts[0].contains("first") && texts[1].contains("recording"), "{texts:?}");
+        assert_eq!(texts.len(), 3, "{texts:?}");
+        for (text, what) in texts.iter().zip(["first", "recording", "scene"]) {
+            assert!(text.contains(what), "{texts:?}");
+        }
         assert!(hub.join(1).is_none());
         hub.leave(&mailbox);
         assert_eq!(hub.listeners(), 0);

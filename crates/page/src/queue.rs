@@ -71,8 +71,9 @@ impl Queue {
         self.waiting.pop_front().map(|(_, message)| message)
     }
 
-    pub(crate) fn clear(&mut self) {
-        self.waiting.clear();
+    /// Forgets how cameras were, as others may have their numbers now.
+    pub(crate) fn forget_cameras(&mut self) {
+        self.waiting.retain(|(kind, _)| !matches!(kind, Kind::Camera(_)));
     }
 }
 

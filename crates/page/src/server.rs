@@ -134,7 +134,7 @@ impl Server {
     }
 
     /// Tells all open pages of an event. Who opens the page later gets the scene, and the last state of cameras, parameters
-    /// and recording with the last notes; a new [`Event::Scene`] forgets those.
+    /// and recording with the last notes; a new [`Event::Scene`] forgets the cameras' states.
     pub fn publish(&self, event: &Event) {
         self.hub.publish(event);
     }

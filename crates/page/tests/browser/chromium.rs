@@ -146,6 +146,15 @@ impl Chromium {
         );
     }
 
+    /// Drags with the left button.
+    pub(crate) fn drag(&mut self, from: (u32, u32), to: (u32, u32)) {
+        for (kind, (x, y)) in [("mousePressed", from), ("mouseMoved", to), ("mouseReleased", to)] {
+            let event =
+                json!({ "type": kind, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1 });
+            self.call("Input.dispatchMouseEvent", event);
+        }
+    }
+
     /// Gives the page a size and a scheme of colours.
     pub(crate) fn look_like(&mut self, width: u32, height: u32, scheme: &str) {
         let is_phone = width < 600;

@@ -116,6 +116,7 @@ fn the_page_shows_the_flight_as_it_is() {
     // A browser itself notes each attempt that found no server.
     browser.complaints.retain(|complaint| !complaint.contains("ERR_CONNECTION_REFUSED"));
     assert!(browser.complaints.is_empty(), "{:#?}", browser.complaints);
+    no_other_page_may_listen(&mut browser, address);
 }
 
 fn poses_move(browser: &mut Chromium) {
@@ -234,13 +235,6 @@ fn keys_ask(browser: &mut Chromium, server: &Server) {
     for name in ["record", "calibrate", "self-check", "t", "?", "f", "room", "parameters", "notes"] {
         assert!(reached.iter().any(|other| other == name), "{name} is not reached by Tab: {reached:?}");
     }
-    browser.value("document.getElementById('room').focus()");
-    let picture = "document.getElementById('room').toDataURL().length";
-    let before = browser.value(picture);
-    for _ in 0..5 {
-        browser.press("ArrowLeft", 37, "");
-    }
-    browser.wait_for(&format!("{picture} !== {before}"));
     browser.press("?", 191, "?");
     browser.wait_for("document.getElementById('help').open");
     browser.press("Escape", 27, "");
@@ -276,16 +270,39 @@ fn losses_are_said(browser: &mut Chromium, feed: &Feed) {
     browser.wait_for(&format!("{WORD} === 'Tracking'"));
     feed.orders.pause.store(true, Ordering::Relaxed);
     let said = browser.wait_for(&format!("{WORD} === 'No frames'"));
-    assert!(said < Duration::from_secs(2), "{said:?}");
+    assert!(said < Duration::from_secs(5), "{said:?}");
     browser.wait_for("document.body.dataset.live === 'false'");
+    the_view_turns(browser);
     feed.orders.pause.store(false, Ordering::Relaxed);
     browser.wait_for("document.body.dataset.live === 'true'");
+}
+
+/// By key, mouse and wheel; to be seen while the aircraft stands still in the picture.
+fn the_view_turns(browser: &mut Chromium) {
+    browser.value("document.getElementById('room').focus()");
+    let picture = "document.getElementById('room').toDataURL()";
+    std::thread::sleep(Duration::from_millis(500));
+    let still = browser.text(picture);
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(browser.text(picture), still, "the view moves by itself");
+    browser.value(&format!("window.before = {picture}"));
+    let mut differs = |act: &dyn Fn(&mut Chromium)| {
+        browser.value(&format!("window.before = {picture}"));
+        act(browser);
+        browser.wait_for(&format!("{picture} !== window.before"));
+    };
+    differs(&|browser| browser.press("ArrowLeft", 37, ""));
+    differs(&|browser| browser.press("ArrowUp", 38, ""));
+    differs(&|browser| browser.press("+", 187, "+"));
+    differs(&|browser| browser.drag((600, 300), (680, 260)));
+    browser.press("0", 48, "0");
+    browser.wait_for(&format!("{picture} === {still:?}"));
 }
 
 fn lost_connections_are_said_and_made_anew(browser: &mut Chromium, feed: Feed, address: SocketAddr) {
     drop(feed);
     let said = browser.wait_for(&format!("{WORD} === 'Connection lost'"));
-    assert!(said < Duration::from_secs(2), "{said:?}");
+    assert!(said < Duration::from_secs(5), "{said:?}");
     assert_eq!(browser.value("document.body.dataset.live"), "false");
     assert_eq!(browser.text(VALUES), "–;–;–;–;–;–;–;–;–");
     browser.press("s", 83, "s");
@@ -295,4 +312,19 @@ fn lost_connections_are_said_and_made_anew(browser: &mut Chromium, feed: Feed, a
     let feed = Feed::start(address, 0.0);
     browser.wait_for(&format!("{WORD} === 'Tracking' && document.body.dataset.live === 'true'"));
     drop(feed);
+}
+
+/// What a page of another origin gets in a real browser.
+fn no_other_page_may_listen(browser: &mut Chromium, address: SocketAddr) {
+    let server = Server::start(address, Reach::Loopback).unwrap();
+    browser.call("Page.navigate", json!({ "url": "data:text/html,<title>other</title>" }));
+    browser.wait_for("document.title === 'other'");
+    let tries = format!(
+        "new Promise(done => {{ const socket = new WebSocket('ws://{address}/events'); \
+         socket.onopen = () => done('open'); socket.onerror = () => done('refused'); }})"
+    );
+    assert_eq!(browser.text(&tries), "refused");
+    let reads = format!("fetch('http://{address}/').then(() => 'read', () => 'refused')");
+    assert_eq!(browser.text(&reads), "refused");
+    assert_eq!(server.listeners(), 0);
 }

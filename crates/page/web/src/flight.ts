@@ -52,9 +52,6 @@ export class Flight {
     this.path.length = 0;
     for (const camera of this.cameras) camera.image?.close();
     this.cameras = scene.cameras.map(() => ({ state: null, sights: [], image: null, image_t_s: 0, image_ms: 0 }));
-    this.parameters = null;
-    this.widest.clear();
-    this.recording = null;
     this.delays = [];
   }
 

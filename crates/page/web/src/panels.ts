@@ -98,6 +98,12 @@ export class ParameterList {
     const all = parameters.parameters.length;
     say(this.summary, parameters.enough ? "✓ Seen enough" : `${done} of ${all} seen enough`);
     this.summary.dataset["enough"] = String(parameters.enough);
+    const names = new Set(parameters.parameters.map((one) => one.name));
+    for (const [name, { row }] of this.rows) {
+      if (names.has(name)) continue;
+      row.remove();
+      this.rows.delete(name);
+    }
     for (const one of parameters.parameters) this.writeOne(one);
   }
 
