@@ -40,7 +40,8 @@ export class Flight {
   /** Interval between instants, of late. */
   interval_ms = 33;
   rate_hz = 0;
-  private delays: [number, number][] = [];
+  /** When each pose of the last two seconds came, how much later than it was captured (but for a constant), and its instant. */
+  private arrivals: { now_ms: number; delay_ms: number; t_s: number }[] = [];
 
   start(scene: Scene): void {
     // The same flight heard again after the connection was lost: what was seen of it stays.
@@ -52,7 +53,7 @@ export class Flight {
     this.path.length = 0;
     for (const camera of this.cameras) camera.image?.close();
     this.cameras = scene.cameras.map(() => ({ state: null, sights: [], image: null, image_t_s: 0, image_ms: 0 }));
-    this.delays = [];
+    this.arrivals = [];
   }
 
   takePose(pose: Pose): void {
@@ -60,6 +61,7 @@ export class Flight {
     if (this.pose && pose.t_s < this.pose.t_s) {
       this.path.length = 0;
       this.widest.clear();
+      this.arrivals = [];
     } else if (this.pose) {
       const step_s = (pose.t_s - this.pose.t_s) / Math.max(1, pose.sequence - this.pose.sequence);
       if (step_s > 0 && step_s < 1) this.interval_ms += 0.05 * (1000 * step_s - this.interval_ms);
@@ -67,10 +69,10 @@ export class Flight {
     this.pose = pose;
     this.pose_ms = now;
     this.history.push(pose);
-    this.delays.push([now, now - pose.captured_ns / 1e6]);
-    while (this.delays.length > 0 && now - (this.delays[0]?.[0] ?? now) > 2000) this.delays.shift();
-    const since_ms = now - (this.delays[0]?.[0] ?? now);
-    this.rate_hz = since_ms > 100 ? (1000 * (this.delays.length - 1)) / since_ms : 0;
+    this.arrivals.push({ now_ms: now, delay_ms: now - pose.captured_ns / 1e6, t_s: pose.t_s });
+    while (now - (this.arrivals[0]?.now_ms ?? now) > 2000) this.arrivals.shift();
+    const since_s = pose.t_s - (this.arrivals[0]?.t_s ?? pose.t_s);
+    this.rate_hz = since_s > 0.1 ? (this.arrivals.length - 1) / since_s : 0;
     if (pose.valid && pose.position_m && pose.attitude) {
       this.seen = { ...pose, position_m: pose.position_m, attitude: pose.attitude };
       this.seen_ms = now;
@@ -140,9 +142,8 @@ export class Flight {
 
   /** How much later poses come than the quickest of late: what has piled up on the way. */
   behind_ms(): number {
-    const newest = this.delays.at(-1)?.[1];
-    if (newest === undefined) return 0;
-    return newest - Math.min(...this.delays.map(([, delay]) => delay));
+    const newest = this.arrivals.at(-1);
+    return newest ? newest.delay_ms - Math.min(...this.arrivals.map(({ delay_ms }) => delay_ms)) : 0;
   }
 
   /** Flight time now, as the newest instant has it. */
