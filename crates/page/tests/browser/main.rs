@@ -210,6 +210,7 @@ fn keys_ask(browser: &mut Chromium, server: &Server) {
     server.publish(&recording(Some("flights/1")));
     browser.wait_for("document.getElementById('record').ariaPressed === 'true'");
     assert!(browser.text("document.getElementById('record').textContent").contains("1:01 · 2.5 MB"));
+    browser.photograph("page-recording");
     browser.press("r", 82, "r");
     assert_eq!(server.next_command(wait), Some(Command::StopRecording));
     server.publish(&recording(None));
@@ -232,11 +233,12 @@ fn keys_ask(browser: &mut Chromium, server: &Server) {
         assert!(name == "BODY" || outline != "none", "{name} has no visible focus");
         reached.push(name);
     }
-    for name in ["record", "calibrate", "self-check", "t", "?", "f", "room", "parameters", "notes"] {
+    for name in ["record", "calibrate", "self-check", "t", "?", "follow", "room", "parameters", "notes"] {
         assert!(reached.iter().any(|other| other == name), "{name} is not reached by Tab: {reached:?}");
     }
     browser.press("?", 191, "?");
     browser.wait_for("document.getElementById('help').open");
+    browser.photograph("page-help");
     browser.press("Escape", 27, "");
     browser.value("document.activeElement.blur()");
 }
@@ -295,6 +297,8 @@ fn the_view_turns(browser: &mut Chromium) {
     differs(&|browser| browser.press("ArrowUp", 38, ""));
     differs(&|browser| browser.press("+", 187, "+"));
     differs(&|browser| browser.drag((600, 300), (680, 260)));
+    browser.press("f", 70, "f");
+    browser.wait_for("document.getElementById('follow').ariaPressed === 'true'");
     browser.press("0", 48, "0");
     browser.wait_for(&format!("{picture} === {still:?}"));
 }

@@ -119,6 +119,7 @@ function write(): void {
   cameras.write(link.isAlive());
   parameters.write();
   actions.write();
+  byId("follow").setAttribute("aria-pressed", String(room.follows));
 }
 
 requestAnimationFrame(draw);

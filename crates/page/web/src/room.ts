@@ -16,7 +16,7 @@ export class Room {
   private elevation = 0.42;
   private distance = 8;
   private target: Vec3 = [0, 0, 1];
-  private follows = false;
+  follows = false;
   private magnified = 1;
   private scene: Scene | null = null;
   private readonly flight: Flight;
