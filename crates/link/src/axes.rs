@@ -1,6 +1,6 @@
 //! Poses in the axes of other programs.
 
-use crate::{BodyAxes, Fix, Measured};
+use crate::{BodyAxes, Fix, Measured, Moving};
 use mavsight_geometry::{
     EulerAngles, Isometry3, Matrix3, Matrix6, UnitQuaternion, Vector3, world_from_level,
 };
@@ -59,12 +59,20 @@ impl BodyAxes {
     }
 }
 
-/// Whether all that would be sent of a pose is a number.
+/// The pose, where there is one and all that would be sent of it is a number.
 pub(crate) fn sound(fix: &Fix) -> Option<&Measured> {
     fix.measured.as_ref().filter(|m| {
         m.world_from_body.translation.vector.iter().all(|v| v.is_finite())
             && m.world_from_body.rotation.coords.iter().all(|v| v.is_finite())
             && m.covariance.iter().all(|v| v.is_finite())
+    })
+}
+
+/// The motion, where it is known and all that would be sent of it is a number.
+pub(crate) fn sound_motion(measured: &Measured) -> Option<&Moving> {
+    measured.moving.as_ref().filter(|m| {
+        let values = m.velocity_in_body_m_s.iter().chain(m.rates_rad_s.iter()).chain(m.covariance.iter());
+        values.into_iter().all(|v| v.is_finite())
     })
 }
 

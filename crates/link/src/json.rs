@@ -2,13 +2,14 @@
 //!
 //! The objects are those of [`Event`], with `event` telling which: a pose that was not measured is an object with `valid` false
 //! and without position. Who connects by TCP gets the scene first, then what happens from then on; one that does not read fast
-//! enough is cut off and may connect again. By UDP each event is a datagram, and the scene comes again every
-//! [`SCENE_AGAIN`] for who listens later.
+//! enough is cut off and may connect again. By UDP each event is a datagram, and the scene comes again every five seconds
+//! for who listens later.
 
 use crate::options::address;
 use crate::peers::{MOST, Peer};
+use crate::udp;
 use crate::{Event, Fix, JsonOptions, LinkError, Outlet};
-use std::io::{self, Write};
+use std::io::Write;
 use std::net::{SocketAddr, TcpListener, UdpSocket};
 use std::time::{Duration, Instant};
 
@@ -74,9 +75,7 @@ impl JsonLines {
         }
         if !options.udp.is_empty() {
             let to = address(NAME, &options.udp)?;
-            let any = if to.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
-            let fault = |source| LinkError::Open { outlet: NAME, address: any.into(), source };
-            this.udp = Some((UdpSocket::bind(any).map_err(fault)?, to, None));
+            this.udp = Some((udp::open(NAME, udp::any_port_towards(to))?, to, None));
         }
         Ok(this)
     }
@@ -138,12 +137,7 @@ fn datagram(socket: &UdpSocket, to: SocketAddr, line: &[u8]) -> Result<(), LinkE
     if line.len() > LONGEST_DATAGRAM {
         return Ok(());
     }
-    match socket.send_to(line, to) {
-        Err(e) if e.kind() != io::ErrorKind::ConnectionRefused => {
-            Err(LinkError::Send { outlet: NAME, address: to.to_string(), source: e })
-        }
-        _ => Ok(()),
-    }
+    udp::send(NAME, socket, line, to)
 }
 
 #[cfg(test)]
@@ -151,7 +145,7 @@ mod tests {
     use super::*;
     use crate::{PoseEvent, Scene, Tracking};
     use serde_json::Value;
-    use std::io::{BufRead, BufReader};
+    use std::io::{self, BufRead, BufReader};
     use std::net::TcpStream;
     use std::sync::{Arc, Mutex};
 

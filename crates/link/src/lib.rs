@@ -7,18 +7,20 @@ mod axes;
 mod error;
 mod event;
 mod fix;
-mod json;
-mod mavlink;
-mod natnet;
+pub mod json;
+pub mod mavlink;
+pub mod natnet;
 mod options;
 mod outlet;
 mod peers;
 #[cfg(test)]
 mod testing;
-mod vrpn;
+mod udp;
+pub mod vrpn;
 mod worker;
-mod zenoh;
+pub mod zenoh;
 
+pub use crate::zenoh::Zenoh;
 pub use error::LinkError;
 pub use event::{CameraState, CameraView, Event, MarkerView, Parameter, PoseEvent, Scene, Sight, Tracking};
 pub use fix::{Fix, Measured, Moving};
@@ -30,4 +32,3 @@ pub use options::{
 };
 pub use outlet::{Body, Outlet, open};
 pub use vrpn::{TURN_S, Vrpn};
-pub use zenoh::Zenoh;

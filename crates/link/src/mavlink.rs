@@ -15,10 +15,11 @@
 mod messages;
 mod pace;
 
-use crate::axes::{level_pose, sound, upper_triangle};
+use crate::axes::{level_pose, sound, sound_motion, upper_triangle};
 use crate::options::address;
 use crate::outlet::now_ns;
-use crate::worker::{PATIENCE, Worker};
+use crate::udp;
+use crate::worker::Worker;
 use crate::{Body, Fix, LinkError, MavlinkOptions, Measured, Moving, Outlet};
 use mavlink_core::{MAVLinkV2MessageRaw, MavHeader, MavlinkReader, MavlinkVersion};
 use messages::{Message, Messages, Odometry, Timesync};
@@ -62,10 +63,12 @@ impl Mavlink {
             });
         }
         let peer = address(NAME, &options.address)?;
-        let from = address(NAME, &options.bind)?;
-        let fault = |source| LinkError::Open { outlet: NAME, address: options.bind.clone(), source };
-        let socket = UdpSocket::bind(from).map_err(fault)?;
-        socket.set_read_timeout(Some(PATIENCE)).map_err(fault)?;
+        let from = match &options.bind[..] {
+            "" => udp::any_port_towards(peer),
+            text => address(NAME, text)?,
+        };
+        let socket = udp::open(NAME, from)?;
+        let fault = |source| LinkError::Open { outlet: NAME, address: from.to_string(), source };
         let radio = Radio {
             socket,
             header: MavHeader {
@@ -109,13 +112,13 @@ impl Outlet for Mavlink {
     }
 
     fn send(&mut self, fix: &Fix) -> Result<(), LinkError> {
-        let Some((measured, moving)) = sound(fix).and_then(|m| Some((m, m.moving.as_ref()?))) else {
+        let Some((measured, moving)) = sound(fix).and_then(|m| Some((m, sound_motion(m)?))) else {
             return Ok(());
         };
         if !self.pace.due(fix.captured_ns) {
             return Ok(());
         }
-        let message = Message::Odometry(Box::new(self.odometry(fix, measured, moving)));
+        let message = Message::Odometry(self.odometry(fix, measured, moving));
         self.radio.send(&message, self.peer)
     }
 }
@@ -140,16 +143,12 @@ impl Radio {
         let sequence = self.sequence.fetch_add(1, Ordering::Relaxed);
         let mut frame = MAVLinkV2MessageRaw::new();
         let header = MavHeader { sequence, ..self.header };
-        let fault = |source| LinkError::Send { outlet: NAME, address: to.to_string(), source };
-        frame
-            .serialize_message_with_dialect(header, &Messages, message)
-            .map_err(|e| fault(io::Error::other(e)))?;
-        match self.socket.send_to(frame.raw_bytes(), to) {
-            // What the peer's machine says of a packet before: nobody listens there yet.
-            Err(e) if e.kind() == io::ErrorKind::ConnectionRefused => Ok(()),
-            Err(e) => Err(fault(e)),
-            Ok(_) => Ok(()),
-        }
+        frame.serialize_message_with_dialect(header, &Messages, message).map_err(|e| LinkError::Send {
+            outlet: NAME,
+            address: to.to_string(),
+            source: io::Error::other(e),
+        })?;
+        udp::send(NAME, &self.socket, frame.raw_bytes(), to)
     }
 }
 
@@ -168,10 +167,8 @@ impl Keeper {
             // A network that is down is told with the next pose.
             let _ = self.radio.send(&Message::Heartbeat, self.peer);
         }
-        match self.radio.socket.recv_from(&mut self.inbox) {
-            Ok((length, from)) => self.answer(length, from),
-            Err(e) if matches!(e.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {}
-            Err(_) => std::thread::sleep(PATIENCE),
+        if let Some((length, from)) = udp::receive(&self.radio.socket, &mut self.inbox) {
+            self.answer(length, from);
         }
     }
 

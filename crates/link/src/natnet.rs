@@ -2,7 +2,7 @@
 //!
 //! A client asks at the command port. Frames go to the data port of every machine from which a client has asked to connect
 //! (libmotioncapture, Crazyswarm2), and to the address of every client that keeps its connection alive (NatNet's newer clients,
-//! the Python package `natnet`), until it has been silent for [`SILENCE`].
+//! the Python package `natnet`), until it has been silent for ten seconds.
 //!
 //! The world is W, Z up, metres; the body's axes are as the options say; quaternions are x, y, z, w. Every instant is sent: one
 //! without a pose has the tracking-valid bit cleared and NaN in place of the pose, so that a client that overlooks the bit
@@ -16,7 +16,8 @@ mod packets;
 use crate::axes::sound;
 use crate::options::address;
 use crate::outlet::now_ns;
-use crate::worker::{PATIENCE, Worker};
+use crate::udp;
+use crate::worker::Worker;
 use crate::{Body, Fix, LinkError, NatnetOptions, Outlet};
 use packets::{Frame, Packet, Request};
 use std::io;
@@ -85,9 +86,8 @@ impl Natnet {
                 allowed: "from 1 to 65535; clients expect 1511",
             });
         }
+        let socket = udp::open(NAME, address(NAME, &options.address)?)?;
         let fault = |source| LinkError::Open { outlet: NAME, address: options.address.clone(), source };
-        let socket = UdpSocket::bind(address(NAME, &options.address)?).map_err(fault)?;
-        socket.set_read_timeout(Some(PATIENCE)).map_err(fault)?;
         let listeners = Arc::new(Mutex::new(Listeners::default()));
         let mut desk = Desk {
             socket: socket.try_clone().map_err(fault)?,
@@ -138,19 +138,9 @@ impl Outlet for Natnet {
         let kept = listeners.kept.iter().filter(|(_, heard)| heard.elapsed() < SILENCE).map(|(to, _)| to);
         let mut fault = None;
         for to in listeners.machines.iter().chain(kept) {
-            if let Err(source) = told(self.socket.send_to(bytes, to)) {
-                fault = Some(LinkError::Send { outlet: NAME, address: to.to_string(), source });
-            }
+            fault = udp::send(NAME, &self.socket, bytes, *to).err().or(fault);
         }
         fault.map_or(Ok(()), Err)
-    }
-}
-
-/// What the far machine says of a packet before, that nobody listens there, is no fault of this one.
-fn told(sent: io::Result<usize>) -> io::Result<()> {
-    match sent {
-        Err(e) if e.kind() == io::ErrorKind::ConnectionRefused => Ok(()),
-        other => other.map(|_| ()),
     }
 }
 
@@ -170,10 +160,8 @@ struct Desk {
 
 impl Desk {
     fn step(&mut self) {
-        match self.socket.recv_from(&mut self.inbox) {
-            Ok((length, from)) => self.answer(length, from),
-            Err(e) if matches!(e.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {}
-            Err(_) => std::thread::sleep(PATIENCE),
+        if let Some((length, from)) = udp::receive(&self.socket, &mut self.inbox) {
+            self.answer(length, from);
         }
     }
 
@@ -192,7 +180,7 @@ impl Desk {
             None => return,
         };
         // A client that does not hear asks again.
-        let _ = self.socket.send_to(answer, from);
+        let _ = udp::send(NAME, &self.socket, answer, from);
     }
 }
 

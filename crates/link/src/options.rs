@@ -3,32 +3,37 @@
 //! Addresses are texts `host:port`; every default keeps to the machine itself.
 
 use crate::LinkError;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::net::{SocketAddr, ToSocketAddrs};
 
 /// Which outlets a session has; a section that is there switches its outlet on.
-#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LinkOptions {
     /// To an autopilot.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub mavlink: Option<MavlinkOptions>,
     /// To clients of OptiTrack's Motive.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub natnet: Option<NatnetOptions>,
     /// To clients of VRPN.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub vrpn: Option<VrpnOptions>,
     /// Events as lines.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub json: Option<JsonOptions>,
     /// Events by Zenoh.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub zenoh: Option<ZenohOptions>,
 }
 
 /// MAVLink ODOMETRY over UDP.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MavlinkOptions {
     /// Whereto: the port on which the autopilot, or a router before it, listens. PX4 in simulation: 14580.
     pub address: String,
-    /// Wherefrom; port 0: any.
+    /// Wherefrom; empty: any port, on the machine alone where `address` is on it.
     pub bind: String,
     /// At most so many poses a second. PX4 wants 30 to 50; ArduPilot at least 4.
     pub rate_hz: f64,
@@ -42,7 +47,7 @@ impl Default for MavlinkOptions {
     fn default() -> Self {
         Self {
             address: "127.0.0.1:14580".into(),
-            bind: "0.0.0.0:0".into(),
+            bind: String::new(),
             rate_hz: 50.0,
             system_id: 1,
             component_id: 197,
@@ -51,7 +56,7 @@ impl Default for MavlinkOptions {
 }
 
 /// Axes of the body that a client of NatNet or VRPN is told of; the world is W, Z up, either way.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum BodyAxes {
     /// Forward-left-up, as ROS and Crazyswarm have it: the attitude of a level aircraft is a turn about Z alone.
@@ -62,7 +67,7 @@ pub enum BodyAxes {
 }
 
 /// NatNet 3.1 by unicast.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NatnetOptions {
     /// Command port, on which clients ask.
@@ -80,7 +85,7 @@ impl Default for NatnetOptions {
 }
 
 /// VRPN tracker.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct VrpnOptions {
     /// Port, UDP and TCP, on which clients ask.
@@ -96,7 +101,7 @@ impl Default for VrpnOptions {
 }
 
 /// Events, one JSON object a line.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct JsonOptions {
     /// TCP: clients connect here and read; empty: none.
@@ -112,7 +117,7 @@ impl Default for JsonOptions {
 }
 
 /// Events by Zenoh, in a build with the feature `zenoh`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ZenohOptions {
     /// Endpoints on which others may connect.
@@ -167,6 +172,7 @@ mod tests {
         let zenoh = all.zenoh.expect("zenoh");
         assert!(zenoh.listen.iter().all(|e| e.starts_with("tcp/127.0.0.1:")) && !zenoh.scouting);
         assert_eq!(toml::from_str::<LinkOptions>("").expect("nothing"), LinkOptions::default());
+        assert_eq!(toml::to_string(&LinkOptions::default()).expect("a text"), "");
     }
 
     #[test]

@@ -12,17 +12,18 @@
 
 mod messages;
 
-use crate::axes::sound;
+use crate::axes::{sound, sound_motion};
 use crate::options::address;
 use crate::outlet::now_ns;
 use crate::peers::{MOST, Peer};
-use crate::worker::{PATIENCE, Worker};
+use crate::udp;
+use crate::worker::Worker;
 use crate::{Body, Fix, LinkError, Outlet, VrpnOptions};
 use messages::{Inbox, Kind, Read};
 use std::io::{self, Read as _};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 const NAME: &str = "vrpn";
 
@@ -31,6 +32,12 @@ pub const TURN_S: f64 = 0.01;
 
 /// How long a client may take to accept the connection that it asked for.
 const CONNECTING: Duration = Duration::from_millis(500);
+
+/// How long a client may take to send its cookie.
+const GREETING: Duration = Duration::from_secs(10);
+
+/// How much is read of a client at a time, in pieces, so that one that talks without end holds nobody up.
+const PIECES: usize = 4;
 
 /// Ports below are the system's own; no client listens there.
 const LEAST_PORT: u16 = 1024;
@@ -48,6 +55,7 @@ struct Client {
     peer: Peer,
     inbox: Inbox,
     greeted: bool,
+    since: Instant,
 }
 
 impl Vrpn {
@@ -60,8 +68,7 @@ impl Vrpn {
         let listener = TcpListener::bind(address(NAME, &options.address)?).map_err(fault)?;
         listener.set_nonblocking(true).map_err(fault)?;
         let address = listener.local_addr().map_err(fault)?;
-        let calls = UdpSocket::bind(address).map_err(fault)?;
-        calls.set_read_timeout(Some(PATIENCE)).map_err(fault)?;
+        let calls = udp::open(NAME, address)?;
         let clients = Arc::new(Mutex::new(Vec::new()));
         let mut door = Door {
             calls,
@@ -95,7 +102,7 @@ impl Outlet for Vrpn {
         let pose = self.options.body_axes.pose(&measured.world_from_body);
         self.bytes.clear();
         messages::pos_quat(&mut self.bytes, fix.captured_ns, &pose);
-        if let Some(moving) = &measured.moving {
+        if let Some(moving) = sound_motion(measured) {
             let world_from_body = measured.world_from_body.rotation;
             let turning_rad_s = world_from_body * moving.rates_rad_s;
             let velocity_m_s = world_from_body * moving.velocity_in_body_m_s;
@@ -123,10 +130,8 @@ struct Door {
 impl Door {
     fn step(&mut self) {
         let mut call = [0; 512];
-        match self.calls.recv_from(&mut call) {
-            Ok((length, from)) => self.call_back(&call[..length], from),
-            Err(e) if matches!(e.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {}
-            Err(_) => std::thread::sleep(PATIENCE),
+        if let Some((length, from)) = udp::receive(&self.calls, &mut call) {
+            self.call_back(&call[..length], from);
         }
         while let Ok((stream, _)) = self.listener.accept() {
             self.admit(stream);
@@ -153,7 +158,7 @@ impl Door {
             && let Ok(mut peer) = Peer::new(stream)
             && peer.push(&messages::COOKIE)
         {
-            clients.push(Client { peer, inbox: Inbox::default(), greeted: false });
+            clients.push(Client { peer, inbox: Inbox::default(), greeted: false, since: Instant::now() });
         }
     }
 }
@@ -161,8 +166,11 @@ impl Door {
 impl Client {
     /// Reads what has come and answers it. False: it has gone, or speaks something else.
     fn listen(&mut self, greeting: &[u8], answer: &mut Vec<u8>) -> bool {
+        if !self.greeted && self.since.elapsed() > GREETING {
+            return false;
+        }
         let mut bytes = [0; 4096];
-        loop {
+        for _ in 0..PIECES {
             match self.peer.stream.read(&mut bytes) {
                 Ok(0) => return false,
                 Ok(length) => {

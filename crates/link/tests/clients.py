@@ -206,7 +206,7 @@ def motioncapture(kind, settings, seconds, least):
     import motioncapture as client
 
     mocap = client.connect(kind, settings)
-    begun, poses, empty, oldest_s, last = time.monotonic(), [], 0, 0.0, None
+    begun, poses, empty, ages_s, last = time.monotonic(), [], 0, [], None
     while time.monotonic() < begun + seconds:
         mocap.waitForNextFrame()
         bodies = mocap.rigidBodies
@@ -219,10 +219,12 @@ def motioncapture(kind, settings, seconds, least):
         place = (*map(float, body.position), q.w, q.x, q.y, q.z)
         assert place != last, "a frozen pose"
         last = place
-        oldest_s = max(oldest_s, by_place(place[:3], place[3:]))
+        ages_s.append(by_place(place[:3], place[3:]))
         poses.append(time.monotonic())
     assert len(poses) > least and empty > 20, (len(poses), empty)
-    print(f"motioncapture, {kind}: {len(poses)} poses, {empty} times none, oldest {oldest_s * 1e3:.1f} ms")
+    ages_ms = [1e3 * age for age in sorted(ages_s)]
+    median_ms, most_ms = ages_ms[len(ages_ms) // 2], ages_ms[-1]
+    print(f"motioncapture, {kind}: {len(poses)} poses, {empty} times none, {median_ms:.1f} ms old, at most {most_ms:.1f}")
     return poses
 
 

@@ -23,17 +23,25 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("{} is open", outlet.name());
         outlet.event(&circle::scene())?;
     }
+    let mut took_us: Vec<Vec<f64>> = outlets.iter().map(|_| Vec::new()).collect();
     let begun = Instant::now();
     for sequence in 0..(seconds * rate_hz) as u64 {
         let due = Duration::from_secs_f64(sequence as f64 / rate_hz);
         std::thread::sleep(due.saturating_sub(begun.elapsed()));
         let fix = circle::fix(sequence, circle::now_ns());
         let event = circle::event(&fix);
-        for outlet in &mut outlets {
+        for (outlet, took_us) in outlets.iter_mut().zip(&mut took_us) {
+            let at = Instant::now();
             if let Err(fault) = outlet.send(&fix).and_then(|()| outlet.event(&event)) {
                 eprintln!("{fault}");
             }
+            took_us.push(at.elapsed().as_secs_f64() * 1e6);
         }
+    }
+    for (outlet, took_us) in outlets.iter().zip(&mut took_us) {
+        took_us.sort_by(f64::total_cmp);
+        let part = |share: f64| took_us.get((share * took_us.len() as f64) as usize).copied().unwrap_or(0.0);
+        println!("{}: {:.0} us an instant, 99 % within {:.0} us", outlet.name(), part(0.5), part(0.99));
     }
     Ok(())
 }

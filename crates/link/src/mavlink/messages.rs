@@ -19,10 +19,11 @@ const ODOMETRY: u32 = 331;
 
 /// A message.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "nearly every message is the large one, and none is kept")]
 pub(super) enum Message {
     Heartbeat,
     Timesync(Timesync),
-    Odometry(Box<Odometry>),
+    Odometry(Odometry),
 }
 
 /// TIMESYNC.

@@ -29,7 +29,7 @@ fn the_bytes_are_those_of_pymavlink() {
          cdccccbd00000000cdcccc3dcdcc4c3e9a99993ecdcccc3e0000003f9a99193f3333333fcdcc4c3f6666663f0000803fcdcc8c3f9a99993f
          6666a63f3333b33f0000c03f140c03024b7bb0",
     );
-    let got = framed(&Message::Odometry(Box::new(odometry)), 7);
+    let got = framed(&Message::Odometry(odometry), 7);
     assert_eq!(got, want);
     assert_eq!(framed(&Message::Heartbeat, 8), bytes("fd0900000801c5000000000000001208000403dab4"));
 }

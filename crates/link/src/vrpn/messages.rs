@@ -112,6 +112,8 @@ pub(super) fn called_port(call: &[u8]) -> Option<u16> {
 #[derive(Default)]
 pub(super) struct Inbox {
     bytes: Vec<u8>,
+    /// So many of them have been read.
+    read: usize,
     /// The client's own number for pings.
     ping: Option<i32>,
     welcome: bool,
@@ -133,8 +135,10 @@ pub(super) enum Read {
 impl Inbox {
     /// Takes bytes in. False: more than any client says at once.
     pub(super) fn take(&mut self, bytes: &[u8]) -> bool {
+        self.bytes.drain(..self.read);
+        self.read = 0;
         self.bytes.extend_from_slice(bytes);
-        self.bytes.len() <= 4 * LONGEST
+        self.bytes.len() <= 2 * LONGEST
     }
 
     /// The next thing that asks for an answer; what does not is passed over.
@@ -142,7 +146,7 @@ impl Inbox {
         if !self.welcome {
             return self.cookie();
         }
-        while let Some(head) = self.bytes.get(..HEADER) {
+        while let Some((head, rest)) = self.bytes.get(self.read..).and_then(|b| b.split_at_checked(HEADER)) {
             let word = |at: usize| i32::from_be_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
             let (kind, number) = (word(16), word(12));
             let Some(length) = usize::try_from(word(0)).ok().filter(|l| (HEADER..=LONGEST).contains(l))
@@ -150,13 +154,13 @@ impl Inbox {
                 return Read::Noise;
             };
             let padded = length.next_multiple_of(ALIGN);
-            let Some(payload) = self.bytes.get(HEADER..padded) else { return Read::Nothing };
+            let Some(payload) = rest.get(..padded - HEADER) else { return Read::Nothing };
             if kind == TYPE_DESCRIPTION
                 && payload.get(4..).is_some_and(|name| name.starts_with(b"vrpn_Base ping_message\0"))
             {
                 self.ping = Some(number);
             }
-            self.bytes.drain(..padded);
+            self.read += padded;
             if self.ping == Some(kind) {
                 return Read::Ping;
             }
@@ -172,7 +176,7 @@ impl Inbox {
         if self.bytes.len() < COOKIE.len() {
             return Read::Nothing;
         }
-        self.bytes.drain(..COOKIE.len());
+        self.read = COOKIE.len();
         self.welcome = true;
         Read::Cookie
     }
