@@ -53,3 +53,22 @@ pub(crate) fn bytes(hex: &str) -> Vec<u8> {
         hex.bytes().filter_map(|c| (c as char).to_digit(16).and_then(|d| u8::try_from(d).ok())).collect();
     digits.chunks(2).map(|pair| pair[0] * 16 + pair[1]).collect()
 }
+
+/// Packets of noise, always the same: of every length up to 400, half of them beginning as `head` does.
+pub(crate) fn noise(head: &[u8]) -> impl Iterator<Item = Vec<u8>> {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    (0..4000_usize).map(move |k| {
+        let mut packet: Vec<u8> = (0..k % 400)
+            .map(|_| {
+                state ^= state << 13;
+                state ^= state >> 7;
+                state ^= state << 17;
+                state.to_le_bytes()[3]
+            })
+            .collect();
+        if k % 2 == 0 {
+            packet.iter_mut().zip(head).for_each(|(byte, head)| *byte = *head);
+        }
+        packet
+    })
+}

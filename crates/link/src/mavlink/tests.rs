@@ -1,5 +1,5 @@
 use super::*;
-use crate::testing::{body, bytes, fix};
+use crate::testing::{body, bytes, fix, noise};
 
 fn framed(message: &Message, sequence: u8) -> Vec<u8> {
     let mut frame = MAVLinkV2MessageRaw::new();
@@ -56,6 +56,21 @@ fn a_request_for_the_time_is_read_and_answered() {
     let Message::Timesync(answer) = message else { panic!("{message:?}") };
     assert_eq!((answer.asking_ns, answer.target), (5555, [1, 197]));
     assert!((answer.responding_ns - before_ns).abs() < 2_000_000_000);
+}
+
+#[test]
+fn no_bytes_break_the_reader() {
+    let request = framed(&Message::Timesync(Timesync { responding_ns: 0, asking_ns: 1, target: [0; 2] }), 0);
+    let read = |packet: &[u8]| {
+        MavlinkReader::new(packet).read_message_with_dialect(&Messages, MavlinkVersion::V2).is_ok()
+    };
+    assert!(read(&request));
+    let known = noise(&request[..10]).filter(|packet| read(packet)).count();
+    // Two bytes of checksum let one packet in 65 536 through.
+    assert!(known <= 2, "{known}");
+    for length in 0..request.len() {
+        assert!(!read(&request[..length]));
+    }
 }
 
 #[test]

@@ -1,5 +1,5 @@
 use super::*;
-use crate::testing::{body, fix};
+use crate::testing::{body, fix, noise};
 use std::io::Write;
 use std::time::Instant;
 
@@ -85,6 +85,25 @@ fn a_client_is_called_back_and_told_poses() {
     assert!((turn - 0.0014f64.sqrt()).abs() < 1e-8, "{turn}");
 }
 
+/// Level, nose along X: world axes are body axes turned half about X.
+#[test]
+fn velocity_is_in_world_axes() {
+    let mut server = server();
+    let mut stream = called(&server);
+    greet(&mut stream);
+    let mut fix = fix();
+    let pose = mavsight_geometry::world_from_body(Default::default(), Default::default());
+    fix.measured.as_mut().expect("a pose").world_from_body = pose;
+    server.send(&fix).expect("sent");
+    let level = numbers(&next(&mut stream).2);
+    // Forward-left-up in Z up: nothing is turned; x, y, z, w.
+    assert!(level.iter().zip([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).all(|(a, b)| (a.abs() - b).abs() < 1e-12));
+    let motion = numbers(&next(&mut stream).2);
+    let half_turn = TURN_S / 2.0;
+    let want = [0.5, 0.25, -0.125, 0.01 * half_turn, 0.02 * half_turn, -0.03 * half_turn, 1.0];
+    assert!(motion.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-7), "{motion:?}");
+}
+
 #[test]
 fn pings_are_answered_by_the_clients_own_number() {
     let server = server();
@@ -108,6 +127,33 @@ fn pings_are_answered_by_the_clients_own_number() {
     }
     let (sender, kind, payload, _) = next(&mut stream);
     assert_eq!((sender, kind, payload.len()), (0, 3, 0));
+}
+
+#[test]
+fn no_bytes_break_the_reader() {
+    let mut messages = messages::COOKIE.to_vec();
+    // Lengths that go on; what follows is noise.
+    messages.extend([0, 0, 0, 40]);
+    let (mut cookies, mut refused) = (0, 0);
+    for packet in noise(&messages) {
+        let mut inbox = Inbox::default();
+        messages::called_port(&packet);
+        for piece in packet.chunks(7) {
+            assert!(inbox.take(piece));
+            loop {
+                match inbox.next() {
+                    Read::Nothing => break,
+                    Read::Cookie => cookies += 1,
+                    Read::Ping => {}
+                    Read::Noise => {
+                        refused += 1;
+                        break;
+                    }
+                }
+            }
+        }
+    }
+    assert!(cookies > 1500 && refused > 1500, "{cookies} {refused}");
 }
 
 #[test]
