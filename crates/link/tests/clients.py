@@ -79,7 +79,7 @@ def by_place(position, quaternion):
     at_ns = angle / (2 * math.pi) * PERIOD_NS
     assert at_ns % CYCLE_NS < SEEN_NS + 1e5, f"a pose of an instant that was not measured: {at_ns * 1e-9}"
     age_s = (time.time_ns() - at_ns) % PERIOD_NS * 1e-9
-    assert age_s < 1.5, f"a pose {age_s} s old"
+    assert age_s < 3.0, f"a pose {age_s} s old"
     return age_s
 
 
@@ -127,7 +127,7 @@ def check_odometry(m):
     assert (m.frame_id, m.child_frame_id, m.estimator_type) == (20, 12, 2)
     assert seen(at_ns), "an instant that was not measured"
     assert m.reset_counter == at_ns // CYCLE_NS % 256 and m.quality == 75
-    assert 0 <= time.time_ns() - at_ns < 1.5e9
+    assert 0 <= time.time_ns() - at_ns < 3e9
     position, turn, velocity = flight(angle_at(at_ns))
     # Stamps are whole microseconds, in which the aircraft flies 1.3 um and turns 1.6 urad.
     near([m.x, m.y, m.z], [a * b for a, b in zip(FLIP, position)], 2e-6, "position")
@@ -167,7 +167,7 @@ def natnet(port, data_port):
             assert frame.prefix.frame_number > last[0]
             last[0] = frame.prefix.frame_number
             assert frame.suffix.stamp_data_received == at_ns + 2_000_000
-            assert 0 <= time.time_ns() - frame.suffix.stamp_transmit < 1.5e9
+            assert 0 <= time.time_ns() - frame.suffix.stamp_transmit < 3e9
             counts[body.tracking_valid] += 1
             if not body.tracking_valid:
                 assert all(math.isnan(v) for v in (*body.pos, *body.rot))
@@ -192,7 +192,7 @@ def natnet(port, data_port):
             client.request_modeldef()
             client.run_async()
             time.sleep(3.0)
-        assert counts[True] - before[True] > 60 and counts[False] - before[False] > 20, counts
+        assert counts[True] - before[True] > 30 and counts[False] - before[False] > 10, counts
         time.sleep(0.5)
     if faults:
         raise faults[0]
@@ -221,7 +221,7 @@ def motioncapture(kind, settings, seconds, least):
         last = place
         ages_s.append(by_place(place[:3], place[3:]))
         poses.append(time.monotonic())
-    assert len(poses) > least and empty > 20, (len(poses), empty)
+    assert len(poses) > least and empty > 5, (len(poses), empty)
     ages_ms = [1e3 * age for age in sorted(ages_s)]
     median_ms, most_ms = ages_ms[len(ages_ms) // 2], ages_ms[-1]
     print(f"motioncapture, {kind}: {len(poses)} poses, {empty} times none, {median_ms:.1f} ms old, at most {most_ms:.1f}")
@@ -229,11 +229,11 @@ def motioncapture(kind, settings, seconds, least):
 
 
 def natnet_motioncapture(port, _data_port):
-    motioncapture("optitrack", {"hostname": "127.0.0.1", "port_command": str(port)}, 4.0, 100)
+    motioncapture("optitrack", {"hostname": "127.0.0.1", "port_command": str(port)}, 4.0, 50)
 
 
 def vrpn(port):
-    poses = motioncapture("vrpn", {"hostname": f"127.0.0.1:{port}"}, 10.0, 200)
+    poses = motioncapture("vrpn", {"hostname": f"127.0.0.1:{port}"}, 10.0, 100)
     # The server goes away for a second; between measured stretches there is half a one.
     gaps = [b - a for a, b in zip(poses, poses[1:])]
     assert max(gaps) > 0.95, f"the server was never away: {max(gaps)}"
@@ -257,7 +257,7 @@ def zenoh(port):
             pose = json.loads(sample.payload.to_bytes())
             at_ns = pose["captured_ns"]
             assert pose["event"] == "pose" and pose["valid"] == seen(at_ns)
-            assert 0 <= time.time_ns() - at_ns < 1.5e9
+            assert 0 <= time.time_ns() - at_ns < 3e9
             counts[pose["valid"]] += 1
             if not pose["valid"]:
                 assert pose["position_m"] is None and pose["attitude"] is None
@@ -277,7 +277,7 @@ def zenoh(port):
             subscriber = session.declare_subscriber("mavsight/circle/pose", on_pose)
             time.sleep(3.0)
             subscriber.undeclare()
-        assert counts[True] - before[True] > 60 and counts[False] - before[False] > 20, counts
+        assert counts[True] - before[True] > 30 and counts[False] - before[False] > 10, counts
         time.sleep(0.5)
     if faults:
         raise faults[0]
