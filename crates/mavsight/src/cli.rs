@@ -189,6 +189,9 @@ pub(crate) struct Run {
     /// Leave out output error from the poses and from the images
     #[arg(long)]
     pub(crate) equation_error_only: bool,
+    /// A part of the flight that is not fitted but predicted, s
+    #[arg(long, value_name = "FROM..TO")]
+    pub(crate) hold_out: Option<Interval>,
 }
 
 /// `calibrate`, `track` and `report`

@@ -8,6 +8,7 @@ pub mod lab;
 pub use mavsight_flight as flight;
 pub use mavsight_geometry as geometry;
 pub use mavsight_identify as identify;
+pub use mavsight_link as link;
 #[cfg(feature = "page")]
 pub use mavsight_page as page;
 pub use mavsight_pipeline as pipeline;

@@ -4,7 +4,7 @@ use crate::output_error::MARKERS_STD_M;
 use crate::watch::{CameraWatch, moved_notes};
 use crate::{PipelineError, Tracked};
 use mavsight_flight::Vehicle;
-use mavsight_pose::{Associator, Candidate, MarkerObservation, PoseEstimator, Rig};
+use mavsight_pose::{Association, Associator, Candidate, MovedCamera, PoseEstimator, Rig};
 use mavsight_vision::BallColor;
 
 /// The colours of a vehicle's markers, each once, and which of them each marker has.
@@ -33,14 +33,30 @@ impl MarkerColors {
     }
 }
 
-/// Tells which candidates are which markers.
-pub(crate) struct Identities {
+/// One instant of a flight: what all cameras saw, and what was made of it.
+#[derive(Debug, Clone, Copy)]
+pub struct Instant<'a> {
+    /// Middle of the exposure.
+    pub t_ns: i64,
+    /// What was seen, by camera and number.
+    pub seen: &'a [Candidate],
+    /// Which is which, and the pose.
+    pub association: &'a Association,
+}
+
+/// Tells which candidates are which markers, instant by instant.
+#[derive(Debug)]
+pub struct Identities {
     associator: Associator,
     colors: Vec<usize>,
 }
 
 impl Identities {
-    pub(crate) fn new(rig: &Rig, vehicle: &Vehicle) -> Result<Self, PipelineError> {
+    /// For a vehicle before the cameras of a rig.
+    ///
+    /// # Errors
+    /// Markers of one colour that can change places so that the body looks the same.
+    pub fn new(rig: &Rig, vehicle: &Vehicle) -> Result<Self, PipelineError> {
         let estimator = PoseEstimator::new(rig, &crate::body_markers(vehicle));
         let colors = MarkerColors::of(vehicle).of_marker;
         let associator = Associator::new(estimator, rig, &colors, MARKERS_STD_M)
@@ -61,15 +77,18 @@ impl Identities {
         tracked.notes.extend(moved_notes(rig, self.associator.moved_cameras()));
     }
 
-    /// Adds one instant to what was tracked.
-    pub(crate) fn add(&mut self, t_ns: i64, seen: &[Candidate], tracked: &mut Tracked) {
-        let found = self.associator.associate(t_ns, seen);
-        for (index, marker) in &found.pairs {
-            let Candidate { camera, pixel, covariance_px2, diameter_px, .. } = seen[*index];
-            let seen = MarkerObservation { t_ns, camera, marker: *marker, pixel, covariance_px2 };
-            tracked.observations.push(seen);
-            tracked.diameters_px.push(diameter_px);
-        }
-        tracked.poses.push(found.sample);
+    /// Which of the candidates of the next instant are which markers, and the pose they give.
+    pub fn tell(&mut self, t_ns: i64, seen: &[Candidate]) -> Association {
+        self.associator.associate(t_ns, seen)
+    }
+
+    /// Cameras that were found to be moved; they take no part from then on.
+    pub fn moved_cameras(&self) -> &[MovedCamera] {
+        self.associator.moved_cameras()
+    }
+
+    /// The estimator of poses.
+    pub fn estimator(&self) -> &PoseEstimator {
+        self.associator.estimator()
     }
 }

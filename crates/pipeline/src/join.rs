@@ -1,9 +1,10 @@
-//! Cameras of any rate and clock, brought to common instants.
+//! Cameras of any rate and clock, brought to common instants as their frames come.
 
+use crate::sight::Sight;
 use crate::stream::Stream;
-use mavsight_geometry::ImageSize;
+use mavsight_geometry::{ImageSize, Vector2};
 use mavsight_pose::{CameraClock, Candidate, PixelPath};
-use std::collections::HashMap;
+use std::collections::VecDeque;
 
 /// A camera whose frames are nearer together by this factor than those of all before it gives the instants.
 const FASTER: f64 = 0.95;
@@ -14,135 +15,332 @@ const APART_INTERVALS: f64 = 0.75;
 /// A camera whose frames are further apart than the instants by this factor lends a sight to more than one of them.
 const SLOWER: f64 = 1.05;
 
-/// One camera for the join.
-struct Joined {
-    /// What was followed, by when it came into sight.
+/// Frames whose times differ by less are of one instant; the same as for a path's sights ([`PixelPath::at`]).
+const SAME_NS: i64 = 10_000;
+
+/// How far beyond an instant a camera that is not in step must have seen before the instant is joined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ahead {
+    /// To its next frame: as little as tells which of its sights is the nearest, and between which it lies.
+    Next,
+    /// As far as its path's cubic reaches.
+    Whole,
+}
+
+impl Ahead {
+    fn frames(self) -> usize {
+        match self {
+            Self::Next => 1,
+            // Three beyond the nearest sight, which may itself be beyond the instant.
+            Self::Whole => 4,
+        }
+    }
+}
+
+/// What the join must know of a camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JoinedCamera {
+    /// Size of its images.
+    pub size: ImageSize,
+    /// Its clock.
+    pub clock: CameraClock,
+    /// Unit vector in the image along which a rolling shutter goes.
+    pub readout: Vector2<f64>,
+    /// Median time between its frames.
+    pub interval_s: f64,
+}
+
+/// Brings what cameras see to common instants, frame by frame, for recordings and running cameras alike.
+///
+/// The instants are the frames of the camera with the most frames a second (of cameras of about one rate the first), and where it
+/// has no frame those of the others. A camera's sight is moved to an instant along its own path ([`PixelPath::at`]); a sight that a
+/// slow camera lends to several instants counts for one in all. Cameras in step go through untouched, and without waiting. What is
+/// kept is what the paths need: it does not grow.
+#[derive(Debug)]
+pub struct Joiner {
+    cameras: Vec<Incoming>,
+    /// Indices of the cameras, the one that gives the instants first.
+    order: Vec<usize>,
+    step_s: f64,
+    ahead: Ahead,
+    /// Instants with the rank of the camera that gave each, in order of time: those to come, and before them the latest handed out.
+    instants: VecDeque<(i64, usize)>,
+    handed_ns: i64,
+    seen: Vec<Candidate>,
+}
+
+/// One camera.
+#[derive(Debug)]
+struct Incoming {
+    about: JoinedCamera,
+    middle: Vector2<f64>,
+    /// What was followed, by number, and what is left of others for use again.
     things: Vec<Thing>,
-    /// How many of those have come so far, and which of them have not yet gone.
-    come: usize,
-    here: Vec<usize>,
-    times_ns: Vec<i64>,
-    interval_s: f64,
+    spare: Vec<Thing>,
+    /// Times of its latest frames.
+    frames_ns: VecDeque<i64>,
+    /// Those of which it is not yet told whether they are instants.
+    undecided_ns: VecDeque<i64>,
+    /// Up to when nothing more of it is waited for, but for what has come.
+    gone_ns: i64,
 }
 
 /// One thing that a camera followed: its path, and what goes with each sight of it.
+#[derive(Debug)]
 struct Thing {
+    id: u32,
     color: usize,
     path: PixelPath,
-    from_s: f64,
-    to_s: f64,
     diameters_px: Vec<f64>,
     stays: Vec<bool>,
 }
 
-/// Hands what all cameras saw at each instant of a flight to `each`. The instants are those of the camera with the most frames a
-/// second (of cameras of about one rate the first), and where it has no frames those of the others. A camera's sight is moved to
-/// an instant along its own path ([`PixelPath::at`]); a sight that a slow camera lends to several instants counts for one in all.
+impl Joiner {
+    /// A join of cameras, in the order of the rig.
+    pub fn new(cameras: &[JoinedCamera], ahead: Ahead) -> Self {
+        let mut order: Vec<usize> = (0..cameras.len()).collect();
+        let mut lead = 0;
+        for k in 1..cameras.len() {
+            if cameras[k].interval_s < FASTER * cameras[lead].interval_s {
+                lead = k;
+            }
+        }
+        if lead > 0 {
+            order.swap(0, lead);
+        }
+        Self {
+            step_s: cameras.get(lead).map_or(0.0, |c| c.interval_s),
+            cameras: cameras.iter().map(Incoming::of).collect(),
+            order,
+            ahead,
+            instants: VecDeque::new(),
+            handed_ns: i64::MIN,
+            seen: Vec::new(),
+        }
+    }
+
+    /// Takes what a camera saw in its next frame. One that is not later than an instant handed out serves paths only, one that is
+    /// not later than the camera's last is passed over.
+    pub fn push(&mut self, camera: usize, stamp_ns: i64, sights: &[Sight]) {
+        let Some(own) = self.cameras.get_mut(camera) else { return };
+        let t_ns = own.about.clock.time_ns(stamp_ns);
+        if own.frames_ns.back().is_some_and(|last| t_ns <= *last) {
+            return;
+        }
+        own.push(stamp_ns, sights);
+        own.frames_ns.push_back(t_ns);
+        if t_ns > self.handed_ns {
+            own.undecided_ns.push_back(t_ns);
+        }
+        self.decide();
+    }
+
+    /// No frame of a camera up to a time, by the common clock, is waited for any longer; i64::MAX: none at all. What comes of it
+    /// later is taken again.
+    pub fn go_without(&mut self, camera: usize, until_ns: i64) {
+        if let Some(own) = self.cameras.get_mut(camera) {
+            own.gone_ns = own.gone_ns.max(until_ns);
+        }
+        self.decide();
+    }
+
+    /// A camera is back for which was not waited: it is waited for again.
+    pub fn wait_again(&mut self, camera: usize) {
+        if let Some(own) = self.cameras.get_mut(camera) {
+            own.gone_ns = own.frames_ns.back().copied().unwrap_or(i64::MIN);
+        }
+    }
+
+    /// The instant that comes next, where it is known, whether it can be handed out or not.
+    pub fn waiting_ns(&self) -> Option<i64> {
+        self.instants.iter().map(|i| i.0).find(|t| *t > self.handed_ns)
+    }
+
+    /// Whether an instant waits for a camera.
+    pub fn waits_for(&self, camera: usize, t_ns: i64) -> bool {
+        self.cameras.get(camera).is_some_and(|c| !c.is_ready(t_ns, self.ahead))
+    }
+
+    /// Time of a camera's latest frame, by the common clock.
+    pub fn latest_ns(&self, camera: usize) -> Option<i64> {
+        self.cameras.get(camera)?.frames_ns.back().copied()
+    }
+
+    /// The next instant for which all that it needs has come: its time, and what all cameras saw then, by camera and number.
+    pub fn next_instant(&mut self) -> Option<(i64, &[Candidate])> {
+        let t_ns = self.waiting_ns()?;
+        let earlier = |c: &Incoming| c.undecided_ns.front().is_some_and(|t| *t < t_ns);
+        if self.cameras.iter().any(|c| earlier(c) || !c.is_ready(t_ns, self.ahead)) {
+            return None;
+        }
+        self.handed_ns = t_ns;
+        self.seen.clear();
+        for (camera, own) in self.cameras.iter_mut().enumerate() {
+            own.at(camera, t_ns, self.step_s, &mut self.seen);
+        }
+        let longest_s = self.cameras.iter().map(|c| c.about.interval_s).fold(0.0, f64::max);
+        let kept_ns = t_ns.saturating_sub((longest_s * 1e9) as i64);
+        while self.instants.front().is_some_and(|i| i.0 < kept_ns) {
+            self.instants.pop_front();
+        }
+        Some((t_ns, &self.seen))
+    }
+
+    /// Tells of the frames that came which are instants.
+    fn decide(&mut self) {
+        for rank in 0..self.order.len() {
+            let camera = self.order[rank];
+            let apart_ns = (APART_INTERVALS * self.cameras[camera].about.interval_s * 1e9) as i64;
+            while let Some(&t_ns) = self.cameras[camera].undecided_ns.front() {
+                let near = |i: &(i64, usize)| i.1 < rank && (i.0 - t_ns).abs() < apart_ns;
+                let is_free = !self.instants.iter().any(near);
+                if is_free && t_ns > self.handed_ns {
+                    let until_ns = t_ns.saturating_add(apart_ns);
+                    if self.order[..rank].iter().any(|c| !self.cameras[*c].is_told_until(until_ns)) {
+                        break;
+                    }
+                    let at = self.instants.partition_point(|i| i.0 < t_ns);
+                    // Of two frames at one time the first camera's is the instant.
+                    if self.instants.get(at).is_none_or(|i| i.0 != t_ns) {
+                        self.instants.insert(at, (t_ns, rank));
+                    }
+                }
+                self.cameras[camera].undecided_ns.pop_front();
+            }
+        }
+    }
+}
+
+impl Incoming {
+    fn of(about: &JoinedCamera) -> Self {
+        Self {
+            about: *about,
+            middle: mavsight_pose::image_middle(about.size),
+            things: Vec::new(),
+            spare: Vec::new(),
+            frames_ns: VecDeque::new(),
+            undecided_ns: VecDeque::new(),
+            gone_ns: i64::MIN,
+        }
+    }
+
+    /// Whether no instant up to a time can come of it any more.
+    fn is_told_until(&self, t_ns: i64) -> bool {
+        let has_come = self.frames_ns.back().is_some_and(|last| *last >= t_ns) || self.gone_ns >= t_ns;
+        has_come && self.undecided_ns.front().is_none_or(|t| *t > t_ns)
+    }
+
+    /// Whether all has come that an instant needs of it.
+    fn is_ready(&self, t_ns: i64, ahead: Ahead) -> bool {
+        if self.gone_ns >= t_ns {
+            return true;
+        }
+        let after = self.frames_ns.iter().rev().take_while(|f| **f > t_ns + SAME_NS).count();
+        let is_in_step = self.about.clock.line_time_s == 0.0 || ahead == Ahead::Next;
+        let has_own = || self.frames_ns.iter().rev().any(|f| (f - t_ns).abs() <= SAME_NS);
+        after >= ahead.frames() || (is_in_step && has_own())
+    }
+
+    /// Adds the sights of a frame to their paths.
+    fn push(&mut self, stamp_ns: i64, sights: &[Sight]) {
+        let JoinedCamera { clock, readout, interval_s, .. } = self.about;
+        for sight in sights {
+            let rows_px = readout.dot(&(sight.pixel - self.middle));
+            let t_s = clock.time_s(stamp_ns, rows_px);
+            let at = self.things.partition_point(|t| t.id < sight.id);
+            if self.things.get(at).is_none_or(|t| t.id != sight.id) {
+                let thing = Thing::anew(self.spare.pop(), sight, interval_s);
+                self.things.insert(at, thing);
+            }
+            let thing = &mut self.things[at];
+            if thing.path.push(t_s, sight.pixel, sight.covariance_px2) {
+                thing.diameters_px.push(sight.diameter_px);
+                thing.stays.push(sight.stays);
+            }
+        }
+    }
+
+    /// Adds what the camera saw at a time, which must be after that of the call before, and forgets what no later time needs.
+    fn at(&mut self, camera: usize, t_ns: i64, step_s: f64, seen: &mut Vec<Candidate>) {
+        let lent = if step_s > 0.0 { self.about.interval_s / step_s } else { 1.0 };
+        let t_s = t_ns as f64 * 1e-9;
+        for thing in &mut self.things {
+            if let Some(at) = thing.path.at(t_s) {
+                let covariance_px2 = if lent > SLOWER { at.covariance_px2 * lent } else { at.covariance_px2 };
+                seen.push(Candidate {
+                    camera,
+                    color: thing.color,
+                    pixel: at.pixel,
+                    covariance_px2,
+                    diameter_px: thing.diameters_px[at.sight],
+                    stays: thing.stays[at.sight],
+                });
+            }
+            thing.forget_before(t_s);
+        }
+        let mut at = 0;
+        while at < self.things.len() {
+            if self.things[at].path.is_empty() {
+                self.spare.push(self.things.remove(at));
+            } else {
+                at += 1;
+            }
+        }
+        while self.frames_ns.len() > 1 && self.frames_ns[0] < t_ns - SAME_NS {
+            self.frames_ns.pop_front();
+        }
+    }
+}
+
+impl Thing {
+    /// The beginning of a path, in the room of one that is no longer needed.
+    fn anew(old: Option<Self>, first: &Sight, interval_s: f64) -> Self {
+        let (id, color) = (first.id, first.color);
+        match old {
+            Some(old) => Self { id, color, ..old },
+            None => {
+                let path = PixelPath::new(interval_s);
+                Self { id, color, path, diameters_px: Vec::new(), stays: Vec::new() }
+            }
+        }
+    }
+
+    fn forget_before(&mut self, t_s: f64) {
+        let gone = self.path.forget_before(t_s);
+        self.diameters_px.drain(..gone);
+        self.stays.drain(..gone);
+    }
+}
+
+/// Hands what all cameras saw at each instant of a recorded flight to `each`.
 pub(crate) fn instants(
     streams: &[Stream],
     sizes: &[ImageSize],
     clocks: &[CameraClock],
     mut each: impl FnMut(i64, &[Candidate]),
 ) {
-    let mut cameras: Vec<Joined> =
-        streams.iter().enumerate().map(|(k, s)| Joined::of(s, sizes[k], &clocks[k])).collect();
-    let times_ns = times(&cameras);
-    let steps: Vec<f64> = times_ns.windows(2).map(|w| (w[1] - w[0]) as f64 * 1e-9).collect();
-    let step_s = median(steps).unwrap_or(0.0);
-    let mut seen = Vec::new();
-    for t_ns in times_ns {
-        seen.clear();
-        for (camera, joined) in cameras.iter_mut().enumerate() {
-            joined.at(camera, t_ns as f64 * 1e-9, step_s, &mut seen);
+    let about = |(k, s): (usize, &Stream)| JoinedCamera {
+        size: sizes[k],
+        clock: clocks[k],
+        readout: s.readout,
+        interval_s: s.interval_s(),
+    };
+    let cameras: Vec<JoinedCamera> = streams.iter().enumerate().map(about).collect();
+    let mut joiner = Joiner::new(&cameras, Ahead::Whole);
+    let mut frames: Vec<_> = streams.iter().map(|s| s.frames().peekable()).collect();
+    loop {
+        let next = (0..frames.len()).filter_map(|k| Some((clocks[k].time_ns(frames[k].peek()?.0), k))).min();
+        let Some((_, camera)) = next else { break };
+        if let Some((stamp_ns, sights)) = frames[camera].next() {
+            joiner.push(camera, stamp_ns, sights);
         }
-        each(t_ns, &seen);
-    }
-}
-
-impl Joined {
-    fn of(stream: &Stream, size: ImageSize, clock: &CameraClock) -> Self {
-        let interval_s = stream.interval_s();
-        let mut things: Vec<Thing> = Vec::new();
-        let mut of_id: HashMap<u32, usize> = HashMap::new();
-        let middle = mavsight_pose::image_middle(size);
-        for sight in &stream.sights {
-            let rows_px = stream.readout.dot(&(sight.pixel - middle));
-            let t_s = clock.time_s(sight.stamp_ns, rows_px);
-            let index = *of_id.entry(sight.id).or_insert_with(|| {
-                things.push(Thing::new(sight.color, interval_s, t_s));
-                things.len() - 1
-            });
-            let thing = &mut things[index];
-            if thing.path.push(t_s, sight.pixel, sight.covariance_px2) {
-                thing.to_s = t_s;
-                thing.diameters_px.push(sight.diameter_px);
-                thing.stays.push(sight.stays);
-            }
+        if frames[camera].peek().is_none() {
+            joiner.go_without(camera, i64::MAX);
         }
-        things.sort_by(|a, b| a.from_s.total_cmp(&b.from_s));
-        let times_ns = stream.stamps_ns.iter().map(|t| clock.time_ns(*t)).collect();
-        Self { things, come: 0, here: Vec::new(), times_ns, interval_s }
-    }
-
-    /// Adds what the camera saw at a time, which must not be before that of the call before.
-    fn at(&mut self, camera: usize, t_s: f64, step_s: f64, seen: &mut Vec<Candidate>) {
-        let lent = if step_s > 0.0 { self.interval_s / step_s } else { 1.0 };
-        // A path lends its ends to instants that are no more than its interval off.
-        let reach_s = 2.0 * self.interval_s;
-        while self.things.get(self.come).is_some_and(|t| t.from_s <= t_s + reach_s) {
-            self.here.push(self.come);
-            self.come += 1;
-        }
-        self.here.retain(|k| self.things[*k].to_s >= t_s - reach_s);
-        for thing in self.here.iter().map(|k| &self.things[*k]) {
-            let Some(at) = thing.path.at(t_s) else { continue };
-            let covariance_px2 = if lent > SLOWER { at.covariance_px2 * lent } else { at.covariance_px2 };
-            seen.push(Candidate {
-                camera,
-                color: thing.color,
-                pixel: at.pixel,
-                covariance_px2,
-                diameter_px: thing.diameters_px[at.sight],
-                stays: thing.stays[at.sight],
-            });
+        while let Some((t_ns, seen)) = joiner.next_instant() {
+            each(t_ns, seen);
         }
     }
-}
-
-impl Thing {
-    fn new(color: usize, interval_s: f64, from_s: f64) -> Self {
-        let path = PixelPath::new(interval_s);
-        Self { color, path, from_s, to_s: from_s, diameters_px: Vec::new(), stays: Vec::new() }
-    }
-}
-
-fn times(cameras: &[Joined]) -> Vec<i64> {
-    let mut order: Vec<usize> = (0..cameras.len()).collect();
-    let mut lead = 0;
-    for k in 1..cameras.len() {
-        if cameras[k].interval_s < FASTER * cameras[lead].interval_s {
-            lead = k;
-        }
-    }
-    order.swap(0, lead);
-    let mut times_ns: Vec<i64> = Vec::new();
-    for k in order {
-        let apart_ns = (APART_INTERVALS * cameras[k].interval_s * 1e9) as i64;
-        let free = |t: &i64| {
-            let after = times_ns.partition_point(|other| other < t);
-            let far = |other: Option<&i64>| other.is_none_or(|o| (o - t).abs() >= apart_ns);
-            far(times_ns.get(after)) && far(after.checked_sub(1).and_then(|k| times_ns.get(k)))
-        };
-        let more: Vec<i64> = cameras[k].times_ns.iter().copied().filter(free).collect();
-        times_ns.extend(more);
-        times_ns.sort_unstable();
-    }
-    times_ns
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 #[cfg(test)]
@@ -217,6 +415,76 @@ mod tests {
         let of = |k: usize, camera: usize| got[k].1.iter().find(|o| o.camera == camera).unwrap();
         assert!((of(20, 0).covariance_px2.trace() / of(20, 1).covariance_px2.trace() - 2.0).abs() < 0.01);
         assert!(misfit(&got) < 1.1);
+    }
+
+    /// As they come, with as little ahead as live has: in step the same, bit for bit; out of step nearly as exact.
+    #[test]
+    fn frames_that_come_one_by_one_are_joined_alike() {
+        let live = |streams: &[Stream], clocks: &[CameraClock]| {
+            let about = |k: usize| JoinedCamera {
+                size: SIZE,
+                clock: clocks[k],
+                readout: streams[k].readout,
+                interval_s: 1.0 / 30.0,
+            };
+            let mut joiner = Joiner::new(&[about(0), about(1)], Ahead::Next);
+            let mut frames: Vec<_> = streams.iter().map(|s| s.frames()).collect();
+            let mut out = Vec::new();
+            for _ in 0..streams[1].stamps_ns.len() {
+                for (camera, own) in frames.iter_mut().enumerate() {
+                    if let Some((stamp_ns, sights)) = own.next() {
+                        joiner.push(camera, stamp_ns, sights);
+                    }
+                    while let Some((t_ns, seen)) = joiner.next_instant() {
+                        out.push((t_ns, seen.to_vec()));
+                    }
+                }
+            }
+            let kept = joiner.cameras.iter().flat_map(|c| &c.things).map(|t| t.stays.len()).max();
+            assert!(kept.unwrap() <= 9 && joiner.cameras.iter().all(|c| c.things.len() == 4));
+            assert!(joiner.instants.len() <= 4);
+            out
+        };
+        let exact = late(0.0);
+        let streams = [stream(0, exact, 30.0, 0..60), stream(1, exact, 30.0, 0..60)];
+        assert_eq!(live(&streams, &[exact, exact]), joined(&streams, &[exact, exact]));
+        let streams = [stream(0, exact, 30.0, 0..90), stream(1, late(13.7e-3), 30.0, 0..90)];
+        let got = live(&streams, &[exact, late(13.7e-3)]);
+        assert!((0.9..1.2).contains(&misfit(&got)) && got.len() >= 88, "{}", misfit(&got));
+        assert!(got.iter().filter(|i| i.1.len() == 8).count() >= 85);
+    }
+
+    #[test]
+    fn a_camera_that_is_not_waited_for_is_left_out_and_taken_again() {
+        let exact = late(0.0);
+        let streams = [stream(0, exact, 30.0, 0..40), stream(1, exact, 30.0, 0..40)];
+        let about = JoinedCamera { size: SIZE, clock: exact, readout: Vector2::y(), interval_s: 1.0 / 30.0 };
+        let mut joiner = Joiner::new(&[about, about], Ahead::Next);
+        let mut counts = Vec::new();
+        for ((k, a), b) in streams[0].frames().enumerate().zip(streams[1].frames()) {
+            joiner.push(0, a.0, a.1);
+            if (10..20).contains(&k) {
+                assert_eq!(joiner.next_instant().map(|i| i.0), None);
+                assert!(joiner.waits_for(1, a.0) && joiner.waiting_ns() == Some(a.0));
+                joiner.go_without(1, a.0);
+            } else {
+                joiner.push(1, b.0, b.1);
+            }
+            let got = joiner.next_instant().expect("an instant");
+            assert_eq!(got.0, a.0);
+            counts.push(got.1.len());
+        }
+        assert!(counts.iter().enumerate().all(|(k, n)| *n == if (10..20).contains(&k) { 4 } else { 8 }));
+        // The leading camera may be the one that is gone; the other's frames are then the instants.
+        let mut joiner = Joiner::new(&[about, about], Ahead::Next);
+        joiner.go_without(0, i64::MAX);
+        for b in streams[1].frames() {
+            joiner.push(1, b.0, b.1);
+            assert_eq!(joiner.next_instant().map(|i| (i.0, i.1.len())), Some((b.0, 4)));
+        }
+        joiner.wait_again(0);
+        joiner.push(1, 2_000_000_000, &[]);
+        assert!(joiner.next_instant().is_none());
     }
 
     #[test]

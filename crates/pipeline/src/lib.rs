@@ -12,6 +12,7 @@ mod output_error;
 mod progress;
 mod reconstruct;
 mod refine;
+mod sight;
 mod solve;
 mod stream;
 #[cfg(test)]
@@ -20,16 +21,19 @@ mod track;
 mod wand;
 mod watch;
 
+pub use associate::{Identities, Instant};
 pub use board::{Board, board_of};
 pub use calibrate::{
     ControlStill, calibrate_from_observations, calibrate_from_stills, calibrate_from_stills_and,
 };
 pub use error::PipelineError;
 pub use feed::{CameraFeed, Frames, TimedFrame};
+pub use join::{Ahead, JoinedCamera, Joiner};
 pub use output_error::{MARKERS_STD_M, output_error_fits};
 pub use progress::{Progress, Quiet, Stage};
 pub use reconstruct::reconstruct;
 pub use refine::{AsFlown, Diameter, Refinement, refine};
+pub use sight::{CameraTracker, Look, Sight};
 pub use solve::{IdentifyOptions, Solution, identify_motion, motion_from_poses};
-pub use track::{Tracked, body_markers, track};
+pub use track::{Tracked, body_markers, track, track_and};
 pub use wand::{Wand, wand_of};

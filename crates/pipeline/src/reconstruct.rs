@@ -3,7 +3,7 @@
 use crate::{PipelineError, Tracked};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
-use mavsight_pose::{MarkerObservation, PoseEstimator, Rig};
+use mavsight_pose::{Association, Candidate, MarkerObservation, PoseEstimator, Rig};
 
 /// Poses of instants as they come, each with the last one before it as a hint, and all of them again at the end.
 pub(crate) struct Reconstruction {
@@ -24,6 +24,18 @@ impl Reconstruction {
         self.previous = sample.estimate.as_ref().map(|e| e.world_from_body).or(self.previous);
         self.tracked.observations.extend(seen);
         self.tracked.poses.push(sample);
+    }
+
+    /// An instant of which the identities have told which ball is which.
+    pub(crate) fn add_told(&mut self, seen: &[Candidate], told: Association) {
+        for (index, marker) in &told.pairs {
+            let Candidate { camera, pixel, covariance_px2, diameter_px, .. } = seen[*index];
+            let t_ns = told.sample.t_ns;
+            let seen = MarkerObservation { t_ns, camera, marker: *marker, pixel, covariance_px2 };
+            self.tracked.observations.push(seen);
+            self.tracked.diameters_px.push(diameter_px);
+        }
+        self.tracked.poses.push(told.sample);
     }
 
     /// All poses, with what the whole flight has shown of the centres' lasting errors.

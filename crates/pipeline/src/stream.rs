@@ -1,10 +1,10 @@
 //! What one camera saw, by its own clock, and what was wrong with its frames.
 
+use crate::PipelineError;
 use crate::associate::MarkerColors;
-use crate::{PipelineError, TimedFrame};
-use mavsight_geometry::{Matrix2, Vector2};
+use crate::sight::Sight;
+use mavsight_geometry::Vector2;
 use mavsight_pose::{CameraStream, ClockPrior, StreamSight};
-use mavsight_vision::{ColorSighting, Frame};
 
 /// Frames further apart than this many intervals have others missing between them.
 const GAP_INTERVALS: f64 = 1.5;
@@ -22,23 +22,6 @@ pub(crate) struct Stream {
     pub(crate) clock: ClockPrior,
     pub(crate) readout: Vector2<f64>,
     faults: Faults,
-    last: Option<Frame>,
-}
-
-/// One thing of a marker's colour in one frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Sight {
-    pub(crate) stamp_ns: i64,
-    /// The same for the same thing from frame to frame.
-    pub(crate) id: u32,
-    pub(crate) color: usize,
-    pub(crate) pixel: Vector2<f64>,
-    pub(crate) covariance_px2: Matrix2<f64>,
-    pub(crate) diameter_px: f64,
-    /// Whether it has long stayed at one place.
-    pub(crate) stays: bool,
-    /// Whether it is the most likely of its colour to be a marker.
-    pub(crate) leads: bool,
 }
 
 /// What was wrong with the frames.
@@ -54,45 +37,34 @@ struct Faults {
 
 impl Stream {
     pub(crate) fn new(name: String, clock: ClockPrior, readout: Vector2<f64>) -> Self {
-        Self {
-            name,
-            stamps_ns: Vec::new(),
-            sights: Vec::new(),
-            clock,
-            readout,
-            faults: Faults::default(),
-            last: None,
-        }
+        Self { name, stamps_ns: Vec::new(), sights: Vec::new(), clock, readout, faults: Faults::default() }
     }
 
-    /// Takes the next frame, and says whether it is worth looking at: one that repeats the frame before it, sample by sample,
-    /// shows nothing new, and one that is not later has no time of its own.
-    pub(crate) fn takes(&mut self, timed: &TimedFrame) -> bool {
-        if self.stamps_ns.last().is_some_and(|last| timed.t_ns <= *last) {
-            self.faults.backward_ns.push(timed.t_ns);
-            return false;
-        }
-        if self.last.as_ref() == Some(&timed.frame) {
-            self.faults.copies_ns.push(timed.t_ns);
-            return false;
-        }
-        true
+    /// Notes a frame that repeats the one before.
+    pub(crate) fn add_copy(&mut self, stamp_ns: i64) {
+        self.faults.copies_ns.push(stamp_ns);
     }
 
-    /// Adds what was seen in a frame that was taken.
-    pub(crate) fn add(&mut self, timed: TimedFrame, seen: &[ColorSighting]) {
-        self.stamps_ns.push(timed.t_ns);
-        self.sights.extend(seen.iter().map(|s| Sight {
-            stamp_ns: timed.t_ns,
-            id: s.id,
-            color: s.color,
-            pixel: s.ball.pixel,
-            covariance_px2: s.ball.covariance_px2,
-            diameter_px: s.ball.diameter_px,
-            stays: s.stays,
-            leads: s.leads,
-        }));
-        self.last = Some(timed.frame);
+    /// Notes a frame that is not later than the one before.
+    pub(crate) fn add_backward(&mut self, stamp_ns: i64) {
+        self.faults.backward_ns.push(stamp_ns);
+    }
+
+    /// Adds what was seen in a frame later than all before it.
+    pub(crate) fn add(&mut self, stamp_ns: i64, seen: &[Sight]) {
+        self.stamps_ns.push(stamp_ns);
+        self.sights.extend_from_slice(seen);
+    }
+
+    /// Frame by frame, its time stamp and what was seen in it.
+    pub(crate) fn frames(&self) -> impl Iterator<Item = (i64, &[Sight])> {
+        let mut rest = self.sights.as_slice();
+        self.stamps_ns.iter().map(move |stamp_ns| {
+            let own = rest.iter().take_while(|s| s.stamp_ns == *stamp_ns).count();
+            let (seen, later) = rest.split_at(own);
+            rest = later;
+            (*stamp_ns, seen)
+        })
     }
 
     /// Notes an error of the source behind the first frame.
@@ -107,11 +79,6 @@ impl Stream {
         };
         self.faults.broken.push((*last_ns, words));
         Ok(())
-    }
-
-    /// Forgets the last frame; its sights are whole.
-    pub(crate) fn finish(&mut self) {
-        self.last = None;
     }
 
     /// Median time between frames; that of 30 frames a second where there is one frame alone.
@@ -204,19 +171,20 @@ impl Stream {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_geometry::ImageSize;
     use mavsight_pose::CameraClock;
-
-    fn frame(k: u8) -> Frame {
-        Frame::from_rgb(ImageSize { width_px: 2, height_px: 2 }, vec![k; 12]).unwrap()
-    }
 
     fn stream(stamps: &[(f64, u8)]) -> Stream {
         let mut stream = Stream::new("cam2".into(), ClockPrior::known(CameraClock::default()), Vector2::y());
+        let mut last = None;
         for (k, shade) in stamps {
-            let timed = TimedFrame { t_ns: (k / 30.0 * 1e9).round() as i64, frame: frame(*shade) };
-            if stream.takes(&timed) {
-                stream.add(timed, &[]);
+            let stamp_ns = (k / 30.0 * 1e9).round() as i64;
+            match last {
+                Some((last_ns, _)) if stamp_ns <= last_ns => stream.add_backward(stamp_ns),
+                Some((_, before)) if before == *shade => stream.add_copy(stamp_ns),
+                _ => {
+                    stream.add(stamp_ns, &[]);
+                    last = Some((stamp_ns, *shade));
+                }
             }
         }
         stream

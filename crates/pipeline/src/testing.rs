@@ -1,6 +1,7 @@
 //! What several tests share: two cameras, and what they see of a body that is carried about.
 
-use crate::stream::{Sight, Stream};
+use crate::sight::Sight;
+use crate::stream::Stream;
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{
     Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector2, Vector3,

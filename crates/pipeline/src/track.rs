@@ -4,22 +4,19 @@ use crate::associate::{Identities, MarkerColors};
 use crate::reconstruct::Reconstruction;
 use crate::stream::Stream;
 use crate::watch::CameraWatch;
-use crate::{CameraFeed, PipelineError, Progress, Stage, TimedFrame, join};
+use crate::{CameraFeed, CameraTracker, Instant, Look, PipelineError, Progress, Stage, TimedFrame, join};
 use mavsight_flight::Vehicle;
-use mavsight_geometry::{Isometry3, Vector3};
+use mavsight_geometry::Isometry3;
 use mavsight_pose::{
     BodyMarker, CameraClock, CameraStream, ClockEstimate, ClockVerdict, MarkerObservation, PoseEstimator,
     PoseSample, Rig, estimate_clocks,
 };
 use mavsight_session::results::CameraHealth;
-use mavsight_vision::Tracker;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 /// Frames that may wait between two stages: enough to even out decoding, few enough to stay in the cache.
 const QUEUE_FRAMES: usize = 8;
-
-/// How far beyond the control points' ranges the aircraft may fly, as a factor on its apparent size.
-const RANGE_MARGIN: f64 = 2.0;
 
 /// What tracking yields.
 #[derive(Debug, Clone, Default)]
@@ -52,13 +49,23 @@ pub fn track(
     vehicle: &Vehicle,
     progress: &dyn Progress,
 ) -> Result<Tracked, PipelineError> {
-    let trackers = feeds
-        .iter()
-        .enumerate()
-        .map(|(camera, feed)| {
-            tracker_for(rig, camera, vehicle)
-                .map_err(|source| PipelineError::Vision { place: feed.name.clone(), source })
-        })
+    track_and(feeds, rig, vehicle, progress, |_| {})
+}
+
+/// [`track`], with each instant as it was told first handed to `each`: what a run on live cameras tells then, bit for bit where the
+/// cameras are in step. The poses that [`track`] yields are estimated again, with what the whole flight has shown of the centres.
+///
+/// # Errors
+/// As [`track`].
+pub fn track_and(
+    feeds: Vec<CameraFeed<'_>>,
+    rig: &Rig,
+    vehicle: &Vehicle,
+    progress: &dyn Progress,
+    each: impl FnMut(&Instant<'_>),
+) -> Result<Tracked, PipelineError> {
+    let trackers = (0..feeds.len())
+        .map(|camera| CameraTracker::new(rig, camera, vehicle))
         .collect::<Result<Vec<_>, _>>()?;
     progress.begin(Stage::Track, feeds.iter().filter_map(|f| f.announced).min().map(|n| n as u64));
     let seen = std::thread::scope(|scope| {
@@ -80,7 +87,7 @@ pub fn track(
         workers.into_iter().map(ended).collect::<Result<Vec<(Stream, CameraWatch)>, _>>()
     })?;
     let (streams, watches) = seen.into_iter().unzip();
-    joined(streams, watches, rig, vehicle)
+    joined(streams, watches, (rig, vehicle), each)
 }
 
 fn fetch(feed: CameraFeed<'_>, out: &SyncSender<Result<TimedFrame, PipelineError>>) {
@@ -92,7 +99,7 @@ fn fetch(feed: CameraFeed<'_>, out: &SyncSender<Result<TimedFrame, PipelineError
 }
 
 fn observe(
-    mut tracker: Tracker,
+    mut tracker: CameraTracker,
     mut stream: Stream,
     frames: &Receiver<Result<TimedFrame, PipelineError>>,
     progress: Option<&dyn Progress>,
@@ -100,31 +107,32 @@ fn observe(
     let mut watch = CameraWatch::new(stream.name.clone());
     for frame in frames {
         match frame {
-            Ok(timed) if stream.takes(&timed) => {
-                let seen = tracker.candidates(&timed.frame).to_vec();
-                watch.saw(timed.t_ns, &tracker);
-                stream.add(timed, &seen);
-            }
-            Ok(_) => {}
+            Ok(TimedFrame { t_ns, frame }) => match tracker.see(t_ns, Arc::new(frame)) {
+                Look::New(seen) => {
+                    stream.add(t_ns, seen);
+                    watch.saw(t_ns, tracker.is_dark());
+                }
+                Look::Copy => stream.add_copy(t_ns),
+                Look::Backward => stream.add_backward(t_ns),
+            },
             Err(error) => stream.add_fault(error)?,
         }
         if let Some(progress) = progress {
             progress.step();
         }
     }
-    stream.finish();
     if stream.stamps_ns.is_empty() {
         return Err(PipelineError::NoFrames { camera: stream.name });
     }
-    Ok((stream, watch.finish(&tracker)))
+    Ok((stream, watch.finish(tracker.tracker())))
 }
 
 /// Clocks, instants, identities and poses of what the cameras saw.
 fn joined(
     streams: Vec<Stream>,
     watches: Vec<CameraWatch>,
-    rig: &Rig,
-    vehicle: &Vehicle,
+    (rig, vehicle): (&Rig, &Vehicle),
+    mut each: impl FnMut(&Instant<'_>),
 ) -> Result<Tracked, PipelineError> {
     let colors = MarkerColors::of(vehicle);
     let mut notes: Vec<String> = streams.iter().flat_map(Stream::notes).collect();
@@ -141,7 +149,11 @@ fn joined(
     let sizes: Vec<_> = rig.cameras.iter().map(|c| c.camera.size).collect();
     let mut all = Reconstruction::new(rig, vehicle);
     let mut identities = Identities::new(rig, vehicle)?;
-    join::instants(&streams, &sizes, &exact, |t_ns, seen| identities.add(t_ns, seen, &mut all.tracked));
+    join::instants(&streams, &sizes, &exact, |t_ns, seen| {
+        let association = identities.tell(t_ns, seen);
+        each(&Instant { t_ns, seen, association: &association });
+        all.add_told(seen, association);
+    });
     identities.finish(rig, watches, &mut all.tracked);
     let mut tracked = all.finish()?;
     notes.append(&mut tracked.notes);
@@ -183,23 +195,6 @@ fn span_notes(streams: &[Stream], clocks: &[CameraClock]) -> Result<Vec<String>,
         }
     }
     Ok(notes)
-}
-
-/// A tracker that expects the apparent diameters the rig and the ball sizes imply over the calibrated volume.
-fn tracker_for(rig: &Rig, camera: usize, vehicle: &Vehicle) -> Result<Tracker, mavsight_vision::VisionError> {
-    let seen_by = &rig.cameras[camera];
-    let focal_px = (seen_by.camera.intrinsics.fx_px * seen_by.camera.intrinsics.fy_px).abs().sqrt();
-    let ranges_m = rig
-        .control_points_in_world()
-        .into_iter()
-        .map(|p: Vector3<f64>| (p - seen_by.camera.centre_in_world()).norm());
-    let (near_m, far_m) = ranges_m.fold((f64::MAX, 0.0_f64), |(a, b), d| (a.min(d), b.max(d)));
-    let (near_m, far_m) = if far_m > 0.0 { (near_m, far_m) } else { (1.0, 10.0) };
-    let smallest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(f64::MAX, f64::min);
-    let largest_m = vehicle.marker.iter().map(|m| m.diameter_m).fold(0.0, f64::max);
-    let range = focal_px * smallest_m / far_m / RANGE_MARGIN..=focal_px * largest_m / near_m * RANGE_MARGIN;
-    let colors = MarkerColors::of(vehicle);
-    Ok(Tracker::new(&colors.balls, range)?.with_markers(&colors.counts()).with_camera(seen_by.camera))
 }
 
 pub(crate) fn pose_at(
@@ -256,7 +251,7 @@ mod tests {
         rig.uncertainty =
             rig.uncertainty.rows(0, mavsight_geometry::CAMERA_PARAMETERS * streams.len()).into();
         let watches = streams.iter().map(|s| CameraWatch::new(s.name.clone())).collect();
-        joined(streams, watches, &rig, &Vehicle::paper())
+        joined(streams, watches, (&rig, &Vehicle::paper()), |_| {})
     }
 
     fn flown(streams: Vec<Stream>) -> Tracked {

@@ -25,10 +25,10 @@ impl CameraWatch {
     }
 
     /// Takes note of the frame that the tracker has just seen.
-    pub(crate) fn saw(&mut self, t_ns: i64, tracker: &Tracker) {
+    pub(crate) fn saw(&mut self, t_ns: i64, is_dark: bool) {
         self.health.frames += 1;
         self.last_ns = t_ns;
-        if tracker.is_dark() {
+        if is_dark {
             self.health.dark += 1;
             self.dark_since_ns.get_or_insert(t_ns);
         } else {
@@ -113,7 +113,7 @@ mod tests {
             let light = if (5..9).contains(&k) || k >= 15 { 8 } else { 120 };
             let frame = Frame::from_rgb(SIZE, vec![light; 3 * SIZE.area_px()]).unwrap();
             tracker.candidates(&frame);
-            watch.saw(k * 100_000_000, &tracker);
+            watch.saw(k * 100_000_000, tracker.is_dark());
         }
         let (health, notes) = watch.finish(&tracker).told(&[0], &[4]);
         assert_eq!((health.frames, health.dark, health.markers[0].seen), (20, 9, 0.2));

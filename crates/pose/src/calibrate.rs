@@ -97,7 +97,8 @@ pub struct RigCamera {
     pub points: Vec<ControlResidual>,
     /// Root mean square residual of the points used, over all coordinates.
     pub residual_rms_px: f64,
-    /// Estimated standard deviation of one pixel coordinate of its control points.
+    /// Estimated standard deviation of one pixel coordinate of its control points: that of as many points, all alike, which would
+    /// tell as much of the camera as these.
     pub sigma_px: f64,
 }
 
@@ -259,14 +260,14 @@ fn rig_camera(
         let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
         return Err(PoseError::Calibration { camera: control.name.clone(), source });
     }
-    let (moved_px2, mut used, mut claimed_px2) = problem.moved_residuals(fit, camera);
+    let (moved_px2, mut used, mut information) = problem.moved_residuals(fit, camera);
     let (mut points, mut sum_px2) = (vec![], moved_px2 / 2.0);
     for k in (0..problem.sights.len()).filter(|k| problem.sights[*k].camera == camera) {
         let sight = &problem.sights[k];
         let residual_px = fit.residual_px(problem, choice, k).unwrap_or_else(Vector2::zeros);
         let studentised = fit.disagreement(problem, choice, &[k]).map_or(0.0, |d| d.studentised);
         if choice.used[k] {
-            claimed_px2 += sight.covariance_px2.trace() / 2.0;
+            information += 2.0 / sight.covariance_px2.trace();
             sum_px2 += residual_px.norm_squared() / 2.0;
             used += 1.0;
         }
@@ -287,6 +288,6 @@ fn rig_camera(
         centre_cov_m2,
         points,
         residual_rms_px: (sum_px2 / f64::max(used, 1.0)).sqrt(),
-        sigma_px: (claimed_px2 / f64::max(used, 1.0) * fit.variance_factor).sqrt(),
+        sigma_px: (f64::max(used, 1.0) / information * fit.variance_factor).sqrt(),
     })
 }

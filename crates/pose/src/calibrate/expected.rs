@@ -47,7 +47,7 @@ fn rig_camera(fit: &Fit, k: usize, control: &CameraControl, uncertainty: &DMatri
     let product = centre * centre.transpose();
     let centre_cov_m2 = Matrix3::from_fn(|i, j| product[(i, j)]);
     let n = control.points.len().max(1) as f64;
-    let variance_px2 = control.points.iter().map(|p| p.pixel_cov_px2.trace() / 2.0).sum::<f64>() / n;
+    let information: f64 = control.points.iter().map(|p| 2.0 / p.pixel_cov_px2.trace()).sum();
     let points = control.points.iter().map(|p| ControlResidual {
         name: p.name.clone(),
         point_in_world_m: p.point_in_world_m,
@@ -63,7 +63,7 @@ fn rig_camera(fit: &Fit, k: usize, control: &CameraControl, uncertainty: &DMatri
         centre_cov_m2,
         points: points.collect(),
         residual_rms_px: 0.0,
-        sigma_px: variance_px2.sqrt(),
+        sigma_px: (n / information).sqrt(),
     }
 }
 

@@ -123,10 +123,10 @@ impl Problem {
         sum / f64::max(n, 1.0)
     }
 
-    /// Of the moved objects in one camera: sum of the squared residuals, sights, and sum of the claimed variances of a
-    /// coordinate.
+    /// Of the moved objects in one camera: sum of the squared residuals, sights, and sum of the inverse claimed variances of
+    /// a coordinate.
     pub(super) fn moved_residuals(&self, fit: &Fit, camera: usize) -> (f64, f64, f64) {
-        let (mut squares_px2, mut sights, mut claimed_px2) = (0.0, 0.0, 0.0);
+        let (mut squares_px2, mut sights, mut information) = (0.0, 0.0, 0.0);
         for (k, object) in self.moved.iter().enumerate() {
             let shared = object.shared(&fit.cameras, fit.scales[k]);
             for (place, pose) in object.sights.iter().zip(&fit.poses[k]) {
@@ -138,11 +138,11 @@ impl Problem {
                     };
                     squares_px2 += residual.norm_squared();
                     sights += 1.0;
-                    claimed_px2 += covariance.trace() / 2.0;
+                    information += 2.0 / covariance.trace();
                 }
             }
         }
-        (squares_px2, sights, claimed_px2)
+        (squares_px2, sights, information)
     }
 }
 

@@ -69,6 +69,22 @@ impl PixelPath {
         is_taken
     }
 
+    /// Forgets the sights that no time from `t_s` on needs, and says how many they were: the first ones.
+    pub fn forget_before(&mut self, t_s: f64) -> usize {
+        // The nearest sight is at most half a gap off, and the others of its run each a gap further.
+        let needed_s = t_s - (SIDE as f64 + 1.0) * GAP_INTERVALS * self.interval_s;
+        let gone = self.t_s.partition_point(|t| *t < needed_s);
+        self.t_s.drain(..gone);
+        self.pixels.drain(..gone);
+        self.covariances_px2.drain(..gone);
+        gone
+    }
+
+    /// Whether no sight is left.
+    pub fn is_empty(&self) -> bool {
+        self.t_s.is_empty()
+    }
+
     /// Where the marker was at a time; `None` where no sight is near enough.
     ///
     /// The nearest sight is moved along the cubic through it and up to three neighbours on either side (a parabola where few are), so that its noise
@@ -212,6 +228,21 @@ mod tests {
         assert!(!spoilt.push(f64::NAN, Vector2::zeros(), Matrix2::identity()));
         assert!(!spoilt.push(0.0, Vector2::new(f64::NAN, 0.0), Matrix2::identity()));
         assert_eq!(spoilt.at(0.0), None);
+    }
+
+    #[test]
+    fn what_is_forgotten_is_not_missed() {
+        let whole = path((0..60).filter(|k| k % 17 != 3).map(|k| f64::from(k) * H), curve);
+        let mut short = whole.clone();
+        for k in 0..240 {
+            let t = f64::from(k) * 0.25 * H + 0.1 * H;
+            short.forget_before(t);
+            let (a, b) = (whole.at(t), short.at(t));
+            assert_eq!(a.map(|p| (p.pixel, p.covariance_px2)), b.map(|p| (p.pixel, p.covariance_px2)), "{t}");
+        }
+        let kept = short.t_s.len();
+        assert!(kept <= 7, "{kept} kept");
+        assert!(short.forget_before(100.0) == kept && short.is_empty() && short.at(2.0).is_none());
     }
 
     /// The claimed covariance is the scatter, in the middle of a run and at its end.
