@@ -221,8 +221,9 @@ impl Draft {
         };
         let spectrum = bands.spectrum(&terms, &mean_variance);
         let once = start_errors(flight, &terms);
-        let used = || errors.iter().zip(usable).filter(|(_, usable)| **usable);
-        let mean = |j: usize| used().map(|(e, _)| e[(j, j)]).sum::<f64>() / used().count().max(1) as f64;
+        let used = || (0..errors.len()).filter(|row| usable[*row]);
+        let mean =
+            |j: usize| used().map(|row| errors.at(row, j, j)).sum::<f64>() / used().count().max(1) as f64;
         let column = |(j, (name, signal)): (usize, &(String, Signal))| Column {
             name: name.clone(),
             values: pass(&signal.values),
@@ -231,7 +232,7 @@ impl Draft {
         Output {
             name: self.name.clone(),
             values: pass(&self.output.values),
-            std: errors.iter().map(|e| e[(count, count)].sqrt()).collect(),
+            std: (0..errors.len()).map(|row| errors.at(row, count, count).sqrt()).collect(),
             columns: self.columns.iter().enumerate().map(column).collect(),
             errors,
             spectrum,
@@ -249,20 +250,25 @@ impl Draft {
         let all = rows_of(&whole, rows);
         let std: Vec<f64> = whole.columns.iter().map(|c| c.std).collect();
         let independent = independent_columns(&all, &std).independent;
-        let mut candidates = vec![whole];
-        let mut hz = candidates[0].bandwidth_hz.min(0.5 / table.sample_interval_s);
+        let measure =
+            |output: &Output| log_determinant(output, &independent, rows, table).unwrap_or(f64::INFINITY);
+        // One candidate is held at a time; the one that is chosen is formed again.
+        let mut candidates_hz = vec![None];
+        let mut measures = vec![measure(&whole)];
+        let widest_hz = whole.bandwidth_hz;
+        drop(whole);
+        let mut hz = widest_hz.min(0.5 / table.sample_interval_s);
         while hz >= lowest_hz {
-            candidates.push(self.finish(flight, &table.usable, Some(hz)));
+            candidates_hz.push(Some(hz));
+            measures.push(measure(&self.finish(flight, &table.usable, Some(hz))));
             hz *= 0.5_f64.powf(0.25);
         }
-        let measure = |output: &Output| log_determinant(output, &independent, rows, table);
-        let measures: Vec<f64> = candidates.iter().map(|c| measure(c).unwrap_or(f64::INFINITY)).collect();
         let least = measures.iter().copied().fold(f64::INFINITY, f64::min);
-        let degrees = 2.0 * candidates[0].bandwidth_hz * (table.window_s.1 - table.window_s.0);
+        let degrees = 2.0 * widest_hz * (table.window_s.1 - table.window_s.0);
         let known_to = 1.0 + (2.0 * degrees.max(1.0)).sqrt().recip();
         let enough = least + 2.0 * independent.len() as f64 * known_to.ln();
         let chosen = measures.iter().rposition(|m| *m <= enough).unwrap_or(0);
-        candidates.swap_remove(chosen)
+        self.finish(flight, &table.usable, candidates_hz[chosen])
     }
 }
 

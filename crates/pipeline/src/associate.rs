@@ -70,6 +70,6 @@ impl Identities {
             tracked.observations.push(seen);
             tracked.diameters_px.push(diameter_px);
         }
-        tracked.poses.push(found.sample);
+        tracked.poses.push(crate::solve::provisional(found.sample));
     }
 }

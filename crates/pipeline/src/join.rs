@@ -39,13 +39,13 @@ struct Thing {
 /// second (of cameras of about one rate the first), and where it has no frames those of the others. A camera's sight is moved to
 /// an instant along its own path ([`PixelPath::at`]); a sight that a slow camera lends to several instants counts for one in all.
 pub(crate) fn instants(
-    streams: &[Stream],
+    streams: Vec<Stream>,
     sizes: &[ImageSize],
     clocks: &[CameraClock],
     mut each: impl FnMut(i64, &[Candidate]),
 ) {
     let mut cameras: Vec<Joined> =
-        streams.iter().enumerate().map(|(k, s)| Joined::of(s, sizes[k], &clocks[k])).collect();
+        streams.into_iter().enumerate().map(|(k, s)| Joined::of(&s, sizes[k], &clocks[k])).collect();
     let times_ns = times(&cameras);
     let steps: Vec<f64> = times_ns.windows(2).map(|w| (w[1] - w[0]) as f64 * 1e-9).collect();
     let step_s = median(steps).unwrap_or(0.0);
@@ -160,7 +160,7 @@ mod tests {
     fn joined(streams: &[Stream], clocks: &[CameraClock]) -> Vec<(i64, Vec<Candidate>)> {
         let mut out = Vec::new();
         let sizes = vec![SIZE; streams.len()];
-        instants(streams, &sizes, clocks, |t_ns, seen| out.push((t_ns, seen.to_vec())));
+        instants(streams.to_vec(), &sizes, clocks, |t_ns, seen| out.push((t_ns, seen.to_vec())));
         out
     }
 

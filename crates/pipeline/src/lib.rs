@@ -30,6 +30,6 @@ pub use output_error::{MARKERS_STD_M, output_error_fits};
 pub use progress::{Progress, Quiet, Stage};
 pub use reconstruct::reconstruct;
 pub use refine::{AsFlown, Diameter, Refinement, refine};
-pub use solve::{IdentifyOptions, Solution, identify_motion, motion_from_poses};
+pub use solve::{IdentifyOptions, Solution, identify_motion, motion_from_poses, motion_of};
 pub use track::{Tracked, body_markers, track};
 pub use wand::{Wand, wand_of};

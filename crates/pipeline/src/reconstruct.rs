@@ -23,7 +23,7 @@ impl Reconstruction {
         let sample = crate::track::pose_at(&self.estimator, t_ns, &seen, self.previous.as_ref());
         self.previous = sample.estimate.as_ref().map(|e| e.world_from_body).or(self.previous);
         self.tracked.observations.extend(seen);
-        self.tracked.poses.push(sample);
+        self.tracked.poses.push(crate::solve::provisional(sample));
     }
 
     /// All poses, with what the whole flight has shown of the centres' lasting errors.

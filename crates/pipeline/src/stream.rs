@@ -13,6 +13,7 @@ const GAP_INTERVALS: f64 = 1.5;
 const MOST_TOLD: usize = 3;
 
 /// A camera's sights.
+#[cfg_attr(test, derive(Clone))]
 pub(crate) struct Stream {
     pub(crate) name: String,
     /// Time stamps of the frames that were looked at, rising.
@@ -43,6 +44,7 @@ pub(crate) struct Sight {
 
 /// What was wrong with the frames.
 #[derive(Default)]
+#[cfg_attr(test, derive(Clone))]
 struct Faults {
     /// Stamps of frames that repeat the one before.
     copies_ns: Vec<i64>,
@@ -114,6 +116,12 @@ impl Stream {
         self.last = None;
     }
 
+    /// First and last frame by the presumed clock.
+    pub(crate) fn span_ns(&self) -> (i64, i64) {
+        let t_ns = |stamp_ns: Option<&i64>| stamp_ns.map_or(0, |t| self.clock.clock.time_ns(*t));
+        (t_ns(self.stamps_ns.first()), t_ns(self.stamps_ns.last()))
+    }
+
     /// Median time between frames; that of 30 frames a second where there is one frame alone.
     pub(crate) fn interval_s(&self) -> f64 {
         let mut steps: Vec<i64> = self.stamps_ns.windows(2).map(|w| w[1] - w[0]).collect();
@@ -123,13 +131,19 @@ impl Stream {
 
     /// What the estimation of clocks needs, before the body has told which ball is which: of each colour that one marker alone
     /// has, what is most likely that marker.
-    pub(crate) fn camera_stream(&self, colors: &MarkerColors) -> CameraStream {
+    ///
+    /// Of a long recording these are the sights within some stretches of time.
+    pub(crate) fn camera_stream(&self, colors: &MarkerColors, stretches_ns: &[(i64, i64)]) -> CameraStream {
+        let is_inside = |stamp_ns: i64| {
+            let t_ns = self.clock.clock.time_ns(stamp_ns);
+            stretches_ns.iter().any(|(from_ns, to_ns)| (*from_ns..=*to_ns).contains(&t_ns))
+        };
         let counts = colors.counts();
         let marker = |color: usize| {
             let own = counts.get(color) == Some(&1);
             colors.of_marker.iter().position(|c| own && *c == color)
         };
-        let sights = self.sights.iter().filter(|s| s.leads).filter_map(|s| {
+        let sights = self.sights.iter().filter(|s| s.leads && is_inside(s.stamp_ns)).filter_map(|s| {
             Some(StreamSight {
                 stamp_ns: s.stamp_ns,
                 marker: marker(s.color)?,

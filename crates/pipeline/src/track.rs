@@ -9,7 +9,7 @@ use mavsight_flight::Vehicle;
 use mavsight_geometry::{Isometry3, Vector3};
 use mavsight_pose::{
     BodyMarker, CameraClock, CameraStream, ClockEstimate, ClockVerdict, MarkerObservation, PoseEstimator,
-    PoseSample, Rig, estimate_clocks,
+    PoseSample, Rig, estimate_clocks, telling_stretches_ns,
 };
 use mavsight_session::results::CameraHealth;
 use mavsight_vision::Tracker;
@@ -30,6 +30,8 @@ pub struct Tracked {
     pub diameters_px: Vec<f64>,
     /// One sample an instant, empty where it could not be measured.
     pub poses: Vec<PoseSample>,
+    /// What the poses were estimated with at last; none where they come from elsewhere.
+    pub estimator: Option<PoseEstimator>,
     /// The cameras' clocks; none where the observations came from elsewhere.
     pub clocks: Vec<ClockEstimate>,
     /// How well each camera saw the markers; none where the observations came from elsewhere.
@@ -128,7 +130,10 @@ fn joined(
 ) -> Result<Tracked, PipelineError> {
     let colors = MarkerColors::of(vehicle);
     let mut notes: Vec<String> = streams.iter().flat_map(Stream::notes).collect();
-    let seen: Vec<CameraStream> = streams.iter().map(|s| s.camera_stream(&colors)).collect();
+    let spans_ns = streams.iter().map(Stream::span_ns);
+    let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();
+    let stretches_ns = telling_stretches_ns(span_ns);
+    let seen: Vec<CameraStream> = streams.iter().map(|s| s.camera_stream(&colors, &stretches_ns)).collect();
     let clocks = estimate_clocks(rig, &body_markers(vehicle), &seen);
     drop(seen);
     for (stream, clock) in streams.iter().zip(&clocks) {
@@ -141,7 +146,7 @@ fn joined(
     let sizes: Vec<_> = rig.cameras.iter().map(|c| c.camera.size).collect();
     let mut all = Reconstruction::new(rig, vehicle);
     let mut identities = Identities::new(rig, vehicle)?;
-    join::instants(&streams, &sizes, &exact, |t_ns, seen| identities.add(t_ns, seen, &mut all.tracked));
+    join::instants(streams, &sizes, &exact, |t_ns, seen| identities.add(t_ns, seen, &mut all.tracked));
     identities.finish(rig, watches, &mut all.tracked);
     let mut tracked = all.finish()?;
     notes.append(&mut tracked.notes);

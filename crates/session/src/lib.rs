@@ -6,6 +6,7 @@ mod error;
 pub mod foreign;
 pub mod results;
 pub mod scenario;
+mod session_rig;
 mod table;
 pub mod tables;
 mod toml_file;
@@ -14,8 +15,8 @@ pub mod visibility;
 
 pub use atomic::{make_folder, write_whole};
 pub use config::{
-    BoardSection, ControlSection, Estimate, FieldOrder, LineTime, RefineSection, SESSION_SCHEMA, Session,
-    SessionCamera, SessionFile, WandBall, WandSection, load_model, load_vehicle,
+    BoardSection, ControlSection, Estimate, FieldOrder, LineTime, RefineSection, RigSection, SESSION_SCHEMA,
+    Session, SessionCamera, SessionFile, WandBall, WandSection, load_model, load_vehicle,
 };
 pub use error::SessionError;
 pub use results::{

@@ -46,6 +46,7 @@ fn session(folder: &Folder) -> PathBuf {
         control: Some(ControlSection { points: "points.csv".into(), observations: None }),
         wand: None,
         board: None,
+        rig: None,
         refine: Some(RefineSection { markers_std_m: Some(0.002), ..RefineSection::default() }),
         camera: vec![camera("cam1"), camera("cam2")],
     };

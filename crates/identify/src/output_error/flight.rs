@@ -3,11 +3,11 @@
 use super::measure::{Measurements, StateMeasurement};
 use super::model::{FlightModel, ModelParameter};
 use super::{
-    Correlation, Disagreement, ImageMeasurements, OutputErrorFit, OutputErrorOptions, disagreement,
-    output_error,
+    Correlation, Disagreement, ImageMeasurements, InitialFlapping, OutputErrorFit, OutputErrorOptions,
+    disagreement, output_error,
 };
 use crate::{Identification, IdentifyError};
-use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_flight::{InputSample, InputSeries, Vehicle};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseSample, Rig};
 use nalgebra::{DMatrix, DVector};
 
@@ -44,7 +44,13 @@ pub struct FlightFits {
     pub held: Vec<ModelParameter>,
     /// Fits that were refused, and why.
     pub refusals: Vec<String>,
+    /// First and last time of what was fitted, where that is less than the flight.
+    pub stretch_s: Option<(f64, f64)>,
 }
+
+/// A flight is fitted in one piece up to this length: a fit holds tens of kilobytes for each instant, so that a bound keeps memory
+/// constant; a minute is twenty time constants of the fly-bar, the slowest that is fitted, and six manoeuvres.
+const LONGEST_S: f64 = 60.0;
 
 /// Two estimates of the same parameters.
 #[derive(Debug, Clone, PartialEq)]
@@ -68,6 +74,9 @@ struct Estimates {
 impl FlightFits {
     /// Fits the default model of a vehicle ([`FlightModel::new`]) to the poses and, where there are some, to the images.
     ///
+    /// Of a flight that is longer than a minute, the minute is fitted in which the inputs move most; its flapping angles begin
+    /// anywhere, where it is not the flight's first.
+    ///
     /// Where the clocks are not known to agree, the lag of the inputs is free too: what is not known of it is then in all
     /// intervals. A flight that cannot tell it is fitted without.
     ///
@@ -81,8 +90,16 @@ impl FlightFits {
         clocks: InputClock,
     ) -> Result<Self, IdentifyError> {
         let model = FlightModel::new(vehicle, inputs)?;
+        let stretch_s = telling_stretch_s(poses, inputs);
+        let begins =
+            stretch_s.is_none_or(|(from_s, _)| poses.first().is_some_and(|p| seconds(p.t_ns) >= from_s));
+        let initial_flapping = if begins { InitialFlapping::Trim } else { InitialFlapping::Free };
+        let poses = within(poses, stretch_s, |p| p.t_ns);
+        let images =
+            images.map(|i| Images { observations: within(i.observations, stretch_s, |o| o.t_ns), ..i });
         let fit = |measured: Result<Measurements, IdentifyError>| {
-            let (measured, options) = (measured?, OutputErrorOptions::default());
+            let (measured, options) =
+                (measured?, OutputErrorOptions { initial_flapping, ..OutputErrorOptions::default() });
             let held = || output_error(&model, inputs, &measured, &options);
             if clocks == InputClock::Known {
                 return held();
@@ -108,7 +125,7 @@ impl FlightFits {
         };
         let poses = kept("from poses", poses);
         let image = image.and_then(|fit| kept("from images", fit));
-        Ok(Self { poses, image, held: model.held(), refusals })
+        Ok(Self { poses, image, held: model.held(), refusals, stretch_s })
     }
 
     /// The fits with their names in `parameters.csv`.
@@ -138,6 +155,52 @@ impl FlightFits {
         }
         out
     }
+}
+
+fn seconds(t_ns: i64) -> f64 {
+    t_ns as f64 * 1e-9
+}
+
+/// What lies in a stretch of something that is in order of time.
+fn within<T>(all: &[T], stretch_s: Option<(f64, f64)>, t_ns: impl Fn(&T) -> i64) -> &[T] {
+    let Some((from_s, to_s)) = stretch_s else { return all };
+    let place = |t_s: f64, also: bool| {
+        all.partition_point(|x| seconds(t_ns(x)) < t_s || (also && seconds(t_ns(x)) <= t_s))
+    };
+    &all[place(from_s, false)..place(to_s, true)]
+}
+
+/// Of a flight that is too long to be fitted in one piece, the stretch in which the inputs move most: the sum over the four of
+/// their squares about the stretch's means, each over its variance in the flight. Stretches begin every quarter of their length.
+fn telling_stretch_s(poses: &[PoseSample], inputs: &InputSeries) -> Option<(f64, f64)> {
+    let (begin_s, end_s) = (seconds(poses.first()?.t_ns), seconds(poses.last()?.t_ns));
+    if end_s - begin_s <= LONGEST_S {
+        return None;
+    }
+    let of = |from_s: f64, to_s: f64| {
+        let samples = inputs.samples();
+        let inside =
+            &samples[samples.partition_point(|s| s.t_s < from_s)..samples.partition_point(|s| s.t_s <= to_s)];
+        let n = inside.len().max(1) as f64;
+        let channels: [fn(&InputSample) -> f64; 4] =
+            [|s| s.omega_u_rad_s, |s| s.omega_l_rad_s, |s| s.delta_lon_rad, |s| s.delta_lat_rad];
+        channels.map(|value| {
+            let mean = inside.iter().map(value).sum::<f64>() / n;
+            inside.iter().map(|s| (value(s) - mean).powi(2)).sum::<f64>()
+        })
+    };
+    let whole = of(begin_s, end_s);
+    let moved = |from_s: f64| {
+        let own = of(from_s, from_s + LONGEST_S);
+        own.iter().zip(whole).filter(|(_, all)| *all > 0.0).map(|(own, all)| own / all).sum::<f64>()
+    };
+    let last = ((end_s - begin_s - LONGEST_S) / (0.25 * LONGEST_S)).floor() as usize;
+    let starts = (0..=last).map(|k| begin_s + 0.25 * LONGEST_S * k as f64);
+    // Of equal ones the first.
+    let best = starts
+        .map(|s| (moved(s), s))
+        .fold((f64::NEG_INFINITY, begin_s), |a, b| if b.0 > a.0 { b } else { a });
+    Some((best.1, best.1 + LONGEST_S))
 }
 
 impl Images<'_> {
@@ -198,4 +261,51 @@ fn compare(first: &Estimates, second: &Estimates) -> Option<Comparison> {
         parameters: a.iter().map(|i| first.names[*i].clone()).collect(),
         test,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn inputs(moves: impl Fn(f64) -> f64) -> InputSeries {
+        let sample = |k: i32| {
+            let t_s = f64::from(k) * 0.1;
+            InputSample {
+                t_s,
+                omega_u_rad_s: 200.0,
+                omega_l_rad_s: 200.0,
+                delta_lon_rad: moves(t_s),
+                ..Default::default()
+            }
+        };
+        InputSeries::new((0..=6000).map(sample).collect()).expect("inputs")
+    }
+
+    fn poses(count: i64) -> Vec<PoseSample> {
+        (0..count).map(|k| PoseSample { t_ns: k * 100_000_000, estimate: None, reason: None }).collect()
+    }
+
+    #[test]
+    fn a_long_flight_is_fitted_where_its_inputs_move_most() {
+        let kick =
+            |t_s: f64| if (400.0..410.0).contains(&t_s) { (3.0 * t_s).sin() } else { 1e-3 * t_s.sin() };
+        let stretch = telling_stretch_s(&poses(6001), &inputs(kick)).expect("a stretch");
+        assert!(
+            stretch.0 <= 400.0 && stretch.1 >= 410.0 && stretch.1 - stretch.0 == LONGEST_S,
+            "{stretch:?}"
+        );
+        let (poses, stretch) = (poses(6001), Some(stretch));
+        let inside = within(&poses, stretch, |p| p.t_ns);
+        assert_eq!(inside.len(), 601);
+        assert_eq!(Some((seconds(inside[0].t_ns), seconds(inside[600].t_ns))), stretch);
+    }
+
+    #[test]
+    fn a_short_flight_and_one_without_poses_are_whole() {
+        assert_eq!(telling_stretch_s(&poses(600), &inputs(f64::sin)), None);
+        assert_eq!(telling_stretch_s(&[], &inputs(f64::sin)), None);
+        // Inputs that stand still say nothing: the first minute.
+        assert_eq!(telling_stretch_s(&poses(6001), &inputs(|_| 0.0)), Some((0.0, LONGEST_S)));
+        assert_eq!(within(&[1, 2, 3], None, |t| *t).len(), 3);
+    }
 }

@@ -13,7 +13,8 @@ use mavsight_identify::output_error::{FlightFits, InputClock};
 use mavsight_pipeline::{
     AsFlown, Board, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress,
     Refinement, TimedFrame, Tracked, Wand, board_of, body_markers, calibrate_from_observations,
-    calibrate_from_stills_and, identify_motion, motion_from_poses, output_error_fits, refine, wand_of,
+    calibrate_from_stills_and, identify_motion, motion_from_poses, motion_of, output_error_fits, refine,
+    wand_of,
 };
 use mavsight_pose::{CameraClock, ClockPrior, Motion, MovedObject, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
@@ -79,6 +80,9 @@ impl<'a> Flight<'a> {
 /// Solves for the cameras by stills or by clicked pixels, and by what was moved before them.
 pub(crate) fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
+    if let Some(rig) = named(session.rig())? {
+        return Ok(rig);
+    }
     let points = named(session.control_points())?;
     let objects = objects_of(session)?;
     let pixels = named(session.control_pixels())?;
@@ -230,10 +234,13 @@ pub(crate) fn first_frames(session: &Session) -> Result<Vec<Frame>> {
 pub(crate) fn solve(
     flight: &Flight<'_>,
     rig: Rig,
-    tracked: Tracked,
+    mut tracked: Tracked,
     body: Vec<MarkerAsBuilt>,
     bars: &Bars,
 ) -> Result<(RunResults, Vec<String>)> {
+    let motion = motion_of(&tracked, flight.vehicle, bars);
+    // Nobody asks for the diameters of an hour's balls any more.
+    drop(std::mem::take(&mut tracked.diameters_px));
     let mut results = RunResults {
         session: flight.name.to_owned(),
         camera_names: rig.cameras.iter().map(|c| c.name.clone()).collect(),
@@ -247,7 +254,7 @@ pub(crate) fn solve(
         ..RunResults::default()
     };
     let mut notes = tracked.notes;
-    notes.extend(identify_into(&mut results, flight, bars)?);
+    notes.extend(with_motion(&mut results, motion, flight, bars)?);
     Ok((results, notes))
 }
 
@@ -257,7 +264,17 @@ pub(crate) fn identify_into(
     flight: &Flight<'_>,
     bars: &Bars,
 ) -> Result<Vec<String>> {
-    match motion_from_poses(&results.poses, flight.vehicle, bars) {
+    let motion = motion_from_poses(&results.poses, flight.vehicle, bars);
+    with_motion(results, motion, flight, bars)
+}
+
+fn with_motion(
+    results: &mut RunResults,
+    motion: Result<Motion, PipelineError>,
+    flight: &Flight<'_>,
+    bars: &Bars,
+) -> Result<Vec<String>> {
+    match motion {
         Ok(motion) => fit_into(results, motion, flight, bars),
         Err(refusal) => Ok(vec![format!("No motion: {refusal}")]),
     }
@@ -272,7 +289,7 @@ pub(crate) fn fit_into(
 ) -> Result<Vec<String>> {
     let mut notes = Vec::new();
     let mut inputs = None;
-    match identify_motion(motion.clone(), flight.inputs, flight.vehicle, &flight.options, bars) {
+    match identify_motion(&motion, flight.inputs, flight.vehicle, &flight.options, bars) {
         Ok(solution) => {
             notes.extend(solution.clocks.words());
             inputs = Some(solution.inputs);
@@ -291,6 +308,12 @@ pub(crate) fn fit_into(
         results.output_error =
             output_error_of(results, flight, inputs.as_ref().unwrap_or(flight.inputs), bars)?;
         notes.extend(results.output_error.refusals.iter().cloned());
+        notes.extend(results.output_error.stretch_s.map(|(from_s, to_s)| {
+            format!(
+                "Output error fits the flight from {from_s:.1} s to {to_s:.1} s, where the inputs move most: of a longer flight a \
+                 minute is fitted."
+            )
+        }));
     }
     Ok(notes)
 }
