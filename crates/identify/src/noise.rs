@@ -114,14 +114,23 @@ impl Bands {
         let grid = self.grid();
         let mut out = ErrorRows::zeros(count, rows);
         let mut sums = vec![0.0; rows];
+        let sources = (0..3).flat_map(|axis| [Source::Position(axis), Source::Turn(axis)]);
+        let is_met = |s: &Source| signals.iter().any(|terms| terms.iter().any(|t| t.source == *s));
+        let variances: Vec<(Source, Vec<f64>)> = sources
+            .filter(is_met)
+            .map(|source| (source, (0..rows).map(|row| variance(source, row)).collect()))
+            .collect();
         for i in 0..count {
             for j in 0..=i {
                 sums.fill(0.0);
                 for a in signals[i] {
                     for b in signals[j].iter().filter(|b| b.source == a.source) {
                         let share = self.share(a.transfer, b.transfer, a.source, &grid);
-                        for (row, sum) in sums.iter_mut().enumerate() {
-                            *sum += share * a.gains[row] * b.gains[row] * variance(a.source, row);
+                        let own = variances.iter().find(|(source, _)| *source == a.source).map(|v| &v.1);
+                        for (row, (sum, variance)) in
+                            sums.iter_mut().zip(own.into_iter().flatten()).enumerate()
+                        {
+                            *sum += share * a.gains[row] * b.gains[row] * variance;
                         }
                     }
                 }

@@ -47,6 +47,24 @@ impl Default for Options {
     }
 }
 
+impl Options {
+    /// The same for each equation of the model by itself.
+    ///
+    /// # Errors
+    /// Those of [`Model::equation_3`].
+    pub fn by_equation(&self) -> Result<Vec<Self>, IdentifyError> {
+        let model = match &self.model {
+            Some(model) => model.clone(),
+            None => Model::equation_3()?,
+        };
+        let alone = |equation: &OutputModel| {
+            let model = Model { output: vec![equation.clone()], ..model.clone() };
+            Self { model: Some(model), ..self.clone() }
+        };
+        Ok(model.output.iter().map(alone).collect())
+    }
+}
+
 /// Forms the outputs of the model and their regressors.
 ///
 /// By default these are C_X, C_Z and C_m (equation 4, with q̇ in place of the misprinted q) over the regressors of
@@ -274,15 +292,21 @@ impl Draft {
 
 /// What an error of the turn at the first time does to flapping, which is integrated from there: it fades with the disc's time.
 fn start_errors(flight: &Flight<'_>, signals: &[&[Term]]) -> Vec<DMatrix<f64>> {
-    let rows = flight.t_s.len();
     let mut out = Vec::new();
     for axis in 0..3 {
         let std_rad = flight.start_turn_std_rad(axis);
+        // Behind so many times of the slowest disc less than 1e-13 of it is left.
+        let slowest_s = signals.iter().flat_map(|terms| terms.iter()).filter_map(|t| match t.transfer {
+            Transfer::Washout { time_s } => Some(time_s),
+            Transfer::Derivative(_) => None,
+        });
+        let gone_s = flight.t_s.first().copied().unwrap_or(0.0) + 30.0 * slowest_s.fold(0.0, f64::max);
+        let rows = flight.t_s.partition_point(|t_s| *t_s <= gone_s);
         let mut effect = DMatrix::zeros(rows, signals.len());
         for (j, terms) in signals.iter().enumerate() {
             for term in terms.iter().filter(|t| t.source == Source::Turn(axis)) {
                 let Transfer::Washout { time_s } = term.transfer else { continue };
-                for (row, t_s) in flight.t_s.iter().enumerate() {
+                for (row, t_s) in flight.t_s[..rows].iter().enumerate() {
                     let fading = (-(t_s - flight.t_s[0]) / time_s).exp();
                     effect[(row, j)] -= std_rad * term.gains[row] * fading;
                 }

@@ -97,7 +97,7 @@ pub struct Output {
     /// Spectrum of those errors.
     pub spectrum: ErrorSpectrum,
     /// Errors that happen once, since flapping is integrated from a turn that errs where the flight begins: for each, what one
-    /// standard deviation of it does to the regressors and, last, the output, at each time.
+    /// standard deviation of it does to the regressors and, last, the output, at the times until it has died away.
     pub once: Vec<DMatrix<f64>>,
     /// Coefficients that the model fixes; their part is taken off the values.
     pub fixed: Vec<Fixed>,
@@ -170,7 +170,8 @@ impl CoefficientTable {
     ) -> Vec<DVector<f64>> {
         let weights = residual_weights(output, columns, values);
         let of = |all: &DMatrix<f64>| {
-            DVector::from_iterator(rows.len(), rows.iter().map(|i| all.row(*i).dot(&weights.transpose())))
+            let at = |i: &usize| if *i < all.nrows() { all.row(*i).dot(&weights.transpose()) } else { 0.0 };
+            DVector::from_iterator(rows.len(), rows.iter().map(at))
         };
         output.once.iter().map(of).collect()
     }

@@ -45,7 +45,9 @@ pub fn reconstruct(
     instants: impl IntoIterator<Item = (i64, Vec<MarkerObservation>)>,
 ) -> Result<Tracked, PipelineError> {
     let mut all = Reconstruction::new(rig, vehicle);
-    instants.into_iter().for_each(|(t_ns, seen)| all.add(t_ns, seen));
+    let instants = instants.into_iter();
+    all.tracked.reserve(instants.size_hint().0, rig.cameras.len() * vehicle.marker.len());
+    instants.for_each(|(t_ns, seen)| all.add(t_ns, seen));
     if all.tracked.poses.is_empty() {
         return Err(PipelineError::NoFrames { camera: "the table of observations".into() });
     }

@@ -3,8 +3,8 @@
 use crate::{PipelineError, Progress, Stage, Tracked};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{
-    Clocks, CoefficientTable, ErrorRows, FitOptions, Identification, Options, choose_structure, coefficients,
-    delayed, estimate_lag, identify_with,
+    Clocks, CoefficientTable, ErrorRows, FitOptions, Identification, IdentifyError, Options,
+    choose_structure, coefficients, delayed, estimate_lag, identify_with,
 };
 use mavsight_pose::{
     Motion, PoseError, PoseEstimate, PoseEstimator, PoseSample, smooth, smooth_with_effects,
@@ -153,16 +153,28 @@ pub fn identify_motion(
         0.0 => inputs.clone(),
         lag_s => delayed(inputs, lag_s)?,
     };
-    let mut table = coefficients(motion, &inputs, vehicle, &options.table)?;
-    if options.stepwise {
-        table = choose_structure(&table)?.0;
+    let mut whole: Option<CoefficientTable> = None;
+    let mut identification = Identification::default();
+    // One equation after the other: only its fits read the errors of its rows.
+    for equation in options.table.by_equation()? {
+        let mut table = coefficients(motion, &inputs, vehicle, &equation)?;
+        if options.stepwise {
+            table = choose_structure(&table)?.0;
+        }
+        identification.fits.extend(identify_with(&table, &options.fit)?.fits);
+        for output in &mut table.outputs {
+            (output.errors, output.once) = (ErrorRows::default(), Vec::new());
+        }
+        match &mut whole {
+            Some(all) => {
+                all.outputs.append(&mut table.outputs);
+                all.not_excited.append(&mut table.not_excited);
+            }
+            None => whole = Some(table),
+        }
     }
-    let identification = identify_with(&table, &options.fit)?;
-    // Only the fits read the errors of rows.
-    for output in &mut table.outputs {
-        (output.errors, output.once) = (ErrorRows::default(), Vec::new());
-    }
-    Ok(Solution { coefficients: table, identification, clocks, inputs })
+    let coefficients = whole.ok_or(IdentifyError::RankZero)?;
+    Ok(Solution { coefficients, identification, clocks, inputs })
 }
 
 #[cfg(test)]

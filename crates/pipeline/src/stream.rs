@@ -67,6 +67,14 @@ impl Stream {
         }
     }
 
+    /// Room for so many frames in each of which so many things are seen.
+    pub(crate) fn reserve(&mut self, frames: usize, things: usize) {
+        // What a file announces may be wrong by any factor: a day at 30 frames a second is the most that is believed.
+        let frames = frames.min(30 * 86_400);
+        self.stamps_ns.reserve(frames);
+        self.sights.reserve(frames * things);
+    }
+
     /// Takes the next frame, and says whether it is worth looking at: one that repeats the frame before it, sample by sample,
     /// shows nothing new, and one that is not later has no time of its own.
     pub(crate) fn takes(&mut self, timed: &TimedFrame) -> bool {

@@ -15,8 +15,10 @@ use mavsight_session::results::CameraHealth;
 use mavsight_vision::Tracker;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-/// Frames that may wait between two stages: enough to even out decoding, few enough to stay in the cache.
-const QUEUE_FRAMES: usize = 8;
+/// Bytes of frames that may wait between two stages, which are eight frames of 640×480: enough to even out decoding, few enough
+/// to stay in the cache; and the least number of frames.
+const QUEUE_BYTES: usize = 8 * 640 * 480 * 3 / 2;
+const LEAST_QUEUE_FRAMES: usize = 2;
 
 /// How far beyond the control points' ranges the aircraft may fly, as a factor on its apparent size.
 const RANGE_MARGIN: f64 = 2.0;
@@ -38,6 +40,16 @@ pub struct Tracked {
     pub health: Vec<CameraHealth>,
     /// What was wrong with the recordings and what happened to the cameras, with camera and time.
     pub notes: Vec<String>,
+}
+
+impl Tracked {
+    /// Room for so many instants at which so many markers are seen. Lists that double when they are full leave behind, in an hour
+    /// of film, as much again.
+    pub(crate) fn reserve(&mut self, instants: usize, sights: usize) {
+        self.poses.reserve(instants);
+        self.observations.reserve(instants * sights);
+        self.diameters_px.reserve(instants * sights);
+    }
 }
 
 /// Runs every feed through detection and tracking, sets the cameras' clocks right, brings what they saw to common instants, tells
@@ -69,8 +81,11 @@ pub fn track(
             .zip(trackers)
             .enumerate()
             .map(|(camera, (feed, tracker))| {
-                let (frame_out, frame_in) = sync_channel(QUEUE_FRAMES);
-                let stream = Stream::new(feed.name.clone(), feed.clock, feed.readout);
+                let frame_bytes = rig.cameras[camera].camera.size.area_px() * 3 / 2;
+                let (frame_out, frame_in) =
+                    sync_channel((QUEUE_BYTES / frame_bytes.max(1)).clamp(LEAST_QUEUE_FRAMES, 8));
+                let mut stream = Stream::new(feed.name.clone(), feed.clock, feed.readout);
+                stream.reserve(feed.announced.unwrap_or(0), vehicle.marker.len());
                 scope.spawn(move || fetch(feed, &frame_out));
                 let watched = (camera == 0).then_some(progress);
                 scope.spawn(move || observe(tracker, stream, &frame_in, watched))
@@ -145,6 +160,8 @@ fn joined(
     notes.extend(span_notes(&streams, &exact)?);
     let sizes: Vec<_> = rig.cameras.iter().map(|c| c.camera.size).collect();
     let mut all = Reconstruction::new(rig, vehicle);
+    let instants = streams.iter().map(|s| s.stamps_ns.len()).max().unwrap_or(0);
+    all.tracked.reserve(instants, streams.len() * vehicle.marker.len());
     let mut identities = Identities::new(rig, vehicle)?;
     join::instants(streams, &sizes, &exact, |t_ns, seen| identities.add(t_ns, seen, &mut all.tracked));
     identities.finish(rig, watches, &mut all.tracked);

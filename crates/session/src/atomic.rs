@@ -6,6 +6,7 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 /// A file that is being written beside its place: renamed into it when it is whole, gone when it is dropped before.
+#[derive(Debug)]
 pub(crate) struct PartFile {
     path: PathBuf,
     part: PathBuf,
@@ -33,7 +34,7 @@ impl PartFile {
     }
 
     /// Puts it into its place.
-    pub(crate) fn keep(self) -> Result<(), SessionError> {
+    pub(crate) fn keep(&self) -> Result<(), SessionError> {
         std::fs::rename(&self.part, &self.path).map_err(|e| SessionError::io(&self.path, "write it", e))
     }
 }

@@ -21,7 +21,8 @@ pub use config::{
 pub use error::SessionError;
 pub use results::{
     FlightTable, MarkerAsBuilt, RESULTS_SCHEMA, RunResults, read_body, read_flight_table, read_markers,
-    read_motion, read_poses, read_rig, read_summary, write_markers, write_results, write_rig,
+    read_motion, read_poses, read_rig, read_summary, write_markers, write_markers_early, write_results,
+    write_rig,
 };
 pub use scenario::{write_control_points, write_inputs, write_session, write_truth, write_vehicle};
 pub use tables::{ControlPixel, ControlPointRow, TruthRow, read_control_points};

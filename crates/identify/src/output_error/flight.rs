@@ -7,7 +7,7 @@ use super::{
     disagreement, output_error,
 };
 use crate::{Identification, IdentifyError};
-use mavsight_flight::{InputSample, InputSeries, Vehicle};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseSample, Rig};
 use nalgebra::{DMatrix, DVector};
 
@@ -74,7 +74,7 @@ struct Estimates {
 impl FlightFits {
     /// Fits the default model of a vehicle ([`FlightModel::new`]) to the poses and, where there are some, to the images.
     ///
-    /// Of a flight that is longer than a minute, the minute is fitted in which the inputs move most; its flapping angles begin
+    /// Of a flight that is longer than a minute, the minute is fitted in which it turns most ([`telling_stretch_s`]); its flapping angles begin
     /// anywhere, where it is not the flight's first.
     ///
     /// Where the clocks are not known to agree, the lag of the inputs is free too: what is not known of it is then in all
@@ -90,7 +90,7 @@ impl FlightFits {
         clocks: InputClock,
     ) -> Result<Self, IdentifyError> {
         let model = FlightModel::new(vehicle, inputs)?;
-        let stretch_s = telling_stretch_s(poses, inputs);
+        let stretch_s = telling_stretch_s(poses);
         let begins =
             stretch_s.is_none_or(|(from_s, _)| poses.first().is_some_and(|p| seconds(p.t_ns) >= from_s));
         let initial_flapping = if begins { InitialFlapping::Trim } else { InitialFlapping::Free };
@@ -170,35 +170,26 @@ fn within<T>(all: &[T], stretch_s: Option<(f64, f64)>, t_ns: impl Fn(&T) -> i64)
     &all[place(from_s, false)..place(to_s, true)]
 }
 
-/// Of a flight that is too long to be fitted in one piece, the stretch in which the inputs move most: the sum over the four of
-/// their squares about the stretch's means, each over its variance in the flight. Stretches begin every quarter of their length.
-fn telling_stretch_s(poses: &[PoseSample], inputs: &InputSeries) -> Option<(f64, f64)> {
+/// Of a flight that is too long for output error to fit in one piece, first and last time of the minute in which the aircraft turns
+/// most: the largest sum of squared angles from one pose to the next. Stretches begin every quarter of a minute.
+pub fn telling_stretch_s(poses: &[PoseSample]) -> Option<(f64, f64)> {
     let (begin_s, end_s) = (seconds(poses.first()?.t_ns), seconds(poses.last()?.t_ns));
     if end_s - begin_s <= LONGEST_S {
         return None;
     }
-    let of = |from_s: f64, to_s: f64| {
-        let samples = inputs.samples();
-        let inside =
-            &samples[samples.partition_point(|s| s.t_s < from_s)..samples.partition_point(|s| s.t_s <= to_s)];
-        let n = inside.len().max(1) as f64;
-        let channels: [fn(&InputSample) -> f64; 4] =
-            [|s| s.omega_u_rad_s, |s| s.omega_l_rad_s, |s| s.delta_lon_rad, |s| s.delta_lat_rad];
-        channels.map(|value| {
-            let mean = inside.iter().map(value).sum::<f64>() / n;
-            inside.iter().map(|s| (value(s) - mean).powi(2)).sum::<f64>()
-        })
-    };
-    let whole = of(begin_s, end_s);
-    let moved = |from_s: f64| {
-        let own = of(from_s, from_s + LONGEST_S);
-        own.iter().zip(whole).filter(|(_, all)| *all > 0.0).map(|(own, all)| own / all).sum::<f64>()
+    let turned = |from_s: f64| {
+        let own = within(poses, Some((from_s, from_s + LONGEST_S)), |p| p.t_ns);
+        let turns = own.windows(2).filter_map(|w| {
+            let [a, b] = [&w[0], &w[1]].map(|p| p.estimate.as_ref().map(|e| e.world_from_body.rotation));
+            Some(a?.angle_to(&b?).powi(2))
+        });
+        turns.sum::<f64>()
     };
     let last = ((end_s - begin_s - LONGEST_S) / (0.25 * LONGEST_S)).floor() as usize;
     let starts = (0..=last).map(|k| begin_s + 0.25 * LONGEST_S * k as f64);
     // Of equal ones the first.
     let best = starts
-        .map(|s| (moved(s), s))
+        .map(|s| (turned(s), s))
         .fold((f64::NEG_INFINITY, begin_s), |a, b| if b.0 > a.0 { b } else { a });
     Some((best.1, best.1 + LONGEST_S))
 }
@@ -266,46 +257,45 @@ fn compare(first: &Estimates, second: &Estimates) -> Option<Comparison> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mavsight_geometry::{Isometry3, Matrix6, Vector3};
+    use mavsight_pose::PoseEstimate;
 
-    fn inputs(moves: impl Fn(f64) -> f64) -> InputSeries {
-        let sample = |k: i32| {
-            let t_s = f64::from(k) * 0.1;
-            InputSample {
-                t_s,
-                omega_u_rad_s: 200.0,
-                omega_l_rad_s: 200.0,
-                delta_lon_rad: moves(t_s),
-                ..Default::default()
-            }
+    fn poses(count: i64, turn_rad: impl Fn(f64) -> f64) -> Vec<PoseSample> {
+        let estimate = |t_s: f64| PoseEstimate {
+            world_from_body: Isometry3::new(Vector3::zeros(), Vector3::y() * turn_rad(t_s)),
+            covariance: Matrix6::identity(),
+            systematic: nalgebra::Matrix6xX::zeros(0),
+            markers_used: vec![],
+            left_out: vec![],
+            residual_px: 0.0,
         };
-        InputSeries::new((0..=6000).map(sample).collect()).expect("inputs")
-    }
-
-    fn poses(count: i64) -> Vec<PoseSample> {
-        (0..count).map(|k| PoseSample { t_ns: k * 100_000_000, estimate: None, reason: None }).collect()
+        let pose = |k: i64| PoseSample {
+            t_ns: k * 100_000_000,
+            estimate: (k % 7 != 0).then(|| estimate(0.1 * k as f64)),
+            reason: None,
+        };
+        (0..count).map(pose).collect()
     }
 
     #[test]
-    fn a_long_flight_is_fitted_where_its_inputs_move_most() {
-        let kick =
-            |t_s: f64| if (400.0..410.0).contains(&t_s) { (3.0 * t_s).sin() } else { 1e-3 * t_s.sin() };
-        let stretch = telling_stretch_s(&poses(6001), &inputs(kick)).expect("a stretch");
+    fn a_long_flight_is_fitted_where_it_turns_most() {
+        let poses = poses(6001, |t| if (400.0..410.0).contains(&t) { t.sin() } else { 1e-3 * t.sin() });
+        let stretch = telling_stretch_s(&poses).expect("a stretch");
         assert!(
             stretch.0 <= 400.0 && stretch.1 >= 410.0 && stretch.1 - stretch.0 == LONGEST_S,
             "{stretch:?}"
         );
-        let (poses, stretch) = (poses(6001), Some(stretch));
-        let inside = within(&poses, stretch, |p| p.t_ns);
+        let inside = within(&poses, Some(stretch), |p| p.t_ns);
         assert_eq!(inside.len(), 601);
-        assert_eq!(Some((seconds(inside[0].t_ns), seconds(inside[600].t_ns))), stretch);
+        assert_eq!((seconds(inside[0].t_ns), seconds(inside[600].t_ns)), stretch);
     }
 
     #[test]
     fn a_short_flight_and_one_without_poses_are_whole() {
-        assert_eq!(telling_stretch_s(&poses(600), &inputs(f64::sin)), None);
-        assert_eq!(telling_stretch_s(&[], &inputs(f64::sin)), None);
-        // Inputs that stand still say nothing: the first minute.
-        assert_eq!(telling_stretch_s(&poses(6001), &inputs(|_| 0.0)), Some((0.0, LONGEST_S)));
+        assert_eq!(telling_stretch_s(&poses(600, f64::sin)), None);
+        assert_eq!(telling_stretch_s(&[]), None);
+        // What stands still says nothing: the first minute.
+        assert_eq!(telling_stretch_s(&poses(6001, |_| 0.0)), Some((0.0, LONGEST_S)));
         assert_eq!(within(&[1, 2, 3], None, |t| *t).len(), 3);
     }
 }

@@ -9,7 +9,7 @@ use anyhow::Result;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_identify::IdentifyError;
-use mavsight_identify::output_error::{FlightFits, InputClock};
+use mavsight_identify::output_error::{FlightFits, InputClock, telling_stretch_s};
 use mavsight_pipeline::{
     AsFlown, Board, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress,
     Refinement, TimedFrame, Tracked, Wand, board_of, body_markers, calibrate_from_observations,
@@ -20,7 +20,7 @@ use mavsight_pose::{CameraClock, ClockPrior, Motion, MovedObject, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
 use mavsight_session::{
     FrameSource, LineTime, MarkerAsBuilt, RunResults, Session, SessionCamera, TruthRow, read_image,
-    write_results,
+    write_markers_early, write_results,
 };
 use mavsight_vision::Frame;
 use std::path::Path;
@@ -35,7 +35,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let refined = refined(&session, rig, &mut tracked)?;
     let mut flight = Flight::of_session(&session, &inputs, truth.as_deref())?;
     flight.options.equation_error_only |= args.equation_error_only;
-    let (results, mut notes) = solve(&flight, refined.rig, tracked, refined.body, &bars)?;
+    let (results, mut notes) = solve(&flight, refined.rig, tracked, refined.body, (Some(&args.out), &bars))?;
     notes.extend(refined.note);
     let mut scores = truth.as_deref().map(|t| scores_of(&results, t));
     if let (Some(scores), Some(truth), Some(visible)) =
@@ -236,7 +236,7 @@ pub(crate) fn solve(
     rig: Rig,
     mut tracked: Tracked,
     body: Vec<MarkerAsBuilt>,
-    bars: &Bars,
+    (out, bars): (Option<&Path>, &Bars),
 ) -> Result<(RunResults, Vec<String>)> {
     let motion = motion_of(&tracked, flight.vehicle, bars);
     // Nobody asks for the diameters of an hour's balls any more.
@@ -254,6 +254,12 @@ pub(crate) fn solve(
         ..RunResults::default()
     };
     let mut notes = tracked.notes;
+    if let Some(out) = out
+        && let Some((from_s, to_s)) = telling_stretch_s(&results.poses)
+    {
+        // From here on only output error looks at images, and of a long flight at a minute.
+        write_markers_early(out, &mut results, |o| (from_s..=to_s).contains(&(o.t_ns as f64 * 1e-9)))?;
+    }
     notes.extend(with_motion(&mut results, motion, flight, bars)?);
     Ok((results, notes))
 }
@@ -310,8 +316,8 @@ pub(crate) fn fit_into(
         notes.extend(results.output_error.refusals.iter().cloned());
         notes.extend(results.output_error.stretch_s.map(|(from_s, to_s)| {
             format!(
-                "Output error fits the flight from {from_s:.1} s to {to_s:.1} s, where the inputs move most: of a longer flight a \
-                 minute is fitted."
+                "Output error fits the flight from {from_s:.1} s to {to_s:.1} s, where it turns most: of a longer flight a minute \
+                 is fitted."
             )
         }));
     }

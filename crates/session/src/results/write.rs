@@ -8,6 +8,7 @@ use mavsight_identify::CoefficientTable;
 use mavsight_pose::{MarkerObservation, Motion, MotionSample, PoseSample, euler_std};
 use std::io::{self, Write};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Writes what a run found into a folder, which is made where it is missing.
 ///
@@ -40,17 +41,45 @@ pub fn write_markers(path: &Path, results: &RunResults) -> Result<(), SessionErr
     PartFile::write(path, |out| markers(&results.markers, results, out))?.keep()
 }
 
-fn parts(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, PartFile)>, SessionError> {
-    let mut parts = Vec::new();
+/// A file that is written and waits beside its place until [`write_results`] puts it there; it is taken away where that never
+/// comes.
+#[derive(Debug, Clone)]
+pub struct EarlyFile(Arc<PartFile>);
+
+/// Writes `markers.csv` beside its place in a folder and lets go of the markers of which `is_needed` says no: those of an hour are
+/// many, and few are looked at again.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_markers_early(
+    folder: &Path,
+    results: &mut RunResults,
+    is_needed: impl Fn(&MarkerObservation) -> bool,
+) -> Result<(), SessionError> {
+    let path = folder.join(names::MARKERS);
+    let part = PartFile::write(&path, |out| markers(&results.markers, results, out))?;
+    results.markers_file = Some(EarlyFile(Arc::new(part)));
+    results.markers.retain(is_needed);
+    results.markers.shrink_to_fit();
+    Ok(())
+}
+
+fn parts(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Arc<PartFile>)>, SessionError> {
+    let mut parts: Vec<(&'static str, Arc<PartFile>)> = Vec::new();
+    if let Some(EarlyFile(early)) = &results.markers_file {
+        parts.push((names::MARKERS, early.clone()));
+    }
     let mut part = |name: &'static str, content: &dyn Fn(&mut dyn Write) -> io::Result<()>| {
-        PartFile::write(&folder.join(name), content).map(|file| parts.push((name, file)))
+        PartFile::write(&folder.join(name), content).map(|file| parts.push((name, Arc::new(file))))
     };
     if let Some(rig) = &results.rig {
         let text = rig_file::text(rig, &folder.join(names::RIG))?;
         part(names::RIG, &|out| out.write_all(text.as_bytes()))?;
     }
     if !results.poses.is_empty() || !results.markers.is_empty() {
-        part(names::MARKERS, &|out| markers(&results.markers, results, out))?;
+        if results.markers_file.is_none() {
+            part(names::MARKERS, &|out| markers(&results.markers, results, out))?;
+        }
         part(names::POSE, &|out| poses(&results.poses, &results.marker_names, out))?;
     }
     if !results.body.is_empty() {
