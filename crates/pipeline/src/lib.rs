@@ -7,6 +7,7 @@ mod board;
 mod calibrate;
 mod error;
 mod feed;
+mod flash;
 mod join;
 mod output_error;
 mod progress;

@@ -22,6 +22,8 @@ pub(crate) struct Stream {
     pub(crate) sights: Vec<Sight>,
     pub(crate) clock: ClockPrior,
     pub(crate) readout: Vector2<f64>,
+    /// Mean brightness of the frames, where a flash is looked for.
+    pub(crate) brightness: Option<Vec<f32>>,
     faults: Faults,
     last: Option<Frame>,
 }
@@ -62,6 +64,7 @@ impl Stream {
             sights: Vec::new(),
             clock,
             readout,
+            brightness: None,
             faults: Faults::default(),
             last: None,
         }
@@ -92,6 +95,9 @@ impl Stream {
     /// Adds what was seen in a frame that was taken.
     pub(crate) fn add(&mut self, timed: TimedFrame, seen: &[ColorSighting]) {
         self.stamps_ns.push(timed.t_ns);
+        if let Some(brightness) = &mut self.brightness {
+            brightness.push(crate::flash::brightness(&timed.frame));
+        }
         self.sights.extend(seen.iter().map(|s| Sight {
             stamp_ns: timed.t_ns,
             id: s.id,

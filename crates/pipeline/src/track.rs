@@ -85,6 +85,7 @@ pub fn track(
                 let (frame_out, frame_in) =
                     sync_channel((QUEUE_BYTES / frame_bytes.max(1)).clamp(LEAST_QUEUE_FRAMES, 8));
                 let mut stream = Stream::new(feed.name.clone(), feed.clock, feed.readout);
+                stream.brightness = feed.flash.then(Vec::new);
                 stream.reserve(feed.announced.unwrap_or(0), vehicle.marker.len());
                 scope.spawn(move || fetch(feed, &frame_out));
                 let watched = (camera == 0).then_some(progress);
@@ -138,13 +139,14 @@ fn observe(
 
 /// Clocks, instants, identities and poses of what the cameras saw.
 fn joined(
-    streams: Vec<Stream>,
+    mut streams: Vec<Stream>,
     watches: Vec<CameraWatch>,
     rig: &Rig,
     vehicle: &Vehicle,
 ) -> Result<Tracked, PipelineError> {
     let colors = MarkerColors::of(vehicle);
     let mut notes: Vec<String> = streams.iter().flat_map(Stream::notes).collect();
+    notes.extend(crate::flash::start_clocks(&mut streams));
     let spans_ns = streams.iter().map(Stream::span_ns);
     let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();
     let stretches_ns = telling_stretches_ns(span_ns);

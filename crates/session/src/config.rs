@@ -42,6 +42,9 @@ pub struct SessionFile {
     /// Cameras that were calibrated elsewhere, in place of a calibration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rig: Option<RigSection>,
+    /// Whether the light flashed, or a lamp was switched on, once before all cameras: their clocks are then estimated from there.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub flash: bool,
     /// What is refined from the flight itself; left out: nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refine: Option<RefineSection>,
@@ -226,6 +229,8 @@ pub struct Session {
     pub board: Option<BoardSection>,
     /// Cameras in place of a calibration.
     pub rig_path: Option<PathBuf>,
+    /// Whether a flash is where the estimation of clocks starts.
+    pub flash: bool,
     /// What is refined from the flight, where something is.
     pub refine: Option<RefineSection>,
     /// Cameras, at least two, with whole paths.
@@ -256,6 +261,7 @@ impl Session {
             wand: file.wand,
             board: file.board,
             rig_path: file.rig.map(|r| folder.join(r.file)),
+            flash: file.flash,
             refine: file.refine,
             cameras: file
                 .camera

@@ -16,7 +16,7 @@ use mavsight_pose::{
 };
 use mavsight_session::{
     FlightTable, MarkerAsBuilt, RunResults, read_body, read_flight_table, read_markers, read_motion,
-    read_poses, read_rig, read_summary, write_results, write_rig,
+    read_poses, read_rig, read_summary, write_markers_early, write_results, write_rig,
 };
 use nalgebra::SMatrix;
 
@@ -250,6 +250,24 @@ fn a_failed_write_leaves_no_results() {
     assert!(error.contains("motion.csv"), "{error}");
     let left: Vec<_> = std::fs::read_dir(folder.path("")).unwrap().flatten().map(|e| e.file_name()).collect();
     assert_eq!(left, ["motion.csv"], "only what was in the way");
+}
+
+#[test]
+fn markers_that_are_written_early_come_with_the_rest_or_not_at_all() {
+    let folder = Folder::new();
+    let mut results = results();
+    let late = MarkerObservation { t_ns: 66_666_667, ..results.markers[0].clone() };
+    results.markers.push(late);
+    let place = folder.path("markers.csv");
+    write_markers_early(&folder.path(""), &mut results, |o| o.t_ns > 50_000_000).unwrap();
+    assert_eq!((results.markers.len(), results.markers[0].t_ns, place.exists()), (1, 66_666_667, false));
+    write_results(&folder.path(""), &results).unwrap();
+    let back = read_markers(&place, &results.camera_names, &results.marker_names).unwrap();
+    assert_eq!(back.iter().map(|o| o.t_ns).collect::<Vec<_>>(), [33_333_333, 66_666_667]);
+    let other = Folder::new();
+    write_markers_early(&other.path(""), &mut results, |_| true).unwrap();
+    drop(results);
+    assert_eq!(std::fs::read_dir(other.path("")).unwrap().count(), 0, "nobody asked for it");
 }
 
 #[test]

@@ -47,6 +47,7 @@ fn session(folder: &Folder) -> PathBuf {
         wand: None,
         board: None,
         rig: None,
+        flash: false,
         refine: Some(RefineSection { markers_std_m: Some(0.002), ..RefineSection::default() }),
         camera: vec![camera("cam1"), camera("cam2")],
     };

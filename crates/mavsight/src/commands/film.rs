@@ -185,6 +185,7 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         wand: None,
         board: None,
         rig: None,
+        flash: false,
         refine: None,
         camera: cameras,
     };

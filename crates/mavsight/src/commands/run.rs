@@ -184,7 +184,9 @@ fn as_built(body: &AsFlown) -> Vec<MarkerAsBuilt> {
 
 /// Every camera's frames.
 pub(crate) fn feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>> {
-    let feed = |(k, camera): (usize, &SessionCamera)| Ok(feed_of(camera, k == 0, session.open_camera(k)?));
+    let feed = |(k, camera): (usize, &SessionCamera)| {
+        Ok(feed_of(camera, k == 0, session.open_camera(k)?).with_flash(session.flash))
+    };
     session.cameras.iter().enumerate().map(feed).collect()
 }
 
