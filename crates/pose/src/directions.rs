@@ -27,6 +27,9 @@ impl Gram {
     /// variance: principal components (Pearson 1901).
     pub(crate) fn principal(self, negligible: f64) -> DMatrix<f64> {
         let columns = self.0.nrows();
+        if columns == 0 {
+            return self.0;
+        }
         let eigen = self.0.symmetric_eigen();
         let mut order: Vec<usize> = (0..columns).collect();
         order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
