@@ -131,9 +131,9 @@ mod tests {
     fn a_flash_is_found_in_noise_and_drifting_light_and_a_lamp_switched_on_too() {
         let light = |k: i64| 100.0 + 5.0 * (0.02 * k as f32).sin() + 0.2 * (k * 7 % 5) as f32;
         let flash: Vec<f32> = (0..200).map(|k| light(k) + if k == 130 { 30.0 } else { 0.0 }).collect();
-        assert_eq!(flash_s(&stamps(200), &flash), Some(130.0 * 0.04));
+        assert!((flash_s(&stamps(200), &flash).unwrap() - 5.2).abs() < 1e-9);
         let lamp: Vec<f32> = (0..200).map(|k| light(k) + if k >= 60 { 30.0 } else { 0.0 }).collect();
-        assert_eq!(flash_s(&stamps(200), &lamp), Some(60.0 * 0.04));
+        assert!((flash_s(&stamps(200), &lamp).unwrap() - 2.4).abs() < 1e-9);
     }
 
     #[test]
