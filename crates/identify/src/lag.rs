@@ -5,7 +5,7 @@ use crate::dependence::independent_columns;
 use crate::model::factors;
 use crate::table::{Output, rows_of};
 use crate::{
-    Bandwidth, CoefficientTable, Correlation, IdentifyError, Model, Options, OutputModel, When, coefficients,
+    Bandwidth, CoefficientTable, Correlation, IdentifyError, Options, OutputModel, When, coefficients,
     least_squares,
 };
 use mavsight_flight::{InputChannel, InputSample, InputSeries, Vehicle};
@@ -162,11 +162,15 @@ enum Coarse {
 /// of freedom.
 const TELLING: f64 = 10.83;
 
+/// Regressors, and what they are fitted to.
+type Regression = (DMatrix<f64>, DVector<f64>);
+
 struct Search<'a> {
     motion: &'a Motion,
     inputs: &'a InputSeries,
     vehicle: &'a Vehicle,
-    options: Options,
+    /// For each output, with a model of it alone, so that no more than one is held.
+    options: Vec<Options>,
     bandwidth_hz: f64,
     /// Independent columns of each output.
     independent: Vec<Vec<usize>>,
@@ -179,30 +183,38 @@ impl<'a> Search<'a> {
         vehicle: &'a Vehicle,
         options: &Options,
     ) -> Result<Self, IdentifyError> {
-        let mut model = match &options.model {
-            Some(model) => model.clone(),
-            None => Model::equation_3()?,
-        };
-        let excited = coefficients(motion, inputs, vehicle, options)?;
-        model.output.retain(|o| !excited.not_excited.contains(&o.name));
-        model.output.iter_mut().for_each(without_imitators);
-        let highest_hz = excited.outputs.iter().map(|o| o.bandwidth_hz).fold(0.0, f64::max);
-        let bandwidth_hz = highest_hz.min(0.5 / excited.sample_interval_s);
-        let options =
-            Options { model: Some(model), bandwidth: Bandwidth::Hz(bandwidth_hz), ..options.clone() };
-        let mut search = Self { motion, inputs, vehicle, options, bandwidth_hz, independent: Vec::new() };
-        let table = search.table(0.0)?;
-        let rows = table.rows_in_window();
-        let independent = |output: &Output| {
-            let std: Vec<f64> = output.columns.iter().map(|c| c.std).collect();
-            independent_columns(&rows_of(output, &rows), &std).independent
-        };
-        search.independent = table.outputs.iter().map(independent).collect();
+        let (mut alone, mut bandwidth_hz) = (Vec::new(), 0.0_f64);
+        for mut one in options.by_equation()? {
+            let table = coefficients(motion, inputs, vehicle, &one)?;
+            let Some(output) = table.outputs.first() else { continue };
+            bandwidth_hz = bandwidth_hz.max(output.bandwidth_hz.min(0.5 / table.sample_interval_s));
+            one.model.iter_mut().flat_map(|m| &mut m.output).for_each(without_imitators);
+            alone.push(one);
+        }
+        alone.iter_mut().for_each(|one| one.bandwidth = Bandwidth::Hz(bandwidth_hz));
+        let mut search =
+            Self { motion, inputs, vehicle, options: alone, bandwidth_hz, independent: Vec::new() };
+        for k in 0..search.options.len() {
+            let table = search.table(k, 0.0)?;
+            let rows = table.rows_in_window();
+            let independent = |output: &Output| {
+                let std: Vec<f64> = output.columns.iter().map(|c| c.std).collect();
+                independent_columns(&rows_of(output, &rows), &std).independent
+            };
+            search.independent.extend(table.outputs.iter().map(independent));
+        }
         Ok(search)
     }
 
-    fn table(&self, lag_s: f64) -> Result<CoefficientTable, IdentifyError> {
-        coefficients(self.motion, &delayed(self.inputs, lag_s)?, self.vehicle, &self.options)
+    /// One output under a lag.
+    fn table(&self, output: usize, lag_s: f64) -> Result<CoefficientTable, IdentifyError> {
+        coefficients(self.motion, &delayed(self.inputs, lag_s)?, self.vehicle, &self.options[output])
+    }
+
+    /// Its regressors and values inside the window; none without a column.
+    fn problem(&self, output: usize, lag_s: f64) -> Result<Option<Regression>, IdentifyError> {
+        let table = self.table(output, lag_s)?;
+        Ok(table.outputs.first().and_then(|o| problem(&table, o, &self.independent[output])))
     }
 
     /// The shift of least residuals on a grid of a quarter of a period of the low-pass.
@@ -211,7 +223,7 @@ impl<'a> Search<'a> {
         let shift_s = |k: i32| reach_s * f64::from(k) / f64::from(count);
         let (mut best, mut most) = ((f64::INFINITY, 0), f64::NEG_INFINITY);
         for k in -count..=count {
-            let sum = self.scatter(&self.table(shift_s(k))?)?;
+            let sum = self.scatter(shift_s(k))?;
             most = most.max(sum);
             if sum < best.0 {
                 best = (sum, k);
@@ -224,10 +236,12 @@ impl<'a> Search<'a> {
     }
 
     /// Σ n ln(RSS), with n the number of rows that are not correlated.
-    fn scatter(&self, table: &CoefficientTable) -> Result<f64, IdentifyError> {
+    fn scatter(&self, lag_s: f64) -> Result<f64, IdentifyError> {
         let mut sum = 0.0;
-        for (output, independent) in table.outputs.iter().zip(&self.independent) {
-            let Some((x, y)) = problem(table, output, independent) else { continue };
+        for (k, independent) in self.independent.iter().enumerate() {
+            let table = self.table(k, lag_s)?;
+            let Some(output) = table.outputs.first() else { continue };
+            let Some((x, y)) = problem(&table, output, independent) else { continue };
             let fit = least_squares(&x, &y, Correlation::White)?;
             let apart = y.len() as f64 / table.correlated_rows(output.bandwidth_hz, y.len()) as f64;
             sum += apart * fit.residuals.norm_squared().max(f64::MIN_POSITIVE).ln();
@@ -237,23 +251,19 @@ impl<'a> Search<'a> {
 
     /// The step from a lag to where every output's residuals are least, with its standard deviation.
     fn step(&self, lag_s: f64, by_s: f64) -> Result<Option<Lag>, IdentifyError> {
-        let [before, here, after] = [lag_s - by_s, lag_s, lag_s + by_s].map(|t| self.table(t));
-        let (before, here, after) = (before?, here?, after?);
         let mut steps: Vec<Lag> = Vec::new();
         for (k, independent) in self.independent.iter().enumerate() {
-            let of = |table: &CoefficientTable| problem(table, &table.outputs[k], independent);
-            let (Some((x, y)), Some(low), Some(high)) = (of(&here), of(&before), of(&after)) else {
+            let (low, high) = (self.problem(k, lag_s - by_s)?, self.problem(k, lag_s + by_s)?);
+            let here = self.table(k, lag_s)?;
+            let Some(output) = here.outputs.first() else { continue };
+            let (Some((x, y)), Some(low), Some(high)) = (problem(&here, output, independent), low, high)
+            else {
                 continue;
             };
             let fit = least_squares(&x, &y, Correlation::White)?;
             let left = |(x, y): (DMatrix<f64>, DVector<f64>)| y - x * &fit.values;
             let slope = (left(low) - left(high)) / (2.0 * by_s);
-            steps.extend(own_step(
-                &here,
-                &here.outputs[k],
-                independent,
-                (&x, &fit.values, &fit.residuals, &slope),
-            ));
+            steps.extend(own_step(&here, output, independent, (&x, &fit.values, &fit.residuals, &slope)));
         }
         Ok(together(&steps))
     }
@@ -269,11 +279,7 @@ fn without_imitators(output: &mut OutputModel) {
 }
 
 /// Regressors and output inside the window; none without a column.
-fn problem(
-    table: &CoefficientTable,
-    output: &Output,
-    independent: &[usize],
-) -> Option<(DMatrix<f64>, DVector<f64>)> {
+fn problem(table: &CoefficientTable, output: &Output, independent: &[usize]) -> Option<Regression> {
     let rows = table.rows_in_window();
     let y = DVector::from_iterator(rows.len(), rows.iter().map(|i| output.values[*i]));
     (!independent.is_empty() && rows.len() > independent.len() + 1)

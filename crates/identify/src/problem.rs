@@ -4,10 +4,11 @@ use crate::coloured::{Coloured, coloured};
 use crate::dependence::{Dependence, independent_columns};
 use crate::diagnostics::{agreement, autocorrelations, collinearity, correlations, press};
 use crate::fit::{Combination, Diagnostics, Estimator, FitOptions, OutputFit, Parameter};
+use crate::row_errors::by_row;
 use crate::table::{Output, rows_of};
 use crate::{
     Band, CoefficientTable, Correlation, IdentifyError, LeastSquares, frequency_domain, least_squares,
-    student_quantile_975, total_least_squares, total_least_squares_by_row, verdict, weighted_least_squares,
+    student_quantile_975, total_least_squares, verdict, weighted_least_squares,
 };
 use nalgebra::{DMatrix, DVector};
 
@@ -100,9 +101,9 @@ impl<'a> Problem<'a> {
                 self.solved(&basis, fit.values, fit.covariance, &fit.inverse_moment, None)
             }
             Estimator::TotalLeastSquaresByRow => {
-                let errors: Vec<DMatrix<f64>> = self.rows.iter().map(|i| self.errors_of(*i)).collect();
-                let fit = total_least_squares_by_row(&basis, &self.y, &errors, how)?;
-                let std = residual_std(&errors, &fit.values);
+                let errors = |k: usize| self.errors_of(self.rows[k]);
+                let fit = by_row(&basis, &self.y, (self.rows.len(), &errors), how)?;
+                let std = self.residual_std(&fit.values);
                 self.solved(&basis, fit.values, fit.covariance, &fit.inverse_moment, Some(std))
             }
             Estimator::FrequencyDomain => self.in_frequency(&basis)?,
@@ -195,14 +196,19 @@ impl<'a> Problem<'a> {
     fn errors_of(&self, row: usize) -> DMatrix<f64> {
         let count = self.output.columns.len();
         let kept: Vec<usize> = self.dependence.independent.iter().copied().chain([count]).collect();
-        match self.output.errors.get(row) {
-            Some(errors) if errors[(count, count)] > 0.0 => errors.select_rows(&kept).select_columns(&kept),
-            _ => {
-                let mut errors = DMatrix::zeros(kept.len(), kept.len());
-                errors[(kept.len() - 1, kept.len() - 1)] = 1.0;
-                errors
-            }
+        let all = &self.output.errors;
+        if row < all.len() && all.at(row, count, count) > 0.0 {
+            return all.block(row, &kept);
         }
+        let mut errors = DMatrix::zeros(kept.len(), kept.len());
+        errors[(kept.len() - 1, kept.len() - 1)] = 1.0;
+        errors
+    }
+
+    /// Standard deviation of each row's residual, output less fit, by its errors' covariance.
+    fn residual_std(&self, values: &DVector<f64>) -> Vec<f64> {
+        let weights = values.map(|v| -v).push(1.0);
+        self.rows.iter().map(|i| weights.dot(&(self.errors_of(*i) * &weights)).sqrt()).collect()
     }
 
     fn mean_errors(&self) -> DMatrix<f64> {
@@ -314,10 +320,4 @@ fn in_band(x: &DMatrix<f64>, y: &DVector<f64>, spread: &DMatrix<f64>, fit: &Leas
     let degrees = (expected.trace().powi(2) / expected.norm_squared()).max(1.0);
     let covariance = &influence * scaled * influence.transpose() * level;
     Solved { values: fit.values.clone(), covariance, degrees }
-}
-
-/// Standard deviation of each row's residual, output less fit, by its errors' covariance.
-fn residual_std(errors: &[DMatrix<f64>], values: &DVector<f64>) -> Vec<f64> {
-    let weights = values.map(|v| -v).push(1.0);
-    errors.iter().map(|e| weights.dot(&(e * &weights)).sqrt()).collect()
 }

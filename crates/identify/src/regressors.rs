@@ -47,6 +47,24 @@ impl Default for Options {
     }
 }
 
+impl Options {
+    /// The same for each equation of the model by itself.
+    ///
+    /// # Errors
+    /// Those of [`Model::equation_3`].
+    pub fn by_equation(&self) -> Result<Vec<Self>, IdentifyError> {
+        let model = match &self.model {
+            Some(model) => model.clone(),
+            None => Model::equation_3()?,
+        };
+        let alone = |equation: &OutputModel| {
+            let model = Model { output: vec![equation.clone()], ..model.clone() };
+            Self { model: Some(model), ..self.clone() }
+        };
+        Ok(model.output.iter().map(alone).collect())
+    }
+}
+
 /// Forms the outputs of the model and their regressors.
 ///
 /// By default these are C_X, C_Z and C_m (equation 4, with q̇ in place of the misprinted q) over the regressors of
@@ -221,8 +239,9 @@ impl Draft {
         };
         let spectrum = bands.spectrum(&terms, &mean_variance);
         let once = start_errors(flight, &terms);
-        let used = || errors.iter().zip(usable).filter(|(_, usable)| **usable);
-        let mean = |j: usize| used().map(|(e, _)| e[(j, j)]).sum::<f64>() / used().count().max(1) as f64;
+        let used = || (0..errors.len()).filter(|row| usable[*row]);
+        let mean =
+            |j: usize| used().map(|row| errors.at(row, j, j)).sum::<f64>() / used().count().max(1) as f64;
         let column = |(j, (name, signal)): (usize, &(String, Signal))| Column {
             name: name.clone(),
             values: pass(&signal.values),
@@ -231,7 +250,7 @@ impl Draft {
         Output {
             name: self.name.clone(),
             values: pass(&self.output.values),
-            std: errors.iter().map(|e| e[(count, count)].sqrt()).collect(),
+            std: (0..errors.len()).map(|row| errors.at(row, count, count).sqrt()).collect(),
             columns: self.columns.iter().enumerate().map(column).collect(),
             errors,
             spectrum,
@@ -249,34 +268,45 @@ impl Draft {
         let all = rows_of(&whole, rows);
         let std: Vec<f64> = whole.columns.iter().map(|c| c.std).collect();
         let independent = independent_columns(&all, &std).independent;
-        let mut candidates = vec![whole];
-        let mut hz = candidates[0].bandwidth_hz.min(0.5 / table.sample_interval_s);
+        let measure =
+            |output: &Output| log_determinant(output, &independent, rows, table).unwrap_or(f64::INFINITY);
+        // One candidate is held at a time; the one that is chosen is formed again.
+        let mut candidates_hz = vec![None];
+        let mut measures = vec![measure(&whole)];
+        let widest_hz = whole.bandwidth_hz;
+        drop(whole);
+        let mut hz = widest_hz.min(0.5 / table.sample_interval_s);
         while hz >= lowest_hz {
-            candidates.push(self.finish(flight, &table.usable, Some(hz)));
+            candidates_hz.push(Some(hz));
+            measures.push(measure(&self.finish(flight, &table.usable, Some(hz))));
             hz *= 0.5_f64.powf(0.25);
         }
-        let measure = |output: &Output| log_determinant(output, &independent, rows, table);
-        let measures: Vec<f64> = candidates.iter().map(|c| measure(c).unwrap_or(f64::INFINITY)).collect();
         let least = measures.iter().copied().fold(f64::INFINITY, f64::min);
-        let degrees = 2.0 * candidates[0].bandwidth_hz * (table.window_s.1 - table.window_s.0);
+        let degrees = 2.0 * widest_hz * (table.window_s.1 - table.window_s.0);
         let known_to = 1.0 + (2.0 * degrees.max(1.0)).sqrt().recip();
         let enough = least + 2.0 * independent.len() as f64 * known_to.ln();
         let chosen = measures.iter().rposition(|m| *m <= enough).unwrap_or(0);
-        candidates.swap_remove(chosen)
+        self.finish(flight, &table.usable, candidates_hz[chosen])
     }
 }
 
 /// What an error of the turn at the first time does to flapping, which is integrated from there: it fades with the disc's time.
 fn start_errors(flight: &Flight<'_>, signals: &[&[Term]]) -> Vec<DMatrix<f64>> {
-    let rows = flight.t_s.len();
     let mut out = Vec::new();
     for axis in 0..3 {
         let std_rad = flight.start_turn_std_rad(axis);
+        // Behind so many times of the slowest disc less than 1e-13 of it is left.
+        let slowest_s = signals.iter().flat_map(|terms| terms.iter()).filter_map(|t| match t.transfer {
+            Transfer::Washout { time_s } => Some(time_s),
+            Transfer::Derivative(_) => None,
+        });
+        let gone_s = flight.t_s.first().copied().unwrap_or(0.0) + 30.0 * slowest_s.fold(0.0, f64::max);
+        let rows = flight.t_s.partition_point(|t_s| *t_s <= gone_s);
         let mut effect = DMatrix::zeros(rows, signals.len());
         for (j, terms) in signals.iter().enumerate() {
             for term in terms.iter().filter(|t| t.source == Source::Turn(axis)) {
                 let Transfer::Washout { time_s } = term.transfer else { continue };
-                for (row, t_s) in flight.t_s.iter().enumerate() {
+                for (row, t_s) in flight.t_s[..rows].iter().enumerate() {
                     let fading = (-(t_s - flight.t_s[0]) / time_s).exp();
                     effect[(row, j)] -= std_rad * term.gains[row] * fading;
                 }

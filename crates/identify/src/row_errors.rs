@@ -36,9 +36,19 @@ pub fn total_least_squares_by_row(
     errors: &[DMatrix<f64>],
     correlation: Correlation,
 ) -> Result<TotalLeastSquares, IdentifyError> {
+    by_row(regressors, output, (errors.len(), &|i| errors[i].clone()), correlation)
+}
+
+/// The same with so many covariances that are formed when they are asked for.
+pub(crate) fn by_row(
+    regressors: &DMatrix<f64>,
+    output: &DVector<f64>,
+    (count, errors): (usize, ErrorsOf<'_>),
+    correlation: Correlation,
+) -> Result<TotalLeastSquares, IdentifyError> {
     check(regressors, output)?;
     let problem = Problem { regressors, output, errors };
-    problem.check()?;
+    problem.check(count)?;
     let mut x = problem.start()?;
     let mut state = problem.at(&x)?;
     for _ in 0..MAX_STEPS {
@@ -67,10 +77,13 @@ pub fn total_least_squares_by_row(
     Err(IdentifyError::NotConverged { what: "total least squares by rows", steps: MAX_STEPS })
 }
 
+/// The covariance of a row's errors.
+type ErrorsOf<'a> = &'a dyn Fn(usize) -> DMatrix<f64>;
+
 struct Problem<'a> {
     regressors: &'a DMatrix<f64>,
     output: &'a DVector<f64>,
-    errors: &'a [DMatrix<f64>],
+    errors: ErrorsOf<'a>,
 }
 
 /// The problem at one x.
@@ -102,13 +115,22 @@ impl State {
 }
 
 impl Problem<'_> {
-    fn check(&self) -> Result<(), IdentifyError> {
+    /// The covariances of all rows, one at a time.
+    fn each_errors(&self) -> impl Iterator<Item = DMatrix<f64>> {
+        (0..self.output.len()).map(|i| (self.errors)(i))
+    }
+
+    fn check(&self, found: usize) -> Result<(), IdentifyError> {
         let (rows, count) = self.regressors.shape();
         let bad = |what| IdentifyError::BadErrors { what, columns: count };
-        if self.errors.len() != rows || self.errors.iter().any(|e| e.shape() != (count + 1, count + 1)) {
-            return Err(bad("must be one matrix a row, with one row a column and one for the output"));
+        let one_a_row = "must be one matrix a row, with one row a column and one for the output";
+        if found != rows {
+            return Err(bad(one_a_row));
         }
-        for e in self.errors {
+        for e in self.each_errors() {
+            if e.shape() != (count + 1, count + 1) {
+                return Err(bad(one_a_row));
+            }
             if !e.iter().all(|v| v.is_finite()) || e.diagonal().iter().any(|v| *v < 0.0) {
                 return Err(bad("must be finite with variances that are not negative"));
             }
@@ -129,7 +151,7 @@ impl Problem<'_> {
             std: DVector::zeros(rows),
         };
         let mut shared = DVector::zeros(count);
-        for (i, errors) in self.errors.iter().enumerate() {
+        for (i, errors) in self.each_errors().enumerate() {
             shared.copy_from(&errors.view((0, count), (count, 1)));
             let with_output = shared.dot(x);
             shared.gemv(-1.0, &errors.view((0, 0), (count, count)), x, 1.0);
@@ -154,13 +176,13 @@ impl Problem<'_> {
     fn start(&self) -> Result<DVector<f64>, IdentifyError> {
         let count = self.regressors.ncols();
         let mut mean = DMatrix::zeros(count + 1, count + 1);
-        for errors in self.errors {
-            mean += errors / self.errors.len() as f64;
+        for errors in self.each_errors() {
+            mean += errors / self.output.len() as f64;
         }
         if let Ok(fit) = total_least_squares(self.regressors, self.output, &mean, Correlation::White) {
             return Ok(fit.values);
         }
-        let output_std: Vec<f64> = self.errors.iter().map(|e| e[(count, count)].sqrt()).collect();
+        let output_std: Vec<f64> = self.each_errors().map(|e| e[(count, count)].sqrt()).collect();
         Ok(weighted_least_squares(self.regressors, self.output, &output_std, Correlation::White)?.values)
     }
 
@@ -170,7 +192,7 @@ impl Problem<'_> {
         let mut out = DMatrix::zeros(count, count);
         // a - 2 s v/σ², over σ.
         let mut twice = DMatrix::zeros(rows, count);
-        for (i, errors) in self.errors.iter().enumerate() {
+        for (i, errors) in self.each_errors().enumerate() {
             let (std, v) = (state.std[i], state.residuals[i]);
             for j in 0..count {
                 twice[(i, j)] = self.regressors[(i, j)] / std - 2.0 * state.shared[(i, j)] * v;
@@ -204,7 +226,7 @@ impl Problem<'_> {
         // M = Σ (a aᵀ - Σ_aa)/σ², the part of the scores' derivative that does not vanish in the mean.
         let mut m = DMatrix::zeros(count, count);
         let mut scaled = self.regressors.clone();
-        for (i, errors) in self.errors.iter().enumerate() {
+        for (i, errors) in self.each_errors().enumerate() {
             let weight = 1.0 / state.std[i].powi(2);
             m.gemm_tr(weight, &self.regressors.rows(i, 1), &self.regressors.rows(i, 1), 1.0);
             m -= errors.view((0, 0), (count, count)) * (level * weight);
@@ -272,7 +294,8 @@ mod tests {
     fn the_score_is_half_the_negative_gradient() {
         let (x, y) = linear_problem_of_scipy();
         let errors = errors_of_rows();
-        let problem = Problem { regressors: &x, output: &y, errors: &errors };
+        let of_row = |i: usize| errors[i].clone();
+        let problem = Problem { regressors: &x, output: &y, errors: &of_row };
         let at = DVector::from_vec(vec![1.0, 0.5, -0.7]);
         let score = problem.at(&at).expect("a state").score();
         for j in 0..3 {
@@ -290,7 +313,8 @@ mod tests {
     fn the_curvature_is_the_scores_negative_derivative() {
         let (x, y) = linear_problem_of_scipy();
         let errors = errors_of_rows();
-        let problem = Problem { regressors: &x, output: &y, errors: &errors };
+        let of_row = |i: usize| errors[i].clone();
+        let problem = Problem { regressors: &x, output: &y, errors: &of_row };
         let at = DVector::from_vec(vec![1.0, 0.5, -0.7]);
         let curvature = problem.curvature(&problem.at(&at).expect("a state"));
         for j in 0..3 {

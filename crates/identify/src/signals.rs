@@ -95,10 +95,8 @@ impl<'a> Flight<'a> {
     pub(crate) fn variance(&self, source: Source, row: usize) -> f64 {
         let covariance = &self.motion.samples[row].covariance;
         let (rate_variance, hz) = match source {
-            Source::Position(axis) => {
-                (covariance[(6 + axis, 6 + axis)], self.motion.translation_bandwidth_hz)
-            }
-            Source::Turn(axis) => (covariance[(9 + axis, 9 + axis)], self.motion.rotation_bandwidth_hz),
+            Source::Position(axis) => (covariance.variance(6 + axis), self.motion.translation_bandwidth_hz),
+            Source::Turn(axis) => (covariance.variance(9 + axis), self.motion.rotation_bandwidth_hz),
         };
         let variance = 2.0 * rate_variance / (2.0 * std::f64::consts::PI * hz).powi(2);
         if variance.is_finite() { variance.max(0.0) } else { 0.0 }
@@ -116,7 +114,7 @@ impl<'a> Flight<'a> {
     /// variances of all times have beyond [`Flight::variance`].
     pub(crate) fn start_turn_std_rad(&self, axis: usize) -> f64 {
         let samples = &self.motion.samples;
-        let turn = |row: usize| samples[row].covariance[(3 + axis, 3 + axis)];
+        let turn = |row: usize| samples[row].covariance.variance(3 + axis);
         let beyond = (0..samples.len()).map(|row| turn(row) - self.variance(Source::Turn(axis), row));
         let staying = median(beyond.collect()).max(0.0);
         (turn(0) - staying).max(0.0).sqrt()

@@ -23,6 +23,64 @@ pub struct Fixed {
     pub value: f64,
 }
 
+/// One covariance of the same signals at each time, in single precision: seven digits of a variance, and a quarter of the bytes.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ErrorRows {
+    signals: usize,
+    /// Lower triangles by rows.
+    triangles: Vec<f32>,
+}
+
+impl ErrorRows {
+    /// So many covariances of so many signals, all zero.
+    pub fn zeros(signals: usize, rows: usize) -> Self {
+        Self { signals, triangles: vec![0.0; rows * signals * (signals + 1) / 2] }
+    }
+
+    fn triangle(&self) -> usize {
+        self.signals * (self.signals + 1) / 2
+    }
+
+    /// Number of times.
+    pub fn len(&self) -> usize {
+        if self.signals == 0 { 0 } else { self.triangles.len() / self.triangle() }
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.triangles.is_empty()
+    }
+
+    /// One element of the covariance at a time.
+    pub fn at(&self, row: usize, i: usize, j: usize) -> f64 {
+        let (low, high) = (i.min(j), i.max(j));
+        f64::from(self.triangles[row * self.triangle() + high * (high + 1) / 2 + low])
+    }
+
+    /// Sets an element, and the one across the diagonal.
+    pub(crate) fn set(&mut self, row: usize, (i, j): (usize, usize), value: f64) {
+        let (low, high) = (i.min(j), i.max(j));
+        let at = row * self.triangle() + high * (high + 1) / 2 + low;
+        self.triangles[at] = value as f32;
+    }
+
+    /// The covariance of some of the signals at a time.
+    pub fn block(&self, row: usize, signals: &[usize]) -> DMatrix<f64> {
+        DMatrix::from_fn(signals.len(), signals.len(), |i, j| self.at(row, signals[i], signals[j]))
+    }
+
+    fn of_signals(&self, kept: &[usize]) -> Self {
+        let rows = self.len();
+        let mut out = Self::zeros(kept.len(), rows);
+        for row in 0..rows {
+            for i in 0..kept.len() {
+                (0..=i).for_each(|j| out.set(row, (i, j), self.at(row, kept[i], kept[j])));
+            }
+        }
+        out
+    }
+}
+
 /// One coefficient over time with its regressors, which have passed the same low-pass.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Output {
@@ -35,11 +93,11 @@ pub struct Output {
     /// Regressors.
     pub columns: Vec<Column>,
     /// Covariance of the errors of the regressors and, last, of the output, at each time.
-    pub errors: Vec<DMatrix<f64>>,
+    pub errors: ErrorRows,
     /// Spectrum of those errors.
     pub spectrum: ErrorSpectrum,
     /// Errors that happen once, since flapping is integrated from a turn that errs where the flight begins: for each, what one
-    /// standard deviation of it does to the regressors and, last, the output, at each time.
+    /// standard deviation of it does to the regressors and, last, the output, at the times until it has died away.
     pub once: Vec<DMatrix<f64>>,
     /// Coefficients that the model fixes; their part is taken off the values.
     pub fixed: Vec<Fixed>,
@@ -53,7 +111,7 @@ impl Output {
         let kept: Vec<usize> = chosen.iter().copied().chain([self.columns.len()]).collect();
         Self {
             columns: chosen.iter().map(|j| self.columns[*j].clone()).collect(),
-            errors: self.errors.iter().map(|e| e.select_rows(&kept).select_columns(&kept)).collect(),
+            errors: self.errors.of_signals(&kept),
             once: self.once.iter().map(|e| e.select_columns(&kept)).collect(),
             spectrum: self.spectrum.of_signals(&kept),
             ..self.clone()
@@ -112,7 +170,8 @@ impl CoefficientTable {
     ) -> Vec<DVector<f64>> {
         let weights = residual_weights(output, columns, values);
         let of = |all: &DMatrix<f64>| {
-            DVector::from_iterator(rows.len(), rows.iter().map(|i| all.row(*i).dot(&weights.transpose())))
+            let at = |i: &usize| if *i < all.nrows() { all.row(*i).dot(&weights.transpose()) } else { 0.0 };
+            DVector::from_iterator(rows.len(), rows.iter().map(at))
         };
         output.once.iter().map(of).collect()
     }

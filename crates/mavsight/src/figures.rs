@@ -13,7 +13,7 @@ use mavsight_vision::Frame;
 type Of<'a, T> = &'a dyn Fn(&T) -> f64;
 
 pub(crate) fn curve(label: &str, role: Role, points: impl Iterator<Item = (f64, f64)>) -> Curve {
-    Curve { label: label.to_owned(), role, points: points.collect(), half_width: vec![] }
+    Curve { label: label.to_owned(), role, points: points.collect(), half_width: vec![] }.thinned()
 }
 
 pub(crate) fn figure(caption: &str, panels: Vec<Panel>) -> Result<Figure> {
@@ -170,7 +170,8 @@ fn motion_panel(
     if let Some(motion) = &page.results.motion {
         let points = motion.samples.iter().map(|s| (seconds(s.t_ns), smoothed(s)));
         let half_width = motion.samples.iter().map(|s| NORMAL_95 * std(s)).collect();
-        curves.push(Curve { half_width, ..curve("smoothed, 95 %", Role::Estimate, points) });
+        let label = "smoothed, 95 %".to_owned();
+        curves.push(Curve { label, role: Role::Estimate, points: points.collect(), half_width }.thinned());
     }
     if let Some(truth) = page.flight.truth {
         curves.push(curve("truth", Role::Truth, truth.iter().map(|r| (r.t_s, of_truth(r)))));
@@ -184,7 +185,7 @@ pub(crate) fn motion(page: &Page<'_>) -> Result<Vec<Figure>> {
         return Ok(vec![]);
     }
     let deg = |r: f64| r.to_degrees();
-    let std = |s: &MotionSample, row: usize| s.covariance[(row, row)].max(0.0).sqrt();
+    let std = |s: &MotionSample, row: usize| s.covariance.variance(row).max(0.0).sqrt();
     let place = |axis: &str, k: usize, t: OfTruth| {
         let smoothed = |s: &MotionSample| s.world_from_body.translation.vector[k];
         motion_panel(page, axis, t, (&smoothed, &|s| std(s, k)), Some(&|p| p.translation.vector[k]))
@@ -194,9 +195,8 @@ pub(crate) fn motion(page: &Page<'_>) -> Result<Vec<Figure>> {
             let e = EulerAngles::from_world_from_body(p);
             [e.phi_rad, e.theta_rad, e.psi_rad][k].to_degrees()
         };
-        let turn = move |s: &MotionSample| {
-            euler_std(&s.world_from_body, &s.covariance.fixed_view::<3, 3>(3, 3).into_owned())[k].to_degrees()
-        };
+        let turn =
+            move |s: &MotionSample| euler_std(&s.world_from_body, &s.covariance.quantity(1))[k].to_degrees();
         motion_panel(page, axis, t, (&|s| of(&s.world_from_body), &turn), Some(&of))
     };
     let speed = |axis: &str, k: usize, t: OfTruth| {

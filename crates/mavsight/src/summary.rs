@@ -244,17 +244,14 @@ impl Summary {
         );
         let n = motion.samples.len().max(1) as f64;
         let mean = |from: usize| {
-            let sum: f64 =
-                motion.samples.iter().map(|s| s.covariance.fixed_view::<3, 3>(from, from).trace()).sum();
+            let sum: f64 = motion.samples.iter().map(|s| s.covariance.quantity(from / 3).trace()).sum();
             (sum / n).sqrt()
         };
         self.number("motion", "position_std_mm", "predicted position error (3-D)", 1e3 * mean(0), "mm");
         let pitch: f64 = motion
             .samples
             .iter()
-            .map(|s| {
-                euler_std(&s.world_from_body, &s.covariance.fixed_view::<3, 3>(3, 3).into_owned()).y.powi(2)
-            })
+            .map(|s| euler_std(&s.world_from_body, &s.covariance.quantity(1)).y.powi(2))
             .sum();
         self.number("motion", "theta_std_deg", "predicted pitch error", (pitch / n).sqrt().to_degrees(), "°");
     }

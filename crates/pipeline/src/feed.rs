@@ -30,13 +30,22 @@ pub struct CameraFeed<'a> {
     pub clock: ClockPrior,
     /// Unit vector in the image along which a rolling shutter goes.
     pub readout: Vector2<f64>,
+    /// Whether a flash of light, or a lamp switched on, that all cameras saw is where the estimation of clocks starts.
+    pub flash: bool,
 }
 
 impl<'a> CameraFeed<'a> {
     /// A camera whose time stamps are true.
     pub fn new(name: impl Into<String>, announced: Option<usize>, frames: Frames<'a>) -> Self {
         let clock = ClockPrior::known(CameraClock::default());
-        Self { name: name.into(), announced, frames, clock, readout: Vector2::y() }
+        Self { name: name.into(), announced, frames, clock, readout: Vector2::y(), flash: false }
+    }
+
+    /// The same with a flash that all cameras saw.
+    #[must_use]
+    pub fn with_flash(mut self, flash: bool) -> Self {
+        self.flash = flash;
+        self
     }
 
     /// The same with another clock.

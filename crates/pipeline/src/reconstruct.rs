@@ -23,7 +23,7 @@ impl Reconstruction {
         let sample = crate::track::pose_at(&self.estimator, t_ns, &seen, self.previous.as_ref());
         self.previous = sample.estimate.as_ref().map(|e| e.world_from_body).or(self.previous);
         self.tracked.observations.extend(seen);
-        self.tracked.poses.push(sample);
+        self.tracked.poses.push(crate::solve::provisional(sample));
     }
 
     /// An instant of which the identities have told which ball is which.
@@ -35,7 +35,7 @@ impl Reconstruction {
             self.tracked.observations.push(seen);
             self.tracked.diameters_px.push(diameter_px);
         }
-        self.tracked.poses.push(told.sample);
+        self.tracked.poses.push(crate::solve::provisional(told.sample));
     }
 
     /// All poses, with what the whole flight has shown of the centres' lasting errors.
@@ -57,7 +57,9 @@ pub fn reconstruct(
     instants: impl IntoIterator<Item = (i64, Vec<MarkerObservation>)>,
 ) -> Result<Tracked, PipelineError> {
     let mut all = Reconstruction::new(rig, vehicle);
-    instants.into_iter().for_each(|(t_ns, seen)| all.add(t_ns, seen));
+    let instants = instants.into_iter();
+    all.tracked.reserve(instants.size_hint().0, rig.cameras.len() * vehicle.marker.len());
+    instants.for_each(|(t_ns, seen)| all.add(t_ns, seen));
     if all.tracked.poses.is_empty() {
         return Err(PipelineError::NoFrames { camera: "the table of observations".into() });
     }

@@ -3,10 +3,13 @@
 use crate::{PipelineError, Progress, Stage, Tracked};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{
-    Clocks, CoefficientTable, FitOptions, Identification, Options, choose_structure, coefficients, delayed,
-    estimate_lag, identify_with,
+    Clocks, CoefficientTable, ErrorRows, FitOptions, Identification, IdentifyError, Options,
+    choose_structure, coefficients, delayed, estimate_lag, identify_with,
 };
-use mavsight_pose::{Motion, PoseError, PoseEstimator, PoseSample, smooth};
+use mavsight_pose::{
+    Motion, PoseError, PoseEstimate, PoseEstimator, PoseSample, smooth, smooth_with_effects,
+};
+use nalgebra::Matrix6xX;
 
 /// What a user may choose of identification.
 #[derive(Debug, Clone, Default)]
@@ -23,11 +26,9 @@ pub struct IdentifyOptions {
     pub equation_error_only: bool,
 }
 
-/// Motion, coefficients and parameters of one flight.
+/// Coefficients and parameters of one flight.
 #[derive(Debug, Clone)]
 pub struct Solution {
-    /// Smoothed motion.
-    pub motion: Motion,
     /// Coefficients and regressors.
     pub coefficients: CoefficientTable,
     /// Fits.
@@ -46,19 +47,36 @@ pub(crate) fn poses_anew(estimator: PoseEstimator, tracked: &mut Tracked) -> Res
     for seen in &mut tracked.observations {
         seen.covariance_px2 *= factors[seen.camera * markers + seen.marker];
     }
-    estimate_all(&estimator, tracked);
+    estimate_all(&estimator, tracked, provisional);
     let bias_px = estimator.centre_bias_px(&tracked.observations, &tracked.poses)?;
-    estimate_all(&estimator.with_centre_bias(bias_px)?, tracked);
+    let estimator = estimator.with_centre_bias(bias_px)?;
+    estimate_all(&estimator, tracked, condensed);
+    tracked.estimator = Some(estimator);
     Ok(())
 }
 
 /// The same for poses of other cameras and markers than those that are there.
 pub(crate) fn poses_again(estimator: PoseEstimator, tracked: &mut Tracked) -> Result<(), PoseError> {
-    estimate_all(&estimator, tracked);
+    estimate_all(&estimator, tracked, provisional);
     poses_anew(estimator, tracked)
 }
 
-fn estimate_all(estimator: &PoseEstimator, tracked: &mut Tracked) {
+/// A pose that will be estimated again, without what only the last estimate of it is asked for: in an hour of film what stays of its
+/// errors is hundreds of megabytes.
+pub(crate) fn provisional(mut pose: PoseSample) -> PoseSample {
+    if let Some(estimate) = &mut pose.estimate {
+        estimate.systematic = Matrix6xX::zeros(0);
+    }
+    pose
+}
+
+/// A pose with what stays of its errors by itself; how it stays from pose to pose is formed from the sights when it is asked for.
+fn condensed(mut pose: PoseSample) -> PoseSample {
+    pose.estimate = pose.estimate.map(PoseEstimate::condensed);
+    pose
+}
+
+fn estimate_all(estimator: &PoseEstimator, tracked: &mut Tracked, kept: impl Fn(PoseSample) -> PoseSample) {
     let mut previous = None;
     let mut rest = tracked.observations.as_slice();
     for pose in &mut tracked.poses {
@@ -70,7 +88,7 @@ fn estimate_all(estimator: &PoseEstimator, tracked: &mut Tracked) {
         }
         // Where two minima are likely, the one that was found with what the instant knew is the one.
         let known = pose.estimate.as_ref().map(|e| e.world_from_body).or(previous);
-        *pose = crate::track::pose_at(estimator, pose.t_ns, seen, known.as_ref());
+        *pose = kept(crate::track::pose_at(estimator, pose.t_ns, seen, known.as_ref()));
         previous = pose.estimate.as_ref().map(|e| e.world_from_body).or(previous);
     }
 }
@@ -89,6 +107,30 @@ pub fn motion_from_poses(
         .map_err(|source| PipelineError::Pose { place: "smoothing".into(), source })
 }
 
+/// Smooths the poses of what was tracked; what stays of their errors is formed from the sights as it is needed.
+///
+/// # Errors
+/// Too few measured poses.
+pub fn motion_of(
+    tracked: &Tracked,
+    vehicle: &Vehicle,
+    progress: &dyn Progress,
+) -> Result<Motion, PipelineError> {
+    let Some(estimator) = &tracked.estimator else {
+        return motion_from_poses(&tracked.poses, vehicle, progress);
+    };
+    progress.begin(Stage::Smooth, None);
+    let effects = |k: usize| {
+        let pose = &tracked.poses[k];
+        let all = &tracked.observations;
+        let from = all.partition_point(|o| o.t_ns < pose.t_ns);
+        let own = all[from..].iter().take_while(|o| o.t_ns == pose.t_ns).count();
+        estimator.lasting_effects(&all[from..from + own], pose.estimate.as_ref()?)
+    };
+    smooth_with_effects(&tracked.poses, &effects, vehicle.environment.gravity_m_s2)
+        .map_err(|source| PipelineError::Pose { place: "smoothing".into(), source })
+}
+
 /// Sets the inputs' clock right, forms the coefficients and fits the model.
 ///
 /// A lag is searched as far as the margin that fits leave out at either end, over which the inputs' ends are held.
@@ -96,7 +138,7 @@ pub fn motion_from_poses(
 /// # Errors
 /// Inputs that do not cover the flight, a model with an unknown signal, or a fit without a determined answer.
 pub fn identify_motion(
-    motion: Motion,
+    motion: &Motion,
     inputs: &InputSeries,
     vehicle: &Vehicle,
     options: &IdentifyOptions,
@@ -105,18 +147,34 @@ pub fn identify_motion(
     progress.begin(Stage::Identify, None);
     let clocks = match options.lag_s {
         Some(lag_s) => Clocks::Known(lag_s),
-        None => estimate_lag(&motion, inputs, vehicle, &options.table, options.table.margin_s)?,
+        None => estimate_lag(motion, inputs, vehicle, &options.table, options.table.margin_s)?,
     };
     let inputs = match clocks.correction_s() {
         0.0 => inputs.clone(),
         lag_s => delayed(inputs, lag_s)?,
     };
-    let mut table = coefficients(&motion, &inputs, vehicle, &options.table)?;
-    if options.stepwise {
-        table = choose_structure(&table)?.0;
+    let mut whole: Option<CoefficientTable> = None;
+    let mut identification = Identification::default();
+    // One equation after the other: only its fits read the errors of its rows.
+    for equation in options.table.by_equation()? {
+        let mut table = coefficients(motion, &inputs, vehicle, &equation)?;
+        if options.stepwise {
+            table = choose_structure(&table)?.0;
+        }
+        identification.fits.extend(identify_with(&table, &options.fit)?.fits);
+        for output in &mut table.outputs {
+            (output.errors, output.once) = (ErrorRows::default(), Vec::new());
+        }
+        match &mut whole {
+            Some(all) => {
+                all.outputs.append(&mut table.outputs);
+                all.not_excited.append(&mut table.not_excited);
+            }
+            None => whole = Some(table),
+        }
     }
-    let identification = identify_with(&table, &options.fit)?;
-    Ok(Solution { motion, coefficients: table, identification, clocks, inputs })
+    let coefficients = whole.ok_or(IdentifyError::RankZero)?;
+    Ok(Solution { coefficients, identification, clocks, inputs })
 }
 
 #[cfg(test)]
@@ -196,7 +254,7 @@ mod tests {
     /// Standard deviations of x: what stays from frame to frame, and what is new.
     fn lasting_and_own_std_m(tracked: &Tracked) -> (f64, f64) {
         let estimate = tracked.poses[40].estimate.as_ref().unwrap();
-        (estimate.systematic.row(0).norm(), estimate.own_covariance()[(0, 0)].sqrt())
+        (f64::from(estimate.systematic.row(0).norm()), estimate.own_covariance()[(0, 0)].sqrt())
     }
 
     #[test]
@@ -223,7 +281,7 @@ mod tests {
             sign = -sign;
         }
         let estimator = PoseEstimator::new(&rig, &body);
-        estimate_all(&estimator, &mut tracked);
+        estimate_all(&estimator, &mut tracked, |pose| pose);
         let claimed_px2 = tracked.observations[0].covariance_px2.trace();
         let residual_px =
             |t: &Tracked| t.poses.iter().map(|p| p.estimate.as_ref().unwrap().residual_px).sum::<f64>();

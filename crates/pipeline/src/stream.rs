@@ -13,6 +13,7 @@ const GAP_INTERVALS: f64 = 1.5;
 const MOST_TOLD: usize = 3;
 
 /// A camera's sights.
+#[cfg_attr(test, derive(Clone))]
 pub(crate) struct Stream {
     pub(crate) name: String,
     /// Time stamps of the frames that were looked at, rising.
@@ -21,11 +22,14 @@ pub(crate) struct Stream {
     pub(crate) sights: Vec<Sight>,
     pub(crate) clock: ClockPrior,
     pub(crate) readout: Vector2<f64>,
+    /// Mean brightness of the frames, where a flash is looked for.
+    pub(crate) brightness: Option<Vec<f32>>,
     faults: Faults,
 }
 
 /// What was wrong with the frames.
 #[derive(Default)]
+#[cfg_attr(test, derive(Clone))]
 struct Faults {
     /// Stamps of frames that repeat the one before.
     copies_ns: Vec<i64>,
@@ -37,7 +41,23 @@ struct Faults {
 
 impl Stream {
     pub(crate) fn new(name: String, clock: ClockPrior, readout: Vector2<f64>) -> Self {
-        Self { name, stamps_ns: Vec::new(), sights: Vec::new(), clock, readout, faults: Faults::default() }
+        Self {
+            name,
+            stamps_ns: Vec::new(),
+            sights: Vec::new(),
+            clock,
+            readout,
+            brightness: None,
+            faults: Faults::default(),
+        }
+    }
+
+    /// Room for so many frames in each of which so many things are seen.
+    pub(crate) fn reserve(&mut self, frames: usize, things: usize) {
+        // What a file announces may be wrong by any factor: a day at 30 frames a second is the most that is believed.
+        let frames = frames.min(30 * 86_400);
+        self.stamps_ns.reserve(frames);
+        self.sights.reserve(frames * things);
     }
 
     /// Notes a frame that repeats the one before.
@@ -50,10 +70,13 @@ impl Stream {
         self.faults.backward_ns.push(stamp_ns);
     }
 
-    /// Adds what was seen in a frame later than all before it.
-    pub(crate) fn add(&mut self, stamp_ns: i64, seen: &[Sight]) {
+    /// Adds what was seen in a frame later than all before it, and how bright it was where a flash is looked for.
+    pub(crate) fn add(&mut self, stamp_ns: i64, seen: &[Sight], brightness: Option<f32>) {
         self.stamps_ns.push(stamp_ns);
         self.sights.extend_from_slice(seen);
+        if let (Some(all), Some(own)) = (&mut self.brightness, brightness) {
+            all.push(own);
+        }
     }
 
     /// Frame by frame, its time stamp and what was seen in it.
@@ -81,6 +104,12 @@ impl Stream {
         Ok(())
     }
 
+    /// First and last frame by the presumed clock.
+    pub(crate) fn span_ns(&self) -> (i64, i64) {
+        let t_ns = |stamp_ns: Option<&i64>| stamp_ns.map_or(0, |t| self.clock.clock.time_ns(*t));
+        (t_ns(self.stamps_ns.first()), t_ns(self.stamps_ns.last()))
+    }
+
     /// Median time between frames; that of 30 frames a second where there is one frame alone.
     pub(crate) fn interval_s(&self) -> f64 {
         let mut steps: Vec<i64> = self.stamps_ns.windows(2).map(|w| w[1] - w[0]).collect();
@@ -90,13 +119,19 @@ impl Stream {
 
     /// What the estimation of clocks needs, before the body has told which ball is which: of each colour that one marker alone
     /// has, what is most likely that marker.
-    pub(crate) fn camera_stream(&self, colors: &MarkerColors) -> CameraStream {
+    ///
+    /// Of a long recording these are the sights within some stretches of time.
+    pub(crate) fn camera_stream(&self, colors: &MarkerColors, stretches_ns: &[(i64, i64)]) -> CameraStream {
+        let is_inside = |stamp_ns: i64| {
+            let t_ns = self.clock.clock.time_ns(stamp_ns);
+            stretches_ns.iter().any(|(from_ns, to_ns)| (*from_ns..=*to_ns).contains(&t_ns))
+        };
         let counts = colors.counts();
         let marker = |color: usize| {
             let own = counts.get(color) == Some(&1);
             colors.of_marker.iter().position(|c| own && *c == color)
         };
-        let sights = self.sights.iter().filter(|s| s.leads).filter_map(|s| {
+        let sights = self.sights.iter().filter(|s| s.leads && is_inside(s.stamp_ns)).filter_map(|s| {
             Some(StreamSight {
                 stamp_ns: s.stamp_ns,
                 marker: marker(s.color)?,
@@ -182,7 +217,7 @@ mod tests {
                 Some((last_ns, _)) if stamp_ns <= last_ns => stream.add_backward(stamp_ns),
                 Some((_, before)) if before == *shade => stream.add_copy(stamp_ns),
                 _ => {
-                    stream.add(stamp_ns, &[]);
+                    stream.add(stamp_ns, &[], None);
                     last = Some((stamp_ns, *shade));
                 }
             }

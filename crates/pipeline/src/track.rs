@@ -4,19 +4,23 @@ use crate::associate::{Identities, MarkerColors};
 use crate::reconstruct::Reconstruction;
 use crate::stream::Stream;
 use crate::watch::CameraWatch;
-use crate::{CameraFeed, CameraTracker, Instant, Look, PipelineError, Progress, Stage, TimedFrame, join};
+use crate::{
+    CameraFeed, CameraTracker, Instant, Look, PipelineError, Progress, Stage, TimedFrame, flash, join,
+};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
 use mavsight_pose::{
     BodyMarker, CameraClock, CameraStream, ClockEstimate, ClockVerdict, MarkerObservation, PoseEstimator,
-    PoseSample, Rig, estimate_clocks,
+    PoseSample, Rig, estimate_clocks, telling_stretches_ns,
 };
 use mavsight_session::results::CameraHealth;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-/// Frames that may wait between two stages: enough to even out decoding, few enough to stay in the cache.
-const QUEUE_FRAMES: usize = 8;
+/// Bytes of frames that may wait between two stages, which are eight frames of 640×480: enough to even out decoding, few enough
+/// to stay in the cache; and the least number of frames.
+const QUEUE_BYTES: usize = 8 * 640 * 480 * 3 / 2;
+const LEAST_QUEUE_FRAMES: usize = 2;
 
 /// What tracking yields.
 #[derive(Debug, Clone, Default)]
@@ -27,12 +31,24 @@ pub struct Tracked {
     pub diameters_px: Vec<f64>,
     /// One sample an instant, empty where it could not be measured.
     pub poses: Vec<PoseSample>,
+    /// What the poses were estimated with at last; none where they come from elsewhere.
+    pub estimator: Option<PoseEstimator>,
     /// The cameras' clocks; none where the observations came from elsewhere.
     pub clocks: Vec<ClockEstimate>,
     /// How well each camera saw the markers; none where the observations came from elsewhere.
     pub health: Vec<CameraHealth>,
     /// What was wrong with the recordings and what happened to the cameras, with camera and time.
     pub notes: Vec<String>,
+}
+
+impl Tracked {
+    /// Room for so many instants at which so many markers are seen. Lists that double when they are full leave behind, in an hour
+    /// of film, as much again.
+    pub(crate) fn reserve(&mut self, instants: usize, sights: usize) {
+        self.poses.reserve(instants);
+        self.observations.reserve(instants * sights);
+        self.diameters_px.reserve(instants * sights);
+    }
 }
 
 /// Runs every feed through detection and tracking, sets the cameras' clocks right, brings what they saw to common instants, tells
@@ -74,8 +90,12 @@ pub fn track_and(
             .zip(trackers)
             .enumerate()
             .map(|(camera, (feed, tracker))| {
-                let (frame_out, frame_in) = sync_channel(QUEUE_FRAMES);
-                let stream = Stream::new(feed.name.clone(), feed.clock, feed.readout);
+                let frame_bytes = rig.cameras[camera].camera.size.area_px() * 3 / 2;
+                let (frame_out, frame_in) =
+                    sync_channel((QUEUE_BYTES / frame_bytes.max(1)).clamp(LEAST_QUEUE_FRAMES, 8));
+                let mut stream = Stream::new(feed.name.clone(), feed.clock, feed.readout);
+                stream.brightness = feed.flash.then(Vec::new);
+                stream.reserve(feed.announced.unwrap_or(0), vehicle.marker.len());
                 scope.spawn(move || fetch(feed, &frame_out));
                 let watched = (camera == 0).then_some(progress);
                 scope.spawn(move || observe(tracker, stream, &frame_in, watched))
@@ -107,14 +127,17 @@ fn observe(
     let mut watch = CameraWatch::new(stream.name.clone());
     for frame in frames {
         match frame {
-            Ok(TimedFrame { t_ns, frame }) => match tracker.see(t_ns, Arc::new(frame)) {
-                Look::New(seen) => {
-                    stream.add(t_ns, seen);
-                    watch.saw(t_ns, tracker.is_dark());
+            Ok(TimedFrame { t_ns, frame }) => {
+                let brightness = stream.brightness.is_some().then(|| flash::brightness(&frame));
+                match tracker.see(t_ns, Arc::new(frame)) {
+                    Look::New(seen) => {
+                        stream.add(t_ns, seen, brightness);
+                        watch.saw(t_ns, tracker.is_dark());
+                    }
+                    Look::Copy => stream.add_copy(t_ns),
+                    Look::Backward => stream.add_backward(t_ns),
                 }
-                Look::Copy => stream.add_copy(t_ns),
-                Look::Backward => stream.add_backward(t_ns),
-            },
+            }
             Err(error) => stream.add_fault(error)?,
         }
         if let Some(progress) = progress {
@@ -129,14 +152,18 @@ fn observe(
 
 /// Clocks, instants, identities and poses of what the cameras saw.
 fn joined(
-    streams: Vec<Stream>,
+    mut streams: Vec<Stream>,
     watches: Vec<CameraWatch>,
     (rig, vehicle): (&Rig, &Vehicle),
     mut each: impl FnMut(&Instant<'_>),
 ) -> Result<Tracked, PipelineError> {
     let colors = MarkerColors::of(vehicle);
     let mut notes: Vec<String> = streams.iter().flat_map(Stream::notes).collect();
-    let seen: Vec<CameraStream> = streams.iter().map(|s| s.camera_stream(&colors)).collect();
+    notes.extend(crate::flash::start_clocks(&mut streams));
+    let spans_ns = streams.iter().map(Stream::span_ns);
+    let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();
+    let stretches_ns = telling_stretches_ns(span_ns);
+    let seen: Vec<CameraStream> = streams.iter().map(|s| s.camera_stream(&colors, &stretches_ns)).collect();
     let clocks = estimate_clocks(rig, &body_markers(vehicle), &seen);
     drop(seen);
     for (stream, clock) in streams.iter().zip(&clocks) {
@@ -148,12 +175,15 @@ fn joined(
     notes.extend(span_notes(&streams, &exact)?);
     let sizes: Vec<_> = rig.cameras.iter().map(|c| c.camera.size).collect();
     let mut all = Reconstruction::new(rig, vehicle);
+    let instants = streams.iter().map(|s| s.stamps_ns.len()).max().unwrap_or(0);
+    all.tracked.reserve(instants, streams.len() * vehicle.marker.len());
     let mut identities = Identities::new(rig, vehicle)?;
     join::instants(&streams, &sizes, &exact, |t_ns, seen| {
         let association = identities.tell(t_ns, seen);
         each(&Instant { t_ns, seen, association: &association });
         all.add_told(seen, association);
     });
+    drop(streams);
     identities.finish(rig, watches, &mut all.tracked);
     let mut tracked = all.finish()?;
     notes.append(&mut tracked.notes);

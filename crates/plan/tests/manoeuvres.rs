@@ -149,7 +149,7 @@ fn errors_that_stay_enter_by_what_they_do_to_the_estimates() {
         )
     });
     let moved = plan.fit.first_order(&poses.collect::<Vec<_>>()).expect("estimates");
-    let column = nalgebra::Matrix6xX::from_column_slice(shift.as_slice());
+    let column = nalgebra::Matrix6xX::from_column_slice(shift.as_slice()).map(|v: f64| v as f32);
     let lasting = plan.fit.clone().with_lasting(&vec![column; plan.states.len()]).expect("a covariance");
     for (k, (before, after)) in plan.fit.parameters.iter().zip(&lasting.parameters).enumerate() {
         let wanted = before.std.hypot(moved[k] - before.value);

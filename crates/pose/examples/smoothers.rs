@@ -8,7 +8,7 @@ mod simulated;
 use mavsight_flight::FlightState;
 use mavsight_geometry::{EulerAngles, Vector3, world_from_body};
 use mavsight_pose::{Motion, MotionSample, PoseEstimator, smooth};
-use nalgebra::{DMatrix, DVector, SMatrix};
+use nalgebra::{DMatrix, DVector};
 use simulated::{Random, error, flight, poses, rigs, sights, square, true_cameras};
 
 const FLIGHTS: usize = 20;
@@ -135,7 +135,7 @@ fn motion_of(t_ns: &[i64], six: &[Derivatives; 6]) -> Vec<MotionSample> {
             rates_rad_s: to_rates * row(k, 1, 3),
             specific_force_m_s2: body * (row(k, 2, 0) + Vector3::z() * GRAVITY),
             angular_acceleration_rad_s2: to_rates * row(k, 2, 3),
-            covariance: SMatrix::zeros(),
+            covariance: mavsight_pose::MotionCovariance::default(),
         }
     };
     (0..t_ns.len()).map(sample).collect()

@@ -96,6 +96,24 @@ pub struct StreamSight {
     pub covariance_px2: Matrix2<f64>,
 }
 
+/// Stretches of time of which the sights are enough for [`estimate_clocks`], for recordings that span `from_ns..=to_ns` by their
+/// presumed clocks: all of a flight of up to four minutes, else sixty of four seconds, evenly spread.
+///
+/// The estimation looks at 2000 instants wherever they lie. Sixty stretches see the clocks drift apart over the same span; errors that
+/// last through a stretch are in the scatter between parts of the flight, which standard deviations allow for. A stretch is as
+/// long as it takes for clocks that are a second apart to share three of its seconds.
+pub fn telling_stretches_ns((from_ns, to_ns): (i64, i64)) -> Vec<(i64, i64)> {
+    let span_ns = to_ns.saturating_sub(from_ns);
+    if span_ns <= STRETCHES * STRETCH_NS {
+        return vec![(from_ns, to_ns)];
+    }
+    let begin = |k: i64| from_ns + ((span_ns - STRETCH_NS) as f64 * k as f64 / (STRETCHES - 1) as f64) as i64;
+    (0..STRETCHES).map(|k| (begin(k), begin(k) + STRETCH_NS)).collect()
+}
+
+const STRETCHES: i64 = 60;
+const STRETCH_NS: i64 = 4_000_000_000;
+
 /// What one camera saw, by its own clock.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraStream {

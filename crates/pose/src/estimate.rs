@@ -13,7 +13,7 @@ pub(crate) use gates::chi_square_gate as chi_square_quantile;
 use gates::{DECISIVE_CHI_SQUARE, beyond_f_gate, chi_square_gate, noise_factor};
 use lasting::Lasting;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Matrix2, Matrix6, Point3, Vector2, Vector3};
-use nalgebra::{DMatrix, Matrix6xX};
+use nalgebra::{DMatrix, Matrix6xX, Vector6};
 pub(crate) use solve::noise_weight;
 use solve::{Sight, Solution, of_markers};
 
@@ -53,8 +53,9 @@ pub struct PoseEstimate {
     pub covariance: Matrix6<f64>,
     /// The part of the covariance that is not new in each frame: what the same errors of cameras and marker positions do
     /// to this pose. Each column is one standard deviation along one independent direction, the same directions in
-    /// all poses of a flight; the covariance holds S Sᵀ. No columns: none is known.
-    pub systematic: Matrix6xX<f64>,
+    /// all poses of a flight; the covariance holds S Sᵀ. In single precision: seven digits of a standard deviation. No
+    /// columns: none is known.
+    pub systematic: Matrix6xX<f32>,
     /// Markers that entered, ascending.
     pub markers_used: Vec<usize>,
     /// Markers that were seen but disagree with the rigid body, ascending.
@@ -67,11 +68,48 @@ impl PoseEstimate {
     /// The part of the covariance that is new in each frame.
     pub fn own_covariance(&self) -> Matrix6<f64> {
         let mut own = (self.covariance + self.covariance.transpose()) * 0.5;
-        for column in self.systematic.column_iter() {
+        for c in 0..self.systematic.ncols() {
+            let column = self.systematic_column(c);
             own.ger(-1.0, &column, &column, 1.0);
         }
         own
     }
+
+    /// The same with no more than six systematic columns, the symmetric root of their sum S Sᵀ in units of the standard deviations: for
+    /// whoever holds many poses, and has [`PoseEstimator::lasting_effects`] for how they err together. What is new in the pose is
+    /// as it was, exactly; its covariance to seven digits.
+    #[must_use]
+    pub fn condensed(mut self) -> Self {
+        if self.systematic.ncols() <= 6 {
+            return self;
+        }
+        let own = self.own_covariance();
+        let sum = self.covariance - own;
+        let std = Vector6::from_fn(|k, _| sum[(k, k)].max(f64::MIN_POSITIVE).sqrt());
+        let unit = Matrix6::from_fn(|i, j| sum[(i, j)] / (std[i] * std[j])).symmetric_eigen();
+        let lengths = Matrix6::from_diagonal(&unit.eigenvalues.map(|v| v.max(0.0).sqrt()));
+        let root = unit.eigenvectors * lengths * unit.eigenvectors.transpose();
+        let columns = Matrix6xX::from_fn(6, |i, j| std[i] * root[(i, j)]);
+        self.covariance = own;
+        self.systematic = kept(&columns, &mut self.covariance);
+        self
+    }
+
+    /// One column of the systematic part.
+    pub(crate) fn systematic_column(&self, c: usize) -> Vector6<f64> {
+        self.systematic.column(c).map(f64::from)
+    }
+}
+
+/// Systematic columns in single precision, added to a covariance as they are rounded, so that taking them off again leaves what is
+/// new exactly.
+fn kept(effects: &Matrix6xX<f64>, covariance: &mut Matrix6<f64>) -> Matrix6xX<f32> {
+    let kept: Matrix6xX<f32> = effects.map(|v| v as f32);
+    for column in kept.column_iter() {
+        let column = column.map(f64::from);
+        covariance.ger(1.0, &column, &column, 1.0);
+    }
+    kept
 }
 
 /// A sight that is expected, before there is a picture.
@@ -230,8 +268,8 @@ impl PoseEstimator {
         let solution = self.at_pose(&own, world_from_body)?;
         let undetermined = || PoseError::NotConverged { steps: 0, residual_px: 0.0 };
         let mut covariance = solution.normal.cholesky().map(|c| c.inverse()).ok_or_else(undetermined)?;
-        let (systematic, _) = self.systematic(&own, &solution, &covariance);
-        systematic.column_iter().for_each(|c| covariance.ger(1.0, &c, &c, 1.0));
+        let (effects, _) = self.systematic(&own, &solution, &covariance);
+        let systematic = kept(&effects, &mut covariance);
         if !covariance.iter().all(|x| x.is_finite()) {
             return Err(undetermined());
         }
@@ -258,10 +296,10 @@ impl PoseEstimator {
             .cholesky()
             .map(|c| c.inverse())
             .ok_or(PoseError::NotConverged { steps: MAX_STEPS, residual_px })?;
-        let (systematic, left_over) = self.systematic(own, solution, &inverse);
+        let (effects, left_over) = self.systematic(own, solution, &inverse);
         let factor = noise_factor(solution.chi_square, left_over, solution.redundancy);
         let mut covariance = inverse * factor;
-        systematic.column_iter().for_each(|c| covariance.ger(1.0, &c, &c, 1.0));
+        let systematic = kept(&effects, &mut covariance);
         Ok(PoseEstimate {
             world_from_body: solution.world_from_body,
             covariance,

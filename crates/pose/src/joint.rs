@@ -1,7 +1,7 @@
 //! Position and attitude in one filter, and its backward pass.
 
 use crate::chain::{CHAIN, Chain, ChainNoise, LASTING, Transition, add_process_noise};
-use crate::{MotionSample, PoseEstimate};
+use crate::{MotionCovariance, MotionSample, PoseEstimate};
 use mavsight_geometry::attitude::{cross_matrix, matrix_of};
 use mavsight_geometry::{Isometry3, Matrix3, Matrix6, UnitQuaternion, Vector3};
 use nalgebra::{Const, Dyn, Matrix6xX, OMatrix, SMatrix, SVector, Translation3, Vector6};
@@ -103,8 +103,11 @@ impl Joint {
             put(at + 6, at + 6, &(Matrix3::identity() * prior.1.powi(2) * factor));
         }
         let mut effects = Effects::zeros(first.systematic.ncols());
-        effects.fixed_rows_mut::<3>(0).copy_from(&first.systematic.fixed_rows::<3>(0));
-        effects.fixed_rows_mut::<3>(CHAIN).copy_from(&first.systematic.fixed_rows::<3>(3));
+        for (c, mut effect) in effects.column_iter_mut().enumerate() {
+            let known = first.systematic_column(c);
+            effect.fixed_rows_mut::<3>(0).copy_from(&known.fixed_rows::<3>(0));
+            effect.fixed_rows_mut::<3>(CHAIN).copy_from(&known.fixed_rows::<3>(3));
+        }
         Self {
             translation: Chain::at(pose.translation.vector),
             rotation: Chain::at(pose.rotation),
@@ -167,10 +170,8 @@ impl Joint {
         let known = seen.systematic.ncols();
         for (c, effect) in self.effects.as_mut_slice().chunks_exact_mut(STATE).enumerate() {
             let expected = seen_of(effect);
-            let mut y = Vector6::zeros();
-            for i in 0..6 {
-                y[i] = if c < known { seen.systematic[(i, c)] - expected[i] } else { -expected[i] };
-            }
+            let mut y = if c < known { seen.systematic_column(c) } else { Vector6::zeros() };
+            y -= Vector6::from(expected);
             let by = out.gain * y;
             effect.iter_mut().zip(by.iter()).for_each(|(e, b)| *e += b);
             out.effects.set_column(c, &y);
@@ -219,7 +220,7 @@ impl Joint {
             rates_rad_s: rotation.rate,
             specific_force_m_s2: force,
             angular_acceleration_rad_s2: rotation.acceleration,
-            covariance: (covariance + covariance.transpose()) * 0.5,
+            covariance: MotionCovariance::of(&((covariance + covariance.transpose()) * 0.5)),
         }
     }
 }

@@ -7,6 +7,7 @@ mod calibrate;
 mod causal;
 mod chain;
 mod clock;
+mod directions;
 mod error;
 mod estimate;
 mod filter;
@@ -31,12 +32,12 @@ pub use causal::CausalFilter;
 pub use chain::ChainNoise;
 pub use clock::{
     CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, PathPoint, PathVelocity, PixelPath,
-    QUARTZ_DRIFT_STD, StreamSight, estimate_clocks, image_middle,
+    QUARTZ_DRIFT_STD, StreamSight, estimate_clocks, image_middle, telling_stretches_ns,
 };
 pub use error::PoseError;
 pub use estimate::{BodyMarker, ExpectedSight, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
 pub use joint::MotionNoise;
-pub use motion::{Motion, MotionSample, covariance_from_std, euler_std};
+pub use motion::{Motion, MotionCovariance, MotionSample, covariance_from_std, euler_std};
 pub use noise::motion_noise;
 pub use precision::{
     MapPlane, PrecisionMap, Volume, VolumePrecision, control_volume, precision_map, predicted_covariance_m2,
@@ -44,5 +45,5 @@ pub use precision::{
 };
 pub use refine::{FlightPrior, RefinedFlight, refine_flight};
 pub use select::{Selection, select_control_balls};
-pub use smooth::smooth;
+pub use smooth::{EffectsOf, smooth, smooth_with_effects};
 pub use whittaker::lowpass_like;

@@ -1,7 +1,7 @@
 //! The smoothed motion.
 
 use mavsight_geometry::{EulerAngles, Isometry3, Matrix3, Matrix6, Vector3};
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector};
 
 /// State of motion at one instant.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,9 +18,89 @@ pub struct MotionSample {
     pub specific_force_m_s2: Vector3<f64>,
     /// ṗ, q̇, ṙ.
     pub angular_acceleration_rad_s2: Vector3<f64>,
-    /// Covariance in threes: position (world axes), turn (body axes, R exp δ), velocity (body), rates, specific force,
-    /// angular acceleration. SI units.
-    pub covariance: SMatrix<f64, 18, 18>,
+    /// Covariance, errors that stay included.
+    pub covariance: MotionCovariance,
+}
+
+/// What is kept of the covariance of a state of motion, 18 coordinates in threes: position (world axes), turn (body axes,
+/// R exp δ), velocity (body), rates, specific force, angular acceleration. SI units.
+///
+/// Kept are the 6×6 of the pose, the 6×6 of velocity and rates, and the 3×3 of each of the accelerations, in single
+/// precision: seven digits of a variance, and a twelfth of the bytes of all. The default is zero: exact.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MotionCovariance {
+    six: [[f32; 21]; 2],
+    three: [[f32; 6]; 2],
+}
+
+/// The upper triangle of a square block, by columns.
+fn packed<const N: usize>(of: impl Fn(usize, usize) -> f64) -> [f32; N] {
+    let (mut i, mut j) = (0, 0);
+    std::array::from_fn(|_| {
+        let value = of(i, j) as f32;
+        (i, j) = if i == j { (0, j + 1) } else { (i + 1, j) };
+        value
+    })
+}
+
+fn unpacked<const N: usize>(triangle: &[f32]) -> SMatrix<f64, N, N> {
+    SMatrix::from_fn(|i, j| {
+        let (low, high) = (i.min(j), i.max(j));
+        f64::from(triangle[high * (high + 1) / 2 + low])
+    })
+}
+
+impl MotionCovariance {
+    /// What is kept of all; the matrix is taken as symmetric.
+    pub fn of(all: &SMatrix<f64, 18, 18>) -> Self {
+        Self {
+            six: [0, 6].map(|at| packed(|i, j| all[(at + i, at + j)])),
+            three: [12, 15].map(|at| packed(|i, j| all[(at + i, at + j)])),
+        }
+    }
+
+    /// Position, then turn.
+    pub fn pose(&self) -> Matrix6<f64> {
+        unpacked(&self.six[0])
+    }
+
+    /// Velocity, then rates.
+    pub fn velocity_and_rates(&self) -> Matrix6<f64> {
+        unpacked(&self.six[1])
+    }
+
+    /// One of the six quantities: 0 position, 1 turn, 2 velocity, 3 rates, 4 specific force, 5 angular acceleration (the last for
+    /// any number beyond).
+    pub fn quantity(&self, index: usize) -> Matrix3<f64> {
+        match index {
+            0..=3 => {
+                let six: Matrix6<f64> = unpacked(&self.six[index / 2]);
+                six.fixed_view::<3, 3>(3 * (index % 2), 3 * (index % 2)).into_owned()
+            }
+            _ => unpacked(&self.three[usize::from(index > 4)]),
+        }
+    }
+
+    /// The variance of one of the 18 coordinates.
+    pub fn variance(&self, coordinate: usize) -> f64 {
+        let diagonal = |triangle: &[f32], k: usize| f64::from(triangle[k * (k + 3) / 2]);
+        match coordinate {
+            0..=11 => diagonal(&self.six[coordinate / 6], coordinate % 6),
+            _ => diagonal(&self.three[usize::from(coordinate > 14)], coordinate % 3),
+        }
+    }
+
+    /// Variances of all coordinates.
+    pub fn variances(&self) -> SVector<f64, 18> {
+        SVector::from_fn(|k, _| self.variance(k))
+    }
+
+    /// The same times a factor.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
+        let by = |value: f32| (f64::from(value) * factor) as f32;
+        Self { six: self.six.map(|t| t.map(by)), three: self.three.map(|t| t.map(by)) }
+    }
 }
 
 /// A smoothed flight.
@@ -64,6 +144,33 @@ mod tests {
     use super::*;
     use crate::testing::{normal, normal3};
     use mavsight_geometry::{UnitQuaternion, world_from_body};
+
+    #[test]
+    fn what_is_kept_of_a_covariance_comes_back_to_seven_digits() {
+        let all = SMatrix::<f64, 18, 18>::from_fn(|i, j| {
+            (1.0 + (i * j) as f64 / 7.0 + (i + j) as f64) * 10_f64.powi(-((i / 3 + j / 3) as i32))
+        });
+        let kept = MotionCovariance::of(&all);
+        let close = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-7;
+        let two = [kept.pose(), kept.velocity_and_rates()];
+        for (k, got) in two.iter().enumerate() {
+            assert!(
+                (0..36).all(|n| close(got[(n / 6, n % 6)], all[(6 * k + n / 6, 6 * k + n % 6)])),
+                "{got}"
+            );
+        }
+        for k in 0..6 {
+            let got = kept.quantity(k);
+            assert!(
+                (0..9).all(|n| close(got[(n / 3, n % 3)], all[(3 * k + n / 3, 3 * k + n % 3)])),
+                "{k}: {got}"
+            );
+        }
+        for k in 0..18 {
+            assert!(close(kept.variance(k), all[(k, k)]) && kept.variance(k) == kept.variances()[k], "{k}");
+            assert!(close(kept.scaled(4.0).variance(k), 4.0 * all[(k, k)]));
+        }
+    }
 
     #[test]
     fn euler_std_is_the_spread_of_many_turns() {

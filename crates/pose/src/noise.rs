@@ -59,14 +59,16 @@ pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
     let poses = &poses[first..];
     let origin_ns = poses[0].t_ns;
     let t_s: Vec<f64> = poses.iter().map(|p| (p.t_ns - origin_ns) as f64 * 1e-9).collect();
-    let positions: Vec<_> = poses.iter().map(|p| measured(p, 0, |pose| pose.translation.vector)).collect();
-    let attitudes: Vec<_> = poses.iter().map(|p| measured(p, 3, |pose| pose.rotation)).collect();
-    let translation = Series { t_s: &t_s, measured: &positions, prior_std: PRIOR_TRANSLATION };
-    let rotation = Series { t_s: &t_s, measured: &attitudes, prior_std: PRIOR_ROTATION };
     // A table without what stays of the errors has covariances whose size nobody vouches for.
     let vouched = poses.iter().filter_map(|p| p.estimate.as_ref()).any(|e| e.systematic.ncols() > 0);
-    let (translation, first_hz) = most_likely(&translation, vouched).ok_or(failed.clone())?;
-    let (rotation, second_hz) = most_likely(&rotation, vouched).ok_or(failed)?;
+    // One after the other, so that only one of the two series is held.
+    let positions: Vec<_> = poses.iter().map(|p| measured(p, 0, |pose| pose.translation.vector)).collect();
+    let series = Series { t_s: &t_s, measured: &positions, prior_std: PRIOR_TRANSLATION };
+    let (translation, first_hz) = most_likely(&series, vouched).ok_or(failed.clone())?;
+    drop(positions);
+    let attitudes: Vec<_> = poses.iter().map(|p| measured(p, 3, |pose| pose.rotation)).collect();
+    let series = Series { t_s: &t_s, measured: &attitudes, prior_std: PRIOR_ROTATION };
+    let (rotation, second_hz) = most_likely(&series, vouched).ok_or(failed)?;
     Ok(Likely { noise: MotionNoise { translation, rotation }, bandwidth_hz: (first_hz, second_hz) })
 }
 

@@ -7,10 +7,12 @@
 //! to the poses goes through the same smoother as the poses do, so that it arrives at the rates as their derivative.
 
 use crate::chain::Transition;
+use crate::directions::Gram;
 use crate::joint::{Adjoint, Joint, MotionNoise, Update};
 use crate::noise::{check, likely, median};
-use crate::{Motion, PoseError, PoseSample};
+use crate::{Motion, PoseError, PoseEstimate, PoseSample};
 use nalgebra::{DMatrix, Matrix6xX};
+use std::borrow::Cow;
 use std::ops::Range;
 
 /// Share of the systematic variance that may be left out when its directions are reduced to the few that matter.
@@ -24,16 +26,35 @@ const NEGLIGIBLE: f64 = 1e-4;
 /// # Errors
 /// [`PoseError::TooFewPoses`] under 10 poses; [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`].
 pub fn smooth(poses: &[PoseSample], gravity_m_s2: f64) -> Result<Motion, PoseError> {
+    smooth_with_effects(poses, &|_| None, gravity_m_s2)
+}
+
+/// Systematic columns of a pose by its index; none: those that it holds.
+pub type EffectsOf<'a> = &'a dyn Fn(usize) -> Option<Matrix6xX<f64>>;
+
+/// The same for poses whose systematic columns are formed when they are asked for ([`crate::PoseEstimator::lasting_effects`]), which
+/// is three times for each, and not held.
+///
+/// # Errors
+/// Those of [`smooth`].
+pub fn smooth_with_effects(
+    poses: &[PoseSample],
+    effects: EffectsOf<'_>,
+    gravity_m_s2: f64,
+) -> Result<Motion, PoseError> {
     check(poses)?;
     if !gravity_m_s2.is_finite() {
         return Err(PoseError::BadPose { index: 0, what: "gravity" });
     }
     let failed = PoseError::BadPose { index: 0, what: "the smoother's covariance" };
     let found = likely(poses)?;
-    let reduced = with_few_directions(poses);
+    let all = Flown { poses, first: 0, effects, turn: None };
+    let turn = few_directions(all);
     let mut samples = Vec::with_capacity(poses.len());
-    each_smoothed(&reduced, &found.noise, |k, s| samples.push(s.sample(poses[k].t_ns, gravity_m_s2)))
-        .ok_or(failed)?;
+    each_smoothed(Flown { turn: turn.as_ref(), ..all }, &found.noise, |k, s| {
+        samples.push(s.sample(poses[k].t_ns, gravity_m_s2))
+    })
+    .ok_or(failed)?;
     samples.reverse();
     Ok(Motion {
         samples,
@@ -43,39 +64,52 @@ pub fn smooth(poses: &[PoseSample], gravity_m_s2: f64) -> Result<Motion, PoseErr
     })
 }
 
-/// The poses with their systematic columns turned so that the most important come first and negligible ones are dropped;
-/// what is dropped counts as new in each frame.
-fn with_few_directions(poses: &[PoseSample]) -> Vec<PoseSample> {
-    let mut out = poses.to_vec();
-    let estimates = || poses.iter().filter_map(|p| p.estimate.as_ref());
-    let columns = estimates().map(|e| e.systematic.ncols()).max().unwrap_or(0);
-    if columns == 0 {
-        return out;
+/// Poses whose systematic columns are turned, as they are asked for, so that the most important come first and negligible ones are
+/// dropped; what is dropped counts as new in each frame.
+#[derive(Clone, Copy)]
+struct Flown<'a> {
+    poses: &'a [PoseSample],
+    /// Index of the first of the poses among all.
+    first: usize,
+    effects: EffectsOf<'a>,
+    /// Kept combinations of columns; none where there are no columns.
+    turn: Option<&'a DMatrix<f64>>,
+}
+
+impl<'a> Flown<'a> {
+    fn from(self, first: usize) -> Self {
+        Self { poses: &self.poses[first..], first: self.first + first, ..self }
     }
-    let padded = |s: &Matrix6xX<f64>| s.clone().resize_horizontally(columns, 0.0);
-    let mut gram = DMatrix::zeros(columns, columns);
-    for estimate in estimates() {
-        let mut scaled = padded(&estimate.systematic);
-        for (k, mut row) in scaled.row_iter_mut().enumerate() {
-            row /= estimate.covariance[(k, k)].max(f64::MIN_POSITIVE).sqrt();
+
+    /// Systematic columns of a pose.
+    fn columns(self, k: usize, estimate: &PoseEstimate) -> Matrix6xX<f64> {
+        (self.effects)(self.first + k).unwrap_or_else(|| estimate.systematic.map(f64::from))
+    }
+
+    fn estimate(self, k: usize) -> Option<Cow<'a, PoseEstimate>> {
+        let estimate = self.poses[k].estimate.as_ref()?;
+        let Some(turn) = self.turn else { return Some(Cow::Borrowed(estimate)) };
+        let own = self.columns(k, estimate).resize_horizontally(turn.nrows(), 0.0);
+        Some(Cow::Owned(PoseEstimate {
+            systematic: (own * turn).map(|v| v as f32),
+            covariance: estimate.covariance,
+            world_from_body: estimate.world_from_body,
+            markers_used: Vec::new(),
+            left_out: Vec::new(),
+            residual_px: estimate.residual_px,
+        }))
+    }
+}
+
+/// The few combinations of systematic columns that matter in a flight.
+fn few_directions(flown: Flown<'_>) -> Option<DMatrix<f64>> {
+    let mut gram = Gram::default();
+    for (k, pose) in flown.poses.iter().enumerate() {
+        if let Some(estimate) = &pose.estimate {
+            gram.add(&flown.columns(k, estimate), &estimate.covariance);
         }
-        gram += scaled.tr_mul(&scaled);
     }
-    let eigen = gram.symmetric_eigen();
-    let mut order: Vec<usize> = (0..columns).collect();
-    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-    let (total, mut kept) = (eigen.eigenvalues.sum(), 0.0);
-    let needed = order.iter().take_while(|k| {
-        let more = kept < (1.0 - NEGLIGIBLE) * total;
-        kept += eigen.eigenvalues[**k];
-        more
-    });
-    let directions: Vec<_> = needed.map(|k| eigen.eigenvectors.column(*k).into_owned()).collect();
-    let turn = DMatrix::from_fn(columns, directions.len(), |i, j| directions[j][i]);
-    for estimate in out.iter_mut().filter_map(|p| p.estimate.as_mut()) {
-        estimate.systematic = padded(&estimate.systematic) * &turn;
-    }
-    out
+    Some(gram.principal(NEGLIGIBLE)).filter(|turn| !turn.is_empty())
 }
 
 /// What the forward pass leaves at an instant.
@@ -91,14 +125,15 @@ const START_SHARE: f64 = 1e-4;
 
 /// The state at the first time as the whole record, filtered backwards, gives it, with a covariance that makes it
 /// next to worthless. It is also where the first steps of an attitude are linearised.
-fn informed_start(poses: &[PoseSample], noise: &MotionNoise) -> Option<Joint> {
+fn informed_start(flown: Flown<'_>, noise: &MotionNoise) -> Option<Joint> {
+    let poses = flown.poses;
     let last = poses.iter().rposition(|p| p.estimate.is_some())?;
-    let mut state = Joint::start(poses[last].estimate.as_ref()?, noise);
+    let mut state = Joint::start(flown.estimate(last)?.as_ref(), noise);
     let mut update = state.blank_update();
     for k in (0..last).rev() {
         state.predict((poses[k].t_ns - poses[k + 1].t_ns) as f64 * 1e-9, noise);
-        if let Some(seen) = &poses[k].estimate {
-            state.update(seen, noise, &mut update)?;
+        if let Some(seen) = flown.estimate(k) {
+            state.update(&seen, noise, &mut update)?;
         }
     }
     state.covariance /= START_SHARE;
@@ -108,19 +143,20 @@ fn informed_start(poses: &[PoseSample], noise: &MotionNoise) -> Option<Joint> {
 /// The filter over some instants, from the state that those before them left, or from the start; the first of all is measured.
 /// Each step is that of [`crate::CausalFilter`].
 fn forward(
-    poses: &[PoseSample],
+    flown: Flown<'_>,
     instants: Range<usize>,
     noise: &MotionNoise,
     state: &mut Joint,
 ) -> Option<Vec<Step>> {
+    let poses = flown.poses;
     let mut steps = Vec::with_capacity(instants.len());
     for k in instants {
         let dt_s = k.checked_sub(1).map(|before| (poses[k].t_ns - poses[before].t_ns) as f64 * 1e-9);
         let transitions = dt_s.map(|dt_s| state.predict(dt_s, noise));
         let mut update = None;
-        if let Some(seen) = &poses[k].estimate {
+        if let Some(seen) = flown.estimate(k) {
             let mut blank = state.blank_update();
-            state.update(seen, noise, &mut blank)?;
+            state.update(&seen, noise, &mut blank)?;
             update = Some(blank);
         }
         steps.push(Step { filtered: state.clone(), transitions, update });
@@ -132,18 +168,16 @@ fn forward(
 ///
 /// Only one stretch of √n steps is held at a time: the forward pass leaves the states between the stretches, from which each is
 /// filtered once more when the backward pass comes to it (Griewank 1992 on checkpoints).
-fn each_smoothed(
-    poses: &[PoseSample],
-    noise: &MotionNoise,
-    mut visit: impl FnMut(usize, &Joint),
-) -> Option<()> {
+fn each_smoothed(all: Flown<'_>, noise: &MotionNoise, mut visit: impl FnMut(usize, &Joint)) -> Option<()> {
+    let poses = all.poses;
     let first = poses.iter().position(|p| p.estimate.is_some())?;
-    let flown = &poses[first..];
-    let stretch = ((flown.len() as f64).sqrt() as usize).max(64);
-    let instants = |part: usize| part * stretch..((part + 1) * stretch).min(flown.len());
+    let flown = all.from(first);
+    let count = flown.poses.len();
+    let stretch = ((count as f64).sqrt() as usize).max(64);
+    let instants = |part: usize| part * stretch..((part + 1) * stretch).min(count);
     let mut state = informed_start(flown, noise)?;
     let mut starts = Vec::new();
-    for part in 0..flown.len().div_ceil(stretch) {
+    for part in 0..count.div_ceil(stretch) {
         starts.push(state.clone());
         forward(flown, instants(part), noise, &mut state)?;
     }
@@ -179,7 +213,9 @@ fn is_sound(state: &Joint) -> bool {
 #[cfg(test)]
 fn smoothed(poses: &[PoseSample], noise: &MotionNoise) -> Option<Vec<Joint>> {
     let mut out = Vec::with_capacity(poses.len());
-    each_smoothed(poses, noise, |_, state| out.push(state.clone()))?;
+    each_smoothed(Flown { poses, first: 0, effects: &|_| None, turn: None }, noise, |_, state| {
+        out.push(state.clone())
+    })?;
     out.reverse();
     Some(out)
 }
@@ -191,8 +227,9 @@ pub(crate) fn forward_samples(
     noise: &MotionNoise,
     gravity_m_s2: f64,
 ) -> Vec<crate::MotionSample> {
-    let mut start = informed_start(poses, noise).unwrap();
-    let steps = forward(poses, 0..poses.len(), noise, &mut start).unwrap();
+    let flown = Flown { poses, first: 0, effects: &|_| None, turn: None };
+    let mut start = informed_start(flown, noise).unwrap();
+    let steps = forward(flown, 0..poses.len(), noise, &mut start).unwrap();
     steps.iter().zip(poses).map(|(s, p)| s.filtered.sample(p.t_ns, gravity_m_s2)).collect()
 }
 

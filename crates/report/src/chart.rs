@@ -41,6 +41,46 @@ pub struct Curve {
     pub half_width: Vec<f64>,
 }
 
+impl Curve {
+    /// The same with no more points than a plot of its width can show: of each of its columns of pixels the first and the last point,
+    /// the lowest and the highest edge, and a break where there is one. A curve of fewer points is as it was.
+    #[must_use]
+    pub fn thinned(self) -> Self {
+        let times = || self.points.iter().map(|p| p.0);
+        let Some((start, end)) = bounds(times()).filter(|(start, end)| end > start) else { return self };
+        let columns = WIDTH as usize;
+        if self.points.len() <= MOST_OF_A_COLUMN * columns {
+            return self;
+        }
+        let half = |k: usize| self.half_width.get(k).copied().unwrap_or(0.0);
+        let column = |k: usize| ((self.points[k].0 - start) / (end - start) * columns as f64) as usize;
+        let (mut kept, mut from) = (Vec::new(), 0);
+        while from < self.points.len() {
+            let to =
+                (from..self.points.len()).find(|k| column(*k) != column(from)).unwrap_or(self.points.len());
+            let sound = || (from..to).filter(|k| (self.points[*k].1 + half(*k)).is_finite());
+            let low = sound()
+                .min_by(|a, b| (self.points[*a].1 - half(*a)).total_cmp(&(self.points[*b].1 - half(*b))));
+            let high = sound()
+                .max_by(|a, b| (self.points[*a].1 + half(*a)).total_cmp(&(self.points[*b].1 + half(*b))));
+            let broken = (from..to).find(|k| !self.points[*k].1.is_finite());
+            let mut own: Vec<usize> =
+                [Some(from), low, high, broken, Some(to - 1)].into_iter().flatten().collect();
+            own.sort_unstable();
+            own.dedup();
+            kept.extend(own);
+            from = to;
+        }
+        let half_width =
+            if self.half_width.is_empty() { vec![] } else { kept.iter().map(|k| half(*k)).collect() };
+        let points = kept.iter().map(|k| self.points[*k]).collect();
+        Self { points, half_width, label: self.label, role: self.role }
+    }
+}
+
+/// Points of a column of pixels beyond which a curve is thinned.
+const MOST_OF_A_COLUMN: usize = 5;
+
 /// One panel.
 #[derive(Debug, Clone)]
 pub struct Panel {
@@ -234,6 +274,29 @@ mod tests {
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
         assert_eq!(svg.matches("stroke=\"#0072B2\"").count(), 3, "two runs and the legend");
         assert!(svg.contains("a &lt;b&gt;") && svg.contains("viewBox"));
+    }
+
+    #[test]
+    fn a_long_curve_keeps_its_edges_its_band_and_its_breaks() {
+        let points: Vec<(f64, f64)> = (0..100_000)
+            .map(|k| {
+                let t = f64::from(k) / 30.0;
+                let value = if k == 70_000 { 50.0 } else { (0.01 * t).sin() };
+                (t, if (20_000..20_400).contains(&k) { f64::NAN } else { value })
+            })
+            .collect();
+        let half_width = (0..100_000).map(|k| if k == 40_000 { 9.0 } else { 0.1 }).collect();
+        let long = Curve { label: "long".to_owned(), role: Role::Estimate, points, half_width };
+        let thin = long.clone().thinned();
+        assert!(thin.points.len() <= MOST_OF_A_COLUMN * (WIDTH as usize + 1), "{}", thin.points.len());
+        assert_eq!(thin.points.len(), thin.half_width.len());
+        let at = |k: usize| thin.points.iter().position(|p| *p == long.points[k]);
+        assert!(at(0).is_some() && at(99_999).is_some() && at(70_000).is_some());
+        assert_eq!(at(40_000).map(|k| thin.half_width[k]), Some(9.0));
+        assert!(thin.points.iter().any(|p| p.1.is_nan()));
+        assert!(thin.points.windows(2).all(|w| w[0].0 < w[1].0));
+        let short = Curve { points: long.points[..4000].to_vec(), half_width: vec![], ..long };
+        assert_eq!(short.clone().thinned().points.len(), 4000);
     }
 
     #[test]

@@ -97,7 +97,7 @@ impl Tally {
                 self.unmeasured += 1;
             }
             for (k, error) in motion_error(sample, truth, gravity_m_s2).iter().enumerate() {
-                let covariance = sample.covariance.fixed_view::<3, 3>(3 * k, 3 * k).into_owned();
+                let covariance = sample.covariance.quantity(k);
                 of_flight[2 + k].add(error, &covariance);
             }
         }

@@ -37,7 +37,7 @@ fn covariances_that_are_too_small_are_told() {
     for k in 0..4 {
         let mut flight = lab.fly(&mut Random::new(3, k)).expect("a flight");
         for sample in &mut flight.motion.samples {
-            sample.covariance *= 0.1;
+            sample.covariance = sample.covariance.scaled(0.1);
         }
         tally.add(&flight, 9.81);
     }

@@ -1,7 +1,50 @@
 //! Files that are either whole or not there.
 
 use crate::SessionError;
-use std::path::Path;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// A file that is being written beside its place: renamed into it when it is whole, gone when it is dropped before.
+#[derive(Debug)]
+pub(crate) struct PartFile {
+    path: PathBuf,
+    part: PathBuf,
+}
+
+impl PartFile {
+    /// Writes the hidden `.NAME.PID.part`; the folder is made where it is missing.
+    pub(crate) fn write(
+        path: &Path,
+        content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
+    ) -> Result<Self, SessionError> {
+        if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
+            make_folder(parent)?;
+        }
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let part = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
+        // Made first, so that a file that cannot be finished is taken away.
+        let this = Self { path: path.to_owned(), part };
+        let written = File::create(&this.part).map(BufWriter::new).and_then(|mut out| {
+            content(&mut out)?;
+            out.flush()
+        });
+        written.map_err(|e| SessionError::io(path, "write it", e))?;
+        Ok(this)
+    }
+
+    /// Puts it into its place.
+    pub(crate) fn keep(&self) -> Result<(), SessionError> {
+        std::fs::rename(&self.part, &self.path).map_err(|e| SessionError::io(&self.path, "write it", e))
+    }
+}
+
+impl Drop for PartFile {
+    fn drop(&mut self) {
+        // There is none where it was kept. That a half file cannot be removed is less important than why it is half.
+        drop(std::fs::remove_file(&self.part));
+    }
+}
 
 /// Writes a whole file: to a hidden `.NAME.PID.part` in the same folder, then renamed, so that a killed run leaves
 /// nothing that looks whole. The folder is made where it is missing.
@@ -9,16 +52,7 @@ use std::path::Path;
 /// # Errors
 /// What the file system refuses.
 pub fn write_whole(path: &Path, content: &[u8]) -> Result<(), SessionError> {
-    if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
-        make_folder(parent)?;
-    }
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let part = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
-    std::fs::write(&part, content).and_then(|()| std::fs::rename(&part, path)).map_err(|e| {
-        // The half file is of no use; that it cannot be removed either is less important than why.
-        drop(std::fs::remove_file(&part));
-        SessionError::io(path, "write it", e)
-    })
+    PartFile::write(path, |out| out.write_all(content))?.keep()
 }
 
 /// Makes a folder, refusing a path at which there is something else.

@@ -39,6 +39,12 @@ pub struct SessionFile {
     /// Calibration by a chessboard.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board: Option<BoardSection>,
+    /// Cameras that were calibrated elsewhere, in place of a calibration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rig: Option<RigSection>,
+    /// Whether the light flashed, or a lamp was switched on, once before all cameras: their clocks are then estimated from there.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub flash: bool,
     /// What is refined from the flight itself; left out: nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refine: Option<RefineSection>,
@@ -56,6 +62,14 @@ pub struct ControlSection {
     /// Table of their pixels, instead of finding them in the stills.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub observations: Option<PathBuf>,
+}
+
+/// Cameras that were calibrated elsewhere.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigSection {
+    /// The cameras as `rig.toml` has them, for instance by `mavsight convert`; those of the session by their names.
+    pub file: PathBuf,
 }
 
 /// Calibration by two balls on a stick, waved through the volume.
@@ -213,6 +227,10 @@ pub struct Session {
     pub wand: Option<WandSection>,
     /// The board, where one was shown.
     pub board: Option<BoardSection>,
+    /// Cameras in place of a calibration.
+    pub rig_path: Option<PathBuf>,
+    /// Whether a flash is where the estimation of clocks starts.
+    pub flash: bool,
     /// What is refined from the flight, where something is.
     pub refine: Option<RefineSection>,
     /// Cameras, at least two, with whole paths.
@@ -242,6 +260,8 @@ impl Session {
             control_pixels_path: file.control.and_then(|c| c.observations).map(|p| folder.join(p)),
             wand: file.wand,
             board: file.board,
+            rig_path: file.rig.map(|r| folder.join(r.file)),
+            flash: file.flash,
             refine: file.refine,
             cameras: file
                 .camera
@@ -273,6 +293,9 @@ impl Session {
         }
         if let Some(path) = &self.control_pixels_path {
             require_file(path, &role("control.observations"))?;
+        }
+        if let Some(path) = &self.rig_path {
+            require_file(path, &role("rig.file"))?;
         }
         for camera in &self.cameras {
             if !sequence_exists(&camera.video) {
@@ -467,9 +490,15 @@ fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
 /// What is wrong with the wand or the board: key and remedy.
 fn validate_objects(file: &SessionFile) -> Result<(), (String, String)> {
     let refuse = |key: &str, detail: String| Err((key.to_owned(), detail));
-    if file.control.is_none() && file.wand.is_none() && file.board.is_none() {
-        let detail = "is missing: the cameras need control points, a [wand] or a [board]".to_owned();
-        return refuse("control", detail);
+    let calibrates = file.control.is_some() || file.wand.is_some() || file.board.is_some();
+    if !calibrates && file.rig.is_none() {
+        let detail =
+            "is missing: the cameras need control points, a [wand], a [board] or the file of a [rig]";
+        return refuse("control", detail.to_owned());
+    }
+    if calibrates && file.rig.is_some() {
+        let detail = "holds the cameras already: leave it out, or [control], [wand] and [board]".to_owned();
+        return refuse("rig", detail);
     }
     if let Some(wand) = &file.wand {
         if !(wand.length_m.is_finite() && wand.length_m > 0.0) {

@@ -6,6 +6,7 @@ mod error;
 pub mod foreign;
 pub mod results;
 pub mod scenario;
+mod session_rig;
 mod table;
 pub mod tables;
 mod toml_file;
@@ -14,13 +15,14 @@ pub mod visibility;
 
 pub use atomic::{make_folder, write_whole};
 pub use config::{
-    BoardSection, ControlSection, Estimate, FieldOrder, LineTime, RefineSection, SESSION_SCHEMA, Session,
-    SessionCamera, SessionFile, WandBall, WandSection, load_model, load_vehicle,
+    BoardSection, ControlSection, Estimate, FieldOrder, LineTime, RefineSection, RigSection, SESSION_SCHEMA,
+    Session, SessionCamera, SessionFile, WandBall, WandSection, load_model, load_vehicle,
 };
 pub use error::SessionError;
 pub use results::{
     FlightTable, MarkerAsBuilt, RESULTS_SCHEMA, RunResults, read_body, read_flight_table, read_markers,
-    read_motion, read_poses, read_rig, read_summary, write_markers, write_results, write_rig,
+    read_motion, read_poses, read_rig, read_summary, write_markers, write_markers_early, write_results,
+    write_rig,
 };
 pub use scenario::{write_control_points, write_inputs, write_session, write_truth, write_vehicle};
 pub use tables::{ControlPixel, ControlPointRow, TruthRow, read_control_points};

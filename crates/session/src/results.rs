@@ -17,7 +17,7 @@ pub use health::{CameraHealth, MarkerHealth};
 pub use read::{read_markers, read_poses, read_summary};
 pub use read_motion::{FlightTable, read_flight_table, read_motion};
 pub use rig_file::{read_rig, write_rig};
-pub use write::{write_markers, write_results};
+pub use write::{EarlyFile, write_markers, write_markers_early, write_results};
 
 /// Version of `summary.json` and of the tables beside it.
 pub const RESULTS_SCHEMA: u32 = 1;
@@ -55,8 +55,10 @@ pub struct RunResults {
     pub marker_names: Vec<String>,
     /// Cameras.
     pub rig: Option<Rig>,
-    /// Every marker seen.
+    /// Every marker seen, or of a long flight some of them where `markers_file` has all.
     pub markers: Vec<MarkerObservation>,
+    /// Their table, where it waits beside its place.
+    pub markers_file: Option<EarlyFile>,
     /// Markers as the flight has shown them; empty where they were not refined.
     pub body: Vec<MarkerAsBuilt>,
     /// One sample an instant.

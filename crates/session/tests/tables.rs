@@ -46,6 +46,8 @@ fn session(folder: &Folder) -> PathBuf {
         control: Some(ControlSection { points: "points.csv".into(), observations: None }),
         wand: None,
         board: None,
+        rig: None,
+        flash: false,
         refine: Some(RefineSection { markers_std_m: Some(0.002), ..RefineSection::default() }),
         camera: vec![camera("cam1"), camera("cam2")],
     };
@@ -171,7 +173,12 @@ fn wands_and_boards_are_read_and_senseless_ones_named() {
         &["board.together", "9 by 6"],
     );
     has(&with(&board(9, "square_m = 0.03"), "").unwrap_err(), &["camera: board", "no camera"]);
-    has(&spoilt("session.toml", "[control]\npoints = \"points.csv\"", ""), &["control", "[wand]"]);
+    has(&spoilt("session.toml", "[control]\npoints = \"points.csv\"", ""), &["control", "[wand]", "[rig]"]);
+    has(&with("[rig]\nfile = \"rig.toml\"", "").unwrap_err(), &["rig", "the cameras already"]);
+    let rig = |file: &str| {
+        spoilt("session.toml", "[control]\npoints = \"points.csv\"", &format!("[rig]\nfile = \"{file}\""))
+    };
+    has(&rig("none.toml"), &["rig.file", "none.toml"]);
     has(&spoilt("session.toml", "markers_std_m = 0.002", ""), &["refine", "asks for nothing"]);
 }
 

@@ -119,7 +119,7 @@ impl ExpectedFit {
     ///
     /// # Errors
     /// [`IdentifyError::PlannedStates`] for another number of instants, or of directions at some of them.
-    pub fn with_lasting(mut self, systematic: &[Matrix6xX<f64>]) -> Result<Self, IdentifyError> {
+    pub fn with_lasting(mut self, systematic: &[Matrix6xX<f32>]) -> Result<Self, IdentifyError> {
         let instants = self.states.len();
         let directions = systematic.first().map_or(0, Matrix6xX::ncols);
         if systematic.len() != instants || systematic.iter().any(|s| s.ncols() != directions) {
@@ -130,7 +130,7 @@ impl ExpectedFit {
             let t_s = m.t_ns as f64 * 1e-9;
             let whitener = m.pose.as_ref().and_then(|(_, covariance)| whitener(covariance));
             let whitener = whitener.ok_or(IdentifyError::BadMeasurement { t_s, what: "pose" })?;
-            moved += self.influence.columns(6 * k, 6) * (whitener * s);
+            moved += self.influence.columns(6 * k, 6) * (whitener * s.map(f64::from));
         }
         self.covariance += &moved * moved.transpose();
         for (k, p) in self.parameters.iter_mut().enumerate() {

@@ -4,8 +4,8 @@ use super::measure::{Measurements, StateMeasurement};
 use super::model::{FlightModel, ModelParameter};
 use super::prediction::predict_poses;
 use super::{
-    Correlation, Disagreement, ImageMeasurements, OutputErrorFit, OutputErrorOptions, disagreement,
-    output_error,
+    Correlation, Disagreement, ImageMeasurements, InitialFlapping, OutputErrorFit, OutputErrorOptions,
+    disagreement, output_error,
 };
 use crate::{Identification, IdentifyError};
 use mavsight_flight::{InputSeries, Vehicle};
@@ -63,7 +63,13 @@ pub struct FlightFits {
     pub held: Vec<ModelParameter>,
     /// Fits that were refused, and why.
     pub refusals: Vec<String>,
+    /// First and last time of what was fitted, where that is less than the flight.
+    pub stretch_s: Option<(f64, f64)>,
 }
+
+/// A flight is fitted in one piece up to this length: a fit holds tens of kilobytes for each instant, so that a bound keeps memory
+/// constant; a minute is twenty time constants of the fly-bar, the slowest that is fitted, and six manoeuvres.
+const LONGEST_S: f64 = 60.0;
 
 /// Two estimates of the same parameters.
 #[derive(Debug, Clone, PartialEq)]
@@ -87,6 +93,9 @@ struct Estimates {
 impl FlightFits {
     /// Fits the default model of a vehicle ([`FlightModel::new`]) to the poses and, where there are some, to the images.
     ///
+    /// Of a flight that is longer than a minute, the minute is fitted in which it turns most ([`telling_stretch_s`]); its flapping angles begin
+    /// anywhere, where it is not the flight's first.
+    ///
     /// Where the clocks are not known to agree, the lag of the inputs is free too: what is not known of it is then in all
     /// intervals. A flight that cannot tell it is fitted without. What is held out enters no fit; each then predicts its poses.
     ///
@@ -100,8 +109,16 @@ impl FlightFits {
         options: &FlightFitOptions,
     ) -> Result<Self, IdentifyError> {
         let model = FlightModel::new(vehicle, inputs)?;
+        let stretch_s = telling_stretch_s(poses);
+        let begins =
+            stretch_s.is_none_or(|(from_s, _)| poses.first().is_some_and(|p| seconds(p.t_ns) >= from_s));
+        let initial_flapping = if begins { InitialFlapping::Trim } else { InitialFlapping::Free };
+        let poses = within(poses, stretch_s, |p| p.t_ns);
+        let images =
+            images.map(|i| Images { observations: within(i.observations, stretch_s, |o| o.t_ns), ..i });
         let fit = |measured: Result<Measurements, IdentifyError>| {
-            let (measured, defaults) = (measured?, OutputErrorOptions::default());
+            let (measured, defaults) =
+                (measured?, OutputErrorOptions { initial_flapping, ..OutputErrorOptions::default() });
             let held = || output_error(&model, inputs, &measured, &defaults);
             if options.clock == InputClock::Known {
                 return held();
@@ -135,7 +152,7 @@ impl FlightFits {
         };
         let poses = kept("from poses", poses);
         let image = image.and_then(|fit| kept("from images", fit));
-        Ok(Self { poses, image, held: model.held(), refusals })
+        Ok(Self { poses, image, held: model.held(), refusals, stretch_s })
     }
 
     /// The fits with their names in `parameters.csv`.
@@ -165,6 +182,43 @@ impl FlightFits {
         }
         out
     }
+}
+
+fn seconds(t_ns: i64) -> f64 {
+    t_ns as f64 * 1e-9
+}
+
+/// What lies in a stretch of something that is in order of time.
+fn within<T>(all: &[T], stretch_s: Option<(f64, f64)>, t_ns: impl Fn(&T) -> i64) -> &[T] {
+    let Some((from_s, to_s)) = stretch_s else { return all };
+    let place = |t_s: f64, also: bool| {
+        all.partition_point(|x| seconds(t_ns(x)) < t_s || (also && seconds(t_ns(x)) <= t_s))
+    };
+    &all[place(from_s, false)..place(to_s, true)]
+}
+
+/// Of a flight that is too long for output error to fit in one piece, first and last time of the minute in which the aircraft turns
+/// most: the largest sum of squared angles from one pose to the next. Stretches begin every quarter of a minute.
+pub fn telling_stretch_s(poses: &[PoseSample]) -> Option<(f64, f64)> {
+    let (begin_s, end_s) = (seconds(poses.first()?.t_ns), seconds(poses.last()?.t_ns));
+    if end_s - begin_s <= LONGEST_S {
+        return None;
+    }
+    let turned = |from_s: f64| {
+        let own = within(poses, Some((from_s, from_s + LONGEST_S)), |p| p.t_ns);
+        let turns = own.windows(2).filter_map(|w| {
+            let [a, b] = [&w[0], &w[1]].map(|p| p.estimate.as_ref().map(|e| e.world_from_body.rotation));
+            Some(a?.angle_to(&b?).powi(2))
+        });
+        turns.sum::<f64>()
+    };
+    let last = ((end_s - begin_s - LONGEST_S) / (0.25 * LONGEST_S)).floor() as usize;
+    let starts = (0..=last).map(|k| begin_s + 0.25 * LONGEST_S * k as f64);
+    // Of equal ones the first.
+    let best = starts
+        .map(|s| (turned(s), s))
+        .fold((f64::NEG_INFINITY, begin_s), |a, b| if b.0 > a.0 { b } else { a });
+    Some((best.1, best.1 + LONGEST_S))
 }
 
 impl Images<'_> {
@@ -229,4 +283,50 @@ fn compare(first: &Estimates, second: &Estimates) -> Option<Comparison> {
         parameters: a.iter().map(|i| first.names[*i].clone()).collect(),
         test,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_geometry::{Isometry3, Matrix6, Vector3};
+    use mavsight_pose::PoseEstimate;
+
+    fn poses(count: i64, turn_rad: impl Fn(f64) -> f64) -> Vec<PoseSample> {
+        let estimate = |t_s: f64| PoseEstimate {
+            world_from_body: Isometry3::new(Vector3::zeros(), Vector3::y() * turn_rad(t_s)),
+            covariance: Matrix6::identity(),
+            systematic: nalgebra::Matrix6xX::zeros(0),
+            markers_used: vec![],
+            left_out: vec![],
+            residual_px: 0.0,
+        };
+        let pose = |k: i64| PoseSample {
+            t_ns: k * 100_000_000,
+            estimate: (k % 7 != 0).then(|| estimate(0.1 * k as f64)),
+            reason: None,
+        };
+        (0..count).map(pose).collect()
+    }
+
+    #[test]
+    fn a_long_flight_is_fitted_where_it_turns_most() {
+        let poses = poses(6001, |t| if (400.0..410.0).contains(&t) { t.sin() } else { 1e-3 * t.sin() });
+        let stretch = telling_stretch_s(&poses).expect("a stretch");
+        assert!(
+            stretch.0 <= 400.0 && stretch.1 >= 410.0 && stretch.1 - stretch.0 == LONGEST_S,
+            "{stretch:?}"
+        );
+        let inside = within(&poses, Some(stretch), |p| p.t_ns);
+        assert_eq!(inside.len(), 601);
+        assert_eq!((seconds(inside[0].t_ns), seconds(inside[600].t_ns)), stretch);
+    }
+
+    #[test]
+    fn a_short_flight_and_one_without_poses_are_whole() {
+        assert_eq!(telling_stretch_s(&poses(600, f64::sin)), None);
+        assert_eq!(telling_stretch_s(&[]), None);
+        // What stands still says nothing: the first minute.
+        assert_eq!(telling_stretch_s(&poses(6001, |_| 0.0)), Some((0.0, LONGEST_S)));
+        assert_eq!(within(&[1, 2, 3], None, |t| *t).len(), 3);
+    }
 }

@@ -37,9 +37,9 @@ impl StateMeasurement {
         let c = &sample.covariance;
         Self {
             t_ns: sample.t_ns,
-            pose: Some((sample.world_from_body, c.fixed_view::<6, 6>(0, 0).into_owned())),
-            velocity: Some((sample.velocity_in_body_m_s, c.fixed_view::<3, 3>(6, 6).into_owned())),
-            rates: Some((sample.rates_rad_s, c.fixed_view::<3, 3>(9, 9).into_owned())),
+            pose: Some((sample.world_from_body, c.pose())),
+            velocity: Some((sample.velocity_in_body_m_s, c.quantity(2))),
+            rates: Some((sample.rates_rad_s, c.quantity(3))),
         }
     }
 }

@@ -6,7 +6,7 @@ use mavsight_flight::{
 };
 use mavsight_geometry::{UnitQuaternion, Vector3, world_from_body};
 use mavsight_pose::{Motion, MotionSample, PoseEstimate, PoseSample, smooth};
-use nalgebra::{Matrix6, Matrix6xX, SMatrix, Translation3};
+use nalgebra::{Matrix6, Matrix6xX, Translation3};
 
 /// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX constants).
 pub(crate) fn normal(state: &mut u64) -> f64 {
@@ -99,7 +99,7 @@ impl Flown {
                 specific_force_m_s2: s.velocity_rate_m_s2 + s.rates_rad_s.cross(&s.velocity_in_body_m_s)
                     - gravity_in_body,
                 angular_acceleration_rad_s2: s.angular_acceleration_rad_s2,
-                covariance: SMatrix::zeros(),
+                covariance: mavsight_pose::MotionCovariance::default(),
             }
         };
         Motion {

@@ -72,7 +72,7 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
         truth: Some(&truth),
         options: IdentifyOptions::default(),
     };
-    let (results, notes) = solve(&flight, rig, tracked, Vec::new(), &bars)?;
+    let (results, notes) = solve(&flight, rig, tracked, Vec::new(), (Some(&args.out), &bars))?;
     let mut scores = scores_of(&results, &truth);
     let model = model_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
     scores.parameters =

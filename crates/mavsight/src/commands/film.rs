@@ -184,6 +184,8 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         control: Some(ControlSection { points: "control_points.csv".into(), observations: None }),
         wand: None,
         board: None,
+        rig: None,
+        flash: false,
         refine: None,
         camera: cameras,
     };

@@ -229,6 +229,8 @@ fn write_start(plan: &CameraPlan<'_>, vehicle: &Vehicle, out: &Path) -> Result<(
         control: Some(ControlSection { points: "control_points.csv".into(), observations: None }),
         wand: None,
         board: None,
+        rig: None,
+        flash: false,
         refine: None,
         camera: (0..plan.ranked[0].placed.len()).map(camera).collect(),
     };

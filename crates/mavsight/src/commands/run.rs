@@ -9,17 +9,18 @@ use anyhow::Result;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_identify::IdentifyError;
-use mavsight_identify::output_error::{FlightFitOptions, FlightFits, InputClock};
+use mavsight_identify::output_error::{FlightFitOptions, FlightFits, InputClock, telling_stretch_s};
 use mavsight_pipeline::{
     AsFlown, Board, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress,
     Refinement, TimedFrame, Tracked, Wand, board_of, body_markers, calibrate_from_observations,
-    calibrate_from_stills_and, identify_motion, motion_from_poses, output_error_fits, refine, wand_of,
+    calibrate_from_stills_and, identify_motion, motion_from_poses, motion_of, output_error_fits, refine,
+    wand_of,
 };
 use mavsight_pose::{CameraClock, ClockPrior, Motion, MovedObject, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
 use mavsight_session::{
     FrameSource, LineTime, MarkerAsBuilt, RunResults, Session, SessionCamera, TruthRow, read_image,
-    write_results,
+    write_markers_early, write_results,
 };
 use mavsight_vision::Frame;
 use std::path::Path;
@@ -35,7 +36,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let mut flight = Flight::of_session(&session, &inputs, truth.as_deref())?;
     flight.options.equation_error_only |= args.equation_error_only;
     flight.options.fit.held_out_s = args.hold_out.map(|Interval(from_s, to_s)| (from_s, to_s));
-    let (results, mut notes) = solve(&flight, refined.rig, tracked, refined.body, &bars)?;
+    let (results, mut notes) = solve(&flight, refined.rig, tracked, refined.body, (Some(&args.out), &bars))?;
     notes.extend(refined.note);
     let mut scores = truth.as_deref().map(|t| scores_of(&results, t));
     if let (Some(scores), Some(truth), Some(visible)) =
@@ -80,6 +81,9 @@ impl<'a> Flight<'a> {
 /// Solves for the cameras by stills or by clicked pixels, and by what was moved before them.
 pub(crate) fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
+    if let Some(rig) = named(session.rig())? {
+        return Ok(rig);
+    }
     let points = named(session.control_points())?;
     let objects = objects_of(session)?;
     let pixels = named(session.control_pixels())?;
@@ -181,7 +185,9 @@ fn as_built(body: &AsFlown) -> Vec<MarkerAsBuilt> {
 
 /// Every camera's frames.
 pub(crate) fn feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>> {
-    let feed = |(k, camera): (usize, &SessionCamera)| Ok(feed_of(camera, k == 0, session.open_camera(k)?));
+    let feed = |(k, camera): (usize, &SessionCamera)| {
+        Ok(feed_of(camera, k == 0, session.open_camera(k)?).with_flash(session.flash))
+    };
     session.cameras.iter().enumerate().map(feed).collect()
 }
 
@@ -231,10 +237,13 @@ pub(crate) fn first_frames(session: &Session) -> Result<Vec<Frame>> {
 pub(crate) fn solve(
     flight: &Flight<'_>,
     rig: Rig,
-    tracked: Tracked,
+    mut tracked: Tracked,
     body: Vec<MarkerAsBuilt>,
-    bars: &Bars,
+    (out, bars): (Option<&Path>, &Bars),
 ) -> Result<(RunResults, Vec<String>)> {
+    let motion = motion_of(&tracked, flight.vehicle, bars);
+    // Nobody asks for the diameters of an hour's balls any more.
+    drop(std::mem::take(&mut tracked.diameters_px));
     let mut results = RunResults {
         session: flight.name.to_owned(),
         camera_names: rig.cameras.iter().map(|c| c.name.clone()).collect(),
@@ -248,7 +257,13 @@ pub(crate) fn solve(
         ..RunResults::default()
     };
     let mut notes = tracked.notes;
-    notes.extend(identify_into(&mut results, flight, bars)?);
+    if let Some(out) = out
+        && let Some((from_s, to_s)) = telling_stretch_s(&results.poses)
+    {
+        // From here on only output error looks at images, and of a long flight at a minute.
+        write_markers_early(out, &mut results, |o| (from_s..=to_s).contains(&(o.t_ns as f64 * 1e-9)))?;
+    }
+    notes.extend(with_motion(&mut results, motion, flight, bars)?);
     Ok((results, notes))
 }
 
@@ -258,7 +273,17 @@ pub(crate) fn identify_into(
     flight: &Flight<'_>,
     bars: &Bars,
 ) -> Result<Vec<String>> {
-    match motion_from_poses(&results.poses, flight.vehicle, bars) {
+    let motion = motion_from_poses(&results.poses, flight.vehicle, bars);
+    with_motion(results, motion, flight, bars)
+}
+
+fn with_motion(
+    results: &mut RunResults,
+    motion: Result<Motion, PipelineError>,
+    flight: &Flight<'_>,
+    bars: &Bars,
+) -> Result<Vec<String>> {
+    match motion {
         Ok(motion) => fit_into(results, motion, flight, bars),
         Err(refusal) => Ok(vec![format!("No motion: {refusal}")]),
     }
@@ -273,7 +298,7 @@ pub(crate) fn fit_into(
 ) -> Result<Vec<String>> {
     let mut notes = Vec::new();
     let mut inputs = None;
-    match identify_motion(motion.clone(), flight.inputs, flight.vehicle, &flight.options, bars) {
+    match identify_motion(&motion, flight.inputs, flight.vehicle, &flight.options, bars) {
         Ok(solution) => {
             notes.extend(solution.clocks.words());
             inputs = Some(solution.inputs);
@@ -292,6 +317,12 @@ pub(crate) fn fit_into(
         results.output_error =
             output_error_of(results, flight, inputs.as_ref().unwrap_or(flight.inputs), bars)?;
         notes.extend(results.output_error.refusals.iter().cloned());
+        notes.extend(results.output_error.stretch_s.map(|(from_s, to_s)| {
+            format!(
+                "Output error fits the flight from {from_s:.1} s to {to_s:.1} s, where it turns most: of a longer flight a minute \
+                 is fitted."
+            )
+        }));
     }
     Ok(notes)
 }

@@ -77,7 +77,7 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
     let bars = Bars::new();
     let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
     let refined = refined(&session, rig, &mut tracked)?;
-    let motion = mavsight_pipeline::motion_from_poses(&tracked.poses, &session.vehicle, &bars).ok();
+    let motion = mavsight_pipeline::motion_of(&tracked, &session.vehicle, &bars).ok();
     bars.done();
     let results = RunResults {
         session: session.name.clone(),

@@ -164,3 +164,15 @@ fn cameras_that_share_no_instant_say_so() {
     streams[0].sights.clear();
     assert_eq!(estimate_clocks(&rig(), &body(), &streams)[1].clock, CameraClock::default());
 }
+
+#[test]
+fn a_long_flight_is_looked_at_in_even_stretches_and_a_short_one_whole() {
+    const S: i64 = 1_000_000_000;
+    assert_eq!(telling_stretches_ns((5 * S, 200 * S)), [(5 * S, 200 * S)]);
+    assert_eq!(telling_stretches_ns((0, 0)), [(0, 0)]);
+    let hour = telling_stretches_ns((7 * S, 3607 * S));
+    assert_eq!((hour.len(), hour[0].0, hour[59].1), (60, 7 * S, 3607 * S));
+    assert!(hour.iter().all(|(from, to)| to - from == 4 * S));
+    let gaps: Vec<i64> = hour.windows(2).map(|w| w[1].0 - w[0].1).collect();
+    assert!(gaps.iter().all(|g| (g - gaps[0]).abs() < 1000), "{gaps:?}");
+}

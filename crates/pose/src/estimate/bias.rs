@@ -2,8 +2,9 @@
 
 use super::PoseEstimator;
 use super::solve::Sight;
-use crate::{MarkerObservation, PoseError, PoseSample};
-use nalgebra::Vector2;
+use crate::{MarkerObservation, PoseError, PoseEstimate, PoseSample};
+use nalgebra::{Matrix6xX, Vector2};
+use std::collections::VecDeque;
 
 /// Lags over which residuals are compared: what is still there after up to a second counts as staying.
 const LONGEST_LAG_S: f64 = 1.0;
@@ -25,6 +26,21 @@ impl PoseEstimator {
         Ok(self)
     }
 
+    /// What each direction of error that stays does to a pose, in double precision: its systematic columns from the sights that it was
+    /// estimated from, of which those of markers that it did not use are passed over. `None` where they do not determine it.
+    pub fn lasting_effects(
+        &self,
+        seen: &[MarkerObservation],
+        estimate: &PoseEstimate,
+    ) -> Option<Matrix6xX<f64>> {
+        let used = seen.iter().filter(|o| estimate.markers_used.contains(&o.marker));
+        let sights: Vec<Sight> = used.map(|o| self.sight(o)).collect::<Result<_, _>>().ok()?;
+        let solution = self.at_pose(&sights, &estimate.world_from_body).ok()?;
+        let solution = self.bounded_from(&sights, solution);
+        let inverse = solution.normal.cholesky()?.inverse();
+        Some(self.systematic(&sights, &solution, &inverse).0)
+    }
+
     /// Standard deviation of what stays of the centres' errors, px, from the residuals of a flight's poses.
     ///
     /// The products of a sight's residuals at two times, up to a second apart, have the mean square of what stays, as far as
@@ -42,7 +58,7 @@ impl PoseEstimator {
         let unit = self.clone().with_centre_bias(1.0)?;
         let every = (poses.len() / SAMPLED_FRAMES).max(1);
         let blank = || vec![None; self.cameras.len() * self.markers.len()];
-        let mut residuals: Vec<Vec<Option<Vector2<f64>>>> = Vec::with_capacity(poses.len());
+        let mut products = LaggedProducts::default();
         let (mut explained, mut by_unit, mut sampled) = (0.0, 0.0, 0.0);
         let mut rest = observations;
         for (k, pose) in poses.iter().enumerate() {
@@ -69,12 +85,12 @@ impl PoseEstimator {
                     sampled += sights.len() as f64;
                 }
             }
-            residuals.push(row);
+            products.add(pose.t_ns, row);
         }
         if self.lasting.is_fitted {
             explained = 0.0;
         }
-        let (product, pairs) = lagged_products(poses, &residuals);
+        let LaggedProducts { product, pairs, .. } = products;
         if pairs < 1.0 || by_unit <= 0.0 {
             return Ok(0.0);
         }
@@ -82,21 +98,29 @@ impl PoseEstimator {
     }
 }
 
-/// Sum and number of the products of each sight's residuals at two times.
-fn lagged_products(poses: &[PoseSample], residuals: &[Vec<Option<Vector2<f64>>>]) -> (f64, f64) {
-    let (mut product, mut pairs) = (0.0, 0.0);
-    for (k, first) in residuals.iter().enumerate() {
-        for (later, second) in poses[k + 1..].iter().zip(&residuals[k + 1..]) {
-            if (later.t_ns - poses[k].t_ns) as f64 * 1e-9 > LONGEST_LAG_S {
-                break;
-            }
-            for (a, b) in first.iter().zip(second) {
+/// Sum and number of the products of each sight's residuals at two times, as they come; no more than those of the longest lag are
+/// held.
+#[derive(Default)]
+struct LaggedProducts {
+    product: f64,
+    pairs: f64,
+    recent: VecDeque<(i64, Vec<Option<Vector2<f64>>>)>,
+}
+
+impl LaggedProducts {
+    fn add(&mut self, t_ns: i64, row: Vec<Option<Vector2<f64>>>) {
+        let is_old = |before_ns: i64| (t_ns - before_ns) as f64 * 1e-9 > LONGEST_LAG_S;
+        while self.recent.front().is_some_and(|(before_ns, _)| is_old(*before_ns)) {
+            self.recent.pop_front();
+        }
+        for (_, before) in &self.recent {
+            for (a, b) in before.iter().zip(&row) {
                 if let (Some(a), Some(b)) = (a, b) {
-                    product += a.dot(b);
-                    pairs += 1.0;
+                    self.product += a.dot(b);
+                    self.pairs += 1.0;
                 }
             }
         }
+        self.recent.push_back((t_ns, row));
     }
-    (product, pairs)
 }

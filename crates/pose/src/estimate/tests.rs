@@ -245,7 +245,7 @@ fn systematic_columns_are_what_errors_of_cameras_and_markers_do() {
             estimator.estimate(0, &sights, None).unwrap().world_from_body
         };
         let want = error(&moved_pose(1.0), &moved_pose(-1.0)) / (2.0 * step);
-        let got = at.systematic.column(c);
+        let got = at.systematic_column(c);
         assert!((got - want).norm() < 2e-3 * (want.norm() + 1e-5), "column {c}: {got} against {want}");
     }
 }

@@ -2,7 +2,7 @@ use super::*;
 use crate::testing::normal3;
 use crate::{ChainNoise, PoseEstimate};
 use mavsight_geometry::{EulerAngles, Isometry3, Matrix3, Matrix6, UnitQuaternion, Vector3, world_from_body};
-use nalgebra::{SVector, Translation3};
+use nalgebra::{Matrix6xX, SVector, Translation3};
 use std::f64::consts::PI;
 
 const GRAVITY: f64 = 9.804;
@@ -97,7 +97,8 @@ fn coverage(motion: &Motion, truth: impl Fn(usize) -> Truth) -> ([f64; 3], SVect
             error.fixed_rows_mut::<3>(6 + 3 * k).copy_from(&(v - want.fixed_rows::<3>(3 * k)));
         }
         for k in 0..18 {
-            inside[k / 6] += f64::from(error[k].abs() <= 1.96 * s.covariance[(k, k)].sqrt()) / (6.0 * count);
+            inside[k / 6] +=
+                f64::from(error[k].abs() <= 1.96 * s.covariance.variance(k).sqrt()) / (6.0 * count);
             squares[k] += error[k] * error[k] / count;
         }
     }
@@ -212,7 +213,7 @@ fn intervals_hold_in_gaps_and_grow_there() {
             }
         }
         let motion = smooth(&poses, GRAVITY).unwrap();
-        let std = |k: usize| motion.samples[k].covariance[(0, 0)].sqrt();
+        let std = |k: usize| motion.samples[k].covariance.variance(0).sqrt();
         assert!(std(95) > 2.0 * std(80) && std(95) < 0.1, "{} then {}", std(80), std(95));
         let in_gaps: Vec<usize> = (0..poses.len()).filter(|k| gap(*k)).collect();
         let samples = in_gaps.iter().map(|k| motion.samples[*k].clone()).collect();
@@ -233,8 +234,9 @@ fn what_errors_that_stay_do_to_the_motion_is_their_smoothed_course() {
         let t = p.t_ns as f64 * 1e-9;
         if let Some(e) = &mut p.estimate {
             let column = |k: usize| (1.0 + 0.3 * k as f64) * (t + k as f64).sin() * 1e-3;
-            e.systematic = Matrix6xX::from_fn(2, |i, j| column(i + 6 * j));
-            e.covariance += &e.systematic * e.systematic.transpose();
+            e.systematic = Matrix6xX::from_fn(2, |i, j| column(i + 6 * j) as f32);
+            let systematic = e.systematic.map(f64::from);
+            e.covariance += &systematic * systematic.transpose();
         }
     }
     let noise = crate::motion_noise(&poses).unwrap();
@@ -243,7 +245,7 @@ fn what_errors_that_stay_do_to_the_motion_is_their_smoothed_course() {
         let displaced = |step: f64| {
             let mut poses = poses.clone();
             for e in poses.iter_mut().filter_map(|p| p.estimate.as_mut()) {
-                let by = e.systematic.column(c) * step;
+                let by = e.systematic_column(c) * step;
                 let pose = &mut e.world_from_body;
                 pose.translation.vector += by.fixed_rows::<3>(0);
                 pose.rotation *= UnitQuaternion::from_scaled_axis(by.fixed_rows::<3>(3).into_owned());
@@ -267,7 +269,7 @@ fn what_errors_that_stay_do_to_the_motion_is_their_smoothed_course() {
     let motion = smooth(&poses, GRAVITY).unwrap();
     let (sample, state) = (&motion.samples[30], &states[30]);
     let effect = state.effects.row(1).norm_squared();
-    assert!((sample.covariance[(1, 1)] / (state.covariance[(1, 1)] + effect) - 1.0).abs() < 1e-3);
+    assert!((sample.covariance.variance(1) / (state.covariance[(1, 1)] + effect) - 1.0).abs() < 1e-3);
 }
 
 #[test]
@@ -285,7 +287,7 @@ fn hover_reads_minus_g() {
         .collect();
     let motion = smooth(&poses, GRAVITY).unwrap();
     for s in &motion.samples {
-        let std = s.covariance.diagonal().map(f64::sqrt);
+        let std = s.covariance.variances().map(f64::sqrt);
         assert!((s.specific_force_m_s2.z + GRAVITY).abs() < 4.0 * std[14] + 1e-3);
         assert!(s.specific_force_m_s2.x.abs() < 4.0 * std[12] + 1e-3);
     }

@@ -317,7 +317,7 @@ impl Tally {
                 self.add(
                     2 + k,
                     &smoothed.fixed_rows::<3>(3 * k).into_owned(),
-                    &sample.covariance.fixed_view::<3, 3>(3 * k, 3 * k).into_owned(),
+                    &sample.covariance.quantity(k),
                 );
             }
         }

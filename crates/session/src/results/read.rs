@@ -130,7 +130,7 @@ fn with_new_part(
     columns: &[usize],
     pose: &[f64; 6],
     stds: &[f64; 6],
-) -> Result<(Matrix6<f64>, Matrix6xX<f64>), SessionError> {
+) -> Result<(Matrix6<f64>, Matrix6xX<f32>), SessionError> {
     let mut own = Matrix6::zeros();
     for ((i, j), column) in columns::upper_triangle().zip(columns) {
         let [value] = row.numbers([*column])?;
@@ -152,7 +152,9 @@ fn with_new_part(
         let column = to_turn.column(k) * beyond(stds[3 + k], turn[(k, k)]);
         systematic.fixed_view_mut::<3, 1>(3, 3 + k).copy_from(&column);
     }
-    Ok((own + &systematic * systematic.transpose(), systematic))
+    let systematic = systematic.map(|v: f64| v as f32);
+    let rounded = systematic.map(f64::from);
+    Ok((own + &rounded * rounded.transpose(), systematic))
 }
 
 /// Reads `summary.json`.

@@ -5,7 +5,7 @@ use super::read::{isometry, read_poses, read_summary};
 use crate::SessionError;
 use crate::table::Table;
 use mavsight_geometry::Vector3;
-use mavsight_pose::{Motion, MotionSample, PoseSample, covariance_from_std};
+use mavsight_pose::{Motion, MotionCovariance, MotionSample, PoseSample, covariance_from_std};
 use nalgebra::SMatrix;
 use std::path::Path;
 
@@ -138,6 +138,6 @@ fn motion_sample(t_ns: i64, value: &[f64; 18], std: &[f64; 18]) -> MotionSample 
         rates_rad_s: three(9),
         specific_force_m_s2: three(12),
         angular_acceleration_rad_s2: three(15),
-        covariance: all,
+        covariance: MotionCovariance::of(&all),
     }
 }

@@ -1,25 +1,29 @@
 //! Results into their files.
 
 use super::{RESULTS_SCHEMA, RunResults, body, columns, names, rig_file};
-use crate::{SessionError, make_folder, s_from_ns, write_whole};
+use crate::atomic::PartFile;
+use crate::{SessionError, make_folder, s_from_ns};
 use mavsight_geometry::{EulerAngles, Isometry3};
 use mavsight_identify::CoefficientTable;
 use mavsight_pose::{MarkerObservation, Motion, MotionSample, PoseSample, euler_std};
+use std::io::{self, Write};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Writes what a run found into a folder, which is made where it is missing.
 ///
-/// Everything is formed before the first file is touched, each file is renamed into its place, `summary.json` last;
-/// when one cannot be written, those of this call are taken away again.
+/// Every file is written whole beside its place before the first is renamed into it, `summary.json` last; when one cannot be
+/// written, those of this call are taken away again. Tables go to the disk row by row.
 ///
 /// # Errors
 /// A folder that is a file, or what the file system refuses.
 pub fn write_results(folder: &Path, results: &RunResults) -> Result<(), SessionError> {
-    let files = files(results, folder)?;
     make_folder(folder)?;
-    for (k, (name, content)) in files.iter().enumerate() {
-        if let Err(error) = write_whole(&folder.join(name), content) {
-            for (written, _) in &files[..k] {
+    let parts = parts(results, folder)?;
+    let names: Vec<&str> = parts.iter().map(|(name, _)| *name).collect();
+    for (k, (_, part)) in parts.into_iter().enumerate() {
+        if let Err(error) = part.keep() {
+            for written in &names[..k] {
                 // The first failure is what the user must know.
                 drop(std::fs::remove_file(folder.join(written)));
             }
@@ -34,59 +38,92 @@ pub fn write_results(folder: &Path, results: &RunResults) -> Result<(), SessionE
 /// # Errors
 /// What the file system refuses.
 pub fn write_markers(path: &Path, results: &RunResults) -> Result<(), SessionError> {
-    write_whole(path, &markers(&results.markers, results))
+    PartFile::write(path, |out| markers(&results.markers, results, out))?.keep()
 }
 
-fn files(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Vec<u8>)>, SessionError> {
-    let mut files = Vec::new();
+/// A file that is written and waits beside its place until [`write_results`] puts it there; it is taken away where that never
+/// comes.
+#[derive(Debug, Clone)]
+pub struct EarlyFile(Arc<PartFile>);
+
+/// Writes `markers.csv` beside its place in a folder and lets go of the markers of which `is_needed` says no: those of an hour are
+/// many, and few are looked at again.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_markers_early(
+    folder: &Path,
+    results: &mut RunResults,
+    is_needed: impl Fn(&MarkerObservation) -> bool,
+) -> Result<(), SessionError> {
+    let path = folder.join(names::MARKERS);
+    let part = PartFile::write(&path, |out| markers(&results.markers, results, out))?;
+    results.markers_file = Some(EarlyFile(Arc::new(part)));
+    results.markers.retain(is_needed);
+    results.markers.shrink_to_fit();
+    Ok(())
+}
+
+fn parts(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Arc<PartFile>)>, SessionError> {
+    let mut parts: Vec<(&'static str, Arc<PartFile>)> = Vec::new();
+    if let Some(EarlyFile(early)) = &results.markers_file {
+        parts.push((names::MARKERS, early.clone()));
+    }
+    let mut part = |name: &'static str, content: &dyn Fn(&mut dyn Write) -> io::Result<()>| {
+        PartFile::write(&folder.join(name), content).map(|file| parts.push((name, Arc::new(file))))
+    };
     if let Some(rig) = &results.rig {
-        files.push((names::RIG, rig_file::text(rig, &folder.join(names::RIG))?.into_bytes()));
+        let text = rig_file::text(rig, &folder.join(names::RIG))?;
+        part(names::RIG, &|out| out.write_all(text.as_bytes()))?;
     }
     if !results.poses.is_empty() || !results.markers.is_empty() {
-        files.push((names::MARKERS, markers(&results.markers, results)));
-        files.push((names::POSE, poses(&results.poses, &results.marker_names)));
+        if results.markers_file.is_none() {
+            part(names::MARKERS, &|out| markers(&results.markers, results, out))?;
+        }
+        part(names::POSE, &|out| poses(&results.poses, &results.marker_names, out))?;
     }
     if !results.body.is_empty() {
-        let mut lines = Lines(csv::Writer::from_writer(Vec::new()));
-        body::rows(&results.body).into_iter().for_each(|row| lines.push(row));
-        files.push((names::BODY, lines.bytes()));
+        part(names::BODY, &|out| {
+            let mut lines = Lines(csv::Writer::from_writer(out));
+            body::rows(&results.body).into_iter().try_for_each(|row| lines.push(row))?;
+            lines.end()
+        })?;
     }
     if let Some(motion) = &results.motion {
-        files.push((names::MOTION, motion_table(motion)));
+        part(names::MOTION, &|out| motion_table(motion, out))?;
     }
     if let Some(table) = &results.coefficients {
-        files.push((names::COEFFICIENTS, coefficients(table)));
+        part(names::COEFFICIENTS, &|out| coefficients(table, out))?;
     }
     if results.identification.is_some() || results.output_error.named().next().is_some() {
-        files.push((names::PARAMETERS, parameters(results)));
+        part(names::PARAMETERS, &|out| parameters(results, out))?;
     }
     if let Some(summary) = summary(results) {
         let text = serde_json::to_string_pretty(&summary).map_err(|e| {
-            let source = std::io::Error::other(e.to_string());
+            let source = io::Error::other(e.to_string());
             SessionError::io(&folder.join(names::SUMMARY), "express it as JSON", source)
         })?;
-        files.push((names::SUMMARY, (text + "\n").into_bytes()));
+        part(names::SUMMARY, &|out| out.write_all((text.clone() + "\n").as_bytes()))?;
     }
-    Ok(files)
+    Ok(parts)
 }
 
 /// Rows of cells, with quotes where a cell needs them.
-struct Lines(csv::Writer<Vec<u8>>);
+struct Lines<'a>(csv::Writer<&'a mut dyn Write>);
 
-impl Lines {
-    fn new<T: AsRef<[u8]>>(header: impl IntoIterator<Item = T>) -> Self {
-        let mut lines = Self(csv::Writer::from_writer(Vec::new()));
-        lines.push(header);
-        lines
+impl<'a> Lines<'a> {
+    fn new<T: AsRef<[u8]>>(out: &'a mut dyn Write, header: impl IntoIterator<Item = T>) -> io::Result<Self> {
+        let mut lines = Self(csv::Writer::from_writer(out));
+        lines.push(header)?;
+        Ok(lines)
     }
 
-    fn push<T: AsRef<[u8]>>(&mut self, cells: impl IntoIterator<Item = T>) {
-        // Every row has as many cells as the header, and memory does not fail: the only two errors there are.
-        let _ = self.0.write_record(cells);
+    fn push<T: AsRef<[u8]>>(&mut self, cells: impl IntoIterator<Item = T>) -> io::Result<()> {
+        self.0.write_record(cells).map_err(io::Error::from)
     }
 
-    fn bytes(self) -> Vec<u8> {
-        self.0.into_inner().unwrap_or_default()
+    fn end(mut self) -> io::Result<()> {
+        self.0.flush()
     }
 }
 
@@ -107,8 +144,8 @@ fn name_of(names: &[String], index: usize) -> String {
     names.get(index).cloned().unwrap_or_else(|| index.to_string())
 }
 
-fn markers(observations: &[MarkerObservation], results: &RunResults) -> Vec<u8> {
-    let mut lines = Lines::new(columns::MARKERS);
+fn markers(observations: &[MarkerObservation], results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
+    let mut lines = Lines::new(out, columns::MARKERS)?;
     for o in observations {
         lines.push([
             time(o.t_ns),
@@ -118,9 +155,9 @@ fn markers(observations: &[MarkerObservation], results: &RunResults) -> Vec<u8> 
             number(o.pixel.y),
             number(o.covariance_px2[(0, 0)].sqrt()),
             number(o.covariance_px2[(1, 1)].sqrt()),
-        ]);
+        ])?;
     }
-    lines.bytes()
+    lines.end()
 }
 
 fn pose_values(world_from_body: &Isometry3<f64>) -> [f64; 6] {
@@ -128,14 +165,14 @@ fn pose_values(world_from_body: &Isometry3<f64>) -> [f64; 6] {
     [p.x, p.y, p.z, e.phi_rad, e.theta_rad, e.psi_rad]
 }
 
-fn poses(samples: &[PoseSample], marker_names: &[String]) -> Vec<u8> {
+fn poses(samples: &[PoseSample], marker_names: &[String], out: &mut dyn Write) -> io::Result<()> {
     let mut header = vec!["t_s".to_owned()];
     header.extend(columns::POSE.map(columns::value));
     header.extend(columns::POSE.map(columns::std));
     header.extend(["markers".to_owned(), "residual_px".to_owned()]);
     header.extend(columns::upper_triangle().map(columns::new_covariance));
     let width = header.len();
-    let mut lines = Lines::new(header);
+    let mut lines = Lines::new(out, header)?;
     for sample in samples {
         let mut cells = vec![time(sample.t_ns)];
         if let Some(e) = &sample.estimate {
@@ -149,21 +186,21 @@ fn poses(samples: &[PoseSample], marker_names: &[String]) -> Vec<u8> {
             cells.extend(columns::upper_triangle().map(|at| number(own[at])));
         }
         cells.resize(width, String::new());
-        lines.push(cells);
+        lines.push(cells)?;
     }
-    lines.bytes()
+    lines.end()
 }
 
-fn motion_table(motion: &Motion) -> Vec<u8> {
+fn motion_table(motion: &Motion, out: &mut dyn Write) -> io::Result<()> {
     let quantities = columns::POSE.iter().chain(&columns::RATES);
     let header = quantities.flat_map(|q| [columns::value(*q), columns::std(*q)]);
-    let mut lines = Lines::new(std::iter::once("t_s".to_owned()).chain(header));
+    let mut lines = Lines::new(out, std::iter::once("t_s".to_owned()).chain(header))?;
     for sample in &motion.samples {
         let (values, stds) = motion_values(sample);
         let cells = values.iter().zip(&stds).flat_map(|(value, std)| [number(*value), number(*std)]);
-        lines.push(std::iter::once(time(sample.t_ns)).chain(cells));
+        lines.push(std::iter::once(time(sample.t_ns)).chain(cells))?;
     }
-    lines.bytes()
+    lines.end()
 }
 
 fn motion_values(sample: &MotionSample) -> (Vec<f64>, Vec<f64>) {
@@ -176,21 +213,21 @@ fn motion_values(sample: &MotionSample) -> (Vec<f64>, Vec<f64>) {
     ] {
         values.extend(part.iter());
     }
-    let mut stds: Vec<f64> = sample.covariance.diagonal().iter().map(|v| v.sqrt()).collect();
-    let turn = sample.covariance.fixed_view::<3, 3>(3, 3).into_owned();
+    let mut stds: Vec<f64> = sample.covariance.variances().iter().map(|v| v.sqrt()).collect();
+    let turn = sample.covariance.quantity(1);
     for (std, euler) in stds.iter_mut().skip(3).zip(euler_std(&sample.world_from_body, &turn).iter()) {
         *std = *euler;
     }
     (values, stds)
 }
 
-fn coefficients(table: &CoefficientTable) -> Vec<u8> {
+fn coefficients(table: &CoefficientTable, out: &mut dyn Write) -> io::Result<()> {
     let mut header = vec!["t_s".to_owned()];
     for output in &table.outputs {
         header.push(output.name.clone());
         header.extend(output.columns.iter().map(|c| format!("{}:{}", output.name, c.name)));
     }
-    let mut lines = Lines::new(header);
+    let mut lines = Lines::new(out, header)?;
     let cell = |values: &[f64], k: usize| optional(values.get(k).copied());
     for (k, t_s) in table.t_s.iter().enumerate() {
         let mut cells = vec![format!("{t_s:.9}")];
@@ -198,13 +235,13 @@ fn coefficients(table: &CoefficientTable) -> Vec<u8> {
             cells.push(cell(&output.values, k));
             cells.extend(output.columns.iter().map(|c| cell(&c.values, k)));
         }
-        lines.push(cells);
+        lines.push(cells)?;
     }
-    lines.bytes()
+    lines.end()
 }
 
-fn parameters(results: &RunResults) -> Vec<u8> {
-    let mut lines = Lines::new(columns::PARAMETERS);
+fn parameters(results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
+    let mut lines = Lines::new(out, columns::PARAMETERS)?;
     for fit in results.identification.iter().flat_map(|i| &i.fits) {
         let begin = || vec![fit.estimator.name().to_owned(), fit.output.clone()];
         for p in &fit.parameters {
@@ -212,13 +249,13 @@ fn parameters(results: &RunResults) -> Vec<u8> {
             cells.push(p.name.clone());
             cells.extend([p.value, p.std, p.ci_low, p.ci_high].map(optional));
             cells.push(p.identifiable.to_string());
-            lines.push(cells);
+            lines.push(cells)?;
         }
         for c in &fit.combinations {
             let mut cells = begin();
             cells.extend([c.text.clone(), number(c.value), number(c.std), String::new(), String::new()]);
             cells.push("true".to_owned());
-            lines.push(cells);
+            lines.push(cells)?;
         }
     }
     for (estimator, fit) in results.output_error.named() {
@@ -231,16 +268,16 @@ fn parameters(results: &RunResults) -> Vec<u8> {
             let mut cells = begin(p.name);
             cells.extend([p.value, p.std, p.ci_low, p.ci_high].map(number));
             cells.push(p.identifiable.to_string());
-            lines.push(cells);
+            lines.push(cells)?;
         }
         for parameter in &results.output_error.held {
             let mut cells = begin(parameter.name());
             cells.extend(vec![String::new(); 4]);
             cells.push("false".to_owned());
-            lines.push(cells);
+            lines.push(cells)?;
         }
     }
-    lines.bytes()
+    lines.end()
 }
 
 /// The summary with the schema's version, the session's name, and what the motion table cannot say of itself.

@@ -1,0 +1,65 @@
+//! How much memory a flight takes, stage by stage, from its markers on: `cargo run --release -p mavsight-pipeline --example memory --
+//! 108000`, an hour of two cameras at 30 Hz. Linux alone tells the peak.
+
+#[path = "../tests/long_flight/mod.rs"]
+mod long_flight;
+
+use long_flight::{inputs, instants, rig};
+use mavsight_flight::Vehicle;
+use mavsight_pipeline::{IdentifyOptions, Quiet, identify_motion, motion_of, reconstruct};
+use mavsight_session::{RunResults, write_results};
+
+/// Instants of an hour.
+const HOUR: f64 = 108_000.0;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let count: usize = std::env::args().nth(1).and_then(|n| n.parse().ok()).unwrap_or(9000);
+    let (rig, vehicle) = (rig(), Vehicle::paper());
+    let flown = inputs(count);
+    let before = told("program and inputs", count, 0.0);
+    let tracked = reconstruct(&rig, &vehicle, instants(&rig, count))?;
+    told("observations and poses", count, before);
+    let motion = motion_of(&tracked, &vehicle, &Quiet)?;
+    told("motion", count, before);
+    let solved = identify_motion(&motion, &flown, &vehicle, &IdentifyOptions::default(), &Quiet);
+    told("coefficients and fits", count, before);
+    let mut results = RunResults {
+        session: "memory".into(),
+        rig: Some(rig),
+        markers: tracked.observations,
+        poses: tracked.poses,
+        motion: Some(motion),
+        ..RunResults::default()
+    };
+    match solved {
+        Ok(solution) => {
+            results.coefficients = Some(solution.coefficients);
+            results.identification = Some(solution.identification);
+        }
+        Err(refusal) => println!("no parameters: {refusal}"),
+    }
+    let folder = std::env::temp_dir().join(format!("mavsight-memory-{}", std::process::id()));
+    write_results(&folder, &results)?;
+    told("result files", count, before);
+    std::fs::remove_dir_all(&folder)?;
+    Ok(())
+}
+
+/// Prints what is held now and was held at most since it was asked last, in MB and for an hour.
+fn told(what: &str, count: usize, before_mb: f64) -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let of = |key: &str| {
+        let line = status.lines().find_map(|l| l.strip_prefix(key)).unwrap_or_default();
+        line.trim().trim_end_matches("kB").trim().parse::<f64>().unwrap_or(f64::NAN) / 1e3
+    };
+    let (held_mb, most_mb) = (of("VmRSS:"), of("VmHWM:"));
+    let hour = |mb: f64| (mb - before_mb) * HOUR / count as f64;
+    println!(
+        "{what:>24}: {held_mb:7.1} MB, at most {most_mb:7.1} MB; an hour {:6.0} MB, at most {:6.0} MB",
+        hour(held_mb),
+        hour(most_mb)
+    );
+    // The peak from here on.
+    drop(std::fs::write("/proc/self/clear_refs", "5"));
+    held_mb
+}

@@ -1,0 +1,147 @@
+//! When the light flashed: a start for clocks that nothing else tells.
+
+use crate::stream::Stream;
+use mavsight_vision::{Frame, Pixels};
+
+/// Every so many pixels along a row and down a column are looked at: the mean of a few thousand is steadier than any light.
+const STRIDE: usize = 8;
+
+/// A jump of brightness that is a flash is larger than all others by this factor: of two that are about as large, neither is one.
+const ALONE: f64 = 2.0;
+
+/// Frames that must be seen before anything stands out.
+const LEAST_FRAMES: usize = 10;
+
+/// Mean brightness of a frame.
+pub(crate) fn brightness(frame: &Frame) -> f32 {
+    let (width, step) = (frame.size.width_px as usize, STRIDE);
+    let (samples, channels) = match &frame.pixels {
+        Pixels::Rgb(rgb) => (rgb, 3),
+        Pixels::Yuv420 { y, .. } => (y, 1),
+    };
+    let rows = samples.chunks_exact((channels * width).max(1)).step_by(step);
+    let (mut sum, mut count) = (0_u64, 0_u32);
+    for value in rows.flat_map(|row| row.iter().step_by(channels * step)) {
+        (sum, count) = (sum + u64::from(*value), count + 1);
+    }
+    (sum as f64 / f64::from(count.max(1))) as f32
+}
+
+/// The stamp of the frame whose brightness rises most over that of the frame before it, in seconds; none where another
+/// changes by half as much.
+pub(crate) fn flash_s(stamps_ns: &[i64], brightness: &[f32]) -> Option<f64> {
+    if brightness.len() < LEAST_FRAMES || stamps_ns.len() != brightness.len() {
+        return None;
+    }
+    let rises = || brightness.windows(2).enumerate().map(|(k, w)| (k + 1, f64::from(w[1] - w[0])));
+    let (at, rise) = rises().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    // A flash that two frames share rises twice, and goes out within the next two.
+    let others = rises().filter(|(k, _)| *k + 1 < at || *k > at + 3).map(|(_, r)| r.abs());
+    let largest = others.fold(0.0, f64::max);
+    (rise > ALONE * largest && rise > 0.0).then(|| stamps_ns[at] as f64 * 1e-9)
+}
+
+/// Starts each clock of which nothing is known from the flash that its camera and the first saw. A frame shows a flash of any moment
+/// between it and the frame before, so that a start is known to the root of a twelfth of both intervals' squares. Says what
+/// was found, and what was not.
+pub(crate) fn start_clocks(streams: &mut [Stream]) -> Vec<String> {
+    let seen = |s: &Stream| s.brightness.as_ref().map(|b| flash_s(&s.stamps_ns, b));
+    let Some((first, others)) = streams.split_first_mut() else { return Vec::new() };
+    let Some(of_first) = seen(first) else { return Vec::new() };
+    let mut notes = Vec::new();
+    for stream in others.iter_mut().filter(|s| s.clock.offset_std_s > 0.0) {
+        let Some((here_s, there_s)) = of_first.zip(seen(stream).flatten()) else {
+            let name = if of_first.is_none() { &first.name } else { &stream.name };
+            notes.push(format!(
+                "{name} shows no flash that stands out: the clock of {} is estimated without. Flash once, at all cameras, from where \
+                 it lights the room.",
+                stream.name
+            ));
+            continue;
+        };
+        let offset_s = there_s - first.clock.clock.time_s((here_s * 1e9).round() as i64, 0.0);
+        let std_s = ((first.interval_s().powi(2) + stream.interval_s().powi(2)) / 12.0).sqrt();
+        if std_s < stream.clock.offset_std_s {
+            (stream.clock.clock.offset_s, stream.clock.offset_std_s) = (offset_s, std_s);
+            notes.push(format!(
+                "The flash, in {} at {here_s:.3} s, puts {} {:.1} ± {:.1} ms late: the estimation starts from there.",
+                first.name,
+                stream.name,
+                1e3 * offset_s,
+                1e3 * std_s
+            ));
+        }
+    }
+    notes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_geometry::Vector2;
+    use mavsight_pose::{CameraClock, ClockPrior};
+
+    fn stream(name: &str, flash_at: usize, prior: ClockPrior) -> Stream {
+        let mut stream = Stream::new(name.into(), prior, Vector2::y());
+        stream.stamps_ns = stamps(100);
+        let light = |k: usize| 100.0 + 0.3 * (k % 3) as f32 + if k == flash_at { 40.0 } else { 0.0 };
+        stream.brightness = Some((0..100).map(light).collect());
+        stream
+    }
+
+    #[test]
+    fn a_flash_is_where_an_unknown_clock_starts_and_a_known_one_stays() {
+        let known = ClockPrior::known(CameraClock::default());
+        let mut streams =
+            [stream("a", 20, known), stream("b", 70, ClockPrior::unknown()), stream("c", 70, known)];
+        let notes = start_clocks(&mut streams);
+        let b = streams[1].clock;
+        assert!((b.clock.offset_s - 2.0).abs() < 1e-9, "{b:?}");
+        assert!((b.offset_std_s - 0.04 / 6f64.sqrt()).abs() < 1e-9, "{b:?}");
+        assert_eq!(streams[2].clock, known);
+        assert!(notes.len() == 1 && notes[0].contains("puts b 2000.0 ± 16.3 ms late"), "{notes:?}");
+    }
+
+    #[test]
+    fn a_camera_without_a_flash_is_named_and_nothing_is_said_where_none_is_looked_for() {
+        let known = ClockPrior::known(CameraClock::default());
+        let mut streams = [stream("a", 20, known), stream("b", 1000, ClockPrior::unknown())];
+        let notes = start_clocks(&mut streams);
+        assert!(notes.len() == 1 && notes[0].starts_with("b shows no flash"), "{notes:?}");
+        assert_eq!(streams[1].clock, ClockPrior::unknown());
+        streams.iter_mut().for_each(|s| s.brightness = None);
+        assert!(start_clocks(&mut streams).is_empty());
+    }
+    use mavsight_vision::ImageSize;
+
+    fn stamps(count: i64) -> Vec<i64> {
+        (0..count).map(|k| k * 40_000_000).collect()
+    }
+
+    #[test]
+    fn the_brightness_of_both_kinds_of_frame_is_their_mean() {
+        let size = ImageSize { width_px: 32, height_px: 16 };
+        assert_eq!(brightness(&Frame::from_rgb(size, vec![70; 3 * 512]).unwrap()), 70.0);
+        let planes = [vec![90; 512], vec![128; 128], vec![128; 128]];
+        let yuv = Frame::from_yuv420(size, planes, true, mavsight_vision::YuvMatrix::Bt601).unwrap();
+        assert_eq!(brightness(&yuv), 90.0);
+    }
+
+    #[test]
+    fn a_flash_is_found_in_noise_and_drifting_light_and_a_lamp_switched_on_too() {
+        let light = |k: i64| 100.0 + 5.0 * (0.02 * k as f32).sin() + 0.2 * (k * 7 % 5) as f32;
+        let flash: Vec<f32> = (0..200).map(|k| light(k) + if k == 130 { 30.0 } else { 0.0 }).collect();
+        assert!((flash_s(&stamps(200), &flash).unwrap() - 5.2).abs() < 1e-9);
+        let lamp: Vec<f32> = (0..200).map(|k| light(k) + if k >= 60 { 30.0 } else { 0.0 }).collect();
+        assert!((flash_s(&stamps(200), &lamp).unwrap() - 2.4).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_does_not_stand_out_is_none() {
+        let two: Vec<f32> = (0..200).map(|k| if k == 50 || k == 130 { 130.0 } else { 100.0 }).collect();
+        assert_eq!(flash_s(&stamps(200), &two), None);
+        assert_eq!(flash_s(&stamps(200), &[100.0; 200]), None);
+        assert_eq!(flash_s(&stamps(3), &[1.0, 9.0, 1.0]), None);
+        assert_eq!(flash_s(&stamps(20), &[1.0; 19]), None);
+    }
+}

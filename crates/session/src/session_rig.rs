@@ -1,0 +1,89 @@
+//! Cameras that were calibrated elsewhere.
+
+use crate::{Session, SessionError, read_rig};
+use mavsight_geometry::CAMERA_PARAMETERS;
+use mavsight_pose::Rig;
+use std::path::Path;
+
+impl Session {
+    /// The rig that the session names in place of a calibration, its cameras in the session's order; `None` where it names none.
+    /// Cameras of the file that the session does not have are left out.
+    ///
+    /// # Errors
+    /// Those of [`read_rig`]; a camera that the file does not have, or that has another image size there than its recording.
+    pub fn rig(&self) -> Result<Option<Rig>, SessionError> {
+        let Some(path) = &self.rig_path else { return Ok(None) };
+        let names: Vec<&str> = self.cameras.iter().map(|c| c.name.as_str()).collect();
+        let rig = in_order(read_rig(path)?, &names, path)?;
+        for (k, own) in rig.cameras.iter().enumerate() {
+            let (filmed, size) = (self.open_camera(k)?.size(), own.camera.size);
+            if filmed != size {
+                let detail = format!(
+                    "is of {}×{} px, but its recording has {}×{}: calibrate it at the size it films in, or scale the file",
+                    size.width_px, size.height_px, filmed.width_px, filmed.height_px
+                );
+                let key = format!("camera {}", own.name);
+                return Err(SessionError::Value { path: path.clone(), key, detail });
+            }
+        }
+        Ok(Some(rig))
+    }
+}
+
+/// The cameras of some names with what is not known of them.
+fn in_order(rig: Rig, names: &[&str], path: &Path) -> Result<Rig, SessionError> {
+    let places = names
+        .iter()
+        .map(|name| {
+            rig.cameras.iter().position(|c| c.name == *name).ok_or_else(|| {
+                let found: Vec<&str> = rig.cameras.iter().map(|c| c.name.as_str()).collect();
+                SessionError::Value {
+                    path: path.to_owned(),
+                    key: format!("camera {name}"),
+                    detail: format!("is missing: the file has {}; rename one or the other", found.join(", ")),
+                }
+            })
+        })
+        .collect::<Result<Vec<usize>, _>>()?;
+    let rows: Vec<usize> =
+        places.iter().flat_map(|k| CAMERA_PARAMETERS * k..CAMERA_PARAMETERS * (k + 1)).collect();
+    let uncertainty = rig.uncertainty.select_rows(&rows);
+    let cameras = places.into_iter().map(|k| rig.cameras[k].clone()).collect();
+    Ok(Rig { cameras, uncertainty, ..rig })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_geometry::{Camera, ImageSize, Intrinsics, Vector3};
+    use mavsight_pose::{Lens, Pixels};
+    use nalgebra::DMatrix;
+
+    fn rig() -> Rig {
+        let size = ImageSize { width_px: 640, height_px: 480 };
+        let k = Intrinsics::from_horizontal_fov(size, 1.0);
+        let camera = |name: &str, x: f64| mavsight_pose::RigCamera {
+            name: name.into(),
+            camera: Camera::looking_at(Vector3::new(x, -4.0, 1.0), Vector3::zeros(), k, size),
+            model: mavsight_pose::CameraModel { pixels: Pixels::Square, lens: Lens::Straight },
+            centre_std_m: Vector3::zeros(),
+            centre_cov_m2: mavsight_geometry::Matrix3::zeros(),
+            points: vec![],
+            residual_rms_px: 0.0,
+            sigma_px: 0.0,
+        };
+        let cameras = vec![camera("a", -1.0), camera("b", 0.0), camera("c", 1.0)];
+        let uncertainty = DMatrix::from_fn(48, 2, |i, j| (i / 16) as f64 + 10.0 * j as f64);
+        Rig { cameras, uncertainty, left_out: vec![], frames: 0 }
+    }
+
+    #[test]
+    fn cameras_come_by_their_names_with_their_own_uncertainty() {
+        let got = in_order(rig(), &["c", "a"], Path::new("rig.toml")).unwrap();
+        assert_eq!(got.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>(), ["c", "a"]);
+        assert_eq!(got.uncertainty.shape(), (32, 2));
+        assert!(got.uncertainty[(0, 0)] == 2.0 && got.uncertainty[(31, 1)] == 10.0);
+        let refused = in_order(rig(), &["a", "d"], Path::new("rig.toml")).unwrap_err().to_string();
+        assert!(refused.contains("camera d") && refused.contains("a, b, c"), "{refused}");
+    }
+}
