@@ -14,7 +14,7 @@ use std::alloc::System;
 static COUNTED: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 /// Two cameras see four markers each: an hour of 108 000 instants may hold 180 MB beside the program, its frames and its decoders,
-/// which is 1650 bytes an instant.
+/// which is 1666 bytes an instant.
 #[test]
 fn an_hour_of_poses_and_motion_is_within_its_bound() {
     let (rig, vehicle) = (rig(), Vehicle::paper());
@@ -29,6 +29,6 @@ fn an_hour_of_poses_and_motion_is_within_its_bound() {
     };
     let bytes_an_instant = (held(512) - held(256)) / 256.0;
     println!("{bytes_an_instant:.0} bytes an instant");
-    assert!(bytes_an_instant < 1650.0, "{bytes_an_instant} bytes an instant");
+    assert!(bytes_an_instant < 1666.0, "{bytes_an_instant} bytes an instant");
     assert!(size_of::<MotionSample>() <= 384 && size_of::<MarkerObservation>() <= 72);
 }
