@@ -185,6 +185,7 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         wand: None,
         board: None,
         refine: None,
+        live: None,
         camera: cameras,
     };
     write_session(&args.out.join("session.toml"), &session)?;

@@ -230,6 +230,7 @@ fn write_start(plan: &CameraPlan<'_>, vehicle: &Vehicle, out: &Path) -> Result<(
         wand: None,
         board: None,
         refine: None,
+        live: None,
         camera: (0..plan.ranked[0].placed.len()).map(camera).collect(),
     };
     write_session(&folder.join("session.toml"), &session)?;

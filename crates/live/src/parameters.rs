@@ -1,0 +1,231 @@
+//! Parameters by recursive least squares beside the flight.
+
+use crate::{LiveError, Popped, Queue};
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_identify::{
+    Bandwidth, CoefficientTable, Model, Options, Output, RecursiveLeastSquares, coefficients,
+};
+use mavsight_link::{Event, Parameter};
+use mavsight_pose::{PoseSample, smooth};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Seconds of poses that are smoothed at a time.
+const WINDOW_S: f64 = 16.0;
+/// Seconds after a window's beginning from which its rows are used, but for the flight's first: flapping is integrated from trim, and
+/// what is wrong with that has faded by three of the fly-bar's time constants then.
+const SETTLED_S: f64 = 10.0;
+/// Seconds from one estimate to the next.
+const EVERY_S: f64 = 1.0;
+/// Half width of a 95 % interval in standard deviations.
+const HALF_WIDTH: f64 = 1.96;
+/// Poses that may wait.
+const WAITING: usize = 4096;
+
+/// What is commanded, as far as it is known.
+pub trait InputSource: Send {
+    /// The inputs of a span, one sample before it and up to its end; none where they are not known so far.
+    fn span(&mut self, from_s: f64, to_s: f64) -> Option<InputSeries>;
+}
+
+/// Inputs that were recorded before.
+pub struct Recorded(pub InputSeries);
+
+impl InputSource for Recorded {
+    fn span(&mut self, from_s: f64, to_s: f64) -> Option<InputSeries> {
+        (self.0.start_s() <= from_s && self.0.end_s() >= to_s).then(|| self.0.clone())
+    }
+}
+
+/// Estimates beside the flight, on a thread of their own.
+///
+/// Once a second the last sixteen seconds of poses are smoothed, and outputs and regressors are formed by the batch run's own code
+/// ([`coefficients`]). Rows that are new, and far enough from both ends, go into [`RecursiveLeastSquares`], one to a period of the
+/// Nyquist rate of the low-pass that they have passed, so that their errors are about white. Nothing is forgotten.
+pub(crate) struct Parameters {
+    queue: Arc<Queue<PoseSample>>,
+    latest: Arc<Mutex<Option<Event>>>,
+    thread: JoinHandle<()>,
+}
+
+impl Parameters {
+    pub(crate) fn start(
+        inputs: Box<dyn InputSource>,
+        vehicle: Vehicle,
+        model: Option<Model>,
+        enough: f64,
+    ) -> Result<Self, LiveError> {
+        let queue = Arc::new(Queue::new(WAITING));
+        let latest = Arc::new(Mutex::new(None));
+        let (own, out) = (Arc::clone(&queue), Arc::clone(&latest));
+        let options = Options { model, bandwidth: Bandwidth::Smoother, ..Options::default() };
+        let mut work = Work {
+            inputs,
+            vehicle,
+            options,
+            enough,
+            window: Vec::new(),
+            is_first: true,
+            until_s: f64::NEG_INFINITY,
+            fits: Vec::new(),
+        };
+        let run = move || {
+            loop {
+                match own.pop(Duration::from_millis(200)) {
+                    Popped::Item(sample) => {
+                        if let Some(event) = work.push(sample) {
+                            *out.lock().unwrap_or_else(PoisonError::into_inner) = Some(event);
+                        }
+                    }
+                    Popped::Nothing => {}
+                    Popped::Closed => return,
+                }
+            }
+        };
+        let thread = std::thread::Builder::new()
+            .name("parameters".into())
+            .spawn(run)
+            .map_err(|source| LiveError::Thread { what: "the parameters", source })?;
+        Ok(Self { queue, latest, thread })
+    }
+
+    /// Takes a pose; the oldest is dropped where the thread is behind.
+    pub(crate) fn push(&self, sample: &PoseSample) {
+        self.queue.push(sample.clone());
+    }
+
+    /// An estimate that was not told yet.
+    pub(crate) fn latest(&self) -> Option<Event> {
+        self.latest.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// Ends, with the last estimate.
+    pub(crate) fn finish(self) -> Option<Event> {
+        self.queue.close();
+        // A thread that panicked has said so.
+        let _ = self.thread.join();
+        self.latest.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+}
+
+/// One output's fit.
+struct Fit {
+    output: String,
+    columns: Vec<String>,
+    fit: RecursiveLeastSquares,
+}
+
+struct Work {
+    inputs: Box<dyn InputSource>,
+    vehicle: Vehicle,
+    options: Options,
+    enough: f64,
+    window: Vec<PoseSample>,
+    /// Whether the window begins with the flight.
+    is_first: bool,
+    /// Rows up to here have been used.
+    until_s: f64,
+    fits: Vec<Fit>,
+}
+
+fn seconds(sample: Option<&PoseSample>) -> f64 {
+    sample.map_or(0.0, |s| s.t_ns as f64 * 1e-9)
+}
+
+impl Work {
+    /// Takes a pose; an estimate about once a second.
+    fn push(&mut self, sample: PoseSample) -> Option<Event> {
+        if self.window.is_empty() && sample.estimate.is_none() {
+            return None;
+        }
+        self.window.push(sample);
+        let (first_s, last_s) = (seconds(self.window.first()), seconds(self.window.last()));
+        let since_s = last_s - if self.until_s.is_finite() { self.until_s } else { first_s };
+        // The newest second of a window is beside its end, where a smoother leans on one side.
+        if since_s < 2.0 * EVERY_S || self.window.len() < 30 {
+            return None;
+        }
+        let table = self.table(first_s, last_s);
+        let event = match table {
+            Some(table) => {
+                self.take(&table, first_s);
+                Some(self.told(last_s))
+            }
+            None => {
+                self.until_s = last_s - EVERY_S;
+                None
+            }
+        };
+        let keep_s = last_s - WINDOW_S;
+        let gone = self.window.partition_point(|p| (p.t_ns as f64) * 1e-9 < keep_s);
+        if gone > 0 {
+            self.window.drain(..gone);
+            self.is_first = false;
+        }
+        event
+    }
+
+    fn table(&mut self, first_s: f64, last_s: f64) -> Option<CoefficientTable> {
+        let inputs = self.inputs.span(first_s, last_s)?;
+        let motion = smooth(&self.window, self.vehicle.environment.gravity_m_s2).ok()?;
+        coefficients(&motion, &inputs, &self.vehicle, &self.options).ok()
+    }
+
+    /// Uses the rows of a table that were not used yet.
+    fn take(&mut self, table: &CoefficientTable, first_s: f64) {
+        let from_s = if self.is_first { first_s } else { first_s + SETTLED_S }.max(self.until_s);
+        let rows = table.rows_in_window();
+        let mut until_s = self.until_s.max(table.window_s.1);
+        for output in &table.outputs {
+            let step_s = 0.5 / output.bandwidth_hz;
+            let fit = fit_of(&mut self.fits, output);
+            let Some(fit) = fit else { continue };
+            let mut next_s = from_s;
+            let mut row = vec![0.0; output.columns.len()];
+            for &i in rows.iter().filter(|i| table.t_s[**i] > from_s) {
+                if table.t_s[i] < next_s {
+                    continue;
+                }
+                next_s = table.t_s[i] + step_s;
+                row.iter_mut().zip(&output.columns).for_each(|(to, c)| *to = c.values[i]);
+                // A row that is not finite is passed over.
+                let _ = fit.fit.update(&row, output.values[i]);
+            }
+            until_s = until_s.max(next_s.min(table.window_s.1));
+        }
+        self.until_s = until_s;
+    }
+
+    fn told(&mut self, t_s: f64) -> Event {
+        let share = self.enough;
+        let mut parameters = Vec::new();
+        for fit in &mut self.fits {
+            let estimate = fit.fit.estimate();
+            for (k, column) in fit.columns.iter().enumerate() {
+                let value = estimate.map(|(values, _)| values[k]);
+                let half_width = estimate.map(|(_, c)| HALF_WIDTH * c[(k, k)].max(0.0).sqrt());
+                let enough = value.zip(half_width).is_some_and(|(v, h)| h <= share * v.abs());
+                parameters.push(Parameter {
+                    name: format!("{},{column}", fit.output),
+                    value,
+                    half_width,
+                    enough,
+                });
+            }
+        }
+        let enough = !parameters.is_empty() && parameters.iter().all(|p| p.enough);
+        Event::Parameters { t_s, parameters, enough }
+    }
+}
+
+/// The fit of an output: a new one where it has none.
+fn fit_of<'a>(fits: &'a mut Vec<Fit>, output: &Output) -> Option<&'a mut Fit> {
+    let same = |f: &Fit| f.output == output.name && f.columns.len() == output.columns.len();
+    if !fits.iter().any(same) {
+        let fit = RecursiveLeastSquares::new(output.columns.len(), 1.0).ok()?;
+        let columns = output.columns.iter().map(|c| c.name.clone()).collect();
+        fits.push(Fit { output: output.name.clone(), columns, fit });
+    }
+    fits.iter_mut().find(|f| same(f))
+}
