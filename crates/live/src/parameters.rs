@@ -113,6 +113,8 @@ impl Parameters {
 struct Fit {
     output: String,
     columns: Vec<String>,
+    /// Standard deviations of the regressors' own errors, as of late.
+    errors: Vec<f64>,
     fit: RecursiveLeastSquares,
 }
 
@@ -197,25 +199,32 @@ impl Work {
         self.until_s = until_s;
     }
 
-    fn told(&mut self, t_s: f64) -> Event {
-        let share = self.enough;
-        let mut parameters = Vec::new();
-        for fit in &mut self.fits {
-            let estimate = fit.fit.estimate();
-            for (k, column) in fit.columns.iter().enumerate() {
-                let value = estimate.map(|(values, _)| values[k]);
-                let half_width = estimate.map(|(_, c)| HALF_WIDTH * c[(k, k)].max(0.0).sqrt());
-                let enough = value.zip(half_width).is_some_and(|(v, h)| h <= share * v.abs());
-                parameters.push(Parameter {
-                    name: format!("{},{column}", fit.output),
-                    value,
-                    half_width,
-                    enough,
-                });
-            }
-        }
-        let enough = !parameters.is_empty() && parameters.iter().all(|p| p.enough);
+    fn told(&self, t_s: f64) -> Event {
+        let parameters: Vec<Parameter> = self.fits.iter().flat_map(|f| f.told(self.enough)).collect();
+        let mut known = parameters.iter().filter(|p| p.value.is_some()).peekable();
+        let enough = known.peek().is_some() && known.all(|p| p.enough);
         Event::Parameters { t_s, parameters, enough }
+    }
+}
+
+impl Fit {
+    /// Its parameters so far. What the flight does not determine by itself has no value, and stands in the way of nothing.
+    fn told(&self, share: f64) -> Vec<Parameter> {
+        let factor = self.fit.factor();
+        // The columns' own errors, as many rows of them as were taken.
+        let rows = (self.fit.weight() / factor.nrows().max(1) as f64).sqrt();
+        let noise: Vec<f64> = self.errors.iter().map(|std| std * rows).collect();
+        let dependence = independent_columns(&factor, &noise);
+        let estimate = self.fit.estimate_of(&dependence.independent);
+        let parameter = |(column, name): (usize, &String)| {
+            let at = dependence.independent.iter().position(|k| *k == column);
+            let known = at.filter(|k| dependence.stands_alone(*k)).zip(estimate.as_ref());
+            let value = known.map(|(k, (values, _))| values[k]);
+            let half_width = known.map(|(k, (_, c))| HALF_WIDTH * c[(k, k)].max(0.0).sqrt());
+            let enough = value.zip(half_width).is_some_and(|(v, h)| h <= share * v.abs());
+            Parameter { name: format!("{},{name}", self.output), value, half_width, enough }
+        };
+        self.columns.iter().enumerate().map(parameter).collect()
     }
 }
 
@@ -225,7 +234,9 @@ fn fit_of<'a>(fits: &'a mut Vec<Fit>, output: &Output) -> Option<&'a mut Fit> {
     if !fits.iter().any(same) {
         let fit = RecursiveLeastSquares::new(output.columns.len(), 1.0).ok()?;
         let columns = output.columns.iter().map(|c| c.name.clone()).collect();
-        fits.push(Fit { output: output.name.clone(), columns, fit });
+        fits.push(Fit { output: output.name.clone(), columns, errors: Vec::new(), fit });
     }
-    fits.iter_mut().find(|f| same(f))
+    let fit = fits.iter_mut().find(|f| same(f))?;
+    fit.errors = output.columns.iter().map(|c| c.std).collect();
+    Some(fit)
 }

@@ -18,7 +18,8 @@ fn noise() -> MotionNoise {
 fn batch(films: &[Vec<(i64, Frame)>]) -> Vec<PoseSample> {
     let (rig, vehicle) = (rig(), Vehicle::paper());
     let feed = |(k, film): (usize, &Vec<(i64, Frame)>)| {
-        let frames = film.clone().into_iter().map(|(t_ns, frame)| Ok::<_, PipelineError>(TimedFrame { t_ns, frame }));
+        let frames =
+            film.clone().into_iter().map(|(t_ns, frame)| Ok::<_, PipelineError>(TimedFrame { t_ns, frame }));
         CameraFeed::new(format!("cam{}", k + 1), None, Box::new(frames))
     };
     let mut poses = Vec::new();

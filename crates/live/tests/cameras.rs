@@ -122,7 +122,10 @@ fn a_camera_that_ends_is_opened_again() {
     let states = states_of(&flown, 1);
     assert!(states.starts_with(&[Starting, Running, Gone]) && states.last() == Some(&Running), "{states:?}");
     let gone = flown.states.iter().find(|s| s.2 == Gone).unwrap();
-    assert!((1.3..1.75).contains(&gone.0) && gone.3.as_ref().unwrap().contains("the cable is off"), "{gone:?}");
+    assert!(
+        (1.3..1.75).contains(&gone.0) && gone.3.as_ref().unwrap().contains("the cable is off"),
+        "{gone:?}"
+    );
 }
 
 #[test]

@@ -4,7 +4,9 @@ mod common;
 
 use common::{camera, setup};
 use mavsight_live::{CameraFile, FlightClock, Pace, Replay, Source, fly};
-use mavsight_pipeline::{CameraFeed, ControlStill, PipelineError, Quiet, TimedFrame, calibrate_from_stills, track_and};
+use mavsight_pipeline::{
+    CameraFeed, ControlStill, PipelineError, Quiet, TimedFrame, calibrate_from_stills, track_and,
+};
 use mavsight_session::{Session, read_image};
 use std::path::PathBuf;
 
@@ -20,8 +22,9 @@ fn its_raw_poses_are_the_same_bit_for_bit() {
         return;
     }
     let session = Session::load(&path).unwrap();
-    let still = |c: &mavsight_session::SessionCamera| {
-        ControlStill { camera: c.name.clone(), frame: read_image(c.still.as_ref().unwrap()).unwrap() }
+    let still = |c: &mavsight_session::SessionCamera| ControlStill {
+        camera: c.name.clone(),
+        frame: read_image(c.still.as_ref().unwrap()).unwrap(),
     };
     let stills: Vec<_> = session.cameras.iter().map(still).collect();
     let rig = calibrate_from_stills(&stills, &session.control_points().unwrap()).unwrap();

@@ -17,7 +17,11 @@ fn session(at: &Path) -> SessionFile {
     mavsight_session::write_vehicle(&at.join("vehicle.toml"), &Vehicle::paper()).unwrap();
     std::fs::write(at.join("points.csv"), "name,x_m,y_m,z_m,diameter_m,color\n").unwrap();
     std::fs::write(at.join("pixels.csv"), "camera,name,u_px,v_px\n").unwrap();
-    let camera = |name: &str| SessionCamera { name: name.into(), live: Some("/dev/null".into()), ..Default::default() };
+    let camera = |name: &str| SessionCamera {
+        name: name.into(),
+        live: Some("/dev/null".into()),
+        ..Default::default()
+    };
     SessionFile {
         schema: SESSION_SCHEMA,
         name: "recorded".into(),
@@ -25,7 +29,10 @@ fn session(at: &Path) -> SessionFile {
         inputs: "".into(),
         truth: None,
         model: None,
-        control: Some(ControlSection { points: at.join("points.csv"), observations: Some(at.join("pixels.csv")) }),
+        control: Some(ControlSection {
+            points: at.join("points.csv"),
+            observations: Some(at.join("pixels.csv")),
+        }),
         wand: None,
         board: None,
         refine: None,
@@ -36,7 +43,13 @@ fn session(at: &Path) -> SessionFile {
 
 fn fly_into(folder: &Path, from: &Path, films: &[Vec<(i64, Frame)>]) -> (u64, Vec<Event>) {
     let (rig, vehicle) = (rig(), Vehicle::paper());
-    let to = RecordedSession { folder: folder.to_owned(), session: session(from), rate_hz: 30.0, with_inputs: false, waits: true };
+    let to = RecordedSession {
+        folder: folder.to_owned(),
+        session: session(from),
+        rate_hz: 30.0,
+        with_inputs: false,
+        waits: true,
+    };
     let recorder = Arc::new(Recorder::begin(to).unwrap());
     let cameras = films.iter().map(|film| {
         let mut frames = Some(film.clone().into_iter().map(Ok::<_, Infallible>));
@@ -48,7 +61,8 @@ fn fly_into(folder: &Path, from: &Path, films: &[Vec<(i64, Frame)>]) -> (u64, Ve
         };
         camera("cam", Box::new(open), false)
     });
-    let (mut flight, heard) = setup((&rig, &vehicle), cameras.collect(), Pace::Fast, FlightClock::starting_at(0));
+    let (mut flight, heard) =
+        setup((&rig, &vehicle), cameras.collect(), Pace::Fast, FlightClock::starting_at(0));
     flight.recorder = Some(recorder);
     let flown = fly(flight).unwrap();
     let events = heard.events.lock().unwrap().clone();
@@ -104,7 +118,10 @@ fn on_a_full_disk_the_recording_ends_with_a_word_and_the_flight_goes_on() {
         .iter()
         .filter_map(|e| if let Event::Recording { fault: Some(f), .. } = e { Some(f) } else { None })
         .collect();
-    assert!(faults.first().is_some_and(|f| f.contains("No space left") && f.contains("goes on")), "{faults:?}");
+    assert!(
+        faults.first().is_some_and(|f| f.contains("No space left") && f.contains("goes on")),
+        "{faults:?}"
+    );
     // What was written before is whole.
     let first = FrameSource::open(&folder.join("cam1.y4m"), None).unwrap();
     assert!(first.map(Result::unwrap).count() <= 2);

@@ -2,7 +2,8 @@
 //! swash-plate now and then so that the parameters show themselves.
 
 use mavsight_flight::{
-    FlightError, FlightState, InitialState, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s, simulate,
+    FlightError, FlightState, InitialState, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s,
+    simulate,
 };
 use mavsight_geometry::{EulerAngles, Vector3};
 use std::collections::VecDeque;
@@ -169,7 +170,8 @@ impl Pilot {
 /// Where the pilot wants to be: wandering about the middle.
 fn goal_m(t_s: f64) -> Vector3<f64> {
     let sine = |hz: f64, phase: f64| (std::f64::consts::TAU * hz * t_s + phase).sin() - phase.sin();
-    Vector3::from(MIDDLE_M) + Vector3::new(0.25 * sine(0.05, 0.3), 0.25 * sine(0.037, 0.0), 0.12 * sine(0.061, 1.0))
+    Vector3::from(MIDDLE_M)
+        + Vector3::new(0.25 * sine(0.05, 0.3), 0.25 * sine(0.037, 0.0), 0.12 * sine(0.061, 1.0))
 }
 
 /// Doublets of the swash-plate, forth and back, by turns longitudinal and lateral.

@@ -54,7 +54,12 @@ fn a_recording_that_was_killed_gives_the_poses_that_were_sent() {
     let sent = poses(&objects(&std::fs::read_to_string(&log).expect("a log")));
     let session = folder.join("session.toml");
     let again = poses(&replayed(&session));
-    assert!(sent.len() >= 20 && again.len() + 3 >= sent.len(), "{} sent, {} replayed", sent.len(), again.len());
+    assert!(
+        sent.len() >= 20 && again.len() + 3 >= sent.len(),
+        "{} sent, {} replayed",
+        sent.len(),
+        again.len()
+    );
     assert!(sent.values().filter(|p| p[0] == true).count() >= 15);
     // The last frames of one camera may be lost, not those before them.
     let last = again.keys().rev().nth(2).copied().unwrap_or_default();
@@ -78,7 +83,11 @@ fn a_session_is_replayed_with_events_and_figures() {
     let poses = poses(&events);
     assert_eq!(poses.len(), 12);
     assert!(poses.values().filter(|p| p[0] == true).count() >= 11);
-    assert!(events.iter().any(|e| e["event"] == "camera" && e["markers"].as_array().is_some_and(|m| m.len() == 4)));
+    assert!(
+        events
+            .iter()
+            .any(|e| e["event"] == "camera" && e["markers"].as_array().is_some_and(|m| m.len() == 4))
+    );
     let seen = events.iter().filter(|e| e["event"] == "sights").last().expect("sights");
     assert!(seen["seen"].as_array().expect("balls").iter().all(|b| b["residual_px"].is_array()));
     // At its own pace, with a pose for each frame.
@@ -92,7 +101,8 @@ fn a_session_is_replayed_with_events_and_figures() {
         .success();
     assert!(String::from_utf8_lossy(&run.get_output().stdout).contains("instants"));
     let figures: Value =
-        serde_json::from_str(&std::fs::read_to_string(out.join("live.json")).expect("figures")).expect("an object");
+        serde_json::from_str(&std::fs::read_to_string(out.join("live.json")).expect("figures"))
+            .expect("an object");
     assert!(figures["measured"].as_u64().is_some_and(|n| n >= 1), "{figures}");
 }
 

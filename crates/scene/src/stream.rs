@@ -1,8 +1,8 @@
 //! A camera that films as long as it is wanted, fast enough for a flight in real time.
 
+use crate::Film;
 use crate::aircraft::Aircraft;
 use crate::render::{Composer, Moving, PART_SAMPLES, Region, region_of};
-use crate::Film;
 use nalgebra::Isometry3;
 
 /// Frames of the empty room that are coded beforehand. Where the aircraft is not, the noise comes again after so many frames.
@@ -54,7 +54,8 @@ impl<'a> FilmStream<'a> {
         let light = self.film.light_on(parts, &poses[PART_SAMPLES / 2]);
         let moving = Moving { parts, poses: &poses, light: &light };
         let composer = Composer::new(&moving, &self.film.camera, &self.film.plate);
-        self.film.soften_into(&mut self.light, region, |y, columns, samples| composer.row(y, columns, samples));
+        self.film
+            .soften_into(&mut self.light, region, |y, columns, samples| composer.row(y, columns, samples));
         for row in region.y.0..region.y.1 {
             let (from, to) = (row * width + region.x.0, row * width + region.x.1);
             self.film.coder.code_into(&self.light[from..to], from, index, &mut out[3 * from..3 * to]);
@@ -75,7 +76,8 @@ mod tests {
         let size = ImageSize { width_px: 96, height_px: 72 };
         let k = Intrinsics::from_horizontal_fov(size, 0.9);
         let camera = Camera::looking_at(Vector3::new(2.5, -2.5, 1.5), Vector3::new(0.0, 0.0, 1.5), k, size);
-        let ball = PaintedBall { centre_m: Vector3::new(0.2, 0.2, 0.1), radius_m: 0.05, linear: [0.7, 0.1, 0.1] };
+        let ball =
+            PaintedBall { centre_m: Vector3::new(0.2, 0.2, 0.1), radius_m: 0.05, linear: [0.7, 0.1, 0.1] };
         let (room, aircraft) = (Room::meeting_room(), Aircraft::helicopter(&[ball]));
         let sensor = Sensor { noise: false, ..Sensor::default() };
         let film = Film::new(&room, camera, sensor);
@@ -83,7 +85,10 @@ mod tests {
         let mut out = vec![0; 3 * size.area_px()];
         for index in 0..3 {
             let pose = |share: f64| {
-                Isometry3::new(Vector3::new(0.3 * index as f64 - 0.3 + 0.01 * share, 0.0, 1.5), Vector3::x() * 3.1)
+                Isometry3::new(
+                    Vector3::new(0.3 * index as f64 - 0.3 + 0.01 * share, 0.0, 1.5),
+                    Vector3::x() * 3.1,
+                )
             };
             stream.frame_into(index, &aircraft, pose, &mut out);
             assert!(out == film.frame(index, &aircraft, pose), "frame {index}");

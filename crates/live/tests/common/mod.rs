@@ -2,7 +2,8 @@
 
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{
-    Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body,
+    Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector2, Vector3,
+    world_from_body,
 };
 use mavsight_link::{Event, Fix};
 use mavsight_live::{CameraSetup, FlightClock, Listener, Listeners, Next, Pace, Setup, Source};

@@ -16,6 +16,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 /// Share of a parameter's value that is seen enough where the session does not say.
 pub(super) const ENOUGH: f64 = 0.05;
@@ -148,11 +149,15 @@ impl Listener for Lines {
     }
 }
 
+/// A camera that comes and goes is spoken of no more often: each second its state is told anew.
+const CALM: Duration = Duration::from_millis(900);
+
 /// What a user should know, on standard error.
 #[derive(Default)]
 struct Words {
     names: Vec<String>,
-    cameras: Vec<Option<CameraState>>,
+    /// What was last said of each camera, and when.
+    cameras: Vec<Option<(CameraState, Instant)>>,
     tracking: Option<Tracking>,
     enough: bool,
     fault: Option<String>,
@@ -165,13 +170,14 @@ impl Listener for Words {
                 self.names = scene.cameras.iter().map(|c| c.name.clone()).collect();
                 self.cameras = vec![None; self.names.len()];
             }
-            Event::Camera { camera, state, reason, .. }
-                if self.cameras.get(*camera) != Some(&Some(*state)) =>
-            {
-                let name = self.names.get(*camera).map_or("a camera", String::as_str);
+            Event::Camera { camera, state, reason, .. } => {
+                let Some(said) = self.cameras.get_mut(*camera) else { return };
+                if said.is_some_and(|(last, at)| last == *state || at.elapsed() < CALM) {
+                    return;
+                }
                 let why = reason.as_ref().map_or(String::new(), |r| format!(": {r}"));
-                eprintln!("mavsight: {name} is {}{why}", lower(state));
-                self.cameras.iter_mut().nth(*camera).into_iter().for_each(|c| *c = Some(*state));
+                eprintln!("mavsight: {} is {}{why}", self.names[*camera], lower(state));
+                *said = Some((*state, Instant::now()));
             }
             Event::Pose(pose) if self.tracking != Some(pose.tracking) => {
                 eprintln!("mavsight: {:.3} s: {}", pose.t_s, lower(&pose.tracking));

@@ -145,8 +145,7 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     let cameras = lab::cameras();
     // The room lives as long as the program: the cameras' threads look at it.
     let room: &'static Room = Box::leak(Box::new(lab::room(&mavsight_flight::Staging::default())));
-    let films: Vec<_> =
-        cameras.iter().enumerate().map(|(k, c)| lab::film(room, c, k, args.seed)).collect();
+    let films: Vec<_> = cameras.iter().enumerate().map(|(k, c)| lab::film(room, c, k, args.seed)).collect();
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
     let control = lab::control_frame(&lab::control_points());
     let stills = cameras
@@ -159,8 +158,10 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
         .collect::<Result<Vec<_>>>()?;
     let rig: Rig = calibrate_from_stills(&stills, &lab::control_points())?;
     bars.done();
-    let recorder = args.record.as_deref().map(|to| record(to, &vehicle, &stills, (args.rate, args.fast))).transpose()?;
-    let shared = Arc::new(Shared { pilot: Mutex::new(Pilot::new(&vehicle, args.rate)?), recorder: recorder.clone() });
+    let recorder =
+        args.record.as_deref().map(|to| record(to, &vehicle, &stills, (args.rate, args.fast))).transpose()?;
+    let shared =
+        Arc::new(Shared { pilot: Mutex::new(Pilot::new(&vehicle, args.rate)?), recorder: recorder.clone() });
     let stop = Arc::new(AtomicBool::new(false));
     let aircraft = Arc::new(lab::aircraft(&vehicle));
     let clock = FlightClock::starting_at(0);
@@ -213,9 +214,16 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
 }
 
 /// The room as a session, and a recording into it.
-fn record(to: &Path, vehicle: &Vehicle, stills: &[ControlStill], (rate_hz, waits): (f64, bool)) -> Result<Arc<Recorder>> {
+fn record(
+    to: &Path,
+    vehicle: &Vehicle,
+    stills: &[ControlStill],
+    (rate_hz, waits): (f64, bool),
+) -> Result<Arc<Recorder>> {
     if to.join("session.toml").exists() {
-        return Err(WrongCall(format!("{} holds a session already: name another folder", to.display())).into());
+        return Err(
+            WrongCall(format!("{} holds a session already: name another folder", to.display())).into()
+        );
     }
     make_folder(to)?;
     write_vehicle(&to.join("vehicle.toml"), vehicle)?;
@@ -224,7 +232,11 @@ fn record(to: &Path, vehicle: &Vehicle, stills: &[ControlStill], (rate_hz, waits
     for still in stills {
         let path = to.join(format!("{}-control.png", still.camera));
         write_png(&path, &still.frame)?;
-        camera.push(SessionCamera { name: still.camera.clone(), still: Some(path), ..SessionCamera::default() });
+        camera.push(SessionCamera {
+            name: still.camera.clone(),
+            still: Some(path),
+            ..SessionCamera::default()
+        });
     }
     let session = SessionFile {
         schema: SESSION_SCHEMA,
@@ -240,5 +252,11 @@ fn record(to: &Path, vehicle: &Vehicle, stills: &[ControlStill], (rate_hz, waits
         live: None,
         camera,
     };
-    Ok(Arc::new(Recorder::begin(RecordedSession { folder: to.to_owned(), session, rate_hz, with_inputs: true, waits })?))
+    Ok(Arc::new(Recorder::begin(RecordedSession {
+        folder: to.to_owned(),
+        session,
+        rate_hz,
+        with_inputs: true,
+        waits,
+    })?))
 }
