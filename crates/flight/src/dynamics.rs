@@ -7,7 +7,7 @@ use serde::Serialize;
 use std::f64::consts::PI;
 
 /// Number of states of the equations of motion: position, quaternion, velocity, rates, flapping.
-pub(crate) const STATES: usize = 17;
+pub(crate) const STATES: usize = crate::FLIGHT_STATES;
 
 /// Thrust of both rotors.
 #[derive(Debug, Clone, Copy, PartialEq)]

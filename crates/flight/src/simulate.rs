@@ -67,6 +67,15 @@ pub struct FlightState {
     pub angular_acceleration_rad_s2: Vector3<f64>,
 }
 
+impl FlightState {
+    /// What the equations of motion integrate, in the order of [`crate::FLIGHT_STATES`].
+    pub fn packed(&self) -> crate::StateVector {
+        let level_from_body = self.attitude.level_from_body();
+        let Self { position_in_world_m, velocity_in_body_m_s, rates_rad_s, flap, .. } = *self;
+        State { position_in_world_m, level_from_body, velocity_in_body_m_s, rates_rad_s, flap }.pack()
+    }
+}
+
 struct Segment<'a> {
     vehicle: &'a Vehicle,
     input: InputSample,

@@ -106,6 +106,30 @@ impl Band {
         }
         Ok(out)
     }
+
+    /// What each of `rows` samples weighs in the transforms at the band's frequencies: real parts, then imaginary, by samples.
+    pub(crate) fn weights(&self, rows: usize, dt_s: f64) -> DMatrix<f64> {
+        let angles: Vec<f64> =
+            self.frequencies_hz(rows as f64 * dt_s).iter().map(|f| 2.0 * PI * f * dt_s).collect();
+        let count = angles.len();
+        let mut out = DMatrix::zeros(2 * count, rows);
+        for (k, angle) in angles.iter().enumerate() {
+            let (inner, end_real, end_imaginary) = weights(*angle);
+            for i in 0..rows {
+                let (s, c) = (angle * i as f64).sin_cos();
+                let (real, imaginary) = if i == 0 {
+                    (end_real, end_imaginary)
+                } else if i + 1 == rows {
+                    (end_real, -end_imaginary)
+                } else {
+                    (inner, 0.0)
+                };
+                out[(k, i)] = dt_s * (c * real + s * imaginary);
+                out[(count + k, i)] = dt_s * (c * imaginary - s * real);
+            }
+        }
+        out
+    }
 }
 
 /// Equation error over a band of frequencies: complex least squares of the output's transform by those of the
@@ -167,6 +191,16 @@ mod tests {
         }
         let (area, none) = fourier_transform(&line, dt, &[0.0])[0];
         assert!((area - (0.7 * length - 0.15 * length * length)).abs() < 1e-12 && none == 0.0);
+    }
+
+    #[test]
+    fn a_transform_is_the_sum_of_the_samples_weights() {
+        let (dt, n) = (0.1, 50);
+        let series = DMatrix::from_fn(n, 1, |i, _| (0.3 * (i * i) as f64).sin());
+        let band = Band { low_hz: 0.2, high_hz: 3.0 };
+        let transformed = band.transform(&series, dt).expect("a band");
+        let summed = band.weights(n, dt) * &series;
+        assert!((transformed - summed).amax() < 1e-12);
     }
 
     #[test]

@@ -24,6 +24,7 @@ mod image;
 mod linear;
 mod measure;
 mod model;
+mod prediction;
 mod propagate;
 mod result;
 mod shooting;
@@ -32,10 +33,11 @@ mod start;
 pub use disagreement::{Correlation, Disagreement, disagreement};
 pub use expected::{ExpectedFit, ExpectedParameter, expected_fit};
 pub use fit::{InitialFlapping, NoiseModel, OutputErrorOptions, output_error};
-pub use flight::{Comparison, FlightFits, Images, InputClock};
+pub use flight::{Comparison, FlightFitOptions, FlightFits, Images, InputClock};
 pub use image::ImageMeasurements;
 pub use measure::{Measurements, StateMeasurement};
 pub use model::{FlightModel, ModelParameter};
+pub use prediction::{Prediction, predict_poses};
 pub use result::{ChannelResiduals, Extent, FittedParameter, FittedState, LastingErrors, OutputErrorFit};
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use crate::diagnostics::{agreement, autocorrelations, collinearity, correlations
 use crate::fit::{Combination, Diagnostics, Estimator, FitOptions, OutputFit, Parameter};
 use crate::table::{Output, rows_of};
 use crate::{
-    Band, CoefficientTable, Correlation, IdentifyError, frequency_domain, least_squares,
+    Band, CoefficientTable, Correlation, IdentifyError, LeastSquares, frequency_domain, least_squares,
     student_quantile_975, total_least_squares, total_least_squares_by_row, verdict, weighted_least_squares,
 };
 use nalgebra::{DMatrix, DVector};
@@ -110,52 +110,54 @@ impl<'a> Problem<'a> {
         self.report(&basis, &solved)
     }
 
-    /// Least squares in the band, then weighted by the spectrum that the errors have at those values, until that stands.
+    /// Least squares in the band, then weighted by the variance that the errors' transforms have at those values, until that
+    /// stands; the covariance is that of the estimates as a sum of the errors' transforms, level from the residuals.
     fn in_frequency(&self, basis: &DMatrix<f64>) -> Result<Solved, IdentifyError> {
         /// Weights change little with values that are within their errors: each step gains more than a digit.
         const STEPS: usize = 4;
         let dt_s = self.table.sample_interval_s;
-        let frequencies_hz = self.band.frequencies_hz(self.length_s());
-        let mut fit = frequency_domain(basis, &self.y, dt_s, self.band, None)?;
+        let plain = frequency_domain(basis, &self.y, dt_s, self.band, None)?;
+        let x = self.band.transform(basis, dt_s)?;
+        let y = self.band.transform(&DMatrix::from_column_slice(self.y.len(), 1, self.y.as_slice()), dt_s)?;
+        let y = y.column(0).into_owned();
+        let degrees = x.nrows().saturating_sub(basis.ncols()).max(1) as f64;
+        let mut solved = Solved { values: plain.values, covariance: plain.covariance, degrees };
         for _ in 0..STEPS {
-            let density = self.expected_power(&fit.values, &frequencies_hz);
-            if !density.iter().all(|d| *d > 0.0) {
+            let spread = self.expected_spread(&solved.values);
+            if !spread.diagonal().iter().all(|d| *d > 0.0) {
                 break;
             }
-            fit = frequency_domain(basis, &self.y, dt_s, self.band, Some(&density))?;
+            let std: Vec<f64> = spread.diagonal().iter().map(|d| d.sqrt()).collect();
+            let fit = weighted_least_squares(&x, &y, &std, Correlation::White)?;
+            solved = in_band(&x, &y, &spread, &fit);
         }
-        let degrees = (2 * frequencies_hz.len()).saturating_sub(basis.ncols()).max(1) as f64;
-        Ok(Solved { values: fit.values, covariance: fit.covariance, degrees })
+        Ok(solved)
     }
 
-    /// What the errors' transforms over the record have in the mean square, up to a factor: Σ (n - |l|) γ_l cos(2πfl dt) and
-    /// the squares of those that happen once. A record that ends leaks what is strong at high frequencies into low ones, which
-    /// the spectrum itself does not say.
-    fn expected_power(&self, values: &DVector<f64>, frequencies_hz: &[f64]) -> Vec<f64> {
+    /// The covariance, up to a factor, of the errors' transforms in the band (real parts, then imaginary) at values of the
+    /// independent columns. A record that ends leaks what is strong at high frequencies into all low ones alike: errors of
+    /// neighbours then go together, and real and imaginary parts differ.
+    fn expected_spread(&self, values: &DVector<f64>) -> DMatrix<f64> {
         let independent = &self.dependence.independent;
         let gamma = self.table.autocovariances(self.output, independent, values);
         let once = self.table.once(self.output, independent, values, &self.rows);
-        let rows = self.rows.len();
-        let power = |f: &f64| {
-            let angle = 2.0 * std::f64::consts::PI * f * self.table.sample_interval_s;
-            let lags = gamma.iter().take(rows).enumerate().map(|(l, g)| {
-                let both = if l == 0 { 1.0 } else { 2.0 };
-                both * (rows - l) as f64 * g * (angle * l as f64).cos()
-            });
-            let single = once.iter().map(|e| {
-                let (re, im) = e.iter().enumerate().fold((0.0, 0.0), |(re, im), (i, e)| {
-                    let (sin, cos) = (angle * i as f64).sin_cos();
-                    (re + e * cos, im + e * sin)
-                });
-                re * re + im * im
-            });
-            lags.chain(single).sum()
-        };
-        frequencies_hz.iter().map(power).collect()
-    }
-
-    fn length_s(&self) -> f64 {
-        self.rows.len() as f64 * self.table.sample_interval_s
+        let mut weights = self.band.weights(self.rows.len(), self.table.sample_interval_s);
+        // What is fitted has its mean taken off.
+        for mut row in weights.row_iter_mut() {
+            let mean = row.mean();
+            row.add_scalar_mut(-mean);
+        }
+        let coloured = DMatrix::from_fn(weights.ncols(), weights.nrows(), |i, k| {
+            let row = weights.row(k);
+            let near = i.saturating_sub(gamma.len().saturating_sub(1))..weights.ncols().min(i + gamma.len());
+            near.map(|j| gamma[i.abs_diff(j)] * row[j]).sum::<f64>()
+        });
+        let mut out = &weights * coloured;
+        for single in &once {
+            let transform = &weights * single;
+            out.ger(1.0, &transform, &transform, 1.0);
+        }
+        out
     }
 
     /// Takes the covariance that the colour of the errors gives, where that is known, for the one of the scores; degrees of
@@ -296,6 +298,22 @@ impl<'a> Problem<'a> {
             held_out: (!self.held_out.is_empty()).then(|| agreement(&held.0, &held.1)),
         })
     }
+}
+
+/// Weighted least squares of rows whose covariance is `spread` up to a factor, which the weighted residuals tell; their degrees
+/// of freedom are those of a chi-square with the mean and variance that their squares have (Satterthwaite 1946).
+fn in_band(x: &DMatrix<f64>, y: &DVector<f64>, spread: &DMatrix<f64>, fit: &LeastSquares) -> Solved {
+    let root = spread.diagonal().map(|d| d.sqrt().recip());
+    let weighted = DMatrix::from_fn(x.nrows(), x.ncols(), |i, j| x[(i, j)] * root[i]);
+    let influence = &fit.inverse_gram * weighted.transpose();
+    let scaled = DMatrix::from_fn(x.nrows(), x.nrows(), |i, j| spread[(i, j)] * root[i] * root[j]);
+    let left = DMatrix::identity(x.nrows(), x.nrows()) - &weighted * &influence;
+    let residuals = &left * y.component_mul(&root);
+    let expected = &left * &scaled * left.transpose();
+    let level = residuals.norm_squared() / expected.trace();
+    let degrees = (expected.trace().powi(2) / expected.norm_squared()).max(1.0);
+    let covariance = &influence * scaled * influence.transpose() * level;
+    Solved { values: fit.values.clone(), covariance, degrees }
 }
 
 /// Standard deviation of each row's residual, output less fit, by its errors' covariance.

@@ -3,8 +3,32 @@
 //!
 //! Nothing is sent that was not measured: a [`Fix`] without a [`Measured`] says that there is none.
 
+mod axes;
+mod error;
 mod event;
 mod fix;
+pub mod json;
+pub mod mavlink;
+pub mod natnet;
+mod options;
+mod outlet;
+mod peers;
+#[cfg(test)]
+mod testing;
+mod udp;
+pub mod vrpn;
+mod worker;
+pub mod zenoh;
 
+pub use crate::zenoh::Zenoh;
+pub use error::LinkError;
 pub use event::{CameraState, CameraView, Event, MarkerView, Parameter, PoseEvent, Scene, Sight, Tracking};
 pub use fix::{Fix, Measured, Moving};
+pub use json::JsonLines;
+pub use mavlink::Mavlink;
+pub use natnet::Natnet;
+pub use options::{
+    BodyAxes, JsonOptions, LinkOptions, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions,
+};
+pub use outlet::{Body, Outlet, open};
+pub use vrpn::{TURN_S, Vrpn};

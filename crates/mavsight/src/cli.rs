@@ -79,6 +79,21 @@ pub(crate) struct Live {
     /// Folder for live.json, the figures of the flight
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
+    /// MAVLink ODOMETRY by UDP, to an address where one is given; otherwise the session's [live.mavlink]
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1)]
+    pub(crate) mavlink: Option<Option<String>>,
+    /// NatNet 3.1, asked for at an address
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1)]
+    pub(crate) natnet: Option<Option<String>>,
+    /// VRPN, asked for at an address
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1)]
+    pub(crate) vrpn: Option<Option<String>>,
+    /// Events as lines to who connects to an address by TCP
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1)]
+    pub(crate) lines: Option<Option<String>>,
+    /// Events by Zenoh, on an endpoint such as tcp/127.0.0.1:7447; in a build with the feature `zenoh`
+    #[arg(long, value_name = "ENDPOINT", num_args = 0..=1)]
+    pub(crate) zenoh: Option<Option<String>>,
     /// Frames a second of the virtual room
     #[arg(long, value_name = "HZ", default_value_t = 60.0)]
     pub(crate) rate: f64,
@@ -231,6 +246,9 @@ pub(crate) struct Run {
     /// Leave out output error from the poses and from the images
     #[arg(long)]
     pub(crate) equation_error_only: bool,
+    /// A part of the flight that is not fitted but predicted, s
+    #[arg(long, value_name = "FROM..TO")]
+    pub(crate) hold_out: Option<Interval>,
 }
 
 /// `calibrate`, `track` and `report`

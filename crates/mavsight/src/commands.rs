@@ -7,6 +7,7 @@ mod demo;
 mod film;
 mod identify;
 mod live;
+mod live_links;
 mod live_sources;
 mod live_virtual;
 mod manoeuvre;

@@ -2,7 +2,8 @@
 
 use crate::fits::{lead, words as words_of};
 use crate::summary::Summary;
-use mavsight_identify::output_error::{Comparison, Extent, FlightFits, OutputErrorFit};
+use mavsight_identify::Agreement;
+use mavsight_identify::output_error::{Comparison, Extent, FlightFits, OutputErrorFit, Prediction};
 use mavsight_report::Table;
 use mavsight_session::RunResults;
 use serde_json::json;
@@ -30,6 +31,15 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
             let shown = format!("{:+.3e} ± {:.1e}", p.value, p.std);
             summary.add("parameters", key(&p.name.replace(',', "_")), label, value, shown);
         }
+        if let Some(held) = &fit.held_out {
+            for (coordinate, a) in Prediction::COORDINATES.iter().zip(&held.agreements) {
+                let of = |what: &str| key(&format!("held_out_{coordinate}_{what}"));
+                summary.add("fit", of("r2"), "", json!(a.r2), String::new());
+                summary.add("fit", of("theil"), "", json!(a.theil), String::new());
+                summary.add("fit", of("rms"), "", json!(a.rms), String::new());
+            }
+            summary.verdicts.push(prediction(name, held));
+        }
         summary.verdicts.extend(fit.notes.iter().map(|note| format!("{}: {note}", words(name))));
     }
     if let Some(held) = held(fits) {
@@ -41,6 +51,24 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
         summary.add("fit", key, "", json!(c.test.p_value), String::new());
         summary.verdicts.push(sentence(&c));
     }
+}
+
+/// R² against the mean of a coordinate that hardly moves says nothing: differences come first.
+fn prediction(name: &str, held: &Prediction) -> String {
+    let [x, y, z, phi, theta, psi] = &held.agreements;
+    let r2 = |part: &[(&str, &Agreement)]| {
+        part.iter().map(|(name, a)| format!("{name} {:.3}", a.r2)).collect::<Vec<_>>().join(", ")
+    };
+    let rms = |of: [&Agreement; 3]| of.iter().map(|a| a.rms * a.rms).sum::<f64>().sqrt();
+    format!(
+        "{} predicts the part held out ({:.2} to {:.2} s, of which only the start is found) to {:.1} mm and {:.2}°; R² of {}.",
+        words(name),
+        held.span_s.0,
+        held.span_s.1,
+        1e3 * rms([x, y, z]),
+        rms([phi, theta, psi]).to_degrees(),
+        r2(&[("x", x), ("y", y), ("z", z), ("roll", phi), ("pitch", theta), ("yaw", psi)])
+    )
 }
 
 fn comparisons(results: &RunResults) -> Vec<Comparison> {

@@ -2,7 +2,7 @@
 
 use crate::{PipelineError, Progress, Stage};
 use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_identify::output_error::{FlightFits, Images, InputClock};
+use mavsight_identify::output_error::{FlightFitOptions, FlightFits, Images};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseSample, Rig};
 
 /// Half a millimetre: what a ruler tells of a marker's place where nothing else is said.
@@ -19,7 +19,7 @@ pub fn output_error_fits(
     inputs: &InputSeries,
     poses: &[PoseSample],
     seen: Option<(&Rig, &[BodyMarker], f64, &[MarkerObservation])>,
-    clock: InputClock,
+    options: &FlightFitOptions,
     progress: &dyn Progress,
 ) -> Result<FlightFits, PipelineError> {
     progress.begin(Stage::Identify, None);
@@ -29,5 +29,5 @@ pub fn output_error_fits(
         markers_std_m,
         observations,
     });
-    Ok(FlightFits::of_flight(vehicle, inputs, poses, images, clock)?)
+    Ok(FlightFits::of_flight(vehicle, inputs, poses, images, options)?)
 }

@@ -148,7 +148,7 @@ impl<'a> FlightPlanner<'a> {
             systematic.push(estimate.systematic);
         }
         let model = true_model(&self.vehicle, &inputs)?;
-        let vectors: Vec<StateVector> = states.iter().map(state_vector).collect();
+        let vectors: Vec<StateVector> = states.iter().map(FlightState::packed).collect();
         let fit = expected_fit(&model, &inputs, measured, &vectors, &OutputErrorOptions::default())?
             .with_lasting(&systematic)?;
         let scenario = scenario.clone();
@@ -227,28 +227,4 @@ pub fn true_model(vehicle: &Vehicle, inputs: &InputSeries) -> Result<FlightModel
 /// The pose of a state.
 pub fn pose_of(s: &FlightState) -> Isometry3<f64> {
     world_from_body(s.position_in_world_m, s.attitude)
-}
-
-fn state_vector(s: &FlightState) -> StateVector {
-    let q = s.attitude.level_from_body();
-    let (p, v, w, f) = (s.position_in_world_m, s.velocity_in_body_m_s, s.rates_rad_s, s.flap);
-    [
-        p.x,
-        p.y,
-        p.z,
-        q.w,
-        q.i,
-        q.j,
-        q.k,
-        v.x,
-        v.y,
-        v.z,
-        w.x,
-        w.y,
-        w.z,
-        f.alpha_l_rad,
-        f.beta_l_rad,
-        f.alpha_f_rad,
-        f.beta_f_rad,
-    ]
 }

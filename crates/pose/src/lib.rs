@@ -36,7 +36,7 @@ pub use clock::{
 pub use error::PoseError;
 pub use estimate::{BodyMarker, ExpectedSight, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
 pub use joint::MotionNoise;
-pub use motion::{Motion, MotionSample, euler_std};
+pub use motion::{Motion, MotionSample, covariance_from_std, euler_std};
 pub use noise::motion_noise;
 pub use precision::{
     MapPlane, PrecisionMap, Volume, VolumePrecision, control_volume, precision_map, predicted_covariance_m2,

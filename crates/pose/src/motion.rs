@@ -1,6 +1,6 @@
 //! The smoothed motion.
 
-use mavsight_geometry::{EulerAngles, Isometry3, Matrix3, Vector3};
+use mavsight_geometry::{EulerAngles, Isometry3, Matrix3, Matrix6, Vector3};
 use nalgebra::SMatrix;
 
 /// State of motion at one instant.
@@ -44,6 +44,21 @@ pub fn euler_std(world_from_body: &Isometry3<f64>, covariance_in_body_rad2: &Mat
     (jacobian * covariance_in_body_rad2 * jacobian.transpose()).diagonal().map(|v| v.max(0.0).sqrt())
 }
 
+/// Covariance of position (world axes) and of a small turn about body axes, from standard deviations of x, y, z, roll, pitch and yaw that
+/// are independent.
+///
+/// At a pitch of ±90° the angles say nothing about the turn: they are then taken as the turn itself.
+pub fn covariance_from_std(world_from_body: &Isometry3<f64>, stds: &[f64; 6]) -> Matrix6<f64> {
+    let var = stds.map(|s| s * s);
+    let mut covariance = Matrix6::from_diagonal(&var.into());
+    let euler = Matrix3::from_diagonal(&Vector3::new(var[3], var[4], var[5]));
+    let rates = EulerAngles::from_world_from_body(world_from_body).rates_from_body_rates();
+    let turn = rates.try_inverse().map(|j| j * euler * j.transpose());
+    let turn = turn.filter(|t| t.iter().all(|x| x.is_finite())).unwrap_or(euler);
+    covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
+    covariance
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -72,5 +87,19 @@ mod tests {
         }
         let spread = (sum / f64::from(trials)).map(f64::sqrt);
         assert!(((spread - claimed).component_div(&claimed)).amax() < 0.03, "{spread} against {claimed}");
+    }
+
+    #[test]
+    fn standard_deviations_survive_the_way_there_and_back() {
+        let stds = [1e-3, 2e-3, 3e-3, 0.01, 0.02, 0.005];
+        let angles = EulerAngles { phi_rad: 0.5, theta_rad: -0.8, psi_rad: 2.0 };
+        let pose = world_from_body(Vector3::new(1.0, 2.0, 3.0), angles);
+        let covariance = covariance_from_std(&pose, &stds);
+        assert!((0..3).all(|k| (covariance[(k, k)].sqrt() - stds[k]).abs() < 1e-12));
+        let back = euler_std(&pose, &covariance.fixed_view::<3, 3>(3, 3).into_owned());
+        assert!((0..3).all(|k| (back[k] - stds[3 + k]).abs() < 1e-12), "{back}");
+        let upright = EulerAngles { theta_rad: std::f64::consts::FRAC_PI_2, ..angles };
+        let level = covariance_from_std(&world_from_body(Vector3::zeros(), upright), &stds);
+        assert!(level.iter().all(|x| x.is_finite()));
     }
 }

@@ -6,6 +6,7 @@ use crate::video::{FrameSource, sequence_exists};
 use crate::{ControlPixel, ControlPointRow, SessionError, TruthRow, tables};
 use mavsight_flight::{Color, InputSeries, Vehicle};
 use mavsight_identify::Model;
+use mavsight_link::{JsonOptions, LinkOptions, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -65,6 +66,34 @@ pub struct LiveSection {
     /// Half width of a parameter's interval, as a share of its value, at which enough has been seen of it; left out: 0.05.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub enough: Option<f64>,
+    /// To an autopilot.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mavlink: Option<MavlinkOptions>,
+    /// To clients of OptiTrack's Motive.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub natnet: Option<NatnetOptions>,
+    /// To clients of VRPN.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vrpn: Option<VrpnOptions>,
+    /// Events as lines.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub json: Option<JsonOptions>,
+    /// Events by Zenoh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub zenoh: Option<ZenohOptions>,
+}
+
+impl LiveSection {
+    /// The outlets that are switched on.
+    pub fn links(&self) -> LinkOptions {
+        LinkOptions {
+            mavlink: self.mavlink.clone(),
+            natnet: self.natnet.clone(),
+            vrpn: self.vrpn.clone(),
+            json: self.json.clone(),
+            zenoh: self.zenoh.clone(),
+        }
+    }
 }
 
 /// Calibration by control points.

@@ -63,13 +63,13 @@ impl Default for OutputErrorOptions {
 /// less than 1e-9 m.
 pub(super) const TIGHTNESS: [f64; 4] = [3e-2, 3e-3, 1e-4, 1e-7];
 /// A stage ends when the next step promises less than this of the squares.
-const PROMISE: [f64; 4] = [100.0, 100.0, 10.0, 0.1];
+pub(super) const PROMISE: [f64; 4] = [100.0, 100.0, 10.0, 0.1];
 /// The fit ends when the next step promises less than this: a hundredth of a standard deviation.
 const LAST_PROMISE: f64 = 1e-4;
 /// Claimed noise is not believed to be more than a hundred times too large: exact data would drive the weights up for ever.
 const LEAST_VARIANCE_FACTOR: f64 = 1e-4;
 /// The longest step of the integration on the way, and at the end, where it is below a micrometre of error over ten seconds.
-const LONGEST_STEP_S: [f64; 2] = [0.01, 0.005];
+pub(super) const LONGEST_STEP_S: [f64; 2] = [0.01, 0.005];
 /// As if each channel had so many more residuals of the mean size: a marker that a camera hardly sees gets no weight that
 /// its few residuals cannot bear.
 const MORE_RESIDUALS: f64 = 10.0;
@@ -137,11 +137,7 @@ pub fn output_error(
     let (condensed, records) = fitter.linearised(tightness)?;
     refuse_undetermined(&fitter, &condensed, &records)?;
     if !fitter.converged {
-        return Err(IdentifyError::FitNotConverged {
-            iterations: fitter.iterations,
-            squares: fitter.at.merit(tightness),
-            promise: fitter.promise,
-        });
+        return Err(fitter.not_converged(tightness));
     }
     let white = Linear::new(&fitter, &condensed, &records);
     let channels = measurements.channels().len();
@@ -152,7 +148,7 @@ pub fn output_error(
 }
 
 impl<'a> Fitter<'a> {
-    fn new(
+    pub(super) fn new(
         start: &FlightModel,
         inputs: &'a InputSeries,
         measurements: &'a Measurements,
@@ -221,7 +217,7 @@ impl<'a> Fitter<'a> {
         Condensed::new(&self.problem, &self.at, &self.point.nuisances, (tightness, damping))
     }
 
-    fn stage(&mut self, hold_times: bool, longest_step_s: f64) -> Result<(), IdentifyError> {
+    pub(super) fn stage(&mut self, hold_times: bool, longest_step_s: f64) -> Result<(), IdentifyError> {
         self.problem.hold_times = hold_times;
         self.problem.longest_step_s = longest_step_s;
         self.at = self.problem.evaluate(&self.point, None)?;
@@ -233,7 +229,7 @@ impl<'a> Fitter<'a> {
     /// A step along the constraint opens the gaps by its square, which a tight penalty punishes: a step that raises the squares
     /// may stand if the next one, which closes the gaps, makes them less than before both (the watchdog of Chamberlain,
     /// Powell, Lemarechal & Pedersen 1982).
-    fn converge(&mut self, tightness: f64, promised: f64) -> Result<(), IdentifyError> {
+    pub(super) fn converge(&mut self, tightness: f64, promised: f64) -> Result<(), IdentifyError> {
         let mut damping: f64 = 0.0;
         let mut watched: Option<Watched> = None;
         self.converged = false;
@@ -362,6 +358,11 @@ impl<'a> Fitter<'a> {
         self.point = start;
         self.at = self.problem.evaluate(&self.point, None)?;
         Ok(None)
+    }
+
+    pub(super) fn not_converged(&self, tightness: f64) -> IdentifyError {
+        let (iterations, promise) = (self.iterations, self.promise);
+        IdentifyError::FitNotConverged { iterations, squares: self.at.merit(tightness), promise }
     }
 
     /// The free parameters.

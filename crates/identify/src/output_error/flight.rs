@@ -2,6 +2,7 @@
 
 use super::measure::{Measurements, StateMeasurement};
 use super::model::{FlightModel, ModelParameter};
+use super::prediction::predict_poses;
 use super::{
     Correlation, Disagreement, ImageMeasurements, OutputErrorFit, OutputErrorOptions, disagreement,
     output_error,
@@ -10,6 +11,7 @@ use crate::{Identification, IdentifyError};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseSample, Rig};
 use nalgebra::{DMatrix, DVector};
+use std::borrow::Cow;
 
 /// What the images of a flight are made of.
 #[derive(Debug, Clone, Copy)]
@@ -25,12 +27,29 @@ pub struct Images<'a> {
 }
 
 /// What is known of the inputs' clock.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum InputClock {
     /// It is that of the measurements.
     Known,
     /// It may be early or late.
+    #[default]
     Free,
+}
+
+/// What a user may choose of [`FlightFits::of_flight`].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FlightFitOptions {
+    /// The inputs' clock.
+    pub clock: InputClock,
+    /// From and to: what is seen in this part of the flight is not fitted but predicted.
+    pub held_out_s: Option<(f64, f64)>,
+}
+
+impl FlightFitOptions {
+    pub(super) fn holds_out(&self, t_ns: i64) -> bool {
+        let t_s = t_ns as f64 * 1e-9;
+        self.held_out_s.is_some_and(|(from_s, to_s)| t_s >= from_s && t_s <= to_s)
+    }
 }
 
 /// The fits of a flight by output error.
@@ -69,7 +88,7 @@ impl FlightFits {
     /// Fits the default model of a vehicle ([`FlightModel::new`]) to the poses and, where there are some, to the images.
     ///
     /// Where the clocks are not known to agree, the lag of the inputs is free too: what is not known of it is then in all
-    /// intervals. A flight that cannot tell it is fitted without.
+    /// intervals. A flight that cannot tell it is fitted without. What is held out enters no fit; each then predicts its poses.
     ///
     /// # Errors
     /// A vehicle that is not valid; refusals of a fit become sentences.
@@ -78,16 +97,16 @@ impl FlightFits {
         inputs: &InputSeries,
         poses: &[PoseSample],
         images: Option<Images<'_>>,
-        clocks: InputClock,
+        options: &FlightFitOptions,
     ) -> Result<Self, IdentifyError> {
         let model = FlightModel::new(vehicle, inputs)?;
         let fit = |measured: Result<Measurements, IdentifyError>| {
-            let (measured, options) = (measured?, OutputErrorOptions::default());
-            let held = || output_error(&model, inputs, &measured, &options);
-            if clocks == InputClock::Known {
+            let (measured, defaults) = (measured?, OutputErrorOptions::default());
+            let held = || output_error(&model, inputs, &measured, &defaults);
+            if options.clock == InputClock::Known {
                 return held();
             }
-            match output_error(&model.clone().with_free_lag(), inputs, &measured, &options) {
+            match output_error(&model.clone().with_free_lag(), inputs, &measured, &defaults) {
                 // What the lag moves may lie outside the inputs, or what the inputs move may not tell it.
                 Err(
                     IdentifyError::NotDetermined { .. }
@@ -97,14 +116,22 @@ impl FlightFits {
                 fitted => fitted,
             }
         };
-        let states = || Ok(Measurements::States(poses.iter().map(StateMeasurement::from_pose).collect()));
+        let out: Vec<PoseSample> = poses.iter().filter(|p| options.holds_out(p.t_ns)).cloned().collect();
+        let fitted = poses.iter().filter(|p| !options.holds_out(p.t_ns));
+        let states = || Ok(Measurements::States(fitted.map(StateMeasurement::from_pose).collect()));
         let (poses, image) = std::thread::scope(|scope| {
-            let image = images.map(|images| scope.spawn(move || fit(images.measurements())));
+            let image = images.map(|images| scope.spawn(move || fit(images.measurements(options))));
             (fit(states()), image.and_then(|handle| handle.join().ok()))
         });
         let mut refusals = Vec::new();
         let mut kept = |what: &str, fit: Result<OutputErrorFit, IdentifyError>| {
-            fit.map_err(|why| refusals.push(format!("No output error {what}: {why}"))).ok()
+            let mut fit = fit.map_err(|why| refusals.push(format!("No output error {what}: {why}"))).ok()?;
+            if options.held_out_s.is_some() {
+                let predicted = predict_poses(&model, &fit, inputs, &out);
+                fit.held_out =
+                    predicted.map_err(|why| refusals.push(format!("No prediction {what}: {why}"))).ok();
+            }
+            Some(fit)
         };
         let poses = kept("from poses", poses);
         let image = image.and_then(|fit| kept("from images", fit));
@@ -141,8 +168,12 @@ impl FlightFits {
 }
 
 impl Images<'_> {
-    fn measurements(&self) -> Result<Measurements, IdentifyError> {
-        let images = ImageMeasurements::new(self.rig, self.markers, self.observations)?
+    fn measurements(&self, options: &FlightFitOptions) -> Result<Measurements, IdentifyError> {
+        let fitted: Cow<'_, [MarkerObservation]> = match options.held_out_s {
+            None => self.observations.into(),
+            Some(_) => self.observations.iter().filter(|o| !options.holds_out(o.t_ns)).cloned().collect(),
+        };
+        let images = ImageMeasurements::new(self.rig, self.markers, &fitted)?
             .with_cameras(self.rig)?
             .with_marker_positions(self.markers_std_m);
         Ok(Measurements::Image(images))

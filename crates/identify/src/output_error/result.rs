@@ -7,6 +7,7 @@ use super::fit::Fitter;
 use super::linear::Linear;
 use super::measure::pose_of;
 use super::model::ModelParameter;
+use super::prediction::Prediction;
 use super::propagate::TANGENT;
 use crate::{IdentifyError, student_quantile_975};
 use mavsight_flight::{FlapState, StateVector};
@@ -127,6 +128,8 @@ pub struct OutputErrorFit {
     pub nuisances: Vec<f64>,
     /// Largest distance between the end of one segment and the start of the next, m.
     pub largest_gap_m: f64,
+    /// How it predicts what was held out of the fit.
+    pub held_out: Option<Prediction>,
     /// What a user should know, in sentences.
     pub notes: Vec<String>,
 }
@@ -206,6 +209,7 @@ pub(crate) fn assemble(
             .iter()
             .map(|s| Vector3::new(s.gap[0], s.gap[1], s.gap[2]).norm())
             .fold(0.0, f64::max),
+        held_out: None,
         notes,
     })
 }

@@ -1,17 +1,19 @@
 //! Flying: from cameras to whoever listens.
 
+use super::live_links::add_links;
 use super::live_sources::{replayed, running};
 use super::named;
 use super::run::{inputs_of, rig_of};
 use crate::cli::{Live, WrongCall};
 use crate::progress::Bars;
 use anyhow::{Context, Result};
+use mavsight_flight::Vehicle;
 use mavsight_link::{CameraState, Event, Tracking};
 use mavsight_live::{
     Flown, InputSource, Latencies, Listener, Listeners, Pace, Recorded, RecordedSession, Recorder, Setup, fly,
 };
 use mavsight_pose::{MotionNoise, Rig, motion_noise};
-use mavsight_session::{Session, SessionFile, make_folder, ns_from_s, read_poses, read_toml, write_whole};
+use mavsight_session::{LiveSection, Session, SessionFile, make_folder, ns_from_s, read_poses, read_toml, write_whole};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -63,7 +65,7 @@ fn of_session(args: &Live, path: &Path) -> Result<()> {
         pace: pace_of(args),
         clock,
         noise,
-        listeners: listeners(args, &stop)?,
+        listeners: listeners(args, &stop, (&session.vehicle, &session.live))?,
         taps: Vec::new(),
         recorder,
         inputs: inputs.map(|i| Box::new(Recorded(i)) as Box<dyn InputSource>),
@@ -119,13 +121,18 @@ fn with_whole_paths(mut file: SessionFile, folder: &Path) -> SessionFile {
 }
 
 /// Who is told: standard output or the terminal.
-pub(super) fn listeners(args: &Live, stop: &Arc<AtomicBool>) -> Result<Listeners> {
+pub(super) fn listeners(
+    args: &Live,
+    stop: &Arc<AtomicBool>,
+    (vehicle, section): (&Vehicle, &LiveSection),
+) -> Result<Listeners> {
     let mut all = Listeners::default();
     all.waiting = args.fast;
     if args.json {
         all.add(Box::new(Lines { stop: Arc::clone(stop) }))?;
     }
     all.add(Box::new(Words::default()))?;
+    add_links(&mut all, vehicle, (section, args))?;
     Ok(all)
 }
 

@@ -17,7 +17,7 @@ use mavsight_pose::{CameraClock, Rig};
 use mavsight_scene::{Aircraft, FilmStream, Room, Sensor};
 use mavsight_score::VirtualCamera;
 use mavsight_session::{
-    ControlSection, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow, make_folder, ns_from_s,
+    ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow, make_folder, ns_from_s,
     write_control_points, write_png, write_vehicle,
 };
 use mavsight_vision::{Frame, Pixels};
@@ -200,7 +200,7 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
         pace: pace_of(args),
         clock,
         noise: None,
-        listeners: listeners(args, &stop)?,
+        listeners: listeners(args, &stop, (&vehicle, &LiveSection::default()))?,
         taps: Vec::new(),
         recorder,
         inputs: Some(Box::new(Commands(Arc::clone(&shared)))),

@@ -1,7 +1,7 @@
 //! The whole chain on a recorded session.
 
 use super::named;
-use crate::cli::{Run, WrongCall};
+use crate::cli::{Interval, Run, WrongCall};
 use crate::page::{Page, write_page};
 use crate::progress::Bars;
 use crate::summary::Summary;
@@ -9,7 +9,7 @@ use anyhow::Result;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_identify::IdentifyError;
-use mavsight_identify::output_error::{FlightFits, InputClock};
+use mavsight_identify::output_error::{FlightFitOptions, FlightFits, InputClock};
 use mavsight_pipeline::{
     AsFlown, Board, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress,
     Refinement, TimedFrame, Tracked, Wand, board_of, body_markers, calibrate_from_observations,
@@ -34,6 +34,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let refined = refined(&session, rig, &mut tracked)?;
     let mut flight = Flight::of_session(&session, inputs.as_ref(), truth.as_deref())?;
     flight.options.equation_error_only |= args.equation_error_only;
+    flight.options.fit.held_out_s = args.hold_out.map(|Interval(from_s, to_s)| (from_s, to_s));
     let (results, mut notes) = solve(&flight, refined.rig, tracked, refined.body, &bars)?;
     notes.extend(refined.note);
     let mut scores = truth.as_deref().map(|t| scores_of(&results, t));
@@ -321,7 +322,8 @@ fn output_error_of(
         .filter(|_| !results.markers.is_empty())
         .map(|rig| (rig, markers.as_slice(), markers_std_m, results.markers.as_slice()));
     let clock = if flight.options.lag_s.is_some() { InputClock::Known } else { InputClock::Free };
-    Ok(output_error_fits(flight.vehicle, inputs, &results.poses, seen, clock, bars)?)
+    let options = FlightFitOptions { clock, held_out_s: flight.options.fit.held_out_s };
+    Ok(output_error_fits(flight.vehicle, inputs, &results.poses, seen, &options, bars)?)
 }
 
 /// Whether an error lies in what was asked for, and not in the flight.

@@ -1,6 +1,7 @@
 //! Poses over time without their uncertainty: what trajectory formats hold.
 
-use super::text::decimal_from_ns;
+use super::frames::AxesOf;
+use super::text::{Line, Text, decimal_from_ns};
 use crate::results::{columns, read_poses};
 use crate::{SessionError, write_whole};
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector3};
@@ -66,8 +67,52 @@ pub(super) fn pose(position: [f64; 3], [w, x, y, z]: [f64; 4]) -> Result<Isometr
     Ok(Isometry3::from_parts(Vector3::from(position).into(), UnitQuaternion::from_quaternion(q)))
 }
 
+/// Reads a trajectory's lines, each one pose; lines that begin with `#` are comments.
+pub(super) fn read_lines(
+    text: &Text,
+    axes: AxesOf,
+    pose_of: impl Fn(&Line<'_>) -> Result<(i64, Isometry3<f64>), SessionError>,
+) -> Result<Vec<TimedPose>, SessionError> {
+    let mut poses: Vec<TimedPose> = Vec::new();
+    for line in text.filled().filter(|l| !l.text.trim_start().starts_with('#')) {
+        let (t_ns, theirs) = pose_of(&line)?;
+        if poses.last().is_some_and(|before| before.t_ns >= t_ns) {
+            return Err(line.refuse("the time does not come after that of the line before: sort the lines"));
+        }
+        poses.push(TimedPose { t_ns, world_from_body: Some(axes.to_ours(&theirs)) });
+    }
+    if poses.is_empty() { Err(SessionError::EmptyTable { path: text.path().to_owned() }) } else { Ok(poses) }
+}
+
+/// Seven numbers from the second cell of a line on.
+pub(super) fn seven(line: &Line<'_>, cells: &[&str]) -> Result<[f64; 7], SessionError> {
+    let mut numbers = [0.0; 7];
+    for (k, value) in numbers.iter_mut().enumerate() {
+        *value = line.number_in(k + 1, cells[k + 1])?;
+    }
+    Ok(numbers)
+}
+
+/// Writes a header and a line for each pose that was measured; says how many were not.
+pub(super) fn write_lines(
+    path: &Path,
+    header: &str,
+    (poses, axes): (&[TimedPose], AxesOf),
+    line_of: impl Fn(i64, Vector3<f64>, [f64; 4]) -> String,
+) -> Result<Vec<String>, SessionError> {
+    let times = poses.iter().filter(|p| p.world_from_body.is_some()).map(|p| p.t_ns);
+    let theirs = continuous(poses.iter().filter_map(|p| p.world_from_body).map(|p| axes.from_ours(&p)));
+    let mut text = format!("{header}\n");
+    for (t_ns, (position, quaternion)) in times.zip(theirs) {
+        text += &line_of(t_ns, position, quaternion);
+        text.push('\n');
+    }
+    write_whole(path, text.as_bytes())?;
+    Ok(left_out(poses))
+}
+
 /// Quaternions w, x, y, z that do not jump to their negatives; the first has w ≥ 0.
-pub(super) fn continuous(poses: impl Iterator<Item = Isometry3<f64>>) -> Vec<(Vector3<f64>, [f64; 4])> {
+fn continuous(poses: impl Iterator<Item = Isometry3<f64>>) -> Vec<(Vector3<f64>, [f64; 4])> {
     let mut before = Quaternion::new(1.0, 0.0, 0.0, 0.0);
     let next = |p: Isometry3<f64>| {
         let q = p.rotation.into_inner();
@@ -79,7 +124,7 @@ pub(super) fn continuous(poses: impl Iterator<Item = Isometry3<f64>>) -> Vec<(Ve
 }
 
 /// How many poses were not measured, in a sentence; nothing where all were.
-pub(super) fn left_out(poses: &[TimedPose]) -> Vec<String> {
+fn left_out(poses: &[TimedPose]) -> Vec<String> {
     let missing = poses.iter().filter(|p| p.world_from_body.is_none()).count();
     let note = || {
         format!(

@@ -4,7 +4,7 @@ use super::columns;
 use crate::table::{Row, Table};
 use crate::{SessionError, error::require_file};
 use mavsight_geometry::{EulerAngles, Matrix2, Matrix3, Matrix6, Vector2, Vector3, world_from_body};
-use mavsight_pose::{MarkerObservation, PoseEstimate, PoseSample};
+use mavsight_pose::{MarkerObservation, PoseEstimate, PoseSample, covariance_from_std};
 use nalgebra::Matrix6xX;
 use std::path::Path;
 
@@ -81,7 +81,7 @@ pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample
         let stds = std_cells(row, stds)?;
         let (covariance, systematic) = match &own {
             Some(columns) => with_new_part(row, columns, &pose, &stds)?,
-            None => (covariance(&pose, &stds), Matrix6xX::zeros(0)),
+            None => (covariance_from_std(&isometry(&pose), &stds), Matrix6xX::zeros(0)),
         };
         let estimate = PoseEstimate {
             systematic,
@@ -122,18 +122,6 @@ fn angles(pose: &[f64; 6]) -> EulerAngles {
 
 pub(super) fn isometry(pose: &[f64; 6]) -> mavsight_geometry::Isometry3<f64> {
     world_from_body(Vector3::new(pose[0], pose[1], pose[2]), angles(pose))
-}
-
-/// Position in world axes, then a small turn about body axes, from standard deviations of position and Euler angles.
-pub(super) fn covariance(pose: &[f64; 6], stds: &[f64; 6]) -> Matrix6<f64> {
-    let var = stds.map(|s| s * s);
-    let mut covariance = Matrix6::from_diagonal(&var.into());
-    let euler = Matrix3::from_diagonal(&Vector3::new(var[3], var[4], var[5]));
-    // At a pitch of ±90° the angles say nothing about the turn: they are then taken as the turn itself.
-    let turn = angles(pose).rates_from_body_rates().try_inverse().map(|j| j * euler * j.transpose());
-    let turn = turn.filter(|t| t.iter().all(|x| x.is_finite())).unwrap_or(euler);
-    covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
-    covariance
 }
 
 /// The covariance and its systematic columns from the part that is new in each frame and the standard deviations of all.

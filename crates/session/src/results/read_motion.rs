@@ -1,11 +1,11 @@
 //! Motion from its table, and whichever of poses and motion a table holds.
 
 use super::columns;
-use super::read::{covariance, isometry, read_poses, read_summary};
+use super::read::{isometry, read_poses, read_summary};
 use crate::SessionError;
 use crate::table::Table;
 use mavsight_geometry::Vector3;
-use mavsight_pose::{Motion, MotionSample, PoseSample};
+use mavsight_pose::{Motion, MotionSample, PoseSample, covariance_from_std};
 use nalgebra::SMatrix;
 use std::path::Path;
 
@@ -130,7 +130,7 @@ fn motion_sample(t_ns: i64, value: &[f64; 18], std: &[f64; 18]) -> MotionSample 
     let pose = [value[0], value[1], value[2], value[3], value[4], value[5]];
     let pose_std = [std[0], std[1], std[2], std[3], std[4], std[5]];
     let mut all = SMatrix::<f64, 18, 18>::from_diagonal(&std.map(|s| s * s).into());
-    all.fixed_view_mut::<6, 6>(0, 0).copy_from(&covariance(&pose, &pose_std));
+    all.fixed_view_mut::<6, 6>(0, 0).copy_from(&covariance_from_std(&isometry(&pose), &pose_std));
     MotionSample {
         t_ns,
         world_from_body: isometry(&pose),

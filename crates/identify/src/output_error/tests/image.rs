@@ -1,12 +1,14 @@
 use super::support::{flown, multisine, noisy_poses, normal, pose, pose_covariance};
 use crate::output_error::{
-    FlightFits, FlightModel, ImageMeasurements, Images, InputClock, Measurements, ModelParameter,
-    OutputErrorOptions, output_error,
+    FlightFitOptions, FlightFits, FlightModel, ImageMeasurements, Images, InputClock, Measurements,
+    ModelParameter, OutputErrorOptions, Prediction, output_error, predict_poses,
 };
 use mavsight_flight::{Coefficients, FlightState, Scenario, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
 use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, PoseEstimate, PoseSample, Rig, calibrate};
 use nalgebra::Point3;
+
+const KNOWN: FlightFitOptions = FlightFitOptions { clock: InputClock::Known, held_out_s: None };
 
 pub(crate) fn rig() -> Rig {
     let size = ImageSize { width_px: 640, height_px: 480 };
@@ -133,7 +135,7 @@ fn poses_and_images_of_a_flight_agree_and_a_wrong_scale_makes_them_disagree() {
     let fit = |poses: &[PoseSample]| {
         let images =
             Images { rig: &rig, markers: &markers, markers_std_m: 5e-4, observations: &observations };
-        FlightFits::of_flight(&vehicle, &inputs, poses, Some(images), InputClock::Known).expect("fits")
+        FlightFits::of_flight(&vehicle, &inputs, poses, Some(images), &KNOWN).expect("fits")
     };
     let fits = fit(&poses);
     assert_eq!(fits.named().map(|(name, _)| name).collect::<Vec<_>>(), ["oe", "image"]);
@@ -149,16 +151,52 @@ fn poses_and_images_of_a_flight_agree_and_a_wrong_scale_makes_them_disagree() {
     assert!(apart[0].test.is_significant(), "{:?} {:?}", apart[0].test, scaled.refusals);
 }
 
+/// Coefficients that are wrong by a fifth predict worse by far.
+#[test]
+fn what_is_held_out_is_predicted_and_enters_no_fit() {
+    let vehicle = Vehicle::paper();
+    let (inputs, states) = flown(&vehicle, &multisine(5.0));
+    let (rig, markers) = (rig(), markers(&vehicle));
+    let mut seed = 4;
+    let observations = seen(&states, (&rig, &markers), 0.1, &mut seed, |_, _| Vector2::zeros());
+    let mut poses = samples(&states, &mut seed);
+    let options = FlightFitOptions { held_out_s: Some((3.0, 4.0)), ..KNOWN };
+    let images = Images { rig: &rig, markers: &markers, markers_std_m: 5e-4, observations: &observations };
+    let fits = FlightFits::of_flight(&vehicle, &inputs, &poses, Some(images), &options).expect("fits");
+    assert!(fits.refusals.is_empty(), "{:?}", fits.refusals);
+    for (name, fit) in fits.named() {
+        let held = fit.held_out.as_ref().expect("a prediction");
+        assert!(held.span_s.0 >= 3.0 && held.span_s.1 <= 4.0 && held.agreements[0].count == 31, "{held:?}");
+        for (coordinate, a) in Prediction::COORDINATES.iter().zip(&held.agreements) {
+            // The noise is 0.5 mm and 0.05 degrees.
+            let noise = if coordinate.len() == 1 { 5e-4 } else { 9e-4 };
+            assert!(a.rms < 3.0 * noise, "{name} {coordinate}: {a:?}");
+        }
+        let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+        let mut wrong = fit.clone();
+        wrong.parameters.iter_mut().filter(|p| p.name.starts_with("C_m,alpha")).for_each(|p| p.value *= 1.2);
+        let worse = predict_poses(&model, &wrong, &inputs, &poses[90..=120]).expect("a prediction");
+        assert!(worse.agreements[4].rms > 2.0 * held.agreements[4].rms, "{name}: {worse:?}");
+    }
+    let none = FlightFitOptions { held_out_s: Some((9.0, 9.5)), ..KNOWN };
+    let empty = FlightFits::of_flight(&vehicle, &inputs, &poses, None, &none).expect("fits");
+    assert!(empty.refusals[0].starts_with("No prediction from poses"), "{:?}", empty.refusals);
+    for held in poses.iter_mut().filter(|p| options.holds_out(p.t_ns)) {
+        held.estimate.as_mut().expect("all").world_from_body.translation.vector.x += 1.0;
+    }
+    let again = FlightFits::of_flight(&vehicle, &inputs, &poses, None, &options).expect("fits");
+    assert_eq!(again.poses.map(|f| f.covariance), fits.poses.map(|f| f.covariance));
+}
+
 #[test]
 fn what_constant_rotor_speeds_cannot_tell_is_held_and_named() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &Scenario::paper());
-    let fits = FlightFits::of_flight(&vehicle, &inputs, &samples(&states, &mut 3), None, InputClock::Known)
-        .expect("fits");
+    let fits =
+        FlightFits::of_flight(&vehicle, &inputs, &samples(&states, &mut 3), None, &KNOWN).expect("fits");
     let held: Vec<&str> = fits.held.iter().map(|p| p.name()).collect();
     assert_eq!(held, ["C_l,p", "C_Z,u", "C_Z,l", "C_n,u", "C_n,l", "C_n,r"]);
     assert!(fits.image.is_none() && fits.comparisons(None).is_empty());
-    let nothing =
-        FlightFits::of_flight(&vehicle, &inputs, &[], None, InputClock::Known).expect("refused, not wrong");
+    let nothing = FlightFits::of_flight(&vehicle, &inputs, &[], None, &KNOWN).expect("refused, not wrong");
     assert!(nothing.poses.is_none() && nothing.refusals.len() == 1, "{:?}", nothing.refusals);
 }

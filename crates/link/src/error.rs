@@ -1,0 +1,66 @@
+//! What can go wrong at an outlet.
+
+use std::io;
+
+/// What can go wrong at an outlet.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// A text that should be an address is none.
+    #[error("{outlet}: `{text}` is no address ({reason}): write host:port, such as 127.0.0.1:3883")]
+    Address {
+        /// Outlet.
+        outlet: &'static str,
+        /// What was written.
+        text: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// An option out of its range.
+    #[error("{outlet}: `{option}` is {value}; it must be {allowed}")]
+    Option {
+        /// Outlet.
+        outlet: &'static str,
+        /// Its key in the session file.
+        option: &'static str,
+        /// What was written.
+        value: String,
+        /// What it may be.
+        allowed: &'static str,
+    },
+    /// A port could not be opened.
+    #[error(
+        "{outlet}: {address} cannot be opened ({source}): end the program that holds the port, or choose another"
+    )]
+    Open {
+        /// Outlet.
+        outlet: &'static str,
+        /// Where.
+        address: String,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// Nothing goes out; the next instant is tried anew.
+    #[error("{outlet}: {address} cannot be reached ({source}): look at the address and at the network")]
+    Send {
+        /// Outlet.
+        outlet: &'static str,
+        /// Whereto.
+        address: String,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// An event could not be written.
+    #[error("json: cannot be written ({0}): look at what reads it, or at the disk")]
+    Write(#[source] io::Error),
+    /// This build has not the outlet that is asked for.
+    #[error(
+        "{outlet}: not in this build: install with `cargo install mavsight --features {outlet}`, or take [live.{outlet}] out"
+    )]
+    Absent {
+        /// Outlet.
+        outlet: &'static str,
+    },
+    /// Zenoh refuses.
+    #[error("zenoh: {0}: look at `listen` and `connect`, such as tcp/127.0.0.1:7447")]
+    Zenoh(String),
+}

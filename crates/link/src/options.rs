@@ -1,0 +1,195 @@
+//! `[live.mavlink]`, `[live.natnet]`, `[live.vrpn]`, `[live.json]`, `[live.zenoh]` of a session file.
+//!
+//! Addresses are texts `host:port`; every default keeps to the machine itself.
+
+use crate::LinkError;
+use serde::{Deserialize, Serialize};
+use std::net::{SocketAddr, ToSocketAddrs};
+
+/// Which outlets a session has; a section that is there switches its outlet on.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LinkOptions {
+    /// To an autopilot.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mavlink: Option<MavlinkOptions>,
+    /// To clients of OptiTrack's Motive.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub natnet: Option<NatnetOptions>,
+    /// To clients of VRPN.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vrpn: Option<VrpnOptions>,
+    /// Events as lines.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub json: Option<JsonOptions>,
+    /// Events by Zenoh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub zenoh: Option<ZenohOptions>,
+}
+
+/// MAVLink ODOMETRY over UDP.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MavlinkOptions {
+    /// Whereto: the port on which the autopilot, or a router before it, listens. PX4 in simulation: 14580.
+    pub address: String,
+    /// Wherefrom; empty: any port, on the machine alone where `address` is on it.
+    pub bind: String,
+    /// At most so many poses a second. PX4 wants 30 to 50; ArduPilot at least 4.
+    pub rate_hz: f64,
+    /// MAVLink system: that of the vehicle.
+    pub system_id: u8,
+    /// MAVLink component: 197, visual-inertial odometry.
+    pub component_id: u8,
+}
+
+impl Default for MavlinkOptions {
+    fn default() -> Self {
+        Self {
+            address: "127.0.0.1:14580".into(),
+            bind: String::new(),
+            rate_hz: 50.0,
+            system_id: 1,
+            component_id: 197,
+        }
+    }
+}
+
+/// Axes of the body that a client of NatNet or VRPN is told of; the world is W, Z up, either way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BodyAxes {
+    /// Forward-left-up, as ROS and Crazyswarm have it: the attitude of a level aircraft is a turn about Z alone.
+    #[default]
+    Flu,
+    /// Forward-right-down, as all of mavsight's own files have it.
+    Frd,
+}
+
+/// NatNet 3.1 by unicast.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct NatnetOptions {
+    /// Command port, on which clients ask.
+    pub address: String,
+    /// Port of a client's machine to which frames go.
+    pub data_port: u16,
+    /// Axes of the body.
+    pub body_axes: BodyAxes,
+}
+
+impl Default for NatnetOptions {
+    fn default() -> Self {
+        Self { address: "127.0.0.1:1510".into(), data_port: 1511, body_axes: BodyAxes::Flu }
+    }
+}
+
+/// VRPN tracker.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct VrpnOptions {
+    /// Port, UDP and TCP, on which clients ask.
+    pub address: String,
+    /// Axes of the body.
+    pub body_axes: BodyAxes,
+}
+
+impl Default for VrpnOptions {
+    fn default() -> Self {
+        Self { address: "127.0.0.1:3883".into(), body_axes: BodyAxes::Flu }
+    }
+}
+
+/// Events, one JSON object a line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct JsonOptions {
+    /// TCP: clients connect here and read; empty: none.
+    pub tcp: String,
+    /// UDP: one line a datagram is sent here; empty: none.
+    pub udp: String,
+}
+
+impl Default for JsonOptions {
+    fn default() -> Self {
+        Self { tcp: "127.0.0.1:4884".into(), udp: String::new() }
+    }
+}
+
+/// Events by Zenoh, in a build with the feature `zenoh`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ZenohOptions {
+    /// Endpoints on which others may connect.
+    pub listen: Vec<String>,
+    /// Endpoints of routers or peers to connect to; tried until they are there.
+    pub connect: Vec<String>,
+    /// First part of every key.
+    pub prefix: String,
+    /// Whether to look for others by multicast: leaves the machine.
+    pub scouting: bool,
+}
+
+impl Default for ZenohOptions {
+    fn default() -> Self {
+        Self {
+            listen: vec!["tcp/127.0.0.1:7447".into()],
+            connect: Vec::new(),
+            prefix: "mavsight".into(),
+            scouting: false,
+        }
+    }
+}
+
+/// The address that a text names, IPv4 where it has both.
+///
+/// # Errors
+/// The text is no address, or its host is not known.
+pub(crate) fn address(outlet: &'static str, text: &str) -> Result<SocketAddr, LinkError> {
+    let fault = |reason: String| LinkError::Address { outlet, text: text.into(), reason };
+    let all: Vec<SocketAddr> = text.to_socket_addrs().map_err(|e| fault(e.to_string()))?.collect();
+    let v4 = all.iter().find(|a| a.is_ipv4()).or(all.first()).copied();
+    v4.ok_or_else(|| fault("the host has no address".into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_keep_to_the_machine() {
+        let all: LinkOptions =
+            toml::from_str("[mavlink]\n[natnet]\n[vrpn]\n[json]\n[zenoh]\n").expect("sections");
+        let texts = [
+            all.mavlink.expect("mavlink").address,
+            all.natnet.expect("natnet").address,
+            all.vrpn.expect("vrpn").address,
+            all.json.expect("json").tcp,
+        ];
+        for text in texts {
+            assert!(address("test", &text).expect("an address").ip().is_loopback(), "{text}");
+        }
+        let zenoh = all.zenoh.expect("zenoh");
+        assert!(zenoh.listen.iter().all(|e| e.starts_with("tcp/127.0.0.1:")) && !zenoh.scouting);
+        assert_eq!(toml::from_str::<LinkOptions>("").expect("nothing"), LinkOptions::default());
+        assert_eq!(toml::to_string(&LinkOptions::default()).expect("a text"), "");
+    }
+
+    #[test]
+    fn a_key_that_is_not_known_is_named() {
+        let said =
+            toml::from_str::<LinkOptions>("[mavlink]\nrate = 30\n").expect_err("no such key").to_string();
+        assert!(said.contains("`rate`") && said.contains("`rate_hz`"), "{said}");
+        let said = toml::from_str::<LinkOptions>("[ros]\n").expect_err("no such outlet").to_string();
+        assert!(said.contains("`ros`"), "{said}");
+        assert!(toml::from_str::<LinkOptions>("[vrpn]\nbody_axes = \"enu\"\n").is_err());
+    }
+
+    #[test]
+    fn what_is_no_address_is_told() {
+        for text in ["", "127.0.0.1", "127.0.0.1:99999", "no such host:1"] {
+            let said = address("vrpn", text).expect_err("no address").to_string();
+            assert!(said.starts_with(&format!("vrpn: `{text}` is no address")), "{said}");
+        }
+    }
+}

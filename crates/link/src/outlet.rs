@@ -1,0 +1,129 @@
+//! What every way out has in common.
+
+use crate::json::JsonLines;
+use crate::mavlink::Mavlink;
+use crate::natnet::Natnet;
+use crate::vrpn::Vrpn;
+use crate::zenoh::Zenoh;
+use crate::{Event, Fix, LinkError, LinkOptions, MarkerView};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// A way out of mavsight.
+///
+/// No call waits for a peer, and none fails because a peer is not there: it gets what is sent once it has come (back). An
+/// error says that nothing went out this time; the next call tries anew. What is sent of a [`Fix`] without a pose is told at
+/// each outlet: nothing, or that there is none; never the pose before.
+pub trait Outlet: Send {
+    /// Its name, as its section in the session file has it.
+    fn name(&self) -> &str;
+
+    /// Sends an instant.
+    ///
+    /// # Errors
+    /// The system refused to send; the outlet stays usable.
+    fn send(&mut self, fix: &Fix) -> Result<(), LinkError>;
+
+    /// Sends an event, where the outlet carries any.
+    ///
+    /// # Errors
+    /// The system refused to send; the outlet stays usable.
+    fn event(&mut self, _event: &Event) -> Result<(), LinkError> {
+        Ok(())
+    }
+}
+
+/// The aircraft, as clients know it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Body {
+    name: String,
+    /// Its markers, in body axes.
+    pub markers: Vec<MarkerView>,
+}
+
+impl Body {
+    /// Longest name that every protocol takes.
+    const LONGEST: usize = 63;
+
+    /// A body of that name. What is no letter of ASCII, digit, `-`, `_` or `.` becomes `_`, as `@`, `/` and blanks mean
+    /// something else in one protocol or another; an empty name becomes `body`.
+    pub fn new(name: &str, markers: Vec<MarkerView>) -> Self {
+        let kept = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+        let mut name: String = name.trim().chars().take(Self::LONGEST).map(kept).collect();
+        if name.is_empty() {
+            name = "body".into();
+        }
+        Self { name, markers }
+    }
+
+    /// Its name on every wire.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+/// Opens every outlet that the options have.
+///
+/// # Errors
+/// An address or option is wrong, a port is held by another program, or this build has not the outlet.
+pub fn open(options: &LinkOptions, body: &Body) -> Result<Vec<Box<dyn Outlet>>, LinkError> {
+    let mut outlets: Vec<Box<dyn Outlet>> = Vec::new();
+    if let Some(options) = &options.mavlink {
+        outlets.push(Box::new(Mavlink::open(options, body)?));
+    }
+    if let Some(options) = &options.natnet {
+        outlets.push(Box::new(Natnet::open(options, body)?));
+    }
+    if let Some(options) = &options.vrpn {
+        outlets.push(Box::new(Vrpn::open(options, body)?));
+    }
+    if let Some(options) = &options.json {
+        outlets.push(Box::new(JsonLines::open(options)?));
+    }
+    if let Some(options) = &options.zenoh {
+        outlets.push(Box::new(Zenoh::open(options, body)?));
+    }
+    Ok(outlets)
+}
+
+/// Nanoseconds of the UNIX epoch.
+pub(crate) fn now_ns() -> i64 {
+    SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| i64::try_from(since.as_nanos()).unwrap_or(i64::MAX))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_mean_nothing_else_on_any_wire() {
+        let name = |text: &str| Body::new(text, Vec::new()).name().to_owned();
+        assert_eq!(name("cf231"), "cf231");
+        assert_eq!(name("Lama 400D, modified"), "Lama_400D__modified");
+        assert_eq!(name("a/b@c*$#?é\n\0"), "a_b_c_______");
+        assert_eq!(name("  "), "body");
+        assert_eq!(name(&"x".repeat(500)).len(), 63);
+    }
+
+    #[test]
+    fn a_port_that_is_held_is_told() {
+        let held = std::net::UdpSocket::bind("127.0.0.1:0").expect("a port");
+        let address = held.local_addr().expect("its address").to_string();
+        let natnet = crate::NatnetOptions { address: address.clone(), ..Default::default() };
+        let options = LinkOptions { natnet: Some(natnet), ..Default::default() };
+        let said = match open(&options, &Body::new("x", Vec::new())) {
+            Err(fault) => fault.to_string(),
+            Ok(_) => String::new(),
+        };
+        assert!(said.starts_with(&format!("natnet: {address} cannot be opened")), "{said}");
+    }
+
+    #[cfg(not(feature = "zenoh"))]
+    #[test]
+    fn an_outlet_that_was_not_built_is_told() {
+        let options = LinkOptions { zenoh: Some(Default::default()), ..Default::default() };
+        let said = open(&options, &Body::new("x", Vec::new())).err().map(|e| e.to_string());
+        assert!(said.is_some_and(|s| s.contains("--features zenoh")));
+    }
+}

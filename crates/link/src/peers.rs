@@ -1,0 +1,128 @@
+//! TCP connections to which more is written than a slow reader takes.
+
+use std::io::{self, Write};
+use std::net::{SocketAddr, TcpStream};
+
+/// What may wait for one reader: some seconds of events. One that lags further is cut off, and may come back.
+const MOST_WAITING: usize = 1 << 18;
+
+/// Most connections of one outlet.
+pub(crate) const MOST: usize = 32;
+
+/// A connection that never makes its writer wait.
+pub(crate) struct Peer {
+    pub(crate) stream: TcpStream,
+    pub(crate) address: SocketAddr,
+    waiting: Vec<u8>,
+}
+
+impl Peer {
+    /// Takes a connection over.
+    ///
+    /// # Errors
+    /// It has gone already.
+    pub(crate) fn new(stream: TcpStream) -> io::Result<Self> {
+        stream.set_nonblocking(true)?;
+        stream.set_nodelay(true)?;
+        let address = stream.peer_addr()?;
+        Ok(Self { stream, address, waiting: Vec::new() })
+    }
+
+    /// Sends, or keeps for later what does not go now. False: it has gone, or lags too far; drop it.
+    pub(crate) fn push(&mut self, bytes: &[u8]) -> bool {
+        if !self.flush() || self.waiting.len() + bytes.len() > MOST_WAITING {
+            return false;
+        }
+        let sent = if self.waiting.is_empty() { self.write(bytes) } else { Some(0) };
+        if let Some(rest) = sent.and_then(|sent| bytes.get(sent..)) {
+            self.waiting.extend_from_slice(rest);
+        }
+        sent.is_some()
+    }
+
+    /// Sends what waits, as far as it goes. False: it has gone.
+    pub(crate) fn flush(&mut self) -> bool {
+        if self.waiting.is_empty() {
+            return true;
+        }
+        let waiting = std::mem::take(&mut self.waiting);
+        let sent = self.write(&waiting);
+        self.waiting = waiting;
+        self.waiting.drain(..sent.unwrap_or(0));
+        sent.is_some()
+    }
+
+    /// How many bytes went; none where the connection has gone.
+    fn write(&mut self, bytes: &[u8]) -> Option<usize> {
+        let mut sent = 0;
+        while sent < bytes.len() {
+            match self.stream.write(&bytes[sent..]) {
+                Ok(0) => return None,
+                Ok(n) => sent += n,
+                Err(e) if e.kind() == io::ErrorKind::WouldBlock => break,
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                Err(_) => return None,
+            }
+        }
+        Some(sent)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Read;
+    use std::net::TcpListener;
+    use std::time::{Duration, Instant};
+
+    fn pair() -> (Peer, TcpStream) {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let far = TcpStream::connect(listener.local_addr().expect("its address")).expect("connected");
+        (Peer::new(listener.accept().expect("accepted").0).expect("a peer"), far)
+    }
+
+    #[test]
+    fn a_reader_that_stops_is_cut_off_and_never_waited_for() {
+        let (mut peer, _far) = pair();
+        let line = [7; 1000];
+        let begun = Instant::now();
+        let lines = (0..100_000).take_while(|_| peer.push(&line)).count();
+        assert!(lines > 100 && lines < 100_000, "{lines}");
+        assert!(begun.elapsed() < Duration::from_secs(5));
+        assert!(peer.waiting.len() <= MOST_WAITING);
+    }
+
+    #[test]
+    fn a_reader_that_is_slow_gets_all_in_order() {
+        let (mut peer, mut far) = pair();
+        let total: u32 = 400_000;
+        let reader = std::thread::spawn(move || {
+            let mut all = Vec::new();
+            std::thread::sleep(Duration::from_millis(100));
+            far.read_to_end(&mut all).expect("read");
+            all
+        });
+        for k in 0..total {
+            while peer.waiting.len() > MOST_WAITING / 2 {
+                assert!(peer.flush());
+            }
+            assert!(peer.push(&k.to_le_bytes()));
+        }
+        while !peer.waiting.is_empty() {
+            assert!(peer.flush());
+        }
+        drop(peer);
+        let want: Vec<u8> = (0..total).flat_map(u32::to_le_bytes).collect();
+        assert!(reader.join().expect("read") == want);
+    }
+
+    #[test]
+    fn one_that_has_gone_is_told() {
+        let (mut peer, far) = pair();
+        drop(far);
+        assert!((0..100).any(|_| {
+            std::thread::sleep(Duration::from_millis(5));
+            !peer.push(&[0; 100])
+        }));
+    }
+}

@@ -1,0 +1,208 @@
+//! A VRPN 07 server with one tracker, the aircraft, sensor 0.
+//!
+//! A client tells by UDP on which port it listens and is connected to by TCP; or it connects to the same port itself
+//! (`tcp:host:port`). Both send the cookie of their version, and what numbers they give to which sender and type. Pings are
+//! answered.
+//!
+//! The world is W, Z up, metres; the body's axes are as the options say; quaternions are x, y, z, w. `Pos_Quat` is sent where a
+//! pose was measured, and nothing otherwise, as VRPN has no word for a pose that is none; `Velocity` where the velocity is known,
+//! in world axes, its quaternion the turn in world axes over [`TURN_S`]. Stamps are the middle of the exposure.
+//!
+//! Layout: VRPN 07.38's `vrpn_Connection.C` and `vrpn_Tracker.C`.
+
+mod messages;
+
+use crate::axes::{sound, sound_motion};
+use crate::options::address;
+use crate::outlet::now_ns;
+use crate::peers::{MOST, Peer};
+use crate::udp;
+use crate::worker::Worker;
+use crate::{Body, Fix, LinkError, Outlet, VrpnOptions};
+use messages::{Inbox, Kind, Read};
+use std::io::{self, Read as _};
+use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+const NAME: &str = "vrpn";
+
+/// Time over which the quaternion of `Velocity` turns.
+pub const TURN_S: f64 = 0.01;
+
+/// How long a client may take to accept the connection that it asked for.
+const CONNECTING: Duration = Duration::from_millis(500);
+
+/// How long a client may take to send its cookie.
+const GREETING: Duration = Duration::from_secs(10);
+
+/// How much is read of a client at a time, in pieces, so that one that talks without end holds nobody up.
+const PIECES: usize = 4;
+
+/// Ports below are the system's own; no client listens there.
+const LEAST_PORT: u16 = 1024;
+
+/// Serves clients of VRPN.
+pub struct Vrpn {
+    clients: Arc<Mutex<Vec<Client>>>,
+    options: VrpnOptions,
+    address: SocketAddr,
+    bytes: Vec<u8>,
+    _worker: Worker,
+}
+
+struct Client {
+    peer: Peer,
+    inbox: Inbox,
+    greeted: bool,
+    since: Instant,
+}
+
+impl Vrpn {
+    /// Opens the port, UDP and TCP.
+    ///
+    /// # Errors
+    /// The address is wrong, or the port cannot be opened.
+    pub fn open(options: &VrpnOptions, body: &Body) -> Result<Self, LinkError> {
+        let fault = |source| LinkError::Open { outlet: NAME, address: options.address.clone(), source };
+        let listener = TcpListener::bind(address(NAME, &options.address)?).map_err(fault)?;
+        listener.set_nonblocking(true).map_err(fault)?;
+        let address = listener.local_addr().map_err(fault)?;
+        let calls = udp::open(NAME, address)?;
+        let clients = Arc::new(Mutex::new(Vec::new()));
+        let mut door = Door {
+            calls,
+            listener,
+            clients: Arc::clone(&clients),
+            greeting: messages::descriptions(body.name()),
+            bytes: Vec::new(),
+        };
+        Ok(Self {
+            clients,
+            options: options.clone(),
+            address,
+            bytes: Vec::new(),
+            _worker: Worker::start(move || door.step()),
+        })
+    }
+
+    /// The port that was opened.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+}
+
+impl Outlet for Vrpn {
+    fn name(&self) -> &str {
+        NAME
+    }
+
+    fn send(&mut self, fix: &Fix) -> Result<(), LinkError> {
+        let Some(measured) = sound(fix) else { return Ok(()) };
+        let pose = self.options.body_axes.pose(&measured.world_from_body);
+        self.bytes.clear();
+        messages::pos_quat(&mut self.bytes, fix.captured_ns, &pose);
+        if let Some(moving) = sound_motion(measured) {
+            let world_from_body = measured.world_from_body.rotation;
+            let turning_rad_s = world_from_body * moving.rates_rad_s;
+            let velocity_m_s = world_from_body * moving.velocity_in_body_m_s;
+            messages::velocity(&mut self.bytes, fix.captured_ns, &velocity_m_s, &turning_rad_s);
+        }
+        let bytes = &self.bytes;
+        lock(&self.clients).retain_mut(|client| !client.greeted || client.peer.push(bytes));
+        Ok(())
+    }
+}
+
+fn lock(clients: &Mutex<Vec<Client>>) -> MutexGuard<'_, Vec<Client>> {
+    clients.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Lets clients in and listens to them.
+struct Door {
+    calls: UdpSocket,
+    listener: TcpListener,
+    clients: Arc<Mutex<Vec<Client>>>,
+    greeting: Vec<u8>,
+    bytes: Vec<u8>,
+}
+
+impl Door {
+    fn step(&mut self) {
+        let mut call = [0; 512];
+        if let Some((length, from)) = udp::receive(&self.calls, &mut call) {
+            self.call_back(&call[..length], from);
+        }
+        while let Ok((stream, _)) = self.listener.accept() {
+            self.admit(stream);
+        }
+        let (greeting, bytes) = (&self.greeting, &mut self.bytes);
+        lock(&self.clients).retain_mut(|client| client.listen(greeting, bytes));
+    }
+
+    /// Connects to the machine that called, whatever host it names, so that nobody is sent to a third one.
+    fn call_back(&mut self, call: &[u8], from: SocketAddr) {
+        let Some(port) = messages::called_port(call).filter(|port| *port >= LEAST_PORT) else { return };
+        let to = SocketAddr::new(from.ip(), port);
+        if lock(&self.clients).iter().any(|c| c.peer.address == to) {
+            return;
+        }
+        if let Ok(stream) = TcpStream::connect_timeout(&to, CONNECTING) {
+            self.admit(stream);
+        }
+    }
+
+    fn admit(&mut self, stream: TcpStream) {
+        let mut clients = lock(&self.clients);
+        if clients.len() < MOST
+            && let Ok(mut peer) = Peer::new(stream)
+            && peer.push(&messages::COOKIE)
+        {
+            clients.push(Client { peer, inbox: Inbox::default(), greeted: false, since: Instant::now() });
+        }
+    }
+}
+
+impl Client {
+    /// Reads what has come and answers it. False: it has gone, or speaks something else.
+    fn listen(&mut self, greeting: &[u8], answer: &mut Vec<u8>) -> bool {
+        if !self.greeted && self.since.elapsed() > GREETING {
+            return false;
+        }
+        let mut bytes = [0; 4096];
+        for _ in 0..PIECES {
+            match self.peer.stream.read(&mut bytes) {
+                Ok(0) => return false,
+                Ok(length) => {
+                    if !self.inbox.take(&bytes[..length]) {
+                        return false;
+                    }
+                }
+                Err(e) if e.kind() == io::ErrorKind::WouldBlock => break,
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                Err(_) => return false,
+            }
+        }
+        loop {
+            let went = match self.inbox.next() {
+                Read::Nothing => return self.peer.flush(),
+                Read::Noise => false,
+                Read::Cookie => {
+                    self.greeted = true;
+                    self.peer.push(greeting)
+                }
+                Read::Ping => {
+                    answer.clear();
+                    messages::message(answer, now_ns(), Kind::Pong, &[]);
+                    self.peer.push(answer)
+                }
+            };
+            if !went {
+                return false;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,183 @@
+//! VRPN's messages: a header of 24 bytes (length without padding, seconds, microseconds, sender, type, number), the payload,
+//! padding to 8 bytes; big-endian throughout.
+
+use crate::vrpn::TURN_S;
+use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
+
+const HEADER: usize = 24;
+const ALIGN: usize = 8;
+/// What VRPN itself takes at most.
+const LONGEST: usize = 64_000;
+
+/// The first that either side sends; only what comes before the last point must be the same on both.
+pub(super) const COOKIE: [u8; 24] = *b"vrpn: ver. 07.38  0\0\0\0\0\0";
+const COOKIE_FAMILY: &[u8] = b"vrpn: ver. 07.";
+
+/// Types that describe senders and types.
+const SENDER_DESCRIPTION: i32 = -1;
+const TYPE_DESCRIPTION: i32 = -2;
+
+/// The aircraft's number among this side's senders, and its sensor.
+const SENDER: i32 = 0;
+const SENSOR: i32 = 0;
+
+/// Types of messages, by this side's numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    PosQuat = 0,
+    Velocity = 1,
+    Ping = 2,
+    Pong = 3,
+}
+
+const KINDS: [(Kind, &str); 4] = [
+    (Kind::PosQuat, "vrpn_Tracker Pos_Quat"),
+    (Kind::Velocity, "vrpn_Tracker Velocity"),
+    (Kind::Ping, "vrpn_Base ping_message"),
+    (Kind::Pong, "vrpn_Base pong_message"),
+];
+
+fn write(out: &mut Vec<u8>, at_ns: i64, sender: i32, kind: i32, payload: &[u8]) {
+    let length = (HEADER + payload.len()) as i32;
+    let (seconds, rest_ns) = (at_ns.div_euclid(1_000_000_000), at_ns.rem_euclid(1_000_000_000));
+    // Seconds are 32 bits on this wire.
+    for word in [length, seconds as i32, (rest_ns / 1000) as i32, sender, kind, 0] {
+        out.extend(word.to_be_bytes());
+    }
+    out.extend(payload);
+    out.resize(out.len().next_multiple_of(ALIGN), 0);
+}
+
+/// A message of the aircraft. What is in `out` must be whole messages.
+pub(super) fn message(out: &mut Vec<u8>, at_ns: i64, kind: Kind, payload: &[u8]) {
+    write(out, at_ns, SENDER, kind as i32, payload);
+}
+
+/// What numbers this side gives: the aircraft, and the types.
+pub(super) fn descriptions(body: &str) -> Vec<u8> {
+    let mut out = Vec::new();
+    let mut describe = |what: i32, number: i32, name: &str| {
+        let mut payload = (name.len() as i32 + 1).to_be_bytes().to_vec();
+        payload.extend(name.as_bytes());
+        payload.push(0);
+        write(&mut out, 0, number, what, &payload);
+    };
+    describe(SENDER_DESCRIPTION, SENDER, body);
+    for (kind, name) in KINDS {
+        describe(TYPE_DESCRIPTION, kind as i32, name);
+    }
+    out
+}
+
+/// Two numbers of the sensor, of which the second is there for alignment, then numbers.
+fn report<const N: usize>(numbers: [f64; N], payload: &mut [u8]) {
+    for (eight, value) in payload[8..].chunks_exact_mut(8).zip(numbers) {
+        eight.copy_from_slice(&value.to_be_bytes());
+    }
+    payload[..4].copy_from_slice(&SENSOR.to_be_bytes());
+    payload[4..8].copy_from_slice(&SENSOR.to_be_bytes());
+}
+
+/// Position and attitude (x, y, z, w).
+pub(super) fn pos_quat(out: &mut Vec<u8>, at_ns: i64, pose: &Isometry3<f64>) {
+    let (t, q) = (pose.translation, pose.rotation);
+    let mut payload = [0; 64];
+    report([t.x, t.y, t.z, q.i, q.j, q.k, q.w], &mut payload);
+    message(out, at_ns, Kind::PosQuat, &payload);
+}
+
+/// Velocity, the turn over [`TURN_S`] (x, y, z, w), and that time.
+pub(super) fn velocity(
+    out: &mut Vec<u8>,
+    at_ns: i64,
+    velocity_m_s: &Vector3<f64>,
+    turning_rad_s: &Vector3<f64>,
+) {
+    let (v, q) = (velocity_m_s, UnitQuaternion::from_scaled_axis(turning_rad_s * TURN_S));
+    let mut payload = [0; 72];
+    report([v.x, v.y, v.z, q.i, q.j, q.k, q.w, TURN_S], &mut payload);
+    message(out, at_ns, Kind::Velocity, &payload);
+}
+
+/// The port in a client's call, "host port".
+pub(super) fn called_port(call: &[u8]) -> Option<u16> {
+    let text = std::str::from_utf8(call.split(|b| *b == 0).next()?).ok()?;
+    let mut words = text.split_whitespace();
+    words.next()?;
+    let port = words.next()?.parse().ok();
+    port.filter(|_| words.next().is_none())
+}
+
+/// What a client has sent, and what of it has been read.
+#[derive(Default)]
+pub(super) struct Inbox {
+    bytes: Vec<u8>,
+    /// So many of them have been read.
+    read: usize,
+    /// The client's own number for pings.
+    ping: Option<i32>,
+    welcome: bool,
+}
+
+/// What is next in an inbox.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Read {
+    /// Nothing whole.
+    Nothing,
+    /// Something that no client says.
+    Noise,
+    /// The cookie.
+    Cookie,
+    /// It asks whether this side is there.
+    Ping,
+}
+
+impl Inbox {
+    /// Takes bytes in. False: more than any client says at once.
+    pub(super) fn take(&mut self, bytes: &[u8]) -> bool {
+        self.bytes.drain(..self.read);
+        self.read = 0;
+        self.bytes.extend_from_slice(bytes);
+        self.bytes.len() <= 2 * LONGEST
+    }
+
+    /// The next thing that asks for an answer; what does not is passed over.
+    pub(super) fn next(&mut self) -> Read {
+        if !self.welcome {
+            return self.cookie();
+        }
+        while let Some((head, rest)) = self.bytes.get(self.read..).and_then(|b| b.split_at_checked(HEADER)) {
+            let word = |at: usize| i32::from_be_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
+            let (kind, number) = (word(16), word(12));
+            let Some(length) = usize::try_from(word(0)).ok().filter(|l| (HEADER..=LONGEST).contains(l))
+            else {
+                return Read::Noise;
+            };
+            let padded = length.next_multiple_of(ALIGN);
+            let Some(payload) = rest.get(..padded - HEADER) else { return Read::Nothing };
+            if kind == TYPE_DESCRIPTION
+                && payload.get(4..).is_some_and(|name| name.starts_with(b"vrpn_Base ping_message\0"))
+            {
+                self.ping = Some(number);
+            }
+            self.read += padded;
+            if self.ping == Some(kind) {
+                return Read::Ping;
+            }
+        }
+        Read::Nothing
+    }
+
+    fn cookie(&mut self) -> Read {
+        let so_far = self.bytes.len().min(COOKIE_FAMILY.len());
+        if self.bytes[..so_far] != COOKIE_FAMILY[..so_far] {
+            return Read::Noise;
+        }
+        if self.bytes.len() < COOKIE.len() {
+            return Read::Nothing;
+        }
+        self.read = COOKIE.len();
+        self.welcome = true;
+        Read::Cookie
+    }
+}

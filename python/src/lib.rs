@@ -1,0 +1,14 @@
+//! mavsight in Python: NumPy arrays in and out.
+
+mod campaign;
+mod motion;
+
+use pyo3::prelude::*;
+
+/// The compiled part of the package.
+#[pymodule]
+fn _mavsight(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<campaign::Campaign>()?;
+    module.add_class::<motion::Motion>()?;
+    module.add_function(wrap_pyfunction!(motion::smooth, module)?)
+}

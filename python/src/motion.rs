@@ -1,0 +1,155 @@
+//! The smoother on arrays.
+
+use mavsight_geometry::{EulerAngles, Isometry3, Vector3, world_from_body};
+use mavsight_pose::{
+    Motion as Smoothed, MotionSample, PoseEstimate, PoseSample, covariance_from_std, euler_std,
+};
+use nalgebra::Matrix6xX;
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// Columns of a pose, and of all that is smoothed.
+const POSE: usize = 6;
+const ALL: usize = 18;
+
+/// Motion of an aircraft, a row an instant. Columns of `state` and `std` are those of `Motion.columns`.
+#[pyclass(frozen)]
+pub(crate) struct Motion(Smoothed);
+
+#[pymethods]
+impl Motion {
+    /// Names of the columns of `state` and `std`.
+    #[classattr]
+    fn columns() -> Vec<&'static str> {
+        vec![
+            "x_m",
+            "y_m",
+            "z_m",
+            "phi_rad",
+            "theta_rad",
+            "psi_rad",
+            "u_m_s",
+            "v_m_s",
+            "w_m_s",
+            "p_rad_s",
+            "q_rad_s",
+            "r_rad_s",
+            "a_x_m_s2",
+            "a_y_m_s2",
+            "a_z_m_s2",
+            "p_dot_rad_s2",
+            "q_dot_rad_s2",
+            "r_dot_rad_s2",
+        ]
+    }
+
+    /// Times, s.
+    #[getter]
+    fn t_s<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_iter(py, self.0.samples.iter().map(|s| s.t_ns as f64 * 1e-9))
+    }
+
+    /// Pose, velocity and rates in body axes, specific force and angular acceleration.
+    #[getter]
+    fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.table(py, |s| {
+            let e = EulerAngles::from_world_from_body(&s.world_from_body);
+            let parts = [
+                s.world_from_body.translation.vector,
+                Vector3::new(e.phi_rad, e.theta_rad, e.psi_rad),
+                s.velocity_in_body_m_s,
+                s.rates_rad_s,
+                s.specific_force_m_s2,
+                s.angular_acceleration_rad_s2,
+            ];
+            std::array::from_fn(|k| parts[k / 3][k % 3])
+        })
+    }
+
+    /// Their standard deviations.
+    #[getter]
+    fn std<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.table(py, |s| {
+            let euler = euler_std(&s.world_from_body, &s.covariance.fixed_view::<3, 3>(3, 3).into_owned());
+            std::array::from_fn(|k| {
+                if (3..POSE).contains(&k) { euler[k - 3] } else { s.covariance[(k, k)].max(0.0).sqrt() }
+            })
+        })
+    }
+
+    /// Frequencies at which the smoother passes one half, of position and of attitude, Hz.
+    #[getter]
+    fn bandwidth_hz(&self) -> (f64, f64) {
+        (self.0.translation_bandwidth_hz, self.0.rotation_bandwidth_hz)
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.samples.len()
+    }
+}
+
+impl Motion {
+    fn table<'py>(
+        &self,
+        py: Python<'py>,
+        row: impl Fn(&MotionSample) -> [f64; ALL],
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let cells = PyArray1::from_iter(py, self.0.samples.iter().flat_map(row));
+        cells.reshape([self.0.samples.len(), ALL])
+    }
+}
+
+/// Smooths poses into motion, as `mavsight run` does: strength of the jerk and level of the noise from the data.
+///
+/// t_s: n rising times. pose: (n, 6) x, y, z (m, world axes), roll, pitch, yaw (rad); a row that is not a number was not
+/// measured. std: (n, 6), their standard deviations; one level for all is enough, since a factor on it is estimated.
+#[pyfunction]
+#[pyo3(signature = (t_s, pose, std, gravity_m_s2=9.81))]
+pub(crate) fn smooth(
+    py: Python<'_>,
+    t_s: PyReadonlyArray1<'_, f64>,
+    pose: PyReadonlyArray2<'_, f64>,
+    std: PyReadonlyArray2<'_, f64>,
+    gravity_m_s2: f64,
+) -> PyResult<Motion> {
+    let wrong = |what: String| PyValueError::new_err(what);
+    let n = t_s.len();
+    for (name, shape) in [("pose", pose.shape()), ("std", std.shape())] {
+        if *shape != [n, POSE] {
+            return Err(wrong(format!(
+                "{name} has the shape {shape:?}: ({n}, {POSE}) is wanted, a row for each time"
+            )));
+        }
+    }
+    let (t_s, pose, std) = (t_s.as_array(), pose.as_array(), std.as_array());
+    let mut samples = Vec::with_capacity(n);
+    for k in 0..n {
+        let value: [f64; POSE] = std::array::from_fn(|j| pose[[k, j]]);
+        let spread: [f64; POSE] = std::array::from_fn(|j| std[[k, j]]);
+        let measured = value.iter().all(|v| v.is_finite());
+        if !t_s[k].is_finite() || (measured && !spread.iter().all(|s| *s > 0.0 && s.is_finite())) {
+            return Err(wrong(format!(
+                "row {k}: times must be numbers, and standard deviations numbers above zero"
+            )));
+        }
+        let t_ns = (t_s[k] * 1e9).round() as i64;
+        let estimate = measured.then(|| estimate(&value, &spread));
+        samples.push(PoseSample { t_ns, estimate, reason: None });
+    }
+    let motion = py.detach(|| mavsight_pose::smooth(&samples, gravity_m_s2));
+    motion.map(Motion).map_err(|e| wrong(e.to_string()))
+}
+
+fn estimate(value: &[f64; POSE], spread: &[f64; POSE]) -> PoseEstimate {
+    let angles = EulerAngles { phi_rad: value[3], theta_rad: value[4], psi_rad: value[5] };
+    let world_from_body: Isometry3<f64> = world_from_body(Vector3::new(value[0], value[1], value[2]), angles);
+    PoseEstimate {
+        covariance: covariance_from_std(&world_from_body, spread),
+        world_from_body,
+        systematic: Matrix6xX::zeros(0),
+        markers_used: Vec::new(),
+        left_out: Vec::new(),
+        residual_px: 0.0,
+    }
+}
