@@ -3,8 +3,8 @@
 use crate::camera::{Camera, Report, Seen, Shared};
 use crate::parameters::{InputSource, Parameters};
 use crate::{
-    CameraStates, FlightClock, Latencies, Listeners, LiveChain, LiveError, MotionFilter, Opener, Recorder,
-    TrackingState, events,
+    CameraStates, FlightClock, Latencies, Listeners, LiveChain, LiveError, MotionFilter, Opener,
+    RecorderSlot, TrackingState, events,
 };
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector2;
@@ -78,8 +78,8 @@ pub struct Setup<'a> {
     pub listeners: Listeners,
     /// Who sees frames.
     pub taps: Vec<Tap>,
-    /// Where it is recorded.
-    pub recorder: Option<Arc<Recorder>>,
+    /// Where it is recorded, if it is.
+    pub recorder: Arc<RecorderSlot>,
     /// What is commanded, for the parameters.
     pub inputs: Option<Box<dyn InputSource>>,
     /// Model of the parameters; equation 3 where left out.
@@ -126,7 +126,7 @@ pub fn fly(setup: Setup<'_>) -> Result<Flown, LiveError> {
     }
     let (reports_out, reports) = sync_channel(WAITING);
     let mut taps = setup.taps;
-    taps.extend(setup.recorder.as_ref().map(Recorder::tap));
+    taps.push(setup.recorder.tap());
     let shared = Shared {
         clock: setup.clock,
         pace: setup.pace,
@@ -234,7 +234,7 @@ struct Flight<'a> {
     stop: Arc<AtomicBool>,
     until_ns: Option<i64>,
     listeners: Listeners,
-    recorder: Option<Arc<Recorder>>,
+    recorder: Arc<RecorderSlot>,
     parameters: Option<Parameters>,
     seats: Vec<Seat>,
     cameras: Vec<Camera>,
@@ -370,6 +370,9 @@ impl Flight<'_> {
                 }
                 self.leave(camera);
             }
+            if state == CameraState::Starting && self.chain.has_begun() {
+                self.leave(camera);
+            }
             if self.seats[camera].states.change(now_ns).is_some() {
                 self.tell_camera(camera, now_ns);
             }
@@ -392,7 +395,8 @@ impl Flight<'_> {
     }
 
     fn tell_instants(&mut self) {
-        let wants_events = self.listeners.want_events() || self.recorder.is_some();
+        let recorder = self.recorder.current();
+        let wants_events = self.listeners.want_events() || recorder.is_some();
         while let Some(told) = self.chain.next_told() {
             let sample = &told.association.sample;
             let motion = self.motion.push(sample);
@@ -423,7 +427,7 @@ impl Flight<'_> {
             }
             if wants_events {
                 let pose = events::pose(&fix, told.t_ns, self.last, latency_ns, sample.reason.as_deref());
-                if let Some(recorder) = &self.recorder {
+                if let Some(recorder) = &recorder {
                     recorder.sent(&pose);
                 }
                 self.listeners.event(pose);
@@ -443,7 +447,7 @@ impl Flight<'_> {
         if let Some(event) = self.parameters.as_ref().and_then(Parameters::latest) {
             self.listeners.event(event);
         }
-        if let Some(event) = self.recorder.as_ref().and_then(|r| r.news()) {
+        if let Some(event) = self.recorder.current().and_then(|r| r.news()) {
             self.listeners.event(event);
         }
         let now_ns = self.now_ns();
@@ -458,9 +462,7 @@ impl Flight<'_> {
             seat.latency.clear();
         }
         self.told_ns = now_ns;
-        if let Some(event) = self.recorder.as_ref().map(|r| r.event()) {
-            self.listeners.event(event);
-        }
+        self.listeners.event(self.recorder.event());
     }
 
     fn tell_camera(&mut self, camera: usize, now_ns: i64) {
@@ -477,7 +479,7 @@ impl Flight<'_> {
             markers: seat.markers.iter().map(share).collect(),
             reason: seat.states.reason(state),
         };
-        if let Some(recorder) = &self.recorder {
+        if let Some(recorder) = self.recorder.current() {
             recorder.sent(&event);
         }
         self.listeners.event(event);
@@ -513,7 +515,7 @@ impl Flight<'_> {
         if let Some(event) = self.parameters.and_then(Parameters::finish) {
             self.listeners.event(event);
         }
-        if let Some(recorder) = &self.recorder {
+        if let Some(recorder) = self.recorder.current() {
             recorder.finish();
             self.listeners.event(recorder.event());
         }

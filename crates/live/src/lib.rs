@@ -29,6 +29,6 @@ pub use listener::{Listener, Listeners};
 pub use motion::MotionFilter;
 pub use parameters::{InputSource, Recorded};
 pub use queue::{Popped, Queue};
-pub use record::{RecordedSession, Recorder};
+pub use record::{RecordedSession, Recorder, RecorderSlot};
 pub use source::{CameraFile, Interrupt, Next, Opener, Replay, RunningCamera, Source};
 pub use state::{CameraStates, TrackingState};

@@ -99,3 +99,56 @@ fn filter_over(poses: &[PoseSample], gravity_m_s2: f64) -> Option<CausalFilter> 
     });
     Some(filter)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3};
+    use mavsight_pose::PoseEstimate;
+    use nalgebra::Matrix6xX;
+
+    /// A body that swings, measured to a millimetre and a milliradian.
+    fn sample(k: i64) -> PoseSample {
+        let mut state = (k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let mut noise = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            1e-3 * 12f64.sqrt() * ((state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5)
+        };
+        let t_s = k as f64 / 30.0;
+        let place = Vector3::new(0.3 * (2.0 * t_s).sin() + noise(), noise(), 1.5 + noise());
+        let turn = Vector3::new(0.2 * (3.0 * t_s).sin() + noise(), noise(), noise());
+        let estimate = PoseEstimate {
+            world_from_body: Isometry3::from_parts(place.into(), UnitQuaternion::from_scaled_axis(turn)),
+            covariance: Matrix6::identity() * 1e-6,
+            systematic: Matrix6xX::zeros(0),
+            markers_used: vec![0, 1, 2, 3],
+            left_out: Vec::new(),
+            residual_px: 0.1,
+        };
+        PoseSample { t_ns: k * 33_333_333, estimate: Some(estimate), reason: None }
+    }
+
+    /// Unknown until it is estimated, then right, and nothing is kept in the end.
+    #[test]
+    fn the_noise_is_found_beside_the_flight() {
+        let mut filter = MotionFilter::new(None, 9.8).unwrap();
+        let (mut known, mut k) = (0, 0);
+        while !filter.is_settled() {
+            assert!(k < 30 * 300, "it does not settle");
+            let motion = filter.push(&sample(k));
+            assert!(k >= 150 || motion.is_none(), "instant {k}");
+            if let Some(motion) = motion {
+                known += 1;
+                let t_s = k as f64 / 30.0;
+                let error = motion.rates_rad_s.x - 0.6 * (3.0 * t_s).cos();
+                let std = motion.covariance[(9, 9)].sqrt();
+                assert!(error.abs() < 6.0 * std + 0.02 && std < 0.2, "{t_s}: {error} ± {std}");
+            }
+            if filter.finding.is_some() {
+                std::thread::sleep(std::time::Duration::from_millis(5));
+            }
+            k += 1;
+        }
+        assert!(known > 100 && filter.kept.capacity() == 0 && filter.push(&sample(k)).is_some());
+    }
+}

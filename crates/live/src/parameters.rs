@@ -4,6 +4,7 @@ use crate::{LiveError, Popped, Queue};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{
     Bandwidth, CoefficientTable, Model, Options, Output, RecursiveLeastSquares, coefficients,
+    independent_columns,
 };
 use mavsight_link::{Event, Parameter};
 use mavsight_pose::{PoseSample, smooth};
@@ -239,4 +240,103 @@ fn fit_of<'a>(fits: &'a mut Vec<Fit>, output: &Output) -> Option<&'a mut Fit> {
     let fit = fits.iter_mut().find(|f| same(f))?;
     fit.errors = output.columns.iter().map(|c| c.std).collect();
     Some(fit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_flight::{Channel, Maneuver, Scenario, simulate};
+    use mavsight_geometry::{Matrix6, Vector3, world_from_body};
+    use mavsight_identify::{Estimator, FitOptions, identify_with};
+    use mavsight_pose::PoseEstimate;
+    use nalgebra::Matrix6xX;
+
+    /// Poses of a simulated flight, a tenth of a millimetre and of a milliradian off.
+    fn flight() -> (Vec<PoseSample>, InputSeries) {
+        let doublet = |start_s: f64| Maneuver::Doublet {
+            channel: Channel::DeltaLon,
+            start_s,
+            pulse_s: 0.4,
+            amplitude: -4.0,
+        };
+        let scenario = Scenario {
+            duration_s: 12.0,
+            maneuver: vec![doublet(2.0), doublet(5.0), doublet(8.0)],
+            ..Scenario::paper()
+        };
+        let inputs = scenario.inputs(&Vehicle::paper()).unwrap();
+        let states =
+            simulate(&Vehicle::paper(), &inputs, &scenario.start(), &scenario.frame_times_s()).unwrap();
+        let mut state = 3_u64;
+        let mut noise = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            1e-4 * 12f64.sqrt() * ((state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5)
+        };
+        let sample = |s: &mavsight_flight::FlightState| {
+            let mut pose = world_from_body(s.position_in_world_m, s.attitude);
+            pose.translation.vector += Vector3::new(noise(), noise(), noise());
+            let turn = Vector3::new(noise(), noise(), noise());
+            pose.rotation *= mavsight_geometry::UnitQuaternion::from_scaled_axis(turn);
+            let estimate = PoseEstimate {
+                world_from_body: pose,
+                covariance: Matrix6::identity() * 1e-8,
+                systematic: Matrix6xX::zeros(0),
+                markers_used: vec![0, 1, 2, 3],
+                left_out: Vec::new(),
+                residual_px: 0.1,
+            };
+            PoseSample { t_ns: (s.t_s * 1e9).round() as i64, estimate: Some(estimate), reason: None }
+        };
+        (states.iter().map(sample).collect(), inputs)
+    }
+
+    /// What it ends with is what a batch run's least squares find, its intervals shrink, and what the flight does not tell has none.
+    #[test]
+    fn it_comes_to_what_a_batch_run_finds() {
+        let (poses, inputs) = flight();
+        let vehicle = Vehicle::paper();
+        let options = || Options { bandwidth: Bandwidth::Smoother, ..Options::default() };
+        let mut work = Work {
+            inputs: Box::new(Recorded(inputs.clone())),
+            vehicle: vehicle.clone(),
+            options: options(),
+            enough: 0.05,
+            window: Vec::new(),
+            is_first: true,
+            until_s: f64::NEG_INFINITY,
+            fits: Vec::new(),
+        };
+        let told: Vec<Event> = poses.iter().filter_map(|p| work.push(p.clone())).collect();
+        let half_widths = |event: &Event, name: &str| -> Option<(f64, f64)> {
+            let Event::Parameters { parameters, .. } = event else { return None };
+            let p = parameters.iter().find(|p| p.name == name)?;
+            p.value.zip(p.half_width)
+        };
+        assert!((8..=12).contains(&told.len()), "{} estimates", told.len());
+        let motion = smooth(&poses, vehicle.environment.gravity_m_s2).unwrap();
+        let table = coefficients(&motion, &inputs, &vehicle, &options()).unwrap();
+        let fit = FitOptions { estimators: vec![Estimator::LeastSquares], ..FitOptions::default() };
+        let batch = identify_with(&table, &fit).unwrap();
+        let mut compared = 0;
+        for fit in &batch.fits {
+            for p in fit.parameters.iter().filter(|p| p.identifiable) {
+                let name = format!("{},{}", fit.output, p.name);
+                let (Some(value), Some(std)) = (p.value, p.std) else { continue };
+                let Some((live, half_width)) = told.last().and_then(|e| half_widths(e, &name)) else {
+                    continue;
+                };
+                println!("{name}: {live} ± {half_width}, batch {value} ± {}", 1.96 * std);
+                let apart = (live - value).abs();
+                assert!(apart < 2.0 * half_width + 4.0 * std, "{name}: {live} against {value}");
+                compared += 1;
+            }
+        }
+        assert!(compared >= 3, "{compared} compared");
+        let widths: Vec<f64> =
+            told.iter().filter_map(|e| half_widths(e, "C_m,alpha_l")).map(|w| w.1).collect();
+        assert!(widths.last() < widths.first(), "{widths:?}");
+        let Some(Event::Parameters { parameters, .. }) = told.last() else { panic!("nothing told") };
+        // Rotors at one speed: their thrusts cannot be told from the constant.
+        assert!(parameters.iter().any(|p| p.name == "C_Z,T_u" && p.value.is_none()));
+    }
 }

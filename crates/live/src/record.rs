@@ -62,6 +62,47 @@ fn locked<T>(of: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Where the recording of a flight is, if one is being written: it may begin and end while the flight goes on.
+#[derive(Default)]
+pub struct RecorderSlot {
+    recorder: Mutex<Option<Arc<Recorder>>>,
+}
+
+impl RecorderSlot {
+    /// A slot with a recording that begins with the flight.
+    pub fn with(recorder: Option<Recorder>) -> Arc<Self> {
+        Arc::new(Self { recorder: Mutex::new(recorder.map(Arc::new)) })
+    }
+
+    /// The recording that is being written.
+    pub fn current(&self) -> Option<Arc<Recorder>> {
+        locked(&self.recorder).clone()
+    }
+
+    /// Begins a recording in place of the one before, which is brought to its end and handed back; none: ends that.
+    pub fn replace(&self, by: Option<Recorder>) -> Option<Arc<Recorder>> {
+        let before = std::mem::replace(&mut *locked(&self.recorder), by.map(Arc::new));
+        before.iter().for_each(|b| b.finish());
+        before
+    }
+
+    /// What takes frames into it.
+    pub(crate) fn tap(self: &Arc<Self>) -> crate::fly::Tap {
+        let own = Arc::clone(self);
+        Arc::new(move |camera, stamp_ns, frame, sights| {
+            if let Some(recorder) = own.current() {
+                recorder.frame(camera, stamp_ns, frame, sights);
+            }
+        })
+    }
+
+    /// How far it is, or that there is none.
+    pub(crate) fn event(&self) -> Event {
+        let none = || Event::Recording { folder: None, seconds: 0.0, bytes: 0, fault: None };
+        self.current().map_or_else(none, |r| r.event())
+    }
+}
+
 /// Name of the log of what was seen.
 const DETECTED: &str = "detected.ndjson";
 /// Name of the log of what was handed on.
@@ -139,13 +180,10 @@ impl Recorder {
         Ok(Self { folder, waits, queue, status, thread: Mutex::new(Some(thread)) })
     }
 
-    /// What takes frames into it.
-    pub(crate) fn tap(self: &Arc<Self>) -> crate::fly::Tap {
-        let own = Arc::clone(self);
-        Arc::new(move |camera, stamp_ns, frame, sights| {
-            let (frame, sights) = (Arc::clone(frame), sights.to_vec());
-            own.put(Item::Frame { camera, stamp_ns, frame, sights });
-        })
+    /// Takes in a frame and what was seen in it.
+    fn frame(&self, camera: usize, stamp_ns: i64, frame: &Arc<Frame>, sights: &[Sight]) {
+        let (frame, sights) = (Arc::clone(frame), sights.to_vec());
+        self.put(Item::Frame { camera, stamp_ns, frame, sights });
     }
 
     fn put(&self, item: Item) {

@@ -5,12 +5,11 @@ mod common;
 use common::{camera, film, rig, setup};
 use mavsight_flight::Vehicle;
 use mavsight_link::Event;
-use mavsight_live::{FlightClock, Pace, RecordedSession, Recorder, Replay, Source, fly};
+use mavsight_live::{FlightClock, Pace, RecordedSession, Recorder, RecorderSlot, Replay, Source, fly};
 use mavsight_session::{ControlSection, FrameSource, SESSION_SCHEMA, Session, SessionCamera, SessionFile};
 use mavsight_vision::Frame;
 use std::convert::Infallible;
 use std::path::Path;
-use std::sync::Arc;
 
 /// A session with whatever a session needs, in a folder of its own.
 fn session(at: &Path) -> SessionFile {
@@ -50,7 +49,7 @@ fn fly_into(folder: &Path, from: &Path, films: &[Vec<(i64, Frame)>]) -> (u64, Ve
         with_inputs: false,
         waits: true,
     };
-    let recorder = Arc::new(Recorder::begin(to).unwrap());
+    let recorder = RecorderSlot::with(Some(Recorder::begin(to).unwrap()));
     let cameras = films.iter().map(|film| {
         let mut frames = Some(film.clone().into_iter().map(Ok::<_, Infallible>));
         let open = move |_| {

@@ -97,6 +97,9 @@ pub(crate) struct Live {
     /// Frames a second of the virtual room
     #[arg(long, value_name = "HZ", default_value_t = 60.0)]
     pub(crate) rate: f64,
+    /// Size of the virtual room's images, such as 1920x1080
+    #[arg(long, value_name = "WxH", default_value = "640x480")]
+    pub(crate) size: String,
     /// Seed of the virtual room
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,

@@ -148,7 +148,7 @@ pub fn setup<'a>(
         noise: None,
         listeners,
         taps: Vec::new(),
-        recorder: None,
+        recorder: Default::default(),
         inputs: None,
         model: None,
         enough: 0.05,

@@ -10,10 +10,13 @@ use anyhow::{Context, Result};
 use mavsight_flight::Vehicle;
 use mavsight_link::{CameraState, Event, Tracking};
 use mavsight_live::{
-    Flown, InputSource, Latencies, Listener, Listeners, Pace, Recorded, RecordedSession, Recorder, Setup, fly,
+    Flown, InputSource, Latencies, Listener, Listeners, Pace, Recorded, RecordedSession, Recorder,
+    RecorderSlot, Setup, fly,
 };
 use mavsight_pose::{MotionNoise, Rig, motion_noise};
-use mavsight_session::{LiveSection, Session, SessionFile, make_folder, ns_from_s, read_poses, read_toml, write_whole};
+use mavsight_session::{
+    LiveSection, Session, SessionFile, make_folder, ns_from_s, read_poses, read_toml, write_whole,
+};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -67,7 +70,7 @@ fn of_session(args: &Live, path: &Path) -> Result<()> {
         noise,
         listeners: listeners(args, &stop, (&session.vehicle, &session.live))?,
         taps: Vec::new(),
-        recorder,
+        recorder: RecorderSlot::with(recorder),
         inputs: inputs.map(|i| Box::new(Recorded(i)) as Box<dyn InputSource>),
         model,
         enough: session.live.enough.unwrap_or(ENOUGH),
@@ -86,17 +89,17 @@ fn noise_of(session: &Session) -> Result<Option<MotionNoise>> {
     motion_noise(&poses).map(Some).with_context(|| format!("{}", path.display()))
 }
 
-fn recorder_of(session: &Session, to: &Path, waits: bool) -> Result<Arc<Recorder>> {
+fn recorder_of(session: &Session, to: &Path, waits: bool) -> Result<Recorder> {
     let file: SessionFile = read_toml(&session.path, "session file")?;
     let folder = session.path.parent().unwrap_or(Path::new(""));
     let rate_hz = session.cameras.iter().find_map(|c| c.frame_rate_hz).unwrap_or(30.0);
-    Ok(Arc::new(Recorder::begin(RecordedSession {
+    Ok(Recorder::begin(RecordedSession {
         folder: to.to_owned(),
         session: with_whole_paths(file, folder),
         rate_hz,
         with_inputs: false,
         waits,
-    })?))
+    })?)
 }
 
 /// A session file that can stand anywhere.
@@ -229,16 +232,20 @@ pub(super) fn finish(args: &Live, rig: &Rig, flown: &Flown) -> Result<()> {
         "unheard": flown.unheard,
     });
     let dropped: u64 = flown.dropped.iter().sum();
-    let text = format!(
-        "{} instants, {} with a pose, {} lost since the first; {dropped} frames dropped\n\
-         From the last frame in hand to the pose: median {:.2} ms, 99 % {:.2} ms, at most {:.2} ms\n",
-        flown.instants,
-        flown.measured,
-        flown.lost,
+    let mut text = format!(
+        "{} instants, {} with a pose, {} lost since the first; {dropped} frames dropped\n",
+        flown.instants, flown.measured, flown.lost,
+    );
+    // As fast as it goes frames wait for each other: how long tells nothing.
+    let latency = format!(
+        "From the last frame in hand to the pose: median {:.2} ms, 99 % {:.2} ms, at most {:.2} ms\n",
         flown.latency.quantile_ms(0.5),
         flown.latency.quantile_ms(0.99),
         flown.latency.most_ms(),
     );
+    if !args.fast {
+        text += &latency;
+    }
     if args.json {
         eprint!("{text}");
     } else {

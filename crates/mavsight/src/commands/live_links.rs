@@ -46,7 +46,8 @@ pub(super) fn add_links(
         diameter_m: m.diameter_m,
     };
     let body = Body::new(&vehicle.name, vehicle.marker.iter().map(marker).collect());
-    let outlets = mavsight_link::open(&options(session, args), &body).map_err(|e| WrongCall(e.to_string()))?;
+    let outlets =
+        mavsight_link::open(&options(session, args), &body).map_err(|e| WrongCall(e.to_string()))?;
     for outlet in outlets {
         all.add(Box::new(Link { outlet, said: None }))?;
     }

@@ -8,17 +8,18 @@ use crate::progress::Bars;
 use anyhow::Result;
 use mavsight::pilot::Pilot;
 use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_geometry::Vector2;
+use mavsight_geometry::{ImageSize, Vector2};
 use mavsight_live::{
-    CameraSetup, FlightClock, InputSource, Next, Pace, RecordedSession, Recorder, Setup, Source, fly,
+    CameraSetup, FlightClock, InputSource, Next, Pace, RecordedSession, Recorder, RecorderSlot, Setup,
+    Source, fly,
 };
 use mavsight_pipeline::{ControlStill, Progress, calibrate_from_stills};
 use mavsight_pose::{CameraClock, Rig};
 use mavsight_scene::{Aircraft, FilmStream, Room, Sensor};
 use mavsight_score::VirtualCamera;
 use mavsight_session::{
-    ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow, make_folder, ns_from_s,
-    write_control_points, write_png, write_vehicle,
+    ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow, make_folder,
+    ns_from_s, write_control_points, write_png, write_vehicle,
 };
 use mavsight_vision::{Frame, Pixels};
 use std::path::Path;
@@ -32,7 +33,7 @@ const POOL: usize = 24;
 /// The pilot, shared by the cameras, the recording and the parameters.
 struct Shared {
     pilot: Mutex<Pilot>,
-    recorder: Option<Arc<Recorder>>,
+    recorder: Arc<RecorderSlot>,
 }
 
 impl Shared {
@@ -45,7 +46,7 @@ impl Shared {
         let mut pilot = self.pilot();
         let state = pilot.at(frame).map_err(|e| e.to_string())?;
         for input in pilot.fresh() {
-            self.recorder.iter().for_each(|r| r.input(input));
+            self.recorder.current().iter().for_each(|r| r.input(input));
         }
         Ok(state.as_ref().map(TruthRow::from))
     }
@@ -142,7 +143,7 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     let bars = Bars::new();
     bars.start("building", None);
     let vehicle = Vehicle::paper();
-    let cameras = lab::cameras();
+    let cameras = cameras_of(&args.size)?;
     // The room lives as long as the program: the cameras' threads look at it.
     let room: &'static Room = Box::leak(Box::new(lab::room(&mavsight_flight::Staging::default())));
     let films: Vec<_> = cameras.iter().enumerate().map(|(k, c)| lab::film(room, c, k, args.seed)).collect();
@@ -160,6 +161,7 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     bars.done();
     let recorder =
         args.record.as_deref().map(|to| record(to, &vehicle, &stills, (args.rate, args.fast))).transpose()?;
+    let recorder = RecorderSlot::with(recorder);
     let shared =
         Arc::new(Shared { pilot: Mutex::new(Pilot::new(&vehicle, args.rate)?), recorder: recorder.clone() });
     let stop = Arc::new(AtomicBool::new(false));
@@ -213,13 +215,32 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     finish(args, &rig, &flown)
 }
 
+/// The paper's cameras with images of another size, and as much of the room from top to bottom.
+fn cameras_of(size: &str) -> Result<Vec<VirtualCamera>> {
+    let side = |text: &str| text.parse::<u32>().ok().filter(|n| (64..=8192).contains(n));
+    let sides = size.split_once('x').and_then(|(w, h)| Some((side(w)?, side(h)?)));
+    let Some((width_px, height_px)) = sides else {
+        return Err(WrongCall(format!("--size {size} is no size: give 640x480, 1920x1080 or so")).into());
+    };
+    let mut cameras = lab::cameras();
+    for VirtualCamera { camera, .. } in &mut cameras {
+        let scale = f64::from(height_px) / f64::from(camera.size.height_px);
+        camera.size = ImageSize { width_px, height_px };
+        let middle = mavsight_pose::image_middle(camera.size);
+        let k = &mut camera.intrinsics;
+        (k.fx_px, k.fy_px) = (k.fx_px * scale, k.fy_px * scale);
+        (k.cx_px, k.cy_px) = (middle.x, middle.y);
+    }
+    Ok(cameras)
+}
+
 /// The room as a session, and a recording into it.
 fn record(
     to: &Path,
     vehicle: &Vehicle,
     stills: &[ControlStill],
     (rate_hz, waits): (f64, bool),
-) -> Result<Arc<Recorder>> {
+) -> Result<Recorder> {
     if to.join("session.toml").exists() {
         return Err(
             WrongCall(format!("{} holds a session already: name another folder", to.display())).into()
@@ -252,11 +273,11 @@ fn record(
         live: None,
         camera,
     };
-    Ok(Arc::new(Recorder::begin(RecordedSession {
+    Ok(Recorder::begin(RecordedSession {
         folder: to.to_owned(),
         session,
         rate_hz,
         with_inputs: true,
         waits,
-    })?))
+    })?)
 }
