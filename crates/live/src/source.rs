@@ -105,12 +105,29 @@ pub struct Replay<I> {
     /// The clock that frames wait for; none: they do not.
     pace: Option<FlightClock>,
     stop: Arc<AtomicBool>,
+    /// Stamp of the last frame, and the time since the one before it.
+    last_ns: Option<(i64, i64)>,
 }
+
+/// Share of an interval after a frame before the next is read and decoded: the last one is looked at meanwhile, as it would be with a
+/// camera that decodes nothing.
+const IDLE: f64 = 0.3;
 
 impl<I> Replay<I> {
     /// Frames with their stamps; with a clock each waits for its time, until `stop` is set.
     pub fn new(frames: I, pace: Option<FlightClock>, stop: Arc<AtomicBool>) -> Self {
-        Self { frames, pace, stop }
+        Self { frames, pace, stop, last_ns: None }
+    }
+
+    /// Waits for a time, where frames wait for theirs.
+    fn wait_until(&self, t_ns: i64) {
+        while let Some(clock) = &self.pace {
+            let left = clock.until(t_ns);
+            if left.is_zero() || self.stop.load(Ordering::Relaxed) {
+                return;
+            }
+            std::thread::sleep(left.min(LOOK));
+        }
     }
 }
 
@@ -121,16 +138,14 @@ where
 {
     fn next(&mut self) -> Next {
         let ended = || Next::End("the recording has ended".to_owned());
+        if let Some((last_ns, step_ns)) = self.last_ns {
+            self.wait_until(last_ns + (IDLE * step_ns as f64) as i64);
+        }
         match self.frames.next() {
             Some(Ok((t_ns, frame))) => {
                 let frame = Arc::new(frame);
-                while let Some(clock) = &self.pace {
-                    let left = clock.until(t_ns);
-                    if left.is_zero() || self.stop.load(Ordering::Relaxed) {
-                        break;
-                    }
-                    std::thread::sleep(left.min(LOOK));
-                }
+                self.wait_until(t_ns);
+                self.last_ns = Some((t_ns, self.last_ns.map_or(0, |l| (t_ns - l.0).clamp(0, 100_000_000))));
                 Next::Frame(t_ns, frame)
             }
             Some(Err(error)) => Next::Fault(error.to_string()),

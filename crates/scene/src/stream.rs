@@ -3,13 +3,18 @@
 use crate::Film;
 use crate::aircraft::Aircraft;
 use crate::render::{Composer, Moving, PART_SAMPLES, Region, region_of};
+use crate::shapes::Shape;
 use nalgebra::Isometry3;
 
 /// Frames of the empty room that are coded beforehand. Where the aircraft is not, the noise comes again after so many frames.
 const BACKGROUNDS: u64 = 8;
 
-/// Films the aircraft before the empty room: what [`Film::frame`] does, but that outside of what the aircraft may touch the noise is
-/// one of eight, made beforehand.
+/// Samples that one ray stands for, each way: of the hull, and about a ball, whose centre stays true to a hundredth of a pixel.
+const HULL_STRIDE: usize = 4;
+const BALL_STRIDE: usize = 2;
+
+/// Films the aircraft before the empty room as [`Film::frame`] does, with fewer rays; where the aircraft is not, the noise is one of
+/// eight, made beforehand.
 pub struct FilmStream<'a> {
     film: Film<'a>,
     backgrounds: Vec<Vec<u8>>,
@@ -53,9 +58,17 @@ impl<'a> FilmStream<'a> {
         let Some(region) = region_of(parts, &poses, &self.film.camera, margin_px) else { return };
         let light = self.film.light_on(parts, &poses[PART_SAMPLES / 2]);
         let moving = Moving { parts, poses: &poses, light: &light };
-        let composer = Composer::new(&moving, &self.film.camera, &self.film.plate);
-        self.film
-            .soften_into(&mut self.light, region, |y, columns, samples| composer.row(y, columns, samples));
+        let composer =
+            |stride| Composer::new(&moving, &self.film.camera, &self.film.plate).with_stride(stride);
+        let coarse = composer(HULL_STRIDE);
+        self.film.soften_into(&mut self.light, region, |y, columns, samples| coarse.row(y, columns, samples));
+        let fine = composer(BALL_STRIDE);
+        for ball in parts.iter().filter(|p| matches!(p.shape, Shape::Ball { .. })) {
+            let own = std::slice::from_ref(ball);
+            let Some(around) = region_of(own, &poses, &self.film.camera, margin_px) else { continue };
+            self.film
+                .soften_into(&mut self.light, around, |y, columns, samples| fine.row(y, columns, samples));
+        }
         for row in region.y.0..region.y.1 {
             let (from, to) = (row * width + region.x.0, row * width + region.x.1);
             self.film.coder.code_into(&self.light[from..to], from, index, &mut out[3 * from..3 * to]);
@@ -70,14 +83,14 @@ mod tests {
     use crate::{PaintedBall, Room, Sensor};
     use mavsight_geometry::{Camera, ImageSize, Intrinsics, Vector3};
 
-    /// Beside the film's own frames: without noise the same, wherever the aircraft was before.
+    /// Beside the film's own frames, without noise: the ball's centre, and all else but for single rims.
     #[test]
     fn it_is_the_film() {
         let size = ImageSize { width_px: 96, height_px: 72 };
-        let k = Intrinsics::from_horizontal_fov(size, 0.9);
+        let k = Intrinsics::from_horizontal_fov(size, 0.5);
         let camera = Camera::looking_at(Vector3::new(2.5, -2.5, 1.5), Vector3::new(0.0, 0.0, 1.5), k, size);
         let ball =
-            PaintedBall { centre_m: Vector3::new(0.2, 0.2, 0.1), radius_m: 0.05, linear: [0.7, 0.1, 0.1] };
+            PaintedBall { centre_m: Vector3::new(0.2, 0.2, 0.1), radius_m: 0.05, linear: [0.9, 0.05, 0.05] };
         let (room, aircraft) = (Room::meeting_room(), Aircraft::helicopter(&[ball]));
         let sensor = Sensor { noise: false, ..Sensor::default() };
         let film = Film::new(&room, camera, sensor);
@@ -85,13 +98,26 @@ mod tests {
         let mut out = vec![0; 3 * size.area_px()];
         for index in 0..3 {
             let pose = |share: f64| {
-                Isometry3::new(
-                    Vector3::new(0.3 * index as f64 - 0.3 + 0.01 * share, 0.0, 1.5),
-                    Vector3::x() * 3.1,
-                )
+                let at = Vector3::new(0.1 * index as f64 - 0.1 + 0.01 * share, 0.0, 1.5);
+                Isometry3::new(at, Vector3::x() * std::f64::consts::PI)
             };
             stream.frame_into(index, &aircraft, pose, &mut out);
-            assert!(out == film.frame(index, &aircraft, pose), "frame {index}");
+            let want = film.frame(index, &aircraft, pose);
+            let apart: u64 = out.iter().zip(&want).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
+            assert!((apart as f64) < 0.5 * want.len() as f64, "frame {index}: {apart}");
+            let redness = |rgb: &[u8]| {
+                let mut sums = [0.0; 3];
+                for (k, c) in rgb.chunks_exact(3).enumerate() {
+                    let weight = f64::from(c[0]) - f64::from(c[1].max(c[2]));
+                    let weight = if weight > 60.0 { weight } else { 0.0 };
+                    let place = [(k % 96) as f64, (k / 96) as f64, 1.0];
+                    (0..3).for_each(|i| sums[i] += weight * place[i]);
+                }
+                assert!(sums[2] > 0.0, "no ball in frame {index}");
+                [sums[0] / sums[2], sums[1] / sums[2]]
+            };
+            let (a, b) = (redness(&out), redness(&want));
+            assert!((a[0] - b[0]).abs() < 0.05 && (a[1] - b[1]).abs() < 0.05, "{a:?} {b:?}");
         }
         let mut short = [7; 3];
         stream.frame_into(0, &aircraft, |_| Isometry3::identity(), &mut short);
