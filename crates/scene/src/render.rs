@@ -168,6 +168,15 @@ impl<'a> Composer<'a> {
         }
     }
 
+    /// The moving parts over a row of light, one ray a pixel, without a lens.
+    pub(crate) fn over(&self, y: usize, columns: (usize, usize), light: &mut [[f32; 3]]) {
+        for (x, pixel) in (columns.0..columns.1).zip(light) {
+            let k = y * self.camera.size.width_px as usize + x;
+            let behind = (pixel.map(f64::from), f64::from(self.plate.distance_m[k]));
+            self.pixel((x, y), behind, |_, _, light| *pixel = light.map(|c| c as f32));
+        }
+    }
+
     fn pixel(
         &self,
         (x, y): (usize, usize),
