@@ -121,6 +121,44 @@ impl RecursiveLeastSquares {
     }
 }
 
+impl RecursiveLeastSquares {
+    /// Σ of the rows' weights: with nothing forgotten, how many there were.
+    pub fn weight(&self) -> f64 {
+        self.weight
+    }
+
+    /// The triangle R of all rows, RᵀR = XᵀX: its columns depend on each other as those of the regressors do.
+    pub fn factor(&self) -> DMatrix<f64> {
+        self.triangle.columns(0, self.values.len()).into_owned()
+    }
+
+    /// [`Self::estimate`] for some of the parameters, the others taken as zero: what is left when columns that are combinations of
+    /// others ([`crate::independent_columns`]) are put aside. Indices beyond the columns give none.
+    pub fn estimate_of(&self, parameters: &[usize]) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let count = self.values.len();
+        let degrees = self.weight - parameters.len() as f64;
+        if parameters.is_empty() || degrees <= 0.0 || parameters.iter().any(|p| *p >= count) {
+            return None;
+        }
+        let mut columns = self.triangle.select_columns(parameters);
+        let scales = DVector::from_iterator(parameters.len(), columns.column_iter().map(|c| c.norm()));
+        if scales.iter().any(|s| *s <= 0.0) {
+            return None;
+        }
+        columns.column_iter_mut().zip(&scales).for_each(|(mut c, s)| c /= *s);
+        let output = self.triangle.column(count).into_owned();
+        let qr = columns.clone().qr();
+        let scaled = qr.r().solve_upper_triangular(&(qr.q().transpose() * &output))?;
+        let left = (output - columns * &scaled).norm_squared();
+        let inverse = qr.r().try_inverse()?;
+        let variance = (self.square_sum + left) / degrees;
+        let covariance = &inverse * inverse.transpose() * variance;
+        let unscaled = DMatrix::from_diagonal(&scales.map(f64::recip));
+        let values = scaled.component_div(&scales);
+        values.iter().all(|v| v.is_finite()).then(|| (values, &unscaled * covariance * &unscaled))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -183,6 +221,23 @@ mod tests {
         let still = DMatrix::from_fn(30, 3, |i, j| if j == 2 { 2.0 * x[(i, 0)] } else { x[(i, j)] });
         assert!(feed(&still, &y, 1.0).estimate().is_none());
         assert!(feed(&x, &y, 1.0).estimate().is_some());
+    }
+
+    #[test]
+    fn some_parameters_alone_are_batch_least_squares_of_their_columns() {
+        let (x, y) = problem(60);
+        let recursive = feed(&x, &y, 1.0);
+        for some in [vec![0, 2], vec![1], vec![0, 1, 2]] {
+            let (values, covariance) = recursive.estimate_of(&some).expect("an estimate");
+            let batch = least_squares(&x.select_columns(&some), &y, Correlation::White).expect("a fit");
+            assert!((&values - &batch.values).component_div(&batch.values).amax() < 1e-9);
+            let apart = (&covariance - &batch.white_covariance).component_div(&batch.white_covariance);
+            assert!(apart.amax() < 1e-7, "{apart}");
+        }
+        let r = recursive.factor();
+        assert!((r.transpose() * &r - x.transpose() * &x).amax() < 1e-9 * (x.transpose() * &x).amax());
+        assert!(recursive.weight() == 60.0 && recursive.estimate_of(&[3]).is_none());
+        assert!(recursive.estimate_of(&[]).is_none());
     }
 
     #[test]

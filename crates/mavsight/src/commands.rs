@@ -6,6 +6,10 @@ mod convert_formats;
 mod demo;
 mod film;
 mod identify;
+mod live;
+mod live_links;
+mod live_sources;
+mod live_virtual;
 mod manoeuvre;
 mod plan;
 mod plan_page;
@@ -23,6 +27,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Demo(args) => demo::demo(args),
         Command::Run(args) => run::run(args),
+        Command::Live(args) => live::live(args),
         Command::Simulate(args) => stages::simulate(args),
         Command::Film(args) => film::film(args),
         Command::Calibrate(args) => stages::calibrate(args),

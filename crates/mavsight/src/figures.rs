@@ -120,8 +120,8 @@ fn png(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>> {
 type Line = (&'static str, Role, Vec<(f64, f64)>);
 
 /// Figure 7.
-pub(crate) fn inputs(page: &Page<'_>) -> Result<Figure> {
-    let samples = page.flight.inputs.samples();
+pub(crate) fn inputs(recorded: &mavsight_flight::InputSeries) -> Result<Figure> {
+    let samples = recorded.samples();
     let series = |f: Of<'_, mavsight_flight::InputSample>| -> Vec<(f64, f64)> {
         samples.iter().map(|s| (s.t_s, f(s))).collect()
     };

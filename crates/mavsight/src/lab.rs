@@ -237,7 +237,7 @@ pub struct Shot {
 }
 
 /// The pose a moment before or after a state, with its velocities and accelerations taken as constant.
-fn pose_near(state: &TruthRow, dt_s: f64) -> Isometry3<f64> {
+pub fn pose_near(state: &TruthRow, dt_s: f64) -> Isometry3<f64> {
     let attitude = EulerAngles { phi_rad: state.phi_rad, theta_rad: state.theta_rad, psi_rad: state.psi_rad };
     let mut near = world_from_body(Vector3::new(state.x_m, state.y_m, state.z_m), attitude);
     let moved = near.rotation * Vector3::new(state.u_m_s, state.v_m_s, state.w_m_s) * dt_s;

@@ -4,11 +4,13 @@
 //! enter the chain anywhere: source → detect → associate → reconstruct → smooth → identify → report.
 
 pub mod lab;
+pub mod pilot;
 
 pub use mavsight_flight as flight;
 pub use mavsight_geometry as geometry;
 pub use mavsight_identify as identify;
 pub use mavsight_link as link;
+pub use mavsight_live as live;
 #[cfg(feature = "page")]
 pub use mavsight_page as page;
 pub use mavsight_pipeline as pipeline;

@@ -41,7 +41,8 @@ pub(crate) fn write_page(page: &Page<'_>, out: &Path) -> Result<()> {
         pictures.extend(figures::pictures(page)?);
         section("Cameras", camera_tables(rig), pictures);
     }
-    section("Aircraft and inputs", vec![vehicle_table(page)], vec![figures::inputs(page)?]);
+    let inputs = page.flight.inputs.map(figures::inputs).transpose()?;
+    section("Aircraft and inputs", vec![vehicle_table(page)], inputs.into_iter().collect());
     section("Motion", vec![], figures::motion(page)?);
     section("Coefficients", fits::tables(page.results), fits::figures(page)?);
     section("Equations of motion", motion_fits::tables(page.results), vec![]);

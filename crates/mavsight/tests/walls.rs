@@ -36,7 +36,9 @@ fn reach(all: &BTreeMap<String, BTreeSet<String>>, from: &str) -> BTreeSet<Strin
 fn estimators_reach_neither_the_virtual_room_nor_the_scores() {
     let all = workspace_dependencies();
     assert!(all.len() >= 10, "crates found: {:?}", all.keys());
-    for estimator in ["geometry", "flight", "vision", "pose", "identify", "session", "pipeline", "plan"] {
+    for estimator in
+        ["geometry", "flight", "vision", "pose", "identify", "session", "pipeline", "plan", "link", "live"]
+    {
         let reached = reach(&all, &format!("mavsight-{estimator}"));
         for forbidden in ["mavsight-scene", "mavsight-score", "mavsight-report"] {
             assert!(!reached.contains(forbidden), "{estimator} reaches {forbidden}");
@@ -48,7 +50,7 @@ fn estimators_reach_neither_the_virtual_room_nor_the_scores() {
 #[test]
 fn estimators_do_not_reach_the_plan() {
     let all = workspace_dependencies();
-    for estimator in ["geometry", "flight", "vision", "pose", "identify", "session", "pipeline"] {
+    for estimator in ["geometry", "flight", "vision", "pose", "identify", "session", "pipeline", "live"] {
         assert!(!reach(&all, &format!("mavsight-{estimator}")).contains("mavsight-plan"), "{estimator}");
     }
 }

@@ -14,9 +14,9 @@ pub struct Film<'a> {
     pub(crate) room: &'a Room,
     pub(crate) camera: Camera,
     pub(crate) plate: Plate,
-    blurred: Vec<[f32; 3]>,
-    lens: Lens,
-    coder: Coder,
+    pub(crate) blurred: Vec<[f32; 3]>,
+    pub(crate) lens: Lens,
+    pub(crate) coder: Coder,
 }
 
 /// Noise stream of the stills, apart from that of the frames.
@@ -120,7 +120,7 @@ impl<'a> Film<'a> {
         self.coder.code(&out, index)
     }
 
-    fn light_on(&self, parts: &[Part], pose: &Isometry3<f64>) -> Vec<IrradianceMap> {
+    pub(crate) fn light_on(&self, parts: &[Part], pose: &Isometry3<f64>) -> Vec<IrradianceMap> {
         let at =
             |part: &Part| IrradianceMap::at(&(pose * Point3::from(part.bound.0)).coords, &self.room.lamps);
         parts.iter().map(at).collect()
@@ -145,7 +145,7 @@ impl<'a> Film<'a> {
 
     /// Puts a region with moving parts behind the lens in its place. Pixels within the lens's reach of its border, where it
     /// is not the image's, see no part.
-    fn soften_into(
+    pub(crate) fn soften_into(
         &self,
         out: &mut [[f32; 3]],
         region: Region,
@@ -191,9 +191,9 @@ impl<'a> Film<'a> {
 const PIXEL_PARTS: usize = 64;
 
 /// A lens's Gaussian blur and a pixel's area together, as weights.
-struct Lens {
+pub(crate) struct Lens {
     /// Pixels to either side that light may come from.
-    reach: usize,
+    pub(crate) reach: usize,
     /// Weight of each sample row or column, [`PART_SAMPLES`] to a pixel.
     fine: Vec<f32>,
     /// Weight of each whole pixel: the same for light that is uniform within pixels.

@@ -12,6 +12,7 @@ mod render;
 mod room;
 mod sensor;
 mod shapes;
+mod stream;
 mod way;
 
 pub use aircraft::{Aircraft, ControlFrame, PaintedBall};
@@ -19,4 +20,5 @@ pub use film::Film;
 pub use overlay::draw_path;
 pub use room::Room;
 pub use sensor::Sensor;
+pub use stream::FilmStream;
 pub use way::{InTheWay, Person, Veil};

@@ -140,13 +140,20 @@ pub(crate) struct Composer<'a> {
     plate: &'a Plate,
     inverses: Vec<Isometry3<f64>>,
     origins: Vec<Vector3<f64>>,
+    /// Samples that one ray stands for, each way.
+    stride: usize,
 }
 
 impl<'a> Composer<'a> {
     pub(crate) fn new(moving: &'a Moving<'a>, camera: &'a Camera, plate: &'a Plate) -> Self {
         let inverses: Vec<Isometry3<f64>> = moving.poses.iter().map(Isometry3::inverse).collect();
         let origins = inverses.iter().map(|i| (i * Point3::from(camera.centre_in_world())).coords).collect();
-        Self { moving, camera, plate, inverses, origins }
+        Self { moving, camera, plate, inverses, origins, stride: 1 }
+    }
+
+    /// The same with a ray for so many samples each way, a divisor of [`PART_SAMPLES`].
+    pub(crate) fn with_stride(self, stride: usize) -> Self {
+        Self { stride, ..self }
     }
 
     /// Samples of one row of pixels with the moving parts over the plate, [`PART_SAMPLES`] rows of as many to a pixel.
@@ -161,6 +168,15 @@ impl<'a> Composer<'a> {
         }
     }
 
+    /// The moving parts over a row of light, one ray a pixel, without a lens.
+    pub(crate) fn over(&self, y: usize, columns: (usize, usize), light: &mut [[f32; 3]]) {
+        for (x, pixel) in (columns.0..columns.1).zip(light) {
+            let k = y * self.camera.size.width_px as usize + x;
+            let behind = (pixel.map(f64::from), f64::from(self.plate.distance_m[k]));
+            self.pixel((x, y), behind, |_, _, light| *pixel = light.map(|c| c as f32));
+        }
+    }
+
     fn pixel(
         &self,
         (x, y): (usize, usize),
@@ -172,9 +188,11 @@ impl<'a> Composer<'a> {
             .map(|middle| near_parts(self.moving, &middle, self.camera, &self.inverses, &self.origins))
             .unwrap_or_default();
         // The canonical multi-jittered arrangement (Chiu, Shirley & Wang 1994).
-        let across = |k: usize, other: usize| (k as f64 + (other as f64 + 0.5) / N as f64) / N as f64 - 0.5;
-        for s in 0..N * N {
-            let (i, j) = (s % N, s / N);
+        let n_parts = (N / self.stride) as f64;
+        let across = |k: usize, other: usize| (k as f64 + (other as f64 + 0.5) / n_parts) / n_parts - 0.5;
+        let n = N / self.stride;
+        for s in 0..n * n {
+            let (i, j) = (s % n, s / n);
             // Times are dealt over the square so that each row, column and quarter sees the whole exposure.
             let pose = (i * 5 + j * 3 + (x + 2 * y)) % N * self.inverses.len() / N;
             let ray = if near.is_empty() {
@@ -187,7 +205,9 @@ impl<'a> Composer<'a> {
                 let turned = Ray { origin: self.origins[pose], direction };
                 sample(self.moving, &near, &turned, pose, (behind, distance_m))
             });
-            each(i, j, light);
+            for k in 0..self.stride * self.stride {
+                each(i * self.stride + k % self.stride, j * self.stride + k / self.stride, light);
+            }
         }
     }
 }

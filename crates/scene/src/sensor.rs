@@ -58,13 +58,19 @@ impl Coder {
 
     /// Codes a frame of linear light, 0 to 1 of full well; the noise depends on seed, frame and pixel alone.
     pub(crate) fn code(&self, linear: &[[f32; 3]], frame: u64) -> Vec<u8> {
+        let mut out = vec![0; linear.len() * 3];
+        self.code_into(linear, 0, frame, &mut out);
+        out
+    }
+
+    /// Codes the pixels from number `first` on.
+    pub(crate) fn code_into(&self, linear: &[[f32; 3]], first: usize, frame: u64, out: &mut [u8]) {
         let well = self.sensor.full_well_e as f32;
         let read2 = (self.sensor.read_noise_e * self.sensor.read_noise_e) as f32;
         let stream = mix(self.sensor.seed ^ mix(frame.wrapping_add(0x51_7c_c1_b7)));
-        let mut out = Vec::with_capacity(linear.len() * 3);
-        for (k, pixel) in linear.iter().enumerate() {
+        for ((k, pixel), coded) in (first..).zip(linear).zip(out.chunks_exact_mut(3)) {
             let mut bits = if self.sensor.noise { mix(stream.wrapping_add(k as u64)) } else { 0 };
-            for light in pixel {
+            for (light, coded) in pixel.iter().zip(coded) {
                 let mut value = *light;
                 if self.sensor.noise {
                     let electrons = (light * well).max(0.0);
@@ -74,10 +80,9 @@ impl Coder {
                     bits >>= 12;
                 }
                 let index = (value.clamp(0.0, 1.0) * CODES as f32 + 0.5) as usize;
-                out.push(self.codes[index]);
+                *coded = self.codes[index];
             }
         }
-        out
     }
 }
 

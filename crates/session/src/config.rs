@@ -6,6 +6,7 @@ use crate::video::{FrameSource, sequence_exists};
 use crate::{ControlPixel, ControlPointRow, SessionError, TruthRow, tables};
 use mavsight_flight::{Color, InputSeries, Vehicle};
 use mavsight_identify::Model;
+use mavsight_link::{JsonOptions, LinkOptions, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -22,7 +23,8 @@ pub struct SessionFile {
     pub name: String,
     /// Vehicle file.
     pub vehicle: PathBuf,
-    /// Table of inputs.
+    /// Table of inputs; left out or empty: there is none, and no parameters are estimated.
+    #[serde(default, skip_serializing_if = "is_empty")]
     pub inputs: PathBuf,
     /// Table of truth, for scoring only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -48,9 +50,56 @@ pub struct SessionFile {
     /// What is refined from the flight itself; left out: nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refine: Option<RefineSection>,
+    /// How the session is flown live.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub live: Option<LiveSection>,
     /// Cameras.
     #[serde(default)]
     pub camera: Vec<SessionCamera>,
+}
+
+fn is_empty(path: &Path) -> bool {
+    path.as_os_str().is_empty()
+}
+
+/// How a session is flown live.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LiveSection {
+    /// Poses of an earlier flight (`pose.csv`), whose motion noise is gone by; left out: that of this flight's first seconds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub poses: Option<PathBuf>,
+    /// Half width of a parameter's interval, as a share of its value, at which enough has been seen of it; left out: 0.05.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub enough: Option<f64>,
+    /// To an autopilot.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mavlink: Option<MavlinkOptions>,
+    /// To clients of OptiTrack's Motive.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub natnet: Option<NatnetOptions>,
+    /// To clients of VRPN.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vrpn: Option<VrpnOptions>,
+    /// Events as lines.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub json: Option<JsonOptions>,
+    /// Events by Zenoh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub zenoh: Option<ZenohOptions>,
+}
+
+impl LiveSection {
+    /// The outlets that are switched on.
+    pub fn links(&self) -> LinkOptions {
+        LinkOptions {
+            mavlink: self.mavlink.clone(),
+            natnet: self.natnet.clone(),
+            vrpn: self.vrpn.clone(),
+            json: self.json.clone(),
+            zenoh: self.zenoh.clone(),
+        }
+    }
 }
 
 /// Calibration by control points.
@@ -132,8 +181,16 @@ pub struct RefineSection {
 pub struct SessionCamera {
     /// Name, unique.
     pub name: String,
-    /// Video file, or pattern of an image sequence such as `cam1/frame_%05d.png`.
+    /// Video file, or pattern of an image sequence such as `cam1/frame_%05d.png`; may be left out where `live` is given.
+    #[serde(default, skip_serializing_if = "is_empty")]
     pub video: PathBuf,
+    /// What ffmpeg opens for `mavsight live`: a device, an address, or its input options and the input, such as
+    /// `-f v4l2 -input_format mjpeg -framerate 60 /dev/video0`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub live: Option<String>,
+    /// By how much a live frame's time stamp is later than the middle of its exposure, where that is known; left out: 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub latency_s: Option<f64>,
     /// Image of the control frame; may be left out when the control pixels come from a table.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub still: Option<PathBuf>,
@@ -233,6 +290,8 @@ pub struct Session {
     pub flash: bool,
     /// What is refined from the flight, where something is.
     pub refine: Option<RefineSection>,
+    /// How it is flown live, with whole paths.
+    pub live: LiveSection,
     /// Cameras, at least two, with whole paths.
     pub cameras: Vec<SessionCamera>,
 }
@@ -253,7 +312,7 @@ impl Session {
             name: file.name,
             vehicle_path,
             vehicle,
-            inputs_path: folder.join(file.inputs),
+            inputs_path: if is_empty(&file.inputs) { file.inputs } else { folder.join(file.inputs) },
             truth_path: file.truth.map(|p| folder.join(p)),
             model_path: file.model.map(|p| folder.join(p)),
             control_points_path: file.control.as_ref().map(|c| folder.join(&c.points)),
@@ -263,11 +322,15 @@ impl Session {
             rig_path: file.rig.map(|r| folder.join(r.file)),
             flash: file.flash,
             refine: file.refine,
+            live: file
+                .live
+                .map(|l| LiveSection { poses: l.poses.map(|p| folder.join(p)), ..l })
+                .unwrap_or_default(),
             cameras: file
                 .camera
                 .into_iter()
                 .map(|c| SessionCamera {
-                    video: folder.join(&c.video),
+                    video: if is_empty(&c.video) { c.video.clone() } else { folder.join(&c.video) },
                     still: c.still.as_ref().map(|p| folder.join(p)),
                     wand: c.wand.as_ref().map(|p| folder.join(p)),
                     board: c.board.as_ref().map(|p| folder.join(p)),
@@ -281,7 +344,12 @@ impl Session {
 
     fn require_files(&self) -> Result<(), SessionError> {
         let role = |key: &str| format!("{key} in {}", self.path.display());
-        require_file(&self.inputs_path, &role("inputs"))?;
+        if self.has_inputs() {
+            require_file(&self.inputs_path, &role("inputs"))?;
+        }
+        if let Some(path) = &self.live.poses {
+            require_file(path, &role("live.poses"))?;
+        }
         if let Some(path) = &self.control_points_path {
             require_file(path, &role("control.points"))?;
         }
@@ -298,7 +366,7 @@ impl Session {
             require_file(path, &role("rig.file"))?;
         }
         for camera in &self.cameras {
-            if !sequence_exists(&camera.video) {
+            if !is_empty(&camera.video) && !sequence_exists(&camera.video) {
                 require_file(&camera.video, &role(&format!("video of camera {}", camera.name)))?;
             }
             for (what, path) in [("wand", &camera.wand), ("board", &camera.board)] {
@@ -349,11 +417,20 @@ impl Session {
         })
     }
 
+    /// Whether there is a table of inputs.
+    pub fn has_inputs(&self) -> bool {
+        !is_empty(&self.inputs_path)
+    }
+
     /// Reads the inputs.
     ///
     /// # Errors
-    /// Names row and column.
+    /// Names row and column; a session without inputs.
     pub fn inputs(&self) -> Result<InputSeries, SessionError> {
+        if !self.has_inputs() {
+            let detail = "is missing: name the table of what was commanded".into();
+            return Err(SessionError::Value { path: self.path.clone(), key: "inputs".into(), detail });
+        }
         tables::read_inputs(&self.inputs_path)
     }
 
@@ -455,6 +532,10 @@ fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
         let detail = "asks for nothing: give markers_std_m, rig = true, or leave the section out";
         return refuse("refine".into(), detail.into());
     }
+    if let Some(enough) = file.live.as_ref().and_then(|l| l.enough).filter(|e| !(*e > 0.0 && *e < 1.0)) {
+        let detail = format!("{enough} is no share between 0 and 1: give 0.05 for intervals of 5 %");
+        return refuse("live.enough".into(), detail);
+    }
     validate_objects(file).or_else(|(key, detail)| refuse(key, detail))?;
     for (k, camera) in file.camera.iter().enumerate() {
         if camera.name.is_empty() || file.camera[..k].iter().any(|c| c.name == camera.name) {
@@ -469,6 +550,14 @@ fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
         if let Some(rate) = camera.frame_rate_hz.filter(|r| !(r.is_finite() && *r > 0.0)) {
             let detail = format!("{rate} is not a rate: give frames a second, for instance 30.0");
             return refuse(format!("camera {}: frame_rate_hz", camera.name), detail);
+        }
+        if is_empty(&camera.video) && camera.live.as_ref().is_none_or(|l| l.trim().is_empty()) {
+            let detail = "is missing: name the recording, or what ffmpeg is to open as live".into();
+            return refuse(format!("camera {}: video", camera.name), detail);
+        }
+        if let Some(latency) = camera.latency_s.filter(|l| !(l.is_finite() && (0.0..10.0).contains(l))) {
+            let detail = format!("{latency} is no delay: give seconds from 0 to 10");
+            return refuse(format!("camera {}: latency_s", camera.name), detail);
         }
         if let Some(offset) = camera.time_offset_s.filter(|o| !o.is_finite() || o.abs() >= 1e9) {
             let detail = format!("{offset} is not a time: give seconds");

@@ -3,8 +3,10 @@
 mod color;
 mod ffmpeg;
 mod images;
+mod live;
 mod mp4;
 mod mp4_times;
+mod y4m;
 
 use crate::{FieldOrder, SessionError};
 use mavsight_geometry::ImageSize;
@@ -13,9 +15,16 @@ use std::path::{Path, PathBuf};
 
 pub(crate) use images::sequence_exists;
 pub use images::{read_image, write_png};
+pub use live::LiveVideo;
+pub use y4m::Y4mWriter;
 
 /// Frames in order of time, each with the middle of its exposure in nanoseconds.
 pub(crate) type Frames = Box<dyn Iterator<Item = Result<(i64, Frame), SessionError>> + Send>;
+
+/// The ffmpeg program: the environment variable `MAVSIGHT_FFMPEG`, or the one on the search path.
+pub fn ffmpeg_program() -> String {
+    ffmpeg::program()
+}
 
 /// What a reader yields before the counting around it.
 pub(crate) struct Opened {
@@ -53,7 +62,7 @@ struct Fields {
 
 impl FrameSource {
     /// Opens a recording: a name with `%d` or `%05d` is an image sequence and needs `frame_rate_hz`; `.mp4`, `.m4v`
-    /// and `.mov` with H.264 are decoded in-process; anything else goes through the ffmpeg program, whose name the
+    /// and `.mov` with H.264 are decoded in-process, `.y4m` is read as it is; anything else goes through the ffmpeg program, whose name the
     /// environment variable `MAVSIGHT_FFMPEG` overrides.
     ///
     /// # Errors
@@ -68,6 +77,7 @@ impl FrameSource {
                 mp4::Attempt::Opened(opened) => return Ok(Self::around(path, opened)),
                 mp4::Attempt::Unsupported(reason) => reason,
             },
+            "y4m" => return Ok(Self::around(path, y4m::open(path)?)),
             "" => "it has no extension that names its format".to_owned(),
             other => format!("only MP4 with H.264 is decoded without it, not .{other}"),
         };

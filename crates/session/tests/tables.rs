@@ -49,6 +49,7 @@ fn session(folder: &Folder) -> PathBuf {
         rig: None,
         flash: false,
         refine: Some(RefineSection { markers_std_m: Some(0.002), ..RefineSection::default() }),
+        live: None,
         camera: vec![camera("cam1"), camera("cam2")],
     };
     folder.write("points.csv", POINTS);

@@ -68,7 +68,7 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     let flight = Flight {
         name: "demo",
         vehicle: &vehicle,
-        inputs: &inputs,
+        inputs: Some(&inputs),
         truth: Some(&truth),
         options: IdentifyOptions::default(),
     };

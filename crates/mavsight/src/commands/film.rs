@@ -187,6 +187,7 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         rig: None,
         flash: false,
         refine: None,
+        live: None,
         camera: cameras,
     };
     write_session(&args.out.join("session.toml"), &session)?;

@@ -23,7 +23,8 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     let table = named(read_flight_table(&args.table, &marker_names))?;
     let bars = Bars::new();
     let mut results = RunResults { session: vehicle.name.clone(), marker_names, ..RunResults::default() };
-    let flight = Flight { name: &vehicle.name, vehicle: &vehicle, inputs: &inputs, truth: None, options };
+    let flight =
+        Flight { name: &vehicle.name, vehicle: &vehicle, inputs: Some(&inputs), truth: None, options };
     let notes = match table {
         FlightTable::Poses(poses) => {
             results.poses = poses;

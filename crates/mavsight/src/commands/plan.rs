@@ -232,6 +232,7 @@ fn write_start(plan: &CameraPlan<'_>, vehicle: &Vehicle, out: &Path) -> Result<(
         rig: None,
         flash: false,
         refine: None,
+        live: None,
         camera: (0..plan.ranked[0].placed.len()).map(camera).collect(),
     };
     write_session(&folder.join("session.toml"), &session)?;

@@ -28,12 +28,12 @@ use std::path::Path;
 /// `mavsight run`
 pub(crate) fn run(args: &Run) -> Result<()> {
     let session = named(Session::load(&args.session))?;
-    let (inputs, truth) = (named(session.inputs())?, named(session.truth())?);
+    let (inputs, truth) = (inputs_of(&session)?, named(session.truth())?);
     let bars = Bars::new();
     let rig = rig_of(&session, &bars)?;
     let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
     let refined = refined(&session, rig, &mut tracked)?;
-    let mut flight = Flight::of_session(&session, &inputs, truth.as_deref())?;
+    let mut flight = Flight::of_session(&session, inputs.as_ref(), truth.as_deref())?;
     flight.options.equation_error_only |= args.equation_error_only;
     flight.options.fit.held_out_s = args.hold_out.map(|Interval(from_s, to_s)| (from_s, to_s));
     let (results, mut notes) = solve(&flight, refined.rig, tracked, refined.body, (Some(&args.out), &bars))?;
@@ -49,14 +49,19 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     finish(&flight, results, notes, scores, first_frames(&session)?, &args.out)
 }
 
+/// The inputs of a session, where it has any.
+pub(super) fn inputs_of(session: &Session) -> Result<Option<InputSeries>> {
+    session.has_inputs().then(|| named(session.inputs())).transpose()
+}
+
 /// What is known of a flight beside its frames.
 pub(crate) struct Flight<'a> {
     /// Name of the session.
     pub(crate) name: &'a str,
     /// The aircraft.
     pub(crate) vehicle: &'a Vehicle,
-    /// Recorded inputs.
-    pub(crate) inputs: &'a InputSeries,
+    /// Recorded inputs, where there are any.
+    pub(crate) inputs: Option<&'a InputSeries>,
     /// Truth, for scoring and plots alone.
     pub(crate) truth: Option<&'a [TruthRow]>,
     /// How parameters are estimated.
@@ -67,7 +72,7 @@ impl<'a> Flight<'a> {
     /// That of a session, with its model.
     pub(crate) fn of_session(
         session: &'a Session,
-        inputs: &'a InputSeries,
+        inputs: Option<&'a InputSeries>,
         truth: Option<&'a [TruthRow]>,
     ) -> Result<Self> {
         let mut options = IdentifyOptions::default();
@@ -296,9 +301,13 @@ pub(crate) fn fit_into(
     flight: &Flight<'_>,
     bars: &Bars,
 ) -> Result<Vec<String>> {
+    let Some(recorded) = flight.inputs else {
+        results.motion = Some(motion);
+        return Ok(vec!["No parameters: the session names no inputs.".to_owned()]);
+    };
     let mut notes = Vec::new();
     let mut inputs = None;
-    match identify_motion(&motion, flight.inputs, flight.vehicle, &flight.options, bars) {
+    match identify_motion(&motion, recorded, flight.vehicle, &flight.options, bars) {
         Ok(solution) => {
             notes.extend(solution.clocks.words());
             inputs = Some(solution.inputs);
@@ -314,8 +323,7 @@ pub(crate) fn fit_into(
     }
     results.motion = Some(motion);
     if !flight.options.equation_error_only && !results.poses.is_empty() {
-        results.output_error =
-            output_error_of(results, flight, inputs.as_ref().unwrap_or(flight.inputs), bars)?;
+        results.output_error = output_error_of(results, flight, inputs.as_ref().unwrap_or(recorded), bars)?;
         notes.extend(results.output_error.refusals.iter().cloned());
         notes.extend(results.output_error.stretch_s.map(|(from_s, to_s)| {
             format!(

@@ -3,7 +3,9 @@
 use super::demo::{scenario_of, vehicle_of};
 use super::film::STAGING;
 use super::named;
-use super::run::{Flight, feeds, first_frames, identify_into, refined, require_a_pose, rig_of, scores_of};
+use super::run::{
+    Flight, feeds, first_frames, identify_into, inputs_of, refined, require_a_pose, rig_of, scores_of,
+};
 use crate::cli::{Simulate, Stage, WrongCall};
 use crate::page::{Page, write_page};
 use crate::progress::Bars;
@@ -125,7 +127,7 @@ fn put(mut results: RunResults, notes: &[String], out: &Path) -> Result<()> {
 /// `mavsight report`
 pub(crate) fn report(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
-    let inputs = named(session.inputs())?;
+    let inputs = inputs_of(&session)?;
     let truth: Option<Vec<TruthRow>> = named(session.truth())?;
     let camera_names: Vec<String> = session.cameras.iter().map(|c| c.name.clone()).collect();
     let marker_names: Vec<String> = session.vehicle.marker.iter().map(|m| m.name.clone()).collect();
@@ -143,7 +145,7 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
         results.body = named(read_body(&body))?;
     }
     let bars = Bars::new();
-    let flight = Flight::of_session(&session, &inputs, truth.as_deref())?;
+    let flight = Flight::of_session(&session, inputs.as_ref(), truth.as_deref())?;
     let notes = identify_into(&mut results, &flight, &bars)?;
     bars.done();
     let scores = truth.as_deref().map(|t| scores_of(&results, t));

@@ -154,9 +154,9 @@ fn listen(stderr: ChildStderr, times: &Sender<Option<i64>>) -> Words {
     for line in BufReader::new(stderr).split(b'\n').map_while(Result::ok) {
         let line = String::from_utf8_lossy(&line).trim().to_owned();
         if line.contains("Parsed_showinfo") {
-            if let Some(found) = field(&line, "config in time_base:") {
+            if let Some(found) = showinfo_field(&line, "config in time_base:") {
                 base = found.split_once('/').and_then(|(n, d)| Some((n.parse().ok()?, d.parse().ok()?)));
-            } else if let Some(pts) = field(&line, " pts:") {
+            } else if let Some(pts) = showinfo_field(&line, " pts:") {
                 // A receiver that is gone wants no more times; ffmpeg's words are still read to its end.
                 let _ = times.send(pts.parse().ok().and_then(|pts| nanoseconds(pts, base?)));
                 shown += 1;
@@ -174,13 +174,14 @@ fn listen(stderr: ChildStderr, times: &Sender<Option<i64>>) -> Words {
     Words { last: others.into(), complaints }
 }
 
-/// The word after a key.
-fn field<'a>(line: &'a str, key: &str) -> Option<&'a str> {
+/// The word after a key of a `showinfo` line.
+pub(super) fn showinfo_field<'a>(line: &'a str, key: &str) -> Option<&'a str> {
     let rest = line.split_once(key)?.1.trim_start();
     rest.split([' ', ',']).next()
 }
 
-fn nanoseconds(pts: i128, (numerator, denominator): (i128, i128)) -> Option<i64> {
+/// A time stamp of the given base.
+pub(super) fn nanoseconds(pts: i128, (numerator, denominator): (i128, i128)) -> Option<i64> {
     if denominator <= 0 {
         return None;
     }

@@ -1,0 +1,66 @@
+//! The flight's clock.
+
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// Time of the flight, against the system's clock as it stood when the flight began: setting that clock disturbs nothing.
+///
+/// A running camera's flight begins at 0; a replay's at the first stamp of its recording.
+#[derive(Debug, Clone, Copy)]
+pub struct FlightClock {
+    began: Instant,
+    /// Flight time when it began.
+    from_ns: i64,
+    /// UNIX time of flight time 0.
+    origin_ns: i64,
+}
+
+impl FlightClock {
+    /// A clock that shows `from_ns` now.
+    pub fn starting_at(from_ns: i64) -> Self {
+        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO);
+        let unix_ns = i64::try_from(unix.as_nanos()).unwrap_or(i64::MAX);
+        Self { began: Instant::now(), from_ns, origin_ns: unix_ns.saturating_sub(from_ns) }
+    }
+
+    /// Flight time now.
+    pub fn now_ns(&self) -> i64 {
+        self.from_ns.saturating_add(i64::try_from(self.began.elapsed().as_nanos()).unwrap_or(i64::MAX))
+    }
+
+    /// Nanoseconds of the UNIX epoch at a flight time.
+    pub fn unix_ns(&self, t_ns: i64) -> i64 {
+        self.origin_ns.saturating_add(t_ns)
+    }
+
+    /// Flight time at nanoseconds of the UNIX epoch.
+    pub fn flight_ns(&self, unix_ns: i64) -> i64 {
+        unix_ns.saturating_sub(self.origin_ns)
+    }
+
+    /// Flight time at which it began.
+    pub fn from_ns(&self) -> i64 {
+        self.from_ns
+    }
+
+    /// How long it still is to a flight time; zero where it is past.
+    pub fn until(&self, t_ns: i64) -> Duration {
+        Duration::from_nanos(u64::try_from(t_ns.saturating_sub(self.now_ns())).unwrap_or(0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_goes_on_and_knows_the_date() {
+        let clock = FlightClock::starting_at(5_000_000_000);
+        let first = clock.now_ns();
+        assert!((5_000_000_000..5_500_000_000).contains(&first) && clock.now_ns() >= first);
+        assert_eq!(clock.flight_ns(clock.unix_ns(77)), 77);
+        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos() as i64;
+        assert!((clock.unix_ns(clock.now_ns()) - unix).abs() < 50_000_000);
+        assert_eq!(clock.until(0), Duration::ZERO);
+        assert!(clock.until(10_000_000_000) > Duration::from_secs(4));
+    }
+}

@@ -1,0 +1,58 @@
+//! What ends a flight, or keeps it from beginning.
+
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// A flight that cannot be flown.
+#[derive(Debug, Error)]
+pub enum LiveError {
+    /// The chain refused the cameras or the vehicle.
+    #[error(transparent)]
+    Pipeline(#[from] mavsight_pipeline::PipelineError),
+    /// A file of the session.
+    #[error(transparent)]
+    Session(#[from] mavsight_session::SessionError),
+    /// The motion's noise is no noise.
+    #[error("motion noise: {0}: give poses of a sound flight as live.poses, or leave it out")]
+    Noise(#[from] mavsight_pose::PoseError),
+    /// Another number of cameras than the rig has.
+    #[error("{sources} cameras for a rig of {cameras}: calibrate the cameras that fly")]
+    Cameras {
+        /// Sources given.
+        sources: usize,
+        /// Cameras of the rig.
+        cameras: usize,
+    },
+    /// A camera whose frames are not of the calibrated size.
+    #[error(
+        "{camera}: its frames are {width_px}×{height_px}, but it was calibrated at {wanted_width_px}×{wanted_height_px}: set it to the calibrated size, or calibrate again"
+    )]
+    FrameSize {
+        /// Camera name.
+        camera: String,
+        /// Columns.
+        width_px: u32,
+        /// Rows.
+        height_px: u32,
+        /// Columns when it was calibrated.
+        wanted_width_px: u32,
+        /// Rows when it was calibrated.
+        wanted_height_px: u32,
+    },
+    /// A recording that cannot be begun.
+    #[error("{}: cannot record there: {detail}", folder.display())]
+    Record {
+        /// The folder.
+        folder: PathBuf,
+        /// What is wrong.
+        detail: String,
+    },
+    /// A thread that could not be started.
+    #[error("no thread for {what}: {source}")]
+    Thread {
+        /// What it was for.
+        what: &'static str,
+        /// The system's words.
+        source: std::io::Error,
+    },
+}

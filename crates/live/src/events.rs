@@ -1,0 +1,143 @@
+//! What a user sees: the chain's results as events.
+
+use crate::Told;
+use mavsight_flight::Vehicle;
+use mavsight_geometry::{Camera, EulerAngles, Isometry3, Matrix6, Point3, Vector2, Vector3};
+use mavsight_link::{
+    CameraView, Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Sight, Tracking,
+};
+use mavsight_pose::{MotionSample, PoseEstimate, Rig};
+
+/// What stands still: the first event.
+pub(crate) fn scene(name: &str, rig: &Rig, vehicle: &Vehicle) -> Scene {
+    let points = rig.control_points_in_world();
+    let low = points.iter().fold(Vector3::repeat(f64::INFINITY), |a, p| a.inf(p));
+    let high = points.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |a, p| a.sup(p));
+    let volume_m = if points.is_empty() { [[0.0; 3]; 2] } else { [low.into(), high.into()] };
+    let markers = vehicle.marker.iter().map(|m| MarkerView {
+        name: m.name.clone(),
+        rgb: m.color.rgb(),
+        in_body_m: m.position_m,
+        diameter_m: m.diameter_m,
+    });
+    Scene {
+        name: name.to_owned(),
+        cameras: rig.cameras.iter().map(|c| view(&c.name, &c.camera)).collect(),
+        markers: markers.collect(),
+        volume_m,
+    }
+}
+
+fn view(name: &str, camera: &Camera) -> CameraView {
+    let (right, below) = (f64::from(camera.size.width_px) - 0.5, f64::from(camera.size.height_px) - 0.5);
+    let axis = camera.cam_from_world.rotation.inverse() * Vector3::z();
+    let corner = |u: f64, v: f64| {
+        let ray = camera.ray(&Vector2::new(u, v)).unwrap_or(axis);
+        let depth = ray.dot(&axis);
+        // A corner beyond ninety degrees has no place in the plane of unit depth.
+        if depth > 1e-3 { (ray / depth).into() } else { axis.into() }
+    };
+    CameraView {
+        name: name.to_owned(),
+        width_px: camera.size.width_px,
+        height_px: camera.size.height_px,
+        centre_m: camera.centre_in_world().into(),
+        corners: [corner(-0.5, -0.5), corner(right, -0.5), corner(right, below), corner(-0.5, below)],
+    }
+}
+
+/// A pose with what the filter knows of its motion.
+pub(crate) fn measured(estimate: &PoseEstimate, motion: Option<&MotionSample>) -> Measured {
+    Measured {
+        world_from_body: estimate.world_from_body,
+        covariance: estimate.covariance,
+        moving: motion.map(|m| Moving {
+            velocity_in_body_m_s: m.velocity_in_body_m_s,
+            rates_rad_s: m.rates_rad_s,
+            covariance: m.covariance.velocity_and_rates(),
+        }),
+        markers: estimate.markers_used.len(),
+        residual_px: estimate.residual_px,
+    }
+}
+
+/// One instant as an event.
+pub(crate) fn pose(fix: &Fix, t_ns: i64, tracking: Tracking, latency_ns: i64, reason: Option<&str>) -> Event {
+    let mut out = PoseEvent {
+        t_s: t_ns as f64 * 1e-9,
+        sequence: fix.sequence,
+        captured_ns: fix.captured_ns,
+        valid: fix.measured.is_some(),
+        tracking,
+        position_m: None,
+        attitude: None,
+        euler_rad: None,
+        covariance: None,
+        velocity_in_body_m_s: None,
+        velocity_std_m_s: None,
+        rates_rad_s: None,
+        rates_std_rad_s: None,
+        residual_px: None,
+        latency_ms: latency_ns as f64 * 1e-6,
+        reason: reason.map(str::to_owned),
+    };
+    if let Some(m) = &fix.measured {
+        let (turn, angles) =
+            (m.world_from_body.rotation, EulerAngles::from_world_from_body(&m.world_from_body));
+        out.position_m = Some(m.world_from_body.translation.vector.into());
+        out.attitude = Some([turn.w, turn.i, turn.j, turn.k]);
+        out.euler_rad = Some([angles.phi_rad, angles.theta_rad, angles.psi_rad]);
+        out.covariance = Some(upper_triangle(&m.covariance));
+        out.residual_px = Some(m.residual_px);
+        if let Some(moving) = &m.moving {
+            let std =
+                |at: usize| std::array::from_fn(|k| moving.covariance[(at + k, at + k)].max(0.0).sqrt());
+            out.velocity_in_body_m_s = Some(moving.velocity_in_body_m_s.into());
+            out.velocity_std_m_s = Some(std(0));
+            out.rates_rad_s = Some(moving.rates_rad_s.into());
+            out.rates_std_rad_s = Some(std(3));
+        }
+    }
+    Event::Pose(Box::new(out))
+}
+
+fn upper_triangle(m: &Matrix6<f64>) -> [f64; 21] {
+    let mut places = (0..6).flat_map(|i| (i..6).map(move |j| (i, j)));
+    std::array::from_fn(|_| places.next().map_or(0.0, |at| m[at]))
+}
+
+/// What each camera saw at an instant.
+pub(crate) fn sights<'a>(
+    told: &'a Told<'_>,
+    (rig, vehicle): (&'a Rig, &'a Vehicle),
+) -> impl Iterator<Item = Event> + 'a {
+    let pose = told.association.sample.estimate.as_ref().map(|e| e.world_from_body);
+    (0..rig.cameras.len()).map(move |camera| {
+        let own = told.seen.iter().enumerate().filter(move |(_, c)| c.camera == camera);
+        let seen = own.map(|(index, c)| {
+            let marker = told.association.pairs.iter().find(|p| p.0 == index).map(|p| p.1);
+            let expected = marker
+                .zip(pose)
+                .and_then(|(m, pose)| expected_px(&rig.cameras[camera].camera, vehicle, m, &pose));
+            Sight {
+                u_px: c.pixel.x,
+                v_px: c.pixel.y,
+                diameter_px: c.diameter_px,
+                marker,
+                residual_px: expected.map(|e| (c.pixel - e).into()),
+            }
+        });
+        Event::Sights { camera, t_s: told.t_ns as f64 * 1e-9, seen: seen.collect() }
+    })
+}
+
+fn expected_px(
+    camera: &Camera,
+    vehicle: &Vehicle,
+    marker: usize,
+    world_from_body: &Isometry3<f64>,
+) -> Option<Vector2<f64>> {
+    let ball = vehicle.marker.get(marker)?;
+    let centre = (world_from_body * Point3::from(Vector3::from(ball.position_m))).coords;
+    camera.project_ball(&centre, 0.5 * ball.diameter_m).ok().map(|p| p.pixel)
+}

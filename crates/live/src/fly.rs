@@ -1,0 +1,526 @@
+//! A flight: cameras in, poses out, as long as it lasts.
+
+use crate::camera::{Camera, Report, Seen, Shared};
+use crate::parameters::{InputSource, Parameters};
+use crate::{
+    CameraStates, FlightClock, Latencies, Listeners, LiveChain, LiveError, MotionFilter, Opener,
+    RecorderSlot, TrackingState, events,
+};
+use mavsight_flight::Vehicle;
+use mavsight_geometry::Vector2;
+use mavsight_link::{CameraState, Event, Fix, Tracking};
+use mavsight_pipeline::{CameraTracker, Sight};
+use mavsight_pose::{CameraClock, MotionNoise, Rig};
+use mavsight_vision::Frame;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::time::Duration;
+
+/// Reports that may wait for the chain: a second of two cameras at 60 Hz.
+const WAITING: usize = 128;
+/// Longest wait for a report between looks at the states.
+const LOOK: Duration = Duration::from_millis(10);
+/// Time from one telling of rates and latencies to the next.
+const TELL_NS: i64 = 1_000_000_000;
+/// A camera that is late by this many intervals against what it usually is, is not waited for.
+const LATE_INTERVALS: f64 = 1.5;
+/// Frames over which a camera's usual lateness is the median.
+const LATENESS_FRAMES: usize = 31;
+/// After so long without a frame an open source is opened again.
+const HANGS_NS: i64 = 3_000_000_000;
+/// Cameras that show nothing so long after the first ones are not waited for.
+const BEGIN_NS: i64 = 2_000_000_000;
+
+/// At what pace frames are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// As they come; what cannot be looked at in time is dropped.
+    Own,
+    /// As fast as they can be looked at; nothing is dropped, nothing stalls.
+    Fast,
+}
+
+/// Sees every frame that is tracked, on the camera's own thread: camera, stamp, frame, and what was seen in it.
+pub type Tap = Arc<dyn Fn(usize, i64, &Arc<Frame>, &[Sight]) + Send + Sync>;
+
+/// One camera of a flight.
+pub struct CameraSetup {
+    /// Its name.
+    pub name: String,
+    /// Opens it.
+    pub open: Opener,
+    /// Whether it is opened again when it ends.
+    pub reopens: bool,
+    /// Its clock.
+    pub clock: CameraClock,
+    /// Unit vector in the image along which a rolling shutter goes.
+    pub readout: Vector2<f64>,
+}
+
+/// What a flight needs.
+pub struct Setup<'a> {
+    /// Name of the session.
+    pub name: &'a str,
+    /// The cameras as calibrated.
+    pub rig: &'a Rig,
+    /// The aircraft.
+    pub vehicle: &'a Vehicle,
+    /// The same cameras as sources.
+    pub cameras: Vec<CameraSetup>,
+    /// At what pace.
+    pub pace: Pace,
+    /// The flight's clock.
+    pub clock: FlightClock,
+    /// Motion noise, where it is known.
+    pub noise: Option<MotionNoise>,
+    /// Who is told.
+    pub listeners: Listeners,
+    /// Who sees frames.
+    pub taps: Vec<Tap>,
+    /// Where it is recorded, if it is.
+    pub recorder: Arc<RecorderSlot>,
+    /// What is commanded, for the parameters.
+    pub inputs: Option<Box<dyn InputSource>>,
+    /// Model of the parameters; equation 3 where left out.
+    pub model: Option<mavsight_identify::Model>,
+    /// Share of a value at which the half width of its interval is small enough.
+    pub enough: f64,
+    /// Ends the flight when it is set.
+    pub stop: Arc<AtomicBool>,
+    /// Length of the flight, where it has one.
+    pub for_ns: Option<i64>,
+}
+
+/// What became of a flight.
+#[derive(Debug, Clone, Default)]
+pub struct Flown {
+    /// Instants.
+    pub instants: u64,
+    /// Those with a pose.
+    pub measured: u64,
+    /// Those without one after the first that had one.
+    pub lost: u64,
+    /// Frames each camera dropped.
+    pub dropped: Vec<u64>,
+    /// Frames each camera tracked.
+    pub frames: Vec<u64>,
+    /// From the last frame in hand to the pose handed on.
+    pub latency: Latencies,
+    /// From a frame in hand to what is seen in it.
+    pub tracking: Latencies,
+    /// Poses that listeners lost.
+    pub unheard: Vec<u64>,
+    /// Instants that were joined without a camera that was late.
+    pub not_waited: u64,
+}
+
+/// Flies until all recordings have ended, `stop` is set or the time is over.
+///
+/// # Errors
+/// Cameras that are not those of the rig, a vehicle that the chain refuses, no threads.
+pub fn fly(setup: Setup<'_>) -> Result<Flown, LiveError> {
+    let (sources, cameras) = (setup.cameras.len(), setup.rig.cameras.len());
+    if sources != cameras {
+        return Err(LiveError::Cameras { sources, cameras });
+    }
+    let (reports_out, reports) = sync_channel(WAITING);
+    let mut taps = setup.taps;
+    taps.push(setup.recorder.tap());
+    let shared = Shared {
+        clock: setup.clock,
+        pace: setup.pace,
+        stop: Arc::clone(&setup.stop),
+        reports: reports_out,
+        taps,
+    };
+    let clocks: Vec<_> = setup.cameras.iter().map(|c| (c.clock, c.readout)).collect();
+    let trackers = (0..cameras)
+        .map(|k| CameraTracker::new(setup.rig, k, setup.vehicle))
+        .collect::<Result<Vec<_>, _>>()?;
+    let chain = LiveChain::new(setup.rig, setup.vehicle, &clocks)?;
+    let motion = MotionFilter::new(setup.noise, setup.vehicle.environment.gravity_m_s2)?;
+    let parameters = setup
+        .inputs
+        .map(|inputs| Parameters::start(inputs, setup.vehicle.clone(), setup.model, setup.enough))
+        .transpose()?;
+    let mut flying = Vec::with_capacity(cameras);
+    for (k, (own, tracker)) in setup.cameras.into_iter().zip(trackers).enumerate() {
+        let size = setup.rig.cameras[k].camera.size;
+        flying.push(Camera::start(k, (own, size), tracker, &shared)?);
+    }
+    drop(shared.reports);
+    let mut flight = Flight {
+        rig: setup.rig,
+        vehicle: setup.vehicle,
+        pace: setup.pace,
+        clock: setup.clock,
+        stop: setup.stop,
+        until_ns: setup.for_ns.map(|n| setup.clock.from_ns().saturating_add(n)),
+        listeners: setup.listeners,
+        recorder: setup.recorder,
+        parameters,
+        seats: (0..cameras).map(|_| Seat::new(setup.vehicle.marker.len())).collect(),
+        cameras: flying,
+        chain,
+        motion,
+        tracking: TrackingState::default(),
+        last: Tracking::Acquiring,
+        moved: 0,
+        received_ns: 0,
+        latest_ns: i64::MIN,
+        told_ns: i64::MIN,
+        flown: Flown { dropped: vec![0; cameras], frames: vec![0; cameras], ..Flown::default() },
+    };
+    flight.listeners.event(Event::Scene(events::scene(setup.name, setup.rig, setup.vehicle)));
+    flight.go(&reports);
+    Ok(flight.finish(&reports))
+}
+
+/// What the flight keeps of one camera.
+struct Seat {
+    states: CameraStates,
+    /// Latest latenesses of its frames, and where the next goes.
+    lateness_ns: Vec<i64>,
+    next: usize,
+    usual_ns: i64,
+    /// Whether the chain goes on without it.
+    is_left: bool,
+    ended: bool,
+    /// Since the last telling: frames, those in which each marker was told, latencies.
+    frames: u64,
+    markers: Vec<u64>,
+    instants: u64,
+    latency: Latencies,
+    interrupted_ns: i64,
+}
+
+impl Seat {
+    fn new(markers: usize) -> Self {
+        Self {
+            states: CameraStates::default(),
+            lateness_ns: Vec::with_capacity(LATENESS_FRAMES),
+            next: 0,
+            usual_ns: 0,
+            is_left: false,
+            ended: false,
+            frames: 0,
+            markers: vec![0; markers],
+            instants: 0,
+            latency: Latencies::default(),
+            interrupted_ns: 0,
+        }
+    }
+
+    fn came(&mut self, lateness_ns: i64, scratch: &mut Vec<i64>) {
+        if self.lateness_ns.len() < LATENESS_FRAMES {
+            self.lateness_ns.push(lateness_ns);
+        } else {
+            self.lateness_ns[self.next] = lateness_ns;
+        }
+        self.next = (self.next + 1) % LATENESS_FRAMES;
+        scratch.clear();
+        scratch.extend_from_slice(&self.lateness_ns);
+        let middle = scratch.len() / 2;
+        self.usual_ns = *scratch.select_nth_unstable(middle).1;
+    }
+}
+
+struct Flight<'a> {
+    rig: &'a Rig,
+    vehicle: &'a Vehicle,
+    pace: Pace,
+    clock: FlightClock,
+    stop: Arc<AtomicBool>,
+    until_ns: Option<i64>,
+    listeners: Listeners,
+    recorder: Arc<RecorderSlot>,
+    parameters: Option<Parameters>,
+    seats: Vec<Seat>,
+    cameras: Vec<Camera>,
+    chain: LiveChain,
+    motion: MotionFilter,
+    tracking: TrackingState,
+    last: Tracking,
+    moved: usize,
+    /// When the latest frame was in hand.
+    received_ns: i64,
+    /// The latest frame's own time.
+    latest_ns: i64,
+    told_ns: i64,
+    flown: Flown,
+}
+
+impl Flight<'_> {
+    /// Now: by the clock, or where nothing is in real time by the frames.
+    fn now_ns(&self) -> i64 {
+        if self.pace == Pace::Fast { self.latest_ns.max(self.clock.from_ns()) } else { self.clock.now_ns() }
+    }
+
+    fn go(&mut self, reports: &Receiver<Report>) {
+        let mut scratch = Vec::with_capacity(LATENESS_FRAMES);
+        loop {
+            match reports.recv_timeout(self.patience()) {
+                Ok(report) => self.take(report, &mut scratch),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            self.tell_instants();
+            if self.pace == Pace::Own {
+                self.look_at_cameras();
+            }
+            self.tell_rates();
+            let is_over = self.until_ns.is_some_and(|until| self.now_ns() >= until);
+            if is_over || self.stop.load(Ordering::Relaxed) || self.seats.iter().all(|s| s.ended) {
+                break;
+            }
+        }
+    }
+
+    /// How long a report may be waited for before something else is due.
+    fn patience(&self) -> Duration {
+        let now_ns = self.now_ns();
+        if self.pace == Pace::Fast {
+            return LOOK;
+        }
+        let waits =
+            self.chain.waits().and_then(|(t, cameras)| cameras.map(|c| self.patient_until_ns(c, t)).min());
+        let stalls = self.seats.iter().filter(|s| !s.is_left).filter_map(|s| s.states.stalls_at_ns()).min();
+        let due = waits.into_iter().chain(stalls).min().map_or(LOOK, |at_ns| {
+            Duration::from_nanos(u64::try_from(at_ns - now_ns + 100_000).unwrap_or(100_000))
+        });
+        due.clamp(Duration::from_micros(100), LOOK)
+    }
+
+    /// Until when a camera is waited for at an instant.
+    fn patient_until_ns(&self, camera: usize, t_ns: i64) -> i64 {
+        let seat = &self.seats[camera];
+        t_ns + seat.usual_ns + (LATE_INTERVALS * seat.states.interval_ns() as f64) as i64
+    }
+
+    fn take(&mut self, report: Report, scratch: &mut Vec<i64>) {
+        match report {
+            Report::Seen(seen) => self.take_seen(seen, scratch),
+            Report::Opened { camera } => self.seats[camera].states.opened(),
+            Report::Gone { camera, reason } => {
+                self.seats[camera].states.gone(reason);
+                self.leave(camera);
+            }
+            Report::Fault { camera, text } => {
+                let name = &self.rig.cameras[camera].name;
+                self.note(true, format!("{name}: {text}."));
+            }
+            Report::Ended { camera } => {
+                self.seats[camera].ended = true;
+                self.leave(camera);
+            }
+        }
+    }
+
+    fn take_seen(&mut self, seen: Seen, scratch: &mut Vec<i64>) {
+        let Seen { camera, stamp_ns, received_ns, tracked_ns, dark, sights } = seen;
+        let t_ns = self.chain.time_ns(camera, stamp_ns);
+        let seat = &mut self.seats[camera];
+        seat.states.frame(received_ns, dark);
+        seat.came(received_ns - t_ns, scratch);
+        seat.frames += 1;
+        seat.latency.add_ns(tracked_ns - received_ns);
+        self.flown.tracking.add_ns(tracked_ns - received_ns);
+        self.flown.frames[camera] += 1;
+        if std::mem::take(&mut seat.is_left) {
+            self.chain.wait_again(camera);
+            self.tracking.cut();
+        }
+        self.latest_ns = self.latest_ns.max(t_ns);
+        self.received_ns = received_ns;
+        let had_begun = self.chain.has_begun();
+        self.chain.push(camera, stamp_ns, &sights);
+        if !had_begun && self.chain.has_begun() {
+            for (k, seat) in self.seats.iter_mut().enumerate() {
+                self.chain.interval_s(k).into_iter().for_each(|s| seat.states.set_interval_s(s));
+            }
+        }
+        self.cameras[camera].give_back(sights);
+    }
+
+    /// The chain goes on without a camera until it is back.
+    fn leave(&mut self, camera: usize) {
+        if !std::mem::replace(&mut self.seats[camera].is_left, true) {
+            self.tracking.cut();
+        }
+        self.chain.go_without(camera, i64::MAX);
+    }
+
+    fn look_at_cameras(&mut self) {
+        let now_ns = self.clock.now_ns();
+        if !self.chain.has_begun() && self.latest_ns > i64::MIN && now_ns - self.clock.from_ns() > BEGIN_NS {
+            self.chain.begin();
+        }
+        for camera in 0..self.seats.len() {
+            let seat = &mut self.seats[camera];
+            if seat.ended {
+                continue;
+            }
+            let state = seat.states.state(now_ns);
+            if state == CameraState::Stalled {
+                let since_ns = now_ns - seat.states.stalls_at_ns().unwrap_or(now_ns);
+                if since_ns > HANGS_NS && now_ns - seat.interrupted_ns > HANGS_NS {
+                    seat.interrupted_ns = now_ns;
+                    self.cameras[camera].interrupt();
+                }
+                self.leave(camera);
+            }
+            if state == CameraState::Starting && self.chain.has_begun() {
+                self.leave(camera);
+            }
+            if self.seats[camera].states.change(now_ns).is_some() {
+                self.tell_camera(camera, now_ns);
+            }
+        }
+        self.lose_patience(now_ns);
+        self.tell_instants();
+    }
+
+    /// Goes on without cameras that are later than ever at the instant that waits for them.
+    fn lose_patience(&mut self, now_ns: i64) {
+        let Some((t_ns, cameras)) = self.chain.waits() else { return };
+        let late: Vec<usize> = cameras.filter(|c| now_ns > self.patient_until_ns(*c, t_ns)).collect();
+        if late.is_empty() {
+            return;
+        }
+        self.flown.not_waited += 1;
+        for camera in late {
+            self.chain.go_without(camera, t_ns);
+        }
+    }
+
+    fn tell_instants(&mut self) {
+        let recorder = self.recorder.current();
+        let wants_events = self.listeners.want_events() || recorder.is_some();
+        while let Some(told) = self.chain.next_told() {
+            let sample = &told.association.sample;
+            let motion = self.motion.push(sample);
+            let was = self.last;
+            self.last = self.tracking.saw(told.t_ns, sample.estimate.is_some());
+            let fix = Fix {
+                sequence: self.flown.instants,
+                captured_ns: self.clock.unix_ns(told.t_ns),
+                received_ns: self.clock.unix_ns(self.received_ns),
+                measured: sample.estimate.as_ref().map(|e| events::measured(e, motion.as_ref())),
+                resets: self.tracking.resets(),
+            };
+            self.listeners.fix(fix.clone());
+            let latency_ns = self.clock.now_ns() - self.received_ns;
+            self.flown.latency.add_ns(latency_ns);
+            self.flown.instants += 1;
+            self.flown.measured += u64::from(fix.measured.is_some());
+            self.flown.lost += u64::from(fix.measured.is_none() && was != Tracking::Acquiring);
+            for seat in &mut self.seats {
+                seat.instants += 1;
+            }
+            for (index, marker) in &told.association.pairs {
+                let camera = told.seen[*index].camera;
+                self.seats[camera].markers[*marker] += 1;
+            }
+            if let Some(parameters) = &self.parameters {
+                parameters.push(sample);
+            }
+            if wants_events {
+                let pose = events::pose(&fix, told.t_ns, self.last, latency_ns, sample.reason.as_deref());
+                if let Some(recorder) = &recorder {
+                    recorder.sent(&pose);
+                }
+                self.listeners.event(pose);
+                events::sights(&told, (self.rig, self.vehicle)).for_each(|e| self.listeners.event(e));
+            }
+        }
+        for k in self.moved..self.chain.moved_cameras().len() {
+            let camera = self.chain.moved_cameras()[k].camera;
+            self.seats[camera].states.moved();
+            self.tracking.cut();
+            self.moved = k + 1;
+        }
+    }
+
+    /// Rates, latencies and parameters, once a second.
+    fn tell_rates(&mut self) {
+        if let Some(event) = self.parameters.as_ref().and_then(Parameters::latest) {
+            self.listeners.event(event);
+        }
+        if let Some(event) = self.recorder.current().and_then(|r| r.news()) {
+            self.listeners.event(event);
+        }
+        let now_ns = self.now_ns();
+        if self.told_ns != i64::MIN && now_ns - self.told_ns < TELL_NS {
+            return;
+        }
+        for camera in 0..self.seats.len() {
+            self.tell_camera(camera, now_ns);
+            let seat = &mut self.seats[camera];
+            (seat.frames, seat.instants) = (0, 0);
+            seat.markers.fill(0);
+            seat.latency.clear();
+        }
+        self.told_ns = now_ns;
+        self.listeners.event(self.recorder.event());
+    }
+
+    fn tell_camera(&mut self, camera: usize, now_ns: i64) {
+        let seat = &mut self.seats[camera];
+        let state = seat.states.state(if self.pace == Pace::Fast { i64::MIN } else { now_ns });
+        let over_s = if self.told_ns == i64::MIN { 0.0 } else { (now_ns - self.told_ns) as f64 * 1e-9 };
+        let share = |n: &u64| if seat.instants > 0 { *n as f64 / seat.instants as f64 } else { 0.0 };
+        let event = Event::Camera {
+            camera,
+            state,
+            rate_hz: if over_s > 0.05 { seat.frames as f64 / over_s } else { 0.0 },
+            latency_ms: seat.latency.quantile_ms(0.5),
+            dropped: self.cameras[camera].dropped(),
+            markers: seat.markers.iter().map(share).collect(),
+            reason: seat.states.reason(state),
+        };
+        if let Some(recorder) = self.recorder.current() {
+            recorder.sent(&event);
+        }
+        self.listeners.event(event);
+    }
+
+    fn note(&mut self, fault: bool, text: String) {
+        let t_s = self.now_ns() as f64 * 1e-9;
+        self.listeners.event(Event::Note { t_s, fault, text });
+    }
+
+    /// Ends the cameras, and tells what still waited.
+    fn finish(mut self, reports: &Receiver<Report>) -> Flown {
+        self.stop.store(true, Ordering::Relaxed);
+        self.cameras.iter().for_each(Camera::close);
+        let mut scratch = Vec::new();
+        let all_ended = self.seats.iter().all(|s| s.ended);
+        loop {
+            match reports.recv_timeout(Duration::from_millis(20)) {
+                // What comes after the end of a flight that was ended is not part of it.
+                Ok(report) if all_ended => self.take(report, &mut scratch),
+                Ok(_) => {}
+                Err(RecvTimeoutError::Timeout) => self.cameras.iter().for_each(Camera::interrupt),
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+        }
+        self.chain.begin();
+        (0..self.seats.len()).for_each(|c| self.chain.go_without(c, i64::MAX));
+        self.tell_instants();
+        for (dropped, camera) in self.flown.dropped.iter_mut().zip(&self.cameras) {
+            *dropped = camera.dropped();
+        }
+        self.cameras.into_iter().for_each(Camera::finish);
+        if let Some(event) = self.parameters.and_then(Parameters::finish) {
+            self.listeners.event(event);
+        }
+        if let Some(recorder) = self.recorder.current() {
+            recorder.finish();
+            self.listeners.event(recorder.event());
+        }
+        self.flown.unheard = self.listeners.dropped();
+        self.listeners.finish();
+        self.flown
+    }
+}

@@ -1,0 +1,342 @@
+//! Parameters by recursive least squares beside the flight.
+
+use crate::{LiveError, Popped, Queue};
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_identify::{
+    Bandwidth, CoefficientTable, Model, Options, Output, RecursiveLeastSquares, coefficients,
+    independent_columns,
+};
+use mavsight_link::{Event, Parameter};
+use mavsight_pose::{PoseSample, smooth};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Seconds of poses that are smoothed at a time.
+const WINDOW_S: f64 = 16.0;
+/// Seconds after a window's beginning from which its rows are used, but for the flight's first: flapping is integrated from trim, and
+/// what is wrong with that has faded by three of the fly-bar's time constants then.
+const SETTLED_S: f64 = 10.0;
+/// Seconds from one estimate to the next.
+const EVERY_S: f64 = 1.0;
+/// Half width of a 95 % interval in standard deviations.
+const HALF_WIDTH: f64 = 1.96;
+/// Poses that may wait.
+const WAITING: usize = 4096;
+
+/// What is commanded, as far as it is known.
+pub trait InputSource: Send {
+    /// The inputs of a span, one sample before it and up to its end; none where they are not known so far.
+    fn span(&mut self, from_s: f64, to_s: f64) -> Option<InputSeries>;
+}
+
+/// Inputs that were recorded before.
+pub struct Recorded(pub InputSeries);
+
+impl InputSource for Recorded {
+    fn span(&mut self, from_s: f64, to_s: f64) -> Option<InputSeries> {
+        (self.0.start_s() <= from_s && self.0.end_s() >= to_s).then(|| self.0.clone())
+    }
+}
+
+/// Estimates beside the flight, on a thread of their own.
+///
+/// Once a second the last sixteen seconds of poses are smoothed, and outputs and regressors are formed by the batch run's own code
+/// ([`coefficients`]). Rows that are new, and far enough from both ends, go into [`RecursiveLeastSquares`], one to a period of the
+/// Nyquist rate of the low-pass that they have passed, so that their errors are about white. Nothing is forgotten.
+pub(crate) struct Parameters {
+    queue: Arc<Queue<PoseSample>>,
+    latest: Arc<Mutex<Option<Event>>>,
+    thread: JoinHandle<()>,
+}
+
+impl Parameters {
+    pub(crate) fn start(
+        inputs: Box<dyn InputSource>,
+        vehicle: Vehicle,
+        model: Option<Model>,
+        enough: f64,
+    ) -> Result<Self, LiveError> {
+        let queue = Arc::new(Queue::new(WAITING));
+        let latest = Arc::new(Mutex::new(None));
+        let (own, out) = (Arc::clone(&queue), Arc::clone(&latest));
+        let options = Options { model, bandwidth: Bandwidth::Smoother, ..Options::default() };
+        let mut work = Work {
+            inputs,
+            vehicle,
+            options,
+            enough,
+            window: Vec::new(),
+            is_first: true,
+            until_s: f64::NEG_INFINITY,
+            fits: Vec::new(),
+        };
+        let run = move || {
+            loop {
+                match own.pop(Duration::from_millis(200)) {
+                    Popped::Item(sample) => {
+                        if let Some(event) = work.push(sample) {
+                            *out.lock().unwrap_or_else(PoisonError::into_inner) = Some(event);
+                        }
+                    }
+                    Popped::Nothing => {}
+                    Popped::Closed => return,
+                }
+            }
+        };
+        let thread = std::thread::Builder::new()
+            .name("parameters".into())
+            .spawn(run)
+            .map_err(|source| LiveError::Thread { what: "the parameters", source })?;
+        Ok(Self { queue, latest, thread })
+    }
+
+    /// Takes a pose; the oldest is dropped where the thread is behind.
+    pub(crate) fn push(&self, sample: &PoseSample) {
+        self.queue.push(sample.clone());
+    }
+
+    /// An estimate that was not told yet.
+    pub(crate) fn latest(&self) -> Option<Event> {
+        self.latest.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// Ends, with the last estimate.
+    pub(crate) fn finish(self) -> Option<Event> {
+        self.queue.close();
+        // A thread that panicked has said so.
+        let _ = self.thread.join();
+        self.latest.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+}
+
+/// One output's fit.
+struct Fit {
+    output: String,
+    columns: Vec<String>,
+    /// Standard deviations of the regressors' own errors, as of late.
+    errors: Vec<f64>,
+    fit: RecursiveLeastSquares,
+}
+
+struct Work {
+    inputs: Box<dyn InputSource>,
+    vehicle: Vehicle,
+    options: Options,
+    enough: f64,
+    window: Vec<PoseSample>,
+    /// Whether the window begins with the flight.
+    is_first: bool,
+    /// Rows up to here have been used.
+    until_s: f64,
+    fits: Vec<Fit>,
+}
+
+fn seconds(sample: Option<&PoseSample>) -> f64 {
+    sample.map_or(0.0, |s| s.t_ns as f64 * 1e-9)
+}
+
+impl Work {
+    /// Takes a pose; an estimate about once a second.
+    fn push(&mut self, sample: PoseSample) -> Option<Event> {
+        if self.window.is_empty() && sample.estimate.is_none() {
+            return None;
+        }
+        self.window.push(sample);
+        let (first_s, last_s) = (seconds(self.window.first()), seconds(self.window.last()));
+        let since_s = last_s - if self.until_s.is_finite() { self.until_s } else { first_s };
+        // The newest second of a window is beside its end, where a smoother leans on one side.
+        if since_s < 2.0 * EVERY_S || self.window.len() < 30 {
+            return None;
+        }
+        let table = self.table(first_s, last_s);
+        let event = match table {
+            Some(table) => {
+                self.take(&table, first_s);
+                Some(self.told(last_s))
+            }
+            None => {
+                self.until_s = last_s - EVERY_S;
+                None
+            }
+        };
+        let keep_s = last_s - WINDOW_S;
+        let gone = self.window.partition_point(|p| (p.t_ns as f64) * 1e-9 < keep_s);
+        if gone > 0 {
+            self.window.drain(..gone);
+            self.is_first = false;
+        }
+        event
+    }
+
+    fn table(&mut self, first_s: f64, last_s: f64) -> Option<CoefficientTable> {
+        let inputs = self.inputs.span(first_s, last_s)?;
+        let motion = smooth(&self.window, self.vehicle.environment.gravity_m_s2).ok()?;
+        coefficients(&motion, &inputs, &self.vehicle, &self.options).ok()
+    }
+
+    /// Uses the rows of a table that were not used yet.
+    fn take(&mut self, table: &CoefficientTable, first_s: f64) {
+        let from_s = if self.is_first { first_s } else { first_s + SETTLED_S }.max(self.until_s);
+        let rows = table.rows_in_window();
+        let mut until_s = self.until_s.max(table.window_s.1);
+        for output in &table.outputs {
+            let step_s = 0.5 / output.bandwidth_hz;
+            let fit = fit_of(&mut self.fits, output);
+            let Some(fit) = fit else { continue };
+            let mut next_s = from_s;
+            let mut row = vec![0.0; output.columns.len()];
+            for &i in rows.iter().filter(|i| table.t_s[**i] > from_s) {
+                if table.t_s[i] < next_s {
+                    continue;
+                }
+                next_s = table.t_s[i] + step_s;
+                row.iter_mut().zip(&output.columns).for_each(|(to, c)| *to = c.values[i]);
+                // A row that is not finite is passed over.
+                let _ = fit.fit.update(&row, output.values[i]);
+            }
+            until_s = until_s.max(next_s.min(table.window_s.1));
+        }
+        self.until_s = until_s;
+    }
+
+    fn told(&self, t_s: f64) -> Event {
+        let parameters: Vec<Parameter> = self.fits.iter().flat_map(|f| f.told(self.enough)).collect();
+        let mut known = parameters.iter().filter(|p| p.value.is_some()).peekable();
+        let enough = known.peek().is_some() && known.all(|p| p.enough);
+        Event::Parameters { t_s, parameters, enough }
+    }
+}
+
+impl Fit {
+    /// Its parameters so far. What the flight does not determine by itself has no value, and stands in the way of nothing.
+    fn told(&self, share: f64) -> Vec<Parameter> {
+        let factor = self.fit.factor();
+        // The columns' own errors, as many rows of them as were taken.
+        let rows = (self.fit.weight() / factor.nrows().max(1) as f64).sqrt();
+        let noise: Vec<f64> = self.errors.iter().map(|std| std * rows).collect();
+        let dependence = independent_columns(&factor, &noise);
+        let estimate = self.fit.estimate_of(&dependence.independent);
+        let parameter = |(column, name): (usize, &String)| {
+            let at = dependence.independent.iter().position(|k| *k == column);
+            let known = at.filter(|k| dependence.stands_alone(*k)).zip(estimate.as_ref());
+            let value = known.map(|(k, (values, _))| values[k]);
+            let half_width = known.map(|(k, (_, c))| HALF_WIDTH * c[(k, k)].max(0.0).sqrt());
+            let enough = value.zip(half_width).is_some_and(|(v, h)| h <= share * v.abs());
+            Parameter { name: format!("{},{name}", self.output), value, half_width, enough }
+        };
+        self.columns.iter().enumerate().map(parameter).collect()
+    }
+}
+
+/// The fit of an output: a new one where it has none.
+fn fit_of<'a>(fits: &'a mut Vec<Fit>, output: &Output) -> Option<&'a mut Fit> {
+    let same = |f: &Fit| f.output == output.name && f.columns.len() == output.columns.len();
+    if !fits.iter().any(same) {
+        let fit = RecursiveLeastSquares::new(output.columns.len(), 1.0).ok()?;
+        let columns = output.columns.iter().map(|c| c.name.clone()).collect();
+        fits.push(Fit { output: output.name.clone(), columns, errors: Vec::new(), fit });
+    }
+    let fit = fits.iter_mut().find(|f| same(f))?;
+    fit.errors = output.columns.iter().map(|c| c.std).collect();
+    Some(fit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_flight::{Channel, Maneuver, Scenario, simulate};
+    use mavsight_geometry::{Matrix6, Vector3, world_from_body};
+    use mavsight_identify::{Estimator, FitOptions, identify_with};
+    use mavsight_pose::PoseEstimate;
+    use nalgebra::Matrix6xX;
+
+    /// Poses of a simulated flight, a tenth of a millimetre and of a milliradian off.
+    fn flight() -> (Vec<PoseSample>, InputSeries) {
+        let doublet = |start_s: f64| Maneuver::Doublet {
+            channel: Channel::DeltaLon,
+            start_s,
+            pulse_s: 0.4,
+            amplitude: -4.0,
+        };
+        let scenario = Scenario {
+            duration_s: 12.0,
+            maneuver: vec![doublet(2.0), doublet(5.0), doublet(8.0)],
+            ..Scenario::paper()
+        };
+        let inputs = scenario.inputs(&Vehicle::paper()).unwrap();
+        let states =
+            simulate(&Vehicle::paper(), &inputs, &scenario.start(), &scenario.frame_times_s()).unwrap();
+        let mut state = 3_u64;
+        let mut noise = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            1e-4 * 12f64.sqrt() * ((state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5)
+        };
+        let sample = |s: &mavsight_flight::FlightState| {
+            let mut pose = world_from_body(s.position_in_world_m, s.attitude);
+            pose.translation.vector += Vector3::new(noise(), noise(), noise());
+            let turn = Vector3::new(noise(), noise(), noise());
+            pose.rotation *= mavsight_geometry::UnitQuaternion::from_scaled_axis(turn);
+            let estimate = PoseEstimate {
+                world_from_body: pose,
+                covariance: Matrix6::identity() * 1e-8,
+                systematic: Matrix6xX::zeros(0),
+                markers_used: vec![0, 1, 2, 3],
+                left_out: Vec::new(),
+                residual_px: 0.1,
+            };
+            PoseSample { t_ns: (s.t_s * 1e9).round() as i64, estimate: Some(estimate), reason: None }
+        };
+        (states.iter().map(sample).collect(), inputs)
+    }
+
+    /// What it ends with is what a batch run's least squares find, its intervals shrink, and what the flight does not tell has none.
+    #[test]
+    fn it_comes_to_what_a_batch_run_finds() {
+        let (poses, inputs) = flight();
+        let vehicle = Vehicle::paper();
+        let options = || Options { bandwidth: Bandwidth::Smoother, ..Options::default() };
+        let mut work = Work {
+            inputs: Box::new(Recorded(inputs.clone())),
+            vehicle: vehicle.clone(),
+            options: options(),
+            enough: 0.05,
+            window: Vec::new(),
+            is_first: true,
+            until_s: f64::NEG_INFINITY,
+            fits: Vec::new(),
+        };
+        let told: Vec<Event> = poses.iter().filter_map(|p| work.push(p.clone())).collect();
+        let half_widths = |event: &Event, name: &str| -> Option<(f64, f64)> {
+            let Event::Parameters { parameters, .. } = event else { return None };
+            let p = parameters.iter().find(|p| p.name == name)?;
+            p.value.zip(p.half_width)
+        };
+        assert!((6..=12).contains(&told.len()), "{} estimates", told.len());
+        let motion = smooth(&poses, vehicle.environment.gravity_m_s2).unwrap();
+        let table = coefficients(&motion, &inputs, &vehicle, &options()).unwrap();
+        let fit = FitOptions { estimators: vec![Estimator::LeastSquares], ..FitOptions::default() };
+        let batch = identify_with(&table, &fit).unwrap();
+        let mut compared = 0;
+        for fit in &batch.fits {
+            for p in fit.parameters.iter().filter(|p| p.identifiable) {
+                let name = format!("{},{}", fit.output, p.name);
+                let (Some(value), Some(std)) = (p.value, p.std) else { continue };
+                let Some((live, half_width)) = told.last().and_then(|e| half_widths(e, &name)) else {
+                    continue;
+                };
+                println!("{name}: {live} ± {half_width}, batch {value} ± {}", 1.96 * std);
+                let apart = (live - value).abs();
+                assert!(apart < 2.0 * half_width + 4.0 * std, "{name}: {live} against {value}");
+                compared += 1;
+            }
+        }
+        assert!(compared >= 3, "{compared} compared");
+        let widths: Vec<f64> =
+            told.iter().filter_map(|e| half_widths(e, "C_m,alpha_l")).map(|w| w.1).collect();
+        assert!(widths.last() < widths.first(), "{widths:?}");
+        let Some(Event::Parameters { parameters, .. }) = told.last() else { panic!("nothing told") };
+        // Rotors at one speed: their thrusts cannot be told from the constant.
+        assert!(parameters.iter().any(|p| p.name == "C_Z,T_u" && p.value.is_none()));
+    }
+}

@@ -1,0 +1,142 @@
+//! A queue of bounded length between two threads.
+
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Holds at most so many things; all its memory is taken when it is made.
+#[derive(Debug)]
+pub struct Queue<T> {
+    inner: Mutex<Inner<T>>,
+    changed: Condvar,
+    capacity: usize,
+}
+
+#[derive(Debug)]
+struct Inner<T> {
+    items: VecDeque<T>,
+    dropped: u64,
+    closed: bool,
+}
+
+/// What a queue yields.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Popped<T> {
+    /// The oldest thing.
+    Item(T),
+    /// Nothing came in the time given.
+    Nothing,
+    /// It is closed and empty.
+    Closed,
+}
+
+impl<T> Queue<T> {
+    /// A queue for `capacity` things, at least one.
+    pub fn new(capacity: usize) -> Self {
+        let capacity = capacity.max(1);
+        let inner = Inner { items: VecDeque::with_capacity(capacity), dropped: 0, closed: false };
+        Self { inner: Mutex::new(inner), changed: Condvar::new(), capacity }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner<T>> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Adds a thing; where there is no room the oldest is dropped, counted, and handed back. After the end nothing is taken.
+    pub fn push(&self, item: T) -> Option<T> {
+        let mut inner = self.lock();
+        if inner.closed {
+            return Some(item);
+        }
+        let oldest = (inner.items.len() == self.capacity).then(|| inner.items.pop_front()).flatten();
+        inner.dropped += u64::from(oldest.is_some());
+        inner.items.push_back(item);
+        drop(inner);
+        self.changed.notify_all();
+        oldest
+    }
+
+    /// Adds a thing when there is room for it; false where the queue was closed.
+    pub fn push_waiting(&self, item: T) -> bool {
+        let mut inner = self.lock();
+        while inner.items.len() == self.capacity && !inner.closed {
+            inner = self.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
+        }
+        if inner.closed {
+            return false;
+        }
+        inner.items.push_back(item);
+        drop(inner);
+        self.changed.notify_all();
+        true
+    }
+
+    /// Takes the oldest thing, waiting for one at most so long.
+    pub fn pop(&self, wait: Duration) -> Popped<T> {
+        let until = Instant::now().checked_add(wait);
+        let mut inner = self.lock();
+        loop {
+            if let Some(item) = inner.items.pop_front() {
+                drop(inner);
+                self.changed.notify_all();
+                return Popped::Item(item);
+            }
+            if inner.closed {
+                return Popped::Closed;
+            }
+            let left =
+                until.map_or(Duration::from_secs(3600), |u| u.saturating_duration_since(Instant::now()));
+            if left.is_zero() {
+                return Popped::Nothing;
+            }
+            inner = self.changed.wait_timeout(inner, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// Takes nothing more; what is in it can still be taken out.
+    pub fn close(&self) {
+        self.lock().closed = true;
+        self.changed.notify_all();
+    }
+
+    /// How many were dropped so far.
+    pub fn dropped(&self) -> u64 {
+        self.lock().dropped
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+
+    #[test]
+    fn the_oldest_is_dropped_and_counted() {
+        let queue = Queue::new(3);
+        let back: Vec<i32> = (0..7).filter_map(|k| queue.push(k)).collect();
+        assert_eq!((back, queue.dropped()), (vec![0, 1, 2, 3], 4));
+        queue.close();
+        assert_eq!(queue.push(9), Some(9));
+        let rest: Vec<_> = (0..4).map(|_| queue.pop(Duration::ZERO)).collect();
+        assert_eq!(rest, [Popped::Item(4), Popped::Item(5), Popped::Item(6), Popped::Closed]);
+        assert_eq!(Queue::<u8>::new(0).pop(Duration::ZERO), Popped::Nothing);
+    }
+
+    #[test]
+    fn who_waits_for_room_loses_nothing() {
+        let queue = Arc::new(Queue::new(2));
+        let own = Arc::clone(&queue);
+        let taker = std::thread::spawn(move || {
+            let mut got = Vec::new();
+            while let Popped::Item(k) = own.pop(Duration::from_secs(5)) {
+                got.push(k);
+                std::thread::sleep(Duration::from_micros(200));
+            }
+            got
+        });
+        assert!((0..50).all(|k| queue.push_waiting(k)));
+        queue.close();
+        assert!(!queue.push_waiting(99));
+        assert_eq!((taker.join().unwrap(), queue.dropped()), ((0..50).collect::<Vec<_>>(), 0));
+    }
+}

@@ -1,0 +1,152 @@
+//! Cameras that stall, end and come back.
+
+use crate::common::{Scripted, camera, picture, pose, rig, setup};
+use mavsight_flight::Vehicle;
+use mavsight_link::{CameraState, Event, Tracking};
+use mavsight_live::{CameraSetup, FlightClock, Next, Pace, Source, fly};
+use mavsight_pose::Rig;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Slow enough for a loaded computer to keep up.
+const RATE_HZ: f64 = 10.0;
+const STEP_NS: i64 = 100_000_000;
+
+/// What happens to a camera at a frame.
+#[derive(Clone, Copy, PartialEq)]
+enum Fate {
+    Films,
+    Empty,
+    Silent,
+    Ends,
+}
+
+/// A camera that films in real time what `fate` says of each frame's number.
+fn scripted(rig: &Rig, k: usize, clock: FlightClock, frames: u32, fate: fn(u32) -> Fate) -> CameraSetup {
+    let view = rig.cameras[k].camera;
+    let next = Arc::new(AtomicU32::new(0));
+    let open = move |_| {
+        let next = Arc::clone(&next);
+        let source = move || {
+            loop {
+                let frame = next.fetch_add(1, Ordering::Relaxed);
+                if frame >= frames {
+                    return Next::End("the film is over".into());
+                }
+                let t_ns = i64::from(frame) * STEP_NS;
+                let at = pose(f64::from(frame) / RATE_HZ);
+                let picture = picture(&view, (fate(frame) != Fate::Empty).then_some(&at), frame as usize);
+                std::thread::sleep(clock.until(t_ns));
+                match fate(frame) {
+                    Fate::Silent => {}
+                    Fate::Ends => return Next::End("the cable is off".into()),
+                    Fate::Films | Fate::Empty => return Next::Frame(t_ns, Arc::new(picture)),
+                }
+            }
+        };
+        Ok(Box::new(Scripted(source)) as Box<dyn Source>)
+    };
+    camera(&rig.cameras[k].name, Box::new(open), true)
+}
+
+struct Flown {
+    /// Time of each telling, of which camera, its state and why.
+    states: Vec<(f64, usize, CameraState, Option<String>)>,
+    /// Time, validity, tracking and reset count of each instant.
+    instants: Vec<(f64, bool, Tracking, u8)>,
+}
+
+/// Flies for a number of frames; the second camera and both do what they are told.
+fn flown(frames: u32, fates: [fn(u32) -> Fate; 2]) -> Flown {
+    let (rig, vehicle) = (rig(), Vehicle::paper());
+    let clock = FlightClock::starting_at(-200_000_000);
+    let cameras = (0..2).map(|k| scripted(&rig, k, clock, frames, fates[k])).collect();
+    let (mut flight, heard) = setup((&rig, &vehicle), cameras, Pace::Own, clock);
+    flight.for_ns = Some(i64::from(frames) * STEP_NS + 200_000_000);
+    fly(flight).expect("as staged");
+    let (events, fixes) = (heard.events.lock().expect("as staged"), heard.fixes.lock().expect("as staged"));
+    let mut out = Flown { states: Vec::new(), instants: Vec::new() };
+    let mut now_s = 0.0;
+    for event in events.iter() {
+        match event {
+            Event::Pose(p) => {
+                assert_eq!(p.position_m.is_some(), p.valid);
+                now_s = p.t_s;
+                let fix = &fixes[p.sequence as usize];
+                assert_eq!(fix.measured.is_some(), p.valid);
+                out.instants.push((p.t_s, p.valid, p.tracking, fix.resets));
+            }
+            Event::Camera { camera, state, reason, .. }
+                if out.states.iter().rev().find(|s| s.1 == *camera).is_none_or(|s| s.2 != *state) =>
+            {
+                out.states.push((now_s, *camera, *state, reason.clone()));
+            }
+            _ => {}
+        }
+    }
+    // No pose is ever sent twice.
+    let places: Vec<_> = fixes.iter().filter_map(|f| Some(f.measured.as_ref()?.world_from_body)).collect();
+    assert!(places.windows(2).all(|w| w[0] != w[1]));
+    out
+}
+
+fn states_of(flown: &Flown, camera: usize) -> Vec<CameraState> {
+    flown.states.iter().filter(|s| s.1 == camera).map(|s| s.2).collect()
+}
+
+#[test]
+fn a_camera_that_stalls_is_told_and_taken_again() {
+    let second = |k: u32| if (15..24).contains(&k) { Fate::Silent } else { Fate::Films };
+    let flown = flown(40, [|_| Fate::Films, second]);
+    use CameraState::{Running, Stalled, Starting};
+    // At the end the film is over.
+    assert!(states_of(&flown, 1).starts_with(&[Starting, Running, Stalled, Running]), "{:?}", flown.states);
+    let stalled = flown.states.iter().find(|s| s.2 == Stalled).unwrap();
+    // The last frame is at 1.4 s: two intervals, and what a loaded computer takes.
+    assert!((1.4..1.85).contains(&stalled.0) && stalled.3.as_ref().unwrap().contains("cable"), "{stalled:?}");
+    // The other camera goes on by itself, with one pose an instant.
+    let during: Vec<_> = flown.instants.iter().filter(|i| (1.65..2.35).contains(&i.0)).collect();
+    assert!(during.len() >= 6, "{:?}", flown.instants);
+    let resets: Vec<u8> = flown.instants.iter().map(|i| i.3).collect();
+    assert!(resets.first() == Some(&0) && *resets.last().unwrap() >= 2, "{resets:?}");
+    assert!(flown.instants.len() >= 37, "{}", flown.instants.len());
+}
+
+#[test]
+fn a_camera_that_ends_is_opened_again() {
+    let second = |k: u32| if k == 15 { Fate::Ends } else { Fate::Films };
+    let flown = flown(36, [|_| Fate::Films, second]);
+    use CameraState::{Gone, Running, Starting};
+    let states = states_of(&flown, 1);
+    assert!(states.starts_with(&[Starting, Running, Gone]) && states[3..].contains(&Running), "{states:?}");
+    let gone = flown.states.iter().find(|s| s.2 == Gone).unwrap();
+    assert!(
+        (1.3..1.75).contains(&gone.0) && gone.3.as_ref().unwrap().contains("the cable is off"),
+        "{gone:?}"
+    );
+}
+
+#[test]
+fn an_aircraft_that_is_gone_is_lost_and_found_and_nothing_is_sent_meanwhile() {
+    let both = |k: u32| match k {
+        0..8 | 20..24 => Fate::Empty,
+        30..34 => Fate::Silent,
+        _ => Fate::Films,
+    };
+    let flown = flown(46, [both, both]);
+    let at = |t: f64| *flown.instants.iter().find(|i| (i.0 - t).abs() < 0.01).unwrap();
+    assert!(at(0.5).2 == Tracking::Acquiring && !at(0.5).1);
+    assert!(
+        flown.instants.iter().any(|i| i.0 < 0.95 && i.1 && i.2 == Tracking::Tracking),
+        "{:?}",
+        flown.instants
+    );
+    assert!(at(1.9).1 && at(1.9).2 != Tracking::Lost, "{:?}", flown.instants);
+    // Within two frames.
+    assert!(at(2.1).2 == Tracking::Lost && !at(2.1).1 && !at(2.3).1);
+    let found = flown.instants.iter().find(|i| i.0 > 2.3 && i.1).unwrap();
+    assert!(found.0 < 2.75 && found.2 == Tracking::Reacquired && found.3 > 0, "{found:?}");
+    // Where no camera films there is no instant.
+    assert!(!flown.instants.iter().any(|i| (2.95..3.35).contains(&i.0)), "{:?}", flown.instants);
+    assert!(flown.instants.iter().any(|i| i.0 > 3.6 && i.1));
+}

@@ -1,0 +1,7 @@
+//! Flights through the chain of running cameras.
+
+mod batch;
+mod cameras;
+mod common;
+mod paper_flight;
+mod recording;

@@ -1,0 +1,128 @@
+//! What is recorded, and what is not when the disk is full.
+
+use crate::common::{camera, film, rig, setup};
+use mavsight_flight::Vehicle;
+use mavsight_link::Event;
+use mavsight_live::{FlightClock, Pace, RecordedSession, Recorder, RecorderSlot, Replay, Source, fly};
+use mavsight_session::{ControlSection, FrameSource, SESSION_SCHEMA, Session, SessionCamera, SessionFile};
+use mavsight_vision::Frame;
+use std::convert::Infallible;
+use std::path::Path;
+
+/// A session with whatever a session needs, in a folder of its own.
+fn session(at: &Path) -> SessionFile {
+    mavsight_session::write_vehicle(&at.join("vehicle.toml"), &Vehicle::paper()).expect("as staged");
+    std::fs::write(at.join("points.csv"), "name,x_m,y_m,z_m,diameter_m,color\n").expect("as staged");
+    std::fs::write(at.join("pixels.csv"), "camera,name,u_px,v_px\n").expect("as staged");
+    let camera = |name: &str| SessionCamera {
+        name: name.into(),
+        live: Some("/dev/null".into()),
+        ..Default::default()
+    };
+    SessionFile {
+        schema: SESSION_SCHEMA,
+        name: "recorded".into(),
+        vehicle: at.join("vehicle.toml"),
+        inputs: "".into(),
+        truth: None,
+        model: None,
+        control: Some(ControlSection {
+            points: at.join("points.csv"),
+            observations: Some(at.join("pixels.csv")),
+        }),
+        wand: None,
+        board: None,
+        refine: None,
+        flash: false,
+        rig: None,
+        live: None,
+        camera: vec![camera("cam1"), camera("cam2")],
+    }
+}
+
+fn fly_into(folder: &Path, from: &Path, films: &[Vec<(i64, Frame)>]) -> (u64, Vec<Event>) {
+    let (rig, vehicle) = (rig(), Vehicle::paper());
+    let to = RecordedSession {
+        folder: folder.to_owned(),
+        session: session(from),
+        rate_hz: 30.0,
+        with_inputs: false,
+        waits: true,
+    };
+    let recorder = RecorderSlot::with(Some(Recorder::begin(to).expect("as staged")));
+    let cameras = films.iter().map(|film| {
+        let mut frames = Some(film.clone().into_iter().map(Ok::<_, Infallible>));
+        let open = move |_| {
+            // At the cameras' pace, so that the recording is.
+            std::thread::sleep(std::time::Duration::from_millis(1));
+            let replay = Replay::new(frames.take().ok_or("ended")?, None, Default::default());
+            Ok(Box::new(replay) as Box<dyn Source>)
+        };
+        camera("cam", Box::new(open), false)
+    });
+    let (mut flight, heard) =
+        setup((&rig, &vehicle), cameras.collect(), Pace::Fast, FlightClock::starting_at(0));
+    flight.recorder = recorder;
+    let flown = fly(flight).expect("as staged");
+    let events = heard.events.lock().expect("as staged").clone();
+    (flown.measured, events)
+}
+
+#[test]
+fn a_recording_is_a_session_with_the_frames_that_came() {
+    let (from, to) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let folder = to.path().join("flight");
+    let films = film(&rig(), 20, 30.0);
+    let (measured, events) = fly_into(&folder, from.path(), &films);
+    assert!(measured >= 18, "{measured}");
+    let session = Session::load(&folder.join("session.toml")).unwrap();
+    for (k, film) in films.iter().enumerate() {
+        let got: Vec<_> = session.open_camera(k).unwrap().map(Result::unwrap).collect();
+        assert!(got == *film, "camera {k}");
+    }
+    let lines = |name: &str| -> Vec<serde_json::Value> {
+        let text = std::fs::read_to_string(folder.join(name)).unwrap();
+        text.lines().map(|l| serde_json::from_str(l).unwrap()).collect()
+    };
+    assert_eq!(lines("detected.ndjson").len(), 40);
+    let sent = lines("sent.ndjson");
+    assert_eq!(sent.iter().filter(|e| e["event"] == "pose").count(), 20);
+    let Some(Event::Recording { seconds, bytes, fault, .. }) =
+        events.iter().rev().find(|e| matches!(e, Event::Recording { .. }))
+    else {
+        panic!("no word of the recording")
+    };
+    assert!((seconds - 19.0 / 30.0).abs() < 1e-6 && *bytes > 40 * 3 * 640 * 480 && fault.is_none());
+    let again = RecordedSession {
+        folder: folder.clone(),
+        session: self::session(from.path()),
+        rate_hz: 30.0,
+        with_inputs: false,
+        waits: true,
+    };
+    assert!(Recorder::begin(again).is_err_and(|e| e.to_string().contains("another folder")));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn on_a_full_disk_the_recording_ends_with_a_word_and_the_flight_goes_on() {
+    let (from, to) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let folder = to.path().join("flight");
+    std::fs::create_dir(&folder).unwrap();
+    std::os::unix::fs::symlink("/dev/full", folder.join("cam2.y4m")).unwrap();
+    let films = film(&rig(), 12, 30.0);
+    let (measured, events) = fly_into(&folder, from.path(), &films);
+    assert!(measured >= 10, "{measured}");
+    let faults: Vec<_> = events
+        .iter()
+        .filter_map(|e| if let Event::Recording { fault: Some(f), .. } = e { Some(f) } else { None })
+        .collect();
+    assert!(
+        faults.first().is_some_and(|f| f.contains("No space left") && f.contains("goes on")),
+        "{faults:?}"
+    );
+    // What was written before, if anything was, is whole.
+    if let Ok(first) = FrameSource::open(&folder.join("cam1.y4m"), None) {
+        assert!(first.map(Result::unwrap).count() <= 2);
+    }
+}

@@ -1,0 +1,252 @@
+//! A running camera, by the ffmpeg program with as little delay as it can do.
+
+use super::ffmpeg::{nanoseconds, showinfo_field};
+use super::y4m::{Piece, Y4mFrames};
+use crate::SessionError;
+use mavsight_vision::{Frame, Pixels, YuvMatrix};
+use std::collections::VecDeque;
+use std::io::{BufRead, BufReader};
+use std::path::PathBuf;
+use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Frames whose memory is used again: what may wait in a queue, be tracked, be compared with and be recorded at a time.
+const POOL: usize = 24;
+
+/// What a camera's `live = "…"` asks ffmpeg for. A text that begins with a dash is its options and input as they are; anything else
+/// is the input, whose kind follows from its name: `/dev/video…` is Video4Linux, `rtsp://` goes by TCP.
+fn input_arguments(live: &str) -> Vec<String> {
+    let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+    if live.starts_with('-') {
+        return if live.split_whitespace().any(|w| w == "-i") {
+            words(live)
+        } else {
+            let mut all = words(live);
+            let at = all.len().saturating_sub(1);
+            all.insert(at, "-i".into());
+            all
+        };
+    }
+    let mut all = if live.starts_with("/dev/video") {
+        // The driver's stamps are nearer to the exposure than the arrival of the data.
+        words("-f v4l2 -ts abs")
+    } else if live.starts_with("rtsp://") {
+        words("-use_wallclock_as_timestamps 1 -rtsp_transport tcp")
+    } else {
+        words("-use_wallclock_as_timestamps 1")
+    };
+    all.extend(["-i".to_owned(), live.to_owned()]);
+    all
+}
+
+/// A camera that ffmpeg reads while it runs.
+pub struct LiveVideo {
+    place: PathBuf,
+    child: Arc<Mutex<Child>>,
+    /// The program's pictures, before their header has come.
+    stdout: Option<ChildStdout>,
+    frames: Option<Y4mFrames<BufReader<ChildStdout>>>,
+    shown: Receiver<Shown>,
+    words: Arc<Mutex<VecDeque<String>>>,
+    pool: Vec<Arc<Frame>>,
+    next: usize,
+}
+
+/// What ffmpeg says of a frame.
+#[derive(Debug, Clone, Copy)]
+struct Shown {
+    t_ns: Option<i64>,
+    matrix: YuvMatrix,
+}
+
+impl LiveVideo {
+    /// Starts the program on what a camera's `live` names; whether it can open that shows itself with the first frame.
+    ///
+    /// # Errors
+    /// A program that cannot be started.
+    pub fn open(live: &str, program: &str) -> Result<Self, SessionError> {
+        let place = PathBuf::from(live);
+        let mut child = Command::new(program)
+            .args(["-hide_banner", "-nostdin", "-nostats", "-loglevel", "info"])
+            .args([
+                "-fflags",
+                "nobuffer",
+                "-flags",
+                "low_delay",
+                "-probesize",
+                "500000",
+                "-analyzeduration",
+                "0",
+            ])
+            .args(["-threads", "1"])
+            .args(input_arguments(live))
+            .args(["-map", "0:v:0", "-an", "-sn", "-copyts", "-fps_mode", "passthrough"])
+            .args(["-vf", "showinfo=checksum=0,format=pix_fmts=yuv420p|yuvj420p", "-flush_packets", "1"])
+            .args(["-strict", "-1", "-f", "yuv4mpegpipe", "pipe:1"])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(|_| SessionError::NeedsFfmpeg {
+                path: place.clone(),
+                reason: "a running camera is read by it".into(),
+                program: program.to_owned(),
+            })?;
+        let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
+        let child = Arc::new(Mutex::new(child));
+        let words = Arc::new(Mutex::new(VecDeque::new()));
+        let failed = |detail: String| SessionError::Ffmpeg { path: place.clone(), detail };
+        let (Some(stdout), Some(stderr)) = (stdout, stderr) else {
+            return Err(failed("it has no output".into()));
+        };
+        let (shown_out, shown) = channel();
+        let said = Arc::clone(&words);
+        std::thread::spawn(move || listen(stderr, &shown_out, &said));
+        let stdout = Some(stdout);
+        Ok(Self { place, child, stdout, frames: None, shown, words, pool: Vec::new(), next: 0 })
+    }
+
+    /// What ends the program from another thread, so that a read that waits for it returns.
+    pub fn stopper(&self) -> impl Fn() + Send + Sync + 'static {
+        let child = Arc::clone(&self.child);
+        move || stop(&child)
+    }
+
+    /// Waits for the next frame: its time by the system's clock, nanoseconds of the UNIX epoch. Memory of frames that nobody holds
+    /// any more is used again.
+    ///
+    /// # Errors
+    /// The end: ffmpeg's last words.
+    pub fn next_frame(&mut self) -> Result<(i64, Arc<Frame>), SessionError> {
+        if let Some(stdout) = self.stdout.take() {
+            // Without a header the reason is among the program's words.
+            self.frames = Y4mFrames::new(BufReader::with_capacity(1 << 20, stdout)).ok();
+        }
+        let read = self.free().and_then(|mut frame| {
+            let whole = self.frames.as_mut()?.read_into(Arc::get_mut(&mut frame)?);
+            matches!(whole, Piece::Frame(_)).then_some(frame)
+        });
+        let (Some(mut frame), Ok(shown)) = (read, self.shown.recv()) else {
+            return Err(self.failed(last_words(&self.words)));
+        };
+        if let Some(Pixels::Yuv420 { matrix, .. }) = Arc::get_mut(&mut frame).map(|f| &mut f.pixels) {
+            *matrix = shown.matrix;
+        }
+        let t_ns = shown.t_ns.ok_or_else(|| self.failed("its frames have no time stamps".into()))?;
+        if self.pool.len() < POOL {
+            self.pool.push(Arc::clone(&frame));
+        }
+        Ok((t_ns, frame))
+    }
+
+    fn failed(&self, detail: String) -> SessionError {
+        SessionError::Ffmpeg { path: self.place.clone(), detail }
+    }
+
+    /// A frame that nobody else holds, out of the pool where it has one; none before the header.
+    fn free(&mut self) -> Option<Arc<Frame>> {
+        for _ in 0..self.pool.len() {
+            self.next = (self.next + 1) % self.pool.len();
+            if Arc::strong_count(&self.pool[self.next]) == 1 {
+                return Some(self.pool.swap_remove(self.next));
+            }
+        }
+        self.frames.as_ref().map(|f| Arc::new(f.blank()))
+    }
+}
+
+impl Drop for LiveVideo {
+    fn drop(&mut self) {
+        stop(&self.child);
+    }
+}
+
+fn stop(child: &Mutex<Child>) {
+    let mut child = child.lock().unwrap_or_else(PoisonError::into_inner);
+    // A program that has ended already cannot be killed: nothing is left to do then.
+    drop(child.kill());
+    drop(child.wait());
+}
+
+fn last_words(words: &Mutex<VecDeque<String>>) -> String {
+    // The listening thread may be a moment behind the end of the pictures.
+    std::thread::sleep(std::time::Duration::from_millis(20));
+    let words = words.lock().unwrap_or_else(PoisonError::into_inner);
+    if words.is_empty() {
+        "it ended".to_owned()
+    } else {
+        words.iter().cloned().collect::<Vec<_>>().join("; ")
+    }
+}
+
+fn listen(stderr: ChildStderr, shown: &Sender<Shown>, words: &Mutex<VecDeque<String>>) {
+    let mut base = None;
+    for line in BufReader::new(stderr).split(b'\n').map_while(Result::ok) {
+        let line = String::from_utf8_lossy(&line).trim().to_owned();
+        if line.contains("Parsed_showinfo") {
+            if let Some(found) = showinfo_field(&line, "config in time_base:") {
+                base = found.split_once('/').and_then(|(n, d)| Some((n.parse().ok()?, d.parse().ok()?)));
+            } else if let Some(pts) = showinfo_field(&line, " pts:") {
+                let wide = showinfo_field(&line, "color_space:").is_some_and(|c| c.starts_with("bt709"));
+                let matrix = if wide { YuvMatrix::Bt709 } else { YuvMatrix::Bt601 };
+                let t_ns = pts.parse().ok().and_then(|pts| nanoseconds(pts, base?));
+                // A receiver that is gone wants no more; ffmpeg's words are still read to its end.
+                let _ = shown.send(Shown { t_ns, matrix });
+            }
+        } else if !line.is_empty() {
+            let mut words = words.lock().unwrap_or_else(PoisonError::into_inner);
+            words.push_back(line);
+            if words.len() > 2 {
+                words.pop_front();
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_input_follows_from_the_name() {
+        let joined = |live: &str| input_arguments(live).join(" ");
+        assert_eq!(joined("/dev/video2"), "-f v4l2 -ts abs -i /dev/video2");
+        assert!(joined("rtsp://cam/1").ends_with("-rtsp_transport tcp -i rtsp://cam/1"));
+        assert_eq!(joined("-f v4l2 -framerate 60 /dev/video0"), "-f v4l2 -framerate 60 -i /dev/video0");
+        assert_eq!(joined("-f lavfi -i testsrc"), "-f lavfi -i testsrc");
+    }
+
+    /// A source that ffmpeg makes itself, at the rate of its own clock.
+    #[test]
+    fn frames_come_with_the_systems_time() {
+        let program = super::super::ffmpeg::program();
+        if Command::new(&program).arg("-version").output().is_err() {
+            println!("skipped: no ffmpeg");
+            return;
+        }
+        let live = "-use_wallclock_as_timestamps 1 -f lavfi -i testsrc=size=64x48:rate=50,realtime";
+        let mut video = LiveVideo::open(live, &program).unwrap();
+        let (first_ns, frame) = video.next_frame().unwrap();
+        assert_eq!((frame.size.width_px, frame.size.height_px, frame.check().is_ok()), (64, 48, true));
+        let now_ns =
+            std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap().as_nanos() as i64;
+        // This source counts in fiftieths of a second.
+        assert!((-20_000_000..5_000_000_000).contains(&(now_ns - first_ns)), "{first_ns} at {now_ns}");
+        drop(frame);
+        let stamps: Vec<i64> = (0..20).map(|_| video.next_frame().unwrap().0).collect();
+        assert!(stamps.windows(2).all(|w| w[1] >= w[0]), "{stamps:?}");
+        assert!((200_000_000..4_000_000_000).contains(&(stamps[19] - stamps[0])), "{stamps:?}");
+        assert!(video.pool.len() <= 3, "{} frames for one in hand", video.pool.len());
+        let stopper = video.stopper();
+        std::thread::spawn(move || {
+            std::thread::sleep(std::time::Duration::from_millis(50));
+            stopper();
+        });
+        let end = (0..1000).find_map(|_| video.next_frame().err());
+        assert!(end.is_some());
+        let refused = LiveVideo::open("/nowhere/at-all", &program).unwrap().next_frame().unwrap_err();
+        assert!(refused.to_string().contains("No such file"), "{refused}");
+        assert!(LiveVideo::open("x", "/no/such/ffmpeg").is_err());
+    }
+}
