@@ -71,9 +71,10 @@ impl Motion {
     #[getter]
     fn std<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         self.table(py, |s| {
-            let euler = euler_std(&s.world_from_body, &s.covariance.fixed_view::<3, 3>(3, 3).into_owned());
+            let euler =
+                euler_std(&s.world_from_body, &s.covariance.pose().fixed_view::<3, 3>(3, 3).into_owned());
             std::array::from_fn(|k| {
-                if (3..POSE).contains(&k) { euler[k - 3] } else { s.covariance[(k, k)].max(0.0).sqrt() }
+                if (3..POSE).contains(&k) { euler[k - 3] } else { s.covariance.variance(k).max(0.0).sqrt() }
             })
         })
     }
