@@ -222,6 +222,8 @@ fn by_equations(
 
 struct Tally {
     held: usize,
+    /// Sum of errors over their claimed standard deviations.
+    normalised: f64,
     squares: f64,
     variance: f64,
     bound: f64,
@@ -249,7 +251,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         })
         .collect();
     let model = FlightModel::new(&vehicle, &inputs)?;
-    let none = || Tally { held: 0, squares: 0.0, variance: 0.0, bound: 0.0, by_equations: (0.0, 0.0) };
+    let none = || Tally {
+        held: 0,
+        normalised: 0.0,
+        squares: 0.0,
+        variance: 0.0,
+        bound: 0.0,
+        by_equations: (0.0, 0.0),
+    };
     let mut tallies: Vec<Tally> = model.free().iter().map(|_| none()).collect();
     let (mut seconds, mut iterations, mut coloured, mut failed) = (Vec::new(), 0, 0, 0);
     let mut factor = 0.0;
@@ -284,6 +293,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 ModelParameter::InputLag => 0.0,
             };
             tally.held += usize::from(p.ci_low <= true_value && true_value <= p.ci_high);
+            tally.normalised += (p.value - true_value) / p.std;
             tally.squares += (p.value - true_value).powi(2);
             tally.variance += p.std.powi(2);
             tally.bound += p.bound_std.powi(2);
@@ -308,14 +318,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// A line for each parameter.
 fn print_table(tallies: &[Tally], parameters: &[ModelParameter], n: f64) {
     println!(
-        "{:14} {:>8} {:>12} {:>14} {:>16}",
-        "parameter", "held", "error/bound", "predicted/got", "error/tls error"
+        "{:14} {:>8} {:>10} {:>12} {:>14} {:>16}",
+        "parameter", "held", "mean/std", "error/bound", "predicted/got", "error/tls error"
     );
     for (tally, parameter) in tallies.iter().zip(parameters) {
         println!(
-            "{:14} {:7.1}% {:12.3} {:14.3} {:>16}",
+            "{:14} {:7.1}% {:10.3} {:12.3} {:14.3} {:>16}",
             parameter.name(),
             100.0 * tally.held as f64 / n,
+            tally.normalised / n,
             (tally.squares / tally.bound).sqrt(),
             (tally.variance / tally.squares).sqrt(),
             match tally.by_equations {
