@@ -5,11 +5,13 @@
 //! are set up anew, some centimetres off: what is wrong with a ball's centre comes from what is behind it, and would be the
 //! same each time.
 //!
-//! Given to the prediction are the places of cameras, control points and markers, and how good centres are by the claims of a
-//! first film of other seeds, as a user has them from a session; nothing is taken from the films that it is compared with.
+//! Given to the prediction are the places of cameras, control points and markers, and how good centres are by what the chain says of
+//! first films of other seeds, as a user has it from a session; nothing is taken from the films that it is compared with.
 
 use mavsight::flight::Vehicle;
-use mavsight::geometry::{EulerAngles, Isometry3, Point3, Vector3, world_from_body};
+use mavsight::geometry::{
+    Camera, EulerAngles, Isometry3, Matrix2, Matrix6, Point3, Vector2, Vector3, world_from_body,
+};
 use mavsight::lab;
 use mavsight::pipeline::{
     CameraFeed, ControlStill, PipelineError, Quiet, TimedFrame, body_markers, calibrate_from_stills, track,
@@ -35,7 +37,7 @@ const SET_UP_STD_M: f64 = 0.05;
 const TRIES: usize = 1000;
 
 /// Squares of errors of position and turn, what was predicted of them, squares of centres, and their numbers.
-#[derive(Default, Clone, Copy)]
+#[derive(Default, Clone)]
 struct Sums {
     position_m2: f64,
     turn_rad2: f64,
@@ -47,6 +49,20 @@ struct Sums {
     control_px2: f64,
     information: f64,
     calibrations: f64,
+    /// Squares of the residuals of poses over their claims, and degrees of freedom.
+    chi_square: f64,
+    freedom: f64,
+    /// The first pose after each calibration.
+    claims: Vec<Claim>,
+}
+
+/// What the chain claims of a pose: variances of position and turn by what is new in each frame, and by what lasts.
+#[derive(Clone)]
+struct Claim {
+    placed: Vec<Placed>,
+    pose: Isometry3<f64>,
+    own: [f64; 2],
+    lasting: [f64; 2],
 }
 
 fn row(k: usize, place: Vector3<f64>, attitude: EulerAngles) -> TruthRow {
@@ -167,12 +183,24 @@ fn film_once(
         sums.position_m2 += (got.world_from_body.translation.vector - pose.translation.vector).norm_squared();
         sums.turn_rad2 += pose.rotation.angle_to(&got.world_from_body.rotation).powi(2);
         sums.poses += 1.0;
+        if k == 0 {
+            let variances = |m: Matrix6<f64>| [0, 3].map(|i| m.fixed_view::<3, 3>(i, i).trace());
+            let own = got.own_covariance();
+            let lasting = variances(got.covariance - own);
+            sums.claims.push(Claim { placed: placed.to_vec(), pose: *pose, own: variances(own), lasting });
+        }
+        sums.freedom += 2.0 * seen.len() as f64 - 6.0;
         for o in seen {
             sums.information += 4.0 / o.covariance_px2.trace();
             let ball = &planner.markers()[o.marker];
-            let centre = (pose * Point3::from(ball.marker_in_body_m)).coords;
-            let view = &cameras[o.camera].camera;
-            let exact = view.project_ball(&centre, ball.radius_m)?.pixel;
+            let image = |camera: &Camera, pose: &Isometry3<f64>| {
+                let centre = (pose * Point3::from(ball.marker_in_body_m)).coords;
+                camera.project_ball(&centre, ball.radius_m).map(|view| view.pixel)
+            };
+            let residual = o.pixel - image(&rig.cameras[o.camera].camera, &got.world_from_body)?;
+            let weight = o.covariance_px2.try_inverse().ok_or("a centre without a covariance")?;
+            sums.chi_square += residual.dot(&(weight * residual));
+            let exact = image(&cameras[o.camera].camera, pose)?;
             sums.centres_px2 += (o.pixel - exact).norm_squared();
             sums.coordinates += 2.0;
         }
@@ -221,13 +249,36 @@ fn rigs(known: Option<Known>) -> Outcome<Vec<(String, Planner, Vec<Placed>)>> {
     Ok(out)
 }
 
-/// What the first session in a room tells of its centres, without truth: the claims of `markers.csv` after the flight's
-/// residuals, and those of calibration; of each the noise of as many equal centres that would tell as much.
+/// What the first session in a room tells of its centres, without truth: the noise of equal centres, of markers and in stills, with
+/// which a plan of its poses comes to what the chain claims of them. Centres differ by a factor of ten and more, with what is behind them: the
+/// mean of their claims or of their weights would not do. Claims are taken times what the residuals of the poses are to them.
 fn pilot(calibrations: u64, frames: usize) -> Outcome<Known> {
     let p = planner(None, |_| ())?;
     let sums = filmed(&p, &p.pair(0, 90.0, DISTANCE_M), (1000..1000 + calibrations, frames))?;
-    let centre_std_px = (sums.coordinates / sums.information).sqrt();
-    Ok(Known { centre_std_px, control_std_px: (sums.control_px2 / sums.calibrations).sqrt() })
+    let factor = sums.chi_square / sums.freedom;
+    println!("pilot: residuals over their claims {:.3}", factor.sqrt());
+    // Predicted variances are linear in those of the centres.
+    const UNIT_PX: f64 = 0.1;
+    const NEARLY_NONE_PX: f64 = 1e-6;
+    let unit = |centre_std_px, control_std_px| -> Outcome<Vector2<f64>> {
+        let p = planner(Some(Known { centre_std_px, control_std_px }), |_| ())?;
+        Ok(sums.claims.iter().fold(Vector2::zeros(), |sum, claim| {
+            let one = p.predict(&claim.placed, &[claim.pose]).mean;
+            sum + Vector2::new(1e-3 * one.position_std_mm, one.attitude_std_deg.to_radians()).map(|s| s * s)
+        }))
+    };
+    let claimed = sums
+        .claims
+        .iter()
+        .fold(Vector2::zeros(), |sum, c| sum + Vector2::from_fn(|i, _| c.own[i] * factor + c.lasting[i]));
+    let columns = [unit(UNIT_PX, NEARLY_NONE_PX)?, unit(NEARLY_NONE_PX, UNIT_PX)?];
+    let variances =
+        Matrix2::from_columns(&columns).lu().solve(&claimed).ok_or("one of the two does nothing")?;
+    if variances.min() <= 0.0 {
+        return Err("the pilot's claims fit no noise: take more films".into());
+    }
+    let [centre_std_px, control_std_px] = [0, 1].map(|i| variances[i].sqrt() * UNIT_PX);
+    Ok(Known { centre_std_px, control_std_px })
 }
 
 fn main() -> Outcome<()> {
