@@ -6,6 +6,7 @@ mod error;
 pub mod foreign;
 pub mod results;
 pub mod scenario;
+mod session_file;
 mod session_rig;
 mod table;
 pub mod tables;
@@ -14,10 +15,7 @@ pub mod video;
 pub mod visibility;
 
 pub use atomic::{make_folder, write_whole};
-pub use config::{
-    BoardSection, ControlSection, Estimate, FieldOrder, LineTime, LiveSection, RefineSection, RigSection,
-    SESSION_SCHEMA, Session, SessionCamera, SessionFile, WandBall, WandSection, load_model, load_vehicle,
-};
+pub use config::{Session, load_model, load_vehicle};
 pub use error::SessionError;
 pub use results::{
     FlightTable, MarkerAsBuilt, RESULTS_SCHEMA, RunResults, read_body, read_flight_table, read_markers,
@@ -25,6 +23,10 @@ pub use results::{
     write_rig,
 };
 pub use scenario::{write_control_points, write_inputs, write_session, write_truth, write_vehicle};
+pub use session_file::{
+    BoardSection, ControlSection, Estimate, FieldOrder, LineTime, LiveSection, RefineSection, RigSection,
+    SESSION_SCHEMA, SessionCamera, SessionFile, WandBall, WandSection,
+};
 pub use tables::{ControlPixel, ControlPointRow, TruthRow, read_control_points};
 pub use toml_file::read_toml;
 pub use video::{FrameSource, LiveVideo, Y4mWriter, ffmpeg_program, read_image, write_png};

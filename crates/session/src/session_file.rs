@@ -1,0 +1,259 @@
+//! The session file as it is written: its sections and their keys.
+
+mod validate;
+
+use mavsight_flight::Color;
+use mavsight_link::{JsonOptions, LinkOptions, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+pub(crate) use validate::validate;
+
+/// Version of the session file that this crate reads and writes.
+pub const SESSION_SCHEMA: u32 = 1;
+
+/// The session file as written; paths may be relative to it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SessionFile {
+    /// Version of the contract: 1.
+    pub schema: u32,
+    /// Name of the session.
+    pub name: String,
+    /// Vehicle file.
+    pub vehicle: PathBuf,
+    /// Table of inputs; left out or empty: there is none, and no parameters are estimated.
+    #[serde(default, skip_serializing_if = "is_empty")]
+    pub inputs: PathBuf,
+    /// Table of truth, for scoring only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub truth: Option<PathBuf>,
+    /// Output equations to fit; those of equation 3 where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<PathBuf>,
+    /// Calibration by control points; may be left out where a wand or a board links the cameras.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub control: Option<ControlSection>,
+    /// Calibration by a wand.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wand: Option<WandSection>,
+    /// Calibration by a chessboard.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub board: Option<BoardSection>,
+    /// Cameras that were calibrated elsewhere, in place of a calibration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rig: Option<RigSection>,
+    /// Whether the light flashed, or a lamp was switched on, once before all cameras: their clocks are then estimated from there.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub flash: bool,
+    /// What is refined from the flight itself; left out: nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refine: Option<RefineSection>,
+    /// How the session is flown live.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub live: Option<LiveSection>,
+    /// Cameras.
+    #[serde(default)]
+    pub camera: Vec<SessionCamera>,
+}
+
+pub(crate) fn is_empty(path: &Path) -> bool {
+    path.as_os_str().is_empty()
+}
+
+/// How a session is flown live.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LiveSection {
+    /// Poses of an earlier flight (`pose.csv`), whose motion noise is gone by; left out: that of this flight's first seconds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub poses: Option<PathBuf>,
+    /// Half width of a parameter's interval, as a share of its value, at which enough has been seen of it; left out: 0.05.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub enough: Option<f64>,
+    /// To an autopilot.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mavlink: Option<MavlinkOptions>,
+    /// To clients of OptiTrack's Motive.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub natnet: Option<NatnetOptions>,
+    /// To clients of VRPN.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vrpn: Option<VrpnOptions>,
+    /// Events as lines.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub json: Option<JsonOptions>,
+    /// Events by Zenoh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub zenoh: Option<ZenohOptions>,
+}
+
+impl LiveSection {
+    /// The outlets that are switched on.
+    pub fn links(&self) -> LinkOptions {
+        LinkOptions {
+            mavlink: self.mavlink.clone(),
+            natnet: self.natnet.clone(),
+            vrpn: self.vrpn.clone(),
+            json: self.json.clone(),
+            zenoh: self.zenoh.clone(),
+        }
+    }
+}
+
+/// Calibration by control points.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControlSection {
+    /// Table of control points.
+    pub points: PathBuf,
+    /// Table of their pixels, instead of finding them in the stills.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub observations: Option<PathBuf>,
+}
+
+/// Cameras that were calibrated elsewhere.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigSection {
+    /// The cameras as `rig.toml` has them, for instance by `mavsight convert`; those of the session by their names.
+    pub file: PathBuf,
+}
+
+/// Calibration by two balls on a stick, waved through the volume.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WandSection {
+    /// Distance between the centres of the balls.
+    pub length_m: f64,
+    /// Standard deviation of that; 0 for exact.
+    #[serde(default)]
+    pub length_std_m: f64,
+    /// The two balls, of unlike colours.
+    pub ball: Vec<WandBall>,
+}
+
+/// A ball of a wand.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WandBall {
+    /// Nominal colour.
+    pub color: Color,
+    /// Diameter.
+    pub diameter_m: f64,
+}
+
+/// Calibration by a chessboard.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoardSection {
+    /// Inner corners along a row.
+    pub columns: usize,
+    /// Rows of inner corners.
+    pub rows: usize,
+    /// Side of a square.
+    pub square_m: f64,
+    /// Whether images of the same number show the board at the same place to all cameras.
+    #[serde(default)]
+    pub together: bool,
+}
+
+/// Refinement of cameras and markers from the flight itself.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RefineSection {
+    /// Whether the cameras are refined; they are wherever the markers are.
+    #[serde(default)]
+    pub rig: bool,
+    /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002. Left out: the markers are
+    /// as in the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub markers_std_m: Option<f64>,
+    /// Whether the balls' diameters are measured too, from their images.
+    #[serde(default)]
+    pub diameters: bool,
+}
+
+/// One camera of a session.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SessionCamera {
+    /// Name, unique.
+    pub name: String,
+    /// Video file, or pattern of an image sequence such as `cam1/frame_%05d.png`; may be left out where `live` is given.
+    #[serde(default, skip_serializing_if = "is_empty")]
+    pub video: PathBuf,
+    /// What ffmpeg opens for `mavsight live`: a device, an address, or its input options and the input, such as
+    /// `-f v4l2 -input_format mjpeg -framerate 60 /dev/video0`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub live: Option<String>,
+    /// By how much a live frame's time stamp is later than the middle of its exposure, where that is known; left out: 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub latency_s: Option<f64>,
+    /// Image of the control frame; may be left out when the control pixels come from a table.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub still: Option<PathBuf>,
+    /// Recording of the wand, for a session with one: a video, or a pattern of an image sequence.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wand: Option<PathBuf>,
+    /// Images of the board, for a session with one: a pattern such as `board/cam1_%02d.png`, or a video.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub board: Option<PathBuf>,
+    /// Frames a second of an image sequence; a video has its own time stamps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame_rate_hz: Option<f64>,
+    /// How much later than the true instant this camera's time stamps are; left out: estimated from the flight (0 for the
+    /// first camera, whose clock is the others' reference).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_offset_s: Option<f64>,
+    /// Standard deviation of `time_offset_s`: it is then where the estimation starts; left out: it is exact.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_offset_std_s: Option<f64>,
+    /// Time from one row of a rolling shutter to the next; left out: all rows are exposed together.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub line_time_s: Option<LineTime>,
+    /// Which field of an interlaced recording is the earlier one; left out: it is progressive.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub interlaced: Option<FieldOrder>,
+}
+
+/// The line time of a rolling shutter.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "line_time_s is a number of seconds from row to row, for instance 30e-6, or \"estimate\""
+)]
+pub enum LineTime {
+    /// It is known; below 0 where the lower rows come first.
+    Known(f64),
+    /// The flight is to show it: the word `estimate`.
+    Unknown(Estimate),
+}
+
+impl LineTime {
+    /// A known one must be shorter than a thousandth of a second: a frame of so few rows that it is longer has none.
+    pub(crate) fn is_sound(&self) -> bool {
+        match self {
+            Self::Known(line_time_s) => line_time_s.is_finite() && line_time_s.abs() < 1e-3,
+            Self::Unknown(_) => true,
+        }
+    }
+}
+
+/// The word `estimate`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Estimate {
+    /// From the flight.
+    Estimate,
+}
+
+/// Which rows of an interlaced frame are exposed first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FieldOrder {
+    /// Rows 0, 2, 4 and so on.
+    TopFirst,
+    /// Rows 1, 3, 5 and so on.
+    BottomFirst,
+}
