@@ -97,7 +97,7 @@ impl RecorderSlot {
     }
 
     /// How far it is, or that there is none.
-    pub(crate) fn event(&self) -> Event {
+    pub fn event(&self) -> Event {
         let none = || Event::Recording { folder: None, seconds: 0.0, bytes: 0, fault: None };
         self.current().map_or_else(none, |r| r.event())
     }

@@ -94,6 +94,10 @@ pub(crate) struct Live {
     /// Events by Zenoh, on an endpoint such as tcp/127.0.0.1:7447; in a build with the feature `zenoh`
     #[arg(long, value_name = "ENDPOINT", num_args = 0..=1)]
     pub(crate) zenoh: Option<Option<String>>,
+    /// A page in the browser; of this machine alone (127.0.0.1:8750) where no address is given
+    #[cfg(feature = "page")]
+    #[arg(long, value_name = "IP:PORT", num_args = 0..=1)]
+    pub(crate) serve: Option<Option<std::net::SocketAddr>>,
     /// Frames a second of the virtual room
     #[arg(long, value_name = "HZ", default_value_t = 60.0)]
     pub(crate) rate: f64,

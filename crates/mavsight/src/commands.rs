@@ -8,6 +8,8 @@ mod film;
 mod identify;
 mod live;
 mod live_links;
+#[cfg(feature = "page")]
+mod live_page;
 mod live_sources;
 mod live_virtual;
 mod manoeuvre;

@@ -7,6 +7,7 @@
 mod aircraft;
 mod film;
 mod light;
+mod outline;
 mod overlay;
 mod render;
 mod room;

@@ -2,6 +2,7 @@
 
 use crate::aircraft::Part;
 use crate::light::{IrradianceMap, ambient_irradiance};
+use crate::outline::Outline;
 use crate::room::Room;
 use crate::sensor::{mix, unit};
 use crate::shapes::Ray;
@@ -134,21 +135,31 @@ pub(crate) struct Moving<'a> {
 }
 
 /// What rays through a region need, worked out once a frame.
+#[derive(Clone)]
 pub(crate) struct Composer<'a> {
     moving: &'a Moving<'a>,
     camera: &'a Camera,
     plate: &'a Plate,
     inverses: Vec<Isometry3<f64>>,
     origins: Vec<Vector3<f64>>,
+    outlines: Vec<Outline>,
     /// Samples that one ray stands for, each way.
     stride: usize,
+}
+
+/// Lists that are used again from pixel to pixel.
+#[derive(Default)]
+struct Scratch {
+    near: Vec<usize>,
+    hits: Vec<(f64, usize, Vector3<f64>)>,
 }
 
 impl<'a> Composer<'a> {
     pub(crate) fn new(moving: &'a Moving<'a>, camera: &'a Camera, plate: &'a Plate) -> Self {
         let inverses: Vec<Isometry3<f64>> = moving.poses.iter().map(Isometry3::inverse).collect();
         let origins = inverses.iter().map(|i| (i * Point3::from(camera.centre_in_world())).coords).collect();
-        Self { moving, camera, plate, inverses, origins, stride: 1 }
+        let outlines = moving.parts.iter().map(|p| Outline::of(p, moving.poses, camera)).collect();
+        Self { moving, camera, plate, inverses, origins, outlines, stride: 1 }
     }
 
     /// The same with a ray for so many samples each way, a divisor of [`PART_SAMPLES`].
@@ -156,13 +167,21 @@ impl<'a> Composer<'a> {
         Self { stride, ..self }
     }
 
+    /// The same with rays that try every part.
+    #[cfg(test)]
+    pub(crate) fn trying_all(mut self) -> Self {
+        self.outlines.fill(Outline::ALL);
+        self
+    }
+
     /// Samples of one row of pixels with the moving parts over the plate, [`PART_SAMPLES`] rows of as many to a pixel.
     pub(crate) fn row(&self, y: usize, columns: (usize, usize), samples: &mut [[f32; 3]]) {
         let width = (columns.1 - columns.0) * PART_SAMPLES;
+        let mut scratch = Scratch::default();
         for x in columns.0..columns.1 {
             let k = y * self.camera.size.width_px as usize + x;
             let behind = (self.plate.light[k].map(f64::from), f64::from(self.plate.distance_m[k]));
-            self.pixel((x, y), behind, |i, j, light| {
+            self.pixel((x, y), behind, &mut scratch, |i, j, light| {
                 samples[j * width + (x - columns.0) * PART_SAMPLES + i] = light.map(|c| c as f32);
             });
         }
@@ -170,10 +189,11 @@ impl<'a> Composer<'a> {
 
     /// The moving parts over a row of light, one ray a pixel, without a lens.
     pub(crate) fn over(&self, y: usize, columns: (usize, usize), light: &mut [[f32; 3]]) {
+        let mut scratch = Scratch::default();
         for (x, pixel) in (columns.0..columns.1).zip(light) {
             let k = y * self.camera.size.width_px as usize + x;
             let behind = (pixel.map(f64::from), f64::from(self.plate.distance_m[k]));
-            self.pixel((x, y), behind, |_, _, light| *pixel = light.map(|c| c as f32));
+            self.pixel((x, y), behind, &mut scratch, |_, _, light| *pixel = light.map(|c| c as f32));
         }
     }
 
@@ -181,12 +201,11 @@ impl<'a> Composer<'a> {
         &self,
         (x, y): (usize, usize),
         (behind, distance_m): ([f64; 3], f64),
+        Scratch { near, hits }: &mut Scratch,
         mut each: impl FnMut(usize, usize, [f64; 3]),
     ) {
         const N: usize = PART_SAMPLES;
-        let near = ray_at(self.camera, x as f64, y as f64)
-            .map(|middle| near_parts(self.moving, &middle, self.camera, &self.inverses, &self.origins))
-            .unwrap_or_default();
+        self.near_parts((x as f64, y as f64), near);
         // The canonical multi-jittered arrangement (Chiu, Shirley & Wang 1994).
         let n_parts = (N / self.stride) as f64;
         let across = |k: usize, other: usize| (k as f64 + (other as f64 + 0.5) / n_parts) / n_parts - 0.5;
@@ -195,62 +214,52 @@ impl<'a> Composer<'a> {
             let (i, j) = (s % n, s / n);
             // Times are dealt over the square so that each row, column and quarter sees the whole exposure.
             let pose = (i * 5 + j * 3 + (x + 2 * y)) % N * self.inverses.len() / N;
-            let ray = if near.is_empty() {
-                None
-            } else {
-                ray_at(self.camera, x as f64 + across(i, j), y as f64 + across(j, i))
-            };
-            let light = ray.map_or(behind, |ray| {
-                let direction = self.inverses[pose].rotation * ray.direction;
+            let pixel = Vector2::new(x as f64 + across(i, j), y as f64 + across(j, i));
+            let direction = if near.is_empty() { None } else { self.camera.ray(&pixel).ok() };
+            let light = direction.map_or(behind, |direction| {
+                let direction = self.inverses[pose].rotation * direction;
                 let turned = Ray { origin: self.origins[pose], direction };
-                sample(self.moving, &near, &turned, pose, (behind, distance_m))
+                sample(self.moving, (near, hits), &turned, pose, (behind, distance_m))
             });
             for k in 0..self.stride * self.stride {
                 each(i * self.stride + k % self.stride, j * self.stride + k / self.stride, light);
             }
         }
     }
-}
 
-/// Indices of the parts that a pixel may see at some time of the exposure.
-fn near_parts(
-    moving: &Moving<'_>,
-    middle: &Ray,
-    camera: &Camera,
-    inverses: &[Isometry3<f64>],
-    origins: &[Vector3<f64>],
-) -> Vec<usize> {
-    let pixel_rad = 1.0 / camera.intrinsics.fx_px.abs().min(camera.intrinsics.fy_px.abs());
-    (0..moving.parts.len())
-        .filter(|k| {
-            let (centre, radius) = moving.parts[*k].bound;
-            [0, inverses.len() / 2, inverses.len() - 1].iter().any(|pose| {
-                let to = centre - origins[*pose];
-                let along = to.dot(&(inverses[*pose].rotation * middle.direction));
-                let sweep = 0.5 * (origins[0] - origins[origins.len() - 1]).norm();
-                let reach = radius + 1.5 * pixel_rad * along.abs() + sweep + 0.002;
-                along > 0.0 && to.norm_squared() - along * along <= reach * reach
-            })
-        })
-        .collect()
+    /// Finds the parts that a pixel may see at some time of the exposure.
+    fn near_parts(&self, (u, v): (f64, f64), near: &mut Vec<usize>) {
+        near.clear();
+        let Ok(middle) = self.camera.ray(&Vector2::new(u, v)) else { return };
+        let ahead = self.camera.cam_from_world.rotation * middle;
+        if ahead.z < 1e-3 {
+            near.extend(0..self.outlines.len());
+            return;
+        }
+        let place = ahead.xy() / ahead.z;
+        // A pixel's corners are 0.7 of a pixel from its middle, and more where a lens compresses.
+        let margin = 1.5 / self.camera.intrinsics.fx_px.abs().min(self.camera.intrinsics.fy_px.abs());
+        let may = |k: &usize| self.outlines[*k].may_be_at(&place, margin);
+        near.extend((0..self.outlines.len()).filter(may));
+    }
 }
 
 fn sample(
     moving: &Moving<'_>,
-    near: &[usize],
+    (near, hits): (&[usize], &mut Vec<(f64, usize, Vector3<f64>)>),
     ray: &Ray,
     pose: usize,
     (behind, distance_m): ([f64; 3], f64),
 ) -> [f64; 3] {
-    let mut hits: Vec<(f64, usize, Vector3<f64>)> = near
+    hits.clear();
+    let met = near
         .iter()
-        .filter_map(|k| moving.parts[*k].shape.meet(ray).map(|hit| (hit.distance_m, *k, hit.normal)))
-        .filter(|hit| hit.0 < distance_m)
-        .collect();
+        .filter_map(|k| moving.parts[*k].shape.meet(ray).map(|hit| (hit.distance_m, *k, hit.normal)));
+    hits.extend(met.filter(|hit| hit.0 < distance_m));
     hits.sort_by(|a, b| a.0.total_cmp(&b.0));
     let (mut light, mut passes) = ([0.0; 3], 1.0);
-    for (_, k, normal) in hits {
-        let part = &moving.parts[k];
+    for (_, k, normal) in hits.iter() {
+        let (k, part) = (*k, &moving.parts[*k]);
         let in_world = moving.poses[pose].rotation * normal;
         let seen_from = moving.poses[pose].rotation * ray.direction;
         let irradiance = moving.light[k].of(&in_world);

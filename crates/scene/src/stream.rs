@@ -58,14 +58,13 @@ impl<'a> FilmStream<'a> {
         let Some(region) = region_of(parts, &poses, &self.film.camera, margin_px) else { return };
         let light = self.film.light_on(parts, &poses[PART_SAMPLES / 2]);
         let moving = Moving { parts, poses: &poses, light: &light };
-        let composer =
-            |stride| Composer::new(&moving, &self.film.camera, &self.film.plate).with_stride(stride);
-        let coarse = composer(PART_SAMPLES);
+        let composer = Composer::new(&moving, &self.film.camera, &self.film.plate);
+        let coarse = composer.clone().with_stride(PART_SAMPLES);
         for row in region.y.0..region.y.1 {
             let span = row * width + region.x.0..row * width + region.x.1;
             coarse.over(row, region.x, &mut self.light[span]);
         }
-        let fine = composer(BALL_STRIDE);
+        let fine = composer.with_stride(BALL_STRIDE);
         for ball in parts.iter().filter(|p| matches!(p.shape, Shape::Ball { .. })) {
             let own = std::slice::from_ref(ball);
             let Some(around) = region_of(own, &poses, &self.film.camera, margin_px) else { continue };

@@ -11,7 +11,7 @@ use mavsight_flight::Vehicle;
 use mavsight_link::{CameraState, Event, Tracking};
 use mavsight_live::{
     Flown, InputSource, Latencies, Listener, Listeners, Pace, Recorded, RecordedSession, Recorder,
-    RecorderSlot, Setup, fly,
+    RecorderSlot, Setup, Tap, fly,
 };
 use mavsight_pose::{MotionNoise, Rig, motion_noise};
 use mavsight_session::{
@@ -56,10 +56,15 @@ fn of_session(args: &Live, path: &Path) -> Result<()> {
     let noise = noise_of(&session)?;
     let stop = Arc::new(AtomicBool::new(false));
     let inputs = if args.replay { inputs_of(&session)? } else { None };
-    let recorder = args.record.as_deref().map(|to| recorder_of(&session, to, args.fast)).transpose()?;
+    let of = recorded(&session, args.fast)?;
+    let begin: Begin =
+        Box::new(move |to| Ok(Recorder::begin(RecordedSession { folder: to.to_owned(), ..of.clone() })?));
+    let recorder = RecorderSlot::with(args.record.as_deref().map(&begin).transpose()?);
     let model = named(session.model())?;
     let (cameras, clock) =
         if args.replay { replayed(&session, pace_of(args), &stop)? } else { running(&session)? };
+    let mut listeners = listeners(args, &stop, (&session.vehicle, &session.live))?;
+    let taps = with_page(args, &mut listeners, (&recorder, begin))?;
     let setup = Setup {
         name: &session.name,
         rig: &rig,
@@ -68,9 +73,9 @@ fn of_session(args: &Live, path: &Path) -> Result<()> {
         pace: pace_of(args),
         clock,
         noise,
-        listeners: listeners(args, &stop, (&session.vehicle, &session.live))?,
-        taps: Vec::new(),
-        recorder: RecorderSlot::with(recorder),
+        listeners,
+        taps,
+        recorder,
         inputs: inputs.map(|i| Box::new(Recorded(i)) as Box<dyn InputSource>),
         model,
         enough: session.live.enough.unwrap_or(ENOUGH),
@@ -89,17 +94,37 @@ fn noise_of(session: &Session) -> Result<Option<MotionNoise>> {
     motion_noise(&poses).map(Some).with_context(|| format!("{}", path.display()))
 }
 
-fn recorder_of(session: &Session, to: &Path, waits: bool) -> Result<Recorder> {
+/// What a recording of a session's flight is of; its folder is still to be said.
+fn recorded(session: &Session, waits: bool) -> Result<RecordedSession> {
     let file: SessionFile = read_toml(&session.path, "session file")?;
     let folder = session.path.parent().unwrap_or(Path::new(""));
     let rate_hz = session.cameras.iter().find_map(|c| c.frame_rate_hz).unwrap_or(30.0);
-    Ok(Recorder::begin(RecordedSession {
-        folder: to.to_owned(),
-        session: with_whole_paths(file, folder),
-        rate_hz,
-        with_inputs: false,
-        waits,
-    })?)
+    let session = with_whole_paths(file, folder);
+    Ok(RecordedSession { folder: PathBuf::new(), session, rate_hz, with_inputs: false, waits })
+}
+
+/// How a recording of the flight begins.
+pub(super) type Begin = Box<dyn Fn(&Path) -> Result<Recorder> + Send>;
+
+/// Serves the page where it is asked for; who must see the frames for it.
+#[cfg(feature = "page")]
+pub(super) fn with_page(
+    args: &Live,
+    listeners: &mut Listeners,
+    (slot, begin): (&Arc<RecorderSlot>, Begin),
+) -> Result<Vec<Tap>> {
+    use super::live_page::{ADDRESS, Recording, serve};
+    let Some(address) = args.serve else { return Ok(Vec::new()) };
+    let address = address.map_or_else(|| ADDRESS.parse(), Ok)?;
+    let (page, tap) = serve(address, Recording { slot: Arc::clone(slot), begin })?;
+    listeners.add(page)?;
+    Ok(vec![tap])
+}
+
+/// There is no page in this build.
+#[cfg(not(feature = "page"))]
+pub(super) fn with_page(_: &Live, _: &mut Listeners, _: (&Arc<RecorderSlot>, Begin)) -> Result<Vec<Tap>> {
+    Ok(Vec::new())
 }
 
 /// A session file that can stand anywhere.

@@ -1,7 +1,7 @@
 //! The virtual room filmed in real time, with a pilot who flies in it.
 
 use super::demo::frame_of;
-use super::live::{ENOUGH, finish, listeners, pace_of};
+use super::live::{Begin, ENOUGH, finish, listeners, pace_of, with_page};
 use crate::cli::{Live, WrongCall};
 use crate::lab;
 use crate::progress::Bars;
@@ -159,9 +159,9 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
         .collect::<Result<Vec<_>>>()?;
     let rig: Rig = calibrate_from_stills(&stills, &lab::control_points())?;
     bars.done();
-    let recorder =
-        args.record.as_deref().map(|to| record(to, &vehicle, &stills, (args.rate, args.fast))).transpose()?;
-    let recorder = RecorderSlot::with(recorder);
+    let (flown, pace) = (vehicle.clone(), (args.rate, args.fast));
+    let begin: Begin = Box::new(move |to| record(to, &flown, &stills, pace));
+    let recorder = RecorderSlot::with(args.record.as_deref().map(&begin).transpose()?);
     let shared =
         Arc::new(Shared { pilot: Mutex::new(Pilot::new(&vehicle, args.rate)?), recorder: recorder.clone() });
     let stop = Arc::new(AtomicBool::new(false));
@@ -194,6 +194,8 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
             readout: Vector2::y(),
         }
     });
+    let mut listeners = listeners(args, &stop, (&vehicle, &LiveSection::default()))?;
+    let taps = with_page(args, &mut listeners, (&recorder, begin))?;
     let setup = Setup {
         name: "virtual",
         rig: &rig,
@@ -202,8 +204,8 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
         pace: pace_of(args),
         clock,
         noise: None,
-        listeners: listeners(args, &stop, (&vehicle, &LiveSection::default()))?,
-        taps: Vec::new(),
+        listeners,
+        taps,
         recorder,
         inputs: Some(Box::new(Commands(Arc::clone(&shared)))),
         model: None,

@@ -1,0 +1,145 @@
+//! The browser page of a live flight.
+
+use super::live::Begin;
+use anyhow::Result;
+use mavsight_link::{Event, PoseEvent};
+use mavsight_live::{Listener, RecorderSlot, Tap};
+use mavsight_page::{Command, Reach, Server, encode_preview};
+use mavsight_vision::Frame;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::sync_channel;
+use std::time::Duration;
+
+/// Where the page is when nobody says.
+pub(super) const ADDRESS: &str = "127.0.0.1:8750";
+
+/// Pictures that may wait to be encoded; more are not needed to be ten a second.
+const WAITING: usize = 2;
+
+/// What the page needs of a flight that it may record.
+pub(super) struct Recording {
+    pub(super) slot: Arc<RecorderSlot>,
+    pub(super) begin: Begin,
+}
+
+/// Serves the page: who must hear of the flight, and who must see its frames.
+pub(super) fn serve(address: SocketAddr, recording: Recording) -> Result<(Box<dyn Listener>, Tap)> {
+    let reach = if address.ip().is_loopback() { Reach::Loopback } else { Reach::Network };
+    let server = Arc::new(Server::start(address, reach)?);
+    eprintln!("The page is at {}", server.url());
+    let (out, pictures) = sync_channel::<(usize, i64, Arc<Frame>)>(WAITING);
+    let sink = Arc::clone(&server);
+    let encode = move || {
+        for (camera, t_ns, frame) in pictures {
+            let (size, of) = (frame.size, |x: usize, y: usize| frame.rgb(x, y));
+            let (Ok(jpeg), Ok(camera)) =
+                (encode_preview(size.width_px, size.height_px, of), u8::try_from(camera))
+            else {
+                continue;
+            };
+            sink.preview(camera, t_ns, &jpeg);
+        }
+    };
+    std::thread::Builder::new().name("pictures".into()).spawn(encode)?;
+    let asked = Arc::clone(&server);
+    let tap: Tap = Arc::new(move |camera, t_ns, frame, _| {
+        if asked.wants_preview(camera, t_ns) {
+            // A picture that finds no room is not needed: the next is as good.
+            let _ = out.try_send((camera, t_ns, Arc::clone(frame)));
+        }
+    });
+    Ok((Box::new(Page { server, recording, cameras: Vec::new(), latest: None }), tap))
+}
+
+struct Page {
+    server: Arc<Server>,
+    recording: Recording,
+    /// Name of each camera, and what was last said of it.
+    cameras: Vec<(String, Option<String>)>,
+    latest: Option<Box<PoseEvent>>,
+}
+
+impl Page {
+    fn note(&self, fault: bool, text: String) {
+        let t_s = self.latest.as_ref().map_or(0.0, |p| p.t_s);
+        self.server.publish(&Event::Note { t_s, fault, text });
+    }
+
+    fn obey(&mut self) {
+        while let Some(command) = self.server.next_command(Duration::ZERO) {
+            match command {
+                Command::StartRecording => self.start_recording(),
+                Command::StopRecording => {
+                    drop(self.recording.slot.replace(None));
+                    self.server.publish(&self.recording.slot.event());
+                }
+                Command::SelfCheck => self.note(false, self.check()),
+                Command::Calibrate => self.note(
+                    true,
+                    "Cameras are calibrated before a flight: end it, take stills of the control points, and start it again."
+                        .to_owned(),
+                ),
+            }
+        }
+    }
+
+    /// Into `flight-1`, `flight-2` and so on, beside where the program was started.
+    fn start_recording(&self) {
+        let unused = (1..).map(|k| PathBuf::from(format!("flight-{k}"))).find(|p| !p.exists());
+        let Some(folder) = unused else { return };
+        match (self.recording.begin)(&folder) {
+            Ok(recorder) => drop(self.recording.slot.replace(Some(recorder))),
+            Err(error) => self.note(true, format!("{error:#}")),
+        }
+        self.server.publish(&self.recording.slot.event());
+    }
+
+    /// What the cameras and the last pose tell.
+    fn check(&self) -> String {
+        let cameras: Vec<String> = self
+            .cameras
+            .iter()
+            .map(|(name, said)| format!("{name}: {}", said.as_deref().unwrap_or("nothing yet")))
+            .collect();
+        let pose = match self.latest.as_ref().map(|p| (p.residual_px, p.latency_ms)) {
+            Some((Some(residual_px), latency_ms)) => {
+                format!("residual {residual_px:.2} px, latency {latency_ms:.1} ms")
+            }
+            _ => "no pose".to_owned(),
+        };
+        format!("{}; {pose}.", cameras.join("; "))
+    }
+}
+
+impl Listener for Page {
+    fn event(&mut self, event: &Event) {
+        match event {
+            Event::Scene(scene) => {
+                self.cameras = scene.cameras.iter().map(|c| (c.name.clone(), None)).collect();
+            }
+            Event::Pose(pose) => self.latest = Some(pose.clone()),
+            Event::Camera { camera, rate_hz, dropped, markers, .. } => {
+                let least = markers.iter().copied().fold(1.0, f64::min);
+                if let Some(own) = self.cameras.get_mut(*camera) {
+                    own.1 = Some(format!(
+                        "{rate_hz:.1} frames/s, {dropped} dropped, each marker in {:.0} % or more of the frames",
+                        100.0 * least
+                    ));
+                }
+            }
+            _ => {}
+        }
+        self.server.publish(event);
+        self.obey();
+    }
+
+    fn wants_events(&self) -> bool {
+        true
+    }
+
+    fn flush(&mut self) {
+        self.obey();
+    }
+}
