@@ -66,6 +66,7 @@ static CODED: LazyLock<Vec<(f64, f64)>> = LazyLock::new(|| {
 const CODED_STEPS: usize = 4096;
 
 /// sRGB code, 0 to 255, of linear light, and its derivative; beyond the range the curve goes on straight.
+#[inline]
 pub(crate) fn encode(linear: f64) -> (f64, f64) {
     let table = CODED.as_slice();
     let place = linear.clamp(0.0, 1.0) * CODED_STEPS as f64;
@@ -78,6 +79,7 @@ pub(crate) fn encode(linear: f64) -> (f64, f64) {
 }
 
 /// Linear light of a code, 0 to 255, that need not be whole; beyond the range the curve goes on straight.
+#[inline]
 pub(crate) fn decode(code: f64) -> f64 {
     let table = &*LINEAR;
     let index = (code.clamp(0.0, 254.0)) as usize;
