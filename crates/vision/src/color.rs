@@ -183,7 +183,8 @@ impl ColorModel {
     /// Whether a pixel may belong to a marker: coloured and within the physical cap of its hue. Pixels at an edge mix
     /// with the background, so the finer decision is made on whole balls.
     pub(crate) fn may_be(&self, marker: usize, seen: &Seen) -> bool {
-        seen.cosine(self.targets[marker].hue) >= self.cap_cosine
+        let hue = self.targets[marker].hue;
+        seen.hue[0] * hue[0] + seen.hue[1] * hue[1] >= self.cap_cosine * seen.chroma
     }
 
     /// Angle of a colour to a marker's hue as a fraction of the marker's gate; above one it is not that marker.
