@@ -260,6 +260,8 @@ fn track(
         if shared.reports.send(report).is_err() {
             return;
         }
+        // Nobody waits for this.
+        tracker.look_around();
     }
     // As above.
     let _ = shared.reports.send(Report::Ended { camera });

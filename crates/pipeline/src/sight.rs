@@ -48,6 +48,7 @@ pub enum Look<'a> {
 pub struct CameraTracker {
     tracker: Tracker,
     sights: Vec<Sight>,
+    /// The last frame that was new, with its stamp.
     last: Option<(i64, Arc<Frame>)>,
 }
 
@@ -80,6 +81,7 @@ impl CameraTracker {
 
     /// Looks at the next frame.
     pub fn see(&mut self, stamp_ns: i64, frame: Arc<Frame>) -> Look<'_> {
+        self.look_around();
         if let Some((last_ns, last)) = &self.last {
             if stamp_ns <= *last_ns {
                 return Look::Backward;
@@ -89,7 +91,7 @@ impl CameraTracker {
             }
         }
         self.sights.clear();
-        self.sights.extend(self.tracker.candidates(&frame).iter().map(|s| Sight {
+        self.sights.extend(self.tracker.tell(&frame).iter().map(|s| Sight {
             stamp_ns,
             id: s.id,
             color: s.color,
@@ -101,6 +103,14 @@ impl CameraTracker {
         }));
         self.last = Some((stamp_ns, frame));
         Look::New(&self.sights)
+    }
+
+    /// Looks for newcomers in the frame that was seen last, before the next one comes: what they show is told from then on. It is
+    /// done then if it was not before.
+    pub fn look_around(&mut self) {
+        if let Some((_, last)) = &self.last {
+            self.tracker.look_around(last);
+        }
     }
 
     /// Whether the last frame was dark all over.

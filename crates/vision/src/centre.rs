@@ -14,9 +14,14 @@
 //! Samples that fit badly (something in front of the ball) lose their weight (Tukey's biweight).
 
 mod cholesky;
+mod edge;
 mod equations;
+mod krige;
+mod lanes;
 mod model;
 mod normal;
+mod places;
+mod robust;
 mod samples;
 mod surroundings;
 
@@ -27,7 +32,7 @@ use crate::{Matrix2, Vector2};
 use equations::{Covariance, Equations};
 use model::{BALL, COUNT, EDGE, FIRST_ORDER, GLOSS, Model, Parameters, RADIUS, SHADE, SITING};
 use normal::Normal;
-use surroundings::Disc;
+use surroundings::{Clutter, Disc};
 
 /// Smallest radius whose centre is fitted.
 pub(crate) const LEAST_RADIUS_PX: f64 = 1.5;
@@ -105,10 +110,11 @@ pub(crate) struct Followed {
     noise_variance: f64,
 }
 
-/// A step of Gauss-Newton: the change, and its squared length in standard deviations.
+/// A step of Gauss-Newton: the change, its squared length in standard deviations, and whether all of it could be taken.
 struct Step {
     change: Parameters,
     length: f64,
+    is_whole: bool,
 }
 
 /// The forming and solving of one step's equations, compiled for each vector unit that a processor may have.
@@ -124,10 +130,10 @@ impl pulp::WithSimd for Solve<'_> {
     type Output = Option<(Parameters, f64)>;
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) -> Self::Output {
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
         let (equations, normal) = self.equations;
         normal.clear();
-        equations.add_to(self.patch, self.model, self.covariance, normal)?;
+        equations.add_to(simd, self.patch, self.model, self.covariance, normal)?;
         for (i, known) in self.prior.iter().enumerate() {
             normal.add_known(i, known.variance.recip(), known.mean - self.model.p[i]);
         }
@@ -140,14 +146,48 @@ struct LookAround<'a> {
     equations: &'a mut Equations,
     patch: &'a Patch,
     model: &'a Model,
+    clutter: Clutter,
 }
 
 impl pulp::WithSimd for LookAround<'_> {
     type Output = Option<()>;
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) -> Self::Output {
-        self.equations.look_around(self.patch, self.model)
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
+        self.equations.look_around(simd, (self.patch, self.model), self.clutter)
+    }
+}
+
+/// Likewise the beginning of a fit.
+struct Begin<'a> {
+    equations: &'a mut Equations,
+    patch: &'a Patch,
+    noise_variance: Option<f64>,
+}
+
+impl pulp::WithSimd for Begin<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        self.equations.begin(simd, self.patch, self.noise_variance);
+    }
+}
+
+/// Likewise the weighing of samples.
+struct Reweigh<'a> {
+    equations: &'a mut Equations,
+    patch: &'a Patch,
+    step: &'a Parameters,
+    with_noise: bool,
+}
+
+impl pulp::WithSimd for Reweigh<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        self.equations.reweigh(self.patch, self.step, self.with_noise);
     }
 }
 
@@ -186,14 +226,17 @@ impl Fitter {
         let prior = prior(start, &model);
         let reach_px = 1.0 + model.unit_px;
         let least_weighed = if start.followed.is_some() { LEAST_WEIGHED_FOLLOWED } else { LEAST_WEIGHED };
-        self.equations.begin(patch, start.followed.map(|f| f.noise_variance));
+        let noise_variance = start.followed.map(|f| f.noise_variance);
+        pulp::Arch::new().dispatch(Begin { equations: &mut self.equations, patch, noise_variance });
         let (mut weighed, mut seen_from, mut covariance) = (0, None, Covariance::Anew);
         let mut same_place_px = SAME_PLACE_PX;
+        // What moves little from frame to frame begins near.
+        let mut clutter = if start.followed.is_some() { Clutter::Predicted } else { Clutter::AsNoise };
         for _ in 0..MOST_STEPS {
             if seen_from.is_none_or(|from| distance_px(&from, &model.p) > same_place_px) {
                 (model.origin, model.unit_px) = ((model.p[0], model.p[1]), model.p[RADIUS]);
                 let equations = &mut self.equations;
-                pulp::Arch::new().dispatch(LookAround { equations, patch, model: &model })?;
+                pulp::Arch::new().dispatch(LookAround { equations, patch, model: &model, clutter })?;
                 (seen_from, covariance) = (Some(model.p), Covariance::Anew);
             }
             let step = self.step(patch, &model, &prior, covariance)?;
@@ -209,12 +252,19 @@ impl Fitter {
             if (model.p.xy() - start.pixel).norm() > reach_px {
                 return None;
             }
+            if clutter == Clutter::AsNoise {
+                if step.length < NEAR && step.is_whole {
+                    (clutter, seen_from) = (Clutter::Predicted, None);
+                }
+                continue;
+            }
             if step.length < SMALL_STEP && weighed >= least_weighed {
                 return self.summarize(patch, &model, range_px);
             }
             if step.length < NEAR && weighed < MOST_WEIGHED {
                 let with_noise = weighed + 1 >= least_weighed;
-                self.equations.reweigh(patch, &step.change, with_noise);
+                let equations = &mut self.equations;
+                pulp::Arch::new().dispatch(Reweigh { equations, patch, step: &step.change, with_noise });
                 (weighed, covariance) = (weighed + 1, Covariance::Anew);
                 if weighed >= least_weighed && self.equations.trusted() < LEAST_TRUSTED {
                     return None;
@@ -239,10 +289,11 @@ impl Fitter {
         if !longest.is_finite() {
             return None;
         }
-        if longest > LONGEST_STEP_PX {
+        let is_whole = longest <= LONGEST_STEP_PX;
+        if !is_whole {
             change *= LONGEST_STEP_PX / longest;
         }
-        Some(Step { change, length })
+        Some(Step { change, length, is_whole })
     }
 
     /// Covariance, colour and plausibility at the solution.

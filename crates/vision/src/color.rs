@@ -66,6 +66,7 @@ static CODED: LazyLock<Vec<(f64, f64)>> = LazyLock::new(|| {
 const CODED_STEPS: usize = 4096;
 
 /// sRGB code, 0 to 255, of linear light, and its derivative; beyond the range the curve goes on straight.
+#[inline]
 pub(crate) fn encode(linear: f64) -> (f64, f64) {
     let table = CODED.as_slice();
     let place = linear.clamp(0.0, 1.0) * CODED_STEPS as f64;
@@ -78,6 +79,7 @@ pub(crate) fn encode(linear: f64) -> (f64, f64) {
 }
 
 /// Linear light of a code, 0 to 255, that need not be whole; beyond the range the curve goes on straight.
+#[inline]
 pub(crate) fn decode(code: f64) -> f64 {
     let table = &*LINEAR;
     let index = (code.clamp(0.0, 254.0)) as usize;
@@ -181,7 +183,8 @@ impl ColorModel {
     /// Whether a pixel may belong to a marker: coloured and within the physical cap of its hue. Pixels at an edge mix
     /// with the background, so the finer decision is made on whole balls.
     pub(crate) fn may_be(&self, marker: usize, seen: &Seen) -> bool {
-        seen.cosine(self.targets[marker].hue) >= self.cap_cosine
+        let hue = self.targets[marker].hue;
+        seen.hue[0] * hue[0] + seen.hue[1] * hue[1] >= self.cap_cosine * seen.chroma
     }
 
     /// Angle of a colour to a marker's hue as a fraction of the marker's gate; above one it is not that marker.

@@ -17,6 +17,29 @@ pub(crate) struct Chromatic {
     pub(crate) seen: Seen,
 }
 
+/// Pixels of a row that are looked at together: most have nothing coloured among them.
+const AT_ONCE: usize = 32;
+
+/// Whether all pixels of a piece of a row are neutral, compiled for each vector unit that a processor may have.
+struct AllNeutral<'a>(&'a [u8]);
+
+impl pulp::WithSimd for AllNeutral<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> bool {
+        let neutral = |p: &[u8]| is_neutral([p[0], p[1], p[2]]);
+        let Ok(whole) = <&[u8; 3 * AT_ONCE]>::try_from(self.0) else {
+            return self.0.chunks_exact(3).all(neutral);
+        };
+        let mut colored = 0_u8;
+        for k in 0..AT_ONCE {
+            colored |= u8::from(!neutral(&whole[3 * k..3 * k + 3]));
+        }
+        colored == 0
+    }
+}
+
 /// Lowest and highest luma at which a pair of colour differences is coloured.
 type LumaRange = (u8, u8);
 const NEVER: LumaRange = (255, 0);
@@ -54,11 +77,17 @@ impl Collector {
         for y in window.rows.clone() {
             let columns = window.columns.clone();
             let row = rgb.get(3 * (y * width + columns.start)..3 * (y * width + columns.end));
-            for (x, pixel) in columns.zip(row.unwrap_or(&[]).chunks_exact(3)) {
-                let rgb = [pixel[0], pixel[1], pixel[2]];
-                if !is_neutral(rgb) {
-                    add(&mut self.found, x, y, rgb);
+            let mut x = columns.start;
+            for many in row.unwrap_or(&[]).chunks(3 * AT_ONCE) {
+                if !pulp::Arch::new().dispatch(AllNeutral(many)) {
+                    for (pixel, x) in many.chunks_exact(3).zip(x..) {
+                        let rgb = [pixel[0], pixel[1], pixel[2]];
+                        if !is_neutral(rgb) {
+                            add(&mut self.found, x, y, rgb);
+                        }
+                    }
                 }
+                x += AT_ONCE;
             }
         }
     }
@@ -130,11 +159,12 @@ fn luma_range(convert: &YuvToRgb, u: u8, v: u8) -> LumaRange {
 
 /// A quick test on coded values that only removes what the purity test would remove: on the sRGB curve half the linear
 /// light is at least 0.68 of the code.
+#[inline(always)]
 fn is_neutral(rgb: [u8; 3]) -> bool {
     let most = rgb[0].max(rgb[1]).max(rgb[2]);
     let least = rgb[0].min(rgb[1]).min(rgb[2]);
     // 3/4 of the code is at most half the light only above the linear toe; below it there is no chroma either.
-    u32::from(least) * 4 > u32::from(most) * 3
+    u16::from(least) * 4 > u16::from(most) * 3
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use crate::patch::Patch;
 use crate::segment::{Blob, Segmenter, Window};
 use crate::{BallColor, Frame, Matrix2, Vector2, VisionError};
 use mavsight_geometry::Camera;
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 /// A region that looks like a ball of a marker's colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,6 +60,8 @@ pub(crate) struct Workspace {
     pub(crate) expected: Option<Expected>,
     /// Centres and radii of what is known already and is not looked at again.
     pub(crate) known: Vec<(Vector2<f64>, f64)>,
+    /// Rows in which a region's middle must lie to be looked at, where not all count.
+    pub(crate) rows: Option<Range<usize>>,
 }
 
 /// What is known of a ball from the frames before.
@@ -144,7 +146,8 @@ impl Workspace {
         let camera = self.camera.unwrap_or_else(|| usual_camera(frame.size));
         for blob in blobs.iter() {
             let is_known = self.known.iter().any(|(at, radius_px)| (at - blob.pixel).norm() <= *radius_px);
-            if is_known || model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
+            let is_elsewhere = self.rows.as_ref().is_some_and(|r| !r.contains(&(blob.pixel.y as usize)));
+            if is_known || is_elsewhere || model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
                 continue;
             }
             let outline = Outline::at(&camera, &blob.pixel);

@@ -34,10 +34,9 @@ impl Outline {
         }
     }
 
-    /// Distance from the centre in mean radii times the mean radius, √(dᵀ A d), and A d.
-    pub(crate) fn measure(&self, dx: f64, dy: f64) -> (f64, f64, f64) {
-        let (ax, ay) = (self.xx * dx + self.xy * dy, self.xy * dx + self.yy * dy);
-        ((dx * ax + dy * ay).max(0.0).sqrt(), ax, ay)
+    /// The entries xx, xy and yy of A.
+    pub(crate) fn matrix(&self) -> [f64; 3] {
+        [self.xx, self.xy, self.yy]
     }
 }
 
@@ -50,6 +49,12 @@ pub(crate) fn usual_camera(size: ImageSize) -> Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// √(dᵀ A d).
+    fn measure(outline: &Outline, dx: f64, dy: f64) -> f64 {
+        let [xx, xy, yy] = outline.matrix();
+        (xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy).sqrt()
+    }
 
     const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
 
@@ -74,7 +79,7 @@ mod tests {
                     let middle = 0.5 * (near + far);
                     if angle(middle) < (radius_m / distance_m).asin() { near = middle } else { far = middle }
                 }
-                radii.push(outline.measure(cos * near, sin * near).0);
+                radii.push(measure(&outline, cos * near, sin * near));
             }
             let mean = radii.iter().sum::<f64>() / 12.0;
             assert!(radii.iter().all(|r| (r / mean - 1.0).abs() < 0.01), "{radii:?}");
@@ -84,7 +89,7 @@ mod tests {
     #[test]
     fn in_the_middle_it_is_a_circle() {
         let middle = Vector2::new(319.5, 239.5);
-        let (radius, ..) = Outline::at(&usual_camera(SIZE), &middle).measure(3.0, 4.0);
+        let radius = measure(&Outline::at(&usual_camera(SIZE), &middle), 3.0, 4.0);
         assert!((radius - 5.0).abs() < 1e-9);
     }
 }

@@ -124,6 +124,7 @@ impl Patch {
     }
 
     /// Column and row of the middle of a colour sample's block.
+    #[inline]
     pub(crate) fn block_place(&self, block: usize) -> (f64, f64) {
         let middle = 0.5 * (self.step - 1) as f64;
         let at = |k: usize| (k * self.step) as f64 + middle;
@@ -134,6 +135,7 @@ impl Patch {
     }
 
     /// Column and row of a pixel in the image.
+    #[inline]
     pub(crate) fn place(&self, index: usize) -> (f64, f64) {
         ((self.first.0 + index % self.columns) as f64, (self.first.1 + index / self.columns) as f64)
     }

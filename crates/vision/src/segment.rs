@@ -142,8 +142,11 @@ impl Segmenter {
         }
     }
 
-    fn root(&self, mut index: usize) -> usize {
+    /// The first pixel of a region so far; the way there is halved (Tarjan & van Leeuwen 1984).
+    fn root(&mut self, mut index: usize) -> usize {
         while self.parent[index] as usize != index {
+            let above = self.parent[index] as usize;
+            self.parent[index] = self.parent[above];
             index = self.parent[index] as usize;
         }
         index

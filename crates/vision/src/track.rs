@@ -1,35 +1,27 @@
 //! Following everything of a marker's colour from frame to frame.
 
+mod thing;
+
 use crate::centre::LEAST_RADIUS_PX;
-use crate::color::{ColorModel, Seen, to_linear};
-use crate::detect::{Expected, Workspace, is_measurable};
+use crate::color::{ColorModel, Seen};
+use crate::detect::{Workspace, is_measurable};
 use crate::health::{self, BallHealth};
-use crate::optics::Known;
 use crate::segment::Window;
-use crate::{BallCandidate, BallColor, Frame, Vector2, VisionError};
+use crate::{BallCandidate, BallColor, Frame, VisionError};
 use mavsight_geometry::Camera;
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
+use thing::Track;
 
 /// Frames without a sighting after which the motion of a ball is no longer extrapolated.
 const MOST_MISSED: u32 = 5;
 /// Sightings before which a ball that is missed is given up after two frames: a fleck of noise.
 const FEW_SEEN: u32 = 3;
 
-/// Change of size or brightness between sightings beyond which it is another thing: half a stop of shade, or the range
-/// changing by half.
-const MOST_CHANGE: f64 = 1.6;
-/// Sightings over which the apparent radius is averaged: a third of a second of video.
-const RADIUS_MEMORY: u32 = 10;
-/// Standard deviation of the change of the range from frame to frame, as a part of it: a metre a second at six metres
-/// and thirty frames a second.
-const RADIUS_CHANGE: f64 = 0.005;
-
 /// Balls that are followed beyond the markers of a colour: what of a room's things looks like one.
 const MOST_OTHERS: usize = 6;
-/// Frames without a diameter of motion after which a ball counts as one that stays: a second or two of video.
-const STAYS_FRAMES: u64 = 45;
-/// Frames between looks at the whole frame while all that is wanted is seen: a newcomer is met within a quarter second,
-/// or within two frames where something else of the colour has been seen before.
+/// Frames in which the whole frame is looked over while all that is wanted is seen, a band of rows in each, so that none takes
+/// long: a newcomer is met within a quarter second, or within two frames where something else of the colour has been seen
+/// before.
 const LOOK_AROUND: u64 = 8;
 const LOOK_AROUND_OFTEN: u64 = 2;
 
@@ -67,6 +59,8 @@ pub struct Tracker {
     next_id: u32,
     health: Vec<BallHealth>,
     is_dark: bool,
+    /// Whether newcomers have been looked for in the last frame.
+    has_looked: bool,
 }
 
 /// What is known of one colour.
@@ -76,25 +70,6 @@ struct ColorState {
     markers: usize,
     /// Whether more than those were once seen.
     others: bool,
-}
-
-/// What is known of one thing.
-#[derive(Debug, Clone)]
-struct Track {
-    color: usize,
-    id: u32,
-    last: BallCandidate,
-    velocity_px: Option<Vector2<f64>>,
-    missed: u32,
-    /// Sum of the linear colours seen, for the mean.
-    colors: [f32; 3],
-    seen: u32,
-    mean_radius_px: f64,
-    expected: Option<Expected>,
-    /// Where it was when it last had moved by a diameter, and in which frame that was.
-    place: Vector2<f64>,
-    moved_at: u64,
-    has_moved: bool,
 }
 
 impl Tracker {
@@ -122,6 +97,7 @@ impl Tracker {
             next_id: 0,
             health: vec![BallHealth::default(); colors.len()],
             is_dark: false,
+            has_looked: true,
         })
     }
 
@@ -142,15 +118,28 @@ impl Tracker {
         self
     }
 
-    /// Looks at the next frame: all balls that may be markers, those followed longest first.
+    /// Looks at the next frame: all balls that may be markers, those followed longest first. [`Tracker::tell`] and
+    /// [`Tracker::look_around`] in one.
     pub fn candidates(&mut self, frame: &Frame) -> &[ColorSighting] {
+        self.tell(frame);
+        self.look_around(frame);
+        &self.sightings
+    }
+
+    /// What is followed, in the next frame, those followed longest first; all there is where nothing is.
+    pub fn tell(&mut self, frame: &Frame) -> &[ColorSighting] {
         self.sightings.clear();
         self.frames += 1;
+        self.tracks.retain(|t| t.missed <= MOST_MISSED && (t.missed < 2 || t.seen > FEW_SEEN));
         for track in 0..self.tracks.len() {
             self.near_prediction(frame, track);
         }
-        self.look_around(frame);
-        self.tracks.retain(|t| t.missed <= MOST_MISSED && (t.missed < 2 || t.seen > FEW_SEEN));
+        self.has_looked = false;
+        if self.sightings.is_empty() {
+            self.look_around(frame);
+            let seen = self.tracks.iter().filter(|t| t.missed == 0);
+            self.sightings.extend(seen.map(|t| t.sighting(self.frames)));
+        }
         for color in 0..self.colors.len() {
             if let Some(lead) = self.lead(color) {
                 let id = self.tracks[lead].id;
@@ -185,10 +174,11 @@ impl Tracker {
     /// Looks at the next frame: for each colour the ball that has been followed longest, those that moved first; None where
     /// there is none.
     pub fn observe(&mut self, frame: &Frame) -> &[Option<BallCandidate>] {
-        self.candidates(frame);
+        self.tell(frame);
         for color in 0..self.colors.len() {
             self.leading[color] = self.lead(color).map(|t| self.tracks[t].last);
         }
+        self.look_around(frame);
         &self.leading
     }
 
@@ -235,143 +225,85 @@ impl Tracker {
         self.sightings.push(track.sighting(self.frames));
     }
 
-    /// Looks for newcomers of each colour that is due in the whole frame.
-    fn look_around(&mut self, frame: &Frame) {
-        let mut collected = false;
+    /// Looks for newcomers in a frame that has been told, if that was not done: of a colour of which something is missing in the
+    /// whole of it, of the others in a band. They are followed, and told of, from the next frame on, so that who waits for
+    /// what is followed need not wait for this.
+    pub fn look_around(&mut self, frame: &Frame) {
+        if std::mem::replace(&mut self.has_looked, true) {
+            return;
+        }
+        let whole = Window::whole(frame);
+        let mut collected = None;
         for color in 0..self.colors.len() {
-            if !self.is_due(color) {
-                continue;
-            }
-            if !collected {
-                self.workspace.segmenter.collect(frame, &Window::whole(frame));
-                collected = true;
+            let rows = band(whole.rows.len(), self.frames, self.bands(color));
+            // A ball whose middle lies in the band is seen whole.
+            let beyond = (0.5 * self.range_px.1).ceil() as usize + 2;
+            let around = rows.start.saturating_sub(beyond)..(rows.end + beyond).min(whole.rows.end);
+            let window = Window { columns: whole.columns.clone(), rows: around };
+            if collected.as_ref() != Some(&window) {
+                self.workspace.segmenter.collect(frame, &window);
+                collected = Some(window);
             }
             self.workspace.known.clear();
-            let known = self.sightings.iter().map(|s| (s.ball.pixel, 0.5 * s.ball.diameter_px));
-            self.workspace.known.extend(known);
+            let seen = self.tracks.iter().filter(|t| t.missed == 0);
+            self.workspace.known.extend(seen.map(|t| (t.last.pixel, 0.5 * t.last.diameter_px)));
+            self.workspace.rows = Some(rows);
             self.workspace.search(frame, &self.model, color, self.range_px, &mut self.found);
             self.workspace.known.clear();
-            for sighting in &self.found {
-                let others = self.tracks.iter().filter(|t| t.color == color && t.missed == 0).count();
-                if others >= self.colors[color].markers + MOST_OTHERS {
-                    break;
-                }
-                let ball = sighting.ball;
-                if self.sightings.iter().any(|s| is_same(&s.ball, &ball)) {
-                    continue;
-                }
-                let lost = self.tracks.iter_mut().find(|t| {
-                    let (middle, reach_px) = t.search();
-                    t.color == color
-                        && t.missed > 0
-                        && t.agrees(&ball)
-                        && (ball.pixel - middle).norm() <= reach_px
-                });
-                if let Some(track) = lost {
-                    track.advance(ball, self.frames);
-                    self.sightings.push(track.sighting(self.frames));
-                    continue;
-                }
-                let track = Track::of(color, self.next_id, ball, self.frames);
-                self.next_id = self.next_id.wrapping_add(1);
-                self.sightings.push(track.sighting(self.frames));
-                self.tracks.push(track);
-            }
+            self.workspace.rows = None;
+            self.take_newcomers(color);
         }
     }
 
-    /// Whether a colour's newcomers are to be looked for in this frame.
-    fn is_due(&mut self, color: usize) -> bool {
+    /// Follows what was found of a colour and was not followed.
+    fn take_newcomers(&mut self, color: usize) {
+        for sighting in &self.found {
+            let others = self.tracks.iter().filter(|t| t.color == color && t.missed == 0).count();
+            if others >= self.colors[color].markers + MOST_OTHERS {
+                break;
+            }
+            let ball = sighting.ball;
+            if self.tracks.iter().any(|t| t.missed == 0 && is_same(&t.last, &ball)) {
+                continue;
+            }
+            let lost = self.tracks.iter_mut().find(|t| {
+                let (middle, reach_px) = t.search();
+                t.color == color
+                    && t.missed > 0
+                    && t.agrees(&ball)
+                    && (ball.pixel - middle).norm() <= reach_px
+            });
+            if let Some(track) = lost {
+                track.advance(ball, self.frames);
+                continue;
+            }
+            self.tracks.push(Track::of(color, self.next_id, ball, self.frames));
+            self.next_id = self.next_id.wrapping_add(1);
+        }
+    }
+
+    /// In how many frames the whole of it is looked over for a colour's newcomers.
+    fn bands(&mut self, color: usize) -> u64 {
         let own = self.tracks.iter().filter(|t| t.color == color);
         let live = own.clone().filter(|t| t.missed == 0).count();
         let lost = own.clone().any(|t| t.missed > 0);
         let moving = own.filter(|t| t.missed == 0 && t.is_moving(self.frames)).count();
         let state = &mut self.colors[color];
         state.others |= live > state.markers;
-        let often = state.others && moving < state.markers;
-        let every = if often { LOOK_AROUND_OFTEN } else { LOOK_AROUND };
-        live < state.markers || lost || self.frames.is_multiple_of(every)
+        if live < state.markers || lost {
+            return 1;
+        }
+        if state.others && moving < state.markers { LOOK_AROUND_OFTEN } else { LOOK_AROUND }
     }
+}
+
+/// The band of rows whose turn it is in a frame, of so many.
+fn band(rows: usize, frame: u64, bands: u64) -> Range<usize> {
+    let edge = |k: u64| (rows as u64 * k / bands) as usize;
+    edge(frame % bands)..edge(frame % bands + 1)
 }
 
 /// Whether two balls are the same thing in the image.
 fn is_same(a: &BallCandidate, b: &BallCandidate) -> bool {
     (a.pixel - b.pixel).norm() <= 0.25 * a.diameter_px.max(b.diameter_px)
-}
-
-impl Track {
-    fn of(color: usize, id: u32, ball: BallCandidate, frame: u64) -> Self {
-        let mut track = Self {
-            color,
-            id,
-            last: ball,
-            velocity_px: None,
-            missed: 0,
-            colors: [0.0; 3],
-            seen: 0,
-            mean_radius_px: 0.0,
-            expected: None,
-            place: ball.pixel,
-            moved_at: frame,
-            has_moved: false,
-        };
-        track.learn(&ball);
-        track
-    }
-
-    fn sighting(&self, frame: u64) -> ColorSighting {
-        let stays = frame - self.moved_at > STAYS_FRAMES;
-        ColorSighting { color: self.color, id: self.id, ball: self.last, stays, leads: false }
-    }
-
-    fn is_moving(&self, frame: u64) -> bool {
-        self.has_moved && frame - self.moved_at <= STAYS_FRAMES
-    }
-
-    /// Where to look and how far around.
-    fn search(&self) -> (Vector2<f64>, f64) {
-        let expected = self.last.pixel + self.velocity_px.unwrap_or_default() * f64::from(self.missed + 1);
-        // Room for the ball with its rim, and for the motion that is not foreseen: another diameter a frame.
-        (expected, 2.0 * self.mean_radius_px * (1.5 + f64::from(self.missed)) + 2.0)
-    }
-
-    /// What to expect of the ball; None before it was first followed.
-    fn expected(&self, middle: Vector2<f64>) -> Option<Expected> {
-        let expected = self.expected?;
-        let known = expected.radius_px;
-        let change_px = RADIUS_CHANGE * f64::from(self.missed + 1) * known.mean;
-        let radius_px = Known { variance: known.variance + change_px * change_px, ..known };
-        Some(Expected { radius_px, pixel: self.velocity_px.map(|_| middle), ..expected })
-    }
-
-    /// Whether a ball is of about the size and brightness of the one followed.
-    fn agrees(&self, ball: &BallCandidate) -> bool {
-        let brightness = |light: [f32; 3]| light[0] + light[1] + light[2];
-        let ratio = brightness(to_linear(ball.color)) * self.seen as f32 / brightness(self.colors);
-        let size = 0.5 * ball.diameter_px / self.mean_radius_px;
-        (1.0 / MOST_CHANGE..=MOST_CHANGE).contains(&size)
-            && (1.0 / MOST_CHANGE..=MOST_CHANGE).contains(&f64::from(ratio))
-    }
-
-    fn advance(&mut self, ball: BallCandidate, frame: u64) {
-        let frames = f64::from(self.missed + 1);
-        self.velocity_px = Some((ball.pixel - self.last.pixel) / frames);
-        self.last = ball;
-        self.missed = 0;
-        if (ball.pixel - self.place).norm() > ball.diameter_px {
-            self.place = ball.pixel;
-            self.moved_at = frame;
-            self.has_moved = true;
-        }
-        self.learn(&ball);
-    }
-
-    fn learn(&mut self, ball: &BallCandidate) {
-        for (sum, value) in self.colors.iter_mut().zip(to_linear(ball.color)) {
-            *sum += value;
-        }
-        self.seen += 1;
-        let gain = 1.0 / f64::from(self.seen.min(RADIUS_MEMORY));
-        self.mean_radius_px += gain * (0.5 * ball.diameter_px - self.mean_radius_px);
-    }
 }

@@ -1,102 +1,151 @@
-//! Cholesky factor of a symmetric matrix whose entries are near the diagonal, in place, by rows of the lower triangle.
+//! Cholesky factor of a symmetric matrix whose entries are near the diagonal, in place, by columns of the lower triangle.
 
-/// A lower triangle of which each row begins at its own column. Reused, so that nothing is allocated once it has grown.
+use super::lanes::{GROUP, Lanes};
+use pulp::Simd;
+
+/// Entries below the diagonal that a column may have.
+pub(super) const BAND: usize = 16;
+
+/// The diagonal and what is below it, and nothing in what is left of a whole number of groups.
+pub(super) type Column = [f64; BAND + GROUP];
+
+/// A lower triangle in columns of one length. Reused, so that nothing is allocated once it has grown.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Skyline {
-    /// First column of each row, and where the row's numbers start.
-    rows: Vec<(usize, usize)>,
-    values: Vec<f64>,
+pub(super) struct Banded {
+    /// Behind the matrix's own columns as many empty ones as a column is long.
+    columns: Vec<Column>,
+    count: usize,
 }
 
-impl Skyline {
+impl Banded {
     pub(super) fn clear(&mut self) {
-        self.rows.clear();
-        self.values.clear();
+        self.columns.clear();
+        self.count = 0;
     }
 
-    /// Number of rows.
+    /// Number of columns.
     pub(super) fn len(&self) -> usize {
-        self.rows.len()
+        self.count
     }
 
-    /// Appends a row whose entries before column `first` are zero and whose last one is on the diagonal.
-    pub(super) fn push(&mut self, first: usize, entries: impl Iterator<Item = f64>) {
-        self.rows.push((first, self.values.len()));
-        self.values.extend(entries);
-    }
-
-    /// The entries of a row with their columns.
+    /// Sets the matrix: the entry at a row and as many columns before it as the second number says, diagonal included.
     #[inline(always)]
-    pub(super) fn row(&self, i: usize) -> (usize, &[f64]) {
-        let (first, start) = self.rows[i];
-        (first, &self.values[start..=start + i - first])
-    }
-
-    /// Copies a matrix with its entries changed.
-    #[inline(always)]
-    pub(super) fn copy(&mut self, from: &Self, change: impl Fn(usize, usize, f64) -> f64) {
-        self.rows.clone_from(&from.rows);
-        self.values.clear();
-        for i in 0..from.len() {
-            let (first, row) = from.row(i);
-            self.values.extend(row.iter().enumerate().map(|(k, v)| change(i, first + k, *v)));
+    pub(super) fn set(&mut self, count: usize, entry: impl Fn(usize, usize) -> f64) {
+        self.columns.clear();
+        self.columns.resize(count + BAND, [0.0; BAND + GROUP]);
+        self.count = count;
+        for (j, column) in self.columns[..count].iter_mut().enumerate() {
+            for (below, value) in column[..=BAND.min(count - 1 - j)].iter_mut().enumerate() {
+                *value = entry(j + below, below);
+            }
         }
     }
 
-    /// Replaces the matrix by its factor; false where it is not positive definite.
+    /// An entry on the diagonal.
+    pub(super) fn diagonal(&self, i: usize) -> f64 {
+        self.columns[i][0]
+    }
+
+    /// Copies a matrix, each entry times the factors of its row and its column, and adds to the diagonal. There are as many
+    /// factors as columns and a band more.
     #[inline(always)]
-    pub(super) fn factor(&mut self) -> bool {
-        for i in 0..self.rows.len() {
-            let (first, start) = self.rows[i];
-            let (done, rest) = self.values.split_at_mut(start);
-            let row = &mut rest[..=i - first];
-            for j in first..i {
-                let (other_first, other_start) = self.rows[j];
-                let from = first.max(other_first);
-                let other = &done[other_start + from - other_first..other_start + j - other_first];
-                let sum = dot(&row[from - first..j - first], other);
-                row[j - first] = (row[j - first] - sum) / done[other_start + j - other_first];
+    pub(super) fn copy<S: Simd>(&mut self, simd: S, from: &Self, factors: &[f64], added: &[f64]) {
+        self.count = from.count;
+        self.columns.resize(from.columns.len(), [0.0; BAND + GROUP]);
+        for (j, (out, column)) in self.columns.iter_mut().zip(&from.columns[..from.count]).enumerate() {
+            let factor = Lanes::splat(simd, factors[j]);
+            let rows = &factors[j..j + BAND];
+            for part in 0..BAND / S::F64_LANES {
+                let value = Lanes::load(simd, column, part) * factor * Lanes::load(simd, rows, part);
+                value.store(out, part);
             }
-            let left = row[i - first] - row[..i - first].iter().map(|a| a * a).sum::<f64>();
-            if left.is_nan() || left <= 0.0 {
+            out[BAND] = column[BAND] * factors[j] * factors[j + BAND];
+            out[0] += added[j];
+        }
+        for column in &mut self.columns[from.count..] {
+            *column = [0.0; BAND + GROUP];
+        }
+    }
+
+    /// Replaces the matrix by its factor, the diagonal by its inverse; false where it is not positive definite.
+    #[inline(always)]
+    pub(super) fn factor<S: Simd>(&mut self, simd: S) -> bool {
+        for j in 0..self.count {
+            let (done, rest) = self.columns.split_at_mut(j + 1);
+            let column = &mut done[j];
+            let pivot = column[0];
+            if pivot.is_nan() || pivot <= 0.0 {
                 return false;
             }
-            row[i - first] = left.sqrt();
+            let scale = pivot.sqrt().recip();
+            column[0] = scale;
+            // Behind the column, room for groups that reach beyond its end.
+            let mut scaled = [0.0; BAND + 2 * GROUP];
+            for (out, value) in scaled.iter_mut().zip(&mut column[1..=BAND]) {
+                *value *= scale;
+                *out = *value;
+            }
+            let rest = &mut rest[..BAND];
+            for (first, others) in rest.chunks_exact_mut(GROUP).enumerate() {
+                match first {
+                    0 => subtract::<S, 4>(simd, 0, &scaled, others),
+                    1 => subtract::<S, 3>(simd, 4, &scaled, others),
+                    2 => subtract::<S, 2>(simd, 8, &scaled, others),
+                    _ => subtract::<S, 1>(simd, 12, &scaled, others),
+                }
+            }
         }
         true
     }
 
     /// Solves L X = B in place, L being this factor.
     #[inline(always)]
-    pub(super) fn whiten<const WIDTH: usize>(&self, b: &mut [[f64; WIDTH]]) {
-        for i in 0..self.rows.len() {
-            let (first, row) = self.row(i);
+    pub(super) fn whiten<S: Simd, const WIDTH: usize>(&self, simd: S, b: &mut [[f64; WIDTH]]) {
+        const { assert!(WIDTH.is_multiple_of(GROUP)) };
+        for i in 0..self.count {
             let (done, rest) = b.split_at_mut(i);
             let target = &mut rest[0];
+            let first = i.saturating_sub(BAND);
+            let known = done[first..].iter().zip(&self.columns[first..i]).enumerate();
+            let scale = self.columns[i][0];
+            if S::F64_LANES == GROUP && WIDTH == 5 * GROUP {
+                let mut left: [Lanes<S>; 5] = std::array::from_fn(|k| Lanes::load(simd, target, k));
+                for (k, (other, column)) in known {
+                    let factor = Lanes::splat(simd, column[i - first - k]);
+                    for (part, left) in left.iter_mut().enumerate() {
+                        *left = *left - factor * Lanes::load(simd, other, part);
+                    }
+                }
+                let scale = Lanes::splat(simd, scale);
+                left.into_iter().enumerate().for_each(|(part, left)| (left * scale).store(target, part));
+                continue;
+            }
             let mut left = *target;
-            for (l, other) in row.iter().zip(&done[first..]) {
+            for (k, (other, column)) in known {
                 for (x, y) in left.iter_mut().zip(other) {
-                    *x -= l * y;
+                    *x -= column[i - first - k] * y;
                 }
             }
-            let scale = row[i - first].recip();
             *target = left.map(|x| x * scale);
         }
     }
 }
 
-/// Scalar product, in four sums that a vector register holds.
+/// Subtracts the products of a column with a group of its entries, that at `first` and those behind, from as many columns.
 #[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let (a, b) = (a.chunks_exact(4), b.chunks_exact(4));
-    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
-    let mut sums = [0.0; 4];
-    for (a, b) in a.zip(b) {
-        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
-            *sum += a * b;
+fn subtract<S: Simd, const GROUPS: usize>(
+    simd: S,
+    first: usize,
+    scaled: &[f64; BAND + 2 * GROUP],
+    others: &mut [Column],
+) {
+    for (k, other) in others.iter_mut().enumerate() {
+        let values = &scaled[first + k..first + k + GROUP * GROUPS];
+        let factor = Lanes::splat(simd, values[0]);
+        for part in 0..GROUPS * Lanes::<S>::PARTS {
+            (Lanes::load(simd, other, part) - factor * Lanes::load(simd, values, part)).store(other, part);
         }
     }
-    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
 #[cfg(test)]
@@ -104,36 +153,52 @@ mod tests {
     use super::*;
     use nalgebra::{DMatrix, DVector};
 
+    /// Factor and right sides solved.
+    struct Solved<'a>(&'a mut Banded, &'a mut [[f64; 20]]);
+
+    impl pulp::WithSimd for Solved<'_> {
+        type Output = bool;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> bool {
+            let whole = self.0.factor(simd);
+            self.0.whiten(simd, self.1);
+            whole
+        }
+    }
+
     #[test]
     fn it_agrees_with_the_general_solver() {
-        let (n, band) = (9_usize, 3_usize);
-        let near = |i: usize, j: usize| i.abs_diff(j) <= band;
-        let a = DMatrix::from_fn(n, n, |i, j| {
-            if i == j {
-                8.0
-            } else if near(i, j) {
-                ((i * j) as f64).sin()
-            } else {
-                0.0
+        for (n, band) in [(9_usize, 3_usize), (40, BAND), (5, 4)] {
+            let entry = |i: usize, j: usize| match i.abs_diff(j) {
+                0 => 20.0,
+                apart if apart <= band => ((i * j) as f64).sin(),
+                _ => 0.0,
+            };
+            let a = DMatrix::from_fn(n, n, entry);
+            let mut plain = Banded::default();
+            plain.set(n, |i, below| entry(i, i - below));
+            let factors: Vec<f64> = (0..n + BAND).map(|i| 1.0 + 0.1 * i as f64).collect();
+            let added = vec![1.0; n];
+            let mut l = Banded::default();
+            l.copy(pulp::Scalar::new(), &plain, &factors, &added);
+            let scaled = DMatrix::from_diagonal(&DVector::from_column_slice(&factors[..n]));
+            let a = &scaled * a * &scaled + DMatrix::identity(n, n);
+            let rhs = DVector::from_fn(n, |i, _| i as f64 - 2.0);
+            let mut two = vec![[0.0; 20]; n];
+            for (row, value) in two.iter_mut().zip(rhs.iter()) {
+                (row[0], row[19]) = (*value, 2.0 * value);
             }
-        });
-        let mut plain = Skyline::default();
-        for i in 0..n {
-            let first = i.saturating_sub(band);
-            plain.push(first, (first..=i).map(|j| a[(i, j)]));
+            let (mut again, mut other) = (l.clone(), two.clone());
+            assert!(pulp::Arch::new().dispatch(Solved(&mut l, &mut two)));
+            assert!(pulp::Scalar::new().vectorize(Solved(&mut again, &mut other)));
+            assert_eq!(two, other);
+            let want = rhs.dot(&a.lu().solve(&rhs).expect("regular"));
+            let got = two.iter().map(|x| x[0] * x[19]).sum::<f64>();
+            assert!((got - 2.0 * want).abs() < 1e-10 * want.abs(), "{got} for {want}");
         }
-        let mut l = Skyline::default();
-        l.copy(&plain, |i, j, v| if i == j { v + 1.0 } else { v });
-        let a = a + DMatrix::identity(n, n);
-        assert!(l.factor());
-        let rhs = DVector::from_fn(n, |i, _| i as f64 - 2.0);
-        let mut two: Vec<[f64; 2]> = rhs.iter().map(|x| [*x, 2.0 * x]).collect();
-        l.whiten(&mut two);
-        let want = rhs.dot(&a.lu().solve(&rhs).unwrap());
-        assert!((two.iter().map(|x| x[0] * x[1]).sum::<f64>() - 2.0 * want).abs() < 1e-10);
-        let mut indefinite = Skyline::default();
-        indefinite.push(0, [1.0].into_iter());
-        indefinite.push(0, [2.0, 1.0].into_iter());
-        assert!(!indefinite.factor());
+        let mut indefinite = Banded::default();
+        indefinite.set(2, |i, below| if below == 1 { 2.0 } else { [1.0, 1.0][i] });
+        assert!(!indefinite.factor(pulp::Scalar::new()));
     }
 }

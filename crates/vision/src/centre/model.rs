@@ -1,8 +1,12 @@
 //! The forward model of one ball: what a pixel shows, and its derivatives.
 
+use super::edge::cover;
+use super::lanes::{GROUP, Lanes};
+use super::places::Places;
 use crate::color::encode;
 use crate::outline::Outline;
 use nalgebra::SVector;
+use pulp::{Scalar, Simd};
 
 /// Centre x and y, radius, edge width; ball colour of three channels; shading of first order (x, y, z of the surface's
 /// normal) and second (xy, xz, yz, x² - y², z²); slopes x and y of the neutral light
@@ -33,20 +37,6 @@ pub(super) struct Model {
     pub(super) outline: Outline,
 }
 
-/// What is behind a pixel: linear light, and the slope of light over code there.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Behind {
-    light: [f64; 3],
-    decoding: [f64; 3],
-}
-
-impl Behind {
-    /// Of a light.
-    pub(super) fn of(light: [f64; 3]) -> Self {
-        Self { light, decoding: light.map(|l| encode(l).1.recip()) }
-    }
-}
-
 /// What a pixel shows: its channels, less their constants, behind their derivatives.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shown {
@@ -63,49 +53,85 @@ impl Shown {
 
 /// The blur rounds off the normal's steep fall at the rim: an edge width over the radius, of a ball 6 px wide.
 const RIM_SOFT: f64 = 0.2;
-const FAR: f64 = 4.5;
-/// 1/√(2π).
-const DENSITY: f64 = 0.398_942_280_401_432_7;
 
-/// Normal distribution function (Abramowitz and Stegun 26.2.17, error below 7.5e-8), given the density at `z`.
-fn normal_cdf(z: f64, density: f64) -> f64 {
-    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
-    let series =
-        0.319_381_530 + t * (-0.356_563_782 + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429)));
-    let tail = density * t * series;
-    if z >= 0.0 { 1.0 - tail } else { tail }
-}
+/// Derivatives of a channel by all parameters and its value, for a group of pixels.
+type Columns = [[f64; GROUP]; WIDTH];
 
 impl Model {
-    /// Fraction of a pixel that the disc covers: a Gaussian edge (lens, aperture and pixel together).
+    /// Fraction of each pixel that the disc covers, and its distance inside the edge in edge widths.
     #[inline(always)]
-    pub(super) fn coverage(&self, x_px: f64, y_px: f64) -> f64 {
-        let (z, ..) = self.edge_at(x_px, y_px);
-        if z.abs() > FAR {
-            return if z > 0.0 { 1.0 } else { 0.0 };
+    pub(super) fn coverage<S: Simd>(
+        &self,
+        simd: S,
+        places: &[[f64; GROUP]; 2],
+    ) -> ([f64; GROUP], [f64; GROUP]) {
+        let (mut covered, mut depth) = ([0.0; GROUP], [0.0; GROUP]);
+        for part in 0..Lanes::<S>::PARTS {
+            let at = (Lanes::load(simd, &places[0], part), Lanes::load(simd, &places[1], part));
+            let (z, _) = self.edge_at(simd, at);
+            cover(simd, z).0.store(&mut covered, part);
+            z.store(&mut depth, part);
         }
-        normal_cdf(z, DENSITY * (-0.5 * z * z).exp())
+        (covered, depth)
     }
 
     /// Distance of a place inside the edge, in edge widths.
     pub(super) fn depth_edges(&self, x_px: f64, y_px: f64) -> f64 {
-        self.edge_at(x_px, y_px).0
+        let simd = Scalar::new();
+        let mut depth = [0.0];
+        self.edge_at(simd, (Lanes::splat(simd, x_px), Lanes::splat(simd, y_px))).0.store(&mut depth, 0);
+        depth[0]
     }
 
-    /// Distance of a pixel inside the edge, in edge widths; its derivatives by centre, radius and edge width, in which
+    /// Distance of pixels inside the edge, in edge widths; its derivatives by centre, radius and edge width, in which
     /// the outline's own stretch is taken as constant.
     #[inline(always)]
-    fn edge_at(&self, x_px: f64, y_px: f64) -> (f64, [f64; 4]) {
+    fn edge_at<S: Simd>(&self, simd: S, (x_px, y_px): (Lanes<S>, Lanes<S>)) -> (Lanes<S>, [Lanes<S>; 4]) {
         let p = &self.p;
-        let (size, ax, ay) = self.outline.measure(x_px - p[0], y_px - p[1]);
-        let scale = (ax * ax + ay * ay).sqrt().max(1e-9);
-        let stretch = size.max(1e-9) / (scale * p[EDGE]);
+        let all = |value: f64| Lanes::splat(simd, value);
+        let (dx, dy) = (x_px - all(p[0]), y_px - all(p[1]));
+        let (square, ax, ay) = self.measure(simd, dx, dy);
+        let size = square.sqrt();
+        let scale = (ax * ax + ay * ay).sqrt().max(all(1e-9));
+        let inverse = all(1.0) / (scale * all(p[EDGE]));
+        let stretch = size.max(all(1e-9)) * inverse;
         // Blur draws the half-covered contour of a small disc inwards (Huertas & Medioni 1986).
         let bend = p[EDGE] * p[EDGE] / (2.0 * p[RADIUS]);
-        let by_centre = [ax / (scale * p[EDGE]), ay / (scale * p[EDGE])];
-        let by_radius = stretch * (1.0 + bend / p[RADIUS]);
-        let z = (p[RADIUS] - bend - size) * stretch;
-        (z, [by_centre[0], by_centre[1], by_radius, -(z + 2.0 * bend * stretch) / p[EDGE]])
+        let by_radius = stretch * all(1.0 + bend / p[RADIUS]);
+        let z = (all(p[RADIUS] - bend) - size) * stretch;
+        let by_edge = (z + all(2.0 * bend) * stretch) * all(-p[EDGE].recip());
+        (z, [ax * inverse, ay * inverse, by_radius, by_edge])
+    }
+
+    /// dᵀ A d with the outline's matrix A, and A d.
+    #[inline(always)]
+    fn measure<S: Simd>(&self, simd: S, dx: Lanes<S>, dy: Lanes<S>) -> (Lanes<S>, Lanes<S>, Lanes<S>) {
+        let [xx, xy, yy] = self.outline.matrix().map(|value| Lanes::splat(simd, value));
+        let (ax, ay) = (xx * dx + xy * dy, xy * dx + yy * dy);
+        ((dx * ax + dy * ay).max(Lanes::splat(simd, 0.0)), ax, ay)
+    }
+
+    /// The rim at pixels.
+    #[inline(always)]
+    fn rim_at<S: Simd>(&self, simd: S, at: (Lanes<S>, Lanes<S>)) -> Rim<S> {
+        let all = |value: f64| Lanes::splat(simd, value);
+        let (z, by) = self.edge_at(simd, at);
+        let (covered, density) = cover(simd, z);
+        let edge_px = all(self.p[EDGE]);
+        let distance_px = (all(self.p[RADIUS]) - z * edge_px).max(all(0.5 * self.p[EDGE]));
+        let curved = all(1.0) / (distance_px * edge_px);
+        let mut bend = [[all(0.0); 2]; 4];
+        for axis in 0..2 {
+            let normal = by[axis] * edge_px;
+            for k in 0..2 {
+                let same = all(if k == axis { 1.0 } else { 0.0 });
+                bend[k][axis] = density * ((normal * by[k] * edge_px - same) * curved - z * by[k] * by[axis]);
+            }
+            let along = density * by[axis];
+            bend[RADIUS][axis] = all(0.0) - along * z * by[RADIUS];
+            bend[EDGE][axis] = all(0.0) - along * (all(self.p[EDGE].recip()) + z * by[EDGE]);
+        }
+        Rim { covered, slope: by.map(|d| density * d), bend }
     }
 
     /// First and second spherical harmonics of the normal at a place, in which the light on a matt ball under any lamps is
@@ -113,96 +139,155 @@ impl Model {
     /// colour stays that of the whole ball; and what the slope of each along two axes is, per pixel, as far as it matters to
     /// the centre.
     #[inline(always)]
-    fn harmonics_at(&self, x_px: f64, y_px: f64) -> [[f64; SHADES]; 3] {
-        let per_px = self.unit_px.recip();
-        let (x, y) = ((x_px - self.origin.0) * per_px, (y_px - self.origin.1) * per_px);
-        let (size, ..) = self.outline.measure(x, y);
-        let left = 1.0 - size * size;
-        let z2 = 0.5 * (left + (left * left + RIM_SOFT * RIM_SOFT).sqrt());
+    fn harmonics_at<S: Simd>(&self, simd: S, (x_px, y_px): (Lanes<S>, Lanes<S>)) -> [[Lanes<S>; SHADES]; 3] {
+        let all = |value: f64| Lanes::splat(simd, value);
+        let (per_px, zero) = (all(self.unit_px.recip()), all(0.0));
+        let (x, y) = ((x_px - all(self.origin.0)) * per_px, (y_px - all(self.origin.1)) * per_px);
+        let left = all(1.0) - self.measure(simd, x, y).0;
+        let z2 = all(0.5) * (left + (left * left + all(RIM_SOFT * RIM_SOFT)).sqrt());
         let z = z2.sqrt();
         let (xp, yp, zp) = (x * per_px, y * per_px, z * per_px);
+        let two = all(2.0);
         [
-            [x, y, z - 2.0 / 3.0, x * y, x * z, y * z, x * x - y * y, z2 - 0.5],
-            [per_px, 0.0, 0.0, yp, zp, 0.0, 2.0 * xp, 0.0],
-            [0.0, per_px, 0.0, xp, 0.0, zp, -2.0 * yp, 0.0],
+            [x, y, z - all(2.0 / 3.0), x * y, x * z, y * z, x * x - y * y, z2 - all(0.5)],
+            [per_px, zero, zero, yp, zp, zero, two * xp, zero],
+            [zero, per_px, zero, xp, zero, zp, zero - two * yp, zero],
         ]
     }
 
-    /// The rim at a pixel.
+    /// What a group of pixels shows, that at `first` and those behind, in the channels that these combinations of codes are.
     #[inline(always)]
-    fn rim_at(&self, x_px: f64, y_px: f64) -> Rim {
-        let (z, by) = self.edge_at(x_px, y_px);
-        if z.abs() > FAR {
-            return Rim { covered: if z > 0.0 { 1.0 } else { 0.0 }, slope: [0.0; 4], bend: [[0.0; 2]; 4] };
-        }
-        let density = DENSITY * (-0.5 * z * z).exp();
-        let edge_px = self.p[EDGE];
-        let distance_px = (self.p[RADIUS] - z * edge_px).max(0.5 * edge_px);
-        let normal = [by[0] * edge_px, by[1] * edge_px];
-        let curved = (distance_px * edge_px).recip();
-        let mut bend = [[0.0; 2]; 4];
-        for axis in 0..2 {
-            for k in 0..2 {
-                let same = if k == axis { 1.0 } else { 0.0 };
-                bend[k][axis] = density * ((normal[axis] * normal[k] - same) * curved - z * by[k] * by[axis]);
+    pub(super) fn show<S: Simd>(
+        &self,
+        simd: S,
+        (places, first): (&Places, usize),
+        from_coded: &[[f64; 4]; 3],
+        shown: &mut [Shown],
+    ) {
+        let mut columns = [[[0.0; GROUP]; WIDTH]; 3];
+        let (mut covered, mut open) = ([0.0; GROUP], [0.0; GROUP]);
+        for part in 0..Lanes::<S>::PARTS {
+            let from = |values: &[f64]| Lanes::load(simd, &values[first..first + GROUP], part);
+            let behind = [from(&places.light[0]), from(&places.light[1]), from(&places.light[2])];
+            let face = self.face(simd, (from(&places.x), from(&places.y)));
+            let (codes, gains) = self.coded(simd, &face, &behind, part);
+            let uncovered = Lanes::splat(simd, 1.0) - face.rim.covered;
+            let mut through = Lanes::splat(simd, 0.0);
+            for (gain, decoding) in gains.iter().zip(&places.decoding) {
+                through = through + *gain * from(decoding);
             }
-            bend[RADIUS][axis] = -density * z * by[RADIUS] * by[axis];
-            bend[EDGE][axis] = density * (-by[axis] / edge_px - z * by[EDGE] * by[axis]);
+            face.rim.covered.store(&mut covered, part);
+            (uncovered * through * Lanes::splat(simd, 1.0 / 3.0)).store(&mut open, part);
+            for (columns, parts) in columns.iter_mut().zip(from_coded) {
+                self.differentiate(simd, (&face, &behind), (&codes, &gains), parts, (columns, part));
+            }
         }
-        Rim { covered: normal_cdf(z, density), slope: by.map(|d| density * d), bend }
+        for (lane, shown) in shown.iter_mut().enumerate().take(GROUP) {
+            (shown.covered, shown.open) = (covered[lane], open[lane]);
+            for (channel, columns) in shown.channels.iter_mut().zip(&columns) {
+                for (value, column) in channel.iter_mut().zip(columns) {
+                    *value = column[lane];
+                }
+            }
+        }
     }
 
-    /// What a pixel shows whose uncovered part shows `behind`, in the channels that these combinations of codes are.
+    /// Coverage and shading of pixels.
     #[inline(always)]
-    pub(super) fn show(
+    fn face<S: Simd>(&self, simd: S, at: (Lanes<S>, Lanes<S>)) -> Face<S> {
+        let p = &self.p;
+        let all = |value: f64| Lanes::splat(simd, value);
+        let rim = self.rim_at(simd, at);
+        let [terms, across, down] = self.harmonics_at(simd, at);
+        // Blur of variance w² moves light along its slope: f·disc blurred is f·(disc blurred) + w² ∇f·∇(disc blurred).
+        let spread = all(p[EDGE] * p[EDGE]);
+        let mut lit = [all(0.0); SHADES];
+        let (mut face, mut seen, mut along) = (all(1.0), rim.covered, [all(0.0); 2]);
+        for i in 0..SHADES {
+            let weight = all(p[SHADE + i]);
+            lit[i] = rim.covered * terms[i] - spread * (across[i] * rim.slope[0] + down[i] * rim.slope[1]);
+            face = face + weight * terms[i];
+            seen = seen + weight * lit[i];
+            along = [along[0] + weight * across[i], along[1] + weight * down[i]];
+        }
+        let gloss = [all(p[GLOSS]), all(p[GLOSS + 1])];
+        Face {
+            lit,
+            shade: face,
+            whole: seen,
+            along,
+            gloss_face: gloss[0] * terms[0] + gloss[1] * terms[1],
+            gloss_seen: gloss[0] * lit[0] + gloss[1] * lit[1],
+            gloss_along: [gloss[0] * across[0], gloss[1] * down[1]],
+            rim,
+        }
+    }
+
+    /// Codes of pixels and their derivatives by light.
+    #[inline(always)]
+    fn coded<S: Simd>(
         &self,
-        place: (f64, f64),
-        behind: &Behind,
-        from_coded: &[[f64; 4]; 3],
-        shown: &mut Shown,
+        simd: S,
+        face: &Face<S>,
+        behind: &[Lanes<S>; 3],
+        part: usize,
+    ) -> ([Lanes<S>; 3], [Lanes<S>; 3]) {
+        let uncovered = Lanes::splat(simd, 1.0) - face.rim.covered;
+        let (mut codes, mut gains) = (*behind, *behind);
+        for c in 0..3 {
+            let ball = Lanes::splat(simd, self.p[BALL + c]);
+            let light = behind[c] * uncovered + ball * face.whole + face.gloss_seen;
+            let (mut lights, mut coded) = ([0.0; GROUP], [[0.0; GROUP]; 2]);
+            light.store(&mut lights, part);
+            for lane in part * S::F64_LANES..(part + 1) * S::F64_LANES {
+                (coded[0][lane], coded[1][lane]) = encode(lights[lane]);
+            }
+            (codes[c], gains[c]) = (Lanes::load(simd, &coded[0], part), Lanes::load(simd, &coded[1], part));
+        }
+        (codes, gains)
+    }
+
+    /// A channel and its derivatives.
+    #[inline(always)]
+    fn differentiate<S: Simd>(
+        &self,
+        simd: S,
+        (face, behind): (&Face<S>, &[Lanes<S>; 3]),
+        (codes, gains): (&[Lanes<S>; 3], &[Lanes<S>; 3]),
+        parts: &[f64; 4],
+        (columns, part): (&mut Columns, usize),
     ) {
         let p = &self.p;
-        let Rim { covered, slope, bend } = self.rim_at(place.0, place.1);
-        let [terms, across, down] = self.harmonics_at(place.0, place.1);
-        // Blur of variance w² moves light along its slope: f·disc blurred is f·(disc blurred) + w² ∇f·∇(disc blurred).
-        let spread = p[EDGE] * p[EDGE];
-        let mut lit = [0.0; SHADES];
-        let (mut face, mut seen, mut along_x, mut along_y) = (0.0, 0.0, 0.0, 0.0);
-        for i in 0..SHADES {
-            lit[i] = covered * terms[i] - spread * (across[i] * slope[0] + down[i] * slope[1]);
-            face += p[SHADE + i] * terms[i];
-            seen += p[SHADE + i] * lit[i];
-            along_x += p[SHADE + i] * across[i];
-            along_y += p[SHADE + i] * down[i];
-        }
-        let (shade, whole) = (1.0 + face, covered + seen);
-        let gloss_face = p[GLOSS] * terms[0] + p[GLOSS + 1] * terms[1];
-        let gloss_seen = p[GLOSS] * lit[0] + p[GLOSS + 1] * lit[1];
-        shown.covered = covered;
-        shown.open = 0.0;
-        shown.channels = [[0.0; WIDTH]; 3];
+        let zero = Lanes::splat(simd, 0.0);
+        let (mut code, mut contrast, mut along) = (zero, zero, [zero; 2]);
+        let (mut by_shade, mut by_gloss) = (zero, zero);
         for c in 0..3 {
-            let ball = p[BALL + c];
-            let (code, gain) = encode(behind.light[c] * (1.0 - covered) + ball * whole + gloss_seen);
-            shown.open += (1.0 - covered) * gain * behind.decoding[c] / 3.0;
-            let mut by: Row = [0.0; WIDTH];
-            by[RESIDUAL] = code;
-            let contrast = ball * shade + gloss_face - behind.light[c];
-            let along = [ball * along_x + p[GLOSS] * across[0], ball * along_y + p[GLOSS + 1] * down[1]];
-            for k in 0..4 {
-                by[k] =
-                    gain * (contrast * slope[k] - spread * (along[0] * bend[k][0] + along[1] * bend[k][1]));
+            let gain = gains[c] * Lanes::splat(simd, parts[c]);
+            let ball = Lanes::splat(simd, p[BALL + c]);
+            code = code + codes[c] * Lanes::splat(simd, parts[c]);
+            contrast = contrast + gain * (ball * face.shade + face.gloss_face - behind[c]);
+            for (axis, along) in along.iter_mut().enumerate() {
+                *along = *along + gain * (ball * face.along[axis] + face.gloss_along[axis]);
             }
-            by[EDGE] -= gain * 2.0 * p[EDGE] * (along[0] * slope[0] + along[1] * slope[1]);
-            by[BALL + c] = gain * whole;
-            for i in 0..SHADES {
-                by[SHADE + i] = gain * ball * lit[i];
-            }
-            (by[GLOSS], by[GLOSS + 1]) = (gain * lit[0], gain * lit[1]);
-            for (channel, part) in shown.channels.iter_mut().zip(from_coded) {
-                add_scaled(channel, &by, part[c]);
-            }
+            (by_shade, by_gloss) = (by_shade + gain * ball, by_gloss + gain);
+            (gain * face.whole).store(&mut columns[BALL + c], part);
         }
+        let Rim { slope, bend, .. } = &face.rim;
+        let spread = Lanes::splat(simd, p[EDGE] * p[EDGE]);
+        for k in 0..4 {
+            let mut by = contrast * slope[k] - spread * (along[0] * bend[k][0] + along[1] * bend[k][1]);
+            if k == EDGE {
+                let twice = Lanes::splat(simd, 2.0 * p[EDGE]);
+                by = by - twice * (along[0] * slope[0] + along[1] * slope[1]);
+            }
+            by.store(&mut columns[k], part);
+        }
+        for (column, lit) in columns[SHADE..].iter_mut().zip(&face.lit) {
+            (by_shade * *lit).store(column, part);
+        }
+        (by_gloss * face.lit[0]).store(&mut columns[GLOSS], part);
+        (by_gloss * face.lit[1]).store(&mut columns[GLOSS + 1], part);
+        code.store(&mut columns[RESIDUAL], part);
     }
 }
 
@@ -214,17 +299,41 @@ pub(super) fn add_scaled(sum: &mut Row, row: &Row, weight: f64) {
     }
 }
 
-/// Coverage of a pixel at the rim, its derivatives by centre, radius and edge width, and the derivatives by these of the
+/// Coverage of pixels at the rim, its derivatives by centre, radius and edge width, and the derivatives by these of the
 /// first two.
-struct Rim {
-    covered: f64,
-    slope: [f64; 4],
-    bend: [[f64; 2]; 4],
+struct Rim<S: Simd> {
+    covered: Lanes<S>,
+    slope: [Lanes<S>; 4],
+    bend: [[Lanes<S>; 2]; 4],
+}
+
+/// Rim and shading of pixels: the shading's terms as they are seen, their sum inside the ball and as seen, and its slope;
+/// likewise of the gloss.
+struct Face<S: Simd> {
+    rim: Rim<S>,
+    lit: [Lanes<S>; SHADES],
+    shade: Lanes<S>,
+    whole: Lanes<S>,
+    along: [Lanes<S>; 2],
+    gloss_face: Lanes<S>,
+    gloss_seen: Lanes<S>,
+    gloss_along: [Lanes<S>; 2],
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    struct Covers<'a>(&'a Model, &'a [[f64; GROUP]; 2]);
+
+    impl pulp::WithSimd for Covers<'_> {
+        type Output = [f64; GROUP];
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> [f64; GROUP] {
+            self.0.coverage(simd, self.1).0
+        }
+    }
 
     #[test]
     fn derivatives_are_the_numeric_ones() {
@@ -233,13 +342,15 @@ mod tests {
             10.2, 8.9, 2.6, 0.6, 0.5, 0.1, 0.05, 0.2, -0.3, 0.1, 0.05, -0.1, 0.1, -0.05, 0.1, 0.01, -0.01,
         ]);
         let model = Model { p, origin: (10.0, 9.0), unit_px: 2.5, outline: Outline::ROUND };
-        let behind = Behind::of([0.4, 0.42, 0.35]);
-        let channels = [[0.3, 0.6, 0.1, 0.0], [0.5, -0.5, 0.0, 0.0], [0.1, 0.2, -0.7, 0.0]];
+        let from_coded = [[0.3, 0.6, 0.1, 0.0], [0.5, -0.5, 0.0, 0.0], [0.1, 0.2, -0.7, 0.0]];
         for (x, y) in [(12.0, 9.0), (10.0, 11.0), (8.0, 7.0), (10.0, 9.0)] {
+            let mut places = Places::default();
+            places.push((x, y), &[0.4, 0.42, 0.35]);
+            places.finish();
             let shown = |model: &Model| {
-                let mut shown = Shown::NOTHING;
-                model.show((x, y), &behind, &channels, &mut shown);
-                shown
+                let mut shown = [Shown::NOTHING];
+                model.show(Scalar::new(), (&places, 0), &from_coded, &mut shown);
+                shown[0]
             };
             let got = shown(&model);
             for k in 0..SITING {
@@ -258,7 +369,11 @@ mod tests {
                     );
                 }
             }
-            assert!((model.coverage(x, y) - got.covered).abs() < 1e-12);
+            let places = [[x; GROUP], [y; GROUP]];
+            let (covered, depth) = model.coverage(Scalar::new(), &places);
+            assert_eq!(covered, [got.covered; GROUP]);
+            assert_eq!(depth, [model.depth_edges(x, y); GROUP]);
+            assert_eq!(pulp::Arch::new().dispatch(Covers(&model, &places)), covered);
         }
     }
 }

@@ -1,6 +1,8 @@
 //! The normal equations of a fit: sums of weighted outer products, solved in place.
 
+use super::lanes::{GROUP, Lanes};
 use super::model::{COUNT, Parameters, RESIDUAL, Row, WIDTH};
+use pulp::Simd;
 
 /// Upper triangle of the information matrix, the gradient behind each of its rows; after [`Self::solve`], its factor.
 #[derive(Debug, Clone)]
@@ -19,11 +21,51 @@ impl Normal {
         self.rows = [[0.0; WIDTH]; COUNT];
     }
 
-    /// Adds a sample: derivatives with the residual behind them, and the inverse of its variance.
+    /// Adds samples of unit variance: derivatives with the residual behind them.
     #[inline(always)]
-    pub(super) fn add(&mut self, row: &Row, weight: f64) {
-        for (i, sum) in self.rows.iter_mut().enumerate() {
-            add_scaled(sum, i, row, weight * row[i]);
+    pub(super) fn add<S: Simd>(&mut self, simd: S, samples: &[Row]) {
+        if S::F64_LANES == GROUP {
+            for first in (0..COUNT).step_by(2) {
+                match first / GROUP {
+                    0 => self.add_pair::<S, 5>(simd, first, samples),
+                    1 => self.add_pair::<S, 4>(simd, first, samples),
+                    2 => self.add_pair::<S, 3>(simd, first, samples),
+                    3 => self.add_pair::<S, 2>(simd, first, samples),
+                    _ => self.add_pair::<S, 1>(simd, first, samples),
+                }
+            }
+            return;
+        }
+        for sample in samples {
+            for (i, sum) in self.rows.iter_mut().enumerate() {
+                for k in i / GROUP * GROUP..WIDTH {
+                    sum[k] += sample[i] * sample[k];
+                }
+            }
+        }
+    }
+
+    /// Adds to two rows of the sums, of which all but the last `GROUPS` groups lie before the diagonal: as many sums as a
+    /// vector unit keeps at hand.
+    #[inline(always)]
+    fn add_pair<S: Simd, const GROUPS: usize>(&mut self, simd: S, first: usize, samples: &[Row]) {
+        let from = WIDTH - GROUP * GROUPS;
+        let load =
+            |row: &Row| -> [Lanes<S>; GROUPS] { std::array::from_fn(|k| Lanes::load(simd, &row[from..], k)) };
+        let mut sums = [load(&self.rows[first]), load(&self.rows[first + 1])];
+        for sample in samples {
+            let values = load(sample);
+            for (r, sums) in sums.iter_mut().enumerate() {
+                let factor = Lanes::splat(simd, sample[first + r]);
+                for k in 0..GROUPS {
+                    sums[k] = sums[k] + factor * values[k];
+                }
+            }
+        }
+        for (row, sums) in self.rows[first..].iter_mut().zip(sums) {
+            for (k, sum) in sums.into_iter().enumerate() {
+                sum.store(&mut row[from..], k);
+            }
         }
     }
 
@@ -103,20 +145,35 @@ mod tests {
     use super::*;
     use nalgebra::SMatrix;
 
+    struct Add<'a>(&'a mut Normal, &'a [Row]);
+
+    impl pulp::WithSimd for Add<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) {
+            self.0.add(simd, self.1);
+        }
+    }
+
     #[test]
     fn it_agrees_with_the_general_solver() {
         let (mut normal, mut information) = (Normal::default(), SMatrix::<f64, COUNT, COUNT>::zeros());
-        let mut gradient = Parameters::zeros();
+        let (mut gradient, mut samples) = (Parameters::zeros(), Vec::new());
         for sample in 0..40 {
             let mut row: Row = [0.0; WIDTH];
             for (k, value) in row[..=RESIDUAL].iter_mut().enumerate() {
                 *value = ((sample * 7 + k * 13 + k * k * sample) as f64).sin();
             }
-            let (derivatives, weight) = (Parameters::from_fn(|k, _| row[k]), 1.0 + (sample % 3) as f64);
-            normal.add(&row, weight);
-            information += derivatives * derivatives.transpose() * weight;
-            gradient += derivatives * (row[RESIDUAL] * weight);
+            let derivatives = Parameters::from_fn(|k, _| row[k]);
+            samples.push(row);
+            information += derivatives * derivatives.transpose();
+            gradient += derivatives * row[RESIDUAL];
         }
+        let mut plain = normal.clone();
+        plain.add(pulp::Scalar::new(), &samples);
+        pulp::Arch::new().dispatch(Add(&mut normal, &samples));
+        assert_eq!(plain.rows, normal.rows);
         normal.add_known(3, 5.0, 0.2);
         information[(3, 3)] += 5.0;
         gradient[3] += 1.0;

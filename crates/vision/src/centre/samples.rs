@@ -1,7 +1,8 @@
 //! What a sample of the image is made of, and the noise of the samples of a patch.
 
-use super::surroundings::{MEDIAN_TO_DEVIATION, median};
+use super::robust::{MEDIAN_TO_DEVIATION, median};
 use crate::patch::Patch;
+use pulp::Simd;
 
 /// A channel of a code.
 pub(super) fn combined(row: &[f64; 4], coded: &[f64; 3]) -> f64 {
@@ -10,19 +11,20 @@ pub(super) fn combined(row: &[f64; 4], coded: &[f64; 3]) -> f64 {
 
 /// Variance of the noise from the second difference of second differences, which passes neither slopes nor most edges
 /// (Immerkær 1996, with the median in place of the mean).
-pub(super) fn grain_variance(patch: &Patch, values: &mut Vec<f64>) -> f64 {
+#[inline(always)]
+pub(super) fn grain_variance<S: Simd>(simd: S, patch: &Patch, values: &mut Vec<f64>) -> f64 {
     values.clear();
-    for y in 1..patch.rows.saturating_sub(1) {
-        for x in 1..patch.columns - 1 {
-            let row = |dy: usize| {
-                let at = (y + dy - 1) * patch.columns + x;
-                patch.bright[at - 1] - 2.0 * patch.bright[at] + patch.bright[at + 1]
-            };
-            values.push((row(0) - 2.0 * row(1) + row(2)).abs());
-        }
+    let columns = patch.columns;
+    for from in (0..patch.rows.saturating_sub(2)).map(|y| y * columns) {
+        let row = |k: usize| &patch.bright[from + k * columns..from + (k + 1) * columns];
+        let rows = row(0).windows(3).zip(row(1).windows(3)).zip(row(2).windows(3));
+        values.extend(rows.map(|((above, here), below)| {
+            let bend = |r: &[f64]| r[0] - 2.0 * r[1] + r[2];
+            (bend(above) - 2.0 * bend(here) + bend(below)).abs()
+        }));
     }
     // The operator's coefficients have a square sum of 36.
-    median(values).map_or(0.0, |m| (MEDIAN_TO_DEVIATION * m / 6.0).powi(2))
+    median(simd, values, values.len()).map_or(0.0, |m| (MEDIAN_TO_DEVIATION * m / 6.0).powi(2))
 }
 
 /// The pixels that a colour sample averages: `each` gets pixel, weight and the weight's derivative by the siting. False

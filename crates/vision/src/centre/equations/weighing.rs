@@ -1,0 +1,144 @@
+//! How far samples are believed, and what they say of the fit as a whole.
+
+use super::{Equations, LEAST_TRUST};
+use crate::centre::lanes::GROUP;
+use crate::centre::model::{Parameters, RESIDUAL, Row, WIDTH};
+use crate::centre::robust::biweight;
+use crate::centre::samples::combined;
+use crate::centre::{NOISE_WEIGHT, ROUNDING_VARIANCE};
+use crate::patch::Patch;
+
+/// Parameters that the samples determine in the main: place, radius, colour and shading's slopes.
+const DETERMINED: f64 = 8.0;
+
+impl Equations {
+    /// Sets the trust in each sample from what a step from the last equations leaves of its residual and, once a first fit
+    /// stands, the noise from all of them.
+    ///
+    /// What is in front of the ball is no sharper than its blur, so neighbours of a sample that is not believed at all
+    /// are not believed either.
+    #[inline(always)]
+    pub(in crate::centre) fn reweigh(&mut self, patch: &Patch, step: &Parameters, with_noise: bool) {
+        let (mut chi_square, mut count) = (0.0, -DETERMINED);
+        let mut filled = [0.0; WIDTH];
+        filled.iter_mut().zip(step).for_each(|(out, change)| *out = *change);
+        let step = &filled;
+        self.spoiled.clear();
+        for (place, used) in self.used.iter().enumerate() {
+            let index = *used as usize;
+            chi_square += left(&self.whitened[place], step).powi(2);
+            count += self.weight[index];
+            let open = self.shown[place].open;
+            let own = self.variance[place] * self.weight[index].max(LEAST_TRUST);
+            let covariance = &self.surroundings.covariance;
+            let behind = if place < covariance.len() { covariance.diagonal(place) } else { 0.0 };
+            let variance = own + open * open * behind;
+            self.trust[index] = biweight(left(&self.shown[place].channels[0], step) / variance.sqrt());
+            if self.trust[index] == 0.0 {
+                self.spoiled.push(*used);
+            }
+        }
+        for (place, block) in self.blocks.iter().enumerate() {
+            let weight = self.color_weight[*block as usize];
+            let mut worst = 0.0_f64;
+            for k in 0..2 {
+                let square = left(&self.color_rows[place][k], step).powi(2) / self.color_variance[place][k];
+                chi_square += square;
+                worst = worst.max(square / weight.max(LEAST_TRUST));
+            }
+            count += 2.0 * weight;
+            let trust = biweight(worst.sqrt());
+            self.color_trust[*block as usize] = trust;
+            if trust == 0.0 && patch.step == 1 {
+                self.spoiled.push(*block);
+            }
+        }
+        self.spoil_neighbours(patch);
+        if with_noise {
+            let guess = NOISE_WEIGHT * self.least_noise;
+            let seen = (guess + chi_square * self.noise_variance) / (NOISE_WEIGHT + count.max(0.0));
+            self.noise_variance = seen.max(ROUNDING_VARIANCE);
+        }
+    }
+
+    /// Takes the weight of the samples beside those that are not believed.
+    fn spoil_neighbours(&mut self, patch: &Patch) {
+        self.weight.clone_from(&self.trust);
+        self.color_weight.clone_from(&self.color_trust);
+        for index in &self.spoiled {
+            let (x, y) = (*index as usize % patch.columns, *index as usize / patch.columns);
+            for (column, row) in [(x.wrapping_sub(1), y), (x + 1, y), (x, y.wrapping_sub(1)), (x, y + 1)] {
+                if column >= patch.columns || row >= patch.rows {
+                    continue;
+                }
+                let neighbour = row * patch.columns + column;
+                self.weight[neighbour] = 0.0;
+                if patch.step == 1 {
+                    self.color_weight[neighbour] = 0.0;
+                }
+            }
+        }
+    }
+
+    /// Variance of one sample's noise.
+    pub(in crate::centre) fn noise_variance(&self) -> f64 {
+        self.noise_variance
+    }
+
+    /// Part of the covered samples that is believed.
+    pub(in crate::centre) fn trusted(&self) -> f64 {
+        let (mut covered, mut believed) = (0.0, 0.0);
+        for (used, shown) in self.used.iter().zip(&self.shown) {
+            covered += shown.covered;
+            believed += shown.covered * self.trust[*used as usize];
+        }
+        believed / covered
+    }
+
+    /// Standard deviation of what the face shows beyond the model and the noise of a pixel (a shadow, a highlight), as a
+    /// part of its difference from the surroundings.
+    pub(in crate::centre) fn texture(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
+        let coded = linear.map(|l| crate::color::encode(l).0);
+        let around = [self.surroundings.level, self.surroundings.color[0], self.surroundings.color[1]];
+        let contrast: f64 = std::iter::zip(&patch.from_coded, around)
+            .map(|(row, around)| (combined(row, &coded) - around).powi(2))
+            .sum();
+        let (mut square, mut count) = (0.0, 0.0);
+        for (used, shown) in self.used.iter().zip(&self.shown) {
+            let weight = shown.covered * self.weight[*used as usize];
+            square += weight * (shown.channels[0][RESIDUAL].powi(2) - self.least_noise);
+            count += weight;
+        }
+        let bright = square / f64::max(count, 1.0);
+        (square, count) = (0.0, 0.0);
+        for (block, rows) in self.blocks.iter().zip(&self.color_rows) {
+            let block = *block as usize;
+            let weight = self.color_covered[block] * self.color_weight[block];
+            square += weight * rows.iter().map(|row| row[RESIDUAL].powi(2) - self.least_noise).sum::<f64>();
+            count += weight;
+        }
+        let colors = square / f64::max(count, 1.0);
+        ((bright + colors).max(0.0) / contrast.max(self.noise_variance)).sqrt()
+    }
+
+    /// Greatest difference between a light and the surroundings in any channel, in standard deviations of the noise.
+    pub(in crate::centre) fn contrast(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
+        let coded = linear.map(|l| crate::color::encode(l).0);
+        let around = [self.surroundings.level, self.surroundings.color[0], self.surroundings.color[1]];
+        let differs =
+            patch.from_coded.iter().zip(around).map(|(row, around)| (combined(row, &coded) - around).abs());
+        differs.fold(0.0, f64::max) / self.noise_variance.sqrt()
+    }
+}
+
+/// What a step leaves of a residual; the step is filled up with zeros.
+#[inline(always)]
+fn left(row: &Row, step: &Row) -> f64 {
+    let mut sums = [0.0; GROUP];
+    for (row, step) in row.chunks_exact(GROUP).zip(step.chunks_exact(GROUP)) {
+        for k in 0..GROUP {
+            sums[k] += row[k] * step[k];
+        }
+    }
+    row[RESIDUAL] - ((sums[0] + sums[1]) + (sums[2] + sums[3]))
+}

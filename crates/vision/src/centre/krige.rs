@@ -1,0 +1,253 @@
+//! Clutter behind a ball's rim, predicted from the pixels beside it that the ball leaves free.
+//!
+//! No image is sharper than its blur, so the clutter's correlation is that of blurred white noise, exp(-d²/4w²) with w
+//! the width of an edge. Its mean and variance under the ball follow by kriging from the nearest free pixels (Matheron
+//! 1963; Rasmussen & Williams 2006, eq. 2.23-2.24); what is left unknown keeps the correlation.
+
+use super::CLEAR;
+use super::cholesky::Banded;
+use super::lanes::{GROUP, Lanes};
+use crate::patch::Patch;
+use pulp::Simd;
+
+/// Distance in edge widths at which correlation ends.
+const FAR_EDGES: f64 = 4.0;
+/// Free pixels from which the background of one pixel is predicted: two rows of a neighbourhood of radius two.
+const NEIGHBOURS: usize = 8;
+/// Pixels to look for them in each direction.
+const REACH: usize = 4;
+/// Width of a table by the displacement of two of them.
+const ACROSS: usize = 4 * REACH + 1;
+/// Entry of such a table for no displacement.
+const HERE: usize = (ACROSS + 1) * 2 * REACH;
+/// Room for such a table: a power of two, so that no place needs to be checked.
+const TABLE: usize = 512;
+
+/// Clutter's standard deviation, and variance of a pixel's noise.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spread {
+    pub(super) clutter: f64,
+    pub(super) noise_variance: f64,
+}
+
+/// Offsets to look for neighbours at, the nearest first.
+static BY_DISTANCE: std::sync::LazyLock<Vec<(i32, i32)>> = std::sync::LazyLock::new(|| {
+    let reach = REACH as i32;
+    let mut all: Vec<(i32, i32)> =
+        (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (x, y))).collect();
+    all.sort_by_key(|(x, y)| (x * x + y * y, *y, *x));
+    all.retain(|(x, y)| x * x + y * y <= reach * reach);
+    all
+});
+
+/// Working space.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Kriging {
+    /// What the plane leaves of each free pixel, not a number elsewhere; a margin as wide as the reach around.
+    left: Vec<f64>,
+    /// Offsets to look for neighbours at in `left`, and in a table by displacement.
+    offsets: Vec<(usize, usize)>,
+    /// Covariance by displacement.
+    kernel: Vec<[f64; TABLE]>,
+    /// Correlation by squared distance, as it ends.
+    tapered: Vec<f64>,
+    places: Vec<(i32, i32)>,
+    deviation: Vec<f64>,
+}
+
+/// The equations of a group of rim pixels: covariance of the neighbours' values (above the diagonal), with the pixel, and the
+/// values.
+struct Systems {
+    matrix: [[[f64; GROUP]; NEIGHBOURS]; NEIGHBOURS],
+    cross: [[f64; GROUP]; NEIGHBOURS],
+    left: [[f64; GROUP]; NEIGHBOURS],
+    count: [usize; GROUP],
+}
+
+impl Kriging {
+    /// Adds the clutter that the nearest free pixels predict to the mean of each rim pixel, and sets the covariance. `level`
+    /// is the plane's value at a pixel of the patch.
+    #[inline(always)]
+    pub(super) fn predict<S: Simd>(
+        &mut self,
+        simd: S,
+        (patch, edge_px, spread): (&Patch, f64, Spread),
+        (rim, covered): (&[u32], &[f64]),
+        level: impl Fn(usize) -> f64,
+        (mean, covariance): (&mut [f64], &mut Banded),
+    ) -> Option<()> {
+        self.set_kernels(edge_px, spread.clutter);
+        let stride = patch.columns + 2 * REACH;
+        self.lay_out(patch, covered, level);
+        self.offsets.clear();
+        self.offsets.extend(BY_DISTANCE.iter().map(|(x, y)| {
+            let at = |stride: usize, middle: usize| (middle as i32 + y * stride as i32 + x) as usize;
+            (at(stride, REACH * stride + REACH), at(ACROSS, HERE))
+        }));
+        self.places.clear();
+        self.places.extend(
+            rim.iter().map(|i| ((*i as usize % patch.columns) as i32, (*i as usize / patch.columns) as i32)),
+        );
+        self.deviation.clear();
+        let mut systems = Systems::NOTHING;
+        for (places, mean) in self.places.chunks(GROUP).zip(mean.chunks_mut(GROUP)) {
+            self.set_up(&mut systems, places, stride);
+            let (predicted, square) = systems.solve(simd, spread)?;
+            for (lane, mean) in mean.iter_mut().enumerate() {
+                *mean += predicted[lane];
+                let variance = spread.clutter * spread.clutter + square[lane];
+                self.deviation.push((variance / (1 + systems.count[lane]) as f64).sqrt());
+            }
+        }
+        let (places, deviation, tapered) = (&self.places, &self.deviation, &self.tapered);
+        covariance.set(rim.len(), |i, below| {
+            let j = i - below;
+            let (x, y) = (places[i].0 - places[j].0, places[i].1 - places[j].1);
+            let square = (x * x + y * y) as usize;
+            tapered.get(square).map_or(0.0, |correlation| deviation[i] * deviation[j] * correlation)
+        });
+        Some(())
+    }
+
+    #[inline(always)]
+    fn lay_out(&mut self, patch: &Patch, covered: &[f64], level: impl Fn(usize) -> f64) {
+        let stride = patch.columns + 2 * REACH;
+        self.left.clear();
+        self.left.resize(stride * (patch.rows + 2 * REACH), f64::NAN);
+        for row in 0..patch.rows {
+            let start = row * patch.columns;
+            let into = &mut self.left[(row + REACH) * stride + REACH..][..patch.columns];
+            for (k, into) in into.iter_mut().enumerate() {
+                if covered[start + k] < CLEAR {
+                    *into = patch.bright[start + k] - level(start + k);
+                }
+            }
+        }
+    }
+
+    /// Sets the equations of up to a group of rim pixels.
+    #[inline(always)]
+    fn set_up(&self, systems: &mut Systems, places: &[(i32, i32)], stride: usize) {
+        let Some(kernel) = self.kernel.first() else { return };
+        for (lane, (x, y)) in places.iter().enumerate() {
+            // The offsets begin a reach before the pixel.
+            let here = &self.left[*y as usize * stride + *x as usize..];
+            let mut found = [HERE; NEIGHBOURS];
+            let mut count = 0;
+            for (offset, displacement) in &self.offsets {
+                let left = here[*offset];
+                if !left.is_nan() {
+                    systems.left[count][lane] = left;
+                    found[count] = *displacement;
+                    count += 1;
+                    if count == NEIGHBOURS {
+                        break;
+                    }
+                }
+            }
+            systems.count[lane] = count;
+            for i in 0..NEIGHBOURS {
+                for j in i + 1..NEIGHBOURS {
+                    systems.matrix[i][j][lane] = kernel[(HERE + found[i] - found[j]) % TABLE];
+                }
+                systems.cross[i][lane] = kernel[found[i] % TABLE];
+            }
+            for i in count..NEIGHBOURS {
+                // What was not found predicts nothing.
+                for j in 0..i {
+                    systems.matrix[j][i][lane] = 0.0;
+                }
+                (systems.cross[i][lane], systems.left[i][lane]) = (0.0, 0.0);
+            }
+        }
+    }
+
+    /// Covariance by displacement; correlation by squared distance in pixels, as it ends.
+    fn set_kernels(&mut self, edge_px: f64, clutter: f64) {
+        let (far_px, fall) = (FAR_EDGES * edge_px, (4.0 * edge_px * edge_px).recip());
+        let along: [f64; ACROSS] = std::array::from_fn(|k| {
+            let distance = k as f64 - (2 * REACH) as f64;
+            clutter * (-distance * distance * fall).exp()
+        });
+        let mut kernel = [0.0; TABLE];
+        for (row, down) in kernel.chunks_exact_mut(ACROSS).zip(&along) {
+            row.iter_mut().zip(&along).for_each(|(value, across)| *value = down * across);
+        }
+        self.kernel.clear();
+        self.kernel.push(kernel);
+        let last = (far_px * far_px).floor().min((2 * BAND_REACH * BAND_REACH) as f64) as usize;
+        self.tapered.clear();
+        self.tapered.extend((0..=last).map(|square| {
+            // The taper (Wendland 1995, C²) ends the correlation without making the matrix indefinite.
+            let part = (1.0 - (square as f64).sqrt() / far_px).max(0.0);
+            (-(square as f64) * fall).exp() * part.powi(4) * (5.0 - 4.0 * part)
+        }));
+    }
+}
+
+/// Pixels in each direction beyond which no correlation is kept.
+const BAND_REACH: usize = 2 * REACH;
+
+impl Systems {
+    /// Where nothing was found.
+    const NOTHING: Self = Self {
+        matrix: [[[0.0; GROUP]; NEIGHBOURS]; NEIGHBOURS],
+        cross: [[0.0; GROUP]; NEIGHBOURS],
+        left: [[0.0; GROUP]; NEIGHBOURS],
+        count: [0; GROUP],
+    };
+
+    /// What is predicted and the sum of the squared values; None where a matrix is not positive definite.
+    #[inline(always)]
+    fn solve<S: Simd>(&self, simd: S, spread: Spread) -> Option<([f64; GROUP], [f64; GROUP])> {
+        let (mut predicted, mut square, mut least) = ([0.0; GROUP], [0.0; GROUP], [0.0; GROUP]);
+        for part in 0..Lanes::<S>::PARTS {
+            let load = |values: &[f64; GROUP]| Lanes::load(simd, values, part);
+            let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
+            let own = Lanes::splat(simd, spread.clutter * spread.clutter + spread.noise_variance);
+            let (mut rows, mut x) = ([[zero; NEIGHBOURS]; NEIGHBOURS], [zero; NEIGHBOURS]);
+            for (i, row) in rows.iter_mut().enumerate() {
+                row[i] = own;
+                for (value, from) in row.iter_mut().zip(&self.matrix[i]).skip(i + 1) {
+                    *value = load(from);
+                }
+                x[i] = load(&self.cross[i]);
+            }
+            let mut smallest = rows[0][0];
+            let mut inverse = [zero; NEIGHBOURS];
+            for k in 0..NEIGHBOURS {
+                let pivot = rows[k];
+                smallest = pivot[k].min(smallest);
+                inverse[k] = one / pivot[k];
+                for i in k + 1..NEIGHBOURS {
+                    let factor = pivot[i] * inverse[k];
+                    // Whole halves of a row: a loop of fixed length.
+                    let from = i / GROUP * GROUP;
+                    for j in 0..GROUP {
+                        rows[i][from + j] = rows[i][from + j] - factor * pivot[from + j];
+                    }
+                    if from == 0 {
+                        for j in GROUP..NEIGHBOURS {
+                            rows[i][j] = rows[i][j] - factor * pivot[j];
+                        }
+                    }
+                    x[i] = x[i] - factor * x[k];
+                }
+            }
+            let (mut sum, mut squares) = (zero, zero);
+            for k in (0..NEIGHBOURS).rev() {
+                for i in k + 1..NEIGHBOURS {
+                    x[k] = x[k] - rows[k][i] * x[i];
+                }
+                x[k] = x[k] * inverse[k];
+                let left = load(&self.left[k]);
+                (sum, squares) = (sum + x[k] * left, squares + left * left);
+            }
+            sum.store(&mut predicted, part);
+            squares.store(&mut square, part);
+            smallest.store(&mut least, part);
+        }
+        let whole = |lane: usize| least[lane] > 0.0 && predicted[lane].is_finite();
+        (0..GROUP).all(whole).then_some((predicted, square))
+    }
+}

@@ -1,0 +1,115 @@
+//! What is known of one thing that is followed.
+
+use super::ColorSighting;
+use crate::color::to_linear;
+use crate::detect::Expected;
+use crate::optics::Known;
+use crate::{BallCandidate, Vector2};
+
+/// Change of size or brightness between sightings beyond which it is another thing: half a stop of shade, or the range
+/// changing by half.
+const MOST_CHANGE: f64 = 1.6;
+/// Sightings over which the apparent radius is averaged: a third of a second of video.
+const RADIUS_MEMORY: u32 = 10;
+/// Standard deviation of the change of the range from frame to frame, as a part of it: a metre a second at six metres
+/// and thirty frames a second.
+const RADIUS_CHANGE: f64 = 0.005;
+
+/// Frames without a diameter of motion after which a ball counts as one that stays: a second or two of video.
+const STAYS_FRAMES: u64 = 45;
+
+/// What is known of one thing.
+#[derive(Debug, Clone)]
+pub(super) struct Track {
+    pub(super) color: usize,
+    pub(super) id: u32,
+    pub(super) last: BallCandidate,
+    pub(super) velocity_px: Option<Vector2<f64>>,
+    pub(super) missed: u32,
+    /// Sum of the linear colours seen, for the mean.
+    pub(super) colors: [f32; 3],
+    pub(super) seen: u32,
+    pub(super) mean_radius_px: f64,
+    pub(super) expected: Option<Expected>,
+    /// Where it was when it last had moved by a diameter, and in which frame that was.
+    pub(super) place: Vector2<f64>,
+    pub(super) moved_at: u64,
+    pub(super) has_moved: bool,
+}
+
+impl Track {
+    pub(super) fn of(color: usize, id: u32, ball: BallCandidate, frame: u64) -> Self {
+        let mut track = Self {
+            color,
+            id,
+            last: ball,
+            velocity_px: None,
+            missed: 0,
+            colors: [0.0; 3],
+            seen: 0,
+            mean_radius_px: 0.0,
+            expected: None,
+            place: ball.pixel,
+            moved_at: frame,
+            has_moved: false,
+        };
+        track.learn(&ball);
+        track
+    }
+
+    pub(super) fn sighting(&self, frame: u64) -> ColorSighting {
+        let stays = frame - self.moved_at > STAYS_FRAMES;
+        ColorSighting { color: self.color, id: self.id, ball: self.last, stays, leads: false }
+    }
+
+    pub(super) fn is_moving(&self, frame: u64) -> bool {
+        self.has_moved && frame - self.moved_at <= STAYS_FRAMES
+    }
+
+    /// Where to look and how far around.
+    pub(super) fn search(&self) -> (Vector2<f64>, f64) {
+        let expected = self.last.pixel + self.velocity_px.unwrap_or_default() * f64::from(self.missed + 1);
+        // Room for the ball with its rim, and for the motion that is not foreseen: another diameter a frame.
+        (expected, 2.0 * self.mean_radius_px * (1.5 + f64::from(self.missed)) + 2.0)
+    }
+
+    /// What to expect of the ball; None before it was first followed.
+    pub(super) fn expected(&self, middle: Vector2<f64>) -> Option<Expected> {
+        let expected = self.expected?;
+        let known = expected.radius_px;
+        let change_px = RADIUS_CHANGE * f64::from(self.missed + 1) * known.mean;
+        let radius_px = Known { variance: known.variance + change_px * change_px, ..known };
+        Some(Expected { radius_px, pixel: self.velocity_px.map(|_| middle), ..expected })
+    }
+
+    /// Whether a ball is of about the size and brightness of the one followed.
+    pub(super) fn agrees(&self, ball: &BallCandidate) -> bool {
+        let brightness = |light: [f32; 3]| light[0] + light[1] + light[2];
+        let ratio = brightness(to_linear(ball.color)) * self.seen as f32 / brightness(self.colors);
+        let size = 0.5 * ball.diameter_px / self.mean_radius_px;
+        (1.0 / MOST_CHANGE..=MOST_CHANGE).contains(&size)
+            && (1.0 / MOST_CHANGE..=MOST_CHANGE).contains(&f64::from(ratio))
+    }
+
+    pub(super) fn advance(&mut self, ball: BallCandidate, frame: u64) {
+        let frames = f64::from(self.missed + 1);
+        self.velocity_px = Some((ball.pixel - self.last.pixel) / frames);
+        self.last = ball;
+        self.missed = 0;
+        if (ball.pixel - self.place).norm() > ball.diameter_px {
+            self.place = ball.pixel;
+            self.moved_at = frame;
+            self.has_moved = true;
+        }
+        self.learn(&ball);
+    }
+
+    pub(super) fn learn(&mut self, ball: &BallCandidate) {
+        for (sum, value) in self.colors.iter_mut().zip(to_linear(ball.color)) {
+            *sum += value;
+        }
+        self.seen += 1;
+        let gain = 1.0 / f64::from(self.seen.min(RADIUS_MEMORY));
+        self.mean_radius_px += gain * (0.5 * ball.diameter_px - self.mean_radius_px);
+    }
+}
