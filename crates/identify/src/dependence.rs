@@ -49,14 +49,15 @@ fn project(columns: &DMatrix<f64>, kept: &[usize], column: &DVector<f64>) -> (Ve
     if kept.is_empty() {
         return (Vec::new(), column.norm());
     }
-    let basis = columns.select_columns(kept);
-    let scales: Vec<f64> = basis.column_iter().map(|c| c.norm()).collect();
-    let mut scaled = basis.clone();
+    let mut scaled = columns.select_columns(kept);
+    let scales: Vec<f64> = scaled.column_iter().map(|c| c.norm()).collect();
     for (mut c, s) in scaled.column_iter_mut().zip(&scales) {
         c /= *s;
     }
     let qr = scaled.qr();
-    let Some(solution) = qr.r().solve_upper_triangular(&(qr.q().transpose() * column)) else {
+    let mut along = column.clone();
+    qr.q_tr_mul(&mut along);
+    let Some(solution) = qr.r().solve_upper_triangular(&along.rows(0, kept.len())) else {
         return (vec![0.0; kept.len()], column.norm());
     };
     let length = column.norm();
@@ -65,8 +66,9 @@ fn project(columns: &DMatrix<f64>, kept: &[usize], column: &DVector<f64>) -> (Ve
         .zip(&scales)
         .map(|(x, s)| if x.abs() < 1e-9 * length { 0.0 } else { x / s })
         .collect();
-    let left = (column - &basis * DVector::from_vec(factors.clone())).norm();
-    (factors, left)
+    let mut left = column.clone();
+    kept.iter().zip(&factors).for_each(|(k, factor)| left.axpy(-factor, &columns.column(*k), 1.0));
+    (factors, left.norm())
 }
 
 #[cfg(test)]

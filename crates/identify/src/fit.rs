@@ -2,7 +2,7 @@
 
 use crate::diagnostics::{Agreement, Collinearity};
 use crate::problem::Problem;
-use crate::{Band, CoefficientTable, IdentifyError};
+use crate::{Band, CoefficientTable, IdentifyError, Output};
 use nalgebra::DMatrix;
 
 /// How parameters were estimated.
@@ -97,6 +97,23 @@ pub struct Diagnostics {
     pub held_out: Option<Agreement>,
 }
 
+/// A fitted output: a sum of its regressors.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Line {
+    /// What each regressor is multiplied by; 0 for those that are combinations of others.
+    pub factors: Vec<f64>,
+    /// What is added.
+    pub offset: f64,
+}
+
+impl Line {
+    /// Its value at a row of the table that was fitted.
+    pub fn at(&self, output: &Output, row: usize) -> f64 {
+        let parts = output.columns.iter().zip(&self.factors).map(|(c, factor)| c.values[row] * factor);
+        parts.sum::<f64>() + self.offset
+    }
+}
+
 /// The fit of one output.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OutputFit {
@@ -118,8 +135,8 @@ pub struct OutputFit {
     pub rank: usize,
     /// Condition number of the independent columns, each scaled to length one (Belsley, Kuh & Welsch 1980).
     pub condition: f64,
-    /// Fit at all times of the table.
-    pub fitted: Vec<f64>,
+    /// What is fitted.
+    pub line: Line,
     /// Instants of the window that were not fitted because they lie in a gap of the poses.
     pub left_out: usize,
     /// More of that kind.

@@ -3,7 +3,7 @@
 use crate::coloured::coloured;
 use crate::dependence::independent_columns;
 use crate::model::factors;
-use crate::table::{Output, rows_of};
+use crate::table::{ErrorRows, Output, rows_of};
 use crate::{
     Bandwidth, CoefficientTable, Correlation, IdentifyError, Options, OutputModel, When, coefficients,
     least_squares,
@@ -208,7 +208,11 @@ impl<'a> Search<'a> {
 
     /// One output under a lag.
     fn table(&self, output: usize, lag_s: f64) -> Result<CoefficientTable, IdentifyError> {
-        coefficients(self.motion, &delayed(self.inputs, lag_s)?, self.vehicle, &self.options[output])
+        let mut table =
+            coefficients(self.motion, &delayed(self.inputs, lag_s)?, self.vehicle, &self.options[output])?;
+        // Only the errors' spectrum is asked for.
+        table.outputs.iter_mut().for_each(|o| o.errors = ErrorRows::default());
+        Ok(table)
     }
 
     /// Its regressors and values inside the window; none without a column.

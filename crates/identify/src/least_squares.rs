@@ -46,13 +46,16 @@ pub fn least_squares(
     let inverse_gram = factored.inverse_gram()?;
     let degrees = (rows - count).max(1) as f64;
     let white_covariance = &inverse_gram * (residuals.norm_squared() / degrees);
-    let scores = DMatrix::from_fn(rows, count, |i, j| regressors[(i, j)] * residuals[i]);
-    let covariance = match correlation {
-        Correlation::White => white_covariance.clone(),
-        _ => &inverse_gram * correlation.sum(&scores) * &inverse_gram,
-    };
     let leverages = DVector::from_fn(rows, |i, _| factored.q.row(i).norm_squared());
     let press = residuals.iter().zip(&leverages).map(|(e, h)| (e / (1.0 - h).max(1e-12)).powi(2)).sum();
+    drop(factored);
+    let covariance = match correlation {
+        Correlation::White => white_covariance.clone(),
+        _ => {
+            let scores = DMatrix::from_fn(rows, count, |i, j| regressors[(i, j)] * residuals[i]);
+            &inverse_gram * correlation.sum(&scores) * &inverse_gram
+        }
+    };
     Ok(LeastSquares { values, covariance, white_covariance, inverse_gram, residuals, leverages, press })
 }
 

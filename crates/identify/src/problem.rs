@@ -3,7 +3,7 @@
 use crate::coloured::{Coloured, coloured};
 use crate::dependence::{Dependence, independent_columns};
 use crate::diagnostics::{agreement, autocorrelations, collinearity, correlations, press};
-use crate::fit::{Combination, Diagnostics, Estimator, FitOptions, OutputFit, Parameter};
+use crate::fit::{Combination, Diagnostics, Estimator, FitOptions, Line, OutputFit, Parameter};
 use crate::row_errors::by_row;
 use crate::table::{Output, rows_of};
 use crate::{
@@ -19,8 +19,8 @@ pub(crate) struct Problem<'a> {
     estimator: Estimator,
     rows: Vec<usize>,
     held_out: Vec<usize>,
-    /// Regressors and output, about their means in the frequency domain.
-    x: DMatrix<f64>,
+    /// Independent regressors and output, about their means in the frequency domain.
+    basis: DMatrix<f64>,
     y: DVector<f64>,
     /// Those means.
     origin: (DVector<f64>, f64),
@@ -78,37 +78,39 @@ impl<'a> Problem<'a> {
             .band
             .unwrap_or(Band { low_hz: 1.0 / length_s, high_hz: output.bandwidth_hz.min(nyquist_hz) });
         let lag = table.correlated_rows(output.bandwidth_hz, rows.len());
-        Ok(Self { table, output, estimator, rows, held_out, x, y, origin, band, lag, dependence })
+        let basis =
+            if dependence.dependent.is_empty() { x } else { x.select_columns(&dependence.independent) };
+        Ok(Self { table, output, estimator, rows, held_out, basis, y, origin, band, lag, dependence })
     }
 
     pub(crate) fn fit(&self) -> Result<OutputFit, IdentifyError> {
-        let basis = self.x.select_columns(&self.dependence.independent);
+        let basis = &self.basis;
         let how = Correlation::Rows(self.lag);
         let solved = match self.estimator {
             Estimator::LeastSquares => {
-                let fit = least_squares(&basis, &self.y, how)?;
-                self.solved(&basis, fit.values, fit.covariance, &fit.inverse_gram, None)
+                let fit = least_squares(basis, &self.y, how)?;
+                self.solved(basis, fit.values, fit.covariance, &fit.inverse_gram, None)
             }
             Estimator::WeightedLeastSquares => {
                 let std: Vec<f64> = self.rows.iter().map(|i| self.output.std[*i]).collect();
                 let known = std.iter().all(|s| *s > 0.0);
                 let std = if known { std } else { vec![1.0; self.rows.len()] };
-                let fit = weighted_least_squares(&basis, &self.y, &std, how)?;
-                self.solved(&basis, fit.values, fit.covariance, &fit.inverse_gram, Some(std))
+                let fit = weighted_least_squares(basis, &self.y, &std, how)?;
+                self.solved(basis, fit.values, fit.covariance, &fit.inverse_gram, Some(std))
             }
             Estimator::TotalLeastSquares => {
-                let fit = total_least_squares(&basis, &self.y, &self.mean_errors(), how)?;
-                self.solved(&basis, fit.values, fit.covariance, &fit.inverse_moment, None)
+                let fit = total_least_squares(basis, &self.y, &self.mean_errors(), how)?;
+                self.solved(basis, fit.values, fit.covariance, &fit.inverse_moment, None)
             }
             Estimator::TotalLeastSquaresByRow => {
                 let errors = |k: usize| self.errors_of(self.rows[k]);
-                let fit = by_row(&basis, &self.y, (self.rows.len(), &errors), how)?;
+                let fit = by_row(basis, &self.y, (self.rows.len(), &errors), how)?;
                 let std = self.residual_std(&fit.values);
-                self.solved(&basis, fit.values, fit.covariance, &fit.inverse_moment, Some(std))
+                self.solved(basis, fit.values, fit.covariance, &fit.inverse_moment, Some(std))
             }
-            Estimator::FrequencyDomain => self.in_frequency(&basis)?,
+            Estimator::FrequencyDomain => self.in_frequency(basis)?,
         };
-        self.report(&basis, &solved)
+        self.report(basis, &solved)
     }
 
     /// Least squares in the band, then weighted by the variance that the errors' transforms have at those values, until that
@@ -185,7 +187,7 @@ impl<'a> Problem<'a> {
             once.iter_mut().for_each(|e| e[i] /= std);
             scaled.row_mut(i).unscale_mut(*std);
         }
-        let degrees = (self.x.nrows() - values.len()) as f64;
+        let degrees = (self.basis.nrows() - values.len()) as f64;
         match coloured(&scaled, bread, residuals.as_slice(), &gamma, &once) {
             Some(Coloured { covariance, degrees }) => Solved { values, covariance, degrees },
             None => Solved { values, covariance, degrees },
@@ -221,15 +223,13 @@ impl<'a> Problem<'a> {
     fn report(&self, basis: &DMatrix<f64>, solved: &Solved) -> Result<OutputFit, IdentifyError> {
         let (parameters, combinations) = self.parameters(solved);
         let values = &solved.values;
-        let mut full = DVector::zeros(self.x.ncols());
+        let mut full = DVector::zeros(self.output.columns.len());
         for (position, column) in self.dependence.independent.iter().enumerate() {
             full[*column] = values[position];
         }
-        let everything: Vec<usize> = (0..self.table.t_s.len()).collect();
-        let offset = self.origin.1 - self.origin.0.dot(&full);
-        let fitted: Vec<f64> =
-            (rows_of(self.output, &everything) * &full).iter().map(|v| v + offset).collect();
-        let diagnostics = self.diagnostics(basis, &solved.covariance, &fitted)?;
+        let line =
+            Line { offset: self.origin.1 - self.origin.0.dot(&full), factors: full.as_slice().to_vec() };
+        let diagnostics = self.diagnostics(basis, &solved.covariance, &line)?;
         let mut fit = OutputFit {
             output: self.output.name.clone(),
             estimator: self.estimator,
@@ -240,7 +240,7 @@ impl<'a> Problem<'a> {
             rms_residual: diagnostics.fit.rms,
             rank: values.len(),
             condition: diagnostics.collinearity.condition_indices.max(),
-            fitted,
+            line,
             left_out: self.table.instants_in_gaps(),
             diagnostics,
             verdict: String::new(),
@@ -281,10 +281,10 @@ impl<'a> Problem<'a> {
         &self,
         basis: &DMatrix<f64>,
         covariance: &DMatrix<f64>,
-        fitted: &[f64],
+        line: &Line,
     ) -> Result<Diagnostics, IdentifyError> {
         let pick = |rows: &[usize]| -> (Vec<f64>, Vec<f64>) {
-            rows.iter().map(|i| (self.output.values[*i], fitted[*i])).unzip()
+            rows.iter().map(|i| (self.output.values[*i], line.at(self.output, *i))).unzip()
         };
         let (measured, explained) = pick(&self.rows);
         let residuals: Vec<f64> = measured.iter().zip(&explained).map(|(a, b)| a - b).collect();

@@ -5,7 +5,7 @@ use crate::dependence::independent_columns;
 use crate::model::{Model, OutputModel, Scale, When};
 use crate::noise::{Bands, Source, Term, Transfer};
 use crate::signals::{Flight, Passed, Signal, lowpass_at, scale_terms};
-use crate::table::{CoefficientTable, Column, Fixed, Output, rows_of};
+use crate::table::{CoefficientTable, Column, ErrorRows, Fixed, Output, columns_of, rows_of};
 use crate::{Correlation, IdentifyError, least_squares};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_pose::Motion;
@@ -122,7 +122,7 @@ pub fn coefficients(
                 let (what, must) = ("the bandwidth", "be above zero");
                 return Err(IdentifyError::BadSetting { what, value, must });
             }
-            Bandwidth::Automatic => draft.best(&flight, whole(), &rows, &table),
+            Bandwidth::Automatic => draft.best(&flight, &rows, &table),
         };
         table.outputs.push(output);
     }
@@ -216,43 +216,57 @@ impl Draft {
         Ok(Self { name: equation.name.clone(), output, columns, fixed, bands })
     }
 
-    /// The output behind one more low-pass.
+    /// The output behind one more low-pass, with the errors of its rows.
     fn finish(&self, flight: &Flight<'_>, usable: &[bool], extra_hz: Option<f64>) -> Output {
+        let count = self.columns.len();
+        let mut out = self.passed(flight, usable, extra_hz);
+        let variance = |source, row| flight.variance(source, row);
+        out.errors = self.bands_behind(extra_hz).covariances(&self.terms(), flight.t_s.len(), &variance);
+        let errors = &out.errors;
+        let used = || (0..errors.len()).filter(|row| usable[*row]);
+        let mean =
+            |j: usize| used().map(|row| errors.at(row, j, j)).sum::<f64>() / used().count().max(1) as f64;
+        out.columns.iter_mut().enumerate().for_each(|(j, column)| column.std = mean(j).sqrt());
+        out.std = (0..errors.len()).map(|row| errors.at(row, count, count).sqrt()).collect();
+        out
+    }
+
+    fn bands_behind(&self, extra_hz: Option<f64>) -> Bands {
+        let mut bands = self.bands.clone();
+        bands.passed_hz.extend(extra_hz);
+        bands
+    }
+
+    /// Those of the columns and, last, the output.
+    fn terms(&self) -> Vec<&[Term]> {
+        let columns = self.columns.iter().map(|(_, s)| s.terms.as_slice());
+        columns.chain([self.output.terms.as_slice()]).collect()
+    }
+
+    /// The output behind one more low-pass, of whose errors only the spectrum is known.
+    fn passed(&self, flight: &Flight<'_>, usable: &[bool], extra_hz: Option<f64>) -> Output {
         let pass = |values: &[f64]| match extra_hz {
             Some(hz) => lowpass_at(&flight.t_s, values, hz),
             None => values.to_vec(),
         };
-        let mut bands = self.bands.clone();
-        bands.passed_hz.extend(extra_hz);
-        let count = self.columns.len();
-        let terms: Vec<&[Term]> = self
-            .columns
-            .iter()
-            .map(|(_, s)| s.terms.as_slice())
-            .chain([self.output.terms.as_slice()])
-            .collect();
-        let rows = flight.t_s.len();
-        let errors = bands.covariances(&terms, rows, &|source, row| flight.variance(source, row));
+        let (bands, terms, rows) = (self.bands_behind(extra_hz), self.terms(), flight.t_s.len());
         let mean_variance = |source: Source| {
             let all = (0..rows).filter(|row| usable[*row]).map(|row| flight.variance(source, row));
             median(all.collect())
         };
         let spectrum = bands.spectrum(&terms, &mean_variance);
         let once = start_errors(flight, &terms);
-        let used = || (0..errors.len()).filter(|row| usable[*row]);
-        let mean =
-            |j: usize| used().map(|row| errors.at(row, j, j)).sum::<f64>() / used().count().max(1) as f64;
-        let column = |(j, (name, signal)): (usize, &(String, Signal))| Column {
+        let column = |(name, signal): &(String, Signal)| Column {
             name: name.clone(),
             values: pass(&signal.values),
-            std: mean(j).sqrt(),
+            std: 0.0,
         };
         Output {
             name: self.name.clone(),
             values: pass(&self.output.values),
-            std: (0..errors.len()).map(|row| errors.at(row, count, count).sqrt()).collect(),
-            columns: self.columns.iter().enumerate().map(column).collect(),
-            errors,
+            std: Vec::new(),
+            columns: self.columns.iter().map(column).collect(),
+            errors: ErrorRows::default(),
             spectrum,
             once,
             fixed: self.fixed.clone(),
@@ -262,12 +276,13 @@ impl Draft {
 
     /// The output behind the low-pass of [`Bandwidth::Automatic`]: of steps of a fourth of an octave, down to where the window's
     /// margin is one period.
-    fn best(&self, flight: &Flight<'_>, whole: Output, rows: &[usize], table: &CoefficientTable) -> Output {
+    fn best(&self, flight: &Flight<'_>, rows: &[usize], table: &CoefficientTable) -> Output {
         let margin_s = table.window_s.0 - table.t_s[0];
         let lowest_hz = 1.0 / margin_s;
-        let all = rows_of(&whole, rows);
+        let mut whole = self.finish(flight, &table.usable, None);
+        whole.errors = ErrorRows::default();
         let std: Vec<f64> = whole.columns.iter().map(|c| c.std).collect();
-        let independent = independent_columns(&all, &std).independent;
+        let independent = independent_columns(&rows_of(&whole, rows), &std).independent;
         let measure =
             |output: &Output| log_determinant(output, &independent, rows, table).unwrap_or(f64::INFINITY);
         // One candidate is held at a time; the one that is chosen is formed again.
@@ -278,7 +293,7 @@ impl Draft {
         let mut hz = widest_hz.min(0.5 / table.sample_interval_s);
         while hz >= lowest_hz {
             candidates_hz.push(Some(hz));
-            measures.push(measure(&self.finish(flight, &table.usable, Some(hz))));
+            measures.push(measure(&self.passed(flight, &table.usable, Some(hz))));
             hz *= 0.5_f64.powf(0.25);
         }
         let least = measures.iter().copied().fold(f64::INFINITY, f64::min);
@@ -326,7 +341,7 @@ fn log_determinant(
     rows: &[usize],
     table: &CoefficientTable,
 ) -> Option<f64> {
-    let x = rows_of(output, rows).select_columns(independent);
+    let x = columns_of(output, independent, rows);
     let y = DVector::from_iterator(rows.len(), rows.iter().map(|i| output.values[*i]));
     let how = Correlation::Rows(table.correlated_rows(output.bandwidth_hz, rows.len()));
     let fit = least_squares(&x, &y, how).ok()?;

@@ -94,8 +94,6 @@ struct State {
     residuals: DVector<f64>,
     /// Corrected regressors over σ.
     corrected: DMatrix<f64>,
-    /// s/σ².
-    shared: DMatrix<f64>,
     /// σ.
     std: DVector<f64>,
 }
@@ -147,7 +145,6 @@ impl Problem<'_> {
             sum: 0.0,
             residuals: self.output - self.regressors * x,
             corrected: self.regressors.clone(),
-            shared: DMatrix::zeros(rows, count),
             std: DVector::zeros(rows),
         };
         let mut shared = DVector::zeros(count);
@@ -162,7 +159,6 @@ impl Problem<'_> {
             }
             let (v, std) = (out.residuals[i], variance.sqrt());
             for j in 0..count {
-                out.shared[(i, j)] = shared[j] / variance;
                 out.corrected[(i, j)] = (out.corrected[(i, j)] - shared[j] * v / variance) / std;
             }
             out.residuals[i] = v / std;
@@ -188,18 +184,16 @@ impl Problem<'_> {
 
     /// Half the second derivatives of Σ v²/σ².
     fn curvature(&self, state: &State) -> DMatrix<f64> {
-        let (rows, count) = self.regressors.shape();
+        let count = self.regressors.ncols();
         let mut out = DMatrix::zeros(count, count);
-        // a - 2 s v/σ², over σ.
-        let mut twice = DMatrix::zeros(rows, count);
         for (i, errors) in self.each_errors().enumerate() {
             let (std, v) = (state.std[i], state.residuals[i]);
-            for j in 0..count {
-                twice[(i, j)] = self.regressors[(i, j)] / std - 2.0 * state.shared[(i, j)] * v;
-            }
+            // a - 2 s v/σ², over σ, of which the corrected regressors have one part of two taken off.
+            let twice = state.corrected.rows(i, 1) * 2.0 - self.regressors.rows(i, 1) / std;
+            out.gemm_tr(1.0, &twice, &twice, 1.0);
             out -= errors.view((0, 0), (count, count)) * (v / std).powi(2);
         }
-        out + twice.tr_mul(&twice)
+        out
     }
 
     /// None where the sum is not convex.
@@ -233,6 +227,7 @@ impl Problem<'_> {
             scaled.row_mut(i).scale_mut(1.0 / state.std[i]);
         }
         let inverse = inverse_of_scaled(&m, &scaled)?;
+        drop(scaled);
         let scores = DMatrix::from_fn(rows, count, |i, j| state.corrected[(i, j)] * state.residuals[i]);
         let covariance = &inverse * correlation.sum(&scores) * &inverse;
         Ok(TotalLeastSquares {

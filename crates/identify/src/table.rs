@@ -201,6 +201,11 @@ fn residual_weights(output: &Output, columns: &[usize], values: &DVector<f64>) -
     weights
 }
 
+/// Some of the regressors at some rows.
+pub(crate) fn columns_of(output: &Output, chosen: &[usize], rows: &[usize]) -> DMatrix<f64> {
+    DMatrix::from_fn(rows.len(), chosen.len(), |i, j| output.columns[chosen[j]].values[rows[i]])
+}
+
 /// The regressors at some rows.
 pub(crate) fn rows_of(output: &Output, rows: &[usize]) -> DMatrix<f64> {
     DMatrix::from_fn(rows.len(), output.columns.len(), |i, j| output.columns[j].values[rows[i]])

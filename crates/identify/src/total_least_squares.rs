@@ -123,19 +123,21 @@ impl Split {
     fn solve(&self, regressors: &DMatrix<f64>, output: &DVector<f64>) -> Result<Solved, IdentifyError> {
         let rows = regressors.nrows();
         let (k, m) = (self.exact.len(), self.noisy.len());
-        let mut measured = regressors.select_columns(&self.noisy).insert_column(m, 0.0);
-        measured.set_column(m, output);
-        let whitened = self
-            .lower
-            .solve_lower_triangular(&measured.transpose())
-            .ok_or(IdentifyError::RankZero)?
-            .transpose();
-        let mut all = regressors.select_columns(&self.exact).resize_horizontally(k + m + 1, 0.0);
         let scales: Vec<f64> = self.exact.iter().map(|j| regressors.column(*j).norm()).collect();
-        for (mut column, scale) in all.column_iter_mut().zip(&scales) {
-            column /= *scale;
+        let mut all = DMatrix::zeros(rows, k + m + 1);
+        for (position, (j, scale)) in self.exact.iter().zip(&scales).enumerate() {
+            all.set_column(position, &(regressors.column(*j) / *scale));
         }
-        all.columns_mut(k, m + 1).copy_from(&whitened);
+        // Row by row, so that no more than one copy is held.
+        let mut own = DVector::zeros(m + 1);
+        for i in 0..rows {
+            self.noisy.iter().enumerate().for_each(|(at, j)| own[at] = regressors[(i, *j)]);
+            own[m] = output[i];
+            if !self.lower.solve_lower_triangular_mut(&mut own) {
+                return Err(IdentifyError::RankZero);
+            }
+            all.view_mut((i, k), (1, m + 1)).copy_from(&own.transpose());
+        }
         let r = all.qr().r();
         let size = (rows - k).min(m + 1);
         let svd = jacobi_svd(&r.view((k, k), (size, m + 1)).into_owned());

@@ -50,7 +50,7 @@ fn view(name: &str, camera: &Camera) -> CameraView {
 pub(crate) fn measured(estimate: &PoseEstimate, motion: Option<&MotionSample>) -> Measured {
     Measured {
         world_from_body: estimate.world_from_body,
-        covariance: estimate.covariance,
+        covariance: estimate.covariance(),
         moving: motion.map(|m| Moving {
             velocity_in_body_m_s: m.velocity_in_body_m_s,
             rates_rad_s: m.rates_rad_s,

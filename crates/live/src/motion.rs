@@ -117,14 +117,10 @@ mod tests {
         let t_s = k as f64 / 30.0;
         let place = Vector3::new(0.3 * (2.0 * t_s).sin() + noise(), noise(), 1.5 + noise());
         let turn = Vector3::new(0.2 * (3.0 * t_s).sin() + noise(), noise(), noise());
-        let estimate = PoseEstimate {
-            world_from_body: Isometry3::from_parts(place.into(), UnitQuaternion::from_scaled_axis(turn)),
-            covariance: Matrix6::identity() * 1e-6,
-            systematic: Matrix6xX::zeros(0),
-            markers_used: vec![0, 1, 2, 3],
-            left_out: Vec::new(),
-            residual_px: 0.1,
-        };
+        let estimate = PoseEstimate::new(
+            Isometry3::from_parts(place.into(), UnitQuaternion::from_scaled_axis(turn)),
+            &(Matrix6::identity() * 1e-6),
+        );
         PoseSample { t_ns: k * 33_333_333, estimate: Some(estimate), reason: None }
     }
 

@@ -277,14 +277,7 @@ mod tests {
             pose.translation.vector += Vector3::new(noise(), noise(), noise());
             let turn = Vector3::new(noise(), noise(), noise());
             pose.rotation *= mavsight_geometry::UnitQuaternion::from_scaled_axis(turn);
-            let estimate = PoseEstimate {
-                world_from_body: pose,
-                covariance: Matrix6::identity() * 1e-8,
-                systematic: Matrix6xX::zeros(0),
-                markers_used: vec![0, 1, 2, 3],
-                left_out: Vec::new(),
-                residual_px: 0.1,
-            };
+            let estimate = PoseEstimate::new(pose, &(Matrix6::identity() * 1e-8));
             PoseSample { t_ns: (s.t_s * 1e9).round() as i64, estimate: Some(estimate), reason: None }
         };
         (states.iter().map(sample).collect(), inputs)

@@ -250,9 +250,10 @@ pub(crate) fn quality(page: &Page<'_>) -> Result<Vec<Figure>> {
         axis: axis.to_owned(),
         curves: vec![curve("single frames", Role::Estimate, points.into_iter())],
     };
-    let spread = |e: &mavsight_pose::PoseEstimate| 1e3 * e.covariance.fixed_view::<3, 3>(0, 0).trace().sqrt();
+    let spread =
+        |e: &mavsight_pose::PoseEstimate| 1e3 * e.covariance().fixed_view::<3, 3>(0, 0).trace().sqrt();
     let turn = |e: &mavsight_pose::PoseEstimate| {
-        (e.covariance.fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt().to_degrees()
+        (e.covariance().fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt().to_degrees()
     };
     Ok(vec![figure(
         "Each frame: what reprojection leaves, and the predicted errors of position (3-D) and attitude (an axis).",

@@ -180,6 +180,7 @@ pub(crate) fn figures(page: &Page<'_>) -> Result<Vec<Figure>> {
     let (mut panels, mut left, mut echoes) = (Vec::new(), Vec::new(), Vec::new());
     for fit in lead_fits(identification) {
         let Some(output) = table.outputs.iter().find(|o| o.name == fit.output) else { continue };
+        let fitted: Vec<f64> = (0..table.t_s.len()).map(|row| fit.line.at(output, row)).collect();
         let inside = |t: f64| t >= table.window_s.0 && t <= table.window_s.1;
         let in_window = |values: Vec<f64>| -> Vec<(f64, f64)> {
             table.t_s.iter().copied().zip(values).filter(|p| inside(p.0)).collect()
@@ -188,10 +189,10 @@ pub(crate) fn figures(page: &Page<'_>) -> Result<Vec<Figure>> {
             axis: output.name.clone(),
             curves: vec![
                 curve("from the motion", Role::Estimate, in_window(output.values.clone()).into_iter()),
-                curve(words(fit.estimator), Role::Model, in_window(fit.fitted.clone()).into_iter()),
+                curve(words(fit.estimator), Role::Model, in_window(fitted.clone()).into_iter()),
             ],
         });
-        let residual = output.values.iter().zip(&fit.fitted).map(|(a, b)| a - b).collect();
+        let residual = output.values.iter().zip(&fitted).map(|(a, b)| a - b).collect();
         left.push(Panel {
             axis: format!("Δ {}", output.name),
             curves: vec![curve("residual", Role::Estimate, in_window(residual).into_iter())],

@@ -204,8 +204,8 @@ impl Summary {
         let mean = |f: &dyn Fn(&mavsight_pose::PoseEstimate) -> f64| {
             measured.iter().map(|e| f(e)).sum::<f64>() / n as f64
         };
-        let position = mean(&|e| e.covariance.fixed_view::<3, 3>(0, 0).trace()).sqrt();
-        let attitude = mean(&|e| e.covariance.fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt();
+        let position = mean(&|e| e.covariance().fixed_view::<3, 3>(0, 0).trace()).sqrt();
+        let attitude = mean(&|e| e.covariance().fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt();
         self.number("poses", "position_std_mm", "predicted position error (3-D)", 1e3 * position, "mm");
         self.number(
             "poses",

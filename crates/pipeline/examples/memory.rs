@@ -6,8 +6,10 @@ mod long_flight;
 
 use long_flight::{inputs, instants, rig};
 use mavsight_flight::Vehicle;
+use mavsight_identify::output_error::telling_stretch_s;
 use mavsight_pipeline::{IdentifyOptions, Quiet, identify_motion, motion_of, reconstruct};
-use mavsight_session::{RunResults, write_results};
+use mavsight_pose::MarkerObservation;
+use mavsight_session::{RunResults, make_folder, write_markers_early, write_results};
 
 /// Instants of an hour.
 const HOUR: f64 = 108_000.0;
@@ -21,16 +23,23 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     told("observations and poses", count, before);
     let motion = motion_of(&tracked, &vehicle, &Quiet)?;
     told("motion", count, before);
-    let solved = identify_motion(&motion, &flown, &vehicle, &IdentifyOptions::default(), &Quiet);
-    told("coefficients and fits", count, before);
+    // As a run does: the markers go to the disk, and those of a minute stay.
+    let folder = std::env::temp_dir().join(format!("mavsight-memory-{}", std::process::id()));
+    make_folder(&folder)?;
     let mut results = RunResults {
         session: "memory".into(),
         rig: Some(rig),
-        markers: tracked.observations,
         poses: tracked.poses,
-        motion: Some(motion),
         ..RunResults::default()
     };
+    let (from_s, to_s) = telling_stretch_s(&results.poses).unwrap_or_default();
+    let is_needed = |o: &MarkerObservation| (from_s..=to_s).contains(&(o.t_ns as f64 * 1e-9));
+    write_markers_early(&folder, &mut results, &tracked.observations, is_needed)?;
+    drop(tracked.observations);
+    told("markers written", count, before);
+    let solved = identify_motion(&motion, &flown, &vehicle, &IdentifyOptions::default(), &Quiet);
+    told("coefficients and fits", count, before);
+    results.motion = Some(motion);
     match solved {
         Ok(solution) => {
             results.coefficients = Some(solution.coefficients);
@@ -38,7 +47,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         Err(refusal) => println!("no parameters: {refusal}"),
     }
-    let folder = std::env::temp_dir().join(format!("mavsight-memory-{}", std::process::id()));
     write_results(&folder, &results)?;
     told("result files", count, before);
     std::fs::remove_dir_all(&folder)?;

@@ -3,6 +3,7 @@
 use crate::PipelineError;
 use mavsight_geometry::Vector2;
 use mavsight_pose::{CameraClock, ClockPrior};
+use mavsight_session::Clap;
 use mavsight_vision::Frame;
 
 /// A frame and the middle of its exposure.
@@ -32,19 +33,28 @@ pub struct CameraFeed<'a> {
     pub readout: Vector2<f64>,
     /// Whether a flash of light, or a lamp switched on, that all cameras saw is where the estimation of clocks starts.
     pub flash: bool,
+    /// The clap in the recording's sound, where the estimation of clocks starts from one that all cameras heard.
+    pub clap: Option<Clap>,
 }
 
 impl<'a> CameraFeed<'a> {
     /// A camera whose time stamps are true.
     pub fn new(name: impl Into<String>, announced: Option<usize>, frames: Frames<'a>) -> Self {
         let clock = ClockPrior::known(CameraClock::default());
-        Self { name: name.into(), announced, frames, clock, readout: Vector2::y(), flash: false }
+        Self { name: name.into(), announced, frames, clock, readout: Vector2::y(), flash: false, clap: None }
     }
 
     /// The same with a flash that all cameras saw.
     #[must_use]
     pub fn with_flash(mut self, flash: bool) -> Self {
         self.flash = flash;
+        self
+    }
+
+    /// The same with a clap that all cameras heard.
+    #[must_use]
+    pub fn with_clap(mut self, clap: Option<Clap>) -> Self {
+        self.clap = clap;
         self
     }
 

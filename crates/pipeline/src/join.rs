@@ -312,9 +312,9 @@ impl Thing {
     }
 }
 
-/// Hands what all cameras saw at each instant of a recorded flight to `each`.
+/// Hands what all cameras saw at each instant of a recorded flight to `each`, and lets go of it frame by frame.
 pub(crate) fn instants(
-    streams: &[Stream],
+    streams: Vec<Stream>,
     sizes: &[ImageSize],
     clocks: &[CameraClock],
     mut each: impl FnMut(i64, &[Candidate]),
@@ -327,9 +327,9 @@ pub(crate) fn instants(
     };
     let cameras: Vec<JoinedCamera> = streams.iter().enumerate().map(about).collect();
     let mut joiner = Joiner::new(&cameras, Ahead::Whole);
-    let mut frames: Vec<_> = streams.iter().map(|s| s.frames().peekable()).collect();
+    let mut frames: Vec<_> = streams.into_iter().map(Stream::into_frames).collect();
     loop {
-        let next = (0..frames.len()).filter_map(|k| Some((clocks[k].time_ns(frames[k].peek()?.0), k))).min();
+        let next = (0..frames.len()).filter_map(|k| Some((clocks[k].time_ns(frames[k].peek()?), k))).min();
         let Some((_, camera)) = next else { break };
         if let Some((stamp_ns, sights)) = frames[camera].next() {
             joiner.push(camera, stamp_ns, sights);
@@ -358,7 +358,7 @@ mod tests {
     fn joined(streams: &[Stream], clocks: &[CameraClock]) -> Vec<(i64, Vec<Candidate>)> {
         let mut out = Vec::new();
         let sizes = vec![SIZE; streams.len()];
-        instants(streams, &sizes, clocks, |t_ns, seen| out.push((t_ns, seen.to_vec())));
+        instants(streams.to_vec(), &sizes, clocks, |t_ns, seen| out.push((t_ns, seen.to_vec())));
         out
     }
 
@@ -386,7 +386,7 @@ mod tests {
         for (k, instant) in got.iter().enumerate() {
             assert_eq!(instant.0, streams[0].stamps_ns[k]);
             let own = [0, 1].map(|c| &streams[c].sights[4 * k..4 * k + 4]);
-            for (o, s) in instant.1.iter().zip(own.into_iter().flatten()) {
+            for (o, s) in instant.1.iter().zip(own.into_iter().flatten().map(|s| s.sight(0))) {
                 assert!(o.pixel == s.pixel && o.covariance_px2 == s.covariance_px2 && o.color == s.color);
             }
             assert_eq!(instant.1.len(), 8);
@@ -428,7 +428,7 @@ mod tests {
                 interval_s: 1.0 / 30.0,
             };
             let mut joiner = Joiner::new(&[about(0), about(1)], Ahead::Next);
-            let mut frames: Vec<_> = streams.iter().map(|s| s.frames()).collect();
+            let mut frames: Vec<_> = streams.iter().map(|s| s.clone().into_frames()).collect();
             let mut out = Vec::new();
             for _ in 0..streams[1].stamps_ns.len() {
                 for (camera, own) in frames.iter_mut().enumerate() {
@@ -461,7 +461,9 @@ mod tests {
         let about = JoinedCamera { size: SIZE, clock: exact, readout: Vector2::y(), interval_s: 1.0 / 30.0 };
         let mut joiner = Joiner::new(&[about, about], Ahead::Next);
         let mut counts = Vec::new();
-        for ((k, a), b) in streams[0].frames().enumerate().zip(streams[1].frames()) {
+        let [mut first, mut second] = streams.clone().map(Stream::into_frames);
+        for k in 0..40 {
+            let (a, b) = (first.next().unwrap(), second.next().unwrap());
             joiner.push(0, a.0, a.1);
             if (10..20).contains(&k) {
                 assert_eq!(joiner.next_instant().map(|i| i.0), None);
@@ -478,7 +480,8 @@ mod tests {
         // The leading camera may be the one that is gone; the other's frames are then the instants.
         let mut joiner = Joiner::new(&[about, about], Ahead::Next);
         joiner.go_without(0, i64::MAX);
-        for b in streams[1].frames() {
+        let mut frames = streams[1].clone().into_frames();
+        while let Some(b) = frames.next() {
             joiner.push(1, b.0, b.1);
             assert_eq!(joiner.next_instant().map(|i| (i.0, i.1.len())), Some((b.0, 4)));
         }
@@ -490,10 +493,13 @@ mod tests {
     #[test]
     fn where_the_first_camera_has_a_gap_the_others_give_the_instants() {
         let exact = late(0.0);
-        let whole = stream(0, exact, 30.0, 0..60);
-        let mut gappy = whole;
-        gappy.stamps_ns.retain(|t| !(700_000_000..900_000_000).contains(t));
-        gappy.sights.retain(|s| !(700_000_000..900_000_000).contains(&s.stamp_ns));
+        let mut gappy = stream(0, exact, 30.0, 0..0);
+        let mut whole = stream(0, exact, 30.0, 0..60).into_frames();
+        while let Some((stamp_ns, seen)) = whole.next() {
+            if !(700_000_000..900_000_000).contains(&stamp_ns) {
+                gappy.add(stamp_ns, seen, None);
+            }
+        }
         let streams = [gappy, stream(1, exact, 30.0, 0..60)];
         let got = joined(&streams, &[exact, exact]);
         assert_eq!(got.len(), 60);

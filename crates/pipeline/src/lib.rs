@@ -5,6 +5,7 @@
 mod associate;
 mod board;
 mod calibrate;
+mod clap;
 mod error;
 mod feed;
 mod flash;

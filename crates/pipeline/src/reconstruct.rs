@@ -22,7 +22,7 @@ impl Reconstruction {
     pub(crate) fn add(&mut self, t_ns: i64, seen: Vec<MarkerObservation>) {
         let sample = crate::track::pose_at(&self.estimator, t_ns, &seen, self.previous.as_ref());
         self.previous = sample.estimate.as_ref().map(|e| e.world_from_body).or(self.previous);
-        self.tracked.observations.extend(seen);
+        seen.iter().for_each(|o| self.tracked.observations.push(o));
         self.tracked.poses.push(crate::solve::provisional(sample));
     }
 
@@ -32,8 +32,8 @@ impl Reconstruction {
             let Candidate { camera, pixel, covariance_px2, diameter_px, .. } = seen[*index];
             let t_ns = told.sample.t_ns;
             let seen = MarkerObservation { t_ns, camera, marker: *marker, pixel, covariance_px2 };
-            self.tracked.observations.push(seen);
-            self.tracked.diameters_px.push(diameter_px);
+            self.tracked.observations.push(&seen);
+            self.tracked.diameters_px.push(diameter_px as f32);
         }
         self.tracked.poses.push(crate::solve::provisional(told.sample));
     }

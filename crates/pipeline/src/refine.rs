@@ -81,10 +81,11 @@ fn diameters(tracked: &Tracked, rig: &Rig, body: &[BodyMarker]) -> Vec<Option<Di
             pose = poses.next();
         }
         let estimate = pose.filter(|p| p.t_ns == seen.t_ns).and_then(|p| p.estimate.as_ref());
-        let Some(estimate) = estimate.filter(|e| e.markers_used.contains(&seen.marker)) else { continue };
+        let Some(estimate) = estimate.filter(|e| e.markers_used.contains(seen.marker)) else { continue };
         let camera = &rig.cameras[seen.camera].camera;
         let marker = &body[seen.marker];
-        if let Some(diameter_m) = of_image(camera, &estimate.world_from_body, marker, *diameter_px) {
+        if let Some(diameter_m) = of_image(camera, &estimate.world_from_body, marker, f64::from(*diameter_px))
+        {
             let (sum, count) = &mut sums[seen.marker][seen.camera];
             *sum += diameter_m;
             *count += 1.0;

@@ -32,6 +32,11 @@ pub struct Sight {
     pub leads: bool,
 }
 
+/// A number to seven digits, as lists of a flight's sights hold it: so a camera that runs and its recording give the same.
+pub(crate) fn held(value: f64) -> f64 {
+    f64::from(value as f32)
+}
+
 /// What a frame is to its camera's tracker.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Look<'a> {
@@ -96,8 +101,8 @@ impl CameraTracker {
             id: s.id,
             color: s.color,
             pixel: s.ball.pixel,
-            covariance_px2: s.ball.covariance_px2,
-            diameter_px: s.ball.diameter_px,
+            covariance_px2: s.ball.covariance_px2.map(held),
+            diameter_px: held(s.ball.diameter_px),
             stays: s.stays,
             leads: s.leads,
         }));

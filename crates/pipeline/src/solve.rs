@@ -9,7 +9,7 @@ use mavsight_identify::{
 use mavsight_pose::{
     Motion, PoseError, PoseEstimate, PoseEstimator, PoseSample, smooth, smooth_with_effects,
 };
-use nalgebra::Matrix6xX;
+use std::cell::RefCell;
 
 /// What a user may choose of identification.
 #[derive(Debug, Clone, Default)]
@@ -35,8 +35,8 @@ pub struct Solution {
     pub identification: Identification,
     /// The lag between inputs and motion.
     pub clocks: Clocks,
-    /// The inputs as they were fitted, with their clock set right.
-    pub inputs: InputSeries,
+    /// The inputs as they were fitted, where their clock was set right.
+    pub inputs: Option<InputSeries>,
 }
 
 /// Estimates all poses again with what the first estimates have shown of the centres: how good those of each ball in each camera
@@ -44,9 +44,7 @@ pub struct Solution {
 pub(crate) fn poses_anew(estimator: PoseEstimator, tracked: &mut Tracked) -> Result<(), PoseError> {
     let factors = estimator.centre_factors(&tracked.observations, &tracked.poses)?;
     let markers = estimator.markers().len();
-    for seen in &mut tracked.observations {
-        seen.covariance_px2 *= factors[seen.camera * markers + seen.marker];
-    }
+    tracked.observations.scale_covariances(|camera, marker| factors[camera * markers + marker]);
     estimate_all(&estimator, tracked, provisional);
     let bias_px = estimator.centre_bias_px(&tracked.observations, &tracked.poses)?;
     let estimator = estimator.with_centre_bias(bias_px)?;
@@ -64,9 +62,7 @@ pub(crate) fn poses_again(estimator: PoseEstimator, tracked: &mut Tracked) -> Re
 /// A pose that will be estimated again, without what only the last estimate of it is asked for: in an hour of film what stays of its
 /// errors is hundreds of megabytes.
 pub(crate) fn provisional(mut pose: PoseSample) -> PoseSample {
-    if let Some(estimate) = &mut pose.estimate {
-        estimate.systematic = Matrix6xX::zeros(0);
-    }
+    pose.estimate = pose.estimate.map(PoseEstimate::all_new);
     pose
 }
 
@@ -78,17 +74,15 @@ fn condensed(mut pose: PoseSample) -> PoseSample {
 
 fn estimate_all(estimator: &PoseEstimator, tracked: &mut Tracked, kept: impl Fn(PoseSample) -> PoseSample) {
     let mut previous = None;
-    let mut rest = tracked.observations.as_slice();
+    let mut seen = Vec::new();
     for pose in &mut tracked.poses {
-        let own = rest.iter().take_while(|o| o.t_ns == pose.t_ns).count();
-        let (seen, later) = rest.split_at(own);
-        rest = later;
+        tracked.observations.at(pose.t_ns, &mut seen);
         if seen.is_empty() && pose.estimate.is_none() && pose.reason.is_some() {
             continue;
         }
         // Where two minima are likely, the one that was found with what the instant knew is the one.
         let known = pose.estimate.as_ref().map(|e| e.world_from_body).or(previous);
-        *pose = kept(crate::track::pose_at(estimator, pose.t_ns, seen, known.as_ref()));
+        *pose = kept(crate::track::pose_at(estimator, pose.t_ns, &seen, known.as_ref()));
         previous = pose.estimate.as_ref().map(|e| e.world_from_body).or(previous);
     }
 }
@@ -120,12 +114,12 @@ pub fn motion_of(
         return motion_from_poses(&tracked.poses, vehicle, progress);
     };
     progress.begin(Stage::Smooth, None);
+    let seen = RefCell::new(Vec::new());
     let effects = |k: usize| {
         let pose = &tracked.poses[k];
-        let all = &tracked.observations;
-        let from = all.partition_point(|o| o.t_ns < pose.t_ns);
-        let own = all[from..].iter().take_while(|o| o.t_ns == pose.t_ns).count();
-        estimator.lasting_effects(&all[from..from + own], pose.estimate.as_ref()?)
+        let mut seen = seen.borrow_mut();
+        tracked.observations.at(pose.t_ns, &mut seen);
+        estimator.lasting_effects(&seen, pose.estimate.as_ref()?)
     };
     smooth_with_effects(&tracked.poses, &effects, vehicle.environment.gravity_m_s2)
         .map_err(|source| PipelineError::Pose { place: "smoothing".into(), source })
@@ -149,21 +143,22 @@ pub fn identify_motion(
         Some(lag_s) => Clocks::Known(lag_s),
         None => estimate_lag(motion, inputs, vehicle, &options.table, options.table.margin_s)?,
     };
-    let inputs = match clocks.correction_s() {
-        0.0 => inputs.clone(),
-        lag_s => delayed(inputs, lag_s)?,
+    let moved = match clocks.correction_s() {
+        0.0 => None,
+        lag_s => Some(delayed(inputs, lag_s)?),
     };
+    let inputs = moved.as_ref().unwrap_or(inputs);
     let mut whole: Option<CoefficientTable> = None;
     let mut identification = Identification::default();
     // One equation after the other: only its fits read the errors of its rows.
     for equation in options.table.by_equation()? {
-        let mut table = coefficients(motion, &inputs, vehicle, &equation)?;
+        let mut table = coefficients(motion, inputs, vehicle, &equation)?;
         if options.stepwise {
             table = choose_structure(&table)?.0;
         }
         identification.fits.extend(identify_with(&table, &options.fit)?.fits);
         for output in &mut table.outputs {
-            (output.errors, output.once) = (ErrorRows::default(), Vec::new());
+            (output.errors, output.once, output.std) = (ErrorRows::default(), Vec::new(), Vec::new());
         }
         match &mut whole {
             Some(all) => {
@@ -174,7 +169,7 @@ pub fn identify_motion(
         }
     }
     let coefficients = whole.ok_or(IdentifyError::RankZero)?;
-    Ok(Solution { coefficients, identification, clocks, inputs })
+    Ok(Solution { coefficients, identification, clocks, inputs: moved })
 }
 
 #[cfg(test)]
@@ -232,7 +227,7 @@ mod tests {
                     let noise = Vector2::new(uniform(), uniform()) * 0.1;
                     let sign = if (camera + marker) % 2 == 0 { bias_px } else { -bias_px };
                     let pixel = view.camera.project_ball(&centre, ball.radius_m).unwrap().pixel;
-                    out.observations.push(MarkerObservation {
+                    out.observations.push(&MarkerObservation {
                         t_ns,
                         camera,
                         marker,
@@ -244,8 +239,10 @@ mod tests {
             out.poses.push(PoseSample { t_ns, estimate: None, reason: None });
         }
         let (estimator, mut previous) = (PoseEstimator::new(rig, &body_markers(&Vehicle::paper())), None);
-        for (pose, seen) in out.poses.iter_mut().zip(out.observations.chunks(2 * markers.len())) {
-            *pose = crate::track::pose_at(&estimator, pose.t_ns, seen, previous.as_ref());
+        let mut seen = Vec::new();
+        for pose in &mut out.poses {
+            out.observations.at(pose.t_ns, &mut seen);
+            *pose = crate::track::pose_at(&estimator, pose.t_ns, &seen, previous.as_ref());
             previous = pose.estimate.as_ref().map(|e| e.world_from_body);
         }
         out
@@ -254,7 +251,7 @@ mod tests {
     /// Standard deviations of x: what stays from frame to frame, and what is new.
     fn lasting_and_own_std_m(tracked: &Tracked) -> (f64, f64) {
         let estimate = tracked.poses[40].estimate.as_ref().unwrap();
-        (f64::from(estimate.systematic.row(0).norm()), estimate.own_covariance()[(0, 0)].sqrt())
+        (f64::from(estimate.systematic().row(0).norm()), estimate.own_covariance()[(0, 0)].sqrt())
     }
 
     #[test]
@@ -276,18 +273,20 @@ mod tests {
         let (rig, body) = (rig(), body_markers(&Vehicle::paper()));
         let mut tracked = tracked(&rig, &body, 0.0);
         let mut sign = 0.2;
-        for seen in tracked.observations.iter_mut().filter(|o| o.camera == 1 && o.marker == 0) {
+        let mut spoilt: Vec<_> = tracked.observations.iter().collect();
+        for seen in spoilt.iter_mut().filter(|o| o.camera == 1 && o.marker == 0) {
             seen.pixel += Vector2::new(sign, -sign);
             sign = -sign;
         }
+        tracked.observations = spoilt.iter().collect();
         let estimator = PoseEstimator::new(&rig, &body);
         estimate_all(&estimator, &mut tracked, |pose| pose);
-        let claimed_px2 = tracked.observations[0].covariance_px2.trace();
+        let claimed_px2 = spoilt[0].covariance_px2.trace();
         let residual_px =
             |t: &Tracked| t.poses.iter().map(|p| p.estimate.as_ref().unwrap().residual_px).sum::<f64>();
         let before_px = residual_px(&tracked);
         poses_anew(estimator, &mut tracked).unwrap();
-        for seen in &tracked.observations {
+        for seen in tracked.observations.iter() {
             let factor = seen.covariance_px2.trace() / claimed_px2;
             let spoilt = seen.camera == 1 && seen.marker == 0;
             assert!(

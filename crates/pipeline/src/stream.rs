@@ -3,8 +3,9 @@
 use crate::PipelineError;
 use crate::associate::MarkerColors;
 use crate::sight::Sight;
-use mavsight_geometry::Vector2;
+use mavsight_geometry::{Matrix2, Vector2};
 use mavsight_pose::{CameraStream, ClockPrior, StreamSight};
+use mavsight_session::Clap;
 
 /// Frames further apart than this many intervals have others missing between them.
 const GAP_INTERVALS: f64 = 1.5;
@@ -12,18 +13,97 @@ const GAP_INTERVALS: f64 = 1.5;
 /// Faults that are told one by one; of more, the number.
 const MOST_TOLD: usize = 3;
 
+/// A sight without its time, in half as many bytes: pixels exact, the rest to seven digits.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct HeldSight {
+    pub(crate) pixel: Vector2<f64>,
+    /// uu, uv, vv.
+    covariance_px2: [f32; 3],
+    diameter_px: f32,
+    id: u32,
+    color: u16,
+    stays: bool,
+    leads: bool,
+}
+
+impl HeldSight {
+    fn of(s: &Sight) -> Self {
+        let c = &s.covariance_px2;
+        Self {
+            pixel: s.pixel,
+            covariance_px2: [c[(0, 0)], c[(0, 1)], c[(1, 1)]].map(|v| v as f32),
+            diameter_px: s.diameter_px as f32,
+            id: s.id,
+            color: u16::try_from(s.color).unwrap_or(u16::MAX),
+            stays: s.stays,
+            leads: s.leads,
+        }
+    }
+
+    /// The sight in a frame of this stamp.
+    pub(crate) fn sight(&self, stamp_ns: i64) -> Sight {
+        let [uu, uv, vv] = self.covariance_px2.map(f64::from);
+        Sight {
+            stamp_ns,
+            id: self.id,
+            color: self.color.into(),
+            pixel: self.pixel,
+            covariance_px2: Matrix2::new(uu, uv, uv, vv),
+            diameter_px: self.diameter_px.into(),
+            stays: self.stays,
+            leads: self.leads,
+        }
+    }
+}
+
+/// Room of so many sights is given back at a time.
+const GIVEN_BACK: usize = 1 << 15;
+
+/// A camera's frames, of which each is let go when the next is asked for.
+pub(crate) struct Frames {
+    /// With its sights in reverse.
+    stream: Stream,
+    at: usize,
+    seen: Vec<Sight>,
+}
+
+impl Frames {
+    /// Time stamp of the next frame.
+    pub(crate) fn peek(&self) -> Option<i64> {
+        self.stream.stamps_ns.get(self.at).copied()
+    }
+
+    /// The next frame.
+    pub(crate) fn next(&mut self) -> Option<(i64, &[Sight])> {
+        let stamp_ns = self.peek()?;
+        let sights = &mut self.stream.sights;
+        let rest = sights.len().saturating_sub(self.stream.counts[self.at].into());
+        self.seen.clear();
+        self.seen.extend(sights.drain(rest..).rev().map(|s| s.sight(stamp_ns)));
+        if sights.capacity() > rest + GIVEN_BACK {
+            sights.shrink_to_fit();
+        }
+        self.at += 1;
+        Some((stamp_ns, &self.seen))
+    }
+}
+
 /// A camera's sights.
 #[cfg_attr(test, derive(Clone))]
 pub(crate) struct Stream {
     pub(crate) name: String,
     /// Time stamps of the frames that were looked at, rising.
     pub(crate) stamps_ns: Vec<i64>,
-    /// What was seen in them, in order of time.
-    pub(crate) sights: Vec<Sight>,
+    /// How many things were seen in each.
+    counts: Vec<u16>,
+    /// Those, in order of time.
+    pub(crate) sights: Vec<HeldSight>,
     pub(crate) clock: ClockPrior,
     pub(crate) readout: Vector2<f64>,
     /// Mean brightness of the frames, where a flash is looked for.
     pub(crate) brightness: Option<Vec<f32>>,
+    /// The clap in its sound, where one is listened for.
+    pub(crate) clap: Option<Clap>,
     faults: Faults,
 }
 
@@ -44,10 +124,12 @@ impl Stream {
         Self {
             name,
             stamps_ns: Vec::new(),
+            counts: Vec::new(),
             sights: Vec::new(),
             clock,
             readout,
             brightness: None,
+            clap: None,
             faults: Faults::default(),
         }
     }
@@ -57,6 +139,7 @@ impl Stream {
         // What a file announces may be wrong by any factor: a day at 30 frames a second is the most that is believed.
         let frames = frames.min(30 * 86_400);
         self.stamps_ns.reserve(frames);
+        self.counts.reserve(frames);
         self.sights.reserve(frames * things);
     }
 
@@ -73,21 +156,28 @@ impl Stream {
     /// Adds what was seen in a frame later than all before it, and how bright it was where a flash is looked for.
     pub(crate) fn add(&mut self, stamp_ns: i64, seen: &[Sight], brightness: Option<f32>) {
         self.stamps_ns.push(stamp_ns);
-        self.sights.extend_from_slice(seen);
+        let count = u16::try_from(seen.len()).unwrap_or(u16::MAX);
+        self.counts.push(count);
+        self.sights.extend(seen.iter().take(count.into()).map(HeldSight::of));
         if let (Some(all), Some(own)) = (&mut self.brightness, brightness) {
             all.push(own);
         }
     }
 
-    /// Frame by frame, its time stamp and what was seen in it.
-    pub(crate) fn frames(&self) -> impl Iterator<Item = (i64, &[Sight])> {
+    /// All that was seen.
+    pub(crate) fn sights(&self) -> impl Iterator<Item = Sight> + '_ {
         let mut rest = self.sights.as_slice();
-        self.stamps_ns.iter().map(move |stamp_ns| {
-            let own = rest.iter().take_while(|s| s.stamp_ns == *stamp_ns).count();
-            let (seen, later) = rest.split_at(own);
+        self.stamps_ns.iter().zip(&self.counts).flat_map(move |(stamp_ns, count)| {
+            let (own, later) = rest.split_at((*count).into());
             rest = later;
-            (*stamp_ns, seen)
+            own.iter().map(|s| s.sight(*stamp_ns))
         })
+    }
+
+    /// Frame by frame, its time stamp and what was seen in it; what was handed out is let go.
+    pub(crate) fn into_frames(mut self) -> Frames {
+        self.sights.reverse();
+        Frames { stream: self, at: 0, seen: Vec::new() }
     }
 
     /// Notes an error of the source behind the first frame.
@@ -131,7 +221,7 @@ impl Stream {
             let own = counts.get(color) == Some(&1);
             colors.of_marker.iter().position(|c| own && *c == color)
         };
-        let sights = self.sights.iter().filter(|s| s.leads && is_inside(s.stamp_ns)).filter_map(|s| {
+        let sights = self.sights().filter(|s| s.leads && is_inside(s.stamp_ns)).filter_map(|s| {
             Some(StreamSight {
                 stamp_ns: s.stamp_ns,
                 marker: marker(s.color)?,
@@ -223,6 +313,35 @@ mod tests {
             }
         }
         stream
+    }
+
+    #[test]
+    fn what_is_held_of_a_sight_comes_out_frame_by_frame_in_forty_bytes() {
+        let seen = |stamp_ns: i64, count: usize| -> Vec<Sight> {
+            let one = |k: usize| Sight {
+                stamp_ns,
+                id: k as u32,
+                color: k % 3,
+                pixel: Vector2::new(stamp_ns as f64 / 3.0, k as f64 / 7.0),
+                covariance_px2: Matrix2::new(0.5, 0.125, 0.125, 0.25),
+                diameter_px: 6.5,
+                stays: k == 1,
+                leads: k != 1,
+            };
+            (0..count).map(one).collect()
+        };
+        let mut stream = Stream::new("cam1".into(), ClockPrior::known(CameraClock::default()), Vector2::y());
+        let frames = [(10, seen(10, 2)), (20, vec![]), (30, seen(30, 3))];
+        frames.iter().for_each(|(stamp_ns, own)| stream.add(*stamp_ns, own, None));
+        let all: Vec<Sight> = frames.iter().flat_map(|f| f.1.clone()).collect();
+        assert_eq!(stream.sights().collect::<Vec<_>>(), all);
+        let mut out = stream.into_frames();
+        for (stamp_ns, own) in &frames {
+            assert_eq!(out.peek(), Some(*stamp_ns));
+            assert_eq!(out.next(), Some((*stamp_ns, own.as_slice())));
+        }
+        assert_eq!(out.next(), None);
+        assert_eq!((out.peek(), size_of::<HeldSight>()), (None, 40));
     }
 
     #[test]

@@ -75,14 +75,14 @@ pub(crate) fn stream(
     };
     for k in frames {
         let stamp_ns = (k as f64 / rate_hz * 1e9).round() as i64;
-        out.stamps_ns.push(stamp_ns);
+        let mut seen = Vec::new();
         let at = pose(clock.time_s(stamp_ns, 0.0));
         for (marker, ball) in Vehicle::paper().marker.iter().enumerate() {
             let centre = (at * Point3::from(Vector3::from(ball.position_m))).coords;
             let pixel = view.project_ball(&centre, ball.diameter_m / 2.0).unwrap().pixel;
             let pixel = pixel + Vector2::new(uniform(), uniform());
             let covariance_px2 = Matrix2::identity() * STD_PX * STD_PX;
-            out.sights.push(Sight {
+            seen.push(Sight {
                 stamp_ns,
                 id: marker as u32,
                 color: marker,
@@ -93,6 +93,7 @@ pub(crate) fn stream(
                 leads: true,
             });
         }
+        out.add(stamp_ns, &seen, None);
     }
     out
 }

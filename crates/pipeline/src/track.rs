@@ -10,8 +10,8 @@ use crate::{
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
 use mavsight_pose::{
-    BodyMarker, CameraClock, CameraStream, ClockEstimate, ClockVerdict, MarkerObservation, PoseEstimator,
-    PoseSample, Rig, estimate_clocks, telling_stretches_ns,
+    BodyMarker, CameraClock, CameraStream, ClockEstimate, ClockVerdict, MarkerObservation, Observations,
+    PoseEstimator, PoseSample, Rig, estimate_clocks, telling_stretches_ns,
 };
 use mavsight_session::results::CameraHealth;
 use std::sync::Arc;
@@ -26,9 +26,9 @@ const LEAST_QUEUE_FRAMES: usize = 2;
 #[derive(Debug, Clone, Default)]
 pub struct Tracked {
     /// Every marker seen, by time, camera and marker.
-    pub observations: Vec<MarkerObservation>,
+    pub observations: Observations,
     /// Apparent diameters, one for each observation; none where the observations came from elsewhere.
-    pub diameters_px: Vec<f64>,
+    pub diameters_px: Vec<f32>,
     /// One sample an instant, empty where it could not be measured.
     pub poses: Vec<PoseSample>,
     /// What the poses were estimated with at last; none where they come from elsewhere.
@@ -46,7 +46,7 @@ impl Tracked {
     /// of film, as much again.
     pub(crate) fn reserve(&mut self, instants: usize, sights: usize) {
         self.poses.reserve(instants);
-        self.observations.reserve(instants * sights);
+        self.observations.reserve(instants, sights);
         self.diameters_px.reserve(instants * sights);
     }
 }
@@ -95,6 +95,7 @@ pub fn track_and(
                     sync_channel((QUEUE_BYTES / frame_bytes.max(1)).clamp(LEAST_QUEUE_FRAMES, 8));
                 let mut stream = Stream::new(feed.name.clone(), feed.clock, feed.readout);
                 stream.brightness = feed.flash.then(Vec::new);
+                stream.clap = feed.clap;
                 stream.reserve(feed.announced.unwrap_or(0), vehicle.marker.len());
                 scope.spawn(move || fetch(feed, &frame_out));
                 let watched = (camera == 0).then_some(progress);
@@ -160,6 +161,7 @@ fn joined(
     let colors = MarkerColors::of(vehicle);
     let mut notes: Vec<String> = streams.iter().flat_map(Stream::notes).collect();
     notes.extend(crate::flash::start_clocks(&mut streams));
+    notes.extend(crate::clap::start_clocks(&mut streams, rig));
     let spans_ns = streams.iter().map(Stream::span_ns);
     let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();
     let stretches_ns = telling_stretches_ns(span_ns);
@@ -178,12 +180,11 @@ fn joined(
     let instants = streams.iter().map(|s| s.stamps_ns.len()).max().unwrap_or(0);
     all.tracked.reserve(instants, streams.len() * vehicle.marker.len());
     let mut identities = Identities::new(rig, vehicle)?;
-    join::instants(&streams, &sizes, &exact, |t_ns, seen| {
+    join::instants(streams, &sizes, &exact, |t_ns, seen| {
         let association = identities.tell(t_ns, seen);
         each(&Instant { t_ns, seen, association: &association });
         all.add_told(seen, association);
     });
-    drop(streams);
     identities.finish(rig, watches, &mut all.tracked);
     let mut tracked = all.finish()?;
     notes.append(&mut tracked.notes);
@@ -327,7 +328,7 @@ mod tests {
         // One camera alone gives poses of a larger covariance.
         let two = flown(vec![whole(0), stream(1, exact, 30.0, 0..60)]);
         let traces: Vec<f64> =
-            two.poses.iter().filter_map(|p| p.estimate.as_ref()).map(|e| e.covariance.trace()).collect();
+            two.poses.iter().filter_map(|p| p.estimate.as_ref()).map(|e| e.covariance().trace()).collect();
         assert!(traces.len() > 140 && traces[100] > 10.0 * traces[30], "{}", traces.len());
     }
 

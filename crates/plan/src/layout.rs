@@ -67,8 +67,8 @@ impl PosePrecision {
         let std = |c: &Matrix6<f64>, at: usize| (at..at + 3).map(|k| c[(k, k)]).sum::<f64>().max(0.0).sqrt();
         let new = estimate.own_covariance();
         Self {
-            position_std_mm: 1e3 * std(&estimate.covariance, 0),
-            attitude_std_deg: std(&estimate.covariance, 3).to_degrees(),
+            position_std_mm: 1e3 * std(&estimate.covariance(), 0),
+            attitude_std_deg: std(&estimate.covariance(), 3).to_degrees(),
             new_position_std_mm: 1e3 * std(&new, 0),
             new_attitude_std_deg: std(&new, 3).to_degrees(),
         }

@@ -145,7 +145,7 @@ impl<'a> FlightPlanner<'a> {
                 rates: None,
             });
             pose_covariance.push(covariance);
-            systematic.push(estimate.systematic);
+            systematic.push(estimate.systematic());
         }
         let model = true_model(&self.vehicle, &inputs)?;
         let vectors: Vec<StateVector> = states.iter().map(FlightState::packed).collect();

@@ -165,7 +165,7 @@ impl Associator {
         pairs: &[(usize, usize)],
     ) -> (f64, f64) {
         let (mut squares, mut n) = (0.0, 0.0);
-        for (index, marker) in pairs.iter().filter(|p| estimate.markers_used.contains(&p.1)) {
+        for (index, marker) in pairs.iter().filter(|p| estimate.markers_used.contains(p.1)) {
             let candidate = &candidates[*index];
             let at = self.expected(&estimate.world_from_body, candidate.camera, *marker);
             let Some(expected) = at else { continue };
@@ -186,7 +186,7 @@ impl Associator {
     ) {
         pairs.retain(|(index, marker)| {
             let candidate = &candidates[*index];
-            !estimate.left_out.contains(marker)
+            !estimate.left_out.contains(*marker)
                 || self
                     .expected(&estimate.world_from_body, candidate.camera, *marker)
                     .is_some_and(|e| (e.pixel - candidate.pixel).norm() <= 0.5 * e.diameter_px)
@@ -281,7 +281,7 @@ impl Associator {
         let belief = Belief::of(estimate);
         let mut normal = Matrix6::zeros();
         let mut things = vec![Thing::default(); self.colors.len()];
-        for (index, marker) in pairs.iter().filter(|p| estimate.markers_used.contains(&p.1)) {
+        for (index, marker) in pairs.iter().filter(|p| estimate.markers_used.contains(p.1)) {
             let candidate = &candidates[*index];
             let Some(expected) = self.expected(&belief.pose, candidate.camera, *marker) else { continue };
             let Some(factor) = self.sight_covariance(&expected, candidate).cholesky() else { continue };

@@ -109,17 +109,10 @@ mod tests {
                 (3..6).for_each(|i| covariance[(i, i)] = 4e-6);
                 covariance[(0, 4)] = 1e-6;
                 covariance[(4, 0)] = 1e-6;
-                let systematic = Matrix6xX::from_fn(3, |i, j| {
-                    f64::from((1e-4 * (i as f64 + 1.0) * (t + j as f64).cos()) as f32)
-                });
-                let estimate = PoseEstimate {
-                    world_from_body: Isometry3::from_parts(Translation3::from(place), rotation),
-                    covariance: covariance + &systematic * systematic.transpose(),
-                    systematic: systematic.map(|v| v as f32),
-                    markers_used: vec![],
-                    left_out: vec![],
-                    residual_px: 0.0,
-                };
+                let systematic =
+                    Matrix6xX::from_fn(3, |i, j| (1e-4 * (i as f64 + 1.0) * (t + j as f64).cos()) as f32);
+                let pose = Isometry3::from_parts(Translation3::from(place), rotation);
+                let estimate = PoseEstimate::new(pose, &covariance).with_systematic(&systematic);
                 let measured = k > 1 && !(60..70).contains(&k);
                 PoseSample { t_ns: k * 33_333_333, estimate: measured.then_some(estimate), reason: None }
             })
@@ -157,7 +150,7 @@ mod tests {
             let want = other.push(p).unwrap();
             let mut bad = p.clone();
             if let Some(e) = &mut bad.estimate {
-                e.covariance = Matrix6::zeros();
+                *e = PoseEstimate::new(e.world_from_body, &Matrix6::zeros());
                 assert!(matches!(filter.push(&bad), Err(PoseError::BadPose { what: "the covariance", .. })));
             }
             assert_eq!(filter.push(p).unwrap(), want);

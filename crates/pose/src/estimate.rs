@@ -5,6 +5,7 @@ mod components;
 mod gates;
 mod lasting;
 mod p3p;
+mod sample;
 mod solve;
 mod start;
 
@@ -12,8 +13,9 @@ use crate::{PoseError, RefinedFlight, Rig};
 pub(crate) use gates::chi_square_gate as chi_square_quantile;
 use gates::{DECISIVE_CHI_SQUARE, beyond_f_gate, chi_square_gate, noise_factor};
 use lasting::Lasting;
-use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Matrix2, Matrix6, Point3, Vector2, Vector3};
-use nalgebra::{DMatrix, Matrix6xX, Vector6};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Matrix2, Point3, Vector2, Vector3};
+use nalgebra::DMatrix;
+pub use sample::{MarkerSet, PoseEstimate};
 pub(crate) use solve::noise_weight;
 use solve::{Sight, Solution, of_markers};
 
@@ -41,75 +43,6 @@ pub struct BodyMarker {
     pub marker_in_body_m: Vector3<f64>,
     /// Radius of the ball; 0 for a point.
     pub radius_m: f64,
-}
-
-/// A measured pose.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PoseEstimate {
-    /// The pose.
-    pub world_from_body: Isometry3<f64>,
-    /// Position in world axes (m²), then a small turn about body axes (rad²): t + δt, R exp(δθ). All that is
-    /// not known: pixels, cameras and marker positions.
-    pub covariance: Matrix6<f64>,
-    /// The part of the covariance that is not new in each frame: what the same errors of cameras and marker positions do
-    /// to this pose. Each column is one standard deviation along one independent direction, the same directions in
-    /// all poses of a flight; the covariance holds S Sᵀ. In single precision: seven digits of a standard deviation. No
-    /// columns: none is known.
-    pub systematic: Matrix6xX<f32>,
-    /// Markers that entered, ascending.
-    pub markers_used: Vec<usize>,
-    /// Markers that were seen but disagree with the rigid body, ascending.
-    pub left_out: Vec<usize>,
-    /// Root mean square residual over the coordinates used.
-    pub residual_px: f64,
-}
-
-impl PoseEstimate {
-    /// The part of the covariance that is new in each frame.
-    pub fn own_covariance(&self) -> Matrix6<f64> {
-        let mut own = (self.covariance + self.covariance.transpose()) * 0.5;
-        for c in 0..self.systematic.ncols() {
-            let column = self.systematic_column(c);
-            own.ger(-1.0, &column, &column, 1.0);
-        }
-        own
-    }
-
-    /// The same with no more than six systematic columns, the symmetric root of their sum S Sᵀ in units of the standard deviations: for
-    /// whoever holds many poses, and has [`PoseEstimator::lasting_effects`] for how they err together. What is new in the pose is
-    /// as it was, exactly; its covariance to seven digits.
-    #[must_use]
-    pub fn condensed(mut self) -> Self {
-        if self.systematic.ncols() <= 6 {
-            return self;
-        }
-        let own = self.own_covariance();
-        let sum = self.covariance - own;
-        let std = Vector6::from_fn(|k, _| sum[(k, k)].max(f64::MIN_POSITIVE).sqrt());
-        let unit = Matrix6::from_fn(|i, j| sum[(i, j)] / (std[i] * std[j])).symmetric_eigen();
-        let lengths = Matrix6::from_diagonal(&unit.eigenvalues.map(|v| v.max(0.0).sqrt()));
-        let root = unit.eigenvectors * lengths * unit.eigenvectors.transpose();
-        let columns = Matrix6xX::from_fn(6, |i, j| std[i] * root[(i, j)]);
-        self.covariance = own;
-        self.systematic = kept(&columns, &mut self.covariance);
-        self
-    }
-
-    /// One column of the systematic part.
-    pub(crate) fn systematic_column(&self, c: usize) -> Vector6<f64> {
-        self.systematic.column(c).map(f64::from)
-    }
-}
-
-/// Systematic columns in single precision, added to a covariance as they are rounded, so that taking them off again leaves what is
-/// new exactly.
-fn kept(effects: &Matrix6xX<f64>, covariance: &mut Matrix6<f64>) -> Matrix6xX<f32> {
-    let kept: Matrix6xX<f32> = effects.map(|v| v as f32);
-    for column in kept.column_iter() {
-        let column = column.map(f64::from);
-        covariance.ger(1.0, &column, &column, 1.0);
-    }
-    kept
 }
 
 /// A sight that is expected, before there is a picture.
@@ -232,11 +165,10 @@ impl PoseEstimator {
             left_out.push(drop);
             solution = Ok(without);
         }
-        left_out.sort_unstable();
         let own = of_markers(&sights, &used);
         let solution = self.bounded_from(&own, solution?);
         self.refuse_misfit(&solution, &used)?;
-        self.finished(&own, &solution, used, left_out)
+        self.finished(&own, &solution, (&used, &left_out))
     }
 
     /// The covariance with which a pose will be measured from sights that are as good as they claim: what
@@ -267,28 +199,20 @@ impl PoseEstimator {
         }
         let solution = self.at_pose(&own, world_from_body)?;
         let undetermined = || PoseError::NotConverged { steps: 0, residual_px: 0.0 };
-        let mut covariance = solution.normal.cholesky().map(|c| c.inverse()).ok_or_else(undetermined)?;
-        let (effects, _) = self.systematic(&own, &solution, &covariance);
-        let systematic = kept(&effects, &mut covariance);
-        if !covariance.iter().all(|x| x.is_finite()) {
+        let new = solution.normal.cholesky().map(|c| c.inverse()).ok_or_else(undetermined)?;
+        let (effects, _) = self.systematic(&own, &solution, &new);
+        if !new.iter().chain(effects.iter()).all(|x| x.is_finite()) {
             return Err(undetermined());
         }
-        Ok(PoseEstimate {
-            world_from_body: *world_from_body,
-            covariance,
-            systematic,
-            markers_used: used,
-            left_out: Vec::new(),
-            residual_px: 0.0,
-        })
+        let estimate = PoseEstimate::new(*world_from_body, &new);
+        Ok(estimate.with_systematic(&effects.map(|v| v as f32)).by_markers(&used, &[], 0.0))
     }
 
     fn finished(
         &self,
         own: &[Sight],
         solution: &Solution,
-        used: Vec<usize>,
-        left_out: Vec<usize>,
+        (used, left_out): (&[usize], &[usize]),
     ) -> Result<PoseEstimate, PoseError> {
         let residual_px = solution.residual_px();
         let inverse = solution
@@ -298,16 +222,9 @@ impl PoseEstimator {
             .ok_or(PoseError::NotConverged { steps: MAX_STEPS, residual_px })?;
         let (effects, left_over) = self.systematic(own, solution, &inverse);
         let factor = noise_factor(solution.chi_square, left_over, solution.redundancy);
-        let mut covariance = inverse * factor;
-        let systematic = kept(&effects, &mut covariance);
-        Ok(PoseEstimate {
-            world_from_body: solution.world_from_body,
-            covariance,
-            systematic,
-            markers_used: used,
-            left_out,
-            residual_px,
-        })
+        let estimate = PoseEstimate::new(solution.world_from_body, &(inverse * factor));
+        let estimate = estimate.with_systematic(&effects.map(|v| v as f32));
+        Ok(estimate.by_markers(used, left_out, residual_px))
     }
 
     fn sight(&self, o: &MarkerObservation) -> Result<Sight, PoseError> {
@@ -315,8 +232,8 @@ impl PoseEstimator {
         if o.camera >= self.cameras.len() {
             return Err(bad("the rig has no such camera"));
         }
-        if o.marker >= self.markers.len() {
-            return Err(bad("the body has no such marker"));
+        if o.marker >= self.markers.len().min(MarkerSet::MOST) {
+            return Err(bad("the body has no such marker, or more than 64"));
         }
         if !o.pixel.iter().chain(o.covariance_px2.iter()).all(|x| x.is_finite()) {
             return Err(bad("it is not finite"));

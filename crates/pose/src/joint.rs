@@ -102,7 +102,7 @@ impl Joint {
             put(at + 3, at + 3, &(Matrix3::identity() * prior.0.powi(2) * factor));
             put(at + 6, at + 6, &(Matrix3::identity() * prior.1.powi(2) * factor));
         }
-        let mut effects = Effects::zeros(first.systematic.ncols());
+        let mut effects = Effects::zeros(first.systematic_columns());
         for (c, mut effect) in effects.column_iter_mut().enumerate() {
             let known = first.systematic_column(c);
             effect.fixed_rows_mut::<3>(0).copy_from(&known.fixed_rows::<3>(0));
@@ -167,7 +167,7 @@ impl Joint {
     }
 
     fn take_effects(&mut self, seen: &PoseEstimate, out: &mut Update) {
-        let known = seen.systematic.ncols();
+        let known = seen.systematic_columns();
         for (c, effect) in self.effects.as_mut_slice().chunks_exact_mut(STATE).enumerate() {
             let expected = seen_of(effect);
             let mut y = if c < known { seen.systematic_column(c) } else { Vector6::zeros() };

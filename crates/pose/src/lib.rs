@@ -15,6 +15,7 @@ mod joint;
 mod motion;
 mod moving;
 mod noise;
+mod observations;
 mod precision;
 mod refine;
 mod select;
@@ -35,10 +36,13 @@ pub use clock::{
     QUARTZ_DRIFT_STD, StreamSight, estimate_clocks, image_middle, telling_stretches_ns,
 };
 pub use error::PoseError;
-pub use estimate::{BodyMarker, ExpectedSight, MarkerObservation, PoseEstimate, PoseEstimator, PoseSample};
+pub use estimate::{
+    BodyMarker, ExpectedSight, MarkerObservation, MarkerSet, PoseEstimate, PoseEstimator, PoseSample,
+};
 pub use joint::MotionNoise;
 pub use motion::{Motion, MotionCovariance, MotionSample, covariance_from_std, euler_std};
 pub use noise::motion_noise;
+pub use observations::Observations;
 pub use precision::{
     MapPlane, PrecisionMap, Volume, VolumePrecision, control_volume, precision_map, predicted_covariance_m2,
     volume_precision,

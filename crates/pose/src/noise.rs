@@ -60,7 +60,7 @@ pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
     let origin_ns = poses[0].t_ns;
     let t_s: Vec<f64> = poses.iter().map(|p| (p.t_ns - origin_ns) as f64 * 1e-9).collect();
     // A table without what stays of the errors has covariances whose size nobody vouches for.
-    let vouched = poses.iter().filter_map(|p| p.estimate.as_ref()).any(|e| e.systematic.ncols() > 0);
+    let vouched = poses.iter().filter_map(|p| p.estimate.as_ref()).any(|e| e.systematic_columns() > 0);
     // One after the other, so that only one of the two series is held.
     let positions: Vec<_> = poses.iter().map(|p| measured(p, 0, |pose| pose.translation.vector)).collect();
     let series = Series { t_s: &t_s, measured: &positions, prior_std: PRIOR_TRANSLATION };

@@ -1,7 +1,7 @@
 //! Cameras, markers and centres as the flight itself shows them.
 
 use crate::moving::{Instant, PointSight, Reduced, Shared};
-use crate::{BodyMarker, MarkerObservation, PoseError, PoseEstimator, Rig};
+use crate::{BodyMarker, MarkerObservation, Observations, PoseError, PoseEstimator, Rig};
 use mavsight_geometry::camera_parameters::CENTRE;
 use mavsight_geometry::{CAMERA_PARAMETERS, CameraChange, UnitQuaternion, Vector2, Vector3};
 use nalgebra::{DMatrix, DVector};
@@ -80,7 +80,7 @@ const SETTLED: f64 = 1e-3;
 /// [`PoseError::BadPrior`]; [`PoseError::BadBias`]; [`PoseError::AlreadyRefined`]; [`PoseError::TooFewPoses`] with fewer than ten frames that have a pose and redundancy;
 /// [`PoseError::BadObservation`]; [`PoseError::NotConverged`].
 pub fn refine_flight(
-    observations: &[MarkerObservation],
+    observations: &Observations,
     rig: &Rig,
     markers: &[BodyMarker],
     prior: FlightPrior,
@@ -117,23 +117,22 @@ fn directions(shared: &Shared, rig: &Rig) -> DMatrix<f64> {
 
 /// Frames with a pose and redundancy, spread over the flight, by the seconds through which errors of centres stay.
 fn instants_of(
-    observations: &[MarkerObservation],
+    observations: &Observations,
     rig: &Rig,
     markers: &[BodyMarker],
     markers_std_m: f64,
 ) -> Result<Vec<Vec<Instant>>, PoseError> {
-    let mut sorted: Vec<&MarkerObservation> = observations.iter().collect();
-    sorted.sort_by_key(|o| o.t_ns);
     // The prior tells the estimator how far markers may be off before they count as false.
     let unsure = DMatrix::identity(3 * markers.len(), 3 * markers.len()) * markers_std_m;
     let estimator = PoseEstimator::new(rig, markers).with_marker_uncertainty(&unsure)?;
-    let groups: Vec<&[&MarkerObservation]> = sorted.chunk_by(|a, b| a.t_ns == b.t_ns).collect();
+    let times_ns: Vec<i64> = observations.times_ns().collect();
     let (mut out, mut previous, mut measured) = (Vec::<Vec<Instant>>::new(), None, 0);
     let mut second = None;
-    let tried = MOST_FRAMES.min(groups.len());
-    for group in (0..tried).map(|k| groups[(2 * k + 1) * groups.len() / (2 * tried)]) {
-        let own: Vec<MarkerObservation> = group.iter().map(|o| (*o).clone()).collect();
-        let estimate = match estimator.estimate(own[0].t_ns, &own, previous.as_ref()) {
+    let tried = MOST_FRAMES.min(times_ns.len());
+    let mut own = Vec::new();
+    for t_ns in (0..tried).map(|k| times_ns[(2 * k + 1) * times_ns.len() / (2 * tried)]) {
+        observations.at(t_ns, &mut own);
+        let estimate = match estimator.estimate(t_ns, &own, previous.as_ref()) {
             Ok(estimate) => estimate,
             Err(bad @ PoseError::BadObservation { .. }) => return Err(bad),
             Err(_) => continue,
@@ -143,12 +142,12 @@ fn instants_of(
             let whitener = o.covariance_px2.cholesky()?.l().try_inverse()?;
             Some(PointSight { camera: o.camera, point: o.marker, pixel: o.pixel, whitener })
         };
-        let used = own.iter().filter(|o| estimate.markers_used.contains(&o.marker));
+        let used = own.iter().filter(|o| estimate.markers_used.contains(o.marker));
         let sights: Vec<PointSight> = used.filter_map(whitened).collect();
         if sights.len() > 3 {
             let instant = Instant { sights, world_from_body: estimate.world_from_body };
             measured += 1;
-            let own_second = Some((own[0].t_ns - groups[0][0].t_ns) / STAYS_NS);
+            let own_second = Some((t_ns - times_ns[0]) / STAYS_NS);
             match out.last_mut().filter(|_| own_second == second) {
                 Some(same) => same.push(instant),
                 None => out.push(vec![instant]),

@@ -83,21 +83,17 @@ impl<'a> Flown<'a> {
 
     /// Systematic columns of a pose.
     fn columns(self, k: usize, estimate: &PoseEstimate) -> Matrix6xX<f64> {
-        (self.effects)(self.first + k).unwrap_or_else(|| estimate.systematic.map(f64::from))
+        (self.effects)(self.first + k).unwrap_or_else(|| estimate.systematic().map(f64::from))
     }
 
     fn estimate(self, k: usize) -> Option<Cow<'a, PoseEstimate>> {
         let estimate = self.poses[k].estimate.as_ref()?;
         let Some(turn) = self.turn else { return Some(Cow::Borrowed(estimate)) };
         let own = self.columns(k, estimate).resize_horizontally(turn.nrows(), 0.0);
-        Some(Cow::Owned(PoseEstimate {
-            systematic: (own * turn).map(|v| v as f32),
-            covariance: estimate.covariance,
-            world_from_body: estimate.world_from_body,
-            markers_used: Vec::new(),
-            left_out: Vec::new(),
-            residual_px: estimate.residual_px,
-        }))
+        let kept = (&own * turn).map(|v| v as f32);
+        let wide = kept.map(f64::from);
+        let new = estimate.own_covariance() + &own * own.transpose() - &wide * wide.transpose();
+        Some(Cow::Owned(PoseEstimate::new(estimate.world_from_body, &new).with_systematic(&kept)))
     }
 }
 
@@ -106,7 +102,7 @@ fn few_directions(flown: Flown<'_>) -> Option<DMatrix<f64>> {
     let mut gram = Gram::default();
     for (k, pose) in flown.poses.iter().enumerate() {
         if let Some(estimate) = &pose.estimate {
-            gram.add(&flown.columns(k, estimate), &estimate.covariance);
+            gram.add(&flown.columns(k, estimate), &estimate.covariance());
         }
     }
     Some(gram.principal(NEGLIGIBLE)).filter(|turn| !turn.is_empty())

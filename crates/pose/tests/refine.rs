@@ -77,7 +77,8 @@ fn cameras_that_a_flight_has_refined_are_better_and_as_good_as_they_claim() {
                 seen.iter_mut().flatten().for_each(|o| o.pixel += bias[4 * o.camera + o.marker]);
                 let prior = FlightPrior { markers_std_m: 5e-4, centres_std_px: bias_px };
                 let flown: RefinedFlight =
-                    refine_flight(&seen.concat(), &rig, &square(), prior).expect("a refined flight");
+                    refine_flight(&seen.concat().iter().collect(), &rig, &square(), prior)
+                        .expect("a refined flight");
                 let n = 3 * cameras.len();
                 let error = DVector::from_fn(n, |i, _| {
                     let is = flown.rig.cameras[i / 3].camera.centre_in_world();
@@ -110,19 +111,28 @@ fn what_cannot_be_refined_is_refused() {
     let states = flight(&mut random);
     let mut seen = sights(&true_cameras(&rig, &mut random), &square(), &states[..9], &mut random).concat();
     assert!(matches!(
-        refine_flight(&seen, &rig, &square(), RULER),
+        refine_flight(&seen.iter().collect(), &rig, &square(), RULER),
         Err(PoseError::TooFewPoses { measured: 9, samples: 9, needed: 10 })
     ));
     for std in [0.0, -1.0, f64::NAN] {
         let prior = FlightPrior { markers_std_m: std, ..RULER };
-        assert!(matches!(refine_flight(&seen, &rig, &square(), prior), Err(PoseError::BadPrior { .. })));
+        assert!(matches!(
+            refine_flight(&seen.iter().collect(), &rig, &square(), prior),
+            Err(PoseError::BadPrior { .. })
+        ));
     }
     let prior = FlightPrior { centres_std_px: -1.0, ..RULER };
-    assert!(matches!(refine_flight(&seen, &rig, &square(), prior), Err(PoseError::BadBias { .. })));
+    assert!(matches!(
+        refine_flight(&seen.iter().collect(), &rig, &square(), prior),
+        Err(PoseError::BadBias { .. })
+    ));
     seen[3].pixel.x = f64::NAN;
-    assert!(matches!(refine_flight(&seen, &rig, &square(), RULER), Err(PoseError::BadObservation { .. })));
+    assert!(matches!(
+        refine_flight(&seen.iter().collect(), &rig, &square(), RULER),
+        Err(PoseError::BadObservation { .. })
+    ));
     rig.frames = 150;
-    let twice = refine_flight(&seen, &rig, &square(), RULER).unwrap_err();
+    let twice = refine_flight(&seen.iter().collect(), &rig, &square(), RULER).unwrap_err();
     assert!(twice.to_string().contains("150 frames of a flight have refined"), "{twice}");
 }
 
@@ -142,7 +152,8 @@ fn a_flight_that_does_not_turn_is_refused_and_one_that_does_is_not() {
         let seen = sights(&cameras, &square(), &states, &mut random).concat();
         // What a centre claims for one frame may stay.
         let prior = FlightPrior { markers_std_m: good_ruler_m, centres_std_px: PIXEL_STD };
-        let refined = refine_flight(&seen, &rig, &square(), prior).expect("a refined flight");
+        let refined =
+            refine_flight(&seen.iter().collect(), &rig, &square(), prior).expect("a refined flight");
         match refined.shape_is_shown() {
             Err(PoseError::ShapeNotShown { std_m, turned_rad, .. }) => {
                 assert!(

@@ -90,7 +90,7 @@ impl Tally {
             if let Some(single) = &pose.estimate {
                 let errors = pose_error(&single.world_from_body, truth);
                 for (k, error) in errors.iter().enumerate() {
-                    let covariance = single.covariance.fixed_view::<3, 3>(3 * k, 3 * k).into_owned();
+                    let covariance = single.covariance().fixed_view::<3, 3>(3 * k, 3 * k).into_owned();
                     of_flight[k].add(error, &covariance);
                 }
             } else {

@@ -47,9 +47,9 @@ pub fn score_identity(
         score.measured += usize::from(measurable);
         let attitude = EulerAngles { phi_rad: row.phi_rad, theta_rad: row.theta_rad, psi_rad: row.psi_rad };
         let real = world_from_body(Vector3::new(row.x_m, row.y_m, row.z_m), attitude);
-        let std2 = |from: usize| estimate.covariance.fixed_view::<3, 3>(from, from).trace();
-        let is_off = |marker: &usize| {
-            let Some((place, radius_m)) = markers.get(*marker) else { return true };
+        let std2 = |from: usize| estimate.covariance().fixed_view::<3, 3>(from, from).trace();
+        let is_off = |marker: usize| {
+            let Some((place, radius_m)) = markers.get(marker) else { return true };
             let at = Point3::from(*place);
             let std_m = (std2(0) + std2(3) * place.norm_squared()).sqrt();
             (estimate.world_from_body * at - real * at).norm() > radius_m + MOST_STD * std_m
@@ -82,13 +82,12 @@ mod tests {
         let real = |k: usize| world_from_body(Vector3::new(0.1 * k as f64, 0.0, 0.0), EulerAngles::default());
         let sample = |k: usize, pose: Option<Isometry3<f64>>| PoseSample {
             t_ns: k as i64 * 1_000_000_000,
-            estimate: pose.map(|world_from_body| PoseEstimate {
-                world_from_body,
-                covariance: Matrix6::identity() * 1e-8,
-                systematic: nalgebra::Matrix6xX::zeros(0),
-                markers_used: vec![0, 1, 2],
-                left_out: vec![],
-                residual_px: 0.1,
+            estimate: pose.map(|world_from_body| {
+                PoseEstimate::new(world_from_body, &(Matrix6::identity() * 1e-8)).by_markers(
+                    &[0, 1, 2],
+                    &[],
+                    0.1,
+                )
             }),
             reason: None,
         };

@@ -225,14 +225,10 @@ mod tests {
                 let turned = EulerAngles { psi_rad: -3.0, theta_rad: 0.01, ..Default::default() };
                 PoseSample {
                     t_ns: k * 100_000_000,
-                    estimate: Some(mavsight_pose::PoseEstimate {
-                        systematic: nalgebra::Matrix6xX::zeros(0),
-                        world_from_body: world_from_body(off, turned),
-                        covariance: mavsight_geometry::Matrix6::identity(),
-                        markers_used: vec![0, 1, 2],
-                        left_out: vec![],
-                        residual_px: 0.0,
-                    }),
+                    estimate: Some(mavsight_pose::PoseEstimate::new(
+                        world_from_body(off, turned),
+                        &mavsight_geometry::Matrix6::identity(),
+                    )),
                     reason: None,
                 }
             })

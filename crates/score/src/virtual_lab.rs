@@ -226,13 +226,11 @@ fn sights_of(tracked: &Tracked, cameras: usize, markers: usize) -> Vec<SightNois
 /// What the residuals of the poses say of the centres' noise, over what was claimed; 1 without a redundancy.
 fn noise_over_claim(tracked: &Tracked, bias_px: f64) -> f64 {
     let (mut squares_px2, mut redundancy, mut claimed_px2, mut sights) = (0.0, 0.0, 0.0, 0.0);
-    let mut rest = tracked.observations.as_slice();
+    let mut seen = Vec::new();
     for pose in &tracked.poses {
-        let own = rest.iter().take_while(|o| o.t_ns == pose.t_ns).count();
-        let (seen, later) = rest.split_at(own);
-        rest = later;
+        tracked.observations.at(pose.t_ns, &mut seen);
         let Some(estimate) = &pose.estimate else { continue };
-        let used: Vec<_> = seen.iter().filter(|o| estimate.markers_used.contains(&o.marker)).collect();
+        let used: Vec<_> = seen.iter().filter(|o| estimate.markers_used.contains(o.marker)).collect();
         let coordinates = 2.0 * used.len() as f64;
         squares_px2 += estimate.residual_px.powi(2) * coordinates;
         redundancy += coordinates - 6.0;

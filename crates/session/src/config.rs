@@ -5,7 +5,7 @@ use crate::session_file::{
     BoardSection, LiveSection, RefineSection, SessionCamera, SessionFile, WandSection, is_empty, validate,
 };
 use crate::toml_file::read_toml;
-use crate::video::{FrameSource, sequence_exists};
+use crate::video::{Clap, FrameSource, find_clap, sequence_exists};
 use crate::{ControlPixel, ControlPointRow, SessionError, TruthRow, tables};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::Model;
@@ -40,6 +40,8 @@ pub struct Session {
     pub rig_path: Option<PathBuf>,
     /// Whether a flash is where the estimation of clocks starts.
     pub flash: bool,
+    /// Whether a clap is.
+    pub clap: bool,
     /// What is refined from the flight, where something is.
     pub refine: Option<RefineSection>,
     /// How it is flown live, with whole paths.
@@ -73,6 +75,7 @@ impl Session {
             board: file.board,
             rig_path: file.rig.map(|r| folder.join(r.file)),
             flash: file.flash,
+            clap: file.clap,
             refine: file.refine,
             live: file
                 .live
@@ -140,6 +143,23 @@ impl Session {
     pub fn open_camera(&self, camera: usize) -> Result<FrameSource, SessionError> {
         let camera = self.camera(camera)?;
         Ok(in_fields(camera, FrameSource::open(&camera.video, camera.frame_rate_hz)?))
+    }
+
+    /// The clap in the sound of one camera's recording; `None` where the session tells of no clap.
+    ///
+    /// # Errors
+    /// Those of [`find_clap`], or a camera index beyond the list.
+    pub fn clap_of(&self, camera: usize) -> Result<Option<Clap>, SessionError> {
+        let camera = self.camera(camera)?;
+        if !self.clap {
+            return Ok(None);
+        }
+        // Images have no sound.
+        if camera.frame_rate_hz.is_some() {
+            Ok(Some(Clap::Silent))
+        } else {
+            find_clap(&camera.video).map(Some)
+        }
     }
 
     /// Opens one camera's recording of the wand as [`Self::open_camera`] does that of the flight; `None` where it has none.

@@ -29,7 +29,7 @@ pub use session_file::{
 };
 pub use tables::{ControlPixel, ControlPointRow, TruthRow, read_control_points};
 pub use toml_file::read_toml;
-pub use video::{FrameSource, LiveVideo, Y4mWriter, ffmpeg_program, read_image, write_png};
+pub use video::{Clap, FrameSource, LiveVideo, Y4mWriter, ffmpeg_program, find_clap, read_image, write_png};
 pub use visibility::{VISIBILITY, read_visibility, write_visibility};
 
 /// Seconds as the nearest nanoseconds.

@@ -46,6 +46,9 @@ pub struct SessionFile {
     /// Whether the light flashed, or a lamp was switched on, once before all cameras: their clocks are then estimated from there.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub flash: bool,
+    /// Whether somebody clapped once for all cameras, whose videos have sound: their clocks are then estimated from there.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub clap: bool,
     /// What is refined from the flight itself; left out: nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refine: Option<RefineSection>,

@@ -1,5 +1,6 @@
 //! Frames from recordings: MP4 and image sequences in-process, everything else by the ffmpeg program.
 
+mod audio;
 mod color;
 mod ffmpeg;
 mod images;
@@ -13,6 +14,7 @@ use mavsight_geometry::ImageSize;
 use mavsight_vision::Frame;
 use std::path::{Path, PathBuf};
 
+pub use audio::{Clap, find_clap};
 pub(crate) use images::sequence_exists;
 pub use images::{read_image, write_png};
 pub use live::LiveVideo;

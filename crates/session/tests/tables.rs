@@ -48,6 +48,7 @@ fn session(folder: &Folder) -> PathBuf {
         board: None,
         rig: None,
         flash: false,
+        clap: false,
         refine: Some(RefineSection { markers_std_m: Some(0.002), ..RefineSection::default() }),
         live: None,
         camera: vec![camera("cam1"), camera("cam2")],

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Folder, data, ffmpeg, fixture};
-use mavsight_session::{FrameSource, SessionError, read_image, write_png};
+use mavsight_session::{Clap, FrameSource, SessionError, find_clap, read_image, write_png};
 use mavsight_vision::{Frame, Pixels, YuvMatrix};
 use std::path::Path;
 
@@ -127,6 +127,58 @@ fn another_container_goes_through_ffmpeg() {
         assert!((t - wanted_t).abs() < 1_000_000, "Matroska counts milliseconds");
         assert!(frame == wanted);
     }
+}
+
+/// Two seconds of quiet at 44.1 kHz with a click that fades in 5 ms, as a WAV file.
+fn click(at_s: f64) -> Vec<u8> {
+    let rate = 44_100_u32;
+    let sample = |k: u32| {
+        let t_s = f64::from(k) / f64::from(rate) - at_s;
+        let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
+        if t_s < 0.0 { 0 } else { (sign * 20_000.0 * (-t_s / 0.005).exp()) as i16 }
+    };
+    let sound: Vec<u8> = (0..2 * rate).map(sample).flat_map(i16::to_le_bytes).collect();
+    let mut wav = b"RIFF".to_vec();
+    wav.extend((36 + sound.len() as u32).to_le_bytes());
+    wav.extend(b"WAVEfmt ");
+    wav.extend(16_u32.to_le_bytes());
+    wav.extend([1_u16, 1].iter().flat_map(|v| v.to_le_bytes()));
+    wav.extend([rate, 2 * rate].iter().flat_map(|v| v.to_le_bytes()));
+    wav.extend([2_u16, 16].iter().flat_map(|v| v.to_le_bytes()));
+    wav.extend(b"data");
+    wav.extend((sound.len() as u32).to_le_bytes());
+    wav.extend(sound);
+    wav
+}
+
+#[test]
+fn a_clap_is_heard_in_the_sound_of_a_video_at_the_video_s_time() {
+    if !ffmpeg() {
+        return;
+    }
+    let folder = Folder::new();
+    let sound = folder.write("click.wav", click(0.75));
+    // The sound may begin after the picture.
+    for (name, codec, late_s) in [("a.mp4", "aac", 0.0), ("b.mp4", "aac", 0.5), ("c.mkv", "pcm_s16le", 0.25)]
+    {
+        let clip = folder.path(name);
+        let made = std::process::Command::new("ffmpeg")
+            .args(["-v", "error", "-i"])
+            .arg(fixture())
+            .args(["-itsoffset", &late_s.to_string(), "-i"])
+            .arg(&sound)
+            .args(["-map", "0:v", "-map", "1:a", "-c:v", "copy", "-c:a", codec])
+            .arg(&clip)
+            .status()
+            .unwrap();
+        assert!(made.success());
+        let Clap::At(t_s) = find_clap(&clip).unwrap() else { panic!("{name}: no clap") };
+        assert!((t_s - 0.75 - late_s).abs() < 2e-3, "{name}: {t_s}");
+    }
+    assert_eq!(find_clap(&fixture()).unwrap(), Clap::Silent);
+    let text = find_clap(&folder.write("none.mp4", b"no video")).unwrap_err().to_string();
+    assert!(text.contains("none.mp4") && text.contains("ffmpeg failed"), "{text}");
+    assert!(find_clap(&folder.path("missing.mp4")).is_err());
 }
 
 #[test]

@@ -292,13 +292,11 @@ mod tests {
     use mavsight_pose::PoseEstimate;
 
     fn poses(count: i64, turn_rad: impl Fn(f64) -> f64) -> Vec<PoseSample> {
-        let estimate = |t_s: f64| PoseEstimate {
-            world_from_body: Isometry3::new(Vector3::zeros(), Vector3::y() * turn_rad(t_s)),
-            covariance: Matrix6::identity(),
-            systematic: nalgebra::Matrix6xX::zeros(0),
-            markers_used: vec![],
-            left_out: vec![],
-            residual_px: 0.0,
+        let estimate = |t_s: f64| {
+            PoseEstimate::new(
+                Isometry3::new(Vector3::zeros(), Vector3::y() * turn_rad(t_s)),
+                &Matrix6::identity(),
+            )
         };
         let pose = |k: i64| PoseSample {
             t_ns: k * 100_000_000,

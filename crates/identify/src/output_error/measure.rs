@@ -25,7 +25,7 @@ pub struct StateMeasurement {
 impl StateMeasurement {
     /// The pose of a sample; nothing where it holds none.
     pub fn from_pose(sample: &PoseSample) -> Self {
-        let pose = sample.estimate.as_ref().map(|e| (e.world_from_body, e.covariance));
+        let pose = sample.estimate.as_ref().map(|e| (e.world_from_body, e.covariance()));
         Self { t_ns: sample.t_ns, pose, velocity: None, rates: None }
     }
 

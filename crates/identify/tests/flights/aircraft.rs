@@ -6,7 +6,7 @@ use mavsight_flight::{
 };
 use mavsight_geometry::{UnitQuaternion, Vector3, world_from_body};
 use mavsight_pose::{Motion, MotionSample, PoseEstimate, PoseSample, smooth};
-use nalgebra::{Matrix6, Matrix6xX, Translation3};
+use nalgebra::{Matrix6, Translation3};
 
 /// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX constants).
 pub(crate) fn normal(state: &mut u64) -> f64 {
@@ -127,14 +127,7 @@ impl Flown {
                 pose.rotation *= UnitQuaternion::from_scaled_axis(random(turn_std_rad));
                 PoseSample {
                     t_ns: (s.t_s * 1e9).round() as i64,
-                    estimate: Some(PoseEstimate {
-                        world_from_body: pose,
-                        covariance,
-                        systematic: Matrix6xX::zeros(0),
-                        markers_used: vec![0, 1, 2, 3],
-                        left_out: vec![],
-                        residual_px: 0.1,
-                    }),
+                    estimate: Some(PoseEstimate::new(pose, &covariance)),
                     reason: None,
                 }
             })

@@ -59,7 +59,7 @@ fn batch_and_live_are_one_bit_for_bit() {
             continue;
         };
         assert_eq!(live.world_from_body, batch.world_from_body, "instant {k}");
-        assert_eq!(live.covariance, batch.covariance, "instant {k}");
+        assert_eq!(live.covariance, batch.covariance(), "instant {k}");
         let (moving, motion) = (live.moving.as_ref().unwrap(), motion.unwrap());
         assert_eq!(moving.velocity_in_body_m_s, motion.velocity_in_body_m_s);
         assert_eq!(moving.rates_rad_s, motion.rates_rad_s);

@@ -55,7 +55,7 @@ fn its_raw_poses_are_the_same_bit_for_bit() {
     for (live, batch) in fixes.iter().zip(&batch) {
         let (a, b) = (live.measured.as_ref(), batch.estimate.as_ref());
         assert_eq!(a.map(|m| m.world_from_body), b.map(|e| e.world_from_body));
-        assert_eq!(a.map(|m| m.covariance), b.map(|e| e.covariance));
+        assert_eq!(a.map(|m| m.covariance), b.map(|e| e.covariance()));
     }
     assert!(fixes.iter().filter(|f| f.measured.is_some()).count() >= FRAMES - 2);
 }

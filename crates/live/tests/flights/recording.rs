@@ -34,6 +34,7 @@ fn session(at: &Path) -> SessionFile {
         board: None,
         refine: None,
         flash: false,
+        clap: false,
         rig: None,
         live: None,
         camera: vec![camera("cam1"), camera("cam2")],

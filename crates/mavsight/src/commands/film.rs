@@ -186,6 +186,7 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         board: None,
         rig: None,
         flash: false,
+        clap: false,
         refine: None,
         live: None,
         camera: cameras,

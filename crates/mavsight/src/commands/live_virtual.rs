@@ -263,6 +263,7 @@ fn record(
     }
     let session = SessionFile {
         flash: false,
+        clap: false,
         rig: None,
         schema: SESSION_SCHEMA,
         name: "virtual".into(),

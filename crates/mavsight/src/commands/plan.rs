@@ -231,6 +231,7 @@ fn write_start(plan: &CameraPlan<'_>, vehicle: &Vehicle, out: &Path) -> Result<(
         board: None,
         rig: None,
         flash: false,
+        clap: false,
         refine: None,
         live: None,
         camera: (0..plan.ranked[0].placed.len()).map(camera).collect(),

@@ -16,7 +16,7 @@ use mavsight_pipeline::{
     calibrate_from_stills_and, identify_motion, motion_from_poses, motion_of, output_error_fits, refine,
     wand_of,
 };
-use mavsight_pose::{CameraClock, ClockPrior, Motion, MovedObject, Rig};
+use mavsight_pose::{CameraClock, ClockPrior, MarkerObservation, Motion, MovedObject, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
 use mavsight_session::{
     FrameSource, LineTime, MarkerAsBuilt, RunResults, Session, SessionCamera, TruthRow, read_image,
@@ -191,7 +191,8 @@ fn as_built(body: &AsFlown) -> Vec<MarkerAsBuilt> {
 /// Every camera's frames.
 pub(crate) fn feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>> {
     let feed = |(k, camera): (usize, &SessionCamera)| {
-        Ok(feed_of(camera, k == 0, session.open_camera(k)?).with_flash(session.flash))
+        let clap = named(session.clap_of(k))?;
+        Ok(feed_of(camera, k == 0, session.open_camera(k)?).with_flash(session.flash).with_clap(clap))
     };
     session.cameras.iter().enumerate().map(feed).collect()
 }
@@ -254,7 +255,6 @@ pub(crate) fn solve(
         camera_names: rig.cameras.iter().map(|c| c.name.clone()).collect(),
         marker_names: flight.vehicle.marker.iter().map(|m| m.name.clone()).collect(),
         rig: Some(rig),
-        markers: tracked.observations,
         body,
         poses: tracked.poses,
         camera_clocks: tracked.clocks,
@@ -262,12 +262,16 @@ pub(crate) fn solve(
         ..RunResults::default()
     };
     let mut notes = tracked.notes;
-    if let Some(out) = out
-        && let Some((from_s, to_s)) = telling_stretch_s(&results.poses)
-    {
+    let seen = tracked.observations;
+    match out.zip(telling_stretch_s(&results.poses)) {
         // From here on only output error looks at images, and of a long flight at a minute.
-        write_markers_early(out, &mut results, |o| (from_s..=to_s).contains(&(o.t_ns as f64 * 1e-9)))?;
+        Some((out, (from_s, to_s))) => {
+            let is_needed = |o: &MarkerObservation| (from_s..=to_s).contains(&(o.t_ns as f64 * 1e-9));
+            write_markers_early(out, &mut results, &seen, is_needed)?;
+        }
+        None => results.markers = seen.iter().collect(),
     }
+    drop(seen);
     notes.extend(with_motion(&mut results, motion, flight, bars)?);
     Ok((results, notes))
 }
@@ -310,7 +314,7 @@ pub(crate) fn fit_into(
     match identify_motion(&motion, recorded, flight.vehicle, &flight.options, bars) {
         Ok(solution) => {
             notes.extend(solution.clocks.words());
-            inputs = Some(solution.inputs);
+            inputs = solution.inputs;
             results.coefficients = Some(solution.coefficients);
             results.identification = Some(solution.identification);
             results.clocks = Some(solution.clocks);

@@ -86,7 +86,7 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
         camera_names: refined.rig.cameras.iter().map(|c| c.name.clone()).collect(),
         marker_names: session.vehicle.marker.iter().map(|m| m.name.clone()).collect(),
         rig: Some(refined.rig),
-        markers: tracked.observations,
+        markers: tracked.observations.iter().collect(),
         body: refined.body,
         poses: tracked.poses,
         camera_clocks: tracked.clocks,

@@ -23,7 +23,7 @@ pub(super) struct Belief {
 
 impl Belief {
     pub(super) fn of(estimate: &PoseEstimate) -> Self {
-        Self { pose: estimate.world_from_body, covariance: estimate.covariance, shift_m: 0.0 }
+        Self { pose: estimate.world_from_body, covariance: estimate.covariance(), shift_m: 0.0 }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::PoseEstimator;
 use super::solve::Sight;
-use crate::{MarkerObservation, PoseError, PoseEstimate, PoseSample};
+use crate::{MarkerObservation, Observations, PoseError, PoseEstimate, PoseSample};
 use nalgebra::{Matrix6xX, Vector2};
 use std::collections::VecDeque;
 
@@ -33,7 +33,7 @@ impl PoseEstimator {
         seen: &[MarkerObservation],
         estimate: &PoseEstimate,
     ) -> Option<Matrix6xX<f64>> {
-        let used = seen.iter().filter(|o| estimate.markers_used.contains(&o.marker));
+        let used = seen.iter().filter(|o| estimate.markers_used.contains(o.marker));
         let sights: Vec<Sight> = used.map(|o| self.sight(o)).collect::<Result<_, _>>().ok()?;
         let solution = self.at_pose(&sights, &estimate.world_from_body).ok()?;
         let solution = self.bounded_from(&sights, solution);
@@ -45,14 +45,13 @@ impl PoseEstimator {
     ///
     /// The products of a sight's residuals at two times, up to a second apart, have the mean square of what stays, as far as
     /// the pose has not taken it up; new noise has a mean of zero. What the uncertainty of cameras and marker positions
-    /// explains is taken off, unless that is what a fit to these observations left. Zero where nothing is left or there is no redundancy. Observations are sorted by time, as the
-    /// poses are.
+    /// explains is taken off, unless that is what a fit to these observations left. Zero where nothing is left or there is no redundancy.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].
     pub fn centre_bias_px(
         &self,
-        observations: &[MarkerObservation],
+        observations: &Observations,
         poses: &[PoseSample],
     ) -> Result<f64, PoseError> {
         let unit = self.clone().with_centre_bias(1.0)?;
@@ -60,15 +59,12 @@ impl PoseEstimator {
         let blank = || vec![None; self.cameras.len() * self.markers.len()];
         let mut products = LaggedProducts::default();
         let (mut explained, mut by_unit, mut sampled) = (0.0, 0.0, 0.0);
-        let mut rest = observations;
+        let mut seen = Vec::new();
         for (k, pose) in poses.iter().enumerate() {
-            let early = rest.iter().take_while(|o| o.t_ns < pose.t_ns).count();
-            let own = rest[early..].iter().take_while(|o| o.t_ns == pose.t_ns).count();
-            let seen = &rest[early..early + own];
-            rest = &rest[early + own..];
+            observations.at(pose.t_ns, &mut seen);
             let mut row = blank();
             if let Some(estimate) = &pose.estimate {
-                let used = seen.iter().filter(|o| estimate.markers_used.contains(&o.marker));
+                let used = seen.iter().filter(|o| estimate.markers_used.contains(o.marker));
                 let sights = used.map(|o| self.sight(o)).collect::<Result<Vec<Sight>, _>>()?;
                 for s in &sights {
                     let Ok(at) = self.projected(s, &estimate.world_from_body) else { continue };

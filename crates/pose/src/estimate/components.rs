@@ -3,7 +3,7 @@
 use super::PoseEstimator;
 use super::gates::CLAIM_DEGREES;
 use super::solve::Sight;
-use crate::{MarkerObservation, PoseError, PoseSample};
+use crate::{Observations, PoseError, PoseSample};
 use mavsight_geometry::camera::d_pixel_d_pose;
 
 impl PoseEstimator {
@@ -12,24 +12,21 @@ impl PoseEstimator {
     ///
     /// One step of the estimation of variance components: the sum of a group's squared residuals over the sum of its
     /// redundancies (Foerstner 1979; Rao 1971), with the claim counting as much as one frame. Below one is set to one, since the
-    /// claim is the least that the pixels permit. Observations are sorted by time, as the poses are.
+    /// claim is the least that the pixels permit.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].
     pub fn centre_factors(
         &self,
-        observations: &[MarkerObservation],
+        observations: &Observations,
         poses: &[PoseSample],
     ) -> Result<Vec<f64>, PoseError> {
         let mut sums = vec![(CLAIM_DEGREES, CLAIM_DEGREES); self.cameras.len() * self.markers.len()];
-        let mut rest = observations;
+        let mut seen = Vec::new();
         for pose in poses {
-            let early = rest.iter().take_while(|o| o.t_ns < pose.t_ns).count();
-            let own = rest[early..].iter().take_while(|o| o.t_ns == pose.t_ns).count();
-            let seen = &rest[early..early + own];
-            rest = &rest[early + own..];
+            observations.at(pose.t_ns, &mut seen);
             let Some(estimate) = &pose.estimate else { continue };
-            let used = seen.iter().filter(|o| estimate.markers_used.contains(&o.marker));
+            let used = seen.iter().filter(|o| estimate.markers_used.contains(o.marker));
             let sights = used.map(|o| self.sight(o)).collect::<Result<Vec<Sight>, _>>()?;
             let Ok(solution) = self.at_pose(&sights, &estimate.world_from_body) else { continue };
             let Some(inverse) = solution.normal.cholesky().map(|c| c.inverse()) else { continue };

@@ -10,15 +10,7 @@ const GRAVITY: f64 = 9.804;
 fn pose(t_ns: i64, world_from_body: Isometry3<f64>, std: (f64, f64)) -> PoseSample {
     let mut covariance = Matrix6::identity() * std.0 * std.0;
     covariance.fixed_view_mut::<3, 3>(3, 3).fill_diagonal(std.1 * std.1);
-    let estimate = PoseEstimate {
-        systematic: nalgebra::Matrix6xX::zeros(0),
-        world_from_body,
-        covariance,
-        markers_used: vec![],
-        left_out: vec![],
-        residual_px: 0.0,
-    };
-    PoseSample { t_ns, estimate: Some(estimate), reason: None }
+    PoseSample { t_ns, estimate: Some(PoseEstimate::new(world_from_body, &covariance)), reason: None }
 }
 
 /// A smooth flight: sines of much the same jerk in all axes, as the smoother's one intensity supposes.
@@ -234,9 +226,7 @@ fn what_errors_that_stay_do_to_the_motion_is_their_smoothed_course() {
         let t = p.t_ns as f64 * 1e-9;
         if let Some(e) = &mut p.estimate {
             let column = |k: usize| (1.0 + 0.3 * k as f64) * (t + k as f64).sin() * 1e-3;
-            e.systematic = Matrix6xX::from_fn(2, |i, j| column(i + 6 * j) as f32);
-            let systematic = e.systematic.map(f64::from);
-            e.covariance += &systematic * systematic.transpose();
+            *e = e.clone().with_systematic(&Matrix6xX::from_fn(2, |i, j| column(i + 6 * j) as f32));
         }
     }
     let noise = crate::motion_noise(&poses).unwrap();
@@ -354,7 +344,8 @@ fn what_cannot_be_smoothed_is_refused() {
     back[7].t_ns = back[6].t_ns;
     assert!(matches!(smooth(&back, GRAVITY), Err(PoseError::TimeNotIncreasing { index: 7, .. })));
     let mut lost = good.clone();
-    lost[4].estimate.as_mut().unwrap().covariance = Matrix6::zeros();
+    let place = lost[4].estimate.as_ref().unwrap().world_from_body;
+    lost[4].estimate = Some(PoseEstimate::new(place, &Matrix6::zeros()));
     assert!(matches!(smooth(&lost, GRAVITY), Err(PoseError::BadPose { index: 4, .. })));
     assert!(matches!(smooth(&good, f64::NAN), Err(PoseError::BadPose { .. })));
 }

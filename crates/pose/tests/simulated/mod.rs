@@ -287,7 +287,7 @@ impl Tally {
                 .collect();
             seen.iter_mut().flatten().for_each(|o| o.pixel += bias[4 * o.camera + o.marker]);
             measured = poses(&estimator, &states, &seen);
-            found_px = estimator.centre_bias_px(&seen.concat(), &measured).expect("a bias");
+            found_px = estimator.centre_bias_px(&seen.concat().iter().collect(), &measured).expect("a bias");
             estimator = estimator.with_centre_bias(found_px).expect("a bias");
             measured = poses(&estimator, &states, &seen);
         }
@@ -307,7 +307,7 @@ impl Tally {
                     self.add(
                         k,
                         &err.fixed_rows::<3>(3 * k).into_owned(),
-                        &e.covariance.fixed_view::<3, 3>(3 * k, 3 * k).into_owned(),
+                        &e.covariance().fixed_view::<3, 3>(3 * k, 3 * k).into_owned(),
                     );
                 }
             } else {

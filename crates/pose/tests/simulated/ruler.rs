@@ -52,7 +52,7 @@ pub(crate) fn case(rig: &Rig, random: &mut Random) -> Case {
     let flight = flight(random);
     let cameras = true_cameras(rig, random);
     let seen = sights(&cameras, &square(), &flight, random);
-    let refined = refine_flight(&seen.concat(), rig, &file, RULER).expect("a refined body");
+    let refined = refine_flight(&seen.concat().iter().collect(), rig, &file, RULER).expect("a refined body");
     Case { file, flight, seen, refined }
 }
 

@@ -79,23 +79,18 @@ pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample
         let pose = row.numbers(values)?;
         let used = markers.map(|c| row.text(c)).unwrap_or("");
         let stds = std_cells(row, stds)?;
-        let (covariance, systematic) = match &own {
-            Some(columns) => with_new_part(row, columns, &pose, &stds)?,
-            None => (covariance_from_std(&isometry(&pose), &stds), Matrix6xX::zeros(0)),
+        let place = isometry(&pose);
+        let estimate = match &own {
+            Some(columns) => {
+                let (new, systematic) = with_new_part(row, columns, &pose, &stds)?;
+                PoseEstimate::new(place, &new).with_systematic(&systematic)
+            }
+            None => PoseEstimate::new(place, &covariance_from_std(&place, &stds)),
         };
-        let estimate = PoseEstimate {
-            systematic,
-            covariance,
-            world_from_body: isometry(&pose),
-            markers_used: marker_names
-                .iter()
-                .enumerate()
-                .filter(|(_, name)| used.split_whitespace().any(|u| u == name.as_str()))
-                .map(|(k, _)| k)
-                .collect(),
-            left_out: Vec::new(),
-            residual_px: residual.map_or(Ok(None), |c| row.number_if_any(c))?.unwrap_or(0.0),
-        };
+        let is_used = |m: &usize| used.split_whitespace().any(|name| name == marker_names[*m]);
+        let by: Vec<usize> = (0..marker_names.len()).filter(is_used).collect();
+        let residual_px = residual.map_or(Ok(None), |c| row.number_if_any(c))?.unwrap_or(0.0);
+        let estimate = estimate.by_markers(&by, &[], residual_px);
         samples.push(PoseSample { t_ns, estimate: Some(estimate), reason: None });
     }
     Ok(samples)
@@ -124,7 +119,7 @@ pub(super) fn isometry(pose: &[f64; 6]) -> mavsight_geometry::Isometry3<f64> {
     world_from_body(Vector3::new(pose[0], pose[1], pose[2]), angles(pose))
 }
 
-/// The covariance and its systematic columns from the part that is new in each frame and the standard deviations of all.
+/// The covariance of what is new in each frame, and what the standard deviations have beyond it as systematic columns.
 fn with_new_part(
     row: Row<'_>,
     columns: &[usize],
@@ -152,9 +147,7 @@ fn with_new_part(
         let column = to_turn.column(k) * beyond(stds[3 + k], turn[(k, k)]);
         systematic.fixed_view_mut::<3, 1>(3, 3 + k).copy_from(&column);
     }
-    let systematic = systematic.map(|v: f64| v as f32);
-    let rounded = systematic.map(f64::from);
-    Ok((own + &rounded * rounded.transpose(), systematic))
+    Ok((own, systematic.map(|v: f64| v as f32)))
 }
 
 /// Reads `summary.json`.

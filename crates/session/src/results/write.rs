@@ -5,7 +5,7 @@ use crate::atomic::PartFile;
 use crate::{SessionError, make_folder, s_from_ns};
 use mavsight_geometry::{EulerAngles, Isometry3};
 use mavsight_identify::CoefficientTable;
-use mavsight_pose::{MarkerObservation, Motion, MotionSample, PoseSample, euler_std};
+use mavsight_pose::{MarkerObservation, Motion, MotionSample, Observations, PoseSample, euler_std};
 use std::io::{self, Write};
 use std::path::Path;
 use std::sync::Arc;
@@ -38,7 +38,7 @@ pub fn write_results(folder: &Path, results: &RunResults) -> Result<(), SessionE
 /// # Errors
 /// What the file system refuses.
 pub fn write_markers(path: &Path, results: &RunResults) -> Result<(), SessionError> {
-    PartFile::write(path, |out| markers(&results.markers, results, out))?.keep()
+    PartFile::write(path, |out| markers(results.markers.iter().cloned(), results, out))?.keep()
 }
 
 /// A file that is written and waits beside its place until [`write_results`] puts it there; it is taken away where that never
@@ -46,21 +46,21 @@ pub fn write_markers(path: &Path, results: &RunResults) -> Result<(), SessionErr
 #[derive(Debug, Clone)]
 pub struct EarlyFile(Arc<PartFile>);
 
-/// Writes `markers.csv` beside its place in a folder and lets go of the markers of which `is_needed` says no: those of an hour are
-/// many, and few are looked at again.
+/// Writes `markers.csv` beside its place in a folder from all that was seen, of which the results keep what `is_needed` says yes to:
+/// those of an hour are many, and few are looked at again.
 ///
 /// # Errors
 /// What the file system refuses.
 pub fn write_markers_early(
     folder: &Path,
     results: &mut RunResults,
+    all: &Observations,
     is_needed: impl Fn(&MarkerObservation) -> bool,
 ) -> Result<(), SessionError> {
     let path = folder.join(names::MARKERS);
-    let part = PartFile::write(&path, |out| markers(&results.markers, results, out))?;
+    let part = PartFile::write(&path, |out| markers(all.iter(), results, out))?;
     results.markers_file = Some(EarlyFile(Arc::new(part)));
-    results.markers.retain(is_needed);
-    results.markers.shrink_to_fit();
+    results.markers = all.iter().filter(is_needed).collect();
     Ok(())
 }
 
@@ -78,7 +78,7 @@ fn parts(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Arc<P
     }
     if !results.poses.is_empty() || !results.markers.is_empty() {
         if results.markers_file.is_none() {
-            part(names::MARKERS, &|out| markers(&results.markers, results, out))?;
+            part(names::MARKERS, &|out| markers(results.markers.iter().cloned(), results, out))?;
         }
         part(names::POSE, &|out| poses(&results.poses, &results.marker_names, out))?;
     }
@@ -144,7 +144,11 @@ fn name_of(names: &[String], index: usize) -> String {
     names.get(index).cloned().unwrap_or_else(|| index.to_string())
 }
 
-fn markers(observations: &[MarkerObservation], results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
+fn markers(
+    observations: impl Iterator<Item = MarkerObservation>,
+    results: &RunResults,
+    out: &mut dyn Write,
+) -> io::Result<()> {
     let mut lines = Lines::new(out, columns::MARKERS)?;
     for o in observations {
         lines.push([
@@ -177,10 +181,11 @@ fn poses(samples: &[PoseSample], marker_names: &[String], out: &mut dyn Write) -
         let mut cells = vec![time(sample.t_ns)];
         if let Some(e) = &sample.estimate {
             cells.extend(pose_values(&e.world_from_body).map(number));
-            cells.extend((0..3).map(|i| number(e.covariance[(i, i)].sqrt())));
-            let turn = e.covariance.fixed_view::<3, 3>(3, 3).into_owned();
+            let covariance = e.covariance();
+            cells.extend((0..3).map(|i| number(covariance[(i, i)].sqrt())));
+            let turn = covariance.fixed_view::<3, 3>(3, 3).into_owned();
             cells.extend(euler_std(&e.world_from_body, &turn).iter().map(|s| number(*s)));
-            let used: Vec<String> = e.markers_used.iter().map(|m| name_of(marker_names, *m)).collect();
+            let used: Vec<String> = e.markers_used.iter().map(|m| name_of(marker_names, m)).collect();
             cells.extend([used.join(" "), number(e.residual_px)]);
             let own = e.own_covariance();
             cells.extend(columns::upper_triangle().map(|at| number(own[at])));

@@ -110,14 +110,7 @@ fn pixels_give_the_truth_within_their_intervals() {
 }
 
 fn samples(states: &[FlightState], seed: &mut u64) -> Vec<PoseSample> {
-    let estimate = |world_from_body| PoseEstimate {
-        world_from_body,
-        covariance: pose_covariance(),
-        systematic: nalgebra::Matrix6xX::zeros(0),
-        markers_used: vec![0, 1, 2, 3],
-        left_out: vec![],
-        residual_px: 0.1,
-    };
+    let estimate = |world_from_body| PoseEstimate::new(world_from_body, &pose_covariance());
     noisy_poses(states, 1.0, seed)
         .into_iter()
         .map(|m| PoseSample { t_ns: m.t_ns, estimate: m.pose.map(|(p, _)| estimate(p)), reason: None })

@@ -1,0 +1,201 @@
+//! When somebody clapped, by the sound of a recording.
+
+use super::ffmpeg;
+use crate::SessionError;
+use std::collections::VecDeque;
+use std::io::{BufReader, Read};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// Samples a second that are asked for.
+const RATE_HZ: usize = 48_000;
+
+/// Samples of a block, a millisecond: sound goes a third of a metre in it.
+const BLOCK: usize = RATE_HZ / 1000;
+
+/// Blocks before a block whose mean loudness it rises over.
+const BEFORE: usize = 20;
+
+/// A clap and its echoes in a room last so many blocks, in which nothing else is looked for.
+const ECHO: i64 = 600;
+
+/// A clap rises more than all else by this factor in amplitude, as a flash does in brightness.
+const ALONE: f64 = 2.0;
+
+/// What a recording's sound tells of a clap.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Clap {
+    /// By the recording's time stamps, s.
+    At(f64),
+    /// Nothing in its sound stands out.
+    None,
+    /// It has no sound.
+    Silent,
+}
+
+/// Finds the one sudden sound of a recording that is more than twice as loud as any other, to a millisecond.
+///
+/// The sound is read through the ffmpeg program, at the times of its stamps, as its first differences: steps and knocks of low pitch
+/// count for less than a clap.
+///
+/// # Errors
+/// A file that is missing or that ffmpeg refuses, or no ffmpeg.
+pub fn find_clap(path: &Path) -> Result<Clap, SessionError> {
+    crate::error::require_file(path, "video")?;
+    let program = ffmpeg::program();
+    let mut child = Command::new(&program)
+        .args(["-v", "error", "-nostdin", "-copyts", "-i"])
+        .arg(path)
+        // Silence is filled in where the sound begins after time zero or has gaps.
+        .args(["-map", "0:a:0", "-vn", "-ac", "1", "-af", "aresample=async=1:first_pts=0"])
+        .args(["-ar", &RATE_HZ.to_string(), "-f", "s16le", "pipe:1"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(|_| SessionError::NeedsFfmpeg {
+            path: path.to_owned(),
+            reason: "a clap is looked for in its sound".into(),
+            program: program.clone(),
+        })?;
+    let failed = |detail: String| SessionError::Ffmpeg { path: path.to_owned(), detail };
+    let (Some(sound), Some(mut words)) = (child.stdout.take(), child.stderr.take()) else {
+        return Err(failed("it has no output".into()));
+    };
+    let said = std::thread::spawn(move || {
+        let mut text = Vec::new();
+        words.read_to_end(&mut text).map(|_| String::from_utf8_lossy(&text).into_owned())
+    });
+    let mut ears = Ears::default();
+    let heard = ears.listen(BufReader::new(sound));
+    let status = child.wait();
+    let said = said.join().ok().and_then(Result::ok).unwrap_or_default();
+    heard.map_err(|e| failed(e.to_string()))?;
+    if said.contains("matches no streams") {
+        return Ok(Clap::Silent);
+    }
+    match status {
+        Ok(status) if status.success() => Ok(ears.clap()),
+        Ok(status) => Err(failed(format!("{status}: {}", said.trim()))),
+        Err(error) => Err(failed(error.to_string())),
+    }
+}
+
+/// A block that rises over those before it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Rise {
+    block: i64,
+    /// By how much the root mean square of its first differences does.
+    by: f64,
+}
+
+/// Hears block by block, and keeps the largest rise and the largest that is no echo of it.
+#[derive(Debug, Default)]
+struct Ears {
+    last: f64,
+    blocks: i64,
+    recent: VecDeque<f64>,
+    /// Rises, each the largest within an echo of it, falling.
+    largest: Vec<Rise>,
+}
+
+impl Ears {
+    fn listen(&mut self, mut sound: impl Read) -> std::io::Result<()> {
+        let mut bytes = [0_u8; 2 * BLOCK];
+        loop {
+            let mut filled = 0;
+            while filled < bytes.len() {
+                match sound.read(&mut bytes[filled..])? {
+                    0 => return Ok(()),
+                    n => filled += n,
+                }
+            }
+            let mut squares = 0.0;
+            for pair in bytes.chunks_exact(2) {
+                let sample = f64::from(i16::from_le_bytes([pair[0], pair[1]]));
+                squares += (sample - self.last).powi(2);
+                self.last = sample;
+            }
+            self.hear((squares / BLOCK as f64).sqrt());
+        }
+    }
+
+    fn hear(&mut self, loudness: f64) {
+        if self.recent.len() == BEFORE {
+            let before = self.recent.iter().sum::<f64>() / BEFORE as f64;
+            self.take(Rise { block: self.blocks, by: loudness - before });
+            self.recent.pop_front();
+        }
+        self.recent.push_back(loudness);
+        self.blocks += 1;
+    }
+
+    /// Takes a rise among the two largest that are apart.
+    fn take(&mut self, rise: Rise) {
+        let is_near = |other: &Rise| rise.block - other.block < ECHO;
+        match self.largest.iter_mut().find(|other| is_near(other)) {
+            // The first block of a clap may hold little of it: what follows at once is its own.
+            Some(same) if rise.by > same.by => *same = rise,
+            Some(_) => return,
+            None => self.largest.push(rise),
+        }
+        self.largest.sort_by(|a, b| b.by.total_cmp(&a.by));
+        self.largest.truncate(2);
+    }
+
+    fn clap(&self) -> Clap {
+        let (Some(first), second) = (self.largest.first(), self.largest.get(1)) else { return Clap::None };
+        let other = second.map_or(0.0, |s| s.by.max(0.0));
+        // Sixteen bits of silence differ by one.
+        if first.by <= ALONE * other.max(1.0) {
+            return Clap::None;
+        }
+        Clap::At((first.block as f64 + 0.5) * BLOCK as f64 / RATE_HZ as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Noise of a room with claps that fade in 30 ms, s and amplitude of each.
+    fn room(length_s: f64, claps: &[(f64, f64)]) -> Vec<u8> {
+        let mut state = 5_u64;
+        let mut noise = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+        };
+        let count = (length_s * RATE_HZ as f64) as usize;
+        let sample = |k: usize| {
+            let t_s = k as f64 / RATE_HZ as f64;
+            let hum = 3000.0 * (std::f64::consts::TAU * 50.0 * t_s).sin();
+            let clapped = claps.iter().filter(|c| t_s >= c.0).map(|c| c.1 * (-(t_s - c.0) / 0.03).exp());
+            let value = hum + noise() * (40.0 + 2.0 * clapped.sum::<f64>());
+            value.clamp(-32768.0, 32767.0) as i16
+        };
+        (0..count).map(sample).flat_map(i16::to_le_bytes).collect()
+    }
+
+    fn heard(bytes: &[u8]) -> Clap {
+        let mut ears = Ears::default();
+        ears.listen(bytes).unwrap();
+        ears.clap()
+    }
+
+    #[test]
+    fn a_clap_is_found_to_a_millisecond_beside_hum_and_softer_sounds() {
+        for at_s in [1.2345, 3.0, 0.1] {
+            let Clap::At(found_s) = heard(&room(4.0, &[(at_s, 9000.0), (2.0, 3000.0)])) else {
+                panic!("{at_s}: none")
+            };
+            assert!((found_s - at_s).abs() < 1.5e-3, "{found_s} is not {at_s}");
+        }
+    }
+
+    #[test]
+    fn what_does_not_stand_out_is_none() {
+        assert_eq!(heard(&room(4.0, &[(1.0, 9000.0), (3.0, 6000.0)])), Clap::None);
+        assert_eq!(heard(&vec![0; 200_000]), Clap::None);
+        assert_eq!(heard(&[]), Clap::None);
+    }
+}
