@@ -186,7 +186,7 @@ fn film_once(
         if k == 0 {
             let variances = |m: Matrix6<f64>| [0, 3].map(|i| m.fixed_view::<3, 3>(i, i).trace());
             let own = got.own_covariance();
-            let lasting = variances(got.covariance - own);
+            let lasting = variances(got.covariance() - own);
             sums.claims.push(Claim { placed: placed.to_vec(), pose: *pose, own: variances(own), lasting });
         }
         sums.freedom += 2.0 * seen.len() as f64 - 6.0;
