@@ -147,7 +147,10 @@ pub(super) fn median<S: Simd>(simd: S, values: &[f64], count: usize) -> Option<f
     let rank = (count / 2) as f64;
     let (mut high, mut low) = (split(simd, whole, &last, f64::MAX).1, split(simd, whole, &last, f64::MIN).2);
     while low < high {
-        let (number, below, above) = split(simd, whole, &last, low + 0.5 * (high - low));
+        // Between neighbouring numbers the middle may round up to the higher one, which would halve nothing.
+        let middle = low + 0.5 * (high - low);
+        let limit = if middle < high { middle } else { low };
+        let (number, below, above) = split(simd, whole, &last, limit);
         if number > rank { high = below } else { low = above }
     }
     (low == high).then_some(low)
@@ -192,6 +195,15 @@ mod tests {
             let mut sorted = values.clone();
             sorted.sort_by(f64::total_cmp);
             prop_assert_eq!(got, Some(sorted[values.len() / 2]));
+        }
+    }
+
+    #[test]
+    fn the_median_of_neighbouring_numbers_ends() {
+        for low in [1.0_f64, 1.0_f64.next_up(), -1.0, -(1.0_f64.next_up())] {
+            let values = [low, low.next_up()];
+            assert_eq!(median(pulp::Scalar::new(), &values, 2), Some(values[1]));
+            assert_eq!(median(pulp::Scalar::new(), &[low, low, values[1]], 3), Some(low));
         }
     }
 
