@@ -17,6 +17,10 @@ const WAITING: usize = 2;
 /// The same where nothing is dropped.
 const WAITING_FAST: usize = 8;
 
+/// How long a tracker waits after telling, at most, for what it told to be taken in: so that what comes next does not take
+/// the processor from the thread that everybody waits for.
+const TAKEN_IN: Duration = Duration::from_millis(2);
+
 /// Waits before a source is opened again: the first, and the longest after it has failed over and over.
 const AGAIN: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(4));
 
@@ -239,13 +243,13 @@ fn track(
     (queue, unused): (&Queue<Arrival>, &Receiver<Vec<Sight>>),
     shared: &Shared,
 ) {
+    let mut sights = Vec::new();
     loop {
         let Arrival { stamp_ns, received_ns, frame } = match queue.pop(Duration::from_millis(200)) {
             Popped::Item(arrival) => arrival,
             Popped::Nothing => continue,
             Popped::Closed => break,
         };
-        let mut sights = unused.try_recv().unwrap_or_default();
         sights.clear();
         let look = tracker.see(stamp_ns, Arc::clone(&frame));
         // A copy shows nothing new, and what is not later has no time: the camera lives, and that is all.
@@ -256,10 +260,14 @@ fn track(
         }
         drop(frame);
         let (tracked_ns, dark) = (shared.clock.now_ns(), tracker.is_dark());
+        // What came back late is not what is waited for below.
+        while shared.pace == Pace::Own && unused.try_recv().is_ok() {}
         let report = Report::Seen(Seen { camera, stamp_ns, received_ns, tracked_ns, dark, sights });
         if shared.reports.send(report).is_err() {
             return;
         }
+        let patience = if shared.pace == Pace::Own { TAKEN_IN } else { Duration::ZERO };
+        sights = unused.recv_timeout(patience).unwrap_or_default();
         // Nobody waits for this.
         tracker.look_around();
     }
