@@ -19,6 +19,9 @@ const BEFORE: usize = 20;
 /// A clap and its echoes in a room last so many blocks, in which nothing else is looked for.
 const ECHO: i64 = 600;
 
+/// A clap is at its loudest within so many blocks.
+const ONSET: i64 = 3;
+
 /// A clap rises more than all else by this factor in amplitude, as a flash does in brightness.
 const ALONE: f64 = 2.0;
 
@@ -134,8 +137,11 @@ impl Ears {
     fn take(&mut self, rise: Rise) {
         let is_near = |other: &Rise| rise.block - other.block < ECHO;
         match self.largest.iter_mut().find(|other| is_near(other)) {
-            // The first block of a clap may hold little of it: what follows at once is its own.
-            Some(same) if rise.by > same.by => *same = rise,
+            Some(same) if rise.by > same.by => {
+                // The first block of a clap may hold half of it, and the next be the louder.
+                let goes_on = rise.block - same.block <= ONSET && rise.by <= ALONE * same.by;
+                *same = Rise { block: if goes_on { same.block } else { rise.block }, by: rise.by };
+            }
             Some(_) => return,
             None => self.largest.push(rise),
         }
