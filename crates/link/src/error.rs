@@ -52,6 +52,14 @@ pub enum LinkError {
     /// An event could not be written.
     #[error("json: cannot be written ({0}): look at what reads it, or at the disk")]
     Write(#[source] io::Error),
+    /// A file cannot be written.
+    #[error("{path} cannot be written ({source}): look at its folder and at the disk")]
+    File {
+        /// Which.
+        path: String,
+        /// What the system says.
+        source: io::Error,
+    },
     /// This build has not the outlet that is asked for.
     #[error(
         "{outlet}: not in this build: install with `cargo install mavsight --features {outlet}`, or take [live.{outlet}] out"

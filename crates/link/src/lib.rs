@@ -13,6 +13,7 @@ pub mod natnet;
 mod options;
 mod outlet;
 mod peers;
+pub mod rerun;
 #[cfg(test)]
 mod testing;
 mod udp;
@@ -31,4 +32,5 @@ pub use options::{
     BodyAxes, JsonOptions, LinkOptions, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions,
 };
 pub use outlet::{Body, Outlet, open};
+pub use rerun::Rerun;
 pub use vrpn::{TURN_S, Vrpn};

@@ -1,14 +1,17 @@
 //! A flight: cameras in, poses out, as long as it lasts.
 
+mod tell;
+
 use crate::camera::{Camera, Report, Seen, Shared};
 use crate::parameters::{InputSource, Parameters};
+use crate::seat::{LATENESS_FRAMES, Seat};
 use crate::{
-    CameraStates, FlightClock, Latencies, Listeners, LiveChain, LiveError, MotionFilter, Opener,
-    RecorderSlot, TrackingState, events,
+    FlightClock, Latencies, Listeners, LiveChain, LiveError, MotionFilter, Opener, RecorderSlot,
+    TrackingState, events,
 };
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector2;
-use mavsight_link::{CameraState, Event, Fix, Tracking};
+use mavsight_link::{CameraState, Event, Tracking};
 use mavsight_pipeline::{CameraTracker, Sight};
 use mavsight_pose::{CameraClock, MotionNoise, Rig};
 use mavsight_vision::Frame;
@@ -21,12 +24,8 @@ use std::time::Duration;
 const WAITING: usize = 128;
 /// Longest wait for a report between looks at the states.
 const LOOK: Duration = Duration::from_millis(10);
-/// Time from one telling of rates and latencies to the next.
-const TELL_NS: i64 = 1_000_000_000;
 /// A camera that is late by this many intervals against what it usually is, is not waited for.
 const LATE_INTERVALS: f64 = 1.5;
-/// Frames over which a camera's usual lateness is the median.
-const LATENESS_FRAMES: usize = 31;
 /// After so long without a frame an open source is opened again.
 const HANGS_NS: i64 = 3_000_000_000;
 /// Cameras that show nothing so long after the first ones are not waited for.
@@ -175,55 +174,6 @@ pub fn fly(setup: Setup<'_>) -> Result<Flown, LiveError> {
     flight.listeners.event(Event::Scene(events::scene(setup.name, setup.rig, setup.vehicle)));
     flight.go(&reports);
     Ok(flight.finish(&reports))
-}
-
-/// What the flight keeps of one camera.
-struct Seat {
-    states: CameraStates,
-    /// Latest latenesses of its frames, and where the next goes.
-    lateness_ns: Vec<i64>,
-    next: usize,
-    usual_ns: i64,
-    /// Whether the chain goes on without it.
-    is_left: bool,
-    ended: bool,
-    /// Since the last telling: frames, those in which each marker was told, latencies.
-    frames: u64,
-    markers: Vec<u64>,
-    instants: u64,
-    latency: Latencies,
-    interrupted_ns: i64,
-}
-
-impl Seat {
-    fn new(markers: usize) -> Self {
-        Self {
-            states: CameraStates::default(),
-            lateness_ns: Vec::with_capacity(LATENESS_FRAMES),
-            next: 0,
-            usual_ns: 0,
-            is_left: false,
-            ended: false,
-            frames: 0,
-            markers: vec![0; markers],
-            instants: 0,
-            latency: Latencies::default(),
-            interrupted_ns: 0,
-        }
-    }
-
-    fn came(&mut self, lateness_ns: i64, scratch: &mut Vec<i64>) {
-        if self.lateness_ns.len() < LATENESS_FRAMES {
-            self.lateness_ns.push(lateness_ns);
-        } else {
-            self.lateness_ns[self.next] = lateness_ns;
-        }
-        self.next = (self.next + 1) % LATENESS_FRAMES;
-        scratch.clear();
-        scratch.extend_from_slice(&self.lateness_ns);
-        let middle = scratch.len() / 2;
-        self.usual_ns = *scratch.select_nth_unstable(middle).1;
-    }
 }
 
 struct Flight<'a> {
@@ -392,102 +342,6 @@ impl Flight<'_> {
         for camera in late {
             self.chain.go_without(camera, t_ns);
         }
-    }
-
-    fn tell_instants(&mut self) {
-        let recorder = self.recorder.current();
-        let wants_events = self.listeners.want_events() || recorder.is_some();
-        while let Some(told) = self.chain.next_told() {
-            let sample = &told.association.sample;
-            let motion = self.motion.push(sample);
-            let was = self.last;
-            self.last = self.tracking.saw(told.t_ns, sample.estimate.is_some());
-            let fix = Fix {
-                sequence: self.flown.instants,
-                captured_ns: self.clock.unix_ns(told.t_ns),
-                received_ns: self.clock.unix_ns(self.received_ns),
-                measured: sample.estimate.as_ref().map(|e| events::measured(e, motion.as_ref())),
-                resets: self.tracking.resets(),
-            };
-            self.listeners.fix(fix.clone());
-            let latency_ns = self.clock.now_ns() - self.received_ns;
-            self.flown.latency.add_ns(latency_ns);
-            self.flown.instants += 1;
-            self.flown.measured += u64::from(fix.measured.is_some());
-            self.flown.lost += u64::from(fix.measured.is_none() && was != Tracking::Acquiring);
-            for seat in &mut self.seats {
-                seat.instants += 1;
-            }
-            for (index, marker) in &told.association.pairs {
-                let camera = told.seen[*index].camera;
-                self.seats[camera].markers[*marker] += 1;
-            }
-            if let Some(parameters) = &self.parameters {
-                parameters.push(sample);
-            }
-            if wants_events {
-                let pose = events::pose(&fix, told.t_ns, self.last, latency_ns, sample.reason.as_deref());
-                if let Some(recorder) = &recorder {
-                    recorder.sent(&pose);
-                }
-                self.listeners.event(pose);
-                events::sights(&told, (self.rig, self.vehicle)).for_each(|e| self.listeners.event(e));
-            }
-        }
-        for k in self.moved..self.chain.moved_cameras().len() {
-            let camera = self.chain.moved_cameras()[k].camera;
-            self.seats[camera].states.moved();
-            self.tracking.cut();
-            self.moved = k + 1;
-        }
-    }
-
-    /// Rates, latencies and parameters, once a second.
-    fn tell_rates(&mut self) {
-        if let Some(event) = self.parameters.as_ref().and_then(Parameters::latest) {
-            self.listeners.event(event);
-        }
-        if let Some(event) = self.recorder.current().and_then(|r| r.news()) {
-            self.listeners.event(event);
-        }
-        let now_ns = self.now_ns();
-        if self.told_ns != i64::MIN && now_ns - self.told_ns < TELL_NS {
-            return;
-        }
-        for camera in 0..self.seats.len() {
-            self.tell_camera(camera, now_ns);
-            let seat = &mut self.seats[camera];
-            (seat.frames, seat.instants) = (0, 0);
-            seat.markers.fill(0);
-            seat.latency.clear();
-        }
-        self.told_ns = now_ns;
-        self.listeners.event(self.recorder.event());
-    }
-
-    fn tell_camera(&mut self, camera: usize, now_ns: i64) {
-        let seat = &mut self.seats[camera];
-        let state = seat.states.state(if self.pace == Pace::Fast { i64::MIN } else { now_ns });
-        let over_s = if self.told_ns == i64::MIN { 0.0 } else { (now_ns - self.told_ns) as f64 * 1e-9 };
-        let share = |n: &u64| if seat.instants > 0 { *n as f64 / seat.instants as f64 } else { 0.0 };
-        let event = Event::Camera {
-            camera,
-            state,
-            rate_hz: if over_s > 0.05 { seat.frames as f64 / over_s } else { 0.0 },
-            latency_ms: seat.latency.quantile_ms(0.5),
-            dropped: self.cameras[camera].dropped(),
-            markers: seat.markers.iter().map(share).collect(),
-            reason: seat.states.reason(state),
-        };
-        if let Some(recorder) = self.recorder.current() {
-            recorder.sent(&event);
-        }
-        self.listeners.event(event);
-    }
-
-    fn note(&mut self, fault: bool, text: String) {
-        let t_s = self.now_ns() as f64 * 1e-9;
-        self.listeners.event(Event::Note { t_s, fault, text });
     }
 
     /// Ends the cameras, and tells what still waited.

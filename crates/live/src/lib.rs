@@ -17,6 +17,7 @@ mod motion;
 mod parameters;
 mod queue;
 mod record;
+mod seat;
 mod source;
 mod state;
 

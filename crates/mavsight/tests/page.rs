@@ -122,6 +122,13 @@ fn poses_come_and_a_recording_begins_and_ends(flight: &Flight) {
     ask(&mut socket, "self_check");
     let note = until(&mut socket, |e, _| e["event"] == "note");
     assert!(note["text"].as_str().is_some_and(|t| t.contains("frames/s")), "{note}");
+    // In flight no control points are in view.
+    ask(&mut socket, "calibrate");
+    let note = until(&mut socket, |e, _| e["event"] == "note");
+    assert!(
+        note["fault"] == true && note["text"].as_str().is_some_and(|t| t.contains("control balls")),
+        "{note}"
+    );
     ask(&mut socket, "start_recording");
     until(&mut socket, |e, _| {
         e["event"] == "recording" && e["folder"] == "flight-1" && e["seconds"].as_f64() > Some(0.2)

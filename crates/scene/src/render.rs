@@ -147,11 +147,14 @@ pub(crate) struct Composer<'a> {
     stride: usize,
 }
 
+/// A surface that a ray meets: how far away, of which part, and its normal in body axes.
+type Met = (f64, usize, Vector3<f64>);
+
 /// Lists that are used again from pixel to pixel.
 #[derive(Default)]
 struct Scratch {
     near: Vec<usize>,
-    hits: Vec<(f64, usize, Vector3<f64>)>,
+    hits: Vec<Met>,
 }
 
 impl<'a> Composer<'a> {
@@ -246,7 +249,7 @@ impl<'a> Composer<'a> {
 
 fn sample(
     moving: &Moving<'_>,
-    (near, hits): (&[usize], &mut Vec<(f64, usize, Vector3<f64>)>),
+    (near, hits): (&[usize], &mut Vec<Met>),
     ray: &Ray,
     pose: usize,
     (behind, distance_m): ([f64; 3], f64),

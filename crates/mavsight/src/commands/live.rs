@@ -13,10 +13,14 @@ use mavsight_live::{
     Flown, InputSource, Latencies, Listener, Listeners, Pace, Recorded, RecordedSession, Recorder,
     RecorderSlot, Setup, Tap, fly,
 };
+use mavsight_pipeline::{ControlStill, calibrate_from_stills};
 use mavsight_pose::{MotionNoise, Rig, motion_noise};
 use mavsight_session::{
-    LiveSection, Session, SessionFile, make_folder, ns_from_s, read_poses, read_toml, write_whole,
+    ControlPointRow, LiveSection, Session, SessionFile, make_folder, ns_from_s, read_poses, read_toml,
+    write_rig, write_whole,
 };
+use mavsight_vision::Frame;
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -64,7 +68,9 @@ fn of_session(args: &Live, path: &Path) -> Result<()> {
     let (cameras, clock) =
         if args.replay { replayed(&session, pace_of(args), &stop)? } else { running(&session)? };
     let mut listeners = listeners(args, &stop, (&session.vehicle, &session.live))?;
-    let taps = with_page(args, &mut listeners, (&recorder, begin))?;
+    let names = session.cameras.iter().map(|c| c.name.clone()).collect();
+    let calibrate = calibrating(names, named(session.control_points())?);
+    let taps = with_page(args, &mut listeners, &recorder, (begin, calibrate))?;
     let setup = Setup {
         name: &session.name,
         rig: &rig,
@@ -106,24 +112,55 @@ fn recorded(session: &Session, waits: bool) -> Result<RecordedSession> {
 /// How a recording of the flight begins.
 pub(super) type Begin = Box<dyn Fn(&Path) -> Result<Recorder> + Send>;
 
+/// What a calibration from the latest frame of each camera says.
+pub(super) type Calibrate = Box<dyn Fn(BTreeMap<usize, Arc<Frame>>) -> Result<String> + Send>;
+
+/// Calibrates from what the cameras show, control points in view, into a rig of its own: the flight goes on with the cameras it has.
+pub(super) fn calibrating(names: Vec<String>, points: Vec<ControlPointRow>) -> Calibrate {
+    Box::new(move |frames| {
+        if points.is_empty() {
+            anyhow::bail!("The session has no control points to calibrate from: give it `[control]`.");
+        }
+        let still = |(camera, frame): (&String, &Arc<Frame>)| ControlStill {
+            camera: camera.clone(),
+            frame: Frame::clone(frame),
+        };
+        let seen = names.iter().enumerate().filter_map(|(k, name)| Some((name, frames.get(&k)?)));
+        let rig = calibrate_from_stills(&seen.map(still).collect::<Vec<_>>(), &points)?;
+        let unused = (1..).map(|k| PathBuf::from(format!("rig-{k}.toml"))).find(|p| !p.exists());
+        let path = unused.context("all names rig-N.toml are taken")?;
+        write_rig(&path, &rig)?;
+        let file = path.display();
+        Ok(format!(
+            "The cameras are calibrated in {file}: the next flight has them by `[rig] file = \"{file}\"` in place of `[control]`."
+        ))
+    })
+}
+
 /// Serves the page where it is asked for; who must see the frames for it.
 #[cfg(feature = "page")]
 pub(super) fn with_page(
     args: &Live,
     listeners: &mut Listeners,
-    (slot, begin): (&Arc<RecorderSlot>, Begin),
+    slot: &Arc<RecorderSlot>,
+    (begin, calibrate): (Begin, Calibrate),
 ) -> Result<Vec<Tap>> {
-    use super::live_page::{ADDRESS, Recording, serve};
+    use super::live_page::{ADDRESS, Duties, serve};
     let Some(address) = args.serve else { return Ok(Vec::new()) };
     let address = address.map_or_else(|| ADDRESS.parse(), Ok)?;
-    let (page, tap) = serve(address, Recording { slot: Arc::clone(slot), begin })?;
+    let (page, tap) = serve(address, Duties { slot: Arc::clone(slot), begin, calibrate })?;
     listeners.add(page)?;
     Ok(vec![tap])
 }
 
 /// There is no page in this build.
 #[cfg(not(feature = "page"))]
-pub(super) fn with_page(_: &Live, _: &mut Listeners, _: (&Arc<RecorderSlot>, Begin)) -> Result<Vec<Tap>> {
+pub(super) fn with_page(
+    _: &Live,
+    _: &mut Listeners,
+    _: &Arc<RecorderSlot>,
+    _: (Begin, Calibrate),
+) -> Result<Vec<Tap>> {
     Ok(Vec::new())
 }
 

@@ -3,7 +3,7 @@
 use crate::cli::{Live, WrongCall};
 use anyhow::Result;
 use mavsight_flight::Vehicle;
-use mavsight_link::{Body, Event, Fix, LinkOptions, MarkerView, Outlet};
+use mavsight_link::{Body, Event, Fix, LinkOptions, MarkerView, Outlet, Rerun};
 use mavsight_live::{Listener, Listeners};
 use mavsight_session::LiveSection;
 
@@ -48,7 +48,9 @@ pub(super) fn add_links(
     let body = Body::new(&vehicle.name, vehicle.marker.iter().map(marker).collect());
     let outlets =
         mavsight_link::open(&options(session, args), &body).map_err(|e| WrongCall(e.to_string()))?;
-    for outlet in outlets {
+    let file = args.rerun.as_deref().map(Rerun::create).transpose()?;
+    let file = file.map(|f| Box::new(f) as Box<dyn Outlet>);
+    for outlet in outlets.into_iter().chain(file) {
         all.add(Box::new(Link { outlet, said: None }))?;
     }
     Ok(())

@@ -1,15 +1,16 @@
 //! The browser page of a live flight.
 
-use super::live::Begin;
+use super::live::{Begin, Calibrate};
 use anyhow::Result;
 use mavsight_link::{Event, PoseEvent};
 use mavsight_live::{Listener, RecorderSlot, Tap};
 use mavsight_page::{Command, Reach, Server, encode_preview};
 use mavsight_vision::Frame;
+use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Where the page is when nobody says.
@@ -18,14 +19,18 @@ pub(super) const ADDRESS: &str = "127.0.0.1:8750";
 /// Pictures that may wait to be encoded; more are not needed to be ten a second.
 const WAITING: usize = 2;
 
-/// What the page needs of a flight that it may record.
-pub(super) struct Recording {
+/// What the page may ask for.
+pub(super) struct Duties {
     pub(super) slot: Arc<RecorderSlot>,
     pub(super) begin: Begin,
+    pub(super) calibrate: Calibrate,
 }
 
+/// Latest frame of each camera.
+type Latest = Arc<Mutex<BTreeMap<usize, Arc<Frame>>>>;
+
 /// Serves the page: who must hear of the flight, and who must see its frames.
-pub(super) fn serve(address: SocketAddr, recording: Recording) -> Result<(Box<dyn Listener>, Tap)> {
+pub(super) fn serve(address: SocketAddr, duties: Duties) -> Result<(Box<dyn Listener>, Tap)> {
     let reach = if address.ip().is_loopback() { Reach::Loopback } else { Reach::Network };
     let server = Arc::new(Server::start(address, reach)?);
     eprintln!("The page is at {}", server.url());
@@ -43,19 +48,26 @@ pub(super) fn serve(address: SocketAddr, recording: Recording) -> Result<(Box<dy
         }
     };
     std::thread::Builder::new().name("pictures".into()).spawn(encode)?;
-    let asked = Arc::clone(&server);
+    let (asked, frames) = (Arc::clone(&server), Latest::default());
+    let kept = Arc::clone(&frames);
     let tap: Tap = Arc::new(move |camera, t_ns, frame, _| {
+        locked(&kept).insert(camera, Arc::clone(frame));
         if asked.wants_preview(camera, t_ns) {
             // A picture that finds no room is not needed: the next is as good.
             let _ = out.try_send((camera, t_ns, Arc::clone(frame)));
         }
     });
-    Ok((Box::new(Page { server, recording, cameras: Vec::new(), latest: None }), tap))
+    Ok((Box::new(Page { server, duties, frames, cameras: Vec::new(), latest: None }), tap))
+}
+
+fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 struct Page {
     server: Arc<Server>,
-    recording: Recording,
+    duties: Duties,
+    frames: Latest,
     /// Name of each camera, and what was last said of it.
     cameras: Vec<(String, Option<String>)>,
     latest: Option<Box<PoseEvent>>,
@@ -72,15 +84,18 @@ impl Page {
             match command {
                 Command::StartRecording => self.start_recording(),
                 Command::StopRecording => {
-                    drop(self.recording.slot.replace(None));
-                    self.server.publish(&self.recording.slot.event());
+                    drop(self.duties.slot.replace(None));
+                    self.server.publish(&self.duties.slot.event());
                 }
                 Command::SelfCheck => self.note(false, self.check()),
-                Command::Calibrate => self.note(
-                    true,
-                    "Cameras are calibrated before a flight: end it, take stills of the control points, and start it again."
-                        .to_owned(),
-                ),
+                Command::Calibrate => {
+                    // A copy of the list, so that no camera waits for what takes seconds.
+                    let frames = locked(&self.frames).clone();
+                    match (self.duties.calibrate)(frames) {
+                        Ok(said) => self.note(false, said),
+                        Err(error) => self.note(true, format!("{error:#}")),
+                    }
+                }
             }
         }
     }
@@ -89,11 +104,11 @@ impl Page {
     fn start_recording(&self) {
         let unused = (1..).map(|k| PathBuf::from(format!("flight-{k}"))).find(|p| !p.exists());
         let Some(folder) = unused else { return };
-        match (self.recording.begin)(&folder) {
-            Ok(recorder) => drop(self.recording.slot.replace(Some(recorder))),
+        match (self.duties.begin)(&folder) {
+            Ok(recorder) => drop(self.duties.slot.replace(Some(recorder))),
             Err(error) => self.note(true, format!("{error:#}")),
         }
-        self.server.publish(&self.recording.slot.event());
+        self.server.publish(&self.duties.slot.event());
     }
 
     /// What the cameras and the last pose tell.

@@ -1,7 +1,7 @@
 //! The virtual room filmed in real time, with a pilot who flies in it.
 
 use super::demo::frame_of;
-use super::live::{Begin, ENOUGH, finish, listeners, pace_of, with_page};
+use super::live::{Begin, ENOUGH, calibrating, finish, listeners, pace_of, with_page};
 use crate::cli::{Live, WrongCall};
 use crate::lab;
 use crate::progress::Bars;
@@ -195,7 +195,9 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
         }
     });
     let mut listeners = listeners(args, &stop, (&vehicle, &LiveSection::default()))?;
-    let taps = with_page(args, &mut listeners, (&recorder, begin))?;
+    let names = cameras.iter().map(|c| c.name.clone()).collect();
+    let duties = (begin, calibrating(names, lab::control_points()));
+    let taps = with_page(args, &mut listeners, &recorder, duties)?;
     let setup = Setup {
         name: "virtual",
         rig: &rig,

@@ -3,7 +3,7 @@
 import { colours, label, prepare, type Surface } from "./canvas.ts";
 import type { Camera, CameraState, Scene, Sight } from "./events.ts";
 import type { CameraNow, Flight } from "./flight.ts";
-import { magnification } from "./maths.ts";
+import { magnification, spread } from "./maths.ts";
 import { element } from "./page.ts";
 
 /** Signs beside the words, so that states are told apart not by colour alone. */
@@ -18,6 +18,8 @@ export const STATE_SIGNS: Record<CameraState, string> = {
 
 /** A residual of usual length is drawn about so long. */
 const ARROW_PX = 14;
+/** From one name to the next below. */
+const NAME_PX = 14;
 /** A picture older than this is greyed. */
 const PICTURE_OLD_MS = 600;
 
@@ -27,6 +29,7 @@ export class Cameras {
   private captions: HTMLElement[] = [];
   private magnified = 1;
   private usual_px = 0;
+  private residuals = 0;
   private written: (Camera | null)[] = [];
   private readonly flight: Flight;
   private readonly pictures: HTMLElement;
@@ -87,8 +90,13 @@ export class Cameras {
     // A pixel's coordinates are those of its centre.
     const at = (u: number, v: number): [number, number] => [left + (u + 0.5) * zoom, top + (v + 0.5) * zoom];
     const told = seen.filter((sight) => sight.marker !== null);
-    const middle = at(mean(told.map((sight) => sight.u_px)), mean(told.map((sight) => sight.v_px)));
-    for (const sight of seen) this.drawSight(scene, sight, pen, at, zoom, middle);
+    const middle = at(mean(told.map((sight) => sight.u_px)), 0)[0];
+    for (const sight of seen) this.drawSight(sight, pen, at, zoom);
+    drawNames(pen, seen.map((sight) => {
+      const [x, y] = at(sight.u_px, sight.v_px);
+      const name = sight.marker === null ? "?" : (scene.markers[sight.marker]?.name ?? "?");
+      return { x, y, name, radius: radiusOf(sight, zoom), isLeft: sight.marker !== null && x < middle };
+    }));
     pen.font = `600 13px ${colours().font}`;
     pen.textAlign = "center";
     if (isOld && camera.image) label(pen, `picture ${(age_ms / 1000).toFixed(1)} s old`, width / 2, height / 2, "#fff", "#000");
@@ -96,34 +104,26 @@ export class Cameras {
   }
 
   private drawSight(
-    scene: Scene, sight: Sight, pen: CanvasRenderingContext2D, at: (u: number, v: number) => [number, number], zoom: number,
-    middle: readonly [number, number],
+    sight: Sight, pen: CanvasRenderingContext2D, at: (u: number, v: number) => [number, number], zoom: number,
   ): void {
-    const marker = sight.marker === null ? undefined : scene.markers[sight.marker];
     const [x, y] = at(sight.u_px, sight.v_px);
-    const radius = Math.max(4, (sight.diameter_px * zoom) / 2 + 4);
     const ring = (colour: string, width: number) => {
       pen.beginPath();
-      pen.arc(x, y, radius, 0, 2 * Math.PI);
+      pen.arc(x, y, radiusOf(sight, zoom), 0, 2 * Math.PI);
       pen.strokeStyle = colour;
       pen.lineWidth = width;
       pen.stroke();
     };
-    pen.setLineDash(marker ? [] : [3, 3]);
+    pen.setLineDash(sight.marker !== null ? [] : [3, 3]);
     ring("#000", 3.5);
-    ring(marker ? "#fff" : "#bbb", 1.5);
+    ring(sight.marker !== null ? "#fff" : "#bbb", 1.5);
     pen.setLineDash([]);
-    pen.font = `600 12px ${colours().font}`;
-    pen.textBaseline = "middle";
-    // Names stand on the outside of the body, where they lie on none of its balls.
-    const isLeft = marker !== undefined && x < middle[0];
-    pen.textAlign = isLeft ? "right" : "left";
-    const aside = isLeft ? -radius - 4 : radius + 4;
-    label(pen, marker?.name ?? "?", x + aside, y + (y < middle[1] ? -radius / 2 : radius / 2), "#fff", "#000");
     if (!sight.residual_px) return;
     const [du, dv] = sight.residual_px;
     const length = Math.hypot(du, dv);
-    this.usual_px += 0.01 * (length - this.usual_px);
+    // The mean of all, later of some hundred.
+    this.residuals += 1;
+    this.usual_px += Math.max(0.01, 1 / this.residuals) * (length - this.usual_px);
     this.magnified = magnification(this.usual_px * zoom, ARROW_PX, this.magnified);
     drawArrow(pen, x, y, du * zoom * this.magnified, dv * zoom * this.magnified);
   }
@@ -162,6 +162,45 @@ export class Cameras {
     wide.className = "shares";
     return [first, element("tr", [wide])];
   }
+}
+
+interface Name {
+  x: number;
+  y: number;
+  name: string;
+  radius: number;
+  isLeft: boolean;
+}
+
+/** Names stand on either side of the body one below the other, where they lie on none of its balls nor on each other. */
+function drawNames(pen: CanvasRenderingContext2D, names: readonly Name[]): void {
+  pen.font = `600 12px ${colours().font}`;
+  pen.textBaseline = "middle";
+  for (const isLeft of [true, false]) {
+    const own = names.filter((name) => name.isLeft === isLeft).sort((a, b) => a.y - b.y);
+    const heights = spread(own.map((name) => name.y), NAME_PX);
+    const edges = own.map((name) => (isLeft ? name.x - name.radius : name.x + name.radius));
+    const aside = isLeft ? Math.min(...edges) - 10 : Math.max(...edges) + 10;
+    pen.textAlign = isLeft ? "right" : "left";
+    own.forEach((name, k) => {
+      const height = heights[k] ?? name.y;
+      const [dx, dy] = [aside - name.x, height - name.y];
+      const share = name.radius / Math.max(1, Math.hypot(dx, dy));
+      for (const [colour, width] of [["#000", 3], ["#fff", 1]] as const) {
+        pen.beginPath();
+        pen.moveTo(name.x + share * dx, name.y + share * dy);
+        pen.lineTo(aside, height);
+        pen.strokeStyle = colour;
+        pen.lineWidth = width;
+        pen.stroke();
+      }
+      label(pen, name.name, aside + (isLeft ? -3 : 3), height, "#fff", "#000");
+    });
+  }
+}
+
+function radiusOf(sight: Sight, zoom: number): number {
+  return Math.max(4, (sight.diameter_px * zoom) / 2 + 4);
 }
 
 function mean(values: readonly number[]): number {

@@ -50,6 +50,10 @@ function take(message: Message): void {
   }
 }
 
+function sentence(text: string): string {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
 function takeCamera(message: Camera): void {
   const camera = flight.cameras[message.camera];
   if (!camera) return;
@@ -59,7 +63,7 @@ function takeCamera(message: Camera): void {
   const isIll = message.state !== "running" && message.state !== "starting";
   const t_s = flight.pose?.t_s ?? null;
   if (isIll && before !== message.state) {
-    notes.add({ t_s, fault: true, text: `${name} is ${message.state}. ${message.reason ?? ""}` });
+    notes.add({ t_s, fault: true, text: `${name} is ${message.state}. ${sentence(message.reason ?? "")}` });
   } else if (wasIll && message.state === "running") {
     notes.add({ t_s, fault: false, text: `${name} is running again.` });
   }

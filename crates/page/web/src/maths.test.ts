@@ -3,7 +3,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { below125, entry, eulerStd, magnification, positionRoot, ticks, turn, withUncertainty } from "./maths.ts";
+import { below125, entry, eulerStd, magnification, positionRoot, spread, ticks, turn, withUncertainty } from "./maths.ts";
 
 /** Upper triangle by rows of a 6×6. */
 function upper(full) {
@@ -83,4 +83,10 @@ test("numbers have the digits that they deserve", () => {
   assert.equal(withUncertainty(-7.3e-4, 2e-5), "(−7.3 ± 0.2)e−4");
   assert.equal(withUncertainty(-0.2, 2), "0 ± 2");
   assert.equal(withUncertainty(0, 0), "0.000 ± 0.000");
+});
+
+test("names are moved apart and no further", () => {
+  assert.deepEqual(spread([1, 30, 60], 14), [1, 30, 60]);
+  assert.deepEqual(spread([10, 10, 10], 14), [-4, 10, 24]);
+  assert.deepEqual(spread([], 14), []);
 });

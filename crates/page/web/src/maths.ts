@@ -97,6 +97,14 @@ export function magnification(size: number, wanted: number, inUse: number): numb
   return shown > 0.4 && shown < 2.5 ? inUse : Math.max(1, below125((wanted / size) * 1.4));
 }
 
+/** Rising places, moved apart so that each is at least `least` from the next, about the same middle. */
+export function spread(places: readonly number[], least: number): number[] {
+  const out = [...places];
+  for (let k = 1; k < out.length; k++) out[k] = Math.max(out[k] ?? 0, (out[k - 1] ?? 0) + least);
+  const moved = out.reduce((sum, place, k) => sum + place - (places[k] ?? 0), 0) / Math.max(1, out.length);
+  return out.map((place) => place - moved);
+}
+
 /** Some three to six round numbers between two bounds. */
 export function ticks(low: number, high: number, most: number): number[] {
   const raw = (high - low) / most;

@@ -1,0 +1,194 @@
+//! A recording that Rerun opens (`.rrd`), written as the flight goes.
+//!
+//! | entity | what |
+//! |---|---|
+//! | `world` | Z up |
+//! | `world/aircraft` | `Transform3D`, world_from_body, of each pose that was measured, and no other |
+//! | `world/aircraft/markers`, `world/cameras` | `Points3D` |
+//! | `position_m`, `position_std_m`, `euler_deg`, `rates_deg_s`, `residual_px`, `latency_ms` | `Scalars`; none where nothing was measured |
+//! | `notes`, `tracking` | `TextLog` |
+//!
+//! Timelines: `t`, since the flight began, and `captured`, by this machine's clock. Poses are in Rerun's single precision, scalars in
+//! double. Rows go to the file once a second; a kill loses what has come since.
+
+mod arrow;
+mod file;
+mod flat;
+
+use crate::{Event, Fix, LinkError, Outlet, PoseEvent, Scene, Tracking};
+use arrow::{Array, Column};
+use file::RrdFile;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Rows that wait before they are written: they share a head of two kilobytes.
+const ROWS: usize = 60;
+
+/// Writes what happens into a file.
+pub struct Rerun {
+    path: PathBuf,
+    file: RrdFile,
+    poses: Vec<PoseEvent>,
+    tracking: Option<Tracking>,
+}
+
+impl Rerun {
+    /// Begins a file, in place of one that is there.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn create(path: &Path) -> Result<Self, LinkError> {
+        let refused = |source| LinkError::File { path: path.display().to_string(), source };
+        let mut file = RrdFile::create(path, "mavsight", crate::outlet::now_ns()).map_err(refused)?;
+        // Right, forward, up.
+        let axes = Array::lists([1], Array::Fixed(3, Box::new(Array::Bytes(vec![3, 5, 1]))));
+        let column = component("ViewCoordinates", "xyz", "ViewCoordinates", axes);
+        file.chunk("/world", 1, vec![column]).map_err(refused)?;
+        Ok(Self { path: path.to_owned(), file, poses: Vec::with_capacity(ROWS), tracking: None })
+    }
+
+    fn scene(&mut self, scene: &Scene) -> io::Result<()> {
+        let points = |places: &[[f64; 3]], names: Vec<String>| {
+            let flat = places.iter().flatten().map(|v| *v as f32).collect();
+            let count = places.len();
+            let places = Array::lists([count], Array::Fixed(3, Box::new(Array::F32(flat))));
+            vec![
+                component("Points3D", "positions", "Position3D", places),
+                component("Points3D", "labels", "Text", Array::lists([count], Array::Text(names))),
+            ]
+        };
+        let places: Vec<_> = scene.cameras.iter().map(|c| c.centre_m).collect();
+        let names = scene.cameras.iter().map(|c| c.name.clone()).collect();
+        self.file.chunk("/world/cameras", 1, points(&places, names))?;
+        let places: Vec<_> = scene.markers.iter().map(|m| m.in_body_m).collect();
+        let names = scene.markers.iter().map(|m| m.name.clone()).collect();
+        let mut columns = points(&places, names);
+        let count = scene.markers.len();
+        let color =
+            scene.markers.iter().map(|m| u32::from_be_bytes([m.rgb[0], m.rgb[1], m.rgb[2], 255])).collect();
+        let radius = scene.markers.iter().map(|m| (0.5 * m.diameter_m) as f32).collect();
+        columns.push(component("Points3D", "colors", "Color", Array::lists([count], Array::Words(color))));
+        columns.push(component("Points3D", "radii", "Radius", Array::lists([count], Array::F32(radius))));
+        self.file.chunk("/world/aircraft/markers", 1, columns)
+    }
+
+    fn text(&mut self, entity: &str, t_s: f64, text: &str) -> io::Result<()> {
+        let body = Array::lists([1], Array::Text(vec![text.to_owned()]));
+        let t = index("t", Array::Duration(vec![(t_s * 1e9).round() as i64]));
+        self.file.chunk(entity, 1, vec![t, component("TextLog", "text", "Text", body)])
+    }
+
+    /// Writes the poses that wait.
+    fn flush(&mut self) -> io::Result<()> {
+        if self.poses.is_empty() {
+            return Ok(());
+        }
+        let poses = std::mem::take(&mut self.poses);
+        let times = |of: &[&PoseEvent]| {
+            let t = of.iter().map(|p| (p.t_s * 1e9).round() as i64).collect();
+            let captured = of.iter().map(|p| p.captured_ns).collect();
+            vec![index("captured", Array::Timestamp(captured)), index("t", Array::Duration(t))]
+        };
+        let measured: Vec<&PoseEvent> = poses.iter().filter(|p| p.position_m.is_some()).collect();
+        if !measured.is_empty() {
+            let one = || std::iter::repeat_n(1, measured.len());
+            let place: Vec<f32> =
+                measured.iter().filter_map(|p| p.position_m).flatten().map(|v| v as f32).collect();
+            // Rerun has w last.
+            let turn: Vec<f32> = (measured.iter().filter_map(|p| p.attitude))
+                .flat_map(|[w, x, y, z]| [x, y, z, w].map(|v| v as f32))
+                .collect();
+            let fixed = |n: i32, of: Vec<f32>| Array::lists(one(), Array::Fixed(n, Box::new(Array::F32(of))));
+            let mut columns = times(&measured);
+            columns.push(component("Transform3D", "quaternion", "RotationQuat", fixed(4, turn)));
+            columns.push(component("Transform3D", "translation", "Translation3D", fixed(3, place)));
+            self.file.chunk("/world/aircraft", measured.len(), columns)?;
+        }
+        let all: Vec<&PoseEvent> = poses.iter().collect();
+        for (entity, of) in SCALARS {
+            let values: Vec<Vec<f64>> = all.iter().map(|p| of(p)).collect();
+            let lists = Array::lists(values.iter().map(Vec::len), Array::F64(values.concat()));
+            let mut columns = times(&all);
+            columns.push(component("Scalars", "scalars", "Scalar", lists));
+            self.file.chunk(entity, all.len(), columns)?;
+        }
+        self.poses = poses;
+        self.poses.clear();
+        Ok(())
+    }
+
+    fn take(&mut self, event: &Event) -> io::Result<()> {
+        match event {
+            Event::Scene(scene) => self.scene(scene),
+            Event::Pose(pose) => {
+                self.poses.push((**pose).clone());
+                if self.tracking.replace(pose.tracking) != Some(pose.tracking) {
+                    self.text("/tracking", pose.t_s, &format!("{:?}", pose.tracking).to_lowercase())?;
+                }
+                if self.poses.len() >= ROWS { self.flush() } else { Ok(()) }
+            }
+            Event::Note { t_s, text, .. } => self.text("/notes", *t_s, text),
+            _ => Ok(()),
+        }
+    }
+
+    fn told(&self, done: io::Result<()>) -> Result<(), LinkError> {
+        done.map_err(|source| LinkError::File { path: self.path.display().to_string(), source })
+    }
+}
+
+/// Values of one curve or three.
+type Curve = fn(&PoseEvent) -> Vec<f64>;
+
+const SCALARS: [(&str, Curve); 6] = [
+    ("/position_m", |p| p.position_m.map_or_else(Vec::new, Vec::from)),
+    ("/position_std_m", |p| {
+        p.covariance.map_or_else(Vec::new, |c| [0, 6, 11].map(|k| c[k].max(0.0).sqrt()).into())
+    }),
+    ("/euler_deg", |p| p.euler_rad.map_or_else(Vec::new, |a| a.map(f64::to_degrees).into())),
+    ("/rates_deg_s", |p| p.rates_rad_s.map_or_else(Vec::new, |a| a.map(f64::to_degrees).into())),
+    ("/residual_px", |p| p.residual_px.into_iter().collect()),
+    ("/latency_ms", |p| vec![p.latency_ms]),
+];
+
+fn component(archetype: &str, field: &str, of: &str, array: Array) -> Column {
+    let about = vec![
+        ("rerun:archetype", format!("rerun.archetypes.{archetype}")),
+        ("rerun:component", format!("{archetype}:{field}")),
+        ("rerun:component_type", format!("rerun.components.{of}")),
+        ("rerun:kind", "data".to_owned()),
+    ];
+    Column { name: format!("{archetype}:{field}"), about, array }
+}
+
+fn index(name: &str, array: Array) -> Column {
+    let about = vec![
+        ("rerun:index_name", name.to_owned()),
+        ("rerun:is_sorted", "true".to_owned()),
+        ("rerun:kind", "index".to_owned()),
+    ];
+    Column { name: name.to_owned(), about, array }
+}
+
+impl Outlet for Rerun {
+    fn name(&self) -> &str {
+        "rerun"
+    }
+
+    /// Nothing: events tell the same.
+    fn send(&mut self, _: &Fix) -> Result<(), LinkError> {
+        Ok(())
+    }
+
+    fn event(&mut self, event: &Event) -> Result<(), LinkError> {
+        let done = self.take(event);
+        self.told(done)
+    }
+}
+
+impl Drop for Rerun {
+    fn drop(&mut self) {
+        // There is nobody left to be told.
+        let _ = self.flush();
+    }
+}

@@ -1,0 +1,73 @@
+//! What the loop over instants allocates: a pose with its lists, and nothing that stays.
+
+#[allow(dead_code)]
+#[path = "flights/common.rs"]
+mod common;
+
+use common::{pose, rig};
+use mavsight_flight::Vehicle;
+use mavsight_geometry::{Matrix2, Point3, Vector3};
+use mavsight_live::LiveChain;
+use mavsight_pipeline::Sight;
+use mavsight_pose::Rig;
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+use std::alloc::System;
+
+#[global_allocator]
+static COUNTED: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+/// Instants until every list has its size, and instants that are counted.
+const WARM: i64 = 120;
+const COUNT: i64 = 240;
+
+/// The balls where they are, a little off so that residuals are not zero.
+fn sights(rig: &Rig, vehicle: &Vehicle, camera: usize, stamp_ns: i64) -> Vec<Sight> {
+    let (camera, at) = (&rig.cameras[camera].camera, pose(stamp_ns as f64 * 1e-9));
+    let of = |(k, ball): (usize, &mavsight_flight::Marker)| {
+        let centre = (at * Point3::from(Vector3::from(ball.position_m))).coords;
+        let seen = camera.project_ball(&centre, 0.5 * ball.diameter_m).expect("in view").pixel;
+        let depth_m = (camera.cam_from_world * Point3::from(centre)).z;
+        let off_px = 0.03 * ((stamp_ns / 1000 * (k as i64 + 3)) as f64).sin();
+        Sight {
+            stamp_ns,
+            id: k as u32,
+            color: k,
+            pixel: seen.add_scalar(off_px),
+            covariance_px2: Matrix2::identity() * 1e-3,
+            diameter_px: camera.intrinsics.fx_px * ball.diameter_m / depth_m,
+            stays: false,
+            leads: true,
+        }
+    };
+    vehicle.marker.iter().enumerate().map(of).collect()
+}
+
+#[test]
+fn an_instant_allocates_its_pose_and_leaves_nothing_behind() {
+    let (rig, vehicle) = (rig(), Vehicle::paper());
+    let mut chain = LiveChain::new(&rig, &vehicle, &[]).expect("a chain");
+    let (mut counts, mut measured, mut kept_bytes) = (Vec::new(), 0, 0);
+    for k in 0..WARM + COUNT {
+        let stamp_ns = k * 16_666_667;
+        let seen: Vec<_> = (0..2).map(|c| sights(&rig, &vehicle, c, stamp_ns)).collect();
+        let region = Region::new(COUNTED);
+        for (camera, seen) in seen.iter().enumerate() {
+            chain.push(camera, stamp_ns, seen);
+        }
+        while let Some(told) = chain.next_told() {
+            measured += i64::from(told.association.sample.estimate.is_some());
+        }
+        let change = region.change();
+        if k >= WARM {
+            counts.push(change.allocations + change.reallocations);
+            kept_bytes += change.bytes_allocated as i64 - change.bytes_deallocated as i64
+                + change.bytes_reallocated as i64;
+        }
+    }
+    assert!(measured > WARM + COUNT - 20, "{measured} poses");
+    counts.sort_unstable();
+    let (median, most) = (counts[counts.len() / 2], counts[counts.len() - 1]);
+    println!("{median} allocations an instant, {most} at most; {kept_bytes} bytes kept of {COUNT} instants");
+    assert!(median <= 40, "{median} allocations an instant");
+    assert!(kept_bytes.abs() < 4096, "{kept_bytes} bytes");
+}
