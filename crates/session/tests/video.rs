@@ -134,7 +134,7 @@ fn click(at_s: f64) -> Vec<u8> {
     let rate = 44_100_u32;
     let sample = |k: u32| {
         let t_s = f64::from(k) / f64::from(rate) - at_s;
-        let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
+        let sign = if k.is_multiple_of(2) { 1.0 } else { -1.0 };
         if t_s < 0.0 { 0 } else { (sign * 20_000.0 * (-t_s / 0.005).exp()) as i16 }
     };
     let sound: Vec<u8> = (0..2 * rate).map(sample).flat_map(i16::to_le_bytes).collect();
