@@ -177,6 +177,29 @@ fn everything_of_a_colour_is_followed_and_what_moves_leads() {
     assert_eq!(ids.len(), 1, "one thing has one number: {ids:?}");
 }
 
+/// A newcomer beside what is followed is told after its first frame, and within a look around in bands; who tells and looks in
+/// two steps sees the same.
+#[test]
+fn newcomers_are_told_from_the_next_frame_on() {
+    let mut tracker = Tracker::new(&red(), 3.0..=10.0).unwrap();
+    let mut dice = Dice(9);
+    let (known, newcomer) = (ball(20.0, 14.0), ball(44.0, 33.0));
+    for _ in 0..3 {
+        assert_eq!(tracker.candidates(&frame(&[known], 0.5, 2.0, &mut dice)).len(), 1);
+    }
+    let mut stepwise = tracker.clone();
+    let mut told = Vec::new();
+    for _ in 0..9 {
+        let image = frame(&[known, newcomer], 0.5, 2.0, &mut dice);
+        let seen = tracker.candidates(&image);
+        told.push(seen.len());
+        assert_eq!(stepwise.tell(&image), seen);
+        stepwise.look_around(&image);
+        stepwise.look_around(&image);
+    }
+    assert_eq!((told[0], told[8]), (1, 2), "{told:?}");
+}
+
 /// Video is made from the same drawing by averaging 2 × 2 blocks of colour differences (centred siting).
 #[test]
 fn video_with_halved_colour_gives_the_same_centre() {
