@@ -192,3 +192,60 @@ impl Drop for Rerun {
         let _ = self.flush();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pose(position_m: Option<[f64; 3]>) -> Event {
+        Event::Pose(Box::new(PoseEvent {
+            t_s: 0.5,
+            sequence: 1,
+            captured_ns: 1_795_000_000_000_000_000,
+            valid: position_m.is_some(),
+            tracking: Tracking::Tracking,
+            position_m,
+            attitude: position_m.map(|_| [1.0, 0.0, 0.0, 0.0]),
+            euler_rad: None,
+            covariance: None,
+            velocity_in_body_m_s: None,
+            velocity_std_m_s: None,
+            rates_rad_s: None,
+            rates_std_rad_s: None,
+            residual_px: None,
+            latency_ms: 1.0,
+            reason: None,
+        }))
+    }
+
+    /// The file's header and messages follow each other to its end; an instant without a pose is no transform.
+    #[test]
+    fn what_was_not_measured_is_no_transform() {
+        let path = std::env::temp_dir().join(format!("mavsight-rerun-{}.rrd", std::process::id()));
+        let transforms = |events: &[Event]| {
+            let mut outlet = Rerun::create(&path).expect("a file");
+            events.iter().for_each(|e| outlet.event(e).expect("written"));
+            drop(outlet);
+            let bytes = std::fs::read(&path).expect("the file");
+            assert_eq!(&bytes[..4], b"RRF2");
+            let (mut at, mut found) = (12, 0);
+            while at < bytes.len() {
+                let length = u64::from_le_bytes(bytes[at + 8..at + 16].try_into().expect("eight")) as usize;
+                let message = &bytes[at + 16..at + 16 + length];
+                found += usize::from(message.windows(12).any(|w| w == b":translation"));
+                at += 16 + length;
+            }
+            assert_eq!(at, bytes.len());
+            found
+        };
+        assert_eq!(transforms(&[pose(None), pose(None)]), 0);
+        assert_eq!(transforms(&[pose(None), pose(Some([1.0, 2.0, 3.0]))]), 1);
+        std::fs::remove_file(&path).expect("removed");
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_written_is_told() {
+        let said = Rerun::create(Path::new("/no/such/folder/x.rrd")).err().map(|e| e.to_string());
+        assert!(said.is_some_and(|s| s.contains("/no/such/folder/x.rrd cannot be written")));
+    }
+}
