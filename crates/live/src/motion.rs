@@ -105,7 +105,6 @@ mod tests {
     use super::*;
     use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3};
     use mavsight_pose::PoseEstimate;
-    use nalgebra::Matrix6xX;
 
     /// A body that swings, measured to a millimetre and a milliradian.
     fn sample(k: i64) -> PoseSample {

@@ -249,7 +249,6 @@ mod tests {
     use mavsight_geometry::{Matrix6, Vector3, world_from_body};
     use mavsight_identify::{Estimator, FitOptions, identify_with};
     use mavsight_pose::PoseEstimate;
-    use nalgebra::Matrix6xX;
 
     /// Poses of a simulated flight, a tenth of a millimetre and of a milliradian off.
     fn flight() -> (Vec<PoseSample>, InputSeries) {
