@@ -145,3 +145,4 @@ fn estimate(value: &[f64; POSE], spread: &[f64; POSE]) -> PoseEstimate {
     let angles = EulerAngles { phi_rad: value[3], theta_rad: value[4], psi_rad: value[5] };
     let world_from_body: Isometry3<f64> = world_from_body(Vector3::new(value[0], value[1], value[2]), angles);
     PoseEstimate::new(world_from_body, &covariance_from_std(&world_from_body, spread))
+}
