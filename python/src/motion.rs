@@ -4,7 +4,6 @@ use mavsight_geometry::{EulerAngles, Isometry3, Vector3, world_from_body};
 use mavsight_pose::{
     Motion as Smoothed, MotionSample, PoseEstimate, PoseSample, covariance_from_std, euler_std,
 };
-use nalgebra::Matrix6xX;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -142,4 +141,8 @@ pub(crate) fn smooth(
     motion.map(Motion).map_err(|e| wrong(e.to_string()))
 }
 
-fn estimate(value: &[f64; POSE], spread: &[f64; POSE]) -> PoseEstimate::new(world_from_body, &(covariance_from_std(&world_from_body, spread)))
+fn estimate(value: &[f64; POSE], spread: &[f64; POSE]) -> PoseEstimate {
+    let angles = EulerAngles { phi_rad: value[3], theta_rad: value[4], psi_rad: value[5] };
+    let world_from_body: Isometry3<f64> = world_from_body(Vector3::new(value[0], value[1], value[2]), angles);
+    PoseEstimate::new(world_from_body, &covariance_from_std(&world_from_body, spread))
+}
