@@ -205,7 +205,7 @@ impl PoseEstimator {
             return Err(undetermined());
         }
         let estimate = PoseEstimate::new(*world_from_body, &new);
-        Ok(estimate.with_systematic(&effects.map(|v| v as f32)).by_markers(&used, &[], 0.0))
+        Ok(estimate.with_rounded(&effects).by_markers(&used, &[], 0.0))
     }
 
     fn finished(
@@ -223,7 +223,7 @@ impl PoseEstimator {
         let (effects, left_over) = self.systematic(own, solution, &inverse);
         let factor = noise_factor(solution.chi_square, left_over, solution.redundancy);
         let estimate = PoseEstimate::new(solution.world_from_body, &(inverse * factor));
-        let estimate = estimate.with_systematic(&effects.map(|v| v as f32));
+        let estimate = estimate.with_rounded(&effects);
         Ok(estimate.by_markers(used, left_out, residual_px))
     }
 

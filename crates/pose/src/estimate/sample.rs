@@ -91,6 +91,12 @@ impl PoseEstimate {
         Self { lasting: columns.as_slice().into(), ..self }
     }
 
+    /// The same of columns in double precision, without a copy of them in between.
+    #[must_use]
+    pub(crate) fn with_rounded(self, columns: &Matrix6xX<f64>) -> Self {
+        Self { lasting: columns.as_slice().iter().map(|v| *v as f32).collect(), ..self }
+    }
+
     /// The same by some markers, without others, with the residual that they leave.
     #[must_use]
     pub fn by_markers(self, used: &[usize], left_out: &[usize], residual_px: f64) -> Self {
