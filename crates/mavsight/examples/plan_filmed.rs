@@ -250,7 +250,7 @@ fn known(sums: &Sums) -> Outcome<Known> {
         predicted(&sums.claims, Known { centre_std_px: UNIT_PX, control_std_px: NEARLY_NONE_PX })?[1];
     // Predicted variances are linear in those of the centres.
     let share = (claimed - of_stills) / of_unit;
-    if !(share > 0.0) {
+    if share.is_nan() || share <= 0.0 {
         return Err("the stills alone are claimed to turn poses by more: take more films".into());
     }
     Ok(Known { centre_std_px: UNIT_PX * share.sqrt(), control_std_px })
