@@ -23,22 +23,49 @@ use mavsight_session::{
 };
 use mavsight_vision::{Frame, Pixels};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Frames whose memory is used again, as many as may be held at a time.
 const POOL: usize = 24;
 
+/// Frames by which a camera may be ahead of the others where nothing is in real time: the pilot still knows where the aircraft
+/// was for those that are behind.
+const AHEAD: u64 = 32;
+
 /// The pilot, shared by the cameras, the recording and the parameters.
 struct Shared {
     pilot: Mutex<Pilot>,
     recorder: Arc<RecorderSlot>,
+    /// The frame that each camera films next.
+    next: Vec<AtomicU64>,
 }
 
 impl Shared {
+    fn new(
+        (vehicle, rate_hz): (&Vehicle, f64),
+        cameras: usize,
+        recorder: &Arc<RecorderSlot>,
+    ) -> Result<Self> {
+        Ok(Self {
+            pilot: Mutex::new(Pilot::new(vehicle, rate_hz)?),
+            recorder: Arc::clone(recorder),
+            next: (0..cameras).map(|_| AtomicU64::new(0)).collect(),
+        })
+    }
+
     fn pilot(&self) -> MutexGuard<'_, Pilot> {
         self.pilot.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Tells which frame a camera films next; whether it is too far ahead of another.
+    fn is_ahead(&self, camera: usize, frame: u64) -> bool {
+        if let Some(own) = self.next.get(camera) {
+            own.store(frame, Ordering::Relaxed);
+        }
+        let last = self.next.iter().map(|n| n.load(Ordering::Relaxed)).min();
+        last.is_some_and(|last| frame > last.saturating_add(AHEAD))
     }
 
     /// The aircraft at a frame, and what was commanded on the way to it into the recording.
@@ -64,6 +91,7 @@ impl InputSource for Commands {
 struct VirtualSource {
     film: FilmStream<'static>,
     camera: VirtualCamera,
+    index: usize,
     aircraft: Arc<Aircraft>,
     shared: Arc<Shared>,
     interval_s: f64,
@@ -109,6 +137,8 @@ impl VirtualSource {
 impl Source for VirtualSource {
     fn next(&mut self) -> Next {
         if self.next >= self.last {
+            // Nobody waits for a camera that is done.
+            self.shared.is_ahead(self.index, u64::MAX);
             return Next::End("the flight's time is over".to_owned());
         }
         let stamp_ns = |frame: u64, interval_s: f64| ns_from_s(frame as f64 * interval_s);
@@ -116,6 +146,12 @@ impl Source for VirtualSource {
             // A camera that is behind by more than a frame leaves out what it has missed.
             let behind_s = (self.clock.now_ns() - stamp_ns(self.next, self.interval_s)) as f64 * 1e-9;
             self.next += (behind_s / self.interval_s).floor().max(0.0) as u64;
+        }
+        while self.pace == Pace::Fast
+            && !self.stop.load(Ordering::Relaxed)
+            && self.shared.is_ahead(self.index, self.next)
+        {
+            std::thread::sleep(Duration::from_millis(1));
         }
         let frame = self.next;
         self.next += 1;
@@ -162,17 +198,17 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     let (flown, pace) = (vehicle.clone(), (args.rate, args.fast));
     let begin: Begin = Box::new(move |to| record(to, &flown, &stills, pace));
     let recorder = RecorderSlot::with(args.record.as_deref().map(&begin).transpose()?);
-    let shared =
-        Arc::new(Shared { pilot: Mutex::new(Pilot::new(&vehicle, args.rate)?), recorder: recorder.clone() });
+    let shared = Arc::new(Shared::new((&vehicle, args.rate), cameras.len(), &recorder)?);
     let stop = Arc::new(AtomicBool::new(false));
     let aircraft = Arc::new(lab::aircraft(&vehicle));
     let clock = FlightClock::starting_at(0);
     let interval_s = 1.0 / args.rate;
     let last = args.seconds.map_or(u64::MAX, |s| (s * args.rate).ceil() as u64);
-    let sources = cameras.iter().zip(films).map(|(camera, film)| {
+    let sources = cameras.iter().zip(films).enumerate().map(|(index, (camera, film))| {
         let mut source = Some(VirtualSource {
             film: FilmStream::new(film),
             camera: camera.clone(),
+            index,
             aircraft: Arc::clone(&aircraft),
             shared: Arc::clone(&shared),
             interval_s,
@@ -287,4 +323,21 @@ fn record(
         with_inputs: true,
         waits,
     })?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_that_is_ahead_waits_while_the_pilot_still_knows_the_others_frames() {
+        let shared = Shared::new((&Vehicle::paper(), 60.0), 2, &RecorderSlot::with(None)).unwrap();
+        assert!(!shared.is_ahead(0, AHEAD));
+        assert!(shared.at(AHEAD).unwrap().is_some());
+        assert!(shared.is_ahead(0, AHEAD + 1));
+        assert!(shared.at(0).unwrap().is_some());
+        assert!(!shared.is_ahead(1, 1) && !shared.is_ahead(0, AHEAD + 1));
+        // One that is done holds nobody up.
+        assert!(shared.is_ahead(1, u64::MAX) && !shared.is_ahead(0, 9 * AHEAD));
+    }
 }
