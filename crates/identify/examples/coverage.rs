@@ -220,6 +220,7 @@ fn by_equations(
     Ok(out)
 }
 
+#[derive(Clone, Default)]
 struct Tally {
     held: usize,
     /// Sum of errors over their claimed standard deviations.
@@ -251,15 +252,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         })
         .collect();
     let model = FlightModel::new(&vehicle, &inputs)?;
-    let none = || Tally {
-        held: 0,
-        normalised: 0.0,
-        squares: 0.0,
-        variance: 0.0,
-        bound: 0.0,
-        by_equations: (0.0, 0.0),
-    };
-    let mut tallies: Vec<Tally> = model.free().iter().map(|_| none()).collect();
+    let mut tallies = vec![Tally::default(); model.free().len()];
     let (mut seconds, mut iterations, mut coloured, mut failed) = (Vec::new(), 0, 0, 0);
     let mut factor = 0.0;
     for flight in 0..flights {

@@ -35,18 +35,8 @@ pub(crate) fn start_clocks(streams: &mut [Stream], rig: &Rig) -> Vec<String> {
         let apart_m = centre(0).zip(centre(k + 1)).map_or(0.0, |(a, b)| (a - b).norm());
         // Evenly spread over a width w is w/√12.
         let variance_s2 = ((2.0 * apart_m / SOUND_M_S).powi(2) + 2.0 * SOUND_AND_PICTURE_S.powi(2)) / 12.0;
-        let (offset_s, std_s) =
-            (there_s - first.clock.clock.time_s((here_s * 1e9).round() as i64, 0.0), variance_s2.sqrt());
-        if std_s < stream.clock.offset_std_s {
-            (stream.clock.clock.offset_s, stream.clock.offset_std_s) = (offset_s, std_s);
-            notes.push(format!(
-                "The clap, in {} at {here_s:.3} s, puts {} {:.1} ± {:.1} ms late: the estimation starts from there.",
-                first.name,
-                stream.name,
-                1e3 * offset_s,
-                1e3 * std_s
-            ));
-        }
+        let std_s = variance_s2.sqrt();
+        notes.extend(stream.start_clock((&*first, "clap"), (here_s, there_s), std_s));
     }
     notes
 }

@@ -59,18 +59,8 @@ pub(crate) fn start_clocks(streams: &mut [Stream]) -> Vec<String> {
             ));
             continue;
         };
-        let offset_s = there_s - first.clock.clock.time_s((here_s * 1e9).round() as i64, 0.0);
         let std_s = ((first.interval_s().powi(2) + stream.interval_s().powi(2)) / 12.0).sqrt();
-        if std_s < stream.clock.offset_std_s {
-            (stream.clock.clock.offset_s, stream.clock.offset_std_s) = (offset_s, std_s);
-            notes.push(format!(
-                "The flash, in {} at {here_s:.3} s, puts {} {:.1} ± {:.1} ms late: the estimation starts from there.",
-                first.name,
-                stream.name,
-                1e3 * offset_s,
-                1e3 * std_s
-            ));
-        }
+        notes.extend(stream.start_clock((&*first, "flash"), (here_s, there_s), std_s));
     }
     notes
 }

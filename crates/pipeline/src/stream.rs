@@ -134,6 +134,28 @@ impl Stream {
         }
     }
 
+    /// Starts the estimation of this clock from what the first camera and this one noticed together, at their own times: what it was,
+    /// where it tells more than is known. None where it does not.
+    pub(crate) fn start_clock(
+        &mut self,
+        (first, what): (&Self, &str),
+        (here_s, there_s): (f64, f64),
+        std_s: f64,
+    ) -> Option<String> {
+        if std_s >= self.clock.offset_std_s {
+            return None;
+        }
+        let offset_s = there_s - first.clock.clock.time_s((here_s * 1e9).round() as i64, 0.0);
+        (self.clock.clock.offset_s, self.clock.offset_std_s) = (offset_s, std_s);
+        Some(format!(
+            "The {what}, in {} at {here_s:.3} s, puts {} {:.1} ± {:.1} ms late: the estimation starts from there.",
+            first.name,
+            self.name,
+            1e3 * offset_s,
+            1e3 * std_s
+        ))
+    }
+
     /// Room for so many frames in each of which so many things are seen.
     pub(crate) fn reserve(&mut self, frames: usize, things: usize) {
         // What a file announces may be wrong by any factor: a day at 30 frames a second is the most that is believed.

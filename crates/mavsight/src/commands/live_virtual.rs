@@ -15,7 +15,7 @@ use mavsight_live::{
 };
 use mavsight_pipeline::{ControlStill, Progress, calibrate_from_stills};
 use mavsight_pose::{CameraClock, Rig};
-use mavsight_scene::{Aircraft, FilmStream, Room, Sensor};
+use mavsight_scene::{Aircraft, Film, FilmStream, Room, Sensor};
 use mavsight_score::VirtualCamera;
 use mavsight_session::{
     ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow, make_folder,
@@ -184,15 +184,7 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     let room: &'static Room = Box::leak(Box::new(lab::room(&mavsight_flight::Staging::default())));
     let films: Vec<_> = cameras.iter().enumerate().map(|(k, c)| lab::film(room, c, k, args.seed)).collect();
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
-    let control = lab::control_frame(&lab::control_points());
-    let stills = cameras
-        .iter()
-        .zip(&films)
-        .map(|(c, film)| {
-            let frame = frame_of(c.camera.size, film.still(Some(&control)))?;
-            Ok(ControlStill { camera: c.name.clone(), frame })
-        })
-        .collect::<Result<Vec<_>>>()?;
+    let stills = stills_of(&cameras, &films)?;
     let rig: Rig = calibrate_from_stills(&stills, &lab::control_points())?;
     bars.done();
     let (flown, pace) = (vehicle.clone(), (args.rate, args.fast));
@@ -253,6 +245,16 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     };
     let flown = fly(setup)?;
     finish(args, &rig, &flown)
+}
+
+/// The control frame as each camera sees it.
+fn stills_of(cameras: &[VirtualCamera], films: &[Film<'_>]) -> Result<Vec<ControlStill>> {
+    let control = lab::control_frame(&lab::control_points());
+    let still = |(c, film): (&VirtualCamera, &Film<'_>)| {
+        let frame = frame_of(c.camera.size, film.still(Some(&control)))?;
+        Ok(ControlStill { camera: c.name.clone(), frame })
+    };
+    cameras.iter().zip(films).map(still).collect()
 }
 
 /// The paper's cameras with images of another size, and as much of the room from top to bottom.
