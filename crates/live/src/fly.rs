@@ -1,5 +1,6 @@
 //! A flight: cameras in, poses out, as long as it lasts.
 
+mod cameras;
 mod tell;
 
 use crate::camera::{Camera, Report, Seen, Shared};
@@ -11,7 +12,7 @@ use crate::{
 };
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector2;
-use mavsight_link::{CameraState, Event, Tracking};
+use mavsight_link::{Event, Tracking};
 use mavsight_pipeline::{CameraTracker, Sight};
 use mavsight_pose::{CameraClock, MotionNoise, Rig};
 use mavsight_vision::Frame;
@@ -24,12 +25,6 @@ use std::time::Duration;
 const WAITING: usize = 128;
 /// Longest wait for a report between looks at the states.
 const LOOK: Duration = Duration::from_millis(10);
-/// A camera that is late by this many intervals against what it usually is, is not waited for.
-const LATE_INTERVALS: f64 = 1.5;
-/// After so long without a frame an open source is opened again.
-const HANGS_NS: i64 = 3_000_000_000;
-/// Cameras that show nothing so long after the first ones are not waited for.
-const BEGIN_NS: i64 = 2_000_000_000;
 
 /// At what pace frames are taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -169,6 +164,8 @@ pub fn fly(setup: Setup<'_>) -> Result<Flown, LiveError> {
         received_ns: 0,
         latest_ns: i64::MIN,
         told_ns: i64::MIN,
+        spent: Vec::with_capacity(cameras + 1),
+        told: 0,
         flown: Flown { dropped: vec![0; cameras], frames: vec![0; cameras], ..Flown::default() },
     };
     flight.listeners.event(Event::Scene(events::scene(setup.name, setup.rig, setup.vehicle)));
@@ -198,6 +195,10 @@ struct Flight<'a> {
     /// The latest frame's own time.
     latest_ns: i64,
     told_ns: i64,
+    /// Lists of sights to be given back, by camera.
+    spent: Vec<(usize, Vec<Sight>)>,
+    /// Instants told when lists were last looked at.
+    told: u64,
     flown: Flown,
 }
 
@@ -216,6 +217,7 @@ impl Flight<'_> {
                 Err(RecvTimeoutError::Disconnected) => break,
             }
             self.tell_instants();
+            self.give_back();
             if self.pace == Pace::Own {
                 self.look_at_cameras();
             }
@@ -227,25 +229,14 @@ impl Flight<'_> {
         }
     }
 
-    /// How long a report may be waited for before something else is due.
-    fn patience(&self) -> Duration {
-        let now_ns = self.now_ns();
-        if self.pace == Pace::Fast {
-            return LOOK;
+    /// Gives lists of sights back once an instant is told: the trackers, which go on looking around when they have them, would take
+    /// the processor from who tells it.
+    fn give_back(&mut self) {
+        let told = self.flown.instants;
+        if told > self.told || self.spent.len() > self.cameras.len() {
+            self.spent.drain(..).for_each(|(camera, sights)| self.cameras[camera].give_back(sights));
         }
-        let waits =
-            self.chain.waits().and_then(|(t, cameras)| cameras.map(|c| self.patient_until_ns(c, t)).min());
-        let stalls = self.seats.iter().filter(|s| !s.is_left).filter_map(|s| s.states.stalls_at_ns()).min();
-        let due = waits.into_iter().chain(stalls).min().map_or(LOOK, |at_ns| {
-            Duration::from_nanos(u64::try_from(at_ns - now_ns + 100_000).unwrap_or(100_000))
-        });
-        due.clamp(Duration::from_micros(100), LOOK)
-    }
-
-    /// Until when a camera is waited for at an instant.
-    fn patient_until_ns(&self, camera: usize, t_ns: i64) -> i64 {
-        let seat = &self.seats[camera];
-        t_ns + seat.usual_ns + (LATE_INTERVALS * seat.states.interval_ns() as f64) as i64
+        self.told = told;
     }
 
     fn take(&mut self, report: Report, scratch: &mut Vec<i64>) {
@@ -274,6 +265,7 @@ impl Flight<'_> {
         seat.states.frame(received_ns, dark);
         seat.came(received_ns - t_ns, scratch);
         seat.frames += 1;
+        seat.latest_ns = t_ns;
         seat.latency.add_ns(tracked_ns - received_ns);
         self.flown.tracking.add_ns(tracked_ns - received_ns);
         self.flown.frames[camera] += 1;
@@ -283,6 +275,7 @@ impl Flight<'_> {
         }
         self.latest_ns = self.latest_ns.max(t_ns);
         self.received_ns = received_ns;
+        self.tell_outlived(t_ns);
         let had_begun = self.chain.has_begun();
         self.chain.push(camera, stamp_ns, &sights);
         if !had_begun && self.chain.has_begun() {
@@ -290,58 +283,7 @@ impl Flight<'_> {
                 self.chain.interval_s(k).into_iter().for_each(|s| seat.states.set_interval_s(s));
             }
         }
-        self.cameras[camera].give_back(sights);
-    }
-
-    /// The chain goes on without a camera until it is back.
-    fn leave(&mut self, camera: usize) {
-        if !std::mem::replace(&mut self.seats[camera].is_left, true) {
-            self.tracking.cut();
-        }
-        self.chain.go_without(camera, i64::MAX);
-    }
-
-    fn look_at_cameras(&mut self) {
-        let now_ns = self.clock.now_ns();
-        if !self.chain.has_begun() && self.latest_ns > i64::MIN && now_ns - self.clock.from_ns() > BEGIN_NS {
-            self.chain.begin();
-        }
-        for camera in 0..self.seats.len() {
-            let seat = &mut self.seats[camera];
-            if seat.ended {
-                continue;
-            }
-            let state = seat.states.state(now_ns);
-            if state == CameraState::Stalled {
-                let since_ns = now_ns - seat.states.stalls_at_ns().unwrap_or(now_ns);
-                if since_ns > HANGS_NS && now_ns - seat.interrupted_ns > HANGS_NS {
-                    seat.interrupted_ns = now_ns;
-                    self.cameras[camera].interrupt();
-                }
-                self.leave(camera);
-            }
-            if state == CameraState::Starting && self.chain.has_begun() {
-                self.leave(camera);
-            }
-            if self.seats[camera].states.change(now_ns).is_some() {
-                self.tell_camera(camera, now_ns);
-            }
-        }
-        self.lose_patience(now_ns);
-        self.tell_instants();
-    }
-
-    /// Goes on without cameras that are later than ever at the instant that waits for them.
-    fn lose_patience(&mut self, now_ns: i64) {
-        let Some((t_ns, cameras)) = self.chain.waits() else { return };
-        let late: Vec<usize> = cameras.filter(|c| now_ns > self.patient_until_ns(*c, t_ns)).collect();
-        if late.is_empty() {
-            return;
-        }
-        self.flown.not_waited += 1;
-        for camera in late {
-            self.chain.go_without(camera, t_ns);
-        }
+        self.spent.push((camera, sights));
     }
 
     /// Ends the cameras, and tells what still waited.

@@ -74,7 +74,10 @@ impl MotionFilter {
         {
             let (poses, gravity_m_s2) = (self.kept.clone(), self.gravity_m_s2);
             let had = poses.len();
-            let find = move || filter_over(&poses, gravity_m_s2);
+            let find = move || {
+                crate::give_way();
+                filter_over(&poses, gravity_m_s2)
+            };
             if let Ok(handle) = std::thread::Builder::new().name("noise".into()).spawn(find) {
                 self.finding = Some((handle, had));
             }

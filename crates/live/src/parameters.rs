@@ -72,6 +72,7 @@ impl Parameters {
             fits: Vec::new(),
         };
         let run = move || {
+            crate::give_way();
             loop {
                 match own.pop(Duration::from_millis(200)) {
                     Popped::Item(sample) => {

@@ -175,7 +175,10 @@ impl Recorder {
         let (own, said) = (Arc::clone(&queue), Arc::clone(&status));
         let thread = std::thread::Builder::new()
             .name("record".into())
-            .spawn(move || writer.run(&own, &said))
+            .spawn(move || {
+                crate::give_way();
+                writer.run(&own, &said);
+            })
             .map_err(|source| LiveError::Thread { what: "the recording", source })?;
         Ok(Self { folder, waits, queue, status, thread: Mutex::new(Some(thread)) })
     }

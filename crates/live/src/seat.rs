@@ -21,6 +21,8 @@ pub(crate) struct Seat {
     pub(crate) instants: u64,
     pub(crate) latency: Latencies,
     pub(crate) interrupted_ns: i64,
+    /// Its latest frame's own time.
+    pub(crate) latest_ns: i64,
 }
 
 impl Seat {
@@ -37,6 +39,7 @@ impl Seat {
             instants: 0,
             latency: Latencies::default(),
             interrupted_ns: 0,
+            latest_ns: i64::MIN,
         }
     }
 

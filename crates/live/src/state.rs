@@ -71,6 +71,8 @@ pub struct CameraStates {
     opened: bool,
     /// Why the source is gone.
     gone: Option<String>,
+    /// Whether it is gone for good.
+    is_over: bool,
     moved: bool,
     dark: bool,
     said: Option<CameraState>,
@@ -84,6 +86,7 @@ impl Default for CameraStates {
             last_frame_ns: None,
             opened: false,
             gone: None,
+            is_over: false,
             moved: false,
             dark: false,
             said: None,
@@ -110,6 +113,12 @@ impl CameraStates {
     /// Its source has ended or cannot be opened.
     pub fn gone(&mut self, reason: String) {
         (self.opened, self.gone) = (false, Some(reason));
+    }
+
+    /// Its source, which is not opened again, has ended before the others'; whether that is new.
+    pub fn outlived(&mut self) -> bool {
+        self.gone("its source has ended before the others'".to_owned());
+        !std::mem::replace(&mut self.is_over, true)
     }
 
     /// A frame was in hand.
@@ -161,7 +170,8 @@ impl CameraStates {
             ),
             CameraState::Gone => {
                 let why = self.gone.as_deref().unwrap_or("its source has ended");
-                format!("{why}; it is being opened again")
+                let then = if self.is_over { "poses go on without it" } else { "it is being opened again" };
+                format!("{why}; {then}")
             }
             CameraState::Moved => {
                 "the aircraft is shifted in its image as a whole: fix it and calibrate again to use it"

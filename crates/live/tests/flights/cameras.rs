@@ -1,9 +1,9 @@
 //! Cameras that stall, end and come back.
 
-use crate::common::{Scripted, camera, picture, pose, rig, setup};
+use crate::common::{Scripted, camera, film, picture, pose, rig, setup};
 use mavsight_flight::Vehicle;
 use mavsight_link::{CameraState, Event, Tracking};
-use mavsight_live::{CameraSetup, FlightClock, Next, Pace, Source, fly};
+use mavsight_live::{CameraSetup, FlightClock, Next, Pace, Replay, Source, fly};
 use mavsight_pose::Rig;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -124,6 +124,33 @@ fn a_camera_that_ends_is_opened_again() {
         (1.3..1.75).contains(&gone.0) && gone.3.as_ref().unwrap().contains("the cable is off"),
         "{gone:?}"
     );
+}
+
+/// As fast as it goes no clock tells that a recording is over before the others.
+#[test]
+fn a_recording_that_ends_early_is_told_of_at_any_pace() {
+    let (rig, vehicle) = (rig(), Vehicle::paper());
+    let mut films = film(&rig, 40, 30.0);
+    films[1].truncate(20);
+    let cameras = films.into_iter().enumerate().map(|(k, film)| {
+        let mut frames = Some(film.into_iter().map(Ok::<_, std::convert::Infallible>));
+        let open = move |_| {
+            let replay = Replay::new(frames.take().ok_or("ended")?, None, Default::default());
+            Ok(Box::new(replay) as Box<dyn Source>)
+        };
+        camera(&rig.cameras[k].name, Box::new(open), false)
+    });
+    let (flight, heard) = setup((&rig, &vehicle), cameras.collect(), Pace::Fast, FlightClock::starting_at(0));
+    let flown = fly(flight).unwrap();
+    assert_eq!((flown.instants, flown.frames), (40, vec![40, 20]));
+    let events = heard.events.lock().unwrap();
+    let gone = events.iter().filter_map(|e| match e {
+        Event::Camera { camera, state: CameraState::Gone, reason, .. } => Some((*camera, reason.clone())),
+        _ => None,
+    });
+    let gone: Vec<_> = gone.collect();
+    assert!(!gone.is_empty() && gone.iter().all(|g| g.0 == 1), "{gone:?}");
+    assert!(gone[0].1.as_ref().unwrap().contains("poses go on without it"), "{gone:?}");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use super::live::{Begin, Calibrate};
 use anyhow::Result;
 use mavsight_link::{Event, PoseEvent};
-use mavsight_live::{Listener, RecorderSlot, Tap};
+use mavsight_live::{Listener, RecorderSlot, Tap, give_way};
 use mavsight_page::{Command, Reach, Server, encode_preview};
 use mavsight_vision::Frame;
 use std::collections::BTreeMap;
@@ -37,6 +37,7 @@ pub(super) fn serve(address: SocketAddr, duties: Duties) -> Result<(Box<dyn List
     let (out, pictures) = sync_channel::<(usize, i64, Arc<Frame>)>(WAITING);
     let sink = Arc::clone(&server);
     let encode = move || {
+        give_way();
         for (camera, t_ns, frame) in pictures {
             let (size, of) = (frame.size, |x: usize, y: usize| frame.rgb(x, y));
             let (Ok(jpeg), Ok(camera)) =

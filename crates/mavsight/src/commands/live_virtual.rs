@@ -11,7 +11,7 @@ use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{ImageSize, Vector2};
 use mavsight_live::{
     CameraSetup, FlightClock, InputSource, Next, Pace, RecordedSession, Recorder, RecorderSlot, Setup,
-    Source, fly,
+    Source, fly, give_way,
 };
 use mavsight_pipeline::{ControlStill, Progress, calibrate_from_stills};
 use mavsight_pose::{CameraClock, Rig};
@@ -214,6 +214,8 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
         CameraSetup {
             name: camera.name.clone(),
             open: Box::new(move |_| {
+                // A camera that runs renders nothing here.
+                give_way();
                 let source = source.take().ok_or_else(|| "the room is closed".to_owned())?;
                 Ok(Box::new(source) as Box<dyn Source>)
             }),
