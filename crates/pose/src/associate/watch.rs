@@ -4,8 +4,11 @@ use super::{Association, Associator, Candidate, DECISIVE_LOG_ODDS, belief::Belie
 use mavsight_geometry::{Matrix2, Vector2};
 use nalgebra::Matrix2x6;
 
-/// Standard deviations, in the plane, beyond which a camera's view is shifted: 99.9 %.
-const SHIFTED: f64 = 3.72;
+/// Standard deviations, in the plane, beyond which a camera's view is shifted. By chance it is so twice in a row once in a hundred
+/// hours of two cameras at 60 Hz: p² · 432 000 = 0.01, and √(-2 ln p) of that.
+const SHIFTED: f64 = 4.2;
+/// Instants over which a camera's usual shift is averaged: some seconds.
+const USUAL: f64 = 200.0;
 /// Share of a shift within which all balls have it in common.
 const COMMON: f64 = 0.25;
 
@@ -25,12 +28,37 @@ pub struct MovedCamera {
 pub(super) struct Watch {
     suspects: Vec<MovedCamera>,
     pub(super) moved: Vec<MovedCamera>,
+    /// For each camera the mean square, in standard deviations, by which its view of the body is shifted while it stands: 2, and
+    /// more where cameras are less exact than is claimed of them.
+    usual: Vec<f64>,
 }
 
 impl Watch {
     pub(super) fn is_out(&self, camera: usize) -> bool {
         self.moved.iter().chain(&self.suspects).any(|m| m.camera == camera)
     }
+
+    /// Whether a shift is beyond what is usual of a camera; what is not becomes part of that.
+    fn is_beyond_usual(&mut self, camera: usize, square: f64) -> bool {
+        if self.usual.len() <= camera {
+            self.usual.resize(camera + 1, 2.0);
+        }
+        let usual = &mut self.usual[camera];
+        let is_beyond = square > SHIFTED * SHIFTED * (0.5 * *usual).max(1.0);
+        if !is_beyond {
+            *usual += (square - *usual) / USUAL;
+        }
+        is_beyond
+    }
+}
+
+/// By how much a camera's view of the body is off.
+struct Shift {
+    mean_px: Vector2<f64>,
+    /// In standard deviations, by what residuals so far tell of the claims.
+    square: f64,
+    /// Whether all balls have it.
+    is_common: bool,
 }
 
 impl Associator {
@@ -116,15 +144,17 @@ impl Associator {
             }
             let mut belief = *predicted;
             others().for_each(|(index, marker)| self.narrow(&mut belief, &candidates[*index], *marker));
-            let Some((shift_px, square)) = self.common_shift(camera, candidates, &belief) else { continue };
+            let Some(shift) = self.shift(camera, candidates, &belief) else { continue };
+            if !self.watch.is_beyond_usual(camera, shift.square) || !shift.is_common {
+                continue;
+            }
+            let shift_px = shift.mean_px;
             match before.iter().find(|s| s.camera == camera) {
                 Some(s) if (s.shift_px - shift_px).norm() <= 2.0 * COMMON * s.shift_px.norm() => {
                     self.watch.moved.push(*s);
                 }
-                None if square > SHIFTED * SHIFTED => {
-                    self.watch.suspects.push(MovedCamera { camera, t_ns, shift_px });
-                }
-                _ => {}
+                Some(_) => {}
+                None => self.watch.suspects.push(MovedCamera { camera, t_ns, shift_px }),
             }
         }
         // Where all are shifted it is the aircraft that moved.
@@ -134,13 +164,8 @@ impl Associator {
         !self.watch.suspects.is_empty()
     }
 
-    /// The shift that three balls or more of a camera have in common against a belief, and its square in standard deviations.
-    fn common_shift(
-        &self,
-        camera: usize,
-        candidates: &[Candidate],
-        belief: &Belief,
-    ) -> Option<(Vector2<f64>, f64)> {
+    /// The shift of three balls or more of a camera against a belief.
+    fn shift(&self, camera: usize, candidates: &[Candidate], belief: &Belief) -> Option<Shift> {
         let mut errors: Vec<Vector2<f64>> = Vec::new();
         let (mut jacobian, mut noise) = (Matrix2x6::zeros(), Matrix2::zeros());
         for marker in 0..self.colors.len() {
@@ -159,10 +184,11 @@ impl Associator {
         if n < 3.0 {
             return None;
         }
-        let mean = errors.iter().sum::<Vector2<f64>>() / n;
-        let about = (errors.iter().map(|e| (e - mean).norm_squared()).sum::<f64>() / n).sqrt();
+        let mean_px = errors.iter().sum::<Vector2<f64>>() / n;
+        let about_px = (errors.iter().map(|e| (e - mean_px).norm_squared()).sum::<f64>() / n).sqrt();
         let spread = (jacobian * belief.covariance * jacobian.transpose() + noise) / (n * n);
-        let square = spread.cholesky().map_or(0.0, |c| mean.dot(&c.solve(&mean)));
-        (about < COMMON * mean.norm()).then_some((mean, square))
+        let scale = self.noise.scale().unwrap_or(1.0);
+        let square = spread.cholesky()?.solve(&mean_px).dot(&mean_px) / scale;
+        Some(Shift { mean_px, square, is_common: about_px < COMMON * mean_px.norm() })
     }
 }
