@@ -14,6 +14,7 @@ mod room;
 mod sensor;
 mod shapes;
 mod stream;
+mod tree;
 mod way;
 
 pub use aircraft::{Aircraft, ControlFrame, PaintedBall};

@@ -3,9 +3,7 @@
 use crate::aircraft::Part;
 use crate::shapes::Shape;
 use mavsight_geometry::Camera;
-use nalgebra::{Isometry3, Point3, Vector2, Vector3};
-
-type V = Vector3<f64>;
+use nalgebra::{Isometry3, Point3, Vector2};
 
 /// A part's bounds in the plane of unit depth before the camera, where lines are straight whatever the lens does, over all poses of
 /// an exposure.
@@ -86,39 +84,20 @@ impl Outline {
 /// Parts that come so near to the camera's own plane have no outline.
 const LEAST_DEPTH_M: f64 = 0.05;
 
-impl Shape {
-    /// Corners of the upright box that holds the shape.
-    fn bounds(&self) -> (V, V) {
-        let about = |centre: &V, half: V| (centre - half, centre + half);
-        match self {
-            Self::Block { centre, half, yaw: (s, c) } => {
-                let x = half.x * c.abs() + half.y * s.abs();
-                let y = half.x * s.abs() + half.y * c.abs();
-                about(centre, V::new(x, y, half.z))
-            }
-            Self::Ball { centre, radius } => about(centre, V::repeat(*radius)),
-            Self::Ellipsoid { centre, semi } => about(centre, *semi),
-            Self::Capsule { from, to, radius } => {
-                (from.inf(to).add_scalar(-radius), from.sup(to).add_scalar(*radius))
-            }
-            Self::Ring { centre, outer, .. } => about(centre, V::new(*outer, *outer, 1e-6)),
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::render::{Composer, Moving, PART_SAMPLES, Plate};
     use crate::{Aircraft, PaintedBall, Room};
     use mavsight_geometry::{BrownConrady, ImageSize, Intrinsics};
+    use nalgebra::Vector3;
 
     /// Every sample as where rays try all parts, for aircraft that move fast, near and far, behind a lens that bends lines too.
     #[test]
     fn the_picture_is_that_of_trying_all_parts() {
         let size = ImageSize { width_px: 80, height_px: 60 };
         let balls = [(0.2, 0.2), (-0.2, 0.15)].map(|(x, y)| PaintedBall {
-            centre_m: V::new(x, y, 0.1),
+            centre_m: Vector3::new(x, y, 0.1),
             radius_m: 0.03,
             linear: [0.9, 0.05, 0.05],
         });
@@ -130,13 +109,16 @@ mod tests {
             [(0.0, BrownConrady::default(), 0.9), (1.2, bent, 0.8), (2.5, bent, 1.6), (0.7, bent, 0.3)]
         {
             let k = Intrinsics::from_horizontal_fov(size, 1.2);
-            let eye = V::new(far_m * f64::cos(turn), far_m * f64::sin(turn), 1.7);
-            let mut camera = mavsight_geometry::Camera::looking_at(eye, V::new(0.1, 0.0, 1.5), k, size);
+            let eye = Vector3::new(far_m * f64::cos(turn), far_m * f64::sin(turn), 1.7);
+            let mut camera = mavsight_geometry::Camera::looking_at(eye, Vector3::new(0.1, 0.0, 1.5), k, size);
             camera.distortion = distortion;
             let poses: Vec<Isometry3<f64>> = (0..PART_SAMPLES)
                 .map(|k| {
                     let share = k as f64 / 8.0 - 0.5;
-                    Isometry3::new(V::new(0.06 * share, 0.0, 1.5), V::new(3.0 + 0.2 * share, 0.1, 0.3))
+                    Isometry3::new(
+                        Vector3::new(0.06 * share, 0.0, 1.5),
+                        Vector3::new(3.0 + 0.2 * share, 0.1, 0.3),
+                    )
                 })
                 .collect();
             let light: Vec<_> = (aircraft.parts.iter())

@@ -55,8 +55,8 @@ fn room_pixel(room: &Room, camera: &Camera, x: usize, y: usize) -> ([f32; 3], f3
             *sum += light;
         }
     }
-    let middle = ray_at(camera, x as f64, y as f64).and_then(|ray| room.meet(&ray));
-    let distance_m = middle.map_or(f32::MAX, |(hit, _, _)| hit.distance_m as f32);
+    let middle = ray_at(camera, x as f64, y as f64).and_then(|ray| room.distance_m(&ray, f64::MAX));
+    let distance_m = middle.map_or(f32::MAX, |d| d as f32);
     (sum.map(|c| (c / f64::from(n)) as f32), distance_m)
 }
 
@@ -89,8 +89,8 @@ fn openness(room: &Room, at: &Vector3<f64>, normal: &Vector3<f64>, seed: u64) ->
     let flat = (1.0 - z * z).sqrt();
     let sphere = Vector3::new(flat * angle.cos(), flat * angle.sin(), z);
     let direction = (normal + sphere * 0.999).normalize();
-    let near = room.meet(&Ray { origin: *at, direction }).map_or(REACH_M, |(hit, _, _)| hit.distance_m);
-    0.45 + 0.55 * (near / REACH_M).min(1.0)
+    let near_m = room.distance_m(&Ray { origin: *at, direction }, REACH_M).unwrap_or(REACH_M);
+    0.45 + 0.55 * near_m / REACH_M
 }
 
 /// A rectangle of pixels, ends not included.

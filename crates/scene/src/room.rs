@@ -3,7 +3,9 @@
 use crate::light::Lamp;
 use crate::sensor::unit;
 use crate::shapes::{Hit, Ray, Shape};
+use crate::tree::{Bounds, Tree};
 use nalgebra::Vector3;
+use std::sync::OnceLock;
 
 type V = Vector3<f64>;
 
@@ -30,13 +32,14 @@ pub(crate) enum Paint {
 pub(crate) struct Item {
     pub shape: Shape,
     pub paint: Paint,
-    bound: (V, f64),
 }
 
 /// The furnished room with its lamps.
 pub struct Room {
     pub(crate) items: Vec<Item>,
     pub(crate) lamps: Vec<Lamp>,
+    /// The items' boxes, made when the first ray goes through the finished room.
+    tree: OnceLock<Tree>,
 }
 
 impl Default for Room {
@@ -48,7 +51,7 @@ impl Default for Room {
 impl Room {
     /// Two desks, four chairs, a cupboard, a board, a bin, a door and a poster under six lamps.
     pub fn meeting_room() -> Self {
-        let mut room = Self { items: Vec::new(), lamps: Vec::new() };
+        let mut room = Self { items: Vec::new(), lamps: Vec::new(), tree: OnceLock::new() };
         for x in [-3.4, 0.0, 3.4] {
             for y in [-3.0, 0.4] {
                 room.lamp(x, y);
@@ -78,7 +81,7 @@ impl Room {
     /// Adds a ball of a colour in linear light that stands in the room, world axes.
     pub fn add_ball(&mut self, ball: &crate::PaintedBall) {
         let shape = Shape::Ball { centre: ball.centre_m, radius: ball.radius_m };
-        self.items.push(Item { shape, paint: Paint::Plain(ball.linear), bound: shape.bound() });
+        self.push(Item { shape, paint: Paint::Plain(ball.linear) });
     }
 
     /// Adds an upright block of a colour in linear light, its centre in world axes, turned from +X towards +Y.
@@ -90,7 +93,19 @@ impl Room {
     fn block(&mut self, centre: [f64; 3], size: [f64; 3], yaw_deg: f64, paint: Paint) {
         let [x, y, above_floor_m] = centre;
         let shape = Shape::block([x, y, above_floor_m + FLOOR_M], size, yaw_deg);
-        self.items.push(Item { shape, paint, bound: shape.bound() });
+        self.push(Item { shape, paint });
+    }
+
+    fn push(&mut self, item: Item) {
+        self.tree.take();
+        self.items.push(item);
+    }
+
+    fn tree(&self) -> &Tree {
+        self.tree.get_or_init(|| {
+            let bounds: Vec<_> = self.items.iter().map(|item| Bounds::of(&item.shape)).collect();
+            Tree::of(&bounds)
+        })
     }
 
     fn lamp(&mut self, x: f64, y: f64) {
@@ -133,41 +148,50 @@ impl Room {
 
     /// The first surface along a ray, and its paint's colour there with the light it sends out by itself.
     pub(crate) fn meet(&self, ray: &Ray) -> Option<(Hit, [f64; 3], f64)> {
-        let mut best = shell(ray);
-        for item in &self.items {
-            if !reaches(ray, &item.bound, best.map_or(f64::MAX, |b| b.0.distance_m)) {
-                continue;
-            }
-            if let Some(hit) = item.shape.meet(ray)
-                && best.is_none_or(|(b, _)| hit.distance_m < b.distance_m)
-            {
-                best = Some((hit, item.paint));
-            }
-        }
-        best.map(|(hit, paint)| {
+        self.first(ray, f64::MAX).map(|(hit, paint)| {
             let at = ray.origin + ray.direction * hit.distance_m;
             let glow = if let Paint::Glow(radiance) = paint { radiance } else { 0.0 };
             (hit, color(paint, &(at - V::z() * FLOOR_M)), glow)
         })
     }
 
+    /// How far it is along a ray to the first surface, where that is nearer than a limit.
+    pub(crate) fn distance_m(&self, ray: &Ray, within_m: f64) -> Option<f64> {
+        self.first(ray, within_m).map(|(hit, _)| hit.distance_m)
+    }
+
+    fn first(&self, ray: &Ray, within_m: f64) -> Option<(Hit, Paint)> {
+        let mut best = shell(ray).filter(|(hit, _)| hit.distance_m <= within_m);
+        let mut reach_m = best.map_or(within_m, |b| b.0.distance_m);
+        // Of surfaces that coincide the shell's is seen, otherwise the first that was built.
+        let mut of = None;
+        self.tree().along(ray, reach_m, |k| {
+            if let Some(hit) = self.items[k].shape.meet(ray)
+                && (hit.distance_m < reach_m || hit.distance_m == reach_m && of.is_some_and(|of| k < of))
+            {
+                reach_m = hit.distance_m;
+                (best, of) = (Some((hit, self.items[k].paint)), Some(k));
+            }
+            reach_m
+        });
+        best
+    }
+
     /// Whether something stands between two points.
     pub(crate) fn hides(&self, from: &V, to: &V) -> bool {
+        const END: f64 = f64::NEG_INFINITY;
         let way = to - from;
         let length = way.norm();
         let ray = Ray { origin: *from, direction: way / length };
-        self.items.iter().any(|item| {
-            !matches!(item.paint, Paint::Glow(_))
-                && reaches(&ray, &item.bound, length)
-                && item.shape.meet(&ray).is_some_and(|hit| hit.distance_m < length - 0.02)
-        })
+        let mut is_hidden = false;
+        self.tree().along(&ray, length, |k| {
+            let item = &self.items[k];
+            is_hidden |= !matches!(item.paint, Paint::Glow(_))
+                && item.shape.meet(&ray).is_some_and(|hit| hit.distance_m < length - 0.02);
+            if is_hidden { END } else { length }
+        });
+        is_hidden
     }
-}
-
-fn reaches(ray: &Ray, (centre, radius): &(V, f64), within_m: f64) -> bool {
-    let to = centre - ray.origin;
-    let along = to.dot(&ray.direction);
-    to.norm_squared() - along * along <= radius * radius && along > -radius && along - radius < within_m
 }
 
 /// Walls, floor and ceiling, seen from inside.

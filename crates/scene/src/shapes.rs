@@ -67,6 +67,24 @@ impl Shape {
         }
     }
 
+    /// Corners of the upright box that holds the shape.
+    pub(crate) fn bounds(&self) -> (V, V) {
+        let about = |centre: &V, half: V| (centre - half, centre + half);
+        match self {
+            Self::Block { centre, half, yaw: (s, c) } => {
+                let x = half.x * c.abs() + half.y * s.abs();
+                let y = half.x * s.abs() + half.y * c.abs();
+                about(centre, V::new(x, y, half.z))
+            }
+            Self::Ball { centre, radius } => about(centre, V::repeat(*radius)),
+            Self::Ellipsoid { centre, semi } => about(centre, *semi),
+            Self::Capsule { from, to, radius } => {
+                (from.inf(to).add_scalar(-radius), from.sup(to).add_scalar(*radius))
+            }
+            Self::Ring { centre, outer, .. } => about(centre, V::new(*outer, *outer, 1e-6)),
+        }
+    }
+
     /// The first meeting in front of the ray's origin.
     pub(crate) fn meet(&self, ray: &Ray) -> Option<Hit> {
         match self {
