@@ -98,11 +98,14 @@ pub(crate) struct Seen {
 impl Seen {
     pub(crate) fn of(linear: [f32; 3]) -> Self {
         let [r, g, b] = linear;
-        let hue = [r - 0.5 * (g + b), 0.866_025_4 * (g - b)];
-        let chroma = (hue[0] * hue[0] + hue[1] * hue[1]).sqrt();
         let most = r.max(g).max(b);
         let purity = if most > 0.0 { 1.0 - r.min(g).min(b).max(0.0) / most } else { 0.0 };
-        Self { hue, chroma, purity }
+        Self { purity, ..Self::pure([r - 0.5 * (g + b), 0.866_025_4 * (g - b)]) }
+    }
+
+    /// A saturated colour by its hue.
+    pub(crate) fn pure(hue: [f32; 2]) -> Self {
+        Self { hue, chroma: (hue[0] * hue[0] + hue[1] * hue[1]).sqrt(), purity: 1.0 }
     }
 
     /// Whether the colour is saturated and bright enough to have a hue.

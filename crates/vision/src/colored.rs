@@ -9,12 +9,18 @@ use crate::frame::YuvToRgb;
 use crate::segment::Window;
 use crate::{Frame, Pixels, YuvMatrix};
 
-/// A coloured pixel.
+/// A coloured pixel; small, as a frame may be full of them.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Chromatic {
     pub(crate) x: u32,
     pub(crate) y: u32,
-    pub(crate) seen: Seen,
+    pub(crate) hue: [f32; 2],
+}
+
+impl Chromatic {
+    pub(crate) fn seen(&self) -> Seen {
+        Seen::pure(self.hue)
+    }
 }
 
 /// Pixels of a row that are looked at together: most have nothing coloured among them.
@@ -144,7 +150,7 @@ impl Collector {
 fn add(into: &mut Vec<Chromatic>, x: usize, y: usize, rgb: [u8; 3]) {
     let seen = Seen::of(to_linear(rgb));
     if seen.is_colored() {
-        into.push(Chromatic { x: x as u32, y: y as u32, seen });
+        into.push(Chromatic { x: x as u32, y: y as u32, hue: seen.hue });
     }
 }
 

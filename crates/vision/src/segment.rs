@@ -1,7 +1,7 @@
 //! Connected regions of coloured pixels that have the size and the shape of a ball.
 
 use crate::color::{ColorModel, LEAST_CHROMA, Seen};
-use crate::colored::{Chromatic, Collector};
+use crate::colored::Collector;
 use crate::{Frame, Vector2};
 use std::ops::Range;
 
@@ -18,7 +18,7 @@ pub(crate) struct Blob {
 impl Blob {
     /// Mean colour of the region.
     pub(crate) fn seen(&self) -> Seen {
-        Seen { hue: self.hue, chroma: self.hue[0].hypot(self.hue[1]), purity: 1.0 }
+        Seen::pure(self.hue)
     }
 }
 
@@ -56,9 +56,10 @@ const LEVELS: usize = 6;
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Segmenter {
     colored: Collector,
-    /// Pixels of one marker at the present level, and those of the next.
-    level: Vec<Chromatic>,
-    next: Vec<Chromatic>,
+    /// Pixels of one marker at the present level, and those of the next, by their number among the collected.
+    level: Vec<u32>,
+    next: Vec<u32>,
+    /// For each pixel of the level an earlier one of its region, or itself; afterwards its region's number.
     parent: Vec<u32>,
     sums: Vec<Sums>,
     pub(crate) blobs: Vec<Blob>,
@@ -90,49 +91,44 @@ impl Segmenter {
     pub(crate) fn regions(&mut self, model: &ColorModel, marker: usize, area_px: (f64, f64)) {
         self.blobs.clear();
         self.level.clear();
-        self.level.extend(self.colored.found.iter().filter(|p| model.may_be(marker, &p.seen)));
+        let found = self.colored.found.iter().zip(0..);
+        self.level.extend(found.filter(|(p, _)| model.may_be(marker, &p.seen())).map(|(_, k)| k));
         let mut least_chroma = LEAST_CHROMA;
         for _ in 0..LEVELS {
             if self.level.is_empty() {
                 return;
             }
-            self.connect();
-            self.sum();
-            self.next.clear();
-            for (index, pixel) in self.level.iter().enumerate() {
-                let root = self.parent[index] as usize;
-                if self.sums[root].count > area_px.1 {
-                    self.next.push(*pixel);
-                } else if root == index
-                    && let Some(blob) = self.sums[root].blob(area_px.0)
-                {
-                    self.blobs.push(blob);
-                }
-            }
+            let regions = self.connect();
+            self.sum(regions);
+            let is_large = |sums: &Sums| sums.count > area_px.1;
+            self.blobs.extend(self.sums.iter().filter(|s| !is_large(s)).filter_map(|s| s.blob(area_px.0)));
             least_chroma *= 2.0;
-            self.next.retain(|p| p.seen.chroma >= least_chroma);
+            self.next.clear();
+            let pixels = self.level.iter().zip(&self.parent);
+            let large = pixels.filter(|(_, region)| is_large(&self.sums[**region as usize])).map(|(k, _)| *k);
+            let strong = |k: &u32| self.colored.found[*k as usize].seen().chroma >= least_chroma;
+            self.next.extend(large.filter(strong));
             std::mem::swap(&mut self.level, &mut self.next);
         }
     }
 
-    /// Joins neighbours, diagonal ones too; afterwards each pixel's parent is the first pixel of its region.
-    fn connect(&mut self) {
+    /// Joins neighbours, diagonal ones too, and numbers the regions in the order of their first pixels: how many there are.
+    fn connect(&mut self) -> usize {
         self.parent.clear();
         self.parent.extend(0..self.level.len() as u32);
         let mut above = 0;
         for index in 0..self.level.len() {
-            let (x, y) = (self.level[index].x, self.level[index].y);
-            if index > 0 && self.level[index - 1].y == y && self.level[index - 1].x + 1 == x {
+            let (x, y) = self.place(index);
+            if index > 0 && self.place(index - 1) == (x.wrapping_sub(1), y) {
                 self.join(index - 1, index);
             }
-            while above < index
-                && (self.level[above].y + 1 < y
-                    || (self.level[above].y + 1 == y && self.level[above].x + 1 < x))
-            {
+            let is_before = |(of_x, of_y): (u32, u32)| of_y + 1 < y || (of_y + 1 == y && of_x + 1 < x);
+            while above < index && is_before(self.place(above)) {
                 above += 1;
             }
+            let touches = |(of_x, of_y): (u32, u32)| of_y + 1 == y && of_x <= x + 1;
             let mut neighbour = above;
-            while neighbour < index && self.level[neighbour].y + 1 == y && self.level[neighbour].x <= x + 1 {
+            while neighbour < index && touches(self.place(neighbour)) {
                 self.join(neighbour, index);
                 neighbour += 1;
             }
@@ -140,6 +136,20 @@ impl Segmenter {
         for index in 0..self.parent.len() {
             self.parent[index] = self.root(index) as u32;
         }
+        // What comes before a pixel has its region's number already, and its first pixel comes before it.
+        let mut regions = 0;
+        for index in 0..self.parent.len() {
+            let first = self.parent[index] as usize;
+            self.parent[index] = if first == index { regions } else { self.parent[first] };
+            regions += u32::from(first == index);
+        }
+        regions as usize
+    }
+
+    /// Column and row of a pixel of the level.
+    fn place(&self, index: usize) -> (u32, u32) {
+        let pixel = &self.colored.found[self.level[index] as usize];
+        (pixel.x, pixel.y)
     }
 
     /// The first pixel of a region so far; the way there is halved (Tarjan & van Leeuwen 1984).
@@ -158,16 +168,17 @@ impl Segmenter {
         self.parent[second] = first as u32;
     }
 
-    fn sum(&mut self) {
+    fn sum(&mut self, regions: usize) {
         self.sums.clear();
-        self.sums.resize(self.level.len(), Sums::default());
-        for (pixel, root) in self.level.iter().zip(&self.parent) {
-            let sums = &mut self.sums[*root as usize];
-            let (x, y, weight) = (f64::from(pixel.x), f64::from(pixel.y), f64::from(pixel.seen.chroma));
+        self.sums.resize(regions, Sums::default());
+        for (index, region) in self.level.iter().zip(&self.parent) {
+            let sums = &mut self.sums[*region as usize];
+            let pixel = &self.colored.found[*index as usize];
+            let (x, y, weight) = (f64::from(pixel.x), f64::from(pixel.y), f64::from(pixel.seen().chroma));
             sums.count += 1.0;
             sums.weight += weight;
-            sums.hue[0] += pixel.seen.hue[0];
-            sums.hue[1] += pixel.seen.hue[1];
+            sums.hue[0] += pixel.hue[0];
+            sums.hue[1] += pixel.hue[1];
             sums.x += weight * x;
             sums.y += weight * y;
             sums.xx += weight * x * x;
