@@ -2,13 +2,23 @@
 
 use crate::{SessionError, error::require_file};
 use csv::StringRecord;
+use std::fs::File;
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-/// A table in memory.
+/// What some programs put in front of UTF-8.
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
+/// A table in memory; an hour of inputs has some hundred thousand rows, so that cells have no allocations of their own.
 pub(crate) struct Table {
     path: PathBuf,
     columns: Vec<String>,
-    rows: Vec<StringRecord>,
+    /// All cells, one behind the other, row by row.
+    cells: String,
+    /// Where each cell ends.
+    ends: Vec<usize>,
+    /// The file's line of each row.
+    lines: Vec<u64>,
 }
 
 /// One row of it.
@@ -25,10 +35,15 @@ impl Table {
         #[cfg(feature = "parquet")]
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet")) {
             let (columns, rows) = crate::foreign::parquet::records(path)?;
-            return Ok(Self { path: path.to_owned(), columns, rows });
+            let mut table = Self::new(path, columns);
+            rows.iter().for_each(|row| table.push(row));
+            return Ok(table);
         }
-        let text = std::fs::read(path).map_err(|e| SessionError::io(path, "read it", e))?;
-        let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+        let io = |e| SessionError::io(path, "read it", e);
+        let mut text = BufReader::new(File::open(path).map_err(io)?);
+        if text.fill_buf().map_err(io)?.starts_with(BYTE_ORDER_MARK) {
+            text.consume(BYTE_ORDER_MARK.len());
+        }
         let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text);
         let broken = |error: csv::Error| SessionError::Row {
             path: path.to_owned(),
@@ -36,13 +51,37 @@ impl Table {
             detail: describe(&error),
         };
         let columns = reader.headers().map_err(broken)?.iter().map(str::to_owned).collect();
-        let rows = reader.records().collect::<Result<Vec<_>, _>>().map_err(broken)?;
-        Ok(Self { path: path.to_owned(), columns, rows })
+        let mut table = Self::new(path, columns);
+        let mut row = StringRecord::new();
+        while reader.read_record(&mut row).map_err(broken)? {
+            table.push(&row);
+        }
+        Ok(table)
+    }
+
+    fn new(path: &Path, columns: Vec<String>) -> Self {
+        Self { path: path.to_owned(), columns, cells: String::new(), ends: Vec::new(), lines: Vec::new() }
+    }
+
+    /// Adds a row; what it has beyond the columns is left out.
+    fn push(&mut self, row: &StringRecord) {
+        for column in 0..self.columns.len() {
+            self.cells.push_str(row.get(column).unwrap_or(""));
+            self.ends.push(self.cells.len());
+        }
+        let usual = self.lines.len() as u64 + 2;
+        self.lines.push(row.position().map_or(usual, csv::Position::line));
+    }
+
+    fn cell(&self, row: usize, column: usize) -> &str {
+        let at = row * self.columns.len() + column;
+        let from = at.checked_sub(1).map_or(0, |before| self.ends[before]);
+        if column < self.columns.len() { &self.cells[from..self.ends[at]] } else { "" }
     }
 
     /// The rows, at least one.
     pub(crate) fn rows(&self) -> Result<impl Iterator<Item = Row<'_>>, SessionError> {
-        if self.rows.is_empty() {
+        if self.lines.is_empty() {
             return Err(SessionError::EmptyTable { path: self.path.clone() });
         }
         Ok(self.rows_if_any())
@@ -50,7 +89,7 @@ impl Table {
 
     /// The rows, perhaps none.
     pub(crate) fn rows_if_any(&self) -> impl Iterator<Item = Row<'_>> {
-        (0..self.rows.len()).map(move |index| Row { table: self, index })
+        (0..self.lines.len()).map(move |index| Row { table: self, index })
     }
 
     /// Names of the columns.
@@ -95,7 +134,7 @@ fn describe(error: &csv::Error) -> String {
 impl<'a> Row<'a> {
     /// Text of a cell.
     pub(crate) fn text(&self, column: usize) -> &'a str {
-        self.table.rows[self.index].get(column).unwrap_or("")
+        self.table.cell(self.index, column)
     }
 
     /// A finite number.
@@ -142,7 +181,7 @@ impl<'a> Row<'a> {
         SessionError::Cell {
             path: self.table.path.clone(),
             row: self.index + 1,
-            line: self.table.rows[self.index].position().map_or(self.index as u64 + 2, csv::Position::line),
+            line: self.table.lines[self.index],
             column: self.table.columns.get(column).cloned().unwrap_or_default(),
             detail,
         }
