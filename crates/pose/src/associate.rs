@@ -115,10 +115,11 @@ impl Associator {
     /// What the candidates of the next instant are, and the pose they give.
     pub fn associate(&mut self, t_ns: i64, candidates: &[Candidate]) -> Association {
         let predicted = self.history.predicted(t_ns, self.size_m);
-        let in_use = |camera: usize| !self.watch.is_out(camera);
+        let in_use = |k: usize| self.is_in_use(&candidates[k]);
         let mut out = self.told_by(t_ns, candidates, predicted.as_ref(), in_use);
         if let Some(belief) = predicted.as_ref().filter(|_| !self.is_sound(&out, candidates)) {
-            if let Some(rest) = self.without_one(t_ns, candidates, belief) {
+            let rest = self.without_sights(t_ns, candidates, belief);
+            if let Some(rest) = rest.or_else(|| self.without_one(t_ns, candidates, belief)) {
                 out = rest;
             } else if out.sample.estimate.is_none() {
                 let anew = self.told_by(t_ns, candidates, None, in_use);
@@ -128,7 +129,7 @@ impl Associator {
         if let Some(belief) = &predicted
             && self.watch_cameras(t_ns, candidates, (&out, belief))
         {
-            let rest = self.told_by(t_ns, candidates, Some(belief), |camera| !self.watch.is_out(camera));
+            let rest = self.told_by(t_ns, candidates, Some(belief), |k| self.is_in_use(&candidates[k]));
             out = if rest.sample.estimate.is_some() { rest } else { out };
         }
         if let Some(estimate) = &out.sample.estimate {

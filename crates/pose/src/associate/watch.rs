@@ -1,6 +1,6 @@
 //! Cameras that no longer stand as they were calibrated.
 
-use super::{Association, Associator, Candidate, DECISIVE_LOG_ODDS, belief::Belief};
+use super::{Association, Associator, Candidate, DECISIVE_LOG_ODDS, LEAST_DEGREES, belief::Belief};
 use mavsight_geometry::{Matrix2, Vector2};
 use nalgebra::Matrix2x6;
 
@@ -11,6 +11,9 @@ const SHIFTED: f64 = 4.2;
 const USUAL: f64 = 200.0;
 /// Share of a shift within which all balls have it in common.
 const COMMON: f64 = 0.25;
+
+/// Sights of one instant that may be off while the rest is believed: two balls, one before the other.
+const MOST_OFF: usize = 2;
 
 /// A camera that was moved while it filmed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,7 +70,7 @@ impl Associator {
         &self.watch.moved
     }
 
-    /// What the cameras that are wanted say.
+    /// What the candidates that are wanted, by their index, say.
     pub(super) fn told_by(
         &self,
         t_ns: i64,
@@ -77,14 +80,51 @@ impl Associator {
     ) -> Association {
         let solve =
             |c: &[Candidate]| predicted.map_or_else(|| self.acquire(t_ns, c), |p| self.follow(t_ns, c, p));
-        if candidates.iter().all(|c| wanted(c.camera)) {
+        let kept: Vec<usize> = (0..candidates.len()).filter(|k| wanted(*k)).collect();
+        if kept.len() == candidates.len() {
             return solve(candidates);
         }
-        let kept: Vec<usize> = (0..candidates.len()).filter(|k| wanted(candidates[*k].camera)).collect();
         let own: Vec<Candidate> = kept.iter().map(|k| candidates[*k]).collect();
         let mut out = solve(&own);
         out.pairs.iter_mut().for_each(|pair| pair.0 = kept[pair.0]);
         out
+    }
+
+    /// Whether a candidate is of a camera that takes part.
+    pub(super) fn is_in_use(&self, candidate: &Candidate) -> bool {
+        !self.watch.is_out(candidate.camera)
+    }
+
+    /// The pose of all sights but one or two, where all together make no sense: balls before each other are seen off their
+    /// places. What is left still checks itself.
+    pub(super) fn without_sights(
+        &self,
+        t_ns: i64,
+        candidates: &[Candidate],
+        predicted: &Belief,
+    ) -> Option<Association> {
+        let mut out = Vec::with_capacity(MOST_OFF);
+        for _ in 0..MOST_OFF {
+            let mut best: Option<(f64, usize, Association)> = None;
+            for k in (0..candidates.len()).filter(|k| self.is_in_use(&candidates[*k])) {
+                if out.contains(&k) {
+                    continue;
+                }
+                let wanted = |i: usize| i != k && !out.contains(&i) && self.is_in_use(&candidates[i]);
+                let found = self.told_by(t_ns, candidates, Some(predicted), wanted);
+                let Some(estimate) = &found.sample.estimate else { continue };
+                let (squares, degrees) = self.misfit(estimate, candidates, &found.pairs);
+                if degrees >= LEAST_DEGREES && best.as_ref().is_none_or(|b| squares / degrees < b.0) {
+                    best = Some((squares / degrees, k, found));
+                }
+            }
+            let (_, k, found) = best?;
+            if self.is_sound(&found, candidates) {
+                return Some(found);
+            }
+            out.push(k);
+        }
+        None
     }
 
     /// The pose of all cameras but one, where all together make no sense and it is clear which one to leave out.
@@ -97,7 +137,7 @@ impl Associator {
         let mut best: Option<(f64, Association)> = None;
         let mut next = f64::NEG_INFINITY;
         for camera in (0..self.cameras.len()).filter(|c| !self.watch.is_out(*c)) {
-            let wanted = |c: usize| c != camera && !self.watch.is_out(c);
+            let wanted = |k: usize| candidates[k].camera != camera && self.is_in_use(&candidates[k]);
             let found = self.told_by(t_ns, candidates, Some(predicted), wanted);
             if !self.is_sound(&found, candidates) {
                 continue;
@@ -138,7 +178,10 @@ impl Associator {
             if self.watch.moved.iter().any(|m| m.camera == camera) {
                 continue;
             }
-            let others = || found.pairs.iter().filter(|p| candidates[p.0].camera != camera);
+            let is_used =
+                |marker| found.sample.estimate.as_ref().is_none_or(|e| e.markers_used.contains(marker));
+            let is_other = |p: &&(usize, usize)| candidates[p.0].camera != camera && is_used(p.1);
+            let others = || found.pairs.iter().filter(is_other);
             if others().count() < 3 {
                 continue;
             }
