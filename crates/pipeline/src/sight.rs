@@ -91,7 +91,8 @@ impl CameraTracker {
             if stamp_ns <= *last_ns {
                 return Look::Backward;
             }
-            if **last == *frame {
+            // All frames of a camera that is dark may be alike, and are no copies for that.
+            if !self.is_dark() && **last == *frame {
                 return Look::Copy;
             }
         }
@@ -143,11 +144,21 @@ mod tests {
     fn copied_and_backward_frames_are_told() {
         let mut tracker = CameraTracker::new(&rig(), 0, &Vehicle::paper()).unwrap();
         let frame = |shade: u8| Arc::new(Frame::from_rgb(SIZE, vec![shade; 3 * SIZE.area_px()]).unwrap());
-        assert_eq!(tracker.see(0, frame(3)), Look::New(&[]));
-        assert!(tracker.is_dark());
-        assert_eq!(tracker.see(10, frame(3)), Look::Copy);
-        assert_eq!(tracker.see(20, frame(4)), Look::New(&[]));
-        assert_eq!(tracker.see(20, frame(5)), Look::Backward);
+        assert_eq!(tracker.see(0, frame(120)), Look::New(&[]));
+        assert!(!tracker.is_dark());
+        assert_eq!(tracker.see(10, frame(120)), Look::Copy);
+        assert_eq!(tracker.see(20, frame(121)), Look::New(&[]));
+        assert_eq!(tracker.see(20, frame(122)), Look::Backward);
         assert!(CameraTracker::new(&rig(), 9, &Vehicle::paper()).is_err());
+    }
+
+    /// All frames of a camera whose shutter is closed are alike: each shows that it is dark.
+    #[test]
+    fn a_camera_that_stays_dark_is_dark_in_each_frame() {
+        let mut tracker = CameraTracker::new(&rig(), 0, &Vehicle::paper()).unwrap();
+        let dark = Arc::new(Frame::from_rgb(SIZE, vec![3; 3 * SIZE.area_px()]).unwrap());
+        for t_ns in 0..5 {
+            assert!(tracker.see(t_ns, Arc::clone(&dark)) == Look::New(&[]) && tracker.is_dark());
+        }
     }
 }
