@@ -35,6 +35,9 @@ pub struct InputSeries {
     channels: Vec<InputChannel>,
 }
 
+/// By how much a time may lie outside the record: what is lost where times are written in microseconds.
+const ROUNDING_S: f64 = 1e-6;
+
 impl InputSeries {
     /// Checks and takes the samples.
     ///
@@ -99,7 +102,6 @@ impl InputSeries {
 
     /// The inputs at a time; `None` outside the record by more than a microsecond.
     pub fn at(&self, t_s: f64) -> Option<InputSample> {
-        const ROUNDING_S: f64 = 1e-6;
         if !(t_s >= self.start_s() - ROUNDING_S && t_s <= self.end_s() + ROUNDING_S) {
             return None;
         }
@@ -107,7 +109,15 @@ impl InputSeries {
         Some(InputSample { t_s, ..self.samples[after - 1] })
     }
 
-    /// The same, as an error that says what the record covers.
+    /// The part of things in the order of their times, nanoseconds, that the record covers.
+    pub fn covered<'a, T>(&self, things: &'a [T], t_ns: impl Fn(&T) -> i64) -> &'a [T] {
+        let t_s = |thing: &T| t_ns(thing) as f64 * 1e-9;
+        let from = things.partition_point(|thing| t_s(thing) < self.start_s() - ROUNDING_S);
+        let until = things.partition_point(|thing| t_s(thing) <= self.end_s() + ROUNDING_S);
+        &things[from..until.max(from)]
+    }
+
+    /// [`InputSeries::at`], as an error that says what the record covers.
     ///
     /// # Errors
     /// [`FlightError::InputsDoNotCover`].
@@ -137,6 +147,12 @@ mod tests {
         assert_eq!(series.at(2.9).map(|s| s.delta_lon_rad), Some(2.0));
         assert_eq!(series.at(3.0).map(|s| s.delta_lon_rad), Some(0.0));
         assert_eq!(series.at(3.1), None);
+        let times_ns: Vec<i64> = (-2..10).map(|k| k * 500_000_000).collect();
+        assert_eq!(series.covered(&times_ns, |t| *t), &times_ns[2..9]);
+        assert!(
+            series.covered(&times_ns[..2], |t| *t).is_empty()
+                && series.covered(&times_ns[9..], |t| *t).is_empty()
+        );
         assert!(matches!(series.require(-1.0), Err(FlightError::InputsDoNotCover { .. })));
     }
 

@@ -188,13 +188,30 @@ fn wrong_calls_are_named() {
     assert!(said.contains("No parameters") && said.contains("need turning rotors"), "{said}");
 }
 
+/// A logger that is switched off early costs the parameters of what it did not see, not the poses.
 #[test]
-fn inputs_that_end_early_are_refused() {
+fn inputs_that_end_early_tell_of_the_part_that_they_cover() {
     let folder = TempDir::new().expect("a folder");
     let (table, inputs) = flight(folder.path());
     let text = std::fs::read_to_string(&inputs).expect("inputs");
-    let short: Vec<&str> = text.lines().take(2000).collect();
-    std::fs::write(&inputs, short.join("\n")).expect("written");
-    let said = message(identify(&table, &inputs).arg("--model").arg(example("model.toml")), 1);
-    assert!(said.contains("8") && said.contains("3.99"), "{said}");
+    let lines: Vec<&str> = text.lines().collect();
+    std::fs::write(&inputs, lines[..2000].join("\n")).expect("written");
+    let model = example("model.toml");
+    let assert = identify(&table, &inputs).arg("--model").arg(&model).assert().success();
+    let said = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
+    let note = said.lines().find(|l| l.contains("The inputs cover")).expect("a note");
+    assert!(
+        note.contains("to 3.99") && note.contains("8.000 s") && !said.contains("No parameters"),
+        "{said}"
+    );
+    // Of another day: nothing is covered.
+    let late = |line: &&str| {
+        let (t_s, rest) = line.split_once(',').expect("a row");
+        format!("{},{rest}", t_s.parse::<f64>().expect("a time") + 100.0)
+    };
+    let shifted: Vec<String> =
+        std::iter::once(lines[0].to_owned()).chain(lines[1..].iter().map(late)).collect();
+    std::fs::write(&inputs, shifted.join("\n")).expect("written");
+    let said = message(identify(&table, &inputs).arg("--model").arg(&model), 1);
+    assert!(said.contains("100.000") && said.contains("record the inputs over the whole flight"), "{said}");
 }

@@ -1,7 +1,8 @@
 //! Identification by itself, on a table of poses or of motion from any system.
 
+use super::fit::{fit_into, identify_into};
 use super::named;
-use super::run::{Flight, fit_into, identify_into};
+use super::run::Flight;
 use super::stages::beside_other_stages;
 use crate::cli::{Identify, Interval, WrongCall};
 use crate::fits;

@@ -1,22 +1,21 @@
 //! The whole chain on a recorded session.
 
+use super::fit::with_motion;
 use super::named;
-use crate::cli::{Interval, Run, WrongCall};
+use crate::cli::{Interval, Run};
 use crate::page::{Page, write_page};
 use crate::progress::Bars;
 use crate::summary::Summary;
 use anyhow::Result;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
-use mavsight_identify::IdentifyError;
-use mavsight_identify::output_error::{FlightFitOptions, FlightFits, InputClock, telling_stretch_s};
+use mavsight_identify::output_error::telling_stretch_s;
 use mavsight_pipeline::{
-    AsFlown, Board, CameraFeed, ControlStill, IdentifyOptions, MARKERS_STD_M, PipelineError, Progress,
-    Refinement, TimedFrame, Tracked, Wand, board_of, body_markers, calibrate_from_observations,
-    calibrate_from_stills_and, identify_motion, motion_from_poses, motion_of, output_error_fits, refine,
-    wand_of,
+    AsFlown, Board, CameraFeed, ControlStill, IdentifyOptions, PipelineError, Progress, Refinement,
+    TimedFrame, Tracked, Wand, board_of, calibrate_from_observations, calibrate_from_stills_and, motion_of,
+    refine, wand_of,
 };
-use mavsight_pose::{CameraClock, ClockPrior, MarkerObservation, Motion, MovedObject, Rig};
+use mavsight_pose::{CameraClock, ClockPrior, MarkerObservation, MovedObject, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
 use mavsight_session::{
     FrameSource, LineTime, MarkerAsBuilt, RunResults, Session, SessionCamera, TruthRow, read_image,
@@ -274,102 +273,6 @@ pub(crate) fn solve(
     drop(seen);
     notes.extend(with_motion(&mut results, motion, flight, bars)?);
     Ok((results, notes))
-}
-
-/// Smooths the poses and fits the model; what the flight cannot tell becomes a note, what is wrong an error.
-pub(crate) fn identify_into(
-    results: &mut RunResults,
-    flight: &Flight<'_>,
-    bars: &Bars,
-) -> Result<Vec<String>> {
-    let motion = motion_from_poses(&results.poses, flight.vehicle, bars);
-    with_motion(results, motion, flight, bars)
-}
-
-fn with_motion(
-    results: &mut RunResults,
-    motion: Result<Motion, PipelineError>,
-    flight: &Flight<'_>,
-    bars: &Bars,
-) -> Result<Vec<String>> {
-    match motion {
-        Ok(motion) => fit_into(results, motion, flight, bars),
-        Err(refusal) => Ok(vec![format!("No motion: {refusal}")]),
-    }
-}
-
-/// The same from a motion.
-pub(crate) fn fit_into(
-    results: &mut RunResults,
-    motion: Motion,
-    flight: &Flight<'_>,
-    bars: &Bars,
-) -> Result<Vec<String>> {
-    let Some(recorded) = flight.inputs else {
-        results.motion = Some(motion);
-        return Ok(vec!["No parameters: the session names no inputs.".to_owned()]);
-    };
-    let mut notes = Vec::new();
-    let mut inputs = None;
-    match identify_motion(&motion, recorded, flight.vehicle, &flight.options, bars) {
-        Ok(solution) => {
-            notes.extend(solution.clocks.words());
-            inputs = solution.inputs;
-            results.coefficients = Some(solution.coefficients);
-            results.identification = Some(solution.identification);
-            results.clocks = Some(solution.clocks);
-        }
-        Err(PipelineError::Identify(IdentifyError::Flight(wrong))) => return Err(wrong.into()),
-        Err(PipelineError::Identify(wrong)) if is_of_the_call(&wrong) => {
-            return Err(WrongCall(wrong.to_string()).into());
-        }
-        Err(refusal) => notes.push(format!("No parameters: {refusal}")),
-    }
-    results.motion = Some(motion);
-    if !flight.options.equation_error_only && !results.poses.is_empty() {
-        results.output_error = output_error_of(results, flight, inputs.as_ref().unwrap_or(recorded), bars)?;
-        notes.extend(results.output_error.refusals.iter().cloned());
-        notes.extend(results.output_error.stretch_s.map(|(from_s, to_s)| {
-            format!(
-                "Output error fits the flight from {from_s:.1} s to {to_s:.1} s, where it turns most: of a longer flight a minute \
-                 is fitted."
-            )
-        }));
-    }
-    Ok(notes)
-}
-
-/// Output error from the poses, and from the images where they are at hand; with the body as the flight has shown it.
-fn output_error_of(
-    results: &RunResults,
-    flight: &Flight<'_>,
-    inputs: &InputSeries,
-    bars: &Bars,
-) -> Result<FlightFits> {
-    let mut markers = body_markers(flight.vehicle);
-    let mut markers_std_m: f64 = if results.body.is_empty() { MARKERS_STD_M } else { 0.0 };
-    for (marker, built) in markers.iter_mut().zip(&results.body) {
-        marker.marker_in_body_m = built.position_m;
-        marker.radius_m = 0.5 * built.diameter_m;
-        markers_std_m = markers_std_m.max(built.position_std_m.max());
-    }
-    let seen = (results.rig.as_ref())
-        .filter(|_| !results.markers.is_empty())
-        .map(|rig| (rig, markers.as_slice(), markers_std_m, results.markers.as_slice()));
-    let clock = if flight.options.lag_s.is_some() { InputClock::Known } else { InputClock::Free };
-    let options = FlightFitOptions { clock, held_out_s: flight.options.fit.held_out_s };
-    Ok(output_error_fits(flight.vehicle, inputs, &results.poses, seen, &options, bars)?)
-}
-
-/// Whether an error lies in what was asked for, and not in the flight.
-fn is_of_the_call(error: &IdentifyError) -> bool {
-    matches!(
-        error,
-        IdentifyError::UnknownSignal { .. }
-            | IdentifyError::ModelFile { .. }
-            | IdentifyError::BadSetting { .. }
-            | IdentifyError::BadBand { .. }
-    )
 }
 
 /// Errors of poses and motion against truth.

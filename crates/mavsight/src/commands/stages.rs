@@ -2,10 +2,9 @@
 
 use super::demo::{scenario_of, vehicle_of};
 use super::film::STAGING;
+use super::fit::identify_into;
 use super::named;
-use super::run::{
-    Flight, feeds, first_frames, identify_into, inputs_of, refined, require_a_pose, rig_of, scores_of,
-};
+use super::run::{Flight, feeds, first_frames, inputs_of, refined, require_a_pose, rig_of, scores_of};
 use crate::cli::{Simulate, Stage, WrongCall};
 use crate::page::{Page, write_page};
 use crate::progress::Bars;
