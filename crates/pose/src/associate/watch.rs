@@ -80,10 +80,10 @@ impl Associator {
     ) -> Association {
         let solve =
             |c: &[Candidate]| predicted.map_or_else(|| self.acquire(t_ns, c), |p| self.follow(t_ns, c, p));
-        let kept: Vec<usize> = (0..candidates.len()).filter(|k| wanted(*k)).collect();
-        if kept.len() == candidates.len() {
+        if (0..candidates.len()).all(&wanted) {
             return solve(candidates);
         }
+        let kept: Vec<usize> = (0..candidates.len()).filter(|k| wanted(*k)).collect();
         let own: Vec<Candidate> = kept.iter().map(|k| candidates[*k]).collect();
         let mut out = solve(&own);
         out.pairs.iter_mut().for_each(|pair| pair.0 = kept[pair.0]);
