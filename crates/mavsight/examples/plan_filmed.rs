@@ -125,7 +125,10 @@ fn filmed(
         let cameras = cameras_of(planner, &set_up);
         let films: Vec<Film<'_>> =
             cameras.iter().enumerate().map(|(k, c)| lab::film(&room, c, k, seed)).collect();
-        let way = poses((planner, &set_up), count, random).ok_or("no way on which all balls are seen")?;
+        let Some(way) = poses((planner, &set_up), count, random) else {
+            println!("set up {seed}: no way on which all balls are seen");
+            continue;
+        };
         match film_once(planner, (&set_up, &cameras, &films), &way, &mut sums) {
             Ok(()) => sums.calibrations += 1.0,
             Err(error) => println!("set up {seed}: {error}"),
