@@ -30,6 +30,8 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let (inputs, truth) = (inputs_of(&session)?, named(session.truth())?);
     let bars = Bars::new();
     let rig = rig_of(&session, &bars)?;
+    // What decoding them takes is free again before a long flight needs it.
+    let frames = first_frames(&session)?;
     let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
     let refined = refined(&session, rig, &mut tracked)?;
     let mut flight = Flight::of_session(&session, inputs.as_ref(), truth.as_deref())?;
@@ -45,7 +47,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
         scores.identity = Some(mavsight_score::score_identity(&results.poses, truth, &markers, &visible));
     }
     bars.done();
-    finish(&flight, results, notes, scores, first_frames(&session)?, &args.out)
+    finish(&flight, results, notes, scores, frames, &args.out)
 }
 
 /// The inputs of a session, where it has any.
