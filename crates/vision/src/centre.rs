@@ -16,6 +16,7 @@
 mod cholesky;
 mod edge;
 mod equations;
+mod glare;
 mod krige;
 mod lanes;
 mod model;

@@ -3,6 +3,7 @@
 mod weighing;
 
 use super::cholesky::{BAND, Banded};
+use super::glare::Glare;
 use super::lanes::GROUP;
 use super::model::{Model, RESIDUAL, Row, SITING, Shown, WIDTH, add_scaled};
 use super::normal::Normal;
@@ -77,6 +78,7 @@ pub(super) struct Equations {
     /// Pixels that are not believed at all.
     spoiled: Vec<u32>,
     surroundings: Surroundings,
+    glare: Glare,
     noise_variance: f64,
     /// The noise before the fit has shown more.
     least_noise: f64,
@@ -95,6 +97,7 @@ impl Equations {
         self.color_trust.resize(patch.colors.len(), 1.0);
         self.weight.clone_from(&self.trust);
         self.color_weight.clone_from(&self.color_trust);
+        self.glare.find(patch);
     }
 
     /// Decides which samples the ball touches and what is behind it there.
@@ -118,6 +121,8 @@ impl Equations {
         self.rim.clear();
         self.rim.extend(self.by_angle.iter().map(|(_, i)| *i));
         self.cover_blocks(patch, model);
+        self.glare.reach(patch, &disc(model), (&self.covered, &self.depth));
+        self.forget_dazzled(patch);
         let around = (&self.rim[..], &self.covered[..]);
         let place = (patch, &disc(model));
         let colors = &self.color_covered;

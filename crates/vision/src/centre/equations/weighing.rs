@@ -34,6 +34,9 @@ impl Equations {
             let behind = if place < covariance.len() { covariance.diagonal(place) } else { 0.0 };
             let variance = own + open * open * behind;
             self.trust[index] = biweight(left(&self.shown[place].channels[0], step) / variance.sqrt());
+            if self.glare.reaches(index) {
+                self.trust[index] = 1.0;
+            }
             if self.trust[index] == 0.0 {
                 self.spoiled.push(*used);
             }
@@ -47,7 +50,8 @@ impl Equations {
                 worst = worst.max(square / weight.max(LEAST_TRUST));
             }
             count += 2.0 * weight;
-            let trust = biweight(worst.sqrt());
+            let dazzled = patch.step == 1 && self.glare.reaches(*block as usize);
+            let trust = if dazzled { 1.0 } else { biweight(worst.sqrt()) };
             self.color_trust[*block as usize] = trust;
             if trust == 0.0 && patch.step == 1 {
                 self.spoiled.push(*block);
@@ -77,6 +81,18 @@ impl Equations {
                     self.color_weight[neighbour] = 0.0;
                 }
             }
+        }
+        self.forget_dazzled(patch);
+    }
+
+    /// Takes the weight of the samples that the brightest light reaches.
+    pub(super) fn forget_dazzled(&mut self, patch: &Patch) {
+        if self.glare.is_none() {
+            return;
+        }
+        for pixel in (0..self.weight.len()).filter(|i| self.glare.reaches(*i)) {
+            self.weight[pixel] = 0.0;
+            self.color_weight[patch.block_of(pixel)] = 0.0;
         }
     }
 

@@ -1,0 +1,76 @@
+//! What a lamp or a window behind a ball does to its rim.
+//!
+//! Light beyond what the sensor can show is coded as the brightest there is. How much more it is cannot be told, so where
+//! it mixes with the ball's own the model would place the edge too far inside, by about a width of the blur for a lamp ten
+//! times as bright: samples within the blur's reach of such light tell nothing of the edge.
+
+use super::surroundings::Disc;
+use super::{CLEAR, NOISE_STD};
+use crate::patch::Patch;
+
+/// Codes from which light may be beyond the brightest: two standard deviations of a usual pixel's noise below it.
+const BRIGHTEST: f64 = 255.0 - 2.0 * NOISE_STD;
+/// Edge widths as far as such light reaches: a hundredfold's share of a Gaussian's tail is about a level there.
+const REACH_EDGES: f64 = 4.0;
+
+/// Working space and result.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Glare {
+    /// Pixels of the patch that are as bright as there is.
+    brightest: Vec<u32>,
+    /// Places on the ball's edge behind which they are.
+    edge: Vec<(f64, f64)>,
+    /// Which pixels are reached; empty where none is.
+    reached: Vec<bool>,
+}
+
+impl Glare {
+    /// Looks for the brightest pixels of a new patch.
+    pub(super) fn find(&mut self, patch: &Patch) {
+        self.reached.clear();
+        self.brightest.clear();
+        self.brightest.extend((0..patch.bright.len()).filter(|i| is_brightest(patch, *i)).map(|i| i as u32));
+    }
+
+    /// Finds the pixels that such light reaches past the disc. Where it is all around it takes of every side alike and leaves
+    /// the centre in its place: then none counts as reached.
+    pub(super) fn reach(&mut self, patch: &Patch, disc: &Disc, (covered, depth): (&[f64], &[f64])) {
+        self.reached.clear();
+        self.edge.clear();
+        let is_beside = |i: usize| covered[i] < CLEAR && depth[i] > -REACH_EDGES;
+        for i in self.brightest.iter().map(|i| *i as usize).filter(|i| is_beside(*i)) {
+            let (x, y) = patch.place(i);
+            let (x, y) = (x - disc.x_px, y - disc.y_px);
+            let inwards = disc.radius_px / x.hypot(y).max(disc.radius_px);
+            self.edge.push((disc.x_px + inwards * x, disc.y_px + inwards * y));
+        }
+        let beside = (0..covered.len()).filter(|i| is_beside(*i)).count();
+        if self.edge.is_empty() || self.edge.len() == beside {
+            return;
+        }
+        let reach_px2 = (REACH_EDGES * disc.edge_px).powi(2);
+        let is_near =
+            |(x, y): (f64, f64)| self.edge.iter().any(|e| (e.0 - x).powi(2) + (e.1 - y).powi(2) < reach_px2);
+        self.reached.extend((0..covered.len()).map(|i| depth[i] < REACH_EDGES && is_near(patch.place(i))));
+    }
+
+    /// Whether such light reaches a pixel.
+    pub(super) fn reaches(&self, pixel: usize) -> bool {
+        self.reached.get(pixel).copied().unwrap_or(false)
+    }
+
+    /// Whether it reaches none.
+    pub(super) fn is_none(&self) -> bool {
+        self.reached.is_empty()
+    }
+}
+
+/// Whether a channel of a pixel may be beyond what can be shown.
+fn is_brightest(patch: &Patch, pixel: usize) -> bool {
+    let Some(color) = patch.colors.get(patch.block_of(pixel)) else { return false };
+    let channels = [patch.bright[pixel], color[0], color[1]];
+    patch.to_coded.iter().any(|row| {
+        let code: f64 = (0..3).map(|k| row[k] * (channels[k] - patch.from_coded[k][3])).sum();
+        code > BRIGHTEST
+    })
+}
