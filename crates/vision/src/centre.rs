@@ -18,6 +18,7 @@ mod edge;
 mod equations;
 mod krige;
 mod lanes;
+mod metric;
 mod model;
 mod normal;
 mod places;

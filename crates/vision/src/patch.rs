@@ -123,6 +123,15 @@ impl Patch {
             && self.colors.len().is_multiple_of(self.block_columns)
     }
 
+    /// Place of the first pixel of a colour sample's block.
+    pub(crate) fn first_pixel(&self, block: usize) -> usize {
+        let (x, y) = (
+            self.first_block.0 + block % self.block_columns,
+            self.first_block.1 + block / self.block_columns,
+        );
+        (y * self.step - self.first.1) * self.columns + x * self.step - self.first.0
+    }
+
     /// Column and row of the middle of a colour sample's block.
     #[inline]
     pub(crate) fn block_place(&self, block: usize) -> (f64, f64) {

@@ -99,7 +99,7 @@ impl Equations {
     /// part of its difference from the surroundings.
     pub(in crate::centre) fn texture(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
         let coded = linear.map(|l| crate::color::encode(l).0);
-        let around = [self.surroundings.level, self.surroundings.color[0], self.surroundings.color[1]];
+        let around = self.surroundings.around();
         let contrast: f64 = std::iter::zip(&patch.from_coded, around)
             .map(|(row, around)| (combined(row, &coded) - around).powi(2))
             .sum();
@@ -124,7 +124,7 @@ impl Equations {
     /// Greatest difference between a light and the surroundings in any channel, in standard deviations of the noise.
     pub(in crate::centre) fn contrast(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
         let coded = linear.map(|l| crate::color::encode(l).0);
-        let around = [self.surroundings.level, self.surroundings.color[0], self.surroundings.color[1]];
+        let around = self.surroundings.around();
         let differs =
             patch.from_coded.iter().zip(around).map(|(row, around)| (combined(row, &coded) - around).abs());
         differs.fold(0.0, f64::max) / self.noise_variance.sqrt()
