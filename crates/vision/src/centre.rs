@@ -19,6 +19,7 @@ mod equations;
 mod glare;
 mod krige;
 mod lanes;
+mod metric;
 mod model;
 mod normal;
 mod places;

@@ -123,16 +123,13 @@ impl Patch {
             && self.colors.len().is_multiple_of(self.block_columns)
     }
 
-    /// The colour sample whose block holds a pixel, or the nearest.
-    pub(crate) fn block_of(&self, pixel: usize) -> usize {
-        if self.step == 1 {
-            return pixel;
-        }
-        let block = |k: usize, first: usize| (k / self.step).saturating_sub(first);
-        let x = block(self.first.0 + pixel % self.columns, self.first_block.0);
-        let y = block(self.first.1 + pixel / self.columns, self.first_block.1);
-        let rows = self.colors.len() / self.block_columns;
-        y.min(rows.saturating_sub(1)) * self.block_columns + x.min(self.block_columns.saturating_sub(1))
+    /// Place of the first pixel of a colour sample's block.
+    pub(crate) fn first_pixel(&self, block: usize) -> usize {
+        let (x, y) = (
+            self.first_block.0 + block % self.block_columns,
+            self.first_block.1 + block / self.block_columns,
+        );
+        (y * self.step - self.first.1) * self.columns + x * self.step - self.first.0
     }
 
     /// Column and row of the middle of a colour sample's block.

@@ -5,7 +5,7 @@ mod weighing;
 use super::cholesky::{BAND, Banded};
 use super::glare::Glare;
 use super::lanes::GROUP;
-use super::model::{Model, RESIDUAL, Row, SITING, Shown, WIDTH, add_scaled};
+use super::model::{EDGE, Model, RESIDUAL, Row, SITING, Shown, WIDTH, add_scaled};
 use super::normal::Normal;
 use super::places::Places;
 use super::samples::{grain_variance, visit};
@@ -23,6 +23,9 @@ const DEEPEST: f64 = 6.0;
 /// Clutter may reach over the ball's face as well as behind it: standard deviation there as a part of the one around,
 /// for one clutter in four in front.
 const IN_FRONT: f64 = 0.5;
+/// Area over which clutter is alike, in squared edge widths: the integral of the correlation of blurred white noise. What is
+/// taken as independent from pixel to pixel but is not has its variance times the area, so that a mean over many is right.
+const ALIKE: f64 = 4.0 * std::f64::consts::PI;
 /// Clutter is taken to have half the brightness of the wall, so that one of a given variance hides this many times its
 /// relative strength of the ball.
 const HIDES: f64 = 2.0;
@@ -71,6 +74,9 @@ pub(super) struct Equations {
     scale: Vec<f64>,
     color_rows: Vec<[Row; 2]>,
     color_variance: Vec<[f64; 2]>,
+    /// Standard deviation of the clutter near each pixel and each block in use.
+    near: Vec<f64>,
+    color_near: Vec<f64>,
     color_scale: Vec<[f64; 2]>,
     /// Derivative by what is behind of each pixel of the rim, and nothing for a band more.
     open: Vec<f64>,
@@ -128,6 +134,11 @@ impl Equations {
         let colors = &self.color_covered;
         self.surroundings.estimate(simd, place, around, colors, (self.noise_variance, clutter))?;
         self.use_pixels(patch, model);
+        let near = |pixel: usize| self.surroundings.clutter_near(patch, pixel, self.noise_variance);
+        self.near.clear();
+        self.near.extend(self.used.iter().map(|pixel| near(*pixel as usize)));
+        self.color_near.clear();
+        self.color_near.extend(self.blocks.iter().map(|block| near(patch.first_pixel(*block as usize))));
         Some(())
     }
 
@@ -182,10 +193,10 @@ impl Equations {
 
     #[inline(always)]
     fn use_pixels(&mut self, patch: &Patch, model: &Model) {
-        let color = self.surroundings.color;
         self.used.clear();
         self.places.clear();
         for (index, bright) in self.rim.iter().zip(&self.surroundings.mean) {
+            let color = self.surroundings.colors_at(patch.place(*index as usize));
             let channels = [
                 *bright - patch.from_coded[0][3],
                 color[0] - patch.from_coded[1][3],
@@ -233,7 +244,7 @@ impl Equations {
         self.evaluate(simd, patch, model);
         let stretched = self.surroundings.covariance.len();
         if covariance == Covariance::Anew {
-            self.set_variances(patch);
+            self.set_variances(patch, model.p[EDGE]);
             self.open.clear();
             self.open.extend(self.shown[..stretched].iter().map(|shown| shown.open));
             self.open.resize(stretched + BAND, 0.0);
@@ -279,25 +290,28 @@ impl Equations {
 
     /// Variances of all samples in use as far as they are independent of each other.
     #[inline(always)]
-    fn set_variances(&mut self, patch: &Patch) {
-        let over_face = IN_FRONT * self.surroundings.clutter;
+    fn set_variances(&mut self, patch: &Patch, edge_px: f64) {
+        let alike_px = ALIKE * edge_px * edge_px;
+        let alike = (alike_px / (patch.step * patch.step) as f64).max(1.0);
         self.variance.clear();
-        for (used, shown) in self.used.iter().zip(&self.shown) {
-            let (front, behind) = (over_face * shown.covered, self.surroundings.unpredicted * shown.open);
+        for ((used, shown), near) in self.used.iter().zip(&self.shown).zip(&self.near) {
+            let (front, behind) =
+                (IN_FRONT * near * shown.covered, self.surroundings.unpredicted * shown.open);
             let trust = self.weight[*used as usize].max(LEAST_TRUST);
-            self.variance.push((self.noise_variance + front * front + behind * behind) / trust);
+            self.variance.push((self.noise_variance + alike_px * front * front + behind * behind) / trust);
         }
-        let hidden = HIDES * self.surroundings.clutter
-            / (self.surroundings.level - patch.from_coded[0][3]).abs().max(self.noise_variance.sqrt());
+        let level = (self.surroundings.level - patch.from_coded[0][3]).abs().max(self.noise_variance.sqrt());
         self.color_variance.clear();
-        for (block, rows) in self.blocks.iter().zip(&self.color_rows) {
+        for ((block, rows), near) in self.blocks.iter().zip(&self.color_rows).zip(&self.color_near) {
             let block = *block as usize;
+            let hidden = HIDES * near / level;
             let covered = self.color_covered[block];
             let trust = self.color_weight[block].max(LEAST_TRUST);
             self.color_variance.push([0, 1].map(|k| {
                 let value = patch.colors[block][k] - rows[k][RESIDUAL] - patch.from_coded[k + 1][3];
-                let behind = (1.0 - covered).powi(2) * self.surroundings.color_variance[k];
-                (self.noise_variance + behind + (covered * hidden.min(1.0) * value).powi(2)) / trust
+                let clutter = (self.surroundings.color_variance[k] - self.noise_variance).max(0.0);
+                let behind = (1.0 - covered).powi(2) * clutter;
+                (self.noise_variance + alike * ((covered * hidden.min(1.0) * value).powi(2) + behind)) / trust
             }));
         }
         self.scale.clear();
@@ -320,7 +334,6 @@ impl Equations {
             }
             return rows;
         }
-        let free = [0, 1].map(|k| self.surroundings.color[k] - patch.from_coded[k + 1][3]);
         visit(patch, block, model.p[SITING], |pixel, weight, by_siting| {
             let mut add_shown = |shown: &Shown| {
                 for (row, channel) in rows.iter_mut().zip(&shown.channels[1..]) {
@@ -330,7 +343,9 @@ impl Equations {
             };
             match self.slot[pixel] {
                 0 => {
-                    for (row, value) in rows.iter_mut().zip(free) {
+                    let free = self.surroundings.colors_at(patch.place(pixel));
+                    for (k, row) in rows.iter_mut().enumerate() {
+                        let value = free[k] - patch.from_coded[k + 1][3];
                         row[RESIDUAL] += weight * value;
                         row[SITING] += by_siting * value;
                     }

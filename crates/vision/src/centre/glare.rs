@@ -29,7 +29,15 @@ impl Glare {
     pub(super) fn find(&mut self, patch: &Patch) {
         self.reached.clear();
         self.brightest.clear();
-        self.brightest.extend((0..patch.bright.len()).filter(|i| is_brightest(patch, *i)).map(|i| i as u32));
+        for (block, color) in patch.colors.iter().enumerate() {
+            let first = patch.first_pixel(block);
+            for pixel in (0..patch.step * patch.step)
+                .map(|k| first + k / patch.step * patch.columns + k % patch.step)
+                .filter(|pixel| is_brightest(patch, [patch.bright[*pixel], color[0], color[1]]))
+            {
+                self.brightest.push(pixel as u32);
+            }
+        }
     }
 
     /// Finds the pixels that such light reaches past the disc. Where it is all around it takes of every side alike and leaves
@@ -59,18 +67,21 @@ impl Glare {
         self.reached.get(pixel).copied().unwrap_or(false)
     }
 
+    /// Whether it reaches a colour sample.
+    pub(super) fn reaches_block(&self, patch: &Patch, block: usize) -> bool {
+        !self.is_none() && self.reaches(patch.first_pixel(block))
+    }
+
     /// Whether it reaches none.
     pub(super) fn is_none(&self) -> bool {
         self.reached.is_empty()
     }
 }
 
-/// Whether a channel of a pixel may be beyond what can be shown.
-fn is_brightest(patch: &Patch, pixel: usize) -> bool {
-    let Some(color) = patch.colors.get(patch.block_of(pixel)) else { return false };
-    let channels = [patch.bright[pixel], color[0], color[1]];
-    patch.to_coded.iter().any(|row| {
-        let code: f64 = (0..3).map(|k| row[k] * (channels[k] - patch.from_coded[k][3])).sum();
-        code > BRIGHTEST
-    })
+/// Whether one of the codes of red, green and blue that these channels are may be beyond what can be shown.
+fn is_brightest(patch: &Patch, channels: [f64; 3]) -> bool {
+    patch
+        .to_coded
+        .iter()
+        .any(|row| (0..3).map(|k| row[k] * (channels[k] - patch.from_coded[k][3])).sum::<f64>() > BRIGHTEST)
 }

@@ -5,19 +5,19 @@
 //! variance is that of what the plane leaves around the ball ([`super::krige`]). Where nothing but noise is left on the
 //! plane, the plane is taken as it is.
 //!
-//! Colour differences: one robust mean; clutter is mostly grey, and they are coarse.
+//! Colour differences: a robust plane each; clutter is mostly grey, and they are coarse.
 
 use super::CLEAR;
 use super::cholesky::Banded;
 use super::krige::{Kriging, Spread};
-use super::robust::{Scattered, on};
+use super::robust::{Plane, Scattered, on};
 use crate::patch::Patch;
 use pulp::Simd;
 
 /// Width of the ring that is looked at beyond the ball's blurred rim, in edge widths: correlation beyond it is e⁻⁴.
 const RING_EDGES: f64 = 4.0;
 /// Clutter whose variance is below this part of the noise's does not matter.
-const LEAST_CLUTTER: f64 = 0.5;
+pub(super) const LEAST_CLUTTER: f64 = 0.5;
 /// Least standard deviation of colours: half a level is what rounding leaves of a uniform wall.
 const LEAST_COLOR_STD: f64 = 0.5;
 
@@ -55,7 +55,9 @@ pub(super) struct Surroundings {
     pub(super) unpredicted: f64,
     /// Brightness in the middle of the plane.
     pub(super) level: f64,
-    pub(super) color: [f64; 2],
+    /// The middle of the planes.
+    middle: (f64, f64),
+    colors: [Plane; 2],
     pub(super) color_variance: [f64; 2],
 }
 
@@ -104,19 +106,46 @@ impl Surroundings {
             let into = (&mut self.mean[..], &mut self.covariance);
             self.kriging.predict(simd, (patch, disc.edge_px, spread), (rim, covered), level, into)?;
         }
-        self.mean_color(simd, patch, color_covered)
+        self.middle = (disc.x_px, disc.y_px);
+        self.color_planes(simd, patch, color_covered, reach_px)
+    }
+
+    /// Brightness and colour differences in the middle.
+    pub(super) fn around(&self) -> [f64; 3] {
+        [self.level, self.colors[0].x, self.colors[1].x]
+    }
+
+    /// Standard deviation of the clutter near a pixel; that of all around where it is not predicted or nothing near is free.
+    pub(super) fn clutter_near(&self, patch: &Patch, pixel: usize, noise_variance: f64) -> f64 {
+        let near = || self.kriging.clutter_near(patch, pixel, noise_variance);
+        (self.covariance.len() > 0).then(near).flatten().unwrap_or(self.clutter)
+    }
+
+    /// Colour differences expected behind the ball at a place.
+    pub(super) fn colors_at(&self, (x_px, y_px): (f64, f64)) -> [f64; 2] {
+        self.colors.each_ref().map(|plane| on(plane, x_px - self.middle.0, y_px - self.middle.1))
     }
 
     #[inline(always)]
-    fn mean_color<S: Simd>(&mut self, simd: S, patch: &Patch, covered: &[f64]) -> Option<()> {
+    fn color_planes<S: Simd>(
+        &mut self,
+        simd: S,
+        patch: &Patch,
+        covered: &[f64],
+        reach_px: f64,
+    ) -> Option<()> {
         for channel in 0..2 {
             self.free_colors.clear();
-            for (value, _) in patch.colors.iter().zip(covered).filter(|(_, covered)| **covered < CLEAR) {
-                self.free_colors.push(0.0, 0.0, value[channel]);
+            for (block, value) in patch.colors.iter().enumerate() {
+                let (x, y) = patch.block_place(block);
+                let (x, y) = (x - self.middle.0, y - self.middle.1);
+                if covered[block] < CLEAR && x * x + y * y < reach_px * reach_px {
+                    self.free_colors.push(x, y, value[channel]);
+                }
             }
             self.free_colors.finish();
-            let (mean, variance) = self.free_colors.mean(simd, LEAST_COLOR_STD)?;
-            (self.color[channel], self.color_variance[channel]) = (mean, variance);
+            (self.colors[channel], self.color_variance[channel]) =
+                self.free_colors.plane(simd, LEAST_COLOR_STD)?;
         }
         Some(())
     }

@@ -26,6 +26,9 @@ impl Equations {
         self.spoiled.clear();
         for (place, used) in self.used.iter().enumerate() {
             let index = *used as usize;
+            if self.glare.reaches(index) {
+                continue;
+            }
             chi_square += left(&self.whitened[place], step).powi(2);
             count += self.weight[index];
             let open = self.shown[place].open;
@@ -34,14 +37,14 @@ impl Equations {
             let behind = if place < covariance.len() { covariance.diagonal(place) } else { 0.0 };
             let variance = own + open * open * behind;
             self.trust[index] = biweight(left(&self.shown[place].channels[0], step) / variance.sqrt());
-            if self.glare.reaches(index) {
-                self.trust[index] = 1.0;
-            }
             if self.trust[index] == 0.0 {
                 self.spoiled.push(*used);
             }
         }
         for (place, block) in self.blocks.iter().enumerate() {
+            if self.glare.reaches_block(patch, *block as usize) {
+                continue;
+            }
             let weight = self.color_weight[*block as usize];
             let mut worst = 0.0_f64;
             for k in 0..2 {
@@ -50,8 +53,7 @@ impl Equations {
                 worst = worst.max(square / weight.max(LEAST_TRUST));
             }
             count += 2.0 * weight;
-            let dazzled = patch.step == 1 && self.glare.reaches(*block as usize);
-            let trust = if dazzled { 1.0 } else { biweight(worst.sqrt()) };
+            let trust = biweight(worst.sqrt());
             self.color_trust[*block as usize] = trust;
             if trust == 0.0 && patch.step == 1 {
                 self.spoiled.push(*block);
@@ -92,7 +94,9 @@ impl Equations {
         }
         for pixel in (0..self.weight.len()).filter(|i| self.glare.reaches(*i)) {
             self.weight[pixel] = 0.0;
-            self.color_weight[patch.block_of(pixel)] = 0.0;
+        }
+        for block in (0..self.color_weight.len()).filter(|b| self.glare.reaches_block(patch, *b)) {
+            self.color_weight[block] = 0.0;
         }
     }
 
@@ -115,7 +119,7 @@ impl Equations {
     /// part of its difference from the surroundings.
     pub(in crate::centre) fn texture(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
         let coded = linear.map(|l| crate::color::encode(l).0);
-        let around = [self.surroundings.level, self.surroundings.color[0], self.surroundings.color[1]];
+        let around = self.surroundings.around();
         let contrast: f64 = std::iter::zip(&patch.from_coded, around)
             .map(|(row, around)| (combined(row, &coded) - around).powi(2))
             .sum();
@@ -140,7 +144,7 @@ impl Equations {
     /// Greatest difference between a light and the surroundings in any channel, in standard deviations of the noise.
     pub(in crate::centre) fn contrast(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
         let coded = linear.map(|l| crate::color::encode(l).0);
-        let around = [self.surroundings.level, self.surroundings.color[0], self.surroundings.color[1]];
+        let around = self.surroundings.around();
         let differs =
             patch.from_coded.iter().zip(around).map(|(row, around)| (combined(row, &coded) - around).abs());
         differs.fold(0.0, f64::max) / self.noise_variance.sqrt()
