@@ -6,20 +6,24 @@
 //! same each time.
 //!
 //! Given to the prediction are the places of cameras, control points and markers, and how good centres are by what the chain claims of
-//! them, as a user has it from a session: in the same films, and in those of the rig at 90°. How good they are depends on what is
-//! behind them, which a plan does not know. Truth is not in it.
+//! them: of each centre in the same films; of all alike, as a plan has it, in the same films (`sigma_px` of `rig.toml`, `markers.csv`);
+//! and of all alike in those of the rig at 90°. How good they are depends on what is behind them, which a plan does not know. Truth
+//! is in it only in that ways are taken on which the aircraft hides no ball from a camera: neither does a plan know of that.
 
 use mavsight::flight::Vehicle;
-use mavsight::geometry::{EulerAngles, Isometry3, Point3, Vector3, world_from_body};
+use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3, world_from_body};
 use mavsight::lab;
 use mavsight::pipeline::{
     CameraFeed, ControlStill, PipelineError, Quiet, TimedFrame, body_markers, calibrate_from_stills, track,
 };
 use mavsight::plan::{EXAMPLE, Placed, Planner, Room as RoomFile};
-use mavsight::scene::{Film, Room};
+use mavsight::pose::{
+    CameraControl, ExpectedSight, MarkerObservation, PoseEstimator, Rig, predict_calibration,
+};
+use mavsight::scene::{Aircraft, Film, InTheWay, Room};
 use mavsight::score::{Random, VirtualCamera};
-use mavsight::session::{TruthRow, ns_from_s};
-use mavsight::vision::Frame;
+use mavsight::session::{ControlPointRow, TruthRow, ns_from_s};
+use mavsight::vision::{BallColor, Detector, Frame};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 
@@ -35,25 +39,25 @@ const SET_UP_STD_M: f64 = 0.05;
 /// Ways that are tried for one on which all balls are seen.
 const TRIES: usize = 1000;
 
-/// Squares of errors of position and turn, squares of centres, and their numbers; and the poses.
-#[derive(Default, Clone)]
-struct Sums {
-    position_m2: f64,
-    turn_rad2: f64,
-    poses: f64,
+/// Part of a ball's face that must be seen: an arm before it hides less than the rest.
+const SEEN: f64 = 0.8;
+
+/// What one set-up's films tell: poses that were filmed, errors against truth, and what the chain claims.
+#[derive(Default)]
+struct SetUp {
+    placed: Vec<Placed>,
+    poses: Vec<Isometry3<f64>>,
+    /// Sums of the squares of the errors of position and of turn.
+    achieved: [f64; 2],
+    /// Sums of the variances that are predicted of these by each centre's claim.
+    foreseen: [f64; 2],
+    /// Sum of the variances of the turn that the claimed covariances of the centres alone would give.
+    centres_rad2: f64,
+    /// Mean claimed variance of a coordinate of a control point.
+    control_px2: f64,
+    /// Squares of the errors of the markers' centres, and the number of coordinates.
     centres_px2: f64,
     coordinates: f64,
-    control_px2: f64,
-    calibrations: f64,
-    claims: Vec<Claim>,
-}
-
-/// A pose that was filmed, and the variance that the chain claims of its turn.
-#[derive(Clone)]
-struct Claim {
-    placed: Vec<Placed>,
-    pose: Isometry3<f64>,
-    turn_rad2: f64,
 }
 
 fn row(k: usize, place: Vector3<f64>, attitude: EulerAngles) -> TruthRow {
@@ -70,12 +74,22 @@ fn row(k: usize, place: Vector3<f64>, attitude: EulerAngles) -> TruthRow {
 }
 
 /// A way through the volume at a walking pace, with a heading of the plan, give or take, and a few degrees of bank and pitch, on
-/// which all balls are seen.
-fn poses(
-    (planner, placed): (&Planner, &[Placed]),
+/// which all cameras see all balls.
+fn way(
+    planner: &Planner,
+    (films, aircraft): (&[Film<'_>], &Aircraft),
     count: usize,
     random: &mut Random,
 ) -> Option<Vec<(TruthRow, Isometry3<f64>)>> {
+    let is_seen = |pose: &Isometry3<f64>| {
+        let shows = |film: &Film<'_>| {
+            let share = |m: &mavsight::pose::BodyMarker| {
+                film.visible_share((&m.marker_in_body_m, m.radius_m), aircraft, pose, &InTheWay::default())
+            };
+            planner.markers().iter().all(|m| share(m) > SEEN)
+        };
+        films.iter().all(shows)
+    };
     let volume = &planner.room().volume;
     (0..TRIES).find_map(|_| {
         let mut vector = |low: f64, high: f64| Vector3::from_fn(|_, _| random.between(low, high));
@@ -93,7 +107,7 @@ fn poses(
             (row(k, place, attitude), world_from_body(place, attitude))
         };
         let way: Vec<_> = (0..count).map(at).collect();
-        way.iter().all(|(_, pose)| planner.predict(placed, &[*pose]).is_feasible()).then_some(way)
+        way.iter().all(|(_, pose)| is_seen(pose)).then_some(way)
     })
 }
 
@@ -112,39 +126,43 @@ fn filmed(
     planner: &Planner,
     placed: &[Placed],
     (seeds, count): (std::ops::Range<u64>, usize),
-) -> Outcome<Sums> {
+) -> Outcome<Vec<SetUp>> {
     let room = Room::meeting_room();
-    let mut sums = Sums::default();
+    let aircraft = lab::aircraft(&Vehicle::paper());
+    let mut all = Vec::new();
     for seed in seeds {
         let random = &mut Random::new(seed, 7);
         let off = |random: &mut Random| Vector3::from_fn(|_, _| random.normal()) * SET_UP_STD_M;
-        let set_up: Vec<Placed> = placed
+        let placed: Vec<Placed> = placed
             .iter()
             .map(|p| Placed { centre_m: p.centre_m + off(random), aim_m: p.aim_m + off(random), ..*p })
             .collect();
-        let cameras = cameras_of(planner, &set_up);
+        if let Err(refused) = planner.rig(&placed) {
+            println!("set up {seed}: {refused}");
+            continue;
+        }
+        let cameras = cameras_of(planner, &placed);
         let films: Vec<Film<'_>> =
             cameras.iter().enumerate().map(|(k, c)| lab::film(&room, c, k, seed)).collect();
-        let Some(way) = poses((planner, &set_up), count, random) else {
-            println!("set up {seed}: no way on which all balls are seen");
+        let Some(way) = way(planner, (&films, &aircraft), count, random) else {
+            println!("set up {seed}: no way on which all cameras see all balls");
             continue;
         };
-        match film_once(planner, (&set_up, &cameras, &films), &way, &mut sums) {
-            Ok(()) => sums.calibrations += 1.0,
+        match film_once(planner, (&cameras, &films), &aircraft, &way) {
+            Ok(one) => all.push(SetUp { placed, ..one }),
             Err(error) => println!("set up {seed}: {error}"),
         }
     }
-    Ok(sums)
+    Ok(all)
 }
 
 fn film_once(
     planner: &Planner,
-    (placed, cameras, films): (&[Placed], &[VirtualCamera], &[Film<'_>]),
+    (cameras, films): (&[VirtualCamera], &[Film<'_>]),
+    aircraft: &Aircraft,
     truth: &[(TruthRow, Isometry3<f64>)],
-    sums: &mut Sums,
-) -> Outcome<()> {
+) -> Outcome<SetUp> {
     let vehicle = Vehicle::paper();
-    let aircraft = lab::aircraft(&vehicle);
     let control = lab::control_frame(planner.control());
     let mut stills = Vec::new();
     for (c, film) in cameras.iter().zip(films) {
@@ -152,17 +170,19 @@ fn film_once(
         stills.push(ControlStill { camera: c.name.clone(), frame });
     }
     let rig = calibrate_from_stills(&stills, planner.control())?;
-    sums.control_px2 +=
-        rig.cameras.iter().map(|c| c.sigma_px.powi(2)).sum::<f64>() / rig.cameras.len() as f64;
     let feeds = cameras.iter().zip(films).map(|(c, film)| {
         let frames = truth.iter().enumerate().map(|(k, (row, _))| {
-            let frame = Frame::from_rgb(c.camera.size, lab::frame(film, k, &aircraft, row, INTERVAL_S))
+            let frame = Frame::from_rgb(c.camera.size, lab::frame(film, k, aircraft, row, INTERVAL_S))
                 .map_err(|e| PipelineError::Source { camera: c.name.clone(), source: Box::new(e) })?;
             Ok(TimedFrame { t_ns: ns_from_s(row.t_s), frame })
         });
         CameraFeed::new(c.name.clone(), Some(truth.len()), Box::new(frames))
     });
     let tracked = track(feeds.collect(), &rig, &vehicle, &Quiet)?;
+    let foreseen = PoseEstimator::new(&foreseen(planner, cameras, (&stills, &rig))?, planner.markers());
+    let control_px2 = rig.cameras.iter().map(|c| c.sigma_px.powi(2)).sum::<f64>() / rig.cameras.len() as f64;
+    let mut out = SetUp { control_px2, ..SetUp::default() };
+    let exact = PoseEstimator::new(&Rig::exact(rig.cameras), planner.markers());
     for (k, (row, pose)) in truth.iter().enumerate() {
         let t_ns = ns_from_s(row.t_s);
         let seen: Vec<_> = tracked.observations.iter().filter(|o| o.t_ns == t_ns).collect();
@@ -171,20 +191,74 @@ fn film_once(
         if seen.len() < cameras.len() * vehicle.marker.len() || !got.left_out.is_empty() {
             continue;
         }
-        sums.position_m2 += (got.world_from_body.translation.vector - pose.translation.vector).norm_squared();
-        sums.turn_rad2 += pose.rotation.angle_to(&got.world_from_body.rotation).powi(2);
-        sums.poses += 1.0;
-        let turn_rad2 = got.covariance().fixed_view::<3, 3>(3, 3).trace();
-        sums.claims.push(Claim { placed: placed.to_vec(), pose: *pose, turn_rad2 });
+        let off_m = got.world_from_body.translation.vector - pose.translation.vector;
+        out.achieved[0] += off_m.norm_squared();
+        out.achieved[1] += pose.rotation.angle_to(&got.world_from_body.rotation).powi(2);
+        let [_, turn_rad2] = variances(&exact, &got.world_from_body, &seen)?;
+        out.centres_rad2 += turn_rad2;
+        let [position_m2, turn_rad2] = variances(&foreseen, pose, &seen)?;
+        out.foreseen = [out.foreseen[0] + position_m2, out.foreseen[1] + turn_rad2];
+        out.poses.push(*pose);
         for o in seen {
             let ball = &planner.markers()[o.marker];
             let centre = (pose * Point3::from(ball.marker_in_body_m)).coords;
             let exact = cameras[o.camera].camera.project_ball(&centre, ball.radius_m)?.pixel;
-            sums.centres_px2 += (o.pixel - exact).norm_squared();
-            sums.coordinates += 2.0;
+            out.centres_px2 += (o.pixel - exact).norm_squared();
+            out.coordinates += 2.0;
         }
     }
-    Ok(())
+    Ok(out)
+}
+
+/// What is predicted of position and turn from centres as good as they claim.
+fn variances(
+    estimator: &PoseEstimator,
+    pose: &Isometry3<f64>,
+    seen: &[MarkerObservation],
+) -> Outcome<[f64; 2]> {
+    let sights: Vec<ExpectedSight> = seen
+        .iter()
+        .map(|o| ExpectedSight { camera: o.camera, marker: o.marker, covariance_px2: o.covariance_px2 })
+        .collect();
+    let covariance = estimator.predict(pose, &sights)?.covariance();
+    Ok([0, 3].map(|at| covariance.fixed_view::<3, 3>(at, at).trace()))
+}
+
+/// The cameras as they are, with what their calibration is predicted to leave open if each control point's centre is as good as it
+/// claims, times the factor that the residuals have shown.
+fn foreseen(
+    planner: &Planner,
+    cameras: &[VirtualCamera],
+    (stills, rig): (&[ControlStill], &Rig),
+) -> Outcome<Rig> {
+    let table = planner.control();
+    let ball = |row: &ControlPointRow| BallColor { name: row.name.clone(), rgb: row.color.rgb() };
+    let colors: Vec<BallColor> = table.iter().map(ball).collect();
+    let mut controls = Vec::new();
+    for ((c, still), seen_by) in cameras.iter().zip(stills).zip(&rig.cameras) {
+        let mut detector = Detector::new(&colors)?.with_camera(seen_by.camera);
+        let found = detector.candidates(&still.frame, 3.0..=f64::from(c.camera.size.width_px) / 10.0);
+        let mut control = CameraControl::exact(c.name.clone(), c.camera.size, vec![], vec![]);
+        for (row, found) in table.iter().zip(found) {
+            let Some(point) = seen_by.points.iter().find(|p| p.used && p.name == row.name) else { continue };
+            let (place, radius_m) = (Vector3::from(row.position_m), row.diameter_m / 2.0);
+            let pixel = seen_by.camera.project_ball(&place, radius_m)?.pixel + point.residual_px;
+            let off_px = |at: &mavsight::geometry::Vector2<f64>| (at - pixel).norm();
+            let same = found.iter().min_by(|a, b| off_px(&a.pixel).total_cmp(&off_px(&b.pixel)));
+            let Some(pixel_cov_px2) = same.map(|b| b.covariance_px2) else { continue };
+            let name = row.name.clone();
+            control.points.push(ControlPoint { name, point_in_world_m: place, pixel, pixel_cov_px2 });
+            control.ball_radius_m.push(radius_m);
+            control.survey_std_m.push(row.std_m);
+        }
+        controls.push(control);
+    }
+    let model = planner.room().camera[0].model();
+    let given: Vec<_> = cameras.iter().map(|c| (c.camera, model)).collect();
+    let mut out = predict_calibration(&given, &controls)?;
+    let squares = |rig: &Rig| rig.cameras.iter().map(|c| c.sigma_px.powi(2)).sum::<f64>();
+    out.uncertainty *= (squares(rig) / squares(&out)).sqrt();
+    Ok(out)
 }
 
 /// What a session knows of its centres: of markers and in stills.
@@ -223,40 +297,52 @@ fn rigs() -> Outcome<Vec<(String, Planner, Vec<Placed>)>> {
     }
     let three = planner(None)?;
     let mut placed = three.pair(0, 90.0, DISTANCE_M).to_vec();
-    placed.push(Placed { centre_m: Vector3::new(1.5, 1.9, 2.9), ..placed[0] });
+    // By the wall to the left, high, as far away as the others: from there, too, a calibration has the whole control frame.
+    placed.push(Placed { centre_m: Vector3::new(-4.6, 1.6, 2.2), ..placed[0] });
     out.push(("three".to_owned(), three, placed));
     Ok(out)
 }
 
-/// Sums of the predicted variances of position and turn over the poses of films.
-fn predicted(claims: &[Claim], known: Known) -> Outcome<[f64; 2]> {
+/// For each set-up, the sums of the predicted variances of position and turn over its poses.
+fn predicted(set_ups: &[SetUp], known: Known) -> Outcome<Vec<[f64; 2]>> {
     let p = planner(Some(known))?;
-    Ok(claims.iter().fold([0.0; 2], |[position_m2, turn_rad2], claim| {
-        let one = p.predict(&claim.placed, &[claim.pose]).mean;
-        [
-            position_m2 + (1e-3 * one.position_std_mm).powi(2),
-            turn_rad2 + one.attitude_std_deg.to_radians().powi(2),
-        ]
-    }))
+    let of_pose = |placed: &[Placed], pose: &Isometry3<f64>| {
+        let one = p.predict(placed, &[*pose]).mean;
+        [(1e-3 * one.position_std_mm).powi(2), one.attitude_std_deg.to_radians().powi(2)]
+    };
+    let of_set_up = |s: &SetUp| {
+        s.poses.iter().map(|pose| of_pose(&s.placed, pose)).fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]])
+    };
+    Ok(set_ups.iter().map(of_set_up).collect())
 }
 
 /// What films tell of their centres, without truth. In stills it is what calibration claims. Of markers it is the noise of equal centres
-/// with which a plan of these poses comes to what is claimed of their attitude: centres differ by a factor of ten and more, so
-/// that neither the mean of their variances nor that of their weights would do.
-fn known(sums: &Sums) -> Outcome<Known> {
+/// with which a plan of these poses comes to the attitude's variance that the claimed centres give: centres differ by a factor of ten
+/// and more, so that neither the mean of their variances nor that of their weights would do.
+fn known(set_ups: &[SetUp]) -> Outcome<Known> {
     const UNIT_PX: f64 = 0.1;
     const NEARLY_NONE_PX: f64 = 1e-6;
-    let control_std_px = (sums.control_px2 / sums.calibrations).sqrt();
-    let claimed: f64 = sums.claims.iter().map(|c| c.turn_rad2).sum();
-    let of_stills = predicted(&sums.claims, Known { centre_std_px: NEARLY_NONE_PX, control_std_px })?[1];
-    let of_unit =
-        predicted(&sums.claims, Known { centre_std_px: UNIT_PX, control_std_px: NEARLY_NONE_PX })?[1];
+    let poses: f64 = set_ups.iter().map(|s| s.poses.len() as f64).sum();
+    let control_px2 = set_ups.iter().map(|s| s.poses.len() as f64 * s.control_px2).sum::<f64>() / poses;
+    let claimed: f64 = set_ups.iter().map(|s| s.centres_rad2).sum();
+    let unit = Known { centre_std_px: UNIT_PX, control_std_px: NEARLY_NONE_PX };
+    let of_unit: f64 = predicted(set_ups, unit)?.iter().map(|v| v[1]).sum();
     // Predicted variances are linear in those of the centres.
-    let share = (claimed - of_stills) / of_unit;
-    if share.is_nan() || share <= 0.0 {
-        return Err("the stills alone are claimed to turn poses by more: take more films".into());
-    }
-    Ok(Known { centre_std_px: UNIT_PX * share.sqrt(), control_std_px })
+    Ok(Known { centre_std_px: UNIT_PX * (claimed / of_unit).sqrt(), control_std_px: control_px2.sqrt() })
+}
+
+/// Predicted over achieved standard deviation of position (0) or turn (1), and how well it is known: the jackknife over set-ups
+/// (Efron & Tibshirani 1993, chapter 11).
+fn ratio(set_ups: &[SetUp], variances: &[[f64; 2]], of: usize) -> (f64, f64) {
+    let without = |left_out: Option<usize>| {
+        let kept = || set_ups.iter().zip(variances).enumerate().filter(|(k, _)| Some(*k) != left_out);
+        let predicted: f64 = kept().map(|(_, (_, v))| v[of]).sum();
+        (predicted / kept().map(|(_, (s, _))| s.achieved[of]).sum::<f64>()).sqrt()
+    };
+    let all = without(None);
+    let n = set_ups.len() as f64;
+    let square: f64 = (0..set_ups.len()).map(|k| (without(Some(k)) - all).powi(2)).sum();
+    (all, (square * (n - 1.0) / n).sqrt())
 }
 
 fn main() -> Outcome<()> {
@@ -265,28 +351,39 @@ fn main() -> Outcome<()> {
     let frames: usize = words.next().map_or(Ok(5), |w| w.parse())?;
     let only: Option<String> = words.next();
     println!(
-        "rig          poses | position mm, over achieved: with its own noise, with that at 90 degrees | the same of attitude, deg | own noise of centres, stills px"
+        "rig      set-ups poses | position mm, predicted over achieved: by each centre's claim, by their mean, by that at 90 degrees | the same of attitude, deg | mean claim of centres, stills px | achieved"
     );
     let mut first = None;
     for (name, planner, placed) in rigs()? {
         if only.as_ref().is_some_and(|o| !name.contains(o.as_str())) {
             continue;
         }
-        let s = filmed(&planner, &placed, (1..1 + calibrations, frames))?;
-        let own = known(&s)?;
-        let (with_own, with_first) =
-            (predicted(&s.claims, own)?, predicted(&s.claims, *first.get_or_insert(own))?);
-        let ratios = |k: usize, achieved: f64| [with_own[k], with_first[k]].map(|v| (v / achieved).sqrt());
-        let ([a, b], [c, d]) = (ratios(0, s.position_m2), ratios(1, s.turn_rad2));
-        let root = |sum: f64, n: f64| (sum / n.max(f64::MIN_POSITIVE)).sqrt();
+        let mut all = filmed(&planner, &placed, (1..1 + calibrations, frames))?;
+        all.retain(|s| !s.poses.is_empty());
+        if all.is_empty() {
+            println!("{name}: nothing was measured");
+            continue;
+        }
+        let own = known(&all)?;
+        let (with_own, with_first) = (predicted(&all, own)?, predicted(&all, *first.get_or_insert(own))?);
+        let sum = |of: &dyn Fn(&SetUp) -> f64| all.iter().map(of).sum::<f64>();
+        let poses = sum(&|s| s.poses.len() as f64);
+        let root = |k: usize| (sum(&|s| s.achieved[k]) / poses).sqrt();
+        let cell = |k: usize| {
+            let each: Vec<[f64; 2]> = all.iter().map(|s| s.foreseen).collect();
+            let [each, own, first] = [&each, &with_own, &with_first].map(|v| ratio(&all, v, k));
+            format!("{:.2} ± {:.2}, {:.2} ± {:.2}, {:.2}", each.0, each.1, own.0, own.1, first.0)
+        };
         println!(
-            "{name:<12} {:>5.0} | {:.4} {a:.3} {b:.3} | {:.5} {c:.3} {d:.3} | {:.4} {:.4} | achieved {:.4}",
-            s.poses,
-            1e3 * root(s.position_m2, s.poses),
-            root(s.turn_rad2, s.poses).to_degrees(),
+            "{name:<12} {:>4} {poses:>4} | {:.4} {} | {:.5} {} | {:.4} {:.4} | achieved {:.4}",
+            all.len(),
+            1e3 * root(0),
+            cell(0),
+            root(1).to_degrees(),
+            cell(1),
             own.centre_std_px,
             own.control_std_px,
-            root(s.centres_px2, s.coordinates),
+            (sum(&|s| s.centres_px2) / sum(&|s| s.coordinates)).sqrt(),
         );
     }
     Ok(())
