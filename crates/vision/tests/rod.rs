@@ -1,0 +1,81 @@
+//! Balls at the end of a rod, as those of a control frame are, drawn by supersampling and measured through the public calls.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use mavsight_vision::{BallColor, Detector, Frame, ImageSize, Vector2};
+
+const SIZE: ImageSize = ImageSize { width_px: 40, height_px: 40 };
+const BLUR_PX: f64 = 0.5;
+const RADIUS_PX: f64 = 2.3;
+const ROD_PX: f64 = 0.9;
+const WALL: [f64; 3] = [0.45, 0.42, 0.36];
+const ROD: [f64; 3] = [0.05; 3];
+const BALL: [f64; 3] = [0.06, 0.014, 0.16];
+
+fn code(linear: f64) -> f64 {
+    255.0 * if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// A ball before the wall and, behind it, a rod that leaves it in a direction: light over the pixel and a Gaussian blur, with
+/// two levels of noise.
+fn still(middle: Vector2<f64>, along: Vector2<f64>, seed: u32) -> Frame {
+    let light_at = |at: Vector2<f64>| {
+        let d = at - middle;
+        let (far, aside) = (d.dot(&along), d.x * along.y - d.y * along.x);
+        if d.norm() < RADIUS_PX {
+            BALL
+        } else if far > 0.0 && aside.abs() < 0.5 * ROD_PX {
+            ROD
+        } else {
+            WALL
+        }
+    };
+    let taps: Vec<f64> = (-20..=20).map(|k| 0.1 * f64::from(k)).collect();
+    let weight = |offset: f64| {
+        let edge = |z: f64| 1.0 / (1.0 + (-1.5976 * z - 0.070_565 * z * z * z).exp());
+        edge((offset + 0.5) / BLUR_PX) - edge((offset - 0.5) / BLUR_PX)
+    };
+    let mut noise = seed.wrapping_mul(2_654_435_761) | 1;
+    let mut gauss = || {
+        let mut uniform = || {
+            noise ^= noise << 13;
+            noise ^= noise >> 17;
+            noise ^= noise << 5;
+            f64::from(noise) / f64::from(u32::MAX)
+        };
+        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+    };
+    let mut rgb = Vec::new();
+    for (y, x) in (0..SIZE.height_px).flat_map(|y| (0..SIZE.width_px).map(move |x| (y, x))) {
+        let (mut light, mut total) = ([0.0; 3], 0.0);
+        for (dy, dx) in taps.iter().flat_map(|dy| taps.iter().map(move |dx| (dy, dx))) {
+            let share = weight(*dx) * weight(*dy);
+            let here = light_at(Vector2::new(f64::from(x) + dx, f64::from(y) + dy));
+            light.iter_mut().zip(here).for_each(|(sum, value)| *sum += share * value);
+            total += share;
+        }
+        rgb.extend(light.map(|l| (code(l / total) + 2.0 * gauss()).round().clamp(0.0, 255.0) as u8));
+    }
+    Frame::from_rgb(SIZE, rgb).unwrap()
+}
+
+#[test]
+fn a_rod_that_ends_at_a_ball_does_not_draw_its_centre() {
+    let color = BallColor { name: "violet".into(), rgb: [80, 48, 120] };
+    let mut detector = Detector::new(&[color]).unwrap();
+    let (mut pull, mut square, mut count) = (0.0, 0.0, 0.0);
+    for k in 0..24_u32 {
+        let angle = 0.7 * f64::from(k);
+        let along = Vector2::new(angle.cos(), angle.sin());
+        let middle = Vector2::new(20.0 + 0.37 * f64::from(k % 5), 19.6 + 0.21 * f64::from(k % 7));
+        let found = detector.candidates(&still(middle, along, k + 1), 3.0..=8.0);
+        let ball = found[0].first().unwrap_or_else(|| panic!("no ball at a rod in direction {angle}"));
+        let error = ball.pixel - middle;
+        pull += error.dot(&along);
+        let precision = ball.covariance_px2.try_inverse().unwrap();
+        square += (error.transpose() * precision * error)[0];
+        count += 1.0;
+    }
+    let mean_px = pull / count;
+    assert!(mean_px.abs() < 0.012, "drawn {mean_px} px along the rod");
+    assert!(square / (2.0 * count) < 1.6, "errors are {} times what is claimed", square / (2.0 * count));
+}
