@@ -216,6 +216,14 @@ pub(crate) struct Fitter {
 }
 
 impl Fitter {
+    /// One that takes the time of a still: lines beside a ball, such as a rod that ends at it, are followed behind its rim, for three
+    /// times the work.
+    pub(crate) fn for_stills() -> Self {
+        let mut fitter = Self::default();
+        fitter.equations.take_time();
+        fitter
+    }
+
     /// Fits the ball in the patch.
     ///
     /// None if it does not converge to a disc with a radius in `radius_px` that stands out and is mostly visible.

@@ -83,7 +83,8 @@ impl Detector {
     /// [`VisionError::ColorsTooClose`] naming two markers of one hue, [`VisionError::ColorTooGrey`] for a marker
     /// without one, [`VisionError::NoMarkers`] for an empty list.
     pub fn new(colors: &[BallColor]) -> Result<Self, VisionError> {
-        Ok(Self { model: ColorModel::new(colors)?, workspace: Workspace::default() })
+        let workspace = Workspace { fitter: Fitter::for_stills(), ..Workspace::default() };
+        Ok(Self { model: ColorModel::new(colors)?, workspace })
     }
 
     /// The same for a camera that is known, or nearly: the images of balls are stretched as it does. Without, it is taken to

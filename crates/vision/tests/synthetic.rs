@@ -163,7 +163,7 @@ fn a_lamp_behind_a_part_of_a_ball_does_not_move_it() {
         let error = best.pixel - drawn.middle;
         normalized += error.dot(&(best.covariance_px2.try_inverse().unwrap() * error)) / (2 * COUNT) as f64;
     }
-    println!("normalised {normalized:.2}");
+
     assert!(normalized < 2.0, "normalised {normalized}");
 }
 

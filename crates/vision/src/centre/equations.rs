@@ -92,6 +92,11 @@ pub(super) struct Equations {
 }
 
 impl Equations {
+    /// Takes the time of a still.
+    pub(super) fn take_time(&mut self) {
+        self.surroundings.take_time();
+    }
+
     /// Trusts every sample of a new patch.
     #[inline(always)]
     pub(super) fn begin<S: Simd>(&mut self, simd: S, patch: &Patch, noise_variance: Option<f64>) {
@@ -291,8 +296,10 @@ impl Equations {
     /// Variances of all samples in use as far as they are independent of each other.
     #[inline(always)]
     fn set_variances(&mut self, patch: &Patch, edge_px: f64) {
-        let alike_px = ALIKE * edge_px * edge_px;
+        let in_still = self.surroundings.in_still();
+        let alike_px = if in_still { ALIKE * edge_px * edge_px } else { 1.0 };
         let alike = (alike_px / (patch.step * patch.step) as f64).max(1.0);
+        let known_color = if in_still { self.noise_variance } else { 0.0 };
         self.variance.clear();
         for ((used, shown), near) in self.used.iter().zip(&self.shown).zip(&self.near) {
             let (front, behind) =
@@ -309,7 +316,7 @@ impl Equations {
             let trust = self.color_weight[block].max(LEAST_TRUST);
             self.color_variance.push([0, 1].map(|k| {
                 let value = patch.colors[block][k] - rows[k][RESIDUAL] - patch.from_coded[k + 1][3];
-                let clutter = (self.surroundings.color_variance[k] - self.noise_variance).max(0.0);
+                let clutter = (self.surroundings.color_variance[k] - known_color).max(0.0);
                 let behind = (1.0 - covered).powi(2) * clutter;
                 (self.noise_variance + alike * ((covered * hidden.min(1.0) * value).powi(2) + behind)) / trust
             }));

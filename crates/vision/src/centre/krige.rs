@@ -1,15 +1,14 @@
 //! Clutter behind a ball's rim, predicted from the pixels beside it that the ball leaves free.
 //!
-//! No image is sharper than its blur, so across any line the clutter's correlation is at least that of blurred white noise,
-//! exp(-d²/4w²) with w the width of an edge; along a line it is as long as it is seen to be ([`super::metric`]). Its mean
-//! and variance under the ball follow by kriging from the nearest free pixels (Matheron 1963; Rasmussen & Williams 2006,
-//! eq. 2.23-2.24); what is left unknown is correlated as blurred white noise.
+//! No image is sharper than its blur, so the clutter's correlation is that of blurred white noise, exp(-d²/4w²) with w
+//! the width of an edge; in a still, where there is time, it is as long as it is seen to be along a line
+//! ([`super::metric`]). Its mean and variance under the ball follow by kriging from the nearest free pixels (Matheron
+//! 1963; Rasmussen & Williams 2006, eq. 2.23-2.24); what is left unknown keeps the correlation.
 
 use super::CLEAR;
 use super::cholesky::Banded;
-use super::edge::gaussian;
 use super::lanes::{GROUP, Lanes};
-use super::metric::{Course, Nearby};
+use super::metric::Course;
 use super::surroundings::LEAST_CLUTTER;
 use crate::patch::Patch;
 use pulp::Simd;
@@ -20,6 +19,12 @@ const FAR_EDGES: f64 = 4.0;
 const NEIGHBOURS: usize = 8;
 /// Pixels to look for them in each direction.
 pub(super) const REACH: usize = 4;
+/// Width of a table by the displacement of two of them.
+const ACROSS: usize = 4 * REACH + 1;
+/// Entry of such a table for no displacement.
+const HERE: usize = (ACROSS + 1) * 2 * REACH;
+/// Room for such a table: a power of two, so that no place needs to be checked.
+const TABLE: usize = 512;
 
 /// Clutter's standard deviation, and variance of a pixel's noise.
 #[derive(Debug, Clone, Copy)]
@@ -43,20 +48,26 @@ static BY_DISTANCE: std::sync::LazyLock<Vec<(i32, i32)>> = std::sync::LazyLock::
 pub(super) struct Kriging {
     /// What the plane leaves of each free pixel, not a number elsewhere; a margin as wide as the reach around.
     left: Vec<f64>,
-    course: Course,
-    /// Neighbours' displacements, and offsets to look for them at in `left`.
-    offsets: Vec<([f64; 2], usize)>,
+    /// Offsets to look for neighbours at in `left`, and in a table by displacement.
+    offsets: Vec<(usize, usize)>,
+    /// Covariance by displacement.
+    kernel: Vec<[f64; TABLE]>,
     /// Correlation by squared distance, as it ends.
     tapered: Vec<f64>,
     places: Vec<(i32, i32)>,
     deviation: Vec<f64>,
+    course: Course,
+    /// Whether lines are looked for.
+    pub(super) along_lines: bool,
 }
 
-/// The equations of a group of rim pixels: displacements of the neighbours in lengths of correlation, and their values.
+/// The equations of a group of rim pixels: covariance of the neighbours' values (above the diagonal), with the pixel, and the
+/// values.
 struct Systems {
-    apart: [[[f64; GROUP]; 2]; NEIGHBOURS],
+    matrix: [[[f64; GROUP]; NEIGHBOURS]; NEIGHBOURS],
+    cross: [[f64; GROUP]; NEIGHBOURS],
     left: [[f64; GROUP]; NEIGHBOURS],
-    /// Variance of a neighbour's value over that of the clutter.
+    /// Variance of a neighbour's value.
     own: [f64; GROUP],
     count: [usize; GROUP],
 }
@@ -73,14 +84,16 @@ impl Kriging {
         level: impl Fn(usize) -> f64,
         (mean, covariance): (&mut [f64], &mut Banded),
     ) -> Option<()> {
-        self.set_taper(edge_px);
+        self.set_kernels(edge_px, spread.clutter);
         let stride = patch.columns + 2 * REACH;
         self.lay_out(patch, covered, level);
-        self.course.take(&self.left, stride);
+        if self.along_lines {
+            self.course.take(&self.left, stride);
+        }
         self.offsets.clear();
         self.offsets.extend(BY_DISTANCE.iter().map(|(x, y)| {
-            let at = (REACH * stride + REACH) as i32 + y * stride as i32 + x;
-            ([f64::from(*x), f64::from(*y)], at as usize)
+            let at = |stride: usize, middle: usize| (middle as i32 + y * stride as i32 + x) as usize;
+            (at(stride, REACH * stride + REACH), at(ACROSS, HERE))
         }));
         self.places.clear();
         self.places.extend(
@@ -89,16 +102,14 @@ impl Kriging {
         self.deviation.clear();
         let mut systems = Systems::NOTHING;
         for (places, mean) in self.places.chunks(GROUP).zip(mean.chunks_mut(GROUP)) {
-            for (lane, (x, y)) in places.iter().enumerate() {
-                let corner = *y as usize * stride + *x as usize;
-                let nearby = self.course.nearby(corner, edge_px, spread.noise_variance);
-                systems.set_up(lane, &self.left[corner..], &self.offsets, &nearby);
-                systems.own[lane] =
-                    1.0 + spread.noise_variance / nearby.variance.max(LEAST_CLUTTER * spread.noise_variance);
+            systems.own = [spread.clutter * spread.clutter + spread.noise_variance; GROUP];
+            self.set_up(&mut systems, places, stride);
+            if self.along_lines {
+                self.follow_lines(&mut systems, places, (stride, edge_px, spread));
             }
-            let (value, square) = systems.solve(simd)?;
+            let (predicted, square) = systems.solve(simd)?;
             for (lane, mean) in mean.iter_mut().enumerate() {
-                *mean += value[lane];
+                *mean += predicted[lane];
                 let variance = spread.clutter * spread.clutter + square[lane];
                 self.deviation.push((variance / (1 + systems.count[lane]) as f64).sqrt());
             }
@@ -111,12 +122,6 @@ impl Kriging {
             tapered.get(square).map_or(0.0, |correlation| deviation[i] * deviation[j] * correlation)
         });
         Some(())
-    }
-
-    /// Standard deviation of the clutter near a pixel of the patch, once predicted; None where all is covered.
-    pub(super) fn clutter_near(&self, patch: &Patch, pixel: usize, noise_variance: f64) -> Option<f64> {
-        let corner = pixel / patch.columns * (patch.columns + 2 * REACH) + pixel % patch.columns;
-        self.course.variance(corner, noise_variance).map(f64::sqrt)
     }
 
     #[inline(always)]
@@ -135,9 +140,96 @@ impl Kriging {
         }
     }
 
-    /// Correlation by squared distance in pixels, as it ends.
-    fn set_taper(&mut self, edge_px: f64) {
+    /// Sets the equations of up to a group of rim pixels.
+    #[inline(always)]
+    fn set_up(&self, systems: &mut Systems, places: &[(i32, i32)], stride: usize) {
+        let Some(kernel) = self.kernel.first() else { return };
+        for (lane, (x, y)) in places.iter().enumerate() {
+            // The offsets begin a reach before the pixel.
+            let here = &self.left[*y as usize * stride + *x as usize..];
+            let mut found = [HERE; NEIGHBOURS];
+            let mut count = 0;
+            for (offset, displacement) in &self.offsets {
+                let left = here[*offset];
+                if !left.is_nan() {
+                    systems.left[count][lane] = left;
+                    found[count] = *displacement;
+                    count += 1;
+                    if count == NEIGHBOURS {
+                        break;
+                    }
+                }
+            }
+            systems.count[lane] = count;
+            for i in 0..NEIGHBOURS {
+                for j in i + 1..NEIGHBOURS {
+                    systems.matrix[i][j][lane] = kernel[(HERE + found[i] - found[j]) % TABLE];
+                }
+                systems.cross[i][lane] = kernel[found[i] % TABLE];
+            }
+            for i in count..NEIGHBOURS {
+                // What was not found predicts nothing.
+                for j in 0..i {
+                    systems.matrix[j][i][lane] = 0.0;
+                }
+                (systems.cross[i][lane], systems.left[i][lane]) = (0.0, 0.0);
+            }
+        }
+    }
+
+    /// Sets the covariances of up to a group of rim pixels as lines near each of them have it.
+    fn follow_lines(
+        &self,
+        systems: &mut Systems,
+        places: &[(i32, i32)],
+        (stride, edge_px, spread): (usize, f64, Spread),
+    ) {
+        let (clutter, noise) = (spread.clutter * spread.clutter, spread.noise_variance);
+        for (lane, (x, y)) in places.iter().enumerate() {
+            let corner = *y as usize * stride + *x as usize;
+            let nearby = self.course.nearby(corner, edge_px, noise);
+            let [xx, xy, yy] = nearby.metric;
+            let covariance = |(x, y): (i32, i32)| {
+                let (x, y) = (f64::from(x), f64::from(y));
+                clutter * (-0.5 * (xx * x * x + 2.0 * xy * x * y + yy * y * y)).exp()
+            };
+            let mut found = [(0, 0); NEIGHBOURS];
+            let free =
+                BY_DISTANCE.iter().zip(&self.offsets).filter(|(_, (at, _))| !self.left[corner + at].is_nan());
+            for (found, (offset, _)) in found.iter_mut().zip(free) {
+                *found = *offset;
+            }
+            let count = systems.count[lane];
+            for i in 0..count {
+                for j in i + 1..count {
+                    let apart = (found[i].0 - found[j].0, found[i].1 - found[j].1);
+                    systems.matrix[i][j][lane] = covariance(apart);
+                }
+                systems.cross[i][lane] = covariance(found[i]);
+            }
+            systems.own[lane] = clutter * (1.0 + noise / nearby.variance.max(LEAST_CLUTTER * noise));
+        }
+    }
+
+    /// Standard deviation of the clutter near a pixel of the patch, once predicted along lines; None where all is covered.
+    pub(super) fn clutter_near(&self, patch: &Patch, pixel: usize, noise_variance: f64) -> Option<f64> {
+        let corner = pixel / patch.columns * (patch.columns + 2 * REACH) + pixel % patch.columns;
+        self.course.variance(corner, noise_variance).map(f64::sqrt)
+    }
+
+    /// Covariance by displacement; correlation by squared distance in pixels, as it ends.
+    fn set_kernels(&mut self, edge_px: f64, clutter: f64) {
         let (far_px, fall) = (FAR_EDGES * edge_px, (4.0 * edge_px * edge_px).recip());
+        let along: [f64; ACROSS] = std::array::from_fn(|k| {
+            let distance = k as f64 - (2 * REACH) as f64;
+            clutter * (-distance * distance * fall).exp()
+        });
+        let mut kernel = [0.0; TABLE];
+        for (row, down) in kernel.chunks_exact_mut(ACROSS).zip(&along) {
+            row.iter_mut().zip(&along).for_each(|(value, across)| *value = down * across);
+        }
+        self.kernel.clear();
+        self.kernel.push(kernel);
         let last = (far_px * far_px).floor().min((2 * BAND_REACH * BAND_REACH) as f64) as usize;
         self.tapered.clear();
         self.tapered.extend((0..=last).map(|square| {
@@ -150,50 +242,21 @@ impl Kriging {
 
 /// Pixels in each direction beyond which no correlation is kept.
 const BAND_REACH: usize = 2 * REACH;
-/// Lengths of correlation between what is not related at all.
-const UNRELATED: f64 = 1e3;
 
 impl Systems {
     /// Where nothing was found.
     const NOTHING: Self = Self {
-        apart: [[[0.0; GROUP]; 2]; NEIGHBOURS],
+        matrix: [[[0.0; GROUP]; NEIGHBOURS]; NEIGHBOURS],
+        cross: [[0.0; GROUP]; NEIGHBOURS],
         left: [[0.0; GROUP]; NEIGHBOURS],
         own: [1.0; GROUP],
         count: [0; GROUP],
     };
 
-    /// Sets the equations of one rim pixel from what is left of the pixels around it.
-    #[inline(always)]
-    fn set_up(&mut self, lane: usize, around: &[f64], offsets: &[([f64; 2], usize)], nearby: &Nearby) {
-        // Cholesky factor of the metric.
-        let metric = nearby.metric;
-        let down = metric[0].max(f64::MIN_POSITIVE).sqrt();
-        let aside = metric[1] / down;
-        let rest = (metric[2] - aside * aside).max(0.0).sqrt();
-        let mut count = 0;
-        for ([x, y], offset) in offsets {
-            let left = around[*offset];
-            if !left.is_nan() {
-                self.left[count][lane] = left;
-                (self.apart[count][0][lane], self.apart[count][1][lane]) = (down * x + aside * y, rest * y);
-                count += 1;
-                if count == NEIGHBOURS {
-                    break;
-                }
-            }
-        }
-        self.count[lane] = count;
-        for i in count..NEIGHBOURS {
-            // What was not found predicts nothing.
-            self.left[i][lane] = 0.0;
-            (self.apart[i][0][lane], self.apart[i][1][lane]) = (UNRELATED * (i + 1) as f64, 0.0);
-        }
-    }
-
     /// What is predicted and the sum of the squared values; None where a matrix is not positive definite.
     #[inline(always)]
     fn solve<S: Simd>(&self, simd: S) -> Option<([f64; GROUP], [f64; GROUP])> {
-        let (mut predicted, mut squares, mut least) = ([0.0; GROUP], [0.0; GROUP], [0.0; GROUP]);
+        let (mut predicted, mut square, mut least) = ([0.0; GROUP], [0.0; GROUP], [0.0; GROUP]);
         for part in 0..Lanes::<S>::PARTS {
             let load = |values: &[f64; GROUP]| Lanes::load(simd, values, part);
             let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
@@ -201,12 +264,10 @@ impl Systems {
             let (mut rows, mut x) = ([[zero; NEIGHBOURS]; NEIGHBOURS], [zero; NEIGHBOURS]);
             for (i, row) in rows.iter_mut().enumerate() {
                 row[i] = own;
-                let [across, down] = self.apart[i].each_ref().map(load);
-                for (value, from) in row.iter_mut().zip(&self.apart).skip(i + 1) {
-                    let (dx, dy) = (across - load(&from[0]), down - load(&from[1]));
-                    *value = gaussian(simd, dx * dx + dy * dy);
+                for (value, from) in row.iter_mut().zip(&self.matrix[i]).skip(i + 1) {
+                    *value = load(from);
                 }
-                x[i] = gaussian(simd, across * across + down * down);
+                x[i] = load(&self.cross[i]);
             }
             let mut smallest = rows[0][0];
             let mut inverse = [zero; NEIGHBOURS];
@@ -229,20 +290,20 @@ impl Systems {
                     x[i] = x[i] - factor * x[k];
                 }
             }
-            let (mut value, mut square) = (zero, zero);
+            let (mut sum, mut squares) = (zero, zero);
             for k in (0..NEIGHBOURS).rev() {
                 for i in k + 1..NEIGHBOURS {
                     x[k] = x[k] - rows[k][i] * x[i];
                 }
                 x[k] = x[k] * inverse[k];
                 let left = load(&self.left[k]);
-                (value, square) = (value + x[k] * left, square + left * left);
+                (sum, squares) = (sum + x[k] * left, squares + left * left);
             }
-            value.store(&mut predicted, part);
-            square.store(&mut squares, part);
+            sum.store(&mut predicted, part);
+            squares.store(&mut square, part);
             smallest.store(&mut least, part);
         }
         let whole = |lane: usize| least[lane] > 0.0 && predicted[lane].is_finite();
-        (0..GROUP).all(whole).then_some((predicted, squares))
+        (0..GROUP).all(whole).then_some((predicted, square))
     }
 }

@@ -1,4 +1,4 @@
-//! Planes that a minority of other values does not pull.
+//! Means and planes that a minority of other values does not pull.
 
 use super::lanes::{GROUP, Lanes};
 use nalgebra::{Matrix3, Vector3};
@@ -82,6 +82,18 @@ impl Scattered {
         }
         let square: f64 = self.left[..self.count].iter().map(|left| left * left).sum();
         Some((plane, square / self.count as f64))
+    }
+
+    /// Robust mean and the variance of all values around it; None where there are none.
+    #[inline(always)]
+    pub(super) fn mean<S: Simd>(&mut self, simd: S, least_scale: f64) -> Option<(f64, f64)> {
+        let middle = Plane::new(median(simd, &self.values, self.count)?, 0.0, 0.0);
+        self.subtract(simd, &middle);
+        let scale = (MEDIAN_TO_DEVIATION * median(simd, &self.left, self.count)?).max(least_scale);
+        let [n, .., v, _, _] = self.weighted(simd, scale, &middle);
+        let mean = v / n;
+        let square: f64 = self.values[..self.count].iter().map(|v| (v - mean) * (v - mean)).sum();
+        mean.is_finite().then_some((mean, square / self.count as f64))
     }
 
     /// Sums of weight, weighted x, y, x², xy, y², value, and value times x and y.
@@ -195,14 +207,14 @@ mod tests {
         }
     }
 
-    struct Planes<'a>(&'a mut Scattered);
+    struct Both<'a>(&'a mut Scattered);
 
-    impl pulp::WithSimd for Planes<'_> {
-        type Output = Option<(Plane, f64)>;
+    impl pulp::WithSimd for Both<'_> {
+        type Output = (Option<(Plane, f64)>, Option<(f64, f64)>);
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-            self.0.plane(simd, 0.1)
+            (self.0.plane(simd, 0.1), self.0.mean(simd, 0.1))
         }
     }
 
@@ -218,10 +230,12 @@ mod tests {
         let (plane, square) = scattered.plane(pulp::Scalar::new(), 0.1).expect("enough");
         assert!((plane - Plane::new(10.0, 2.0, -1.0)).amax() < 0.1, "{plane}");
         assert!(square > 500.0);
-        let again = pulp::Arch::new().dispatch(Planes(&mut scattered.clone()));
-        assert_eq!(again, pulp::Scalar::new().vectorize(Planes(&mut scattered)));
+        let (mean, _) = scattered.mean(pulp::Scalar::new(), 0.1).expect("enough");
+        assert!((mean - 12.5).abs() < 1.5, "{mean}");
+        let again = pulp::Arch::new().dispatch(Both(&mut scattered.clone()));
+        assert_eq!(again, pulp::Scalar::new().vectorize(Both(&mut scattered)));
         scattered.clear();
         scattered.finish();
-        assert_eq!(pulp::Arch::new().dispatch(Planes(&mut scattered)), None);
+        assert_eq!(pulp::Arch::new().dispatch(Both(&mut scattered)), (None, None));
     }
 }

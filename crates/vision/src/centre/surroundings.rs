@@ -5,7 +5,7 @@
 //! variance is that of what the plane leaves around the ball ([`super::krige`]). Where nothing but noise is left on the
 //! plane, the plane is taken as it is.
 //!
-//! Colour differences: a robust plane each; clutter is mostly grey, and they are coarse.
+//! Colour differences: a robust mean each, in a still a plane; clutter is mostly grey, and they are coarse.
 
 use super::CLEAR;
 use super::cholesky::Banded;
@@ -110,6 +110,16 @@ impl Surroundings {
         self.color_planes(simd, patch, color_covered, reach_px)
     }
 
+    /// Whether there is the time that a still leaves: then lines beside the ball are followed behind it.
+    pub(super) fn in_still(&self) -> bool {
+        self.kriging.along_lines
+    }
+
+    /// Takes the time of a still.
+    pub(super) fn take_time(&mut self) {
+        self.kriging.along_lines = true;
+    }
+
     /// Brightness and colour differences in the middle.
     pub(super) fn around(&self) -> [f64; 3] {
         [self.level, self.colors[0].x, self.colors[1].x]
@@ -118,7 +128,8 @@ impl Surroundings {
     /// Standard deviation of the clutter near a pixel; that of all around where it is not predicted or nothing near is free.
     pub(super) fn clutter_near(&self, patch: &Patch, pixel: usize, noise_variance: f64) -> f64 {
         let near = || self.kriging.clutter_near(patch, pixel, noise_variance);
-        (self.covariance.len() > 0).then(near).flatten().unwrap_or(self.clutter)
+        let is_known = self.in_still() && self.covariance.len() > 0;
+        is_known.then(near).flatten().unwrap_or(self.clutter)
     }
 
     /// Colour differences expected behind the ball at a place.
@@ -139,13 +150,18 @@ impl Surroundings {
             for (block, value) in patch.colors.iter().enumerate() {
                 let (x, y) = patch.block_place(block);
                 let (x, y) = (x - self.middle.0, y - self.middle.1);
-                if covered[block] < CLEAR && x * x + y * y < reach_px * reach_px {
+                let is_near = !self.kriging.along_lines || x * x + y * y < reach_px * reach_px;
+                if covered[block] < CLEAR && is_near {
                     self.free_colors.push(x, y, value[channel]);
                 }
             }
             self.free_colors.finish();
-            (self.colors[channel], self.color_variance[channel]) =
-                self.free_colors.plane(simd, LEAST_COLOR_STD)?;
+            (self.colors[channel], self.color_variance[channel]) = if self.kriging.along_lines {
+                self.free_colors.plane(simd, LEAST_COLOR_STD)?
+            } else {
+                let (mean, variance) = self.free_colors.mean(simd, LEAST_COLOR_STD)?;
+                (Plane::new(mean, 0.0, 0.0), variance)
+            };
         }
         Some(())
     }
