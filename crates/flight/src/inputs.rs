@@ -1,6 +1,7 @@
 //! Recorded inputs over time.
 
 use crate::FlightError;
+use std::ops::Range;
 
 /// The inputs at one instant.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -109,12 +110,17 @@ impl InputSeries {
         Some(InputSample { t_s, ..self.samples[after - 1] })
     }
 
-    /// The part of things in the order of their times, nanoseconds, that the record covers.
-    pub fn covered<'a, T>(&self, things: &'a [T], t_ns: impl Fn(&T) -> i64) -> &'a [T] {
+    /// Which of things in the order of their times, nanoseconds, the record covers.
+    pub fn covered_range<T>(&self, things: &[T], t_ns: impl Fn(&T) -> i64) -> Range<usize> {
         let t_s = |thing: &T| t_ns(thing) as f64 * 1e-9;
         let from = things.partition_point(|thing| t_s(thing) < self.start_s() - ROUNDING_S);
         let until = things.partition_point(|thing| t_s(thing) <= self.end_s() + ROUNDING_S);
-        &things[from..until.max(from)]
+        from..until.max(from)
+    }
+
+    /// The part that [`InputSeries::covered_range`] tells.
+    pub fn covered<'a, T>(&self, things: &'a [T], t_ns: impl Fn(&T) -> i64) -> &'a [T] {
+        &things[self.covered_range(things, t_ns)]
     }
 
     /// [`InputSeries::at`], as an error that says what the record covers.

@@ -123,7 +123,7 @@ fn board(room: &Room) -> Result<()> {
     }
     let frames = stills.into_iter().enumerate().map(|(k, frame)| Ok(TimedFrame { t_ns: k as i64, frame }));
     let feed = CameraFeed::new("wide", None, Box::new(frames));
-    let how = Board { columns, rows, square_m, together: false };
+    let how = Board { columns, rows, square_m, together: false, coded: None };
     let object = board_of(&how, vec![Some(feed)])?;
     let put_in_px = f64::sqrt(errors.0 / errors.1);
     // Where the camera stands is told by control points clicked to half a pixel.

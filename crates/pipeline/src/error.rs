@@ -78,6 +78,20 @@ pub enum PipelineError {
         /// Rows of them.
         rows: usize,
     },
+    /// A board with markers that no image shows.
+    #[error(
+        "{camera}: none of {frames} images shows six corners of a board with {columns} by {rows} inner corners and the markers named: check the dictionary, the numbers (inner corners, not squares) and the sides, and that it is sharp, its squares 25 px across or more"
+    )]
+    NoCodedBoard {
+        /// Camera name.
+        camera: String,
+        /// Images looked at.
+        frames: usize,
+        /// Inner corners along a row.
+        columns: usize,
+        /// Rows of them.
+        rows: usize,
+    },
     /// A worker thread ended without a result.
     #[error("{camera}: the tracking stage stopped unexpectedly: please report this with the recording")]
     Worker {

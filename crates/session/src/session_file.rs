@@ -4,6 +4,7 @@ mod validate;
 
 use mavsight_flight::Color;
 use mavsight_link::{JsonOptions, LinkOptions, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions};
+use mavsight_vision::CodedBoard;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -147,7 +148,7 @@ pub struct WandBall {
 }
 
 /// Calibration by a chessboard.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoardSection {
     /// Inner corners along a row.
@@ -159,6 +160,39 @@ pub struct BoardSection {
     /// Whether images of the same number show the board at the same place to all cameras.
     #[serde(default)]
     pub together: bool,
+    /// What OpenCV calls the markers in the light squares (ChArUco), such as `DICT_4X4_50`: any part of the board then will do. Left
+    /// out: a plain board.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dictionary: Option<String>,
+    /// Side of a marker, its black border included.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub marker_m: Option<f64>,
+}
+
+impl BoardSection {
+    /// The board's markers; `None` for a plain one.
+    ///
+    /// # Errors
+    /// Key and remedy, where the markers cannot be those of this board.
+    pub fn coded(&self) -> Result<Option<CodedBoard>, (String, String)> {
+        let refuse = |key: &str, detail: String| Err((key.to_owned(), detail));
+        match (&self.dictionary, self.marker_m) {
+            (None, None) => Ok(None),
+            (Some(_), None) => {
+                refuse("board.marker_m", "is missing: give the side of a marker in metres".into())
+            }
+            (None, Some(_)) => {
+                let detail = "is missing: give the name of the markers' dictionary, for instance \"DICT_4X4_50\", or leave \
+                              marker_m out";
+                refuse("board.dictionary", detail.into())
+            }
+            (Some(name), Some(marker_m)) => {
+                CodedBoard::new((self.columns, self.rows), marker_m / self.square_m, name)
+                    .map(Some)
+                    .or_else(|wrong| refuse("board.dictionary, board.marker_m", wrong.to_string()))
+            }
+        }
+    }
 }
 
 /// Refinement of cameras and markers from the flight itself.

@@ -175,6 +175,14 @@ fn wands_and_boards_are_read_and_senseless_ones_named() {
         &["board.together", "9 by 6"],
     );
     has(&with(&board(9, "square_m = 0.03"), "").unwrap_err(), &["camera: board", "no camera"]);
+    let markers = |rest: &str| with(&board(6, &format!("square_m = 0.03\n{rest}")), own);
+    let name = "dictionary = \"DICT_4X4_50\"";
+    let file = markers(&format!("{name}\nmarker_m = 0.022\ntogether = true")).unwrap();
+    assert!(file.board.unwrap().coded().unwrap().is_some());
+    has(&markers(name).unwrap_err(), &["board.marker_m", "side of a marker"]);
+    has(&markers("marker_m = 0.022").unwrap_err(), &["board.dictionary", "DICT_4X4_50"]);
+    has(&markers(&format!("{name}\nmarker_m = 0.03")).unwrap_err(), &["board.marker_m", "1.00 of a square"]);
+    has(&markers("dictionary = \"ARUCO\"\nmarker_m = 0.02").unwrap_err(), &["`ARUCO`", "DICT_5X5"]);
     has(&spoilt("session.toml", "[control]\npoints = \"points.csv\"", ""), &["control", "[wand]", "[rig]"]);
     has(&with("[rig]\nfile = \"rig.toml\"", "").unwrap_err(), &["rig", "the cameras already"]);
     let rig = |file: &str| {

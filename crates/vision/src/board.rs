@@ -1,9 +1,13 @@
 //! The inner corners of a chessboard, to a part of a pixel.
 
+mod coded;
 mod lattice;
+mod markers;
 
 use crate::{Frame, Matrix2, Vector2};
+pub use coded::{CodedBoard, CodedBoardError, find_coded_board};
 use lattice::lattice;
+pub use markers::MarkerDictionary;
 
 /// A corner of squares and how well it is known.
 #[derive(Debug, Clone, Copy, PartialEq)]

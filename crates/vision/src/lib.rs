@@ -16,7 +16,7 @@ mod patch;
 mod segment;
 mod track;
 
-pub use board::{BoardCorner, find_board};
+pub use board::{BoardCorner, CodedBoard, CodedBoardError, MarkerDictionary, find_board, find_coded_board};
 pub use color::BallColor;
 pub use detect::{BallCandidate, Detector};
 pub use error::VisionError;

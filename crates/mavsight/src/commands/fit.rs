@@ -12,6 +12,7 @@ use mavsight_pipeline::{
 };
 use mavsight_pose::{Motion, MotionSample};
 use mavsight_session::RunResults;
+use std::ops::Range;
 
 /// Smooths the poses and fits the model; what the flight cannot tell becomes a note, what is wrong an error.
 pub(crate) fn identify_into(
@@ -39,7 +40,7 @@ pub(crate) fn with_motion(
 /// The same from a motion.
 pub(crate) fn fit_into(
     results: &mut RunResults,
-    motion: Motion,
+    mut motion: Motion,
     flight: &Flight<'_>,
     bars: &Bars,
 ) -> Result<Vec<String>> {
@@ -49,15 +50,19 @@ pub(crate) fn fit_into(
     };
     let mut notes = Vec::new();
     let mut inputs = None;
-    let covered = recorded.covered(&motion.samples, |s| s.t_ns);
+    let covered = recorded.covered_range(&motion.samples, |s| s.t_ns);
     // Where nothing is covered, the error says so.
     let is_part = !covered.is_empty() && covered.len() < motion.samples.len();
-    let part = is_part.then(|| Motion { samples: covered.to_vec(), ..motion });
     if is_part {
         notes.push(part_covered(recorded, &motion));
     }
-    let covered = part.as_ref().unwrap_or(&motion);
-    match identify_motion(covered, recorded, flight.vehicle, &flight.options, bars) {
+    let uncovered = is_part.then(|| taken_out(&mut motion.samples, covered));
+    let solved = identify_motion(&motion, recorded, flight.vehicle, &flight.options, bars);
+    if let Some((before, after)) = uncovered {
+        motion.samples.splice(0..0, before);
+        motion.samples.extend(after);
+    }
+    match solved {
         Ok(solution) => {
             notes.extend(solution.clocks.words());
             inputs = solution.inputs;
@@ -83,6 +88,12 @@ pub(crate) fn fit_into(
         }));
     }
     Ok(notes)
+}
+
+/// What lies before and behind a part, which alone stays: of a long flight a copy of the part would be large.
+fn taken_out<T>(all: &mut Vec<T>, part: Range<usize>) -> (Vec<T>, Vec<T>) {
+    let after = all.split_off(part.end);
+    (all.drain(..part.start).collect(), after)
 }
 
 fn part_covered(inputs: &InputSeries, motion: &Motion) -> String {

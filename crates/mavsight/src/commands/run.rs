@@ -2,7 +2,7 @@
 
 use super::fit::with_motion;
 use super::named;
-use crate::cli::{Interval, Run};
+use crate::cli::{Interval, Run, WrongCall};
 use crate::page::{Page, write_page};
 use crate::progress::Bars;
 use crate::summary::Summary;
@@ -22,6 +22,7 @@ use mavsight_session::{
     write_markers_early, write_results,
 };
 use mavsight_vision::Frame;
+use std::panic::resume_unwind;
 use std::path::Path;
 
 /// `mavsight run`
@@ -37,7 +38,8 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let mut flight = Flight::of_session(&session, inputs.as_ref(), truth.as_deref())?;
     flight.options.equation_error_only |= args.equation_error_only;
     flight.options.fit.held_out_s = args.hold_out.map(|Interval(from_s, to_s)| (from_s, to_s));
-    let (results, mut notes) = solve(&flight, refined.rig, tracked, refined.body, (Some(&args.out), &bars))?;
+    let solve = || solve(&flight, refined.rig, tracked, refined.body, (Some(&args.out), &bars));
+    let (results, mut notes) = on_another_thread(solve)?;
     notes.extend(refined.note);
     let mut scores = truth.as_deref().map(|t| scores_of(&results, t));
     if let (Some(scores), Some(truth), Some(visible)) =
@@ -47,7 +49,13 @@ pub(crate) fn run(args: &Run) -> Result<()> {
         scores.identity = Some(mavsight_score::score_identity(&results.poses, truth, &markers, &visible));
     }
     bars.done();
-    finish(&flight, results, notes, scores, frames, &args.out)
+    on_another_thread(|| finish(&flight, results, notes, scores, frames, &args.out))
+}
+
+/// Does a stage on a thread of its own. An allocator that keeps a heap for each thread (glibc's) gives a new thread one of those that
+/// have ended: the tens of megabytes that decoding a film leaves behind are used again, where the main thread would take more.
+fn on_another_thread<T: Send>(stage: impl FnOnce() -> T + Send) -> T {
+    std::thread::scope(|scope| scope.spawn(stage).join().unwrap_or_else(|panic| resume_unwind(panic)))
 }
 
 /// The inputs of a session, where it has any.
@@ -137,6 +145,7 @@ fn objects_of(session: &Session) -> Result<Vec<MovedObject>> {
             rows: board.rows,
             square_m: board.square_m,
             together: board.together,
+            coded: board.coded().map_err(|(key, detail)| WrongCall(format!("{key} {detail}")))?,
         };
         objects.push(board_of(&board, feeds)?);
     }

@@ -165,6 +165,70 @@ def parquet(folder, expected):
         csv.to_parquet(folder / f"theirs-{name}.parquet")
 
 
+def boards(folder, expected):
+    """OpenCV prints ChArUco boards; two bent lenses see parts of one of them, and OpenCV tells the corners of all."""
+    import cv2
+    import numpy as np
+
+    aruco, rng = cv2.aruco, np.random.default_rng(1)
+    width, height = expected["size"]
+    camera, lens = np.array(expected["camera"]), np.array(expected["lens"])
+    side_px, sharper = 100, 3
+    v, u = np.mgrid[: height * sharper, : width * sharper]
+    pixels = (np.stack([u, v], -1).reshape(-1, 1, 2) + 0.5) / sharper - 0.5
+    rays = cv2.undistortPoints(pixels.astype(np.float64), camera, lens)[:, 0]
+    rays = np.hstack([rays, np.ones((len(rays), 1))])
+
+    def filmed(print_, square_m, turn, place):
+        """The print in the plane z = 0 of its own axes, its first square's corner the origin, at a place before the camera."""
+        rows = cv2.Rodrigues(np.asarray(turn, float))[0]
+        place = np.asarray(place, float)
+        depth = (rows[:, 2] @ place) / (rays @ rows[:, 2])
+        on_board = (rays * depth[:, None] - place) @ rows[:, :2] / square_m * side_px - 0.5
+        on_board[depth <= 0] = -1e4
+        grid = on_board.astype(np.float32).reshape(height * sharper, width * sharper, 2)
+        seen = cv2.remap(print_, grid, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=230)
+        seen = cv2.resize(seen, (width, height), interpolation=cv2.INTER_AREA).astype(float)
+        return np.clip(np.round(seen + rng.normal(0, 2, seen.shape)), 0, 255).astype(np.uint8)
+
+    def printed(case):
+        board = aruco.CharucoBoard(
+            (case["columns"] + 1, case["rows"] + 1),
+            case["square_m"],
+            case["marker_m"],
+            aruco.getPredefinedDictionary(getattr(aruco, case["dictionary"])),
+        )
+        board.setLegacyPattern(case["legacy"])
+        size = board.getChessboardSize()
+        sheet = board.generateImage((size[0] * side_px, size[1] * side_px), marginSize=0)
+        return board, np.clip(sheet, 20, 230)
+
+    corners = {}
+    for case in expected["boards"]:
+        board, sheet = printed(case)
+        image = filmed(sheet, case["square_m"], [0.2, -0.3, 0.4], [-0.08, -0.13, 0.42])
+        cv2.imwrite(str(folder / f"{case['name']}.png"), image)
+        found, ids, _, _ = aruco.CharucoDetector(board).detectBoard(image)
+        corners[case["name"]] = [[int(k), *map(float, p)] for k, p in zip(ids.ravel(), found.reshape(-1, 2))]
+    (folder / "corners.json").write_text(json.dumps(corners))
+
+    case = expected["boards"][0]
+    _, sheet = printed(case)
+    apart = cv2.Rodrigues(np.array(expected["apart_turn"]))[0]
+    for k in range(16):
+        wave = lambda step, shift: math.sin(2 * math.pi * step * k + shift)
+        turn = cv2.Rodrigues(np.array([0.7 * wave(0.39, 0), 0.7 * wave(0.61, 1), 0.5 * wave(0.23, 2)]))[0]
+        middle = np.array([0.5 * (case["columns"] + 1), 0.5 * (case["rows"] + 1), 0]) * case["square_m"]
+        at = np.array([0.12 * wave(0.27, 0), 0.09 * wave(0.43, 1), 0.5 + 0.08 * wave(0.17, 2)]) - turn @ middle
+        for name, rows, from_m in [
+            ("cam1", np.eye(3), np.zeros(3)),
+            ("cam2", apart, np.array(expected["apart_m"])),
+        ]:
+            turned, _ = cv2.Rodrigues(rows @ turn)
+            image = filmed(sheet, case["square_m"], turned.ravel(), rows @ at + from_m)
+            cv2.imwrite(str(folder / f"{name}-{k:02}.png"), image)
+
+
 def main():
     case, folder = sys.argv[1], pathlib.Path(sys.argv[2])
     expected = json.loads((folder / "expected.json").read_text())

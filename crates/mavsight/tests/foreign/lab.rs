@@ -88,13 +88,13 @@ impl Lab {
 
     /// `mavsight convert` in the folder.
     pub(crate) fn run(&self, args: &str) -> Output {
+        self.stage(&format!("convert {args}"))
+    }
+
+    /// A stage in the folder.
+    pub(crate) fn stage(&self, args: &str) -> Output {
         let mut command = assert_cmd::Command::cargo_bin("mavsight").expect("the binary");
-        command
-            .current_dir(self.folder.path())
-            .arg("convert")
-            .args(args.split(' '))
-            .output()
-            .expect("it runs")
+        command.current_dir(self.folder.path()).args(args.split(' ')).output().expect("it runs")
     }
 
     /// The same, which must succeed; its notes.

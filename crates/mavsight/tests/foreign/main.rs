@@ -3,5 +3,6 @@
 //! The interpreter is MAVSIGHT_PYTHON, or python3; a case whose packages it has not is skipped with a message.
 
 mod bad;
+mod boards;
 mod lab;
 mod python;

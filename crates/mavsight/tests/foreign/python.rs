@@ -10,7 +10,7 @@ use std::process::Command;
 const LENS: BrownConrady = BrownConrady { k1: -0.25, k2: 0.08, p1: 1e-3, p2: -2e-3, k3: 0.0 };
 
 /// Runs a case of the script; false where a package is missing.
-fn check(case: &str, lab: &Lab, expected: &Value) -> bool {
+pub(crate) fn check(case: &str, lab: &Lab, expected: &Value) -> bool {
     lab.write("expected.json", expected.to_string());
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/foreign/check.py");
     let python = std::env::var("MAVSIGHT_PYTHON").unwrap_or_else(|_| "python3".into());

@@ -109,23 +109,25 @@ fn validate_objects(file: &SessionFile) -> Result<(), (String, String)> {
         }
     }
     if let Some(board) = &file.board {
-        if board.columns < 3 || board.rows < 3 || board.columns == board.rows {
+        if !(board.square_m.is_finite() && board.square_m > 0.0) {
+            return refuse(
+                "board.square_m",
+                format!("{} is no length: give metres, for instance 0.03", board.square_m),
+            );
+        }
+        // Markers tell which corner is which; without them the numbers of columns and rows do.
+        let is_plain = board.coded()?.is_none();
+        if is_plain && (board.columns < 3 || board.rows < 3 || board.columns == board.rows) {
             let detail = format!(
                 "{} by {} inner corners: give 3 or more of each, and unlike numbers, so that a board is not taken for one turned",
                 board.columns, board.rows
             );
             return refuse("board.columns, board.rows", detail);
         }
-        if board.together && (board.columns + board.rows) % 2 == 0 {
+        if is_plain && board.together && (board.columns + board.rows) % 2 == 0 {
             let detail = "cannot be seen from its corners where the numbers of columns and rows are both even or both odd: \
                           use a board of, for instance, 9 by 6, or show it to each camera by itself";
             return refuse("board.together", detail.to_owned());
-        }
-        if !(board.square_m.is_finite() && board.square_m > 0.0) {
-            return refuse(
-                "board.square_m",
-                format!("{} is no length: give metres, for instance 0.03", board.square_m),
-            );
         }
         if file.camera.iter().all(|c| c.board.is_none()) {
             return refuse("camera: board", "is named by no camera: give each its images of it".to_owned());
