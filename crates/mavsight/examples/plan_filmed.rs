@@ -5,6 +5,9 @@
 //! are set up anew, some centimetres off: what is wrong with a ball's centre comes from what is behind it, and would be the
 //! same each time.
 //!
+//! Balls are out of round by as much as the chain allows for ([`MODEL_STD`]): each seems to lie off its place by that part of its diameter,
+//! to each camera otherwise. In films of perfect spheres claims would be too wide by that allowance.
+//!
 //! Given to the prediction are the places of cameras, control points and markers, and how good centres are by what the chain claims of
 //! them: of each centre in the same films; of all alike, as a plan has it, in the same films (`sigma_px` of `rig.toml`, `markers.csv`);
 //! and of all alike in those of the rig at 90°. How good they are depends on what is behind them, which a plan does not know. Truth
@@ -23,7 +26,7 @@ use mavsight::pose::{
 use mavsight::scene::{Aircraft, Film, InTheWay, Room};
 use mavsight::score::{Random, VirtualCamera};
 use mavsight::session::{ControlPointRow, TruthRow, ns_from_s};
-use mavsight::vision::{BallColor, Detector, Frame};
+use mavsight::vision::{BallColor, Detector, Frame, MODEL_STD};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 
@@ -148,7 +151,7 @@ fn filmed(
             println!("set up {seed}: no way on which all cameras see all balls");
             continue;
         };
-        match film_once(planner, (&cameras, &films), &aircraft, &way) {
+        match film_once(planner, (&cameras, &films), &way, random) {
             Ok(one) => all.push(SetUp { placed, ..one }),
             Err(error) => println!("set up {seed}: {error}"),
         }
@@ -159,19 +162,26 @@ fn filmed(
 fn film_once(
     planner: &Planner,
     (cameras, films): (&[VirtualCamera], &[Film<'_>]),
-    aircraft: &Aircraft,
     truth: &[(TruthRow, Isometry3<f64>)],
+    random: &mut Random,
 ) -> Outcome<SetUp> {
     let vehicle = Vehicle::paper();
-    let control = lab::control_frame(planner.control());
-    let mut stills = Vec::new();
+    let (mut stills, mut aircraft) = (Vec::new(), Vec::new());
     for (c, film) in cameras.iter().zip(films) {
+        let mut off = |diameter_m: f64| Vector3::from_fn(|_, _| random.normal()) * (MODEL_STD * diameter_m);
+        let balls: Vec<Vector3<f64>> = planner.control().iter().map(|p| off(p.diameter_m)).collect();
+        let control = lab::control_frame(planner.control()).with_balls_off(&balls);
+        let mut as_seen = vehicle.clone();
+        for marker in &mut as_seen.marker {
+            marker.position_m = (Vector3::from(marker.position_m) + off(marker.diameter_m)).into();
+        }
+        aircraft.push(lab::aircraft(&as_seen));
         let frame = Frame::from_rgb(c.camera.size, film.still(Some(&control)))?;
         stills.push(ControlStill { camera: c.name.clone(), frame });
     }
     let rig = calibrate_from_stills(&stills, planner.control())?;
-    let feeds = cameras.iter().zip(films).map(|(c, film)| {
-        let frames = truth.iter().enumerate().map(|(k, (row, _))| {
+    let feeds = cameras.iter().zip(films).zip(&aircraft).map(|((c, film), aircraft)| {
+        let frames = truth.iter().enumerate().map(move |(k, (row, _))| {
             let frame = Frame::from_rgb(c.camera.size, lab::frame(film, k, aircraft, row, INTERVAL_S))
                 .map_err(|e| PipelineError::Source { camera: c.name.clone(), source: Box::new(e) })?;
             Ok(TimedFrame { t_ns: ns_from_s(row.t_s), frame })

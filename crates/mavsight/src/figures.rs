@@ -88,7 +88,7 @@ pub(crate) fn pictures(page: &Page<'_>) -> Result<Vec<Figure>> {
         draw_path(&mut rgb, frame.size, &seen, [0, 0, 0], 3.5);
         draw_path(&mut rgb, frame.size, &seen, [255, 255, 255], 1.8);
         let caption = format!("Figure 6: path of the body origin over the first frame of {}.", camera.name);
-        figures.push(png_figure(caption, &png(&rgb, frame.size.width_px, frame.size.height_px)?));
+        figures.push(png_figure(caption, &png(rgb, frame.size.width_px, frame.size.height_px)?));
     }
     Ok(figures)
 }
@@ -106,46 +106,34 @@ fn close_up(frame: &Frame, at: &Vector2<f64>) -> Result<Vec<u8>> {
             rgb.extend(frame.rgb((x0 + x / ENLARGE) as usize, (y0 + y / ENLARGE) as usize));
         }
     }
-    png(&rgb, width * ENLARGE, height * ENLARGE)
+    png(rgb, width * ENLARGE, height * ENLARGE)
 }
 
-fn png(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>> {
+fn png(rgb: Vec<u8>, width: u32, height: u32) -> Result<Vec<u8>> {
     let mut bytes = std::io::Cursor::new(Vec::new());
-    let image = image::RgbImage::from_raw(width, height, rgb.to_vec()).context("the picture has its size")?;
+    let image = image::RgbImage::from_raw(width, height, rgb).context("the picture has its size")?;
     image.write_to(&mut bytes, image::ImageFormat::Png)?;
     Ok(bytes.into_inner())
 }
 
-/// Label, role and points of a curve.
-type Line = (&'static str, Role, Vec<(f64, f64)>);
-
 /// Figure 7.
 pub(crate) fn inputs(recorded: &mavsight_flight::InputSeries) -> Result<Figure> {
-    let samples = recorded.samples();
-    let series = |f: Of<'_, mavsight_flight::InputSample>| -> Vec<(f64, f64)> {
-        samples.iter().map(|s| (s.t_s, f(s))).collect()
+    // Thinned one by one: an hour's inputs are many.
+    let series = |label: &str, role: Role, f: Of<'_, mavsight_flight::InputSample>| {
+        curve(label, role, recorded.samples().iter().map(|s| (s.t_s, f(s))))
     };
-    let panel = |axis: &str, curves: Vec<Line>| Panel {
+    let panel = |axis: &str, upper: Of<'_, mavsight_flight::InputSample>, lower: Of<'_, _>| Panel {
         axis: axis.to_owned(),
-        curves: curves.into_iter().map(|(l, r, p)| curve(l, r, p.into_iter())).collect(),
+        curves: vec![
+            series("upper rotor, longitudinal", Role::Estimate, upper),
+            series("lower rotor, lateral", Role::Model, lower),
+        ],
     };
     figure(
         "Figure 7: recorded inputs.",
         vec![
-            panel(
-                "rotor speed, rad/s",
-                vec![
-                    ("upper rotor, longitudinal", Role::Estimate, series(&|s| s.omega_u_rad_s)),
-                    ("lower rotor, lateral", Role::Model, series(&|s| s.omega_l_rad_s)),
-                ],
-            ),
-            panel(
-                "swash-plate, °",
-                vec![
-                    ("upper rotor, longitudinal", Role::Estimate, series(&|s| s.delta_lon_rad.to_degrees())),
-                    ("lower rotor, lateral", Role::Model, series(&|s| s.delta_lat_rad.to_degrees())),
-                ],
-            ),
+            panel("rotor speed, rad/s", &|s| s.omega_u_rad_s, &|s| s.omega_l_rad_s),
+            panel("swash-plate, °", &|s| s.delta_lon_rad.to_degrees(), &|s| s.delta_lat_rad.to_degrees()),
         ],
     )
 }
@@ -240,15 +228,12 @@ pub(crate) fn motion(page: &Page<'_>) -> Result<Vec<Figure>> {
 /// How good each frame was.
 pub(crate) fn quality(page: &Page<'_>) -> Result<Vec<Figure>> {
     let poses = &page.results.poses;
-    let series = |f: Of<'_, mavsight_pose::PoseEstimate>| -> Vec<(f64, f64)> {
-        poses.iter().map(|p| (seconds(p.t_ns), p.estimate.as_ref().map_or(f64::NAN, f))).collect()
-    };
     if !poses.iter().any(|p| p.estimate.is_some()) {
         return Ok(vec![]);
     }
-    let panel = |axis: &str, points: Vec<(f64, f64)>| Panel {
-        axis: axis.to_owned(),
-        curves: vec![curve("single frames", Role::Estimate, points.into_iter())],
+    let panel = |axis: &str, f: Of<'_, mavsight_pose::PoseEstimate>| {
+        let points = poses.iter().map(|p| (seconds(p.t_ns), p.estimate.as_ref().map_or(f64::NAN, f)));
+        Panel { axis: axis.to_owned(), curves: vec![curve("single frames", Role::Estimate, points)] }
     };
     let spread =
         |e: &mavsight_pose::PoseEstimate| 1e3 * e.covariance().fixed_view::<3, 3>(0, 0).trace().sqrt();
@@ -258,9 +243,9 @@ pub(crate) fn quality(page: &Page<'_>) -> Result<Vec<Figure>> {
     Ok(vec![figure(
         "Each frame: what reprojection leaves, and the predicted errors of position (3-D) and attitude (an axis).",
         vec![
-            panel("residual, px", series(&|e| e.residual_px)),
-            panel("position, mm", series(&spread)),
-            panel("attitude, °", series(&turn)),
+            panel("residual, px", &|e| e.residual_px),
+            panel("position, mm", &spread),
+            panel("attitude, °", &turn),
         ],
     )?])
 }

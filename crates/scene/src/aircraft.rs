@@ -140,6 +140,24 @@ impl ControlFrame {
         }
         Self { parts }
     }
+
+    /// The same with each ball elsewhere by so much and the rods where they were: a ball that is not round seems to lie off its
+    /// place, to each camera otherwise.
+    #[must_use]
+    pub fn with_balls_off(mut self, by_m: &[Vector3<f64>]) -> Self {
+        let balls = self.parts.iter_mut().filter(|p| matches!(p.shape, Shape::Ball { .. }));
+        for (ball, by) in balls.zip(by_m) {
+            if let Shape::Ball { centre, radius } = ball.shape {
+                *ball = Part::new(
+                    Shape::Ball { centre: centre + by, radius },
+                    ball.linear,
+                    ball.gloss,
+                    ball.passes,
+                );
+            }
+        }
+        self
+    }
 }
 
 fn painted(ball: &PaintedBall) -> Part {

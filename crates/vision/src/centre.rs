@@ -65,7 +65,7 @@ const ABOUT_SAME_PLACE_PX: f64 = LONGEST_STEP_PX;
 const LONGEST_STEP_PX: f64 = 0.5;
 /// Part of the diameter by which a centre may be off whatever the image shows: moulded balls are round to a few
 /// thousandths (the rules of table tennis allow six), and the light on them is modelled to about as much.
-const MODEL_STD: f64 = 0.001;
+pub const MODEL_STD: f64 = 0.001;
 /// Movement of the centre, in edge widths, for what the face shows beyond the model as a part of its contrast. A patch of
 /// relative strength s that reaches the rim moves an edge of width w by s w √π (matched filter of a Gaussian edge); the
 /// rim has room for about five such patches, half a radius wide, of which two directions take √(2/5).

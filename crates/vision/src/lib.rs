@@ -17,6 +17,7 @@ mod segment;
 mod track;
 
 pub use board::{BoardCorner, CodedBoard, CodedBoardError, MarkerDictionary, find_board, find_coded_board};
+pub use centre::MODEL_STD;
 pub use color::BallColor;
 pub use detect::{BallCandidate, Detector};
 pub use error::VisionError;
