@@ -22,7 +22,6 @@ use mavsight_session::{
     write_markers_early, write_results,
 };
 use mavsight_vision::Frame;
-use std::panic::resume_unwind;
 use std::path::Path;
 
 /// `mavsight run`
@@ -38,8 +37,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let mut flight = Flight::of_session(&session, inputs.as_ref(), truth.as_deref())?;
     flight.options.equation_error_only |= args.equation_error_only;
     flight.options.fit.held_out_s = args.hold_out.map(|Interval(from_s, to_s)| (from_s, to_s));
-    let solve = || solve(&flight, refined.rig, tracked, refined.body, (Some(&args.out), &bars));
-    let (results, mut notes) = on_another_thread(solve)?;
+    let (results, mut notes) = solve(&flight, refined.rig, tracked, refined.body, (Some(&args.out), &bars))?;
     notes.extend(refined.note);
     let mut scores = truth.as_deref().map(|t| scores_of(&results, t));
     if let (Some(scores), Some(truth), Some(visible)) =
@@ -49,13 +47,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
         scores.identity = Some(mavsight_score::score_identity(&results.poses, truth, &markers, &visible));
     }
     bars.done();
-    on_another_thread(|| finish(&flight, results, notes, scores, frames, &args.out))
-}
-
-/// Does a stage on a thread of its own. An allocator that keeps a heap for each thread (glibc's) gives a new thread one of those that
-/// have ended: the tens of megabytes that decoding a film leaves behind are used again, where the main thread would take more.
-fn on_another_thread<T: Send>(stage: impl FnOnce() -> T + Send) -> T {
-    std::thread::scope(|scope| scope.spawn(stage).join().unwrap_or_else(|panic| resume_unwind(panic)))
+    finish(&flight, results, notes, scores, frames, &args.out)
 }
 
 /// The inputs of a session, where it has any.
