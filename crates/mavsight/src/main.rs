@@ -13,8 +13,8 @@ use clap::Parser;
 use mavsight::lab;
 use std::process::ExitCode;
 
-/// One heap for all threads. That of glibc has one for each, and what decoding leaves in them lies idle while later stages of a long
-/// flight take new memory: 46 MB for each 1080p camera.
+/// One heap for all threads. glibc has one for each, and what decoding leaves in them lies idle while later stages of a long flight
+/// take new memory.
 #[cfg(target_os = "linux")]
 #[global_allocator]
 static ALLOCATOR: dlmalloc::GlobalDlmalloc = dlmalloc::GlobalDlmalloc;

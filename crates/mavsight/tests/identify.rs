@@ -188,16 +188,22 @@ fn wrong_calls_are_named() {
     assert!(said.contains("No parameters") && said.contains("need turning rotors"), "{said}");
 }
 
-/// A logger that is switched off early costs the parameters of what it did not see, not the poses.
+/// A logger that is switched on late and off early costs the parameters of what it did not see, not the motion.
 #[test]
 fn inputs_that_end_early_tell_of_the_part_that_they_cover() {
     let folder = TempDir::new().expect("a folder");
     let (table, inputs) = flight(folder.path());
     let text = std::fs::read_to_string(&inputs).expect("inputs");
     let lines: Vec<&str> = text.lines().collect();
-    std::fs::write(&inputs, lines[..2000].join("\n")).expect("written");
     let model = example("model.toml");
-    let assert = identify(&table, &inputs).arg("--model").arg(&model).assert().success();
+    let [whole, part] = ["whole", "part"].map(|name| folder.path().join(name));
+    identify(&table, &inputs).arg("--model").arg(&model).arg("--out").arg(&whole).assert().success();
+    let kept = [&lines[..1], &lines[300..2000]].concat();
+    std::fs::write(&inputs, kept.join("\n")).expect("written");
+    let assert =
+        identify(&table, &inputs).arg("--model").arg(&model).arg("--out").arg(&part).assert().success();
+    let motion = |folder: &Path| std::fs::read_to_string(folder.join("motion.csv")).expect("a motion");
+    assert_eq!(motion(&part), motion(&whole));
     let said = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
     let note = said.lines().find(|l| l.contains("The inputs cover")).expect("a note");
     assert!(

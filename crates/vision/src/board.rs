@@ -64,7 +64,7 @@ struct Grey {
 pub fn find_board(frame: &Frame, columns: usize, rows: usize) -> Option<Vec<BoardCorner>> {
     let grey = Grey::of(frame);
     let corners = candidates(&grey);
-    if columns < 3 || rows < 3 || corners.len() < columns * rows {
+    if columns < 3 || rows < 3 || corners.len() < columns.saturating_mul(rows) {
         return None;
     }
     let mut found = lattice(&corners, columns, rows)?;

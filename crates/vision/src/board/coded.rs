@@ -1,7 +1,9 @@
 //! The corners of a chessboard with numbered markers in its light squares (ChArUco), of which any part is in view.
 
+use super::lattice::nearest;
 use super::markers::MarkerDictionary;
 use super::{BoardCorner, Grey, HALF_WINDOW_PX, candidates, refined};
+use crate::centre::NOISE_STD;
 use crate::{Frame, Vector2};
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -38,7 +40,7 @@ pub enum CodedBoardError {
     },
     /// Too few corners, or markers that leave no margin.
     #[error(
-        "{columns} by {rows} inner corners with markers of {share:.2} of a square: give 2 or more of each, and a marker of 0.4 to 0.9"
+        "{columns} by {rows} inner corners with markers of {share:.2} of a square: give 2 by 3 or more, and a marker of 0.4 to 0.9"
     )]
     Shape {
         /// Inner corners along a row.
@@ -51,11 +53,15 @@ pub enum CodedBoardError {
 }
 
 /// Fewer corners are no sight of the board: four fix a plane's pose, and two more can contradict.
-pub(crate) const LEAST_CORNERS: usize = 6;
+const LEAST_CORNERS: usize = 6;
 /// Corners that may be next to one another on the board, by distance: those of modules lie in between.
 const NEIGHBOURS: usize = 40;
-/// Grey levels between a marker's border and the margin about it.
-const LEAST_CONTRAST: f64 = 20.0;
+/// Grey levels between a marker's border and the margin about it: ten standard deviations of a usual pixel's noise.
+const LEAST_CONTRAST: f64 = 10.0 * NOISE_STD;
+/// Squares are looked for whose sides, as seen, differ by less than this factor and meet at an angle whose sine is larger: a board
+/// that is tilted by up to 60° has such.
+const MOST_UNLIKE: f64 = 2.0;
+const LEAST_SINE: f64 = 0.4;
 /// The fourth corner of a square is where the other three have it to within this part of a side; perspective and lens move it.
 const WITHIN: f64 = 0.2;
 /// What lies this far beyond a window enters it: two passes of smoothing and the difference that is the gradient.
@@ -71,18 +77,20 @@ impl CodedBoard {
         marker_share: f64,
         dictionary: &str,
     ) -> Result<Self, CodedBoardError> {
-        if columns < 2 || rows < 2 || !(0.4..=0.9).contains(&marker_share) {
+        let is_small = columns < 2 || rows < 2 || columns.saturating_mul(rows) < LEAST_CORNERS;
+        if is_small || !(0.4..=0.9).contains(&marker_share) {
             return Err(CodedBoardError::Shape { columns, rows, share: marker_share });
         }
         let name = dictionary;
         let dictionary = MarkerDictionary::named(name)
             .ok_or_else(|| CodedBoardError::UnknownDictionary { name: name.to_owned() })?;
-        let out = Self { columns, rows, marker_share, dictionary };
-        let (squares, markers) = (out.squares(0).len(), out.dictionary.count());
+        // Half of all: where their number is odd and the first is dark, the lesser half.
+        let squares = columns.saturating_add(1).saturating_mul(rows.saturating_add(1)) / 2;
+        let markers = dictionary.count();
         if squares > markers {
             return Err(CodedBoardError::TooFewMarkers { squares, markers });
         }
-        Ok(out)
+        Ok(Self { columns, rows, marker_share, dictionary })
     }
 
     /// Inner corners along a row, and rows of them.
@@ -159,7 +167,7 @@ struct Square {
 }
 
 fn markers(grey: &Grey, corners: &[Vector2<f64>], board: &CodedBoard) -> Vec<Square> {
-    let near: Vec<Vec<usize>> = (0..corners.len()).map(|k| nearest(corners, k)).collect();
+    let near: Vec<Vec<usize>> = (0..corners.len()).map(|k| nearest(corners, k, NEIGHBOURS)).collect();
     let mut out = Vec::new();
     for p in 0..corners.len() {
         for a in near[p].iter().filter(|a| **a > p) {
@@ -167,7 +175,7 @@ fn markers(grey: &Grey, corners: &[Vector2<f64>], board: &CodedBoard) -> Vec<Squ
                 let (along, down) = (corners[*a] - corners[p], corners[*b] - corners[p]);
                 let (m, n) = (along.norm(), down.norm());
                 // Clockwise as seen; b with a is then anticlockwise.
-                if along.perp(&down) < 0.4 * m * n || m > 2.0 * n || n > 2.0 * m {
+                if along.perp(&down) < LEAST_SINE * m * n || m > MOST_UNLIKE * n || n > MOST_UNLIKE * m {
                     continue;
                 }
                 let expected = corners[p] + along + down;
@@ -184,16 +192,6 @@ fn markers(grey: &Grey, corners: &[Vector2<f64>], board: &CodedBoard) -> Vec<Squ
         }
     }
     out
-}
-
-fn nearest(corners: &[Vector2<f64>], of: usize) -> Vec<usize> {
-    let distance = |k: &usize| (corners[*k] - corners[of]).norm_squared();
-    let mut order: Vec<usize> = (0..corners.len()).filter(|k| *k != of).collect();
-    if order.len() > NEIGHBOURS {
-        order.select_nth_unstable_by(NEIGHBOURS, |a, b| distance(a).total_cmp(&distance(b)));
-        order.truncate(NEIGHBOURS);
-    }
-    order
 }
 
 /// The marker in a square whose corners are given clockwise, and by how many quarters it is turned.

@@ -14,7 +14,7 @@ type Cells = HashMap<(i32, i32), usize>;
 /// The corners of a whole board of so many columns and rows, row by row: along the longer count, clockwise as seen.
 pub(super) fn lattice(corners: &[Vector2<f64>], columns: usize, rows: usize) -> Option<Vec<Vector2<f64>>> {
     for seed in 0..corners.len().min(SEEDS) {
-        let near = nearest(corners, seed);
+        let near = nearest(corners, seed, NEIGHBOURS);
         for (k, a) in near.iter().enumerate() {
             for b in &near[k + 1..] {
                 let (along, down) = (corners[*a] - corners[seed], corners[*b] - corners[seed]);
@@ -33,11 +33,16 @@ pub(super) fn lattice(corners: &[Vector2<f64>], columns: usize, rows: usize) -> 
     None
 }
 
-fn nearest(corners: &[Vector2<f64>], seed: usize) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..corners.len()).filter(|k| *k != seed).collect();
-    let distance = |k: &usize| (corners[*k] - corners[seed]).norm_squared();
-    order.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
-    order.truncate(NEIGHBOURS);
+/// So many of the other corners, the nearest first.
+pub(super) fn nearest(corners: &[Vector2<f64>], of: usize, count: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..corners.len()).filter(|k| *k != of).collect();
+    let distance = |k: &usize| (corners[*k] - corners[of]).norm_squared();
+    let nearer = |a: &usize, b: &usize| distance(a).total_cmp(&distance(b));
+    if order.len() > count {
+        order.select_nth_unstable_by(count, nearer);
+        order.truncate(count);
+    }
+    order.sort_by(nearer);
     order
 }
 

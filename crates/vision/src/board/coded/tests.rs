@@ -134,4 +134,6 @@ fn boards_that_cannot_be_are_refused() {
     assert!(why((20, 14), 0.7, "DICT_4X4_50").contains("157 light squares and the dictionary 50 markers"));
     assert!(why((6, 4), 0.95, "DICT_4X4_50").contains("markers of 0.95 of a square"));
     assert!(why((1, 4), 0.7, "DICT_4X4_50").contains("1 by 4 inner corners"));
+    assert!(why((2, 2), 0.7, "DICT_4X4_50").contains("2 by 3 or more"));
+    assert!(why((usize::MAX, usize::MAX), 0.7, "DICT_4X4_50").contains("50 markers"));
 }
