@@ -44,8 +44,9 @@ const RADIUS_MARGIN: f64 = 1.25;
 const PIXEL_STD_PX: f64 = 0.288_675;
 /// Coverage below which a pixel counts as clear of the ball, and above one less which as inside it.
 const CLEAR: f64 = 0.01;
-/// Steps after which a fit is given up.
+/// Steps after which a fit is given up, and in a still.
 const MOST_STEPS: usize = 16;
+const MOST_STEPS_IN_STILL: usize = 24;
 /// Times that trust and noise are set before they are kept, so that the steps shrink.
 const MOST_WEIGHED: usize = 4;
 /// Times that they are set at least: first the trust, then the noise too. A ball that is followed brings its noise along.
@@ -242,7 +243,8 @@ impl Fitter {
         let mut same_place_px = SAME_PLACE_PX;
         // What moves little from frame to frame begins near.
         let mut clutter = if start.followed.is_some() { Clutter::Predicted } else { Clutter::AsNoise };
-        for _ in 0..MOST_STEPS {
+        let most_steps = if self.equations.in_still() { MOST_STEPS_IN_STILL } else { MOST_STEPS };
+        for _ in 0..most_steps {
             if seen_from.is_none_or(|from| distance_px(&from, &model.p) > same_place_px) {
                 (model.origin, model.unit_px) = ((model.p[0], model.p[1]), model.p[RADIUS]);
                 let equations = &mut self.equations;

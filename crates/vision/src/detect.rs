@@ -146,7 +146,10 @@ impl Workspace {
         let optics = self.optics.expected();
         let camera = self.camera.unwrap_or_else(|| usual_camera(frame.size));
         for blob in blobs.iter() {
-            let is_known = self.known.iter().any(|(at, radius_px)| (at - blob.pixel).norm() <= *radius_px);
+            let within = |at: &Vector2<f64>, radius_px: f64| (at - blob.pixel).norm() <= radius_px;
+            // A part of a ball that has been found whole is no other.
+            let is_known = self.known.iter().any(|(at, radius_px)| within(at, *radius_px))
+                || found.iter().any(|s| within(&s.ball.pixel, 0.5 * s.ball.diameter_px));
             let is_elsewhere = self.rows.as_ref().is_some_and(|r| !r.contains(&(blob.pixel.y as usize)));
             if is_known || is_elsewhere || model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
                 continue;

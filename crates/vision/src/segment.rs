@@ -49,6 +49,12 @@ impl Window {
 const MOST_ELONGATED: f64 = 2.5;
 /// Least part of its bounding ellipse that a region fills; a disc on a pixel grid fills about one.
 const LEAST_FILLED: f64 = 0.5;
+/// The same of two regions that may be one ball with an arm across: without the gap a disc, which two discs side by side are not.
+const MOST_ELONGATED_OF_TWO: f64 = 1.6;
+/// Least area of the smaller of the two over that of the larger: less is not missed.
+const LEAST_OF_TWO: f64 = 0.2;
+/// Regions, the strongest, that are looked at two by two.
+const MOST_JOINED: usize = 8;
 /// Halvings of sensitivity after which a region that is still too large is given up.
 const LEVELS: usize = 6;
 
@@ -62,6 +68,7 @@ pub(crate) struct Segmenter {
     /// For each pixel of the level an earlier one of its region, or itself; afterwards its region's number.
     parent: Vec<u32>,
     sums: Vec<Sums>,
+    strongest: Vec<Sums>,
     pub(crate) blobs: Vec<Blob>,
 }
 
@@ -101,7 +108,9 @@ impl Segmenter {
             let regions = self.connect();
             self.sum(regions);
             let is_large = |sums: &Sums| sums.count > area_px.1;
-            self.blobs.extend(self.sums.iter().filter(|s| !is_large(s)).filter_map(|s| s.blob(area_px.0)));
+            let small = self.sums.iter().filter(|s| !is_large(s));
+            self.blobs.extend(small.filter_map(|s| s.blob(area_px.0, MOST_ELONGATED)));
+            self.join_two(area_px);
             least_chroma *= 2.0;
             self.next.clear();
             let pixels = self.level.iter().zip(&self.parent);
@@ -109,6 +118,26 @@ impl Segmenter {
             let strong = |k: &u32| self.colored.found[*k as usize].seen().chroma >= least_chroma;
             self.next.extend(large.filter(strong));
             std::mem::swap(&mut self.level, &mut self.next);
+        }
+    }
+
+    /// Adds two regions that an arm may have cut out of one ball as one; they stay as they are, too.
+    fn join_two(&mut self, area_px: (f64, f64)) {
+        self.strongest.clear();
+        let small = self.sums.iter().filter(|s| s.count <= area_px.1 && s.weight > 0.0);
+        self.strongest.extend(small.copied());
+        if self.strongest.len() > MOST_JOINED {
+            self.strongest.select_nth_unstable_by(MOST_JOINED, |a, b| b.weight.total_cmp(&a.weight));
+            self.strongest.truncate(MOST_JOINED);
+        }
+        for (k, one) in self.strongest.iter().enumerate() {
+            for other in &self.strongest[..k] {
+                let both = one.with(other);
+                let is_shared = one.count.min(other.count) >= LEAST_OF_TWO * one.count.max(other.count);
+                if is_shared && both.count <= area_px.1 {
+                    self.blobs.extend(both.blob(area_px.0, MOST_ELONGATED_OF_TWO));
+                }
+            }
         }
     }
 
@@ -189,7 +218,21 @@ impl Segmenter {
 }
 
 impl Sums {
-    fn blob(&self, least_area_px: f64) -> Option<Blob> {
+    /// Those of two regions together.
+    fn with(&self, other: &Self) -> Self {
+        Self {
+            count: self.count + other.count,
+            hue: [self.hue[0] + other.hue[0], self.hue[1] + other.hue[1]],
+            weight: self.weight + other.weight,
+            x: self.x + other.x,
+            y: self.y + other.y,
+            xx: self.xx + other.xx,
+            xy: self.xy + other.xy,
+            yy: self.yy + other.yy,
+        }
+    }
+
+    fn blob(&self, least_area_px: f64, most_elongated: f64) -> Option<Blob> {
         if self.count < least_area_px || self.weight <= 0.0 {
             return None;
         }
@@ -203,7 +246,7 @@ impl Sums {
         let (long, short) = (mean + apart, (mean - apart).max(1e-9));
         // A uniform ellipse has semi-axes twice the square roots of its principal variances.
         let ellipse_px = 4.0 * std::f64::consts::PI * (long * short).sqrt();
-        let ball = (long / short).sqrt() <= MOST_ELONGATED && self.count >= LEAST_FILLED * ellipse_px;
+        let ball = (long / short).sqrt() <= most_elongated && self.count >= LEAST_FILLED * ellipse_px;
         ball.then(|| Blob {
             pixel: Vector2::new(x, y),
             area_px: self.count,

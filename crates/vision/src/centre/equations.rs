@@ -1,5 +1,6 @@
 //! The equations of a ball's fit: residuals, weights and derivatives of every sample that the ball touches.
 
+mod front;
 mod weighing;
 
 use super::cholesky::{BAND, Banded};
@@ -20,14 +21,14 @@ const MOST_INSIDE: usize = 400;
 /// Depth inside the outline, in edge widths, from which samples say nothing of it: the shading near the rim is then told
 /// from what lies around it there, whatever lamps and gloss do in the middle.
 const DEEPEST: f64 = 6.0;
-/// Clutter may reach over the ball's face as well as behind it: standard deviation there as a part of the one around,
-/// for one clutter in four in front.
-const IN_FRONT: f64 = 0.5;
+/// Clutter may reach over the ball's face as well as behind it: probability of that before anything is seen there. As much of it is
+/// taken to be the room behind as what the ball is fixed to, and of the latter as much on its near side as on its far one.
+const IN_FRONT: f64 = 0.25;
 /// Area over which clutter is alike, in squared edge widths: the integral of the correlation of blurred white noise. What is
 /// taken as independent from pixel to pixel but is not has its variance times the area, so that a mean over many is right.
 const ALIKE: f64 = 4.0 * std::f64::consts::PI;
 /// Clutter is taken to have half the brightness of the wall, so that one of a given variance hides this many times its
-/// relative strength of the ball.
+/// relative strength of the ball's colour, as long as nothing is seen before the ball.
 const HIDES: f64 = 2.0;
 
 /// Light behind a pixel that is wholly covered: any.
@@ -65,6 +66,10 @@ pub(super) struct Equations {
     /// Trust, less what its neighbours spoil.
     weight: Vec<f64>,
     color_weight: Vec<f64>,
+    /// Probability that clutter lies before the ball, at each pixel of the patch.
+    front: Vec<f64>,
+    looks: Vec<front::Look>,
+    has_looked_in_front: bool,
     /// Each pixel in use: derivatives, behind those of the brightness its residual.
     shown: Vec<Shown>,
     /// All samples with unit variance: brightness of the pixels in use, then both colours of each block.
@@ -85,6 +90,8 @@ pub(super) struct Equations {
     spoiled: Vec<u32>,
     surroundings: Surroundings,
     glare: Glare,
+    /// Width of the edge where the surroundings were looked at.
+    edge_px: f64,
     noise_variance: f64,
     /// The noise before the fit has shown more.
     least_noise: f64,
@@ -108,6 +115,9 @@ impl Equations {
         self.color_trust.resize(patch.colors.len(), 1.0);
         self.weight.clone_from(&self.trust);
         self.color_weight.clone_from(&self.color_trust);
+        self.front.clear();
+        self.has_looked_in_front = false;
+        self.front.resize(patch.bright.len(), IN_FRONT);
         self.glare.find(patch);
     }
 
@@ -120,6 +130,7 @@ impl Equations {
         clutter: Clutter,
     ) -> Option<()> {
         let p = &model.p;
+        self.edge_px = p[EDGE];
         self.cover(simd, patch, model);
         self.by_angle.clear();
         for (i, covered) in self.covered.iter().enumerate() {
@@ -258,18 +269,21 @@ impl Equations {
                 return None;
             }
         }
-        self.whitened.clear();
-        self.whitened.extend(self.shown[..self.used.len()].iter().map(|shown| shown.channels[0]));
-        self.factor.whiten(simd, &mut self.whitened[..stretched]);
-        for (row, scale) in self.whitened.iter_mut().zip(&self.scale).skip(stretched) {
-            row.iter_mut().for_each(|x| *x *= scale);
+        self.whitened.resize(self.used.len() + 2 * self.color_rows.len(), [0.0; WIDTH]);
+        let (bright, colors) = self.whitened.split_at_mut(self.used.len());
+        let (rim, inside) = bright.split_at_mut(stretched);
+        for (out, shown) in rim.iter_mut().zip(&self.shown) {
+            *out = shown.channels[0];
         }
-        for (rows, scales) in self.color_rows.iter().zip(&self.color_scale) {
-            for (row, scale) in rows.iter().zip(scales) {
-                let mut whitened = *row;
-                whitened.iter_mut().for_each(|x| *x *= scale);
-                self.whitened.push(whitened);
-            }
+        self.factor.whiten(simd, rim);
+        for ((out, shown), scale) in
+            inside.iter_mut().zip(&self.shown[stretched..]).zip(&self.scale[stretched..])
+        {
+            set_scaled(out, &shown.channels[0], *scale);
+        }
+        let rows = self.color_rows.as_flattened().iter().zip(self.color_scale.as_flattened());
+        for (out, (row, scale)) in colors.iter_mut().zip(rows) {
+            set_scaled(out, row, *scale);
         }
         normal.add(simd, &self.whitened);
         Some(())
@@ -286,11 +300,12 @@ impl Equations {
             let residual = &mut shown.channels[0][RESIDUAL];
             *residual = patch.bright[*used as usize] - *residual - patch.from_coded[0][3];
         }
-        self.color_rows.clear();
-        for block in &self.blocks {
-            let rows = self.color_row(patch, model, *block as usize);
-            self.color_rows.push(rows);
+        let mut color_rows = std::mem::take(&mut self.color_rows);
+        color_rows.resize(self.blocks.len(), [[0.0; WIDTH]; 2]);
+        for (rows, block) in color_rows.iter_mut().zip(&self.blocks) {
+            self.color_row(patch, model, *block as usize, rows);
         }
+        self.color_rows = color_rows;
     }
 
     /// Variances of all samples in use as far as they are independent of each other.
@@ -302,23 +317,25 @@ impl Equations {
         let known_color = if in_still { self.noise_variance } else { 0.0 };
         self.variance.clear();
         for ((used, shown), near) in self.used.iter().zip(&self.shown).zip(&self.near) {
-            let (front, behind) =
-                (IN_FRONT * near * shown.covered, self.surroundings.unpredicted * shown.open);
-            let trust = self.weight[*used as usize].max(LEAST_TRUST);
-            self.variance.push((self.noise_variance + alike_px * front * front + behind * behind) / trust);
+            let index = *used as usize;
+            let front = self.front[index] * (near * shown.covered).powi(2);
+            let behind = self.surroundings.unpredicted * shown.open;
+            let trust = self.weight[index].max(LEAST_TRUST);
+            self.variance.push((self.noise_variance + alike_px * front + behind * behind) / trust);
         }
         let level = (self.surroundings.level - patch.from_coded[0][3]).abs().max(self.noise_variance.sqrt());
         self.color_variance.clear();
         for ((block, rows), near) in self.blocks.iter().zip(&self.color_rows).zip(&self.color_near) {
             let block = *block as usize;
-            let hidden = HIDES * near / level;
+            let likelier = self.front_of_block(patch, block) / IN_FRONT;
+            let hidden = (likelier * (HIDES * near / level).powi(2)).min(1.0);
             let covered = self.color_covered[block];
             let trust = self.color_weight[block].max(LEAST_TRUST);
             self.color_variance.push([0, 1].map(|k| {
                 let value = patch.colors[block][k] - rows[k][RESIDUAL] - patch.from_coded[k + 1][3];
                 let clutter = (self.surroundings.color_variance[k] - known_color).max(0.0);
                 let behind = (1.0 - covered).powi(2) * clutter;
-                (self.noise_variance + alike * ((covered * hidden.min(1.0) * value).powi(2) + behind)) / trust
+                (self.noise_variance + alike * (hidden * (covered * value).powi(2) + behind)) / trust
             }));
         }
         self.scale.clear();
@@ -329,26 +346,13 @@ impl Equations {
 
     /// Both colour differences of a block: the mean over its pixels.
     #[inline(always)]
-    fn color_row(&self, patch: &Patch, model: &Model, block: usize) -> [Row; 2] {
-        let mut rows = [[0.0; WIDTH]; 2];
-        if patch.step == 1
-            && let Some(place) = self.slot[block].checked_sub(1)
-        {
-            let [_, first, second] = &self.shown[place as usize].channels;
-            rows = [*first, *second];
-            for (k, row) in rows.iter_mut().enumerate() {
-                row[RESIDUAL] = patch.colors[block][k] - row[RESIDUAL] - patch.from_coded[k + 1][3];
-            }
-            return rows;
-        }
-        visit(patch, block, model.p[SITING], |pixel, weight, by_siting| {
-            let mut add_shown = |shown: &Shown| {
-                for (row, channel) in rows.iter_mut().zip(&shown.channels[1..]) {
-                    add_scaled(row, channel, weight);
-                    row[SITING] += by_siting * channel[RESIDUAL];
-                }
-            };
-            match self.slot[pixel] {
+    fn color_row(&self, patch: &Patch, model: &Model, block: usize, rows: &mut [Row; 2]) {
+        let own = if patch.step == 1 { self.slot[block].checked_sub(1) } else { None };
+        if let Some(place) = own {
+            rows.copy_from_slice(&self.shown[place as usize].channels[1..]);
+        } else {
+            *rows = [[0.0; WIDTH]; 2];
+            visit(patch, block, model.p[SITING], |pixel, weight, by_siting| match self.slot[pixel] {
                 0 => {
                     let free = self.surroundings.colors_at(patch.place(pixel));
                     for (k, row) in rows.iter_mut().enumerate() {
@@ -357,13 +361,25 @@ impl Equations {
                         row[SITING] += by_siting * value;
                     }
                 }
-                place => add_shown(&self.shown[place as usize - 1]),
-            }
-        });
+                place => {
+                    for (row, channel) in rows.iter_mut().zip(&self.shown[place as usize - 1].channels[1..]) {
+                        add_scaled(row, channel, weight);
+                        row[SITING] += by_siting * channel[RESIDUAL];
+                    }
+                }
+            });
+        }
         for (k, row) in rows.iter_mut().enumerate() {
             row[RESIDUAL] = patch.colors[block][k] - row[RESIDUAL] - patch.from_coded[k + 1][3];
         }
-        rows
+    }
+}
+
+/// Sets a row to a multiple of another.
+#[inline(always)]
+fn set_scaled(out: &mut Row, row: &Row, scale: f64) {
+    for (out, value) in out.iter_mut().zip(row) {
+        *out = value * scale;
     }
 }
 

@@ -15,6 +15,9 @@ impl Equations {
     /// Sets the trust in each sample from what a step from the last equations leaves of its residual and, once a first fit
     /// stands, the noise from all of them.
     ///
+    /// Whether something is before the ball is decided once, from a fit that allowed for it everywhere: decided again from a fit that
+    /// trusts what it found, it would bear itself out.
+    ///
     /// What is in front of the ball is no sharper than its blur, so neighbours of a sample that is not believed at all
     /// are not believed either.
     #[inline(always)]
@@ -60,6 +63,10 @@ impl Equations {
             }
         }
         self.spoil_neighbours(patch);
+        // In a film clutter is not told apart by place, so that there is nothing to look for.
+        if self.in_still() && !std::mem::replace(&mut self.has_looked_in_front, true) {
+            self.look_in_front(patch, step);
+        }
         if with_noise {
             let guess = NOISE_WEIGHT * self.least_noise;
             let seen = (guess + chi_square * self.noise_variance) / (NOISE_WEIGHT + count.max(0.0));
@@ -100,6 +107,11 @@ impl Equations {
         }
     }
 
+    /// Whether there is the time that a still leaves.
+    pub(in crate::centre) fn in_still(&self) -> bool {
+        self.surroundings.in_still()
+    }
+
     /// Variance of one sample's noise.
     pub(in crate::centre) fn noise_variance(&self) -> f64 {
         self.noise_variance
@@ -116,7 +128,8 @@ impl Equations {
     }
 
     /// Standard deviation of what the face shows beyond the model and the noise of a pixel (a shadow, a highlight), as a
-    /// part of its difference from the surroundings.
+    /// part of its difference from the surroundings. A sample counts by the probability that it is the face that is seen: what
+    /// is before it is in the samples' own variance.
     pub(in crate::centre) fn texture(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
         let coded = linear.map(|l| crate::color::encode(l).0);
         let around = self.surroundings.around();
@@ -125,7 +138,8 @@ impl Equations {
             .sum();
         let (mut square, mut count) = (0.0, 0.0);
         for (used, shown) in self.used.iter().zip(&self.shown) {
-            let weight = shown.covered * self.weight[*used as usize];
+            let index = *used as usize;
+            let weight = shown.covered * self.weight[index] * (1.0 - self.front[index]);
             square += weight * (shown.channels[0][RESIDUAL].powi(2) - self.least_noise);
             count += weight;
         }
@@ -133,7 +147,8 @@ impl Equations {
         (square, count) = (0.0, 0.0);
         for (block, rows) in self.blocks.iter().zip(&self.color_rows) {
             let block = *block as usize;
-            let weight = self.color_covered[block] * self.color_weight[block];
+            let seen = 1.0 - self.front_of_block(patch, block);
+            let weight = self.color_covered[block] * self.color_weight[block] * seen;
             square += weight * rows.iter().map(|row| row[RESIDUAL].powi(2) - self.least_noise).sum::<f64>();
             count += weight;
         }
@@ -153,7 +168,7 @@ impl Equations {
 
 /// What a step leaves of a residual; the step is filled up with zeros.
 #[inline(always)]
-fn left(row: &Row, step: &Row) -> f64 {
+pub(super) fn left(row: &Row, step: &Row) -> f64 {
     let mut sums = [0.0; GROUP];
     for (row, step) in row.chunks_exact(GROUP).zip(step.chunks_exact(GROUP)) {
         for k in 0..GROUP {
