@@ -1,5 +1,6 @@
 //! How close centres come to what the pixels permit: balls of 5, 10 and 30 px filmed in the virtual room, noise of two
-//! grey levels, error of the tracked centres over the Cramér-Rao bound of the very same images.
+//! grey levels, error of the tracked centres over the Cramér-Rao bound of the very same images; and of that the part that changes from
+//! frame to frame at a place, which is the noise's, without what stays the same there.
 //!
 //! `cargo run --release -p mavsight --example centre_bound`
 
@@ -108,9 +109,10 @@ fn noisy(image: &[u8], random: &mut Random) -> Vec<u8> {
     image.iter().map(|v| (f64::from(*v) + NOISE_LEVELS * random.normal()).round() as u8).collect()
 }
 
-/// Sums over all centres of one ball: squared error, both bounds, squared normalised error, number, error in u and v.
+/// Sums over all centres of one ball: squared error, both bounds, squared normalised error, number, error in u and v, and the part of
+/// the squared error that is the noise's.
 #[derive(Default)]
-struct Sums([f64; 7]);
+struct Sums([f64; 8]);
 
 fn follow(films: &[Film<'_>; 2], marker: (&str, [u8; 3], [f64; 3]), diameter_px: f64, sums: &mut Sums) {
     let [sharp, softer] = films;
@@ -127,6 +129,7 @@ fn follow(films: &[Film<'_>; 2], marker: (&str, [u8; 3], [f64; 3]), diameter_px:
         let ball = PaintedBall { centre_m, radius_m, linear: marker.2 };
         let image = shown(sharp, &ball);
         let (alone, all) = bounds(sharp, softer, &ball);
+        let (mut at_place, mut square, mut seen_here) = (Vector2::zeros(), 0.0, 0.0_f64);
         for _ in 0..FRAMES_AT_A_PLACE {
             let frame = Frame::from_rgb(SIZE, noisy(&image, &mut random)).expect("a frame");
             // The room holds things of a marker's colour; which is the marker is not asked here.
@@ -144,9 +147,16 @@ fn follow(films: &[Film<'_>; 2], marker: (&str, [u8; 3], [f64; 3]), diameter_px:
                 1.0,
                 error.x,
                 error.y,
+                0.0,
             ];
+            at_place += error;
+            square += error.norm_squared();
+            seen_here += 1.0;
             sums.0.iter_mut().zip(one).for_each(|(sum, v)| *sum += v);
         }
+        // One of the frames' freedoms goes to their mean.
+        let around_mean = square - at_place.norm_squared() / seen_here.max(1.0);
+        sums.0[7] += around_mean * seen_here / (seen_here - 1.0).max(1.0);
     }
 }
 
@@ -155,19 +165,20 @@ fn main() {
     let films = [film(&room, 0.5), film(&room, 0.6)];
     println!("noise {NOISE_LEVELS} levels, {} frames a ball", PLACES * FRAMES_AT_A_PLACE);
     println!(
-        "ball            found  RMS, px  over the bound  over that with all else known  NEES/2  mean error, px"
+        "ball            found  RMS, px  over the bound  its noise over it  over that with all else known  NEES/2  mean error, px"
     );
     for diameter_px in [5.0, 10.0, 30.0] {
         for marker in Vehicle::paper().marker {
             let mut sums = Sums::default();
             let painted = (marker.name.as_str(), marker.color.rgb(), marker.color.to_linear());
             follow(&films, painted, diameter_px, &mut sums);
-            let [square, alone, all, normalised, count, u, v] = sums.0;
+            let [square, alone, all, normalised, count, u, v, noise] = sums.0;
             println!(
-                "{diameter_px:4.0} px {:8} {count:5.0}  {:.4}         {:.2}                 {:.2}                      {:.2}     {:+.4} {:+.4}",
+                "{diameter_px:4.0} px {:8} {count:5.0}  {:.4}         {:.2}               {:.2}                 {:.2}                      {:.2}     {:+.4} {:+.4}",
                 marker.name,
                 (0.5 * square / count).sqrt(),
                 (square / all).sqrt(),
+                (noise / all).sqrt(),
                 (square / alone).sqrt(),
                 0.5 * normalised / count,
                 u / count,

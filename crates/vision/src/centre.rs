@@ -2,8 +2,8 @@
 //!
 //! A forward model of the image: a disc whose edge is blurred by a Gaussian (lens, aperture, pixel) covers a fraction
 //! of each pixel; light mixes linearly there, ball and background; the sum is coded by the sRGB curve, and colour
-//! differences are means over the pixels that they stand for. The ball has one colour times a shading of first and
-//! second order, as a matt surface does. What is behind comes from what is around ([`surroundings`]), with its
+//! differences are means over the pixels that they stand for. The ball has one colour times a shading of first,
+//! second and fourth order, as a matt surface does ([`shading`]). What is behind comes from what is around ([`surroundings`]), with its
 //! covariance: where an arm or an edge meets the ball, those pixels count for less, and the centre is worth less. The
 //! parameters are found by generalised least squares (Gauss-Newton) on coded values, where the noise of a sensor and the
 //! rounding to 8 bits are about uniform.
@@ -25,6 +25,7 @@ mod normal;
 mod places;
 mod robust;
 mod samples;
+mod shading;
 mod surroundings;
 
 use crate::optics::{Known, Optics};
@@ -32,7 +33,7 @@ use crate::outline::Outline;
 use crate::patch::Patch;
 use crate::{Matrix2, Vector2};
 use equations::{Covariance, Equations};
-use model::{BALL, COUNT, EDGE, FIRST_ORDER, GLOSS, Model, Parameters, RADIUS, SHADE, SITING};
+use model::{BALL, COUNT, EDGE, FIRST_ORDER, FOURTH, GLOSS, Model, Parameters, RADIUS, SHADE, SITING};
 use normal::Normal;
 use surroundings::{Clutter, Disc};
 
@@ -81,6 +82,8 @@ const LEAST_TRUSTED: f64 = 0.5;
 /// lit from one side and half as much from all around has 0.5, and passes what light has of the second order 3/8 as
 /// strongly as what it has of the first (Ramamoorthi & Hanrahan 2001, eq. 9).
 const SHADE_STD: [f64; 2] = [0.5, 0.2];
+/// The same of the fourth order: of one lamp alone 3/16 of the first ([`shading`]).
+const FOURTH_STD: f64 = 3.0 / 16.0 * SHADE_STD[0];
 /// Standard deviation of the slope of the light that a gloss adds: a dielectric mirrors 4 % of what falls on it, of which a
 /// quarter may come from one side.
 const GLOSS_STD: f64 = 0.01;
@@ -247,6 +250,7 @@ impl Fitter {
         for _ in 0..most_steps {
             if seen_from.is_none_or(|from| distance_px(&from, &model.p) > same_place_px) {
                 (model.origin, model.unit_px) = ((model.p[0], model.p[1]), model.p[RADIUS]);
+                model.lamp = shading::lamp(&model.p);
                 let equations = &mut self.equations;
                 pulp::Arch::new().dispatch(LookAround { equations, patch, model: &model, clutter })?;
                 (seen_from, covariance) = (Some(model.p), Covariance::Anew);
@@ -351,7 +355,7 @@ fn first_guess(start: &Start, range_px: (f64, f64)) -> Model {
     }
     (p[0], p[1]) = (start.pixel.x, start.pixel.y);
     p[RADIUS] = p[RADIUS].clamp(range_px.0, range_px.1);
-    Model { p, origin: (p[0], p[1]), unit_px: p[RADIUS], outline: start.outline }
+    Model { p, origin: (p[0], p[1]), unit_px: p[RADIUS], outline: start.outline, lamp: shading::lamp(&p) }
 }
 
 /// How far two models' discs are apart: middle, radius, and the width of the edge as far out as it reaches.
@@ -371,6 +375,7 @@ fn prior(start: &Start, model: &Model) -> [Known; COUNT] {
         let std = SHADE_STD[usize::from(i >= FIRST_ORDER)];
         *known = Known { mean: 0.0, variance: std * std };
     }
+    prior[FOURTH] = Known { mean: 0.0, variance: FOURTH_STD * FOURTH_STD };
     prior[EDGE] = start.optics.edge_px;
     prior[SITING] = start.optics.siting_px;
     if let Some(known) = start.known_radius_px {

@@ -10,19 +10,21 @@ use pulp::{Scalar, Simd};
 
 /// Centre x and y, radius, edge width; ball colour of three channels; shading of first order (x, y, z of the surface's
 /// normal) and second (xy, xz, yz, x² - y², z²); slopes x and y of the neutral light
-/// that a gloss adds; columns by which the colour differences are sited to the right of the left pixel of their block.
-pub(super) const COUNT: usize = 18;
+/// that a gloss adds; columns by which the colour differences are sited to the right of the left pixel of their block; shading of
+/// fourth order.
+pub(super) const COUNT: usize = 19;
 pub(super) const RADIUS: usize = 2;
 pub(super) const EDGE: usize = 3;
 pub(super) const BALL: usize = 4;
 pub(super) const SHADE: usize = 7;
 pub(super) const GLOSS: usize = 15;
 pub(super) const SITING: usize = 17;
+pub(super) const FOURTH: usize = 18;
 /// Terms of the shading, and those of first order among them.
-const SHADES: usize = GLOSS - SHADE;
+pub(super) const SHADES: usize = GLOSS - SHADE;
 pub(super) const FIRST_ORDER: usize = 3;
 pub(super) type Parameters = SVector<f64, COUNT>;
-/// Derivatives by all parameters, the value or residual behind them, and nothing in what is left of whole lanes of four.
+/// Derivatives by all parameters and the value or residual behind them, in whole lanes of four.
 pub(super) type Row = [f64; WIDTH];
 pub(super) const RESIDUAL: usize = COUNT;
 pub(super) const WIDTH: usize = 20;
@@ -35,6 +37,8 @@ pub(super) struct Model {
     pub(super) origin: (f64, f64),
     pub(super) unit_px: f64,
     pub(super) outline: Outline,
+    /// Unit vector to where most of the light comes from, in the coordinates of the shading.
+    pub(super) lamp: [f64; 3],
 }
 
 /// What a pixel shows: its channels, less their constants, behind their derivatives.
@@ -50,9 +54,6 @@ impl Shown {
     /// Nothing yet.
     pub(super) const NOTHING: Self = Self { covered: 0.0, channels: [[0.0; WIDTH]; 3], open: 0.0 };
 }
-
-/// The blur rounds off the normal's steep fall at the rim: an edge width over the radius, of a ball 6 px wide.
-const RIM_SOFT: f64 = 0.2;
 
 /// Derivatives of a channel by all parameters and its value, for a group of pixels.
 type Columns = [[f64; GROUP]; WIDTH];
@@ -105,7 +106,12 @@ impl Model {
 
     /// dᵀ A d with the outline's matrix A, and A d.
     #[inline(always)]
-    fn measure<S: Simd>(&self, simd: S, dx: Lanes<S>, dy: Lanes<S>) -> (Lanes<S>, Lanes<S>, Lanes<S>) {
+    pub(super) fn measure<S: Simd>(
+        &self,
+        simd: S,
+        dx: Lanes<S>,
+        dy: Lanes<S>,
+    ) -> (Lanes<S>, Lanes<S>, Lanes<S>) {
         let [xx, xy, yy] = self.outline.matrix().map(|value| Lanes::splat(simd, value));
         let (ax, ay) = (xx * dx + xy * dy, xy * dx + yy * dy);
         ((dx * ax + dy * ay).max(Lanes::splat(simd, 0.0)), ax, ay)
@@ -132,27 +138,6 @@ impl Model {
             bend[EDGE][axis] = all(0.0) - along * (all(self.p[EDGE].recip()) + z * by[EDGE]);
         }
         Rim { covered, slope: by.map(|d| density * d), bend }
-    }
-
-    /// First and second spherical harmonics of the normal at a place, in which the light on a matt ball under any lamps is
-    /// known to about 2 % (Basri & Jacobs 2003; Ramamoorthi & Hanrahan 2001), less their means over the disc, so that the
-    /// colour stays that of the whole ball; and what the slope of each along two axes is, per pixel, as far as it matters to
-    /// the centre.
-    #[inline(always)]
-    fn harmonics_at<S: Simd>(&self, simd: S, (x_px, y_px): (Lanes<S>, Lanes<S>)) -> [[Lanes<S>; SHADES]; 3] {
-        let all = |value: f64| Lanes::splat(simd, value);
-        let (per_px, zero) = (all(self.unit_px.recip()), all(0.0));
-        let (x, y) = ((x_px - all(self.origin.0)) * per_px, (y_px - all(self.origin.1)) * per_px);
-        let left = all(1.0) - self.measure(simd, x, y).0;
-        let z2 = all(0.5) * (left + (left * left + all(RIM_SOFT * RIM_SOFT)).sqrt());
-        let z = z2.sqrt();
-        let (xp, yp, zp) = (x * per_px, y * per_px, z * per_px);
-        let two = all(2.0);
-        [
-            [x, y, z - all(2.0 / 3.0), x * y, x * z, y * z, x * x - y * y, z2 - all(0.5)],
-            [per_px, zero, zero, yp, zp, zero, two * xp, zero],
-            [zero, per_px, zero, xp, zero, zp, zero - two * yp, zero],
-        ]
     }
 
     /// What a group of pixels shows, that at `first` and those behind, in the channels that these combinations of codes are.
@@ -198,7 +183,9 @@ impl Model {
         let p = &self.p;
         let all = |value: f64| Lanes::splat(simd, value);
         let rim = self.rim_at(simd, at);
-        let [terms, across, down] = self.harmonics_at(simd, at);
+        let normal = self.normal_at(simd, at);
+        let [terms, across, down] = self.harmonics_of(simd, &normal);
+        let [term, by_x, by_y] = self.fourth_of(simd, &normal);
         // Blur of variance w² moves light along its slope: f·disc blurred is f·(disc blurred) + w² ∇f·∇(disc blurred).
         let spread = all(p[EDGE] * p[EDGE]);
         let mut lit = [all(0.0); SHADES];
@@ -210,9 +197,14 @@ impl Model {
             seen = seen + weight * lit[i];
             along = [along[0] + weight * across[i], along[1] + weight * down[i]];
         }
+        let weight = all(p[FOURTH]);
+        let fourth = rim.covered * term - spread * (by_x * rim.slope[0] + by_y * rim.slope[1]);
+        (face, seen) = (face + weight * term, seen + weight * fourth);
+        along = [along[0] + weight * by_x, along[1] + weight * by_y];
         let gloss = [all(p[GLOSS]), all(p[GLOSS + 1])];
         Face {
             lit,
+            fourth,
             shade: face,
             whole: seen,
             along,
@@ -285,6 +277,7 @@ impl Model {
         for (column, lit) in columns[SHADE..].iter_mut().zip(&face.lit) {
             (by_shade * *lit).store(column, part);
         }
+        (by_shade * face.fourth).store(&mut columns[FOURTH], part);
         (by_gloss * face.lit[0]).store(&mut columns[GLOSS], part);
         (by_gloss * face.lit[1]).store(&mut columns[GLOSS + 1], part);
         code.store(&mut columns[RESIDUAL], part);
@@ -312,6 +305,7 @@ struct Rim<S: Simd> {
 struct Face<S: Simd> {
     rim: Rim<S>,
     lit: [Lanes<S>; SHADES],
+    fourth: Lanes<S>,
     shade: Lanes<S>,
     whole: Lanes<S>,
     along: [Lanes<S>; 2],
@@ -338,10 +332,12 @@ mod tests {
     #[test]
     fn derivatives_are_the_numeric_ones() {
         let mut p = Parameters::zeros();
+        p[FOURTH] = 0.05;
         p.as_mut_slice()[..17].copy_from_slice(&[
             10.2, 8.9, 2.6, 0.6, 0.5, 0.1, 0.05, 0.2, -0.3, 0.1, 0.05, -0.1, 0.1, -0.05, 0.1, 0.01, -0.01,
         ]);
-        let model = Model { p, origin: (10.0, 9.0), unit_px: 2.5, outline: Outline::ROUND };
+        let model =
+            Model { p, origin: (10.0, 9.0), unit_px: 2.5, outline: Outline::ROUND, lamp: [0.36, -0.8, 0.48] };
         let from_coded = [[0.3, 0.6, 0.1, 0.0], [0.5, -0.5, 0.0, 0.0], [0.1, 0.2, -0.7, 0.0]];
         for (x, y) in [(12.0, 9.0), (10.0, 11.0), (8.0, 7.0), (10.0, 9.0)] {
             let mut places = Places::default();
@@ -353,7 +349,7 @@ mod tests {
                 shown[0]
             };
             let got = shown(&model);
-            for k in 0..SITING {
+            for k in (0..SITING).chain([FOURTH]) {
                 let value = |h: f64| {
                     let mut moved = model;
                     moved.p[k] += h;

@@ -5,20 +5,22 @@ use super::model::{COUNT, Parameters, RESIDUAL, Row, WIDTH};
 use pulp::Simd;
 
 /// Upper triangle of the information matrix, the gradient behind each of its rows; after [`Self::solve`], its factor.
+///
+/// There is a row behind those of the parameters, without a meaning: sums are formed two rows at a time.
 #[derive(Debug, Clone)]
 pub(super) struct Normal {
-    rows: [Row; COUNT],
+    rows: [Row; WIDTH],
 }
 
 impl Default for Normal {
     fn default() -> Self {
-        Self { rows: [[0.0; WIDTH]; COUNT] }
+        Self { rows: [[0.0; WIDTH]; WIDTH] }
     }
 }
 
 impl Normal {
     pub(super) fn clear(&mut self) {
-        self.rows = [[0.0; WIDTH]; COUNT];
+        self.rows = [[0.0; WIDTH]; WIDTH];
     }
 
     /// Adds samples of unit variance: derivatives with the residual behind them.
