@@ -19,6 +19,14 @@ impl Lamp {
         self.centre + V::new((a - 0.5) * self.size.0, (b - 0.5) * self.size.1, 0.0)
     }
 
+    /// Irradiance from the whole panel without shadow, by Gauss's rule of two points each way: with the share of the panel that is
+    /// seen as a factor, chance plays a part in half-shadows alone (ratio estimator; Heitz, Hill & McGuire 2018).
+    pub(crate) fn unhidden_irradiance(&self, at: &V, normal: &V) -> f64 {
+        const PLACES: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
+        let points = PLACES.iter().flat_map(|a| PLACES.iter().map(|b| self.point(*a, *b)));
+        points.map(|point| self.irradiance(at, normal, &point)).sum::<f64>() / 4.0
+    }
+
     /// Irradiance from the whole panel as if it were at one of its points, without shadow.
     pub(crate) fn irradiance(&self, at: &V, normal: &V, point: &V) -> f64 {
         let to = point - at;

@@ -5,7 +5,7 @@ use crate::light::{IrradianceMap, ambient_irradiance};
 use crate::outline::Outline;
 use crate::room::Room;
 use crate::sensor::{mix, unit};
-use crate::shapes::Ray;
+use crate::shapes::{Footprint, Hit, Ray, Shape};
 use mavsight_geometry::Camera;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use rayon::prelude::*;
@@ -16,7 +16,8 @@ pub(crate) const EXPOSURE: f64 = 0.85;
 /// Samples across a pixel of the room, each way.
 const ROOM_SAMPLES: u32 = 3;
 /// Samples across a pixel of what moves, each way; their 64 rows and columns are all different, so that an edge along an
-/// axis is met in 64 steps too, and a disc's centroid is true to a thousandth of a pixel.
+/// axis is met in 64 steps too. Balls cover a sample's cell in part, so that a disc's centroid is true to a ten-thousandth of a
+/// pixel.
 pub(crate) const PART_SAMPLES: usize = 8;
 
 /// A rendered room: linear light of each pixel, and the distance along its middle ray.
@@ -70,21 +71,23 @@ fn room_light(room: &Room, ray: &Ray, sample: usize, seed: u64) -> [f64; 3] {
     // Each sample of a pixel looks at a third of the lamps; over the pixel's nine, each lamp is looked at three times.
     for (k, lamp) in room.lamps.iter().enumerate().filter(|(k, _)| (k + sample).is_multiple_of(3)) {
         let counter = seed ^ ((k as u64) << 33);
-        let point =
-            lamp.point((((sample / 3) % 3) as f64 + unit(counter)) / 3.0, unit(counter ^ 0x5bd1_e995));
-        let light = lamp.irradiance(&at, &hit.normal, &point);
+        let third = (sample / 3) % 3;
+        let within = |third: usize, counter: u64| (third as f64 + unit(counter)) / 3.0;
+        let point = lamp.point(within(third, counter), within((third + k) % 3, counter ^ 0x5bd1_e995));
+        let light = lamp.unhidden_irradiance(&at, &hit.normal);
         if light > 0.0 && !room.hides(&at, &point) {
             irradiance += 3.0 * light;
         }
     }
-    irradiance += ambient_irradiance(&hit.normal) * openness(room, &at, &hit.normal, seed);
+    irradiance += ambient_irradiance(&hit.normal) * openness(room, &at, &hit.normal, (sample, seed));
     color.map(|c| c * irradiance / PI * EXPOSURE)
 }
 
 /// Share of the light from all sides that nothing within half a metre keeps away.
-fn openness(room: &Room, at: &Vector3<f64>, normal: &Vector3<f64>, seed: u64) -> f64 {
+fn openness(room: &Room, at: &Vector3<f64>, normal: &Vector3<f64>, (sample, seed): (usize, u64)) -> f64 {
     const REACH_M: f64 = 0.5;
-    let (a, b) = (unit(seed ^ 0x1234_5678), unit(seed ^ 0x9abc_def0));
+    let within = |third: usize, counter: u64| ((third % 3) as f64 + unit(counter)) / 3.0;
+    let (a, b) = (within(sample, seed ^ 0x1234_5678), within(sample / 3, seed ^ 0x9abc_def0));
     let (angle, z) = (2.0 * PI * a, 2.0 * b - 1.0);
     let flat = (1.0 - z * z).sqrt();
     let sphere = Vector3::new(flat * angle.cos(), flat * angle.sin(), z);
@@ -143,12 +146,21 @@ pub(crate) struct Composer<'a> {
     inverses: Vec<Isometry3<f64>>,
     origins: Vec<Vector3<f64>>,
     outlines: Vec<Outline>,
+    /// The camera's axes across its view.
+    sides: Vec<[Vector3<f64>; 2]>,
     /// Samples that one ray stands for, each way.
     stride: usize,
 }
 
-/// A surface that a ray meets: how far away, of which part, and its normal in body axes.
-type Met = (f64, usize, Vector3<f64>);
+/// A surface that a ray meets: of which part, how far away and with which normal in body axes, and how much of the ray's cell it
+/// covers.
+type Met = (usize, Hit, f64);
+
+/// A cell of a pixel, in body axes: a ray somewhere in it, and one through its middle where a ball may be.
+struct Cell {
+    somewhere: Ray,
+    middle: Option<Ray>,
+}
 
 /// Lists that are used again from pixel to pixel.
 #[derive(Default)]
@@ -162,7 +174,10 @@ impl<'a> Composer<'a> {
         let inverses: Vec<Isometry3<f64>> = moving.poses.iter().map(Isometry3::inverse).collect();
         let origins = inverses.iter().map(|i| (i * Point3::from(camera.centre_in_world())).coords).collect();
         let outlines = moving.parts.iter().map(|p| Outline::of(p, moving.poses, camera)).collect();
-        Self { moving, camera, plate, inverses, origins, outlines, stride: 1 }
+        let world_from_cam = camera.cam_from_world.rotation.inverse();
+        let across = [Vector3::x(), Vector3::y()].map(|axis| world_from_cam * axis);
+        let sides = inverses.iter().map(|i| across.map(|axis| i.rotation * axis)).collect();
+        Self { moving, camera, plate, inverses, origins, outlines, sides, stride: 1 }
     }
 
     /// The same with a ray for so many samples each way, a divisor of [`PART_SAMPLES`].
@@ -209,25 +224,72 @@ impl<'a> Composer<'a> {
     ) {
         const N: usize = PART_SAMPLES;
         self.near_parts((x as f64, y as f64), near);
+        let near_ball = near.iter().any(|k| matches!(self.moving.parts[*k].shape, Shape::Ball { .. }));
         // The canonical multi-jittered arrangement (Chiu, Shirley & Wang 1994).
         let n_parts = (N / self.stride) as f64;
-        let across = |k: usize, other: usize| (k as f64 + (other as f64 + 0.5) / n_parts) / n_parts - 0.5;
+        let across = |k: usize, other: f64| (k as f64 + (other + 0.5) / n_parts) / n_parts - 0.5;
         let n = N / self.stride;
         for s in 0..n * n {
             let (i, j) = (s % n, s / n);
             // Times are dealt over the square so that each row, column and quarter sees the whole exposure.
             let pose = (i * 5 + j * 3 + (x + 2 * y)) % N * self.inverses.len() / N;
-            let pixel = Vector2::new(x as f64 + across(i, j), y as f64 + across(j, i));
-            let direction = if near.is_empty() { None } else { self.camera.ray(&pixel).ok() };
-            let light = direction.map_or(behind, |direction| {
-                let direction = self.inverses[pose].rotation * direction;
-                let turned = Ray { origin: self.origins[pose], direction };
-                sample(self.moving, (near, hits), &turned, pose, (behind, distance_m))
+            let ray = |in_i: f64, in_j: f64| {
+                let pixel = Vector2::new(x as f64 + across(i, in_i), y as f64 + across(j, in_j));
+                let direction = self.inverses[pose].rotation * self.camera.ray(&pixel).ok()?;
+                Some(Ray { origin: self.origins[pose], direction })
+            };
+            let somewhere = if near.is_empty() { None } else { ray(j as f64, i as f64) };
+            let light = somewhere.map_or(behind, |somewhere| {
+                let half = 0.5 * (n_parts - 1.0);
+                let middle = if near_ball { ray(half, half) } else { None };
+                self.sample((near, hits), &Cell { somewhere, middle }, pose, (behind, distance_m))
             });
             for k in 0..self.stride * self.stride {
                 each(i * self.stride + k % self.stride, j * self.stride + k / self.stride, light);
             }
         }
+    }
+
+    fn sample(
+        &self,
+        (near, hits): (&[usize], &mut Vec<Met>),
+        cell: &Cell,
+        pose: usize,
+        (behind, distance_m): ([f64; 3], f64),
+    ) -> [f64; 3] {
+        let moving = self.moving;
+        let width_rad = self.stride as f64 / (PART_SAMPLES as f64 * self.camera.intrinsics.fx_px.abs());
+        let footprint = Footprint { sides: self.sides[pose], width_rad };
+        hits.clear();
+        let met = near.iter().filter_map(|k| match (&moving.parts[*k].shape, &cell.middle) {
+            (Shape::Ball { centre, radius }, Some(middle)) => {
+                middle.cover_by_ball(centre, *radius, &footprint).map(|(hit, covered)| (*k, hit, covered))
+            }
+            (shape, _) => shape.meet(&cell.somewhere).map(|hit| (*k, hit, 1.0)),
+        });
+        hits.extend(met.filter(|(_, hit, _)| hit.distance_m < distance_m));
+        hits.sort_by(|a, b| a.1.distance_m.total_cmp(&b.1.distance_m));
+        let (mut light, mut passes) = ([0.0; 3], 1.0);
+        for (k, hit, covered) in hits.iter() {
+            let part = &moving.parts[*k];
+            let in_world = moving.poses[pose].rotation * hit.normal;
+            let seen_from = moving.poses[pose].rotation * cell.somewhere.direction;
+            let irradiance = moving.light[*k].of(&in_world);
+            let mirrored = seen_from - in_world * (2.0 * seen_from.dot(&in_world));
+            let shine = part.gloss * mirrored.z.max(0.0).powi(12);
+            let kept = covered * (1.0 - part.passes);
+            for (light, color) in light.iter_mut().zip(part.linear) {
+                *light += passes * kept * (color * irradiance / PI + shine) * EXPOSURE;
+            }
+            passes *= 1.0 - kept;
+            if passes < 1e-3 {
+                return light;
+            }
+        }
+        for (light, behind) in light.iter_mut().zip(behind) {
+            *light += passes * behind;
+        }
+        light
     }
 
     /// Finds the parts that a pixel may see at some time of the exposure.
@@ -245,39 +307,4 @@ impl<'a> Composer<'a> {
         let may = |k: &usize| self.outlines[*k].may_be_at(&place, margin);
         near.extend((0..self.outlines.len()).filter(may));
     }
-}
-
-fn sample(
-    moving: &Moving<'_>,
-    (near, hits): (&[usize], &mut Vec<Met>),
-    ray: &Ray,
-    pose: usize,
-    (behind, distance_m): ([f64; 3], f64),
-) -> [f64; 3] {
-    hits.clear();
-    let met = near
-        .iter()
-        .filter_map(|k| moving.parts[*k].shape.meet(ray).map(|hit| (hit.distance_m, *k, hit.normal)));
-    hits.extend(met.filter(|hit| hit.0 < distance_m));
-    hits.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let (mut light, mut passes) = ([0.0; 3], 1.0);
-    for (_, k, normal) in hits.iter() {
-        let (k, part) = (*k, &moving.parts[*k]);
-        let in_world = moving.poses[pose].rotation * normal;
-        let seen_from = moving.poses[pose].rotation * ray.direction;
-        let irradiance = moving.light[k].of(&in_world);
-        let mirrored = seen_from - in_world * (2.0 * seen_from.dot(&in_world));
-        let shine = part.gloss * mirrored.z.max(0.0).powi(12);
-        for (light, color) in light.iter_mut().zip(part.linear) {
-            *light += passes * (1.0 - part.passes) * (color * irradiance / PI + shine) * EXPOSURE;
-        }
-        passes *= part.passes;
-        if passes < 1e-3 {
-            return light;
-        }
-    }
-    for (light, behind) in light.iter_mut().zip(behind) {
-        *light += passes * behind;
-    }
-    light
 }

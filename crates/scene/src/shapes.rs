@@ -11,6 +11,48 @@ pub(crate) struct Ray {
     pub direction: V,
 }
 
+/// The part of an image that a ray stands for: a square with sides along two directions, and its angular width.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Footprint {
+    pub sides: [V; 2],
+    pub width_rad: f64,
+}
+
+impl Footprint {
+    /// Part of the square on the near side of a straight edge at a distance from its middle, across a direction: two boxes
+    /// convolved.
+    fn covered(&self, distance_rad: f64, across: &V) -> f64 {
+        let [x, y] = self.sides.map(|side| side.dot(across).abs());
+        let (long, short) = (x.max(y), x.min(y));
+        let distance = distance_rad / self.width_rad * x.hypot(y);
+        let left = (0.5 * (long + short) - distance.abs()).max(0.0);
+        let uncovered = if left < short {
+            left * left / (2.0 * long * short)
+        } else {
+            (0.5 - distance.abs() / long).max(0.0)
+        };
+        if distance > 0.0 { 1.0 - uncovered } else { uncovered }
+    }
+}
+
+impl Ray {
+    /// Where the ray meets a ball, and how much of the ray's footprint the ball covers: its rim as a straight edge. A ray that just
+    /// misses meets the rim.
+    pub(crate) fn cover_by_ball(&self, centre: &V, radius: f64, footprint: &Footprint) -> Option<(Hit, f64)> {
+        let to = self.origin - centre;
+        let distance_m = -to.dot(&self.direction);
+        if distance_m <= NEAR_M {
+            return None;
+        }
+        let nearest = to + self.direction * distance_m;
+        let away_m = nearest.norm();
+        let covered = footprint.covered((radius - away_m) / distance_m, &nearest);
+        let hit = meet_ball(self, centre, radius);
+        let hit = hit.or((covered > 0.0).then(|| Hit { distance_m, normal: nearest / away_m }))?;
+        Some((hit, covered))
+    }
+}
+
 /// Where a ray meets a surface.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hit {
@@ -189,6 +231,32 @@ mod tests {
     }
 
     proptest! {
+        /// In cells of an eighth of a pixel of 1/640: the cone around the ball by its closed form.
+        #[test]
+        fn a_disc_has_its_area_and_its_middle(u in -0.5..0.5, v in -0.5..0.5, radius_px in 2.5..8.0) {
+            const CELL: f64 = 1.0 / (8.0 * 640.0);
+            let (distance_m, centre) = (5.0, V::new(u / 640.0, v / 640.0, 1.0).normalize() * 5.0);
+            let radius_m = radius_px / 640.0 * distance_m;
+            let reach = (8.0 * (radius_px + 2.0)) as i32;
+            let (mut area, mut at) = (0.0, [0.0_f64; 2]);
+            let footprint = Footprint { sides: [V::x(), V::y()], width_rad: CELL };
+            for (i, j) in (-reach..reach).flat_map(|j| (-reach..reach).map(move |i| (i, j))) {
+                let place = [i, j].map(|k| (f64::from(k) + 0.5) * CELL);
+                let ray = Ray { origin: V::zeros(), direction: V::new(place[0], place[1], 1.0).normalize() };
+                let Some((hit, covered)) = ray.cover_by_ball(&centre, radius_m, &footprint) else { continue };
+                prop_assert!((0.0..=1.0).contains(&covered) && (hit.normal.norm() - 1.0).abs() < 1e-9);
+                area += covered;
+                (0..2).for_each(|k| at[k] += covered * place[k]);
+            }
+            let seen_px = 640.0 * radius_m / (distance_m * distance_m - radius_m * radius_m).sqrt();
+            let got_px = (area / std::f64::consts::PI).sqrt() / 8.0;
+            prop_assert!((got_px - seen_px).abs() < 4e-4, "{} is not {}", got_px, seen_px);
+            for (at, want) in at.iter().zip([u, v] as [f64; 2]) {
+                let got = 640.0 * at / area;
+                prop_assert!((got - want).abs() < 1e-4, "{} is not {}", got, want);
+            }
+        }
+
         #[test]
         fn rays_stop_where_the_solid_begins(x in -3.0..3.0, y in -3.0..3.0, z in -3.0..3.0, which in 0usize..4, aim in -0.3..0.3) {
             let shape = [
