@@ -42,7 +42,8 @@ fn derivative(up: &[u8], down: &[u8], step: f64) -> Vec<f64> {
 }
 
 /// Least covariance of an unbiased centre, px²: with all else known, and with what must be estimated along with it: radius,
-/// blur, colour, the light on the ball in first and second harmonics, and the slope of what its gloss adds.
+/// blur, colour, the light on the ball in first and second harmonics and in the fourth about the vertical, and the slope of
+/// what its gloss adds.
 fn bounds(sharp: &Film<'_>, softer: &Film<'_>, ball: &PaintedBall) -> (Matrix2<f64>, Matrix2<f64>) {
     let view = camera();
     let right = view.cam_from_world.rotation.inverse() * Vector3::x();
@@ -84,7 +85,7 @@ fn bounds(sharp: &Film<'_>, softer: &Film<'_>, ball: &PaintedBall) -> (Matrix2<f
         };
         light.iter().enumerate().map(|(k, v)| if *v == 0.0 { 0.0 } else { v * at(k) }).collect()
     };
-    let harmonics: [&dyn Fn(f64, f64, f64) -> f64; 8] = [
+    let harmonics: [&dyn Fn(f64, f64, f64) -> f64; 9] = [
         &|x, _, _| x,
         &|_, y, _| y,
         &|_, _, z| z,
@@ -93,6 +94,7 @@ fn bounds(sharp: &Film<'_>, softer: &Film<'_>, ball: &PaintedBall) -> (Matrix2<f
         &|_, y, z| y * z,
         &|x, y, _| x * x - y * y,
         &|_, _, z| z * z,
+        &|_, y, _| (35.0 * y.powi(4) - 30.0 * y * y + 3.0) / 8.0,
     ];
     columns.extend(harmonics.iter().map(|h| over(&lit, *h)));
     columns.extend(harmonics[..2].iter().map(|h| over(&glossy, *h)));

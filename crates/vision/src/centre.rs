@@ -27,6 +27,7 @@ mod robust;
 mod samples;
 mod shading;
 mod surroundings;
+mod vectorized;
 
 use crate::optics::{Known, Optics};
 use crate::outline::Outline;
@@ -36,6 +37,7 @@ use equations::{Covariance, Equations};
 use model::{BALL, COUNT, EDGE, FIRST_ORDER, FOURTH, GLOSS, Model, Parameters, RADIUS, SHADE, SITING};
 use normal::Normal;
 use surroundings::{Clutter, Disc};
+use vectorized::{Begin, LookAround, Reweigh, Solve};
 
 /// Smallest radius whose centre is fitted.
 pub(crate) const LEAST_RADIUS_PX: f64 = 1.5;
@@ -84,6 +86,9 @@ const LEAST_TRUSTED: f64 = 0.5;
 const SHADE_STD: [f64; 2] = [0.5, 0.2];
 /// The same of the fourth order: of one lamp alone 3/16 of the first ([`shading`]).
 const FOURTH_STD: f64 = 3.0 / 16.0 * SHADE_STD[0];
+/// Standard deviation of the light that the model leaves out, as a part of the ball's: the sixth order of one lamp, 13/128 of its
+/// first, whose square has a mean of 1/13 over the ball.
+const LIGHT_STD: f64 = 0.0282 * SHADE_STD[0];
 /// Standard deviation of the slope of the light that a gloss adds: a dielectric mirrors 4 % of what falls on it, of which a
 /// quarter may come from one side.
 const GLOSS_STD: f64 = 0.01;
@@ -121,80 +126,6 @@ struct Step {
     change: Parameters,
     length: f64,
     is_whole: bool,
-}
-
-/// The forming and solving of one step's equations, compiled for each vector unit that a processor may have.
-struct Solve<'a> {
-    equations: (&'a mut Equations, &'a mut Normal),
-    patch: &'a Patch,
-    model: &'a Model,
-    prior: &'a [Known; COUNT],
-    covariance: Covariance,
-}
-
-impl pulp::WithSimd for Solve<'_> {
-    type Output = Option<(Parameters, f64)>;
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
-        let (equations, normal) = self.equations;
-        normal.clear();
-        equations.add_to(simd, self.patch, self.model, self.covariance, normal)?;
-        for (i, known) in self.prior.iter().enumerate() {
-            normal.add_known(i, known.variance.recip(), known.mean - self.model.p[i]);
-        }
-        normal.solve()
-    }
-}
-
-/// The same for what is done where the ball has moved.
-struct LookAround<'a> {
-    equations: &'a mut Equations,
-    patch: &'a Patch,
-    model: &'a Model,
-    clutter: Clutter,
-}
-
-impl pulp::WithSimd for LookAround<'_> {
-    type Output = Option<()>;
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
-        self.equations.look_around(simd, (self.patch, self.model), self.clutter)
-    }
-}
-
-/// Likewise the beginning of a fit.
-struct Begin<'a> {
-    equations: &'a mut Equations,
-    patch: &'a Patch,
-    noise_variance: Option<f64>,
-}
-
-impl pulp::WithSimd for Begin<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, simd: S) {
-        self.equations.begin(simd, self.patch, self.noise_variance);
-    }
-}
-
-/// Likewise the weighing of samples.
-struct Reweigh<'a> {
-    equations: &'a mut Equations,
-    patch: &'a Patch,
-    step: &'a Parameters,
-    with_noise: bool,
-}
-
-impl pulp::WithSimd for Reweigh<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        self.equations.reweigh(self.patch, self.step, self.with_noise);
-    }
 }
 
 /// Where a fit starts.
@@ -249,8 +180,7 @@ impl Fitter {
         let most_steps = if self.equations.in_still() { MOST_STEPS_IN_STILL } else { MOST_STEPS };
         for _ in 0..most_steps {
             if seen_from.is_none_or(|from| distance_px(&from, &model.p) > same_place_px) {
-                (model.origin, model.unit_px) = ((model.p[0], model.p[1]), model.p[RADIUS]);
-                model.lamp = shading::lamp(&model.p);
+                model.shade_here();
                 let equations = &mut self.equations;
                 pulp::Arch::new().dispatch(LookAround { equations, patch, model: &model, clutter })?;
                 (seen_from, covariance) = (Some(model.p), Covariance::Anew);
@@ -275,7 +205,7 @@ impl Fitter {
                 continue;
             }
             if step.length < SMALL_STEP && weighed >= least_weighed {
-                return self.summarize(patch, &model, range_px);
+                return self.summarize(patch, &model, &prior, range_px);
             }
             if step.length < NEAR && weighed < MOST_WEIGHED {
                 let with_noise = weighed + 1 >= least_weighed;
@@ -313,7 +243,13 @@ impl Fitter {
     }
 
     /// Covariance, colour and plausibility at the solution.
-    fn summarize(&mut self, patch: &Patch, model: &Model, range_px: (f64, f64)) -> Option<Fit> {
+    fn summarize(
+        &mut self,
+        patch: &Patch,
+        model: &Model,
+        prior: &[Known; COUNT],
+        range_px: (f64, f64),
+    ) -> Option<Fit> {
         let p = &model.p;
         let inside_range = p[RADIUS] > range_px.0 && p[RADIUS] < range_px.1;
         let columns = [0, 1].map(|k| self.normal.covariance_column(k));
@@ -336,7 +272,10 @@ impl Fitter {
             radius_px: known(RADIUS),
             ball: linear.map(|l| l.clamp(0.0, 1.0) as f32),
             trusted,
-            optics: Optics { siting_px: known(SITING), edge_px: known(EDGE) },
+            optics: Optics {
+                siting_px: known(SITING),
+                edge_px: if is_sharpest(model) { prior[EDGE] } else { known(EDGE) },
+            },
             followed: Followed { parameters: *p, noise_variance: self.equations.noise_variance() },
         })
     }
@@ -355,7 +294,12 @@ fn first_guess(start: &Start, range_px: (f64, f64)) -> Model {
     }
     (p[0], p[1]) = (start.pixel.x, start.pixel.y);
     p[RADIUS] = p[RADIUS].clamp(range_px.0, range_px.1);
-    Model { p, origin: (p[0], p[1]), unit_px: p[RADIUS], outline: start.outline, lamp: shading::lamp(&p) }
+    Model::new(p, start.outline)
+}
+
+/// Whether the edge is as sharp as any can be.
+fn is_sharpest(model: &Model) -> bool {
+    model.p[EDGE] <= PIXEL_STD_PX
 }
 
 /// How far two models' discs are apart: middle, radius, and the width of the edge as far out as it reaches.

@@ -36,6 +36,8 @@ pub(super) struct Model {
     /// The disc whose normals shade the ball: its centre and radius.
     pub(super) origin: (f64, f64),
     pub(super) unit_px: f64,
+    /// Part of the radius over which the blur rounds off the normal's steep fall at the rim.
+    pub(super) soft: f64,
     pub(super) outline: Outline,
     /// Unit vector to where most of the light comes from, in the coordinates of the shading.
     pub(super) lamp: [f64; 3],
@@ -336,8 +338,8 @@ mod tests {
         p.as_mut_slice()[..17].copy_from_slice(&[
             10.2, 8.9, 2.6, 0.6, 0.5, 0.1, 0.05, 0.2, -0.3, 0.1, 0.05, -0.1, 0.1, -0.05, 0.1, 0.01, -0.01,
         ]);
-        let model =
-            Model { p, origin: (10.0, 9.0), unit_px: 2.5, outline: Outline::ROUND, lamp: [0.36, -0.8, 0.48] };
+        let lamp = [0.36, -0.8, 0.48];
+        let model = Model { origin: (10.0, 9.0), unit_px: 2.5, lamp, ..Model::new(p, Outline::ROUND) };
         let from_coded = [[0.3, 0.6, 0.1, 0.0], [0.5, -0.5, 0.0, 0.0], [0.1, 0.2, -0.7, 0.0]];
         for (x, y) in [(12.0, 9.0), (10.0, 11.0), (8.0, 7.0), (10.0, 9.0)] {
             let mut places = Places::default();

@@ -4,6 +4,9 @@ use super::lanes::{GROUP, Lanes};
 use super::model::{COUNT, Parameters, RESIDUAL, Row, WIDTH};
 use pulp::Simd;
 
+/// Information of a parameter that is held: a millionth of a pixel.
+const HELD: f64 = 1e12;
+
 /// Upper triangle of the information matrix, the gradient behind each of its rows; after [`Self::solve`], its factor.
 ///
 /// There is a row behind those of the parameters, without a meaning: sums are formed two rows at a time.
@@ -75,6 +78,17 @@ impl Normal {
     pub(super) fn add_known(&mut self, i: usize, information: f64, residual: f64) {
         self.rows[i][i] += information;
         self.rows[i][RESIDUAL] += information * residual;
+    }
+
+    /// Which way and how strongly the samples pull a parameter.
+    pub(super) fn pull(&self, i: usize) -> f64 {
+        self.rows[i][RESIDUAL]
+    }
+
+    /// Keeps a parameter as it is.
+    pub(super) fn hold(&mut self, i: usize) {
+        self.rows[i][i] += HELD;
+        self.rows[i][RESIDUAL] = 0.0;
     }
 
     /// The step that these equations ask for and its squared length in standard deviations; None where the information is
@@ -188,5 +202,29 @@ mod tests {
             assert!((normal.covariance_column(k) - covariance.column(k)).norm() < 1e-9);
         }
         assert!(Normal::default().solve().is_none());
+    }
+
+    /// Beside the equations without the parameter.
+    #[test]
+    fn a_parameter_that_is_held_stays_and_the_others_do_not_see_it() {
+        const HELD: usize = 3;
+        let mut normal = Normal::default();
+        let (mut information, mut gradient) = (SMatrix::<f64, COUNT, COUNT>::zeros(), Parameters::zeros());
+        for i in 0..COUNT {
+            for j in i..COUNT {
+                let value = ((i * 5 + j * 3) as f64).sin() + if i == j { 30.0 } else { 0.0 };
+                normal.rows[i][j] = value;
+                (information[(i, j)], information[(j, i)]) = (value, value);
+            }
+            normal.rows[i][RESIDUAL] = (i as f64).cos();
+            gradient[i] = (i as f64).cos();
+        }
+        assert!((normal.pull(HELD) - gradient[HELD]).abs() < 1e-15);
+        normal.hold(HELD);
+        let (change, length) = normal.solve().expect("definite");
+        let rest = information.remove_row(HELD).remove_column(HELD).try_inverse().expect("an inverse");
+        let wanted = rest * gradient.remove_row(HELD);
+        assert!(change[HELD].abs() < 1e-9 && (length - gradient.remove_row(HELD).dot(&wanted)).abs() < 1e-9);
+        assert!((change.remove_row(HELD) - wanted).norm() < 1e-9);
     }
 }

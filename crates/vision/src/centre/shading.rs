@@ -5,11 +5,10 @@
 //! cosine t is 1/4 + t/2 + 5/16 P₂(t) - 3/32 P₄(t), with no other direction than that of the first order.
 
 use super::lanes::Lanes;
-use super::model::{Model, Parameters, SHADE, SHADES};
+use super::model::{EDGE, Model, Parameters, RADIUS, SHADE, SHADES};
+use crate::outline::Outline;
 use pulp::Simd;
 
-/// The blur rounds off the normal's steep fall at the rim: an edge width over the radius, of a ball 6 px wide.
-const RIM_SOFT: f64 = 0.2;
 /// Shading of first order below which no direction stands out: the fourth would be below a hundredth of the ball's light.
 const LEAST_SLOPE: f64 = 0.05;
 
@@ -22,20 +21,35 @@ pub(super) struct Normals<S: Simd> {
 }
 
 /// The direction from which most light comes, by the shading of first order; from above where none stands out.
-pub(super) fn lamp(p: &Parameters) -> [f64; 3] {
+fn lamp(p: &Parameters) -> [f64; 3] {
     let slope = p.fixed_rows::<3>(SHADE);
     let norm = slope.norm();
     if norm < LEAST_SLOPE { [0.0, -1.0, 0.0] } else { [0, 1, 2].map(|k| slope[k] / norm) }
 }
 
 impl Model {
+    /// One whose shading has the coordinates of the ball itself.
+    pub(super) fn new(p: Parameters, outline: Outline) -> Self {
+        let mut model = Self { p, origin: (0.0, 0.0), unit_px: 1.0, soft: 0.0, outline, lamp: lamp(&p) };
+        model.shade_here();
+        model
+    }
+
+    /// Sets the coordinates of the shading where the ball is now.
+    pub(super) fn shade_here(&mut self) {
+        (self.origin, self.unit_px) = ((self.p[0], self.p[1]), self.p[RADIUS]);
+        self.soft = self.p[EDGE] / self.p[RADIUS];
+        self.lamp = lamp(&self.p);
+    }
+
     #[inline(always)]
     pub(super) fn normal_at<S: Simd>(&self, simd: S, (x_px, y_px): (Lanes<S>, Lanes<S>)) -> Normals<S> {
         let all = |value: f64| Lanes::splat(simd, value);
         let per_px = all(self.unit_px.recip());
         let (x, y) = ((x_px - all(self.origin.0)) * per_px, (y_px - all(self.origin.1)) * per_px);
         let left = all(1.0) - self.measure(simd, x, y).0;
-        let z2 = all(0.5) * (left + (left * left + all(RIM_SOFT * RIM_SOFT)).sqrt());
+        // The blur rounds off the normal's steep fall at the rim.
+        let z2 = all(0.5) * (left + (left * left + all(self.soft * self.soft)).sqrt());
         Normals { x, y, z: z2.sqrt(), z2 }
     }
 
@@ -70,8 +84,8 @@ impl Model {
 #[cfg(test)]
 mod tests {
     use crate::centre::lanes::Lanes;
-    use crate::centre::model::{Model, Parameters};
-    use crate::centre::{FOURTH_STD, SHADE_STD};
+    use crate::centre::model::{EDGE, Model, Parameters, RADIUS};
+    use crate::centre::{FOURTH_STD, LIGHT_STD, SHADE_STD};
     use crate::outline::Outline;
     use pulp::Scalar;
 
@@ -81,7 +95,7 @@ mod tests {
 
     /// By projection of the clamped cosine: 2l + 1 times the mean of its product with Legendre's polynomial.
     #[test]
-    fn the_fourth_order_of_one_lamp_is_three_sixteenths_of_the_first() {
+    fn orders_of_one_lamp_are_their_parts_of_the_first() {
         const COUNT: i32 = 20_000;
         let mean = |of: &dyn Fn(f64) -> f64| {
             let places = (0..COUNT).map(|k| (f64::from(k) + 0.5) / f64::from(COUNT) * 2.0 - 1.0);
@@ -91,13 +105,17 @@ mod tests {
         let fourth = 9.0 * mean(&|t| t.max(0.0) * p4(t));
         assert!((first - 0.5).abs() < 1e-6, "{first}");
         assert!((fourth / first + FOURTH_STD / SHADE_STD[0]).abs() < 1e-6, "{fourth}");
+        let p6 = |t: f64| (231.0 * t.powi(6) - 315.0 * t.powi(4) + 105.0 * t * t - 5.0) / 16.0;
+        let sixth = 13.0 * mean(&|t| t.max(0.0) * p6(t)) * mean(&|t| p6(t).powi(2)).sqrt();
+        assert!((sixth / first - LIGHT_STD / SHADE_STD[0]).abs() < 1e-4, "{sixth}");
     }
 
     #[test]
     fn it_is_legendres_polynomial_about_the_lamp() {
         let lamp = [0.36, -0.8, 0.48];
-        let (p, outline) = (Parameters::zeros(), Outline::ROUND);
-        let model = Model { p, origin: (10.0, 9.0), unit_px: 5.0, outline, lamp };
+        let mut p = Parameters::zeros();
+        p.as_mut_slice()[..=EDGE].copy_from_slice(&[10.0, 9.0, 5.0, 0.5]);
+        let model = Model { lamp, ..Model::new(p, Outline::ROUND) };
         let simd = Scalar::new();
         for (x, y) in [(0.0_f64, 0.0_f64), (0.3, -0.2), (-0.5, 0.4)] {
             let at = [10.0 + 5.0 * x, 9.0 + 5.0 * y].map(|place| Lanes::splat(simd, place));

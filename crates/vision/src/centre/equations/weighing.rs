@@ -5,7 +5,7 @@ use crate::centre::lanes::GROUP;
 use crate::centre::model::{Parameters, RESIDUAL, Row, WIDTH};
 use crate::centre::robust::biweight;
 use crate::centre::samples::combined;
-use crate::centre::{NOISE_WEIGHT, ROUNDING_VARIANCE};
+use crate::centre::{LIGHT_STD, NOISE_WEIGHT, ROUNDING_VARIANCE};
 use crate::patch::Patch;
 
 /// Parameters that the samples determine in the main: place, radius, colour and shading's slopes.
@@ -127,15 +127,18 @@ impl Equations {
         believed / covered
     }
 
-    /// Standard deviation of what the face shows beyond the model and the noise of a pixel (a shadow, a highlight), as a
-    /// part of its difference from the surroundings. A sample counts by the probability that it is the face that is seen: what
-    /// is before it is in the samples' own variance.
+    /// Standard deviation of what the face shows beyond the model and the noise of a pixel (a shadow, a highlight, light of higher
+    /// order), as a part of its difference from the surroundings. A sample counts by the probability that it is the face that is
+    /// seen: what is before it is in the samples' own variance.
     pub(in crate::centre) fn texture(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
-        let coded = linear.map(|l| crate::color::encode(l).0);
+        let encoded = linear.map(crate::color::encode);
+        let coded = encoded.map(|(code, _)| code);
         let around = self.surroundings.around();
         let contrast: f64 = std::iter::zip(&patch.from_coded, around)
             .map(|(row, around)| (combined(row, &coded) - around).powi(2))
             .sum();
+        let by_light = |row: &[f64; 4]| -> f64 { (0..3).map(|c| row[c] * encoded[c].1 * linear[c]).sum() };
+        let light: f64 = patch.from_coded.iter().map(|row| (LIGHT_STD * by_light(row)).powi(2)).sum();
         let (mut square, mut count) = (0.0, 0.0);
         for (used, shown) in self.used.iter().zip(&self.shown) {
             let index = *used as usize;
@@ -153,7 +156,7 @@ impl Equations {
             count += weight;
         }
         let colors = square / f64::max(count, 1.0);
-        ((bright + colors).max(0.0) / contrast.max(self.noise_variance)).sqrt()
+        (((bright + colors).max(0.0) + light) / contrast.max(self.noise_variance)).sqrt()
     }
 
     /// Greatest difference between a light and the surroundings in any channel, in standard deviations of the noise.

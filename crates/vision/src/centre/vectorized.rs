@@ -1,0 +1,86 @@
+//! What is done once a step or once a fit, compiled for each vector unit that a processor may have.
+
+use super::equations::{Covariance, Equations};
+use super::is_sharpest;
+use super::model::{COUNT, EDGE, Model, Parameters};
+use super::normal::Normal;
+use super::surroundings::Clutter;
+use crate::optics::Known;
+use crate::patch::Patch;
+
+/// The forming and solving of one step's equations.
+pub(super) struct Solve<'a> {
+    pub(super) equations: (&'a mut Equations, &'a mut Normal),
+    pub(super) patch: &'a Patch,
+    pub(super) model: &'a Model,
+    pub(super) prior: &'a [Known; COUNT],
+    pub(super) covariance: Covariance,
+}
+
+impl pulp::WithSimd for Solve<'_> {
+    type Output = Option<(Parameters, f64)>;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
+        let (equations, normal) = self.equations;
+        normal.clear();
+        equations.add_to(simd, self.patch, self.model, self.covariance, normal)?;
+        for (i, known) in self.prior.iter().enumerate() {
+            normal.add_known(i, known.variance.recip(), known.mean - self.model.p[i]);
+        }
+        if is_sharpest(self.model) && normal.pull(EDGE) < 0.0 {
+            normal.hold(EDGE);
+        }
+        normal.solve()
+    }
+}
+
+/// What is done where the ball has moved.
+pub(super) struct LookAround<'a> {
+    pub(super) equations: &'a mut Equations,
+    pub(super) patch: &'a Patch,
+    pub(super) model: &'a Model,
+    pub(super) clutter: Clutter,
+}
+
+impl pulp::WithSimd for LookAround<'_> {
+    type Output = Option<()>;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
+        self.equations.look_around(simd, (self.patch, self.model), self.clutter)
+    }
+}
+
+/// The beginning of a fit.
+pub(super) struct Begin<'a> {
+    pub(super) equations: &'a mut Equations,
+    pub(super) patch: &'a Patch,
+    pub(super) noise_variance: Option<f64>,
+}
+
+impl pulp::WithSimd for Begin<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        self.equations.begin(simd, self.patch, self.noise_variance);
+    }
+}
+
+/// The weighing of samples.
+pub(super) struct Reweigh<'a> {
+    pub(super) equations: &'a mut Equations,
+    pub(super) patch: &'a Patch,
+    pub(super) step: &'a Parameters,
+    pub(super) with_noise: bool,
+}
+
+impl pulp::WithSimd for Reweigh<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        self.equations.reweigh(self.patch, self.step, self.with_noise);
+    }
+}
