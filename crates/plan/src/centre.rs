@@ -17,7 +17,7 @@ pub struct CentreNoise {
     pub excess: f64,
 }
 
-/// Median of 1.3 to 1.9, which `centre_bound` measures for the detector over four colours and balls of 5 to 30 px.
+/// The most that `centre_bound` measures for the detector, over four colours and balls of 5 to 30 px.
 fn excess_in_the_virtual_room() -> f64 {
     1.6
 }

@@ -84,7 +84,7 @@ impl Model {
 #[cfg(test)]
 mod tests {
     use crate::centre::lanes::Lanes;
-    use crate::centre::model::{EDGE, Model, Parameters, RADIUS};
+    use crate::centre::model::{EDGE, Model, Parameters};
     use crate::centre::{FOURTH_STD, LIGHT_STD, SHADE_STD};
     use crate::outline::Outline;
     use pulp::Scalar;
