@@ -98,6 +98,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn four_points_of_a_panel_stand_for_all_of_it() {
+        let lamp = Lamp { centre: V::new(0.5, 0.3, 3.0), size: (1.2, 0.4), radiance: 10.0 };
+        for (at, normal) in [(V::zeros(), V::z()), (V::new(1.5, 0.0, 1.5), V::new(-0.8, 0.0, 0.6))] {
+            let part = |k: i32| (f64::from(k) + 0.5) / 40.0;
+            let points = (0..1600).map(|k| lamp.point(part(k % 40), part(k / 40)));
+            let all = points.map(|point| lamp.irradiance(&at, &normal, &point)).sum::<f64>() / 1600.0;
+            let got = lamp.unhidden_irradiance(&at, &normal);
+            assert!((got / all - 1.0).abs() < 0.005, "{got} is not {all}");
+        }
+    }
+
+    #[test]
     fn the_map_is_the_clamped_cosine_to_a_few_per_cent() {
         let lamp = Lamp { centre: V::new(0.5, 0.3, 3.0), size: (0.1, 0.1), radiance: 50.0 };
         let place = V::new(0.0, 0.0, 1.5);
