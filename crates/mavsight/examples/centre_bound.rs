@@ -14,6 +14,8 @@ use nalgebra::{DMatrix, Matrix2};
 const NOISE_LEVELS: f64 = 2.0;
 /// Rounding to whole levels adds its own variance.
 const VARIANCE: f64 = NOISE_LEVELS * NOISE_LEVELS + 1.0 / 12.0;
+/// Standard deviation of the directions from which a ball mirrors the lamps.
+const LAMPS_RAD: f64 = 0.3;
 const PLACES: u64 = 8;
 const FRAMES_AT_A_PLACE: u64 = 25;
 const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
@@ -42,8 +44,8 @@ fn derivative(up: &[u8], down: &[u8], step: f64) -> Vec<f64> {
 }
 
 /// Least covariance of an unbiased centre, px²: with all else known, and with what must be estimated along with it: radius,
-/// blur, colour, the light on the ball in first and second harmonics and in the fourth about the vertical, and the slope of
-/// what its gloss adds.
+/// blur, colour, the light on the ball in first and second harmonics and in the fourth about the vertical, and what its
+/// gloss adds: slopes, and the image of lamps straight above.
 fn bounds(sharp: &Film<'_>, softer: &Film<'_>, ball: &PaintedBall) -> (Matrix2<f64>, Matrix2<f64>) {
     let view = camera();
     let right = view.cam_from_world.rotation.inverse() * Vector3::x();
@@ -98,6 +100,12 @@ fn bounds(sharp: &Film<'_>, softer: &Film<'_>, ball: &PaintedBall) -> (Matrix2<f
     ];
     columns.extend(harmonics.iter().map(|h| over(&lit, *h)));
     columns.extend(harmonics[..2].iter().map(|h| over(&glossy, *h)));
+    let up = Vector3::z();
+    let up = Vector3::new(up.dot(&right), up.dot(&down), up.dot(&right.cross(&-down)));
+    columns.push(over(&glossy, &|x, y, z| {
+        let mirrored = Vector3::new(2.0 * z * x, 2.0 * z * y, 2.0 * z * z - 1.0);
+        ((mirrored.dot(&up) - 1.0) / (LAMPS_RAD * LAMPS_RAD)).exp()
+    }));
     let n = columns.len();
     let information = DMatrix::from_fn(n, n, |i, j| {
         columns[i].iter().zip(&columns[j]).map(|(a, b)| a * b).sum::<f64>() / VARIANCE

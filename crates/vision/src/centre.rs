@@ -3,7 +3,7 @@
 //! A forward model of the image: a disc whose edge is blurred by a Gaussian (lens, aperture, pixel) covers a fraction
 //! of each pixel; light mixes linearly there, ball and background; the sum is coded by the sRGB curve, and colour
 //! differences are means over the pixels that they stand for. The ball has one colour times a shading of first,
-//! second and fourth order, as a matt surface does ([`shading`]). What is behind comes from what is around ([`surroundings`]), with its
+//! second and fourth order, as a matt surface does ([`shading`]), and mirrors some light of the lamps' own ([`gloss`]). What is behind comes from what is around ([`surroundings`]), with its
 //! covariance: where an arm or an edge meets the ball, those pixels count for less, and the centre is worth less. The
 //! parameters are found by generalised least squares (Gauss-Newton) on coded values, where the noise of a sensor and the
 //! rounding to 8 bits are about uniform.
@@ -17,6 +17,7 @@ mod cholesky;
 mod edge;
 mod equations;
 mod glare;
+mod gloss;
 mod krige;
 mod lanes;
 mod metric;
@@ -32,7 +33,7 @@ mod vectorized;
 use crate::optics::{Known, Optics};
 use crate::outline::Outline;
 use crate::patch::Patch;
-use crate::{Matrix2, Vector2};
+use crate::{Matrix2, Vector2, Vector3};
 use equations::{Covariance, Equations};
 use model::{BALL, COUNT, EDGE, FIRST_ORDER, FOURTH, GLOSS, Model, Parameters, RADIUS, SHADE, SITING};
 use normal::Normal;
@@ -89,9 +90,6 @@ const FOURTH_STD: f64 = 3.0 / 16.0 * SHADE_STD[0];
 /// Standard deviation of the light that the model leaves out, as a part of the ball's: the sixth order of one lamp, 13/128 of its
 /// first, whose square has a mean of 1/13 over the ball.
 const LIGHT_STD: f64 = 0.0282 * SHADE_STD[0];
-/// Standard deviation of the slope of the light that a gloss adds: a dielectric mirrors 4 % of what falls on it, of which a
-/// quarter may come from one side.
-const GLOSS_STD: f64 = 0.01;
 /// Noise of a pixel before a film has shown its own: two levels, a consumer camera's in a lit room (shot noise of 8000
 /// electrons is 1.4 levels at half the range), and the number of samples that this guess counts for.
 pub(crate) const NOISE_STD: f64 = 2.0;
@@ -137,6 +135,8 @@ pub(crate) struct Start {
     pub(crate) ball: [f32; 3],
     pub(crate) optics: Optics,
     pub(crate) outline: Outline,
+    /// Unit vector up in the directions right, down and towards the camera, as the ball is seen, where known.
+    pub(crate) up: Option<Vector3<f64>>,
     /// The radius, where something is known of it beforehand.
     pub(crate) known_radius_px: Option<Known>,
     /// The same ball in a frame before.
@@ -294,7 +294,7 @@ fn first_guess(start: &Start, range_px: (f64, f64)) -> Model {
     }
     (p[0], p[1]) = (start.pixel.x, start.pixel.y);
     p[RADIUS] = p[RADIUS].clamp(range_px.0, range_px.1);
-    Model::new(p, start.outline)
+    Model::new(p, start.outline, start.up)
 }
 
 /// Whether the edge is as sharp as any can be.
@@ -314,7 +314,9 @@ fn prior(start: &Start, model: &Model) -> [Known; COUNT] {
     for known in &mut prior[BALL..SHADE] {
         known.variance = 1.0;
     }
-    prior[GLOSS..SITING].fill(Known { mean: 0.0, variance: GLOSS_STD * GLOSS_STD });
+    for (known, std) in prior[GLOSS..SITING].iter_mut().zip(model.gloss.std()) {
+        *known = Known { mean: 0.0, variance: std * std };
+    }
     for (i, known) in prior[SHADE..GLOSS].iter_mut().enumerate() {
         let std = SHADE_STD[usize::from(i >= FIRST_ORDER)];
         *known = Known { mean: 0.0, variance: std * std };

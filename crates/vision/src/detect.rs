@@ -3,7 +3,7 @@
 use crate::centre::{Fitter, Followed, LEAST_RADIUS_PX, Start};
 use crate::color::{ColorModel, Seen, encode, to_linear};
 use crate::optics::{Known, Learned, Optics};
-use crate::outline::{Outline, usual_camera};
+use crate::outline::{Outline, up_as_seen, usual_camera};
 use crate::patch::Patch;
 use crate::segment::{Blob, Segmenter, Window};
 use crate::{BallColor, Frame, Matrix2, Vector2, VisionError};
@@ -87,8 +87,8 @@ impl Detector {
         Ok(Self { model: ColorModel::new(colors)?, workspace })
     }
 
-    /// The same for a camera that is known, or nearly: the images of balls are stretched as it does. Without, it is taken to
-    /// have a horizontal field of view of 60°.
+    /// The same for a camera that is known, or nearly: the images of balls are stretched as it does, and lamps are looked for above,
+    /// along the world's z. Without, it is taken to have a horizontal field of view of 60°, and lamps may be anywhere.
     #[must_use]
     pub fn with_camera(mut self, camera: Camera) -> Self {
         self.workspace.camera = Some(camera);
@@ -156,7 +156,8 @@ impl Workspace {
             }
             let outline = Outline::at(&camera, &blob.pixel);
             let known_radius_px = self.expected.map(|e| e.radius_px);
-            let start = Start { optics, outline, known_radius_px, ..start(frame, blob, range_px) };
+            let up = self.camera.as_ref().and_then(|camera| up_as_seen(camera, &blob.pixel));
+            let start = Start { optics, outline, up, known_radius_px, ..start(frame, blob, range_px) };
             self.patch.fill(frame, blob.pixel, start.radius_px + RING_PX);
             let range_px = (0.5 * range_px.0, 0.5 * range_px.1);
             let followed = self.expected.and_then(|expected| {
@@ -205,6 +206,7 @@ fn start(frame: &Frame, blob: &Blob, range_px: (f64, f64)) -> Start {
         ball: to_linear(frame.rgb(x, y)),
         optics: Optics::default(),
         outline: Outline::ROUND,
+        up: None,
         known_radius_px: None,
         followed: None,
     }

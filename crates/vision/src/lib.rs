@@ -23,5 +23,6 @@ pub use detect::{BallCandidate, Detector};
 pub use error::VisionError;
 pub use frame::{Frame, Pixels, YuvMatrix};
 pub use health::BallHealth;
+use mavsight_geometry::Vector3;
 pub use mavsight_geometry::{ImageSize, Matrix2, Vector2};
 pub use track::{ColorSighting, Tracker};

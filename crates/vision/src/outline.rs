@@ -46,6 +46,17 @@ pub(crate) fn usual_camera(size: ImageSize) -> Camera {
     Camera::looking_at(Vector3::zeros(), Vector3::y(), intrinsics, size)
 }
 
+/// The world's upward unit vector in the directions right, down and towards the camera of what is seen at a pixel. None where the
+/// camera cannot see.
+pub(crate) fn up_as_seen(camera: &Camera, pixel: &Vector2<f64>) -> Option<Vector3<f64>> {
+    let cam_from_world = &camera.cam_from_world.rotation;
+    let ray = cam_from_world * camera.ray(pixel).ok()?;
+    let up = cam_from_world * Vector3::z();
+    let right = (Vector3::x() - ray * ray.x).try_normalize(1e-6)?;
+    let down = ray.cross(&right);
+    Some(Vector3::new(up.dot(&right), up.dot(&down), -up.dot(&ray)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -84,6 +95,27 @@ mod tests {
             let mean = radii.iter().sum::<f64>() / 12.0;
             assert!(radii.iter().all(|r| (r / mean - 1.0).abs() < 0.01), "{radii:?}");
         }
+    }
+
+    #[test]
+    fn up_is_seen_as_the_camera_is_tilted() {
+        let looking = |to: Vector3<f64>| Camera {
+            cam_from_world: Camera::looking_at(Vector3::zeros(), to, usual_camera(SIZE).intrinsics, SIZE)
+                .cam_from_world,
+            ..usual_camera(SIZE)
+        };
+        let middle = Vector2::new(319.5, 239.5);
+        let seen = |to| up_as_seen(&looking(to), &middle).expect("in view");
+        assert!((seen(Vector3::y()) + Vector3::y()).norm() < 1e-9, "level");
+        // Looking down by 30°, up comes towards the camera.
+        let down = seen(Vector3::new(3.0_f64.sqrt(), 0.0, -1.0));
+        assert!((down - Vector3::new(0.0, -0.75_f64.sqrt(), 0.5)).norm() < 1e-9, "{down}");
+        // Away from the middle it is a matter of the ray, not of the axis.
+        let camera = looking(Vector3::y());
+        let ray = Vector3::new(1.0, 4.0, -1.0);
+        let pixel = camera.project(&nalgebra::Point3::from(ray).coords).expect("in view").pixel;
+        let up = up_as_seen(&camera, &pixel).expect("in view");
+        assert!((up.norm() - 1.0).abs() < 1e-9 && (up.z - 1.0 / 18.0_f64.sqrt()).abs() < 1e-9, "{up}");
     }
 
     #[test]

@@ -101,8 +101,8 @@ impl Tracker {
         })
     }
 
-    /// The same for a camera that is known: the images of balls are stretched as it does. Without, it is taken to have a
-    /// horizontal field of view of 60°.
+    /// The same for a camera that is known: the images of balls are stretched as it does, and lamps are looked for above, along the
+    /// world's z. Without, it is taken to have a horizontal field of view of 60°, and lamps may be anywhere.
     #[must_use]
     pub fn with_camera(mut self, camera: Camera) -> Self {
         self.workspace.camera = Some(camera);

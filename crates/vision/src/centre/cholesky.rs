@@ -108,8 +108,8 @@ impl Banded {
             let first = i.saturating_sub(BAND);
             let known = done[first..].iter().zip(&self.columns[first..i]).enumerate();
             let scale = self.columns[i][0];
-            if S::F64_LANES == GROUP && WIDTH == 5 * GROUP {
-                let mut left: [Lanes<S>; 5] = std::array::from_fn(|k| Lanes::load(simd, target, k));
+            if S::F64_LANES == GROUP && WIDTH == 6 * GROUP {
+                let mut left: [Lanes<S>; 6] = std::array::from_fn(|k| Lanes::load(simd, target, k));
                 for (k, (other, column)) in known {
                     let factor = Lanes::splat(simd, column[i - first - k]);
                     for (part, left) in left.iter_mut().enumerate() {
@@ -154,7 +154,7 @@ mod tests {
     use nalgebra::{DMatrix, DVector};
 
     /// Factor and right sides solved.
-    struct Solved<'a>(&'a mut Banded, &'a mut [[f64; 20]]);
+    struct Solved<'a>(&'a mut Banded, &'a mut [[f64; 24]]);
 
     impl pulp::WithSimd for Solved<'_> {
         type Output = bool;
@@ -185,16 +185,16 @@ mod tests {
             let scaled = DMatrix::from_diagonal(&DVector::from_column_slice(&factors[..n]));
             let a = &scaled * a * &scaled + DMatrix::identity(n, n);
             let rhs = DVector::from_fn(n, |i, _| i as f64 - 2.0);
-            let mut two = vec![[0.0; 20]; n];
+            let mut two = vec![[0.0; 24]; n];
             for (row, value) in two.iter_mut().zip(rhs.iter()) {
-                (row[0], row[19]) = (*value, 2.0 * value);
+                (row[0], row[23]) = (*value, 2.0 * value);
             }
             let (mut again, mut other) = (l.clone(), two.clone());
             assert!(pulp::Arch::new().dispatch(Solved(&mut l, &mut two)));
             assert!(pulp::Scalar::new().vectorize(Solved(&mut again, &mut other)));
             assert_eq!(two, other);
             let want = rhs.dot(&a.lu().solve(&rhs).expect("regular"));
-            let got = two.iter().map(|x| x[0] * x[19]).sum::<f64>();
+            let got = two.iter().map(|x| x[0] * x[23]).sum::<f64>();
             assert!((got - 2.0 * want).abs() < 1e-10 * want.abs(), "{got} for {want}");
         }
         let mut indefinite = Banded::default();

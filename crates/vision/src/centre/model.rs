@@ -1,25 +1,27 @@
 //! The forward model of one ball: what a pixel shows, and its derivatives.
 
 use super::edge::cover;
+use super::gloss::{GLOSSES, Gloss};
 use super::lanes::{GROUP, Lanes};
 use super::places::Places;
+use crate::Vector3;
 use crate::color::encode;
 use crate::outline::Outline;
 use nalgebra::SVector;
 use pulp::{Scalar, Simd};
 
 /// Centre x and y, radius, edge width; ball colour of three channels; shading of first order (x, y, z of the surface's
-/// normal) and second (xy, xz, yz, x² - y², z²); slopes x and y of the neutral light
-/// that a gloss adds; columns by which the colour differences are sited to the right of the left pixel of their block; shading of
+/// normal) and second (xy, xz, yz, x² - y², z²); neutral light in the three
+/// patterns that a gloss mirrors; columns by which the colour differences are sited to the right of the left pixel of their block; shading of
 /// fourth order.
-pub(super) const COUNT: usize = 19;
+pub(super) const COUNT: usize = 20;
 pub(super) const RADIUS: usize = 2;
 pub(super) const EDGE: usize = 3;
 pub(super) const BALL: usize = 4;
 pub(super) const SHADE: usize = 7;
 pub(super) const GLOSS: usize = 15;
-pub(super) const SITING: usize = 17;
-pub(super) const FOURTH: usize = 18;
+pub(super) const SITING: usize = GLOSS + GLOSSES;
+pub(super) const FOURTH: usize = 19;
 /// Terms of the shading, and those of first order among them.
 pub(super) const SHADES: usize = GLOSS - SHADE;
 pub(super) const FIRST_ORDER: usize = 3;
@@ -27,7 +29,7 @@ pub(super) type Parameters = SVector<f64, COUNT>;
 /// Derivatives by all parameters and the value or residual behind them, in whole lanes of four.
 pub(super) type Row = [f64; WIDTH];
 pub(super) const RESIDUAL: usize = COUNT;
-pub(super) const WIDTH: usize = 20;
+pub(super) const WIDTH: usize = 24;
 
 /// A ball and the coordinates of its shading.
 #[derive(Debug, Clone, Copy)]
@@ -41,6 +43,9 @@ pub(super) struct Model {
     pub(super) outline: Outline,
     /// Unit vector to where most of the light comes from, in the coordinates of the shading.
     pub(super) lamp: [f64; 3],
+    /// Where lamps are expected: right, down and towards the camera as the ball is seen.
+    pub(super) up: Option<Vector3<f64>>,
+    pub(super) gloss: Gloss,
 }
 
 /// What a pixel shows: its channels, less their constants, behind their derivatives.
@@ -203,18 +208,19 @@ impl Model {
         let fourth = rim.covered * term - spread * (by_x * rim.slope[0] + by_y * rim.slope[1]);
         (face, seen) = (face + weight * term, seen + weight * fourth);
         along = [along[0] + weight * by_x, along[1] + weight * by_y];
-        let gloss = [all(p[GLOSS]), all(p[GLOSS + 1])];
-        Face {
-            lit,
-            fourth,
-            shade: face,
-            whole: seen,
-            along,
-            gloss_face: gloss[0] * terms[0] + gloss[1] * terms[1],
-            gloss_seen: gloss[0] * lit[0] + gloss[1] * lit[1],
-            gloss_along: [gloss[0] * across[0], gloss[1] * down[1]],
-            rim,
+        let [mirrored, across, down] = self.gloss.terms(simd, &normal);
+        let per_px = all(self.unit_px.recip());
+        let mut gloss = [all(0.0); GLOSSES];
+        let (mut gloss_face, mut gloss_seen, mut gloss_along) = (all(0.0), all(0.0), [all(0.0); 2]);
+        for i in 0..GLOSSES {
+            let weight = all(p[GLOSS + i]);
+            let (by_x, by_y) = (across[i] * per_px, down[i] * per_px);
+            gloss[i] = rim.covered * mirrored[i] - spread * (by_x * rim.slope[0] + by_y * rim.slope[1]);
+            gloss_face = gloss_face + weight * mirrored[i];
+            gloss_seen = gloss_seen + weight * gloss[i];
+            gloss_along = [gloss_along[0] + weight * by_x, gloss_along[1] + weight * by_y];
         }
+        Face { lit, fourth, shade: face, whole: seen, along, gloss, gloss_face, gloss_seen, gloss_along, rim }
     }
 
     /// Codes of pixels and their derivatives by light.
@@ -280,8 +286,9 @@ impl Model {
             (by_shade * *lit).store(column, part);
         }
         (by_shade * face.fourth).store(&mut columns[FOURTH], part);
-        (by_gloss * face.lit[0]).store(&mut columns[GLOSS], part);
-        (by_gloss * face.lit[1]).store(&mut columns[GLOSS + 1], part);
+        for (column, gloss) in columns[GLOSS..].iter_mut().zip(&face.gloss) {
+            (by_gloss * *gloss).store(column, part);
+        }
         code.store(&mut columns[RESIDUAL], part);
     }
 }
@@ -311,6 +318,7 @@ struct Face<S: Simd> {
     shade: Lanes<S>,
     whole: Lanes<S>,
     along: [Lanes<S>; 2],
+    gloss: [Lanes<S>; GLOSSES],
     gloss_face: Lanes<S>,
     gloss_seen: Lanes<S>,
     gloss_along: [Lanes<S>; 2],
@@ -335,11 +343,13 @@ mod tests {
     fn derivatives_are_the_numeric_ones() {
         let mut p = Parameters::zeros();
         p[FOURTH] = 0.05;
-        p.as_mut_slice()[..17].copy_from_slice(&[
+        p.as_mut_slice()[..SITING].copy_from_slice(&[
             10.2, 8.9, 2.6, 0.6, 0.5, 0.1, 0.05, 0.2, -0.3, 0.1, 0.05, -0.1, 0.1, -0.05, 0.1, 0.01, -0.01,
+            0.05,
         ]);
         let lamp = [0.36, -0.8, 0.48];
-        let model = Model { origin: (10.0, 9.0), unit_px: 2.5, lamp, ..Model::new(p, Outline::ROUND) };
+        let up = Some(Vector3::new(0.36, -0.8, 0.48));
+        let model = Model { origin: (10.0, 9.0), unit_px: 2.5, lamp, ..Model::new(p, Outline::ROUND, up) };
         let from_coded = [[0.3, 0.6, 0.1, 0.0], [0.5, -0.5, 0.0, 0.0], [0.1, 0.2, -0.7, 0.0]];
         for (x, y) in [(12.0, 9.0), (10.0, 11.0), (8.0, 7.0), (10.0, 9.0)] {
             let mut places = Places::default();

@@ -8,34 +8,34 @@ use pulp::Simd;
 const HELD: f64 = 1e12;
 
 /// Upper triangle of the information matrix, the gradient behind each of its rows; after [`Self::solve`], its factor.
-///
-/// There is a row behind those of the parameters, without a meaning: sums are formed two rows at a time.
 #[derive(Debug, Clone)]
 pub(super) struct Normal {
-    rows: [Row; WIDTH],
+    rows: [Row; COUNT],
 }
 
 impl Default for Normal {
     fn default() -> Self {
-        Self { rows: [[0.0; WIDTH]; WIDTH] }
+        Self { rows: [[0.0; WIDTH]; COUNT] }
     }
 }
 
 impl Normal {
     pub(super) fn clear(&mut self) {
-        self.rows = [[0.0; WIDTH]; WIDTH];
+        self.rows = [[0.0; WIDTH]; COUNT];
     }
 
     /// Adds samples of unit variance: derivatives with the residual behind them.
     #[inline(always)]
     pub(super) fn add<S: Simd>(&mut self, simd: S, samples: &[Row]) {
+        const { assert!(COUNT.is_multiple_of(2)) };
         if S::F64_LANES == GROUP {
             for first in (0..COUNT).step_by(2) {
                 match first / GROUP {
-                    0 => self.add_pair::<S, 5>(simd, first, samples),
-                    1 => self.add_pair::<S, 4>(simd, first, samples),
-                    2 => self.add_pair::<S, 3>(simd, first, samples),
-                    3 => self.add_pair::<S, 2>(simd, first, samples),
+                    0 => self.add_pair::<S, 6>(simd, first, samples),
+                    1 => self.add_pair::<S, 5>(simd, first, samples),
+                    2 => self.add_pair::<S, 4>(simd, first, samples),
+                    3 => self.add_pair::<S, 3>(simd, first, samples),
+                    4 => self.add_pair::<S, 2>(simd, first, samples),
                     _ => self.add_pair::<S, 1>(simd, first, samples),
                 }
             }

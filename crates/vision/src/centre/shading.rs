@@ -4,8 +4,10 @@
 //! & Hanrahan 2001). Of the rest, the third order is nil and the fourth matters where one lamp outshines the others: its clamped
 //! cosine t is 1/4 + t/2 + 5/16 P₂(t) - 3/32 P₄(t), with no other direction than that of the first order.
 
+use super::gloss::Gloss;
 use super::lanes::Lanes;
 use super::model::{EDGE, Model, Parameters, RADIUS, SHADE, SHADES};
+use crate::Vector3;
 use crate::outline::Outline;
 use pulp::Simd;
 
@@ -14,8 +16,8 @@ const LEAST_SLOPE: f64 = 0.05;
 
 /// Normal of the surface at pixels: x, y and z, and z squared.
 pub(super) struct Normals<S: Simd> {
-    x: Lanes<S>,
-    y: Lanes<S>,
+    pub(super) x: Lanes<S>,
+    pub(super) y: Lanes<S>,
     z: Lanes<S>,
     z2: Lanes<S>,
 }
@@ -29,8 +31,9 @@ fn lamp(p: &Parameters) -> [f64; 3] {
 
 impl Model {
     /// One whose shading has the coordinates of the ball itself.
-    pub(super) fn new(p: Parameters, outline: Outline) -> Self {
-        let mut model = Self { p, origin: (0.0, 0.0), unit_px: 1.0, soft: 0.0, outline, lamp: lamp(&p) };
+    pub(super) fn new(p: Parameters, outline: Outline, up: Option<Vector3<f64>>) -> Self {
+        let (origin, lamp, gloss) = ((0.0, 0.0), lamp(&p), Gloss::Anyhow);
+        let mut model = Self { p, origin, unit_px: 1.0, soft: 0.0, outline, lamp, up, gloss };
         model.shade_here();
         model
     }
@@ -40,6 +43,7 @@ impl Model {
         (self.origin, self.unit_px) = ((self.p[0], self.p[1]), self.p[RADIUS]);
         self.soft = self.p[EDGE] / self.p[RADIUS];
         self.lamp = lamp(&self.p);
+        self.gloss = Gloss::new(self.up, self.soft);
     }
 
     #[inline(always)]
@@ -115,7 +119,7 @@ mod tests {
         let lamp = [0.36, -0.8, 0.48];
         let mut p = Parameters::zeros();
         p.as_mut_slice()[..=EDGE].copy_from_slice(&[10.0, 9.0, 5.0, 0.5]);
-        let model = Model { lamp, ..Model::new(p, Outline::ROUND) };
+        let model = Model { lamp, ..Model::new(p, Outline::ROUND, None) };
         let simd = Scalar::new();
         for (x, y) in [(0.0_f64, 0.0_f64), (0.3, -0.2), (-0.5, 0.4)] {
             let at = [10.0 + 5.0 * x, 9.0 + 5.0 * y].map(|place| Lanes::splat(simd, place));
