@@ -17,9 +17,9 @@ pub struct CentreNoise {
     pub excess: f64,
 }
 
-/// The most that `centre_bound` measures for the detector, over four colours and balls of 5 to 30 px.
+/// The most that `centre_bound` measures for the detector over the bound with all else known, for four colours and balls of 5 to 30 px.
 fn excess_in_the_virtual_room() -> f64 {
-    1.6
+    1.5
 }
 
 /// Variance of a coordinate within a square pixel.
