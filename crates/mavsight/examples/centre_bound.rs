@@ -100,8 +100,8 @@ fn bounds(sharp: &Film<'_>, softer: &Film<'_>, ball: &PaintedBall) -> (Matrix2<f
     ];
     columns.extend(harmonics.iter().map(|h| over(&lit, *h)));
     columns.extend(harmonics[..2].iter().map(|h| over(&glossy, *h)));
-    let up = Vector3::z();
-    let up = Vector3::new(up.dot(&right), up.dot(&down), up.dot(&right.cross(&-down)));
+    // Straight up, to the right, down and towards the camera.
+    let up = Vector3::new(right.z, down.z, down.cross(&right).z);
     columns.push(over(&glossy, &|x, y, z| {
         let mirrored = Vector3::new(2.0 * z * x, 2.0 * z * y, 2.0 * z * z - 1.0);
         ((mirrored.dot(&up) - 1.0) / (LAMPS_RAD * LAMPS_RAD)).exp()

@@ -3,8 +3,9 @@
 //! A forward model of the image: a disc whose edge is blurred by a Gaussian (lens, aperture, pixel) covers a fraction
 //! of each pixel; light mixes linearly there, ball and background; the sum is coded by the sRGB curve, and colour
 //! differences are means over the pixels that they stand for. The ball has one colour times a shading of first,
-//! second and fourth order, as a matt surface does ([`shading`]), and mirrors some light of the lamps' own ([`gloss`]). What is behind comes from what is around ([`surroundings`]), with its
-//! covariance: where an arm or an edge meets the ball, those pixels count for less, and the centre is worth less. The
+//! second and fourth order, as a matt surface does ([`shading`]), and mirrors some light of the lamps' own ([`gloss`]). What is behind
+//! comes from what is around ([`surroundings`]), with its covariance: where an arm or an edge meets the ball, those pixels count for
+//! less, and the centre is worth less. The
 //! parameters are found by generalised least squares (Gauss-Newton) on coded values, where the noise of a sensor and the
 //! rounding to 8 bits are about uniform.
 //!

@@ -11,9 +11,8 @@ use nalgebra::SVector;
 use pulp::{Scalar, Simd};
 
 /// Centre x and y, radius, edge width; ball colour of three channels; shading of first order (x, y, z of the surface's
-/// normal) and second (xy, xz, yz, x² - y², z²); neutral light in the three
-/// patterns that a gloss mirrors; columns by which the colour differences are sited to the right of the left pixel of their block; shading of
-/// fourth order.
+/// normal) and second (xy, xz, yz, x² - y², z²); neutral light in the three patterns that a gloss mirrors; columns by which the
+/// colour differences are sited to the right of the left pixel of their block; shading of fourth order.
 pub(super) const COUNT: usize = 20;
 pub(super) const RADIUS: usize = 2;
 pub(super) const EDGE: usize = 3;
