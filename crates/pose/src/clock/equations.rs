@@ -5,6 +5,7 @@ use crate::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
 use mavsight_geometry::camera::d_pixel_d_pose;
 use mavsight_geometry::{Camera, Isometry3, Matrix2, Point3, UnitQuaternion, Vector2};
 use nalgebra::{DMatrix, DVector, Matrix6, Translation3, Vector6};
+use std::collections::HashSet;
 
 /// Instants that are looked at: beyond these more add little.
 const MOST_INSTANTS: usize = 2000;
@@ -33,12 +34,14 @@ pub(super) enum Part {
 pub(super) type Unknown = (usize, Part);
 
 /// A marker in a camera at an instant.
-struct View {
-    camera: usize,
-    marker: usize,
+pub(super) struct View {
+    pub(super) camera: usize,
+    pub(super) marker: usize,
+    /// Index of the sight in its path.
+    pub(super) sight: usize,
     pixel: Vector2<f64>,
     whitener: Matrix2<f64>,
-    px_s: Vector2<f64>,
+    pub(super) px_s: Vector2<f64>,
     gain_per_s2: f64,
     rows_px: f64,
 }
@@ -73,11 +76,13 @@ pub(super) struct CameraSums {
 
 pub(super) struct Problem<'a> {
     pub(super) streams: &'a [CameraStream],
-    cameras: Vec<Camera>,
-    markers: &'a [BodyMarker],
+    pub(super) cameras: Vec<Camera>,
+    pub(super) markers: &'a [BodyMarker],
     estimator: PoseEstimator,
     pub(super) instants: Vec<f64>,
-    poses: Vec<Option<Isometry3<f64>>>,
+    pub(super) poses: Vec<Option<Isometry3<f64>>>,
+    /// Camera, marker and index of sights whose paths leap.
+    pub(super) leaping: HashSet<(usize, usize, usize)>,
     /// Lasting error of each centre: camera by camera, two a marker.
     pub(super) lasting_px: DVector<f64>,
     /// Factor on the claimed variances.
@@ -104,6 +109,7 @@ impl<'a> Problem<'a> {
             markers,
             estimator: PoseEstimator::new(rig, markers),
             poses: vec![None; instants.len()],
+            leaping: HashSet::new(),
             lasting_px: DVector::zeros(2 * streams.len() * markers.len()),
             instants,
             scale: 1.0,
@@ -114,24 +120,28 @@ impl<'a> Problem<'a> {
         self.streams.iter().map(|s| s.prior.clock).collect()
     }
 
-    fn paths(&self, clocks: &[CameraClock]) -> Vec<Vec<PixelPath>> {
+    pub(super) fn paths(&self, clocks: &[CameraClock]) -> Vec<Vec<PixelPath>> {
         let one =
             |(k, s): (usize, &CameraStream)| s.paths(self.cameras[k].size, self.markers.len(), &clocks[k]);
         self.streams.iter().enumerate().map(one).collect()
     }
 
     /// What some cameras see at a time.
-    fn views(&self, paths: &[Vec<PixelPath>], t_s: f64, cameras: &[usize], out: &mut Vec<View>) {
+    pub(super) fn views(&self, paths: &[Vec<PixelPath>], t_s: f64, cameras: &[usize], out: &mut Vec<View>) {
         out.clear();
         for &camera in cameras {
             for (marker, path) in paths[camera].iter().enumerate() {
                 let Some(at) = path.at(t_s) else { continue };
+                if self.leaping.contains(&(camera, marker, at.sight)) {
+                    continue;
+                }
                 let Some(velocity) = at.velocity else { continue };
                 let whitener = at.covariance_px2.cholesky().and_then(|c| c.l().try_inverse());
                 let Some(whitener) = whitener else { continue };
                 out.push(View {
                     camera,
                     marker,
+                    sight: at.sight,
                     pixel: at.pixel - self.lasting_of(camera, marker),
                     whitener,
                     px_s: velocity.px_s,
@@ -214,7 +224,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The pose nearest to a start that fits the views best, and its chi-square (Levenberg 1944; Marquardt 1963).
-    fn settled(&self, views: &[View], start: Isometry3<f64>) -> Option<(Isometry3<f64>, f64)> {
+    pub(super) fn settled(&self, views: &[View], start: Isometry3<f64>) -> Option<(Isometry3<f64>, f64)> {
         let (mut pose, mut damping) = (start, 0.0);
         let (mut normal, mut gradient, mut chi_square) = self.pose_equations(views, &pose)?;
         for _ in 0..MOST_STEPS {

@@ -49,6 +49,7 @@ pub(super) fn solve(problem: &mut Problem<'_>, out: &mut [ClockEstimate]) {
     for (camera, _) in &offsets {
         coarse(problem, &mut clocks, *camera);
     }
+    problem.leave_out_leaps(&clocks);
     let Some(mut found) = descend(problem, clocks, &unknowns) else {
         return offsets.iter().for_each(|(k, _)| out[*k].verdict = unseen());
     };
@@ -121,6 +122,7 @@ fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) 
 /// Gauss-Newton over the unknowns and the lasting errors; `None` where nothing is seen by two cameras.
 fn descend(problem: &mut Problem<'_>, mut clocks: Vec<CameraClock>, unknowns: &[Unknown]) -> Option<Found> {
     let all: Vec<usize> = (0..problem.streams.len()).collect();
+    let mut last = DVector::zeros(unknowns.len());
     for _ in 0..MOST_STEPS {
         let mut sums = problem.sums(&clocks, unknowns, (&all, 1), true);
         if sums.instants < 2 * unknowns.len() + 2 {
@@ -144,6 +146,7 @@ fn descend(problem: &mut Problem<'_>, mut clocks: Vec<CameraClock>, unknowns: &[
         }
         let lasting = step.rows(unknowns.len(), problem.lasting_px.len());
         problem.lasting_px += lasting;
+        last = step.rows(0, unknowns.len()).into_owned();
         if largest < SETTLED_STD {
             return Some(Found { clocks, sums, std });
         }
@@ -152,7 +155,9 @@ fn descend(problem: &mut Problem<'_>, mut clocks: Vec<CameraClock>, unknowns: &[
     let by_noise = sums.by_noise.clone();
     problem.add_priors(&mut sums, &clocks, unknowns);
     let inverse = sums.normal.clone().cholesky()?.inverse();
-    let std = deviations(problem, &sums, &inverse, &by_noise);
+    let mut std = deviations(problem, &sums, &inverse, &by_noise);
+    // Still under way: where it will end is not known better than by the way that it still goes.
+    std.iter_mut().zip(last.iter()).for_each(|(std, step)| *std = std.hypot(*step));
     Some(Found { clocks, sums, std })
 }
 

@@ -150,6 +150,28 @@ fn wrong_markers_for_a_while_do_no_harm() {
     assert!(off_s < 4.0 * got.offset_std_s && got.offset_std_s < 0.4e-3, "{got}");
 }
 
+/// For a frame or three another red thing is tracked, 400 px off: paths beside it have a hundred times the marker's speed.
+#[test]
+fn leaps_of_a_path_do_not_pass_for_speed() {
+    for seed in 10..13 {
+        let mut seed = seed;
+        let mut streams = [
+            stream(0, CameraClock::default(), H, (12.0, 1.0), &mut seed),
+            stream(1, late(5e-3, 0.0), H, (12.0, 1.0), &mut seed),
+        ];
+        for (begin_ns, frames) in [(2_000_000_000, 1), (5_000_000_000, 1), (7_500_000_000, 3)] {
+            let leaps = begin_ns..begin_ns + frames * (H * 1e9) as i64;
+            let sights = streams[1].sights.iter_mut();
+            sights
+                .filter(|s| s.marker == 2 && leaps.contains(&s.stamp_ns))
+                .for_each(|s| s.pixel += Vector2::new(400.0, -110.0));
+        }
+        let got = estimate_clocks(&rig(), &body(), &streams)[1];
+        let off_s = (got.clock.offset_s - 5e-3).abs();
+        assert!(off_s < 4.0 * got.offset_std_s && got.offset_std_s < 0.4e-3, "{got}");
+    }
+}
+
 #[test]
 fn cameras_that_share_no_instant_say_so() {
     let mut seed = 6;
