@@ -9,8 +9,8 @@
 //! to each camera otherwise. In films of perfect spheres claims would be too wide by that allowance.
 //!
 //! Given to the prediction are the places of cameras, control points and markers, and how good centres are by what the chain claims of
-//! them: of each centre in the same films; of all alike, as a plan has it, in the same films (`sigma_px` of `rig.toml`, `markers.csv`);
-//! and of all alike in those of the rig at 90°. How good they are depends on what is behind them, which a plan does not know. Truth
+//! them: of each centre in the same films; as a plan has it, a typical noise and the factor by which centres differ, from the same films
+//! (`plan` of a run's `summary.json`); and those from the films of the rig at 90°. How good they are depends on what is behind them, which a plan does not know. Truth
 //! is in it only in that ways are taken on which the aircraft hides no ball from a camera: neither does a plan know of that.
 
 use mavsight::flight::Vehicle;
@@ -25,6 +25,7 @@ use mavsight::pose::{
 };
 use mavsight::scene::{Aircraft, Film, InTheWay, Room};
 use mavsight::score::{Random, VirtualCamera};
+use mavsight::session::results::CentreQuality;
 use mavsight::session::{ControlPointRow, TruthRow, ns_from_s};
 use mavsight::vision::{BallColor, Detector, Frame, MODEL_STD};
 
@@ -55,9 +56,9 @@ struct SetUp {
     achieved: [f64; 2],
     /// Sums of the variances that are predicted of these by each centre's claim.
     foreseen: [f64; 2],
-    /// Sum of the variances of the turn that the claimed covariances of the centres alone would give.
-    centres_rad2: f64,
-    /// Mean claimed variance of a coordinate of a control point.
+    /// How good the markers' centres claim to be.
+    centres: Option<CentreQuality>,
+    /// Variance of a coordinate of control points that tell as much and are all alike, mean over the cameras.
     control_px2: f64,
     /// Squares of the errors of the markers' centres, and the number of coordinates.
     centres_px2: f64,
@@ -192,8 +193,7 @@ fn film_once(
     let tracked = track(feeds.collect(), &rig, &vehicle, &Quiet)?;
     let foreseen = PoseEstimator::new(&foreseen(planner, cameras, (&stills, &rig))?, planner.markers());
     let control_px2 = rig.cameras.iter().map(|c| c.sigma_px.powi(2)).sum::<f64>() / rig.cameras.len() as f64;
-    let mut out = SetUp { control_px2, ..SetUp::default() };
-    let exact = PoseEstimator::new(&Rig::exact(rig.cameras), planner.markers());
+    let mut out = SetUp { control_px2, centres: tracked.centre_quality(), ..SetUp::default() };
     for (k, (row, pose)) in truth.iter().enumerate() {
         let t_ns = ns_from_s(row.t_s);
         let seen: Vec<_> = tracked.observations.iter().filter(|o| o.t_ns == t_ns).collect();
@@ -205,8 +205,6 @@ fn film_once(
         let off_m = got.world_from_body.translation.vector - pose.translation.vector;
         out.achieved[0] += off_m.norm_squared();
         out.achieved[1] += pose.rotation.angle_to(&got.world_from_body.rotation).powi(2);
-        let [_, turn_rad2] = variances(&exact, &got.world_from_body, &seen)?;
-        out.centres_rad2 += turn_rad2;
         let [position_m2, turn_rad2] = variances(&foreseen, pose, &seen)?;
         out.foreseen = [out.foreseen[0] + position_m2, out.foreseen[1] + turn_rad2];
         out.poses.push(*pose);
@@ -276,6 +274,7 @@ fn foreseen(
 #[derive(Clone, Copy)]
 struct Known {
     centre_std_px: f64,
+    centre_spread: f64,
     control_std_px: f64,
 }
 
@@ -284,6 +283,7 @@ fn planner(known: Option<Known>) -> Outcome<Planner> {
     room.block.clear();
     if let Some(known) = known {
         room.camera[0].centre_std_px = Some(known.centre_std_px);
+        room.camera[0].centre_spread = known.centre_spread;
         // What stays wrong with a centre is in the claims.
         room.centre_bias_px = 0.0;
         if let Some(control) = &mut room.control {
@@ -327,19 +327,21 @@ fn predicted(set_ups: &[SetUp], known: Known) -> Outcome<Vec<[f64; 2]>> {
     Ok(set_ups.iter().map(of_set_up).collect())
 }
 
-/// What films tell of their centres, without truth. In stills it is what calibration claims. Of markers it is the noise of equal centres
-/// with which a plan of these poses comes to the attitude's variance that the claimed centres give: centres differ by a factor of ten
-/// and more, so that neither the mean of their variances nor that of their weights would do.
-fn known(set_ups: &[SetUp]) -> Outcome<Known> {
-    const UNIT_PX: f64 = 0.1;
-    const NEARLY_NONE_PX: f64 = 1e-6;
-    let poses: f64 = set_ups.iter().map(|s| s.poses.len() as f64).sum();
-    let control_px2 = set_ups.iter().map(|s| s.poses.len() as f64 * s.control_px2).sum::<f64>() / poses;
-    let claimed: f64 = set_ups.iter().map(|s| s.centres_rad2).sum();
-    let unit = Known { centre_std_px: UNIT_PX, control_std_px: NEARLY_NONE_PX };
-    let of_unit: f64 = predicted(set_ups, unit)?.iter().map(|v| v[1]).sum();
-    // Predicted variances are linear in those of the centres.
-    Ok(Known { centre_std_px: UNIT_PX * (claimed / of_unit).sqrt(), control_std_px: control_px2.sqrt() })
+/// What films tell of their centres, without truth: what runs of such sessions say for plans.
+fn known(set_ups: &[SetUp]) -> Known {
+    let poses = |s: &SetUp| s.poses.len() as f64;
+    let all: f64 = set_ups.iter().map(poses).sum();
+    let mean = |of: &dyn Fn(&SetUp) -> f64| set_ups.iter().map(|s| poses(s) * of(s)).sum::<f64>() / all;
+    let centre = |of: fn(&CentreQuality) -> f64| mean(&|s: &SetUp| s.centres.as_ref().map_or(f64::NAN, of));
+    let typical = centre(|c| c.typical_std_px.ln());
+    // Within the set-ups, and between them.
+    let square =
+        centre(|c| c.spread.ln().powi(2)) + centre(|c| c.typical_std_px.ln().powi(2)) - typical.powi(2);
+    Known {
+        centre_std_px: typical.exp(),
+        centre_spread: square.sqrt().exp(),
+        control_std_px: mean(&|s| s.control_px2).sqrt(),
+    }
 }
 
 /// Predicted over achieved standard deviation of position (0) or turn (1), and how well it is known: the jackknife over set-ups
@@ -362,7 +364,7 @@ fn main() -> Outcome<()> {
     let frames: usize = words.next().map_or(Ok(5), |w| w.parse())?;
     let only: Option<String> = words.next();
     println!(
-        "rig      set-ups poses | position mm, predicted over achieved: by each centre's claim, by their mean, by that at 90 degrees | the same of attitude, deg | mean claim of centres, stills px | achieved"
+        "rig      set-ups poses | position mm, predicted over achieved: by each centre's claim, as planned, with that of 90 degrees | the same of attitude, deg | typical claim of centres px, factor; stills px | achieved"
     );
     let mut first = None;
     for (name, planner, placed) in rigs()? {
@@ -375,7 +377,7 @@ fn main() -> Outcome<()> {
             println!("{name}: nothing was measured");
             continue;
         }
-        let own = known(&all)?;
+        let own = known(&all);
         let (with_own, with_first) = (predicted(&all, own)?, predicted(&all, *first.get_or_insert(own))?);
         let sum = |of: &dyn Fn(&SetUp) -> f64| all.iter().map(of).sum::<f64>();
         let poses = sum(&|s| s.poses.len() as f64);
@@ -386,13 +388,14 @@ fn main() -> Outcome<()> {
             format!("{:.2} ± {:.2}, {:.2} ± {:.2}, {:.2}", each.0, each.1, own.0, own.1, first.0)
         };
         println!(
-            "{name:<12} {:>4} {poses:>4} | {:.4} {} | {:.5} {} | {:.4} {:.4} | achieved {:.4}",
+            "{name:<12} {:>4} {poses:>4} | {:.4} {} | {:.5} {} | {:.4} {:.2}; {:.4} | achieved {:.4}",
             all.len(),
             1e3 * root(0),
             cell(0),
             root(1).to_degrees(),
             cell(1),
             own.centre_std_px,
+            own.centre_spread,
             own.control_std_px,
             (sum(&|s| s.centres_px2) / sum(&|s| s.coordinates)).sqrt(),
         );

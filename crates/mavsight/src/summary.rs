@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 mod body;
 mod clocks;
 mod health;
+mod plan;
 
 /// One figure.
 pub(crate) struct Row {
@@ -42,6 +43,7 @@ impl Summary {
         summary.body(results);
         summary.poses(results);
         summary.health(results);
+        summary.plan(results);
         summary.motion(results);
         crate::fits::summarise(&mut summary, results);
         crate::motion_fits::summarise(&mut summary, results);
@@ -379,6 +381,7 @@ pub(crate) fn title(section: &str) -> &'static str {
         "body" => "Body as built (its axes: no common shift or turn against the vehicle file)",
         "poses" => "Single poses",
         "health" => "How well the cameras see the markers",
+        "plan" => "For the room file of the next plan",
         "motion" => "Smoothed motion",
         "fit" => "Fit",
         "parameters" => "Parameters",

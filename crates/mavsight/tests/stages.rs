@@ -118,3 +118,33 @@ fn a_ball_behind_another_costs_neither_frames_nor_exactness() {
     let sights = markers.lines().count() - 1;
     assert!(sights < 8 * 12, "nothing was hidden in this film");
 }
+
+/// What a room file asks for, against the table of markers: standard deviations of both coordinates, hardly correlated.
+#[test]
+fn a_run_says_what_its_centres_are_worth_to_a_plan() {
+    let session = Session::new();
+    let out = session.path("results");
+    mavsight().arg("run").arg(session.path("session.toml")).arg("--out").arg(&out).assert().success();
+    let read = |name: &str| std::fs::read_to_string(out.join(name)).expect("a file");
+    let logs: Vec<f64> = read("markers.csv")
+        .lines()
+        .skip(1)
+        .map(|row| {
+            let mut std_px = row.rsplit(',').map(|cell| cell.parse::<f64>().expect("a number"));
+            0.5 * std_px.by_ref().take(2).map(f64::ln).sum::<f64>()
+        })
+        .collect();
+    let n = logs.len() as f64;
+    let mean = logs.iter().sum::<f64>() / n;
+    let spread = (logs.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / n).sqrt();
+    let summary: serde_json::Value = serde_json::from_str(&read("summary.json")).expect("an object");
+    let plan = |key: &str| summary["plan"][key].as_f64().expect("a figure");
+    assert!(
+        (plan("centre_std_px") / mean.exp() - 1.0).abs() < 0.03,
+        "{} {}",
+        plan("centre_std_px"),
+        mean.exp()
+    );
+    assert!((plan("centre_spread") / spread.exp() - 1.0).abs() < 0.03, "{}", plan("centre_spread"));
+    assert!((1e-3..0.3).contains(&plan("control_std_px")) && plan("centre_bias_px") >= 0.0);
+}

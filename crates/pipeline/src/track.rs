@@ -13,7 +13,7 @@ use mavsight_pose::{
     BodyMarker, CameraClock, CameraStream, ClockEstimate, ClockVerdict, MarkerObservation, Observations,
     PoseEstimator, PoseSample, Rig, estimate_clocks, telling_stretches_ns,
 };
-use mavsight_session::results::CameraHealth;
+use mavsight_session::results::{CameraHealth, CentreQuality};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
@@ -42,6 +42,17 @@ pub struct Tracked {
 }
 
 impl Tracked {
+    /// How good the markers' centres claim to be; `None` where there are none.
+    pub fn centre_quality(&self) -> Option<CentreQuality> {
+        let logs = || self.observations.iter().map(|o| 0.25 * o.covariance_px2.determinant().ln());
+        let n = logs().count() as f64;
+        let mean = logs().sum::<f64>() / n;
+        let variance = logs().map(|l| (l - mean).powi(2)).sum::<f64>() / n;
+        let bias_std_px = self.estimator.as_ref().map_or(0.0, PoseEstimator::bias_std_px);
+        let out = CentreQuality { typical_std_px: mean.exp(), spread: variance.sqrt().exp(), bias_std_px };
+        (out.typical_std_px.is_finite() && out.spread.is_finite()).then_some(out)
+    }
+
     /// Room for so many instants at which so many markers are seen. Lists that double when they are full leave behind, in an hour
     /// of film, as much again.
     pub(crate) fn reserve(&mut self, instants: usize, sights: usize) {

@@ -1,5 +1,6 @@
 //! How well the centre of a ball's image can be measured.
 
+use mavsight_geometry::Vector3;
 use serde::{Deserialize, Serialize};
 
 /// What a picture of a ball looks like.
@@ -49,9 +50,43 @@ impl CentreNoise {
     }
 }
 
+/// A standard normal number that belongs to a place, a camera and a marker: the same whenever it is asked for.
+///
+/// Bits mixed by Steele, Lea & Flood (2014) and turned by Box & Muller (1958).
+pub(crate) fn normal_at(place_m: &Vector3<f64>, (camera, marker): (usize, usize)) -> f64 {
+    let words = place_m.iter().map(|x| x.to_bits()).chain([camera as u64, marker as u64]);
+    let seed = words.fold(0, |seed, word| mixed(seed ^ word));
+    let uniform = |bits: u64| ((bits >> 11) as f64 + 0.5) / (1_u64 << 53) as f64;
+    let (radius, turn) = (uniform(mixed(seed)), uniform(mixed(mixed(seed))));
+    (-2.0 * radius.ln()).sqrt() * (std::f64::consts::TAU * turn).cos()
+}
+
+fn mixed(word: u64) -> u64 {
+    let z = word.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_of_places_are_standard_normal_and_differ_by_camera_and_marker() {
+        let place = |k: i32| Vector3::new(0.01 * f64::from(k), -0.3, 1.5);
+        let of = |camera, marker| -> Vec<f64> {
+            (0..4000).map(|k| normal_at(&place(k), (camera, marker))).collect()
+        };
+        let (first, second, third) = (of(0, 0), of(0, 1), of(1, 0));
+        let mean = |v: &[f64], w: &[f64]| v.iter().zip(w).map(|(a, b)| a * b).sum::<f64>() / 4000.0;
+        // Five standard deviations of 4000 normal numbers' mean, of their mean square, and of a product of two.
+        assert!(mean(&first, &[1.0; 4000]).abs() < 0.08);
+        assert!((mean(&first, &first) - 1.0).abs() < 0.12);
+        assert!(mean(&first, &second).abs() < 0.08 && mean(&first, &third).abs() < 0.08);
+        let beyond = first.iter().filter(|z| z.abs() > 1.96).count() as f64 / 4000.0;
+        assert!((0.033..0.067).contains(&beyond), "{beyond}");
+    }
 
     /// The information of a blurred disc, added up over fine samples, in place of the integral.
     #[test]

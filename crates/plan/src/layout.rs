@@ -279,7 +279,7 @@ impl Planner {
                     Ok(diameter_px) => {
                         views += 1;
                         *least_px = least_px.min(diameter_px);
-                        let variance = kind.centre_std_px(diameter_px).powi(2);
+                        let variance = kind.centre_std_px_at(diameter_px, &place, (camera, marker)).powi(2);
                         let covariance_px2 = Matrix2::identity() * variance;
                         sights.push(ExpectedSight { camera, marker, covariance_px2 });
                     }

@@ -1,5 +1,6 @@
 //! The room file: what there is, what may stand where, and what counts.
 
+use crate::centre::normal_at;
 use crate::{CentreNoise, PlanError, Solid};
 use mavsight_geometry::{
     BrownConrady, EulerAngles, ImageSize, Intrinsics, Isometry3, Vector3, world_from_body,
@@ -141,9 +142,12 @@ pub struct CameraType {
     /// Radial distortion, r⁴.
     #[serde(default)]
     pub k2: f64,
-    /// Standard deviation of one coordinate of a ball's centre; predicted from `image` where left out.
+    /// Standard deviation of one coordinate of a typical ball's centre; predicted from `image` where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub centre_std_px: Option<f64>,
+    /// The factor by which centres differ, their geometric standard deviation, by what is behind them; 1: all are alike.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub centre_spread: f64,
     /// What its pictures look like.
     #[serde(default)]
     pub image: CentreNoise,
@@ -158,9 +162,16 @@ pub struct CameraType {
     pub frame_rate_hz: f64,
 }
 
+/// Geometric standard deviation beyond which centres are not measured any more.
+const WIDEST: f64 = 10.0;
+
 /// A disc of less than three pixels has no pixel that is wholly inside.
 fn three() -> f64 {
     3.0
+}
+
+fn is_one(spread: &f64) -> bool {
+    *spread == 1.0
 }
 
 fn thirty() -> f64 {
@@ -189,9 +200,20 @@ impl CameraType {
         CameraModel { pixels: Pixels::Square, lens }
     }
 
-    /// Standard deviation of a coordinate of the centre of a ball's image.
+    /// Standard deviation of a coordinate of the centre of a typical ball's image.
     pub fn centre_std_px(&self, diameter_px: f64) -> f64 {
         self.centre_std_px.unwrap_or_else(|| self.image.std_px(diameter_px))
+    }
+
+    /// The same of a marker at a place before a camera of the rig, which is what lies behind it: drawn from a log-normal distribution
+    /// of geometric standard deviation `centre_spread`, the same whenever it is asked for.
+    pub fn centre_std_px_at(
+        &self,
+        diameter_px: f64,
+        place_m: &Vector3<f64>,
+        (camera, marker): (usize, usize),
+    ) -> f64 {
+        self.centre_std_px(diameter_px) * self.centre_spread.powf(normal_at(place_m, (camera, marker)))
     }
 
     fn validate(&self) -> Result<(), PlanError> {
@@ -218,6 +240,10 @@ impl CameraType {
             if !(value.is_finite() && value > 0.0) {
                 return refuse(key, format!("{value} is not above zero"));
             }
+        }
+        if !(self.centre_spread >= 1.0 && self.centre_spread <= WIDEST) {
+            let detail = format!("{} is no factor between 1 (all alike) and {WIDEST}", self.centre_spread);
+            return refuse("centre_spread", detail);
         }
         if !(self.k1.is_finite()
             && self.k2.is_finite()

@@ -198,6 +198,29 @@ fn limits_that_nothing_meets_are_named() {
     assert!(matches!(step, Err(PlanError::Value { .. })));
 }
 
+/// Weighted least squares can do no better than with the mean of the weights, and no worse than unweighted with the mean of the
+/// variances: e^(-2s²) and e^(2s²) times the typical one of a log-normal noise. What calibration leaves open weighs the same with all
+/// alike; with noises that differ, errors of the cameras no longer cancel in the turn.
+#[test]
+fn centres_that_differ_are_worth_what_their_weights_allow() {
+    let with = |spread: f64| {
+        let planner = planner(|room| {
+            with_control(room);
+            room.camera[0].centre_spread = spread;
+        });
+        let got = planner.predict(&planner.pair(0, 90.0, 6.36), &planner.room().poses(5));
+        [got.mean.new_position_std_mm, got.mean.attitude_std_deg, got.mean.new_attitude_std_deg]
+    };
+    let (alike, differ) = (with(1.0), with(2.0));
+    let most = (2.0 * 2f64.ln().powi(2)).exp();
+    for k in [0, 2] {
+        let ratio = (differ[k] / alike[k]).powi(2);
+        assert!(ratio > 1.0 / most && ratio < most && (ratio - 1.0).abs() > 1e-3, "{ratio} of {most}");
+    }
+    let by_cameras = |v: [f64; 3]| (v[1].powi(2) - v[2].powi(2)).sqrt();
+    assert!(by_cameras(differ) > 1.2 * by_cameras(alike), "{differ:?} {alike:?}");
+}
+
 #[test]
 fn a_camera_that_sees_too_few_control_points_is_refused_by_name() {
     let planner = planner(with_control);
@@ -211,7 +234,7 @@ fn a_camera_that_sees_too_few_control_points_is_refused_by_name() {
 
 #[test]
 fn rooms_that_make_no_sense_are_refused_by_key() {
-    let cases: [(&str, Spoil); 9] = [
+    let cases: [(&str, Spoil); 10] = [
         ("schema", |r| r.schema = 9),
         ("volume", |r| r.volume.high_m[2] = 9.0),
         ("volume.headings_deg", |r| r.volume.headings_deg.clear()),
@@ -219,6 +242,7 @@ fn rooms_that_make_no_sense_are_refused_by_key() {
         ("markers_std_m", |r| r.markers_std_m = -1.0),
         ("camera", |r| r.camera[0].count = 1),
         ("horizontal_fov_deg", |r| r.camera[0].horizontal_fov_deg = f64::NAN),
+        ("centre_spread", |r| r.camera[0].centre_spread = 0.5),
         ("focus_m", |r| r.camera[0].focus_m = Some([2.0, 1.0])),
         ("block", |r| r.block = vec![Solid { name: None, low_m: [1.0; 3], high_m: [0.0; 3] }]),
     ];

@@ -1,6 +1,7 @@
 //! From control points to a rig of cameras with their uncertainty.
 
 mod adjust;
+mod alike;
 mod choose;
 mod disagree;
 mod expected;
@@ -29,6 +30,7 @@ pub use model::{CameraModel, Lens, Pixels};
 pub use moved::MovedObject;
 
 use crate::PoseError;
+use alike::alike_std_px;
 use choose::root;
 use disagree::hotelling_over_normal;
 use mavsight_geometry::camera_parameters::CENTRE;
@@ -97,8 +99,8 @@ pub struct RigCamera {
     pub points: Vec<ControlResidual>,
     /// Root mean square residual of the points used, over all coordinates.
     pub residual_rms_px: f64,
-    /// Estimated standard deviation of one pixel coordinate of its control points: that of as many points, all alike, which would
-    /// tell as much of the camera as these.
+    /// Estimated standard deviation of one pixel coordinate of its control points: that with which they, all alike, would leave as
+    /// much open of where a point is in the volume that they take up.
     pub sigma_px: f64,
 }
 
@@ -237,10 +239,13 @@ pub fn calibrate_with(controls: &[CameraControl], objects: &[MovedObject]) -> Re
     };
     let widened = hotelling_over_normal(cleaned.chosen.best.freedom);
     let covariance = cleaned.chosen.camera_covariance() * (widened * widened);
+    let sigma_px = alike_std_px(&problem, &cleaned.choice, &cleaned.chosen.best);
     let cameras = controls
         .iter()
         .enumerate()
-        .map(|(camera, control)| rig_camera(&problem, &cleaned, (camera, control), &covariance))
+        .map(|(camera, control)| {
+            rig_camera(&problem, &cleaned, (camera, control), (&covariance, sigma_px[camera]))
+        })
         .collect::<Result<_, _>>()?;
     Ok(Rig { cameras, uncertainty: root(&covariance), left_out: cleaned.left_out, frames: 0 })
 }
@@ -249,7 +254,7 @@ fn rig_camera(
     problem: &Problem,
     cleaned: &Cleaned,
     (camera, control): (usize, &CameraControl),
-    covariance: &DMatrix<f64>,
+    (covariance, sigma_px): (&DMatrix<f64>, f64),
 ) -> Result<RigCamera, PoseError> {
     let (fit, choice) = (&cleaned.chosen.best, &cleaned.choice);
     let at = CAMERA_PARAMETERS * camera + CENTRE;
@@ -260,14 +265,13 @@ fn rig_camera(
         let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
         return Err(PoseError::Calibration { camera: control.name.clone(), source });
     }
-    let (moved_px2, mut used, mut information) = problem.moved_residuals(fit, camera);
+    let (moved_px2, mut used, _) = problem.moved_residuals(fit, camera);
     let (mut points, mut sum_px2) = (vec![], moved_px2 / 2.0);
     for k in (0..problem.sights.len()).filter(|k| problem.sights[*k].camera == camera) {
         let sight = &problem.sights[k];
         let residual_px = fit.residual_px(problem, choice, k).unwrap_or_else(Vector2::zeros);
         let studentised = fit.disagreement(problem, choice, &[k]).map_or(0.0, |d| d.studentised);
         if choice.used[k] {
-            information += 2.0 / sight.covariance_px2.trace();
             sum_px2 += residual_px.norm_squared() / 2.0;
             used += 1.0;
         }
@@ -288,6 +292,6 @@ fn rig_camera(
         centre_cov_m2,
         points,
         residual_rms_px: (sum_px2 / f64::max(used, 1.0)).sqrt(),
-        sigma_px: (f64::max(used, 1.0) / information * fit.variance_factor).sqrt(),
+        sigma_px,
     })
 }

@@ -1,7 +1,7 @@
 //! What a rig will measure, before anything flies: predicted millimetres over a volume.
 
 use crate::Rig;
-use mavsight_geometry::{CAMERA_PARAMETERS, Matrix3, Vector3};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Matrix3, Vector3};
 use nalgebra::{DMatrix, Matrix3xX};
 
 /// A rectangle in the world.
@@ -97,20 +97,30 @@ pub fn predicted_covariance_m2(
     point_in_world_m: &Vector3<f64>,
     pixel_std_px: f64,
 ) -> Option<Matrix3<f64>> {
-    let directions = rig.uncertainty.ncols();
+    let cameras = rig.cameras.iter().map(|c| &c.camera);
+    covariance_of_point((cameras, &rig.uncertainty), point_in_world_m, pixel_std_px)
+}
+
+/// The same of cameras with what is not known of them, as [`Rig::uncertainty`] has it.
+pub(crate) fn covariance_of_point<'a>(
+    (cameras, uncertainty): (impl Iterator<Item = &'a Camera>, &DMatrix<f64>),
+    point_in_world_m: &Vector3<f64>,
+    pixel_std_px: f64,
+) -> Option<Matrix3<f64>> {
+    let directions = uncertainty.ncols();
     let mut normal = Matrix3::zeros();
     let mut moved: Matrix3xX<f64> = Matrix3xX::zeros(directions);
     let mut seen_by = 0;
-    for (k, camera) in rig.cameras.iter().enumerate() {
-        let Ok(seen) = camera.camera.project(point_in_world_m) else { continue };
-        if !camera.camera.size.contains(&seen.pixel, 0.0) {
+    for (k, camera) in cameras.enumerate() {
+        let Ok(seen) = camera.project(point_in_world_m) else { continue };
+        if !camera.size.contains(&seen.pixel, 0.0) {
             continue;
         }
-        let Ok(by_camera) = camera.camera.d_pixel_d_camera(point_in_world_m) else { continue };
+        let Ok(by_camera) = camera.d_pixel_d_camera(point_in_world_m) else { continue };
         seen_by += 1;
         let jacobian = seen.d_pixel_d_point_in_world;
         normal += jacobian.transpose() * jacobian;
-        let own: DMatrix<f64> = rig.uncertainty.rows(CAMERA_PARAMETERS * k, CAMERA_PARAMETERS).into_owned();
+        let own: DMatrix<f64> = uncertainty.rows(CAMERA_PARAMETERS * k, CAMERA_PARAMETERS).into_owned();
         moved -= jacobian.transpose() * (by_camera * own);
     }
     if seen_by < 2 {

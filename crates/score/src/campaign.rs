@@ -241,6 +241,7 @@ fn cell(
     room.markers_std_m = noise.markers_std_m.unwrap_or(room.markers_std_m);
     for kind in &mut room.camera {
         kind.centre_std_px = noise.centre_std_px.or(kind.centre_std_px);
+        kind.centre_spread = noise.centre_spread.unwrap_or(kind.centre_spread);
     }
     let middle = room.middle_m();
     let placed = rig
@@ -314,7 +315,8 @@ impl Cell {
                     let centre = (pose * Point3::from(ball.marker_in_body_m)).coords;
                     let Ok(exact) = view.project_ball(&centre, ball.radius_m) else { continue };
                     let depth_m = (view.cam_from_world * Point3::from(centre)).z;
-                    let std_px = kind.centre_std_px(2.0 * view.intrinsics.fx_px * ball.radius_m / depth_m);
+                    let diameter_px = 2.0 * view.intrinsics.fx_px * ball.radius_m / depth_m;
+                    let std_px = kind.centre_std_px_at(diameter_px, &centre, (camera, marker));
                     let pixel = exact.pixel + normal2(std_px) + bias[camera * markers.len() + marker];
                     let covariance_px2 = Matrix2::identity() * std_px * std_px;
                     seen.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });

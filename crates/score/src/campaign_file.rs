@@ -75,9 +75,12 @@ pub struct CampaignCamera {
 pub struct NoiseLevel {
     /// Name.
     pub name: String,
-    /// Of a centre's coordinate, new in each frame.
+    /// Of a typical centre's coordinate, new in each frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub centre_std_px: Option<f64>,
+    /// The factor by which centres differ.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub centre_spread: Option<f64>,
     /// Of a centre's coordinate, the same for a flight.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub centre_bias_px: Option<f64>,

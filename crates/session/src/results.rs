@@ -13,7 +13,7 @@ use mavsight_identify::{Clocks, CoefficientTable, Identification};
 use mavsight_pose::{ClockEstimate, MarkerObservation, Motion, PoseSample, Rig};
 
 pub use body::{MarkerAsBuilt, read_body};
-pub use health::{CameraHealth, MarkerHealth};
+pub use health::{CameraHealth, CentreQuality, MarkerHealth};
 pub use read::{read_markers, read_poses, read_summary};
 pub use read_motion::{FlightTable, read_flight_table, read_motion};
 pub use rig_file::{read_rig, write_rig};
@@ -77,6 +77,8 @@ pub struct RunResults {
     pub clocks: Option<Clocks>,
     /// How well each camera saw the markers; none where they were seen by others.
     pub camera_health: Vec<CameraHealth>,
+    /// How good the markers' centres are; none where poses come from elsewhere or tell nothing of them.
+    pub centres: Option<CentreQuality>,
     /// Figures for `summary.json`: an object, or null for no such file.
     pub summary: serde_json::Value,
 }

@@ -252,6 +252,7 @@ pub(crate) fn solve(
     let motion = motion_of(&tracked, flight.vehicle, bars);
     // Nobody asks for the diameters of an hour's balls any more.
     drop(std::mem::take(&mut tracked.diameters_px));
+    let centres = tracked.centre_quality();
     let mut results = RunResults {
         session: flight.name.to_owned(),
         camera_names: rig.cameras.iter().map(|c| c.name.clone()).collect(),
@@ -261,6 +262,7 @@ pub(crate) fn solve(
         poses: tracked.poses,
         camera_clocks: tracked.clocks,
         camera_health: tracked.health,
+        centres,
         ..RunResults::default()
     };
     let mut notes = tracked.notes;

@@ -80,6 +80,7 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
     let refined = refined(&session, rig, &mut tracked)?;
     let motion = mavsight_pipeline::motion_of(&tracked, &session.vehicle, &bars).ok();
     bars.done();
+    let centres = tracked.centre_quality();
     let results = RunResults {
         session: session.name.clone(),
         camera_names: refined.rig.cameras.iter().map(|c| c.name.clone()).collect(),
@@ -90,6 +91,7 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
         poses: tracked.poses,
         camera_clocks: tracked.clocks,
         camera_health: tracked.health,
+        centres,
         motion,
         ..RunResults::default()
     };

@@ -1,6 +1,7 @@
 //! What a calibration will leave open, before there is a picture.
 
 use super::adjust::{Fit, expected};
+use super::alike::alike_std_px;
 use super::problem::Problem;
 use super::start::MIN_POINTS;
 use super::{CameraControl, CameraModel, ControlResidual, Rig, RigCamera};
@@ -38,16 +39,21 @@ pub fn predict_calibration(
     let Some((fit, uncertainty)) = fit.and_then(|f| f.camera_root().map(|root| (f, root))) else {
         return refuse(0, undetermined);
     };
-    let rig_cameras = (0..cameras.len()).map(|k| rig_camera(&fit, k, &controls[k], &uncertainty)).collect();
+    let sigma_px = alike_std_px(&problem, &problem.all(), &fit);
+    let rig_cameras = (0..cameras.len())
+        .map(|k| rig_camera(&fit, (k, &controls[k]), (&uncertainty, sigma_px[k])))
+        .collect();
     Ok(Rig { cameras: rig_cameras, uncertainty, left_out: Vec::new(), frames: 0 })
 }
 
-fn rig_camera(fit: &Fit, k: usize, control: &CameraControl, uncertainty: &DMatrix<f64>) -> RigCamera {
+fn rig_camera(
+    fit: &Fit,
+    (k, control): (usize, &CameraControl),
+    (uncertainty, sigma_px): (&DMatrix<f64>, f64),
+) -> RigCamera {
     let centre = uncertainty.rows(CAMERA_PARAMETERS * k + CENTRE, 3);
     let product = centre * centre.transpose();
     let centre_cov_m2 = Matrix3::from_fn(|i, j| product[(i, j)]);
-    let n = control.points.len().max(1) as f64;
-    let information: f64 = control.points.iter().map(|p| 2.0 / p.pixel_cov_px2.trace()).sum();
     let points = control.points.iter().map(|p| ControlResidual {
         name: p.name.clone(),
         point_in_world_m: p.point_in_world_m,
@@ -63,7 +69,7 @@ fn rig_camera(fit: &Fit, k: usize, control: &CameraControl, uncertainty: &DMatri
         centre_cov_m2,
         points: points.collect(),
         residual_rms_px: 0.0,
-        sigma_px: (n / information).sqrt(),
+        sigma_px,
     }
 }
 

@@ -7,6 +7,7 @@ use crate::PoseError;
 use mavsight_geometry::{Camera, ControlPoint, GeometryError, ImageSize, Matrix2, Vector2, Vector3};
 
 /// One point seen by one camera.
+#[derive(Clone)]
 pub(super) struct Sight {
     pub(super) camera: usize,
     pub(super) point: usize,
@@ -18,6 +19,7 @@ pub(super) struct Sight {
 }
 
 /// A surveyed point.
+#[derive(Clone)]
 pub(super) struct Surveyed {
     pub(super) name: String,
     pub(super) in_world_m: Vector3<f64>,
@@ -25,6 +27,7 @@ pub(super) struct Surveyed {
     pub(super) std_m: f64,
 }
 
+#[derive(Clone)]
 pub(super) struct Problem {
     pub(super) names: Vec<String>,
     pub(super) sizes: Vec<ImageSize>,

@@ -26,6 +26,11 @@ impl PoseEstimator {
         Ok(self)
     }
 
+    /// The standard deviation that [`PoseEstimator::with_centre_bias`] was given; 0 without.
+    pub fn bias_std_px(&self) -> f64 {
+        self.lasting.bias_px
+    }
+
     /// What each direction of error that stays does to a pose, in double precision: its systematic columns from the sights that it was
     /// estimated from, of which those of markers that it did not use are passed over. `None` where they do not determine it.
     pub fn lasting_effects(

@@ -15,7 +15,7 @@ pub(super) struct Lasting {
     /// Columns that say something of markers, and of centres.
     of_markers: Vec<bool>,
     of_centres: Vec<bool>,
-    bias_px: f64,
+    pub(super) bias_px: f64,
     /// Whether the factor is what a fit to the same observations left.
     pub(super) is_fitted: bool,
 }

@@ -15,6 +15,17 @@ pub struct CameraHealth {
     pub markers: Vec<MarkerHealth>,
 }
 
+/// How good the centres of a flight's markers claim to be, all cameras and markers together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CentreQuality {
+    /// Geometric mean of the standard deviations of a coordinate: that of a typical centre.
+    pub typical_std_px: f64,
+    /// The factor by which they differ, their geometric standard deviation: two thirds lie within it of the typical one.
+    pub spread: f64,
+    /// Standard deviation of what stays of a coordinate's error.
+    pub bias_std_px: f64,
+}
+
 /// How well one camera saw one marker; all but the share are its colour's, and 0 where no ball of it was ever seen.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MarkerHealth {

@@ -1,0 +1,25 @@
+//! What a session has shown that a plan of the next one asks for.
+
+use super::Summary;
+use mavsight_session::RunResults;
+
+impl Summary {
+    /// The noise of centres as a room file has it, keys as there.
+    pub(super) fn plan(&mut self, results: &RunResults) {
+        if let Some(centres) = results.centres {
+            let label = "camera.centre_std_px: noise of a typical centre";
+            self.number("plan", "centre_std_px", label, centres.typical_std_px, "px");
+            let label = "camera.centre_spread: factor by which centres differ";
+            self.number("plan", "centre_spread", label, centres.spread, "");
+            let label = "centre_bias_px: what stays wrong with a centre";
+            self.number("plan", "centre_bias_px", label, centres.bias_std_px, "px");
+        }
+        let cameras = || results.rig.iter().flat_map(|r| &r.cameras).filter(|c| c.sigma_px > 0.0);
+        let n = cameras().count();
+        if n > 0 {
+            let variance_px2 = cameras().map(|c| c.sigma_px.powi(2)).sum::<f64>() / n as f64;
+            let label = "control.std_px: noise of a control point, were all alike";
+            self.number("plan", "control_std_px", label, variance_px2.sqrt(), "px");
+        }
+    }
+}
