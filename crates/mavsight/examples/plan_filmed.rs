@@ -9,8 +9,8 @@
 //! to each camera otherwise. In films of perfect spheres claims would be too wide by that allowance.
 //!
 //! Given to the prediction are the places of cameras, control points and markers, and how good centres are by what the chain claims of
-//! them: of each centre in the same films; as a plan has it, a typical noise and the factor by which centres differ, from the same films
-//! (`plan` of a run's `summary.json`); and those from the films of the rig at 90°. How good they are depends on what is behind them, which a plan does not know. Truth
+//! them: of each centre in the same films; as a plan has it, equally likely ones, from the same films (`plan` of a run's `summary.json`); and
+//! those from the films of the rig at 90°. How good they are depends on what is behind them, which a plan does not know. Truth
 //! is in it only in that ways are taken on which the aircraft hides no ball from a camera: neither does a plan know of that.
 
 use mavsight::flight::Vehicle;
@@ -19,7 +19,7 @@ use mavsight::lab;
 use mavsight::pipeline::{
     CameraFeed, ControlStill, PipelineError, Quiet, TimedFrame, body_markers, calibrate_from_stills, track,
 };
-use mavsight::plan::{EXAMPLE, Placed, Planner, Room as RoomFile};
+use mavsight::plan::{CentreStd, EXAMPLE, Placed, Planner, Room as RoomFile};
 use mavsight::pose::{
     CameraControl, ExpectedSight, MarkerObservation, PoseEstimator, Rig, predict_calibration,
 };
@@ -271,10 +271,9 @@ fn foreseen(
 }
 
 /// What a session knows of its centres: of markers and in stills.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 struct Known {
-    centre_std_px: f64,
-    centre_spread: f64,
+    centres: CentreStd,
     control_std_px: f64,
 }
 
@@ -282,8 +281,7 @@ fn planner(known: Option<Known>) -> Outcome<Planner> {
     let mut room: RoomFile = toml::from_str(EXAMPLE[0].1)?;
     room.block.clear();
     if let Some(known) = known {
-        room.camera[0].centre_std_px = Some(known.centre_std_px);
-        room.camera[0].centre_spread = known.centre_spread;
+        room.camera[0].centre_std_px = Some(known.centres);
         // What stays wrong with a centre is in the claims.
         room.centre_bias_px = 0.0;
         if let Some(control) = &mut room.control {
@@ -315,8 +313,8 @@ fn rigs() -> Outcome<Vec<(String, Planner, Vec<Placed>)>> {
 }
 
 /// For each set-up, the sums of the predicted variances of position and turn over its poses.
-fn predicted(set_ups: &[SetUp], known: Known) -> Outcome<Vec<[f64; 2]>> {
-    let p = planner(Some(known))?;
+fn predicted(set_ups: &[SetUp], known: &Known) -> Outcome<Vec<[f64; 2]>> {
+    let p = planner(Some(known.clone()))?;
     let of_pose = |placed: &[Placed], pose: &Isometry3<f64>| {
         let one = p.predict(placed, &[*pose]).mean;
         [(1e-3 * one.position_std_mm).powi(2), one.attitude_std_deg.to_radians().powi(2)]
@@ -329,18 +327,12 @@ fn predicted(set_ups: &[SetUp], known: Known) -> Outcome<Vec<[f64; 2]>> {
 
 /// What films tell of their centres, without truth: what runs of such sessions say for plans.
 fn known(set_ups: &[SetUp]) -> Known {
+    let centres = set_ups.iter().filter_map(|s| s.centres).flat_map(|c| c.tenths_px);
     let poses = |s: &SetUp| s.poses.len() as f64;
-    let all: f64 = set_ups.iter().map(poses).sum();
-    let mean = |of: &dyn Fn(&SetUp) -> f64| set_ups.iter().map(|s| poses(s) * of(s)).sum::<f64>() / all;
-    let centre = |of: fn(&CentreQuality) -> f64| mean(&|s: &SetUp| s.centres.as_ref().map_or(f64::NAN, of));
-    let typical = centre(|c| c.typical_std_px.ln());
-    // Within the set-ups, and between them.
-    let square =
-        centre(|c| c.spread.ln().powi(2)) + centre(|c| c.typical_std_px.ln().powi(2)) - typical.powi(2);
+    let control_px2 = set_ups.iter().map(|s| poses(s) * s.control_px2).sum::<f64>();
     Known {
-        centre_std_px: typical.exp(),
-        centre_spread: square.sqrt().exp(),
-        control_std_px: mean(&|s| s.control_px2).sqrt(),
+        centres: CentreStd::Drawn(centres.collect()),
+        control_std_px: (control_px2 / set_ups.iter().map(poses).sum::<f64>()).sqrt(),
     }
 }
 
@@ -364,7 +356,7 @@ fn main() -> Outcome<()> {
     let frames: usize = words.next().map_or(Ok(5), |w| w.parse())?;
     let only: Option<String> = words.next();
     println!(
-        "rig      set-ups poses | position mm, predicted over achieved: by each centre's claim, as planned, with that of 90 degrees | the same of attitude, deg | typical claim of centres px, factor; stills px | achieved"
+        "rig      set-ups poses | position mm, predicted over achieved: by each centre's claim, as planned, with that of 90 degrees | the same of attitude, deg | typical claim of centres px, stills px | achieved"
     );
     let mut first = None;
     for (name, planner, placed) in rigs()? {
@@ -378,7 +370,8 @@ fn main() -> Outcome<()> {
             continue;
         }
         let own = known(&all);
-        let (with_own, with_first) = (predicted(&all, own)?, predicted(&all, *first.get_or_insert(own))?);
+        let with_own = predicted(&all, &own)?;
+        let with_first = predicted(&all, first.get_or_insert_with(|| own.clone()))?;
         let sum = |of: &dyn Fn(&SetUp) -> f64| all.iter().map(of).sum::<f64>();
         let poses = sum(&|s| s.poses.len() as f64);
         let root = |k: usize| (sum(&|s| s.achieved[k]) / poses).sqrt();
@@ -388,14 +381,13 @@ fn main() -> Outcome<()> {
             format!("{:.2} ± {:.2}, {:.2} ± {:.2}, {:.2}", each.0, each.1, own.0, own.1, first.0)
         };
         println!(
-            "{name:<12} {:>4} {poses:>4} | {:.4} {} | {:.5} {} | {:.4} {:.2}; {:.4} | achieved {:.4}",
+            "{name:<12} {:>4} {poses:>4} | {:.4} {} | {:.5} {} | {:.4} {:.4} | achieved {:.4}",
             all.len(),
             1e3 * root(0),
             cell(0),
             root(1).to_degrees(),
             cell(1),
-            own.centre_std_px,
-            own.centre_spread,
+            own.centres.typical_px(),
             own.control_std_px,
             (sum(&|s| s.centres_px2) / sum(&|s| s.coordinates)).sqrt(),
         );

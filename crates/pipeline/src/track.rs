@@ -44,13 +44,16 @@ pub struct Tracked {
 impl Tracked {
     /// How good the markers' centres claim to be; `None` where there are none.
     pub fn centre_quality(&self) -> Option<CentreQuality> {
-        let logs = || self.observations.iter().map(|o| 0.25 * o.covariance_px2.determinant().ln());
-        let n = logs().count() as f64;
-        let mean = logs().sum::<f64>() / n;
-        let variance = logs().map(|l| (l - mean).powi(2)).sum::<f64>() / n;
+        let std_px = self.observations.iter().map(|o| o.covariance_px2.determinant().powf(0.25));
+        let mut all_px: Vec<f64> = std_px.filter(|s| s.is_finite()).collect();
+        all_px.sort_by(f64::total_cmp);
+        let middle = |part: usize| all_px.get((2 * part + 1) * all_px.len() / 20).copied();
+        let mut tenths_px = [0.0; 10];
+        for (part, std_px) in tenths_px.iter_mut().enumerate() {
+            *std_px = middle(part)?;
+        }
         let bias_std_px = self.estimator.as_ref().map_or(0.0, PoseEstimator::bias_std_px);
-        let out = CentreQuality { typical_std_px: mean.exp(), spread: variance.sqrt().exp(), bias_std_px };
-        (out.typical_std_px.is_finite() && out.spread.is_finite()).then_some(out)
+        Some(CentreQuality { tenths_px, bias_std_px })
     }
 
     /// Room for so many instants at which so many markers are seen. Lists that double when they are full leave behind, in an hour

@@ -50,15 +50,44 @@ impl CentreNoise {
     }
 }
 
-/// A standard normal number that belongs to a place, a camera and a marker: the same whenever it is asked for.
-///
-/// Bits mixed by Steele, Lea & Flood (2014) and turned by Box & Muller (1958).
-pub(crate) fn normal_at(place_m: &Vector3<f64>, (camera, marker): (usize, usize)) -> f64 {
+/// Standard deviations of a coordinate of the centres of balls' images.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum CentreStd {
+    /// The same of all.
+    Alike(f64),
+    /// Equally likely ones, by what is behind a ball: as a session's centres have shown.
+    Drawn(Vec<f64>),
+}
+
+impl CentreStd {
+    /// All of them.
+    pub fn values_px(&self) -> &[f64] {
+        match self {
+            Self::Alike(std_px) => std::slice::from_ref(std_px),
+            Self::Drawn(all) => all,
+        }
+    }
+
+    /// Geometric mean.
+    pub fn typical_px(&self) -> f64 {
+        let all = self.values_px();
+        (all.iter().map(|v| v.ln()).sum::<f64>() / all.len() as f64).exp()
+    }
+
+    /// That of a marker at a place before a camera of the rig: the same whenever it is asked for.
+    pub(crate) fn at_px(&self, place_m: &Vector3<f64>, (camera, marker): (usize, usize)) -> f64 {
+        let all = self.values_px();
+        let drawn = (uniform_at(place_m, (camera, marker)) * all.len() as f64) as usize;
+        all[drawn.min(all.len() - 1)]
+    }
+}
+
+/// A number between 0 and 1 that belongs to a place, a camera and a marker; bits mixed by Steele, Lea & Flood (2014).
+fn uniform_at(place_m: &Vector3<f64>, (camera, marker): (usize, usize)) -> f64 {
     let words = place_m.iter().map(|x| x.to_bits()).chain([camera as u64, marker as u64]);
-    let seed = words.fold(0, |seed, word| mixed(seed ^ word));
-    let uniform = |bits: u64| ((bits >> 11) as f64 + 0.5) / (1_u64 << 53) as f64;
-    let (radius, turn) = (uniform(mixed(seed)), uniform(mixed(mixed(seed))));
-    (-2.0 * radius.ln()).sqrt() * (std::f64::consts::TAU * turn).cos()
+    let bits = words.fold(0, |seed, word| mixed(seed ^ word));
+    ((bits >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
 }
 
 fn mixed(word: u64) -> u64 {
@@ -73,19 +102,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_of_places_are_standard_normal_and_differ_by_camera_and_marker() {
+    fn numbers_of_places_are_uniform_and_differ_by_camera_and_marker() {
         let place = |k: i32| Vector3::new(0.01 * f64::from(k), -0.3, 1.5);
         let of = |camera, marker| -> Vec<f64> {
-            (0..4000).map(|k| normal_at(&place(k), (camera, marker))).collect()
+            (0..4000).map(|k| uniform_at(&place(k), (camera, marker)) - 0.5).collect()
         };
         let (first, second, third) = (of(0, 0), of(0, 1), of(1, 0));
         let mean = |v: &[f64], w: &[f64]| v.iter().zip(w).map(|(a, b)| a * b).sum::<f64>() / 4000.0;
-        // Five standard deviations of 4000 normal numbers' mean, of their mean square, and of a product of two.
-        assert!(mean(&first, &[1.0; 4000]).abs() < 0.08);
-        assert!((mean(&first, &first) - 1.0).abs() < 0.12);
-        assert!(mean(&first, &second).abs() < 0.08 && mean(&first, &third).abs() < 0.08);
-        let beyond = first.iter().filter(|z| z.abs() > 1.96).count() as f64 / 4000.0;
-        assert!((0.033..0.067).contains(&beyond), "{beyond}");
+        // Five standard deviations: of the mean 0.29/√4000, of its square 0.075/√4000, of a product of two 0.083/√4000.
+        assert!(mean(&first, &[1.0; 4000]).abs() < 0.023);
+        assert!((mean(&first, &first) - 1.0 / 12.0).abs() < 0.006);
+        assert!(mean(&first, &second).abs() < 0.0066 && mean(&first, &third).abs() < 0.0066);
+        let all = CentreStd::Drawn(vec![0.01, 0.02, 0.04]);
+        let drawn: Vec<f64> = (0..4000).map(|k| all.at_px(&place(k), (0, 0))).collect();
+        for value in all.values_px() {
+            let share = drawn.iter().filter(|d| *d == value).count() as f64 / 4000.0;
+            assert!((share - 1.0 / 3.0).abs() < 0.037, "{value}: {share}");
+        }
+        assert!((all.typical_px() / 0.02 - 1.0).abs() < 1e-12);
     }
 
     /// The information of a blurred disc, added up over fine samples, in place of the integral.

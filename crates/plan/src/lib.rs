@@ -15,7 +15,7 @@ mod search;
 mod solid;
 mod study;
 
-pub use centre::CentreNoise;
+pub use centre::{CentreNoise, CentreStd};
 pub use error::PlanError;
 pub use layout::{Placed, Planner, PosePrecision, Prediction, ViewLimit};
 pub use manoeuvre::{FlightLimits, FlightPlanner, PlannedManoeuvre, pose_of, true_model};

@@ -1,7 +1,6 @@
 //! The room file: what there is, what may stand where, and what counts.
 
-use crate::centre::normal_at;
-use crate::{CentreNoise, PlanError, Solid};
+use crate::{CentreNoise, CentreStd, PlanError, Solid};
 use mavsight_geometry::{
     BrownConrady, EulerAngles, ImageSize, Intrinsics, Isometry3, Vector3, world_from_body,
 };
@@ -142,12 +141,10 @@ pub struct CameraType {
     /// Radial distortion, r⁴.
     #[serde(default)]
     pub k2: f64,
-    /// Standard deviation of one coordinate of a typical ball's centre; predicted from `image` where left out.
+    /// Standard deviation of one coordinate of a ball's centre, one for all or a list of equally likely ones; predicted from `image`
+    /// where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub centre_std_px: Option<f64>,
-    /// The factor by which centres differ, their geometric standard deviation, by what is behind them; 1: all are alike.
-    #[serde(default = "one", skip_serializing_if = "is_one")]
-    pub centre_spread: f64,
+    pub centre_std_px: Option<CentreStd>,
     /// What its pictures look like.
     #[serde(default)]
     pub image: CentreNoise,
@@ -162,16 +159,9 @@ pub struct CameraType {
     pub frame_rate_hz: f64,
 }
 
-/// Geometric standard deviation beyond which centres are not measured any more.
-const WIDEST: f64 = 10.0;
-
 /// A disc of less than three pixels has no pixel that is wholly inside.
 fn three() -> f64 {
     3.0
-}
-
-fn is_one(spread: &f64) -> bool {
-    *spread == 1.0
 }
 
 fn thirty() -> f64 {
@@ -202,18 +192,19 @@ impl CameraType {
 
     /// Standard deviation of a coordinate of the centre of a typical ball's image.
     pub fn centre_std_px(&self, diameter_px: f64) -> f64 {
-        self.centre_std_px.unwrap_or_else(|| self.image.std_px(diameter_px))
+        self.centre_std_px.as_ref().map_or_else(|| self.image.std_px(diameter_px), CentreStd::typical_px)
     }
 
-    /// The same of a marker at a place before a camera of the rig, which is what lies behind it: drawn from a log-normal distribution
-    /// of geometric standard deviation `centre_spread`, the same whenever it is asked for.
+    /// The same of a marker at a place before a camera of the rig, which says what lies behind it: where these differ, one of them, the
+    /// same whenever it is asked for.
     pub fn centre_std_px_at(
         &self,
         diameter_px: f64,
         place_m: &Vector3<f64>,
         (camera, marker): (usize, usize),
     ) -> f64 {
-        self.centre_std_px(diameter_px) * self.centre_spread.powf(normal_at(place_m, (camera, marker)))
+        let given = self.centre_std_px.as_ref();
+        given.map_or_else(|| self.image.std_px(diameter_px), |std| std.at_px(place_m, (camera, marker)))
     }
 
     fn validate(&self) -> Result<(), PlanError> {
@@ -229,21 +220,21 @@ impl CameraType {
             return refuse("horizontal_fov_deg", detail);
         }
         let positive = [
-            ("centre_std_px", self.centre_std_px.unwrap_or(1.0)),
             ("least_diameter_px", self.least_diameter_px),
             ("frame_rate_hz", self.frame_rate_hz),
             ("image.grey_noise", self.image.grey_noise),
             ("image.contrast", self.image.contrast),
             ("image.excess", self.image.excess),
         ];
-        for (key, value) in positive {
+        let centres = self.centre_std_px.as_ref().map_or(&[1.0][..], CentreStd::values_px);
+        if centres.is_empty() {
+            return refuse("centre_std_px", "is an empty list: give one or more, or leave it out".into());
+        }
+        let centres = centres.iter().map(|std| ("centre_std_px", *std));
+        for (key, value) in positive.into_iter().chain(centres) {
             if !(value.is_finite() && value > 0.0) {
                 return refuse(key, format!("{value} is not above zero"));
             }
-        }
-        if !(self.centre_spread >= 1.0 && self.centre_spread <= WIDEST) {
-            let detail = format!("{} is no factor between 1 (all alike) and {WIDEST}", self.centre_spread);
-            return refuse("centre_spread", detail);
         }
         if !(self.k1.is_finite()
             && self.k2.is_finite()

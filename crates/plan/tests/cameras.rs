@@ -3,7 +3,9 @@
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector3;
 use mavsight_pipeline::body_markers;
-use mavsight_plan::{Placed, PlanError, Planner, Room, SearchOptions, Solid, angle_study, distance_study};
+use mavsight_plan::{
+    CentreStd, Placed, PlanError, Planner, Room, SearchOptions, Solid, angle_study, distance_study,
+};
 use mavsight_pose::BodyMarker;
 use mavsight_session::ControlPointRow;
 
@@ -198,24 +200,27 @@ fn limits_that_nothing_meets_are_named() {
     assert!(matches!(step, Err(PlanError::Value { .. })));
 }
 
-/// Weighted least squares can do no better than with the mean of the weights, and no worse than unweighted with the mean of the
-/// variances: e^(-2s²) and e^(2s²) times the typical one of a log-normal noise. What calibration leaves open weighs the same with all
-/// alike; with noises that differ, errors of the cameras no longer cancel in the turn.
+/// Weighted least squares does no better than with the mean of the weights, and no worse than unweighted with the mean of the variances.
+/// What calibration leaves open weighs the same with all alike; with noises that differ, errors of the cameras no longer cancel in
+/// the turn.
 #[test]
 fn centres_that_differ_are_worth_what_their_weights_allow() {
-    let with = |spread: f64| {
+    let all_px = [0.02, 0.05, 0.1, 0.2, 0.5];
+    let with = |std: CentreStd| {
         let planner = planner(|room| {
             with_control(room);
-            room.camera[0].centre_spread = spread;
+            room.camera[0].centre_std_px = Some(std);
+            // One for the control points in both.
+            room.control.as_mut().expect("control points").std_px = Some(0.1);
         });
         let got = planner.predict(&planner.pair(0, 90.0, 6.36), &planner.room().poses(5));
         [got.mean.new_position_std_mm, got.mean.attitude_std_deg, got.mean.new_attitude_std_deg]
     };
-    let (alike, differ) = (with(1.0), with(2.0));
-    let most = (2.0 * 2f64.ln().powi(2)).exp();
+    let (alike, differ) = (with(CentreStd::Alike(0.1)), with(CentreStd::Drawn(all_px.to_vec())));
+    let mean = |power: i32| all_px.iter().map(|v| (v / 0.1).powi(power)).sum::<f64>() / 5.0;
     for k in [0, 2] {
         let ratio = (differ[k] / alike[k]).powi(2);
-        assert!(ratio > 1.0 / most && ratio < most && (ratio - 1.0).abs() > 1e-3, "{ratio} of {most}");
+        assert!(ratio > 1.0 / mean(-2) && ratio < mean(2), "{ratio}, not {} to {}", 1.0 / mean(-2), mean(2));
     }
     let by_cameras = |v: [f64; 3]| (v[1].powi(2) - v[2].powi(2)).sqrt();
     assert!(by_cameras(differ) > 1.2 * by_cameras(alike), "{differ:?} {alike:?}");
@@ -234,7 +239,7 @@ fn a_camera_that_sees_too_few_control_points_is_refused_by_name() {
 
 #[test]
 fn rooms_that_make_no_sense_are_refused_by_key() {
-    let cases: [(&str, Spoil); 10] = [
+    let cases: [(&str, Spoil); 11] = [
         ("schema", |r| r.schema = 9),
         ("volume", |r| r.volume.high_m[2] = 9.0),
         ("volume.headings_deg", |r| r.volume.headings_deg.clear()),
@@ -242,7 +247,8 @@ fn rooms_that_make_no_sense_are_refused_by_key() {
         ("markers_std_m", |r| r.markers_std_m = -1.0),
         ("camera", |r| r.camera[0].count = 1),
         ("horizontal_fov_deg", |r| r.camera[0].horizontal_fov_deg = f64::NAN),
-        ("centre_spread", |r| r.camera[0].centre_spread = 0.5),
+        ("centre_std_px", |r| r.camera[0].centre_std_px = Some(CentreStd::Drawn(vec![]))),
+        ("centre_std_px", |r| r.camera[0].centre_std_px = Some(CentreStd::Drawn(vec![0.1, -0.1]))),
         ("focus_m", |r| r.camera[0].focus_m = Some([2.0, 1.0])),
         ("block", |r| r.block = vec![Solid { name: None, low_m: [1.0; 3], high_m: [0.0; 3] }]),
     ];

@@ -240,8 +240,9 @@ fn cell(
     room.centre_bias_px = noise.centre_bias_px.unwrap_or(room.centre_bias_px);
     room.markers_std_m = noise.markers_std_m.unwrap_or(room.markers_std_m);
     for kind in &mut room.camera {
-        kind.centre_std_px = noise.centre_std_px.or(kind.centre_std_px);
-        kind.centre_spread = noise.centre_spread.unwrap_or(kind.centre_spread);
+        if let Some(given) = &noise.centre_std_px {
+            kind.centre_std_px = Some(given.clone());
+        }
     }
     let middle = room.middle_m();
     let placed = rig

@@ -1,5 +1,6 @@
 //! What a campaign flies: the content of its file.
 
+use mavsight_plan::CentreStd;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -75,12 +76,9 @@ pub struct CampaignCamera {
 pub struct NoiseLevel {
     /// Name.
     pub name: String,
-    /// Of a typical centre's coordinate, new in each frame.
+    /// Of a centre's coordinate, new in each frame; one for all or a list of equally likely ones.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub centre_std_px: Option<f64>,
-    /// The factor by which centres differ.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub centre_spread: Option<f64>,
+    pub centre_std_px: Option<CentreStd>,
     /// Of a centre's coordinate, the same for a flight.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub centre_bias_px: Option<f64>,

@@ -2,15 +2,16 @@
 
 use super::Summary;
 use mavsight_session::RunResults;
+use serde_json::json;
 
 impl Summary {
     /// The noise of centres as a room file has it, keys as there.
     pub(super) fn plan(&mut self, results: &RunResults) {
         if let Some(centres) = results.centres {
-            let label = "camera.centre_std_px: noise of a typical centre";
-            self.number("plan", "centre_std_px", label, centres.typical_std_px, "px");
-            let label = "camera.centre_spread: factor by which centres differ";
-            self.number("plan", "centre_spread", label, centres.spread, "");
+            let shown: Vec<String> = centres.tenths_px.iter().map(|v| format!("{v:.3}")).collect();
+            let label = "camera.centre_std_px: noise of centres, of ten equal parts of them";
+            let value = json!(centres.tenths_px);
+            self.add("plan", "centre_std_px", label, value, format!("[{}] px", shown.join(", ")));
             let label = "centre_bias_px: what stays wrong with a centre";
             self.number("plan", "centre_bias_px", label, centres.bias_std_px, "px");
         }

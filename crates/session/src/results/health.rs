@@ -18,10 +18,9 @@ pub struct CameraHealth {
 /// How good the centres of a flight's markers claim to be, all cameras and markers together.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CentreQuality {
-    /// Geometric mean of the standard deviations of a coordinate: that of a typical centre.
-    pub typical_std_px: f64,
-    /// The factor by which they differ, their geometric standard deviation: two thirds lie within it of the typical one.
-    pub spread: f64,
+    /// Standard deviations of a coordinate: of ten equal parts of the centres, in order, the middle one each. They differ by what is
+    /// behind a ball.
+    pub tenths_px: [f64; 10],
     /// Standard deviation of what stays of a coordinate's error.
     pub bias_std_px: f64,
 }
