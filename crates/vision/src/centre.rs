@@ -176,8 +176,9 @@ impl Fitter {
         pulp::Arch::new().dispatch(Begin { equations: &mut self.equations, patch, noise_variance });
         let (mut weighed, mut seen_from, mut covariance) = (0, None, Covariance::Anew);
         let mut same_place_px = SAME_PLACE_PX;
-        // What moves little from frame to frame begins near.
-        let mut clutter = if start.followed.is_some() { Clutter::Predicted } else { Clutter::AsNoise };
+        // Lines are followed for three times the work, and only once it is clear where the ball is. The rest is predicted at once:
+        // a fit that takes a dark hull behind half of the ball for noise may draw the hull into the ball.
+        let mut clutter = if self.equations.in_still() { Clutter::AsNoise } else { Clutter::Predicted };
         let most_steps = if self.equations.in_still() { MOST_STEPS_IN_STILL } else { MOST_STEPS };
         for _ in 0..most_steps {
             if seen_from.is_none_or(|from| distance_px(&from, &model.p) > same_place_px) {
