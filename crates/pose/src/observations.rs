@@ -101,11 +101,13 @@ impl Observations {
         self.instants.iter().map(|i| i.0)
     }
 
-    /// Multiplies each covariance by the factor of its camera and marker.
-    pub fn scale_covariances(&mut self, factor: impl Fn(usize, usize) -> f64) {
+    /// Multiplies the variances of columns and rows by the factors of their camera and marker; the correlation stays.
+    pub fn scale_covariances(&mut self, factors: impl Fn(usize, usize) -> Vector2<f64>) {
         for s in &mut self.sights {
-            let by = factor(s.camera.into(), s.marker.into());
-            s.covariance_px2 = s.covariance_px2.map(|v| (f64::from(v) * by) as f32);
+            let by = factors(s.camera.into(), s.marker.into());
+            for (v, by) in s.covariance_px2.iter_mut().zip([by.x, (by.x * by.y).sqrt(), by.y]) {
+                *v = (f64::from(*v) * by) as f32;
+            }
         }
     }
 }
@@ -157,9 +159,12 @@ mod tests {
     #[test]
     fn factors_are_of_camera_and_marker() {
         let mut all: Observations = [seen(0, 0, 0.0), seen(0, 1, 0.0)].iter().collect();
-        all.scale_covariances(|camera, marker| (camera + marker) as f64);
-        let got: Vec<_> = all.iter().map(|o| o.covariance_px2[(1, 1)] / 0.03).collect();
-        assert!((got[0] - 3.0).abs() < 1e-6 && (got[1] - 4.0).abs() < 1e-6, "{got:?}");
+        all.scale_covariances(|camera, marker| Vector2::new(4.0, (camera + marker) as f64));
+        let before = seen(0, 0, 0.0).covariance_px2;
+        for (o, down) in all.iter().zip([3.0_f64, 4.0]) {
+            let times = Matrix2::new(4.0, 2.0 * down.sqrt(), 2.0 * down.sqrt(), down);
+            assert!((o.covariance_px2 - before.component_mul(&times)).amax() < 1e-6, "{}", o.covariance_px2);
+        }
         assert_eq!(size_of::<Packed>(), 32);
     }
 }

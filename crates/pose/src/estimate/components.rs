@@ -1,18 +1,20 @@
-//! How good each ball's centres in each camera are, from the residuals of a flight.
+//! How good each ball's centres in each camera are, across and down, from the residuals of a flight.
 
 use super::PoseEstimator;
 use super::gates::CLAIM_DEGREES;
 use super::solve::Sight;
 use crate::{Observations, PoseError, PoseSample};
+use mavsight_geometry::Vector2;
 use mavsight_geometry::camera::d_pixel_d_pose;
 
 impl PoseEstimator {
-    /// Factors on the claimed covariances of the centres, camera by camera and marker by marker: a ball in front of a window is
-    /// worse than its pixels tell, all the while.
+    /// Factors on the claimed variances of the centres' columns and rows, camera by camera and marker by marker: a ball in front of a
+    /// window is worse than its pixels tell, all the while; one beside a level skid is better across than that allows for.
     ///
     /// One step of the estimation of variance components: the sum of a group's squared residuals over the sum of its
-    /// redundancies (Foerstner 1979; Rao 1971), with the claim counting as much as one frame. Below one is set to one, since the
-    /// claim is the least that the pixels permit.
+    /// redundancies (Foerstner 1979; Rao 1971), with the claim counting as much as one frame. Its mean is an average of the true
+    /// components, weighted by how much of each the residuals show, so that it leads towards them but not beyond. No factor is held at
+    /// or above one: of a short flight, whose residuals are small by chance as often as large, that would widen all claims.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].
@@ -20,25 +22,103 @@ impl PoseEstimator {
         &self,
         observations: &Observations,
         poses: &[PoseSample],
-    ) -> Result<Vec<f64>, PoseError> {
-        let mut sums = vec![(CLAIM_DEGREES, CLAIM_DEGREES); self.cameras.len() * self.markers.len()];
+    ) -> Result<Vec<Vector2<f64>>, PoseError> {
+        let claim = Vector2::repeat(0.5 * CLAIM_DEGREES);
+        let mut sums = vec![(claim, claim); self.cameras.len() * self.markers.len()];
         let mut seen = Vec::new();
         for pose in poses {
             observations.at(pose.t_ns, &mut seen);
             let Some(estimate) = &pose.estimate else { continue };
-            let used = seen.iter().filter(|o| estimate.markers_used.contains(o.marker));
-            let sights = used.map(|o| self.sight(o)).collect::<Result<Vec<Sight>, _>>()?;
+            seen.retain(|o| estimate.markers_used.contains(o.marker));
+            let sights = seen.iter().map(|o| self.sight(o)).collect::<Result<Vec<Sight>, _>>()?;
             let Ok(solution) = self.at_pose(&sights, &estimate.world_from_body) else { continue };
             let Some(inverse) = solution.normal.cholesky().map(|c| c.inverse()) else { continue };
-            for s in &sights {
+            for (s, o) in sights.iter().zip(&seen) {
                 let Ok(at) = self.projected(s, &estimate.world_from_body) else { continue };
                 let place = &self.markers[s.marker].marker_in_body_m;
-                let jacobian = s.whitener * d_pixel_d_pose(&at, &estimate.world_from_body, place);
+                let jacobian = d_pixel_d_pose(&at, &estimate.world_from_body, place);
+                let (claimed_px2, pose_px2) = (o.covariance_px2, jacobian * inverse * jacobian.transpose());
                 let (square, redundancy) = &mut sums[s.camera * self.markers.len() + s.marker];
-                *square += (s.whitener * (s.pixel - at.pixel)).norm_squared();
-                *redundancy += 2.0 - (jacobian * inverse * jacobian.transpose()).trace();
+                for (k, left_px) in (s.pixel - at.pixel).iter().enumerate() {
+                    square[k] += left_px * left_px / claimed_px2[(k, k)];
+                    redundancy[k] += 1.0 - pose_px2[(k, k)] / claimed_px2[(k, k)];
+                }
             }
         }
-        Ok(sums.iter().map(|(square, redundancy)| (square / redundancy).max(1.0)).collect())
+        Ok(sums.iter().map(|(square, redundancy)| square.component_div(redundancy)).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::MarkerObservation;
+    use crate::estimate::tests::{body, seen, truth};
+    use crate::testing::rig;
+
+    /// So many frames with noise of 0.1 px, as claimed; only one sight's noise across and down is so many times that.
+    fn flight(
+        estimator: &PoseEstimator,
+        (frames, spoilt, times): (i64, (usize, usize), Vector2<f64>),
+        seed: &mut u64,
+    ) -> (Vec<MarkerObservation>, Vec<PoseSample>) {
+        let (mut sights, mut poses) = (Vec::new(), Vec::new());
+        for t_ns in 0..frames {
+            let mut now = seen(&truth(), 0.1, seed);
+            for o in &mut now {
+                o.t_ns = t_ns;
+                if (o.camera, o.marker) == spoilt {
+                    let exact =
+                        seen(&truth(), 0.0, &mut 1).into_iter().find(|e| (e.camera, e.marker) == spoilt);
+                    let pixel = exact.unwrap().pixel;
+                    o.pixel = pixel + (o.pixel - pixel).component_mul(&times);
+                }
+            }
+            let estimate = estimator.estimate(t_ns, &now, None).ok();
+            poses.push(PoseSample { t_ns, estimate, reason: None });
+            sights.extend(now);
+        }
+        (sights, poses)
+    }
+
+    /// Marker 2 is three times as noisy in the second camera as it claims, or across half as noisy and down twice.
+    #[test]
+    fn factors_tell_which_ball_is_worse_than_it_claims_or_better_and_which_way() {
+        let estimator = PoseEstimator::new(&rig(), &body());
+        for times in [Vector2::new(3.0, 3.0), Vector2::new(0.5, 2.0)] {
+            let (mut sights, mut poses) = flight(&estimator, (400, (1, 2), times), &mut 41);
+            // Twice, as where a flight is refined: the product nears the variance component.
+            let mut total = [Vector2::repeat(1.0); 8];
+            for _ in 0..2 {
+                let mut scaled: Observations = sights.iter().collect();
+                let factors = estimator.centre_factors(&scaled, &poses).unwrap();
+                total.iter_mut().zip(&factors).for_each(|(t, f)| t.component_mul_assign(f));
+                scaled.scale_covariances(|camera, marker| factors[4 * camera + marker]);
+                sights = scaled.iter().collect();
+                for (pose, own) in poses.iter_mut().zip(sights.chunks(8)) {
+                    pose.estimate = estimator.estimate(pose.t_ns, own, None).ok();
+                }
+            }
+            for (k, factor) in total.iter().enumerate() {
+                let want = if k == 6 { times.component_mul(&times) } else { Vector2::repeat(1.0) };
+                let times_off = factor.component_div(&want).map(|f| f.max(1.0 / f)).max();
+                assert!(times_off < 1.75, "{k}: {factor} for {want}");
+            }
+        }
+    }
+
+    #[test]
+    fn claims_of_short_flights_are_not_widened_by_chance() {
+        let estimator = PoseEstimator::new(&rig(), &body());
+        let (mut seed, mut sum, mut count) = (43, 0.0, 0.0);
+        for _ in 0..300 {
+            let (sights, poses) = flight(&estimator, (3, (0, 0), Vector2::repeat(1.0)), &mut seed);
+            for factor in estimator.centre_factors(&sights.iter().collect(), &poses).unwrap() {
+                sum += factor.sum();
+                count += 2.0;
+            }
+        }
+        let mean: f64 = sum / count;
+        assert!((mean - 1.0).abs() < 0.02, "{mean}");
     }
 }
