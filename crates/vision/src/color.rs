@@ -43,6 +43,11 @@ static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
     })
 });
 
+/// Least code that a channel of a coloured pixel has: chroma is at most the difference of its strongest and weakest channel.
+pub(crate) fn least_colored_code() -> u8 {
+    (0..=u8::MAX).find(|code| LINEAR[usize::from(*code)] >= LEAST_CHROMA).unwrap_or(u8::MAX)
+}
+
 /// Linear light of an sRGB-coded colour.
 pub(crate) fn to_linear(rgb: [u8; 3]) -> [f32; 3] {
     let table = &*LINEAR;

@@ -4,7 +4,7 @@
 //! In a 4:2:0 frame, a pair of colour differences decides between which lumas a pixel is coloured, usually none: that is
 //! worked out once for each pair that occurs, and most blocks of four pixels are passed by with one look at a table.
 
-use crate::color::{Seen, to_linear};
+use crate::color::{Seen, least_colored_code, to_linear};
 use crate::frame::YuvToRgb;
 use crate::segment::Window;
 use crate::{Frame, Pixels, YuvMatrix};
@@ -27,16 +27,19 @@ impl Chromatic {
 const AT_ONCE: usize = 32;
 
 /// Whether all pixels of a piece of a row are neutral, compiled for each vector unit that a processor may have.
-struct AllNeutral<'a>(&'a [u8]);
+struct AllNeutral<'a> {
+    row: &'a [u8],
+    least_code: u8,
+}
 
 impl pulp::WithSimd for AllNeutral<'_> {
     type Output = bool;
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) -> bool {
-        let neutral = |p: &[u8]| is_neutral([p[0], p[1], p[2]]);
-        let Ok(whole) = <&[u8; 3 * AT_ONCE]>::try_from(self.0) else {
-            return self.0.chunks_exact(3).all(neutral);
+        let neutral = |p: &[u8]| is_neutral([p[0], p[1], p[2]], self.least_code);
+        let Ok(whole) = <&[u8; 3 * AT_ONCE]>::try_from(self.row) else {
+            return self.row.chunks_exact(3).all(neutral);
         };
         let mut colored = 0_u8;
         for k in 0..AT_ONCE {
@@ -80,15 +83,16 @@ impl Collector {
 
     fn collect_rgb(&mut self, frame: &Frame, rgb: &[u8], window: &Window) {
         let width = frame.size.width_px as usize;
+        let least_code = least_colored_code();
         for y in window.rows.clone() {
             let columns = window.columns.clone();
             let row = rgb.get(3 * (y * width + columns.start)..3 * (y * width + columns.end));
             let mut x = columns.start;
             for many in row.unwrap_or(&[]).chunks(3 * AT_ONCE) {
-                if !pulp::Arch::new().dispatch(AllNeutral(many)) {
+                if !pulp::Arch::new().dispatch(AllNeutral { row: many, least_code }) {
                     for (pixel, x) in many.chunks_exact(3).zip(x..) {
                         let rgb = [pixel[0], pixel[1], pixel[2]];
-                        if !is_neutral(rgb) {
+                        if !is_neutral(rgb, least_code) {
                             add(&mut self.found, x, y, rgb);
                         }
                     }
@@ -163,14 +167,14 @@ fn luma_range(convert: &YuvToRgb, u: u8, v: u8) -> LumaRange {
     }
 }
 
-/// A quick test on coded values that only removes what the purity test would remove: on the sRGB curve half the linear
-/// light is at least 0.68 of the code.
+/// A quick test on coded values that only removes what the tests of chroma and purity would remove: on the sRGB curve half the
+/// linear light is at least 0.68 of the code.
 #[inline(always)]
-fn is_neutral(rgb: [u8; 3]) -> bool {
+fn is_neutral(rgb: [u8; 3], least_code: u8) -> bool {
     let most = rgb[0].max(rgb[1]).max(rgb[2]);
     let least = rgb[0].min(rgb[1]).min(rgb[2]);
     // 3/4 of the code is at most half the light only above the linear toe; below it there is no chroma either.
-    u16::from(least) * 4 > u16::from(most) * 3
+    (most < least_code) | (u16::from(least) * 4 > u16::from(most) * 3)
 }
 
 #[cfg(test)]

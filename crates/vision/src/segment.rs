@@ -192,6 +192,9 @@ impl Segmenter {
     }
 
     fn join(&mut self, a: usize, b: usize) {
+        if self.parent[a] == self.parent[b] {
+            return;
+        }
         let (a, b) = (self.root(a), self.root(b));
         let (first, second) = (a.min(b), a.max(b));
         self.parent[second] = first as u32;
