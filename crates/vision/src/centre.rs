@@ -162,7 +162,8 @@ impl Fitter {
 
     /// Fits the ball in the patch.
     ///
-    /// None if it does not converge to a disc with a radius in `radius_px` that stands out and is mostly visible.
+    /// None if it does not converge to a disc with a radius in `radius_px` that stands out and is mostly visible, or is too large
+    /// and still grows.
     pub(crate) fn fit(&mut self, patch: &Patch, radius_px: (f64, f64), start: &Start) -> Option<Fit> {
         if !patch.is_whole() {
             return None;
@@ -175,6 +176,7 @@ impl Fitter {
         let noise_variance = start.followed.map(|f| f.noise_variance);
         pulp::Arch::new().dispatch(Begin { equations: &mut self.equations, patch, noise_variance });
         let (mut weighed, mut seen_from, mut covariance) = (0, None, Covariance::Anew);
+        let mut was_too_large = false;
         let mut same_place_px = SAME_PLACE_PX;
         // Lines are followed for three times the work, and only once it is clear where the ball is. The rest is predicted at once:
         // a fit that takes a dark hull behind half of the ball for noise may draw the hull into the ball.
@@ -197,9 +199,11 @@ impl Fitter {
             model.p += step.change;
             model.p[RADIUS] = model.p[RADIUS].clamp(range_px.0, range_px.1);
             model.p[EDGE] = model.p[EDGE].clamp(PIXEL_STD_PX, 0.6 * model.p[RADIUS].max(LEAST_RADIUS_PX));
-            if (model.p.xy() - start.pixel).norm() > reach_px {
+            let is_too_large = model.p[RADIUS] >= range_px.1;
+            if (model.p.xy() - start.pixel).norm() > reach_px || (is_too_large && was_too_large) {
                 return None;
             }
+            was_too_large = is_too_large;
             if clutter == Clutter::AsNoise {
                 if step.length < NEAR && step.is_whole {
                     (clutter, seen_from) = (Clutter::Predicted, None);

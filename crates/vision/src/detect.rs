@@ -159,7 +159,7 @@ impl Workspace {
             let up = self.camera.as_ref().and_then(|camera| up_as_seen(camera, &blob.pixel));
             let start = Start { optics, outline, up, known_radius_px, ..start(frame, blob, range_px) };
             self.patch.fill(frame, blob.pixel, start.radius_px + RING_PX);
-            let range_px = (0.5 * range_px.0, 0.5 * range_px.1);
+            let range_px = (0.5 * range_px.0, (0.5 * range_px.1).min(largest_radius_px(blob.area_px)));
             let followed = self.expected.and_then(|expected| {
                 let seen = blob.pixel + expected.from_region_px;
                 let foreseen = expected.pixel.filter(|p| (p - seen).norm() < AS_FORESEEN_PX);
@@ -185,12 +185,19 @@ impl Workspace {
     }
 }
 
-/// Coloured pixels that a disc of the expected diameters yields: two thirds of them may be lost to blur, glare or an
-/// arm, and a rim of one pixel may be tinged.
+/// Part of a disc's pixels that are coloured at least: two thirds of them may be lost to blur, glare or an arm.
+const LEAST_COLORED: f64 = 1.0 / 3.0;
+
+/// Radius of the largest ball of which a region of so many coloured pixels may be what is seen.
+fn largest_radius_px(area_px: f64) -> f64 {
+    (area_px / (LEAST_COLORED * std::f64::consts::PI)).sqrt()
+}
+
+/// Coloured pixels that a disc of the expected diameters yields, of which a rim of one pixel more may be tinged.
 fn area_gate_px((smallest_px, largest_px): (f64, f64)) -> (f64, f64) {
     let disc = |diameter_px: f64| 0.25 * std::f64::consts::PI * diameter_px * diameter_px;
     let smallest = smallest_px.max(2.0 * LEAST_RADIUS_PX);
-    (disc(smallest) / 3.0, disc(largest_px + 2.0))
+    (LEAST_COLORED * disc(smallest), disc(largest_px + 2.0))
 }
 
 /// Where the fit of a region's ball begins.
@@ -247,4 +254,19 @@ fn judge(
         score: (1.0 - 0.5 * gate) * filled.sqrt() * fit.trusted,
         color: fit.ball.map(|light| encode(f64::from(light)).0.round().clamp(0.0, 255.0) as u8),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_least_region_may_be_the_smallest_ball_and_a_whole_disc_one_of_its_own_size() {
+        for smallest_px in [3.0, 5.5, 20.0] {
+            let (least_px, most_px) = area_gate_px((smallest_px, 40.0));
+            assert!((largest_radius_px(least_px) / (0.5 * smallest_px) - 1.0).abs() < 1e-12);
+            assert!(largest_radius_px(most_px) > 20.0);
+        }
+        assert!((largest_radius_px(std::f64::consts::PI) - 3f64.sqrt()).abs() < 1e-12);
+    }
 }
