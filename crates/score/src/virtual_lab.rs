@@ -4,7 +4,7 @@ use crate::ScoreError;
 use mavsight_flight::{Color, Vehicle};
 use mavsight_geometry::{Camera, ImageSize, Intrinsics, Matrix2, Vector3};
 use mavsight_pipeline::{Tracked, body_markers};
-use mavsight_pose::{PoseEstimator, Rig};
+use mavsight_pose::{PoseError, PoseEstimator, Rig};
 use mavsight_session::ControlPointRow;
 
 /// A camera of a virtual laboratory.
@@ -166,7 +166,7 @@ impl VirtualLab {
             cameras: cameras.collect(),
             control: control.clone(),
             sights: sights_of(tracked, rig.cameras.len(), vehicle.marker.len()),
-            noise_over_claim: noise_over_claim(tracked, bias_px),
+            noise_over_claim: noise_over_claim(&estimator, tracked, bias_px)?,
             bias_px,
             refines: false,
             frame_rate_hz: 1e9 / interval_ns as f64,
@@ -224,22 +224,18 @@ fn sights_of(tracked: &Tracked, cameras: usize, markers: usize) -> Vec<SightNois
 }
 
 /// What the residuals of the poses say of the centres' noise, over what was claimed; 1 without a redundancy.
-fn noise_over_claim(tracked: &Tracked, bias_px: f64) -> f64 {
-    let (mut squares_px2, mut redundancy, mut claimed_px2, mut sights) = (0.0, 0.0, 0.0, 0.0);
-    let mut seen = Vec::new();
-    for pose in &tracked.poses {
-        tracked.observations.at(pose.t_ns, &mut seen);
-        let Some(estimate) = &pose.estimate else { continue };
-        let used: Vec<_> = seen.iter().filter(|o| estimate.markers_used.contains(o.marker)).collect();
-        let coordinates = 2.0 * used.len() as f64;
-        squares_px2 += estimate.residual_px.powi(2) * coordinates;
-        redundancy += coordinates - 6.0;
-        claimed_px2 += used.iter().map(|o| o.covariance_px2.trace() / 2.0).sum::<f64>();
-        sights += used.len() as f64;
+fn noise_over_claim(estimator: &PoseEstimator, tracked: &Tracked, bias_px: f64) -> Result<f64, PoseError> {
+    let factors = estimator.centre_factors(&tracked.observations, &tracked.poses)?;
+    let markers = estimator.markers().len();
+    let (mut shown_px2, mut claimed_px2, mut sights) = (0.0, 0.0, 0.0);
+    for o in tracked.observations.iter() {
+        let own_px2 = o.covariance_px2.diagonal();
+        shown_px2 += own_px2.dot(&factors[o.camera * markers + o.marker]) / 2.0;
+        claimed_px2 += own_px2.sum() / 2.0;
+        sights += 1.0;
     }
-    if redundancy <= 0.0 || claimed_px2 <= 0.0 {
-        return 1.0;
+    if claimed_px2 <= 0.0 {
+        return Ok(1.0);
     }
-    let noise_px2 = squares_px2 / redundancy - bias_px * bias_px;
-    (noise_px2 / (claimed_px2 / sights)).max(0.01).sqrt()
+    Ok(((shown_px2 - sights * bias_px * bias_px) / claimed_px2).max(0.01).sqrt())
 }
