@@ -65,11 +65,31 @@ pub(crate) struct Segmenter {
     /// Pixels of one marker at the present level, and those of the next, by their number among the collected.
     level: Vec<u32>,
     next: Vec<u32>,
-    /// For each pixel of the level an earlier one of its region, or itself; afterwards its region's number.
-    parent: Vec<u32>,
+    /// All pixels of the level.
+    runs: Vec<Run>,
+    /// For each of these pixels its region's number.
+    region: Vec<u32>,
     sums: Vec<Sums>,
     strongest: Vec<Sums>,
     pub(crate) blobs: Vec<Blob>,
+}
+
+/// Neighbouring pixels of a row, the end not included.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    y: u32,
+    begin: u32,
+    end: u32,
+    /// An earlier run of its region, or itself.
+    parent: usize,
+    region: u32,
+}
+
+impl Run {
+    /// Whether neither this nor what comes before it can touch a later run, nor any behind that.
+    fn ends_before(&self, run: &Self) -> bool {
+        self.y + 1 < run.y || (self.y + 1 == run.y && self.end < run.begin)
+    }
 }
 
 /// Moments of a region.
@@ -113,7 +133,7 @@ impl Segmenter {
             self.join_two(area_px);
             least_chroma *= 2.0;
             self.next.clear();
-            let pixels = self.level.iter().zip(&self.parent);
+            let pixels = self.level.iter().zip(&self.region);
             let large = pixels.filter(|(_, region)| is_large(&self.sums[**region as usize])).map(|(k, _)| *k);
             let strong = |k: &u32| self.colored.found[*k as usize].seen().chroma >= least_chroma;
             self.next.extend(large.filter(strong));
@@ -143,67 +163,65 @@ impl Segmenter {
 
     /// Joins neighbours, diagonal ones too, and numbers the regions in the order of their first pixels: how many there are.
     fn connect(&mut self) -> usize {
-        self.parent.clear();
-        self.parent.extend(0..self.level.len() as u32);
-        let mut above = 0;
-        for index in 0..self.level.len() {
-            let (x, y) = self.place(index);
-            if index > 0 && self.place(index - 1) == (x.wrapping_sub(1), y) {
-                self.join(index - 1, index);
+        self.runs.clear();
+        for pixel in self.level.iter().map(|k| &self.colored.found[*k as usize]) {
+            match self.runs.last_mut() {
+                Some(run) if run.y == pixel.y && run.end == pixel.x => run.end += 1,
+                _ => self.runs.push(Run {
+                    y: pixel.y,
+                    begin: pixel.x,
+                    end: pixel.x + 1,
+                    parent: self.runs.len(),
+                    region: 0,
+                }),
             }
-            let is_before = |(of_x, of_y): (u32, u32)| of_y + 1 < y || (of_y + 1 == y && of_x + 1 < x);
-            while above < index && is_before(self.place(above)) {
+        }
+        let mut above = 0;
+        for index in 0..self.runs.len() {
+            let run = self.runs[index];
+            while self.runs[above].ends_before(&run) {
                 above += 1;
             }
-            let touches = |(of_x, of_y): (u32, u32)| of_y + 1 == y && of_x <= x + 1;
             let mut neighbour = above;
-            while neighbour < index && touches(self.place(neighbour)) {
+            while self.runs[neighbour].y < run.y && self.runs[neighbour].begin <= run.end {
                 self.join(neighbour, index);
                 neighbour += 1;
             }
         }
-        for index in 0..self.parent.len() {
-            self.parent[index] = self.root(index) as u32;
-        }
-        // What comes before a pixel has its region's number already, and its first pixel comes before it.
+        // A region's first run comes before its others.
+        self.region.clear();
         let mut regions = 0;
-        for index in 0..self.parent.len() {
-            let first = self.parent[index] as usize;
-            self.parent[index] = if first == index { regions } else { self.parent[first] };
-            regions += u32::from(first == index);
+        for index in 0..self.runs.len() {
+            let first = self.root(index);
+            if first == index {
+                self.runs[index].region = regions;
+                regions += 1;
+            }
+            let (run, region) = (self.runs[index], self.runs[first].region);
+            self.region.extend((run.begin..run.end).map(|_| region));
         }
         regions as usize
     }
 
-    /// Column and row of a pixel of the level.
-    fn place(&self, index: usize) -> (u32, u32) {
-        let pixel = &self.colored.found[self.level[index] as usize];
-        (pixel.x, pixel.y)
-    }
-
-    /// The first pixel of a region so far; the way there is halved (Tarjan & van Leeuwen 1984).
+    /// The first run of a region so far; the way there is halved (Tarjan & van Leeuwen 1984).
     fn root(&mut self, mut index: usize) -> usize {
-        while self.parent[index] as usize != index {
-            let above = self.parent[index] as usize;
-            self.parent[index] = self.parent[above];
-            index = self.parent[index] as usize;
+        while self.runs[index].parent != index {
+            let above = self.runs[index].parent;
+            self.runs[index].parent = self.runs[above].parent;
+            index = self.runs[index].parent;
         }
         index
     }
 
     fn join(&mut self, a: usize, b: usize) {
-        if self.parent[a] == self.parent[b] {
-            return;
-        }
         let (a, b) = (self.root(a), self.root(b));
-        let (first, second) = (a.min(b), a.max(b));
-        self.parent[second] = first as u32;
+        self.runs[a.max(b)].parent = a.min(b);
     }
 
     fn sum(&mut self, regions: usize) {
         self.sums.clear();
         self.sums.resize(regions, Sums::default());
-        for (index, region) in self.level.iter().zip(&self.parent) {
+        for (index, region) in self.level.iter().zip(&self.region) {
             let sums = &mut self.sums[*region as usize];
             let pixel = &self.colored.found[*index as usize];
             let (x, y, weight) = (f64::from(pixel.x), f64::from(pixel.y), f64::from(pixel.seen().chroma));
@@ -256,5 +274,50 @@ impl Sums {
             strength: self.weight,
             hue: self.hue,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::colored::Chromatic;
+    use proptest::prelude::*;
+
+    const SIDE: i32 = 9;
+
+    /// Regions by flooding each from its first pixel.
+    fn flooded(set: &[bool]) -> Vec<u32> {
+        let mut region = vec![None; set.len()];
+        let mut count = 0;
+        for first in (0..set.len()).filter(|k| set[*k]) {
+            let mut open = if region[first].is_none() { vec![first as i32] } else { continue };
+            while let Some(at) = open.pop() {
+                if region[at as usize].replace(count).is_some() {
+                    continue;
+                }
+                let near = |k: &i32| (k % SIDE - at % SIDE).abs() <= 1 && (k / SIDE - at / SIDE).abs() <= 1;
+                open.extend(
+                    (0..SIDE * SIDE).filter(|k| near(k) && set[*k as usize] && region[*k as usize].is_none()),
+                );
+            }
+            count += 1;
+        }
+        region.into_iter().flatten().collect()
+    }
+
+    proptest! {
+        #[test]
+        fn regions_are_those_that_flooding_finds(set in prop::collection::vec(any::<bool>(), (SIDE * SIDE) as usize)) {
+            let mut segmenter = Segmenter::default();
+            for k in (0..SIDE * SIDE).filter(|k| set[*k as usize]) {
+                let pixel = Chromatic { x: (k % SIDE) as u32, y: (k / SIDE) as u32, hue: [1.0, 0.0] };
+                segmenter.level.push(segmenter.colored.found.len() as u32);
+                segmenter.colored.found.push(pixel);
+            }
+            let want = flooded(&set);
+            let count = segmenter.connect();
+            prop_assert_eq!(&segmenter.region, &want);
+            prop_assert_eq!(count as u32, want.iter().max().map_or(0, |most| most + 1));
+        }
     }
 }

@@ -6,7 +6,7 @@ mod weighing;
 use super::cholesky::{BAND, Banded};
 use super::glare::Glare;
 use super::lanes::GROUP;
-use super::model::{EDGE, Model, RESIDUAL, Row, SITING, Shown, WIDTH, add_scaled};
+use super::model::{EDGE, Model, NO_COLUMNS, RESIDUAL, Row, SITING, Shown, WIDTH, add_scaled};
 use super::normal::Normal;
 use super::places::Places;
 use super::samples::{grain_variance, visit};
@@ -150,12 +150,24 @@ impl Equations {
         let colors = &self.color_covered;
         self.surroundings.estimate(simd, place, around, colors, (self.noise_variance, clutter))?;
         self.use_pixels(patch, model);
-        let near = |pixel: usize| self.surroundings.clutter_near(patch, pixel, self.noise_variance);
-        self.near.clear();
-        self.near.extend(self.used.iter().map(|pixel| near(*pixel as usize)));
-        self.color_near.clear();
-        self.color_near.extend(self.blocks.iter().map(|block| near(patch.first_pixel(*block as usize))));
+        self.find_near(patch);
         Some(())
+    }
+
+    /// Standard deviation of the clutter near each pixel and each block in use.
+    #[inline(always)]
+    fn find_near(&mut self, patch: &Patch) {
+        self.near.clear();
+        for pixel in &self.used {
+            self.near.push(self.surroundings.clutter_near(patch, *pixel as usize, self.noise_variance));
+        }
+        self.color_near.clear();
+        for block in &self.blocks {
+            let first = patch.first_pixel(*block as usize);
+            let known = (self.slot[first] as usize).checked_sub(1).and_then(|place| self.near.get(place));
+            let near = || self.surroundings.clutter_near(patch, first, self.noise_variance);
+            self.color_near.push(known.copied().unwrap_or_else(near));
+        }
     }
 
     /// How far each pixel is covered, and how deep inside the edge it is.
@@ -218,7 +230,10 @@ impl Equations {
                 color[0] - patch.from_coded[1][3],
                 color[1] - patch.from_coded[2][3],
             ];
-            let behind = patch.to_coded.map(|row| decode((0..3).map(|k| row[k] * channels[k]).sum::<f64>()));
+            let mut behind = NOTHING;
+            for (light, row) in behind.iter_mut().zip(&patch.to_coded) {
+                *light = decode(row[0] * channels[0] + row[1] * channels[1] + row[2] * channels[2]);
+            }
             self.used.push(*index);
             self.places.push(patch.place(*index as usize), &behind);
         }
@@ -293,8 +308,9 @@ impl Equations {
     #[inline(always)]
     fn evaluate<S: Simd>(&mut self, simd: S, patch: &Patch, model: &Model) {
         self.shown.resize(self.used.len() + self.shared.len(), Shown::NOTHING);
+        let mut columns = NO_COLUMNS;
         for (group, shown) in self.shown.chunks_mut(GROUP).enumerate() {
-            model.show(simd, (&self.places, GROUP * group), &patch.from_coded, shown);
+            model.show(simd, (&self.places, GROUP * group), &patch.from_coded, &mut columns, shown);
         }
         for (used, shown) in self.used.iter().zip(&mut self.shown) {
             let residual = &mut shown.channels[0][RESIDUAL];
@@ -331,12 +347,15 @@ impl Equations {
             let hidden = (likelier * (HIDES * near / level).powi(2)).min(1.0);
             let covered = self.color_covered[block];
             let trust = self.color_weight[block].max(LEAST_TRUST);
-            self.color_variance.push([0, 1].map(|k| {
+            let mut variance = [0.0; 2];
+            for (k, variance) in variance.iter_mut().enumerate() {
                 let value = patch.colors[block][k] - rows[k][RESIDUAL] - patch.from_coded[k + 1][3];
                 let clutter = (self.surroundings.color_variance[k] - known_color).max(0.0);
                 let behind = (1.0 - covered).powi(2) * clutter;
-                (self.noise_variance + alike * (hidden * (covered * value).powi(2) + behind)) / trust
-            }));
+                *variance =
+                    (self.noise_variance + alike * (hidden * (covered * value).powi(2) + behind)) / trust;
+            }
+            self.color_variance.push(variance);
         }
         self.scale.clear();
         self.scale.extend(self.variance.iter().map(|v| v.sqrt().recip()));

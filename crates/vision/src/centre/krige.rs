@@ -7,6 +7,7 @@
 
 use super::CLEAR;
 use super::cholesky::Banded;
+use super::edge::fall;
 use super::lanes::{GROUP, Lanes};
 use super::metric::Course;
 use super::surroundings::LEAST_CLUTTER;
@@ -105,7 +106,7 @@ impl Kriging {
             systems.own = [spread.clutter * spread.clutter + spread.noise_variance; GROUP];
             self.set_up(&mut systems, places, stride);
             if self.along_lines {
-                self.follow_lines(&mut systems, places, (stride, edge_px, spread));
+                self.follow_lines(simd, &mut systems, places, (stride, edge_px, spread));
             }
             let (predicted, square) = systems.solve(simd)?;
             for (lane, mean) in mean.iter_mut().enumerate() {
@@ -140,7 +141,7 @@ impl Kriging {
         }
     }
 
-    /// Sets the equations of up to a group of rim pixels.
+    /// Sets the equations of up to a group of rim pixels, but for covariances that follow lines.
     #[inline(always)]
     fn set_up(&self, systems: &mut Systems, places: &[(i32, i32)], stride: usize) {
         let Some(kernel) = self.kernel.first() else { return };
@@ -161,53 +162,61 @@ impl Kriging {
                 }
             }
             systems.count[lane] = count;
+            if self.along_lines {
+                continue;
+            }
             for i in 0..NEIGHBOURS {
                 for j in i + 1..NEIGHBOURS {
                     systems.matrix[i][j][lane] = kernel[(HERE + found[i] - found[j]) % TABLE];
                 }
                 systems.cross[i][lane] = kernel[found[i] % TABLE];
             }
-            for i in count..NEIGHBOURS {
-                // What was not found predicts nothing.
-                for j in 0..i {
-                    systems.matrix[j][i][lane] = 0.0;
-                }
-                (systems.cross[i][lane], systems.left[i][lane]) = (0.0, 0.0);
-            }
+            systems.leave_out_missing(lane);
         }
     }
 
     /// Sets the covariances of up to a group of rim pixels as lines near each of them have it.
-    fn follow_lines(
+    #[inline(always)]
+    fn follow_lines<S: Simd>(
         &self,
+        simd: S,
         systems: &mut Systems,
         places: &[(i32, i32)],
         (stride, edge_px, spread): (usize, f64, Spread),
     ) {
         let (clutter, noise) = (spread.clutter * spread.clutter, spread.noise_variance);
+        // Of the neighbours, and behind them of the pixel itself.
+        let mut from_pixel = [[[0.0; GROUP]; 2]; NEIGHBOURS + 1];
+        let mut metric = [[0.0; GROUP]; 3];
         for (lane, (x, y)) in places.iter().enumerate() {
             let corner = *y as usize * stride + *x as usize;
             let nearby = self.course.nearby(corner, edge_px, noise);
-            let [xx, xy, yy] = nearby.metric;
-            let covariance = |(x, y): (i32, i32)| {
-                let (x, y) = (f64::from(x), f64::from(y));
-                clutter * (-0.5 * (xx * x * x + 2.0 * xy * x * y + yy * y * y)).exp()
-            };
-            let mut found = [(0, 0); NEIGHBOURS];
+            for (out, value) in metric.iter_mut().zip(nearby.metric) {
+                out[lane] = value;
+            }
             let free =
                 BY_DISTANCE.iter().zip(&self.offsets).filter(|(_, (at, _))| !self.left[corner + at].is_nan());
-            for (found, (offset, _)) in found.iter_mut().zip(free) {
-                *found = *offset;
-            }
-            let count = systems.count[lane];
-            for i in 0..count {
-                for j in i + 1..count {
-                    let apart = (found[i].0 - found[j].0, found[i].1 - found[j].1);
-                    systems.matrix[i][j][lane] = covariance(apart);
-                }
-                systems.cross[i][lane] = covariance(found[i]);
+            for ([across, down], ((x, y), _)) in from_pixel[..NEIGHBOURS].iter_mut().zip(free) {
+                (across[lane], down[lane]) = (f64::from(*x), f64::from(*y));
             }
             systems.own[lane] = clutter * (1.0 + noise / nearby.variance.max(LEAST_CLUTTER * noise));
+        }
+        for part in 0..Lanes::<S>::PARTS {
+            let load = |values: &[f64; GROUP]| Lanes::load(simd, values, part);
+            let (xx, xy, yy) = (load(&metric[0]), load(&metric[1]), load(&metric[2]));
+            for i in 0..NEIGHBOURS {
+                for j in i + 1..=NEIGHBOURS {
+                    let x = load(&from_pixel[i][0]) - load(&from_pixel[j][0]);
+                    let y = load(&from_pixel[i][1]) - load(&from_pixel[j][1]);
+                    let square = (xx * x + (xy + xy) * y) * x + yy * y * y;
+                    let covariance = Lanes::splat(simd, clutter) * fall(simd, square);
+                    let into = if j < NEIGHBOURS { &mut systems.matrix[i][j] } else { &mut systems.cross[i] };
+                    covariance.store(into, part);
+                }
+            }
+        }
+        for lane in 0..places.len() {
+            systems.leave_out_missing(lane);
         }
     }
 
@@ -252,6 +261,17 @@ impl Systems {
         own: [1.0; GROUP],
         count: [0; GROUP],
     };
+
+    /// What was not found predicts nothing.
+    #[inline(always)]
+    fn leave_out_missing(&mut self, lane: usize) {
+        for i in self.count[lane]..NEIGHBOURS {
+            for row in &mut self.matrix[..i] {
+                row[i][lane] = 0.0;
+            }
+            (self.cross[i][lane], self.left[i][lane]) = (0.0, 0.0);
+        }
+    }
 
     /// What is predicted and the sum of the squared values; None where a matrix is not positive definite.
     #[inline(always)]

@@ -35,6 +35,20 @@ impl<S: Simd> Lanes<S> {
         S::as_mut_simd_f64s(into).0[part] = self.values;
     }
 
+    /// Columns of a group of numbers as rows; only where a vector unit holds a whole group.
+    #[inline(always)]
+    pub(super) fn transposed(simd: S, columns: [Self; GROUP]) -> [Self; GROUP] {
+        debug_assert_eq!(S::F64_LANES, GROUP);
+        let [a, b, c, d] = columns;
+        let [a, b, c, d] = simd.deinterleave_shfl_f64s([a.values, b.values, c.values, d.values]);
+        [
+            Self { simd, values: a },
+            Self { simd, values: b },
+            Self { simd, values: c },
+            Self { simd, values: d },
+        ]
+    }
+
     #[inline(always)]
     pub(super) fn sqrt(self) -> Self {
         Self { values: self.simd.sqrt_f64s(self.values), ..self }

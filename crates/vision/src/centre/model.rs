@@ -61,8 +61,9 @@ impl Shown {
     pub(super) const NOTHING: Self = Self { covered: 0.0, channels: [[0.0; WIDTH]; 3], open: 0.0 };
 }
 
-/// Derivatives of a channel by all parameters and its value, for a group of pixels.
-type Columns = [[f64; GROUP]; WIDTH];
+/// Derivatives of each channel by all parameters and its value, for a group of pixels. What no model sets stays nothing.
+pub(super) type Columns = [[[f64; GROUP]; WIDTH]; 3];
+pub(super) const NO_COLUMNS: Columns = [[[0.0; GROUP]; WIDTH]; 3];
 
 impl Model {
     /// Fraction of each pixel that the disc covers, and its distance inside the edge in edge widths.
@@ -147,15 +148,16 @@ impl Model {
     }
 
     /// What a group of pixels shows, that at `first` and those behind, in the channels that these combinations of codes are.
+    /// The columns are working space.
     #[inline(always)]
     pub(super) fn show<S: Simd>(
         &self,
         simd: S,
         (places, first): (&Places, usize),
         from_coded: &[[f64; 4]; 3],
+        columns: &mut Columns,
         shown: &mut [Shown],
     ) {
-        let mut columns = [[[0.0; GROUP]; WIDTH]; 3];
         let (mut covered, mut open) = ([0.0; GROUP], [0.0; GROUP]);
         for part in 0..Lanes::<S>::PARTS {
             let from = |values: &[f64]| Lanes::load(simd, &values[first..first + GROUP], part);
@@ -175,10 +177,10 @@ impl Model {
         }
         for (lane, shown) in shown.iter_mut().enumerate().take(GROUP) {
             (shown.covered, shown.open) = (covered[lane], open[lane]);
-            for (channel, columns) in shown.channels.iter_mut().zip(&columns) {
-                for (value, column) in channel.iter_mut().zip(columns) {
-                    *value = column[lane];
-                }
+        }
+        for (channel, columns) in columns.iter().enumerate() {
+            for (first, columns) in columns.chunks_exact(GROUP).enumerate() {
+                store_rows(simd, columns, shown, (channel, first));
             }
         }
     }
@@ -254,7 +256,7 @@ impl Model {
         (face, behind): (&Face<S>, &[Lanes<S>; 3]),
         (codes, gains): (&[Lanes<S>; 3], &[Lanes<S>; 3]),
         parts: &[f64; 4],
-        (columns, part): (&mut Columns, usize),
+        (columns, part): (&mut [[f64; GROUP]; WIDTH], usize),
     ) {
         let p = &self.p;
         let zero = Lanes::splat(simd, 0.0);
@@ -289,6 +291,29 @@ impl Model {
             (by_gloss * *gloss).store(column, part);
         }
         code.store(&mut columns[RESIDUAL], part);
+    }
+}
+
+/// Stores a group of columns as a group of each pixel's row of a channel.
+#[inline(always)]
+fn store_rows<S: Simd>(
+    simd: S,
+    columns: &[[f64; GROUP]],
+    shown: &mut [Shown],
+    (channel, first): (usize, usize),
+) {
+    if S::F64_LANES == GROUP {
+        let column = |k: usize| Lanes::load(simd, &columns[k], 0);
+        let rows = Lanes::transposed(simd, [column(0), column(1), column(2), column(3)]);
+        for (shown, row) in shown.iter_mut().zip(rows) {
+            row.store(&mut shown.channels[channel], first);
+        }
+        return;
+    }
+    for (lane, shown) in shown.iter_mut().enumerate() {
+        for (value, column) in shown.channels[channel][GROUP * first..].iter_mut().zip(columns) {
+            *value = column[lane];
+        }
     }
 }
 
@@ -356,7 +381,8 @@ mod tests {
             places.finish();
             let shown = |model: &Model| {
                 let mut shown = [Shown::NOTHING];
-                model.show(Scalar::new(), (&places, 0), &from_coded, &mut shown);
+                let mut columns = NO_COLUMNS;
+                model.show(Scalar::new(), (&places, 0), &from_coded, &mut columns, &mut shown);
                 shown[0]
             };
             let got = shown(&model);

@@ -13,10 +13,11 @@ const ROUNDS: usize = 4;
 const ANY: f64 = 1e100;
 const FILLING: f64 = 1e300;
 
-/// Tukey's biweight of a residual in standard deviations.
-pub(super) fn biweight(deviations: f64) -> f64 {
-    let u = deviations / CUT_OFF;
-    if u.abs() < 1.0 { (1.0 - u * u).powi(2) } else { 0.0 }
+/// Tukey's biweight of a residual by its square over its variance.
+#[inline]
+pub(super) fn biweight(square: f64) -> f64 {
+    let left = (1.0 - square * (CUT_OFF * CUT_OFF).recip()).max(0.0);
+    left * left
 }
 
 /// Values at places, in whole groups.
@@ -73,12 +74,14 @@ impl Scattered {
     #[inline(always)]
     pub(super) fn plane<S: Simd>(&mut self, simd: S, least_scale: f64) -> Option<(Plane, f64)> {
         let (mut plane, mut scale) = (Plane::zeros(), ANY);
-        for _ in 0..ROUNDS {
+        for round in 0..ROUNDS {
             let [n, x, y, xx, xy, yy, v, xv, yv] = self.weighted(simd, scale, &plane);
             let information = Matrix3::new(n, x, y, x, xx, xy, y, xy, yy);
             plane = information.cholesky()?.solve(&Vector3::new(v, xv, yv));
             self.subtract(simd, &plane);
-            scale = (MEDIAN_TO_DEVIATION * median(simd, &self.left, self.count)?).max(least_scale);
+            if round + 1 < ROUNDS {
+                scale = (MEDIAN_TO_DEVIATION * median(simd, &self.left, self.count)?).max(least_scale);
+            }
         }
         let square: f64 = self.left[..self.count].iter().map(|left| left * left).sum();
         Some((plane, square / self.count as f64))

@@ -133,8 +133,10 @@ impl Surroundings {
     }
 
     /// Colour differences expected behind the ball at a place.
+    #[inline(always)]
     pub(super) fn colors_at(&self, (x_px, y_px): (f64, f64)) -> [f64; 2] {
-        self.colors.each_ref().map(|plane| on(plane, x_px - self.middle.0, y_px - self.middle.1))
+        let (x, y) = (x_px - self.middle.0, y_px - self.middle.1);
+        [on(&self.colors[0], x, y), on(&self.colors[1], x, y)]
     }
 
     #[inline(always)]

@@ -39,7 +39,7 @@ impl Equations {
             let covariance = &self.surroundings.covariance;
             let behind = if place < covariance.len() { covariance.diagonal(place) } else { 0.0 };
             let variance = own + open * open * behind;
-            self.trust[index] = biweight(left(&self.shown[place].channels[0], step) / variance.sqrt());
+            self.trust[index] = biweight(left(&self.shown[place].channels[0], step).powi(2) / variance);
             if self.trust[index] == 0.0 {
                 self.spoiled.push(*used);
             }
@@ -51,12 +51,12 @@ impl Equations {
             let weight = self.color_weight[*block as usize];
             let mut worst = 0.0_f64;
             for k in 0..2 {
-                let square = left(&self.color_rows[place][k], step).powi(2) / self.color_variance[place][k];
+                let square = (left(&self.color_rows[place][k], step) * self.color_scale[place][k]).powi(2);
                 chi_square += square;
-                worst = worst.max(square / weight.max(LEAST_TRUST));
+                worst = worst.max(square);
             }
             count += 2.0 * weight;
-            let trust = biweight(worst.sqrt());
+            let trust = biweight(worst / weight.max(LEAST_TRUST));
             self.color_trust[*block as usize] = trust;
             if trust == 0.0 && patch.step == 1 {
                 self.spoiled.push(*block);
