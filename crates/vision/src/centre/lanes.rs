@@ -94,3 +94,38 @@ operator!(Add, add, add_f64s);
 operator!(Sub, sub, sub_f64s);
 operator!(Mul, mul, mul_f64s);
 operator!(Div, div, div_f64s);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Transposed<'a>(&'a [[f64; GROUP]; GROUP]);
+
+    impl pulp::WithSimd for Transposed<'_> {
+        type Output = Option<[[f64; GROUP]; GROUP]>;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+            if S::F64_LANES != GROUP {
+                return None;
+            }
+            let rows = Lanes::transposed(simd, self.0.each_ref().map(|column| Lanes::load(simd, column, 0)));
+            let mut out = [[0.0; GROUP]; GROUP];
+            for (out, row) in out.iter_mut().zip(rows) {
+                row.store(out, 0);
+            }
+            Some(out)
+        }
+    }
+
+    #[test]
+    fn columns_become_rows() {
+        let columns: [[f64; GROUP]; GROUP] =
+            std::array::from_fn(|j| std::array::from_fn(|i| (10 * i + j) as f64));
+        let want = std::array::from_fn(|i| std::array::from_fn(|j| (10 * i + j) as f64));
+        match pulp::Arch::new().dispatch(Transposed(&columns)) {
+            Some(rows) => assert_eq!(rows, want),
+            None => eprintln!("skipped: no vector unit of {GROUP} numbers here"),
+        }
+    }
+}
