@@ -61,14 +61,16 @@ const LEAST_WEIGHED_FOLLOWED: usize = 1;
 /// linear form: as long as that by which two frames' noise sets their parameters apart (2 a parameter; three quarters of all
 /// frames).
 const NEAR: f64 = 3.0 * COUNT as f64;
-/// That of the last step: what the next would add is an order of magnitude less.
-const SMALL_STEP: f64 = 0.1;
-/// Movement after which the background is estimated again.
+/// That of the last step: all that is still to come then is a fraction of what noise does to one parameter.
+const SMALL_STEP: f64 = 1.0;
+/// Change of the noise, as a part of it, at which the claims stand: a twentieth of a standard deviation.
+const NOISE_CHANGES: f64 = 0.1;
+/// Movement after which the background is estimated again. A step as short may be foreseen whatever it is in standard deviations.
 const SAME_PLACE_PX: f64 = 0.1;
-/// The same before the fit has come near: as far as one step goes.
-const ABOUT_SAME_PLACE_PX: f64 = LONGEST_STEP_PX;
-/// Longest step of a length in pixels: about an edge's width, beyond which nothing is linear.
-const LONGEST_STEP_PX: f64 = 0.5;
+/// Longest step of a length in pixels, in edge widths w: far from an edge of Gaussian slope, Gauss-Newton goes no further than w √π
+/// (the integral of the slope over that of its square). The background is not estimated again before, either, as long as the fit has
+/// not come near.
+const LONGEST_STEP_EDGES: f64 = 1.772_454;
 /// Part of the diameter by which a centre may be off whatever the image shows: moulded balls are round to a few
 /// thousandths (the rules of table tennis allow six), and the light on them is modelled to about as much.
 pub const MODEL_STD: f64 = 0.001;
@@ -120,11 +122,13 @@ pub(crate) struct Followed {
     noise_variance: f64,
 }
 
-/// A step of Gauss-Newton: the change, its squared length in standard deviations, and whether all of it could be taken.
+/// A step of Gauss-Newton: the change, its squared length in standard deviations, whether all of it could be taken, and whether its
+/// outcome may be foreseen.
 struct Step {
     change: Parameters,
     length: f64,
     is_whole: bool,
+    is_near: bool,
 }
 
 /// Where a fit starts.
@@ -176,7 +180,7 @@ impl Fitter {
         let noise_variance = start.followed.map(|f| f.noise_variance);
         pulp::Arch::new().dispatch(Begin { equations: &mut self.equations, patch, noise_variance });
         let (mut weighed, mut seen_from, mut covariance) = (0, None, Covariance::Anew);
-        let mut was_too_large = false;
+        let (mut was_too_large, mut has_settled) = (false, false);
         let mut same_place_px = SAME_PLACE_PX;
         // Lines are followed for three times the work, and only once it is clear where the ball is. The rest is predicted at once:
         // a fit that takes a dark hull behind half of the ball for noise may draw the hull into the ball.
@@ -195,29 +199,35 @@ impl Fitter {
                 return None;
             }
             covariance = Covariance::Kept;
-            same_place_px = if step.length < NEAR { SAME_PLACE_PX } else { ABOUT_SAME_PLACE_PX };
+            same_place_px = if step.is_near { SAME_PLACE_PX } else { LONGEST_STEP_EDGES * model.p[EDGE] };
             model.p += step.change;
             model.p[RADIUS] = model.p[RADIUS].clamp(range_px.0, range_px.1);
             model.p[EDGE] = model.p[EDGE].clamp(PIXEL_STD_PX, 0.6 * model.p[RADIUS].max(LEAST_RADIUS_PX));
             let is_too_large = model.p[RADIUS] >= range_px.1;
-            if (model.p.xy() - start.pixel).norm() > reach_px || (is_too_large && was_too_large) {
+            let stays_too_large = is_too_large && (was_too_large || step.is_near);
+            if (model.p.xy() - start.pixel).norm() > reach_px || stays_too_large {
                 return None;
             }
             was_too_large = is_too_large;
             if clutter == Clutter::AsNoise {
-                if step.length < NEAR && step.is_whole {
+                if step.is_near && step.is_whole {
                     (clutter, seen_from) = (Clutter::Predicted, None);
                 }
                 continue;
             }
-            if step.length < SMALL_STEP && weighed >= least_weighed {
+            if step.length < SMALL_STEP && has_settled {
                 return self.summarize(patch, &model, &prior, range_px);
             }
-            if step.length < NEAR && weighed < MOST_WEIGHED {
-                let with_noise = weighed + 1 >= least_weighed;
+            if step.is_near && weighed < MOST_WEIGHED {
+                weighed += 1;
+                let with_noise = weighed >= least_weighed;
+                let noise_before = self.equations.noise_variance();
                 let equations = &mut self.equations;
                 pulp::Arch::new().dispatch(Reweigh { equations, patch, step: &step.change, with_noise });
-                (weighed, covariance) = (weighed + 1, Covariance::Anew);
+                let noise_change = (self.equations.noise_variance() / noise_before).ln().abs();
+                has_settled =
+                    weighed >= least_weighed && (noise_change < NOISE_CHANGES || weighed == MOST_WEIGHED);
+                covariance = Covariance::Anew;
                 if weighed >= least_weighed && self.equations.trusted() < LEAST_TRUSTED {
                     return None;
                 }
@@ -241,11 +251,12 @@ impl Fitter {
         if !longest.is_finite() {
             return None;
         }
-        let is_whole = longest <= LONGEST_STEP_PX;
+        let longest_step_px = LONGEST_STEP_EDGES * model.p[EDGE];
+        let is_whole = longest <= longest_step_px;
         if !is_whole {
-            change *= LONGEST_STEP_PX / longest;
+            change *= longest_step_px / longest;
         }
-        Some(Step { change, length, is_whole })
+        Some(Step { change, length, is_whole, is_near: length < NEAR || longest <= SAME_PLACE_PX })
     }
 
     /// Covariance, colour and plausibility at the solution.
@@ -258,7 +269,7 @@ impl Fitter {
     ) -> Option<Fit> {
         let p = &model.p;
         let inside_range = p[RADIUS] > range_px.0 && p[RADIUS] < range_px.1;
-        let columns = [0, 1].map(|k| self.normal.covariance_column(k));
+        let columns = self.normal.covariance_columns([0, 1, RADIUS, EDGE, SITING]);
         let centre_px2 = Matrix2::from_fn(|i, j| columns[j][i]);
         let linear = [0, 1, 2].map(|channel| p[BALL + channel]);
         let texture_px = TEXTURE_GAIN * p[EDGE] * self.equations.texture(patch, &linear);
@@ -271,17 +282,15 @@ impl Fitter {
             && !uncertain
             && self.equations.contrast(patch, &linear) > LEAST_CONTRAST
             && trusted > LEAST_TRUSTED;
-        let known = |i: usize| Known { mean: p[i], variance: self.normal.covariance_column(i)[i] };
+        let [radius_px, edge_px, siting_px] =
+            [(RADIUS, 2), (EDGE, 3), (SITING, 4)].map(|(i, k)| Known { mean: p[i], variance: columns[k][i] });
         good.then(|| Fit {
             pixel: p.xy(),
             covariance_px2,
-            radius_px: known(RADIUS),
+            radius_px,
             ball: linear.map(|l| l.clamp(0.0, 1.0) as f32),
             trusted,
-            optics: Optics {
-                siting_px: known(SITING),
-                edge_px: if is_sharpest(model) { prior[EDGE] } else { known(EDGE) },
-            },
+            optics: Optics { siting_px, edge_px: if is_sharpest(model) { prior[EDGE] } else { edge_px } },
             followed: Followed { parameters: *p, noise_variance: self.equations.noise_variance() },
         })
     }

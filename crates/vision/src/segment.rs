@@ -92,12 +92,13 @@ impl Run {
     }
 }
 
-/// Moments of a region.
+/// Moments of a region. Every pixel weighs alike: weighed by its colour, a ball that is lit from above would seem to lie up to a
+/// sixth of its radius too high.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     count: f64,
     hue: [f32; 2],
-    weight: f64,
+    chroma: f64,
     x: f64,
     y: f64,
     xx: f64,
@@ -144,10 +145,10 @@ impl Segmenter {
     /// Adds two regions that an arm may have cut out of one ball as one; they stay as they are, too.
     fn join_two(&mut self, area_px: (f64, f64)) {
         self.strongest.clear();
-        let small = self.sums.iter().filter(|s| s.count <= area_px.1 && s.weight > 0.0);
+        let small = self.sums.iter().filter(|s| s.count <= area_px.1 && s.chroma > 0.0);
         self.strongest.extend(small.copied());
         if self.strongest.len() > MOST_JOINED {
-            self.strongest.select_nth_unstable_by(MOST_JOINED, |a, b| b.weight.total_cmp(&a.weight));
+            self.strongest.select_nth_unstable_by(MOST_JOINED, |a, b| b.chroma.total_cmp(&a.chroma));
             self.strongest.truncate(MOST_JOINED);
         }
         for (k, one) in self.strongest.iter().enumerate() {
@@ -224,16 +225,16 @@ impl Segmenter {
         for (index, region) in self.level.iter().zip(&self.region) {
             let sums = &mut self.sums[*region as usize];
             let pixel = &self.colored.found[*index as usize];
-            let (x, y, weight) = (f64::from(pixel.x), f64::from(pixel.y), f64::from(pixel.seen().chroma));
+            let (x, y) = (f64::from(pixel.x), f64::from(pixel.y));
             sums.count += 1.0;
-            sums.weight += weight;
+            sums.chroma += f64::from(pixel.seen().chroma);
             sums.hue[0] += pixel.hue[0];
             sums.hue[1] += pixel.hue[1];
-            sums.x += weight * x;
-            sums.y += weight * y;
-            sums.xx += weight * x * x;
-            sums.xy += weight * x * y;
-            sums.yy += weight * y * y;
+            sums.x += x;
+            sums.y += y;
+            sums.xx += x * x;
+            sums.xy += x * y;
+            sums.yy += y * y;
         }
     }
 }
@@ -244,7 +245,7 @@ impl Sums {
         Self {
             count: self.count + other.count,
             hue: [self.hue[0] + other.hue[0], self.hue[1] + other.hue[1]],
-            weight: self.weight + other.weight,
+            chroma: self.chroma + other.chroma,
             x: self.x + other.x,
             y: self.y + other.y,
             xx: self.xx + other.xx,
@@ -254,14 +255,14 @@ impl Sums {
     }
 
     fn blob(&self, least_area_px: f64, most_elongated: f64) -> Option<Blob> {
-        if self.count < least_area_px || self.weight <= 0.0 {
+        if self.count < least_area_px || self.chroma <= 0.0 {
             return None;
         }
-        let (x, y) = (self.x / self.weight, self.y / self.weight);
+        let (x, y) = (self.x / self.count, self.y / self.count);
         // A pixel is a square with a variance of 1/12 of its own.
-        let xx = self.xx / self.weight - x * x + 1.0 / 12.0;
-        let yy = self.yy / self.weight - y * y + 1.0 / 12.0;
-        let xy = self.xy / self.weight - x * y;
+        let xx = self.xx / self.count - x * x + 1.0 / 12.0;
+        let yy = self.yy / self.count - y * y + 1.0 / 12.0;
+        let xy = self.xy / self.count - x * y;
         let mean = 0.5 * (xx + yy);
         let apart = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
         let (long, short) = (mean + apart, (mean - apart).max(1e-9));
@@ -271,7 +272,7 @@ impl Sums {
         ball.then(|| Blob {
             pixel: Vector2::new(x, y),
             area_px: self.count,
-            strength: self.weight,
+            strength: self.chroma,
             hue: self.hue,
         })
     }
@@ -303,6 +304,27 @@ mod tests {
             count += 1;
         }
         region.into_iter().flatten().collect()
+    }
+
+    #[test]
+    fn a_ball_lit_from_above_lies_where_it_is() {
+        const RADIUS_PX: f64 = 6.0;
+        let middle = Vector2::new(20.3, 17.6);
+        let mut segmenter = Segmenter::default();
+        for (x, y) in (0..40_u32).flat_map(|y| (0..40_u32).map(move |x| (x, y))) {
+            let away = (Vector2::new(f64::from(x), f64::from(y)) - middle) / RADIUS_PX;
+            if away.norm_squared() < 1.0 {
+                let hue = [(0.5 - 0.4 * away.y) as f32, 0.0];
+                segmenter.level.push(segmenter.colored.found.len() as u32);
+                segmenter.colored.found.push(Chromatic { x, y, hue });
+            }
+        }
+        let regions = segmenter.connect();
+        segmenter.sum(regions);
+        assert_eq!(regions, 1);
+        let blob = segmenter.sums[0].blob(1.0, MOST_ELONGATED).expect("a disc");
+        let away_px = (blob.pixel - middle).norm();
+        assert!(away_px < 0.1, "{away_px}");
     }
 
     proptest! {

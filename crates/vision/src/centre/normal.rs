@@ -125,18 +125,32 @@ impl Normal {
         }
     }
 
-    /// A column of the covariance, after [`Self::solve`].
-    pub(super) fn covariance_column(&self, column: usize) -> Parameters {
-        let mut x: Row = [0.0; WIDTH];
-        x[column] = 1.0;
-        for k in column..COUNT {
-            let factor = x[k] / self.rows[k][k];
-            for (out, value) in x.iter_mut().zip(&self.rows[k]).skip(k + 1) {
-                *out -= factor * value;
+    /// Columns of the covariance, after [`Self::solve`].
+    pub(super) fn covariance_columns<const N: usize>(&self, columns: [usize; N]) -> [Parameters; N] {
+        let mut x = [[0.0; N]; COUNT];
+        for (n, column) in columns.into_iter().enumerate() {
+            x[column][n] = 1.0;
+        }
+        for k in 0..COUNT {
+            let row = &self.rows[k];
+            let here = x[k].map(|value| value / row[k]);
+            for (x, value) in x[k + 1..].iter_mut().zip(&row[k + 1..]) {
+                for n in 0..N {
+                    x[n] -= here[n] * value;
+                }
             }
         }
-        self.back_substitute(&mut x);
-        Parameters::from_fn(|i, _| x[i])
+        for k in (0..COUNT).rev() {
+            let row = &self.rows[k];
+            let mut here = x[k];
+            for (x, value) in x[k + 1..].iter().zip(&row[k + 1..]) {
+                for n in 0..N {
+                    here[n] -= x[n] * value;
+                }
+            }
+            x[k] = here.map(|value| value / row[k]);
+        }
+        std::array::from_fn(|n| Parameters::from_fn(|i, _| x[i][n]))
     }
 }
 
@@ -198,8 +212,9 @@ mod tests {
         let want = covariance * gradient;
         assert!((change - want).norm() < 1e-9 * want.norm());
         assert!((length - gradient.dot(&want)).abs() < 1e-9 * length);
-        for k in [0, 5, COUNT - 1] {
-            assert!((normal.covariance_column(k) - covariance.column(k)).norm() < 1e-9);
+        let columns = [0, 5, COUNT - 1];
+        for (k, column) in columns.into_iter().zip(normal.covariance_columns(columns)) {
+            assert!((column - covariance.column(k)).norm() < 1e-9);
         }
         assert!(Normal::default().solve().is_none());
     }
