@@ -180,7 +180,7 @@ impl Fitter {
         let noise_variance = start.followed.map(|f| f.noise_variance);
         pulp::Arch::new().dispatch(Begin { equations: &mut self.equations, patch, noise_variance });
         let (mut weighed, mut seen_from, mut covariance) = (0, None, Covariance::Anew);
-        let (mut was_too_large, mut has_settled) = (false, false);
+        let mut was_too_large = false;
         let mut same_place_px = SAME_PLACE_PX;
         // Lines are followed for three times the work, and only once it is clear where the ball is. The rest is predicted at once:
         // a fit that takes a dark hull behind half of the ball for noise may draw the hull into the ball.
@@ -215,22 +215,25 @@ impl Fitter {
                 }
                 continue;
             }
-            if step.length < SMALL_STEP && has_settled {
-                return self.summarize(patch, &model, &prior, range_px);
+            if !step.is_near {
+                continue;
             }
-            if step.is_near && weighed < MOST_WEIGHED {
+            let is_weighed = weighed >= least_weighed;
+            let mut has_settled = is_weighed;
+            if weighed < MOST_WEIGHED {
                 weighed += 1;
-                let with_noise = weighed >= least_weighed;
                 let noise_before = self.equations.noise_variance();
-                let equations = &mut self.equations;
+                let (equations, with_noise) = (&mut self.equations, weighed >= least_weighed);
                 pulp::Arch::new().dispatch(Reweigh { equations, patch, step: &step.change, with_noise });
                 let noise_change = (self.equations.noise_variance() / noise_before).ln().abs();
-                has_settled =
-                    weighed >= least_weighed && (noise_change < NOISE_CHANGES || weighed == MOST_WEIGHED);
+                has_settled &= noise_change < NOISE_CHANGES;
                 covariance = Covariance::Anew;
                 if weighed >= least_weighed && self.equations.trusted() < LEAST_TRUSTED {
                     return None;
                 }
+            }
+            if step.length < SMALL_STEP && has_settled {
+                return self.summarize(patch, &model, &prior, range_px);
             }
         }
         None
@@ -304,6 +307,9 @@ fn first_guess(start: &Start, range_px: (f64, f64)) -> Model {
     for (channel, light) in start.ball.iter().enumerate() {
         p[BALL + channel] = f64::from(*light);
     }
+    for (i, known) in first_order(start.up).iter().enumerate() {
+        p[SHADE + i] = known.mean;
+    }
     if let Some(followed) = &start.followed {
         p = followed.parameters;
     }
@@ -332,9 +338,9 @@ fn prior(start: &Start, model: &Model) -> [Known; COUNT] {
     for (known, std) in prior[GLOSS..SITING].iter_mut().zip(model.gloss.std()) {
         *known = Known { mean: 0.0, variance: std * std };
     }
-    for (i, known) in prior[SHADE..GLOSS].iter_mut().enumerate() {
-        let std = SHADE_STD[usize::from(i >= FIRST_ORDER)];
-        *known = Known { mean: 0.0, variance: std * std };
+    prior[SHADE..SHADE + FIRST_ORDER].copy_from_slice(&first_order(start.up));
+    for known in &mut prior[SHADE + FIRST_ORDER..GLOSS] {
+        *known = Known { mean: 0.0, variance: SHADE_STD[1] * SHADE_STD[1] };
     }
     prior[FOURTH] = Known { mean: 0.0, variance: FOURTH_STD * FOURTH_STD };
     prior[EDGE] = start.optics.edge_px;
@@ -345,8 +351,42 @@ fn prior(start: &Start, model: &Model) -> [Known; COUNT] {
     prior
 }
 
+/// What is known beforehand of the shading of first order. Lamps hang above: where it is known where that is, the mean is that of lamps
+/// anywhere in the upper half of all directions, whose cosine to the vertical has a mean of 1/2. The spread stays that of any light,
+/// as windows and what the floor throws back are not known.
+fn first_order(up: Option<Vector3<f64>>) -> [Known; FIRST_ORDER] {
+    let variance = SHADE_STD[0] * SHADE_STD[0];
+    // The square of the whole slope is that of its three coefficients together.
+    let mean = up.unwrap_or_else(Vector3::zeros) * ((3.0 * variance).sqrt() / 2.0);
+    [0, 1, 2].map(|k| Known { mean: mean[k], variance })
+}
+
 /// The disc of a model.
 fn disc(model: &Model) -> Disc {
     let p = &model.p;
     Disc { x_px: p[0], y_px: p[1], radius_px: p[RADIUS], edge_px: p[EDGE] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The mean slope of lamps on a grid of directions.
+    #[test]
+    fn light_is_expected_from_above_as_from_lamps_all_over_the_upper_half() {
+        const GRID: i32 = 100;
+        let up = Vector3::new(0.36, -0.8, 0.48);
+        let (across, mut sum) = (up.cross(&Vector3::x()).normalize(), Vector3::zeros());
+        let slope = SHADE_STD[0] * 3.0_f64.sqrt();
+        for (i, k) in (0..GRID).flat_map(|i| (0..GRID).map(move |k| (i, k))) {
+            let cosine = (f64::from(i) + 0.5) / f64::from(GRID);
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / f64::from(GRID)).sin_cos();
+            let level = across * cos + up.cross(&across) * sin;
+            sum += (up * cosine + level * (1.0 - cosine * cosine).sqrt()) * slope;
+        }
+        for (got, want) in first_order(Some(up)).iter().zip((sum / f64::from(GRID * GRID)).iter()) {
+            assert!((got.mean - want).abs() < 1e-9, "{got:?} for {want}");
+        }
+        assert!(first_order(None).iter().all(|known| known.mean == 0.0));
+    }
 }
