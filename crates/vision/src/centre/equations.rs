@@ -330,7 +330,6 @@ impl Equations {
         let in_still = self.surroundings.in_still();
         let alike_px = if in_still { ALIKE * edge_px * edge_px } else { 1.0 };
         let alike = (alike_px / (patch.step * patch.step) as f64).max(1.0);
-        let known_color = if in_still { self.noise_variance } else { 0.0 };
         self.variance.clear();
         for ((used, shown), near) in self.used.iter().zip(&self.shown).zip(&self.near) {
             let index = *used as usize;
@@ -350,7 +349,8 @@ impl Equations {
             let mut variance = [0.0; 2];
             for (k, variance) in variance.iter_mut().enumerate() {
                 let value = patch.colors[block][k] - rows[k][RESIDUAL] - patch.from_coded[k + 1][3];
-                let clutter = (self.surroundings.color_variance[k] - known_color).max(0.0);
+                // Noise there is no clutter.
+                let clutter = (self.surroundings.color_variance[k] - self.noise_variance).max(0.0);
                 let behind = (1.0 - covered).powi(2) * clutter;
                 *variance =
                     (self.noise_variance + alike * (hidden * (covered * value).powi(2) + behind)) / trust;
