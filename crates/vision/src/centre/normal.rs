@@ -109,19 +109,22 @@ impl Normal {
                 add_scaled(row, i, pivot_row, -pivot_row[i] * inverse);
             }
         }
-        let mut change: Row = [0.0; WIDTH];
-        for (out, row) in change.iter_mut().zip(&self.rows) {
-            *out = row[RESIDUAL];
-        }
+        let mut change = std::array::from_fn(|i| [self.rows[i][RESIDUAL]]);
         self.back_substitute(&mut change);
-        Some((Parameters::from_fn(|i, _| change[i]), length))
+        Some((Parameters::from_fn(|i, _| change[i][0]), length))
     }
 
-    fn back_substitute(&self, x: &mut Row) {
+    /// Solves for several right sides at once.
+    fn back_substitute<const N: usize>(&self, x: &mut [[f64; N]; COUNT]) {
         for k in (0..COUNT).rev() {
             let row = &self.rows[k];
-            let known: f64 = (k + 1..COUNT).map(|j| row[j] * x[j]).sum();
-            x[k] = (x[k] - known) / row[k];
+            let mut here = x[k];
+            for (x, value) in x[k + 1..].iter().zip(&row[k + 1..]) {
+                for n in 0..N {
+                    here[n] -= x[n] * value;
+                }
+            }
+            x[k] = here.map(|value| value / row[k]);
         }
     }
 
@@ -140,16 +143,7 @@ impl Normal {
                 }
             }
         }
-        for k in (0..COUNT).rev() {
-            let row = &self.rows[k];
-            let mut here = x[k];
-            for (x, value) in x[k + 1..].iter().zip(&row[k + 1..]) {
-                for n in 0..N {
-                    here[n] -= x[n] * value;
-                }
-            }
-            x[k] = here.map(|value| value / row[k]);
-        }
+        self.back_substitute(&mut x);
         std::array::from_fn(|n| Parameters::from_fn(|i, _| x[i][n]))
     }
 }
