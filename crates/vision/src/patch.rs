@@ -1,6 +1,7 @@
 //! The samples around a ball in one form, whatever the layout of the frame: a brightness at each pixel and two colour
 //! differences at each pixel or at each block of 2×2.
 
+use crate::color::decode;
 use crate::frame::{chroma_size, rgb_to_yuv};
 use crate::{Frame, Pixels, Vector2};
 use nalgebra::Matrix3;
@@ -112,6 +113,20 @@ impl Patch {
         self.from_coded = rows;
         let inverse = Matrix3::from_fn(|i, j| rows[i][j]).try_inverse().unwrap_or_else(Matrix3::identity);
         self.to_coded = std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]));
+    }
+
+    /// Linear red, green and blue of the values of all three channels.
+    #[inline(always)]
+    pub(crate) fn light(&self, channels: [f64; 3]) -> [f64; 3] {
+        let mut light = [0.0; 3];
+        for (light, row) in light.iter_mut().zip(&self.to_coded) {
+            let mut code = 0.0;
+            for k in 0..3 {
+                code += row[k] * (channels[k] - self.from_coded[k][3]);
+            }
+            *light = decode(code);
+        }
+        light
     }
 
     /// Whether the buffers hold what the size says.

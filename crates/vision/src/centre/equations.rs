@@ -12,7 +12,6 @@ use super::places::Places;
 use super::samples::{grain_variance, visit};
 use super::surroundings::{Clutter, Surroundings};
 use super::{CLEAR, NOISE_STD, disc};
-use crate::color::decode;
 use crate::patch::Patch;
 use pulp::Simd;
 
@@ -31,8 +30,6 @@ const ALIKE: f64 = 4.0 * std::f64::consts::PI;
 /// relative strength of the ball's colour, as long as nothing is seen before the ball.
 const HIDES: f64 = 2.0;
 
-/// Light behind a pixel that is wholly covered: any.
-const NOTHING: [f64; 3] = [0.5; 3];
 /// Weight at which a sample no longer counts.
 const LEAST_TRUST: f64 = 1e-3;
 
@@ -224,18 +221,10 @@ impl Equations {
         self.used.clear();
         self.places.clear();
         for (index, bright) in self.rim.iter().zip(&self.surroundings.mean) {
-            let color = self.surroundings.colors_at(patch.place(*index as usize));
-            let channels = [
-                *bright - patch.from_coded[0][3],
-                color[0] - patch.from_coded[1][3],
-                color[1] - patch.from_coded[2][3],
-            ];
-            let mut behind = NOTHING;
-            for (light, row) in behind.iter_mut().zip(&patch.to_coded) {
-                *light = decode(row[0] * channels[0] + row[1] * channels[1] + row[2] * channels[2]);
-            }
+            let place = patch.place(*index as usize);
+            let [across, along] = self.surroundings.colors_at(place);
             self.used.push(*index);
-            self.places.push(patch.place(*index as usize), &behind);
+            self.places.push(place, &patch.light([*bright, across, along]));
         }
         let both = || self.covered.iter().zip(&self.depth).enumerate();
         let inside = || both().filter(|(_, (covered, depth))| **covered > 1.0 - CLEAR && **depth < DEEPEST);
@@ -255,8 +244,10 @@ impl Equations {
                 }
             });
         }
+        // So little of it is seen there that it may be taken as it is on average, but not as any.
+        let around = patch.light(self.surroundings.around());
         for index in self.used[self.rim.len()..].iter().chain(&self.shared) {
-            self.places.push(patch.place(*index as usize), &NOTHING);
+            self.places.push(patch.place(*index as usize), &around);
         }
         self.places.finish();
     }
