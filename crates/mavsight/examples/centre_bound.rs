@@ -16,7 +16,7 @@ const NOISE_LEVELS: f64 = 2.0;
 const VARIANCE: f64 = NOISE_LEVELS * NOISE_LEVELS + 1.0 / 12.0;
 /// Standard deviation of the directions from which a ball mirrors the lamps.
 const LAMPS_RAD: f64 = 0.3;
-const PLACES: u64 = 8;
+const PLACES: u64 = 24;
 const FRAMES_AT_A_PLACE: u64 = 25;
 const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
 

@@ -20,7 +20,7 @@ pub struct CentreNoise {
 
 /// The most that `centre_bound` measures for the detector over the bound with all else known, for four colours and balls of 5 to 30 px.
 fn excess_in_the_virtual_room() -> f64 {
-    1.5
+    1.3
 }
 
 /// Variance of a coordinate within a square pixel.
