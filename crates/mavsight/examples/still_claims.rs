@@ -52,6 +52,7 @@ fn main() -> Outcome<()> {
     let room = Room::meeting_room();
     let (mut all, mut refused) = (Vec::new(), 0);
     for seed in 0..set_ups {
+        eprint!("\rset-up {} of {set_ups}", seed + 1);
         match errors(&room, seed) {
             Ok(found) => all.extend(found),
             Err(error) => {
@@ -60,6 +61,7 @@ fn main() -> Outcome<()> {
             }
         }
     }
+    eprintln!();
     let mean = |k: usize| all.iter().map(|e| e[k]).sum::<f64>() / all.len() as f64;
     let inside = all.iter().filter(|e| e[0] < INSIDE).count();
     println!("{} cameras in {} set-ups, {refused} refused", all.len(), set_ups - refused);

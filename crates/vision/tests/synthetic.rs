@@ -144,8 +144,8 @@ fn centres_are_unbiased_under_blur_noise_and_shading() {
     }
 }
 
-/// Pixels that are covered but for a hundredth were taken to show a bright wall there: on a dim one that was two grey levels of a
-/// ball's dark channels, which moved it by up to 0.01 px, back and forth with its place in a pixel.
+/// Of a pixel that is covered but for a hundredth, the wall there is two grey levels of a ball's dark channels: with any wall for the one
+/// there is, the ball moves by up to 0.01 px, back and forth with its place in a pixel.
 #[test]
 fn a_small_ball_before_a_dim_wall_is_where_it_is() {
     let (mut detector, mut dice) = (Detector::new(&red()).unwrap(), Dice(5));
