@@ -115,18 +115,23 @@ impl Patch {
         self.to_coded = std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]));
     }
 
-    /// Linear red, green and blue of the values of all three channels.
+    /// Coded red, green and blue of the values of all three channels.
+    #[inline(always)]
+    pub(crate) fn coded(&self, channels: [f64; 3]) -> [f64; 3] {
+        let mut coded = [0.0; 3];
+        for (code, row) in coded.iter_mut().zip(&self.to_coded) {
+            for k in 0..3 {
+                *code += row[k] * (channels[k] - self.from_coded[k][3]);
+            }
+        }
+        coded
+    }
+
+    /// The same, linear.
     #[inline(always)]
     pub(crate) fn light(&self, channels: [f64; 3]) -> [f64; 3] {
-        let mut light = [0.0; 3];
-        for (light, row) in light.iter_mut().zip(&self.to_coded) {
-            let mut code = 0.0;
-            for k in 0..3 {
-                code += row[k] * (channels[k] - self.from_coded[k][3]);
-            }
-            *light = decode(code);
-        }
-        light
+        let [red, green, blue] = self.coded(channels);
+        [decode(red), decode(green), decode(blue)]
     }
 
     /// Whether the buffers hold what the size says.

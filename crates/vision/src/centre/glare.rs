@@ -80,8 +80,5 @@ impl Glare {
 
 /// Whether one of the codes of red, green and blue that these channels are may be beyond what can be shown.
 fn is_brightest(patch: &Patch, channels: [f64; 3]) -> bool {
-    patch
-        .to_coded
-        .iter()
-        .any(|row| (0..3).map(|k| row[k] * (channels[k] - patch.from_coded[k][3])).sum::<f64>() > BRIGHTEST)
+    patch.coded(channels).into_iter().any(|code| code > BRIGHTEST)
 }
