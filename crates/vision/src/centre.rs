@@ -13,6 +13,9 @@
 //! side where it is darker, which moves its centre.
 //!
 //! Samples that fit badly (something in front of the ball) lose their weight (Tukey's biweight).
+//!
+//! Samples, derivatives and their sums are held in single precision ([`lanes`]), places from the patch's first pixel; what is solved
+//! for, and the equations for it, in double.
 
 mod cholesky;
 mod edge;
@@ -48,7 +51,7 @@ const RADIUS_MARGIN: f64 = 1.25;
 /// Standard deviation of a one-pixel box: no edge is sharper.
 const PIXEL_STD_PX: f64 = 0.288_675;
 /// Coverage below which a pixel counts as clear of the ball, and above one less which as inside it.
-const CLEAR: f64 = 0.01;
+const CLEAR: f32 = 0.01;
 /// Steps after which a fit is given up, and in a still.
 const MOST_STEPS: usize = 16;
 const MOST_STEPS_IN_STILL: usize = 24;
@@ -173,6 +176,7 @@ impl Fitter {
             return None;
         }
         let range_px = (radius_px.0.max(LEAST_RADIUS_PX) / RADIUS_MARGIN, radius_px.1 * RADIUS_MARGIN);
+        let start = &Start { pixel: start.pixel - patch.corner(), ..*start };
         let mut model = first_guess(start, range_px);
         let prior = prior(start, &model);
         let reach_px = 1.0 + model.unit_px;
@@ -288,7 +292,7 @@ impl Fitter {
         let [radius_px, edge_px, siting_px] =
             [(RADIUS, 2), (EDGE, 3), (SITING, 4)].map(|(i, k)| Known { mean: p[i], variance: columns[k][i] });
         good.then(|| Fit {
-            pixel: p.xy(),
+            pixel: p.xy() + patch.corner(),
             covariance_px2,
             radius_px,
             ball: linear.map(|l| l.clamp(0.0, 1.0) as f32),

@@ -55,15 +55,15 @@ pub(crate) fn to_linear(rgb: [u8; 3]) -> [f32; 3] {
 }
 
 /// Code and its derivative at equally spaced amounts of linear light; linear interpolation is exact to 0.03 levels.
-static CODED: LazyLock<Vec<(f64, f64)>> = LazyLock::new(|| {
+static CODED: LazyLock<Vec<(f32, f32)>> = LazyLock::new(|| {
     (0..=CODED_STEPS)
         .map(|i| {
             let linear = i as f64 / CODED_STEPS as f64;
             if linear <= 0.003_130_8 {
-                return (255.0 * 12.92 * linear, 255.0 * 12.92);
+                return ((255.0 * 12.92 * linear) as f32, (255.0 * 12.92) as f32);
             }
             let power = 1.055 * linear.powf(1.0 / 2.4);
-            (255.0 * (power - 0.055), 255.0 * power / (2.4 * linear))
+            ((255.0 * (power - 0.055)) as f32, (255.0 * power / (2.4 * linear)) as f32)
         })
         .collect()
 });
@@ -72,11 +72,11 @@ const CODED_STEPS: usize = 4096;
 
 /// sRGB code, 0 to 255, of linear light, and its derivative; beyond the range the curve goes on straight.
 #[inline]
-pub(crate) fn encode(linear: f64) -> (f64, f64) {
+pub(crate) fn encode(linear: f32) -> (f32, f32) {
     let table = CODED.as_slice();
-    let place = linear.clamp(0.0, 1.0) * CODED_STEPS as f64;
+    let place = linear.clamp(0.0, 1.0) * CODED_STEPS as f32;
     let index = (place as usize).min(CODED_STEPS - 1);
-    let part = place - index as f64;
+    let part = place - index as f32;
     let (from, to) = (table[index], table[index + 1]);
     let slope = from.1 + part * (to.1 - from.1);
     let beyond = linear - linear.clamp(0.0, 1.0);
@@ -85,11 +85,11 @@ pub(crate) fn encode(linear: f64) -> (f64, f64) {
 
 /// Linear light of a code, 0 to 255, that need not be whole; beyond the range the curve goes on straight.
 #[inline]
-pub(crate) fn decode(code: f64) -> f64 {
+pub(crate) fn decode(code: f32) -> f32 {
     let table = &*LINEAR;
     let index = (code.clamp(0.0, 254.0)) as usize;
-    let (from, to) = (f64::from(table[index]), f64::from(table[index + 1]));
-    from + (code - index as f64) * (to - from)
+    let (from, to) = (table[index], table[index + 1]);
+    from + (code - index as f32) * (to - from)
 }
 
 /// A colour seen: hue as a vector in the plane perpendicular to grey, its length (chroma) and the saturation.

@@ -252,7 +252,7 @@ fn judge(
         area_px: blob.area_px,
         diameter_px: 2.0 * radius_px,
         score: (1.0 - 0.5 * gate) * filled.sqrt() * fit.trusted,
-        color: fit.ball.map(|light| encode(f64::from(light)).0.round().clamp(0.0, 255.0) as u8),
+        color: fit.ball.map(|light| encode(light).0.round().clamp(0.0, 255.0) as u8),
     })
 }
 

@@ -1,5 +1,5 @@
 //! The samples around a ball in one form, whatever the layout of the frame: a brightness at each pixel and two colour
-//! differences at each pixel or at each block of 2×2.
+//! differences at each pixel or at each block of 2×2. Places are counted from the first pixel.
 
 use crate::color::decode;
 use crate::frame::{chroma_size, rgb_to_yuv};
@@ -14,18 +14,18 @@ pub(crate) struct Patch {
     pub(crate) columns: usize,
     pub(crate) rows: usize,
     /// Brightness code of each pixel, row by row.
-    pub(crate) bright: Vec<f64>,
+    pub(crate) bright: Vec<f32>,
     /// Pixels that a colour sample spans each way: 1 or 2.
     pub(crate) step: usize,
     /// Block column and row of the first colour sample, whose block lies wholly in the patch.
     pub(crate) first_block: (usize, usize),
     pub(crate) block_columns: usize,
     /// Colour differences of each block, row by row.
-    pub(crate) colors: Vec<[f64; 2]>,
+    pub(crate) colors: Vec<[f32; 2]>,
     /// Each channel as a combination of coded red, green and blue, and a constant.
     pub(crate) from_coded: [[f64; 4]; 3],
     /// Coded red, green and blue from the channels less their constants.
-    pub(crate) to_coded: [[f64; 3]; 3],
+    pub(crate) to_coded: [[f32; 3]; 3],
 }
 
 impl Default for Patch {
@@ -54,6 +54,11 @@ const OPPONENTS: [[f64; 4]; 3] = {
 };
 
 impl Patch {
+    /// The first pixel's column and row in the image.
+    pub(crate) fn corner(&self) -> Vector2<f64> {
+        Vector2::new(self.first.0 as f64, self.first.1 as f64)
+    }
+
     /// Fills the patch with what the frame holds within `reach_px` of `middle` in each direction.
     pub(crate) fn fill(&mut self, frame: &Frame, middle: Vector2<f64>, reach_px: f64) {
         let span = |centre: f64, count: u32| {
@@ -79,7 +84,8 @@ impl Patch {
                         let at = 3 * (y * width + x);
                         let code =
                             rgb.get(at..at + 3).map_or([0.0; 3], |p| [0, 1, 2].map(|c| f64::from(p[c])));
-                        let channel = |k: usize| (0..3).map(|c| OPPONENTS[k][c] * code[c]).sum::<f64>();
+                        let channel =
+                            |k: usize| (0..3).map(|c| OPPONENTS[k][c] * code[c]).sum::<f64>() as f32;
                         self.bright.push(channel(0));
                         self.colors.push([channel(1), channel(2)]);
                     }
@@ -90,7 +96,7 @@ impl Patch {
                 self.set_matrix(rgb_to_yuv(*full_range, *matrix));
                 for y in top..bottom {
                     let row = luma.get(y * width + left..y * width + right).unwrap_or(&[]);
-                    self.bright.extend(row.iter().map(|v| f64::from(*v)));
+                    self.bright.extend(row.iter().map(|v| f32::from(*v)));
                 }
                 let across = chroma_size(frame.size).0;
                 let blocks = |from: usize, to: usize| (from.div_ceil(2), (to / 2).max(from.div_ceil(2)));
@@ -100,7 +106,7 @@ impl Patch {
                 for y in y0..y1 {
                     let row = y * across + x0..y * across + x1;
                     let (Some(u), Some(v)) = (u.get(row.clone()), v.get(row)) else { continue };
-                    self.colors.extend(u.iter().zip(v).map(|(u, v)| [f64::from(*u), f64::from(*v)]));
+                    self.colors.extend(u.iter().zip(v).map(|(u, v)| [f32::from(*u), f32::from(*v)]));
                 }
             }
         }
@@ -112,16 +118,16 @@ impl Patch {
         }
         self.from_coded = rows;
         let inverse = Matrix3::from_fn(|i, j| rows[i][j]).try_inverse().unwrap_or_else(Matrix3::identity);
-        self.to_coded = std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]));
+        self.to_coded = std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)] as f32));
     }
 
     /// Coded red, green and blue of the values of all three channels.
     #[inline(always)]
-    pub(crate) fn coded(&self, channels: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn coded(&self, channels: [f32; 3]) -> [f32; 3] {
         let mut coded = [0.0; 3];
         for (code, row) in coded.iter_mut().zip(&self.to_coded) {
             for k in 0..3 {
-                *code += row[k] * (channels[k] - self.from_coded[k][3]);
+                *code += row[k] * (channels[k] - self.from_coded[k][3] as f32);
             }
         }
         coded
@@ -129,7 +135,7 @@ impl Patch {
 
     /// The same, linear.
     #[inline(always)]
-    pub(crate) fn light(&self, channels: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn light(&self, channels: [f32; 3]) -> [f32; 3] {
         let [red, green, blue] = self.coded(channels);
         [decode(red), decode(green), decode(blue)]
     }
@@ -156,16 +162,16 @@ impl Patch {
     #[inline]
     pub(crate) fn block_place(&self, block: usize) -> (f64, f64) {
         let middle = 0.5 * (self.step - 1) as f64;
-        let at = |k: usize| (k * self.step) as f64 + middle;
+        let at = |k: usize, from: usize| (k * self.step - from) as f64 + middle;
         (
-            at(self.first_block.0 + block % self.block_columns),
-            at(self.first_block.1 + block / self.block_columns),
+            at(self.first_block.0 + block % self.block_columns, self.first.0),
+            at(self.first_block.1 + block / self.block_columns, self.first.1),
         )
     }
 
-    /// Column and row of a pixel in the image.
+    /// Column and row of a pixel.
     #[inline]
     pub(crate) fn place(&self, index: usize) -> (f64, f64) {
-        ((self.first.0 + index % self.columns) as f64, (self.first.1 + index / self.columns) as f64)
+        ((index % self.columns) as f64, (index / self.columns) as f64)
     }
 }

@@ -19,19 +19,19 @@ use pulp::Simd;
 const MOST_INSIDE: usize = 400;
 /// Depth inside the outline, in edge widths, from which samples say nothing of it: the shading near the rim is then told
 /// from what lies around it there, whatever lamps and gloss do in the middle.
-const DEEPEST: f64 = 6.0;
+const DEEPEST: f32 = 6.0;
 /// Clutter may reach over the ball's face as well as behind it: probability of that before anything is seen there. As much of it is
 /// taken to be the room behind as what the ball is fixed to, and of the latter as much on its near side as on its far one.
-const IN_FRONT: f64 = 0.25;
+const IN_FRONT: f32 = 0.25;
 /// Area over which clutter is alike, in squared edge widths: the integral of the correlation of blurred white noise. What is
 /// taken as independent from pixel to pixel but is not has its variance times the area, so that a mean over many is right.
 const ALIKE: f64 = 4.0 * std::f64::consts::PI;
 /// Clutter is taken to have half the brightness of the wall, so that one of a given variance hides this many times its
 /// relative strength of the ball's colour, as long as nothing is seen before the ball.
-const HIDES: f64 = 2.0;
+const HIDES: f32 = 2.0;
 
 /// Weight at which a sample no longer counts.
-const LEAST_TRUST: f64 = 1e-3;
+const LEAST_TRUST: f32 = 1e-3;
 
 /// Whether the samples' covariance follows the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,10 +43,10 @@ pub(super) enum Covariance {
 /// Working space.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Equations {
-    covered: Vec<f64>,
+    covered: Vec<f32>,
     /// Distance inside the edge, in edge widths.
-    depth: Vec<f64>,
-    color_covered: Vec<f64>,
+    depth: Vec<f32>,
+    color_covered: Vec<f32>,
     by_angle: Vec<(f64, u32)>,
     rim: Vec<u32>,
     /// Pixels in use.
@@ -58,30 +58,30 @@ pub(super) struct Equations {
     /// For each pixel of the patch one more than its place in `used` or, behind these, in `shared`; or 0.
     slot: Vec<u32>,
     blocks: Vec<u32>,
-    trust: Vec<f64>,
-    color_trust: Vec<f64>,
+    trust: Vec<f32>,
+    color_trust: Vec<f32>,
     /// Trust, less what its neighbours spoil.
-    weight: Vec<f64>,
-    color_weight: Vec<f64>,
+    weight: Vec<f32>,
+    color_weight: Vec<f32>,
     /// Probability that clutter lies before the ball, at each pixel of the patch.
-    front: Vec<f64>,
+    front: Vec<f32>,
     looks: Vec<front::Look>,
     has_looked_in_front: bool,
     /// Each pixel in use: derivatives, behind those of the brightness its residual.
     shown: Vec<Shown>,
     /// All samples with unit variance: brightness of the pixels in use, then both colours of each block.
     whitened: Vec<Row>,
-    variance: Vec<f64>,
+    variance: Vec<f32>,
     /// One over the standard deviation.
-    scale: Vec<f64>,
+    scale: Vec<f32>,
     color_rows: Vec<[Row; 2]>,
-    color_variance: Vec<[f64; 2]>,
+    color_variance: Vec<[f32; 2]>,
     /// Standard deviation of the clutter near each pixel and each block in use.
-    near: Vec<f64>,
-    color_near: Vec<f64>,
-    color_scale: Vec<[f64; 2]>,
+    near: Vec<f32>,
+    color_near: Vec<f32>,
+    color_scale: Vec<[f32; 2]>,
     /// Derivative by what is behind of each pixel of the rim, and nothing for a band more.
-    open: Vec<f64>,
+    open: Vec<f32>,
     factor: Banded,
     /// Pixels that are not believed at all.
     spoiled: Vec<u32>,
@@ -92,7 +92,7 @@ pub(super) struct Equations {
     noise_variance: f64,
     /// The noise before the fit has shown more.
     least_noise: f64,
-    grain: Vec<f64>,
+    grain: Vec<f32>,
 }
 
 impl Equations {
@@ -173,11 +173,10 @@ impl Equations {
         self.covered.clear();
         self.depth.clear();
         for row in 0..patch.rows {
-            let (left, y) = patch.place(row * patch.columns);
             for first in (0..patch.columns).step_by(GROUP) {
-                let mut places = [[left + first as f64; GROUP], [y; GROUP]];
+                let mut places = [[first as f32; GROUP], [row as f32; GROUP]];
                 for (lane, x) in places[0].iter_mut().enumerate() {
-                    *x += lane as f64;
+                    *x += lane as f32;
                 }
                 let (covered, depth) = model.coverage(simd, &places);
                 let count = GROUP.min(patch.columns - first);
@@ -224,7 +223,7 @@ impl Equations {
             let place = patch.place(*index as usize);
             let [across, along] = self.surroundings.colors_at(place);
             self.used.push(*index);
-            self.places.push(place, &patch.light([*bright, across, along]));
+            self.places.push(place, &patch.light([*bright, across as f32, along as f32]));
         }
         let both = || self.covered.iter().zip(&self.depth).enumerate();
         let inside = || both().filter(|(_, (covered, depth))| **covered > 1.0 - CLEAR && **depth < DEEPEST);
@@ -245,7 +244,7 @@ impl Equations {
             });
         }
         // So little of it is seen there that it may be taken as it is on average, but not as any.
-        let around = patch.light(self.surroundings.around());
+        let around = patch.light(self.surroundings.around().map(|value| value as f32));
         for index in self.used[self.rim.len()..].iter().chain(&self.shared) {
             self.places.push(patch.place(*index as usize), &around);
         }
@@ -291,7 +290,7 @@ impl Equations {
         for (out, (row, scale)) in colors.iter_mut().zip(rows) {
             set_scaled(out, row, *scale);
         }
-        normal.add(simd, &self.whitened);
+        normal.set(simd, &self.whitened);
         Some(())
     }
 
@@ -305,7 +304,7 @@ impl Equations {
         }
         for (used, shown) in self.used.iter().zip(&mut self.shown) {
             let residual = &mut shown.channels[0][RESIDUAL];
-            *residual = patch.bright[*used as usize] - *residual - patch.from_coded[0][3];
+            *residual = patch.bright[*used as usize] - *residual - patch.from_coded[0][3] as f32;
         }
         let mut color_rows = std::mem::take(&mut self.color_rows);
         color_rows.resize(self.blocks.len(), [[0.0; WIDTH]; 2]);
@@ -319,17 +318,21 @@ impl Equations {
     #[inline(always)]
     fn set_variances(&mut self, patch: &Patch, edge_px: f64) {
         let in_still = self.surroundings.in_still();
-        let alike_px = if in_still { ALIKE * edge_px * edge_px } else { 1.0 };
-        let alike = (alike_px / (patch.step * patch.step) as f64).max(1.0);
+        let alike_px = if in_still { (ALIKE * edge_px * edge_px) as f32 } else { 1.0 };
+        let alike = (alike_px / (patch.step * patch.step) as f32).max(1.0);
+        let (noise, unpredicted) = (self.noise_variance as f32, self.surroundings.unpredicted as f32);
         self.variance.clear();
         for ((used, shown), near) in self.used.iter().zip(&self.shown).zip(&self.near) {
             let index = *used as usize;
             let front = self.front[index] * (near * shown.covered).powi(2);
-            let behind = self.surroundings.unpredicted * shown.open;
+            let behind = unpredicted * shown.open;
             let trust = self.weight[index].max(LEAST_TRUST);
-            self.variance.push((self.noise_variance + alike_px * front + behind * behind) / trust);
+            self.variance.push((noise + alike_px * front + behind * behind) / trust);
         }
-        let level = (self.surroundings.level - patch.from_coded[0][3]).abs().max(self.noise_variance.sqrt());
+        let level = (self.surroundings.level - patch.from_coded[0][3]) as f32;
+        let level = level.abs().max(noise.sqrt());
+        // Noise there is no clutter.
+        let clutter = self.surroundings.color_variance.map(|all| (all as f32 - noise).max(0.0));
         self.color_variance.clear();
         for ((block, rows), near) in self.blocks.iter().zip(&self.color_rows).zip(&self.color_near) {
             let block = *block as usize;
@@ -339,12 +342,9 @@ impl Equations {
             let trust = self.color_weight[block].max(LEAST_TRUST);
             let mut variance = [0.0; 2];
             for (k, variance) in variance.iter_mut().enumerate() {
-                let value = patch.colors[block][k] - rows[k][RESIDUAL] - patch.from_coded[k + 1][3];
-                // Noise there is no clutter.
-                let clutter = (self.surroundings.color_variance[k] - self.noise_variance).max(0.0);
-                let behind = (1.0 - covered).powi(2) * clutter;
-                *variance =
-                    (self.noise_variance + alike * (hidden * (covered * value).powi(2) + behind)) / trust;
+                let value = patch.colors[block][k] - rows[k][RESIDUAL] - patch.from_coded[k + 1][3] as f32;
+                let behind = (1.0 - covered).powi(2) * clutter[k];
+                *variance = (noise + alike * (hidden * (covered * value).powi(2) + behind)) / trust;
             }
             self.color_variance.push(variance);
         }
@@ -366,7 +366,7 @@ impl Equations {
                 0 => {
                     let free = self.surroundings.colors_at(patch.place(pixel));
                     for (k, row) in rows.iter_mut().enumerate() {
-                        let value = free[k] - patch.from_coded[k + 1][3];
+                        let value = (free[k] - patch.from_coded[k + 1][3]) as f32;
                         row[RESIDUAL] += weight * value;
                         row[SITING] += by_siting * value;
                     }
@@ -380,14 +380,14 @@ impl Equations {
             });
         }
         for (k, row) in rows.iter_mut().enumerate() {
-            row[RESIDUAL] = patch.colors[block][k] - row[RESIDUAL] - patch.from_coded[k + 1][3];
+            row[RESIDUAL] = patch.colors[block][k] - row[RESIDUAL] - patch.from_coded[k + 1][3] as f32;
         }
     }
 }
 
 /// Sets a row to a multiple of another.
 #[inline(always)]
-fn set_scaled(out: &mut Row, row: &Row, scale: f64) {
+fn set_scaled(out: &mut Row, row: &Row, scale: f32) {
     for (out, value) in out.iter_mut().zip(row) {
         *out = value * scale;
     }

@@ -9,9 +9,9 @@ use super::{CLEAR, NOISE_STD};
 use crate::patch::Patch;
 
 /// Codes from which light may be beyond the brightest: two standard deviations of a usual pixel's noise below it.
-const BRIGHTEST: f64 = 255.0 - 2.0 * NOISE_STD;
+const BRIGHTEST: f32 = 255.0 - 2.0 * NOISE_STD as f32;
 /// Edge widths as far as such light reaches: a hundredfold's share of a Gaussian's tail is about a level there.
-const REACH_EDGES: f64 = 4.0;
+const REACH_EDGES: f32 = 4.0;
 
 /// Working space and result.
 #[derive(Debug, Clone, Default)]
@@ -42,7 +42,7 @@ impl Glare {
 
     /// Finds the pixels that such light reaches past the disc. Where it is all around it takes of every side alike and leaves
     /// the centre in its place: then none counts as reached.
-    pub(super) fn reach(&mut self, patch: &Patch, disc: &Disc, (covered, depth): (&[f64], &[f64])) {
+    pub(super) fn reach(&mut self, patch: &Patch, disc: &Disc, (covered, depth): (&[f32], &[f32])) {
         self.reached.clear();
         self.edge.clear();
         let is_beside = |i: usize| covered[i] < CLEAR && depth[i] > -REACH_EDGES;
@@ -56,7 +56,7 @@ impl Glare {
         if self.edge.is_empty() || self.edge.len() == beside {
             return;
         }
-        let reach_px2 = (REACH_EDGES * disc.edge_px).powi(2);
+        let reach_px2 = (f64::from(REACH_EDGES) * disc.edge_px).powi(2);
         let is_near =
             |(x, y): (f64, f64)| self.edge.iter().any(|e| (e.0 - x).powi(2) + (e.1 - y).powi(2) < reach_px2);
         self.reached.extend((0..covered.len()).map(|i| depth[i] < REACH_EDGES && is_near(patch.place(i))));
@@ -79,6 +79,6 @@ impl Glare {
 }
 
 /// Whether one of the codes of red, green and blue that these channels are may be beyond what can be shown.
-fn is_brightest(patch: &Patch, channels: [f64; 3]) -> bool {
+fn is_brightest(patch: &Patch, channels: [f32; 3]) -> bool {
     patch.coded(channels).into_iter().any(|code| code > BRIGHTEST)
 }

@@ -145,9 +145,9 @@ mod tests {
         let simd = Scalar::new();
         let normal = model.normal_at(simd, (Lanes::splat(simd, x), Lanes::splat(simd, y)));
         model.gloss.terms(simd, &normal).map(|terms| {
-            let mut value = [0.0];
+            let mut value = [0.0_f32];
             terms[2].store(&mut value, 0);
-            value[0]
+            f64::from(value[0])
         })
     }
 
@@ -194,14 +194,14 @@ mod tests {
 
     #[test]
     fn slopes_are_the_numeric_ones() {
-        const STEP: f64 = 1e-5;
+        const STEP: f64 = 2e-3;
         let up = up_at(15.0, 20.0);
         for (x, y) in [(0.2, -0.6), (-0.1, -0.8), (0.3, 0.3)] {
             let [_, across, down] = light(up, 0.1, x, y);
             let value = |dx: f64, dy: f64| light(up, 0.1, x + dx, y + dy)[0];
             let want = [value(STEP, 0.0) - value(-STEP, 0.0), value(0.0, STEP) - value(0.0, -STEP)];
             for (got, want) in [across, down].into_iter().zip(want.map(|d| d / (2.0 * STEP))) {
-                assert!((got - want).abs() < 1e-6 * want.abs() + 1e-9, "{got} for {want}");
+                assert!((got - want).abs() < 1e-3 * want.abs() + 1e-3, "{got} for {want}");
             }
         }
     }

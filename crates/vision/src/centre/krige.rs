@@ -48,15 +48,15 @@ static BY_DISTANCE: std::sync::LazyLock<Vec<(i32, i32)>> = std::sync::LazyLock::
 #[derive(Debug, Clone, Default)]
 pub(super) struct Kriging {
     /// What the plane leaves of each free pixel, not a number elsewhere; a margin as wide as the reach around.
-    left: Vec<f64>,
+    left: Vec<f32>,
     /// Offsets to look for neighbours at in `left`, and in a table by displacement.
     offsets: Vec<(usize, usize)>,
     /// Covariance by displacement.
-    kernel: Vec<[f64; TABLE]>,
+    kernel: Vec<[f32; TABLE]>,
     /// Correlation by squared distance, as it ends.
-    tapered: Vec<f64>,
+    tapered: Vec<f32>,
     places: Vec<(i32, i32)>,
-    deviation: Vec<f64>,
+    deviation: Vec<f32>,
     course: Course,
     /// Whether lines are looked for.
     pub(super) along_lines: bool,
@@ -65,11 +65,11 @@ pub(super) struct Kriging {
 /// The equations of a group of rim pixels: covariance of the neighbours' values (above the diagonal), with the pixel, and the
 /// values.
 struct Systems {
-    matrix: [[[f64; GROUP]; NEIGHBOURS]; NEIGHBOURS],
-    cross: [[f64; GROUP]; NEIGHBOURS],
-    left: [[f64; GROUP]; NEIGHBOURS],
+    matrix: [[[f32; GROUP]; NEIGHBOURS]; NEIGHBOURS],
+    cross: [[f32; GROUP]; NEIGHBOURS],
+    left: [[f32; GROUP]; NEIGHBOURS],
     /// Variance of a neighbour's value.
-    own: [f64; GROUP],
+    own: [f32; GROUP],
     count: [usize; GROUP],
 }
 
@@ -81,9 +81,9 @@ impl Kriging {
         &mut self,
         simd: S,
         (patch, edge_px, spread): (&Patch, f64, Spread),
-        (rim, covered): (&[u32], &[f64]),
-        level: impl Fn(usize) -> f64,
-        (mean, covariance): (&mut [f64], &mut Banded),
+        (rim, covered): (&[u32], &[f32]),
+        level: impl Fn(usize) -> f32,
+        (mean, covariance): (&mut [f32], &mut Banded),
     ) -> Option<()> {
         self.set_kernels(edge_px, spread.clutter);
         let stride = patch.columns + 2 * REACH;
@@ -103,7 +103,8 @@ impl Kriging {
         self.deviation.clear();
         let mut systems = Systems::NOTHING;
         for (places, mean) in self.places.chunks(GROUP).zip(mean.chunks_mut(GROUP)) {
-            systems.own = [spread.clutter * spread.clutter + spread.noise_variance; GROUP];
+            let clutter_variance = spread.clutter * spread.clutter;
+            systems.own = [(clutter_variance + spread.noise_variance) as f32; GROUP];
             self.set_up(&mut systems, places, stride);
             if self.along_lines {
                 self.follow_lines(simd, &mut systems, places, (stride, edge_px, spread));
@@ -111,8 +112,8 @@ impl Kriging {
             let (predicted, square) = systems.solve(simd)?;
             for (lane, mean) in mean.iter_mut().enumerate() {
                 *mean += predicted[lane];
-                let variance = spread.clutter * spread.clutter + square[lane];
-                self.deviation.push((variance / (1 + systems.count[lane]) as f64).sqrt());
+                let variance = clutter_variance as f32 + square[lane];
+                self.deviation.push((variance / (1 + systems.count[lane]) as f32).sqrt());
             }
         }
         let (places, deviation, tapered) = (&self.places, &self.deviation, &self.tapered);
@@ -126,10 +127,10 @@ impl Kriging {
     }
 
     #[inline(always)]
-    fn lay_out(&mut self, patch: &Patch, covered: &[f64], level: impl Fn(usize) -> f64) {
+    fn lay_out(&mut self, patch: &Patch, covered: &[f32], level: impl Fn(usize) -> f32) {
         let stride = patch.columns + 2 * REACH;
         self.left.clear();
-        self.left.resize(stride * (patch.rows + 2 * REACH), f64::NAN);
+        self.left.resize(stride * (patch.rows + 2 * REACH), f32::NAN);
         for row in 0..patch.rows {
             let start = row * patch.columns;
             let into = &mut self.left[(row + REACH) * stride + REACH..][..patch.columns];
@@ -192,17 +193,18 @@ impl Kriging {
             let corner = *y as usize * stride + *x as usize;
             let nearby = self.course.nearby(corner, edge_px, noise);
             for (out, value) in metric.iter_mut().zip(nearby.metric) {
-                out[lane] = value;
+                out[lane] = value as f32;
             }
             let free =
                 BY_DISTANCE.iter().zip(&self.offsets).filter(|(_, (at, _))| !self.left[corner + at].is_nan());
             for ([across, down], ((x, y), _)) in from_pixel[..NEIGHBOURS].iter_mut().zip(free) {
-                (across[lane], down[lane]) = (f64::from(*x), f64::from(*y));
+                (across[lane], down[lane]) = (*x as f32, *y as f32);
             }
-            systems.own[lane] = clutter * (1.0 + noise / nearby.variance.max(LEAST_CLUTTER * noise));
+            let own = clutter * (1.0 + noise / nearby.variance.max(LEAST_CLUTTER * noise));
+            systems.own[lane] = own as f32;
         }
         for part in 0..Lanes::<S>::PARTS {
-            let load = |values: &[f64; GROUP]| Lanes::load(simd, values, part);
+            let load = |values: &[f32; GROUP]| Lanes::load(simd, values, part);
             let (xx, xy, yy) = (load(&metric[0]), load(&metric[1]), load(&metric[2]));
             for i in 0..NEIGHBOURS {
                 for j in i + 1..=NEIGHBOURS {
@@ -235,7 +237,7 @@ impl Kriging {
         });
         let mut kernel = [0.0; TABLE];
         for (row, down) in kernel.chunks_exact_mut(ACROSS).zip(&along) {
-            row.iter_mut().zip(&along).for_each(|(value, across)| *value = down * across);
+            row.iter_mut().zip(&along).for_each(|(value, across)| *value = (down * across) as f32);
         }
         self.kernel.clear();
         self.kernel.push(kernel);
@@ -244,13 +246,15 @@ impl Kriging {
         self.tapered.extend((0..=last).map(|square| {
             // The taper (Wendland 1995, C²) ends the correlation without making the matrix indefinite.
             let part = (1.0 - (square as f64).sqrt() / far_px).max(0.0);
-            (-(square as f64) * fall).exp() * part.powi(4) * (5.0 - 4.0 * part)
+            ((-(square as f64) * fall).exp() * part.powi(4) * (5.0 - 4.0 * part)) as f32
         }));
     }
 }
 
 /// Pixels in each direction beyond which no correlation is kept.
 const BAND_REACH: usize = 2 * REACH;
+/// Half a row of equations.
+const HALF: usize = NEIGHBOURS / 2;
 
 impl Systems {
     /// Where nothing was found.
@@ -275,10 +279,10 @@ impl Systems {
 
     /// What is predicted and the sum of the squared values; None where a matrix is not positive definite.
     #[inline(always)]
-    fn solve<S: Simd>(&self, simd: S) -> Option<([f64; GROUP], [f64; GROUP])> {
+    fn solve<S: Simd>(&self, simd: S) -> Option<([f32; GROUP], [f32; GROUP])> {
         let (mut predicted, mut square, mut least) = ([0.0; GROUP], [0.0; GROUP], [0.0; GROUP]);
         for part in 0..Lanes::<S>::PARTS {
-            let load = |values: &[f64; GROUP]| Lanes::load(simd, values, part);
+            let load = |values: &[f32; GROUP]| Lanes::load(simd, values, part);
             let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
             let own = load(&self.own);
             let (mut rows, mut x) = ([[zero; NEIGHBOURS]; NEIGHBOURS], [zero; NEIGHBOURS]);
@@ -298,12 +302,12 @@ impl Systems {
                 for i in k + 1..NEIGHBOURS {
                     let factor = pivot[i] * inverse[k];
                     // Whole halves of a row: a loop of fixed length.
-                    let from = i / GROUP * GROUP;
-                    for j in 0..GROUP {
+                    let from = i / HALF * HALF;
+                    for j in 0..HALF {
                         rows[i][from + j] = rows[i][from + j] - factor * pivot[from + j];
                     }
                     if from == 0 {
-                        for j in GROUP..NEIGHBOURS {
+                        for j in HALF..NEIGHBOURS {
                             rows[i][j] = rows[i][j] - factor * pivot[j];
                         }
                     }

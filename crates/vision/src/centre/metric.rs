@@ -20,20 +20,20 @@ pub(super) struct Nearby {
 }
 
 /// Products of a free pixel's gradient (xx, xy, yy), its square and its presence; all 0 where it or a neighbour is not free.
-type Moments = [f64; 5];
+type Moments = [f32; 5];
 
 /// Working space.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Course {
     moments: Vec<Moments>,
     /// Offsets of a neighbourhood and their weights.
-    window: Vec<(usize, f64)>,
+    window: Vec<(usize, f32)>,
 }
 
 impl Course {
     /// Takes in the clutter at each free pixel, not a number elsewhere, in rows of `stride` with a margin of a reach around.
     #[inline(always)]
-    pub(super) fn take(&mut self, left: &[f64], stride: usize) {
+    pub(super) fn take(&mut self, left: &[f32], stride: usize) {
         self.moments.clear();
         self.moments.resize(left.len(), [0.0; 5]);
         let inner = stride + 1..left.len() - stride - 1;
@@ -52,7 +52,7 @@ impl Course {
             if square <= (REACH * REACH) as f64 {
                 // From the corner of the square around.
                 let offset = ((y + reach) as usize) * stride + (x + reach) as usize;
-                self.window.push((offset, (-0.5 * square / (WINDOW_PX * WINDOW_PX)).exp()));
+                self.window.push((offset, (-0.5 * square / (WINDOW_PX * WINDOW_PX)).exp() as f32));
             }
         }
     }
@@ -61,23 +61,23 @@ impl Course {
     /// covered.
     #[inline(always)]
     pub(super) fn variance(&self, corner: usize, noise_variance: f64) -> Option<f64> {
-        let (mut square, mut count) = (0.0, 0.0);
+        let (mut square, mut count) = (0.0_f32, 0.0_f32);
         for (offset, weight) in &self.window {
             let [.., value, free] = self.moments[corner + offset];
             (square, count) = (square + weight * value, count + weight * free);
         }
-        (count > 0.0).then(|| (square / count - noise_variance).max(0.0))
+        (count > 0.0).then(|| (f64::from(square / count) - noise_variance).max(0.0))
     }
 
     /// That and the metric, isotropic where all is covered.
     #[inline(always)]
     pub(super) fn nearby(&self, corner: usize, edge_px: f64, noise_variance: f64) -> Nearby {
-        let mut sum = [0.0; 5];
+        let mut sum = [0.0_f32; 5];
         for (offset, weight) in &self.window {
             let moments = &self.moments[corner + offset];
             sum.iter_mut().zip(moments).for_each(|(sum, value)| *sum += weight * value);
         }
-        let [xx, xy, yy, square, count] = sum;
+        let [xx, xy, yy, square, count] = sum.map(f64::from);
         let noise = noise_variance * count;
         let left = (square - noise).max(0.0);
         let variance = left / count.max(f64::MIN_POSITIVE);
@@ -116,10 +116,10 @@ mod tests {
     const WIDE: usize = 2 * REACH + 9;
 
     fn metric_in(field: impl Fn(f64, f64) -> f64, noise_variance: f64) -> [f64; 3] {
-        let mut left = vec![f64::NAN; WIDE * WIDE];
+        let mut left = vec![f32::NAN; WIDE * WIDE];
         for y in REACH..WIDE - REACH {
             for x in REACH..WIDE - REACH {
-                left[y * WIDE + x] = field(x as f64, y as f64);
+                left[y * WIDE + x] = field(x as f64, y as f64) as f32;
             }
         }
         let mut course = Course::default();

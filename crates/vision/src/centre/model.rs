@@ -2,7 +2,7 @@
 
 use super::edge::cover;
 use super::gloss::{GLOSSES, Gloss};
-use super::lanes::{GROUP, Lanes};
+use super::lanes::{GROUP, Lanes, TURNED};
 use super::places::Places;
 use crate::Vector3;
 use crate::color::encode;
@@ -25,8 +25,8 @@ pub(super) const FOURTH: usize = 19;
 pub(super) const SHADES: usize = GLOSS - SHADE;
 pub(super) const FIRST_ORDER: usize = 3;
 pub(super) type Parameters = SVector<f64, COUNT>;
-/// Derivatives by all parameters and the value or residual behind them, in whole lanes of four.
-pub(super) type Row = [f64; WIDTH];
+/// Derivatives by all parameters and the value or residual behind them, in whole groups.
+pub(super) type Row = [f32; WIDTH];
 pub(super) const RESIDUAL: usize = COUNT;
 pub(super) const WIDTH: usize = 24;
 
@@ -50,10 +50,10 @@ pub(super) struct Model {
 /// What a pixel shows: its channels, less their constants, behind their derivatives.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shown {
-    pub(super) covered: f64,
+    pub(super) covered: f32,
     pub(super) channels: [Row; 3],
     /// Derivative of each code by the code of what is behind.
-    pub(super) open: f64,
+    pub(super) open: f32,
 }
 
 impl Shown {
@@ -62,7 +62,7 @@ impl Shown {
 }
 
 /// Derivatives of each channel by all parameters and its value, for a group of pixels. What no model sets stays nothing.
-pub(super) type Columns = [[[f64; GROUP]; WIDTH]; 3];
+pub(super) type Columns = [[[f32; GROUP]; WIDTH]; 3];
 pub(super) const NO_COLUMNS: Columns = [[[0.0; GROUP]; WIDTH]; 3];
 
 impl Model {
@@ -71,8 +71,8 @@ impl Model {
     pub(super) fn coverage<S: Simd>(
         &self,
         simd: S,
-        places: &[[f64; GROUP]; 2],
-    ) -> ([f64; GROUP], [f64; GROUP]) {
+        places: &[[f32; GROUP]; 2],
+    ) -> ([f32; GROUP], [f32; GROUP]) {
         let (mut covered, mut depth) = ([0.0; GROUP], [0.0; GROUP]);
         for part in 0..Lanes::<S>::PARTS {
             let at = (Lanes::load(simd, &places[0], part), Lanes::load(simd, &places[1], part));
@@ -84,7 +84,7 @@ impl Model {
     }
 
     /// Distance of a place inside the edge, in edge widths.
-    pub(super) fn depth_edges(&self, x_px: f64, y_px: f64) -> f64 {
+    pub(super) fn depth_edges(&self, x_px: f64, y_px: f64) -> f32 {
         let simd = Scalar::new();
         let mut depth = [0.0];
         self.edge_at(simd, (Lanes::splat(simd, x_px), Lanes::splat(simd, y_px))).0.store(&mut depth, 0);
@@ -160,7 +160,7 @@ impl Model {
     ) {
         let (mut covered, mut open) = ([0.0; GROUP], [0.0; GROUP]);
         for part in 0..Lanes::<S>::PARTS {
-            let from = |values: &[f64]| Lanes::load(simd, &values[first..first + GROUP], part);
+            let from = |values: &[f32]| Lanes::load(simd, &values[first..first + GROUP], part);
             let behind = [from(&places.light[0]), from(&places.light[1]), from(&places.light[2])];
             let face = self.face(simd, (from(&places.x), from(&places.y)));
             let (codes, gains) = self.coded(simd, &face, &behind, part);
@@ -179,7 +179,7 @@ impl Model {
             (shown.covered, shown.open) = (covered[lane], open[lane]);
         }
         for (channel, columns) in columns.iter().enumerate() {
-            for (first, columns) in columns.chunks_exact(GROUP).enumerate() {
+            for (first, columns) in columns.chunks_exact(TURNED).enumerate() {
                 store_rows(simd, columns, shown, (channel, first));
             }
         }
@@ -240,7 +240,7 @@ impl Model {
             let light = behind[c] * uncovered + ball * face.whole + face.gloss_seen;
             let (mut lights, mut coded) = ([0.0; GROUP], [[0.0; GROUP]; 2]);
             light.store(&mut lights, part);
-            for lane in part * S::F64_LANES..(part + 1) * S::F64_LANES {
+            for lane in part * S::F32_LANES..(part + 1) * S::F32_LANES {
                 (coded[0][lane], coded[1][lane]) = encode(lights[lane]);
             }
             (codes[c], gains[c]) = (Lanes::load(simd, &coded[0], part), Lanes::load(simd, &coded[1], part));
@@ -256,7 +256,7 @@ impl Model {
         (face, behind): (&Face<S>, &[Lanes<S>; 3]),
         (codes, gains): (&[Lanes<S>; 3], &[Lanes<S>; 3]),
         parts: &[f64; 4],
-        (columns, part): (&mut [[f64; GROUP]; WIDTH], usize),
+        (columns, part): (&mut [[f32; GROUP]; WIDTH], usize),
     ) {
         let p = &self.p;
         let zero = Lanes::splat(simd, 0.0);
@@ -294,24 +294,24 @@ impl Model {
     }
 }
 
-/// Stores a group of columns as a group of each pixel's row of a channel.
+/// Stores some columns as a part of each pixel's row of a channel.
 #[inline(always)]
 fn store_rows<S: Simd>(
     simd: S,
-    columns: &[[f64; GROUP]],
+    columns: &[[f32; GROUP]],
     shown: &mut [Shown],
     (channel, first): (usize, usize),
 ) {
-    if S::F64_LANES == GROUP {
+    if S::F32_LANES == GROUP {
         let column = |k: usize| Lanes::load(simd, &columns[k], 0);
         let rows = Lanes::transposed(simd, [column(0), column(1), column(2), column(3)]);
         for (shown, row) in shown.iter_mut().zip(rows) {
-            row.store(&mut shown.channels[channel], first);
+            shown.channels[channel][TURNED * first..TURNED * (first + 1)].copy_from_slice(&row);
         }
         return;
     }
     for (lane, shown) in shown.iter_mut().enumerate() {
-        for (value, column) in shown.channels[channel][GROUP * first..].iter_mut().zip(columns) {
+        for (value, column) in shown.channels[channel][TURNED * first..].iter_mut().zip(columns) {
             *value = column[lane];
         }
     }
@@ -319,7 +319,7 @@ fn store_rows<S: Simd>(
 
 /// Adds a multiple of a row.
 #[inline(always)]
-pub(super) fn add_scaled(sum: &mut Row, row: &Row, weight: f64) {
+pub(super) fn add_scaled(sum: &mut Row, row: &Row, weight: f32) {
     for (out, value) in sum.iter_mut().zip(row) {
         *out += weight * value;
     }
@@ -352,19 +352,21 @@ struct Face<S: Simd> {
 mod tests {
     use super::*;
 
-    struct Covers<'a>(&'a Model, &'a [[f64; GROUP]; 2]);
+    struct Covers<'a>(&'a Model, &'a [[f32; GROUP]; 2]);
 
     impl pulp::WithSimd for Covers<'_> {
-        type Output = [f64; GROUP];
+        type Output = [f32; GROUP];
 
         #[inline(always)]
-        fn with_simd<S: Simd>(self, simd: S) -> [f64; GROUP] {
+        fn with_simd<S: Simd>(self, simd: S) -> [f32; GROUP] {
             self.0.coverage(simd, self.1).0
         }
     }
 
     #[test]
     fn derivatives_are_the_numeric_ones() {
+        // Between the rounding of single precision and the curvature.
+        const STEP: f64 = 2e-3;
         let mut p = Parameters::zeros();
         p[FOURTH] = 0.05;
         p.as_mut_slice()[..SITING].copy_from_slice(&[
@@ -390,19 +392,19 @@ mod tests {
                 let value = |h: f64| {
                     let mut moved = model;
                     moved.p[k] += h;
-                    shown(&moved).channels.map(|c| c[RESIDUAL])
+                    shown(&moved).channels.map(|c| f64::from(c[RESIDUAL]))
                 };
-                let (up, down) = (value(1e-5), value(-1e-5));
+                let (up, down) = (value(STEP), value(-STEP));
                 for c in 0..3 {
-                    let want = (up[c] - down[c]) / 2e-5;
+                    let want = (up[c] - down[c]) / (2.0 * STEP);
                     assert!(
-                        (got.channels[c][k] - want).abs() < 0.02 * want.abs() + 0.2,
+                        (f64::from(got.channels[c][k]) - want).abs() < 0.02 * want.abs() + 0.2,
                         "{k} {c}: {} for {want}",
                         got.channels[c][k]
                     );
                 }
             }
-            let places = [[x; GROUP], [y; GROUP]];
+            let places = [[x as f32; GROUP], [y as f32; GROUP]];
             let (covered, depth) = model.coverage(Scalar::new(), &places);
             assert_eq!(covered, [got.covered; GROUP]);
             assert_eq!(depth, [model.depth_edges(x, y); GROUP]);

@@ -7,67 +7,69 @@ use pulp::Simd;
 /// Information of a parameter that is held: a millionth of a pixel.
 const HELD: f64 = 1e12;
 
+/// Rows of the sums that are added to together: as many sums as a vector unit keeps at hand.
+const ROWS: usize = 4;
+
 /// Upper triangle of the information matrix, the gradient behind each of its rows; after [`Self::solve`], its factor.
 #[derive(Debug, Clone)]
 pub(super) struct Normal {
-    rows: [Row; COUNT],
+    /// Sums over the samples.
+    sums: [Row; COUNT],
+    /// These with what is known besides, in double precision, as far as a solution needs it.
+    rows: [[f64; WIDTH]; COUNT],
 }
 
 impl Default for Normal {
     fn default() -> Self {
-        Self { rows: [[0.0; WIDTH]; COUNT] }
+        Self { sums: [[0.0; WIDTH]; COUNT], rows: [[0.0; WIDTH]; COUNT] }
     }
 }
 
 impl Normal {
-    pub(super) fn clear(&mut self) {
-        self.rows = [[0.0; WIDTH]; COUNT];
-    }
-
-    /// Adds samples of unit variance: derivatives with the residual behind them.
+    /// Sets the sums over samples of unit variance: derivatives with the residual behind them.
     #[inline(always)]
-    pub(super) fn add<S: Simd>(&mut self, simd: S, samples: &[Row]) {
-        const { assert!(COUNT.is_multiple_of(2)) };
-        if S::F64_LANES == GROUP {
-            for first in (0..COUNT).step_by(2) {
+    pub(super) fn set<S: Simd>(&mut self, simd: S, samples: &[Row]) {
+        const { assert!(COUNT.is_multiple_of(ROWS) && GROUP.is_multiple_of(ROWS) && WIDTH == 3 * GROUP) };
+        if S::F32_LANES == GROUP {
+            for first in (0..COUNT).step_by(ROWS) {
                 match first / GROUP {
-                    0 => self.add_pair::<S, 6>(simd, first, samples),
-                    1 => self.add_pair::<S, 5>(simd, first, samples),
-                    2 => self.add_pair::<S, 4>(simd, first, samples),
-                    3 => self.add_pair::<S, 3>(simd, first, samples),
-                    4 => self.add_pair::<S, 2>(simd, first, samples),
-                    _ => self.add_pair::<S, 1>(simd, first, samples),
+                    0 => self.sum_rows::<S, 3>(simd, first, samples),
+                    1 => self.sum_rows::<S, 2>(simd, first, samples),
+                    _ => self.sum_rows::<S, 1>(simd, first, samples),
                 }
             }
-            return;
-        }
-        for sample in samples {
-            for (i, sum) in self.rows.iter_mut().enumerate() {
-                for k in i / GROUP * GROUP..WIDTH {
-                    sum[k] += sample[i] * sample[k];
+        } else {
+            self.sums = [[0.0; WIDTH]; COUNT];
+            for sample in samples {
+                for (i, sum) in self.sums.iter_mut().enumerate() {
+                    for k in i / GROUP * GROUP..WIDTH {
+                        sum[k] = sample[i].mul_add(sample[k], sum[k]);
+                    }
                 }
+            }
+        }
+        for (row, sums) in self.rows.iter_mut().zip(&self.sums) {
+            for (value, sum) in row.iter_mut().zip(sums) {
+                *value = f64::from(*sum);
             }
         }
     }
 
-    /// Adds to two rows of the sums, of which all but the last `GROUPS` groups lie before the diagonal: as many sums as a
-    /// vector unit keeps at hand.
+    /// Sets some rows of the sums, of which all but the last `GROUPS` groups lie before the diagonal.
     #[inline(always)]
-    fn add_pair<S: Simd, const GROUPS: usize>(&mut self, simd: S, first: usize, samples: &[Row]) {
+    fn sum_rows<S: Simd, const GROUPS: usize>(&mut self, simd: S, first: usize, samples: &[Row]) {
         let from = WIDTH - GROUP * GROUPS;
-        let load =
-            |row: &Row| -> [Lanes<S>; GROUPS] { std::array::from_fn(|k| Lanes::load(simd, &row[from..], k)) };
-        let mut sums = [load(&self.rows[first]), load(&self.rows[first + 1])];
+        let mut sums = [[Lanes::splat(simd, 0.0); GROUPS]; ROWS];
         for sample in samples {
-            let values = load(sample);
+            let values: [Lanes<S>; GROUPS] = std::array::from_fn(|k| Lanes::load(simd, &sample[from..], k));
             for (r, sums) in sums.iter_mut().enumerate() {
                 let factor = Lanes::splat(simd, sample[first + r]);
                 for k in 0..GROUPS {
-                    sums[k] = sums[k] + factor * values[k];
+                    sums[k] = factor.mul_add(values[k], sums[k]);
                 }
             }
         }
-        for (row, sums) in self.rows[first..].iter_mut().zip(sums) {
+        for (row, sums) in self.sums[first..].iter_mut().zip(sums) {
             for (k, sum) in sums.into_iter().enumerate() {
                 sum.store(&mut row[from..], k);
             }
@@ -151,7 +153,7 @@ impl Normal {
 /// Adds a multiple of a row to row `i`: nothing before its diagonal is read, and loops of a fixed length are what
 /// compilers turn into vector instructions.
 #[inline(always)]
-fn add_scaled(sum: &mut Row, i: usize, row: &Row, factor: f64) {
+fn add_scaled(sum: &mut [f64; WIDTH], i: usize, row: &[f64; WIDTH], factor: f64) {
     const HALF: usize = 8;
     if i < HALF {
         for k in 0..WIDTH {
@@ -169,14 +171,14 @@ mod tests {
     use super::*;
     use nalgebra::SMatrix;
 
-    struct Add<'a>(&'a mut Normal, &'a [Row]);
+    struct Set<'a>(&'a mut Normal, &'a [Row]);
 
-    impl pulp::WithSimd for Add<'_> {
+    impl pulp::WithSimd for Set<'_> {
         type Output = ();
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) {
-            self.0.add(simd, self.1);
+            self.0.set(simd, self.1);
         }
     }
 
@@ -187,16 +189,16 @@ mod tests {
         for sample in 0..40 {
             let mut row: Row = [0.0; WIDTH];
             for (k, value) in row[..=RESIDUAL].iter_mut().enumerate() {
-                *value = ((sample * 7 + k * 13 + k * k * sample) as f64).sin();
+                *value = ((sample * 7 + k * 13 + k * k * sample) as f32).sin();
             }
-            let derivatives = Parameters::from_fn(|k, _| row[k]);
+            let derivatives = Parameters::from_fn(|k, _| f64::from(row[k]));
             samples.push(row);
             information += derivatives * derivatives.transpose();
-            gradient += derivatives * row[RESIDUAL];
+            gradient += derivatives * f64::from(row[RESIDUAL]);
         }
         let mut plain = normal.clone();
-        plain.add(pulp::Scalar::new(), &samples);
-        pulp::Arch::new().dispatch(Add(&mut normal, &samples));
+        plain.set(pulp::Scalar::new(), &samples);
+        pulp::Arch::new().dispatch(Set(&mut normal, &samples));
         assert_eq!(plain.rows, normal.rows);
         normal.add_known(3, 5.0, 0.2);
         information[(3, 3)] += 5.0;
@@ -204,11 +206,11 @@ mod tests {
         let (change, length) = normal.solve().expect("definite");
         let covariance = information.try_inverse().expect("an inverse");
         let want = covariance * gradient;
-        assert!((change - want).norm() < 1e-9 * want.norm());
-        assert!((length - gradient.dot(&want)).abs() < 1e-9 * length);
+        assert!((change - want).norm() < 1e-4 * want.norm());
+        assert!((length - gradient.dot(&want)).abs() < 1e-4 * length);
         let columns = [0, 5, COUNT - 1];
         for (k, column) in columns.into_iter().zip(normal.covariance_columns(columns)) {
-            assert!((column - covariance.column(k)).norm() < 1e-9);
+            assert!((column - covariance.column(k)).norm() < 1e-4 * column.norm());
         }
         assert!(Normal::default().solve().is_none());
     }

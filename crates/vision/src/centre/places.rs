@@ -6,10 +6,10 @@ use crate::color::encode;
 /// Pixels with what is behind them: linear light, and the slope of light over code there. In whole groups.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Places {
-    pub(super) x: Vec<f64>,
-    pub(super) y: Vec<f64>,
-    pub(super) light: [Vec<f64>; 3],
-    pub(super) decoding: [Vec<f64>; 3],
+    pub(super) x: Vec<f32>,
+    pub(super) y: Vec<f32>,
+    pub(super) light: [Vec<f32>; 3],
+    pub(super) decoding: [Vec<f32>; 3],
 }
 
 impl Places {
@@ -19,9 +19,9 @@ impl Places {
         self.light.iter_mut().chain(&mut self.decoding).for_each(Vec::clear);
     }
 
-    pub(super) fn push(&mut self, (x_px, y_px): (f64, f64), behind: &[f64; 3]) {
-        self.x.push(x_px);
-        self.y.push(y_px);
+    pub(super) fn push(&mut self, (x_px, y_px): (f64, f64), behind: &[f32; 3]) {
+        self.x.push(x_px as f32);
+        self.y.push(y_px as f32);
         for (c, light) in behind.iter().enumerate() {
             self.light[c].push(*light);
             self.decoding[c].push(encode(*light).1.recip());

@@ -10,24 +10,24 @@ const CUT_OFF: f64 = 4.685;
 pub(super) const MEDIAN_TO_DEVIATION: f64 = 1.4826;
 const ROUNDS: usize = 4;
 /// A scale beyond which nothing lies but what fills up the last group.
-const ANY: f64 = 1e100;
-const FILLING: f64 = 1e300;
+const ANY: f64 = 1e15;
+const FILLING: f32 = 1e30;
 
 /// Tukey's biweight of a residual by its square over its variance.
 #[inline]
-pub(super) fn biweight(square: f64) -> f64 {
-    let left = (1.0 - square * (CUT_OFF * CUT_OFF).recip()).max(0.0);
+pub(super) fn biweight(square: f32) -> f32 {
+    let left = (1.0 - square * ((CUT_OFF * CUT_OFF).recip() as f32)).max(0.0);
     left * left
 }
 
 /// Values at places, in whole groups.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scattered {
-    x: Vec<f64>,
-    y: Vec<f64>,
-    values: Vec<f64>,
+    x: Vec<f32>,
+    y: Vec<f32>,
+    values: Vec<f32>,
     count: usize,
-    left: Vec<f64>,
+    left: Vec<f32>,
 }
 
 /// A plane's level in the middle and slopes.
@@ -41,8 +41,8 @@ pub(super) fn on(plane: &Plane, x: f64, y: f64) -> f64 {
 
 /// Sums over the lanes of a group.
 #[inline(always)]
-fn total(lanes: [f64; GROUP]) -> f64 {
-    (lanes[0] + lanes[1]) + (lanes[2] + lanes[3])
+fn total(lanes: [f32; GROUP]) -> f64 {
+    lanes.into_iter().map(f64::from).sum()
 }
 
 impl Scattered {
@@ -53,7 +53,7 @@ impl Scattered {
         self.count = 0;
     }
 
-    pub(super) fn push(&mut self, x: f64, y: f64, value: f64) {
+    pub(super) fn push(&mut self, x: f32, y: f32, value: f32) {
         self.x.push(x);
         self.y.push(y);
         self.values.push(value);
@@ -83,7 +83,7 @@ impl Scattered {
                 scale = (MEDIAN_TO_DEVIATION * median(simd, &self.left, self.count)?).max(least_scale);
             }
         }
-        let square: f64 = self.left[..self.count].iter().map(|left| left * left).sum();
+        let square: f64 = self.left[..self.count].iter().map(|left| f64::from(left * left)).sum();
         Some((plane, square / self.count as f64))
     }
 
@@ -95,7 +95,7 @@ impl Scattered {
         let scale = (MEDIAN_TO_DEVIATION * median(simd, &self.left, self.count)?).max(least_scale);
         let [n, .., v, _, _] = self.weighted(simd, scale, &middle);
         let mean = v / n;
-        let square: f64 = self.values[..self.count].iter().map(|v| (v - mean) * (v - mean)).sum();
+        let square: f64 = self.values[..self.count].iter().map(|v| (f64::from(*v) - mean).powi(2)).sum();
         mean.is_finite().then_some((mean, square / self.count as f64))
     }
 
@@ -110,7 +110,7 @@ impl Scattered {
         for part in 0..Lanes::<S>::PARTS {
             let mut sums = [zero; 9];
             for first in (0..self.values.len()).step_by(GROUP) {
-                let load = |from: &[f64]| Lanes::load(simd, &from[first..first + GROUP], part);
+                let load = |from: &[f32]| Lanes::load(simd, &from[first..first + GROUP], part);
                 let (x, y, value) = (load(&self.x), load(&self.y), load(&self.values));
                 let u = ((value - (level + by_x * x + by_y * y)) * per_scale).abs();
                 let kept = one - u * u;
@@ -132,39 +132,48 @@ impl Scattered {
     #[inline(always)]
     fn subtract<S: Simd>(&mut self, simd: S, plane: &Plane) {
         let [level, by_x, by_y] = [plane.x, plane.y, plane.z].map(|value| Lanes::splat(simd, value));
-        for part in 0..self.left.len() / S::F64_LANES {
-            let load = |from: &[f64]| Lanes::load(simd, from, part);
+        for part in 0..self.left.len() / S::F32_LANES {
+            let load = |from: &[f32]| Lanes::load(simd, from, part);
             let left = load(&self.values) - (level + by_x * load(&self.x) + by_y * load(&self.y));
             left.abs().store(&mut self.left, part);
         }
     }
 }
 
-/// The value that half of the first `count` are below, by halving the range that holds it; the values come in whole groups.
-/// None without any.
+/// The value that half of the first `count` are below: the range that holds it is cut where it would lie if the values in it were
+/// spread evenly and, in turn, in the middle, as they may not be. The values come in whole groups. None without any.
 #[inline(always)]
-pub(super) fn median<S: Simd>(simd: S, values: &[f64], count: usize) -> Option<f64> {
+pub(super) fn median<S: Simd>(simd: S, values: &[f32], count: usize) -> Option<f64> {
     let (whole, rest) = values[..count].split_at(count / GROUP * GROUP);
-    let mut last = [f64::INFINITY; GROUP];
+    let mut last = [f32::INFINITY; GROUP];
     last.iter_mut().zip(rest).for_each(|(out, value)| *out = *value);
-    let rank = (count / 2) as f64;
-    let (mut high, mut low) = (split(simd, whole, &last, f64::MAX).1, split(simd, whole, &last, f64::MIN).2);
+    let rank = (count / 2) as f32;
+    let (mut high, mut low) = (split(simd, whole, &last, f32::MAX).1, split(simd, whole, &last, f32::MIN).2);
+    // Values below the range, and up to its end.
+    let (mut below, mut within) = (0.0, count as f32);
+    let mut evenly = true;
     while low < high {
-        // Between neighbouring numbers the middle may round up to the higher one, which would halve nothing.
-        let middle = low + 0.5 * (high - low);
+        let part = if evenly { (rank - below + 0.5) / (within - below) } else { 0.5 };
+        let middle = low + part * (high - low);
+        // Between neighbouring numbers the middle may round up to the higher one, which would cut nothing.
         let limit = if middle < high { middle } else { low };
-        let (number, below, above) = split(simd, whole, &last, limit);
-        if number > rank { high = below } else { low = above }
+        let (number, greatest, least) = split(simd, whole, &last, limit);
+        if number > rank {
+            (high, within) = (greatest, number)
+        } else {
+            (low, below) = (least, number)
+        }
+        evenly = !evenly;
     }
-    (low == high).then_some(low)
+    (low == high).then_some(f64::from(low))
 }
 
 /// Number of values up to a limit, the greatest of them, and the least of the others.
 #[inline(always)]
-fn split<S: Simd>(simd: S, whole: &[f64], last: &[f64; GROUP], limit: f64) -> (f64, f64, f64) {
+fn split<S: Simd>(simd: S, whole: &[f32], last: &[f32; GROUP], limit: f32) -> (f32, f32, f32) {
     let mut out = [[0.0; GROUP]; 3];
     let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
-    let (least, most) = (Lanes::splat(simd, f64::NEG_INFINITY), Lanes::splat(simd, f64::INFINITY));
+    let (least, most) = (Lanes::splat(simd, f32::NEG_INFINITY), Lanes::splat(simd, f32::INFINITY));
     let limit = Lanes::splat(simd, limit);
     for part in 0..Lanes::<S>::PARTS {
         let value = Lanes::load(simd, last, part);
@@ -181,8 +190,9 @@ fn split<S: Simd>(simd: S, whole: &[f64], last: &[f64; GROUP], limit: f64) -> (f
         below.store(&mut out[1], part);
         above.store(&mut out[2], part);
     }
-    let [number, [a, b, c, d], [e, f, g, h]] = out;
-    (total(number), a.max(b).max(c.max(d)), e.min(f).min(g.min(h)))
+    let [number, below, above] = out;
+    let greatest = below.into_iter().fold(f32::NEG_INFINITY, f32::max);
+    (number.into_iter().sum(), greatest, above.into_iter().fold(f32::INFINITY, f32::min))
 }
 
 #[cfg(test)]
@@ -193,20 +203,20 @@ mod tests {
     proptest! {
         #[test]
         fn the_median_is_that_of_the_sorted(values in prop::collection::vec(-9_i32..9, 1..40)) {
-            let values: Vec<f64> = values.iter().map(|v| 0.1 * f64::from(*v)).collect();
+            let values: Vec<f32> = values.iter().map(|v| 0.1 * *v as f32).collect();
             let got = median(pulp::Scalar::new(), &values, values.len());
             let mut sorted = values.clone();
-            sorted.sort_by(f64::total_cmp);
-            prop_assert_eq!(got, Some(sorted[values.len() / 2]));
+            sorted.sort_by(f32::total_cmp);
+            prop_assert_eq!(got, Some(f64::from(sorted[values.len() / 2])));
         }
     }
 
     #[test]
     fn the_median_of_neighbouring_numbers_ends() {
-        for low in [1.0_f64, 1.0_f64.next_up(), -1.0, -(1.0_f64.next_up())] {
+        for low in [1.0_f32, 1.0_f32.next_up(), -1.0, -(1.0_f32.next_up())] {
             let values = [low, low.next_up()];
-            assert_eq!(median(pulp::Scalar::new(), &values, 2), Some(values[1]));
-            assert_eq!(median(pulp::Scalar::new(), &[low, low, values[1]], 3), Some(low));
+            assert_eq!(median(pulp::Scalar::new(), &values, 2), Some(f64::from(values[1])));
+            assert_eq!(median(pulp::Scalar::new(), &[low, low, values[1]], 3), Some(f64::from(low)));
         }
     }
 
@@ -225,8 +235,8 @@ mod tests {
     fn outliers_do_not_pull_a_plane() {
         let mut scattered = Scattered::default();
         for k in 0..50_i32 {
-            let (x, y) = (f64::from(k % 7), f64::from(k / 7));
-            let noise = 0.05 * f64::from(k * 37 % 11 - 5);
+            let (x, y) = ((k % 7) as f32, (k / 7) as f32);
+            let noise = 0.05 * (k * 37 % 11 - 5) as f32;
             scattered.push(x, y, if k % 9 == 4 { 90.0 } else { 10.0 + 2.0 * x - y + noise });
         }
         scattered.finish();

@@ -12,14 +12,14 @@ pub(super) fn combined(row: &[f64; 4], coded: &[f64; 3]) -> f64 {
 /// Variance of the noise from the second difference of second differences, which passes neither slopes nor most edges
 /// (Immerkær 1996, with the median in place of the mean).
 #[inline(always)]
-pub(super) fn grain_variance<S: Simd>(simd: S, patch: &Patch, values: &mut Vec<f64>) -> f64 {
+pub(super) fn grain_variance<S: Simd>(simd: S, patch: &Patch, values: &mut Vec<f32>) -> f64 {
     values.clear();
     let columns = patch.columns;
     for from in (0..patch.rows.saturating_sub(2)).map(|y| y * columns) {
         let row = |k: usize| &patch.bright[from + k * columns..from + (k + 1) * columns];
         let rows = row(0).windows(3).zip(row(1).windows(3)).zip(row(2).windows(3));
         values.extend(rows.map(|((above, here), below)| {
-            let bend = |r: &[f64]| r[0] - 2.0 * r[1] + r[2];
+            let bend = |r: &[f32]| r[0] - 2.0 * r[1] + r[2];
             (bend(above) - 2.0 * bend(here) + bend(below)).abs()
         }));
     }
@@ -37,7 +37,7 @@ pub(super) fn visit(
     patch: &Patch,
     block: usize,
     siting_px: f64,
-    mut each: impl FnMut(usize, f64, f64),
+    mut each: impl FnMut(usize, f32, f32),
 ) -> bool {
     if patch.step == 1 {
         each(block, 1.0, 0.0);
@@ -56,7 +56,7 @@ pub(super) fn visit(
     if !inside {
         return false;
     }
-    let shift = 0.25 * siting_px.clamp(-0.5, 1.0);
+    let shift = (0.25 * siting_px.clamp(-0.5, 1.0)) as f32;
     for row in [top, top + 1] {
         let pixel = (row - patch.first.1) * patch.columns + left - patch.first.0;
         each(pixel, 0.125 - shift, -0.25);

@@ -123,12 +123,12 @@ mod tests {
         let simd = Scalar::new();
         for (x, y) in [(0.0_f64, 0.0_f64), (0.3, -0.2), (-0.5, 0.4)] {
             let at = [10.0 + 5.0 * x, 9.0 + 5.0 * y].map(|place| Lanes::splat(simd, place));
-            let mut got = [0.0];
+            let mut got = [0.0_f32];
             model.fourth_of(simd, &model.normal_at(simd, (at[0], at[1])))[0].store(&mut got, 0);
             let z = (1.0 - x * x - y * y).sqrt();
             let want = -p4(x * lamp[0] + y * lamp[1] + z * lamp[2]);
             // The normal is rounded off by a hundredth.
-            assert!((got[0] - want).abs() < 0.05, "{x} {y}: {} for {want}", got[0]);
+            assert!((f64::from(got[0]) - want).abs() < 0.05, "{x} {y}: {} for {want}", got[0]);
         }
     }
 }

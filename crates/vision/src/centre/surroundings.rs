@@ -46,7 +46,7 @@ pub(super) struct Surroundings {
     free_colors: Scattered,
     kriging: Kriging,
     /// Brightness expected behind each pixel of the rim.
-    pub(super) mean: Vec<f64>,
+    pub(super) mean: Vec<f32>,
     /// Covariance of that, in the rim's order; empty without clutter.
     pub(super) covariance: Banded,
     /// Standard deviation of the clutter.
@@ -69,8 +69,8 @@ impl Surroundings {
         &mut self,
         simd: S,
         (patch, disc): (&Patch, &Disc),
-        (rim, covered): (&[u32], &[f64]),
-        color_covered: &[f64],
+        (rim, covered): (&[u32], &[f32]),
+        color_covered: &[f32],
         (noise_variance, treated): (f64, Clutter),
     ) -> Option<()> {
         let reach_px = disc.radius_px + (3.0 + RING_EDGES) * disc.edge_px;
@@ -85,7 +85,7 @@ impl Surroundings {
             }
             let (x, y) = from_centre(i);
             if x * x + y * y < reach_px * reach_px {
-                self.free.push(x, y, *bright);
+                self.free.push(x as f32, y as f32, *bright);
             }
         }
         self.free.finish();
@@ -93,7 +93,7 @@ impl Surroundings {
         self.level = plane.x;
         let level = |i: usize| {
             let (x, y) = from_centre(i);
-            on(&plane, x, y)
+            on(&plane, x, y) as f32
         };
         self.mean.clear();
         self.mean.extend(rim.iter().map(|i| level(*i as usize)));
@@ -126,10 +126,10 @@ impl Surroundings {
     }
 
     /// Standard deviation of the clutter near a pixel; that of all around where it is not predicted or nothing near is free.
-    pub(super) fn clutter_near(&self, patch: &Patch, pixel: usize, noise_variance: f64) -> f64 {
+    pub(super) fn clutter_near(&self, patch: &Patch, pixel: usize, noise_variance: f64) -> f32 {
         let near = || self.kriging.clutter_near(patch, pixel, noise_variance);
         let is_known = self.in_still() && self.covariance.len() > 0;
-        is_known.then(near).flatten().unwrap_or(self.clutter)
+        is_known.then(near).flatten().unwrap_or(self.clutter) as f32
     }
 
     /// Colour differences expected behind the ball at a place.
@@ -144,7 +144,7 @@ impl Surroundings {
         &mut self,
         simd: S,
         patch: &Patch,
-        covered: &[f64],
+        covered: &[f32],
         reach_px: f64,
     ) -> Option<()> {
         for channel in 0..2 {
@@ -154,7 +154,7 @@ impl Surroundings {
                 let (x, y) = (x - self.middle.0, y - self.middle.1);
                 let is_near = !self.kriging.along_lines || x * x + y * y < reach_px * reach_px;
                 if covered[block] < CLEAR && is_near {
-                    self.free_colors.push(x, y, value[channel]);
+                    self.free_colors.push(x as f32, y as f32, value[channel]);
                 }
             }
             self.free_colors.finish();

@@ -23,7 +23,6 @@ impl pulp::WithSimd for Solve<'_> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
         let (equations, normal) = self.equations;
-        normal.clear();
         equations.add_to(simd, self.patch, self.model, self.covariance, normal)?;
         for (i, known) in self.prior.iter().enumerate() {
             normal.add_known(i, known.variance.recip(), known.mean - self.model.p[i]);

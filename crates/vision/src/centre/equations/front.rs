@@ -17,11 +17,11 @@ const ACROSS: usize = 2 * ALIKE_PX + 1;
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Look {
     /// What the fit leaves.
-    left: f64,
-    covered: f64,
+    left: f32,
+    covered: f32,
     /// Standard deviations of what is behind, as far as it is seen there, and of the clutter around.
-    behind: f64,
-    clutter: f64,
+    behind: f32,
+    clutter: f32,
 }
 
 impl Equations {
@@ -50,23 +50,23 @@ impl Equations {
 
     /// The same for a colour sample: the mean over its block.
     #[inline(always)]
-    pub(super) fn front_of_block(&self, patch: &Patch, block: usize) -> f64 {
+    pub(super) fn front_of_block(&self, patch: &Patch, block: usize) -> f32 {
         let first = patch.first_pixel(block);
         let of_pixel = |k: usize| self.front[first + k / patch.step * patch.columns + k % patch.step];
         let count = patch.step * patch.step;
-        (0..count).map(of_pixel).sum::<f64>() / count as f64
+        (0..count).map(of_pixel).sum::<f32>() / count as f32
     }
 
     /// Correlation of clutter by displacement.
-    fn alike(&self) -> [[f64; ACROSS]; ACROSS] {
-        let fall = (4.0 * self.edge_px * self.edge_px).recip();
-        let along: [f64; ACROSS] =
-            std::array::from_fn(|k| (-(k as f64 - ALIKE_PX as f64).powi(2) * fall).exp());
+    fn alike(&self) -> [[f32; ACROSS]; ACROSS] {
+        let fall = (4.0 * self.edge_px * self.edge_px).recip() as f32;
+        let along: [f32; ACROSS] =
+            std::array::from_fn(|k| (-(k as f32 - ALIKE_PX as f32).powi(2) * fall).exp());
         along.map(|down| along.map(|across| down * across))
     }
 
     #[inline(always)]
-    fn probability(&self, patch: &Patch, index: usize, alike: &[[f64; ACROSS]; ACROSS]) -> f64 {
+    fn probability(&self, patch: &Patch, index: usize, alike: &[[f32; ACROSS]; ACROSS]) -> f32 {
         let (x, y) = (index % patch.columns, index / patch.columns);
         let (mut sum, mut square, mut mean) = (0.0, 0.0, Look::default());
         for (row, weights) in (y.saturating_sub(ALIKE_PX)..).zip(&alike[ALIKE_PX.saturating_sub(y)..]) {
@@ -90,7 +90,7 @@ impl Equations {
         }
         // The pixel itself is covered in part, so that the sum is positive.
         let part = sum.recip();
-        let none = self.noise_variance * square * part * part + (part * mean.behind).powi(2);
+        let none = self.noise_variance as f32 * square * part * part + (part * mean.behind).powi(2);
         let there = none + (part * mean.clutter).powi(2);
         let likelier = 0.5 * (part * mean.left).powi(2) * (none.recip() - there.recip());
         let against = (1.0 - IN_FRONT) / IN_FRONT * (there / none).sqrt() * (-likelier).exp();
@@ -107,7 +107,7 @@ mod tests {
 
     /// The probability in the middle of a face that leaves this at each pixel, clutter around of standard deviation 10 and noise of
     /// 2 levels.
-    fn in_front(left: f64) -> f64 {
+    fn in_front(left: f32) -> f32 {
         let patch = Patch { columns: SIDE, rows: SIDE, ..Patch::default() };
         let count = SIDE * SIDE;
         let mut shown = Shown { covered: 1.0, ..Shown::NOTHING };
@@ -140,8 +140,8 @@ mod tests {
         for left in [0.0, 2.0, -3.0, 10.0] {
             let there = 0.25 * density(left, noise + 100.0);
             let want = there / (there + 0.75 * density(left, noise));
-            let got = in_front(left);
-            assert!((got - want).abs() < 1e-9, "{left}: {got} for {want}");
+            let got = f64::from(in_front(left as f32));
+            assert!((got - want).abs() < 1e-5, "{left}: {got} for {want}");
         }
         assert!(in_front(0.0) < 0.05 && in_front(10.0) > 0.99 && in_front(1e4) == 1.0);
     }

@@ -6,6 +6,7 @@ use crate::centre::model::{Parameters, RESIDUAL, Row, WIDTH};
 use crate::centre::robust::biweight;
 use crate::centre::samples::combined;
 use crate::centre::{LIGHT_STD, NOISE_WEIGHT, ROUNDING_VARIANCE};
+use crate::color::encode;
 use crate::patch::Patch;
 
 /// Parameters that the samples determine in the main: place, radius, colour and shading's slopes.
@@ -22,9 +23,9 @@ impl Equations {
     /// are not believed either.
     #[inline(always)]
     pub(in crate::centre) fn reweigh(&mut self, patch: &Patch, step: &Parameters, with_noise: bool) {
-        let (mut chi_square, mut count) = (0.0, -DETERMINED);
+        let (mut chi_square, mut count) = (0.0, -DETERMINED as f32);
         let mut filled = [0.0; WIDTH];
-        filled.iter_mut().zip(step).for_each(|(out, change)| *out = *change);
+        filled.iter_mut().zip(step).for_each(|(out, change)| *out = *change as f32);
         let step = &filled;
         self.spoiled.clear();
         for (place, used) in self.used.iter().enumerate() {
@@ -49,7 +50,7 @@ impl Equations {
                 continue;
             }
             let weight = self.color_weight[*block as usize];
-            let mut worst = 0.0_f64;
+            let mut worst = 0.0_f32;
             for k in 0..2 {
                 let square = (left(&self.color_rows[place][k], step) * self.color_scale[place][k]).powi(2);
                 chi_square += square;
@@ -69,6 +70,7 @@ impl Equations {
         }
         if with_noise {
             let guess = NOISE_WEIGHT * self.least_noise;
+            let (chi_square, count) = (f64::from(chi_square), f64::from(count));
             let seen = (guess + chi_square * self.noise_variance) / (NOISE_WEIGHT + count.max(0.0));
             self.noise_variance = seen.max(ROUNDING_VARIANCE);
         }
@@ -124,14 +126,14 @@ impl Equations {
             covered += shown.covered;
             believed += shown.covered * self.trust[*used as usize];
         }
-        believed / covered
+        f64::from(believed / covered)
     }
 
     /// Standard deviation of what the face shows beyond the model and the noise of a pixel (a shadow, a highlight, light of higher
     /// order), as a part of its difference from the surroundings. A sample counts by the probability that it is the face that is
     /// seen: what is before it is in the samples' own variance.
     pub(in crate::centre) fn texture(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
-        let encoded = linear.map(crate::color::encode);
+        let encoded = linear.map(encoded);
         let coded = encoded.map(|(code, _)| code);
         let around = self.surroundings.around();
         let contrast: f64 = std::iter::zip(&patch.from_coded, around)
@@ -142,8 +144,8 @@ impl Equations {
         let (mut square, mut count) = (0.0, 0.0);
         for (used, shown) in self.used.iter().zip(&self.shown) {
             let index = *used as usize;
-            let weight = shown.covered * self.weight[index] * (1.0 - self.front[index]);
-            square += weight * (shown.channels[0][RESIDUAL].powi(2) - self.least_noise);
+            let weight = f64::from(shown.covered * self.weight[index] * (1.0 - self.front[index]));
+            square += weight * (f64::from(shown.channels[0][RESIDUAL].powi(2)) - self.least_noise);
             count += weight;
         }
         let bright = square / f64::max(count, 1.0);
@@ -151,8 +153,9 @@ impl Equations {
         for (block, rows) in self.blocks.iter().zip(&self.color_rows) {
             let block = *block as usize;
             let seen = 1.0 - self.front_of_block(patch, block);
-            let weight = self.color_covered[block] * self.color_weight[block] * seen;
-            square += weight * rows.iter().map(|row| row[RESIDUAL].powi(2) - self.least_noise).sum::<f64>();
+            let weight = f64::from(self.color_covered[block] * self.color_weight[block] * seen);
+            let squares: f32 = rows.iter().map(|row| row[RESIDUAL].powi(2)).sum();
+            square += weight * (f64::from(squares) - 2.0 * self.least_noise);
             count += weight;
         }
         let colors = square / f64::max(count, 1.0);
@@ -161,7 +164,7 @@ impl Equations {
 
     /// Greatest difference between a light and the surroundings in any channel, in standard deviations of the noise.
     pub(in crate::centre) fn contrast(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
-        let coded = linear.map(|l| crate::color::encode(l).0);
+        let coded = linear.map(|light| encoded(light).0);
         let around = self.surroundings.around();
         let differs =
             patch.from_coded.iter().zip(around).map(|(row, around)| (combined(row, &coded) - around).abs());
@@ -169,14 +172,20 @@ impl Equations {
     }
 }
 
+/// Code of a light and its derivative.
+fn encoded(light: f64) -> (f64, f64) {
+    let (code, gain) = encode(light as f32);
+    (code.into(), gain.into())
+}
+
 /// What a step leaves of a residual; the step is filled up with zeros.
 #[inline(always)]
-pub(super) fn left(row: &Row, step: &Row) -> f64 {
+pub(super) fn left(row: &Row, step: &Row) -> f32 {
     let mut sums = [0.0; GROUP];
     for (row, step) in row.chunks_exact(GROUP).zip(step.chunks_exact(GROUP)) {
         for k in 0..GROUP {
             sums[k] += row[k] * step[k];
         }
     }
-    row[RESIDUAL] - ((sums[0] + sums[1]) + (sums[2] + sums[3]))
+    row[RESIDUAL] - sums.into_iter().sum::<f32>()
 }
