@@ -18,6 +18,7 @@
 //! for, and the equations for it, in double.
 
 mod cholesky;
+mod curve;
 mod edge;
 mod equations;
 mod glare;
@@ -33,6 +34,8 @@ mod samples;
 mod shading;
 mod surroundings;
 mod vectorized;
+
+pub(crate) use curve::encode_one;
 
 use crate::optics::{Known, Optics};
 use crate::outline::Outline;

@@ -54,35 +54,6 @@ pub(crate) fn to_linear(rgb: [u8; 3]) -> [f32; 3] {
     rgb.map(|code| table[code as usize])
 }
 
-/// Code and its derivative at equally spaced amounts of linear light; linear interpolation is exact to 0.03 levels.
-static CODED: LazyLock<Vec<(f32, f32)>> = LazyLock::new(|| {
-    (0..=CODED_STEPS)
-        .map(|i| {
-            let linear = i as f64 / CODED_STEPS as f64;
-            if linear <= 0.003_130_8 {
-                return ((255.0 * 12.92 * linear) as f32, (255.0 * 12.92) as f32);
-            }
-            let power = 1.055 * linear.powf(1.0 / 2.4);
-            ((255.0 * (power - 0.055)) as f32, (255.0 * power / (2.4 * linear)) as f32)
-        })
-        .collect()
-});
-
-const CODED_STEPS: usize = 4096;
-
-/// sRGB code, 0 to 255, of linear light, and its derivative; beyond the range the curve goes on straight.
-#[inline]
-pub(crate) fn encode(linear: f32) -> (f32, f32) {
-    let table = CODED.as_slice();
-    let place = linear.clamp(0.0, 1.0) * CODED_STEPS as f32;
-    let index = (place as usize).min(CODED_STEPS - 1);
-    let part = place - index as f32;
-    let (from, to) = (table[index], table[index + 1]);
-    let slope = from.1 + part * (to.1 - from.1);
-    let beyond = linear - linear.clamp(0.0, 1.0);
-    (from.0 + part * (to.0 - from.0) + slope * beyond, slope)
-}
-
 /// Linear light of a code, 0 to 255, that need not be whole; beyond the range the curve goes on straight.
 #[inline]
 pub(crate) fn decode(code: f32) -> f32 {
@@ -105,7 +76,7 @@ impl Seen {
         let [r, g, b] = linear;
         let most = r.max(g).max(b);
         let purity = if most > 0.0 { 1.0 - r.min(g).min(b).max(0.0) / most } else { 0.0 };
-        Self { purity, ..Self::pure([r - 0.5 * (g + b), 0.866_025_4 * (g - b)]) }
+        Self { purity, ..Self::pure(hue_of(linear)) }
     }
 
     /// A saturated colour by its hue.
@@ -127,6 +98,22 @@ impl Seen {
         let scale = 1.0 / self.chroma.max(f32::MIN_POSITIVE);
         [self.hue[0] * scale, self.hue[1] * scale]
     }
+}
+
+/// The hue of a colour that is saturated and bright enough to have one: as [`Seen`] has it, without its root and its quotient.
+#[inline(always)]
+pub(crate) fn colored_hue([r, g, b]: [f32; 3]) -> Option<[f32; 2]> {
+    let hue = hue_of([r, g, b]);
+    let (high, low) = if r > g { (r, g) } else { (g, r) };
+    let (most, least) = (if b > high { b } else { high }, if b < low { b } else { low });
+    let is_pure = least <= (1.0 - LEAST_PURITY) * most;
+    let is_strong = hue[0] * hue[0] + hue[1] * hue[1] >= LEAST_CHROMA * LEAST_CHROMA;
+    (is_pure & is_strong).then_some(hue)
+}
+
+/// Linear light in the plane perpendicular to grey.
+fn hue_of([r, g, b]: [f32; 3]) -> [f32; 2] {
+    [r - 0.5 * (g + b), 0.866_025_4 * (g - b)]
 }
 
 /// One marker's place among the hues.
@@ -190,9 +177,11 @@ impl ColorModel {
 
     /// Whether a pixel may belong to a marker: coloured and within the physical cap of its hue. Pixels at an edge mix
     /// with the background, so the finer decision is made on whole balls.
-    pub(crate) fn may_be(&self, marker: usize, seen: &Seen) -> bool {
+    pub(crate) fn may_be(&self, marker: usize, [x, y]: [f32; 2]) -> bool {
         let hue = self.targets[marker].hue;
-        seen.hue[0] * hue[0] + seen.hue[1] * hue[1] >= self.cap_cosine * seen.chroma
+        // The cap is below a right angle.
+        let along = x * hue[0] + y * hue[1];
+        (along >= 0.0) & (along * along >= self.cap_cosine * self.cap_cosine * (x * x + y * y))
     }
 
     /// Angle of a colour to a marker's hue as a fraction of the marker's gate; above one it is not that marker.

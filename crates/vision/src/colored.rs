@@ -4,7 +4,7 @@
 //! In a 4:2:0 frame, a pair of colour differences decides between which lumas a pixel is coloured, usually none: that is
 //! worked out once for each pair that occurs, and most blocks of four pixels are passed by with one look at a table.
 
-use crate::color::{Seen, least_colored_code, to_linear};
+use crate::color::{Seen, colored_hue, least_colored_code, to_linear};
 use crate::frame::YuvToRgb;
 use crate::segment::Window;
 use crate::{Frame, Pixels, YuvMatrix};
@@ -26,27 +26,47 @@ impl Chromatic {
 /// Pixels of a row that are looked at together: most have nothing coloured among them.
 const AT_ONCE: usize = 32;
 
-/// Whether all pixels of a piece of a row are neutral, compiled for each vector unit that a processor may have.
-struct AllNeutral<'a> {
-    row: &'a [u8],
-    least_code: u8,
+/// The collecting of coloured pixels of rows of red, green and blue, compiled for each vector unit that a processor may have.
+struct CollectRgb<'a> {
+    rgb: &'a [u8],
+    width: usize,
+    window: &'a Window,
+    found: &'a mut Vec<Chromatic>,
 }
 
-impl pulp::WithSimd for AllNeutral<'_> {
-    type Output = bool;
+impl pulp::WithSimd for CollectRgb<'_> {
+    type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) -> bool {
-        let neutral = |p: &[u8]| is_neutral([p[0], p[1], p[2]], self.least_code);
-        let Ok(whole) = <&[u8; 3 * AT_ONCE]>::try_from(self.row) else {
-            return self.row.chunks_exact(3).all(neutral);
-        };
-        let mut colored = 0_u8;
-        for k in 0..AT_ONCE {
-            colored |= u8::from(!neutral(&whole[3 * k..3 * k + 3]));
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let (least_code, columns) = (least_colored_code(), &self.window.columns);
+        for y in self.window.rows.clone() {
+            let Some(row) = self.rgb.get(3 * y * self.width..3 * (y + 1) * self.width) else { return };
+            for x in columns.clone().step_by(AT_ONCE) {
+                // At the end of a row some are looked at again; in a narrow image all are taken for coloured at first.
+                let first = x.min(self.width.saturating_sub(AT_ONCE));
+                let many = row[3 * first..].first_chunk::<{ 3 * AT_ONCE }>();
+                let colored = many.map_or([true; AT_ONCE], |many| are_colored(many, least_code));
+                if colored == [false; AT_ONCE] {
+                    continue;
+                }
+                let end = (x + AT_ONCE).min(columns.end);
+                for (x, _) in (x..end).zip(&colored[x - first..]).filter(|(_, colored)| **colored) {
+                    add(self.found, x, y, [row[3 * x], row[3 * x + 1], row[3 * x + 2]]);
+                }
+            }
         }
-        colored == 0
     }
+}
+
+/// Which of some pixels may be coloured.
+#[inline(always)]
+fn are_colored(pixels: &[u8; 3 * AT_ONCE], least_code: u8) -> [bool; AT_ONCE] {
+    let mut colored = [false; AT_ONCE];
+    for (k, colored) in colored.iter_mut().enumerate() {
+        *colored = may_be_colored([pixels[3 * k], pixels[3 * k + 1], pixels[3 * k + 2]], least_code);
+    }
+    colored
 }
 
 /// Lowest and highest luma at which a pair of colour differences is coloured.
@@ -69,7 +89,10 @@ impl Collector {
     pub(crate) fn collect(&mut self, frame: &Frame, window: &Window) {
         self.found.clear();
         match &frame.pixels {
-            Pixels::Rgb(rgb) => self.collect_rgb(frame, rgb, window),
+            Pixels::Rgb(rgb) => {
+                let (width, found) = (frame.size.width_px as usize, &mut self.found);
+                pulp::Arch::new().dispatch(CollectRgb { rgb, width, window, found });
+            }
             Pixels::Yuv420 { y, u, v, full_range, matrix } => {
                 if self.coding != Some((*full_range, *matrix)) {
                     self.coding = Some((*full_range, *matrix));
@@ -77,27 +100,6 @@ impl Collector {
                     self.ranges.resize(1 << 16, UNKNOWN);
                 }
                 self.collect_yuv(frame, [y, u, v], YuvToRgb::of(*full_range, *matrix), window);
-            }
-        }
-    }
-
-    fn collect_rgb(&mut self, frame: &Frame, rgb: &[u8], window: &Window) {
-        let width = frame.size.width_px as usize;
-        let least_code = least_colored_code();
-        for y in window.rows.clone() {
-            let columns = window.columns.clone();
-            let row = rgb.get(3 * (y * width + columns.start)..3 * (y * width + columns.end));
-            let mut x = columns.start;
-            for many in row.unwrap_or(&[]).chunks(3 * AT_ONCE) {
-                if !pulp::Arch::new().dispatch(AllNeutral { row: many, least_code }) {
-                    for (pixel, x) in many.chunks_exact(3).zip(x..) {
-                        let rgb = [pixel[0], pixel[1], pixel[2]];
-                        if !is_neutral(rgb, least_code) {
-                            add(&mut self.found, x, y, rgb);
-                        }
-                    }
-                }
-                x += AT_ONCE;
             }
         }
     }
@@ -151,16 +153,16 @@ impl Collector {
     }
 }
 
+#[inline(always)]
 fn add(into: &mut Vec<Chromatic>, x: usize, y: usize, rgb: [u8; 3]) {
-    let seen = Seen::of(to_linear(rgb));
-    if seen.is_colored() {
-        into.push(Chromatic { x: x as u32, y: y as u32, hue: seen.hue });
+    if let Some(hue) = colored_hue(to_linear(rgb)) {
+        into.push(Chromatic { x: x as u32, y: y as u32, hue });
     }
 }
 
 /// Lumas between which a pair of colour differences may be coloured.
 fn luma_range(convert: &YuvToRgb, u: u8, v: u8) -> LumaRange {
-    let colored = |y: &u8| Seen::of(to_linear(convert.convert(*y, u, v))).is_colored();
+    let colored = |y: &u8| colored_hue(to_linear(convert.convert(*y, u, v))).is_some();
     match ((0..=u8::MAX).find(colored), (0..=u8::MAX).rev().find(colored)) {
         (Some(least), Some(most)) => (least, most),
         _ => NEVER,
@@ -170,11 +172,11 @@ fn luma_range(convert: &YuvToRgb, u: u8, v: u8) -> LumaRange {
 /// A quick test on coded values that only removes what the tests of chroma and purity would remove: on the sRGB curve half the
 /// linear light is at least 0.68 of the code.
 #[inline(always)]
-fn is_neutral(rgb: [u8; 3], least_code: u8) -> bool {
+fn may_be_colored(rgb: [u8; 3], least_code: u8) -> bool {
     let most = rgb[0].max(rgb[1]).max(rgb[2]);
     let least = rgb[0].min(rgb[1]).min(rgb[2]);
-    // 3/4 of the code is at most half the light only above the linear toe; below it there is no chroma either.
-    (most < least_code) | (u16::from(least) * 4 > u16::from(most) * 3)
+    // 3/4 of the code, rounded up, is at most half the light only above the linear toe; below it there is no chroma either.
+    (most >= least_code) & (least <= most - most / 4)
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Finding balls of given colours in a whole frame.
 
-use crate::centre::{Fitter, Followed, LEAST_RADIUS_PX, Start};
-use crate::color::{ColorModel, Seen, encode, to_linear};
+use crate::centre::{Fitter, Followed, LEAST_RADIUS_PX, Start, encode_one};
+use crate::color::{ColorModel, Seen, to_linear};
 use crate::optics::{Known, Learned, Optics};
 use crate::outline::{Outline, up_as_seen, usual_camera};
 use crate::patch::Patch;
@@ -252,7 +252,7 @@ fn judge(
         area_px: blob.area_px,
         diameter_px: 2.0 * radius_px,
         score: (1.0 - 0.5 * gate) * filled.sqrt() * fit.trusted,
-        color: fit.ball.map(|light| encode(light).0.round().clamp(0.0, 255.0) as u8),
+        color: fit.ball.map(|light| encode_one(light).0.round().clamp(0.0, 255.0) as u8),
     })
 }
 

@@ -151,6 +151,9 @@ impl Patch {
 
     /// Place of the first pixel of a colour sample's block.
     pub(crate) fn first_pixel(&self, block: usize) -> usize {
+        if self.step == 1 {
+            return block;
+        }
         let (x, y) = (
             self.first_block.0 + block % self.block_columns,
             self.first_block.1 + block / self.block_columns,

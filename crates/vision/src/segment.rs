@@ -120,7 +120,7 @@ impl Segmenter {
         self.blobs.clear();
         self.level.clear();
         let found = self.colored.found.iter().zip(0..);
-        self.level.extend(found.filter(|(p, _)| model.may_be(marker, &p.seen())).map(|(_, k)| k));
+        self.level.extend(found.filter(|(p, _)| model.may_be(marker, p.hue)).map(|(_, k)| k));
         let mut least_chroma = LEAST_CHROMA;
         for _ in 0..LEVELS {
             if self.level.is_empty() {

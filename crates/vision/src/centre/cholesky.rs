@@ -77,19 +77,19 @@ impl Banded {
             if pivot.is_nan() || pivot <= 0.0 {
                 return false;
             }
-            let scale = pivot.sqrt().recip();
-            column[0] = scale;
+            let inverse = pivot.recip();
             // Behind the column, room for groups that reach beyond its end.
-            let mut scaled = [0.0; BAND + 2 * GROUP];
-            for (out, value) in scaled.iter_mut().zip(&mut column[1..=BAND]) {
-                *value *= scale;
-                *out = *value;
-            }
+            let mut below = [0.0; BAND + 2 * GROUP];
+            below[..BAND].copy_from_slice(&column[1..=BAND]);
+            // No column waits for the root of another.
+            let scale = inverse.sqrt();
+            column[0] = scale;
+            column[1..=BAND].iter_mut().for_each(|value| *value *= scale);
             let rest = &mut rest[..BAND];
             for (first, others) in rest.chunks_exact_mut(GROUP).enumerate() {
                 match first {
-                    0 => subtract::<S, 2>(simd, 0, &scaled, others),
-                    _ => subtract::<S, 1>(simd, GROUP, &scaled, others),
+                    0 => subtract::<S, 2>(simd, (0, inverse), &below, others),
+                    _ => subtract::<S, 1>(simd, (GROUP, inverse), &below, others),
                 }
             }
         }
@@ -129,17 +129,18 @@ impl Banded {
     }
 }
 
-/// Subtracts the products of a column with a group of its entries, that at `first` and those behind, from as many columns.
+/// Subtracts the products of a column with a group of its entries, that at `first` and those behind, over its pivot from as many
+/// columns.
 #[inline(always)]
 fn subtract<S: Simd, const GROUPS: usize>(
     simd: S,
-    first: usize,
-    scaled: &[f32; BAND + 2 * GROUP],
+    (first, inverse): (usize, f32),
+    below: &[f32; BAND + 2 * GROUP],
     others: &mut [Column],
 ) {
     for (k, other) in others.iter_mut().enumerate() {
-        let values = &scaled[first + k..first + k + GROUP * GROUPS];
-        let factor = Lanes::splat(simd, -values[0]);
+        let values = &below[first + k..first + k + GROUP * GROUPS];
+        let factor = Lanes::splat(simd, -values[0] * inverse);
         for part in 0..GROUPS * Lanes::<S>::PARTS {
             let value = factor.mul_add(Lanes::load(simd, values, part), Lanes::load(simd, other, part));
             value.store(other, part);

@@ -146,7 +146,7 @@ impl Equations {
         let place = (patch, &disc(model));
         let colors = &self.color_covered;
         self.surroundings.estimate(simd, place, around, colors, (self.noise_variance, clutter))?;
-        self.use_pixels(patch, model);
+        self.use_pixels(simd, patch, model);
         self.find_near(patch);
         Some(())
     }
@@ -198,8 +198,11 @@ impl Equations {
                 visit(patch, block, siting_px, |pixel, weight, _| sum += weight * self.covered[pixel]);
             // A block at the border of the patch serves neither as ball nor as background.
             self.color_covered.push(if whole { sum } else { 0.5 });
-            let (x, y) = patch.block_place(block);
-            if whole && sum >= CLEAR && model.depth_edges(x, y) < DEEPEST {
+            let depth = || match patch.step {
+                1 => self.depth[block],
+                _ => model.depth_edges(patch.block_place(block)),
+            };
+            if whole && sum >= CLEAR && depth() < DEEPEST {
                 self.blocks.push(block as u32);
             }
         }
@@ -216,7 +219,7 @@ impl Equations {
     }
 
     #[inline(always)]
-    fn use_pixels(&mut self, patch: &Patch, model: &Model) {
+    fn use_pixels<S: Simd>(&mut self, simd: S, patch: &Patch, model: &Model) {
         self.used.clear();
         self.places.clear();
         for (index, bright) in self.rim.iter().zip(&self.surroundings.mean) {
@@ -248,7 +251,7 @@ impl Equations {
         for index in self.used[self.rim.len()..].iter().chain(&self.shared) {
             self.places.push(patch.place(*index as usize), &around);
         }
-        self.places.finish();
+        self.places.finish(simd);
     }
 
     /// Adds the samples to the normal equations; their covariance is set anew from the model or, within a round,

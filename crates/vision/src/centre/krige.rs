@@ -75,14 +75,14 @@ struct Systems {
 
 impl Kriging {
     /// Adds the clutter that the nearest free pixels predict to the mean of each rim pixel, and sets the covariance. `level`
-    /// is the plane's value at a pixel of the patch.
+    /// is the plane's value at a place of the patch.
     #[inline(always)]
     pub(super) fn predict<S: Simd>(
         &mut self,
         simd: S,
         (patch, edge_px, spread): (&Patch, f64, Spread),
         (rim, covered): (&[u32], &[f32]),
-        level: impl Fn(usize) -> f32,
+        level: impl Fn((f64, f64)) -> f32,
         (mean, covariance): (&mut [f32], &mut Banded),
     ) -> Option<()> {
         self.set_kernels(edge_px, spread.clutter);
@@ -127,7 +127,7 @@ impl Kriging {
     }
 
     #[inline(always)]
-    fn lay_out(&mut self, patch: &Patch, covered: &[f32], level: impl Fn(usize) -> f32) {
+    fn lay_out(&mut self, patch: &Patch, covered: &[f32], level: impl Fn((f64, f64)) -> f32) {
         let stride = patch.columns + 2 * REACH;
         self.left.clear();
         self.left.resize(stride * (patch.rows + 2 * REACH), f32::NAN);
@@ -136,7 +136,7 @@ impl Kriging {
             let into = &mut self.left[(row + REACH) * stride + REACH..][..patch.columns];
             for (k, into) in into.iter_mut().enumerate() {
                 if covered[start + k] < CLEAR {
-                    *into = patch.bright[start + k] - level(start + k);
+                    *into = patch.bright[start + k] - level((k as f64, row as f64));
                 }
             }
         }

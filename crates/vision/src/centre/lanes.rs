@@ -89,6 +89,19 @@ impl<S: Simd> Lanes<S> {
     }
 }
 
+/// What two numbers at a time make of all of a group.
+#[inline(always)]
+pub(super) fn folded(mut lanes: [f32; GROUP], of_two: impl Fn(f32, f32) -> f32) -> f32 {
+    let mut half = GROUP / 2;
+    while half > 0 {
+        for k in 0..half {
+            lanes[k] = of_two(lanes[k], lanes[k + half]);
+        }
+        half /= 2;
+    }
+    lanes[0]
+}
+
 macro_rules! operator {
     ($trait:ident, $name:ident, $vector:ident) => {
         impl<S: Simd> $trait for Lanes<S> {

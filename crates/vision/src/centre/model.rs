@@ -1,11 +1,11 @@
 //! The forward model of one ball: what a pixel shows, and its derivatives.
 
+use super::curve::encode;
 use super::edge::cover;
 use super::gloss::{GLOSSES, Gloss};
 use super::lanes::{GROUP, Lanes, TURNED};
 use super::places::Places;
 use crate::Vector3;
-use crate::color::encode;
 use crate::outline::Outline;
 use nalgebra::SVector;
 use pulp::{Scalar, Simd};
@@ -84,7 +84,7 @@ impl Model {
     }
 
     /// Distance of a place inside the edge, in edge widths.
-    pub(super) fn depth_edges(&self, x_px: f64, y_px: f64) -> f32 {
+    pub(super) fn depth_edges(&self, (x_px, y_px): (f64, f64)) -> f32 {
         let simd = Scalar::new();
         let mut depth = [0.0];
         self.edge_at(simd, (Lanes::splat(simd, x_px), Lanes::splat(simd, y_px))).0.store(&mut depth, 0);
@@ -163,7 +163,7 @@ impl Model {
             let from = |values: &[f32]| Lanes::load(simd, &values[first..first + GROUP], part);
             let behind = [from(&places.light[0]), from(&places.light[1]), from(&places.light[2])];
             let face = self.face(simd, (from(&places.x), from(&places.y)));
-            let (codes, gains) = self.coded(simd, &face, &behind, part);
+            let (codes, gains) = self.coded(simd, &face, &behind);
             let uncovered = Lanes::splat(simd, 1.0) - face.rim.covered;
             let mut through = Lanes::splat(simd, 0.0);
             for (gain, decoding) in gains.iter().zip(&places.decoding) {
@@ -231,19 +231,13 @@ impl Model {
         simd: S,
         face: &Face<S>,
         behind: &[Lanes<S>; 3],
-        part: usize,
     ) -> ([Lanes<S>; 3], [Lanes<S>; 3]) {
         let uncovered = Lanes::splat(simd, 1.0) - face.rim.covered;
         let (mut codes, mut gains) = (*behind, *behind);
         for c in 0..3 {
             let ball = Lanes::splat(simd, self.p[BALL + c]);
             let light = behind[c] * uncovered + ball * face.whole + face.gloss_seen;
-            let (mut lights, mut coded) = ([0.0; GROUP], [[0.0; GROUP]; 2]);
-            light.store(&mut lights, part);
-            for lane in part * S::F32_LANES..(part + 1) * S::F32_LANES {
-                (coded[0][lane], coded[1][lane]) = encode(lights[lane]);
-            }
-            (codes[c], gains[c]) = (Lanes::load(simd, &coded[0], part), Lanes::load(simd, &coded[1], part));
+            (codes[c], gains[c]) = encode(simd, light);
         }
         (codes, gains)
     }
@@ -380,7 +374,7 @@ mod tests {
         for (x, y) in [(12.0, 9.0), (10.0, 11.0), (8.0, 7.0), (10.0, 9.0)] {
             let mut places = Places::default();
             places.push((x, y), &[0.4, 0.42, 0.35]);
-            places.finish();
+            places.finish(Scalar::new());
             let shown = |model: &Model| {
                 let mut shown = [Shown::NOTHING];
                 let mut columns = NO_COLUMNS;
@@ -407,7 +401,7 @@ mod tests {
             let places = [[x as f32; GROUP], [y as f32; GROUP]];
             let (covered, depth) = model.coverage(Scalar::new(), &places);
             assert_eq!(covered, [got.covered; GROUP]);
-            assert_eq!(depth, [model.depth_edges(x, y); GROUP]);
+            assert_eq!(depth, [model.depth_edges((x, y)); GROUP]);
             assert_eq!(pulp::Arch::new().dispatch(Covers(&model, &places)), covered);
         }
     }

@@ -1,7 +1,8 @@
 //! The pixels of a fit, with what is behind the ball there.
 
-use super::lanes::GROUP;
-use crate::color::encode;
+use super::curve::encode;
+use super::lanes::{GROUP, Lanes};
+use pulp::Simd;
 
 /// Pixels with what is behind them: linear light, and the slope of light over code there. In whole groups.
 #[derive(Debug, Clone, Default)]
@@ -24,16 +25,22 @@ impl Places {
         self.y.push(y_px as f32);
         for (c, light) in behind.iter().enumerate() {
             self.light[c].push(*light);
-            self.decoding[c].push(encode(*light).1.recip());
         }
     }
 
-    /// Fills up the last group; to be called once all are there.
-    pub(super) fn finish(&mut self) {
+    /// Fills up the last group and finds the slopes; to be called once all are there.
+    #[inline(always)]
+    pub(super) fn finish<S: Simd>(&mut self, simd: S) {
         let whole = self.x.len().next_multiple_of(GROUP);
-        let all = [&mut self.x, &mut self.y].into_iter().chain(&mut self.light).chain(&mut self.decoding);
-        for values in all {
+        for values in [&mut self.x, &mut self.y].into_iter().chain(&mut self.light) {
             values.resize(whole, values.last().copied().unwrap_or(0.0));
+        }
+        for (light, decoding) in self.light.iter().zip(&mut self.decoding) {
+            decoding.resize(whole, 0.0);
+            for part in 0..whole / S::F32_LANES {
+                let (_, slope) = encode(simd, Lanes::load(simd, light, part));
+                (Lanes::splat(simd, 1.0) / slope).store(decoding, part);
+            }
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Means and planes that a minority of other values does not pull.
 
-use super::lanes::{GROUP, Lanes};
+use super::lanes::{GROUP, Lanes, folded};
 use nalgebra::{Matrix3, Vector3};
 use pulp::Simd;
 
@@ -42,7 +42,7 @@ pub(super) fn on(plane: &Plane, x: f64, y: f64) -> f64 {
 /// Sums over the lanes of a group.
 #[inline(always)]
 fn total(lanes: [f32; GROUP]) -> f64 {
-    lanes.into_iter().map(f64::from).sum()
+    f64::from(folded(lanes, std::ops::Add::add))
 }
 
 impl Scattered {
@@ -191,8 +191,7 @@ fn split<S: Simd>(simd: S, whole: &[f32], last: &[f32; GROUP], limit: f32) -> (f
         above.store(&mut out[2], part);
     }
     let [number, below, above] = out;
-    let greatest = below.into_iter().fold(f32::NEG_INFINITY, f32::max);
-    (number.into_iter().sum(), greatest, above.into_iter().fold(f32::INFINITY, f32::min))
+    (folded(number, std::ops::Add::add), folded(below, f32::max), folded(above, f32::min))
 }
 
 #[cfg(test)]

@@ -74,29 +74,24 @@ impl Surroundings {
         (noise_variance, treated): (f64, Clutter),
     ) -> Option<()> {
         let reach_px = disc.radius_px + (3.0 + RING_EDGES) * disc.edge_px;
-        let from_centre = |i: usize| {
-            let (x, y) = patch.place(i);
-            (x - disc.x_px, y - disc.y_px)
-        };
+        let reach_px2 = (reach_px * reach_px) as f32;
         self.free.clear();
-        for (i, bright) in patch.bright.iter().enumerate() {
-            if covered[i] >= CLEAR {
-                continue;
-            }
-            let (x, y) = from_centre(i);
-            if x * x + y * y < reach_px * reach_px {
-                self.free.push(x as f32, y as f32, *bright);
+        let rows = patch.bright.chunks_exact(patch.columns).zip(covered.chunks_exact(patch.columns));
+        for (row, (brights, covered)) in rows.enumerate() {
+            let y = (row as f64 - disc.y_px) as f32;
+            for (column, (bright, covered)) in brights.iter().zip(covered).enumerate() {
+                let x = (column as f64 - disc.x_px) as f32;
+                if *covered < CLEAR && x * x + y * y < reach_px2 {
+                    self.free.push(x, y, *bright);
+                }
             }
         }
         self.free.finish();
         let (plane, square) = self.free.plane(simd, noise_variance.sqrt())?;
         self.level = plane.x;
-        let level = |i: usize| {
-            let (x, y) = from_centre(i);
-            on(&plane, x, y) as f32
-        };
+        let level = |(x, y): (f64, f64)| on(&plane, x - disc.x_px, y - disc.y_px) as f32;
         self.mean.clear();
-        self.mean.extend(rim.iter().map(|i| level(*i as usize)));
+        self.mean.extend(rim.iter().map(|i| level(patch.place(*i as usize))));
         let clutter = square - noise_variance;
         self.clutter = clutter.max(0.0).sqrt();
         self.unpredicted = if treated == Clutter::AsNoise { self.clutter } else { 0.0 };
@@ -107,7 +102,7 @@ impl Surroundings {
             self.kriging.predict(simd, (patch, disc.edge_px, spread), (rim, covered), level, into)?;
         }
         self.middle = (disc.x_px, disc.y_px);
-        self.color_planes(simd, patch, color_covered, reach_px)
+        self.color_planes(simd, patch, color_covered, reach_px2)
     }
 
     /// Whether there is the time that a still leaves: then lines beside the ball are followed behind it.
@@ -145,16 +140,21 @@ impl Surroundings {
         simd: S,
         patch: &Patch,
         covered: &[f32],
-        reach_px: f64,
+        reach_px2: f32,
     ) -> Option<()> {
         for channel in 0..2 {
             self.free_colors.clear();
-            for (block, value) in patch.colors.iter().enumerate() {
-                let (x, y) = patch.block_place(block);
-                let (x, y) = (x - self.middle.0, y - self.middle.1);
-                let is_near = !self.kriging.along_lines || x * x + y * y < reach_px * reach_px;
-                if covered[block] < CLEAR && is_near {
-                    self.free_colors.push(x as f32, y as f32, value[channel]);
+            let rows =
+                patch.colors.chunks_exact(patch.block_columns).zip(covered.chunks_exact(patch.block_columns));
+            for (row, (values, covered)) in rows.enumerate() {
+                let (left, y) = patch.block_place(row * patch.block_columns);
+                let (left, y) = ((left - self.middle.0) as f32, (y - self.middle.1) as f32);
+                for (column, (value, covered)) in values.iter().zip(covered).enumerate() {
+                    let x = left + (column * patch.step) as f32;
+                    let is_near = !self.kriging.along_lines || x * x + y * y < reach_px2;
+                    if *covered < CLEAR && is_near {
+                        self.free_colors.push(x, y, value[channel]);
+                    }
                 }
             }
             self.free_colors.finish();

@@ -51,6 +51,9 @@ impl Equations {
     /// The same for a colour sample: the mean over its block.
     #[inline(always)]
     pub(super) fn front_of_block(&self, patch: &Patch, block: usize) -> f32 {
+        if patch.step == 1 {
+            return self.front[block];
+        }
         let first = patch.first_pixel(block);
         let of_pixel = |k: usize| self.front[first + k / patch.step * patch.columns + k % patch.step];
         let count = patch.step * patch.step;

@@ -1,12 +1,12 @@
 //! How far samples are believed, and what they say of the fit as a whole.
 
 use super::{Equations, LEAST_TRUST};
-use crate::centre::lanes::GROUP;
+use crate::centre::curve::encode_one;
+use crate::centre::lanes::{GROUP, folded};
 use crate::centre::model::{Parameters, RESIDUAL, Row, WIDTH};
 use crate::centre::robust::biweight;
 use crate::centre::samples::combined;
 use crate::centre::{LIGHT_STD, NOISE_WEIGHT, ROUNDING_VARIANCE};
-use crate::color::encode;
 use crate::patch::Patch;
 
 /// Parameters that the samples determine in the main: place, radius, colour and shading's slopes.
@@ -174,7 +174,7 @@ impl Equations {
 
 /// Code of a light and its derivative.
 fn encoded(light: f64) -> (f64, f64) {
-    let (code, gain) = encode(light as f32);
+    let (code, gain) = encode_one(light as f32);
     (code.into(), gain.into())
 }
 
@@ -187,5 +187,5 @@ pub(super) fn left(row: &Row, step: &Row) -> f32 {
             sums[k] += row[k] * step[k];
         }
     }
-    row[RESIDUAL] - sums.into_iter().sum::<f32>()
+    row[RESIDUAL] - folded(sums, std::ops::Add::add)
 }
