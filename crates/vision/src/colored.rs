@@ -24,7 +24,7 @@ impl Chromatic {
 }
 
 /// Pixels of a row that are looked at together: most have nothing coloured among them.
-const AT_ONCE: usize = 32;
+const AT_ONCE: usize = u32::BITS as usize;
 
 /// The collecting of coloured pixels of rows of red, green and blue, compiled for each vector unit that a processor may have.
 struct CollectRgb<'a> {
@@ -50,9 +50,16 @@ impl pulp::WithSimd for CollectRgb<'_> {
                 if colored == [false; AT_ONCE] {
                     continue;
                 }
-                let end = (x + AT_ONCE).min(columns.end);
-                for (x, _) in (x..end).zip(&colored[x - first..]).filter(|(_, colored)| **colored) {
+                // One bit a pixel, those before this piece and behind the window left out.
+                let bits = colored.iter().rev().fold(0, |bits, colored| bits << 1 | u32::from(*colored));
+                let mut left = bits >> (x - first);
+                while left != 0 {
+                    let x = x + left.trailing_zeros() as usize;
+                    if x >= columns.end {
+                        break;
+                    }
                     add(self.found, x, y, [row[3 * x], row[3 * x + 1], row[3 * x + 2]]);
+                    left &= left - 1;
                 }
             }
         }

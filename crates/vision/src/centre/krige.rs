@@ -149,20 +149,20 @@ impl Kriging {
         for (lane, (x, y)) in places.iter().enumerate() {
             // The offsets begin a reach before the pixel.
             let here = &self.left[*y as usize * stride + *x as usize..];
-            let mut found = [HERE; NEIGHBOURS];
+            let (mut found, mut left) = ([HERE; NEIGHBOURS], [0.0; NEIGHBOURS]);
             let mut count = 0;
+            // One that is not free is written over by the next.
             for (offset, displacement) in &self.offsets {
-                let left = here[*offset];
-                if !left.is_nan() {
-                    systems.left[count][lane] = left;
-                    found[count] = *displacement;
-                    count += 1;
-                    if count == NEIGHBOURS {
-                        break;
-                    }
+                (found[count], left[count]) = (*displacement, here[*offset]);
+                count += usize::from(!left[count].is_nan());
+                if count == NEIGHBOURS {
+                    break;
                 }
             }
             systems.count[lane] = count;
+            for (out, left) in systems.left.iter_mut().zip(left) {
+                out[lane] = left;
+            }
             if self.along_lines {
                 continue;
             }

@@ -17,11 +17,13 @@ pub(super) struct Normal {
     sums: [Row; COUNT],
     /// These with what is known besides, in double precision, as far as a solution needs it.
     rows: [[f64; WIDTH]; COUNT],
+    /// One over the factor's diagonal.
+    inverse: [f64; COUNT],
 }
 
 impl Default for Normal {
     fn default() -> Self {
-        Self { sums: [[0.0; WIDTH]; COUNT], rows: [[0.0; WIDTH]; COUNT] }
+        Self { sums: [[0.0; WIDTH]; COUNT], rows: [[0.0; WIDTH]; COUNT], inverse: [0.0; COUNT] }
     }
 }
 
@@ -106,6 +108,7 @@ impl Normal {
                 return None;
             }
             let inverse = pivot.recip();
+            self.inverse[k] = inverse;
             length += pivot_row[RESIDUAL] * pivot_row[RESIDUAL] * inverse;
             for (row, i) in rest.iter_mut().zip(k + 1..) {
                 add_scaled(row, i, pivot_row, -pivot_row[i] * inverse);
@@ -116,17 +119,17 @@ impl Normal {
         Some((Parameters::from_fn(|i, _| change[i][0]), length))
     }
 
-    /// Solves for several right sides at once.
+    /// Solves for several right sides at once. Each value is taken from all before it once it is known, so that none waits for a sum.
+    #[inline(always)]
     fn back_substitute<const N: usize>(&self, x: &mut [[f64; N]; COUNT]) {
         for k in (0..COUNT).rev() {
-            let row = &self.rows[k];
-            let mut here = x[k];
-            for (x, value) in x[k + 1..].iter().zip(&row[k + 1..]) {
+            let (before, here) = x.split_at_mut(k);
+            here[0] = here[0].map(|value| value * self.inverse[k]);
+            for (before, row) in before.iter_mut().zip(&self.rows) {
                 for n in 0..N {
-                    here[n] -= x[n] * value;
+                    before[n] -= here[0][n] * row[k];
                 }
             }
-            x[k] = here.map(|value| value / row[k]);
         }
     }
 
@@ -138,7 +141,7 @@ impl Normal {
         }
         for k in 0..COUNT {
             let row = &self.rows[k];
-            let here = x[k].map(|value| value / row[k]);
+            let here = x[k].map(|value| value * self.inverse[k]);
             for (x, value) in x[k + 1..].iter_mut().zip(&row[k + 1..]) {
                 for n in 0..N {
                     x[n] -= here[n] * value;

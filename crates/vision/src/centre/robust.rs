@@ -1,6 +1,6 @@
 //! Means and planes that a minority of other values does not pull.
 
-use super::lanes::{GROUP, Lanes, folded};
+use super::lanes::{GROUP, Lanes, greatest, least, total};
 use nalgebra::{Matrix3, Vector3};
 use pulp::Simd;
 
@@ -37,12 +37,6 @@ pub(super) type Plane = Vector3<f64>;
 #[inline(always)]
 pub(super) fn on(plane: &Plane, x: f64, y: f64) -> f64 {
     plane.x + plane.y * x + plane.z * y
-}
-
-/// Sums over the lanes of a group.
-#[inline(always)]
-fn total(lanes: [f32; GROUP]) -> f64 {
-    f64::from(folded(lanes, std::ops::Add::add))
 }
 
 impl Scattered {
@@ -125,7 +119,7 @@ impl Scattered {
                 sum.store(out, part);
             }
         }
-        out.map(total)
+        out.map(|group| f64::from(total(simd, &group)))
     }
 
     /// Sets what a plane leaves of the values, without sign.
@@ -173,25 +167,25 @@ pub(super) fn median<S: Simd>(simd: S, values: &[f32], count: usize) -> Option<f
 fn split<S: Simd>(simd: S, whole: &[f32], last: &[f32; GROUP], limit: f32) -> (f32, f32, f32) {
     let mut out = [[0.0; GROUP]; 3];
     let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
-    let (least, most) = (Lanes::splat(simd, f32::NEG_INFINITY), Lanes::splat(simd, f32::INFINITY));
+    let (lowest, highest) = (Lanes::splat(simd, f32::NEG_INFINITY), Lanes::splat(simd, f32::INFINITY));
     let limit = Lanes::splat(simd, limit);
     for part in 0..Lanes::<S>::PARTS {
         let value = Lanes::load(simd, last, part);
         let mut number = limit.where_below(value, zero, one);
-        let mut below = limit.where_below(value, least, value);
-        let mut above = limit.where_below(value, value, most);
+        let mut below = limit.where_below(value, lowest, value);
+        let mut above = limit.where_below(value, value, highest);
         for group in whole.chunks_exact(GROUP) {
             let value = Lanes::load(simd, group, part);
             number = number + limit.where_below(value, zero, one);
-            below = below.max(limit.where_below(value, least, value));
-            above = above.min(limit.where_below(value, value, most));
+            below = below.max(limit.where_below(value, lowest, value));
+            above = above.min(limit.where_below(value, value, highest));
         }
         number.store(&mut out[0], part);
         below.store(&mut out[1], part);
         above.store(&mut out[2], part);
     }
     let [number, below, above] = out;
-    (folded(number, std::ops::Add::add), folded(below, f32::max), folded(above, f32::min))
+    (total(simd, &number), greatest(simd, &below), least(simd, &above))
 }
 
 #[cfg(test)]

@@ -79,7 +79,7 @@ impl pulp::WithSimd for Reweigh<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        self.equations.reweigh(self.patch, self.step, self.with_noise);
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        self.equations.reweigh(simd, self.patch, self.step, self.with_noise);
     }
 }

@@ -8,6 +8,7 @@
 use super::{Equations, IN_FRONT, weighing::left};
 use crate::centre::model::Row;
 use crate::patch::Patch;
+use pulp::Simd;
 
 /// Pixels in each direction over which clutter is alike: at a blur of half a pixel, correlation beyond is below e⁻⁴.
 const ALIKE_PX: usize = 2;
@@ -28,7 +29,7 @@ impl Equations {
     /// Sets the probability that clutter lies before the ball at each pixel in use, from what a step from the last equations
     /// leaves. Where no clutter is predicted nothing is changed.
     #[inline(always)]
-    pub(super) fn look_in_front(&mut self, patch: &Patch, step: &Row) {
+    pub(super) fn look_in_front<S: Simd>(&mut self, simd: S, patch: &Patch, step: &Row) {
         let behind = &self.surroundings.covariance;
         if behind.len() == 0 {
             return;
@@ -36,7 +37,7 @@ impl Equations {
         self.looks.clear();
         self.looks.extend(self.shown[..self.used.len()].iter().zip(&self.near).enumerate().map(
             |(place, (shown, near))| Look {
-                left: left(&shown.channels[0], step),
+                left: left(simd, &shown.channels[0], step),
                 covered: shown.covered,
                 behind: if place < behind.len() { shown.open * behind.diagonal(place).sqrt() } else { 0.0 },
                 clutter: near * shown.covered,
@@ -126,10 +127,10 @@ mod tests {
             ..Equations::default()
         };
         let middle = count / 2;
-        equations.look_in_front(&patch, &[0.0; WIDTH]);
+        equations.look_in_front(pulp::Scalar::new(), &patch, &[0.0; WIDTH]);
         assert_eq!(equations.front[middle], IN_FRONT, "without clutter nothing is told");
         equations.surroundings.covariance.set(1, |_, _| 1.0);
-        equations.look_in_front(&patch, &[0.0; WIDTH]);
+        equations.look_in_front(pulp::Scalar::new(), &patch, &[0.0; WIDTH]);
         equations.front[middle]
     }
 

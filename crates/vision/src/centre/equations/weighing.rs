@@ -2,12 +2,13 @@
 
 use super::{Equations, LEAST_TRUST};
 use crate::centre::curve::encode_one;
-use crate::centre::lanes::{GROUP, folded};
+use crate::centre::lanes::{GROUP, Lanes, total};
 use crate::centre::model::{Parameters, RESIDUAL, Row, WIDTH};
 use crate::centre::robust::biweight;
 use crate::centre::samples::combined;
 use crate::centre::{LIGHT_STD, NOISE_WEIGHT, ROUNDING_VARIANCE};
 use crate::patch::Patch;
+use pulp::Simd;
 
 /// Parameters that the samples determine in the main: place, radius, colour and shading's slopes.
 const DETERMINED: f64 = 8.0;
@@ -22,7 +23,13 @@ impl Equations {
     /// What is in front of the ball is no sharper than its blur, so neighbours of a sample that is not believed at all
     /// are not believed either.
     #[inline(always)]
-    pub(in crate::centre) fn reweigh(&mut self, patch: &Patch, step: &Parameters, with_noise: bool) {
+    pub(in crate::centre) fn reweigh<S: Simd>(
+        &mut self,
+        simd: S,
+        patch: &Patch,
+        step: &Parameters,
+        with_noise: bool,
+    ) {
         let (mut chi_square, mut count) = (0.0, -DETERMINED as f32);
         let mut filled = [0.0; WIDTH];
         filled.iter_mut().zip(step).for_each(|(out, change)| *out = *change as f32);
@@ -33,14 +40,14 @@ impl Equations {
             if self.glare.reaches(index) {
                 continue;
             }
-            chi_square += left(&self.whitened[place], step).powi(2);
+            chi_square += left(simd, &self.whitened[place], step).powi(2);
             count += self.weight[index];
             let open = self.shown[place].open;
             let own = self.variance[place] * self.weight[index].max(LEAST_TRUST);
             let covariance = &self.surroundings.covariance;
             let behind = if place < covariance.len() { covariance.diagonal(place) } else { 0.0 };
             let variance = own + open * open * behind;
-            self.trust[index] = biweight(left(&self.shown[place].channels[0], step).powi(2) / variance);
+            self.trust[index] = biweight(left(simd, &self.shown[place].channels[0], step).powi(2) / variance);
             if self.trust[index] == 0.0 {
                 self.spoiled.push(*used);
             }
@@ -52,7 +59,8 @@ impl Equations {
             let weight = self.color_weight[*block as usize];
             let mut worst = 0.0_f32;
             for k in 0..2 {
-                let square = (left(&self.color_rows[place][k], step) * self.color_scale[place][k]).powi(2);
+                let square =
+                    (left(simd, &self.color_rows[place][k], step) * self.color_scale[place][k]).powi(2);
                 chi_square += square;
                 worst = worst.max(square);
             }
@@ -66,7 +74,7 @@ impl Equations {
         self.spoil_neighbours(patch);
         // In a film clutter is not told apart by place, so that there is nothing to look for.
         if self.in_still() && !std::mem::replace(&mut self.has_looked_in_front, true) {
-            self.look_in_front(patch, step);
+            self.look_in_front(simd, patch, step);
         }
         if with_noise {
             let guess = NOISE_WEIGHT * self.least_noise;
@@ -180,12 +188,15 @@ fn encoded(light: f64) -> (f64, f64) {
 
 /// What a step leaves of a residual; the step is filled up with zeros.
 #[inline(always)]
-pub(super) fn left(row: &Row, step: &Row) -> f32 {
+pub(super) fn left<S: Simd>(simd: S, row: &Row, step: &Row) -> f32 {
     let mut sums = [0.0; GROUP];
-    for (row, step) in row.chunks_exact(GROUP).zip(step.chunks_exact(GROUP)) {
-        for k in 0..GROUP {
-            sums[k] += row[k] * step[k];
+    for part in 0..Lanes::<S>::PARTS {
+        let of = |values: &Row, group: usize| Lanes::load(simd, values, group * Lanes::<S>::PARTS + part);
+        let mut sum = of(row, 0) * of(step, 0);
+        for group in 1..WIDTH / GROUP {
+            sum = of(row, group).mul_add(of(step, group), sum);
         }
+        sum.store(&mut sums, part);
     }
-    row[RESIDUAL] - folded(sums, std::ops::Add::add)
+    row[RESIDUAL] - total(simd, &sums)
 }
