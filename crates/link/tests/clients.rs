@@ -25,6 +25,16 @@ fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr()).expect("a port").port()
 }
 
+/// A port that stays free while nobody listens at it: below those that systems hand out by themselves, of which one goes to whoever asks
+/// next, even to a client that tries to reach it, which is then connected to itself.
+fn lasting_port() -> u16 {
+    let first = 20_000 + (std::process::id() % 10_000) as u16;
+    let is_free = |port: &u16| {
+        TcpListener::bind(("127.0.0.1", *port)).is_ok() && UdpSocket::bind(("127.0.0.1", *port)).is_ok()
+    };
+    (first..first + 1000).find(is_free).expect("a port")
+}
+
 /// A flight in a thread of its own, until it is dropped.
 struct Flight {
     ending: Arc<AtomicBool>,
@@ -116,7 +126,7 @@ fn motioncapture_reads_frames_of_natnet() {
 
 #[test]
 fn motioncapture_reads_a_tracker_of_vrpn_that_goes_away_and_comes_back() {
-    let port = TcpListener::bind("127.0.0.1:0").and_then(|s| s.local_addr()).expect("a port").port();
+    let port = lasting_port();
     let options = VrpnOptions { address: format!("127.0.0.1:{port}"), ..Default::default() };
     let open = || Flight::start(Vrpn::open(&options, &body()).expect("an outlet"));
     let first = open();

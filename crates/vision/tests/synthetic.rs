@@ -162,6 +162,27 @@ fn a_small_ball_before_a_dim_wall_is_where_it_is() {
     assert!(rms_px < 0.004, "{rms_px} px");
 }
 
+/// A fit counts places from the corner of what it looks at, so that single precision holds them; what is told is in the image.
+#[test]
+fn a_ball_far_from_the_corner_of_a_large_image_is_where_it_is() {
+    const LEFT: usize = 2016;
+    let size = ImageSize { width_px: 4096, ..SIZE };
+    let (mut detector, mut dice) = (Detector::new(&red()).unwrap(), Dice(13));
+    for k in 0..4_u32 {
+        let middle = Vector2::new(32.0 + 0.3 * f64::from(k), 24.0 - 0.2 * f64::from(k));
+        let drawn = Drawn { radius_px: 4.0, middle, ..ball(0.0, 0.0) };
+        let small = draw_before(|_| [0.2; 3], &[drawn], 0.5, 0.3, &mut dice);
+        let mut rgb = vec![code(0.2).round() as u8; 3 * size.area_px()];
+        let rows = rgb.chunks_exact_mut(3 * size.width_px as usize);
+        for (row, small) in rows.zip(small.chunks_exact(3 * SIZE.width_px as usize)) {
+            row[3 * LEFT..3 * LEFT + small.len()].copy_from_slice(small);
+        }
+        let found = detector.candidates(&Frame::from_rgb(size, rgb).unwrap(), 3.0..=16.0);
+        let seen = found[0].first().expect("the ball is found").pixel - Vector2::new(LEFT as f64, 0.0);
+        assert!((seen - middle).norm() < 0.005, "{seen} for {middle}");
+    }
+}
+
 /// One lamp from the side leaves half of a ball in the dark, behind an edge that no order of harmonics has.
 #[test]
 fn a_ball_that_one_lamp_lights_is_where_it_is() {

@@ -151,11 +151,11 @@ pub(super) fn median<S: Simd>(simd: S, values: &[f32], count: usize) -> Option<f
         let middle = low + part * (high - low);
         // Between neighbouring numbers the middle may round up to the higher one, which would cut nothing.
         let limit = if middle < high { middle } else { low };
-        let (number, greatest, least) = split(simd, whole, &last, limit);
+        let (number, last_below, first_above) = split(simd, whole, &last, limit);
         if number > rank {
-            (high, within) = (greatest, number)
+            (high, within) = (last_below, number)
         } else {
-            (low, below) = (least, number)
+            (low, below) = (first_above, number)
         }
         evenly = !evenly;
     }
