@@ -112,8 +112,8 @@ impl StagedFilm<'_> {
         self.film_at(state.t_s).frame_with(index as u64, aircraft, pose_at, &self.way(state.t_s))
     }
 
-    /// One frame of a flight at any time between the rows of its truth. Before the first row and after the last the aircraft
-    /// stands still. A rolling shutter films nothing that is in the way.
+    /// One frame of a flight at any time between the rows of its truth. Before the first row the aircraft comes from rest,
+    /// and to rest after the last. A rolling shutter films nothing that is in the way.
     pub fn frame_at(
         &self,
         index: usize,
@@ -122,11 +122,12 @@ impl StagedFilm<'_> {
         when: Shot,
     ) -> Option<Vec<u8>> {
         let open_s = Sensor::default().exposure_fraction * when.interval_s;
-        let (first, last) = (truth.first()?, truth.last()?);
-        let start = true_pose(truth, first.t_s)?;
+        let first = truth.first()?;
         let pose_at = |share: f64| {
-            let t_s = (when.t_s + share * open_s).clamp(first.t_s, last.t_s);
-            true_pose(truth, t_s).unwrap_or(start)
+            let t_s = when.t_s + share * open_s;
+            let before = truth.partition_point(|row| row.t_s <= t_s).checked_sub(1);
+            let end = before.map_or(first, |row| &truth[row]);
+            true_pose(truth, t_s).unwrap_or_else(|| pose_beyond(end, t_s - end.t_s))
         };
         let film = self.film_at(when.t_s);
         Some(if when.line_time_s == 0.0 {
@@ -246,4 +247,35 @@ pub fn pose_near(state: &TruthRow, dt_s: f64) -> Isometry3<f64> {
     near.translation.vector += moved;
     near.rotation *= UnitQuaternion::from_scaled_axis(rates * dt_s + accelerations * (0.5 * dt_s * dt_s));
     near
+}
+
+/// Time in which all but a third of the velocity comes and goes beyond the ends of a flight: within what small aircraft brake by.
+const REST_S: f64 = 0.25;
+
+/// The pose before the first state of a flight or after the last: its velocities fall off with the time from there.
+fn pose_beyond(end: &TruthRow, dt_s: f64) -> Isometry3<f64> {
+    pose_near(end, dt_s.signum() * REST_S * (1.0 - (-dt_s.abs() / REST_S).exp()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_aircraft_comes_from_rest_without_a_jolt() {
+        let state = TruthRow { u_m_s: 0.8, w_m_s: -0.3, q_rad_s: 1.0, theta_rad: 0.1, ..TruthRow::default() };
+        const STEP_S: f64 = 1e-4;
+        let here = pose_near(&state, 0.0);
+        for side in [-STEP_S, STEP_S] {
+            let (beyond, flown) = (pose_beyond(&state, side), pose_near(&state, side));
+            let moved = beyond.translation.vector - here.translation.vector;
+            assert!((beyond.translation.vector - flown.translation.vector).norm() < 1e-3 * moved.norm());
+            assert!(
+                beyond.rotation.angle_to(&flown.rotation) < 1e-3 * here.rotation.angle_to(&flown.rotation)
+            );
+        }
+        let (far, farther) = (pose_beyond(&state, -10.0), pose_beyond(&state, -20.0));
+        assert!((far.inverse() * farther).translation.vector.norm() < 1e-9);
+        assert!((far.translation.vector - here.translation.vector).norm() < REST_S);
+    }
 }
