@@ -7,7 +7,7 @@
 mod circle;
 
 use mavsight_link::{Body, Mavlink, MavlinkOptions, Natnet, NatnetOptions, Outlet, Vrpn, VrpnOptions};
-use std::net::{TcpListener, UdpSocket};
+use std::net::UdpSocket;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,16 +23,6 @@ fn body() -> Body {
 /// A port that is free for UDP.
 fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr()).expect("a port").port()
-}
-
-/// A port that stays free while nobody listens at it: below those that systems hand out by themselves, of which one goes to whoever asks
-/// next, even to a client that tries to reach it, which is then connected to itself.
-fn lasting_port() -> u16 {
-    let first = 20_000 + (std::process::id() % 10_000) as u16;
-    let is_free = |port: &u16| {
-        TcpListener::bind(("127.0.0.1", *port)).is_ok() && UdpSocket::bind(("127.0.0.1", *port)).is_ok()
-    };
-    (first..first + 1000).find(is_free).expect("a port")
 }
 
 /// A flight in a thread of its own, until it is dropped.
@@ -126,15 +116,19 @@ fn motioncapture_reads_frames_of_natnet() {
 
 #[test]
 fn motioncapture_reads_a_tracker_of_vrpn_that_goes_away_and_comes_back() {
-    let port = lasting_port();
-    let options = VrpnOptions { address: format!("127.0.0.1:{port}"), ..Default::default() };
-    let open = || Flight::start(Vrpn::open(&options, &body()).expect("an outlet"));
-    let first = open();
+    // A port that was tried and closed may still be held by the child that another test is about to start.
+    let open = |port: u16| {
+        let options = VrpnOptions { address: format!("127.0.0.1:{port}"), ..Default::default() };
+        Vrpn::open(&options, &body()).expect("an outlet")
+    };
+    let outlet = open(0);
+    let port = outlet.address().port();
+    let first = Flight::start(outlet);
     let reader = std::thread::spawn(move || client("vrpn", &[port]));
     std::thread::sleep(Duration::from_secs(4));
     drop(first);
     std::thread::sleep(Duration::from_secs(1));
-    let _second = open();
+    let _second = Flight::start(open(port));
     reader.join().expect("the client");
 }
 
@@ -142,7 +136,8 @@ fn motioncapture_reads_a_tracker_of_vrpn_that_goes_away_and_comes_back() {
 #[test]
 fn zenoh_subscribes_to_poses() {
     use mavsight_link::{Zenoh, ZenohOptions};
-    let port = TcpListener::bind("127.0.0.1:0").and_then(|s| s.local_addr()).expect("a port").port();
+    let port =
+        std::net::TcpListener::bind("127.0.0.1:0").and_then(|s| s.local_addr()).expect("a port").port();
     let options = ZenohOptions { listen: vec![format!("tcp/127.0.0.1:{port}")], ..ZenohOptions::default() };
     let _flight = Flight::start(Zenoh::open(&options, &body()).expect("an outlet"));
     client("zenoh", &[port]);
