@@ -13,9 +13,7 @@ const ROWS: usize = 4;
 /// Upper triangle of the information matrix, the gradient behind each of its rows; after [`Self::solve`], its factor.
 #[derive(Debug, Clone)]
 pub(super) struct Normal {
-    /// Sums over the samples.
-    sums: [Row; COUNT],
-    /// These with what is known besides, in double precision, as far as a solution needs it.
+    /// Sums over the samples with what is known besides, in double precision, as a solution needs it.
     rows: [[f64; WIDTH]; COUNT],
     /// One over the factor's diagonal.
     inverse: [f64; COUNT],
@@ -23,7 +21,7 @@ pub(super) struct Normal {
 
 impl Default for Normal {
     fn default() -> Self {
-        Self { sums: [[0.0; WIDTH]; COUNT], rows: [[0.0; WIDTH]; COUNT], inverse: [0.0; COUNT] }
+        Self { rows: [[0.0; WIDTH]; COUNT], inverse: [0.0; COUNT] }
     }
 }
 
@@ -32,48 +30,27 @@ impl Normal {
     #[inline(always)]
     pub(super) fn set<S: Simd>(&mut self, simd: S, samples: &[Row]) {
         const { assert!(COUNT.is_multiple_of(ROWS) && GROUP.is_multiple_of(ROWS) && WIDTH == 3 * GROUP) };
+        let mut all: [Row; COUNT] = [[0.0; WIDTH]; COUNT];
         if S::F32_LANES == GROUP {
             for first in (0..COUNT).step_by(ROWS) {
                 match first / GROUP {
-                    0 => self.sum_rows::<S, 3>(simd, first, samples),
-                    1 => self.sum_rows::<S, 2>(simd, first, samples),
-                    _ => self.sum_rows::<S, 1>(simd, first, samples),
+                    0 => sum_rows::<S, 3>(simd, first, samples, &mut all),
+                    1 => sum_rows::<S, 2>(simd, first, samples, &mut all),
+                    _ => sum_rows::<S, 1>(simd, first, samples, &mut all),
                 }
             }
         } else {
-            self.sums = [[0.0; WIDTH]; COUNT];
             for sample in samples {
-                for (i, sum) in self.sums.iter_mut().enumerate() {
+                for (i, sum) in all.iter_mut().enumerate() {
                     for k in i / GROUP * GROUP..WIDTH {
                         sum[k] = sample[i].mul_add(sample[k], sum[k]);
                     }
                 }
             }
         }
-        for (row, sums) in self.rows.iter_mut().zip(&self.sums) {
+        for (row, sums) in self.rows.iter_mut().zip(&all) {
             for (value, sum) in row.iter_mut().zip(sums) {
                 *value = f64::from(*sum);
-            }
-        }
-    }
-
-    /// Sets some rows of the sums, of which all but the last `GROUPS` groups lie before the diagonal.
-    #[inline(always)]
-    fn sum_rows<S: Simd, const GROUPS: usize>(&mut self, simd: S, first: usize, samples: &[Row]) {
-        let from = WIDTH - GROUP * GROUPS;
-        let mut sums = [[Lanes::splat(simd, 0.0); GROUPS]; ROWS];
-        for sample in samples {
-            let values: [Lanes<S>; GROUPS] = std::array::from_fn(|k| Lanes::load(simd, &sample[from..], k));
-            for (r, sums) in sums.iter_mut().enumerate() {
-                let factor = Lanes::splat(simd, sample[first + r]);
-                for k in 0..GROUPS {
-                    sums[k] = factor.mul_add(values[k], sums[k]);
-                }
-            }
-        }
-        for (row, sums) in self.sums[first..].iter_mut().zip(sums) {
-            for (k, sum) in sums.into_iter().enumerate() {
-                sum.store(&mut row[from..], k);
             }
         }
     }
@@ -150,6 +127,27 @@ impl Normal {
         }
         self.back_substitute(&mut x);
         std::array::from_fn(|n| Parameters::from_fn(|i, _| x[i][n]))
+    }
+}
+
+/// Sets some rows of the sums, of which all but the last `GROUPS` groups lie before the diagonal.
+#[inline(always)]
+fn sum_rows<S: Simd, const GROUPS: usize>(simd: S, first: usize, samples: &[Row], all: &mut [Row; COUNT]) {
+    let from = WIDTH - GROUP * GROUPS;
+    let mut sums = [[Lanes::splat(simd, 0.0); GROUPS]; ROWS];
+    for sample in samples {
+        let values: [Lanes<S>; GROUPS] = std::array::from_fn(|k| Lanes::load(simd, &sample[from..], k));
+        for (r, sums) in sums.iter_mut().enumerate() {
+            let factor = Lanes::splat(simd, sample[first + r]);
+            for k in 0..GROUPS {
+                sums[k] = factor.mul_add(values[k], sums[k]);
+            }
+        }
+    }
+    for (row, sums) in all[first..].iter_mut().zip(sums) {
+        for (k, sum) in sums.into_iter().enumerate() {
+            sum.store(&mut row[from..], k);
+        }
     }
 }
 
