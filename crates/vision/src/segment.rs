@@ -327,6 +327,35 @@ mod tests {
         assert!(away_px < 0.1, "{away_px}");
     }
 
+    /// Places of the regions that may be a ball of 4 px radius, of red pixels where `is_red`.
+    fn regions_of(is_red: impl Fn(Vector2<f64>) -> bool) -> Vec<Vector2<f64>> {
+        let red = crate::BallColor { name: "red".into(), rgb: [200, 30, 30] };
+        let model = ColorModel::new(&[red]).expect("a colour");
+        let hue = Seen::of(crate::color::to_linear([200, 30, 30])).hue;
+        let mut segmenter = Segmenter::default();
+        for (x, y) in (0..40_u32).flat_map(|y| (0..40_u32).map(move |x| (x, y))) {
+            if is_red(Vector2::new(f64::from(x), f64::from(y))) {
+                segmenter.colored.found.push(Chromatic { x, y, hue });
+            }
+        }
+        segmenter.regions(&model, 0, (8.0, 70.0));
+        segmenter.blobs.iter().map(|b| b.pixel).collect()
+    }
+
+    fn is_in_disc(pixel: Vector2<f64>, middle: [f64; 2], radius_px: f64) -> bool {
+        (pixel - Vector2::from(middle)).norm() < radius_px
+    }
+
+    #[test]
+    fn a_ball_with_an_arm_across_is_one_and_two_side_by_side_are_two() {
+        let cut = regions_of(|at| is_in_disc(at, [20.0, 18.0], 4.0) && !(17.0..=18.0).contains(&at.y));
+        assert!(cut.iter().any(|at| (at - Vector2::new(20.0, 18.0)).norm() < 0.7), "{cut:?}");
+        // Small ones, so that their area together is no reason to keep them apart.
+        let beside =
+            regions_of(|at| is_in_disc(at, [14.0, 18.0], 3.2) || is_in_disc(at, [21.5, 18.0], 3.2));
+        assert_eq!(beside.len(), 2, "{beside:?}");
+    }
+
     proptest! {
         #[test]
         fn regions_are_those_that_flooding_finds(set in prop::collection::vec(any::<bool>(), (SIDE * SIDE) as usize)) {
