@@ -13,6 +13,31 @@ pub enum FlightError {
         /// Its value.
         value: f64,
     },
+    /// A rotor that answers faster than any.
+    #[error("{key} is {value} s, but no rotor flaps within a millisecond: give seconds")]
+    FlapTime {
+        /// Key in the vehicle file.
+        key: String,
+        /// Its value.
+        value: f64,
+    },
+    /// Moments of inertia that no body has.
+    #[error(
+        "inertia_kg_m2 is [{}, {}, {}], but no moment of a body is above the sum of the other two: correct the vehicle file",
+        values[0], values[1], values[2]
+    )]
+    Inertia {
+        /// The moments.
+        values: [f64; 3],
+    },
+    /// Markers that show no attitude.
+    #[error(
+        "the markers lie on one line (they reach {across_mm:.3} mm off it): a pose needs three that do not; correct position_m, in metres"
+    )]
+    MarkersOnLine {
+        /// How far the farthest is off the line.
+        across_mm: f64,
+    },
     /// A constant that must be a number.
     #[error("{key} is {value}, but must be a finite number: correct the vehicle file")]
     NotFinite {
@@ -29,17 +54,23 @@ pub enum FlightError {
         /// Markers given.
         found: usize,
     },
-    /// Two markers share a name or a colour.
-    #[error("markers {first} and {second} share the {what} {value}: give each its own")]
+    /// Two markers share a name.
+    #[error("markers {first} and {second} are both named {name}: give each its own name")]
     DuplicateMarker {
-        /// Marker name.
-        first: String,
-        /// Marker name.
-        second: String,
-        /// "name" or "color".
-        what: &'static str,
-        /// The shared value.
-        value: String,
+        /// The first of them, counted from 1.
+        first: usize,
+        /// The second.
+        second: usize,
+        /// The shared name.
+        name: String,
+    },
+    /// A marker's name that tables cannot list.
+    #[error(
+        "a marker is named {name:?}: tables list markers with spaces between, write it without, such as \"left_red\""
+    )]
+    MarkerName {
+        /// The name.
+        name: String,
     },
     /// A colour that is not written as one.
     #[error("unknown colour {text:?}: write it as \"#rrggbb\", for instance \"#db1212\"")]

@@ -1,6 +1,7 @@
 //! What is known of the aircraft: mass, markers, rotors, air; and, labelled as such, what is assumed.
 
 use crate::FlightError;
+use mavsight_geometry::Vector3;
 use serde::{Deserialize, Serialize};
 
 /// An sRGB colour, written `#rrggbb`.
@@ -150,6 +151,13 @@ impl Default for Assumption {
     }
 }
 
+/// No rotor answers within a millisecond: a blade of centimetres flaps some tens of times a second.
+const SHORTEST_FLAP_TIME_S: f64 = 1e-3;
+/// Moments of inertia that were measured may break the triangle's law by their errors.
+const INERTIA_TOLERANCE: f64 = 0.05;
+/// Markers nearer than this to one line show no turn about it: a millimetre, what a ruler tells.
+const LEAST_ACROSS_M: f64 = 1e-3;
+
 /// The aircraft: the content of a vehicle file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -205,7 +213,8 @@ impl Vehicle {
         }
     }
 
-    /// Checks that every constant makes sense and that markers can be told apart by name and colour.
+    /// Checks that every constant makes sense and that markers can be told apart by name, of which tables make lists. Markers may share
+    /// a colour; whether they can then be told apart by where they are is for who sees them.
     ///
     /// # Errors
     /// The first key that does not, with its value.
@@ -229,14 +238,51 @@ impl Vehicle {
                 return Err(FlightError::NotPositive { key: key.to_owned(), value });
             }
         }
-        for (key, value) in
-            [("rotor.swashplate_gain", r.swashplate_gain), ("rotor.flybar_gain", r.flybar_gain)]
-        {
+        for (key, value) in [
+            ("rotor.flap_time_lower_s", r.flap_time_lower_s),
+            ("rotor.flap_time_flybar_s", r.flap_time_flybar_s),
+        ] {
+            if value < SHORTEST_FLAP_TIME_S {
+                return Err(FlightError::FlapTime { key: key.to_owned(), value });
+            }
+        }
+        let sum: f64 = self.inertia_kg_m2.iter().sum();
+        if self.inertia_kg_m2.iter().any(|i| 2.0 * i > sum * (1.0 + INERTIA_TOLERANCE)) {
+            return Err(FlightError::Inertia { values: self.inertia_kg_m2 });
+        }
+        let a = &self.assumption;
+        let finite = [
+            ("rotor.swashplate_gain", r.swashplate_gain),
+            ("rotor.flybar_gain", r.flybar_gain),
+            ("assumption.height_upper_m", a.height_upper_m),
+            ("assumption.height_lower_m", a.height_lower_m),
+            ("assumption.hub_stiffness_n_m_rad", a.hub_stiffness_n_m_rad),
+            ("assumption.torque_coefficient_upper", a.torque_coefficient_upper),
+            ("assumption.torque_coefficient_lower", a.torque_coefficient_lower),
+            ("assumption.roll_damping_n_m_s_rad", a.roll_damping_n_m_s_rad),
+            ("assumption.pitch_damping_n_m_s_rad", a.pitch_damping_n_m_s_rad),
+            ("assumption.yaw_damping_n_m_s_rad", a.yaw_damping_n_m_s_rad),
+            ("assumption.drag_n_s_m", a.drag_n_s_m),
+        ];
+        for (key, value) in finite {
             if !value.is_finite() {
                 return Err(FlightError::NotFinite { key: key.to_owned(), value });
             }
         }
         self.validate_markers()
+    }
+
+    /// How far the markers reach off the line through the two that are farthest apart.
+    fn across_m(&self) -> f64 {
+        let place = |k: usize| Vector3::from(self.marker[k].position_m);
+        let pairs = (0..self.marker.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
+        let farthest = pairs.max_by(|a, b| {
+            let length = |p: &(usize, usize)| (place(p.0) - place(p.1)).norm();
+            length(a).total_cmp(&length(b))
+        });
+        let Some((i, j)) = farthest else { return 0.0 };
+        let Some(along) = (place(i) - place(j)).try_normalize(f64::MIN_POSITIVE) else { return 0.0 };
+        (0..self.marker.len()).map(|k| (place(k) - place(j)).cross(&along).norm()).fold(0.0, f64::max)
     }
 
     fn validate_markers(&self) -> Result<(), FlightError> {
@@ -254,19 +300,17 @@ impl Vehicle {
                     value: *value,
                 });
             }
-            for other in &self.marker[..k] {
-                let shared = if other.name == marker.name {
-                    Some(("name", marker.name.clone()))
-                } else if other.color == marker.color {
-                    Some(("color", marker.color.to_string()))
-                } else {
-                    None
-                };
-                if let Some((what, value)) = shared {
-                    let (first, second) = (other.name.clone(), marker.name.clone());
-                    return Err(FlightError::DuplicateMarker { first, second, what, value });
-                }
+            if marker.name.is_empty() || marker.name.contains(char::is_whitespace) {
+                return Err(FlightError::MarkerName { name: marker.name.clone() });
             }
+            if let Some(first) = self.marker[..k].iter().position(|other| other.name == marker.name) {
+                let (first, second) = (first + 1, k + 1);
+                return Err(FlightError::DuplicateMarker { first, second, name: marker.name.clone() });
+            }
+        }
+        let across_m = self.across_m();
+        if across_m < LEAST_ACROSS_M {
+            return Err(FlightError::MarkersOnLine { across_mm: 1e3 * across_m });
         }
         Ok(())
     }
@@ -299,7 +343,16 @@ mod tests {
         assert!(matches!(vehicle.validate(), Err(FlightError::NotPositive { key, .. }) if key == "mass_kg"));
         let mut vehicle = Vehicle::paper();
         vehicle.marker[2].color = vehicle.marker[0].color;
-        assert!(matches!(vehicle.validate(), Err(FlightError::DuplicateMarker { what: "color", .. })));
+        assert_eq!(vehicle.validate(), Ok(()));
+        vehicle.marker[2].name = vehicle.marker[0].name.clone();
+        assert!(matches!(vehicle.validate(), Err(FlightError::DuplicateMarker { first: 1, second: 3, .. })));
+        vehicle.marker[2].name = "left red".into();
+        assert!(matches!(vehicle.validate(), Err(FlightError::MarkerName { .. })));
+        let mut vehicle = Vehicle::paper();
+        vehicle.assumption.drag_n_s_m = f64::INFINITY;
+        assert!(
+            matches!(vehicle.validate(), Err(FlightError::NotFinite { key, .. }) if key.ends_with("drag_n_s_m"))
+        );
         let mut vehicle = Vehicle::paper();
         vehicle.marker.truncate(2);
         assert_eq!(vehicle.validate(), Err(FlightError::TooFewMarkers { found: 2 }));

@@ -46,8 +46,8 @@ pub fn rigid_fit(
         points.iter().zip(weights).take(n).map(|(p, w)| p * (*w / total)).sum::<Vector3<f64>>()
     };
     let (centre_body, centre_world) = (mean(points_in_body_m), mean(points_in_world_m));
-    refuse_line(points_in_body_m, &centre_body, weights, total)?;
-    refuse_line(points_in_world_m, &centre_world, weights, total)?;
+    refuse_line(&points_in_body_m[..n], &centre_body, weights, total)?;
+    refuse_line(&points_in_world_m[..n], &centre_world, weights, total)?;
     let mut cross = DMatrix::zeros(3, 3);
     for ((b, w), weight) in points_in_body_m.iter().zip(points_in_world_m).zip(weights).take(n) {
         cross += (w - centre_world) * (b - centre_body).transpose() * (*weight / total);
@@ -76,8 +76,8 @@ fn refuse_line(
     weights: &[f64],
     total: f64,
 ) -> Result<(), GeometryError> {
-    let n = points.len().min(weights.len());
-    let rows = DMatrix::from_fn(n, 3, |i, j| (points[i][j] - centre[j]) * (weights[i] / total).sqrt());
+    let rows =
+        DMatrix::from_fn(points.len(), 3, |i, j| (points[i][j] - centre[j]) * (weights[i] / total).sqrt());
     let spread = jacobi_svd(&rows).singular_values;
     let across = spread[1];
     if across <= COLLINEAR_RATIO * spread[0] {

@@ -98,7 +98,7 @@ fn problem() -> (FlightModel, InputSeries, Measurements, Measurements) {
         let place = at.translation.vector + normal3(seed) * POSITION_STD_M;
         let turn = UnitQuaternion::from_scaled_axis(normal3(seed) * TURN_STD_RAD);
         let pose = Isometry3::from_parts(place.into(), at.rotation * turn);
-        poses.push(StateMeasurement { t_ns, pose: Some((pose, covariance)), velocity: None, rates: None });
+        poses.push(StateMeasurement::of_pose(t_ns, pose, covariance));
         for (camera, c) in rig.cameras.iter().enumerate() {
             for (marker, m) in markers.iter().enumerate() {
                 let centre = (at * Point3::from(m.marker_in_body_m)).coords;

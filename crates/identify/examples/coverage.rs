@@ -103,7 +103,7 @@ fn poses(states: &[FlightState], seed: &mut u64) -> Measurements {
         let turn = UnitQuaternion::from_scaled_axis(normal3(seed) * TURN_STD_RAD);
         let pose = Isometry3::from_parts(place.into(), at.rotation * turn);
         let t_ns = (s.t_s * 1e9).round() as i64;
-        StateMeasurement { t_ns, pose: Some((pose, covariance)), velocity: None, rates: None }
+        StateMeasurement::of_pose(t_ns, pose, covariance)
     };
     Measurements::States(states.iter().map(|s| measured(s, seed)).collect())
 }

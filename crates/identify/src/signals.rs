@@ -102,11 +102,9 @@ impl<'a> Flight<'a> {
         if variance.is_finite() { variance.max(0.0) } else { 0.0 }
     }
 
-    /// Intervals between times that are longer than two usual ones and half a period of the smoother, between which a motion
-    /// cannot be read.
+    /// Intervals between times over which the motion cannot be read.
     pub(crate) fn gaps_s(&self) -> impl Iterator<Item = (f64, f64)> {
-        let hz = self.motion.translation_bandwidth_hz.min(self.motion.rotation_bandwidth_hz);
-        let longest_s = (2.5 * self.motion.sample_interval_s).max(0.5 / hz);
+        let longest_s = self.motion.longest_step_s();
         self.t_s.windows(2).filter(move |w| w[1] - w[0] > longest_s).map(|w| (w[0], w[1]))
     }
 

@@ -39,6 +39,8 @@ pub(crate) enum Report {
     Gone { camera: usize, reason: String },
     /// Something went wrong with a frame.
     Fault { camera: usize, text: String },
+    /// A frame is not later than the one before it.
+    WentBack { camera: usize, stamp_ns: i64 },
     /// What was seen in a frame.
     Seen(Seen),
     /// There will be nothing more.
@@ -166,11 +168,18 @@ impl Fetch {
                     }
                     reason
                 }
-                Err(reason) => reason,
+                Err(reason) => Some(reason),
             };
-            if !self.setup.reopens || self.stopped() {
+            if self.stopped() {
                 break;
             }
+            if !self.setup.reopens {
+                if let Some(text) = reason {
+                    self.tell(Report::Fault { camera: self.camera, text });
+                }
+                break;
+            }
+            let reason = reason.unwrap_or_else(|| "its source has ended".to_owned());
             self.tell(Report::Gone { camera: self.camera, reason });
             self.sleep(wait);
             wait = (2 * wait).min(AGAIN.1);
@@ -178,14 +187,14 @@ impl Fetch {
         self.queue.close();
     }
 
-    /// All frames of an open source: how many, and why it ended.
-    fn fetch(&self, source: &mut dyn Source) -> (u64, String) {
+    /// All frames of an open source: how many, and why it ended before its end.
+    fn fetch(&self, source: &mut dyn Source) -> (u64, Option<String>) {
         let mut frames = 0;
         while !self.stopped() {
             match source.next() {
                 Next::Frame(stamp_ns, frame) => {
                     if frame.size != self.size {
-                        return (frames, self.wrong_size(frame.size));
+                        return (frames, Some(self.wrong_size(frame.size)));
                     }
                     frames += 1;
                     let received_ns = self.shared.clock.now_ns();
@@ -197,10 +206,11 @@ impl Fetch {
                     }
                 }
                 Next::Fault(text) => self.tell(Report::Fault { camera: self.camera, text }),
-                Next::End(reason) => return (frames, reason),
+                Next::Over => break,
+                Next::End(reason) => return (frames, Some(reason)),
             }
         }
-        (frames, "the flight has ended".to_owned())
+        (frames, None)
     }
 
     fn wrong_size(&self, size: ImageSize) -> String {
@@ -252,8 +262,16 @@ fn track(
         };
         sights.clear();
         let look = tracker.see(stamp_ns, Arc::clone(&frame));
-        // A copy shows nothing new, and what is not later has no time: the camera lives, and that is all.
-        let Look::New(seen) = look else { continue };
+        let seen = match look {
+            Look::New(seen) => seen,
+            // It shows nothing new: a camera that does no more has stalled.
+            Look::Copy => continue,
+            Look::Backward => {
+                // A flight that has ended hears nothing more.
+                let _ = shared.reports.send(Report::WentBack { camera, stamp_ns });
+                continue;
+            }
+        };
         sights.extend_from_slice(seen);
         for tap in &shared.taps {
             tap(camera, stamp_ns, &frame, seen);

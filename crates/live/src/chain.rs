@@ -21,6 +21,8 @@ pub struct Told<'a> {
     pub seen: &'a [Candidate],
     /// Which is which, and the pose.
     pub association: Association,
+    /// Cameras that were found to be moved until then.
+    pub moved: &'a [MovedCamera],
 }
 
 /// One camera of the chain.
@@ -167,11 +169,6 @@ impl LiveChain {
     pub fn next_told(&mut self) -> Option<Told<'_>> {
         let (t_ns, seen) = self.joiner.as_mut()?.next_instant()?;
         let association = self.identities.tell(t_ns, seen);
-        Some(Told { t_ns, seen, association })
-    }
-
-    /// Cameras that were found to be moved.
-    pub fn moved_cameras(&self) -> &[MovedCamera] {
-        self.identities.moved_cameras()
+        Some(Told { t_ns, seen, association, moved: self.identities.moved_cameras() })
     }
 }

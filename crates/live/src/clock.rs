@@ -2,7 +2,9 @@
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// Time of the flight, against the system's clock as it stood when the flight began: setting that clock disturbs nothing.
+/// Time of the flight, against the system's clock as it stood when the flight began: setting that clock later moves no time
+/// that this shows. Stamps that are taken by the system's clock, as those of cameras over a network, do jump then; what went back is
+/// passed over, and told.
 ///
 /// A running camera's flight begins at 0; a replay's at the first stamp of its recording.
 #[derive(Debug, Clone, Copy)]

@@ -107,6 +107,8 @@ pub struct Flown {
     pub unheard: Vec<u64>,
     /// Instants that were joined without a camera that was late.
     pub not_waited: u64,
+    /// What ended the recording before the flight, where something did.
+    pub recording_fault: Option<String>,
 }
 
 /// Flies until all recordings have ended, `stop` is set or the time is over.
@@ -163,6 +165,7 @@ pub fn fly(setup: Setup<'_>) -> Result<Flown, LiveError> {
         moved: 0,
         received_ns: 0,
         latest_ns: i64::MIN,
+        first_ns: None,
         told_ns: i64::MIN,
         spent: Vec::with_capacity(cameras + 1),
         told: 0,
@@ -194,6 +197,8 @@ struct Flight<'a> {
     received_ns: i64,
     /// The latest frame's own time.
     latest_ns: i64,
+    /// When the first frame was in hand.
+    first_ns: Option<i64>,
     told_ns: i64,
     /// Lists of sights to be given back, by camera.
     spent: Vec<(usize, Vec<Sight>)>,
@@ -242,7 +247,10 @@ impl Flight<'_> {
     fn take(&mut self, report: Report, scratch: &mut Vec<i64>) {
         match report {
             Report::Seen(seen) => self.take_seen(seen, scratch),
-            Report::Opened { camera } => self.seats[camera].states.opened(),
+            Report::Opened { camera } => {
+                self.seats[camera].states.opened();
+                self.seats[camera].opened_ns = Some(self.now_ns());
+            }
             Report::Gone { camera, reason } => {
                 self.seats[camera].states.gone(reason);
                 self.leave(camera);
@@ -251,6 +259,7 @@ impl Flight<'_> {
                 let name = &self.rig.cameras[camera].name;
                 self.note(true, format!("{name}: {text}."));
             }
+            Report::WentBack { camera, stamp_ns } => self.tell_back(camera, stamp_ns),
             Report::Ended { camera } => {
                 self.seats[camera].ended = true;
                 self.leave(camera);
@@ -275,15 +284,28 @@ impl Flight<'_> {
         }
         self.latest_ns = self.latest_ns.max(t_ns);
         self.received_ns = received_ns;
+        self.first_ns.get_or_insert(received_ns);
         self.tell_outlived(t_ns);
         let had_begun = self.chain.has_begun();
         self.chain.push(camera, stamp_ns, &sights);
         if !had_begun && self.chain.has_begun() {
-            for (k, seat) in self.seats.iter_mut().enumerate() {
-                self.chain.interval_s(k).into_iter().for_each(|s| seat.states.set_interval_s(s));
-            }
+            self.set_intervals();
         }
         self.spent.push((camera, sights));
+    }
+
+    /// The chain begins with what it has, if it has not.
+    fn begin(&mut self) {
+        if !self.chain.has_begun() {
+            self.chain.begin();
+            self.set_intervals();
+        }
+    }
+
+    fn set_intervals(&mut self) {
+        for (k, seat) in self.seats.iter_mut().enumerate() {
+            self.chain.interval_s(k).into_iter().for_each(|s| seat.states.set_interval_s(s));
+        }
     }
 
     /// Ends the cameras, and tells what still waited.
@@ -313,6 +335,7 @@ impl Flight<'_> {
         }
         if let Some(recorder) = self.recorder.current() {
             recorder.finish();
+            self.flown.recording_fault = recorder.fault();
             self.listeners.event(recorder.event());
         }
         self.flown.unheard = self.listeners.dropped();

@@ -99,6 +99,11 @@ impl<T> Queue<T> {
         self.changed.notify_all();
     }
 
+    /// Whether it takes nothing more.
+    pub fn is_closed(&self) -> bool {
+        self.lock().closed
+    }
+
     /// How many were dropped so far.
     pub fn dropped(&self) -> u64 {
         self.lock().dropped
@@ -115,8 +120,9 @@ mod tests {
         let queue = Queue::new(3);
         let back: Vec<i32> = (0..7).filter_map(|k| queue.push(k)).collect();
         assert_eq!((back, queue.dropped()), (vec![0, 1, 2, 3], 4));
+        assert!(!queue.is_closed());
         queue.close();
-        assert_eq!(queue.push(9), Some(9));
+        assert!(queue.is_closed() && queue.push(9) == Some(9));
         let rest: Vec<_> = (0..4).map(|_| queue.pop(Duration::ZERO)).collect();
         assert_eq!(rest, [Popped::Item(4), Popped::Item(5), Popped::Item(6), Popped::Closed]);
         assert_eq!(Queue::<u8>::new(0).pop(Duration::ZERO), Popped::Nothing);

@@ -152,6 +152,7 @@ impl Recorder {
         }
         copy_in(&folder, Some(&mut session.vehicle)).map_err(refuse)?;
         copy_in(&folder, session.model.as_mut()).map_err(refuse)?;
+        copy_in(&folder, session.rig.as_mut().map(|r| &mut r.file)).map_err(refuse)?;
         if let Some(control) = &mut session.control {
             copy_in(&folder, Some(&mut control.points)).map_err(refuse)?;
             copy_in(&folder, control.observations.as_mut()).map_err(refuse)?;
@@ -169,7 +170,7 @@ impl Recorder {
         }
         let names = session.camera.iter().map(|c| c.name.clone()).collect();
         let log = |name: &str| File::create(folder.join(name)).map_err(io);
-        let writer = Writer { videos, names, inputs, detected: log(DETECTED)?, sent: log(SENT)? };
+        let writer = Writer { videos, names, inputs, detected: log(DETECTED)?, sent: log(SENT)?, lines: 0 };
         write_session(&folder.join("session.toml"), &session)?;
         let (queue, status) = (Arc::new(Queue::new(WAITING)), Arc::new(Status::default()));
         let (own, said) = (Arc::clone(&queue), Arc::clone(&status));
@@ -195,11 +196,16 @@ impl Recorder {
         }
         if self.waits {
             self.queue.push_waiting(item);
-        } else if let Some(Item::Frame { stamp_ns, .. }) = self.queue.push(item) {
-            self.status.fail(format!(
-                "the disk is too slow: the frame at {:.3} s is missing, so that the recording ends there",
-                stamp_ns as f64 * 1e-9
-            ));
+        } else if let Some(lost) = self.queue.push(item)
+            && !self.queue.is_closed()
+        {
+            let what = match lost {
+                Item::Frame { stamp_ns, .. } => format!("the frame at {:.3} s", stamp_ns as f64 * 1e-9),
+                Item::Input(sample) => format!("the input at {:.3} s", sample.t_s),
+                Item::Sent(_) => "an event that was sent".to_owned(),
+            };
+            self.status
+                .fail(format!("the disk is too slow: {what} is missing, so that the recording ends there"));
         }
     }
 
@@ -282,6 +288,8 @@ struct Writer {
     inputs: Option<File>,
     detected: File,
     sent: File,
+    /// Bytes of all lines.
+    lines: u64,
 }
 
 impl Writer {
@@ -302,7 +310,6 @@ impl Writer {
     }
 
     fn write(&mut self, item: Item, status: &Status) -> Result<(), String> {
-        let mut lines = 0;
         match item {
             Item::Frame { camera, stamp_ns, frame, sights } => {
                 let Some(video) = self.videos.get_mut(camera) else { return Ok(()) };
@@ -318,25 +325,23 @@ impl Writer {
                 let seen = sights.iter().map(ball).collect();
                 let line = Detected { camera: &self.names[camera], t_ns: stamp_ns, seen };
                 let line = serde_json::to_string(&line).map_err(|e| e.to_string())?;
-                lines += append(&mut self.detected, &line)?;
+                self.lines += append(&mut self.detected, &line)?;
                 let first_ns = *locked(&status.first_ns).get_or_insert(stamp_ns);
                 let mut seconds = locked(&status.seconds);
                 *seconds = seconds.max((stamp_ns - first_ns) as f64 * 1e-9);
             }
-            Item::Sent(line) => lines += append(&mut self.sent, &line)?,
+            Item::Sent(line) => self.lines += append(&mut self.sent, &line)?,
             Item::Input(s) => {
                 let Some(file) = &mut self.inputs else { return Ok(()) };
                 let line = format!(
                     "{},{},{},{},{}",
                     s.t_s, s.omega_u_rad_s, s.omega_l_rad_s, s.delta_lon_rad, s.delta_lat_rad
                 );
-                lines += append(file, &line)?;
+                self.lines += append(file, &line)?;
             }
         }
         let videos: u64 = self.videos.iter().map(Y4mWriter::bytes).sum();
-        // Lines are counted beside, frames by their files.
-        let before = status.bytes.load(Ordering::Relaxed);
-        status.bytes.store(before.max(videos) + lines, Ordering::Relaxed);
+        status.bytes.store(videos + self.lines, Ordering::Relaxed);
         Ok(())
     }
 }

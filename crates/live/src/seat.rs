@@ -20,7 +20,11 @@ pub(crate) struct Seat {
     pub(crate) markers: Vec<u64>,
     pub(crate) instants: u64,
     pub(crate) latency: Latencies,
+    /// When its source was last opened, and made to end.
+    pub(crate) opened_ns: Option<i64>,
     pub(crate) interrupted_ns: i64,
+    /// When it was last told that its stamps went back.
+    pub(crate) went_back_ns: Option<i64>,
     /// Its latest frame's own time.
     pub(crate) latest_ns: i64,
 }
@@ -38,7 +42,9 @@ impl Seat {
             markers: vec![0; markers],
             instants: 0,
             latency: Latencies::default(),
-            interrupted_ns: 0,
+            opened_ns: None,
+            interrupted_ns: i64::MIN,
+            went_back_ns: None,
             latest_ns: i64::MIN,
         }
     }

@@ -17,7 +17,9 @@ pub enum Next {
     Frame(i64, Arc<Frame>),
     /// Something went wrong and it goes on.
     Fault(String),
-    /// It has ended, and why.
+    /// All of it has been shown.
+    Over,
+    /// It has ended before that, and why.
     End(String),
 }
 
@@ -137,7 +139,6 @@ where
     E: std::fmt::Display,
 {
     fn next(&mut self) -> Next {
-        let ended = || Next::End("the recording has ended".to_owned());
         if let Some((last_ns, step_ns)) = self.last_ns {
             self.wait_until(last_ns + (IDLE * step_ns as f64) as i64);
         }
@@ -149,7 +150,7 @@ where
                 Next::Frame(t_ns, frame)
             }
             Some(Err(error)) => Next::Fault(error.to_string()),
-            None => ended(),
+            None => Next::Over,
         }
     }
 }

@@ -17,11 +17,20 @@ pub struct TrackingState {
     found_ns: i64,
     resets: u8,
     has_measured: bool,
+    /// Whether the next pose does not follow from the last, by what was left out or came back.
+    is_cut: bool,
 }
 
 impl Default for TrackingState {
     fn default() -> Self {
-        Self { state: Tracking::Acquiring, missed: 0, found_ns: 0, resets: 0, has_measured: false }
+        Self {
+            state: Tracking::Acquiring,
+            missed: 0,
+            found_ns: 0,
+            resets: 0,
+            has_measured: false,
+            is_cut: false,
+        }
     }
 }
 
@@ -36,12 +45,14 @@ impl TrackingState {
             return self.state;
         }
         self.missed = 0;
+        if std::mem::take(&mut self.is_cut) || self.state == Tracking::Lost {
+            self.resets = self.resets.wrapping_add(1);
+        }
         match self.state {
             Tracking::Acquiring => self.state = Tracking::Tracking,
             Tracking::Lost => {
                 self.state = Tracking::Reacquired;
                 self.found_ns = t_ns;
-                self.resets = self.resets.wrapping_add(1);
             }
             Tracking::Reacquired if t_ns - self.found_ns >= FOUND_NS => self.state = Tracking::Tracking,
             _ => {}
@@ -52,9 +63,7 @@ impl TrackingState {
 
     /// A camera is left out, or back: the next pose does not follow from the one before.
     pub fn cut(&mut self) {
-        if self.has_measured {
-            self.resets = self.resets.wrapping_add(1);
-        }
+        self.is_cut |= self.has_measured;
     }
 
     /// Counts the poses that do not follow from those before.
@@ -163,7 +172,9 @@ impl CameraStates {
     pub fn reason(&self, state: CameraState) -> Option<String> {
         let words = match state {
             CameraState::Running => return None,
-            CameraState::Starting => "no frame has come yet: look at its connection and exposure".to_owned(),
+            CameraState::Starting => {
+                "it waits for its first frame; if none comes, look at its connection and exposure".to_owned()
+            }
             CameraState::Stalled => format!(
                 "no frame for {:.0} ms and more: look at its cable and the load of this computer",
                 2e-6 * self.interval_ns as f64
@@ -211,10 +222,16 @@ mod tests {
         assert_eq!(saw(false, 2), (Tracking::Lost, 0));
         assert_eq!(saw(true, 59), (Tracking::Reacquired, 1));
         assert_eq!(saw(true, 3), (Tracking::Tracking, 1));
+        // Whatever was left out and came back at once, one pose does not follow.
         tracking.cut();
+        tracking.cut();
+        assert_eq!(tracking.resets(), 1);
+        tracking.saw(t + STEP, true);
+        tracking.saw(t + 2 * STEP, true);
         assert_eq!(tracking.resets(), 2);
         let mut early = TrackingState::default();
         early.cut();
+        early.saw(0, true);
         assert_eq!(early.resets(), 0);
     }
 

@@ -24,6 +24,7 @@ use crate::cli::{Cli, Command, Plan, WrongCall};
 use anyhow::Result;
 use mavsight_session::SessionError;
 pub(crate) use run::Flight;
+use std::path::Path;
 
 /// Carries out a command.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -43,6 +44,15 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Plan(Plan::Manoeuvre(args)) => manoeuvre::manoeuvre(args),
         Command::Campaign(args) => campaign::campaign(args),
     }
+}
+
+/// Refuses a folder for results that is a file, before anything is worked out for it.
+pub(crate) fn require_folder(out: &Path) -> Result<()> {
+    if out.exists() && !out.is_dir() {
+        let message = format!("{}: is a file: name a folder for the results", out.display());
+        return Err(WrongCall(message).into());
+    }
+    Ok(())
 }
 
 /// A file that the caller named and that is not what it should be: the call was wrong.

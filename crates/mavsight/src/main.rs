@@ -5,6 +5,7 @@ mod commands;
 mod figures;
 mod fits;
 mod motion_fits;
+mod out;
 mod page;
 mod progress;
 mod summary;
@@ -23,8 +24,22 @@ fn main() -> ExitCode {
     match commands::run(&cli::Cli::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("mavsight: {error:#}");
+            eprintln!("mavsight: {}", words(&error));
             ExitCode::from(if error.is::<cli::WrongCall>() { 2 } else { 1 })
         }
     }
+}
+
+/// An error with what caused it, as far as it does not say that itself.
+fn words(error: &anyhow::Error) -> String {
+    let mut all = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if all.is_empty() {
+            all = cause;
+        } else if !all.contains(&cause) {
+            all += ": ";
+            all += &cause;
+        }
+    }
+    all
 }

@@ -2,7 +2,7 @@
 
 use mavsight_pose::{Rig, control_volume, euler_std, volume_precision};
 use mavsight_score::Scores;
-use mavsight_session::{RESULTS_SCHEMA, RunResults};
+use mavsight_session::{RESULTS_SCHEMA, RunResults, has_assumed_std};
 use serde_json::{Map, Value, json};
 
 mod body;
@@ -206,18 +206,18 @@ impl Summary {
         let mean = |f: &dyn Fn(&mavsight_pose::PoseEstimate) -> f64| {
             measured.iter().map(|e| f(e)).sum::<f64>() / n as f64
         };
-        let position = mean(&|e| e.covariance().fixed_view::<3, 3>(0, 0).trace()).sqrt();
-        let attitude = mean(&|e| e.covariance().fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt();
-        self.number("poses", "position_std_mm", "predicted position error (3-D)", 1e3 * position, "mm");
-        self.number(
-            "poses",
-            "attitude_std_deg",
-            "predicted attitude error (an axis)",
-            attitude.to_degrees(),
-            "°",
-        );
-        let residual = (mean(&|e| e.residual_px * e.residual_px)).sqrt();
-        self.number("poses", "residual_rms_px", "reprojection residual, RMS", residual, "px");
+        if !measured.iter().any(|e| has_assumed_std(e)) {
+            let position = mean(&|e| e.covariance().fixed_view::<3, 3>(0, 0).trace()).sqrt();
+            let attitude = mean(&|e| e.covariance().fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt();
+            self.number("poses", "position_std_mm", "predicted position error (3-D)", 1e3 * position, "mm");
+            let (label, deg) = ("predicted attitude error (an axis)", attitude.to_degrees());
+            self.number("poses", "attitude_std_deg", label, deg, "°");
+        }
+        // Poses of another system have no images.
+        if measured.iter().any(|e| !e.markers_used.is_empty()) {
+            let residual = (mean(&|e| e.residual_px * e.residual_px)).sqrt();
+            self.number("poses", "residual_rms_px", "reprojection residual, RMS", residual, "px");
+        }
         if let Some(missing) = results.poses.iter().find(|p| p.estimate.is_none()) {
             let reason = missing.reason.clone().unwrap_or_else(|| "no reason given".to_owned());
             self.notes.push(format!(

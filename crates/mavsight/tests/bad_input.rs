@@ -112,12 +112,21 @@ fn a_camera_without_frames() {
 }
 
 #[test]
-fn two_markers_of_one_color() {
+fn two_markers_of_one_name() {
+    let session = Session::new();
+    session.replace("vehicle.toml", "name = \"green\"", "name = \"red\"");
+    session.is_refused(&["markers 1 and 2", "red", "its own name"]);
+}
+
+#[test]
+fn markers_on_one_line() {
     let session = Session::new();
     let vehicle = std::fs::read_to_string(session.path("vehicle.toml")).expect("the file is there");
-    let colors: Vec<&str> = vehicle.lines().filter(|line| line.starts_with("color")).collect();
-    session.replace("vehicle.toml", colors[1], colors[0]);
-    session.is_refused(&["red", "green", "color"]);
+    let places = vehicle.lines().filter(|line| line.starts_with("position_m"));
+    for (k, place) in places.enumerate() {
+        session.replace("vehicle.toml", place, &format!("position_m = [{k}.0, 0.5, 0.0]"));
+    }
+    session.is_refused(&["on one line", "position_m"]);
 }
 
 #[test]

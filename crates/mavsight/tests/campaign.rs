@@ -146,6 +146,8 @@ fn campaigns_that_make_no_sense_are_wrong_calls() {
         ("type = \"camcorder\", centre_m = [4.5", "type = \"phone\", centre_m = [4.5", "phone"),
         ("doublet.toml", "none.toml", "none.toml"),
         ("name = \"fine\"", "nam = \"fine\"", "nam"),
+        ("name = \"fine\"", "name = \"fine, by day\"", "commas"),
+        ("[[noise]]", "[[noise]]\nname = \"fine\"\n\n[[noise]]", "twice"),
     ] {
         std::fs::write(&file, CAMPAIGN.replace(from, to)).expect("written");
         let ran = mavsight().arg("campaign").arg(&file).arg("--out").arg(folder.path()).output();

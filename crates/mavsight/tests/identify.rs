@@ -149,6 +149,14 @@ fn a_motion_table_is_taken_as_it_is() {
     let (poses, motion) = (text(&mut run(&table)), text(&mut run(&out.join("motion.csv"))));
     assert_eq!(poses.len(), 7);
     assert_eq!(poses, motion);
+    // Into the folder where the table lies, whose summary says how it was smoothed.
+    let summary = out.join("summary.json");
+    let another = std::fs::read_to_string(&summary)
+        .expect("a summary")
+        .replace("\"session\": \"", "\"session\": \"of ");
+    std::fs::write(&summary, &another).expect("written");
+    run(&out.join("motion.csv")).arg("--out").arg(&out).assert().success();
+    assert_eq!(text(&mut run(&out.join("motion.csv"))), motion);
 }
 
 #[test]

@@ -28,11 +28,11 @@ struct Flight {
 }
 
 impl Flight {
-    fn start() -> Self {
-        let folder = TempDir::new().unwrap();
+    /// Begins a flight of some kind in a folder, in which it is for five minutes at most.
+    fn start(folder: TempDir, kind: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_mavsight"))
-            .args(["live", "--virtual", "--serve", "127.0.0.1:0", "--for", "300"])
-            .args(["--size", "400x300", "--rate", "15"])
+            .args(["live", "--serve", "127.0.0.1:0", "--for", "300"])
+            .args(kind)
             .current_dir(folder.path())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
@@ -97,7 +97,8 @@ fn ask(socket: &mut WebSocket<TcpStream>, command: &str) {
 
 #[test]
 fn a_flight_is_seen_and_recorded_from_its_page() {
-    let flight = Flight::start();
+    let virtual_room = ["--virtual", "--size", "400x300", "--rate", "15"];
+    let flight = Flight::start(TempDir::new().unwrap(), &virtual_room);
     poses_come_and_a_recording_begins_and_ends(&flight);
     match Chromium::start() {
         Some(browser) => a_browser_sees_the_aircraft_move(&flight, browser),
@@ -144,6 +145,58 @@ fn poses_come_and_a_recording_begins_and_ends(flight: &Flight) {
         .success();
     let out = String::from_utf8_lossy(&run.get_output().stdout);
     assert!(out.lines().filter(|l| l.contains(r#""valid":true"#)).count() >= 2, "{out}");
+}
+
+/// Cameras that show the control points for half a minute, with noise of its own in every other frame: copies show nothing new.
+fn before_the_control_points() -> TempDir {
+    const FRAMES: usize = 900;
+    let folder = TempDir::new().unwrap();
+    let here = folder.path();
+    let run = |args: &str| {
+        let mut program = assert_cmd::Command::new(env!("CARGO_BIN_EXE_mavsight"));
+        program.args(args.split(' ')).current_dir(here).assert().success();
+    };
+    std::fs::write(here.join("short.toml"), scenario_of(0.1)).unwrap();
+    run("simulate --scenario short.toml --out flight");
+    run("film flight --out flight");
+    run("film flight --out other --seed 2");
+    run("calibrate flight/session.toml --out calibrated");
+    for camera in ["cam1", "cam2"] {
+        for k in 0..FRAMES {
+            let film = if k % 2 == 0 { "flight" } else { "other" };
+            let still = here.join(format!("{film}/{camera}-control.png"));
+            let frame = here.join(format!("flight/{camera}/frame_{k:05}.png"));
+            let _ = std::fs::remove_file(&frame);
+            std::fs::hard_link(&still, frame).unwrap();
+        }
+    }
+    folder
+}
+
+/// The usual scenario, of so many seconds.
+fn scenario_of(duration_s: f64) -> String {
+    let mut program = assert_cmd::Command::new(env!("CARGO_BIN_EXE_mavsight"));
+    let usual = program.args(["simulate", "--print-scenario"]).assert().success();
+    let usual = String::from_utf8_lossy(&usual.get_output().stdout).into_owned();
+    let line = usual.lines().find(|l| l.starts_with("duration_s = ")).unwrap();
+    usual.replace(line, &format!("duration_s = {duration_s:?}"))
+}
+
+#[test]
+fn cameras_that_see_the_control_points_are_calibrated_from_the_page() {
+    let flight = Flight::start(before_the_control_points(), &["flight/session.toml", "--replay"]);
+    let mut socket = flight.open();
+    until(&mut socket, |_, pictures| pictures.len() == 2);
+    ask(&mut socket, "calibrate");
+    let note = until(&mut socket, |e, _| e["event"] == "note");
+    assert!(note["fault"] == false && note["text"].as_str().unwrap().contains("rig-1.toml"), "{note}");
+    let rig = |path: &str| mavsight_session::read_rig(&flight.folder.path().join(path)).unwrap();
+    let (found, wanted) = (rig("rig-1.toml"), rig("calibrated/rig.toml"));
+    assert_eq!(found.cameras.len(), 2);
+    for (a, b) in found.cameras.iter().zip(&wanted.cameras) {
+        let away = a.camera.centre_in_world() - b.camera.centre_in_world();
+        assert!(away.component_div(&b.centre_std_m).amax() < 5.0, "{}: {away}", a.name);
+    }
 }
 
 fn a_browser_sees_the_aircraft_move(flight: &Flight, mut browser: Chromium) {

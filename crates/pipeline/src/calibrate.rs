@@ -115,6 +115,9 @@ fn seen_in_still(
         let chosen = candidates.iter().map(best).collect();
         return Ok(Seen { candidates, selection: Selection { chosen, ..Selection::default() } });
     }
+    if table.len() < 6 {
+        return Err(PipelineError::ControlTable { found: table.len() });
+    }
     if found < 6 {
         let missing: Vec<&str> = table
             .iter()

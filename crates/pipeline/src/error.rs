@@ -50,6 +50,14 @@ pub enum PipelineError {
         /// Camera name.
         camera: String,
     },
+    /// A control table that is too short.
+    #[error(
+        "the control table has {found} points, but a calibration needs at least 6 that do not lie in one plane: survey more"
+    )]
+    ControlTable {
+        /// Points in the table.
+        found: usize,
+    },
     /// A control ball that no colour matched.
     #[error(
         "{camera}: only {found} of {wanted} control balls were found in the still (missing: {missing}): at least 6 are needed; check the colours in the control table, or click the balls and give `observations`"

@@ -2,6 +2,7 @@
 
 use crate::{PipelineError, Progress, Stage, Tracked};
 use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_identify::output_error::telling_stretch_s;
 use mavsight_identify::{
     Clocks, CoefficientTable, ErrorRows, FitOptions, Identification, IdentifyError, Options,
     choose_structure, coefficients, delayed, estimate_lag, identify_with,
@@ -9,6 +10,7 @@ use mavsight_identify::{
 use mavsight_pose::{
     Motion, PoseError, PoseEstimate, PoseEstimator, PoseSample, smooth, smooth_with_effects,
 };
+use nalgebra::Matrix6xX;
 use std::cell::RefCell;
 
 /// What a user may choose of identification.
@@ -110,19 +112,36 @@ pub fn motion_of(
     vehicle: &Vehicle,
     progress: &dyn Progress,
 ) -> Result<Motion, PipelineError> {
-    let Some(estimator) = &tracked.estimator else {
+    if tracked.estimator.is_none() {
         return motion_from_poses(&tracked.poses, vehicle, progress);
-    };
+    }
     progress.begin(Stage::Smooth, None);
+    let effects = lasting_effects(tracked);
+    smooth_with_effects(&tracked.poses, &effects, vehicle.environment.gravity_m_s2)
+        .map_err(|source| PipelineError::Pose { place: "smoothing".into(), source })
+}
+
+/// What errors that stay do to the poses, by the pose's number, formed from the sights when it is asked for.
+fn lasting_effects(tracked: &Tracked) -> impl Fn(usize) -> Option<Matrix6xX<f64>> {
     let seen = RefCell::new(Vec::new());
-    let effects = |k: usize| {
+    move |k| {
         let pose = &tracked.poses[k];
         let mut seen = seen.borrow_mut();
         tracked.observations.at(pose.t_ns, &mut seen);
-        estimator.lasting_effects(&seen, pose.estimate.as_ref()?)
+        tracked.estimator.as_ref()?.lasting_effects(&seen, pose.estimate.as_ref()?)
+    }
+}
+
+/// How the errors of poses stay from one to the next, for output error: of those from which it is fitted, a minute at most
+/// ([`telling_stretch_s`]), their numbers and systematic columns.
+pub fn lasting_to_fit(tracked: &Tracked) -> Vec<(usize, Matrix6xX<f32>)> {
+    let effects = lasting_effects(tracked);
+    let stretch_s = telling_stretch_s(&tracked.poses);
+    let is_needed = |p: &PoseSample| {
+        stretch_s.is_none_or(|(from_s, to_s)| (from_s..=to_s).contains(&(p.t_ns as f64 * 1e-9)))
     };
-    smooth_with_effects(&tracked.poses, &effects, vehicle.environment.gravity_m_s2)
-        .map_err(|source| PipelineError::Pose { place: "smoothing".into(), source })
+    let needed = tracked.poses.iter().enumerate().filter(|(_, p)| is_needed(p));
+    needed.filter_map(|(k, _)| Some((k, effects(k)?.map(|v| v as f32)))).collect()
 }
 
 /// Sets the inputs' clock right, forms the coefficients and fits the model.
@@ -140,6 +159,10 @@ pub fn identify_motion(
 ) -> Result<Solution, PipelineError> {
     progress.begin(Stage::Identify, None);
     let clocks = match options.lag_s {
+        Some(lag_s) if lag_s.abs() > inputs.end_s() - inputs.start_s() => {
+            let must = "be shorter than the inputs' record, or nothing of it is left";
+            return Err(IdentifyError::BadSetting { what: "the lag", value: lag_s, must }.into());
+        }
         Some(lag_s) => Clocks::Known(lag_s),
         None => estimate_lag(motion, inputs, vehicle, &options.table, options.table.margin_s)?,
     };

@@ -138,12 +138,7 @@ impl<'a> FlightPlanner<'a> {
             };
             let covariance = estimate.own_covariance();
             let t_ns = mavsight_session::ns_from_s(s.t_s);
-            measured.push(StateMeasurement {
-                t_ns,
-                pose: Some((pose, covariance)),
-                velocity: None,
-                rates: None,
-            });
+            measured.push(StateMeasurement::of_pose(t_ns, pose, covariance));
             pose_covariance.push(covariance);
             systematic.push(estimate.systematic());
         }

@@ -93,18 +93,19 @@ impl Planner {
         let best = ranked.first().map(|r| r.prediction.clone());
         ranked.retain(|r| r.prediction.is_feasible());
         ranked.truncate(options.best.max(1));
-        match (ranked.is_empty(), best) {
-            (true, Some(p)) => {
-                let limit = p.refused.clone().or(p.limit.map(|l| l.text().to_owned()));
-                Err(PlanError::NothingSeen {
-                    tried,
-                    cameras: kinds.len(),
-                    seen_percent: 100.0 * p.share_seen,
-                    limit: limit.unwrap_or_default(),
-                })
-            }
-            _ => Ok(ranked),
+        if !ranked.is_empty() {
+            return Ok(ranked);
         }
+        let limit = best.as_ref().map_or_else(
+            || Some("there are fewer places to stand than cameras".to_owned()),
+            |p| p.refused.clone().or(p.limit.map(|l| l.text().to_owned())),
+        );
+        Err(PlanError::NothingSeen {
+            tried,
+            cameras: kinds.len(),
+            seen_percent: best.map_or(0.0, |p| 100.0 * p.share_seen),
+            limit: limit.unwrap_or_default(),
+        })
     }
 }
 

@@ -87,7 +87,7 @@ fn estimates_scatter_as_predicted_and_one_step_is_the_whole_fit() {
     let poses = noisy(&plan, &mut seed);
     let samples = plan.states.iter().zip(&poses).zip(&plan.pose_covariance).map(|((s, pose), covariance)| {
         let t_ns = mavsight_session::ns_from_s(s.t_s);
-        StateMeasurement { t_ns, pose: Some((*pose, *covariance)), velocity: None, rates: None }
+        StateMeasurement::of_pose(t_ns, *pose, *covariance)
     });
     let model = true_model(flights.vehicle(), &plan.inputs).expect("a model");
     let measured = Measurements::States(samples.collect());

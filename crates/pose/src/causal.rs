@@ -13,6 +13,9 @@ pub struct CausalFilter {
     noise: MotionNoise,
     gravity_m_s2: f64,
     t_ns: i64,
+    /// Time of the last pose.
+    seen_ns: i64,
+    longest_gap_s: f64,
     index: usize,
     state: Option<(Joint, Update)>,
 }
@@ -31,19 +34,34 @@ impl CausalFilter {
         if !sound || !gravity_m_s2.is_finite() {
             return Err(PoseError::BadPose { index: 0, what: "the noise or gravity" });
         }
-        Ok(Self { noise, gravity_m_s2, t_ns: i64::MIN, index: 0, state: None })
+        let longest_gap_s = noise.longest_gap_s();
+        Ok(Self {
+            noise,
+            gravity_m_s2,
+            t_ns: i64::MIN,
+            seen_ns: i64::MIN,
+            longest_gap_s,
+            index: 0,
+            state: None,
+        })
     }
 
-    /// Takes one instant in, measured or not: the motion then, or nothing before the first pose.
+    /// Takes one instant in, measured or not: the motion then, or nothing before the first pose and where the last is so long ago that
+    /// the motion is not known ([`MotionNoise::longest_gap_s`], half of it; beyond the whole of it the filter begins anew).
     ///
     /// # Errors
-    /// [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`]. The filter stays as it was.
+    /// [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`]. The filter stays as it was, but for a covariance of its own that is
+    /// none any more: then it begins anew with the next pose.
     pub fn push(&mut self, sample: &PoseSample) -> Result<Option<MotionSample>, PoseError> {
         if sample.t_ns <= self.t_ns {
             let t_s = sample.t_ns as f64 * 1e-9;
             return Err(PoseError::TimeNotIncreasing { index: self.index, t_s });
         }
         check_pose(self.index, sample)?;
+        let unseen_s = sample.t_ns.saturating_sub(self.seen_ns) as f64 * 1e-9;
+        if unseen_s > self.longest_gap_s {
+            self.state = None;
+        }
         let unsound = PoseError::BadPose { index: self.index, what: "the filter's covariance" };
         match (&mut self.state, &sample.estimate) {
             (None, None) => {}
@@ -54,14 +72,22 @@ impl CausalFilter {
             }
             (Some((joint, update)), seen) => {
                 joint.predict((sample.t_ns - self.t_ns) as f64 * 1e-9, &self.noise);
-                if let Some(seen) = seen {
-                    joint.update(seen, &self.noise, update).ok_or(unsound)?;
+                if let Some(seen) = seen
+                    && joint.update(seen, &self.noise, update).is_none()
+                {
+                    self.state = None;
+                    return Err(unsound);
                 }
             }
         }
         self.t_ns = sample.t_ns;
         self.index += 1;
-        Ok(self.state.as_ref().map(|(joint, _)| joint.sample(sample.t_ns, self.gravity_m_s2)))
+        let is_seen = sample.estimate.is_some();
+        if is_seen {
+            self.seen_ns = sample.t_ns;
+        }
+        let known = self.state.as_ref().filter(|_| is_seen || unseen_s <= 0.5 * self.longest_gap_s);
+        Ok(known.map(|(joint, _)| joint.sample(sample.t_ns, self.gravity_m_s2)))
     }
 }
 
@@ -160,5 +186,33 @@ mod tests {
         unsound.rotation.intensity = -1.0;
         assert!(CausalFilter::new(unsound, GRAVITY).is_err());
         assert!(CausalFilter::new(noise(), f64::NAN).is_err());
+    }
+
+    /// It went on along the last acceleration, and took the first pose afterwards for some turns more.
+    #[test]
+    fn behind_a_long_gap_it_begins_anew() {
+        let mut filter = CausalFilter::new(noise(), GRAVITY).unwrap();
+        let gap = 300..1200;
+        let mut last = None;
+        for (k, mut sample) in flight(1500).into_iter().enumerate() {
+            if gap.contains(&k) {
+                sample.estimate = None;
+            }
+            let motion = filter.push(&sample).unwrap();
+            let unseen_s = (k as f64 - 299.0) / 30.0;
+            if gap.contains(&k) && unseen_s > 0.6 * noise().longest_gap_s() {
+                assert!(motion.is_none(), "frame {k}");
+            }
+            last = motion;
+        }
+        let (motion, t) = (last.unwrap(), 1499.0 / 30.0);
+        let before =
+            UnitQuaternion::from_scaled_axis(Vector3::new(0.2 * (t - 1e-4_f64).sin(), 0.1, 0.4 * (t - 1e-4)));
+        let after =
+            UnitQuaternion::from_scaled_axis(Vector3::new(0.2 * (t + 1e-4_f64).sin(), 0.1, 0.4 * (t + 1e-4)));
+        let rates = (before.inverse() * after).scaled_axis() / 2e-4;
+        let std = motion.covariance.quantity(3).diagonal().map(f64::sqrt);
+        let away = (motion.rates_rad_s - rates).component_div(&std);
+        assert!(away.amax() < 4.0, "{} for {rates}: {away}", motion.rates_rad_s);
     }
 }

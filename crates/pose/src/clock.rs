@@ -226,7 +226,9 @@ impl fmt::Display for ClockEstimate {
                     f,
                     "taken as given: the flight is too slow to tell its offset (balls move at {speed_px_s:.1} px/s; "
                 )?;
-                if needed_px_s.is_finite() {
+                if needed_px_s <= speed_px_s {
+                    write!(f, "what else is not known hides it: fly for longer, or give time_offset_s)")
+                } else if needed_px_s.is_finite() {
                     write!(
                         f,
                         "{needed_px_s:.0} px/s would do: fly or carry the aircraft about at {needed_m_s:.2} m/s, or give time_offset_s)"

@@ -280,7 +280,9 @@ impl PoseEstimator {
         let claimed = all.as_ref().map_or(1.0, |s| self.claimed_excess(sights, used, s));
         let factor = without.variance_factor().max(claimed);
         let beyond_claim = drop > chi_square_gate(own) * claimed;
-        let beyond_rest = factor <= 1.0
+        // Where all together have no solution, any drop is enough.
+        let beyond_rest = all.is_err()
+            || factor <= 1.0
             || without.redundancy < 3
             || beyond_f_gate(drop / own as f64 / factor, own, without.redundancy);
         (beyond_claim && beyond_rest).then_some((marker, without))

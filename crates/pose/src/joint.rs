@@ -22,6 +22,18 @@ pub struct MotionNoise {
     pub rotation: ChainNoise,
 }
 
+/// Standard deviation of an attitude, foreseen over a gap, up to which its error is a small turn: half a radian, where a turn's
+/// sine is 4 % short of it. Beyond, an attitude may be a turn off, and with it the rate.
+const MOST_TURN_RAD: f64 = 0.5;
+
+impl MotionNoise {
+    /// Longest time between two poses over which the motion is told: white jerk of the attitude's intensity q makes it uncertain by
+    /// √(q t⁵/20) (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.3), which stays below half a radian up to there.
+    pub fn longest_gap_s(&self) -> f64 {
+        (20.0 * MOST_TURN_RAD * MOST_TURN_RAD / self.rotation.intensity).powf(0.2)
+    }
+}
+
 /// Standard deviations of what is unknown before the first pose, an order of magnitude beyond anything that flies in a
 /// room: 10 m/s, 100 m/s²; 30 rad/s, 1000 rad/s².
 pub(crate) const PRIOR_TRANSLATION: (f64, f64) = (10.0, 100.0);

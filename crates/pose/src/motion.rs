@@ -106,7 +106,7 @@ impl MotionCovariance {
 /// A smoothed flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Motion {
-    /// One per pose sample, measured or not.
+    /// One per pose sample, measured or not, but for instants at which the motion is not known.
     pub samples: Vec<MotionSample>,
     /// Frequency at which the smoother passes one half of a position: H = 1/(1 + (f/fc)⁶).
     pub translation_bandwidth_hz: f64,
@@ -114,6 +114,15 @@ pub struct Motion {
     pub rotation_bandwidth_hz: f64,
     /// Median interval of the samples.
     pub sample_interval_s: f64,
+}
+
+impl Motion {
+    /// Longest time from one sample to the next over which the motion can still be read: two usual ones and half a period of the
+    /// smoother.
+    pub fn longest_step_s(&self) -> f64 {
+        let hz = self.translation_bandwidth_hz.min(self.rotation_bandwidth_hz);
+        (2.5 * self.sample_interval_s).max(0.5 / hz)
+    }
 }
 
 /// Standard deviations of roll, pitch and yaw from the covariance of a small turn about body axes.

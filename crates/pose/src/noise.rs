@@ -7,7 +7,7 @@ use crate::{PoseError, PoseSample};
 use mavsight_geometry::{Isometry3, Matrix3};
 
 /// Poses needed: three fix the start, and two noise parameters want more than a handful of innovations.
-const NEEDED: usize = 10;
+pub(crate) const NEEDED: usize = 10;
 
 /// Steps of the coarse search for the bandwidth; the fine one halves the bracket until it is within a percent.
 const COARSE_STEPS: usize = 16;

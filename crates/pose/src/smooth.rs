@@ -9,7 +9,7 @@
 use crate::chain::Transition;
 use crate::directions::Gram;
 use crate::joint::{Adjoint, Joint, MotionNoise, Update};
-use crate::noise::{check, likely, median};
+use crate::noise::{NEEDED, check, likely, median};
 use crate::{Motion, PoseError, PoseEstimate, PoseSample};
 use nalgebra::{DMatrix, Matrix6xX};
 use std::borrow::Cow;
@@ -20,11 +20,13 @@ const NEGLIGIBLE: f64 = 1e-4;
 
 /// Smooths and differentiates the poses of one flight.
 ///
-/// Instants without a pose are predicted only: their samples come with the covariance that this leaves. Times may be
+/// Instants without a pose are predicted only: their samples come with the covariance that this leaves. In gaps
+/// longer than [`MotionNoise::longest_gap_s`], before the first pose and behind the last there are none: there the motion is not known,
+/// and what lies on either side of a gap is smoothed by itself, the noise and what stays of the errors being the same. Times may be
 /// unevenly spaced.
 ///
 /// # Errors
-/// [`PoseError::TooFewPoses`] under 10 poses; [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`].
+/// [`PoseError::TooFewPoses`] under 10 poses, or where no part without a longer gap has as many; [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`].
 pub fn smooth(poses: &[PoseSample], gravity_m_s2: f64) -> Result<Motion, PoseError> {
     smooth_with_effects(poses, &|_| None, gravity_m_s2)
 }
@@ -46,15 +48,23 @@ pub fn smooth_with_effects(
     if !gravity_m_s2.is_finite() {
         return Err(PoseError::BadPose { index: 0, what: "gravity" });
     }
-    let failed = PoseError::BadPose { index: 0, what: "the smoother's covariance" };
     let found = likely(poses)?;
     let all = Flown { poses, first: 0, effects, turn: None };
     let turn = few_directions(all);
     let mut samples = Vec::with_capacity(poses.len());
-    each_smoothed(Flown { turn: turn.as_ref(), ..all }, &found.noise, |k, s| {
-        samples.push(s.sample(poses[k].t_ns, gravity_m_s2))
-    })
-    .ok_or(failed)?;
+    for part in known_parts(poses, found.noise.longest_gap_s()).into_iter().rev() {
+        let (first, flown) = (part.start, &poses[part]);
+        let flown = Flown { poses: flown, first, effects, turn: turn.as_ref() };
+        let failed = PoseError::BadPose { index: first, what: "the smoother's covariance" };
+        each_smoothed(flown, &found.noise, |k, s| {
+            samples.push(s.sample(poses[first + k].t_ns, gravity_m_s2))
+        })
+        .ok_or(failed)?;
+    }
+    if samples.is_empty() {
+        let measured = poses.iter().filter(|p| p.estimate.is_some()).count();
+        return Err(PoseError::TooFewPoses { measured, samples: poses.len(), needed: NEEDED });
+    }
     samples.reverse();
     Ok(Motion {
         samples,
@@ -62,6 +72,17 @@ pub fn smooth_with_effects(
         rotation_bandwidth_hz: found.bandwidth_hz.1,
         sample_interval_s: median(poses.windows(2).map(|w| (w[1].t_ns - w[0].t_ns) as f64 * 1e-9).collect()),
     })
+}
+
+/// The instants whose motion is known, in parts with no longer gap, each from a pose to a pose, where there are enough of them.
+fn known_parts(poses: &[PoseSample], longest_gap_s: f64) -> Vec<Range<usize>> {
+    let longest_ns = (longest_gap_s * 1e9).min(i64::MAX as f64) as i64;
+    let measured: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].estimate.is_some()).collect();
+    measured
+        .chunk_by(|a, b| poses[*b].t_ns - poses[*a].t_ns <= longest_ns)
+        .filter(|part| part.len() >= NEEDED)
+        .map(|part| part[0]..part[part.len() - 1] + 1)
+        .collect()
 }
 
 /// Poses whose systematic columns are turned, as they are asked for, so that the most important come first and negligible ones are
@@ -77,10 +98,6 @@ struct Flown<'a> {
 }
 
 impl<'a> Flown<'a> {
-    fn from(self, first: usize) -> Self {
-        Self { poses: &self.poses[first..], first: self.first + first, ..self }
-    }
-
     /// Systematic columns of a pose.
     fn columns(self, k: usize, estimate: &PoseEstimate) -> Matrix6xX<f64> {
         (self.effects)(self.first + k).unwrap_or_else(|| estimate.systematic().map(f64::from))
@@ -160,14 +177,11 @@ fn forward(
     Some(steps)
 }
 
-/// Calls `visit` with each smoothed state, the last first; instants before the first pose are predicted backwards from it.
+/// Calls `visit` with each smoothed state, the last first; the first of the instants is measured.
 ///
 /// Only one stretch of √n steps is held at a time: the forward pass leaves the states between the stretches, from which each is
 /// filtered once more when the backward pass comes to it (Griewank 1992 on checkpoints).
-fn each_smoothed(all: Flown<'_>, noise: &MotionNoise, mut visit: impl FnMut(usize, &Joint)) -> Option<()> {
-    let poses = all.poses;
-    let first = poses.iter().position(|p| p.estimate.is_some())?;
-    let flown = all.from(first);
+fn each_smoothed(flown: Flown<'_>, noise: &MotionNoise, mut visit: impl FnMut(usize, &Joint)) -> Option<()> {
     let count = flown.poses.len();
     let stretch = ((count as f64).sqrt() as usize).max(64);
     let instants = |part: usize| part * stretch..((part + 1) * stretch).min(count);
@@ -178,12 +192,11 @@ fn each_smoothed(all: Flown<'_>, noise: &MotionNoise, mut visit: impl FnMut(usiz
         forward(flown, instants(part), noise, &mut state)?;
     }
     let mut adjoint = Adjoint::nothing(state.effects.ncols());
-    let mut earliest = state.clone();
     for (part, start) in starts.iter().enumerate().rev() {
         let steps = forward(flown, instants(part), noise, &mut start.clone())?;
         for (k, step) in instants(part).zip(&steps).rev() {
-            earliest = adjoint.smoothed(&step.filtered);
-            is_sound(&earliest).then(|| visit(first + k, &earliest))?;
+            let smoothed = adjoint.smoothed(&step.filtered);
+            is_sound(&smoothed).then(|| visit(k, &smoothed))?;
             if let Some(update) = &step.update {
                 adjoint.before_update(update);
             }
@@ -191,11 +204,6 @@ fn each_smoothed(all: Flown<'_>, noise: &MotionNoise, mut visit: impl FnMut(usiz
                 adjoint.before_predict(transitions);
             }
         }
-    }
-    for k in (0..first).rev() {
-        let mut state = earliest.clone();
-        state.predict((poses[k].t_ns - poses[first].t_ns) as f64 * 1e-9, noise);
-        is_sound(&state).then(|| visit(k, &state))?;
     }
     Some(())
 }

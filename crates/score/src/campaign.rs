@@ -15,6 +15,7 @@ use mavsight_session::{ns_from_s, read_toml};
 use nalgebra::DVector;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// One estimate of one flight.
@@ -93,6 +94,9 @@ impl Campaign {
         if file.rig.is_empty() || file.noise.is_empty() || file.manoeuvre.is_empty() {
             return refuse("rig, noise, manoeuvre", "need one entry each at least".to_owned());
         }
+        Self::check_names("rig", file.rig.iter().map(|r| &*r.name))?;
+        Self::check_names("noise", file.noise.iter().map(|n| &*n.name))?;
+        Self::check_names("manoeuvre", file.manoeuvre.iter().map(|m| &*m.name))?;
         let mut combinations = Vec::new();
         let mut inputs = format!("{file:?}");
         for rig in &file.rig {
@@ -194,6 +198,23 @@ impl Campaign {
         let mut table = Self::HEADER.to_owned();
         all.into_iter().for_each(|(_, rows)| table += rows);
         Ok(table)
+    }
+
+    /// Flights are told apart in their table by these names.
+    fn check_names<'a>(key: &str, names: impl Iterator<Item = &'a str>) -> Result<(), ScoreError> {
+        let refuse = |detail: String| Err(ScoreError::Campaign { key: key.to_owned(), detail });
+        let mut known = BTreeSet::new();
+        for name in names {
+            if !known.insert(name) {
+                return refuse(format!("{name:?} is there twice: give each a name of its own"));
+            }
+            if name.contains([',', '"', '\n', '\r']) {
+                return refuse(format!(
+                    "{name:?} cannot stand in a table: leave out commas, quotes and line breaks"
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// What a table has shown, by combination and parameter.
@@ -341,7 +362,7 @@ impl Cell {
         }
         let measured = plan.states.iter().zip(poses).zip(&plan.pose_covariance).map(|((s, pose), c)| {
             let t_ns = ns_from_s(s.t_s);
-            StateMeasurement { t_ns, pose: Some((*pose, *c)), velocity: None, rates: None }
+            StateMeasurement::of_pose(t_ns, *pose, *c)
         });
         let measured = Measurements::States(measured.collect());
         let fit = output_error(&self.model, &plan.inputs, &measured, &OutputErrorOptions::default()).ok()?;

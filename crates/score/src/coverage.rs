@@ -36,6 +36,9 @@ pub struct Quantity {
 /// Half-width of a normal 95 % interval.
 const NORMAL_95: f64 = 1.959_964;
 
+/// Verdict on a share that is not what it should be, while its interval reaches there.
+pub const TOO_FEW: &str = "too few flights to tell";
+
 /// Shares of truths inside 95 % intervals that count as true.
 const TRUE_SHARES: std::ops::RangeInclusive<f64> = 0.92..=0.98;
 
@@ -74,18 +77,18 @@ pub struct Coverage {
     pub nees_interval: [f64; 2],
     /// Root mean square error of the vector's length.
     pub rms: f64,
-    /// `true`, `too narrow` or `too wide`.
+    /// `true`, `too narrow`, `too wide`, or [`TOO_FEW`].
     pub verdict: &'static str,
-    /// Whether the self-test may pass with it.
+    /// Whether the self-test may pass with it: whether it is not refuted.
     pub is_accepted: bool,
 }
 
 impl Tally {
-    /// Adds a flight: single poses where there is one, the smoothed motion at every instant.
+    /// Adds a flight: single poses where there is one, the smoothed motion where it is known.
     pub fn add(&mut self, flight: &VirtualFlight, gravity_m_s2: f64) {
         let mut of_flight = [OfFlight::default(); QUANTITIES.len()];
-        let samples = flight.tracked.poses.iter().zip(&flight.motion.samples);
-        for ((pose, sample), truth) in samples.zip(&flight.truth) {
+        let mut samples = flight.motion.samples.iter().peekable();
+        for (pose, truth) in flight.tracked.poses.iter().zip(&flight.truth) {
             self.instants += 1;
             if let Some(single) = &pose.estimate {
                 let errors = pose_error(&single.world_from_body, truth);
@@ -96,6 +99,7 @@ impl Tally {
             } else {
                 self.unmeasured += 1;
             }
+            let Some(sample) = samples.next_if(|s| s.t_ns == pose.t_ns) else { continue };
             for (k, error) in motion_error(sample, truth, gravity_m_s2).iter().enumerate() {
                 let covariance = sample.covariance.quantity(k);
                 of_flight[2 + k].add(error, &covariance);
@@ -142,17 +146,20 @@ fn coverage_of(quantity: &Quantity, row: &[OfFlight]) -> Option<Coverage> {
     let shares = effective(row, |f| f.inside, share, share * (1.0 - share));
     let vector_count = effective(row, |f| f.nees, nees, 6.0);
     let freedom = 3.0 * vector_count;
-    let verdict = match share {
-        s if s < *TRUE_SHARES.start() => "too narrow",
-        s if s > *TRUE_SHARES.end() => "too wide",
-        _ => "true",
+    let share_interval = wilson(share, shares);
+    let (least, most) = (*TRUE_SHARES.start(), *TRUE_SHARES.end());
+    let verdict = match share_interval {
+        _ if (least..=most).contains(&share) => "true",
+        [_, high] if high < least => "too narrow",
+        [low, _] if low > most => "too wide",
+        _ => TOO_FEW,
     };
-    let is_accepted = verdict == "true" || (verdict == "too wide" && !quantity.is_required);
+    let is_accepted = verdict != "too narrow" && (verdict != "too wide" || !quantity.is_required);
     Some(Coverage {
         quantity: quantity.name,
         unit: quantity.unit,
         share,
-        share_interval: wilson(share, shares),
+        share_interval,
         nees,
         nees_interval: [-NORMAL_95, NORMAL_95].map(|z| chi_square_quantile(z, freedom) / vector_count),
         rms: (sum(|f| f.squares) / vectors).sqrt() * quantity.per_si,

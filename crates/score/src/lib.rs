@@ -19,7 +19,7 @@ pub use campaign_file::{
     CAMPAIGN_SCHEMA, CampaignCamera, CampaignFile, CampaignRig, FitKind, NoiseLevel, Steered,
 };
 pub use chunks::ChunkFile;
-pub use coverage::{Coverage, QUANTITIES, Quantity, Tally};
+pub use coverage::{Coverage, QUANTITIES, Quantity, TOO_FEW, Tally};
 pub use error::ScoreError;
 pub use identity::{IdentityScore, score_identity};
 pub use random::Random;

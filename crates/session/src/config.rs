@@ -6,8 +6,9 @@ use crate::session_file::{
 };
 use crate::toml_file::read_toml;
 use crate::video::{Clap, FrameSource, find_clap, sequence_exists};
-use crate::{ControlPixel, ControlPointRow, SessionError, TruthRow, tables};
+use crate::{ControlPixel, ControlPointRow, SessionError, TruthRow, read_image, tables};
 use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_geometry::ImageSize;
 use mavsight_identify::Model;
 use std::path::{Path, PathBuf};
 
@@ -179,6 +180,27 @@ impl Session {
     pub fn open_board(&self, camera: usize) -> Result<Option<FrameSource>, SessionError> {
         let path = &self.camera(camera)?.board;
         path.as_ref().map(|path| FrameSource::open(path, Some(1.0))).transpose()
+    }
+
+    /// The size that a camera films in: as its recording has it; of one that is only flown live, its still, or its recording of the
+    /// wand or of the board.
+    ///
+    /// # Errors
+    /// A file that cannot be read, a camera index beyond the list, a camera without any of them.
+    pub fn image_size(&self, camera: usize) -> Result<ImageSize, SessionError> {
+        let own = self.camera(camera)?;
+        if !is_empty(&own.video) {
+            return Ok(self.open_camera(camera)?.size());
+        }
+        if let Some(still) = &own.still {
+            return Ok(read_image(still)?.size);
+        }
+        let moved = self.open_wand(camera)?.map_or_else(|| self.open_board(camera), |wand| Ok(Some(wand)))?;
+        moved.map(|m| m.size()).ok_or_else(|| SessionError::Value {
+            path: self.path.clone(),
+            key: format!("camera {}", own.name),
+            detail: "has no image of which the size is known: give it `video` or `still`".into(),
+        })
     }
 
     fn camera(&self, camera: usize) -> Result<&SessionCamera, SessionError> {

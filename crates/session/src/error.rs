@@ -17,6 +17,14 @@ pub enum SessionError {
         /// What it is wanted for.
         role: String,
     },
+    /// A folder where a file is wanted.
+    #[error("{}: is a folder, where a file is wanted ({role}): name the file", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// What it is wanted for.
+        role: String,
+    },
     /// The operating system refused.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {
@@ -199,6 +207,8 @@ impl SessionError {
 pub(crate) fn require_file(path: &std::path::Path, role: &str) -> Result<(), SessionError> {
     if path.is_file() {
         Ok(())
+    } else if path.is_dir() {
+        Err(SessionError::Folder { path: path.to_owned(), role: role.to_owned() })
     } else {
         Err(SessionError::Missing { path: path.to_owned(), role: role.to_owned() })
     }

@@ -20,7 +20,7 @@ pub mod pixels;
 pub mod poses;
 pub mod rigs;
 pub mod ros;
-mod text;
+pub(crate) mod text;
 pub mod trc;
 pub mod tum;
 pub mod yaml;

@@ -18,15 +18,17 @@ pub use atomic::{make_folder, write_whole};
 pub use config::{Session, load_model, load_vehicle};
 pub use error::SessionError;
 pub use results::{
-    FlightTable, MarkerAsBuilt, RESULTS_SCHEMA, RunResults, read_body, read_flight_table, read_markers,
-    read_motion, read_poses, read_rig, read_summary, write_markers, write_markers_early, write_results,
-    write_rig,
+    FlightTable, MarkerAsBuilt, RESULTS_SCHEMA, RunResults, has_assumed_std, read_body, read_flight_table,
+    read_markers, read_motion, read_poses, read_rig, read_summary, write_markers, write_markers_early,
+    write_results, write_rig,
 };
 pub use scenario::{write_control_points, write_inputs, write_session, write_truth, write_vehicle};
 pub use session_file::{
     BoardSection, ControlSection, Estimate, FieldOrder, LineTime, LiveSection, RefineSection, RigSection,
     SESSION_SCHEMA, SessionCamera, SessionFile, WandBall, WandSection,
 };
+pub use session_rig::cameras_of;
+pub use table::csv_cell;
 pub use tables::{ControlPixel, ControlPointRow, TruthRow, read_control_points};
 pub use toml_file::read_toml;
 pub use video::{Clap, FrameSource, LiveVideo, Y4mWriter, ffmpeg_program, find_clap, read_image, write_png};

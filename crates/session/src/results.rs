@@ -14,7 +14,7 @@ use mavsight_pose::{ClockEstimate, MarkerObservation, Motion, PoseSample, Rig};
 
 pub use body::{MarkerAsBuilt, read_body};
 pub use health::{CameraHealth, CentreQuality, MarkerHealth};
-pub use read::{read_markers, read_poses, read_summary};
+pub use read::{has_assumed_std, read_markers, read_poses, read_summary};
 pub use read_motion::{FlightTable, read_flight_table, read_motion};
 pub use rig_file::{read_rig, write_rig};
 pub use write::{EarlyFile, write_markers, write_markers_early, write_results};

@@ -1,5 +1,6 @@
 //! Files that a simulated flight leaves.
 
+use crate::table::csv_cell;
 use crate::tables::{CONTROL_COLUMNS, ControlPointRow, INPUT_COLUMNS, SURVEY_COLUMN, TRUTH_COLUMNS};
 use crate::{SessionError, SessionFile, TruthRow, write_whole};
 use mavsight_flight::{FlightState, InputSeries, Vehicle};
@@ -84,7 +85,8 @@ pub fn write_control_points(path: &Path, points: &[ControlPointRow]) -> Result<(
     for p in points {
         let [x, y, z] = p.position_m;
         let std = if surveyed { format!(",{}", p.std_m) } else { String::new() };
-        text += &format!("{},{x},{y},{z},{},{}{std}\n", p.name, p.diameter_m, p.color);
+        let name = csv_cell(&p.name);
+        text += &format!("{name},{x},{y},{z},{},{}{std}\n", p.diameter_m, p.color);
     }
     write_whole(path, text.as_bytes())
 }

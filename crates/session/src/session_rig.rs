@@ -1,5 +1,6 @@
 //! Cameras that were calibrated elsewhere.
 
+use crate::session_file::is_empty;
 use crate::{Session, SessionError, read_rig};
 use mavsight_geometry::CAMERA_PARAMETERS;
 use mavsight_pose::Rig;
@@ -10,28 +11,43 @@ impl Session {
     /// Cameras of the file that the session does not have are left out.
     ///
     /// # Errors
-    /// Those of [`read_rig`]; a camera that the file does not have, or that has another image size there than its recording.
+    /// Those of [`read_rig`]; a camera that the file does not have, or that has another image size there than its recording. Where
+    /// there is none, as for a camera that is only flown live, the size is the file's.
     pub fn rig(&self) -> Result<Option<Rig>, SessionError> {
         let Some(path) = &self.rig_path else { return Ok(None) };
         let names: Vec<&str> = self.cameras.iter().map(|c| c.name.as_str()).collect();
-        let rig = in_order(read_rig(path)?, &names, path)?;
-        for (k, own) in rig.cameras.iter().enumerate() {
-            let (filmed, size) = (self.open_camera(k)?.size(), own.camera.size);
+        let rig = cameras_of(&read_rig(path)?, &names, path)?;
+        self.require_sizes(&rig, path)?;
+        Ok(Some(rig))
+    }
+
+    /// Refuses a rig, which has the session's cameras in their order by what `path` names, where a recording has another size than
+    /// its camera was calibrated at.
+    ///
+    /// # Errors
+    /// The first such camera; recordings that cannot be read.
+    pub fn require_sizes(&self, rig: &Rig, path: &Path) -> Result<(), SessionError> {
+        let recorded = |k: &(usize, _)| self.cameras.get(k.0).is_some_and(|c| !is_empty(&c.video));
+        for (k, own) in rig.cameras.iter().enumerate().filter(recorded) {
+            let (filmed, size) = (self.image_size(k)?, own.camera.size);
             if filmed != size {
                 let detail = format!(
-                    "is of {}×{} px, but its recording has {}×{}: calibrate it at the size it films in, or scale the file",
+                    "is calibrated at {}×{} px, but its recording has {}×{}: calibrate it at the size it films in",
                     size.width_px, size.height_px, filmed.width_px, filmed.height_px
                 );
                 let key = format!("camera {}", own.name);
-                return Err(SessionError::Value { path: path.clone(), key, detail });
+                return Err(SessionError::Value { path: path.to_owned(), key, detail });
             }
         }
-        Ok(Some(rig))
+        Ok(())
     }
 }
 
-/// The cameras of some names with what is not known of them.
-fn in_order(rig: Rig, names: &[&str], path: &Path) -> Result<Rig, SessionError> {
+/// The cameras of a rig that have some names, in the order of these, with what is not known of them.
+///
+/// # Errors
+/// A name that no camera has; the rig was read from `path`.
+pub fn cameras_of(rig: &Rig, names: &[&str], path: &Path) -> Result<Rig, SessionError> {
     let places = names
         .iter()
         .map(|name| {
@@ -49,7 +65,7 @@ fn in_order(rig: Rig, names: &[&str], path: &Path) -> Result<Rig, SessionError> 
         places.iter().flat_map(|k| CAMERA_PARAMETERS * k..CAMERA_PARAMETERS * (k + 1)).collect();
     let uncertainty = rig.uncertainty.select_rows(&rows);
     let cameras = places.into_iter().map(|k| rig.cameras[k].clone()).collect();
-    Ok(Rig { cameras, uncertainty, ..rig })
+    Ok(Rig { cameras, uncertainty, ..rig.clone() })
 }
 
 #[cfg(test)]
@@ -79,11 +95,11 @@ mod tests {
 
     #[test]
     fn cameras_come_by_their_names_with_their_own_uncertainty() {
-        let got = in_order(rig(), &["c", "a"], Path::new("rig.toml")).unwrap();
+        let got = cameras_of(&rig(), &["c", "a"], Path::new("rig.toml")).unwrap();
         assert_eq!(got.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>(), ["c", "a"]);
         assert_eq!(got.uncertainty.shape(), (32, 2));
         assert!(got.uncertainty[(0, 0)] == 2.0 && got.uncertainty[(31, 1)] == 10.0);
-        let refused = in_order(rig(), &["a", "d"], Path::new("rig.toml")).unwrap_err().to_string();
+        let refused = cameras_of(&rig(), &["a", "d"], Path::new("rig.toml")).unwrap_err().to_string();
         assert!(refused.contains("camera d") && refused.contains("a, b, c"), "{refused}");
     }
 }

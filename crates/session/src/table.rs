@@ -2,12 +2,23 @@
 
 use crate::{SessionError, error::require_file};
 use csv::StringRecord;
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
 /// What some programs put in front of UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
+/// A cell of a table as readers here have it back: in quotes where it holds a comma, a quote or a line break, or begins with what
+/// makes a comment.
+pub fn csv_cell(text: &str) -> Cow<'_, str> {
+    if text.contains([',', '"', '\n', '\r']) || text.starts_with('#') {
+        Cow::Owned(format!("\"{}\"", text.replace('"', "\"\"")))
+    } else {
+        Cow::Borrowed(text)
+    }
+}
 
 /// A table in memory; an hour of inputs has some hundred thousand rows, so that cells have no allocations of their own.
 pub(crate) struct Table {
@@ -102,7 +113,10 @@ impl Table {
         self.columns.iter().position(|c| c == name).ok_or_else(|| SessionError::Column {
             path: self.path.clone(),
             column: name.to_owned(),
-            found: self.columns.join(", "),
+            found: match &self.columns[..] {
+                [one] if one.contains([';', '\t']) => format!("{one} (one column: put commas between)"),
+                all => all.join(", "),
+            },
         })
     }
 
@@ -170,7 +184,9 @@ impl<'a> Row<'a> {
     pub(crate) fn time_ns(&self, column: usize) -> Result<i64, SessionError> {
         let t_s = self.number(column)?;
         if t_s.abs() < 9e9 {
-            Ok(crate::ns_from_s(t_s))
+            // Digit by digit where it is a plain decimal: seconds since 1970 have more of them than a double.
+            Ok(crate::foreign::text::ns_from_decimal(self.text(column))
+                .unwrap_or_else(|| crate::ns_from_s(t_s)))
         } else {
             Err(self.refuse(column, format!("{t_s} s is beyond what nanoseconds can count: give seconds")))
         }

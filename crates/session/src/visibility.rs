@@ -1,6 +1,6 @@
 //! Which balls a virtual camera saw: truth that only scoring reads.
 
-use crate::table::Table;
+use crate::table::{Table, csv_cell};
 use crate::{SessionError, TruthRow, write_whole};
 use mavsight_flight::Vehicle;
 use std::path::Path;
@@ -20,11 +20,11 @@ pub fn write_visibility(
     shares: &[Vec<Vec<f64>>],
 ) -> Result<(), SessionError> {
     let mut text = "t_s,camera".to_owned();
-    vehicle.marker.iter().for_each(|m| text += &format!(",{}", m.name));
+    vehicle.marker.iter().for_each(|m| text += &format!(",{}", csv_cell(&m.name)));
     text.push('\n');
     for (row, of_cameras) in truth.iter().zip(shares) {
         for (camera, of_markers) in cameras.iter().zip(of_cameras) {
-            text += &format!("{:.9},{camera}", row.t_s);
+            text += &format!("{:.9},{}", row.t_s, csv_cell(camera));
             of_markers.iter().for_each(|share| text += &format!(",{share:.3}"));
             text.push('\n');
         }

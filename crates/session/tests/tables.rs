@@ -8,8 +8,8 @@ use common::{Folder, data};
 use mavsight_flight::{InputSample, InputSeries, Vehicle};
 use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs, read_truth};
 use mavsight_session::{
-    ControlSection, RefineSection, Session, SessionCamera, SessionFile, load_model, load_vehicle,
-    write_inputs, write_session, write_vehicle,
+    ControlPointRow, ControlSection, RefineSection, Session, SessionCamera, SessionFile, load_model,
+    load_vehicle, write_control_points, write_inputs, write_session, write_vehicle,
 };
 use std::path::PathBuf;
 
@@ -103,6 +103,21 @@ fn what_is_written_is_read() {
         assert!((a.t_s - b.t_s).abs() < 1e-12 && (a.omega_u_rad_s - b.omega_u_rad_s).abs() < 1e-12);
     }
     assert_eq!(load_vehicle(&folder.path("vehicle.toml")).unwrap(), Vehicle::paper());
+}
+
+#[test]
+fn names_with_commas_quotes_and_what_makes_comments_are_read_back() {
+    let folder = Folder::new();
+    let point = |name: &str| ControlPointRow {
+        name: name.into(),
+        position_m: [1.0, 2.0, 3.0],
+        diameter_m: 0.06,
+        color: "#c83030".to_owned().try_into().unwrap(),
+        std_m: 0.0,
+    };
+    let points = ["left, upper", "#1", "the \"near\" one", "plain"].map(point);
+    write_control_points(&folder.path("p.csv"), &points).unwrap();
+    assert_eq!(read_control_points(&folder.path("p.csv")).unwrap(), points);
 }
 
 #[test]

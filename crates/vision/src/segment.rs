@@ -351,8 +351,7 @@ mod tests {
         let cut = regions_of(|at| is_in_disc(at, [20.0, 18.0], 4.0) && !(17.0..=18.0).contains(&at.y));
         assert!(cut.iter().any(|at| (at - Vector2::new(20.0, 18.0)).norm() < 0.7), "{cut:?}");
         // Small ones, so that their area together is no reason to keep them apart.
-        let beside =
-            regions_of(|at| is_in_disc(at, [14.0, 18.0], 3.2) || is_in_disc(at, [21.5, 18.0], 3.2));
+        let beside = regions_of(|at| is_in_disc(at, [14.0, 18.0], 3.2) || is_in_disc(at, [21.5, 18.0], 3.2));
         assert_eq!(beside.len(), 2, "{beside:?}");
     }
 

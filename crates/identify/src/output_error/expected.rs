@@ -42,6 +42,8 @@ pub struct ExpectedFit {
     pub undetermined: Option<String>,
     states: Vec<StateVector>,
     measured: Vec<StateMeasurement>,
+    /// What each parameter's size is, with which half its interval is compared.
+    typical: Vec<f64>,
     /// Parameters by rows: what a unit of each row's noise does to them.
     influence: DMatrix<f64>,
 }
@@ -82,6 +84,7 @@ pub fn expected_fit(
     let p = model.free().len();
     let covariance = all.view((TANGENT, TANGENT), (p, p)).into_owned();
     let influence = all.rows(TANGENT, p) * &linear.by;
+    let typical: Vec<f64> = model.free().iter().map(|p| typical(*p, &fitter)).collect();
     let expected = |(k, parameter): (usize, &ModelParameter)| {
         let std = covariance[(k, k)].sqrt();
         ExpectedParameter {
@@ -89,12 +92,13 @@ pub fn expected_fit(
             name: parameter.name(),
             value: model.value(*parameter),
             std,
-            identifiable: undetermined.is_none() && NORMAL_95 * std < typical(*parameter, &fitter),
+            identifiable: undetermined.is_none() && NORMAL_95 * std < typical[k],
         }
     };
     let parameters = model.free().iter().enumerate().map(expected).collect();
     let Measurements::States(measured) = measurements else { return Err(IdentifyError::RankZero) };
-    Ok(ExpectedFit { parameters, covariance, undetermined, states: states.to_vec(), measured, influence })
+    let states = states.to_vec();
+    Ok(ExpectedFit { parameters, covariance, undetermined, states, measured, typical, influence })
 }
 
 /// States with which segments begin.
@@ -135,6 +139,7 @@ impl ExpectedFit {
         self.covariance += &moved * moved.transpose();
         for (k, p) in self.parameters.iter_mut().enumerate() {
             p.std = self.covariance[(k, k)].sqrt();
+            p.identifiable &= NORMAL_95 * p.std < self.typical[k];
         }
         Ok(self)
     }

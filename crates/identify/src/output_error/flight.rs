@@ -135,7 +135,7 @@ impl FlightFits {
         };
         let out: Vec<PoseSample> = poses.iter().filter(|p| options.holds_out(p.t_ns)).cloned().collect();
         let fitted = poses.iter().filter(|p| !options.holds_out(p.t_ns));
-        let states = || Ok(Measurements::States(fitted.map(StateMeasurement::from_pose).collect()));
+        let states = || Ok(Measurements::States(StateMeasurement::of_poses(fitted)));
         let (poses, image) = std::thread::scope(|scope| {
             let image = images.map(|images| scope.spawn(move || fit(images.measurements(options))));
             (fit(states()), image.and_then(|handle| handle.join().ok()))

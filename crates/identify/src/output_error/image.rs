@@ -228,7 +228,7 @@ impl ImageMeasurements {
                     residual: residual[axis],
                     jacobian: [0.0; SEEN],
                     channel: 2 * (s.camera * self.markers.len() + s.marker) + axis,
-                    nuisance: 2 * k + axis,
+                    nuisance: Some(2 * k + axis),
                     pixel: seen.pixel.into(),
                 };
                 for j in 0..6 {

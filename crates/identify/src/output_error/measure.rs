@@ -6,7 +6,7 @@ use crate::IdentifyError;
 use mavsight_flight::StateVector;
 use mavsight_geometry::attitude::right_jacobian;
 use mavsight_geometry::{Isometry3, Matrix3, Matrix6, Vector3, world_from_level};
-use mavsight_pose::{MotionSample, PoseSample};
+use mavsight_pose::{MotionSample, PoseEstimate, PoseSample};
 use nalgebra::{SMatrix, SVector};
 
 /// What was measured of the motion at one instant. A part that was not measured is `None`.
@@ -20,13 +20,41 @@ pub struct StateMeasurement {
     pub velocity: Option<(Vector3<f64>, Matrix3<f64>)>,
     /// p, q, r in rad/s, and their covariance.
     pub rates: Option<(Vector3<f64>, Matrix3<f64>)>,
+    /// What errors that stay for the flight, beside that covariance, do to the pose: a column for each independent direction, one
+    /// standard deviation along it, the same directions at all instants. Six rows of as many numbers as there are directions,
+    /// whitened by the covariance; empty: none.
+    lasting: Box<[f64]>,
 }
 
 impl StateMeasurement {
-    /// The pose of a sample; nothing where it holds none.
+    /// A pose with its covariance, all of it new at this instant.
+    pub fn of_pose(t_ns: i64, pose: Isometry3<f64>, covariance: Matrix6<f64>) -> Self {
+        Self { t_ns, pose: Some((pose, covariance)), velocity: None, rates: None, lasting: Box::default() }
+    }
+
+    /// The pose of a sample, all of its covariance as new; nothing where it holds none.
     pub fn from_pose(sample: &PoseSample) -> Self {
+        let nothing =
+            Self { t_ns: sample.t_ns, pose: None, velocity: None, rates: None, lasting: Box::default() };
         let pose = sample.estimate.as_ref().map(|e| (e.world_from_body, e.covariance()));
-        Self { t_ns: sample.t_ns, pose, velocity: None, rates: None }
+        Self { pose, ..nothing }
+    }
+
+    /// The poses of a flight; nothing where a sample holds none. What stays of their errors is known to stay where all of them have
+    /// the same directions of it ([`mavsight_pose::PoseEstimate::systematic`]); else it counts as new in each.
+    pub fn of_poses<'a>(samples: impl Iterator<Item = &'a PoseSample> + Clone) -> Vec<Self> {
+        let estimates = || samples.clone().filter_map(|s| s.estimate.as_ref());
+        let directions = estimates().next().map_or(0, PoseEstimate::systematic_columns);
+        let stays = estimates().all(|e| e.systematic_columns() == directions && !e.is_condensed());
+        let of = |sample: &PoseSample| {
+            let Some(e) = sample.estimate.as_ref().filter(|_| stays) else { return Self::from_pose(sample) };
+            let own = e.own_covariance();
+            // What has no inverse is refused where it is checked.
+            let whitened = whitener(&own).map(|l| (l * e.systematic().map(f64::from)).transpose());
+            let lasting = whitened.map_or_else(Box::default, |w| w.as_slice().into());
+            Self { lasting, ..Self::of_pose(sample.t_ns, e.world_from_body, own) }
+        };
+        samples.clone().map(of).collect()
     }
 
     /// Velocity and rates of a smoothed sample, and its pose.
@@ -40,6 +68,7 @@ impl StateMeasurement {
             pose: Some((sample.world_from_body, c.pose())),
             velocity: Some((sample.velocity_in_body_m_s, c.quantity(2))),
             rates: Some((sample.rates_rad_s, c.quantity(3))),
+            lasting: Box::default(),
         }
     }
 }
@@ -60,11 +89,14 @@ pub(crate) struct Row {
     pub(crate) jacobian: [f64; SEEN],
     /// Which of the coordinates that return at every instant; each has a variance factor.
     pub(crate) channel: usize,
-    /// Row of the whitened nuisance directions.
-    pub(crate) nuisance: usize,
+    /// Row of the whitened nuisance directions, where there are any.
+    pub(crate) nuisance: Option<usize>,
     /// Where it is predicted in the image; the origin for what is no image.
     pub(crate) pixel: [f64; 2],
 }
+
+/// Coordinates of a pose.
+const POSE: usize = 6;
 
 const STATE_CHANNELS: [&str; 12] =
     ["x", "y", "z", "turn_x", "turn_y", "turn_z", "u", "v", "w", "p", "q", "r"];
@@ -86,16 +118,21 @@ impl Measurements {
 
     pub(crate) fn nuisances(&self) -> usize {
         match self {
-            Self::States(_) => 0,
+            Self::States(s) => s.iter().map(|m| m.lasting.len() / POSE).max().unwrap_or(0),
             Self::Image(i) => i.nuisances(),
         }
     }
 
     /// Whitened directions of a row, one value a nuisance.
-    pub(crate) fn nuisance_row(&self, row: usize) -> &[f64] {
-        match self {
-            Self::States(_) => &[],
-            Self::Image(i) => i.nuisance_row(row),
+    pub(crate) fn nuisance_row(&self, row: Option<usize>) -> &[f64] {
+        match (self, row) {
+            (_, None) => &[],
+            (Self::States(s), Some(row)) => {
+                let all = &s[row / POSE].lasting;
+                let directions = all.len() / POSE;
+                &all[row % POSE * directions..][..directions]
+            }
+            (Self::Image(i), Some(row)) => i.nuisance_row(row),
         }
     }
 
@@ -118,7 +155,7 @@ impl Measurements {
     ) -> Result<(), IdentifyError> {
         out.clear();
         match self {
-            Self::States(s) => state_rows(&s[instant], y, out),
+            Self::States(s) => state_rows(&s[instant], POSE * instant, y, out),
             Self::Image(i) => i.rows(instant, y, out),
         }
     }
@@ -172,7 +209,12 @@ pub(crate) fn pose_of(y: &StateVector) -> Isometry3<f64> {
     Isometry3::from_parts(Vector3::new(y[0], y[1], y[2]).into(), world_from_level() * attitude(y))
 }
 
-fn state_rows(s: &StateMeasurement, y: &StateVector, out: &mut Vec<Row>) -> Result<(), IdentifyError> {
+fn state_rows(
+    s: &StateMeasurement,
+    first_nuisance: usize,
+    y: &StateVector,
+    out: &mut Vec<Row>,
+) -> Result<(), IdentifyError> {
     let t_s = s.t_ns as f64 * 1e-9;
     let bad = |what| IdentifyError::BadMeasurement { t_s, what };
     if let Some((measured, covariance)) = &s.pose {
@@ -188,6 +230,9 @@ fn state_rows(s: &StateMeasurement, y: &StateVector, out: &mut Vec<Row>) -> Resu
         let mut jacobian = Matrix6::identity();
         jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&by_turn);
         push(&(l * error), &(l * jacobian), 0, out);
+        if !s.lasting.is_empty() {
+            out.iter_mut().enumerate().for_each(|(k, row)| row.nuisance = Some(first_nuisance + k));
+        }
     }
     for (what, part, first) in [("velocity", &s.velocity, 6), ("rates", &s.rates, 9)] {
         if let Some((measured, covariance)) = part {
@@ -210,7 +255,7 @@ fn push<const N: usize>(
             residual: residual[i],
             jacobian: [0.0; SEEN],
             channel: first + i,
-            nuisance: 0,
+            nuisance: None,
             pixel: [0.0; 2],
         };
         for j in 0..N {

@@ -1,7 +1,7 @@
 //! Fixed-step Runge-Kutta integration of a state together with its sensitivities.
 
 use super::model::{FlightModel, ModelParameter};
-use mavsight_flight::{FLIGHT_STATES, InputSample, Linearisation, StateVector};
+use mavsight_flight::{Coefficient, FLIGHT_STATES, InputSample, Linearisation, StateVector};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// Degrees of freedom of a state: position (world), turn (body), velocity (body), rates, flapping.
@@ -46,7 +46,8 @@ impl Raster<'_> {
     ) -> Vec<Step> {
         let (inputs, times_s) = (self.inputs, self.times_s);
         let lag_s = model.input_lag_s;
-        let tau_s = model.coefficients.get(mavsight_flight::Coefficient::TauLower);
+        let time_s = |of| model.coefficients.get(of);
+        let tau_s = time_s(Coefficient::TauLower).min(time_s(Coefficient::TauFlybar));
         let longest_s = self.longest_s.min(tau_s / STEPS_PER_FLAP_TIME);
         let mut input = inputs.partition_point(|s| s.t_s + lag_s <= from_s + SAME_TIME_S).max(1) - 1;
         let mut next_instant = instants.start;

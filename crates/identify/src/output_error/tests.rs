@@ -1,5 +1,6 @@
 mod colour;
 mod image;
+mod lasting;
 mod refusals;
 mod sensitivities;
 mod support;

@@ -6,10 +6,14 @@ use std::time::Duration;
 
 /// A camera that is late by this many intervals against what it usually is, is not waited for.
 const LATE_INTERVALS: f64 = 1.5;
-/// After so long without a frame an open source is opened again.
+/// After so long without a frame an open source is opened again, and one that has not shown any yet: a camera over a network takes
+/// some seconds to answer.
 const HANGS_NS: i64 = 3_000_000_000;
+const NEVER_STARTS_NS: i64 = 15_000_000_000;
 /// Cameras that show nothing so long after the first ones are not waited for.
 const BEGIN_NS: i64 = 2_000_000_000;
+/// Time from one word of stamps that went back to the next.
+const TELL_BACK_NS: i64 = 10_000_000_000;
 /// Intervals by which others are ahead of a camera that has ended, when it is told that they go on without it.
 const OUTLIVED_INTERVALS: i64 = 2;
 
@@ -45,8 +49,8 @@ impl Flight<'_> {
 
     pub(super) fn look_at_cameras(&mut self) {
         let now_ns = self.clock.now_ns();
-        if !self.chain.has_begun() && self.latest_ns > i64::MIN && now_ns - self.clock.from_ns() > BEGIN_NS {
-            self.chain.begin();
+        if self.first_ns.is_some_and(|first_ns| now_ns - first_ns > BEGIN_NS) {
+            self.begin();
         }
         for camera in 0..self.seats.len() {
             let seat = &mut self.seats[camera];
@@ -54,15 +58,18 @@ impl Flight<'_> {
                 continue;
             }
             let state = seat.states.state(now_ns);
-            if state == CameraState::Stalled {
-                let since_ns = now_ns - seat.states.stalls_at_ns().unwrap_or(now_ns);
-                if since_ns > HANGS_NS && now_ns - seat.interrupted_ns > HANGS_NS {
-                    seat.interrupted_ns = now_ns;
-                    self.cameras[camera].interrupt();
-                }
-                self.leave(camera);
+            let silent = match state {
+                CameraState::Stalled => seat.states.stalls_at_ns().map(|at_ns| (at_ns, HANGS_NS)),
+                CameraState::Starting => seat.opened_ns.map(|at_ns| (at_ns, NEVER_STARTS_NS)),
+                _ => None,
+            };
+            if let Some((since_ns, most_ns)) = silent
+                && now_ns - since_ns.max(seat.interrupted_ns) > most_ns
+            {
+                seat.interrupted_ns = now_ns;
+                self.cameras[camera].interrupt();
             }
-            if state == CameraState::Starting && self.chain.has_begun() {
+            if state == CameraState::Stalled || (state == CameraState::Starting && self.chain.has_begun()) {
                 self.leave(camera);
             }
             if self.seats[camera].states.change(now_ns).is_some() {
@@ -86,6 +93,24 @@ impl Flight<'_> {
                 self.tell_camera(camera, now_ns);
             }
         }
+    }
+
+    /// Tells, now and then, of a camera whose stamps went back.
+    pub(super) fn tell_back(&mut self, camera: usize, stamp_ns: i64) {
+        let (now_ns, seat) = (self.now_ns(), &mut self.seats[camera]);
+        if seat.went_back_ns.is_some_and(|told_ns| now_ns - told_ns < TELL_BACK_NS) {
+            return;
+        }
+        seat.went_back_ns = Some(now_ns);
+        let back_s = (seat.latest_ns - self.chain.time_ns(camera, stamp_ns)) as f64 * 1e-9;
+        let name = &self.rig.cameras[camera].name;
+        self.note(
+            true,
+            format!(
+                "{name}: its time stamps went back by {back_s:.3} s: was a clock set? Its frames are passed over until they are \
+                 later again; to have it sooner, begin the flight anew."
+            ),
+        );
     }
 
     /// Goes on without cameras that are later than ever at the instant that waits for them.

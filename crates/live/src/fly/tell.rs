@@ -14,6 +14,11 @@ impl Flight<'_> {
         let wants_events = self.listeners.want_events() || recorder.is_some();
         while let Some(told) = self.chain.next_told() {
             let sample = &told.association.sample;
+            for moved in &told.moved[self.moved..] {
+                self.seats[moved.camera].states.moved();
+                self.tracking.cut();
+            }
+            self.moved = told.moved.len();
             let motion = self.motion.push(sample);
             let was = self.last;
             self.last = self.tracking.saw(told.t_ns, sample.estimate.is_some());
@@ -48,12 +53,6 @@ impl Flight<'_> {
                 self.listeners.event(pose);
                 events::sights(&told, (self.rig, self.vehicle)).for_each(|e| self.listeners.event(e));
             }
-        }
-        for k in self.moved..self.chain.moved_cameras().len() {
-            let camera = self.chain.moved_cameras()[k].camera;
-            self.seats[camera].states.moved();
-            self.tracking.cut();
-            self.moved = k + 1;
         }
     }
 

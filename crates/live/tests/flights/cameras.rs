@@ -2,9 +2,11 @@
 
 use crate::common::{Scripted, camera, film, picture, pose, rig, setup};
 use mavsight_flight::Vehicle;
+use mavsight_geometry::ImageSize;
 use mavsight_link::{CameraState, Event, Tracking};
 use mavsight_live::{CameraSetup, FlightClock, Next, Pace, Replay, Source, fly};
 use mavsight_pose::Rig;
+use mavsight_vision::Frame;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -31,7 +33,7 @@ fn scripted(rig: &Rig, k: usize, clock: FlightClock, frames: u32, fate: fn(u32) 
             loop {
                 let frame = next.fetch_add(1, Ordering::Relaxed);
                 if frame >= frames {
-                    return Next::End("the film is over".into());
+                    return Next::Over;
                 }
                 let t_ns = i64::from(frame) * STEP_NS;
                 let at = pose(f64::from(frame) / RATE_HZ);
@@ -58,11 +60,16 @@ struct Flown {
 
 /// Flies for a number of frames; the second camera and both do what they are told.
 fn flown(frames: u32, fates: [fn(u32) -> Fate; 2]) -> Flown {
+    flown_after(200_000_000, frames, fates)
+}
+
+/// The same where the first frames come so long after the clock began.
+fn flown_after(wait_ns: i64, frames: u32, fates: [fn(u32) -> Fate; 2]) -> Flown {
     let (rig, vehicle) = (rig(), Vehicle::paper());
-    let clock = FlightClock::starting_at(-200_000_000);
+    let clock = FlightClock::starting_at(-wait_ns);
     let cameras = (0..2).map(|k| scripted(&rig, k, clock, frames, fates[k])).collect();
     let (mut flight, heard) = setup((&rig, &vehicle), cameras, Pace::Own, clock);
-    flight.for_ns = Some(i64::from(frames) * STEP_NS + 200_000_000);
+    flight.for_ns = Some(i64::from(frames) * STEP_NS + 200_000_000 + wait_ns);
     fly(flight).expect("as staged");
     let (events, fixes) = (heard.events.lock().expect("as staged"), heard.fixes.lock().expect("as staged"));
     let mut out = Flown { states: Vec::new(), instants: Vec::new() };
@@ -113,6 +120,14 @@ fn a_camera_that_stalls_is_told_and_taken_again() {
 }
 
 #[test]
+fn cameras_that_take_long_to_start_show_their_rate_all_the_same() {
+    let flown = flown_after(3_000_000_000, 20, [|_| Fate::Films, |_| Fate::Films]);
+    // At the rate of a camera of which nothing is known, 30 Hz, these would stall between any two frames.
+    assert!(flown.states.iter().all(|s| s.2 != CameraState::Stalled || s.0 > 1.8), "{:?}", flown.states);
+    assert!(flown.instants.iter().filter(|i| i.0 < 1.8).all(|i| i.3 == 0), "{:?}", flown.instants);
+}
+
+#[test]
 fn a_camera_that_ends_is_opened_again() {
     let second = |k: u32| if k == 15 { Fate::Ends } else { Fate::Films };
     let flown = flown(36, [|_| Fate::Films, second]);
@@ -151,6 +166,53 @@ fn a_recording_that_ends_early_is_told_of_at_any_pace() {
     let gone: Vec<_> = gone.collect();
     assert!(!gone.is_empty() && gone.iter().all(|g| g.0 == 1), "{gone:?}");
     assert!(gone[0].1.as_ref().unwrap().contains("poses go on without it"), "{gone:?}");
+}
+
+/// What is noted of a flight as fast as it goes, the second camera's frames as given, its end too.
+fn noted(frames: Vec<(i64, Frame)>, end: Option<&'static str>) -> Vec<String> {
+    let (rig, vehicle) = (rig(), Vehicle::paper());
+    let first = film(&rig, 20, 30.0).swap_remove(0);
+    let cameras = [(first, None), (frames, end)].into_iter().enumerate().map(|(k, (frames, end))| {
+        let mut frames = frames.into_iter();
+        let mut source = Some(move || match frames.next() {
+            Some((t_ns, frame)) => Next::Frame(t_ns, Arc::new(frame)),
+            None => end.map_or(Next::Over, |words| Next::End(words.into())),
+        });
+        let open = move |_| Ok(Box::new(Scripted(source.take().ok_or("open")?)) as Box<dyn Source>);
+        camera(&rig.cameras[k].name, Box::new(open), false)
+    });
+    let (flight, heard) = setup((&rig, &vehicle), cameras.collect(), Pace::Fast, FlightClock::starting_at(0));
+    fly(flight).expect("as staged");
+    let events = heard.events.lock().expect("as staged");
+    let note = |e: &Event| match e {
+        Event::Note { fault: true, text, .. } => Some(text.clone()),
+        _ => None,
+    };
+    events.iter().filter_map(note).collect()
+}
+
+#[test]
+fn why_a_recording_ended_too_early_is_told() {
+    let frames = || film(&rig(), 20, 30.0).swap_remove(1);
+    assert_eq!(noted(frames(), None), [""; 0]);
+    let cut = noted(frames()[..9].to_vec(), Some("the file is damaged"));
+    assert_eq!(cut, ["cam2: the file is damaged."]);
+    let mut other_size = frames();
+    let size = ImageSize { width_px: 64, height_px: 48 };
+    other_size[9].1 = Frame::from_rgb(size, vec![90; 64 * 48 * 3]).unwrap();
+    let noted = noted(other_size, None);
+    assert!(noted.len() == 1 && noted[0].contains("64×48"), "{noted:?}");
+}
+
+#[test]
+fn stamps_that_went_back_are_told_of_once() {
+    let mut frames = film(&rig(), 20, 30.0).swap_remove(1);
+    frames.iter_mut().skip(10).for_each(|f| f.0 -= 200_000_000);
+    let noted = noted(frames, None);
+    assert!(
+        noted.len() == 1 && noted[0].contains("cam2") && noted[0].contains("went back by 0.167 s"),
+        "{noted:?}"
+    );
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use super::plan::wrong_call;
 use crate::cli::{Campaign as Args, WrongCall};
+use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_pipeline::Progress;
@@ -36,13 +37,19 @@ pub(crate) fn campaign(args: &Args) -> Result<()> {
     let summary = campaign.summary(&table);
     let json = json!({ "schema": RESULTS_SCHEMA, "flights": campaign.flights(), "cells": summary });
     write_whole(&args.out.join("summary.json"), serde_json::to_string_pretty(&json)?.as_bytes())?;
-    println!(
+    outln!(
         "{} flights, {fresh} of them flown now in {seconds:.2} s: {:.0} a second\n",
         campaign.flights(),
         fresh as f64 / seconds.max(1e-9)
     );
-    print!("{}", text(&summary));
-    println!("\nResults: {}", args.out.display());
+    out!("{}", text(&summary));
+    if summary.iter().all(|c| c.flights == 0) {
+        anyhow::bail!(
+            "no flight of {} could be solved: look at noise, rooms and manoeuvres",
+            campaign.flights()
+        );
+    }
+    outln!("\nResults: {}", args.out.display());
     Ok(())
 }
 

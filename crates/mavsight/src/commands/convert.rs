@@ -3,7 +3,9 @@
 use super::convert_formats::{Kind, formats};
 use super::named;
 use crate::cli::{Convert, Format, Frame, Origin, Up, WrongCall};
+use crate::out::outln;
 use anyhow::Result;
+use clap::ValueEnum;
 use mavsight_geometry::{ImageSize, Vector3};
 use mavsight_pose::Rig;
 use mavsight_session::foreign::dltdv::{self, DltOptions};
@@ -14,12 +16,22 @@ use mavsight_session::foreign::pixels::PixelOrigin;
 use mavsight_session::foreign::poses::{TimedPose, read_pose_table, write_pose_table};
 use mavsight_session::foreign::{Noted, argus, c3d, euroc, kalibr, opencv, ros, trc, tum};
 use mavsight_session::{
-    RunResults, load_vehicle, read_rig, tables, write_control_points, write_markers, write_rig,
+    RunResults, cameras_of, load_vehicle, read_rig, tables, write_control_points, write_markers, write_rig,
 };
 use std::path::{Path, PathBuf};
 
 /// `mavsight convert`
 pub(crate) fn convert(args: &Convert) -> Result<()> {
+    let place = |path: &Path| path.canonicalize().ok();
+    match place(&args.input) {
+        None => return Err(WrongCall(format!("{}: there is no such file", args.input.display())).into()),
+        same if same == place(&args.output) => {
+            let message =
+                format!("{}: would be written over by itself: name another output", args.input.display());
+            return Err(WrongCall(message).into());
+        }
+        Some(_) => {}
+    }
     let (from, to) = formats(&args.input, &args.output, (args.from, args.to), args.vehicle.is_some())?;
     let call = Call { args, from, to, body: body(args)? };
     let notes = match (from.kind(), to.kind()) {
@@ -30,16 +42,26 @@ pub(crate) fn convert(args: &Convert) -> Result<()> {
         (Kind::Offsets, Kind::Offsets) => call.offsets()?,
         (_, Kind::Table) => call.table()?,
         _ => {
-            return Err(
-                WrongCall(format!("{from:?} does not turn into {to:?}: see mavsight help convert")).into()
-            );
+            return Err(WrongCall(format!(
+                "{} ({}) does not turn into {} ({}): see mavsight help convert",
+                args.input.display(),
+                name_of(from),
+                args.output.display(),
+                name_of(to)
+            ))
+            .into());
         }
     };
     for note in notes {
         eprintln!("note: {note}");
     }
-    println!("{}", args.output.display());
+    outln!("{}", args.output.display());
     Ok(())
+}
+
+/// A format as the options call it.
+fn name_of(format: Format) -> String {
+    format.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
 /// Markers by name, in body axes.
@@ -114,6 +136,7 @@ impl Call<'_> {
     }
 
     fn write_cameras(&self, path: &Path, rig: &Rig, camera: Option<&str>) -> Result<Vec<String>> {
+        let rig = &self.chosen(rig, camera)?;
         let drop_skew = self.args.drop_skew;
         named(match self.to {
             Format::Dlt => {
@@ -124,7 +147,7 @@ impl Call<'_> {
             Format::Argus => {
                 argus::write_profile(path, rig, self.origin().unwrap_or(PixelOrigin::Argus), drop_skew)
             }
-            Format::Opencv => opencv::write(path, &self.chosen(rig, camera)?, drop_skew),
+            Format::Opencv => opencv::write(path, rig, drop_skew),
             Format::Ros => ros::write(path, rig, camera, drop_skew),
             Format::Kalibr => kalibr::write(path, rig, drop_skew),
             _ => write_rig(path, rig).map(|()| Vec::new()),
@@ -133,8 +156,7 @@ impl Call<'_> {
 
     fn chosen(&self, rig: &Rig, camera: Option<&str>) -> Result<Rig> {
         let Some(name) = camera else { return Ok(rig.clone()) };
-        let one = named(mavsight_session::foreign::rigs::one_camera(&self.args.output, rig, Some(name)))?;
-        Ok(Rig::exact(vec![one.clone()]))
+        named(cameras_of(rig, &[name], &self.args.input))
     }
 
     fn trajectory(&self) -> Result<Vec<String>> {

@@ -3,6 +3,7 @@
 use super::named;
 use crate::cli::{Film, WrongCall};
 use crate::lab::{self, Shot, StagedFilm};
+use crate::out::outln;
 use crate::progress::Bars;
 use anyhow::{Context, Result, bail};
 use mavsight_flight::{Scenario, Staging};
@@ -192,7 +193,7 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         camera: cameras,
     };
     write_session(&args.out.join("session.toml"), &session)?;
-    println!("{} cameras: {}", session.camera.len(), args.out.join("session.toml").display());
+    outln!("{} cameras: {}", session.camera.len(), args.out.join("session.toml").display());
     Ok(())
 }
 
@@ -244,9 +245,15 @@ fn one_camera(
         format!("{name}.mp4")
     } else {
         make_folder(&args.out.join(name))?;
-        for (n, rgb) in frames.enumerate() {
-            let file = args.out.join(name).join(format!("frame_{n:05}.png"));
-            write_png(&file, &Frame::from_rgb(size, rgb)?)?;
+        let file = |n: usize| args.out.join(name).join(format!("frame_{n:05}.png"));
+        let mut written = 0;
+        for rgb in frames {
+            write_png(&file(written), &Frame::from_rgb(size, rgb)?)?;
+            written += 1;
+        }
+        // A longer film that was there before would go on behind this one.
+        for n in (written..).take_while(|n| file(*n).exists()) {
+            std::fs::remove_file(file(n)).with_context(|| format!("{}", file(n).display()))?;
         }
         format!("{name}/frame_%05d.png")
     };
@@ -284,11 +291,13 @@ fn write_video(
     interval_s: f64,
     frames: impl Iterator<Item = Vec<u8>>,
 ) -> Result<()> {
+    // Beside its place until it is whole: what ffmpeg ends when it is cut off looks whole.
+    let part = path.with_extension("part.mp4");
     let mut child = Command::new("ffmpeg")
         .args(["-v", "error", "-nostdin", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
         .args(["-s", &format!("{}x{}", size.width_px, size.height_px), "-r", &format!("{}", 1.0 / interval_s)])
         .args(["-i", "pipe:0", "-c:v", "libx264", "-crf", "12", "-pix_fmt", "yuv420p"])
-        .arg(path)
+        .arg(&part)
         .stdin(Stdio::piped())
         .spawn()
         .context("--video needs the ffmpeg program: install it with `apt-get install ffmpeg`, or leave --video out")?;
@@ -301,5 +310,5 @@ fn write_video(
     if !status.success() {
         bail!("ffmpeg could not write {}: {status}", path.display());
     }
-    Ok(())
+    std::fs::rename(&part, path).with_context(|| format!("{}", path.display()))
 }

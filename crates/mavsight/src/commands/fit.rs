@@ -56,11 +56,19 @@ pub(crate) fn fit_into(
     if is_part {
         notes.push(part_covered(recorded, &motion));
     }
+    notes.extend(held_long(recorded));
+    let identify = |motion: &Motion| identify_motion(motion, recorded, flight.vehicle, &flight.options, bars);
     let uncovered = is_part.then(|| taken_out(&mut motion.samples, covered));
-    let solved = identify_motion(&motion, recorded, flight.vehicle, &flight.options, bars);
-    if let Some((before, after)) = uncovered {
-        motion.samples.splice(0..0, before);
-        motion.samples.extend(after);
+    let mut solved = identify(&motion);
+    if matches!(solved, Err(PipelineError::Identify(IdentifyError::GapInMotion { .. }))) {
+        let whole = longest_whole(&motion);
+        notes.push(part_whole(&motion.samples[whole.clone()]));
+        let others = taken_out(&mut motion.samples, whole);
+        solved = identify(&motion);
+        put_back(&mut motion.samples, others);
+    }
+    if let Some(others) = uncovered {
+        put_back(&mut motion.samples, others);
     }
     match solved {
         Ok(solution) => {
@@ -90,10 +98,53 @@ pub(crate) fn fit_into(
     Ok(notes)
 }
 
+/// The longest part of a motion without a gap over which it cannot be read: what rotors do depends on all that they did before.
+fn longest_whole(motion: &Motion) -> Range<usize> {
+    let longest_ns = (1e9 * motion.longest_step_s()) as i64;
+    let mut parts = motion.samples.chunk_by(|a, b| b.t_ns - a.t_ns <= longest_ns).scan(0, |at, part| {
+        let from = std::mem::replace(at, *at + part.len());
+        Some(from..*at)
+    });
+    let first = parts.next().unwrap_or(0..0);
+    parts.fold(first, |best, part| if part.len() > best.len() { part } else { best })
+}
+
+fn part_whole(part: &[MotionSample]) -> String {
+    let t_s = |sample: Option<&MotionSample>| sample.map_or(0.0, |s| s.t_ns as f64 * 1e-9);
+    format!(
+        "Equation error has the flight from {:.3} to {:.3} s alone: beside is a gap in which the motion is not known.",
+        t_s(part.first()),
+        t_s(part.last()),
+    )
+}
+
 /// What lies before and behind a part, which alone stays: of a long flight a copy of the part would be large.
 fn taken_out<T>(all: &mut Vec<T>, part: Range<usize>) -> (Vec<T>, Vec<T>) {
     let after = all.split_off(part.end);
     (all.drain(..part.start).collect(), after)
+}
+
+fn put_back<T>(all: &mut Vec<T>, (before, after): (Vec<T>, Vec<T>)) {
+    all.splice(0..0, before);
+    all.extend(after);
+}
+
+/// A word on rows of the inputs that are missing: in a log of changes nothing is, in one of an even clock something may be.
+fn held_long(inputs: &InputSeries) -> Option<String> {
+    const LONG_S: f64 = 0.2;
+    const MANY: f64 = 10.0;
+    let samples = inputs.samples();
+    let mut steps_s: Vec<f64> = samples.windows(2).map(|w| w[1].t_s - w[0].t_s).collect();
+    let middle = steps_s.len() / 2;
+    let usual_s = *steps_s.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let (from, to) = samples
+        .windows(2)
+        .map(|w| (w[0].t_s, w[1].t_s))
+        .max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0)))
+        .filter(|(from, to)| to - from > LONG_S.max(MANY * usual_s))?;
+    Some(format!(
+        "The inputs have no row from {from:.3} to {to:.3} s, where one every {usual_s:.3} s is usual: the last one counts as held."
+    ))
 }
 
 fn part_covered(inputs: &InputSeries, motion: &Motion) -> String {

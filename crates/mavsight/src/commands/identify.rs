@@ -1,29 +1,39 @@
 //! Identification by itself, on a table of poses or of motion from any system.
 
 use super::fit::{fit_into, identify_into};
-use super::named;
-use super::run::Flight;
+use super::run::{Flight, require_a_pose};
 use super::stages::beside_other_stages;
+use super::{named, require_folder};
 use crate::cli::{Identify, Interval, WrongCall};
 use crate::fits;
+use crate::out::{out, outln};
 use crate::progress::Bars;
 use crate::summary::Summary;
 use anyhow::Result;
 use mavsight_identify::{Band, Bandwidth, Estimator, FitOptions, Options};
 use mavsight_pipeline::IdentifyOptions;
 use mavsight_session::{
-    FlightTable, RunResults, load_model, load_vehicle, read_flight_table, tables::read_inputs, write_results,
+    FlightTable, RunResults, load_model, load_vehicle, read_flight_table, read_summary, results::names,
+    tables::read_inputs, write_results,
 };
 
 /// `mavsight identify`
 pub(crate) fn identify(args: &Identify) -> Result<()> {
     let vehicle = named(load_vehicle(&args.vehicle))?;
     let inputs = named(read_inputs(&args.inputs))?;
+    args.out.as_deref().map_or(Ok(()), require_folder)?;
     let options = options(args)?;
     let marker_names: Vec<String> = vehicle.marker.iter().map(|m| m.name.clone()).collect();
     let table = named(read_flight_table(&args.table, &marker_names))?;
+    let only_output_error =
+        !args.estimator.is_empty() && args.estimator.iter().all(|name| name == OUTPUT_ERROR);
+    if only_output_error && matches!(table, FlightTable::Motion(_)) {
+        let what = "--estimator oe: output error fits poses, and this is a table of motion; give it pose.csv";
+        return Err(WrongCall(what.into()).into());
+    }
     let bars = Bars::new();
-    let mut results = RunResults { session: vehicle.name.clone(), marker_names, ..RunResults::default() };
+    let session = session_of(args).unwrap_or_else(|| vehicle.name.clone());
+    let mut results = RunResults { session, marker_names, ..RunResults::default() };
     let flight =
         Flight { name: &vehicle.name, vehicle: &vehicle, inputs: Some(&inputs), truth: None, options };
     let notes = match table {
@@ -35,7 +45,8 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     };
     bars.done();
     let summary = Summary::of(&results, None, &notes);
-    print!("{}{}", summary.text(), fits::parameter_text(&results));
+    out!("{}{}", summary.text(), fits::parameter_text(&results));
+    let has_pose = require_a_pose(&results);
     if let Some(out) = &args.out {
         results.summary = beside_other_stages(out, &results.session, summary.json());
         // The table came from a file of the caller's, which may lie in the same folder: it is not written again.
@@ -44,9 +55,17 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
         }
         results.poses.clear();
         write_results(out, &results)?;
-        println!("\nResults: {}", out.display());
+        outln!("\nResults: {}", out.display());
     }
-    Ok(())
+    has_pose
+}
+
+/// The session whose results the table lies among, where these are written to: they are then beside those of its other stages.
+fn session_of(args: &Identify) -> Option<String> {
+    let out = args.out.as_ref()?.canonicalize().ok()?;
+    let among = args.table.canonicalize().ok()?.parent()? == out;
+    let summary = among.then(|| read_summary(&out.join(names::SUMMARY)).ok())??;
+    summary["session"].as_str().map(str::to_owned)
 }
 
 /// Output error from poses among the estimators' names.

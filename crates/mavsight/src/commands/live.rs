@@ -5,6 +5,7 @@ use super::live_sources::{replayed, running};
 use super::named;
 use super::run::{inputs_of, rig_of};
 use crate::cli::{Live, WrongCall};
+use crate::out::out;
 use crate::progress::Bars;
 use anyhow::{Context, Result};
 use mavsight_flight::Vehicle;
@@ -60,7 +61,7 @@ fn of_session(args: &Live, path: &Path) -> Result<()> {
     let noise = noise_of(&session)?;
     let stop = Arc::new(AtomicBool::new(false));
     let inputs = if args.replay { inputs_of(&session)? } else { None };
-    let of = recorded(&session, args.fast)?;
+    let of = recorded(&session, args)?;
     let begin: Begin =
         Box::new(move |to| Ok(Recorder::begin(RecordedSession { folder: to.to_owned(), ..of.clone() })?));
     let recorder = RecorderSlot::with(args.record.as_deref().map(&begin).transpose()?);
@@ -101,12 +102,16 @@ fn noise_of(session: &Session) -> Result<Option<MotionNoise>> {
 }
 
 /// What a recording of a session's flight is of; its folder is still to be said.
-fn recorded(session: &Session, waits: bool) -> Result<RecordedSession> {
-    let file: SessionFile = read_toml(&session.path, "session file")?;
+fn recorded(session: &Session, args: &Live) -> Result<RecordedSession> {
+    let mut file: SessionFile = read_toml(&session.path, "session file")?;
+    if !args.replay {
+        // They are of another flight.
+        file.inputs = PathBuf::new();
+    }
     let folder = session.path.parent().unwrap_or(Path::new(""));
     let rate_hz = session.cameras.iter().find_map(|c| c.frame_rate_hz).unwrap_or(30.0);
     let session = with_whole_paths(file, folder);
-    Ok(RecordedSession { folder: PathBuf::new(), session, rate_hz, with_inputs: false, waits })
+    Ok(RecordedSession { folder: PathBuf::new(), session, rate_hz, with_inputs: false, waits: args.fast })
 }
 
 /// How a recording of the flight begins.
@@ -175,6 +180,9 @@ fn with_whole_paths(mut file: SessionFile, folder: &Path) -> SessionFile {
     whole(&mut file.vehicle);
     whole(&mut file.inputs);
     file.model.iter_mut().for_each(whole);
+    if let Some(rig) = &mut file.rig {
+        whole(&mut rig.file);
+    }
     if let Some(control) = &mut file.control {
         whole(&mut control.points);
         control.observations.iter_mut().for_each(whole);
@@ -292,6 +300,7 @@ pub(super) fn finish(args: &Live, rig: &Rig, flown: &Flown) -> Result<()> {
         "latency_to_pose": of(&flown.latency),
         "latency_of_tracking": of(&flown.tracking),
         "unheard": flown.unheard,
+        "recording_fault": flown.recording_fault,
     });
     let dropped: u64 = flown.dropped.iter().sum();
     let mut text = format!(
@@ -311,13 +320,19 @@ pub(super) fn finish(args: &Live, rig: &Rig, flown: &Flown) -> Result<()> {
     if args.json {
         eprint!("{text}");
     } else {
-        print!("{text}");
+        out!("{text}");
     }
     if let Some(out) = &args.out {
         make_folder(out)?;
         write_whole(&out.join("live.json"), &serde_json::to_vec_pretty(&figures)?)?;
     }
-    if flown.instants > 0 && flown.measured == 0 {
+    if let Some(fault) = &flown.recording_fault {
+        anyhow::bail!("the recording is not whole: {fault}");
+    }
+    if flown.instants == 0 {
+        anyhow::bail!("no camera has shown anything: what each lacks is said above");
+    }
+    if flown.measured == 0 {
         anyhow::bail!("none of {} instants has a pose", flown.instants);
     }
     Ok(())

@@ -139,7 +139,7 @@ impl Source for VirtualSource {
         if self.next >= self.last {
             // Nobody waits for a camera that is done.
             self.shared.is_ahead(self.index, u64::MAX);
-            return Next::End("the flight's time is over".to_owned());
+            return Next::Over;
         }
         let stamp_ns = |frame: u64, interval_s: f64| ns_from_s(frame as f64 * interval_s);
         if self.pace == Pace::Own {

@@ -3,6 +3,7 @@
 use super::demo::scenario_of;
 use super::plan::wrong_call;
 use crate::cli::{Criterion, PlanManoeuvre, WrongCall};
+use crate::out::{out, outln};
 use anyhow::{Context, Result};
 use mavsight_flight::{Channel, Maneuver, Scenario};
 use mavsight_geometry::Vector3;
@@ -10,7 +11,7 @@ use mavsight_plan::{
     FlightLimits, FlightPlanner, MultisineOptions, Optimality, Placed, PlannedManoeuvre, Planner,
     SearchOptions, Solid,
 };
-use mavsight_session::{RESULTS_SCHEMA, make_folder, write_whole};
+use mavsight_session::{RESULTS_SCHEMA, csv_cell, make_folder, write_whole};
 use serde_json::json;
 use std::path::Path;
 
@@ -71,9 +72,9 @@ pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
             format!("--parameters {}: not all are free: use some of {}", names.join(" "), known.join(" "));
         return Err(WrongCall(message).into());
     }
-    print!("{}", table(&plans, &names));
+    out!("{}", table(&plans, &names));
     for line in verdicts(&plans) {
-        println!("{line}");
+        outln!("{line}");
     }
     if let Some(out) = &args.out {
         make_folder(out)?;
@@ -86,7 +87,7 @@ pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
                 toml::to_string(&plan.scenario)?.as_bytes(),
             )?;
         }
-        println!("\nResults: {}", out.display());
+        outln!("\nResults: {}", out.display());
     }
     Ok(())
 }
@@ -198,6 +199,7 @@ fn verdicts(plans: &Plans) -> Vec<String> {
 fn csv(plans: &Plans) -> String {
     let mut out = "manoeuvre,parameter,value,std,identifiable\n".to_owned();
     for (name, plan) in plans {
+        let name = csv_cell(name);
         for p in &plan.fit.parameters {
             out += &format!("{name},\"{}\",{:e},{:e},{}\n", p.name, p.value, p.std, p.identifiable);
         }

@@ -2,13 +2,14 @@
 
 use super::plan_page::write_plan_page;
 use crate::cli::{PlanCameras, WrongCall};
+use crate::out::{out, outln};
 use anyhow::Result;
 use mavsight_flight::Vehicle;
 use mavsight_plan::{
     EXAMPLE, PlanError, Planner, Ranked, SearchOptions, StudyRow, angle_study, distance_study,
 };
 use mavsight_session::{
-    ControlSection, RESULTS_SCHEMA, SESSION_SCHEMA, SessionCamera, SessionFile, make_folder,
+    ControlSection, RESULTS_SCHEMA, SESSION_SCHEMA, SessionCamera, SessionFile, csv_cell, make_folder,
     write_control_points, write_session, write_vehicle, write_whole,
 };
 use serde_json::json;
@@ -37,7 +38,7 @@ pub(crate) fn cameras(args: &PlanCameras) -> Result<()> {
         for (name, text) in EXAMPLE {
             write_whole(&folder.join(name), text.as_bytes())?;
         }
-        println!("{}", folder.join(EXAMPLE[0].0).display());
+        outln!("{}", folder.join(EXAMPLE[0].0).display());
     }
     let Some(path) = args.room.as_deref() else { return Ok(()) };
     let (planner, vehicle) = Planner::load(path).map_err(wrong_call)?;
@@ -48,14 +49,14 @@ pub(crate) fn cameras(args: &PlanCameras) -> Result<()> {
     let study = if args.study { study(&planner, &ranked[0]) } else { [vec![], vec![]] };
     let plan = CameraPlan { planner: &planner, ranked: &ranked, study };
     let cameras = ranked[0].placed.len();
-    println!(
+    outln!(
         "{}: {cameras} cameras, {} of the placements found in {seconds:.1} s\n",
         planner.room().name,
         ranked.len()
     );
-    print!("{}", placement_table(&plan));
+    out!("{}", placement_table(&plan));
     if let Some(text) = study_text(&plan) {
-        print!("\n{text}");
+        out!("\n{text}");
     }
     if let Some(out) = &args.out {
         make_folder(out)?;
@@ -66,7 +67,7 @@ pub(crate) fn cameras(args: &PlanCameras) -> Result<()> {
         )?;
         write_plan_page(&plan, out)?;
         write_start(&plan, &vehicle, out)?;
-        println!("\nResults: {}", out.display());
+        outln!("\nResults: {}", out.display());
     }
     Ok(())
 }
@@ -153,11 +154,11 @@ fn placements_csv(plan: &CameraPlan<'_>) -> String {
     let mut out = "rank,camera,type,x_m,y_m,z_m,aim_x_m,aim_y_m,aim_z_m,mean_position_std_mm,worst_position_std_mm,new_position_std_mm,mean_attitude_std_deg,least_diameter_px\n".to_owned();
     for (rank, r) in plan.ranked.iter().enumerate() {
         for (k, c) in r.placed.iter().enumerate() {
-            let (p, kind) = (&r.prediction, &plan.planner.room().camera[c.kind].name);
+            let (p, kind) = (&r.prediction, csv_cell(&plan.planner.room().camera[c.kind].name));
             out += &format!(
                 "{},{},{kind},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.5},{:.5},{:.5},{:.6},{:.3}\n",
                 rank + 1,
-                plan.planner.name(k),
+                csv_cell(&plan.planner.name(k)),
                 c.centre_m.x,
                 c.centre_m.y,
                 c.centre_m.z,

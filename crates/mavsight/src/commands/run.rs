@@ -1,25 +1,26 @@
 //! The whole chain on a recorded session.
 
 use super::fit::with_motion;
-use super::named;
+use super::{named, require_folder};
 use crate::cli::{Interval, Run, WrongCall};
+use crate::out::{out, outln};
 use crate::page::{Page, write_page};
 use crate::progress::Bars;
 use crate::summary::Summary;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_identify::output_error::telling_stretch_s;
 use mavsight_pipeline::{
     AsFlown, Board, CameraFeed, ControlStill, IdentifyOptions, PipelineError, Progress, Refinement,
-    TimedFrame, Tracked, Wand, board_of, calibrate_from_observations, calibrate_from_stills_and, motion_of,
-    refine, wand_of,
+    TimedFrame, Tracked, Wand, board_of, calibrate_from_observations, calibrate_from_stills_and,
+    lasting_to_fit, motion_of, refine, wand_of,
 };
-use mavsight_pose::{CameraClock, ClockPrior, MarkerObservation, MovedObject, Rig};
+use mavsight_pose::{CameraClock, ClockPrior, MarkerObservation, MovedObject, PoseEstimate, Rig};
 use mavsight_score::{Scores, score_motion, score_poses};
 use mavsight_session::{
     FrameSource, LineTime, MarkerAsBuilt, RunResults, Session, SessionCamera, TruthRow, read_image,
-    write_markers_early, write_results,
+    results::names, write_markers_early, write_results,
 };
 use mavsight_vision::Frame;
 use std::path::Path;
@@ -27,6 +28,7 @@ use std::path::Path;
 /// `mavsight run`
 pub(crate) fn run(args: &Run) -> Result<()> {
     let session = named(Session::load(&args.session))?;
+    require_folder(&args.out)?;
     let (inputs, truth) = (inputs_of(&session)?, named(session.truth())?);
     let bars = Bars::new();
     let rig = rig_of(&session, &bars)?;
@@ -98,7 +100,7 @@ pub(crate) fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
             .cameras
             .iter()
             .enumerate()
-            .map(|(k, c)| Ok((c.name.clone(), session.open_camera(k)?.size())))
+            .map(|(k, c)| Ok((c.name.clone(), named(session.image_size(k))?)))
             .collect::<Result<Vec<(String, ImageSize)>>>()?;
         return Ok(calibrate_from_observations(&sizes, &points, &pixels.unwrap_or_default(), &objects)?);
     }
@@ -108,7 +110,9 @@ pub(crate) fn rig_of(session: &Session, bars: &Bars) -> Result<Rig> {
             stills.push(ControlStill { camera: camera.name.clone(), frame: named(read_image(path))? });
         }
     }
-    Ok(calibrate_from_stills_and(&stills, &points, &objects)?)
+    let rig = calibrate_from_stills_and(&stills, &points, &objects)?;
+    named(session.require_sizes(&rig, &session.path))?;
+    Ok(rig)
 }
 
 /// The wand and the board of a session, where it has them.
@@ -253,6 +257,7 @@ pub(crate) fn solve(
     // Nobody asks for the diameters of an hour's balls any more.
     drop(std::mem::take(&mut tracked.diameters_px));
     let centres = tracked.centre_quality();
+    let lasting = lasting_to_fit(&tracked);
     let mut results = RunResults {
         session: flight.name.to_owned(),
         camera_names: rig.cameras.iter().map(|c| c.name.clone()).collect(),
@@ -276,7 +281,17 @@ pub(crate) fn solve(
         None => results.markers = seen.iter().collect(),
     }
     drop(seen);
+    let is_lasting: Vec<usize> = lasting.iter().map(|(k, _)| *k).collect();
+    for (k, columns) in lasting {
+        let pose = &mut results.poses[k];
+        pose.estimate = pose.estimate.take().map(|e| e.with_systematic(&columns));
+    }
     notes.extend(with_motion(&mut results, motion, flight, bars)?);
+    // Nobody asks any more how they err together.
+    for k in is_lasting {
+        let pose = &mut results.poses[k];
+        pose.estimate = pose.estimate.take().map(PoseEstimate::condensed);
+    }
     Ok((results, notes))
 }
 
@@ -302,10 +317,28 @@ pub(crate) fn finish(
     results.summary = summary.json();
     let page = Page { flight, results: &results, summary: &summary, frames: &frames };
     write_results(out, &results)?;
+    remove_stale(&results, out)?;
     write_page(&page, out)?;
-    print!("{}", summary.text());
-    println!("\nResults: {}", out.display());
+    out!("{}", summary.text());
+    outln!("\nResults: {}", out.display());
     require_a_pose(&results)
+}
+
+/// Removes what an earlier run left in the folder of which this one has nothing.
+fn remove_stale(results: &RunResults, out: &Path) -> Result<()> {
+    let has_parameters = results.identification.is_some() || results.output_error.named().next().is_some();
+    for (name, is_there) in [
+        (names::BODY, !results.body.is_empty()),
+        (names::MOTION, results.motion.is_some()),
+        (names::COEFFICIENTS, results.coefficients.is_some()),
+        (names::PARAMETERS, has_parameters),
+    ] {
+        let path = out.join(name);
+        if !is_there && path.exists() {
+            std::fs::remove_file(&path).with_context(|| format!("{}", path.display()))?;
+        }
+    }
+    Ok(())
 }
 
 /// Refuses a flight of which nothing was measured.

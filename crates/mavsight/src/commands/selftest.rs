@@ -5,12 +5,13 @@ use super::named;
 use super::run::{feeds, rig_of};
 use crate::cli::{BuiltInRig, Selftest};
 use crate::lab::{self, StagedFilm};
+use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Result, bail};
 use mavsight_flight::Staging;
 use mavsight_pipeline::{ControlStill, Progress, Quiet, calibrate_from_stills};
 use mavsight_scene::Room;
-use mavsight_score::{Coverage, Random, Tally, VirtualFlight, VirtualLab};
+use mavsight_score::{Coverage, Random, TOO_FEW, Tally, VirtualFlight, VirtualLab};
 use mavsight_session::{RESULTS_SCHEMA, Session, TruthRow, make_folder, write_whole};
 use rayon::prelude::*;
 use serde_json::json;
@@ -45,8 +46,8 @@ pub(crate) fn selftest(args: &Selftest) -> Result<()> {
     }
     bars.done();
     let coverage = tally.coverage();
-    println!("{}", setting(&name, &lab, &tally, args));
-    print!("{}", table(&coverage));
+    outln!("{}", setting(&name, &lab, &tally, args));
+    out!("{}", table(&coverage));
     if let Some(out) = &args.out {
         make_folder(out)?;
         write_whole(&out.join("selftest.csv"), csv(&coverage).as_bytes())?;
@@ -64,13 +65,16 @@ pub(crate) fn selftest(args: &Selftest) -> Result<()> {
             "quantities": coverage,
         });
         write_whole(&out.join("selftest.json"), serde_json::to_string_pretty(&summary)?.as_bytes())?;
-        println!("\nResults: {}", out.display());
+        outln!("\nResults: {}", out.display());
     }
     let wrong: Vec<String> = coverage
         .iter()
         .filter(|c| !c.is_accepted)
         .map(|c| format!("{} {} ({:.1} %)", c.quantity, c.verdict, 100.0 * c.share))
         .collect();
+    if coverage.iter().any(|c| c.verdict == TOO_FEW) {
+        eprintln!("mavsight: {flights} flights are too few to tell of some: give more by --flights");
+    }
     if !wrong.is_empty() {
         bail!("the 95 % intervals are not true here: {}", wrong.join(", "));
     }

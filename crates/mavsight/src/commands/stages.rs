@@ -3,9 +3,10 @@
 use super::demo::{scenario_of, vehicle_of};
 use super::film::STAGING;
 use super::fit::identify_into;
-use super::named;
 use super::run::{Flight, feeds, first_frames, inputs_of, refined, require_a_pose, rig_of, scores_of};
+use super::{named, require_folder};
 use crate::cli::{Simulate, Stage, WrongCall};
+use crate::out::{out, outln};
 use crate::page::{Page, write_page};
 use crate::progress::Bars;
 use crate::summary::Summary;
@@ -22,10 +23,10 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     let vehicle = vehicle_of(args.vehicle.as_deref())?;
     let scenario = scenario_of(args.scenario.as_deref())?;
     if args.print_scenario {
-        print!("{}", toml::to_string(&scenario)?);
+        out!("{}", toml::to_string(&scenario)?);
     }
     if args.print_vehicle {
-        print!("{}", toml::to_string(&vehicle)?);
+        out!("{}", toml::to_string(&vehicle)?);
     }
     let Some(out) = &args.out else { return Ok(()) };
     let inputs = match &args.inputs {
@@ -45,13 +46,14 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
         let text = toml::to_string(&scenario.staging)?;
         mavsight_session::write_whole(&out.join(STAGING), text.as_bytes())?;
     }
-    println!("{} instants of {:.2} s: {}", states.len(), scenario.duration_s, out.display());
+    outln!("{} instants of {:.2} s: {}", states.len(), scenario.duration_s, out.display());
     Ok(())
 }
 
 /// `mavsight calibrate`
 pub(crate) fn calibrate(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
+    require_folder(&args.out)?;
     let bars = Bars::new();
     let rig = rig_of(&session, &bars)?;
     bars.done();
@@ -75,6 +77,7 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
         );
         return Err(WrongCall(message).into());
     }
+    named(session.require_sizes(&rig, &args.out.join(names::RIG)))?;
     let bars = Bars::new();
     let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
     let refined = refined(&session, rig, &mut tracked)?;
@@ -120,8 +123,8 @@ fn put(mut results: RunResults, notes: &[String], out: &Path) -> Result<()> {
     let summary = Summary::of(&results, None, notes);
     results.summary = beside_other_stages(out, &results.session, summary.json());
     write_results(out, &results)?;
-    print!("{}", summary.text());
-    println!("\nResults: {}", out.display());
+    out!("{}", summary.text());
+    outln!("\nResults: {}", out.display());
     require_a_pose(&results)
 }
 
@@ -153,7 +156,7 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
     let summary = Summary::of(&results, scores.as_ref(), &notes);
     let frames = first_frames(&session)?;
     write_page(&Page { flight: &flight, results: &results, summary: &summary, frames: &frames }, &args.out)?;
-    println!("{}", args.out.join(names::REPORT).display());
+    outln!("{}", args.out.join(names::REPORT).display());
     Ok(())
 }
 

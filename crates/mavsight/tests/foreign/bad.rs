@@ -240,7 +240,11 @@ fn marker_paths() {
     let mut units = c3d.clone();
     let at = units.windows(7).position(|w| w == b"\x05\x01UNITS").expect("a parameter") + 13;
     units[at..at + 2].copy_from_slice(b"ft");
+    let mut many = c3d.clone();
+    let at = many.windows(6).position(|w| w == b"\x04\x01USED").expect("a parameter") + 10;
+    many[at..at + 2].copy_from_slice(&i16::MAX.to_le_bytes());
     for (bytes, words) in [
+        (many, &["POINT:USED", "32767 points"]),
         (c3d[..c3d.len() - 1024].to_vec(), &["25 are announced", "breaks off"]),
         (c3d[..600].to_vec(), &["C3D", "bad.c3d"]),
         (other, &["C3D", "0x50"]),

@@ -103,6 +103,10 @@ pub(super) fn choose(problem: &Problem, choice: &Choice, start: &[Camera]) -> Op
                     .zip(&best.models)
                     .map(|(s, model)| if s == size { wider } else { *model })
                     .collect();
+                // What two steps lead to may have been tried from one step before: each model counts once.
+                if tried.iter().chain(&better).any(|fit| fit.models == models) {
+                    continue;
+                }
                 let Some(fit) = readjust(problem, choice, &models, &best) else { continue };
                 let ahead = better.as_ref().map_or(best.log_evidence, |b| b.log_evidence);
                 if fit.log_evidence > ahead {

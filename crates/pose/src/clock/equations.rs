@@ -214,7 +214,8 @@ impl<'a> Problem<'a> {
             let redundancy = 2.0 * views.len() as f64 - 6.0;
             sums.instants += 1;
             sums.misfit += (chi_square / redundancy).sqrt();
-            sums.factors.push(chi_square / redundancy);
+            // The median of a chi-square over its degrees of freedom is below one (Wilson & Hilferty 1931).
+            sums.factors.push(chi_square / redundancy / (1.0 - 2.0 / (9.0 * redundancy)).powi(3));
             if !unknowns.is_empty() {
                 let block = (k * BLOCKS / self.instants.len()).min(BLOCKS - 1);
                 self.add(&mut sums, &views, &pose, (unknowns, t_s, block));

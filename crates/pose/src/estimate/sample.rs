@@ -138,7 +138,8 @@ impl PoseEstimate {
         if self.is_condensed() { 6 } else { self.lasting.len() / 6 }
     }
 
-    fn is_condensed(&self) -> bool {
+    /// Whether the systematic columns are those of [`Self::condensed`], which tell nothing of how poses err together.
+    pub fn is_condensed(&self) -> bool {
         self.lasting.len() == TRIANGLE
     }
 

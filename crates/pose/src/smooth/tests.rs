@@ -103,7 +103,8 @@ fn intervals_hold_the_truth_with_gaps_and_wrong_claims() {
         let mut seed = seed;
         let gap = |k: i64| (120..132).contains(&k) || k % 17 == 3 || k == 0 || k == 299;
         let motion = smooth(&filmed(300, claimed, &mut seed, gap), GRAVITY).unwrap();
-        assert_eq!(motion.samples.len(), 300);
+        // From the first pose to the last.
+        assert_eq!(motion.samples.len(), 298);
         let at = |i: usize| motion.samples[i].t_ns as f64 * 1e-9;
         let (share, rms) = coverage(&motion, |i| (flight(at(i)), exact(at(i))));
         // Sines are smoother than white jerk, so the intervals of their derivatives hold more than they claim.
@@ -112,6 +113,27 @@ fn intervals_hold_the_truth_with_gaps_and_wrong_claims() {
         assert!(rms[0] < 4e-4 && rms[3] < 2e-3, "smoothing must help: {rms}");
         assert!(rms[12] < 0.1 && rms[16] < 0.2, "accelerations: {rms}");
     }
+}
+
+/// Three seconds unseen: an attitude might turn by radians meanwhile.
+#[test]
+fn over_a_long_gap_nothing_is_told_and_beside_it_intervals_hold() {
+    let mut seed = 4;
+    let gap = |k: i64| (150..240).contains(&k);
+    let poses = filmed(400, 1.0, &mut seed, gap);
+    let longest_s = crate::motion_noise(&poses).unwrap().longest_gap_s();
+    assert!((0.2..2.5).contains(&longest_s), "{longest_s}");
+    let motion = smooth(&poses, GRAVITY).unwrap();
+    let times: Vec<i64> = motion.samples.iter().map(|s| s.t_ns).collect();
+    let wanted: Vec<i64> = (0..400).filter(|k| !gap(*k)).map(|k| poses[k as usize].t_ns).collect();
+    assert_eq!(times, wanted);
+    let at = |i: usize| times[i] as f64 * 1e-9;
+    let (share, _) = coverage(&motion, |i| (flight(at(i)), exact(at(i))));
+    assert!(share.iter().all(|s| *s >= 0.9), "{share:?}");
+    // Of parts that are too short, none is told.
+    let flecks = filmed(400, 1.0, &mut seed, |k| k % 100 > 5);
+    let refused = smooth(&flecks, GRAVITY);
+    assert!(matches!(refused, Err(PoseError::TooFewPoses { measured: 24, .. })), "{refused:?}");
 }
 
 /// A flight of the smoother's own kind, integrated in steps of a millisecond and measured every 33: each error of 1 mm and
@@ -257,7 +279,8 @@ fn what_errors_that_stay_do_to_the_motion_is_their_smoothed_course() {
         }
     }
     let motion = smooth(&poses, GRAVITY).unwrap();
-    let (sample, state) = (&motion.samples[30], &states[30]);
+    // The first instant, which has no pose, has no sample.
+    let (sample, state) = (&motion.samples[30], &states[31]);
     let effect = state.effects.row(1).norm_squared();
     assert!((sample.covariance.variance(1) / (state.covariance[(1, 1)] + effect) - 1.0).abs() < 1e-3);
 }

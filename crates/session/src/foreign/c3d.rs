@@ -52,6 +52,13 @@ fn parse(bytes: &[u8]) -> Result<Noted<MarkerPaths>, Refusal> {
         .and_then(|p| p.texts().into_iter().next())
         .unwrap_or_else(|| "mm".into());
     let unit_m = scale_of(&units).ok_or(("POINT:UNITS", format!("{units:?}: mm, cm or m is known")))?;
+    let width = if layout.scale < 0.0 { 4 } else { 2 };
+    let room = bytes.len() / (4 * width);
+    if layout.points > room {
+        let detail =
+            format!("{} points, and room for {room} in the whole file: it is damaged", layout.points);
+        return Err(("POINT:USED", detail));
+    }
     let mut names: Vec<String> = parameters.get("POINT:LABELS").map(|p| p.texts()).unwrap_or_default();
     for k in 2.. {
         let Some(more) = parameters.get(&format!("POINT:LABELS{k}")) else { break };
@@ -61,7 +68,6 @@ fn parse(bytes: &[u8]) -> Result<Noted<MarkerPaths>, Refusal> {
     while names.len() < layout.points {
         names.push(format!("point{}", names.len() + 1));
     }
-    let width = if layout.scale < 0.0 { 4 } else { 2 };
     let record = width * (4 * layout.points + layout.analog);
     let data = bytes.get(layout.data_at..).unwrap_or(&[]);
     let whole = data.len() / record;
@@ -143,7 +149,7 @@ fn layout(bytes: &[u8], processor: Processor, parameters: &Parameters) -> Result
         frames: frames as usize,
         rate_hz,
         scale,
-        data_at: (data_block as usize - 1) * BLOCK,
+        data_at: (data_block as usize - 1).saturating_mul(BLOCK),
     })
 }
 

@@ -3,7 +3,7 @@
 use super::Noted;
 use super::poses::TimedPose;
 use super::text::decimal_from_ns;
-use crate::table::Table;
+use crate::table::{Table, csv_cell};
 use crate::{SessionError, write_whole};
 use mavsight_geometry::{GeometryError, Vector3, rigid_fit};
 use std::path::Path;
@@ -76,9 +76,10 @@ pub fn read_table(path: &Path) -> Result<MarkerPaths, SessionError> {
 /// What the file system refuses.
 pub fn write_table(path: &Path, paths: &MarkerPaths) -> Result<(), SessionError> {
     let mut text = COLUMNS.join(",") + "\n";
+    let names: Vec<_> = paths.names.iter().map(|name| csv_cell(name)).collect();
     for (t_ns, places) in paths.t_ns.iter().zip(&paths.points_m) {
         let time = decimal_from_ns(*t_ns);
-        for (name, place) in paths.names.iter().zip(places) {
+        for (name, place) in names.iter().zip(places) {
             text += &match place {
                 Some(p) => format!("{time},{name},{:?},{:?},{:?}\n", p.x, p.y, p.z),
                 None => format!("{time},{name},,,\n"),

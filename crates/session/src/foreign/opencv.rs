@@ -34,7 +34,15 @@ pub fn read(path: &Path, sizes: &[ImageSize], names: &[String]) -> Result<Noted<
         );
         return Err(refuse(path, "camera", detail));
     }
-    let sizes = if sizes.is_empty() { own_sizes(&file, &suffixes)? } else { sizes.to_vec() };
+    let own = own_sizes(&file, &suffixes)?;
+    if !own.is_empty() && !sizes.is_empty() && sizes.iter().zip(own.iter().cycle()).any(|(a, b)| a != b) {
+        let (wide, high) = (own[0].width_px, own[0].height_px);
+        let detail = format!(
+            "the file says {wide}×{high}, the call another: leave it out of the call, or correct the file"
+        );
+        return Err(refuse(path, "image size", detail));
+    }
+    let sizes = if own.is_empty() { sizes.to_vec() } else { own };
     let own_names: Vec<String> = suffixes
         .iter()
         .filter_map(|(_, _, s)| Some(file.root.get(&format!("name{s}"))?.text()?.to_owned()))

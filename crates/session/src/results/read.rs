@@ -12,6 +12,12 @@ use std::path::Path;
 /// since the smoother finds the scale of the noise from the poses themselves.
 const UNKNOWN_STD: [f64; 6] = [1e-3; 6];
 
+/// Whether a pose was read from a table that says of no coordinate how good it is.
+pub fn has_assumed_std(estimate: &PoseEstimate) -> bool {
+    estimate.systematic_columns() == 0
+        && estimate.own_covariance() == covariance_from_std(&estimate.world_from_body, &UNKNOWN_STD)
+}
+
 /// Reads `markers.csv`. Only the standard deviations are on file: the covariance between u and v is zero.
 ///
 /// # Errors

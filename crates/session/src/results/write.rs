@@ -90,7 +90,7 @@ fn parts(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Arc<P
         })?;
     }
     if let Some(motion) = &results.motion {
-        part(names::MOTION, &|out| motion_table(motion, out))?;
+        part(names::MOTION, &|out| motion_table(motion, &results.poses, out))?;
     }
     if let Some(table) = &results.coefficients {
         part(names::COEFFICIENTS, &|out| coefficients(table, out))?;
@@ -113,7 +113,8 @@ struct Lines<'a>(csv::Writer<&'a mut dyn Write>);
 
 impl<'a> Lines<'a> {
     fn new<T: AsRef<[u8]>>(out: &'a mut dyn Write, header: impl IntoIterator<Item = T>) -> io::Result<Self> {
-        let mut lines = Self(csv::Writer::from_writer(out));
+        // What begins like a comment is quoted: who reads the table again would pass over it.
+        let mut lines = Self(csv::WriterBuilder::new().comment(Some(b'#')).from_writer(out));
         lines.push(header)?;
         Ok(lines)
     }
@@ -196,15 +197,27 @@ fn poses(samples: &[PoseSample], marker_names: &[String], out: &mut dyn Write) -
     lines.end()
 }
 
-fn motion_table(motion: &Motion, out: &mut dyn Write) -> io::Result<()> {
+fn motion_table(motion: &Motion, poses: &[PoseSample], out: &mut dyn Write) -> io::Result<()> {
     let quantities = columns::POSE.iter().chain(&columns::RATES);
     let header = quantities.flat_map(|q| [columns::value(*q), columns::std(*q)]);
     let mut lines = Lines::new(out, std::iter::once("t_s".to_owned()).chain(header))?;
+    // Instants at which the motion is not known have a row with their time alone, as poses have.
+    let mut instants = poses.iter().map(|p| p.t_ns).peekable();
+    let mut unknown = |lines: &mut Lines<'_>, before_ns: i64| -> io::Result<()> {
+        while let Some(t_ns) = instants.next_if(|t_ns| *t_ns < before_ns) {
+            let empty = std::iter::repeat_n(String::new(), 2 * (columns::POSE.len() + columns::RATES.len()));
+            lines.push(std::iter::once(time(t_ns)).chain(empty))?;
+        }
+        instants.next_if_eq(&before_ns);
+        Ok(())
+    };
     for sample in &motion.samples {
+        unknown(&mut lines, sample.t_ns)?;
         let (values, stds) = motion_values(sample);
         let cells = values.iter().zip(&stds).flat_map(|(value, std)| [number(*value), number(*std)]);
         lines.push(std::iter::once(time(sample.t_ns)).chain(cells))?;
     }
+    unknown(&mut lines, i64::MAX)?;
     lines.end()
 }
 

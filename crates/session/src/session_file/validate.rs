@@ -41,8 +41,8 @@ pub(crate) fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionErr
                 "is missing: name the image of the control frame, or give control.observations".into();
             return refuse(format!("camera {}: still", camera.name), detail);
         }
-        if let Some(rate) = camera.frame_rate_hz.filter(|r| !(r.is_finite() && *r > 0.0)) {
-            let detail = format!("{rate} is not a rate: give frames a second, for instance 30.0");
+        if let Some(rate) = camera.frame_rate_hz.filter(|r| !(0.01..=1e5).contains(r)) {
+            let detail = format!("{rate} is no rate of a camera: give frames a second, for instance 30.0");
             return refuse(format!("camera {}: frame_rate_hz", camera.name), detail);
         }
         if is_empty(&camera.video) && camera.live.as_ref().is_none_or(|l| l.trim().is_empty()) {
@@ -57,8 +57,10 @@ pub(crate) fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionErr
             let detail = format!("{offset} is not a time: give seconds");
             return refuse(format!("camera {}: time_offset_s", camera.name), detail);
         }
-        if let Some(std) = camera.time_offset_std_s.filter(|s| !(s.is_finite() && *s > 0.0)) {
-            let detail = format!("{std} is no standard deviation: give seconds above 0, or leave it out");
+        if let Some(std) = camera.time_offset_std_s.filter(|s| !(1e-9..1e9).contains(s)) {
+            let detail = format!(
+                "{std} is no standard deviation of a clock: give a nanosecond or more, in seconds, or leave it out"
+            );
             return refuse(format!("camera {}: time_offset_std_s", camera.name), detail);
         }
         if let Some(LineTime::Known(line)) = camera.line_time_s.filter(|l| !l.is_sound()) {

@@ -10,23 +10,29 @@ use std::path::PathBuf;
 use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Frames whose memory is used again: what may wait in a queue, be tracked, be compared with and be recorded at a time.
 const POOL: usize = 24;
 
-/// What a camera's `live = "…"` asks ffmpeg for. A text that begins with a dash is its options and input as they are; anything else
-/// is the input, whose kind follows from its name: `/dev/video…` is Video4Linux, `rtsp://` goes by TCP.
+/// Stamps further than this from the system's clock are not by it: no camera is so late.
+const MOST_APART_NS: i64 = 60_000_000_000;
+
+/// What a camera's `live = "…"` asks ffmpeg for. A text that begins with a dash is its options and input, to which is only added that
+/// Video4Linux shall stamp by the system's clock; anything else is the input, whose kind follows from its name: `/dev/video…` is
+/// Video4Linux, `rtsp://` goes by TCP.
 fn input_arguments(live: &str) -> Vec<String> {
     let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
     if live.starts_with('-') {
-        return if live.split_whitespace().any(|w| w == "-i") {
-            words(live)
-        } else {
-            let mut all = words(live);
-            let at = all.len().saturating_sub(1);
-            all.insert(at, "-i".into());
-            all
-        };
+        let mut all = words(live);
+        if !all.iter().any(|w| w == "-i") {
+            all.insert(all.len().saturating_sub(1), "-i".into());
+        }
+        let is_v4l2 = all.windows(2).any(|w| w[0] == "-f" && matches!(&*w[1], "v4l2" | "video4linux2"));
+        if is_v4l2 && !all.iter().any(|w| w == "-ts" || w == "-timestamps") {
+            all.splice(0..0, words("-ts abs"));
+        }
+        return all;
     }
     let mut all = if live.starts_with("/dev/video") {
         // The driver's stamps are nearer to the exposure than the arrival of the data.
@@ -51,6 +57,8 @@ pub struct LiveVideo {
     words: Arc<Mutex<VecDeque<String>>>,
     pool: Vec<Arc<Frame>>,
     next: usize,
+    /// Whether the first stamp has been held against the system's clock.
+    is_checked: bool,
 }
 
 /// What ffmpeg says of a frame.
@@ -104,7 +112,17 @@ impl LiveVideo {
         let said = Arc::clone(&words);
         std::thread::spawn(move || listen(stderr, &shown_out, &said));
         let stdout = Some(stdout);
-        Ok(Self { place, child, stdout, frames: None, shown, words, pool: Vec::new(), next: 0 })
+        Ok(Self {
+            place,
+            child,
+            stdout,
+            frames: None,
+            shown,
+            words,
+            pool: Vec::new(),
+            next: 0,
+            is_checked: false,
+        })
     }
 
     /// What ends the program from another thread, so that a read that waits for it returns.
@@ -134,10 +152,28 @@ impl LiveVideo {
             *matrix = shown.matrix;
         }
         let t_ns = shown.t_ns.ok_or_else(|| self.failed("its frames have no time stamps".into()))?;
+        if !std::mem::replace(&mut self.is_checked, true) {
+            self.check_clock(t_ns)?;
+        }
         if self.pool.len() < POOL {
             self.pool.push(Arc::clone(&frame));
         }
         Ok((t_ns, frame))
+    }
+
+    /// Refuses stamps that are not by the system's clock.
+    fn check_clock(&self, t_ns: i64) -> Result<(), SessionError> {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let now_ns = i64::try_from(since.as_nanos()).unwrap_or(i64::MAX);
+        let apart_ns = now_ns.saturating_sub(t_ns);
+        if apart_ns.saturating_abs() <= MOST_APART_NS {
+            return Ok(());
+        }
+        Err(self.failed(format!(
+            "its time stamps are {:.0} s off this computer's clock: put `-use_wallclock_as_timestamps 1` (of Video4Linux `-ts abs`) \
+             before the input",
+            apart_ns as f64 * 1e-9
+        )))
     }
 
     fn failed(&self, detail: String) -> SessionError {
@@ -213,7 +249,11 @@ mod tests {
         let joined = |live: &str| input_arguments(live).join(" ");
         assert_eq!(joined("/dev/video2"), "-f v4l2 -ts abs -i /dev/video2");
         assert!(joined("rtsp://cam/1").ends_with("-rtsp_transport tcp -i rtsp://cam/1"));
-        assert_eq!(joined("-f v4l2 -framerate 60 /dev/video0"), "-f v4l2 -framerate 60 -i /dev/video0");
+        assert_eq!(
+            joined("-f v4l2 -framerate 60 /dev/video0"),
+            "-ts abs -f v4l2 -framerate 60 -i /dev/video0"
+        );
+        assert_eq!(joined("-f v4l2 -ts mono2abs /dev/video0"), "-f v4l2 -ts mono2abs -i /dev/video0");
         assert_eq!(joined("-f lavfi -i testsrc"), "-f lavfi -i testsrc");
     }
 
@@ -245,6 +285,9 @@ mod tests {
         });
         let end = (0..1000).find_map(|_| video.next_frame().err());
         assert!(end.is_some());
+        let by_another =
+            LiveVideo::open("-f lavfi -i testsrc=size=64x48:rate=50", &program).unwrap().next_frame();
+        assert!(by_another.unwrap_err().to_string().contains("-use_wallclock_as_timestamps"));
         let refused = LiveVideo::open("/nowhere/at-all", &program).unwrap().next_frame().unwrap_err();
         assert!(refused.to_string().contains("No such file"), "{refused}");
         assert!(LiveVideo::open("x", "/no/such/ffmpeg").is_err());

@@ -67,12 +67,8 @@ pub(crate) fn noisy_poses(states: &[FlightState], times: f64, seed: &mut u64) ->
             let at = pose(s);
             let place = at.translation.vector + normal3(seed) * (POSITION_STD_M * times);
             let turn = UnitQuaternion::from_scaled_axis(normal3(seed) * (TURN_STD_RAD * times));
-            StateMeasurement {
-                t_ns: (s.t_s * 1e9).round() as i64,
-                pose: Some((Isometry3::from_parts(place.into(), at.rotation * turn), pose_covariance())),
-                velocity: None,
-                rates: None,
-            }
+            let pose = Isometry3::from_parts(place.into(), at.rotation * turn);
+            StateMeasurement::of_pose((s.t_s * 1e9).round() as i64, pose, pose_covariance())
         })
         .collect()
 }

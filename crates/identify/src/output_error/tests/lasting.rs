@@ -1,0 +1,67 @@
+//! What stays of the errors of poses.
+
+use crate::output_error::measure::{Measurements, Row, StateMeasurement, pose_of};
+use mavsight_flight::StateVector;
+use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion};
+use mavsight_pose::{PoseEstimate, PoseSample};
+use nalgebra::{Matrix6xX, Vector6};
+
+fn level() -> StateVector {
+    let mut y: StateVector = [0.0; mavsight_flight::FLIGHT_STATES];
+    y[3] = 1.0;
+    y
+}
+
+fn columns() -> Matrix6xX<f32> {
+    Matrix6xX::from_fn(7, |i, j| (1e-3 * (1.0 + i as f64 + 7.0 * j as f64).sin()) as f32)
+}
+
+/// Two poses at a state, both displaced along a direction of what stays.
+fn poses(along: usize, by: f64) -> Vec<PoseSample> {
+    let mut covariance = Matrix6::identity() * 4e-6;
+    (covariance[(0, 4)], covariance[(4, 0)]) = (1e-6, 1e-6);
+    let moved: Vector6<f64> = columns().column(along).map(f64::from) * by;
+    let at = pose_of(&level());
+    let turn = UnitQuaternion::from_scaled_axis(moved.fixed_rows::<3>(3).into_owned());
+    let place = at.translation.vector + moved.fixed_rows::<3>(0);
+    let pose = Isometry3::from_parts(place.into(), at.rotation * turn);
+    let estimate = PoseEstimate::new(pose, &covariance).with_systematic(&columns());
+    let sample = |t_ns| PoseSample { t_ns, estimate: Some(estimate.clone()), reason: None };
+    vec![sample(0), sample(33_000_000)]
+}
+
+fn rows(poses: &[PoseSample]) -> (Measurements, Vec<Row>) {
+    let (measured, mut rows) = (Measurements::States(StateMeasurement::of_poses(poses.iter())), Vec::new());
+    measured.rows(1, &level(), &mut rows).expect("rows");
+    (measured, rows)
+}
+
+#[test]
+fn each_direction_moves_the_rows_as_a_pose_that_is_displaced_along_it() {
+    const STEP: f64 = 1e-3;
+    let (measured, still) = rows(&poses(0, 0.0));
+    assert_eq!(measured.nuisances(), 7);
+    for along in 0..7 {
+        let (ahead, behind) = (rows(&poses(along, STEP)).1, rows(&poses(along, -STEP)).1);
+        for (k, row) in still.iter().enumerate() {
+            let want = (ahead[k].residual - behind[k].residual) / (2.0 * STEP);
+            let got = measured.nuisance_row(row.nuisance)[along];
+            assert!((got - want).abs() < 1e-5, "row {k} along {along}: {got} for {want}");
+        }
+    }
+}
+
+#[test]
+fn poses_that_do_not_tell_how_they_err_together_count_as_new() {
+    let condensed: Vec<PoseSample> = poses(0, 0.0)
+        .into_iter()
+        .map(|p| PoseSample { estimate: p.estimate.map(PoseEstimate::condensed), ..p })
+        .collect();
+    let (measured, rows) = rows(&condensed);
+    assert_eq!(measured.nuisances(), 0);
+    assert!(rows.iter().all(|row| measured.nuisance_row(row.nuisance).is_empty()));
+    let Measurements::States(states) = measured else { panic!("states") };
+    let (_, covariance) = states[0].pose.expect("a pose");
+    let own = condensed[0].estimate.as_ref().expect("a pose").own_covariance();
+    assert!((covariance - own).trace() > 1e-6);
+}
