@@ -3,6 +3,10 @@
 use indicatif::{ProgressBar, ProgressStyle};
 use mavsight_pipeline::{Progress, Stage};
 use std::sync::Mutex;
+use std::time::Duration;
+
+/// Time from one turn of a spinner to the next.
+const TICK: Duration = Duration::from_millis(150);
 
 /// A bar a stage; silent where standard error is not a terminal, except for warnings.
 pub(crate) struct Bars(Mutex<ProgressBar>);
@@ -17,11 +21,12 @@ impl Bars {
     pub(crate) fn start(&self, title: &str, steps: Option<u64>) {
         let bar = match steps {
             Some(n) => {
-                ProgressBar::new(n).with_style(style("{msg:<12} {bar:32} {pos}/{len} {elapsed} left {eta}"))
+                ProgressBar::new(n).with_style(style("{msg:<12} {bar:32} {pos}/{len} {elapsed}, {eta} left"))
             }
             None => ProgressBar::new_spinner().with_style(style("{msg:<12} {spinner} {elapsed}")),
         };
         bar.set_message(title.to_owned());
+        bar.enable_steady_tick(TICK);
         let mut current = self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         current.finish_and_clear();
         *current = bar;

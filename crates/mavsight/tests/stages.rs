@@ -120,6 +120,37 @@ fn a_ball_behind_another_costs_neither_frames_nor_exactness() {
 }
 
 /// What a room file asks for, against the table of markers: standard deviations of both coordinates, hardly correlated.
+/// Each is told from its like by where it is on the body.
+#[test]
+fn two_balls_of_one_colour_are_told_apart() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    let printed = |what: &str| {
+        let run = mavsight().args(["simulate", what]).assert().success();
+        String::from_utf8_lossy(&run.get_output().stdout).into_owned()
+    };
+    let vehicle = printed("--print-vehicle");
+    let colors: Vec<&str> = vehicle.lines().filter(|line| line.starts_with("color")).collect();
+    std::fs::write(path("vehicle.toml"), vehicle.replace(colors[1], colors[0])).expect("written");
+    let scenario = printed("--print-scenario");
+    let lasts = scenario.lines().find(|line| line.starts_with("duration_s")).expect("a duration");
+    std::fs::write(path("scenario.toml"), scenario.replace(lasts, "duration_s = 0.5")).expect("written");
+    let flight = path("flight");
+    let steps: [&[&str]; 3] = [
+        &["simulate", "--scenario", "scenario.toml", "--vehicle", "vehicle.toml", "--out", "flight"],
+        &["film", "flight", "--out", "flight"],
+        &["run", "flight/session.toml", "--out", "out", "--equation-error-only"],
+    ];
+    for step in steps {
+        mavsight().args(step).current_dir(folder.path()).assert().success();
+    }
+    assert!(flight.join("vehicle.toml").is_file());
+    let summary = std::fs::read_to_string(path("out/summary.json")).expect("a summary");
+    let summary: serde_json::Value = serde_json::from_str(&summary).expect("JSON");
+    let error_mm = summary["truth"]["poses_position_rms_mm"].as_f64();
+    assert!(error_mm.is_some_and(|mm| mm < 0.6), "{error_mm:?} in {summary}");
+}
+
 #[test]
 fn a_run_says_what_its_centres_are_worth_to_a_plan() {
     let session = Session::new();

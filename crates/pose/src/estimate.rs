@@ -10,8 +10,8 @@ mod solve;
 mod start;
 
 use crate::{PoseError, RefinedFlight, Rig};
-pub(crate) use gates::chi_square_gate as chi_square_quantile;
 use gates::{DECISIVE_CHI_SQUARE, beyond_f_gate, chi_square_gate, noise_factor};
+pub(crate) use gates::{HUBER_MEAN, chi_square_gate as chi_square_quantile};
 use lasting::Lasting;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Matrix2, Point3, Vector2, Vector3};
 use nalgebra::DMatrix;

@@ -1,5 +1,6 @@
 //! Cameras, markers and centres as the flight itself shows them.
 
+use crate::estimate::HUBER_MEAN;
 use crate::moving::{Instant, PointSight, Reduced, Shared};
 use crate::{BodyMarker, MarkerObservation, Observations, PoseError, PoseEstimator, Rig};
 use mavsight_geometry::camera_parameters::CENTRE;
@@ -181,7 +182,9 @@ impl Bundle<'_> {
             let reduced = self.reduced()?;
             let first = *before.get_or_insert(reduced.squares);
             let freedom = (reduced.coordinates - 6 * reduced.instants).max(1) as f64;
-            self.factor = (reduced.weighted / freedom).max(f64::MIN_POSITIVE);
+            // The first time no residual was bounded.
+            let kept = if self.factor.is_finite() { HUBER_MEAN } else { 1.0 };
+            self.factor = (reduced.weighted / (freedom * kept)).max(f64::MIN_POSITIVE);
             let (next, covariance) = self.solved(&reduced).ok_or(not_converged(&reduced))?;
             let step = &next - &self.state;
             let settled =

@@ -141,9 +141,10 @@ impl FrameSource {
             return Some(SessionError::NoFrames { path: self.path.clone() });
         };
         let interval_s = (last_ns - first_ns) as f64 * 1e-9 / self.read.saturating_sub(1).max(1) as f64;
-        // A declared length is rounded, and the last frame's own length may be left out of it.
+        // A declared length is rounded, and the last frame's own length may be left out of it; of some containers it is the end's time.
         let by_length = self.opened.declared_s.filter(|_| self.read > 1).and_then(|length_s| {
-            let frames = (length_s / interval_s).round() as usize;
+            let begins_s = (first_ns as f64 * 1e-9).max(0.0);
+            let frames = ((length_s - begins_s) / interval_s).round().max(0.0) as usize;
             (frames > self.read + 2).then_some(frames)
         });
         let declared = self.opened.declared.or(by_length).filter(|n| *n != self.read)?;
