@@ -1,5 +1,6 @@
 //! What flight refuses, and what to do about it.
 
+use mavsight_geometry::GeometryError;
 use thiserror::Error;
 
 /// A vehicle, an input or a simulation that makes no sense.
@@ -31,13 +32,8 @@ pub enum FlightError {
         values: [f64; 3],
     },
     /// Markers that show no attitude.
-    #[error(
-        "the markers lie on one line (they reach {across_mm:.3} mm off it): a pose needs three that do not; correct position_m, in metres"
-    )]
-    MarkersOnLine {
-        /// How far the farthest is off the line.
-        across_mm: f64,
-    },
+    #[error("{0}; the vehicle file has them so: correct position_m, in metres")]
+    MarkerPlaces(GeometryError),
     /// A constant that must be a number.
     #[error("{key} is {value}, but must be a finite number: correct the vehicle file")]
     NotFinite {

@@ -1,7 +1,7 @@
 //! What is known of the aircraft: mass, markers, rotors, air; and, labelled as such, what is assumed.
 
 use crate::FlightError;
-use mavsight_geometry::Vector3;
+use mavsight_geometry::{Vector3, rigid_fit};
 use serde::{Deserialize, Serialize};
 
 /// An sRGB colour, written `#rrggbb`.
@@ -155,8 +155,6 @@ impl Default for Assumption {
 const SHORTEST_FLAP_TIME_S: f64 = 1e-3;
 /// Moments of inertia that were measured may break the triangle's law by their errors.
 const INERTIA_TOLERANCE: f64 = 0.05;
-/// Markers nearer than this to one line show no turn about it: a millimetre, what a ruler tells.
-const LEAST_ACROSS_M: f64 = 1e-3;
 
 /// The aircraft: the content of a vehicle file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -272,19 +270,6 @@ impl Vehicle {
         self.validate_markers()
     }
 
-    /// How far the markers reach off the line through the two that are farthest apart.
-    fn across_m(&self) -> f64 {
-        let place = |k: usize| Vector3::from(self.marker[k].position_m);
-        let pairs = (0..self.marker.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
-        let farthest = pairs.max_by(|a, b| {
-            let length = |p: &(usize, usize)| (place(p.0) - place(p.1)).norm();
-            length(a).total_cmp(&length(b))
-        });
-        let Some((i, j)) = farthest else { return 0.0 };
-        let Some(along) = (place(i) - place(j)).try_normalize(f64::MIN_POSITIVE) else { return 0.0 };
-        (0..self.marker.len()).map(|k| (place(k) - place(j)).cross(&along).norm()).fold(0.0, f64::max)
-    }
-
     fn validate_markers(&self) -> Result<(), FlightError> {
         if self.marker.len() < 3 {
             return Err(FlightError::TooFewMarkers { found: self.marker.len() });
@@ -308,10 +293,8 @@ impl Vehicle {
                 return Err(FlightError::DuplicateMarker { first, second, name: marker.name.clone() });
             }
         }
-        let across_m = self.across_m();
-        if across_m < LEAST_ACROSS_M {
-            return Err(FlightError::MarkersOnLine { across_mm: 1e3 * across_m });
-        }
+        let places: Vec<Vector3<f64>> = self.marker.iter().map(|m| Vector3::from(m.position_m)).collect();
+        rigid_fit(&places, &places, &vec![1.0; places.len()]).map_err(FlightError::MarkerPlaces)?;
         Ok(())
     }
 }
@@ -348,6 +331,17 @@ mod tests {
         assert!(matches!(vehicle.validate(), Err(FlightError::DuplicateMarker { first: 1, second: 3, .. })));
         vehicle.marker[2].name = "left red".into();
         assert!(matches!(vehicle.validate(), Err(FlightError::MarkerName { .. })));
+        let mut vehicle = Vehicle::paper();
+        vehicle.inertia_kg_m2 = [1e-3, 1.0, 1e-3];
+        assert!(matches!(vehicle.validate(), Err(FlightError::Inertia { .. })));
+        let mut vehicle = Vehicle::paper();
+        vehicle.rotor.flap_time_lower_s = 1e-4;
+        assert!(
+            matches!(vehicle.validate(), Err(FlightError::FlapTime { key, .. }) if key.contains("lower"))
+        );
+        let mut vehicle = Vehicle::paper();
+        vehicle.marker.iter_mut().for_each(|m| m.position_m = [m.position_m[0], 0.5, 0.0]);
+        assert!(matches!(vehicle.validate(), Err(FlightError::MarkerPlaces(_))));
         let mut vehicle = Vehicle::paper();
         vehicle.assumption.drag_n_s_m = f64::INFINITY;
         assert!(

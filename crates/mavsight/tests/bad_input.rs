@@ -14,6 +14,57 @@ fn the_unspoilt_session_runs() {
     }
 }
 
+/// What an earlier flight left is not this one's.
+#[test]
+fn nothing_of_an_earlier_run_stays() {
+    let session = Session::new();
+    let (out, parameters) = (session.path("results"), session.path("results/parameters.csv"));
+    std::fs::create_dir(&out).expect("a folder");
+    std::fs::write(&parameters, "of another flight").expect("written");
+    session.replace("session.toml", "inputs = \"inputs.csv\"\n", "");
+    mavsight().arg("run").arg(session.path("session.toml")).arg("--out").arg(&out).assert().success();
+    assert!(!parameters.exists() && out.join("motion.csv").is_file());
+}
+
+#[test]
+fn who_stops_reading_ends_no_command_with_a_panic() {
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_mavsight"))
+        .args(["simulate", "--print-scenario"])
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .expect("the program");
+    drop(child.stdout.take());
+    let ended = child.wait_with_output().expect("it ends");
+    assert!(ended.status.success() && ended.stderr.is_empty(), "{}", String::from_utf8_lossy(&ended.stderr));
+}
+
+#[test]
+fn results_into_a_file() {
+    let session = Session::new();
+    std::fs::write(session.path("taken"), "").expect("written");
+    let assert = mavsight()
+        .arg("run")
+        .arg(session.path("session.toml"))
+        .arg("--out")
+        .arg(session.path("taken"))
+        .assert()
+        .code(2);
+    let said = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(said.contains("taken: is a file"), "{said}");
+}
+
+#[test]
+fn a_recording_of_another_size_than_the_still() {
+    let session = Session::new();
+    let size = mavsight_geometry::ImageSize { width_px: 64, height_px: 48 };
+    let small = mavsight_vision::Frame::from_rgb(size, vec![90; 64 * 48 * 3]).expect("a frame");
+    for frame in std::fs::read_dir(session.path("cam1")).expect("frames") {
+        mavsight_session::write_png(&frame.expect("a frame").path(), &small).expect("written");
+    }
+    session.is_refused(&["cam1", "64×48", "calibrate it at the size it films in"]);
+}
+
 #[test]
 fn a_missing_session_file() {
     let assert = mavsight().args(["run", "nowhere/session.toml", "--out", "never"]).assert().code(2);

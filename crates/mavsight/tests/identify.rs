@@ -190,10 +190,40 @@ fn wrong_calls_are_named() {
         2,
     );
     assert!(said.contains("900") && said.contains("100.00"), "{said}");
+    for lag in ["--lag=1e9", "--lag=-1e300"] {
+        let said = message(identify(&table, &inputs).arg(lag), 2);
+        assert!(said.contains("shorter than the inputs' record"), "{said}");
+    }
     // Coefficients of rotors that the table of inputs does not have.
     let output = identify(&table, &inputs).assert().success();
     let said = String::from_utf8_lossy(&output.get_output().stdout).into_owned();
     assert!(said.contains("No parameters") && said.contains("need turning rotors"), "{said}");
+}
+
+/// What was not seen for two seconds is not told: its rows hold their times alone.
+#[test]
+fn motion_is_not_told_where_nothing_was_seen() {
+    let folder = TempDir::new().expect("a folder");
+    let (table, inputs) = flight(folder.path());
+    let unseen = |line: &str| {
+        let t_s = line.split(',').next().and_then(|t| t.parse::<f64>().ok());
+        t_s.filter(|t| (3.0..5.0).contains(t)).map_or(line.to_owned(), |t| format!("{t},,,,,,"))
+    };
+    let text = std::fs::read_to_string(&table).expect("the table");
+    std::fs::write(&table, text.lines().map(unseen).collect::<Vec<_>>().join("\n")).expect("written");
+    let out = folder.path().join("results");
+    let mut command = identify(&table, &inputs);
+    command.arg("--model").arg(example("model.toml")).args(["--estimator", "ols"]).arg("--out").arg(&out);
+    command.assert().success();
+    let motion = std::fs::read_to_string(out.join("motion.csv")).expect("a motion");
+    let rows: Vec<(f64, bool)> = motion
+        .lines()
+        .skip(1)
+        .map(|l| l.split_once(',').expect("cells"))
+        .map(|(t, rest)| (t.parse().expect("a time"), rest.chars().all(|c| c == ',')))
+        .collect();
+    assert_eq!(rows.len(), text.lines().count() - 1);
+    assert!(rows.iter().all(|(t_s, empty)| *empty == (3.0..5.0).contains(t_s)));
 }
 
 /// A logger that is switched on late and off early costs the parameters of what it did not see, not the motion.

@@ -108,6 +108,8 @@ impl MotionCovariance {
 pub struct Motion {
     /// One per pose sample, measured or not, but for instants at which the motion is not known.
     pub samples: Vec<MotionSample>,
+    /// Those instants, in order.
+    pub unknown_ns: Vec<i64>,
     /// Frequency at which the smoother passes one half of a position: H = 1/(1 + (f/fc)⁶).
     pub translation_bandwidth_hz: f64,
     /// The same for a rotation.

@@ -52,7 +52,10 @@ pub fn smooth_with_effects(
     let all = Flown { poses, first: 0, effects, turn: None };
     let turn = few_directions(all);
     let mut samples = Vec::with_capacity(poses.len());
-    for part in known_parts(poses, found.noise.longest_gap_s()).into_iter().rev() {
+    let parts = known_parts(poses, found.noise.longest_gap_s());
+    let is_known = |k: &usize| parts.iter().any(|part| part.contains(k));
+    let unknown_ns = (0..poses.len()).filter(|k| !is_known(k)).map(|k| poses[k].t_ns).collect();
+    for part in parts.iter().rev().cloned() {
         let (first, flown) = (part.start, &poses[part]);
         let flown = Flown { poses: flown, first, effects, turn: turn.as_ref() };
         let failed = PoseError::BadPose { index: first, what: "the smoother's covariance" };
@@ -68,6 +71,7 @@ pub fn smooth_with_effects(
     samples.reverse();
     Ok(Motion {
         samples,
+        unknown_ns,
         translation_bandwidth_hz: found.bandwidth_hz.0,
         rotation_bandwidth_hz: found.bandwidth_hz.1,
         sample_interval_s: median(poses.windows(2).map(|w| (w[1].t_ns - w[0].t_ns) as f64 * 1e-9).collect()),

@@ -75,6 +75,7 @@ fn motion() -> Motion {
     };
     Motion {
         samples: vec![sample],
+        unknown_ns: vec![7_000_000_000],
         translation_bandwidth_hz: 3.5,
         rotation_bandwidth_hz: 4.5,
         sample_interval_s: 1.0 / 30.0,
@@ -171,6 +172,7 @@ fn all_tables_survive() {
     let motion = read_motion(&out.join("motion.csv")).unwrap();
     let wanted = results.motion.as_ref().unwrap();
     assert_eq!((motion.translation_bandwidth_hz, motion.rotation_bandwidth_hz), (3.5, 4.5));
+    assert_eq!((motion.samples.len(), &motion.unknown_ns), (1, &wanted.unknown_ns));
     assert_eq!(motion.samples[0].specific_force_m_s2, wanted.samples[0].specific_force_m_s2);
     assert_eq!(motion.samples[0].angular_acceleration_rad_s2, wanted.samples[0].angular_acceleration_rad_s2);
     assert_relative_eq!(motion.samples[0].covariance.variance(17), 1e-4, max_relative = 2e-7);

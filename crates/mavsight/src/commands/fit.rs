@@ -110,12 +110,16 @@ fn longest_whole(motion: &Motion) -> Range<usize> {
 }
 
 fn part_whole(part: &[MotionSample]) -> String {
-    let t_s = |sample: Option<&MotionSample>| sample.map_or(0.0, |s| s.t_ns as f64 * 1e-9);
+    let (from_s, to_s) = span_s(part);
     format!(
-        "Equation error has the flight from {:.3} to {:.3} s alone: beside is a gap in which the motion is not known.",
-        t_s(part.first()),
-        t_s(part.last()),
+        "Equation error has the flight from {from_s:.3} to {to_s:.3} s alone: beside is a gap in which the motion is not known."
     )
+}
+
+/// First and last time.
+fn span_s(samples: &[MotionSample]) -> (f64, f64) {
+    let t_s = |sample: Option<&MotionSample>| sample.map_or(0.0, |s| s.t_ns as f64 * 1e-9);
+    (t_s(samples.first()), t_s(samples.last()))
 }
 
 /// What lies before and behind a part, which alone stays: of a long flight a copy of the part would be large.
@@ -148,13 +152,11 @@ fn held_long(inputs: &InputSeries) -> Option<String> {
 }
 
 fn part_covered(inputs: &InputSeries, motion: &Motion) -> String {
-    let t_s = |sample: Option<&MotionSample>| sample.map_or(0.0, |s| s.t_ns as f64 * 1e-9);
+    let (from_s, to_s) = span_s(&motion.samples);
     format!(
-        "The inputs cover {:.3} to {:.3} s of a flight from {:.3} to {:.3} s: the parameters are of that part.",
+        "The inputs cover {:.3} to {:.3} s of a flight from {from_s:.3} to {to_s:.3} s: the parameters are of that part.",
         inputs.start_s(),
         inputs.end_s(),
-        t_s(motion.samples.first()),
-        t_s(motion.samples.last()),
     )
 }
 
@@ -190,4 +192,64 @@ fn is_of_the_call(error: &IdentifyError) -> bool {
             | IdentifyError::BadSetting { .. }
             | IdentifyError::BadBand { .. }
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_flight::InputSample;
+    use mavsight_geometry::{Isometry3, Vector3};
+    use mavsight_pose::MotionCovariance;
+
+    fn motion(frames: impl Iterator<Item = i64>) -> Motion {
+        let sample = |k: i64| MotionSample {
+            t_ns: k * 33_333_333,
+            world_from_body: Isometry3::identity(),
+            velocity_in_body_m_s: Vector3::zeros(),
+            rates_rad_s: Vector3::zeros(),
+            specific_force_m_s2: Vector3::zeros(),
+            angular_acceleration_rad_s2: Vector3::zeros(),
+            covariance: MotionCovariance::default(),
+        };
+        Motion {
+            samples: frames.map(sample).collect(),
+            unknown_ns: Vec::new(),
+            translation_bandwidth_hz: 4.0,
+            rotation_bandwidth_hz: 5.0,
+            sample_interval_s: 1.0 / 30.0,
+        }
+    }
+
+    #[test]
+    fn the_longest_part_is_taken_out_and_put_back() {
+        let mut motion = motion((0..40).chain(80..150).chain(152..170).chain(200..230));
+        let before = motion.samples.clone();
+        // Two frames that are missing are no gap; those before 80 and behind 169 are.
+        let whole = longest_whole(&motion);
+        assert_eq!(whole, 40..128);
+        assert!(part_whole(&motion.samples[whole.clone()]).contains("2.667 to 5.633 s"));
+        let others = taken_out(&mut motion.samples, whole);
+        assert_eq!(motion.samples[..], before[40..128]);
+        put_back(&mut motion.samples, others);
+        assert_eq!(motion.samples, before);
+    }
+
+    #[test]
+    fn a_gap_in_an_even_log_is_told_and_a_log_of_changes_has_none() {
+        let inputs = |times_s: &mut dyn Iterator<Item = f64>| {
+            let sample = |t_s| InputSample {
+                t_s,
+                omega_u_rad_s: 200.0,
+                omega_l_rad_s: 200.0,
+                delta_lon_rad: 0.0,
+                delta_lat_rad: 0.0,
+            };
+            InputSeries::new(times_s.map(sample).collect()).expect("inputs")
+        };
+        let even = |k: i32| f64::from(k) * 0.01;
+        assert_eq!(held_long(&inputs(&mut (0..500).map(even))), None);
+        let told = held_long(&inputs(&mut (0..200).chain(400..500).map(even))).expect("a word");
+        assert!(told.contains("from 1.990 to 4.000 s") && told.contains("0.010 s is usual"), "{told}");
+        assert_eq!(held_long(&inputs(&mut [0.0, 2.0, 3.0, 5.5].into_iter())), None);
+    }
 }

@@ -127,6 +127,8 @@ fn over_a_long_gap_nothing_is_told_and_beside_it_intervals_hold() {
     let times: Vec<i64> = motion.samples.iter().map(|s| s.t_ns).collect();
     let wanted: Vec<i64> = (0..400).filter(|k| !gap(*k)).map(|k| poses[k as usize].t_ns).collect();
     assert_eq!(times, wanted);
+    assert_eq!(motion.unknown_ns.len(), 90);
+    assert!(motion.unknown_ns.iter().all(|t| !times.contains(t)));
     let at = |i: usize| times[i] as f64 * 1e-9;
     let (share, _) = coverage(&motion, |i| (flight(at(i)), exact(at(i))));
     assert!(share.iter().all(|s| *s >= 0.9), "{share:?}");

@@ -73,7 +73,7 @@ pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
         values[k] = table.column(&columns::value(*quantity))?;
         stds[k] = table.column_if_any(&columns::std(*quantity));
     }
-    let mut samples: Vec<MotionSample> = Vec::new();
+    let (mut samples, mut unknown_ns): (Vec<MotionSample>, Vec<i64>) = (Vec::new(), Vec::new());
     for row in table.rows()? {
         let t_ns = row.time_ns(t)?;
         if samples.last().is_some_and(|before| before.t_ns >= t_ns) {
@@ -81,6 +81,7 @@ pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
             return Err(row.refuse(t, detail));
         }
         if values.iter().all(|column| row.text(*column).is_empty()) {
+            unknown_ns.push(t_ns);
             continue;
         }
         let mut std = [0.0; 18];
@@ -102,6 +103,7 @@ pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
         };
         return Ok(Motion {
             samples,
+            unknown_ns,
             translation_bandwidth_hz: figure("translation_bandwidth_hz")?,
             rotation_bandwidth_hz: figure("rotation_bandwidth_hz")?,
             sample_interval_s: figure("sample_interval_s")?,
@@ -113,6 +115,7 @@ pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
     let nyquist_hz = 0.5 / sample_interval_s;
     Ok(Motion {
         samples,
+        unknown_ns,
         translation_bandwidth_hz: nyquist_hz,
         rotation_bandwidth_hz: nyquist_hz,
         sample_interval_s,

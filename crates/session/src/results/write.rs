@@ -90,7 +90,7 @@ fn parts(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Arc<P
         })?;
     }
     if let Some(motion) = &results.motion {
-        part(names::MOTION, &|out| motion_table(motion, &results.poses, out))?;
+        part(names::MOTION, &|out| motion_table(motion, out))?;
     }
     if let Some(table) = &results.coefficients {
         part(names::COEFFICIENTS, &|out| coefficients(table, out))?;
@@ -197,18 +197,17 @@ fn poses(samples: &[PoseSample], marker_names: &[String], out: &mut dyn Write) -
     lines.end()
 }
 
-fn motion_table(motion: &Motion, poses: &[PoseSample], out: &mut dyn Write) -> io::Result<()> {
+fn motion_table(motion: &Motion, out: &mut dyn Write) -> io::Result<()> {
     let quantities = columns::POSE.iter().chain(&columns::RATES);
     let header = quantities.flat_map(|q| [columns::value(*q), columns::std(*q)]);
     let mut lines = Lines::new(out, std::iter::once("t_s".to_owned()).chain(header))?;
     // Instants at which the motion is not known have a row with their time alone, as poses have.
-    let mut instants = poses.iter().map(|p| p.t_ns).peekable();
+    let mut instants = motion.unknown_ns.iter().copied().peekable();
     let mut unknown = |lines: &mut Lines<'_>, before_ns: i64| -> io::Result<()> {
         while let Some(t_ns) = instants.next_if(|t_ns| *t_ns < before_ns) {
             let empty = std::iter::repeat_n(String::new(), 2 * (columns::POSE.len() + columns::RATES.len()));
             lines.push(std::iter::once(time(t_ns)).chain(empty))?;
         }
-        instants.next_if_eq(&before_ns);
         Ok(())
     };
     for sample in &motion.samples {
