@@ -156,10 +156,14 @@ fn motion_panel(
         curves.push(curve("single frames", Role::Measured, points));
     }
     if let Some(motion) = &page.results.motion {
-        let points = motion.samples.iter().map(|s| (seconds(s.t_ns), smoothed(s)));
-        let half_width = motion.samples.iter().map(|s| NORMAL_95 * std(s)).collect();
+        // Where the motion is not known, the curve is broken.
+        let known = motion.samples.iter().map(|s| (seconds(s.t_ns), smoothed(s), NORMAL_95 * std(s)));
+        let unknown = motion.unknown_ns.iter().map(|t_ns| (seconds(*t_ns), f64::NAN, f64::NAN));
+        let mut all: Vec<(f64, f64, f64)> = known.chain(unknown).collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (points, half_width) = all.into_iter().map(|(t_s, value, half)| ((t_s, value), half)).unzip();
         let label = "smoothed, 95 %".to_owned();
-        curves.push(Curve { label, role: Role::Estimate, points: points.collect(), half_width }.thinned());
+        curves.push(Curve { label, role: Role::Estimate, points, half_width }.thinned());
     }
     if let Some(truth) = page.flight.truth {
         curves.push(curve("truth", Role::Truth, truth.iter().map(|r| (r.t_s, of_truth(r)))));
