@@ -7,7 +7,6 @@ use crate::{PipelineError, Tracked};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, Isometry3, Point3};
 use mavsight_pose::{BodyMarker, FlightPrior, PoseError, PoseEstimator, RefinedFlight, Rig, refine_flight};
-use nalgebra::DMatrix;
 
 /// What is refined beside the cameras, and from what it starts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -57,10 +56,7 @@ pub fn refine(
         marker.radius_m = diameter.map_or(marker.radius_m, |d| d.diameter_m / 2.0);
     }
     let markers_std_m = how.markers_std_m.unwrap_or(MARKERS_STD_M);
-    let unsure = DMatrix::identity(3 * body.len(), 3 * body.len()) * markers_std_m;
-    let before = PoseEstimator::new(rig, &body).with_marker_uncertainty(&unsure).map_err(failed)?;
-    let centres_std_px = before.centre_bias_px(&tracked.observations, &tracked.poses).map_err(failed)?;
-    let prior = FlightPrior { markers_std_m, centres_std_px };
+    let prior = FlightPrior { markers_std_m, centres_std_px: None };
     let refined = refine_flight(&tracked.observations, rig, &body, prior).map_err(failed)?;
     let kept = how.markers_std_m.and_then(|_| refined.shape_is_shown().err());
     let is_new = how.markers_std_m.is_some() && kept.is_none();

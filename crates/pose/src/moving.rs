@@ -175,6 +175,7 @@ struct Rows {
 }
 
 /// Normal equations of what is shared, with the poses at their minima and eliminated.
+#[derive(Clone)]
 pub(crate) struct Reduced {
     pub(crate) normal: DMatrix<f64>,
     pub(crate) gradient: DVector<f64>,
@@ -236,17 +237,20 @@ impl Reduced {
         Some(())
     }
 
-    /// Eliminates a change of the rows from `first` on that is these instants' own, with an information of `weight` on each.
-    pub(crate) fn eliminate_changes(&mut self, first: usize, weight: f64) -> Option<()> {
+    /// Eliminates a change of the rows from `first` on that is these instants' own, with an information of `weight` on each. By how
+    /// much that lowers the squares, and the logarithm of the determinant of the change's information.
+    pub(crate) fn eliminate_changes(&mut self, first: usize, weight: f64) -> Option<(f64, f64)> {
         let n = self.normal.nrows() - first;
         let mut own = self.normal.view((first, first), (n, n)).into_owned();
         (0..n).for_each(|k| own[(k, k)] += weight);
         let coupling = self.normal.rows(first, n).into_owned();
-        let eliminated = own.cholesky()?.solve(&coupling);
+        let factored = own.cholesky()?;
+        let eliminated = factored.solve(&coupling);
         let slope = self.gradient.rows(first, n).into_owned();
         self.normal.gemm_tr(-1.0, &coupling, &eliminated, 1.0);
         self.gradient.gemv_tr(-1.0, &eliminated, &slope, 1.0);
-        Some(())
+        let log_determinant = 2.0 * factored.l_dirty().diagonal().map(f64::ln).sum();
+        Some((slope.dot(&factored.solve(&slope)), log_determinant))
     }
 
     /// Adds other instants' equations.

@@ -1,11 +1,16 @@
 //! Cameras, markers and centres as the flight itself shows them.
 
 use crate::estimate::HUBER_MEAN;
-use crate::moving::{Instant, PointSight, Reduced, Shared};
-use crate::{BodyMarker, MarkerObservation, Observations, PoseError, PoseEstimator, Rig};
+use crate::moving::{Instant, Reduced, Shared};
+use crate::{BodyMarker, Observations, PoseError, Rig};
+use instants::instants_of;
 use mavsight_geometry::camera_parameters::CENTRE;
 use mavsight_geometry::{CAMERA_PARAMETERS, CameraChange, UnitQuaternion, Vector2, Vector3};
 use nalgebra::{DMatrix, DVector};
+use staying::{Staying, Stays};
+
+mod instants;
+mod staying;
 
 /// Cameras, marker positions and lasting errors of centres that a flight has told, with what it leaves open.
 ///
@@ -34,7 +39,9 @@ pub struct RefinedFlight {
     pub variance_factor: f64,
     /// Instants that entered.
     pub frames: usize,
-    prior: FlightPrior,
+    /// What stays of the centres' errors, as it was given or found.
+    pub centres_std_px: f64,
+    markers_prior_m: f64,
 }
 
 /// What is known before a flight tells more.
@@ -43,24 +50,14 @@ pub struct FlightPrior {
     /// Standard deviation of each coordinate of the markers' positions: a ruler is good to 1 or 2 mm, to half a millimetre where it
     /// was read with care.
     pub markers_std_m: f64,
-    /// Standard deviation of what stays of a centre's error, each coordinate of each marker in each camera by its own, as
-    /// [`PoseEstimator::centre_bias_px`] finds it; 0 for none.
-    pub centres_std_px: f64,
+    /// Standard deviation of what stays of a centre's error, each coordinate of each marker in each camera by its own; 0 for none,
+    /// `None` to find it from what of the residuals stays.
+    pub centres_std_px: Option<f64>,
 }
 
-/// For so long an error of a centre stays at least: the lags over which [`PoseEstimator::centre_bias_px`] compares residuals.
-const STAYS_NS: i64 = 1_000_000_000;
-
-/// Part of the variance of what stays that is taken to stay all the flight; the rest is anew in each second. Residuals that are
-/// compared over a second cannot tell them apart, and the one would be too sure of the cameras where the other is true.
+/// Part of a given variance of what stays that is taken to stay all the flight; the rest is anew in each second. The one would be too sure
+/// of the cameras where the other is true.
 const STAYS_ALL_THE_WHILE: f64 = 0.5;
-
-/// Frames needed for what stays to rest on more than the noise of a few.
-const NEEDED_FRAMES: usize = 10;
-
-/// Frames that enter, spread over the flight: what is refined stays, and with noise a tenth of that of one frame it is what
-/// the control points and the lasting errors leave open that counts.
-const MOST_FRAMES: usize = 150;
 
 /// Gauss-Newton steps; millimetres beside metres settle in three or four.
 const MAX_STEPS: usize = 20;
@@ -72,7 +69,7 @@ const SETTLED: f64 = 1e-3;
 ///
 /// What is known before: the cameras by their covariance, which is what the control points have left, and [`FlightPrior`]. A centre
 /// may be off in the same way in many frames, by light from one side or what is behind the ball: half of the variance of that is
-/// taken to stay all the flight, the other half for a second, which bounds what many frames tell.
+/// taken to stay all the flight, the other half for a second, which bounds what many frames tell; where it is not given, both are found.
 ///
 /// Sights are weighted by their covariances, with bounded influence (Huber 1981). The scale of their noise is estimated, as the
 /// claimed covariances may be off.
@@ -90,8 +87,8 @@ pub fn refine_flight(
     if !(markers_std_m.is_finite() && markers_std_m > 0.0) {
         return Err(PoseError::BadPrior { std_m: markers_std_m });
     }
-    if !(centres_std_px.is_finite() && centres_std_px >= 0.0) {
-        return Err(PoseError::BadBias { std_px: centres_std_px });
+    if let Some(std_px) = centres_std_px.filter(|px| !(px.is_finite() && *px >= 0.0)) {
+        return Err(PoseError::BadBias { std_px });
     }
     if rig.frames > 0 {
         return Err(PoseError::AlreadyRefined { frames: rig.frames });
@@ -101,8 +98,27 @@ pub fn refine_flight(
     (shared.free_points, shared.free_offsets) = (true, true);
     let directions = directions(&shared, rig);
     let state = DVector::zeros(directions.ncols());
-    Bundle { rig, nominal: markers, prior, directions, instants, shared, state, factor: f64::INFINITY }
-        .refined()
+    let given_px2 = centres_std_px.unwrap_or(0.0).powi(2);
+    let mut bundle = Bundle {
+        rig,
+        nominal: markers,
+        markers_std_m,
+        stays: Stays {
+            all_the_while_px2: STAYS_ALL_THE_WHILE * given_px2,
+            for_a_second_px2: (1.0 - STAYS_ALL_THE_WHILE) * given_px2,
+        },
+        directions,
+        instants,
+        shared,
+        state,
+        factor: f64::INFINITY,
+    };
+    let mut settled = bundle.settled()?;
+    if centres_std_px.is_none() {
+        bundle.stays = bundle.staying()?;
+        settled = Settled { before: settled.before, ..bundle.settled()? };
+    }
+    bundle.finished(&settled)
 }
 
 /// What each parameter changes: a column for each direction of the rig's uncertainty, then one a coordinate of each marker, then
@@ -116,56 +132,11 @@ fn directions(shared: &Shared, rig: &Rig) -> DMatrix<f64> {
     out
 }
 
-/// Frames with a pose and redundancy, spread over the flight, by the seconds through which errors of centres stay.
-fn instants_of(
-    observations: &Observations,
-    rig: &Rig,
-    markers: &[BodyMarker],
-    markers_std_m: f64,
-) -> Result<Vec<Vec<Instant>>, PoseError> {
-    // The prior tells the estimator how far markers may be off before they count as false.
-    let unsure = DMatrix::identity(3 * markers.len(), 3 * markers.len()) * markers_std_m;
-    let estimator = PoseEstimator::new(rig, markers).with_marker_uncertainty(&unsure)?;
-    let times_ns: Vec<i64> = observations.times_ns().collect();
-    let (mut out, mut previous, mut measured) = (Vec::<Vec<Instant>>::new(), None, 0);
-    let mut second = None;
-    let tried = MOST_FRAMES.min(times_ns.len());
-    let mut own = Vec::new();
-    for t_ns in (0..tried).map(|k| times_ns[(2 * k + 1) * times_ns.len() / (2 * tried)]) {
-        observations.at(t_ns, &mut own);
-        let estimate = match estimator.estimate(t_ns, &own, previous.as_ref()) {
-            Ok(estimate) => estimate,
-            Err(bad @ PoseError::BadObservation { .. }) => return Err(bad),
-            Err(_) => continue,
-        };
-        previous = Some(estimate.world_from_body);
-        let whitened = |o: &MarkerObservation| {
-            let whitener = o.covariance_px2.cholesky()?.l().try_inverse()?;
-            Some(PointSight { camera: o.camera, point: o.marker, pixel: o.pixel, whitener })
-        };
-        let used = own.iter().filter(|o| estimate.markers_used.contains(o.marker));
-        let sights: Vec<PointSight> = used.filter_map(whitened).collect();
-        if sights.len() > 3 {
-            let instant = Instant { sights, world_from_body: estimate.world_from_body };
-            measured += 1;
-            let own_second = Some((t_ns - times_ns[0]) / STAYS_NS);
-            match out.last_mut().filter(|_| own_second == second) {
-                Some(same) => same.push(instant),
-                None => out.push(vec![instant]),
-            }
-            second = own_second;
-        }
-    }
-    if measured < NEEDED_FRAMES {
-        return Err(PoseError::TooFewPoses { measured, samples: tried, needed: NEEDED_FRAMES });
-    }
-    Ok(out)
-}
-
 struct Bundle<'a> {
     rig: &'a Rig,
     nominal: &'a [BodyMarker],
-    prior: FlightPrior,
+    markers_std_m: f64,
+    stays: Stays,
     directions: DMatrix<f64>,
     /// By seconds.
     instants: Vec<Vec<Instant>>,
@@ -175,8 +146,17 @@ struct Bundle<'a> {
     factor: f64,
 }
 
+/// Where a bundle came to rest.
+struct Settled {
+    /// Of the state.
+    covariance: DMatrix<f64>,
+    reduced: Reduced,
+    /// Sum of the squared whitened residuals at first.
+    before: f64,
+}
+
 impl Bundle<'_> {
-    fn refined(mut self) -> Result<RefinedFlight, PoseError> {
+    fn settled(&mut self) -> Result<Settled, PoseError> {
         let mut before = None;
         for _ in 0..MAX_STEPS {
             let reduced = self.reduced()?;
@@ -192,7 +172,7 @@ impl Bundle<'_> {
             self.state = next;
             self.move_shared();
             if settled {
-                return self.finished(&covariance, &reduced, first);
+                return Ok(Settled { covariance, reduced, before: first });
             }
         }
         let reduced = self.reduced()?;
@@ -203,17 +183,10 @@ impl Bundle<'_> {
     fn reduced(&mut self) -> Result<Reduced, PoseError> {
         let mut out = Reduced::new(self.shared.rows());
         let first = self.shared.first_offset();
-        let variance_px2 = (1.0 - STAYS_ALL_THE_WHILE) * self.prior.centres_std_px.powi(2);
+        let variance_px2 = self.stays.for_a_second_px2;
         let scale = if self.factor.is_finite() { self.factor } else { 1.0 };
-        for second in &mut self.instants {
-            let mut own = Reduced::new(self.shared.rows());
-            for instant in second {
-                let (shared, factor) = (&self.shared, self.factor);
-                let settled = shared.settled(&instant.sights, &instant.world_from_body, factor);
-                instant.world_from_body = settled.ok_or_else(|| not_converged(&own))?;
-                let at = (instant.sights.as_slice(), &instant.world_from_body);
-                own.add(shared, at, factor).ok_or_else(|| not_converged(&own))?;
-            }
+        for k in 0..self.instants.len() {
+            let mut own = self.of_second(k)?;
             if variance_px2 > 0.0 {
                 own.eliminate_changes(first, scale / variance_px2).ok_or(not_converged(&own))?;
             }
@@ -222,22 +195,53 @@ impl Bundle<'_> {
         Ok(out)
     }
 
+    /// Those of one second, with its poses at their minima.
+    fn of_second(&mut self, second: usize) -> Result<Reduced, PoseError> {
+        let mut own = Reduced::new(self.shared.rows());
+        for instant in &mut self.instants[second] {
+            let (shared, factor) = (&self.shared, self.factor);
+            let settled = shared.settled(&instant.sights, &instant.world_from_body, factor);
+            instant.world_from_body = settled.ok_or_else(|| not_converged(&own))?;
+            let at = (instant.sights.as_slice(), &instant.world_from_body);
+            own.add(shared, at, factor).ok_or_else(|| not_converged(&own))?;
+        }
+        Ok(own)
+    }
+
+    /// How much of the centres' errors stays, of a fit in which none was allowed for.
+    fn staying(&mut self) -> Result<Stays, PoseError> {
+        let seconds = (0..self.instants.len()).map(|k| self.of_second(k)).collect::<Result<Vec<_>, _>>()?;
+        let sights = || self.instants.iter().flatten().flat_map(|i| &i.sights);
+        let information = sights().map(|s| s.whitener.norm_squared() / 2.0).sum::<f64>();
+        let staying = Staying {
+            seconds,
+            directions: &self.directions,
+            state: &self.state,
+            offsets: 2 * self.shared.offsets_px.len(),
+            prior: self.prior_information(),
+            factor: self.factor,
+            claimed_px2: sights().count() as f64 / information,
+        };
+        Ok(staying.found())
+    }
+
+    /// Information on each direction before the flight.
+    fn prior_information(&self) -> DVector<f64> {
+        let (markers, offsets) = (3 * self.nominal.len(), 2 * self.shared.offsets_px.len());
+        let from_offsets = self.state.len() - offsets;
+        DVector::from_fn(self.state.len(), |k, _| match k {
+            _ if k < from_offsets - markers => 1.0,
+            _ if k < from_offsets => self.markers_std_m.powi(-2),
+            // Exact centres are those that are off by a millionth of a pixel.
+            _ => 1.0 / self.stays.all_the_while_px2.max(1e-12),
+        })
+    }
+
     /// State and covariance.
     fn solved(&self, reduced: &Reduced) -> Option<(DVector<f64>, DMatrix<f64>)> {
         let mut information = self.directions.tr_mul(&reduced.normal) * &self.directions / self.factor;
         let pull = self.directions.tr_mul(&reduced.gradient) / self.factor + &information * &self.state;
-        let (markers, offsets) = (3 * self.nominal.len(), 2 * self.shared.offsets_px.len());
-        let from_markers = self.state.len() - markers - offsets;
-        let from_offsets = from_markers + markers;
-        let offset_px2 = STAYS_ALL_THE_WHILE * self.prior.centres_std_px.powi(2);
-        for k in 0..self.state.len() {
-            information[(k, k)] += match k {
-                _ if k < from_markers => 1.0,
-                _ if k < from_offsets => self.prior.markers_std_m.powi(-2),
-                // Exact centres are those that are off by a millionth of a pixel.
-                _ => 1.0 / offset_px2.max(1e-12),
-            };
-        }
+        information.set_diagonal(&(information.diagonal() + self.prior_information()));
         let covariance = information.cholesky()?.inverse();
         Some((&covariance * pull, covariance))
     }
@@ -259,12 +263,8 @@ impl Bundle<'_> {
         }
     }
 
-    fn finished(
-        self,
-        covariance: &DMatrix<f64>,
-        reduced: &Reduced,
-        before: f64,
-    ) -> Result<RefinedFlight, PoseError> {
+    fn finished(self, settled: &Settled) -> Result<RefinedFlight, PoseError> {
+        let Settled { covariance, reduced, before } = settled;
         let factor = covariance.clone().cholesky().ok_or(not_converged(reduced))?.unpack();
         let mut uncertainty = &self.directions * factor;
         // Of the markers the shape: a common shift or turn is none of the film's.
@@ -280,10 +280,11 @@ impl Bundle<'_> {
             turned_rad: self.turned_rad(),
             markers: self.shared.points,
             offsets_px: self.shared.offsets_px,
-            chi_square: (before, reduced.squares),
+            chi_square: (*before, reduced.squares),
             variance_factor: self.factor,
             frames: reduced.instants,
-            prior: self.prior,
+            markers_prior_m: self.markers_std_m,
+            centres_std_px: self.stays.std_px(),
         })
     }
 
@@ -347,10 +348,10 @@ impl RefinedFlight {
         let free = (3 * self.markers.len()).saturating_sub(6).max(1) as f64;
         let left_m2: f64 = self.markers_std_m.iter().map(Vector3::norm_squared).sum();
         let std_m = (left_m2 / free).sqrt();
-        if std_m < SHOWN * self.prior.markers_std_m {
+        if std_m < SHOWN * self.markers_prior_m {
             return Ok(());
         }
-        let FlightPrior { markers_std_m: prior_std_m, centres_std_px: stays_px } = self.prior;
+        let (prior_std_m, stays_px) = (self.markers_prior_m, self.centres_std_px);
         Err(PoseError::ShapeNotShown { std_m, prior_std_m, turned_rad: self.turned_rad, stays_px })
     }
 }

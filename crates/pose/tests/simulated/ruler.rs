@@ -2,7 +2,7 @@
 
 use super::{Random, flight, pose_of, poses, sights, square, true_cameras};
 use mavsight_flight::FlightState;
-use mavsight_geometry::{Isometry3, Vector3, rigid_fit};
+use mavsight_geometry::{Isometry3, Vector2, Vector3, rigid_fit};
 use mavsight_pose::{
     BodyMarker, FlightPrior, MarkerObservation, PoseEstimator, PoseSample, RefinedFlight, Rig, refine_flight,
 };
@@ -10,8 +10,8 @@ use mavsight_pose::{
 /// Standard deviation of a coordinate in the file.
 pub(crate) const RULER_M: f64 = 2e-3;
 
-/// The same where centres are not off for good.
-pub(crate) const RULER: FlightPrior = FlightPrior { markers_std_m: RULER_M, centres_std_px: 0.0 };
+/// The same, and nothing known of what stays of centres.
+pub(crate) const RULER: FlightPrior = FlightPrior { markers_std_m: RULER_M, centres_std_px: None };
 
 fn off_by_a_ruler(markers: &[BodyMarker], random: &mut Random) -> Vec<BodyMarker> {
     let mut out = markers.to_vec();
@@ -48,11 +48,21 @@ pub(crate) struct Case {
 
 /// A file, a flight and a calibration at random.
 pub(crate) fn case(rig: &Rig, random: &mut Random) -> Case {
+    case_with_bias(rig, (0.0, RULER), random)
+}
+
+/// The same with centres that are off by so much all the while, and with what is said to be known of that.
+pub(crate) fn case_with_bias(rig: &Rig, (bias_px, prior): (f64, FlightPrior), random: &mut Random) -> Case {
     let file = off_by_a_ruler(&square(), random);
     let flight = flight(random);
     let cameras = true_cameras(rig, random);
-    let seen = sights(&cameras, &square(), &flight, random);
-    let refined = refine_flight(&seen.concat().iter().collect(), rig, &file, RULER).expect("a refined body");
+    let mut seen = sights(&cameras, &square(), &flight, random);
+    if bias_px > 0.0 {
+        let mut off = || Vector2::new(random.normal(), random.normal()) * bias_px;
+        let bias: Vec<_> = (0..4 * cameras.len()).map(|_| off()).collect();
+        seen.iter_mut().flatten().for_each(|o| o.pixel += bias[4 * o.camera + o.marker]);
+    }
+    let refined = refine_flight(&seen.concat().iter().collect(), rig, &file, prior).expect("a refined body");
     Case { file, flight, seen, refined }
 }
 
