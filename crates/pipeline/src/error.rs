@@ -44,6 +44,26 @@ pub enum PipelineError {
         /// Its last frame.
         to_s: f64,
     },
+    /// Recordings that are not those of their cameras.
+    #[error(
+        "what the cameras saw lies {given_px:.2} px from where any pose of the body has it, and {instead_px:.2} px {mistake}"
+    )]
+    MixedUp {
+        /// Root mean square residual as it is.
+        given_px: f64,
+        /// The same without the mistake.
+        instead_px: f64,
+        /// What was done to which recording, and what to do.
+        mistake: String,
+    },
+    /// Two cameras with one recording.
+    #[error("{camera} and {other} saw the same: give each camera its own recording")]
+    SameRecording {
+        /// Camera name.
+        camera: String,
+        /// The other's.
+        other: String,
+    },
     /// A camera delivered nothing.
     #[error("{camera} has no frames: check the recording")]
     NoFrames {

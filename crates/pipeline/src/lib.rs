@@ -10,6 +10,7 @@ mod error;
 mod feed;
 mod flash;
 mod join;
+mod mixed_up;
 mod output_error;
 mod progress;
 mod reconstruct;

@@ -1,6 +1,6 @@
 //! Marker observations into poses.
 
-use crate::{PipelineError, Tracked};
+use crate::{PipelineError, Tracked, mixed_up};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
 use mavsight_pose::{Association, Candidate, MarkerObservation, PoseEstimator, Rig};
@@ -39,6 +39,9 @@ impl Reconstruction {
     }
 
     /// All poses, with what the whole flight has shown of the centres' lasting errors.
+    ///
+    /// # Errors
+    /// Observations that are not numbers.
     pub(crate) fn finish(mut self) -> Result<Tracked, PipelineError> {
         crate::solve::poses_anew(self.estimator, &mut self.tracked)
             .map_err(|source| PipelineError::Pose { place: "centres".into(), source })?;
@@ -50,7 +53,7 @@ impl Reconstruction {
 /// the order of time; an instant without observations is one without a pose.
 ///
 /// # Errors
-/// No instants, or observations that are not numbers.
+/// No instants, observations that are not numbers, or such as another camera would have made, or one turned about.
 pub fn reconstruct(
     rig: &Rig,
     vehicle: &Vehicle,
@@ -63,5 +66,7 @@ pub fn reconstruct(
     if all.tracked.poses.is_empty() {
         return Err(PipelineError::NoFrames { camera: "the table of observations".into() });
     }
+    let misfit = mixed_up::note(&all.estimator, rig, &all.tracked.observations)?;
+    all.tracked.notes.extend(misfit);
     all.finish()
 }

@@ -1,13 +1,13 @@
 //! What several tests share: two cameras, and what they see of a body that is carried about.
 
 use crate::sight::Sight;
-use crate::stream::Stream;
+use crate::stream::{HeldSight, Stream};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{
     Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector2, Vector3,
     world_from_body,
 };
-use mavsight_pose::{CameraClock, CameraControl, ClockPrior, Rig, calibrate};
+use mavsight_pose::{CameraClock, CameraControl, ClockPrior, MarkerObservation, Rig, calibrate};
 
 pub(crate) const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
 
@@ -96,4 +96,18 @@ pub(crate) fn stream(
         out.add(stamp_ns, &seen, None);
     }
     out
+}
+
+/// The same of a camera without a clock of its own, told which ball is which.
+pub(crate) fn seen_by(camera: usize, frames: std::ops::Range<usize>) -> Vec<MarkerObservation> {
+    let stream = stream(camera, CameraClock::default(), 30.0, frames);
+    let markers = Vehicle::paper().marker.len();
+    let told = |(k, s): (usize, &HeldSight)| MarkerObservation {
+        t_ns: stream.stamps_ns[k / markers],
+        camera,
+        marker: k % markers,
+        pixel: s.pixel,
+        covariance_px2: Matrix2::identity() * STD_PX * STD_PX,
+    };
+    stream.sights.iter().enumerate().map(told).collect()
 }

@@ -6,6 +6,7 @@ use crate::stream::Stream;
 use crate::watch::CameraWatch;
 use crate::{
     CameraFeed, CameraTracker, Instant, Look, PipelineError, Progress, Stage, TimedFrame, flash, join,
+    mixed_up,
 };
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
@@ -176,6 +177,7 @@ fn joined(
     let mut notes: Vec<String> = streams.iter().flat_map(Stream::notes).collect();
     notes.extend(crate::flash::start_clocks(&mut streams));
     notes.extend(crate::clap::start_clocks(&mut streams, rig));
+    mixed_up::refuse_one_recording_twice(&streams)?;
     let spans_ns = streams.iter().map(Stream::span_ns);
     let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();
     let stretches_ns = telling_stretches_ns(span_ns);
@@ -194,11 +196,18 @@ fn joined(
     let instants = streams.iter().map(|s| s.stamps_ns.len()).max().unwrap_or(0);
     all.tracked.reserve(instants, streams.len() * vehicle.marker.len());
     let mut identities = Identities::new(rig, vehicle)?;
+    let (mut lone, mut until_next) = (Observations::default(), 0);
     join::instants(streams, &sizes, &exact, |t_ns, seen| {
+        if until_next == 0 {
+            mixed_up::lone(t_ns, seen, &colors.of_marker).iter().for_each(|o| lone.push(o));
+            until_next = (instants / mixed_up::SAMPLED).max(1);
+        }
+        until_next -= 1;
         let association = identities.tell(t_ns, seen);
         each(&Instant { t_ns, seen, association: &association });
         all.add_told(seen, association);
     });
+    notes.extend(mixed_up::note(identities.estimator(), rig, &lone)?);
     identities.finish(rig, watches, &mut all.tracked);
     let mut tracked = all.finish()?;
     notes.append(&mut tracked.notes);
@@ -352,6 +361,15 @@ mod tests {
         let streams = vec![stream(0, exact, 30.0, 0..30), stream(1, exact, 30.0, 600..630)];
         let text = joined_by_rig(streams).unwrap_err().to_string();
         assert!(text.contains("cam1 runs from 0.000 s") && text.contains("time_offset_s"), "{text}");
+    }
+
+    #[test]
+    fn one_recording_given_for_two_cameras_is_refused() {
+        let first = stream(0, late(0.0, 0.0), 30.0, 0..90);
+        let mut again = first.clone();
+        again.name = "cam2".into();
+        let text = joined_by_rig(vec![first, again]).unwrap_err().to_string();
+        assert!(text.contains("cam1 and cam2 saw the same"), "{text}");
     }
 
     #[test]

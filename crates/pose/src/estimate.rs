@@ -2,6 +2,7 @@
 
 mod bias;
 mod components;
+mod fit;
 mod gates;
 mod lasting;
 mod p3p;
@@ -10,6 +11,7 @@ mod solve;
 mod start;
 
 use crate::{PoseError, RefinedFlight, Rig};
+pub use fit::SightFit;
 use gates::{DECISIVE_CHI_SQUARE, beyond_f_gate, chi_square_gate, noise_factor};
 pub(crate) use gates::{HUBER_MEAN, chi_square_gate as chi_square_quantile};
 use lasting::Lasting;

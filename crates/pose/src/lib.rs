@@ -38,6 +38,7 @@ pub use clock::{
 pub use error::PoseError;
 pub use estimate::{
     BodyMarker, ExpectedSight, MarkerObservation, MarkerSet, PoseEstimate, PoseEstimator, PoseSample,
+    SightFit,
 };
 pub use joint::MotionNoise;
 pub use motion::{Motion, MotionCovariance, MotionSample, covariance_from_std, euler_std};

@@ -1,0 +1,235 @@
+//! Recordings that are not those of the cameras that they are given for, told by what the cameras saw.
+
+use crate::PipelineError;
+use crate::stream::Stream;
+use mavsight_geometry::Vector2;
+use mavsight_pose::{Candidate, MarkerObservation, Observations, PoseError, PoseEstimator, Rig, SightFit};
+
+/// Instants that are looked at, spread over the flight: half of them outvote those of a false match.
+pub(crate) const SAMPLED: usize = 60;
+
+/// Sights that lie so many standard deviations from where any pose has them do not fit: what is claimed then explains 4 % of their
+/// variance.
+const FITS: f64 = 5.0;
+
+/// What is taken for a mistake has to bring the residuals down to this part: over hundreds of degrees of freedom no chance does.
+const EXPLAINS: f64 = 1.0 / 3.0;
+
+/// What may have been done to recordings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Mistake {
+    Exchanged(usize, usize),
+    Mirrored(usize),
+    UpsideDown(usize),
+}
+
+impl Mistake {
+    /// Those that a rig allows: only cameras of one image size can have been exchanged.
+    fn all(rig: &Rig) -> Vec<Self> {
+        let size = |k: usize| rig.cameras[k].camera.size;
+        let n = rig.cameras.len();
+        let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
+        let exchanged = pairs.filter(|(a, b)| size(*a) == size(*b)).map(|(a, b)| Self::Exchanged(a, b));
+        let turned = (0..n).flat_map(|k| [Self::Mirrored(k), Self::UpsideDown(k)]);
+        exchanged.chain(turned).collect()
+    }
+
+    /// The sight as it would have been without.
+    fn undone(self, mut seen: MarkerObservation, rig: &Rig) -> MarkerObservation {
+        let size = rig.cameras[seen.camera].camera.size;
+        let (right, bottom) = (f64::from(size.width_px) - 1.0, f64::from(size.height_px) - 1.0);
+        match self {
+            Self::Exchanged(a, b) if seen.camera == a => seen.camera = b,
+            Self::Exchanged(a, b) if seen.camera == b => seen.camera = a,
+            Self::Mirrored(k) if seen.camera == k => {
+                seen.pixel.x = right - seen.pixel.x;
+                for at in [(0, 1), (1, 0)] {
+                    seen.covariance_px2[at] = -seen.covariance_px2[at];
+                }
+            }
+            Self::UpsideDown(k) if seen.camera == k => {
+                seen.pixel = Vector2::new(right, bottom) - seen.pixel;
+            }
+            _ => {}
+        }
+        seen
+    }
+
+    fn told(self, rig: &Rig) -> String {
+        let name = |k: usize| &rig.cameras[k].name;
+        match self {
+            Self::Exchanged(a, b) => format!(
+                "with the recordings of {} and {} exchanged: exchange them in the session file",
+                name(a),
+                name(b)
+            ),
+            Self::Mirrored(k) => format!(
+                "with {} mirrored left to right: turn mirroring off where the camera or its program offers it, or mirror its still too",
+                name(k)
+            ),
+            Self::UpsideDown(k) => format!(
+                "with {} turned upside down: its recording and its still have to be the same way up",
+                name(k)
+            ),
+        }
+    }
+}
+
+/// What is to be said of sights that do not fit, if they do not.
+///
+/// # Errors
+/// [`PipelineError::MixedUp`] where recordings exchanged, mirrored or turned upside down explain it; observations that are not
+/// numbers.
+pub(crate) fn note(
+    estimator: &PoseEstimator,
+    rig: &Rig,
+    observations: &Observations,
+) -> Result<Option<String>, PipelineError> {
+    let failed = |source| PipelineError::Pose { place: "centres".into(), source };
+    let instants = sampled(observations);
+    let fit = |mistake| median_fit(estimator, rig, (&instants, mistake)).map_err(failed);
+    let Some(given) = fit(None)?.filter(|f| f.times > FITS) else { return Ok(None) };
+    for mistake in Mistake::all(rig) {
+        let Some(instead) = fit(Some(mistake))? else { continue };
+        if instead.times < FITS && instead.times < EXPLAINS * given.times {
+            let (given_px, instead_px) = (given.residual_px, instead.residual_px);
+            return Err(PipelineError::MixedUp { given_px, instead_px, mistake: mistake.told(rig) });
+        }
+    }
+    let SightFit { residual_px, times } = given;
+    Ok(times.is_finite().then(|| {
+        format!(
+            "What the cameras saw lies {residual_px:.2} px from where any pose of the body has it, {times:.0} times what their noise \
+             explains: a camera may have been moved since its calibration, its frame rate or clock may be another, or the marker \
+             positions of the vehicle file are off ([refine] finds those of a ruler)."
+        )
+    }))
+}
+
+/// Refuses one recording for two cameras, whose sights then lie in the same places: from two places no two cameras see that.
+///
+/// # Errors
+/// [`PipelineError::SameRecording`].
+pub(crate) fn refuse_one_recording_twice(streams: &[Stream]) -> Result<(), PipelineError> {
+    const SAME_PX: f64 = 0.1;
+    const COMPARED: usize = 40;
+    for (k, stream) in streams.iter().enumerate() {
+        for other in &streams[k + 1..] {
+            let pairs = || stream.sights.iter().zip(&other.sights).take(COMPARED);
+            if pairs().count() == COMPARED && pairs().all(|(a, b)| (a.pixel - b.pixel).amax() < SAME_PX) {
+                let (camera, other) = (stream.name.clone(), other.name.clone());
+                return Err(PipelineError::SameRecording { camera, other });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Balls that are the only ones of their colour in their camera, as the only markers of it.
+pub(crate) fn lone(t_ns: i64, seen: &[Candidate], color_of_marker: &[usize]) -> Vec<MarkerObservation> {
+    let is_lone = |c: &&Candidate| {
+        seen.iter().filter(|o| (o.camera, o.color) == (c.camera, c.color)).count() == 1
+            && color_of_marker.iter().filter(|m| **m == c.color).count() == 1
+    };
+    let told = |c: &Candidate| {
+        let marker = color_of_marker.iter().position(|m| *m == c.color)?;
+        let Candidate { camera, pixel, covariance_px2, .. } = *c;
+        Some(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 })
+    };
+    seen.iter().filter(is_lone).filter_map(told).collect()
+}
+
+fn sampled(observations: &Observations) -> Vec<Vec<MarkerObservation>> {
+    let times_ns: Vec<i64> = observations.times_ns().collect();
+    let count = SAMPLED.min(times_ns.len());
+    let at = |k: usize| {
+        let mut seen = Vec::new();
+        observations.at(times_ns[(2 * k + 1) * times_ns.len() / (2 * count)], &mut seen);
+        seen
+    };
+    (0..count).map(at).collect()
+}
+
+/// That of the instant in the middle, by standard deviations; `None` where no instant tells anything.
+fn median_fit(
+    estimator: &PoseEstimator,
+    rig: &Rig,
+    (instants, mistake): (&[Vec<MarkerObservation>], Option<Mistake>),
+) -> Result<Option<SightFit>, PoseError> {
+    let mut fits = Vec::new();
+    for seen in instants {
+        let own = match mistake {
+            Some(mistake) => seen.iter().map(|o| mistake.undone(o.clone(), rig)).collect(),
+            None => seen.clone(),
+        };
+        fits.extend(estimator.sight_fit(&own)?);
+    }
+    fits.sort_by(|a, b| a.times.total_cmp(&b.times));
+    Ok(fits.get(fits.len() / 2).copied())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body_markers;
+    use crate::testing::{rig, seen_by};
+    use mavsight_flight::Vehicle;
+
+    fn told(change: impl Fn(&mut MarkerObservation)) -> Result<Option<String>, PipelineError> {
+        let (rig, vehicle) = (rig(), Vehicle::paper());
+        let mut seen: Vec<MarkerObservation> = (0..3).flat_map(|camera| seen_by(camera, 0..90)).collect();
+        seen.iter_mut().for_each(change);
+        let (estimator, seen) = (PoseEstimator::new(&rig, &body_markers(&vehicle)), seen.iter().collect());
+        note(&estimator, &rig, &seen)
+    }
+
+    #[test]
+    fn recordings_in_the_place_of_others_are_refused_with_what_was_done_to_them() {
+        assert_eq!(told(|_| {}).unwrap(), None);
+        for a in 0..3 {
+            let b = (a + 1) % 3;
+            let text = told(|o| match o.camera {
+                k if k == a => o.camera = b,
+                k if k == b => o.camera = a,
+                _ => {}
+            });
+            let text = text.unwrap_err().to_string();
+            let named = format!("cam{} and cam{} exchanged", a.min(b) + 1, a.max(b) + 1);
+            assert!(text.contains(&named), "{text}");
+        }
+        let text = told(|o| o.pixel.x = if o.camera == 1 { 639.0 - o.pixel.x } else { o.pixel.x });
+        let text = text.unwrap_err().to_string();
+        assert!(text.contains("cam2 mirrored"), "{text}");
+        let text = told(|o| {
+            if o.camera == 0 {
+                o.pixel = Vector2::new(639.0, 479.0) - o.pixel;
+            }
+        });
+        let text = text.unwrap_err().to_string();
+        assert!(text.contains("cam1 turned upside down"), "{text}");
+    }
+
+    #[test]
+    fn a_ball_counts_as_its_colours_marker_where_both_are_alone() {
+        let ball = |camera, color| Candidate {
+            camera,
+            color,
+            pixel: Vector2::new(color as f64, 2.0),
+            covariance_px2: mavsight_geometry::Matrix2::identity(),
+            diameter_px: 5.0,
+            stays: false,
+        };
+        // Colour 1 has two markers; camera 0 sees two balls of colour 0, camera 1 one.
+        let seen = [ball(0, 0), ball(0, 0), ball(0, 1), ball(0, 2), ball(1, 0), ball(1, 1)];
+        let got: Vec<_> =
+            lone(7, &seen, &[0, 1, 1, 2]).iter().map(|o| (o.t_ns, o.camera, o.marker)).collect();
+        assert_eq!(got, [(7, 0, 3), (7, 1, 0)]);
+    }
+
+    #[test]
+    fn what_no_mistake_of_these_explains_is_told_as_it_is() {
+        // A camera that looks elsewhere by a hundredth of a radian.
+        let text = told(|o| o.pixel.x += if o.camera == 2 { 6.0 } else { 0.0 }).unwrap().unwrap();
+        assert!(text.contains("times what their noise explains") && text.contains("moved since"), "{text}");
+    }
+}
