@@ -73,6 +73,10 @@ pub struct Combination {
     pub value: f64,
     /// Standard deviation.
     pub std: f64,
+    /// 95 % interval, from.
+    pub ci_low: f64,
+    /// 95 % interval, to.
+    pub ci_high: f64,
 }
 
 /// How far a fit can be trusted.

@@ -271,7 +271,8 @@ impl<'a> Problem<'a> {
                 (p.ci_low, p.ci_high) = (Some(value - t * std), Some(value + t * std));
             } else {
                 let text = verdict::combination(self.output, &self.dependence, position);
-                combinations.push(Combination { text, value, std });
+                let (ci_low, ci_high) = (value - t * std, value + t * std);
+                combinations.push(Combination { text, value, std, ci_low, ci_high });
             }
         }
         (parameters, combinations)

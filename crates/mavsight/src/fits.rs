@@ -111,8 +111,8 @@ fn parameter_rows(fit: &OutputFit) -> Vec<Vec<String>> {
         vec![name, show(p.value), show(p.std), show(p.ci_low), show(p.ci_high), verdict.to_owned()]
     });
     let combinations = fit.combinations.iter().map(|c| {
-        let (value, std) = (show(Some(c.value)), show(Some(c.std)));
-        vec![c.text.clone(), value, std, String::new(), String::new(), "determined".to_owned()]
+        let [value, std, low, high] = [c.value, c.std, c.ci_low, c.ci_high].map(|v| show(Some(v)));
+        vec![c.text.clone(), value, std, low, high, "determined".to_owned()]
     });
     parameters.chain(combinations).collect()
 }

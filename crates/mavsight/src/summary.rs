@@ -9,6 +9,7 @@ mod body;
 mod clocks;
 mod health;
 mod plan;
+mod truth;
 
 /// One figure.
 pub(crate) struct Row {
@@ -256,66 +257,6 @@ impl Summary {
             .map(|s| euler_std(&s.world_from_body, &s.covariance.quantity(1)).y.powi(2))
             .sum();
         self.number("motion", "theta_std_deg", "predicted pitch error", (pitch / n).sqrt().to_degrees(), "°");
-    }
-
-    fn scores(&mut self, scores: &Scores) {
-        for camera in &scores.cameras {
-            self.number(
-                "truth",
-                format!("{}_centre_error_mm", camera.camera),
-                format!("{} centre error", camera.camera),
-                camera.centre_mm,
-                "mm",
-            );
-        }
-        if let Some(i) = scores.identity {
-            let shown = format!("{} of {}", i.measured, i.measurable);
-            let label = "frames measured of those with three balls visible to two cameras";
-            self.add("truth", "measured_of_measurable", label, json!([i.measured, i.measurable]), shown);
-            let label = "frames with a wrong identity, with a frozen pose";
-            let shown = format!("{}, {}", i.wrong, i.frozen);
-            self.add("truth", "wrong_and_frozen", label, json!([i.wrong, i.frozen]), shown);
-        }
-        let poses = [("poses", scores.poses), ("motion", scores.motion.map(|m| m.pose))];
-        for (what, errors) in poses {
-            let Some(e) = errors else { continue };
-            self.number(
-                "truth",
-                format!("{what}_position_rms_mm"),
-                format!("{what}: position error, RMS (3-D)"),
-                e.position_rms_mm,
-                "mm",
-            );
-            self.number(
-                "truth",
-                format!("{what}_position_max_mm"),
-                format!("{what}: position error, largest"),
-                e.position_max_mm,
-                "mm",
-            );
-            self.triple(
-                &format!("{what}_attitude_rms_deg"),
-                &format!("{what}: roll, pitch, yaw error, RMS"),
-                e.attitude_rms_deg,
-                "°",
-            );
-        }
-        if let Some(m) = scores.motion {
-            self.triple("velocity_rms_mm_s", "motion: u, v, w error, RMS", m.velocity_rms_mm_s, "mm/s");
-            self.triple("rates_rms_deg_s", "motion: p, q, r error, RMS", m.rates_rms_deg_s, "°/s");
-        }
-        for p in &scores.parameters {
-            let percent = p.error_percent.map_or(String::new(), |e| format!("{e:+.1} %, "));
-            let held = if p.in_interval { "inside" } else { "outside" };
-            let label = format!("{} ({}) against {:+.3e}", p.name, p.estimator, p.truth);
-            let key = format!("{}_{}_error_percent", p.estimator, p.name.replace(',', "_"));
-            self.add("truth", key, label, json!(p.error_percent), format!("{percent}{held} its interval"));
-        }
-    }
-
-    fn triple(&mut self, key: &str, label: &str, values: [f64; 3], unit: &str) {
-        let [a, b, c] = values;
-        self.add("truth", key, label, json!(values), format!("{a:.3}, {b:.3}, {c:.3} {unit}"));
     }
 
     /// For machines: one object a section, with the schema's version.

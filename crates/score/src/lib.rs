@@ -26,8 +26,9 @@ pub use random::Random;
 pub use virtual_flight::VirtualFlight;
 pub use virtual_lab::{SightNoise, VirtualCamera, VirtualLab};
 
-use mavsight_flight::ModelCoefficients;
+use mavsight_flight::{Coefficients, ModelCoefficients, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{EulerAngles, Vector3};
+use mavsight_identify::output_error::{FlightFits, ModelParameter};
 use mavsight_identify::{Estimator, Identification};
 use mavsight_pose::{Motion, PoseSample, Rig};
 use mavsight_session::TruthRow;
@@ -60,7 +61,7 @@ pub struct MotionErrors {
 /// Error of one parameter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ParameterError {
-    /// `ols` or `tls`.
+    /// `ols`, `tls`, `oe` or `image`.
     pub estimator: &'static str,
     /// Such as `C_m,alpha_u`.
     pub name: String,
@@ -90,8 +91,10 @@ pub struct Scores {
     pub poses: Option<PoseErrors>,
     /// Smoothed motion.
     pub motion: Option<MotionErrors>,
-    /// Parameters.
+    /// Parameters of equation error.
     pub parameters: Vec<ParameterError>,
+    /// Parameters of output error.
+    pub output_error: Vec<ParameterError>,
     /// Cameras.
     pub cameras: Vec<CameraError>,
     /// Identities, where it is known which balls were visible.
@@ -195,6 +198,29 @@ pub fn score_parameters(identification: &Identification, truth: &ModelCoefficien
         }
     }
     errors
+}
+
+/// Errors of what output error has fitted, against the vehicle that was simulated with inputs whose clock is right.
+pub fn score_output_error(fits: &FlightFits, vehicle: &Vehicle) -> Vec<ParameterError> {
+    let truth = Coefficients::of_vehicle(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let of = |p: ModelParameter| match p {
+        ModelParameter::Coefficient(c) => truth.get(c),
+        ModelParameter::InputLag => 0.0,
+    };
+    fits.named()
+        .flat_map(|(estimator, fit)| fit.parameters.iter().map(move |p| (estimator, p)))
+        .map(|(estimator, p)| {
+            let truth = of(p.parameter);
+            ParameterError {
+                estimator,
+                name: p.name.to_owned(),
+                truth,
+                value: p.value,
+                error_percent: (truth != 0.0).then(|| 100.0 * (p.value - truth) / truth.abs()),
+                in_interval: p.ci_low <= truth && truth <= p.ci_high,
+            }
+        })
+        .collect()
 }
 
 /// Distances of the cameras' centres from the true ones, by name.

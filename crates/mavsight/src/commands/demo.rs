@@ -12,7 +12,7 @@ use mavsight_pipeline::{
     CameraFeed, ControlStill, IdentifyOptions, PipelineError, Progress, TimedFrame, calibrate_from_stills,
 };
 use mavsight_scene::Aircraft;
-use mavsight_score::{VirtualCamera, score_cameras, score_identity, score_parameters};
+use mavsight_score::{VirtualCamera, score_cameras, score_identity, score_output_error, score_parameters};
 use mavsight_session::{TruthRow, ns_from_s, write_control_points, write_inputs, write_truth, write_vehicle};
 use mavsight_vision::Frame;
 use std::path::Path;
@@ -77,6 +77,7 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     let model = model_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
     scores.parameters =
         results.identification.as_ref().map(|i| score_parameters(i, &model)).unwrap_or_default();
+    scores.output_error = score_output_error(&results.output_error, &vehicle);
     let shares = |row: &TruthRow| films.iter().map(|f| f.visible_shares(&vehicle, &aircraft, row)).collect();
     let visible: Vec<Vec<Vec<f64>>> = truth.iter().map(shares).collect();
     scores.identity = Some(score_identity(&results.poses, &truth, &markers_of(&vehicle), &visible));

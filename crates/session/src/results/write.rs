@@ -270,7 +270,8 @@ fn parameters(results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
         }
         for c in &fit.combinations {
             let mut cells = begin();
-            cells.extend([c.text.clone(), number(c.value), number(c.std), String::new(), String::new()]);
+            cells.push(c.text.clone());
+            cells.extend([c.value, c.std, c.ci_low, c.ci_high].map(number));
             cells.push("true".to_owned());
             lines.push(cells)?;
         }
