@@ -165,6 +165,14 @@ impl LiveChain {
         Some((t_ns, (0..self.cameras.len()).filter(move |c| joiner.waits_for(*c, t_ns))))
     }
 
+    /// Once enough instants are told: what is to be said of sights that fit no pose of the body, if they do not; `None` before.
+    ///
+    /// # Errors
+    /// [`PipelineError::MixedUp`] where cameras exchanged, mirrored or turned upside down explain it.
+    pub fn misfit(&self, rig: &Rig) -> Option<Result<Option<String>, PipelineError>> {
+        self.identities.is_sampled().then(|| self.identities.misfit(rig))
+    }
+
     /// The next instant for which all has come.
     pub fn next_told(&mut self) -> Option<Told<'_>> {
         let (t_ns, seen) = self.joiner.as_mut()?.next_instant()?;

@@ -163,6 +163,7 @@ pub fn fly(setup: Setup<'_>) -> Result<Flown, LiveError> {
         tracking: TrackingState::default(),
         last: Tracking::Acquiring,
         moved: 0,
+        is_fit_told: false,
         received_ns: 0,
         latest_ns: i64::MIN,
         first_ns: None,
@@ -193,6 +194,8 @@ struct Flight<'a> {
     tracking: TrackingState,
     last: Tracking,
     moved: usize,
+    /// Whether it was looked at how well sights fit.
+    is_fit_told: bool,
     /// When the latest frame was in hand.
     received_ns: i64,
     /// The latest frame's own time.
@@ -222,6 +225,7 @@ impl Flight<'_> {
                 Err(RecvTimeoutError::Disconnected) => break,
             }
             self.tell_instants();
+            self.tell_misfit();
             self.give_back();
             if self.pace == Pace::Own {
                 self.look_at_cameras();

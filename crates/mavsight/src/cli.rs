@@ -89,6 +89,9 @@ pub(crate) struct Run {
     /// A part of the flight that is not fitted but predicted, s
     #[arg(long, value_name = "FROM..TO")]
     pub(crate) hold_out: Option<Interval>,
+    /// What to add to the inputs' times; estimated, and said, where left out
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    pub(crate) lag: Option<f64>,
 }
 
 /// `calibrate`, `track` and `report`

@@ -17,7 +17,12 @@ pub(crate) fn curve(label: &str, role: Role, points: impl Iterator<Item = (f64, 
 }
 
 pub(crate) fn figure(caption: &str, panels: Vec<Panel>) -> Result<Figure> {
-    Ok(Figure { caption: caption.to_owned(), markup: draw(&Chart { panels })? })
+    figure_over("time, s", caption, panels)
+}
+
+/// Panels over another axis.
+pub(crate) fn figure_over(axis: &'static str, caption: &str, panels: Vec<Panel>) -> Result<Figure> {
+    Ok(Figure { caption: caption.to_owned(), markup: draw(&Chart { axis, panels })? })
 }
 
 fn seconds(t_ns: i64) -> f64 {

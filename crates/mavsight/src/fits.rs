@@ -1,6 +1,6 @@
 //! What is shown of the fits: figures of merit, tables, plots.
 
-use crate::figures::{curve, figure};
+use crate::figures::{curve, figure, figure_over};
 use crate::page::Page;
 use crate::summary::Summary;
 use anyhow::Result;
@@ -222,8 +222,9 @@ pub(crate) fn figures(page: &Page<'_>) -> Result<Vec<Figure>> {
             panels,
         )?,
         figure("Residuals of figure 12.", left)?,
-        figure(
-            "Autocorrelations of those residuals over lags of up to two periods of the low-pass, s. What passes a low-pass is \
+        figure_over(
+            "lag, s",
+            "Autocorrelations of those residuals over lags of up to two periods of the low-pass. What passes a low-pass is \
              never white: intervals allow for it.",
             echoes,
         )?,

@@ -26,7 +26,7 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
             summary.add("fit", key("lasting"), label, value, shown);
         }
         for p in fit.parameters.iter().filter(|p| p.identifiable) {
-            let label = format!("{} ({name})", p.name);
+            let label = format!("{} ({name})", with_unit(p.name));
             let value = json!({"value": p.value, "std": p.std});
             let shown = format!("{:+.3e} ± {:.1e}", p.value, p.std);
             summary.add("parameters", key(&p.name.replace(',', "_")), label, value, shown);
@@ -123,7 +123,7 @@ pub(crate) fn tables(results: &RunResults) -> Vec<Table> {
     header.extend(equations.map(|(_, estimator)| words_of(estimator).to_owned()));
     header.extend(fits.iter().map(|(name, _)| words(name).to_owned()));
     let rows = first.parameters.iter().map(|p| {
-        let mut row = vec![p.name.to_owned()];
+        let mut row = vec![with_unit(p.name)];
         row.extend(equations.map(|_| of_equations(p.name).unwrap_or_default()));
         row.extend(
             fits.iter()
@@ -139,6 +139,11 @@ pub(crate) fn tables(results: &RunResults) -> Vec<Table> {
         rows: rows.collect(),
     };
     std::iter::once(side_by_side).chain(fits.iter().map(|(name, fit)| parameters(name, fit))).collect()
+}
+
+/// A parameter's name for people: flapping times have a unit that their names do not tell.
+fn with_unit(name: &str) -> String {
+    if name.starts_with("tau_") { format!("{name}, s") } else { name.to_owned() }
 }
 
 fn with_std(value: f64, std: f64) -> String {
@@ -161,7 +166,7 @@ fn parameters(name: &str, fit: &OutputErrorFit) -> Table {
 fn rows(fit: &OutputErrorFit) -> impl Iterator<Item = (String, [f64; 4], &'static str)> {
     fit.parameters.iter().map(|p| {
         let verdict = if p.identifiable { "" } else { "hardly told" };
-        (p.name.to_owned(), [p.value, p.std, p.ci_low, p.ci_high], verdict)
+        (with_unit(p.name), [p.value, p.std, p.ci_low, p.ci_high], verdict)
     })
 }
 

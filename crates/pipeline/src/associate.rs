@@ -1,5 +1,6 @@
 //! What the trackers of all cameras saw at one instant, as candidates for the vehicle's markers.
 
+use crate::mixed_up::{self, SightSample};
 use crate::output_error::MARKERS_STD_M;
 use crate::watch::{CameraWatch, moved_notes};
 use crate::{PipelineError, Tracked};
@@ -49,6 +50,7 @@ pub struct Instant<'a> {
 pub struct Identities {
     associator: Associator,
     colors: Vec<usize>,
+    sample: SightSample,
 }
 
 impl Identities {
@@ -61,7 +63,7 @@ impl Identities {
         let colors = MarkerColors::of(vehicle).of_marker;
         let associator = Associator::new(estimator, rig, &colors, MARKERS_STD_M)
             .map_err(|source| PipelineError::Pose { place: "the vehicle's markers".into(), source })?;
-        Ok(Self { associator, colors })
+        Ok(Self { associator, colors, sample: SightSample::default() })
     }
 
     /// What happened to the cameras and how well they saw the markers, into what was tracked.
@@ -79,7 +81,26 @@ impl Identities {
 
     /// Which of the candidates of the next instant are which markers, and the pose they give.
     pub fn tell(&mut self, t_ns: i64, seen: &[Candidate]) -> Association {
+        self.sample.take(t_ns, seen, &self.colors);
         self.associator.associate(t_ns, seen)
+    }
+
+    /// Spreads the instants from which [`Self::misfit`] is told over so many; they are the first otherwise.
+    pub(crate) fn spread_over(&mut self, instants: usize) {
+        self.sample.spread_over(instants);
+    }
+
+    /// Whether there are as many instants as [`Self::misfit`] is told from.
+    pub fn is_sampled(&self) -> bool {
+        self.sample.is_full()
+    }
+
+    /// What is to be said of sights that fit no pose of the body, if they do not.
+    ///
+    /// # Errors
+    /// [`PipelineError::MixedUp`] where recordings or cameras exchanged, mirrored or turned upside down explain it.
+    pub fn misfit(&self, rig: &Rig) -> Result<Option<String>, PipelineError> {
+        mixed_up::note(self.estimator(), rig, self.sample.sights())
     }
 
     /// Cameras that were found to be moved; they take no part from then on.

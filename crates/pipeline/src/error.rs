@@ -46,11 +46,11 @@ pub enum PipelineError {
     },
     /// Recordings that are not those of their cameras.
     #[error(
-        "what the cameras saw lies {given_px:.2} px from where any pose of the body has it, and {instead_px:.2} px {mistake}"
+        "what the cameras saw {given} where any pose of the body has it, and lies {instead_px:.2} px from it {mistake}"
     )]
     MixedUp {
-        /// Root mean square residual as it is.
-        given_px: f64,
+        /// How far it lies from there.
+        given: String,
         /// The same without the mistake.
         instead_px: f64,
         /// What was done to which recording, and what to do.

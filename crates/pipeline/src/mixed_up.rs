@@ -6,7 +6,7 @@ use mavsight_geometry::Vector2;
 use mavsight_pose::{Candidate, MarkerObservation, Observations, PoseError, PoseEstimator, Rig, SightFit};
 
 /// Instants that are looked at, spread over the flight: half of them outvote those of a false match.
-pub(crate) const SAMPLED: usize = 60;
+const SAMPLED: usize = 60;
 
 /// Sights that lie so many standard deviations from where any pose has them do not fit: what is claimed then explains 4 % of their
 /// variance.
@@ -93,7 +93,12 @@ pub(crate) fn note(
         let Some(instead) = fit(Some(mistake))? else { continue };
         if instead.times < FITS && instead.times < EXPLAINS * given.times {
             let (given_px, instead_px) = (given.residual_px, instead.residual_px);
-            return Err(PipelineError::MixedUp { given_px, instead_px, mistake: mistake.told(rig) });
+            let given = if given_px.is_finite() {
+                format!("lies {given_px:.2} px from")
+            } else {
+                "is not".to_owned()
+            };
+            return Err(PipelineError::MixedUp { given, instead_px, mistake: mistake.told(rig) });
         }
     }
     let SightFit { residual_px, times } = given;
@@ -125,8 +130,47 @@ pub(crate) fn refuse_one_recording_twice(streams: &[Stream]) -> Result<(), Pipel
     Ok(())
 }
 
+/// Sights of some instants that tell their markers by their colours alone.
+#[derive(Debug, Default)]
+pub(crate) struct SightSample {
+    sights: Observations,
+    taken: usize,
+    /// Instants from one that is taken to the next, and those until then.
+    every: usize,
+    until_next: usize,
+}
+
+impl SightSample {
+    pub(crate) fn spread_over(&mut self, instants: usize) {
+        self.every = instants / SAMPLED;
+    }
+
+    pub(crate) fn is_full(&self) -> bool {
+        self.taken >= SAMPLED
+    }
+
+    pub(crate) fn sights(&self) -> &Observations {
+        &self.sights
+    }
+
+    /// Takes an instant if it is one's turn; one that says nothing leaves its turn to the next.
+    pub(crate) fn take(&mut self, t_ns: i64, seen: &[Candidate], color_of_marker: &[usize]) {
+        if self.until_next > 0 || self.is_full() {
+            self.until_next = self.until_next.saturating_sub(1);
+            return;
+        }
+        let lone = lone(t_ns, seen, color_of_marker);
+        // Four in two cameras, or in one of them, have more coordinates than a pose.
+        if lone.len() >= 4 {
+            lone.iter().for_each(|o| self.sights.push(o));
+            self.taken += 1;
+            self.until_next = self.every.saturating_sub(1);
+        }
+    }
+}
+
 /// Balls that are the only ones of their colour in their camera, as the only markers of it.
-pub(crate) fn lone(t_ns: i64, seen: &[Candidate], color_of_marker: &[usize]) -> Vec<MarkerObservation> {
+fn lone(t_ns: i64, seen: &[Candidate], color_of_marker: &[usize]) -> Vec<MarkerObservation> {
     let is_lone = |c: &&Candidate| {
         seen.iter().filter(|o| (o.camera, o.color) == (c.camera, c.color)).count() == 1
             && color_of_marker.iter().filter(|m| **m == c.color).count() == 1

@@ -196,18 +196,13 @@ fn joined(
     let instants = streams.iter().map(|s| s.stamps_ns.len()).max().unwrap_or(0);
     all.tracked.reserve(instants, streams.len() * vehicle.marker.len());
     let mut identities = Identities::new(rig, vehicle)?;
-    let (mut lone, mut until_next) = (Observations::default(), 0);
+    identities.spread_over(instants);
     join::instants(streams, &sizes, &exact, |t_ns, seen| {
-        if until_next == 0 {
-            mixed_up::lone(t_ns, seen, &colors.of_marker).iter().for_each(|o| lone.push(o));
-            until_next = (instants / mixed_up::SAMPLED).max(1);
-        }
-        until_next -= 1;
         let association = identities.tell(t_ns, seen);
         each(&Instant { t_ns, seen, association: &association });
         all.add_told(seen, association);
     });
-    notes.extend(mixed_up::note(identities.estimator(), rig, &lone)?);
+    notes.extend(identities.misfit(rig)?);
     identities.finish(rig, watches, &mut all.tracked);
     let mut tracked = all.finish()?;
     notes.append(&mut tracked.notes);

@@ -90,9 +90,11 @@ pub struct Panel {
     pub curves: Vec<Curve>,
 }
 
-/// Panels over one time axis.
+/// Panels over one axis.
 #[derive(Debug, Clone)]
 pub struct Chart {
+    /// Quantity and unit of that, below the last.
+    pub axis: &'static str,
     /// From top to bottom.
     pub panels: Vec<Panel>,
 }
@@ -122,7 +124,8 @@ pub fn draw(chart: &Chart) -> Result<String, ReportError> {
         let areas = body.split_evenly((chart.panels.len(), 1));
         for (k, (area, panel)) in areas.iter().zip(&chart.panels).enumerate() {
             let last = k + 1 == chart.panels.len();
-            draw_panel(area, panel, (start, end), last).map_err(|e| failed(e.to_string()))?;
+            draw_panel(area, panel, (start, end), last.then_some(chart.axis))
+                .map_err(|e| failed(e.to_string()))?;
         }
         root.present().map_err(|e| failed(e.to_string()))?;
     }
@@ -163,7 +166,7 @@ fn stroke<'a>(area: &Area<'a>, role: Role, points: &[(i32, i32); 2]) -> Drawn<'a
     }
 }
 
-fn draw_panel<'a>(area: &Area<'a>, panel: &Panel, (start, end): (f64, f64), last: bool) -> Drawn<'a> {
+fn draw_panel<'a>(area: &Area<'a>, panel: &Panel, (start, end): (f64, f64), axis: Option<&str>) -> Drawn<'a> {
     let edges = panel.curves.iter().flat_map(band).flat_map(|(_, low, high)| [low, high]);
     let values = panel.curves.iter().flat_map(|c| &c.points).map(|p| p.1).chain(edges);
     let (low, high) = bounds(values).unwrap_or((-1.0, 1.0));
@@ -173,7 +176,7 @@ fn draw_panel<'a>(area: &Area<'a>, panel: &Panel, (start, end): (f64, f64), last
     let mut chart = ChartBuilder::on(area)
         .margin_right(18)
         .margin_top(8)
-        .x_label_area_size(if last { 44 } else { 12 })
+        .x_label_area_size(if axis.is_some() { 44 } else { 12 })
         .y_label_area_size(96)
         .build_cartesian_2d(start..end, (low - margin)..(high + margin))?;
     let span = high - low + 2.0 * margin;
@@ -186,10 +189,10 @@ fn draw_panel<'a>(area: &Area<'a>, panel: &Panel, (start, end): (f64, f64), last
         .axis_desc_style((FONT, 17))
         .x_labels(11)
         .y_labels(5)
-        .x_desc(if last { "time, s" } else { "" })
+        .x_desc(axis.unwrap_or(""))
         .y_desc(panel.axis.as_str())
         .x_label_formatter(&|x| {
-            if last {
+            if axis.is_some() {
                 format!("{x:.4}").trim_end_matches('0').trim_end_matches('.').to_owned()
             } else {
                 String::new()
@@ -264,7 +267,7 @@ mod tests {
 
     fn chart(points: Vec<(f64, f64)>) -> Chart {
         let curve = Curve { label: "a <b>".to_owned(), role: Role::Estimate, points, half_width: vec![] };
-        Chart { panels: vec![Panel { axis: "x, m".to_owned(), curves: vec![curve] }] }
+        Chart { axis: "time, s", panels: vec![Panel { axis: "x, m".to_owned(), curves: vec![curve] }] }
     }
 
     #[test]

@@ -56,6 +56,18 @@ impl Flight<'_> {
         }
     }
 
+    /// Cameras in each other's place and the like, as soon as enough was seen.
+    pub(super) fn tell_misfit(&mut self) {
+        if self.is_fit_told {
+            return;
+        }
+        let Some(said) = self.chain.misfit(self.rig) else { return };
+        self.is_fit_told = true;
+        if let Some(text) = said.unwrap_or_else(|mixed_up| Some(mixed_up.to_string())) {
+            self.note(true, text);
+        }
+    }
+
     /// Rates, latencies and parameters, once a second.
     pub(super) fn tell_rates(&mut self) {
         if let Some(event) = self.parameters.as_ref().and_then(Parameters::latest) {

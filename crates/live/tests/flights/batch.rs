@@ -2,7 +2,8 @@
 
 use crate::common::{camera, film, rig, setup};
 use mavsight_flight::Vehicle;
-use mavsight_live::{FlightClock, Pace, Replay, Source, fly};
+use mavsight_link::Event;
+use mavsight_live::{CameraSetup, FlightClock, Pace, Replay, Source, fly};
 use mavsight_pipeline::{CameraFeed, PipelineError, Quiet, TimedFrame, track_and};
 use mavsight_pose::{CausalFilter, ChainNoise, MotionNoise, PoseSample};
 use mavsight_vision::Frame;
@@ -12,8 +13,21 @@ fn noise() -> MotionNoise {
     MotionNoise { translation: ChainNoise::white(0.3, 1.2), rotation: ChainNoise::white(4.0, 0.8) }
 }
 
+/// The same recordings as live cameras.
+fn replays(films: &[Vec<(i64, Frame)>]) -> Vec<CameraSetup> {
+    let replay = |(k, film): (usize, &Vec<(i64, Frame)>)| {
+        let mut frames = Some(film.clone().into_iter().map(Ok::<_, Infallible>));
+        let open = move |_| {
+            let replay = Replay::new(frames.take().ok_or("ended")?, None, Default::default());
+            Ok(Box::new(replay) as Box<dyn Source>)
+        };
+        camera(&format!("cam{}", k + 1), Box::new(open), false)
+    };
+    films.iter().enumerate().map(replay).collect()
+}
+
 /// The raw poses of a batch run.
-fn batch(films: &[Vec<(i64, Frame)>]) -> Vec<PoseSample> {
+fn batch(films: &[Vec<(i64, Frame)>]) -> Result<Vec<PoseSample>, PipelineError> {
     let (rig, vehicle) = (rig(), Vehicle::paper());
     let feed = |(k, film): (usize, &Vec<(i64, Frame)>)| {
         let frames =
@@ -22,9 +36,8 @@ fn batch(films: &[Vec<(i64, Frame)>]) -> Vec<PoseSample> {
     };
     let mut poses = Vec::new();
     let feeds = films.iter().enumerate().map(feed).collect();
-    track_and(feeds, &rig, &vehicle, &Quiet, |i| poses.push(i.association.sample.clone()))
-        .expect("a batch run");
-    poses
+    track_and(feeds, &rig, &vehicle, &Quiet, |i| poses.push(i.association.sample.clone()))?;
+    Ok(poses)
 }
 
 #[test]
@@ -34,17 +47,9 @@ fn batch_and_live_are_one_bit_for_bit() {
     // A gap in one camera and one in both.
     films[1].drain(30..33);
     films.iter_mut().for_each(|f| drop(f.drain(45..47)));
-    let poses = batch(&films);
-    let cameras = films.iter().enumerate().map(|(k, film)| {
-        let mut frames = Some(film.clone().into_iter().map(Ok::<_, Infallible>));
-        let open = move |_| {
-            let replay = Replay::new(frames.take().ok_or("ended")?, None, Default::default());
-            Ok(Box::new(replay) as Box<dyn Source>)
-        };
-        camera(&format!("cam{}", k + 1), Box::new(open), false)
-    });
+    let poses = batch(&films).expect("a batch run");
     let clock = FlightClock::starting_at(0);
-    let (mut flight, heard) = setup((&rig, &vehicle), cameras.collect(), Pace::Fast, clock);
+    let (mut flight, heard) = setup((&rig, &vehicle), replays(&films), Pace::Fast, clock);
     flight.noise = Some(noise());
     let flown = fly(flight).unwrap();
     let fixes = heard.fixes.lock().unwrap();
@@ -64,4 +69,26 @@ fn batch_and_live_are_one_bit_for_bit() {
         assert_eq!(moving.velocity_in_body_m_s, motion.velocity_in_body_m_s);
         assert_eq!(moving.rates_rad_s, motion.rates_rad_s);
     }
+}
+
+/// The same words for a recording and in flight, where the cameras go on: whoever flies has to see it.
+#[test]
+fn cameras_in_each_others_place_are_told() {
+    let (rig, vehicle) = (rig(), Vehicle::paper());
+    let mut films = film(&rig, 90, 30.0);
+    films.swap(0, 1);
+    let refused = batch(&films).expect_err("cameras in each other's place").to_string();
+    assert!(refused.contains("cam1 and cam2 exchanged"), "{refused}");
+    let clock = FlightClock::starting_at(0);
+    let (flight, heard) = setup((&rig, &vehicle), replays(&films), Pace::Fast, clock);
+    fly(flight).unwrap();
+    let events = heard.events.lock().unwrap();
+    let told: Vec<&String> = events
+        .iter()
+        .filter_map(|e| match e {
+            Event::Note { fault: true, text, .. } => Some(text),
+            _ => None,
+        })
+        .collect();
+    assert!(matches!(told[..], [one] if one.contains("cam1 and cam2 exchanged")), "{told:?}");
 }

@@ -4,6 +4,7 @@ use super::demo::scenario_of;
 use super::plan::wrong_call;
 use crate::cli::{Criterion, PlanManoeuvre, WrongCall};
 use crate::out::{out, outln};
+use crate::progress::Bars;
 use anyhow::{Context, Result};
 use mavsight_flight::{Channel, Maneuver, Scenario};
 use mavsight_geometry::Vector3;
@@ -29,6 +30,8 @@ const ROTOR_PERCENT: f64 = 5.0;
 /// `mavsight plan manoeuvre`
 pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
     let (planner, vehicle) = Planner::load(&args.room).map_err(wrong_call)?;
+    let bars = Bars::new();
+    bars.start("planning", None);
     let placed = match &args.cameras {
         Some(path) => placement(&planner, path)?,
         None => planner.search(&SearchOptions { best: 1, ..Default::default() })?.swap_remove(0).placed,
@@ -65,6 +68,7 @@ pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
         seed: args.seed,
     };
     plans.push(("optimised".to_owned(), flights.optimise(&base, &options)?));
+    bars.done();
     let names: Vec<&str> = args.parameters.iter().map(String::as_str).collect();
     if plans[0].1.fit.log_generalised_variance(&names).is_none() {
         let known: Vec<&str> = plans[0].1.fit.parameters.iter().map(|p| p.name).collect();

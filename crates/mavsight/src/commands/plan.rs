@@ -3,6 +3,7 @@
 use super::plan_page::write_plan_page;
 use crate::cli::{PlanCameras, WrongCall};
 use crate::out::{out, outln};
+use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_flight::Vehicle;
 use mavsight_plan::{
@@ -44,9 +45,12 @@ pub(crate) fn cameras(args: &PlanCameras) -> Result<()> {
     let (planner, vehicle) = Planner::load(path).map_err(wrong_call)?;
     let options = SearchOptions { step_m: args.step, free_aim: args.free_aim, best: args.best };
     let begin = Instant::now();
+    let bars = Bars::new();
+    bars.start("placing", None);
     let ranked = planner.search(&options)?;
     let seconds = begin.elapsed().as_secs_f64();
     let study = if args.study { study(&planner, &ranked[0]) } else { [vec![], vec![]] };
+    bars.done();
     let plan = CameraPlan { planner: &planner, ranked: &ranked, study };
     let cameras = ranked[0].placed.len();
     outln!(

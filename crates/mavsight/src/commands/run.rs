@@ -38,6 +38,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let refined = refined(&session, rig, &mut tracked)?;
     let mut flight = Flight::of_session(&session, inputs.as_ref(), truth.as_deref())?;
     flight.options.equation_error_only |= args.equation_error_only;
+    flight.options.lag_s = args.lag;
     flight.options.fit.held_out_s = args.hold_out.map(|Interval(from_s, to_s)| (from_s, to_s));
     let (results, mut notes) = solve(&flight, refined.rig, tracked, refined.body, (Some(&args.out), &bars))?;
     notes.extend(refined.note);
