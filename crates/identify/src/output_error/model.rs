@@ -1,7 +1,8 @@
 //! The model of a fit: which coefficients are free, and where they start.
 
-use crate::IdentifyError;
+use crate::{IdentifyError, independent_columns};
 use mavsight_flight::{Airframe, Coefficient, Coefficients, InputSeries, Vehicle};
+use nalgebra::DMatrix;
 
 /// A number that a fit may free.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -51,7 +52,7 @@ impl FlightModel {
     ///
     /// Free are the forces and moments per disc angle, pitch damping, both flapping times, and the offsets of all axes;
     /// where the record moves them, also roll damping (lateral swash-plate), and thrust and torque of each rotor and
-    /// yaw damping in place of the offsets of thrust and torque (rotor speeds).
+    /// yaw damping in place of the offsets of thrust and torque (rotor speeds, not both by the same part).
     ///
     /// # Errors
     /// A vehicle that is not valid.
@@ -211,10 +212,40 @@ fn default_free(inputs: &InputSeries) -> Vec<Coefficient> {
     if moves(&|s| s.delta_lat_rad) {
         free.push(C::ClP);
     }
-    if moves(&|s| s.omega_u_rad_s) && moves(&|s| s.omega_l_rad_s) {
+    // Rotors that go together say only what both do.
+    let squares = DMatrix::from_fn(inputs.samples().len(), 2, |i, j| {
+        let s = &inputs.samples()[i];
+        [s.omega_u_rad_s, s.omega_l_rad_s][j].powi(2)
+    });
+    let apart = independent_columns(&squares, &[0.0; 2]).independent.len() == 2;
+    if moves(&|s| s.omega_u_rad_s) && moves(&|s| s.omega_l_rad_s) && apart {
         free.extend([C::CzU, C::CzL, C::CnUpper, C::CnLower, C::CnR]);
     } else {
         free.extend([C::Cz0, C::Cn0]);
     }
     free
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_flight::InputSample;
+
+    #[test]
+    fn thrusts_are_free_where_rotors_move_and_not_by_the_same_part() {
+        let free = |lower: fn(f64) -> f64| {
+            let sample = |k: i32| {
+                let t_s = 0.02 * f64::from(k);
+                let part = 1.0 + 0.04 * (3.0 * t_s).sin();
+                let (omega_u_rad_s, omega_l_rad_s) = (214.0 * part, 210.0 * lower(part));
+                InputSample { t_s, omega_u_rad_s, omega_l_rad_s, ..Default::default() }
+            };
+            let inputs = InputSeries::new((0..200).map(sample).collect()).unwrap();
+            let model = FlightModel::new(&Vehicle::paper(), &inputs).unwrap();
+            ["C_Z,u", "C_Z,l", "C_Z,0"].map(|n| model.free().contains(&ModelParameter::from_name(n).unwrap()))
+        };
+        assert_eq!(free(|part| part), [false, false, true]);
+        assert_eq!(free(|_| 1.0), [false, false, true]);
+        assert_eq!(free(|part| 2.0 - part), [true, true, false]);
+    }
 }
