@@ -15,6 +15,7 @@ mod colour;
 mod condense;
 mod covariance;
 mod dead_reckoning;
+mod descent;
 mod determined;
 mod disagreement;
 mod expected;

@@ -54,7 +54,7 @@ impl Default for OutputErrorOptions {
             segment_s: 0.25,
             initial_flapping: InitialFlapping::Trim,
             noise: NoiseModel::Scaled,
-            max_iterations: 100,
+            max_iterations: 200,
         }
     }
 }
@@ -81,14 +81,6 @@ const FLAP_STD_RAD: [f64; 2] = [1e-6, 0.2];
 /// Without poses, position and heading are conventions: they are held at the start by these.
 const GAUGE_STD: f64 = 1e-4;
 
-/// Where a step began that has raised the squares.
-struct Watched {
-    point: Point,
-    at: Evaluation,
-    merit: f64,
-    promise: f64,
-}
-
 pub(crate) struct Fitter<'a> {
     pub(crate) start: FlightModel,
     pub(crate) problem: Problem<'a>,
@@ -96,8 +88,8 @@ pub(crate) struct Fitter<'a> {
     pub(crate) at: Evaluation,
     pub(crate) iterations: usize,
     pub(crate) converged: bool,
-    promise: f64,
-    limit: usize,
+    pub(super) promise: f64,
+    pub(super) limit: usize,
 }
 
 /// Fits the free parameters of a model, the start of the flight and the noise level to the measurements.
@@ -122,18 +114,18 @@ pub fn output_error(
     let tightness = TIGHTNESS[3];
     for (tightness, promise) in TIGHTNESS.into_iter().zip(PROMISE) {
         fitter.stage(tightness == TIGHTNESS[0], LONGEST_STEP_S[0])?;
-        fitter.converge(tightness, promise)?;
+        fitter.converge(tightness, promise);
     }
     if options.noise == NoiseModel::Scaled {
         for _ in 0..RELAXATIONS {
             if fitter.rescale(tightness)? < FACTOR_CHANGE {
                 break;
             }
-            fitter.converge(tightness, PROMISE[3])?;
+            fitter.converge(tightness, PROMISE[3]);
         }
     }
     fitter.stage(false, LONGEST_STEP_S[1])?;
-    fitter.converge(tightness, LAST_PROMISE)?;
+    fitter.converge(tightness, LAST_PROMISE);
     let (condensed, records) = fitter.linearised(tightness)?;
     refuse_undetermined(&fitter, &condensed, &records)?;
     if !fitter.converged {
@@ -221,78 +213,6 @@ impl<'a> Fitter<'a> {
         self.problem.hold_times = hold_times;
         self.problem.longest_step_s = longest_step_s;
         self.at = self.problem.evaluate(&self.point, None)?;
-        Ok(())
-    }
-
-    /// Gauss-Newton steps with the damping of Levenberg and Marquardt where one fails.
-    ///
-    /// A step along the constraint opens the gaps by its square, which a tight penalty punishes: a step that raises the squares
-    /// may stand if the next one, which closes the gaps, makes them less than before both (the watchdog of Chamberlain,
-    /// Powell, Lemarechal & Pedersen 1982).
-    pub(super) fn converge(&mut self, tightness: f64, promised: f64) -> Result<(), IdentifyError> {
-        let mut damping: f64 = 0.0;
-        let mut watched: Option<Watched> = None;
-        self.converged = false;
-        while self.iterations < self.limit {
-            self.iterations += 1;
-            let stronger = (damping * 8.0).max(1e-3);
-            let merit = self.at.merit(tightness);
-            let (reference, promised_there) =
-                watched.as_ref().map_or((merit, None), |w| (w.merit, Some(w.promise)));
-            let step = self.condensed(tightness, damping).ok().and_then(|c| Some((c.minimum()?, c)));
-            let tried = if let Some(((step, left), condensed)) = &step {
-                self.promise = merit - left;
-                let starts = condensed.expand(&self.at, step, 1.0);
-                Some(moved_point(&self.point, step, &starts))
-            } else {
-                None
-            };
-            let negligible = step.is_some() && self.promise < promised.max(1e-9 * merit);
-            if negligible && damping < 1e-3 && merit <= reference {
-                self.converged = true;
-                break;
-            }
-            let tried = tried
-                .filter(|point| point.model.is_physical())
-                .and_then(|point| Some((self.problem.evaluate(&point, None).ok()?, point)));
-            match tried {
-                Some((at, point)) if at.merit(tightness) <= reference => {
-                    let kept = (reference - at.merit(tightness)) / promised_there.unwrap_or(self.promise);
-                    (self.point, self.at, watched) = (point, at, None);
-                    // What a step kept of its promise tells how far the quadratic model reaches (Marquardt 1963).
-                    damping *= if kept > 0.75 {
-                        0.1
-                    } else if kept > 0.25 {
-                        0.5
-                    } else {
-                        2.0
-                    };
-                    if damping < 1e-3 {
-                        damping = 0.0;
-                    }
-                }
-                Some((at, point)) if watched.is_none() => {
-                    let point = std::mem::replace(&mut self.point, point);
-                    let at = std::mem::replace(&mut self.at, at);
-                    watched = Some(Watched { point, at, merit, promise: self.promise });
-                }
-                _ => {
-                    let (point, at) = (&mut self.point, &mut self.at);
-                    let negligible = watched.take().map_or(negligible, |w| {
-                        (*point, *at) = (w.point, w.at);
-                        w.promise < promised.max(1e-9 * w.merit)
-                    });
-                    if negligible || damping > 1e8 {
-                        self.converged = negligible;
-                        break;
-                    }
-                    damping = stronger;
-                }
-            }
-        }
-        if let Some(w) = watched {
-            (self.point, self.at, self.promise) = (w.point, w.at, w.promise);
-        }
         Ok(())
     }
 

@@ -53,7 +53,7 @@ pub fn predict_poses(
     };
     let mut fitter = Fitter::new(&fitted, inputs, &measured, &options)?;
     fitter.stage(false, LONGEST_STEP_S[1])?;
-    fitter.converge(TIGHTNESS[3], PROMISE[3])?;
+    fitter.converge(TIGHTNESS[3], PROMISE[3]);
     if !fitter.converged {
         return Err(fitter.not_converged(TIGHTNESS[3]));
     }
