@@ -41,11 +41,11 @@ use crate::optics::{Known, Optics};
 use crate::outline::Outline;
 use crate::patch::Patch;
 use crate::{Matrix2, Vector2, Vector3};
-use equations::{Covariance, Equations};
+use equations::{Asked, Covariance, Equations};
 use model::{BALL, COUNT, EDGE, FIRST_ORDER, FOURTH, GLOSS, Model, Parameters, RADIUS, SHADE, SITING};
 use normal::Normal;
 use surroundings::{Clutter, Disc};
-use vectorized::{Begin, LookAround, Reweigh, Solve};
+use vectorized::{Begin, Form, LookAround, Reweigh, Solve, Texture};
 
 /// Smallest radius whose centre is fitted.
 pub(crate) const LEAST_RADIUS_PX: f64 = 1.5;
@@ -71,6 +71,13 @@ const NEAR: f64 = 3.0 * COUNT as f64;
 const SMALL_STEP: f64 = 1.0;
 /// Change of the noise, as a part of it, at which the claims stand: a twentieth of a standard deviation.
 const NOISE_CHANGES: f64 = 0.1;
+/// The same at which the equations, formed with the noise before, still weigh what is known besides as they should: two samples'
+/// worth in three.
+const NOISE_KEEPS: f64 = 0.4;
+/// Times that trust is set with the same derivatives, and with the same factor: on noise alone each leaves a sixth of what it asks
+/// for, as the biweight's mean slope is 0.83 there.
+const MOST_SETTLING: usize = 6;
+const ROUNDS_BY_ONE_FACTOR: usize = 2;
 /// Movement after which the background is estimated again. A step as short may be foreseen whatever it is in standard deviations.
 const SAME_PLACE_PX: f64 = 0.1;
 /// Longest step of a length in pixels, in edge widths w: far from an edge of Gaussian slope, Gauss-Newton goes no further than w √π
@@ -135,6 +142,13 @@ struct Step {
     length: f64,
     is_whole: bool,
     is_near: bool,
+}
+
+/// Where a fit ends: by what step from its last equations, and how much wider its covariance is than theirs.
+struct End {
+    p: Parameters,
+    step: Parameters,
+    gain: f64,
 }
 
 /// Where a fit starts.
@@ -207,6 +221,7 @@ impl Fitter {
             }
             covariance = Covariance::Kept;
             same_place_px = if step.is_near { SAME_PLACE_PX } else { LONGEST_STEP_EDGES * model.p[EDGE] };
+            let formed = model;
             model.p += step.change;
             model.p[RADIUS] = model.p[RADIUS].clamp(range_px.0, range_px.1);
             model.p[EDGE] = model.p[EDGE].clamp(PIXEL_STD_PX, 0.6 * model.p[RADIUS].max(LEAST_RADIUS_PX));
@@ -231,16 +246,26 @@ impl Fitter {
                 weighed += 1;
                 let noise_before = self.equations.noise_variance();
                 let (equations, with_noise) = (&mut self.equations, weighed >= least_weighed);
-                pulp::Arch::new().dispatch(Reweigh { equations, patch, step: &step.change, with_noise });
+                let asked =
+                    pulp::Arch::new().dispatch(Reweigh { equations, patch, step: &step.change, with_noise });
                 let noise_change = (self.equations.noise_variance() / noise_before).ln().abs();
                 has_settled &= noise_change < NOISE_CHANGES;
                 covariance = Covariance::Anew;
+                if with_noise && !self.equations.in_still() && step.is_whole {
+                    let change = model.p - formed.p;
+                    let end = self.settle(patch, (&formed, &prior), (change, asked), noise_before);
+                    if let Some(end) = end {
+                        let model = Model { p: end.p, ..model };
+                        return self.summarize(patch, &model, &prior, (range_px, &end));
+                    }
+                }
                 if weighed >= least_weighed && self.equations.trusted() < LEAST_TRUSTED {
                     return None;
                 }
             }
             if step.length < SMALL_STEP && has_settled {
-                return self.summarize(patch, &model, &prior, range_px);
+                let end = End { p: model.p, step: step.change, gain: 1.0 };
+                return self.summarize(patch, &model, &prior, (range_px, &end));
             }
         }
         None
@@ -256,8 +281,8 @@ impl Fitter {
     ) -> Option<Step> {
         let equations = (&mut self.equations, &mut self.normal);
         let (mut change, length) =
-            pulp::Arch::new().dispatch(Solve { equations, patch, model, prior, covariance })?;
-        let longest = change.fixed_rows::<4>(0).amax();
+            pulp::Arch::new().dispatch(Solve { equations, patch, model, prior, form: Form::Anew(covariance) })?;
+        let longest = longest(&change);
         if !longest.is_finite() {
             return None;
         }
@@ -269,20 +294,78 @@ impl Fitter {
         Some(Step { change, length, is_whole, is_near: length < NEAR || longest <= SAME_PLACE_PX })
     }
 
+    /// Goes on by the derivatives of the last step, as long as the ball is where they were formed: trust is set again, and what that
+    /// asks for is solved with the factor that there is (Huber & Dutter 1974), until nothing is left to find. The factor is made anew
+    /// where samples turn out not to be the ball's, where noise is another, and where it does not lead to the end.
+    fn settle(
+        &mut self,
+        patch: &Patch,
+        (formed, prior): (&Model, &[Known; COUNT]),
+        (mut step, mut asked): (Parameters, Asked),
+        mut noise_formed: f64,
+    ) -> Option<End> {
+        let mut is_formed_again = false;
+        for round in 0..MOST_SETTLING {
+            if self.equations.trusted() < LEAST_TRUSTED {
+                return None;
+            }
+            let mut noise = self.equations.noise_variance() / noise_formed;
+            let is_other = noise.ln().abs() > NOISE_KEEPS || (asked.is_spoiled && !is_formed_again);
+            if is_other || round > ROUNDS_BY_ONE_FACTOR {
+                let equations = (&mut self.equations, &mut self.normal);
+                let form = Form::Again { noise };
+                pulp::Arch::new().dispatch(Solve { equations, patch, model: formed, prior, form })?;
+                (noise_formed, noise) = (self.equations.noise_variance(), 1.0);
+                (asked.believed, is_formed_again) = (1.0, true);
+            }
+            let (change, length) = self.solve_for(&asked.pull, (formed, &step), prior);
+            step += change;
+            if length < SMALL_STEP {
+                let p = formed.p + step;
+                let is_near = longest(&step) <= SAME_PLACE_PX && p[EDGE] >= PIXEL_STD_PX;
+                return is_near.then_some(End { p, step, gain: noise / asked.believed });
+            }
+            let equations = &mut self.equations;
+            asked = pulp::Arch::new().dispatch(Reweigh { equations, patch, step: &step, with_noise: true });
+        }
+        None
+    }
+
+    /// What samples ask for behind a step, with what is known besides.
+    fn solve_for(
+        &self,
+        pull: &Parameters,
+        (formed, step): (&Model, &Parameters),
+        prior: &[Known; COUNT],
+    ) -> (Parameters, f64) {
+        let mut pull = *pull;
+        for (i, known) in prior.iter().enumerate() {
+            pull[i] += (known.mean - formed.p[i] - step[i]) / known.variance;
+        }
+        if is_sharpest(formed) {
+            pull[EDGE] = 0.0;
+        }
+        self.normal.solve_for(&pull)
+    }
+
     /// Covariance, colour and plausibility at the solution.
     fn summarize(
         &mut self,
         patch: &Patch,
         model: &Model,
         prior: &[Known; COUNT],
-        range_px: (f64, f64),
+        (range_px, end): ((f64, f64), &End),
     ) -> Option<Fit> {
         let p = &model.p;
         let inside_range = p[RADIUS] > range_px.0 && p[RADIUS] < range_px.1;
-        let columns = self.normal.covariance_columns([0, 1, RADIUS, EDGE, SITING]);
+        let columns =
+            self.normal.covariance_columns([0, 1, RADIUS, EDGE, SITING]).map(|column| column * end.gain);
         let centre_px2 = Matrix2::from_fn(|i, j| columns[j][i]);
         let linear = [0, 1, 2].map(|channel| p[BALL + channel]);
-        let texture_px = TEXTURE_GAIN * p[EDGE] * self.equations.texture(patch, &linear);
+        let equations = &self.equations;
+        let texture =
+            pulp::Arch::new().dispatch(Texture { equations, patch, linear: &linear, step: &end.step });
+        let texture_px = TEXTURE_GAIN * p[EDGE] * texture;
         let model_px2 = (MODEL_STD * 2.0 * p[RADIUS]).powi(2) + texture_px * texture_px;
         let covariance_px2 = 0.5 * (centre_px2 + centre_px2.transpose()) + Matrix2::identity() * model_px2;
         let trusted = self.equations.trusted();
@@ -323,6 +406,11 @@ fn first_guess(start: &Start, range_px: (f64, f64)) -> Model {
     (p[0], p[1]) = (start.pixel.x, start.pixel.y);
     p[RADIUS] = p[RADIUS].clamp(range_px.0, range_px.1);
     Model::new(p, start.outline, start.up)
+}
+
+/// The longest of a step's changes in place, radius and edge width.
+fn longest(step: &Parameters) -> f64 {
+    step.fixed_rows::<4>(0).amax()
 }
 
 /// Whether the edge is as sharp as any can be.

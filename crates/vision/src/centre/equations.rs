@@ -3,6 +3,8 @@
 mod front;
 mod weighing;
 
+pub(super) use weighing::Asked;
+
 use super::cholesky::{BAND, Banded};
 use super::glare::Glare;
 use super::lanes::GROUP;
@@ -63,6 +65,10 @@ pub(super) struct Equations {
     /// Trust, less what its neighbours spoil.
     weight: Vec<f32>,
     color_weight: Vec<f32>,
+    /// Weight in the equations of each pixel in use and, behind these, of each block.
+    believed: Vec<f32>,
+    /// What a step leaves of each sample's residual in the equations.
+    residuals: Vec<f32>,
     /// Probability that clutter lies before the ball, at each pixel of the patch.
     front: Vec<f32>,
     looks: Vec<front::Look>,
@@ -325,12 +331,14 @@ impl Equations {
         let alike = (alike_px / (patch.step * patch.step) as f32).max(1.0);
         let (noise, unpredicted) = (self.noise_variance as f32, self.surroundings.unpredicted as f32);
         self.variance.clear();
+        self.believed.clear();
         for ((used, shown), near) in self.used.iter().zip(&self.shown).zip(&self.near) {
             let index = *used as usize;
             let front = self.front[index] * (near * shown.covered).powi(2);
             let behind = unpredicted * shown.open;
-            let trust = self.weight[index].max(LEAST_TRUST);
-            self.variance.push((noise + alike_px * front + behind * behind) / trust);
+            let believed = self.weight[index].max(LEAST_TRUST);
+            self.variance.push((noise + alike_px * front + behind * behind) / believed);
+            self.believed.push(believed);
         }
         let level = (self.surroundings.level - patch.from_coded[0][3]) as f32;
         let level = level.abs().max(noise.sqrt());
@@ -342,13 +350,14 @@ impl Equations {
             let likelier = self.front_of_block(patch, block) / IN_FRONT;
             let hidden = (likelier * (HIDES * near / level).powi(2)).min(1.0);
             let covered = self.color_covered[block];
-            let trust = self.color_weight[block].max(LEAST_TRUST);
+            let believed = self.color_weight[block].max(LEAST_TRUST);
             let mut variance = [0.0; 2];
             for (k, variance) in variance.iter_mut().enumerate() {
                 let value = patch.colors[block][k] - rows[k][RESIDUAL] - patch.from_coded[k + 1][3] as f32;
                 let behind = (1.0 - covered).powi(2) * clutter[k];
-                *variance = (noise + alike * (hidden * (covered * value).powi(2) + behind)) / trust;
+                *variance = (noise + alike * (hidden * (covered * value).powi(2) + behind)) / believed;
             }
+            self.believed.push(believed);
             self.color_variance.push(variance);
         }
         self.scale.clear();

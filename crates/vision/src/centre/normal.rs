@@ -96,7 +96,7 @@ impl Normal {
         Some((Parameters::from_fn(|i, _| change[i][0]), length))
     }
 
-    /// Solves for several right sides at once. Each value is taken from all before it once it is known, so that none waits for a sum.
+    /// Solves with the upper triangle. Each value is taken from all before it once it is known, so that none waits for a sum.
     #[inline(always)]
     fn back_substitute<const N: usize>(&self, x: &mut [[f64; N]; COUNT]) {
         for k in (0..COUNT).rev() {
@@ -116,6 +116,21 @@ impl Normal {
         for (n, column) in columns.into_iter().enumerate() {
             x[column][n] = 1.0;
         }
+        self.substitute(&mut x);
+        std::array::from_fn(|n| Parameters::from_fn(|i, _| x[i][n]))
+    }
+
+    /// The step that another gradient asks for and its squared length in standard deviations, after [`Self::solve`].
+    pub(super) fn solve_for(&self, gradient: &Parameters) -> (Parameters, f64) {
+        let mut x = std::array::from_fn(|i| [gradient[i]]);
+        self.substitute(&mut x);
+        let change = Parameters::from_fn(|i, _| x[i][0]);
+        (change, change.dot(gradient))
+    }
+
+    /// Solves for several right sides at once.
+    #[inline(always)]
+    fn substitute<const N: usize>(&self, x: &mut [[f64; N]; COUNT]) {
         for k in 0..COUNT {
             let row = &self.rows[k];
             let here = x[k].map(|value| value * self.inverse[k]);
@@ -125,8 +140,7 @@ impl Normal {
                 }
             }
         }
-        self.back_substitute(&mut x);
-        std::array::from_fn(|n| Parameters::from_fn(|i, _| x[i][n]))
+        self.back_substitute(x);
     }
 }
 
@@ -213,6 +227,10 @@ mod tests {
         for (k, column) in columns.into_iter().zip(normal.covariance_columns(columns)) {
             assert!((column - covariance.column(k)).norm() < 1e-4 * column.norm());
         }
+        let other = Parameters::from_fn(|i, _| (i as f64).cos());
+        let (again, length) = normal.solve_for(&other);
+        let want = covariance * other;
+        assert!((again - want).norm() < 1e-4 * want.norm() && (length - other.dot(&want)).abs() < 1e-4 * length);
         assert!(Normal::default().solve().is_none());
     }
 

@@ -1,6 +1,6 @@
 //! What is done once a step or once a fit, compiled for each vector unit that a processor may have.
 
-use super::equations::{Covariance, Equations};
+use super::equations::{Asked, Covariance, Equations};
 use super::is_sharpest;
 use super::model::{COUNT, EDGE, Model, Parameters};
 use super::normal::Normal;
@@ -8,13 +8,21 @@ use super::surroundings::Clutter;
 use crate::optics::Known;
 use crate::patch::Patch;
 
+/// How a step's equations are formed: where the model is now, or as the last ones with the weights that samples have now and so many
+/// times the noise.
+#[derive(Clone, Copy)]
+pub(super) enum Form {
+    Anew(Covariance),
+    Again { noise: f64 },
+}
+
 /// The forming and solving of one step's equations.
 pub(super) struct Solve<'a> {
     pub(super) equations: (&'a mut Equations, &'a mut Normal),
     pub(super) patch: &'a Patch,
     pub(super) model: &'a Model,
     pub(super) prior: &'a [Known; COUNT],
-    pub(super) covariance: Covariance,
+    pub(super) form: Form,
 }
 
 impl pulp::WithSimd for Solve<'_> {
@@ -23,7 +31,10 @@ impl pulp::WithSimd for Solve<'_> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
         let (equations, normal) = self.equations;
-        equations.add_to(simd, self.patch, self.model, self.covariance, normal)?;
+        match self.form {
+            Form::Anew(covariance) => equations.add_to(simd, self.patch, self.model, covariance, normal)?,
+            Form::Again { noise } => equations.form_again(simd, noise, normal),
+        }
         for (i, known) in self.prior.iter().enumerate() {
             normal.add_known(i, known.variance.recip(), known.mean - self.model.p[i]);
         }
@@ -76,10 +87,27 @@ pub(super) struct Reweigh<'a> {
 }
 
 impl pulp::WithSimd for Reweigh<'_> {
-    type Output = ();
+    type Output = Asked;
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, simd: S) {
-        self.equations.reweigh(simd, self.patch, self.step, self.with_noise);
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
+        self.equations.reweigh(simd, self.patch, self.step, self.with_noise)
+    }
+}
+
+/// What the face shows beyond the model.
+pub(super) struct Texture<'a> {
+    pub(super) equations: &'a Equations,
+    pub(super) patch: &'a Patch,
+    pub(super) linear: &'a [f64; 3],
+    pub(super) step: &'a Parameters,
+}
+
+impl pulp::WithSimd for Texture<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> f64 {
+        self.equations.texture(simd, self.patch, self.linear, self.step)
     }
 }

@@ -4,11 +4,49 @@ use super::{Equations, LEAST_TRUST};
 use crate::centre::curve::encode_one;
 use crate::centre::lanes::{GROUP, Lanes, total};
 use crate::centre::model::{Parameters, RESIDUAL, Row, WIDTH};
+use crate::centre::normal::Normal;
 use crate::centre::robust::biweight;
 use crate::centre::samples::combined;
 use crate::centre::{LIGHT_STD, NOISE_WEIGHT, ROUNDING_VARIANCE};
 use crate::patch::Patch;
 use pulp::Simd;
+
+/// What samples that have been weighed anew ask for.
+pub(in crate::centre) struct Asked {
+    /// Their gradient behind the step.
+    pub(in crate::centre) pull: Parameters,
+    /// How far they are believed on average, over how far they were in the equations.
+    pub(in crate::centre) believed: f64,
+    /// Whether some are not believed at all.
+    pub(in crate::centre) is_spoiled: bool,
+}
+
+/// Sum of rows times numbers; as many of its parts are in use as make up a row.
+struct Pull<S: Simd>([Lanes<S>; WIDTH]);
+
+impl<S: Simd> Pull<S> {
+    const PARTS: usize = WIDTH / S::F32_LANES;
+
+    #[inline(always)]
+    fn nothing(simd: S) -> Self {
+        Self([Lanes::splat(simd, 0.0); WIDTH])
+    }
+
+    #[inline(always)]
+    fn add(&mut self, simd: S, row: &Row, factor: f32) {
+        let factor = Lanes::splat(simd, factor);
+        for part in 0..Self::PARTS {
+            self.0[part] = factor.mul_add(Lanes::load(simd, row, part), self.0[part]);
+        }
+    }
+
+    #[inline(always)]
+    fn sums(self) -> Parameters {
+        let mut row = [0.0; WIDTH];
+        (0..Self::PARTS).for_each(|part| self.0[part].store(&mut row, part));
+        Parameters::from_fn(|i, _| row[i].into())
+    }
+}
 
 /// Parameters that the samples determine in the main: place, radius, colour and shading's slopes.
 const DETERMINED: f64 = 8.0;
@@ -29,59 +67,114 @@ impl Equations {
         patch: &Patch,
         step: &Parameters,
         with_noise: bool,
-    ) {
-        let (mut chi_square, mut count) = (0.0, -DETERMINED as f32);
-        let mut filled = [0.0; WIDTH];
-        filled.iter_mut().zip(step).for_each(|(out, change)| *out = *change as f32);
-        let step = &filled;
+    ) -> Asked {
+        let step = &filled(step);
+        self.residuals.clear();
+        for row in &self.whitened {
+            self.residuals.push(left(simd, row, step));
+        }
         self.spoiled.clear();
-        for (place, used) in self.used.iter().enumerate() {
-            let index = *used as usize;
-            if self.glare.reaches(index) {
-                continue;
-            }
-            chi_square += left(simd, &self.whitened[place], step).powi(2);
-            count += self.weight[index];
-            let open = self.shown[place].open;
-            let own = self.variance[place] * self.weight[index].max(LEAST_TRUST);
-            let covariance = &self.surroundings.covariance;
-            let behind = if place < covariance.len() { covariance.diagonal(place) } else { 0.0 };
-            let variance = own + open * open * behind;
-            self.trust[index] = biweight(left(simd, &self.shown[place].channels[0], step).powi(2) / variance);
-            if self.trust[index] == 0.0 {
-                self.spoiled.push(*used);
-            }
-        }
-        for (place, block) in self.blocks.iter().enumerate() {
-            if self.glare.reaches_block(patch, *block as usize) {
-                continue;
-            }
-            let weight = self.color_weight[*block as usize];
-            let mut worst = 0.0_f32;
-            for k in 0..2 {
-                let square =
-                    (left(simd, &self.color_rows[place][k], step) * self.color_scale[place][k]).powi(2);
-                chi_square += square;
-                worst = worst.max(square);
-            }
-            count += 2.0 * weight;
-            let trust = biweight(worst / weight.max(LEAST_TRUST));
-            self.color_trust[*block as usize] = trust;
-            if trust == 0.0 && patch.step == 1 {
-                self.spoiled.push(*block);
-            }
-        }
+        self.trust_pixels(simd, step);
+        self.trust_blocks(patch);
         self.spoil_neighbours(patch);
         // In a film clutter is not told apart by place, so that there is nothing to look for.
         if self.in_still() && !std::mem::replace(&mut self.has_looked_in_front, true) {
             self.look_in_front(simd, patch, step);
         }
+        self.ask(simd, with_noise)
+    }
+
+    #[inline(always)]
+    fn trust_pixels<S: Simd>(&mut self, simd: S, step: &Row) {
+        let covariance = &self.surroundings.covariance;
+        for (place, used) in self.used.iter().enumerate() {
+            let index = *used as usize;
+            if self.glare.reaches(index) {
+                continue;
+            }
+            let open = self.shown[place].open;
+            let own = self.variance[place] * self.believed[place];
+            let behind = if place < covariance.len() { covariance.diagonal(place) } else { 0.0 };
+            let variance = own + open * open * behind;
+            let trust = biweight(left(simd, &self.shown[place].channels[0], step).powi(2) / variance);
+            self.trust[index] = trust;
+            if trust == 0.0 {
+                self.spoiled.push(*used);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn trust_blocks(&mut self, patch: &Patch) {
+        let residuals = self.residuals[self.used.len()..].chunks_exact(2);
+        let believed = &self.believed[self.used.len()..];
+        for ((block, residuals), believed) in self.blocks.iter().zip(residuals).zip(believed) {
+            if self.glare.reaches_block(patch, *block as usize) {
+                continue;
+            }
+            let worst = residuals[0].abs().max(residuals[1].abs());
+            let trust = biweight(worst * worst / believed);
+            self.color_trust[*block as usize] = trust;
+            if trust == 0.0 && patch.step == 1 {
+                self.spoiled.push(*block);
+            }
+        }
+    }
+
+    /// What the samples ask for by their weights, in the equations that there are; with the noise, if that is to be set.
+    #[inline(always)]
+    fn ask<S: Simd>(&mut self, simd: S, with_noise: bool) -> Asked {
+        let (mut chi_square, mut count, mut formed) = (0.0, 0.0, 0.0);
+        let mut pull = Pull::nothing(simd);
+        let (bright, colors) = self.whitened.split_at(self.used.len());
+        let (left, colors_left) = self.residuals.split_at(self.used.len());
+        let (believed, blocks_believed) = self.believed.split_at(self.used.len());
+        for (place, used) in self.used.iter().enumerate() {
+            let weight = self.weight[*used as usize];
+            let part = weight / believed[place];
+            chi_square += left[place] * left[place] * part;
+            (count, formed) = (count + weight, formed + believed[place]);
+            pull.add(simd, &bright[place], left[place] * part);
+        }
+        for (place, block) in self.blocks.iter().enumerate() {
+            let weight = self.color_weight[*block as usize];
+            let part = weight / blocks_believed[place];
+            (count, formed) = (count + 2.0 * weight, formed + 2.0 * blocks_believed[place]);
+            for sample in 2 * place..2 * place + 2 {
+                chi_square += colors_left[sample] * colors_left[sample] * part;
+                pull.add(simd, &colors[sample], colors_left[sample] * part);
+            }
+        }
         if with_noise {
             let guess = NOISE_WEIGHT * self.least_noise;
-            let (chi_square, count) = (f64::from(chi_square), f64::from(count));
-            let seen = (guess + chi_square * self.noise_variance) / (NOISE_WEIGHT + count.max(0.0));
+            let free = (f64::from(count) - DETERMINED).max(0.0);
+            let seen = (guess + f64::from(chi_square) * self.noise_variance) / (NOISE_WEIGHT + free);
             self.noise_variance = seen.max(ROUNDING_VARIANCE);
         }
+        let is_spoiled = !self.spoiled.is_empty();
+        Asked { pull: pull.sums(), believed: f64::from(count / formed), is_spoiled }
+    }
+
+    /// Forms the equations of the last step anew with the weights that samples have now and so many times the noise.
+    #[inline(always)]
+    pub(in crate::centre) fn form_again<S: Simd>(&mut self, simd: S, noise: f64, normal: &mut Normal) {
+        let (pixels, quieter) = (self.used.len(), noise.recip() as f32);
+        for (place, used) in self.used.iter().enumerate() {
+            let weight = self.weight[*used as usize].max(LEAST_TRUST);
+            let part = quieter * weight / self.believed[place];
+            self.variance[place] /= part;
+            self.believed[place] = weight;
+            scale(&mut self.whitened[place], part.sqrt());
+        }
+        for (place, block) in self.blocks.iter().enumerate() {
+            let weight = self.color_weight[*block as usize].max(LEAST_TRUST);
+            let part = (quieter * weight / self.believed[pixels + place]).sqrt();
+            self.believed[pixels + place] = weight;
+            for row in &mut self.whitened[pixels + 2 * place..][..2] {
+                scale(row, part);
+            }
+        }
+        normal.set(simd, &self.whitened);
     }
 
     /// Takes the weight of the samples beside those that are not believed.
@@ -138,9 +231,17 @@ impl Equations {
     }
 
     /// Standard deviation of what the face shows beyond the model and the noise of a pixel (a shadow, a highlight, light of higher
-    /// order), as a part of its difference from the surroundings. A sample counts by the probability that it is the face that is
-    /// seen: what is before it is in the samples' own variance.
-    pub(in crate::centre) fn texture(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
+    /// order), as a part of its difference from the surroundings, behind a step. A sample counts by the probability that it is the
+    /// face that is seen: what is before it is in the samples' own variance.
+    #[inline(always)]
+    pub(in crate::centre) fn texture<S: Simd>(
+        &self,
+        simd: S,
+        patch: &Patch,
+        linear: &[f64; 3],
+        step: &Parameters,
+    ) -> f64 {
+        let step = &filled(step);
         let encoded = linear.map(encoded);
         let coded = encoded.map(|(code, _)| code);
         let around = self.surroundings.around();
@@ -153,7 +254,7 @@ impl Equations {
         for (used, shown) in self.used.iter().zip(&self.shown) {
             let index = *used as usize;
             let weight = f64::from(shown.covered * self.weight[index] * (1.0 - self.front[index]));
-            square += weight * (f64::from(shown.channels[0][RESIDUAL].powi(2)) - self.least_noise);
+            square += weight * (f64::from(left(simd, &shown.channels[0], step).powi(2)) - self.least_noise);
             count += weight;
         }
         let bright = square / f64::max(count, 1.0);
@@ -162,7 +263,7 @@ impl Equations {
             let block = *block as usize;
             let seen = 1.0 - self.front_of_block(patch, block);
             let weight = f64::from(self.color_covered[block] * self.color_weight[block] * seen);
-            let squares: f32 = rows.iter().map(|row| row[RESIDUAL].powi(2)).sum();
+            let squares: f32 = rows.iter().map(|row| left(simd, row, step).powi(2)).sum();
             square += weight * (f64::from(squares) - 2.0 * self.least_noise);
             count += weight;
         }
@@ -184,6 +285,18 @@ impl Equations {
 fn encoded(light: f64) -> (f64, f64) {
     let (code, gain) = encode_one(light as f32);
     (code.into(), gain.into())
+}
+
+#[inline(always)]
+fn scale(row: &mut Row, factor: f32) {
+    row.iter_mut().for_each(|value| *value *= factor);
+}
+
+/// A step filled up with zeros.
+fn filled(step: &Parameters) -> Row {
+    let mut filled = [0.0; WIDTH];
+    filled.iter_mut().zip(step).for_each(|(out, change)| *out = *change as f32);
+    filled
 }
 
 /// What a step leaves of a residual; the step is filled up with zeros.
