@@ -89,52 +89,83 @@ fn seeing(c: &mut Criterion) {
         let name = format!("detect four balls in a whole frame of {} px across", frame.size.width_px);
         c.bench_function(&name, |b| b.iter(|| black_box(detector.candidates(&frame, range.clone()))));
     }
-    let mut pair: Vec<(Frame, Tracker)> = cameras
-        .iter()
-        .map(|camera| {
-            let tracker = Tracker::new(&colors(&vehicle), 3.0..=12.0).expect("a tracker");
-            (filmed(&room, camera, &vehicle), tracker)
-        })
-        .collect();
-    let estimator = PoseEstimator::new(&rig(), &mavsight::pipeline::body_markers(&vehicle));
-    let mut seen = Vec::new();
-    let mut track = |pair: &mut [(Frame, Tracker)]| {
-        seen.clear();
-        for (camera, (frame, tracker)) in pair.iter_mut().enumerate() {
-            for sighting in tracker.tell(frame).iter().filter(|sighting| sighting.leads) {
-                let BallCandidate { pixel, covariance_px2, .. } = sighting.ball;
-                seen.push(MarkerObservation {
-                    t_ns: 0,
-                    camera,
-                    marker: sighting.color,
-                    pixel,
-                    covariance_px2,
-                });
+    tracking(c, &room, &vehicle);
+}
+
+/// A film that is tracked: each camera's frames, its tracker and where it is.
+struct Watched {
+    frames: Vec<Frame>,
+    tracker: Tracker,
+}
+
+/// Where the aircraft is in a frame.
+type PoseOf<'a> = &'a dyn Fn(usize) -> Isometry3<f64>;
+
+/// Frames of a film, there and back again.
+const FILMED: usize = 60;
+
+/// Four balls tracked in each of two cameras, to their pose: in one image that stays, hovering (an image of its own for each frame, as
+/// each has its own noise), and in the paper's doublet.
+fn tracking(c: &mut Criterion, room: &Room, vehicle: &Vehicle) {
+    let scenario = Scenario::paper();
+    let inputs = scenario.inputs(vehicle).expect("inputs");
+    let times = scenario.frame_times_s();
+    let states = simulate(vehicle, &inputs, &scenario.start(), &times).expect("a flight");
+    let flown = |k: usize| world_from_body(states[60 + k].position_in_world_m, states[60 + k].attitude);
+    let stays = |_: usize| pose();
+    let films: [(&str, usize, PoseOf); 3] =
+        [("one image", 1, &stays), ("a hover", FILMED, &stays), ("a doublet", FILMED, &flown)];
+    for (name, count, pose) in films {
+        let mut pair: Vec<Watched> = lab::cameras()
+            .iter()
+            .enumerate()
+            .map(|(index, camera)| {
+                let (film, craft) = (lab::film(room, camera, index, 1), lab::aircraft(vehicle));
+                let frame = |k: usize| {
+                    let rgb = film.frame(k as u64, &craft, |_| pose(k));
+                    Frame::from_rgb(camera.camera.size, rgb).expect("a frame")
+                };
+                let tracker = Tracker::new(&colors(vehicle), 3.0..=12.0).expect("a tracker");
+                Watched {
+                    frames: (0..count).map(frame).collect(),
+                    tracker: tracker.with_camera(camera.camera),
+                }
+            })
+            .collect();
+        let estimator = PoseEstimator::new(&rig(), &mavsight::pipeline::body_markers(vehicle));
+        let (mut seen, mut shown) = (Vec::new(), 0);
+        // Whoever waits for the pose does not wait for what follows it: newcomers, and what is made ready for the next frame.
+        let mut timed = |pairs: u64, what: usize| {
+            let mut taken = [Duration::ZERO; 2];
+            for _ in 0..pairs {
+                let at = shown % (2 * count);
+                let frame = at.min(2 * count - 1 - at);
+                shown += 1;
+                let start = Instant::now();
+                tell(&mut pair, frame, &mut seen);
+                drop(black_box(estimator.estimate(0, &seen, None)));
+                taken[0] += start.elapsed();
+                let start = Instant::now();
+                pair.iter_mut().for_each(|Watched { frames, tracker }| tracker.look_around(&frames[frame]));
+                taken[1] += start.elapsed();
             }
+            taken[what]
+        };
+        for (what, of) in ["tracked pair to pose", "what follows it"].into_iter().enumerate() {
+            c.bench_function(&format!("{of}, {name}"), |b| b.iter_custom(|pairs| timed(pairs, what)));
         }
-        estimator.estimate(0, &seen, None)
-    };
-    let look_around = |pair: &mut [(Frame, Tracker)]| {
-        pair.iter_mut().for_each(|(frame, tracker)| tracker.look_around(frame))
-    };
-    // The first frame is looked over as a whole.
-    track(&mut pair).expect("a pose");
-    look_around(&mut pair);
-    // Whoever waits for the pose does not wait for the look around that follows.
-    let mut timed = |count: u64, what: usize| {
-        let mut taken = [Duration::ZERO; 2];
-        for _ in 0..count {
-            let start = Instant::now();
-            drop(black_box(track(&mut pair)));
-            taken[0] += start.elapsed();
-            let start = Instant::now();
-            look_around(&mut pair);
-            taken[1] += start.elapsed();
+    }
+}
+
+/// What both cameras see of the markers.
+fn tell(pair: &mut [Watched], frame: usize, seen: &mut Vec<MarkerObservation>) {
+    seen.clear();
+    for (camera, Watched { frames, tracker }) in pair.iter_mut().enumerate() {
+        for sighting in tracker.tell(&frames[frame]).iter().filter(|sighting| sighting.leads) {
+            let BallCandidate { pixel, covariance_px2, .. } = sighting.ball;
+            seen.push(MarkerObservation { t_ns: 0, camera, marker: sighting.color, pixel, covariance_px2 });
         }
-        taken[what]
-    };
-    c.bench_function("tracked pair to pose", |b| b.iter_custom(|count| timed(count, 0)));
-    c.bench_function("look around after it", |b| b.iter_custom(|count| timed(count, 1)));
+    }
 }
 
 fn solving(c: &mut Criterion) {

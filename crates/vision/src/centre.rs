@@ -21,6 +21,7 @@ mod cholesky;
 mod curve;
 mod edge;
 mod equations;
+mod foreseen;
 mod glare;
 mod gloss;
 mod krige;
@@ -31,21 +32,24 @@ mod normal;
 mod places;
 mod robust;
 mod samples;
+mod settle;
 mod shading;
 mod surroundings;
 mod vectorized;
 
 pub(crate) use curve::encode_one;
+pub(crate) use foreseen::Foreseen;
 
 use crate::optics::{Known, Optics};
 use crate::outline::Outline;
 use crate::patch::Patch;
 use crate::{Matrix2, Vector2, Vector3};
-use equations::{Asked, Covariance, Equations};
+use equations::{Covariance, Equations};
 use model::{BALL, COUNT, EDGE, FIRST_ORDER, FOURTH, GLOSS, Model, Parameters, RADIUS, SHADE, SITING};
 use normal::Normal;
-use surroundings::{Clutter, Disc};
-use vectorized::{Begin, Form, LookAround, Reweigh, Solve, Texture};
+use settle::End;
+use surroundings::{Background, Clutter, Disc};
+use vectorized::{Begin, Form, LookAround, Reweigh, Solve, Tell};
 
 /// Smallest radius whose centre is fitted.
 pub(crate) const LEAST_RADIUS_PX: f64 = 1.5;
@@ -71,13 +75,6 @@ const NEAR: f64 = 3.0 * COUNT as f64;
 const SMALL_STEP: f64 = 1.0;
 /// Change of the noise, as a part of it, at which the claims stand: a twentieth of a standard deviation.
 const NOISE_CHANGES: f64 = 0.1;
-/// The same at which the equations, formed with the noise before, still weigh what is known besides as they should: two samples'
-/// worth in three.
-const NOISE_KEEPS: f64 = 0.4;
-/// Times that trust is set with the same derivatives, and with the same factor: on noise alone each leaves a sixth of what it asks
-/// for, as the biweight's mean slope is 0.83 there.
-const MOST_SETTLING: usize = 6;
-const ROUNDS_BY_ONE_FACTOR: usize = 2;
 /// Movement after which the background is estimated again. A step as short may be foreseen whatever it is in standard deviations.
 const SAME_PLACE_PX: f64 = 0.1;
 /// Longest step of a length in pixels, in edge widths w: far from an edge of Gaussian slope, Gauss-Newton goes no further than w √π
@@ -123,7 +120,8 @@ pub(crate) struct Fit {
     pub(crate) ball: [f32; 3],
     /// Part of the disc whose samples were believed, 0 to 1.
     pub(crate) trusted: f64,
-    /// With what was known of it before.
+    /// What was known of the optics before, and with that what the ball shows.
+    pub(crate) taken: Optics,
     pub(crate) optics: Optics,
     pub(crate) followed: Followed,
 }
@@ -133,6 +131,7 @@ pub(crate) struct Fit {
 pub(crate) struct Followed {
     parameters: Parameters,
     noise_variance: f64,
+    background: Background,
 }
 
 /// A step of Gauss-Newton: the change, its squared length in standard deviations, whether all of it could be taken, and whether its
@@ -142,13 +141,6 @@ struct Step {
     length: f64,
     is_whole: bool,
     is_near: bool,
-}
-
-/// Where a fit ends: by what step from its last equations, and how much wider its covariance is than theirs.
-struct End {
-    p: Parameters,
-    step: Parameters,
-    gain: f64,
 }
 
 /// Where a fit starts.
@@ -192,7 +184,7 @@ impl Fitter {
         if !patch.is_whole() {
             return None;
         }
-        let range_px = (radius_px.0.max(LEAST_RADIUS_PX) / RADIUS_MARGIN, radius_px.1 * RADIUS_MARGIN);
+        let range_px = with_margin(radius_px);
         let start = &Start { pixel: start.pixel - patch.corner(), ..*start };
         let mut model = first_guess(start, range_px);
         let prior = prior(start, &model);
@@ -244,28 +236,30 @@ impl Fitter {
             let mut has_settled = is_weighed;
             if weighed < MOST_WEIGHED {
                 weighed += 1;
-                let noise_before = self.equations.noise_variance();
-                let (equations, with_noise) = (&mut self.equations, weighed >= least_weighed);
-                let asked =
-                    pulp::Arch::new().dispatch(Reweigh { equations, patch, step: &step.change, with_noise });
-                let noise_change = (self.equations.noise_variance() / noise_before).ln().abs();
-                has_settled &= noise_change < NOISE_CHANGES;
                 covariance = Covariance::Anew;
+                let with_noise = weighed >= least_weighed;
                 if with_noise && !self.equations.in_still() && step.is_whole {
-                    let change = model.p - formed.p;
-                    let end = self.settle(patch, (&formed, &prior), (change, asked), noise_before);
-                    if let Some(end) = end {
-                        let model = Model { p: end.p, ..model };
-                        return self.summarize(patch, &model, &prior, (range_px, &end));
+                    if let Some(end) = self.settle(patch, (&formed, &prior), (model.p - formed.p, true)) {
+                        if end.is_near {
+                            return self.summarize(patch, &prior, range_px, &end);
+                        }
+                        model.p = end.p;
                     }
+                } else {
+                    let noise_before = self.equations.noise_variance();
+                    let equations = &mut self.equations;
+                    let step = &step.change;
+                    pulp::Arch::new().dispatch(Reweigh { equations, patch, step, with_noise });
+                    let noise_change = (self.equations.noise_variance() / noise_before).ln().abs();
+                    has_settled &= noise_change < NOISE_CHANGES;
                 }
                 if weighed >= least_weighed && self.equations.trusted() < LEAST_TRUSTED {
                     return None;
                 }
             }
             if step.length < SMALL_STEP && has_settled {
-                let end = End { p: model.p, step: step.change, gain: 1.0 };
-                return self.summarize(patch, &model, &prior, (range_px, &end));
+                let end = End { p: model.p, step: step.change, gain: 1.0, is_near: true };
+                return self.summarize(patch, &prior, range_px, &end);
             }
         }
         None
@@ -280,8 +274,13 @@ impl Fitter {
         covariance: Covariance,
     ) -> Option<Step> {
         let equations = (&mut self.equations, &mut self.normal);
-        let (mut change, length) =
-            pulp::Arch::new().dispatch(Solve { equations, patch, model, prior, form: Form::Anew(covariance) })?;
+        let (mut change, length) = pulp::Arch::new().dispatch(Solve {
+            equations,
+            patch,
+            model,
+            prior,
+            form: Form::Anew(covariance),
+        })?;
         let longest = longest(&change);
         if !longest.is_finite() {
             return None;
@@ -294,77 +293,21 @@ impl Fitter {
         Some(Step { change, length, is_whole, is_near: length < NEAR || longest <= SAME_PLACE_PX })
     }
 
-    /// Goes on by the derivatives of the last step, as long as the ball is where they were formed: trust is set again, and what that
-    /// asks for is solved with the factor that there is (Huber & Dutter 1974), until nothing is left to find. The factor is made anew
-    /// where samples turn out not to be the ball's, where noise is another, and where it does not lead to the end.
-    fn settle(
-        &mut self,
-        patch: &Patch,
-        (formed, prior): (&Model, &[Known; COUNT]),
-        (mut step, mut asked): (Parameters, Asked),
-        mut noise_formed: f64,
-    ) -> Option<End> {
-        let mut is_formed_again = false;
-        for round in 0..MOST_SETTLING {
-            if self.equations.trusted() < LEAST_TRUSTED {
-                return None;
-            }
-            let mut noise = self.equations.noise_variance() / noise_formed;
-            let is_other = noise.ln().abs() > NOISE_KEEPS || (asked.is_spoiled && !is_formed_again);
-            if is_other || round > ROUNDS_BY_ONE_FACTOR {
-                let equations = (&mut self.equations, &mut self.normal);
-                let form = Form::Again { noise };
-                pulp::Arch::new().dispatch(Solve { equations, patch, model: formed, prior, form })?;
-                (noise_formed, noise) = (self.equations.noise_variance(), 1.0);
-                (asked.believed, is_formed_again) = (1.0, true);
-            }
-            let (change, length) = self.solve_for(&asked.pull, (formed, &step), prior);
-            step += change;
-            if length < SMALL_STEP {
-                let p = formed.p + step;
-                let is_near = longest(&step) <= SAME_PLACE_PX && p[EDGE] >= PIXEL_STD_PX;
-                return is_near.then_some(End { p, step, gain: noise / asked.believed });
-            }
-            let equations = &mut self.equations;
-            asked = pulp::Arch::new().dispatch(Reweigh { equations, patch, step: &step, with_noise: true });
-        }
-        None
-    }
-
-    /// What samples ask for behind a step, with what is known besides.
-    fn solve_for(
-        &self,
-        pull: &Parameters,
-        (formed, step): (&Model, &Parameters),
-        prior: &[Known; COUNT],
-    ) -> (Parameters, f64) {
-        let mut pull = *pull;
-        for (i, known) in prior.iter().enumerate() {
-            pull[i] += (known.mean - formed.p[i] - step[i]) / known.variance;
-        }
-        if is_sharpest(formed) {
-            pull[EDGE] = 0.0;
-        }
-        self.normal.solve_for(&pull)
-    }
-
     /// Covariance, colour and plausibility at the solution.
     fn summarize(
         &mut self,
         patch: &Patch,
-        model: &Model,
         prior: &[Known; COUNT],
-        (range_px, end): ((f64, f64), &End),
+        range_px: (f64, f64),
+        end: &End,
     ) -> Option<Fit> {
-        let p = &model.p;
+        let p = &end.p;
         let inside_range = p[RADIUS] > range_px.0 && p[RADIUS] < range_px.1;
-        let columns =
-            self.normal.covariance_columns([0, 1, RADIUS, EDGE, SITING]).map(|column| column * end.gain);
-        let centre_px2 = Matrix2::from_fn(|i, j| columns[j][i]);
         let linear = [0, 1, 2].map(|channel| p[BALL + channel]);
-        let equations = &self.equations;
-        let texture =
-            pulp::Arch::new().dispatch(Texture { equations, patch, linear: &linear, step: &end.step });
+        let equations = (&self.equations, &self.normal);
+        let (covariance, siting_px2, texture) =
+            pulp::Arch::new().dispatch(Tell { equations, patch, linear: &linear, step: &end.step });
+        let centre_px2 = Matrix2::from_fn(|i, j| end.gain * covariance[i][j]);
         let texture_px = TEXTURE_GAIN * p[EDGE] * texture;
         let model_px2 = (MODEL_STD * 2.0 * p[RADIUS]).powi(2) + texture_px * texture_px;
         let covariance_px2 = 0.5 * (centre_px2 + centre_px2.transpose()) + Matrix2::identity() * model_px2;
@@ -375,18 +318,32 @@ impl Fitter {
             && !uncertain
             && self.equations.contrast(patch, &linear) > LEAST_CONTRAST
             && trusted > LEAST_TRUSTED;
-        let [radius_px, edge_px, siting_px] =
-            [(RADIUS, 2), (EDGE, 3), (SITING, 4)].map(|(i, k)| Known { mean: p[i], variance: columns[k][i] });
+        let known = |i: usize, variance: f64| Known { mean: p[i], variance: end.gain * variance };
+        let [radius_px, edge_px] = [RADIUS, EDGE].map(|i| known(i, covariance[i][i]));
+        let siting_px = known(SITING, siting_px2);
         good.then(|| Fit {
             pixel: p.xy() + patch.corner(),
             covariance_px2,
             radius_px,
             ball: linear.map(|l| l.clamp(0.0, 1.0) as f32),
             trusted,
-            optics: Optics { siting_px, edge_px: if is_sharpest(model) { prior[EDGE] } else { edge_px } },
-            followed: Followed { parameters: *p, noise_variance: self.equations.noise_variance() },
+            taken: Optics { siting_px: prior[SITING], edge_px: prior[EDGE] },
+            optics: Optics {
+                siting_px,
+                edge_px: if p[EDGE] <= PIXEL_STD_PX { prior[EDGE] } else { edge_px },
+            },
+            followed: Followed {
+                parameters: *p,
+                noise_variance: self.equations.noise_variance(),
+                background: self.equations.background(),
+            },
         })
     }
+}
+
+/// The radii that a fit may have.
+fn with_margin(radius_px: (f64, f64)) -> (f64, f64) {
+    (radius_px.0.max(LEAST_RADIUS_PX) / RADIUS_MARGIN, radius_px.1 * RADIUS_MARGIN)
 }
 
 fn first_guess(start: &Start, range_px: (f64, f64)) -> Model {

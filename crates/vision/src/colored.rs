@@ -8,6 +8,7 @@ use crate::color::{Seen, colored_hue, least_colored_code, to_linear};
 use crate::frame::YuvToRgb;
 use crate::segment::Window;
 use crate::{Frame, Pixels, YuvMatrix};
+use std::ops::Range;
 
 /// A coloured pixel; small, as a frame may be full of them.
 #[derive(Debug, Clone, Copy)]
@@ -38,30 +39,80 @@ impl pulp::WithSimd for CollectRgb<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let (least_code, columns) = (least_colored_code(), &self.window.columns);
-        for y in self.window.rows.clone() {
-            let Some(row) = self.rgb.get(3 * y * self.width..3 * (y + 1) * self.width) else { return };
-            for x in columns.clone().step_by(AT_ONCE) {
-                // At the end of a row some are looked at again; in a narrow image all are taken for coloured at first.
-                let first = x.min(self.width.saturating_sub(AT_ONCE));
-                let many = row[3 * first..].first_chunk::<{ 3 * AT_ONCE }>();
-                let colored = many.map_or([true; AT_ONCE], |many| are_colored(many, least_code));
-                if colored == [false; AT_ONCE] {
-                    continue;
-                }
-                // One bit a pixel, those before this piece and behind the window left out.
-                let bits = colored.iter().rev().fold(0, |bits, colored| bits << 1 | u32::from(*colored));
-                let mut left = bits >> (x - first);
-                while left != 0 {
-                    let x = x + left.trailing_zeros() as usize;
-                    if x >= columns.end {
-                        break;
-                    }
-                    add(self.found, x, y, [row[3 * x], row[3 * x + 1], row[3 * x + 2]]);
-                    left &= left - 1;
-                }
+    fn with_simd<S: pulp::Simd>(mut self, _: S) {
+        let (least_code, columns, end) = (least_colored_code(), &self.window.columns, self.window.rows.end);
+        if columns.is_empty() {
+            return;
+        }
+        // Many pieces are looked at before any is gone through: what memory has to send is then awaited together.
+        let mut colored = [[false; AT_ONCE]; PIECES];
+        let (mut x, mut y) = (columns.start, self.window.rows.start);
+        while y < end {
+            let (mut count, from) = (0, (x, y));
+            while count < PIECES && y < end {
+                colored[count] = self.may_be_colored(x, y, least_code);
+                count += 1;
+                (x, y) = next(x, y, columns);
             }
+            (x, y) = from;
+            for colored in &colored[..count] {
+                if *colored != [false; AT_ONCE] {
+                    self.add_those(x, y, colored);
+                }
+                (x, y) = next(x, y, columns);
+            }
+        }
+    }
+}
+
+/// Pieces of rows that are looked at together.
+const PIECES: usize = 32;
+
+/// Where the next piece begins.
+#[inline(always)]
+fn next(x: usize, y: usize, columns: &Range<usize>) -> (usize, usize) {
+    if x + AT_ONCE < columns.end { (x + AT_ONCE, y) } else { (columns.start, y + 1) }
+}
+
+impl CollectRgb<'_> {
+    #[inline(always)]
+    fn row(&self, y: usize) -> &[u8] {
+        self.rgb.get(3 * y * self.width..3 * (y + 1) * self.width).unwrap_or(&[])
+    }
+
+    /// The first pixel of the piece that holds `x`: at the end of a row some are looked at again.
+    #[inline(always)]
+    fn first(&self, x: usize) -> usize {
+        x.min(self.width.saturating_sub(AT_ONCE))
+    }
+
+    /// Which pixels of a piece may be coloured; in a narrow image all are taken to be.
+    #[inline(always)]
+    fn may_be_colored(&self, x: usize, y: usize, least_code: u8) -> [bool; AT_ONCE] {
+        let many = self.row(y).get(3 * self.first(x)..).and_then(|left| left.first_chunk());
+        match many {
+            Some(many) => are_colored(many, least_code),
+            None => [true; AT_ONCE],
+        }
+    }
+
+    /// Adds the coloured ones of a piece.
+    #[inline(always)]
+    fn add_those(&mut self, x: usize, y: usize, colored: &[bool; AT_ONCE]) {
+        let first = self.first(x);
+        let end = self.window.columns.end.min(self.row(y).len() / 3);
+        // One bit a pixel, those before this piece and behind the window left out.
+        let bits = colored.iter().rev().fold(0, |bits, colored| bits << 1 | u32::from(*colored));
+        let mut left = bits >> (x - first);
+        while left != 0 {
+            let x = x + left.trailing_zeros() as usize;
+            if x >= end {
+                break;
+            }
+            let code = &self.row(y)[3 * x..];
+            let rgb = [code[0], code[1], code[2]];
+            add(self.found, x, y, rgb);
+            left &= left - 1;
         }
     }
 }
@@ -217,14 +268,15 @@ mod tests {
                 .collect()
         };
         let rgb = Frame::from_rgb(size, random(61 * 47 * 3)).expect("a frame");
-        let mut frames = vec![rgb];
+        let narrow = ImageSize { width_px: 20, height_px: 47 };
+        let mut frames = vec![rgb, Frame::from_rgb(narrow, random(20 * 47 * 3)).expect("a frame")];
         for (full, matrix) in [(false, YuvMatrix::Bt709), (true, YuvMatrix::Bt601)] {
             let planes = [random(61 * 47), random(31 * 24), random(31 * 24)];
             frames.push(Frame::from_yuv420(size, planes, full, matrix).expect("a frame"));
         }
         let mut collector = Collector::default();
         for frame in &frames {
-            for window in [Window::whole(frame), Window { columns: 3..30, rows: 5..22 }] {
+            for window in [Window::whole(frame), Window { columns: 3..19, rows: 5..43 }] {
                 collector.collect(frame, &window);
                 let found: Vec<(u32, u32)> = collector.found.iter().map(|p| (p.x, p.y)).collect();
                 assert_eq!(found, one_by_one(frame, &window));

@@ -1,6 +1,6 @@
 //! Finding balls of given colours in a whole frame.
 
-use crate::centre::{Fitter, Followed, LEAST_RADIUS_PX, Start, encode_one};
+use crate::centre::{Fitter, Followed, Foreseen, LEAST_RADIUS_PX, Start, encode_one};
 use crate::color::{ColorModel, Seen, to_linear};
 use crate::optics::{Known, Learned, Optics};
 use crate::outline::{Outline, up_as_seen, usual_camera};
@@ -17,7 +17,7 @@ pub struct BallCandidate {
     pub pixel: Vector2<f64>,
     /// Covariance of the centre.
     pub covariance_px2: Matrix2<f64>,
-    /// Coloured pixels of the region.
+    /// Coloured pixels of the region; of one that is followed, when it was last searched for.
     pub area_px: f64,
     /// Diameter of the fitted disc.
     pub diameter_px: f64,
@@ -72,8 +72,9 @@ pub(crate) struct Expected {
     pub(crate) followed: Followed,
     /// Where its motion takes it.
     pub(crate) pixel: Option<Vector2<f64>>,
-    /// From the middle of its region to its centre.
+    /// From the middle of its region to its centre, and the region's pixels, when it was last looked for in one.
     pub(crate) from_region_px: Vector2<f64>,
+    pub(crate) area_px: f64,
 }
 
 impl Detector {
@@ -129,6 +130,32 @@ pub(crate) fn is_measurable((smallest_px, largest_px): (f64, f64)) -> bool {
 }
 
 impl Workspace {
+    /// Makes ready for a ball in the next frame, of a size and layout like this one's.
+    pub(crate) fn prepare(
+        &self,
+        like: &Frame,
+        range_px: (f64, f64),
+        expected: &Expected,
+        foreseen: &mut Foreseen,
+    ) {
+        let Some(pixel) = expected.pixel else { return };
+        let camera = self.camera.unwrap_or_else(|| usual_camera(like.size));
+        let radius_px = expected.radius_px.mean;
+        let start = Start {
+            pixel,
+            radius_px,
+            ball: [0.0; 3],
+            optics: Optics::default(),
+            outline: Outline::ROUND,
+            up: None,
+            known_radius_px: None,
+            followed: None,
+        };
+        let start = start_in(&camera, self.camera.as_ref(), self.optics.expected(), start);
+        let range_px = (0.5 * range_px.0, 0.5 * range_px.1);
+        foreseen.prepare(like, range_px, &expected.start(start), radius_px + RING_PX);
+    }
+
     /// Balls of one marker among the collected pixels, best first.
     pub(crate) fn search(
         &mut self,
@@ -154,35 +181,73 @@ impl Workspace {
             if is_known || is_elsewhere || model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
                 continue;
             }
-            let outline = Outline::at(&camera, &blob.pixel);
-            let known_radius_px = self.expected.map(|e| e.radius_px);
-            let up = self.camera.as_ref().and_then(|camera| up_as_seen(camera, &blob.pixel));
-            let start = Start { optics, outline, up, known_radius_px, ..start(frame, blob, range_px) };
-            self.patch.fill(frame, blob.pixel, start.radius_px + RING_PX);
-            let range_px = (0.5 * range_px.0, (0.5 * range_px.1).min(largest_radius_px(blob.area_px)));
-            let followed = self.expected.and_then(|expected| {
-                let seen = blob.pixel + expected.from_region_px;
-                let foreseen = expected.pixel.filter(|p| (p - seen).norm() < AS_FORESEEN_PX);
-                let pixel = foreseen.unwrap_or(seen);
-                let start = Start { pixel, followed: Some(expected.followed), ..start };
-                self.fitter.fit(&self.patch, range_px, &start)
-            });
-            let fit = followed.or_else(|| self.fitter.fit(&self.patch, range_px, &start));
+            let fit = {
+                let start = start_in(&camera, self.camera.as_ref(), optics, start(frame, blob, range_px));
+                self.patch.fill(frame, blob.pixel, start.radius_px + RING_PX);
+                let range_px = (0.5 * range_px.0, (0.5 * range_px.1).min(largest_radius_px(blob.area_px)));
+                let followed = self.expected.and_then(|expected| {
+                    let seen = blob.pixel + expected.from_region_px;
+                    let foreseen = expected.pixel.filter(|p| (p - seen).norm() < AS_FORESEEN_PX);
+                    let pixel = foreseen.unwrap_or(seen);
+                    self.fitter.fit(&self.patch, range_px, &expected.start(Start { pixel, ..start }))
+                });
+                let known_radius_px = self.expected.map(|e| e.radius_px);
+                let start = Start { known_radius_px, ..start };
+                followed.or_else(|| self.fitter.fit(&self.patch, range_px, &start))
+            };
             found.extend(fit.and_then(|fit| {
-                judge(frame, blob, (model, marker), &fit).map(|ball| Sighting {
-                    ball,
-                    expected: Expected {
-                        radius_px: fit.radius_px,
-                        followed: fit.followed,
-                        pixel: None,
-                        from_region_px: fit.pixel - blob.pixel,
-                    },
-                    optics: (optics, fit.optics),
-                })
+                let from_region_px = fit.pixel - blob.pixel;
+                sighting(frame, (model, marker), &fit, (from_region_px, blob.area_px))
             }));
         }
         found.sort_unstable_by(|a, b| b.ball.score.total_cmp(&a.ball.score));
     }
+}
+
+/// What a fit tells of a ball of the marker, with where in its region it was seen; None if it is none.
+fn sighting(
+    frame: &Frame,
+    model: (&ColorModel, usize),
+    fit: &crate::centre::Fit,
+    (from_region_px, area_px): (Vector2<f64>, f64),
+) -> Option<Sighting> {
+    judge(frame, area_px, model, fit).map(|ball| Sighting {
+        ball,
+        expected: Expected {
+            radius_px: fit.radius_px,
+            followed: fit.followed,
+            pixel: None,
+            from_region_px,
+            area_px,
+        },
+        optics: (fit.taken, fit.optics),
+    })
+}
+
+impl Expected {
+    /// A ball that was made ready for, found where it was expected without a search for regions; else where it seems to be, if that
+    /// is known.
+    pub(crate) fn find(
+        &self,
+        frame: &Frame,
+        (model, marker): (&ColorModel, usize),
+        foreseen: &mut Foreseen,
+    ) -> Result<Sighting, Option<Vector2<f64>>> {
+        let fit = foreseen.fit(frame)?;
+        sighting(frame, (model, marker), &fit, (self.from_region_px, self.area_px)).ok_or(None)
+    }
+
+    /// Where a fit begins that knows this.
+    fn start(&self, start: Start) -> Start {
+        Start { known_radius_px: Some(self.radius_px), followed: Some(self.followed), ..start }
+    }
+}
+
+/// The same in an image whose optics are known as far as that.
+fn start_in(usual: &Camera, camera: Option<&Camera>, optics: Optics, start: Start) -> Start {
+    let outline = Outline::at(usual, &start.pixel);
+    let up = camera.and_then(|camera| up_as_seen(camera, &start.pixel));
+    Start { optics, outline, up, ..start }
 }
 
 /// Part of a disc's pixels that are coloured at least: two thirds of them may be lost to blur, glare or an arm.
@@ -231,7 +296,7 @@ pub(crate) struct Sighting {
 /// Whether a fitted disc is a ball of the marker, and how well it agrees.
 fn judge(
     frame: &Frame,
-    blob: &Blob,
+    area_px: f64,
     (model, marker): (&ColorModel, usize),
     fit: &crate::centre::Fit,
 ) -> Option<BallCandidate> {
@@ -245,11 +310,11 @@ fn judge(
         return None;
     }
     let disc_px = std::f64::consts::PI * radius_px * radius_px;
-    let filled = (blob.area_px / disc_px).min(disc_px / blob.area_px);
+    let filled = (area_px / disc_px).min(disc_px / area_px);
     Some(BallCandidate {
         pixel: fit.pixel,
         covariance_px2: fit.covariance_px2,
-        area_px: blob.area_px,
+        area_px,
         diameter_px: 2.0 * radius_px,
         score: (1.0 - 0.5 * gate) * filled.sqrt() * fit.trusted,
         color: fit.ball.map(|light| encode_one(light).0.round().clamp(0.0, 255.0) as u8),

@@ -45,18 +45,52 @@ impl Default for Patch {
     }
 }
 
+const GREY: f64 = 0.577_350_269_189_625_8;
+const ACROSS: f64 = 0.707_106_781_186_547_5;
+const ALONG: f64 = 0.408_248_290_463_863_1;
 /// An orthonormal basis of RGB with grey first: white noise stays white, and grey clutter leaves two channels alone.
-const OPPONENTS: [[f64; 4]; 3] = {
-    const GREY: f64 = 0.577_350_269_189_625_8;
-    const ACROSS: f64 = 0.707_106_781_186_547_5;
-    const ALONG: f64 = 0.408_248_290_463_863_1;
-    [[GREY, GREY, GREY, 0.0], [ACROSS, 0.0, -ACROSS, 0.0], [-ALONG, 2.0 * ALONG, -ALONG, 0.0]]
-};
+const OPPONENTS: [[f64; 4]; 3] =
+    [[GREY, GREY, GREY, 0.0], [ACROSS, 0.0, -ACROSS, 0.0], [-ALONG, 2.0 * ALONG, -ALONG, 0.0]];
+
+/// The filling with red, green and blue, compiled for each vector unit that a processor may have.
+struct FillRgb<'a> {
+    patch: &'a mut Patch,
+    rgb: &'a [u8],
+    /// Number of the first pixel, and from row to row.
+    place: (usize, usize),
+}
+
+impl pulp::WithSimd for FillRgb<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let columns = self.patch.columns.max(1);
+        let rows =
+            self.patch.bright.chunks_exact_mut(columns).zip(self.patch.colors.chunks_exact_mut(columns));
+        for (row, (bright, colors)) in rows.enumerate() {
+            let first = self.place.0 + row * self.place.1;
+            let Some(codes) = self.rgb.get(3 * first..3 * (first + columns)) else { return };
+            for ((bright, color), code) in bright.iter_mut().zip(colors).zip(codes.chunks_exact(3)) {
+                // Whole numbers up to here.
+                let (red, green, blue) = (i32::from(code[0]), i32::from(code[1]), i32::from(code[2]));
+                *bright = GREY as f32 * (red + green + blue) as f32;
+                *color =
+                    [ACROSS as f32 * (red - blue) as f32, ALONG as f32 * (2 * green - red - blue) as f32];
+            }
+        }
+    }
+}
 
 impl Patch {
     /// The first pixel's column and row in the image.
     pub(crate) fn corner(&self) -> Vector2<f64> {
         Vector2::new(self.first.0 as f64, self.first.1 as f64)
+    }
+
+    /// What it spans and how: first pixel, size and layout.
+    pub(crate) fn window(&self) -> ((usize, usize), usize, usize, usize) {
+        (self.first, self.columns, self.rows, self.step)
     }
 
     /// Fills the patch with what the frame holds within `reach_px` of `middle` in each direction.
@@ -79,17 +113,10 @@ impl Patch {
                 self.first_block = self.first;
                 self.block_columns = self.columns;
                 self.set_matrix(OPPONENTS);
-                for y in top..bottom {
-                    for x in left..right {
-                        let at = 3 * (y * width + x);
-                        let code =
-                            rgb.get(at..at + 3).map_or([0.0; 3], |p| [0, 1, 2].map(|c| f64::from(p[c])));
-                        let channel =
-                            |k: usize| (0..3).map(|c| OPPONENTS[k][c] * code[c]).sum::<f64>() as f32;
-                        self.bright.push(channel(0));
-                        self.colors.push([channel(1), channel(2)]);
-                    }
-                }
+                let place = (top * width + left, width);
+                self.bright.resize(self.columns * self.rows, 0.0);
+                self.colors.resize(self.columns * self.rows, [0.0; 2]);
+                pulp::Arch::new().dispatch(FillRgb { patch: self, rgb, place });
             }
             Pixels::Yuv420 { y: luma, u, v, full_range, matrix } => {
                 self.step = 2;
@@ -176,5 +203,28 @@ impl Patch {
     #[inline]
     pub(crate) fn place(&self, index: usize) -> (f64, f64) {
         ((index % self.columns) as f64, (index / self.columns) as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ImageSize;
+
+    #[test]
+    fn channels_are_turned_back_to_codes() {
+        let size = ImageSize { width_px: 30, height_px: 20 };
+        let rgb: Vec<u8> = (0..30 * 20 * 3_u32).map(|i| (i * i % 251) as u8).collect();
+        let frame = Frame::from_rgb(size, rgb).expect("a frame");
+        let mut patch = Patch::default();
+        for middle in [Vector2::new(15.0, 10.0), Vector2::new(1.0, 18.5), Vector2::new(29.0, 0.0)] {
+            patch.fill(&frame, middle, 7.3);
+            assert!(patch.is_whole());
+            for i in 0..patch.bright.len() {
+                let coded = patch.coded([patch.bright[i], patch.colors[i][0], patch.colors[i][1]]);
+                let want = frame.rgb(patch.first.0 + i % patch.columns, patch.first.1 + i / patch.columns);
+                assert!(coded.iter().zip(want).all(|(code, want)| (code - f32::from(want)).abs() < 1e-3));
+            }
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! Connected regions of coloured pixels that have the size and the shape of a ball.
 
 use crate::color::{ColorModel, LEAST_CHROMA, Seen};
-use crate::colored::Collector;
+use crate::colored::{Chromatic, Collector};
 use crate::{Frame, Vector2};
 use std::ops::Range;
 
@@ -118,9 +118,14 @@ impl Segmenter {
     /// surface of a like hue but less colour.
     pub(crate) fn regions(&mut self, model: &ColorModel, marker: usize, area_px: (f64, f64)) {
         self.blobs.clear();
-        self.level.clear();
-        let found = self.colored.found.iter().zip(0..);
-        self.level.extend(found.filter(|(p, _)| model.may_be(marker, p.hue)).map(|(_, k)| k));
+        // All are written, each over the last one where that is not the marker's: whether it is is hard to foresee.
+        self.level.resize(self.colored.found.len(), 0);
+        let mut count = 0;
+        for (pixel, k) in self.colored.found.iter().zip(0..) {
+            self.level[count] = k;
+            count += usize::from(model.may_be(marker, pixel.hue));
+        }
+        self.level.truncate(count);
         let mut least_chroma = LEAST_CHROMA;
         for _ in 0..LEVELS {
             if self.level.is_empty() {
@@ -132,6 +137,9 @@ impl Segmenter {
             let small = self.sums.iter().filter(|s| !is_large(s));
             self.blobs.extend(small.filter_map(|s| s.blob(area_px.0, MOST_ELONGATED)));
             self.join_two(area_px);
+            if !self.sums.iter().any(is_large) {
+                return;
+            }
             least_chroma *= 2.0;
             self.next.clear();
             let pixels = self.level.iter().zip(&self.region);
@@ -165,18 +173,26 @@ impl Segmenter {
     /// Joins neighbours, diagonal ones too, and numbers the regions in the order of their first pixels: how many there are.
     fn connect(&mut self) -> usize {
         self.runs.clear();
-        for pixel in self.level.iter().map(|k| &self.colored.found[*k as usize]) {
-            match self.runs.last_mut() {
-                Some(run) if run.y == pixel.y && run.end == pixel.x => run.end += 1,
-                _ => self.runs.push(Run {
-                    y: pixel.y,
-                    begin: pixel.x,
-                    end: pixel.x + 1,
-                    parent: self.runs.len(),
-                    region: 0,
-                }),
+        self.region.clear();
+        let mut pixels = self.level.iter().map(|k| &self.colored.found[*k as usize]);
+        let run_from = |pixel: &Chromatic, parent: usize| Run {
+            y: pixel.y,
+            begin: pixel.x,
+            end: pixel.x + 1,
+            parent,
+            region: 0,
+        };
+        let Some(first) = pixels.next() else { return 0 };
+        let mut run = run_from(first, 0);
+        for pixel in pixels {
+            if run.y == pixel.y && run.end == pixel.x {
+                run.end += 1;
+            } else {
+                self.runs.push(run);
+                run = run_from(pixel, self.runs.len());
             }
         }
+        self.runs.push(run);
         let mut above = 0;
         for index in 0..self.runs.len() {
             let run = self.runs[index];
@@ -190,7 +206,6 @@ impl Segmenter {
             }
         }
         // A region's first run comes before its others.
-        self.region.clear();
         let mut regions = 0;
         for index in 0..self.runs.len() {
             let first = self.root(index);
@@ -199,7 +214,7 @@ impl Segmenter {
                 regions += 1;
             }
             let (run, region) = (self.runs[index], self.runs[first].region);
-            self.region.extend((run.begin..run.end).map(|_| region));
+            self.region.resize(self.region.len() + (run.end - run.begin) as usize, region);
         }
         regions as usize
     }
@@ -222,19 +237,27 @@ impl Segmenter {
     fn sum(&mut self, regions: usize) {
         self.sums.clear();
         self.sums.resize(regions, Sums::default());
-        for (index, region) in self.level.iter().zip(&self.region) {
-            let sums = &mut self.sums[*region as usize];
-            let pixel = &self.colored.found[*index as usize];
-            let (x, y) = (f64::from(pixel.x), f64::from(pixel.y));
-            sums.count += 1.0;
-            sums.chroma += f64::from(pixel.seen().chroma);
-            sums.hue[0] += pixel.hue[0];
-            sums.hue[1] += pixel.hue[1];
-            sums.x += x;
-            sums.y += y;
-            sums.xx += x * x;
-            sums.xy += x * y;
-            sums.yy += y * y;
+        let mut left = &self.level[..];
+        for run in &self.runs {
+            let (pixels, behind) = left.split_at((run.end - run.begin) as usize);
+            left = behind;
+            let into = &mut self.sums[self.region[self.level.len() - behind.len() - 1] as usize];
+            let mut sums = *into;
+            let y = f64::from(run.y);
+            for index in pixels {
+                let pixel = &self.colored.found[*index as usize];
+                let x = f64::from(pixel.x);
+                sums.count += 1.0;
+                sums.chroma += f64::from(pixel.seen().chroma);
+                sums.hue[0] += pixel.hue[0];
+                sums.hue[1] += pixel.hue[1];
+                sums.x += x;
+                sums.y += y;
+                sums.xx += x * x;
+                sums.xy += x * y;
+                sums.yy += y * y;
+            }
+            *into = sums;
         }
     }
 }
@@ -281,7 +304,6 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::colored::Chromatic;
     use proptest::prelude::*;
 
     const SIDE: i32 = 9;

@@ -195,9 +195,19 @@ impl Tracker {
         let track = &self.tracks[index];
         let (middle, reach_px) = track.search();
         let color = track.color;
-        self.workspace.segmenter.collect(frame, &Window::around(frame, middle, reach_px));
         self.workspace.expected = track.expected(middle);
-        self.workspace.search(frame, &self.model, color, self.range_px, &mut self.found);
+        self.found.clear();
+        if let Some(expected) = &mut self.workspace.expected {
+            let foreseen = &mut self.tracks[index].foreseen;
+            match expected.find(frame, (&self.model, color), foreseen) {
+                Ok(sighting) => self.found.push(sighting),
+                Err(seems) => expected.pixel = seems.or(expected.pixel),
+            }
+        }
+        if self.found.is_empty() {
+            self.workspace.segmenter.collect(frame, &Window::around(frame, middle, reach_px));
+            self.workspace.search(frame, &self.model, color, self.range_px, &mut self.found);
+        }
         self.workspace.expected = None;
         let track = &self.tracks[index];
         let agrees = |ball: &BallCandidate| {
@@ -225,7 +235,7 @@ impl Tracker {
         self.sightings.push(track.sighting(self.frames));
     }
 
-    /// Looks for newcomers in a frame that has been told, if that was not done: of a colour of which something is missing in the
+    /// Looks for newcomers in a frame that has been told, if that was not done, and makes ready for the next: of a colour of which something is missing in the
     /// whole of it, of the others in a band. They are followed, and told of, from the next frame on, so that who waits for
     /// what is followed need not wait for this.
     pub fn look_around(&mut self, frame: &Frame) {
@@ -252,6 +262,11 @@ impl Tracker {
             self.workspace.known.clear();
             self.workspace.rows = None;
             self.take_newcomers(color);
+        }
+        for track in self.tracks.iter_mut().filter(|t| t.missed == 0) {
+            if let Some(expected) = track.expected(track.search().0) {
+                self.workspace.prepare(frame, self.range_px, &expected, &mut track.foreseen);
+            }
         }
     }
 

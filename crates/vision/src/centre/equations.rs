@@ -1,5 +1,6 @@
 //! The equations of a ball's fit: residuals, weights and derivatives of every sample that the ball touches.
 
+mod foreseen;
 mod front;
 mod weighing;
 
@@ -12,7 +13,7 @@ use super::model::{EDGE, Model, NO_COLUMNS, RESIDUAL, Row, SITING, Shown, WIDTH,
 use super::normal::Normal;
 use super::places::Places;
 use super::samples::{grain_variance, visit};
-use super::surroundings::{Clutter, Surroundings};
+use super::surroundings::{Clutter, Surroundings, turn};
 use super::{CLEAR, NOISE_STD, disc};
 use crate::patch::Patch;
 use pulp::Simd;
@@ -67,6 +68,8 @@ pub(super) struct Equations {
     color_weight: Vec<f32>,
     /// Weight in the equations of each pixel in use and, behind these, of each block.
     believed: Vec<f32>,
+    /// What each sample's row in the equations has been shrunk by since they were formed.
+    shrunk: Vec<f32>,
     /// What a step leaves of each sample's residual in the equations.
     residuals: Vec<f32>,
     /// Probability that clutter lies before the ball, at each pixel of the patch.
@@ -112,6 +115,12 @@ impl Equations {
     pub(super) fn begin<S: Simd>(&mut self, simd: S, patch: &Patch, noise_variance: Option<f64>) {
         self.least_noise = grain_variance(simd, patch, &mut self.grain).max(NOISE_STD * NOISE_STD);
         self.noise_variance = noise_variance.unwrap_or(self.least_noise);
+        self.trust_all(patch);
+    }
+
+    #[inline(always)]
+    fn trust_all(&mut self, patch: &Patch) {
+        self.glare.find(patch);
         self.trust.clear();
         self.trust.resize(patch.bright.len(), 1.0);
         self.color_trust.clear();
@@ -121,7 +130,6 @@ impl Equations {
         self.front.clear();
         self.has_looked_in_front = false;
         self.front.resize(patch.bright.len(), IN_FRONT);
-        self.glare.find(patch);
     }
 
     /// Decides which samples the ball touches and what is behind it there.
@@ -132,6 +140,20 @@ impl Equations {
         (patch, model): (&Patch, &Model),
         clutter: Clutter,
     ) -> Option<()> {
+        self.lay_out(simd, patch, model);
+        self.glare.reach(patch, &disc(model), (&self.covered, &self.depth));
+        self.forget_dazzled(patch);
+        let around = (&self.rim[..], &self.covered[..]);
+        let place = (patch, &disc(model));
+        let colors = &self.color_covered;
+        self.surroundings.estimate(simd, place, around, colors, (self.noise_variance, clutter))?;
+        self.use_pixels(simd, patch, model);
+        Some(())
+    }
+
+    /// Decides which samples the ball touches.
+    #[inline(always)]
+    fn lay_out<S: Simd>(&mut self, simd: S, patch: &Patch, model: &Model) {
         let p = &model.p;
         self.edge_px = p[EDGE];
         self.cover(simd, patch, model);
@@ -146,15 +168,6 @@ impl Equations {
         self.rim.clear();
         self.rim.extend(self.by_angle.iter().map(|(_, i)| *i));
         self.cover_blocks(patch, model);
-        self.glare.reach(patch, &disc(model), (&self.covered, &self.depth));
-        self.forget_dazzled(patch);
-        let around = (&self.rim[..], &self.covered[..]);
-        let place = (patch, &disc(model));
-        let colors = &self.color_covered;
-        self.surroundings.estimate(simd, place, around, colors, (self.noise_variance, clutter))?;
-        self.use_pixels(simd, patch, model);
-        self.find_near(patch);
-        Some(())
     }
 
     /// Standard deviation of the clutter near each pixel and each block in use.
@@ -227,13 +240,7 @@ impl Equations {
     #[inline(always)]
     fn use_pixels<S: Simd>(&mut self, simd: S, patch: &Patch, model: &Model) {
         self.used.clear();
-        self.places.clear();
-        for (index, bright) in self.rim.iter().zip(&self.surroundings.mean) {
-            let place = patch.place(*index as usize);
-            let [across, along] = self.surroundings.colors_at(place);
-            self.used.push(*index);
-            self.places.push(place, &patch.light([*bright, across as f32, along as f32]));
-        }
+        self.used.extend_from_slice(&self.rim);
         let both = || self.covered.iter().zip(&self.depth).enumerate();
         let inside = || both().filter(|(_, (covered, depth))| **covered > 1.0 - CLEAR && **depth < DEEPEST);
         let stride = inside().count().div_ceil(MOST_INSIDE).max(1);
@@ -252,12 +259,28 @@ impl Equations {
                 }
             });
         }
+        self.places.clear();
+        for index in self.used.iter().chain(&self.shared) {
+            self.places.push(patch.place(*index as usize));
+        }
+        self.places.finish();
+        self.light_up(patch);
+        self.places.decode(simd);
+        self.find_near(patch);
+    }
+
+    /// Sets the light behind the ball.
+    #[inline(always)]
+    fn light_up(&mut self, patch: &Patch) {
+        for (place, (index, bright)) in self.rim.iter().zip(&self.surroundings.mean).enumerate() {
+            let [across, along] = self.surroundings.colors_at(patch.place(*index as usize));
+            self.places.light_up(place, &patch.light([*bright, across as f32, along as f32]));
+        }
         // So little of it is seen there that it may be taken as it is on average, but not as any.
         let around = patch.light(self.surroundings.around().map(|value| value as f32));
-        for index in self.used[self.rim.len()..].iter().chain(&self.shared) {
-            self.places.push(patch.place(*index as usize), &around);
+        for place in self.rim.len()..self.places.x.len() {
+            self.places.light_up(place, &around);
         }
-        self.places.finish(simd);
     }
 
     /// Adds the samples to the normal equations; their covariance is set anew from the model or, within a round,
@@ -272,6 +295,18 @@ impl Equations {
         normal: &mut Normal,
     ) -> Option<()> {
         self.evaluate(simd, patch, model);
+        self.form(simd, (patch, model), covariance, normal)
+    }
+
+    /// The same with the derivatives that there are.
+    #[inline(always)]
+    pub(super) fn form<S: Simd>(
+        &mut self,
+        simd: S,
+        (patch, model): (&Patch, &Model),
+        covariance: Covariance,
+        normal: &mut Normal,
+    ) -> Option<()> {
         let stretched = self.surroundings.covariance.len();
         if covariance == Covariance::Anew {
             self.set_variances(patch, model.p[EDGE]);
@@ -283,7 +318,10 @@ impl Equations {
                 return None;
             }
         }
-        self.whitened.resize(self.used.len() + 2 * self.color_rows.len(), [0.0; WIDTH]);
+        let samples = self.used.len() + 2 * self.color_rows.len();
+        self.shrunk.clear();
+        self.shrunk.resize(samples, 1.0);
+        self.whitened.resize(samples, [0.0; WIDTH]);
         let (bright, colors) = self.whitened.split_at_mut(self.used.len());
         let (rim, inside) = bright.split_at_mut(stretched);
         for (out, shown) in rim.iter_mut().zip(&self.shown) {
@@ -311,16 +349,51 @@ impl Equations {
         for (group, shown) in self.shown.chunks_mut(GROUP).enumerate() {
             model.show(simd, (&self.places, GROUP * group), &patch.from_coded, &mut columns, shown);
         }
-        for (used, shown) in self.used.iter().zip(&mut self.shown) {
-            let residual = &mut shown.channels[0][RESIDUAL];
-            *residual = patch.bright[*used as usize] - *residual - patch.from_coded[0][3] as f32;
-        }
         let mut color_rows = std::mem::take(&mut self.color_rows);
         color_rows.resize(self.blocks.len(), [[0.0; WIDTH]; 2]);
         for (rows, block) in color_rows.iter_mut().zip(&self.blocks) {
             self.color_row(patch, model, *block as usize, rows);
         }
         self.color_rows = color_rows;
+        self.find_residuals(patch, model);
+    }
+
+    /// Residuals of all samples in use from what their pixels show.
+    #[inline(always)]
+    fn find_residuals(&mut self, patch: &Patch, model: &Model) {
+        for (used, shown) in self.used.iter().zip(&mut self.shown) {
+            let residual = &mut shown.channels[0][RESIDUAL];
+            *residual = patch.bright[*used as usize] - *residual - patch.from_coded[0][3] as f32;
+        }
+        let mut color_rows = std::mem::take(&mut self.color_rows);
+        for (rows, block) in color_rows.iter_mut().zip(&self.blocks) {
+            let (block, mut values) = (*block as usize, [0.0; 2]);
+            if patch.step == 1 {
+                values = self.colors_shown(patch, block);
+            } else {
+                visit(patch, block, model.p[SITING], |pixel, weight, _| {
+                    for (value, shown) in values.iter_mut().zip(self.colors_shown(patch, pixel)) {
+                        *value += weight * shown;
+                    }
+                });
+            }
+            for (k, row) in rows.iter_mut().enumerate() {
+                row[RESIDUAL] = patch.colors[block][k] - values[k] - patch.from_coded[k + 1][3] as f32;
+            }
+        }
+        self.color_rows = color_rows;
+    }
+
+    /// Colour differences that a pixel shows, less their constants.
+    #[inline(always)]
+    fn colors_shown(&self, patch: &Patch, pixel: usize) -> [f32; 2] {
+        match self.slot[pixel] {
+            0 => {
+                let free = self.surroundings.colors_at(patch.place(pixel));
+                [0, 1].map(|k| (free[k] - patch.from_coded[k + 1][3]) as f32)
+            }
+            place => [1, 2].map(|channel| self.shown[place as usize - 1].channels[channel][RESIDUAL]),
+        }
     }
 
     /// Variances of all samples in use as far as they are independent of each other.
@@ -366,34 +439,25 @@ impl Equations {
         self.color_scale.extend(self.color_variance.iter().map(|pair| pair.map(|v| v.sqrt().recip())));
     }
 
-    /// Both colour differences of a block: the mean over its pixels.
+    /// Derivatives of both colour differences of a block: the mean over its pixels.
     #[inline(always)]
     fn color_row(&self, patch: &Patch, model: &Model, block: usize, rows: &mut [Row; 2]) {
         let own = if patch.step == 1 { self.slot[block].checked_sub(1) } else { None };
         if let Some(place) = own {
             rows.copy_from_slice(&self.shown[place as usize].channels[1..]);
-        } else {
-            *rows = [[0.0; WIDTH]; 2];
-            visit(patch, block, model.p[SITING], |pixel, weight, by_siting| match self.slot[pixel] {
-                0 => {
-                    let free = self.surroundings.colors_at(patch.place(pixel));
-                    for (k, row) in rows.iter_mut().enumerate() {
-                        let value = (free[k] - patch.from_coded[k + 1][3]) as f32;
-                        row[RESIDUAL] += weight * value;
-                        row[SITING] += by_siting * value;
-                    }
-                }
-                place => {
-                    for (row, channel) in rows.iter_mut().zip(&self.shown[place as usize - 1].channels[1..]) {
-                        add_scaled(row, channel, weight);
-                        row[SITING] += by_siting * channel[RESIDUAL];
-                    }
-                }
-            });
+            return;
         }
-        for (k, row) in rows.iter_mut().enumerate() {
-            row[RESIDUAL] = patch.colors[block][k] - row[RESIDUAL] - patch.from_coded[k + 1][3] as f32;
-        }
+        *rows = [[0.0; WIDTH]; 2];
+        visit(patch, block, model.p[SITING], |pixel, weight, by_siting| {
+            if let Some(place) = self.slot[pixel].checked_sub(1) {
+                for (row, channel) in rows.iter_mut().zip(&self.shown[place as usize].channels[1..]) {
+                    add_scaled(row, channel, weight);
+                }
+            }
+            for (row, value) in rows.iter_mut().zip(self.colors_shown(patch, pixel)) {
+                row[SITING] += by_siting * value;
+            }
+        });
     }
 }
 
@@ -403,10 +467,4 @@ fn set_scaled(out: &mut Row, row: &Row, scale: f32) {
     for (out, value) in out.iter_mut().zip(row) {
         *out = value * scale;
     }
-}
-
-/// A number that grows with the angle of a direction, over one turn from -2 to 2.
-fn turn(x: f64, y: f64) -> f64 {
-    let across = x / (x.abs() + y.abs()).max(f64::MIN_POSITIVE);
-    if y < 0.0 { across - 1.0 } else { 1.0 - across }
 }

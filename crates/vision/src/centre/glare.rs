@@ -26,9 +26,13 @@ pub(super) struct Glare {
 
 impl Glare {
     /// Looks for the brightest pixels of a new patch.
+    #[inline(always)]
     pub(super) fn find(&mut self, patch: &Patch) {
         self.reached.clear();
         self.brightest.clear();
+        if patch.step == 1 && !any_is_brightest(patch) {
+            return;
+        }
         for (block, color) in patch.colors.iter().enumerate() {
             let first = patch.first_pixel(block);
             for pixel in (0..patch.step * patch.step)
@@ -38,6 +42,11 @@ impl Glare {
                 self.brightest.push(pixel as u32);
             }
         }
+    }
+
+    /// Whether there are some.
+    pub(super) fn may_reach(&self) -> bool {
+        !self.brightest.is_empty()
     }
 
     /// Finds the pixels that such light reaches past the disc. Where it is all around it takes of every side alike and leaves
@@ -78,7 +87,19 @@ impl Glare {
     }
 }
 
+/// Whether any pixel is, where each has its own colour: mostly none is, which is soon told as no pixel waits for another.
+#[inline(always)]
+fn any_is_brightest(patch: &Patch) -> bool {
+    let mut any = false;
+    for (bright, color) in patch.bright.iter().zip(&patch.colors) {
+        any |= is_brightest(patch, [*bright, color[0], color[1]]);
+    }
+    any
+}
+
 /// Whether one of the codes of red, green and blue that these channels are may be beyond what can be shown.
+#[inline(always)]
 fn is_brightest(patch: &Patch, channels: [f32; 3]) -> bool {
-    patch.coded(channels).into_iter().any(|code| code > BRIGHTEST)
+    let [red, green, blue] = patch.coded(channels);
+    (red > BRIGHTEST) | (green > BRIGHTEST) | (blue > BRIGHTEST)
 }

@@ -56,40 +56,47 @@ pub(super) struct Kriging {
     /// Correlation by squared distance, as it ends.
     tapered: Vec<f32>,
     places: Vec<(i32, i32)>,
+    weights: Vec<Weights>,
     deviation: Vec<f32>,
     course: Course,
     /// Whether lines are looked for.
     pub(super) along_lines: bool,
 }
 
-/// The equations of a group of rim pixels: covariance of the neighbours' values (above the diagonal), with the pixel, and the
-/// values.
+/// The equations of a group of rim pixels: covariance of the neighbours' values (above the diagonal), and with the pixel.
 struct Systems {
     matrix: [[[f32; GROUP]; NEIGHBOURS]; NEIGHBOURS],
     cross: [[f32; GROUP]; NEIGHBOURS],
-    left: [[f32; GROUP]; NEIGHBOURS],
     /// Variance of a neighbour's value.
     own: [f32; GROUP],
     count: [usize; GROUP],
 }
 
+/// For a group of rim pixels, where their neighbours' values are, and what each counts.
+#[derive(Debug, Clone, Copy)]
+struct Weights {
+    at: [[u32; GROUP]; NEIGHBOURS],
+    of: [[f32; GROUP]; NEIGHBOURS],
+    /// Neighbours that there are.
+    count: [usize; GROUP],
+}
+
 impl Kriging {
-    /// Adds the clutter that the nearest free pixels predict to the mean of each rim pixel, and sets the covariance. `level`
-    /// is the plane's value at a place of the patch.
+    /// Sets from which free pixels and with which weights the clutter at each rim pixel is predicted. `level` is the plane's value at a
+    /// place of the patch.
     #[inline(always)]
-    pub(super) fn predict<S: Simd>(
+    pub(super) fn weigh<S: Simd>(
         &mut self,
         simd: S,
         (patch, edge_px, spread): (&Patch, f64, Spread),
         (rim, covered): (&[u32], &[f32]),
         level: impl Fn((f64, f64)) -> f32,
-        (mean, covariance): (&mut [f32], &mut Banded),
     ) -> Option<()> {
         self.set_kernels(edge_px, spread.clutter);
         let stride = patch.columns + 2 * REACH;
-        self.lay_out(patch, covered, level);
+        self.take(patch, covered, level);
         if self.along_lines {
-            self.course.take(&self.left, stride);
+            self.course.take(&self.left[..self.left.len() - 1], stride);
         }
         self.offsets.clear();
         self.offsets.extend(BY_DISTANCE.iter().map(|(x, y)| {
@@ -100,37 +107,68 @@ impl Kriging {
         self.places.extend(
             rim.iter().map(|i| ((*i as usize % patch.columns) as i32, (*i as usize / patch.columns) as i32)),
         );
-        self.deviation.clear();
+        self.weights.clear();
         let mut systems = Systems::NOTHING;
-        for (places, mean) in self.places.chunks(GROUP).zip(mean.chunks_mut(GROUP)) {
-            let clutter_variance = spread.clutter * spread.clutter;
-            systems.own = [(clutter_variance + spread.noise_variance) as f32; GROUP];
-            self.set_up(&mut systems, places, stride);
+        for places in self.places.chunks(GROUP) {
+            systems.own = [(spread.clutter * spread.clutter + spread.noise_variance) as f32; GROUP];
+            let mut weights = Weights::NOTHING;
+            self.set_up(&mut systems, places, stride, &mut weights);
             if self.along_lines {
                 self.follow_lines(simd, &mut systems, places, (stride, edge_px, spread));
             }
-            let (predicted, square) = systems.solve(simd)?;
+            systems.solve(simd, &mut weights)?;
+            self.weights.push(weights);
+        }
+        Some(())
+    }
+
+    /// Adds the clutter that the nearest free pixels predict to the mean of each rim pixel, and sets how far it may be off.
+    #[inline(always)]
+    pub(super) fn predict<S: Simd>(&mut self, simd: S, clutter: f64, mean: &mut [f32]) -> Option<()> {
+        let clutter_variance = (clutter * clutter) as f32;
+        self.deviation.clear();
+        for (weights, mean) in self.weights.iter().zip(mean.chunks_mut(GROUP)) {
+            let (predicted, square) = weights.predict(simd, &self.left);
             for (lane, mean) in mean.iter_mut().enumerate() {
                 *mean += predicted[lane];
-                let variance = clutter_variance as f32 + square[lane];
-                self.deviation.push((variance / (1 + systems.count[lane]) as f32).sqrt());
+                let variance = clutter_variance + square[lane];
+                self.deviation.push((variance / (1 + weights.count[lane]) as f32).sqrt());
             }
         }
+        self.deviation.iter().zip(mean).all(|(deviation, mean)| (deviation * *mean).is_finite()).then_some(())
+    }
+
+    /// How far what is predicted at each rim pixel may be off: standard deviations.
+    pub(super) fn deviation(&self) -> &[f32] {
+        &self.deviation
+    }
+
+    /// Takes it to be off as far as this.
+    pub(super) fn expect(&mut self, deviation: impl Iterator<Item = f32>) {
+        self.deviation.clear();
+        self.deviation.extend(deviation);
+    }
+
+    /// Sets the covariance of what is predicted.
+    #[inline(always)]
+    pub(super) fn correlate(&self, covariance: &mut Banded) {
         let (places, deviation, tapered) = (&self.places, &self.deviation, &self.tapered);
-        covariance.set(rim.len(), |i, below| {
+        covariance.set(places.len(), |i, below| {
             let j = i - below;
             let (x, y) = (places[i].0 - places[j].0, places[i].1 - places[j].1);
             let square = (x * x + y * y) as usize;
             tapered.get(square).map_or(0.0, |correlation| deviation[i] * deviation[j] * correlation)
         });
-        Some(())
     }
 
+    /// Takes what the plane leaves of the free pixels.
     #[inline(always)]
-    fn lay_out(&mut self, patch: &Patch, covered: &[f32], level: impl Fn((f64, f64)) -> f32) {
+    pub(super) fn take(&mut self, patch: &Patch, covered: &[f32], level: impl Fn((f64, f64)) -> f32) {
         let stride = patch.columns + 2 * REACH;
         self.left.clear();
         self.left.resize(stride * (patch.rows + 2 * REACH), f32::NAN);
+        // What is missing is looked up here.
+        self.left.push(0.0);
         for row in 0..patch.rows {
             let start = row * patch.columns;
             let into = &mut self.left[(row + REACH) * stride + REACH..][..patch.columns];
@@ -142,26 +180,28 @@ impl Kriging {
         }
     }
 
-    /// Sets the equations of up to a group of rim pixels, but for covariances that follow lines.
+    /// Sets the equations of up to a group of rim pixels, but for covariances that follow lines, and where their values are.
     #[inline(always)]
-    fn set_up(&self, systems: &mut Systems, places: &[(i32, i32)], stride: usize) {
+    fn set_up(&self, systems: &mut Systems, places: &[(i32, i32)], stride: usize, weights: &mut Weights) {
+        weights.at = [[(self.left.len() - 1) as u32; GROUP]; NEIGHBOURS];
         let Some(kernel) = self.kernel.first() else { return };
         for (lane, (x, y)) in places.iter().enumerate() {
             // The offsets begin a reach before the pixel.
-            let here = &self.left[*y as usize * stride + *x as usize..];
-            let (mut found, mut left) = ([HERE; NEIGHBOURS], [0.0; NEIGHBOURS]);
+            let corner = *y as usize * stride + *x as usize;
+            let here = &self.left[corner..];
+            let (mut found, mut places) = ([HERE; NEIGHBOURS], [0; NEIGHBOURS]);
             let mut count = 0;
             // One that is not free is written over by the next.
             for (offset, displacement) in &self.offsets {
-                (found[count], left[count]) = (*displacement, here[*offset]);
-                count += usize::from(!left[count].is_nan());
+                (found[count], places[count]) = (*displacement, (corner + offset) as u32);
+                count += usize::from(!here[*offset].is_nan());
                 if count == NEIGHBOURS {
                     break;
                 }
             }
-            systems.count[lane] = count;
-            for (out, left) in systems.left.iter_mut().zip(left) {
-                out[lane] = left;
+            (systems.count[lane], weights.count[lane]) = (count, count);
+            for (at, place) in weights.at.iter_mut().zip(places).take(count) {
+                at[lane] = place;
             }
             if self.along_lines {
                 continue;
@@ -261,7 +301,6 @@ impl Systems {
     const NOTHING: Self = Self {
         matrix: [[[0.0; GROUP]; NEIGHBOURS]; NEIGHBOURS],
         cross: [[0.0; GROUP]; NEIGHBOURS],
-        left: [[0.0; GROUP]; NEIGHBOURS],
         own: [1.0; GROUP],
         count: [0; GROUP],
     };
@@ -273,14 +312,14 @@ impl Systems {
             for row in &mut self.matrix[..i] {
                 row[i][lane] = 0.0;
             }
-            (self.cross[i][lane], self.left[i][lane]) = (0.0, 0.0);
+            self.cross[i][lane] = 0.0;
         }
     }
 
-    /// What is predicted and the sum of the squared values; None where a matrix is not positive definite.
+    /// Weights of the neighbours; None where a matrix is not positive definite.
     #[inline(always)]
-    fn solve<S: Simd>(&self, simd: S) -> Option<([f32; GROUP], [f32; GROUP])> {
-        let (mut predicted, mut square, mut least) = ([0.0; GROUP], [0.0; GROUP], [0.0; GROUP]);
+    fn solve<S: Simd>(&self, simd: S, weights: &mut Weights) -> Option<()> {
+        let mut least = [0.0; GROUP];
         for part in 0..Lanes::<S>::PARTS {
             let load = |values: &[f32; GROUP]| Lanes::load(simd, values, part);
             let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
@@ -314,20 +353,43 @@ impl Systems {
                     x[i] = x[i] - factor * x[k];
                 }
             }
-            let (mut sum, mut squares) = (zero, zero);
             for k in (0..NEIGHBOURS).rev() {
                 for i in k + 1..NEIGHBOURS {
                     x[k] = x[k] - rows[k][i] * x[i];
                 }
                 x[k] = x[k] * inverse[k];
-                let left = load(&self.left[k]);
-                (sum, squares) = (sum + x[k] * left, squares + left * left);
+                x[k].store(&mut weights.of[k], part);
+            }
+            smallest.store(&mut least, part);
+        }
+        least.iter().all(|least| *least > 0.0).then_some(())
+    }
+}
+
+impl Weights {
+    const NOTHING: Self =
+        Self { at: [[0; GROUP]; NEIGHBOURS], of: [[0.0; GROUP]; NEIGHBOURS], count: [0; GROUP] };
+
+    /// What is predicted from values, and the sum of these squared.
+    #[inline(always)]
+    fn predict<S: Simd>(&self, simd: S, values: &[f32]) -> ([f32; GROUP], [f32; GROUP]) {
+        let mut left = [[0.0; GROUP]; NEIGHBOURS];
+        for (left, at) in left.iter_mut().zip(&self.at) {
+            for (left, at) in left.iter_mut().zip(at) {
+                *left = values[*at as usize];
+            }
+        }
+        let (mut predicted, mut square) = ([0.0; GROUP], [0.0; GROUP]);
+        for part in 0..Lanes::<S>::PARTS {
+            let (mut sum, mut squares) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 0.0));
+            for k in (0..NEIGHBOURS).rev() {
+                let left = Lanes::load(simd, &left[k], part);
+                sum = sum + Lanes::load(simd, &self.of[k], part) * left;
+                squares = squares + left * left;
             }
             sum.store(&mut predicted, part);
             squares.store(&mut square, part);
-            smallest.store(&mut least, part);
         }
-        let whole = |lane: usize| least[lane] > 0.0 && predicted[lane].is_finite();
-        (0..GROUP).all(whole).then_some((predicted, square))
+        (predicted, square)
     }
 }

@@ -185,6 +185,30 @@ impl Model {
         }
     }
 
+    /// The channels of a group of pixels, that at `first` and those behind, less their constants, without derivatives.
+    #[inline(always)]
+    pub(super) fn values<S: Simd>(
+        &self,
+        simd: S,
+        (places, first): (&Places, usize),
+        from_coded: &[[f64; 4]; 3],
+        values: &mut [[f32; GROUP]; 3],
+    ) {
+        for part in 0..Lanes::<S>::PARTS {
+            let from = |values: &[f32]| Lanes::load(simd, &values[first..first + GROUP], part);
+            let behind = [from(&places.light[0]), from(&places.light[1]), from(&places.light[2])];
+            let face = self.face(simd, (from(&places.x), from(&places.y)));
+            let (codes, _) = self.coded(simd, &face, &behind);
+            for (value, parts) in values.iter_mut().zip(from_coded) {
+                let mut code = Lanes::splat(simd, 0.0);
+                for c in 0..3 {
+                    code = code + codes[c] * Lanes::splat(simd, parts[c]);
+                }
+                code.store(value, part);
+            }
+        }
+    }
+
     /// Coverage and shading of pixels.
     #[inline(always)]
     fn face<S: Simd>(&self, simd: S, at: (Lanes<S>, Lanes<S>)) -> Face<S> {
@@ -373,8 +397,10 @@ mod tests {
         let from_coded = [[0.3, 0.6, 0.1, 0.0], [0.5, -0.5, 0.0, 0.0], [0.1, 0.2, -0.7, 0.0]];
         for (x, y) in [(12.0, 9.0), (10.0, 11.0), (8.0, 7.0), (10.0, 9.0)] {
             let mut places = Places::default();
-            places.push((x, y), &[0.4, 0.42, 0.35]);
-            places.finish(Scalar::new());
+            places.push((x, y));
+            places.finish();
+            (0..GROUP).for_each(|lane| places.light_up(lane, &[0.4, 0.42, 0.35]));
+            places.decode(Scalar::new());
             let shown = |model: &Model| {
                 let mut shown = [Shown::NOTHING];
                 let mut columns = NO_COLUMNS;
@@ -382,6 +408,9 @@ mod tests {
                 shown[0]
             };
             let got = shown(&model);
+            let mut values = [[0.0; GROUP]; 3];
+            model.values(Scalar::new(), (&places, 0), &from_coded, &mut values);
+            assert_eq!(values, got.channels.map(|channel| [channel[RESIDUAL]; GROUP]));
             for k in (0..SITING).chain([FOURTH]) {
                 let value = |h: f64| {
                     let mut moved = model;

@@ -17,11 +17,19 @@ pub(super) struct Normal {
     rows: [[f64; WIDTH]; COUNT],
     /// One over the factor's diagonal.
     inverse: [f64; COUNT],
+    /// All of the inverse, and whether it has been formed.
+    whole: [[f64; COUNT]; COUNT],
+    has_whole: bool,
 }
 
 impl Default for Normal {
     fn default() -> Self {
-        Self { rows: [[0.0; WIDTH]; COUNT], inverse: [0.0; COUNT] }
+        Self {
+            rows: [[0.0; WIDTH]; COUNT],
+            inverse: [0.0; COUNT],
+            has_whole: false,
+            whole: [[0.0; COUNT]; COUNT],
+        }
     }
 }
 
@@ -76,6 +84,7 @@ impl Normal {
     /// not positive definite. Leaves the factor: information = Uᵀ D⁻¹ U with D the diagonal of U.
     #[inline(always)]
     pub(super) fn solve(&mut self) -> Option<(Parameters, f64)> {
+        self.has_whole = false;
         let mut length = 0.0;
         for k in 0..COUNT {
             let (done, rest) = self.rows.split_at_mut(k + 1);
@@ -110,18 +119,58 @@ impl Normal {
         }
     }
 
-    /// Columns of the covariance, after [`Self::solve`].
-    pub(super) fn covariance_columns<const N: usize>(&self, columns: [usize; N]) -> [Parameters; N] {
-        let mut x = [[0.0; N]; COUNT];
-        for (n, column) in columns.into_iter().enumerate() {
-            x[column][n] = 1.0;
+    /// Covariance of some parameters, after [`Self::solve`]: that of two is the product of their columns of the inverse factor.
+    #[inline(always)]
+    pub(super) fn covariance<const N: usize>(&self, of: [usize; N]) -> [[f64; N]; N] {
+        if self.has_whole {
+            return of.map(|i| of.map(|j| self.whole[i][j]));
         }
-        self.substitute(&mut x);
-        std::array::from_fn(|n| Parameters::from_fn(|i, _| x[i][n]))
+        let mut columns = [[0.0; N]; COUNT];
+        for (n, i) in of.into_iter().enumerate() {
+            columns[i][n] = 1.0;
+        }
+        let mut out = [[0.0; N]; N];
+        for k in of.into_iter().min().unwrap_or(COUNT)..COUNT {
+            let (done, rest) = columns.split_at_mut(k + 1);
+            let here = &done[k];
+            let mut scaled = [0.0; N];
+            for n in 0..N {
+                scaled[n] = here[n] * self.inverse[k];
+            }
+            for (out, scaled) in out.iter_mut().zip(&scaled) {
+                for n in 0..N {
+                    out[n] += scaled * here[n];
+                }
+            }
+            for (later, value) in rest.iter_mut().zip(&self.rows[k][k + 1..COUNT]) {
+                for n in 0..N {
+                    later[n] -= scaled[n] * value;
+                }
+            }
+        }
+        out
+    }
+
+    /// Forms all of the inverse, after [`Self::solve`]: steps for other gradients are then its products.
+    #[inline(always)]
+    pub(super) fn invert(&mut self) {
+        self.whole = self.covariance(std::array::from_fn(|i| i));
+        self.has_whole = true;
     }
 
     /// The step that another gradient asks for and its squared length in standard deviations, after [`Self::solve`].
+    #[inline(always)]
     pub(super) fn solve_for(&self, gradient: &Parameters) -> (Parameters, f64) {
+        if self.has_whole {
+            let mut change = [0.0; COUNT];
+            for (row, pull) in self.whole.iter().zip(gradient) {
+                for (change, value) in change.iter_mut().zip(row) {
+                    *change += pull * value;
+                }
+            }
+            let change = Parameters::from(change);
+            return (change, change.dot(gradient));
+        }
         let mut x = std::array::from_fn(|i| [gradient[i]]);
         self.substitute(&mut x);
         let change = Parameters::from_fn(|i, _| x[i][0]);
@@ -223,14 +272,18 @@ mod tests {
         let want = covariance * gradient;
         assert!((change - want).norm() < 1e-4 * want.norm());
         assert!((length - gradient.dot(&want)).abs() < 1e-4 * length);
-        let columns = [0, 5, COUNT - 1];
-        for (k, column) in columns.into_iter().zip(normal.covariance_columns(columns)) {
-            assert!((column - covariance.column(k)).norm() < 1e-4 * column.norm());
+        let some = [0, 5, COUNT - 1];
+        for (i, row) in some.iter().zip(normal.covariance(some)) {
+            for (j, got) in some.iter().zip(row) {
+                assert!((got - covariance[(*i, *j)]).abs() < 1e-4 * covariance[(*i, *i)]);
+            }
         }
         let other = Parameters::from_fn(|i, _| (i as f64).cos());
         let (again, length) = normal.solve_for(&other);
         let want = covariance * other;
-        assert!((again - want).norm() < 1e-4 * want.norm() && (length - other.dot(&want)).abs() < 1e-4 * length);
+        assert!(
+            (again - want).norm() < 1e-4 * want.norm() && (length - other.dot(&want)).abs() < 1e-4 * length
+        );
         assert!(Normal::default().solve().is_none());
     }
 

@@ -20,24 +20,34 @@ impl Places {
         self.light.iter_mut().chain(&mut self.decoding).for_each(Vec::clear);
     }
 
-    pub(super) fn push(&mut self, (x_px, y_px): (f64, f64), behind: &[f32; 3]) {
+    pub(super) fn push(&mut self, (x_px, y_px): (f64, f64)) {
         self.x.push(x_px as f32);
         self.y.push(y_px as f32);
-        for (c, light) in behind.iter().enumerate() {
-            self.light[c].push(*light);
+    }
+
+    /// Fills up the last group; to be called once all are there.
+    pub(super) fn finish(&mut self) {
+        let whole = self.x.len().next_multiple_of(GROUP);
+        for values in [&mut self.x, &mut self.y] {
+            values.resize(whole, values.last().copied().unwrap_or(0.0));
+        }
+        for values in self.light.iter_mut().chain(&mut self.decoding) {
+            values.resize(whole, 0.0);
         }
     }
 
-    /// Fills up the last group and finds the slopes; to be called once all are there.
-    #[inline(always)]
-    pub(super) fn finish<S: Simd>(&mut self, simd: S) {
-        let whole = self.x.len().next_multiple_of(GROUP);
-        for values in [&mut self.x, &mut self.y].into_iter().chain(&mut self.light) {
-            values.resize(whole, values.last().copied().unwrap_or(0.0));
+    /// Sets the light behind a pixel.
+    pub(super) fn light_up(&mut self, index: usize, behind: &[f32; 3]) {
+        for (lights, light) in self.light.iter_mut().zip(behind) {
+            lights[index] = *light;
         }
+    }
+
+    /// Finds the slopes, once the lights are there.
+    #[inline(always)]
+    pub(super) fn decode<S: Simd>(&mut self, simd: S) {
         for (light, decoding) in self.light.iter().zip(&mut self.decoding) {
-            decoding.resize(whole, 0.0);
-            for part in 0..whole / S::F32_LANES {
+            for part in 0..light.len() / S::F32_LANES {
                 let (_, slope) = encode(simd, Lanes::load(simd, light, part));
                 (Lanes::splat(simd, 1.0) / slope).store(decoding, part);
             }

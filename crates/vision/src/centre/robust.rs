@@ -11,7 +11,7 @@ pub(super) const MEDIAN_TO_DEVIATION: f64 = 1.4826;
 const ROUNDS: usize = 4;
 /// A scale beyond which nothing lies but what fills up the last group.
 const ANY: f64 = 1e15;
-const FILLING: f32 = 1e30;
+pub(super) const FILLING: f32 = 1e30;
 
 /// Tukey's biweight of a residual by its square over its variance.
 #[inline]
@@ -40,57 +40,106 @@ pub(super) fn on(plane: &Plane, x: f64, y: f64) -> f64 {
 }
 
 impl Scattered {
-    pub(super) fn clear(&mut self) {
-        self.x.clear();
-        self.y.clear();
-        self.values.clear();
+    /// Makes room for as many.
+    pub(super) fn begin(&mut self, most: usize) {
+        for values in [&mut self.x, &mut self.y, &mut self.values] {
+            values.resize(most.next_multiple_of(GROUP), 0.0);
+        }
         self.count = 0;
     }
 
-    pub(super) fn push(&mut self, x: f32, y: f32, value: f32) {
-        self.x.push(x);
-        self.y.push(y);
-        self.values.push(value);
+    /// Adds a value if it counts. It is written in any case, as whether it counts is hard to foresee.
+    #[inline(always)]
+    pub(super) fn offer(&mut self, (x, y): (f32, f32), value: f32, counts: bool) {
+        self.x[self.count] = x;
+        self.y[self.count] = y;
+        self.values[self.count] = value;
+        self.count += usize::from(counts);
     }
 
     /// Fills up the last group; to be called once all are there.
     pub(super) fn finish(&mut self) {
-        self.count = self.values.len();
         let whole = self.count.next_multiple_of(GROUP);
-        self.x.resize(whole, 0.0);
-        self.y.resize(whole, 0.0);
-        self.values.resize(whole, FILLING);
+        for (values, filling) in [(&mut self.x, 0.0), (&mut self.y, 0.0), (&mut self.values, FILLING)] {
+            values.truncate(self.count);
+            values.resize(whole, filling);
+        }
         self.left.resize(whole, 0.0);
     }
 
     /// Robust plane, and mean square of what it leaves of all values; None with too few. No scale is taken to be below
-    /// the least.
+    /// the least. From one that is near, half of the rounds do.
     #[inline(always)]
-    pub(super) fn plane<S: Simd>(&mut self, simd: S, least_scale: f64) -> Option<(Plane, f64)> {
-        let (mut plane, mut scale) = (Plane::zeros(), ANY);
-        for round in 0..ROUNDS {
+    pub(super) fn plane<S: Simd>(
+        &mut self,
+        simd: S,
+        least_scale: f64,
+        near: Option<&Plane>,
+    ) -> Option<(Plane, f64)> {
+        let (mut plane, mut scale, mut middle) = (Plane::zeros(), ANY, None);
+        let mut rounds = ROUNDS;
+        if let Some(near) = near {
+            (plane, rounds) = (*near, ROUNDS / 2);
+            self.subtract(simd, near);
+            scale = self.scale(simd, &mut middle, least_scale)?;
+        }
+        for round in 0..rounds {
             let [n, x, y, xx, xy, yy, v, xv, yv] = self.weighted(simd, scale, &plane);
             let information = Matrix3::new(n, x, y, x, xx, xy, y, xy, yy);
             plane = information.cholesky()?.solve(&Vector3::new(v, xv, yv));
             self.subtract(simd, &plane);
-            if round + 1 < ROUNDS {
-                scale = (MEDIAN_TO_DEVIATION * median(simd, &self.left, self.count)?).max(least_scale);
+            if round + 1 < rounds {
+                scale = self.scale(simd, &mut middle, least_scale)?;
             }
         }
-        let square: f64 = self.left[..self.count].iter().map(|left| f64::from(left * left)).sum();
-        Some((plane, square / self.count as f64))
+        Some((plane, square_sum(simd, &self.left, 0.0) / self.count as f64))
     }
 
-    /// Robust mean and the variance of all values around it; None where there are none.
+    /// Scale of what is left, by its median; after the first time that hardly moves.
     #[inline(always)]
-    pub(super) fn mean<S: Simd>(&mut self, simd: S, least_scale: f64) -> Option<(f64, f64)> {
-        let middle = Plane::new(median(simd, &self.values, self.count)?, 0.0, 0.0);
-        self.subtract(simd, &middle);
-        let scale = (MEDIAN_TO_DEVIATION * median(simd, &self.left, self.count)?).max(least_scale);
-        let [n, .., v, _, _] = self.weighted(simd, scale, &middle);
-        let mean = v / n;
-        let square: f64 = self.values[..self.count].iter().map(|v| (f64::from(*v) - mean).powi(2)).sum();
-        mean.is_finite().then_some((mean, square / self.count as f64))
+    fn scale<S: Simd>(&self, simd: S, middle: &mut Option<f32>, least_scale: f64) -> Option<f64> {
+        if self.count == 0 {
+            return None;
+        }
+        let near = match *middle {
+            Some(middle) => (middle, SPREAD_OF_MIDDLE * middle),
+            None => typical(simd, &self.left),
+        };
+        let left = median_near(simd, &self.left, self.count, near)?;
+        *middle = Some(left as f32);
+        Some((MEDIAN_TO_DEVIATION * left).max(least_scale))
+    }
+
+    /// Robust mean of each of two numbers and the variance of all around it, of those that `weigh` less than a limit; None where
+    /// there are none. The buffers of places hold the numbers.
+    #[inline(always)]
+    pub(super) fn means<S: Simd>(
+        &mut self,
+        simd: S,
+        pairs: &[[f32; 2]],
+        (weigh, limit): (&[f32], f32),
+        least_scale: f64,
+    ) -> Option<[(f64, f64); 2]> {
+        let whole = pairs.len().next_multiple_of(GROUP);
+        for buffer in [&mut self.x, &mut self.y, &mut self.left] {
+            buffer.resize(whole, 0.0);
+        }
+        let (firsts, seconds) = (&mut self.x[..whole], &mut self.y[..whole]);
+        let mut count = 0;
+        // All are written, each over the last one where that does not count: whether it does is hard to foresee.
+        for ([first, second], weighs) in pairs.iter().zip(weigh) {
+            firsts[count] = *first;
+            seconds[count] = *second;
+            count += usize::from(*weighs < limit);
+        }
+        let end = count.next_multiple_of(GROUP);
+        let left = &mut self.left[..end];
+        firsts[count..end].fill(FILLING);
+        seconds[count..end].fill(FILLING);
+        Some([
+            mean(simd, (&firsts[..end], count), left, least_scale)?,
+            mean(simd, (&seconds[..end], count), left, least_scale)?,
+        ])
     }
 
     /// Sums of weight, weighted x, y, x², xy, y², value, and value times x and y.
@@ -104,8 +153,10 @@ impl Scattered {
         for part in 0..Lanes::<S>::PARTS {
             let mut sums = [zero; 9];
             for first in (0..self.values.len()).step_by(GROUP) {
-                let load = |from: &[f32]| Lanes::load(simd, &from[first..first + GROUP], part);
-                let (x, y, value) = (load(&self.x), load(&self.y), load(&self.values));
+                let group = first..first + GROUP;
+                let x = Lanes::load(simd, &self.x[group.clone()], part);
+                let y = Lanes::load(simd, &self.y[group.clone()], part);
+                let value = Lanes::load(simd, &self.values[group], part);
                 let u = ((value - (level + by_x * x + by_y * y)) * per_scale).abs();
                 let kept = one - u * u;
                 let weight = u.where_below(one, kept * kept, zero);
@@ -119,7 +170,11 @@ impl Scattered {
                 sum.store(out, part);
             }
         }
-        out.map(|group| f64::from(total(simd, &group)))
+        let mut totals = [0.0; 9];
+        for (sum, group) in totals.iter_mut().zip(&out) {
+            *sum = f64::from(total(simd, group));
+        }
+        totals
     }
 
     /// Sets what a plane leaves of the values, without sign.
@@ -127,65 +182,176 @@ impl Scattered {
     fn subtract<S: Simd>(&mut self, simd: S, plane: &Plane) {
         let [level, by_x, by_y] = [plane.x, plane.y, plane.z].map(|value| Lanes::splat(simd, value));
         for part in 0..self.left.len() / S::F32_LANES {
-            let load = |from: &[f32]| Lanes::load(simd, from, part);
-            let left = load(&self.values) - (level + by_x * load(&self.x) + by_y * load(&self.y));
-            left.abs().store(&mut self.left, part);
+            let (x, y) = (Lanes::load(simd, &self.x, part), Lanes::load(simd, &self.y, part));
+            let on_plane = level + by_x * x + by_y * y;
+            (Lanes::load(simd, &self.values, part) - on_plane).abs().store(&mut self.left, part);
         }
     }
 }
 
-/// The value that half of the first `count` are below: the range that holds it is cut where it would lie if the values in it were
-/// spread evenly and, in turn, in the middle, as they may not be. The values come in whole groups. None without any.
+/// Robust mean of values in whole groups and the variance of all around it; None without any. `left` is working space.
+#[inline(always)]
+fn mean<S: Simd>(
+    simd: S,
+    (values, count): (&[f32], usize),
+    left: &mut [f32],
+    least_scale: f64,
+) -> Option<(f64, f64)> {
+    let middle = Lanes::splat(simd, median(simd, values, count)?);
+    for (values, left) in values.chunks_exact(GROUP).zip(left.chunks_exact_mut(GROUP)) {
+        for part in 0..Lanes::<S>::PARTS {
+            (Lanes::load(simd, values, part) - middle).abs().store(left, part);
+        }
+    }
+    let scale = (MEDIAN_TO_DEVIATION * median(simd, left, count)?).max(least_scale);
+    let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
+    let per_scale = Lanes::splat(simd, (scale * CUT_OFF).recip());
+    let mut out = [[0.0; GROUP]; 2];
+    for part in 0..Lanes::<S>::PARTS {
+        let (mut weights, mut sum) = (zero, zero);
+        for (values, left) in values.chunks_exact(GROUP).zip(left.chunks_exact(GROUP)) {
+            let u = Lanes::load(simd, left, part) * per_scale;
+            let kept = one - u * u;
+            let weight = u.where_below(one, kept * kept, zero);
+            weights = weights + weight;
+            sum = sum + weight * Lanes::load(simd, values, part);
+        }
+        weights.store(&mut out[0], part);
+        sum.store(&mut out[1], part);
+    }
+    let mean = f64::from(total(simd, &out[1])) / f64::from(total(simd, &out[0]));
+    mean.is_finite().then(|| (mean, square_sum(simd, values, mean) / count as f64))
+}
+
+/// Sum of squares of what values are away from a level, without what fills up their last group.
+#[inline(always)]
+fn square_sum<S: Simd>(simd: S, values: &[f32], level: f64) -> f64 {
+    let (zero, any, level) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, ANY), Lanes::splat(simd, level));
+    let mut out = [0.0; GROUP];
+    for part in 0..Lanes::<S>::PARTS {
+        let mut sum = zero;
+        for group in values.chunks_exact(GROUP) {
+            let value = Lanes::load(simd, group, part);
+            let away = value - level;
+            sum = sum + value.where_below(any, away * away, zero);
+        }
+        sum.store(&mut out, part);
+    }
+    f64::from(total(simd, &out))
+}
+
+/// The value that half of `count` values are below; the values come in whole groups, filled up with what lies above them all.
+/// None without any.
 #[inline(always)]
 pub(super) fn median<S: Simd>(simd: S, values: &[f32], count: usize) -> Option<f64> {
-    let (whole, rest) = values[..count].split_at(count / GROUP * GROUP);
-    let mut last = [f32::INFINITY; GROUP];
-    last.iter_mut().zip(rest).for_each(|(out, value)| *out = *value);
-    let rank = (count / 2) as f32;
-    let (mut high, mut low) = (split(simd, whole, &last, f32::MAX).1, split(simd, whole, &last, f32::MIN).2);
-    // Values below the range, and up to its end.
-    let (mut below, mut within) = (0.0, count as f32);
-    let mut evenly = true;
-    while low < high {
-        let part = if evenly { (rank - below + 0.5) / (within - below) } else { 0.5 };
-        let middle = low + part * (high - low);
-        // Between neighbouring numbers the middle may round up to the higher one, which would cut nothing.
-        let limit = if middle < high { middle } else { low };
-        let (number, last_below, first_above) = split(simd, whole, &last, limit);
-        if number > rank {
-            (high, within) = (last_below, number)
-        } else {
-            (low, below) = (first_above, number)
-        }
-        evenly = !evenly;
+    if count == 0 {
+        return None;
     }
-    (low == high).then_some(f64::from(low))
+    median_near(simd, values, count, typical(simd, values))
 }
 
-/// Number of values up to a limit, the greatest of them, and the least of the others.
+/// The same from a number near it and what [`typical`] takes for the spread.
+///
+/// Counted are the values on either side of a limit, at first that number, then where the median would lie if the values were
+/// spread evenly, or in the middle as long as that leaves out too few.
 #[inline(always)]
-fn split<S: Simd>(simd: S, whole: &[f32], last: &[f32; GROUP], limit: f32) -> (f32, f32, f32) {
-    let mut out = [[0.0; GROUP]; 3];
+fn median_near<S: Simd>(
+    simd: S,
+    values: &[f32],
+    count: usize,
+    (mut limit, spread): (f32, f32),
+) -> Option<f64> {
+    let (whole, rank) = (values.len() as f32, (count / 2) as f32);
+    let mut per_rank = SPREADS_OF_ALL * spread / count as f32;
+    // Least and greatest that it may be, and numbers of values below them and up to them.
+    let (mut low, mut high) = ((f32::NEG_INFINITY, 0.0), (f32::INFINITY, count as f32));
+    let mut evenly = true;
+    loop {
+        let within = high.1 - low.1;
+        let ([below, above], [last_below, first_above]) = split(simd, values, limit);
+        let up_to = whole - above;
+        let (found, is_found) = if rank < below {
+            high = (last_below, below);
+            (last_below, rank + 1.0 == below)
+        } else if rank >= up_to {
+            low = (first_above, up_to);
+            (first_above, rank == up_to)
+        } else {
+            (limit, true)
+        };
+        if is_found || low.0 == high.0 {
+            return found.is_finite().then_some(f64::from(found));
+        }
+        // As long as there is but one end, the steps away from it grow.
+        limit = if low.0 == f32::NEG_INFINITY {
+            high.0 - per_rank * (high.1 - rank)
+        } else if high.0 == f32::INFINITY {
+            low.0 + per_rank * (rank - low.1)
+        } else {
+            evenly = !evenly || 2.0 * (high.1 - low.1) < within;
+            let part = if evenly { (rank - low.1 + 0.5) / (high.1 - low.1) } else { 0.5 };
+            low.0 + part * (high.0 - low.0)
+        };
+        per_rank *= 4.0;
+        limit = limit.max(low.0).min(high.0);
+    }
+}
+
+/// Width in which a Gaussian's middle would hold all values if it were as dense all over, by the range of a group of medians as
+/// [`typical`] takes them.
+const SPREADS_OF_ALL: f32 = 3.0;
+/// That range by the median of a Gaussian's absolute values.
+const SPREAD_OF_MIDDLE: f32 = 0.8;
+
+/// One of the values that is likely to be near the median, and the range of such: medians of three of medians of three.
+#[inline(always)]
+fn typical<S: Simd>(simd: S, values: &[f32]) -> (f32, f32) {
+    let groups = values.len() / GROUP;
+    let mut out = [0.0; GROUP];
+    for part in 0..Lanes::<S>::PARTS {
+        let mut middles = [Lanes::splat(simd, 0.0); 3];
+        for (k, middle) in middles.iter_mut().enumerate() {
+            let mut three = [Lanes::splat(simd, 0.0); 3];
+            for (i, one) in three.iter_mut().enumerate() {
+                let first = (3 * k + i) * groups / 9 * GROUP;
+                *one = Lanes::load(simd, &values[first..first + GROUP], part);
+            }
+            *middle = middle_of(three);
+        }
+        middle_of(middles).store(&mut out, part);
+    }
+    let of = |a: usize, b: usize, c: usize| out[a].min(out[b]).max(out[a].max(out[b]).min(out[c]));
+    let (a, b, c) = (of(0, 1, 2), of(3, 4, 5), of(5, 6, 7));
+    (a.min(b).max(a.max(b).min(c)), greatest(simd, &out) - least(simd, &out))
+}
+
+#[inline(always)]
+fn middle_of<S: Simd>([a, b, c]: [Lanes<S>; 3]) -> Lanes<S> {
+    a.min(b).max(a.max(b).min(c))
+}
+
+/// Numbers of values below and above a limit, the greatest of those and the least of these.
+#[inline(always)]
+fn split<S: Simd>(simd: S, values: &[f32], limit: f32) -> ([f32; 2], [f32; 2]) {
+    let mut out = [[0.0; GROUP]; 4];
     let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
     let (lowest, highest) = (Lanes::splat(simd, f32::NEG_INFINITY), Lanes::splat(simd, f32::INFINITY));
     let limit = Lanes::splat(simd, limit);
     for part in 0..Lanes::<S>::PARTS {
-        let value = Lanes::load(simd, last, part);
-        let mut number = limit.where_below(value, zero, one);
-        let mut below = limit.where_below(value, lowest, value);
-        let mut above = limit.where_below(value, value, highest);
-        for group in whole.chunks_exact(GROUP) {
+        let (mut below, mut above, mut last_below, mut first_above) = (zero, zero, lowest, highest);
+        for group in values.chunks_exact(GROUP) {
             let value = Lanes::load(simd, group, part);
-            number = number + limit.where_below(value, zero, one);
-            below = below.max(limit.where_below(value, lowest, value));
-            above = above.min(limit.where_below(value, value, highest));
+            below = below + value.where_below(limit, one, zero);
+            above = above + limit.where_below(value, one, zero);
+            last_below = last_below.max(value.where_below(limit, value, lowest));
+            first_above = first_above.min(limit.where_below(value, value, highest));
         }
-        number.store(&mut out[0], part);
-        below.store(&mut out[1], part);
-        above.store(&mut out[2], part);
+        for (out, lanes) in out.iter_mut().zip([below, above, last_below, first_above]) {
+            lanes.store(out, part);
+        }
     }
-    let [number, below, above] = out;
-    (total(simd, &number), greatest(simd, &below), least(simd, &above))
+    let [below, above, last_below, first_above] = out;
+    ([total(simd, &below), total(simd, &above)], [greatest(simd, &last_below), least(simd, &first_above)])
 }
 
 #[cfg(test)]
@@ -193,14 +359,45 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    struct Median<'a>(&'a [f32]);
+
+    impl pulp::WithSimd for Median<'_> {
+        type Output = Option<f64>;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+            let mut values = self.0.to_vec();
+            values.resize(self.0.len().next_multiple_of(GROUP), FILLING);
+            median(simd, &values, self.0.len())
+        }
+    }
+
+    /// The same of the plain and of this processor's vector unit.
+    fn median_of(values: &[f32]) -> Option<f64> {
+        let got = pulp::Scalar::new().vectorize(Median(values));
+        assert_eq!(got, pulp::Arch::new().dispatch(Median(values)));
+        got
+    }
+
+    fn of_sorted(values: &[f32]) -> Option<f64> {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f32::total_cmp);
+        sorted.get(values.len() / 2).map(|middle| f64::from(*middle))
+    }
+
     proptest! {
         #[test]
-        fn the_median_is_that_of_the_sorted(values in prop::collection::vec(-9_i32..9, 1..40)) {
+        fn the_median_is_that_of_the_sorted(values in prop::collection::vec(-9_i32..9, 0..400)) {
             let values: Vec<f32> = values.iter().map(|v| 0.1 * *v as f32).collect();
-            let got = median(pulp::Scalar::new(), &values, values.len());
-            let mut sorted = values.clone();
-            sorted.sort_by(f32::total_cmp);
-            prop_assert_eq!(got, Some(f64::from(sorted[values.len() / 2])));
+            prop_assert_eq!(median_of(&values), of_sorted(&values));
+        }
+
+        #[test]
+        fn the_median_of_numbers_of_any_size_is_that_of_the_sorted(
+            values in prop::collection::vec((-1.0_f32..1.0, -30_i32..30), 0..400)
+        ) {
+            let values: Vec<f32> = values.iter().map(|(v, power)| v * (*power as f32).exp2()).collect();
+            prop_assert_eq!(median_of(&values), of_sorted(&values));
         }
     }
 
@@ -208,39 +405,45 @@ mod tests {
     fn the_median_of_neighbouring_numbers_ends() {
         for low in [1.0_f32, 1.0_f32.next_up(), -1.0, -(1.0_f32.next_up())] {
             let values = [low, low.next_up()];
-            assert_eq!(median(pulp::Scalar::new(), &values, 2), Some(f64::from(values[1])));
-            assert_eq!(median(pulp::Scalar::new(), &[low, low, values[1]], 3), Some(f64::from(low)));
+            assert_eq!(median_of(&values), Some(f64::from(values[1])));
+            assert_eq!(median_of(&[low, low, values[1]]), Some(f64::from(low)));
         }
     }
 
     struct Both<'a>(&'a mut Scattered);
 
     impl pulp::WithSimd for Both<'_> {
-        type Output = (Option<(Plane, f64)>, Option<(f64, f64)>);
+        type Output = (Option<(Plane, f64)>, Option<[(f64, f64); 2]>);
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-            (self.0.plane(simd, 0.1), self.0.mean(simd, 0.1))
+            let values: Vec<[f32; 2]> = self.0.values[..self.0.count].iter().map(|v| [*v, -*v]).collect();
+            let weigh: Vec<f32> = self.0.x[..values.len()].iter().map(|x| x - 3.0).collect();
+            (self.0.plane(simd, 0.1, None), self.0.means(simd, &values, (&weigh, 2.5), 0.1))
         }
     }
 
     #[test]
     fn outliers_do_not_pull_a_plane() {
         let mut scattered = Scattered::default();
+        scattered.begin(51);
         for k in 0..50_i32 {
             let (x, y) = ((k % 7) as f32, (k / 7) as f32);
             let noise = 0.05 * (k * 37 % 11 - 5) as f32;
-            scattered.push(x, y, if k % 9 == 4 { 90.0 } else { 10.0 + 2.0 * x - y + noise });
+            scattered.offer((x, y), if k % 9 == 4 { 90.0 } else { 10.0 + 2.0 * x - y + noise }, true);
+            scattered.offer((x, y), -7.0, false);
         }
         scattered.finish();
-        let (plane, square) = scattered.plane(pulp::Scalar::new(), 0.1).expect("enough");
+        let (plane, square) = scattered.plane(pulp::Scalar::new(), 0.1, None).expect("enough");
         assert!((plane - Plane::new(10.0, 2.0, -1.0)).amax() < 0.1, "{plane}");
         assert!(square > 500.0);
-        let (mean, _) = scattered.mean(pulp::Scalar::new(), 0.1).expect("enough");
-        assert!((mean - 12.5).abs() < 1.5, "{mean}");
+        let (_, means) = pulp::Scalar::new().vectorize(Both(&mut scattered.clone()));
+        // Without the last column.
+        let [(mean, variance), (opposite, _)] = means.expect("enough");
+        assert!((mean - 11.5).abs() < 1.0 && opposite == -mean && variance > 500.0, "{mean} {variance}");
         let again = pulp::Arch::new().dispatch(Both(&mut scattered.clone()));
         assert_eq!(again, pulp::Scalar::new().vectorize(Both(&mut scattered)));
-        scattered.clear();
+        scattered.begin(0);
         scattered.finish();
         assert_eq!(pulp::Arch::new().dispatch(Both(&mut scattered)), (None, None));
     }

@@ -1,6 +1,7 @@
 //! What a sample of the image is made of, and the noise of the samples of a patch.
 
-use super::robust::{MEDIAN_TO_DEVIATION, median};
+use super::lanes::{GROUP, Lanes};
+use super::robust::{FILLING, MEDIAN_TO_DEVIATION, median};
 use crate::patch::Patch;
 use pulp::Simd;
 
@@ -13,18 +14,47 @@ pub(super) fn combined(row: &[f64; 4], coded: &[f64; 3]) -> f64 {
 /// (Immerkær 1996, with the median in place of the mean).
 #[inline(always)]
 pub(super) fn grain_variance<S: Simd>(simd: S, patch: &Patch, values: &mut Vec<f32>) -> f64 {
+    let (columns, rows) = (patch.columns, patch.rows);
+    let count = columns.saturating_sub(2) * rows.saturating_sub(2);
+    if count == 0 {
+        return 0.0;
+    }
+    // Pixel after pixel, whatever the row: the last two of each have none, and lie above all as what fills up the last group.
+    let all = (rows - 2) * columns - 2;
     values.clear();
-    let columns = patch.columns;
-    for from in (0..patch.rows.saturating_sub(2)).map(|y| y * columns) {
-        let row = |k: usize| &patch.bright[from + k * columns..from + (k + 1) * columns];
-        let rows = row(0).windows(3).zip(row(1).windows(3)).zip(row(2).windows(3));
-        values.extend(rows.map(|((above, here), below)| {
-            let bend = |r: &[f32]| r[0] - 2.0 * r[1] + r[2];
-            (bend(above) - 2.0 * bend(here) + bend(below)).abs()
-        }));
+    values.resize((all + 2).next_multiple_of(GROUP), FILLING);
+    let whole = all / GROUP * GROUP;
+    for (k, into) in values[..whole].chunks_exact_mut(GROUP).enumerate() {
+        for part in 0..Lanes::<S>::PARTS {
+            let above = bend(simd, patch, k * GROUP, part);
+            let here = bend(simd, patch, k * GROUP + columns, part);
+            let below = bend(simd, patch, k * GROUP + 2 * columns, part);
+            (above - (here + here) + below).abs().store(into, part);
+        }
+    }
+    for (i, into) in values.iter_mut().enumerate().take(all).skip(whole) {
+        let mut bends = [0.0; 3];
+        for (row, bend) in bends.iter_mut().enumerate() {
+            let from = &patch.bright[i + row * columns..][..3];
+            *bend = from[0] - 2.0 * from[1] + from[2];
+        }
+        *into = (bends[0] - 2.0 * bends[1] + bends[2]).abs();
+    }
+    for row in values.chunks_exact_mut(columns).take(rows - 2) {
+        row[columns - 2..].fill(FILLING);
     }
     // The operator's coefficients have a square sum of 36.
-    median(simd, values, values.len()).map_or(0.0, |m| (MEDIAN_TO_DEVIATION * m / 6.0).powi(2))
+    median(simd, values, count).map_or(0.0, |m| (MEDIAN_TO_DEVIATION * m / 6.0).powi(2))
+}
+
+/// Second differences along a row from a pixel on.
+#[inline(always)]
+fn bend<S: Simd>(simd: S, patch: &Patch, first: usize, part: usize) -> Lanes<S> {
+    let row = &patch.bright[first..][..GROUP + 2];
+    let left = Lanes::load(simd, &row[..GROUP], part);
+    let here = Lanes::load(simd, &row[1..=GROUP], part);
+    let right = Lanes::load(simd, &row[2..], part);
+    left - (here + here) + right
 }
 
 /// The pixels that a colour sample averages: `each` gets pixel, weight and the weight's derivative by the siting. False
@@ -64,4 +94,41 @@ pub(super) fn visit(
         each(pixel + 2, 0.125 + shift, 0.25);
     }
     true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Grain<'a>(&'a Patch);
+
+    impl pulp::WithSimd for Grain<'_> {
+        type Output = f64;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> f64 {
+            grain_variance(simd, self.0, &mut vec![7.0; 5])
+        }
+    }
+
+    #[test]
+    fn grain_is_the_median_of_all_second_differences() {
+        for (columns, rows) in [(2, 5), (5, 2), (3, 3), (7, 4), (15, 13), (16, 16)] {
+            let bright = (0..columns * rows).map(|i| (i * i * 37 % 101) as f32).collect();
+            let patch = Patch { columns, rows, bright, ..Patch::default() };
+            let at = |x: usize, y: usize| patch.bright[y * columns + x];
+            let mut all = Vec::new();
+            for y in 2..rows {
+                for x in 2..columns {
+                    let bend = |y: usize| at(x - 2, y) - 2.0 * at(x - 1, y) + at(x, y);
+                    all.push((bend(y - 2) - 2.0 * bend(y - 1) + bend(y)).abs());
+                }
+            }
+            all.sort_by(f32::total_cmp);
+            let want =
+                all.get(all.len() / 2).map_or(0.0, |m| (MEDIAN_TO_DEVIATION * f64::from(*m) / 6.0).powi(2));
+            assert_eq!(pulp::Scalar::new().vectorize(Grain(&patch)), want, "{columns}x{rows}");
+            assert_eq!(pulp::Arch::new().dispatch(Grain(&patch)), want, "{columns}x{rows}");
+        }
+    }
 }

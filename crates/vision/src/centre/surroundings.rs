@@ -38,6 +38,45 @@ pub(super) enum Clutter {
     AsNoise,
 }
 
+/// Ratio of a colour's variance to what was expected beyond which it is another wall.
+const MOST_CHANGE: f64 = 2.0;
+/// Parts of a turn by which clutter is remembered.
+const SECTORS: usize = 16;
+
+/// What was behind a ball.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Background {
+    plane: Plane,
+    colors: [Plane; 2],
+    color_variance: [f64; 2],
+    clutter: f64,
+    /// How far what is predicted of clutter may be off, by the direction from the ball.
+    deviation: [f32; SECTORS],
+}
+
+/// The part of a turn in which a direction lies, by what [`turn`] gives.
+fn sector(turn: f64) -> usize {
+    (((turn + 2.0) * (0.25 * SECTORS as f64)) as usize).min(SECTORS - 1)
+}
+
+/// A number that grows with the angle of a direction, over one turn from -2 to 2.
+pub(super) fn turn(x: f64, y: f64) -> f64 {
+    let across = x / (x.abs() + y.abs()).max(f64::MIN_POSITIVE);
+    if y < 0.0 { across - 1.0 } else { 1.0 - across }
+}
+
+/// A plane's value at a place of the patch, by its coefficients from the disc's middle.
+fn level_of(plane: &Plane, disc: &Disc) -> impl Fn((f64, f64)) -> f32 + use<> {
+    let (plane, middle) = (*plane, (disc.x_px, disc.y_px));
+    move |(x, y)| on(&plane, x - middle.0, y - middle.1) as f32
+}
+
+/// Square of the distance from the disc's middle as far as which the background is looked at.
+fn reach_px2(disc: &Disc) -> f32 {
+    let reach_px = disc.radius_px + (3.0 + RING_EDGES) * disc.edge_px;
+    (reach_px * reach_px) as f32
+}
+
 /// Working space and result.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Surroundings {
@@ -45,6 +84,9 @@ pub(super) struct Surroundings {
     free: Scattered,
     free_colors: Scattered,
     kriging: Kriging,
+    /// Pixels of a rim that was foreseen, by their angle around the disc.
+    rim: Vec<u32>,
+    plane: Plane,
     /// Brightness expected behind each pixel of the rim.
     pub(super) mean: Vec<f32>,
     /// Covariance of that, in the rim's order; empty without clutter.
@@ -73,36 +115,130 @@ impl Surroundings {
         color_covered: &[f32],
         (noise_variance, treated): (f64, Clutter),
     ) -> Option<()> {
-        let reach_px = disc.radius_px + (3.0 + RING_EDGES) * disc.edge_px;
-        let reach_px2 = (reach_px * reach_px) as f32;
-        self.free.clear();
+        let square = self.fit_plane(simd, (patch, disc), covered, (noise_variance, None))?;
+        let level = level_of(&self.plane, disc);
+        self.mean.clear();
+        self.mean.extend(rim.iter().map(|i| level(patch.place(*i as usize))));
+        let clutter = square - noise_variance;
+        self.unpredicted = if treated == Clutter::AsNoise { self.clutter } else { 0.0 };
+        self.covariance.clear();
+        if treated == Clutter::Predicted && clutter > LEAST_CLUTTER * noise_variance {
+            let spread = Spread { clutter: self.clutter, noise_variance };
+            self.kriging.weigh(simd, (patch, disc.edge_px, spread), (rim, covered), level)?;
+            self.kriging.predict(simd, self.clutter, &mut self.mean)?;
+            self.kriging.correlate(&mut self.covariance);
+        }
+        self.color_planes(simd, patch, color_covered, reach_px2(disc))
+    }
+
+    /// Fits the plane of brightness and sets the clutter on it; the mean square of what it leaves.
+    #[inline(always)]
+    fn fit_plane<S: Simd>(
+        &mut self,
+        simd: S,
+        (patch, disc): (&Patch, &Disc),
+        covered: &[f32],
+        (noise_variance, near): (f64, Option<&Plane>),
+    ) -> Option<f64> {
+        let reach_px2 = reach_px2(disc);
+        self.free.begin(patch.bright.len());
         let rows = patch.bright.chunks_exact(patch.columns).zip(covered.chunks_exact(patch.columns));
         for (row, (brights, covered)) in rows.enumerate() {
             let y = (row as f64 - disc.y_px) as f32;
             for (column, (bright, covered)) in brights.iter().zip(covered).enumerate() {
                 let x = (column as f64 - disc.x_px) as f32;
-                if *covered < CLEAR && x * x + y * y < reach_px2 {
-                    self.free.push(x, y, *bright);
-                }
+                let counts = (*covered < CLEAR) & (x * x + y * y < reach_px2);
+                self.free.offer((x, y), *bright, counts);
             }
         }
         self.free.finish();
-        let (plane, square) = self.free.plane(simd, noise_variance.sqrt())?;
-        self.level = plane.x;
-        let level = |(x, y): (f64, f64)| on(&plane, x - disc.x_px, y - disc.y_px) as f32;
-        self.mean.clear();
-        self.mean.extend(rim.iter().map(|i| level(patch.place(*i as usize))));
-        let clutter = square - noise_variance;
-        self.clutter = clutter.max(0.0).sqrt();
-        self.unpredicted = if treated == Clutter::AsNoise { self.clutter } else { 0.0 };
-        self.covariance.clear();
-        if treated == Clutter::Predicted && clutter > LEAST_CLUTTER * noise_variance {
-            let spread = Spread { clutter: self.clutter, noise_variance };
-            let into = (&mut self.mean[..], &mut self.covariance);
-            self.kriging.predict(simd, (patch, disc.edge_px, spread), (rim, covered), level, into)?;
-        }
+        let (plane, square) = self.free.plane(simd, noise_variance.sqrt(), near)?;
+        (self.plane, self.level) = (plane, plane.x);
         self.middle = (disc.x_px, disc.y_px);
-        self.color_planes(simd, patch, color_covered, reach_px2)
+        self.clutter = (square - noise_variance).max(0.0).sqrt();
+        Some(square)
+    }
+
+    /// Takes the background at the rim of a ball that is yet to be seen to be what it last was: sets of what is predicted what does not
+    /// depend on the image.
+    #[inline(always)]
+    pub(super) fn foresee<S: Simd>(
+        &mut self,
+        simd: S,
+        (patch, disc): (&Patch, &Disc),
+        (by_angle, covered): (&[(f64, u32)], &[f32]),
+        (background, noise_variance): (&Background, f64),
+    ) -> Option<()> {
+        let Background { plane, colors, color_variance, clutter, deviation } = *background;
+        (self.plane, self.level, self.middle) = (plane, plane.x, (disc.x_px, disc.y_px));
+        (self.colors, self.color_variance) = (colors, color_variance);
+        (self.clutter, self.unpredicted) = (clutter, 0.0);
+        let level = level_of(&plane, disc);
+        self.rim.clear();
+        self.rim.extend(by_angle.iter().map(|(_, i)| *i));
+        self.mean.clear();
+        self.mean.extend(self.rim.iter().map(|i| level(patch.place(*i as usize))));
+        self.covariance.clear();
+        if clutter * clutter > LEAST_CLUTTER * noise_variance {
+            let spread = Spread { clutter, noise_variance };
+            self.kriging.weigh(simd, (patch, disc.edge_px, spread), (&self.rim, covered), level)?;
+            self.kriging.expect(by_angle.iter().map(|(turn, _)| deviation[sector(*turn)]));
+            self.kriging.correlate(&mut self.covariance);
+        }
+        Some(())
+    }
+
+    /// Estimates the background at the rim that was foreseen. None with too few free pixels, and where there is clutter, or colour, that
+    /// was not expected.
+    #[inline(always)]
+    pub(super) fn look<S: Simd>(
+        &mut self,
+        simd: S,
+        (patch, disc): (&Patch, &Disc),
+        covered: &[f32],
+        color_covered: &[f32],
+        noise_variance: f64,
+    ) -> Option<()> {
+        let near = self.plane;
+        let square = self.fit_plane(simd, (patch, disc), covered, (noise_variance, Some(&near)))?;
+        let level = level_of(&self.plane, disc);
+        self.mean.clear();
+        self.mean.extend(self.rim.iter().map(|i| level(patch.place(*i as usize))));
+        if self.covariance.len() > 0 {
+            self.kriging.take(patch, covered, level);
+            self.kriging.predict(simd, self.clutter, &mut self.mean)?;
+        } else if square - noise_variance > LEAST_CLUTTER * noise_variance {
+            return None;
+        }
+        let expected = self.color_variance;
+        self.color_planes(simd, patch, color_covered, reach_px2(disc))?;
+        let ratio = |k: usize| self.color_variance[k].max(noise_variance) / expected[k].max(noise_variance);
+        let is_as_expected = |k: usize| (MOST_CHANGE.recip()..=MOST_CHANGE).contains(&ratio(k));
+        (is_as_expected(0) && is_as_expected(1)).then_some(())
+    }
+
+    /// How far what is predicted at each rim pixel may be off: standard deviations.
+    pub(super) fn deviation(&self) -> &[f32] {
+        self.kriging.deviation()
+    }
+
+    /// What was seen, for the next frame: of clutter by the direction from the ball.
+    pub(super) fn background(&self, by_angle: &[(f64, u32)]) -> Background {
+        let (mut sums, mut counts) = ([0.0_f32; SECTORS], [0.0_f32; SECTORS]);
+        if self.covariance.len() > 0 {
+            for ((turn, _), deviation) in by_angle.iter().zip(self.kriging.deviation()) {
+                sums[sector(*turn)] += deviation * deviation;
+                counts[sector(*turn)] += 1.0;
+            }
+        }
+        let mut deviation = [self.clutter as f32; SECTORS];
+        for ((out, sum), count) in deviation.iter_mut().zip(sums).zip(counts) {
+            if count > 0.0 {
+                *out = (sum / count).sqrt();
+            }
+        }
+        let Self { plane, colors, color_variance, clutter, .. } = *self;
+        Background { plane, colors, color_variance, clutter, deviation }
     }
 
     /// Whether there is the time that a still leaves: then lines beside the ball are followed behind it.
@@ -142,8 +278,14 @@ impl Surroundings {
         covered: &[f32],
         reach_px2: f32,
     ) -> Option<()> {
+        if !self.kriging.along_lines {
+            let means = self.free_colors.means(simd, &patch.colors, (covered, CLEAR), LEAST_COLOR_STD)?;
+            self.colors = means.map(|(mean, _)| Plane::new(mean, 0.0, 0.0));
+            self.color_variance = means.map(|(_, variance)| variance);
+            return Some(());
+        }
         for channel in 0..2 {
-            self.free_colors.clear();
+            self.free_colors.begin(patch.colors.len());
             let rows =
                 patch.colors.chunks_exact(patch.block_columns).zip(covered.chunks_exact(patch.block_columns));
             for (row, (values, covered)) in rows.enumerate() {
@@ -151,19 +293,13 @@ impl Surroundings {
                 let (left, y) = ((left - self.middle.0) as f32, (y - self.middle.1) as f32);
                 for (column, (value, covered)) in values.iter().zip(covered).enumerate() {
                     let x = left + (column * patch.step) as f32;
-                    let is_near = !self.kriging.along_lines || x * x + y * y < reach_px2;
-                    if *covered < CLEAR && is_near {
-                        self.free_colors.push(x, y, value[channel]);
-                    }
+                    let counts = (*covered < CLEAR) & (x * x + y * y < reach_px2);
+                    self.free_colors.offer((x, y), value[channel], counts);
                 }
             }
             self.free_colors.finish();
-            (self.colors[channel], self.color_variance[channel]) = if self.kriging.along_lines {
-                self.free_colors.plane(simd, LEAST_COLOR_STD)?
-            } else {
-                let (mean, variance) = self.free_colors.mean(simd, LEAST_COLOR_STD)?;
-                (Plane::new(mean, 0.0, 0.0), variance)
-            };
+            (self.colors[channel], self.color_variance[channel]) =
+                self.free_colors.plane(simd, LEAST_COLOR_STD, None)?;
         }
         Some(())
     }

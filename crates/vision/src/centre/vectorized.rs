@@ -2,9 +2,9 @@
 
 use super::equations::{Asked, Covariance, Equations};
 use super::is_sharpest;
-use super::model::{COUNT, EDGE, Model, Parameters};
+use super::model::{COUNT, EDGE, Model, Parameters, RADIUS, SITING};
 use super::normal::Normal;
-use super::surroundings::Clutter;
+use super::surroundings::{Background, Clutter};
 use crate::optics::Known;
 use crate::patch::Patch;
 
@@ -35,14 +35,75 @@ impl pulp::WithSimd for Solve<'_> {
             Form::Anew(covariance) => equations.add_to(simd, self.patch, self.model, covariance, normal)?,
             Form::Again { noise } => equations.form_again(simd, noise, normal),
         }
-        for (i, known) in self.prior.iter().enumerate() {
-            normal.add_known(i, known.variance.recip(), known.mean - self.model.p[i]);
-        }
-        if is_sharpest(self.model) && normal.pull(EDGE) < 0.0 {
-            normal.hold(EDGE);
-        }
-        normal.solve()
+        solve(normal, self.model, self.prior)
     }
+}
+
+/// The forming of equations where a ball is expected.
+pub(super) struct Foresee<'a> {
+    pub(super) equations: (&'a mut Equations, &'a mut Normal),
+    pub(super) patch: &'a Patch,
+    pub(super) model: &'a Model,
+    pub(super) prior: &'a [Known; COUNT],
+    pub(super) seen: (&'a Background, f64),
+}
+
+impl pulp::WithSimd for Foresee<'_> {
+    type Output = Option<()>;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
+        let (equations, normal) = self.equations;
+        equations.foresee(simd, (self.patch, self.model), self.seen, normal)?;
+        solve(normal, self.model, self.prior)?;
+        normal.invert();
+        Some(())
+    }
+}
+
+/// Their completion by the frame that was waited for: what its samples ask for, and whether the equations weigh them about right.
+pub(super) struct Look<'a> {
+    pub(super) equations: &'a mut Equations,
+    pub(super) patch: &'a Patch,
+    pub(super) model: &'a Model,
+}
+
+impl pulp::WithSimd for Look<'_> {
+    type Output = Option<(Parameters, bool)>;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
+        let is_as_expected = self.equations.look(simd, (self.patch, self.model))?;
+        Some((self.equations.pull(simd), is_as_expected))
+    }
+}
+
+/// Residuals of a model by the derivatives that there are.
+pub(super) struct Observe<'a> {
+    pub(super) equations: &'a mut Equations,
+    pub(super) patch: &'a Patch,
+    pub(super) model: &'a Model,
+}
+
+impl pulp::WithSimd for Observe<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        self.equations.observe(simd, self.patch, self.model);
+    }
+}
+
+/// Adds what is known besides and solves.
+#[inline(always)]
+fn solve(normal: &mut Normal, model: &Model, prior: &[Known; COUNT]) -> Option<(Parameters, f64)> {
+    for (i, known) in prior.iter().enumerate() {
+        normal.add_known(i, known.variance.recip(), known.mean - model.p[i]);
+    }
+    if is_sharpest(model) && normal.pull(EDGE) < 0.0 {
+        normal.hold(EDGE);
+    }
+    normal.solve()
 }
 
 /// What is done where the ball has moved.
@@ -95,19 +156,38 @@ impl pulp::WithSimd for Reweigh<'_> {
     }
 }
 
-/// What the face shows beyond the model.
-pub(super) struct Texture<'a> {
-    pub(super) equations: &'a Equations,
+/// What another gradient asks for.
+pub(super) struct SolveFor<'a> {
+    pub(super) normal: &'a Normal,
+    pub(super) pull: &'a Parameters,
+}
+
+impl pulp::WithSimd for SolveFor<'_> {
+    type Output = (Parameters, f64);
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Self::Output {
+        self.normal.solve_for(self.pull)
+    }
+}
+
+/// The covariance of a fit's equations, of the parameters up to the edge's width, the siting's variance, and what the face shows beyond
+/// the model.
+pub(super) struct Tell<'a> {
+    pub(super) equations: (&'a Equations, &'a Normal),
     pub(super) patch: &'a Patch,
     pub(super) linear: &'a [f64; 3],
     pub(super) step: &'a Parameters,
 }
 
-impl pulp::WithSimd for Texture<'_> {
-    type Output = f64;
+impl pulp::WithSimd for Tell<'_> {
+    type Output = ([[f64; EDGE + 1]; EDGE + 1], f64, f64);
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, simd: S) -> f64 {
-        self.equations.texture(simd, self.patch, self.linear, self.step)
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
+        let (equations, normal) = self.equations;
+        let [[siting_px2]] = normal.covariance([SITING]);
+        let texture = equations.texture(simd, self.patch, self.linear, self.step);
+        (normal.covariance([0, 1, RADIUS, EDGE]), siting_px2, texture)
     }
 }

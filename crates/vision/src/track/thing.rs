@@ -1,6 +1,7 @@
 //! What is known of one thing that is followed.
 
 use super::ColorSighting;
+use crate::centre::Foreseen;
 use crate::color::to_linear;
 use crate::detect::Expected;
 use crate::optics::Known;
@@ -31,6 +32,8 @@ pub(super) struct Track {
     pub(super) seen: u32,
     pub(super) mean_radius_px: f64,
     pub(super) expected: Option<Expected>,
+    /// Its fit in the next frame.
+    pub(super) foreseen: Box<Foreseen>,
     /// Where it was when it last had moved by a diameter, and in which frame that was.
     pub(super) place: Vector2<f64>,
     pub(super) moved_at: u64,
@@ -49,6 +52,7 @@ impl Track {
             seen: 0,
             mean_radius_px: 0.0,
             expected: None,
+            foreseen: Box::default(),
             place: ball.pixel,
             moved_at: frame,
             has_moved: false,

@@ -22,18 +22,18 @@ pub(in crate::centre) struct Asked {
 }
 
 /// Sum of rows times numbers; as many of its parts are in use as make up a row.
-struct Pull<S: Simd>([Lanes<S>; WIDTH]);
+pub(super) struct Pull<S: Simd>([Lanes<S>; WIDTH]);
 
 impl<S: Simd> Pull<S> {
     const PARTS: usize = WIDTH / S::F32_LANES;
 
     #[inline(always)]
-    fn nothing(simd: S) -> Self {
+    pub(super) fn nothing(simd: S) -> Self {
         Self([Lanes::splat(simd, 0.0); WIDTH])
     }
 
     #[inline(always)]
-    fn add(&mut self, simd: S, row: &Row, factor: f32) {
+    pub(super) fn add(&mut self, simd: S, row: &Row, factor: f32) {
         let factor = Lanes::splat(simd, factor);
         for part in 0..Self::PARTS {
             self.0[part] = factor.mul_add(Lanes::load(simd, row, part), self.0[part]);
@@ -41,7 +41,7 @@ impl<S: Simd> Pull<S> {
     }
 
     #[inline(always)]
-    fn sums(self) -> Parameters {
+    pub(super) fn sums(self) -> Parameters {
         let mut row = [0.0; WIDTH];
         (0..Self::PARTS).for_each(|part| self.0[part].store(&mut row, part));
         Parameters::from_fn(|i, _| row[i].into())
@@ -86,7 +86,7 @@ impl Equations {
 
     #[inline(always)]
     fn trust_pixels<S: Simd>(&mut self, simd: S, step: &Row) {
-        let covariance = &self.surroundings.covariance;
+        let (stretched, deviation) = (self.surroundings.covariance.len(), self.surroundings.deviation());
         for (place, used) in self.used.iter().enumerate() {
             let index = *used as usize;
             if self.glare.reaches(index) {
@@ -94,8 +94,8 @@ impl Equations {
             }
             let open = self.shown[place].open;
             let own = self.variance[place] * self.believed[place];
-            let behind = if place < covariance.len() { covariance.diagonal(place) } else { 0.0 };
-            let variance = own + open * open * behind;
+            let behind = if place < stretched { open * deviation[place] } else { 0.0 };
+            let variance = own + behind * behind;
             let trust = biweight(left(simd, &self.shown[place].channels[0], step).powi(2) / variance);
             self.trust[index] = trust;
             if trust == 0.0 {
@@ -159,22 +159,27 @@ impl Equations {
     #[inline(always)]
     pub(in crate::centre) fn form_again<S: Simd>(&mut self, simd: S, noise: f64, normal: &mut Normal) {
         let (pixels, quieter) = (self.used.len(), noise.recip() as f32);
-        for (place, used) in self.used.iter().enumerate() {
-            let weight = self.weight[*used as usize].max(LEAST_TRUST);
+        for place in 0..pixels {
+            let weight = self.weight[self.used[place] as usize].max(LEAST_TRUST);
             let part = quieter * weight / self.believed[place];
             self.variance[place] /= part;
             self.believed[place] = weight;
-            scale(&mut self.whitened[place], part.sqrt());
+            self.shrink(place, part.sqrt());
         }
-        for (place, block) in self.blocks.iter().enumerate() {
-            let weight = self.color_weight[*block as usize].max(LEAST_TRUST);
+        for place in 0..self.blocks.len() {
+            let weight = self.color_weight[self.blocks[place] as usize].max(LEAST_TRUST);
             let part = (quieter * weight / self.believed[pixels + place]).sqrt();
             self.believed[pixels + place] = weight;
-            for row in &mut self.whitened[pixels + 2 * place..][..2] {
-                scale(row, part);
-            }
+            self.shrink(pixels + 2 * place, part);
+            self.shrink(pixels + 2 * place + 1, part);
         }
         normal.set(simd, &self.whitened);
+    }
+
+    #[inline(always)]
+    pub(super) fn shrink(&mut self, sample: usize, factor: f32) {
+        self.shrunk[sample] *= factor;
+        self.whitened[sample].iter_mut().for_each(|value| *value *= factor);
     }
 
     /// Takes the weight of the samples beside those that are not believed.
@@ -285,11 +290,6 @@ impl Equations {
 fn encoded(light: f64) -> (f64, f64) {
     let (code, gain) = encode_one(light as f32);
     (code.into(), gain.into())
-}
-
-#[inline(always)]
-fn scale(row: &mut Row, factor: f32) {
-    row.iter_mut().for_each(|value| *value *= factor);
 }
 
 /// A step filled up with zeros.

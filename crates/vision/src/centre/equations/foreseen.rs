@@ -1,0 +1,121 @@
+//! Equations that are formed before a frame is there, where the ball is expected, and completed once it is.
+
+use super::{Covariance, Equations};
+use crate::centre::cholesky::BAND;
+use crate::centre::disc;
+use crate::centre::lanes::GROUP;
+use crate::centre::model::{Model, Parameters, RESIDUAL};
+use crate::centre::normal::Normal;
+use crate::centre::surroundings::Background;
+use crate::patch::Patch;
+use pulp::Simd;
+
+/// Part of the rim's variances by which they may be other than expected with the sums that there are: the samples' own weights are set
+/// right, and what is claimed of the centre is off by less, as the rim's brightness is one of three things that tell it.
+const AS_EXPECTED: f32 = 0.33;
+
+impl Equations {
+    /// Lays out the samples of a ball that is yet to be seen, with what is behind it as it last was, and forms derivatives,
+    /// covariance and sums. The patch holds the frame before, whose grain is taken for the next's. None where there is no solution.
+    #[inline(always)]
+    pub(in crate::centre) fn foresee<S: Simd>(
+        &mut self,
+        simd: S,
+        (patch, model): (&Patch, &Model),
+        (background, noise_variance): (&Background, f64),
+        normal: &mut Normal,
+    ) -> Option<()> {
+        self.begin(simd, patch, Some(noise_variance));
+        self.lay_out(simd, patch, model);
+        let rim = (&self.by_angle[..], &self.covered[..]);
+        let place = (patch, &disc(model));
+        self.surroundings.foresee(simd, place, rim, (background, noise_variance))?;
+        self.use_pixels(simd, patch, model);
+        self.add_to(simd, patch, model, Covariance::Anew, normal)
+    }
+
+    /// Takes the frame that was waited for: what is behind the ball, and what it leaves of all samples. The result says whether what is
+    /// behind is about as uncertain as was expected. None where too little is free, or light beside the ball is beyond what can be
+    /// shown.
+    #[inline(always)]
+    pub(in crate::centre) fn look<S: Simd>(
+        &mut self,
+        simd: S,
+        (patch, model): (&Patch, &Model),
+    ) -> Option<bool> {
+        self.trust_all(patch);
+        if self.glare.may_reach() {
+            return None;
+        }
+        let place = (patch, &disc(model));
+        self.surroundings.look(simd, place, &self.covered, &self.color_covered, self.noise_variance)?;
+        self.light_up(patch);
+        let is_as_expected = self.weigh_background();
+        self.observe(simd, patch, model);
+        Some(is_as_expected)
+    }
+
+    /// Sets the weights of the rim's equations right where what is behind is more or less uncertain than was expected, its correlation
+    /// being as it was. False where that is much.
+    #[inline(always)]
+    fn weigh_background(&mut self) -> bool {
+        let (mut apart, mut sum) = (0.0, 0.0);
+        for place in 0..self.surroundings.covariance.len() {
+            let (open, own) = (self.open[place] * self.open[place], self.variance[place]);
+            let expected = own + open * self.surroundings.covariance.diagonal(place);
+            let now = own + open * self.surroundings.deviation()[place].powi(2);
+            apart += (now - expected).abs();
+            sum += expected;
+            self.shrink(place, (expected / now).sqrt());
+        }
+        apart <= AS_EXPECTED * sum
+    }
+
+    /// Sets all residuals to those of a model, with the derivatives that there are.
+    #[inline(always)]
+    pub(in crate::centre) fn observe<S: Simd>(&mut self, simd: S, patch: &Patch, model: &Model) {
+        let mut values = [[0.0; GROUP]; 3];
+        for (group, shown) in self.shown.chunks_mut(GROUP).enumerate() {
+            model.values(simd, (&self.places, GROUP * group), &patch.from_coded, &mut values);
+            for (lane, shown) in shown.iter_mut().enumerate() {
+                for (channel, values) in shown.channels.iter_mut().zip(&values) {
+                    channel[RESIDUAL] = values[lane];
+                }
+            }
+        }
+        self.find_residuals(patch, model);
+        let (pixels, stretched) = (self.used.len(), self.surroundings.covariance.len());
+        self.residuals.clear();
+        self.residuals.extend(self.shown[..stretched].iter().map(|shown| shown.channels[0][RESIDUAL]));
+        self.residuals.resize(stretched + BAND, 0.0);
+        self.factor.whiten_one(&mut self.residuals);
+        let (bright, colors) = self.whitened.split_at_mut(pixels);
+        let (shrunk, shrunk_colors) = self.shrunk.split_at(pixels);
+        for place in 0..stretched {
+            bright[place][RESIDUAL] = self.residuals[place] * shrunk[place];
+        }
+        for place in stretched..pixels {
+            let residual = self.shown[place].channels[0][RESIDUAL];
+            bright[place][RESIDUAL] = residual * self.scale[place] * shrunk[place];
+        }
+        let rows = self.color_rows.as_flattened().iter().zip(self.color_scale.as_flattened());
+        for ((out, (row, scale)), shrunk) in colors.iter_mut().zip(rows).zip(shrunk_colors) {
+            out[RESIDUAL] = row[RESIDUAL] * scale * shrunk;
+        }
+    }
+
+    /// What all samples ask for, believed as they are in the equations.
+    #[inline(always)]
+    pub(in crate::centre) fn pull<S: Simd>(&self, simd: S) -> Parameters {
+        let mut pull = super::weighing::Pull::nothing(simd);
+        for row in &self.whitened {
+            pull.add(simd, row, row[RESIDUAL]);
+        }
+        pull.sums()
+    }
+
+    /// What was behind the ball, for the next frame.
+    pub(in crate::centre) fn background(&self) -> Background {
+        self.surroundings.background(&self.by_angle)
+    }
+}

@@ -1,0 +1,78 @@
+//! A ball whose fit is made ready before its frame is there.
+//!
+//! Which samples the ball touches where it is expected, their derivatives, covariance and sums, and with what weights what is behind
+//! it follows from what is beside it: none of that depends on the frame but by what it shows there that the frame before did not.
+//! Whoever waits for the centre waits for the samples' residuals and what these ask for. Forming what a template needs before the image
+//! comes is inverse compositional alignment (Baker & Matthews 2004).
+
+use super::model::{COUNT, Model, Parameters};
+use super::vectorized::{Foresee, Look};
+use super::{Fit, Fitter, SAME_PLACE_PX, Start, first_guess, longest, prior, with_margin};
+use crate::optics::Known;
+use crate::patch::Patch;
+use crate::{Frame, Vector2};
+
+/// Longest first step from where the ball was expected, all samples believed: what is not the ball's draws it, and is found out after.
+const LONGEST_FIRST_PX: f64 = 3.0 * SAME_PLACE_PX;
+
+/// The fit of one ball in the next frame; reused from frame to frame.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Foreseen {
+    fitter: Fitter,
+    patch: Patch,
+    ready: Option<Ready>,
+}
+
+#[derive(Debug, Clone)]
+struct Ready {
+    model: Model,
+    prior: [Known; COUNT],
+    range_px: (f64, f64),
+    middle: Vector2<f64>,
+    reach_px: f64,
+}
+
+impl Foreseen {
+    /// Makes ready for the next frame, of a size and layout like this one's; nothing where the ball was not followed.
+    pub(crate) fn prepare(&mut self, like: &Frame, radius_px: (f64, f64), start: &Start, reach_px: f64) {
+        self.ready = None;
+        let Some(followed) = start.followed else { return };
+        self.patch.fill(like, start.pixel, reach_px);
+        if !self.patch.is_whole() {
+            return;
+        }
+        let (range_px, middle) = (with_margin(radius_px), start.pixel);
+        let start = &Start { pixel: start.pixel - self.patch.corner(), ..*start };
+        let model = first_guess(start, range_px);
+        let prior = prior(start, &model);
+        let Fitter { equations, normal } = &mut self.fitter;
+        let (patch, seen) = (&self.patch, (&followed.background, followed.noise_variance));
+        let foresee = Foresee { equations: (equations, normal), patch, model: &model, prior: &prior, seen };
+        if pulp::Arch::new().dispatch(foresee).is_some() {
+            self.ready = Some(Ready { model, prior, range_px, middle, reach_px });
+        }
+    }
+
+    /// Fits the ball in the frame, once. Where it is not what was expected it is to be fitted as any other: from where it seems to be,
+    /// if that is known.
+    pub(crate) fn fit(&mut self, frame: &Frame) -> Result<Fit, Option<Vector2<f64>>> {
+        let Ready { model, prior, range_px, middle, reach_px } = self.ready.take().ok_or(None)?;
+        let window = self.patch.window();
+        self.patch.fill(frame, middle, reach_px);
+        if self.patch.window() != window || !self.patch.is_whole() {
+            return Err(None);
+        }
+        let look = Look { equations: &mut self.fitter.equations, patch: &self.patch, model: &model };
+        let (pull, is_as_expected) = pulp::Arch::new().dispatch(look).ok_or(None)?;
+        let (step, _) = self.fitter.solve_for(&pull, (&model, &Parameters::zeros()), &prior);
+        let longest_px = longest(&step);
+        if longest_px.is_nan() || longest_px > LONGEST_FIRST_PX {
+            return Err(None);
+        }
+        let end = self.fitter.settle(&self.patch, (&model, &prior), (step, is_as_expected)).ok_or(None)?;
+        if !end.is_near {
+            return Err(Some(end.p.xy() + self.patch.corner()));
+        }
+        self.fitter.summarize(&self.patch, &prior, range_px, &end).ok_or(None)
+    }
+}

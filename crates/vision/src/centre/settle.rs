@@ -1,0 +1,96 @@
+//! The end of a fit: trust, noise, and what they ask for, with derivatives that there are.
+
+use super::equations::Asked;
+use super::model::{COUNT, EDGE, Model, Parameters};
+use super::vectorized::{Form, Observe, Reweigh, Solve, SolveFor};
+use super::{Fitter, LEAST_TRUSTED, PIXEL_STD_PX, SAME_PLACE_PX, SMALL_STEP, is_sharpest, longest};
+use crate::optics::Known;
+use crate::patch::Patch;
+
+/// Change of the noise, as the logarithm of its ratio, up to which equations that were formed with the one before weigh what is known
+/// besides as they should: half as much again.
+const NOISE_KEEPS: f64 = 0.4;
+/// Times that trust is set with the same derivatives, and with the same factor: on noise alone each leaves a sixth of what it asks
+/// for, as the biweight's mean slope is 0.83 there.
+const MOST_SETTLING: usize = 6;
+const ROUNDS_BY_ONE_FACTOR: usize = 2;
+/// Movement behind which residuals are taken anew: of a step s the linear form leaves about s² over the width of an edge, here a
+/// thousandth of a pixel.
+const STRAIGHT_PX: f64 = 0.03;
+
+/// Where a fit ends: by what step from its last residuals, how much wider its covariance is than that of its equations, and whether it
+/// is where these were formed.
+pub(super) struct End {
+    pub(super) p: Parameters,
+    pub(super) step: Parameters,
+    pub(super) gain: f64,
+    pub(super) is_near: bool,
+}
+
+impl Fitter {
+    /// Goes on from a step by its derivatives, which hold as long as the ball is where they were formed: trust is set, and what that
+    /// asks for is solved with the factor that there is (Huber & Dutter 1974), until nothing is left to find. The factor is made anew
+    /// where it is not that of the equations any more, where samples turn out not to be the ball's, where noise is another, and
+    /// where it does not lead to the end.
+    pub(super) fn settle(
+        &mut self,
+        patch: &Patch,
+        (formed, prior): (&Model, &[Known; COUNT]),
+        (mut step, is_formed): (Parameters, bool),
+    ) -> Option<End> {
+        let mut from = *formed;
+        if longest(&step) > STRAIGHT_PX {
+            (from.p, step) = (from.p + step, Parameters::zeros());
+            let equations = &mut self.equations;
+            pulp::Arch::new().dispatch(Observe { equations, patch, model: &from });
+        }
+        let mut noise_formed = self.equations.noise_variance();
+        let mut is_formed_again = false;
+        for round in 0..MOST_SETTLING {
+            let equations = &mut self.equations;
+            let mut asked =
+                pulp::Arch::new().dispatch(Reweigh { equations, patch, step: &step, with_noise: true });
+            if self.equations.trusted() < LEAST_TRUSTED {
+                return None;
+            }
+            let mut noise = self.equations.noise_variance() / noise_formed;
+            let is_other = (round == 0 && !is_formed)
+                || noise.ln().abs() > NOISE_KEEPS
+                || (asked.is_spoiled && !is_formed_again);
+            if is_other || round > ROUNDS_BY_ONE_FACTOR {
+                let equations = (&mut self.equations, &mut self.normal);
+                let form = Form::Again { noise };
+                pulp::Arch::new().dispatch(Solve { equations, patch, model: formed, prior, form })?;
+                asked = Asked { pull: asked.pull / noise, believed: 1.0, ..asked };
+                (noise_formed, noise) = (self.equations.noise_variance(), 1.0);
+                is_formed_again = true;
+            }
+            let (change, length) = self.solve_for(&asked.pull, (&from, &step), prior);
+            step += change;
+            if length < SMALL_STEP {
+                let p = from.p + step;
+                let is_near = longest(&(p - formed.p)) <= SAME_PLACE_PX;
+                let end = End { p, step, gain: noise / asked.believed, is_near };
+                return (p[EDGE] >= PIXEL_STD_PX).then_some(end);
+            }
+        }
+        None
+    }
+
+    /// What samples ask for behind a step, with what is known besides.
+    pub(super) fn solve_for(
+        &self,
+        pull: &Parameters,
+        (from, step): (&Model, &Parameters),
+        prior: &[Known; COUNT],
+    ) -> (Parameters, f64) {
+        let mut pull = *pull;
+        for (i, known) in prior.iter().enumerate() {
+            pull[i] += (known.mean - from.p[i] - step[i]) / known.variance;
+        }
+        if is_sharpest(from) {
+            pull[EDGE] = 0.0;
+        }
+        pulp::Arch::new().dispatch(SolveFor { normal: &self.normal, pull: &pull })
+    }
+}
