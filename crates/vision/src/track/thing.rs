@@ -10,8 +10,8 @@ use crate::{BallCandidate, Vector2};
 /// Change of size or brightness between sightings beyond which it is another thing: half a stop of shade, or the range
 /// changing by half.
 const MOST_CHANGE: f64 = 1.6;
-/// Sightings over which the apparent radius is averaged: a third of a second of video.
-const RADIUS_MEMORY: u32 = 10;
+/// Sightings over which apparent radius and brightness are averaged: a third of a second of video. Both change with the place.
+const MEMORY: u32 = 10;
 /// Standard deviation of the change of the range from frame to frame, as a part of it: a metre a second at six metres
 /// and thirty frames a second.
 const RADIUS_CHANGE: f64 = 0.005;
@@ -31,6 +31,7 @@ pub(super) struct Track {
     pub(super) colors: [f32; 3],
     pub(super) seen: u32,
     pub(super) mean_radius_px: f64,
+    mean_brightness: f32,
     pub(super) expected: Option<Expected>,
     /// Its fit in the next frame.
     pub(super) foreseen: Box<Foreseen>,
@@ -51,6 +52,7 @@ impl Track {
             colors: [0.0; 3],
             seen: 0,
             mean_radius_px: 0.0,
+            mean_brightness: 0.0,
             expected: None,
             foreseen: Box::default(),
             place: ball.pixel,
@@ -88,8 +90,7 @@ impl Track {
 
     /// Whether a ball is of about the size and brightness of the one followed.
     pub(super) fn agrees(&self, ball: &BallCandidate) -> bool {
-        let brightness = |light: [f32; 3]| light[0] + light[1] + light[2];
-        let ratio = brightness(to_linear(ball.color)) * self.seen as f32 / brightness(self.colors);
+        let ratio = brightness(ball) / self.mean_brightness;
         let size = 0.5 * ball.diameter_px / self.mean_radius_px;
         (1.0 / MOST_CHANGE..=MOST_CHANGE).contains(&size)
             && (1.0 / MOST_CHANGE..=MOST_CHANGE).contains(&f64::from(ratio))
@@ -113,7 +114,13 @@ impl Track {
             *sum += value;
         }
         self.seen += 1;
-        let gain = 1.0 / f64::from(self.seen.min(RADIUS_MEMORY));
+        let gain = 1.0 / f64::from(self.seen.min(MEMORY));
         self.mean_radius_px += gain * (0.5 * ball.diameter_px - self.mean_radius_px);
+        self.mean_brightness += gain as f32 * (brightness(ball) - self.mean_brightness);
     }
+}
+
+/// Linear light of a ball.
+fn brightness(ball: &BallCandidate) -> f32 {
+    to_linear(ball.color).iter().sum()
 }
