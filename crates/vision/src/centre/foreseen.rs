@@ -15,9 +15,6 @@ use crate::{Frame, Vector2};
 /// Longest first step from where the ball was expected, all samples believed: what is not the ball's draws it, and is found out after.
 const LONGEST_FIRST_PX: f64 = 3.0 * SAME_PLACE_PX;
 
-/// Part of the disc whose samples must be believed: what hides more may bear out the place where the ball was expected.
-const LEAST_SHOWN: f64 = 0.75;
-
 /// The fit of one ball in the next frame; reused from frame to frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Foreseen {
@@ -73,9 +70,6 @@ impl Foreseen {
             return Err(None);
         }
         let end = self.fitter.settle(&self.patch, (&model, &prior), (step, is_as_expected)).ok_or(None)?;
-        if self.fitter.equations.trusted() < LEAST_SHOWN {
-            return Err(None);
-        }
         if !end.is_near {
             return Err(Some(end.p.xy() + self.patch.corner()));
         }
