@@ -49,7 +49,7 @@ use model::{BALL, COUNT, EDGE, FIRST_ORDER, FOURTH, GLOSS, Model, Parameters, RA
 use normal::Normal;
 use settle::End;
 use surroundings::{Background, Clutter, Disc};
-use vectorized::{Begin, Form, LookAround, Reweigh, Solve, Tell};
+use vectorized::{Begin, Form, LookAround, Solve, Tell};
 
 /// Smallest radius whose centre is fitted.
 pub(crate) const LEAST_RADIUS_PX: f64 = 1.5;
@@ -214,9 +214,7 @@ impl Fitter {
             covariance = Covariance::Kept;
             same_place_px = if step.is_near { SAME_PLACE_PX } else { LONGEST_STEP_EDGES * model.p[EDGE] };
             let formed = model;
-            model.p += step.change;
-            model.p[RADIUS] = model.p[RADIUS].clamp(range_px.0, range_px.1);
-            model.p[EDGE] = model.p[EDGE].clamp(PIXEL_STD_PX, 0.6 * model.p[RADIUS].max(LEAST_RADIUS_PX));
+            model.p = within(model.p + step.change, range_px);
             let is_too_large = model.p[RADIUS] >= range_px.1;
             let stays_too_large = is_too_large && (was_too_large || step.is_near);
             if (model.p.xy() - start.pixel).norm() > reach_px || stays_too_large {
@@ -247,9 +245,7 @@ impl Fitter {
                     }
                 } else {
                     let noise_before = self.equations.noise_variance();
-                    let equations = &mut self.equations;
-                    let step = &step.change;
-                    pulp::Arch::new().dispatch(Reweigh { equations, patch, step, with_noise });
+                    self.weigh(patch, &step.change, with_noise);
                     let noise_change = (self.equations.noise_variance() / noise_before).ln().abs();
                     has_settled &= noise_change < NOISE_CHANGES;
                 }
@@ -363,6 +359,13 @@ fn first_guess(start: &Start, range_px: (f64, f64)) -> Model {
     (p[0], p[1]) = (start.pixel.x, start.pixel.y);
     p[RADIUS] = p[RADIUS].clamp(range_px.0, range_px.1);
     Model::new(p, start.outline, start.up)
+}
+
+/// Parameters with a radius and an edge that a fit may have.
+fn within(mut p: Parameters, range_px: (f64, f64)) -> Parameters {
+    p[RADIUS] = p[RADIUS].clamp(range_px.0, range_px.1);
+    p[EDGE] = p[EDGE].clamp(PIXEL_STD_PX, 0.6 * p[RADIUS].max(LEAST_RADIUS_PX));
+    p
 }
 
 /// The longest of a step's changes in place, radius and edge width.

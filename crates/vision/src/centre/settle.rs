@@ -47,9 +47,7 @@ impl Fitter {
         let mut noise_formed = self.equations.noise_variance();
         let mut is_formed_again = false;
         for round in 0..MOST_SETTLING {
-            let equations = &mut self.equations;
-            let mut asked =
-                pulp::Arch::new().dispatch(Reweigh { equations, patch, step: &step, with_noise: true });
+            let mut asked = self.weigh(patch, &step, true);
             if self.equations.trusted() < LEAST_TRUSTED {
                 return None;
             }
@@ -75,6 +73,12 @@ impl Fitter {
             }
         }
         None
+    }
+
+    /// Sets trust, and the noise if that is asked for, from what a step leaves.
+    pub(super) fn weigh(&mut self, patch: &Patch, step: &Parameters, with_noise: bool) -> Asked {
+        let equations = &mut self.equations;
+        pulp::Arch::new().dispatch(Reweigh { equations, patch, step, with_noise })
     }
 
     /// What samples ask for behind a step, with what is known besides.
