@@ -72,6 +72,8 @@ pub(crate) struct Expected {
     pub(crate) followed: Followed,
     /// Where its motion takes it.
     pub(crate) pixel: Option<Vector2<f64>>,
+    /// How far it has been from there of late, root mean square, where known.
+    pub(crate) off_px: Option<f64>,
     /// From the middle of its region to its centre, and the region's pixels, when it was last looked for in one.
     pub(crate) from_region_px: Vector2<f64>,
     pub(crate) area_px: f64,
@@ -153,7 +155,8 @@ impl Workspace {
         };
         let start = start_in(&camera, self.camera.as_ref(), self.optics.expected(), start);
         let range_px = (0.5 * range_px.0, 0.5 * range_px.1);
-        foreseen.prepare(like, range_px, &expected.start(start), radius_px + RING_PX);
+        let reach_px = radius_px + RING_PX;
+        foreseen.prepare(like, range_px, &expected.start(start), (reach_px, expected.off_px));
     }
 
     /// Balls of one marker among the collected pixels, best first.
@@ -217,6 +220,7 @@ fn sighting(
             radius_px: fit.radius_px,
             followed: fit.followed,
             pixel: None,
+            off_px: None,
             from_region_px,
             area_px,
         },

@@ -1,5 +1,6 @@
 //! Following everything of a marker's colour from frame to frame.
 
+mod motion;
 mod thing;
 
 use crate::centre::LEAST_RADIUS_PX;
@@ -136,7 +137,7 @@ impl Tracker {
         }
         self.has_looked = false;
         if self.sightings.is_empty() {
-            self.look_around(frame);
+            self.find_newcomers(frame);
             let seen = self.tracks.iter().filter(|t| t.missed == 0);
             self.sightings.extend(seen.map(|t| t.sighting(self.frames)));
         }
@@ -145,11 +146,6 @@ impl Tracker {
                 let id = self.tracks[lead].id;
                 self.sightings.iter_mut().filter(|s| s.id == id).for_each(|s| s.leads = true);
                 self.model.learn(color, &Seen::of(self.tracks[lead].colors));
-                if self.frames % health::EVERY == 1 {
-                    let seen = self.sightings.iter().filter(|s| s.color == color).count();
-                    let others = seen.saturating_sub(self.colors[color].markers);
-                    self.health[color].look(frame, &self.model, color, &self.tracks[lead].last, others);
-                }
             }
         }
         self.is_dark = self.sightings.is_empty() && health::is_dark(frame);
@@ -235,13 +231,36 @@ impl Tracker {
         self.sightings.push(track.sighting(self.frames));
     }
 
-    /// Looks for newcomers in a frame that has been told, if that was not done, and makes ready for the next: of a colour of which something is missing in the
-    /// whole of it, of the others in a band. They are followed, and told of, from the next frame on, so that who waits for
-    /// what is followed need not wait for this.
+    /// What can wait in a frame that has been told: looks for newcomers, which are followed, and told of, from the next frame on; looks
+    /// how well balls are seen; and makes ready for the next frame. To be called once a frame: who waits for what is followed need not
+    /// wait for this.
     pub fn look_around(&mut self, frame: &Frame) {
-        if std::mem::replace(&mut self.has_looked, true) {
-            return;
+        if !self.has_looked {
+            self.find_newcomers(frame);
         }
+        if self.frames % health::EVERY == 1 {
+            self.look_at_health(frame);
+        }
+        for track in self.tracks.iter_mut().filter(|t| t.missed == 0) {
+            if let Some(expected) = track.expected(track.search().0) {
+                self.workspace.prepare(frame, self.range_px, &expected, &mut track.foreseen);
+            }
+        }
+    }
+
+    fn look_at_health(&mut self, frame: &Frame) {
+        for color in 0..self.colors.len() {
+            if let Some(lead) = self.sightings.iter().find(|s| s.leads && s.color == color) {
+                let seen = self.sightings.iter().filter(|s| s.color == color).count();
+                let others = seen.saturating_sub(self.colors[color].markers);
+                self.health[color].look(frame, &self.model, color, &lead.ball, others);
+            }
+        }
+    }
+
+    /// Looks for newcomers: of a colour of which something is missing in the whole frame, of the others in a band of it.
+    fn find_newcomers(&mut self, frame: &Frame) {
+        self.has_looked = true;
         let whole = Window::whole(frame);
         let mut collected = None;
         for color in 0..self.colors.len() {
@@ -262,11 +281,6 @@ impl Tracker {
             self.workspace.known.clear();
             self.workspace.rows = None;
             self.take_newcomers(color);
-        }
-        for track in self.tracks.iter_mut().filter(|t| t.missed == 0) {
-            if let Some(expected) = track.expected(track.search().0) {
-                self.workspace.prepare(frame, self.range_px, &expected, &mut track.foreseen);
-            }
         }
     }
 

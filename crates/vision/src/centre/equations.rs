@@ -9,7 +9,7 @@ pub(super) use weighing::Asked;
 use super::cholesky::{BAND, Banded};
 use super::glare::Glare;
 use super::lanes::GROUP;
-use super::model::{EDGE, Model, NO_COLUMNS, RESIDUAL, Row, SITING, Shown, WIDTH, add_scaled};
+use super::model::{EDGE, Model, NO_COLUMNS, RADIUS, RESIDUAL, Row, SITING, Shown, WIDTH, add_scaled};
 use super::normal::Normal;
 use super::places::Places;
 use super::samples::{grain_variance, visit};
@@ -50,6 +50,9 @@ pub(super) struct Equations {
     /// Distance inside the edge, in edge widths.
     depth: Vec<f32>,
     color_covered: Vec<f32>,
+    /// How far pixels, and blocks, would be covered by a ball that is larger by as much as this one may lie elsewhere.
+    touched: Vec<f32>,
+    color_touched: Vec<f32>,
     by_angle: Vec<(f64, u32)>,
     rim: Vec<u32>,
     /// Pixels in use.
@@ -140,26 +143,35 @@ impl Equations {
         (patch, model): (&Patch, &Model),
         clutter: Clutter,
     ) -> Option<()> {
-        self.lay_out(simd, patch, model);
+        self.lay_out(simd, (patch, model), 0.0);
         self.glare.reach(patch, &disc(model), (&self.covered, &self.depth));
         self.forget_dazzled(patch);
-        let around = (&self.rim[..], &self.covered[..]);
+        let around = (&self.rim[..], &self.touched[..]);
         let place = (patch, &disc(model));
-        let colors = &self.color_covered;
+        let colors = &self.color_touched;
         self.surroundings.estimate(simd, place, around, colors, (self.noise_variance, clutter))?;
         self.use_pixels(simd, patch, model);
         Some(())
     }
 
-    /// Decides which samples the ball touches.
+    /// Decides which samples the ball touches, wherever it lies within a margin.
     #[inline(always)]
-    fn lay_out<S: Simd>(&mut self, simd: S, patch: &Patch, model: &Model) {
+    fn lay_out<S: Simd>(&mut self, simd: S, (patch, model): (&Patch, &Model), margin_px: f64) {
         let p = &model.p;
         self.edge_px = p[EDGE];
+        if margin_px > 0.0 {
+            let mut larger = *model;
+            larger.p[RADIUS] += margin_px;
+            self.cover(simd, patch, &larger);
+            std::mem::swap(&mut self.covered, &mut self.touched);
+        }
         self.cover(simd, patch, model);
+        if margin_px <= 0.0 {
+            self.touched.clone_from(&self.covered);
+        }
         self.by_angle.clear();
-        for (i, covered) in self.covered.iter().enumerate() {
-            if (CLEAR..=1.0 - CLEAR).contains(covered) {
+        for (i, (covered, touched)) in self.covered.iter().zip(&self.touched).enumerate() {
+            if *touched >= CLEAR && *covered <= 1.0 - CLEAR {
                 let (x, y) = patch.place(i);
                 self.by_angle.push((turn(x - p[0], y - p[1]), i as u32));
             }
@@ -210,18 +222,22 @@ impl Equations {
     fn cover_blocks(&mut self, patch: &Patch, model: &Model) {
         let siting_px = model.p[SITING];
         self.color_covered.clear();
+        self.color_touched.clear();
         self.blocks.clear();
         for block in 0..patch.colors.len() {
-            let mut sum = 0.0;
-            let whole =
-                visit(patch, block, siting_px, |pixel, weight, _| sum += weight * self.covered[pixel]);
+            let (mut sum, mut touched) = (0.0, 0.0);
+            let whole = visit(patch, block, siting_px, |pixel, weight, _| {
+                sum += weight * self.covered[pixel];
+                touched += weight * self.touched[pixel];
+            });
             // A block at the border of the patch serves neither as ball nor as background.
             self.color_covered.push(if whole { sum } else { 0.5 });
+            self.color_touched.push(if whole { touched } else { 0.5 });
             let depth = || match patch.step {
                 1 => self.depth[block],
                 _ => model.depth_edges(patch.block_place(block)),
             };
-            if whole && sum >= CLEAR && depth() < DEEPEST {
+            if whole && touched >= CLEAR && depth() < DEEPEST {
                 self.blocks.push(block as u32);
             }
         }

@@ -6,14 +6,20 @@
 //! comes is inverse compositional alignment (Baker & Matthews 2004).
 
 use super::model::{COUNT, Model, Parameters};
-use super::vectorized::{Foresee, Look};
-use super::{Fit, Fitter, SAME_PLACE_PX, Start, first_guess, longest, prior, with_margin};
+use super::vectorized::{Foresee, Form, Look, Solve};
+use super::{Fit, Fitter, SAME_PLACE_PX, Start, first_guess, longest, prior, with_margin, within};
 use crate::optics::Known;
 use crate::patch::Patch;
 use crate::{Frame, Vector2};
 
-/// Longest first step from where the ball was expected, all samples believed: what is not the ball's draws it, and is found out after.
-const LONGEST_FIRST_PX: f64 = 3.0 * SAME_PLACE_PX;
+/// How far from where it was expected a ball is fitted with what was made ready for, at most: an acceleration of 1 m/s² moves it so far
+/// from where its velocity would have it a thirtieth of a second later (1.1 mm), 3 m away with a focal length of 700 px.
+const WIDEST_MARGIN_PX: f64 = 0.25;
+/// The same in root mean squares of what it was off before, which come of a few frames: of a Gaussian in the plane next to nothing
+/// lies beyond.
+const MARGIN_STDS: f64 = 3.0;
+/// How far beyond that a first step may go, all samples believed: what is not the ball's draws it, and is found out after.
+const LONGEST_BEYOND_PX: f64 = 2.0 * SAME_PLACE_PX;
 
 /// The fit of one ball in the next frame; reused from frame to frame.
 #[derive(Debug, Clone, Default)]
@@ -30,11 +36,19 @@ struct Ready {
     range_px: (f64, f64),
     middle: Vector2<f64>,
     reach_px: f64,
+    margin_px: f64,
 }
 
 impl Foreseen {
     /// Makes ready for the next frame, of a size and layout like this one's; nothing where the ball was not followed.
-    pub(crate) fn prepare(&mut self, like: &Frame, radius_px: (f64, f64), start: &Start, reach_px: f64) {
+    /// `off_px`: how far it has been from where it was expected of late, root mean square, where known.
+    pub(crate) fn prepare(
+        &mut self,
+        like: &Frame,
+        radius_px: (f64, f64),
+        start: &Start,
+        (reach_px, off_px): (f64, Option<f64>),
+    ) {
         self.ready = None;
         let Some(followed) = start.followed else { return };
         self.patch.fill(like, start.pixel, reach_px);
@@ -42,35 +56,48 @@ impl Foreseen {
             return;
         }
         let (range_px, middle) = (with_margin(radius_px), start.pixel);
+        let margin_px = off_px
+            .map_or(WIDEST_MARGIN_PX, |off_px| (MARGIN_STDS * off_px).clamp(SAME_PLACE_PX, WIDEST_MARGIN_PX));
         let start = &Start { pixel: start.pixel - self.patch.corner(), ..*start };
         let model = first_guess(start, range_px);
         let prior = prior(start, &model);
         let Fitter { equations, normal } = &mut self.fitter;
         let (patch, seen) = (&self.patch, (&followed.background, followed.noise_variance));
-        let foresee = Foresee { equations: (equations, normal), patch, model: &model, prior: &prior, seen };
+        let foresee =
+            Foresee { equations: (equations, normal), patch, model: &model, margin_px, prior: &prior, seen };
         if pulp::Arch::new().dispatch(foresee).is_some() {
-            self.ready = Some(Ready { model, prior, range_px, middle, reach_px });
+            self.ready = Some(Ready { model, prior, range_px, middle, reach_px, margin_px });
         }
     }
 
     /// Fits the ball in the frame, once. Where it is not what was expected it is to be fitted as any other: from where it seems to be,
     /// if that is known.
     pub(crate) fn fit(&mut self, frame: &Frame) -> Result<Fit, Option<Vector2<f64>>> {
-        let Ready { model, prior, range_px, middle, reach_px } = self.ready.take().ok_or(None)?;
+        let Ready { mut model, prior, range_px, middle, reach_px, margin_px } =
+            self.ready.take().ok_or(None)?;
         let window = self.patch.window();
         self.patch.fill(frame, middle, reach_px);
         if self.patch.window() != window || !self.patch.is_whole() {
             return Err(None);
         }
         let look = Look { equations: &mut self.fitter.equations, patch: &self.patch, model: &model };
-        let (pull, is_as_expected) = pulp::Arch::new().dispatch(look).ok_or(None)?;
-        let (step, _) = self.fitter.solve_for(&pull, (&model, &Parameters::zeros()), &prior);
+        let (pull, mut is_formed) = pulp::Arch::new().dispatch(look).ok_or(None)?;
+        let (mut step, _) = self.fitter.solve_for(&pull, (&model, &Parameters::zeros()), &prior);
         let longest_px = longest(&step);
-        if longest_px.is_nan() || longest_px > LONGEST_FIRST_PX {
+        if longest_px.is_nan() || longest_px > margin_px + LONGEST_BEYOND_PX {
             return Err(None);
         }
-        let end = self.fitter.settle(&self.patch, (&model, &prior), (step, is_as_expected)).ok_or(None)?;
-        if !end.is_near {
+        let expected = model.p;
+        if longest_px > SAME_PLACE_PX {
+            model.p = within(model.p + step, range_px);
+            let equations = (&mut self.fitter.equations, &mut self.fitter.normal);
+            let (patch, model, prior, form) = (&self.patch, &model, &prior, Form::There);
+            (step, _) =
+                pulp::Arch::new().dispatch(Solve { equations, patch, model, prior, form }).ok_or(None)?;
+            is_formed = true;
+        }
+        let end = self.fitter.settle(&self.patch, (&model, &prior), (step, is_formed)).ok_or(None)?;
+        if !end.is_near || longest(&(end.p - expected)) > margin_px {
             return Err(Some(end.p.xy() + self.patch.corner()));
         }
         self.fitter.summarize(&self.patch, &prior, range_px, &end).ok_or(None)

@@ -3,17 +3,15 @@
 use super::equations::Asked;
 use super::model::{COUNT, EDGE, Model, Parameters};
 use super::vectorized::{Form, Observe, Reweigh, Solve, SolveFor};
-use super::{Fitter, LEAST_TRUSTED, PIXEL_STD_PX, SAME_PLACE_PX, SMALL_STEP, is_sharpest, longest};
+use super::{
+    Fitter, LEAST_TRUSTED, MOST_WEIGHED, PIXEL_STD_PX, SAME_PLACE_PX, SMALL_STEP, is_sharpest, longest,
+};
 use crate::optics::Known;
 use crate::patch::Patch;
 
 /// Change of the noise, as the logarithm of its ratio, up to which equations that were formed with the one before weigh what is known
 /// besides as they should: half as much again.
 const NOISE_KEEPS: f64 = 0.4;
-/// Times that trust is set with the same derivatives, and with the same factor: on noise alone each leaves a sixth of what it asks
-/// for, as the biweight's mean slope is 0.83 there.
-const MOST_SETTLING: usize = 6;
-const ROUNDS_BY_ONE_FACTOR: usize = 2;
 /// Movement behind which residuals are taken anew: of a step s the linear form leaves about s² over the width of an edge, here a
 /// thousandth of a pixel.
 const STRAIGHT_PX: f64 = 0.03;
@@ -30,8 +28,9 @@ pub(super) struct End {
 impl Fitter {
     /// Goes on from a step by its derivatives, which hold as long as the ball is where they were formed: trust is set, and what that
     /// asks for is solved with the factor that there is (Huber & Dutter 1974), until nothing is left to find. The factor is made anew
-    /// where it is not that of the equations any more, where samples turn out not to be the ball's, where noise is another, and
-    /// where it does not lead to the end.
+    /// where it is not that of the equations any more, where samples turn out not to be the ball's, where noise is another, and for
+    /// the last time that trust is set, so that what comes of it is their solution. On noise alone each time leaves a sixth of what
+    /// it asks for, as the biweight's mean slope is 0.83 there; where samples come and go it need not end by itself.
     pub(super) fn settle(
         &mut self,
         patch: &Patch,
@@ -46,16 +45,16 @@ impl Fitter {
         }
         let mut noise_formed = self.equations.noise_variance();
         let mut is_formed_again = false;
-        for round in 0..MOST_SETTLING {
+        for round in 1..=MOST_WEIGHED {
             let mut asked = self.weigh(patch, &step, true);
             if self.equations.trusted() < LEAST_TRUSTED {
                 return None;
             }
             let mut noise = self.equations.noise_variance() / noise_formed;
-            let is_other = (round == 0 && !is_formed)
+            let is_other = (round == 1 && !is_formed)
                 || noise.ln().abs() > NOISE_KEEPS
                 || (asked.is_spoiled && !is_formed_again);
-            if is_other || round > ROUNDS_BY_ONE_FACTOR {
+            if is_other || round == MOST_WEIGHED {
                 let equations = (&mut self.equations, &mut self.normal);
                 let form = Form::Again { noise };
                 pulp::Arch::new().dispatch(Solve { equations, patch, model: formed, prior, form })?;
@@ -65,7 +64,7 @@ impl Fitter {
             }
             let (change, length) = self.solve_for(&asked.pull, (&from, &step), prior);
             step += change;
-            if length < SMALL_STEP {
+            if length < SMALL_STEP || round == MOST_WEIGHED {
                 let p = from.p + step;
                 let is_near = longest(&(p - formed.p)) <= SAME_PLACE_PX;
                 let end = End { p, step, gain: noise / asked.believed, is_near };

@@ -195,8 +195,7 @@ impl Surroundings {
         &mut self,
         simd: S,
         (patch, disc): (&Patch, &Disc),
-        covered: &[f32],
-        color_covered: &[f32],
+        (covered, color_covered): (&[f32], &[f32]),
         noise_variance: f64,
     ) -> Option<()> {
         let near = self.plane;
@@ -215,6 +214,14 @@ impl Surroundings {
         let ratio = |k: usize| self.color_variance[k].max(noise_variance) / expected[k].max(noise_variance);
         let is_as_expected = |k: usize| (MOST_CHANGE.recip()..=MOST_CHANGE).contains(&ratio(k));
         (is_as_expected(0) && is_as_expected(1)).then_some(())
+    }
+
+    /// Sets the covariance of what is predicted of a rim that was foreseen as it was looked at.
+    #[inline(always)]
+    pub(super) fn correlate(&mut self) {
+        if self.covariance.len() > 0 {
+            self.kriging.correlate(&mut self.covariance);
+        }
     }
 
     /// How far what is predicted at each rim pixel may be off: standard deviations.

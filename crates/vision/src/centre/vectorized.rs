@@ -8,11 +8,12 @@ use super::surroundings::{Background, Clutter};
 use crate::optics::Known;
 use crate::patch::Patch;
 
-/// How a step's equations are formed: where the model is now, or as the last ones with the weights that samples have now and so many
-/// times the noise.
+/// How a step's equations are formed: where the model is now, likewise after the background was looked at for a ball that was foreseen
+/// elsewhere, or as the last ones with the weights that samples have now and so many times the noise.
 #[derive(Clone, Copy)]
 pub(super) enum Form {
     Anew(Covariance),
+    There,
     Again { noise: f64 },
 }
 
@@ -33,6 +34,7 @@ impl pulp::WithSimd for Solve<'_> {
         let (equations, normal) = self.equations;
         match self.form {
             Form::Anew(covariance) => equations.add_to(simd, self.patch, self.model, covariance, normal)?,
+            Form::There => equations.form_there(simd, (self.patch, self.model), normal)?,
             Form::Again { noise } => equations.form_again(simd, noise, normal),
         }
         solve(normal, self.model, self.prior)
@@ -44,6 +46,7 @@ pub(super) struct Foresee<'a> {
     pub(super) equations: (&'a mut Equations, &'a mut Normal),
     pub(super) patch: &'a Patch,
     pub(super) model: &'a Model,
+    pub(super) margin_px: f64,
     pub(super) prior: &'a [Known; COUNT],
     pub(super) seen: (&'a Background, f64),
 }
@@ -54,7 +57,7 @@ impl pulp::WithSimd for Foresee<'_> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
         let (equations, normal) = self.equations;
-        equations.foresee(simd, (self.patch, self.model), self.seen, normal)?;
+        equations.foresee(simd, (self.patch, self.model, self.margin_px), self.seen, normal)?;
         solve(normal, self.model, self.prior)?;
         normal.invert();
         Some(())

@@ -1,6 +1,7 @@
 //! What is known of one thing that is followed.
 
 use super::ColorSighting;
+use super::motion::Motion;
 use crate::centre::Foreseen;
 use crate::color::to_linear;
 use crate::detect::Expected;
@@ -25,7 +26,7 @@ pub(super) struct Track {
     pub(super) color: usize,
     pub(super) id: u32,
     pub(super) last: BallCandidate,
-    pub(super) velocity_px: Option<Vector2<f64>>,
+    motion: Motion,
     pub(super) missed: u32,
     /// Sum of the linear colours seen, for the mean.
     pub(super) colors: [f32; 3],
@@ -47,7 +48,7 @@ impl Track {
             color,
             id,
             last: ball,
-            velocity_px: None,
+            motion: Motion::at(ball.pixel),
             missed: 0,
             colors: [0.0; 3],
             seen: 0,
@@ -74,9 +75,11 @@ impl Track {
 
     /// Where to look and how far around.
     pub(super) fn search(&self) -> (Vector2<f64>, f64) {
-        let expected = self.last.pixel + self.velocity_px.unwrap_or_default() * f64::from(self.missed + 1);
         // Room for the ball with its rim, and for the motion that is not foreseen: another diameter a frame.
-        (expected, 2.0 * self.mean_radius_px * (1.5 + f64::from(self.missed)) + 2.0)
+        (
+            self.motion.foreseen(self.missed + 1),
+            2.0 * self.mean_radius_px * (1.5 + f64::from(self.missed)) + 2.0,
+        )
     }
 
     /// What to expect of the ball; None before it was first followed.
@@ -85,7 +88,8 @@ impl Track {
         let known = expected.radius_px;
         let change_px = RADIUS_CHANGE * f64::from(self.missed + 1) * known.mean;
         let radius_px = Known { variance: known.variance + change_px * change_px, ..known };
-        Some(Expected { radius_px, pixel: self.velocity_px.map(|_| middle), ..expected })
+        let (pixel, off_px) = (self.motion.is_known().then_some(middle), self.motion.error_px());
+        Some(Expected { radius_px, pixel, off_px, ..expected })
     }
 
     /// Whether a ball is of about the size and brightness of the one followed.
@@ -97,8 +101,7 @@ impl Track {
     }
 
     pub(super) fn advance(&mut self, ball: BallCandidate, frame: u64) {
-        let frames = f64::from(self.missed + 1);
-        self.velocity_px = Some((ball.pixel - self.last.pixel) / frames);
+        self.motion.advance(ball.pixel, self.missed + 1);
         self.last = ball;
         self.missed = 0;
         if (ball.pixel - self.place).norm() > ball.diameter_px {

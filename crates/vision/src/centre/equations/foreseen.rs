@@ -15,19 +15,20 @@ use pulp::Simd;
 const AS_EXPECTED: f32 = 0.33;
 
 impl Equations {
-    /// Lays out the samples of a ball that is yet to be seen, with what is behind it as it last was, and forms derivatives,
-    /// covariance and sums. The patch holds the frame before, whose grain is taken for the next's. None where there is no solution.
+    /// Lays out the samples of a ball that is yet to be seen, for any place within a margin, with what is behind it as it last was, and
+    /// forms derivatives, covariance and sums. The patch holds the frame before, whose grain is taken for the next's. None where there
+    /// is no solution.
     #[inline(always)]
     pub(in crate::centre) fn foresee<S: Simd>(
         &mut self,
         simd: S,
-        (patch, model): (&Patch, &Model),
+        (patch, model, margin_px): (&Patch, &Model, f64),
         (background, noise_variance): (&Background, f64),
         normal: &mut Normal,
     ) -> Option<()> {
         self.begin(simd, patch, Some(noise_variance));
-        self.lay_out(simd, patch, model);
-        let rim = (&self.by_angle[..], &self.covered[..]);
+        self.lay_out(simd, (patch, model), margin_px);
+        let rim = (&self.by_angle[..], &self.touched[..]);
         let place = (patch, &disc(model));
         self.surroundings.foresee(simd, place, rim, (background, noise_variance))?;
         self.use_pixels(simd, patch, model);
@@ -48,11 +49,24 @@ impl Equations {
             return None;
         }
         let place = (patch, &disc(model));
-        self.surroundings.look(simd, place, &self.covered, &self.color_covered, self.noise_variance)?;
+        self.surroundings.look(simd, place, (&self.touched, &self.color_touched), self.noise_variance)?;
         self.light_up(patch);
         let is_as_expected = self.weigh_background();
         self.observe(simd, patch, model);
         Some(is_as_expected)
+    }
+
+    /// Forms the equations of the frame that was taken where the ball is in it, within the margin.
+    #[inline(always)]
+    pub(in crate::centre) fn form_there<S: Simd>(
+        &mut self,
+        simd: S,
+        (patch, model): (&Patch, &Model),
+        normal: &mut Normal,
+    ) -> Option<()> {
+        self.surroundings.correlate();
+        self.places.decode(simd);
+        self.add_to(simd, patch, model, Covariance::Anew, normal)
     }
 
     /// Sets the weights of the rim's equations right where what is behind is more or less uncertain than was expected, its correlation
