@@ -10,7 +10,8 @@ use super::cholesky::Banded;
 use super::edge::fall;
 use super::lanes::{GROUP, Lanes};
 use super::metric::Course;
-use super::surroundings::LEAST_CLUTTER;
+use super::robust::Plane;
+use super::surroundings::{Disc, LEAST_CLUTTER};
 use crate::patch::Patch;
 use pulp::Simd;
 
@@ -57,6 +58,8 @@ pub(super) struct Kriging {
     tapered: Vec<f32>,
     places: Vec<(i32, i32)>,
     weights: Vec<Weights>,
+    /// The free pixels that something is predicted from, once each, where that is needed.
+    wanted: Vec<Wanted>,
     deviation: Vec<f32>,
     course: Course,
     /// Whether lines are looked for.
@@ -70,6 +73,15 @@ struct Systems {
     /// Variance of a neighbour's value.
     own: [f32; GROUP],
     count: [usize; GROUP],
+}
+
+/// A free pixel: where what is left of it is kept, its number in the patch, and its place from the disc's middle.
+#[derive(Debug, Clone, Copy)]
+struct Wanted {
+    at: u32,
+    pixel: u32,
+    x_px: f32,
+    y_px: f32,
 }
 
 /// For a group of rim pixels, where their neighbours' values are, and what each counts.
@@ -177,6 +189,38 @@ impl Kriging {
                     *into = patch.bright[start + k] - level((k as f64, row as f64));
                 }
             }
+        }
+    }
+
+    /// Finds which free pixels are predicted from, in a patch of so many columns.
+    pub(super) fn find_wanted(&mut self, (columns, disc): (usize, &Disc)) {
+        let stride = columns + 2 * REACH;
+        self.wanted.clear();
+        let missing = self.left.len() - 1;
+        // One that is found is marked by what no free pixel leaves.
+        for at in self.weights.iter().flat_map(|weights| weights.at.as_flattened()) {
+            let at = *at as usize;
+            if at == missing || self.left[at] == f32::INFINITY {
+                continue;
+            }
+            self.left[at] = f32::INFINITY;
+            let (column, row) = (at % stride - REACH, at / stride - REACH);
+            self.wanted.push(Wanted {
+                at: at as u32,
+                pixel: (row * columns + column) as u32,
+                x_px: (column as f64 - disc.x_px) as f32,
+                y_px: (row as f64 - disc.y_px) as f32,
+            });
+        }
+    }
+
+    /// Takes what a plane leaves of these in another image.
+    #[inline(always)]
+    pub(super) fn take_wanted(&mut self, patch: &Patch, plane: &Plane) {
+        let [level, by_x, by_y] = [plane.x, plane.y, plane.z].map(|value| value as f32);
+        for wanted in &self.wanted {
+            let on_plane = level + by_x * wanted.x_px + by_y * wanted.y_px;
+            self.left[wanted.at as usize] = patch.bright[wanted.pixel as usize] - on_plane;
         }
     }
 

@@ -1,5 +1,9 @@
 //! Means and planes that a minority of other values does not pull.
 
+mod near;
+
+pub(super) use near::Fitted;
+
 use super::lanes::{GROUP, Lanes, greatest, least, total};
 use nalgebra::{Matrix3, Vector3};
 use pulp::Simd;
@@ -26,6 +30,8 @@ pub(super) struct Scattered {
     x: Vec<f32>,
     y: Vec<f32>,
     values: Vec<f32>,
+    /// Number of each in what it was taken from.
+    at: Vec<u32>,
     count: usize,
     left: Vec<f32>,
 }
@@ -45,15 +51,18 @@ impl Scattered {
         for values in [&mut self.x, &mut self.y, &mut self.values] {
             values.resize(most.next_multiple_of(GROUP), 0.0);
         }
+        self.at.resize(most, 0);
         self.count = 0;
     }
 
-    /// Adds a value if it counts. It is written in any case, as whether it counts is hard to foresee.
+    /// Adds a value, by its number in what it is taken from, if it counts. It is written in any case, as whether it counts is hard to
+    /// foresee.
     #[inline(always)]
-    pub(super) fn offer(&mut self, (x, y): (f32, f32), value: f32, counts: bool) {
+    pub(super) fn offer(&mut self, (x, y): (f32, f32), at: usize, value: f32, counts: bool) {
         self.x[self.count] = x;
         self.y[self.count] = y;
         self.values[self.count] = value;
+        self.at[self.count] = at as u32;
         self.count += usize::from(counts);
     }
 
@@ -67,32 +76,21 @@ impl Scattered {
         self.left.resize(whole, 0.0);
     }
 
-    /// Robust plane, and mean square of what it leaves of all values; None with too few. No scale is taken to be below
-    /// the least. From one that is near, half of the rounds do.
+    /// Robust plane; None with too few values. No scale is taken to be below the least.
     #[inline(always)]
-    pub(super) fn plane<S: Simd>(
-        &mut self,
-        simd: S,
-        least_scale: f64,
-        near: Option<&Plane>,
-    ) -> Option<(Plane, f64)> {
+    pub(super) fn plane<S: Simd>(&mut self, simd: S, least_scale: f64) -> Option<Fitted<Plane>> {
         let (mut plane, mut scale, mut middle) = (Plane::zeros(), ANY, None);
-        let mut rounds = ROUNDS;
-        if let Some(near) = near {
-            (plane, rounds) = (*near, ROUNDS / 2);
-            self.subtract(simd, near);
-            scale = self.scale(simd, &mut middle, least_scale)?;
-        }
-        for round in 0..rounds {
+        for round in 0..ROUNDS {
             let [n, x, y, xx, xy, yy, v, xv, yv] = self.weighted(simd, scale, &plane);
             let information = Matrix3::new(n, x, y, x, xx, xy, y, xy, yy);
             plane = information.cholesky()?.solve(&Vector3::new(v, xv, yv));
             self.subtract(simd, &plane);
-            if round + 1 < rounds {
+            if round + 1 < ROUNDS {
                 scale = self.scale(simd, &mut middle, least_scale)?;
             }
         }
-        Some((plane, square_sum(simd, &self.left, 0.0) / self.count as f64))
+        let square = square_sum(simd, &self.left, 0.0) / self.count as f64;
+        Some(Fitted { middle: plane, square, scale })
     }
 
     /// Scale of what is left, by its median; after the first time that hardly moves.
@@ -110,8 +108,7 @@ impl Scattered {
         Some((MEDIAN_TO_DEVIATION * left).max(least_scale))
     }
 
-    /// Robust mean of each of two numbers and the variance of all around it, of those that `weigh` less than a limit; None where
-    /// there are none. The buffers of places hold the numbers.
+    /// Robust mean of each of two numbers, of those that `weigh` less than a limit; None where there are none. The buffers of places hold the numbers.
     #[inline(always)]
     pub(super) fn means<S: Simd>(
         &mut self,
@@ -119,7 +116,7 @@ impl Scattered {
         pairs: &[[f32; 2]],
         (weigh, limit): (&[f32], f32),
         least_scale: f64,
-    ) -> Option<[(f64, f64); 2]> {
+    ) -> Option<[Fitted<f64>; 2]> {
         let whole = pairs.len().next_multiple_of(GROUP);
         for buffer in [&mut self.x, &mut self.y, &mut self.left] {
             buffer.resize(whole, 0.0);
@@ -189,14 +186,14 @@ impl Scattered {
     }
 }
 
-/// Robust mean of values in whole groups and the variance of all around it; None without any. `left` is working space.
+/// Robust mean of values in whole groups; None without any. `left` is working space.
 #[inline(always)]
 fn mean<S: Simd>(
     simd: S,
     (values, count): (&[f32], usize),
     left: &mut [f32],
     least_scale: f64,
-) -> Option<(f64, f64)> {
+) -> Option<Fitted<f64>> {
     let middle = Lanes::splat(simd, median(simd, values, count)?);
     for (values, left) in values.chunks_exact(GROUP).zip(left.chunks_exact_mut(GROUP)) {
         for part in 0..Lanes::<S>::PARTS {
@@ -220,7 +217,8 @@ fn mean<S: Simd>(
         sum.store(&mut out[1], part);
     }
     let mean = f64::from(total(simd, &out[1])) / f64::from(total(simd, &out[0]));
-    mean.is_finite().then(|| (mean, square_sum(simd, values, mean) / count as f64))
+    let square = || square_sum(simd, values, mean) / count as f64;
+    mean.is_finite().then(|| Fitted { middle: mean, square: square(), scale })
 }
 
 /// Sum of squares of what values are away from a level, without what fills up their last group.
@@ -413,13 +411,13 @@ mod tests {
     struct Both<'a>(&'a mut Scattered);
 
     impl pulp::WithSimd for Both<'_> {
-        type Output = (Option<(Plane, f64)>, Option<[(f64, f64); 2]>);
+        type Output = (Option<Fitted<Plane>>, Option<[Fitted<f64>; 2]>);
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
             let values: Vec<[f32; 2]> = self.0.values[..self.0.count].iter().map(|v| [*v, -*v]).collect();
             let weigh: Vec<f32> = self.0.x[..values.len()].iter().map(|x| x - 3.0).collect();
-            (self.0.plane(simd, 0.1, None), self.0.means(simd, &values, (&weigh, 2.5), 0.1))
+            (self.0.plane(simd, 0.1), self.0.means(simd, &values, (&weigh, 2.5), 0.1))
         }
     }
 
@@ -430,17 +428,19 @@ mod tests {
         for k in 0..50_i32 {
             let (x, y) = ((k % 7) as f32, (k / 7) as f32);
             let noise = 0.05 * (k * 37 % 11 - 5) as f32;
-            scattered.offer((x, y), if k % 9 == 4 { 90.0 } else { 10.0 + 2.0 * x - y + noise }, true);
-            scattered.offer((x, y), -7.0, false);
+            let value = if k % 9 == 4 { 90.0 } else { 10.0 + 2.0 * x - y + noise };
+            scattered.offer((x, y), 0, value, true);
+            scattered.offer((x, y), 0, -7.0, false);
         }
         scattered.finish();
-        let (plane, square) = scattered.plane(pulp::Scalar::new(), 0.1, None).expect("enough");
-        assert!((plane - Plane::new(10.0, 2.0, -1.0)).amax() < 0.1, "{plane}");
-        assert!(square > 500.0);
+        let plane = scattered.plane(pulp::Scalar::new(), 0.1).expect("enough");
+        assert!((plane.middle - Plane::new(10.0, 2.0, -1.0)).amax() < 0.1, "{plane:?}");
+        assert!(plane.square > 500.0);
         let (_, means) = pulp::Scalar::new().vectorize(Both(&mut scattered.clone()));
         // Without the last column.
-        let [(mean, variance), (opposite, _)] = means.expect("enough");
-        assert!((mean - 11.5).abs() < 1.0 && opposite == -mean && variance > 500.0, "{mean} {variance}");
+        let [mean, opposite] = means.expect("enough");
+        assert!((mean.middle - 11.5).abs() < 1.0 && opposite.middle == -mean.middle, "{mean:?}");
+        assert!(mean.square > 500.0, "{mean:?}");
         let again = pulp::Arch::new().dispatch(Both(&mut scattered.clone()));
         assert_eq!(again, pulp::Scalar::new().vectorize(Both(&mut scattered)));
         scattered.begin(0);

@@ -10,7 +10,7 @@
 use super::CLEAR;
 use super::cholesky::Banded;
 use super::krige::{Kriging, Spread};
-use super::robust::{Plane, Scattered, on};
+use super::robust::{Fitted, Plane, Scattered, on};
 use crate::patch::Patch;
 use pulp::Simd;
 
@@ -50,6 +50,8 @@ pub(super) struct Background {
     colors: [Plane; 2],
     color_variance: [f64; 2],
     clutter: f64,
+    /// Robust scales of what is left of brightness and colours.
+    scales: [f64; 3],
     /// How far what is predicted of clutter may be off, by the direction from the ball.
     deviation: [f32; SECTORS],
 }
@@ -71,6 +73,12 @@ fn level_of(plane: &Plane, disc: &Disc) -> impl Fn((f64, f64)) -> f32 + use<> {
     move |(x, y)| on(&plane, x - middle.0, y - middle.1) as f32
 }
 
+/// A plane that is level.
+fn of_mean(fitted: &Fitted<f64>) -> Fitted<Plane> {
+    let Fitted { middle, square, scale } = *fitted;
+    Fitted { middle: Plane::new(middle, 0.0, 0.0), square, scale }
+}
+
 /// Square of the distance from the disc's middle as far as which the background is looked at.
 fn reach_px2(disc: &Disc) -> f32 {
     let reach_px = disc.radius_px + (3.0 + RING_EDGES) * disc.edge_px;
@@ -84,8 +92,9 @@ pub(super) struct Surroundings {
     free: Scattered,
     free_colors: Scattered,
     kriging: Kriging,
-    /// Pixels of a rim that was foreseen, by their angle around the disc.
+    /// Pixels of a rim that was foreseen, by their angle around the disc, and their places from its middle.
     rim: Vec<u32>,
+    rim_px: Vec<(f32, f32)>,
     plane: Plane,
     /// Brightness expected behind each pixel of the rim.
     pub(super) mean: Vec<f32>,
@@ -101,6 +110,8 @@ pub(super) struct Surroundings {
     middle: (f64, f64),
     colors: [Plane; 2],
     pub(super) color_variance: [f64; 2],
+    /// Robust scales of what is left of brightness and colours.
+    scales: [f64; 3],
 }
 
 impl Surroundings {
@@ -115,7 +126,9 @@ impl Surroundings {
         color_covered: &[f32],
         (noise_variance, treated): (f64, Clutter),
     ) -> Option<()> {
-        let square = self.fit_plane(simd, (patch, disc), covered, (noise_variance, None))?;
+        self.find_free((patch, disc), covered);
+        let fitted = self.free.plane(simd, noise_variance.sqrt())?;
+        let square = self.take_plane(&fitted, disc, noise_variance);
         let level = level_of(&self.plane, disc);
         self.mean.clear();
         self.mean.extend(rim.iter().map(|i| level(patch.place(*i as usize))));
@@ -131,15 +144,9 @@ impl Surroundings {
         self.color_planes(simd, patch, color_covered, reach_px2(disc))
     }
 
-    /// Fits the plane of brightness and sets the clutter on it; the mean square of what it leaves.
+    /// Finds the pixels near the ball but free of it.
     #[inline(always)]
-    fn fit_plane<S: Simd>(
-        &mut self,
-        simd: S,
-        (patch, disc): (&Patch, &Disc),
-        covered: &[f32],
-        (noise_variance, near): (f64, Option<&Plane>),
-    ) -> Option<f64> {
+    fn find_free(&mut self, (patch, disc): (&Patch, &Disc), covered: &[f32]) {
         let reach_px2 = reach_px2(disc);
         self.free.begin(patch.bright.len());
         let rows = patch.bright.chunks_exact(patch.columns).zip(covered.chunks_exact(patch.columns));
@@ -148,15 +155,19 @@ impl Surroundings {
             for (column, (bright, covered)) in brights.iter().zip(covered).enumerate() {
                 let x = (column as f64 - disc.x_px) as f32;
                 let counts = (*covered < CLEAR) & (x * x + y * y < reach_px2);
-                self.free.offer((x, y), *bright, counts);
+                self.free.offer((x, y), row * patch.columns + column, *bright, counts);
             }
         }
         self.free.finish();
-        let (plane, square) = self.free.plane(simd, noise_variance.sqrt(), near)?;
-        (self.plane, self.level) = (plane, plane.x);
+    }
+
+    /// Takes a plane of brightness and the clutter on it; the mean square of what it leaves.
+    fn take_plane(&mut self, fitted: &Fitted<Plane>, disc: &Disc, noise_variance: f64) -> f64 {
+        (self.plane, self.level) = (fitted.middle, fitted.middle.x);
         self.middle = (disc.x_px, disc.y_px);
-        self.clutter = (square - noise_variance).max(0.0).sqrt();
-        Some(square)
+        self.scales[0] = fitted.scale;
+        self.clutter = (fitted.square - noise_variance).max(0.0).sqrt();
+        fitted.square
     }
 
     /// Takes the background at the rim of a ball that is yet to be seen to be what it last was: sets of what is predicted what does not
@@ -166,26 +177,42 @@ impl Surroundings {
         &mut self,
         simd: S,
         (patch, disc): (&Patch, &Disc),
-        (by_angle, covered): (&[(f64, u32)], &[f32]),
+        (by_angle, covered, color_covered): (&[(f64, u32)], &[f32], &[f32]),
         (background, noise_variance): (&Background, f64),
     ) -> Option<()> {
-        let Background { plane, colors, color_variance, clutter, deviation } = *background;
+        let Background { plane, colors, color_variance, clutter, deviation, scales } = *background;
+        self.scales = scales;
+        self.find_free((patch, disc), covered);
+        self.free_colors.choose(color_covered, CLEAR);
         (self.plane, self.level, self.middle) = (plane, plane.x, (disc.x_px, disc.y_px));
         (self.colors, self.color_variance) = (colors, color_variance);
         (self.clutter, self.unpredicted) = (clutter, 0.0);
         let level = level_of(&plane, disc);
         self.rim.clear();
         self.rim.extend(by_angle.iter().map(|(_, i)| *i));
-        self.mean.clear();
-        self.mean.extend(self.rim.iter().map(|i| level(patch.place(*i as usize))));
+        self.rim_px.clear();
+        self.rim_px.extend(self.rim.iter().map(|i| {
+            let (x, y) = patch.place(*i as usize);
+            ((x - disc.x_px) as f32, (y - disc.y_px) as f32)
+        }));
+        self.level_rim();
         self.covariance.clear();
         if clutter * clutter > LEAST_CLUTTER * noise_variance {
             let spread = Spread { clutter, noise_variance };
             self.kriging.weigh(simd, (patch, disc.edge_px, spread), (&self.rim, covered), level)?;
+            self.kriging.find_wanted((patch.columns, disc));
             self.kriging.expect(by_angle.iter().map(|(turn, _)| deviation[sector(*turn)]));
             self.kriging.correlate(&mut self.covariance);
         }
         Some(())
+    }
+
+    /// Sets the mean behind the rim that was foreseen to the plane.
+    #[inline(always)]
+    fn level_rim(&mut self) {
+        let [level, by_x, by_y] = [self.plane.x, self.plane.y, self.plane.z].map(|value| value as f32);
+        self.mean.clear();
+        self.mean.extend(self.rim_px.iter().map(|(x, y)| level + by_x * x + by_y * y));
     }
 
     /// Estimates the background at the rim that was foreseen. None with too few free pixels, and where there is clutter, or colour, that
@@ -195,22 +222,22 @@ impl Surroundings {
         &mut self,
         simd: S,
         (patch, disc): (&Patch, &Disc),
-        (covered, color_covered): (&[f32], &[f32]),
         noise_variance: f64,
     ) -> Option<()> {
-        let near = self.plane;
-        let square = self.fit_plane(simd, (patch, disc), covered, (noise_variance, Some(&near)))?;
-        let level = level_of(&self.plane, disc);
-        self.mean.clear();
-        self.mean.extend(self.rim.iter().map(|i| level(patch.place(*i as usize))));
+        self.free.take(&patch.bright);
+        let fitted = self.free.refine(simd, (&self.plane, self.scales[0]), noise_variance.sqrt())?;
+        let square = self.take_plane(&fitted, disc, noise_variance);
+        self.level_rim();
         if self.covariance.len() > 0 {
-            self.kriging.take(patch, covered, level);
+            self.kriging.take_wanted(patch, &self.plane);
             self.kriging.predict(simd, self.clutter, &mut self.mean)?;
         } else if square - noise_variance > LEAST_CLUTTER * noise_variance {
             return None;
         }
         let expected = self.color_variance;
-        self.color_planes(simd, patch, color_covered, reach_px2(disc))?;
+        let near = [0, 1].map(|k| (self.colors[k].x, self.scales[k + 1]));
+        let means = self.free_colors.refine_means(simd, &patch.colors, near, LEAST_COLOR_STD)?;
+        self.take_colors(&means.map(|fitted| of_mean(&fitted)));
         let ratio = |k: usize| self.color_variance[k].max(noise_variance) / expected[k].max(noise_variance);
         let is_as_expected = |k: usize| (MOST_CHANGE.recip()..=MOST_CHANGE).contains(&ratio(k));
         (is_as_expected(0) && is_as_expected(1)).then_some(())
@@ -244,8 +271,8 @@ impl Surroundings {
                 *out = (sum / count).sqrt();
             }
         }
-        let Self { plane, colors, color_variance, clutter, .. } = *self;
-        Background { plane, colors, color_variance, clutter, deviation }
+        let Self { plane, colors, color_variance, clutter, scales, .. } = *self;
+        Background { plane, colors, color_variance, clutter, scales, deviation }
     }
 
     /// Whether there is the time that a still leaves: then lines beside the ball are followed behind it.
@@ -287,11 +314,11 @@ impl Surroundings {
     ) -> Option<()> {
         if !self.kriging.along_lines {
             let means = self.free_colors.means(simd, &patch.colors, (covered, CLEAR), LEAST_COLOR_STD)?;
-            self.colors = means.map(|(mean, _)| Plane::new(mean, 0.0, 0.0));
-            self.color_variance = means.map(|(_, variance)| variance);
+            self.take_colors(&means.map(|fitted| of_mean(&fitted)));
             return Some(());
         }
-        for channel in 0..2 {
+        let mut planes = [None; 2];
+        for (channel, plane) in planes.iter_mut().enumerate() {
             self.free_colors.begin(patch.colors.len());
             let rows =
                 patch.colors.chunks_exact(patch.block_columns).zip(covered.chunks_exact(patch.block_columns));
@@ -301,13 +328,27 @@ impl Surroundings {
                 for (column, (value, covered)) in values.iter().zip(covered).enumerate() {
                     let x = left + (column * patch.step) as f32;
                     let counts = (*covered < CLEAR) & (x * x + y * y < reach_px2);
-                    self.free_colors.offer((x, y), value[channel], counts);
+                    self.free_colors.offer(
+                        (x, y),
+                        row * patch.block_columns + column,
+                        value[channel],
+                        counts,
+                    );
                 }
             }
             self.free_colors.finish();
-            (self.colors[channel], self.color_variance[channel]) =
-                self.free_colors.plane(simd, LEAST_COLOR_STD, None)?;
+            *plane = self.free_colors.plane(simd, LEAST_COLOR_STD);
         }
+        let [Some(across), Some(along)] = planes else { return None };
+        self.take_colors(&[across, along]);
         Some(())
+    }
+
+    fn take_colors(&mut self, fitted: &[Fitted<Plane>; 2]) {
+        for (channel, fitted) in fitted.iter().enumerate() {
+            self.colors[channel] = fitted.middle;
+            self.color_variance[channel] = fitted.square;
+            self.scales[channel + 1] = fitted.scale;
+        }
     }
 }

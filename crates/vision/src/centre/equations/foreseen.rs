@@ -28,9 +28,9 @@ impl Equations {
     ) -> Option<()> {
         self.begin(simd, patch, Some(noise_variance));
         self.lay_out(simd, (patch, model), margin_px);
-        let rim = (&self.by_angle[..], &self.touched[..]);
+        let around = (&self.by_angle[..], &self.touched[..], &self.color_touched[..]);
         let place = (patch, &disc(model));
-        self.surroundings.foresee(simd, place, rim, (background, noise_variance))?;
+        self.surroundings.foresee(simd, place, around, (background, noise_variance))?;
         self.use_pixels(simd, patch, model);
         self.add_to(simd, patch, model, Covariance::Anew, normal)
     }
@@ -49,7 +49,7 @@ impl Equations {
             return None;
         }
         let place = (patch, &disc(model));
-        self.surroundings.look(simd, place, (&self.touched, &self.color_touched), self.noise_variance)?;
+        self.surroundings.look(simd, place, self.noise_variance)?;
         self.light_up(patch);
         let is_as_expected = self.weigh_background();
         self.observe(simd, patch, model);
