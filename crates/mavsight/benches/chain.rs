@@ -101,8 +101,9 @@ struct Watched {
 /// Where the aircraft is in a frame.
 type PoseOf<'a> = &'a dyn Fn(usize) -> Isometry3<f64>;
 
-/// Frames of a film, there and back again.
+/// Frames of a film, and those at its beginning that are not timed: cameras have started, and whatever flies is followed.
 const FILMED: usize = 60;
+const BEGUN: usize = 10;
 
 /// Four balls tracked in each of two cameras, to their pose: in one image that stays, hovering (an image of its own for each frame, as
 /// each has its own noise), and in the paper's doublet.
@@ -125,22 +126,25 @@ fn tracking(c: &mut Criterion, room: &Room, vehicle: &Vehicle) {
                     let rgb = film.frame(k as u64, &craft, |_| pose(k));
                     Frame::from_rgb(camera.camera.size, rgb).expect("a frame")
                 };
-                let tracker = Tracker::new(&colors(vehicle), 3.0..=12.0).expect("a tracker");
-                Watched {
-                    frames: (0..count).map(frame).collect(),
-                    tracker: tracker.with_camera(camera.camera),
-                }
+                Watched { frames: (0..count).map(frame).collect(), tracker: tracker_of(vehicle, camera) }
             })
             .collect();
         let estimator = PoseEstimator::new(&rig(), &mavsight::pipeline::body_markers(vehicle));
-        let (mut seen, mut shown) = (Vec::new(), 0);
+        let (mut seen, mut frame) = (Vec::new(), 0);
         // Whoever waits for the pose does not wait for what follows it: newcomers, and what is made ready for the next frame.
         let mut timed = |pairs: u64, what: usize| {
             let mut taken = [Duration::ZERO; 2];
             for _ in 0..pairs {
-                let at = shown % (2 * count);
-                let frame = at.min(2 * count - 1 - at);
-                shown += 1;
+                if frame == count {
+                    frame = 0;
+                }
+                if frame == 0 && count > 1 {
+                    for (Watched { frames, tracker }, camera) in pair.iter_mut().zip(lab::cameras()) {
+                        *tracker = tracker_of(vehicle, &camera);
+                        frames[..BEGUN].iter().for_each(|frame| drop(black_box(tracker.candidates(frame))));
+                    }
+                    frame = BEGUN;
+                }
                 let start = Instant::now();
                 tell(&mut pair, frame, &mut seen);
                 drop(black_box(estimator.estimate(0, &seen, None)));
@@ -148,6 +152,7 @@ fn tracking(c: &mut Criterion, room: &Room, vehicle: &Vehicle) {
                 let start = Instant::now();
                 pair.iter_mut().for_each(|Watched { frames, tracker }| tracker.look_around(&frames[frame]));
                 taken[1] += start.elapsed();
+                frame += 1;
             }
             taken[what]
         };
@@ -155,6 +160,10 @@ fn tracking(c: &mut Criterion, room: &Room, vehicle: &Vehicle) {
             c.bench_function(&format!("{of}, {name}"), |b| b.iter_custom(|pairs| timed(pairs, what)));
         }
     }
+}
+
+fn tracker_of(vehicle: &Vehicle, camera: &VirtualCamera) -> Tracker {
+    Tracker::new(&colors(vehicle), 3.0..=12.0).expect("a tracker").with_camera(camera.camera)
 }
 
 /// What both cameras see of the markers.
