@@ -4,6 +4,7 @@ mod foreseen;
 mod front;
 mod weighing;
 
+pub(super) use foreseen::Seen;
 pub(super) use weighing::Asked;
 
 use super::cholesky::{BAND, Banded};

@@ -7,6 +7,8 @@
 
 use super::model::{COUNT, Model, Parameters};
 use super::vectorized::{Foresee, Form, Look, Solve};
+use super::equations::Seen;
+use super::settle::End;
 use super::{Fit, Fitter, SAME_PLACE_PX, Start, first_guess, longest, prior, with_margin, within};
 use crate::optics::Known;
 use crate::patch::Patch;
@@ -81,25 +83,35 @@ impl Foreseen {
             return Err(None);
         }
         let look = Look { equations: &mut self.fitter.equations, patch: &self.patch, model: &model };
-        let (pull, mut is_formed) = pulp::Arch::new().dispatch(look).ok_or(None)?;
+        let (pull, seen) = pulp::Arch::new().dispatch(look).ok_or(None)?;
         let (mut step, _) = self.fitter.solve_for(&pull, (&model, &Parameters::zeros()), &prior);
         let longest_px = longest(&step);
         if longest_px.is_nan() || longest_px > margin_px + LONGEST_BEYOND_PX {
             return Err(None);
         }
         let expected = model.p;
-        if longest_px > SAME_PLACE_PX {
+        let mut is_formed = seen == Seen::AsExpected;
+        if longest_px > SAME_PLACE_PX || seen == Seen::OtherColors {
             model.p = within(model.p + step, range_px);
-            let equations = (&mut self.fitter.equations, &mut self.fitter.normal);
-            let (patch, model, prior, form) = (&self.patch, &model, &prior, Form::There);
-            (step, _) =
-                pulp::Arch::new().dispatch(Solve { equations, patch, model, prior, form }).ok_or(None)?;
-            is_formed = true;
+            (step, is_formed) = (self.form_there(&model, &prior).ok_or(None)?, true);
         }
-        let end = self.fitter.settle(&self.patch, (&model, &prior), (step, is_formed)).ok_or(None)?;
-        if !end.is_near || longest(&(end.p - expected)) > margin_px {
+        let mut end = self.fitter.settle(&self.patch, (&model, &prior), (step, is_formed)).ok_or(None)?;
+        let is_within = |end: &End| longest(&(end.p - expected)) <= margin_px;
+        if !end.is_near && is_within(&end) {
+            model.p = within(end.p, range_px);
+            step = self.form_there(&model, &prior).ok_or(None)?;
+            end = self.fitter.settle(&self.patch, (&model, &prior), (step, true)).ok_or(None)?;
+        }
+        if !end.is_near || !is_within(&end) {
             return Err(Some(end.p.xy() + self.patch.corner()));
         }
         self.fitter.summarize(&self.patch, &prior, range_px, &end).ok_or(None)
+    }
+
+    /// Forms the equations anew where the ball is in the frame, and the step that they ask for.
+    fn form_there(&mut self, model: &Model, prior: &[Known; COUNT]) -> Option<Parameters> {
+        let equations = (&mut self.fitter.equations, &mut self.fitter.normal);
+        let (patch, form) = (&self.patch, Form::There);
+        pulp::Arch::new().dispatch(Solve { equations, patch, model, prior, form }).map(|(step, _)| step)
     }
 }

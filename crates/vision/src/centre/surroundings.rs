@@ -215,15 +215,15 @@ impl Surroundings {
         self.mean.extend(self.rim_px.iter().map(|(x, y)| level + by_x * x + by_y * y));
     }
 
-    /// Estimates the background at the rim that was foreseen. None with too few free pixels, and where there is clutter, or colour, that
-    /// was not expected.
+    /// Estimates the background at the rim that was foreseen; whether its colours vary as they did. None with too few free pixels, and
+    /// where there is clutter that was not expected.
     #[inline(always)]
     pub(super) fn look<S: Simd>(
         &mut self,
         simd: S,
         (patch, disc): (&Patch, &Disc),
         noise_variance: f64,
-    ) -> Option<()> {
+    ) -> Option<bool> {
         self.free.take(&patch.bright);
         let fitted = self.free.refine(simd, (&self.plane, self.scales[0]), noise_variance.sqrt())?;
         let square = self.take_plane(&fitted, disc, noise_variance);
@@ -240,7 +240,7 @@ impl Surroundings {
         self.take_colors(&means.map(|fitted| of_mean(&fitted)));
         let ratio = |k: usize| self.color_variance[k].max(noise_variance) / expected[k].max(noise_variance);
         let is_as_expected = |k: usize| (MOST_CHANGE.recip()..=MOST_CHANGE).contains(&ratio(k));
-        (is_as_expected(0) && is_as_expected(1)).then_some(())
+        Some(is_as_expected(0) && is_as_expected(1))
     }
 
     /// Sets the covariance of what is predicted of a rim that was foreseen as it was looked at.

@@ -1,6 +1,6 @@
 //! What is done once a step or once a fit, compiled for each vector unit that a processor may have.
 
-use super::equations::{Asked, Covariance, Equations};
+use super::equations::{Asked, Covariance, Equations, Seen};
 use super::is_sharpest;
 use super::model::{COUNT, EDGE, Model, Parameters, RADIUS, SITING};
 use super::normal::Normal;
@@ -64,7 +64,7 @@ impl pulp::WithSimd for Foresee<'_> {
     }
 }
 
-/// Their completion by the frame that was waited for: what its samples ask for, and whether the equations weigh them about right.
+/// Their completion by the frame that was waited for: what its samples ask for, and whether what is behind is what was expected.
 pub(super) struct Look<'a> {
     pub(super) equations: &'a mut Equations,
     pub(super) patch: &'a Patch,
@@ -72,12 +72,12 @@ pub(super) struct Look<'a> {
 }
 
 impl pulp::WithSimd for Look<'_> {
-    type Output = Option<(Parameters, bool)>;
+    type Output = Option<(Parameters, Seen)>;
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
-        let is_as_expected = self.equations.look(simd, (self.patch, self.model))?;
-        Some((self.equations.pull(simd), is_as_expected))
+        let seen = self.equations.look(simd, (self.patch, self.model))?;
+        Some((self.equations.pull(simd), seen))
     }
 }
 

@@ -14,6 +14,14 @@ use pulp::Simd;
 /// right, and what is claimed of the centre is off by less, as the rim's brightness is one of three things that tell it.
 const AS_EXPECTED: f32 = 0.33;
 
+/// What is behind a ball that was foreseen: what was expected, as colourful but more or less uncertain, or of other colours.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::centre) enum Seen {
+    AsExpected,
+    OtherClutter,
+    OtherColors,
+}
+
 impl Equations {
     /// Lays out the samples of a ball that is yet to be seen, for any place within a margin, with what is behind it as it last was, and
     /// forms derivatives, covariance and sums. The patch holds the frame before, whose grain is taken for the next's. None where there
@@ -35,25 +43,28 @@ impl Equations {
         self.add_to(simd, patch, model, Covariance::Anew, normal)
     }
 
-    /// Takes the frame that was waited for: what is behind the ball, and what it leaves of all samples. The result says whether what is
-    /// behind is about as uncertain as was expected. None where too little is free, or light beside the ball is beyond what can be
-    /// shown.
+    /// Takes the frame that was waited for: what is behind the ball, and what it leaves of all samples. None where too little is free,
+    /// where there is clutter and none was expected, or light beside the ball is beyond what can be shown.
     #[inline(always)]
     pub(in crate::centre) fn look<S: Simd>(
         &mut self,
         simd: S,
         (patch, model): (&Patch, &Model),
-    ) -> Option<bool> {
+    ) -> Option<Seen> {
         self.trust_all(patch);
         if self.glare.may_reach() {
             return None;
         }
         let place = (patch, &disc(model));
-        self.surroundings.look(simd, place, self.noise_variance)?;
+        let are_colors_as_expected = self.surroundings.look(simd, place, self.noise_variance)?;
         self.light_up(patch);
         let is_as_expected = self.weigh_background();
         self.observe(simd, patch, model);
-        Some(is_as_expected)
+        Some(match (are_colors_as_expected, is_as_expected) {
+            (false, _) => Seen::OtherColors,
+            (true, false) => Seen::OtherClutter,
+            (true, true) => Seen::AsExpected,
+        })
     }
 
     /// Forms the equations of the frame that was taken where the ball is in it, within the margin.
