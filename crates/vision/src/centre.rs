@@ -254,7 +254,7 @@ impl Fitter {
                 }
             }
             if step.length < SMALL_STEP && has_settled {
-                let end = End { p: model.p, step: step.change, gain: 1.0, is_near: true };
+                let end = End { p: model.p, unweighed: Some(step.change), gain: 1.0, is_near: true };
                 return self.summarize(patch, &prior, range_px, &end);
             }
         }
@@ -300,9 +300,13 @@ impl Fitter {
         let p = &end.p;
         let inside_range = p[RADIUS] > range_px.0 && p[RADIUS] < range_px.1;
         let linear = [0, 1, 2].map(|channel| p[BALL + channel]);
-        let equations = (&self.equations, &self.normal);
-        let (covariance, siting_px2, texture) =
-            pulp::Arch::new().dispatch(Tell { equations, patch, linear: &linear, step: &end.step });
+        let equations = (&mut self.equations, &self.normal);
+        let (covariance, siting_px2, texture) = pulp::Arch::new().dispatch(Tell {
+            equations,
+            patch,
+            linear: &linear,
+            unweighed: end.unweighed.as_ref(),
+        });
         let centre_px2 = Matrix2::from_fn(|i, j| end.gain * covariance[i][j]);
         let texture_px = TEXTURE_GAIN * p[EDGE] * texture;
         let model_px2 = (MODEL_STD * 2.0 * p[RADIUS]).powi(2) + texture_px * texture_px;

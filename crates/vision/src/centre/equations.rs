@@ -10,7 +10,9 @@ pub(super) use weighing::Asked;
 use super::cholesky::{BAND, Banded};
 use super::glare::Glare;
 use super::lanes::GROUP;
-use super::model::{EDGE, Model, NO_COLUMNS, RADIUS, RESIDUAL, Row, SITING, Shown, WIDTH, add_scaled};
+use super::model::{
+    EDGE, Model, NO_COLUMNS, NOTHING, RADIUS, RESIDUAL, Row, SITING, Shown, Values, WIDTH, add_scaled,
+};
 use super::normal::Normal;
 use super::places::Places;
 use super::samples::{grain_variance, visit};
@@ -74,16 +76,23 @@ pub(super) struct Equations {
     believed: Vec<f32>,
     /// What each sample's row in the equations has been shrunk by since they were formed.
     shrunk: Vec<f32>,
-    /// What a step leaves of each sample's residual in the equations.
-    residuals: Vec<f32>,
+    /// What a step leaves of each sample's residual in the equations, and of the brightness of each pixel in use.
+    left: Vec<f32>,
+    bright_left: Vec<f32>,
     /// Probability that clutter lies before the ball, at each pixel of the patch.
     front: Vec<f32>,
     looks: Vec<front::Look>,
     has_looked_in_front: bool,
-    /// Each pixel in use: derivatives, behind those of the brightness its residual.
+    /// What each pixel in use and each that is shared shows, and its derivatives.
+    values: Values,
     shown: Vec<Shown>,
-    /// All samples with unit variance: brightness of the pixels in use, then both colours of each block.
+    /// Residuals of the brightness of each pixel in use, and of both colours of each block.
+    residuals: Vec<f32>,
+    color_residuals: Vec<[f32; 2]>,
+    /// Derivatives of all samples with unit variance: brightness of the pixels in use, then both colours of each block. Their
+    /// residuals, which are behind them only while sums are formed.
     whitened: Vec<Row>,
+    whitened_residuals: Vec<f32>,
     variance: Vec<f32>,
     /// One over the standard deviation.
     scale: Vec<f32>,
@@ -328,7 +337,7 @@ impl Equations {
         if covariance == Covariance::Anew {
             self.set_variances(patch, model.p[EDGE]);
             self.open.clear();
-            self.open.extend(self.shown[..stretched].iter().map(|shown| shown.open));
+            self.open.extend_from_slice(&self.values.open[..stretched]);
             self.open.resize(stretched + BAND, 0.0);
             self.factor.copy(simd, &self.surroundings.covariance, &self.open, &self.variance);
             if !self.factor.factor(simd) {
@@ -342,29 +351,64 @@ impl Equations {
         let (bright, colors) = self.whitened.split_at_mut(self.used.len());
         let (rim, inside) = bright.split_at_mut(stretched);
         for (out, shown) in rim.iter_mut().zip(&self.shown) {
-            *out = shown.channels[0];
+            *out = shown[0];
         }
         self.factor.whiten(simd, rim);
         for ((out, shown), scale) in
             inside.iter_mut().zip(&self.shown[stretched..]).zip(&self.scale[stretched..])
         {
-            set_scaled(out, &shown.channels[0], *scale);
+            set_scaled(out, &shown[0], *scale);
         }
         let rows = self.color_rows.as_flattened().iter().zip(self.color_scale.as_flattened());
         for (out, (row, scale)) in colors.iter_mut().zip(rows) {
             set_scaled(out, row, *scale);
         }
-        normal.set(simd, &self.whitened);
+        self.whiten_residuals();
+        self.sum_up(simd, normal);
         Some(())
+    }
+
+    /// Sets the residuals of all samples with unit variance.
+    #[inline(always)]
+    fn whiten_residuals(&mut self) {
+        let (pixels, stretched) = (self.used.len(), self.surroundings.covariance.len());
+        let out = &mut self.whitened_residuals;
+        out.clear();
+        out.extend_from_slice(&self.residuals);
+        let colors = self.color_residuals.as_flattened().iter().zip(self.color_scale.as_flattened());
+        out.extend(colors.map(|(residual, scale)| residual * scale));
+        let samples = out.len();
+        // Behind the rim there is room for a band, in which nothing changes.
+        out.resize(samples.max(stretched + BAND), 0.0);
+        self.factor.whiten_one(out);
+        out.truncate(samples);
+        for (out, scale) in out[stretched..pixels].iter_mut().zip(&self.scale[stretched..]) {
+            *out *= scale;
+        }
+        for (out, shrunk) in out.iter_mut().zip(&self.shrunk) {
+            *out *= shrunk;
+        }
+    }
+
+    /// Sums up the equations of all samples.
+    #[inline(always)]
+    fn sum_up<S: Simd>(&mut self, simd: S, normal: &mut Normal) {
+        for (row, residual) in self.whitened.iter_mut().zip(&self.whitened_residuals) {
+            row[RESIDUAL] = *residual;
+        }
+        normal.set(simd, &self.whitened);
     }
 
     /// Residuals and derivatives of all samples in use.
     #[inline(always)]
     fn evaluate<S: Simd>(&mut self, simd: S, patch: &Patch, model: &Model) {
-        self.shown.resize(self.used.len() + self.shared.len(), Shown::NOTHING);
+        let pixels = self.used.len() + self.shared.len();
+        self.shown.resize(pixels, NOTHING);
+        self.values.make_room(pixels);
         let mut columns = NO_COLUMNS;
         for (group, shown) in self.shown.chunks_mut(GROUP).enumerate() {
-            model.show(simd, (&self.places, GROUP * group), &patch.from_coded, &mut columns, shown);
+            let (places, out) = ((&self.places, GROUP * group), (shown, &mut self.values));
+            model.show(simd, places, &patch.from_coded, &mut columns, out);
         }
         let mut color_rows = std::mem::take(&mut self.color_rows);
         color_rows.resize(self.blocks.len(), [[0.0; WIDTH]; 2]);
@@ -378,12 +422,13 @@ impl Equations {
     /// Residuals of all samples in use from what their pixels show.
     #[inline(always)]
     fn find_residuals(&mut self, patch: &Patch, model: &Model) {
-        for (used, shown) in self.used.iter().zip(&mut self.shown) {
-            let residual = &mut shown.channels[0][RESIDUAL];
-            *residual = patch.bright[*used as usize] - *residual - patch.from_coded[0][3] as f32;
-        }
-        let mut color_rows = std::mem::take(&mut self.color_rows);
-        for (rows, block) in color_rows.iter_mut().zip(&self.blocks) {
+        let constant = patch.from_coded.map(|row| row[3] as f32);
+        self.residuals.clear();
+        let both = self.used.iter().zip(&self.values.channels[0]);
+        self.residuals.extend(both.map(|(used, value)| patch.bright[*used as usize] - value - constant[0]));
+        let mut residuals = std::mem::take(&mut self.color_residuals);
+        residuals.clear();
+        for block in &self.blocks {
             let (block, mut values) = (*block as usize, [0.0; 2]);
             if patch.step == 1 {
                 values = self.colors_shown(patch, block);
@@ -394,11 +439,9 @@ impl Equations {
                     }
                 });
             }
-            for (k, row) in rows.iter_mut().enumerate() {
-                row[RESIDUAL] = patch.colors[block][k] - values[k] - patch.from_coded[k + 1][3] as f32;
-            }
+            residuals.push([0, 1].map(|k| patch.colors[block][k] - values[k] - constant[k + 1]));
         }
-        self.color_rows = color_rows;
+        self.color_residuals = residuals;
     }
 
     /// Colour differences that a pixel shows, less their constants.
@@ -409,7 +452,7 @@ impl Equations {
                 let free = self.surroundings.colors_at(patch.place(pixel));
                 [0, 1].map(|k| (free[k] - patch.from_coded[k + 1][3]) as f32)
             }
-            place => [1, 2].map(|channel| self.shown[place as usize - 1].channels[channel][RESIDUAL]),
+            place => [1, 2].map(|channel| self.values.channels[channel][place as usize - 1]),
         }
     }
 
@@ -422,10 +465,10 @@ impl Equations {
         let (noise, unpredicted) = (self.noise_variance as f32, self.surroundings.unpredicted as f32);
         self.variance.clear();
         self.believed.clear();
-        for ((used, shown), near) in self.used.iter().zip(&self.shown).zip(&self.near) {
+        for (place, (used, near)) in self.used.iter().zip(&self.near).enumerate() {
             let index = *used as usize;
-            let front = self.front[index] * (near * shown.covered).powi(2);
-            let behind = unpredicted * shown.open;
+            let front = self.front[index] * (near * self.values.covered[place]).powi(2);
+            let behind = unpredicted * self.values.open[place];
             let believed = self.weight[index].max(LEAST_TRUST);
             self.variance.push((noise + alike_px * front + behind * behind) / believed);
             self.believed.push(believed);
@@ -435,7 +478,8 @@ impl Equations {
         // Noise there is no clutter.
         let clutter = self.surroundings.color_variance.map(|all| (all as f32 - noise).max(0.0));
         self.color_variance.clear();
-        for ((block, rows), near) in self.blocks.iter().zip(&self.color_rows).zip(&self.color_near) {
+        for ((block, residuals), near) in self.blocks.iter().zip(&self.color_residuals).zip(&self.color_near)
+        {
             let block = *block as usize;
             let likelier = self.front_of_block(patch, block) / IN_FRONT;
             let hidden = (likelier * (HIDES * near / level).powi(2)).min(1.0);
@@ -443,7 +487,7 @@ impl Equations {
             let believed = self.color_weight[block].max(LEAST_TRUST);
             let mut variance = [0.0; 2];
             for (k, variance) in variance.iter_mut().enumerate() {
-                let value = patch.colors[block][k] - rows[k][RESIDUAL] - patch.from_coded[k + 1][3] as f32;
+                let value = patch.colors[block][k] - residuals[k] - patch.from_coded[k + 1][3] as f32;
                 let behind = (1.0 - covered).powi(2) * clutter[k];
                 *variance = (noise + alike * (hidden * (covered * value).powi(2) + behind)) / believed;
             }
@@ -461,13 +505,13 @@ impl Equations {
     fn color_row(&self, patch: &Patch, model: &Model, block: usize, rows: &mut [Row; 2]) {
         let own = if patch.step == 1 { self.slot[block].checked_sub(1) } else { None };
         if let Some(place) = own {
-            rows.copy_from_slice(&self.shown[place as usize].channels[1..]);
+            rows.copy_from_slice(&self.shown[place as usize][1..]);
             return;
         }
         *rows = [[0.0; WIDTH]; 2];
         visit(patch, block, model.p[SITING], |pixel, weight, by_siting| {
             if let Some(place) = self.slot[pixel].checked_sub(1) {
-                for (row, channel) in rows.iter_mut().zip(&self.shown[place as usize].channels[1..]) {
+                for (row, channel) in rows.iter_mut().zip(&self.shown[place as usize][1..]) {
                     add_scaled(row, channel, weight);
                 }
             }

@@ -5,10 +5,10 @@
 //! Whoever waits for the centre waits for the samples' residuals and what these ask for. Forming what a template needs before the image
 //! comes is inverse compositional alignment (Baker & Matthews 2004).
 
-use super::model::{COUNT, Model, Parameters};
-use super::vectorized::{Foresee, Form, Look, Solve};
 use super::equations::Seen;
+use super::model::{COUNT, Model, Parameters};
 use super::settle::End;
+use super::vectorized::{Foresee, Form, Look, Solve};
 use super::{Fit, Fitter, SAME_PLACE_PX, Start, first_guess, longest, prior, with_margin, within};
 use crate::optics::Known;
 use crate::patch::Patch;

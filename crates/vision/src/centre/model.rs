@@ -47,18 +47,27 @@ pub(super) struct Model {
     pub(super) gloss: Gloss,
 }
 
-/// What a pixel shows: its channels, less their constants, behind their derivatives.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Shown {
-    pub(super) covered: f32,
-    pub(super) channels: [Row; 3],
+/// Derivatives of what a pixel shows, of each channel.
+pub(super) type Shown = [Row; 3];
+pub(super) const NOTHING: Shown = [[0.0; WIDTH]; 3];
+
+/// What pixels show, in whole groups.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Values {
+    /// Their channels, less the constants.
+    pub(super) channels: [Vec<f32>; 3],
+    pub(super) covered: Vec<f32>,
     /// Derivative of each code by the code of what is behind.
-    pub(super) open: f32,
+    pub(super) open: Vec<f32>,
 }
 
-impl Shown {
-    /// Nothing yet.
-    pub(super) const NOTHING: Self = Self { covered: 0.0, channels: [[0.0; WIDTH]; 3], open: 0.0 };
+impl Values {
+    /// Makes room for as many pixels.
+    pub(super) fn make_room(&mut self, pixels: usize) {
+        let whole = pixels.next_multiple_of(GROUP);
+        let Self { channels: [bright, across, along], covered, open } = self;
+        [bright, across, along, covered, open].into_iter().for_each(|values| values.resize(whole, 0.0));
+    }
 }
 
 /// Derivatives of each channel by all parameters and its value, for a group of pixels. What no model sets stays nothing.
@@ -147,8 +156,8 @@ impl Model {
         Rim { covered, slope: by.map(|d| density * d), bend }
     }
 
-    /// What a group of pixels shows, that at `first` and those behind, in the channels that these combinations of codes are.
-    /// The columns are working space.
+    /// What a group of pixels shows, that at `first` and those behind, in the channels that these combinations of codes are, with its
+    /// derivatives. The columns are working space.
     #[inline(always)]
     pub(super) fn show<S: Simd>(
         &self,
@@ -156,9 +165,10 @@ impl Model {
         (places, first): (&Places, usize),
         from_coded: &[[f64; 4]; 3],
         columns: &mut Columns,
-        shown: &mut [Shown],
+        (shown, values): (&mut [Shown], &mut Values),
     ) {
-        let (mut covered, mut open) = ([0.0; GROUP], [0.0; GROUP]);
+        let group = first..first + GROUP;
+        let (covered, open) = (&mut values.covered[group.clone()], &mut values.open[group.clone()]);
         for part in 0..Lanes::<S>::PARTS {
             let from = |values: &[f32]| Lanes::load(simd, &values[first..first + GROUP], part);
             let behind = [from(&places.light[0]), from(&places.light[1]), from(&places.light[2])];
@@ -169,33 +179,31 @@ impl Model {
             for (gain, decoding) in gains.iter().zip(&places.decoding) {
                 through = through + *gain * from(decoding);
             }
-            face.rim.covered.store(&mut covered, part);
-            (uncovered * through * Lanes::splat(simd, 1.0 / 3.0)).store(&mut open, part);
+            face.rim.covered.store(covered, part);
+            (uncovered * through * Lanes::splat(simd, 1.0 / 3.0)).store(open, part);
             for (columns, parts) in columns.iter_mut().zip(from_coded) {
                 self.differentiate(simd, (&face, &behind), (&codes, &gains), parts, (columns, part));
             }
         }
-        for (lane, shown) in shown.iter_mut().enumerate().take(GROUP) {
-            (shown.covered, shown.open) = (covered[lane], open[lane]);
-        }
         for (channel, columns) in columns.iter().enumerate() {
+            values.channels[channel][group.clone()].copy_from_slice(&columns[RESIDUAL]);
             for (first, columns) in columns.chunks_exact(TURNED).enumerate() {
                 store_rows(simd, columns, shown, (channel, first));
             }
         }
     }
 
-    /// The channels of a group of pixels, that at `first` and those behind, less their constants, without derivatives.
+    /// The channels of pixels, less their constants, without derivatives.
     #[inline(always)]
     pub(super) fn values<S: Simd>(
         &self,
         simd: S,
-        (places, first): (&Places, usize),
+        places: &Places,
         from_coded: &[[f64; 4]; 3],
-        values: &mut [[f32; GROUP]; 3],
+        values: &mut [Vec<f32>; 3],
     ) {
-        for part in 0..Lanes::<S>::PARTS {
-            let from = |values: &[f32]| Lanes::load(simd, &values[first..first + GROUP], part);
+        for part in 0..places.x.len() / S::F32_LANES {
+            let from = |values: &[f32]| Lanes::load(simd, values, part);
             let behind = [from(&places.light[0]), from(&places.light[1]), from(&places.light[2])];
             let face = self.face(simd, (from(&places.x), from(&places.y)));
             let (codes, _) = self.coded(simd, &face, &behind);
@@ -324,12 +332,12 @@ fn store_rows<S: Simd>(
         let column = |k: usize| Lanes::load(simd, &columns[k], 0);
         let rows = Lanes::transposed(simd, [column(0), column(1), column(2), column(3)]);
         for (shown, row) in shown.iter_mut().zip(rows) {
-            shown.channels[channel][TURNED * first..TURNED * (first + 1)].copy_from_slice(&row);
+            shown[channel][TURNED * first..TURNED * (first + 1)].copy_from_slice(&row);
         }
         return;
     }
     for (lane, shown) in shown.iter_mut().enumerate() {
-        for (value, column) in shown.channels[channel][TURNED * first..].iter_mut().zip(columns) {
+        for (value, column) in shown[channel][TURNED * first..].iter_mut().zip(columns) {
             *value = column[lane];
         }
     }
@@ -402,34 +410,36 @@ mod tests {
             (0..GROUP).for_each(|lane| places.light_up(lane, &[0.4, 0.42, 0.35]));
             places.decode(Scalar::new());
             let shown = |model: &Model| {
-                let mut shown = [Shown::NOTHING];
-                let mut columns = NO_COLUMNS;
-                model.show(Scalar::new(), (&places, 0), &from_coded, &mut columns, &mut shown);
-                shown[0]
+                let (mut shown, mut values) = ([NOTHING], Values::default());
+                values.make_room(1);
+                let (simd, mut columns) = (Scalar::new(), NO_COLUMNS);
+                model.show(simd, (&places, 0), &from_coded, &mut columns, (&mut shown, &mut values));
+                (shown[0], values)
             };
-            let got = shown(&model);
-            let mut values = [[0.0; GROUP]; 3];
-            model.values(Scalar::new(), (&places, 0), &from_coded, &mut values);
-            assert_eq!(values, got.channels.map(|channel| [channel[RESIDUAL]; GROUP]));
+            let (got, at) = shown(&model);
+            let mut values = at.channels.clone();
+            values.iter_mut().for_each(|values| values.fill(0.0));
+            model.values(Scalar::new(), &places, &from_coded, &mut values);
+            assert_eq!(values, at.channels);
             for k in (0..SITING).chain([FOURTH]) {
                 let value = |h: f64| {
                     let mut moved = model;
                     moved.p[k] += h;
-                    shown(&moved).channels.map(|c| f64::from(c[RESIDUAL]))
+                    shown(&moved).1.channels.map(|c| f64::from(c[0]))
                 };
                 let (up, down) = (value(STEP), value(-STEP));
                 for c in 0..3 {
                     let want = (up[c] - down[c]) / (2.0 * STEP);
                     assert!(
-                        (f64::from(got.channels[c][k]) - want).abs() < 0.02 * want.abs() + 0.2,
+                        (f64::from(got[c][k]) - want).abs() < 0.02 * want.abs() + 0.2,
                         "{k} {c}: {} for {want}",
-                        got.channels[c][k]
+                        got[c][k]
                     );
                 }
             }
             let places = [[x as f32; GROUP], [y as f32; GROUP]];
             let (covered, depth) = model.coverage(Scalar::new(), &places);
-            assert_eq!(covered, [got.covered; GROUP]);
+            assert_eq!(covered[..], at.covered[..]);
             assert_eq!(depth, [model.depth_edges((x, y)); GROUP]);
             assert_eq!(pulp::Arch::new().dispatch(Covers(&model, &places)), covered);
         }

@@ -16,11 +16,11 @@ const NOISE_KEEPS: f64 = 0.4;
 /// thousandth of a pixel.
 const STRAIGHT_PX: f64 = 0.03;
 
-/// Where a fit ends: by what step from its last residuals, how much wider its covariance is than that of its equations, and whether it
-/// is where these were formed.
+/// Where a fit ends: by what step from its last residuals, where samples have not been weighed by that or one next to it, how much wider
+/// its covariance is than that of its equations, and whether it is where these were formed.
 pub(super) struct End {
     pub(super) p: Parameters,
-    pub(super) step: Parameters,
+    pub(super) unweighed: Option<Parameters>,
     pub(super) gain: f64,
     pub(super) is_near: bool,
 }
@@ -67,7 +67,7 @@ impl Fitter {
             if length < SMALL_STEP || round == MOST_WEIGHED {
                 let p = from.p + step;
                 let is_near = longest(&(p - formed.p)) <= SAME_PLACE_PX;
-                let end = End { p, step, gain: noise / asked.believed, is_near };
+                let end = End { p, unweighed: None, gain: noise / asked.believed, is_near };
                 return (p[EDGE] >= PIXEL_STD_PX).then_some(end);
             }
         }

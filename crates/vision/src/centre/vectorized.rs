@@ -175,12 +175,12 @@ impl pulp::WithSimd for SolveFor<'_> {
 }
 
 /// The covariance of a fit's equations, of the parameters up to the edge's width, the siting's variance, and what the face shows beyond
-/// the model.
+/// the model: by what a step leaves, or what that has left by which samples were weighed last.
 pub(super) struct Tell<'a> {
-    pub(super) equations: (&'a Equations, &'a Normal),
+    pub(super) equations: (&'a mut Equations, &'a Normal),
     pub(super) patch: &'a Patch,
     pub(super) linear: &'a [f64; 3],
-    pub(super) step: &'a Parameters,
+    pub(super) unweighed: Option<&'a Parameters>,
 }
 
 impl pulp::WithSimd for Tell<'_> {
@@ -190,7 +190,10 @@ impl pulp::WithSimd for Tell<'_> {
     fn with_simd<S: pulp::Simd>(self, simd: S) -> Self::Output {
         let (equations, normal) = self.equations;
         let [[siting_px2]] = normal.covariance([SITING]);
-        let texture = equations.texture(simd, self.patch, self.linear, self.step);
+        if let Some(step) = self.unweighed {
+            equations.leave(simd, step);
+        }
+        let texture = equations.texture(self.patch, self.linear);
         (normal.covariance([0, 1, RADIUS, EDGE]), siting_px2, texture)
     }
 }

@@ -1,10 +1,8 @@
 //! Equations that are formed before a frame is there, where the ball is expected, and completed once it is.
 
 use super::{Covariance, Equations};
-use crate::centre::cholesky::BAND;
 use crate::centre::disc;
-use crate::centre::lanes::GROUP;
-use crate::centre::model::{Model, Parameters, RESIDUAL};
+use crate::centre::model::{Model, Parameters};
 use crate::centre::normal::Normal;
 use crate::centre::surroundings::Background;
 use crate::patch::Patch;
@@ -99,42 +97,17 @@ impl Equations {
     /// Sets all residuals to those of a model, with the derivatives that there are.
     #[inline(always)]
     pub(in crate::centre) fn observe<S: Simd>(&mut self, simd: S, patch: &Patch, model: &Model) {
-        let mut values = [[0.0; GROUP]; 3];
-        for (group, shown) in self.shown.chunks_mut(GROUP).enumerate() {
-            model.values(simd, (&self.places, GROUP * group), &patch.from_coded, &mut values);
-            for (lane, shown) in shown.iter_mut().enumerate() {
-                for (channel, values) in shown.channels.iter_mut().zip(&values) {
-                    channel[RESIDUAL] = values[lane];
-                }
-            }
-        }
+        model.values(simd, &self.places, &patch.from_coded, &mut self.values.channels);
         self.find_residuals(patch, model);
-        let (pixels, stretched) = (self.used.len(), self.surroundings.covariance.len());
-        self.residuals.clear();
-        self.residuals.extend(self.shown[..stretched].iter().map(|shown| shown.channels[0][RESIDUAL]));
-        self.residuals.resize(stretched + BAND, 0.0);
-        self.factor.whiten_one(&mut self.residuals);
-        let (bright, colors) = self.whitened.split_at_mut(pixels);
-        let (shrunk, shrunk_colors) = self.shrunk.split_at(pixels);
-        for place in 0..stretched {
-            bright[place][RESIDUAL] = self.residuals[place] * shrunk[place];
-        }
-        for place in stretched..pixels {
-            let residual = self.shown[place].channels[0][RESIDUAL];
-            bright[place][RESIDUAL] = residual * self.scale[place] * shrunk[place];
-        }
-        let rows = self.color_rows.as_flattened().iter().zip(self.color_scale.as_flattened());
-        for ((out, (row, scale)), shrunk) in colors.iter_mut().zip(rows).zip(shrunk_colors) {
-            out[RESIDUAL] = row[RESIDUAL] * scale * shrunk;
-        }
+        self.whiten_residuals();
     }
 
     /// What all samples ask for, believed as they are in the equations.
     #[inline(always)]
     pub(in crate::centre) fn pull<S: Simd>(&self, simd: S) -> Parameters {
         let mut pull = super::weighing::Pull::nothing(simd);
-        for row in &self.whitened {
-            pull.add(simd, row, row[RESIDUAL]);
+        for (row, residual) in self.whitened.iter().zip(&self.whitened_residuals) {
+            pull.add(simd, row, *residual);
         }
         pull.sums()
     }

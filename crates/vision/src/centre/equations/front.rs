@@ -5,10 +5,8 @@
 //! weighed by the clutter's correlation, the filter that is matched to it, so that it stands for one sample of it; which of the
 //! two holds follows by Bayes' rule (Jaynes 2003, chapter 4).
 
-use super::{Equations, IN_FRONT, weighing::left};
-use crate::centre::model::Row;
+use super::{Equations, IN_FRONT};
 use crate::patch::Patch;
-use pulp::Simd;
 
 /// Pixels in each direction over which clutter is alike: at a blur of half a pixel, correlation beyond is below e⁻⁴.
 const ALIKE_PX: usize = 2;
@@ -26,21 +24,22 @@ pub(super) struct Look {
 }
 
 impl Equations {
-    /// Sets the probability that clutter lies before the ball at each pixel in use, from what a step from the last equations
-    /// leaves. Where no clutter is predicted nothing is changed.
+    /// Sets the probability that clutter lies before the ball at each pixel in use, from what a step from the last equations has
+    /// left. Where no clutter is predicted nothing is changed.
     #[inline(always)]
-    pub(super) fn look_in_front<S: Simd>(&mut self, simd: S, patch: &Patch, step: &Row) {
+    pub(super) fn look_in_front(&mut self, patch: &Patch) {
         let behind = &self.surroundings.covariance;
         if behind.len() == 0 {
             return;
         }
         self.looks.clear();
-        self.looks.extend(self.shown[..self.used.len()].iter().zip(&self.near).enumerate().map(
-            |(place, (shown, near))| Look {
-                left: left(simd, &shown.channels[0], step),
-                covered: shown.covered,
-                behind: if place < behind.len() { shown.open * behind.diagonal(place).sqrt() } else { 0.0 },
-                clutter: near * shown.covered,
+        let open = |place: usize| self.values.open[place];
+        self.looks.extend(self.bright_left.iter().zip(&self.near).enumerate().map(
+            |(place, (left, near))| {
+                let covered = self.values.covered[place];
+                let behind =
+                    if place < behind.len() { open(place) * behind.diagonal(place).sqrt() } else { 0.0 };
+                Look { left: *left, covered, behind, clutter: near * covered }
             },
         ));
         let alike = self.alike();
@@ -105,7 +104,7 @@ impl Equations {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::centre::model::{RESIDUAL, Shown, WIDTH};
+    use crate::centre::model::Values;
 
     const SIDE: usize = 9;
 
@@ -114,12 +113,11 @@ mod tests {
     fn in_front(left: f32) -> f32 {
         let patch = Patch { columns: SIDE, rows: SIDE, ..Patch::default() };
         let count = SIDE * SIDE;
-        let mut shown = Shown { covered: 1.0, ..Shown::NOTHING };
-        shown.channels[0][RESIDUAL] = left;
         let mut equations = Equations {
             used: (0..count as u32).collect(),
             slot: (1..=count as u32).collect(),
-            shown: vec![shown; count],
+            bright_left: vec![left; count],
+            values: Values { covered: vec![1.0; count], open: vec![0.0; count], ..Values::default() },
             near: vec![10.0; count],
             front: vec![IN_FRONT; count],
             noise_variance: 4.0,
@@ -127,10 +125,10 @@ mod tests {
             ..Equations::default()
         };
         let middle = count / 2;
-        equations.look_in_front(pulp::Scalar::new(), &patch, &[0.0; WIDTH]);
+        equations.look_in_front(&patch);
         assert_eq!(equations.front[middle], IN_FRONT, "without clutter nothing is told");
         equations.surroundings.covariance.set(1, |_, _| 1.0);
-        equations.look_in_front(pulp::Scalar::new(), &patch, &[0.0; WIDTH]);
+        equations.look_in_front(&patch);
         equations.front[middle]
     }
 

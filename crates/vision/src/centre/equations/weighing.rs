@@ -3,7 +3,7 @@
 use super::{Equations, LEAST_TRUST};
 use crate::centre::curve::encode_one;
 use crate::centre::lanes::{GROUP, Lanes, total};
-use crate::centre::model::{Parameters, RESIDUAL, Row, WIDTH};
+use crate::centre::model::{Parameters, Row, WIDTH};
 use crate::centre::normal::Normal;
 use crate::centre::robust::biweight;
 use crate::centre::samples::combined;
@@ -68,35 +68,44 @@ impl Equations {
         step: &Parameters,
         with_noise: bool,
     ) -> Asked {
-        let step = &filled(step);
-        self.residuals.clear();
-        for row in &self.whitened {
-            self.residuals.push(left(simd, row, step));
-        }
+        self.leave(simd, step);
         self.spoiled.clear();
-        self.trust_pixels(simd, step);
+        self.trust_pixels();
         self.trust_blocks(patch);
         self.spoil_neighbours(patch);
         // In a film clutter is not told apart by place, so that there is nothing to look for.
         if self.in_still() && !std::mem::replace(&mut self.has_looked_in_front, true) {
-            self.look_in_front(simd, patch, step);
+            self.look_in_front(patch);
         }
         self.ask(simd, with_noise)
     }
 
+    /// Sets what a step leaves of all residuals.
     #[inline(always)]
-    fn trust_pixels<S: Simd>(&mut self, simd: S, step: &Row) {
+    pub(in crate::centre) fn leave<S: Simd>(&mut self, simd: S, step: &Parameters) {
+        let step = &filled(step);
+        self.left.clone_from(&self.whitened_residuals);
+        for (left, row) in self.left.iter_mut().zip(&self.whitened) {
+            *left -= along(simd, row, step);
+        }
+        self.bright_left.clone_from(&self.residuals);
+        for (left, shown) in self.bright_left.iter_mut().zip(&self.shown) {
+            *left -= along(simd, &shown[0], step);
+        }
+    }
+
+    #[inline(always)]
+    fn trust_pixels(&mut self) {
         let (stretched, deviation) = (self.surroundings.covariance.len(), self.surroundings.deviation());
         for (place, used) in self.used.iter().enumerate() {
             let index = *used as usize;
             if self.glare.reaches(index) {
                 continue;
             }
-            let open = self.shown[place].open;
             let own = self.variance[place] * self.believed[place];
-            let behind = if place < stretched { open * deviation[place] } else { 0.0 };
+            let behind = if place < stretched { self.values.open[place] * deviation[place] } else { 0.0 };
             let variance = own + behind * behind;
-            let trust = biweight(left(simd, &self.shown[place].channels[0], step).powi(2) / variance);
+            let trust = biweight(self.bright_left[place].powi(2) / variance);
             self.trust[index] = trust;
             if trust == 0.0 {
                 self.spoiled.push(*used);
@@ -106,7 +115,7 @@ impl Equations {
 
     #[inline(always)]
     fn trust_blocks(&mut self, patch: &Patch) {
-        let residuals = self.residuals[self.used.len()..].chunks_exact(2);
+        let residuals = self.left[self.used.len()..].chunks_exact(2);
         let believed = &self.believed[self.used.len()..];
         for ((block, residuals), believed) in self.blocks.iter().zip(residuals).zip(believed) {
             if self.glare.reaches_block(patch, *block as usize) {
@@ -127,7 +136,7 @@ impl Equations {
         let (mut chi_square, mut count, mut formed) = (0.0, 0.0, 0.0);
         let mut pull = Pull::nothing(simd);
         let (bright, colors) = self.whitened.split_at(self.used.len());
-        let (left, colors_left) = self.residuals.split_at(self.used.len());
+        let (left, colors_left) = self.left.split_at(self.used.len());
         let (believed, blocks_believed) = self.believed.split_at(self.used.len());
         for (place, used) in self.used.iter().enumerate() {
             let weight = self.weight[*used as usize];
@@ -165,20 +174,24 @@ impl Equations {
             self.variance[place] /= part;
             self.believed[place] = weight;
             self.shrink(place, part.sqrt());
+            self.left[place] *= part.sqrt();
         }
         for place in 0..self.blocks.len() {
             let weight = self.color_weight[self.blocks[place] as usize].max(LEAST_TRUST);
             let part = (quieter * weight / self.believed[pixels + place]).sqrt();
             self.believed[pixels + place] = weight;
-            self.shrink(pixels + 2 * place, part);
-            self.shrink(pixels + 2 * place + 1, part);
+            for sample in pixels + 2 * place..pixels + 2 * place + 2 {
+                self.shrink(sample, part);
+                self.left[sample] *= part;
+            }
         }
-        normal.set(simd, &self.whitened);
+        self.sum_up(simd, normal);
     }
 
     #[inline(always)]
     pub(super) fn shrink(&mut self, sample: usize, factor: f32) {
         self.shrunk[sample] *= factor;
+        self.whitened_residuals[sample] *= factor;
         self.whitened[sample].iter_mut().for_each(|value| *value *= factor);
     }
 
@@ -228,25 +241,18 @@ impl Equations {
     /// Part of the covered samples that is believed.
     pub(in crate::centre) fn trusted(&self) -> f64 {
         let (mut covered, mut believed) = (0.0, 0.0);
-        for (used, shown) in self.used.iter().zip(&self.shown) {
-            covered += shown.covered;
-            believed += shown.covered * self.trust[*used as usize];
+        for (used, part) in self.used.iter().zip(&self.values.covered) {
+            covered += part;
+            believed += part * self.trust[*used as usize];
         }
         f64::from(believed / covered)
     }
 
     /// Standard deviation of what the face shows beyond the model and the noise of a pixel (a shadow, a highlight, light of higher
-    /// order), as a part of its difference from the surroundings, behind a step. A sample counts by the probability that it is the
+    /// order), as a part of its difference from the surroundings, by what the last step has left. A sample counts by the probability that it is the
     /// face that is seen: what is before it is in the samples' own variance.
     #[inline(always)]
-    pub(in crate::centre) fn texture<S: Simd>(
-        &self,
-        simd: S,
-        patch: &Patch,
-        linear: &[f64; 3],
-        step: &Parameters,
-    ) -> f64 {
-        let step = &filled(step);
+    pub(in crate::centre) fn texture(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
         let encoded = linear.map(encoded);
         let coded = encoded.map(|(code, _)| code);
         let around = self.surroundings.around();
@@ -256,19 +262,23 @@ impl Equations {
         let by_light = |row: &[f64; 4]| -> f64 { (0..3).map(|c| row[c] * encoded[c].1 * linear[c]).sum() };
         let light: f64 = patch.from_coded.iter().map(|row| (LIGHT_STD * by_light(row)).powi(2)).sum();
         let (mut square, mut count) = (0.0, 0.0);
-        for (used, shown) in self.used.iter().zip(&self.shown) {
+        let pixels = self.used.iter().zip(&self.values.covered).zip(&self.bright_left);
+        for ((used, covered), left) in pixels {
             let index = *used as usize;
-            let weight = f64::from(shown.covered * self.weight[index] * (1.0 - self.front[index]));
-            square += weight * (f64::from(left(simd, &shown.channels[0], step).powi(2)) - self.least_noise);
+            let weight = f64::from(covered * self.weight[index] * (1.0 - self.front[index]));
+            square += weight * (f64::from(left.powi(2)) - self.least_noise);
             count += weight;
         }
         let bright = square / f64::max(count, 1.0);
         (square, count) = (0.0, 0.0);
-        for (block, rows) in self.blocks.iter().zip(&self.color_rows) {
+        let first = self.used.len();
+        let scales = self.color_scale.iter().zip(self.shrunk[first..].chunks_exact(2));
+        let left = self.left[first..].chunks_exact(2).zip(scales);
+        for (block, (left, (scale, shrunk))) in self.blocks.iter().zip(left) {
             let block = *block as usize;
             let seen = 1.0 - self.front_of_block(patch, block);
             let weight = f64::from(self.color_covered[block] * self.color_weight[block] * seen);
-            let squares: f32 = rows.iter().map(|row| left(simd, row, step).powi(2)).sum();
+            let squares: f32 = (0..2).map(|k| (left[k] / (scale[k] * shrunk[k])).powi(2)).sum();
             square += weight * (f64::from(squares) - 2.0 * self.least_noise);
             count += weight;
         }
@@ -299,9 +309,9 @@ fn filled(step: &Parameters) -> Row {
     filled
 }
 
-/// What a step leaves of a residual; the step is filled up with zeros.
+/// By how much a step changes a sample; the step is filled up with zeros.
 #[inline(always)]
-pub(super) fn left<S: Simd>(simd: S, row: &Row, step: &Row) -> f32 {
+fn along<S: Simd>(simd: S, row: &Row, step: &Row) -> f32 {
     let mut sums = [0.0; GROUP];
     for part in 0..Lanes::<S>::PARTS {
         let of = |values: &Row, group: usize| Lanes::load(simd, values, group * Lanes::<S>::PARTS + part);
@@ -311,5 +321,5 @@ pub(super) fn left<S: Simd>(simd: S, row: &Row, step: &Row) -> f32 {
         }
         sum.store(&mut sums, part);
     }
-    row[RESIDUAL] - total(simd, &sums)
+    total(simd, &sums)
 }
