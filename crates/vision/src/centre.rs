@@ -237,7 +237,9 @@ impl Fitter {
                 covariance = Covariance::Anew;
                 let with_noise = weighed >= least_weighed;
                 if with_noise && !self.equations.in_still() && step.is_whole {
-                    if let Some(end) = self.settle(patch, (&formed, &prior), (model.p - formed.p, true)) {
+                    if let Some(end) =
+                        self.settle(patch, (&formed, &prior), (model.p - formed.p, true, SAME_PLACE_PX))
+                    {
                         if end.is_near {
                             return self.summarize(patch, &prior, range_px, &end);
                         }

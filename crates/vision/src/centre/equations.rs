@@ -74,7 +74,8 @@ pub(super) struct Equations {
     color_weight: Vec<f32>,
     /// Weight in the equations of each pixel in use and, behind these, of each block.
     believed: Vec<f32>,
-    /// What each sample's row in the equations has been shrunk by since they were formed.
+    /// By what each sample counts for less or more since the equations were formed: factors of its row, and of its residual, in which
+    /// they are.
     shrunk: Vec<f32>,
     /// What a step leaves of each sample's residual in the equations, and of the brightness of each pixel in use.
     left: Vec<f32>,
@@ -89,8 +90,8 @@ pub(super) struct Equations {
     /// Residuals of the brightness of each pixel in use, and of both colours of each block.
     residuals: Vec<f32>,
     color_residuals: Vec<[f32; 2]>,
-    /// Derivatives of all samples with unit variance: brightness of the pixels in use, then both colours of each block. Their
-    /// residuals, which are behind them only while sums are formed.
+    /// Derivatives of all samples with unit variance: brightness of the pixels in use, then both colours of each block. Behind them
+    /// their residuals when the equations were formed, and those that they have now.
     whitened: Vec<Row>,
     whitened_residuals: Vec<f32>,
     variance: Vec<f32>,
@@ -364,7 +365,10 @@ impl Equations {
             set_scaled(out, row, *scale);
         }
         self.whiten_residuals();
-        self.sum_up(simd, normal);
+        for (row, residual) in self.whitened.iter_mut().zip(&self.whitened_residuals) {
+            row[RESIDUAL] = *residual;
+        }
+        normal.set(simd, &self.whitened, &self.shrunk);
         Some(())
     }
 
@@ -388,15 +392,6 @@ impl Equations {
         for (out, shrunk) in out.iter_mut().zip(&self.shrunk) {
             *out *= shrunk;
         }
-    }
-
-    /// Sums up the equations of all samples.
-    #[inline(always)]
-    fn sum_up<S: Simd>(&mut self, simd: S, normal: &mut Normal) {
-        for (row, residual) in self.whitened.iter_mut().zip(&self.whitened_residuals) {
-            row[RESIDUAL] = *residual;
-        }
-        normal.set(simd, &self.whitened);
     }
 
     /// Residuals and derivatives of all samples in use.

@@ -6,7 +6,7 @@
 //! comes is inverse compositional alignment (Baker & Matthews 2004).
 
 use super::equations::Seen;
-use super::model::{COUNT, Model, Parameters};
+use super::model::{COUNT, EDGE, Model, Parameters};
 use super::settle::End;
 use super::vectorized::{Foresee, Form, Look, Solve};
 use super::{Fit, Fitter, SAME_PLACE_PX, Start, first_guess, longest, prior, with_margin, within};
@@ -22,6 +22,10 @@ const WIDEST_MARGIN_PX: f64 = 0.25;
 const MARGIN_STDS: f64 = 3.0;
 /// How far beyond that a first step may go, all samples believed: what is not the ball's draws it, and is found out after.
 const LONGEST_BEYOND_PX: f64 = 2.0 * SAME_PLACE_PX;
+
+/// How far from where derivatives were formed they serve, in edge widths: those of a Gaussian edge that is s away are correlated with the
+/// edge's own by exp(-s²/4), so that a centre found by them has exp(s²/2) times the least variance, here 3 % more.
+const STALE_EDGES: f64 = 0.25;
 
 /// The fit of one ball in the next frame; reused from frame to frame.
 #[derive(Debug, Clone, Default)]
@@ -91,16 +95,18 @@ impl Foreseen {
         }
         let expected = model.p;
         let mut is_formed = seen == Seen::AsExpected;
-        if longest_px > SAME_PLACE_PX || seen == Seen::OtherColors {
+        let near_px = (STALE_EDGES * model.p[EDGE]).max(SAME_PLACE_PX);
+        if longest_px > near_px || seen == Seen::OtherColors {
             model.p = within(model.p + step, range_px);
             (step, is_formed) = (self.form_there(&model, &prior).ok_or(None)?, true);
         }
-        let mut end = self.fitter.settle(&self.patch, (&model, &prior), (step, is_formed)).ok_or(None)?;
+        let mut end =
+            self.fitter.settle(&self.patch, (&model, &prior), (step, is_formed, near_px)).ok_or(None)?;
         let is_within = |end: &End| longest(&(end.p - expected)) <= margin_px;
         if !end.is_near && is_within(&end) {
             model.p = within(end.p, range_px);
             step = self.form_there(&model, &prior).ok_or(None)?;
-            end = self.fitter.settle(&self.patch, (&model, &prior), (step, true)).ok_or(None)?;
+            end = self.fitter.settle(&self.patch, (&model, &prior), (step, true, near_px)).ok_or(None)?;
         }
         if !end.is_near || !is_within(&end) {
             return Err(Some(end.p.xy() + self.patch.corner()));

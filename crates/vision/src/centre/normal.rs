@@ -34,24 +34,24 @@ impl Default for Normal {
 }
 
 impl Normal {
-    /// Sets the sums over samples of unit variance: derivatives with the residual behind them.
+    /// Sets the sums over samples of unit variance, derivatives with the residual behind them, each times a factor.
     #[inline(always)]
-    pub(super) fn set<S: Simd>(&mut self, simd: S, samples: &[Row]) {
+    pub(super) fn set<S: Simd>(&mut self, simd: S, samples: &[Row], factors: &[f32]) {
         const { assert!(COUNT.is_multiple_of(ROWS) && GROUP.is_multiple_of(ROWS) && WIDTH == 3 * GROUP) };
         let mut all: [Row; COUNT] = [[0.0; WIDTH]; COUNT];
         if S::F32_LANES == GROUP {
             for first in (0..COUNT).step_by(ROWS) {
                 match first / GROUP {
-                    0 => sum_rows::<S, 3>(simd, first, samples, &mut all),
-                    1 => sum_rows::<S, 2>(simd, first, samples, &mut all),
-                    _ => sum_rows::<S, 1>(simd, first, samples, &mut all),
+                    0 => sum_rows::<S, 3>(simd, first, (samples, factors), &mut all),
+                    1 => sum_rows::<S, 2>(simd, first, (samples, factors), &mut all),
+                    _ => sum_rows::<S, 1>(simd, first, (samples, factors), &mut all),
                 }
             }
         } else {
-            for sample in samples {
+            for (sample, factor) in samples.iter().zip(factors) {
                 for (i, sum) in all.iter_mut().enumerate() {
                     for k in i / GROUP * GROUP..WIDTH {
-                        sum[k] = sample[i].mul_add(sample[k], sum[k]);
+                        sum[k] = sample[i].mul_add(sample[k] * (factor * factor), sum[k]);
                     }
                 }
             }
@@ -60,6 +60,13 @@ impl Normal {
             for (value, sum) in row.iter_mut().zip(sums) {
                 *value = f64::from(*sum);
             }
+        }
+    }
+
+    /// Sets the gradient to that of other residuals.
+    pub(super) fn set_pull(&mut self, pull: &Parameters) {
+        for (row, pull) in self.rows.iter_mut().zip(pull) {
+            row[RESIDUAL] = *pull;
         }
     }
 
@@ -195,11 +202,18 @@ impl Normal {
 
 /// Sets some rows of the sums, of which all but the last `GROUPS` groups lie before the diagonal.
 #[inline(always)]
-fn sum_rows<S: Simd, const GROUPS: usize>(simd: S, first: usize, samples: &[Row], all: &mut [Row; COUNT]) {
+fn sum_rows<S: Simd, const GROUPS: usize>(
+    simd: S,
+    first: usize,
+    (samples, factors): (&[Row], &[f32]),
+    all: &mut [Row; COUNT],
+) {
     let from = WIDTH - GROUP * GROUPS;
     let mut sums = [[Lanes::splat(simd, 0.0); GROUPS]; ROWS];
-    for sample in samples {
-        let values: [Lanes<S>; GROUPS] = std::array::from_fn(|k| Lanes::load(simd, &sample[from..], k));
+    for (sample, factor) in samples.iter().zip(factors) {
+        let square = Lanes::splat(simd, factor * factor);
+        let values: [Lanes<S>; GROUPS] =
+            std::array::from_fn(|k| Lanes::load(simd, &sample[from..], k) * square);
         for (r, sums) in sums.iter_mut().enumerate() {
             let factor = Lanes::splat(simd, sample[first + r]);
             for k in 0..GROUPS {
@@ -235,34 +249,36 @@ mod tests {
     use super::*;
     use nalgebra::SMatrix;
 
-    struct Set<'a>(&'a mut Normal, &'a [Row]);
+    struct Set<'a>(&'a mut Normal, &'a [Row], &'a [f32]);
 
     impl pulp::WithSimd for Set<'_> {
         type Output = ();
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) {
-            self.0.set(simd, self.1);
+            self.0.set(simd, self.1, self.2);
         }
     }
 
     #[test]
     fn it_agrees_with_the_general_solver() {
         let (mut normal, mut information) = (Normal::default(), SMatrix::<f64, COUNT, COUNT>::zeros());
-        let (mut gradient, mut samples) = (Parameters::zeros(), Vec::new());
+        let (mut gradient, mut samples, mut factors) = (Parameters::zeros(), Vec::new(), Vec::new());
         for sample in 0..40 {
             let mut row: Row = [0.0; WIDTH];
             for (k, value) in row[..=RESIDUAL].iter_mut().enumerate() {
                 *value = ((sample * 7 + k * 13 + k * k * sample) as f32).sin();
             }
             let derivatives = Parameters::from_fn(|k, _| f64::from(row[k]));
+            let weight = [1.0_f64, 2.0, 3.0][sample % 3];
             samples.push(row);
-            information += derivatives * derivatives.transpose();
-            gradient += derivatives * f64::from(row[RESIDUAL]);
+            factors.push(weight.sqrt() as f32);
+            information += derivatives * derivatives.transpose() * weight;
+            gradient += derivatives * f64::from(row[RESIDUAL]) * weight;
         }
         let mut plain = normal.clone();
-        plain.set(pulp::Scalar::new(), &samples);
-        pulp::Arch::new().dispatch(Set(&mut normal, &samples));
+        plain.set(pulp::Scalar::new(), &samples, &factors);
+        pulp::Arch::new().dispatch(Set(&mut normal, &samples, &factors));
         assert_eq!(plain.rows, normal.rows);
         normal.add_known(3, 5.0, 0.2);
         information[(3, 3)] += 5.0;

@@ -3,18 +3,17 @@
 use super::equations::Asked;
 use super::model::{COUNT, EDGE, Model, Parameters};
 use super::vectorized::{Form, Observe, Reweigh, Solve, SolveFor};
-use super::{
-    Fitter, LEAST_TRUSTED, MOST_WEIGHED, PIXEL_STD_PX, SAME_PLACE_PX, SMALL_STEP, is_sharpest, longest,
-};
+use super::{Fitter, LEAST_TRUSTED, MOST_WEIGHED, PIXEL_STD_PX, SMALL_STEP, is_sharpest, longest};
 use crate::optics::Known;
 use crate::patch::Patch;
 
 /// Change of the noise, as the logarithm of its ratio, up to which equations that were formed with the one before weigh what is known
 /// besides as they should: half as much again.
 const NOISE_KEEPS: f64 = 0.4;
-/// Movement behind which residuals are taken anew: of a step s the linear form leaves about s² over the width of an edge, here a
-/// thousandth of a pixel.
-const STRAIGHT_PX: f64 = 0.03;
+/// Movement behind which residuals are taken anew, in edge widths. Of a step s the linear form leaves s² times half of the edge's
+/// curvature: of opposite signs on opposite sides, so that it is the radius that takes it, and the centre what is of third order, at an
+/// edge s³/6, here a five-thousandth of its width.
+const STRAIGHT_EDGES: f64 = 0.1;
 
 /// Where a fit ends: by what step from its last residuals, where samples have not been weighed by that or one next to it, how much wider
 /// its covariance is than that of its equations, and whether it is where these were formed.
@@ -26,7 +25,7 @@ pub(super) struct End {
 }
 
 impl Fitter {
-    /// Goes on from a step by its derivatives, which hold as long as the ball is where they were formed: trust is set, and what that
+    /// Goes on from a step by its derivatives, which hold as long as the ball is as near as that to where they were formed: trust is set, and what that
     /// asks for is solved with the factor that there is (Huber & Dutter 1974), until nothing is left to find. The factor is made anew
     /// where it is not that of the equations any more, where samples turn out not to be the ball's, where noise is another, and for
     /// the last time that trust is set, so that what comes of it is their solution. On noise alone each time leaves a sixth of what
@@ -35,10 +34,10 @@ impl Fitter {
         &mut self,
         patch: &Patch,
         (formed, prior): (&Model, &[Known; COUNT]),
-        (mut step, is_formed): (Parameters, bool),
+        (mut step, is_formed, near_px): (Parameters, bool, f64),
     ) -> Option<End> {
         let mut from = *formed;
-        if longest(&step) > STRAIGHT_PX {
+        if longest(&step) > STRAIGHT_EDGES * formed.p[EDGE] {
             (from.p, step) = (from.p + step, Parameters::zeros());
             let equations = &mut self.equations;
             pulp::Arch::new().dispatch(Observe { equations, patch, model: &from });
@@ -55,10 +54,10 @@ impl Fitter {
                 || noise.ln().abs() > NOISE_KEEPS
                 || (asked.is_spoiled && !is_formed_again);
             if is_other || round == MOST_WEIGHED {
-                let equations = (&mut self.equations, &mut self.normal);
-                let form = Form::Again { noise };
-                pulp::Arch::new().dispatch(Solve { equations, patch, model: formed, prior, form })?;
                 asked = Asked { pull: asked.pull / noise, believed: 1.0, ..asked };
+                let equations = (&mut self.equations, &mut self.normal);
+                let form = Form::Again { noise, pull: &asked.pull };
+                pulp::Arch::new().dispatch(Solve { equations, patch, model: formed, prior, form })?;
                 (noise_formed, noise) = (self.equations.noise_variance(), 1.0);
                 is_formed_again = true;
             }
@@ -66,7 +65,7 @@ impl Fitter {
             step += change;
             if length < SMALL_STEP || round == MOST_WEIGHED {
                 let p = from.p + step;
-                let is_near = longest(&(p - formed.p)) <= SAME_PLACE_PX;
+                let is_near = longest(&(p - formed.p)) <= near_px;
                 let end = End { p, unweighed: None, gain: noise / asked.believed, is_near };
                 return (p[EDGE] >= PIXEL_STD_PX).then_some(end);
             }

@@ -9,12 +9,12 @@ use crate::optics::Known;
 use crate::patch::Patch;
 
 /// How a step's equations are formed: where the model is now, likewise after the background was looked at for a ball that was foreseen
-/// elsewhere, or as the last ones with the weights that samples have now and so many times the noise.
+/// elsewhere, or as the last ones with the weights that samples have now, so many times the noise, and what they ask for by that.
 #[derive(Clone, Copy)]
-pub(super) enum Form {
+pub(super) enum Form<'a> {
     Anew(Covariance),
     There,
-    Again { noise: f64 },
+    Again { noise: f64, pull: &'a Parameters },
 }
 
 /// The forming and solving of one step's equations.
@@ -23,7 +23,7 @@ pub(super) struct Solve<'a> {
     pub(super) patch: &'a Patch,
     pub(super) model: &'a Model,
     pub(super) prior: &'a [Known; COUNT],
-    pub(super) form: Form,
+    pub(super) form: Form<'a>,
 }
 
 impl pulp::WithSimd for Solve<'_> {
@@ -35,7 +35,7 @@ impl pulp::WithSimd for Solve<'_> {
         match self.form {
             Form::Anew(covariance) => equations.add_to(simd, self.patch, self.model, covariance, normal)?,
             Form::There => equations.form_there(simd, (self.patch, self.model), normal)?,
-            Form::Again { noise } => equations.form_again(simd, noise, normal),
+            Form::Again { noise, pull } => equations.form_again(simd, (noise, pull), normal),
         }
         solve(normal, self.model, self.prior)
     }

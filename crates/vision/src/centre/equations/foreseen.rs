@@ -106,8 +106,9 @@ impl Equations {
     #[inline(always)]
     pub(in crate::centre) fn pull<S: Simd>(&self, simd: S) -> Parameters {
         let mut pull = super::weighing::Pull::nothing(simd);
-        for (row, residual) in self.whitened.iter().zip(&self.whitened_residuals) {
-            pull.add(simd, row, *residual);
+        let samples = self.whitened_residuals.iter().zip(&self.shrunk);
+        for (row, (residual, shrunk)) in self.whitened.iter().zip(samples) {
+            pull.add(simd, row, residual * shrunk);
         }
         pull.sums()
     }

@@ -85,8 +85,8 @@ impl Equations {
     pub(in crate::centre) fn leave<S: Simd>(&mut self, simd: S, step: &Parameters) {
         let step = &filled(step);
         self.left.clone_from(&self.whitened_residuals);
-        for (left, row) in self.left.iter_mut().zip(&self.whitened) {
-            *left -= along(simd, row, step);
+        for ((left, row), shrunk) in self.left.iter_mut().zip(&self.whitened).zip(&self.shrunk) {
+            *left -= along(simd, row, step) * shrunk;
         }
         self.bright_left.clone_from(&self.residuals);
         for (left, shown) in self.bright_left.iter_mut().zip(&self.shown) {
@@ -137,13 +137,14 @@ impl Equations {
         let mut pull = Pull::nothing(simd);
         let (bright, colors) = self.whitened.split_at(self.used.len());
         let (left, colors_left) = self.left.split_at(self.used.len());
+        let (shrunk, colors_shrunk) = self.shrunk.split_at(self.used.len());
         let (believed, blocks_believed) = self.believed.split_at(self.used.len());
         for (place, used) in self.used.iter().enumerate() {
             let weight = self.weight[*used as usize];
             let part = weight / believed[place];
             chi_square += left[place] * left[place] * part;
             (count, formed) = (count + weight, formed + believed[place]);
-            pull.add(simd, &bright[place], left[place] * part);
+            pull.add(simd, &bright[place], left[place] * part * shrunk[place]);
         }
         for (place, block) in self.blocks.iter().enumerate() {
             let weight = self.color_weight[*block as usize];
@@ -151,7 +152,7 @@ impl Equations {
             (count, formed) = (count + 2.0 * weight, formed + 2.0 * blocks_believed[place]);
             for sample in 2 * place..2 * place + 2 {
                 chi_square += colors_left[sample] * colors_left[sample] * part;
-                pull.add(simd, &colors[sample], colors_left[sample] * part);
+                pull.add(simd, &colors[sample], colors_left[sample] * part * colors_shrunk[sample]);
             }
         }
         if with_noise {
@@ -164,9 +165,15 @@ impl Equations {
         Asked { pull: pull.sums(), believed: f64::from(count / formed), is_spoiled }
     }
 
-    /// Forms the equations of the last step anew with the weights that samples have now and so many times the noise.
+    /// Forms the equations of the last step anew with the weights that samples have now and so many times the noise, by which they ask
+    /// for what is told.
     #[inline(always)]
-    pub(in crate::centre) fn form_again<S: Simd>(&mut self, simd: S, noise: f64, normal: &mut Normal) {
+    pub(in crate::centre) fn form_again<S: Simd>(
+        &mut self,
+        simd: S,
+        (noise, pull): (f64, &Parameters),
+        normal: &mut Normal,
+    ) {
         let (pixels, quieter) = (self.used.len(), noise.recip() as f32);
         for place in 0..pixels {
             let weight = self.weight[self.used[place] as usize].max(LEAST_TRUST);
@@ -185,14 +192,14 @@ impl Equations {
                 self.left[sample] *= part;
             }
         }
-        self.sum_up(simd, normal);
+        normal.set(simd, &self.whitened, &self.shrunk);
+        normal.set_pull(pull);
     }
 
     #[inline(always)]
     pub(super) fn shrink(&mut self, sample: usize, factor: f32) {
         self.shrunk[sample] *= factor;
         self.whitened_residuals[sample] *= factor;
-        self.whitened[sample].iter_mut().for_each(|value| *value *= factor);
     }
 
     /// Takes the weight of the samples beside those that are not believed.
