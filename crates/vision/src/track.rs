@@ -15,7 +15,7 @@ use thing::Track;
 
 /// Frames without a sighting after which the motion of a ball is no longer extrapolated.
 const MOST_MISSED: u32 = 5;
-/// Sightings before which a ball that is missed is given up after two frames: a fleck of noise.
+/// Sightings up to which a ball is new: it is given up when missed in two frames, as a fleck of noise.
 const FEW_SEEN: u32 = 3;
 
 /// Balls that are followed beyond the markers of a colour: what of a room's things looks like one.
@@ -60,8 +60,9 @@ pub struct Tracker {
     next_id: u32,
     health: Vec<BallHealth>,
     is_dark: bool,
-    /// Whether newcomers have been looked for in the last frame.
+    /// Whether newcomers have been looked for in the last frame, and whether all else that can wait has been done.
     has_looked: bool,
+    is_done: bool,
 }
 
 /// What is known of one colour.
@@ -99,6 +100,7 @@ impl Tracker {
             health: vec![BallHealth::default(); colors.len()],
             is_dark: false,
             has_looked: true,
+            is_done: true,
         })
     }
 
@@ -132,10 +134,12 @@ impl Tracker {
         self.sightings.clear();
         self.frames += 1;
         self.tracks.retain(|t| t.missed <= MOST_MISSED && (t.missed < 2 || t.seen > FEW_SEEN));
-        for track in 0..self.tracks.len() {
-            self.near_prediction(frame, track);
+        for is_new in [false, true] {
+            for track in 0..self.tracks.len() {
+                self.tell_of(frame, track, is_new);
+            }
         }
-        self.has_looked = false;
+        (self.has_looked, self.is_done) = (false, false);
         if self.sightings.is_empty() {
             self.find_newcomers(frame);
             let seen = self.tracks.iter().filter(|t| t.missed == 0);
@@ -180,11 +184,29 @@ impl Tracker {
 
     /// The track of a colour that is most likely a marker's, of those seen in this frame.
     fn lead(&self, color: usize) -> Option<usize> {
-        let live = |t: &usize| self.tracks[*t].color == color && self.tracks[*t].missed == 0;
+        let live = |t: &usize| {
+            let track = &self.tracks[*t];
+            track.color == color && track.missed == 0 && !track.waits
+        };
         (0..self.tracks.len()).filter(live).max_by(|a, b| {
             let (a, b) = (&self.tracks[*a], &self.tracks[*b]);
             (a.has_moved, a.seen).cmp(&(b.has_moved, b.seen)).then(b.id.cmp(&a.id))
         })
+    }
+
+    /// Looks for a track that is new, or for one that is not. What is new waits where all markers of its colour have been seen: mostly it
+    /// is a fleck that is gone by now.
+    fn tell_of(&mut self, frame: &Frame, track: usize, is_new: bool) {
+        if (self.tracks[track].seen <= FEW_SEEN) != is_new {
+            return;
+        }
+        let color = self.tracks[track].color;
+        let seen = self.sightings.iter().filter(|s| s.color == color).count();
+        if is_new && seen >= self.colors[color].markers {
+            self.tracks[track].waits = true;
+        } else {
+            self.near_prediction(frame, track);
+        }
     }
 
     fn near_prediction(&mut self, frame: &Frame, index: usize) {
@@ -231,10 +253,18 @@ impl Tracker {
         self.sightings.push(track.sighting(self.frames));
     }
 
-    /// What can wait in a frame that has been told: looks for newcomers, which are followed, and told of, from the next frame on; looks
-    /// how well balls are seen; and makes ready for the next frame. To be called once a frame: who waits for what is followed need not
-    /// wait for this.
+    /// What can wait in a frame that has been told, if it was not done: looks for newcomers, which are followed from the next frame on and
+    /// told of once they have stayed, or something of their colour is missing; looks how well balls are seen; and makes ready for the
+    /// next frame. Who waits for what is followed need not wait for this.
     pub fn look_around(&mut self, frame: &Frame) {
+        if std::mem::replace(&mut self.is_done, true) {
+            return;
+        }
+        for track in 0..self.tracks.len() {
+            if std::mem::take(&mut self.tracks[track].waits) {
+                self.near_prediction(frame, track);
+            }
+        }
         if !self.has_looked {
             self.find_newcomers(frame);
         }

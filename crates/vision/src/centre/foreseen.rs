@@ -16,16 +16,21 @@ use crate::{Frame, Vector2};
 
 /// How far from where it was expected a ball is fitted with what was made ready for, at most: an acceleration of 1 m/s² moves it so far
 /// from where its velocity would have it a thirtieth of a second later (1.1 mm), 3 m away with a focal length of 700 px.
-const WIDEST_MARGIN_PX: f64 = 0.25;
+const WIDEST_MARGIN_PX: f64 = 0.35;
 /// The same in root mean squares of what it was off before, which come of a few frames: of a Gaussian in the plane next to nothing
 /// lies beyond.
-const MARGIN_STDS: f64 = 3.0;
+const MARGIN_STDS: f64 = 4.0;
 /// How far beyond that a first step may go, all samples believed: what is not the ball's draws it, and is found out after.
 const LONGEST_BEYOND_PX: f64 = 2.0 * SAME_PLACE_PX;
 
 /// How far from where derivatives were formed they serve, in edge widths: those of a Gaussian edge that is s away are correlated with the
 /// edge's own by exp(-s²/4), so that a centre found by them has exp(s²/2) times the least variance, here 3 % more.
 const STALE_EDGES: f64 = 0.25;
+
+/// The same in pixels.
+fn near_px(model: &Model) -> f64 {
+    (STALE_EDGES * model.p[EDGE]).max(SAME_PLACE_PX)
+}
 
 /// The fit of one ball in the next frame; reused from frame to frame.
 #[derive(Debug, Clone, Default)]
@@ -62,11 +67,13 @@ impl Foreseen {
             return;
         }
         let (range_px, middle) = (with_margin(radius_px), start.pixel);
-        let margin_px = off_px
-            .map_or(WIDEST_MARGIN_PX, |off_px| (MARGIN_STDS * off_px).clamp(SAME_PLACE_PX, WIDEST_MARGIN_PX));
         let start = &Start { pixel: start.pixel - self.patch.corner(), ..*start };
         let model = first_guess(start, range_px);
         let prior = prior(start, &model);
+        let near_px = near_px(&model);
+        let margin_px = off_px
+            .map_or(WIDEST_MARGIN_PX, |off_px| (MARGIN_STDS * off_px).min(WIDEST_MARGIN_PX))
+            .max(near_px);
         let Fitter { equations, normal } = &mut self.fitter;
         let (patch, seen) = (&self.patch, (&followed.background, followed.noise_variance));
         let foresee =
@@ -95,7 +102,7 @@ impl Foreseen {
         }
         let expected = model.p;
         let mut is_formed = seen == Seen::AsExpected;
-        let near_px = (STALE_EDGES * model.p[EDGE]).max(SAME_PLACE_PX);
+        let near_px = near_px(&model);
         if longest_px > near_px || seen == Seen::OtherColors {
             model.p = within(model.p + step, range_px);
             (step, is_formed) = (self.form_there(&model, &prior).ok_or(None)?, true);

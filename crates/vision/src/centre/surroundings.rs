@@ -38,6 +38,8 @@ pub(super) enum Clutter {
     AsNoise,
 }
 
+/// Part of the least clutter that matters from which there may be as much in the next frame.
+const MAY_COME: f64 = 0.5;
 /// Ratio of a colour's variance to what was expected beyond which it is another wall.
 const MOST_CHANGE: f64 = 2.0;
 /// Parts of a turn by which clutter is remembered.
@@ -197,7 +199,7 @@ impl Surroundings {
         }));
         self.level_rim();
         self.covariance.clear();
-        if clutter * clutter > LEAST_CLUTTER * noise_variance {
+        if clutter * clutter > MAY_COME * LEAST_CLUTTER * noise_variance {
             let spread = Spread { clutter, noise_variance };
             self.kriging.weigh(simd, (patch, disc.edge_px, spread), (&self.rim, covered), level)?;
             self.kriging.find_wanted((patch.columns, disc));

@@ -28,6 +28,8 @@ pub(super) struct Track {
     pub(super) last: BallCandidate,
     motion: Motion,
     pub(super) missed: u32,
+    /// Whether it is yet to be looked for in the frame that is being told.
+    pub(super) waits: bool,
     /// Sum of the linear colours seen, for the mean.
     pub(super) colors: [f32; 3],
     pub(super) seen: u32,
@@ -50,6 +52,7 @@ impl Track {
             last: ball,
             motion: Motion::at(ball.pixel),
             missed: 0,
+            waits: false,
             colors: [0.0; 3],
             seen: 0,
             mean_radius_px: 0.0,
