@@ -82,6 +82,17 @@ impl pulp::WithSimd for FillRgb<'_> {
     }
 }
 
+/// Reads both ends of each row of a window: rows of a frame that has just come are far, and come together when none waits for what is
+/// made of another.
+fn fetch_rows(bytes: &[u8], (first, count): (usize, usize), (stride, rows): (usize, usize)) {
+    let mut ends = 0;
+    for from in (0..rows).map(|row| first + row * stride) {
+        ends ^=
+            [from, from + count].into_iter().filter_map(|at| bytes.get(at)).fold(0, |sum, byte| sum ^ byte);
+    }
+    std::hint::black_box(ends);
+}
+
 impl Patch {
     /// The first pixel's column and row in the image.
     pub(crate) fn corner(&self) -> Vector2<f64> {
@@ -113,6 +124,7 @@ impl Patch {
                 self.first_block = self.first;
                 self.block_columns = self.columns;
                 self.set_matrix(OPPONENTS);
+                fetch_rows(rgb, (3 * (top * width + left), 3 * self.columns), (3 * width, self.rows));
                 let place = (top * width + left, width);
                 self.bright.resize(self.columns * self.rows, 0.0);
                 self.colors.resize(self.columns * self.rows, [0.0; 2]);

@@ -291,23 +291,19 @@ impl Equations {
             self.places.push(patch.place(*index as usize));
         }
         self.places.finish();
-        self.light_up(patch);
+        self.light_up(simd, patch);
         self.places.decode(simd);
         self.find_near(patch);
     }
 
     /// Sets the light behind the ball.
     #[inline(always)]
-    fn light_up(&mut self, patch: &Patch) {
-        for (place, (index, bright)) in self.rim.iter().zip(&self.surroundings.mean).enumerate() {
-            let [across, along] = self.surroundings.colors_at(patch.place(*index as usize));
-            self.places.light_up(place, &patch.light([*bright, across as f32, along as f32]));
-        }
+    fn light_up<S: Simd>(&mut self, simd: S, patch: &Patch) {
+        let colors = self.surroundings.colors_from_corner();
+        self.places.light_up_first(simd, patch, &self.surroundings.mean, &colors);
         // So little of it is seen there that it may be taken as it is on average, but not as any.
         let around = patch.light(self.surroundings.around().map(|value| value as f32));
-        for place in self.rim.len()..self.places.x.len() {
-            self.places.light_up(place, &around);
-        }
+        self.places.light_up_from(self.rim.len(), &around);
     }
 
     /// Adds the samples to the normal equations; their covariance is set anew from the model or, within a round,

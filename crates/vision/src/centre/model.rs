@@ -407,7 +407,7 @@ mod tests {
             let mut places = Places::default();
             places.push((x, y));
             places.finish();
-            (0..GROUP).for_each(|lane| places.light_up(lane, &[0.4, 0.42, 0.35]));
+            places.light_up_from(0, &[0.4, 0.42, 0.35]);
             places.decode(Scalar::new());
             let shown = |model: &Model| {
                 let (mut shown, mut values) = ([NOTHING], Values::default());

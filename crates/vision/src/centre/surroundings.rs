@@ -306,6 +306,12 @@ impl Surroundings {
         [on(&self.colors[0], x, y), on(&self.colors[1], x, y)]
     }
 
+    /// The same as planes over the patch: level at its first pixel and slopes.
+    pub(super) fn colors_from_corner(&self) -> [[f64; 3]; 2] {
+        let (x, y) = self.middle;
+        self.colors.map(|plane| [on(&plane, -x, -y), plane.y, plane.z])
+    }
+
     #[inline(always)]
     fn color_planes<S: Simd>(
         &mut self,

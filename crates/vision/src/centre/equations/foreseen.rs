@@ -55,7 +55,7 @@ impl Equations {
         }
         let place = (patch, &disc(model));
         let are_colors_as_expected = self.surroundings.look(simd, place, self.noise_variance)?;
-        self.light_up(patch);
+        self.light_up(simd, patch);
         let is_as_expected = self.weigh_background();
         self.observe(simd, patch, model);
         Some(match (are_colors_as_expected, is_as_expected) {
