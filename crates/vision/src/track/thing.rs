@@ -38,7 +38,7 @@ pub(super) struct Track {
     pub(super) expected: Option<Expected>,
     /// Its fit in the next frame.
     pub(super) foreseen: Box<Foreseen>,
-    /// Where it was when it last had moved by a diameter, and in which frame that was.
+    /// Where it was when it last had moved by a diameter or had not been seen before, and in which frame it had moved.
     pub(super) place: Vector2<f64>,
     pub(super) moved_at: u64,
     pub(super) has_moved: bool,
@@ -105,9 +105,16 @@ impl Track {
 
     pub(super) fn advance(&mut self, ball: BallCandidate, frame: u64) {
         self.motion.advance(ball.pixel, self.missed + 1);
+        // Flecks of a thing that stays come and go, one here and one there: what moves is followed from here to there, and is there in
+        // the next frame, too.
+        if self.missed > 0 {
+            self.place = ball.pixel;
+        }
+        let is_elsewhere = |ball: &BallCandidate| (ball.pixel - self.place).norm() > ball.diameter_px;
+        let has_moved = is_elsewhere(&self.last) && is_elsewhere(&ball);
         self.last = ball;
         self.missed = 0;
-        if (ball.pixel - self.place).norm() > ball.diameter_px {
+        if has_moved {
             self.place = ball.pixel;
             self.moved_at = frame;
             self.has_moved = true;
@@ -129,4 +136,38 @@ impl Track {
 /// Linear light of a ball.
 fn brightness(ball: &BallCandidate) -> f32 {
     to_linear(ball.color).iter().sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Matrix2;
+
+    /// Seen at places along a row; a gap for each that is none.
+    fn seen_at(places: &[Option<f64>]) -> Track {
+        let ball = |x: f64| BallCandidate {
+            pixel: Vector2::new(x, 9.0),
+            covariance_px2: Matrix2::identity(),
+            area_px: 12.0,
+            diameter_px: 4.0,
+            score: 1.0,
+            color: [200, 40, 40],
+        };
+        let mut track = Track::of(0, 0, ball(0.0), 0);
+        for (frame, place) in (1..).zip(places) {
+            match place {
+                Some(x) => track.advance(ball(*x), frame),
+                None => track.missed += 1,
+            }
+        }
+        track
+    }
+
+    #[test]
+    fn what_leaps_has_not_moved() {
+        assert!(seen_at(&[Some(3.0), Some(6.0), Some(9.0)]).has_moved);
+        assert!(!seen_at(&[Some(6.0), Some(0.0), Some(6.0)]).has_moved);
+        assert!(!seen_at(&[None, Some(6.0), Some(6.0), None, Some(0.0), Some(0.0)]).has_moved);
+        assert!(seen_at(&[None, Some(6.0), Some(8.0), Some(11.0), Some(11.0)]).has_moved);
+    }
 }
