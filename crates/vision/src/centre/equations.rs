@@ -106,6 +106,8 @@ pub(super) struct Equations {
     /// Derivative by what is behind of each pixel of the rim, and nothing for a band more.
     open: Vec<f32>,
     factor: Banded,
+    /// Variance of each pixel of a rim that was foreseen, with what is behind as it was expected.
+    expected_variance: Vec<f32>,
     /// Pixels that are not believed at all.
     spoiled: Vec<u32>,
     surroundings: Surroundings,

@@ -89,8 +89,8 @@ struct Wanted {
 struct Weights {
     at: [[u32; GROUP]; NEIGHBOURS],
     of: [[f32; GROUP]; NEIGHBOURS],
-    /// Neighbours that there are.
-    count: [usize; GROUP],
+    /// One more than the neighbours that there are.
+    counted: [f32; GROUP],
 }
 
 impl Kriging {
@@ -137,17 +137,18 @@ impl Kriging {
     /// Adds the clutter that the nearest free pixels predict to the mean of each rim pixel, and sets how far it may be off.
     #[inline(always)]
     pub(super) fn predict<S: Simd>(&mut self, simd: S, clutter: f64, mean: &mut [f32]) -> Option<()> {
-        let clutter_variance = (clutter * clutter) as f32;
+        let clutter_variance = Lanes::splat(simd, clutter * clutter);
         self.deviation.clear();
+        let mut all = 0.0;
         for (weights, mean) in self.weights.iter().zip(mean.chunks_mut(GROUP)) {
-            let (predicted, square) = weights.predict(simd, &self.left);
-            for (lane, mean) in mean.iter_mut().enumerate() {
-                *mean += predicted[lane];
-                let variance = clutter_variance + square[lane];
-                self.deviation.push((variance / (1 + weights.count[lane]) as f32).sqrt());
+            let (predicted, deviation) = weights.predict(simd, &self.left, clutter_variance);
+            for ((mean, predicted), deviation) in mean.iter_mut().zip(&predicted).zip(&deviation) {
+                *mean += predicted;
+                all += *mean + deviation;
             }
+            self.deviation.extend_from_slice(&deviation[..mean.len()]);
         }
-        self.deviation.iter().zip(mean).all(|(deviation, mean)| (deviation * *mean).is_finite()).then_some(())
+        all.is_finite().then_some(())
     }
 
     /// How far what is predicted at each rim pixel may be off: standard deviations.
@@ -243,7 +244,7 @@ impl Kriging {
                     break;
                 }
             }
-            (systems.count[lane], weights.count[lane]) = (count, count);
+            (systems.count[lane], weights.counted[lane]) = (count, (1 + count) as f32);
             for (at, place) in weights.at.iter_mut().zip(places).take(count) {
                 at[lane] = place;
             }
@@ -412,28 +413,33 @@ impl Systems {
 
 impl Weights {
     const NOTHING: Self =
-        Self { at: [[0; GROUP]; NEIGHBOURS], of: [[0.0; GROUP]; NEIGHBOURS], count: [0; GROUP] };
+        Self { at: [[0; GROUP]; NEIGHBOURS], of: [[0.0; GROUP]; NEIGHBOURS], counted: [1.0; GROUP] };
 
-    /// What is predicted from values, and the sum of these squared.
+    /// What is predicted from values, and how far it may be off: the root of the mean over these squared and the clutter's variance.
     #[inline(always)]
-    fn predict<S: Simd>(&self, simd: S, values: &[f32]) -> ([f32; GROUP], [f32; GROUP]) {
+    fn predict<S: Simd>(
+        &self,
+        simd: S,
+        values: &[f32],
+        clutter_variance: Lanes<S>,
+    ) -> ([f32; GROUP], [f32; GROUP]) {
         let mut left = [[0.0; GROUP]; NEIGHBOURS];
         for (left, at) in left.iter_mut().zip(&self.at) {
             for (left, at) in left.iter_mut().zip(at) {
                 *left = values[*at as usize];
             }
         }
-        let (mut predicted, mut square) = ([0.0; GROUP], [0.0; GROUP]);
+        let (mut predicted, mut deviation) = ([0.0; GROUP], [0.0; GROUP]);
         for part in 0..Lanes::<S>::PARTS {
-            let (mut sum, mut squares) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 0.0));
+            let (mut sum, mut squares) = (Lanes::splat(simd, 0.0), clutter_variance);
             for k in (0..NEIGHBOURS).rev() {
                 let left = Lanes::load(simd, &left[k], part);
                 sum = sum + Lanes::load(simd, &self.of[k], part) * left;
                 squares = squares + left * left;
             }
             sum.store(&mut predicted, part);
-            squares.store(&mut square, part);
+            (squares / Lanes::load(simd, &self.counted, part)).sqrt().store(&mut deviation, part);
         }
-        (predicted, square)
+        (predicted, deviation)
     }
 }

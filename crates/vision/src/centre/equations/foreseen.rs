@@ -38,7 +38,13 @@ impl Equations {
         let place = (patch, &disc(model));
         self.surroundings.foresee(simd, place, around, (background, noise_variance))?;
         self.use_pixels(simd, patch, model);
-        self.add_to(simd, patch, model, Covariance::Anew, normal)
+        self.add_to(simd, patch, model, Covariance::Anew, normal)?;
+        self.expected_variance.clear();
+        for (place, open) in self.open[..self.surroundings.covariance.len()].iter().enumerate() {
+            let behind = self.surroundings.covariance.diagonal(place);
+            self.expected_variance.push(self.variance[place] + open * open * behind);
+        }
+        Some(())
     }
 
     /// Takes the frame that was waited for: what is behind the ball, and what it leaves of all samples. None where too little is free,
@@ -82,14 +88,17 @@ impl Equations {
     /// being as it was. False where that is much.
     #[inline(always)]
     fn weigh_background(&mut self) -> bool {
+        let rim = self.open.iter().zip(&self.variance).zip(&self.expected_variance);
+        for (((open, own), expected), (shrunk, deviation)) in
+            rim.zip(self.shrunk.iter_mut().zip(self.surroundings.deviation()))
+        {
+            *shrunk = *expected / (own + open * open * deviation * deviation);
+        }
         let (mut apart, mut sum) = (0.0, 0.0);
-        for place in 0..self.surroundings.covariance.len() {
-            let (open, own) = (self.open[place] * self.open[place], self.variance[place]);
-            let expected = own + open * self.surroundings.covariance.diagonal(place);
-            let now = own + open * self.surroundings.deviation()[place].powi(2);
-            apart += (now - expected).abs();
+        for (shrunk, expected) in self.shrunk.iter_mut().zip(&self.expected_variance) {
+            apart += (expected / *shrunk - expected).abs();
             sum += expected;
-            self.shrink(place, (expected / now).sqrt());
+            *shrunk = shrunk.sqrt();
         }
         apart <= AS_EXPECTED * sum
     }

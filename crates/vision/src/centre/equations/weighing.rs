@@ -21,29 +21,32 @@ pub(in crate::centre) struct Asked {
     pub(in crate::centre) is_spoiled: bool,
 }
 
-/// Sum of rows times numbers; as many of its parts are in use as make up a row.
-pub(super) struct Pull<S: Simd>([Lanes<S>; WIDTH]);
+/// Sum of rows times numbers; as many of its parts are in use as make up a row. Every other row is added to the one that waits less.
+pub(super) struct Pull<S: Simd>([[Lanes<S>; WIDTH]; 2]);
 
 impl<S: Simd> Pull<S> {
     const PARTS: usize = WIDTH / S::F32_LANES;
 
     #[inline(always)]
     pub(super) fn nothing(simd: S) -> Self {
-        Self([Lanes::splat(simd, 0.0); WIDTH])
+        Self([[Lanes::splat(simd, 0.0); WIDTH]; 2])
     }
 
     #[inline(always)]
     pub(super) fn add(&mut self, simd: S, row: &Row, factor: f32) {
         let factor = Lanes::splat(simd, factor);
+        let Self([sums, others]) = self;
         for part in 0..Self::PARTS {
-            self.0[part] = factor.mul_add(Lanes::load(simd, row, part), self.0[part]);
+            let sum = factor.mul_add(Lanes::load(simd, row, part), others[part]);
+            (sums[part], others[part]) = (sum, sums[part]);
         }
     }
 
     #[inline(always)]
     pub(super) fn sums(self) -> Parameters {
         let mut row = [0.0; WIDTH];
-        (0..Self::PARTS).for_each(|part| self.0[part].store(&mut row, part));
+        let Self([sums, others]) = self;
+        (0..Self::PARTS).for_each(|part| (sums[part] + others[part]).store(&mut row, part));
         Parameters::from_fn(|i, _| row[i].into())
     }
 }
