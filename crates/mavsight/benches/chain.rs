@@ -141,7 +141,9 @@ fn tracking(c: &mut Criterion, room: &Room, vehicle: &Vehicle) {
                 if frame == 0 && count > 1 {
                     for (Watched { frames, tracker }, camera) in pair.iter_mut().zip(lab::cameras()) {
                         *tracker = tracker_of(vehicle, &camera);
-                        frames[..BEGUN].iter().for_each(|frame| drop(black_box(tracker.candidates(frame))));
+                        for frame in &frames[..BEGUN] {
+                            black_box(tracker.candidates(frame));
+                        }
                     }
                     frame = BEGUN;
                 }
