@@ -15,11 +15,11 @@ use crate::patch::Patch;
 use crate::{Frame, Vector2};
 
 /// How far from where it was expected a ball is fitted with what was made ready for, at most: an acceleration of 1 m/s² moves it so far
-/// from where its velocity would have it a thirtieth of a second later (1.1 mm), 3 m away with a focal length of 700 px.
-const WIDEST_MARGIN_PX: f64 = 0.35;
+/// from where its velocity would have it a thirtieth of a second later (1.1 mm), 2 m away with a focal length of 700 px.
+const FARTHEST_PX: f64 = 0.35;
 /// The same in root mean squares of what it was off before, which come of a few frames: of a Gaussian in the plane next to nothing
 /// lies beyond.
-const MARGIN_STDS: f64 = 4.0;
+const FARTHEST_STDS: f64 = 4.0;
 /// How far beyond that a first step may go, all samples believed: what is not the ball's draws it, and is found out after.
 const LONGEST_BEYOND_PX: f64 = 2.0 * SAME_PLACE_PX;
 
@@ -47,7 +47,7 @@ struct Ready {
     range_px: (f64, f64),
     middle: Vector2<f64>,
     reach_px: f64,
-    margin_px: f64,
+    farthest_px: f64,
 }
 
 impl Foreseen {
@@ -70,23 +70,23 @@ impl Foreseen {
         let start = &Start { pixel: start.pixel - self.patch.corner(), ..*start };
         let model = first_guess(start, range_px);
         let prior = prior(start, &model);
-        let near_px = near_px(&model);
-        let margin_px = off_px
-            .map_or(WIDEST_MARGIN_PX, |off_px| (MARGIN_STDS * off_px).min(WIDEST_MARGIN_PX))
-            .max(near_px);
+        let farthest_px =
+            off_px.map_or(FARTHEST_PX, |off_px| (FARTHEST_STDS * off_px).clamp(SAME_PLACE_PX, FARTHEST_PX));
+        // In the same place no more samples are touched.
+        let margin_px = farthest_px - SAME_PLACE_PX;
         let Fitter { equations, normal } = &mut self.fitter;
         let (patch, seen) = (&self.patch, (&followed.background, followed.noise_variance));
         let foresee =
             Foresee { equations: (equations, normal), patch, model: &model, margin_px, prior: &prior, seen };
         if pulp::Arch::new().dispatch(foresee).is_some() {
-            self.ready = Some(Ready { model, prior, range_px, middle, reach_px, margin_px });
+            self.ready = Some(Ready { model, prior, range_px, middle, reach_px, farthest_px });
         }
     }
 
     /// Fits the ball in the frame, once. Where it is not what was expected it is to be fitted as any other: from where it seems to be,
     /// if that is known.
     pub(crate) fn fit(&mut self, frame: &Frame) -> Result<Fit, Option<Vector2<f64>>> {
-        let Ready { mut model, prior, range_px, middle, reach_px, margin_px } =
+        let Ready { mut model, prior, range_px, middle, reach_px, farthest_px } =
             self.ready.take().ok_or(None)?;
         let window = self.patch.window();
         self.patch.fill(frame, middle, reach_px);
@@ -97,7 +97,7 @@ impl Foreseen {
         let (pull, seen) = pulp::Arch::new().dispatch(look).ok_or(None)?;
         let (mut step, _) = self.fitter.solve_for(&pull, (&model, &Parameters::zeros()), &prior);
         let longest_px = longest(&step);
-        if longest_px.is_nan() || longest_px > margin_px + LONGEST_BEYOND_PX {
+        if longest_px.is_nan() || longest_px > farthest_px + LONGEST_BEYOND_PX {
             return Err(None);
         }
         let expected = model.p;
@@ -109,7 +109,7 @@ impl Foreseen {
         }
         let mut end =
             self.fitter.settle(&self.patch, (&model, &prior), (step, is_formed, near_px)).ok_or(None)?;
-        let is_within = |end: &End| longest(&(end.p - expected)) <= margin_px;
+        let is_within = |end: &End| longest(&(end.p - expected)) <= farthest_px;
         if !end.is_near && is_within(&end) {
             model.p = within(end.p, range_px);
             step = self.form_there(&model, &prior).ok_or(None)?;

@@ -10,10 +10,9 @@ use crate::patch::Patch;
 /// Change of the noise, as the logarithm of its ratio, up to which equations that were formed with the one before weigh what is known
 /// besides as they should: half as much again.
 const NOISE_KEEPS: f64 = 0.4;
-/// Movement behind which residuals are taken anew, in edge widths. Of a step s the linear form leaves s² times half of the edge's
-/// curvature: of opposite signs on opposite sides, so that it is the radius that takes it, and the centre what is of third order, at an
-/// edge s³/6, here a five-thousandth of its width.
-const STRAIGHT_EDGES: f64 = 0.1;
+/// What the linear form may leave of a step before residuals are taken anew, in standard deviations of the centre. Of a step s it leaves
+/// s²/2 over the width of an edge, on opposite sides of opposite signs, so that it is the radius that takes most of it.
+const LEFT_STDS: f64 = 0.25;
 
 /// Where a fit ends: by what step from its last residuals, where samples have not been weighed by that or one next to it, how much wider
 /// its covariance is than that of its equations, and whether it is where these were formed.
@@ -37,7 +36,7 @@ impl Fitter {
         (mut step, is_formed, near_px): (Parameters, bool, f64),
     ) -> Option<End> {
         let mut from = *formed;
-        if longest(&step) > STRAIGHT_EDGES * formed.p[EDGE] {
+        if 0.5 * longest(&step).powi(2) > LEFT_STDS * formed.p[EDGE] * self.centre_std_px() {
             (from.p, step) = (from.p + step, Parameters::zeros());
             let equations = &mut self.equations;
             pulp::Arch::new().dispatch(Observe { equations, patch, model: &from });
@@ -71,6 +70,12 @@ impl Fitter {
             }
         }
         None
+    }
+
+    /// Standard deviation of the centre, by the equations that were solved last.
+    fn centre_std_px(&self) -> f64 {
+        let [[x_px2, _], [_, y_px2]] = self.normal.covariance([0, 1]);
+        x_px2.max(y_px2).sqrt()
     }
 
     /// Sets trust, and the noise if that is asked for, from what a step leaves.
