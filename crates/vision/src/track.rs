@@ -202,9 +202,9 @@ impl Tracker {
         }
         let color = self.tracks[track].color;
         let seen = self.sightings.iter().filter(|s| s.color == color).count();
-        if is_new && seen >= self.colors[color].markers {
-            self.tracks[track].waits = true;
-        } else {
+        let waits = is_new && seen >= self.colors[color].markers;
+        self.tracks[track].waits = waits;
+        if !waits {
             self.near_prediction(frame, track);
         }
     }

@@ -24,11 +24,11 @@ pub(super) struct End {
 }
 
 impl Fitter {
-    /// Goes on from a step by its derivatives, which hold as long as the ball is as near as that to where they were formed: trust is set, and what that
-    /// asks for is solved with the factor that there is (Huber & Dutter 1974), until nothing is left to find. The factor is made anew
-    /// where it is not that of the equations any more, where samples turn out not to be the ball's, where noise is another, and for
-    /// the last time that trust is set, so that what comes of it is their solution. On noise alone each time leaves a sixth of what
-    /// it asks for, as the biweight's mean slope is 0.83 there; where samples come and go it need not end by itself.
+    /// Goes on from a step by its derivatives, which hold as long as the ball is as near as that to where they were formed: trust is
+    /// set, and what that asks for is solved with the factor that there is (Huber & Dutter 1974), until nothing is left to find. The
+    /// factor is made anew where it is not that of the equations any more, where samples turn out not to be the ball's, where noise is
+    /// another, and for the last time that trust is set, so that what comes of it is their solution. On noise alone each time leaves
+    /// a sixth of what it asks for, as the biweight's mean slope is 0.83 there; where samples come and go it need not end by itself.
     pub(super) fn settle(
         &mut self,
         patch: &Patch,

@@ -259,8 +259,8 @@ impl Equations {
     }
 
     /// Standard deviation of what the face shows beyond the model and the noise of a pixel (a shadow, a highlight, light of higher
-    /// order), as a part of its difference from the surroundings, by what the last step has left. A sample counts by the probability that it is the
-    /// face that is seen: what is before it is in the samples' own variance.
+    /// order), as a part of its difference from the surroundings, by what the last step has left. A sample counts by the probability
+    /// that it is the face that is seen: what is before it is in the samples' own variance.
     #[inline(always)]
     pub(in crate::centre) fn texture(&self, patch: &Patch, linear: &[f64; 3]) -> f64 {
         let encoded = linear.map(encoded);
