@@ -108,7 +108,8 @@ impl Scattered {
         Some((MEDIAN_TO_DEVIATION * left).max(least_scale))
     }
 
-    /// Robust mean of each of two numbers, of those that `weigh` less than a limit; None where there are none. The buffers of places hold the numbers.
+    /// Robust mean of each of two numbers, of those that `weigh` less than a limit; None where there are none. The buffers of places
+    /// hold the numbers.
     #[inline(always)]
     pub(super) fn means<S: Simd>(
         &mut self,
