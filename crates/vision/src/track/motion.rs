@@ -7,8 +7,6 @@ use crate::Vector2;
 const FILTERS: [(usize, f64); 5] = [(1, 0.0), (1, 0.5), (1, 0.8), (2, 0.3), (2, 0.5)];
 /// What a frame keeps of the error that a filter was known for: manoeuvres begin within three frames.
 const ERROR_KEPT: f64 = 0.7;
-/// Error beyond which a thing has leapt: how far says nothing of the frames to come.
-const LEAP_PX: f64 = 0.5;
 
 /// Motion of one thing, foreseen by filters of fading memory (Morrison 1969, ch. 13): polynomials that fit all that was seen, the older
 /// the less, of which that which was off least of late is believed.
@@ -44,7 +42,7 @@ impl Filter {
     fn advance(&mut self, pixel: Vector2<f64>, (order, kept): (usize, f64)) {
         let foreseen = self.foreseen(1.0);
         let off = pixel - foreseen;
-        let square = off.norm_squared().min(LEAP_PX * LEAP_PX);
+        let square = off.norm_squared();
         self.error_px2 =
             Some(self.error_px2.map_or(square, |e| ERROR_KEPT * e + (1.0 - ERROR_KEPT) * square));
         let lost = 1.0 - kept;
