@@ -111,7 +111,7 @@ impl CameraTracker {
         Look::New(&self.sights)
     }
 
-    /// Looks for newcomers in the frame that was seen last, before the next one comes: what they show is told from then on. It is
+    /// Looks for newcomers in the frame that was seen last, before the next one comes, and makes ready for that. It is
     /// done then if it was not before.
     pub fn look_around(&mut self) {
         if let Some((_, last)) = &self.last {

@@ -32,6 +32,7 @@ mod normal;
 mod places;
 mod robust;
 mod samples;
+mod search;
 mod settle;
 mod shading;
 mod surroundings;
@@ -44,12 +45,12 @@ use crate::optics::{Known, Optics};
 use crate::outline::Outline;
 use crate::patch::Patch;
 use crate::{Matrix2, Vector2, Vector3};
-use equations::{Covariance, Equations};
+use equations::Equations;
 use model::{BALL, COUNT, EDGE, FIRST_ORDER, FOURTH, GLOSS, Model, Parameters, RADIUS, SHADE, SITING};
 use normal::Normal;
 use settle::End;
-use surroundings::{Background, Clutter, Disc};
-use vectorized::{Begin, Form, LookAround, Solve, Tell};
+use surroundings::{Background, Disc};
+use vectorized::Tell;
 
 /// Smallest radius whose centre is fitted.
 pub(crate) const LEAST_RADIUS_PX: f64 = 1.5;
@@ -59,28 +60,12 @@ const RADIUS_MARGIN: f64 = 1.25;
 const PIXEL_STD_PX: f64 = 0.288_675;
 /// Coverage below which a pixel counts as clear of the ball, and above one less which as inside it.
 const CLEAR: f32 = 0.01;
-/// Steps after which a fit is given up, and in a still.
-const MOST_STEPS: usize = 16;
-const MOST_STEPS_IN_STILL: usize = 24;
 /// Times that trust and noise are set before they are kept, so that the steps shrink.
 const MOST_WEIGHED: usize = 4;
-/// Times that they are set at least: first the trust, then the noise too. A ball that is followed brings its noise along.
-const LEAST_WEIGHED: usize = 2;
-const LEAST_WEIGHED_FOLLOWED: usize = 1;
-/// Squared length, in standard deviations over all parameters, of a step whose outcome may be foreseen from the equations'
-/// linear form: as long as that by which two frames' noise sets their parameters apart (2 a parameter; three quarters of all
-/// frames).
-const NEAR: f64 = 3.0 * COUNT as f64;
 /// That of the last step: all that is still to come then is a fraction of what noise does to one parameter.
 const SMALL_STEP: f64 = 1.0;
-/// Change of the noise, as a part of it, at which the claims stand: a twentieth of a standard deviation.
-const NOISE_CHANGES: f64 = 0.1;
 /// Movement after which the background is estimated again. A step as short may be foreseen whatever it is in standard deviations.
 const SAME_PLACE_PX: f64 = 0.1;
-/// Longest step of a length in pixels, in edge widths w: far from an edge of Gaussian slope, Gauss-Newton goes no further than w √π
-/// (the integral of the slope over that of its square). The background is not estimated again before, either, as long as the fit has
-/// not come near.
-const LONGEST_STEP_EDGES: f64 = 1.772_454;
 /// Part of the diameter by which a centre may be off whatever the image shows: moulded balls are round to a few
 /// thousandths (the rules of table tennis allow six), and the light on them is modelled to about as much.
 pub const MODEL_STD: f64 = 0.001;
@@ -90,8 +75,6 @@ pub const MODEL_STD: f64 = 0.001;
 const TEXTURE_GAIN: f64 = 1.121;
 /// Standard deviations by which a ball must differ from its background in some channel.
 const LEAST_CONTRAST: f64 = 6.0;
-/// Those below which a first look at a region ends: its colour is one pixel's and the noise not yet the film's own.
-const FAINT: f64 = 0.5 * LEAST_CONTRAST;
 /// Part of the disc whose samples must be believed.
 const LEAST_TRUSTED: f64 = 0.5;
 /// Standard deviations of the shading's coefficients of first and second order as parts of the ball's colour: a matt sphere
@@ -134,15 +117,6 @@ pub(crate) struct Followed {
     background: Background,
 }
 
-/// A step of Gauss-Newton: the change, its squared length in standard deviations, whether all of it could be taken, and whether its
-/// outcome may be foreseen.
-struct Step {
-    change: Parameters,
-    length: f64,
-    is_whole: bool,
-    is_near: bool,
-}
-
 /// Where a fit starts.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Start {
@@ -174,121 +148,6 @@ impl Fitter {
         let mut fitter = Self::default();
         fitter.equations.take_time();
         fitter
-    }
-
-    /// Fits the ball in the patch.
-    ///
-    /// None if it does not converge to a disc with a radius in `radius_px` that stands out and is mostly visible, or is too large
-    /// and still grows.
-    pub(crate) fn fit(&mut self, patch: &Patch, radius_px: (f64, f64), start: &Start) -> Option<Fit> {
-        if !patch.is_whole() {
-            return None;
-        }
-        let range_px = with_margin(radius_px);
-        let start = &Start { pixel: start.pixel - patch.corner(), ..*start };
-        let mut model = first_guess(start, range_px);
-        let prior = prior(start, &model);
-        let reach_px = 1.0 + model.unit_px;
-        let least_weighed = if start.followed.is_some() { LEAST_WEIGHED_FOLLOWED } else { LEAST_WEIGHED };
-        let noise_variance = start.followed.map(|f| f.noise_variance);
-        pulp::Arch::new().dispatch(Begin { equations: &mut self.equations, patch, noise_variance });
-        let (mut weighed, mut seen_from, mut covariance) = (0, None, Covariance::Anew);
-        let mut was_too_large = false;
-        let mut same_place_px = SAME_PLACE_PX;
-        // Lines are followed for three times the work, and only once it is clear where the ball is. The rest is predicted at once:
-        // a fit that takes a dark hull behind half of the ball for noise may draw the hull into the ball.
-        let mut clutter = if self.equations.in_still() { Clutter::AsNoise } else { Clutter::Predicted };
-        let most_steps = if self.equations.in_still() { MOST_STEPS_IN_STILL } else { MOST_STEPS };
-        for _ in 0..most_steps {
-            if seen_from.is_none_or(|from| distance_px(&from, &model.p) > same_place_px) {
-                model.shade_here();
-                let equations = &mut self.equations;
-                pulp::Arch::new().dispatch(LookAround { equations, patch, model: &model, clutter })?;
-                (seen_from, covariance) = (Some(model.p), Covariance::Anew);
-            }
-            let step = self.step(patch, &model, &prior, covariance)?;
-            let linear = [0, 1, 2].map(|c| model.p[BALL + c]);
-            if weighed == 0 && self.equations.contrast(patch, &linear) < FAINT {
-                return None;
-            }
-            covariance = Covariance::Kept;
-            same_place_px = if step.is_near { SAME_PLACE_PX } else { LONGEST_STEP_EDGES * model.p[EDGE] };
-            let formed = model;
-            model.p = within(model.p + step.change, range_px);
-            let is_too_large = model.p[RADIUS] >= range_px.1;
-            let stays_too_large = is_too_large && (was_too_large || step.is_near);
-            if (model.p.xy() - start.pixel).norm() > reach_px || stays_too_large {
-                return None;
-            }
-            was_too_large = is_too_large;
-            if clutter == Clutter::AsNoise {
-                if step.is_near && step.is_whole {
-                    (clutter, seen_from) = (Clutter::Predicted, None);
-                }
-                continue;
-            }
-            if !step.is_near {
-                continue;
-            }
-            let is_weighed = weighed >= least_weighed;
-            let mut has_settled = is_weighed;
-            if weighed < MOST_WEIGHED {
-                weighed += 1;
-                covariance = Covariance::Anew;
-                let with_noise = weighed >= least_weighed;
-                if with_noise && !self.equations.in_still() && step.is_whole {
-                    if let Some(end) =
-                        self.settle(patch, (&formed, &prior), (model.p - formed.p, true, SAME_PLACE_PX))
-                    {
-                        if end.is_near {
-                            return self.summarize(patch, &prior, range_px, &end);
-                        }
-                        model.p = end.p;
-                    }
-                } else {
-                    let noise_before = self.equations.noise_variance();
-                    self.weigh(patch, &step.change, with_noise);
-                    let noise_change = (self.equations.noise_variance() / noise_before).ln().abs();
-                    has_settled &= noise_change < NOISE_CHANGES;
-                }
-                if weighed >= least_weighed && self.equations.trusted() < LEAST_TRUSTED {
-                    return None;
-                }
-            }
-            if step.length < SMALL_STEP && has_settled {
-                let end = End { p: model.p, unweighed: Some(step.change), gain: 1.0, is_near: true };
-                return self.summarize(patch, &prior, range_px, &end);
-            }
-        }
-        None
-    }
-
-    /// One step of Gauss-Newton.
-    fn step(
-        &mut self,
-        patch: &Patch,
-        model: &Model,
-        prior: &[Known; COUNT],
-        covariance: Covariance,
-    ) -> Option<Step> {
-        let equations = (&mut self.equations, &mut self.normal);
-        let (mut change, length) = pulp::Arch::new().dispatch(Solve {
-            equations,
-            patch,
-            model,
-            prior,
-            form: Form::Anew(covariance),
-        })?;
-        let longest = longest(&change);
-        if !longest.is_finite() {
-            return None;
-        }
-        let longest_step_px = LONGEST_STEP_EDGES * model.p[EDGE];
-        let is_whole = longest <= longest_step_px;
-        if !is_whole {
-            change *= longest_step_px / longest;
-        }
-        Some(Step { change, length, is_whole, is_near: length < NEAR || longest <= SAME_PLACE_PX })
     }
 
     /// Covariance, colour and plausibility at the solution.

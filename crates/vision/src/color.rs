@@ -54,15 +54,6 @@ pub(crate) fn to_linear(rgb: [u8; 3]) -> [f32; 3] {
     rgb.map(|code| table[code as usize])
 }
 
-/// Linear light of a code, 0 to 255, that need not be whole; beyond the range the curve goes on straight.
-#[inline]
-pub(crate) fn decode(code: f32) -> f32 {
-    let table = &*LINEAR;
-    let index = (code.clamp(0.0, 254.0)) as usize;
-    let (from, to) = (table[index], table[index + 1]);
-    from + (code - index as f32) * (to - from)
-}
-
 /// A colour seen: hue as a vector in the plane perpendicular to grey, its length (chroma) and the saturation.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Seen {

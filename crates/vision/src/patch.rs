@@ -1,7 +1,6 @@
 //! The samples around a ball in one form, whatever the layout of the frame: a brightness at each pixel and two colour
 //! differences at each pixel or at each block of 2×2. Places are counted from the first pixel.
 
-use crate::color::decode;
 use crate::frame::{chroma_size, rgb_to_yuv};
 use crate::{Frame, Pixels, Vector2};
 use nalgebra::Matrix3;
@@ -170,13 +169,6 @@ impl Patch {
             }
         }
         coded
-    }
-
-    /// The same, linear.
-    #[inline(always)]
-    pub(crate) fn light(&self, channels: [f32; 3]) -> [f32; 3] {
-        let [red, green, blue] = self.coded(channels);
-        [decode(red), decode(green), decode(blue)]
     }
 
     /// Whether the buffers hold what the size says.

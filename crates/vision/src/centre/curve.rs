@@ -62,6 +62,13 @@ pub(crate) fn encode_one(light: f32) -> (f32, f32) {
     (code[0], slope[0])
 }
 
+/// The same as [`decode`] of one.
+pub(super) fn decode_one(code: f32) -> f32 {
+    let (simd, mut light) = (Scalar::new(), [0.0]);
+    decode(simd, Lanes::splat(simd, code)).store(&mut light, 0);
+    light[0]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -89,11 +96,9 @@ mod tests {
     fn codes_are_turned_back_to_their_light() {
         for k in -100..=1100 {
             let light = f64::from(k) / 1000.0;
-            let simd = Scalar::new();
-            let mut back = [0.0];
-            decode(simd, Lanes::splat(simd, encode_one(light as f32).0)).store(&mut back, 0);
-            let slope = f64::from(encode_one(light as f32).1);
-            assert!((f64::from(back[0]) - light).abs() * slope < 4e-3, "{light}: {}", back[0]);
+            let (code, slope) = encode_one(light as f32);
+            let back = f64::from(decode_one(code));
+            assert!((back - light).abs() * f64::from(slope) < 4e-3, "{light}: {back}");
         }
     }
 

@@ -14,9 +14,6 @@ use crate::optics::Known;
 use crate::patch::Patch;
 use crate::{Frame, Vector2};
 
-/// Radius up to which a ball is made ready for. The noise of a larger one's centre, a few thousandths of a pixel, no longer hides by what the
-/// two ways differ.
-const LARGEST_RADIUS_PX: f64 = 10.0;
 /// How far from where it was expected a ball is fitted with what was made ready for, at most: an acceleration of 1 m/s² moves it so far
 /// from where its velocity would have it a thirtieth of a second later (1.1 mm), 2 m away with a focal length of 700 px.
 const FARTHEST_PX: f64 = 0.35;
@@ -64,7 +61,7 @@ impl Foreseen {
         (reach_px, off_px): (f64, Option<f64>),
     ) {
         self.ready = None;
-        let Some(followed) = start.followed.filter(|_| start.radius_px <= LARGEST_RADIUS_PX) else { return };
+        let Some(followed) = start.followed else { return };
         self.patch.fill(like, start.pixel, reach_px);
         if !self.patch.is_whole() {
             return;

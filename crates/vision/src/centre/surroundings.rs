@@ -38,8 +38,6 @@ pub(super) enum Clutter {
     AsNoise,
 }
 
-/// Part of the least clutter that matters from which there may be as much in the next frame.
-const MAY_COME: f64 = 0.5;
 /// Ratio of a colour's variance to what was expected beyond which it is another wall.
 const MOST_CHANGE: f64 = 2.0;
 /// Parts of a turn by which clutter is remembered.
@@ -94,8 +92,7 @@ pub(super) struct Surroundings {
     free: Scattered,
     free_colors: Scattered,
     kriging: Kriging,
-    /// Pixels of a rim that was foreseen, by their angle around the disc, and their places from its middle.
-    rim: Vec<u32>,
+    /// Places of the pixels of a rim that was foreseen, from the disc's middle.
     rim_px: Vec<(f32, f32)>,
     plane: Plane,
     /// Brightness expected behind each pixel of the rim.
@@ -179,7 +176,8 @@ impl Surroundings {
         &mut self,
         simd: S,
         (patch, disc): (&Patch, &Disc),
-        (by_angle, covered, color_covered): (&[(f64, u32)], &[f32], &[f32]),
+        (rim, by_angle): (&[u32], &[(f64, u32)]),
+        (covered, color_covered): (&[f32], &[f32]),
         (background, noise_variance): (&Background, f64),
     ) -> Option<()> {
         let Background { plane, colors, color_variance, clutter, deviation, scales } = *background;
@@ -190,18 +188,16 @@ impl Surroundings {
         (self.colors, self.color_variance) = (colors, color_variance);
         (self.clutter, self.unpredicted) = (clutter, 0.0);
         let level = level_of(&plane, disc);
-        self.rim.clear();
-        self.rim.extend(by_angle.iter().map(|(_, i)| *i));
         self.rim_px.clear();
-        self.rim_px.extend(self.rim.iter().map(|i| {
+        self.rim_px.extend(rim.iter().map(|i| {
             let (x, y) = patch.place(*i as usize);
             ((x - disc.x_px) as f32, (y - disc.y_px) as f32)
         }));
         self.level_rim();
         self.covariance.clear();
-        if clutter * clutter > MAY_COME * LEAST_CLUTTER * noise_variance {
+        if clutter * clutter > LEAST_CLUTTER * noise_variance {
             let spread = Spread { clutter, noise_variance };
-            self.kriging.weigh(simd, (patch, disc.edge_px, spread), (&self.rim, covered), level)?;
+            self.kriging.weigh(simd, (patch, disc.edge_px, spread), (rim, covered), level)?;
             self.kriging.find_wanted((patch.columns, disc));
             self.kriging.expect(by_angle.iter().map(|(turn, _)| deviation[sector(*turn)]));
             self.kriging.correlate(&mut self.covariance);

@@ -34,9 +34,10 @@ impl Equations {
     ) -> Option<()> {
         self.begin(simd, patch, Some(noise_variance));
         self.lay_out(simd, (patch, model), margin_px);
-        let around = (&self.by_angle[..], &self.touched[..], &self.color_touched[..]);
-        let place = (patch, &disc(model));
-        self.surroundings.foresee(simd, place, around, (background, noise_variance))?;
+        let (place, seen) = ((patch, &disc(model)), (background, noise_variance));
+        let (rim, touched) =
+            ((&self.rim[..], &self.by_angle[..]), (&self.touched[..], &self.color_touched[..]));
+        self.surroundings.foresee(simd, place, rim, touched, seen)?;
         self.use_pixels(simd, patch, model);
         self.add_to(simd, patch, model, Covariance::Anew, normal)?;
         self.expected_variance.clear();

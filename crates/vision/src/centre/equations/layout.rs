@@ -2,6 +2,7 @@
 
 use super::Equations;
 use crate::centre::CLEAR;
+use crate::centre::curve::decode_one;
 use crate::centre::lanes::GROUP;
 use crate::centre::model::{EDGE, Model, RADIUS, SITING};
 use crate::centre::samples::visit;
@@ -153,7 +154,7 @@ impl Equations {
         let colors = self.surroundings.colors_from_corner();
         self.places.light_up_first(simd, patch, &self.surroundings.mean, &colors);
         // So little of it is seen there that it may be taken as it is on average, but not as any.
-        let around = patch.light(self.surroundings.around().map(|value| value as f32));
+        let around = patch.coded(self.surroundings.around().map(|value| value as f32)).map(decode_one);
         self.places.light_up_from(self.rim.len(), &around);
     }
 }

@@ -184,7 +184,6 @@ impl Equations {
             self.variance[place] /= part;
             self.believed[place] = weight;
             self.shrink(place, part.sqrt());
-            self.left[place] *= part.sqrt();
         }
         for place in 0..self.blocks.len() {
             let weight = self.color_weight[self.blocks[place] as usize].max(LEAST_TRUST);
@@ -192,7 +191,6 @@ impl Equations {
             self.believed[pixels + place] = weight;
             for sample in pixels + 2 * place..pixels + 2 * place + 2 {
                 self.shrink(sample, part);
-                self.left[sample] *= part;
             }
         }
         normal.set(simd, &self.whitened, &self.shrunk);
@@ -200,8 +198,9 @@ impl Equations {
     }
 
     #[inline(always)]
-    pub(super) fn shrink(&mut self, sample: usize, factor: f32) {
+    fn shrink(&mut self, sample: usize, factor: f32) {
         self.shrunk[sample] *= factor;
+        self.left[sample] *= factor;
         self.whitened_residuals[sample] *= factor;
     }
 
