@@ -6,7 +6,8 @@ use mavsight_geometry::{EulerAngles, Vector2, Vector3};
 use mavsight_pose::{MotionSample, Rig, control_volume, euler_std, precision_map};
 use mavsight_report::{Chart, Curve, Figure, HeatMap, Panel, Role, draw, draw_heat_maps, png_figure};
 use mavsight_scene::draw_path;
-use mavsight_session::{RunResults, TruthRow};
+use mavsight_score::TruthRow;
+use mavsight_session::RunResults;
 use mavsight_vision::Frame;
 
 /// A value at each instant.

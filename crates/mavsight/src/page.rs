@@ -8,7 +8,8 @@ use mavsight_geometry::camera_parameters::{CENTRE, DISTORTION, INTRINSICS};
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Dlt};
 use mavsight_pose::Rig;
 use mavsight_report::{Figure, Report, Table, render};
-use mavsight_session::{RunResults, TruthRow, results::names, write_whole};
+use mavsight_score::TruthRow;
+use mavsight_session::{RunResults, results::names, write_whole};
 use mavsight_vision::Frame;
 use std::path::Path;
 

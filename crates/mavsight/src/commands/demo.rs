@@ -14,8 +14,10 @@ use mavsight_pipeline::{
     CameraFeed, ControlStill, IdentifyOptions, PipelineError, Progress, TimedFrame, calibrate_from_stills,
 };
 use mavsight_scene::Aircraft;
-use mavsight_score::{VirtualCamera, score_cameras, score_identity, score_output_error, score_parameters};
-use mavsight_session::{TruthRow, ns_from_s, write_control_points, write_inputs, write_truth, write_vehicle};
+use mavsight_score::{
+    TruthRow, VirtualCamera, score_cameras, score_identity, score_output_error, score_parameters, write_truth,
+};
+use mavsight_session::{ns_from_s, write_control_points, write_inputs, write_vehicle};
 use mavsight_vision::Frame;
 use std::path::Path;
 

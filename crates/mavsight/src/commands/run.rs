@@ -8,15 +8,15 @@ use crate::progress::Bars;
 use crate::summary::Summary;
 use anyhow::{Context, Result};
 use mavsight_engine::{Options, first_frames, recorded_inputs};
-use mavsight_score::{Scores, score_identity, score_motion, score_poses};
-use mavsight_session::{RunResults, Session, TruthRow, results::names, write_results};
+use mavsight_score::{Scores, TruthRow, score_identity, score_motion, score_poses, truth_of, visibility_of};
+use mavsight_session::{RunResults, Session, results::names, write_results};
 use std::path::Path;
 
 /// `mavsight run`
 pub(crate) fn run(args: &Run) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     require_folder(&args.out)?;
-    let (inputs, truth) = (recorded_inputs(&session)?, named(session.truth())?);
+    let (inputs, truth) = (recorded_inputs(&session)?, named(truth_of(&session))?);
     let bars = Bars::new();
     // Before the run: decoding needs memory that a long flight needs later.
     let frames = first_frames(&session)?;
@@ -29,7 +29,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let mut results = mavsight_engine::run(&session, &options, &bars)?;
     let mut scores = truth.as_deref().map(|t| scores_of(&results, t));
     if let (Some(scores), Some(truth), Some(visible)) =
-        (scores.as_mut(), truth.as_deref(), named(session.visibility())?)
+        (scores.as_mut(), truth.as_deref(), named(visibility_of(&session))?)
     {
         let markers = super::demo::markers_of(&session.vehicle);
         scores.identity = Some(score_identity(&results.poses, truth, &markers, &visible));
