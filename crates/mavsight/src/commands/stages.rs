@@ -6,11 +6,10 @@ use super::run::{print_summary, scores_of};
 use super::{named, require_folder};
 use crate::cli::{Simulate, Stage, WrongCall};
 use crate::out::{out, outln};
-use crate::page::{Page, write_page};
 use crate::progress::Bars;
-use crate::summary::Summary;
 use anyhow::Result;
 use mavsight_engine::{Flight, Options, first_frames, identify_from_poses, recorded_inputs};
+use mavsight_report::{FlightReport, Summary, write_report};
 use mavsight_score::{TruthRow, write_truth};
 use mavsight_session::{
     RunResults, Session, make_folder, read_body, read_markers, read_poses, read_rig, read_summary,
@@ -138,7 +137,7 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
     let frames = first_frames(&session)?;
     let page =
         Page { vehicle: &session.vehicle, inputs: inputs.as_ref(), truth: truth.as_deref(), frames: &frames };
-    write_page(&page, &results, &summary, &args.out)?;
+    write_report(&report, &results, &summary, &args.out)?;
     outln!("{}", args.out.join(names::REPORT).display());
     Ok(())
 }
