@@ -11,8 +11,8 @@ use mavsight_engine::camera_feeds;
 use mavsight_flight::Staging;
 use mavsight_pipeline::{ControlStill, NoProgress, Progress, calibrate_from_stills};
 use mavsight_scene::Room;
-use mavsight_score::{Coverage, Random, TOO_FEW, Tally, VirtualFlight, VirtualLab};
-use mavsight_session::{RESULTS_SCHEMA, Session, TruthRow, make_folder, write_whole};
+use mavsight_score::{Coverage, Random, TOO_FEW, Tally, TruthRow, VirtualFlight, VirtualLab};
+use mavsight_session::{RESULTS_SCHEMA, Session, make_folder, write_whole};
 use rayon::prelude::*;
 use serde_json::json;
 
