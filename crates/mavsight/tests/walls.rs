@@ -13,31 +13,22 @@ const ESTIMATORS: [&str; 9] =
 /// Crates that know the truth, or make it.
 const TRUTH: [&str; 3] = ["score", "scene", "simulator"];
 
-/// Dependencies of each crate of this workspace within it, of its library and of its build, as cargo resolves them.
+/// Dependencies of each crate on others of this workspace, for its library and its build, as cargo reads them.
 fn workspace_dependencies() -> BTreeMap<String, BTreeSet<String>> {
     let output = Command::new(env!("CARGO"))
-        .args(["metadata", "--format-version", "1", "--offline", "--all-features", "--manifest-path"])
+        .args(["metadata", "--format-version", "1", "--no-deps", "--offline", "--manifest-path"])
         .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml"))
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let all: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    let list = |value: &serde_json::Value| value.as_array().unwrap().clone();
-    let text = |value: &serde_json::Value| value.as_str().unwrap().to_owned();
-    let members: BTreeMap<String, String> = list(&all["packages"])
-        .iter()
-        .filter(|p| all["workspace_members"].as_array().unwrap().contains(&p["id"]))
-        .map(|p| (text(&p["id"]), text(&p["name"]).trim_start_matches("mavsight-").to_owned()))
-        .collect();
-    let is_needed = |need: &serde_json::Value| list(&need["dep_kinds"]).iter().any(|k| k["kind"] != "dev");
-    list(&all["resolve"]["nodes"])
-        .iter()
-        .filter_map(|node| {
-            let needs = list(&node["deps"]);
-            let own = needs.iter().filter(|n| is_needed(n)).filter_map(|n| members.get(n["pkg"].as_str()?));
-            Some((members.get(node["id"].as_str()?)?.clone(), own.cloned().collect()))
-        })
-        .collect()
+    let own_name = |value: &serde_json::Value| value["name"].as_str().unwrap().replace("mavsight-", "");
+    let packages = all["packages"].as_array().unwrap();
+    let needs = |package: &serde_json::Value| {
+        let all = package["dependencies"].as_array().unwrap().iter();
+        all.filter(|d| d["kind"] != "dev" && d["path"].is_string()).map(own_name).collect()
+    };
+    packages.iter().map(|p| (own_name(p), needs(p))).collect()
 }
 
 fn reach(all: &BTreeMap<String, BTreeSet<String>>, from: &str) -> BTreeSet<String> {
