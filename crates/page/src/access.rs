@@ -4,8 +4,9 @@ use std::net::IpAddr;
 
 /// Whether the `Host` of a request is an IP address or `localhost`.
 ///
-/// A foreign page can make its own name resolve to this machine (DNS rebinding); its scripts then have the origin of this
-/// server, but still send their own name. An address cannot be rebound. Any port is accepted, because a forwarded port differs.
+/// A foreign page can make its own name resolve to this machine (DNS rebinding); its scripts then have the
+/// origin of this server, but still send their own name. An address cannot be rebound. Any port is accepted,
+/// because a forwarded port differs.
 pub(crate) fn is_own_host(host: &str) -> bool {
     let name = if let Some(rest) = host.strip_prefix('[') {
         let Some((name, port)) = rest.split_once(']') else { return false };
@@ -43,7 +44,8 @@ pub(crate) fn token() -> Result<String, getrandom::Error> {
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// The part of a path below the page's own address: after `/`, or after `/TOKEN/`; none where the token is wrong.
+/// The part of a path below the page's own address: after `/`, or after `/TOKEN/`; none where the token is
+/// wrong.
 ///
 /// The comparison takes the same time wherever the token is wrong.
 pub(crate) fn below<'a>(path: &'a str, token: Option<&str>) -> Option<&'a str> {

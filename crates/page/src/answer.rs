@@ -14,8 +14,8 @@ pub(crate) const fn refusal(status: StatusCode, text: &'static str) -> Refusal {
     Refusal { status, text }
 }
 
-/// Headers of every answer: nothing may be cached, framed, guessed at, or loaded from elsewhere, and a connection serves one
-/// request, so that it cannot be reused for another origin or hide a second request.
+/// Headers of every answer: nothing may be cached, framed, guessed at, or loaded from elsewhere, and a
+/// connection serves one request, so that it cannot be reused for another origin or hide a second request.
 const HEADERS: [(&str, &str); 8] = [
     ("cache-control", "no-store"),
     (

@@ -61,8 +61,8 @@ struct Pages {
     previewed: HashMap<usize, i64>,
 }
 
-/// Least time between two pictures of one camera. Ten a second cost the producer little. A little less than a tenth of a second,
-/// because every third frame at 30 Hz comes a nanosecond early or late.
+/// Least time between two pictures of one camera. Ten a second cost the producer little. A little less than a
+/// tenth of a second, because every third frame at 30 Hz comes a nanosecond early or late.
 const PREVIEW_INTERVAL_NS: u64 = 95_000_000;
 
 impl Hub {

@@ -1,11 +1,12 @@
 //! The browser page of a running flight, and the small server that feeds it.
 //!
-//! The built page is part of the binary. It gets [`mavsight_link::Event`]s as JSON texts over a WebSocket and pictures of the
-//! cameras as binary messages (see [`Server::preview`]), and sends [`Command`]s back. The producer never waits for a browser:
-//! each page has a bounded queue of its own, from which the oldest message falls out first.
+//! The built page is part of the binary. It gets [`mavsight_link::Event`]s as JSON texts over a WebSocket and
+//! pictures of the cameras as binary messages (see [`Server::preview`]), and sends [`Command`]s back. The
+//! producer never waits for a browser: each page has a bounded queue of its own, from which the oldest
+//! message falls out first.
 //!
-//! Only this machine is served unless [`Reach::Network`] permits more, and then only with the token of the printed address.
-//! Pages of other origins, and host names that lead here by DNS rebinding, are refused.
+//! Only this machine is served unless [`Reach::Network`] permits more, and then only with the token of the
+//! printed address. Pages of other origins, and host names that lead here by DNS rebinding, are refused.
 
 mod access;
 mod answer;

@@ -13,12 +13,13 @@ const QUALITY: u8 = 75;
 
 /// A picture of a frame as JPEG, for [`crate::Server::preview`].
 ///
-/// `pixel(x, y)` is the colour (sRGB) of a column and row of the frame. A frame whose longer side exceeds [`LONGEST_SIDE_PX`]
-/// is shrunk by the least whole factor that fits; each pixel is then the mean of two by two of the frame, which hides aliasing
-/// and reads few of the frame's pixels.
+/// `pixel(x, y)` is the colour (sRGB) of a column and row of the frame. A frame whose longer side exceeds
+/// [`LONGEST_SIDE_PX`] is shrunk by the least whole factor that fits; each pixel is then the mean of two by
+/// two of the frame, which hides aliasing and reads few of the frame's pixels.
 ///
 /// # Errors
-/// [`PageError::PictureSize`] where a side is 0 or above 65535, [`PageError::Encode`] where the encoder fails.
+/// [`PageError::PictureSize`] where a side is 0 or above 65535, [`PageError::Encode`] where the encoder
+/// fails.
 pub fn encode(
     width_px: u32,
     height_px: u32,

@@ -37,8 +37,8 @@ impl Kind {
         !matches!(self, Self::Pose | Self::Detections(_) | Self::Preview(_) | Self::Beat)
     }
 
-    /// How many wait at most: of a state the newest; of instants those of a quarter of a second at 120 Hz, so that a pause of
-    /// that length leaves no gap and a slower page sees the newest; of notes a page full.
+    /// How many wait at most: of a state the newest; of instants those of a quarter of a second at 120 Hz, so
+    /// that a pause of that length leaves no gap and a slower page sees the newest; of notes a page full.
     fn depth(self) -> usize {
         match self {
             Self::Pose | Self::Detections(_) | Self::Note => 30,

@@ -20,7 +20,8 @@ use crate::{Command, PageError, access};
 
 /// Commands that may wait; a person presses no more keys than that before something happens.
 const COMMANDS_WAITING: usize = 16;
-/// The system's buffer for a page that does not read: one picture and some poses, so that a slow page shows new ones.
+/// The system's buffer for a page that does not read: one picture and some poses, so that a slow page shows
+/// new ones.
 const SEND_BUFFER_BYTES: u32 = 64 * 1024;
 
 /// Who may reach the page.
@@ -29,7 +30,8 @@ pub enum Reach {
     /// Programs on this machine.
     #[default]
     Loopback,
-    /// Every machine that can reach the address and knows the token at the end of [`Server::url`]. Nothing is encrypted.
+    /// Every machine that can reach the address and knows the token at the end of [`Server::url`]. Nothing is
+    /// encrypted.
     Network,
 }
 
@@ -51,8 +53,8 @@ impl Server {
     ///
     /// # Errors
     /// [`PageError::NotLoopback`] for an address that other machines can reach unless `reach` permits it,
-    /// [`PageError::Listen`] where the address is taken or not this machine's, [`PageError::Token`] or [`PageError::Start`]
-    /// where the system gives no random numbers or no thread.
+    /// [`PageError::Listen`] where the address is taken or not this machine's, [`PageError::Token`] or
+    /// [`PageError::Start`] where the system gives no random numbers or no thread.
     pub fn start(address: SocketAddr, reach: Reach) -> Result<Self, PageError> {
         Self::start_with(address, reach, Limits::default())
     }
@@ -91,8 +93,8 @@ impl Server {
         self.address
     }
 
-    /// The page's URL. For other machines it contains the token, so it is for the user's eyes only. An unspecified address
-    /// (0.0.0.0) is returned as it is: the user replaces it by this machine's address.
+    /// The page's URL. For other machines it contains the token, so it is for the user's eyes only. An
+    /// unspecified address (0.0.0.0) is returned as it is: the user replaces it by this machine's address.
     #[must_use]
     pub fn url(&self) -> String {
         match &self.token {
@@ -107,21 +109,23 @@ impl Server {
         self.hub.listeners()
     }
 
-    /// Sends an event to all open pages. A page that is opened later gets the scene, the last state of cameras, parameters and
-    /// recording, and the last notes; a new [`Event::Scene`] forgets the cameras' states.
+    /// Sends an event to all open pages. A page that is opened later gets the scene, the last state of
+    /// cameras, parameters and recording, and the last notes; a new [`Event::Scene`] forgets the cameras'
+    /// states.
     pub fn publish(&self, event: &Event) {
         self.hub.publish(event);
     }
 
-    /// Whether a picture of this camera is due at `t_ns`, nanoseconds since the flight began: a page is open, and the last
-    /// picture is a tenth of a second old. After `true` the caller is expected to send one by [`Server::preview`].
+    /// Whether a picture of this camera is due at `t_ns`, nanoseconds since the flight began: a page is open,
+    /// and the last picture is a tenth of a second old. After `true` the caller is expected to send one by
+    /// [`Server::preview`].
     #[must_use]
     pub fn wants_preview(&self, camera: usize, t_ns: i64) -> bool {
         self.hub.wants_preview(camera, t_ns)
     }
 
-    /// Sends a picture (JPEG, see [`crate::encode_preview`]) of a camera at an instant, nanoseconds since the flight began.
-    /// The page draws the [`Event::Detections`] of the same instant on it.
+    /// Sends a picture (JPEG, see [`crate::encode_preview`]) of a camera at an instant, nanoseconds since the
+    /// flight began. The page draws the [`Event::Detections`] of the same instant on it.
     ///
     /// On the wire: one byte of camera, eight of the instant (little endian), the JPEG.
     pub fn preview(&self, camera: u8, t_ns: i64, jpeg: &[u8]) {

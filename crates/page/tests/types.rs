@@ -1,12 +1,13 @@
-//! The page's types are those of the events: `web/src/examples.ts` holds one of each as it is really sent, and the TypeScript compiler
-//! compares them with `web/src/events.ts` (names, types, and nothing too much) whenever the page is built.
+//! The page's types are those of the events: `web/src/examples.ts` holds one of each as it is really sent,
+//! and the TypeScript compiler compares them with `web/src/events.ts` (names, types, and nothing too much)
+//! whenever the page is built.
 //!
 //! `MAVSIGHT_WRITE=1 cargo test -p mavsight-page --test types` writes the file again.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mavsight_link::{
-    CameraState, CameraView, Event, MarkerView, Parameter, PoseEvent, Scene, DetectedBall, Tracking,
+    CameraState, CameraView, DetectedBall, Event, MarkerView, Parameter, PoseEvent, Scene, Tracking,
 };
 
 fn pose(tracking: Tracking, is_measured: bool) -> Event {
@@ -66,8 +67,13 @@ fn scene() -> Event {
 fn examples() -> Vec<Event> {
     use CameraState::{Dark, Gone, Moved, Running, Stalled, Starting};
     use Tracking::{Acquiring, Lost, Reacquired};
-    let known_ball =
-        DetectedBall { u_px: 1.5, v_px: 2.5, diameter_px: 9.5, marker: Some(0), residual_px: Some([0.1, 0.2]) };
+    let known_ball = DetectedBall {
+        u_px: 1.5,
+        v_px: 2.5,
+        diameter_px: 9.5,
+        marker: Some(0),
+        residual_px: Some([0.1, 0.2]),
+    };
     let other_ball = DetectedBall { marker: None, residual_px: None, ..known_ball.clone() };
     let known =
         Parameter { name: "C_X.u".to_owned(), value: Some(0.5), half_width: Some(0.25), enough: true };
