@@ -11,7 +11,7 @@ use crate::{
     FlightClock, Listeners, LiveError, LivePipeline, MotionFilter, RecorderSlot, TrackingState, events,
 };
 use mavsight_flight::Vehicle;
-use mavsight_link::{Event, Tracking};
+use mavsight_link::Event;
 use mavsight_pipeline::CameraTracker;
 use mavsight_pose::Rig;
 use std::sync::Arc;

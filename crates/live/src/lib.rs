@@ -1,9 +1,9 @@
 //! The pipeline on running cameras.
 //!
 //! Each camera has a thread that fetches frames and one that tracks, with a queue between that drops its
-//! oldest frame when it is full. One thread joins the detections ([`mavsight_pipeline::Synchronizer`]), associates
-//! them with markers, estimates poses and filters them by the code of a batch run. Listeners have queues of
-//! their own, so that none delays the pipeline. Nothing is reported that was not measured.
+//! oldest frame when it is full. One thread joins the detections ([`mavsight_pipeline::Synchronizer`]),
+//! associates them with markers, estimates poses and filters them by the code of a batch run. Listeners have
+//! queues of their own, so that none delays the pipeline. Nothing is reported that was not measured.
 
 mod camera;
 mod clock;
