@@ -108,14 +108,12 @@ mod tests {
     use super::*;
     use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3};
     use mavsight_pose::PoseEstimate;
+    use mavsight_random::Random;
 
     /// A body that swings, measured to a millimetre and a milliradian.
     fn sample(k: i64) -> PoseSample {
-        let mut state = (k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let mut noise = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            1e-3 * 12f64.sqrt() * ((state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5)
-        };
+        let mut random = Random::new(1, k as u64);
+        let mut noise = || 1e-3 * random.normal();
         let t_s = k as f64 / 30.0;
         let place = Vector3::new(0.3 * (2.0 * t_s).sin() + noise(), noise(), 1.5 + noise());
         let turn = Vector3::new(0.2 * (3.0 * t_s).sin() + noise(), noise(), noise());

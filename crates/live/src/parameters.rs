@@ -267,11 +267,8 @@ mod tests {
         let inputs = scenario.inputs(&Vehicle::paper()).unwrap();
         let states =
             simulate(&Vehicle::paper(), &inputs, &scenario.start(), &scenario.frame_times_s()).unwrap();
-        let mut state = 3_u64;
-        let mut noise = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            1e-4 * 12f64.sqrt() * ((state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5)
-        };
+        let mut random = mavsight_random::Random::new(3, 0);
+        let mut noise = || 1e-4 * random.normal();
         let sample = |s: &mavsight_flight::FlightState| {
             let mut pose = world_from_body(s.position_in_world_m, s.attitude);
             pose.translation.vector += Vector3::new(noise(), noise(), noise());

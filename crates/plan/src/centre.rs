@@ -1,6 +1,7 @@
 //! How well the centre of a ball's image can be measured.
 
 use mavsight_geometry::Vector3;
+use mavsight_random::Random;
 use serde::{Deserialize, Serialize};
 
 /// What a picture of a ball looks like.
@@ -76,25 +77,17 @@ impl CentreStd {
     }
 
     /// That of a marker at a place before a camera of the rig: the same whenever it is asked for.
-    pub(crate) fn at_px(&self, place_m: &Vector3<f64>, (camera, marker): (usize, usize)) -> f64 {
+    pub(crate) fn at_px(&self, place_m: &Vector3<f64>, camera: usize, marker: usize) -> f64 {
         let all = self.values_px();
-        let drawn = (uniform_at(place_m, (camera, marker)) * all.len() as f64) as usize;
+        let drawn = (uniform_at(place_m, camera, marker) * all.len() as f64) as usize;
         all[drawn.min(all.len() - 1)]
     }
 }
 
-/// A number between 0 and 1 that belongs to a place, a camera and a marker; bits mixed by Steele, Lea & Flood (2014).
-fn uniform_at(place_m: &Vector3<f64>, (camera, marker): (usize, usize)) -> f64 {
-    let words = place_m.iter().map(|x| x.to_bits()).chain([camera as u64, marker as u64]);
-    let bits = words.fold(0, |seed, word| mixed(seed ^ word));
-    ((bits >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
-}
-
-fn mixed(word: u64) -> u64 {
-    let z = word.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+/// A number between 0 and 1 that belongs to a place, a camera and a marker.
+fn uniform_at(place_m: &Vector3<f64>, camera: usize, marker: usize) -> f64 {
+    let seed = place_m.iter().fold(0_u64, |seed, x| seed.rotate_left(21) ^ x.to_bits());
+    Random::new(seed, ((camera as u64) << 32) | marker as u64).uniform()
 }
 
 #[cfg(test)]
@@ -105,7 +98,7 @@ mod tests {
     fn numbers_of_places_are_uniform_and_differ_by_camera_and_marker() {
         let place = |k: i32| Vector3::new(0.01 * f64::from(k), -0.3, 1.5);
         let of = |camera, marker| -> Vec<f64> {
-            (0..4000).map(|k| uniform_at(&place(k), (camera, marker)) - 0.5).collect()
+            (0..4000).map(|k| uniform_at(&place(k), camera, marker) - 0.5).collect()
         };
         let (first, second, third) = (of(0, 0), of(0, 1), of(1, 0));
         let mean = |v: &[f64], w: &[f64]| v.iter().zip(w).map(|(a, b)| a * b).sum::<f64>() / 4000.0;
@@ -114,7 +107,7 @@ mod tests {
         assert!((mean(&first, &first) - 1.0 / 12.0).abs() < 0.006);
         assert!(mean(&first, &second).abs() < 0.0066 && mean(&first, &third).abs() < 0.0066);
         let all = CentreStd::Drawn(vec![0.01, 0.02, 0.04]);
-        let drawn: Vec<f64> = (0..4000).map(|k| all.at_px(&place(k), (0, 0))).collect();
+        let drawn: Vec<f64> = (0..4000).map(|k| all.at_px(&place(k), 0, 0)).collect();
         for value in all.values_px() {
             let share = drawn.iter().filter(|d| *d == value).count() as f64 / 4000.0;
             assert!((share - 1.0 / 3.0).abs() < 0.037, "{value}: {share}");

@@ -2,6 +2,7 @@
 
 use crate::{FlightPlanner, PlanError, PlannedManoeuvre};
 use mavsight_flight::{Channel, Maneuver, Scenario, Sine};
+use mavsight_random::Random;
 use rayon::prelude::*;
 
 /// What a multisine is to make least.
@@ -57,7 +58,7 @@ impl FlightPlanner<'_> {
             let detail = "needs channels, harmonics of 1 or more, and parameters that count";
             return Err(PlanError::value("multisine", detail));
         }
-        let mut random = Stream(options.seed);
+        let mut random = Random::new(options.seed, 0);
         let mut parent: Vec<f64> =
             (0..n).flat_map(|k| schroeder(k % options.harmonics.len(), options)).collect();
         let (mut best, first) = match self.of(base, options, &parent) {
@@ -127,22 +128,4 @@ fn schroeder(k: usize, options: &MultisineOptions) -> [f64; 2] {
     let n = options.harmonics.len() as f64;
     let phase = -std::f64::consts::PI * (k as f64) * (k as f64 + 1.0) / n;
     [phase.sin(), phase.cos()]
-}
-
-/// SplitMix64 (Steele, Lea & Flood 2014).
-struct Stream(u64);
-
-impl Stream {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (((z ^ (z >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        let (a, b) = (self.uniform(), self.uniform());
-        (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
-    }
 }

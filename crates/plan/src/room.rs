@@ -204,7 +204,7 @@ impl CameraType {
         (camera, marker): (usize, usize),
     ) -> f64 {
         let given = self.centre_std_px.as_ref();
-        given.map_or_else(|| self.image.std_px(diameter_px), |std| std.at_px(place_m, (camera, marker)))
+        given.map_or_else(|| self.image.std_px(diameter_px), |std| std.at_px(place_m, camera, marker))
     }
 
     fn validate(&self) -> Result<(), PlanError> {

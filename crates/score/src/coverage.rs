@@ -220,7 +220,7 @@ fn motion_error(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Random;
+    use mavsight_random::Random;
 
     #[test]
     fn intervals_are_those_of_the_tables() {

@@ -9,7 +9,6 @@ mod chunks;
 mod coverage;
 mod error;
 mod identity;
-mod random;
 mod virtual_flight;
 mod virtual_lab;
 
@@ -22,7 +21,6 @@ pub use chunks::ChunkFile;
 pub use coverage::{Coverage, QUANTITIES, Quantity, TOO_FEW, Tally};
 pub use error::ScoreError;
 pub use identity::{IdentityScore, score_identity};
-pub use random::Random;
 pub use virtual_flight::VirtualFlight;
 pub use virtual_lab::{SightNoise, VirtualCamera, VirtualLab};
 

@@ -1,6 +1,7 @@
 //! The 95 % intervals hold the truth in virtual laboratories: a small sample of what `mavsight selftest` prints.
 
-use mavsight_score::{Random, ScoreError, Tally, VirtualLab};
+use mavsight_random::Random;
+use mavsight_score::{ScoreError, Tally, VirtualLab};
 
 /// What some flights show.
 fn tally(lab: &VirtualLab, flights: u64) -> Tally {

@@ -5,6 +5,7 @@
 use mavsight_link::{
     CameraState, CameraView, Event, MarkerView, Parameter, PoseEvent, Scene, Sight, Tracking,
 };
+use mavsight_random::Random;
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 
 /// Instants a second.
@@ -44,27 +45,11 @@ impl Eye {
     }
 }
 
-/// Numbers that look like noise, of unit variance, the same in each run (sum of four uniform ones).
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        let sum: f64 = (0..4)
-            .map(|_| {
-                self.0 =
-                    self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                (self.0 >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-            })
-            .sum();
-        sum * 3_f64.sqrt()
-    }
-}
-
 /// The flight.
 pub(crate) struct VirtualFlight {
     eyes: [Eye; 2],
     backgrounds: [Vec<[u8; 3]>; 2],
-    noise: Noise,
+    random: Random,
     /// Whether the aircraft flies out of sight now and then, and the second camera stalls.
     pub(crate) has_losses: bool,
     /// Without such losses: whether it is out of sight now.
@@ -91,7 +76,7 @@ impl VirtualFlight {
         Self {
             eyes,
             backgrounds,
-            noise: Noise(1),
+            random: Random::new(1, 0),
             has_losses,
             is_hidden: false,
             last_seen_s: f64::NEG_INFINITY,
@@ -172,7 +157,7 @@ impl VirtualFlight {
                 }
                 let (u_px, v_px, depth_m) =
                     self.eyes[camera].project(&(position + attitude * Vector3::from(*in_body)));
-                let residual_px = [0.08 * self.noise.next(), 0.08 * self.noise.next()];
+                let residual_px = [0.08 * self.random.normal(), 0.08 * self.random.normal()];
                 sum_px2 += residual_px.iter().map(|r| r * r).sum::<f64>();
                 pairs += 1;
                 seen.push(Sight {
@@ -234,7 +219,7 @@ impl VirtualFlight {
             covariance[at] = value;
         }
         covariance[1] = 0.6 * (diagonal[0] * diagonal[1]).sqrt();
-        let mut noise = || self.noise.next();
+        let mut noise = || self.random.normal();
         let shaken = position + Vector3::from_fn(|i, _| diagonal[i].sqrt() * noise());
         let euler = [0, 1, 2].map(|i| angles[i] + turns[i].sqrt() * noise());
         let rates = [0, 1, 2].map(|i| rates[i] + 0.02 * noise());
