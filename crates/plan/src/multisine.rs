@@ -1,11 +1,11 @@
-//! Multisines whose amplitudes and phases tell most.
+//! Optimised multisines.
 
 use crate::{FlightPlanner, PlanError, PlannedManoeuvre};
 use mavsight_flight::{Channel, Maneuver, Scenario, Sine};
 use mavsight_random::Random;
 use rayon::prelude::*;
 
-/// What a multisine is to make least.
+/// Criterion that a multisine minimises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Optimality {
     /// The determinant of the covariance: the volume of the ellipsoid of confidence.
@@ -14,14 +14,14 @@ pub enum Optimality {
     A,
 }
 
-/// What is optimised, and how long.
+/// Options of the optimisation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MultisineOptions {
     /// Inputs that are moved.
     pub channels: Vec<Channel>,
     /// Harmonics of one over the length; all inputs have all of them.
     pub harmonics: Vec<u32>,
-    /// When it begins; it lasts to the end of the scenario.
+    /// Beginning; it ends with the scenario.
     pub start_s: f64,
     /// Names of the parameters that count.
     pub parameters: Vec<String>,
@@ -35,19 +35,19 @@ pub struct MultisineOptions {
 
 /// Flights a round.
 const OFFSPRING: usize = 6;
-/// First step, of the length of all amplitudes; a success lengthens it and a failure shortens it so that one in five
-/// succeeds (Rechenberg 1973; Kern et al. 2004).
+/// First step, of the length of all amplitudes; a success lengthens it and a failure shortens it so that one
+/// in five succeeds (Rechenberg 1973; Kern et al. 2004).
 const FIRST_STEP: f64 = 0.5;
 const LONGER: f64 = 1.5;
 const SHORTER: f64 = 0.9;
 
 impl FlightPlanner<'_> {
-    /// The multisine within the limits that makes the criterion least, by an evolution strategy of one parent and six offspring
-    /// on cosine and sine amplitudes, from Schroeder's phases (1970). Local: a better one may exist. `base` gives duration,
-    /// rates and heading; its manoeuvres are replaced.
+    /// The multisine within the limits that makes the criterion least, by an evolution strategy of one parent
+    /// and six offspring on cosine and sine amplitudes, from Schroeder's phases (1970). Local: a better one
+    /// may exist. `base` gives duration, rates and heading; its manoeuvres are replaced.
     ///
     /// # Errors
-    /// No harmonics, channels or parameters; no flight that stays in limits and view.
+    /// No harmonics, channels or parameters; no flight within limits and view.
     pub fn optimise(
         &self,
         base: &Scenario,

@@ -53,7 +53,8 @@ fn noisy(plan: &PlannedManoeuvre, random: &mut Random) -> Vec<Isometry3<f64>> {
     measured.collect()
 }
 
-/// The scatter of first-order estimates over 200 noisy flights is the prediction, and whole fits give what they give.
+/// The scatter of first-order estimates over 200 noisy flights is the prediction, and whole fits give what
+/// they give.
 #[test]
 fn estimates_scatter_as_predicted_and_one_step_is_the_whole_fit() {
     let planner = planner();
@@ -92,7 +93,7 @@ fn estimates_scatter_as_predicted_and_one_step_is_the_whole_fit() {
 }
 
 #[test]
-fn an_optimised_multisine_tells_much_more_of_the_moment_than_the_doublet() {
+fn an_optimised_multisine_determines_the_moment_much_better_than_the_doublet() {
     let planner = planner();
     let flights = flights(&planner);
     let base = Scenario { frame_rate_hz: 15.0, ..Scenario::paper() };
@@ -122,9 +123,10 @@ fn an_optimised_multisine_tells_much_more_of_the_moment_than_the_doublet() {
     assert_eq!(again.scenario, best.scenario, "the same seed finds the same");
 }
 
-/// An error that stays, 0.1 mm along X in every pose: the estimates move by what it does to them, and the covariance by its square.
+/// A systematic error of 0.1 mm along X in every pose moves the estimates by its effect, and the covariance
+/// by the square of it.
 #[test]
-fn errors_that_stay_enter_by_what_they_do_to_the_estimates() {
+fn systematic_errors_enter_by_their_effect_on_the_estimates() {
     let planner = planner();
     let plan = flights(&planner).predict(&Scenario::paper(), true).expect("a plan");
     let shift = nalgebra::Vector6::new(1e-4, 0.0, 0.0, 0.0, 0.0, 3e-4);
@@ -138,8 +140,9 @@ fn errors_that_stay_enter_by_what_they_do_to_the_estimates() {
     });
     let moved = plan.fit.first_order(&poses.collect::<Vec<_>>()).expect("estimates");
     let column = nalgebra::Matrix6xX::from_column_slice(shift.as_slice()).map(|v: f64| v as f32);
-    let lasting = plan.fit.clone().with_lasting(&vec![column; plan.states.len()]).expect("a covariance");
-    for (k, (before, after)) in plan.fit.parameters.iter().zip(&lasting.parameters).enumerate() {
+    let systematic =
+        plan.fit.clone().with_systematic(&vec![column; plan.states.len()]).expect("a covariance");
+    for (k, (before, after)) in plan.fit.parameters.iter().zip(&systematic.parameters).enumerate() {
         let wanted = before.std.hypot(moved[k] - before.value);
         assert!((after.std / wanted - 1.0).abs() < 1e-3, "{}: {} against {wanted}", before.name, after.std);
     }
@@ -172,7 +175,7 @@ fn what_cannot_be_flown_is_refused() {
     assert!(matches!(flights.optimise(&Scenario::paper(), &nothing), Err(PlanError::Value { .. })));
     let plan = flights.predict(&Scenario::paper(), true).expect("a plan");
     assert!(plan.fit.first_order(&[]).is_err());
-    assert!(plan.fit.clone().with_lasting(&[]).is_err());
+    assert!(plan.fit.clone().with_systematic(&[]).is_err());
     let step = Maneuver::Step { channel: Channel::DeltaLon, start_s: 1.0, amplitude: 80.0 };
     let plan = flights.predict(&Scenario { maneuver: vec![step], ..Scenario::paper() }, false);
     assert!(plan.is_err() || plan.is_ok_and(|p| p.used <= 1.0));

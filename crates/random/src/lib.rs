@@ -4,10 +4,11 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
 use rand_distr::{Distribution, Open01, StandardNormal};
 
-/// A generator with a seed: ChaCha with eight rounds (Bernstein 2008), whose streams under one seed are independent.
+/// A generator with a seed: ChaCha with eight rounds (Bernstein 2008), whose streams under one seed are
+/// independent.
 ///
-/// Give each simulated flight a stream of its own: its numbers then depend neither on the order of the flights nor on the
-/// number of threads. It is not for secrets.
+/// Give each simulated flight a stream of its own: its numbers then depend neither on the order of the
+/// flights nor on the number of threads. It is not for secrets.
 #[derive(Debug, Clone)]
 pub struct Random(ChaCha8Rng);
 
