@@ -57,7 +57,7 @@ fn wand(seconds: f64, room: &Room) -> Result<()> {
     });
     let how = Wand { length_m: LENGTH_M, length_std_m: 0.0, colors, diameters_m: [0.06; 2] };
     let object = wand_of(&how, feeds.collect())?;
-    println!("wand: {} sights of {} frames", object.sights.len(), 2 * frames);
+    println!("wand: {} observations of {} frames", object.sights.len(), 2 * frames);
     let control = lab::control_frame(&points);
     let stills = cameras
         .iter()
@@ -128,7 +128,7 @@ fn board(room: &Room) -> Result<()> {
     let how = Board { columns, rows, square_m, together: false, coded: None };
     let object = board_of(&how, vec![Some(feed)])?;
     let put_in_px = f64::sqrt(errors.0 / errors.1);
-    // Where the camera stands is told by control points clicked to half a pixel.
+    // The camera is located by control points clicked to half a pixel.
     let points = lab::control_points();
     let near = |p: [f64; 3]| [0.5 * p[0], 0.3 * p[1], 0.9 + 0.4 * p[2]];
     let points: Vec<_> = points

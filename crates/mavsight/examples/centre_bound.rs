@@ -1,6 +1,6 @@
 //! How close centres come to what the pixels permit: balls of 5, 10 and 30 px filmed in the virtual room, noise of two
 //! grey levels, error of the tracked centres over the Cramér-Rao bound of the very same images; and of that the part that changes from
-//! frame to frame at a place, which is the noise's, without what stays the same there.
+//! frame to frame at a place, which is the noise's, without the systematic part.
 //!
 //! `cargo run --release -p mavsight --example centre_bound`
 
@@ -142,10 +142,10 @@ fn follow(films: &[Film<'_>; 2], marker: (&str, [u8; 3], [f64; 3]), diameter_px:
         let (mut at_place, mut square, mut seen_here) = (Vector2::zeros(), 0.0, 0.0_f64);
         for _ in 0..FRAMES_AT_A_PLACE {
             let frame = Frame::from_rgb(SIZE, noisy(&image, &mut random)).expect("a frame");
-            // The room holds things of a marker's colour; which is the marker is not asked here.
+            // The room holds other objects of a marker's colour; which is the marker is not asked here.
             let truth = pixel_of(&ball);
-            let sights = tracker.update(&frame).iter().map(|s| s.detection);
-            let near = sights.filter(|seen| (seen.pixel - truth).norm() < 0.5 * diameter_px);
+            let detections = tracker.update(&frame).iter().map(|s| s.detection);
+            let near = detections.filter(|seen| (seen.pixel - truth).norm() < 0.5 * diameter_px);
             let Some(seen) = near.max_by(|a, b| a.diameter_px.total_cmp(&b.diameter_px)) else { continue };
             let error = seen.pixel - truth;
             let claimed = seen.covariance_px2.try_inverse().expect("a covariance");

@@ -48,7 +48,7 @@ const TRIES: usize = 1000;
 /// Part of a ball's face that must be seen: an arm before it hides less than the rest.
 const SEEN: f64 = 0.8;
 
-/// What one set-up's films tell: poses that were filmed, errors against truth, and what the chain claims.
+/// Results of one set-up's films: poses that were filmed, errors against truth, and stated errors.
 #[derive(Default)]
 struct SetUp {
     placed: Vec<Placed>,
@@ -56,10 +56,10 @@ struct SetUp {
     /// Sums of the squares of the errors of position and of turn.
     achieved: [f64; 2],
     /// Sums of the variances that are predicted of these by each centre's claim.
-    foreseen: [f64; 2],
+    predicted: [f64; 2],
     /// How good the markers' centres claim to be.
     centres: Option<CentreQuality>,
-    /// Variance of a coordinate of control points that tell as much and are all alike, mean over the cameras.
+    /// Variance of a coordinate of control points that determine as much and are all alike, mean over the cameras.
     control_px2: f64,
     /// Squares of the errors of the markers' centres, and the number of coordinates.
     centres_px2: f64,
@@ -192,7 +192,7 @@ fn film_once(
         CameraFeed::new(c.name.clone(), Some(truth.len()), Box::new(frames))
     });
     let tracked = track(feeds.collect(), &rig, &vehicle, &NoProgress)?;
-    let foreseen = PoseEstimator::new(&foreseen(planner, cameras, (&stills, &rig))?, planner.markers());
+    let predicted = PoseEstimator::new(&predicted(planner, cameras, (&stills, &rig))?, planner.markers());
     let control_px2 = rig.cameras.iter().map(|c| c.sigma_px.powi(2)).sum::<f64>() / rig.cameras.len() as f64;
     let mut out = SetUp { control_px2, centres: tracked.centre_quality(), ..SetUp::default() };
     for (k, (row, pose)) in truth.iter().enumerate() {
@@ -206,8 +206,8 @@ fn film_once(
         let off_m = got.world_from_body.translation.vector - pose.translation.vector;
         out.achieved[0] += off_m.norm_squared();
         out.achieved[1] += pose.rotation.angle_to(&got.world_from_body.rotation).powi(2);
-        let [position_m2, turn_rad2] = variances(&foreseen, pose, &seen)?;
-        out.foreseen = [out.foreseen[0] + position_m2, out.foreseen[1] + turn_rad2];
+        let [position_m2, turn_rad2] = variances(&predicted, pose, &seen)?;
+        out.predicted = [out.predicted[0] + position_m2, out.predicted[1] + turn_rad2];
         out.poses.push(*pose);
         for o in seen {
             let ball = &planner.markers()[o.marker];
@@ -226,17 +226,17 @@ fn variances(
     pose: &Isometry3<f64>,
     seen: &[MarkerObservation],
 ) -> Outcome<[f64; 2]> {
-    let sights: Vec<ExpectedSight> = seen
+    let views: Vec<ExpectedSight> = seen
         .iter()
         .map(|o| ExpectedSight { camera: o.camera, marker: o.marker, covariance_px2: o.covariance_px2 })
         .collect();
-    let covariance = estimator.predict(pose, &sights)?.covariance();
+    let covariance = estimator.predict(pose, &views)?.covariance();
     Ok([0, 3].map(|at| covariance.fixed_view::<3, 3>(at, at).trace()))
 }
 
 /// The cameras as they are, with what their calibration is predicted to leave open if each control point's centre is as good as it
 /// claims, times the factor that the residuals have shown.
-fn foreseen(
+fn predicted(
     planner: &Planner,
     cameras: &[VirtualCamera],
     (stills, rig): (&[ControlStill], &Rig),
@@ -283,7 +283,7 @@ fn planner(known: Option<Known>) -> Outcome<Planner> {
     room.block.clear();
     if let Some(known) = known {
         room.camera[0].centre_std_px = Some(known.centres);
-        // What stays wrong with a centre is in the claims.
+        // The systematic error of a centre is in the stated one.
         room.centre_bias_px = 0.0;
         if let Some(control) = &mut room.control {
             control.std_px = Some(known.control_std_px);
@@ -326,7 +326,7 @@ fn predicted(set_ups: &[SetUp], known: &Known) -> Outcome<Vec<[f64; 2]>> {
     Ok(set_ups.iter().map(of_set_up).collect())
 }
 
-/// What films tell of their centres, without truth: what runs of such sessions say for plans.
+/// What films show of their centres, without truth: what runs of such sessions say for plans.
 fn known(set_ups: &[SetUp]) -> Known {
     let centres = set_ups.iter().filter_map(|s| s.centres).flat_map(|c| c.tenths_px);
     let poses = |s: &SetUp| s.poses.len() as f64;
@@ -378,7 +378,7 @@ fn main() -> Outcome<()> {
         let poses = sum(&|s| s.poses.len() as f64);
         let root = |k: usize| (sum(&|s| s.achieved[k]) / poses).sqrt();
         let cell = |k: usize| {
-            let each: Vec<[f64; 2]> = all.iter().map(|s| s.foreseen).collect();
+            let each: Vec<[f64; 2]> = all.iter().map(|s| s.predicted).collect();
             let [each, own, first] = [&each, &with_own, &with_first].map(|v| ratio(&all, v, k));
             format!("{:.2} ± {:.2}, {:.2} ± {:.2}, {:.2}", each.0, each.1, own.0, own.1, first.0)
         };

@@ -179,7 +179,7 @@ impl StagedFilm<'_> {
     }
 }
 
-/// An aircraft that is carried about by hand, in front of the paper's cameras: sums of sines of 0.2 to 0.7 Hz, at about half a
+/// An aircraft that is carried about by hand, before the paper's cameras: sums of sines of 0.2 to 0.7 Hz, at about half a
 /// metre a second. The flapping is none.
 pub fn carried(duration_s: f64, rate_hz: f64) -> Vec<FlightState> {
     /// Step of the central differences: their error, its square, is far below a film's.

@@ -70,7 +70,7 @@ fn flight(folder: &Path) -> (PathBuf, PathBuf) {
         z += 0.5 * (w + was_w) * dt_s;
         theta += 0.5 * (q + was_q) * dt_s;
     }
-    assert!(theta.abs() < 0.6, "the flight stays upright: {theta}");
+    assert!(theta.abs() < 0.6, "the flight is upright: {theta}");
     let paths = (folder.join("mocap.csv"), folder.join("log.csv"));
     std::fs::write(&paths.0, poses).expect("written");
     std::fs::write(&paths.1, inputs).expect("written");
@@ -200,9 +200,9 @@ fn wrong_calls_are_named() {
     assert!(said.contains("No parameters") && said.contains("need turning rotors"), "{said}");
 }
 
-/// What was not seen for two seconds is not told: its rows hold their times alone.
+/// What was not seen for two seconds is not known: its rows hold their times alone.
 #[test]
-fn motion_is_not_told_where_nothing_was_seen() {
+fn motion_is_not_known_where_nothing_was_seen() {
     let folder = TempDir::new().expect("a folder");
     let (table, inputs) = flight(folder.path());
     let unseen = |line: &str| {
@@ -228,7 +228,7 @@ fn motion_is_not_told_where_nothing_was_seen() {
 
 /// A logger that is switched on late and off early costs the parameters of what it did not see, not the motion.
 #[test]
-fn inputs_that_end_early_tell_of_the_part_that_they_cover() {
+fn inputs_that_end_early_give_the_part_that_they_cover() {
     let folder = TempDir::new().expect("a folder");
     let (table, inputs) = flight(folder.path());
     let text = std::fs::read_to_string(&inputs).expect("inputs");

@@ -72,7 +72,7 @@ impl FlightAssociator {
         let mut seen = vec![0; watches.len() * markers];
         tracked.observations.iter().for_each(|o| seen[o.camera * markers + o.marker] += 1);
         for (watch, seen) in watches.into_iter().zip(seen.chunks(markers.max(1))) {
-            let (health, notes) = watch.told(&self.colors, seen);
+            let (health, notes) = watch.report(&self.colors, seen);
             tracked.health.push(health);
             tracked.notes.extend(notes);
         }

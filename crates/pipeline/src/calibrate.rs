@@ -30,7 +30,7 @@ pub(crate) fn diameter_range_px(size: ImageSize) -> std::ops::RangeInclusive<f64
 /// Two balls whose colours are exchanged in the table are left out and named.
 ///
 /// # Errors
-/// Too few balls, colours that cannot be told apart, or points that do not determine a camera; each names the camera.
+/// Too few balls, colours that cannot be distinguished, or points that do not determine a camera; each names the camera.
 pub fn calibrate_from_stills(
     stills: &[ControlStill],
     table: &[ControlPointRow],
@@ -107,7 +107,7 @@ fn seen_in_still(
     let candidates = detector.detect(&still.frame, diameter_range_px(size));
     let found = candidates.iter().filter(|c| !c.is_empty()).count();
     if found < 6 && has_objects {
-        // Too few for their geometry to tell which is which: the most ball-like of each colour.
+        // Too few for their geometry to identify them: the most ball-like of each colour.
         let best = |list: &Vec<Detection>| {
             list.iter().enumerate().max_by(|a, b| a.1.score.total_cmp(&b.1.score)).map(|(k, _)| k)
         };

@@ -1,4 +1,4 @@
-//! When a clap was heard: a start for clocks that nothing else tells.
+//! When a clap was heard: a start for clocks of which nothing else is known.
 
 use crate::stream::Stream;
 use mavsight_pose::Rig;
@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clap_is_where_an_unknown_clock_starts_and_a_known_one_stays() {
+    fn a_clap_is_where_an_unknown_clock_starts_and_a_known_one_is_kept() {
         let known = ClockPrior::known(CameraClock::default());
         let of_b = heard("b", Clap::At(2.75), ClockPrior::unknown());
         let mut streams = [heard("a", Clap::At(1.25), known), of_b, heard("c", Clap::At(9.0), known)];

@@ -1,4 +1,4 @@
-//! When the light flashed: a start for clocks that nothing else tells.
+//! When the light flashed: a start for clocks of which nothing else is known.
 
 use crate::stream::Stream;
 use mavsight_vision::{Frame, Pixels};
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flash_is_where_an_unknown_clock_starts_and_a_known_one_stays() {
+    fn a_flash_is_where_an_unknown_clock_starts_and_a_known_one_is_kept() {
         let known = ClockPrior::known(CameraClock::default());
         let mut streams =
             [stream("a", 20, known), stream("b", 70, ClockPrior::unknown()), stream("c", 70, known)];

@@ -10,7 +10,7 @@ use mavsight_pose::{BodyMarker, FlightPrior, PoseError, PoseEstimator, RefinedFl
 /// Half a millimetre: how well a ruler measures a coordinate of a marker where nothing else is said.
 pub const MARKERS_STD_M: f64 = 5e-4;
 
-/// What is refined beside the cameras, and from what it starts.
+/// What is refined in addition to the cameras, and from what it starts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Refinement {
     /// Standard deviation of a coordinate in the vehicle file, where the markers are to be refined.
@@ -31,7 +31,7 @@ pub struct Diameter {
 /// Cameras and body as a flight has shown them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RefinedBody {
-    /// Cameras, markers and lasting errors of centres, with what is not known of them.
+    /// Cameras, markers and systematic errors of centres, with their uncertainties.
     pub refined: RefinedFlight,
     /// Why the markers are those of the file although they were to be refined.
     pub kept: Option<PoseError>,
@@ -39,7 +39,7 @@ pub struct RefinedBody {
     pub diameters: Vec<Option<Diameter>>,
 }
 
-/// Refines the cameras, and if asked the marker positions and the diameters, from what was tracked; estimates the poses anew with
+/// Refines the cameras, and if asked the marker positions and the diameters, from what was tracked; estimates the poses again with
 /// them. Markers that are not asked for count as known to half a millimetre while the cameras are refined, and as
 /// exact for the poses, as they do without a refinement.
 ///

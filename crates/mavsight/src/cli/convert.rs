@@ -33,7 +33,7 @@ Formats, and the names by which they are known:
   offsets    *offsets.csv, .tsv      offsets of DLTdv: lines for session.toml
   csv, parquet   *.csv, *.parquet    any table
 
-Poses become marker paths, and paths poses, where --vehicle tells the markers. More in docs/formats.md.")]
+Poses become marker paths, and paths poses, where --vehicle gives the markers. More in docs/formats.md.")]
 pub(crate) struct Convert {
     /// File to read
     #[arg(value_name = "IN")]
@@ -41,10 +41,10 @@ pub(crate) struct Convert {
     /// File to write
     #[arg(value_name = "OUT")]
     pub(crate) output: PathBuf,
-    /// Format of IN, where its name or content does not tell
+    /// Format of IN, where its name or content does not show it
     #[arg(long, value_name = "FORMAT", value_enum, hide_possible_values = true)]
     pub(crate) from: Option<Format>,
-    /// Format of OUT, where its name does not tell
+    /// Format of OUT, where its name does not show it
     #[arg(long, value_name = "FORMAT", value_enum, hide_possible_values = true)]
     pub(crate) to: Option<Format>,
     /// Vehicle file, for its markers

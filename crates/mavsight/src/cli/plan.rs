@@ -25,7 +25,7 @@ pub(crate) struct Campaign {
 pub(crate) enum Plan {
     /// Find the placements of cameras with the least predicted error of pose
     Cameras(PlanCameras),
-    /// Compare what manoeuvres tell of the parameters, and find a multisine that tells more
+    /// Compare the information of manoeuvres on the parameters, and find a multisine that has more
     Manoeuvre(PlanManoeuvre),
 }
 

@@ -219,7 +219,7 @@ fn one_camera(
 ) -> Result<SessionCamera> {
     let (args, name) = (set.args, &own.name);
     if own.line_time_s != 0.0 && set.staging != Staging::default() {
-        let what = "things in the way are filmed by a global shutter alone: leave line_time_s out";
+        let what = "occluders are filmed by a global shutter alone: leave line_time_s out";
         return Err(WrongCall(format!("camera {name}: {what}")).into());
     }
     let still = format!("{name}-control.png");

@@ -192,7 +192,7 @@ fn with_whole_paths(mut file: SessionFile, folder: &Path) -> SessionFile {
     file
 }
 
-/// Who is told: standard output or the terminal.
+/// The listeners: standard output or the terminal.
 pub(super) fn listeners(
     args: &Live,
     stop: &Arc<AtomicBool>,
@@ -228,7 +228,7 @@ impl Listener for Lines {
     }
 }
 
-/// A camera that comes and goes is spoken of no more often: each second its state is told anew.
+/// Least time between two messages on the state of a camera that comes and goes.
 const CALM: Duration = Duration::from_millis(900);
 
 /// What a user should know, on standard error.
@@ -306,7 +306,7 @@ pub(super) fn finish(args: &Live, rig: &Rig, flown: &FlightSummary) -> Result<()
         "{} instants, {} with a pose, {} lost since the first; {dropped} frames dropped\n",
         flown.instants, flown.measured, flown.lost,
     );
-    // As fast as it goes frames wait for each other: how long tells nothing.
+    // As fast as it goes frames wait for each other: how long has no meaning.
     let latency = format!(
         "From the last frame in hand to the pose: median {:.2} ms, 99 % {:.2} ms, at most {:.2} ms\n",
         flown.latency.quantile_ms(0.5),

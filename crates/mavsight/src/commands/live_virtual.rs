@@ -59,7 +59,7 @@ impl Shared {
         self.pilot.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Tells which frame a camera films next; whether it is too far ahead of another.
+    /// Notes which frame a camera films next; whether it is too far ahead of another.
     fn is_ahead(&self, camera: usize, frame: u64) -> bool {
         if let Some(own) = self.next.get(camera) {
             own.store(frame, Ordering::Relaxed);

@@ -74,7 +74,7 @@ pub(crate) fn selftest(args: &Selftest) -> Result<()> {
         .map(|c| format!("{} {} ({:.1} %)", c.quantity, c.verdict, 100.0 * c.share))
         .collect();
     if coverage.iter().any(|c| c.verdict == TOO_FEW) {
-        eprintln!("mavsight: {flights} flights are too few to tell of some: give more by --flights");
+        eprintln!("mavsight: {flights} flights are too few for some quantities: give more by --flights");
     }
     if !wrong.is_empty() {
         bail!("the 95 % intervals are not true here: {}", wrong.join(", "));
@@ -144,7 +144,7 @@ fn setting(name: &str, lab: &VirtualLab, tally: &Tally, args: &Selftest) -> Stri
         "filmed in the virtual room, without a codec".to_owned()
     } else {
         format!(
-            "centres claimed to {:.3} px with {:.2} of that as noise, {:.3} px that stay",
+            "centres claimed to {:.3} px with {:.2} of that as noise, {:.3} px systematic",
             lab.stated_std_px(),
             lab.noise_over_stated,
             lab.bias_px

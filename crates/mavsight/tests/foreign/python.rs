@@ -50,7 +50,7 @@ fn opencv_projects_what_we_project_and_its_files_come_back() {
     lab.convert("theirs.yml theirs.toml");
     let theirs = apart(&lab.rig, &read_rig(&lab.path("theirs.toml")).expect("a rig"));
     assert!(theirs.0 < 1e-12 && theirs.1 < 1e-14, "{theirs:?}");
-    // The stereo sample's names: the world is camera 1, the distance between the cameras stays.
+    // The stereo sample's names: the world is camera 1, the distance between the cameras is kept.
     let notes = lab.convert("stereo.yml stereo.toml --size 640x480");
     assert!(notes.contains("the world is camera 1"), "{notes}");
     let stereo = read_rig(&lab.path("stereo.toml")).expect("a rig");
