@@ -1,6 +1,6 @@
 //! The virtual room filmed in real time, with a pilot who flies in it.
 
-use super::demo::frame_of;
+use super::demo::control_stills;
 use super::live::{Begin, ENOUGH, calibrating, finish, listeners, pace_of, with_page};
 use crate::cli::{Live, WrongCall};
 use crate::lab;
@@ -15,7 +15,7 @@ use mavsight_live::{
 };
 use mavsight_pipeline::{ControlStill, Progress, calibrate_from_stills};
 use mavsight_pose::{CameraClock, Rig};
-use mavsight_scene::{Aircraft, Film, FilmStream, Room, Sensor};
+use mavsight_scene::{Aircraft, FilmStream, Room, Sensor};
 use mavsight_score::{TruthRow, VirtualCamera};
 use mavsight_session::{
     ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, make_folder, ns_from_s,
@@ -109,6 +109,20 @@ impl VirtualSource {
         Frame::from_rgb(size, vec![0; 3 * size.area_px()]).ok()
     }
 
+    /// The camera as a flight opens it.
+    fn setup(self) -> CameraSetup {
+        let name = self.camera.name.clone();
+        let mut source = Some(self);
+        let open = move |_| {
+            // A camera that runs renders nothing here.
+            give_way();
+            let source = source.take().ok_or_else(|| "the room is closed".to_owned())?;
+            Ok(Box::new(source) as Box<dyn Source>)
+        };
+        let (clock, readout) = (CameraClock::default(), Vector2::y());
+        CameraSetup { name, open: Box::new(open), reopens: false, clock, readout }
+    }
+
     /// A frame that nobody holds.
     fn free(&mut self) -> Option<Arc<Frame>> {
         match self.pool.iter().position(|f| Arc::strong_count(f) == 1) {
@@ -184,7 +198,8 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     let room: &'static Room = Box::leak(Box::new(lab::room(&mavsight_flight::Staging::default())));
     let films: Vec<_> = cameras.iter().enumerate().map(|(k, c)| lab::film(room, c, k, args.seed)).collect();
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
-    let stills = stills_of(&cameras, &films)?;
+    let control = lab::control_frame(&lab::control_points());
+    let stills = control_stills(&cameras, |k| films[k].still(Some(&control)))?;
     let rig: Rig = calibrate_from_stills(&stills, &lab::control_points())?;
     bars.done();
     let (flown, pace) = (vehicle.clone(), (args.rate, args.fast));
@@ -196,34 +211,21 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     let clock = FlightClock::starting_at(0);
     let interval_s = 1.0 / args.rate;
     let last = args.seconds.map_or(u64::MAX, |s| (s * args.rate).ceil() as u64);
-    let sources = cameras.iter().zip(films).enumerate().map(|(index, (camera, film))| {
-        let mut source = Some(VirtualSource {
-            film: FilmStream::new(film),
-            camera: camera.clone(),
-            index,
-            aircraft: Arc::clone(&aircraft),
-            shared: Arc::clone(&shared),
-            interval_s,
-            next: 0,
-            last,
-            clock,
-            pace: pace_of(args),
-            stop: Arc::clone(&stop),
-            pool: Vec::new(),
-        });
-        CameraSetup {
-            name: camera.name.clone(),
-            open: Box::new(move |_| {
-                // A camera that runs renders nothing here.
-                give_way();
-                let source = source.take().ok_or_else(|| "the room is closed".to_owned())?;
-                Ok(Box::new(source) as Box<dyn Source>)
-            }),
-            reopens: false,
-            clock: CameraClock::default(),
-            readout: Vector2::y(),
-        }
+    let sources = cameras.iter().zip(films).enumerate().map(|(index, (camera, film))| VirtualSource {
+        film: FilmStream::new(film),
+        camera: camera.clone(),
+        index,
+        aircraft: Arc::clone(&aircraft),
+        shared: Arc::clone(&shared),
+        interval_s,
+        next: 0,
+        last,
+        clock,
+        pace: pace_of(args),
+        stop: Arc::clone(&stop),
+        pool: Vec::new(),
     });
+    let cameras_of_flight = sources.map(VirtualSource::setup).collect();
     let mut listeners = listeners(args, &stop, (&vehicle, &LiveSection::default()))?;
     let names = cameras.iter().map(|c| c.name.clone()).collect();
     let duties = (begin, calibrating(names, lab::control_points()));
@@ -232,7 +234,7 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
         name: "virtual",
         rig: &rig,
         vehicle: &vehicle,
-        cameras: sources.collect(),
+        cameras: cameras_of_flight,
         pace: pace_of(args),
         clock,
         noise: None,
@@ -247,16 +249,6 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     };
     let flown = fly(setup)?;
     finish(args, &rig, &flown)
-}
-
-/// The control frame as each camera sees it.
-fn stills_of(cameras: &[VirtualCamera], films: &[Film<'_>]) -> Result<Vec<ControlStill>> {
-    let control = lab::control_frame(&lab::control_points());
-    let still = |(c, film): (&VirtualCamera, &Film<'_>)| {
-        let frame = frame_of(c.camera.size, film.still(Some(&control)))?;
-        Ok(ControlStill { camera: c.name.clone(), frame })
-    };
-    cameras.iter().zip(films).map(still).collect()
 }
 
 /// The paper's cameras with images of another size, and as much of the room from top to bottom.
