@@ -101,12 +101,13 @@ struct Watched {
 /// Where the aircraft is in a frame.
 type PoseOf<'a> = &'a dyn Fn(usize) -> Isometry3<f64>;
 
-/// Frames of a film, and those at its beginning that are not timed: cameras have started, and whatever flies is followed.
+/// Frames of a film, and those at its beginning that are not timed: cameras have started, and whatever
+/// flies is followed.
 const FILMED: usize = 60;
 const BEGUN: usize = 10;
 
-/// Four balls tracked in each of two cameras, to their pose: in one image, hovering (an image of its own for each frame, as
-/// each has its own noise), and in the paper's doublet.
+/// Four balls tracked in each of two cameras, to their pose: in one image, hovering (an image of its own
+/// for each frame, as each has its own noise), and in the paper's doublet.
 fn tracking(c: &mut Criterion, room: &Room, vehicle: &Vehicle) {
     let scenario = Scenario::paper();
     let inputs = scenario.inputs(vehicle).expect("inputs");
@@ -131,7 +132,8 @@ fn tracking(c: &mut Criterion, room: &Room, vehicle: &Vehicle) {
             .collect();
         let estimator = PoseEstimator::new(&rig(), &mavsight::pipeline::body_markers(vehicle));
         let (mut seen, mut frame) = (Vec::new(), 0);
-        // Whoever waits for the pose does not wait for what follows it: newcomers, and what is prepared for the next frame.
+        // Whoever waits for the pose does not wait for what follows it: newcomers, and what is prepared for
+        // the next frame.
         let mut timed = |pairs: u64, what: usize| {
             let mut taken = [Duration::ZERO; 2];
             for _ in 0..pairs {

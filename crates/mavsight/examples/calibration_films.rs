@@ -1,9 +1,11 @@
-//! Calibration by a wand and by boards, filmed in the virtual room: `cargo run --release -p mavsight --example calibration_films`.
+//! Calibration by a wand and by boards, filmed in the virtual room: `cargo run --release -p mavsight
+//! --example calibration_films`.
 //!
-//! Wand: two balls 500 mm apart are waved for 20 s before the paper's cameras, and the control frame is seen in one still each;
-//! what is compared is the distance between the cameras (scale) and their centres. An argument `SECONDS` makes it shorter.
-//! Board: 12 stills of 8 by 5 squares of 40 mm by one wide camera with k1 = -0.25, k2 = 0.08, beside control balls; what is
-//! compared is the focal length, and the reprojection RMS over the corners' own errors.
+//! Wand: two balls 500 mm apart are waved for 20 s before the paper's cameras, and the control frame is
+//! seen in one still each; what is compared is the distance between the cameras (scale) and their centres.
+//! An argument `SECONDS` makes it shorter. Board: 12 stills of 8 by 5 squares of 40 mm by one wide camera
+//! with k1 = -0.25, k2 = 0.08, beside control balls; what is compared is the focal length, and the
+//! reprojection RMS over the corners' own errors.
 
 use anyhow::{Result, anyhow};
 use mavsight::geometry::{Camera, ImageSize, Intrinsics, Isometry3, Point3, UnitQuaternion, Vector3};
@@ -158,7 +160,8 @@ fn board(room: &Room) -> Result<()> {
     Ok(())
 }
 
-/// Root mean square of the board's residuals with every pose fitted anew to some of its corners, over their redundancy.
+/// Root mean square of the board's residuals with every pose fitted anew to some of its corners, over their
+/// redundancy.
 fn board_rms_px(object: &mavsight::pose::MovedObject, rig: &mavsight::pose::Rig) -> Result<f64> {
     let estimator = mavsight::pose::PoseEstimator::new(rig, &object.points);
     let (mut squares, mut n) = (0.0, 0.0);

@@ -1,17 +1,22 @@
-//! Is the predicted error of a pose the one that is achieved? Rigs filmed in the virtual room: stills of the control frame
-//! calibrate them, then the aircraft on a short way somewhere in the volume is detected and measured.
+//! Is the predicted error of a pose the one that is achieved? Rigs filmed in the virtual room: stills of
+//! the control frame calibrate them, then the aircraft on a short way somewhere in the volume is detected
+//! and measured.
 //!
-//! `cargo run --release -p mavsight --example plan_filmed -- 40 5`: calibrations a rig, and frames after each; `-- 40 5 130 1001` films
-//! one rig alone, from the 1001st set-up on instead of the first. Each time the cameras are set up anew, some tenths of a metre off:
-//! what is wrong with a ball's centre comes from what is behind it, and would be the same each time.
+//! `cargo run --release -p mavsight --example plan_filmed -- 40 5`: calibrations a rig, and frames after
+//! each; `-- 40 5 130 1001` films one rig alone, from the 1001st set-up on instead of the first. Each time
+//! the cameras are set up anew, some tenths of a metre off: what is wrong with a ball's centre comes from
+//! what is behind it, and would be the same each time.
 //!
-//! Balls are out of round by as much as the chain allows for ([`MODEL_STD`]): each seems to lie off its place by that part of its diameter,
-//! to each camera otherwise. In films of perfect spheres claims would be too wide by that allowance.
+//! Balls are out of round by as much as the chain allows for ([`MODEL_STD`]): each seems to lie off its
+//! place by that part of its diameter, to each camera otherwise. In films of perfect spheres claims would
+//! be too wide by that allowance.
 //!
-//! Given to the prediction are the places of cameras, control points and markers, and how good centres are by what the chain claims of
-//! them: of each centre in the same films; as a plan has it, equally likely ones, from the same films (`plan` of a run's `summary.json`); and
-//! those from the films of the rig at 90°. How good they are depends on what is behind them, which a plan does not know. Truth
-//! is in it only in that ways are taken on which the aircraft hides no ball from a camera: neither does a plan know of that.
+//! Given to the prediction are the places of cameras, control points and markers, and how good centres are
+//! by what the chain claims of them: of each centre in the same films; as a plan has it, equally likely
+//! ones, from the same films (`plan` of a run's `summary.json`); and those from the films of the rig at
+//! 90°. How good they are depends on what is behind them, which a plan does not know. Truth is in it only
+//! in that ways are taken on which the aircraft hides no ball from a camera: neither does a plan know of
+//! that.
 
 use mavsight::flight::Vehicle;
 use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3, world_from_body};
@@ -36,11 +41,13 @@ const INTERVAL_S: f64 = 1.0 / 30.0;
 /// Of the cameras from the middle: within the walls for every angle.
 const DISTANCE_M: f64 = 5.3;
 
-/// The middle of the control frame, and its size over that of the paper's: the near corners are still in view.
+/// The middle of the control frame, and its size over that of the paper's: the near corners are still in
+/// view.
 const MIDDLE_M: Vector3<f64> = Vector3::new(0.0, 0.0, 1.5);
 const FRAME: f64 = 0.75;
-/// How far from its place a camera is put, so that something else is behind each ball every time: as far behind it again as the camera is
-/// before it, that moves what it hides by as much, three times a ball's width.
+/// How far from its place a camera is put, so that something else is behind each ball every time: as far
+/// behind it again as the camera is before it, that moves what it hides by as much, three times a ball's
+/// width.
 const SET_UP_STD_M: f64 = 0.2;
 /// Ways that are tried for one on which all balls are seen.
 const TRIES: usize = 1000;
@@ -59,7 +66,8 @@ struct SetUp {
     predicted: [f64; 2],
     /// How good the markers' centres claim to be.
     centres: Option<CentreQuality>,
-    /// Variance of a coordinate of control points that determine as much and are all alike, mean over the cameras.
+    /// Variance of a coordinate of control points that determine as much and are all alike, mean over the
+    /// cameras.
     control_px2: f64,
     /// Squares of the errors of the markers' centres, and the number of coordinates.
     centres_px2: f64,
@@ -79,8 +87,8 @@ fn row(k: usize, place: Vector3<f64>, attitude: EulerAngles) -> TruthRow {
     }
 }
 
-/// A way through the volume at a walking pace, with a heading of the plan, give or take, and a few degrees of bank and pitch, on
-/// which all cameras see all balls.
+/// A way through the volume at a walking pace, with a heading of the plan, give or take, and a few degrees
+/// of bank and pitch, on which all cameras see all balls.
 fn way(
     planner: &Planner,
     (films, aircraft): (&[Film<'_>], &Aircraft),
@@ -234,8 +242,8 @@ fn variances(
     Ok([0, 3].map(|at| covariance.fixed_view::<3, 3>(at, at).trace()))
 }
 
-/// The cameras as they are, with what their calibration is predicted to leave open if each control point's centre is as good as it
-/// claims, times the factor that the residuals have shown.
+/// The cameras as they are, with what their calibration is predicted to leave open if each control point's
+/// centre is as good as it claims, times the factor that the residuals have shown.
 fn predicted(
     planner: &Planner,
     cameras: &[VirtualCamera],
@@ -307,7 +315,8 @@ fn rigs() -> Outcome<Vec<(String, Planner, Vec<Placed>)>> {
     }
     let three = planner(None)?;
     let mut placed = three.pair(0, 90.0, DISTANCE_M).to_vec();
-    // By the wall to the left, high, as far away as the others: from there, too, a calibration has the whole control frame.
+    // By the wall to the left, high, as far away as the others: from there, too, a calibration has the
+    // whole control frame.
     placed.push(Placed { centre_m: Vector3::new(-4.6, 1.6, 2.2), ..placed[0] });
     out.push(("three".to_owned(), three, placed));
     Ok(out)
@@ -337,8 +346,8 @@ fn known(set_ups: &[SetUp]) -> Known {
     }
 }
 
-/// Predicted over achieved standard deviation of position (0) or turn (1), and how well it is known: the jackknife over set-ups
-/// (Efron & Tibshirani 1993, chapter 11).
+/// Predicted over achieved standard deviation of position (0) or turn (1), and how well it is known: the
+/// jackknife over set-ups (Efron & Tibshirani 1993, chapter 11).
 fn ratio(set_ups: &[SetUp], variances: &[[f64; 2]], of: usize) -> (f64, f64) {
     let without = |left_out: Option<usize>| {
         let kept = || set_ups.iter().zip(variances).enumerate().filter(|(k, _)| Some(*k) != left_out);

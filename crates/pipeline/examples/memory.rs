@@ -1,5 +1,6 @@
-//! How much memory a flight takes, stage by stage, from its markers on: `cargo run --release -p mavsight-pipeline --example memory --
-//! 108000`, an hour of two cameras at 30 Hz. Linux alone reports the peak.
+//! How much memory a flight takes, stage by stage, from its markers on: `cargo run --release -p
+//! mavsight-pipeline --example memory -- 108000`, an hour of two cameras at 30 Hz. Linux alone reports the
+//! peak.
 
 #[path = "../tests/long_flight/mod.rs"]
 mod long_flight;

@@ -29,8 +29,8 @@ impl Board {
     }
 }
 
-/// Finds the inner corners in every frame of every camera. Frames that do not show the whole board are passed over; of a board with
-/// markers, those that do not show six corners.
+/// Finds the inner corners in every frame of every camera. Frames that do not show the whole board are
+/// passed over; of a board with markers, those that do not show six corners.
 ///
 /// # Errors
 /// Sources that fail; [`PipelineError::NoBoard`] for a camera whose frames do not show it.

@@ -41,8 +41,9 @@ pub struct Solution {
     pub inputs: Option<InputSeries>,
 }
 
-/// Estimates all poses again with what the first estimates have shown of the centres: how good those of each ball in each camera
-/// are, which enters the observations' covariances, and how large their systematic errors are.
+/// Estimates all poses again with what the first estimates have shown of the centres: how good those of
+/// each ball in each camera are, which enters the observations' covariances, and how large their systematic
+/// errors are.
 pub(crate) fn poses_anew(estimator: PoseEstimator, tracked: &mut Tracked) -> Result<(), PoseError> {
     let factors = estimator.centre_factors(&tracked.observations, &tracked.poses)?;
     let markers = estimator.markers().len();
@@ -61,15 +62,15 @@ pub(crate) fn poses_again(estimator: PoseEstimator, tracked: &mut Tracked) -> Re
     poses_anew(estimator, tracked)
 }
 
-/// A pose that will be estimated again, without what only the last estimate of it is asked for: in an hour of film the systematic part of its
-/// errors is hundreds of megabytes.
+/// A pose that will be estimated again, without what only the last estimate of it is asked for: in an hour
+/// of film the systematic part of its errors is hundreds of megabytes.
 pub(crate) fn provisional(mut pose: PoseSample) -> PoseSample {
     pose.estimate = pose.estimate.map(PoseEstimate::all_new);
     pose
 }
 
-/// A pose with the systematic part of its own covariance; how that is correlated between poses is formed from the observations
-/// when it is needed.
+/// A pose with the systematic part of its own covariance; how that is correlated between poses is formed
+/// from the observations when it is needed.
 fn condensed(mut pose: PoseSample) -> PoseSample {
     pose.estimate = pose.estimate.map(PoseEstimate::condensed);
     pose
@@ -104,7 +105,8 @@ pub fn motion_from_poses(
         .map_err(|source| PipelineError::Pose { place: "smoothing".into(), source })
 }
 
-/// Smooths the poses of what was tracked; the systematic part of their errors is formed from the observations as it is needed.
+/// Smooths the poses of what was tracked; the systematic part of their errors is formed from the
+/// observations as it is needed.
 ///
 /// # Errors
 /// Too few measured poses.
@@ -122,7 +124,8 @@ pub fn motion_of(
         .map_err(|source| PipelineError::Pose { place: "smoothing".into(), source })
 }
 
-/// The effects of systematic errors on the poses, by the pose's number, formed from the observations when they are asked for.
+/// The effects of systematic errors on the poses, by the pose's number, formed from the observations when
+/// they are asked for.
 fn systematic_effects(tracked: &Tracked) -> impl Fn(usize) -> Option<Matrix6xX<f64>> {
     let seen = RefCell::new(Vec::new());
     move |k| {
@@ -133,8 +136,8 @@ fn systematic_effects(tracked: &Tracked) -> impl Fn(usize) -> Option<Matrix6xX<f
     }
 }
 
-/// How the systematic errors of poses are correlated, for output error: of those from which it is fitted, a minute at most
-/// ([`telling_stretch_s`]), their numbers and systematic columns.
+/// How the systematic errors of poses are correlated, for output error: of those from which it is fitted, a
+/// minute at most ([`telling_stretch_s`]), their numbers and systematic columns.
 pub fn systematic_columns(tracked: &Tracked) -> Vec<(usize, Matrix6xX<f32>)> {
     let effects = systematic_effects(tracked);
     let stretch_s = telling_stretch_s(&tracked.poses);
@@ -147,7 +150,8 @@ pub fn systematic_columns(tracked: &Tracked) -> Vec<(usize, Matrix6xX<f32>)> {
 
 /// Sets the inputs' clock right, forms the coefficients and fits the model.
 ///
-/// A lag is searched as far as the margin that fits leave out at either end, over which the inputs' ends are held.
+/// A lag is searched as far as the margin that fits leave out at either end, over which the inputs' ends
+/// are held.
 ///
 /// # Errors
 /// Inputs that do not cover the flight, a model with an unknown signal, or a fit without a determined answer.
@@ -232,7 +236,8 @@ mod tests {
         calibrate(&[control(4.5), control(-4.5)]).unwrap()
     }
 
-    /// A slow turn and climb, seen with noise of a uniform spread; each centre has a systematic error of its own.
+    /// A slow turn and climb, seen with noise of a uniform spread; each centre has a systematic error of
+    /// its own.
     fn tracked(rig: &Rig, markers: &[BodyMarker], bias_px: f64) -> Tracked {
         let mut state = 1u64;
         let mut uniform = || {

@@ -21,8 +21,8 @@ pub struct Wand {
 /// What one camera saw: time stamps, and both balls.
 type Seen = Vec<(i64, Vec<Option<Detection>>)>;
 
-/// Finds both balls in every frame of every camera and joins the cameras in time: frames within half an interval of one of the
-/// first camera's are of the same instant.
+/// Finds both balls in every frame of every camera and joins the cameras in time: frames within half an
+/// interval of one of the first camera's are of the same instant.
 ///
 /// # Errors
 /// Sources that fail, colours that cannot be distinguished, a camera without frames.

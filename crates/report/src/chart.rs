@@ -42,8 +42,9 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// The same with no more points than a plot of its width can show: of each of its columns of pixels the first and the last point,
-    /// the lowest and the highest edge, and a break where there is one. A curve of fewer points is as it was.
+    /// The same with no more points than a plot of its width can show: of each of its columns of pixels the
+    /// first and the last point, the lowest and the highest edge, and a break where there is one. A curve
+    /// of fewer points is as it was.
     #[must_use]
     pub fn thinned(self) -> Self {
         let times = || self.points.iter().map(|p| p.0);

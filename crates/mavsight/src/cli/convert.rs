@@ -50,7 +50,8 @@ pub(crate) struct Convert {
     /// Vehicle file, for its markers
     #[arg(long, value_name = "FILE")]
     pub(crate) vehicle: Option<PathBuf>,
-    /// Axes of the foreign trajectory: this program's, the same world with the body forward-left-up, PX4's, or ROS'
+    /// Axes of the foreign trajectory: this program's, the same world with the body forward-left-up, PX4's,
+    /// or ROS'
     #[arg(long, value_enum, default_value_t = Frame::World)]
     pub(crate) frame: Frame,
     /// Which axis of foreign marker paths is up

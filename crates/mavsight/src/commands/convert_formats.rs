@@ -82,14 +82,16 @@ impl Format {
     }
 }
 
-/// The formats of both files: what is given, else what content and names say; OUT by the kind of IN where it ends in `.csv`.
+/// The formats of both files: what is given, else what content and names say; OUT by the kind of IN where
+/// it ends in `.csv`.
 ///
 /// # Errors
 /// Formats that are not known, or do not turn into each other.
 pub(super) fn formats(
     input: &Path,
     output: &Path,
-    (from, to): (Option<Format>, Option<Format>),
+    from: Option<Format>,
+    to: Option<Format>,
     has_vehicle: bool,
 ) -> Result<(Format, Format), WrongCall> {
     let unknown = |path: &Path, flag: &str| {

@@ -57,7 +57,7 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     let filmed =
         FilmedFlight { cameras: &cameras, films: &films, aircraft: &aircraft, truth: &truth, interval_s };
     let control = lab::control_points();
-    let (rig, tracked) = filmed.track(&control, &control, (&vehicle, &bars))?;
+    let (rig, tracked) = filmed.track(&control, &control, &vehicle, &bars)?;
     let flight = Flight {
         name: "demo",
         vehicle: &vehicle,
@@ -107,7 +107,8 @@ impl FilmedFlight<'_> {
         &self,
         as_built: &[ControlPointRow],
         table: &[ControlPointRow],
-        (vehicle, progress): (&Vehicle, &dyn Progress),
+        vehicle: &Vehicle,
+        progress: &dyn Progress,
     ) -> Result<(Rig, Tracked)> {
         progress.begin(mavsight_pipeline::Stage::Calibrate, None);
         let control = lab::control_frame(as_built);

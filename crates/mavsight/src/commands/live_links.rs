@@ -37,7 +37,8 @@ fn options(session: &LiveSection, args: &Live) -> LinkOptions {
 pub(super) fn add_links(
     all: &mut Listeners,
     vehicle: &Vehicle,
-    (session, args): (&LiveSection, &Live),
+    session: &LiveSection,
+    args: &Live,
 ) -> Result<()> {
     let marker = |m: &mavsight_flight::Marker| MarkerView {
         name: m.name.clone(),

@@ -30,8 +30,8 @@ use std::time::Duration;
 /// Frames whose memory is used again, as many as may be held at a time.
 const POOL: usize = 24;
 
-/// Frames by which a camera may be ahead of the others where nothing is in real time: the pilot still knows where the aircraft
-/// was for those that are behind.
+/// Frames by which a camera may be ahead of the others where nothing is in real time: the pilot still knows
+/// where the aircraft was for those that are behind.
 const AHEAD: u64 = 32;
 
 /// The pilot, shared by the cameras, the recording and the parameters.
@@ -43,11 +43,7 @@ struct Shared {
 }
 
 impl Shared {
-    fn new(
-        (vehicle, rate_hz): (&Vehicle, f64),
-        cameras: usize,
-        recorder: &Arc<RecorderSlot>,
-    ) -> Result<Self> {
+    fn new(vehicle: &Vehicle, rate_hz: f64, cameras: usize, recorder: &Arc<RecorderSlot>) -> Result<Self> {
         Ok(Self {
             pilot: Mutex::new(Pilot::new(vehicle, rate_hz)?),
             recorder: Arc::clone(recorder),
@@ -202,10 +198,10 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     let stills = control_stills(&cameras, |k| films[k].still(Some(&control)))?;
     let rig: Rig = calibrate_from_stills(&stills, &lab::control_points())?;
     bars.done();
-    let (flown, pace) = (vehicle.clone(), (args.rate, args.fast));
-    let begin: Begin = Box::new(move |to| record(to, &flown, &stills, pace));
+    let (flown, rate_hz, waits) = (vehicle.clone(), args.rate, args.fast);
+    let begin: Begin = Box::new(move |to| record(to, &flown, &stills, rate_hz, waits));
     let recorder = RecorderSlot::with(args.record.as_deref().map(&begin).transpose()?);
-    let shared = Arc::new(Shared::new((&vehicle, args.rate), cameras.len(), &recorder)?);
+    let shared = Arc::new(Shared::new(&vehicle, args.rate, cameras.len(), &recorder)?);
     let stop = Arc::new(AtomicBool::new(false));
     let aircraft = Arc::new(lab::aircraft(&vehicle));
     let clock = FlightClock::starting_at(0);
@@ -226,10 +222,10 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
         pool: Vec::new(),
     });
     let cameras_of_flight = sources.map(VirtualSource::setup).collect();
-    let mut listeners = listeners(args, &stop, (&vehicle, &LiveSection::default()))?;
+    let mut listeners = listeners(args, &stop, &vehicle, &LiveSection::default())?;
     let names = cameras.iter().map(|c| c.name.clone()).collect();
-    let duties = (begin, calibrating(names, lab::control_points()));
-    let taps = with_page(args, &mut listeners, &recorder, duties)?;
+    let on_request = calibrating(names, lab::control_points());
+    let taps = with_page(args, &mut listeners, &recorder, begin, on_request)?;
     let setup = Setup {
         name: "virtual",
         rig: &rig,
@@ -275,7 +271,8 @@ fn record(
     to: &Path,
     vehicle: &Vehicle,
     stills: &[ControlStill],
-    (rate_hz, waits): (f64, bool),
+    rate_hz: f64,
+    waits: bool,
 ) -> Result<Recorder> {
     if to.join("session.toml").exists() {
         return Err(
@@ -327,7 +324,7 @@ mod tests {
 
     #[test]
     fn a_camera_that_is_ahead_waits_while_the_pilot_still_knows_the_others_frames() {
-        let shared = Shared::new((&Vehicle::paper(), 60.0), 2, &RecorderSlot::with(None)).unwrap();
+        let shared = Shared::new(&Vehicle::paper(), 60.0, 2, &RecorderSlot::with(None)).unwrap();
         assert!(!shared.is_ahead(0, AHEAD));
         assert!(shared.at(AHEAD).unwrap().is_some());
         assert!(shared.is_ahead(0, AHEAD + 1));

@@ -119,7 +119,7 @@ fn film(lab: &VirtualLab, seed: u64, index: u64) -> Result<VirtualFlight> {
     let interval_s = 1.0 / lab.frame_rate_hz;
     let filmed =
         FilmedFlight { cameras: &lab.cameras, films: &films, aircraft: &aircraft, truth: &rows, interval_s };
-    let (rig, tracked) = filmed.track(&as_built, &lab.control, (&lab.vehicle, &NoProgress))?;
+    let (rig, tracked) = filmed.track(&as_built, &lab.control, &lab.vehicle, &NoProgress)?;
     Ok(lab.measured(truth, rig, tracked)?)
 }
 

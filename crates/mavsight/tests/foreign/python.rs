@@ -179,8 +179,8 @@ fn paths(lab: &Lab) -> Value {
 fn motion_capture_files_become_the_poses_that_made_them() {
     let lab = Lab::new(LENS);
     let expected = paths(&lab);
-    // Millimetres with six decimals (five, where the TRC package writes); 32-bit floats of at most 2 m: half a unit in the
-    // last place is 0.06 µm.
+    // Millimetres with six decimals (five, where the TRC package writes); 32-bit floats of at most 2 m:
+    // half a unit in the last place is 0.06 µm.
     for (case, name, tolerance) in [("trc", "flight.trc", 5e-8), ("c3d", "flight.c3d", 1e-6)] {
         lab.convert(&format!("pose.csv {name} --vehicle vehicle.toml"));
         let mut files = vec![name.to_owned()];
