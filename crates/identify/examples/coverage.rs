@@ -12,10 +12,8 @@
 #[path = "../tests/flights/aircraft.rs"]
 mod aircraft;
 
-use mavsight_flight::{
-    Channel, Coefficients, FlightState, InputSeries, Maneuver, Scenario, Vehicle, hover_rotor_speed_rad_s,
-    simulate,
-};
+use mavsight_flight::{Coefficients, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, simulate, true_coefficients};
 use mavsight_geometry::{
     Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix6, UnitQuaternion, Vector2,
     Vector3, world_from_body,
@@ -240,7 +238,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scenario = scenario();
     let inputs: InputSeries = scenario.inputs(&vehicle)?;
     let states = simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
-    let truth = Coefficients::of_vehicle(&vehicle, hover_rotor_speed_rad_s(&vehicle));
+    let truth = true_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
     let rig = rig()?;
     let markers: Vec<BodyMarker> = vehicle
         .marker

@@ -246,7 +246,7 @@ fn fit_of<'a>(fits: &'a mut Vec<Fit>, output: &Output) -> Option<&'a mut Fit> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_flight::{Channel, Maneuver, Scenario, simulate};
+    use mavsight_simulator::{Channel, Maneuver, Scenario, simulate};
     use mavsight_geometry::{Matrix6, Vector3, world_from_body};
     use mavsight_identify::{Estimator, FitOptions, identify_with};
     use mavsight_pose::PoseEstimate;
@@ -272,7 +272,7 @@ mod tests {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             1e-4 * 12f64.sqrt() * ((state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5)
         };
-        let sample = |s: &mavsight_flight::FlightState| {
+        let sample = |s: &mavsight_simulator::FlightState| {
             let mut pose = world_from_body(s.position_in_world_m, s.attitude);
             pose.translation.vector += Vector3::new(noise(), noise(), noise());
             let turn = Vector3::new(noise(), noise(), noise());

@@ -4,7 +4,8 @@
 #![allow(missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use mavsight::flight::{Scenario, Vehicle, simulate};
+use mavsight::flight::Vehicle;
+use mavsight::simulator::{Scenario, simulate};
 use mavsight::geometry::{
     Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector3,
     world_from_body,

@@ -1,10 +1,8 @@
 //! A pilot who flies the simulated helicopter for as long as it is wanted: holds it in the middle of the room, wanders, and moves the
 //! swash-plate now and then so that the parameters show themselves.
 
-use mavsight_flight::{
-    FlightError, FlightState, InitialState, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s,
-    simulate,
-};
+use mavsight_flight::{FlightError, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_simulator::{FlightState, InitialState, simulate};
 use mavsight_geometry::{EulerAngles, Vector3};
 use std::collections::VecDeque;
 

@@ -1,10 +1,8 @@
 //! What a manoeuvre will tell about the parameters, through the whole chain: cameras, poses, output error.
 
 use crate::{Placed, PlanError, Planner, Solid};
-use mavsight_flight::{
-    Coefficient, Coefficients, FlightState, InputSeries, Scenario, StateVector, Vehicle,
-    hover_rotor_speed_rad_s, simulate,
-};
+use mavsight_flight::{Coefficient, Coefficients, InputSeries, StateVector, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_simulator::{FlightState, Scenario, simulate, true_coefficients};
 use mavsight_geometry::{Camera, Isometry3, Matrix6, Vector3, world_from_body};
 use mavsight_identify::output_error::{
     ExpectedFit, FlightModel, OutputErrorOptions, StateMeasurement, expected_fit,
@@ -211,7 +209,7 @@ impl<'a> FlightPlanner<'a> {
 /// # Errors
 /// A vehicle that is not valid.
 pub fn true_model(vehicle: &Vehicle, inputs: &InputSeries) -> Result<FlightModel, PlanError> {
-    let truth = Coefficients::of_vehicle(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
     let mut model = FlightModel::new(vehicle, inputs)?;
     for c in Coefficient::ALL {
         model = model.with_value(c.name(), truth.get(c))?;

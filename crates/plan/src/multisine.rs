@@ -1,7 +1,7 @@
 //! Multisines whose amplitudes and phases tell most.
 
 use crate::{FlightPlanner, PlanError, PlannedManoeuvre};
-use mavsight_flight::{Channel, Maneuver, Scenario, Sine};
+use mavsight_simulator::{Channel, Maneuver, Scenario, Sine};
 use rayon::prelude::*;
 
 /// What a multisine is to make least.

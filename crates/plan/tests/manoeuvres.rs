@@ -1,6 +1,7 @@
 //! Predicted parameters against fits of noisy poses, and multisines against the doublet.
 
-use mavsight_flight::{Channel, Maneuver, Scenario, Vehicle};
+use mavsight_flight::Vehicle;
+use mavsight_simulator::{Channel, Maneuver, Scenario};
 use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
 use mavsight_identify::output_error::{Measurements, OutputErrorOptions, StateMeasurement, output_error};
 use mavsight_pipeline::body_markers;

@@ -5,7 +5,7 @@
 #[allow(dead_code)]
 mod simulated;
 
-use mavsight_flight::FlightState;
+use mavsight_simulator::FlightState;
 use mavsight_geometry::{EulerAngles, Vector3, world_from_body};
 use mavsight_pose::{Motion, MotionSample, PoseEstimator, smooth};
 use nalgebra::{DMatrix, DVector};

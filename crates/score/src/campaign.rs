@@ -2,7 +2,7 @@
 
 use crate::chunks::checksum;
 use crate::{CAMPAIGN_SCHEMA, CampaignFile, CampaignRig, ChunkFile, FitKind, NoiseLevel, Random, ScoreError};
-use mavsight_flight::Scenario;
+use mavsight_simulator::Scenario;
 use mavsight_geometry::{
     CAMERA_PARAMETERS, Camera, CameraChange, Isometry3, Matrix2, Point3, Vector2, Vector3,
 };

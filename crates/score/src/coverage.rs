@@ -2,7 +2,7 @@
 
 use crate::VirtualFlight;
 use crate::virtual_flight::pose_of;
-use mavsight_flight::FlightState;
+use mavsight_simulator::FlightState;
 use mavsight_geometry::{Isometry3, Matrix3, Vector3};
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};

@@ -26,7 +26,8 @@ pub use random::Random;
 pub use virtual_flight::VirtualFlight;
 pub use virtual_lab::{SightNoise, VirtualCamera, VirtualLab};
 
-use mavsight_flight::{Coefficients, ModelCoefficients, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{Coefficients, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_simulator::{ModelCoefficients, true_coefficients};
 use mavsight_geometry::{EulerAngles, Vector3};
 use mavsight_identify::output_error::{FlightFits, ModelParameter};
 use mavsight_identify::{Estimator, Identification};
@@ -202,7 +203,7 @@ pub fn score_parameters(identification: &Identification, truth: &ModelCoefficien
 
 /// Errors of what output error has fitted, against the vehicle that was simulated with inputs whose clock is right.
 pub fn score_output_error(fits: &FlightFits, vehicle: &Vehicle) -> Vec<ParameterError> {
-    let truth = Coefficients::of_vehicle(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
     let of = |p: ModelParameter| match p {
         ModelParameter::Coefficient(c) => truth.get(c),
         ModelParameter::InputLag => 0.0,

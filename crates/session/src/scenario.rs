@@ -3,7 +3,8 @@
 use crate::table::csv_cell;
 use crate::tables::{CONTROL_COLUMNS, ControlPointRow, INPUT_COLUMNS, SURVEY_COLUMN, TRUTH_COLUMNS};
 use crate::{SessionError, SessionFile, TruthRow, write_whole};
-use mavsight_flight::{FlightState, InputSeries, Vehicle};
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_simulator::FlightState;
 use std::path::Path;
 
 /// Writes recorded inputs.

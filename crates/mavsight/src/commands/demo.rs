@@ -6,7 +6,8 @@ use crate::cli::Demo;
 use crate::lab::{self, StagedFilm};
 use crate::progress::Bars;
 use anyhow::{Context, Result};
-use mavsight_flight::{Scenario, Vehicle, hover_rotor_speed_rad_s, model_coefficients, simulate};
+use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
+use mavsight_simulator::{Scenario, model_coefficients, simulate};
 use mavsight_geometry::{ImageSize, Vector3};
 use mavsight_pipeline::{
     CameraFeed, ControlStill, IdentifyOptions, PipelineError, Progress, TimedFrame, calibrate_from_stills,

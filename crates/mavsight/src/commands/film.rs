@@ -6,7 +6,7 @@ use crate::lab::{self, Shot, StagedFilm};
 use crate::out::outln;
 use crate::progress::Bars;
 use anyhow::{Context, Result, bail};
-use mavsight_flight::{Scenario, Staging};
+use mavsight_simulator::{Scenario, Staging};
 use mavsight_geometry::{BrownConrady, Camera, ImageSize, Intrinsics, Vector3};
 use mavsight_pipeline::Progress;
 use mavsight_scene::Aircraft;

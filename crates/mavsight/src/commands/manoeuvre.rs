@@ -6,7 +6,7 @@ use crate::cli::{Criterion, PlanManoeuvre, WrongCall};
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Context, Result};
-use mavsight_flight::{Channel, Maneuver, Scenario};
+use mavsight_simulator::{Channel, Maneuver, Scenario};
 use mavsight_geometry::Vector3;
 use mavsight_plan::{
     FlightLimits, FlightPlanner, MultisineOptions, Optimality, Placed, PlannedManoeuvre, Planner,

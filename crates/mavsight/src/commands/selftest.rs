@@ -8,7 +8,7 @@ use crate::lab::{self, StagedFilm};
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Result, bail};
-use mavsight_flight::Staging;
+use mavsight_simulator::Staging;
 use mavsight_pipeline::{ControlStill, Progress, Quiet, calibrate_from_stills};
 use mavsight_scene::Room;
 use mavsight_score::{Coverage, Random, TOO_FEW, Tally, VirtualFlight, VirtualLab};

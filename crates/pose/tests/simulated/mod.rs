@@ -2,8 +2,9 @@
 
 pub(crate) mod ruler;
 
-use mavsight_flight::{Channel, Maneuver, Scenario};
-use mavsight_flight::{FlightState, Vehicle, simulate};
+use mavsight_simulator::{Channel, Maneuver, Scenario};
+use mavsight_flight::Vehicle;
+use mavsight_simulator::{FlightState, simulate};
 use mavsight_geometry::{
     Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector2, Vector3,
     world_from_body,

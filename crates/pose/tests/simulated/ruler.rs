@@ -1,7 +1,7 @@
 //! Bodies whose vehicle file is off by what a ruler is off.
 
 use super::{Random, flight, pose_of, poses, sights, square, true_cameras};
-use mavsight_flight::FlightState;
+use mavsight_simulator::FlightState;
 use mavsight_geometry::{Isometry3, Vector2, Vector3, rigid_fit};
 use mavsight_pose::{
     BodyMarker, FlightPrior, MarkerObservation, PoseEstimator, PoseSample, RefinedFlight, Rig, refine_flight,

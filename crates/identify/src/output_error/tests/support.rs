@@ -1,9 +1,8 @@
 //! Flights to be identified.
 
 use crate::output_error::StateMeasurement;
-use mavsight_flight::{
-    Channel, FlightState, InitialState, InputSeries, Maneuver, Scenario, Vehicle, simulate,
-};
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_simulator::{Channel, FlightState, InitialState, Maneuver, Scenario, simulate};
 use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3, world_from_body};
 
 /// A standard normal number from a linear congruential generator (Knuth's MMIX) by Box and Muller.

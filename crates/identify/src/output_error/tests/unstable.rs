@@ -3,9 +3,8 @@ use crate::output_error::{
     FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, StateMeasurement,
     output_error,
 };
-use mavsight_flight::{
-    Coefficients, FlightState, InputSample, InputSeries, Scenario, Vehicle, hover_rotor_speed_rad_s, simulate,
-};
+use mavsight_flight::{Coefficients, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_simulator::{FlightState, Scenario, simulate, true_coefficients};
 use mavsight_geometry::{Isometry3, UnitQuaternion};
 use mavsight_pose::{PoseEstimate, PoseSample};
 use nalgebra::{DVector, Matrix6xX};
@@ -39,7 +38,7 @@ fn piloted(vehicle: &Vehicle, scenario: &Scenario, roll_rad: f64) -> (InputSerie
 }
 
 fn holds_the_truth(fit: &OutputErrorFit, vehicle: &Vehicle) {
-    let truth = Coefficients::of_vehicle(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
     for p in &fit.parameters {
         // Where rotors stand, C_Z,0 and C_n,0 are free beside the thrusts and torques of the vehicle: zero.
         let ModelParameter::Coefficient(c) = p.parameter else { continue };
