@@ -12,8 +12,7 @@
 #[path = "../tests/flights/aircraft.rs"]
 mod aircraft;
 
-use mavsight_flight::{Coefficients, InputSeries, Vehicle, hover_rotor_speed_rad_s};
-use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, simulate, true_coefficients};
+use mavsight_flight::{InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{
     Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix6, UnitQuaternion, Vector2,
     Vector3, world_from_body,
@@ -26,6 +25,7 @@ use mavsight_identify::{Bandwidth, Estimator, FitOptions, Model, Options, coeffi
 use mavsight_pose::{
     BodyMarker, CameraControl, MarkerObservation, PoseEstimator, PoseSample, Rig, calibrate, smooth,
 };
+use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, simulate, true_coefficients};
 use nalgebra::Point3;
 use std::time::Instant;
 

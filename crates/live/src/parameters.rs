@@ -246,10 +246,10 @@ fn fit_of<'a>(fits: &'a mut Vec<Fit>, output: &Output) -> Option<&'a mut Fit> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_simulator::{Channel, Maneuver, Scenario, simulate};
     use mavsight_geometry::{Matrix6, Vector3, world_from_body};
     use mavsight_identify::{Estimator, FitOptions, identify_with};
     use mavsight_pose::PoseEstimate;
+    use mavsight_simulator::{Channel, Maneuver, Scenario, simulate};
 
     /// Poses of a simulated flight, a tenth of a millimetre and of a milliradian off.
     fn flight() -> (Vec<PoseSample>, InputSeries) {

@@ -1,11 +1,11 @@
 //! The virtual laboratory: the paper's cameras, control frame and aircraft, filmed.
 
 use mavsight_flight::Vehicle;
-use mavsight_simulator::{FlightState, Staging};
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector2, Vector3, world_from_body};
 use mavsight_scene::{Aircraft, ControlFrame, Film, InTheWay, PaintedBall, Person, Room, Sensor, Veil};
 use mavsight_score::{VirtualCamera, VirtualLab, true_pose};
 use mavsight_session::{ControlPointRow, TruthRow};
+use mavsight_simulator::{FlightState, Staging};
 
 /// The paper's cameras.
 pub fn cameras() -> Vec<VirtualCamera> {

@@ -1,13 +1,13 @@
 //! What a manoeuvre will tell about the parameters, through the whole chain: cameras, poses, output error.
 
 use crate::{Placed, PlanError, Planner, Solid};
-use mavsight_flight::{Coefficient, Coefficients, InputSeries, StateVector, Vehicle, hover_rotor_speed_rad_s};
-use mavsight_simulator::{FlightState, Scenario, simulate, true_coefficients};
+use mavsight_flight::{Coefficient, InputSeries, StateVector, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{Camera, Isometry3, Matrix6, Vector3, world_from_body};
 use mavsight_identify::output_error::{
     ExpectedFit, FlightModel, OutputErrorOptions, StateMeasurement, expected_fit,
 };
 use mavsight_pose::{PoseEstimate, PoseEstimator};
+use mavsight_simulator::{FlightState, Scenario, simulate, true_coefficients};
 
 /// What a flight must not exceed.
 #[derive(Debug, Clone, PartialEq)]
@@ -141,7 +141,7 @@ impl<'a> FlightPlanner<'a> {
             systematic.push(estimate.systematic());
         }
         let model = true_model(&self.vehicle, &inputs)?;
-        let vectors: Vec<StateVector> = states.iter().map(FlightState::packed).collect();
+        let vectors: Vec<StateVector> = states.iter().map(|s| s.as_start().packed()).collect();
         let fit = expected_fit(&model, &inputs, measured, &vectors, &OutputErrorOptions::default())?
             .with_lasting(&systematic)?;
         let scenario = scenario.clone();

@@ -2,7 +2,6 @@
 
 use crate::chunks::checksum;
 use crate::{CAMPAIGN_SCHEMA, CampaignFile, CampaignRig, ChunkFile, FitKind, NoiseLevel, Random, ScoreError};
-use mavsight_simulator::Scenario;
 use mavsight_geometry::{
     CAMERA_PARAMETERS, Camera, CameraChange, Isometry3, Matrix2, Point3, Vector2, Vector3,
 };
@@ -12,6 +11,7 @@ use mavsight_identify::output_error::{
 use mavsight_plan::{FlightLimits, FlightPlanner, Placed, PlannedManoeuvre, Planner, pose_of};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
 use mavsight_session::{ns_from_s, read_toml};
+use mavsight_simulator::Scenario;
 use nalgebra::DVector;
 use rayon::prelude::*;
 use serde::Serialize;

@@ -26,13 +26,13 @@ pub use random::Random;
 pub use virtual_flight::VirtualFlight;
 pub use virtual_lab::{SightNoise, VirtualCamera, VirtualLab};
 
-use mavsight_flight::{Coefficients, Vehicle, hover_rotor_speed_rad_s};
-use mavsight_simulator::{ModelCoefficients, true_coefficients};
+use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{EulerAngles, Vector3};
 use mavsight_identify::output_error::{FlightFits, ModelParameter};
 use mavsight_identify::{Estimator, Identification};
 use mavsight_pose::{Motion, PoseSample, Rig};
 use mavsight_session::TruthRow;
+use mavsight_simulator::{ModelCoefficients, true_coefficients};
 use serde::Serialize;
 
 /// Errors of position and attitude.

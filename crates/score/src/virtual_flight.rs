@@ -1,11 +1,11 @@
 //! Flights in a virtual laboratory, seen by its cameras as sets of observations, and measured by the real chain.
 
 use crate::{Random, ScoreError, VirtualLab};
-use mavsight_simulator::{Channel, FlightState, InitialState, Maneuver, Scenario, simulate};
 use mavsight_geometry::{ControlPoint, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body};
 use mavsight_pipeline::{Quiet, Refinement, Tracked, motion_of, reconstruct, refine};
 use mavsight_pose::{CameraControl, MarkerObservation, Motion, Rig, calibrate};
 use mavsight_session::ns_from_s;
+use mavsight_simulator::{Channel, FlightState, InitialState, Maneuver, Scenario, simulate};
 
 /// Length of a flight.
 const DURATION_S: f64 = 6.0;

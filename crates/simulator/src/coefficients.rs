@@ -8,11 +8,8 @@ use std::f64::consts::PI;
 /// (Mulyanto, Nurhakim & Muhammad 2012, equation 5 for thrust).
 pub fn true_coefficients(vehicle: &Vehicle, reference_speed_rad_s: f64) -> Coefficients {
     let (r, a) = (&vehicle.rotor, &vehicle.assumption);
-    let force_n = 0.5
-        * vehicle.environment.air_density_kg_m3
-        * PI
-        * r.radius_m.powi(4)
-        * reference_speed_rad_s.powi(2);
+    let force_n =
+        0.5 * vehicle.environment.air_density_kg_m3 * PI * r.radius_m.powi(4) * reference_speed_rad_s.powi(2);
     let moment_n_m = force_n * r.radius_m;
     let mut c = Coefficients::default();
     for (which, value) in [

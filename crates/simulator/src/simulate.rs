@@ -51,8 +51,7 @@ pub struct InitialState {
 impl InitialState {
     /// The state as the equations of motion take it, in the order of [`mavsight_flight::FLIGHT_STATES`].
     pub fn packed(&self) -> StateVector {
-        let (p, v, w, f) =
-            (self.position_in_world_m, self.velocity_in_body_m_s, self.rates_rad_s, self.flap);
+        let (p, v, w, f) = (self.position_in_world_m, self.velocity_in_body_m_s, self.rates_rad_s, self.flap);
         let q = self.attitude.level_from_body();
         #[rustfmt::skip]
         let packed = [
@@ -177,7 +176,8 @@ impl Model {
     fn state_at(&self, input: &InputSample, y: &StateVector) -> FlightState {
         let rates = self.airframe.derivative(&self.coefficients, input, y);
         let level_from_body = UnitQuaternion::from_quaternion(Quaternion::new(y[3], y[4], y[5], y[6]));
-        let vector = |values: &StateVector, at: usize| Vector3::new(values[at], values[at + 1], values[at + 2]);
+        let vector =
+            |values: &StateVector, at: usize| Vector3::new(values[at], values[at + 1], values[at + 2]);
         FlightState {
             t_s: input.t_s,
             position_in_world_m: vector(y, 0),
@@ -274,7 +274,10 @@ mod tests {
     fn inputs_that_end_early_are_refused() {
         let vehicle = Vehicle::paper();
         let refused = simulate(&vehicle, &hover_inputs(&vehicle, 1.0), &InitialState::default(), &[0.0, 2.0]);
-        assert!(matches!(refused, Err(SimulatorError::Flight(FlightError::InputsDoNotCover { .. }))), "{refused:?}");
+        assert!(
+            matches!(refused, Err(SimulatorError::Flight(FlightError::InputsDoNotCover { .. }))),
+            "{refused:?}"
+        );
     }
 
     #[test]

@@ -364,7 +364,8 @@ mod tests {
         };
         let inputs = InputSeries::new(vec![input(0.0), input(1.0)]).expect("inputs");
         let mut model = FlightModel::new(&vehicle, &inputs).expect("a model");
-        model.coefficients = mavsight_simulator::true_coefficients(&vehicle, model.airframe.reference_speed_rad_s());
+        model.coefficients =
+            mavsight_simulator::true_coefficients(&vehicle, model.airframe.reference_speed_rad_s());
         let force_n = |flapping: usize, angle_rad: f64| {
             let mut y = [0.0; mavsight_flight::FLIGHT_STATES];
             (y[3], y[flapping]) = (1.0, angle_rad);

@@ -2,8 +2,8 @@
 
 use crate::aircraft::{Flown, fly, longitudinal_multisine};
 use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_simulator::Scenario;
 use mavsight_identify::{Clocks, IdentifyError, Options, delayed, estimate_lag};
+use mavsight_simulator::Scenario;
 
 /// The inputs as a clock that is `late_s` late has stamped them.
 fn stamped(flown: &Flown, late_s: f64) -> InputSeries {

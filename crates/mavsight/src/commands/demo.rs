@@ -7,7 +7,6 @@ use crate::lab::{self, StagedFilm};
 use crate::progress::Bars;
 use anyhow::{Context, Result};
 use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
-use mavsight_simulator::{Scenario, model_coefficients, simulate};
 use mavsight_geometry::{ImageSize, Vector3};
 use mavsight_pipeline::{
     CameraFeed, ControlStill, IdentifyOptions, PipelineError, Progress, TimedFrame, calibrate_from_stills,
@@ -15,6 +14,7 @@ use mavsight_pipeline::{
 use mavsight_scene::Aircraft;
 use mavsight_score::{VirtualCamera, score_cameras, score_identity, score_output_error, score_parameters};
 use mavsight_session::{TruthRow, ns_from_s, write_control_points, write_inputs, write_truth, write_vehicle};
+use mavsight_simulator::{Scenario, model_coefficients, simulate};
 use mavsight_vision::Frame;
 use std::path::Path;
 

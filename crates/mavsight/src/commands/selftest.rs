@@ -8,11 +8,11 @@ use crate::lab::{self, StagedFilm};
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Result, bail};
-use mavsight_simulator::Staging;
 use mavsight_pipeline::{ControlStill, Progress, Quiet, calibrate_from_stills};
 use mavsight_scene::Room;
 use mavsight_score::{Coverage, Random, TOO_FEW, Tally, VirtualFlight, VirtualLab};
 use mavsight_session::{RESULTS_SCHEMA, Session, TruthRow, make_folder, write_whole};
+use mavsight_simulator::Staging;
 use rayon::prelude::*;
 use serde_json::json;
 

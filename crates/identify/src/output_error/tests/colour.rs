@@ -2,9 +2,9 @@ use super::support::{POSITION_STD_M, TURN_STD_RAD, flown, multisine, noisy_poses
 use crate::output_error::{
     Extent, FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, output_error,
 };
-use mavsight_flight::{Coefficients, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
-use mavsight_simulator::true_coefficients;
+use mavsight_flight::{InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{UnitQuaternion, Vector3};
+use mavsight_simulator::true_coefficients;
 
 fn check(fit: &OutputErrorFit, vehicle: &Vehicle, lag_s: f64) {
     let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));

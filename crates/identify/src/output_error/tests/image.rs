@@ -4,9 +4,9 @@ use crate::output_error::{
     ModelParameter, OutputErrorOptions, Prediction, output_error, predict_poses,
 };
 use mavsight_flight::{Coefficients, Vehicle, hover_rotor_speed_rad_s};
-use mavsight_simulator::{FlightState, Scenario, true_coefficients};
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
 use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, PoseEstimate, PoseSample, Rig, calibrate};
+use mavsight_simulator::{FlightState, Scenario, true_coefficients};
 use nalgebra::Point3;
 
 const KNOWN: FlightFitOptions = FlightFitOptions { clock: InputClock::Known, held_out_s: None };

@@ -1,7 +1,7 @@
 use super::support::{flown, multisine};
 use crate::output_error::model::{FlightModel, ModelParameter};
 use crate::output_error::propagate::{Propagator, Raster, TANGENT, difference, moved};
-use mavsight_flight::{Coefficient, Coefficients, InputSeries, StateVector, Vehicle};
+use mavsight_flight::{Coefficient, InputSeries, StateVector, Vehicle};
 use mavsight_simulator::{Scenario, true_coefficients};
 
 fn true_model(vehicle: &Vehicle, inputs: &InputSeries) -> FlightModel {

@@ -1,6 +1,6 @@
 use super::support::{flown, multisine, noisy_poses};
 use crate::output_error::{FlightModel, Measurements, ModelParameter, OutputErrorOptions, output_error};
-use mavsight_flight::{Coefficients, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
 use mavsight_simulator::true_coefficients;
 
 #[test]
