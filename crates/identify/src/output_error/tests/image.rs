@@ -3,7 +3,7 @@ use crate::output_error::{
     FlightFitOptions, FlightFits, FlightModel, ImageMeasurements, Images, InputClock, Measurements,
     ModelParameter, OutputErrorOptions, Prediction, output_error, predict_poses,
 };
-use mavsight_flight::{Coefficients, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
 use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, PoseEstimate, PoseSample, Rig, calibrate};
 use mavsight_simulator::{FlightState, Scenario, true_coefficients};
