@@ -17,17 +17,16 @@ use mavsight::flight::Vehicle;
 use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3, world_from_body};
 use mavsight::lab;
 use mavsight::pipeline::{
-    CameraFeed, ControlStill, NoProgress, PipelineError, TimedFrame, body_markers, calibrate_from_stills,
-    track,
+    CameraFeed, CentreQuality, ControlStill, NoProgress, PipelineError, TimedFrame, body_markers,
+    calibrate_from_stills, track,
 };
 use mavsight::plan::{CentreStd, EXAMPLE, Placed, Planner, Room as RoomFile};
 use mavsight::pose::{
     CameraControl, ExpectedSight, MarkerObservation, PoseEstimator, Rig, predict_calibration,
 };
 use mavsight::scene::{Aircraft, Film, InTheWay, Room};
-use mavsight::score::{Random, VirtualCamera};
-use mavsight::session::results::CentreQuality;
-use mavsight::session::{ControlPointRow, TruthRow, ns_from_s};
+use mavsight::score::{Random, TruthRow, VirtualCamera};
+use mavsight::session::{ControlPointRow, ns_from_s};
 use mavsight::vision::{BallColor, Detector, Frame, MODEL_STD};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;

@@ -2,9 +2,9 @@
 
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector2, Vector3, world_from_body};
+use mavsight_pipeline::ControlPointRow;
 use mavsight_scene::{Aircraft, ControlFrame, Film, InTheWay, PaintedBall, Person, Room, Sensor, Veil};
-use mavsight_score::{VirtualCamera, VirtualLab, true_pose};
-use mavsight_session::{ControlPointRow, TruthRow};
+use mavsight_score::{TruthRow, VirtualCamera, VirtualLab, true_pose};
 use mavsight_simulator::{FlightState, Staging};
 
 /// The paper's cameras.

@@ -1,7 +1,7 @@
 //! The true pose between two rows of a truth table.
 
+use crate::TruthRow;
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector3, world_from_body};
-use mavsight_session::TruthRow;
 use nalgebra::Translation3;
 
 /// Rows further apart are not one motion.

@@ -10,6 +10,7 @@ mod coverage;
 mod error;
 mod identity;
 mod random;
+mod truth;
 mod virtual_flight;
 mod virtual_lab;
 
@@ -23,6 +24,9 @@ pub use coverage::{Coverage, QUANTITIES, Quantity, TOO_FEW, Tally};
 pub use error::ScoreError;
 pub use identity::{IdentityScore, score_identity};
 pub use random::Random;
+pub use truth::{
+    TruthRow, VISIBILITY, read_truth, read_visibility, truth_of, visibility_of, write_truth, write_visibility,
+};
 pub use virtual_flight::VirtualFlight;
 pub use virtual_lab::{SightNoise, VirtualCamera, VirtualLab};
 
@@ -31,7 +35,6 @@ use mavsight_geometry::{EulerAngles, Vector3};
 use mavsight_identify::output_error::{FlightFits, ModelParameter};
 use mavsight_identify::{Estimator, Identification};
 use mavsight_pose::{Motion, PoseSample, Rig};
-use mavsight_session::TruthRow;
 use mavsight_simulator::{ModelCoefficients, true_coefficients};
 use serde::Serialize;
 

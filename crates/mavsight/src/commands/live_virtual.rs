@@ -16,10 +16,10 @@ use mavsight_live::{
 use mavsight_pipeline::{ControlStill, Progress, calibrate_from_stills};
 use mavsight_pose::{CameraClock, Rig};
 use mavsight_scene::{Aircraft, Film, FilmStream, Room, Sensor};
-use mavsight_score::VirtualCamera;
+use mavsight_score::{TruthRow, VirtualCamera};
 use mavsight_session::{
-    ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow, make_folder,
-    ns_from_s, write_control_points, write_png, write_vehicle,
+    ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, make_folder, ns_from_s,
+    write_control_points, write_png, write_vehicle,
 };
 use mavsight_vision::{Frame, Pixels};
 use std::path::Path;
