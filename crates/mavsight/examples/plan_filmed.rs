@@ -16,6 +16,7 @@
 use mavsight::flight::Vehicle;
 use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3, world_from_body};
 use mavsight::lab;
+use mavsight::pipeline::ControlPointRow;
 use mavsight::pipeline::{
     CameraFeed, CentreQuality, ControlStill, NoProgress, PipelineError, TimedFrame, body_markers,
     calibrate_from_stills, track,
@@ -26,7 +27,7 @@ use mavsight::pose::{
 };
 use mavsight::scene::{Aircraft, Film, InTheWay, Room};
 use mavsight::score::{Random, TruthRow, VirtualCamera};
-use mavsight::session::{ControlPointRow, ns_from_s};
+use mavsight::session::ns_from_s;
 use mavsight::vision::{BallColor, Detector, Frame, MODEL_STD};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;

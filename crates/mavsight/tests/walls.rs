@@ -46,13 +46,20 @@ fn estimators_reach_neither_the_virtual_room_nor_the_scores() {
     }
 }
 
-/// What predicts is used by no estimator: a plan is checked against them, so it may not steer them.
+/// No estimator uses predictions or the simulator: both are checked against estimates.
 #[test]
-fn estimators_do_not_reach_the_plan() {
+fn estimators_reach_neither_the_plan_nor_the_simulator() {
     let all = workspace_dependencies();
-    for estimator in ["geometry", "flight", "vision", "pose", "identify", "session", "pipeline", "live"] {
-        assert!(!reach(&all, &format!("mavsight-{estimator}")).contains("mavsight-plan"), "{estimator}");
+    for estimator in
+        ["geometry", "flight", "vision", "pose", "identify", "session", "pipeline", "engine", "link", "live"]
+    {
+        let reached = reach(&all, &format!("mavsight-{estimator}"));
+        for forbidden in ["mavsight-plan", "mavsight-simulator"] {
+            assert!(!reached.contains(forbidden), "{estimator} reaches {forbidden}");
+        }
     }
+    let simulator = reach(&all, "mavsight-simulator");
+    assert!(simulator.iter().all(|c| c == "mavsight-flight" || c == "mavsight-geometry"), "{simulator:?}");
 }
 
 #[test]

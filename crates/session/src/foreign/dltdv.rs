@@ -12,6 +12,7 @@ use super::text::Text;
 use crate::{SessionError, write_whole};
 use mavsight_flight::Color;
 use mavsight_geometry::{Camera, Dlt, ImageSize};
+use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::Rig;
 use std::path::Path;
 
