@@ -16,17 +16,17 @@
 use mavsight::flight::Vehicle;
 use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3, world_from_body};
 use mavsight::lab;
-use mavsight::pipeline::ControlPointRow;
 use mavsight::pipeline::{
-    CameraFeed, CentreQuality, ControlStill, NoProgress, PipelineError, TimedFrame, body_markers,
-    calibrate_from_stills, track,
+    CameraFeed, CentreQuality, ControlPointRow, ControlStill, NoProgress, PipelineError, TimedFrame,
+    body_markers, calibrate_from_stills, track,
 };
 use mavsight::plan::{CentreStd, EXAMPLE, Placed, Planner, Room as RoomFile};
 use mavsight::pose::{
     CameraControl, ExpectedSight, MarkerObservation, PoseEstimator, Rig, predict_calibration,
 };
+use mavsight::random::Random;
 use mavsight::scene::{Aircraft, Film, InTheWay, Room};
-use mavsight::score::{Random, TruthRow, VirtualCamera};
+use mavsight::score::{TruthRow, VirtualCamera};
 use mavsight::session::ns_from_s;
 use mavsight::vision::{BallColor, Detector, Frame, MODEL_STD};
 
