@@ -34,8 +34,12 @@ pub(crate) fn run(args: &Run) -> Result<()> {
         scores.identity = Some(score_identity(&results.poses, truth, &markers, &visible));
     }
     bars.done();
-    let page =
-        Page { vehicle: &session.vehicle, inputs: inputs.as_ref(), truth: truth.as_deref(), frames: &frames };
+    let report = FlightReport {
+        vehicle: &session.vehicle,
+        inputs: inputs.as_ref(),
+        truth: truth.as_deref(),
+        frames: &frames,
+    };
     finish(&mut results, scores.as_ref(), &report, &args.out)
 }
 

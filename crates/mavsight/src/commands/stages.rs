@@ -10,7 +10,7 @@ use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_engine::{Flight, Options, first_frames, identify_from_poses, recorded_inputs};
 use mavsight_report::{FlightReport, Summary, write_report};
-use mavsight_score::{TruthRow, write_truth};
+use mavsight_score::{TruthRow, truth_of, write_truth};
 use mavsight_session::{
     RunResults, Session, make_folder, read_body, read_markers, read_poses, read_rig, read_summary,
     results::names, tables::read_inputs, write_inputs, write_results, write_vehicle,
@@ -135,8 +135,12 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
     let scores = truth.as_deref().map(|t| scores_of(&results, t));
     let summary = Summary::of(&results, scores.as_ref());
     let frames = first_frames(&session)?;
-    let page =
-        Page { vehicle: &session.vehicle, inputs: inputs.as_ref(), truth: truth.as_deref(), frames: &frames };
+    let report = FlightReport {
+        vehicle: &session.vehicle,
+        inputs: inputs.as_ref(),
+        truth: truth.as_deref(),
+        frames: &frames,
+    };
     write_report(&report, &results, &summary, &args.out)?;
     outln!("{}", args.out.join(names::REPORT).display());
     Ok(())
