@@ -26,7 +26,7 @@ use mavsight::pose::{
 };
 use mavsight::random::Random;
 use mavsight::scene::{Aircraft, Film, InTheWay, Room};
-use mavsight::score::{Random, TruthRow, VirtualCamera};
+use mavsight::score::{TruthRow, VirtualCamera};
 use mavsight::session::ns_from_s;
 use mavsight::vision::{BallColor, Detector, Frame, MODEL_STD};
 

@@ -13,7 +13,6 @@ use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
 use mavsight_random::Random;
 use mavsight_session::{ns_from_s, read_toml};
 use mavsight_simulator::Scenario;
-use mavsight_simulator::Scenario;
 use nalgebra::DVector;
 use rayon::prelude::*;
 use serde::Serialize;

@@ -7,7 +7,6 @@ use mavsight_pose::{CameraControl, MarkerObservation, Motion, Rig, calibrate};
 use mavsight_random::Random;
 use mavsight_session::ns_from_s;
 use mavsight_simulator::{Channel, FlightState, InitialState, Maneuver, Scenario, simulate};
-use mavsight_simulator::{Channel, FlightState, InitialState, Maneuver, Scenario, simulate};
 
 /// Length of a flight.
 const DURATION_S: f64 = 6.0;

@@ -13,6 +13,7 @@ use mavsight_random::Random;
 use mavsight_scene::Room;
 use mavsight_score::{Coverage, TOO_FEW, Tally, TruthRow, VirtualFlight, VirtualLab};
 use mavsight_session::{RESULTS_SCHEMA, Session, make_folder, write_whole};
+use mavsight_simulator::Staging;
 use rayon::prelude::*;
 use serde_json::json;
 
