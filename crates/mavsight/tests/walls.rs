@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Crates of which a run on a recorded or running flight consists.
-const ESTIMATORS: [&str; 9] =
-    ["geometry", "vision", "pose", "identify", "session", "pipeline", "link", "live", "engine"];
+const ESTIMATORS: [&str; 10] =
+    ["geometry", "flight", "vision", "pose", "identify", "session", "pipeline", "link", "live", "engine"];
 
 /// Crates that know the truth, or make it.
 const TRUTH: [&str; 3] = ["score", "scene", "simulator"];

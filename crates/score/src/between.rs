@@ -78,7 +78,8 @@ fn hermite(x: f64) -> Hermite {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_flight::{Channel, Maneuver, Scenario, Vehicle, simulate};
+    use mavsight_flight::Vehicle;
+    use mavsight_simulator::{Channel, Maneuver, Scenario, simulate};
 
     /// Every second instant of a flight against the simulation itself.
     #[test]

@@ -29,11 +29,12 @@ pub use truth::{
 pub use virtual_flight::VirtualFlight;
 pub use virtual_lab::{ObservationNoise, VirtualCamera, VirtualLab};
 
-use mavsight_flight::{Coefficients, ModelCoefficients, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{EulerAngles, Vector3};
 use mavsight_identify::output_error::{FlightFits, ModelParameter};
 use mavsight_identify::{Estimator, Identification};
 use mavsight_pose::{Motion, PoseSample, Rig};
+use mavsight_simulator::{ModelCoefficients, true_coefficients};
 use serde::Serialize;
 
 /// Errors of position and attitude.
@@ -205,7 +206,7 @@ pub fn score_parameters(identification: &Identification, truth: &ModelCoefficien
 
 /// Errors of the parameters of output error against the simulated vehicle; the true input lag is 0.
 pub fn score_output_error(fits: &FlightFits, vehicle: &Vehicle) -> Vec<ParameterError> {
-    let truth = Coefficients::of_vehicle(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
     let of = |p: ModelParameter| match p {
         ModelParameter::Coefficient(c) => truth.get(c),
         ModelParameter::InputLag => 0.0,

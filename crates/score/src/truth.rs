@@ -1,7 +1,8 @@
 //! Truth files: the simulator's own values, which scoring alone reads.
 
-use mavsight_flight::{FlightState, Vehicle};
+use mavsight_flight::Vehicle;
 use mavsight_session::{Session, SessionError, Table, csv_cell, write_numbers, write_whole};
+use mavsight_simulator::FlightState;
 use std::path::Path;
 
 /// Declares the truth's row and its columns together, so that they cannot drift apart.

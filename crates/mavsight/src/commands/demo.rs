@@ -7,7 +7,7 @@ use crate::lab::{self, StagedFilm};
 use crate::progress::Bars;
 use anyhow::{Context, Result};
 use mavsight_engine::{Flight, TrackedFlight, solve};
-use mavsight_flight::{Scenario, Vehicle, hover_rotor_speed_rad_s, model_coefficients, simulate};
+use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{ImageSize, Vector3};
 use mavsight_pipeline::{
     CameraFeed, ControlPointRow, ControlStill, IdentifyOptions, PipelineError, Progress, TimedFrame, Tracked,
@@ -20,6 +20,7 @@ use mavsight_score::{
     TruthRow, VirtualCamera, score_cameras, score_identity, score_output_error, score_parameters, write_truth,
 };
 use mavsight_session::{ns_from_s, write_control_points, write_inputs, write_vehicle};
+use mavsight_simulator::{Scenario, model_coefficients, simulate};
 use mavsight_vision::Frame;
 use std::path::Path;
 

@@ -6,7 +6,6 @@ use crate::lab::{self, Shot, StagedFilm};
 use crate::out::outln;
 use crate::progress::Bars;
 use anyhow::{Context, Result, bail};
-use mavsight_flight::{Scenario, Staging};
 use mavsight_geometry::{BrownConrady, Camera, ImageSize, Intrinsics, Vector3};
 use mavsight_pipeline::{ControlPointRow, Progress};
 use mavsight_scene::Aircraft;
@@ -16,6 +15,7 @@ use mavsight_session::{
     tables::read_control_points, tables::read_inputs, write_control_points, write_inputs, write_png,
     write_session, write_vehicle,
 };
+use mavsight_simulator::{Scenario, Staging};
 use mavsight_vision::Frame;
 use serde::Deserialize;
 use std::io::Write;

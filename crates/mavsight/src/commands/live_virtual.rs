@@ -191,7 +191,7 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     let vehicle = Vehicle::paper();
     let cameras = cameras_of(&args.size)?;
     // The room lives as long as the program: the cameras' threads look at it.
-    let room: &'static Room = Box::leak(Box::new(lab::room(&mavsight_flight::Staging::default())));
+    let room: &'static Room = Box::leak(Box::new(lab::room(&mavsight_simulator::Staging::default())));
     let films: Vec<_> = cameras.iter().enumerate().map(|(k, c)| lab::film(room, c, k, args.seed)).collect();
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
     let control = lab::control_frame(&lab::control_points());

@@ -36,7 +36,7 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     let states = if args.carried {
         crate::lab::carried(scenario.duration_s, scenario.frame_rate_hz)
     } else {
-        mavsight_flight::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?
+        mavsight_simulator::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?
     };
     make_folder(out)?;
     write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
