@@ -3,7 +3,8 @@
 use crate::fly::{CameraSetup, Pace, Tap};
 use crate::{FlightClock, Interrupt, LiveError, Next, Popped, Queue, Source};
 use mavsight_geometry::ImageSize;
-use mavsight_pipeline::{CameraTracker, Look, Sight};
+use mavsight_pipeline::{CameraTracker, Look};
+use mavsight_pose::TrackedDetection;
 use mavsight_vision::Frame;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel};
@@ -54,7 +55,7 @@ pub(crate) struct Seen {
     pub(crate) received_ns: i64,
     pub(crate) tracked_ns: i64,
     pub(crate) dark: bool,
-    pub(crate) sights: Vec<Sight>,
+    pub(crate) sights: Vec<TrackedDetection>,
 }
 
 /// What a camera's threads share with the flight.
@@ -72,7 +73,7 @@ pub(crate) struct Camera {
     queue: Arc<Queue<Arrival>>,
     interrupt: Arc<Mutex<Option<Interrupt>>>,
     /// Where used lists of sights go back.
-    spent: Sender<Vec<Sight>>,
+    spent: Sender<Vec<TrackedDetection>>,
     threads: [JoinHandle<()>; 2],
 }
 
@@ -111,7 +112,7 @@ impl Camera {
     }
 
     /// Gives back a list of sights for use again.
-    pub(crate) fn give_back(&self, sights: Vec<Sight>) {
+    pub(crate) fn give_back(&self, sights: Vec<TrackedDetection>) {
         // A tracker that has ended wants none.
         let _ = self.spent.send(sights);
     }
@@ -250,7 +251,7 @@ impl Fetch {
 fn track(
     camera: usize,
     mut tracker: CameraTracker,
-    (queue, unused): (&Queue<Arrival>, &Receiver<Vec<Sight>>),
+    (queue, unused): (&Queue<Arrival>, &Receiver<Vec<TrackedDetection>>),
     shared: &Shared,
 ) {
     let mut sights = Vec::new();

@@ -2,8 +2,8 @@
 
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{ImageSize, Vector2};
-use mavsight_pipeline::{Ahead, Identities, JoinedCamera, Joiner, PipelineError, Sight};
-use mavsight_pose::{Association, CameraClock, Candidate, MovedCamera, Rig};
+use mavsight_pipeline::{Ahead, Identities, JoinedCamera, Joiner, PipelineError};
+use mavsight_pose::{Association, CameraClock, MovedCamera, Rig, TrackedDetection};
 
 /// Frames of each camera from which its rate is told before anything is joined.
 const WARM: usize = 6;
@@ -18,7 +18,7 @@ pub struct Told<'a> {
     /// Middle of the exposure.
     pub t_ns: i64,
     /// What was seen, by camera and number.
-    pub seen: &'a [Candidate],
+    pub seen: &'a [TrackedDetection],
     /// Which is which, and the pose.
     pub association: Association,
     /// Cameras that were found to be moved until then.
@@ -33,7 +33,7 @@ struct Held {
     readout: Vector2<f64>,
     interval_s: Option<f64>,
     is_gone: bool,
-    frames: Vec<(i64, Vec<Sight>)>,
+    frames: Vec<(i64, Vec<TrackedDetection>)>,
 }
 
 impl Held {
@@ -73,7 +73,7 @@ impl LiveChain {
     }
 
     /// Takes what a camera saw in a frame. The first frames are held until each camera has shown its rate.
-    pub fn push(&mut self, camera: usize, stamp_ns: i64, sights: &[Sight]) {
+    pub fn push(&mut self, camera: usize, stamp_ns: i64, sights: &[TrackedDetection]) {
         if let Some(joiner) = &mut self.joiner {
             joiner.push(camera, stamp_ns, sights);
             return;
@@ -104,7 +104,7 @@ impl LiveChain {
         };
         let cameras: Vec<JoinedCamera> = self.cameras.iter().map(about).collect();
         let mut joiner = Joiner::new(&cameras, Ahead::Next);
-        let mut held: Vec<(i64, usize, i64, Vec<Sight>)> = Vec::new();
+        let mut held: Vec<(i64, usize, i64, Vec<TrackedDetection>)> = Vec::new();
         for (k, camera) in self.cameras.iter_mut().enumerate() {
             if camera.is_gone {
                 joiner.go_without(k, i64::MAX);

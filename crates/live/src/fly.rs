@@ -13,8 +13,8 @@ use crate::{
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector2;
 use mavsight_link::{Event, Tracking};
-use mavsight_pipeline::{CameraTracker, Sight};
-use mavsight_pose::{CameraClock, MotionNoise, Rig};
+use mavsight_pipeline::CameraTracker;
+use mavsight_pose::{CameraClock, MotionNoise, Rig, TrackedDetection};
 use mavsight_vision::Frame;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -36,7 +36,7 @@ pub enum Pace {
 }
 
 /// Sees every frame that is tracked, on the camera's own thread: camera, stamp, frame, and what was seen in it.
-pub type Tap = Arc<dyn Fn(usize, i64, &Arc<Frame>, &[Sight]) + Send + Sync>;
+pub type Tap = Arc<dyn Fn(usize, i64, &Arc<Frame>, &[TrackedDetection]) + Send + Sync>;
 
 /// One camera of a flight.
 pub struct CameraSetup {
@@ -204,7 +204,7 @@ struct Flight<'a> {
     first_ns: Option<i64>,
     told_ns: i64,
     /// Lists of sights to be given back, by camera.
-    spent: Vec<(usize, Vec<Sight>)>,
+    spent: Vec<(usize, Vec<TrackedDetection>)>,
     /// Instants told when lists were last looked at.
     told: u64,
     flown: Flown,

@@ -3,7 +3,7 @@
 use crate::{LiveError, Popped, Queue};
 use mavsight_flight::InputSample;
 use mavsight_link::Event;
-use mavsight_pipeline::Sight;
+use mavsight_pose::TrackedDetection;
 use mavsight_session::{SessionFile, Y4mWriter, make_folder, write_session};
 use mavsight_vision::Frame;
 use serde::Serialize;
@@ -34,7 +34,7 @@ pub struct RecordedSession {
 }
 
 enum Item {
-    Frame { camera: usize, stamp_ns: i64, frame: Arc<Frame>, sights: Vec<Sight> },
+    Frame { camera: usize, stamp_ns: i64, frame: Arc<Frame>, sights: Vec<TrackedDetection> },
     Sent(String),
     Input(InputSample),
 }
@@ -185,7 +185,7 @@ impl Recorder {
     }
 
     /// Takes in a frame and what was seen in it.
-    fn frame(&self, camera: usize, stamp_ns: i64, frame: &Arc<Frame>, sights: &[Sight]) {
+    fn frame(&self, camera: usize, stamp_ns: i64, frame: &Arc<Frame>, sights: &[TrackedDetection]) {
         let (frame, sights) = (Arc::clone(frame), sights.to_vec());
         self.put(Item::Frame { camera, stamp_ns, frame, sights });
     }
@@ -314,8 +314,8 @@ impl Writer {
             Item::Frame { camera, stamp_ns, frame, sights } => {
                 let Some(video) = self.videos.get_mut(camera) else { return Ok(()) };
                 video.push(stamp_ns, &frame).map_err(|e| e.to_string())?;
-                let ball = |s: &Sight| DetectedBall {
-                    id: s.id,
+                let ball = |s: &TrackedDetection| DetectedBall {
+                    id: s.track_id,
                     color: s.color,
                     u_px: s.pixel.x,
                     v_px: s.pixel.y,

@@ -21,7 +21,7 @@ use mavsight::pipeline::{
 };
 use mavsight::plan::{CentreStd, EXAMPLE, Placed, Planner, Room as RoomFile};
 use mavsight::pose::{
-    CameraControl, ExpectedSight, MarkerObservation, PoseEstimator, Rig, predict_calibration,
+    CameraControl, MarkerObservation, PoseEstimator, PredictedObservation, Rig, predict_calibration,
 };
 use mavsight::scene::{Aircraft, Film, InTheWay, Room};
 use mavsight::score::{Random, VirtualCamera};
@@ -225,9 +225,13 @@ fn variances(
     pose: &Isometry3<f64>,
     seen: &[MarkerObservation],
 ) -> Outcome<[f64; 2]> {
-    let sights: Vec<ExpectedSight> = seen
+    let sights: Vec<PredictedObservation> = seen
         .iter()
-        .map(|o| ExpectedSight { camera: o.camera, marker: o.marker, covariance_px2: o.covariance_px2 })
+        .map(|o| PredictedObservation {
+            camera: o.camera,
+            marker: o.marker,
+            covariance_px2: o.covariance_px2,
+        })
         .collect();
     let covariance = estimator.predict(pose, &sights)?.covariance();
     Ok([0, 3].map(|at| covariance.fixed_view::<3, 3>(at, at).trace()))

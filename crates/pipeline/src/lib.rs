@@ -36,7 +36,7 @@ pub use output_error::{MARKERS_STD_M, output_error_fits};
 pub use progress::{Progress, Quiet, Stage};
 pub use reconstruct::reconstruct;
 pub use refine::{AsFlown, Diameter, Refinement, refine};
-pub use sight::{CameraTracker, Look, Sight};
+pub use sight::{CameraTracker, Look};
 pub use solve::{IdentifyOptions, Solution, identify_motion, lasting_to_fit, motion_from_poses, motion_of};
 pub use track::{Tracked, body_markers, track, track_and};
 pub use wand::{Wand, wand_of};
