@@ -104,7 +104,7 @@ pub(crate) fn note(
         }
     }
     let ReprojectionFit { residual_px, ratio } = given;
-    Ok(times.is_finite().then(|| {
+    Ok(ratio.is_finite().then(|| {
         format!(
             "What the cameras saw lies {residual_px:.2} px from where any pose of the body has it, {ratio:.0} times what their noise \
              explains: a camera may have been moved since its calibration, its frame rate or clock may be another, or the marker \
@@ -122,7 +122,7 @@ pub(crate) fn refuse_one_recording_twice(streams: &[Stream]) -> Result<(), Pipel
     const COMPARED: usize = 40;
     for (k, stream) in streams.iter().enumerate() {
         for other in &streams[k + 1..] {
-            let pairs = || stream.sights.iter().zip(&other.sights).take(COMPARED);
+            let pairs = || stream.detections.iter().zip(&other.detections).take(COMPARED);
             if pairs().count() == COMPARED && pairs().all(|(a, b)| (a.pixel - b.pixel).amax() < SAME_PX) {
                 let (camera, other) = (stream.name.clone(), other.name.clone());
                 return Err(PipelineError::SameRecording { camera, other });

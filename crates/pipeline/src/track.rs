@@ -372,8 +372,8 @@ mod tests {
         let exact = late(0.0, 0.0);
         let mut streams = vec![stream(0, exact, 30.0, 0..90), unknown(stream(1, exact, 30.0, 0..90))];
         for stream in &mut streams {
-            let first: Vec<_> = stream.sights[..4].to_vec();
-            for (k, sight) in stream.sights.iter_mut().enumerate() {
+            let first: Vec<_> = stream.detections[..4].to_vec();
+            for (k, sight) in stream.detections.iter_mut().enumerate() {
                 sight.pixel = first[k % 4].pixel + (sight.pixel - first[k % 4].pixel) * 1e-3;
             }
         }

@@ -10,7 +10,7 @@ mod sample;
 mod solve;
 mod start;
 
-use crate::{PoseError, RefinedFlight, Rig};
+use crate::{MarkerObservation, PoseError, RefinedFlight, Rig};
 pub use fit::ReprojectionFit;
 use gates::{DECISIVE_CHI_SQUARE, beyond_f_gate, chi_square_gate, noise_factor};
 pub(crate) use gates::{HUBER_MEAN, chi_square_gate as chi_square_quantile};

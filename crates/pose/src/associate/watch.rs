@@ -1,6 +1,7 @@
 //! Cameras that no longer stand as they were calibrated.
 
 use super::{Association, Associator, DECISIVE_LOG_ODDS, LEAST_DEGREES, belief::Belief};
+use crate::TrackedDetection;
 use mavsight_geometry::{Matrix2, Vector2};
 use nalgebra::Matrix2x6;
 
