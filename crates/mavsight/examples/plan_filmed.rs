@@ -17,14 +17,16 @@ use mavsight::flight::Vehicle;
 use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3, world_from_body};
 use mavsight::lab;
 use mavsight::pipeline::{
-    CameraFeed, ControlStill, PipelineError, Quiet, TimedFrame, body_markers, calibrate_from_stills, track,
+    CameraFeed, ControlStill, NoProgress, PipelineError, TimedFrame, body_markers, calibrate_from_stills,
+    track,
 };
 use mavsight::plan::{CentreStd, EXAMPLE, Placed, Planner, Room as RoomFile};
 use mavsight::pose::{
     CameraControl, MarkerObservation, PoseEstimator, PredictedObservation, Rig, predict_calibration,
 };
-use mavsight::scene::{Aircraft, Film, InTheWay, Room};
-use mavsight::score::{Random, VirtualCamera};
+use mavsight::random::Random;
+use mavsight::scene::{Aircraft, Film, Occluders, Room};
+use mavsight::score::VirtualCamera;
 use mavsight::session::results::CentreQuality;
 use mavsight::session::{ControlPointRow, TruthRow, ns_from_s};
 use mavsight::vision::{BallColor, Detector, Frame, MODEL_STD};
@@ -89,7 +91,7 @@ fn way(
     let is_seen = |pose: &Isometry3<f64>| {
         let shows = |film: &Film<'_>| {
             let share = |m: &mavsight::pose::BodyMarker| {
-                film.visible_share((&m.marker_in_body_m, m.radius_m), aircraft, pose, &InTheWay::default())
+                film.visible_share(&m.marker_in_body_m, m.radius_m, aircraft, pose, &Occluders::default())
             };
             planner.markers().iter().all(|m| share(m) > SEEN)
         };
@@ -190,7 +192,7 @@ fn film_once(
         });
         CameraFeed::new(c.name.clone(), Some(truth.len()), Box::new(frames))
     });
-    let tracked = track(feeds.collect(), &rig, &vehicle, &Quiet)?;
+    let tracked = track(feeds.collect(), &rig, &vehicle, &NoProgress)?;
     let foreseen = PoseEstimator::new(&foreseen(planner, cameras, (&stills, &rig))?, planner.markers());
     let control_px2 = rig.cameras.iter().map(|c| c.sigma_px.powi(2)).sum::<f64>() / rig.cameras.len() as f64;
     let mut out = SetUp { control_px2, centres: tracked.centre_quality(), ..SetUp::default() };
@@ -250,7 +252,7 @@ fn foreseen(
     let mut controls = Vec::new();
     for ((c, still), seen_by) in cameras.iter().zip(stills).zip(&rig.cameras) {
         let mut detector = Detector::new(&colors)?.with_camera(seen_by.camera);
-        let found = detector.candidates(&still.frame, 3.0..=f64::from(c.camera.size.width_px) / 10.0);
+        let found = detector.detect(&still.frame, 3.0..=f64::from(c.camera.size.width_px) / 10.0);
         let mut control = CameraControl::exact(c.name.clone(), c.camera.size, vec![], vec![]);
         for (row, found) in table.iter().zip(found) {
             let Some(point) = seen_by.points.iter().find(|p| p.used && p.name == row.name) else { continue };
