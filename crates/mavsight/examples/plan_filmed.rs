@@ -27,7 +27,7 @@ use mavsight::pipeline::{
 };
 use mavsight::plan::{CentreStd, EXAMPLE, Placed, Planner, Room as RoomFile};
 use mavsight::pose::{
-    CameraControl, ExpectedSight, MarkerObservation, PoseEstimator, Rig, predict_calibration,
+    CameraControl, MarkerObservation, PoseEstimator, PredictedObservation, Rig, predict_calibration,
 };
 use mavsight::random::Random;
 use mavsight::scene::{Aircraft, Film, Occluders, Room};
@@ -234,9 +234,13 @@ fn variances(
     pose: &Isometry3<f64>,
     seen: &[MarkerObservation],
 ) -> Outcome<[f64; 2]> {
-    let views: Vec<ExpectedSight> = seen
+    let views: Vec<PredictedObservation> = seen
         .iter()
-        .map(|o| ExpectedSight { camera: o.camera, marker: o.marker, covariance_px2: o.covariance_px2 })
+        .map(|o| PredictedObservation {
+            camera: o.camera,
+            marker: o.marker,
+            covariance_px2: o.covariance_px2,
+        })
         .collect();
     let covariance = estimator.predict(pose, &views)?.covariance();
     Ok([0, 3].map(|at| covariance.fixed_view::<3, 3>(at, at).trace()))

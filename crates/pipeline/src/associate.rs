@@ -5,7 +5,7 @@ use crate::refine::MARKERS_STD_M;
 use crate::watch::{CameraWatch, moved_notes};
 use crate::{PipelineError, Tracked};
 use mavsight_flight::Vehicle;
-use mavsight_pose::{Association, Associator, Candidate, MovedCamera, PoseEstimator, Rig};
+use mavsight_pose::{Association, Associator, MovedCamera, PoseEstimator, Rig, TrackedDetection};
 use mavsight_vision::BallColor;
 
 /// The colours of a vehicle's markers, each once, and which of them each marker has.
@@ -40,7 +40,7 @@ pub struct Instant<'a> {
     /// Middle of the exposure.
     pub t_ns: i64,
     /// What was seen, by camera and number.
-    pub seen: &'a [Candidate],
+    pub seen: &'a [TrackedDetection],
     /// Which is which, and the pose.
     pub association: &'a Association,
 }
@@ -80,7 +80,7 @@ impl FlightAssociator {
     }
 
     /// Which of the candidates of the next instant are which markers, and the pose they give.
-    pub fn associate(&mut self, t_ns: i64, seen: &[Candidate]) -> Association {
+    pub fn associate(&mut self, t_ns: i64, seen: &[TrackedDetection]) -> Association {
         self.sample.take(t_ns, seen, &self.colors);
         self.associator.associate(t_ns, seen)
     }

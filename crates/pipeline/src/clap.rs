@@ -61,7 +61,7 @@ mod tests {
     use mavsight_pose::{CameraClock, ClockPrior};
 
     fn heard(name: &str, clap: Clap, prior: ClockPrior) -> Stream {
-        let mut stream = Stream::new(name.into(), prior, Vector2::y());
+        let mut stream = Stream::new(0, name.into(), prior, Vector2::y());
         stream.clap = Some(clap);
         stream
     }

@@ -74,7 +74,7 @@ mod tests {
     use mavsight_pose::{CameraClock, ClockPrior};
 
     fn stream(name: &str, flash_at: usize, prior: ClockPrior) -> Stream {
-        let mut stream = Stream::new(name.into(), prior, Vector2::y());
+        let mut stream = Stream::new(0, name.into(), prior, Vector2::y());
         stream.stamps_ns = stamps(100);
         let light = |k: usize| 100.0 + 0.3 * (k % 3) as f32 + if k == flash_at { 40.0 } else { 0.0 };
         stream.brightness = Some((0..100).map(light).collect());

@@ -38,7 +38,7 @@ pub use health::{CameraHealth, CentreQuality, MarkerHealth};
 pub use progress::{NoProgress, Progress, Stage};
 pub use reconstruct::reconstruct;
 pub use refine::{Diameter, MARKERS_STD_M, RefinedBody, Refinement, refine};
-pub use sight::{CameraTracker, Sight, TrackedFrame};
+pub use sight::{CameraTracker, TrackedFrame};
 pub use solve::{
     IdentifyOptions, Solution, identify_motion, motion_from_poses, motion_of, systematic_columns,
 };

@@ -3,7 +3,9 @@
 use crate::PipelineError;
 use crate::stream::Stream;
 use mavsight_geometry::Vector2;
-use mavsight_pose::{Candidate, MarkerObservation, Observations, PoseError, PoseEstimator, Rig, SightFit};
+use mavsight_pose::{
+    MarkerObservation, Observations, PoseError, PoseEstimator, ReprojectionFit, Rig, TrackedDetection,
+};
 
 /// Instants that are looked at, spread over the flight: half of them outvote those of a false match.
 const SAMPLED: usize = 60;
@@ -88,10 +90,10 @@ pub(crate) fn note(
     let failed = |source| PipelineError::Pose { place: "centres".into(), source };
     let instants = sampled(observations);
     let fit = |mistake| median_fit(estimator, rig, (&instants, mistake)).map_err(failed);
-    let Some(given) = fit(None)?.filter(|f| f.times > FITS) else { return Ok(None) };
+    let Some(given) = fit(None)?.filter(|f| f.ratio > FITS) else { return Ok(None) };
     for mistake in Mistake::all(rig) {
         let Some(instead) = fit(Some(mistake))? else { continue };
-        if instead.times < FITS && instead.times < EXPLAINS * given.times {
+        if instead.ratio < FITS && instead.ratio < EXPLAINS * given.ratio {
             let (given_px, instead_px) = (given.residual_px, instead.residual_px);
             let given = if given_px.is_finite() {
                 format!("lies {given_px:.2} px from")
@@ -101,10 +103,10 @@ pub(crate) fn note(
             return Err(PipelineError::MixedUp { given, instead_px, mistake: mistake.told(rig) });
         }
     }
-    let SightFit { residual_px, times } = given;
-    Ok(times.is_finite().then(|| {
+    let ReprojectionFit { residual_px, ratio } = given;
+    Ok(ratio.is_finite().then(|| {
         format!(
-            "What the cameras saw lies {residual_px:.2} px from where any pose of the body has it, {times:.0} times what their noise \
+            "What the cameras saw lies {residual_px:.2} px from where any pose of the body has it, {ratio:.0} times what their noise \
              explains: a camera may have been moved since its calibration, its frame rate or clock may be another, or the marker \
              positions of the vehicle file are off ([refine] finds those of a ruler)."
         )
@@ -120,7 +122,7 @@ pub(crate) fn refuse_one_recording_twice(streams: &[Stream]) -> Result<(), Pipel
     const COMPARED: usize = 40;
     for (k, stream) in streams.iter().enumerate() {
         for other in &streams[k + 1..] {
-            let pairs = || stream.sights.iter().zip(&other.sights).take(COMPARED);
+            let pairs = || stream.detections.iter().zip(&other.detections).take(COMPARED);
             if pairs().count() == COMPARED && pairs().all(|(a, b)| (a.pixel - b.pixel).amax() < SAME_PX) {
                 let (camera, other) = (stream.name.clone(), other.name.clone());
                 return Err(PipelineError::SameRecording { camera, other });
@@ -154,7 +156,7 @@ impl SightSample {
     }
 
     /// Takes an instant if it is one's turn; one that says nothing leaves its turn to the next.
-    pub(crate) fn take(&mut self, t_ns: i64, seen: &[Candidate], color_of_marker: &[usize]) {
+    pub(crate) fn take(&mut self, t_ns: i64, seen: &[TrackedDetection], color_of_marker: &[usize]) {
         if self.until_next > 0 || self.is_full() {
             self.until_next = self.until_next.saturating_sub(1);
             return;
@@ -170,15 +172,14 @@ impl SightSample {
 }
 
 /// Balls that are the only ones of their colour in their camera, as the only markers of it.
-fn lone(t_ns: i64, seen: &[Candidate], color_of_marker: &[usize]) -> Vec<MarkerObservation> {
-    let is_lone = |c: &&Candidate| {
+fn lone(t_ns: i64, seen: &[TrackedDetection], color_of_marker: &[usize]) -> Vec<MarkerObservation> {
+    let is_lone = |c: &&TrackedDetection| {
         seen.iter().filter(|o| (o.camera, o.color) == (c.camera, c.color)).count() == 1
             && color_of_marker.iter().filter(|m| **m == c.color).count() == 1
     };
-    let told = |c: &Candidate| {
+    let told = |c: &TrackedDetection| {
         let marker = color_of_marker.iter().position(|m| *m == c.color)?;
-        let Candidate { camera, pixel, covariance_px2, .. } = *c;
-        Some(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 })
+        Some(MarkerObservation { t_ns, ..c.of_marker(marker) })
     };
     seen.iter().filter(is_lone).filter_map(told).collect()
 }
@@ -199,16 +200,16 @@ fn median_fit(
     estimator: &PoseEstimator,
     rig: &Rig,
     (instants, mistake): (&[Vec<MarkerObservation>], Option<Mistake>),
-) -> Result<Option<SightFit>, PoseError> {
+) -> Result<Option<ReprojectionFit>, PoseError> {
     let mut fits = Vec::new();
     for seen in instants {
         let own = match mistake {
             Some(mistake) => seen.iter().map(|o| mistake.undone(o.clone(), rig)).collect(),
             None => seen.clone(),
         };
-        fits.extend(estimator.sight_fit(&own)?);
+        fits.extend(estimator.reprojection_fit(&own)?);
     }
-    fits.sort_by(|a, b| a.times.total_cmp(&b.times));
+    fits.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
     Ok(fits.get(fits.len() / 2).copied())
 }
 
@@ -255,13 +256,16 @@ mod tests {
 
     #[test]
     fn a_ball_counts_as_its_colours_marker_where_both_are_alone() {
-        let ball = |camera, color| Candidate {
+        let ball = |camera, color| TrackedDetection {
+            t_ns: 7,
             camera,
+            track_id: 0,
             color,
             pixel: Vector2::new(color as f64, 2.0),
             covariance_px2: mavsight_geometry::Matrix2::identity(),
             diameter_px: 5.0,
-            stays: false,
+            is_static: false,
+            is_preferred: true,
         };
         // Colour 1 has two markers; camera 0 sees two balls of colour 0, camera 1 one.
         let seen = [ball(0, 0), ball(0, 0), ball(0, 1), ball(0, 2), ball(1, 0), ball(1, 1)];

@@ -3,7 +3,7 @@
 use crate::{PipelineError, Tracked, mixed_up};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
-use mavsight_pose::{Association, Candidate, MarkerObservation, PoseEstimator, Rig};
+use mavsight_pose::{Association, MarkerObservation, PoseEstimator, Rig, TrackedDetection};
 
 /// Poses of instants as they come, each with the last one before it as a hint, and all of them again at the end.
 pub(crate) struct Reconstruction {
@@ -27,13 +27,12 @@ impl Reconstruction {
     }
 
     /// An instant of which the identities have told which ball is which.
-    pub(crate) fn add_told(&mut self, seen: &[Candidate], told: Association) {
+    pub(crate) fn add_told(&mut self, seen: &[TrackedDetection], told: Association) {
         for (index, marker) in &told.pairs {
-            let Candidate { camera, pixel, covariance_px2, diameter_px, .. } = seen[*index];
             let t_ns = told.sample.t_ns;
-            let seen = MarkerObservation { t_ns, camera, marker: *marker, pixel, covariance_px2 };
-            self.tracked.observations.push(&seen);
-            self.tracked.diameters_px.push(diameter_px as f32);
+            let observation = MarkerObservation { t_ns, ..seen[*index].of_marker(*marker) };
+            self.tracked.observations.push(&observation);
+            self.tracked.diameters_px.push(seen[*index].diameter_px as f32);
         }
         self.tracked.poses.push(crate::solve::provisional(told.sample));
     }

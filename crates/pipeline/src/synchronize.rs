@@ -1,9 +1,8 @@
 //! Cameras of any rate and clock, brought to common instants as their frames come.
 
-use crate::sight::Sight;
 use crate::stream::Stream;
 use mavsight_geometry::{ImageSize, Vector2};
-use mavsight_pose::{CameraClock, Candidate, PixelPath};
+use mavsight_pose::{CameraClock, PixelPath, TrackedDetection};
 use std::collections::VecDeque;
 
 /// A camera whose frames are nearer together by this factor than those of all before it gives the instants.
@@ -66,7 +65,7 @@ pub struct Synchronizer {
     /// Instants with the rank of the camera that gave each, in order of time: those to come, and before them the latest handed out.
     instants: VecDeque<(i64, usize)>,
     handed_ns: i64,
-    seen: Vec<Candidate>,
+    seen: Vec<TrackedDetection>,
 }
 
 /// One camera.
@@ -75,8 +74,8 @@ struct Incoming {
     about: CameraTiming,
     middle: Vector2<f64>,
     /// What was followed, by number, and what is left of others for use again.
-    things: Vec<Thing>,
-    spare: Vec<Thing>,
+    tracks: Vec<Track>,
+    spare: Vec<Track>,
     /// Times of its latest frames.
     frames_ns: VecDeque<i64>,
     /// Those of which it is not yet told whether they are instants.
@@ -85,14 +84,12 @@ struct Incoming {
     gone_ns: i64,
 }
 
-/// One thing that a camera followed: its path, and what goes with each sight of it.
+/// One track of a camera: its path, and the detection at each point of it.
 #[derive(Debug)]
-struct Thing {
+struct Track {
     id: u32,
-    color: usize,
     path: PixelPath,
-    diameters_px: Vec<f64>,
-    stays: Vec<bool>,
+    detections: Vec<TrackedDetection>,
 }
 
 impl Synchronizer {
@@ -121,13 +118,13 @@ impl Synchronizer {
 
     /// Takes what a camera saw in its next frame. One that is not later than an instant handed out serves paths only, one that is
     /// not later than the camera's last is passed over.
-    pub fn push(&mut self, camera: usize, stamp_ns: i64, sights: &[Sight]) {
+    pub fn push(&mut self, camera: usize, stamp_ns: i64, seen: &[TrackedDetection]) {
         let Some(own) = self.cameras.get_mut(camera) else { return };
         let t_ns = own.about.clock.time_ns(stamp_ns);
         if own.frames_ns.back().is_some_and(|last| t_ns <= *last) {
             return;
         }
-        own.push(stamp_ns, sights);
+        own.push(stamp_ns, seen);
         own.frames_ns.push_back(t_ns);
         if t_ns > self.handed_ns {
             own.undecided_ns.push_back(t_ns);
@@ -167,7 +164,7 @@ impl Synchronizer {
     }
 
     /// The next instant for which all that it needs has come: its time, and what all cameras saw then, by camera and number.
-    pub fn next_instant(&mut self) -> Option<(i64, &[Candidate])> {
+    pub fn next_instant(&mut self) -> Option<(i64, &[TrackedDetection])> {
         let t_ns = self.waiting_ns()?;
         let earlier = |c: &Incoming| c.undecided_ns.front().is_some_and(|t| *t < t_ns);
         if self.cameras.iter().any(|c| earlier(c) || !c.is_ready(t_ns, self.ahead)) {
@@ -216,7 +213,7 @@ impl Incoming {
         Self {
             about: *about,
             middle: mavsight_pose::image_middle(about.size),
-            things: Vec::new(),
+            tracks: Vec::new(),
             spare: Vec::new(),
             frames_ns: VecDeque::new(),
             undecided_ns: VecDeque::new(),
@@ -241,47 +238,40 @@ impl Incoming {
         after >= ahead.frames() || (is_in_step && has_own())
     }
 
-    /// Adds the sights of a frame to their paths.
-    fn push(&mut self, stamp_ns: i64, sights: &[Sight]) {
+    /// Adds the detections of a frame to their paths.
+    fn push(&mut self, stamp_ns: i64, seen: &[TrackedDetection]) {
         let CameraTiming { clock, readout, interval_s, .. } = self.about;
-        for sight in sights {
-            let rows_px = readout.dot(&(sight.pixel - self.middle));
+        for detection in seen {
+            let rows_px = readout.dot(&(detection.pixel - self.middle));
             let t_s = clock.time_s(stamp_ns, rows_px);
-            let at = self.things.partition_point(|t| t.id < sight.id);
-            if self.things.get(at).is_none_or(|t| t.id != sight.id) {
-                let thing = Thing::anew(self.spare.pop(), sight, interval_s);
-                self.things.insert(at, thing);
+            let at = self.tracks.partition_point(|t| t.id < detection.track_id);
+            if self.tracks.get(at).is_none_or(|t| t.id != detection.track_id) {
+                let track = Track::new(self.spare.pop(), detection.track_id, interval_s);
+                self.tracks.insert(at, track);
             }
-            let thing = &mut self.things[at];
-            if thing.path.push(t_s, sight.pixel, sight.covariance_px2) {
-                thing.diameters_px.push(sight.diameter_px);
-                thing.stays.push(sight.stays);
+            let track = &mut self.tracks[at];
+            if track.path.push(t_s, detection.pixel, detection.covariance_px2) {
+                track.detections.push(*detection);
             }
         }
     }
 
     /// Adds what the camera saw at a time, which must be after that of the call before, and forgets what no later time needs.
-    fn at(&mut self, camera: usize, t_ns: i64, step_s: f64, seen: &mut Vec<Candidate>) {
+    fn at(&mut self, camera: usize, t_ns: i64, step_s: f64, seen: &mut Vec<TrackedDetection>) {
         let lent = if step_s > 0.0 { self.about.interval_s / step_s } else { 1.0 };
         let t_s = t_ns as f64 * 1e-9;
-        for thing in &mut self.things {
-            if let Some(at) = thing.path.at(t_s) {
+        for track in &mut self.tracks {
+            if let Some(at) = track.path.at(t_s) {
                 let covariance_px2 = if lent > SLOWER { at.covariance_px2 * lent } else { at.covariance_px2 };
-                seen.push(Candidate {
-                    camera,
-                    color: thing.color,
-                    pixel: at.pixel,
-                    covariance_px2,
-                    diameter_px: thing.diameters_px[at.sight],
-                    stays: thing.stays[at.sight],
-                });
+                let nearest = track.detections[at.index];
+                seen.push(TrackedDetection { t_ns, camera, pixel: at.pixel, covariance_px2, ..nearest });
             }
-            thing.forget_before(t_s);
+            track.forget_before(t_s);
         }
         let mut at = 0;
-        while at < self.things.len() {
-            if self.things[at].path.is_empty() {
-                self.spare.push(self.things.remove(at));
+        while at < self.tracks.len() {
+            if self.tracks[at].path.is_empty() {
+                self.spare.push(self.tracks.remove(at));
             } else {
                 at += 1;
             }
@@ -292,23 +282,18 @@ impl Incoming {
     }
 }
 
-impl Thing {
+impl Track {
     /// The beginning of a path, in the room of one that is no longer needed.
-    fn anew(old: Option<Self>, first: &Sight, interval_s: f64) -> Self {
-        let (id, color) = (first.id, first.color);
+    fn new(old: Option<Self>, id: u32, interval_s: f64) -> Self {
         match old {
-            Some(old) => Self { id, color, ..old },
-            None => {
-                let path = PixelPath::new(interval_s);
-                Self { id, color, path, diameters_px: Vec::new(), stays: Vec::new() }
-            }
+            Some(old) => Self { id, ..old },
+            None => Self { id, path: PixelPath::new(interval_s), detections: Vec::new() },
         }
     }
 
     fn forget_before(&mut self, t_s: f64) {
         let gone = self.path.forget_before(t_s);
-        self.diameters_px.drain(..gone);
-        self.stays.drain(..gone);
+        self.detections.drain(..gone);
     }
 }
 
@@ -317,7 +302,7 @@ pub(crate) fn instants(
     streams: Vec<Stream>,
     sizes: &[ImageSize],
     clocks: &[CameraClock],
-    mut each: impl FnMut(i64, &[Candidate]),
+    mut each: impl FnMut(i64, &[TrackedDetection]),
 ) {
     let about = |(k, s): (usize, &Stream)| CameraTiming {
         size: sizes[k],
@@ -355,7 +340,7 @@ mod tests {
     }
 
     /// Each instant's time and what was seen then.
-    fn joined(streams: &[Stream], clocks: &[CameraClock]) -> Vec<(i64, Vec<Candidate>)> {
+    fn joined(streams: &[Stream], clocks: &[CameraClock]) -> Vec<(i64, Vec<TrackedDetection>)> {
         let mut out = Vec::new();
         let sizes = vec![SIZE; streams.len()];
         instants(streams.to_vec(), &sizes, clocks, |t_ns, seen| out.push((t_ns, seen.to_vec())));
@@ -363,7 +348,7 @@ mod tests {
     }
 
     /// Root mean square of where markers are seen against where they are, in standard deviations claimed.
-    fn misfit(instants: &[(i64, Vec<Candidate>)]) -> f64 {
+    fn misfit(instants: &[(i64, Vec<TrackedDetection>)]) -> f64 {
         let (rig, vehicle) = (rig(), Vehicle::paper());
         let (mut sum, mut count) = (0.0, 0.0);
         for (t_ns, o) in instants.iter().flat_map(|(t, seen)| seen.iter().map(move |o| (*t, o))) {
@@ -385,8 +370,8 @@ mod tests {
         assert_eq!(got.len(), 60);
         for (k, instant) in got.iter().enumerate() {
             assert_eq!(instant.0, streams[0].stamps_ns[k]);
-            let own = [0, 1].map(|c| &streams[c].sights[4 * k..4 * k + 4]);
-            for (o, s) in instant.1.iter().zip(own.into_iter().flatten().map(|s| s.sight(0))) {
+            let own = [0, 1].map(|c| &streams[c].detections[4 * k..4 * k + 4]);
+            for (o, s) in instant.1.iter().zip(own.into_iter().flatten().map(|s| s.detection(0, 0))) {
                 assert!(o.pixel == s.pixel && o.covariance_px2 == s.covariance_px2 && o.color == s.color);
             }
             assert_eq!(instant.1.len(), 8);
@@ -440,8 +425,8 @@ mod tests {
                     }
                 }
             }
-            let kept = joiner.cameras.iter().flat_map(|c| &c.things).map(|t| t.stays.len()).max();
-            assert!(kept.unwrap() <= 9 && joiner.cameras.iter().all(|c| c.things.len() == 4));
+            let kept = joiner.cameras.iter().flat_map(|c| &c.tracks).map(|t| t.detections.len()).max();
+            assert!(kept.unwrap() <= 9 && joiner.cameras.iter().all(|c| c.tracks.len() == 4));
             assert!(joiner.instants.len() <= 4);
             out
         };

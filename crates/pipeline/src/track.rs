@@ -12,7 +12,7 @@ use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
 use mavsight_pose::{
     BodyMarker, CameraClock, CameraStream, ClockEstimate, ClockVerdict, MarkerObservation, Observations,
-    PoseEstimator, PoseSample, Rig, estimate_clocks, telling_stretches_ns,
+    PoseEstimator, PoseSample, Rig, estimate_clocks, informative_stretches_ns,
 };
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -107,7 +107,7 @@ pub fn track_with(
                 let frame_bytes = rig.cameras[camera].camera.size.area_px() * 3 / 2;
                 let (frame_out, frame_in) =
                     sync_channel((QUEUE_BYTES / frame_bytes.max(1)).clamp(LEAST_QUEUE_FRAMES, 8));
-                let mut stream = Stream::new(feed.name.clone(), feed.clock, feed.readout);
+                let mut stream = Stream::new(camera, feed.name.clone(), feed.clock, feed.readout);
                 stream.brightness = feed.flash.then(Vec::new);
                 stream.clap = feed.clap;
                 stream.reserve(feed.announced.unwrap_or(0), vehicle.marker.len());
@@ -179,7 +179,7 @@ fn joined(
     mixed_up::refuse_one_recording_twice(&streams)?;
     let spans_ns = streams.iter().map(Stream::span_ns);
     let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();
-    let stretches_ns = telling_stretches_ns(span_ns);
+    let stretches_ns = informative_stretches_ns(span_ns);
     let seen: Vec<CameraStream> = streams.iter().map(|s| s.camera_stream(&colors, &stretches_ns)).collect();
     let clocks = estimate_clocks(rig, &body_markers(vehicle), &seen);
     drop(seen);
@@ -371,8 +371,8 @@ mod tests {
         let exact = late(0.0, 0.0);
         let mut streams = vec![stream(0, exact, 30.0, 0..90), unknown(stream(1, exact, 30.0, 0..90))];
         for stream in &mut streams {
-            let first: Vec<_> = stream.sights[..4].to_vec();
-            for (k, sight) in stream.sights.iter_mut().enumerate() {
+            let first: Vec<_> = stream.detections[..4].to_vec();
+            for (k, sight) in stream.detections.iter_mut().enumerate() {
                 sight.pixel = first[k % 4].pixel + (sight.pixel - first[k % 4].pixel) * 1e-3;
             }
         }
