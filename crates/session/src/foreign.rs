@@ -23,7 +23,7 @@ pub mod ros;
 pub(crate) mod text;
 pub mod trc;
 pub mod tum;
-pub mod yaml;
+mod yaml;
 
 /// What a file held, and what a reader must know of it.
 #[derive(Debug, Clone, PartialEq)]
