@@ -1,9 +1,9 @@
 //! Events as lines of JSON, one object a line: over TCP, over UDP, and into anything that can be written to.
 //!
-//! The objects are those of [`Event`], with `event` telling which: a pose that was not measured is an object with `valid` false
-//! and without position. Who connects by TCP gets the scene first, then what happens from then on; one that does not read fast
-//! enough is cut off and may connect again. By UDP each event is a datagram, and the scene comes again every five seconds
-//! for who listens later.
+//! The objects are those of [`Event`], with `event` naming their kind: a pose that was not measured is an
+//! object with `valid` false and without position. Who connects by TCP gets the scene first, then what
+//! happens from then on; one that does not read fast enough is cut off and may connect again. By UDP each
+//! event is a datagram, and the scene comes again every five seconds for who listens later.
 
 use crate::options::address;
 use crate::peers::{MOST, Peer};
@@ -115,10 +115,10 @@ impl Outlet for JsonLines {
         if let Some(server) = &mut self.server {
             server.peers.retain_mut(|peer| peer.push(line));
         }
-        if let Some((socket, to, told)) = &mut self.udp {
-            let again = told.is_none_or(|at| at.elapsed() >= SCENE_AGAIN) && *line != self.scene;
+        if let Some((socket, to, sent)) = &mut self.udp {
+            let again = sent.is_none_or(|at| at.elapsed() >= SCENE_AGAIN) && *line != self.scene;
             if again || *line == self.scene {
-                *told = Some(Instant::now());
+                *sent = Some(Instant::now());
             }
             if again && !self.scene.is_empty() {
                 datagram(socket, *to, &self.scene)?;
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn a_writer_gets_lines_and_its_faults_are_told() {
+    fn a_writer_gets_lines_and_its_faults_are_reported() {
         #[derive(Clone, Default)]
         struct Shared(Arc<Mutex<Vec<u8>>>);
         impl Write for Shared {

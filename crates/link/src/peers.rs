@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn one_that_has_gone_is_told() {
+    fn one_that_has_gone_is_noticed() {
         let (mut peer, far) = pair();
         drop(far);
         assert!((0..100).any(|_| {

@@ -4,7 +4,7 @@ use crate::Told;
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, EulerAngles, Isometry3, Matrix6, Point3, Vector2, Vector3};
 use mavsight_link::{
-    CameraView, Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Sight, Tracking,
+    CameraView, DetectionView, Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Tracking,
 };
 use mavsight_pose::{MotionSample, PoseEstimate, Rig};
 
@@ -119,7 +119,7 @@ pub(crate) fn sights<'a>(
             let expected = marker
                 .zip(pose)
                 .and_then(|(m, pose)| expected_px(&rig.cameras[camera].camera, vehicle, m, &pose));
-            Sight {
+            DetectionView {
                 u_px: c.pixel.x,
                 v_px: c.pixel.y,
                 diameter_px: c.diameter_px,
@@ -127,7 +127,7 @@ pub(crate) fn sights<'a>(
                 residual_px: expected.map(|e| (c.pixel - e).into()),
             }
         });
-        Event::Sights { camera, t_s: told.t_ns as f64 * 1e-9, seen: seen.collect() }
+        Event::Detections { camera, t_s: told.t_ns as f64 * 1e-9, seen: seen.collect() }
     })
 }
 

@@ -180,7 +180,7 @@ mod tests {
     fn who_comes_late_gets_what_lasts_and_no_old_pictures() {
         let hub = Hub::new(sync_channel(1).0);
         hub.publish(&note("first"));
-        hub.publish(&Event::Sights { camera: 0, t_s: 0.0, seen: Vec::new() });
+        hub.publish(&Event::Detections { camera: 0, t_s: 0.0, seen: Vec::new() });
         hub.preview(0, 0, b"jpeg");
         hub.publish(&Event::Recording { folder: None, seconds: 0.0, bytes: 0, fault: None });
         hub.publish(&Event::Camera {

@@ -10,7 +10,7 @@ use tokio_tungstenite::tungstenite::Message;
 pub(crate) enum Kind {
     Scene,
     Pose,
-    Sights(usize),
+    Detections(usize),
     Camera(usize),
     Parameters,
     Recording,
@@ -24,7 +24,7 @@ impl Kind {
         match event {
             Event::Scene(_) => Self::Scene,
             Event::Pose(_) => Self::Pose,
-            Event::Sights { camera, .. } => Self::Sights(*camera),
+            Event::Detections { camera, .. } => Self::Detections(*camera),
             Event::Camera { camera, .. } => Self::Camera(*camera),
             Event::Parameters { .. } => Self::Parameters,
             Event::Recording { .. } => Self::Recording,
@@ -34,14 +34,14 @@ impl Kind {
 
     /// Whether it is told to those who come later too; what belongs to an instant that has gone by is not.
     pub(crate) fn lasts(self) -> bool {
-        !matches!(self, Self::Pose | Self::Sights(_) | Self::Preview(_) | Self::Beat)
+        !matches!(self, Self::Pose | Self::Detections(_) | Self::Preview(_) | Self::Beat)
     }
 
     /// How many wait at most: of a state only the newest; of instants so many that a pause of a quarter of a second at 120 Hz
     /// leaves no gap, yet who is slower sees what is new; of sentences a page full.
     fn depth(self) -> usize {
         match self {
-            Self::Pose | Self::Sights(_) | Self::Note => 30,
+            Self::Pose | Self::Detections(_) | Self::Note => 30,
             _ => 1,
         }
     }

@@ -149,7 +149,7 @@ impl Server {
     }
 
     /// Shows a picture (JPEG, see [`crate::encode_preview`]) of a camera at an instant, nanoseconds since the flight began,
-    /// on which the page draws the [`Event::Sights`] of the same instant.
+    /// on which the page draws the [`Event::Detections`] of the same instant.
     ///
     /// On the wire: one byte of camera, eight of the instant (little endian), the JPEG.
     pub fn preview(&self, camera: u8, t_ns: i64, jpeg: &[u8]) {

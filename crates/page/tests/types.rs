@@ -6,7 +6,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mavsight_link::{
-    CameraState, CameraView, Event, MarkerView, Parameter, PoseEvent, Scene, Sight, Tracking,
+    CameraState, CameraView, DetectionView, Event, MarkerView, Parameter, PoseEvent, Scene, Tracking,
 };
 
 fn pose(tracking: Tracking, is_measured: bool) -> Event {
@@ -66,9 +66,14 @@ fn scene() -> Event {
 fn examples() -> Vec<Event> {
     use CameraState::{Dark, Gone, Moved, Running, Stalled, Starting};
     use Tracking::{Acquiring, Lost, Reacquired};
-    let told =
-        Sight { u_px: 1.5, v_px: 2.5, diameter_px: 9.5, marker: Some(0), residual_px: Some([0.1, 0.2]) };
-    let untold = Sight { marker: None, residual_px: None, ..told.clone() };
+    let told = DetectionView {
+        u_px: 1.5,
+        v_px: 2.5,
+        diameter_px: 9.5,
+        marker: Some(0),
+        residual_px: Some([0.1, 0.2]),
+    };
+    let unidentified = DetectionView { marker: None, residual_px: None, ..told.clone() };
     let known =
         Parameter { name: "C_X.u".to_owned(), value: Some(0.5), half_width: Some(0.25), enough: true };
     let unknown = Parameter { value: None, half_width: None, enough: false, ..known.clone() };
@@ -81,7 +86,7 @@ fn examples() -> Vec<Event> {
     let mut examples = vec![
         scene(),
         pose(Tracking::Tracking, true),
-        Event::Sights { camera: 0, t_s: 1.5, seen: vec![told, untold] },
+        Event::Detections { camera: 0, t_s: 1.5, seen: vec![told, unidentified] },
     ];
     examples.extend([Acquiring, Lost, Reacquired].map(|tracking| pose(tracking, false)));
     examples.extend([Starting, Running, Stalled, Gone, Moved, Dark].map(camera));

@@ -35,16 +35,6 @@ pub enum SessionError {
         /// The system's words.
         source: std::io::Error,
     },
-    /// A TOML file that does not say what it should.
-    #[error("{}, line {line}: {detail}", path.display())]
-    Toml {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// What is wrong.
-        detail: String,
-    },
     /// A value that is well formed but makes no sense.
     #[error("{}: {key}: {detail}", path.display())]
     Value {
@@ -95,7 +85,7 @@ pub enum SessionError {
         /// What is wrong and what to do.
         detail: String,
     },
-    /// A row that is not a row.
+    /// A line that does not hold what it should.
     #[error("{}, line {line}: {detail}", path.display())]
     Row {
         /// The file.
@@ -200,6 +190,10 @@ pub enum SessionError {
 impl SessionError {
     pub(crate) fn io(path: &std::path::Path, action: &'static str, source: std::io::Error) -> Self {
         Self::Io { path: path.to_owned(), action, source }
+    }
+
+    pub(crate) fn value(path: &std::path::Path, key: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self::Value { path: path.to_owned(), key: key.into(), detail: detail.into() }
     }
 }
 

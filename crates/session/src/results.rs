@@ -77,7 +77,7 @@ pub struct RunResults {
     pub clocks: Option<Clocks>,
     /// How well each camera saw the markers; none where they were seen by others.
     pub camera_health: Vec<CameraHealth>,
-    /// How good the markers' centres are; none where poses come from elsewhere or tell nothing of them.
+    /// How good the markers' centres are; none where the poses come from elsewhere.
     pub centres: Option<CentreQuality>,
     /// Figures for `summary.json`: an object, or null for no such file.
     pub summary: serde_json::Value,

@@ -43,8 +43,9 @@ pub struct ControlPixel {
     pub v_px: f64,
 }
 
-/// Reads `t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad`; a table of another aircraft may have none of the
-/// last four, which are then zero. Every other column that holds numbers alone is a channel that models may name.
+/// Reads `t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad`; a table of another aircraft may have
+/// none of the last four, which are then zero. Every other column that holds numbers alone is a channel that
+/// models may name.
 ///
 /// # Errors
 /// Names the file, row and column; times must increase.

@@ -10,7 +10,8 @@ const LOCAL_FRD: u8 = 20;
 const BODY_FRD: u8 = 12;
 /// MAV_ESTIMATOR_TYPE_VISION.
 const VISION: u8 = 2;
-/// MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, no mode, MAV_STATE_ACTIVE, MAVLink 3 (as 1 and 2 both say).
+/// MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, no mode, MAV_STATE_ACTIVE, MAVLink 3 (as 1 and 2 both
+/// say).
 const HEART: [u8; 5] = [18, 8, 0, 4, 3];
 
 const HEARTBEAT: u32 = 0;

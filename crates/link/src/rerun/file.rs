@@ -1,4 +1,5 @@
-//! Rerun's file: a header, then messages of `rerun.log_msg.v1alpha1` (Protocol Buffers), each with its kind and length before it.
+//! Rerun's file: a header, then messages of `rerun.log_msg.v1alpha1` (Protocol Buffers), each with its kind
+//! and length before it.
 
 use super::arrow::{Array, Column, stream};
 use std::fs::File;

@@ -1,5 +1,5 @@
-//! FlatBuffers, as much as Arrow's messages need: tables, texts and lists of them, written front to back, so that every offset but that of
-//! a table's layout points forward.
+//! FlatBuffers, as much as Arrow's messages need: tables, texts and lists of them, written from the start to
+//! the end, so that every offset but that of a table's layout points forward.
 
 /// A value of a FlatBuffer.
 pub(super) enum Flat {

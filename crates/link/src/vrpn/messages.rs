@@ -1,5 +1,5 @@
-//! VRPN's messages: a header of 24 bytes (length without padding, seconds, microseconds, sender, type, number), the payload,
-//! padding to 8 bytes; big-endian throughout.
+//! VRPN's messages: a header of 24 bytes (length without padding, seconds, microseconds, sender, type,
+//! number), the payload, padding to 8 bytes; big-endian throughout.
 
 use crate::vrpn::TURN_S;
 use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
@@ -141,7 +141,7 @@ impl Inbox {
         self.bytes.len() <= 2 * LONGEST
     }
 
-    /// The next thing that asks for an answer; what does not is passed over.
+    /// The next message that asks for an answer; others are passed over.
     pub(super) fn next(&mut self) -> Read {
         if !self.welcome {
             return self.cookie();

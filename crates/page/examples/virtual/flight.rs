@@ -3,7 +3,7 @@
 //! Only what the page needs to be tried: no estimator runs here.
 
 use mavsight_link::{
-    CameraState, CameraView, Event, MarkerView, Parameter, PoseEvent, Scene, Sight, Tracking,
+    CameraState, CameraView, DetectionView, Event, MarkerView, Parameter, PoseEvent, Scene, Tracking,
 };
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 
@@ -175,7 +175,7 @@ impl VirtualFlight {
                 let residual_px = [0.08 * self.noise.next(), 0.08 * self.noise.next()];
                 sum_px2 += residual_px.iter().map(|r| r * r).sum::<f64>();
                 pairs += 1;
-                seen.push(Sight {
+                seen.push(DetectionView {
                     u_px: u_px + residual_px[0],
                     v_px: v_px + residual_px[1],
                     diameter_px: FOCAL_PX * DIAMETER_M / depth_m,
@@ -186,10 +186,10 @@ impl VirtualFlight {
             if camera == 0 {
                 // A thing of the same colour in the room, which is no marker.
                 let (u_px, v_px, _) = self.eyes[0].project(&Point3::new(1.2, 1.9, 0.6));
-                seen.push(Sight { u_px, v_px, diameter_px: 18.0, marker: None, residual_px: None });
+                seen.push(DetectionView { u_px, v_px, diameter_px: 18.0, marker: None, residual_px: None });
             }
             if !self.is_stalled(camera, t_s) {
-                events.push(Event::Sights { camera, t_s, seen });
+                events.push(Event::Detections { camera, t_s, seen });
             }
         }
         let residual_px = (pairs > 3).then(|| (sum_px2 / f64::from(2 * pairs)).sqrt());

@@ -51,7 +51,7 @@ export interface Pose {
   reason: string | null;
 }
 
-export interface Sight {
+export interface Detection {
   u_px: number;
   v_px: number;
   diameter_px: number;
@@ -59,11 +59,11 @@ export interface Sight {
   residual_px: [number, number] | null;
 }
 
-export interface Sights {
-  event: "sights";
+export interface Detections {
+  event: "detections";
   camera: number;
   t_s: number;
-  seen: Sight[];
+  seen: Detection[];
 }
 
 export interface Camera {
@@ -107,7 +107,7 @@ export interface Note {
 }
 
 /** What a flight sends. */
-export type FlightEvent = Scene | Pose | Sights | Camera | Parameters | Recording | Note;
+export type FlightEvent = Scene | Pose | Detections | Camera | Parameters | Recording | Note;
 
 /** The server is there; `dropped` poses came too fast for this page. */
 export interface Beat {

@@ -35,8 +35,8 @@ function take(message: Message): void {
       return flight.start(message);
     case "pose":
       return flight.takePose(message);
-    case "sights":
-      return flight.takeSights(message);
+    case "detections":
+      return flight.takeDetections(message);
     case "camera":
       return takeCamera(message);
     case "parameters":

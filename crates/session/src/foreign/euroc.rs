@@ -1,5 +1,5 @@
-//! EuRoC trajectories: integer nanoseconds, commas, the quaternion w, x, y, z; columns beyond the eighth (velocity, biases)
-//! are not read.
+//! EuRoC trajectories: integer nanoseconds, commas, the quaternion w, x, y, z; columns beyond the eighth
+//! (velocity, biases) are not read.
 
 use super::frames::AxesOf;
 use super::poses::{TimedPose, pose, read_lines, seven, write_lines};

@@ -1,4 +1,5 @@
-//! Parquet tables ↔ our CSV tables: whole numbers, numbers, true and false, or text, a column each; empty cells are null.
+//! Parquet tables ↔ our CSV tables: whole numbers, numbers, true and false, or text, a column each; empty
+//! cells are null.
 
 use super::text::decimal_from_ns;
 use crate::{SessionError, error::require_file, write_whole};
@@ -22,27 +23,24 @@ enum Kind {
     Text,
 }
 
-fn refuse(path: &Path, key: &str, detail: String) -> SessionError {
-    SessionError::Value { path: path.to_owned(), key: key.into(), detail }
-}
-
 /// Reads a table as its header and rows of text, as its CSV would hold them.
 ///
 /// # Errors
 /// Not Parquet, damaged, or with columns that are lists or maps.
 pub fn read(path: &Path) -> Result<(Vec<String>, Vec<Vec<String>>), SessionError> {
     require_file(path, "Parquet table")?;
-    let broken =
-        |e: ParquetError| refuse(path, "Parquet", format!("{e}: write the file again, or convert it to CSV"));
+    let broken = |e: ParquetError| {
+        SessionError::value(path, "Parquet", format!("{e}: write the file again, or convert it to CSV"))
+    };
     let file = std::fs::File::open(path).map_err(|e| SessionError::io(path, "read it", e))?;
     let reader = SerializedFileReader::new(file).map_err(broken)?;
     let schema = reader.metadata().file_metadata().schema().clone();
     let fields = schema.get_fields();
     if let Some(nested) = fields.iter().find(|f| !f.is_primitive()) {
-        return Err(refuse(
+        return Err(SessionError::value(
             path,
             nested.name(),
-            "is a list or a map: write its parts as columns of their own".into(),
+            "is a list or a map: write its parts as columns of their own",
         ));
     }
     let header = fields.iter().map(|f| f.name().to_owned()).collect();
@@ -94,7 +92,7 @@ pub fn from_csv(from: &Path, to: &Path) -> Result<(), SessionError> {
     if let Some(twice) =
         header.iter().enumerate().find(|(k, name)| name.is_empty() || header[..*k].contains(name))
     {
-        return Err(refuse(
+        return Err(SessionError::value(
             from,
             "header",
             format!("column {} is {:?}, empty or there twice: rename it", twice.0 + 1, twice.1),
@@ -103,7 +101,8 @@ pub fn from_csv(from: &Path, to: &Path) -> Result<(), SessionError> {
     let columns: Vec<Vec<&str>> =
         (0..header.len()).map(|k| table.rows_if_any().map(|row| row.text(k)).collect()).collect();
     let kinds: Vec<Kind> = columns.iter().map(|c| kind_of(c)).collect();
-    let bytes = encode(&header, &kinds, &columns).map_err(|e| refuse(to, "Parquet", e.to_string()))?;
+    let bytes =
+        encode(&header, &kinds, &columns).map_err(|e| SessionError::value(to, "Parquet", e.to_string()))?;
     write_whole(to, &bytes)
 }
 

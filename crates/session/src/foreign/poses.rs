@@ -29,7 +29,8 @@ pub fn read_pose_table(path: &Path) -> Result<Vec<TimedPose>, SessionError> {
         .collect())
 }
 
-/// Writes `t_s` and the six columns of a pose, empty where it was not measured: a table that `mavsight identify` takes.
+/// Writes `t_s` and the six columns of a pose, empty where it was not measured: a table that `mavsight
+/// identify` takes.
 ///
 /// # Errors
 /// What the file system refuses.

@@ -1,7 +1,8 @@
-//! YAML calibration files as trees whose nodes know their line: `saphyr-parser` reads, this file builds the tree.
+//! YAML calibration files as trees whose nodes know their line: `saphyr-parser` reads, this file builds the
+//! tree.
 //!
-//! Tags such as `!!opencv-matrix` are passed over, and so is OpenCV 4's first line `%YAML:1.0`, which is not YAML.
-//! Anchors, aliases and several documents are refused.
+//! Tags such as `!!opencv-matrix` are passed over, and so is OpenCV 4's first line `%YAML:1.0`, which is not
+//! YAML. Anchors, aliases and several documents are refused.
 
 use super::text::Text;
 use crate::SessionError;

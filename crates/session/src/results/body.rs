@@ -11,8 +11,9 @@ use std::path::Path;
 pub struct MarkerAsBuilt {
     /// Its name.
     pub name: String,
-    /// Centre, body axes. These are the axes for which the markers together are neither shifted nor turned against the vehicle
-    /// file (least squares): a film shows the shape of the body, not where its axes lie in it.
+    /// Centre, body axes. These are the axes for which the markers together are neither shifted nor turned
+    /// against the vehicle file (least squares): a film shows the shape of the body, not where its axes lie
+    /// in it.
     pub position_m: Vector3<f64>,
     /// Standard deviation of each coordinate.
     pub position_std_m: Vector3<f64>,

@@ -12,8 +12,8 @@ use std::sync::Arc;
 
 /// Writes what a run found into a folder, which is made where it is missing.
 ///
-/// Every file is written whole beside its place before the first is renamed into it, `summary.json` last; when one cannot be
-/// written, those of this call are taken away again. Tables go to the disk row by row.
+/// Every file is written whole beside its place before the first is renamed into it, `summary.json` last;
+/// when one cannot be written, those of this call are taken away again. Tables go to the disk row by row.
 ///
 /// # Errors
 /// A folder that is a file, or what the file system refuses.
@@ -41,13 +41,13 @@ pub fn write_markers(path: &Path, results: &RunResults) -> Result<(), SessionErr
     PartFile::write(path, |out| markers(results.markers.iter().cloned(), results, out))?.keep()
 }
 
-/// A file that is written and waits beside its place until [`write_results`] puts it there; it is taken away where that never
-/// comes.
+/// A file that is written and waits beside its place until [`write_results`] puts it there; it is taken away
+/// where that never comes.
 #[derive(Debug, Clone)]
 pub struct EarlyFile(Arc<PartFile>);
 
-/// Writes `markers.csv` beside its place in a folder from all that was seen, of which the results keep what `is_needed` says yes to:
-/// those of an hour are many, and few are looked at again.
+/// Writes `markers.csv` beside its place in a folder from all that was seen, of which the results keep what
+/// `is_needed` says yes to: those of an hour are many, and few are looked at again.
 ///
 /// # Errors
 /// What the file system refuses.

@@ -6,8 +6,7 @@ use std::path::Path;
 
 /// Refuses the first value that cannot be meant.
 pub(crate) fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
-    let refuse =
-        |key: String, detail: String| Err(SessionError::Value { path: path.to_owned(), key, detail });
+    let refuse = |key: String, detail: String| Err(SessionError::value(path, key, detail));
     if file.schema != SESSION_SCHEMA {
         let detail = format!("{} is not known: this version reads schema = {SESSION_SCHEMA}", file.schema);
         return refuse("schema".into(), detail);
@@ -117,7 +116,7 @@ fn validate_objects(file: &SessionFile) -> Result<(), (String, String)> {
                 format!("{} is no length: give metres, for instance 0.03", board.square_m),
             );
         }
-        // Markers tell which corner is which; without them the numbers of columns and rows do.
+        // Markers identify the corners; without them unlike numbers of columns and rows do.
         let is_plain = board.coded()?.is_none();
         if is_plain && (board.columns < 3 || board.rows < 3 || board.columns == board.rows) {
             let detail = format!(

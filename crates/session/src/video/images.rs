@@ -49,14 +49,9 @@ impl Pattern {
     }
 }
 
-/// Whether a path is a pattern of an image sequence.
+/// Whether a path is a pattern of an image sequence, which may turn out to be empty when it is opened.
 pub(crate) fn is_pattern(path: &Path) -> bool {
     Pattern::of(path).is_some()
-}
-
-/// Whether a path is a pattern; an empty sequence is found out when it is opened.
-pub(crate) fn sequence_exists(path: &Path) -> bool {
-    is_pattern(path)
 }
 
 /// Opens a sequence: its first file is at time 0.
@@ -65,11 +60,10 @@ pub(crate) fn open(path: &Path, frame_rate_hz: Option<f64>) -> Result<Opened, Se
     let pattern = Pattern::of(path).ok_or_else(refuse)?;
     let numbers = pattern.numbers();
     let first = *numbers.first().ok_or_else(refuse)?;
-    let rate_hz = frame_rate_hz.filter(|r| r.is_finite() && *r > 0.0).ok_or_else(|| SessionError::Value {
-        path: path.to_owned(),
-        key: "frame_rate_hz".into(),
-        detail: "an image sequence has no time stamps: give frame_rate_hz of this camera in the session file"
-            .into(),
+    let rate_hz = frame_rate_hz.filter(|r| r.is_finite() && *r > 0.0).ok_or_else(|| {
+        let detail =
+            "an image sequence has no time stamps: give frame_rate_hz of this camera in the session file";
+        SessionError::value(path, "frame_rate_hz", detail)
     })?;
     let size = read_image(&pattern.file(first))?.size;
     let declared = Some(numbers.len());
