@@ -18,12 +18,12 @@ use crate::axes::sound;
 use crate::options::address;
 use crate::outlet::now_ns;
 use crate::udp;
-use crate::worker::Worker;
+use crate::worker::{Worker, lock};
 use crate::{Body, Fix, LinkError, NatnetOptions, Outlet};
 use packets::{Frame, Packet, Request};
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 const NAME: &str = "natnet";
@@ -143,10 +143,6 @@ impl Outlet for Natnet {
         }
         fault.map_or(Ok(()), Err)
     }
-}
-
-fn lock(listeners: &Mutex<Listeners>) -> MutexGuard<'_, Listeners> {
-    listeners.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Answers at the command port.

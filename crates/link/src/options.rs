@@ -143,9 +143,6 @@ impl Default for ZenohOptions {
 }
 
 /// The address that a text names, IPv4 where it has both.
-///
-/// # Errors
-/// The text is no address, or its host is not known.
 pub(crate) fn address(outlet: &'static str, text: &str) -> Result<SocketAddr, LinkError> {
     let fault = |reason: String| LinkError::Address { outlet, text: text.into(), reason };
     let all: Vec<SocketAddr> = text.to_socket_addrs().map_err(|e| fault(e.to_string()))?.collect();

@@ -19,15 +19,9 @@ pub trait Outlet: Send {
     fn name(&self) -> &str;
 
     /// Sends an instant.
-    ///
-    /// # Errors
-    /// The system refused to send; the outlet can still be used.
     fn send(&mut self, fix: &Fix) -> Result<(), LinkError>;
 
     /// Sends an event, where the outlet carries any.
-    ///
-    /// # Errors
-    /// The system refused to send; the outlet can still be used.
     fn event(&mut self, _event: &Event) -> Result<(), LinkError> {
         Ok(())
     }

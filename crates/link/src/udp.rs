@@ -10,9 +10,6 @@ use std::time::Duration;
 const SENDING: Duration = Duration::from_millis(1);
 
 /// Opens a port.
-///
-/// # Errors
-/// It is held, or is not this machine's.
 pub(crate) fn open(outlet: &'static str, from: SocketAddr) -> Result<UdpSocket, LinkError> {
     let fault = |source| LinkError::Open { outlet, address: from.to_string(), source };
     let socket = UdpSocket::bind(from).map_err(fault)?;
@@ -39,9 +36,6 @@ pub(crate) fn is_no_fault(kind: io::ErrorKind) -> bool {
 }
 
 /// Sends a datagram, if there is room for it.
-///
-/// # Errors
-/// The system does not send there at all.
 pub(crate) fn send(
     outlet: &'static str,
     socket: &UdpSocket,

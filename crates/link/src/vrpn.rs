@@ -18,12 +18,12 @@ use crate::options::address;
 use crate::outlet::now_ns;
 use crate::peers::{MOST, Peer};
 use crate::udp;
-use crate::worker::Worker;
+use crate::worker::{Worker, lock};
 use crate::{Body, Fix, LinkError, Outlet, VrpnOptions};
 use messages::{Inbox, Kind, Read};
 use std::io::{self, Read as _};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 const NAME: &str = "vrpn";
@@ -113,10 +113,6 @@ impl Outlet for Vrpn {
         lock(&self.clients).retain_mut(|client| !client.greeted || client.peer.push(bytes));
         Ok(())
     }
-}
-
-fn lock(clients: &Mutex<Vec<Client>>) -> MutexGuard<'_, Vec<Client>> {
-    clients.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Lets clients in and listens to them.

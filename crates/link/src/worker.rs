@@ -2,11 +2,17 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// How long a worker waits for the network before it looks whether to end.
 pub(crate) const PATIENCE: Duration = Duration::from_millis(20);
+
+/// What a mutex holds, also where a thread has panicked with it.
+pub(crate) fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// A thread that is asked to end, and waited for, when this is dropped.
 pub(crate) struct Worker {

@@ -112,13 +112,13 @@ impl Table {
 
     /// The place of a column that must be there.
     pub(crate) fn column(&self, name: &str) -> Result<usize, SessionError> {
-        self.columns.iter().position(|c| c == name).ok_or_else(|| SessionError::Column {
-            path: self.path.clone(),
-            column: name.to_owned(),
-            found: match &self.columns[..] {
+        self.column_if_any(name).ok_or_else(|| {
+            let found = match &self.columns[..] {
                 [one] if one.contains([';', '\t']) => format!("{one} (one column: put commas between)"),
                 all => all.join(", "),
-            },
+            };
+            let detail = format!("there is no column {name:?}; the columns are {found}: add or rename it");
+            SessionError::File { path: self.path.clone(), detail }
         })
     }
 

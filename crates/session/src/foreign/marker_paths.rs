@@ -173,9 +173,6 @@ pub(super) struct Even {
 }
 
 /// The even clock that the times lie on, with gaps where instants are missing.
-///
-/// # Errors
-/// Fewer than two instants, or times that are on no even clock.
 pub(super) fn even_clock(path: &Path, t_ns: &[i64]) -> Result<Even, SessionError> {
     let wrong = |detail: String| SessionError::value(path, "times", detail);
     let mut intervals: Vec<i64> = t_ns.windows(2).map(|w| w[1] - w[0]).collect();

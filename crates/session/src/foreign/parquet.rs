@@ -23,11 +23,8 @@ enum Kind {
     Text,
 }
 
-/// Reads a table as its header and rows of text, as its CSV would hold them.
-///
-/// # Errors
-/// Not Parquet, damaged, or with columns that are lists or maps.
-pub fn read(path: &Path) -> Result<(Vec<String>, Vec<Vec<String>>), SessionError> {
+/// A table's header and rows, as a CSV reader would give them.
+pub(crate) fn records(path: &Path) -> Result<(Vec<String>, Vec<StringRecord>), SessionError> {
     require_file(path, "Parquet table")?;
     let broken = |e: ParquetError| {
         SessionError::value(path, "Parquet", format!("{e}: write the file again, or convert it to CSV"))
@@ -47,7 +44,7 @@ pub fn read(path: &Path) -> Result<(Vec<String>, Vec<Vec<String>>), SessionError
     let mut rows = Vec::new();
     for row in reader.get_row_iter(None).map_err(broken)? {
         let row = row.map_err(broken)?;
-        rows.push(row.get_column_iter().map(|(_, field)| text_of(field)).collect());
+        rows.push(row.get_column_iter().map(|(_, field)| text_of(field)).collect::<StringRecord>());
     }
     Ok((header, rows))
 }
@@ -69,9 +66,9 @@ fn text_of(field: &Field) -> String {
 /// Reads a Parquet table and writes it as CSV.
 ///
 /// # Errors
-/// Those of [`read`]; what the file system refuses.
+/// Not Parquet, damaged, or with columns that are lists or maps; what the file system refuses.
 pub fn to_csv(from: &Path, to: &Path) -> Result<(), SessionError> {
-    let (header, rows) = read(from)?;
+    let (header, rows) = records(from)?;
     let mut writer = csv::Writer::from_writer(Vec::new());
     let failed =
         |e: csv::Error| SessionError::io(to, "express it as CSV", std::io::Error::other(e.to_string()));
@@ -176,10 +173,4 @@ fn write_column(
         }
     }
     Ok(())
-}
-
-/// Header and rows as a CSV reader would give them.
-pub(crate) fn records(path: &Path) -> Result<(Vec<String>, Vec<StringRecord>), SessionError> {
-    let (header, rows) = read(path)?;
-    Ok((header, rows.into_iter().map(StringRecord::from).collect()))
 }

@@ -181,13 +181,10 @@ pub fn one_camera<'a>(path: &Path, rig: &'a Rig, name: Option<&str>) -> Result<&
     }
 }
 
-/// Name and size of each camera of a file that says neither.
+/// Name and size of each camera of a file that says neither; refuses numbers of them that do not fit.
 ///
 /// Sizes are one for all or one a camera; names are `cam1`, `cam2`, ... where none are given.
-///
-/// # Errors
-/// Numbers of them that do not fit.
-pub fn names_and_sizes(
+pub(super) fn names_and_sizes(
     path: &Path,
     count: usize,
     names: &[String],

@@ -38,9 +38,6 @@ pub(super) struct YamlFile {
 
 impl YamlFile {
     /// Reads a file.
-    ///
-    /// # Errors
-    /// Names the line.
     pub(super) fn read(path: &Path, role: &str) -> Result<Self, SessionError> {
         let text = Text::read(path, role)?;
         let directive = |line: &str| line.starts_with('%');
@@ -59,9 +56,6 @@ impl YamlFile {
     }
 
     /// A key that must be there.
-    ///
-    /// # Errors
-    /// Names the key and those that there are.
     pub(super) fn key<'a>(&self, node: &'a Yaml, key: &str) -> Result<&'a Yaml, SessionError> {
         node.get(key).ok_or_else(|| {
             self.refuse(node, format!("there is no {key:?}; the keys are {}: add it", node.keys().join(", ")))
@@ -69,18 +63,12 @@ impl YamlFile {
     }
 
     /// A node's finite number.
-    ///
-    /// # Errors
-    /// Names the line.
     pub(super) fn number(&self, node: &Yaml) -> Result<f64, SessionError> {
         let number = node.text().and_then(|t| t.parse::<f64>().ok()).filter(|x| x.is_finite());
         number.ok_or_else(|| self.refuse(node, format!("{} is not a finite number", node.describe())))
     }
 
     /// A node's list of finite numbers; lists in it are strung together.
-    ///
-    /// # Errors
-    /// Names the line.
     pub(super) fn numbers(&self, node: &Yaml) -> Result<Vec<f64>, SessionError> {
         let Value::List(items) = &node.value else {
             return Err(self.refuse(node, format!("{} is not a list of numbers", node.describe())));
@@ -96,9 +84,6 @@ impl YamlFile {
     }
 
     /// A list of exactly N numbers; `what` is what has that many.
-    ///
-    /// # Errors
-    /// Names the line and both counts.
     pub(super) fn exactly<const N: usize>(&self, node: &Yaml, what: &str) -> Result<[f64; N], SessionError> {
         let all = self.numbers(node)?;
         all.as_slice()
@@ -107,9 +92,6 @@ impl YamlFile {
     }
 
     /// The numbers of a matrix with `rows`, `cols` and `data`.
-    ///
-    /// # Errors
-    /// A count of numbers other than rows times columns.
     pub(super) fn matrix(&self, node: &Yaml) -> Result<(usize, usize, Vec<f64>), SessionError> {
         let side = |key: &str| -> Result<usize, SessionError> {
             let at = self.key(node, key)?;
@@ -137,9 +119,6 @@ impl YamlFile {
     }
 
     /// A matrix of a shape that is known.
-    ///
-    /// # Errors
-    /// Another shape.
     pub(super) fn shaped(&self, node: &Yaml, rows: usize, cols: usize) -> Result<Vec<f64>, SessionError> {
         let (r, c, data) = self.matrix(node)?;
         if (r, c) == (rows, cols) {

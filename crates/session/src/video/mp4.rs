@@ -26,7 +26,12 @@ pub(crate) enum Attempt {
 ///
 /// Only the sample being decoded is in memory.
 pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
-    let damaged = |detail: String| SessionError::Container { path: path.to_owned(), detail };
+    let damaged = |detail: String| SessionError::File {
+        path: path.to_owned(),
+        detail: format!(
+            "not a whole MP4 file ({detail}): it may have been cut off while copied or recorded; copy it again"
+        ),
+    };
     let file = File::open(path).map_err(|e| SessionError::io(path, "open it", e))?;
     let length = file.metadata().map_err(|e| SessionError::io(path, "measure it", e))?.len();
     let mut reader = BufReader::new(file);

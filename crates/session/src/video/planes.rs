@@ -32,9 +32,6 @@ impl Planes {
 }
 
 /// Fills a frame's planes without allocating; false where the stream ends before their first byte.
-///
-/// # Errors
-/// A stream that ends within them.
 pub(super) fn fill(input: &mut impl Read, frame: &mut Frame) -> io::Result<bool> {
     let planes: [&mut [u8]; 3] = match &mut frame.pixels {
         Pixels::Rgb(rgb) => [rgb, &mut [], &mut []],
