@@ -1,4 +1,4 @@
-//! What a user sees of a running flight, as JSON: one object an event, whose kind `event` names.
+//! What a user sees of a running flight, as JSON: one object an event, told apart by `event`.
 //!
 //! Positions are metres in world axes, quaternions (w, x, y, z), angles radians, times seconds since the
 //! flight began unless a name says otherwise. Newline JSON and the browser page carry the same objects.
@@ -13,14 +13,14 @@ pub enum Event {
     Scene(Scene),
     /// One instant.
     Pose(Box<PoseEvent>),
-    /// What one camera saw in one frame.
+    /// The balls that one camera detected in one frame.
     Detections {
         /// Index into the scene's cameras.
         camera: usize,
         /// Instant.
         t_s: f64,
         /// Balls.
-        seen: Vec<DetectionView>,
+        seen: Vec<DetectedBall>,
     },
     /// How a camera does; about once a second, and whenever its state changes.
     Camera {
@@ -167,14 +167,14 @@ pub struct MarkerView {
 
 /// One ball in one image.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct DetectionView {
+pub struct DetectedBall {
     /// Centre.
     pub u_px: f64,
     /// Centre.
     pub v_px: f64,
     /// Diameter.
     pub diameter_px: f64,
-    /// The marker that it shows, where it is identified.
+    /// The marker it was told to be.
     pub marker: Option<usize>,
     /// What the pose leaves of it: seen less projected.
     pub residual_px: Option<[f64; 2]>,

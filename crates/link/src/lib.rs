@@ -24,7 +24,7 @@ pub mod zenoh;
 pub use crate::zenoh::Zenoh;
 pub use error::LinkError;
 pub use event::{
-    CameraState, CameraView, DetectionView, Event, MarkerView, Parameter, PoseEvent, Scene, Tracking,
+    CameraState, CameraView, DetectedBall, Event, MarkerView, Parameter, PoseEvent, Scene, Tracking,
 };
 pub use fix::{Fix, Measured, Moving};
 pub use json::JsonLines;

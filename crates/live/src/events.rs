@@ -1,14 +1,14 @@
-//! What a user sees: the chain's results as events.
+//! The results of a flight as events.
 
-use crate::Told;
+use crate::InstantEstimate;
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, EulerAngles, Isometry3, Matrix6, Point3, Vector2, Vector3};
 use mavsight_link::{
-    CameraView, DetectionView, Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Tracking,
+    CameraView, DetectedBall, Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Tracking,
 };
 use mavsight_pose::{MotionSample, PoseEstimate, Rig};
 
-/// What stands still: the first event.
+/// The static scene: the first event.
 pub(crate) fn scene(name: &str, rig: &Rig, vehicle: &Vehicle) -> Scene {
     let points = rig.control_points_in_world();
     let low = points.iter().fold(Vector3::repeat(f64::INFINITY), |a, p| a.inf(p));
@@ -34,7 +34,7 @@ fn view(name: &str, camera: &Camera) -> CameraView {
     let corner = |u: f64, v: f64| {
         let ray = camera.ray(&Vector2::new(u, v)).unwrap_or(axis);
         let depth = ray.dot(&axis);
-        // A corner beyond ninety degrees has no place in the plane of unit depth.
+        // A corner beyond ninety degrees does not meet the plane of unit depth.
         if depth > 1e-3 { (ray / depth).into() } else { axis.into() }
     };
     CameraView {
@@ -46,7 +46,7 @@ fn view(name: &str, camera: &Camera) -> CameraView {
     }
 }
 
-/// A pose with what the filter knows of its motion.
+/// A pose with its motion, where the filter has one.
 pub(crate) fn measured(estimate: &PoseEstimate, motion: Option<&MotionSample>) -> Measured {
     Measured {
         world_from_body: estimate.world_from_body,
@@ -106,20 +106,21 @@ fn upper_triangle(m: &Matrix6<f64>) -> [f64; 21] {
     std::array::from_fn(|_| places.next().map_or(0.0, |at| m[at]))
 }
 
-/// What each camera saw at an instant.
-pub(crate) fn sights<'a>(
-    told: &'a Told<'_>,
-    (rig, vehicle): (&'a Rig, &'a Vehicle),
+/// The detections of each camera at an instant.
+pub(crate) fn detections<'a>(
+    instant: &'a InstantEstimate<'_>,
+    rig: &'a Rig,
+    vehicle: &'a Vehicle,
 ) -> impl Iterator<Item = Event> + 'a {
-    let pose = told.association.sample.estimate.as_ref().map(|e| e.world_from_body);
+    let pose = instant.association.sample.estimate.as_ref().map(|e| e.world_from_body);
     (0..rig.cameras.len()).map(move |camera| {
-        let own = told.seen.iter().enumerate().filter(move |(_, c)| c.camera == camera);
+        let own = instant.seen.iter().enumerate().filter(move |(_, c)| c.camera == camera);
         let seen = own.map(|(index, c)| {
-            let marker = told.association.pairs.iter().find(|p| p.0 == index).map(|p| p.1);
+            let marker = instant.association.pairs.iter().find(|p| p.0 == index).map(|p| p.1);
             let expected = marker
                 .zip(pose)
                 .and_then(|(m, pose)| expected_px(&rig.cameras[camera].camera, vehicle, m, &pose));
-            DetectionView {
+            DetectedBall {
                 u_px: c.pixel.x,
                 v_px: c.pixel.y,
                 diameter_px: c.diameter_px,
@@ -127,7 +128,7 @@ pub(crate) fn sights<'a>(
                 residual_px: expected.map(|e| (c.pixel - e).into()),
             }
         });
-        Event::Detections { camera, t_s: told.t_ns as f64 * 1e-9, seen: seen.collect() }
+        Event::Detections { camera, t_s: instant.t_ns as f64 * 1e-9, seen: seen.collect() }
     })
 }
 

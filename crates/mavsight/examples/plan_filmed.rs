@@ -24,8 +24,9 @@ use mavsight::plan::{CentreStd, EXAMPLE, Placed, Planner, Room as RoomFile};
 use mavsight::pose::{
     CameraControl, ExpectedSight, MarkerObservation, PoseEstimator, Rig, predict_calibration,
 };
+use mavsight::random::Random;
 use mavsight::scene::{Aircraft, Film, InTheWay, Room};
-use mavsight::score::{Random, VirtualCamera};
+use mavsight::score::VirtualCamera;
 use mavsight::session::results::CentreQuality;
 use mavsight::session::{ControlPointRow, TruthRow, ns_from_s};
 use mavsight::vision::{BallColor, Detector, Frame, MODEL_STD};

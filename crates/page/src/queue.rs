@@ -1,11 +1,11 @@
-//! What waits for one listener: bounded, and what is oldest falls out first.
+//! The bounded queue of one page, from which the oldest message falls out first.
 
 use std::collections::VecDeque;
 
 use mavsight_link::Event;
 use tokio_tungstenite::tungstenite::Message;
 
-/// What a message is about. Of each only so many wait (see [`Kind::depth`]).
+/// The subject of a message, which limits how many of it wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     Scene,
@@ -32,13 +32,13 @@ impl Kind {
         }
     }
 
-    /// Whether it is told to those who come later too; what belongs to an instant that has gone by is not.
-    pub(crate) fn lasts(self) -> bool {
+    /// Whether pages that open later get it too; messages of a past instant are not sent again.
+    pub(crate) fn is_state(self) -> bool {
         !matches!(self, Self::Pose | Self::Detections(_) | Self::Preview(_) | Self::Beat)
     }
 
-    /// How many wait at most: of a state only the newest; of instants so many that a pause of a quarter of a second at 120 Hz
-    /// leaves no gap, yet who is slower sees what is new; of sentences a page full.
+    /// How many wait at most: of a state the newest; of instants those of a quarter of a second at 120 Hz, so
+    /// that a pause of that length leaves no gap and a slower page sees the newest; of notes a page full.
     fn depth(self) -> usize {
         match self {
             Self::Pose | Self::Detections(_) | Self::Note => 30,
@@ -47,7 +47,7 @@ impl Kind {
     }
 }
 
-/// Messages in the order in which they came.
+/// Messages in the order of their arrival.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Queue {
     waiting: VecDeque<(Kind, Message)>,
@@ -71,7 +71,7 @@ impl Queue {
         self.waiting.pop_front().map(|(_, message)| message)
     }
 
-    /// Forgets how cameras were, as others may have their numbers now.
+    /// Forgets the states of cameras, whose numbers other cameras may have now.
     pub(crate) fn forget_cameras(&mut self) {
         self.waiting.retain(|(kind, _)| !matches!(kind, Kind::Camera(_)));
     }
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn of_many_poses_the_newest_stay_in_order() {
+    fn of_many_poses_the_newest_remain_in_order() {
         let mut queue = Queue::default();
         for count in 0..1000 {
             queue.push(Kind::Pose, Message::text(count.to_string()));

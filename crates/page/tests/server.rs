@@ -1,4 +1,5 @@
-//! The running server against malformed, oversized and slow requests, pages of other origins, and listeners that do not read.
+//! The running server against malformed, oversized and slow requests, pages of other origins, and listeners
+//! that do not read.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -356,7 +357,8 @@ fn a_listener_that_does_not_read_holds_nobody_and_then_sees_what_is_new() {
             while !next_text(&mut awake).contains("here") {}
         }
     }
-    // One that waited for the sleeper would take until it is left, which is after a minute; this leaves room for a busy machine.
+    // One that waited for the sleeper would take until it is left, which is after a minute; this leaves room
+    // for a busy machine.
     assert!(slowest < Duration::from_secs(1), "a publish took {slowest:?}");
     // What the sleeper finds: what had gone out before the system's buffers were full, then only the newest.
     server.publish(&note("the end"));

@@ -73,7 +73,7 @@ pub enum PlanError {
     /// A flight that cannot be simulated.
     #[error(transparent)]
     Flight(#[from] FlightError),
-    /// A flight that tells nothing.
+    /// A flight that determines nothing.
     #[error(transparent)]
     Identify(#[from] IdentifyError),
 }

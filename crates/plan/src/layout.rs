@@ -130,8 +130,8 @@ pub struct Planner {
 }
 
 impl Planner {
-    /// A planner for a room, the markers of a vehicle and the control points of `room.control`, which are not looked at
-    /// where the room has no such section.
+    /// A planner for a room, the markers of a vehicle and the control points of `room.control`, which are not
+    /// looked at where the room has no such section.
     ///
     /// # Errors
     /// [`PlanError::Value`] for a room that is not valid or fewer than three markers.
@@ -259,16 +259,16 @@ impl Planner {
         Ok(out)
     }
 
-    /// The sights of a pose, and whether two cameras see each marker; counts what keeps markers from being seen, and takes
-    /// the least diameter.
-    fn sights(
+    /// The predicted observations of a pose, and whether two cameras see each marker; counts what keeps
+    /// markers from being seen, and takes the least diameter.
+    fn predicted_observations(
         &self,
         (placed, cameras): (&[Placed], &[Camera]),
         pose: &Isometry3<f64>,
         counts: &mut [usize; 4],
         least_px: &mut f64,
     ) -> (Vec<ExpectedSight>, bool) {
-        let mut sights = Vec::with_capacity(cameras.len() * self.markers.len());
+        let mut observations = Vec::with_capacity(cameras.len() * self.markers.len());
         let mut all_twice = true;
         for (marker, ball) in self.markers.iter().enumerate() {
             let place = (pose * Point3::from(ball.marker_in_body_m)).coords;
@@ -281,14 +281,14 @@ impl Planner {
                         *least_px = least_px.min(diameter_px);
                         let variance = kind.centre_std_px_at(diameter_px, &place, (camera, marker)).powi(2);
                         let covariance_px2 = Matrix2::identity() * variance;
-                        sights.push(ExpectedSight { camera, marker, covariance_px2 });
+                        observations.push(ExpectedSight { camera, marker, covariance_px2 });
                     }
                     Err(limit) => counts[limit as usize] += 1,
                 }
             }
             all_twice &= views >= 2;
         }
-        (sights, all_twice)
+        (observations, all_twice)
     }
 
     /// What a placement will do at the given poses; each marker must be seen by two cameras.
@@ -314,11 +314,15 @@ impl Planner {
         let (mut counts, mut all, mut worst, mut sum) = ([0; 4], Vec::new(), 0.0, 0.0);
         let mut seen = 0;
         for pose in poses {
-            let (sights, all_twice) =
-                self.sights((placed, &cameras), pose, &mut counts, &mut out.least_diameter_px);
+            let (observations, all_twice) = self.predicted_observations(
+                (placed, &cameras),
+                pose,
+                &mut counts,
+                &mut out.least_diameter_px,
+            );
             seen += usize::from(all_twice);
             let Some(estimator) = estimator.as_ref().filter(|_| all_twice) else { continue };
-            let Ok(estimate) = estimator.predict(pose, &sights) else { continue };
+            let Ok(estimate) = estimator.predict(pose, &observations) else { continue };
             let one = PosePrecision::of(&estimate);
             let figure = self.figure(&one);
             if figure > worst {
@@ -350,8 +354,9 @@ impl Planner {
         pose: &Isometry3<f64>,
     ) -> Option<PoseEstimate> {
         let mut least_px = f64::INFINITY;
-        let (sights, twice) = self.sights((placed, cameras), pose, &mut [0; 4], &mut least_px);
-        estimator.predict(pose, &sights).ok().filter(|_| twice)
+        let (observations, twice) =
+            self.predicted_observations((placed, cameras), pose, &mut [0; 4], &mut least_px);
+        estimator.predict(pose, &observations).ok().filter(|_| twice)
     }
 
     fn figure(&self, one: &PosePrecision) -> f64 {
@@ -359,8 +364,8 @@ impl Planner {
         (w.per_mm * one.position_std_mm).hypot(w.per_deg * one.attitude_std_deg)
     }
 
-    /// Predicted standard deviation of position at a place, mean over the headings; `None` where some marker is not seen by
-    /// two cameras at one of them. The rig is that of [`Planner::rig`].
+    /// Predicted standard deviation of position at a place, mean over the headings; `None` where some marker
+    /// is not seen by two cameras at one of them. The rig is that of [`Planner::rig`].
     pub fn position_std_mm(&self, (placed, rig): (&[Placed], &Rig), place_m: &Vector3<f64>) -> Option<f64> {
         let cameras: Vec<Camera> = placed.iter().map(|p| self.camera(p)).collect();
         let estimator = self.estimator(rig).ok()?;

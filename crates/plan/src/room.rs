@@ -31,7 +31,7 @@ pub struct Room {
     /// How well the markers' places on the body are known, each coordinate.
     #[serde(default)]
     pub markers_std_m: f64,
-    /// What stays wrong with a centre for a whole flight, each coordinate.
+    /// Standard deviation of a centre's systematic error, each coordinate.
     #[serde(default)]
     pub centre_bias_px: f64,
     /// Walls, floor and ceiling.
@@ -116,7 +116,8 @@ pub enum Criterion {
 pub struct ControlSection {
     /// Table of control points, as of a session.
     pub points: PathBuf,
-    /// Standard deviation of one coordinate of the centre of a ball in the stills; predicted from its size where left out.
+    /// Standard deviation of one coordinate of the centre of a ball in the stills; predicted from its size
+    /// where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub std_px: Option<f64>,
 }
@@ -141,8 +142,8 @@ pub struct CameraType {
     /// Radial distortion, r⁴.
     #[serde(default)]
     pub k2: f64,
-    /// Standard deviation of one coordinate of a ball's centre, one for all or a list of equally likely ones; predicted from `image`
-    /// where left out.
+    /// Standard deviation of one coordinate of a ball's centre, one for all or a list of equally likely ones;
+    /// predicted from `image` where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub centre_std_px: Option<CentreStd>,
     /// What its pictures look like.
@@ -195,8 +196,8 @@ impl CameraType {
         self.centre_std_px.as_ref().map_or_else(|| self.image.std_px(diameter_px), CentreStd::typical_px)
     }
 
-    /// The same of a marker at a place before a camera of the rig, which says what lies behind it: where these differ, one of them, the
-    /// same whenever it is asked for.
+    /// The same of a marker at a place before a camera of the rig, which says what lies behind it: where
+    /// these differ, one of them, the same whenever it is asked for.
     pub fn centre_std_px_at(
         &self,
         diameter_px: f64,
@@ -204,7 +205,7 @@ impl CameraType {
         (camera, marker): (usize, usize),
     ) -> f64 {
         let given = self.centre_std_px.as_ref();
-        given.map_or_else(|| self.image.std_px(diameter_px), |std| std.at_px(place_m, (camera, marker)))
+        given.map_or_else(|| self.image.std_px(diameter_px), |std| std.at_px(place_m, camera, marker))
     }
 
     fn validate(&self) -> Result<(), PlanError> {

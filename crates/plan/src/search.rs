@@ -55,14 +55,16 @@ struct Search<'a> {
 type Costed = (f64, Vec<Placed>);
 
 impl Planner {
-    /// The best placements of all cameras of the room, best first: at most `options.best`, all of which meet all limits.
+    /// The best placements of all cameras of the room, best first: at most `options.best`, all of which meet
+    /// all limits.
     ///
-    /// All pairs of a thinned grid of places are predicted; the best unlike ones are completed greedily, improved by exchanging one
-    /// camera at a time against every place (Fedorov 1972), and refined by a compass search (Kolda, Lewis & Torczon 2003).
-    /// Local: a better placement may exist.
+    /// All pairs of a thinned grid of places are predicted; the best unlike ones are completed greedily,
+    /// improved by exchanging one camera at a time against every place (Fedorov 1972), and refined by a
+    /// compass search (Kolda, Lewis & Torczon 2003). Local: a better placement may exist.
     ///
     /// # Errors
-    /// [`PlanError::NoPlace`]; [`PlanError::NothingSeen`]; [`PlanError::Value`] for a step that is not positive.
+    /// [`PlanError::NoPlace`]; [`PlanError::NothingSeen`]; [`PlanError::Value`] for a step that is not
+    /// positive.
     pub fn search(&self, options: &SearchOptions) -> Result<Vec<Ranked>, PlanError> {
         if !(options.step_m.is_finite() && options.step_m > 0.01) {
             return Err(PlanError::value(
@@ -220,7 +222,8 @@ impl Search<'_> {
     }
 }
 
-/// So many of the places, far from each other (farthest-point sampling, Gonzalez 1985), starting far from `from`.
+/// So many of the places, far from each other (farthest-point sampling, Gonzalez 1985), starting far from
+/// `from`.
 fn thinned(places: &[Vector3<f64>], from: &Vector3<f64>, count: usize) -> Vec<Vector3<f64>> {
     if places.len() <= count {
         return places.to_vec();

@@ -32,7 +32,8 @@ impl Solid {
         Vector3::from_fn(|k, _| point_m[k].max(self.low_m[k]).min(self.high_m[k]))
     }
 
-    /// Whether the box cuts the straight line between two points (slab method, Kay & Kajiya 1986); touching counts.
+    /// Whether the box cuts the straight line between two points (slab method, Kay & Kajiya 1986); touching
+    /// counts.
     pub fn blocks(&self, from_m: &Vector3<f64>, to_m: &Vector3<f64>) -> bool {
         let along = to_m - from_m;
         let (mut enter, mut leave) = (0.0_f64, 1.0_f64);

@@ -1,4 +1,4 @@
-//! The same flights smoothed by mavsight, by Savitzky-Golay filters and by quintic smoothing splines, for `docs/smoothers.md`:
+//! The same flights smoothed by mavsight, by Savitzky-Golay filters and by quintic smoothing splines, for `docs/measured.md`:
 //! `cargo run --release -p mavsight-pose --example smoothers`.
 
 #[path = "../tests/simulated/mod.rs"]

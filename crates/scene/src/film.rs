@@ -23,7 +23,8 @@ pub struct Film<'a> {
 const STILL_FRAME: u64 = u64::MAX;
 
 impl<'a> Film<'a> {
-    /// Renders the room once for this camera. Pixels outside the field where the lens distortion can be undone are black.
+    /// Renders the room once for this camera. Pixels outside the field where the lens distortion can be
+    /// undone are black.
     pub fn new(room: &'a Room, camera: Camera, sensor: Sensor) -> Self {
         let plate = room_plate(room, &camera);
         let lens = Lens::new(sensor.lens_blur_px);
@@ -33,7 +34,7 @@ impl<'a> Film<'a> {
         film
     }
 
-    /// The same camera on another day: what it films from now on has the noise of another seed.
+    /// Changes the seed of the noise of all later frames.
     pub fn reseed(&mut self, seed: u64) {
         self.coder.reseed(seed);
     }
@@ -54,13 +55,13 @@ impl<'a> Film<'a> {
 
     /// One frame of the aircraft: packed sRGB bytes.
     ///
-    /// `pose_at` gives world_from_body at a share of the exposure, from -0.5 (shutter opens) to 0.5 (it closes); 0 is
-    /// the time stamp of the frame. `index` chooses the noise.
+    /// `pose_at` gives world_from_body at a share of the exposure, from -0.5 (shutter opens) to 0.5 (it
+    /// closes); 0 is the time stamp of the frame. `index` chooses the noise.
     pub fn frame(&self, index: u64, aircraft: &Aircraft, pose_at: impl Fn(f64) -> Isometry3<f64>) -> Vec<u8> {
         self.frame_with(index, aircraft, pose_at, &InTheWay::default())
     }
 
-    /// The same with things in the way.
+    /// Films the aircraft with people, veils or darkness before the camera.
     pub fn frame_with(
         &self,
         index: u64,
@@ -90,8 +91,8 @@ impl<'a> Film<'a> {
         self.coder.code(&light, index)
     }
 
-    /// One frame by a rolling shutter, whose rows are each exposed later than the one above by `row_share` of the exposure; the
-    /// middle row is exposed as in [`Film::frame`].
+    /// One frame by a rolling shutter, whose rows are each exposed later than the one above by `row_share` of
+    /// the exposure; the middle row is exposed as in [`Film::frame`].
     pub fn rolling_frame(
         &self,
         index: u64,
@@ -143,8 +144,8 @@ impl<'a> Film<'a> {
         out
     }
 
-    /// Puts a region with moving parts behind the lens in its place. Pixels within the lens's reach of its border, where it
-    /// is not the image's, see no part.
+    /// Puts a region with moving parts behind the lens in its place. Pixels within the lens's reach of its
+    /// border, where it is not the image's, see no part.
     pub(crate) fn soften_into(
         &self,
         out: &mut [[f32; 3]],
@@ -205,7 +206,8 @@ impl Lens {
         let reach = if blur_px > 0.0 { (4.0 * blur_px).ceil() as usize } else { 0 };
         let count = PART_SAMPLES * (2 * reach + 1);
         let offset_px = |k: usize| (k as f64 + 0.5) / PART_SAMPLES as f64 - reach as f64 - 0.5;
-        // The Gaussian's mean over the pixel around each sample; without blur every sample of the one pixel counts alike.
+        // The Gaussian's mean over the pixel around each sample; without blur every sample of the one pixel
+        // counts alike.
         let weight = |k: usize| {
             let within = |part: usize| offset_px(k) + (part as f64 + 0.5) / PIXEL_PARTS as f64 - 0.5;
             (0..PIXEL_PARTS).map(|part| (-0.5 * (within(part) / blur_px).powi(2)).exp()).sum::<f64>()
@@ -267,7 +269,8 @@ fn blur(light: &[[f32; 3]], width: usize, height: usize, kernel: &[f32]) -> Vec<
 mod tests {
     use super::*;
 
-    /// A Gaussian of variance σ² over a pixel of variance 1/12 has the sum of both, wherever light falls within the pixel.
+    /// A Gaussian of variance σ² over a pixel of variance 1/12 has the sum of both, wherever light falls
+    /// within the pixel.
     #[test]
     fn the_lens_spreads_light_alike_from_every_place_of_a_pixel() {
         let (blur_px, pixels) = (0.5, 9);

@@ -1,8 +1,8 @@
 //! The virtual room: shapes, light, camera sensor, frames.
 //!
-//! A film is made in two layers. The room is rendered once for each camera, with soft shadows, into linear light; what
-//! moves in front of it (the aircraft) or stands in it for a still (the control frame) is rendered into the pixels that
-//! it may touch, over the exposure. Lens blur, shot and read noise and the 8-bit coding come last, over all pixels.
+//! A film is made in two layers. The room is rendered once for each camera, with soft shadows, into linear
+//! light. The aircraft before it, or the control frame of a still, is rendered into the pixels that it may
+//! touch, over the exposure. Lens blur, shot and read noise and the 8-bit coding come last, over all pixels.
 
 mod aircraft;
 mod film;

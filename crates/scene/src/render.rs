@@ -15,9 +15,9 @@ use std::f64::consts::PI;
 pub(crate) const EXPOSURE: f64 = 0.85;
 /// Samples across a pixel of the room, each way.
 const ROOM_SAMPLES: u32 = 3;
-/// Samples across a pixel of what moves, each way; their 64 rows and columns are all different, so that an edge along an
-/// axis is met in 64 steps too. Balls cover a sample's cell in part, so that a disc's centroid is true to a ten-thousandth of a
-/// pixel.
+/// Samples across a pixel of what moves, each way; their 64 rows and columns are all different, so that an
+/// edge along an axis is met in 64 steps too. Balls cover a sample's cell in part, so that a disc's centroid
+/// is true to a ten-thousandth of a pixel.
 pub(crate) const PART_SAMPLES: usize = 8;
 
 /// A rendered room: linear light of each pixel, and the distance along its middle ray.
@@ -68,7 +68,8 @@ fn room_light(room: &Room, ray: &Ray, sample: usize, seed: u64) -> [f64; 3] {
     }
     let at = ray.origin + ray.direction * (hit.distance_m - 1e-4) + hit.normal * 1e-3;
     let mut irradiance = 0.0;
-    // Each sample of a pixel looks at a third of the lamps; over the pixel's nine, each lamp is looked at three times.
+    // Each sample of a pixel looks at a third of the lamps; over the pixel's nine, each lamp is looked at
+    // three times.
     for (k, lamp) in room.lamps.iter().enumerate().filter(|(k, _)| (k + sample).is_multiple_of(3)) {
         let counter = seed ^ ((k as u64) << 33);
         let third = (sample / 3) % 3;
@@ -152,8 +153,8 @@ pub(crate) struct Composer<'a> {
     stride: usize,
 }
 
-/// A surface that a ray meets: of which part, how far away and with which normal in body axes, and how much of the ray's cell it
-/// covers.
+/// A surface that a ray meets: of which part, how far away and with which normal in body axes, and how much
+/// of the ray's cell it covers.
 type Met = (usize, Hit, f64);
 
 /// A cell of a pixel, in body axes: a ray somewhere in it, and one through its middle where a ball may be.
@@ -192,7 +193,8 @@ impl<'a> Composer<'a> {
         self
     }
 
-    /// Samples of one row of pixels with the moving parts over the plate, [`PART_SAMPLES`] rows of as many to a pixel.
+    /// Samples of one row of pixels with the moving parts over the plate, [`PART_SAMPLES`] rows of as many to
+    /// a pixel.
     pub(crate) fn row(&self, y: usize, columns: (usize, usize), samples: &mut [[f32; 3]]) {
         let width = (columns.1 - columns.0) * PART_SAMPLES;
         let mut scratch = Scratch::default();

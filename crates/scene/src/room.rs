@@ -84,7 +84,8 @@ impl Room {
         self.push(Item { shape, paint: Paint::Plain(ball.linear) });
     }
 
-    /// Adds an upright block of a colour in linear light, its centre in world axes, turned from +X towards +Y.
+    /// Adds an upright block of a colour in linear light, its centre in world axes, turned from +X towards
+    /// +Y.
     pub fn add_block(&mut self, centre_m: [f64; 3], size_m: [f64; 3], yaw_deg: f64, linear: [f64; 3]) {
         let [x, y, z] = centre_m;
         self.block([x, y, z - FLOOR_M], size_m, yaw_deg, Paint::Plain(linear));

@@ -1,4 +1,4 @@
-//! What comes between a camera and the aircraft: people, stray light, the dark.
+//! Occluders between a camera and the aircraft: people, stray light, darkness.
 
 use crate::aircraft::{Aircraft, Part};
 use crate::film::Film;
@@ -9,7 +9,7 @@ use mavsight_geometry::Camera;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use std::f64::consts::PI;
 
-/// What is in the way of one camera at one instant.
+/// The occluders of one camera at one instant.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct InTheWay {
     /// People, who stand still over the exposure.
@@ -106,8 +106,9 @@ impl Film<'_> {
         Some(plate)
     }
 
-    /// Share of a ball's face that this camera sees: neither outside the image nor behind the room, people or another part of
-    /// the aircraft, nor under a veil that fills more than two fifths of a pixel, beyond which no colour is left.
+    /// Share of a ball's face that this camera sees: neither outside the image nor behind the room, people or
+    /// another part of the aircraft, nor under a veil that fills more than two fifths of a pixel, beyond
+    /// which no colour is left.
     pub fn visible_share(
         &self,
         (ball_in_body_m, radius_m): (&Vector3<f64>, f64),
@@ -124,9 +125,9 @@ impl Film<'_> {
         let from = camera.centre_in_world();
         let people = way.parts();
         let into_body = world_from_body.inverse();
-        let sight = (centre - from).normalize();
-        let side = sight.cross(&Vector3::z()).try_normalize(1e-9).unwrap_or_else(Vector3::x);
-        let up = side.cross(&sight);
+        let view = (centre - from).normalize();
+        let side = view.cross(&Vector3::z()).try_normalize(1e-9).unwrap_or_else(Vector3::x);
+        let up = side.cross(&view);
         let clear = |k: &usize| {
             // Points of a disc by the golden angle.
             let (r, angle) =

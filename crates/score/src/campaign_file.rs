@@ -1,4 +1,4 @@
-//! What a campaign flies: the content of its file.
+//! The campaign file.
 
 use mavsight_plan::CentreStd;
 use serde::{Deserialize, Serialize};
@@ -26,7 +26,7 @@ pub struct CampaignFile {
     /// Noise.
     pub noise: Vec<NoiseLevel>,
     /// Manoeuvres.
-    pub manoeuvre: Vec<Steered>,
+    pub manoeuvre: Vec<CampaignManoeuvre>,
 }
 
 fn one() -> u64 {
@@ -40,7 +40,7 @@ pub enum FitKind {
     /// One Gauss-Newton step of output error from the truth, with the planned weights.
     #[default]
     FirstOrder,
-    /// Output error from start to end, which knows neither truth nor noise: some hundred times as long.
+    /// The whole fit of output error without truth and noise; takes some hundred times as long.
     OutputError,
 }
 
@@ -90,7 +90,7 @@ pub struct NoiseLevel {
 /// A manoeuvre.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Steered {
+pub struct CampaignManoeuvre {
     /// Name.
     pub name: String,
     /// Scenario file.

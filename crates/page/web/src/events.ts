@@ -1,4 +1,4 @@
-// What the server sends: `mavsight_link::Event` as JSON, told apart by `event`, and its own beat. Metres in world axes (Z up),
+// What the server sends: `mavsight_link::Event` as JSON, distinguished by `event`, and its own beat. Metres in world axes (Z up),
 // quaternions (w, x, y, z) `world_from_body`, angles in radians, seconds since the flight began.
 // `examples.ts`, written by the server's tests, holds these types to what is really sent.
 
@@ -51,7 +51,7 @@ export interface Pose {
   reason: string | null;
 }
 
-export interface Detection {
+export interface DetectedBall {
   u_px: number;
   v_px: number;
   diameter_px: number;
@@ -63,7 +63,7 @@ export interface Detections {
   event: "detections";
   camera: number;
   t_s: number;
-  seen: Detection[];
+  seen: DetectedBall[];
 }
 
 export interface Camera {

@@ -1,4 +1,4 @@
-// What the page knows of the flight, and how old that is.
+// The state of the flight as far as it is known, and its age.
 
 import type { Camera, Parameter, Parameters, Pose, Preview, Quaternion, Recording, Scene, Detections, Vec3 } from "./events.ts";
 import { History } from "./history.ts";
@@ -8,7 +8,7 @@ import { norm, sub } from "./maths.ts";
 export type PathPoint = Vec3 | null;
 
 const PATH_POINTS = 1500;
-/** Detections are kept so long, as the picture that they belong to comes later. */
+/** Detections are kept for this time, because their picture comes later. */
 const DETECTIONS_KEPT_S = 1;
 
 export interface CameraNow {
@@ -44,7 +44,7 @@ export class Flight {
   private arrivals: { now_ms: number; delay_ms: number; t_s: number }[] = [];
 
   start(scene: Scene): void {
-    // The same flight heard again after the connection was lost: what was seen of it stays.
+    // The same flight heard again after the connection was lost: its history is kept.
     if (this.scene && JSON.stringify(scene) === JSON.stringify(this.scene)) return;
     this.scene = scene;
     this.pose = null;

@@ -22,7 +22,7 @@ const parameters = new ParameterList(flight, byId("parameters"), byId("enough"))
 const link = new Link({
   message: take,
   preview: (preview) => void flight.takePreview(preview),
-  // The server tells everything that lasts again, notes too.
+  // The server sends all states again, notes too.
   opened: () => notes.clear(),
 });
 const head = new Head(flight, link);
