@@ -1,4 +1,4 @@
-//! What a user sees of a running flight, as JSON: one object an event, told apart by `event`.
+//! What a user sees of a running flight, as JSON: one object an event, whose kind `event` names.
 //!
 //! Positions are metres in world axes, quaternions (w, x, y, z), angles radians, times seconds since the
 //! flight began unless a name says otherwise. Newline JSON and the browser page carry the same objects.
@@ -174,7 +174,7 @@ pub struct DetectedBall {
     pub v_px: f64,
     /// Diameter.
     pub diameter_px: f64,
-    /// The marker it was told to be.
+    /// The marker that it shows, where it is identified.
     pub marker: Option<usize>,
     /// What the pose leaves of it: seen less projected.
     pub residual_px: Option<[f64; 2]>,
