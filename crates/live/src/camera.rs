@@ -1,5 +1,6 @@
 //! The two threads of a camera: one fetches frames, one tracks.
 
+use crate::queue::locked;
 use crate::setup::{CameraSetup, Pace, Tap};
 use crate::{FlightClock, Interrupt, LiveError, Next, Popped, Queue, Source};
 use mavsight_geometry::ImageSize;
@@ -7,7 +8,7 @@ use mavsight_pipeline::{CameraTracker, Sight as TrackedDetection, TrackedFrame};
 use mavsight_vision::Frame;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::SyncSender;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -111,7 +112,7 @@ impl Camera {
 
     /// Makes a source that hangs return, so that it is opened again.
     pub(crate) fn interrupt(&self) {
-        let interrupt = self.interrupt.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let interrupt = locked(&self.interrupt).clone();
         if let Some(interrupt) = interrupt {
             interrupt();
         }
@@ -218,7 +219,7 @@ impl Fetch {
     }
 
     fn set_interrupt(&self, interrupt: Option<Interrupt>) {
-        *self.interrupt.lock().unwrap_or_else(PoisonError::into_inner) = interrupt;
+        *locked(&self.interrupt) = interrupt;
     }
 
     fn stopped(&self) -> bool {

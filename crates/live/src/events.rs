@@ -63,42 +63,36 @@ pub(crate) fn measured(estimate: &PoseEstimate, motion: Option<&MotionSample>) -
 
 /// One instant as an event.
 pub(crate) fn pose(fix: &Fix, t_ns: i64, tracking: Tracking, latency_ns: i64, reason: Option<&str>) -> Event {
-    let mut out = PoseEvent {
+    let measured = fix.measured.as_ref();
+    let moving = measured.and_then(|m| m.moving.as_ref());
+    let std = |at: usize| {
+        let std = |m: &Moving| std::array::from_fn(|k| m.covariance[(at + k, at + k)].max(0.0).sqrt());
+        moving.map(std)
+    };
+    Event::Pose(Box::new(PoseEvent {
         t_s: t_ns as f64 * 1e-9,
         sequence: fix.sequence,
         captured_ns: fix.captured_ns,
-        valid: fix.measured.is_some(),
+        valid: measured.is_some(),
         tracking,
-        position_m: None,
-        attitude: None,
-        euler_rad: None,
-        covariance: None,
-        velocity_in_body_m_s: None,
-        velocity_std_m_s: None,
-        rates_rad_s: None,
-        rates_std_rad_s: None,
-        residual_px: None,
+        position_m: measured.map(|m| m.world_from_body.translation.vector.into()),
+        attitude: measured.map(|m| {
+            let turn = m.world_from_body.rotation;
+            [turn.w, turn.i, turn.j, turn.k]
+        }),
+        euler_rad: measured.map(|m| {
+            let angles = EulerAngles::from_world_from_body(&m.world_from_body);
+            [angles.phi_rad, angles.theta_rad, angles.psi_rad]
+        }),
+        covariance: measured.map(|m| upper_triangle(&m.covariance)),
+        velocity_in_body_m_s: moving.map(|m| m.velocity_in_body_m_s.into()),
+        velocity_std_m_s: std(0),
+        rates_rad_s: moving.map(|m| m.rates_rad_s.into()),
+        rates_std_rad_s: std(3),
+        residual_px: measured.map(|m| m.residual_px),
         latency_ms: latency_ns as f64 * 1e-6,
         reason: reason.map(str::to_owned),
-    };
-    if let Some(m) = &fix.measured {
-        let (turn, angles) =
-            (m.world_from_body.rotation, EulerAngles::from_world_from_body(&m.world_from_body));
-        out.position_m = Some(m.world_from_body.translation.vector.into());
-        out.attitude = Some([turn.w, turn.i, turn.j, turn.k]);
-        out.euler_rad = Some([angles.phi_rad, angles.theta_rad, angles.psi_rad]);
-        out.covariance = Some(upper_triangle(&m.covariance));
-        out.residual_px = Some(m.residual_px);
-        if let Some(moving) = &m.moving {
-            let std =
-                |at: usize| std::array::from_fn(|k| moving.covariance[(at + k, at + k)].max(0.0).sqrt());
-            out.velocity_in_body_m_s = Some(moving.velocity_in_body_m_s.into());
-            out.velocity_std_m_s = Some(std(0));
-            out.rates_rad_s = Some(moving.rates_rad_s.into());
-            out.rates_std_rad_s = Some(std(3));
-        }
-    }
-    Event::Pose(Box::new(out))
+    }))
 }
 
 fn upper_triangle(m: &Matrix6<f64>) -> [f64; 21] {

@@ -1,5 +1,6 @@
 //! Parameters by recursive least squares during the flight.
 
+use crate::queue::locked;
 use crate::{LiveError, Popped, Queue};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{
@@ -8,7 +9,7 @@ use mavsight_identify::{
 };
 use mavsight_link::{Event, Parameter};
 use mavsight_pose::{PoseSample, smooth};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -79,7 +80,7 @@ impl Parameters {
                 match own.pop(Duration::from_millis(200)) {
                     Popped::Item(sample) => {
                         if let Some(event) = work.push(sample) {
-                            *out.lock().unwrap_or_else(PoisonError::into_inner) = Some(event);
+                            *locked(&out) = Some(event);
                         }
                     }
                     Popped::Nothing => {}
@@ -101,7 +102,7 @@ impl Parameters {
 
     /// An estimate that was not reported yet.
     pub(crate) fn latest(&self) -> Option<Event> {
-        self.latest.lock().unwrap_or_else(PoisonError::into_inner).take()
+        locked(&self.latest).take()
     }
 
     /// Ends, with the last estimate.
@@ -109,7 +110,7 @@ impl Parameters {
         self.queue.close();
         // A panic has been printed by its thread.
         let _ = self.thread.join();
-        self.latest.lock().unwrap_or_else(PoisonError::into_inner).take()
+        locked(&self.latest).take()
     }
 }
 

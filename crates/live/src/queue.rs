@@ -4,6 +4,11 @@ use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+/// Locks a mutex. No holder leaves its value half changed, so a poisoned one is sound.
+pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// A queue of bounded length; all its memory is allocated at the start.
 #[derive(Debug)]
 pub struct Queue<T> {
@@ -39,7 +44,7 @@ impl<T> Queue<T> {
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner<T>> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.inner)
     }
 
     /// Adds an item; if the queue is full, the oldest is dropped, counted and returned. A closed queue

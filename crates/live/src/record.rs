@@ -1,5 +1,6 @@
 //! Recording of what is received, detected and sent.
 
+use crate::queue::locked;
 use crate::setup::Tap;
 use crate::{LiveError, Popped, Queue};
 use mavsight_flight::InputSample;
@@ -12,7 +13,7 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -59,10 +60,6 @@ struct Status {
     seconds: Mutex<f64>,
     fault: Mutex<Option<String>>,
     is_news: AtomicBool,
-}
-
-fn locked<T>(of: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The place of a flight's recording, which may begin and end while the flight goes on.

@@ -24,7 +24,7 @@ const COMMANDS_WAITING: usize = 16;
 /// new ones.
 const SEND_BUFFER_BYTES: u32 = 64 * 1024;
 
-/// Who may reach the page.
+/// Machines that may reach the page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Reach {
     /// Programs on this machine.

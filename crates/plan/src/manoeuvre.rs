@@ -11,10 +11,10 @@ use mavsight_identify::output_error::{
 };
 use mavsight_pose::{PoseEstimate, PoseEstimator};
 
-/// What a flight must not exceed.
+/// Limits of a flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlightLimits {
-    /// Where the body's origin may go.
+    /// Volume of the body's origin.
     pub volume: Solid,
     /// Largest bank or pitch.
     pub tilt_deg: f64,
@@ -40,7 +40,7 @@ pub struct FlightPlanner<'a> {
 pub struct PlannedManoeuvre {
     /// The scenario: amplitudes and start as they may be flown.
     pub scenario: Scenario,
-    /// Its inputs.
+    /// Inputs of the flight.
     pub inputs: InputSeries,
     /// The motion at the frames.
     pub states: Vec<FlightState>,
@@ -107,7 +107,7 @@ impl<'a> FlightPlanner<'a> {
 
     /// The pose of one frame as it will be measured; none where some marker is not seen by two cameras.
     pub fn expected_pose(&self, pose: &Isometry3<f64>) -> Option<PoseEstimate> {
-        self.planner.expected_pose((&self.placed, &self.cameras, &self.estimator), pose)
+        self.planner.expected_pose(&self.placed, &self.cameras, &self.estimator, pose)
     }
 
     /// The manoeuvre, as large as the limits allow or as it is where that is less and `grow` is not set,
@@ -124,7 +124,7 @@ impl<'a> FlightPlanner<'a> {
     /// Prediction for a manoeuvre as it is; limits are not checked.
     ///
     /// # Errors
-    /// As [`FlightPlanner::predict`].
+    /// Those of [`FlightPlanner::predict`], except the limits.
     pub fn predict_here(&self, scenario: &Scenario) -> Result<PlannedManoeuvre, PlanError> {
         let inputs = scenario.inputs(&self.vehicle)?;
         let states = simulate(&self.vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;

@@ -4,12 +4,12 @@ use crate::{Placed, PlanError, Planner, Prediction};
 use mavsight_geometry::{Isometry3, Vector3};
 use rayon::prelude::*;
 
-/// What the search may do.
+/// Options of the search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchOptions {
-    /// Distance between the places that are tried first.
+    /// Distance of the grid of places.
     pub step_m: f64,
-    /// Whether cameras may look beside the middle of the volume.
+    /// Whether cameras may aim off the middle of the volume.
     pub free_aim: bool,
     /// Placements in the ranking.
     pub best: usize,
@@ -21,7 +21,7 @@ impl Default for SearchOptions {
     }
 }
 
-/// A placement and what it will do.
+/// A placement with its prediction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ranked {
     /// The cameras.
@@ -66,12 +66,9 @@ impl Planner {
     /// [`PlanError::NoPlace`]; [`PlanError::NothingSeen`]; [`PlanError::Value`] for a step that is not
     /// positive.
     pub fn search(&self, options: &SearchOptions) -> Result<Vec<Ranked>, PlanError> {
-        if !(options.step_m.is_finite() && options.step_m > 0.01) {
-            return Err(PlanError::value(
-                "step",
-                format!("{} m is no distance: give 0.1 to 2", options.step_m),
-            ));
-        }
+        PlanError::unless(options.step_m.is_finite() && options.step_m > 0.01, "step", || {
+            format!("{} m is no distance: give 0.1 to 2", options.step_m)
+        })?;
         let kinds: Vec<usize> =
             self.room.camera.iter().enumerate().flat_map(|(k, c)| std::iter::repeat_n(k, c.count)).collect();
         let (poses, places) = (self.room.poses(COARSE), self.room.places(options.step_m)?);

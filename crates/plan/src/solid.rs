@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Solid {
-    /// What it is, for messages and drawings.
+    /// Name for messages and drawings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Corner of the least coordinates.
@@ -17,7 +17,7 @@ pub struct Solid {
 }
 
 impl Solid {
-    /// Its middle.
+    /// Middle of the box.
     pub fn middle_m(&self) -> Vector3<f64> {
         (Vector3::from(self.low_m) + Vector3::from(self.high_m)) / 2.0
     }

@@ -14,7 +14,7 @@ pub struct StudyRow {
     pub distance_m: f64,
     /// Whether both places are allowed in the room.
     pub is_allowed: bool,
-    /// What is predicted.
+    /// Prediction for these cameras.
     pub prediction: Prediction,
 }
 

@@ -89,7 +89,7 @@ impl Aircraft {
     }
 }
 
-/// What calibrates cameras, in place of the helicopter.
+/// The control frame, which calibrates cameras.
 impl Aircraft {
     /// Balls joined by a stick of 6 mm, from the first to the last.
     pub fn stick(balls: &[PaintedBall]) -> Self {

@@ -2,9 +2,9 @@
 
 use crate::aircraft::{Aircraft, ControlFrame, Part};
 use crate::light::IrradianceMap;
+use crate::occluders::Occluders;
 use crate::render::{Composer, Moving, PART_SAMPLES, Plate, Region, region_of, room_plate};
 use crate::sensor::Coder;
-use crate::way::InTheWay;
 use crate::{Room, Sensor};
 use mavsight_geometry::Camera;
 use nalgebra::{Isometry3, Point3, Vector2};
@@ -47,7 +47,7 @@ impl<'a> Film<'a> {
     pub fn still(&self, control: Option<&ControlFrame>) -> Vec<u8> {
         let pose = [Isometry3::identity()];
         let light = match control {
-            Some(frame) => self.with_parts(&frame.parts, &pose, (&self.plate, &self.blurred)),
+            Some(frame) => self.with_parts(&frame.parts, &pose, &self.plate, &self.blurred),
             None => self.blurred.clone(),
         };
         self.coder.code(&light, STILL_FRAME)
@@ -58,7 +58,7 @@ impl<'a> Film<'a> {
     /// `pose_at` gives world_from_body at a share of the exposure, from -0.5 (shutter opens) to 0.5 (it
     /// closes); 0 is the time stamp of the frame. `index` chooses the noise.
     pub fn frame(&self, index: u64, aircraft: &Aircraft, pose_at: impl Fn(f64) -> Isometry3<f64>) -> Vec<u8> {
-        self.frame_with(index, aircraft, pose_at, &InTheWay::default())
+        self.frame_with(index, aircraft, pose_at, &Occluders::default())
     }
 
     /// Films the aircraft with people, veils or darkness before the camera.
@@ -67,24 +67,24 @@ impl<'a> Film<'a> {
         index: u64,
         aircraft: &Aircraft,
         pose_at: impl Fn(f64) -> Isometry3<f64>,
-        way: &InTheWay,
+        occluders: &Occluders,
     ) -> Vec<u8> {
-        if way.black {
+        if occluders.black {
             return vec![0; 3 * self.plate.light.len()];
         }
         let poses: Vec<Isometry3<f64>> =
             (0..PART_SAMPLES).map(|k| pose_at((k as f64 + 0.5) / PART_SAMPLES as f64 - 0.5)).collect();
         let (width, height) = self.size();
-        let mut light = match self.peopled(way) {
+        let mut light = match occluders.over(&self.plate, &self.camera, &self.room.lamps) {
             Some(plate) => {
                 let blurred = blur(&plate.light, width, height, &self.lens.coarse);
-                self.with_parts(&aircraft.parts, &poses, (&plate, &blurred))
+                self.with_parts(&aircraft.parts, &poses, &plate, &blurred)
             }
-            None => self.with_parts(&aircraft.parts, &poses, (&self.plate, &self.blurred)),
+            None => self.with_parts(&aircraft.parts, &poses, &self.plate, &self.blurred),
         };
-        if !way.veils.is_empty() {
+        if !occluders.veils.is_empty() {
             for (k, pixel) in light.iter_mut().enumerate() {
-                let veil = way.veil(&Vector2::new((k % width) as f64, (k / width) as f64)) as f32;
+                let veil = occluders.veil(&Vector2::new((k % width) as f64, (k / width) as f64)) as f32;
                 pixel.iter_mut().for_each(|c| *c += veil);
             }
         }
@@ -132,7 +132,8 @@ impl<'a> Film<'a> {
         &self,
         parts: &[Part],
         poses: &[Isometry3<f64>],
-        (plate, blurred): (&Plate, &[[f32; 3]]),
+        plate: &Plate,
+        blurred: &[[f32; 3]],
     ) -> Vec<[f32; 3]> {
         let margin_px = 2.0 + 2.0 * self.lens.reach as f64;
         let mut out = blurred.to_vec();
@@ -236,33 +237,24 @@ impl Lens {
     }
 }
 
+/// A sum of light with the weights of a kernel.
+fn weighted(kernel: &[f32], light: impl Fn(usize) -> [f32; 3]) -> [f32; 3] {
+    let mut sum = [0.0_f32; 3];
+    for (tap, weight) in kernel.iter().enumerate() {
+        let from = light(tap);
+        (0..3).for_each(|c| sum[c] += weight * from[c]);
+    }
+    sum
+}
+
 /// Separable convolution; beyond the border the border's pixels repeat.
 fn blur(light: &[[f32; 3]], width: usize, height: usize, kernel: &[f32]) -> Vec<[f32; 3]> {
     let reach = kernel.len() / 2;
-    let mut across = vec![[0.0; 3]; light.len()];
-    let mut down = vec![[0.0; 3]; light.len()];
     let clip = |k: usize, tap: usize, size: usize| (k + tap).saturating_sub(reach).min(size - 1);
-    for y in 0..height {
-        for x in 0..width {
-            let mut sum = [0.0_f32; 3];
-            for (tap, weight) in kernel.iter().enumerate() {
-                let from = light[y * width + clip(x, tap, width)];
-                (0..3).for_each(|c| sum[c] += weight * from[c]);
-            }
-            across[y * width + x] = sum;
-        }
-    }
-    for y in 0..height {
-        for x in 0..width {
-            let mut sum = [0.0_f32; 3];
-            for (tap, weight) in kernel.iter().enumerate() {
-                let from = across[clip(y, tap, height) * width + x];
-                (0..3).for_each(|c| sum[c] += weight * from[c]);
-            }
-            down[y * width + x] = sum;
-        }
-    }
-    down
+    let pixels = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    let across: Vec<[f32; 3]> =
+        pixels().map(|(x, y)| weighted(kernel, |tap| light[y * width + clip(x, tap, width)])).collect();
+    pixels().map(|(x, y)| weighted(kernel, |tap| across[clip(y, tap, height) * width + x])).collect()
 }
 
 #[cfg(test)]

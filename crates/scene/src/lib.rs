@@ -7,6 +7,7 @@
 mod aircraft;
 mod film;
 mod light;
+mod occluders;
 mod outline;
 mod overlay;
 mod render;
@@ -15,12 +16,12 @@ mod sensor;
 mod shapes;
 mod stream;
 mod tree;
-mod way;
+mod visibility;
 
 pub use aircraft::{Aircraft, ControlFrame, PaintedBall};
 pub use film::Film;
+pub use occluders::{Occluders, Person, Veil};
 pub use overlay::draw_path;
 pub use room::Room;
 pub use sensor::Sensor;
 pub use stream::FilmStream;
-pub use way::{InTheWay, Person, Veil};

@@ -54,7 +54,7 @@ impl Ray {
     }
 }
 
-/// Where a ray meets a surface.
+/// The point where a ray meets a surface.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hit {
     pub distance_m: f64,

@@ -28,7 +28,7 @@ pub struct TrueParameter {
     pub truth: f64,
     /// Estimate.
     pub estimate: f64,
-    /// Its standard deviation, predicted for `first_order` and as the fit says for `output_error`.
+    /// Standard deviation of the estimate: predicted for `first_order`, of the fit for `output_error`.
     pub std: f64,
 }
 
@@ -116,7 +116,7 @@ impl Campaign {
             .into_par_iter()
             .map(|(rig, noise, steered, planner, vehicle, scenario)| {
                 let names = [rig.name.clone(), noise.name.clone(), steered.name.clone()];
-                cell((names, rig, noise), planner, &vehicle, &scenario)
+                cell(names, rig, noise, planner, &vehicle, &scenario)
             })
             .collect::<Result<Vec<Cell>, ScoreError>>()?;
         let job = checksum(inputs.as_bytes());
@@ -256,7 +256,9 @@ impl Campaign {
 }
 
 fn cell(
-    (names, rig, noise): ([String; 3], &CampaignRig, &NoiseLevel),
+    names: [String; 3],
+    rig: &CampaignRig,
+    noise: &NoiseLevel,
     planner: Planner,
     vehicle: &mavsight_flight::Vehicle,
     scenario: &Scenario,
@@ -342,7 +344,7 @@ impl Cell {
                     let Ok(exact) = view.project_ball(&centre, ball.radius_m) else { continue };
                     let depth_m = (view.cam_from_world * Point3::from(centre)).z;
                     let diameter_px = 2.0 * view.intrinsics.fx_px * ball.radius_m / depth_m;
-                    let std_px = kind.centre_std_px_at(diameter_px, &centre, (camera, marker));
+                    let std_px = kind.centre_std_px_at(diameter_px, &centre, camera, marker);
                     let pixel = exact.pixel + normal2(std_px) + bias[camera * markers.len() + marker];
                     let covariance_px2 = Matrix2::identity() * std_px * std_px;
                     seen.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });

@@ -18,7 +18,7 @@ pub struct CampaignFile {
     pub seed: u64,
     /// Flights of each combination.
     pub flights: u64,
-    /// How parameters are estimated.
+    /// Estimator of the parameters.
     #[serde(default)]
     pub fit: FitKind,
     /// Rigs.
@@ -33,7 +33,7 @@ fn one() -> u64 {
     1
 }
 
-/// How parameters are estimated from a flight's poses.
+/// Estimator of parameters from a flight's poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FitKind {
@@ -65,7 +65,7 @@ pub struct CampaignCamera {
     pub kind: String,
     /// Projection centre.
     pub centre_m: [f64; 3],
-    /// Where it looks at; the middle of the volume where left out.
+    /// Aim point; the middle of the volume where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub aim_m: Option<[f64; 3]>,
 }

@@ -73,7 +73,7 @@ pub struct Coverage {
     pub share_interval: [f64; 2],
     /// Mean normalised error squared of the vectors: 3 is exact.
     pub nees: f64,
-    /// Where that lies in 95 % of all self-tests if the covariances are true: chi-square, with as many
+    /// Interval of `nees` in 95 % of all self-tests if the covariances are true: chi-square, with as many
     /// vectors as would be independent (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
     pub nees_interval: [f64; 2],
     /// Root mean square error of the vector's length.

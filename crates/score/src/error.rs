@@ -36,7 +36,7 @@ pub enum ScoreError {
     Campaign {
         /// Key concerned.
         key: String,
-        /// What is wrong and what to do.
+        /// Reason and remedy.
         detail: String,
     },
     /// The file of a campaign's pieces.
@@ -44,7 +44,7 @@ pub enum ScoreError {
     Chunks {
         /// The file.
         path: std::path::PathBuf,
-        /// What is wrong.
+        /// Reason.
         detail: String,
     },
     /// A file that cannot be read.

@@ -12,7 +12,7 @@ use mavsight_session::ControlPointRow;
 pub struct VirtualCamera {
     /// Name.
     pub name: String,
-    /// Where and what it is.
+    /// Pose, lens and image size.
     pub camera: Camera,
     /// By row of the control table: whether it is seen.
     pub sees: Vec<bool>,
@@ -48,9 +48,9 @@ pub struct VirtualLab {
     pub frame_rate_hz: f64,
     /// Whether the cameras are refined from each flight.
     pub refines: bool,
-    /// Where flights begin.
+    /// Middle of the places where flights begin.
     pub middle_m: Vector3<f64>,
-    /// Half the spread of that.
+    /// Half the spread of these places.
     pub around_m: Vector3<f64>,
 }
 
