@@ -25,10 +25,17 @@ const LONGEST_DATAGRAM: usize = 65_507;
 #[derive(Default)]
 pub struct JsonLines {
     server: Option<Server>,
-    udp: Option<(UdpSocket, SocketAddr, Option<Instant>)>,
+    udp: Option<Datagrams>,
     writer: Option<Box<dyn Write + Send>>,
     line: Vec<u8>,
     scene: Vec<u8>,
+}
+
+struct Datagrams {
+    socket: UdpSocket,
+    to: SocketAddr,
+    /// When the scene was sent last.
+    scene_sent: Option<Instant>,
 }
 
 struct Server {
@@ -75,7 +82,8 @@ impl JsonLines {
         }
         if !options.udp.is_empty() {
             let to = address(NAME, &options.udp)?;
-            this.udp = Some((udp::open(NAME, udp::any_port_towards(to))?, to, None));
+            let socket = udp::open(NAME, udp::any_port_towards(to))?;
+            this.udp = Some(Datagrams { socket, to, scene_sent: None });
         }
         Ok(this)
     }
@@ -115,10 +123,10 @@ impl Outlet for JsonLines {
         if let Some(server) = &mut self.server {
             server.peers.retain_mut(|peer| peer.push(line));
         }
-        if let Some((socket, to, sent)) = &mut self.udp {
-            let again = sent.is_none_or(|at| at.elapsed() >= SCENE_AGAIN) && *line != self.scene;
+        if let Some(Datagrams { socket, to, scene_sent }) = &mut self.udp {
+            let again = scene_sent.is_none_or(|at| at.elapsed() >= SCENE_AGAIN) && *line != self.scene;
             if again || *line == self.scene {
-                *sent = Some(Instant::now());
+                *scene_sent = Some(Instant::now());
             }
             if again && !self.scene.is_empty() {
                 datagram(socket, *to, &self.scene)?;

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// A file that is being written beside its place: renamed into it when it is whole, gone when it is dropped
+/// A file that is being written next to its place: renamed into it when it is whole, gone when it is dropped
 /// before.
 #[derive(Debug)]
 pub(crate) struct PartFile {

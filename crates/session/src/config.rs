@@ -249,7 +249,7 @@ impl Session {
     }
 
     /// Shares of the balls' faces that were visible, by instant, camera and marker, for scoring only; none
-    /// where no such file stands beside the truth.
+    /// where no such file is in the folder of the truth.
     ///
     /// # Errors
     /// Names the file, row and column.

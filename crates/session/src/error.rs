@@ -6,7 +6,7 @@ use thiserror::Error;
 
 /// A file that is missing, malformed or cannot be written.
 ///
-/// Rows are counted from 1 below the header; the line of the file stands beside them.
+/// Rows are counted from 1 below the header; the line of the file is given too.
 #[derive(Debug, Error)]
 pub enum SessionError {
     /// A file that another one names is not there.

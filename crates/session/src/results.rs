@@ -19,7 +19,7 @@ pub use read_motion::{FlightTable, read_flight_table, read_motion};
 pub use rig_file::{read_rig, write_rig};
 pub use write::{EarlyFile, write_markers, write_markers_early, write_results};
 
-/// Version of `summary.json` and of the tables beside it.
+/// Version of `summary.json` and of the tables in its folder.
 pub const RESULTS_SCHEMA: u32 = 1;
 
 /// Names of the files in a folder of results.
@@ -57,7 +57,7 @@ pub struct RunResults {
     pub rig: Option<Rig>,
     /// Every marker seen, or of a long flight some of them where `markers_file` has all.
     pub markers: Vec<MarkerObservation>,
-    /// Their table, where it waits beside its place.
+    /// Their table, where it waits next to its place.
     pub markers_file: Option<EarlyFile>,
     /// Markers as the flight has shown them; empty where they were not refined.
     pub body: Vec<MarkerAsBuilt>,

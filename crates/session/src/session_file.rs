@@ -71,8 +71,8 @@ pub(crate) fn is_empty(path: &Path) -> bool {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LiveSection {
-    /// Poses of an earlier flight (`pose.csv`), whose motion noise is gone by; left out: that of this
-    /// flight's first seconds.
+    /// Poses of an earlier flight (`pose.csv`) that give the motion noise; left out: this flight's first
+    /// seconds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poses: Option<PathBuf>,
     /// Half width of a parameter's interval, as a share of its value, at which enough has been seen of it;
@@ -174,13 +174,23 @@ pub struct BoardSection {
     pub marker_m: Option<f64>,
 }
 
+/// A key whose value makes no sense.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{key}: {detail}")]
+pub struct RefusedKey {
+    /// The key, with those of its sections before it.
+    pub key: String,
+    /// What is wrong and what to do.
+    pub detail: String,
+}
+
 impl BoardSection {
     /// The board's markers; `None` for a plain one.
     ///
     /// # Errors
     /// Key and remedy, where the markers cannot be those of this board.
-    pub fn coded(&self) -> Result<Option<CodedBoard>, (String, String)> {
-        let refuse = |key: &str, detail: String| Err((key.to_owned(), detail));
+    pub fn coded(&self) -> Result<Option<CodedBoard>, RefusedKey> {
+        let refuse = |key: &str, detail: String| Err(RefusedKey { key: key.to_owned(), detail });
         match (&self.dictionary, self.marker_m) {
             (None, None) => Ok(None),
             (Some(_), None) => {

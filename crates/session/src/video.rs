@@ -109,7 +109,7 @@ impl FrameSource {
         self
     }
 
-    /// The same frames with `lateness_s` taken off their time stamps.
+    /// Takes `lateness_s` off the time stamps of all frames.
     pub fn delayed_by(mut self, lateness_s: f64) -> Self {
         self.offset_ns = crate::ns_from_s(lateness_s);
         self

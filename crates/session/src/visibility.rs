@@ -5,7 +5,7 @@ use crate::{SessionError, TruthRow, write_whole};
 use mavsight_flight::Vehicle;
 use std::path::Path;
 
-/// Name of the file, beside `truth.csv`.
+/// Name of the file, in the folder of `truth.csv`.
 pub const VISIBILITY: &str = "visibility.csv";
 
 /// Writes which share of each ball's face each camera saw: by instant, camera and marker.
@@ -32,7 +32,8 @@ pub fn write_visibility(
     write_whole(path, text.as_bytes())
 }
 
-/// Reads it: the shares by instant, camera and marker, in the order of the rows, for a number of cameras.
+/// Reads the visibility table: the shares by instant, camera and marker, in the order of the rows, for a
+/// number of cameras.
 ///
 /// # Errors
 /// Names the file, row and column.

@@ -60,7 +60,7 @@ pub fn read(path: &Path, sizes: &[ImageSize], names: &[String]) -> Result<Noted<
         let intrinsics = checked(path, &key, intrinsics, size)?;
         let lens_key = format!("{}{suffix}", LENS[family]);
         let lens =
-            file.root.get(&lens_key).map_or(Ok(Vec::new()), |node| file.matrix(node).map(|(_, _, d)| d))?;
+            file.root.get(&lens_key).map_or(Ok(Vec::new()), |node| file.matrix(node).map(|m| m.data))?;
         let distortion = distortion(path, &lens_key, &lens)?;
         let cam_from_world = place(&file, &suffix, k, count, &mut notes)?;
         cameras.push(rig_camera(name, Camera { cam_from_world, intrinsics, distortion, size }));
@@ -128,14 +128,10 @@ fn place(
         }
         (1, Some(r), Some(t)) if count == 2 => {
             let r = rotation(&file.path, "R", &Matrix3::from_row_slice(&file.shaped(r, 3, 3)?))?;
-            let (_, _, t) = file.matrix(t).and_then(|m| {
-                if m.2.len() == 3 {
-                    Ok(m)
-                } else {
-                    Err(SessionError::value(&file.path, "T", "three numbers are wanted"))
-                }
-            })?;
-            Ok(Isometry3::from_parts(Vector3::from_column_slice(&t).into(), r))
+            let [x, y, z] = file.matrix(t)?.data[..] else {
+                return Err(SessionError::value(&file.path, "T", "three numbers are wanted"));
+            };
+            Ok(Isometry3::from_parts(Vector3::new(x, y, z).into(), r))
         }
         _ => {
             let detail = "is missing, and so are R and T of two cameras: add the extrinsics (the sample writes them to a file of \

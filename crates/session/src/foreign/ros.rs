@@ -31,7 +31,7 @@ pub fn read(path: &Path, names: &[String]) -> Result<Noted<Rig>, SessionError> {
             format!("distortion model {kind:?}: this program has plumb_bob; calibrate with it"),
         ));
     }
-    let (_, _, d) = file.matrix(file.key(&file.root, "distortion_coefficients")?)?;
+    let d = file.matrix(file.key(&file.root, "distortion_coefficients")?)?.data;
     let distortion = distortion(path, "distortion_coefficients", &d)?;
     let own = file.root.get("camera_name").and_then(|n| n.text()).filter(|n| !n.is_empty()).unwrap_or("cam1");
     let name = names.first().map_or(own, String::as_str).to_owned();

@@ -33,7 +33,7 @@ pub fn read(path: &Path, axes: AxesOf) -> Result<Vec<TimedPose>, SessionError> {
 /// # Errors
 /// What the file system refuses.
 pub fn write(path: &Path, poses: &[TimedPose], axes: AxesOf) -> Result<Vec<String>, SessionError> {
-    write_lines(path, "# t_s tx_m ty_m tz_m qx qy qz qw", (poses, axes), |t_ns, p, [w, x, y, z]| {
+    write_lines(path, "# t_s tx_m ty_m tz_m qx qy qz qw", poses, axes, |t_ns, p, [w, x, y, z]| {
         format!("{} {:?} {:?} {:?} {x:?} {y:?} {z:?} {w:?}", decimal_from_ns(t_ns), p.x, p.y, p.z)
     })
 }

@@ -26,6 +26,14 @@ enum Value {
     Map(Vec<(String, Yaml)>),
 }
 
+/// A matrix as OpenCV and ROS write it.
+pub(super) struct Matrix {
+    rows: usize,
+    cols: usize,
+    /// Row by row.
+    pub(super) data: Vec<f64>,
+}
+
 /// Nesting beyond this is no calibration.
 const DEEPEST: usize = 32;
 
@@ -92,7 +100,7 @@ impl YamlFile {
     }
 
     /// The numbers of a matrix with `rows`, `cols` and `data`.
-    pub(super) fn matrix(&self, node: &Yaml) -> Result<(usize, usize, Vec<f64>), SessionError> {
+    pub(super) fn matrix(&self, node: &Yaml) -> Result<Matrix, SessionError> {
         let side = |key: &str| -> Result<usize, SessionError> {
             let at = self.key(node, key)?;
             let n = self.number(at)?;
@@ -115,12 +123,12 @@ impl YamlFile {
                 ),
             ));
         }
-        Ok((rows, cols, data))
+        Ok(Matrix { rows, cols, data })
     }
 
     /// A matrix of a shape that is known.
     pub(super) fn shaped(&self, node: &Yaml, rows: usize, cols: usize) -> Result<Vec<f64>, SessionError> {
-        let (r, c, data) = self.matrix(node)?;
+        let Matrix { rows: r, cols: c, data } = self.matrix(node)?;
         if (r, c) == (rows, cols) {
             Ok(data)
         } else {

@@ -39,6 +39,6 @@ pub struct MarkerHealth {
     pub diameter_px: f64,
     /// Other objects of its colour in the image.
     pub others: f64,
-    /// Smallest angle of hue to coloured background beside the ball; 180 where there is none.
+    /// Smallest angle of hue to coloured background next to the ball; 180 where there is none.
     pub hue_apart_deg: f64,
 }

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 /// Writes what a run found into a folder, which is made where it is missing.
 ///
-/// Every file is written whole beside its place before the first is renamed into it, `summary.json` last;
+/// Every file is written whole next to its place before the first is renamed into it, `summary.json` last;
 /// when one cannot be written, those of this call are taken away again. Tables go to the disk row by row.
 ///
 /// # Errors
@@ -41,12 +41,12 @@ pub fn write_markers(path: &Path, results: &RunResults) -> Result<(), SessionErr
     PartFile::write(path, |out| markers(results.markers.iter().cloned(), results, out))?.keep()
 }
 
-/// A file that is written and waits beside its place until [`write_results`] puts it there; it is taken away
+/// A file that is written and waits next to its place until [`write_results`] puts it there; it is taken away
 /// where that never comes.
 #[derive(Debug, Clone)]
 pub struct EarlyFile(Arc<PartFile>);
 
-/// Writes `markers.csv` beside its place in a folder from all that was seen, of which the results keep what
+/// Writes `markers.csv` next to its place in a folder from all that was seen, of which the results keep what
 /// `is_needed` says yes to: those of an hour are many, and few are looked at again.
 ///
 /// # Errors

@@ -133,7 +133,7 @@ fn seconds(text: &str) -> Option<f64> {
     Some(3600.0 * hours + 60.0 * minutes + seconds)
 }
 
-/// What ffmpeg said beside the times.
+/// What ffmpeg said apart from the times.
 #[derive(Default)]
 struct Words {
     /// Its last lines.

@@ -118,7 +118,7 @@ pub fn read_image(path: &Path) -> Result<Frame, SessionError> {
     Frame::from_rgb(size, image.into_raw()).map_err(|e| broken(e.to_string()))
 }
 
-/// Writes a frame as a PNG file, beside its place and then renamed into it.
+/// Writes a frame as a PNG file, next to its place and then renamed into it.
 ///
 /// # Errors
 /// A place that cannot be written.
