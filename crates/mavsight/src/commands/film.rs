@@ -180,16 +180,9 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         vehicle: "vehicle.toml".into(),
         inputs: "inputs.csv".into(),
         truth: Some("truth.csv".into()),
-        model: None,
         control: Some(ControlSection { points: "control_points.csv".into(), observations: None }),
-        wand: None,
-        board: None,
-        rig: None,
-        flash: false,
-        clap: false,
-        refine: None,
-        live: None,
         camera: cameras,
+        ..SessionFile::default()
     };
     write_session(&args.out.join("session.toml"), &session)?;
     outln!("{} cameras: {}", session.camera.len(), args.out.join("session.toml").display());

@@ -293,21 +293,12 @@ fn record(
         });
     }
     let session = SessionFile {
-        flash: false,
-        clap: false,
-        rig: None,
         schema: SESSION_SCHEMA,
         name: "virtual".into(),
         vehicle: to.join("vehicle.toml"),
-        inputs: "".into(),
-        truth: None,
-        model: None,
         control: Some(ControlSection { points: to.join("control_points.csv"), observations: None }),
-        wand: None,
-        board: None,
-        refine: None,
-        live: None,
         camera,
+        ..SessionFile::default()
     };
     Ok(Recorder::begin(RecordedSession {
         folder: to.to_owned(),
