@@ -200,7 +200,7 @@ fn film_once(
         CameraFeed::new(c.name.clone(), Some(truth.len()), Box::new(frames))
     });
     let tracked = track(feeds.collect(), &rig, &vehicle, &NoProgress)?;
-    let predicted = PoseEstimator::new(&predicted(planner, cameras, (&stills, &rig))?, planner.markers());
+    let predicted = PoseEstimator::new(&predicted_rig(planner, cameras, (&stills, &rig))?, planner.markers());
     let control_px2 = rig.cameras.iter().map(|c| c.sigma_px.powi(2)).sum::<f64>() / rig.cameras.len() as f64;
     let mut out = SetUp { control_px2, centres: tracked.centre_quality(), ..SetUp::default() };
     for (k, (row, pose)) in truth.iter().enumerate() {
@@ -248,7 +248,7 @@ fn variances(
 
 /// The cameras as they are, with what their calibration is predicted to leave open if each control point's
 /// centre is as good as it claims, times the factor that the residuals have shown.
-fn predicted(
+fn predicted_rig(
     planner: &Planner,
     cameras: &[VirtualCamera],
     (stills, rig): (&[ControlStill], &Rig),

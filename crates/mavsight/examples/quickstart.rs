@@ -1,3 +1,5 @@
+#![doc = "From a session file to its parameters, stage by stage."]
+
 use mavsight::engine::{self, Flight, Options};
 use mavsight::pipeline::NoProgress;
 use mavsight::session::{RunResults, Session};
@@ -5,7 +7,7 @@ use std::error::Error;
 use std::path::Path;
 
 /// Calibrates, tracks, estimates poses and motion, and identifies the parameters of a session.
-pub fn quickstart(session_file: &Path) -> Result<RunResults, Box<dyn Error>> {
+pub(crate) fn quickstart(session_file: &Path) -> Result<RunResults, Box<dyn Error>> {
     let session = Session::load(session_file)?;
 
     // Calibrate: the cameras from stills of the control frame.
