@@ -7,8 +7,8 @@ pub mod attitude;
 pub mod camera;
 pub mod camera_parameters;
 pub mod dlt;
-mod dlt_fit;
 mod error;
+mod linear;
 pub mod rigid_fit;
 pub mod svd;
 #[cfg(test)]
@@ -18,10 +18,11 @@ pub mod triangulate;
 pub use attitude::{EulerAngles, world_from_body, world_from_level};
 pub use camera::{BrownConrady, Camera, ImageSize, Intrinsics, Projection};
 pub use camera_parameters::{CAMERA_PARAMETERS, CameraChange};
-pub use dlt::{ControlPoint, Dlt, DltFit};
+pub use dlt::{ControlPoint, Dlt};
 pub use error::GeometryError;
+pub use linear::{centroid_and_spread, whitener};
 pub use rigid_fit::{RigidFit, rigid_fit};
 pub use svd::{Svd, jacobi_svd};
-pub use triangulate::{Triangulation, triangulate};
+pub use triangulate::{ImagePoint, Triangulation, triangulate};
 
 pub use nalgebra::{Isometry3, Matrix2, Matrix3, Matrix6, Point3, UnitQuaternion, Vector2, Vector3};

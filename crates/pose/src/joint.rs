@@ -2,7 +2,7 @@
 
 use crate::chain::{CHAIN, Chain, ChainNoise, LASTING, Transition, add_process_noise};
 use crate::{MotionCovariance, MotionSample, PoseEstimate};
-use mavsight_geometry::attitude::{cross_matrix, matrix_of};
+use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::{Isometry3, Matrix3, Matrix6, UnitQuaternion, Vector3};
 use nalgebra::{Const, Dyn, Matrix6xX, OMatrix, SMatrix, SVector, Translation3, Vector6};
 
@@ -211,10 +211,10 @@ impl Joint {
             (0, 0, Matrix3::identity()),
             (3, CHAIN, Matrix3::identity()),
             (6, 3, body_from_world),
-            (6, CHAIN, cross_matrix(&velocity)),
+            (6, CHAIN, velocity.cross_matrix()),
             (9, CHAIN + 3, Matrix3::identity()),
             (12, 6, body_from_world),
-            (12, CHAIN, cross_matrix(&force)),
+            (12, CHAIN, force.cross_matrix()),
             (15, CHAIN + 6, Matrix3::identity()),
         ];
         for (row, column, block) in blocks {

@@ -182,7 +182,7 @@ mod tests {
     use crate::calibrate::test_sets::{both, seen};
     use crate::testing::{cameras, cube, normal};
     use crate::{Rig, calibrate};
-    use mavsight_geometry::{Matrix2, Vector2, triangulate};
+    use mavsight_geometry::{ImagePoint, Matrix2, Vector2, triangulate};
 
     /// Calibrations and measurements with noise, many times over, against the prediction.
     #[test]
@@ -203,7 +203,11 @@ mod tests {
                 .cameras
                 .iter()
                 .zip(&pixels)
-                .map(|(c, p)| (&c.camera, *p, Matrix2::identity() * std_px * std_px))
+                .map(|(c, p)| ImagePoint {
+                    camera: &c.camera,
+                    pixel: *p,
+                    covariance_px2: Matrix2::identity() * std_px * std_px,
+                })
                 .collect();
             let error = triangulate(&sights).unwrap().point_in_world_m - point;
             sum += error * error.transpose() / f64::from(trials);

@@ -100,7 +100,7 @@ fn best_first(list: &[(Vector2<f64>, f64)]) -> Vec<(usize, Vector2<f64>)> {
 
 /// Geometry that no choice can mend is refused as such.
 fn refuse_plane(search: &Search<'_>, top: &Choice) -> Result<(), PoseError> {
-    match Dlt::fit_linear(&search.control(top)) {
+    match Dlt::fit(&search.control(top)) {
         Err(error @ (GeometryError::CoplanarControlPoints { .. } | GeometryError::NotFinite { .. })) => {
             Err(error.into())
         }
@@ -132,7 +132,7 @@ impl Search<'_> {
         {
             return None;
         }
-        let dlt = Dlt::fit_linear(&control).ok()?;
+        let dlt = Dlt::fit(&control).ok()?;
         let implausible = implausibility(&dlt, self.size)?;
         let mut sum_px2 = 0.0;
         for c in &control {

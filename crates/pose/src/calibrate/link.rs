@@ -7,7 +7,7 @@ use super::start::{MIN_POINTS, starts};
 use crate::PoseError;
 use crate::moving::PointSight;
 use mavsight_geometry::{
-    Camera, ControlPoint, ImageSize, Isometry3, Matrix2, Matrix3, UnitQuaternion, triangulate,
+    Camera, ControlPoint, ImagePoint, ImageSize, Isometry3, Matrix2, Matrix3, UnitQuaternion, triangulate,
 };
 use nalgebra::Rotation3;
 
@@ -144,7 +144,10 @@ fn add_others(object: &Moved, set: &mut [Option<Camera>], sizes: &[ImageSize]) {
                 let rays: Vec<_> = place
                     .iter()
                     .filter(|o| o.point == s.point)
-                    .filter_map(|o| Some((set[o.camera].as_ref()?, o.pixel, Matrix2::identity())))
+                    .filter_map(|o| {
+                        let covariance_px2 = Matrix2::identity();
+                        Some(ImagePoint { camera: set[o.camera].as_ref()?, pixel: o.pixel, covariance_px2 })
+                    })
                     .collect();
                 if let Ok(found) = triangulate(&rays) {
                     points.push(ControlPoint {

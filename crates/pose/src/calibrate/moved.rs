@@ -4,7 +4,7 @@ use super::plane::pose_of_plane;
 use crate::moving::{PointSight, Shared};
 use crate::{BodyMarker, MarkerObservation, PoseError};
 use mavsight_geometry::{
-    Camera, GeometryError, Isometry3, Matrix2, UnitQuaternion, Vector3, rigid_fit, triangulate,
+    Camera, GeometryError, ImagePoint, Isometry3, Matrix2, UnitQuaternion, Vector3, rigid_fit, triangulate,
 };
 use nalgebra::Translation3;
 
@@ -155,7 +155,10 @@ impl Moved {
             let rays: Vec<_> = sights
                 .iter()
                 .filter(|s| s.point == p)
-                .filter_map(|s| Some((&cameras[s.camera], s.pixel, s.covariance_px2()?)))
+                .filter_map(|s| {
+                    let covariance_px2 = s.covariance_px2()?;
+                    Some(ImagePoint { camera: &cameras[s.camera], pixel: s.pixel, covariance_px2 })
+                })
                 .collect();
             if let Ok(found) = triangulate(&rays) {
                 in_body.push(point.marker_in_body_m);

@@ -11,7 +11,7 @@ use super::{CameraControl, CameraModel};
 use crate::PoseError;
 use mavsight_geometry::camera_parameters::INTRINSICS;
 use mavsight_geometry::{
-    CAMERA_PARAMETERS, Camera, GeometryError, Isometry3, Vector3, rigid_fit, triangulate,
+    CAMERA_PARAMETERS, Camera, GeometryError, ImagePoint, Isometry3, Vector3, rigid_fit, triangulate,
 };
 
 /// A sight is dropped beyond so many robust standard deviations: of normal noise one in a million is.
@@ -160,7 +160,11 @@ fn in_world(problem: &Problem, fit: &Fit) -> Result<Vec<Camera>, PoseError> {
             .sights
             .iter()
             .filter(|s| s.point == k)
-            .map(|s| (&fit.cameras[s.camera], s.pixel, s.covariance_px2))
+            .map(|s| ImagePoint {
+                camera: &fit.cameras[s.camera],
+                pixel: s.pixel,
+                covariance_px2: s.covariance_px2,
+            })
             .collect();
         if let Ok(seen) = triangulate(&rays) {
             surveyed.push(point.in_world_m);

@@ -2,8 +2,8 @@
 
 use super::moved::Moved;
 use mavsight_geometry::{
-    Camera, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix3, UnitQuaternion, Vector2, Vector3, jacobi_svd,
-    triangulate,
+    Camera, ImagePoint, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix3, UnitQuaternion, Vector2, Vector3,
+    jacobi_svd, triangulate,
 };
 use nalgebra::{DMatrix, Rotation3, Translation3};
 
@@ -175,8 +175,8 @@ fn poses(essential: &Matrix3<f64>) -> Vec<Isometry3<f64>> {
 /// lie before both.
 fn length_spread(both: &[[Match; 2]], (one, other): &(Camera, Camera)) -> Option<(f64, f64)> {
     let at = |(p, q): &Match| {
-        let unit = Matrix2::identity();
-        let found = triangulate(&[(one, *p, unit), (other, *q, unit)]).ok()?;
+        let image = |camera, pixel| ImagePoint { camera, pixel, covariance_px2: Matrix2::identity() };
+        let found = triangulate(&[image(one, *p), image(other, *q)]).ok()?;
         Some(found.point_in_world_m)
     };
     let every = both.len().div_ceil(100).max(1);

@@ -232,7 +232,7 @@ fn swaps(problem: &Problem, choice: &Choice) -> Vec<Explanation> {
         let mut sum_px2 = 0.0;
         for camera in (0..problem.sizes.len()).filter(|c| of.is_none_or(|of| of == *c)) {
             let control = problem.control(choice, camera);
-            let dlt = Dlt::fit_linear(&control).ok()?;
+            let dlt = Dlt::fit(&control).ok()?;
             for c in &control {
                 sum_px2 += (c.pixel - dlt.project(&c.point_in_world_m).ok()?).norm_squared();
             }

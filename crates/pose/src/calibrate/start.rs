@@ -22,7 +22,7 @@ pub(super) fn starts(points: &[ControlPoint], size: ImageSize) -> Result<Vec<Cam
     if points.len() < MIN_POINTS {
         return Err(GeometryError::TooFewControlPoints { found: points.len(), needed: MIN_POINTS });
     }
-    let refused = match Dlt::fit(points).and_then(|fit| fit.dlt.camera(size)) {
+    let refused = match Dlt::fit(points).and_then(|dlt| dlt.camera(size)) {
         Ok(camera) if is_built(&camera) => return Ok(vec![camera]),
         Ok(_) => GeometryError::UndeterminedCamera { condition: f64::INFINITY },
         Err(
