@@ -16,7 +16,7 @@ use mavsight::pose::{
 };
 use mavsight::scene::Room;
 use mavsight::score::VirtualCamera;
-use mavsight::vision::{BallCandidate, BallColor, Detector, Frame, Tracker};
+use mavsight::vision::{BallColor, Detection, Detector, Frame, Tracker};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
@@ -87,7 +87,7 @@ fn seeing(c: &mut Criterion) {
     for (camera, range) in [(&cameras[0], 3.0..=12.0), (&large(), 9.0..=36.0)] {
         let frame = filmed(&room, camera, &vehicle);
         let name = format!("detect four balls in a whole frame of {} px across", frame.size.width_px);
-        c.bench_function(&name, |b| b.iter(|| black_box(detector.candidates(&frame, range.clone()))));
+        c.bench_function(&name, |b| b.iter(|| black_box(detector.detect(&frame, range.clone()))));
     }
     tracking(c, &room, &vehicle);
 }
@@ -142,7 +142,7 @@ fn tracking(c: &mut Criterion, room: &Room, vehicle: &Vehicle) {
                     for (Watched { frames, tracker }, camera) in pair.iter_mut().zip(lab::cameras()) {
                         *tracker = tracker_of(vehicle, &camera);
                         for frame in &frames[..BEGUN] {
-                            black_box(tracker.candidates(frame));
+                            black_box(tracker.update(frame));
                         }
                     }
                     frame = BEGUN;
@@ -172,8 +172,8 @@ fn tracker_of(vehicle: &Vehicle, camera: &VirtualCamera) -> Tracker {
 fn tell(pair: &mut [Watched], frame: usize, seen: &mut Vec<MarkerObservation>) {
     seen.clear();
     for (camera, Watched { frames, tracker }) in pair.iter_mut().enumerate() {
-        for sighting in tracker.tell(&frames[frame]).iter().filter(|sighting| sighting.leads) {
-            let BallCandidate { pixel, covariance_px2, .. } = sighting.ball;
+        for sighting in tracker.follow(&frames[frame]).iter().filter(|sighting| sighting.is_preferred) {
+            let Detection { pixel, covariance_px2, .. } = sighting.detection;
             seen.push(MarkerObservation { t_ns: 0, camera, marker: sighting.color, pixel, covariance_px2 });
         }
     }

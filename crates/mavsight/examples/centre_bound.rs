@@ -144,7 +144,7 @@ fn follow(films: &[Film<'_>; 2], marker: (&str, [u8; 3], [f64; 3]), diameter_px:
             let frame = Frame::from_rgb(SIZE, noisy(&image, &mut random)).expect("a frame");
             // The room holds things of a marker's colour; which is the marker is not asked here.
             let truth = pixel_of(&ball);
-            let sights = tracker.candidates(&frame).iter().map(|s| s.ball);
+            let sights = tracker.update(&frame).iter().map(|s| s.detection);
             let near = sights.filter(|seen| (seen.pixel - truth).norm() < 0.5 * diameter_px);
             let Some(seen) = near.max_by(|a, b| a.diameter_px.total_cmp(&b.diameter_px)) else { continue };
             let error = seen.pixel - truth;

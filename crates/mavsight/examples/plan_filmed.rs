@@ -246,7 +246,7 @@ fn foreseen(
     let mut controls = Vec::new();
     for ((c, still), seen_by) in cameras.iter().zip(stills).zip(&rig.cameras) {
         let mut detector = Detector::new(&colors)?.with_camera(seen_by.camera);
-        let found = detector.candidates(&still.frame, 3.0..=f64::from(c.camera.size.width_px) / 10.0);
+        let found = detector.detect(&still.frame, 3.0..=f64::from(c.camera.size.width_px) / 10.0);
         let mut control = CameraControl::exact(c.name.clone(), c.camera.size, vec![], vec![]);
         for (row, found) in table.iter().zip(found) {
             let Some(point) = seen_by.points.iter().find(|p| p.used && p.name == row.name) else { continue };

@@ -6,7 +6,7 @@ use mavsight_pose::{
     CameraControl, LeftOut, LeftOutReason, MovedObject, Rig, Selection, calibrate_with, select_control_balls,
 };
 use mavsight_session::{ControlPixel, ControlPointRow};
-use mavsight_vision::{BallCandidate, BallColor, Detector, Frame};
+use mavsight_vision::{BallColor, Detection, Detector, Frame};
 
 /// The control frame as one camera saw it.
 pub struct ControlStill {
@@ -95,7 +95,7 @@ fn rig_of(
 
 /// What one still shows of the control frame.
 struct Seen {
-    candidates: Vec<Vec<BallCandidate>>,
+    candidates: Vec<Vec<Detection>>,
     selection: Selection,
 }
 
@@ -105,11 +105,11 @@ fn seen_in_still(
     (detector, has_objects): (&mut Detector, bool),
 ) -> Result<Seen, PipelineError> {
     let size = still.frame.size;
-    let candidates = detector.candidates(&still.frame, diameter_range_px(size));
+    let candidates = detector.detect(&still.frame, diameter_range_px(size));
     let found = candidates.iter().filter(|c| !c.is_empty()).count();
     if found < 6 && has_objects {
         // Too few for their geometry to tell which is which: the most ball-like of each colour.
-        let best = |list: &Vec<BallCandidate>| {
+        let best = |list: &Vec<Detection>| {
             list.iter().enumerate().max_by(|a, b| a.1.score.total_cmp(&b.1.score)).map(|(k, _)| k)
         };
         let chosen = candidates.iter().map(best).collect();
@@ -148,7 +148,7 @@ fn swapped_pairs(seen: &[Seen]) -> Vec<(usize, usize)> {
     pairs.sort_unstable();
     pairs.dedup();
     let right = |s: &Seen, i: usize| {
-        let best = |list: &Vec<BallCandidate>| {
+        let best = |list: &Vec<Detection>| {
             list.iter().enumerate().max_by(|a, b| a.1.score.total_cmp(&b.1.score)).map(|(k, _)| k)
         };
         s.selection.chosen[i].is_some() && s.selection.chosen[i] == best(&s.candidates[i])

@@ -97,15 +97,15 @@ impl CameraTracker {
             }
         }
         self.sights.clear();
-        self.sights.extend(self.tracker.tell(&frame).iter().map(|s| Sight {
+        self.sights.extend(self.tracker.follow(&frame).iter().map(|s| Sight {
             stamp_ns,
             id: s.id,
             color: s.color,
-            pixel: s.ball.pixel,
-            covariance_px2: s.ball.covariance_px2.map(held),
-            diameter_px: held(s.ball.diameter_px),
-            stays: s.stays,
-            leads: s.leads,
+            pixel: s.detection.pixel,
+            covariance_px2: s.detection.covariance_px2.map(held),
+            diameter_px: held(s.detection.diameter_px),
+            stays: s.is_static,
+            leads: s.is_preferred,
         }));
         self.last = Some((stamp_ns, frame));
         Look::New(&self.sights)

@@ -3,7 +3,7 @@
 use crate::calibrate::diameter_range_px;
 use crate::{CameraFeed, PipelineError};
 use mavsight_pose::{MarkerObservation, MovedObject};
-use mavsight_vision::{BallCandidate, BallColor, Tracker};
+use mavsight_vision::{BallColor, Detection, Tracker};
 
 /// Two balls on a stick.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,7 +19,7 @@ pub struct Wand {
 }
 
 /// What one camera saw: time stamps, and both balls.
-type Seen = Vec<(i64, Vec<Option<BallCandidate>>)>;
+type Seen = Vec<(i64, Vec<Option<Detection>>)>;
 
 /// Finds both balls in every frame of every camera and joins the cameras in time: frames within half an interval of one of the
 /// first camera's are of the same instant.
@@ -58,7 +58,7 @@ fn balls_of(wand: &Wand, feed: CameraFeed<'_>) -> Result<Seen, PipelineError> {
                 tracker.insert(Tracker::new(&colors, diameter_range_px(frame.frame.size)).map_err(failed)?)
             }
         };
-        out.push((frame.t_ns, tracker.observe(&frame.frame).to_vec()));
+        out.push((frame.t_ns, tracker.update_preferred(&frame.frame).to_vec()));
     }
     Ok(out)
 }
@@ -79,7 +79,7 @@ fn joined(seen: &[Seen]) -> Vec<MarkerObservation> {
                 continue;
             }
             for (marker, ball) in balls.iter().enumerate() {
-                let Some(BallCandidate { pixel, covariance_px2, .. }) = *ball else { continue };
+                let Some(Detection { pixel, covariance_px2, .. }) = *ball else { continue };
                 out.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
             }
         }
@@ -94,7 +94,7 @@ mod tests {
 
     #[test]
     fn frames_join_with_the_nearest_of_the_first_camera() {
-        let ball = |u: f64| BallCandidate {
+        let ball = |u: f64| Detection {
             pixel: Vector2::new(u, 0.0),
             covariance_px2: Matrix2::identity(),
             area_px: 20.0,

@@ -112,7 +112,7 @@ mod tests {
         for k in 0..20 {
             let light = if (5..9).contains(&k) || k >= 15 { 8 } else { 120 };
             let frame = Frame::from_rgb(SIZE, vec![light; 3 * SIZE.area_px()]).unwrap();
-            tracker.candidates(&frame);
+            tracker.update(&frame);
             watch.saw(k * 100_000_000, tracker.is_dark());
         }
         let (health, notes) = watch.finish(&tracker).told(&[0], &[4]);

@@ -12,7 +12,7 @@ use std::ops::{Range, RangeInclusive};
 
 /// A region that looks like a ball of a marker's colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BallCandidate {
+pub struct Detection {
     /// Centre of the outline.
     pub pixel: Vector2<f64>,
     /// Covariance of the centre.
@@ -102,11 +102,11 @@ impl Detector {
     ///
     /// A ball that is not seen yields an empty list. Balls below 3 px are not measured, whatever the range; a range
     /// that is not finite or does not reach 3 px yields nothing at all.
-    pub fn candidates(
+    pub fn detect(
         &mut self,
         frame: &Frame,
         expected_diameter_px: RangeInclusive<f64>,
-    ) -> Vec<Vec<BallCandidate>> {
+    ) -> Vec<Vec<Detection>> {
         let range_px = (*expected_diameter_px.start(), *expected_diameter_px.end());
         let mut lists = vec![Vec::new(); self.model.len()];
         if !is_measurable(range_px) {
@@ -117,7 +117,7 @@ impl Detector {
         let mut found = Vec::new();
         for (marker, list) in lists.iter_mut().enumerate() {
             workspace.search(frame, &self.model, marker, range_px, &mut found);
-            list.extend(found.iter().map(|sighting| sighting.ball));
+            list.extend(found.iter().map(|sighting| sighting.detection));
         }
         lists
     }
@@ -166,7 +166,7 @@ impl Workspace {
         model: &ColorModel,
         marker: usize,
         range_px: (f64, f64),
-        found: &mut Vec<Sighting>,
+        found: &mut Vec<Found>,
     ) {
         found.clear();
         self.segmenter.regions(model, marker, area_gate_px(range_px));
@@ -179,7 +179,7 @@ impl Workspace {
             let within = |at: &Vector2<f64>, radius_px: f64| (at - blob.pixel).norm() <= radius_px;
             // A part of a ball that has been found whole is no other.
             let is_known = self.known.iter().any(|(at, radius_px)| within(at, *radius_px))
-                || found.iter().any(|s| within(&s.ball.pixel, 0.5 * s.ball.diameter_px));
+                || found.iter().any(|s| within(&s.detection.pixel, 0.5 * s.detection.diameter_px));
             let is_elsewhere = self.rows.as_ref().is_some_and(|r| !r.contains(&(blob.pixel.y as usize)));
             if is_known || is_elsewhere || model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
                 continue;
@@ -203,7 +203,7 @@ impl Workspace {
                 sighting(frame, (model, marker), &fit, (from_region_px, blob.area_px))
             }));
         }
-        found.sort_unstable_by(|a, b| b.ball.score.total_cmp(&a.ball.score));
+        found.sort_unstable_by(|a, b| b.detection.score.total_cmp(&a.detection.score));
     }
 }
 
@@ -213,9 +213,9 @@ fn sighting(
     model: (&ColorModel, usize),
     fit: &crate::centre::Fit,
     (from_region_px, area_px): (Vector2<f64>, f64),
-) -> Option<Sighting> {
-    judge(frame, area_px, model, fit).map(|ball| Sighting {
-        ball,
+) -> Option<Found> {
+    judge(frame, area_px, model, fit).map(|detection| Found {
+        detection,
         expected: Expected {
             radius_px: fit.radius_px,
             followed: fit.followed,
@@ -236,7 +236,7 @@ impl Expected {
         frame: &Frame,
         (model, marker): (&ColorModel, usize),
         foreseen: &mut Foreseen,
-    ) -> Result<Sighting, Option<Vector2<f64>>> {
+    ) -> Result<Found, Option<Vector2<f64>>> {
         let fit = foreseen.fit(frame)?;
         sighting(frame, (model, marker), &fit, (self.from_region_px, self.area_px)).ok_or(None)
     }
@@ -290,8 +290,8 @@ fn start(frame: &Frame, blob: &Blob, range_px: (f64, f64)) -> Start {
 
 /// A fitted ball with what it tells of the camera and of itself.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Sighting {
-    pub(crate) ball: BallCandidate,
+pub(crate) struct Found {
+    pub(crate) detection: Detection,
     pub(crate) expected: Expected,
     /// Optics taken as known, and found.
     pub(crate) optics: (Optics, Optics),
@@ -303,7 +303,7 @@ fn judge(
     area_px: f64,
     (model, marker): (&ColorModel, usize),
     fit: &crate::centre::Fit,
-) -> Option<BallCandidate> {
+) -> Option<Detection> {
     let radius_px = fit.radius_px.mean;
     if !frame.size.contains(&fit.pixel, radius_px) {
         return None;
@@ -315,7 +315,7 @@ fn judge(
     }
     let disc_px = std::f64::consts::PI * radius_px * radius_px;
     let filled = (area_px / disc_px).min(disc_px / area_px);
-    Some(BallCandidate {
+    Some(Detection {
         pixel: fit.pixel,
         covariance_px2: fit.covariance_px2,
         area_px,

@@ -1,7 +1,7 @@
 //! How well one camera sees the balls: exposure, contrast, and what else has their colours.
 
 use crate::color::{ColorModel, Seen, to_linear};
-use crate::{BallCandidate, Frame};
+use crate::{Detection, Frame};
 
 /// Frames between two looks: health changes slowly.
 pub(crate) const EVERY: u64 = 8;
@@ -36,7 +36,7 @@ impl BallHealth {
         frame: &Frame,
         model: &ColorModel,
         color: usize,
-        ball: &BallCandidate,
+        ball: &Detection,
         others: usize,
     ) {
         let (mut inside, mut ring) = (Sum::default(), Sum::default());
@@ -116,7 +116,7 @@ mod tests {
 
     fn health(ball: [u8; 3], around: [u8; 3]) -> BallHealth {
         let model = ColorModel::new(&[BallColor { name: "red".into(), rgb: [200, 40, 40] }]).unwrap();
-        let seen = BallCandidate {
+        let seen = Detection {
             pixel: Vector2::new(20.0, 20.0),
             covariance_px2: Matrix2::identity(),
             area_px: 78.0,

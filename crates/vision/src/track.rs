@@ -1,17 +1,17 @@
 //! Following everything of a marker's colour from frame to frame.
 
 mod motion;
-mod thing;
+mod state;
 
 use crate::centre::LEAST_RADIUS_PX;
 use crate::color::{ColorModel, Seen};
 use crate::detect::{Workspace, is_measurable};
 use crate::health::{self, BallHealth};
 use crate::segment::Window;
-use crate::{BallCandidate, BallColor, Frame, VisionError};
+use crate::{BallColor, Detection, Frame, VisionError};
 use mavsight_geometry::Camera;
+use state::TrackState;
 use std::ops::{Range, RangeInclusive};
-use thing::Track;
 
 /// Frames without a sighting after which the motion of a ball is no longer extrapolated.
 const MOST_MISSED: u32 = 5;
@@ -28,17 +28,17 @@ const LOOK_AROUND_OFTEN: u64 = 2;
 
 /// One ball that may be a marker of a colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ColorSighting {
+pub struct Track {
     /// Which of the tracker's colours.
     pub color: usize,
     /// The same number for the same thing from frame to frame, in one camera, for as long as it is followed.
     pub id: u32,
     /// What was seen.
-    pub ball: BallCandidate,
+    pub detection: Detection,
     /// Whether it has long stayed at one place of the image.
-    pub stays: bool,
+    pub is_static: bool,
     /// Whether, of what is seen of its colour, it is the most likely to be a marker: what has moved, and was followed longest.
-    pub leads: bool,
+    pub is_preferred: bool,
 }
 
 /// Finds all that may be a marker in each frame of one camera: each thing near where it is expected, and newcomers in the
@@ -51,11 +51,11 @@ pub struct Tracker {
     model: ColorModel,
     range_px: (f64, f64),
     colors: Vec<ColorState>,
-    tracks: Vec<Track>,
+    tracks: Vec<TrackState>,
     workspace: Workspace,
-    found: Vec<crate::detect::Sighting>,
-    sightings: Vec<ColorSighting>,
-    leading: Vec<Option<BallCandidate>>,
+    found: Vec<crate::detect::Found>,
+    sightings: Vec<Track>,
+    leading: Vec<Option<Detection>>,
     frames: u64,
     next_id: u32,
     health: Vec<BallHealth>,
@@ -121,22 +121,22 @@ impl Tracker {
         self
     }
 
-    /// Looks at the next frame: all balls that may be markers, those followed longest first. [`Tracker::tell`] and
+    /// Looks at the next frame: all balls that may be markers, those followed longest first. [`Tracker::follow`] and
     /// [`Tracker::look_around`] in one.
-    pub fn candidates(&mut self, frame: &Frame) -> &[ColorSighting] {
-        self.tell(frame);
+    pub fn update(&mut self, frame: &Frame) -> &[Track] {
+        self.follow(frame);
         self.look_around(frame);
         &self.sightings
     }
 
     /// What is followed, in the next frame, those followed longest first; all there is where nothing is.
-    pub fn tell(&mut self, frame: &Frame) -> &[ColorSighting] {
+    pub fn follow(&mut self, frame: &Frame) -> &[Track] {
         self.sightings.clear();
         self.frames += 1;
         self.tracks.retain(|t| t.missed <= MOST_MISSED && (t.missed < 2 || t.seen > FEW_SEEN));
         for is_new in [false, true] {
             for track in 0..self.tracks.len() {
-                self.tell_of(frame, track, is_new);
+                self.follow_one(frame, track, is_new);
             }
         }
         (self.has_looked, self.is_done) = (false, false);
@@ -148,7 +148,7 @@ impl Tracker {
         for color in 0..self.colors.len() {
             if let Some(lead) = self.lead(color) {
                 let id = self.tracks[lead].id;
-                self.sightings.iter_mut().filter(|s| s.id == id).for_each(|s| s.leads = true);
+                self.sightings.iter_mut().filter(|s| s.id == id).for_each(|s| s.is_preferred = true);
                 self.model.learn(color, &Seen::of(self.tracks[lead].colors));
             }
         }
@@ -173,8 +173,8 @@ impl Tracker {
 
     /// Looks at the next frame: for each colour the ball that has been followed longest, those that moved first; None where
     /// there is none.
-    pub fn observe(&mut self, frame: &Frame) -> &[Option<BallCandidate>] {
-        self.tell(frame);
+    pub fn update_preferred(&mut self, frame: &Frame) -> &[Option<Detection>] {
+        self.follow(frame);
         for color in 0..self.colors.len() {
             self.leading[color] = self.lead(color).map(|t| self.tracks[t].last);
         }
@@ -196,7 +196,7 @@ impl Tracker {
 
     /// Looks for a track that is new, or for one that is not. What is new waits where all markers of its colour have been seen: mostly it
     /// is a fleck that is gone by now.
-    fn tell_of(&mut self, frame: &Frame, track: usize, is_new: bool) {
+    fn follow_one(&mut self, frame: &Frame, track: usize, is_new: bool) {
         if (self.tracks[track].seen <= FEW_SEEN) != is_new {
             return;
         }
@@ -228,18 +228,18 @@ impl Tracker {
         }
         self.workspace.expected = None;
         let track = &self.tracks[index];
-        let agrees = |ball: &BallCandidate| {
+        let agrees = |ball: &Detection| {
             (ball.pixel - middle).norm() <= reach_px
                 && track.agrees(ball)
-                && !self.sightings.iter().any(|s| s.color == color && is_same(&s.ball, ball))
+                && !self.sightings.iter().any(|s| s.color == color && is_same(&s.detection, ball))
         };
         // The nearest of those that look about as much like a ball as the best.
-        let agreeing = self.found.iter().filter(|s| agrees(&s.ball));
-        let best = agreeing.clone().map(|s| s.ball.score).fold(0.0, f64::max);
-        let away = |ball: &BallCandidate| (ball.pixel - middle).norm();
+        let agreeing = self.found.iter().filter(|s| agrees(&s.detection));
+        let best = agreeing.clone().map(|s| s.detection.score).fold(0.0, f64::max);
+        let away = |ball: &Detection| (ball.pixel - middle).norm();
         let nearest = agreeing
-            .filter(|s| s.ball.score >= 0.5 * best)
-            .min_by(|a, b| away(&a.ball).total_cmp(&away(&b.ball)))
+            .filter(|s| s.detection.score >= 0.5 * best)
+            .min_by(|a, b| away(&a.detection).total_cmp(&away(&b.detection)))
             .copied();
         let Some(sighting) = nearest else {
             self.tracks[index].missed += 1;
@@ -249,7 +249,7 @@ impl Tracker {
         self.workspace.optics.learn(taken, found);
         let track = &mut self.tracks[index];
         track.expected = Some(sighting.expected);
-        track.advance(sighting.ball, self.frames);
+        track.advance(sighting.detection, self.frames);
         self.sightings.push(track.sighting(self.frames));
     }
 
@@ -280,10 +280,10 @@ impl Tracker {
 
     fn look_at_health(&mut self, frame: &Frame) {
         for color in 0..self.colors.len() {
-            if let Some(lead) = self.sightings.iter().find(|s| s.leads && s.color == color) {
+            if let Some(lead) = self.sightings.iter().find(|s| s.is_preferred && s.color == color) {
                 let seen = self.sightings.iter().filter(|s| s.color == color).count();
                 let others = seen.saturating_sub(self.colors[color].markers);
-                self.health[color].look(frame, &self.model, color, &lead.ball, others);
+                self.health[color].look(frame, &self.model, color, &lead.detection, others);
             }
         }
     }
@@ -321,7 +321,7 @@ impl Tracker {
             if others >= self.colors[color].markers + MOST_OTHERS {
                 break;
             }
-            let ball = sighting.ball;
+            let ball = sighting.detection;
             if self.tracks.iter().any(|t| t.missed == 0 && is_same(&t.last, &ball)) {
                 continue;
             }
@@ -336,7 +336,7 @@ impl Tracker {
                 track.advance(ball, self.frames);
                 continue;
             }
-            self.tracks.push(Track::of(color, self.next_id, ball, self.frames));
+            self.tracks.push(TrackState::of(color, self.next_id, ball, self.frames));
             self.next_id = self.next_id.wrapping_add(1);
         }
     }
@@ -363,6 +363,6 @@ fn band(rows: usize, frame: u64, bands: u64) -> Range<usize> {
 }
 
 /// Whether two balls are the same thing in the image.
-fn is_same(a: &BallCandidate, b: &BallCandidate) -> bool {
+fn is_same(a: &Detection, b: &Detection) -> bool {
     (a.pixel - b.pixel).norm() <= 0.25 * a.diameter_px.max(b.diameter_px)
 }

@@ -50,7 +50,7 @@ fn eight_balls_in_each_still() {
         let size = ImageSize { width_px: still.width(), height_px: still.height() };
         let frame = Frame::from_rgb(size, still.into_raw()).unwrap();
         let mut errors_px = Vec::new();
-        for ((color, point), found) in controls.iter().zip(detector.candidates(&frame, 3.0..=64.0)) {
+        for ((color, point), found) in controls.iter().zip(detector.detect(&frame, 3.0..=64.0)) {
             let wanted = project(camera, *point);
             let best = found.first().unwrap_or_else(|| panic!("camera {camera}: no {} ball", color.name));
             let error = best.pixel - wanted;

@@ -75,7 +75,7 @@ fn every_marker_of_every_frame() {
             let (blue, red) = rest.split_at(SIZE.area_px() / 4);
             let planes = [luma.to_vec(), blue.to_vec(), red.to_vec()];
             let frame = Frame::from_yuv420(SIZE, planes, false, YuvMatrix::Bt709).unwrap();
-            for (marker, seen) in tracker.observe(&frame).iter().enumerate() {
+            for (marker, seen) in tracker.update_preferred(&frame).iter().enumerate() {
                 if let Some(ball) = seen {
                     let error = ball.pixel - project(camera, marker_in_world(row, MARKERS[marker].2));
                     let information = ball.covariance_px2.try_inverse().unwrap();

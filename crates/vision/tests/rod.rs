@@ -77,7 +77,7 @@ fn measured(radius_px: f64, rod_px: f64, from_px: f64) -> (f64, f64) {
         let along = Vector2::new(angle.cos(), angle.sin());
         let middle = Vector2::new(20.0 + 0.37 * f64::from(k % 5), 19.6 + 0.21 * f64::from(k % 7));
         let scene = Scene { middle, radius_px, along, rod_px, from_px };
-        let found = detector.candidates(&still(&scene, k + 1), 3.0..=20.0);
+        let found = detector.detect(&still(&scene, k + 1), 3.0..=20.0);
         let ball = found[0].first().unwrap_or_else(|| panic!("no ball at a rod in direction {angle}"));
         let error = ball.pixel - middle;
         pull += error.dot(&along);

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mavsight_vision::{
-    BallCandidate, BallColor, Detector, Frame, ImageSize, Tracker, Vector2, VisionError, YuvMatrix,
+    BallColor, Detection, Detector, Frame, ImageSize, Tracker, Vector2, VisionError, YuvMatrix,
 };
 
 const SIZE: ImageSize = ImageSize { width_px: 64, height_px: 48 };
@@ -124,7 +124,7 @@ fn trial(count: usize, blur_px: f64, noise: f64, shade: Vector2<f64>) -> (Vector
     for _ in 0..count {
         let drawn = Drawn { shade_per_radius: shade, ..ball(30.0 + dice.uniform(), 22.0 + dice.uniform()) };
         let frame = frame(&[drawn], blur_px, noise, &mut dice);
-        let found = detector.candidates(&frame, 3.0..=10.0);
+        let found = detector.detect(&frame, 3.0..=10.0);
         let best = found[0].first().expect("the ball is found");
         let error = best.pixel - drawn.middle;
         sum += error;
@@ -156,7 +156,7 @@ fn a_small_ball_before_a_dim_wall_is_where_it_is() {
         let middle = Vector2::new(30.0 + f64::from(k % 4) / 4.0, 22.125 + f64::from(k / 4) / 4.0);
         let drawn = Drawn { radius_px: 2.5, middle, light: [0.4, 0.012, 0.012], ..ball(0.0, 0.0) };
         let rgb = draw_before(|_| [0.2; 3], &[drawn], 0.5, 0.3, &mut dice);
-        let found = detector.candidates(&Frame::from_rgb(SIZE, rgb).unwrap(), 3.0..=10.0);
+        let found = detector.detect(&Frame::from_rgb(SIZE, rgb).unwrap(), 3.0..=10.0);
         square += (found[0].first().expect("the ball is found").pixel - middle).norm_squared();
         count += 2.0;
     }
@@ -179,7 +179,7 @@ fn a_ball_far_from_the_corner_of_a_large_image_is_where_it_is() {
         for (row, small) in rows.zip(small.chunks_exact(3 * SIZE.width_px as usize)) {
             row[3 * LEFT..3 * LEFT + small.len()].copy_from_slice(small);
         }
-        let found = detector.candidates(&Frame::from_rgb(size, rgb).unwrap(), 3.0..=16.0);
+        let found = detector.detect(&Frame::from_rgb(size, rgb).unwrap(), 3.0..=16.0);
         let seen = found[0].first().expect("the ball is found").pixel - Vector2::new(LEFT as f64, 0.0);
         assert!((seen - middle).norm() < 0.005, "{seen} for {middle}");
     }
@@ -196,7 +196,7 @@ fn a_ball_that_one_lamp_lights_is_where_it_is() {
         let lamp = Some([cos, sin, 0.0]);
         let drawn = Drawn { radius_px: 5.0, lamp, middle, ..ball(0.0, 0.0) };
         let frame = frame(&[drawn], 0.5, 0.3, &mut dice);
-        let found = detector.candidates(&frame, 3.0..=16.0);
+        let found = detector.detect(&frame, 3.0..=16.0);
         let error = found[0].first().expect("the ball is found").pixel - middle;
         bias += error.dot(&Vector2::new(cos, sin));
         turns += 1.0;
@@ -228,7 +228,7 @@ fn a_lamp_behind_a_part_of_a_ball_does_not_move_it() {
         let lamp = [3.0, 7.0, 30.0][k % 3];
         let wall = |at: Vector2<f64>| if at.y > edge_px { [lamp; 3] } else { [0.12; 3] };
         let rgb = draw_before(wall, &[drawn], 0.5, 2.0, &mut dice);
-        let found = detector.candidates(&Frame::from_rgb(SIZE, rgb).unwrap(), 3.0..=16.0);
+        let found = detector.detect(&Frame::from_rgb(SIZE, rgb).unwrap(), 3.0..=16.0);
         let best = found[0].first().expect("the ball is found");
         let error = best.pixel - drawn.middle;
         normalized += error.dot(&(best.covariance_px2.try_inverse().unwrap() * error)) / (2 * COUNT) as f64;
@@ -244,14 +244,14 @@ fn a_ball_that_is_not_there_is_not_found() {
     let mut dice = Dice(3);
     for step in 0..6 {
         let drawn = ball(20.0 + f64::from(step), 20.0);
-        let seen = tracker.observe(&frame(&[drawn], 0.5, 2.0, &mut dice)).to_vec();
+        let seen = tracker.update_preferred(&frame(&[drawn], 0.5, 2.0, &mut dice)).to_vec();
         assert!((seen[0].unwrap().pixel - drawn.middle).norm() < 0.2);
         assert!(seen[1].is_none());
     }
-    assert_eq!(tracker.observe(&frame(&[], 0.5, 2.0, &mut dice)), [None, None]);
+    assert_eq!(tracker.update_preferred(&frame(&[], 0.5, 2.0, &mut dice)), [None, None]);
     // It comes back far from where it was last seen, and is found again.
     let drawn = ball(50.0, 35.0);
-    let seen = tracker.observe(&frame(&[drawn], 0.5, 2.0, &mut dice));
+    let seen = tracker.update_preferred(&frame(&[drawn], 0.5, 2.0, &mut dice));
     assert!((seen[0].unwrap().pixel - drawn.middle).norm() < 0.2);
 }
 
@@ -266,14 +266,14 @@ fn everything_of_a_colour_is_followed_and_what_moves_leads() {
         let drawn = ball(14.0 + f64::from(step), 30.0);
         let hidden = (20..24).contains(&step);
         let balls = if hidden { vec![decoy] } else { vec![decoy, drawn] };
-        let seen = tracker.candidates(&frame(&balls, 0.5, 2.0, &mut dice)).to_vec();
-        let at = |middle: Vector2<f64>| seen.iter().find(|s| (s.ball.pixel - middle).norm() < 0.3);
+        let seen = tracker.update(&frame(&balls, 0.5, 2.0, &mut dice)).to_vec();
+        let at = |middle: Vector2<f64>| seen.iter().find(|s| (s.detection.pixel - middle).norm() < 0.3);
         assert!(at(decoy.middle).is_some(), "step {step}: {seen:?}");
         let marker = at(drawn.middle);
         assert_eq!(marker.is_none(), hidden, "step {step}: {seen:?}");
         ids.extend(marker.map(|m| m.id));
         if step > 12 && !hidden {
-            let lead = tracker.clone().observe(&frame(&balls, 0.5, 2.0, &mut dice))[0].unwrap();
+            let lead = tracker.clone().update_preferred(&frame(&balls, 0.5, 2.0, &mut dice))[0].unwrap();
             assert!((lead.pixel - drawn.middle).norm() < 0.3, "step {step}");
         }
     }
@@ -288,15 +288,15 @@ fn newcomers_beside_what_is_followed_are_told_once_they_have_stayed() {
     let mut dice = Dice(9);
     let (known, newcomer) = (ball(20.0, 14.0), ball(44.0, 33.0));
     for _ in 0..3 {
-        assert_eq!(tracker.candidates(&frame(&[known], 0.5, 2.0, &mut dice)).len(), 1);
+        assert_eq!(tracker.update(&frame(&[known], 0.5, 2.0, &mut dice)).len(), 1);
     }
     let mut stepwise = tracker.clone();
     let (mut seen, mut told) = (Vec::new(), Vec::new());
     for _ in 0..14 {
         let image = frame(&[known, newcomer], 0.5, 2.0, &mut dice);
-        let all = tracker.candidates(&image);
+        let all = tracker.update(&image);
         seen.push(all.len());
-        let first = stepwise.tell(&image);
+        let first = stepwise.follow(&image);
         told.push(first.len());
         assert_eq!(first, &all[..first.len()]);
         stepwise.look_around(&image);
@@ -317,7 +317,7 @@ fn video_with_halved_colour_gives_the_same_centre() {
         let drawn = ball(20.0 + 0.37 * f64::from(step), 20.0 + 0.21 * f64::from(step));
         let rgb = draw(&[drawn], 0.5, 1.0, &mut dice);
         let frame = halved(&rgb);
-        let seen = tracker.observe(&frame)[0].expect("the ball is seen");
+        let seen = tracker.update_preferred(&frame)[0].expect("the ball is seen");
         if step >= 10 {
             sum += seen.pixel - drawn.middle;
             count += 1.0;
@@ -356,14 +356,15 @@ fn what_was_made_ready_for_is_measured_as_any_other() {
                 rgb.chunks_exact_mut(3 * SIZE.width_px as usize).for_each(|row| row[3 * edge..].fill(40));
             }
             let image = if has_halved_colour { halved(&rgb) } else { Frame::from_rgb(SIZE, rgb).unwrap() };
-            let one = ready.candidates(&image).to_vec();
-            let other = plain.tell(&image).to_vec();
-            let [Some(one), Some(other)] = [&one, &other].map(|seen| seen.first().map(|s| s.ball)) else {
+            let one = ready.update(&image).to_vec();
+            let other = plain.follow(&image).to_vec();
+            let [Some(one), Some(other)] = [&one, &other].map(|seen| seen.first().map(|s| s.detection))
+            else {
                 assert!(post && step > 20, "step {step}: {one:?} {other:?}");
                 continue;
             };
             apart += usize::from(one != other);
-            let std_px = |ball: &BallCandidate| (0.5 * ball.covariance_px2.trace()).sqrt();
+            let std_px = |ball: &Detection| (0.5 * ball.covariance_px2.trace()).sqrt();
             let (away_px, wider) = ((one.pixel - other.pixel).norm(), std_px(&one) / std_px(&other));
             squares[0] += (one.pixel - drawn.middle).norm_squared();
             squares[1] += (other.pixel - drawn.middle).norm_squared();
@@ -422,7 +423,7 @@ fn bad_requests_are_refused() {
     assert!(matches!(Detector::new(&twice), Err(VisionError::ColorsTooClose { .. })));
     for range in [0.0..=8.0, 9.0..=4.0, 1.0..=2.0, f64::NAN..=4.0, 3.0..=f64::INFINITY] {
         let blank = Frame::from_rgb(SIZE, vec![90; 3 * SIZE.area_px()]).unwrap();
-        assert!(Detector::new(&red()).unwrap().candidates(&blank, range.clone())[0].is_empty());
+        assert!(Detector::new(&red()).unwrap().detect(&blank, range.clone())[0].is_empty());
         assert!(matches!(Tracker::new(&red(), range), Err(VisionError::DiameterRange { .. })));
     }
 }
@@ -430,6 +431,6 @@ fn bad_requests_are_refused() {
 #[test]
 fn a_frame_without_pixels_holds_nothing() {
     let empty = Frame::from_rgb(ImageSize { width_px: 0, height_px: 0 }, vec![]).unwrap();
-    assert!(Detector::new(&red()).unwrap().candidates(&empty, 3.0..=9.0)[0].is_empty());
-    assert_eq!(Tracker::new(&red(), 3.0..=9.0).unwrap().observe(&empty), [None]);
+    assert!(Detector::new(&red()).unwrap().detect(&empty, 3.0..=9.0)[0].is_empty());
+    assert_eq!(Tracker::new(&red(), 3.0..=9.0).unwrap().update_preferred(&empty), [None]);
 }

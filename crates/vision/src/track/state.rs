@@ -1,12 +1,12 @@
 //! What is known of one thing that is followed.
 
-use super::ColorSighting;
+use super::Track;
 use super::motion::Motion;
 use crate::centre::Foreseen;
 use crate::color::to_linear;
 use crate::detect::Expected;
 use crate::optics::Known;
-use crate::{BallCandidate, Vector2};
+use crate::{Detection, Vector2};
 
 /// Change of size or brightness between sightings beyond which it is another thing: half a stop of shade, or the range
 /// changing by half.
@@ -22,10 +22,10 @@ const STAYS_FRAMES: u64 = 45;
 
 /// What is known of one thing.
 #[derive(Debug, Clone)]
-pub(super) struct Track {
+pub(super) struct TrackState {
     pub(super) color: usize,
     pub(super) id: u32,
-    pub(super) last: BallCandidate,
+    pub(super) last: Detection,
     motion: Motion,
     pub(super) missed: u32,
     /// Whether it is yet to be looked for in the frame that is being told.
@@ -44,8 +44,8 @@ pub(super) struct Track {
     pub(super) has_moved: bool,
 }
 
-impl Track {
-    pub(super) fn of(color: usize, id: u32, ball: BallCandidate, frame: u64) -> Self {
+impl TrackState {
+    pub(super) fn of(color: usize, id: u32, ball: Detection, frame: u64) -> Self {
         let mut track = Self {
             color,
             id,
@@ -67,9 +67,9 @@ impl Track {
         track
     }
 
-    pub(super) fn sighting(&self, frame: u64) -> ColorSighting {
-        let stays = frame - self.moved_at > STAYS_FRAMES;
-        ColorSighting { color: self.color, id: self.id, ball: self.last, stays, leads: false }
+    pub(super) fn sighting(&self, frame: u64) -> Track {
+        let is_static = frame - self.moved_at > STAYS_FRAMES;
+        Track { color: self.color, id: self.id, detection: self.last, is_static, is_preferred: false }
     }
 
     pub(super) fn is_moving(&self, frame: u64) -> bool {
@@ -96,21 +96,21 @@ impl Track {
     }
 
     /// Whether a ball is of about the size and brightness of the one followed.
-    pub(super) fn agrees(&self, ball: &BallCandidate) -> bool {
+    pub(super) fn agrees(&self, ball: &Detection) -> bool {
         let ratio = brightness(ball) / self.mean_brightness;
         let size = 0.5 * ball.diameter_px / self.mean_radius_px;
         (1.0 / MOST_CHANGE..=MOST_CHANGE).contains(&size)
             && (1.0 / MOST_CHANGE..=MOST_CHANGE).contains(&f64::from(ratio))
     }
 
-    pub(super) fn advance(&mut self, ball: BallCandidate, frame: u64) {
+    pub(super) fn advance(&mut self, ball: Detection, frame: u64) {
         self.motion.advance(ball.pixel, self.missed + 1);
         // Flecks of a thing that stays come and go, one here and one there: what moves is followed from here to there, and is there in
         // the next frame, too.
         if self.missed > 0 {
             self.place = ball.pixel;
         }
-        let is_elsewhere = |ball: &BallCandidate| (ball.pixel - self.place).norm() > ball.diameter_px;
+        let is_elsewhere = |ball: &Detection| (ball.pixel - self.place).norm() > ball.diameter_px;
         let has_moved = is_elsewhere(&self.last) && is_elsewhere(&ball);
         self.last = ball;
         self.missed = 0;
@@ -122,7 +122,7 @@ impl Track {
         self.learn(&ball);
     }
 
-    pub(super) fn learn(&mut self, ball: &BallCandidate) {
+    pub(super) fn learn(&mut self, ball: &Detection) {
         for (sum, value) in self.colors.iter_mut().zip(to_linear(ball.color)) {
             *sum += value;
         }
@@ -134,7 +134,7 @@ impl Track {
 }
 
 /// Linear light of a ball.
-fn brightness(ball: &BallCandidate) -> f32 {
+fn brightness(ball: &Detection) -> f32 {
     to_linear(ball.color).iter().sum()
 }
 
@@ -144,8 +144,8 @@ mod tests {
     use crate::Matrix2;
 
     /// Seen at places along a row; a gap for each that is none.
-    fn seen_at(places: &[Option<f64>]) -> Track {
-        let ball = |x: f64| BallCandidate {
+    fn seen_at(places: &[Option<f64>]) -> TrackState {
+        let ball = |x: f64| Detection {
             pixel: Vector2::new(x, 9.0),
             covariance_px2: Matrix2::identity(),
             area_px: 12.0,
@@ -153,7 +153,7 @@ mod tests {
             score: 1.0,
             color: [200, 40, 40],
         };
-        let mut track = Track::of(0, 0, ball(0.0), 0);
+        let mut track = TrackState::of(0, 0, ball(0.0), 0);
         for (frame, place) in (1..).zip(places) {
             match place {
                 Some(x) => track.advance(ball(*x), frame),
