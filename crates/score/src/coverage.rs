@@ -5,6 +5,7 @@ use crate::virtual_flight::pose_of;
 use mavsight_flight::FlightState;
 use mavsight_geometry::{Isometry3, Matrix3, Vector3};
 use serde::Serialize;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// What is tested, in this order.
 pub const QUANTITIES: [Quantity; 8] = [
@@ -161,7 +162,7 @@ fn coverage_of(quantity: &Quantity, row: &[OfFlight]) -> Option<Coverage> {
         share,
         share_interval,
         nees,
-        nees_interval: [-NORMAL_95, NORMAL_95].map(|z| chi_square_quantile(z, freedom) / vector_count),
+        nees_interval: [0.025, 0.975].map(|p| chi_square_quantile(p, freedom) / vector_count),
         rms: (sum(|f| f.squares) / vectors).sqrt() * quantity.per_si,
         verdict,
         is_accepted,
@@ -185,10 +186,9 @@ fn wilson(share: f64, trials: f64) -> [f64; 2] {
     [(middle - half).max(0.0), (middle + half).min(1.0)]
 }
 
-/// Quantile of chi-square at a normal quantile (Wilson & Hilferty 1931).
-fn chi_square_quantile(normal: f64, freedom: f64) -> f64 {
-    let c = 2.0 / (9.0 * freedom);
-    freedom * (1.0 - c + normal * c.sqrt()).max(0.0).powi(3)
+/// Quantile of chi-square at a probability.
+fn chi_square_quantile(probability: f64, freedom: f64) -> f64 {
+    ChiSquared::new(freedom).map_or(f64::NAN, |c| c.inverse_cdf(probability))
 }
 
 /// Position in world axes, and the turn from the true to the measured attitude about body axes.
@@ -230,8 +230,8 @@ mod tests {
             assert!((got_low - low).abs() < 1e-4 && (got_high - high).abs() < 1e-4, "{got_low} {got_high}");
         }
         for (freedom, low, high) in [(10.0, 3.247, 20.483), (100.0, 74.222, 129.561)] {
-            assert!((chi_square_quantile(-NORMAL_95, freedom) / low - 1.0).abs() < 0.01);
-            assert!((chi_square_quantile(NORMAL_95, freedom) / high - 1.0).abs() < 0.01);
+            assert!((chi_square_quantile(0.025, freedom) / low - 1.0).abs() < 1e-4);
+            assert!((chi_square_quantile(0.975, freedom) / high - 1.0).abs() < 1e-4);
         }
     }
 
