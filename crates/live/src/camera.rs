@@ -3,7 +3,7 @@
 use crate::fly::{CameraSetup, Pace, Tap};
 use crate::{FlightClock, Interrupt, LiveError, Next, Popped, Queue, Source};
 use mavsight_geometry::ImageSize;
-use mavsight_pipeline::{CameraTracker, Look, Sight};
+use mavsight_pipeline::{CameraTracker, Sight, TrackedFrame};
 use mavsight_vision::Frame;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel};
@@ -263,10 +263,10 @@ fn track(
         sights.clear();
         let look = tracker.see(stamp_ns, Arc::clone(&frame));
         let seen = match look {
-            Look::New(seen) => seen,
+            TrackedFrame::New(seen) => seen,
             // It shows nothing new: a camera that does no more has stalled.
-            Look::Copy => continue,
-            Look::Backward => {
+            TrackedFrame::Copy => continue,
+            TrackedFrame::Backward => {
                 // A flight that has ended hears nothing more.
                 let _ = shared.reports.send(Report::WentBack { camera, stamp_ns });
                 continue;

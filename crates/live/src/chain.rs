@@ -2,7 +2,7 @@
 
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{ImageSize, Vector2};
-use mavsight_pipeline::{Ahead, Identities, JoinedCamera, Joiner, PipelineError, Sight};
+use mavsight_pipeline::{CameraTiming, FlightAssociator, Lookahead, PipelineError, Sight, Synchronizer};
 use mavsight_pose::{Association, CameraClock, Candidate, MovedCamera, Rig};
 
 /// Frames of each camera from which its rate is told before anything is joined.
@@ -49,8 +49,8 @@ impl Held {
 #[derive(Debug)]
 pub struct LiveChain {
     cameras: Vec<Held>,
-    joiner: Option<Joiner>,
-    identities: Identities,
+    joiner: Option<Synchronizer>,
+    identities: FlightAssociator,
 }
 
 impl LiveChain {
@@ -69,7 +69,7 @@ impl LiveChain {
             Held { size, clock, readout, interval_s: None, is_gone: false, frames: Vec::new() }
         };
         let cameras = rig.cameras.iter().enumerate().map(of).collect();
-        Ok(Self { cameras, joiner: None, identities: Identities::new(rig, vehicle)? })
+        Ok(Self { cameras, joiner: None, identities: FlightAssociator::new(rig, vehicle)? })
     }
 
     /// Takes what a camera saw in a frame. The first frames are held until each camera has shown its rate.
@@ -96,14 +96,14 @@ impl LiveChain {
         for camera in &mut self.cameras {
             camera.interval_s = Some(camera.shown_s().unwrap_or(others_s));
         }
-        let about = |c: &Held| JoinedCamera {
+        let about = |c: &Held| CameraTiming {
             size: c.size,
             clock: c.clock,
             readout: c.readout,
             interval_s: c.interval_s.unwrap_or(others_s),
         };
-        let cameras: Vec<JoinedCamera> = self.cameras.iter().map(about).collect();
-        let mut joiner = Joiner::new(&cameras, Ahead::Next);
+        let cameras: Vec<CameraTiming> = self.cameras.iter().map(about).collect();
+        let mut joiner = Synchronizer::new(&cameras, Lookahead::NextFrame);
         let mut held: Vec<(i64, usize, i64, Vec<Sight>)> = Vec::new();
         for (k, camera) in self.cameras.iter_mut().enumerate() {
             if camera.is_gone {
@@ -176,7 +176,7 @@ impl LiveChain {
     /// The next instant for which all has come.
     pub fn next_told(&mut self) -> Option<Told<'_>> {
         let (t_ns, seen) = self.joiner.as_mut()?.next_instant()?;
-        let association = self.identities.tell(t_ns, seen);
+        let association = self.identities.associate(t_ns, seen);
         Some(Told { t_ns, seen, association, moved: self.identities.moved_cameras() })
     }
 }

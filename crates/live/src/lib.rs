@@ -1,7 +1,7 @@
 //! The chain on cameras that are running.
 //!
 //! Each camera has a thread that fetches frames and one that tracks, with a queue between that drops its oldest frame rather than
-//! grow; one thread joins what they see ([`mavsight_pipeline::Joiner`]), tells the balls apart, estimates poses and filters them: the
+//! grow; one thread joins what they see ([`mavsight_pipeline::Synchronizer`]), tells the balls apart, estimates poses and filters them: the
 //! very code of a batch run. Listeners have queues of their own, so that none holds the chain up. Nothing is handed on that was not
 //! measured.
 

@@ -10,7 +10,7 @@ use mavsight::geometry::{Camera, ImageSize, Intrinsics, Isometry3, Point3, UnitQ
 use mavsight::lab;
 use mavsight::pipeline::{
     Board, CameraFeed, ControlStill, TimedFrame, Wand, board_of, calibrate_from_observations,
-    calibrate_from_stills_and, wand_of,
+    calibrate_from_stills_and_objects, wand_of,
 };
 use mavsight::scene::{Aircraft, Film, PaintedBall, Room, Sensor};
 use mavsight::session::ControlPixel;
@@ -72,8 +72,11 @@ fn wand(seconds: f64, room: &Room) -> Result<()> {
     println!("| calibration by | scale error % | camera centres mm | claimed mm |");
     println!("|---|---|---|---|");
     for (name, rig) in [
-        ("frame alone", calibrate_from_stills_and(&stills, &points, &[])),
-        ("frame and wand", calibrate_from_stills_and(&stills, &points, std::slice::from_ref(&object))),
+        ("frame alone", calibrate_from_stills_and_objects(&stills, &points, &[])),
+        (
+            "frame and wand",
+            calibrate_from_stills_and_objects(&stills, &points, std::slice::from_ref(&object)),
+        ),
         ("wand alone", calibrate_from_observations(&sizes, &[], &[], std::slice::from_ref(&object))),
     ] {
         let rig = rig?;

@@ -17,7 +17,8 @@ use mavsight::flight::Vehicle;
 use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3, world_from_body};
 use mavsight::lab;
 use mavsight::pipeline::{
-    CameraFeed, ControlStill, PipelineError, Quiet, TimedFrame, body_markers, calibrate_from_stills, track,
+    CameraFeed, ControlStill, NoProgress, PipelineError, TimedFrame, body_markers, calibrate_from_stills,
+    track,
 };
 use mavsight::plan::{CentreStd, EXAMPLE, Placed, Planner, Room as RoomFile};
 use mavsight::pose::{
@@ -190,7 +191,7 @@ fn film_once(
         });
         CameraFeed::new(c.name.clone(), Some(truth.len()), Box::new(frames))
     });
-    let tracked = track(feeds.collect(), &rig, &vehicle, &Quiet)?;
+    let tracked = track(feeds.collect(), &rig, &vehicle, &NoProgress)?;
     let foreseen = PoseEstimator::new(&foreseen(planner, cameras, (&stills, &rig))?, planner.markers());
     let control_px2 = rig.cameras.iter().map(|c| c.sigma_px.powi(2)).sum::<f64>() / rig.cameras.len() as f64;
     let mut out = SetUp { control_px2, centres: tracked.centre_quality(), ..SetUp::default() };

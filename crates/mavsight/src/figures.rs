@@ -6,7 +6,7 @@ use mavsight_geometry::{EulerAngles, Vector2, Vector3};
 use mavsight_pose::{MotionSample, Rig, control_volume, euler_std, precision_map};
 use mavsight_report::{Chart, Curve, Figure, HeatMap, Panel, Role, draw, draw_heat_maps, png_figure};
 use mavsight_scene::draw_path;
-use mavsight_session::TruthRow;
+use mavsight_session::{RunResults, TruthRow};
 use mavsight_vision::Frame;
 
 /// A value at each instant.
@@ -67,11 +67,10 @@ pub(crate) fn precision(rig: &Rig, pixel_std_px: f64) -> Result<Vec<Figure>> {
 }
 
 /// Figure 4: the object as the first camera sees it; figure 6: the path of the flight over a frame of each camera.
-pub(crate) fn pictures(page: &Page<'_>) -> Result<Vec<Figure>> {
+pub(crate) fn pictures(page: &Page<'_>, results: &RunResults) -> Result<Vec<Figure>> {
     let mut figures = Vec::new();
-    let Some(rig) = &page.results.rig else { return Ok(figures) };
-    let path: Vec<Option<Vector3<f64>>> = page
-        .results
+    let Some(rig) = &results.rig else { return Ok(figures) };
+    let path: Vec<Option<Vector3<f64>>> = results
         .poses
         .iter()
         .map(|p| p.estimate.as_ref().map(|e| e.world_from_body.translation.vector))
@@ -147,7 +146,7 @@ type OfTruth = fn(&TruthRow) -> f64;
 
 /// One panel of truth, smoothed motion and, where it exists, single measurements.
 fn motion_panel(
-    page: &Page<'_>,
+    (results, truth): (&RunResults, Option<&[TruthRow]>),
     axis: &str,
     of_truth: OfTruth,
     (smoothed, std): (Of<'_, MotionSample>, Of<'_, MotionSample>),
@@ -155,12 +154,12 @@ fn motion_panel(
 ) -> Panel {
     let mut curves = Vec::new();
     if let Some(measured) = measured {
-        let points = page.results.poses.iter().map(|p| {
+        let points = results.poses.iter().map(|p| {
             (seconds(p.t_ns), p.estimate.as_ref().map_or(f64::NAN, |e| measured(&e.world_from_body)))
         });
         curves.push(curve("single frames", Role::Measured, points));
     }
-    if let Some(motion) = &page.results.motion {
+    if let Some(motion) = &results.motion {
         // Where the motion is not known, the curve is broken.
         let known = motion.samples.iter().map(|s| (seconds(s.t_ns), smoothed(s), NORMAL_95 * std(s)));
         let unknown = motion.unknown_ns.iter().map(|t_ns| (seconds(*t_ns), f64::NAN, f64::NAN));
@@ -170,22 +169,28 @@ fn motion_panel(
         let label = "smoothed, 95 %".to_owned();
         curves.push(Curve { label, role: Role::Estimate, points, half_width }.thinned());
     }
-    if let Some(truth) = page.flight.truth {
+    if let Some(truth) = truth {
         curves.push(curve("truth", Role::Truth, truth.iter().map(|r| (r.t_s, of_truth(r)))));
     }
     Panel { axis: axis.to_owned(), curves }
 }
 
 /// Figures 8 to 11.
-pub(crate) fn motion(page: &Page<'_>) -> Result<Vec<Figure>> {
-    if page.results.motion.is_none() {
+pub(crate) fn motion(results: &RunResults, truth: Option<&[TruthRow]>) -> Result<Vec<Figure>> {
+    if results.motion.is_none() {
         return Ok(vec![]);
     }
     let deg = |r: f64| r.to_degrees();
     let std = |s: &MotionSample, row: usize| s.covariance.variance(row).max(0.0).sqrt();
     let place = |axis: &str, k: usize, t: OfTruth| {
         let smoothed = |s: &MotionSample| s.world_from_body.translation.vector[k];
-        motion_panel(page, axis, t, (&smoothed, &|s| std(s, k)), Some(&|p| p.translation.vector[k]))
+        motion_panel(
+            (results, truth),
+            axis,
+            t,
+            (&smoothed, &|s| std(s, k)),
+            Some(&|p| p.translation.vector[k]),
+        )
     };
     let angle = |axis: &str, k: usize, t: OfTruth| {
         let of = move |p: &mavsight_geometry::Isometry3<f64>| {
@@ -194,13 +199,13 @@ pub(crate) fn motion(page: &Page<'_>) -> Result<Vec<Figure>> {
         };
         let turn =
             move |s: &MotionSample| euler_std(&s.world_from_body, &s.covariance.quantity(1))[k].to_degrees();
-        motion_panel(page, axis, t, (&|s| of(&s.world_from_body), &turn), Some(&of))
+        motion_panel((results, truth), axis, t, (&|s| of(&s.world_from_body), &turn), Some(&of))
     };
     let speed = |axis: &str, k: usize, t: OfTruth| {
-        motion_panel(page, axis, t, (&|s| s.velocity_in_body_m_s[k], &|s| std(s, 6 + k)), None)
+        motion_panel((results, truth), axis, t, (&|s| s.velocity_in_body_m_s[k], &|s| std(s, 6 + k)), None)
     };
     let rate = |axis: &str, k: usize, t: OfTruth| {
-        motion_panel(page, axis, t, (&|s| deg(s.rates_rad_s[k]), &|s| deg(std(s, 9 + k))), None)
+        motion_panel((results, truth), axis, t, (&|s| deg(s.rates_rad_s[k]), &|s| deg(std(s, 9 + k))), None)
     };
     Ok(vec![
         figure(
@@ -235,8 +240,8 @@ pub(crate) fn motion(page: &Page<'_>) -> Result<Vec<Figure>> {
 }
 
 /// How good each frame was.
-pub(crate) fn quality(page: &Page<'_>) -> Result<Vec<Figure>> {
-    let poses = &page.results.poses;
+pub(crate) fn quality(results: &RunResults) -> Result<Vec<Figure>> {
+    let poses = &results.poses;
     if !poses.iter().any(|p| p.estimate.is_some()) {
         return Ok(vec![]);
     }

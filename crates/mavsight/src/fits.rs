@@ -1,7 +1,6 @@
 //! What is shown of the fits: figures of merit, tables, plots.
 
 use crate::figures::{curve, figure, figure_over};
-use crate::page::Page;
 use crate::summary::Summary;
 use anyhow::Result;
 use mavsight_identify::{Clocks, Estimator, Identification, OutputFit};
@@ -172,9 +171,8 @@ fn told_apart(fit: &OutputFit) -> Table {
 }
 
 /// Figure 12, and what the fit leaves.
-pub(crate) fn figures(page: &Page<'_>) -> Result<Vec<Figure>> {
-    let (Some(table), Some(identification)) = (&page.results.coefficients, &page.results.identification)
-    else {
+pub(crate) fn figures(results: &RunResults) -> Result<Vec<Figure>> {
+    let (Some(table), Some(identification)) = (&results.coefficients, &results.identification) else {
         return Ok(vec![]);
     };
     let (mut panels, mut left, mut echoes) = (Vec::new(), Vec::new(), Vec::new());

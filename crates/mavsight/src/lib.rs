@@ -6,6 +6,7 @@
 pub mod lab;
 pub mod pilot;
 
+pub use mavsight_engine as engine;
 pub use mavsight_flight as flight;
 pub use mavsight_geometry as geometry;
 pub use mavsight_identify as identify;

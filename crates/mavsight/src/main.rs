@@ -12,6 +12,7 @@ mod summary;
 
 use clap::Parser;
 use mavsight::lab;
+use mavsight_engine::EngineError;
 use std::process::ExitCode;
 
 /// One heap for all threads. glibc has one for each, and what decoding leaves in them lies idle while later stages of a long flight
@@ -25,7 +26,9 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("mavsight: {}", words(&error));
-            ExitCode::from(if error.is::<cli::WrongCall>() { 2 } else { 1 })
+            let is_of_the_input =
+                error.downcast_ref::<EngineError>().is_some_and(EngineError::is_of_the_input);
+            ExitCode::from(if error.is::<cli::WrongCall>() || is_of_the_input { 2 } else { 1 })
         }
     }
 }

@@ -1,33 +1,33 @@
 //! The report of a run: which figures and tables of the paper it shows.
 
-use crate::commands::Flight;
 use crate::summary::{Summary, pixel_std_px, title};
 use crate::{figures, fits, motion_fits};
 use anyhow::Result;
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::camera_parameters::{CENTRE, DISTORTION, INTRINSICS};
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Dlt};
 use mavsight_pose::Rig;
 use mavsight_report::{Figure, Report, Table, render};
-use mavsight_session::{RunResults, results::names, write_whole};
+use mavsight_session::{RunResults, TruthRow, results::names, write_whole};
 use mavsight_vision::Frame;
 use std::path::Path;
 
 /// What the report is made of.
 pub(crate) struct Page<'a> {
-    pub(crate) flight: &'a Flight<'a>,
-    pub(crate) results: &'a RunResults,
-    pub(crate) summary: &'a Summary,
+    pub(crate) vehicle: &'a Vehicle,
+    pub(crate) inputs: Option<&'a InputSeries>,
+    pub(crate) truth: Option<&'a [TruthRow]>,
     pub(crate) frames: &'a [Frame],
 }
 
 /// Writes `report.html`.
-pub(crate) fn write_page(page: &Page<'_>, out: &Path) -> Result<()> {
+pub(crate) fn write_page(page: &Page<'_>, results: &RunResults, summary: &Summary, out: &Path) -> Result<()> {
     let mut report = Report {
-        title: format!("mavsight: {}", page.flight.name),
-        lead: lead(page),
-        headline: headline(page.summary),
-        verdicts: page.summary.verdicts.clone(),
-        notes: page.summary.notes.clone(),
+        title: format!("mavsight: {}", results.session),
+        lead: lead(page, results),
+        headline: headline(summary),
+        verdicts: summary.verdicts.clone(),
+        notes: summary.notes.clone(),
         sections: Vec::new(),
     };
     let mut section = |heading: &str, tables: Vec<Table>, figures: Vec<Figure>| {
@@ -35,27 +35,27 @@ pub(crate) fn write_page(page: &Page<'_>, out: &Path) -> Result<()> {
             report.sections.push((heading.to_owned(), tables, figures));
         }
     };
-    section("Figures of merit", summary_tables(page.summary), vec![]);
-    if let Some(rig) = &page.results.rig {
-        let mut pictures = figures::precision(rig, pixel_std_px(page.results))?;
-        pictures.extend(figures::pictures(page)?);
+    section("Figures of merit", summary_tables(summary), vec![]);
+    if let Some(rig) = &results.rig {
+        let mut pictures = figures::precision(rig, pixel_std_px(results))?;
+        pictures.extend(figures::pictures(page, results)?);
         section("Cameras", camera_tables(rig), pictures);
     }
-    let inputs = page.flight.inputs.map(figures::inputs).transpose()?;
+    let inputs = page.inputs.map(figures::inputs).transpose()?;
     section("Aircraft and inputs", vec![vehicle_table(page)], inputs.into_iter().collect());
-    section("Motion", vec![], figures::motion(page)?);
-    section("Coefficients", fits::tables(page.results), fits::figures(page)?);
-    section("Equations of motion", motion_fits::tables(page.results), vec![]);
-    section("Quality", vec![], figures::quality(page)?);
+    section("Motion", vec![], figures::motion(results, page.truth)?);
+    section("Coefficients", fits::tables(results), fits::figures(results)?);
+    section("Equations of motion", motion_fits::tables(results), vec![]);
+    section("Quality", vec![], figures::quality(results)?);
     write_whole(&out.join(names::REPORT), render(&report)?.as_bytes())?;
     Ok(())
 }
 
-fn lead(page: &Page<'_>) -> String {
-    let instants = page.results.poses.len();
-    let end_s = page.results.poses.last().map_or(0.0, |p| p.t_ns as f64 * 1e-9);
-    let truth = if page.flight.truth.is_some() { " Truth is drawn as a black dashed line." } else { "" };
-    format!("{}: {instants} instants over {end_s:.1} s.{truth}", page.flight.vehicle.name)
+fn lead(page: &Page<'_>, results: &RunResults) -> String {
+    let instants = results.poses.len();
+    let end_s = results.poses.last().map_or(0.0, |p| p.t_ns as f64 * 1e-9);
+    let truth = if page.truth.is_some() { " Truth is drawn as a black dashed line." } else { "" };
+    format!("{}: {instants} instants over {end_s:.1} s.{truth}", page.vehicle.name)
 }
 
 /// The few figures that a reader looks for first.
@@ -199,7 +199,7 @@ fn parameters_table(rig: &Rig) -> Table {
 
 /// Table 2 of the paper.
 fn vehicle_table(page: &Page<'_>) -> Table {
-    let (v, r, e) = (page.flight.vehicle, &page.flight.vehicle.rotor, &page.flight.vehicle.environment);
+    let (v, r, e) = (page.vehicle, &page.vehicle.rotor, &page.vehicle.environment);
     let row = |name: &str, value: String, unit: &str| vec![name.to_owned(), value, unit.to_owned()];
     let [ix, iy, iz] = v.inertia_kg_m2;
     Table {

@@ -37,8 +37,8 @@ pub(crate) struct Summary {
 
 impl Summary {
     /// Collects the figures of a run.
-    pub(crate) fn of(results: &RunResults, scores: Option<&Scores>, notes: &[String]) -> Self {
-        let mut summary = Self { rows: Vec::new(), verdicts: Vec::new(), notes: notes.to_vec() };
+    pub(crate) fn of(results: &RunResults, scores: Option<&Scores>) -> Self {
+        let mut summary = Self { rows: Vec::new(), verdicts: Vec::new(), notes: results.notes.clone() };
         summary.cameras(results);
         summary.clocks(results);
         summary.body(results);

@@ -7,7 +7,7 @@ mod long_flight;
 use long_flight::{inputs, instants, rig};
 use mavsight_flight::Vehicle;
 use mavsight_identify::output_error::telling_stretch_s;
-use mavsight_pipeline::{IdentifyOptions, Quiet, identify_motion, motion_of, reconstruct};
+use mavsight_pipeline::{IdentifyOptions, NoProgress, identify_motion, motion_of, reconstruct};
 use mavsight_pose::MarkerObservation;
 use mavsight_session::{RunResults, make_folder, write_markers_early, write_results};
 
@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let before = told("program and inputs", count, 0.0);
     let tracked = reconstruct(&rig, &vehicle, instants(&rig, count))?;
     told("observations and poses", count, before);
-    let motion = motion_of(&tracked, &vehicle, &Quiet)?;
+    let motion = motion_of(&tracked, &vehicle, &NoProgress)?;
     told("motion", count, before);
     // As a run does: the markers go to the disk, and those of a minute stay.
     let folder = std::env::temp_dir().join(format!("mavsight-memory-{}", std::process::id()));
@@ -37,7 +37,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     write_markers_early(&folder, &mut results, &tracked.observations, is_needed)?;
     drop(tracked.observations);
     told("markers written", count, before);
-    let solved = identify_motion(&motion, &flown, &vehicle, &IdentifyOptions::default(), &Quiet);
+    let solved = identify_motion(&motion, &flown, &vehicle, &IdentifyOptions::default(), &NoProgress);
     told("coefficients and fits", count, before);
     results.motion = Some(motion);
     match solved {

@@ -1,7 +1,7 @@
 //! What the trackers of all cameras saw at one instant, as candidates for the vehicle's markers.
 
 use crate::mixed_up::{self, SightSample};
-use crate::output_error::MARKERS_STD_M;
+use crate::refine::MARKERS_STD_M;
 use crate::watch::{CameraWatch, moved_notes};
 use crate::{PipelineError, Tracked};
 use mavsight_flight::Vehicle;
@@ -47,13 +47,13 @@ pub struct Instant<'a> {
 
 /// Tells which candidates are which markers, instant by instant.
 #[derive(Debug)]
-pub struct Identities {
+pub struct FlightAssociator {
     associator: Associator,
     colors: Vec<usize>,
     sample: SightSample,
 }
 
-impl Identities {
+impl FlightAssociator {
     /// For a vehicle before the cameras of a rig.
     ///
     /// # Errors
@@ -80,7 +80,7 @@ impl Identities {
     }
 
     /// Which of the candidates of the next instant are which markers, and the pose they give.
-    pub fn tell(&mut self, t_ns: i64, seen: &[Candidate]) -> Association {
+    pub fn associate(&mut self, t_ns: i64, seen: &[Candidate]) -> Association {
         self.sample.take(t_ns, seen, &self.colors);
         self.associator.associate(t_ns, seen)
     }

@@ -36,14 +36,14 @@ pub fn calibrate_from_stills(
     stills: &[ControlStill],
     table: &[ControlPointRow],
 ) -> Result<Rig, PipelineError> {
-    calibrate_from_stills_and(stills, table, &[])
+    calibrate_from_stills_and_objects(stills, table, &[])
 }
 
 /// The same together with objects that were moved before the cameras; the table may then be as short as three points.
 ///
 /// # Errors
 /// Those of [`calibrate_from_stills`], and objects that do not determine the cameras.
-pub fn calibrate_from_stills_and(
+pub fn calibrate_from_stills_and_objects(
     stills: &[ControlStill],
     table: &[ControlPointRow],
     objects: &[MovedObject],

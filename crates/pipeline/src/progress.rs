@@ -25,6 +25,6 @@ pub trait Progress: Sync {
 
 /// A listener that says nothing.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Quiet;
+pub struct NoProgress;
 
-impl Progress for Quiet {}
+impl Progress for NoProgress {}

@@ -1,12 +1,14 @@
 //! Cameras and body from what was tracked: their refinement, and ball diameters.
 
-use crate::output_error::MARKERS_STD_M;
 use crate::solve::poses_again;
 use crate::track::body_markers;
 use crate::{PipelineError, Tracked};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, Isometry3, Point3};
 use mavsight_pose::{BodyMarker, FlightPrior, PoseError, PoseEstimator, RefinedFlight, Rig, refine_flight};
+
+/// Half a millimetre: how well a ruler measures a coordinate of a marker where nothing else is said.
+pub const MARKERS_STD_M: f64 = 5e-4;
 
 /// What is refined beside the cameras, and from what it starts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -28,7 +30,7 @@ pub struct Diameter {
 
 /// Cameras and body as a flight has shown them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct AsFlown {
+pub struct RefinedBody {
     /// Cameras, markers and lasting errors of centres, with what is not known of them.
     pub refined: RefinedFlight,
     /// Why the markers are those of the file although they were to be refined.
@@ -48,7 +50,7 @@ pub fn refine(
     rig: &Rig,
     vehicle: &Vehicle,
     how: Refinement,
-) -> Result<AsFlown, PipelineError> {
+) -> Result<RefinedBody, PipelineError> {
     let failed = |source| PipelineError::Pose { place: "the flight's refinement".into(), source };
     let mut body = body_markers(vehicle);
     let diameters = if how.diameters { diameters(tracked, rig, &body) } else { Vec::new() };
@@ -63,7 +65,7 @@ pub fn refine(
     let markers = (!is_new).then_some(body.as_slice());
     let estimator = PoseEstimator::refined(&refined, markers).map_err(failed)?;
     poses_again(estimator, tracked).map_err(failed)?;
-    Ok(AsFlown { refined, kept, diameters })
+    Ok(RefinedBody { refined, kept, diameters })
 }
 
 /// Diameters from those of the images and the poses' distances: the mean over cameras of each camera's mean. What a camera's

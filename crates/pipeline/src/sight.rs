@@ -39,7 +39,7 @@ pub(crate) fn held(value: f64) -> f64 {
 
 /// What a frame is to its camera's tracker.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Look<'a> {
+pub enum TrackedFrame<'a> {
     /// New: what was seen in it.
     New(&'a [Sight]),
     /// The frame before once more, sample by sample: it shows nothing new.
@@ -85,15 +85,15 @@ impl CameraTracker {
     }
 
     /// Looks at the next frame.
-    pub fn see(&mut self, stamp_ns: i64, frame: Arc<Frame>) -> Look<'_> {
+    pub fn see(&mut self, stamp_ns: i64, frame: Arc<Frame>) -> TrackedFrame<'_> {
         self.look_around();
         if let Some((last_ns, last)) = &self.last {
             if stamp_ns <= *last_ns {
-                return Look::Backward;
+                return TrackedFrame::Backward;
             }
             // All frames of a camera that is dark may be alike, and are no copies for that.
             if !self.is_dark() && **last == *frame {
-                return Look::Copy;
+                return TrackedFrame::Copy;
             }
         }
         self.sights.clear();
@@ -108,7 +108,7 @@ impl CameraTracker {
             leads: s.is_preferred,
         }));
         self.last = Some((stamp_ns, frame));
-        Look::New(&self.sights)
+        TrackedFrame::New(&self.sights)
     }
 
     /// Looks for newcomers in the frame that was seen last, before the next one comes, and makes ready for that. It is
@@ -144,11 +144,11 @@ mod tests {
     fn copied_and_backward_frames_are_told() {
         let mut tracker = CameraTracker::new(&rig(), 0, &Vehicle::paper()).unwrap();
         let frame = |shade: u8| Arc::new(Frame::from_rgb(SIZE, vec![shade; 3 * SIZE.area_px()]).unwrap());
-        assert_eq!(tracker.see(0, frame(120)), Look::New(&[]));
+        assert_eq!(tracker.see(0, frame(120)), TrackedFrame::New(&[]));
         assert!(!tracker.is_dark());
-        assert_eq!(tracker.see(10, frame(120)), Look::Copy);
-        assert_eq!(tracker.see(20, frame(121)), Look::New(&[]));
-        assert_eq!(tracker.see(20, frame(122)), Look::Backward);
+        assert_eq!(tracker.see(10, frame(120)), TrackedFrame::Copy);
+        assert_eq!(tracker.see(20, frame(121)), TrackedFrame::New(&[]));
+        assert_eq!(tracker.see(20, frame(122)), TrackedFrame::Backward);
         assert!(CameraTracker::new(&rig(), 9, &Vehicle::paper()).is_err());
     }
 
@@ -158,7 +158,7 @@ mod tests {
         let mut tracker = CameraTracker::new(&rig(), 0, &Vehicle::paper()).unwrap();
         let dark = Arc::new(Frame::from_rgb(SIZE, vec![3; 3 * SIZE.area_px()]).unwrap());
         for t_ns in 0..5 {
-            assert!(tracker.see(t_ns, Arc::clone(&dark)) == Look::New(&[]) && tracker.is_dark());
+            assert!(tracker.see(t_ns, Arc::clone(&dark)) == TrackedFrame::New(&[]) && tracker.is_dark());
         }
     }
 }

@@ -134,7 +134,7 @@ fn lasting_effects(tracked: &Tracked) -> impl Fn(usize) -> Option<Matrix6xX<f64>
 
 /// How the errors of poses stay from one to the next, for output error: of those from which it is fitted, a minute at most
 /// ([`telling_stretch_s`]), their numbers and systematic columns.
-pub fn lasting_to_fit(tracked: &Tracked) -> Vec<(usize, Matrix6xX<f32>)> {
+pub fn systematic_columns(tracked: &Tracked) -> Vec<(usize, Matrix6xX<f32>)> {
     let effects = lasting_effects(tracked);
     let stretch_s = telling_stretch_s(&tracked.poses);
     let is_needed = |p: &PoseSample| {

@@ -1,12 +1,12 @@
 //! Frames of all cameras into marker observations and poses.
 
-use crate::associate::{Identities, MarkerColors};
+use crate::associate::{FlightAssociator, MarkerColors};
 use crate::reconstruct::Reconstruction;
 use crate::stream::Stream;
 use crate::watch::CameraWatch;
 use crate::{
-    CameraFeed, CameraTracker, Instant, Look, PipelineError, Progress, Stage, TimedFrame, flash, join,
-    mixed_up,
+    CameraFeed, CameraTracker, Instant, PipelineError, Progress, Stage, TimedFrame, TrackedFrame, flash,
+    mixed_up, synchronize,
 };
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
@@ -80,7 +80,7 @@ pub fn track(
     vehicle: &Vehicle,
     progress: &dyn Progress,
 ) -> Result<Tracked, PipelineError> {
-    track_and(feeds, rig, vehicle, progress, |_| {})
+    track_with(feeds, rig, vehicle, progress, |_| {})
 }
 
 /// [`track`], with each instant as it was told first handed to `each`: what a run on live cameras tells then, bit for bit where the
@@ -88,7 +88,7 @@ pub fn track(
 ///
 /// # Errors
 /// As [`track`].
-pub fn track_and(
+pub fn track_with(
     feeds: Vec<CameraFeed<'_>>,
     rig: &Rig,
     vehicle: &Vehicle,
@@ -146,12 +146,12 @@ fn observe(
             Ok(TimedFrame { t_ns, frame }) => {
                 let brightness = stream.brightness.is_some().then(|| flash::brightness(&frame));
                 match tracker.see(t_ns, Arc::new(frame)) {
-                    Look::New(seen) => {
+                    TrackedFrame::New(seen) => {
                         stream.add(t_ns, seen, brightness);
                         watch.saw(t_ns, tracker.is_dark());
                     }
-                    Look::Copy => stream.add_copy(t_ns),
-                    Look::Backward => stream.add_backward(t_ns),
+                    TrackedFrame::Copy => stream.add_copy(t_ns),
+                    TrackedFrame::Backward => stream.add_backward(t_ns),
                 }
             }
             Err(error) => stream.add_fault(error)?,
@@ -195,10 +195,10 @@ fn joined(
     let mut all = Reconstruction::new(rig, vehicle);
     let instants = streams.iter().map(|s| s.stamps_ns.len()).max().unwrap_or(0);
     all.tracked.reserve(instants, streams.len() * vehicle.marker.len());
-    let mut identities = Identities::new(rig, vehicle)?;
+    let mut identities = FlightAssociator::new(rig, vehicle)?;
     identities.spread_over(instants);
-    join::instants(streams, &sizes, &exact, |t_ns, seen| {
-        let association = identities.tell(t_ns, seen);
+    synchronize::instants(streams, &sizes, &exact, |t_ns, seen| {
+        let association = identities.associate(t_ns, seen);
         each(&Instant { t_ns, seen, association: &association });
         all.add_told(seen, association);
     });

@@ -3,7 +3,7 @@
 use crate::{Random, ScoreError, VirtualLab};
 use mavsight_flight::{Channel, FlightState, InitialState, Maneuver, Scenario, simulate};
 use mavsight_geometry::{ControlPoint, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body};
-use mavsight_pipeline::{Quiet, Refinement, Tracked, motion_of, reconstruct, refine};
+use mavsight_pipeline::{NoProgress, Refinement, Tracked, motion_of, reconstruct, refine};
 use mavsight_pose::{CameraControl, MarkerObservation, Motion, Rig, calibrate};
 use mavsight_session::ns_from_s;
 
@@ -64,7 +64,7 @@ impl VirtualLab {
             true => refine(&mut tracked, &rig, &self.vehicle, Refinement::default())?.refined.rig,
             false => rig,
         };
-        let motion = motion_of(&tracked, &self.vehicle, &Quiet)?;
+        let motion = motion_of(&tracked, &self.vehicle, &NoProgress)?;
         Ok(VirtualFlight { truth, rig, tracked, motion })
     }
 

@@ -79,6 +79,8 @@ pub struct RunResults {
     pub camera_health: Vec<CameraHealth>,
     /// How good the markers' centres are; none where poses come from elsewhere or tell nothing of them.
     pub centres: Option<CentreQuality>,
+    /// What could not be had, and why.
+    pub notes: Vec<String>,
     /// Figures for `summary.json`: an object, or null for no such file.
     pub summary: serde_json::Value,
 }

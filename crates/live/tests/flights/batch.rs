@@ -4,7 +4,7 @@ use crate::common::{camera, film, rig, setup};
 use mavsight_flight::Vehicle;
 use mavsight_link::Event;
 use mavsight_live::{CameraSetup, FlightClock, Pace, Replay, Source, fly};
-use mavsight_pipeline::{CameraFeed, PipelineError, Quiet, TimedFrame, track_and};
+use mavsight_pipeline::{CameraFeed, NoProgress, PipelineError, TimedFrame, track_with};
 use mavsight_pose::{CausalFilter, ChainNoise, MotionNoise, PoseSample};
 use mavsight_vision::Frame;
 use std::convert::Infallible;
@@ -36,7 +36,7 @@ fn batch(films: &[Vec<(i64, Frame)>]) -> Result<Vec<PoseSample>, PipelineError> 
     };
     let mut poses = Vec::new();
     let feeds = films.iter().enumerate().map(feed).collect();
-    track_and(feeds, &rig, &vehicle, &Quiet, |i| poses.push(i.association.sample.clone()))?;
+    track_with(feeds, &rig, &vehicle, &NoProgress, |i| poses.push(i.association.sample.clone()))?;
     Ok(poses)
 }
 

@@ -1,11 +1,13 @@
 //! Fly, film, calibrate, track, identify, report; and score all of it.
 
 use super::named;
-use super::run::{Flight, finish, scores_of, solve};
+use super::run::{finish, scores_of};
 use crate::cli::Demo;
 use crate::lab::{self, StagedFilm};
+use crate::page::Page;
 use crate::progress::Bars;
 use anyhow::{Context, Result};
+use mavsight_engine::{Flight, TrackedFlight, solve};
 use mavsight_flight::{Scenario, Vehicle, hover_rotor_speed_rad_s, model_coefficients, simulate};
 use mavsight_geometry::{ImageSize, Vector3};
 use mavsight_pipeline::{
@@ -69,10 +71,10 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
         name: "demo",
         vehicle: &vehicle,
         inputs: Some(&inputs),
-        truth: Some(&truth),
         options: IdentifyOptions::default(),
     };
-    let (results, notes) = solve(&flight, rig, tracked, Vec::new(), (Some(&args.out), &bars))?;
+    let tracked = TrackedFlight { rig, tracked, body: Vec::new() };
+    let mut results = solve(&flight, tracked, Some(&args.out), &bars)?;
     let mut scores = scores_of(&results, &truth);
     let model = model_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
     scores.parameters =
@@ -94,7 +96,8 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
         .filter_map(|(c, film)| Some((c, film, truth.first()?)))
         .map(|(c, film, row)| frame_of(c.camera.size, film.frame(0, &aircraft, row, interval_s)))
         .collect::<Result<Vec<_>>>()?;
-    finish(&flight, results, notes, Some(scores), frames, &args.out)
+    let page = Page { vehicle: &vehicle, inputs: Some(&inputs), truth: Some(&truth), frames: &frames };
+    finish(&mut results, Some(&scores), &page, &args.out)
 }
 
 /// Places and radii of a vehicle's markers.

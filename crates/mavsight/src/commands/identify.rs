@@ -1,7 +1,6 @@
 //! Identification by itself, on a table of poses or of motion from any system.
 
-use super::fit::{fit_into, identify_into};
-use super::run::{Flight, require_a_pose};
+use super::run::require_a_pose;
 use super::stages::beside_other_stages;
 use super::{named, require_folder};
 use crate::cli::{Identify, Interval, WrongCall};
@@ -10,6 +9,7 @@ use crate::out::{out, outln};
 use crate::progress::Bars;
 use crate::summary::Summary;
 use anyhow::Result;
+use mavsight_engine::{Flight, identify_from_motion, identify_from_poses};
 use mavsight_identify::{Band, Bandwidth, Estimator, FitOptions, Options};
 use mavsight_pipeline::IdentifyOptions;
 use mavsight_session::{
@@ -34,17 +34,16 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     let bars = Bars::new();
     let session = session_of(args).unwrap_or_else(|| vehicle.name.clone());
     let mut results = RunResults { session, marker_names, ..RunResults::default() };
-    let flight =
-        Flight { name: &vehicle.name, vehicle: &vehicle, inputs: Some(&inputs), truth: None, options };
-    let notes = match table {
+    let flight = Flight { name: &vehicle.name, vehicle: &vehicle, inputs: Some(&inputs), options };
+    match table {
         FlightTable::Poses(poses) => {
             results.poses = poses;
-            identify_into(&mut results, &flight, &bars)?
+            identify_from_poses(&mut results, &flight, &bars)?
         }
-        FlightTable::Motion(motion) => fit_into(&mut results, motion, &flight, &bars)?,
-    };
+        FlightTable::Motion(motion) => identify_from_motion(&mut results, motion, &flight, &bars)?,
+    }
     bars.done();
-    let summary = Summary::of(&results, None, &notes);
+    let summary = Summary::of(&results, None);
     out!("{}{}", summary.text(), fits::parameter_text(&results));
     let has_pose = require_a_pose(&results);
     if let Some(out) = &args.out {

@@ -3,11 +3,11 @@
 use super::live_links::add_links;
 use super::live_sources::{replayed, running};
 use super::named;
-use super::run::{inputs_of, rig_of};
 use crate::cli::{Live, WrongCall};
 use crate::out::out;
 use crate::progress::Bars;
 use anyhow::{Context, Result};
+use mavsight_engine::{calibrate, recorded_inputs};
 use mavsight_flight::Vehicle;
 use mavsight_link::{CameraState, Event, Tracking};
 use mavsight_live::{
@@ -56,11 +56,11 @@ pub(super) fn pace_of(args: &Live) -> Pace {
 fn of_session(args: &Live, path: &Path) -> Result<()> {
     let session = named(Session::load(path))?;
     let bars = Bars::new();
-    let rig = rig_of(&session, &bars)?;
+    let rig = calibrate(&session, &bars)?;
     bars.done();
     let noise = noise_of(&session)?;
     let stop = Arc::new(AtomicBool::new(false));
-    let inputs = if args.replay { inputs_of(&session)? } else { None };
+    let inputs = if args.replay { recorded_inputs(&session)? } else { None };
     let of = recorded(&session, args)?;
     let begin: Begin =
         Box::new(move |to| Ok(Recorder::begin(RecordedSession { folder: to.to_owned(), ..of.clone() })?));
@@ -70,8 +70,8 @@ fn of_session(args: &Live, path: &Path) -> Result<()> {
         if args.replay { replayed(&session, pace_of(args), &stop)? } else { running(&session)? };
     let mut listeners = listeners(args, &stop, (&session.vehicle, &session.live))?;
     let names = session.cameras.iter().map(|c| c.name.clone()).collect();
-    let calibrate = calibrating(names, named(session.control_points())?);
-    let taps = with_page(args, &mut listeners, &recorder, (begin, calibrate))?;
+    let on_request = calibrating(names, named(session.control_points())?);
+    let taps = with_page(args, &mut listeners, &recorder, (begin, on_request))?;
     let setup = Setup {
         name: &session.name,
         rig: &rig,

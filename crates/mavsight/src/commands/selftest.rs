@@ -2,14 +2,14 @@
 
 use super::demo::{feed, frame_of};
 use super::named;
-use super::run::{feeds, rig_of};
 use crate::cli::{BuiltInRig, Selftest};
 use crate::lab::{self, StagedFilm};
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Result, bail};
+use mavsight_engine::camera_feeds;
 use mavsight_flight::Staging;
-use mavsight_pipeline::{ControlStill, Progress, Quiet, calibrate_from_stills};
+use mavsight_pipeline::{ControlStill, NoProgress, Progress, calibrate_from_stills};
 use mavsight_scene::Room;
 use mavsight_score::{Coverage, Random, TOO_FEW, Tally, VirtualFlight, VirtualLab};
 use mavsight_session::{RESULTS_SCHEMA, Session, TruthRow, make_folder, write_whole};
@@ -92,8 +92,8 @@ fn lab_of(args: &Selftest, bars: &Bars) -> Result<(String, VirtualLab)> {
     };
     let session = named(Session::load(path))?;
     let control = named(session.control_points())?;
-    let rig = rig_of(&session, bars)?;
-    let tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, bars)?;
+    let rig = mavsight_engine::calibrate(&session, bars)?;
+    let tracked = mavsight_pipeline::track(camera_feeds(&session)?, &rig, &session.vehicle, bars)?;
     let mut lab = VirtualLab::of_session(&rig, control, session.vehicle.clone(), &tracked)?;
     lab.refines = session.refine.is_some();
     Ok((session.name, lab))
@@ -132,7 +132,7 @@ fn film(lab: &VirtualLab, seed: u64, index: u64) -> Result<VirtualFlight> {
         .zip(&films)
         .map(|(camera, film)| feed(camera, film, &aircraft, &rows, 1.0 / lab.frame_rate_hz))
         .collect();
-    let tracked = mavsight_pipeline::track(feeds, &rig, &lab.vehicle, &Quiet)?;
+    let tracked = mavsight_pipeline::track(feeds, &rig, &lab.vehicle, &NoProgress)?;
     Ok(lab.measured(truth, rig, tracked)?)
 }
 

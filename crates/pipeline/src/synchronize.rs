@@ -20,26 +20,26 @@ const SAME_NS: i64 = 10_000;
 
 /// How far beyond an instant a camera that is not in step must have seen before the instant is joined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ahead {
+pub enum Lookahead {
     /// To its next frame: as little as tells which of its sights is the nearest, and between which it lies.
-    Next,
+    NextFrame,
     /// As far as its path's cubic reaches.
-    Whole,
+    WholePath,
 }
 
-impl Ahead {
+impl Lookahead {
     fn frames(self) -> usize {
         match self {
-            Self::Next => 1,
+            Self::NextFrame => 1,
             // Three beyond the nearest sight, which may itself be beyond the instant.
-            Self::Whole => 4,
+            Self::WholePath => 4,
         }
     }
 }
 
 /// What the join must know of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct JoinedCamera {
+pub struct CameraTiming {
     /// Size of its images.
     pub size: ImageSize,
     /// Its clock.
@@ -57,12 +57,12 @@ pub struct JoinedCamera {
 /// slow camera lends to several instants counts for one in all. Cameras in step go through untouched, and without waiting. What is
 /// kept is what the paths need: it does not grow.
 #[derive(Debug)]
-pub struct Joiner {
+pub struct Synchronizer {
     cameras: Vec<Incoming>,
     /// Indices of the cameras, the one that gives the instants first.
     order: Vec<usize>,
     step_s: f64,
-    ahead: Ahead,
+    ahead: Lookahead,
     /// Instants with the rank of the camera that gave each, in order of time: those to come, and before them the latest handed out.
     instants: VecDeque<(i64, usize)>,
     handed_ns: i64,
@@ -72,7 +72,7 @@ pub struct Joiner {
 /// One camera.
 #[derive(Debug)]
 struct Incoming {
-    about: JoinedCamera,
+    about: CameraTiming,
     middle: Vector2<f64>,
     /// What was followed, by number, and what is left of others for use again.
     things: Vec<Thing>,
@@ -95,9 +95,9 @@ struct Thing {
     stays: Vec<bool>,
 }
 
-impl Joiner {
+impl Synchronizer {
     /// A join of cameras, in the order of the rig.
-    pub fn new(cameras: &[JoinedCamera], ahead: Ahead) -> Self {
+    pub fn new(cameras: &[CameraTiming], ahead: Lookahead) -> Self {
         let mut order: Vec<usize> = (0..cameras.len()).collect();
         let mut lead = 0;
         for k in 1..cameras.len() {
@@ -212,7 +212,7 @@ impl Joiner {
 }
 
 impl Incoming {
-    fn of(about: &JoinedCamera) -> Self {
+    fn of(about: &CameraTiming) -> Self {
         Self {
             about: *about,
             middle: mavsight_pose::image_middle(about.size),
@@ -231,19 +231,19 @@ impl Incoming {
     }
 
     /// Whether all has come that an instant needs of it.
-    fn is_ready(&self, t_ns: i64, ahead: Ahead) -> bool {
+    fn is_ready(&self, t_ns: i64, ahead: Lookahead) -> bool {
         if self.gone_ns >= t_ns {
             return true;
         }
         let after = self.frames_ns.iter().rev().take_while(|f| **f > t_ns + SAME_NS).count();
-        let is_in_step = self.about.clock.line_time_s == 0.0 || ahead == Ahead::Next;
+        let is_in_step = self.about.clock.line_time_s == 0.0 || ahead == Lookahead::NextFrame;
         let has_own = || self.frames_ns.iter().rev().any(|f| (f - t_ns).abs() <= SAME_NS);
         after >= ahead.frames() || (is_in_step && has_own())
     }
 
     /// Adds the sights of a frame to their paths.
     fn push(&mut self, stamp_ns: i64, sights: &[Sight]) {
-        let JoinedCamera { clock, readout, interval_s, .. } = self.about;
+        let CameraTiming { clock, readout, interval_s, .. } = self.about;
         for sight in sights {
             let rows_px = readout.dot(&(sight.pixel - self.middle));
             let t_s = clock.time_s(stamp_ns, rows_px);
@@ -319,14 +319,14 @@ pub(crate) fn instants(
     clocks: &[CameraClock],
     mut each: impl FnMut(i64, &[Candidate]),
 ) {
-    let about = |(k, s): (usize, &Stream)| JoinedCamera {
+    let about = |(k, s): (usize, &Stream)| CameraTiming {
         size: sizes[k],
         clock: clocks[k],
         readout: s.readout,
         interval_s: s.interval_s(),
     };
-    let cameras: Vec<JoinedCamera> = streams.iter().enumerate().map(about).collect();
-    let mut joiner = Joiner::new(&cameras, Ahead::Whole);
+    let cameras: Vec<CameraTiming> = streams.iter().enumerate().map(about).collect();
+    let mut joiner = Synchronizer::new(&cameras, Lookahead::WholePath);
     let mut frames: Vec<_> = streams.into_iter().map(Stream::into_frames).collect();
     loop {
         let next = (0..frames.len()).filter_map(|k| Some((clocks[k].time_ns(frames[k].peek()?), k))).min();
@@ -421,13 +421,13 @@ mod tests {
     #[test]
     fn frames_that_come_one_by_one_are_joined_alike() {
         let live = |streams: &[Stream], clocks: &[CameraClock]| {
-            let about = |k: usize| JoinedCamera {
+            let about = |k: usize| CameraTiming {
                 size: SIZE,
                 clock: clocks[k],
                 readout: streams[k].readout,
                 interval_s: 1.0 / 30.0,
             };
-            let mut joiner = Joiner::new(&[about(0), about(1)], Ahead::Next);
+            let mut joiner = Synchronizer::new(&[about(0), about(1)], Lookahead::NextFrame);
             let mut frames: Vec<_> = streams.iter().map(|s| s.clone().into_frames()).collect();
             let mut out = Vec::new();
             for _ in 0..streams[1].stamps_ns.len() {
@@ -458,8 +458,8 @@ mod tests {
     fn a_camera_that_is_not_waited_for_is_left_out_and_taken_again() {
         let exact = late(0.0);
         let streams = [stream(0, exact, 30.0, 0..40), stream(1, exact, 30.0, 0..40)];
-        let about = JoinedCamera { size: SIZE, clock: exact, readout: Vector2::y(), interval_s: 1.0 / 30.0 };
-        let mut joiner = Joiner::new(&[about, about], Ahead::Next);
+        let about = CameraTiming { size: SIZE, clock: exact, readout: Vector2::y(), interval_s: 1.0 / 30.0 };
+        let mut joiner = Synchronizer::new(&[about, about], Lookahead::NextFrame);
         let mut counts = Vec::new();
         let [mut first, mut second] = streams.clone().map(Stream::into_frames);
         for k in 0..40 {
@@ -478,7 +478,7 @@ mod tests {
         }
         assert!(counts.iter().enumerate().all(|(k, n)| *n == if (10..20).contains(&k) { 4 } else { 8 }));
         // The leading camera may be the one that is gone; the other's frames are then the instants.
-        let mut joiner = Joiner::new(&[about, about], Ahead::Next);
+        let mut joiner = Synchronizer::new(&[about, about], Lookahead::NextFrame);
         joiner.go_without(0, i64::MAX);
         let mut frames = streams[1].clone().into_frames();
         while let Some(b) = frames.next() {
