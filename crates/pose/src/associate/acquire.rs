@@ -53,7 +53,7 @@ impl Associator {
         let few = || {
             let markers = self.colors.len();
             let seen = (0..markers).filter(|m| candidates.iter().any(|c| c.color == self.colors[*m])).count();
-            PoseError::TooFewMarkers { seen, markers, sights: candidates.len() }
+            PoseError::TooFewMarkers { seen, markers, observations: candidates.len() }
         };
         let Some(best) = trials.first() else { return refused(t_ns, &few()) };
         if best.log_odds < needed {
