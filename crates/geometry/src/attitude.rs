@@ -2,7 +2,8 @@
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// Roll, pitch and yaw of the 3-2-1 sequence: v_N = Rz(psi) Ry(theta) Rx(phi) v_B, from body B to level axes N.
+/// Roll, pitch and yaw of the 3-2-1 sequence: v_N = Rz(psi) Ry(theta) Rx(phi) v_B, from body B to level axes
+/// N.
 ///
 /// psi > 0 turns the nose from world +X towards -Y, theta > 0 lifts it, phi > 0 lowers the right side.
 /// Source: Mulyanto, Nurhakim, Muhammad (2012), equation 1b.
@@ -22,8 +23,8 @@ impl EulerAngles {
         UnitQuaternion::from_euler_angles(self.phi_rad, self.theta_rad, self.psi_rad)
     }
 
-    /// The angles of a rotation from body to level axes. At theta = ±pi/2 only phi - psi or phi + psi is determined, and
-    /// phi is returned as 0.
+    /// The angles of a rotation from body to level axes. At theta = ±pi/2 only phi - psi or phi + psi is
+    /// determined, and phi is returned as 0.
     pub fn from_level_from_body(level_from_body: &UnitQuaternion<f64>) -> Self {
         let r = level_from_body.to_rotation_matrix().into_inner();
         let sin_theta = (-r[(2, 0)]).clamp(-1.0, 1.0);
@@ -61,7 +62,8 @@ pub fn world_from_body(position_in_world_m: Vector3<f64>, attitude: EulerAngles)
     )
 }
 
-/// The right Jacobian of SO(3): exp(φ + δ) = exp(φ) exp(J_r(φ) δ) to first order (Chirikjian 2012, eq. 10.86).
+/// The right Jacobian of SO(3): exp(φ + δ) = exp(φ) exp(J_r(φ) δ) to first order (Chirikjian 2012, eq.
+/// 10.86).
 pub fn right_jacobian(phi_rad: &Vector3<f64>) -> Matrix3<f64> {
     let angle = phi_rad.norm();
     let k = phi_rad.cross_matrix();

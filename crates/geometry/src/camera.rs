@@ -28,7 +28,8 @@ impl ImageSize {
     }
 }
 
-/// The affine part of a camera: u = fx x + skew y + cx, v = fy y + cy from the distorted normalised image point.
+/// The affine part of a camera: u = fx x + skew y + cx, v = fy y + cy from the distorted normalised image
+/// point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intrinsics {
     /// Focal length along u.
@@ -81,7 +82,8 @@ impl Intrinsics {
     }
 }
 
-/// Radial and tangential lens distortion (Brown 1971; coefficients as in OpenCV's k1 k2 p1 p2 k3). All zero: none.
+/// Radial and tangential lens distortion (Brown 1971; coefficients as in OpenCV's k1 k2 p1 p2 k3). All zero:
+/// none.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct BrownConrady {
     /// Radial, r².
@@ -117,8 +119,8 @@ impl BrownConrady {
         (point, jacobian)
     }
 
-    /// Inverse of [`BrownConrady::distort`] by Newton's method; `None` where it does not converge, or only to a point
-    /// beyond the fold, where the image would be reversed.
+    /// Inverse of [`BrownConrady::distort`] by Newton's method; `None` where it does not converge, or only to
+    /// a point beyond the fold, where the image would be reversed.
     pub fn undistort(&self, distorted: Vector2<f64>) -> Option<Vector2<f64>> {
         if *self == Self::default() {
             return Some(distorted);
@@ -233,7 +235,8 @@ impl Camera {
         })
     }
 
-    /// The centre of the elliptical image of a ball, which is not the image of the ball's centre, with derivatives.
+    /// The centre of the elliptical image of a ball, which is not the image of the ball's centre, with
+    /// derivatives.
     ///
     /// The outline of a sphere of radius R at (x, y, z) is the conic whose dual is X Xᵀ - R² I; its centre is
     /// (x z, y z)/(z² - R²), further from the principal point than x/z by the factor z²/(z² - R²)
@@ -262,8 +265,8 @@ impl Camera {
     }
 }
 
-/// Derivative of an image point with respect to a small motion (translation in world axes, rotation in body axes)
-/// of the body that carries the point: world_from_body ← (t + δt, R exp(δθ)).
+/// Derivative of an image point with respect to a small motion (translation in world axes, rotation in body
+/// axes) of the body that carries the point: world_from_body ← (t + δt, R exp(δθ)).
 pub fn d_pixel_d_pose(
     projection: &Projection,
     world_from_body: &Isometry3<f64>,

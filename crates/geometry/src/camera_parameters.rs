@@ -8,9 +8,9 @@ use nalgebra::{
 /// Number of parameters of a camera: those of a DLT-16.
 pub const CAMERA_PARAMETERS: usize = 16;
 
-/// A small change of a camera, or a derivative by it. In order: turn about the camera's own axes (rad, so that
-/// points in camera coordinates turn by minus it), displacement of the projection centre in world axes (m), fx, fy,
-/// skew, cx, cy (px), k1, k2, p1, p2, k3.
+/// A small change of a camera, or a derivative by it. In order: turn about the camera's own axes (rad, so
+/// that points in camera coordinates turn by minus it), displacement of the projection centre in world axes
+/// (m), fx, fy, skew, cx, cy (px), k1, k2, p1, p2, k3.
 pub type CameraChange = SVector<f64, CAMERA_PARAMETERS>;
 
 /// Where the turn begins in a [`CameraChange`].
@@ -68,7 +68,8 @@ impl Camera {
 
     /// Derivative of the image of a world point by a [`CameraChange`] at zero.
     ///
-    /// It is used for a ball's image too: the offset of that from the image of its centre moves a few thousandths as far.
+    /// It is used for a ball's image too: the offset of that from the image of its centre moves a few
+    /// thousandths as far.
     ///
     /// # Errors
     /// [`GeometryError::BehindCamera`].

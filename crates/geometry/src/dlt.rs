@@ -21,17 +21,19 @@ pub struct ControlPoint {
     pub pixel_cov_px2: Matrix2<f64>,
 }
 
-/// u = (L1 X + L2 Y + L3 Z + L4)/(L9 X + L10 Y + L11 Z + 1), v likewise with L5 to L8 (Abdel-Aziz & Karara 1971).
+/// u = (L1 X + L2 Y + L3 Z + L4)/(L9 X + L10 Y + L11 Z + 1), v likewise with L5 to L8 (Abdel-Aziz & Karara
+/// 1971).
 ///
-/// X, Y, Z in metres in the world, u, v in pixels. A camera whose focal plane holds the world's origin has none.
+/// X, Y, Z in metres in the world, u, v in pixels. A camera whose focal plane holds the world's origin has
+/// none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dlt {
     /// L1 to L11.
     pub l: [f64; 11],
 }
 
-/// Points whose spread off their best plane is below this share of their extent count as coplanar: a frame of 3 m
-/// would have to be placed to 3 mm, a usual placing error, for that depth to mean anything.
+/// Points whose spread off their best plane is below this share of their extent count as coplanar: a frame of
+/// 3 m would have to be placed to 3 mm, a usual placing error, for that depth to mean anything.
 const COPLANAR_RATIO: f64 = 1e-3;
 
 impl Dlt {
@@ -68,8 +70,9 @@ impl Dlt {
     /// The image of a world point.
     ///
     /// # Errors
-    /// [`GeometryError::BehindCamera`] for a point on the focal plane. The scale of the parameters hides the sign of
-    /// the depth, so a point behind the camera has an image here: use [`Camera::project`] where that matters.
+    /// [`GeometryError::BehindCamera`] for a point on the focal plane. The scale of the parameters hides the
+    /// sign of the depth, so a point behind the camera has an image here: use [`Camera::project`] where that
+    /// matters.
     pub fn project(&self, point_in_world_m: &Vector3<f64>) -> Result<Vector2<f64>, GeometryError> {
         let h = self.matrix() * point_in_world_m.push(1.0);
         let pixel = Vector2::new(h.x / h.z, h.y / h.z);
@@ -82,11 +85,13 @@ impl Dlt {
 
     /// The camera of the parameters, by RQ decomposition with positive focal lengths; skew is kept.
     ///
-    /// Parameters of a mirrored image (table 1 of the paper is one: its u grows leftwards) give the right centre and
-    /// focal lengths, but a camera that looks away from the scene: [`Dlt::fit`] refuses such points.
+    /// Parameters of a mirrored image (table 1 of the paper is one: its u grows leftwards) give the right
+    /// centre and focal lengths, but a camera that looks away from the scene: [`Dlt::fit`] refuses such
+    /// points.
     ///
     /// # Errors
-    /// [`GeometryError::UndeterminedCamera`] when the left 3×3 block is singular: an affine or degenerate view.
+    /// [`GeometryError::UndeterminedCamera`] when the left 3×3 block is singular: an affine or degenerate
+    /// view.
     pub fn camera(&self, size: ImageSize) -> Result<Camera, GeometryError> {
         let undetermined = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
         let p = self.matrix();
@@ -102,13 +107,14 @@ impl Dlt {
 
     /// The linear least-squares fit to six control points or more: the start of a bundle adjustment.
     ///
-    /// The null vector, by Jacobi rotations, of the equations in normalised coordinates (Hartley 1997), each point
-    /// weighted by the inverse of its pixel's standard deviation.
+    /// The null vector, by Jacobi rotations, of the equations in normalised coordinates (Hartley 1997), each
+    /// point weighted by the inverse of its pixel's standard deviation.
     ///
     /// # Errors
     /// [`GeometryError::TooFewControlPoints`], [`GeometryError::CoplanarControlPoints`],
-    /// [`GeometryError::UndeterminedCamera`], [`GeometryError::OriginInFocalPlane`], [`GeometryError::NotFinite`];
-    /// [`GeometryError::MirroredImage`] and [`GeometryError::PointsOnBothSides`] for points that no camera sees.
+    /// [`GeometryError::UndeterminedCamera`], [`GeometryError::OriginInFocalPlane`],
+    /// [`GeometryError::NotFinite`]; [`GeometryError::MirroredImage`] and
+    /// [`GeometryError::PointsOnBothSides`] for points that no camera sees.
     pub fn fit(control: &[ControlPoint]) -> Result<Self, GeometryError> {
         if control.len() < 6 {
             return Err(GeometryError::TooFewControlPoints { found: control.len(), needed: 6 });
@@ -190,7 +196,8 @@ fn linear(control: &[ControlPoint]) -> Result<Matrix3x4<f64>, GeometryError> {
     }
     let svd = jacobi_svd(&a);
     let condition = svd.singular_values[0] / svd.singular_values[10];
-    // The noise part of the matrix has entries of this standard deviation; its norm is about that times sqrt(2n).
+    // The noise part of the matrix has entries of this standard deviation; its norm is about that times
+    // sqrt(2n).
     let lost_in_noise = svd.singular_values[10] <= 2.0 * best * (a.nrows() as f64).sqrt();
     let last = svd.v[(11, 11)];
     if !condition.is_finite() || condition > 1e8 || lost_in_noise || last.abs() < 1e-9 {

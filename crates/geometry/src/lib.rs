@@ -1,7 +1,9 @@
-//! Frames and rigid motions, camera models and rigs, projection with its Jacobians, DLT, triangulation, rigid fit.
+//! Frames and rigid motions, camera models and rigs, projection with its Jacobians, DLT, triangulation, rigid
+//! fit.
 //!
-//! Frames: world W (right handed, Z up, metres), level N (W turned by 180° about X), body B (x forward, y right,
-//! z down), camera C (x right, y down, z forward). Pixels: u right, v down, the centre of the top-left pixel is (0, 0).
+//! Frames: world W (right handed, Z up, metres), level N (W turned by 180° about X), body B (x forward, y
+//! right, z down), camera C (x right, y down, z forward). Pixels: u right, v down, the centre of the top-left
+//! pixel is (0, 0).
 
 pub mod attitude;
 pub mod camera;

@@ -2,14 +2,15 @@
 
 use nalgebra::{Matrix2, SVector};
 
-/// W with Wᵀ W = covariance⁻¹, which makes errors of that covariance independent and of unit variance; `None` for a
-/// covariance that is not finite and positive definite.
+/// W with Wᵀ W = covariance⁻¹, which makes errors of that covariance independent and of unit variance; `None`
+/// for a covariance that is not finite and positive definite.
 pub fn whitener(covariance: &Matrix2<f64>) -> Option<Matrix2<f64>> {
     let inverse = covariance.cholesky()?.l().try_inverse()?;
     inverse.iter().all(|x| x.is_finite()).then_some(inverse)
 }
 
-/// Mean of points, and root mean square of a coordinate about it: the shift and scale of Hartley's normalisation (1997).
+/// Mean of points, and root mean square of a coordinate about it: the shift and scale of Hartley's
+/// normalisation (1997).
 pub fn centroid_and_spread<const D: usize>(
     points: impl ExactSizeIterator<Item = SVector<f64, D>> + Clone,
 ) -> (SVector<f64, D>, f64) {

@@ -16,14 +16,15 @@ pub struct RigidFit {
     pub rms_m: f64,
 }
 
-/// Below this ratio of the second to the first spread the points count as one line: the turn about it would be
-/// a thousand times less certain than the others.
+/// Below this ratio of the second to the first spread the points count as one line: the turn about it would
+/// be a thousand times less certain than the others.
 const COLLINEAR_RATIO: f64 = 1e-3;
 
-/// Weighted least-squares rigid motion from body to world points (Kabsch 1976; Umeyama 1991 for the reflection).
+/// Weighted least-squares rigid motion from body to world points (Kabsch 1976; Umeyama 1991 for the
+/// reflection).
 ///
-/// Points are taken in pairs up to the shorter of the lists; weights are 1/m² or relative, non-negative. The answer is
-/// always a rotation, never a mirror image, also for coplanar points.
+/// Points are taken in pairs up to the shorter of the lists; weights are 1/m² or relative, non-negative. The
+/// answer is always a rotation, never a mirror image, also for coplanar points.
 ///
 /// # Errors
 /// [`GeometryError::TooFewMarkers`], [`GeometryError::CollinearMarkers`], [`GeometryError::NotFinite`].

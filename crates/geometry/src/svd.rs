@@ -1,7 +1,8 @@
 //! Singular values of small dense matrices by one-sided Jacobi rotations.
 //!
-//! nalgebra's own SVD loses digits on small matrices with repeated or tiny singular values (its issues 1117 and 1172),
-//! which are those of rigid fits and null vectors: `tests::nalgebra_loses_digits`.
+//! nalgebra's own SVD loses digits on small matrices with repeated or tiny singular values (its issues 1117
+//! and 1172), which are those of rigid fits and null vectors:
+//! `tests::nalgebra_fails_on_a_matrix_of_nearly_rank_one`.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -19,10 +20,11 @@ pub struct Svd {
 /// Sweeps after which the rotations stop; convergence is quadratic and takes 6 to 10 for such sizes.
 const MAX_SWEEPS: usize = 60;
 
-/// Singular value decomposition by one-sided Jacobi (Hestenes 1958; Demmel & Veselić 1992 for its relative accuracy).
+/// Singular value decomposition by one-sided Jacobi (Hestenes 1958; Demmel & Veselić 1992 for its relative
+/// accuracy).
 ///
-/// With rows ≥ columns `v` is square, so its last columns span the null space. Zero, empty and not finite matrices
-/// yield zero singular values and unit vectors.
+/// With rows ≥ columns `v` is square, so its last columns span the null space. Zero, empty and not finite
+/// matrices yield zero singular values and unit vectors.
 pub fn jacobi_svd(a: &DMatrix<f64>) -> Svd {
     if a.nrows() < a.ncols() {
         let t = jacobi_svd(&a.transpose());
@@ -53,7 +55,8 @@ pub fn jacobi_svd(a: &DMatrix<f64>) -> Svd {
     let norms: Vec<f64> = work.column_iter().map(|c| c.norm()).collect();
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|&i, &j| norms[j].total_cmp(&norms[i]));
-    // The columns are orthogonal, so Q of their QR has them at unit length, and unit vectors across where they vanish.
+    // The columns are orthogonal, so Q of their QR has them at unit length, and unit vectors across where
+    // they vanish.
     let u = work.select_columns(&order).qr().q();
     let singular_values = DVector::from_iterator(n, order.iter().map(|&j| norms[j] * scale));
     Svd { u, singular_values, v: v.select_columns(&order) }
@@ -164,19 +167,19 @@ mod tests {
         assert_eq!(jacobi_svd(&DMatrix::zeros(0, 0)).singular_values.len(), 0);
     }
 
-    /// When this fails, nalgebra has become as accurate: its decomposition can take the place of this one.
+    /// When this fails, nalgebra has become accurate enough: its decomposition can take the place of this
+    /// one.
     #[test]
-    fn nalgebra_loses_digits() {
-        let mut worst = 0.0_f64;
-        for k in 0..200 {
-            let seeds: Vec<f64> = (0..32).map(|i| (f64::from(i) * 1.7 + f64::from(k)).sin()).collect();
-            let sigma = DVector::from_fn(4, |i, _| 10f64.powi(-(k + 3 * (i as i32 / 2)) % 18));
-            let a =
-                orthogonal(4, &seeds[..16]) * DMatrix::from_diagonal(&sigma) * orthogonal(4, &seeds[16..]);
-            check(&a, 1e-13);
-            let back = a.clone().svd(true, true).recompose().expect("both sides were asked for");
-            worst = worst.max((back - &a).norm() / a.norm());
-        }
-        assert!(worst > 1e-12, "{worst}");
+    fn nalgebra_fails_on_a_matrix_of_nearly_rank_one() {
+        #[rustfmt::skip]
+        let nearly_collinear = DMatrix::from_row_slice(3, 3, &[
+            0.009134626016893606, -0.08679021712027082, -0.09557523746710349,
+            -0.08679021712027012, 0.8246141411649827, 0.9080826730892855,
+            -0.0955752374671032, 0.9080826730892855, 1.0,
+        ]);
+        check(&nearly_collinear, 1e-13);
+        let back = nearly_collinear.clone().svd(true, true).recompose().expect("both sides were asked for");
+        let error = (back - &nearly_collinear).norm() / nearly_collinear.norm();
+        assert!(error > 0.01, "{error}");
     }
 }

@@ -31,11 +31,12 @@ const MAX_STEPS: usize = 10;
 
 /// The point whose reprojection residuals are least, each weighted by the inverse of its covariance.
 ///
-/// Starts from the point nearest to the rays and minimises the residuals by Gauss-Newton (Hartley & Sturm 1997).
+/// Starts from the point nearest to the rays and minimises the residuals by Gauss-Newton (Hartley & Sturm
+/// 1997).
 ///
 /// # Errors
-/// [`GeometryError::TooFewRays`]; [`GeometryError::ParallelRays`] when the largest angle between two rays is no more
-/// than three standard deviations of a ray's own direction; [`GeometryError::BehindCamera`];
+/// [`GeometryError::TooFewRays`]; [`GeometryError::ParallelRays`] when the largest angle between two rays is
+/// no more than three standard deviations of a ray's own direction; [`GeometryError::BehindCamera`];
 /// [`GeometryError::NotFinite`]; [`GeometryError::UndistortionDiverged`].
 pub fn triangulate(images: &[ImagePoint]) -> Result<Triangulation, GeometryError> {
     if images.len() < 2 {

@@ -156,12 +156,16 @@ impl Joint {
         let by = out.gain * out.innovation;
         self.translation.correct(&by.as_slice()[..CHAIN]);
         self.rotation.correct(&by.as_slice()[CHAIN..]);
-        out.effects.gemm(-1.0, &h, &self.effects, 0.0);
-        for c in 0..seen.systematic_columns().min(out.effects.ncols()) {
-            let mut column = out.effects.column_mut(c);
-            column += seen.systematic_column(c);
+        // Column by column, as a product of all would allocate.
+        for c in 0..self.effects.ncols() {
+            let effect: VectorS = self.effects.column(c).into_owned();
+            let mut y = -(h * effect);
+            if c < seen.systematic_columns() {
+                y += seen.systematic_column(c);
+            }
+            out.effects.set_column(c, &y);
+            self.effects.set_column(c, &(effect + out.gain * y));
         }
-        self.effects.gemm(1.0, &out.gain, &out.effects, 1.0);
         Some(())
     }
 

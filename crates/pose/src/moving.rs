@@ -374,8 +374,9 @@ mod tests {
                 let centre = (pose * Point3::from(shared.points[point].marker_in_body_m)).coords;
                 let seen = shared.cameras[camera].project_ball(&centre, 0.02).unwrap().pixel;
                 let noise = Vector2::new(normal(&mut seed), normal(&mut seed));
-                let covariance = Matrix2::new(1.0, -0.1, -0.1, 0.5);
-                PointObservation::new(camera, point, seen + noise, covariance).unwrap()
+                let covariance_px2 = Matrix2::identity();
+                let whitener = Matrix2::new(1.0, 0.0, 0.2, 1.5);
+                PointObservation { camera, point, pixel: seen + noise, covariance_px2, whitener }
             })
             .collect();
         // Some of the residuals are longer than Huber's bound.
