@@ -13,14 +13,14 @@ pub enum Event {
     Scene(Scene),
     /// One instant.
     Pose(Box<PoseEvent>),
-    /// What one camera saw in one frame.
-    Sights {
+    /// The balls that one camera detected in one frame.
+    Detections {
         /// Index into the scene's cameras.
         camera: usize,
         /// Instant.
         t_s: f64,
         /// Balls.
-        seen: Vec<Sight>,
+        seen: Vec<DetectedBall>,
     },
     /// How a camera does; about once a second, and whenever its state changes.
     Camera {
@@ -30,7 +30,7 @@ pub enum Event {
         state: CameraState,
         /// Frames a second over the last second.
         rate_hz: f64,
-        /// Median time from frame in hand to its sights, over the last second.
+        /// Median time from frame in hand to its detections, over the last second.
         latency_ms: f64,
         /// Frames dropped because a later one had come, since the start.
         dropped: u64,
@@ -76,7 +76,7 @@ impl Event {
         match self {
             Self::Scene(_) => "scene",
             Self::Pose(_) => "pose",
-            Self::Sights { .. } => "sights",
+            Self::Detections { .. } => "detections",
             Self::Camera { .. } => "camera",
             Self::Parameters { .. } => "parameters",
             Self::Recording { .. } => "recording",
@@ -165,7 +165,7 @@ pub struct MarkerView {
 
 /// One ball in one image.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Sight {
+pub struct DetectedBall {
     /// Centre.
     pub u_px: f64,
     /// Centre.

@@ -23,7 +23,9 @@ pub mod zenoh;
 
 pub use crate::zenoh::Zenoh;
 pub use error::LinkError;
-pub use event::{CameraState, CameraView, Event, MarkerView, Parameter, PoseEvent, Scene, Sight, Tracking};
+pub use event::{
+    CameraState, CameraView, DetectedBall, Event, MarkerView, Parameter, PoseEvent, Scene, Tracking,
+};
 pub use fix::{Fix, Measured, Moving};
 pub use json::JsonLines;
 pub use mavlink::Mavlink;

@@ -4,7 +4,12 @@ use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Holds at most so many things; all its memory is taken when it is made.
+/// Locks a mutex. No holder leaves its value half changed, so a poisoned one is sound.
+pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A queue of bounded length; all its memory is allocated at the start.
 #[derive(Debug)]
 pub struct Queue<T> {
     inner: Mutex<Inner<T>>,
@@ -19,19 +24,19 @@ struct Inner<T> {
     closed: bool,
 }
 
-/// What a queue yields.
+/// The result of [`Queue::pop`].
 #[derive(Debug, PartialEq, Eq)]
 pub enum Popped<T> {
-    /// The oldest thing.
+    /// The oldest item.
     Item(T),
-    /// Nothing came in the time given.
+    /// No item came in the given time.
     Nothing,
-    /// It is closed and empty.
+    /// The queue is closed and empty.
     Closed,
 }
 
 impl<T> Queue<T> {
-    /// A queue for `capacity` things, at least one.
+    /// A queue for `capacity` items, at least one.
     pub fn new(capacity: usize) -> Self {
         let capacity = capacity.max(1);
         let inner = Inner { items: VecDeque::with_capacity(capacity), dropped: 0, closed: false };
@@ -39,10 +44,11 @@ impl<T> Queue<T> {
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner<T>> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.inner)
     }
 
-    /// Adds a thing; where there is no room the oldest is dropped, counted, and handed back. After the end nothing is taken.
+    /// Adds an item; if the queue is full, the oldest is dropped, counted and returned. A closed queue
+    /// returns the item itself.
     pub fn push(&self, item: T) -> Option<T> {
         let mut inner = self.lock();
         if inner.closed {
@@ -56,7 +62,7 @@ impl<T> Queue<T> {
         oldest
     }
 
-    /// Adds a thing when there is room for it; false where the queue was closed.
+    /// Adds an item as soon as there is room for it; false if the queue is closed.
     pub fn push_waiting(&self, item: T) -> bool {
         let mut inner = self.lock();
         while inner.items.len() == self.capacity && !inner.closed {
@@ -71,7 +77,7 @@ impl<T> Queue<T> {
         true
     }
 
-    /// Takes the oldest thing, waiting for one at most so long.
+    /// Removes the oldest item, waiting for one at most for `wait`.
     pub fn pop(&self, wait: Duration) -> Popped<T> {
         let until = Instant::now().checked_add(wait);
         let mut inner = self.lock();
@@ -93,18 +99,18 @@ impl<T> Queue<T> {
         }
     }
 
-    /// Takes nothing more; what is in it can still be taken out.
+    /// Closes the queue: items in it can still be removed, but none can be added.
     pub fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
     }
 
-    /// Whether it takes nothing more.
+    /// Whether it is closed.
     pub fn is_closed(&self) -> bool {
         self.lock().closed
     }
 
-    /// How many were dropped so far.
+    /// Number of dropped items.
     pub fn dropped(&self) -> u64 {
         self.lock().dropped
     }
@@ -129,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_for_room_loses_nothing() {
+    fn waiting_for_room_loses_nothing() {
         let queue = Arc::new(Queue::new(2));
         let own = Arc::clone(&queue);
         let taker = std::thread::spawn(move || {

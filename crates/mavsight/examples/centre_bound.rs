@@ -6,8 +6,8 @@
 
 use mavsight::flight::Vehicle;
 use mavsight::geometry::{Camera, ImageSize, Intrinsics, Point3, Vector2, Vector3};
+use mavsight::random::Random;
 use mavsight::scene::{ControlFrame, Film, PaintedBall, Room, Sensor};
-use mavsight::score::Random;
 use mavsight::vision::{BallColor, Frame, Tracker};
 use nalgebra::{DMatrix, Matrix2};
 

@@ -24,8 +24,9 @@ use mavsight::plan::{CentreStd, EXAMPLE, Placed, Planner, Room as RoomFile};
 use mavsight::pose::{
     CameraControl, ExpectedSight, MarkerObservation, PoseEstimator, Rig, predict_calibration,
 };
-use mavsight::scene::{Aircraft, Film, InTheWay, Room};
-use mavsight::score::{Random, VirtualCamera};
+use mavsight::random::Random;
+use mavsight::scene::{Aircraft, Film, Occluders, Room};
+use mavsight::score::VirtualCamera;
 use mavsight::session::results::CentreQuality;
 use mavsight::session::{ControlPointRow, TruthRow, ns_from_s};
 use mavsight::vision::{BallColor, Detector, Frame, MODEL_STD};
@@ -90,7 +91,7 @@ fn way(
     let is_seen = |pose: &Isometry3<f64>| {
         let shows = |film: &Film<'_>| {
             let share = |m: &mavsight::pose::BodyMarker| {
-                film.visible_share((&m.marker_in_body_m, m.radius_m), aircraft, pose, &InTheWay::default())
+                film.visible_share(&m.marker_in_body_m, m.radius_m, aircraft, pose, &Occluders::default())
             };
             planner.markers().iter().all(|m| share(m) > SEEN)
         };

@@ -7,8 +7,9 @@
 use mavsight::geometry::{Camera, Vector3};
 use mavsight::lab;
 use mavsight::pipeline::{ControlStill, calibrate_from_stills};
+use mavsight::random::Random;
 use mavsight::scene::Room;
-use mavsight::score::{Random, VirtualCamera};
+use mavsight::score::VirtualCamera;
 use mavsight::vision::Frame;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;

@@ -2,7 +2,7 @@
 
 use mavsight_flight::{FlightState, Staging, Vehicle};
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector2, Vector3, world_from_body};
-use mavsight_scene::{Aircraft, ControlFrame, Film, InTheWay, PaintedBall, Person, Room, Sensor, Veil};
+use mavsight_scene::{Aircraft, ControlFrame, Film, Occluders, PaintedBall, Person, Room, Sensor, Veil};
 use mavsight_score::{VirtualCamera, VirtualLab, true_pose};
 use mavsight_session::{ControlPointRow, TruthRow};
 
@@ -142,7 +142,7 @@ impl StagedFilm<'_> {
         let (way, pose) = (self.way(state.t_s), pose_near(state, 0.0));
         let film = self.film_at(state.t_s);
         let share = |m: &mavsight_flight::Marker| {
-            film.visible_share((&m.position_m.into(), m.diameter_m / 2.0), aircraft, &pose, &way)
+            film.visible_share(&m.position_m.into(), m.diameter_m / 2.0, aircraft, &pose, &way)
         };
         vehicle.marker.iter().map(share).collect()
     }
@@ -151,7 +151,7 @@ impl StagedFilm<'_> {
         self.bumped.iter().rev().find(|b| b.0 <= t_s).map_or(&self.film, |b| &b.1)
     }
 
-    fn way(&self, t_s: f64) -> InTheWay {
+    fn way(&self, t_s: f64) -> Occluders {
         let size = self.camera.camera.size;
         let (width, height) = (f64::from(size.width_px), f64::from(size.height_px));
         let own = |name: &str| name == self.camera.name;
@@ -166,7 +166,7 @@ impl StagedFilm<'_> {
         let dark = |b: &mavsight_flight::staging::Black| {
             own(&b.camera) && t_s >= b.from_s && b.to_s.is_none_or(|to_s| t_s < to_s)
         };
-        InTheWay {
+        Occluders {
             people: self
                 .staging
                 .walker

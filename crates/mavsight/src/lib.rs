@@ -17,6 +17,7 @@ pub use mavsight_page as page;
 pub use mavsight_pipeline as pipeline;
 pub use mavsight_plan as plan;
 pub use mavsight_pose as pose;
+pub use mavsight_random as random;
 pub use mavsight_report as report;
 pub use mavsight_scene as scene;
 pub use mavsight_score as score;

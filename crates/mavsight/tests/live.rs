@@ -95,7 +95,7 @@ fn a_session_is_replayed_with_events_and_figures() {
             .iter()
             .any(|e| e["event"] == "camera" && e["markers"].as_array().is_some_and(|m| m.len() == 4))
     );
-    let seen = events.iter().rfind(|e| e["event"] == "sights").expect("sights");
+    let seen = events.iter().rfind(|e| e["event"] == "detections").expect("detections");
     assert!(seen["seen"].as_array().expect("balls").iter().all(|b| b["residual_px"].is_array()));
     // At its own pace, with a pose for each frame.
     let out = session.path("live");

@@ -1,5 +1,5 @@
 //! The same flights smoothed by mavsight, by Savitzky-Golay filters and by quintic smoothing splines, for
-//! `docs/smoothers.md`: `cargo run --release -p mavsight-pose --example smoothers`.
+//! `docs/measured.md`: `cargo run --release -p mavsight-pose --example smoothers`.
 
 #[path = "../tests/simulated/mod.rs"]
 #[allow(dead_code)]

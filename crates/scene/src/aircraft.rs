@@ -32,7 +32,8 @@ impl Part {
     }
 }
 
-/// A helicopter with coaxial rotors that carries coloured balls, in its body axes (x forward, y right, z down).
+/// A helicopter with coaxial rotors that carries coloured balls, in its body axes (x forward, y right, z
+/// down).
 #[derive(Debug, Clone)]
 pub struct Aircraft {
     pub(crate) parts: Vec<Part>,
@@ -88,7 +89,7 @@ impl Aircraft {
     }
 }
 
-/// What calibrates cameras, in place of the helicopter.
+/// The control frame, which calibrates cameras.
 impl Aircraft {
     /// Balls joined by a stick of 6 mm, from the first to the last.
     pub fn stick(balls: &[PaintedBall]) -> Self {
@@ -100,8 +101,8 @@ impl Aircraft {
         Self { parts }
     }
 
-    /// A chessboard in the plane z = 0, which is seen from -z: `columns` by `rows` inner corners, of which the first is the
-    /// origin; x along a row, y from row to row. The square beyond the first corner is dark.
+    /// A chessboard in the plane z = 0, which is seen from -z: `columns` by `rows` inner corners, of which
+    /// the first is the origin; x along a row, y from row to row. The square beyond the first corner is dark.
     pub fn board(columns: usize, rows: usize, square_m: f64) -> Self {
         let (paper, ink) = ([0.75; 3], [0.02; 3]);
         let half = |n: usize| 0.5 * (n as f64 - 1.0) * square_m;
@@ -141,19 +142,15 @@ impl ControlFrame {
         Self { parts }
     }
 
-    /// The same with each ball elsewhere by so much and the rods where they were: a ball that is not round seems to lie off its
-    /// place, to each camera otherwise.
+    /// This aircraft with each ball moved by an offset and the rods unchanged: a ball that is not round
+    /// appears off its place, differently to each camera.
     #[must_use]
     pub fn with_balls_off(mut self, by_m: &[Vector3<f64>]) -> Self {
         let balls = self.parts.iter_mut().filter(|p| matches!(p.shape, Shape::Ball { .. }));
         for (ball, by) in balls.zip(by_m) {
             if let Shape::Ball { centre, radius } = ball.shape {
-                *ball = Part::new(
-                    Shape::Ball { centre: centre + by, radius },
-                    ball.linear,
-                    ball.gloss,
-                    ball.passes,
-                );
+                let moved = Shape::Ball { centre: centre + by, radius };
+                *ball = Part::new(moved, ball.linear, ball.gloss, ball.passes);
             }
         }
         self

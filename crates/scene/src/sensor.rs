@@ -1,8 +1,12 @@
 //! From light on the sensor to 8-bit sRGB.
+//!
+//! The noise is a function of seed, frame and pixel, not a sequence from `mavsight_random`: pixels are coded
+//! in any order and in parallel, and films remain identical to the bit from version to version, so that
+//! figures measured on them can be compared.
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
-/// What the camera's sensor and lens do to the light.
+/// The camera's sensor and lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sensor {
     /// Electrons of a saturated pixel.
@@ -54,7 +58,7 @@ impl Coder {
         Self { sensor, codes, quantiles }
     }
 
-    /// From now on another noise.
+    /// Changes the seed of the noise.
     pub(crate) fn reseed(&mut self, seed: u64) {
         self.sensor.seed = seed;
     }

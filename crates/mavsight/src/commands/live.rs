@@ -11,7 +11,7 @@ use mavsight_engine::{calibrate, recorded_inputs};
 use mavsight_flight::Vehicle;
 use mavsight_link::{CameraState, Event, Tracking};
 use mavsight_live::{
-    Flown, InputSource, Latencies, Listener, Listeners, Pace, Recorded, RecordedSession, Recorder,
+    FlightSummary, InputSource, Latencies, Listener, Listeners, Pace, Recorded, RecordedSession, Recorder,
     RecorderSlot, Setup, Tap, fly,
 };
 use mavsight_pipeline::{ControlStill, calibrate_from_stills};
@@ -286,7 +286,7 @@ fn lower(of: &impl std::fmt::Debug) -> String {
 }
 
 /// Prints what became of the flight, and writes it where that was asked for.
-pub(super) fn finish(args: &Live, rig: &Rig, flown: &Flown) -> Result<()> {
+pub(super) fn finish(args: &Live, rig: &Rig, flown: &FlightSummary) -> Result<()> {
     let of = |l: &Latencies| serde_json::json!({"median_ms": l.quantile_ms(0.5), "p99_ms": l.quantile_ms(0.99), "most_ms": l.most_ms()});
     let cameras: Vec<_> = (rig.cameras.iter().zip(&flown.frames).zip(&flown.dropped))
         .map(|((c, frames), dropped)| serde_json::json!({"name": c.name, "frames": frames, "dropped": dropped}))

@@ -157,7 +157,7 @@ fn values(planner: &Planner, (best, rig): (&Ranked, &Rig), plane: &MapPlane) -> 
             let place = plane.corner_in_world_m
                 + plane.first_side_m * middle(cell % MAP_CELLS)
                 + plane.second_side_m * middle(cell / MAP_CELLS);
-            planner.position_std_mm((&best.placed, rig), &place)
+            planner.position_std_mm(&best.placed, rig, &place)
         })
         .collect()
 }

@@ -10,8 +10,9 @@ use anyhow::{Result, bail};
 use mavsight_engine::camera_feeds;
 use mavsight_flight::Staging;
 use mavsight_pipeline::{ControlStill, NoProgress, Progress, calibrate_from_stills};
+use mavsight_random::Random;
 use mavsight_scene::Room;
-use mavsight_score::{Coverage, Random, TOO_FEW, Tally, VirtualFlight, VirtualLab};
+use mavsight_score::{Coverage, TOO_FEW, Tally, VirtualFlight, VirtualLab};
 use mavsight_session::{RESULTS_SCHEMA, Session, TruthRow, make_folder, write_whole};
 use rayon::prelude::*;
 use serde_json::json;
@@ -59,8 +60,8 @@ pub(crate) fn selftest(args: &Selftest) -> Result<()> {
             "flights": tally.flights(),
             "instants": tally.instants().0,
             "instants_without_pose": tally.instants().1,
-            "claimed_std_px": lab.claimed_std_px(),
-            "noise_over_claim": lab.noise_over_claim,
+            "claimed_std_px": lab.stated_std_px(),
+            "noise_over_claim": lab.noise_over_stated,
             "bias_px": lab.bias_px,
             "quantities": coverage,
         });
@@ -144,8 +145,8 @@ fn setting(name: &str, lab: &VirtualLab, tally: &Tally, args: &Selftest) -> Stri
     } else {
         format!(
             "centres claimed to {:.3} px with {:.2} of that as noise, {:.3} px that stay",
-            lab.claimed_std_px(),
-            lab.noise_over_claim,
+            lab.stated_std_px(),
+            lab.noise_over_stated,
             lab.bias_px
         )
     };

@@ -1,42 +1,43 @@
-//! What a flight keeps of each camera.
+//! The flight's knowledge of one camera.
 
 use crate::{CameraStates, Latencies};
 
 /// Frames over which a camera's usual lateness is the median.
-pub(crate) const LATENESS_FRAMES: usize = 31;
+const LATENESS_FRAMES: usize = 31;
 
-/// What the flight keeps of one camera.
-pub(crate) struct Seat {
+/// The flight's knowledge of one camera.
+pub(crate) struct CameraStatus {
     pub(crate) states: CameraStates,
-    /// Latest latenesses of its frames, and where the next goes.
-    pub(crate) lateness_ns: Vec<i64>,
-    pub(crate) next: usize,
+    /// Latest latenesses of its frames, a ring buffer.
+    lateness_ns: Vec<i64>,
+    next: usize,
+    /// Median lateness.
     pub(crate) usual_ns: i64,
-    /// Whether the chain goes on without it.
-    pub(crate) is_left: bool,
+    /// Whether the flight goes on without it.
+    pub(crate) is_left_out: bool,
     pub(crate) ended: bool,
-    /// Since the last telling: frames, those in which each marker was told, latencies.
+    /// Since the last report: frames, frames in which each marker was identified, instants, latencies.
     pub(crate) frames: u64,
     pub(crate) markers: Vec<u64>,
     pub(crate) instants: u64,
     pub(crate) latency: Latencies,
-    /// When its source was last opened, and made to end.
+    /// When its source was last opened, and interrupted.
     pub(crate) opened_ns: Option<i64>,
     pub(crate) interrupted_ns: i64,
-    /// When it was last told that its stamps went back.
+    /// When a jump back of its stamps was last reported.
     pub(crate) went_back_ns: Option<i64>,
-    /// Its latest frame's own time.
+    /// Time of its latest frame.
     pub(crate) latest_ns: i64,
 }
 
-impl Seat {
+impl CameraStatus {
     pub(crate) fn new(markers: usize) -> Self {
         Self {
             states: CameraStates::default(),
             lateness_ns: Vec::with_capacity(LATENESS_FRAMES),
             next: 0,
             usual_ns: 0,
-            is_left: false,
+            is_left_out: false,
             ended: false,
             frames: 0,
             markers: vec![0; markers],
@@ -49,16 +50,16 @@ impl Seat {
         }
     }
 
-    pub(crate) fn came(&mut self, lateness_ns: i64, scratch: &mut Vec<i64>) {
+    /// Adds the lateness of a frame.
+    pub(crate) fn arrived(&mut self, lateness_ns: i64) {
         if self.lateness_ns.len() < LATENESS_FRAMES {
             self.lateness_ns.push(lateness_ns);
         } else {
             self.lateness_ns[self.next] = lateness_ns;
         }
         self.next = (self.next + 1) % LATENESS_FRAMES;
-        scratch.clear();
-        scratch.extend_from_slice(&self.lateness_ns);
-        let middle = scratch.len() / 2;
-        self.usual_ns = *scratch.select_nth_unstable(middle).1;
+        let mut sorted = self.lateness_ns.clone();
+        let middle = sorted.len() / 2;
+        self.usual_ns = *sorted.select_nth_unstable(middle).1;
     }
 }
