@@ -15,20 +15,20 @@ pub struct CameraHealth {
     pub markers: Vec<MarkerHealth>,
 }
 
-/// How good the centres of a flight's markers claim to be, all cameras and markers together.
+/// Stated precision of the centres of a flight's markers, all cameras and markers together.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CentreQuality {
-    /// Standard deviations of a coordinate: of ten equal parts of the centres, in order, the middle one each. They differ by what is
-    /// behind a ball.
+    /// Standard deviations of a coordinate: of ten equal parts of the centres, in order, the middle one each. They differ with
+    /// the background.
     pub tenths_px: [f64; 10],
-    /// Standard deviation of what stays of a coordinate's error.
+    /// Standard deviation of the systematic error of a coordinate.
     pub bias_std_px: f64,
 }
 
 /// How well one camera saw one marker; all but the share are its colour's, and 0 where no ball of it was ever seen.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MarkerHealth {
-    /// Share of the frames in which the marker was told.
+    /// Share of the frames in which the marker was identified.
     pub seen: f64,
     /// Share of the ball's pixels with a full channel.
     pub saturated: f64,
@@ -36,8 +36,8 @@ pub struct MarkerHealth {
     pub contrast: f64,
     /// Apparent diameter.
     pub diameter_px: f64,
-    /// Other things of its colour in the image.
+    /// Other objects of its colour in the image.
     pub others: f64,
-    /// Smallest angle of hue to coloured background beside the ball; 180 where there is none.
+    /// Smallest angle of hue to coloured background next to the ball; 180 where there is none.
     pub hue_apart_deg: f64,
 }
