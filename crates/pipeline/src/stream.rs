@@ -8,8 +8,8 @@ use mavsight_pose::{CameraStream, ClockPrior, MarkerObservation, TrackedDetectio
 /// Frames further apart than this many intervals have others missing between them.
 const GAP_INTERVALS: f64 = 1.5;
 
-/// Faults that are told one by one; of more, the number.
-const MOST_TOLD: usize = 3;
+/// Faults that are noted one by one; of more, the number.
+const MOST_NOTED: usize = 3;
 
 /// A detection without its time and camera, in half as many bytes: pixels exact, the rest to seven digits.
 #[derive(Debug, Clone, Copy)]
@@ -94,7 +94,7 @@ pub(crate) struct Stream {
     pub(crate) name: String,
     /// Time stamps of the frames that were looked at, rising.
     pub(crate) stamps_ns: Vec<i64>,
-    /// How many things were seen in each.
+    /// How many detections there were in each.
     counts: Vec<u16>,
     /// Those, in order of time.
     pub(crate) detections: Vec<StoredDetection>,
@@ -135,8 +135,8 @@ impl Stream {
         }
     }
 
-    /// Starts the estimation of this clock from what the first camera and this one noticed together, at their own times: what it was,
-    /// where it tells more than is known. None where it does not.
+    /// Starts the estimation of this clock from what the first camera and this one noticed together, at
+    /// their own times: what it was, where it is more precise than what is known. None where it is not.
     pub(crate) fn start_clock(
         &mut self,
         (first, what): (&Self, &str),
@@ -157,13 +157,14 @@ impl Stream {
         ))
     }
 
-    /// Room for so many frames in each of which so many things are seen.
-    pub(crate) fn reserve(&mut self, frames: usize, things: usize) {
-        // What a file announces may be wrong by any factor: a day at 30 frames a second is the most that is believed.
+    /// Room for so many frames with so many detections each.
+    pub(crate) fn reserve(&mut self, frames: usize, detections: usize) {
+        // What a file announces may be wrong by any factor: a day at 30 frames a second is the most that is
+        // believed.
         let frames = frames.min(30 * 86_400);
         self.stamps_ns.reserve(frames);
         self.counts.reserve(frames);
-        self.detections.reserve(frames * things);
+        self.detections.reserve(frames * detections);
     }
 
     /// Notes a frame that repeats the one before.
@@ -176,7 +177,8 @@ impl Stream {
         self.faults.backward_ns.push(stamp_ns);
     }
 
-    /// Adds what was seen in a frame later than all before it, and how bright it was where a flash is looked for.
+    /// Adds what was seen in a frame later than all before it, and how bright it was where a flash is
+    /// looked for.
     pub(crate) fn add(&mut self, stamp_ns: i64, seen: &[TrackedDetection], brightness: Option<f32>) {
         self.stamps_ns.push(stamp_ns);
         let count = u16::try_from(seen.len()).unwrap_or(u16::MAX);
@@ -230,8 +232,8 @@ impl Stream {
         steps.get(steps.len() / 2).map_or(1.0 / 30.0, |step| *step as f64 * 1e-9)
     }
 
-    /// What the estimation of clocks needs, before the body has told which ball is which: of each colour that one marker alone
-    /// has, what is most likely that marker.
+    /// What the estimation of clocks needs, before the detections are associated: of each colour that one
+    /// marker alone has, what is most likely that marker.
     ///
     /// Of a long recording these are the detections within some stretches of time.
     pub(crate) fn camera_stream(&self, colors: &MarkerColors, stretches_ns: &[(i64, i64)]) -> CameraStream {
@@ -254,12 +256,12 @@ impl Stream {
     pub(crate) fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         let first_s = |of: &[i64]| of.first().map_or(0.0, |t| *t as f64 * 1e-9);
-        for (after_ns, words) in self.faults.broken.iter().take(MOST_TOLD) {
+        for (after_ns, words) in self.faults.broken.iter().take(MOST_NOTED) {
             notes.push(format!("{}, after {:.3} s: {words}.", self.name, *after_ns as f64 * 1e-9));
         }
-        let untold = self.faults.broken.len().saturating_sub(MOST_TOLD);
-        if untold > 0 {
-            notes.push(format!("{}: {untold} more faults of this kind.", self.name));
+        let others = self.faults.broken.len().saturating_sub(MOST_NOTED);
+        if others > 0 {
+            notes.push(format!("{}: {others} more faults of this kind.", self.name));
         }
         let copies = &self.faults.copies_ns;
         if !copies.is_empty() {
@@ -361,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_recordings_have_nothing_to_tell() {
+    fn whole_recordings_have_no_notes() {
         let whole: Vec<(f64, u8)> = (0..20).map(|k| (f64::from(k), k)).collect();
         let stream = stream(&whole);
         assert_eq!(stream.notes(), Vec::<String>::new());
@@ -369,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn copied_backward_and_missing_frames_are_told_with_camera_and_time() {
+    fn copied_backward_and_missing_frames_are_noted_with_camera_and_time() {
         let copied = stream(&[(0.0, 0), (1.0, 1), (2.0, 1), (3.0, 3), (4.0, 4)]);
         assert_eq!(copied.stamps_ns.len(), 4);
         let [note] = &copied.notes()[..] else { panic!("{:?}", copied.notes()) };
@@ -386,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_before_the_first_frame_ends_all_and_one_behind_it_is_told() {
+    fn an_error_before_the_first_frame_ends_all_and_one_after_it_is_noted() {
         let mut empty = stream(&[]);
         let error = || PipelineError::NoFrames { camera: "cam2".into() };
         assert!(empty.add_fault(error()).is_err());

@@ -8,19 +8,23 @@ use std::collections::VecDeque;
 /// A camera whose frames are nearer together by this factor than those of all before it gives the instants.
 const FASTER: f64 = 0.95;
 
-/// Where the leading camera has no frame, another's is an instant if it is this part of its interval from any other.
+/// Where the leading camera has no frame, another's is an instant if it is this part of its interval from
+/// any other.
 const APART_INTERVALS: f64 = 0.75;
 
-/// A camera whose frames are further apart than the instants by this factor lends a sight to more than one of them.
+/// A camera whose frames are further apart than the instants by this factor lends a detection to more than
+/// one of them.
 const SLOWER: f64 = 1.05;
 
-/// Frames whose times differ by less are of one instant; the same as for a path's sights ([`PixelPath::at`]).
+/// Frames whose times differ by less are of one instant; the same as for a path's detections
+/// ([`PixelPath::at`]).
 const SAME_NS: i64 = 10_000;
 
 /// How far beyond an instant a camera that is not in step must have seen before the instant is joined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lookahead {
-    /// To its next frame: as little as tells which of its sights is the nearest, and between which it lies.
+    /// To its next frame: as little as shows which of its detections is the nearest, and between which it
+    /// lies.
     NextFrame,
     /// As far as its path's cubic reaches.
     WholePath,
@@ -30,7 +34,7 @@ impl Lookahead {
     fn frames(self) -> usize {
         match self {
             Self::NextFrame => 1,
-            // Three beyond the nearest sight, which may itself be beyond the instant.
+            // Three beyond the nearest detection, which may itself be beyond the instant.
             Self::WholePath => 4,
         }
     }
@@ -51,10 +55,11 @@ pub struct CameraTiming {
 
 /// Brings what cameras see to common instants, frame by frame, for recordings and running cameras alike.
 ///
-/// The instants are the frames of the camera with the most frames a second (of cameras of about one rate the first), and where it
-/// has no frame those of the others. A camera's sight is moved to an instant along its own path ([`PixelPath::at`]); a sight that a
-/// slow camera lends to several instants counts for one in all. Cameras in step go through untouched, and without waiting. What is
-/// kept is what the paths need: it does not grow.
+/// The instants are the frames of the camera with the most frames a second (of cameras of about one rate
+/// the first), and where it has no frame those of the others. A camera's detection is moved to an instant
+/// along its own path ([`PixelPath::at`]); a detection that a slow camera lends to several instants counts
+/// for one in all. Cameras in step go through untouched, and without waiting. What is kept is what the
+/// paths need: it does not grow.
 #[derive(Debug)]
 pub struct Synchronizer {
     cameras: Vec<Incoming>,
@@ -62,7 +67,8 @@ pub struct Synchronizer {
     order: Vec<usize>,
     step_s: f64,
     ahead: Lookahead,
-    /// Instants with the rank of the camera that gave each, in order of time: those to come, and before them the latest handed out.
+    /// Instants with the rank of the camera that gave each, in order of time: those to come, and before
+    /// them the latest handed out.
     instants: VecDeque<(i64, usize)>,
     handed_ns: i64,
     seen: Vec<TrackedDetection>,
@@ -78,7 +84,7 @@ struct Incoming {
     spare: Vec<Track>,
     /// Times of its latest frames.
     frames_ns: VecDeque<i64>,
-    /// Those of which it is not yet told whether they are instants.
+    /// Those of which it is not yet known whether they are instants.
     undecided_ns: VecDeque<i64>,
     /// Up to when nothing more of it is waited for, but for what has come.
     gone_ns: i64,
@@ -116,8 +122,8 @@ impl Synchronizer {
         }
     }
 
-    /// Takes what a camera saw in its next frame. One that is not later than an instant handed out serves paths only, one that is
-    /// not later than the camera's last is passed over.
+    /// Takes what a camera saw in its next frame. One that is not later than an instant handed out serves
+    /// paths only, one that is not later than the camera's last is passed over.
     pub fn push(&mut self, camera: usize, stamp_ns: i64, seen: &[TrackedDetection]) {
         let Some(own) = self.cameras.get_mut(camera) else { return };
         let t_ns = own.about.clock.time_ns(stamp_ns);
@@ -132,8 +138,8 @@ impl Synchronizer {
         self.decide();
     }
 
-    /// No frame of a camera up to a time, by the common clock, is waited for any longer; i64::MAX: none at all. What comes of it
-    /// later is taken again.
+    /// No frame of a camera up to a time, by the common clock, is waited for any longer; i64::MAX: none at
+    /// all. What comes of it later is taken again.
     pub fn go_without(&mut self, camera: usize, until_ns: i64) {
         if let Some(own) = self.cameras.get_mut(camera) {
             own.gone_ns = own.gone_ns.max(until_ns);
@@ -163,7 +169,8 @@ impl Synchronizer {
         self.cameras.get(camera)?.frames_ns.back().copied()
     }
 
-    /// The next instant for which all that it needs has come: its time, and what all cameras saw then, by camera and number.
+    /// The next instant for which all that it needs has come: its time, and what all cameras saw then, by
+    /// camera and number.
     pub fn next_instant(&mut self) -> Option<(i64, &[TrackedDetection])> {
         let t_ns = self.waiting_ns()?;
         let earlier = |c: &Incoming| c.undecided_ns.front().is_some_and(|t| *t < t_ns);
@@ -183,7 +190,7 @@ impl Synchronizer {
         Some((t_ns, &self.seen))
     }
 
-    /// Tells of the frames that came which are instants.
+    /// Decides which of the frames that came are instants.
     fn decide(&mut self) {
         for rank in 0..self.order.len() {
             let camera = self.order[rank];
@@ -193,7 +200,7 @@ impl Synchronizer {
                 let is_free = !self.instants.iter().any(near);
                 if is_free && t_ns > self.handed_ns {
                     let until_ns = t_ns.saturating_add(apart_ns);
-                    if self.order[..rank].iter().any(|c| !self.cameras[*c].is_told_until(until_ns)) {
+                    if self.order[..rank].iter().any(|c| !self.cameras[*c].is_decided_until(until_ns)) {
                         break;
                     }
                     let at = self.instants.partition_point(|i| i.0 < t_ns);
@@ -222,7 +229,7 @@ impl Incoming {
     }
 
     /// Whether no instant up to a time can come of it any more.
-    fn is_told_until(&self, t_ns: i64) -> bool {
+    fn is_decided_until(&self, t_ns: i64) -> bool {
         let has_come = self.frames_ns.back().is_some_and(|last| *last >= t_ns) || self.gone_ns >= t_ns;
         has_come && self.undecided_ns.front().is_none_or(|t| *t > t_ns)
     }
@@ -256,7 +263,8 @@ impl Incoming {
         }
     }
 
-    /// Adds what the camera saw at a time, which must be after that of the call before, and forgets what no later time needs.
+    /// Adds what the camera saw at a time, which must be after that of the call before, and forgets what no
+    /// later time needs.
     fn at(&mut self, camera: usize, t_ns: i64, step_s: f64, seen: &mut Vec<TrackedDetection>) {
         let lent = if step_s > 0.0 { self.about.interval_s / step_s } else { 1.0 };
         let t_s = t_ns as f64 * 1e-9;
@@ -297,7 +305,8 @@ impl Track {
     }
 }
 
-/// Hands what all cameras saw at each instant of a recorded flight to `each`, and lets go of it frame by frame.
+/// Hands what all cameras saw at each instant of a recorded flight to `each`, and lets go of it frame by
+/// frame.
 pub(crate) fn instants(
     streams: Vec<Stream>,
     sizes: &[ImageSize],
@@ -311,18 +320,18 @@ pub(crate) fn instants(
         interval_s: s.interval_s(),
     };
     let cameras: Vec<CameraTiming> = streams.iter().enumerate().map(about).collect();
-    let mut joiner = Synchronizer::new(&cameras, Lookahead::WholePath);
+    let mut synchronizer = Synchronizer::new(&cameras, Lookahead::WholePath);
     let mut frames: Vec<_> = streams.into_iter().map(Stream::into_frames).collect();
     loop {
         let next = (0..frames.len()).filter_map(|k| Some((clocks[k].time_ns(frames[k].peek()?), k))).min();
         let Some((_, camera)) = next else { break };
-        if let Some((stamp_ns, sights)) = frames[camera].next() {
-            joiner.push(camera, stamp_ns, sights);
+        if let Some((stamp_ns, detections)) = frames[camera].next() {
+            synchronizer.push(camera, stamp_ns, detections);
         }
         if frames[camera].peek().is_none() {
-            joiner.go_without(camera, i64::MAX);
+            synchronizer.go_without(camera, i64::MAX);
         }
-        while let Some((t_ns, seen)) = joiner.next_instant() {
+        while let Some((t_ns, seen)) = synchronizer.next_instant() {
             each(t_ns, seen);
         }
     }
@@ -402,7 +411,8 @@ mod tests {
         assert!(misfit(&got) < 1.1);
     }
 
-    /// As they come, with as little ahead as live has: in step the same, bit for bit; out of step nearly as exact.
+    /// As they come, with as little ahead as live has: in step the same, bit for bit; out of step nearly as
+    /// exact.
     #[test]
     fn frames_that_come_one_by_one_are_joined_alike() {
         let live = |streams: &[Stream], clocks: &[CameraClock]| {
@@ -412,22 +422,22 @@ mod tests {
                 readout: streams[k].readout,
                 interval_s: 1.0 / 30.0,
             };
-            let mut joiner = Synchronizer::new(&[about(0), about(1)], Lookahead::NextFrame);
+            let mut synchronizer = Synchronizer::new(&[about(0), about(1)], Lookahead::NextFrame);
             let mut frames: Vec<_> = streams.iter().map(|s| s.clone().into_frames()).collect();
             let mut out = Vec::new();
             for _ in 0..streams[1].stamps_ns.len() {
                 for (camera, own) in frames.iter_mut().enumerate() {
-                    if let Some((stamp_ns, sights)) = own.next() {
-                        joiner.push(camera, stamp_ns, sights);
+                    if let Some((stamp_ns, detections)) = own.next() {
+                        synchronizer.push(camera, stamp_ns, detections);
                     }
-                    while let Some((t_ns, seen)) = joiner.next_instant() {
+                    while let Some((t_ns, seen)) = synchronizer.next_instant() {
                         out.push((t_ns, seen.to_vec()));
                     }
                 }
             }
-            let kept = joiner.cameras.iter().flat_map(|c| &c.tracks).map(|t| t.detections.len()).max();
-            assert!(kept.unwrap() <= 9 && joiner.cameras.iter().all(|c| c.tracks.len() == 4));
-            assert!(joiner.instants.len() <= 4);
+            let kept = synchronizer.cameras.iter().flat_map(|c| &c.tracks).map(|t| t.detections.len()).max();
+            assert!(kept.unwrap() <= 9 && synchronizer.cameras.iter().all(|c| c.tracks.len() == 4));
+            assert!(synchronizer.instants.len() <= 4);
             out
         };
         let exact = late(0.0);
@@ -444,35 +454,35 @@ mod tests {
         let exact = late(0.0);
         let streams = [stream(0, exact, 30.0, 0..40), stream(1, exact, 30.0, 0..40)];
         let about = CameraTiming { size: SIZE, clock: exact, readout: Vector2::y(), interval_s: 1.0 / 30.0 };
-        let mut joiner = Synchronizer::new(&[about, about], Lookahead::NextFrame);
+        let mut synchronizer = Synchronizer::new(&[about, about], Lookahead::NextFrame);
         let mut counts = Vec::new();
         let [mut first, mut second] = streams.clone().map(Stream::into_frames);
         for k in 0..40 {
             let (a, b) = (first.next().unwrap(), second.next().unwrap());
-            joiner.push(0, a.0, a.1);
+            synchronizer.push(0, a.0, a.1);
             if (10..20).contains(&k) {
-                assert_eq!(joiner.next_instant().map(|i| i.0), None);
-                assert!(joiner.waits_for(1, a.0) && joiner.waiting_ns() == Some(a.0));
-                joiner.go_without(1, a.0);
+                assert_eq!(synchronizer.next_instant().map(|i| i.0), None);
+                assert!(synchronizer.waits_for(1, a.0) && synchronizer.waiting_ns() == Some(a.0));
+                synchronizer.go_without(1, a.0);
             } else {
-                joiner.push(1, b.0, b.1);
+                synchronizer.push(1, b.0, b.1);
             }
-            let got = joiner.next_instant().expect("an instant");
+            let got = synchronizer.next_instant().expect("an instant");
             assert_eq!(got.0, a.0);
             counts.push(got.1.len());
         }
         assert!(counts.iter().enumerate().all(|(k, n)| *n == if (10..20).contains(&k) { 4 } else { 8 }));
         // The leading camera may be the one that is gone; the other's frames are then the instants.
-        let mut joiner = Synchronizer::new(&[about, about], Lookahead::NextFrame);
-        joiner.go_without(0, i64::MAX);
+        let mut synchronizer = Synchronizer::new(&[about, about], Lookahead::NextFrame);
+        synchronizer.go_without(0, i64::MAX);
         let mut frames = streams[1].clone().into_frames();
         while let Some(b) = frames.next() {
-            joiner.push(1, b.0, b.1);
-            assert_eq!(joiner.next_instant().map(|i| (i.0, i.1.len())), Some((b.0, 4)));
+            synchronizer.push(1, b.0, b.1);
+            assert_eq!(synchronizer.next_instant().map(|i| (i.0, i.1.len())), Some((b.0, 4)));
         }
-        joiner.wait_again(0);
-        joiner.push(1, 2_000_000_000, &[]);
-        assert!(joiner.next_instant().is_none());
+        synchronizer.wait_again(0);
+        synchronizer.push(1, 2_000_000_000, &[]);
+        assert!(synchronizer.next_instant().is_none());
     }
 
     #[test]

@@ -101,16 +101,16 @@ pub(crate) fn stream(
     out
 }
 
-/// The same of a camera without a clock of its own, told which ball is which.
+/// The same of a camera without a clock of its own, with its balls identified.
 pub(crate) fn seen_by(camera: usize, frames: std::ops::Range<usize>) -> Vec<MarkerObservation> {
     let stream = stream(camera, CameraClock::default(), 30.0, frames);
     let markers = Vehicle::paper().marker.len();
-    let told = |(k, s): (usize, &StoredDetection)| MarkerObservation {
+    let identified = |(k, s): (usize, &StoredDetection)| MarkerObservation {
         t_ns: stream.stamps_ns[k / markers],
         camera,
         marker: k % markers,
         pixel: s.pixel,
         covariance_px2: Matrix2::identity() * STD_PX * STD_PX,
     };
-    stream.detections.iter().enumerate().map(told).collect()
+    stream.detections.iter().enumerate().map(identified).collect()
 }

@@ -11,7 +11,8 @@ use std::sync::Arc;
 /// How far beyond the control points' ranges the aircraft may fly, as a factor on its apparent size.
 const RANGE_MARGIN: f64 = 2.0;
 
-/// A number to seven digits, as lists of a flight's detections hold it: so a camera that runs and its recording give the same.
+/// A number to seven digits, as lists of a flight's detections hold it: so a camera that runs and its
+/// recording give the same.
 pub(crate) fn held(value: f64) -> f64 {
     f64::from(value as f32)
 }
@@ -38,10 +39,12 @@ pub struct CameraTracker {
 }
 
 impl CameraTracker {
-    /// A tracker that expects the apparent diameters that the rig and the ball sizes imply over the calibrated volume.
+    /// A tracker that expects the apparent diameters that the rig and the ball sizes imply over the
+    /// calibrated volume.
     ///
     /// # Errors
-    /// Marker colours that cannot be told apart, balls too small to be measured, no such camera in the rig.
+    /// Marker colours that cannot be distinguished, balls too small to be measured, no such camera in the
+    /// rig.
     pub fn new(rig: &Rig, camera: usize, vehicle: &Vehicle) -> Result<Self, PipelineError> {
         let Some(seen_by) = rig.cameras.get(camera) else {
             return Err(PipelineError::NoFrames { camera: format!("camera number {camera}") });
@@ -92,8 +95,8 @@ impl CameraTracker {
         TrackedFrame::New(&self.detections)
     }
 
-    /// Looks for newcomers in the frame that was seen last, before the next one comes, and makes ready for that. It is
-    /// done then if it was not before.
+    /// Looks for newcomers in the frame that was seen last, before the next one comes, and prepares for
+    /// that. It is done then if it was not before.
     pub fn look_around(&mut self) {
         if let Some((_, last)) = &self.last {
             self.tracker.look_around(last);
@@ -122,7 +125,7 @@ mod tests {
     use crate::testing::{SIZE, rig};
 
     #[test]
-    fn copied_and_backward_frames_are_told() {
+    fn copied_and_backward_frames_are_recognised() {
         let mut tracker = CameraTracker::new(&rig(), 0, &Vehicle::paper()).unwrap();
         let frame = |shade: u8| Arc::new(Frame::from_rgb(SIZE, vec![shade; 3 * SIZE.area_px()]).unwrap());
         assert_eq!(tracker.see(0, frame(120)), TrackedFrame::New(&[]));
@@ -135,7 +138,7 @@ mod tests {
 
     /// All frames of a camera whose shutter is closed are alike: each shows that it is dark.
     #[test]
-    fn a_camera_that_stays_dark_is_dark_in_each_frame() {
+    fn a_camera_that_remains_dark_is_dark_in_each_frame() {
         let mut tracker = CameraTracker::new(&rig(), 0, &Vehicle::paper()).unwrap();
         let dark = Arc::new(Frame::from_rgb(SIZE, vec![3; 3 * SIZE.area_px()]).unwrap());
         for t_ns in 0..5 {
