@@ -41,7 +41,7 @@ for name, text in texts.items():
 # Tests and files that ARCHITECTURE.md and CONVENTIONS.md name.
 code = "\n".join(text for name, text in texts.items() if name.endswith((".rs", ".py", ".ts")))
 for name in ("ARCHITECTURE.md", "CONVENTIONS.md"):
-    for quoted in re.findall(r"`([^`]+)`", texts[name]):
+    for quoted in re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", texts[name], flags=re.M | re.S)):
         last = quoted.split("::")[-1]
         if re.fullmatch(r"(crates|docs|python|\.ci)/[\w./-]+", quoted):
             if not (ROOT / quoted).exists():
