@@ -5,7 +5,7 @@ use crate::moving::{Instant, Reduced, Shared};
 use crate::{BodyMarker, Observations, PoseError, Rig};
 use instants::instants_of;
 use mavsight_geometry::camera_parameters::CENTRE;
-use mavsight_geometry::{CAMERA_PARAMETERS, CameraChange, UnitQuaternion, Vector2, Vector3};
+use mavsight_geometry::{CAMERA_PARAMETERS, CameraChange, UnitQuaternion, Vector3};
 use nalgebra::{DMatrix, DVector};
 use systematic::{LinearFit, SystematicVariance};
 
