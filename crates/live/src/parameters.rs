@@ -249,10 +249,10 @@ fn fit_of<'a>(fits: &'a mut Vec<Fit>, output: &Output) -> Option<&'a mut Fit> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_flight::{Channel, Maneuver, Scenario, simulate};
     use mavsight_geometry::{Matrix6, Vector3, world_from_body};
     use mavsight_identify::{Estimator, FitOptions, identify_with};
     use mavsight_pose::PoseEstimate;
+    use mavsight_simulator::{Channel, Maneuver, Scenario, simulate};
 
     /// Poses of a simulated flight, a tenth of a millimetre and of a milliradian off.
     fn flight() -> (Vec<PoseSample>, InputSeries) {
@@ -272,7 +272,7 @@ mod tests {
             simulate(&Vehicle::paper(), &inputs, &scenario.start(), &scenario.frame_times_s()).unwrap();
         let mut random = mavsight_random::Random::new(3, 0);
         let mut noise = || 1e-4 * random.normal();
-        let sample = |s: &mavsight_flight::FlightState| {
+        let sample = |s: &mavsight_simulator::FlightState| {
             let mut pose = world_from_body(s.position_in_world_m, s.attitude);
             pose.translation.vector += Vector3::new(noise(), noise(), noise());
             let turn = Vector3::new(noise(), noise(), noise());

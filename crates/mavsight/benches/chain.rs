@@ -4,7 +4,7 @@
 #![allow(missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use mavsight::flight::{Scenario, Vehicle, simulate};
+use mavsight::flight::Vehicle;
 use mavsight::geometry::{
     Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector3,
     world_from_body,
@@ -16,6 +16,7 @@ use mavsight::pose::{
 };
 use mavsight::scene::Room;
 use mavsight::score::VirtualCamera;
+use mavsight::simulator::{Scenario, simulate};
 use mavsight::vision::{BallColor, Detection, Detector, Frame, Tracker};
 use std::hint::black_box;
 use std::time::{Duration, Instant};

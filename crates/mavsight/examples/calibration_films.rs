@@ -9,11 +9,10 @@ use anyhow::{Result, anyhow};
 use mavsight::geometry::{Camera, ImageSize, Intrinsics, Isometry3, Point3, UnitQuaternion, Vector3};
 use mavsight::lab;
 use mavsight::pipeline::{
-    Board, CameraFeed, ControlStill, TimedFrame, Wand, board_of, calibrate_from_observations,
+    Board, CameraFeed, ControlPixel, ControlStill, TimedFrame, Wand, board_of, calibrate_from_observations,
     calibrate_from_stills_and_objects, wand_of,
 };
 use mavsight::scene::{Aircraft, Film, PaintedBall, Room, Sensor};
-use mavsight::session::ControlPixel;
 use mavsight::vision::{Frame, find_board};
 use std::f64::consts::TAU;
 
@@ -134,7 +133,7 @@ fn board(room: &Room) -> Result<()> {
     let near = |p: [f64; 3]| [0.5 * p[0], 0.3 * p[1], 0.9 + 0.4 * p[2]];
     let points: Vec<_> = points
         .into_iter()
-        .map(|p| mavsight::session::ControlPointRow { position_m: near(p.position_m), diameter_m: 0.0, ..p })
+        .map(|p| mavsight::pipeline::ControlPointRow { position_m: near(p.position_m), diameter_m: 0.0, ..p })
         .collect();
     let pixels = points.iter().enumerate().map(|(k, p)| {
         let seen = camera.camera.project(&Vector3::from(p.position_m))?.pixel;

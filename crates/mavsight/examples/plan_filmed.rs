@@ -17,8 +17,8 @@ use mavsight::flight::Vehicle;
 use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3, world_from_body};
 use mavsight::lab;
 use mavsight::pipeline::{
-    CameraFeed, ControlStill, NoProgress, PipelineError, TimedFrame, body_markers, calibrate_from_stills,
-    track,
+    CameraFeed, CentreQuality, ControlPointRow, ControlStill, NoProgress, PipelineError, TimedFrame,
+    body_markers, calibrate_from_stills, track,
 };
 use mavsight::plan::{CentreStd, EXAMPLE, Placed, Planner, Room as RoomFile};
 use mavsight::pose::{
@@ -26,9 +26,8 @@ use mavsight::pose::{
 };
 use mavsight::random::Random;
 use mavsight::scene::{Aircraft, Film, Occluders, Room};
-use mavsight::score::VirtualCamera;
-use mavsight::session::results::CentreQuality;
-use mavsight::session::{ControlPointRow, TruthRow, ns_from_s};
+use mavsight::score::{TruthRow, VirtualCamera};
+use mavsight::session::ns_from_s;
 use mavsight::vision::{BallColor, Detector, Frame, MODEL_STD};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;

@@ -1,10 +1,11 @@
 //! The virtual laboratory: the paper's cameras, control frame and aircraft, filmed.
 
-use mavsight_flight::{FlightState, Staging, Vehicle};
+use mavsight_flight::Vehicle;
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector2, Vector3, world_from_body};
+use mavsight_pipeline::ControlPointRow;
 use mavsight_scene::{Aircraft, ControlFrame, Film, Occluders, PaintedBall, Person, Room, Sensor, Veil};
-use mavsight_score::{VirtualCamera, VirtualLab, true_pose};
-use mavsight_session::{ControlPointRow, TruthRow};
+use mavsight_score::{TruthRow, VirtualCamera, VirtualLab, true_pose};
+use mavsight_simulator::{FlightState, Staging};
 
 /// The paper's cameras.
 pub fn cameras() -> Vec<VirtualCamera> {
@@ -155,15 +156,15 @@ impl StagedFilm<'_> {
         let size = self.camera.camera.size;
         let (width, height) = (f64::from(size.width_px), f64::from(size.height_px));
         let own = |name: &str| name == self.camera.name;
-        let veil = |g: &mavsight_flight::staging::Glare| {
+        let veil = |g: &mavsight_simulator::staging::Glare| {
             let along = (t_s - g.from_s) / (g.to_s - g.from_s);
             let at = |k: usize| g.from[k] + along * (g.to[k] - g.from[k]);
             let pixel = Vector2::new(at(0) * width, at(1) * height);
             Veil { pixel, radius_px: g.radius * width, strength: g.strength }
         };
         let shines =
-            |g: &&mavsight_flight::staging::Glare| own(&g.camera) && (g.from_s..g.to_s).contains(&t_s);
-        let dark = |b: &mavsight_flight::staging::Black| {
+            |g: &&mavsight_simulator::staging::Glare| own(&g.camera) && (g.from_s..g.to_s).contains(&t_s);
+        let dark = |b: &mavsight_simulator::staging::Black| {
             own(&b.camera) && t_s >= b.from_s && b.to_s.is_none_or(|to_s| t_s < to_s)
         };
         Occluders {

@@ -22,4 +22,5 @@ pub use mavsight_report as report;
 pub use mavsight_scene as scene;
 pub use mavsight_score as score;
 pub use mavsight_session as session;
+pub use mavsight_simulator as simulator;
 pub use mavsight_vision as vision;

@@ -2,13 +2,8 @@
 
 mod cli;
 mod commands;
-mod figures;
-mod fits;
-mod motion_fits;
 mod out;
-mod page;
 mod progress;
-mod summary;
 
 use clap::Parser;
 use mavsight::lab;

@@ -5,12 +5,13 @@
 //! not known in place of a text lists all words that it may be.
 
 use assert_cmd::Command;
-use mavsight_flight::{Scenario, Staging, Vehicle};
+use mavsight_flight::Vehicle;
 use mavsight_identify::Model;
 use mavsight_plan::Room;
 use mavsight_score::CampaignFile;
 use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs};
 use mavsight_session::{SessionFile, read_rig, write_control_points, write_inputs};
+use mavsight_simulator::{Scenario, Staging};
 use serde::de::DeserializeOwned;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

@@ -1,11 +1,10 @@
 //! From control stills, or from a table of clicked pixels, to a rig.
 
-use crate::PipelineError;
+use crate::{ControlPixel, ControlPointRow, PipelineError};
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Matrix2, Vector2, Vector3};
 use mavsight_pose::{
     CameraControl, LeftOut, LeftOutReason, MovedObject, Rig, Selection, calibrate_with, select_control_balls,
 };
-use mavsight_session::{ControlPixel, ControlPointRow};
 use mavsight_vision::{BallColor, Detection, Detector, Frame};
 
 /// The control frame as one camera saw it.

@@ -2,13 +2,23 @@
 
 use crate::stream::Stream;
 use mavsight_pose::Rig;
-use mavsight_session::Clap;
 
 /// Speed of sound in a room of 20 °C.
 const SOUND_M_S: f64 = 343.0;
 
 /// A recording's sound comes between 5 ms before and 15 ms after its picture (EBU R37, 2007, at the source): a width of 20 ms.
 const SOUND_AND_PICTURE_S: f64 = 0.02;
+
+/// What the sound of a recording has of a clap.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Clap {
+    /// By the recording's time stamps, s.
+    At(f64),
+    /// Nothing in its sound stands out.
+    None,
+    /// It has no sound.
+    Silent,
+}
 
 /// Starts each clock of which no more is known from the clap that its camera and the first heard. From wherever it came, it had
 /// not to go further to one camera than to the other by more than they are apart; that and how far apart sound and picture of

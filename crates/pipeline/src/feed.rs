@@ -1,9 +1,8 @@
 //! Frames of one camera in order of time.
 
-use crate::PipelineError;
+use crate::{Clap, PipelineError};
 use mavsight_geometry::Vector2;
 use mavsight_pose::{CameraClock, ClockPrior};
-use mavsight_session::Clap;
 use mavsight_vision::Frame;
 
 /// A frame and the middle of its exposure.

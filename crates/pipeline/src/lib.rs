@@ -6,9 +6,11 @@ mod associate;
 mod board;
 mod calibrate;
 mod clap;
+mod control;
 mod error;
 mod feed;
 mod flash;
+mod health;
 mod mixed_up;
 mod progress;
 mod reconstruct;
@@ -28,8 +30,11 @@ pub use board::{Board, board_of};
 pub use calibrate::{
     ControlStill, calibrate_from_observations, calibrate_from_stills, calibrate_from_stills_and_objects,
 };
+pub use clap::Clap;
+pub use control::{ControlPixel, ControlPointRow};
 pub use error::PipelineError;
 pub use feed::{CameraFeed, Frames, TimedFrame};
+pub use health::{CameraHealth, CentreQuality, MarkerHealth};
 pub use progress::{NoProgress, Progress, Stage};
 pub use reconstruct::reconstruct;
 pub use refine::{Diameter, MARKERS_STD_M, RefinedBody, Refinement, refine};

@@ -1,11 +1,10 @@
 //! What one camera saw, by its own clock, and what was wrong with its frames.
 
-use crate::PipelineError;
 use crate::associate::MarkerColors;
 use crate::sight::Sight;
+use crate::{Clap, PipelineError};
 use mavsight_geometry::{Matrix2, Vector2};
 use mavsight_pose::{CameraStream, ClockPrior, StreamSight};
-use mavsight_session::Clap;
 
 /// Frames further apart than this many intervals have others missing between them.
 const GAP_INTERVALS: f64 = 1.5;

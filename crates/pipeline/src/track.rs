@@ -5,8 +5,8 @@ use crate::reconstruct::Reconstruction;
 use crate::stream::Stream;
 use crate::watch::CameraWatch;
 use crate::{
-    CameraFeed, CameraTracker, Instant, PipelineError, Progress, Stage, TimedFrame, TrackedFrame, flash,
-    mixed_up, synchronize,
+    CameraFeed, CameraHealth, CameraTracker, CentreQuality, Instant, PipelineError, Progress, Stage,
+    TimedFrame, TrackedFrame, flash, mixed_up, synchronize,
 };
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
@@ -14,7 +14,6 @@ use mavsight_pose::{
     BodyMarker, CameraClock, CameraStream, ClockEstimate, ClockVerdict, MarkerObservation, Observations,
     PoseEstimator, PoseSample, Rig, estimate_clocks, telling_stretches_ns,
 };
-use mavsight_session::results::{CameraHealth, CentreQuality};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 

@@ -1,7 +1,7 @@
 //! What happened to the cameras, and how well they see.
 
+use crate::{CameraHealth, MarkerHealth};
 use mavsight_pose::{MovedCamera, Rig};
-use mavsight_session::results::{CameraHealth, MarkerHealth};
 use mavsight_vision::{BallHealth, Tracker};
 
 /// Watches one camera while it is tracked.

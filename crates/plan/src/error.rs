@@ -1,9 +1,9 @@
 //! What cannot be planned, and what to do about it.
 
-use mavsight_flight::FlightError;
 use mavsight_identify::IdentifyError;
 use mavsight_pose::PoseError;
 use mavsight_session::SessionError;
+use mavsight_simulator::SimulatorError;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -72,7 +72,7 @@ pub enum PlanError {
     Pose(#[from] PoseError),
     /// A flight that cannot be simulated.
     #[error(transparent)]
-    Flight(#[from] FlightError),
+    Flight(#[from] SimulatorError),
     /// A flight that determines nothing.
     #[error(transparent)]
     Identify(#[from] IdentifyError),

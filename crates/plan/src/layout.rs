@@ -2,11 +2,11 @@
 
 use crate::{CameraType, Criterion, PlanError, Room};
 use mavsight_geometry::{Camera, ControlPoint, Isometry3, Matrix2, Matrix6, Point3, Vector3};
+use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::{
     BodyMarker, CameraControl, CameraModel, ExpectedSight, PoseError, PoseEstimate, PoseEstimator, Rig,
     RigCamera, predict_calibration,
 };
-use mavsight_session::ControlPointRow;
 use nalgebra::{DMatrix, Matrix3};
 use serde::Serialize;
 

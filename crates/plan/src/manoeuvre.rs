@@ -1,15 +1,13 @@
 //! Prediction of the parameters' accuracy from a manoeuvre: cameras, poses, output error.
 
 use crate::{Placed, PlanError, Planner, Solid};
-use mavsight_flight::{
-    Coefficient, Coefficients, FlightState, InputSeries, Scenario, StateVector, Vehicle,
-    hover_rotor_speed_rad_s, simulate,
-};
+use mavsight_flight::{Coefficient, InputSeries, StateVector, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{Camera, Isometry3, Matrix6, Vector3, world_from_body};
 use mavsight_identify::output_error::{
     ExpectedFit, FlightModel, OutputErrorOptions, StateMeasurement, expected_fit,
 };
 use mavsight_pose::{PoseEstimate, PoseEstimator};
+use mavsight_simulator::{FlightState, Scenario, simulate, true_coefficients};
 
 /// Limits of a flight.
 #[derive(Debug, Clone, PartialEq)]
@@ -144,7 +142,7 @@ impl<'a> FlightPlanner<'a> {
             systematic.push(estimate.systematic());
         }
         let model = true_model(&self.vehicle, &inputs)?;
-        let vectors: Vec<StateVector> = states.iter().map(FlightState::packed).collect();
+        let vectors: Vec<StateVector> = states.iter().map(|s| s.as_start().packed()).collect();
         let fit = expected_fit(&model, &inputs, measured, &vectors, &OutputErrorOptions::default())?
             .with_systematic(&systematic)?;
         let scenario = scenario.clone();
@@ -214,7 +212,7 @@ impl<'a> FlightPlanner<'a> {
 /// # Errors
 /// A vehicle that is not valid.
 pub fn true_model(vehicle: &Vehicle, inputs: &InputSeries) -> Result<FlightModel, PlanError> {
-    let truth = Coefficients::of_vehicle(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
     let mut model = FlightModel::new(vehicle, inputs)?;
     for c in Coefficient::ALL {
         model = model.with_value(c.name(), truth.get(c))?;

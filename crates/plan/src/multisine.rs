@@ -1,8 +1,8 @@
 //! Optimised multisines.
 
 use crate::{FlightPlanner, PlanError, PlannedManoeuvre};
-use mavsight_flight::{Channel, Maneuver, Scenario, Sine};
 use mavsight_random::Random;
+use mavsight_simulator::{Channel, Maneuver, Scenario, Sine};
 use rayon::prelude::*;
 
 /// Criterion that a multisine minimises.

@@ -2,12 +2,11 @@
 
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector3;
-use mavsight_pipeline::body_markers;
+use mavsight_pipeline::{ControlPointRow, body_markers};
 use mavsight_plan::{
     CentreStd, Placed, PlanError, Planner, Room, SearchOptions, Solid, angle_study, distance_study,
 };
 use mavsight_pose::BodyMarker;
-use mavsight_session::ControlPointRow;
 
 /// A change of the room.
 type Spoil = fn(&mut Room);

@@ -1,6 +1,6 @@
 //! Predicted parameters against fits of noisy poses, and multisines against the doublet.
 
-use mavsight_flight::{Channel, Maneuver, Scenario, Vehicle};
+use mavsight_flight::Vehicle;
 use mavsight_geometry::{Isometry3, UnitQuaternion};
 use mavsight_identify::output_error::{Measurements, OutputErrorOptions, StateMeasurement, output_error};
 use mavsight_pipeline::body_markers;
@@ -9,6 +9,7 @@ use mavsight_plan::{
     Solid, pose_of, true_model,
 };
 use mavsight_random::Random;
+use mavsight_simulator::{Channel, Maneuver, Scenario};
 
 const C_M: [&str; 4] = ["C_m,0", "C_m,alpha_u", "C_m,alpha_l", "C_m,q"];
 

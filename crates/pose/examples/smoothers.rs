@@ -5,9 +5,9 @@
 #[allow(dead_code)]
 mod simulated;
 
-use mavsight_flight::FlightState;
 use mavsight_geometry::{EulerAngles, Vector3, world_from_body};
 use mavsight_pose::{Motion, MotionSample, PoseEstimator, smooth};
+use mavsight_simulator::FlightState;
 use nalgebra::{DMatrix, DVector};
 use simulated::{Random, error, flight, poses, rigs, sights, square, true_cameras};
 

@@ -1,7 +1,7 @@
 //! The true pose between two rows of a truth table.
 
+use crate::TruthRow;
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector3, world_from_body};
-use mavsight_session::TruthRow;
 use nalgebra::Translation3;
 
 /// Rows further apart are not one motion.
@@ -78,7 +78,8 @@ fn hermite(x: f64) -> Hermite {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_flight::{Channel, Maneuver, Scenario, Vehicle, simulate};
+    use mavsight_flight::Vehicle;
+    use mavsight_simulator::{Channel, Maneuver, Scenario, simulate};
 
     /// Every second instant of a flight against the simulation itself.
     #[test]

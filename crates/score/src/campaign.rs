@@ -2,7 +2,6 @@
 
 use crate::chunks::checksum;
 use crate::{CAMPAIGN_SCHEMA, CampaignFile, CampaignRig, ChunkFile, FitKind, NoiseLevel, ScoreError};
-use mavsight_flight::Scenario;
 use mavsight_geometry::{
     CAMERA_PARAMETERS, Camera, CameraChange, Isometry3, Matrix2, Point3, Vector2, Vector3,
 };
@@ -13,6 +12,7 @@ use mavsight_plan::{FlightLimits, FlightPlanner, Placed, PlannedManoeuvre, Plann
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
 use mavsight_random::Random;
 use mavsight_session::{ns_from_s, read_toml};
+use mavsight_simulator::Scenario;
 use nalgebra::DVector;
 use rayon::prelude::*;
 use serde::Serialize;

@@ -2,8 +2,8 @@
 
 use crate::VirtualFlight;
 use crate::virtual_flight::pose_of;
-use mavsight_flight::FlightState;
 use mavsight_geometry::{Isometry3, Matrix3, Vector3};
+use mavsight_simulator::FlightState;
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 

@@ -55,7 +55,7 @@ pub enum ScoreError {
     Plan(#[from] mavsight_plan::PlanError),
     /// The vehicle does not fly.
     #[error("simulating the vehicle: {0}")]
-    Flight(#[from] mavsight_flight::FlightError),
+    Flight(#[from] mavsight_simulator::SimulatorError),
     /// The control points were refused.
     #[error("calibrating the virtual cameras: {0}")]
     Pose(#[from] mavsight_pose::PoseError),

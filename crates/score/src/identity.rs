@@ -1,9 +1,9 @@
 //! Correctness of associations, and the share of measurable frames with a pose.
 
+use crate::TruthRow;
 use crate::truth_at;
 use mavsight_geometry::{EulerAngles, Point3, Vector3, world_from_body};
 use mavsight_pose::PoseSample;
-use mavsight_session::TruthRow;
 use serde::Serialize;
 
 /// Share of a ball's face from which it counts as visible.

@@ -10,6 +10,7 @@ mod chunks;
 mod coverage;
 mod error;
 mod identity;
+mod truth;
 mod virtual_flight;
 mod virtual_lab;
 
@@ -22,15 +23,18 @@ pub use chunks::ChunkFile;
 pub use coverage::{Coverage, QUANTITIES, Quantity, TOO_FEW, Tally};
 pub use error::ScoreError;
 pub use identity::{IdentityScore, score_identity};
+pub use truth::{
+    TruthRow, VISIBILITY, read_truth, read_visibility, truth_of, visibility_of, write_truth, write_visibility,
+};
 pub use virtual_flight::VirtualFlight;
 pub use virtual_lab::{ObservationNoise, VirtualCamera, VirtualLab};
 
-use mavsight_flight::{Coefficients, ModelCoefficients, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{EulerAngles, Vector3};
 use mavsight_identify::output_error::{FlightFits, ModelParameter};
 use mavsight_identify::{Estimator, Identification};
 use mavsight_pose::{Motion, PoseSample, Rig};
-use mavsight_session::TruthRow;
+use mavsight_simulator::{ModelCoefficients, true_coefficients};
 use serde::Serialize;
 
 /// Errors of position and attitude.
@@ -202,7 +206,7 @@ pub fn score_parameters(identification: &Identification, truth: &ModelCoefficien
 
 /// Errors of the parameters of output error against the simulated vehicle; the true input lag is 0.
 pub fn score_output_error(fits: &FlightFits, vehicle: &Vehicle) -> Vec<ParameterError> {
-    let truth = Coefficients::of_vehicle(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
     let of = |p: ModelParameter| match p {
         ModelParameter::Coefficient(c) => truth.get(c),
         ModelParameter::InputLag => 0.0,

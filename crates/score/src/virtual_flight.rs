@@ -1,12 +1,12 @@
 //! Flights in a virtual laboratory: simulated observations, measured by the real pipeline.
 
 use crate::{ScoreError, VirtualLab};
-use mavsight_flight::{Channel, FlightState, InitialState, Maneuver, Scenario, simulate};
 use mavsight_geometry::{ControlPoint, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body};
 use mavsight_pipeline::{NoProgress, Refinement, Tracked, motion_of, reconstruct, refine};
 use mavsight_pose::{CameraControl, MarkerObservation, Motion, Rig, calibrate};
 use mavsight_random::Random;
 use mavsight_session::ns_from_s;
+use mavsight_simulator::{Channel, FlightState, InitialState, Maneuver, Scenario, simulate};
 
 /// Length of a flight.
 const DURATION_S: f64 = 6.0;

@@ -3,9 +3,8 @@
 use crate::ScoreError;
 use mavsight_flight::{Color, Vehicle};
 use mavsight_geometry::{Camera, ImageSize, Intrinsics, Matrix2, Vector3};
-use mavsight_pipeline::{Tracked, body_markers};
+use mavsight_pipeline::{ControlPointRow, Tracked, body_markers};
 use mavsight_pose::{PoseError, PoseEstimator, Rig};
-use mavsight_session::ControlPointRow;
 
 /// A camera of a virtual laboratory.
 #[derive(Debug, Clone)]

@@ -5,11 +5,12 @@ use crate::session_file::{
     BoardSection, LiveSection, RefineSection, SessionCamera, SessionFile, WandSection, is_empty, validate,
 };
 use crate::toml_file::read_toml;
-use crate::video::{Clap, FrameSource, find_clap, is_pattern};
-use crate::{ControlPixel, ControlPointRow, SessionError, TruthRow, read_image, tables};
+use crate::video::{FrameSource, find_clap, is_pattern};
+use crate::{SessionError, read_image, tables};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_identify::Model;
+use mavsight_pipeline::{Clap, ControlPixel, ControlPointRow};
 use std::path::{Path, PathBuf};
 
 /// A session with every path made whole and every file that it names seen to exist.
@@ -238,26 +239,6 @@ impl Session {
     /// Names the file and the line or key.
     pub fn model(&self) -> Result<Option<Model>, SessionError> {
         self.model_path.as_deref().map(load_model).transpose()
-    }
-
-    /// Reads the truth, where the session has it.
-    ///
-    /// # Errors
-    /// Names row and column.
-    pub fn truth(&self) -> Result<Option<Vec<TruthRow>>, SessionError> {
-        self.truth_path.as_deref().map(tables::read_truth).transpose()
-    }
-
-    /// Shares of the balls' faces that were visible, by instant, camera and marker, for scoring only; none
-    /// where no such file is in the folder of the truth.
-    ///
-    /// # Errors
-    /// Names the file, row and column.
-    pub fn visibility(&self) -> Result<Option<Vec<Vec<Vec<f64>>>>, SessionError> {
-        let path = self.truth_path.as_deref().map(|t| t.with_file_name(crate::VISIBILITY));
-        let markers: Vec<String> = self.vehicle.marker.iter().map(|m| m.name.clone()).collect();
-        let read = |p: std::path::PathBuf| crate::read_visibility(&p, self.cameras.len(), &markers);
-        path.filter(|p| p.is_file()).map(read).transpose()
     }
 }
 

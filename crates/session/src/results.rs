@@ -2,7 +2,6 @@
 
 mod body;
 pub(crate) mod columns;
-mod health;
 mod read;
 mod read_motion;
 mod rig_file;
@@ -10,10 +9,10 @@ mod write;
 
 use mavsight_identify::output_error::FlightFits;
 use mavsight_identify::{Clocks, CoefficientTable, Identification};
+use mavsight_pipeline::{CameraHealth, CentreQuality};
 use mavsight_pose::{ClockEstimate, MarkerObservation, Motion, PoseSample, Rig};
 
 pub use body::{MarkerAsBuilt, read_body};
-pub use health::{CameraHealth, CentreQuality, MarkerHealth};
 pub use read::{has_assumed_std, read_markers, read_poses, read_summary};
 pub use read_motion::{FlightTable, read_flight_table, read_motion};
 pub use rig_file::{read_rig, write_rig};

@@ -15,7 +15,7 @@ use mavsight_geometry::ImageSize;
 use mavsight_vision::Frame;
 use std::path::{Path, PathBuf};
 
-pub use audio::{Clap, find_clap};
+pub use audio::find_clap;
 pub(crate) use images::is_pattern;
 pub use images::{read_image, write_png};
 pub use live::LiveVideo;

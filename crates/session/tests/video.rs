@@ -6,7 +6,8 @@
 mod common;
 
 use common::{Folder, data, ffmpeg, fixture};
-use mavsight_session::{Clap, FrameSource, SessionError, find_clap, read_image, write_png};
+use mavsight_pipeline::Clap;
+use mavsight_session::{FrameSource, SessionError, find_clap, read_image, write_png};
 use mavsight_vision::{Frame, Pixels, YuvMatrix};
 use std::path::Path;
 

@@ -4,18 +4,21 @@ use super::named;
 use super::run::{finish, scores_of};
 use crate::cli::Demo;
 use crate::lab::{self, StagedFilm};
-use crate::page::Page;
 use crate::progress::Bars;
 use anyhow::{Context, Result};
 use mavsight_engine::{Flight, TrackedFlight, solve};
-use mavsight_flight::{Scenario, Vehicle, hover_rotor_speed_rad_s, model_coefficients, simulate};
+use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{ImageSize, Vector3};
 use mavsight_pipeline::{
     CameraFeed, ControlStill, IdentifyOptions, PipelineError, Progress, TimedFrame, calibrate_from_stills,
 };
+use mavsight_report::FlightReport;
 use mavsight_scene::Aircraft;
-use mavsight_score::{VirtualCamera, score_cameras, score_identity, score_output_error, score_parameters};
-use mavsight_session::{TruthRow, ns_from_s, write_control_points, write_inputs, write_truth, write_vehicle};
+use mavsight_score::{
+    TruthRow, VirtualCamera, score_cameras, score_identity, score_output_error, score_parameters, write_truth,
+};
+use mavsight_session::{ns_from_s, write_control_points, write_inputs, write_vehicle};
+use mavsight_simulator::{Scenario, model_coefficients, simulate};
 use mavsight_vision::Frame;
 use std::path::Path;
 
@@ -96,8 +99,9 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
         .filter_map(|(c, film)| Some((c, film, truth.first()?)))
         .map(|(c, film, row)| frame_of(c.camera.size, film.frame(0, &aircraft, row, interval_s)))
         .collect::<Result<Vec<_>>>()?;
-    let page = Page { vehicle: &vehicle, inputs: Some(&inputs), truth: Some(&truth), frames: &frames };
-    finish(&mut results, Some(&scores), &page, &args.out)
+    let report =
+        FlightReport { vehicle: &vehicle, inputs: Some(&inputs), truth: Some(&truth), frames: &frames };
+    finish(&mut results, Some(&scores), &report, &args.out)
 }
 
 /// Places and radii of a vehicle's markers.

@@ -6,17 +6,16 @@ use crate::lab::{self, Shot, StagedFilm};
 use crate::out::outln;
 use crate::progress::Bars;
 use anyhow::{Context, Result, bail};
-use mavsight_flight::{Scenario, Staging};
 use mavsight_geometry::{BrownConrady, Camera, ImageSize, Intrinsics, Vector3};
-use mavsight_pipeline::Progress;
+use mavsight_pipeline::{ControlPointRow, Progress};
 use mavsight_scene::Aircraft;
-use mavsight_score::VirtualCamera;
+use mavsight_score::{TruthRow, VISIBILITY, VirtualCamera, read_truth, write_visibility};
 use mavsight_session::{
-    ControlPointRow, ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow,
-    VISIBILITY, load_vehicle, make_folder, tables::read_control_points, tables::read_inputs,
-    tables::read_truth, write_control_points, write_inputs, write_png, write_session, write_vehicle,
-    write_visibility,
+    ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, load_vehicle, make_folder,
+    tables::read_control_points, tables::read_inputs, write_control_points, write_inputs, write_png,
+    write_session, write_vehicle,
 };
+use mavsight_simulator::{Scenario, Staging};
 use mavsight_vision::Frame;
 use serde::Deserialize;
 use std::io::Write;

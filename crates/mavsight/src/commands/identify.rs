@@ -4,14 +4,13 @@ use super::run::require_a_pose;
 use super::stages::beside_other_stages;
 use super::{named, require_folder};
 use crate::cli::{Identify, Interval, WrongCall};
-use crate::fits;
 use crate::out::{out, outln};
 use crate::progress::Bars;
-use crate::summary::Summary;
 use anyhow::Result;
 use mavsight_engine::{Flight, identify_from_motion, identify_from_poses};
 use mavsight_identify::{Band, Bandwidth, Estimator, FitOptions, Options};
 use mavsight_pipeline::IdentifyOptions;
+use mavsight_report::{Summary, parameter_text};
 use mavsight_session::{
     FlightTable, RunResults, load_model, load_vehicle, read_flight_table, read_summary, results::names,
     tables::read_inputs, write_results,
@@ -44,7 +43,7 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     }
     bars.done();
     let summary = Summary::of(&results, None);
-    out!("{}{}", summary.text(), fits::parameter_text(&results));
+    out!("{}{}", summary.text(), parameter_text(&results));
     let has_pose = require_a_pose(&results);
     if let Some(out) = &args.out {
         results.summary = beside_other_stages(out, &results.session, summary.json());

@@ -14,11 +14,10 @@ use mavsight_live::{
     FlightSummary, InputSource, Latencies, Listener, Listeners, Pace, Recorded, RecordedSession, Recorder,
     RecorderSlot, Setup, Tap, fly,
 };
-use mavsight_pipeline::{ControlStill, calibrate_from_stills};
+use mavsight_pipeline::{ControlPointRow, ControlStill, calibrate_from_stills};
 use mavsight_pose::{MotionNoise, Rig, motion_noise};
 use mavsight_session::{
-    ControlPointRow, LiveSection, Session, SessionFile, make_folder, ns_from_s, read_poses, read_toml,
-    write_rig, write_whole,
+    LiveSection, Session, SessionFile, make_folder, ns_from_s, read_poses, read_toml, write_rig, write_whole,
 };
 use mavsight_vision::Frame;
 use std::collections::BTreeMap;

@@ -16,10 +16,10 @@ use mavsight_live::{
 use mavsight_pipeline::{ControlStill, Progress, calibrate_from_stills};
 use mavsight_pose::{CameraClock, Rig};
 use mavsight_scene::{Aircraft, Film, FilmStream, Room, Sensor};
-use mavsight_score::VirtualCamera;
+use mavsight_score::{TruthRow, VirtualCamera};
 use mavsight_session::{
-    ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow, make_folder,
-    ns_from_s, write_control_points, write_png, write_vehicle,
+    ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, make_folder, ns_from_s,
+    write_control_points, write_png, write_vehicle,
 };
 use mavsight_vision::{Frame, Pixels};
 use std::path::Path;
@@ -181,7 +181,7 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     let vehicle = Vehicle::paper();
     let cameras = cameras_of(&args.size)?;
     // The room lives as long as the program: the cameras' threads look at it.
-    let room: &'static Room = Box::leak(Box::new(lab::room(&mavsight_flight::Staging::default())));
+    let room: &'static Room = Box::leak(Box::new(lab::room(&mavsight_simulator::Staging::default())));
     let films: Vec<_> = cameras.iter().enumerate().map(|(k, c)| lab::film(room, c, k, args.seed)).collect();
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
     let stills = stills_of(&cameras, &films)?;

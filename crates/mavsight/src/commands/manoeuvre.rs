@@ -6,13 +6,13 @@ use crate::cli::{Criterion, PlanManoeuvre, WrongCall};
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Context, Result};
-use mavsight_flight::{Channel, Maneuver, Scenario};
 use mavsight_geometry::Vector3;
 use mavsight_plan::{
     FlightLimits, FlightPlanner, MultisineOptions, Optimality, Placed, PlannedManoeuvre, Planner,
     SearchOptions, Solid,
 };
 use mavsight_session::{RESULTS_SCHEMA, csv_cell, make_folder, write_whole};
+use mavsight_simulator::{Channel, Maneuver, Scenario};
 use serde_json::json;
 use std::path::Path;
 

@@ -3,20 +3,19 @@
 use super::{named, require_folder};
 use crate::cli::{Interval, Run};
 use crate::out::{out, outln};
-use crate::page::{Page, write_page};
 use crate::progress::Bars;
-use crate::summary::Summary;
 use anyhow::{Context, Result};
 use mavsight_engine::{Options, first_frames, recorded_inputs};
-use mavsight_score::{Scores, score_identity, score_motion, score_poses};
-use mavsight_session::{RunResults, Session, TruthRow, results::names, write_results};
+use mavsight_report::{FlightReport, Summary, write_report};
+use mavsight_score::{Scores, TruthRow, score_identity, score_motion, score_poses, truth_of, visibility_of};
+use mavsight_session::{RunResults, Session, results::names, write_results};
 use std::path::Path;
 
 /// `mavsight run`
 pub(crate) fn run(args: &Run) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     require_folder(&args.out)?;
-    let (inputs, truth) = (recorded_inputs(&session)?, named(session.truth())?);
+    let (inputs, truth) = (recorded_inputs(&session)?, named(truth_of(&session))?);
     let bars = Bars::new();
     // Before the run: decoding needs memory that a long flight needs later.
     let frames = first_frames(&session)?;
@@ -29,15 +28,19 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let mut results = mavsight_engine::run(&session, &options, &bars)?;
     let mut scores = truth.as_deref().map(|t| scores_of(&results, t));
     if let (Some(scores), Some(truth), Some(visible)) =
-        (scores.as_mut(), truth.as_deref(), named(session.visibility())?)
+        (scores.as_mut(), truth.as_deref(), named(visibility_of(&session))?)
     {
         let markers = super::demo::markers_of(&session.vehicle);
         scores.identity = Some(score_identity(&results.poses, truth, &markers, &visible));
     }
     bars.done();
-    let page =
-        Page { vehicle: &session.vehicle, inputs: inputs.as_ref(), truth: truth.as_deref(), frames: &frames };
-    finish(&mut results, scores.as_ref(), &page, &args.out)
+    let report = FlightReport {
+        vehicle: &session.vehicle,
+        inputs: inputs.as_ref(),
+        truth: truth.as_deref(),
+        frames: &frames,
+    };
+    finish(&mut results, scores.as_ref(), &report, &args.out)
 }
 
 /// Errors of poses and motion against truth.
@@ -53,14 +56,14 @@ pub(crate) fn scores_of(results: &RunResults, truth: &[TruthRow]) -> Scores {
 pub(crate) fn finish(
     results: &mut RunResults,
     scores: Option<&Scores>,
-    page: &Page<'_>,
+    report: &FlightReport<'_>,
     out: &Path,
 ) -> Result<()> {
     let summary = Summary::of(results, scores);
     results.summary = summary.json();
     write_results(out, results)?;
     remove_stale(results, out)?;
-    write_page(page, results, &summary, out)?;
+    write_report(report, results, &summary, out)?;
     print_summary(&summary, results, out)
 }
 

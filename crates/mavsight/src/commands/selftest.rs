@@ -8,12 +8,12 @@ use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Result, bail};
 use mavsight_engine::camera_feeds;
-use mavsight_flight::Staging;
 use mavsight_pipeline::{ControlStill, NoProgress, Progress, calibrate_from_stills};
 use mavsight_random::Random;
 use mavsight_scene::Room;
-use mavsight_score::{Coverage, TOO_FEW, Tally, VirtualFlight, VirtualLab};
-use mavsight_session::{RESULTS_SCHEMA, Session, TruthRow, make_folder, write_whole};
+use mavsight_score::{Coverage, TOO_FEW, Tally, TruthRow, VirtualFlight, VirtualLab};
+use mavsight_session::{RESULTS_SCHEMA, Session, make_folder, write_whole};
+use mavsight_simulator::Staging;
 use rayon::prelude::*;
 use serde_json::json;
 

@@ -6,14 +6,14 @@ use super::run::{print_summary, scores_of};
 use super::{named, require_folder};
 use crate::cli::{Simulate, Stage, WrongCall};
 use crate::out::{out, outln};
-use crate::page::{Page, write_page};
 use crate::progress::Bars;
-use crate::summary::Summary;
 use anyhow::Result;
 use mavsight_engine::{Flight, Options, first_frames, identify_from_poses, recorded_inputs};
+use mavsight_report::{FlightReport, Summary, write_report};
+use mavsight_score::{TruthRow, truth_of, write_truth};
 use mavsight_session::{
-    RunResults, Session, TruthRow, make_folder, read_body, read_markers, read_poses, read_rig, read_summary,
-    results::names, tables::read_inputs, write_inputs, write_results, write_truth, write_vehicle,
+    RunResults, Session, make_folder, read_body, read_markers, read_poses, read_rig, read_summary,
+    results::names, tables::read_inputs, write_inputs, write_results, write_vehicle,
 };
 use serde_json::Value;
 use std::path::Path;
@@ -36,7 +36,7 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     let states = if args.carried {
         crate::lab::carried(scenario.duration_s, scenario.frame_rate_hz)
     } else {
-        mavsight_flight::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?
+        mavsight_simulator::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?
     };
     make_folder(out)?;
     write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
@@ -112,7 +112,7 @@ fn put(mut results: RunResults, out: &Path) -> Result<()> {
 pub(crate) fn report(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     let inputs = recorded_inputs(&session)?;
-    let truth: Option<Vec<TruthRow>> = named(session.truth())?;
+    let truth: Option<Vec<TruthRow>> = named(truth_of(&session))?;
     let camera_names: Vec<String> = session.cameras.iter().map(|c| c.name.clone()).collect();
     let marker_names: Vec<String> = session.vehicle.marker.iter().map(|m| m.name.clone()).collect();
     let mut results = RunResults {
@@ -135,9 +135,13 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
     let scores = truth.as_deref().map(|t| scores_of(&results, t));
     let summary = Summary::of(&results, scores.as_ref());
     let frames = first_frames(&session)?;
-    let page =
-        Page { vehicle: &session.vehicle, inputs: inputs.as_ref(), truth: truth.as_deref(), frames: &frames };
-    write_page(&page, &results, &summary, &args.out)?;
+    let report = FlightReport {
+        vehicle: &session.vehicle,
+        inputs: inputs.as_ref(),
+        truth: truth.as_deref(),
+        frames: &frames,
+    };
+    write_report(&report, &results, &summary, &args.out)?;
     outln!("{}", args.out.join(names::REPORT).display());
     Ok(())
 }

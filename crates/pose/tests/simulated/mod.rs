@@ -2,8 +2,7 @@
 
 pub(crate) mod ruler;
 
-use mavsight_flight::{Channel, Maneuver, Scenario};
-use mavsight_flight::{FlightState, Vehicle, simulate};
+use mavsight_flight::Vehicle;
 use mavsight_geometry::{
     Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector2, Vector3,
     world_from_body,
@@ -11,6 +10,8 @@ use mavsight_geometry::{
 use mavsight_pose::{
     BodyMarker, CameraControl, MarkerObservation, PoseEstimator, PoseSample, Rig, calibrate,
 };
+use mavsight_simulator::{Channel, Maneuver, Scenario};
+use mavsight_simulator::{FlightState, simulate};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 /// Standard deviation of a ball's centre in a frame of flight, and of a control point's in a still of 0.5 px blur.

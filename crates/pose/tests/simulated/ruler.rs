@@ -1,11 +1,11 @@
 //! Bodies whose vehicle file is off by what a ruler is off.
 
 use super::{Random, flight, pose_of, poses, sights, square, true_cameras};
-use mavsight_flight::FlightState;
 use mavsight_geometry::{Isometry3, Vector2, Vector3, rigid_fit};
 use mavsight_pose::{
     BodyMarker, FlightPrior, MarkerObservation, PoseEstimator, PoseSample, RefinedFlight, Rig, refine_flight,
 };
+use mavsight_simulator::FlightState;
 
 /// Standard deviation of a coordinate in the file.
 pub(crate) const RULER_M: f64 = 2e-3;

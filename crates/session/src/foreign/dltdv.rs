@@ -9,9 +9,10 @@ use super::Noted;
 use super::pixels::PixelOrigin;
 use super::rigs::{exact_rig, names_and_sizes, rig_camera};
 use super::text::Text;
-use crate::{ControlPointRow, SessionError, write_whole};
+use crate::{SessionError, write_whole};
 use mavsight_flight::Color;
 use mavsight_geometry::{Camera, Dlt, ImageSize};
+use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::Rig;
 use std::path::Path;
 

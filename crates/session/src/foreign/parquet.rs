@@ -19,7 +19,7 @@ use std::sync::Arc;
 enum Kind {
     Whole,
     Number,
-    Truth,
+    Boolean,
     Text,
 }
 
@@ -112,7 +112,7 @@ fn kind_of(cells: &[&str]) -> Kind {
     match () {
         () if all(|c| c.parse::<i64>().is_ok_and(|n| n.to_string() == c)) => Kind::Whole,
         () if all(|c| c.parse::<f64>().is_ok()) => Kind::Number,
-        () if all(|c| c == "true" || c == "false") => Kind::Truth,
+        () if all(|c| c == "true" || c == "false") => Kind::Boolean,
         () => Kind::Text,
     }
 }
@@ -122,7 +122,7 @@ fn encode(header: &[String], kinds: &[Kind], columns: &[Vec<&str>]) -> Result<Ve
         let physical = match kind {
             Kind::Whole => Physical::INT64,
             Kind::Number => Physical::DOUBLE,
-            Kind::Truth => Physical::BOOLEAN,
+            Kind::Boolean => Physical::BOOLEAN,
             Kind::Text => Physical::BYTE_ARRAY,
         };
         let converted = if *kind == Kind::Text { ConvertedType::UTF8 } else { ConvertedType::NONE };
@@ -163,7 +163,7 @@ fn write_column(
             let values: Vec<f64> = filled().filter_map(|c| c.parse().ok()).collect();
             column.typed::<DoubleType>().write_batch(&values, Some(&levels), None)?;
         }
-        Kind::Truth => {
+        Kind::Boolean => {
             let values: Vec<bool> = filled().map(|c| *c == "true").collect();
             column.typed::<BoolType>().write_batch(&values, Some(&levels), None)?;
         }

@@ -2,6 +2,7 @@
 
 use super::ffmpeg;
 use crate::SessionError;
+use mavsight_pipeline::Clap;
 use std::collections::VecDeque;
 use std::io::{BufReader, Read};
 use std::path::Path;
@@ -24,17 +25,6 @@ const ONSET: i64 = 3;
 
 /// A clap rises more than all else by this factor in amplitude, as a flash does in brightness.
 const ALONE: f64 = 2.0;
-
-/// What a recording's sound says of a clap.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Clap {
-    /// By the recording's time stamps, s.
-    At(f64),
-    /// Nothing in its sound stands out.
-    None,
-    /// It has no sound.
-    Silent,
-}
 
 /// Finds the one sudden sound of a recording that is more than twice as loud as any other, to a millisecond.
 ///

@@ -1,9 +1,10 @@
-//! What a scenario puts into the room beside the aircraft, and what it does to the cameras.
+//! Other objects in the virtual room, and disturbances of its cameras.
 
-use crate::{Color, FlightError};
+use crate::SimulatorError;
+use mavsight_flight::Color;
 use serde::{Deserialize, Serialize};
 
-/// Things in the way of the cameras; all lists may be empty. A film shows them, nothing that estimates knows of them.
+/// Objects in view of the cameras, and disturbances; all lists may be empty. A film shows them, no estimator knows them.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Staging {
@@ -47,7 +48,7 @@ pub struct Poster {
     pub color: Color,
 }
 
-/// A person of 1.75 m who walks along a line, there and back, from `start_s` on and stands before that.
+/// A person of 1.75 m who walks along a line, there and back, from `start_s` on, and stands until then.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Walker {
@@ -107,7 +108,7 @@ pub struct Black {
     pub to_s: Option<f64>,
 }
 
-/// A camera that is pushed and stays as it is then.
+/// A camera that is pushed once and keeps its new attitude.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Bump {
@@ -128,9 +129,9 @@ impl Staging {
     /// Checks the numbers.
     ///
     /// # Errors
-    /// [`FlightError::Scenario`].
-    pub fn check(&self) -> Result<(), FlightError> {
-        let wrong = |what: &str| Err(FlightError::Scenario { what: what.to_owned() });
+    /// [`SimulatorError::Scenario`].
+    pub fn check(&self) -> Result<(), SimulatorError> {
+        let wrong = |what: &str| Err(SimulatorError::Scenario { what: what.to_owned() });
         let finite = |values: &[f64]| values.iter().all(|v| v.is_finite());
         let positive = |values: &[f64]| values.iter().all(|v| v.is_finite() && *v > 0.0);
         if !self.decoy.iter().all(|d| finite(&d.position_m) && positive(&[d.diameter_m])) {
@@ -196,9 +197,9 @@ mod tests {
         ];
         for text in bad {
             let staging: Staging = toml::from_str(text).expect("it is TOML");
-            let thing = &text[2..text.find(']').expect("a name")];
+            let section = &text[2..text.find(']').expect("a name")];
             let refused = staging.check().expect_err(text).to_string();
-            assert!(refused.contains(thing), "{refused}");
+            assert!(refused.contains(section), "{refused}");
         }
         assert!(Staging::default().check().is_ok() && Staging::default().is_empty());
     }

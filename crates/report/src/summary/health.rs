@@ -1,48 +1,46 @@
 //! How well each camera saw the markers, and what could be done about it.
 
-use super::Summary;
+use super::list::Summary;
+use mavsight_pipeline::{CameraHealth, MarkerHealth};
 use mavsight_session::RunResults;
-use mavsight_session::results::{CameraHealth, MarkerHealth};
 use serde_json::json;
 
 /// A ball of fewer pixels across is measured no better than to a tenth of a pixel.
 const SMALL_PX: f64 = 4.0;
 /// Share of frames from which a marker counts as seen throughout.
 const OFTEN_SEEN: f64 = 0.9;
-/// Share of full pixels beside which the glint of a lamp on a ball is all there is.
+/// Share of full pixels up to which they are the glint of a lamp on a ball.
 const GLINT: f64 = 0.05;
 /// Hue by which a surface changes with the light, degrees: nearer background is taken for the ball.
 const NEAR_HUE_DEG: f64 = 25.0;
 /// Blur beyond which an edge is spread over the whole of a small ball.
 const BLURRED_PX: f64 = 1.5;
 
-impl Summary {
-    /// Health of the masks and of the exposure, by camera and marker, with advice as notes.
-    pub(super) fn health(&mut self, results: &RunResults) {
-        for camera in &results.camera_health {
-            let name = &camera.camera;
-            let value = json!({"frames": camera.frames, "dark": camera.dark, "edge_px": camera.edge_px});
-            let shown =
-                format!("{} frames, {} dark, edges {:.2} px", camera.frames, camera.dark, camera.edge_px);
-            self.add("health", format!("{name}_frames"), name.clone(), value, shown);
-            for (marker, m) in results.marker_names.iter().zip(&camera.markers) {
-                let value = json!({
-                    "seen": m.seen, "saturated": m.saturated, "contrast": m.contrast,
-                    "diameter_px": m.diameter_px, "others": m.others, "hue_apart_deg": m.hue_apart_deg,
-                });
-                let shown = format!(
-                    "{:.0} % of frames, {:.1} px, {:.0} % full, contrast {:.2}, {:.1} others, hue {:.0}° apart",
-                    100.0 * m.seen,
-                    m.diameter_px,
-                    100.0 * m.saturated,
-                    m.contrast,
-                    m.others,
-                    m.hue_apart_deg
-                );
-                self.add("health", format!("{name}_{marker}"), format!("{name} {marker}"), value, shown);
-            }
-            self.notes.extend(advice(camera, &results.marker_names));
+/// Health of the masks and of the exposure, by camera and marker, with advice as notes.
+pub(super) fn add(summary: &mut Summary, results: &RunResults) {
+    for camera in &results.camera_health {
+        let name = &camera.camera;
+        let mut section = summary.section("health");
+        let value = json!({"frames": camera.frames, "dark": camera.dark, "edge_px": camera.edge_px});
+        let shown = format!("{} frames, {} dark, edges {:.2} px", camera.frames, camera.dark, camera.edge_px);
+        section.add(format!("{name}_frames"), name, value, shown);
+        for (marker, m) in results.marker_names.iter().zip(&camera.markers) {
+            let value = json!({
+                "seen": m.seen, "saturated": m.saturated, "contrast": m.contrast,
+                "diameter_px": m.diameter_px, "others": m.others, "hue_apart_deg": m.hue_apart_deg,
+            });
+            let shown = format!(
+                "{:.0} % of frames, {:.1} px, {:.0} % full, contrast {:.2}, {:.1} others, hue {:.0}° apart",
+                100.0 * m.seen,
+                m.diameter_px,
+                100.0 * m.saturated,
+                m.contrast,
+                m.others,
+                m.hue_apart_deg
+            );
+            section.add(format!("{name}_{marker}"), format!("{name} {marker}"), value, shown);
         }
+        summary.notes.extend(advice(camera, &results.marker_names));
     }
 }
 
@@ -55,7 +53,7 @@ fn advice(camera: &CameraHealth, markers: &[String]) -> Vec<String> {
     };
     let mut out: Vec<String> = [
         (of(|m| m.saturated > GLINT), "overexposed: shorten the exposure or close the iris"),
-        (of(|m| m.others > 0.5), "not the only thing of its colour in view: cover the other"),
+        (of(|m| m.others > 0.5), "not the only object of its colour in view: cover the other"),
         (
             of(|m| m.seen > 0.0 && m.hue_apart_deg < NEAR_HUE_DEG),
             "before a background of nearly its hue: cover that, or paint the ball otherwise",
@@ -66,7 +64,7 @@ fn advice(camera: &CameraHealth, markers: &[String]) -> Vec<String> {
         ),
         (
             of(|m| m.seen < OFTEN_SEEN),
-            "often not told from the rest: look for what hides it, or place a further camera",
+            "often not identified: look for what hides it, or place a further camera",
         ),
     ]
     .into_iter()
@@ -105,10 +103,10 @@ mod tests {
         assert!(advice(&camera, &names).is_empty());
         camera.markers[1] = MarkerHealth { saturated: 0.4, others: 1.0, ..good };
         camera.edge_px = 2.0;
-        let said = advice(&camera, &names);
-        assert_eq!(said.len(), 3, "{said:?}");
+        let advice = advice(&camera, &names);
+        assert_eq!(advice.len(), 3, "{advice:?}");
         assert!(
-            said[0].starts_with("cam1: blue is overexposed") && !said.iter().any(|s| s.contains(" red "))
+            advice[0].starts_with("cam1: blue is overexposed") && !advice.iter().any(|s| s.contains(" red "))
         );
     }
 }

@@ -1,8 +1,6 @@
-//! What is flown: a start and a sequence of manoeuvres, turned into inputs.
+//! Movements of the inputs.
 
-use crate::{FlightError, InitialState, InputSample, InputSeries, Staging, Vehicle, hover_rotor_speed_rad_s};
-use mavsight_geometry::EulerAngles;
-use nalgebra::Vector3;
+use crate::SimulatorError;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
@@ -95,7 +93,7 @@ pub struct Sine {
 }
 
 impl Maneuver {
-    fn channel(&self) -> Channel {
+    pub(crate) fn channel(&self) -> Channel {
         match self {
             Self::Doublet { channel, .. }
             | Self::ThreeTwoOneOne { channel, .. }
@@ -105,7 +103,7 @@ impl Maneuver {
         }
     }
 
-    /// The same movement, so many times as large.
+    /// This movement with its amplitudes multiplied.
     pub fn scaled(&self, by: f64) -> Self {
         let mut out = self.clone();
         match &mut out {
@@ -119,7 +117,7 @@ impl Maneuver {
     }
 
     /// The manoeuvre's value at a time, in its own unit.
-    fn value(&self, t_s: f64) -> f64 {
+    pub(crate) fn value(&self, t_s: f64) -> f64 {
         // A sample that belongs to the start of a pulse may be a rounding error before it.
         let t = t_s + 1e-9;
         match self {
@@ -164,7 +162,7 @@ impl Maneuver {
         }
     }
 
-    fn check(&self) -> Result<(), FlightError> {
+    pub(crate) fn check(&self) -> Result<(), SimulatorError> {
         let numbers = match self {
             Self::Doublet { start_s, pulse_s: length, amplitude, .. }
             | Self::ThreeTwoOneOne { start_s, unit_s: length, amplitude, .. }
@@ -177,7 +175,7 @@ impl Maneuver {
         };
         if numbers.iter().any(|v| !v.is_finite()) || numbers[1] <= 0.0 {
             let what = format!("{self:?} needs finite numbers and a length above zero");
-            return Err(FlightError::Scenario { what });
+            return Err(SimulatorError::Scenario { what });
         }
         let no_sine = match self {
             Self::Multisine { harmonics, .. } => harmonics.is_empty() || harmonics.contains(&0),
@@ -185,7 +183,7 @@ impl Maneuver {
             _ => false,
         };
         if no_sine {
-            return Err(FlightError::Scenario {
+            return Err(SimulatorError::Scenario {
                 what: "a multisine needs harmonics of 1 or more".to_owned(),
             });
         }
@@ -209,131 +207,9 @@ fn pulses(lengths: &[f64], t: f64) -> f64 {
     0.0
 }
 
-/// A flight to be simulated: the content of a scenario file.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Scenario {
-    /// Length.
-    pub duration_s: f64,
-    /// Frames per second of the cameras.
-    pub frame_rate_hz: f64,
-    /// Rate at which inputs are recorded.
-    pub input_rate_hz: f64,
-    /// Where the body origin starts, in the world.
-    pub position_m: [f64; 3],
-    /// Where the nose points at the start, counted from world +X towards +Y.
-    pub heading_deg: f64,
-    /// What is done; movements of one input add.
-    pub maneuver: Vec<Maneuver>,
-    /// What else is in the room and happens to the cameras.
-    #[serde(default, skip_serializing_if = "Staging::is_empty")]
-    pub staging: Staging,
-}
-
-impl Scenario {
-    /// Section 4.2 of the paper: 2 s of hover, swash-plate 5° down for 1 s and up for 1 s, 10 s in all. The heading of
-    /// 22.5° keeps the balls apart in both views.
-    pub fn paper() -> Self {
-        Self {
-            duration_s: 10.0,
-            frame_rate_hz: 30.0,
-            input_rate_hz: 100.0,
-            position_m: [0.0, 0.0, 1.5],
-            heading_deg: 22.5,
-            maneuver: vec![Maneuver::Doublet {
-                channel: Channel::DeltaLon,
-                start_s: 2.0,
-                pulse_s: 1.0,
-                amplitude: -5.0,
-            }],
-            staging: Staging::default(),
-        }
-    }
-
-    /// Checks the numbers.
-    ///
-    /// # Errors
-    /// [`FlightError::Scenario`].
-    pub fn validate(&self) -> Result<(), FlightError> {
-        for (key, value) in [
-            ("duration_s", self.duration_s),
-            ("frame_rate_hz", self.frame_rate_hz),
-            ("input_rate_hz", self.input_rate_hz),
-        ] {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(FlightError::Scenario {
-                    what: format!("{key} is {value}, but must be above zero"),
-                });
-            }
-        }
-        if !self.heading_deg.is_finite() || self.position_m.iter().any(|v| !v.is_finite()) {
-            return Err(FlightError::Scenario {
-                what: "position_m and heading_deg must be finite".to_owned(),
-            });
-        }
-        if self.duration_s * self.input_rate_hz.max(self.frame_rate_hz) > 1e7 {
-            return Err(FlightError::Scenario {
-                what: "more than ten million samples: shorten the flight".to_owned(),
-            });
-        }
-        self.staging.check()?;
-        self.maneuver.iter().try_for_each(Maneuver::check)
-    }
-
-    /// The inputs, from 0 to at least the end of the flight.
-    ///
-    /// # Errors
-    /// A scenario that is not valid.
-    pub fn inputs(&self, vehicle: &Vehicle) -> Result<InputSeries, FlightError> {
-        self.validate()?;
-        let hover = hover_rotor_speed_rad_s(vehicle);
-        let samples = (self.duration_s * self.input_rate_hz).ceil() as usize + 1;
-        let sample = |k: usize| {
-            let t_s = k as f64 / self.input_rate_hz;
-            let mut s = InputSample { t_s, omega_u_rad_s: hover, omega_l_rad_s: hover, ..Default::default() };
-            for maneuver in &self.maneuver {
-                let value = maneuver.value(t_s);
-                match maneuver.channel() {
-                    Channel::DeltaLon => s.delta_lon_rad += value.to_radians(),
-                    Channel::DeltaLat => s.delta_lat_rad += value.to_radians(),
-                    Channel::OmegaU => s.omega_u_rad_s += value / 100.0 * hover,
-                    Channel::OmegaL => s.omega_l_rad_s += value / 100.0 * hover,
-                }
-            }
-            s
-        };
-        InputSeries::new((0..samples).map(sample).collect())
-    }
-
-    /// Where the flight starts: at rest, level.
-    pub fn start(&self) -> InitialState {
-        InitialState {
-            position_in_world_m: Vector3::from(self.position_m),
-            attitude: EulerAngles { psi_rad: -self.heading_deg.to_radians(), ..Default::default() },
-            ..Default::default()
-        }
-    }
-
-    /// Middle of each exposure: frame k at k over the frame rate.
-    pub fn frame_times_s(&self) -> Vec<f64> {
-        let frames = (self.duration_s * self.frame_rate_hz).round() as usize;
-        (0..frames).map(|k| k as f64 / self.frame_rate_hz).collect()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_papers_doublet_is_down_then_up() {
-        let inputs = Scenario::paper().inputs(&Vehicle::paper()).expect("inputs");
-        let at = |t: f64| inputs.at(t).map(|s| s.delta_lon_rad.to_degrees()).unwrap_or(f64::NAN);
-        for (t, degrees) in [(1.9, 0.0), (2.5, -5.0), (3.5, 5.0), (4.5, 0.0)] {
-            assert!((at(t) - degrees).abs() < 1e-12, "{t} s: {}", at(t));
-        }
-        assert!(inputs.end_s() >= 10.0);
-    }
 
     #[test]
     fn three_two_one_one_has_those_lengths() {
@@ -383,11 +259,5 @@ mod tests {
         }
         let none = Maneuver::Sines { channel: Channel::DeltaLon, start_s: 0.0, length_s: 1.0, sine: vec![] };
         assert!(none.check().is_err());
-    }
-
-    #[test]
-    fn a_scenario_without_length_is_refused() {
-        let scenario = Scenario { duration_s: 0.0, ..Scenario::paper() };
-        assert!(matches!(scenario.inputs(&Vehicle::paper()), Err(FlightError::Scenario { .. })));
     }
 }

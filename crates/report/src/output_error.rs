@@ -1,10 +1,10 @@
-//! What is shown of output error: figures, the estimators side by side, whether they disagree.
+//! Output error: figures, the estimators side by side, whether they disagree.
 
-use crate::fits::{lead, words as words_of};
+use crate::Table;
+use crate::equation_error::{lead, parameter_rows, words as words_of};
 use crate::summary::Summary;
 use mavsight_identify::Agreement;
 use mavsight_identify::output_error::{Comparison, Extent, FlightFits, OutputErrorFit, Prediction};
-use mavsight_report::Table;
 use mavsight_session::RunResults;
 use serde_json::json;
 
@@ -13,42 +13,40 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
     let fits = &results.output_error;
     for (name, fit) in fits.named() {
         let key = |what: &str| format!("{name}_{what}");
-        summary.add("fit", key("iterations"), "", json!(fit.iterations), String::new());
-        summary.add("fit", key("reduced_chi_square"), "", json!(fit.reduced_chi_square), String::new());
-        if let Some(lasting) = fit.lasting {
-            let shown = format!("{:.0} % for {}", 100.0 * lasting.share, lasting.extent);
-            let label = format!("{}: part of the errors that lasts", words(name));
-            let (key_of_extent, extent) = match lasting.extent {
+        let mut section = summary.section("fit");
+        section.hidden(key("iterations"), fit.iterations);
+        section.hidden(key("reduced_chi_square"), fit.reduced_chi_square);
+        if let Some(correlated) = fit.lasting {
+            let (share, extent) = (correlated.share, &correlated.extent);
+            let (key_of_extent, value) = match extent {
                 Extent::Time(time_s) => ("time_s", time_s),
                 Extent::Path(path_px) => ("path_px", path_px),
             };
-            let value = json!({"share": lasting.share, key_of_extent: extent});
-            summary.add("fit", key("lasting"), label, value, shown);
-        }
-        for p in fit.parameters.iter().filter(|p| p.identifiable) {
-            let label = format!("{} ({name})", with_unit(p.name));
-            let value = json!({"value": p.value, "std": p.std});
-            let shown = format!("{:+.3e} ± {:.1e}", p.value, p.std);
-            summary.add("parameters", key(&p.name.replace(',', "_")), label, value, shown);
+            let label = format!("{}: correlated part of the errors", words(name));
+            let value = json!({"share": share, key_of_extent: value});
+            section.add(key("correlated"), label, value, format!("{:.0} % for {extent}", 100.0 * share));
         }
         if let Some(held) = &fit.held_out {
             for (coordinate, a) in Prediction::COORDINATES.iter().zip(&held.agreements) {
-                let of = |what: &str| key(&format!("held_out_{coordinate}_{what}"));
-                summary.add("fit", of("r2"), "", json!(a.r2), String::new());
-                summary.add("fit", of("theil"), "", json!(a.theil), String::new());
-                summary.add("fit", of("rms"), "", json!(a.rms), String::new());
+                for (what, value) in [("r2", a.r2), ("theil", a.theil), ("rms", a.rms)] {
+                    section.hidden(key(&format!("held_out_{coordinate}_{what}")), value);
+                }
             }
             summary.verdicts.push(prediction(name, held));
         }
+        let mut section = summary.section("parameters");
+        for p in fit.parameters.iter().filter(|p| p.identifiable) {
+            let label = format!("{} ({name})", with_unit(p.name));
+            let shown = format!("{:+.3e} ± {:.1e}", p.value, p.std);
+            let value = json!({"value": p.value, "std": p.std});
+            section.add(key(&p.name.replace(',', "_")), label, value, shown);
+        }
         summary.verdicts.extend(fit.notes.iter().map(|note| format!("{}: {note}", words(name))));
     }
-    if let Some(held) = held(fits) {
-        summary.verdicts.push(held);
-    }
+    summary.verdicts.extend(held(fits));
     for c in comparisons(results) {
         let (first, second) = &c.between;
-        let key = format!("{first}_against_{second}_p_value");
-        summary.add("fit", key, "", json!(c.test.p_value), String::new());
+        summary.section("fit").hidden(format!("{first}_against_{second}_p_value"), c.test.p_value);
         summary.verdicts.push(sentence(&c));
     }
 }
@@ -78,13 +76,13 @@ fn comparisons(results: &RunResults) -> Vec<Comparison> {
 
 fn sentence(c: &Comparison) -> String {
     let (first, second) = &c.between;
-    let told = if c.test.is_significant() {
+    let verdict = if c.test.is_significant() {
         "disagree by more than their uncertainties allow: the model of one of them lacks something"
     } else {
         "agree within their uncertainties"
     };
     format!(
-        "{} and {} {told} (chi-square {:.1} of {} parameters: {}; p = {:.2}).",
+        "{} and {} {verdict} (chi-square {:.1} of {} parameters: {}; p = {:.2}).",
         words(first),
         words(second),
         c.test.chi_square,
@@ -99,7 +97,7 @@ fn held(fits: &FlightFits) -> Option<String> {
     let names: Vec<&str> = fits.held.iter().map(|p| p.name()).collect();
     any.then(|| {
         format!(
-            "Output error holds {} at the vehicle file's values: the flight does not move what would tell them, and of \
+            "Output error holds {} at the vehicle file's values: the flight does not move what would determine them, and of \
              thrusts and torques only the sums C_Z,0 and C_n,0 are seen. To free them, move each rotor's speed by itself and \
              the lateral swash-plate.",
             names.join(", ")
@@ -141,7 +139,7 @@ pub(crate) fn tables(results: &RunResults) -> Vec<Table> {
     std::iter::once(side_by_side).chain(fits.iter().map(|(name, fit)| parameters(name, fit))).collect()
 }
 
-/// A parameter's name for people: flapping times have a unit that their names do not tell.
+/// A parameter's name for people: flapping times have a unit that their names do not show.
 fn with_unit(name: &str) -> String {
     if name.starts_with("tau_") { format!("{name}, s") } else { name.to_owned() }
 }
@@ -165,24 +163,39 @@ fn parameters(name: &str, fit: &OutputErrorFit) -> Table {
 
 fn rows(fit: &OutputErrorFit) -> impl Iterator<Item = (String, [f64; 4], &'static str)> {
     fit.parameters.iter().map(|p| {
-        let verdict = if p.identifiable { "" } else { "hardly told" };
+        let verdict = if p.identifiable { "" } else { "hardly determined" };
         (with_unit(p.name), [p.value, p.std, p.ci_low, p.ci_high], verdict)
     })
 }
 
-/// Rows for a terminal: estimator, parameter, value, standard deviation, interval, verdict.
-pub(crate) fn text_rows(results: &RunResults) -> Vec<Vec<String>> {
+/// The parameters of all fits as aligned text: value, standard deviation, interval, verdict. Empty where there are none.
+pub fn parameter_text(results: &RunResults) -> String {
     let show = |v: f64| format!("{v:+.3e}");
-    results
-        .output_error
-        .named()
-        .flat_map(|(estimator, fit)| {
-            rows(fit).map(move |(name, values, verdict)| {
-                [vec![estimator.to_owned(), name], values.map(show).to_vec(), vec![verdict.to_owned()]]
-                    .concat()
-            })
+    let equations = results.identification.iter().flat_map(|i| &i.fits).flat_map(|fit| {
+        parameter_rows(fit).into_iter().map(|row| [vec![fit.estimator.name().to_owned()], row].concat())
+    });
+    let motion = results.output_error.named().flat_map(|(estimator, fit)| {
+        rows(fit).map(move |(name, values, verdict)| {
+            [vec![estimator.to_owned(), name], values.map(show).to_vec(), vec![verdict.to_owned()]].concat()
         })
-        .collect()
+    });
+    let rows: Vec<Vec<String>> = equations.chain(motion).collect();
+    if rows.is_empty() {
+        return String::new();
+    }
+    let width = |k: usize| rows.iter().map(|r| r[k].chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..rows.first().map_or(0, Vec::len)).map(width).collect();
+    let mut text = String::from("\nParameters: value, standard deviation, 95 % interval\n");
+    for row in rows {
+        let mut line = String::from("  ");
+        for (cell, width) in row.iter().zip(&widths) {
+            line += cell;
+            line += &" ".repeat(width - cell.chars().count() + 2);
+        }
+        text += line.trim_end();
+        text.push('\n');
+    }
+    text
 }
 
 fn words(name: &str) -> &str {

@@ -1,10 +1,9 @@
-//! What is shown of the fits: figures of merit, tables, plots.
+//! Equation error: figures of merit, tables, plots.
 
 use crate::figures::{curve, figure, figure_over};
-use crate::summary::Summary;
-use anyhow::Result;
+use crate::summary::{Section, Summary};
+use crate::{Figure, Panel, ReportError, Role, Table};
 use mavsight_identify::{Clocks, Estimator, Identification, OutputFit};
-use mavsight_report::{Figure, Panel, Role, Table};
 use mavsight_session::RunResults;
 use serde_json::json;
 
@@ -23,61 +22,60 @@ fn lead_fits(identification: &Identification) -> impl Iterator<Item = &OutputFit
 pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
     if let Some(Clocks::Lag(lag)) = &results.clocks {
         let shown = format!("{:+.1} ± {:.1} ms", 1e3 * lag.lag_s, 1e3 * lag.std_s);
-        summary.add("fit", "lag_s", "motion behind the inputs' clock", json!(lag.lag_s), shown);
-        summary.add("fit", "lag_std_s", "", json!(lag.std_s), String::new());
+        let mut section = summary.section("fit");
+        section.add("lag_s", "motion behind the inputs' clock", lag.lag_s, shown);
+        section.hidden("lag_std_s", lag.std_s);
     }
     let Some(identification) = &results.identification else { return };
     if let Some(lead) = lead(identification) {
-        summary.add("fit", "estimator", "estimator", json!(lead.name()), words(lead).to_owned());
+        summary.section("fit").add("estimator", "estimator", lead.name(), words(lead));
     }
     for fit in lead_fits(identification) {
-        figures_of_merit(summary, fit);
+        figures_of_merit(&mut summary.section("fit"), fit);
         summary.verdicts.push(fit.verdict.clone());
     }
+    let mut section = summary.section("parameters");
     for fit in &identification.fits {
+        let estimator = fit.estimator.name();
         for p in fit.parameters.iter().filter(|p| p.identifiable) {
             let (Some(value), Some(std)) = (p.value, p.std) else { continue };
-            let label = format!("{},{} ({})", fit.output, p.name, fit.estimator.name());
-            let key = format!("{}_{}_{}", fit.estimator.name(), fit.output, p.name);
+            let label = format!("{},{} ({estimator})", fit.output, p.name);
+            let key = format!("{estimator}_{}_{}", fit.output, p.name);
             let shown = format!("{value:+.3e} ± {std:.1e}");
-            summary.add("parameters", key, label, json!({"value": value, "std": std}), shown);
+            section.add(key, label, json!({"value": value, "std": std}), shown);
         }
     }
 }
 
-fn figures_of_merit(summary: &mut Summary, fit: &OutputFit) {
+fn figures_of_merit(section: &mut Section<'_>, fit: &OutputFit) {
     let (name, d) = (&fit.output, &fit.diagnostics);
-    summary.number("fit", format!("{name}_r2"), format!("{name} R²"), fit.r2, "");
+    section.number(format!("{name}_r2"), format!("{name} R²"), fit.r2, "");
     let label = format!("{name} R² of instants left out (PRESS)");
-    summary.number("fit", format!("{name}_predicted_r2"), label, d.predicted_r2, "");
-    let mut hidden = |key: &str, value| summary.add("fit", format!("{name}_{key}"), "", value, String::new());
-    hidden("theil", json!(d.fit.theil));
-    hidden("condition", json!(fit.condition));
-    hidden("columns", json!(d.columns));
-    hidden("singular_values", json!(d.collinearity.singular_values.as_slice()));
-    hidden("variance_inflation", json!(d.collinearity.variance_inflation.as_slice()));
+    section.number(format!("{name}_predicted_r2"), label, d.predicted_r2, "");
     let rows: Vec<Vec<f64>> = d.correlations.row_iter().map(|r| r.iter().copied().collect()).collect();
-    hidden("correlations", json!(rows));
-    hidden("residual_autocorrelations", json!(d.autocorrelations));
-    let shown = format!("{:.2e}", fit.max_residual);
+    for (key, value) in [
+        ("theil", json!(d.fit.theil)),
+        ("condition", json!(fit.condition)),
+        ("columns", json!(d.columns)),
+        ("singular_values", json!(d.collinearity.singular_values.as_slice())),
+        ("variance_inflation", json!(d.collinearity.variance_inflation.as_slice())),
+        ("correlations", json!(rows)),
+        ("residual_autocorrelations", json!(d.autocorrelations)),
+    ] {
+        section.hidden(format!("{name}_{key}"), value);
+    }
     let label = format!("{name} largest residual");
-    summary.add("fit", format!("{name}_max_residual"), label, json!(fit.max_residual), shown);
+    section.add(format!("{name}_max_residual"), label, fit.max_residual, format!("{:.2e}", fit.max_residual));
     let shown = format!("{} of {}, {:.0}", fit.rank, fit.parameters.len(), fit.condition);
-    summary.add("fit", format!("{name}_rank"), format!("{name} rank, condition"), json!(fit.rank), shown);
+    section.add(format!("{name}_rank"), format!("{name} rank, condition"), fit.rank, shown);
     if let Some(held) = &d.held_out {
-        summary.number(
-            "fit",
-            format!("{name}_held_out_r2"),
-            format!("{name} R² of what was held out"),
-            held.r2,
-            "",
-        );
+        section.number(format!("{name}_held_out_r2"), format!("{name} R² of the hold-out"), held.r2, "");
         let label = format!("{name} Theil's coefficient of it");
-        summary.number("fit", format!("{name}_held_out_theil"), label, held.theil, "");
+        section.number(format!("{name}_held_out_theil"), label, held.theil, "");
     }
 }
 
-/// Table 3 of the paper, one for each estimator, and what the flight could tell apart.
+/// Table 3 of the paper, one for each estimator, and how far the flight separates the columns.
 pub(crate) fn tables(results: &RunResults) -> Vec<Table> {
     let Some(identification) = &results.identification else { return vec![] };
     let lead = lead(identification);
@@ -98,11 +96,11 @@ pub(crate) fn tables(results: &RunResults) -> Vec<Table> {
             table.rows.extend(parameter_rows(fit));
         }
     }
-    tables.extend(lead_fits(identification).map(told_apart));
+    tables.extend(lead_fits(identification).map(separation));
     tables
 }
 
-fn parameter_rows(fit: &OutputFit) -> Vec<Vec<String>> {
+pub(crate) fn parameter_rows(fit: &OutputFit) -> Vec<Vec<String>> {
     let show = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:+.3e}"));
     let parameters = fit.parameters.iter().map(|p| {
         let verdict = if p.identifiable { "" } else { "only in a combination" };
@@ -116,37 +114,8 @@ fn parameter_rows(fit: &OutputFit) -> Vec<Vec<String>> {
     parameters.chain(combinations).collect()
 }
 
-/// The same for a terminal.
-pub(crate) fn parameter_text(results: &RunResults) -> String {
-    let mut rows: Vec<Vec<String>> = results
-        .identification
-        .iter()
-        .flat_map(|i| &i.fits)
-        .flat_map(|fit| {
-            parameter_rows(fit).into_iter().map(|row| [vec![fit.estimator.name().to_owned()], row].concat())
-        })
-        .collect();
-    rows.extend(crate::motion_fits::text_rows(results));
-    if rows.is_empty() {
-        return String::new();
-    }
-    let width = |k: usize| rows.iter().map(|r| r[k].chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..rows.first().map_or(0, Vec::len)).map(width).collect();
-    let mut text = String::from("\nParameters: value, standard deviation, 95 % interval\n");
-    for row in rows {
-        let mut line = String::from("  ");
-        for (cell, width) in row.iter().zip(&widths) {
-            line += cell;
-            line += &" ".repeat(width - cell.chars().count() + 2);
-        }
-        text += line.trim_end();
-        text.push('\n');
-    }
-    text
-}
-
 /// Singular values, variance inflation and correlations of one output's columns.
-fn told_apart(fit: &OutputFit) -> Table {
+fn separation(fit: &OutputFit) -> Table {
     let d = &fit.diagnostics;
     let show = |values: &[f64]| values.iter().map(|v| format!("{v:.3}")).collect::<Vec<_>>();
     let row = |label: &str, values: &[f64]| std::iter::once(label.to_owned()).chain(show(values)).collect();
@@ -161,7 +130,7 @@ fn told_apart(fit: &OutputFit) -> Table {
     }
     Table {
         caption: format!(
-            "{}: what its independent columns can tell apart, each scaled to length one. Condition indices above 30 are \
+            "{}: how separate its independent columns are, each scaled to length one. Condition indices above 30 are \
              entangled columns.",
             fit.output
         ),
@@ -170,46 +139,31 @@ fn told_apart(fit: &OutputFit) -> Table {
     }
 }
 
-/// Figure 12, and what the fit leaves.
-pub(crate) fn figures(results: &RunResults) -> Result<Vec<Figure>> {
+/// Figure 12, and the residuals of the fit.
+pub(crate) fn figures(results: &RunResults) -> Result<Vec<Figure>, ReportError> {
     let (Some(table), Some(identification)) = (&results.coefficients, &results.identification) else {
         return Ok(vec![]);
     };
-    let (mut panels, mut left, mut echoes) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut panels, mut residuals, mut autocorrelations) = (Vec::new(), Vec::new(), Vec::new());
     for fit in lead_fits(identification) {
         let Some(output) = table.outputs.iter().find(|o| o.name == fit.output) else { continue };
         let fitted: Vec<f64> = (0..table.t_s.len()).map(|row| fit.line.at(output, row)).collect();
         let inside = |t: f64| t >= table.window_s.0 && t <= table.window_s.1;
-        let in_window = |values: Vec<f64>| -> Vec<(f64, f64)> {
-            table.t_s.iter().copied().zip(values).filter(|p| inside(p.0)).collect()
-        };
-        panels.push(Panel {
-            axis: output.name.clone(),
-            curves: vec![
-                curve("from the motion", Role::Estimate, in_window(output.values.clone()).into_iter()),
-                curve(words(fit.estimator), Role::Model, in_window(fitted.clone()).into_iter()),
-            ],
-        });
-        let residual = output.values.iter().zip(&fitted).map(|(a, b)| a - b).collect();
-        left.push(Panel {
-            axis: format!("Δ {}", output.name),
-            curves: vec![curve("residual", Role::Estimate, in_window(residual).into_iter())],
-        });
-        let lags = fit.diagnostics.autocorrelations.iter().enumerate();
-        let bound = 1.96 / (fit.diagnostics.fit.count.max(1) as f64).sqrt();
-        let last_s = table.sample_interval_s * fit.diagnostics.autocorrelations.len() as f64;
-        let level = |v: f64| [(0.0, v), (last_s, v), (last_s, f64::NAN)];
-        echoes.push(Panel {
-            axis: format!("r({})", output.name),
-            curves: vec![
+        let panel = |axis: String, curves: &[(&str, Role, Vec<f64>)]| {
+            let of = |(label, role, values): &(&str, Role, Vec<f64>)| {
                 curve(
-                    "autocorrelation of residuals",
-                    Role::Estimate,
-                    lags.map(|(k, r)| (table.sample_interval_s * (k + 1) as f64, *r)),
-                ),
-                curve("95 % of white ones", Role::Truth, level(bound).into_iter().chain(level(-bound))),
-            ],
-        });
+                    label,
+                    *role,
+                    std::iter::zip(&table.t_s, values).map(|(t, v)| (*t, *v)).filter(|p| inside(p.0)),
+                )
+            };
+            Panel { axis, curves: curves.iter().map(of).collect() }
+        };
+        let residual = output.values.iter().zip(&fitted).map(|(a, b)| a - b).collect();
+        let measured = ("from the motion", Role::Estimate, output.values.clone());
+        panels.push(panel(output.name.clone(), &[measured, (words(fit.estimator), Role::Model, fitted)]));
+        residuals.push(panel(format!("Δ {}", output.name), &[("residual", Role::Estimate, residual)]));
+        autocorrelations.push(autocorrelation(fit, table.sample_interval_s));
     }
     if panels.is_empty() {
         return Ok(vec![]);
@@ -219,14 +173,30 @@ pub(crate) fn figures(results: &RunResults) -> Result<Vec<Figure>> {
             "Figure 12: coefficients from the motion and from the fitted model, inside the window that is fitted.",
             panels,
         )?,
-        figure("Residuals of figure 12.", left)?,
+        figure("Residuals of figure 12.", residuals)?,
         figure_over(
             "lag, s",
             "Autocorrelations of those residuals over lags of up to two periods of the low-pass. What passes a low-pass is \
              never white: intervals allow for it.",
-            echoes,
+            autocorrelations,
         )?,
     ])
+}
+
+/// Autocorrelation of the residuals over their lags, with the bounds of white noise.
+fn autocorrelation(fit: &OutputFit, interval_s: f64) -> Panel {
+    let all = &fit.diagnostics.autocorrelations;
+    let bound = 1.96 / (fit.diagnostics.fit.count.max(1) as f64).sqrt();
+    let last_s = interval_s * all.len() as f64;
+    let level = |v: f64| [(0.0, v), (last_s, v), (last_s, f64::NAN)];
+    let points = all.iter().enumerate().map(|(k, r)| (interval_s * (k + 1) as f64, *r));
+    Panel {
+        axis: format!("r({})", fit.output),
+        curves: vec![
+            curve("autocorrelation of residuals", Role::Estimate, points),
+            curve("95 % of white ones", Role::Truth, level(bound).into_iter().chain(level(-bound))),
+        ],
+    }
 }
 
 pub(crate) fn words(estimator: Estimator) -> &'static str {

@@ -1,6 +1,7 @@
 //! The motion of an integration of the same model that shares no code with this one.
 
-use mavsight_flight::{InputSample, InputSeries, Scenario, Vehicle, simulate};
+use mavsight_flight::{InputSample, InputSeries, Vehicle};
+use mavsight_simulator::{Scenario, simulate};
 use std::path::PathBuf;
 
 fn recordings() -> Option<PathBuf> {

@@ -1,12 +1,11 @@
 //! The figures of the report, numbered as in the paper.
 
-use crate::page::Page;
-use anyhow::{Context, Result};
-use mavsight_geometry::{EulerAngles, Vector2, Vector3};
+use crate::{Chart, Curve, Figure, HeatMap, Panel, ReportError, Role, draw, draw_heat_maps, png_figure};
+use mavsight_geometry::{EulerAngles, Isometry3, Vector2, Vector3};
 use mavsight_pose::{MotionSample, Rig, control_volume, euler_std, precision_map};
-use mavsight_report::{Chart, Curve, Figure, HeatMap, Panel, Role, draw, draw_heat_maps, png_figure};
 use mavsight_scene::draw_path;
-use mavsight_session::{RunResults, TruthRow};
+use mavsight_score::TruthRow;
+use mavsight_session::RunResults;
 use mavsight_vision::Frame;
 
 /// A value at each instant.
@@ -16,12 +15,16 @@ pub(crate) fn curve(label: &str, role: Role, points: impl Iterator<Item = (f64, 
     Curve { label: label.to_owned(), role, points: points.collect(), half_width: vec![] }.thinned()
 }
 
-pub(crate) fn figure(caption: &str, panels: Vec<Panel>) -> Result<Figure> {
+pub(crate) fn figure(caption: &str, panels: Vec<Panel>) -> Result<Figure, ReportError> {
     figure_over("time, s", caption, panels)
 }
 
 /// Panels over another axis.
-pub(crate) fn figure_over(axis: &'static str, caption: &str, panels: Vec<Panel>) -> Result<Figure> {
+pub(crate) fn figure_over(
+    axis: &'static str,
+    caption: &str,
+    panels: Vec<Panel>,
+) -> Result<Figure, ReportError> {
     Ok(Figure { caption: caption.to_owned(), markup: draw(&Chart { axis, panels })? })
 }
 
@@ -36,7 +39,7 @@ const NORMAL_95: f64 = 1.959_964;
 const MAP_CELLS: usize = 30;
 
 /// The predicted precision over the calibrated volume.
-pub(crate) fn precision(rig: &Rig, pixel_std_px: f64) -> Result<Vec<Figure>> {
+pub(crate) fn precision(rig: &Rig, pixel_std_px: f64) -> Result<Vec<Figure>, ReportError> {
     let Some(volume) = control_volume(rig) else { return Ok(vec![]) };
     let middle = 0.5 * (volume.low_m + volume.high_m);
     let planes = [
@@ -67,7 +70,7 @@ pub(crate) fn precision(rig: &Rig, pixel_std_px: f64) -> Result<Vec<Figure>> {
 }
 
 /// Figure 4: the object as the first camera sees it; figure 6: the path of the flight over a frame of each camera.
-pub(crate) fn pictures(page: &Page<'_>, results: &RunResults) -> Result<Vec<Figure>> {
+pub(crate) fn pictures(frames: &[Frame], results: &RunResults) -> Result<Vec<Figure>, ReportError> {
     let mut figures = Vec::new();
     let Some(rig) = &results.rig else { return Ok(figures) };
     let path: Vec<Option<Vector3<f64>>> = results
@@ -75,7 +78,7 @@ pub(crate) fn pictures(page: &Page<'_>, results: &RunResults) -> Result<Vec<Figu
         .iter()
         .map(|p| p.estimate.as_ref().map(|e| e.world_from_body.translation.vector))
         .collect();
-    for (k, (camera, frame)) in rig.cameras.iter().zip(page.frames).enumerate() {
+    for (k, (camera, frame)) in rig.cameras.iter().zip(frames).enumerate() {
         let seen: Vec<Vector2<f64>> = path
             .iter()
             .map(|p| {
@@ -98,7 +101,7 @@ pub(crate) fn pictures(page: &Page<'_>, results: &RunResults) -> Result<Vec<Figu
 }
 
 /// A window of a quarter of the frame around a point, enlarged fourfold.
-fn close_up(frame: &Frame, at: &Vector2<f64>) -> Result<Vec<u8>> {
+fn close_up(frame: &Frame, at: &Vector2<f64>) -> Result<Vec<u8>, ReportError> {
     const ENLARGE: u32 = 4;
     let (width, height) = (frame.size.width_px / 4, frame.size.height_px / 5);
     let place =
@@ -113,15 +116,15 @@ fn close_up(frame: &Frame, at: &Vector2<f64>) -> Result<Vec<u8>> {
     png(rgb, width * ENLARGE, height * ENLARGE)
 }
 
-fn png(rgb: Vec<u8>, width: u32, height: u32) -> Result<Vec<u8>> {
+fn png(rgb: Vec<u8>, width: u32, height: u32) -> Result<Vec<u8>, ReportError> {
     let mut bytes = std::io::Cursor::new(Vec::new());
-    let image = image::RgbImage::from_raw(width, height, rgb).context("the picture has its size")?;
-    image.write_to(&mut bytes, image::ImageFormat::Png)?;
+    let image = image::RgbImage::from_raw(width, height, rgb).ok_or(ReportError::Picture)?;
+    image.write_to(&mut bytes, image::ImageFormat::Png).map_err(|_| ReportError::Picture)?;
     Ok(bytes.into_inner())
 }
 
 /// Figure 7.
-pub(crate) fn inputs(recorded: &mavsight_flight::InputSeries) -> Result<Figure> {
+pub(crate) fn inputs(recorded: &mavsight_flight::InputSeries) -> Result<Figure, ReportError> {
     // Thinned one by one: an hour's inputs are many.
     let series = |label: &str, role: Role, f: Of<'_, mavsight_flight::InputSample>| {
         curve(label, role, recorded.samples().iter().map(|s| (s.t_s, f(s))))
@@ -142,105 +145,103 @@ pub(crate) fn inputs(recorded: &mavsight_flight::InputSeries) -> Result<Figure> 
     )
 }
 
-type OfTruth = fn(&TruthRow) -> f64;
+/// One quantity of the motion over time.
+struct Quantity<'a> {
+    axis: &'a str,
+    truth: fn(&TruthRow) -> f64,
+    smoothed: Of<'a, MotionSample>,
+    std: Of<'a, MotionSample>,
+    /// In a single pose, where it has the quantity.
+    measured: Option<Of<'a, Isometry3<f64>>>,
+}
 
-/// One panel of truth, smoothed motion and, where it exists, single measurements.
-fn motion_panel(
-    (results, truth): (&RunResults, Option<&[TruthRow]>),
-    axis: &str,
-    of_truth: OfTruth,
-    (smoothed, std): (Of<'_, MotionSample>, Of<'_, MotionSample>),
-    measured: Option<Of<'_, mavsight_geometry::Isometry3<f64>>>,
-) -> Panel {
-    let mut curves = Vec::new();
-    if let Some(measured) = measured {
-        let points = results.poses.iter().map(|p| {
-            (seconds(p.t_ns), p.estimate.as_ref().map_or(f64::NAN, |e| measured(&e.world_from_body)))
-        });
-        curves.push(curve("single frames", Role::Measured, points));
+impl Quantity<'_> {
+    /// A panel of truth, smoothed motion and, where it exists, single measurements.
+    fn panel(&self, results: &RunResults, truth: Option<&[TruthRow]>) -> Panel {
+        let mut curves = Vec::new();
+        if let Some(measured) = self.measured {
+            let points = results.poses.iter().map(|p| {
+                (seconds(p.t_ns), p.estimate.as_ref().map_or(f64::NAN, |e| measured(&e.world_from_body)))
+            });
+            curves.push(curve("single frames", Role::Measured, points));
+        }
+        if let Some(motion) = &results.motion {
+            // Where the motion is not known, the curve is broken.
+            let known = (motion.samples.iter())
+                .map(|s| (seconds(s.t_ns), (self.smoothed)(s), NORMAL_95 * (self.std)(s)));
+            let unknown = motion.unknown_ns.iter().map(|t_ns| (seconds(*t_ns), f64::NAN, f64::NAN));
+            let mut all: Vec<(f64, f64, f64)> = known.chain(unknown).collect();
+            all.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let (points, half_width) = all.into_iter().map(|(t_s, value, half)| ((t_s, value), half)).unzip();
+            let label = "smoothed, 95 %".to_owned();
+            curves.push(Curve { label, role: Role::Estimate, points, half_width }.thinned());
+        }
+        if let Some(truth) = truth {
+            curves.push(curve("truth", Role::Truth, truth.iter().map(|r| (r.t_s, (self.truth)(r)))));
+        }
+        Panel { axis: self.axis.to_owned(), curves }
     }
-    if let Some(motion) = &results.motion {
-        // Where the motion is not known, the curve is broken.
-        let known = motion.samples.iter().map(|s| (seconds(s.t_ns), smoothed(s), NORMAL_95 * std(s)));
-        let unknown = motion.unknown_ns.iter().map(|t_ns| (seconds(*t_ns), f64::NAN, f64::NAN));
-        let mut all: Vec<(f64, f64, f64)> = known.chain(unknown).collect();
-        all.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let (points, half_width) = all.into_iter().map(|(t_s, value, half)| ((t_s, value), half)).unzip();
-        let label = "smoothed, 95 %".to_owned();
-        curves.push(Curve { label, role: Role::Estimate, points, half_width }.thinned());
-    }
-    if let Some(truth) = truth {
-        curves.push(curve("truth", Role::Truth, truth.iter().map(|r| (r.t_s, of_truth(r)))));
-    }
-    Panel { axis: axis.to_owned(), curves }
 }
 
 /// Figures 8 to 11.
-pub(crate) fn motion(results: &RunResults, truth: Option<&[TruthRow]>) -> Result<Vec<Figure>> {
+pub(crate) fn motion(results: &RunResults, truth: Option<&[TruthRow]>) -> Result<Vec<Figure>, ReportError> {
     if results.motion.is_none() {
         return Ok(vec![]);
     }
-    let deg = |r: f64| r.to_degrees();
     let std = |s: &MotionSample, row: usize| s.covariance.variance(row).max(0.0).sqrt();
-    let place = |axis: &str, k: usize, t: OfTruth| {
-        let smoothed = |s: &MotionSample| s.world_from_body.translation.vector[k];
-        motion_panel(
-            (results, truth),
-            axis,
-            t,
-            (&smoothed, &|s| std(s, k)),
-            Some(&|p| p.translation.vector[k]),
-        )
+    let place = |axis: &str, k: usize, truth_of: fn(&TruthRow) -> f64| {
+        let smoothed: Of<'_, MotionSample> = &|s| s.world_from_body.translation.vector[k];
+        let measured: Of<'_, Isometry3<f64>> = &|p| p.translation.vector[k];
+        let measured = Some(measured);
+        Quantity { axis, truth: truth_of, smoothed, std: &|s| std(s, k), measured }.panel(results, truth)
     };
-    let angle = |axis: &str, k: usize, t: OfTruth| {
-        let of = move |p: &mavsight_geometry::Isometry3<f64>| {
+    let angle = |axis: &str, k: usize, truth_of: fn(&TruthRow) -> f64| {
+        let of = |p: &Isometry3<f64>| {
             let e = EulerAngles::from_world_from_body(p);
             [e.phi_rad, e.theta_rad, e.psi_rad][k].to_degrees()
         };
-        let turn =
-            move |s: &MotionSample| euler_std(&s.world_from_body, &s.covariance.quantity(1))[k].to_degrees();
-        motion_panel((results, truth), axis, t, (&|s| of(&s.world_from_body), &turn), Some(&of))
+        let std: Of<'_, MotionSample> =
+            &|s| euler_std(&s.world_from_body, &s.covariance.quantity(1))[k].to_degrees();
+        let smoothed: Of<'_, MotionSample> = &|s| of(&s.world_from_body);
+        Quantity { axis, truth: truth_of, smoothed, std, measured: Some(&of) }.panel(results, truth)
     };
-    let speed = |axis: &str, k: usize, t: OfTruth| {
-        motion_panel((results, truth), axis, t, (&|s| s.velocity_in_body_m_s[k], &|s| std(s, 6 + k)), None)
+    let speed = |axis: &str, k: usize, truth_of: fn(&TruthRow) -> f64| {
+        let smoothed: Of<'_, MotionSample> = &|s| s.velocity_in_body_m_s[k];
+        Quantity { axis, truth: truth_of, smoothed, std: &|s| std(s, 6 + k), measured: None }
+            .panel(results, truth)
     };
-    let rate = |axis: &str, k: usize, t: OfTruth| {
-        motion_panel((results, truth), axis, t, (&|s| deg(s.rates_rad_s[k]), &|s| deg(std(s, 9 + k))), None)
+    let rate = |axis: &str, k: usize, truth_of: fn(&TruthRow) -> f64| {
+        let smoothed: Of<'_, MotionSample> = &|s| s.rates_rad_s[k].to_degrees();
+        let std: Of<'_, MotionSample> = &|s| std(s, 9 + k).to_degrees();
+        Quantity { axis, truth: truth_of, smoothed, std, measured: None }.panel(results, truth)
     };
+    let positions =
+        vec![place("X, m", 0, |r| r.x_m), place("Y, m", 1, |r| r.y_m), place("Z, m", 2, |r| r.z_m)];
+    let angles = vec![
+        angle("roll φ, °", 0, |r| r.phi_rad.to_degrees()),
+        angle("pitch θ, °", 1, |r| r.theta_rad.to_degrees()),
+        angle("yaw ψ, °", 2, |r| r.psi_rad.to_degrees()),
+    ];
+    let speeds = vec![
+        speed("u, m/s", 0, |r| r.u_m_s),
+        speed("v, m/s", 1, |r| r.v_m_s),
+        speed("w, m/s", 2, |r| r.w_m_s),
+    ];
+    let rates = vec![
+        rate("p, °/s", 0, |r| r.p_rad_s.to_degrees()),
+        rate("q, °/s", 1, |r| r.q_rad_s.to_degrees()),
+        rate("r, °/s", 2, |r| r.r_rad_s.to_degrees()),
+    ];
     Ok(vec![
-        figure(
-            "Figure 8: position in the world.",
-            vec![place("X, m", 0, |r| r.x_m), place("Y, m", 1, |r| r.y_m), place("Z, m", 2, |r| r.z_m)],
-        )?,
-        figure(
-            "Figure 9: attitude.",
-            vec![
-                angle("roll φ, °", 0, |r| r.phi_rad.to_degrees()),
-                angle("pitch θ, °", 1, |r| r.theta_rad.to_degrees()),
-                angle("yaw ψ, °", 2, |r| r.psi_rad.to_degrees()),
-            ],
-        )?,
-        figure(
-            "Figure 10: velocity in body axes.",
-            vec![
-                speed("u, m/s", 0, |r| r.u_m_s),
-                speed("v, m/s", 1, |r| r.v_m_s),
-                speed("w, m/s", 2, |r| r.w_m_s),
-            ],
-        )?,
-        figure(
-            "Figure 11: angular rates in body axes.",
-            vec![
-                rate("p, °/s", 0, |r| r.p_rad_s.to_degrees()),
-                rate("q, °/s", 1, |r| r.q_rad_s.to_degrees()),
-                rate("r, °/s", 2, |r| r.r_rad_s.to_degrees()),
-            ],
-        )?,
+        figure("Figure 8: position in the world.", positions)?,
+        figure("Figure 9: attitude.", angles)?,
+        figure("Figure 10: velocity in body axes.", speeds)?,
+        figure("Figure 11: angular rates in body axes.", rates)?,
     ])
 }
 
 /// How good each frame was.
-pub(crate) fn quality(results: &RunResults) -> Result<Vec<Figure>> {
+pub(crate) fn quality(results: &RunResults) -> Result<Vec<Figure>, ReportError> {
     let poses = &results.poses;
     if !poses.iter().any(|p| p.estimate.is_some()) {
         return Ok(vec![]);
@@ -255,7 +256,7 @@ pub(crate) fn quality(results: &RunResults) -> Result<Vec<Figure>> {
         (e.covariance().fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt().to_degrees()
     };
     Ok(vec![figure(
-        "Each frame: what reprojection leaves, and the predicted errors of position (3-D) and attitude (an axis).",
+        "Each frame: reprojection residual, and the predicted errors of position (3-D) and attitude (an axis).",
         vec![
             panel("residual, px", &|e| e.residual_px),
             panel("position, mm", &spread),

@@ -1,17 +1,19 @@
 //! Integration of the equations of motion.
 
-use crate::dynamics::{STATES, State, accelerations, derivative};
-use crate::{FlapState, FlightError, InputSample, InputSeries, Vehicle};
+use crate::{SimulatorError, true_coefficients};
 use differential_equations::prelude::{ExplicitRungeKutta, IVP, ODE};
+use mavsight_flight::{
+    Airframe, Coefficients, FLIGHT_STATES, FlapState, InputSample, InputSeries, StateVector, Vehicle,
+};
 use mavsight_geometry::EulerAngles;
-use nalgebra::Vector3;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// Relative and absolute tolerance of the integrator, far below what cameras can see (1e-10 m, 1e-10 rad).
 const TOLERANCE: f64 = 1e-10;
 /// Samples and output times nearer than this are one.
 const SAME_TIME_S: f64 = 1e-9;
-/// What [`State::pack`] packs.
-const STATE_NAMES: [&str; STATES] = [
+/// Names of the entries of a [`StateVector`].
+const STATE_NAMES: [&str; FLIGHT_STATES] = [
     "x_m",
     "y_m",
     "z_m",
@@ -46,6 +48,20 @@ pub struct InitialState {
     pub flap: FlapState,
 }
 
+impl InitialState {
+    /// The state as the equations of motion take it, in the order of [`mavsight_flight::FLIGHT_STATES`].
+    pub fn packed(&self) -> StateVector {
+        let (p, v, w, f) = (self.position_in_world_m, self.velocity_in_body_m_s, self.rates_rad_s, self.flap);
+        let q = self.attitude.level_from_body();
+        #[rustfmt::skip]
+        let packed = [
+            p.x, p.y, p.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, w.x, w.y, w.z,
+            f.alpha_l_rad, f.beta_l_rad, f.alpha_f_rad, f.beta_f_rad,
+        ];
+        packed
+    }
+}
+
 /// The aircraft at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FlightState {
@@ -68,109 +84,119 @@ pub struct FlightState {
 }
 
 impl FlightState {
-    /// What the equations of motion integrate, in the order of [`crate::FLIGHT_STATES`].
-    pub fn packed(&self) -> crate::StateVector {
-        let level_from_body = self.attitude.level_from_body();
-        let Self { position_in_world_m, velocity_in_body_m_s, rates_rad_s, flap, .. } = *self;
-        State { position_in_world_m, level_from_body, velocity_in_body_m_s, rates_rad_s, flap }.pack()
+    /// The state without its time and accelerations: where another flight may begin.
+    pub fn as_start(&self) -> InitialState {
+        let Self { position_in_world_m, attitude, velocity_in_body_m_s, rates_rad_s, flap, .. } = *self;
+        InitialState { position_in_world_m, attitude, velocity_in_body_m_s, rates_rad_s, flap }
     }
 }
 
+/// The equations of motion of one vehicle.
+struct Model {
+    airframe: Airframe,
+    coefficients: Coefficients,
+}
+
 struct Segment<'a> {
-    vehicle: &'a Vehicle,
+    model: &'a Model,
     input: InputSample,
     end_s: f64,
 }
 
-impl ODE<f64, [f64; STATES]> for Segment<'_> {
-    fn diff(&self, _t: f64, y: &[f64; STATES], dydt: &mut [f64; STATES]) {
-        *dydt = derivative(self.vehicle, &self.input, y);
+impl ODE<f64, StateVector> for Segment<'_> {
+    fn diff(&self, _t: f64, y: &StateVector, dydt: &mut StateVector) {
+        *dydt = self.model.airframe.derivative(&self.model.coefficients, &self.input, y);
     }
 }
 
 /// Flies the vehicle through the inputs and reports its state at increasing `times_s`, the first of which is the start.
 ///
-/// The inputs step at their samples, so each stretch between a sample or an output time and the next is
-/// integrated by itself (Dormand-Prince 8(5,3), adaptive, tolerance 1e-10).
+/// Integrates [`Airframe::derivative`] with [`true_coefficients`]. The inputs step at their samples, so each stretch
+/// between a sample or an output time and the next is integrated by itself (Dormand-Prince 8(5,3), adaptive,
+/// tolerance 1e-10; Hairer, Nørsett & Wanner 1993, section II.5).
 ///
 /// # Errors
-/// A start that is not finite, times that do not increase, inputs that do not cover them, a state that runs away.
+/// A vehicle that is not valid, a start that is not finite, times that do not increase, inputs that do not cover them, a
+/// state that diverges.
 pub fn simulate(
     vehicle: &Vehicle,
     inputs: &InputSeries,
     start: &InitialState,
     times_s: &[f64],
-) -> Result<Vec<FlightState>, FlightError> {
+) -> Result<Vec<FlightState>, SimulatorError> {
     let mut out = Vec::with_capacity(times_s.len());
     let Some(&first_s) = times_s.first() else { return Ok(out) };
-    let mut y = State {
-        position_in_world_m: start.position_in_world_m,
-        level_from_body: start.attitude.level_from_body(),
-        velocity_in_body_m_s: start.velocity_in_body_m_s,
-        rates_rad_s: start.rates_rad_s,
-        flap: start.flap,
-    }
-    .pack();
+    let mut y = start.packed();
     if let Some(k) = y.iter().position(|v| !v.is_finite()) {
-        return Err(FlightError::StartNotFinite { what: STATE_NAMES[k], value: y[k] });
+        return Err(SimulatorError::StartNotFinite { what: STATE_NAMES[k], value: y[k] });
     }
+    let airframe = Airframe::of_vehicle(vehicle)?;
+    let coefficients = true_coefficients(vehicle, airframe.reference_speed_rad_s());
+    let model = Model { airframe, coefficients };
     let mut input = inputs.require(first_s)?;
     // Samples before this are past.
     let mut next = inputs.samples().partition_point(|s| s.t_s <= first_s + SAME_TIME_S);
-    out.push(state_at(vehicle, &input, &y));
+    out.push(model.state_at(&input, &y));
     for pair in times_s.windows(2) {
         if pair[1] <= pair[0] || pair[1].is_nan() {
-            return Err(FlightError::OutputTimes { t_s: pair[1], before_s: pair[0] });
+            return Err(SimulatorError::OutputTimes { t_s: pair[1], before_s: pair[0] });
         }
         let end = inputs.require(pair[1])?;
         let ahead = &inputs.samples()[next..];
         let before_end = ahead.iter().take_while(|s| s.t_s < pair[1] - SAME_TIME_S).count();
         for knot in ahead[..before_end].iter().copied().chain([end]) {
-            y = advance(&Segment { vehicle, input, end_s: knot.t_s }, y)?;
+            y = Segment { model: &model, input, end_s: knot.t_s }.advance(y)?;
             input = knot;
         }
         let at_end = ahead[before_end..].iter().take_while(|s| s.t_s <= pair[1] + SAME_TIME_S).count();
         next += before_end + at_end;
-        out.push(state_at(vehicle, &input, &y));
+        out.push(model.state_at(&input, &y));
     }
     Ok(out)
 }
 
-fn advance(segment: &Segment<'_>, y: [f64; STATES]) -> Result<[f64; STATES], FlightError> {
-    let (from_s, to_s) = (segment.input.t_s, segment.end_s);
-    let broken = |detail: String| FlightError::Integration { t_s: from_s, detail };
-    let solution = IVP::ode(segment, from_s, to_s, y)
-        .method(ExplicitRungeKutta::dop853().rtol(TOLERANCE).atol(TOLERANCE).h0(to_s - from_s))
-        .solve()
-        .map_err(|e| broken(format!("{e:?}").chars().take(80).collect()))?;
-    let end = solution.y.last().copied().ok_or_else(|| broken("no step".to_owned()))?;
-    if end.iter().all(|v| v.is_finite()) {
-        Ok(end)
-    } else {
-        Err(broken("the state is not finite".to_owned()))
+impl Segment<'_> {
+    fn advance(&self, y: StateVector) -> Result<StateVector, SimulatorError> {
+        let (from_s, to_s) = (self.input.t_s, self.end_s);
+        let broken = |detail: String| SimulatorError::Integration { t_s: from_s, detail };
+        let solution = IVP::ode(self, from_s, to_s, y)
+            .method(ExplicitRungeKutta::dop853().rtol(TOLERANCE).atol(TOLERANCE).h0(to_s - from_s))
+            .solve()
+            .map_err(|e| broken(format!("{e:?}").chars().take(80).collect()))?;
+        let end = solution.y.last().copied().ok_or_else(|| broken("no step".to_owned()))?;
+        if end.iter().all(|v| v.is_finite()) {
+            Ok(end)
+        } else {
+            Err(broken("the state is not finite".to_owned()))
+        }
     }
 }
 
-fn state_at(vehicle: &Vehicle, input: &InputSample, y: &[f64; STATES]) -> FlightState {
-    let s = State::unpack(y);
-    let (velocity_rate_m_s2, angular_acceleration_rad_s2) = accelerations(vehicle, input, &s);
-    FlightState {
-        t_s: input.t_s,
-        position_in_world_m: s.position_in_world_m,
-        attitude: EulerAngles::from_level_from_body(&s.level_from_body),
-        velocity_in_body_m_s: s.velocity_in_body_m_s,
-        rates_rad_s: s.rates_rad_s,
-        flap: s.flap,
-        velocity_rate_m_s2,
-        angular_acceleration_rad_s2,
+impl Model {
+    fn state_at(&self, input: &InputSample, y: &StateVector) -> FlightState {
+        let rates = self.airframe.derivative(&self.coefficients, input, y);
+        let level_from_body = UnitQuaternion::from_quaternion(Quaternion::new(y[3], y[4], y[5], y[6]));
+        let vector =
+            |values: &StateVector, at: usize| Vector3::new(values[at], values[at + 1], values[at + 2]);
+        FlightState {
+            t_s: input.t_s,
+            position_in_world_m: vector(y, 0),
+            attitude: EulerAngles::from_level_from_body(&level_from_body),
+            velocity_in_body_m_s: vector(y, 7),
+            rates_rad_s: vector(y, 10),
+            flap: FlapState { alpha_l_rad: y[13], beta_l_rad: y[14], alpha_f_rad: y[15], beta_f_rad: y[16] },
+            velocity_rate_m_s2: vector(&rates, 7),
+            angular_acceleration_rad_s2: vector(&rates, 10),
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Scenario, hover_rotor_speed_rad_s, model_coefficients};
+    use crate::Scenario;
     use approx::assert_relative_eq;
+    use mavsight_flight::{FlightError, hover_rotor_speed_rad_s};
 
     fn hover_inputs(vehicle: &Vehicle, end_s: f64) -> InputSeries {
         let omega = hover_rotor_speed_rad_s(vehicle);
@@ -232,18 +258,6 @@ mod tests {
     }
 
     #[test]
-    fn coefficients_are_those_of_the_independent_model() {
-        let vehicle = Vehicle::paper();
-        let c = model_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
-        assert_relative_eq!(c.cx_alpha_u, -0.01436, epsilon = 1e-12);
-        assert_relative_eq!(c.cx_alpha_l, -0.00996, epsilon = 1e-12);
-        assert_relative_eq!(c.cz_hover, -0.02432, epsilon = 1e-12);
-        assert_relative_eq!(c.cm_alpha_u, 0.011488, epsilon = 1e-12);
-        assert_relative_eq!(c.cm_alpha_l, 0.0047808, epsilon = 1e-12);
-        assert_relative_eq!(c.cm_q, -2.480_620_155e-5, epsilon = 1e-10);
-    }
-
-    #[test]
     fn the_papers_doublet_pitches_and_travels() {
         let vehicle = Vehicle::paper();
         let scenario = Scenario::paper();
@@ -260,7 +274,10 @@ mod tests {
     fn inputs_that_end_early_are_refused() {
         let vehicle = Vehicle::paper();
         let refused = simulate(&vehicle, &hover_inputs(&vehicle, 1.0), &InitialState::default(), &[0.0, 2.0]);
-        assert!(matches!(refused, Err(FlightError::InputsDoNotCover { .. })), "{refused:?}");
+        assert!(
+            matches!(refused, Err(SimulatorError::Flight(FlightError::InputsDoNotCover { .. }))),
+            "{refused:?}"
+        );
     }
 
     #[test]
@@ -274,7 +291,7 @@ mod tests {
         for (start, part) in starts.iter().zip(["q_rad_s", "the attitude", "beta_f_rad"]) {
             let refused = simulate(&vehicle, &inputs, start, &[0.0, 1.0]);
             assert!(
-                matches!(refused, Err(FlightError::StartNotFinite { what, .. }) if what == part),
+                matches!(refused, Err(SimulatorError::StartNotFinite { what, .. }) if what == part),
                 "{part}: {refused:?}"
             );
         }

@@ -6,14 +6,20 @@ use minijinja::{AutoEscape, Environment, Value, context};
 use serde::Serialize;
 use thiserror::Error;
 
-/// Why a page could not be made.
+/// Why a report could not be made.
 #[derive(Debug, Error)]
 pub enum ReportError {
     /// The plotting library's words.
     #[error("a plot could not be drawn: {0}")]
     Plot(String),
+    /// A picture of another size than its pixels.
+    #[error("a picture of the report could not be encoded")]
+    Picture,
+    /// What the file system refused.
+    #[error(transparent)]
+    File(#[from] mavsight_session::SessionError),
     /// The template library's words.
-    #[error("the page could not be put together: {0}")]
+    #[error("the report could not be put together: {0}")]
     Template(#[from] minijinja::Error),
 }
 
@@ -37,7 +43,7 @@ pub struct Figure {
     pub markup: String,
 }
 
-/// What the page says, in order.
+/// What a report shows, in order.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Report {
     /// Heading.
@@ -60,15 +66,15 @@ pub fn png_figure(caption: impl Into<String>, png: &[u8]) -> Figure {
     Figure { caption: caption.into(), markup: format!("<img alt=\"\" src=\"data:image/png;base64,{data}\">") }
 }
 
-/// Puts the page together: no script, no font, no picture from elsewhere.
+/// Renders a report as one file: no script, no font, no picture from elsewhere.
 ///
 /// # Errors
 /// [`ReportError::Template`].
 pub fn render(report: &Report) -> Result<String, ReportError> {
     let mut environment = Environment::new();
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
-    environment.add_template("page", include_str!("page.html"))?;
-    Ok(environment.get_template("page")?.render(context! { r => Value::from(Serde(report)) })?)
+    environment.add_template("report", include_str!("report.html"))?;
+    Ok(environment.get_template("report")?.render(context! { r => Value::from(Serde(report)) })?)
 }
 
 #[cfg(test)]
@@ -91,10 +97,10 @@ mod tests {
             )],
             ..Report::default()
         };
-        let page = render(&report).expect("a page");
-        assert!(page.contains("flight &lt;script&gt;") && !page.contains("<script"));
-        assert!(page.contains("C_m &amp; C_X") && page.contains("1 &lt; 2"));
-        assert!(page.contains("data:image/png;base64,bm90IHJlYWxseQ=="));
-        assert!(!page.contains("http:") && !page.contains("https:"));
+        let html = render(&report).expect("a report");
+        assert!(html.contains("flight &lt;script&gt;") && !html.contains("<script"));
+        assert!(html.contains("C_m &amp; C_X") && html.contains("1 &lt; 2"));
+        assert!(html.contains("data:image/png;base64,bm90IHJlYWxseQ=="));
+        assert!(!html.contains("http:") && !html.contains("https:"));
     }
 }

@@ -15,11 +15,11 @@ pub struct CameraHealth {
     pub markers: Vec<MarkerHealth>,
 }
 
-/// How good the centres of a flight's markers claim to be, all cameras and markers together.
+/// Stated precision of the centres of a flight's markers, all cameras and markers together.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CentreQuality {
-    /// Standard deviations of a coordinate: of ten equal parts of the centres, in order, the middle one each.
-    /// They differ by what is behind a ball.
+    /// Standard deviations of a coordinate: of ten equal parts of the centres, in order, the middle one each. They differ with
+    /// the background.
     pub tenths_px: [f64; 10],
     /// Standard deviation of the systematic error of a coordinate.
     pub bias_std_px: f64,
