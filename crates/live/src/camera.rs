@@ -1,8 +1,8 @@
 //! The two threads of a camera: one fetches frames, one tracks.
 
-use crate::queue::locked;
+use crate::queue::{Popped, Queue, locked};
 use crate::setup::{CameraSetup, Pace, Tap};
-use crate::{FlightClock, Interrupt, LiveError, Next, Popped, Queue, Source};
+use crate::{FlightClock, Interrupt, LiveError, Next, Source};
 use mavsight_geometry::ImageSize;
 use mavsight_pipeline::{CameraTracker, Sight as TrackedDetection, TrackedFrame};
 use mavsight_vision::Frame;

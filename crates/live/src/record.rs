@@ -1,8 +1,8 @@
 //! Recording of what is received, detected and sent.
 
-use crate::queue::locked;
+use crate::LiveError;
+use crate::queue::{Popped, Queue, locked};
 use crate::setup::Tap;
-use crate::{LiveError, Popped, Queue};
 use mavsight_flight::InputSample;
 use mavsight_link::Event;
 use mavsight_pipeline::Sight as TrackedDetection;
