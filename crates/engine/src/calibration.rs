@@ -11,8 +11,8 @@ use mavsight_pipeline::{
 use mavsight_pose::{MovedObject, Rig};
 use mavsight_session::{FrameSource, Session, SessionError, read_image};
 
-/// Calibrates the cameras of a session: from stills of its control points or from clicked pixels, together with a wand
-/// and a board where it has them. A session that names a rig file has the cameras of that.
+/// Calibrates the cameras of a session: from stills of its control points or from clicked pixels, together
+/// with a wand and a board where it has them. A session that names a rig file has the cameras of that.
 ///
 /// # Errors
 /// Files that are wrong, and what the calibration refuses.

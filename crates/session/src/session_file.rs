@@ -14,7 +14,7 @@ pub(crate) use validate::validate;
 pub const SESSION_SCHEMA: u32 = 1;
 
 /// The session file as written; paths may be relative to it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SessionFile {
     /// Version of the contract: 1.
