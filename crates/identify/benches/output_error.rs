@@ -1,5 +1,5 @@
-//! A flight of ten seconds, 300 instants, and twelve free parameters, fitted by output error on one core: to its poses, and
-//! straight to the images of four markers in two cameras.
+//! A flight of ten seconds, 300 instants, and twelve free parameters, fitted by output error on one core: to
+//! its poses, and straight to the images of four markers in two cameras.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use mavsight_flight::{InputSeries, Vehicle};
@@ -58,7 +58,7 @@ fn rig() -> Rig {
         let camera = Camera::looking_at(Vector3::new(x_m, -4.5, 1.5), Vector3::new(0.0, 0.0, 1.5), k, size);
         let seen = (0..8).map(|i| {
             let point_in_world_m = Vector3::new(side(i, 0), side(i, 1), side(i, 2) + 1.5);
-            let pixel = camera.project(&point_in_world_m).expect("in front").pixel;
+            let pixel = camera.project(&point_in_world_m).expect("in view").pixel;
             let pixel_cov_px2 = Matrix2::identity() * 0.01;
             ControlPoint { name: i.to_string(), point_in_world_m, pixel, pixel_cov_px2 }
         });
@@ -103,7 +103,7 @@ fn problem() -> (FlightModel, InputSeries, Measurements, Measurements) {
         for (camera, c) in rig.cameras.iter().enumerate() {
             for (marker, m) in markers.iter().enumerate() {
                 let centre = (at * Point3::from(m.marker_in_body_m)).coords;
-                let exact = c.camera.project_ball(&centre, m.radius_m).expect("in front").pixel;
+                let exact = c.camera.project_ball(&centre, m.radius_m).expect("in view").pixel;
                 let pixel = exact + Vector2::new(normal(seed), normal(seed)) * PIXEL_STD_PX;
                 let covariance_px2 = Matrix2::identity() * PIXEL_STD_PX.powi(2);
                 seen.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });

@@ -1,12 +1,13 @@
 //! How often 95 % intervals of output error hold the truth, over simulated flights with a multisine.
 //!
-//! `cargo run --release -p mavsight-identify --example coverage -- poses 200`; the first word is `poses`, `image` (exact
-//! cameras and markers), `nuisances` (markers off by 0.5 mm, their centres by 0.1 px through each flight), `coloured`
-//! (exact cameras and markers, but half of the variance of each centre lasts about half a second) or `path` (half of it is a
-//! function of where the marker is in the image, which changes within some ten pixels).
+//! `cargo run --release -p mavsight-identify --example coverage -- poses 200`; the first word is `poses`,
+//! `image` (exact cameras and markers), `nuisances` (markers off by 0.5 mm, their centres by 0.1 px through
+//! each flight), `coloured` (exact cameras and markers, but half of the variance of each centre lasts about
+//! half a second) or `path` (half of it is a function of where the marker is in the image, which changes
+//! within some ten pixels).
 //!
-//! For all but `poses`, total least squares of equation error gets the same sightings, by way of poses and the smoother:
-//! the last column is the error of this fit over its error, where both have the parameter.
+//! For all but `poses`, total least squares of equation error gets the same observations, by way of poses and
+//! the smoother: the last column is the error of this fit over its error, where both have the parameter.
 
 #[allow(dead_code)]
 #[path = "../tests/flights/aircraft.rs"]
@@ -126,8 +127,8 @@ impl Waves {
     }
 }
 
-/// All sightings of a flight.
-fn sightings(
+/// All observations of a flight.
+fn observations(
     states: &[FlightState],
     (rig, markers): (&Rig, &[BodyMarker]),
     kind: &str,
@@ -157,12 +158,12 @@ fn sightings(
                 let centre = (pose * Point3::from(m.marker_in_body_m + off[marker])).coords;
                 let exact = c.camera.project_ball(&centre, m.radius_m)?.pixel;
                 let k = camera * markers.len() + marker;
-                let lasting = match kind {
+                let systematic = match kind {
                     "coloured" => slow[k],
                     "path" => Vector2::new(waves.at(2 * k, &exact), waves.at(2 * k + 1, &exact)) * level,
                     _ => bias[k],
                 };
-                let pixel = exact + normal2(seed) * level + lasting;
+                let pixel = exact + normal2(seed) * level + systematic;
                 let covariance_px2 = Matrix2::identity() * PIXEL_STD_PX.powi(2);
                 let t_ns = (s.t_s * 1e9).round() as i64;
                 seen.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
@@ -184,7 +185,7 @@ fn image(
     Ok(Measurements::Image(images))
 }
 
-/// What equation error by total least squares finds in the same sightings, by the names of output error.
+/// What equation error by total least squares finds in the same observations, by the names of output error.
 fn by_equations(
     seen: &[MarkerObservation],
     (rig, markers): (&Rig, &[BodyMarker]),
@@ -260,7 +261,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let measured = if kind == "poses" {
             poses(&states, &mut seed)
         } else {
-            let seen = sightings(&states, (&rig, &markers), &kind, &mut seed)?;
+            let seen = observations(&states, (&rig, &markers), &kind, &mut seed)?;
             other = by_equations(&seen, (&rig, &markers), (&vehicle, &inputs))?;
             image(&seen, (&rig, &markers), &kind)?
         };

@@ -176,7 +176,7 @@ pub enum IdentifyError {
     /// Nothing to be estimated.
     #[error("no parameter is free: name at least one")]
     NothingFree,
-    /// Parameters that the flight cannot tell apart.
+    /// Parameters that the flight does not distinguish.
     #[error("the flight does not determine {}: {combination}; fix one of them, or fly a manoeuvre that moves them by themselves", names.join(", "))]
     NotDetermined {
         /// The parameters.

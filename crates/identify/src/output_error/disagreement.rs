@@ -1,6 +1,6 @@
 //! Whether two estimates of the same parameters disagree more than their uncertainties allow.
 
-use super::covariance::inverse;
+use super::inverse::inverse;
 use crate::IdentifyError;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -8,8 +8,8 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 /// How the errors of two estimates hang together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Correlation {
-    /// Independent, or of the same flight and so pulling the same way: the sum of the covariances, which is then too
-    /// large rather than too small.
+    /// Independent, or of the same flight and so pulling the same way: the sum of the covariances, which is
+    /// then too large rather than too small.
     IndependentOrAlike,
     /// Anything: the smallest bound of the kind (1 + 1/ω)C₁ + (1 + ω)C₂, which holds for every correlation.
     Unknown,
@@ -36,8 +36,8 @@ impl Disagreement {
 /// Compares two estimates with their covariances.
 ///
 /// # Errors
-/// [`IdentifyError::BadColumn`] for sizes that differ or numbers that are not finite; [`IdentifyError::RankZero`] for
-/// covariances whose sum is not positive definite.
+/// [`IdentifyError::BadColumn`] for sizes that differ or numbers that are not finite;
+/// [`IdentifyError::RankZero`] for covariances whose sum is not positive definite.
 pub fn disagreement(
     (first, first_covariance): (&DVector<f64>, &DMatrix<f64>),
     (second, second_covariance): (&DVector<f64>, &DMatrix<f64>),
@@ -55,7 +55,8 @@ pub fn disagreement(
     let total = match correlation {
         Correlation::IndependentOrAlike => first_covariance + second_covariance,
         Correlation::Unknown => {
-            // Of all ω the one with the smallest volume in the units of the first: the ratio of mean standard deviations.
+            // Of all ω the one with the smallest volume in the units of the first: the ratio of mean standard
+            // deviations.
             let ratio: f64 = (0..n)
                 .map(|k| (first_covariance[(k, k)] / second_covariance[(k, k)].max(f64::MIN_POSITIVE)).sqrt())
                 .sum::<f64>()

@@ -40,12 +40,12 @@ fn errors_that_last_are_found_and_weighed() {
     }
     let fit = output_error(&model, &inputs, &Measurements::States(samples), &OutputErrorOptions::default())
         .expect("a fit");
-    let lasting = fit.lasting.expect("errors that last");
-    println!("{lasting:?}, {} instants", fit.correlated_instants);
-    let Extent::Time(time_s) = lasting.extent else { panic!("{lasting:?}") };
-    assert!((0.25..1.0).contains(&time_s), "{lasting:?}");
+    let errors = fit.systematic.expect("correlated errors");
+    println!("{errors:?}, {} instants", fit.correlated_instants);
+    let Extent::Time(time_s) = errors.extent else { panic!("{errors:?}") };
+    assert!((0.25..1.0).contains(&time_s), "{errors:?}");
     // 4 of 4.25 parts.
-    assert!((0.85..0.99).contains(&lasting.share), "{lasting:?}");
+    assert!((0.85..0.99).contains(&errors.share), "{errors:?}");
     assert!(fit.notes.iter().any(|n| n.contains("lasts about")), "{:?}", fit.notes);
     check(&fit, &vehicle, 0.0);
 }
