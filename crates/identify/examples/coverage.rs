@@ -19,8 +19,8 @@ use mavsight_geometry::{
     Vector3, world_from_body,
 };
 use mavsight_identify::output_error::{
-    FlightModel, ImageMeasurements, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions,
-    StateMeasurement, output_error,
+    FittedParameter, FlightModel, ImageMeasurements, Measurements, ModelParameter, OutputErrorFit,
+    OutputErrorOptions, StateMeasurement, output_error,
 };
 use mavsight_identify::{Bandwidth, Estimator, FitOptions, Model, Options, coefficients, identify_with};
 use mavsight_pose::{
@@ -231,6 +231,20 @@ struct Tally {
     by_equations: (f64, f64),
 }
 
+impl Tally {
+    fn add(&mut self, p: &FittedParameter, true_value: f64, by_equations: Option<f64>) {
+        self.held += usize::from(p.ci_low <= true_value && true_value <= p.ci_high);
+        self.normalised += (p.value - true_value) / p.std;
+        self.squares += (p.value - true_value).powi(2);
+        self.variance += p.std.powi(2);
+        self.bound += p.bound_std.powi(2);
+        if let Some(value) = by_equations {
+            self.by_equations.0 += (value - true_value).powi(2);
+            self.by_equations.1 += (p.value - true_value).powi(2);
+        }
+    }
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut words = std::env::args().skip(1);
     let kind = words.next().unwrap_or_else(|| "poses".to_owned());
@@ -284,15 +298,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 ModelParameter::Coefficient(c) => truth.get(c),
                 ModelParameter::InputLag => 0.0,
             };
-            tally.held += usize::from(p.ci_low <= true_value && true_value <= p.ci_high);
-            tally.normalised += (p.value - true_value) / p.std;
-            tally.squares += (p.value - true_value).powi(2);
-            tally.variance += p.std.powi(2);
-            tally.bound += p.bound_std.powi(2);
-            if let Some((_, value)) = other.iter().find(|(name, _)| name == p.name) {
-                tally.by_equations.0 += (value - true_value).powi(2);
-                tally.by_equations.1 += (p.value - true_value).powi(2);
-            }
+            let by_equations = other.iter().find(|(name, _)| name == p.name).map(|(_, value)| *value);
+            tally.add(p, true_value, by_equations);
         }
     }
     let n = (flights - failed) as f64;

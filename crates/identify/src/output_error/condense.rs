@@ -15,6 +15,13 @@ pub(crate) struct Condensed {
     gains: Vec<DMatrix<f64>>,
 }
 
+/// Tightness of the gaps between segments ([`gap_information`]), and damping of the start and parameters (Marquardt 1963).
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Penalty {
+    pub(crate) tightness: f64,
+    pub(crate) damping: f64,
+}
+
 impl Condensed {
     /// Folds the segments into the first from the last on: at each gap the next start is eliminated, with x =
     /// u + c, u what the segment before leads to and c held near zero (Bock 1983; Albersmeyer & Diehl 2010).
@@ -22,7 +29,7 @@ impl Condensed {
         problem: &Shooting<'_>,
         at: &Evaluation,
         nuisances: &DVector<f64>,
-        (tightness, damping): (f64, f64),
+        penalty: Penalty,
     ) -> Result<Self, IdentifyError> {
         let n = at.segments[0].quadratic.ncols();
         let m = at.segments[0].end_by.ncols();
@@ -30,11 +37,11 @@ impl Condensed {
         let damped = |s: usize| {
             let mut q = at.segments[s].quadratic.clone();
             for i in 0..m {
-                q[(i, i)] *= 1.0 + damping;
+                q[(i, i)] *= 1.0 + penalty.damping;
             }
             q
         };
-        let information = gap_information(tightness);
+        let information = gap_information(penalty.tightness);
         let mut gains = Vec::with_capacity(at.segments.len());
         let mut q = damped(at.segments.len() - 1);
         for s in (0..at.segments.len() - 1).rev() {

@@ -1,7 +1,7 @@
 //! The expected result of an output-error fit of a planned flight.
 
 use super::determined::{refuse_undetermined, typical};
-use super::fitter::{Fitter, TIGHTNESS};
+use super::fitter::{Begin, Fitter, Recorded, TIGHTNESS};
 use super::inverse::inverse;
 use super::linear::Linear;
 use super::measure::{Measurements, StateMeasurement};
@@ -80,7 +80,8 @@ pub fn expected_fit(
     let measurements = Measurements::States(measured);
     measurements.check()?;
     let nodes = nodes(&measurements.times_s(), states, options.segment_s);
-    let fitter = Fitter::at((model, model.clone()), nodes, (inputs, &measurements), options)?;
+    let begin = Begin { model: model.clone(), nodes };
+    let fitter = Fitter::at(model, begin, Recorded { inputs, measurements: &measurements }, options)?;
     let (condensed, records) = fitter.linearised(TIGHTNESS[3])?;
     let linear = Linear::new(&fitter, &condensed, &records);
     let undetermined = refuse_undetermined(&fitter, &condensed, &records).err().map(|e| e.to_string());

@@ -1,6 +1,6 @@
 //! State of an output-error fit.
 
-use super::condense::Condensed;
+use super::condense::{Condensed, Penalty};
 use super::inverse::inverse;
 use super::measure::Measurements;
 use super::model::{FlightModel, ModelParameter};
@@ -42,6 +42,20 @@ pub(crate) struct Fitter<'a> {
     pub(super) limit: usize,
 }
 
+/// Where the iteration begins.
+pub(super) struct Begin {
+    pub(super) model: FlightModel,
+    /// States with which the segments begin, each with its instant.
+    pub(super) nodes: Vec<(usize, StateVector)>,
+}
+
+/// What was recorded of a flight.
+#[derive(Clone, Copy)]
+pub(super) struct Recorded<'a> {
+    pub(super) inputs: &'a InputSeries,
+    pub(super) measurements: &'a Measurements,
+}
+
 impl<'a> Fitter<'a> {
     pub(super) fn new(
         start: &FlightModel,
@@ -51,16 +65,17 @@ impl<'a> Fitter<'a> {
     ) -> Result<Self, IdentifyError> {
         let segment_s = if options.segment_s > 0.0 { options.segment_s } else { f64::INFINITY };
         let (model, nodes) = nodes(start, inputs, measurements, segment_s)?;
-        Self::at((start, model), nodes, (inputs, measurements), options)
+        Self::at(start, Begin { model, nodes }, Recorded { inputs, measurements }, options)
     }
 
-    /// At a model and at states with which the segments begin, each with its instant.
+    /// A fit that begins at given values; `start` has the values before the fit.
     pub(super) fn at(
-        (start, model): (&FlightModel, FlightModel),
-        nodes: Vec<(usize, StateVector)>,
-        (inputs, measurements): (&'a InputSeries, &'a Measurements),
+        start: &FlightModel,
+        begin: Begin,
+        recorded: Recorded<'a>,
         options: &OutputErrorOptions,
     ) -> Result<Self, IdentifyError> {
+        let (Begin { model, nodes }, Recorded { inputs, measurements }) = (begin, recorded);
         let times_s = measurements.times_s();
         let mut bounds: Vec<usize> = nodes.iter().map(|(i, _)| *i).collect();
         bounds.push(times_s.len());
@@ -109,7 +124,7 @@ impl<'a> Fitter<'a> {
     }
 
     pub(crate) fn condensed(&self, tightness: f64, damping: f64) -> Result<Condensed, IdentifyError> {
-        Condensed::new(&self.problem, &self.at, &self.point.nuisances, (tightness, damping))
+        Condensed::new(&self.problem, &self.at, &self.point.nuisances, Penalty { tightness, damping })
     }
 
     pub(super) fn stage(&mut self, hold_times: bool, longest_step_s: f64) -> Result<(), IdentifyError> {

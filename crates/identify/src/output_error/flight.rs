@@ -4,8 +4,8 @@ use super::measure::{Measurements, StateMeasurement};
 use super::model::{FlightModel, ModelParameter};
 use super::prediction::predict_poses;
 use super::{
-    Correlation, Disagreement, ImageMeasurements, InitialFlapping, OutputErrorFit, OutputErrorOptions,
-    disagreement, output_error,
+    Correlation, Disagreement, Estimates, ImageMeasurements, InitialFlapping, OutputErrorFit,
+    OutputErrorOptions, disagreement, output_error,
 };
 use crate::{Identification, IdentifyError};
 use mavsight_flight::{InputSample, InputSeries, Vehicle};
@@ -122,8 +122,8 @@ pub struct Comparison {
     pub test: Disagreement,
 }
 
-/// Estimates with their covariance.
-struct Estimates {
+/// NamedEstimates with their covariance.
+struct NamedEstimates {
     estimator: String,
     names: Vec<String>,
     values: Vec<f64>,
@@ -212,9 +212,9 @@ impl FlightFits {
         &self,
         equation_error: Option<(&Identification, crate::Estimator)>,
     ) -> Vec<Comparison> {
-        let mut all: Vec<Estimates> =
+        let mut all: Vec<NamedEstimates> =
             equation_error.and_then(|(i, e)| of_equations(i, e, self.speeds)).into_iter().collect();
-        all.extend(self.named().map(|(name, fit)| Estimates {
+        all.extend(self.named().map(|(name, fit)| NamedEstimates {
             estimator: name.to_owned(),
             names: fit.parameters.iter().map(|p| p.name.to_owned()).collect(),
             values: fit.parameters.iter().map(|p| p.value).collect(),
@@ -285,7 +285,7 @@ fn of_equations(
     identification: &Identification,
     estimator: crate::Estimator,
     speeds: Option<Speeds>,
-) -> Option<Estimates> {
+) -> Option<NamedEstimates> {
     let fits = || identification.fits.iter().filter(|f| f.estimator == estimator);
     let (mut names, mut values, mut places) = (Vec::new(), Vec::new(), Vec::new());
     for (k, fit) in fits().enumerate() {
@@ -312,23 +312,23 @@ fn of_equations(
         };
         correlation * std_a * std_b
     });
-    (n > 0).then(|| Estimates { estimator: estimator.name().to_owned(), names, values, covariance })
+    (n > 0).then(|| NamedEstimates { estimator: estimator.name().to_owned(), names, values, covariance })
 }
 
-fn compare(first: &Estimates, second: &Estimates) -> Option<Comparison> {
+fn compare(first: &NamedEstimates, second: &NamedEstimates) -> Option<Comparison> {
     let shared: Vec<(usize, usize)> = first
         .names
         .iter()
         .enumerate()
         .filter_map(|(i, name)| Some((i, second.names.iter().position(|n| n == name)?)))
         .collect();
-    let part = |e: &Estimates, index: &[usize]| {
+    let part = |e: &NamedEstimates, index: &[usize]| {
         let values = DVector::from_iterator(index.len(), index.iter().map(|i| e.values[*i]));
-        (values, e.covariance.select_rows(index).select_columns(index))
+        Estimates { values, covariance: e.covariance.select_rows(index).select_columns(index) }
     };
     let (a, b): (Vec<usize>, Vec<usize>) = shared.into_iter().unzip();
     let (one, other) = (part(first, &a), part(second, &b));
-    let test = disagreement((&one.0, &one.1), (&other.0, &other.1), Correlation::IndependentOrAlike).ok()?;
+    let test = disagreement(&one, &other, Correlation::IndependentOrAlike).ok()?;
     Some(Comparison {
         between: (first.estimator.clone(), second.estimator.clone()),
         parameters: a.iter().map(|i| first.names[*i].clone()).collect(),
