@@ -69,7 +69,7 @@ impl InputSeries {
         Ok(Self { samples, channels: Vec::new() })
     }
 
-    /// The same series with more quantities.
+    /// This series with more quantities.
     ///
     /// # Errors
     /// [`FlightError::BadChannel`] where one has not a finite value for each sample.

@@ -12,7 +12,7 @@ pub(crate) struct Coloured {
 /// The covariance B Xᵀ R X B of x = B Xᵀ y for errors of y with the autocovariances `gamma` times a level
 /// that the residuals show: their sum of squares over its expectation tr((I - P)R), P = X (XᵀX)⁻¹ Xᵀ.
 ///
-/// `once` are errors beside those, each one direction that happens once, of variance one: R has their
+/// `once` are further errors, each one direction that happens once, of variance one: R has their
 /// products as well.
 ///
 /// The residuals' level is distributed about as chi-square with tr((I - P)R)²/tr(((I - P)R)²) degrees of

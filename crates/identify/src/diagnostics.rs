@@ -17,7 +17,7 @@ pub struct Collinearity {
     /// (same, section 3.3).
     pub variance_proportions: DMatrix<f64>,
     /// By how much each parameter's variance exceeds that without the other columns; about the mean for
-    /// columns beside a constant one (Marquardt 1970).
+    /// columns next to a constant one (Marquardt 1970).
     pub variance_inflation: DVector<f64>,
 }
 
@@ -80,7 +80,7 @@ impl Collinearity {
     }
 }
 
-/// Correlations of parameters from their covariance; zero beside one that has no variance.
+/// Correlations of parameters from their covariance; zero next to one that has no variance.
 pub fn correlations(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let std = covariance.diagonal().map(|v| v.max(0.0).sqrt());
     DMatrix::from_fn(covariance.nrows(), covariance.ncols(), |i, j| {
@@ -166,7 +166,7 @@ pub fn agreement(measured: &[f64], predicted: &[f64]) -> Agreement {
 /// e with H its part of the hat matrix. Infinite where a block's rows alone hold a parameter.
 ///
 /// # Errors
-/// The same as [`crate::least_squares`].
+/// The errors of [`crate::least_squares`].
 pub fn press(regressors: &DMatrix<f64>, output: &DVector<f64>, block: usize) -> Result<f64, IdentifyError> {
     check(regressors, output)?;
     let factored = Factored::new(regressors)?;

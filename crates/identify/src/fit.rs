@@ -110,7 +110,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// Its value at a row of the table that was fitted.
+    /// The fitted value at a row of the table.
     pub fn at(&self, output: &Output, row: usize) -> f64 {
         let parts = output.columns.iter().zip(&self.factors).map(|(c, factor)| c.values[row] * factor);
         parts.sum::<f64>() + self.offset

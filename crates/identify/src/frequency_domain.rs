@@ -18,7 +18,7 @@ pub fn fourier_transform(series: &[f64], dt_s: f64, frequencies_hz: &[f64]) -> V
 /// At an angle a sample.
 fn transform_at(series: &[f64], dt_s: f64, angle: f64) -> (f64, f64) {
     let Some(last) = series.len().checked_sub(1).filter(|last| *last > 0) else { return (0.0, 0.0) };
-    // A rotation by a constant angle loses a digit in about a thousand steps: it is set anew before that.
+    // A rotation by a constant angle loses a digit in about a thousand steps: it is set again before that.
     const RESTART: usize = 64;
     let (step_c, step_s) = (angle.cos(), angle.sin());
     let (mut c, mut s) = (1.0, 0.0);

@@ -31,7 +31,7 @@ pub struct LeastSquares {
 /// Householder QR of scaled columns, refined with residuals in twice the working precision (Björck 1967). The
 /// covariance of correlated residuals is White's sandwich with Bartlett weights (Newey & West 1987): behind a
 /// smoother they are coloured, and σ²(XᵀX)⁻¹ would be too small (Morelli & Klein 1997). Zero rows still allow
-/// for unequal variance. Valid where errors of the regressors are small beside what they vary by.
+/// for unequal variance. Valid where errors of the regressors are small against their variation.
 ///
 /// # Errors
 /// Fewer rows than columns, numbers that are not finite, or columns of deficient rank
@@ -67,7 +67,7 @@ pub fn least_squares(
 /// Values and covariance are those of the rows as given; residuals, leverages and PRESS of the divided ones.
 ///
 /// # Errors
-/// The same as [`least_squares`]; standard deviations that are not positive and finite.
+/// The errors of [`least_squares`]; standard deviations that are not positive and finite.
 pub fn weighted_least_squares(
     regressors: &DMatrix<f64>,
     output: &DVector<f64>,

@@ -93,7 +93,7 @@ pub struct OutputModel {
     pub name: String,
     /// What is explained.
     pub measured: Measured,
-    /// Its unit.
+    /// Unit of the signal.
     pub scale: Scale,
     /// Names of [`SIGNALS`] or of channels of the inputs, or products of them such as `kappa_u*alpha_u`.
     pub regressors: Vec<String>,

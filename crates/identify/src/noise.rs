@@ -10,7 +10,7 @@ pub(crate) enum Source {
     Turn(usize),
 }
 
-/// The frequency response from that to a signal, beside the low-passes that all signals have passed.
+/// The frequency response from that to a signal, in addition to the low-passes that all signals have passed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Transfer {
     /// (iω)ⁿ.
@@ -151,7 +151,7 @@ pub struct ErrorSpectrum {
 }
 
 impl ErrorSpectrum {
-    /// That of some of the signals.
+    /// The spectrum of some of the signals.
     pub(crate) fn of_signals(&self, kept: &[usize]) -> Self {
         let at = |signals: &Vec<(f64, f64)>| kept.iter().map(|j| signals[*j]).collect();
         let responses = self.responses.iter().map(|source| source.iter().map(at).collect()).collect();

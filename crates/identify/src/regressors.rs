@@ -12,7 +12,7 @@ use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_pose::Motion;
 use nalgebra::{DMatrix, DVector};
 
-/// The low-pass that both sides of a regression pass beside the smoother's.
+/// The low-pass that both sides of a regression pass in addition to the smoother's.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Bandwidth {
     /// Of a grid below the smoother's the lowest whose parameters have, in the geometric mean, standard
@@ -50,7 +50,7 @@ impl Default for Options {
 }
 
 impl Options {
-    /// The same for each equation of the model by itself.
+    /// These options for each equation of the model by itself.
     ///
     /// # Errors
     /// Those of [`Model::equation_3`].

@@ -41,7 +41,7 @@ pub fn total_least_squares_by_row(
     by_row(regressors, output, (errors.len(), &|i| errors[i].clone()), correlation)
 }
 
-/// The same with so many covariances that are formed when they are asked for.
+/// Total least squares with the error covariance of each row, where the covariances are formed on demand.
 pub(crate) fn by_row(
     regressors: &DMatrix<f64>,
     output: &DVector<f64>,

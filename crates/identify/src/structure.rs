@@ -28,7 +28,7 @@ pub struct Structure {
 /// choice are a little too narrow.
 ///
 /// # Errors
-/// The same as [`crate::least_squares`]; [`IdentifyError::RankZero`] where `always` names dependent columns
+/// The errors of [`crate::least_squares`]; [`IdentifyError::RankZero`] where `always` names dependent columns
 /// or nothing predicts better than zero.
 pub fn stepwise(
     candidates: &DMatrix<f64>,
@@ -89,7 +89,7 @@ pub fn stepwise(
 /// Blocks are one period of the low-pass of the output long, over which what it leaves is correlated.
 ///
 /// # Errors
-/// The same as [`stepwise`].
+/// The errors of [`stepwise`].
 pub fn choose_structure(
     table: &CoefficientTable,
 ) -> Result<(CoefficientTable, Vec<Structure>), IdentifyError> {

@@ -20,7 +20,7 @@ pub struct Column {
 pub struct Fixed {
     /// Name of its column.
     pub name: String,
-    /// Its value.
+    /// Value of the coefficient.
     pub value: f64,
 }
 
@@ -50,7 +50,7 @@ pub struct Output {
 }
 
 impl Output {
-    /// The same with some of the regressors.
+    /// This output with some of the regressors.
     pub(crate) fn with_columns(&self, chosen: &[usize]) -> Self {
         let kept: Vec<usize> = chosen.iter().copied().chain([self.columns.len()]).collect();
         Self {

@@ -45,7 +45,7 @@ pub fn independent_errors(column_std: &[f64], output_std: f64) -> DMatrix<f64> {
 /// others the weighted sum of products of the scores a_i v_i - s v_i²/σ_v² between M⁻¹.
 ///
 /// # Errors
-/// The same as [`crate::least_squares`]; [`IdentifyError::BadErrors`] for an `errors` that is not a
+/// The errors of [`crate::least_squares`]; [`IdentifyError::BadErrors`] for an `errors` that is not a
 /// covariance or leaves the output exact; [`IdentifyError::NonGeneric`] where no solution exists.
 pub fn total_least_squares(
     regressors: &DMatrix<f64>,

@@ -15,7 +15,8 @@ pub(crate) struct Condensed {
     gains: Vec<DMatrix<f64>>,
 }
 
-/// Tightness of the gaps between segments ([`gap_information`]), and damping of the start and parameters (Marquardt 1963).
+/// Tightness of the gaps between segments ([`gap_information`]), and damping of the start and parameters
+/// (Marquardt 1963).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Penalty {
     pub(crate) tightness: f64,
@@ -52,7 +53,7 @@ impl Condensed {
             let top = q.rows(0, TANGENT).into_owned();
             let gain = block.cholesky().ok_or(IdentifyError::RankZero)?.solve(&top);
             q -= top.transpose() * &gain;
-            // Top rows as W (L + W)⁻¹ L in place of L - L (L + W)⁻¹ L, which cancels where W is small beside
+            // Top rows as W (L + W)⁻¹ L in place of L - L (L + W)⁻¹ L, which cancels where W is small against
             // L.
             for i in 0..TANGENT {
                 for j in 0..n {

@@ -129,8 +129,8 @@ impl Instants {
         excess > 5.0 * chance.sqrt()
     }
 
-    /// The same for rows of any variance at any instant (White 1980; Newey & West 1987): the
-    /// Bartlett-weighted sum of the products of what the residuals of instants, as they are, do to the
+    /// The parameters' covariance for rows of any variance at any instant (White 1980; Newey & West 1987):
+    /// the Bartlett-weighted sum of the products of what the residuals of instants, as they are, do to the
     /// parameters. `lag`, or what Newey & West (1994) take for the number of instants, whichever is more.
     fn scores_spread(&self, lag: usize) -> DMatrix<f64> {
         let scores: Vec<DVector<f64>> = self

@@ -26,7 +26,7 @@ impl Fitter<'_> {
     /// further ones, which close the gaps and hold the rest (the second-order correction of Fletcher 1982),
     /// each leave less than half of what was too much and end below the squares before. Without holding the
     /// rest they would go on along the constraint, where cameras, markers and start can move together, and
-    /// open the gaps anew.
+    /// open the gaps again.
     pub(super) fn converge(&mut self, tightness: f64, promised: f64) {
         let mut damping: f64 = 0.0;
         let mut watched: Option<Watched> = None;
@@ -82,7 +82,7 @@ impl Fitter<'_> {
         }
     }
 
-    /// Where a step leads, and in `promise` by how much it lowers the squares if they are quadratic.
+    /// The point after a step; `promise` becomes the predicted decrease of the squares.
     fn step(&mut self, tightness: f64, damping: f64) -> Option<Point> {
         let condensed = self.condensed(tightness, damping).ok()?;
         let (step, left) = condensed.minimum()?;

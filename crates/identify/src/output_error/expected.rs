@@ -22,9 +22,9 @@ const NORMAL_95: f64 = 1.959_964;
 pub struct ExpectedParameter {
     /// The parameter.
     pub parameter: ModelParameter,
-    /// Its name.
+    /// Name of the parameter.
     pub name: &'static str,
-    /// Its value in the planned flight.
+    /// Value in the planned flight.
     pub value: f64,
     /// Standard deviation that an estimate will have: the Cramér-Rao bound.
     pub std: f64,
@@ -54,7 +54,7 @@ pub struct ExpectedFit {
 /// measurements that are as good as they say, about the motion with the model's own values; `states` are
 /// those of the motion at the instants of the measurements, each of which holds a pose and nothing else.
 ///
-/// The same integration, sensitivities, constraint between segments and unknown start as in the fit: the
+/// Uses the integration, sensitivities, constraint between segments and unknown start of the fit: the
 /// inverse of the information, which is Cramér and Rao's bound and, for an efficient estimator, the
 /// covariance (Maine & Iliff 1985).
 ///

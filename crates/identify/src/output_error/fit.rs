@@ -15,7 +15,8 @@ use super::shooting::moved_point;
 use crate::IdentifyError;
 use mavsight_flight::InputSeries;
 
-/// The fit ends when the next step promises less than this: a hundredth of a standard deviation.
+/// The fit ends when the predicted decrease of the squares is below this: a hundredth of a standard
+/// deviation.
 const LAST_PROMISE: f64 = 1e-4;
 const RELAXATIONS: usize = 8;
 /// Variance factors that change by less have converged.

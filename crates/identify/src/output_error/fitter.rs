@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector};
 /// Tightness of the gaps: loose enough for any start, then far below what is measured. With the last one a
 /// gap costs less than 1e-9 m.
 pub(super) const TIGHTNESS: [f64; 4] = [3e-2, 3e-3, 1e-4, 1e-7];
-/// A stage ends when the next step promises less than this of the squares.
+/// A stage ends when the predicted decrease of the squares is below this.
 pub(super) const PROMISE: [f64; 4] = [100.0, 100.0, 10.0, 0.1];
 /// Claimed noise is not believed to be more than a hundred times too large: exact data would drive the
 /// weights up for ever.

@@ -130,7 +130,7 @@ impl FlightModel {
             .collect()
     }
 
-    /// The same with the lag of the inputs free as well.
+    /// This model with the lag of the inputs free as well.
     #[must_use]
     pub fn with_free_lag(mut self) -> Self {
         if !self.free.contains(&ModelParameter::InputLag) {

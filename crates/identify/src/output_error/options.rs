@@ -22,7 +22,7 @@ pub enum NoiseModel {
 /// What a user may choose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutputErrorOptions {
-    /// Length of the segments; infinite for single shooting. A quarter of a second is short beside the time
+    /// Length of the segments; infinite for single shooting. A quarter of a second is short against the time
     /// in which a small aircraft runs away, and a few of a camera's intervals.
     pub segment_s: f64,
     /// The start.

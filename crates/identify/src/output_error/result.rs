@@ -11,7 +11,7 @@ use nalgebra::DMatrix;
 pub struct FittedParameter {
     /// The parameter.
     pub parameter: ModelParameter,
-    /// Its name.
+    /// Name of the parameter.
     pub name: &'static str,
     /// Estimate.
     pub value: f64,

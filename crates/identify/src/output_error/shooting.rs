@@ -72,7 +72,7 @@ pub(crate) struct Evaluation {
     pub(crate) nuisance_gradient: DVector<f64>,
     /// Weighted squares of all rows.
     pub(crate) chi_square: f64,
-    /// The same with priors, without gaps.
+    /// Weighted squares of all rows and priors, without gaps.
     pub(crate) fit: f64,
     pub(crate) gap_squares: [f64; TANGENT],
     /// Weighted squares of each channel, and their number.
