@@ -11,8 +11,8 @@ use mavsight_pipeline::{
 use mavsight_pose::{MovedObject, Rig};
 use mavsight_session::{FrameSource, Session, SessionError, read_image};
 
-/// Calibrates the cameras of a session: from stills of its control points or from clicked pixels, together with a wand
-/// and a board where it has them. A session that names a rig file has the cameras of that.
+/// Calibrates the cameras of a session: from stills of its control points or from clicked pixels, together
+/// with a wand and a board where it has them. A session that names a rig file has the cameras of that.
 ///
 /// # Errors
 /// Files that are wrong, and what the calibration refuses.
@@ -56,7 +56,7 @@ fn objects_of(session: &Session) -> Result<Vec<MovedObject>, EngineError> {
         objects.push(wand_of(&wand, feeds_if_any(session, |k| session.open_wand(k))?)?);
     }
     if let Some(board) = &session.board {
-        let coded = board.coded().map_err(|(key, detail)| EngineError::Board { key: key.into(), detail })?;
+        let coded = board.coded().map_err(|e| EngineError::Board { key: e.key.into(), detail: e.detail })?;
         let board = Board {
             columns: board.columns,
             rows: board.rows,

@@ -11,7 +11,8 @@ use mavsight_pipeline::{
 use mavsight_pose::Motion;
 use mavsight_session::RunResults;
 
-/// Smooths the poses of the results into motion and identifies its parameters; what the flight does not determine becomes a note.
+/// Smooths the poses of the results into motion and identifies its parameters; what the flight does not
+/// determine becomes a note.
 ///
 /// # Errors
 /// A model, a setting or a vehicle that is wrong.
@@ -40,8 +41,8 @@ pub(crate) fn identify_into(
     }
 }
 
-/// Identifies the parameters from a motion, which becomes part of the results: by equation error, and by output error where
-/// the results have poses.
+/// Identifies the parameters from a motion, which becomes part of the results: by equation error, and by
+/// output error where the results have poses.
 ///
 /// # Errors
 /// A model, a setting or a vehicle that is wrong.
@@ -56,7 +57,7 @@ pub fn identify_from_motion(
         results.notes.push("No parameters: the session names no inputs.".to_owned());
         return Ok(());
     };
-    let solved = equation_error(&mut motion, recorded, flight, (&mut results.notes, progress));
+    let solved = equation_error(&mut motion, recorded, flight, &mut results.notes, progress);
     results.motion = Some(motion);
     let mut inputs = None;
     match solved {
@@ -87,12 +88,14 @@ pub fn identify_from_motion(
     Ok(())
 }
 
-/// Equation error over the part of the motion that the inputs cover; where that has a gap, over its longest part without one.
+/// Equation error over the part of the motion that the inputs cover; where that has a gap, over its longest
+/// part without one.
 fn equation_error(
     motion: &mut Motion,
     recorded: &InputSeries,
     flight: &Flight<'_>,
-    (notes, progress): (&mut Vec<String>, &dyn Progress),
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
 ) -> Result<Solution, PipelineError> {
     let all = 0..motion.samples.len();
     let mut covered = recorded.covered_range(&motion.samples, |s| s.t_ns);
@@ -115,7 +118,8 @@ fn equation_error(
     })
 }
 
-/// Output error from the poses, and from the images where there are any; with the body as refined from the flight.
+/// Output error from the poses, and from the images where there are any; with the body as refined from the
+/// flight.
 fn output_error(
     results: &RunResults,
     flight: &Flight<'_>,

@@ -1,8 +1,9 @@
 //! The whole pipeline as a library: a recorded session in, its results out.
 //!
-//! [`run`] carries a session through calibration, tracking, association, poses, smoothing and identification. Each stage
-//! can be called by itself: [`calibrate`], [`track`], [`solve`], [`identify_from_poses`]. Nothing here prints, writes a
-//! report or reads a truth file; what cannot be had of a flight is a note in the results.
+//! [`run`] carries a session through calibration, tracking, association, poses, smoothing and
+//! identification. Each stage can be called by itself: [`calibrate`], [`track`], [`solve`],
+//! [`identify_from_poses`]. Nothing here prints, writes a report or reads a truth file; what cannot be had
+//! of a flight is a note in the results.
 
 mod calibration;
 mod error;

@@ -19,7 +19,8 @@ pub struct Options<'a> {
     pub lag_s: Option<f64>,
     /// From and to: a part of the flight that no fit uses, for validation.
     pub held_out_s: Option<(f64, f64)>,
-    /// Where the results will be written: `markers.csv` of a long flight waits there from early on, to save memory.
+    /// Where the results will be written: `markers.csv` of a long flight waits there from early on, to save
+    /// memory.
     pub results_folder: Option<&'a Path>,
 }
 
@@ -37,8 +38,8 @@ pub struct Flight<'a> {
 }
 
 impl<'a> Flight<'a> {
-    /// The flight of a session, with the model that it names. Output error is left out where there is a model: its
-    /// equations of motion are a coaxial helicopter's, and a model file is of another aircraft.
+    /// The flight of a session, with the model that it names. Output error is left out where there is a
+    /// model: its equations of motion are a coaxial helicopter's, and a model file is of another aircraft.
     ///
     /// # Errors
     /// A model file that is wrong.
@@ -64,12 +65,12 @@ pub fn recorded_inputs(session: &Session) -> Result<Option<InputSeries>, EngineE
     session.has_inputs().then(|| input(session.inputs())).transpose()
 }
 
-/// Carries a recorded session through all stages: cameras, observations, poses, motion and parameters, each with its
-/// uncertainty, and notes on what could not be had.
+/// Carries a recorded session through all stages: cameras, observations, poses, motion and parameters, each
+/// with its uncertainty, and notes on what could not be had.
 ///
 /// # Errors
-/// Files that are missing or wrong, recordings that cannot be read, and what calibration and tracking refuse. A flight
-/// that moves too little for motion or parameters is no error.
+/// Files that are missing or wrong, recordings that cannot be read, and what calibration and tracking
+/// refuse. A flight that moves too little for motion or parameters is no error.
 pub fn run(
     session: &Session,
     options: &Options<'_>,
@@ -82,8 +83,9 @@ pub fn run(
     solve(&flight, tracked, options.results_folder, progress)
 }
 
-/// Smooths the poses of a tracked flight into motion and identifies its parameters. Where a folder for the results is
-/// given, the observations of a long flight wait in it, and the results keep those that output error needs.
+/// Smooths the poses of a tracked flight into motion and identifies its parameters. Where a folder for the
+/// results is given, the observations of a long flight wait in it, and the results keep those that output
+/// error needs.
 ///
 /// # Errors
 /// A model, a setting or a vehicle that is wrong; a folder that cannot be written.

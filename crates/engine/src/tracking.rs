@@ -17,8 +17,9 @@ pub struct TrackedFlight {
     pub body: Vec<MarkerAsBuilt>,
 }
 
-/// Tracks the markers through all recordings of a session, associates them and estimates one pose an instant. Where the
-/// session asks for it, cameras and markers are refined from the flight; a note says why they could not be.
+/// Tracks the markers through all recordings of a session, associates them and estimates one pose an
+/// instant. Where the session asks for it, cameras and markers are refined from the flight; a note says why
+/// they could not be.
 ///
 /// # Errors
 /// Recordings that cannot be read, and what [`mavsight_pipeline::track`] refuses.

@@ -1,7 +1,7 @@
-//! What a user sees of a running flight, as JSON: one object an event, told apart by `event`.
+//! What a user sees of a running flight, as JSON: one object an event, whose kind `event` names.
 //!
-//! Positions are metres in world axes, quaternions (w, x, y, z), angles radians, times seconds since the flight began unless
-//! a name says otherwise. Newline JSON and the browser page carry the same objects.
+//! Positions are metres in world axes, quaternions (w, x, y, z), angles radians, times seconds since the
+//! flight began unless a name says otherwise. Newline JSON and the browser page carry the same objects.
 
 use serde::Serialize;
 
@@ -59,7 +59,8 @@ pub enum Event {
         /// What went wrong, such as a full disk.
         fault: Option<String>,
     },
-    /// The answer to a self-check or calibration that was asked for, or anything else that a user should read.
+    /// The answer to a self-check or calibration that was asked for, or anything else that a user should
+    /// read.
     Note {
         /// Instant.
         t_s: f64,
@@ -146,7 +147,8 @@ pub struct CameraView {
     pub height_px: u32,
     /// Where it stands.
     pub centre_m: [f64; 3],
-    /// Directions in world axes, of unit length in depth, of the image's corners: left top, right top, right bottom, left bottom.
+    /// Directions in world axes, of unit length in depth, of the image's corners: left top, right top, right
+    /// bottom, left bottom.
     pub corners: [[f64; 3]; 4],
 }
 
@@ -172,7 +174,7 @@ pub struct DetectedBall {
     pub v_px: f64,
     /// Diameter.
     pub diameter_px: f64,
-    /// The marker it was told to be.
+    /// The marker that it shows, where it is identified.
     pub marker: Option<usize>,
     /// What the pose leaves of it: seen less projected.
     pub residual_px: Option<[f64; 2]>,

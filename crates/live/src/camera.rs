@@ -1,10 +1,11 @@
 //! The two threads of a camera: one fetches frames, one tracks.
 
-use crate::queue::locked;
+use crate::queue::{Popped, Queue, locked};
 use crate::setup::{CameraSetup, Pace, Tap};
-use crate::{FlightClock, Interrupt, LiveError, Next, Popped, Queue, Source};
+use crate::{FlightClock, Interrupt, LiveError, Next, Source};
 use mavsight_geometry::ImageSize;
-use mavsight_pipeline::{CameraTracker, Sight as TrackedDetection, TrackedFrame};
+use mavsight_pipeline::{CameraTracker, TrackedFrame};
+use mavsight_pose::TrackedDetection;
 use mavsight_vision::Frame;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::SyncSender;

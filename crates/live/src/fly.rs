@@ -4,12 +4,12 @@ mod cameras;
 mod report;
 
 use crate::camera::{Camera, Report, Seen, Shared};
+use crate::motion::MotionFilter;
 use crate::parameters::Parameters;
 use crate::setup::{FlightSummary, Pace, Setup};
+use crate::state::TrackingState;
 use crate::status::CameraStatus;
-use crate::{
-    FlightClock, Listeners, LiveError, LivePipeline, MotionFilter, RecorderSlot, TrackingState, events,
-};
+use crate::{FlightClock, Listeners, LiveError, LivePipeline, RecorderSlot, events};
 use mavsight_flight::Vehicle;
 use mavsight_link::Event;
 use mavsight_pipeline::CameraTracker;

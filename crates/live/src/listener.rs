@@ -1,6 +1,7 @@
 //! Listeners of a flight, each at its own pace.
 
-use crate::{LiveError, Popped, Queue};
+use crate::LiveError;
+use crate::queue::{Popped, Queue};
 use mavsight_link::{Event, Fix};
 use std::sync::Arc;
 use std::thread::JoinHandle;

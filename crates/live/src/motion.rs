@@ -16,7 +16,7 @@ const MOST_KEPT: usize = 2400;
 /// of the flight, and again from the first twenty. The filter then processes those poses, so that its state
 /// is that of a filter with this noise.
 #[derive(Debug)]
-pub struct MotionFilter {
+pub(crate) struct MotionFilter {
     gravity_m_s2: f64,
     filter: Option<CausalFilter>,
     kept: Vec<PoseSample>,
@@ -31,14 +31,14 @@ impl MotionFilter {
     ///
     /// # Errors
     /// A noise or gravity that is not finite and positive.
-    pub fn new(noise: Option<MotionNoise>, gravity_m_s2: f64) -> Result<Self, LiveError> {
+    pub(crate) fn new(noise: Option<MotionNoise>, gravity_m_s2: f64) -> Result<Self, LiveError> {
         let filter = noise.map(|n| CausalFilter::new(n, gravity_m_s2)).transpose()?;
         let done = if filter.is_some() { WINDOWS_S.len() } else { 0 };
         Ok(Self { gravity_m_s2, filter, kept: Vec::new(), done, finding: None })
     }
 
     /// Adds an instant; returns its motion, if known.
-    pub fn push(&mut self, sample: &PoseSample) -> Option<MotionSample> {
+    pub(crate) fn push(&mut self, sample: &PoseSample) -> Option<MotionSample> {
         // A pose that the filter refuses leaves it unchanged, and is sent without motion.
         let motion = self.filter.as_mut().and_then(|f| f.push(sample).ok().flatten());
         if !self.has_final_noise() {
@@ -87,7 +87,7 @@ impl MotionFilter {
     }
 
     /// Whether the noise is given or estimated for the last time.
-    pub fn has_final_noise(&self) -> bool {
+    pub(crate) fn has_final_noise(&self) -> bool {
         self.done == WINDOWS_S.len() && self.finding.is_none()
     }
 }

@@ -1,7 +1,7 @@
 //! Parameters by recursive least squares during the flight.
 
-use crate::queue::locked;
-use crate::{LiveError, Popped, Queue};
+use crate::LiveError;
+use crate::queue::{Popped, Queue, locked};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{
     Bandwidth, CoefficientTable, Model, Options, Output, RecursiveLeastSquares, coefficients,

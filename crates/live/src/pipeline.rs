@@ -2,10 +2,8 @@
 
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{ImageSize, Vector2};
-use mavsight_pipeline::{
-    CameraTiming, FlightAssociator, Lookahead, PipelineError, Sight as TrackedDetection, Synchronizer,
-};
-use mavsight_pose::{Association, CameraClock, Candidate, MovedCamera, Rig};
+use mavsight_pipeline::{CameraTiming, FlightAssociator, Lookahead, PipelineError, Synchronizer};
+use mavsight_pose::{Association, CameraClock, MovedCamera, Rig, TrackedDetection};
 
 /// Frames of each camera from which its rate is estimated before anything is joined.
 const WARM: usize = 6;
@@ -20,7 +18,7 @@ pub struct InstantEstimate<'a> {
     /// Middle of the exposure.
     pub t_ns: i64,
     /// Detections of all cameras, ordered by camera and track.
-    pub seen: &'a [Candidate],
+    pub seen: &'a [TrackedDetection],
     /// Markers of the detections, and the pose.
     pub association: Association,
     /// Cameras found to be moved so far.

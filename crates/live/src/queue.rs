@@ -11,7 +11,7 @@ pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// A queue of bounded length; all its memory is allocated at the start.
 #[derive(Debug)]
-pub struct Queue<T> {
+pub(crate) struct Queue<T> {
     inner: Mutex<Inner<T>>,
     changed: Condvar,
     capacity: usize,
@@ -26,7 +26,7 @@ struct Inner<T> {
 
 /// The result of [`Queue::pop`].
 #[derive(Debug, PartialEq, Eq)]
-pub enum Popped<T> {
+pub(crate) enum Popped<T> {
     /// The oldest item.
     Item(T),
     /// No item came in the given time.
@@ -37,7 +37,7 @@ pub enum Popped<T> {
 
 impl<T> Queue<T> {
     /// A queue for `capacity` items, at least one.
-    pub fn new(capacity: usize) -> Self {
+    pub(crate) fn new(capacity: usize) -> Self {
         let capacity = capacity.max(1);
         let inner = Inner { items: VecDeque::with_capacity(capacity), dropped: 0, closed: false };
         Self { inner: Mutex::new(inner), changed: Condvar::new(), capacity }
@@ -49,7 +49,7 @@ impl<T> Queue<T> {
 
     /// Adds an item; if the queue is full, the oldest is dropped, counted and returned. A closed queue
     /// returns the item itself.
-    pub fn push(&self, item: T) -> Option<T> {
+    pub(crate) fn push(&self, item: T) -> Option<T> {
         let mut inner = self.lock();
         if inner.closed {
             return Some(item);
@@ -63,7 +63,7 @@ impl<T> Queue<T> {
     }
 
     /// Adds an item as soon as there is room for it; false if the queue is closed.
-    pub fn push_waiting(&self, item: T) -> bool {
+    pub(crate) fn push_waiting(&self, item: T) -> bool {
         let mut inner = self.lock();
         while inner.items.len() == self.capacity && !inner.closed {
             inner = self.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
@@ -78,7 +78,7 @@ impl<T> Queue<T> {
     }
 
     /// Removes the oldest item, waiting for one at most for `wait`.
-    pub fn pop(&self, wait: Duration) -> Popped<T> {
+    pub(crate) fn pop(&self, wait: Duration) -> Popped<T> {
         let until = Instant::now().checked_add(wait);
         let mut inner = self.lock();
         loop {
@@ -100,18 +100,18 @@ impl<T> Queue<T> {
     }
 
     /// Closes the queue: items in it can still be removed, but none can be added.
-    pub fn close(&self) {
+    pub(crate) fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
     }
 
     /// Whether it is closed.
-    pub fn is_closed(&self) -> bool {
+    pub(crate) fn is_closed(&self) -> bool {
         self.lock().closed
     }
 
     /// Number of dropped items.
-    pub fn dropped(&self) -> u64 {
+    pub(crate) fn dropped(&self) -> u64 {
         self.lock().dropped
     }
 }

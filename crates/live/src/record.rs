@@ -1,11 +1,11 @@
 //! Recording of what is received, detected and sent.
 
-use crate::queue::locked;
+use crate::LiveError;
+use crate::queue::{Popped, Queue, locked};
 use crate::setup::Tap;
-use crate::{LiveError, Popped, Queue};
 use mavsight_flight::InputSample;
 use mavsight_link::Event;
-use mavsight_pipeline::Sight as TrackedDetection;
+use mavsight_pose::TrackedDetection;
 use mavsight_session::{SessionFile, Y4mWriter, make_folder, write_session};
 use mavsight_vision::Frame;
 use serde::Serialize;
@@ -314,7 +314,7 @@ impl Writer {
                 let Some(video) = self.videos.get_mut(camera) else { return Ok(()) };
                 video.push(stamp_ns, &frame).map_err(|e| e.to_string())?;
                 let ball = |s: &TrackedDetection| DetectedBall {
-                    id: s.id,
+                    id: s.track_id,
                     color: s.color,
                     u_px: s.pixel.x,
                     v_px: s.pixel.y,

@@ -3,7 +3,7 @@
 use crate::{FlightClock, InputSource, Latencies, Listeners, Opener, RecorderSlot};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector2;
-use mavsight_pipeline::Sight as TrackedDetection;
+use mavsight_pose::TrackedDetection;
 use mavsight_pose::{CameraClock, MotionNoise, Rig};
 use mavsight_vision::Frame;
 use std::sync::Arc;

@@ -11,7 +11,7 @@ const STALLED_INTERVALS: f64 = 2.0;
 
 /// The state of tracking, instant by instant.
 #[derive(Debug, Clone)]
-pub struct TrackingState {
+pub(crate) struct TrackingState {
     state: Tracking,
     missed: u32,
     found_ns: i64,
@@ -36,7 +36,7 @@ impl Default for TrackingState {
 
 impl TrackingState {
     /// Updates the state by an instant.
-    pub fn saw(&mut self, t_ns: i64, measured: bool) -> Tracking {
+    pub(crate) fn saw(&mut self, t_ns: i64, measured: bool) -> Tracking {
         if !measured {
             self.missed = self.missed.saturating_add(1);
             if self.missed >= LOST_AFTER && matches!(self.state, Tracking::Tracking | Tracking::Reacquired) {
@@ -62,24 +62,24 @@ impl TrackingState {
     }
 
     /// A camera is left out, or back: the next pose does not continue the one before.
-    pub fn cut(&mut self) {
+    pub(crate) fn cut(&mut self) {
         self.is_cut |= self.has_measured;
     }
 
     /// Number of poses that do not continue those before, modulo 256.
-    pub fn resets(&self) -> u8 {
+    pub(crate) fn resets(&self) -> u8 {
         self.resets
     }
 
     /// The state after the last instant.
-    pub fn state(&self) -> Tracking {
+    pub(crate) fn state(&self) -> Tracking {
         self.state
     }
 }
 
 /// The state of one camera.
 #[derive(Debug, Clone)]
-pub struct CameraStates {
+pub(crate) struct CameraStates {
     interval_ns: i64,
     last_frame_ns: Option<i64>,
     opened: bool,
@@ -111,48 +111,48 @@ impl Default for CameraStates {
 
 impl CameraStates {
     /// Sets the time between its frames.
-    pub fn set_interval_s(&mut self, interval_s: f64) {
+    pub(crate) fn set_interval_s(&mut self, interval_s: f64) {
         self.interval_ns = (interval_s * 1e9) as i64;
     }
 
     /// The time between its frames.
-    pub fn interval_ns(&self) -> i64 {
+    pub(crate) fn interval_ns(&self) -> i64 {
         self.interval_ns
     }
 
     /// Its source was opened.
-    pub fn opened(&mut self) {
+    pub(crate) fn opened(&mut self) {
         (self.opened, self.gone, self.last_frame_ns) = (true, None, None);
     }
 
     /// Its source has ended or cannot be opened.
-    pub fn gone(&mut self, reason: String) {
+    pub(crate) fn gone(&mut self, reason: String) {
         (self.opened, self.gone) = (false, Some(reason));
     }
 
     /// Its source, which is not opened again, has ended before the others'. Returns whether that is new.
-    pub fn outlived(&mut self) -> bool {
+    pub(crate) fn outlived(&mut self) -> bool {
         self.gone("its source has ended before the others'".to_owned());
         !std::mem::replace(&mut self.is_over, true)
     }
 
     /// A frame has arrived.
-    pub fn frame(&mut self, now_ns: i64, dark: bool) {
+    pub(crate) fn frame(&mut self, now_ns: i64, dark: bool) {
         (self.last_frame_ns, self.dark) = (Some(now_ns), dark);
     }
 
     /// It was found to be moved.
-    pub fn moved(&mut self) {
+    pub(crate) fn moved(&mut self) {
         self.moved = true;
     }
 
     /// Time at which it has stalled if no frame comes.
-    pub fn stalls_at_ns(&self) -> Option<i64> {
+    pub(crate) fn stalls_at_ns(&self) -> Option<i64> {
         self.last_frame_ns.map(|t| t + (STALLED_INTERVALS * self.interval_ns as f64) as i64)
     }
 
     /// Its state at a time.
-    pub fn state(&self, now_ns: i64) -> CameraState {
+    pub(crate) fn state(&self, now_ns: i64) -> CameraState {
         if self.gone.is_some() {
             return CameraState::Gone;
         }
@@ -166,13 +166,13 @@ impl CameraStates {
     }
 
     /// Its state at a time, if it differs from that of the last call.
-    pub fn change(&mut self, now_ns: i64) -> Option<CameraState> {
+    pub(crate) fn change(&mut self, now_ns: i64) -> Option<CameraState> {
         let now = Some(self.state(now_ns));
         if std::mem::replace(&mut self.reported, now) == now { None } else { now }
     }
 
     /// The reason of a state, and its remedy.
-    pub fn reason(&self, state: CameraState) -> Option<String> {
+    pub(crate) fn reason(&self, state: CameraState) -> Option<String> {
         let words = match state {
             CameraState::Running => return None,
             CameraState::Starting => {

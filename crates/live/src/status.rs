@@ -1,6 +1,7 @@
 //! The flight's knowledge of one camera.
 
-use crate::{CameraStates, Latencies};
+use crate::Latencies;
+use crate::state::CameraStates;
 
 /// Frames over which a camera's usual lateness is the median.
 const LATENESS_FRAMES: usize = 31;

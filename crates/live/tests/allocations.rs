@@ -8,8 +8,7 @@ use common::{pose, rig};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Matrix2, Point3, Vector3};
 use mavsight_live::LivePipeline;
-use mavsight_pipeline::Sight;
-use mavsight_pose::Rig;
+use mavsight_pose::{Rig, TrackedDetection};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
 
@@ -21,22 +20,23 @@ const WARM: i64 = 120;
 const COUNT: i64 = 240;
 
 /// The balls where they are, a little off so that residuals are not zero.
-fn detections(rig: &Rig, vehicle: &Vehicle, index: usize, stamp_ns: i64) -> Vec<Sight> {
+fn detections(rig: &Rig, vehicle: &Vehicle, index: usize, stamp_ns: i64) -> Vec<TrackedDetection> {
     let (camera, at) = (&rig.cameras[index].camera, pose(stamp_ns as f64 * 1e-9));
     let of = |(k, ball): (usize, &mavsight_flight::Marker)| {
         let centre = (at * Point3::from(Vector3::from(ball.position_m))).coords;
         let seen = camera.project_ball(&centre, 0.5 * ball.diameter_m).expect("in view").pixel;
         let depth_m = (camera.cam_from_world * Point3::from(centre)).z;
         let off_px = 0.03 * ((stamp_ns / 1000 * (k as i64 + 3)) as f64).sin();
-        Sight {
-            stamp_ns,
-            id: k as u32,
+        TrackedDetection {
+            t_ns: stamp_ns,
+            camera: index,
+            track_id: k as u32,
             color: k,
             pixel: seen.add_scalar(off_px),
             covariance_px2: Matrix2::identity() * 1e-3,
             diameter_px: camera.intrinsics.fx_px * ball.diameter_m / depth_m,
-            stays: false,
-            leads: true,
+            is_static: false,
+            is_preferred: true,
         }
     };
     vehicle.marker.iter().enumerate().map(of).collect()

@@ -1,9 +1,11 @@
-//! Calibration by a wand and by boards, filmed in the virtual room: `cargo run --release -p mavsight --example calibration_films`.
+//! Calibration by a wand and by boards, filmed in the virtual room: `cargo run --release -p mavsight
+//! --example calibration_films`.
 //!
-//! Wand: two balls 500 mm apart are waved for 20 s before the paper's cameras, and the control frame is seen in one still each;
-//! what is compared is the distance between the cameras (scale) and their centres. An argument `SECONDS` makes it shorter.
-//! Board: 12 stills of 8 by 5 squares of 40 mm by one wide camera with k1 = -0.25, k2 = 0.08, beside control balls; what is
-//! compared is the focal length, and the reprojection RMS over the corners' own errors.
+//! Wand: two balls 500 mm apart are waved for 20 s before the paper's cameras, and the control frame is
+//! seen in one still each; what is compared is the distance between the cameras (scale) and their centres.
+//! An argument `SECONDS` makes it shorter. Board: 12 stills of 8 by 5 squares of 40 mm by one wide camera
+//! with k1 = -0.25, k2 = 0.08, beside control balls; what is compared is the focal length, and the
+//! reprojection RMS over the corners' own errors.
 
 use anyhow::{Result, anyhow};
 use mavsight::geometry::{Camera, ImageSize, Intrinsics, Isometry3, Point3, UnitQuaternion, Vector3};
@@ -57,7 +59,7 @@ fn wand(seconds: f64, room: &Room) -> Result<()> {
     });
     let how = Wand { length_m: LENGTH_M, length_std_m: 0.0, colors, diameters_m: [0.06; 2] };
     let object = wand_of(&how, feeds.collect())?;
-    println!("wand: {} sights of {} frames", object.sights.len(), 2 * frames);
+    println!("wand: {} observations of {} frames", object.sights.len(), 2 * frames);
     let control = lab::control_frame(&points);
     let stills = cameras
         .iter()
@@ -128,7 +130,7 @@ fn board(room: &Room) -> Result<()> {
     let how = Board { columns, rows, square_m, together: false, coded: None };
     let object = board_of(&how, vec![Some(feed)])?;
     let put_in_px = f64::sqrt(errors.0 / errors.1);
-    // Where the camera stands is told by control points clicked to half a pixel.
+    // The camera is located by control points clicked to half a pixel.
     let points = lab::control_points();
     let near = |p: [f64; 3]| [0.5 * p[0], 0.3 * p[1], 0.9 + 0.4 * p[2]];
     let points: Vec<_> = points
@@ -158,7 +160,8 @@ fn board(room: &Room) -> Result<()> {
     Ok(())
 }
 
-/// Root mean square of the board's residuals with every pose fitted anew to some of its corners, over their redundancy.
+/// Root mean square of the board's residuals with every pose fitted anew to some of its corners, over their
+/// redundancy.
 fn board_rms_px(object: &mavsight::pose::MovedObject, rig: &mavsight::pose::Rig) -> Result<f64> {
     let estimator = mavsight::pose::PoseEstimator::new(rig, &object.points);
     let (mut squares, mut n) = (0.0, 0.0);

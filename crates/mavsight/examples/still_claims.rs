@@ -1,6 +1,6 @@
-//! Are cameras as good as a calibration from one still each says? The laboratory's two cameras, each set up anew within a tenth of a
-//! metre, film the control frame; the squared error of a camera's centre over what its covariance says has a mean of 3 where that is
-//! true.
+//! Are cameras as good as a calibration from one still each says? The laboratory's two cameras, each set up
+//! anew within a tenth of a metre, film the control frame; the squared error of a camera's centre over what
+//! its covariance says has a mean of 3 where that is true.
 //!
 //! `cargo run --release -p mavsight --example still_claims -- 60`
 

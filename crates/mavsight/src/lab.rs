@@ -113,8 +113,8 @@ impl StagedFilm<'_> {
         self.film_at(state.t_s).frame_with(index as u64, aircraft, pose_at, &self.way(state.t_s))
     }
 
-    /// One frame of a flight at any time between the rows of its truth. Before the first row the aircraft comes from rest,
-    /// and to rest after the last. A rolling shutter films nothing that is in the way.
+    /// One frame of a flight at any time between the rows of its truth. Before the first row the aircraft
+    /// comes from rest, and to rest after the last. A rolling shutter films nothing that is in the way.
     pub fn frame_at(
         &self,
         index: usize,
@@ -180,8 +180,8 @@ impl StagedFilm<'_> {
     }
 }
 
-/// An aircraft that is carried about by hand, in front of the paper's cameras: sums of sines of 0.2 to 0.7 Hz, at about half a
-/// metre a second. The flapping is none.
+/// An aircraft that is carried about by hand, before the paper's cameras: sums of sines of 0.2 to 0.7 Hz,
+/// at about half a metre a second. The flapping is none.
 pub fn carried(duration_s: f64, rate_hz: f64) -> Vec<FlightState> {
     /// Step of the central differences: their error, its square, is far below a film's.
     const STEP_S: f64 = 1e-3;
@@ -215,7 +215,8 @@ pub fn carried(duration_s: f64, rate_hz: f64) -> Vec<FlightState> {
     (0..(duration_s * rate_hz).round() as usize).map(state).collect()
 }
 
-/// One frame of a flight with nothing in the way; the shutter is open for a quarter of the interval around the state's time.
+/// One frame of a flight with nothing in the way; the shutter is open for a quarter of the interval around
+/// the state's time.
 pub fn frame(
     film: &Film<'_>,
     index: usize,
@@ -250,10 +251,12 @@ pub fn pose_near(state: &TruthRow, dt_s: f64) -> Isometry3<f64> {
     near
 }
 
-/// Time in which all but a third of the velocity comes and goes beyond the ends of a flight: within what small aircraft brake by.
+/// Time in which all but a third of the velocity comes and goes beyond the ends of a flight: within what
+/// small aircraft brake by.
 const REST_S: f64 = 0.25;
 
-/// The pose before the first state of a flight or after the last: its velocities fall off with the time from there.
+/// The pose before the first state of a flight or after the last: its velocities fall off with the time
+/// from there.
 fn pose_beyond(end: &TruthRow, dt_s: f64) -> Isometry3<f64> {
     pose_near(end, dt_s.signum() * REST_S * (1.0 - (-dt_s.abs() / REST_S).exp()))
 }

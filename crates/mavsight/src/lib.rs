@@ -1,7 +1,14 @@
 //! Videos of a small aircraft in, its motion and flight-dynamics parameters out.
 //!
-//! The facade of the workspace: each module is one crate of it. The binary `mavsight` drives them; a Rust user may
-//! enter the chain anywhere: source → detect → associate → reconstruct → smooth → identify → report.
+//! The facade of the workspace: each module is one crate of it. [`engine`] carries a recorded session through all stages;
+//! [`pipeline`] has the stages alone, without files: source, detection, association, poses, smoothing, identification.
+//! `cargo run --release -p mavsight --example quickstart -- flight/session.toml` runs this:
+//!
+//! ```no_run
+#![doc = include_str!("../examples/quickstart.rs")]
+//! ```
+//!
+//! `engine::run` does the same in one call, and [`report`] writes the figures and `report.html`.
 
 pub mod lab;
 pub mod pilot;

@@ -10,8 +10,8 @@ use mavsight::lab;
 use mavsight_engine::EngineError;
 use std::process::ExitCode;
 
-/// One heap for all threads. glibc has one for each, and what decoding leaves in them lies idle while later stages of a long flight
-/// take new memory.
+/// One heap for all threads. glibc has one for each, and what decoding leaves in them lies idle while later
+/// stages of a long flight take new memory.
 #[cfg(target_os = "linux")]
 #[global_allocator]
 static ALLOCATOR: dlmalloc::GlobalDlmalloc = dlmalloc::GlobalDlmalloc;

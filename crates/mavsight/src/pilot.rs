@@ -1,5 +1,5 @@
-//! A pilot who flies the simulated helicopter for as long as it is wanted: holds it in the middle of the room, wanders, and moves the
-//! swash-plate now and then so that the parameters show themselves.
+//! A pilot who flies the simulated helicopter for as long as it is wanted: holds it in the middle of the
+//! room, wanders, and moves the swash-plate now and then so that the parameters show themselves.
 
 use mavsight_flight::{FlightError, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{EulerAngles, Vector3};
@@ -15,7 +15,7 @@ const KEPT_INPUTS_S: f64 = 40.0;
 
 /// Where the aircraft is held: the middle of the paper's room.
 const MIDDLE_M: [f64; 3] = [0.0, 0.0, 1.5];
-/// Heading, so that balls stay apart in both views (`Scenario::paper`).
+/// Heading, so that balls are apart in both views (`Scenario::paper`).
 const HEADING_RAD: f64 = -0.393;
 
 /// The swash-plate's largest angle.
@@ -191,7 +191,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_minutes_stay_in_the_middle_of_the_room_and_swing() {
+    fn two_minutes_remain_in_the_middle_of_the_room_and_swing() {
         let mut pilot = Pilot::new(&Vehicle::paper(), 60.0).expect("a pilot");
         let (mut far_m, mut tilt, mut turned, mut fastest) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
         for k in 0..60 * 120 {

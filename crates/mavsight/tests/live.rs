@@ -28,7 +28,8 @@ fn replayed(session: &Path) -> Vec<Value> {
     objects(&String::from_utf8_lossy(&run.get_output().stdout))
 }
 
-/// Killed at some moment, the recording is a session that gives the poses that were sent, bit for bit, and that batch runs take.
+/// Killed at some moment, the recording is a session that gives the poses that were sent, bit for bit, and
+/// that batch runs take.
 #[test]
 fn a_recording_that_was_killed_gives_the_poses_that_were_sent() {
     let dir = tempfile::TempDir::new().expect("a folder");

@@ -1,4 +1,5 @@
-//! The walls between crates: what estimates depends on nothing that films, simulates or scores, and cannot name a truth type.
+//! The walls between crates: what estimates depends on nothing that films, simulates or scores, and cannot
+//! name a truth type.
 
 #![allow(clippy::unwrap_used)]
 
@@ -13,7 +14,8 @@ const ESTIMATORS: [&str; 10] =
 /// Crates that know the truth, or make it.
 const TRUTH: [&str; 3] = ["score", "scene", "simulator"];
 
-/// Dependencies of each crate on others of this workspace, for its library and its build, as cargo reads them.
+/// Dependencies of each crate on others of this workspace, for its library and its build, as cargo reads
+/// them.
 fn workspace_dependencies() -> BTreeMap<String, BTreeSet<String>> {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--format-version", "1", "--no-deps", "--offline", "--manifest-path"])

@@ -18,14 +18,15 @@ pub struct CameraHealth {
 /// Stated precision of the centres of a flight's markers, all cameras and markers together.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CentreQuality {
-    /// Standard deviations of a coordinate: of ten equal parts of the centres, in order, the middle one each. They differ with
-    /// the background.
+    /// Standard deviations of a coordinate: of ten equal parts of the centres, in order, the middle one
+    /// each. They differ with the background.
     pub tenths_px: [f64; 10],
     /// Standard deviation of the systematic error of a coordinate.
     pub bias_std_px: f64,
 }
 
-/// How well one camera saw one marker; all but the share are its colour's, and 0 where no ball of it was ever seen.
+/// How well one camera saw one marker; all but the share are its colour's, and 0 where no ball of it was
+/// ever seen.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MarkerHealth {
     /// Share of the frames in which the marker was identified.

@@ -15,13 +15,13 @@ mod mixed_up;
 mod progress;
 mod reconstruct;
 mod refine;
-mod sight;
 mod solve;
 mod stream;
 mod synchronize;
 #[cfg(test)]
 mod testing;
 mod track;
+mod tracker;
 mod wand;
 mod watch;
 
@@ -38,10 +38,10 @@ pub use health::{CameraHealth, CentreQuality, MarkerHealth};
 pub use progress::{NoProgress, Progress, Stage};
 pub use reconstruct::reconstruct;
 pub use refine::{Diameter, MARKERS_STD_M, RefinedBody, Refinement, refine};
-pub use sight::{CameraTracker, Sight, TrackedFrame};
 pub use solve::{
     IdentifyOptions, Solution, identify_motion, motion_from_poses, motion_of, systematic_columns,
 };
 pub use synchronize::{CameraTiming, Lookahead, Synchronizer};
 pub use track::{Tracked, body_markers, track, track_with};
+pub use tracker::{CameraTracker, TrackedFrame};
 pub use wand::{Wand, wand_of};

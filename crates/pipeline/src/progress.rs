@@ -1,4 +1,4 @@
-//! How a run tells how far it is.
+//! How far a run is.
 
 /// A part of the chain that takes long enough to be watched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -10,7 +10,7 @@ use mavsight_pose::{BodyMarker, FlightPrior, PoseError, PoseEstimator, RefinedFl
 /// Half a millimetre: how well a ruler measures a coordinate of a marker where nothing else is said.
 pub const MARKERS_STD_M: f64 = 5e-4;
 
-/// What is refined beside the cameras, and from what it starts.
+/// What is refined in addition to the cameras, and from what it starts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Refinement {
     /// Standard deviation of a coordinate in the vehicle file, where the markers are to be refined.
@@ -31,7 +31,7 @@ pub struct Diameter {
 /// Cameras and body as a flight has shown them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RefinedBody {
-    /// Cameras, markers and lasting errors of centres, with what is not known of them.
+    /// Cameras, markers and systematic errors of centres, with their uncertainties.
     pub refined: RefinedFlight,
     /// Why the markers are those of the file although they were to be refined.
     pub kept: Option<PoseError>,
@@ -39,9 +39,9 @@ pub struct RefinedBody {
     pub diameters: Vec<Option<Diameter>>,
 }
 
-/// Refines the cameras, and if asked the marker positions and the diameters, from what was tracked; estimates the poses anew with
-/// them. Markers that are not asked for count as known to half a millimetre while the cameras are refined, and as
-/// exact for the poses, as they do without a refinement.
+/// Refines the cameras, and if asked the marker positions and the diameters, from what was tracked;
+/// estimates the poses again with them. Markers that are not asked for count as known to half a millimetre
+/// while the cameras are refined, and as exact for the poses, as they do without a refinement.
 ///
 /// # Errors
 /// Too few frames with a pose, or a standard deviation that is not above zero; the poses are then as before.
@@ -68,8 +68,9 @@ pub fn refine(
     Ok(RefinedBody { refined, kept, diameters })
 }
 
-/// Diameters from those of the images and the poses' distances: the mean over cameras of each camera's mean. What a camera's
-/// blur and light do to a rim is the same in all its frames, so that the cameras' disagreement is the standard deviation.
+/// Diameters from those of the images and the poses' distances: the mean over cameras of each camera's
+/// mean. What a camera's blur and light do to a rim is the same in all its frames, so that the cameras'
+/// disagreement is the standard deviation.
 fn diameters(tracked: &Tracked, rig: &Rig, body: &[BodyMarker]) -> Vec<Option<Diameter>> {
     let mut sums = vec![vec![(0.0, 0.0); rig.cameras.len()]; body.len()];
     let mut poses = tracked.poses.iter();
@@ -92,8 +93,8 @@ fn diameters(tracked: &Tracked, rig: &Rig, body: &[BodyMarker]) -> Vec<Option<Di
     means_of_cameras(&sums)
 }
 
-/// Diameter of a sphere whose image is as large as a disc of this diameter. Where its centre is seen under an angle α to the
-/// optical axis, a small cone's image is enlarged in area by cos⁻³ α.
+/// Diameter of a sphere whose image is as large as a disc of this diameter. Where its centre is seen under
+/// an angle α to the optical axis, a small cone's image is enlarged in area by cos⁻³ α.
 fn of_image(
     camera: &Camera,
     world_from_body: &Isometry3<f64>,
@@ -108,8 +109,8 @@ fn of_image(
     (diameter_m.is_finite() && diameter_m > 0.0).then_some(diameter_m)
 }
 
-/// Means over cameras of `(sum, count)` by marker and camera. The cameras' disagreement is pooled over all balls: two cameras
-/// alone may agree by chance.
+/// Means over cameras of `(sum, count)` by marker and camera. The cameras' disagreement is pooled over all
+/// balls: two cameras alone may agree by chance.
 fn means_of_cameras(sums: &[Vec<(f64, f64)>]) -> Vec<Option<Diameter>> {
     let means: Vec<Vec<f64>> = sums
         .iter()

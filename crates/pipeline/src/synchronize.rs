@@ -1,27 +1,30 @@
 //! Cameras of any rate and clock, brought to common instants as their frames come.
 
-use crate::sight::Sight;
 use crate::stream::Stream;
 use mavsight_geometry::{ImageSize, Vector2};
-use mavsight_pose::{CameraClock, Candidate, PixelPath};
+use mavsight_pose::{CameraClock, PixelPath, TrackedDetection};
 use std::collections::VecDeque;
 
 /// A camera whose frames are nearer together by this factor than those of all before it gives the instants.
 const FASTER: f64 = 0.95;
 
-/// Where the leading camera has no frame, another's is an instant if it is this part of its interval from any other.
+/// Where the leading camera has no frame, another's is an instant if it is this part of its interval from
+/// any other.
 const APART_INTERVALS: f64 = 0.75;
 
-/// A camera whose frames are further apart than the instants by this factor lends a sight to more than one of them.
+/// A camera whose frames are further apart than the instants by this factor lends a detection to more than
+/// one of them.
 const SLOWER: f64 = 1.05;
 
-/// Frames whose times differ by less are of one instant; the same as for a path's sights ([`PixelPath::at`]).
+/// Frames whose times differ by less are of one instant; the same as for a path's detections
+/// ([`PixelPath::at`]).
 const SAME_NS: i64 = 10_000;
 
 /// How far beyond an instant a camera that is not in step must have seen before the instant is joined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lookahead {
-    /// To its next frame: as little as tells which of its sights is the nearest, and between which it lies.
+    /// To its next frame: as little as shows which of its detections is the nearest, and between which it
+    /// lies.
     NextFrame,
     /// As far as its path's cubic reaches.
     WholePath,
@@ -31,7 +34,7 @@ impl Lookahead {
     fn frames(self) -> usize {
         match self {
             Self::NextFrame => 1,
-            // Three beyond the nearest sight, which may itself be beyond the instant.
+            // Three beyond the nearest detection, which may itself be beyond the instant.
             Self::WholePath => 4,
         }
     }
@@ -52,10 +55,11 @@ pub struct CameraTiming {
 
 /// Brings what cameras see to common instants, frame by frame, for recordings and running cameras alike.
 ///
-/// The instants are the frames of the camera with the most frames a second (of cameras of about one rate the first), and where it
-/// has no frame those of the others. A camera's sight is moved to an instant along its own path ([`PixelPath::at`]); a sight that a
-/// slow camera lends to several instants counts for one in all. Cameras in step go through untouched, and without waiting. What is
-/// kept is what the paths need: it does not grow.
+/// The instants are the frames of the camera with the most frames a second (of cameras of about one rate
+/// the first), and where it has no frame those of the others. A camera's detection is moved to an instant
+/// along its own path ([`PixelPath::at`]); a detection that a slow camera lends to several instants counts
+/// for one in all. Cameras in step go through untouched, and without waiting. What is kept is what the
+/// paths need: it does not grow.
 #[derive(Debug)]
 pub struct Synchronizer {
     cameras: Vec<Incoming>,
@@ -63,10 +67,11 @@ pub struct Synchronizer {
     order: Vec<usize>,
     step_s: f64,
     ahead: Lookahead,
-    /// Instants with the rank of the camera that gave each, in order of time: those to come, and before them the latest handed out.
+    /// Instants with the rank of the camera that gave each, in order of time: those to come, and before
+    /// them the latest handed out.
     instants: VecDeque<(i64, usize)>,
     handed_ns: i64,
-    seen: Vec<Candidate>,
+    seen: Vec<TrackedDetection>,
 }
 
 /// One camera.
@@ -75,24 +80,22 @@ struct Incoming {
     about: CameraTiming,
     middle: Vector2<f64>,
     /// What was followed, by number, and what is left of others for use again.
-    things: Vec<Thing>,
-    spare: Vec<Thing>,
+    tracks: Vec<Track>,
+    spare: Vec<Track>,
     /// Times of its latest frames.
     frames_ns: VecDeque<i64>,
-    /// Those of which it is not yet told whether they are instants.
+    /// Those of which it is not yet known whether they are instants.
     undecided_ns: VecDeque<i64>,
     /// Up to when nothing more of it is waited for, but for what has come.
     gone_ns: i64,
 }
 
-/// One thing that a camera followed: its path, and what goes with each sight of it.
+/// One track of a camera: its path, and the detection at each point of it.
 #[derive(Debug)]
-struct Thing {
+struct Track {
     id: u32,
-    color: usize,
     path: PixelPath,
-    diameters_px: Vec<f64>,
-    stays: Vec<bool>,
+    detections: Vec<TrackedDetection>,
 }
 
 impl Synchronizer {
@@ -119,15 +122,15 @@ impl Synchronizer {
         }
     }
 
-    /// Takes what a camera saw in its next frame. One that is not later than an instant handed out serves paths only, one that is
-    /// not later than the camera's last is passed over.
-    pub fn push(&mut self, camera: usize, stamp_ns: i64, sights: &[Sight]) {
+    /// Takes what a camera saw in its next frame. One that is not later than an instant handed out serves
+    /// paths only, one that is not later than the camera's last is passed over.
+    pub fn push(&mut self, camera: usize, stamp_ns: i64, seen: &[TrackedDetection]) {
         let Some(own) = self.cameras.get_mut(camera) else { return };
         let t_ns = own.about.clock.time_ns(stamp_ns);
         if own.frames_ns.back().is_some_and(|last| t_ns <= *last) {
             return;
         }
-        own.push(stamp_ns, sights);
+        own.push(stamp_ns, seen);
         own.frames_ns.push_back(t_ns);
         if t_ns > self.handed_ns {
             own.undecided_ns.push_back(t_ns);
@@ -135,8 +138,8 @@ impl Synchronizer {
         self.decide();
     }
 
-    /// No frame of a camera up to a time, by the common clock, is waited for any longer; i64::MAX: none at all. What comes of it
-    /// later is taken again.
+    /// No frame of a camera up to a time, by the common clock, is waited for any longer; i64::MAX: none at
+    /// all. What comes of it later is taken again.
     pub fn go_without(&mut self, camera: usize, until_ns: i64) {
         if let Some(own) = self.cameras.get_mut(camera) {
             own.gone_ns = own.gone_ns.max(until_ns);
@@ -166,8 +169,9 @@ impl Synchronizer {
         self.cameras.get(camera)?.frames_ns.back().copied()
     }
 
-    /// The next instant for which all that it needs has come: its time, and what all cameras saw then, by camera and number.
-    pub fn next_instant(&mut self) -> Option<(i64, &[Candidate])> {
+    /// The next instant for which all that it needs has come: its time, and what all cameras saw then, by
+    /// camera and number.
+    pub fn next_instant(&mut self) -> Option<(i64, &[TrackedDetection])> {
         let t_ns = self.waiting_ns()?;
         let earlier = |c: &Incoming| c.undecided_ns.front().is_some_and(|t| *t < t_ns);
         if self.cameras.iter().any(|c| earlier(c) || !c.is_ready(t_ns, self.ahead)) {
@@ -186,7 +190,7 @@ impl Synchronizer {
         Some((t_ns, &self.seen))
     }
 
-    /// Tells of the frames that came which are instants.
+    /// Decides which of the frames that came are instants.
     fn decide(&mut self) {
         for rank in 0..self.order.len() {
             let camera = self.order[rank];
@@ -196,7 +200,7 @@ impl Synchronizer {
                 let is_free = !self.instants.iter().any(near);
                 if is_free && t_ns > self.handed_ns {
                     let until_ns = t_ns.saturating_add(apart_ns);
-                    if self.order[..rank].iter().any(|c| !self.cameras[*c].is_told_until(until_ns)) {
+                    if self.order[..rank].iter().any(|c| !self.cameras[*c].is_decided_until(until_ns)) {
                         break;
                     }
                     let at = self.instants.partition_point(|i| i.0 < t_ns);
@@ -216,7 +220,7 @@ impl Incoming {
         Self {
             about: *about,
             middle: mavsight_pose::image_middle(about.size),
-            things: Vec::new(),
+            tracks: Vec::new(),
             spare: Vec::new(),
             frames_ns: VecDeque::new(),
             undecided_ns: VecDeque::new(),
@@ -225,7 +229,7 @@ impl Incoming {
     }
 
     /// Whether no instant up to a time can come of it any more.
-    fn is_told_until(&self, t_ns: i64) -> bool {
+    fn is_decided_until(&self, t_ns: i64) -> bool {
         let has_come = self.frames_ns.back().is_some_and(|last| *last >= t_ns) || self.gone_ns >= t_ns;
         has_come && self.undecided_ns.front().is_none_or(|t| *t > t_ns)
     }
@@ -241,47 +245,41 @@ impl Incoming {
         after >= ahead.frames() || (is_in_step && has_own())
     }
 
-    /// Adds the sights of a frame to their paths.
-    fn push(&mut self, stamp_ns: i64, sights: &[Sight]) {
+    /// Adds the detections of a frame to their paths.
+    fn push(&mut self, stamp_ns: i64, seen: &[TrackedDetection]) {
         let CameraTiming { clock, readout, interval_s, .. } = self.about;
-        for sight in sights {
-            let rows_px = readout.dot(&(sight.pixel - self.middle));
+        for detection in seen {
+            let rows_px = readout.dot(&(detection.pixel - self.middle));
             let t_s = clock.time_s(stamp_ns, rows_px);
-            let at = self.things.partition_point(|t| t.id < sight.id);
-            if self.things.get(at).is_none_or(|t| t.id != sight.id) {
-                let thing = Thing::anew(self.spare.pop(), sight, interval_s);
-                self.things.insert(at, thing);
+            let at = self.tracks.partition_point(|t| t.id < detection.track_id);
+            if self.tracks.get(at).is_none_or(|t| t.id != detection.track_id) {
+                let track = Track::new(self.spare.pop(), detection.track_id, interval_s);
+                self.tracks.insert(at, track);
             }
-            let thing = &mut self.things[at];
-            if thing.path.push(t_s, sight.pixel, sight.covariance_px2) {
-                thing.diameters_px.push(sight.diameter_px);
-                thing.stays.push(sight.stays);
+            let track = &mut self.tracks[at];
+            if track.path.push(t_s, detection.pixel, detection.covariance_px2) {
+                track.detections.push(*detection);
             }
         }
     }
 
-    /// Adds what the camera saw at a time, which must be after that of the call before, and forgets what no later time needs.
-    fn at(&mut self, camera: usize, t_ns: i64, step_s: f64, seen: &mut Vec<Candidate>) {
+    /// Adds what the camera saw at a time, which must be after that of the call before, and forgets what no
+    /// later time needs.
+    fn at(&mut self, camera: usize, t_ns: i64, step_s: f64, seen: &mut Vec<TrackedDetection>) {
         let lent = if step_s > 0.0 { self.about.interval_s / step_s } else { 1.0 };
         let t_s = t_ns as f64 * 1e-9;
-        for thing in &mut self.things {
-            if let Some(at) = thing.path.at(t_s) {
+        for track in &mut self.tracks {
+            if let Some(at) = track.path.at(t_s) {
                 let covariance_px2 = if lent > SLOWER { at.covariance_px2 * lent } else { at.covariance_px2 };
-                seen.push(Candidate {
-                    camera,
-                    color: thing.color,
-                    pixel: at.pixel,
-                    covariance_px2,
-                    diameter_px: thing.diameters_px[at.sight],
-                    stays: thing.stays[at.sight],
-                });
+                let nearest = track.detections[at.index];
+                seen.push(TrackedDetection { t_ns, camera, pixel: at.pixel, covariance_px2, ..nearest });
             }
-            thing.forget_before(t_s);
+            track.forget_before(t_s);
         }
         let mut at = 0;
-        while at < self.things.len() {
-            if self.things[at].path.is_empty() {
-                self.spare.push(self.things.remove(at));
+        while at < self.tracks.len() {
+            if self.tracks[at].path.is_empty() {
+                self.spare.push(self.tracks.remove(at));
             } else {
                 at += 1;
             }
@@ -292,32 +290,28 @@ impl Incoming {
     }
 }
 
-impl Thing {
+impl Track {
     /// The beginning of a path, in the room of one that is no longer needed.
-    fn anew(old: Option<Self>, first: &Sight, interval_s: f64) -> Self {
-        let (id, color) = (first.id, first.color);
+    fn new(old: Option<Self>, id: u32, interval_s: f64) -> Self {
         match old {
-            Some(old) => Self { id, color, ..old },
-            None => {
-                let path = PixelPath::new(interval_s);
-                Self { id, color, path, diameters_px: Vec::new(), stays: Vec::new() }
-            }
+            Some(old) => Self { id, ..old },
+            None => Self { id, path: PixelPath::new(interval_s), detections: Vec::new() },
         }
     }
 
     fn forget_before(&mut self, t_s: f64) {
         let gone = self.path.forget_before(t_s);
-        self.diameters_px.drain(..gone);
-        self.stays.drain(..gone);
+        self.detections.drain(..gone);
     }
 }
 
-/// Hands what all cameras saw at each instant of a recorded flight to `each`, and lets go of it frame by frame.
+/// Hands what all cameras saw at each instant of a recorded flight to `each`, and lets go of it frame by
+/// frame.
 pub(crate) fn instants(
     streams: Vec<Stream>,
     sizes: &[ImageSize],
     clocks: &[CameraClock],
-    mut each: impl FnMut(i64, &[Candidate]),
+    mut each: impl FnMut(i64, &[TrackedDetection]),
 ) {
     let about = |(k, s): (usize, &Stream)| CameraTiming {
         size: sizes[k],
@@ -326,18 +320,18 @@ pub(crate) fn instants(
         interval_s: s.interval_s(),
     };
     let cameras: Vec<CameraTiming> = streams.iter().enumerate().map(about).collect();
-    let mut joiner = Synchronizer::new(&cameras, Lookahead::WholePath);
+    let mut synchronizer = Synchronizer::new(&cameras, Lookahead::WholePath);
     let mut frames: Vec<_> = streams.into_iter().map(Stream::into_frames).collect();
     loop {
         let next = (0..frames.len()).filter_map(|k| Some((clocks[k].time_ns(frames[k].peek()?), k))).min();
         let Some((_, camera)) = next else { break };
-        if let Some((stamp_ns, sights)) = frames[camera].next() {
-            joiner.push(camera, stamp_ns, sights);
+        if let Some((stamp_ns, detections)) = frames[camera].next() {
+            synchronizer.push(camera, stamp_ns, detections);
         }
         if frames[camera].peek().is_none() {
-            joiner.go_without(camera, i64::MAX);
+            synchronizer.go_without(camera, i64::MAX);
         }
-        while let Some((t_ns, seen)) = joiner.next_instant() {
+        while let Some((t_ns, seen)) = synchronizer.next_instant() {
             each(t_ns, seen);
         }
     }
@@ -355,7 +349,7 @@ mod tests {
     }
 
     /// Each instant's time and what was seen then.
-    fn joined(streams: &[Stream], clocks: &[CameraClock]) -> Vec<(i64, Vec<Candidate>)> {
+    fn joined(streams: &[Stream], clocks: &[CameraClock]) -> Vec<(i64, Vec<TrackedDetection>)> {
         let mut out = Vec::new();
         let sizes = vec![SIZE; streams.len()];
         instants(streams.to_vec(), &sizes, clocks, |t_ns, seen| out.push((t_ns, seen.to_vec())));
@@ -363,7 +357,7 @@ mod tests {
     }
 
     /// Root mean square of where markers are seen against where they are, in standard deviations claimed.
-    fn misfit(instants: &[(i64, Vec<Candidate>)]) -> f64 {
+    fn misfit(instants: &[(i64, Vec<TrackedDetection>)]) -> f64 {
         let (rig, vehicle) = (rig(), Vehicle::paper());
         let (mut sum, mut count) = (0.0, 0.0);
         for (t_ns, o) in instants.iter().flat_map(|(t, seen)| seen.iter().map(move |o| (*t, o))) {
@@ -385,8 +379,8 @@ mod tests {
         assert_eq!(got.len(), 60);
         for (k, instant) in got.iter().enumerate() {
             assert_eq!(instant.0, streams[0].stamps_ns[k]);
-            let own = [0, 1].map(|c| &streams[c].sights[4 * k..4 * k + 4]);
-            for (o, s) in instant.1.iter().zip(own.into_iter().flatten().map(|s| s.sight(0))) {
+            let own = [0, 1].map(|c| &streams[c].detections[4 * k..4 * k + 4]);
+            for (o, s) in instant.1.iter().zip(own.into_iter().flatten().map(|s| s.detection(0, 0))) {
                 assert!(o.pixel == s.pixel && o.covariance_px2 == s.covariance_px2 && o.color == s.color);
             }
             assert_eq!(instant.1.len(), 8);
@@ -417,7 +411,8 @@ mod tests {
         assert!(misfit(&got) < 1.1);
     }
 
-    /// As they come, with as little ahead as live has: in step the same, bit for bit; out of step nearly as exact.
+    /// As they come, with as little ahead as live has: in step the same, bit for bit; out of step nearly as
+    /// exact.
     #[test]
     fn frames_that_come_one_by_one_are_joined_alike() {
         let live = |streams: &[Stream], clocks: &[CameraClock]| {
@@ -427,22 +422,22 @@ mod tests {
                 readout: streams[k].readout,
                 interval_s: 1.0 / 30.0,
             };
-            let mut joiner = Synchronizer::new(&[about(0), about(1)], Lookahead::NextFrame);
+            let mut synchronizer = Synchronizer::new(&[about(0), about(1)], Lookahead::NextFrame);
             let mut frames: Vec<_> = streams.iter().map(|s| s.clone().into_frames()).collect();
             let mut out = Vec::new();
             for _ in 0..streams[1].stamps_ns.len() {
                 for (camera, own) in frames.iter_mut().enumerate() {
-                    if let Some((stamp_ns, sights)) = own.next() {
-                        joiner.push(camera, stamp_ns, sights);
+                    if let Some((stamp_ns, detections)) = own.next() {
+                        synchronizer.push(camera, stamp_ns, detections);
                     }
-                    while let Some((t_ns, seen)) = joiner.next_instant() {
+                    while let Some((t_ns, seen)) = synchronizer.next_instant() {
                         out.push((t_ns, seen.to_vec()));
                     }
                 }
             }
-            let kept = joiner.cameras.iter().flat_map(|c| &c.things).map(|t| t.stays.len()).max();
-            assert!(kept.unwrap() <= 9 && joiner.cameras.iter().all(|c| c.things.len() == 4));
-            assert!(joiner.instants.len() <= 4);
+            let kept = synchronizer.cameras.iter().flat_map(|c| &c.tracks).map(|t| t.detections.len()).max();
+            assert!(kept.unwrap() <= 9 && synchronizer.cameras.iter().all(|c| c.tracks.len() == 4));
+            assert!(synchronizer.instants.len() <= 4);
             out
         };
         let exact = late(0.0);
@@ -459,35 +454,35 @@ mod tests {
         let exact = late(0.0);
         let streams = [stream(0, exact, 30.0, 0..40), stream(1, exact, 30.0, 0..40)];
         let about = CameraTiming { size: SIZE, clock: exact, readout: Vector2::y(), interval_s: 1.0 / 30.0 };
-        let mut joiner = Synchronizer::new(&[about, about], Lookahead::NextFrame);
+        let mut synchronizer = Synchronizer::new(&[about, about], Lookahead::NextFrame);
         let mut counts = Vec::new();
         let [mut first, mut second] = streams.clone().map(Stream::into_frames);
         for k in 0..40 {
             let (a, b) = (first.next().unwrap(), second.next().unwrap());
-            joiner.push(0, a.0, a.1);
+            synchronizer.push(0, a.0, a.1);
             if (10..20).contains(&k) {
-                assert_eq!(joiner.next_instant().map(|i| i.0), None);
-                assert!(joiner.waits_for(1, a.0) && joiner.waiting_ns() == Some(a.0));
-                joiner.go_without(1, a.0);
+                assert_eq!(synchronizer.next_instant().map(|i| i.0), None);
+                assert!(synchronizer.waits_for(1, a.0) && synchronizer.waiting_ns() == Some(a.0));
+                synchronizer.go_without(1, a.0);
             } else {
-                joiner.push(1, b.0, b.1);
+                synchronizer.push(1, b.0, b.1);
             }
-            let got = joiner.next_instant().expect("an instant");
+            let got = synchronizer.next_instant().expect("an instant");
             assert_eq!(got.0, a.0);
             counts.push(got.1.len());
         }
         assert!(counts.iter().enumerate().all(|(k, n)| *n == if (10..20).contains(&k) { 4 } else { 8 }));
         // The leading camera may be the one that is gone; the other's frames are then the instants.
-        let mut joiner = Synchronizer::new(&[about, about], Lookahead::NextFrame);
-        joiner.go_without(0, i64::MAX);
+        let mut synchronizer = Synchronizer::new(&[about, about], Lookahead::NextFrame);
+        synchronizer.go_without(0, i64::MAX);
         let mut frames = streams[1].clone().into_frames();
         while let Some(b) = frames.next() {
-            joiner.push(1, b.0, b.1);
-            assert_eq!(joiner.next_instant().map(|i| (i.0, i.1.len())), Some((b.0, 4)));
+            synchronizer.push(1, b.0, b.1);
+            assert_eq!(synchronizer.next_instant().map(|i| (i.0, i.1.len())), Some((b.0, 4)));
         }
-        joiner.wait_again(0);
-        joiner.push(1, 2_000_000_000, &[]);
-        assert!(joiner.next_instant().is_none());
+        synchronizer.wait_again(0);
+        synchronizer.push(1, 2_000_000_000, &[]);
+        assert!(synchronizer.next_instant().is_none());
     }
 
     #[test]

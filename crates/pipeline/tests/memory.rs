@@ -13,8 +13,9 @@ use std::alloc::System;
 #[global_allocator]
 static COUNTED: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
-/// Two cameras see four markers each: of an hour of 108 000 instants, observations, poses and motion may hold 119 MB, which is 1100
-/// bytes an instant; and when the observations are gone, coefficients and fits of six outputs 49 MB, which is 450.
+/// Two cameras see four markers each: of an hour of 108 000 instants, observations, poses and motion may
+/// hold 119 MB, which is 1100 bytes an instant; and when the observations are gone, coefficients and fits
+/// of six outputs 49 MB, which is 450.
 #[test]
 fn an_hour_is_within_its_bound() {
     let (rig, vehicle) = (rig(), Vehicle::paper());

@@ -4,8 +4,8 @@ use crate::{CameraType, Criterion, PlanError, Room};
 use mavsight_geometry::{Camera, ControlPoint, Isometry3, Matrix2, Matrix6, Point3, Vector3};
 use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::{
-    BodyMarker, CameraControl, CameraModel, ExpectedSight, PoseError, PoseEstimate, PoseEstimator, Rig,
-    RigCamera, predict_calibration,
+    BodyMarker, CameraControl, CameraModel, PoseError, PoseEstimate, PoseEstimator, PredictedObservation,
+    Rig, RigCamera, predict_calibration,
 };
 use nalgebra::{DMatrix, Matrix3};
 use serde::Serialize;
@@ -266,7 +266,7 @@ impl Planner {
         pose: &Isometry3<f64>,
         counts: &mut [usize; 4],
         least_px: &mut f64,
-    ) -> (Vec<ExpectedSight>, bool) {
+    ) -> (Vec<PredictedObservation>, bool) {
         let mut observations = Vec::with_capacity(cameras.len() * self.markers.len());
         let mut all_twice = true;
         for (marker, ball) in self.markers.iter().enumerate() {
@@ -280,7 +280,7 @@ impl Planner {
                         *least_px = least_px.min(diameter_px);
                         let variance = kind.centre_std_px_at(diameter_px, &place, camera, marker).powi(2);
                         let covariance_px2 = Matrix2::identity() * variance;
-                        observations.push(ExpectedSight { camera, marker, covariance_px2 });
+                        observations.push(PredictedObservation { camera, marker, covariance_px2 });
                     }
                     Err(limit) => counts[limit as usize] += 1,
                 }

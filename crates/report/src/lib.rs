@@ -1,7 +1,7 @@
 //! The report of a run: figures, tables, plots and the self-contained HTML file.
 //!
-//! [`Summary`] collects every figure of a run and [`write_report`] writes `report.html`. [`Report`] and [`render`] make a file
-//! of any tables and plots ([`draw`], [`draw_heat_maps`], [`draw_room`]).
+//! [`Summary`] collects every figure of a run and [`write_report`] writes `report.html`. [`Report`] and
+//! [`render`] make a file of any tables and plots ([`draw`], [`draw_heat_maps`], [`draw_room`]).
 
 mod camera_tables;
 mod chart;

@@ -168,7 +168,8 @@ fn rows(fit: &OutputErrorFit) -> impl Iterator<Item = (String, [f64; 4], &'stati
     })
 }
 
-/// The parameters of all fits as aligned text: value, standard deviation, interval, verdict. Empty where there are none.
+/// The parameters of all fits as aligned text: value, standard deviation, interval, verdict. Empty where
+/// there are none.
 pub fn parameter_text(results: &RunResults) -> String {
     let show = |v: f64| format!("{v:+.3e}");
     let equations = results.identification.iter().flat_map(|i| &i.fits).flat_map(|fit| {

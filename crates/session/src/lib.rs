@@ -23,8 +23,8 @@ pub use results::{
 };
 pub use scenario::{write_control_points, write_inputs, write_numbers, write_session, write_vehicle};
 pub use session_file::{
-    BoardSection, ControlSection, Estimate, FieldOrder, LineTime, LiveSection, RefineSection, RigSection,
-    SESSION_SCHEMA, SessionCamera, SessionFile, WandBall, WandSection,
+    BoardSection, ControlSection, Estimate, FieldOrder, LineTime, LiveSection, RefineSection, RefusedKey,
+    RigSection, SESSION_SCHEMA, SessionCamera, SessionFile, WandBall, WandSection,
 };
 pub use session_rig::cameras_of;
 pub use table::{Row, Table, csv_cell};

@@ -7,11 +7,11 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-/// What some programs put in front of UTF-8.
+/// What some programs put before UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// A cell of a table as readers here have it back: in quotes where it holds a comma, a quote or a line break, or begins with what
-/// makes a comment.
+/// A cell of a table as readers here have it back: in quotes where it holds a comma, a quote or a line break,
+/// or begins with what makes a comment.
 pub fn csv_cell(text: &str) -> Cow<'_, str> {
     if text.contains([',', '"', '\n', '\r']) || text.starts_with('#') {
         Cow::Owned(format!("\"{}\"", text.replace('"', "\"\"")))
@@ -20,7 +20,8 @@ pub fn csv_cell(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// A table in memory; an hour of inputs has some hundred thousand rows, so that cells have no allocations of their own.
+/// A table in memory; an hour of inputs has some hundred thousand rows, so that cells have no allocations of
+/// their own.
 pub struct Table {
     path: PathBuf,
     columns: Vec<String>,
@@ -40,7 +41,8 @@ pub struct Row<'a> {
 }
 
 impl Table {
-    /// Reads a table, a Parquet one by its name; spaces around cells do not count, lines that begin with `#` neither.
+    /// Reads a table, a Parquet one by its name; spaces around cells do not count, lines that begin with `#`
+    /// neither.
     ///
     /// # Errors
     /// A file that is missing, or of which a row is broken.
@@ -119,13 +121,13 @@ impl Table {
     /// # Errors
     /// Names the columns found.
     pub fn column(&self, name: &str) -> Result<usize, SessionError> {
-        self.columns.iter().position(|c| c == name).ok_or_else(|| SessionError::Column {
-            path: self.path.clone(),
-            column: name.to_owned(),
-            found: match &self.columns[..] {
+        self.column_if_any(name).ok_or_else(|| {
+            let found = match &self.columns[..] {
                 [one] if one.contains([';', '\t']) => format!("{one} (one column: put commas between)"),
                 all => all.join(", "),
-            },
+            };
+            let detail = format!("there is no column {name:?}; the columns are {found}: add or rename it");
+            SessionError::File { path: self.path.clone(), detail }
         })
     }
 

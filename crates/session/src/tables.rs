@@ -16,8 +16,9 @@ pub(crate) const CONTROL_COLUMNS: [&str; 6] = ["name", "x_m", "y_m", "z_m", "dia
 /// Column of the control points that may be left out.
 pub(crate) const SURVEY_COLUMN: &str = "std_m";
 
-/// Reads `t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad`; a table of another aircraft may have none of the
-/// last four, which are then zero. Every other column that holds numbers alone is a channel that models may name.
+/// Reads `t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad`; a table of another aircraft may have
+/// none of the last four, which are then zero. Every other column that holds numbers alone is a channel that
+/// models may name.
 ///
 /// # Errors
 /// Names the file, row and column; times must increase.

@@ -1,4 +1,5 @@
-//! Frame sources: both video paths agree, time stamps come from the container, damaged recordings are refused.
+//! Frame sources: both video paths agree, time stamps come from the container, damaged recordings are
+//! refused.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -89,7 +90,7 @@ fn odd_files_are_the_same_by_both_paths() {
             &["-i", "FIXTURE", "-vf", "scale=out_range=full", "-pix_fmt", "yuvj420p", "-c:v", "libx264"],
         ),
         ("fragments.mp4", &["-i", "FIXTURE", "-c", "copy", "-movflags", "frag_keyframe+empty_moov"]),
-        ("front.mov", &["-i", "FIXTURE", "-c", "copy", "-movflags", "faststart"]),
+        ("moov-first.mov", &["-i", "FIXTURE", "-c", "copy", "-movflags", "faststart"]),
     ];
     for (name, arguments) in cases {
         let fixture = fixture();
@@ -247,7 +248,7 @@ fn a_damaged_sample_is_named() {
     assert!(text.contains("damaged.mp4") && text.contains("frame "), "{text}");
 }
 
-/// `none.mp4` is what ffmpeg leaves when it is told to copy no frame.
+/// `none.mp4` is what ffmpeg leaves when it is asked to copy no frame.
 #[test]
 fn a_video_of_zero_frames_is_refused() {
     let clip = fixture().with_file_name("none.mp4");
@@ -306,7 +307,8 @@ fn made(folder: &Folder, name: &str, arguments: &[&str]) -> std::path::PathBuf {
     folder.path(name)
 }
 
-/// A telephone held upright leaves a matrix in the container: both paths turn the frames as ffmpeg's own rotation does.
+/// A telephone held upright leaves a matrix in the container: both paths turn the frames as ffmpeg's own
+/// rotation does.
 #[test]
 fn rotated_files_are_upright_by_both_paths() {
     if !ffmpeg() {

@@ -180,16 +180,9 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         vehicle: "vehicle.toml".into(),
         inputs: "inputs.csv".into(),
         truth: Some("truth.csv".into()),
-        model: None,
         control: Some(ControlSection { points: "control_points.csv".into(), observations: None }),
-        wand: None,
-        board: None,
-        rig: None,
-        flash: false,
-        clap: false,
-        refine: None,
-        live: None,
         camera: cameras,
+        ..SessionFile::default()
     };
     write_session(&args.out.join("session.toml"), &session)?;
     outln!("{} cameras: {}", session.camera.len(), args.out.join("session.toml").display());
@@ -219,7 +212,7 @@ fn one_camera(
 ) -> Result<SessionCamera> {
     let (args, name) = (set.args, &own.name);
     if own.line_time_s != 0.0 && set.staging != Staging::default() {
-        let what = "things in the way are filmed by a global shutter alone: leave line_time_s out";
+        let what = "occluders are filmed by a global shutter alone: leave line_time_s out";
         return Err(WrongCall(format!("camera {name}: {what}")).into());
     }
     let still = format!("{name}-control.png");

@@ -67,10 +67,10 @@ fn of_session(args: &Live, path: &Path) -> Result<()> {
     let model = named(session.model())?;
     let (cameras, clock) =
         if args.replay { replayed(&session, pace_of(args), &stop)? } else { running(&session)? };
-    let mut listeners = listeners(args, &stop, (&session.vehicle, &session.live))?;
+    let mut listeners = listeners(args, &stop, &session.vehicle, &session.live)?;
     let names = session.cameras.iter().map(|c| c.name.clone()).collect();
     let on_request = calibrating(names, named(session.control_points())?);
-    let taps = with_page(args, &mut listeners, &recorder, (begin, on_request))?;
+    let taps = with_page(args, &mut listeners, &recorder, begin, on_request)?;
     let setup = Setup {
         name: &session.name,
         rig: &rig,
@@ -119,7 +119,8 @@ pub(super) type Begin = Box<dyn Fn(&Path) -> Result<Recorder> + Send>;
 /// What a calibration from the latest frame of each camera says.
 pub(super) type Calibrate = Box<dyn Fn(BTreeMap<usize, Arc<Frame>>) -> Result<String> + Send>;
 
-/// Calibrates from what the cameras show, control points in view, into a rig of its own: the flight goes on with the cameras it has.
+/// Calibrates from what the cameras show, control points in view, into a rig of its own: the flight goes on
+/// with the cameras it has.
 pub(super) fn calibrating(names: Vec<String>, points: Vec<ControlPointRow>) -> Calibrate {
     Box::new(move |frames| {
         if points.is_empty() {
@@ -147,7 +148,8 @@ pub(super) fn with_page(
     args: &Live,
     listeners: &mut Listeners,
     slot: &Arc<RecorderSlot>,
-    (begin, calibrate): (Begin, Calibrate),
+    begin: Begin,
+    calibrate: Calibrate,
 ) -> Result<Vec<Tap>> {
     use super::live_page::{ADDRESS, Duties, serve};
     let Some(address) = args.serve else { return Ok(Vec::new()) };
@@ -163,7 +165,8 @@ pub(super) fn with_page(
     _: &Live,
     _: &mut Listeners,
     _: &Arc<RecorderSlot>,
-    _: (Begin, Calibrate),
+    _: Begin,
+    _: Calibrate,
 ) -> Result<Vec<Tap>> {
     Ok(Vec::new())
 }
@@ -192,11 +195,12 @@ fn with_whole_paths(mut file: SessionFile, folder: &Path) -> SessionFile {
     file
 }
 
-/// Who is told: standard output or the terminal.
+/// The listeners: standard output or the terminal.
 pub(super) fn listeners(
     args: &Live,
     stop: &Arc<AtomicBool>,
-    (vehicle, section): (&Vehicle, &LiveSection),
+    vehicle: &Vehicle,
+    section: &LiveSection,
 ) -> Result<Listeners> {
     let mut all = Listeners::default();
     all.waiting = args.fast;
@@ -204,7 +208,7 @@ pub(super) fn listeners(
         all.add(Box::new(Lines { stop: Arc::clone(stop) }))?;
     }
     all.add(Box::new(Words::default()))?;
-    add_links(&mut all, vehicle, (section, args))?;
+    add_links(&mut all, vehicle, section, args)?;
     Ok(all)
 }
 
@@ -228,7 +232,7 @@ impl Listener for Lines {
     }
 }
 
-/// A camera that comes and goes is spoken of no more often: each second its state is told anew.
+/// Least time between two messages on the state of a camera that comes and goes.
 const CALM: Duration = Duration::from_millis(900);
 
 /// What a user should know, on standard error.
@@ -306,7 +310,7 @@ pub(super) fn finish(args: &Live, rig: &Rig, flown: &FlightSummary) -> Result<()
         "{} instants, {} with a pose, {} lost since the first; {dropped} frames dropped\n",
         flown.instants, flown.measured, flown.lost,
     );
-    // As fast as it goes frames wait for each other: how long tells nothing.
+    // As fast as it goes frames wait for each other: how long has no meaning.
     let latency = format!(
         "From the last frame in hand to the pose: median {:.2} ms, 99 % {:.2} ms, at most {:.2} ms\n",
         flown.latency.quantile_ms(0.5),

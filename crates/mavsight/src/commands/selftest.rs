@@ -1,6 +1,6 @@
 //! Whether the printed intervals are true, for one's own rig.
 
-use super::demo::{feed, frame_of};
+use super::demo::FilmedFlight;
 use super::named;
 use crate::cli::{BuiltInRig, Selftest};
 use crate::lab::{self, StagedFilm};
@@ -8,7 +8,7 @@ use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Result, bail};
 use mavsight_engine::camera_feeds;
-use mavsight_pipeline::{ControlStill, NoProgress, Progress, calibrate_from_stills};
+use mavsight_pipeline::{NoProgress, Progress};
 use mavsight_random::Random;
 use mavsight_scene::Room;
 use mavsight_score::{Coverage, TOO_FEW, Tally, TruthRow, VirtualFlight, VirtualLab};
@@ -74,7 +74,7 @@ pub(crate) fn selftest(args: &Selftest) -> Result<()> {
         .map(|c| format!("{} {} ({:.1} %)", c.quantity, c.verdict, 100.0 * c.share))
         .collect();
     if coverage.iter().any(|c| c.verdict == TOO_FEW) {
-        eprintln!("mavsight: {flights} flights are too few to tell of some: give more by --flights");
+        eprintln!("mavsight: {flights} flights are too few for some quantities: give more by --flights");
     }
     if !wrong.is_empty() {
         bail!("the 95 % intervals are not true here: {}", wrong.join(", "));
@@ -110,30 +110,16 @@ fn film(lab: &VirtualLab, seed: u64, index: u64) -> Result<VirtualFlight> {
         row.position_m.iter_mut().for_each(|x| *x += row.std_m * random.normal());
     }
     let (room, aircraft) = (Room::meeting_room(), lab::aircraft(&lab.vehicle));
-    let control = lab::control_frame(&as_built);
     let films: Vec<StagedFilm<'_>> = lab
         .cameras
         .iter()
         .enumerate()
         .map(|(k, c)| lab::staged_film(&room, c, k, seed + index, &Staging::default()))
         .collect();
-    let stills = lab
-        .cameras
-        .iter()
-        .zip(&films)
-        .map(|(c, film)| {
-            let frame = frame_of(c.camera.size, film.still(Some(&control)))?;
-            Ok(ControlStill { camera: c.name.clone(), frame })
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let rig = calibrate_from_stills(&stills, &lab.control)?;
-    let feeds = lab
-        .cameras
-        .iter()
-        .zip(&films)
-        .map(|(camera, film)| feed(camera, film, &aircraft, &rows, 1.0 / lab.frame_rate_hz))
-        .collect();
-    let tracked = mavsight_pipeline::track(feeds, &rig, &lab.vehicle, &NoProgress)?;
+    let interval_s = 1.0 / lab.frame_rate_hz;
+    let filmed =
+        FilmedFlight { cameras: &lab.cameras, films: &films, aircraft: &aircraft, truth: &rows, interval_s };
+    let (rig, tracked) = filmed.track(&as_built, &lab.control, &lab.vehicle, &NoProgress)?;
     Ok(lab.measured(truth, rig, tracked)?)
 }
 
@@ -144,7 +130,7 @@ fn setting(name: &str, lab: &VirtualLab, tally: &Tally, args: &Selftest) -> Stri
         "filmed in the virtual room, without a codec".to_owned()
     } else {
         format!(
-            "centres claimed to {:.3} px with {:.2} of that as noise, {:.3} px that stay",
+            "centres claimed to {:.3} px with {:.2} of that as noise, {:.3} px systematic",
             lab.stated_std_px(),
             lab.noise_over_stated,
             lab.bias_px

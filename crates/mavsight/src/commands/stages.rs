@@ -159,7 +159,7 @@ mod tests {
             "session": "flight", "cameras": {"a": 1}, "poses": {"measured": 2}, "notes": ["seen"],
         });
         std::fs::write(folder.join(names::SUMMARY), before.to_string()).expect("a summary");
-        let stage = json!({"poses": {"measured": 3}, "notes": [], "verdicts": ["told"]});
+        let stage = json!({"poses": {"measured": 3}, "notes": [], "verdicts": ["determined"]});
         let merged = beside_other_stages(&folder, "flight", stage.clone());
         assert_eq!(merged["cameras"], before["cameras"]);
         assert_eq!(merged["poses"], stage["poses"]);

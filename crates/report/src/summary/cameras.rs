@@ -69,8 +69,8 @@ fn precision(summary: &mut Summary, rig: &Rig, pixel_std_px: f64) {
     section.add("share_seen", label, p.share_seen, format!("{:.0} %", 100.0 * p.share_seen));
 }
 
-/// Standard deviation of one coordinate of a ball's centre: as the markers' observations state it, root mean square; as the
-/// control points' residuals show it where nothing was tracked.
+/// Standard deviation of one coordinate of a ball's centre: as the markers' observations state it, root
+/// mean square; as the control points' residuals show it where nothing was tracked.
 pub(crate) fn pixel_std_px(results: &RunResults) -> f64 {
     let rms = |values: &mut dyn Iterator<Item = f64>| {
         let (sum, n) = values.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));

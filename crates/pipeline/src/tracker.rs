@@ -3,36 +3,16 @@
 use crate::PipelineError;
 use crate::associate::MarkerColors;
 use mavsight_flight::Vehicle;
-use mavsight_geometry::{Matrix2, Vector2, Vector3};
-use mavsight_pose::Rig;
+use mavsight_geometry::Vector3;
+use mavsight_pose::{Rig, TrackedDetection};
 use mavsight_vision::{BallHealth, Frame, Tracker};
 use std::sync::Arc;
 
 /// How far beyond the control points' ranges the aircraft may fly, as a factor on its apparent size.
 const RANGE_MARGIN: f64 = 2.0;
 
-/// One thing of a marker's colour in one frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sight {
-    /// Time stamp of the frame, by the camera's clock.
-    pub stamp_ns: i64,
-    /// The same for the same thing from frame to frame.
-    pub id: u32,
-    /// Its colour, as the vehicle's markers have them, each once.
-    pub color: usize,
-    /// Centre.
-    pub pixel: Vector2<f64>,
-    /// Covariance of that.
-    pub covariance_px2: Matrix2<f64>,
-    /// Apparent diameter.
-    pub diameter_px: f64,
-    /// Whether it has long stayed at one place.
-    pub stays: bool,
-    /// Whether it is the most likely of its colour to be a marker.
-    pub leads: bool,
-}
-
-/// A number to seven digits, as lists of a flight's sights hold it: so a camera that runs and its recording give the same.
+/// A number to seven digits, as lists of a flight's detections hold it: so a camera that runs and its
+/// recording give the same.
 pub(crate) fn held(value: f64) -> f64 {
     f64::from(value as f32)
 }
@@ -41,7 +21,7 @@ pub(crate) fn held(value: f64) -> f64 {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TrackedFrame<'a> {
     /// New: what was seen in it.
-    New(&'a [Sight]),
+    New(&'a [TrackedDetection]),
     /// The frame before once more, sample by sample: it shows nothing new.
     Copy,
     /// Not later than the frame before: it has no time of its own.
@@ -51,17 +31,20 @@ pub enum TrackedFrame<'a> {
 /// Follows everything that may be a marker in one camera's frames.
 #[derive(Debug)]
 pub struct CameraTracker {
+    camera: usize,
     tracker: Tracker,
-    sights: Vec<Sight>,
+    detections: Vec<TrackedDetection>,
     /// The last frame that was new, with its stamp.
     last: Option<(i64, Arc<Frame>)>,
 }
 
 impl CameraTracker {
-    /// A tracker that expects the apparent diameters that the rig and the ball sizes imply over the calibrated volume.
+    /// A tracker that expects the apparent diameters that the rig and the ball sizes imply over the
+    /// calibrated volume.
     ///
     /// # Errors
-    /// Marker colours that cannot be told apart, balls too small to be measured, no such camera in the rig.
+    /// Marker colours that cannot be distinguished, balls too small to be measured, no such camera in the
+    /// rig.
     pub fn new(rig: &Rig, camera: usize, vehicle: &Vehicle) -> Result<Self, PipelineError> {
         let Some(seen_by) = rig.cameras.get(camera) else {
             return Err(PipelineError::NoFrames { camera: format!("camera number {camera}") });
@@ -81,7 +64,7 @@ impl CameraTracker {
         let tracker = Tracker::new(&colors.balls, range)
             .map_err(|source| PipelineError::Vision { place: seen_by.name.clone(), source })?;
         let tracker = tracker.with_markers(&colors.counts()).with_camera(seen_by.camera);
-        Ok(Self { tracker, sights: Vec::new(), last: None })
+        Ok(Self { camera, tracker, detections: Vec::new(), last: None })
     }
 
     /// Looks at the next frame.
@@ -96,23 +79,24 @@ impl CameraTracker {
                 return TrackedFrame::Copy;
             }
         }
-        self.sights.clear();
-        self.sights.extend(self.tracker.follow(&frame).iter().map(|s| Sight {
-            stamp_ns,
-            id: s.id,
+        self.detections.clear();
+        self.detections.extend(self.tracker.follow(&frame).iter().map(|s| TrackedDetection {
+            t_ns: stamp_ns,
+            camera: self.camera,
+            track_id: s.id,
             color: s.color,
             pixel: s.detection.pixel,
             covariance_px2: s.detection.covariance_px2.map(held),
             diameter_px: held(s.detection.diameter_px),
-            stays: s.is_static,
-            leads: s.is_preferred,
+            is_static: s.is_static,
+            is_preferred: s.is_preferred,
         }));
         self.last = Some((stamp_ns, frame));
-        TrackedFrame::New(&self.sights)
+        TrackedFrame::New(&self.detections)
     }
 
-    /// Looks for newcomers in the frame that was seen last, before the next one comes, and makes ready for that. It is
-    /// done then if it was not before.
+    /// Looks for newcomers in the frame that was seen last, before the next one comes, and prepares for
+    /// that. It is done then if it was not before.
     pub fn look_around(&mut self) {
         if let Some((_, last)) = &self.last {
             self.tracker.look_around(last);
@@ -141,7 +125,7 @@ mod tests {
     use crate::testing::{SIZE, rig};
 
     #[test]
-    fn copied_and_backward_frames_are_told() {
+    fn copied_and_backward_frames_are_recognised() {
         let mut tracker = CameraTracker::new(&rig(), 0, &Vehicle::paper()).unwrap();
         let frame = |shade: u8| Arc::new(Frame::from_rgb(SIZE, vec![shade; 3 * SIZE.area_px()]).unwrap());
         assert_eq!(tracker.see(0, frame(120)), TrackedFrame::New(&[]));
@@ -154,7 +138,7 @@ mod tests {
 
     /// All frames of a camera whose shutter is closed are alike: each shows that it is dark.
     #[test]
-    fn a_camera_that_stays_dark_is_dark_in_each_frame() {
+    fn a_camera_that_remains_dark_is_dark_in_each_frame() {
         let mut tracker = CameraTracker::new(&rig(), 0, &Vehicle::paper()).unwrap();
         let dark = Arc::new(Frame::from_rgb(SIZE, vec![3; 3 * SIZE.area_px()]).unwrap());
         for t_ns in 0..5 {
