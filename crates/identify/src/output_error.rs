@@ -38,7 +38,7 @@ mod row;
 mod shooting;
 mod start;
 
-pub use disagreement::{Correlation, Disagreement, Estimates, disagreement};
+pub use disagreement::{Disagreement, Estimates, disagreement};
 pub use expected::{ExpectedFit, ExpectedParameter, expected_fit};
 pub use fit::output_error;
 pub use flight::{Comparison, FlightFitOptions, FlightFits, Images, InputClock, fitted_stretch_s};

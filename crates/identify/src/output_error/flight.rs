@@ -4,8 +4,8 @@ use super::measure::{Measurements, StateMeasurement};
 use super::model::{FlightModel, ModelParameter};
 use super::prediction::predict_poses;
 use super::{
-    Correlation, Disagreement, Estimates, ImageMeasurements, InitialFlapping, OutputErrorFit,
-    OutputErrorOptions, disagreement, output_error,
+    Disagreement, Estimates, ImageMeasurements, InitialFlapping, OutputErrorFit, OutputErrorOptions,
+    disagreement, output_error,
 };
 use crate::{Identification, IdentifyError};
 use mavsight_flight::{InputSample, InputSeries, Vehicle};
@@ -328,7 +328,7 @@ fn compare(first: &NamedEstimates, second: &NamedEstimates) -> Option<Comparison
     };
     let (a, b): (Vec<usize>, Vec<usize>) = shared.into_iter().unzip();
     let (one, other) = (part(first, &a), part(second, &b));
-    let test = disagreement(&one, &other, Correlation::IndependentOrAlike).ok()?;
+    let test = disagreement(&one, &other).ok()?;
     Some(Comparison {
         between: (first.estimator.clone(), second.estimator.clone()),
         parameters: a.iter().map(|i| first.names[*i].clone()).collect(),

@@ -181,11 +181,6 @@ impl ImageMeasurements {
         })
     }
 
-    /// Names of the nuisances.
-    pub fn nuisance_names(&self) -> &[String] {
-        &self.names
-    }
-
     pub(crate) fn times_s(&self) -> Vec<f64> {
         self.times_ns.iter().map(|t| *t as f64 * 1e-9).collect()
     }
