@@ -1,19 +1,21 @@
-//! Which of the balls that the cameras see are which markers: what the rigid body and all cameras together support.
+//! Which of the balls that the cameras see are which markers: what the rigid body and all cameras
+//! together support.
 //!
-//! Near a predicted pose each ball is given to the marker whose image it may be; without one, triangles of balls that two
-//! cameras see are compared with those of the body. A pose that nothing predicted is believed where the odds for it,
-//! against balls that lie in the images by chance and against any other pose, are 999 to 1.
+//! Near a predicted pose each ball is given to the marker whose image it may be; without one, triangles
+//! of balls that two cameras see are compared with those of the body. A pose that nothing predicted is
+//! believed where the odds for it, against balls that lie in the images by chance and against any other
+//! pose, are 999 to 1.
 
 mod acquire;
 mod belief;
+mod evidence;
 mod symmetry;
 mod watch;
 
 use crate::{MarkerObservation, PoseError, PoseEstimator, PoseSample, Rig, TrackedDetection};
-use belief::{Belief, Expected, History};
-use mavsight_geometry::{Camera, Matrix3, Matrix6, Vector3};
-use nalgebra::{Cholesky, Const};
-use std::f64::consts::PI;
+use belief::{Belief, History};
+use evidence::Noise;
+use mavsight_geometry::{Camera, Vector3};
 pub use watch::MovedCamera;
 use watch::Watch;
 
@@ -24,15 +26,8 @@ const DOUBTFUL_CHI_SQUARE: f64 = 9.19;
 /// Largest ratio between the diameter seen and the one expected: a ball half hidden still shows more.
 const MOST_SIZE_RATIO: f64 = 1.6;
 
-/// Redundancy from which one instant tells how large its noise is: three markers in two cameras.
+/// Redundancy from which one instant shows how large its noise is: three markers in two cameras.
 const LEAST_DEGREES: f64 = 6.0;
-/// Weight of the noise known before against one instant's, in degrees of freedom: as much as four markers in two cameras
-/// have.
-const CLAIM_DEGREES: f64 = 10.0;
-/// Logarithm of the share of balls that are hidden by something else than what hides all of them: one in ten.
-const LOG_MISSED: f64 = -2.303;
-/// Share of what is known of the noise that lasts from frame to frame: some seconds of video.
-const NOISE_MEMORY: f64 = 0.99;
 
 /// What one instant's candidates are.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,11 +55,12 @@ pub struct Associator {
 }
 
 impl Associator {
-    /// An associator for the body of an estimator, whose markers have the given colours (equal numbers for equal colours) and
-    /// were placed with a standard deviation.
+    /// An associator for the body of an estimator, whose markers have the given colours (equal numbers
+    /// for equal colours) and were placed with a standard deviation.
     ///
     /// # Errors
-    /// [`PoseError::SymmetricMarkers`] where markers of one colour can change places so that the body looks the same.
+    /// [`PoseError::SymmetricMarkers`] where markers of one colour can change places so that the body
+    /// looks the same.
     pub fn new(
         estimator: PoseEstimator,
         rig: &Rig,
@@ -99,20 +95,20 @@ impl Associator {
     pub fn associate(&mut self, t_ns: i64, candidates: &[TrackedDetection]) -> Association {
         let predicted = self.history.predicted(t_ns, self.size_m);
         let in_use = |k: usize| self.is_in_use(&candidates[k]);
-        let mut out = self.told_by(t_ns, candidates, predicted.as_ref(), in_use);
+        let mut out = self.associated_by(t_ns, candidates, predicted.as_ref(), in_use);
         if let Some(belief) = predicted.as_ref().filter(|_| !self.is_sound(&out, candidates)) {
-            let rest = self.without_sights(t_ns, candidates, belief);
+            let rest = self.without_detections(t_ns, candidates, belief);
             if let Some(rest) = rest.or_else(|| self.without_one(t_ns, candidates, belief)) {
                 out = rest;
             } else if out.sample.estimate.is_none() {
-                let anew = self.told_by(t_ns, candidates, None, in_use);
+                let anew = self.associated_by(t_ns, candidates, None, in_use);
                 out = if anew.sample.estimate.is_some() { anew } else { out };
             }
         }
         if let Some(belief) = &predicted
             && self.watch_cameras(t_ns, candidates, (&out, belief))
         {
-            let rest = self.told_by(t_ns, candidates, Some(belief), |k| self.is_in_use(&candidates[k]));
+            let rest = self.associated_by(t_ns, candidates, Some(belief), |k| self.is_in_use(&candidates[k]));
             out = if rest.sample.estimate.is_some() { rest } else { out };
         }
         if let Some(estimate) = &out.sample.estimate {
@@ -154,14 +150,14 @@ impl Associator {
             let at = self.expected(&estimate.world_from_body, candidate.camera, *marker);
             let Some(expected) = at else { continue };
             let error = candidate.pixel - expected.pixel;
-            let factor = self.sight_covariance(&expected, candidate).cholesky();
+            let factor = self.detection_covariance(&expected, candidate).cholesky();
             squares += factor.map_or(0.0, |f| error.dot(&f.solve(&error)));
             n += 2.0;
         }
         (squares, n - 6.0)
     }
 
-    /// Takes from markers that were left out what does not even touch their place: another thing.
+    /// Takes from markers that were left out what does not even touch their place: another object.
     fn drop_strangers(
         &self,
         estimate: &crate::PoseEstimate,
@@ -190,7 +186,8 @@ impl Associator {
                 }
                 let log_odds = self.log_odds(&estimate, candidates, &pairs, Some(predicted));
                 let (_, degrees) = self.misfit(&estimate, candidates, &pairs);
-                // What agrees with little else than the prediction is believed where that leaves no room for another ball.
+                // What agrees with little else than the prediction is believed where that leaves no room
+                // for another ball.
                 let largest_m = self.estimator.markers().iter().map(|m| 2.0 * m.radius_m).fold(0.0, f64::max);
                 let vague = degrees < LEAST_DEGREES && predicted.shift_m > largest_m;
                 if vague || log_odds < DECISIVE_LOG_ODDS {
@@ -242,137 +239,13 @@ impl Associator {
                 .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.2.total_cmp(&a.1.2)));
             let Some((margin, &(index, marker, _))) = clear else { break };
             if margin < DOUBTFUL_CHI_SQUARE {
-                // What nobody else claims is taken all the same; the rest stays with neither.
+                // What nobody else claims is taken all the same; the rest goes to neither.
                 break;
             }
             pairs.push((index, marker));
             self.narrow(&mut belief, &candidates[index], marker);
         }
         pairs.sort_unstable_by_key(|(c, m)| (candidates[*c].camera, *m));
-    }
-
-    /// Odds, as their logarithm, of the body where the estimate says against other things of the markers' colours: the
-    /// evidence of the sights by Laplace's approximation (MacKay 1992), for poses as predicted, or uniform over room and
-    /// rotations, with the noise scaled as the flight so far, or these residuals, ask for. Other things lie anywhere in an image, or anywhere in the room where two
-    /// cameras see them, whichever explains the sights better.
-    fn log_odds(
-        &self,
-        estimate: &crate::PoseEstimate,
-        candidates: &[TrackedDetection],
-        pairs: &[(usize, usize)],
-        predicted: Option<&Belief>,
-    ) -> f64 {
-        let belief = Belief::of(estimate);
-        let mut normal = Matrix6::zeros();
-        let mut things = vec![Thing::default(); self.colors.len()];
-        for (index, marker) in pairs.iter().filter(|p| estimate.markers_used.contains(p.1)) {
-            let candidate = &candidates[*index];
-            let Some(expected) = self.expected(&belief.pose, candidate.camera, *marker) else { continue };
-            let Some(factor) = self.sight_covariance(&expected, candidate).cholesky() else { continue };
-            normal += expected.jacobian.transpose() * factor.solve(&expected.jacobian);
-            let alike = |c: &&TrackedDetection| c.camera == candidate.camera && c.color == candidate.color;
-            let rivals = candidates.iter().filter(alike).count() as f64;
-            let area_px2 = self.cameras[candidate.camera].size.area_px() as f64;
-            things[*marker].add(&expected, candidate, &factor, (rivals, area_px2));
-        }
-        let n: usize = things.iter().map(|t| t.sights).sum();
-        if n < 3 {
-            return f64::NEG_INFINITY;
-        }
-        let squares: f64 = things.iter().map(|t| t.square).sum();
-        let (scale, log_misfit) = self.noise.misfit(squares, (2 * n).saturating_sub(6) as f64);
-        let apart = |t: &Thing| t.log_spread(scale) - t.log_chance(scale, self.volume_m3);
-        let log_missed = LOG_MISSED * self.missed(&belief, candidates, pairs);
-        let of_things: f64 = log_missed + log_misfit + things.iter().map(apart).sum::<f64>();
-        let log_prior = match predicted {
-            Some(predicted) => -predicted.log_density(&belief),
-            None => (self.volume_m3 * 8.0 * PI * PI).ln(),
-        };
-        let log_posterior = 3.0 * (2.0 * PI * scale).ln() - 0.5 * normal.determinant().ln();
-        let odds = of_things - log_prior + log_posterior;
-        if odds.is_nan() { f64::NEG_INFINITY } else { odds }
-    }
-}
-
-/// What the residuals so far tell of the claimed covariances.
-#[derive(Debug, Clone, Copy, Default)]
-struct Noise {
-    squares: f64,
-    degrees: f64,
-}
-
-impl Noise {
-    /// The factor on the claims, and the logarithm of the misfit's density: Student's, as the factor is known as if by
-    /// [`CLAIM_DEGREES`] (Gelman et al. 2013, section 2.6); where nothing was seen yet and residuals tell more than that, theirs.
-    fn misfit(&self, squares: f64, degrees: f64) -> (f64, f64) {
-        if self.degrees == 0.0 && degrees >= LEAST_DEGREES {
-            let scale = (squares / degrees).max(1.0);
-            return (scale, -0.5 * squares / scale);
-        }
-        let scale = self.scale().unwrap_or(1.0);
-        (scale, -0.5 * (CLAIM_DEGREES + degrees) * (squares / (CLAIM_DEGREES * scale)).ln_1p())
-    }
-
-    /// The factor on the claims, where anything was seen yet.
-    fn scale(&self) -> Option<f64> {
-        (self.degrees > 0.0).then(|| (self.squares / self.degrees).max(1.0))
-    }
-
-    fn learn(&mut self, estimate: &crate::PoseEstimate, squares: f64, degrees: f64) {
-        if estimate.left_out.is_empty() && degrees >= LEAST_DEGREES {
-            self.squares = NOISE_MEMORY * self.squares + squares;
-            self.degrees = NOISE_MEMORY * self.degrees + degrees;
-        }
-    }
-}
-
-/// The sights of one marker, as its own and as those of anything else.
-#[derive(Debug, Clone, Default)]
-struct Thing {
-    sights: usize,
-    rivals: f64,
-    /// Squared whitened residuals at the pose.
-    square: f64,
-    /// Σ ln 2π |R|^½.
-    log_spread: f64,
-    /// Σ ln of rivals over the image's area.
-    log_in_images: f64,
-    normal: Matrix3<f64>,
-    gradient: Vector3<f64>,
-}
-
-impl Thing {
-    fn add(
-        &mut self,
-        expected: &Expected,
-        candidate: &TrackedDetection,
-        factor: &Cholesky<f64, Const<2>>,
-        (rivals, area_px2): (f64, f64),
-    ) {
-        let error = candidate.pixel - expected.pixel;
-        let weighted = factor.solve(&error);
-        self.sights += 1;
-        self.rivals = self.rivals.max(rivals);
-        self.square += error.dot(&weighted);
-        self.log_spread += (2.0 * PI * factor.determinant().sqrt()).ln();
-        self.log_in_images += (rivals / area_px2).ln();
-        self.normal += expected.by_point.transpose() * factor.solve(&expected.by_point);
-        self.gradient += expected.by_point.transpose() * weighted;
-    }
-
-    /// Density of the sights at the pose but for the misfit, with their covariances scaled.
-    fn log_spread(&self, scale: f64) -> f64 {
-        -self.log_spread - self.sights as f64 * scale.ln()
-    }
-
-    /// Density of the sights if they are anything else's.
-    fn log_chance(&self, scale: f64, volume_m3: f64) -> f64 {
-        let in_space = self.normal.cholesky().filter(|_| self.sights > 1).map(|c| {
-            let left = (self.square - self.gradient.dot(&c.solve(&self.gradient))).max(0.0);
-            let cloud = 1.5 * (2.0 * PI * scale).ln() - 0.5 * c.determinant().ln();
-            (self.rivals / volume_m3).ln() + cloud + self.log_spread(scale) - 0.5 * left / scale
-        });
-        in_space.map_or(self.log_in_images, |s| s.max(self.log_in_images))
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod equations;
 mod leaps;
+mod part;
 mod path;
 mod search;
 #[cfg(test)]
@@ -14,22 +15,23 @@ use equations::Problem;
 use mavsight_geometry::{ImageSize, Vector2};
 use std::fmt;
 
-/// A clock counts as told where its offset's standard deviation is at most this part of a frame's interval.
-const TOLD_INTERVALS: f64 = 0.125;
+/// A clock counts as determined where its offset's standard deviation is at most this part of a frame's
+/// interval.
+const DETERMINED_INTERVALS: f64 = 0.125;
 
-/// A difference of this many standard deviations is no chance: one in sixteen thousand normal numbers is.
+/// A difference of this many standard deviations is not by chance: one in sixteen thousand normal numbers is.
 const SIGNIFICANT: f64 = 4.0;
 
-/// An offset matters where it moves centres by this part of their standard deviation at the flight's image speed: it would
-/// add a thirtieth to their errors.
+/// An offset matters where it moves centres by this part of their standard deviation at the flight's
+/// image speed: it would add a thirtieth to their errors.
 const RELEVANT_STD: f64 = 0.25;
 
-/// Standard deviation of a quartz clock's rate between two cameras: crystals of consumer electronics are sold with
-/// tolerances of 20 to 100 parts in a million.
+/// Standard deviation of a quartz clock's rate between two cameras: crystals of consumer electronics are
+/// sold with tolerances of 20 to 100 parts in a million.
 pub const QUARTZ_DRIFT_STD: f64 = 100e-6;
 
-/// What a camera's time stamps mean: stamp = offset + (1 + drift)·t for the middle row of an image, and rows further along the
-/// readout are exposed later by `line_time_s` each.
+/// What a camera's time stamps mean: stamp = offset + (1 + drift)·t for the middle row of an image, and
+/// rows further along the readout are exposed later by `line_time_s` each.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CameraClock {
     /// How late the stamps are at t = 0.
@@ -55,7 +57,8 @@ impl CameraClock {
     }
 }
 
-/// What is known of a clock before the flight: a start, and a standard deviation of each part. 0: known exactly; infinite: nothing.
+/// What is known of a clock before the flight: a start, and a standard deviation of each part. 0: known
+/// exactly; infinite: nothing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockPrior {
     /// The start.
@@ -84,12 +87,14 @@ impl ClockPrior {
     }
 }
 
-/// Stretches of time of which the sights are enough for [`estimate_clocks`], for recordings that span `from_ns..=to_ns` by their
-/// presumed clocks: all of a flight of up to four minutes, else sixty of four seconds, evenly spread.
+/// Stretches of time of which the observations are enough for [`estimate_clocks`], for recordings that
+/// span `from_ns..=to_ns` by their presumed clocks: all of a flight of up to four minutes, else sixty of
+/// four seconds, evenly spread.
 ///
-/// The estimation looks at 2000 instants wherever they lie. Sixty stretches see the clocks drift apart over the same span; errors that
-/// last through a stretch are in the scatter between parts of the flight, which standard deviations allow for. A stretch is as
-/// long as it takes for clocks that are a second apart to share three of its seconds.
+/// The estimation looks at 2000 instants wherever they lie. Sixty stretches see the clocks drift apart
+/// over the same span; errors that last through a stretch are in the scatter between parts of the flight,
+/// which standard deviations allow for. A stretch is as long as it takes for clocks that are a second
+/// apart to share three of its seconds.
 pub fn informative_stretches_ns((from_ns, to_ns): (i64, i64)) -> Vec<(i64, i64)> {
     let span_ns = to_ns.saturating_sub(from_ns);
     if span_ns <= STRETCHES * STRETCH_NS {
@@ -150,11 +155,11 @@ pub enum ClockVerdict {
     InStep,
     /// Set right by what the flight shows.
     SetRight,
-    /// The flight is too slow, or too little of it is seen by two cameras, to tell: left as it was.
+    /// The flight is too slow, or too little of it is seen by two cameras, to show it: left as it was.
     TooSlow {
         /// Root mean square speed of the markers in the image.
         speed_px_s: f64,
-        /// Speed at which a flight as long would tell; infinite where the cameras share no instant.
+        /// Speed at which a flight as long would show it; infinite where the cameras share no instant.
         needed_px_s: f64,
         /// The same for the aircraft.
         needed_m_s: f64,
@@ -211,7 +216,7 @@ impl fmt::Display for ClockEstimate {
             ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s } => {
                 write!(
                     f,
-                    "taken as given: the flight is too slow to tell its offset (balls move at {speed_px_s:.1} px/s; "
+                    "taken as given: the flight is too slow to determine its offset (balls move at {speed_px_s:.1} px/s; "
                 )?;
                 if needed_px_s <= speed_px_s {
                     write!(f, "what else is not known hides it: fly for longer, or give time_offset_s)")
@@ -230,10 +235,11 @@ impl fmt::Display for ClockEstimate {
 
 /// The clocks of all cameras from one flight of a rigid body.
 ///
-/// The poses that fit all cameras best at the instants of the fastest camera leave reprojection errors; offsets, drifts and line
-/// times are what makes these least, by Gauss and Newton with the markers' image velocities as derivatives, the poses and a
-/// lasting error of each centre eliminated, and long residuals bounded (Huber 1981). An offset of which nothing is known is first
-/// sought within ± 1 s. Standard deviations allow for noise beyond what is claimed and for errors that last over a
+/// The poses that fit all cameras best at the instants of the fastest camera leave reprojection errors;
+/// offsets, drifts and line times are what makes these least, by Gauss and Newton with the markers' image
+/// velocities as derivatives, the poses and a systematic error of each centre eliminated, and long
+/// residuals bounded (Huber 1981). An offset of which nothing is known is first sought within ± 1 s.
+/// Standard deviations allow for noise beyond what is claimed and for errors that last over a
 /// twenty-fourth of the flight. The first camera's clock is the reference.
 ///
 /// What the flight shows is gone by where it is significant and matters ([`ClockVerdict`]).

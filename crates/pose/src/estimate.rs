@@ -4,22 +4,22 @@ mod bias;
 mod components;
 mod fit;
 mod gates;
-mod lasting;
 mod p3p;
 mod sample;
 mod solve;
 mod start;
+mod systematic;
 
 use crate::{MarkerObservation, PoseError, RefinedFlight, Rig};
 pub use fit::ReprojectionFit;
 use gates::{DECISIVE_CHI_SQUARE, beyond_f_gate, chi_square_gate, noise_factor};
 pub(crate) use gates::{HUBER_MEAN, chi_square_gate as chi_square_quantile};
-use lasting::Lasting;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Matrix2, Point3, Vector2, Vector3};
 use nalgebra::DMatrix;
 pub use sample::{MarkerSet, PoseEstimate};
 pub(crate) use solve::noise_weight;
-use solve::{Sight, Solution, of_markers};
+use solve::{Solution, View, of_markers};
+use systematic::SystematicErrors;
 
 /// A ball on the body.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,7 +32,7 @@ pub struct BodyMarker {
     pub radius_m: f64,
 }
 
-/// A sight that is expected, before there is a picture.
+/// The prediction of an observation, for planning.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PredictedObservation {
     /// Index of the camera in the rig.
@@ -60,7 +60,7 @@ pub struct PoseEstimator {
     cameras: Vec<Camera>,
     centres: Vec<Vector3<f64>>,
     markers: Vec<BodyMarker>,
-    lasting: Lasting,
+    errors: SystematicErrors,
     /// By how much each marker's centre is off for good, camera by camera.
     offsets_px: Vec<Vector2<f64>>,
 }
@@ -74,7 +74,7 @@ impl PoseEstimator {
         let cameras: Vec<Camera> = rig.cameras.iter().map(|c| c.camera).collect();
         Self {
             centres: cameras.iter().map(Camera::centre_in_world).collect(),
-            lasting: Lasting::of_rig(rig, markers.len()),
+            errors: SystematicErrors::of_rig(rig, markers.len()),
             markers: markers.to_vec(),
             offsets_px: vec![Vector2::zeros(); cameras.len() * markers.len()],
             cameras,
@@ -86,19 +86,19 @@ impl PoseEstimator {
         &self.markers
     }
 
-    /// The same with what is not known of the markers' positions: 3 rows a marker (body axes, m), each column one standard
-    /// deviation along an independent direction, so that their covariance is M Mᵀ.
+    /// The same with what is not known of the markers' positions: 3 rows a marker (body axes, m), each
+    /// column one standard deviation along an independent direction, so that their covariance is M Mᵀ.
     ///
     /// # Errors
     /// [`PoseError::MarkerUncertainty`] for another number of rows or what is not finite.
     pub fn with_marker_uncertainty(mut self, factor_m: &DMatrix<f64>) -> Result<Self, PoseError> {
         let refused = PoseError::MarkerUncertainty { rows: factor_m.nrows(), needed: 3 * self.markers.len() };
-        self.lasting = self.lasting.with_markers(factor_m).ok_or(refused)?;
+        self.errors = self.errors.with_markers(factor_m).ok_or(refused)?;
         Ok(self)
     }
 
-    /// An estimator with cameras and centres as a flight has shown them, with what that leaves open; the markers are those of
-    /// the flight, or where it does not show them, those of the file.
+    /// An estimator with cameras and centres as a flight has shown them, with what that leaves open; the
+    /// markers are those of the flight, or where it does not show them, those of the file.
     ///
     /// # Errors
     /// [`PoseError::MarkerUncertainty`] for a body of another number of markers.
@@ -113,70 +113,74 @@ impl PoseEstimator {
         if markers.is_some() {
             factor.rows_mut(CAMERA_PARAMETERS * out.cameras.len(), needed).fill(0.0);
         }
-        out.lasting = out.lasting.fitted(&factor).ok_or(refused)?;
+        out.errors = out.errors.fitted(&factor).ok_or(refused)?;
         out.offsets_px.clone_from(&flight.offsets_px);
         Ok(out)
     }
 
-    /// The pose that fits all sights of one instant best; observations of other instants are passed over.
+    /// The pose that fits all observations of one instant best; observations of other instants are passed
+    /// over.
     ///
-    /// The reprojection error of all sights, weighted by their covariances, is minimised, with the influence of long
-    /// residuals bounded (Huber 1981; 95 % efficient where the noise is normal). The start is a rigid fit to the markers
-    /// that two cameras saw; where those are fewer than three, every pose in which one camera sees three of its markers
-    /// (Grunert 1841), and its mirror image about the line of sight. A marker whose removal lowers the chi-square by more
-    /// than its 99.9 % quantile (of F, where the rest shows more noise than was claimed) is left out while three remain.
-    /// Where two minima are both likely, the one much nearer to `previous` is taken.
+    /// The reprojection error of all observations, weighted by their covariances, is minimised, with the
+    /// influence of long residuals bounded (Huber 1981; 95 % efficient where the noise is normal). The
+    /// start is a rigid fit to the markers that two cameras saw; where those are fewer than three, every
+    /// pose in which one camera sees three of its markers (Grunert 1841), and its mirror image about the
+    /// viewing ray. A marker whose removal lowers the chi-square by more than its 99.9 % quantile (of F,
+    /// where the rest shows more noise than was claimed) is left out while three remain. Where two minima
+    /// are both likely, the one much nearer to `previous` is taken.
     ///
     /// # Errors
-    /// [`PoseError::TooFewMarkers`], [`PoseError::AmbiguousPose`], [`PoseError::NotRigid`], [`PoseError::NotConverged`],
-    /// [`PoseError::BadObservation`], [`PoseError::Geometry`] for collinear markers.
+    /// [`PoseError::TooFewMarkers`], [`PoseError::AmbiguousPose`], [`PoseError::NotRigid`],
+    /// [`PoseError::NotConverged`], [`PoseError::BadObservation`], [`PoseError::Geometry`] for collinear
+    /// markers.
     pub fn estimate(
         &self,
         t_ns: i64,
         observations: &[MarkerObservation],
         previous: Option<&Isometry3<f64>>,
     ) -> Result<PoseEstimate, PoseError> {
-        let mut sights = Vec::with_capacity(observations.len());
+        let mut views = Vec::with_capacity(observations.len());
         for seen in observations.iter().filter(|o| o.t_ns == t_ns) {
-            sights.push(self.sight(seen)?);
+            views.push(self.view(seen)?);
         }
         let mut used: Vec<usize> =
-            (0..self.markers.len()).filter(|m| sights.iter().any(|s| s.marker == *m)).collect();
+            (0..self.markers.len()).filter(|m| views.iter().any(|s| s.marker == *m)).collect();
         let mut left_out = Vec::new();
-        let mut solution = self.solve(&sights, &used, previous);
+        let mut solution = self.solve(&views, &used, previous);
         while used.len() > 3 {
-            let Some((drop, without)) = self.disagreeing(&sights, (&used, &solution), previous) else {
+            let Some((drop, without)) = self.disagreeing(&views, (&used, &solution), previous) else {
                 break;
             };
             used.retain(|m| *m != drop);
             left_out.push(drop);
             solution = Ok(without);
         }
-        let own = of_markers(&sights, &used);
+        let own = of_markers(&views, &used);
         let solution = self.bounded_from(&own, solution?);
         self.refuse_misfit(&solution, &used)?;
         self.finished(&own, &solution, (&used, &left_out))
     }
 
-    /// The covariance with which a pose will be measured from sights that are as good as they claim: what
-    /// [`PoseEstimator::estimate`] gives where the residuals are as large as expected.
+    /// The covariance with which a pose will be measured from observations that are as good as they
+    /// claim: what [`PoseEstimator::estimate`] gives where the residuals are as large as expected.
     ///
     /// # Errors
-    /// [`PoseError::BadObservation`]; [`PoseError::TooFewMarkers`] and [`PoseError::NotConverged`] for sights that do not
-    /// determine the pose; [`PoseError::Geometry`] for a marker behind its camera.
+    /// [`PoseError::BadObservation`]; [`PoseError::TooFewMarkers`] and [`PoseError::NotConverged`] for
+    /// observations that do not determine the pose; [`PoseError::Geometry`] for a marker behind its
+    /// camera.
     pub fn predict(
         &self,
         world_from_body: &Isometry3<f64>,
-        sights: &[PredictedObservation],
+        views: &[PredictedObservation],
     ) -> Result<PoseEstimate, PoseError> {
-        let mut own = Vec::with_capacity(sights.len());
-        for s in sights {
+        let mut own = Vec::with_capacity(views.len());
+        for s in views {
             let (camera, marker) = (s.camera, s.marker);
             let (pixel, covariance_px2) = (Vector2::zeros(), s.covariance_px2);
-            let mut sight =
-                self.sight(&MarkerObservation { t_ns: 0, camera, marker, pixel, covariance_px2 })?;
-            sight.pixel = self.projected(&sight, world_from_body)?.pixel;
-            own.push(sight);
+            let mut view =
+                self.view(&MarkerObservation { t_ns: 0, camera, marker, pixel, covariance_px2 })?;
+            view.pixel = self.projected(&view, world_from_body)?.pixel;
+            own.push(view);
         }
         let used: Vec<usize> =
             (0..self.markers.len()).filter(|m| own.iter().any(|s| s.marker == *m)).collect();
@@ -197,7 +201,7 @@ impl PoseEstimator {
 
     fn finished(
         &self,
-        own: &[Sight],
+        own: &[View],
         solution: &Solution,
         (used, left_out): (&[usize], &[usize]),
     ) -> Result<PoseEstimate, PoseError> {
@@ -214,7 +218,7 @@ impl PoseEstimator {
         Ok(estimate.by_markers(used, left_out, residual_px))
     }
 
-    fn sight(&self, o: &MarkerObservation) -> Result<Sight, PoseError> {
+    fn view(&self, o: &MarkerObservation) -> Result<View, PoseError> {
         let bad = |reason| PoseError::BadObservation { camera: o.camera, marker: o.marker, reason };
         if o.camera >= self.cameras.len() {
             return Err(bad("the rig has no such camera"));
@@ -232,18 +236,18 @@ impl PoseEstimator {
             .filter(|w| w.iter().all(|x| x.is_finite()))
             .ok_or(bad("its covariance is not positive definite"))?;
         let pixel = o.pixel - self.offsets_px[o.camera * self.markers.len() + o.marker];
-        Ok(Sight { camera: o.camera, marker: o.marker, pixel, whitener })
+        Ok(View { camera: o.camera, marker: o.marker, pixel, whitener })
     }
 
     /// The marker that disagrees most with the body of the others, if one does.
     fn disagreeing(
         &self,
-        sights: &[Sight],
+        views: &[View],
         (used, all): (&[usize], &Result<Solution, PoseError>),
         previous: Option<&Isometry3<f64>>,
     ) -> Option<(usize, Solution)> {
         let all_chi_square = all.as_ref().map_or(f64::INFINITY, |s| s.chi_square);
-        let coordinates = |m: usize| 2 * sights.iter().filter(|s| s.marker == m).count();
+        let coordinates = |m: usize| 2 * views.iter().filter(|s| s.marker == m).count();
         let fewest = used.iter().map(|m| coordinates(*m)).min().unwrap_or(0);
         if all_chi_square <= chi_square_gate(fewest) || matches!(all, Err(PoseError::AmbiguousPose { .. })) {
             return None;
@@ -251,7 +255,7 @@ impl PoseEstimator {
         let mut best: Option<(usize, Solution)> = None;
         for &marker in used {
             let rest: Vec<usize> = used.iter().copied().filter(|m| *m != marker).collect();
-            let Ok(without) = self.solve(sights, &rest, previous) else { continue };
+            let Ok(without) = self.solve(views, &rest, previous) else { continue };
             let better = best.as_ref().is_none_or(|(_, b)| {
                 without.chi_square * b.redundancy.max(1) as f64
                     <= b.chi_square * without.redundancy.max(1) as f64
@@ -264,7 +268,7 @@ impl PoseEstimator {
         let (marker, without) = best?;
         let own = coordinates(marker);
         let drop = all_chi_square - without.chi_square;
-        let claimed = all.as_ref().map_or(1.0, |s| self.claimed_excess(sights, used, s));
+        let claimed = all.as_ref().map_or(1.0, |s| self.claimed_excess(views, used, s));
         let factor = without.variance_factor().max(claimed);
         let beyond_claim = drop > chi_square_gate(own) * claimed;
         // Where all together have no solution, any drop is enough.
@@ -276,8 +280,8 @@ impl PoseEstimator {
     }
 
     /// Factor by which what is not known of cameras and markers raises the mean chi-square.
-    fn claimed_excess(&self, sights: &[Sight], used: &[usize], solution: &Solution) -> f64 {
-        let own = of_markers(sights, used);
+    fn claimed_excess(&self, views: &[View], used: &[usize], solution: &Solution) -> f64 {
+        let own = of_markers(views, used);
         let explained =
             solution.normal.cholesky().map_or(0.0, |c| self.systematic(&own, solution, &c.inverse()).1);
         1.0 + explained / solution.redundancy.max(1) as f64

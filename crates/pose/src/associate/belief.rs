@@ -6,8 +6,8 @@ use mavsight_geometry::camera::d_pixel_d_pose;
 use mavsight_geometry::{Isometry3, Matrix2, Matrix6, Point3, UnitQuaternion, Vector2, Vector3};
 use nalgebra::{Matrix2x3, Matrix2x6, Translation3, Vector6};
 
-/// Change of the velocity of the body, and of each marker against its middle, that is not foreseen: standard gravity, as of
-/// an aircraft that falls.
+/// Change of the velocity of the body, and of each marker against its middle, that is not predicted:
+/// standard gravity, as of an aircraft that falls.
 const ACCELERATION_M_S2: f64 = 9.81;
 /// Speed to reckon with before it was measured: a run across the room.
 const SPEED_M_S: f64 = 3.0;
@@ -17,7 +17,7 @@ const SPEED_M_S: f64 = 3.0;
 pub(super) struct Belief {
     pub(super) pose: Isometry3<f64>,
     pub(super) covariance: Matrix6<f64>,
-    /// What unforeseen motion may have shifted; 0 for what was measured.
+    /// What unpredicted motion may have shifted; 0 for what was measured.
     pub(super) shift_m: f64,
 }
 
@@ -93,8 +93,8 @@ impl History {
         self.before = self.last.replace((t_ns, both));
     }
 
-    /// The pose that constant velocity leads to, with what an unforeseen acceleration does to it; none where that is more
-    /// than the size of the body, from where on it tells no marker from another.
+    /// The pose that constant velocity leads to, with what an unpredicted acceleration does to it; none
+    /// where that is more than the size of the body, from where on it cannot distinguish markers.
     pub(super) fn predicted(&self, t_ns: i64, size_m: f64) -> Option<Belief> {
         let (last_ns, last) = self.last.as_ref()?;
         let ahead_s = (t_ns - last_ns) as f64 * 1e-9;
@@ -139,14 +139,18 @@ impl Associator {
         })
     }
 
-    /// Covariance of a sight against the body: the centre's and that of the marker's place.
-    pub(super) fn sight_covariance(&self, expected: &Expected, candidate: &TrackedDetection) -> Matrix2<f64> {
+    /// Covariance of a detection against the body: the centre's and that of the marker's place.
+    pub(super) fn detection_covariance(
+        &self,
+        expected: &Expected,
+        candidate: &TrackedDetection,
+    ) -> Matrix2<f64> {
         let place = expected.by_point * expected.by_point.transpose() * self.markers_std_m.powi(2);
         candidate.covariance_px2 + place
     }
 
-    /// Squared distance of a candidate from where a marker is believed, in standard deviations; none where it is not of
-    /// the size or behind the camera.
+    /// Squared distance of a candidate from where a marker is believed, in standard deviations; none
+    /// where it is not of the size or behind the camera.
     pub(super) fn distance(
         &self,
         belief: &Belief,
@@ -160,7 +164,7 @@ impl Associator {
             return None;
         }
         let spread = expected.jacobian * belief.covariance * expected.jacobian.transpose()
-            + self.sight_covariance(&expected, candidate);
+            + self.detection_covariance(&expected, candidate);
         let error = candidate.pixel - expected.pixel;
         spread.cholesky().map(|c| error.dot(&c.solve(&error)))
     }
@@ -169,7 +173,7 @@ impl Associator {
     pub(super) fn narrow(&self, belief: &mut Belief, candidate: &TrackedDetection, marker: usize) {
         let Some(expected) = self.expected(&belief.pose, candidate.camera, marker) else { return };
         let seen = belief.covariance * expected.jacobian.transpose();
-        let spread = expected.jacobian * seen + self.sight_covariance(&expected, candidate);
+        let spread = expected.jacobian * seen + self.detection_covariance(&expected, candidate);
         let Some(inverse) = spread.try_inverse() else { return };
         let gain = seen * inverse;
         belief.pose = changed(&belief.pose, &(gain * (candidate.pixel - expected.pixel)));
