@@ -38,11 +38,16 @@ for name, text in texts.items():
             if not (ROOT / name).parent.joinpath(link).exists():
                 faults.append(f"{name}: there is no {link}")
 
-# Tests and files that ARCHITECTURE.md and CONVENTIONS.md name.
+# Tests, files and public items that the documents on the inside name.
 code = "\n".join(text for name, text in texts.items() if name.endswith((".rs", ".py", ".ts")))
-for name in ("ARCHITECTURE.md", "CONVENTIONS.md"):
-    for quoted in re.findall(r"`([^`]+)`", texts[name]):
+rust = {folder.name: "".join(text for name, text in texts.items() if name.startswith(f"crates/{folder.name}/src/"))
+        for folder in (ROOT / "crates").iterdir()}
+for name in ("ARCHITECTURE.md", "CONVENTIONS.md", "docs/method.md"):
+    for quoted in re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", texts[name], flags=re.M | re.S)):
         last = quoted.split("::")[-1]
+        crate, _, item = quoted.partition("::")
+        if (ROOT / "crates" / crate).is_dir() and re.fullmatch(r"\w+(::\w+)*", item) and not re.search(rf"\b{last}\b", rust[crate]):
+            faults.append(f"{name}: there is no {quoted}")
         if re.fullmatch(r"(crates|docs|python|\.ci)/[\w./-]+", quoted):
             if not (ROOT / quoted).exists():
                 faults.append(f"{name}: there is no {quoted}")

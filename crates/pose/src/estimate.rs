@@ -186,7 +186,7 @@ impl PoseEstimator {
             (0..self.markers.len()).filter(|m| own.iter().any(|s| s.marker == *m)).collect();
         if used.len() < 3 {
             let markers = self.markers.len();
-            return Err(PoseError::TooFewMarkers { seen: used.len(), markers, sights: own.len() });
+            return Err(PoseError::TooFewMarkers { seen: used.len(), markers, observations: own.len() });
         }
         let solution = self.at_pose(&own, world_from_body)?;
         let undetermined = || PoseError::NotConverged { steps: 0, residual_px: 0.0 };

@@ -3,7 +3,7 @@
 use super::belief::Belief;
 use super::{Association, Associator, DECISIVE_LOG_ODDS, MOST_SIZE_RATIO, observations, refused};
 use crate::{PoseError, PoseEstimate, PoseSample, TrackedDetection};
-use mavsight_geometry::{Isometry3, Matrix2, Matrix3, Matrix6, Vector3, rigid_fit, triangulate};
+use mavsight_geometry::{ImagePoint, Isometry3, Matrix2, Matrix3, Matrix6, Vector3, rigid_fit, triangulate};
 
 /// Balls in space, assignments that are tried, and choices among the balls of one camera: bounds of the
 /// work of an instant.
@@ -54,7 +54,7 @@ impl Associator {
         let few = || {
             let markers = self.colors.len();
             let seen = (0..markers).filter(|m| candidates.iter().any(|c| c.color == self.colors[*m])).count();
-            PoseError::TooFewMarkers { seen, markers, sights: candidates.len() }
+            PoseError::TooFewMarkers { seen, markers, observations: candidates.len() }
         };
         let Some(best) = trials.first() else { return refused(t_ns, &few()) };
         if best.log_odds < needed {
@@ -196,11 +196,12 @@ impl Associator {
         let [a, b] = seen.map(|c| self.cameras.get(c.camera));
         let (a, b) = (a?, b?);
         // A triangulated ball stands where its centre does but for a thousandth of its radius.
-        let met = triangulate(&[
-            (a, seen[0].pixel, seen[0].covariance_px2),
-            (b, seen[1].pixel, seen[1].covariance_px2),
-        ])
-        .ok()?;
+        let image = |camera, c: &TrackedDetection| ImagePoint {
+            camera,
+            pixel: c.pixel,
+            covariance_px2: c.covariance_px2,
+        };
+        let met = triangulate(&[image(a, seen[0]), image(b, seen[1])]).ok()?;
         let radius_m = (0..self.colors.len())
             .filter(|m| self.colors[*m] == seen[0].color)
             .map(|m| self.estimator.markers()[m].radius_m)

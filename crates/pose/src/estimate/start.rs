@@ -69,7 +69,7 @@ impl PoseEstimator {
             return Err(PoseError::TooFewMarkers {
                 seen: used.len(),
                 markers: self.markers.len(),
-                sights: own.len(),
+                observations: own.len(),
             });
         }
         match self.triangulated_start(&own, used) {
@@ -130,8 +130,11 @@ impl PoseEstimator {
                 starts.extend(self.mirrored(&view, &pose));
             }
         }
-        let nothing =
-            PoseError::TooFewMarkers { seen: used.len(), markers: self.markers.len(), sights: own.len() };
+        let nothing = PoseError::TooFewMarkers {
+            seen: used.len(),
+            markers: self.markers.len(),
+            observations: own.len(),
+        };
         if starts.is_empty() {
             return Err(nothing);
         }
