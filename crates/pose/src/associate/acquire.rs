@@ -1,7 +1,7 @@
 //! The body among balls that nothing predicts.
 
+use super::associator::{Association, Associator, DECISIVE_LOG_ODDS, MOST_SIZE_RATIO, observations, refused};
 use super::belief::Belief;
-use super::{Association, Associator, DECISIVE_LOG_ODDS, MOST_SIZE_RATIO, observations, refused};
 use crate::{PoseError, PoseEstimate, PoseSample, TrackedDetection};
 use mavsight_geometry::{ImagePoint, Isometry3, Matrix2, Matrix3, Matrix6, Vector3, rigid_fit, triangulate};
 

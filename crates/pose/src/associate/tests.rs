@@ -1,7 +1,7 @@
 use super::*;
-use crate::BodyMarker;
 use crate::testing::{cameras, normal, rig};
-use mavsight_geometry::{EulerAngles, Isometry3, Matrix2, Point3, Vector2, world_from_body};
+use crate::{BodyMarker, PoseError, PoseEstimator, TrackedDetection};
+use mavsight_geometry::{EulerAngles, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body};
 
 const STD_PX: f64 = 0.1;
 const FRAME_NS: i64 = 33_333_333;

@@ -1,7 +1,8 @@
 //! Reprojection errors of a flight under given clocks, and how they change with these.
 
 use super::part::Part;
-use super::{CameraClock, CameraStream, PixelPath};
+use super::path::PixelPath;
+use super::types::{CameraClock, CameraStream};
 use crate::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
 use mavsight_geometry::camera::d_pixel_d_pose;
 use mavsight_geometry::{Camera, Isometry3, Matrix2, Point3, UnitQuaternion, Vector2};

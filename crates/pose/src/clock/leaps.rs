@@ -1,7 +1,7 @@
 //! Observations between which a path leaps: of something else than the marker.
 
-use super::CameraClock;
 use super::equations::{Problem, View};
+use super::types::CameraClock;
 use mavsight_geometry::{Isometry3, Point3, Vector2};
 
 /// A path that is so many times as fast as the poses let its marker move, at the time and on the whole,

@@ -1,6 +1,6 @@
 //! The parts of a clock that are estimated.
 
-use super::{CameraClock, ClockPrior};
+use super::types::{CameraClock, ClockPrior};
 
 /// One part of one clock that is estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,8 +2,19 @@
 
 use super::equations::{Problem, Sums, Unknown};
 use super::part::Part;
-use super::{CameraClock, ClockEstimate, ClockVerdict, DETERMINED_INTERVALS, RELEVANT_STD, SIGNIFICANT};
+use super::types::{CameraClock, ClockEstimate, ClockVerdict};
 use nalgebra::{DMatrix, DVector};
+
+/// A clock counts as determined where its offset's standard deviation is at most this part of a frame's
+/// interval.
+const DETERMINED_INTERVALS: f64 = 0.125;
+
+/// A difference of this many standard deviations is not by chance: one in sixteen thousand normal numbers is.
+const SIGNIFICANT: f64 = 4.0;
+
+/// An offset matters where it moves centres by this part of their standard deviation at the flight's
+/// image speed: it would add a thirtieth to their errors.
+const RELEVANT_STD: f64 = 0.25;
 
 /// An offset of which nothing is known is sought this far on either side of the start.
 const REACH_S: f64 = 1.0;

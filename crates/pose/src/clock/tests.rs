@@ -1,6 +1,7 @@
 use super::*;
+use crate::MarkerObservation;
 use crate::testing::{normal, rig};
-use mavsight_geometry::{Isometry3, Matrix2, Point3, UnitQuaternion, Vector3};
+use mavsight_geometry::{Isometry3, Matrix2, Point3, UnitQuaternion, Vector2, Vector3};
 
 const H: f64 = 1.0 / 30.0;
 const STD_PX: f64 = 0.05;

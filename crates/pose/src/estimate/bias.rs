@@ -1,7 +1,7 @@
 //! Systematic errors of the centres: how large they are, from residuals that do not average out.
 
-use super::PoseEstimator;
-use super::solve::View;
+use super::estimator::PoseEstimator;
+use super::view::View;
 use crate::{MarkerObservation, Observations, PoseError, PoseEstimate, PoseSample};
 use nalgebra::{Matrix6xX, Vector2};
 use std::collections::VecDeque;

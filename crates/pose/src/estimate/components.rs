@@ -1,8 +1,8 @@
 //! How good each ball's centres in each camera are, across and down, from the residuals of a flight.
 
-use super::PoseEstimator;
+use super::estimator::PoseEstimator;
 use super::gates::CLAIM_DEGREES;
-use super::solve::View;
+use super::view::View;
 use crate::{Observations, PoseError, PoseSample};
 use mavsight_geometry::Vector2;
 use mavsight_geometry::camera::d_pixel_d_pose;

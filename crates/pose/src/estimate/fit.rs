@@ -1,7 +1,7 @@
 //! How well what was seen at one instant fits the rig and the body, whatever the pose.
 
-use super::PoseEstimator;
-use super::solve::View;
+use super::estimator::PoseEstimator;
+use super::view::View;
 use crate::{MarkerObservation, PoseError};
 
 /// How far observations lie from where the best pose has them.

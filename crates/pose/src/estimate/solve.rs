@@ -1,37 +1,23 @@
 //! The iteration: reprojection error of one instant, its normal equations, and what systematic errors do
 //! to it.
 
+use super::estimator::PoseEstimator;
 use super::gates::{HUBER_BOUND, noise_factor};
-use super::{BodyMarker, MAX_STEPS, PoseEstimator};
+use super::types::BodyMarker;
+use super::view::View;
 use crate::PoseError;
 use crate::moving::moved;
 use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::camera::d_pixel_d_pose;
-use mavsight_geometry::{GeometryError, Isometry3, Matrix2, Matrix6, Point3, Projection, Vector2, Vector3};
+use mavsight_geometry::{GeometryError, Isometry3, Matrix6, Point3, Projection, Vector2, Vector3};
 use nalgebra::{Matrix6xX, Vector6};
-use std::borrow::Cow;
+
+/// Levenberg-Marquardt steps; from the linear start four or five suffice.
+pub(super) const MAX_STEPS: usize = 60;
 
 /// A step that promises to lower the chi-square by less, a ten-thousandth of a standard deviation, is the
 /// last: what remains after it is smaller by its square.
 const CONVERGED: f64 = 1e-8;
-
-/// An observation with the inverse root of its covariance.
-#[derive(Clone, Copy)]
-pub(super) struct View {
-    pub(super) camera: usize,
-    pub(super) marker: usize,
-    pub(super) pixel: Vector2<f64>,
-    pub(super) whitener: Matrix2<f64>,
-}
-
-/// The observations of some markers: mostly of all.
-pub(super) fn of_markers<'a>(views: &'a [View], markers: &[usize]) -> Cow<'a, [View]> {
-    let wanted = |s: &View| markers.contains(&s.marker);
-    if views.iter().all(wanted) {
-        return Cow::Borrowed(views);
-    }
-    Cow::Owned(views.iter().copied().filter(wanted).collect())
-}
 
 /// A pose at a minimum.
 #[derive(Clone)]

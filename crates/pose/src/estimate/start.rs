@@ -1,8 +1,10 @@
 //! Where the iteration begins: from triangulated markers, or from one camera's view of three.
 
+use super::estimator::PoseEstimator;
+use super::gates::DECISIVE_CHI_SQUARE;
 use super::p3p;
-use super::solve::{Solution, View, of_markers};
-use super::{DECISIVE_CHI_SQUARE, PoseEstimator};
+use super::solve::Solution;
+use super::view::{View, of_markers};
 use crate::PoseError;
 use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::{GeometryError, Isometry3, Matrix3, UnitQuaternion, Vector3};

@@ -1,9 +1,12 @@
+use super::view::View;
 use super::*;
 use crate::moving::moved;
 use crate::testing::{cameras, normal, rig};
-use mavsight_geometry::GeometryError;
-use mavsight_geometry::{EulerAngles, world_from_body};
-use nalgebra::Vector6;
+use crate::{MarkerObservation, PoseError, Rig};
+use mavsight_geometry::{
+    EulerAngles, GeometryError, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body,
+};
+use nalgebra::{DMatrix, Vector6};
 
 pub(super) fn body() -> Vec<BodyMarker> {
     [[0.225, 0.225], [0.225, -0.225], [-0.225, -0.225], [-0.225, 0.225]]

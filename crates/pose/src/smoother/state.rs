@@ -1,8 +1,6 @@
 //! Position and attitude in one filter, and its backward pass.
 
-use crate::smoother::integrator::{
-    CHAIN, CORRELATED as LASTING, Integrator, JerkNoise, Transition, add_process_noise,
-};
+use crate::smoother::integrator::{CHAIN, CORRELATED, Integrator, JerkNoise, Transition, add_process_noise};
 use crate::{MotionCovariance, MotionSample, PoseEstimate};
 use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::{Isometry3, Matrix3, Matrix6, UnitQuaternion, Vector3};
@@ -66,7 +64,7 @@ fn observation() -> SMatrix<f64, 6, STATE> {
     let mut out = SMatrix::zeros();
     for i in 0..6 {
         let at = if i < 3 { i } else { CHAIN + i - 3 };
-        (out[(i, at)], out[(i, at + LASTING)]) = (1.0, 1.0);
+        (out[(i, at)], out[(i, at + CORRELATED)]) = (1.0, 1.0);
     }
     out
 }
@@ -97,9 +95,9 @@ impl Joint {
             };
             put(at, at, &(block(&seen, 3 * i) + chain.correlated));
             put(at, other, &block(&seen, 3 - 3 * i));
-            put(at, at + LASTING, &-chain.correlated);
-            put(at + LASTING, at, &-chain.correlated);
-            put(at + LASTING, at + LASTING, &chain.correlated);
+            put(at, at + CORRELATED, &-chain.correlated);
+            put(at + CORRELATED, at, &-chain.correlated);
+            put(at + CORRELATED, at + CORRELATED, &chain.correlated);
             put(at + 3, at + 3, &(Matrix3::identity() * prior.0.powi(2) * factor));
             put(at + 6, at + 6, &(Matrix3::identity() * prior.1.powi(2) * factor));
         }
