@@ -1,22 +1,14 @@
-//! Is the predicted error of a pose the one that is achieved? Rigs filmed in the virtual room: stills of
-//! the control frame calibrate them, then the aircraft on a short way somewhere in the volume is detected
-//! and measured.
+//! Is the predicted error of a pose the one that is achieved? Cameras in the virtual room are calibrated from stills
+//! of the control frame; then the aircraft, on a short way somewhere in the volume, is detected and measured.
 //!
-//! `cargo run --release -p mavsight --example plan_filmed -- 40 5`: calibrations a rig, and frames after
-//! each; `-- 40 5 130 1001` films one rig alone, from the 1001st set-up on instead of the first. Each time
-//! the cameras are set up anew, some tenths of a metre off: what is wrong with a ball's centre comes from
-//! what is behind it, and would be the same each time.
+//! `cargo run --release -p mavsight --example plan_filmed -- 40 5`: calibrations a rig, and frames after each;
+//! `-- 40 5 130 1001` films one rig alone, from the 1001st set-up on. For each set-up the cameras move by some
+//! tenths of a metre, so that the backgrounds of the balls, and with them their systematic errors, differ.
+//! Balls are out of round by what the stated covariances allow for ([`MODEL_STD`]).
 //!
-//! Balls are out of round by as much as the chain allows for ([`MODEL_STD`]): each seems to lie off its
-//! place by that part of its diameter, to each camera otherwise. In films of perfect spheres claims would
-//! be too wide by that allowance.
-//!
-//! Given to the prediction are the places of cameras, control points and markers, and how good centres are
-//! by what the chain claims of them: of each centre in the same films; as a plan has it, equally likely
-//! ones, from the same films (`plan` of a run's `summary.json`); and those from the films of the rig at
-//! 90°. How good they are depends on what is behind them, which a plan does not know. Truth is in it only
-//! in that ways are taken on which the aircraft hides no ball from a camera: neither does a plan know of
-//! that.
+//! The prediction knows the places of cameras, control points and markers, and stated precisions of centres: of each
+//! centre of the films; ten equally likely ones, as a plan has them; and those of the rig at 90°. Truth is used
+//! only to choose ways on which the aircraft hides no ball from a camera.
 
 use mavsight::flight::Vehicle;
 use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3, world_from_body};

@@ -1,7 +1,7 @@
 //! Videos of a small aircraft in, its motion and flight-dynamics parameters out.
 //!
-//! The facade of the workspace: each module is one crate of it. [`engine`] carries a recorded session through all stages;
-//! [`pipeline`] has the stages alone, without files: source, detection, association, poses, smoothing, identification.
+//! The facade of the workspace: each module is one crate of it. [`engine`] carries a recorded session through
+//! all stages; [`pipeline`] has the stages alone, without files.
 //! `cargo run --release -p mavsight --example quickstart -- flight/session.toml` runs this:
 //!
 //! ```no_run
