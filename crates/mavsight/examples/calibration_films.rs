@@ -59,7 +59,7 @@ fn wand(seconds: f64, room: &Room) -> Result<()> {
     });
     let how = Wand { length_m: LENGTH_M, length_std_m: 0.0, colors, diameters_m: [0.06; 2] };
     let object = wand_of(&how, feeds.collect())?;
-    println!("wand: {} observations of {} frames", object.sights.len(), 2 * frames);
+    println!("wand: {} observations of {} frames", object.observations.len(), 2 * frames);
     let control = lab::control_frame(&points);
     let stills = cameras
         .iter()
@@ -149,7 +149,7 @@ fn board(room: &Room) -> Result<()> {
     let found = rig.cameras.first().ok_or_else(|| anyhow!("no camera"))?;
     println!(
         "board: {} corners, put in {put_in_px:.4} px; found {} f {:.2} px ({:+.3} %), k1 {:.4}, k2 {:.4}; reprojection RMS over all {:.4} px",
-        object.sights.len(),
+        object.observations.len(),
         found.model,
         found.camera.intrinsics.fx_px,
         100.0 * (found.camera.intrinsics.fx_px / lens.fx_px - 1.0),
@@ -165,7 +165,7 @@ fn board(room: &Room) -> Result<()> {
 fn board_rms_px(object: &mavsight::pose::MovedObject, rig: &mavsight::pose::Rig) -> Result<f64> {
     let estimator = mavsight::pose::PoseEstimator::new(rig, &object.points);
     let (mut squares, mut n) = (0.0, 0.0);
-    for place in object.sights.chunk_by(|a, b| a.t_ns == b.t_ns) {
+    for place in object.observations.chunk_by(|a, b| a.t_ns == b.t_ns) {
         // A few corners of each view: a start from all of them would try every three.
         let some: Vec<_> = place.iter().filter(|o| o.marker % 4 == 0).cloned().collect();
         if some.len() < 4 {

@@ -64,7 +64,7 @@ pub fn board_of(board: &Board, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<Mov
             });
         }
     }
-    Ok(MovedObject::board((board.columns, board.rows), board.square_m, observations))
+    Ok(MovedObject::board(board.columns, board.rows, board.square_m, observations))
 }
 
 #[cfg(test)]

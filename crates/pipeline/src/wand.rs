@@ -37,7 +37,7 @@ pub fn wand_of(wand: &Wand, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<MovedO
     });
     let seen: Vec<Seen> = seen.into_iter().collect::<Result<_, _>>()?;
     let balls = [("first ball", wand.diameters_m[0]), ("second ball", wand.diameters_m[1])];
-    Ok(MovedObject::wand((wand.length_m, wand.length_std_m), balls, joined(&seen)))
+    Ok(MovedObject::wand(wand.length_m, wand.length_std_m, balls, joined(&seen)))
 }
 
 fn balls_of(wand: &Wand, feed: CameraFeed<'_>) -> Result<Seen, PipelineError> {

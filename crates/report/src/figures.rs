@@ -56,7 +56,7 @@ pub(crate) fn precision(rig: &Rig, pixel_std_px: f64) -> Result<Vec<Figure>, Rep
             y: (volume.low_m[axis], volume.high_m[axis]),
             columns: MAP_CELLS,
             rows: MAP_CELLS,
-            values: precision_map(rig, plane, (MAP_CELLS, MAP_CELLS), pixel_std_px).std_mm,
+            values: precision_map(rig, plane, MAP_CELLS, MAP_CELLS, pixel_std_px).std_mm,
         })
         .collect();
     if maps.iter().all(|m| m.values.iter().all(Option::is_none)) {

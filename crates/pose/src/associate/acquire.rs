@@ -1,11 +1,12 @@
 //! The body among balls that nothing predicts.
 
+use super::associator::{Association, Associator, DECISIVE_LOG_ODDS, MOST_SIZE_RATIO, observations, refused};
 use super::belief::Belief;
-use super::{Association, Associator, DECISIVE_LOG_ODDS, MOST_SIZE_RATIO, observations, refused};
 use crate::{PoseError, PoseEstimate, PoseSample, TrackedDetection};
-use mavsight_geometry::{Isometry3, Matrix2, Matrix3, Matrix6, Vector3, rigid_fit, triangulate};
+use mavsight_geometry::{ImagePoint, Isometry3, Matrix2, Matrix3, Matrix6, Vector3, rigid_fit, triangulate};
 
-/// Balls in space, assignments that are tried, and choices among the balls of one camera: bounds of the work of an instant.
+/// Balls in space, assignments that are tried, and choices among the balls of one camera: bounds of the
+/// work of an instant.
 const MOST_SPOTS: usize = 96;
 const MOST_TRIED: usize = 200;
 const MOST_CHOICES: usize = 16;
@@ -53,7 +54,7 @@ impl Associator {
         let few = || {
             let markers = self.colors.len();
             let seen = (0..markers).filter(|m| candidates.iter().any(|c| c.color == self.colors[*m])).count();
-            PoseError::TooFewMarkers { seen, markers, sights: candidates.len() }
+            PoseError::TooFewMarkers { seen, markers, observations: candidates.len() }
         };
         let Some(best) = trials.first() else { return refused(t_ns, &few()) };
         if best.log_odds < needed {
@@ -195,11 +196,12 @@ impl Associator {
         let [a, b] = seen.map(|c| self.cameras.get(c.camera));
         let (a, b) = (a?, b?);
         // A triangulated ball stands where its centre does but for a thousandth of its radius.
-        let met = triangulate(&[
-            (a, seen[0].pixel, seen[0].covariance_px2),
-            (b, seen[1].pixel, seen[1].covariance_px2),
-        ])
-        .ok()?;
+        let image = |camera, c: &TrackedDetection| ImagePoint {
+            camera,
+            pixel: c.pixel,
+            covariance_px2: c.covariance_px2,
+        };
+        let met = triangulate(&[image(a, seen[0]), image(b, seen[1])]).ok()?;
         let radius_m = (0..self.colors.len())
             .filter(|m| self.colors[*m] == seen[0].color)
             .map(|m| self.estimator.markers()[m].radius_m)
@@ -243,7 +245,7 @@ impl Associator {
         self.weighed(t_ns, candidates, pairs)
     }
 
-    /// Covariance of a pose by its sights, each as uncertain as a ball in part hidden.
+    /// Covariance of a pose by its detections, each as uncertain as a ball in part hidden.
     fn covariance_of(
         &self,
         pose: &Isometry3<f64>,
@@ -256,7 +258,7 @@ impl Associator {
             let expected = self.expected(pose, candidate.camera, *marker)?;
             let hidden_px = 0.1 * candidate.diameter_px;
             let spread =
-                self.sight_covariance(&expected, candidate) + Matrix2::identity() * hidden_px * hidden_px;
+                self.detection_covariance(&expected, candidate) + Matrix2::identity() * hidden_px * hidden_px;
             normal += expected.jacobian.transpose() * spread.cholesky()?.solve(&expected.jacobian);
         }
         normal.cholesky().map(|c| c.inverse())
