@@ -1,6 +1,6 @@
 //! Finding balls of given colours in a whole frame.
 
-use crate::centre::{Fitter, Followed, Foreseen, LEAST_RADIUS_PX, Start, encode_one};
+use crate::centre::{CentreFit, FitPolicy, Fitter, Followed, LEAST_RADIUS_PX, Start, encode_one};
 use crate::color::{ColorModel, Seen, to_linear};
 use crate::optics::{Known, Learned, Optics};
 use crate::outline::{Outline, up_as_seen, usual_camera};
@@ -17,7 +17,7 @@ pub struct Detection {
     pub pixel: Vector2<f64>,
     /// Covariance of the centre.
     pub covariance_px2: Matrix2<f64>,
-    /// Coloured pixels of the region; of one that is followed, when it was last searched for.
+    /// Coloured pixels of the region.
     pub area_px: f64,
     /// Diameter of the fitted disc.
     pub diameter_px: f64,
@@ -72,11 +72,8 @@ pub(crate) struct Expected {
     pub(crate) followed: Followed,
     /// Where its motion takes it.
     pub(crate) pixel: Option<Vector2<f64>>,
-    /// How far it has been from there of late, root mean square, where known.
-    pub(crate) off_px: Option<f64>,
-    /// From the middle of its region to its centre, and the region's pixels, when it was last looked for in one.
+    /// From the middle of its region to its centre.
     pub(crate) from_region_px: Vector2<f64>,
-    pub(crate) area_px: f64,
 }
 
 impl Detector {
@@ -86,7 +83,7 @@ impl Detector {
     /// [`VisionError::ColorsTooClose`] naming two markers of one hue, [`VisionError::ColorTooGrey`] for a marker
     /// without one, [`VisionError::NoMarkers`] for an empty list.
     pub fn new(colors: &[BallColor]) -> Result<Self, VisionError> {
-        let workspace = Workspace { fitter: Fitter::for_stills(), ..Workspace::default() };
+        let workspace = Workspace { fitter: Fitter::new(FitPolicy::STILL), ..Workspace::default() };
         Ok(Self { model: ColorModel::new(colors)?, workspace })
     }
 
@@ -132,33 +129,6 @@ pub(crate) fn is_measurable((smallest_px, largest_px): (f64, f64)) -> bool {
 }
 
 impl Workspace {
-    /// Makes ready for a ball in the next frame, of a size and layout like this one's.
-    pub(crate) fn prepare(
-        &self,
-        like: &Frame,
-        range_px: (f64, f64),
-        expected: &Expected,
-        foreseen: &mut Foreseen,
-    ) {
-        let Some(pixel) = expected.pixel else { return };
-        let camera = self.camera.unwrap_or_else(|| usual_camera(like.size));
-        let radius_px = expected.radius_px.mean;
-        let start = Start {
-            pixel,
-            radius_px,
-            ball: [0.0; 3],
-            optics: Optics::default(),
-            outline: Outline::ROUND,
-            up: None,
-            known_radius_px: None,
-            followed: None,
-        };
-        let start = start_in(&camera, self.camera.as_ref(), self.optics.expected(), start);
-        let range_px = (0.5 * range_px.0, 0.5 * range_px.1);
-        let reach_px = radius_px + RING_PX;
-        foreseen.prepare(like, range_px, &expected.start(start), (reach_px, expected.off_px));
-    }
-
     /// Balls of one marker among the collected pixels, best first.
     pub(crate) fn search(
         &mut self,
@@ -192,11 +162,11 @@ impl Workspace {
                     let seen = blob.pixel + expected.from_region_px;
                     let foreseen = expected.pixel.filter(|p| (p - seen).norm() < AS_FORESEEN_PX);
                     let pixel = foreseen.unwrap_or(seen);
-                    self.fitter.fit(&self.patch, range_px, &expected.start(Start { pixel, ..start }))
+                    self.fitter.fit(&self.patch, range_px, &expected.start(Start { pixel, ..start })).ok()
                 });
                 let known_radius_px = self.expected.map(|e| e.radius_px);
                 let start = Start { known_radius_px, ..start };
-                followed.or_else(|| self.fitter.fit(&self.patch, range_px, &start))
+                followed.or_else(|| self.fitter.fit(&self.patch, range_px, &start).ok())
             };
             found.extend(fit.and_then(|fit| {
                 let from_region_px = fit.pixel - blob.pixel;
@@ -211,36 +181,17 @@ impl Workspace {
 fn sighting(
     frame: &Frame,
     model: (&ColorModel, usize),
-    fit: &crate::centre::Fit,
+    fit: &CentreFit,
     (from_region_px, area_px): (Vector2<f64>, f64),
 ) -> Option<Found> {
     judge(frame, area_px, model, fit).map(|detection| Found {
         detection,
-        expected: Expected {
-            radius_px: fit.radius_px,
-            followed: fit.followed,
-            pixel: None,
-            off_px: None,
-            from_region_px,
-            area_px,
-        },
+        expected: Expected { radius_px: fit.radius_px, followed: fit.followed, pixel: None, from_region_px },
         optics: (fit.taken, fit.optics),
     })
 }
 
 impl Expected {
-    /// A ball that was made ready for, found where it was expected without a search for regions; else where it seems to be, if that
-    /// is known.
-    pub(crate) fn find(
-        &self,
-        frame: &Frame,
-        (model, marker): (&ColorModel, usize),
-        foreseen: &mut Foreseen,
-    ) -> Result<Found, Option<Vector2<f64>>> {
-        let fit = foreseen.fit(frame)?;
-        sighting(frame, (model, marker), &fit, (self.from_region_px, self.area_px)).ok_or(None)
-    }
-
     /// Where a fit begins that knows this.
     fn start(&self, start: Start) -> Start {
         Start { known_radius_px: Some(self.radius_px), followed: Some(self.followed), ..start }
@@ -302,7 +253,7 @@ fn judge(
     frame: &Frame,
     area_px: f64,
     (model, marker): (&ColorModel, usize),
-    fit: &crate::centre::Fit,
+    fit: &CentreFit,
 ) -> Option<Detection> {
     let radius_px = fit.radius_px.mean;
     if !frame.size.contains(&fit.pixel, radius_px) {

@@ -98,11 +98,6 @@ impl Patch {
         Vector2::new(self.first.0 as f64, self.first.1 as f64)
     }
 
-    /// What it spans and how: first pixel, size and layout.
-    pub(crate) fn window(&self) -> ((usize, usize), usize, usize, usize) {
-        (self.first, self.columns, self.rows, self.step)
-    }
-
     /// Fills the patch with what the frame holds within `reach_px` of `middle` in each direction.
     pub(crate) fn fill(&mut self, frame: &Frame, middle: Vector2<f64>, reach_px: f64) {
         let span = |centre: f64, count: u32| {

@@ -214,18 +214,8 @@ impl Tracker {
         let (middle, reach_px) = track.search();
         let color = track.color;
         self.workspace.expected = track.expected(middle);
-        self.found.clear();
-        if let Some(expected) = &mut self.workspace.expected {
-            let foreseen = &mut self.tracks[index].foreseen;
-            match expected.find(frame, (&self.model, color), foreseen) {
-                Ok(sighting) => self.found.push(sighting),
-                Err(seems) => expected.pixel = seems.or(expected.pixel),
-            }
-        }
-        if self.found.is_empty() {
-            self.workspace.segmenter.collect(frame, &Window::around(frame, middle, reach_px));
-            self.workspace.search(frame, &self.model, color, self.range_px, &mut self.found);
-        }
+        self.workspace.segmenter.collect(frame, &Window::around(frame, middle, reach_px));
+        self.workspace.search(frame, &self.model, color, self.range_px, &mut self.found);
         self.workspace.expected = None;
         let track = &self.tracks[index];
         let agrees = |ball: &Detection| {
@@ -270,11 +260,6 @@ impl Tracker {
         }
         if self.frames % health::EVERY == 1 {
             self.look_at_health(frame);
-        }
-        for track in self.tracks.iter_mut().filter(|t| t.missed == 0) {
-            if let Some(expected) = track.expected(track.search().0) {
-                self.workspace.prepare(frame, self.range_px, &expected, &mut track.foreseen);
-            }
         }
     }
 

@@ -1,9 +1,7 @@
 //! Balls drawn by supersampling, which shares nothing with the fit's analytic edge, measured through the public calls.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use mavsight_vision::{
-    BallColor, Detection, Detector, Frame, ImageSize, Tracker, Vector2, VisionError, YuvMatrix,
-};
+use mavsight_vision::{BallColor, Detector, Frame, ImageSize, Tracker, Vector2, VisionError, YuvMatrix};
 
 const SIZE: ImageSize = ImageSize { width_px: 64, height_px: 48 };
 
@@ -327,64 +325,6 @@ fn video_with_halved_colour_gives_the_same_centre() {
     let bias: Vector2<f64> = sum / count;
     println!("bias {:.4} {:.4}", bias.x, bias.y);
     assert!(bias.amax() < 0.05, "{bias:?}");
-}
-
-/// A tracker that has looked around is ready for the next frame; one that only tells fits each anew. Before a wall with bars, in frames
-/// of both layouts, as a post comes before half of the ball, and where a wall dazzles, for which nothing can be made ready. With a post
-/// there is more than one answer, so that errors are alike over many films only.
-#[test]
-fn what_was_made_ready_for_is_measured_as_any_other() {
-    let bars = |at: Vector2<f64>| if (0.7 * at.x + 0.4 * at.y).sin() > 0.8 { [0.16; 3] } else { [0.24; 3] };
-    let dazzling = |at: Vector2<f64>| if at.y > 23.0 { [4.0; 3] } else { bars(at) };
-    let walls: [&dyn Fn(Vector2<f64>) -> [f64; 3]; 2] = [&bars, &dazzling];
-    for (wall, has_halved_colour, post, films) in
-        [(0, false, false, 1), (0, true, false, 1), (1, false, false, 1), (0, false, true, 12)]
-    {
-        let (mut apart, mut claims, mut squares) = (0, Vec::new(), [0.0; 2]);
-        let mut dice = Dice(21);
-        let mut trackers = [0, 1].map(|_| Tracker::new(&red(), 3.0..=14.0).unwrap());
-        for step in (0..films).flat_map(|_| 0..40) {
-            if step == 0 {
-                trackers = [0, 1].map(|_| Tracker::new(&red(), 3.0..=14.0).unwrap());
-            }
-            let [ready, plain] = &mut trackers;
-            let t = f64::from(step);
-            let drawn = Drawn { radius_px: 3.4, ..ball(16.0 + 0.8 * t, 20.0 + 2.0 * (0.2 * t).sin()) };
-            let mut rgb = draw_before(walls[wall], &[drawn], 0.5, 1.5, &mut dice);
-            if post && step > 20 {
-                let edge = drawn.middle.x.round() as usize + 2;
-                rgb.chunks_exact_mut(3 * SIZE.width_px as usize).for_each(|row| row[3 * edge..].fill(40));
-            }
-            let image = if has_halved_colour { halved(&rgb) } else { Frame::from_rgb(SIZE, rgb).unwrap() };
-            let one = ready.update(&image).to_vec();
-            let other = plain.follow(&image).to_vec();
-            let [Some(one), Some(other)] = [&one, &other].map(|seen| seen.first().map(|s| s.detection))
-            else {
-                assert!(post && step > 20, "step {step}: {one:?} {other:?}");
-                continue;
-            };
-            apart += usize::from(one != other);
-            let std_px = |ball: &Detection| (0.5 * ball.covariance_px2.trace()).sqrt();
-            let (away_px, wider) = ((one.pixel - other.pixel).norm(), std_px(&one) / std_px(&other));
-            squares[0] += (one.pixel - drawn.middle).norm_squared();
-            squares[1] += (other.pixel - drawn.middle).norm_squared();
-            if !(post && step > 20) {
-                assert!(away_px < 3.0 * std_px(&other), "{wall} {step}: {one:?} {other:?}");
-                assert!((0.6..1.6).contains(&wider), "{wall} {step}: {wider}");
-                claims.push(wider);
-            }
-        }
-        let wider = claims.iter().sum::<f64>() / claims.len() as f64;
-        let larger = (squares[0] / squares[1]).sqrt();
-        println!(
-            "{apart} of {} made ready for: errors {larger:.3} times as large, claims {wider:.3} as wide",
-            40 * films
-        );
-        assert!(larger < if post { 1.2 } else { 1.1 }, "errors are {larger} times as large");
-        // What may be touched is not looked at as background.
-        assert!((0.94..1.1).contains(&wider), "claims are {wider} times as wide");
-        assert!(if wall == 1 { apart == 0 } else { apart > 10 * films }, "{apart}");
-    }
 }
 
 fn halved(rgb: &[u8]) -> Frame {

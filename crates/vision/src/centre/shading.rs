@@ -87,9 +87,9 @@ impl Model {
 
 #[cfg(test)]
 mod tests {
+    use crate::centre::constants::{FOURTH_STD, LIGHT_STD, SHADE_STD};
     use crate::centre::lanes::Lanes;
     use crate::centre::model::{EDGE, Model, Parameters};
-    use crate::centre::{FOURTH_STD, LIGHT_STD, SHADE_STD};
     use crate::outline::Outline;
     use pulp::Scalar;
 

@@ -83,11 +83,6 @@ impl Motion {
         self.best().foreseen(f64::from(frames))
     }
 
-    /// How far it has been from where it was foreseen of late, root mean square; None as long as that is not known.
-    pub(super) fn error_px(&self) -> Option<f64> {
-        self.best().error_px2.map(f64::sqrt)
-    }
-
     /// Whether a velocity is known.
     pub(super) fn is_known(&self) -> bool {
         self.is_known
@@ -118,11 +113,11 @@ mod tests {
         let straight = |t: f64| Vector2::new(3.0 + 2.0 * t, 9.0 - 0.5 * t);
         assert!((after(2, straight).foreseen(1) - straight(2.0)).norm() < 1e-12);
         assert!((after(2, straight).foreseen(4) - straight(5.0)).norm() < 1e-12);
-        assert_eq!(after(2, straight).error_px(), None);
+        assert_eq!(after(2, straight).best().error_px2, None);
         let bent = |t: f64| straight(t) + Vector2::new(0.1, 0.2) * (t * t);
         let motion = after(30, bent);
         assert!((motion.foreseen(1) - bent(30.0)).norm() < 1e-6, "{motion:?}");
-        assert!(motion.error_px().is_some_and(|error| error < 0.01));
+        assert!(motion.best().error_px2.is_some_and(|square| square < 1e-4));
     }
 
     #[test]

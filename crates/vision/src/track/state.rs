@@ -2,7 +2,6 @@
 
 use super::Track;
 use super::motion::Motion;
-use crate::centre::Foreseen;
 use crate::color::to_linear;
 use crate::detect::Expected;
 use crate::optics::Known;
@@ -36,8 +35,6 @@ pub(super) struct TrackState {
     pub(super) mean_radius_px: f64,
     mean_brightness: f32,
     pub(super) expected: Option<Expected>,
-    /// Its fit in the next frame.
-    pub(super) foreseen: Box<Foreseen>,
     /// Where it was when it last had moved by a diameter or had not been seen before, and in which frame it had moved.
     pub(super) place: Vector2<f64>,
     pub(super) moved_at: u64,
@@ -58,7 +55,6 @@ impl TrackState {
             mean_radius_px: 0.0,
             mean_brightness: 0.0,
             expected: None,
-            foreseen: Box::default(),
             place: ball.pixel,
             moved_at: frame,
             has_moved: false,
@@ -91,8 +87,8 @@ impl TrackState {
         let known = expected.radius_px;
         let change_px = RADIUS_CHANGE * f64::from(self.missed + 1) * known.mean;
         let radius_px = Known { variance: known.variance + change_px * change_px, ..known };
-        let (pixel, off_px) = (self.motion.is_known().then_some(middle), self.motion.error_px());
-        Some(Expected { radius_px, pixel, off_px, ..expected })
+        let pixel = self.motion.is_known().then_some(middle);
+        Some(Expected { radius_px, pixel, ..expected })
     }
 
     /// Whether a ball is of about the size and brightness of the one followed.
