@@ -12,7 +12,7 @@ held = {
     "attitude within 0.15 degrees": max(truth["motion_attitude_rms_deg"]) < 0.15,
     "C_m,alpha_u within 10 %": abs(truth["tls_C_m_alpha_u_error_percent"]) < 10,
     "C_m,alpha_l within 10 %": abs(truth["tls_C_m_alpha_l_error_percent"]) < 10,
-    "thrusts are not told apart": summary["fit"]["C_m_rank"] == 5,
+    "thrusts are not separated": summary["fit"]["C_m_rank"] == 5,
 }
 for name in ["rig.toml", "markers.csv", "pose.csv", "motion.csv", "coefficients.csv", "parameters.csv", "report.html"]:
     held[f"{name} is written"] = (out / name).is_file()

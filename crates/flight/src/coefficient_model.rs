@@ -119,37 +119,6 @@ impl Coefficients {
     pub fn set(&mut self, which: Coefficient, value: f64) {
         self.values[which as usize] = value;
     }
-
-    /// The coefficients that a vehicle's constants and assumptions imply at a reference speed: the truth of a
-    /// simulated flight. An estimator starts without it.
-    pub fn of_vehicle(vehicle: &Vehicle, reference_speed_rad_s: f64) -> Self {
-        let (r, a) = (&vehicle.rotor, &vehicle.assumption);
-        let force_n = force_per_omega2(vehicle) * reference_speed_rad_s.powi(2);
-        let moment_n_m = force_n * r.radius_m;
-        let mut c = Self::default();
-        for (which, value) in [
-            (Coefficient::CxAlphaU, -2.0 * r.thrust_coefficient_upper),
-            (Coefficient::CxAlphaL, -2.0 * r.thrust_coefficient_lower),
-            (Coefficient::CzU, -2.0 * r.thrust_coefficient_upper),
-            (Coefficient::CzL, -2.0 * r.thrust_coefficient_lower),
-            (Coefficient::CmAlphaU, 2.0 * r.thrust_coefficient_upper * a.height_upper_m / r.radius_m),
-            (Coefficient::CmAlphaL, 2.0 * r.thrust_coefficient_lower * a.height_lower_m / r.radius_m),
-            (Coefficient::CmHub, a.hub_stiffness_n_m_rad / moment_n_m),
-            (Coefficient::ClP, a.roll_damping_n_m_s_rad / moment_n_m),
-            (Coefficient::CmQ, a.pitch_damping_n_m_s_rad / moment_n_m),
-            (Coefficient::CnR, a.yaw_damping_n_m_s_rad / moment_n_m),
-            (Coefficient::CnUpper, -2.0 * a.torque_coefficient_upper),
-            (Coefficient::CnLower, 2.0 * a.torque_coefficient_lower),
-            (Coefficient::CxU, -a.drag_n_s_m / force_n),
-            (Coefficient::TauLower, r.flap_time_lower_s),
-            (Coefficient::TauFlybar, r.flap_time_flybar_s),
-            (Coefficient::SwashplateGain, r.swashplate_gain),
-            (Coefficient::FlybarGain, r.flybar_gain),
-        ] {
-            c.set(which, value);
-        }
-        c
-    }
 }
 
 /// ½ρπR⁴, N s².
@@ -235,8 +204,7 @@ impl Airframe {
     /// Time derivative of a state: Euler's equations for principal axes, flapping after equation 2 of Mulyanto, Nurhakim,
     /// Muhammad (2012).
     ///
-    /// With [`Coefficients::of_vehicle`] it is what [`crate::simulate()`] integrates. The quaternion's length is
-    /// drawn back to one with a time constant of one second.
+    /// The quaternion's length is drawn back to one with a time constant of one second, which does not change the attitude.
     pub fn derivative(&self, c: &Coefficients, input: &InputSample, y: &StateVector) -> StateVector {
         let (force, moment) = self.loads(c, &self.scales(input), y);
         let q = Quaternion::new(y[3], y[4], y[5], y[6]);

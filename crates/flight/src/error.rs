@@ -1,9 +1,9 @@
-//! What flight refuses, and what to do about it.
+//! What is refused of vehicles and inputs, and what to do about it.
 
 use mavsight_geometry::GeometryError;
 use thiserror::Error;
 
-/// A vehicle, an input or a simulation that makes no sense.
+/// A vehicle or an input that is not valid.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum FlightError {
     /// A constant that must be positive.
@@ -119,35 +119,5 @@ pub enum FlightError {
         start_s: f64,
         /// Last input.
         end_s: f64,
-    },
-    /// A flight that begins nowhere.
-    #[error("{what} at the start of the flight is {value}: give a finite number")]
-    StartNotFinite {
-        /// Which part of the state.
-        what: &'static str,
-        /// Its value.
-        value: f64,
-    },
-    /// Output times must increase.
-    #[error("output time {t_s} s does not come after {before_s} s")]
-    OutputTimes {
-        /// Time asked for.
-        t_s: f64,
-        /// The time before.
-        before_s: f64,
-    },
-    /// A scenario that cannot be flown.
-    #[error("scenario: {what}")]
-    Scenario {
-        /// What is wrong and what to do.
-        what: String,
-    },
-    /// The integrator gave up.
-    #[error("the simulation broke down at {t_s:.3} s ({detail}): check inertia, flapping times and inputs")]
-    Integration {
-        /// Time reached.
-        t_s: f64,
-        /// The integrator's words.
-        detail: String,
     },
 }

@@ -15,45 +15,6 @@ pub struct FlapState {
     pub beta_f_rad: f64,
 }
 
-impl FlapState {
-    /// Upper rotor, longitudinal: alpha_u = K_u alpha_f.
-    pub fn alpha_u_rad(&self, rotor: &Rotor) -> f64 {
-        rotor.flybar_gain * self.alpha_f_rad
-    }
-
-    /// Upper rotor, lateral.
-    pub fn beta_u_rad(&self, rotor: &Rotor) -> f64 {
-        rotor.flybar_gain * self.beta_f_rad
-    }
-}
-
-/// What drives flapping: body rates about x and y, and the swash-plate.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct FlapDrive {
-    /// Roll rate.
-    pub p_rad_s: f64,
-    /// Pitch rate.
-    pub q_rad_s: f64,
-    /// Swash-plate, longitudinal.
-    pub delta_lon_rad: f64,
-    /// Swash-plate, lateral.
-    pub delta_lat_rad: f64,
-}
-
-/// Rates of the flapping angles: equation 2 of the paper, and its lateral counterpart.
-pub fn derivative(state: &FlapState, drive: &FlapDrive, rotor: &Rotor) -> FlapState {
-    let lower = |angle: f64, delta: f64, rate: f64| {
-        (rotor.swashplate_gain * delta - angle) / rotor.flap_time_lower_s - rate
-    };
-    let flybar = |angle: f64, rate: f64| -angle / rotor.flap_time_flybar_s - rate;
-    FlapState {
-        alpha_l_rad: lower(state.alpha_l_rad, drive.delta_lon_rad, drive.q_rad_s),
-        beta_l_rad: lower(state.beta_l_rad, drive.delta_lat_rad, drive.p_rad_s),
-        alpha_f_rad: flybar(state.alpha_f_rad, drive.q_rad_s),
-        beta_f_rad: flybar(state.beta_f_rad, drive.p_rad_s),
-    }
-}
-
 /// The response of x' = -x/τ + f(t) from x(0) = `start`, exact for an f that is a straight line between its samples
 /// ([`Between::Line`]) or holds until the next ([`Between::Hold`]).
 ///

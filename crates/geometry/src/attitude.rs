@@ -2,7 +2,8 @@
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// Roll, pitch and yaw of the 3-2-1 sequence: v_N = Rz(psi) Ry(theta) Rx(phi) v_B, from body B to level axes N.
+/// Roll, pitch and yaw of the 3-2-1 sequence: v_N = Rz(psi) Ry(theta) Rx(phi) v_B, from body B to level axes
+/// N.
 ///
 /// psi > 0 turns the nose from world +X towards -Y, theta > 0 lifts it, phi > 0 lowers the right side.
 /// Source: Mulyanto, Nurhakim, Muhammad (2012), equation 1b.
@@ -22,7 +23,7 @@ impl EulerAngles {
         UnitQuaternion::from_euler_angles(self.phi_rad, self.theta_rad, self.psi_rad)
     }
 
-    /// The angles of a rotation from body to level axes; at theta = ±pi/2 only phi - psi or phi + psi is
+    /// The angles of a rotation from body to level axes. At theta = ±pi/2 only phi - psi or phi + psi is
     /// determined, and phi is returned as 0.
     pub fn from_level_from_body(level_from_body: &UnitQuaternion<f64>) -> Self {
         let r = level_from_body.to_rotation_matrix().into_inner();
@@ -61,15 +62,11 @@ pub fn world_from_body(position_in_world_m: Vector3<f64>, attitude: EulerAngles)
     )
 }
 
-/// The matrix `[v]×` with `[v]× w = v × w`.
-pub fn cross_matrix(v: &Vector3<f64>) -> Matrix3<f64> {
-    v.cross_matrix()
-}
-
-/// The right Jacobian of SO(3): exp(φ + δ) = exp(φ) exp(J_r(φ) δ) to first order (Chirikjian 2012, eq. 10.86).
+/// The right Jacobian of SO(3): exp(φ + δ) = exp(φ) exp(J_r(φ) δ) to first order (Chirikjian 2012, eq.
+/// 10.86).
 pub fn right_jacobian(phi_rad: &Vector3<f64>) -> Matrix3<f64> {
     let angle = phi_rad.norm();
-    let k = cross_matrix(phi_rad);
+    let k = phi_rad.cross_matrix();
     let (a, b) = if angle < 1e-4 {
         (0.5 - angle * angle / 24.0, 1.0 / 6.0 - angle * angle / 120.0)
     } else {
@@ -81,6 +78,11 @@ pub fn right_jacobian(phi_rad: &Vector3<f64>) -> Matrix3<f64> {
 /// A rotation as a plain matrix.
 pub fn matrix_of(rotation: &UnitQuaternion<f64>) -> Matrix3<f64> {
     Rotation3::from(*rotation).into_inner()
+}
+
+/// The rotation of a matrix that is orthonormal with determinant 1, which is not checked.
+pub fn rotation_of(matrix: Matrix3<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix))
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! A pinhole camera with skew and Brown-Conrady distortion, its projection and the Jacobians of it.
 
 use crate::GeometryError;
+use crate::attitude::{matrix_of, rotation_of};
 use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix2x6, Matrix3, Matrix3x4, Point3, Vector2, Vector3};
 
 /// Width and height of an image.
@@ -27,7 +28,8 @@ impl ImageSize {
     }
 }
 
-/// The affine part of a camera: u = fx x + skew y + cx, v = fy y + cy of the (distorted) normalised image point.
+/// The affine part of a camera: u = fx x + skew y + cx, v = fy y + cy from the distorted normalised image
+/// point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intrinsics {
     /// Focal length along u.
@@ -55,6 +57,12 @@ impl Intrinsics {
         }
     }
 
+    /// The intrinsics of a calibration matrix K of any scale.
+    pub fn from_matrix(k: &Matrix3<f64>) -> Self {
+        let k = k / k[(2, 2)];
+        Self { fx_px: k[(0, 0)], fy_px: k[(1, 1)], cx_px: k[(0, 2)], cy_px: k[(1, 2)], skew_px: k[(0, 1)] }
+    }
+
     /// The calibration matrix K.
     pub fn matrix(&self) -> Matrix3<f64> {
         Matrix3::new(self.fx_px, self.skew_px, self.cx_px, 0.0, self.fy_px, self.cy_px, 0.0, 0.0, 1.0)
@@ -74,7 +82,8 @@ impl Intrinsics {
     }
 }
 
-/// Radial and tangential lens distortion (Brown 1971; coefficients as in OpenCV's k1 k2 p1 p2 k3). All zero: none.
+/// Radial and tangential lens distortion (Brown 1971; coefficients as in OpenCV's k1 k2 p1 p2 k3). All zero:
+/// none.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct BrownConrady {
     /// Radial, r².
@@ -110,8 +119,8 @@ impl BrownConrady {
         (point, jacobian)
     }
 
-    /// Inverse of [`BrownConrady::distort`] by Newton's method; `None` where it does not converge, or only to a point
-    /// beyond the fold, where the image would be reversed.
+    /// Inverse of [`BrownConrady::distort`] by Newton's method; `None` where it does not converge, or only to
+    /// a point beyond the fold, where the image would be reversed.
     pub fn undistort(&self, distorted: Vector2<f64>) -> Option<Vector2<f64>> {
         if *self == Self::default() {
             return Some(distorted);
@@ -155,6 +164,11 @@ pub struct Projection {
 }
 
 impl Camera {
+    /// A camera without distortion.
+    pub fn undistorted(cam_from_world: Isometry3<f64>, intrinsics: Intrinsics, size: ImageSize) -> Self {
+        Self { cam_from_world, intrinsics, distortion: BrownConrady::default(), size }
+    }
+
     /// A camera at `centre_in_world_m` that looks at a target with the image's top towards world +Z.
     ///
     /// Looking straight up or down, the image's top points to world +Y.
@@ -168,19 +182,10 @@ impl Camera {
         let up = if forward.z.abs() > 0.999_999 { Vector3::y() } else { Vector3::z() };
         let right = forward.cross(&up).normalize();
         let down = forward.cross(&right);
-        let rotation = nalgebra::Rotation3::from_matrix_unchecked(Matrix3::from_rows(&[
-            right.transpose(),
-            down.transpose(),
-            forward.transpose(),
-        ]));
-        let rotation = nalgebra::UnitQuaternion::from_rotation_matrix(&rotation);
-        let translation = -(rotation * centre_in_world_m);
-        Self {
-            cam_from_world: Isometry3::from_parts(translation.into(), rotation),
-            intrinsics,
-            distortion: BrownConrady::default(),
-            size,
-        }
+        let rows = [right.transpose(), down.transpose(), forward.transpose()];
+        let rotation = rotation_of(Matrix3::from_rows(&rows));
+        let cam_from_world = Isometry3::from_parts((-(rotation * centre_in_world_m)).into(), rotation);
+        Self::undistorted(cam_from_world, intrinsics, size)
     }
 
     /// The projection centre in world coordinates, metres.
@@ -190,52 +195,52 @@ impl Camera {
 
     /// The 3×4 projection matrix `K [R | t]`; it leaves distortion out.
     pub fn matrix(&self) -> Matrix3x4<f64> {
-        let mut pose = Matrix3x4::zeros();
-        pose.fixed_view_mut::<3, 3>(0, 0)
-            .copy_from(&crate::attitude::matrix_of(&self.cam_from_world.rotation));
-        pose.set_column(3, &self.cam_from_world.translation.vector);
-        self.intrinsics.matrix() * pose
+        self.intrinsics.matrix() * self.cam_from_world.to_matrix().fixed_rows::<3>(0)
     }
 
-    /// Where a world point is seen, with derivatives.
+    /// The image of a world point, with derivatives.
     ///
     /// # Errors
-    /// [`GeometryError::BehindCamera`] for a point that is not in front of the camera.
+    /// [`GeometryError::BehindCamera`] for a point behind the camera or in its focal plane.
     pub fn project(&self, point_in_world: &Vector3<f64>) -> Result<Projection, GeometryError> {
         let point_in_cam = self.cam_from_world * Point3::from(*point_in_world);
         self.project_from_camera(&point_in_cam.coords)
     }
 
-    /// The same from a point in camera coordinates.
+    /// The image of a point in camera coordinates (x right, y down, z forward, metres), with derivatives.
     ///
     /// # Errors
     /// [`GeometryError::BehindCamera`].
     pub fn project_from_camera(&self, p: &Vector3<f64>) -> Result<Projection, GeometryError> {
-        let (pixel, d_cam) = self.image(p)?;
-        Ok(Projection {
-            pixel,
-            d_pixel_d_point_in_cam: d_cam,
-            d_pixel_d_point_in_world: d_cam * crate::attitude::matrix_of(&self.cam_from_world.rotation),
-        })
+        self.image_of_ball(*p, 0.0)
     }
 
-    /// The image of a point in camera coordinates and its derivative.
-    fn image(&self, p: &Vector3<f64>) -> Result<(Vector2<f64>, Matrix2x3<f64>), GeometryError> {
-        if p.z.is_nan() || p.z <= 1e-6 {
+    fn image_of_ball(&self, mut p: Vector3<f64>, radius_m: f64) -> Result<Projection, GeometryError> {
+        if p.z.is_nan() || p.z <= radius_m.max(1e-6) {
             return Err(GeometryError::BehindCamera { depth_m: p.z });
         }
+        let share = (radius_m / p.z).powi(2);
+        p.z -= radius_m * radius_m / p.z;
         let inv_z = 1.0 / p.z;
         let n = Vector2::new(p.x * inv_z, p.y * inv_z);
         let (distorted, d_distorted) = self.distortion.distort(n);
         let d_n = Matrix2x3::new(inv_z, 0.0, -n.x * inv_z, 0.0, inv_z, -n.y * inv_z);
-        Ok((self.intrinsics.apply(distorted), self.intrinsics.jacobian() * d_distorted * d_n))
+        let mut d_cam = self.intrinsics.jacobian() * d_distorted * d_n;
+        // d(z - R²/z)/dz
+        d_cam.column_mut(2).scale_mut(1.0 + share);
+        Ok(Projection {
+            pixel: self.intrinsics.apply(distorted),
+            d_pixel_d_point_in_cam: d_cam,
+            d_pixel_d_point_in_world: d_cam * matrix_of(&self.cam_from_world.rotation),
+        })
     }
 
-    /// Where the centre of the image of a ball is seen: the ellipse's centre, not the image of the ball's centre.
+    /// The centre of the elliptical image of a ball, which is not the image of the ball's centre, with
+    /// derivatives.
     ///
     /// The outline of a sphere of radius R at (x, y, z) is the conic whose dual is X Xᵀ - R² I; its centre is
     /// (x z, y z)/(z² - R²), further from the principal point than x/z by the factor z²/(z² - R²)
-    /// (Hartley & Zisserman 2004, section 8.6). Distortion is taken at that centre.
+    /// (Hartley & Zisserman 2004, section 8.6). Distortion is applied at that centre.
     ///
     /// # Errors
     /// [`GeometryError::BehindCamera`] for a ball that reaches behind the camera.
@@ -244,23 +249,10 @@ impl Camera {
         centre_in_world: &Vector3<f64>,
         radius_m: f64,
     ) -> Result<Projection, GeometryError> {
-        let mut p = (self.cam_from_world * Point3::from(*centre_in_world)).coords;
-        if p.z.is_nan() || p.z <= radius_m {
-            return Err(GeometryError::BehindCamera { depth_m: p.z });
-        }
-        let share = (radius_m / p.z).powi(2);
-        p.z -= radius_m * radius_m / p.z;
-        let (pixel, mut d_cam) = self.image(&p)?;
-        // d(z - R²/z)/dz
-        d_cam.column_mut(2).scale_mut(1.0 + share);
-        Ok(Projection {
-            pixel,
-            d_pixel_d_point_in_cam: d_cam,
-            d_pixel_d_point_in_world: d_cam * crate::attitude::matrix_of(&self.cam_from_world.rotation),
-        })
+        self.image_of_ball((self.cam_from_world * Point3::from(*centre_in_world)).coords, radius_m)
     }
 
-    /// Unit direction in world coordinates of what is seen at a pixel.
+    /// Unit direction in world coordinates of the ray through a pixel.
     ///
     /// # Errors
     /// [`GeometryError::UndistortionDiverged`] outside the field where the distortion can be undone.
@@ -273,15 +265,15 @@ impl Camera {
     }
 }
 
-/// Derivative of an image point with respect to a small motion (translation in world axes, rotation in body axes)
-/// of the body that carries the point: world_from_body ← (t + δt, R exp(δθ)).
+/// Derivative of an image point with respect to a small motion (translation in world axes, rotation in body
+/// axes) of the body that carries the point: world_from_body ← (t + δt, R exp(δθ)).
 pub fn d_pixel_d_pose(
     projection: &Projection,
     world_from_body: &Isometry3<f64>,
     point_in_body: &Vector3<f64>,
 ) -> Matrix2x6<f64> {
     let d_world = projection.d_pixel_d_point_in_world;
-    let d_turn = -crate::attitude::matrix_of(&world_from_body.rotation) * point_in_body.cross_matrix();
+    let d_turn = -matrix_of(&world_from_body.rotation) * point_in_body.cross_matrix();
     let mut out = Matrix2x6::zeros();
     out.fixed_view_mut::<2, 3>(0, 0).copy_from(&d_world);
     out.fixed_view_mut::<2, 3>(0, 3).copy_from(&(d_world * d_turn));

@@ -1,4 +1,4 @@
-//! The sixteen numbers of a camera as an estimator moves them, and the derivatives of an image point by them.
+//! The sixteen parameters of a camera, small changes of them, and the derivatives of an image point by them.
 
 use crate::{Camera, GeometryError};
 use nalgebra::{
@@ -8,9 +8,9 @@ use nalgebra::{
 /// Number of parameters of a camera: those of a DLT-16.
 pub const CAMERA_PARAMETERS: usize = 16;
 
-/// A small change of a camera, or a derivative by it. In order: turn about the camera's own axes (rad, so that
-/// points in camera coordinates turn by minus it), displacement of the projection centre in world axes (m), fx, fy,
-/// skew, cx, cy (px), k1, k2, p1, p2, k3.
+/// A small change of a camera, or a derivative by it. In order: turn about the camera's own axes (rad, so
+/// that points in camera coordinates turn by minus it), displacement of the projection centre in world axes
+/// (m), fx, fy, skew, cx, cy (px), k1, k2, p1, p2, k3.
 pub type CameraChange = SVector<f64, CAMERA_PARAMETERS>;
 
 /// Where the turn begins in a [`CameraChange`].
@@ -30,22 +30,46 @@ impl Camera {
         let rotation = turn * self.cam_from_world.rotation;
         let centre = self.centre_in_world() + by.fixed_rows::<3>(CENTRE);
         out.cam_from_world = Isometry3::from_parts(Translation3::from(-(rotation * centre)), rotation);
-        let k = &mut out.intrinsics;
-        for (i, value) in
-            [&mut k.fx_px, &mut k.fy_px, &mut k.skew_px, &mut k.cx_px, &mut k.cy_px].into_iter().enumerate()
-        {
+        for (i, value) in out.lens_parameters().into_iter().enumerate() {
             *value += by[INTRINSICS + i];
-        }
-        let d = &mut out.distortion;
-        for (i, value) in [&mut d.k1, &mut d.k2, &mut d.p1, &mut d.p2, &mut d.k3].into_iter().enumerate() {
-            *value += by[DISTORTION + i];
         }
         out
     }
 
-    /// Derivative of the pixel at which a world point is seen by a [`CameraChange`] at zero.
+    /// The change with which [`Camera::moved`] makes another camera of this one.
+    pub fn change_to(&self, other: &Self) -> CameraChange {
+        let (mut from, mut to) = (*self, *other);
+        let mut out = CameraChange::zeros();
+        let turn = to.cam_from_world.rotation * from.cam_from_world.rotation.inverse();
+        out.fixed_rows_mut::<3>(TURN).copy_from(&-turn.scaled_axis());
+        out.fixed_rows_mut::<3>(CENTRE).copy_from(&(to.centre_in_world() - from.centre_in_world()));
+        for (i, (a, b)) in from.lens_parameters().into_iter().zip(to.lens_parameters()).enumerate() {
+            out[INTRINSICS + i] = *b - *a;
+        }
+        out
+    }
+
+    /// fx, fy, skew, cx, cy, k1, k2, p1, p2, k3: the parameters from [`INTRINSICS`] on.
+    fn lens_parameters(&mut self) -> [&mut f64; 10] {
+        let (k, d) = (&mut self.intrinsics, &mut self.distortion);
+        [
+            &mut k.fx_px,
+            &mut k.fy_px,
+            &mut k.skew_px,
+            &mut k.cx_px,
+            &mut k.cy_px,
+            &mut d.k1,
+            &mut d.k2,
+            &mut d.p1,
+            &mut d.p2,
+            &mut d.k3,
+        ]
+    }
+
+    /// Derivative of the image of a world point by a [`CameraChange`] at zero.
     ///
-    /// It serves a ball's image too: the ball's offset moves a few thousandths of what its centre does.
+    /// It is used for a ball's image too: the offset of that from the image of its centre moves a few
+    /// thousandths as far.
     ///
     /// # Errors
     /// [`GeometryError::BehindCamera`].
@@ -107,5 +131,20 @@ mod tests {
                 prop_assert!((got.column(i) - want).norm() < 1e-6 * (1.0 + want.norm()), "parameter {i}");
             }
         }
+    }
+
+    #[test]
+    fn the_change_between_two_cameras_leads_from_one_to_the_other() {
+        let size = ImageSize { width_px: 640, height_px: 480 };
+        let k = Intrinsics::from_horizontal_fov(size, 53f64.to_radians());
+        let target = Vector3::new(0.0, 0.0, 1.5);
+        let [a, mut b] = [[4.5, -4.5, 1.5], [-4.5, -4.5, 1.5]]
+            .map(|c| Camera::looking_at(Vector3::from(c), target, k, size));
+        b.distortion.k1 = -0.2;
+        b.intrinsics.skew_px = 1.0;
+        let back = a.moved(&a.change_to(&b));
+        assert!((back.cam_from_world.to_homogeneous() - b.cam_from_world.to_homogeneous()).norm() < 1e-12);
+        assert_eq!((back.distortion, back.size), (b.distortion, b.size));
+        assert!((back.intrinsics.matrix() - b.intrinsics.matrix()).norm() < 1e-9);
     }
 }

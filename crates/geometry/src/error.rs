@@ -1,11 +1,11 @@
-//! What geometry refuses, and what to do about it.
+//! Geometric problems without an answer, with reasons and remedies.
 
 use thiserror::Error;
 
 /// A geometric problem without a determined answer.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum GeometryError {
-    /// Eleven unknowns need six points.
+    /// Fewer control points than a camera has parameters for.
     #[error("{found} control points were seen, but a camera of 11 parameters needs at least {needed}: add {} more", needed - found)]
     TooFewControlPoints {
         /// Points given.

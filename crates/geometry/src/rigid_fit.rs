@@ -1,28 +1,30 @@
 //! The rigid motion that best carries one set of points onto another.
 
 use crate::GeometryError;
+use crate::attitude::rotation_of;
 use crate::svd::jacobi_svd;
-use nalgebra::{DMatrix, Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, Isometry3, Matrix3, Translation3, Vector3};
 
-/// A rigid motion and what it leaves.
+/// A rigid motion and its residuals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RigidFit {
     /// Takes body coordinates into world coordinates.
     pub world_from_body: Isometry3<f64>,
-    /// Distance left at each point, metres.
+    /// Distance of each point, moved, from the one it should reach.
     pub residuals_m: Vec<f64>,
     /// Weighted root mean square of those distances.
     pub rms_m: f64,
 }
 
-/// Below this ratio of the second to the first spread the points count as one line: the turn about it would be
-/// a thousand times less certain than the others.
+/// Below this ratio of the second to the first spread the points count as one line: the turn about it would
+/// be a thousand times less certain than the others.
 const COLLINEAR_RATIO: f64 = 1e-3;
 
-/// Weighted least-squares rigid motion from body to world points (Kabsch 1976; Umeyama 1991 for the reflection).
+/// Weighted least-squares rigid motion from body to world points (Kabsch 1976; Umeyama 1991 for the
+/// reflection).
 ///
-/// Points are taken in pairs up to the shorter of the lists; weights are 1/m² or relative, non-negative. The answer is
-/// always a rotation, never a mirror image, also for coplanar points.
+/// Points are taken in pairs up to the shorter of the lists; weights are 1/m² or relative, non-negative. The
+/// answer is always a rotation, never a mirror image, also for coplanar points.
 ///
 /// # Errors
 /// [`GeometryError::TooFewMarkers`], [`GeometryError::CollinearMarkers`], [`GeometryError::NotFinite`].
@@ -53,11 +55,9 @@ pub fn rigid_fit(
         cross += (w - centre_world) * (b - centre_body).transpose() * (*weight / total);
     }
     let svd = jacobi_svd(&cross);
-    let u = Matrix3::from_fn(|i, j| svd.u[(i, j)]);
-    let v = Matrix3::from_fn(|i, j| svd.v[(i, j)]);
+    let (u, v) = (svd.u.fixed_view::<3, 3>(0, 0), svd.v.fixed_view::<3, 3>(0, 0));
     let proper = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v.transpose()).determinant().signum()));
-    let rotation =
-        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(u * proper * v.transpose()));
+    let rotation = rotation_of(u * proper * v.transpose());
     let world_from_body =
         Isometry3::from_parts(Translation3::from(centre_world - rotation * centre_body), rotation);
     let residuals_m: Vec<f64> = points_in_body_m

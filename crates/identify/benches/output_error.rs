@@ -2,7 +2,7 @@
 //! straight to the images of four markers in two cameras.
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use mavsight_flight::{Channel, InputSeries, Maneuver, Scenario, Vehicle, simulate};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{
     Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix6, UnitQuaternion, Vector2,
     Vector3, world_from_body,
@@ -11,6 +11,7 @@ use mavsight_identify::output_error::{
     FlightModel, ImageMeasurements, Measurements, OutputErrorOptions, StateMeasurement, output_error,
 };
 use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, Rig, calibrate};
+use mavsight_simulator::{Channel, Maneuver, Scenario, simulate};
 use nalgebra::Point3;
 use std::hint::black_box;
 

@@ -12,10 +12,7 @@
 #[path = "../tests/flights/aircraft.rs"]
 mod aircraft;
 
-use mavsight_flight::{
-    Channel, Coefficients, FlightState, InputSeries, Maneuver, Scenario, Vehicle, hover_rotor_speed_rad_s,
-    simulate,
-};
+use mavsight_flight::{InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{
     Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix6, UnitQuaternion, Vector2,
     Vector3, world_from_body,
@@ -28,6 +25,7 @@ use mavsight_identify::{Bandwidth, Estimator, FitOptions, Model, Options, coeffi
 use mavsight_pose::{
     BodyMarker, CameraControl, MarkerObservation, PoseEstimator, PoseSample, Rig, calibrate, smooth,
 };
+use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, simulate, true_coefficients};
 use nalgebra::Point3;
 use std::time::Instant;
 
@@ -240,7 +238,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scenario = scenario();
     let inputs: InputSeries = scenario.inputs(&vehicle)?;
     let states = simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
-    let truth = Coefficients::of_vehicle(&vehicle, hover_rotor_speed_rad_s(&vehicle));
+    let truth = true_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
     let rig = rig()?;
     let markers: Vec<BodyMarker> = vehicle
         .marker

@@ -15,8 +15,8 @@ pub(crate) struct LevelPose {
 /// Nearer to ±90° of pitch than this cosine, roll and yaw have variances as if at it: large, but finite.
 const LEAST_COS_PITCH: f64 = 1e-3;
 
-/// The pose in the level frame. Roll, pitch and yaw move with a small turn δ about body axes as E(φ, θ) δ (equation 1c of the
-/// paper).
+/// The pose in the level frame. Roll, pitch and yaw move with a small turn δ about body axes as E(φ, θ) δ
+/// (equation 1c of the paper).
 pub(crate) fn level_pose(measured: &Measured) -> LevelPose {
     let level_from_world = world_from_level().inverse();
     let level_from_body = level_from_world * measured.world_from_body;
@@ -47,7 +47,7 @@ impl BodyAxes {
         }
     }
 
-    /// The pose of a body with these axes; the world stays.
+    /// The pose of a body with these axes, in the same world.
     pub(crate) fn pose(self, world_from_body: &Isometry3<f64>) -> Isometry3<f64> {
         let turned = world_from_body.rotation * self.frd_from_these();
         Isometry3::from_parts(world_from_body.translation, turned)
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn straight_up_stays_finite() {
+    fn straight_up_is_finite() {
         for theta in [1.0, -1.0] {
             let pose =
                 world_from_body(Vector3::zeros(), euler(0.0, theta * std::f64::consts::FRAC_PI_2, 0.0));

@@ -39,7 +39,7 @@ pub enum LinkError {
         /// What the system says.
         source: io::Error,
     },
-    /// Nothing goes out; the next instant is tried anew.
+    /// Nothing goes out; the next instant is tried again.
     #[error("{outlet}: {address} cannot be reached ({source}): look at the address and at the network")]
     Send {
         /// Outlet.

@@ -1,7 +1,7 @@
-//! What a user sees of a running flight, as JSON: one object an event, told apart by `event`.
+//! What a user sees of a running flight, as JSON: one object an event, whose kind `event` names.
 //!
-//! Positions are metres in world axes, quaternions (w, x, y, z), angles radians, times seconds since the flight began unless
-//! a name says otherwise. Newline JSON and the browser page carry the same objects.
+//! Positions are metres in world axes, quaternions (w, x, y, z), angles radians, times seconds since the
+//! flight began unless a name says otherwise. Newline JSON and the browser page carry the same objects.
 
 use serde::Serialize;
 
@@ -13,14 +13,14 @@ pub enum Event {
     Scene(Scene),
     /// One instant.
     Pose(Box<PoseEvent>),
-    /// What one camera saw in one frame.
-    Sights {
+    /// The balls that one camera detected in one frame.
+    Detections {
         /// Index into the scene's cameras.
         camera: usize,
         /// Instant.
         t_s: f64,
         /// Balls.
-        seen: Vec<Sight>,
+        seen: Vec<DetectedBall>,
     },
     /// How a camera does; about once a second, and whenever its state changes.
     Camera {
@@ -30,7 +30,7 @@ pub enum Event {
         state: CameraState,
         /// Frames a second over the last second.
         rate_hz: f64,
-        /// Median time from frame in hand to its sights, over the last second.
+        /// Median time from frame in hand to its detections, over the last second.
         latency_ms: f64,
         /// Frames dropped because a later one had come, since the start.
         dropped: u64,
@@ -59,7 +59,8 @@ pub enum Event {
         /// What went wrong, such as a full disk.
         fault: Option<String>,
     },
-    /// The answer to a self-check or calibration that was asked for, or anything else that a user should read.
+    /// The answer to a self-check or calibration that was asked for, or anything else that a user should
+    /// read.
     Note {
         /// Instant.
         t_s: f64,
@@ -76,7 +77,7 @@ impl Event {
         match self {
             Self::Scene(_) => "scene",
             Self::Pose(_) => "pose",
-            Self::Sights { .. } => "sights",
+            Self::Detections { .. } => "detections",
             Self::Camera { .. } => "camera",
             Self::Parameters { .. } => "parameters",
             Self::Recording { .. } => "recording",
@@ -146,7 +147,8 @@ pub struct CameraView {
     pub height_px: u32,
     /// Where it stands.
     pub centre_m: [f64; 3],
-    /// Directions in world axes, of unit length in depth, of the image's corners: left top, right top, right bottom, left bottom.
+    /// Directions in world axes, of unit length in depth, of the image's corners: left top, right top, right
+    /// bottom, left bottom.
     pub corners: [[f64; 3]; 4],
 }
 
@@ -165,14 +167,14 @@ pub struct MarkerView {
 
 /// One ball in one image.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Sight {
+pub struct DetectedBall {
     /// Centre.
     pub u_px: f64,
     /// Centre.
     pub v_px: f64,
     /// Diameter.
     pub diameter_px: f64,
-    /// The marker it was told to be.
+    /// The marker that it shows, where it is identified.
     pub marker: Option<usize>,
     /// What the pose leaves of it: seen less projected.
     pub residual_px: Option<[f64; 2]>,

@@ -14,8 +14,9 @@ pub struct Fix {
     pub received_ns: i64,
     /// The pose, where it was measured.
     pub measured: Option<Measured>,
-    /// Goes up by one (and round) at each measured pose that does not follow from the one before: after the aircraft was lost,
-    /// or a camera was left out or came back. A camera that is late for one instant is no such thing.
+    /// Goes up by one (and round) at each measured pose that does not follow from the one before: after the
+    /// aircraft was lost, or a camera was left out or came back. A camera that is late for one instant
+    /// changes nothing.
     pub resets: u8,
 }
 

@@ -1,9 +1,9 @@
 //! Events as lines of JSON, one object a line: over TCP, over UDP, and into anything that can be written to.
 //!
-//! The objects are those of [`Event`], with `event` telling which: a pose that was not measured is an object with `valid` false
-//! and without position. Who connects by TCP gets the scene first, then what happens from then on; one that does not read fast
-//! enough is cut off and may connect again. By UDP each event is a datagram, and the scene comes again every five seconds
-//! for who listens later.
+//! The objects are those of [`Event`], with `event` naming their kind: a pose that was not measured is an
+//! object with `valid` false and without position. Who connects by TCP gets the scene first, then what
+//! happens from then on; one that does not read fast enough is cut off and may connect again. By UDP each
+//! event is a datagram, and the scene comes again every five seconds for who listens later.
 
 use crate::options::address;
 use crate::peers::{MOST, Peer};
@@ -25,10 +25,17 @@ const LONGEST_DATAGRAM: usize = 65_507;
 #[derive(Default)]
 pub struct JsonLines {
     server: Option<Server>,
-    udp: Option<(UdpSocket, SocketAddr, Option<Instant>)>,
+    udp: Option<Datagrams>,
     writer: Option<Box<dyn Write + Send>>,
     line: Vec<u8>,
     scene: Vec<u8>,
+}
+
+struct Datagrams {
+    socket: UdpSocket,
+    to: SocketAddr,
+    /// When the scene was sent last.
+    scene_sent: Option<Instant>,
 }
 
 struct Server {
@@ -75,7 +82,8 @@ impl JsonLines {
         }
         if !options.udp.is_empty() {
             let to = address(NAME, &options.udp)?;
-            this.udp = Some((udp::open(NAME, udp::any_port_towards(to))?, to, None));
+            let socket = udp::open(NAME, udp::any_port_towards(to))?;
+            this.udp = Some(Datagrams { socket, to, scene_sent: None });
         }
         Ok(this)
     }
@@ -115,10 +123,10 @@ impl Outlet for JsonLines {
         if let Some(server) = &mut self.server {
             server.peers.retain_mut(|peer| peer.push(line));
         }
-        if let Some((socket, to, told)) = &mut self.udp {
-            let again = told.is_none_or(|at| at.elapsed() >= SCENE_AGAIN) && *line != self.scene;
+        if let Some(Datagrams { socket, to, scene_sent }) = &mut self.udp {
+            let again = scene_sent.is_none_or(|at| at.elapsed() >= SCENE_AGAIN) && *line != self.scene;
             if again || *line == self.scene {
-                *told = Some(Instant::now());
+                *scene_sent = Some(Instant::now());
             }
             if again && !self.scene.is_empty() {
                 datagram(socket, *to, &self.scene)?;
@@ -245,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn a_writer_gets_lines_and_its_faults_are_told() {
+    fn a_writer_gets_lines_and_its_faults_are_reported() {
         #[derive(Clone, Default)]
         struct Shared(Arc<Mutex<Vec<u8>>>);
         impl Write for Shared {

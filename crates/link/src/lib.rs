@@ -1,5 +1,5 @@
-//! What leaves mavsight while an aircraft flies: poses with their covariance, what happens to cameras and tracking, and the
-//! protocols that carry them to autopilots, other programs and the browser.
+//! What leaves mavsight while an aircraft flies: poses with their covariance, what happens to cameras and
+//! tracking, and the protocols that carry them to autopilots, other programs and the browser.
 //!
 //! Nothing is sent that was not measured: a [`Fix`] without a [`Measured`] says that there is none.
 
@@ -23,7 +23,9 @@ pub mod zenoh;
 
 pub use crate::zenoh::Zenoh;
 pub use error::LinkError;
-pub use event::{CameraState, CameraView, Event, MarkerView, Parameter, PoseEvent, Scene, Sight, Tracking};
+pub use event::{
+    CameraState, CameraView, DetectedBall, Event, MarkerView, Parameter, PoseEvent, Scene, Tracking,
+};
 pub use fix::{Fix, Measured, Moving};
 pub use json::JsonLines;
 pub use mavlink::Mavlink;

@@ -1,16 +1,19 @@
-//! MAVLink 2 over UDP: ODOMETRY (331) to an autopilot, with a heartbeat a second, and answers to TIMESYNC (111).
+//! MAVLink 2 over UDP: ODOMETRY (331) to an autopilot, with a heartbeat a second, and answers to TIMESYNC
+//! (111).
 //!
-//! Position and attitude are in the level frame N, which is LOCAL_FRD with its x along the world's X; velocity and rates are in
-//! body axes, BODY_FRD; the estimator is named VISION. PX4 and ArduPilot take no other frames rightly, and PX4's EKF2 no other
-//! estimator (MOCAP goes to a topic that it does not read). Covariances are those of position in level axes with roll, pitch
-//! and yaw, and of velocity with body rates. `quality` is the percentage of the body's markers that entered the pose.
+//! Position and attitude are in the level frame N, which is LOCAL_FRD with its x along the world's X;
+//! velocity and rates are in body axes, BODY_FRD; the estimator is named VISION. PX4 and ArduPilot take no
+//! other frames rightly, and PX4's EKF2 no other estimator (MOCAP goes to a topic that it does not read).
+//! Covariances are those of position in level axes with roll, pitch and yaw, and of velocity with body rates.
+//! `quality` is the percentage of the body's markers that entered the pose.
 //!
-//! Not sent: an instant without a pose, and one whose velocity is not known yet, as ArduPilot uses the velocity without looking
-//! whether it is a number. Stamps are the middle of the exposure in microseconds of the UNIX epoch; an autopilot that asks by
-//! TIMESYNC learns how that clock stands to its own, and otherwise takes the time of arrival for that of the exposure.
+//! Not sent: an instant without a pose, and one whose velocity is not known yet, as ArduPilot uses the
+//! velocity without looking whether it is a number. Stamps are the middle of the exposure in microseconds of
+//! the UNIX epoch; an autopilot that asks by TIMESYNC learns how that clock stands to its own, and otherwise
+//! takes the time of arrival for that of the exposure.
 //!
-//! Layouts: MAVLink's `common.xml` and `minimal.xml`; checksums and framing by `mavlink-core`, as the generated dialects take half
-//! a minute to compile for three messages.
+//! Layouts: MAVLink's `common.xml` and `minimal.xml`; checksums and framing by `mavlink-core`, as the
+//! generated dialects take half a minute to compile for three messages.
 
 mod messages;
 mod pace;
@@ -164,7 +167,7 @@ impl Keeper {
     fn step(&mut self) {
         if self.beaten.is_none_or(|at| at.elapsed() >= HEARTBEAT) {
             self.beaten = Some(Instant::now());
-            // A network that is down is told with the next pose.
+            // A network that is down is reported with the next pose.
             let _ = self.radio.send(&Message::Heartbeat, self.peer);
         }
         if let Some((length, from)) = udp::receive(&self.radio.socket, &mut self.inbox) {

@@ -1,13 +1,14 @@
 //! NatNet 3.1 by unicast, as OptiTrack's Motive speaks it: one rigid body, numbered 1.
 //!
-//! A client asks at the command port. Frames go to the data port of every machine from which a client has asked to connect
-//! (libmotioncapture, Crazyswarm2), and to the address of every client that keeps its connection alive (NatNet's newer clients,
-//! the Python package `natnet`), until it has been silent for ten seconds.
+//! A client asks at the command port. Frames go to the data port of every machine from which a client has
+//! asked to connect (libmotioncapture, Crazyswarm2), and to the address of every client that keeps its
+//! connection alive (NatNet's newer clients, the Python package `natnet`), until it has been silent for ten
+//! seconds.
 //!
-//! The world is W, Z up, metres; the body's axes are as the options say; quaternions are x, y, z, w. Every instant is sent: one
-//! without a pose has the tracking-valid bit cleared and NaN in place of the pose, so that a client that overlooks the bit
-//! cannot take it for one. The marker error is the standard deviation of the position. Times of exposure, reception and sending
-//! are ticks of 1 ns of the UNIX epoch.
+//! The world is W, Z up, metres; the body's axes are as the options say; quaternions are x, y, z, w. Every
+//! instant is sent: one without a pose has the tracking-valid bit cleared and NaN in place of the pose, so
+//! that a client that overlooks the bit cannot take it for one. The marker error is the standard deviation of
+//! the position. Times of exposure, reception and sending are ticks of 1 ns of the UNIX epoch.
 //!
 //! Layout: the direct depacketization of NatNet 3.1, as libmotioncapture and `natnet` read it.
 
@@ -17,12 +18,12 @@ use crate::axes::sound;
 use crate::options::address;
 use crate::outlet::now_ns;
 use crate::udp;
-use crate::worker::Worker;
+use crate::worker::{Worker, lock};
 use crate::{Body, Fix, LinkError, NatnetOptions, Outlet};
 use packets::{Frame, Packet, Request};
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 const NAME: &str = "natnet";
@@ -110,7 +111,7 @@ impl Natnet {
     /// The command port that was opened.
     ///
     /// # Errors
-    /// The system does not tell.
+    /// The system does not know it.
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.socket.local_addr()
     }
@@ -142,10 +143,6 @@ impl Outlet for Natnet {
         }
         fault.map_or(Ok(()), Err)
     }
-}
-
-fn lock(listeners: &Mutex<Listeners>) -> MutexGuard<'_, Listeners> {
-    listeners.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Answers at the command port.

@@ -55,11 +55,12 @@ impl Default for MavlinkOptions {
     }
 }
 
-/// Axes of the body that a client of NatNet or VRPN is told of; the world is W, Z up, either way.
+/// Axes of the body that a client of NatNet or VRPN gets; the world is W, Z up, either way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum BodyAxes {
-    /// Forward-left-up, as ROS and Crazyswarm have it: the attitude of a level aircraft is a turn about Z alone.
+    /// Forward-left-up, as ROS and Crazyswarm have it: the attitude of a level aircraft is a turn about Z
+    /// alone.
     #[default]
     Flu,
     /// Forward-right-down, as all of mavsight's own files have it.
@@ -142,9 +143,6 @@ impl Default for ZenohOptions {
 }
 
 /// The address that a text names, IPv4 where it has both.
-///
-/// # Errors
-/// The text is no address, or its host is not known.
 pub(crate) fn address(outlet: &'static str, text: &str) -> Result<SocketAddr, LinkError> {
     let fault = |reason: String| LinkError::Address { outlet, text: text.into(), reason };
     let all: Vec<SocketAddr> = text.to_socket_addrs().map_err(|e| fault(e.to_string()))?.collect();
@@ -186,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_address_is_told() {
+    fn what_is_no_address_is_refused() {
         for text in ["", "127.0.0.1", "127.0.0.1:99999", "no such host:1"] {
             let said = address("vrpn", text).expect_err("no address").to_string();
             assert!(said.starts_with(&format!("vrpn: `{text}` is no address")), "{said}");

@@ -10,23 +10,18 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 /// A way out of mavsight.
 ///
-/// No call waits for a peer, and none fails because a peer is not there: it gets what is sent once it has come (back). An
-/// error says that nothing went out this time; the next call tries anew. What is sent of a [`Fix`] without a pose is told at
-/// each outlet: nothing, or that there is none; never the pose before.
+/// No call waits for a peer, and none fails because a peer is not there: it gets what is sent once it has
+/// come (back). An error says that nothing went out this time; the next call tries again. What is sent of a
+/// [`Fix`] without a pose is documented at each outlet: nothing, or that there is none; never the pose
+/// before.
 pub trait Outlet: Send {
     /// Its name, as its section in the session file has it.
     fn name(&self) -> &str;
 
     /// Sends an instant.
-    ///
-    /// # Errors
-    /// The system refused to send; the outlet stays usable.
     fn send(&mut self, fix: &Fix) -> Result<(), LinkError>;
 
     /// Sends an event, where the outlet carries any.
-    ///
-    /// # Errors
-    /// The system refused to send; the outlet stays usable.
     fn event(&mut self, _event: &Event) -> Result<(), LinkError> {
         Ok(())
     }
@@ -44,8 +39,8 @@ impl Body {
     /// Longest name that every protocol takes.
     const LONGEST: usize = 63;
 
-    /// A body of that name. What is no letter of ASCII, digit, `-`, `_` or `.` becomes `_`, as `@`, `/` and blanks mean
-    /// something else in one protocol or another; an empty name becomes `body`.
+    /// A body of that name. What is no letter of ASCII, digit, `-`, `_` or `.` becomes `_`, as `@`, `/` and
+    /// blanks mean something else in one protocol or another; an empty name becomes `body`.
     pub fn new(name: &str, markers: Vec<MarkerView>) -> Self {
         let kept = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
         let mut name: String = name.trim().chars().take(Self::LONGEST).map(kept).collect();
@@ -107,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_port_that_is_held_is_told() {
+    fn a_port_that_is_held_is_reported() {
         let held = std::net::UdpSocket::bind("127.0.0.1:0").expect("a port");
         let address = held.local_addr().expect("its address").to_string();
         let natnet = crate::NatnetOptions { address: address.clone(), ..Default::default() };
@@ -121,7 +116,7 @@ mod tests {
 
     #[cfg(not(feature = "zenoh"))]
     #[test]
-    fn an_outlet_that_was_not_built_is_told() {
+    fn an_outlet_that_was_not_built_is_reported() {
         let options = LinkOptions { zenoh: Some(Default::default()), ..Default::default() };
         let said = open(&options, &Body::new("x", Vec::new())).err().map(|e| e.to_string());
         assert!(said.is_some_and(|s| s.contains("--features zenoh")));

@@ -18,9 +18,6 @@ pub(crate) struct Peer {
 
 impl Peer {
     /// Takes a connection over.
-    ///
-    /// # Errors
-    /// It has gone already.
     pub(crate) fn new(stream: TcpStream) -> io::Result<Self> {
         stream.set_nonblocking(true)?;
         stream.set_nodelay(true)?;
@@ -117,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn one_that_has_gone_is_told() {
+    fn one_that_has_gone_is_noticed() {
         let (mut peer, far) = pair();
         drop(far);
         assert!((0..100).any(|_| {

@@ -8,8 +8,8 @@
 //! | `position_m`, `position_std_m`, `euler_deg`, `rates_deg_s`, `residual_px`, `latency_ms` | `Scalars`; none where nothing was measured |
 //! | `notes`, `tracking` | `TextLog` |
 //!
-//! Timelines: `t`, since the flight began, and `captured`, by this machine's clock. Poses are in Rerun's single precision, scalars in
-//! double. Rows go to the file once a second; a kill loses what has come since.
+//! Timelines: `t`, since the flight began, and `captured`, by this machine's clock. Poses are in Rerun's
+//! single precision, scalars in double. Rows go to the file once a second; a kill loses what has come since.
 
 mod arrow;
 mod file;
@@ -132,7 +132,7 @@ impl Rerun {
         }
     }
 
-    fn told(&self, done: io::Result<()>) -> Result<(), LinkError> {
+    fn fault(&self, done: io::Result<()>) -> Result<(), LinkError> {
         done.map_err(|source| LinkError::File { path: self.path.display().to_string(), source })
     }
 }
@@ -175,20 +175,20 @@ impl Outlet for Rerun {
         "rerun"
     }
 
-    /// Nothing: events tell the same.
+    /// Nothing: the instant comes as [`Event::Pose`].
     fn send(&mut self, _: &Fix) -> Result<(), LinkError> {
         Ok(())
     }
 
     fn event(&mut self, event: &Event) -> Result<(), LinkError> {
         let done = self.take(event);
-        self.told(done)
+        self.fault(done)
     }
 }
 
 impl Drop for Rerun {
     fn drop(&mut self) {
-        // There is nobody left to be told.
+        // Nobody is left to report a fault to.
         let _ = self.flush();
     }
 }
@@ -218,7 +218,8 @@ mod tests {
         }))
     }
 
-    /// The file's header and messages follow each other to its end; an instant without a pose is no transform.
+    /// The file's header and messages follow each other to its end; an instant without a pose is no
+    /// transform.
     #[test]
     fn what_was_not_measured_is_no_transform() {
         let path = std::env::temp_dir().join(format!("mavsight-rerun-{}.rrd", std::process::id()));
@@ -244,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_cannot_be_written_is_told() {
+    fn a_file_that_cannot_be_written_is_reported() {
         let said = Rerun::create(Path::new("/no/such/folder/x.rrd")).err().map(|e| e.to_string());
         assert!(said.is_some_and(|s| s.contains("/no/such/folder/x.rrd cannot be written")));
     }

@@ -10,9 +10,6 @@ use std::time::Duration;
 const SENDING: Duration = Duration::from_millis(1);
 
 /// Opens a port.
-///
-/// # Errors
-/// It is held, or is not this machine's.
 pub(crate) fn open(outlet: &'static str, from: SocketAddr) -> Result<UdpSocket, LinkError> {
     let fault = |source| LinkError::Open { outlet, address: from.to_string(), source };
     let socket = UdpSocket::bind(from).map_err(fault)?;
@@ -21,7 +18,7 @@ pub(crate) fn open(outlet: &'static str, from: SocketAddr) -> Result<UdpSocket, 
     Ok(socket)
 }
 
-/// Any port, on the machine alone where what is sent stays there.
+/// Any port, on the loopback interface where the peer is on this machine.
 pub(crate) fn any_port_towards(to: SocketAddr) -> SocketAddr {
     match (to.is_ipv4(), to.ip().is_loopback()) {
         (true, true) => (Ipv4Addr::LOCALHOST, 0).into(),
@@ -31,17 +28,14 @@ pub(crate) fn any_port_towards(to: SocketAddr) -> SocketAddr {
     }
 }
 
-/// Whether this says only that nothing has come, or gone, this time; or what the far machine says of a datagram before: that
-/// nobody listens there.
+/// Whether this says only that nothing has come, or gone, this time; or what the far machine says of a
+/// datagram before: that nobody listens there.
 pub(crate) fn is_no_fault(kind: io::ErrorKind) -> bool {
     use io::ErrorKind::{ConnectionRefused, ConnectionReset, Interrupted, TimedOut, WouldBlock};
     matches!(kind, WouldBlock | TimedOut | Interrupted | ConnectionRefused | ConnectionReset)
 }
 
 /// Sends a datagram, if there is room for it.
-///
-/// # Errors
-/// The system does not send there at all.
 pub(crate) fn send(
     outlet: &'static str,
     socket: &UdpSocket,
@@ -75,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_stays_on_the_machine_opens_no_door_to_others() {
+    fn what_is_sent_to_the_machine_itself_opens_no_door_to_others() {
         for (to, want) in [
             ("127.0.0.1:9", "127.0.0.1:0"),
             ("[::1]:9", "[::1]:0"),

@@ -1,12 +1,13 @@
 //! A VRPN 07 server with one tracker, the aircraft, sensor 0.
 //!
-//! A client tells by UDP on which port it listens and is connected to by TCP; or it connects to the same port itself
-//! (`tcp:host:port`). Both send the cookie of their version, and what numbers they give to which sender and type. Pings are
-//! answered.
+//! A client says by UDP on which port it listens, and the server connects to it by TCP; or it connects to the
+//! same port itself (`tcp:host:port`). Both send the cookie of their version, and what numbers they give to
+//! which sender and type. Pings are answered.
 //!
-//! The world is W, Z up, metres; the body's axes are as the options say; quaternions are x, y, z, w. `Pos_Quat` is sent where a
-//! pose was measured, and nothing otherwise, as VRPN has no word for a pose that is none; `Velocity` where the velocity is known,
-//! in world axes, its quaternion the turn in world axes over [`TURN_S`]. Stamps are the middle of the exposure.
+//! The world is W, Z up, metres; the body's axes are as the options say; quaternions are x, y, z, w.
+//! `Pos_Quat` is sent where a pose was measured, and nothing otherwise, as VRPN has no word for a pose that
+//! is none; `Velocity` where the velocity is known, in world axes, its quaternion the turn in world axes over
+//! [`TURN_S`]. Stamps are the middle of the exposure.
 //!
 //! Layout: VRPN 07.38's `vrpn_Connection.C` and `vrpn_Tracker.C`.
 
@@ -17,12 +18,12 @@ use crate::options::address;
 use crate::outlet::now_ns;
 use crate::peers::{MOST, Peer};
 use crate::udp;
-use crate::worker::Worker;
+use crate::worker::{Worker, lock};
 use crate::{Body, Fix, LinkError, Outlet, VrpnOptions};
 use messages::{Inbox, Kind, Read};
 use std::io::{self, Read as _};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 const NAME: &str = "vrpn";
@@ -112,10 +113,6 @@ impl Outlet for Vrpn {
         lock(&self.clients).retain_mut(|client| !client.greeted || client.peer.push(bytes));
         Ok(())
     }
-}
-
-fn lock(clients: &Mutex<Vec<Client>>) -> MutexGuard<'_, Vec<Client>> {
-    clients.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Lets clients in and listens to them.

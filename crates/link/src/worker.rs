@@ -2,25 +2,32 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// How long a worker waits for the network before it looks whether to end.
 pub(crate) const PATIENCE: Duration = Duration::from_millis(20);
 
-/// A thread that is told to end, and waited for, when this is dropped.
+/// What a mutex holds, also where a thread has panicked with it.
+pub(crate) fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A thread that is asked to end, and waited for, when this is dropped.
 pub(crate) struct Worker {
     ending: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Worker {
-    /// Calls `step` again and again. A step takes no longer than the network makes it wait, [`PATIENCE`] as a rule.
+    /// Calls `step` again and again. A step takes no longer than the network makes it wait, [`PATIENCE`] as a
+    /// rule.
     pub(crate) fn start(mut step: impl FnMut() + Send + 'static) -> Self {
         let ending = Arc::new(AtomicBool::new(false));
-        let told = Arc::clone(&ending);
+        let asked = Arc::clone(&ending);
         let thread = std::thread::spawn(move || {
-            while !told.load(Ordering::Relaxed) {
+            while !asked.load(Ordering::Relaxed) {
                 step();
             }
         });
@@ -32,7 +39,7 @@ impl Drop for Worker {
     fn drop(&mut self) {
         self.ending.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            // A worker that panicked has nothing left to tell.
+            // A worker that panicked has nothing left to report.
             let _ = thread.join();
         }
     }

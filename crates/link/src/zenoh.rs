@@ -1,9 +1,9 @@
 //! Events by Zenoh, in a build with the feature `zenoh`.
 //!
-//! Each event is put under `<prefix>/<body>/<event>`, such as `mavsight/cf231/pose`, as the JSON object that newline JSON has;
-//! the encoding says `application/json`. An instant without a pose is an object with `valid` false and without position. The
-//! session is a peer that looks for nobody by itself unless `scouting` says so. What a subscriber does not take in time is
-//! dropped.
+//! Each event is put under `<prefix>/<body>/<event>`, such as `mavsight/cf231/pose`, as the JSON object that
+//! newline JSON has; the encoding says `application/json`. An instant without a pose is an object with
+//! `valid` false and without position. The session is a peer that looks for nobody by itself unless
+//! `scouting` says so. What a subscriber does not take in time is dropped.
 
 #[cfg(feature = "zenoh")]
 mod session {
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_options_are_told() {
+    fn wrong_options_are_refused() {
         let held = TcpListener::bind("127.0.0.1:0").expect("a port");
         let endpoint = format!("tcp/{}", held.local_addr().expect("its address"));
         let base = ZenohOptions { listen: Vec::new(), ..Default::default() };

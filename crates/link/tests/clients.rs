@@ -1,7 +1,8 @@
-//! Unmodified clients on the loopback: what they receive of a circling flight is what its formula says, an instant that was not
-//! measured is never a pose to them, and either side may go away and come back.
+//! Unmodified clients on the loopback: what they receive of a circling flight is what its formula says, an
+//! instant that was not measured is never a pose to them, and either side may go away and come back.
 //!
-//! The interpreter is MAVSIGHT_PYTHON, or python3; a client whose package it has not is skipped with a message.
+//! The interpreter is MAVSIGHT_PYTHON, or python3; a client whose package it has not is skipped with a
+//! message.
 
 #[path = "../examples/publish/circle.rs"]
 mod circle;
@@ -34,11 +35,11 @@ struct Flight {
 impl Flight {
     fn start(mut outlet: impl Outlet + 'static) -> Self {
         let ending = Arc::new(AtomicBool::new(false));
-        let told = Arc::clone(&ending);
+        let asked = Arc::clone(&ending);
         let thread = std::thread::spawn(move || {
             outlet.event(&circle::scene()).expect("sent");
             for sequence in 1.. {
-                if told.load(Ordering::Relaxed) {
+                if asked.load(Ordering::Relaxed) {
                     return;
                 }
                 let fix = circle::fix(sequence, circle::now_ns());
@@ -58,7 +59,7 @@ impl Drop for Flight {
     }
 }
 
-/// Runs a client; a missing package is told and passes.
+/// Runs a client; a missing package is reported and passes.
 fn client(case: &str, ports: &[u16]) {
     let python = std::env::var("MAVSIGHT_PYTHON").unwrap_or_else(|_| "python3".into());
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/clients.py");

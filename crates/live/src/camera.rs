@@ -1,28 +1,31 @@
 //! The two threads of a camera: one fetches frames, one tracks.
 
-use crate::fly::{CameraSetup, Pace, Tap};
-use crate::{FlightClock, Interrupt, LiveError, Next, Popped, Queue, Source};
+use crate::queue::{Popped, Queue, locked};
+use crate::setup::{CameraSetup, Pace, Tap};
+use crate::{FlightClock, Interrupt, LiveError, Next, Source};
 use mavsight_geometry::ImageSize;
-use mavsight_pipeline::{CameraTracker, Look, Sight};
+use mavsight_pipeline::{CameraTracker, TrackedFrame};
+use mavsight_pose::TrackedDetection;
 use mavsight_vision::Frame;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender, SyncSender, channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::mpsc::SyncSender;
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Frames that may wait for a tracker: one that is being looked at is behind it, one beside it is what may still be looked at in
-/// time. More would only be late.
+/// Frames that may wait for a tracker; more would come out too late.
 const WAITING: usize = 2;
-/// The same where nothing is dropped.
+/// Frames that may wait for a tracker where nothing is dropped.
 const WAITING_FAST: usize = 8;
 
-/// How long a tracker waits after telling, at most, for what it told to be taken in: so that what comes next does not take
-/// the processor from the thread that everybody waits for.
-const TAKEN_IN: Duration = Duration::from_millis(2);
+/// Pause of a tracker after its report, so that its search for new balls does not take the processor from the
+/// pose estimate.
+const POSE_TIME: Duration = Duration::from_millis(1);
 
-/// Waits before a source is opened again: the first, and the longest after it has failed over and over.
-const AGAIN: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(4));
+/// First wait before a source is opened again.
+const FIRST_WAIT: Duration = Duration::from_millis(200);
+/// Longest wait before a source is opened again, after repeated failures.
+const LONGEST_WAIT: Duration = Duration::from_secs(4);
 
 /// A frame in hand.
 struct Arrival {
@@ -31,7 +34,7 @@ struct Arrival {
     frame: Arc<Frame>,
 }
 
-/// What a camera's threads tell.
+/// A report of a camera's threads.
 pub(crate) enum Report {
     /// Its source is open.
     Opened { camera: usize },
@@ -41,23 +44,23 @@ pub(crate) enum Report {
     Fault { camera: usize, text: String },
     /// A frame is not later than the one before it.
     WentBack { camera: usize, stamp_ns: i64 },
-    /// What was seen in a frame.
+    /// The detections of a frame.
     Seen(Seen),
-    /// There will be nothing more.
+    /// The last report.
     Ended { camera: usize },
 }
 
-/// What was seen in a frame.
+/// The detections of a frame.
 pub(crate) struct Seen {
     pub(crate) camera: usize,
     pub(crate) stamp_ns: i64,
     pub(crate) received_ns: i64,
     pub(crate) tracked_ns: i64,
     pub(crate) dark: bool,
-    pub(crate) sights: Vec<Sight>,
+    pub(crate) detections: Vec<TrackedDetection>,
 }
 
-/// What a camera's threads share with the flight.
+/// The part of a flight that all cameras' threads use.
 #[derive(Clone)]
 pub(crate) struct Shared {
     pub(crate) clock: FlightClock,
@@ -71,22 +74,20 @@ pub(crate) struct Shared {
 pub(crate) struct Camera {
     queue: Arc<Queue<Arrival>>,
     interrupt: Arc<Mutex<Option<Interrupt>>>,
-    /// Where used lists of sights go back.
-    spent: Sender<Vec<Sight>>,
     threads: [JoinHandle<()>; 2],
 }
 
 impl Camera {
     pub(crate) fn start(
         camera: usize,
-        (setup, size): (CameraSetup, ImageSize),
+        setup: CameraSetup,
+        size: ImageSize,
         tracker: CameraTracker,
         shared: &Shared,
     ) -> Result<Self, LiveError> {
         let waiting = if shared.pace == Pace::Fast { WAITING_FAST } else { WAITING };
         let queue = Arc::new(Queue::new(waiting));
         let interrupt = Arc::new(Mutex::new(None));
-        let (spent, unused) = channel();
         let fetch = Fetch {
             camera,
             setup,
@@ -100,9 +101,9 @@ impl Camera {
         let builder = |what: &str| std::thread::Builder::new().name(format!("{what} {}", camera + 1));
         let fetching = builder("fetch").spawn(move || fetch.run()).map_err(thread("a camera"))?;
         let tracking = builder("track")
-            .spawn(move || track(camera, tracker, (&own, &unused), &other))
+            .spawn(move || track(camera, tracker, &own, &other))
             .map_err(thread("a tracker"))?;
-        Ok(Self { queue, interrupt, spent, threads: [fetching, tracking] })
+        Ok(Self { queue, interrupt, threads: [fetching, tracking] })
     }
 
     /// Frames dropped so far.
@@ -110,15 +111,9 @@ impl Camera {
         self.queue.dropped()
     }
 
-    /// Gives back a list of sights for use again.
-    pub(crate) fn give_back(&self, sights: Vec<Sight>) {
-        // A tracker that has ended wants none.
-        let _ = self.spent.send(sights);
-    }
-
-    /// Makes a source that hangs end, so that it is opened again.
+    /// Makes a source that hangs return, so that it is opened again.
     pub(crate) fn interrupt(&self) {
-        let interrupt = self.interrupt.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let interrupt = locked(&self.interrupt).clone();
         if let Some(interrupt) = interrupt {
             interrupt();
         }
@@ -137,7 +132,7 @@ impl Camera {
         });
     }
 
-    /// Both threads have ended or are about to, whatever they still tell.
+    /// Makes both threads end soon; they may still send reports.
     pub(crate) fn close(&self) {
         self.queue.close();
         self.interrupt();
@@ -155,16 +150,16 @@ struct Fetch {
 
 impl Fetch {
     fn run(mut self) {
-        let mut wait = AGAIN.0;
+        let mut wait = FIRST_WAIT;
         while !self.stopped() {
             let reason = match (self.setup.open)(self.shared.clock) {
                 Ok(mut source) => {
-                    self.hold(source.interrupt());
-                    self.tell(Report::Opened { camera: self.camera });
+                    self.set_interrupt(source.interrupt());
+                    self.report(Report::Opened { camera: self.camera });
                     let (frames, reason) = self.fetch(source.as_mut());
-                    self.hold(None);
+                    self.set_interrupt(None);
                     if frames > 0 {
-                        wait = AGAIN.0;
+                        wait = FIRST_WAIT;
                     }
                     reason
                 }
@@ -175,19 +170,19 @@ impl Fetch {
             }
             if !self.setup.reopens {
                 if let Some(text) = reason {
-                    self.tell(Report::Fault { camera: self.camera, text });
+                    self.report(Report::Fault { camera: self.camera, text });
                 }
                 break;
             }
             let reason = reason.unwrap_or_else(|| "its source has ended".to_owned());
-            self.tell(Report::Gone { camera: self.camera, reason });
+            self.report(Report::Gone { camera: self.camera, reason });
             self.sleep(wait);
-            wait = (2 * wait).min(AGAIN.1);
+            wait = (2 * wait).min(LONGEST_WAIT);
         }
         self.queue.close();
     }
 
-    /// All frames of an open source: how many, and why it ended before its end.
+    /// Fetches all frames of an open source; returns their number, and the reason if it ended before its end.
     fn fetch(&self, source: &mut dyn Source) -> (u64, Option<String>) {
         let mut frames = 0;
         while !self.stopped() {
@@ -205,7 +200,7 @@ impl Fetch {
                         break;
                     }
                 }
-                Next::Fault(text) => self.tell(Report::Fault { camera: self.camera, text }),
+                Next::Fault(text) => self.report(Report::Fault { camera: self.camera, text }),
                 Next::Over => break,
                 Next::End(reason) => return (frames, Some(reason)),
             }
@@ -224,16 +219,16 @@ impl Fetch {
         .to_string()
     }
 
-    fn hold(&self, interrupt: Option<Interrupt>) {
-        *self.interrupt.lock().unwrap_or_else(PoisonError::into_inner) = interrupt;
+    fn set_interrupt(&self, interrupt: Option<Interrupt>) {
+        *locked(&self.interrupt) = interrupt;
     }
 
     fn stopped(&self) -> bool {
         self.shared.stop.load(Ordering::Relaxed)
     }
 
-    fn tell(&self, report: Report) {
-        // A flight that has ended hears nothing more.
+    fn report(&self, report: Report) {
+        // A flight that has ended receives nothing more.
         let _ = self.shared.reports.send(report);
     }
 
@@ -247,48 +242,37 @@ impl Fetch {
     }
 }
 
-fn track(
-    camera: usize,
-    mut tracker: CameraTracker,
-    (queue, unused): (&Queue<Arrival>, &Receiver<Vec<Sight>>),
-    shared: &Shared,
-) {
-    let mut sights = Vec::new();
+fn track(camera: usize, mut tracker: CameraTracker, queue: &Queue<Arrival>, shared: &Shared) {
+    // Reports to a flight that has ended are not received, here and below.
+    let report = |report| shared.reports.send(report).is_ok();
     loop {
         let Arrival { stamp_ns, received_ns, frame } = match queue.pop(Duration::from_millis(200)) {
             Popped::Item(arrival) => arrival,
             Popped::Nothing => continue,
             Popped::Closed => break,
         };
-        sights.clear();
-        let look = tracker.see(stamp_ns, Arc::clone(&frame));
-        let seen = match look {
-            Look::New(seen) => seen,
-            // It shows nothing new: a camera that does no more has stalled.
-            Look::Copy => continue,
-            Look::Backward => {
-                // A flight that has ended hears nothing more.
-                let _ = shared.reports.send(Report::WentBack { camera, stamp_ns });
+        let detections = match tracker.see(stamp_ns, Arc::clone(&frame)) {
+            TrackedFrame::New(seen) => seen.to_vec(),
+            // Nothing new: a camera that only repeats frames has stalled.
+            TrackedFrame::Copy => continue,
+            TrackedFrame::Backward => {
+                report(Report::WentBack { camera, stamp_ns });
                 continue;
             }
         };
-        sights.extend_from_slice(seen);
         for tap in &shared.taps {
-            tap(camera, stamp_ns, &frame, seen);
+            tap(camera, stamp_ns, &frame, &detections);
         }
         drop(frame);
         let (tracked_ns, dark) = (shared.clock.now_ns(), tracker.is_dark());
-        // What came back late is not what is waited for below.
-        while shared.pace == Pace::Own && unused.try_recv().is_ok() {}
-        let report = Report::Seen(Seen { camera, stamp_ns, received_ns, tracked_ns, dark, sights });
-        if shared.reports.send(report).is_err() {
+        let seen = Seen { camera, stamp_ns, received_ns, tracked_ns, dark, detections };
+        if !report(Report::Seen(seen)) {
             return;
         }
-        let patience = if shared.pace == Pace::Own { TAKEN_IN } else { Duration::ZERO };
-        sights = unused.recv_timeout(patience).unwrap_or_default();
-        // Nobody waits for this.
+        if shared.pace == Pace::Own {
+            std::thread::sleep(POSE_TIME);
+        }
         tracker.look_around();
     }
-    // As above.
-    let _ = shared.reports.send(Report::Ended { camera });
+    report(Report::Ended { camera });
 }

@@ -2,15 +2,16 @@
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// Time of the flight, against the system's clock as it stood when the flight began: setting that clock later moves no time
-/// that this shows. Stamps that are taken by the system's clock, as those of cameras over a network, do jump then; what went back is
-/// passed over, and told.
+/// Time of the flight, relative to the system's clock at the beginning of the flight: setting that clock
+/// later does not change it.
 ///
-/// A running camera's flight begins at 0; a replay's at the first stamp of its recording.
+/// Stamps by the system's clock, as of cameras over a network, jump when that clock is set; frames whose
+/// stamps go back are skipped and reported. A flight of running cameras begins at 0, a replay at the first
+/// stamp of its recording.
 #[derive(Debug, Clone, Copy)]
 pub struct FlightClock {
     began: Instant,
-    /// Flight time when it began.
+    /// Flight time at its beginning.
     from_ns: i64,
     /// UNIX time of flight time 0.
     origin_ns: i64,
@@ -39,12 +40,12 @@ impl FlightClock {
         unix_ns.saturating_sub(self.origin_ns)
     }
 
-    /// Flight time at which it began.
+    /// Flight time at its beginning.
     pub fn from_ns(&self) -> i64 {
         self.from_ns
     }
 
-    /// How long it still is to a flight time; zero where it is past.
+    /// Time left until a flight time; zero if it is past.
     pub fn until(&self, t_ns: i64) -> Duration {
         Duration::from_nanos(u64::try_from(t_ns.saturating_sub(self.now_ns())).unwrap_or(0))
     }

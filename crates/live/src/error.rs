@@ -1,18 +1,18 @@
-//! What ends a flight, or keeps it from beginning.
+//! Errors of a flight.
 
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// A flight that cannot be flown.
+/// A flight cannot begin or go on.
 #[derive(Debug, Error)]
 pub enum LiveError {
-    /// The chain refused the cameras or the vehicle.
+    /// The pipeline refused the cameras or the vehicle.
     #[error(transparent)]
     Pipeline(#[from] mavsight_pipeline::PipelineError),
-    /// A file of the session.
+    /// A file of the session cannot be read or written.
     #[error(transparent)]
     Session(#[from] mavsight_session::SessionError),
-    /// The motion's noise is no noise.
+    /// The motion noise is not finite and positive.
     #[error("motion noise: {0}: give poses of a sound flight as live.poses, or leave it out")]
     Noise(#[from] mavsight_pose::PoseError),
     /// Another number of cameras than the rig has.
@@ -39,20 +39,20 @@ pub enum LiveError {
         /// Rows when it was calibrated.
         wanted_height_px: u32,
     },
-    /// A recording that cannot be begun.
+    /// A recording cannot begin.
     #[error("{}: cannot record there: {detail}", folder.display())]
     Record {
         /// The folder.
         folder: PathBuf,
-        /// What is wrong.
+        /// Reason.
         detail: String,
     },
-    /// A thread that could not be started.
+    /// A thread cannot be started.
     #[error("no thread for {what}: {source}")]
     Thread {
-        /// What it was for.
+        /// Its purpose.
         what: &'static str,
-        /// The system's words.
+        /// The system's error.
         source: std::io::Error,
     },
 }

@@ -1,14 +1,14 @@
-//! What a user sees: the chain's results as events.
+//! The results of a flight as events.
 
-use crate::Told;
+use crate::InstantEstimate;
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, EulerAngles, Isometry3, Matrix6, Point3, Vector2, Vector3};
 use mavsight_link::{
-    CameraView, Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Sight, Tracking,
+    CameraView, DetectedBall, Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Tracking,
 };
 use mavsight_pose::{MotionSample, PoseEstimate, Rig};
 
-/// What stands still: the first event.
+/// The static scene: the first event.
 pub(crate) fn scene(name: &str, rig: &Rig, vehicle: &Vehicle) -> Scene {
     let points = rig.control_points_in_world();
     let low = points.iter().fold(Vector3::repeat(f64::INFINITY), |a, p| a.inf(p));
@@ -34,7 +34,7 @@ fn view(name: &str, camera: &Camera) -> CameraView {
     let corner = |u: f64, v: f64| {
         let ray = camera.ray(&Vector2::new(u, v)).unwrap_or(axis);
         let depth = ray.dot(&axis);
-        // A corner beyond ninety degrees has no place in the plane of unit depth.
+        // A corner beyond ninety degrees does not meet the plane of unit depth.
         if depth > 1e-3 { (ray / depth).into() } else { axis.into() }
     };
     CameraView {
@@ -46,7 +46,7 @@ fn view(name: &str, camera: &Camera) -> CameraView {
     }
 }
 
-/// A pose with what the filter knows of its motion.
+/// A pose with its motion, where the filter has one.
 pub(crate) fn measured(estimate: &PoseEstimate, motion: Option<&MotionSample>) -> Measured {
     Measured {
         world_from_body: estimate.world_from_body,
@@ -63,42 +63,36 @@ pub(crate) fn measured(estimate: &PoseEstimate, motion: Option<&MotionSample>) -
 
 /// One instant as an event.
 pub(crate) fn pose(fix: &Fix, t_ns: i64, tracking: Tracking, latency_ns: i64, reason: Option<&str>) -> Event {
-    let mut out = PoseEvent {
+    let measured = fix.measured.as_ref();
+    let moving = measured.and_then(|m| m.moving.as_ref());
+    let std = |at: usize| {
+        let std = |m: &Moving| std::array::from_fn(|k| m.covariance[(at + k, at + k)].max(0.0).sqrt());
+        moving.map(std)
+    };
+    Event::Pose(Box::new(PoseEvent {
         t_s: t_ns as f64 * 1e-9,
         sequence: fix.sequence,
         captured_ns: fix.captured_ns,
-        valid: fix.measured.is_some(),
+        valid: measured.is_some(),
         tracking,
-        position_m: None,
-        attitude: None,
-        euler_rad: None,
-        covariance: None,
-        velocity_in_body_m_s: None,
-        velocity_std_m_s: None,
-        rates_rad_s: None,
-        rates_std_rad_s: None,
-        residual_px: None,
+        position_m: measured.map(|m| m.world_from_body.translation.vector.into()),
+        attitude: measured.map(|m| {
+            let turn = m.world_from_body.rotation;
+            [turn.w, turn.i, turn.j, turn.k]
+        }),
+        euler_rad: measured.map(|m| {
+            let angles = EulerAngles::from_world_from_body(&m.world_from_body);
+            [angles.phi_rad, angles.theta_rad, angles.psi_rad]
+        }),
+        covariance: measured.map(|m| upper_triangle(&m.covariance)),
+        velocity_in_body_m_s: moving.map(|m| m.velocity_in_body_m_s.into()),
+        velocity_std_m_s: std(0),
+        rates_rad_s: moving.map(|m| m.rates_rad_s.into()),
+        rates_std_rad_s: std(3),
+        residual_px: measured.map(|m| m.residual_px),
         latency_ms: latency_ns as f64 * 1e-6,
         reason: reason.map(str::to_owned),
-    };
-    if let Some(m) = &fix.measured {
-        let (turn, angles) =
-            (m.world_from_body.rotation, EulerAngles::from_world_from_body(&m.world_from_body));
-        out.position_m = Some(m.world_from_body.translation.vector.into());
-        out.attitude = Some([turn.w, turn.i, turn.j, turn.k]);
-        out.euler_rad = Some([angles.phi_rad, angles.theta_rad, angles.psi_rad]);
-        out.covariance = Some(upper_triangle(&m.covariance));
-        out.residual_px = Some(m.residual_px);
-        if let Some(moving) = &m.moving {
-            let std =
-                |at: usize| std::array::from_fn(|k| moving.covariance[(at + k, at + k)].max(0.0).sqrt());
-            out.velocity_in_body_m_s = Some(moving.velocity_in_body_m_s.into());
-            out.velocity_std_m_s = Some(std(0));
-            out.rates_rad_s = Some(moving.rates_rad_s.into());
-            out.rates_std_rad_s = Some(std(3));
-        }
-    }
-    Event::Pose(Box::new(out))
+    }))
 }
 
 fn upper_triangle(m: &Matrix6<f64>) -> [f64; 21] {
@@ -106,20 +100,21 @@ fn upper_triangle(m: &Matrix6<f64>) -> [f64; 21] {
     std::array::from_fn(|_| places.next().map_or(0.0, |at| m[at]))
 }
 
-/// What each camera saw at an instant.
-pub(crate) fn sights<'a>(
-    told: &'a Told<'_>,
-    (rig, vehicle): (&'a Rig, &'a Vehicle),
+/// The detections of each camera at an instant.
+pub(crate) fn detections<'a>(
+    instant: &'a InstantEstimate<'_>,
+    rig: &'a Rig,
+    vehicle: &'a Vehicle,
 ) -> impl Iterator<Item = Event> + 'a {
-    let pose = told.association.sample.estimate.as_ref().map(|e| e.world_from_body);
+    let pose = instant.association.sample.estimate.as_ref().map(|e| e.world_from_body);
     (0..rig.cameras.len()).map(move |camera| {
-        let own = told.seen.iter().enumerate().filter(move |(_, c)| c.camera == camera);
+        let own = instant.seen.iter().enumerate().filter(move |(_, c)| c.camera == camera);
         let seen = own.map(|(index, c)| {
-            let marker = told.association.pairs.iter().find(|p| p.0 == index).map(|p| p.1);
+            let marker = instant.association.pairs.iter().find(|p| p.0 == index).map(|p| p.1);
             let expected = marker
                 .zip(pose)
                 .and_then(|(m, pose)| expected_px(&rig.cameras[camera].camera, vehicle, m, &pose));
-            Sight {
+            DetectedBall {
                 u_px: c.pixel.x,
                 v_px: c.pixel.y,
                 diameter_px: c.diameter_px,
@@ -127,7 +122,7 @@ pub(crate) fn sights<'a>(
                 residual_px: expected.map(|e| (c.pixel - e).into()),
             }
         });
-        Event::Sights { camera, t_s: told.t_ns as f64 * 1e-9, seen: seen.collect() }
+        Event::Detections { camera, t_s: instant.t_ns as f64 * 1e-9, seen: seen.collect() }
     })
 }
 

@@ -1,121 +1,34 @@
-//! A flight: cameras in, poses out, as long as it lasts.
+//! A flight: cameras in, poses out.
 
 mod cameras;
-mod tell;
+mod report;
 
 use crate::camera::{Camera, Report, Seen, Shared};
-use crate::parameters::{InputSource, Parameters};
-use crate::seat::{LATENESS_FRAMES, Seat};
-use crate::{
-    FlightClock, Latencies, Listeners, LiveChain, LiveError, MotionFilter, Opener, RecorderSlot,
-    TrackingState, events,
-};
+use crate::motion::MotionFilter;
+use crate::parameters::Parameters;
+use crate::setup::{FlightSummary, Pace, Setup};
+use crate::state::TrackingState;
+use crate::status::CameraStatus;
+use crate::{FlightClock, Listeners, LiveError, LivePipeline, RecorderSlot, events};
 use mavsight_flight::Vehicle;
-use mavsight_geometry::Vector2;
-use mavsight_link::{Event, Tracking};
-use mavsight_pipeline::{CameraTracker, Sight};
-use mavsight_pose::{CameraClock, MotionNoise, Rig};
-use mavsight_vision::Frame;
+use mavsight_link::Event;
+use mavsight_pipeline::CameraTracker;
+use mavsight_pose::Rig;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
-/// Reports that may wait for the chain: a second of two cameras at 60 Hz.
+/// Reports that may wait: a second of two cameras at 60 Hz.
 const WAITING: usize = 128;
-/// Longest wait for a report between looks at the states.
-const LOOK: Duration = Duration::from_millis(10);
-
-/// At what pace frames are taken.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Pace {
-    /// As they come; what cannot be looked at in time is dropped.
-    Own,
-    /// As fast as they can be looked at; nothing is dropped, nothing stalls.
-    Fast,
-}
-
-/// Sees every frame that is tracked, on the camera's own thread: camera, stamp, frame, and what was seen in it.
-pub type Tap = Arc<dyn Fn(usize, i64, &Arc<Frame>, &[Sight]) + Send + Sync>;
-
-/// One camera of a flight.
-pub struct CameraSetup {
-    /// Its name.
-    pub name: String,
-    /// Opens it.
-    pub open: Opener,
-    /// Whether it is opened again when it ends.
-    pub reopens: bool,
-    /// Its clock.
-    pub clock: CameraClock,
-    /// Unit vector in the image along which a rolling shutter goes.
-    pub readout: Vector2<f64>,
-}
-
-/// What a flight needs.
-pub struct Setup<'a> {
-    /// Name of the session.
-    pub name: &'a str,
-    /// The cameras as calibrated.
-    pub rig: &'a Rig,
-    /// The aircraft.
-    pub vehicle: &'a Vehicle,
-    /// The same cameras as sources.
-    pub cameras: Vec<CameraSetup>,
-    /// At what pace.
-    pub pace: Pace,
-    /// The flight's clock.
-    pub clock: FlightClock,
-    /// Motion noise, where it is known.
-    pub noise: Option<MotionNoise>,
-    /// Who is told.
-    pub listeners: Listeners,
-    /// Who sees frames.
-    pub taps: Vec<Tap>,
-    /// Where it is recorded, if it is.
-    pub recorder: Arc<RecorderSlot>,
-    /// What is commanded, for the parameters.
-    pub inputs: Option<Box<dyn InputSource>>,
-    /// Model of the parameters; equation 3 where left out.
-    pub model: Option<mavsight_identify::Model>,
-    /// Share of a value at which the half width of its interval is small enough.
-    pub enough: f64,
-    /// Ends the flight when it is set.
-    pub stop: Arc<AtomicBool>,
-    /// Length of the flight, where it has one.
-    pub for_ns: Option<i64>,
-}
-
-/// What became of a flight.
-#[derive(Debug, Clone, Default)]
-pub struct Flown {
-    /// Instants.
-    pub instants: u64,
-    /// Those with a pose.
-    pub measured: u64,
-    /// Those without one after the first that had one.
-    pub lost: u64,
-    /// Frames each camera dropped.
-    pub dropped: Vec<u64>,
-    /// Frames each camera tracked.
-    pub frames: Vec<u64>,
-    /// From the last frame in hand to the pose handed on.
-    pub latency: Latencies,
-    /// From a frame in hand to what is seen in it.
-    pub tracking: Latencies,
-    /// Poses that listeners lost.
-    pub unheard: Vec<u64>,
-    /// Instants that were joined without a camera that was late.
-    pub not_waited: u64,
-    /// What ended the recording before the flight, where something did.
-    pub recording_fault: Option<String>,
-}
+/// Longest wait for a report between checks of the states.
+const CHECK: Duration = Duration::from_millis(10);
 
 /// Flies until all recordings have ended, `stop` is set or the time is over.
 ///
 /// # Errors
-/// Cameras that are not those of the rig, a vehicle that the chain refuses, no threads.
-pub fn fly(setup: Setup<'_>) -> Result<Flown, LiveError> {
+/// Another number of cameras than the rig has, a vehicle that the pipeline refuses, no threads.
+pub fn fly(setup: Setup<'_>) -> Result<FlightSummary, LiveError> {
     let (sources, cameras) = (setup.cameras.len(), setup.rig.cameras.len());
     if sources != cameras {
         return Err(LiveError::Cameras { sources, cameras });
@@ -134,7 +47,7 @@ pub fn fly(setup: Setup<'_>) -> Result<Flown, LiveError> {
     let trackers = (0..cameras)
         .map(|k| CameraTracker::new(setup.rig, k, setup.vehicle))
         .collect::<Result<Vec<_>, _>>()?;
-    let chain = LiveChain::new(setup.rig, setup.vehicle, &clocks)?;
+    let pipeline = LivePipeline::new(setup.rig, setup.vehicle, &clocks)?;
     let motion = MotionFilter::new(setup.noise, setup.vehicle.environment.gravity_m_s2)?;
     let parameters = setup
         .inputs
@@ -142,8 +55,7 @@ pub fn fly(setup: Setup<'_>) -> Result<Flown, LiveError> {
         .transpose()?;
     let mut flying = Vec::with_capacity(cameras);
     for (k, (own, tracker)) in setup.cameras.into_iter().zip(trackers).enumerate() {
-        let size = setup.rig.cameras[k].camera.size;
-        flying.push(Camera::start(k, (own, size), tracker, &shared)?);
+        flying.push(Camera::start(k, own, setup.rig.cameras[k].camera.size, tracker, &shared)?);
     }
     drop(shared.reports);
     let mut flight = Flight {
@@ -156,24 +68,25 @@ pub fn fly(setup: Setup<'_>) -> Result<Flown, LiveError> {
         listeners: setup.listeners,
         recorder: setup.recorder,
         parameters,
-        seats: (0..cameras).map(|_| Seat::new(setup.vehicle.marker.len())).collect(),
+        status: (0..cameras).map(|_| CameraStatus::new(setup.vehicle.marker.len())).collect(),
         cameras: flying,
-        chain,
+        pipeline,
         motion,
         tracking: TrackingState::default(),
-        last: Tracking::Acquiring,
         moved: 0,
-        is_fit_told: false,
+        is_fit_checked: false,
         received_ns: 0,
         latest_ns: i64::MIN,
         first_ns: None,
-        told_ns: i64::MIN,
-        spent: Vec::with_capacity(cameras + 1),
-        told: 0,
-        flown: Flown { dropped: vec![0; cameras], frames: vec![0; cameras], ..Flown::default() },
+        reported_ns: None,
+        summary: FlightSummary {
+            dropped: vec![0; cameras],
+            frames: vec![0; cameras],
+            ..FlightSummary::default()
+        },
     };
     flight.listeners.event(Event::Scene(events::scene(setup.name, setup.rig, setup.vehicle)));
-    flight.go(&reports);
+    flight.run(&reports);
     Ok(flight.finish(&reports))
 }
 
@@ -187,150 +100,135 @@ struct Flight<'a> {
     listeners: Listeners,
     recorder: Arc<RecorderSlot>,
     parameters: Option<Parameters>,
-    seats: Vec<Seat>,
+    status: Vec<CameraStatus>,
     cameras: Vec<Camera>,
-    chain: LiveChain,
+    pipeline: LivePipeline,
     motion: MotionFilter,
     tracking: TrackingState,
-    last: Tracking,
+    /// Cameras found to be moved that have been reported.
     moved: usize,
-    /// Whether it was looked at how well sights fit.
-    is_fit_told: bool,
+    /// Whether the fit of the detections to the body has been checked.
+    is_fit_checked: bool,
     /// When the latest frame was in hand.
     received_ns: i64,
-    /// The latest frame's own time.
+    /// Time of the latest frame.
     latest_ns: i64,
     /// When the first frame was in hand.
     first_ns: Option<i64>,
-    told_ns: i64,
-    /// Lists of sights to be given back, by camera.
-    spent: Vec<(usize, Vec<Sight>)>,
-    /// Instants told when lists were last looked at.
-    told: u64,
-    flown: Flown,
+    /// When rates and latencies were last reported.
+    reported_ns: Option<i64>,
+    summary: FlightSummary,
 }
 
 impl Flight<'_> {
-    /// Now: by the clock, or where nothing is in real time by the frames.
+    /// The time now by the clock, or at [`Pace::Fast`] that of the latest frame.
     fn now_ns(&self) -> i64 {
         if self.pace == Pace::Fast { self.latest_ns.max(self.clock.from_ns()) } else { self.clock.now_ns() }
     }
 
-    fn go(&mut self, reports: &Receiver<Report>) {
-        let mut scratch = Vec::with_capacity(LATENESS_FRAMES);
+    fn run(&mut self, reports: &Receiver<Report>) {
         loop {
             match reports.recv_timeout(self.patience()) {
-                Ok(report) => self.take(report, &mut scratch),
+                Ok(report) => self.take(report),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
             }
-            self.tell_instants();
-            self.tell_misfit();
-            self.give_back();
+            self.report_instants();
+            self.report_misfit();
             if self.pace == Pace::Own {
-                self.look_at_cameras();
+                self.check_cameras();
             }
-            self.tell_rates();
+            self.report_rates();
             let is_over = self.until_ns.is_some_and(|until| self.now_ns() >= until);
-            if is_over || self.stop.load(Ordering::Relaxed) || self.seats.iter().all(|s| s.ended) {
+            if is_over || self.stop.load(Ordering::Relaxed) || self.status.iter().all(|s| s.ended) {
                 break;
             }
         }
     }
 
-    /// Gives lists of sights back once an instant is told: the trackers, which go on looking around when they have them, would take
-    /// the processor from who tells it.
-    fn give_back(&mut self) {
-        let told = self.flown.instants;
-        if told > self.told || self.spent.len() > self.cameras.len() {
-            self.spent.drain(..).for_each(|(camera, sights)| self.cameras[camera].give_back(sights));
-        }
-        self.told = told;
-    }
-
-    fn take(&mut self, report: Report, scratch: &mut Vec<i64>) {
+    fn take(&mut self, report: Report) {
         match report {
-            Report::Seen(seen) => self.take_seen(seen, scratch),
+            Report::Seen(seen) => self.take_seen(&seen),
             Report::Opened { camera } => {
-                self.seats[camera].states.opened();
-                self.seats[camera].opened_ns = Some(self.now_ns());
+                self.status[camera].states.opened();
+                self.status[camera].opened_ns = Some(self.now_ns());
             }
             Report::Gone { camera, reason } => {
-                self.seats[camera].states.gone(reason);
-                self.leave(camera);
+                self.status[camera].states.gone(reason);
+                self.leave_out(camera);
             }
             Report::Fault { camera, text } => {
                 let name = &self.rig.cameras[camera].name;
                 self.note(true, format!("{name}: {text}."));
             }
-            Report::WentBack { camera, stamp_ns } => self.tell_back(camera, stamp_ns),
+            Report::WentBack { camera, stamp_ns } => self.report_jump_back(camera, stamp_ns),
             Report::Ended { camera } => {
-                self.seats[camera].ended = true;
-                self.leave(camera);
+                self.status[camera].ended = true;
+                self.leave_out(camera);
             }
         }
     }
 
-    fn take_seen(&mut self, seen: Seen, scratch: &mut Vec<i64>) {
-        let Seen { camera, stamp_ns, received_ns, tracked_ns, dark, sights } = seen;
-        let t_ns = self.chain.time_ns(camera, stamp_ns);
-        let seat = &mut self.seats[camera];
-        seat.states.frame(received_ns, dark);
-        seat.came(received_ns - t_ns, scratch);
-        seat.frames += 1;
-        seat.latest_ns = t_ns;
-        seat.latency.add_ns(tracked_ns - received_ns);
-        self.flown.tracking.add_ns(tracked_ns - received_ns);
-        self.flown.frames[camera] += 1;
-        if std::mem::take(&mut seat.is_left) {
-            self.chain.wait_again(camera);
+    fn take_seen(&mut self, seen: &Seen) {
+        let &Seen { camera, stamp_ns, received_ns, tracked_ns, dark, .. } = seen;
+        let t_ns = self.pipeline.time_ns(camera, stamp_ns);
+        let status = &mut self.status[camera];
+        status.states.frame(received_ns, dark);
+        status.arrived(received_ns - t_ns);
+        status.frames += 1;
+        status.latest_ns = t_ns;
+        status.latency.add_ns(tracked_ns - received_ns);
+        self.summary.tracking.add_ns(tracked_ns - received_ns);
+        self.summary.frames[camera] += 1;
+        if std::mem::take(&mut status.is_left_out) {
+            self.pipeline.wait_again(camera);
             self.tracking.cut();
         }
         self.latest_ns = self.latest_ns.max(t_ns);
         self.received_ns = received_ns;
         self.first_ns.get_or_insert(received_ns);
-        self.tell_outlived(t_ns);
-        let had_begun = self.chain.has_begun();
-        self.chain.push(camera, stamp_ns, &sights);
-        if !had_begun && self.chain.has_begun() {
+        self.report_ended(t_ns);
+        let had_begun = self.pipeline.has_begun();
+        self.pipeline.push(camera, stamp_ns, &seen.detections);
+        if !had_begun && self.pipeline.has_begun() {
             self.set_intervals();
         }
-        self.spent.push((camera, sights));
     }
 
-    /// The chain begins with what it has, if it has not.
+    /// Begins the join with the cameras that have frames.
     fn begin(&mut self) {
-        if !self.chain.has_begun() {
-            self.chain.begin();
+        if !self.pipeline.has_begun() {
+            self.pipeline.begin();
             self.set_intervals();
         }
     }
 
     fn set_intervals(&mut self) {
-        for (k, seat) in self.seats.iter_mut().enumerate() {
-            self.chain.interval_s(k).into_iter().for_each(|s| seat.states.set_interval_s(s));
+        for (k, status) in self.status.iter_mut().enumerate() {
+            if let Some(interval_s) = self.pipeline.interval_s(k) {
+                status.states.set_interval_s(interval_s);
+            }
         }
     }
 
-    /// Ends the cameras, and tells what still waited.
-    fn finish(mut self, reports: &Receiver<Report>) -> Flown {
+    /// Ends the cameras, and reports the instants that still waited.
+    fn finish(mut self, reports: &Receiver<Report>) -> FlightSummary {
         self.stop.store(true, Ordering::Relaxed);
         self.cameras.iter().for_each(Camera::close);
-        let mut scratch = Vec::new();
-        let all_ended = self.seats.iter().all(|s| s.ended);
+        let all_ended = self.status.iter().all(|s| s.ended);
         loop {
             match reports.recv_timeout(Duration::from_millis(20)) {
-                // What comes after the end of a flight that was ended is not part of it.
-                Ok(report) if all_ended => self.take(report, &mut scratch),
+                // Frames after the end of a flight that was stopped are not part of it.
+                Ok(report) if all_ended => self.take(report),
                 Ok(_) => {}
                 Err(RecvTimeoutError::Timeout) => self.cameras.iter().for_each(Camera::interrupt),
                 Err(RecvTimeoutError::Disconnected) => break,
             }
         }
-        self.chain.begin();
-        (0..self.seats.len()).for_each(|c| self.chain.go_without(c, i64::MAX));
-        self.tell_instants();
-        for (dropped, camera) in self.flown.dropped.iter_mut().zip(&self.cameras) {
+        self.pipeline.begin();
+        (0..self.status.len()).for_each(|c| self.pipeline.go_without(c, i64::MAX));
+        self.report_instants();
+        for (dropped, camera) in self.summary.dropped.iter_mut().zip(&self.cameras) {
             *dropped = camera.dropped();
         }
         self.cameras.into_iter().for_each(Camera::finish);
@@ -339,11 +237,11 @@ impl Flight<'_> {
         }
         if let Some(recorder) = self.recorder.current() {
             recorder.finish();
-            self.flown.recording_fault = recorder.fault();
+            self.summary.recording_fault = recorder.fault();
             self.listeners.event(recorder.event());
         }
-        self.flown.unheard = self.listeners.dropped();
+        self.summary.unheard = self.listeners.dropped();
         self.listeners.finish();
-        self.flown
+        self.summary
     }
 }

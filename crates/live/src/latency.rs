@@ -1,8 +1,8 @@
-//! How long things take, without keeping each of them.
+//! Statistics of durations in constant memory.
 
-/// Steps of the histogram in one microsecond's decade each: 5 % apart.
+/// Ratio of neighbouring bin edges of the histogram.
 const STEP: f64 = 1.05;
-/// Steps from 1 µs to beyond 10 s.
+/// Bins from 1 µs to beyond 10 s.
 const STEPS: usize = 340;
 
 /// A histogram of durations from a microsecond to ten seconds, exact to 5 %.
@@ -20,7 +20,7 @@ impl Default for Latencies {
 }
 
 impl Latencies {
-    /// Adds one.
+    /// Adds a duration.
     pub fn add_ns(&mut self, ns: i64) {
         let us = (ns as f64 * 1e-3).max(1.0);
         let at = (us.ln() / STEP.ln()) as usize;
@@ -29,17 +29,17 @@ impl Latencies {
         self.most_ms = self.most_ms.max(us * 1e-3);
     }
 
-    /// How many there are.
+    /// Number of durations.
     pub fn count(&self) -> u64 {
         self.total
     }
 
-    /// The longest, in milliseconds.
+    /// Longest duration.
     pub fn most_ms(&self) -> f64 {
         self.most_ms
     }
 
-    /// The duration, in milliseconds, that a share of them does not exceed: the upper end of its step; 0 where there are none.
+    /// Quantile of the durations, the upper edge of its bin; 0 if there are none.
     pub fn quantile_ms(&self, share: f64) -> f64 {
         let wanted = (share * self.total as f64).ceil() as u64;
         let mut sum = 0;
@@ -52,7 +52,7 @@ impl Latencies {
         0.0
     }
 
-    /// Forgets all.
+    /// Removes all durations.
     pub fn clear(&mut self) {
         self.counts.fill(0);
         (self.total, self.most_ms) = (0, 0.0);

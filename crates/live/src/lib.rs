@@ -1,12 +1,11 @@
-//! The chain on cameras that are running.
+//! The pipeline on running cameras.
 //!
-//! Each camera has a thread that fetches frames and one that tracks, with a queue between that drops its oldest frame rather than
-//! grow; one thread joins what they see ([`mavsight_pipeline::Joiner`]), tells the balls apart, estimates poses and filters them: the
-//! very code of a batch run. Listeners have queues of their own, so that none holds the chain up. Nothing is handed on that was not
-//! measured.
+//! Each camera has a thread that fetches frames and one that tracks, with a queue between that drops its
+//! oldest frame when it is full. One thread joins the detections ([`mavsight_pipeline::Synchronizer`]),
+//! associates them with markers, estimates poses and filters them by the code of a batch run. Listeners have
+//! queues of their own, so that none delays the pipeline. Nothing is reported that was not measured.
 
 mod camera;
-mod chain;
 mod clock;
 mod error;
 mod events;
@@ -15,23 +14,23 @@ mod latency;
 mod listener;
 mod motion;
 mod parameters;
+mod pipeline;
 mod priority;
 mod queue;
 mod record;
-mod seat;
+mod setup;
 mod source;
 mod state;
+mod status;
 
-pub use chain::{LiveChain, Told};
 pub use clock::FlightClock;
 pub use error::LiveError;
-pub use fly::{CameraSetup, Flown, Pace, Setup, Tap, fly};
+pub use fly::fly;
 pub use latency::Latencies;
 pub use listener::{Listener, Listeners};
-pub use motion::MotionFilter;
 pub use parameters::{InputSource, Recorded};
+pub use pipeline::{InstantEstimate, LivePipeline};
 pub use priority::give_way;
-pub use queue::{Popped, Queue};
 pub use record::{RecordedSession, Recorder, RecorderSlot};
+pub use setup::{CameraSetup, FlightSummary, Pace, Setup, Tap};
 pub use source::{CameraFile, Interrupt, Next, Opener, Replay, RunningCamera, Source};
-pub use state::{CameraStates, TrackingState};

@@ -1,63 +1,65 @@
-//! Who is told of a flight, each at its own pace.
+//! Listeners of a flight, each at its own pace.
 
-use crate::{LiveError, Popped, Queue};
+use crate::LiveError;
+use crate::queue::{Popped, Queue};
 use mavsight_link::{Event, Fix};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// What may wait for one listener: some seconds of a flight.
+/// Messages that may wait for one listener: some seconds of a flight.
 const WAITING: usize = 2048;
 
-/// Hears of a flight on a thread of its own.
+/// Receives the instants and events of a flight on a thread of its own.
 pub trait Listener: Send {
     /// One instant, measured or not.
     fn fix(&mut self, _fix: &Fix) {}
 
-    /// Whatever else there is to see; called where [`Listener::wants_events`].
+    /// An event; called if [`Listener::wants_events`].
     fn event(&mut self, _event: &Event) {}
 
-    /// Whether it hears of events.
+    /// Whether it receives events.
     fn wants_events(&self) -> bool {
         false
     }
 
-    /// The flight has ended, or nothing has come for a while: what waits in buffers goes out.
+    /// Sends buffered data: nothing has come for a while, or the flight has ended.
     fn flush(&mut self) {}
 }
 
-enum Heard {
+enum Message {
     Fix(Arc<Fix>),
     Event(Arc<Event>),
 }
 
-struct Ear {
-    queue: Arc<Queue<Heard>>,
+struct Connected {
+    queue: Arc<Queue<Message>>,
     wants_events: bool,
     thread: JoinHandle<()>,
 }
 
-/// All listeners of a flight. A slow one loses the oldest of what waits for it and holds nobody up.
+/// All listeners of a flight. A slow one loses its oldest messages and delays nobody.
 #[derive(Default)]
 pub struct Listeners {
-    ears: Vec<Ear>,
-    /// Whether the chain waits for listeners rather than that anything is lost: for runs that are not in real time.
+    connected: Vec<Connected>,
+    /// Whether the flight waits for slow listeners instead of losing messages: for runs that are not in real
+    /// time.
     pub waiting: bool,
 }
 
 impl Listeners {
-    /// Adds one.
+    /// Adds a listener.
     ///
     /// # Errors
-    /// A system without threads left.
+    /// The system has no thread for it.
     pub fn add(&mut self, mut listener: Box<dyn Listener>) -> Result<(), LiveError> {
         let queue = Arc::new(Queue::new(WAITING));
         let (own, wants_events) = (Arc::clone(&queue), listener.wants_events());
         let listen = move || {
             loop {
                 match own.pop(Duration::from_millis(100)) {
-                    Popped::Item(Heard::Fix(fix)) => listener.fix(&fix),
-                    Popped::Item(Heard::Event(event)) => listener.event(&event),
+                    Popped::Item(Message::Fix(fix)) => listener.fix(&fix),
+                    Popped::Item(Message::Event(event)) => listener.event(&event),
                     Popped::Nothing => listener.flush(),
                     Popped::Closed => break listener.flush(),
                 }
@@ -67,53 +69,53 @@ impl Listeners {
             .name("listener".into())
             .spawn(listen)
             .map_err(|source| LiveError::Thread { what: "a listener", source })?;
-        self.ears.push(Ear { queue, wants_events, thread });
+        self.connected.push(Connected { queue, wants_events, thread });
         Ok(())
     }
 
-    /// Whether anybody hears of events.
+    /// Whether any listener receives events.
     pub fn want_events(&self) -> bool {
-        self.ears.iter().any(|e| e.wants_events)
+        self.connected.iter().any(|e| e.wants_events)
     }
 
-    fn push(&self, ear: &Ear, heard: Heard) {
+    fn push(&self, to: &Connected, message: Message) {
         if self.waiting {
-            ear.queue.push_waiting(heard);
+            to.queue.push_waiting(message);
         } else {
-            ear.queue.push(heard);
+            to.queue.push(message);
         }
     }
 
-    /// Tells all of an instant.
+    /// Sends an instant to all.
     pub fn fix(&self, fix: Fix) {
-        if self.ears.is_empty() {
+        if self.connected.is_empty() {
             return;
         }
         let fix = Arc::new(fix);
-        self.ears.iter().for_each(|ear| self.push(ear, Heard::Fix(Arc::clone(&fix))));
+        self.connected.iter().for_each(|listener| self.push(listener, Message::Fix(Arc::clone(&fix))));
     }
 
-    /// Tells those who want it of an event.
+    /// Sends an event to the listeners that want events.
     pub fn event(&self, event: Event) {
         if !self.want_events() {
             return;
         }
         let event = Arc::new(event);
-        let wanting = self.ears.iter().filter(|e| e.wants_events);
-        wanting.for_each(|ear| self.push(ear, Heard::Event(Arc::clone(&event))));
+        let wanting = self.connected.iter().filter(|e| e.wants_events);
+        wanting.for_each(|listener| self.push(listener, Message::Event(Arc::clone(&event))));
     }
 
-    /// How much was lost to slow listeners, one by one.
+    /// Number of messages that each listener lost.
     pub fn dropped(&self) -> Vec<u64> {
-        self.ears.iter().map(|e| e.queue.dropped()).collect()
+        self.connected.iter().map(|e| e.queue.dropped()).collect()
     }
 
-    /// Lets all hear what waits for them, and ends.
+    /// Delivers all waiting messages, and ends.
     pub fn finish(self) {
-        self.ears.iter().for_each(|e| e.queue.close());
-        for ear in self.ears {
-            // A listener that panicked has said so on its thread.
-            let _ = ear.thread.join();
+        self.connected.iter().for_each(|e| e.queue.close());
+        for listener in self.connected {
+            // A panic of a listener has been printed by its thread.
+            let _ = listener.thread.join();
         }
     }
 }
@@ -124,7 +126,7 @@ mod tests {
     use std::sync::Mutex;
     use std::sync::mpsc::{Receiver, channel};
 
-    /// Notes what it hears, after it was told to go on or has waited for that in vain.
+    /// Records the instants, after a signal to go on or a minute.
     struct Noting(Arc<Mutex<Vec<u64>>>, Option<Receiver<()>>);
 
     impl Listener for Noting {
@@ -141,21 +143,21 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_listener_holds_nobody_up() {
+    fn a_slow_listener_delays_nobody() {
         let (slow, quick) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Mutex::new(Vec::new())));
-        let (go_on, told) = channel();
+        let (go_on, signal) = channel();
         let mut all = Listeners::default();
-        all.add(Box::new(Noting(Arc::clone(&slow), Some(told)))).unwrap();
+        all.add(Box::new(Noting(Arc::clone(&slow), Some(signal)))).unwrap();
         all.add(Box::new(Noting(Arc::clone(&quick), None))).unwrap();
         assert!(!all.want_events());
         for k in 0..6000 {
             all.fix(fix(k));
-            // No more is told than the quick one has room for.
+            // No more is sent than the quick one has room for.
             while k as usize >= quick.lock().unwrap().len() + WAITING / 2 {
                 std::thread::yield_now();
             }
         }
-        // The slow one has not heard its first to the end yet, and its oldest are lost.
+        // The slow one is still busy with its first message, and its oldest are lost.
         assert!(slow.lock().unwrap().is_empty());
         let dropped = all.dropped();
         go_on.send(()).unwrap();

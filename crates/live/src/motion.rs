@@ -1,46 +1,47 @@
-//! The causal filter in flight, and the noise that it goes by.
+//! The causal filter in flight, and the estimation of its noise.
 
 use crate::LiveError;
 use mavsight_pose::{CausalFilter, MotionNoise, MotionSample, PoseSample, motion_noise};
 use std::thread::JoinHandle;
 
-/// Seconds of poses from which the noise is first estimated, and from which it is estimated for good: a manoeuvre shows itself in
-/// the second, while the first is soon there.
+/// Lengths of the two windows of poses from which the noise is estimated: the first is available soon, the
+/// second is likely to contain a manoeuvre.
 const WINDOWS_S: [f64; 2] = [5.0, 20.0];
-/// Poses that are kept for that at most: twenty seconds at 120 Hz.
+/// Most poses in a window: twenty seconds at 120 Hz.
 const MOST_KEPT: usize = 2400;
 
-/// Motion from poses as they come: [`CausalFilter`], once the noise is known.
+/// Motion from poses in real time by [`CausalFilter`], once the motion noise is known.
 ///
-/// Where it was not given, the noise is estimated beside the flight from its first five seconds, and again from its first twenty
-/// ([`motion_noise`], the smoother's own); the filter is then run over those poses, so that it stands as if it had known.
+/// A noise that is not given is estimated by [`motion_noise`] on another thread from the first five seconds
+/// of the flight, and again from the first twenty. The filter then processes those poses, so that its state
+/// is that of a filter with this noise.
 #[derive(Debug)]
-pub struct MotionFilter {
+pub(crate) struct MotionFilter {
     gravity_m_s2: f64,
     filter: Option<CausalFilter>,
     kept: Vec<PoseSample>,
-    /// Windows that were estimated from.
+    /// Number of windows used.
     done: usize,
-    /// An estimation under way, and how many of the poses kept it has.
+    /// An estimation in progress, and the number of kept poses that it uses.
     finding: Option<(JoinHandle<Option<CausalFilter>>, usize)>,
 }
 
 impl MotionFilter {
-    /// A filter before its first pose; with a noise it knows motion from the first poses on.
+    /// A filter before its first pose; with a noise it gives motion from the first poses on.
     ///
     /// # Errors
-    /// A noise or gravity that is none.
-    pub fn new(noise: Option<MotionNoise>, gravity_m_s2: f64) -> Result<Self, LiveError> {
+    /// A noise or gravity that is not finite and positive.
+    pub(crate) fn new(noise: Option<MotionNoise>, gravity_m_s2: f64) -> Result<Self, LiveError> {
         let filter = noise.map(|n| CausalFilter::new(n, gravity_m_s2)).transpose()?;
         let done = if filter.is_some() { WINDOWS_S.len() } else { 0 };
         Ok(Self { gravity_m_s2, filter, kept: Vec::new(), done, finding: None })
     }
 
-    /// Takes one instant in: the motion then, where it is known.
-    pub fn push(&mut self, sample: &PoseSample) -> Option<MotionSample> {
-        // What the filter cannot take leaves it as it was; the pose itself goes out all the same.
+    /// Adds an instant; returns its motion, if known.
+    pub(crate) fn push(&mut self, sample: &PoseSample) -> Option<MotionSample> {
+        // A pose that the filter refuses leaves it unchanged, and is sent without motion.
         let motion = self.filter.as_mut().and_then(|f| f.push(sample).ok().flatten());
-        if !self.is_settled() {
+        if !self.has_final_noise() {
             self.keep(sample);
         }
         motion
@@ -52,7 +53,7 @@ impl MotionFilter {
         }
         self.kept.push(sample.clone());
         if let Some((handle, had)) = self.finding.take_if(|f| f.0.is_finished()) {
-            // Without an estimate, from poses that tell nothing, the next window has another try.
+            // Without an estimate the next window is tried.
             if let Ok(Some(mut filter)) = handle.join() {
                 for later in &self.kept[had.min(self.kept.len())..] {
                     let _ = filter.push(later);
@@ -84,16 +85,14 @@ impl MotionFilter {
             self.done = if is_full { WINDOWS_S.len() } else { self.done + 1 };
         }
     }
-}
 
-impl MotionFilter {
-    /// Whether poses are still kept for an estimation.
-    pub fn is_settled(&self) -> bool {
+    /// Whether the noise is given or estimated for the last time.
+    pub(crate) fn has_final_noise(&self) -> bool {
         self.done == WINDOWS_S.len() && self.finding.is_none()
     }
 }
 
-/// The filter with the noise of some poses, after them.
+/// A filter with the noise estimated from some poses, after these poses.
 fn filter_over(poses: &[PoseSample], gravity_m_s2: f64) -> Option<CausalFilter> {
     let noise = motion_noise(poses).ok()?;
     let mut filter = CausalFilter::new(noise, gravity_m_s2).ok()?;
@@ -108,14 +107,12 @@ mod tests {
     use super::*;
     use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3};
     use mavsight_pose::PoseEstimate;
+    use mavsight_random::Random;
 
     /// A body that swings, measured to a millimetre and a milliradian.
     fn sample(k: i64) -> PoseSample {
-        let mut state = (k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let mut noise = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            1e-3 * 12f64.sqrt() * ((state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5)
-        };
+        let mut random = Random::new(1, k as u64);
+        let mut noise = || 1e-3 * random.normal();
         let t_s = k as f64 / 30.0;
         let place = Vector3::new(0.3 * (2.0 * t_s).sin() + noise(), noise(), 1.5 + noise());
         let turn = Vector3::new(0.2 * (3.0 * t_s).sin() + noise(), noise(), noise());
@@ -126,13 +123,13 @@ mod tests {
         PoseSample { t_ns: k * 33_333_333, estimate: Some(estimate), reason: None }
     }
 
-    /// Unknown until it is estimated, then right, and nothing is kept in the end.
+    /// Motion is unknown until the noise is estimated, then right; in the end no poses are kept.
     #[test]
-    fn the_noise_is_found_beside_the_flight() {
+    fn the_noise_is_estimated_during_the_flight() {
         let mut filter = MotionFilter::new(None, 9.8).unwrap();
         let (mut known, mut k) = (0, 0);
-        while !filter.is_settled() {
-            assert!(k < 30 * 300, "it does not settle");
+        while !filter.has_final_noise() {
+            assert!(k < 30 * 300, "the noise is not estimated");
             let motion = filter.push(&sample(k));
             assert!(k >= 150 || motion.is_none(), "instant {k}");
             if let Some(motion) = motion {

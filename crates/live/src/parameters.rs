@@ -1,6 +1,7 @@
-//! Parameters by recursive least squares beside the flight.
+//! Parameters by recursive least squares during the flight.
 
-use crate::{LiveError, Popped, Queue};
+use crate::LiveError;
+use crate::queue::{Popped, Queue, locked};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{
     Bandwidth, CoefficientTable, Model, Options, Output, RecursiveLeastSquares, coefficients,
@@ -8,15 +9,16 @@ use mavsight_identify::{
 };
 use mavsight_link::{Event, Parameter};
 use mavsight_pose::{PoseSample, smooth};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Seconds of poses that are smoothed at a time.
 const WINDOW_S: f64 = 16.0;
-/// Seconds after a window's beginning from which its rows are used, but for the flight's first: flapping is integrated from trim, and
-/// what is wrong with that has faded by three of the fly-bar's time constants then.
-const SETTLED_S: f64 = 10.0;
+/// Rows of a window are used from this time after its beginning, except in the flight's first window:
+/// flapping is integrated from trim, and the error of that start decays within three time constants of the
+/// fly-bar.
+const WARM_UP_S: f64 = 10.0;
 /// Seconds from one estimate to the next.
 const EVERY_S: f64 = 1.0;
 /// Half width of a 95 % interval in standard deviations.
@@ -24,13 +26,13 @@ const HALF_WIDTH: f64 = 1.96;
 /// Poses that may wait.
 const WAITING: usize = 4096;
 
-/// What is commanded, as far as it is known.
+/// Inputs that were recorded or commanded.
 pub trait InputSource: Send {
-    /// The inputs of a span, one sample before it and up to its end; none where they are not known so far.
+    /// The inputs of a span, from the sample before it to its end; none if they are not known yet.
     fn span(&mut self, from_s: f64, to_s: f64) -> Option<InputSeries>;
 }
 
-/// Inputs that were recorded before.
+/// Inputs of an earlier recording.
 pub struct Recorded(pub InputSeries);
 
 impl InputSource for Recorded {
@@ -39,11 +41,12 @@ impl InputSource for Recorded {
     }
 }
 
-/// Estimates beside the flight, on a thread of their own.
+/// Parameter estimation during the flight, on a thread of its own.
 ///
-/// Once a second the last sixteen seconds of poses are smoothed, and outputs and regressors are formed by the batch run's own code
-/// ([`coefficients`]). Rows that are new, and far enough from both ends, go into [`RecursiveLeastSquares`], one to a period of the
-/// Nyquist rate of the low-pass that they have passed, so that their errors are about white. Nothing is forgotten.
+/// Once a second the last sixteen seconds of poses are smoothed, and outputs and regressors are formed by
+/// [`coefficients`] as in a batch run. New rows far enough from both ends enter [`RecursiveLeastSquares`],
+/// one for each half period of the low-pass's bandwidth, so that their errors are about white. All rows keep
+/// their weight.
 pub(crate) struct Parameters {
     queue: Arc<Queue<PoseSample>>,
     latest: Arc<Mutex<Option<Event>>>,
@@ -77,7 +80,7 @@ impl Parameters {
                 match own.pop(Duration::from_millis(200)) {
                     Popped::Item(sample) => {
                         if let Some(event) = work.push(sample) {
-                            *out.lock().unwrap_or_else(PoisonError::into_inner) = Some(event);
+                            *locked(&out) = Some(event);
                         }
                     }
                     Popped::Nothing => {}
@@ -97,17 +100,17 @@ impl Parameters {
         self.queue.push(sample.clone());
     }
 
-    /// An estimate that was not told yet.
+    /// An estimate that was not reported yet.
     pub(crate) fn latest(&self) -> Option<Event> {
-        self.latest.lock().unwrap_or_else(PoisonError::into_inner).take()
+        locked(&self.latest).take()
     }
 
     /// Ends, with the last estimate.
     pub(crate) fn finish(self) -> Option<Event> {
         self.queue.close();
-        // A thread that panicked has said so.
+        // A panic has been printed by its thread.
         let _ = self.thread.join();
-        self.latest.lock().unwrap_or_else(PoisonError::into_inner).take()
+        locked(&self.latest).take()
     }
 }
 
@@ -115,7 +118,7 @@ impl Parameters {
 struct Fit {
     output: String,
     columns: Vec<String>,
-    /// Standard deviations of the regressors' own errors, as of late.
+    /// Standard deviations of the regressors' errors in the latest window.
     errors: Vec<f64>,
     fit: RecursiveLeastSquares,
 }
@@ -128,7 +131,7 @@ struct Work {
     window: Vec<PoseSample>,
     /// Whether the window begins with the flight.
     is_first: bool,
-    /// Rows up to here have been used.
+    /// Rows up to this time have been used.
     until_s: f64,
     fits: Vec<Fit>,
 }
@@ -146,7 +149,7 @@ impl Work {
         self.window.push(sample);
         let (first_s, last_s) = (seconds(self.window.first()), seconds(self.window.last()));
         let since_s = last_s - if self.until_s.is_finite() { self.until_s } else { first_s };
-        // The newest second of a window is beside its end, where a smoother leans on one side.
+        // Near the end of a window the smoother has data on one side only.
         if since_s < 2.0 * EVERY_S || self.window.len() < 30 {
             return None;
         }
@@ -154,7 +157,7 @@ impl Work {
         let event = match table {
             Some(table) => {
                 self.take(&table, first_s);
-                Some(self.told(last_s))
+                Some(self.event(last_s))
             }
             None => {
                 self.until_s = last_s - EVERY_S;
@@ -176,9 +179,9 @@ impl Work {
         coefficients(&motion, &inputs, &self.vehicle, &self.options).ok()
     }
 
-    /// Uses the rows of a table that were not used yet.
+    /// Adds the rows of a table that were not used yet.
     fn take(&mut self, table: &CoefficientTable, first_s: f64) {
-        let from_s = if self.is_first { first_s } else { first_s + SETTLED_S }.max(self.until_s);
+        let from_s = if self.is_first { first_s } else { first_s + WARM_UP_S }.max(self.until_s);
         let rows = table.rows_in_window();
         let mut until_s = self.until_s.max(table.window_s.1);
         for output in &table.outputs {
@@ -193,7 +196,7 @@ impl Work {
                 }
                 next_s = table.t_s[i] + step_s;
                 row.iter_mut().zip(&output.columns).for_each(|(to, c)| *to = c.values[i]);
-                // A row that is not finite is passed over.
+                // A row that is not finite is skipped.
                 let _ = fit.fit.update(&row, output.values[i]);
             }
             until_s = until_s.max(next_s.min(table.window_s.1));
@@ -201,8 +204,8 @@ impl Work {
         self.until_s = until_s;
     }
 
-    fn told(&self, t_s: f64) -> Event {
-        let parameters: Vec<Parameter> = self.fits.iter().flat_map(|f| f.told(self.enough)).collect();
+    fn event(&self, t_s: f64) -> Event {
+        let parameters: Vec<Parameter> = self.fits.iter().flat_map(|f| f.parameters(self.enough)).collect();
         let mut known = parameters.iter().filter(|p| p.value.is_some()).peekable();
         let enough = known.peek().is_some() && known.all(|p| p.enough);
         Event::Parameters { t_s, parameters, enough }
@@ -210,10 +213,10 @@ impl Work {
 }
 
 impl Fit {
-    /// Its parameters so far. What the flight does not determine by itself has no value, and stands in the way of nothing.
-    fn told(&self, share: f64) -> Vec<Parameter> {
+    /// Its parameters so far; one that the flight does not determine by itself has no value.
+    fn parameters(&self, share: f64) -> Vec<Parameter> {
         let factor = self.fit.factor();
-        // The columns' own errors, as many rows of them as were taken.
+        // The errors of the columns over all rows.
         let rows = (self.fit.weight() / factor.nrows().max(1) as f64).sqrt();
         let noise: Vec<f64> = self.errors.iter().map(|std| std * rows).collect();
         let dependence = independent_columns(&factor, &noise);
@@ -230,7 +233,7 @@ impl Fit {
     }
 }
 
-/// The fit of an output: a new one where it has none.
+/// The fit of an output, made if missing.
 fn fit_of<'a>(fits: &'a mut Vec<Fit>, output: &Output) -> Option<&'a mut Fit> {
     let same = |f: &Fit| f.output == output.name && f.columns.len() == output.columns.len();
     if !fits.iter().any(same) {
@@ -246,10 +249,10 @@ fn fit_of<'a>(fits: &'a mut Vec<Fit>, output: &Output) -> Option<&'a mut Fit> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_flight::{Channel, Maneuver, Scenario, simulate};
     use mavsight_geometry::{Matrix6, Vector3, world_from_body};
     use mavsight_identify::{Estimator, FitOptions, identify_with};
     use mavsight_pose::PoseEstimate;
+    use mavsight_simulator::{Channel, Maneuver, Scenario, simulate};
 
     /// Poses of a simulated flight, a tenth of a millimetre and of a milliradian off.
     fn flight() -> (Vec<PoseSample>, InputSeries) {
@@ -267,12 +270,9 @@ mod tests {
         let inputs = scenario.inputs(&Vehicle::paper()).unwrap();
         let states =
             simulate(&Vehicle::paper(), &inputs, &scenario.start(), &scenario.frame_times_s()).unwrap();
-        let mut state = 3_u64;
-        let mut noise = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            1e-4 * 12f64.sqrt() * ((state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5)
-        };
-        let sample = |s: &mavsight_flight::FlightState| {
+        let mut random = mavsight_random::Random::new(3, 0);
+        let mut noise = || 1e-4 * random.normal();
+        let sample = |s: &mavsight_simulator::FlightState| {
             let mut pose = world_from_body(s.position_in_world_m, s.attitude);
             pose.translation.vector += Vector3::new(noise(), noise(), noise());
             let turn = Vector3::new(noise(), noise(), noise());
@@ -283,9 +283,10 @@ mod tests {
         (states.iter().map(sample).collect(), inputs)
     }
 
-    /// What it ends with is what a batch run's least squares find, its intervals shrink, and what the flight does not tell has none.
+    /// The last estimate is that of a batch run's least squares, intervals shrink, and an undetermined
+    /// parameter has none.
     #[test]
-    fn it_comes_to_what_a_batch_run_finds() {
+    fn it_converges_to_the_estimate_of_a_batch_run() {
         let (poses, inputs) = flight();
         let vehicle = Vehicle::paper();
         let options = || Options { bandwidth: Bandwidth::Smoother, ..Options::default() };
@@ -299,13 +300,13 @@ mod tests {
             until_s: f64::NEG_INFINITY,
             fits: Vec::new(),
         };
-        let told: Vec<Event> = poses.iter().filter_map(|p| work.push(p.clone())).collect();
+        let events: Vec<Event> = poses.iter().filter_map(|p| work.push(p.clone())).collect();
         let half_widths = |event: &Event, name: &str| -> Option<(f64, f64)> {
             let Event::Parameters { parameters, .. } = event else { return None };
             let p = parameters.iter().find(|p| p.name == name)?;
             p.value.zip(p.half_width)
         };
-        assert!((6..=12).contains(&told.len()), "{} estimates", told.len());
+        assert!((6..=12).contains(&events.len()), "{} estimates", events.len());
         let motion = smooth(&poses, vehicle.environment.gravity_m_s2).unwrap();
         let table = coefficients(&motion, &inputs, &vehicle, &options()).unwrap();
         let fit = FitOptions { estimators: vec![Estimator::LeastSquares], ..FitOptions::default() };
@@ -315,7 +316,7 @@ mod tests {
             for p in fit.parameters.iter().filter(|p| p.identifiable) {
                 let name = format!("{},{}", fit.output, p.name);
                 let (Some(value), Some(std)) = (p.value, p.std) else { continue };
-                let Some((live, half_width)) = told.last().and_then(|e| half_widths(e, &name)) else {
+                let Some((live, half_width)) = events.last().and_then(|e| half_widths(e, &name)) else {
                     continue;
                 };
                 println!("{name}: {live} ± {half_width}, batch {value} ± {}", 1.96 * std);
@@ -326,10 +327,10 @@ mod tests {
         }
         assert!(compared >= 3, "{compared} compared");
         let widths: Vec<f64> =
-            told.iter().filter_map(|e| half_widths(e, "C_m,alpha_l")).map(|w| w.1).collect();
+            events.iter().filter_map(|e| half_widths(e, "C_m,alpha_l")).map(|w| w.1).collect();
         assert!(widths.last() < widths.first(), "{widths:?}");
-        let Some(Event::Parameters { parameters, .. }) = told.last() else { panic!("nothing told") };
-        // Rotors at one speed: their thrusts cannot be told from the constant.
+        let Some(Event::Parameters { parameters, .. }) = events.last() else { panic!("no estimate") };
+        // Rotors at one speed: their thrusts cannot be distinguished from the constant.
         assert!(parameters.iter().any(|p| p.name == "C_Z,T_u" && p.value.is_none()));
     }
 }

@@ -1,13 +1,13 @@
-//! Who goes first where processors are scarce.
+//! Priority of threads.
 
-/// Places that a thread steps back by: a tenth of the weight of a thread that has not (Linux's table of weights).
+/// Increase of niceness: a tenth of the weight of an unchanged thread (Linux's table of weights).
 #[cfg(target_os = "linux")]
 const PLACES: i32 = 10;
 
-/// Makes the calling thread one that lets others go first: for work that no pose waits for.
+/// Lowers the priority of the calling thread for its whole life: for work on which no pose depends.
 ///
-/// On Linux, where niceness is a thread's own (setpriority(2)) and more of it needs no right; elsewhere nothing changes. It lasts as
-/// long as the thread.
+/// On Linux, where each thread has its own niceness (setpriority(2)) and a higher one needs no privilege;
+/// elsewhere nothing changes.
 pub fn give_way() {
     // A system that refuses runs the thread as before.
     #[cfg(target_os = "linux")]
@@ -19,7 +19,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_thread_that_asks_steps_back() {
+    fn only_the_calling_thread_gets_a_lower_priority() {
         let niceness = || rustix::process::getpriority_process(None).unwrap();
         let before = niceness();
         let after = std::thread::spawn(move || {

@@ -4,9 +4,14 @@ use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Holds at most so many things; all its memory is taken when it is made.
+/// Locks a mutex. No holder leaves its value half changed, so a poisoned one is sound.
+pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A queue of bounded length; all its memory is allocated at the start.
 #[derive(Debug)]
-pub struct Queue<T> {
+pub(crate) struct Queue<T> {
     inner: Mutex<Inner<T>>,
     changed: Condvar,
     capacity: usize,
@@ -19,31 +24,32 @@ struct Inner<T> {
     closed: bool,
 }
 
-/// What a queue yields.
+/// The result of [`Queue::pop`].
 #[derive(Debug, PartialEq, Eq)]
-pub enum Popped<T> {
-    /// The oldest thing.
+pub(crate) enum Popped<T> {
+    /// The oldest item.
     Item(T),
-    /// Nothing came in the time given.
+    /// No item came in the given time.
     Nothing,
-    /// It is closed and empty.
+    /// The queue is closed and empty.
     Closed,
 }
 
 impl<T> Queue<T> {
-    /// A queue for `capacity` things, at least one.
-    pub fn new(capacity: usize) -> Self {
+    /// A queue for `capacity` items, at least one.
+    pub(crate) fn new(capacity: usize) -> Self {
         let capacity = capacity.max(1);
         let inner = Inner { items: VecDeque::with_capacity(capacity), dropped: 0, closed: false };
         Self { inner: Mutex::new(inner), changed: Condvar::new(), capacity }
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner<T>> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.inner)
     }
 
-    /// Adds a thing; where there is no room the oldest is dropped, counted, and handed back. After the end nothing is taken.
-    pub fn push(&self, item: T) -> Option<T> {
+    /// Adds an item; if the queue is full, the oldest is dropped, counted and returned. A closed queue
+    /// returns the item itself.
+    pub(crate) fn push(&self, item: T) -> Option<T> {
         let mut inner = self.lock();
         if inner.closed {
             return Some(item);
@@ -56,8 +62,8 @@ impl<T> Queue<T> {
         oldest
     }
 
-    /// Adds a thing when there is room for it; false where the queue was closed.
-    pub fn push_waiting(&self, item: T) -> bool {
+    /// Adds an item as soon as there is room for it; false if the queue is closed.
+    pub(crate) fn push_waiting(&self, item: T) -> bool {
         let mut inner = self.lock();
         while inner.items.len() == self.capacity && !inner.closed {
             inner = self.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
@@ -71,8 +77,8 @@ impl<T> Queue<T> {
         true
     }
 
-    /// Takes the oldest thing, waiting for one at most so long.
-    pub fn pop(&self, wait: Duration) -> Popped<T> {
+    /// Removes the oldest item, waiting for one at most for `wait`.
+    pub(crate) fn pop(&self, wait: Duration) -> Popped<T> {
         let until = Instant::now().checked_add(wait);
         let mut inner = self.lock();
         loop {
@@ -93,19 +99,19 @@ impl<T> Queue<T> {
         }
     }
 
-    /// Takes nothing more; what is in it can still be taken out.
-    pub fn close(&self) {
+    /// Closes the queue: items in it can still be removed, but none can be added.
+    pub(crate) fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
     }
 
-    /// Whether it takes nothing more.
-    pub fn is_closed(&self) -> bool {
+    /// Whether it is closed.
+    pub(crate) fn is_closed(&self) -> bool {
         self.lock().closed
     }
 
-    /// How many were dropped so far.
-    pub fn dropped(&self) -> u64 {
+    /// Number of dropped items.
+    pub(crate) fn dropped(&self) -> u64 {
         self.lock().dropped
     }
 }
@@ -129,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_for_room_loses_nothing() {
+    fn waiting_for_room_loses_nothing() {
         let queue = Arc::new(Queue::new(2));
         let own = Arc::clone(&queue);
         let taker = std::thread::spawn(move || {

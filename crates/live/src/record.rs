@@ -1,9 +1,11 @@
-//! What was received, detected and sent, on disk as it happens.
+//! Recording of what is received, detected and sent.
 
-use crate::{LiveError, Popped, Queue};
+use crate::LiveError;
+use crate::queue::{Popped, Queue, locked};
+use crate::setup::Tap;
 use mavsight_flight::InputSample;
 use mavsight_link::Event;
-use mavsight_pipeline::Sight;
+use mavsight_pose::TrackedDetection;
 use mavsight_session::{SessionFile, Y4mWriter, make_folder, write_session};
 use mavsight_vision::Frame;
 use serde::Serialize;
@@ -11,36 +13,38 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Frames and lines that may wait for the disk: a quarter second of two cameras.
 const WAITING: usize = 48;
 
-/// A session to be recorded into: its file with all paths whole, and its folder.
+/// The session and folder of a recording; all paths of the session are absolute.
 #[derive(Debug, Clone)]
 pub struct RecordedSession {
-    /// The folder, made where it is missing.
+    /// The folder; made if missing.
     pub folder: PathBuf,
-    /// The session; its videos are set to the recorded ones, and its files are copied beside them.
+    /// The session; its videos become the recorded ones, and its files are copied to the folder.
     pub session: SessionFile,
-    /// Frames a second, for programs that know no time stamps.
+    /// Frames a second, for programs that do not read time stamps.
     pub rate_hz: f64,
-    /// Whether inputs come while it flies ([`Recorder::input`]).
+    /// Whether inputs arrive during the flight ([`Recorder::input`]).
     pub with_inputs: bool,
-    /// Whether the flight waits for the disk rather than that anything is missing: for runs that are not in real time.
+    /// Whether the flight waits for the disk instead of losing frames: for runs that are not in real time.
     pub waits: bool,
 }
 
 enum Item {
-    Frame { camera: usize, stamp_ns: i64, frame: Arc<Frame>, sights: Vec<Sight> },
+    Frame { camera: usize, stamp_ns: i64, frame: Arc<Frame>, detections: Vec<TrackedDetection> },
     Sent(String),
     Input(InputSample),
 }
 
-/// Writes on a thread of its own. Each frame is handed to the system as soon as it is written, so that a kill loses the last one at
-/// most. Where the disk refuses, the recording stops, says so, and the flight goes on.
+/// Writes a recording on a thread of its own.
+///
+/// Each frame goes to the system as soon as it is written, so that a kill loses at most the last one. If the
+/// disk is full or too slow, the recording ends with a fault, and the flight goes on.
 pub struct Recorder {
     folder: PathBuf,
     waits: bool,
@@ -58,11 +62,7 @@ struct Status {
     is_news: AtomicBool,
 }
 
-fn locked<T>(of: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    of.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Where the recording of a flight is, if one is being written: it may begin and end while the flight goes on.
+/// The place of a flight's recording, which may begin and end while the flight goes on.
 #[derive(Default)]
 pub struct RecorderSlot {
     recorder: Mutex<Option<Arc<Recorder>>>,
@@ -79,38 +79,38 @@ impl RecorderSlot {
         locked(&self.recorder).clone()
     }
 
-    /// Begins a recording in place of the one before, which is brought to its end and handed back; none: ends that.
+    /// Ends the recording that is being written, begins another if one is given, and returns the ended one.
     pub fn replace(&self, by: Option<Recorder>) -> Option<Arc<Recorder>> {
         let before = std::mem::replace(&mut *locked(&self.recorder), by.map(Arc::new));
         before.iter().for_each(|b| b.finish());
         before
     }
 
-    /// What takes frames into it.
-    pub(crate) fn tap(self: &Arc<Self>) -> crate::fly::Tap {
+    /// The tap that records frames.
+    pub(crate) fn tap(self: &Arc<Self>) -> Tap {
         let own = Arc::clone(self);
-        Arc::new(move |camera, stamp_ns, frame, sights| {
+        Arc::new(move |camera, stamp_ns, frame, detections| {
             if let Some(recorder) = own.current() {
-                recorder.frame(camera, stamp_ns, frame, sights);
+                recorder.frame(camera, stamp_ns, frame, detections);
             }
         })
     }
 
-    /// How far it is, or that there is none.
+    /// The state of the recording as an event.
     pub fn event(&self) -> Event {
         let none = || Event::Recording { folder: None, seconds: 0.0, bytes: 0, fault: None };
         self.current().map_or_else(none, |r| r.event())
     }
 }
 
-/// Name of the log of what was seen.
+/// Name of the log of detections.
 const DETECTED: &str = "detected.ndjson";
-/// Name of the log of what was handed on.
+/// Name of the log of events that were sent.
 const SENT: &str = "sent.ndjson";
 /// Name of the table of inputs.
 const INPUTS: &str = "inputs.csv";
 
-/// One line of the log of what was seen.
+/// One line of the log of detections.
 #[derive(Serialize)]
 struct Detected<'a> {
     camera: &'a str,
@@ -130,7 +130,7 @@ struct DetectedBall {
 }
 
 impl Recorder {
-    /// Begins a recording: copies the session and its files, and opens what grows.
+    /// Begins a recording: copies the session and its files, and opens videos and logs.
     ///
     /// # Errors
     /// A folder that holds a session already or cannot be written, files that cannot be copied.
@@ -173,21 +173,21 @@ impl Recorder {
         let writer = Writer { videos, names, inputs, detected: log(DETECTED)?, sent: log(SENT)?, lines: 0 };
         write_session(&folder.join("session.toml"), &session)?;
         let (queue, status) = (Arc::new(Queue::new(WAITING)), Arc::new(Status::default()));
-        let (own, said) = (Arc::clone(&queue), Arc::clone(&status));
+        let (own, shared) = (Arc::clone(&queue), Arc::clone(&status));
         let thread = std::thread::Builder::new()
             .name("record".into())
             .spawn(move || {
                 crate::give_way();
-                writer.run(&own, &said);
+                writer.run(&own, &shared);
             })
             .map_err(|source| LiveError::Thread { what: "the recording", source })?;
         Ok(Self { folder, waits, queue, status, thread: Mutex::new(Some(thread)) })
     }
 
-    /// Takes in a frame and what was seen in it.
-    fn frame(&self, camera: usize, stamp_ns: i64, frame: &Arc<Frame>, sights: &[Sight]) {
-        let (frame, sights) = (Arc::clone(frame), sights.to_vec());
-        self.put(Item::Frame { camera, stamp_ns, frame, sights });
+    /// Records a frame and its detections.
+    fn frame(&self, camera: usize, stamp_ns: i64, frame: &Arc<Frame>, seen: &[TrackedDetection]) {
+        let (frame, detections) = (Arc::clone(frame), seen.to_vec());
+        self.put(Item::Frame { camera, stamp_ns, frame, detections });
     }
 
     fn put(&self, item: Item) {
@@ -204,25 +204,24 @@ impl Recorder {
                 Item::Input(sample) => format!("the input at {:.3} s", sample.t_s),
                 Item::Sent(_) => "an event that was sent".to_owned(),
             };
-            self.status
-                .fail(format!("the disk is too slow: {what} is missing, so that the recording ends there"));
+            self.status.fail(format!("the disk is too slow: {what} is missing, so the recording ends there"));
         }
     }
 
-    /// Takes in what was handed on.
+    /// Records an event that was sent.
     pub(crate) fn sent(&self, event: &Event) {
-        // Events are numbers and texts, which JSON has.
+        // Events are numbers and texts, which always have a JSON form.
         if let Ok(line) = serde_json::to_string(event) {
             self.put(Item::Sent(line));
         }
     }
 
-    /// Takes in what was commanded.
+    /// Records an input.
     pub fn input(&self, sample: InputSample) {
         self.put(Item::Input(sample));
     }
 
-    /// How far it is.
+    /// The state of the recording as an event.
     pub fn event(&self) -> Event {
         Event::Recording {
             folder: Some(self.folder.display().to_string()),
@@ -232,37 +231,37 @@ impl Recorder {
         }
     }
 
-    /// The same where a fault has come up that was not told yet.
+    /// The state of the recording if it has a fault that was not reported yet.
     pub(crate) fn news(&self) -> Option<Event> {
         self.status.is_news.swap(false, Ordering::Relaxed).then(|| self.event())
     }
 
-    /// What ended it early, where something did.
+    /// The fault that ended it early, if any.
     pub fn fault(&self) -> Option<String> {
         locked(&self.status.fault).clone()
     }
 
-    /// Writes what waits, and ends.
+    /// Writes all that waits, and ends.
     pub fn finish(&self) {
         self.queue.close();
         if let Some(thread) = locked(&self.thread).take() {
-            // A thread that panicked has said so.
+            // A panic has been printed by its thread.
             let _ = thread.join();
         }
     }
 }
 
 impl Status {
-    fn fail(&self, words: String) {
+    fn fail(&self, text: String) {
         let mut fault = locked(&self.fault);
         if fault.is_none() {
-            *fault = Some(words);
+            *fault = Some(text);
             self.is_news.store(true, Ordering::Relaxed);
         }
     }
 }
 
-/// Copies a file into a folder, and names it as it is there. A pattern of a sequence, which calibration reads, is named where it is.
+/// Copies a file into a folder and sets its path to the copy's name.
 fn copy_in(folder: &Path, path: Option<&mut PathBuf>) -> Result<(), String> {
     let Some(path) = path else { return Ok(()) };
     let name = path.file_name().map(PathBuf::from).ok_or_else(|| format!("{} is no file", path.display()))?;
@@ -303,26 +302,26 @@ impl Writer {
             if locked(&status.fault).is_some() {
                 continue;
             }
-            if let Err(words) = self.write(item, status) {
-                status.fail(format!("{words}: the recording ends here, the flight goes on"));
+            if let Err(text) = self.write(item, status) {
+                status.fail(format!("{text}: the recording ends here, the flight goes on"));
             }
         }
     }
 
     fn write(&mut self, item: Item, status: &Status) -> Result<(), String> {
         match item {
-            Item::Frame { camera, stamp_ns, frame, sights } => {
+            Item::Frame { camera, stamp_ns, frame, detections } => {
                 let Some(video) = self.videos.get_mut(camera) else { return Ok(()) };
                 video.push(stamp_ns, &frame).map_err(|e| e.to_string())?;
-                let ball = |s: &Sight| DetectedBall {
-                    id: s.id,
+                let ball = |s: &TrackedDetection| DetectedBall {
+                    id: s.track_id,
                     color: s.color,
                     u_px: s.pixel.x,
                     v_px: s.pixel.y,
                     cov_px2: [s.covariance_px2.m11, s.covariance_px2.m12, s.covariance_px2.m22],
                     diameter_px: s.diameter_px,
                 };
-                let seen = sights.iter().map(ball).collect();
+                let seen = detections.iter().map(ball).collect();
                 let line = Detected { camera: &self.names[camera], t_ns: stamp_ns, seen };
                 let line = serde_json::to_string(&line).map_err(|e| e.to_string())?;
                 self.lines += append(&mut self.detected, &line)?;
@@ -346,7 +345,7 @@ impl Writer {
     }
 }
 
-/// Adds a line at once, so that it is whole or not there.
+/// Appends a line at once, so that it is complete or missing.
 fn append(file: &mut File, line: &str) -> Result<u64, String> {
     let before = file.metadata().map(|m| m.len()).map_err(|e| e.to_string())?;
     let mut whole = String::with_capacity(line.len() + 1);

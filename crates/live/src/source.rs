@@ -1,4 +1,4 @@
-//! Where frames come from while a flight goes on.
+//! Sources of frames during a flight.
 
 use crate::FlightClock;
 use mavsight_session::{FrameSource, LiveVideo};
@@ -7,37 +7,37 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Longest sleep between looks at whether the flight has ended.
-const LOOK: Duration = Duration::from_millis(20);
+/// Longest sleep between checks of the flight's end.
+const CHECK: Duration = Duration::from_millis(20);
 
-/// What a source yields.
+/// The next item of a source.
 #[derive(Debug)]
 pub enum Next {
     /// A frame, and the middle of its exposure by the flight's clock.
     Frame(i64, Arc<Frame>),
-    /// Something went wrong and it goes on.
+    /// A fault after which the source goes on.
     Fault(String),
-    /// All of it has been shown.
+    /// All frames have been shown.
     Over,
-    /// It has ended before that, and why.
+    /// The source has ended early, with the reason.
     End(String),
 }
 
-/// Frames of one camera as they come.
+/// Frames of one camera as they arrive.
 pub trait Source: Send {
-    /// Waits for the next.
+    /// Waits for the next item.
     fn next(&mut self) -> Next;
 
-    /// What makes [`Source::next`] return soon from another thread, where it may wait long.
+    /// Makes [`Source::next`] return soon when called from another thread; for sources that may wait long.
     fn interrupt(&self) -> Option<Interrupt> {
         None
     }
 }
 
-/// Makes a source's wait end.
+/// Ends a source's wait.
 pub type Interrupt = Arc<dyn Fn() + Send + Sync>;
 
-/// Opens a source, each time that it is wanted; an error says in words why it cannot.
+/// Opens a source; called again for each reopening. An error is a sentence for the user.
 pub type Opener = Box<dyn FnMut(FlightClock) -> Result<Box<dyn Source>, String> + Send>;
 
 /// A running camera by the ffmpeg program.
@@ -48,10 +48,10 @@ pub struct RunningCamera {
 }
 
 impl RunningCamera {
-    /// Opens what a session's camera names as `live`; `latency_s` is taken off its time stamps.
+    /// Opens the `live` input of a session's camera; `latency_s` is subtracted from its time stamps.
     ///
     /// # Errors
-    /// In words: what ffmpeg says.
+    /// The message of ffmpeg.
     pub fn open(live: &str, latency_s: f64, clock: FlightClock) -> Result<Self, String> {
         let video = LiveVideo::open(live, &mavsight_session::ffmpeg_program()).map_err(|e| e.to_string())?;
         Ok(Self { video, clock, latency_ns: mavsight_session::ns_from_s(latency_s) })
@@ -71,7 +71,7 @@ impl Source for RunningCamera {
     }
 }
 
-/// The first frame of a recording, and the others behind it.
+/// The frames of a recording, the first of which has been read.
 pub struct CameraFile {
     first: Option<(i64, Frame)>,
     rest: FrameSource,
@@ -101,34 +101,34 @@ impl Iterator for CameraFile {
     }
 }
 
-/// A recording, at its own pace or as fast as it is taken.
+/// A recording, at its own pace or as fast as possible.
 pub struct Replay<I> {
     frames: I,
-    /// The clock that frames wait for; none: they do not.
+    /// The clock of the frames' pace; none: as fast as possible.
     pace: Option<FlightClock>,
     stop: Arc<AtomicBool>,
     /// Stamp of the last frame, and the time since the one before it.
     last_ns: Option<(i64, i64)>,
 }
 
-/// Share of an interval after a frame before the next is read and decoded: the last one is looked at meanwhile, as it would be with a
-/// camera that decodes nothing.
+/// Share of an interval between a frame and the decoding of the next: the tracker has the processor
+/// meanwhile, as with a camera that needs no decoding.
 const IDLE: f64 = 0.3;
 
 impl<I> Replay<I> {
-    /// Frames with their stamps; with a clock each waits for its time, until `stop` is set.
+    /// Replays frames with their stamps; with a clock each frame waits for its time, until `stop` is set.
     pub fn new(frames: I, pace: Option<FlightClock>, stop: Arc<AtomicBool>) -> Self {
         Self { frames, pace, stop, last_ns: None }
     }
 
-    /// Waits for a time, where frames wait for theirs.
+    /// Waits for a time if frames have a pace.
     fn wait_until(&self, t_ns: i64) {
         while let Some(clock) = &self.pace {
             let left = clock.until(t_ns);
             if left.is_zero() || self.stop.load(Ordering::Relaxed) {
                 return;
             }
-            std::thread::sleep(left.min(LOOK));
+            std::thread::sleep(left.min(CHECK));
         }
     }
 }

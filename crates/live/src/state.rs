@@ -1,23 +1,23 @@
-//! Where tracking and the cameras stand.
+//! States of tracking and of the cameras.
 
 use mavsight_link::{CameraState, Tracking};
 
 /// Instants without a pose after which the aircraft is lost.
 const LOST_AFTER: u32 = 2;
-/// How long the aircraft counts as found again.
+/// Time for which the aircraft counts as found again.
 const FOUND_NS: i64 = 1_000_000_000;
 /// Intervals without a frame after which a camera stalls.
 const STALLED_INTERVALS: f64 = 2.0;
 
-/// Where tracking stands, instant by instant.
+/// The state of tracking, instant by instant.
 #[derive(Debug, Clone)]
-pub struct TrackingState {
+pub(crate) struct TrackingState {
     state: Tracking,
     missed: u32,
     found_ns: i64,
     resets: u8,
     has_measured: bool,
-    /// Whether the next pose does not follow from the last, by what was left out or came back.
+    /// Whether the next pose does not continue the last, because a camera was left out or came back.
     is_cut: bool,
 }
 
@@ -35,8 +35,8 @@ impl Default for TrackingState {
 }
 
 impl TrackingState {
-    /// Takes note of an instant.
-    pub fn saw(&mut self, t_ns: i64, measured: bool) -> Tracking {
+    /// Updates the state by an instant.
+    pub(crate) fn saw(&mut self, t_ns: i64, measured: bool) -> Tracking {
         if !measured {
             self.missed = self.missed.saturating_add(1);
             if self.missed >= LOST_AFTER && matches!(self.state, Tracking::Tracking | Tracking::Reacquired) {
@@ -61,36 +61,42 @@ impl TrackingState {
         self.state
     }
 
-    /// A camera is left out, or back: the next pose does not follow from the one before.
-    pub fn cut(&mut self) {
+    /// A camera is left out, or back: the next pose does not continue the one before.
+    pub(crate) fn cut(&mut self) {
         self.is_cut |= self.has_measured;
     }
 
-    /// Counts the poses that do not follow from those before.
-    pub fn resets(&self) -> u8 {
+    /// Number of poses that do not continue those before, modulo 256.
+    pub(crate) fn resets(&self) -> u8 {
         self.resets
+    }
+
+    /// The state after the last instant.
+    pub(crate) fn state(&self) -> Tracking {
+        self.state
     }
 }
 
-/// What is known of one camera's doing.
+/// The state of one camera.
 #[derive(Debug, Clone)]
-pub struct CameraStates {
+pub(crate) struct CameraStates {
     interval_ns: i64,
     last_frame_ns: Option<i64>,
     opened: bool,
-    /// Why the source is gone.
+    /// Reason why the source is gone.
     gone: Option<String>,
     /// Whether it is gone for good.
     is_over: bool,
     moved: bool,
     dark: bool,
-    said: Option<CameraState>,
+    reported: Option<CameraState>,
 }
 
 impl Default for CameraStates {
     fn default() -> Self {
         Self {
-            // Until it is known, that of the slowest camera by which an autopilot can be flown: four frames a second.
+            // Until it is known, that of the slowest camera that can serve an autopilot: four frames a
+            // second.
             interval_ns: 250_000_000,
             last_frame_ns: None,
             opened: false,
@@ -98,55 +104,55 @@ impl Default for CameraStates {
             is_over: false,
             moved: false,
             dark: false,
-            said: None,
+            reported: None,
         }
     }
 }
 
 impl CameraStates {
-    /// The time between its frames.
-    pub fn set_interval_s(&mut self, interval_s: f64) {
+    /// Sets the time between its frames.
+    pub(crate) fn set_interval_s(&mut self, interval_s: f64) {
         self.interval_ns = (interval_s * 1e9) as i64;
     }
 
     /// The time between its frames.
-    pub fn interval_ns(&self) -> i64 {
+    pub(crate) fn interval_ns(&self) -> i64 {
         self.interval_ns
     }
 
     /// Its source was opened.
-    pub fn opened(&mut self) {
+    pub(crate) fn opened(&mut self) {
         (self.opened, self.gone, self.last_frame_ns) = (true, None, None);
     }
 
     /// Its source has ended or cannot be opened.
-    pub fn gone(&mut self, reason: String) {
+    pub(crate) fn gone(&mut self, reason: String) {
         (self.opened, self.gone) = (false, Some(reason));
     }
 
-    /// Its source, which is not opened again, has ended before the others'; whether that is new.
-    pub fn outlived(&mut self) -> bool {
+    /// Its source, which is not opened again, has ended before the others'. Returns whether that is new.
+    pub(crate) fn outlived(&mut self) -> bool {
         self.gone("its source has ended before the others'".to_owned());
         !std::mem::replace(&mut self.is_over, true)
     }
 
-    /// A frame was in hand.
-    pub fn frame(&mut self, now_ns: i64, dark: bool) {
+    /// A frame has arrived.
+    pub(crate) fn frame(&mut self, now_ns: i64, dark: bool) {
         (self.last_frame_ns, self.dark) = (Some(now_ns), dark);
     }
 
     /// It was found to be moved.
-    pub fn moved(&mut self) {
+    pub(crate) fn moved(&mut self) {
         self.moved = true;
     }
 
-    /// When it will have stalled, should no frame come.
-    pub fn stalls_at_ns(&self) -> Option<i64> {
+    /// Time at which it has stalled if no frame comes.
+    pub(crate) fn stalls_at_ns(&self) -> Option<i64> {
         self.last_frame_ns.map(|t| t + (STALLED_INTERVALS * self.interval_ns as f64) as i64)
     }
 
-    /// Its state now.
-    pub fn state(&self, now_ns: i64) -> CameraState {
+    /// Its state at a time.
+    pub(crate) fn state(&self, now_ns: i64) -> CameraState {
         if self.gone.is_some() {
             return CameraState::Gone;
         }
@@ -159,17 +165,14 @@ impl CameraStates {
         }
     }
 
-    /// Its state, where it is another than was last said.
-    pub fn change(&mut self, now_ns: i64) -> Option<CameraState> {
-        let now = self.state(now_ns);
-        (self.said != Some(now)).then(|| {
-            self.said = Some(now);
-            now
-        })
+    /// Its state at a time, if it differs from that of the last call.
+    pub(crate) fn change(&mut self, now_ns: i64) -> Option<CameraState> {
+        let now = Some(self.state(now_ns));
+        if std::mem::replace(&mut self.reported, now) == now { None } else { now }
     }
 
-    /// Why it is in a state, and what to do.
-    pub fn reason(&self, state: CameraState) -> Option<String> {
+    /// The reason of a state, and its remedy.
+    pub(crate) fn reason(&self, state: CameraState) -> Option<String> {
         let words = match state {
             CameraState::Running => return None,
             CameraState::Starting => {
@@ -189,7 +192,7 @@ impl CameraStates {
                     .to_owned()
             }
             CameraState::Dark => {
-                "its image is black: look at its power, shutter and what stands before it".to_owned()
+                "its image is black: check its power, its shutter, and that nothing covers it".to_owned()
             }
         };
         Some(words)

@@ -1,4 +1,4 @@
-//! What the loop over instants allocates: a pose with its lists, and nothing that stays.
+//! Allocations of the loop over instants: a pose with its lists, all freed again.
 
 #[allow(dead_code)]
 #[path = "flights/common.rs"]
@@ -7,9 +7,8 @@ mod common;
 use common::{pose, rig};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Matrix2, Point3, Vector3};
-use mavsight_live::LiveChain;
-use mavsight_pipeline::Sight;
-use mavsight_pose::Rig;
+use mavsight_live::LivePipeline;
+use mavsight_pose::{Rig, TrackedDetection};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
 
@@ -21,22 +20,23 @@ const WARM: i64 = 120;
 const COUNT: i64 = 240;
 
 /// The balls where they are, a little off so that residuals are not zero.
-fn sights(rig: &Rig, vehicle: &Vehicle, camera: usize, stamp_ns: i64) -> Vec<Sight> {
-    let (camera, at) = (&rig.cameras[camera].camera, pose(stamp_ns as f64 * 1e-9));
+fn detections(rig: &Rig, vehicle: &Vehicle, index: usize, stamp_ns: i64) -> Vec<TrackedDetection> {
+    let (camera, at) = (&rig.cameras[index].camera, pose(stamp_ns as f64 * 1e-9));
     let of = |(k, ball): (usize, &mavsight_flight::Marker)| {
         let centre = (at * Point3::from(Vector3::from(ball.position_m))).coords;
         let seen = camera.project_ball(&centre, 0.5 * ball.diameter_m).expect("in view").pixel;
         let depth_m = (camera.cam_from_world * Point3::from(centre)).z;
         let off_px = 0.03 * ((stamp_ns / 1000 * (k as i64 + 3)) as f64).sin();
-        Sight {
-            stamp_ns,
-            id: k as u32,
+        TrackedDetection {
+            t_ns: stamp_ns,
+            camera: index,
+            track_id: k as u32,
             color: k,
             pixel: seen.add_scalar(off_px),
             covariance_px2: Matrix2::identity() * 1e-3,
             diameter_px: camera.intrinsics.fx_px * ball.diameter_m / depth_m,
-            stays: false,
-            leads: true,
+            is_static: false,
+            is_preferred: true,
         }
     };
     vehicle.marker.iter().enumerate().map(of).collect()
@@ -45,17 +45,17 @@ fn sights(rig: &Rig, vehicle: &Vehicle, camera: usize, stamp_ns: i64) -> Vec<Sig
 #[test]
 fn an_instant_allocates_its_pose_and_leaves_nothing_behind() {
     let (rig, vehicle) = (rig(), Vehicle::paper());
-    let mut chain = LiveChain::new(&rig, &vehicle, &[]).expect("a chain");
+    let mut pipeline = LivePipeline::new(&rig, &vehicle, &[]).expect("a pipeline");
     let (mut counts, mut measured, mut kept_bytes) = (Vec::new(), 0, 0);
     for k in 0..WARM + COUNT {
         let stamp_ns = k * 16_666_667;
-        let seen: Vec<_> = (0..2).map(|c| sights(&rig, &vehicle, c, stamp_ns)).collect();
+        let seen: Vec<_> = (0..2).map(|c| detections(&rig, &vehicle, c, stamp_ns)).collect();
         let region = Region::new(COUNTED);
         for (camera, seen) in seen.iter().enumerate() {
-            chain.push(camera, stamp_ns, seen);
+            pipeline.push(camera, stamp_ns, seen);
         }
-        while let Some(told) = chain.next_told() {
-            measured += i64::from(told.association.sample.estimate.is_some());
+        while let Some(instant) = pipeline.next_instant() {
+            measured += i64::from(instant.association.sample.estimate.is_some());
         }
         let change = region.change();
         if k >= WARM {

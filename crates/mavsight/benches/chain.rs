@@ -4,7 +4,7 @@
 #![allow(missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use mavsight::flight::{Scenario, Vehicle, simulate};
+use mavsight::flight::Vehicle;
 use mavsight::geometry::{
     Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector3,
     world_from_body,
@@ -16,6 +16,7 @@ use mavsight::pose::{
 };
 use mavsight::scene::Room;
 use mavsight::score::VirtualCamera;
+use mavsight::simulator::{Scenario, simulate};
 use mavsight::vision::{BallColor, Detection, Detector, Frame, Tracker};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -51,7 +52,7 @@ fn rig() -> Rig {
 }
 
 /// What the rig sees of the body at one instant.
-fn sightings(rig: &Rig, vehicle: &Vehicle, t_ns: i64, pose: &Isometry3<f64>) -> Vec<MarkerObservation> {
+fn observations(rig: &Rig, vehicle: &Vehicle, t_ns: i64, pose: &Isometry3<f64>) -> Vec<MarkerObservation> {
     let mut seen = Vec::new();
     for (camera, view) in rig.cameras.iter().enumerate() {
         for (marker, ball) in mavsight::pipeline::body_markers(vehicle).iter().enumerate() {
@@ -101,21 +102,22 @@ struct Watched {
 /// Where the aircraft is in a frame.
 type PoseOf<'a> = &'a dyn Fn(usize) -> Isometry3<f64>;
 
-/// Frames of a film, and those at its beginning that are not timed: cameras have started, and whatever flies is followed.
+/// Frames of a film, and those at its beginning that are not timed: cameras have started, and whatever
+/// flies is followed.
 const FILMED: usize = 60;
 const BEGUN: usize = 10;
 
-/// Four balls tracked in each of two cameras, to their pose: in one image that stays, hovering (an image of its own for each frame, as
-/// each has its own noise), and in the paper's doublet.
+/// Four balls tracked in each of two cameras, to their pose: in one image, hovering (an image of its own
+/// for each frame, as each has its own noise), and in the paper's doublet.
 fn tracking(c: &mut Criterion, room: &Room, vehicle: &Vehicle) {
     let scenario = Scenario::paper();
     let inputs = scenario.inputs(vehicle).expect("inputs");
     let times = scenario.frame_times_s();
     let states = simulate(vehicle, &inputs, &scenario.start(), &times).expect("a flight");
     let flown = |k: usize| world_from_body(states[60 + k].position_in_world_m, states[60 + k].attitude);
-    let stays = |_: usize| pose();
+    let hovering = |_: usize| pose();
     let films: [(&str, usize, PoseOf); 3] =
-        [("one image", 1, &stays), ("a hover", FILMED, &stays), ("a doublet", FILMED, &flown)];
+        [("one image", 1, &hovering), ("a hover", FILMED, &hovering), ("a doublet", FILMED, &flown)];
     for (name, count, pose) in films {
         let mut pair: Vec<Watched> = lab::cameras()
             .iter()
@@ -131,7 +133,8 @@ fn tracking(c: &mut Criterion, room: &Room, vehicle: &Vehicle) {
             .collect();
         let estimator = PoseEstimator::new(&rig(), &mavsight::pipeline::body_markers(vehicle));
         let (mut seen, mut frame) = (Vec::new(), 0);
-        // Whoever waits for the pose does not wait for what follows it: newcomers, and what is made ready for the next frame.
+        // Whoever waits for the pose does not wait for what follows it: newcomers, and what is prepared for
+        // the next frame.
         let mut timed = |pairs: u64, what: usize| {
             let mut taken = [Duration::ZERO; 2];
             for _ in 0..pairs {
@@ -148,7 +151,7 @@ fn tracking(c: &mut Criterion, room: &Room, vehicle: &Vehicle) {
                     frame = BEGUN;
                 }
                 let start = Instant::now();
-                tell(&mut pair, frame, &mut seen);
+                follow(&mut pair, frame, &mut seen);
                 drop(black_box(estimator.estimate(0, &seen, None)));
                 taken[0] += start.elapsed();
                 let start = Instant::now();
@@ -169,12 +172,12 @@ fn tracker_of(vehicle: &Vehicle, camera: &VirtualCamera) -> Tracker {
 }
 
 /// What both cameras see of the markers.
-fn tell(pair: &mut [Watched], frame: usize, seen: &mut Vec<MarkerObservation>) {
+fn follow(pair: &mut [Watched], frame: usize, seen: &mut Vec<MarkerObservation>) {
     seen.clear();
     for (camera, Watched { frames, tracker }) in pair.iter_mut().enumerate() {
-        for sighting in tracker.follow(&frames[frame]).iter().filter(|sighting| sighting.is_preferred) {
-            let Detection { pixel, covariance_px2, .. } = sighting.detection;
-            seen.push(MarkerObservation { t_ns: 0, camera, marker: sighting.color, pixel, covariance_px2 });
+        for track in tracker.follow(&frames[frame]).iter().filter(|track| track.is_preferred) {
+            let Detection { pixel, covariance_px2, .. } = track.detection;
+            seen.push(MarkerObservation { t_ns: 0, camera, marker: track.color, pixel, covariance_px2 });
         }
     }
 }
@@ -183,8 +186,10 @@ fn solving(c: &mut Criterion) {
     let vehicle = Vehicle::paper();
     let rig = rig();
     let estimator = PoseEstimator::new(&rig, &mavsight::pipeline::body_markers(&vehicle));
-    let seen = sightings(&rig, &vehicle, 0, &pose());
-    c.bench_function("pose of eight sightings", |b| b.iter(|| black_box(estimator.estimate(0, &seen, None))));
+    let seen = observations(&rig, &vehicle, 0, &pose());
+    c.bench_function("pose of eight observations", |b| {
+        b.iter(|| black_box(estimator.estimate(0, &seen, None)))
+    });
     let scenario = Scenario::paper();
     let inputs = scenario.inputs(&vehicle).expect("inputs");
     let times = scenario.frame_times_s();
@@ -194,7 +199,7 @@ fn solving(c: &mut Criterion) {
         .map(|state| {
             let t_ns = (state.t_s * 1e9).round() as i64;
             let pose = world_from_body(state.position_in_world_m, state.attitude);
-            let estimate = estimator.estimate(t_ns, &sightings(&rig, &vehicle, t_ns, &pose), None).ok();
+            let estimate = estimator.estimate(t_ns, &observations(&rig, &vehicle, t_ns, &pose), None).ok();
             PoseSample { t_ns, estimate, reason: None }
         })
         .collect();

@@ -1,19 +1,20 @@
-//! Calibration by a wand and by boards, filmed in the virtual room: `cargo run --release -p mavsight --example calibration_films`.
+//! Calibration by a wand and by boards, filmed in the virtual room: `cargo run --release -p mavsight
+//! --example calibration_films`.
 //!
-//! Wand: two balls 500 mm apart are waved for 20 s before the paper's cameras, and the control frame is seen in one still each;
-//! what is compared is the distance between the cameras (scale) and their centres. An argument `SECONDS` makes it shorter.
-//! Board: 12 stills of 8 by 5 squares of 40 mm by one wide camera with k1 = -0.25, k2 = 0.08, beside control balls; what is
-//! compared is the focal length, and the reprojection RMS over the corners' own errors.
+//! Wand: two balls 500 mm apart are waved for 20 s before the paper's cameras, and the control frame is
+//! seen in one still each; what is compared is the distance between the cameras (scale) and their centres.
+//! An argument `SECONDS` makes it shorter. Board: 12 stills of 8 by 5 squares of 40 mm by one wide camera
+//! with k1 = -0.25, k2 = 0.08, beside control balls; what is compared is the focal length, and the
+//! reprojection RMS over the corners' own errors.
 
 use anyhow::{Result, anyhow};
 use mavsight::geometry::{Camera, ImageSize, Intrinsics, Isometry3, Point3, UnitQuaternion, Vector3};
 use mavsight::lab;
 use mavsight::pipeline::{
-    Board, CameraFeed, ControlStill, TimedFrame, Wand, board_of, calibrate_from_observations,
-    calibrate_from_stills_and, wand_of,
+    Board, CameraFeed, ControlPixel, ControlStill, TimedFrame, Wand, board_of, calibrate_from_observations,
+    calibrate_from_stills_and_objects, wand_of,
 };
 use mavsight::scene::{Aircraft, Film, PaintedBall, Room, Sensor};
-use mavsight::session::ControlPixel;
 use mavsight::vision::{Frame, find_board};
 use std::f64::consts::TAU;
 
@@ -58,7 +59,7 @@ fn wand(seconds: f64, room: &Room) -> Result<()> {
     });
     let how = Wand { length_m: LENGTH_M, length_std_m: 0.0, colors, diameters_m: [0.06; 2] };
     let object = wand_of(&how, feeds.collect())?;
-    println!("wand: {} sights of {} frames", object.sights.len(), 2 * frames);
+    println!("wand: {} observations of {} frames", object.observations.len(), 2 * frames);
     let control = lab::control_frame(&points);
     let stills = cameras
         .iter()
@@ -72,8 +73,11 @@ fn wand(seconds: f64, room: &Room) -> Result<()> {
     println!("| calibration by | scale error % | camera centres mm | claimed mm |");
     println!("|---|---|---|---|");
     for (name, rig) in [
-        ("frame alone", calibrate_from_stills_and(&stills, &points, &[])),
-        ("frame and wand", calibrate_from_stills_and(&stills, &points, std::slice::from_ref(&object))),
+        ("frame alone", calibrate_from_stills_and_objects(&stills, &points, &[])),
+        (
+            "frame and wand",
+            calibrate_from_stills_and_objects(&stills, &points, std::slice::from_ref(&object)),
+        ),
         ("wand alone", calibrate_from_observations(&sizes, &[], &[], std::slice::from_ref(&object))),
     ] {
         let rig = rig?;
@@ -126,12 +130,12 @@ fn board(room: &Room) -> Result<()> {
     let how = Board { columns, rows, square_m, together: false, coded: None };
     let object = board_of(&how, vec![Some(feed)])?;
     let put_in_px = f64::sqrt(errors.0 / errors.1);
-    // Where the camera stands is told by control points clicked to half a pixel.
+    // The camera is located by control points clicked to half a pixel.
     let points = lab::control_points();
     let near = |p: [f64; 3]| [0.5 * p[0], 0.3 * p[1], 0.9 + 0.4 * p[2]];
     let points: Vec<_> = points
         .into_iter()
-        .map(|p| mavsight::session::ControlPointRow { position_m: near(p.position_m), diameter_m: 0.0, ..p })
+        .map(|p| mavsight::pipeline::ControlPointRow { position_m: near(p.position_m), diameter_m: 0.0, ..p })
         .collect();
     let pixels = points.iter().enumerate().map(|(k, p)| {
         let seen = camera.camera.project(&Vector3::from(p.position_m))?.pixel;
@@ -145,7 +149,7 @@ fn board(room: &Room) -> Result<()> {
     let found = rig.cameras.first().ok_or_else(|| anyhow!("no camera"))?;
     println!(
         "board: {} corners, put in {put_in_px:.4} px; found {} f {:.2} px ({:+.3} %), k1 {:.4}, k2 {:.4}; reprojection RMS over all {:.4} px",
-        object.sights.len(),
+        object.observations.len(),
         found.model,
         found.camera.intrinsics.fx_px,
         100.0 * (found.camera.intrinsics.fx_px / lens.fx_px - 1.0),
@@ -156,11 +160,12 @@ fn board(room: &Room) -> Result<()> {
     Ok(())
 }
 
-/// Root mean square of the board's residuals with every pose fitted anew to some of its corners, over their redundancy.
+/// Root mean square of the board's residuals with every pose fitted anew to some of its corners, over their
+/// redundancy.
 fn board_rms_px(object: &mavsight::pose::MovedObject, rig: &mavsight::pose::Rig) -> Result<f64> {
     let estimator = mavsight::pose::PoseEstimator::new(rig, &object.points);
     let (mut squares, mut n) = (0.0, 0.0);
-    for place in object.sights.chunk_by(|a, b| a.t_ns == b.t_ns) {
+    for place in object.observations.chunk_by(|a, b| a.t_ns == b.t_ns) {
         // A few corners of each view: a start from all of them would try every three.
         let some: Vec<_> = place.iter().filter(|o| o.marker % 4 == 0).cloned().collect();
         if some.len() < 4 {

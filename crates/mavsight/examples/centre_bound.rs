@@ -1,13 +1,14 @@
-//! How close centres come to what the pixels permit: balls of 5, 10 and 30 px filmed in the virtual room, noise of two
-//! grey levels, error of the tracked centres over the Cramér-Rao bound of the very same images; and of that the part that changes from
-//! frame to frame at a place, which is the noise's, without what stays the same there.
+//! How close centres come to what the pixels permit: balls of 5, 10 and 30 px filmed in the virtual room,
+//! noise of two grey levels, error of the tracked centres over the Cramér-Rao bound of the very same
+//! images; and of that the part that changes from frame to frame at a place, which is the noise's, without
+//! the systematic part.
 //!
 //! `cargo run --release -p mavsight --example centre_bound`
 
 use mavsight::flight::Vehicle;
 use mavsight::geometry::{Camera, ImageSize, Intrinsics, Point3, Vector2, Vector3};
+use mavsight::random::Random;
 use mavsight::scene::{ControlFrame, Film, PaintedBall, Room, Sensor};
-use mavsight::score::Random;
 use mavsight::vision::{BallColor, Frame, Tracker};
 use nalgebra::{DMatrix, Matrix2};
 
@@ -43,9 +44,9 @@ fn derivative(up: &[u8], down: &[u8], step: f64) -> Vec<f64> {
     up.iter().zip(down).map(|(a, b)| (f64::from(*a) - f64::from(*b)) / step).collect()
 }
 
-/// Least covariance of an unbiased centre, px²: with all else known, and with what must be estimated along with it: radius,
-/// blur, colour, the light on the ball in first and second harmonics and in the fourth about the vertical, and what its
-/// gloss adds: slopes, and the image of lamps straight above.
+/// Least covariance of an unbiased centre, px²: with all else known, and with what must be estimated along
+/// with it: radius, blur, colour, the light on the ball in first and second harmonics and in the fourth
+/// about the vertical, and what its gloss adds: slopes, and the image of lamps straight above.
 fn bounds(sharp: &Film<'_>, softer: &Film<'_>, ball: &PaintedBall) -> (Matrix2<f64>, Matrix2<f64>) {
     let view = camera();
     let right = view.cam_from_world.rotation.inverse() * Vector3::x();
@@ -63,7 +64,8 @@ fn bounds(sharp: &Film<'_>, softer: &Film<'_>, ball: &PaintedBall) -> (Matrix2<f
     let resized = |by: f64| PaintedBall { radius_m: ball.radius_m + by, ..*ball };
     columns.push(between(&resized(half_px_m), &resized(-half_px_m), 1.0));
     columns.push(derivative(&shown(softer, ball), &shown(sharp, ball), 0.1));
-    // Change of every sample with the ball's light as it is coloured, and with neutral light that a gloss adds.
+    // Change of every sample with the ball's light as it is coloured, and with neutral light that a gloss
+    // adds.
     let (mut lit, mut glossy) = (vec![0.0; 3 * SIZE.area_px()], vec![0.0; 3 * SIZE.area_px()]);
     for channel in 0..3 {
         let dyed = |by: f64| {
@@ -119,8 +121,8 @@ fn noisy(image: &[u8], random: &mut Random) -> Vec<u8> {
     image.iter().map(|v| (f64::from(*v) + NOISE_LEVELS * random.normal()).round() as u8).collect()
 }
 
-/// Sums over all centres of one ball: squared error, both bounds, squared normalised error, number, error in u and v, and the part of
-/// the squared error that is the noise's.
+/// Sums over all centres of one ball: squared error, both bounds, squared normalised error, number, error
+/// in u and v, and the part of the squared error that is the noise's.
 #[derive(Default)]
 struct Sums([f64; 8]);
 
@@ -142,10 +144,10 @@ fn follow(films: &[Film<'_>; 2], marker: (&str, [u8; 3], [f64; 3]), diameter_px:
         let (mut at_place, mut square, mut seen_here) = (Vector2::zeros(), 0.0, 0.0_f64);
         for _ in 0..FRAMES_AT_A_PLACE {
             let frame = Frame::from_rgb(SIZE, noisy(&image, &mut random)).expect("a frame");
-            // The room holds things of a marker's colour; which is the marker is not asked here.
+            // The room holds other objects of a marker's colour; which is the marker is not asked here.
             let truth = pixel_of(&ball);
-            let sights = tracker.update(&frame).iter().map(|s| s.detection);
-            let near = sights.filter(|seen| (seen.pixel - truth).norm() < 0.5 * diameter_px);
+            let detections = tracker.update(&frame).iter().map(|s| s.detection);
+            let near = detections.filter(|seen| (seen.pixel - truth).norm() < 0.5 * diameter_px);
             let Some(seen) = near.max_by(|a, b| a.diameter_px.total_cmp(&b.diameter_px)) else { continue };
             let error = seen.pixel - truth;
             let claimed = seen.covariance_px2.try_inverse().expect("a covariance");

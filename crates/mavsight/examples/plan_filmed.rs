@@ -1,32 +1,38 @@
-//! Is the predicted error of a pose the one that is achieved? Rigs filmed in the virtual room: stills of the control frame
-//! calibrate them, then the aircraft on a short way somewhere in the volume is detected and measured.
+//! Is the predicted error of a pose the one that is achieved? Rigs filmed in the virtual room: stills of
+//! the control frame calibrate them, then the aircraft on a short way somewhere in the volume is detected
+//! and measured.
 //!
-//! `cargo run --release -p mavsight --example plan_filmed -- 40 5`: calibrations a rig, and frames after each; `-- 40 5 130 1001` films
-//! one rig alone, from the 1001st set-up on instead of the first. Each time the cameras are set up anew, some tenths of a metre off:
-//! what is wrong with a ball's centre comes from what is behind it, and would be the same each time.
+//! `cargo run --release -p mavsight --example plan_filmed -- 40 5`: calibrations a rig, and frames after
+//! each; `-- 40 5 130 1001` films one rig alone, from the 1001st set-up on instead of the first. Each time
+//! the cameras are set up anew, some tenths of a metre off: what is wrong with a ball's centre comes from
+//! what is behind it, and would be the same each time.
 //!
-//! Balls are out of round by as much as the chain allows for ([`MODEL_STD`]): each seems to lie off its place by that part of its diameter,
-//! to each camera otherwise. In films of perfect spheres claims would be too wide by that allowance.
+//! Balls are out of round by as much as the chain allows for ([`MODEL_STD`]): each seems to lie off its
+//! place by that part of its diameter, to each camera otherwise. In films of perfect spheres claims would
+//! be too wide by that allowance.
 //!
-//! Given to the prediction are the places of cameras, control points and markers, and how good centres are by what the chain claims of
-//! them: of each centre in the same films; as a plan has it, equally likely ones, from the same films (`plan` of a run's `summary.json`); and
-//! those from the films of the rig at 90°. How good they are depends on what is behind them, which a plan does not know. Truth
-//! is in it only in that ways are taken on which the aircraft hides no ball from a camera: neither does a plan know of that.
+//! Given to the prediction are the places of cameras, control points and markers, and how good centres are
+//! by what the chain claims of them: of each centre in the same films; as a plan has it, equally likely
+//! ones, from the same films (`plan` of a run's `summary.json`); and those from the films of the rig at
+//! 90°. How good they are depends on what is behind them, which a plan does not know. Truth is in it only
+//! in that ways are taken on which the aircraft hides no ball from a camera: neither does a plan know of
+//! that.
 
 use mavsight::flight::Vehicle;
 use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3, world_from_body};
 use mavsight::lab;
 use mavsight::pipeline::{
-    CameraFeed, ControlStill, PipelineError, Quiet, TimedFrame, body_markers, calibrate_from_stills, track,
+    CameraFeed, CentreQuality, ControlPointRow, ControlStill, NoProgress, PipelineError, TimedFrame,
+    body_markers, calibrate_from_stills, track,
 };
 use mavsight::plan::{CentreStd, EXAMPLE, Placed, Planner, Room as RoomFile};
 use mavsight::pose::{
-    CameraControl, ExpectedSight, MarkerObservation, PoseEstimator, Rig, predict_calibration,
+    CameraControl, MarkerObservation, PoseEstimator, PredictedObservation, Rig, predict_calibration,
 };
-use mavsight::scene::{Aircraft, Film, InTheWay, Room};
-use mavsight::score::{Random, VirtualCamera};
-use mavsight::session::results::CentreQuality;
-use mavsight::session::{ControlPointRow, TruthRow, ns_from_s};
+use mavsight::random::Random;
+use mavsight::scene::{Aircraft, Film, Occluders, Room};
+use mavsight::score::{TruthRow, VirtualCamera};
+use mavsight::session::ns_from_s;
 use mavsight::vision::{BallColor, Detector, Frame, MODEL_STD};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
@@ -35,11 +41,13 @@ const INTERVAL_S: f64 = 1.0 / 30.0;
 /// Of the cameras from the middle: within the walls for every angle.
 const DISTANCE_M: f64 = 5.3;
 
-/// The middle of the control frame, and its size over that of the paper's: the near corners are still in view.
+/// The middle of the control frame, and its size over that of the paper's: the near corners are still in
+/// view.
 const MIDDLE_M: Vector3<f64> = Vector3::new(0.0, 0.0, 1.5);
 const FRAME: f64 = 0.75;
-/// How far from its place a camera is put, so that something else is behind each ball every time: as far behind it again as the camera is
-/// before it, that moves what it hides by as much, three times a ball's width.
+/// How far from its place a camera is put, so that something else is behind each ball every time: as far
+/// behind it again as the camera is before it, that moves what it hides by as much, three times a ball's
+/// width.
 const SET_UP_STD_M: f64 = 0.2;
 /// Ways that are tried for one on which all balls are seen.
 const TRIES: usize = 1000;
@@ -47,7 +55,7 @@ const TRIES: usize = 1000;
 /// Part of a ball's face that must be seen: an arm before it hides less than the rest.
 const SEEN: f64 = 0.8;
 
-/// What one set-up's films tell: poses that were filmed, errors against truth, and what the chain claims.
+/// Results of one set-up's films: poses that were filmed, errors against truth, and stated errors.
 #[derive(Default)]
 struct SetUp {
     placed: Vec<Placed>,
@@ -55,10 +63,11 @@ struct SetUp {
     /// Sums of the squares of the errors of position and of turn.
     achieved: [f64; 2],
     /// Sums of the variances that are predicted of these by each centre's claim.
-    foreseen: [f64; 2],
+    predicted: [f64; 2],
     /// How good the markers' centres claim to be.
     centres: Option<CentreQuality>,
-    /// Variance of a coordinate of control points that tell as much and are all alike, mean over the cameras.
+    /// Variance of a coordinate of control points that determine as much and are all alike, mean over the
+    /// cameras.
     control_px2: f64,
     /// Squares of the errors of the markers' centres, and the number of coordinates.
     centres_px2: f64,
@@ -78,8 +87,8 @@ fn row(k: usize, place: Vector3<f64>, attitude: EulerAngles) -> TruthRow {
     }
 }
 
-/// A way through the volume at a walking pace, with a heading of the plan, give or take, and a few degrees of bank and pitch, on
-/// which all cameras see all balls.
+/// A way through the volume at a walking pace, with a heading of the plan, give or take, and a few degrees
+/// of bank and pitch, on which all cameras see all balls.
 fn way(
     planner: &Planner,
     (films, aircraft): (&[Film<'_>], &Aircraft),
@@ -89,7 +98,7 @@ fn way(
     let is_seen = |pose: &Isometry3<f64>| {
         let shows = |film: &Film<'_>| {
             let share = |m: &mavsight::pose::BodyMarker| {
-                film.visible_share((&m.marker_in_body_m, m.radius_m), aircraft, pose, &InTheWay::default())
+                film.visible_share(&m.marker_in_body_m, m.radius_m, aircraft, pose, &Occluders::default())
             };
             planner.markers().iter().all(|m| share(m) > SEEN)
         };
@@ -190,8 +199,8 @@ fn film_once(
         });
         CameraFeed::new(c.name.clone(), Some(truth.len()), Box::new(frames))
     });
-    let tracked = track(feeds.collect(), &rig, &vehicle, &Quiet)?;
-    let foreseen = PoseEstimator::new(&foreseen(planner, cameras, (&stills, &rig))?, planner.markers());
+    let tracked = track(feeds.collect(), &rig, &vehicle, &NoProgress)?;
+    let predicted = PoseEstimator::new(&predicted_rig(planner, cameras, (&stills, &rig))?, planner.markers());
     let control_px2 = rig.cameras.iter().map(|c| c.sigma_px.powi(2)).sum::<f64>() / rig.cameras.len() as f64;
     let mut out = SetUp { control_px2, centres: tracked.centre_quality(), ..SetUp::default() };
     for (k, (row, pose)) in truth.iter().enumerate() {
@@ -205,8 +214,8 @@ fn film_once(
         let off_m = got.world_from_body.translation.vector - pose.translation.vector;
         out.achieved[0] += off_m.norm_squared();
         out.achieved[1] += pose.rotation.angle_to(&got.world_from_body.rotation).powi(2);
-        let [position_m2, turn_rad2] = variances(&foreseen, pose, &seen)?;
-        out.foreseen = [out.foreseen[0] + position_m2, out.foreseen[1] + turn_rad2];
+        let [position_m2, turn_rad2] = variances(&predicted, pose, &seen)?;
+        out.predicted = [out.predicted[0] + position_m2, out.predicted[1] + turn_rad2];
         out.poses.push(*pose);
         for o in seen {
             let ball = &planner.markers()[o.marker];
@@ -225,17 +234,21 @@ fn variances(
     pose: &Isometry3<f64>,
     seen: &[MarkerObservation],
 ) -> Outcome<[f64; 2]> {
-    let sights: Vec<ExpectedSight> = seen
+    let views: Vec<PredictedObservation> = seen
         .iter()
-        .map(|o| ExpectedSight { camera: o.camera, marker: o.marker, covariance_px2: o.covariance_px2 })
+        .map(|o| PredictedObservation {
+            camera: o.camera,
+            marker: o.marker,
+            covariance_px2: o.covariance_px2,
+        })
         .collect();
-    let covariance = estimator.predict(pose, &sights)?.covariance();
+    let covariance = estimator.predict(pose, &views)?.covariance();
     Ok([0, 3].map(|at| covariance.fixed_view::<3, 3>(at, at).trace()))
 }
 
-/// The cameras as they are, with what their calibration is predicted to leave open if each control point's centre is as good as it
-/// claims, times the factor that the residuals have shown.
-fn foreseen(
+/// The cameras as they are, with what their calibration is predicted to leave open if each control point's
+/// centre is as good as it claims, times the factor that the residuals have shown.
+fn predicted_rig(
     planner: &Planner,
     cameras: &[VirtualCamera],
     (stills, rig): (&[ControlStill], &Rig),
@@ -282,7 +295,7 @@ fn planner(known: Option<Known>) -> Outcome<Planner> {
     room.block.clear();
     if let Some(known) = known {
         room.camera[0].centre_std_px = Some(known.centres);
-        // What stays wrong with a centre is in the claims.
+        // The systematic error of a centre is in the stated one.
         room.centre_bias_px = 0.0;
         if let Some(control) = &mut room.control {
             control.std_px = Some(known.control_std_px);
@@ -306,7 +319,8 @@ fn rigs() -> Outcome<Vec<(String, Planner, Vec<Placed>)>> {
     }
     let three = planner(None)?;
     let mut placed = three.pair(0, 90.0, DISTANCE_M).to_vec();
-    // By the wall to the left, high, as far away as the others: from there, too, a calibration has the whole control frame.
+    // By the wall to the left, high, as far away as the others: from there, too, a calibration has the
+    // whole control frame.
     placed.push(Placed { centre_m: Vector3::new(-4.6, 1.6, 2.2), ..placed[0] });
     out.push(("three".to_owned(), three, placed));
     Ok(out)
@@ -325,7 +339,7 @@ fn predicted(set_ups: &[SetUp], known: &Known) -> Outcome<Vec<[f64; 2]>> {
     Ok(set_ups.iter().map(of_set_up).collect())
 }
 
-/// What films tell of their centres, without truth: what runs of such sessions say for plans.
+/// What films show of their centres, without truth: what runs of such sessions say for plans.
 fn known(set_ups: &[SetUp]) -> Known {
     let centres = set_ups.iter().filter_map(|s| s.centres).flat_map(|c| c.tenths_px);
     let poses = |s: &SetUp| s.poses.len() as f64;
@@ -336,8 +350,8 @@ fn known(set_ups: &[SetUp]) -> Known {
     }
 }
 
-/// Predicted over achieved standard deviation of position (0) or turn (1), and how well it is known: the jackknife over set-ups
-/// (Efron & Tibshirani 1993, chapter 11).
+/// Predicted over achieved standard deviation of position (0) or turn (1), and how well it is known: the
+/// jackknife over set-ups (Efron & Tibshirani 1993, chapter 11).
 fn ratio(set_ups: &[SetUp], variances: &[[f64; 2]], of: usize) -> (f64, f64) {
     let without = |left_out: Option<usize>| {
         let kept = || set_ups.iter().zip(variances).enumerate().filter(|(k, _)| Some(*k) != left_out);
@@ -377,7 +391,7 @@ fn main() -> Outcome<()> {
         let poses = sum(&|s| s.poses.len() as f64);
         let root = |k: usize| (sum(&|s| s.achieved[k]) / poses).sqrt();
         let cell = |k: usize| {
-            let each: Vec<[f64; 2]> = all.iter().map(|s| s.foreseen).collect();
+            let each: Vec<[f64; 2]> = all.iter().map(|s| s.predicted).collect();
             let [each, own, first] = [&each, &with_own, &with_first].map(|v| ratio(&all, v, k));
             format!("{:.2} ± {:.2}, {:.2} ± {:.2}, {:.2}", each.0, each.1, own.0, own.1, first.0)
         };

@@ -1,14 +1,15 @@
-//! Are cameras as good as a calibration from one still each says? The laboratory's two cameras, each set up anew within a tenth of a
-//! metre, film the control frame; the squared error of a camera's centre over what its covariance says has a mean of 3 where that is
-//! true.
+//! Are cameras as good as a calibration from one still each says? The laboratory's two cameras, each set up
+//! anew within a tenth of a metre, film the control frame; the squared error of a camera's centre over what
+//! its covariance says has a mean of 3 where that is true.
 //!
 //! `cargo run --release -p mavsight --example still_claims -- 60`
 
 use mavsight::geometry::{Camera, Vector3};
 use mavsight::lab;
 use mavsight::pipeline::{ControlStill, calibrate_from_stills};
+use mavsight::random::Random;
 use mavsight::scene::Room;
-use mavsight::score::{Random, VirtualCamera};
+use mavsight::score::VirtualCamera;
 use mavsight::vision::Frame;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;

@@ -184,8 +184,8 @@ pub(crate) struct Identify {
     /// Output equations; those of equation 3 where left out
     #[arg(long, value_name = "FILE")]
     pub(crate) model: Option<PathBuf>,
-    /// Estimators, of ols, wls, tls, gtls, fd, and oe for output error from poses [default: ols,tls,gtls, and oe
-    /// where no model is given]
+    /// Estimators, of ols, wls, tls, gtls, fd, and oe for output error from poses [default: ols,tls,gtls,
+    /// and oe where no model is given]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(crate) estimator: Vec<String>,
     /// Band of the estimator fd, Hz
@@ -245,7 +245,8 @@ pub(crate) struct Selftest {
     /// Seed of all that is drawn
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,
-    /// Film each flight in the virtual room and detect the balls, in place of drawing the noise of their centres: slow
+    /// Film each flight in the virtual room and detect the balls, in place of drawing the noise of their
+    /// centres: slow
     #[arg(long)]
     pub(crate) film: bool,
     /// Folder for selftest.csv and selftest.json

@@ -5,7 +5,6 @@ mod convert;
 mod convert_formats;
 mod demo;
 mod film;
-mod fit;
 mod identify;
 mod live;
 mod live_links;
@@ -23,7 +22,6 @@ mod stages;
 use crate::cli::{Cli, Command, Plan, WrongCall};
 use anyhow::Result;
 use mavsight_session::SessionError;
-pub(crate) use run::Flight;
 use std::path::Path;
 
 /// Carries out a command.

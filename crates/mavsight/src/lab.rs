@@ -1,10 +1,11 @@
 //! The virtual laboratory: the paper's cameras, control frame and aircraft, filmed.
 
-use mavsight_flight::{FlightState, Staging, Vehicle};
+use mavsight_flight::Vehicle;
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector2, Vector3, world_from_body};
-use mavsight_scene::{Aircraft, ControlFrame, Film, InTheWay, PaintedBall, Person, Room, Sensor, Veil};
-use mavsight_score::{VirtualCamera, VirtualLab, true_pose};
-use mavsight_session::{ControlPointRow, TruthRow};
+use mavsight_pipeline::ControlPointRow;
+use mavsight_scene::{Aircraft, ControlFrame, Film, Occluders, PaintedBall, Person, Room, Sensor, Veil};
+use mavsight_score::{TruthRow, VirtualCamera, VirtualLab, true_pose};
+use mavsight_simulator::{FlightState, Staging};
 
 /// The paper's cameras.
 pub fn cameras() -> Vec<VirtualCamera> {
@@ -112,8 +113,8 @@ impl StagedFilm<'_> {
         self.film_at(state.t_s).frame_with(index as u64, aircraft, pose_at, &self.way(state.t_s))
     }
 
-    /// One frame of a flight at any time between the rows of its truth. Before the first row the aircraft comes from rest,
-    /// and to rest after the last. A rolling shutter films nothing that is in the way.
+    /// One frame of a flight at any time between the rows of its truth. Before the first row the aircraft
+    /// comes from rest, and to rest after the last. A rolling shutter films nothing that is in the way.
     pub fn frame_at(
         &self,
         index: usize,
@@ -142,7 +143,7 @@ impl StagedFilm<'_> {
         let (way, pose) = (self.way(state.t_s), pose_near(state, 0.0));
         let film = self.film_at(state.t_s);
         let share = |m: &mavsight_flight::Marker| {
-            film.visible_share((&m.position_m.into(), m.diameter_m / 2.0), aircraft, &pose, &way)
+            film.visible_share(&m.position_m.into(), m.diameter_m / 2.0, aircraft, &pose, &way)
         };
         vehicle.marker.iter().map(share).collect()
     }
@@ -151,22 +152,22 @@ impl StagedFilm<'_> {
         self.bumped.iter().rev().find(|b| b.0 <= t_s).map_or(&self.film, |b| &b.1)
     }
 
-    fn way(&self, t_s: f64) -> InTheWay {
+    fn way(&self, t_s: f64) -> Occluders {
         let size = self.camera.camera.size;
         let (width, height) = (f64::from(size.width_px), f64::from(size.height_px));
         let own = |name: &str| name == self.camera.name;
-        let veil = |g: &mavsight_flight::staging::Glare| {
+        let veil = |g: &mavsight_simulator::staging::Glare| {
             let along = (t_s - g.from_s) / (g.to_s - g.from_s);
             let at = |k: usize| g.from[k] + along * (g.to[k] - g.from[k]);
             let pixel = Vector2::new(at(0) * width, at(1) * height);
             Veil { pixel, radius_px: g.radius * width, strength: g.strength }
         };
         let shines =
-            |g: &&mavsight_flight::staging::Glare| own(&g.camera) && (g.from_s..g.to_s).contains(&t_s);
-        let dark = |b: &mavsight_flight::staging::Black| {
+            |g: &&mavsight_simulator::staging::Glare| own(&g.camera) && (g.from_s..g.to_s).contains(&t_s);
+        let dark = |b: &mavsight_simulator::staging::Black| {
             own(&b.camera) && t_s >= b.from_s && b.to_s.is_none_or(|to_s| t_s < to_s)
         };
-        InTheWay {
+        Occluders {
             people: self
                 .staging
                 .walker
@@ -179,8 +180,8 @@ impl StagedFilm<'_> {
     }
 }
 
-/// An aircraft that is carried about by hand, in front of the paper's cameras: sums of sines of 0.2 to 0.7 Hz, at about half a
-/// metre a second. The flapping is none.
+/// An aircraft that is carried about by hand, before the paper's cameras: sums of sines of 0.2 to 0.7 Hz,
+/// at about half a metre a second. The flapping is none.
 pub fn carried(duration_s: f64, rate_hz: f64) -> Vec<FlightState> {
     /// Step of the central differences: their error, its square, is far below a film's.
     const STEP_S: f64 = 1e-3;
@@ -214,7 +215,8 @@ pub fn carried(duration_s: f64, rate_hz: f64) -> Vec<FlightState> {
     (0..(duration_s * rate_hz).round() as usize).map(state).collect()
 }
 
-/// One frame of a flight with nothing in the way; the shutter is open for a quarter of the interval around the state's time.
+/// One frame of a flight with nothing in the way; the shutter is open for a quarter of the interval around
+/// the state's time.
 pub fn frame(
     film: &Film<'_>,
     index: usize,
@@ -249,10 +251,12 @@ pub fn pose_near(state: &TruthRow, dt_s: f64) -> Isometry3<f64> {
     near
 }
 
-/// Time in which all but a third of the velocity comes and goes beyond the ends of a flight: within what small aircraft brake by.
+/// Time in which all but a third of the velocity comes and goes beyond the ends of a flight: within what
+/// small aircraft brake by.
 const REST_S: f64 = 0.25;
 
-/// The pose before the first state of a flight or after the last: its velocities fall off with the time from there.
+/// The pose before the first state of a flight or after the last: its velocities fall off with the time
+/// from there.
 fn pose_beyond(end: &TruthRow, dt_s: f64) -> Isometry3<f64> {
     pose_near(end, dt_s.signum() * REST_S * (1.0 - (-dt_s.abs() / REST_S).exp()))
 }

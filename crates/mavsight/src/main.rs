@@ -2,20 +2,16 @@
 
 mod cli;
 mod commands;
-mod figures;
-mod fits;
-mod motion_fits;
 mod out;
-mod page;
 mod progress;
-mod summary;
 
 use clap::Parser;
 use mavsight::lab;
+use mavsight_engine::EngineError;
 use std::process::ExitCode;
 
-/// One heap for all threads. glibc has one for each, and what decoding leaves in them lies idle while later stages of a long flight
-/// take new memory.
+/// One heap for all threads. glibc has one for each, and what decoding leaves in them lies idle while later
+/// stages of a long flight take new memory.
 #[cfg(target_os = "linux")]
 #[global_allocator]
 static ALLOCATOR: dlmalloc::GlobalDlmalloc = dlmalloc::GlobalDlmalloc;
@@ -25,7 +21,9 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("mavsight: {}", words(&error));
-            ExitCode::from(if error.is::<cli::WrongCall>() { 2 } else { 1 })
+            let is_of_the_input =
+                error.downcast_ref::<EngineError>().is_some_and(EngineError::is_of_the_input);
+            ExitCode::from(if error.is::<cli::WrongCall>() || is_of_the_input { 2 } else { 1 })
         }
     }
 }

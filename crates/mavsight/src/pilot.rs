@@ -1,11 +1,9 @@
-//! A pilot who flies the simulated helicopter for as long as it is wanted: holds it in the middle of the room, wanders, and moves the
-//! swash-plate now and then so that the parameters show themselves.
+//! A pilot who flies the simulated helicopter for as long as it is wanted: holds it in the middle of the
+//! room, wanders, and moves the swash-plate now and then so that the parameters show themselves.
 
-use mavsight_flight::{
-    FlightError, FlightState, InitialState, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s,
-    simulate,
-};
+use mavsight_flight::{FlightError, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{EulerAngles, Vector3};
+use mavsight_simulator::{FlightState, InitialState, SimulatorError, simulate};
 use std::collections::VecDeque;
 
 /// Steps of the controls in one frame.
@@ -17,7 +15,7 @@ const KEPT_INPUTS_S: f64 = 40.0;
 
 /// Where the aircraft is held: the middle of the paper's room.
 const MIDDLE_M: [f64; 3] = [0.0, 0.0, 1.5];
-/// Heading, so that balls stay apart in both views (`Scenario::paper`).
+/// Heading, so that balls are apart in both views (`Scenario::paper`).
 const HEADING_RAD: f64 = -0.393;
 
 /// The swash-plate's largest angle.
@@ -48,7 +46,7 @@ impl Pilot {
     ///
     /// # Errors
     /// A vehicle that cannot fly.
-    pub fn new(vehicle: &Vehicle, frame_rate_hz: f64) -> Result<Self, FlightError> {
+    pub fn new(vehicle: &Vehicle, frame_rate_hz: f64) -> Result<Self, SimulatorError> {
         let hover_rad_s = hover_rotor_speed_rad_s(vehicle);
         let start = InitialState {
             position_in_world_m: MIDDLE_M.into(),
@@ -82,7 +80,7 @@ impl Pilot {
     ///
     /// # Errors
     /// A state that runs away.
-    pub fn at(&mut self, frame: u64) -> Result<Option<FlightState>, FlightError> {
+    pub fn at(&mut self, frame: u64) -> Result<Option<FlightState>, SimulatorError> {
         while self.first + self.frames.len() as u64 <= frame {
             for _ in 0..STEPS {
                 self.fly()?;
@@ -113,19 +111,12 @@ impl Pilot {
     }
 
     /// One step of the controls.
-    fn fly(&mut self) -> Result<(), FlightError> {
+    fn fly(&mut self) -> Result<(), SimulatorError> {
         let step_s = self.frame_s / f64::from(STEPS);
         let (t_s, next_s) = (self.step as f64 * step_s, (self.step + 1) as f64 * step_s);
         let input = self.command(t_s);
         let inputs = InputSeries::new(vec![input, InputSample { t_s: next_s, ..input }])?;
-        let s = self.state;
-        let start = InitialState {
-            position_in_world_m: s.position_in_world_m,
-            attitude: s.attitude,
-            velocity_in_body_m_s: s.velocity_in_body_m_s,
-            rates_rad_s: s.rates_rad_s,
-            flap: s.flap,
-        };
+        let start = self.state.as_start();
         if let Some(state) = simulate(&self.vehicle, &inputs, &start, &[t_s, next_s])?.last() {
             self.state = *state;
         }
@@ -200,7 +191,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_minutes_stay_in_the_middle_of_the_room_and_swing() {
+    fn two_minutes_remain_in_the_middle_of_the_room_and_swing() {
         let mut pilot = Pilot::new(&Vehicle::paper(), 60.0).expect("a pilot");
         let (mut far_m, mut tilt, mut turned, mut fastest) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
         for k in 0..60 * 120 {

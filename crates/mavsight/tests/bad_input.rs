@@ -16,7 +16,7 @@ fn the_unspoilt_session_runs() {
 
 /// What an earlier flight left is not this one's.
 #[test]
-fn nothing_of_an_earlier_run_stays() {
+fn nothing_of_an_earlier_run_remains() {
     let session = Session::new();
     let (out, parameters) = (session.path("results"), session.path("results/parameters.csv"));
     std::fs::create_dir(&out).expect("a folder");

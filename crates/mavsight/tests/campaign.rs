@@ -65,7 +65,8 @@ fn flown(file: &Path, out: &Path, more: &[&str]) -> (String, String) {
     (table, String::from_utf8_lossy(&ran.stdout).into_owned())
 }
 
-/// Killed ten times at various moments and resumed, by another number of threads: the table of an uninterrupted campaign.
+/// Killed ten times at various moments and resumed, by another number of threads: the table of an
+/// uninterrupted campaign.
 #[test]
 fn a_killed_campaign_ends_with_the_same_table() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -108,7 +109,8 @@ fn a_killed_campaign_ends_with_the_same_table() {
     assert!(rows.len() > 400 * 10 && rows.iter().all(|r| r.split(',').count() == width));
 }
 
-/// Four times the noise, four times the scatter; and predictions that hold, in a campaign of 200 flights of each.
+/// Four times the noise, four times the scatter; and predictions that hold, in a campaign of 200 flights of
+/// each.
 #[test]
 fn predictions_hold_and_another_campaign_is_not_mixed_in() {
     let folder = tempfile::tempdir().expect("a folder");

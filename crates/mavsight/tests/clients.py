@@ -13,7 +13,7 @@ import sys
 import time
 
 
-def tell(stamp_ns, valid, position, quaternion):
+def report(stamp_ns, valid, position, quaternion):
     print(json.dumps([stamp_ns, valid, [float(v) for v in position], [float(v) for v in quaternion]]), flush=True)
 
 
@@ -25,7 +25,7 @@ def mavlink(port):
     while True:
         m = client.recv_match(type="ODOMETRY", blocking=True, timeout=1)
         if m is not None:
-            tell(m.time_usec * 1000, True, (m.x, m.y, m.z), m.q)
+            report(m.time_usec * 1000, True, (m.x, m.y, m.z), m.q)
 
 
 def natnet(port, data_port):
@@ -35,7 +35,7 @@ def natnet(port, data_port):
         (body,) = frame.rigid_bodies
         x, y, z, w = body.rot
         valid = bool(body.tracking_valid)
-        tell(frame.suffix.stamp_camera_mid_exposure, valid, body.pos if valid else (), (w, x, y, z) if valid else ())
+        report(frame.suffix.stamp_camera_mid_exposure, valid, body.pos if valid else (), (w, x, y, z) if valid else ())
 
     client = NatNetClient("127.0.0.1", "127.0.0.1", command_port=port, data_port=data_port, use_multicast=False)
     client.on_data_frame_received_event.handlers.append(on_frame)
@@ -52,7 +52,7 @@ def motioncapture(kind, settings):
         mocap.waitForNextFrame()
         for body in mocap.rigidBodies.values():
             q = body.rotation
-            tell(None, True, body.position, (q.w, q.x, q.y, q.z))
+            report(None, True, body.position, (q.w, q.x, q.y, q.z))
 
 
 def motioncapture_natnet(port, _data_port):
@@ -74,7 +74,7 @@ def zenoh(port):
 
     def on_pose(sample):
         pose = json.loads(sample.payload.to_bytes())
-        tell(pose["captured_ns"], pose["valid"], pose["position_m"] or (), pose["attitude"] or ())
+        report(pose["captured_ns"], pose["valid"], pose["position_m"] or (), pose["attitude"] or ())
 
     with client.open(config) as session:
         subscriber = session.declare_subscriber("mavsight/*/pose", on_pose)
@@ -93,7 +93,7 @@ def rerun(path):
         places = batch.column("Transform3D:translation").to_pylist()
         turns = batch.column("Transform3D:quaternion").to_pylist()
         for stamp, ((place,), ((x, y, z, w),)) in zip(stamps, zip(places, turns), strict=True):
-            tell(stamp, True, place, (w, x, y, z))
+            report(stamp, True, place, (w, x, y, z))
 
 
 if __name__ == "__main__":

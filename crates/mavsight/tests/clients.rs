@@ -1,7 +1,9 @@
-//! Unmodified clients of all streams at once, while a recording of the virtual room is replayed: each receives the poses that were sent,
-//! in its own axes, and none else; Rerun's own reader finds all of them in the file.
+//! Unmodified clients of all streams at once, while a recording of the virtual room is replayed: each
+//! receives the poses that were sent, in its own axes, and none else; Rerun's own reader finds all of them
+//! in the file.
 //!
-//! The interpreter is MAVSIGHT_PYTHON, or python3; a client whose package it has not is skipped with a message.
+//! The interpreter is MAVSIGHT_PYTHON, or python3; a client whose package it has not is skipped with a
+//! message.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 

@@ -1,4 +1,5 @@
-//! Trouble in the middle of a recording is said, with camera and time, and the rest of the flight is measured.
+//! Trouble in the middle of a recording is said, with camera and time, and the rest of the flight is
+//! measured.
 
 mod common;
 
@@ -8,7 +9,8 @@ fn frame(session: &Session, camera: &str, number: usize) -> std::path::PathBuf {
     session.path(&format!("{camera}/frame_{number:05}.png"))
 }
 
-/// A frame that is missing, one that repeats the one before, one that is damaged, and a camera that ends early, all in one flight.
+/// A frame that is missing, one that repeats the one before, one that is damaged, and a camera that ends
+/// early, all in one flight.
 #[test]
 fn faults_are_noted_and_the_flight_goes_on() {
     let session = Session::new();

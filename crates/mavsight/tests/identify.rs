@@ -17,7 +17,8 @@ fn example(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/quadrotor").join(name)
 }
 
-/// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX constants).
+/// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX
+/// constants).
 fn normal(state: &mut u64) -> f64 {
     let mut uniform = || {
         *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -38,7 +39,8 @@ fn speeds_rad_s(t_s: f64) -> [f64; 4] {
     })
 }
 
-/// A flight in the vertical plane, seen at 200 Hz with a motion-capture system's noise: the tables of poses and inputs.
+/// A flight in the vertical plane, seen at 200 Hz with a motion-capture system's noise: the tables of poses
+/// and inputs.
 fn flight(folder: &Path) -> (PathBuf, PathBuf) {
     let (dt_s, mut seed) = (1e-3, 4);
     let (mut x, mut z, mut u, mut w, mut theta, mut q) = (0.0, 1.5, 0.0, 0.0, 0.0_f64, 0.0);
@@ -70,7 +72,7 @@ fn flight(folder: &Path) -> (PathBuf, PathBuf) {
         z += 0.5 * (w + was_w) * dt_s;
         theta += 0.5 * (q + was_q) * dt_s;
     }
-    assert!(theta.abs() < 0.6, "the flight stays upright: {theta}");
+    assert!(theta.abs() < 0.6, "the flight is upright: {theta}");
     let paths = (folder.join("mocap.csv"), folder.join("log.csv"));
     std::fs::write(&paths.0, poses).expect("written");
     std::fs::write(&paths.1, inputs).expect("written");
@@ -200,9 +202,9 @@ fn wrong_calls_are_named() {
     assert!(said.contains("No parameters") && said.contains("need turning rotors"), "{said}");
 }
 
-/// What was not seen for two seconds is not told: its rows hold their times alone.
+/// What was not seen for two seconds is not known: its rows hold their times alone.
 #[test]
-fn motion_is_not_told_where_nothing_was_seen() {
+fn motion_is_not_known_where_nothing_was_seen() {
     let folder = TempDir::new().expect("a folder");
     let (table, inputs) = flight(folder.path());
     let unseen = |line: &str| {
@@ -226,9 +228,10 @@ fn motion_is_not_told_where_nothing_was_seen() {
     assert!(rows.iter().all(|(t_s, empty)| *empty == (3.0..5.0).contains(t_s)));
 }
 
-/// A logger that is switched on late and off early costs the parameters of what it did not see, not the motion.
+/// A logger that is switched on late and off early costs the parameters of what it did not see, not the
+/// motion.
 #[test]
-fn inputs_that_end_early_tell_of_the_part_that_they_cover() {
+fn inputs_that_end_early_give_the_part_that_they_cover() {
     let folder = TempDir::new().expect("a folder");
     let (table, inputs) = flight(folder.path());
     let text = std::fs::read_to_string(&inputs).expect("inputs");

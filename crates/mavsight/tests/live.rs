@@ -28,7 +28,8 @@ fn replayed(session: &Path) -> Vec<Value> {
     objects(&String::from_utf8_lossy(&run.get_output().stdout))
 }
 
-/// Killed at some moment, the recording is a session that gives the poses that were sent, bit for bit, and that batch runs take.
+/// Killed at some moment, the recording is a session that gives the poses that were sent, bit for bit, and
+/// that batch runs take.
 #[test]
 fn a_recording_that_was_killed_gives_the_poses_that_were_sent() {
     let dir = tempfile::TempDir::new().expect("a folder");
@@ -95,7 +96,7 @@ fn a_session_is_replayed_with_events_and_figures() {
             .iter()
             .any(|e| e["event"] == "camera" && e["markers"].as_array().is_some_and(|m| m.len() == 4))
     );
-    let seen = events.iter().rfind(|e| e["event"] == "sights").expect("sights");
+    let seen = events.iter().rfind(|e| e["event"] == "detections").expect("detections");
     assert!(seen["seen"].as_array().expect("balls").iter().all(|b| b["residual_px"].is_array()));
     // At its own pace, with a pose for each frame.
     let out = session.path("live");

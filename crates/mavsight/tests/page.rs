@@ -1,5 +1,5 @@
-//! The page of a flight through the virtual room: poses come by its WebSocket, a recording begins and ends from it, and a browser
-//! sees the aircraft move. Skipped in part where there is no Chromium.
+//! The page of a flight through the virtual room: poses come by its WebSocket, a recording begins and ends
+//! from it, and a browser sees the aircraft move. Skipped in part where there is no Chromium.
 
 #![cfg(feature = "page")]
 #![allow(clippy::unwrap_used, clippy::panic)]
@@ -147,7 +147,8 @@ fn poses_come_and_a_recording_begins_and_ends(flight: &Flight) {
     assert!(out.lines().filter(|l| l.contains(r#""valid":true"#)).count() >= 2, "{out}");
 }
 
-/// Cameras that show the control points for half a minute, with noise of its own in every other frame: copies show nothing new.
+/// Cameras that show the control points for half a minute, with noise of its own in every other frame:
+/// copies show nothing new.
 fn before_the_control_points() -> TempDir {
     const FRAMES: usize = 900;
     let folder = TempDir::new().unwrap();

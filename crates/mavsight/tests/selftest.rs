@@ -42,7 +42,7 @@ fn a_session_is_tested_with_its_own_rig() {
         .output()
         .expect("the program");
     let printed = String::from_utf8_lossy(&ran.stdout);
-    assert!(printed.contains("2 flights") && printed.contains("px that stay"), "{printed}");
+    assert!(printed.contains("2 flights") && printed.contains("px systematic"), "{printed}");
     assert!(matches!(ran.status.code(), Some(0 | 1)));
 }
 

@@ -24,7 +24,8 @@ fn the_chain_in_steps_is_the_chain_in_one() {
     mavsight().arg("report").arg(&file).arg("--out").arg(&steps).assert().success();
     let read =
         |folder: &std::path::Path, name: &str| std::fs::read_to_string(folder.join(name)).expect("a table");
-    // Between the steps the rig, by which balls are expected and judged, has passed through a file of finite digits.
+    // Between the steps the rig, by which balls are expected and judged, has passed through a file of
+    // finite digits.
     let (one, other) = (read(&whole, "markers.csv"), read(&steps, "markers.csv"));
     assert_eq!(one.lines().count(), other.lines().count());
     for (a, b) in one.lines().zip(other.lines()).skip(1) {
@@ -43,8 +44,8 @@ fn the_chain_in_steps_is_the_chain_in_one() {
             assert!((x - y).abs() < 1e-6, "{a}\n{b}");
         }
     }
-    // The noise is read back exactly, so that the smoother does the same; what errors that stay add to the standard
-    // deviations is approximated, and stands apart in every second column.
+    // The noise is read back exactly, so that the smoother does the same; what systematic errors add to the
+    // standard deviations is approximated, and stands apart in every second column.
     let (one, other) = (read(&whole, "motion.csv"), read(&steps, "motion.csv"));
     assert_eq!(one.lines().count(), other.lines().count());
     for (a, b) in one.lines().zip(other.lines()).skip(1) {
@@ -72,9 +73,10 @@ fn tracking_without_a_rig_says_which_stage_makes_it() {
     assert!(message.contains("rig.toml") && message.contains("calibrate"), "{message}");
 }
 
-/// The body is refined where the session asks for it; where the flight tells no more than the ruler, a note says so.
+/// The body is refined where the session asks for it; where the flight shows no more than the ruler, a note
+/// says so.
 #[test]
-fn markers_are_refined_or_the_reason_is_told() {
+fn markers_are_refined_or_the_reason_is_given() {
     let session = Session::new();
     let text = std::fs::read_to_string(session.path("session.toml")).expect("the session is there");
     for (std_m, refined) in [("0.002", true), ("0.00001", false)] {
@@ -103,7 +105,8 @@ fn markers_are_refined_or_the_reason_is_told() {
     }
 }
 
-/// At heading 0 each camera looks along a diagonal of the square of balls: the near one hides nearly all of the far one.
+/// At heading 0 each camera looks along a diagonal of the square of balls: the near one hides nearly all of
+/// the far one.
 #[test]
 fn a_ball_behind_another_costs_neither_frames_nor_exactness() {
     let session = Session::with_heading(0.0);
@@ -115,14 +118,14 @@ fn a_ball_behind_another_costs_neither_frames_nor_exactness() {
     let rms_mm = summary["truth"]["poses_position_rms_mm"].as_f64().expect("a figure");
     assert!(rms_mm < 0.8, "{rms_mm} mm");
     let markers = std::fs::read_to_string(out.join("markers.csv")).expect("a table");
-    let sights = markers.lines().count() - 1;
-    assert!(sights < 8 * 12, "nothing was hidden in this film");
+    let rows = markers.lines().count() - 1;
+    assert!(rows < 8 * 12, "nothing was hidden in this film");
 }
 
-/// What a room file asks for, against the table of markers: standard deviations of both coordinates, hardly correlated.
-/// Each is told from its like by where it is on the body.
+/// What a room file asks for, against the table of markers: standard deviations of both coordinates, hardly
+/// correlated. Each is distinguished from its like by where it is on the body.
 #[test]
-fn two_balls_of_one_colour_are_told_apart() {
+fn two_balls_of_one_colour_are_distinguished() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
     let printed = |what: &str| {

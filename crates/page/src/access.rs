@@ -1,12 +1,12 @@
-//! Who may have the page.
+//! Access to the page: host, origin, token.
 
 use std::net::IpAddr;
 
-/// Whether the `Host` of a request is an address, or this machine's own name for itself.
+/// Whether the `Host` of a request is an IP address or `localhost`.
 ///
-/// A page elsewhere can have its own name lead to this machine (DNS rebinding), and its scripts then count as of one origin with
-/// this server; but they still send their own name. An address cannot be made to lead elsewhere. Ports are free, as they are
-/// other ones behind a forwarded port.
+/// A foreign page can make its own name resolve to this machine (DNS rebinding); its scripts then have the
+/// origin of this server, but still send their own name. An address cannot be rebound. Any port is accepted,
+/// because a forwarded port differs.
 pub(crate) fn is_own_host(host: &str) -> bool {
     let name = if let Some(rest) = host.strip_prefix('[') {
         let Some((name, port)) = rest.split_once(']') else { return false };
@@ -29,7 +29,7 @@ fn is_port(text: &str) -> bool {
     text.bytes().all(|byte| byte.is_ascii_digit()) && text.parse::<u16>().is_ok()
 }
 
-/// Whether a page of this origin is the one that was served under this `Host`.
+/// Whether an origin is that of the page served under this `Host`.
 pub(crate) fn is_own_origin(origin: &str, host: &str) -> bool {
     origin.strip_prefix("http://").is_some_and(|rest| rest.eq_ignore_ascii_case(host))
 }
@@ -37,16 +37,17 @@ pub(crate) fn is_own_origin(origin: &str, host: &str) -> bool {
 /// A new token: 128 random bits as hexadecimal digits.
 ///
 /// # Errors
-/// What the system says where it has no random numbers.
-pub(crate) fn token() -> Result<String, String> {
+/// The system's error where it has no random numbers.
+pub(crate) fn token() -> Result<String, getrandom::Error> {
     let mut bytes = [0_u8; 16];
-    getrandom::fill(&mut bytes).map_err(|error| error.to_string())?;
+    getrandom::fill(&mut bytes)?;
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// What follows the page's own address in a path: all after `/`, or after `/TOKEN/`; none where the token is not that.
+/// The part of a path below the page's own address: after `/`, or after `/TOKEN/`; none where the token is
+/// wrong.
 ///
-/// Takes as long for a token that is wrong in its first letter as for one wrong in its last.
+/// The comparison takes the same time wherever the token is wrong.
 pub(crate) fn below<'a>(path: &'a str, token: Option<&str>) -> Option<&'a str> {
     let path = path.strip_prefix('/')?;
     let Some(token) = token else { return Some(path) };

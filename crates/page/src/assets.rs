@@ -1,19 +1,11 @@
 //! The built page; `web/` holds its source, and `npm run build` there writes these files.
 
-/// One file of the page.
-#[derive(Debug)]
-pub(crate) struct Asset {
-    pub(crate) media_type: &'static str,
-    pub(crate) bytes: &'static [u8],
-}
-
-/// The file of a path below the page's own address.
-pub(crate) fn find(path: &str) -> Option<Asset> {
-    let (media_type, bytes): (_, &'static [u8]) = match path {
-        "" => ("text/html; charset=utf-8", include_bytes!("../web/dist/index.html")),
-        "page.js" => ("text/javascript; charset=utf-8", include_bytes!("../web/dist/page.js")),
-        "page.css" => ("text/css; charset=utf-8", include_bytes!("../web/dist/page.css")),
-        _ => return None,
-    };
-    Some(Asset { media_type, bytes })
+/// Media type and text of the file at a path below the page's own address.
+pub(crate) fn find(path: &str) -> Option<(&'static str, &'static str)> {
+    match path {
+        "" => Some(("text/html; charset=utf-8", include_str!("../web/dist/index.html"))),
+        "page.js" => Some(("text/javascript; charset=utf-8", include_str!("../web/dist/page.js"))),
+        "page.css" => Some(("text/css; charset=utf-8", include_str!("../web/dist/page.css"))),
+        _ => None,
+    }
 }

@@ -1,12 +1,12 @@
-//! What a user asks for on the page.
+//! Commands of the user.
 
 use serde::Deserialize;
 
-/// What a user asks for on the page; on the wire `{"command":"start_recording"}`.
+/// A command of the user; on the wire `{"command":"start_recording"}`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Command {
-    /// Write down what is received, detected and sent from now on.
+    /// Record what is received, detected and sent from now on.
     StartRecording,
     /// End the recording.
     StopRecording,

@@ -1,130 +1,161 @@
-//! One connection: its request, and what it gets.
+//! One connection: its request and the answer.
 
-use std::sync::Arc;
-use std::time::Duration;
+use std::convert::Infallible;
+use std::future::ready;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 
+use hyper::body::{Body, Incoming};
+use hyper::header::{HOST, HeaderMap, HeaderName, ORIGIN, SEC_WEBSOCKET_KEY};
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper::{Method, Request, Response, StatusCode};
+use hyper_util::rt::TokioIo;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
-use tokio::sync::watch;
 use tokio::time::timeout;
-use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
+use tokio_tungstenite::tungstenite::error::{Error, ProtocolError};
+use tokio_tungstenite::tungstenite::handshake::server::create_response_with_body;
 
-use crate::http::{Refusal, Request, refusal};
-use crate::hub::Hub;
-use crate::{Limits, access, assets, http, listener};
+use crate::answer::{Refusal, answer, refusal, refusal_bytes, refuse};
+use crate::hub::Mailbox;
+use crate::shared::Shared;
+use crate::{access, assets, listener};
 
-/// What all connections share.
-#[derive(Debug)]
-pub(crate) struct House {
-    pub(crate) hub: Arc<Hub>,
-    pub(crate) token: Option<String>,
-    pub(crate) limits: Limits,
-    /// Becomes true when the server ends.
-    pub(crate) ended: watch::Receiver<bool>,
-}
+/// Longest request line and header lines together: several times what browsers send.
+const HEAD_LIMIT_BYTES: usize = 8192;
+/// Most header lines; browsers send about twenty.
+const HEADER_LIMIT: usize = 64;
 
-/// What a request may have.
-#[derive(Debug)]
-enum Grant {
-    Asset(assets::Asset),
-    /// The key with which the WebSocket is accepted.
-    Events(String),
-}
+const MALFORMED: Refusal = refusal(StatusCode::BAD_REQUEST, "This request does not follow HTTP/1.1.");
 
-/// Serves one connection to its end.
-pub(crate) async fn serve(mut stream: TcpStream, house: Arc<House>) {
-    let patience = house.limits.request_time;
-    let (request, rest) = match timeout(patience, http::read(&mut stream)).await {
-        Ok(Ok(read)) => read,
-        Ok(Err(None)) => return,
-        Ok(Err(Some(refused))) => return part(&mut stream, &http::refuse(refused), patience).await,
+/// Serves one connection to its end: one request, which may become a WebSocket.
+pub(crate) async fn serve(mut stream: TcpStream, shared: Arc<Shared>) {
+    let (mailbox, is_answered) = (OnceLock::new(), AtomicBool::new(false));
+    let service = service_fn(|request: Request<Incoming>| {
+        is_answered.store(true, Ordering::Relaxed);
+        ready(Ok::<_, Infallible>(respond(&request, &shared, &mailbox).unwrap_or_else(refuse)))
+    });
+    let served = http1::Builder::new()
+        .max_buf_size(HEAD_LIMIT_BYTES)
+        .max_headers(HEADER_LIMIT)
+        .title_case_headers(true)
+        .header_read_timeout(None)
+        .serve_connection(TokioIo::new(&mut stream), service)
+        .without_shutdown();
+    let served = timeout(shared.limits.request_time, served).await;
+    let mut farewell = Vec::new();
+    let received = match served {
+        Ok(Ok(parts)) => Some(parts.read_buf),
+        // Malformed or too long, which hyper has answered; or the client has gone.
+        Ok(Err(_)) => None,
         Err(_) => {
-            let late = refusal("408 Request Timeout", "The request did not come to its end in time.");
-            return part(&mut stream, &http::refuse(late), patience).await;
+            if !is_answered.load(Ordering::Relaxed) {
+                let late = "The request did not come to its end in time.";
+                farewell = refusal_bytes(refusal(StatusCode::REQUEST_TIMEOUT, late));
+            }
+            None
         }
     };
-    match judge(&request, house.token.as_deref()) {
-        Err(refused) => part(&mut stream, &http::refuse(refused), patience).await,
-        Ok(Grant::Asset(asset)) => {
-            let bytes = http::answer("200 OK", asset.media_type, asset.bytes, request.method == "HEAD");
-            part(&mut stream, &bytes, patience).await;
-        }
-        Ok(Grant::Events(key)) => {
-            let Some(mailbox) = house.hub.join(house.limits.listeners) else {
-                let full = refusal("503 Service Unavailable", "As many pages as may are open: close one.");
-                return part(&mut stream, &http::refuse(full), patience).await;
-            };
-            let accepted = format!(
-                "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
-                 Sec-WebSocket-Accept: {key}\r\n\r\n"
-            );
-            if matches!(timeout(patience, stream.write_all(accepted.as_bytes())).await, Ok(Ok(()))) {
-                listener::serve(stream, rest, &mailbox, &house).await;
+    match (mailbox.into_inner(), received) {
+        (Some(mailbox), received) => {
+            if let Some(received) = received {
+                listener::serve(stream, received, &mailbox, &shared).await;
             }
-            house.hub.leave(&mailbox);
+            shared.hub.leave(&mailbox);
+        }
+        (None, _) => {
+            // Whether it arrives is the client's matter.
+            let _ = timeout(shared.limits.request_time, close(&mut stream, &farewell)).await;
         }
     }
 }
 
-/// What a request may have, or why not; who may have nothing learns nothing else.
-fn judge(request: &Request, token: Option<&str>) -> Result<Grant, Refusal> {
-    if !access::is_own_host(&request.host) {
-        return Err(refusal(
-            "403 Forbidden",
+/// The answer to a request. If it opens a WebSocket, its mailbox is set.
+///
+/// # Errors
+/// A refusal; one for access says nothing about the files.
+fn respond(
+    request: &Request<Incoming>,
+    shared: &Shared,
+    mailbox: &OnceLock<Arc<Mailbox>>,
+) -> Result<Response<String>, Refusal> {
+    let (headers, uri) = (request.headers(), request.uri());
+    let host = single(headers, HOST)?.ok_or(MALFORMED)?;
+    if uri.authority().is_some() || !uri.path().starts_with('/') {
+        return Err(MALFORMED);
+    }
+    let refused = |text| Err(refusal(StatusCode::FORBIDDEN, text));
+    if !access::is_own_host(host) {
+        return refused(
             "This server goes by its address or localhost only: use the address that was printed.",
-        ));
+        );
     }
-    if request.origin.as_deref().is_some_and(|origin| !access::is_own_origin(origin, &request.host)) {
-        return Err(refusal("403 Forbidden", "Pages of other origins get nothing here."));
+    let origin = single(headers, ORIGIN)?;
+    if origin.is_some_and(|origin| !access::is_own_origin(origin, host)) {
+        return refused("Pages of other origins get nothing here.");
     }
-    let Some(path) = access::below(&request.path, token) else {
-        return Err(refusal(
-            "403 Forbidden",
-            "The token is missing or wrong: use the address that was printed.",
-        ));
+    let Some(path) = access::below(uri.path(), shared.token.as_deref()) else {
+        return refused("The token is missing or wrong: use the address that was printed.");
     };
-    if request.method != "GET" && request.method != "HEAD" {
-        return Err(refusal("405 Method Not Allowed", "Only GET and HEAD are served."));
+    if request.method() != Method::GET && request.method() != Method::HEAD {
+        return Err(refusal(StatusCode::METHOD_NOT_ALLOWED, "Only GET and HEAD are served."));
     }
-    if request.has_body {
-        return Err(refusal("413 Content Too Large", "No request here has a body."));
+    if !request.body().is_end_stream() {
+        return Err(refusal(StatusCode::PAYLOAD_TOO_LARGE, "No request here has a body."));
     }
     if path == "events" {
-        return upgrade(request).map(Grant::Events);
+        let response = upgrade(request, origin)?;
+        let full = refusal(StatusCode::SERVICE_UNAVAILABLE, "As many pages as may are open: close one.");
+        let joined = shared.hub.join(shared.limits.listeners).ok_or(full)?;
+        mailbox.get_or_init(|| joined);
+        return Ok(response);
     }
-    assets::find(path).map(Grant::Asset).ok_or(refusal("404 Not Found", "There is no such file."))
+    let not_found = refusal(StatusCode::NOT_FOUND, "There is no such file.");
+    let (media_type, text) = assets::find(path).ok_or(not_found)?;
+    Ok(answer(StatusCode::OK, media_type, text))
 }
 
-/// The key that accepts a WebSocket (RFC 6455, section 4.2).
-fn upgrade(request: &Request) -> Result<String, Refusal> {
-    let upgrade = &request.upgrade;
-    if !upgrade.is_asked || request.method != "GET" || upgrade.version.as_deref() != Some("13") {
-        return Err(refusal("426 Upgrade Required", "Events come over a WebSocket of version 13."));
+/// The answer that accepts a WebSocket (RFC 6455, section 4.2).
+fn upgrade(request: &Request<Incoming>, origin: Option<&str>) -> Result<Response<String>, Refusal> {
+    let accepted = create_response_with_body(request, String::new);
+    let has_key = !matches!(&accepted, Err(Error::Protocol(ProtocolError::MissingSecWebSocketKey)));
+    if accepted.is_err() && has_key {
+        let text = "Events come over a WebSocket of version 13.";
+        return Err(refusal(StatusCode::UPGRADE_REQUIRED, text));
     }
-    // Every browser sends its origin here, so whoever sends none is no page.
-    if request.origin.is_none() {
-        return Err(refusal("403 Forbidden", "A WebSocket must say of which origin it is."));
+    // Every browser sends its origin here, so a client that sends none is no page.
+    if origin.is_none() {
+        return Err(refusal(StatusCode::FORBIDDEN, "A WebSocket must name its origin."));
     }
     let is_base64 = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'+' | b'/' | b'=');
-    match &upgrade.key {
-        Some(key) if key.len() == 24 && key.bytes().all(is_base64) => Ok(derive_accept_key(key.as_bytes())),
-        _ => Err(refusal("400 Bad Request", "The WebSocket's key is not 16 bytes in base 64.")),
+    let key = single(request.headers(), SEC_WEBSOCKET_KEY)?.unwrap_or_default();
+    match accepted {
+        Ok(response) if key.len() == 24 && key.bytes().all(is_base64) => Ok(response),
+        _ => Err(refusal(StatusCode::BAD_REQUEST, "The WebSocket's key is not 16 bytes in base 64.")),
     }
 }
 
-/// Writes the last answer and closes so that it arrives: what the other side still sends is read, a little of it, and left.
-async fn part(stream: &mut TcpStream, answer: &[u8], patience: Duration) {
-    let farewell = async {
-        stream.write_all(answer).await?;
-        stream.shutdown().await?;
-        let mut rest = [0_u8; 4096];
-        for _ in 0..64 {
-            if stream.read(&mut rest).await? == 0 {
-                break;
-            }
+/// The value of a header that may occur only once.
+fn single(headers: &HeaderMap, name: HeaderName) -> Result<Option<&str>, Refusal> {
+    let mut values = headers.get_all(name).iter();
+    match (values.next(), values.next()) {
+        (None, _) => Ok(None),
+        (Some(value), None) => value.to_str().map(Some).map_err(|_| MALFORMED),
+        _ => Err(MALFORMED),
+    }
+}
+
+/// Writes the last bytes and closes so that all that was written arrives: a part of what the client still
+/// sends is read first.
+async fn close(stream: &mut TcpStream, farewell: &[u8]) -> std::io::Result<()> {
+    stream.write_all(farewell).await?;
+    stream.shutdown().await?;
+    let mut rest = [0_u8; 4096];
+    for _ in 0..64 {
+        if stream.read(&mut rest).await? == 0 {
+            break;
         }
-        std::io::Result::Ok(())
-    };
-    // Whether it arrives is the other side's matter.
-    let _ = timeout(patience, farewell).await;
+    }
+    Ok(())
 }

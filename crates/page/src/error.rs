@@ -1,11 +1,11 @@
-//! What can go wrong with the page.
+//! Errors of the page.
 
 use std::net::SocketAddr;
 
-/// Why the page cannot be served, or a picture not be made.
+/// The page cannot be served, or a picture cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum PageError {
-    /// An address that others can reach, and nobody asked for that.
+    /// An address that other machines can reach, without permission for that.
     #[error(
         "{0} can be reached from other machines: serve the page on 127.0.0.1, or ask for the network explicitly"
     )]
@@ -17,7 +17,7 @@ pub enum PageError {
     Listen {
         /// The address.
         address: SocketAddr,
-        /// What the system says.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// The thread of the server cannot be started.
@@ -27,7 +27,7 @@ pub enum PageError {
     #[error(
         "the system gives no random numbers for the page's token ({0}): serve the page on 127.0.0.1, which needs none"
     )]
-    Token(String),
+    Token(getrandom::Error),
     /// A picture without pixels, or larger than JPEG can hold.
     #[error("a picture of {width_px} x {height_px} pixels cannot be shown: give 1 to 65535 both ways")]
     PictureSize {
@@ -43,7 +43,7 @@ pub enum PageError {
         width_px: u32,
         /// Rows.
         height_px: u32,
-        /// What the encoder says.
+        /// The error of the encoder.
         source: image::ImageError,
     },
 }

@@ -1,7 +1,6 @@
-//! Where the producer and the listeners meet.
+//! The producer's side of all open pages.
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -12,12 +11,12 @@ use tokio_tungstenite::tungstenite::{Bytes, Message};
 use crate::Command;
 use crate::queue::{Kind, Queue};
 
-/// A lock whose holder cannot have left it half done: each holds it for one push or pop.
+/// Locks a mutex. No holder leaves its value half changed, so a poisoned one is sound.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What waits for one listener.
+/// The messages that wait for one page.
 #[derive(Debug, Default)]
 pub(crate) struct Mailbox {
     queue: Mutex<Queue>,
@@ -40,112 +39,98 @@ impl Mailbox {
         }
     }
 
-    /// Poses that this listener was too slow for.
+    /// Poses that this page was too slow for.
     pub(crate) fn dropped(&self) -> u64 {
         lock(&self.queue).dropped
     }
 }
 
-/// All listeners, what those who come later must know, and the way back to the producer.
+/// All open pages, the state for those that open later, and the way back to the producer.
 #[derive(Debug)]
 pub(crate) struct Hub {
-    listeners: Mutex<Vec<Arc<Mailbox>>>,
-    count: AtomicUsize,
-    lasting: Mutex<Queue>,
+    pages: Mutex<Pages>,
     commands: SyncSender<Command>,
-    previewed: Mutex<HashMap<usize, i64>>,
 }
 
-/// Least time between two pictures of one camera: ten a second show what is seen, and cost the producer little. A little less than a
-/// tenth of a second, as every third frame at 30 Hz comes now a nanosecond early, now late.
-const PREVIEW_INTERVAL_NS: i64 = 95_000_000;
+#[derive(Debug, Default)]
+struct Pages {
+    mailboxes: Vec<Arc<Mailbox>>,
+    /// The messages that a page gets first.
+    state: Queue,
+    /// Instant of each camera's last picture.
+    previewed: HashMap<usize, i64>,
+}
+
+/// Least time between two pictures of one camera. Ten a second cost the producer little. A little less than a
+/// tenth of a second, because every third frame at 30 Hz comes a nanosecond early or late.
+const PREVIEW_INTERVAL_NS: u64 = 95_000_000;
 
 impl Hub {
     pub(crate) fn new(commands: SyncSender<Command>) -> Self {
-        Self {
-            listeners: Mutex::default(),
-            count: AtomicUsize::new(0),
-            lasting: Mutex::default(),
-            commands,
-            previewed: Mutex::default(),
-        }
+        Self { pages: Mutex::default(), commands }
     }
 
+    /// Number of open pages.
     pub(crate) fn listeners(&self) -> usize {
-        self.count.load(Ordering::Relaxed)
+        lock(&self.pages).mailboxes.len()
     }
 
     pub(crate) fn publish(&self, event: &Event) {
         let kind = Kind::of(event);
-        if !kind.lasts() && self.listeners() == 0 {
+        if !kind.is_state() && self.listeners() == 0 {
             return;
         }
         // Numbers, texts and lists of them always have a JSON form.
         let Ok(text) = serde_json::to_string(event) else { return };
         let message = Message::text(text);
-        // Held to the end, so that who joins meanwhile gets the event once.
-        let mut lasting = lock(&self.lasting);
+        let mut pages = lock(&self.pages);
         if kind == Kind::Scene {
-            lasting.forget_cameras();
+            pages.state.forget_cameras();
         }
-        if kind.lasts() {
-            lasting.push(kind, message.clone());
+        if kind.is_state() {
+            pages.state.push(kind, message.clone());
         }
-        self.send(kind, &message);
+        pages.mailboxes.iter().for_each(|mailbox| mailbox.push(kind, message.clone()));
     }
 
     pub(crate) fn preview(&self, camera: u8, t_ns: i64, jpeg: &[u8]) {
-        if self.listeners() == 0 {
+        let pages = lock(&self.pages);
+        if pages.mailboxes.is_empty() {
             return;
         }
-        let mut bytes = Vec::with_capacity(9 + jpeg.len());
-        bytes.push(camera);
-        bytes.extend(t_ns.to_le_bytes());
-        bytes.extend(jpeg);
-        self.send(Kind::Preview(camera), &Message::Binary(Bytes::from(bytes)));
+        let bytes = [&[camera], &t_ns.to_le_bytes()[..], jpeg].concat();
+        let message = Message::Binary(Bytes::from(bytes));
+        pages.mailboxes.iter().for_each(|mailbox| mailbox.push(Kind::Preview(camera), message.clone()));
     }
 
-    /// Whether a picture is due; if so, the next is not before an interval has gone by.
+    /// Whether a picture is due; if so, the next is due an interval later.
     pub(crate) fn wants_preview(&self, camera: usize, t_ns: i64) -> bool {
-        if self.listeners() == 0 {
-            return false;
-        }
-        let mut previewed = lock(&self.previewed);
-        let is_due = previewed
-            .get(&camera)
-            .is_none_or(|&last| t_ns.abs_diff(last) >= PREVIEW_INTERVAL_NS.unsigned_abs());
+        let mut pages = lock(&self.pages);
+        let last = pages.previewed.get(&camera);
+        let is_due = !pages.mailboxes.is_empty()
+            && last.is_none_or(|&last| t_ns.abs_diff(last) >= PREVIEW_INTERVAL_NS);
         if is_due {
-            previewed.insert(camera, t_ns);
+            pages.previewed.insert(camera, t_ns);
         }
         is_due
     }
 
-    fn send(&self, kind: Kind, message: &Message) {
-        for mailbox in lock(&self.listeners).iter() {
-            mailbox.push(kind, message.clone());
-        }
-    }
-
-    /// A new listener, which first gets all that lasts; none where there are `most` already.
+    /// Adds a page, which gets the state first; none where there are `most` already.
     pub(crate) fn join(&self, most: usize) -> Option<Arc<Mailbox>> {
-        let lasting = lock(&self.lasting);
-        let mut listeners = lock(&self.listeners);
-        if listeners.len() >= most {
+        let mut pages = lock(&self.pages);
+        if pages.mailboxes.len() >= most {
             return None;
         }
-        let mailbox = Arc::new(Mailbox { queue: Mutex::new(lasting.clone()), filled: Notify::new() });
-        listeners.push(Arc::clone(&mailbox));
-        self.count.store(listeners.len(), Ordering::Relaxed);
+        let mailbox = Arc::new(Mailbox { queue: Mutex::new(pages.state.clone()), filled: Notify::new() });
+        pages.mailboxes.push(Arc::clone(&mailbox));
         Some(mailbox)
     }
 
     pub(crate) fn leave(&self, mailbox: &Arc<Mailbox>) {
-        let mut listeners = lock(&self.listeners);
-        listeners.retain(|other| !Arc::ptr_eq(other, mailbox));
-        self.count.store(listeners.len(), Ordering::Relaxed);
+        lock(&self.pages).mailboxes.retain(|other| !Arc::ptr_eq(other, mailbox));
     }
 
-    /// Hands a command to the producer.
+    /// Passes a command to the producer.
     ///
     /// # Errors
     /// A sentence for the user where too many wait, or nobody takes them any more.
@@ -177,10 +162,10 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_late_gets_what_lasts_and_no_old_pictures() {
+    fn a_late_page_gets_the_state_and_no_old_pictures() {
         let hub = Hub::new(sync_channel(1).0);
         hub.publish(&note("first"));
-        hub.publish(&Event::Sights { camera: 0, t_s: 0.0, seen: Vec::new() });
+        hub.publish(&Event::Detections { camera: 0, t_s: 0.0, seen: Vec::new() });
         hub.preview(0, 0, b"jpeg");
         hub.publish(&Event::Recording { folder: None, seconds: 0.0, bytes: 0, fault: None });
         hub.publish(&Event::Camera {
@@ -214,11 +199,11 @@ mod tests {
             (0..rate_hz).filter(|k| hub.wants_preview(camera, k * 1_000_000_000 / rate_hz)).count()
         };
         assert_eq!((wanted(0, 60), wanted(1, 30), wanted(2, 120)), (10, 10, 10));
-        assert!(hub.wants_preview(0, -5_000_000_000), "a replay that begins anew");
+        assert!(hub.wants_preview(0, -5_000_000_000), "a replay that begins again");
     }
 
     #[test]
-    fn commands_that_nobody_takes_are_answered() {
+    fn commands_that_nobody_takes_get_an_answer() {
         let (sender, receiver) = sync_channel(1);
         let hub = Hub::new(sender);
         assert_eq!(hub.ask(Command::Calibrate), Ok(()));

@@ -1,11 +1,11 @@
-//! Small pictures of what a camera sees.
+//! Small pictures of camera frames.
 
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 
 use crate::PageError;
 
-/// The longer side of a picture has at most this many pixels: what a page can show beside everything else.
+/// The longer side of a picture has at most this many pixels: as many as the page has room for.
 pub const LONGEST_SIDE_PX: u32 = 640;
 
 /// Quality of the JPEG, 1 to 100: pictures are looked at, not measured.
@@ -13,12 +13,13 @@ const QUALITY: u8 = 75;
 
 /// A picture of a frame as JPEG, for [`crate::Server::preview`].
 ///
-/// `pixel(x, y)` is the colour (sRGB) of a column and row of the frame. A frame whose longer side exceeds [`LONGEST_SIDE_PX`] is
-/// shrunk by the least whole factor that fits it; each pixel of the picture is then the mean of two by two of the frame,
-/// which is enough against aliasing to the eye and asks for few of the frame's pixels.
+/// `pixel(x, y)` is the colour (sRGB) of a column and row of the frame. A frame whose longer side exceeds
+/// [`LONGEST_SIDE_PX`] is shrunk by the least whole factor that fits; each pixel is then the mean of two by
+/// two of the frame, which hides aliasing and reads few of the frame's pixels.
 ///
 /// # Errors
-/// [`PageError::PictureSize`] where a side is 0 or above 65535, [`PageError::Encode`] where the encoder fails.
+/// [`PageError::PictureSize`] where a side is 0 or above 65535, [`PageError::Encode`] where the encoder
+/// fails.
 pub fn encode(
     width_px: u32,
     height_px: u32,
@@ -69,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn large_frames_are_shrunk_and_stay_in_place() {
+    fn large_frames_are_shrunk_in_place() {
         // Left half red, right half blue, 1080p: 640 x 360 with the edge in the middle.
         let jpeg = encode(1920, 1080, |x, _| if x < 960 { [220, 20, 20] } else { [20, 20, 220] }).unwrap();
         let picture = image::load_from_memory(&jpeg).unwrap().to_rgb8();

@@ -1,16 +1,16 @@
-//! What waits for one listener: bounded, and what is oldest falls out first.
+//! The bounded queue of one page, from which the oldest message falls out first.
 
 use std::collections::VecDeque;
 
 use mavsight_link::Event;
 use tokio_tungstenite::tungstenite::Message;
 
-/// What a message is about. Of each only so many wait (see [`Kind::depth`]).
+/// The subject of a message, which limits how many of it wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     Scene,
     Pose,
-    Sights(usize),
+    Detections(usize),
     Camera(usize),
     Parameters,
     Recording,
@@ -24,7 +24,7 @@ impl Kind {
         match event {
             Event::Scene(_) => Self::Scene,
             Event::Pose(_) => Self::Pose,
-            Event::Sights { camera, .. } => Self::Sights(*camera),
+            Event::Detections { camera, .. } => Self::Detections(*camera),
             Event::Camera { camera, .. } => Self::Camera(*camera),
             Event::Parameters { .. } => Self::Parameters,
             Event::Recording { .. } => Self::Recording,
@@ -32,22 +32,22 @@ impl Kind {
         }
     }
 
-    /// Whether it is told to those who come later too; what belongs to an instant that has gone by is not.
-    pub(crate) fn lasts(self) -> bool {
-        !matches!(self, Self::Pose | Self::Sights(_) | Self::Preview(_) | Self::Beat)
+    /// Whether pages that open later get it too; messages of a past instant are not sent again.
+    pub(crate) fn is_state(self) -> bool {
+        !matches!(self, Self::Pose | Self::Detections(_) | Self::Preview(_) | Self::Beat)
     }
 
-    /// How many wait at most: of a state only the newest; of instants so many that a pause of a quarter of a second at 120 Hz
-    /// leaves no gap, yet who is slower sees what is new; of sentences a page full.
+    /// How many wait at most: of a state the newest; of instants those of a quarter of a second at 120 Hz, so
+    /// that a pause of that length leaves no gap and a slower page sees the newest; of notes a page full.
     fn depth(self) -> usize {
         match self {
-            Self::Pose | Self::Sights(_) | Self::Note => 30,
+            Self::Pose | Self::Detections(_) | Self::Note => 30,
             _ => 1,
         }
     }
 }
 
-/// Messages in the order in which they came.
+/// Messages in the order of their arrival.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Queue {
     waiting: VecDeque<(Kind, Message)>,
@@ -71,7 +71,7 @@ impl Queue {
         self.waiting.pop_front().map(|(_, message)| message)
     }
 
-    /// Forgets how cameras were, as others may have their numbers now.
+    /// Forgets the states of cameras, whose numbers other cameras may have now.
     pub(crate) fn forget_cameras(&mut self) {
         self.waiting.retain(|(kind, _)| !matches!(kind, Kind::Camera(_)));
     }
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn of_many_poses_the_newest_stay_in_order() {
+    fn of_many_poses_the_newest_remain_in_order() {
         let mut queue = Queue::default();
         for count in 0..1000 {
             queue.push(Kind::Pose, Message::text(count.to_string()));

@@ -1,4 +1,4 @@
-//! The server as its producer sees it.
+//! The server's interface for its producer.
 
 use std::net::SocketAddr;
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -6,57 +6,33 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use hyper::StatusCode;
 use mavsight_link::Event;
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::runtime::Runtime;
 use tokio::sync::{Semaphore, watch};
 
-use crate::connection::{House, serve};
-use crate::http::{refusal, refuse};
+use crate::answer::{refusal, refusal_bytes};
+use crate::connection::serve;
 use crate::hub::{Hub, lock};
-use crate::listener::end;
+use crate::shared::{Limits, Shared};
 use crate::{Command, PageError, access};
 
-/// Requests of a user that wait to be carried out; a person presses no more keys than that before something happens.
+/// Commands that may wait; a person presses no more keys than that before something happens.
 const COMMANDS_WAITING: usize = 16;
-/// What the system may hold back for a page that does not read: one picture and some poses, so that a slow page shows what is new.
+/// The system's buffer for a page that does not read: one picture and some poses, so that a slow page shows
+/// new ones.
 const SEND_BUFFER_BYTES: u32 = 64 * 1024;
 
-/// Who may reach the page.
+/// Machines that may reach the page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Reach {
     /// Programs on this machine.
     #[default]
     Loopback,
-    /// Every machine that can reach the address, and knows the token that [`Server::url`] ends in. What passes is not encrypted.
+    /// Every machine that can reach the address and knows the token at the end of [`Server::url`]. Nothing is
+    /// encrypted.
     Network,
-}
-
-/// How much the server puts up with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Limits {
-    /// Connections at one time; more are turned away.
-    pub connections: usize,
-    /// Open pages at one time; more are turned away.
-    pub listeners: usize,
-    /// Time for a whole request to come in, and for its answer to go out.
-    pub request_time: Duration,
-    /// An open page hears that the server is there this often, however little happens.
-    pub beat: Duration,
-    /// An open page that takes or answers nothing for so long is left.
-    pub silence: Duration,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            connections: 64,
-            listeners: 16,
-            request_time: Duration::from_secs(5),
-            beat: Duration::from_millis(500),
-            silence: Duration::from_secs(10),
-        }
-    }
 }
 
 /// The page's server, on a thread of its own until it is dropped.
@@ -73,20 +49,20 @@ pub struct Server {
 }
 
 impl Server {
-    /// Serves the page on an address; port 0 takes any that is free.
+    /// Serves the page on an address; port 0 takes any free port.
     ///
     /// # Errors
-    /// [`PageError::NotLoopback`] where others could reach the address and `reach` does not say that they may,
-    /// [`PageError::Listen`] where it cannot be had, [`PageError::Token`] or [`PageError::Start`] where the system gives no
-    /// random numbers or no thread.
+    /// [`PageError::NotLoopback`] for an address that other machines can reach unless `reach` permits it,
+    /// [`PageError::Listen`] where the address is taken or not this machine's, [`PageError::Token`] or
+    /// [`PageError::Start`] where the system gives no random numbers or no thread.
     pub fn start(address: SocketAddr, reach: Reach) -> Result<Self, PageError> {
         Self::start_with(address, reach, Limits::default())
     }
 
-    /// The same with limits other than the usual ones.
+    /// Serves the page like [`Server::start`], with other limits than the defaults.
     ///
     /// # Errors
-    /// As [`Server::start`].
+    /// Those of [`Server::start`].
     pub fn start_with(address: SocketAddr, reach: Reach, limits: Limits) -> Result<Self, PageError> {
         let is_open = !address.ip().to_canonical().is_loopback();
         if is_open && reach == Reach::Loopback {
@@ -103,22 +79,22 @@ impl Server {
         let (sender, commands) = sync_channel(COMMANDS_WAITING);
         let (end, ended) = watch::channel(false);
         let hub = Arc::new(Hub::new(sender));
-        let house = Arc::new(House { hub: Arc::clone(&hub), token: token.clone(), limits, ended });
+        let shared = Arc::new(Shared { hub: Arc::clone(&hub), token: token.clone(), limits, ended });
         let thread = std::thread::Builder::new()
             .name("page".to_owned())
-            .spawn(move || runtime.block_on(accept(listener, house)))
+            .spawn(move || runtime.block_on(accept(listener, shared)))
             .map_err(PageError::Start)?;
         Ok(Self { hub, address, token, commands: Mutex::new(commands), end, thread: Some(thread) })
     }
 
-    /// Where the server listens.
+    /// Address and port on which the server listens.
     #[must_use]
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// What a user opens; beyond this machine it holds the token, so it is for the user's eyes only. An unspecified address
-    /// (0.0.0.0) is told as it is: whoever opens the page puts this machine's address there.
+    /// The page's URL. For other machines it contains the token, so it is for the user's eyes only. An
+    /// unspecified address (0.0.0.0) is returned as it is: the user replaces it by this machine's address.
     #[must_use]
     pub fn url(&self) -> String {
         match &self.token {
@@ -127,36 +103,36 @@ impl Server {
         }
     }
 
-    /// Open pages.
+    /// Number of open pages.
     #[must_use]
     pub fn listeners(&self) -> usize {
         self.hub.listeners()
     }
 
-    /// Tells all open pages of an event. Who opens the page later gets the scene, and the last state of cameras, parameters
-    /// and recording with the last notes; a new [`Event::Scene`] forgets the cameras' states.
+    /// Sends an event to all open pages. A page that is opened later gets the scene, the last state of
+    /// cameras, parameters and recording, and the last notes; a new [`Event::Scene`] forgets the cameras'
+    /// states.
     pub fn publish(&self, event: &Event) {
         self.hub.publish(event);
     }
 
-    /// Whether a page would show a picture of this camera now: somebody looks, and the last one is a tenth of a second old.
-    /// Who asks and hears yes is expected to make one.
-    ///
-    /// `t_ns` counts nanoseconds since the flight began.
+    /// Whether a picture of this camera is due at `t_ns`, nanoseconds since the flight began: a page is open,
+    /// and the last picture is a tenth of a second old. After `true` the caller is expected to send one by
+    /// [`Server::preview`].
     #[must_use]
     pub fn wants_preview(&self, camera: usize, t_ns: i64) -> bool {
         self.hub.wants_preview(camera, t_ns)
     }
 
-    /// Shows a picture (JPEG, see [`crate::encode_preview`]) of a camera at an instant, nanoseconds since the flight began,
-    /// on which the page draws the [`Event::Sights`] of the same instant.
+    /// Sends a picture (JPEG, see [`crate::encode_preview`]) of a camera at an instant, nanoseconds since the
+    /// flight began. The page draws the [`Event::Detections`] of the same instant on it.
     ///
     /// On the wire: one byte of camera, eight of the instant (little endian), the JPEG.
     pub fn preview(&self, camera: u8, t_ns: i64, jpeg: &[u8]) {
         self.hub.preview(camera, t_ns, jpeg);
     }
 
-    /// The next thing that a user asked for, waiting for it at most so long.
+    /// The user's next command, waiting for it at most for `wait`.
     #[must_use]
     pub fn next_command(&self, wait: Duration) -> Option<Command> {
         lock(&self.commands).recv_timeout(wait).ok()
@@ -183,47 +159,47 @@ fn listen(runtime: &Runtime, address: SocketAddr) -> std::io::Result<TcpListener
     socket.listen(128)
 }
 
-/// Takes connections until the server ends; open pages then have a moment to hear of it.
-async fn accept(listener: TcpListener, house: Arc<House>) {
-    let places = Arc::new(Semaphore::new(house.limits.connections));
-    let mut ended = house.ended.clone();
+/// Accepts connections until the server ends; open pages then have 0.2 s to close.
+async fn accept(listener: TcpListener, shared: Arc<Shared>) {
+    let places = Arc::new(Semaphore::new(shared.limits.connections));
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
-            () = end(&mut ended) => break,
+            () = shared.end() => break,
         };
         let Ok((stream, _)) = accepted else {
-            // Out of file handles, as a rule: others will be given back.
+            // Usually out of file handles, of which others will be freed.
             tokio::time::sleep(Duration::from_millis(100)).await;
             continue;
         };
-        // Without it poses would only come later.
+        // Only delays poses if it fails.
         let _ = stream.set_nodelay(true);
         let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
-            turn_away(stream);
+            refuse_connection(stream);
             continue;
         };
-        let house = Arc::clone(&house);
+        let shared = Arc::clone(&shared);
         tokio::spawn(async move {
-            serve(stream, house).await;
+            serve(stream, shared).await;
             drop(place);
         });
     }
     drop(listener);
     for _ in 0..20 {
-        if house.hub.listeners() == 0 {
+        if shared.hub.listeners() == 0 {
             break;
         }
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
 }
 
-/// Tells a connection that there is no place for it, without waiting for anything.
-fn turn_away(stream: TcpStream) {
-    let full = refusal("503 Service Unavailable", "Too many connections: try again in a few seconds.");
+/// Refuses a connection for which there is no place, without waiting for anything.
+fn refuse_connection(stream: TcpStream) {
+    let text = "Too many connections: try again in a few seconds.";
+    let full = refusal_bytes(refusal(StatusCode::SERVICE_UNAVAILABLE, text));
     if let Ok(mut stream) = stream.into_std() {
-        // The socket does not block; who gets nothing sees it closed.
-        let _ = std::io::Write::write(&mut stream, &refuse(full));
+        // The socket does not block; a client that gets nothing sees it closed.
+        let _ = std::io::Write::write(&mut stream, &full);
     }
 }
 

@@ -1,4 +1,5 @@
-//! The running server against malformed, oversized and slow requests, pages of other origins, and listeners that do not read.
+//! The running server against malformed, oversized and slow requests, pages of other origins, and listeners
+//! that do not read.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -105,8 +106,8 @@ fn note(text: &str) -> Event {
     Event::Note { t_s: 1.0, fault: false, text: text.to_owned() }
 }
 
-fn sights(t_s: f64) -> Event {
-    Event::Sights { camera: 0, t_s, seen: Vec::new() }
+fn detections(t_s: f64) -> Event {
+    Event::Detections { camera: 0, t_s, seen: Vec::new() }
 }
 
 #[test]
@@ -273,10 +274,10 @@ fn beyond_this_machine_only_the_token_opens() {
 fn events_pictures_and_commands_go_through() {
     let server = start();
     server.publish(&note("before"));
-    server.publish(&sights(0.5));
+    server.publish(&detections(0.5));
     let mut socket = open(&server).unwrap();
     wait_for("the page is counted", || server.listeners() == 1);
-    server.publish(&sights(1.5));
+    server.publish(&detections(1.5));
     server.publish(&Event::Camera {
         camera: 1,
         state: CameraState::Stalled,
@@ -287,8 +288,8 @@ fn events_pictures_and_commands_go_through() {
         reason: None,
     });
     assert!(next_text(&mut socket).contains("before"));
-    let sights: serde_json::Value = serde_json::from_str(&next_text(&mut socket)).unwrap();
-    assert_eq!((&sights["event"], sights["t_s"].as_f64()), (&"sights".into(), Some(1.5)));
+    let detections: serde_json::Value = serde_json::from_str(&next_text(&mut socket)).unwrap();
+    assert_eq!((&detections["event"], detections["t_s"].as_f64()), (&"detections".into(), Some(1.5)));
     assert!(next_text(&mut socket).contains("stalled"));
     server.preview(1, -2, b"picture");
     let picture = loop {
@@ -345,7 +346,7 @@ fn a_listener_that_does_not_read_holds_nobody_and_then_sees_what_is_new() {
     let mut slowest = Duration::ZERO;
     for count in 0..2000 {
         let before = Instant::now();
-        server.publish(&sights(f64::from(count)));
+        server.publish(&detections(f64::from(count)));
         if count % 4 == 0 {
             server.preview(0, 0, &picture);
         }
@@ -356,7 +357,8 @@ fn a_listener_that_does_not_read_holds_nobody_and_then_sees_what_is_new() {
             while !next_text(&mut awake).contains("here") {}
         }
     }
-    // One that waited for the sleeper would take until it is left, which is after a minute; this leaves room for a busy machine.
+    // One that waited for the sleeper would take until it is left, which is after a minute; this leaves room
+    // for a busy machine.
     assert!(slowest < Duration::from_secs(1), "a publish took {slowest:?}");
     // What the sleeper finds: what had gone out before the system's buffers were full, then only the newest.
     server.publish(&note("the end"));
@@ -367,7 +369,7 @@ fn a_listener_that_does_not_read_holds_nobody_and_then_sees_what_is_new() {
             break;
         }
         let event: serde_json::Value = serde_json::from_str(&text).unwrap();
-        seen.extend(event["t_s"].as_f64().filter(|_| event["event"] == "sights"));
+        seen.extend(event["t_s"].as_f64().filter(|_| event["event"] == "detections"));
     }
     assert!(seen.windows(2).all(|pair| pair[0] < pair[1]));
     assert!(seen.len() < 1500, "{} of 2000 waited", seen.len());

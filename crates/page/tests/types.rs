@@ -1,12 +1,13 @@
-//! The page's types are those of the events: `web/src/examples.ts` holds one of each as it is really sent, and the TypeScript compiler
-//! compares them with `web/src/events.ts` (names, types, and nothing too much) whenever the page is built.
+//! The page's types are those of the events: `web/src/examples.ts` holds one of each as it is really sent,
+//! and the TypeScript compiler compares them with `web/src/events.ts` (names, types, and nothing too much)
+//! whenever the page is built.
 //!
-//! `MAVSIGHT_WRITE=1 cargo test -p mavsight-page --test types` writes the file anew.
+//! `MAVSIGHT_WRITE=1 cargo test -p mavsight-page --test types` writes the file again.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mavsight_link::{
-    CameraState, CameraView, Event, MarkerView, Parameter, PoseEvent, Scene, Sight, Tracking,
+    CameraState, CameraView, DetectedBall, Event, MarkerView, Parameter, PoseEvent, Scene, Tracking,
 };
 
 fn pose(tracking: Tracking, is_measured: bool) -> Event {
@@ -66,9 +67,14 @@ fn scene() -> Event {
 fn examples() -> Vec<Event> {
     use CameraState::{Dark, Gone, Moved, Running, Stalled, Starting};
     use Tracking::{Acquiring, Lost, Reacquired};
-    let told =
-        Sight { u_px: 1.5, v_px: 2.5, diameter_px: 9.5, marker: Some(0), residual_px: Some([0.1, 0.2]) };
-    let untold = Sight { marker: None, residual_px: None, ..told.clone() };
+    let known_ball = DetectedBall {
+        u_px: 1.5,
+        v_px: 2.5,
+        diameter_px: 9.5,
+        marker: Some(0),
+        residual_px: Some([0.1, 0.2]),
+    };
+    let other_ball = DetectedBall { marker: None, residual_px: None, ..known_ball.clone() };
     let known =
         Parameter { name: "C_X.u".to_owned(), value: Some(0.5), half_width: Some(0.25), enough: true };
     let unknown = Parameter { value: None, half_width: None, enough: false, ..known.clone() };
@@ -81,7 +87,7 @@ fn examples() -> Vec<Event> {
     let mut examples = vec![
         scene(),
         pose(Tracking::Tracking, true),
-        Event::Sights { camera: 0, t_s: 1.5, seen: vec![told, untold] },
+        Event::Detections { camera: 0, t_s: 1.5, seen: vec![known_ball, other_ball] },
     ];
     examples.extend([Acquiring, Lost, Reacquired].map(|tracking| pose(tracking, false)));
     examples.extend([Starting, Running, Stalled, Gone, Moved, Dark].map(camera));
@@ -111,6 +117,6 @@ fn the_examples_that_the_page_is_checked_against_are_what_is_sent() {
     let committed = std::fs::read_to_string(&path).unwrap();
     assert_eq!(
         committed, text,
-        "the events have changed: write the file anew, then make the page's types fit"
+        "the events have changed: write the file again, then make the page's types fit"
     );
 }

@@ -1,5 +1,6 @@
-//! How much memory a flight takes, stage by stage, from its markers on: `cargo run --release -p mavsight-pipeline --example memory --
-//! 108000`, an hour of two cameras at 30 Hz. Linux alone tells the peak.
+//! How much memory a flight takes, stage by stage, from its markers on: `cargo run --release -p
+//! mavsight-pipeline --example memory -- 108000`, an hour of two cameras at 30 Hz. Linux alone reports the
+//! peak.
 
 #[path = "../tests/long_flight/mod.rs"]
 mod long_flight;
@@ -7,7 +8,7 @@ mod long_flight;
 use long_flight::{inputs, instants, rig};
 use mavsight_flight::Vehicle;
 use mavsight_identify::output_error::telling_stretch_s;
-use mavsight_pipeline::{IdentifyOptions, Quiet, identify_motion, motion_of, reconstruct};
+use mavsight_pipeline::{IdentifyOptions, NoProgress, identify_motion, motion_of, reconstruct};
 use mavsight_pose::MarkerObservation;
 use mavsight_session::{RunResults, make_folder, write_markers_early, write_results};
 
@@ -18,12 +19,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let count: usize = std::env::args().nth(1).and_then(|n| n.parse().ok()).unwrap_or(9000);
     let (rig, vehicle) = (rig(), Vehicle::paper());
     let flown = inputs(count);
-    let before = told("program and inputs", count, 0.0);
+    let before = report("program and inputs", count, 0.0);
     let tracked = reconstruct(&rig, &vehicle, instants(&rig, count))?;
-    told("observations and poses", count, before);
-    let motion = motion_of(&tracked, &vehicle, &Quiet)?;
-    told("motion", count, before);
-    // As a run does: the markers go to the disk, and those of a minute stay.
+    report("observations and poses", count, before);
+    let motion = motion_of(&tracked, &vehicle, &NoProgress)?;
+    report("motion", count, before);
+    // As a run does: the markers go to the disk, and those of a minute are kept.
     let folder = std::env::temp_dir().join(format!("mavsight-memory-{}", std::process::id()));
     make_folder(&folder)?;
     let mut results = RunResults {
@@ -36,9 +37,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let is_needed = |o: &MarkerObservation| (from_s..=to_s).contains(&(o.t_ns as f64 * 1e-9));
     write_markers_early(&folder, &mut results, &tracked.observations, is_needed)?;
     drop(tracked.observations);
-    told("markers written", count, before);
-    let solved = identify_motion(&motion, &flown, &vehicle, &IdentifyOptions::default(), &Quiet);
-    told("coefficients and fits", count, before);
+    report("markers written", count, before);
+    let solved = identify_motion(&motion, &flown, &vehicle, &IdentifyOptions::default(), &NoProgress);
+    report("coefficients and fits", count, before);
     results.motion = Some(motion);
     match solved {
         Ok(solution) => {
@@ -48,13 +49,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Err(refusal) => println!("no parameters: {refusal}"),
     }
     write_results(&folder, &results)?;
-    told("result files", count, before);
+    report("result files", count, before);
     std::fs::remove_dir_all(&folder)?;
     Ok(())
 }
 
 /// Prints what is held now and was held at most since it was asked last, in MB and for an hour.
-fn told(what: &str, count: usize, before_mb: f64) -> f64 {
+fn report(what: &str, count: usize, before_mb: f64) -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let of = |key: &str| {
         let line = status.lines().find_map(|l| l.strip_prefix(key)).unwrap_or_default();

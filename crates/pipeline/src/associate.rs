@@ -1,11 +1,11 @@
 //! What the trackers of all cameras saw at one instant, as candidates for the vehicle's markers.
 
-use crate::mixed_up::{self, SightSample};
-use crate::output_error::MARKERS_STD_M;
+use crate::mixed_up::{self, ObservationSample};
+use crate::refine::MARKERS_STD_M;
 use crate::watch::{CameraWatch, moved_notes};
 use crate::{PipelineError, Tracked};
 use mavsight_flight::Vehicle;
-use mavsight_pose::{Association, Associator, Candidate, MovedCamera, PoseEstimator, Rig};
+use mavsight_pose::{Association, Associator, MovedCamera, PoseEstimator, Rig, TrackedDetection};
 use mavsight_vision::BallColor;
 
 /// The colours of a vehicle's markers, each once, and which of them each marker has.
@@ -40,20 +40,20 @@ pub struct Instant<'a> {
     /// Middle of the exposure.
     pub t_ns: i64,
     /// What was seen, by camera and number.
-    pub seen: &'a [Candidate],
+    pub seen: &'a [TrackedDetection],
     /// Which is which, and the pose.
     pub association: &'a Association,
 }
 
-/// Tells which candidates are which markers, instant by instant.
+/// Associates the detections of all cameras with the markers, instant by instant.
 #[derive(Debug)]
-pub struct Identities {
+pub struct FlightAssociator {
     associator: Associator,
     colors: Vec<usize>,
-    sample: SightSample,
+    sample: ObservationSample,
 }
 
-impl Identities {
+impl FlightAssociator {
     /// For a vehicle before the cameras of a rig.
     ///
     /// # Errors
@@ -63,7 +63,7 @@ impl Identities {
         let colors = MarkerColors::of(vehicle).of_marker;
         let associator = Associator::new(estimator, rig, &colors, MARKERS_STD_M)
             .map_err(|source| PipelineError::Pose { place: "the vehicle's markers".into(), source })?;
-        Ok(Self { associator, colors, sample: SightSample::default() })
+        Ok(Self { associator, colors, sample: ObservationSample::default() })
     }
 
     /// What happened to the cameras and how well they saw the markers, into what was tracked.
@@ -72,7 +72,7 @@ impl Identities {
         let mut seen = vec![0; watches.len() * markers];
         tracked.observations.iter().for_each(|o| seen[o.camera * markers + o.marker] += 1);
         for (watch, seen) in watches.into_iter().zip(seen.chunks(markers.max(1))) {
-            let (health, notes) = watch.told(&self.colors, seen);
+            let (health, notes) = watch.report(&self.colors, seen);
             tracked.health.push(health);
             tracked.notes.extend(notes);
         }
@@ -80,27 +80,29 @@ impl Identities {
     }
 
     /// Which of the candidates of the next instant are which markers, and the pose they give.
-    pub fn tell(&mut self, t_ns: i64, seen: &[Candidate]) -> Association {
+    pub fn associate(&mut self, t_ns: i64, seen: &[TrackedDetection]) -> Association {
         self.sample.take(t_ns, seen, &self.colors);
         self.associator.associate(t_ns, seen)
     }
 
-    /// Spreads the instants from which [`Self::misfit`] is told over so many; they are the first otherwise.
+    /// Spreads the instants from which [`Self::misfit`] is determined over so many; they are the first
+    /// otherwise.
     pub(crate) fn spread_over(&mut self, instants: usize) {
         self.sample.spread_over(instants);
     }
 
-    /// Whether there are as many instants as [`Self::misfit`] is told from.
+    /// Whether there are as many instants as [`Self::misfit`] needs.
     pub fn is_sampled(&self) -> bool {
         self.sample.is_full()
     }
 
-    /// What is to be said of sights that fit no pose of the body, if they do not.
+    /// A note on observations that fit no pose of the body, if they do not.
     ///
     /// # Errors
-    /// [`PipelineError::MixedUp`] where recordings or cameras exchanged, mirrored or turned upside down explain it.
+    /// [`PipelineError::MixedUp`] where recordings or cameras exchanged, mirrored or turned upside down
+    /// explain it.
     pub fn misfit(&self, rig: &Rig) -> Result<Option<String>, PipelineError> {
-        mixed_up::note(self.estimator(), rig, self.sample.sights())
+        mixed_up::note(self.estimator(), rig, self.sample.observations())
     }
 
     /// Cameras that were found to be moved; they take no part from then on.

@@ -29,13 +29,13 @@ impl Board {
     }
 }
 
-/// Finds the inner corners in every frame of every camera. Frames that do not show the whole board are passed over; of a board with
-/// markers, those that do not show six corners.
+/// Finds the inner corners in every frame of every camera. Frames that do not show the whole board are
+/// passed over; of a board with markers, those that do not show six corners.
 ///
 /// # Errors
 /// Sources that fail; [`PipelineError::NoBoard`] for a camera whose frames do not show it.
 pub fn board_of(board: &Board, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<MovedObject, PipelineError> {
-    let mut sights = Vec::new();
+    let mut observations = Vec::new();
     let many = feeds.len() as i64;
     for (camera, feed) in feeds.into_iter().enumerate() {
         let Some(feed) = feed else { continue };
@@ -47,7 +47,7 @@ pub fn board_of(board: &Board, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<Mov
             frames += 1;
             let corners = board.corners(&frame);
             seen += usize::from(!corners.is_empty());
-            sights.extend(corners.into_iter().map(|(marker, corner)| MarkerObservation {
+            observations.extend(corners.into_iter().map(|(marker, corner)| MarkerObservation {
                 t_ns: place,
                 camera,
                 marker,
@@ -64,7 +64,7 @@ pub fn board_of(board: &Board, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<Mov
             });
         }
     }
-    Ok(MovedObject::board((board.columns, board.rows), board.square_m, sights))
+    Ok(MovedObject::board(board.columns, board.rows, board.square_m, observations))
 }
 
 #[cfg(test)]
@@ -74,7 +74,7 @@ mod tests {
     use mavsight_vision::{Frame, ImageSize};
 
     #[test]
-    fn images_without_a_board_are_told() {
+    fn images_without_a_board_are_named() {
         let size = ImageSize { width_px: 64, height_px: 48 };
         let frame = Frame::from_rgb(size, vec![90; 3 * 64 * 48]).unwrap();
         let feed = || {

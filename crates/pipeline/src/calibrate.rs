@@ -1,11 +1,10 @@
 //! From control stills, or from a table of clicked pixels, to a rig.
 
-use crate::PipelineError;
+use crate::{ControlPixel, ControlPointRow, PipelineError};
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Matrix2, Vector2, Vector3};
 use mavsight_pose::{
     CameraControl, LeftOut, LeftOutReason, MovedObject, Rig, Selection, calibrate_with, select_control_balls,
 };
-use mavsight_session::{ControlPixel, ControlPointRow};
 use mavsight_vision::{BallColor, Detection, Detector, Frame};
 
 /// The control frame as one camera saw it.
@@ -16,34 +15,38 @@ pub struct ControlStill {
     pub frame: Frame,
 }
 
-/// Standard deviation of a point clicked by hand: a person hits the centre of a small ball to about half a pixel.
+/// Standard deviation of a point clicked by hand: a person hits the centre of a small ball to about half a
+/// pixel.
 const CLICKED_STD_PX: f64 = 0.5;
 
-/// Smallest and largest apparent diameter of a ball that is searched for when nothing is known of the camera:
-/// below 3 px a disc has no inside that shows its colour, above a tenth of the image it is not a control ball.
+/// Smallest and largest apparent diameter of a ball that is searched for when nothing is known of the
+/// camera: below 3 px a disc has no inside that shows its colour, above a tenth of the image it is not a
+/// control ball.
 pub(crate) fn diameter_range_px(size: ImageSize) -> std::ops::RangeInclusive<f64> {
     3.0..=f64::from(size.width_px) / 10.0
 }
 
-/// Finds the control balls in each still by colour and geometry, and solves for the cameras; then once more with the
-/// images of the balls stretched as these cameras do.
+/// Finds the control balls in each still by colour and geometry, and solves for the cameras; then once more
+/// with the images of the balls stretched as these cameras do.
 ///
 /// Two balls whose colours are exchanged in the table are left out and named.
 ///
 /// # Errors
-/// Too few balls, colours that cannot be told apart, or points that do not determine a camera; each names the camera.
+/// Too few balls, colours that cannot be distinguished, or points that do not determine a camera; each
+/// names the camera.
 pub fn calibrate_from_stills(
     stills: &[ControlStill],
     table: &[ControlPointRow],
 ) -> Result<Rig, PipelineError> {
-    calibrate_from_stills_and(stills, table, &[])
+    calibrate_from_stills_and_objects(stills, table, &[])
 }
 
-/// The same together with objects that were moved before the cameras; the table may then be as short as three points.
+/// The same together with objects that were moved before the cameras; the table may then be as short as
+/// three points.
 ///
 /// # Errors
 /// Those of [`calibrate_from_stills`], and objects that do not determine the cameras.
-pub fn calibrate_from_stills_and(
+pub fn calibrate_from_stills_and_objects(
     stills: &[ControlStill],
     table: &[ControlPointRow],
     objects: &[MovedObject],
@@ -53,21 +56,22 @@ pub fn calibrate_from_stills_and(
     let detector = Detector::new(&colors)
         .map_err(|source| PipelineError::Vision { place: "control points".into(), source })?;
     let mut detectors = vec![detector; stills.len()];
-    let first = rig_of((stills, objects), table, &mut detectors, None)?;
+    let first = rig_of(stills, objects, table, &mut detectors, None)?;
     for (detector, seen_by) in detectors.iter_mut().zip(&first.cameras) {
         *detector = detector.clone().with_camera(seen_by.camera);
     }
-    rig_of((stills, objects), table, &mut detectors, Some(&first))
+    rig_of(stills, objects, table, &mut detectors, Some(&first))
 }
 
 fn rig_of(
-    (stills, objects): (&[ControlStill], &[MovedObject]),
+    stills: &[ControlStill],
+    objects: &[MovedObject],
     table: &[ControlPointRow],
     detectors: &mut [Detector],
     first: Option<&Rig>,
 ) -> Result<Rig, PipelineError> {
     let seen: Vec<Seen> = std::iter::zip(stills, detectors)
-        .map(|(still, detector)| seen_in_still(still, table, (detector, !objects.is_empty())))
+        .map(|(still, detector)| seen_in_still(still, table, detector, !objects.is_empty()))
         .collect::<Result<_, _>>()?;
     let swapped = swapped_pairs(&seen);
     let mut left_out = named_swaps(&swapped, table);
@@ -102,13 +106,14 @@ struct Seen {
 fn seen_in_still(
     still: &ControlStill,
     table: &[ControlPointRow],
-    (detector, has_objects): (&mut Detector, bool),
+    detector: &mut Detector,
+    has_objects: bool,
 ) -> Result<Seen, PipelineError> {
     let size = still.frame.size;
     let candidates = detector.detect(&still.frame, diameter_range_px(size));
     let found = candidates.iter().filter(|c| !c.is_empty()).count();
     if found < 6 && has_objects {
-        // Too few for their geometry to tell which is which: the most ball-like of each colour.
+        // Too few for their geometry to identify them: the most ball-like of each colour.
         let best = |list: &Vec<Detection>| {
             list.iter().enumerate().max_by(|a, b| a.1.score.total_cmp(&b.1.score)).map(|(k, _)| k)
         };
@@ -141,8 +146,8 @@ fn seen_in_still(
     Ok(Seen { candidates, selection })
 }
 
-/// Pairs that a camera sees exchanged while none sees them in place: those are wrong in the table. Where another camera
-/// sees them right, the first only took one colour for the other, which its geometry mends.
+/// Pairs that a camera sees exchanged while none sees them in place: those are wrong in the table. Where
+/// another camera sees them right, the first only took one colour for the other, which its geometry mends.
 fn swapped_pairs(seen: &[Seen]) -> Vec<(usize, usize)> {
     let mut pairs: Vec<(usize, usize)> = seen.iter().flat_map(|s| s.selection.swapped.clone()).collect();
     pairs.sort_unstable();
@@ -197,8 +202,9 @@ struct Measured {
     diameters_px: Vec<f64>,
 }
 
-/// What makes a ball appear larger or smaller than it is, beyond what all balls of the camera share (blur, the light's fall
-/// towards the rim), moves its centre by up to as much: half the difference widens its covariance.
+/// What makes a ball appear larger or smaller than it is, beyond what all balls of the camera share (blur,
+/// the light's fall towards the rim), moves its centre by up to as much: half the difference widens its
+/// covariance.
 fn doubt_odd_sizes(measured: &mut Measured, camera: &Camera) {
     let control = &mut measured.control;
     let expected_px = |point: &ControlPoint, radius_m: f64| {
@@ -226,7 +232,8 @@ fn doubt_odd_sizes(measured: &mut Measured, camera: &Camera) {
     }
 }
 
-/// Solves for the cameras from pixels that were measured elsewhere, of which there may be none, and from moved objects.
+/// Solves for the cameras from pixels that were measured elsewhere, of which there may be none, and from
+/// moved objects.
 ///
 /// # Errors
 /// Points that do not determine a camera; each names the camera.

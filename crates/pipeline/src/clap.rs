@@ -1,18 +1,30 @@
-//! When a clap was heard: a start for clocks that nothing else tells.
+//! When a clap was heard: a start for clocks of which nothing else is known.
 
 use crate::stream::Stream;
 use mavsight_pose::Rig;
-use mavsight_session::Clap;
 
 /// Speed of sound in a room of 20 °C.
 const SOUND_M_S: f64 = 343.0;
 
-/// A recording's sound comes between 5 ms before and 15 ms after its picture (EBU R37, 2007, at the source): a width of 20 ms.
+/// A recording's sound comes between 5 ms before and 15 ms after its picture (EBU R37, 2007, at the
+/// source): a width of 20 ms.
 const SOUND_AND_PICTURE_S: f64 = 0.02;
 
-/// Starts each clock of which no more is known from the clap that its camera and the first heard. From wherever it came, it had
-/// not to go further to one camera than to the other by more than they are apart; that and how far apart sound and picture of
-/// each may be are taken as evenly spread. Says what was found, and what was not.
+/// What the sound of a recording has of a clap.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Clap {
+    /// By the recording's time stamps, s.
+    At(f64),
+    /// Nothing in its sound stands out.
+    None,
+    /// It has no sound.
+    Silent,
+}
+
+/// Starts each clock of which no more is known from the clap that its camera and the first heard. From
+/// wherever it came, it had not to go further to one camera than to the other by more than they are apart;
+/// that and how far apart sound and picture of each may be are taken as evenly spread. Says what was found,
+/// and what was not.
 pub(crate) fn start_clocks(streams: &mut [Stream], rig: &Rig) -> Vec<String> {
     let Some((first, others)) = streams.split_first_mut() else { return Vec::new() };
     let Some(of_first) = first.clap else { return Vec::new() };
@@ -49,13 +61,13 @@ mod tests {
     use mavsight_pose::{CameraClock, ClockPrior};
 
     fn heard(name: &str, clap: Clap, prior: ClockPrior) -> Stream {
-        let mut stream = Stream::new(name.into(), prior, Vector2::y());
+        let mut stream = Stream::new(0, name.into(), prior, Vector2::y());
         stream.clap = Some(clap);
         stream
     }
 
     #[test]
-    fn a_clap_is_where_an_unknown_clock_starts_and_a_known_one_stays() {
+    fn a_clap_is_where_an_unknown_clock_starts_and_a_known_one_is_kept() {
         let known = ClockPrior::known(CameraClock::default());
         let of_b = heard("b", Clap::At(2.75), ClockPrior::unknown());
         let mut streams = [heard("a", Clap::At(1.25), known), of_b, heard("c", Clap::At(9.0), known)];

@@ -1,9 +1,8 @@
 //! Frames of one camera in order of time.
 
-use crate::PipelineError;
+use crate::{Clap, PipelineError};
 use mavsight_geometry::Vector2;
 use mavsight_pose::{CameraClock, ClockPrior};
-use mavsight_session::Clap;
 use mavsight_vision::Frame;
 
 /// A frame and the middle of its exposure.
@@ -15,8 +14,8 @@ pub struct TimedFrame {
     pub frame: Frame,
 }
 
-/// Frames as they come. An error after the first frame is a fault at that place, which is noted; what comes after it, if
-/// anything does, is used.
+/// Frames as they come. An error after the first frame is a fault at that place, which is noted; what comes
+/// after it, if anything does, is used.
 pub type Frames<'a> = Box<dyn Iterator<Item = Result<TimedFrame, PipelineError>> + Send + 'a>;
 
 /// One camera's frames, from wherever they come.
@@ -31,9 +30,11 @@ pub struct CameraFeed<'a> {
     pub clock: ClockPrior,
     /// Unit vector in the image along which a rolling shutter goes.
     pub readout: Vector2<f64>,
-    /// Whether a flash of light, or a lamp switched on, that all cameras saw is where the estimation of clocks starts.
+    /// Whether a flash of light, or a lamp switched on, that all cameras saw is where the estimation of
+    /// clocks starts.
     pub flash: bool,
-    /// The clap in the recording's sound, where the estimation of clocks starts from one that all cameras heard.
+    /// The clap in the recording's sound, where the estimation of clocks starts from one that all cameras
+    /// heard.
     pub clap: Option<Clap>,
 }
 

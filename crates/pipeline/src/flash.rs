@@ -1,12 +1,14 @@
-//! When the light flashed: a start for clocks that nothing else tells.
+//! When the light flashed: a start for clocks of which nothing else is known.
 
 use crate::stream::Stream;
 use mavsight_vision::{Frame, Pixels};
 
-/// Every so many pixels along a row and down a column are looked at: the mean of a few thousand is steadier than any light.
+/// Every so many pixels along a row and down a column are looked at: the mean of a few thousand is steadier
+/// than any light.
 const STRIDE: usize = 8;
 
-/// A jump of brightness that is a flash is larger than all others by this factor: of two that are about as large, neither is one.
+/// A jump of brightness that is a flash is larger than all others by this factor: of two that are about as
+/// large, neither is one.
 const ALONE: f64 = 2.0;
 
 /// Frames that must be seen before anything stands out.
@@ -27,8 +29,8 @@ pub(crate) fn brightness(frame: &Frame) -> f32 {
     (sum as f64 / f64::from(count.max(1))) as f32
 }
 
-/// The stamp of the frame whose brightness rises most over that of the frame before it, in seconds; none where another
-/// changes by half as much.
+/// The stamp of the frame whose brightness rises most over that of the frame before it, in seconds; none
+/// where another changes by half as much.
 pub(crate) fn flash_s(stamps_ns: &[i64], brightness: &[f32]) -> Option<f64> {
     if brightness.len() < LEAST_FRAMES || stamps_ns.len() != brightness.len() {
         return None;
@@ -41,9 +43,9 @@ pub(crate) fn flash_s(stamps_ns: &[i64], brightness: &[f32]) -> Option<f64> {
     (rise > ALONE * largest && rise > 0.0).then(|| stamps_ns[at] as f64 * 1e-9)
 }
 
-/// Starts each clock of which nothing is known from the flash that its camera and the first saw. A frame shows a flash of any moment
-/// between it and the frame before, so that a start is known to the root of a twelfth of both intervals' squares. Says what
-/// was found, and what was not.
+/// Starts each clock of which nothing is known from the flash that its camera and the first saw. A frame
+/// shows a flash of any moment between it and the frame before, so that a start is known to the root of a
+/// twelfth of both intervals' squares. Says what was found, and what was not.
 pub(crate) fn start_clocks(streams: &mut [Stream]) -> Vec<String> {
     let seen = |s: &Stream| s.brightness.as_ref().map(|b| flash_s(&s.stamps_ns, b));
     let Some((first, others)) = streams.split_first_mut() else { return Vec::new() };
@@ -72,7 +74,7 @@ mod tests {
     use mavsight_pose::{CameraClock, ClockPrior};
 
     fn stream(name: &str, flash_at: usize, prior: ClockPrior) -> Stream {
-        let mut stream = Stream::new(name.into(), prior, Vector2::y());
+        let mut stream = Stream::new(0, name.into(), prior, Vector2::y());
         stream.stamps_ns = stamps(100);
         let light = |k: usize| 100.0 + 0.3 * (k % 3) as f32 + if k == flash_at { 40.0 } else { 0.0 };
         stream.brightness = Some((0..100).map(light).collect());
@@ -80,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flash_is_where_an_unknown_clock_starts_and_a_known_one_stays() {
+    fn a_flash_is_where_an_unknown_clock_starts_and_a_known_one_is_kept() {
         let known = ClockPrior::known(CameraClock::default());
         let mut streams =
             [stream("a", 20, known), stream("b", 70, ClockPrior::unknown()), stream("c", 70, known)];

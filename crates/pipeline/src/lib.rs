@@ -6,37 +6,42 @@ mod associate;
 mod board;
 mod calibrate;
 mod clap;
+mod control;
 mod error;
 mod feed;
 mod flash;
-mod join;
+mod health;
 mod mixed_up;
-mod output_error;
 mod progress;
 mod reconstruct;
 mod refine;
-mod sight;
 mod solve;
 mod stream;
+mod synchronize;
 #[cfg(test)]
 mod testing;
 mod track;
+mod tracker;
 mod wand;
 mod watch;
 
-pub use associate::{Identities, Instant};
+pub use associate::{FlightAssociator, Instant};
 pub use board::{Board, board_of};
 pub use calibrate::{
-    ControlStill, calibrate_from_observations, calibrate_from_stills, calibrate_from_stills_and,
+    ControlStill, calibrate_from_observations, calibrate_from_stills, calibrate_from_stills_and_objects,
 };
+pub use clap::Clap;
+pub use control::{ControlPixel, ControlPointRow};
 pub use error::PipelineError;
 pub use feed::{CameraFeed, Frames, TimedFrame};
-pub use join::{Ahead, JoinedCamera, Joiner};
-pub use output_error::{MARKERS_STD_M, output_error_fits};
-pub use progress::{Progress, Quiet, Stage};
+pub use health::{CameraHealth, CentreQuality, MarkerHealth};
+pub use progress::{NoProgress, Progress, Stage};
 pub use reconstruct::reconstruct;
-pub use refine::{AsFlown, Diameter, Refinement, refine};
-pub use sight::{CameraTracker, Look, Sight};
-pub use solve::{IdentifyOptions, Solution, identify_motion, lasting_to_fit, motion_from_poses, motion_of};
-pub use track::{Tracked, body_markers, track, track_and};
+pub use refine::{Diameter, MARKERS_STD_M, RefinedBody, Refinement, refine};
+pub use solve::{
+    IdentifyOptions, Solution, identify_motion, motion_from_poses, motion_of, systematic_columns,
+};
+pub use synchronize::{CameraTiming, Lookahead, Synchronizer};
+pub use track::{Tracked, body_markers, track, track_with};
+pub use tracker::{CameraTracker, TrackedFrame};
 pub use wand::{Wand, wand_of};

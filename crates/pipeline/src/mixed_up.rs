@@ -1,18 +1,21 @@
-//! Recordings that are not those of the cameras that they are given for, told by what the cameras saw.
+//! Recordings that are not those of the cameras that they are given for, recognised by what the cameras saw.
 
 use crate::PipelineError;
 use crate::stream::Stream;
 use mavsight_geometry::Vector2;
-use mavsight_pose::{Candidate, MarkerObservation, Observations, PoseError, PoseEstimator, Rig, SightFit};
+use mavsight_pose::{
+    MarkerObservation, Observations, PoseError, PoseEstimator, ReprojectionFit, Rig, TrackedDetection,
+};
 
 /// Instants that are looked at, spread over the flight: half of them outvote those of a false match.
 const SAMPLED: usize = 60;
 
-/// Sights that lie so many standard deviations from where any pose has them do not fit: what is claimed then explains 4 % of their
-/// variance.
+/// Observations that lie so many standard deviations from where any pose has them do not fit: the stated
+/// covariance explains 4 % of their variance.
 const FITS: f64 = 5.0;
 
-/// What is taken for a mistake has to bring the residuals down to this part: over hundreds of degrees of freedom no chance does.
+/// What is taken for a mistake has to bring the residuals down to this part: over hundreds of degrees of
+/// freedom no chance does.
 const EXPLAINS: f64 = 1.0 / 3.0;
 
 /// What may have been done to recordings.
@@ -34,7 +37,7 @@ impl Mistake {
         exchanged.chain(turned).collect()
     }
 
-    /// The sight as it would have been without.
+    /// The observation as it would have been without.
     fn undone(self, mut seen: MarkerObservation, rig: &Rig) -> MarkerObservation {
         let size = rig.cameras[seen.camera].camera.size;
         let (right, bottom) = (f64::from(size.width_px) - 1.0, f64::from(size.height_px) - 1.0);
@@ -55,7 +58,7 @@ impl Mistake {
         seen
     }
 
-    fn told(self, rig: &Rig) -> String {
+    fn words(self, rig: &Rig) -> String {
         let name = |k: usize| &rig.cameras[k].name;
         match self {
             Self::Exchanged(a, b) => format!(
@@ -75,11 +78,11 @@ impl Mistake {
     }
 }
 
-/// What is to be said of sights that do not fit, if they do not.
+/// A note on observations that do not fit, if they do not.
 ///
 /// # Errors
-/// [`PipelineError::MixedUp`] where recordings exchanged, mirrored or turned upside down explain it; observations that are not
-/// numbers.
+/// [`PipelineError::MixedUp`] where recordings exchanged, mirrored or turned upside down explain it;
+/// observations that are not numbers.
 pub(crate) fn note(
     estimator: &PoseEstimator,
     rig: &Rig,
@@ -88,30 +91,31 @@ pub(crate) fn note(
     let failed = |source| PipelineError::Pose { place: "centres".into(), source };
     let instants = sampled(observations);
     let fit = |mistake| median_fit(estimator, rig, (&instants, mistake)).map_err(failed);
-    let Some(given) = fit(None)?.filter(|f| f.times > FITS) else { return Ok(None) };
+    let Some(given) = fit(None)?.filter(|f| f.ratio > FITS) else { return Ok(None) };
     for mistake in Mistake::all(rig) {
         let Some(instead) = fit(Some(mistake))? else { continue };
-        if instead.times < FITS && instead.times < EXPLAINS * given.times {
+        if instead.ratio < FITS && instead.ratio < EXPLAINS * given.ratio {
             let (given_px, instead_px) = (given.residual_px, instead.residual_px);
             let given = if given_px.is_finite() {
                 format!("lies {given_px:.2} px from")
             } else {
                 "is not".to_owned()
             };
-            return Err(PipelineError::MixedUp { given, instead_px, mistake: mistake.told(rig) });
+            return Err(PipelineError::MixedUp { given, instead_px, mistake: mistake.words(rig) });
         }
     }
-    let SightFit { residual_px, times } = given;
-    Ok(times.is_finite().then(|| {
+    let ReprojectionFit { residual_px, ratio } = given;
+    Ok(ratio.is_finite().then(|| {
         format!(
-            "What the cameras saw lies {residual_px:.2} px from where any pose of the body has it, {times:.0} times what their noise \
+            "What the cameras saw lies {residual_px:.2} px from where any pose of the body has it, {ratio:.0} times what their noise \
              explains: a camera may have been moved since its calibration, its frame rate or clock may be another, or the marker \
              positions of the vehicle file are off ([refine] finds those of a ruler)."
         )
     }))
 }
 
-/// Refuses one recording for two cameras, whose sights then lie in the same places: from two places no two cameras see that.
+/// Refuses one recording for two cameras, whose observations then lie in the same places: from two places
+/// no two cameras see that.
 ///
 /// # Errors
 /// [`PipelineError::SameRecording`].
@@ -120,7 +124,7 @@ pub(crate) fn refuse_one_recording_twice(streams: &[Stream]) -> Result<(), Pipel
     const COMPARED: usize = 40;
     for (k, stream) in streams.iter().enumerate() {
         for other in &streams[k + 1..] {
-            let pairs = || stream.sights.iter().zip(&other.sights).take(COMPARED);
+            let pairs = || stream.detections.iter().zip(&other.detections).take(COMPARED);
             if pairs().count() == COMPARED && pairs().all(|(a, b)| (a.pixel - b.pixel).amax() < SAME_PX) {
                 let (camera, other) = (stream.name.clone(), other.name.clone());
                 return Err(PipelineError::SameRecording { camera, other });
@@ -130,17 +134,17 @@ pub(crate) fn refuse_one_recording_twice(streams: &[Stream]) -> Result<(), Pipel
     Ok(())
 }
 
-/// Sights of some instants that tell their markers by their colours alone.
+/// Observations of some instants, of markers that are identified by their colours alone.
 #[derive(Debug, Default)]
-pub(crate) struct SightSample {
-    sights: Observations,
+pub(crate) struct ObservationSample {
+    observations: Observations,
     taken: usize,
     /// Instants from one that is taken to the next, and those until then.
     every: usize,
     until_next: usize,
 }
 
-impl SightSample {
+impl ObservationSample {
     pub(crate) fn spread_over(&mut self, instants: usize) {
         self.every = instants / SAMPLED;
     }
@@ -149,12 +153,12 @@ impl SightSample {
         self.taken >= SAMPLED
     }
 
-    pub(crate) fn sights(&self) -> &Observations {
-        &self.sights
+    pub(crate) fn observations(&self) -> &Observations {
+        &self.observations
     }
 
     /// Takes an instant if it is one's turn; one that says nothing leaves its turn to the next.
-    pub(crate) fn take(&mut self, t_ns: i64, seen: &[Candidate], color_of_marker: &[usize]) {
+    pub(crate) fn take(&mut self, t_ns: i64, seen: &[TrackedDetection], color_of_marker: &[usize]) {
         if self.until_next > 0 || self.is_full() {
             self.until_next = self.until_next.saturating_sub(1);
             return;
@@ -162,7 +166,7 @@ impl SightSample {
         let lone = lone(t_ns, seen, color_of_marker);
         // Four in two cameras, or in one of them, have more coordinates than a pose.
         if lone.len() >= 4 {
-            lone.iter().for_each(|o| self.sights.push(o));
+            lone.iter().for_each(|o| self.observations.push(o));
             self.taken += 1;
             self.until_next = self.every.saturating_sub(1);
         }
@@ -170,17 +174,16 @@ impl SightSample {
 }
 
 /// Balls that are the only ones of their colour in their camera, as the only markers of it.
-fn lone(t_ns: i64, seen: &[Candidate], color_of_marker: &[usize]) -> Vec<MarkerObservation> {
-    let is_lone = |c: &&Candidate| {
+fn lone(t_ns: i64, seen: &[TrackedDetection], color_of_marker: &[usize]) -> Vec<MarkerObservation> {
+    let is_lone = |c: &&TrackedDetection| {
         seen.iter().filter(|o| (o.camera, o.color) == (c.camera, c.color)).count() == 1
             && color_of_marker.iter().filter(|m| **m == c.color).count() == 1
     };
-    let told = |c: &Candidate| {
+    let identified = |c: &TrackedDetection| {
         let marker = color_of_marker.iter().position(|m| *m == c.color)?;
-        let Candidate { camera, pixel, covariance_px2, .. } = *c;
-        Some(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 })
+        Some(MarkerObservation { t_ns, ..c.of_marker(marker) })
     };
-    seen.iter().filter(is_lone).filter_map(told).collect()
+    seen.iter().filter(is_lone).filter_map(identified).collect()
 }
 
 fn sampled(observations: &Observations) -> Vec<Vec<MarkerObservation>> {
@@ -194,21 +197,22 @@ fn sampled(observations: &Observations) -> Vec<Vec<MarkerObservation>> {
     (0..count).map(at).collect()
 }
 
-/// That of the instant in the middle, by standard deviations; `None` where no instant tells anything.
+/// That of the instant in the middle, by standard deviations; `None` where no instant has enough
+/// observations.
 fn median_fit(
     estimator: &PoseEstimator,
     rig: &Rig,
     (instants, mistake): (&[Vec<MarkerObservation>], Option<Mistake>),
-) -> Result<Option<SightFit>, PoseError> {
+) -> Result<Option<ReprojectionFit>, PoseError> {
     let mut fits = Vec::new();
     for seen in instants {
         let own = match mistake {
             Some(mistake) => seen.iter().map(|o| mistake.undone(o.clone(), rig)).collect(),
             None => seen.clone(),
         };
-        fits.extend(estimator.sight_fit(&own)?);
+        fits.extend(estimator.reprojection_fit(&own)?);
     }
-    fits.sort_by(|a, b| a.times.total_cmp(&b.times));
+    fits.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
     Ok(fits.get(fits.len() / 2).copied())
 }
 
@@ -219,7 +223,7 @@ mod tests {
     use crate::testing::{rig, seen_by};
     use mavsight_flight::Vehicle;
 
-    fn told(change: impl Fn(&mut MarkerObservation)) -> Result<Option<String>, PipelineError> {
+    fn noted(change: impl Fn(&mut MarkerObservation)) -> Result<Option<String>, PipelineError> {
         let (rig, vehicle) = (rig(), Vehicle::paper());
         let mut seen: Vec<MarkerObservation> = (0..3).flat_map(|camera| seen_by(camera, 0..90)).collect();
         seen.iter_mut().for_each(change);
@@ -229,10 +233,10 @@ mod tests {
 
     #[test]
     fn recordings_in_the_place_of_others_are_refused_with_what_was_done_to_them() {
-        assert_eq!(told(|_| {}).unwrap(), None);
+        assert_eq!(noted(|_| {}).unwrap(), None);
         for a in 0..3 {
             let b = (a + 1) % 3;
-            let text = told(|o| match o.camera {
+            let text = noted(|o| match o.camera {
                 k if k == a => o.camera = b,
                 k if k == b => o.camera = a,
                 _ => {}
@@ -241,10 +245,10 @@ mod tests {
             let named = format!("cam{} and cam{} exchanged", a.min(b) + 1, a.max(b) + 1);
             assert!(text.contains(&named), "{text}");
         }
-        let text = told(|o| o.pixel.x = if o.camera == 1 { 639.0 - o.pixel.x } else { o.pixel.x });
+        let text = noted(|o| o.pixel.x = if o.camera == 1 { 639.0 - o.pixel.x } else { o.pixel.x });
         let text = text.unwrap_err().to_string();
         assert!(text.contains("cam2 mirrored"), "{text}");
-        let text = told(|o| {
+        let text = noted(|o| {
             if o.camera == 0 {
                 o.pixel = Vector2::new(639.0, 479.0) - o.pixel;
             }
@@ -255,13 +259,16 @@ mod tests {
 
     #[test]
     fn a_ball_counts_as_its_colours_marker_where_both_are_alone() {
-        let ball = |camera, color| Candidate {
+        let ball = |camera, color| TrackedDetection {
+            t_ns: 7,
             camera,
+            track_id: 0,
             color,
             pixel: Vector2::new(color as f64, 2.0),
             covariance_px2: mavsight_geometry::Matrix2::identity(),
             diameter_px: 5.0,
-            stays: false,
+            is_static: false,
+            is_preferred: true,
         };
         // Colour 1 has two markers; camera 0 sees two balls of colour 0, camera 1 one.
         let seen = [ball(0, 0), ball(0, 0), ball(0, 1), ball(0, 2), ball(1, 0), ball(1, 1)];
@@ -271,9 +278,9 @@ mod tests {
     }
 
     #[test]
-    fn what_no_mistake_of_these_explains_is_told_as_it_is() {
+    fn what_no_mistake_of_these_explains_is_noted_as_it_is() {
         // A camera that looks elsewhere by a hundredth of a radian.
-        let text = told(|o| o.pixel.x += if o.camera == 2 { 6.0 } else { 0.0 }).unwrap().unwrap();
+        let text = noted(|o| o.pixel.x += if o.camera == 2 { 6.0 } else { 0.0 }).unwrap().unwrap();
         assert!(text.contains("times what their noise explains") && text.contains("moved since"), "{text}");
     }
 }

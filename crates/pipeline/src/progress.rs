@@ -1,4 +1,4 @@
-//! How a run tells how far it is.
+//! How far a run is.
 
 /// A part of the chain that takes long enough to be watched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -25,6 +25,6 @@ pub trait Progress: Sync {
 
 /// A listener that says nothing.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Quiet;
+pub struct NoProgress;
 
-impl Progress for Quiet {}
+impl Progress for NoProgress {}

@@ -3,9 +3,10 @@
 use crate::{PipelineError, Tracked, mixed_up};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
-use mavsight_pose::{Association, Candidate, MarkerObservation, PoseEstimator, Rig};
+use mavsight_pose::{Association, MarkerObservation, PoseEstimator, Rig, TrackedDetection};
 
-/// Poses of instants as they come, each with the last one before it as a hint, and all of them again at the end.
+/// Poses of instants as they come, each with the last one before it as a hint, and all of them again at the
+/// end.
 pub(crate) struct Reconstruction {
     estimator: PoseEstimator,
     previous: Option<Isometry3<f64>>,
@@ -26,19 +27,18 @@ impl Reconstruction {
         self.tracked.poses.push(crate::solve::provisional(sample));
     }
 
-    /// An instant of which the identities have told which ball is which.
-    pub(crate) fn add_told(&mut self, seen: &[Candidate], told: Association) {
-        for (index, marker) in &told.pairs {
-            let Candidate { camera, pixel, covariance_px2, diameter_px, .. } = seen[*index];
-            let t_ns = told.sample.t_ns;
-            let seen = MarkerObservation { t_ns, camera, marker: *marker, pixel, covariance_px2 };
-            self.tracked.observations.push(&seen);
-            self.tracked.diameters_px.push(diameter_px as f32);
+    /// An instant whose detections are associated with the markers.
+    pub(crate) fn add_associated(&mut self, seen: &[TrackedDetection], association: Association) {
+        for (index, marker) in &association.pairs {
+            let t_ns = association.sample.t_ns;
+            let observation = MarkerObservation { t_ns, ..seen[*index].of_marker(*marker) };
+            self.tracked.observations.push(&observation);
+            self.tracked.diameters_px.push(seen[*index].diameter_px as f32);
         }
-        self.tracked.poses.push(crate::solve::provisional(told.sample));
+        self.tracked.poses.push(crate::solve::provisional(association.sample));
     }
 
-    /// All poses, with what the whole flight has shown of the centres' lasting errors.
+    /// All poses, with what the whole flight has shown of the centres' systematic errors.
     ///
     /// # Errors
     /// Observations that are not numbers.
@@ -49,11 +49,12 @@ impl Reconstruction {
     }
 }
 
-/// The poses of a flight whose markers were observed elsewhere: what follows detection in [`crate::track`]. Instants come in
-/// the order of time; an instant without observations is one without a pose.
+/// The poses of a flight whose markers were observed elsewhere: what follows detection in [`crate::track`].
+/// Instants come in the order of time; an instant without observations is one without a pose.
 ///
 /// # Errors
-/// No instants, observations that are not numbers, or such as another camera would have made, or one turned about.
+/// No instants, observations that are not numbers, or such as another camera would have made, or one turned
+/// about.
 pub fn reconstruct(
     rig: &Rig,
     vehicle: &Vehicle,

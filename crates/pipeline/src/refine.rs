@@ -1,6 +1,5 @@
 //! Cameras and body from what was tracked: their refinement, and ball diameters.
 
-use crate::output_error::MARKERS_STD_M;
 use crate::solve::poses_again;
 use crate::track::body_markers;
 use crate::{PipelineError, Tracked};
@@ -8,7 +7,10 @@ use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, Isometry3, Point3};
 use mavsight_pose::{BodyMarker, FlightPrior, PoseError, PoseEstimator, RefinedFlight, Rig, refine_flight};
 
-/// What is refined beside the cameras, and from what it starts.
+/// Half a millimetre: how well a ruler measures a coordinate of a marker where nothing else is said.
+pub const MARKERS_STD_M: f64 = 5e-4;
+
+/// What is refined in addition to the cameras, and from what it starts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Refinement {
     /// Standard deviation of a coordinate in the vehicle file, where the markers are to be refined.
@@ -28,8 +30,8 @@ pub struct Diameter {
 
 /// Cameras and body as a flight has shown them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct AsFlown {
-    /// Cameras, markers and lasting errors of centres, with what is not known of them.
+pub struct RefinedBody {
+    /// Cameras, markers and systematic errors of centres, with their uncertainties.
     pub refined: RefinedFlight,
     /// Why the markers are those of the file although they were to be refined.
     pub kept: Option<PoseError>,
@@ -37,9 +39,9 @@ pub struct AsFlown {
     pub diameters: Vec<Option<Diameter>>,
 }
 
-/// Refines the cameras, and if asked the marker positions and the diameters, from what was tracked; estimates the poses anew with
-/// them. Markers that are not asked for count as known to half a millimetre while the cameras are refined, and as
-/// exact for the poses, as they do without a refinement.
+/// Refines the cameras, and if asked the marker positions and the diameters, from what was tracked;
+/// estimates the poses again with them. Markers that are not asked for count as known to half a millimetre
+/// while the cameras are refined, and as exact for the poses, as they do without a refinement.
 ///
 /// # Errors
 /// Too few frames with a pose, or a standard deviation that is not above zero; the poses are then as before.
@@ -48,7 +50,7 @@ pub fn refine(
     rig: &Rig,
     vehicle: &Vehicle,
     how: Refinement,
-) -> Result<AsFlown, PipelineError> {
+) -> Result<RefinedBody, PipelineError> {
     let failed = |source| PipelineError::Pose { place: "the flight's refinement".into(), source };
     let mut body = body_markers(vehicle);
     let diameters = if how.diameters { diameters(tracked, rig, &body) } else { Vec::new() };
@@ -63,11 +65,12 @@ pub fn refine(
     let markers = (!is_new).then_some(body.as_slice());
     let estimator = PoseEstimator::refined(&refined, markers).map_err(failed)?;
     poses_again(estimator, tracked).map_err(failed)?;
-    Ok(AsFlown { refined, kept, diameters })
+    Ok(RefinedBody { refined, kept, diameters })
 }
 
-/// Diameters from those of the images and the poses' distances: the mean over cameras of each camera's mean. What a camera's
-/// blur and light do to a rim is the same in all its frames, so that the cameras' disagreement is the standard deviation.
+/// Diameters from those of the images and the poses' distances: the mean over cameras of each camera's
+/// mean. What a camera's blur and light do to a rim is the same in all its frames, so that the cameras'
+/// disagreement is the standard deviation.
 fn diameters(tracked: &Tracked, rig: &Rig, body: &[BodyMarker]) -> Vec<Option<Diameter>> {
     let mut sums = vec![vec![(0.0, 0.0); rig.cameras.len()]; body.len()];
     let mut poses = tracked.poses.iter();
@@ -90,8 +93,8 @@ fn diameters(tracked: &Tracked, rig: &Rig, body: &[BodyMarker]) -> Vec<Option<Di
     means_of_cameras(&sums)
 }
 
-/// Diameter of a sphere whose image is as large as a disc of this diameter. Where its centre is seen under an angle α to the
-/// optical axis, a small cone's image is enlarged in area by cos⁻³ α.
+/// Diameter of a sphere whose image is as large as a disc of this diameter. Where its centre is seen under
+/// an angle α to the optical axis, a small cone's image is enlarged in area by cos⁻³ α.
 fn of_image(
     camera: &Camera,
     world_from_body: &Isometry3<f64>,
@@ -106,8 +109,8 @@ fn of_image(
     (diameter_m.is_finite() && diameter_m > 0.0).then_some(diameter_m)
 }
 
-/// Means over cameras of `(sum, count)` by marker and camera. The cameras' disagreement is pooled over all balls: two cameras
-/// alone may agree by chance.
+/// Means over cameras of `(sum, count)` by marker and camera. The cameras' disagreement is pooled over all
+/// balls: two cameras alone may agree by chance.
 fn means_of_cameras(sums: &[Vec<(f64, f64)>]) -> Vec<Option<Diameter>> {
     let means: Vec<Vec<f64>> = sums
         .iter()

@@ -41,8 +41,9 @@ pub struct Solution {
     pub inputs: Option<InputSeries>,
 }
 
-/// Estimates all poses again with what the first estimates have shown of the centres: how good those of each ball in each camera
-/// are, which enters the observations' covariances, and what of their errors stays.
+/// Estimates all poses again with what the first estimates have shown of the centres: how good those of
+/// each ball in each camera are, which enters the observations' covariances, and how large their systematic
+/// errors are.
 pub(crate) fn poses_anew(estimator: PoseEstimator, tracked: &mut Tracked) -> Result<(), PoseError> {
     let factors = estimator.centre_factors(&tracked.observations, &tracked.poses)?;
     let markers = estimator.markers().len();
@@ -61,14 +62,15 @@ pub(crate) fn poses_again(estimator: PoseEstimator, tracked: &mut Tracked) -> Re
     poses_anew(estimator, tracked)
 }
 
-/// A pose that will be estimated again, without what only the last estimate of it is asked for: in an hour of film what stays of its
-/// errors is hundreds of megabytes.
+/// A pose that will be estimated again, without what only the last estimate of it is asked for: in an hour
+/// of film the systematic part of its errors is hundreds of megabytes.
 pub(crate) fn provisional(mut pose: PoseSample) -> PoseSample {
     pose.estimate = pose.estimate.map(PoseEstimate::all_new);
     pose
 }
 
-/// A pose with what stays of its errors by itself; how it stays from pose to pose is formed from the sights when it is asked for.
+/// A pose with the systematic part of its own covariance; how that is correlated between poses is formed
+/// from the observations when it is needed.
 fn condensed(mut pose: PoseSample) -> PoseSample {
     pose.estimate = pose.estimate.map(PoseEstimate::condensed);
     pose
@@ -103,7 +105,8 @@ pub fn motion_from_poses(
         .map_err(|source| PipelineError::Pose { place: "smoothing".into(), source })
 }
 
-/// Smooths the poses of what was tracked; what stays of their errors is formed from the sights as it is needed.
+/// Smooths the poses of what was tracked; the systematic part of their errors is formed from the
+/// observations as it is needed.
 ///
 /// # Errors
 /// Too few measured poses.
@@ -116,13 +119,14 @@ pub fn motion_of(
         return motion_from_poses(&tracked.poses, vehicle, progress);
     }
     progress.begin(Stage::Smooth, None);
-    let effects = lasting_effects(tracked);
+    let effects = systematic_effects(tracked);
     smooth_with_effects(&tracked.poses, &effects, vehicle.environment.gravity_m_s2)
         .map_err(|source| PipelineError::Pose { place: "smoothing".into(), source })
 }
 
-/// What errors that stay do to the poses, by the pose's number, formed from the sights when it is asked for.
-fn lasting_effects(tracked: &Tracked) -> impl Fn(usize) -> Option<Matrix6xX<f64>> {
+/// The effects of systematic errors on the poses, by the pose's number, formed from the observations when
+/// they are asked for.
+fn systematic_effects(tracked: &Tracked) -> impl Fn(usize) -> Option<Matrix6xX<f64>> {
     let seen = RefCell::new(Vec::new());
     move |k| {
         let pose = &tracked.poses[k];
@@ -132,10 +136,10 @@ fn lasting_effects(tracked: &Tracked) -> impl Fn(usize) -> Option<Matrix6xX<f64>
     }
 }
 
-/// How the errors of poses stay from one to the next, for output error: of those from which it is fitted, a minute at most
-/// ([`telling_stretch_s`]), their numbers and systematic columns.
-pub fn lasting_to_fit(tracked: &Tracked) -> Vec<(usize, Matrix6xX<f32>)> {
-    let effects = lasting_effects(tracked);
+/// How the systematic errors of poses are correlated, for output error: of those from which it is fitted, a
+/// minute at most ([`telling_stretch_s`]), their numbers and systematic columns.
+pub fn systematic_columns(tracked: &Tracked) -> Vec<(usize, Matrix6xX<f32>)> {
+    let effects = systematic_effects(tracked);
     let stretch_s = telling_stretch_s(&tracked.poses);
     let is_needed = |p: &PoseSample| {
         stretch_s.is_none_or(|(from_s, to_s)| (from_s..=to_s).contains(&(p.t_ns as f64 * 1e-9)))
@@ -146,7 +150,8 @@ pub fn lasting_to_fit(tracked: &Tracked) -> Vec<(usize, Matrix6xX<f32>)> {
 
 /// Sets the inputs' clock right, forms the coefficients and fits the model.
 ///
-/// A lag is searched as far as the margin that fits leave out at either end, over which the inputs' ends are held.
+/// A lag is searched as far as the margin that fits leave out at either end, over which the inputs' ends
+/// are held.
 ///
 /// # Errors
 /// Inputs that do not cover the flight, a model with an unknown signal, or a fit without a determined answer.
@@ -231,7 +236,8 @@ mod tests {
         calibrate(&[control(4.5), control(-4.5)]).unwrap()
     }
 
-    /// A slow turn and climb, seen with noise of a uniform spread; each centre is off by its own amount that stays.
+    /// A slow turn and climb, seen with noise of a uniform spread; each centre has a systematic error of
+    /// its own.
     fn tracked(rig: &Rig, markers: &[BodyMarker], bias_px: f64) -> Tracked {
         let mut state = 1u64;
         let mut uniform = || {
@@ -271,8 +277,8 @@ mod tests {
         out
     }
 
-    /// Standard deviations of x: what stays from frame to frame, and what is new.
-    fn lasting_and_own_std_m(tracked: &Tracked) -> (f64, f64) {
+    /// Standard deviations of x: systematic, and random.
+    fn systematic_and_random_std_m(tracked: &Tracked) -> (f64, f64) {
         let estimate = tracked.poses[40].estimate.as_ref().unwrap();
         (f64::from(estimate.systematic().row(0).norm()), estimate.own_covariance()[(0, 0)].sqrt())
     }
@@ -280,12 +286,12 @@ mod tests {
     #[test]
     fn centres_that_are_off_for_good_do_so_in_all_poses_alike() {
         let (rig, body) = (rig(), body_markers(&Vehicle::paper()));
-        for (bias_px, stays) in [(0.0, false), (0.3, true)] {
+        for (bias_px, is_systematic) in [(0.0, false), (0.3, true)] {
             let mut tracked = tracked(&rig, &body, bias_px);
-            let before = lasting_and_own_std_m(&tracked);
+            let before = systematic_and_random_std_m(&tracked);
             poses_anew(PoseEstimator::new(&rig, &body), &mut tracked).unwrap();
-            let after = lasting_and_own_std_m(&tracked);
-            assert_eq!(after.0 > 2.0 * before.0, stays, "bias {bias_px}: {before:?} then {after:?}");
+            let after = systematic_and_random_std_m(&tracked);
+            assert_eq!(after.0 > 2.0 * before.0, is_systematic, "bias {bias_px}: {before:?} then {after:?}");
             assert!(after.1 < 1.1 * before.1, "bias {bias_px}: {before:?} then {after:?}");
         }
     }

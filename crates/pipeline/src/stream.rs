@@ -1,70 +1,69 @@
 //! What one camera saw, by its own clock, and what was wrong with its frames.
 
-use crate::PipelineError;
 use crate::associate::MarkerColors;
-use crate::sight::Sight;
+use crate::{Clap, PipelineError};
 use mavsight_geometry::{Matrix2, Vector2};
-use mavsight_pose::{CameraStream, ClockPrior, StreamSight};
-use mavsight_session::Clap;
+use mavsight_pose::{CameraStream, ClockPrior, MarkerObservation, TrackedDetection};
 
 /// Frames further apart than this many intervals have others missing between them.
 const GAP_INTERVALS: f64 = 1.5;
 
-/// Faults that are told one by one; of more, the number.
-const MOST_TOLD: usize = 3;
+/// Faults that are noted one by one; of more, the number.
+const MOST_NOTED: usize = 3;
 
-/// A sight without its time, in half as many bytes: pixels exact, the rest to seven digits.
+/// A detection without its time and camera, in half as many bytes: pixels exact, the rest to seven digits.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct HeldSight {
+pub(crate) struct StoredDetection {
     pub(crate) pixel: Vector2<f64>,
     /// uu, uv, vv.
     covariance_px2: [f32; 3],
     diameter_px: f32,
-    id: u32,
+    track_id: u32,
     color: u16,
-    stays: bool,
-    leads: bool,
+    is_static: bool,
+    is_preferred: bool,
 }
 
-impl HeldSight {
-    fn of(s: &Sight) -> Self {
+impl StoredDetection {
+    fn of(s: &TrackedDetection) -> Self {
         let c = &s.covariance_px2;
         Self {
             pixel: s.pixel,
             covariance_px2: [c[(0, 0)], c[(0, 1)], c[(1, 1)]].map(|v| v as f32),
             diameter_px: s.diameter_px as f32,
-            id: s.id,
+            track_id: s.track_id,
             color: u16::try_from(s.color).unwrap_or(u16::MAX),
-            stays: s.stays,
-            leads: s.leads,
+            is_static: s.is_static,
+            is_preferred: s.is_preferred,
         }
     }
 
-    /// The sight in a frame of this stamp.
-    pub(crate) fn sight(&self, stamp_ns: i64) -> Sight {
+    /// The detection in a frame of a camera.
+    pub(crate) fn detection(&self, camera: usize, t_ns: i64) -> TrackedDetection {
         let [uu, uv, vv] = self.covariance_px2.map(f64::from);
-        Sight {
-            stamp_ns,
-            id: self.id,
+        TrackedDetection {
+            t_ns,
+            camera,
+            track_id: self.track_id,
             color: self.color.into(),
             pixel: self.pixel,
             covariance_px2: Matrix2::new(uu, uv, uv, vv),
             diameter_px: self.diameter_px.into(),
-            stays: self.stays,
-            leads: self.leads,
+            is_static: self.is_static,
+            is_preferred: self.is_preferred,
         }
     }
 }
 
-/// Room of so many sights is given back at a time.
+/// Room of so many detections is given back at a time.
 const GIVEN_BACK: usize = 1 << 15;
 
 /// A camera's frames, of which each is let go when the next is asked for.
 pub(crate) struct Frames {
-    /// With its sights in reverse.
+    /// With its detections in reverse.
     stream: Stream,
     at: usize,
-    seen: Vec<Sight>,
+    seen: Vec<TrackedDetection>,
 }
 
 impl Frames {
@@ -74,30 +73,31 @@ impl Frames {
     }
 
     /// The next frame.
-    pub(crate) fn next(&mut self) -> Option<(i64, &[Sight])> {
+    pub(crate) fn next(&mut self) -> Option<(i64, &[TrackedDetection])> {
         let stamp_ns = self.peek()?;
-        let sights = &mut self.stream.sights;
-        let rest = sights.len().saturating_sub(self.stream.counts[self.at].into());
+        let stored = &mut self.stream.detections;
+        let rest = stored.len().saturating_sub(self.stream.counts[self.at].into());
         self.seen.clear();
-        self.seen.extend(sights.drain(rest..).rev().map(|s| s.sight(stamp_ns)));
-        if sights.capacity() > rest + GIVEN_BACK {
-            sights.shrink_to_fit();
+        self.seen.extend(stored.drain(rest..).rev().map(|s| s.detection(self.stream.camera, stamp_ns)));
+        if stored.capacity() > rest + GIVEN_BACK {
+            stored.shrink_to_fit();
         }
         self.at += 1;
         Some((stamp_ns, &self.seen))
     }
 }
 
-/// A camera's sights.
+/// A camera's detections.
 #[cfg_attr(test, derive(Clone))]
 pub(crate) struct Stream {
+    camera: usize,
     pub(crate) name: String,
     /// Time stamps of the frames that were looked at, rising.
     pub(crate) stamps_ns: Vec<i64>,
-    /// How many things were seen in each.
+    /// How many detections there were in each.
     counts: Vec<u16>,
     /// Those, in order of time.
-    pub(crate) sights: Vec<HeldSight>,
+    pub(crate) detections: Vec<StoredDetection>,
     pub(crate) clock: ClockPrior,
     pub(crate) readout: Vector2<f64>,
     /// Mean brightness of the frames, where a flash is looked for.
@@ -120,12 +120,13 @@ struct Faults {
 }
 
 impl Stream {
-    pub(crate) fn new(name: String, clock: ClockPrior, readout: Vector2<f64>) -> Self {
+    pub(crate) fn new(camera: usize, name: String, clock: ClockPrior, readout: Vector2<f64>) -> Self {
         Self {
+            camera,
             name,
             stamps_ns: Vec::new(),
             counts: Vec::new(),
-            sights: Vec::new(),
+            detections: Vec::new(),
             clock,
             readout,
             brightness: None,
@@ -134,8 +135,8 @@ impl Stream {
         }
     }
 
-    /// Starts the estimation of this clock from what the first camera and this one noticed together, at their own times: what it was,
-    /// where it tells more than is known. None where it does not.
+    /// Starts the estimation of this clock from what the first camera and this one noticed together, at
+    /// their own times: what it was, where it is more precise than what is known. None where it is not.
     pub(crate) fn start_clock(
         &mut self,
         (first, what): (&Self, &str),
@@ -156,13 +157,14 @@ impl Stream {
         ))
     }
 
-    /// Room for so many frames in each of which so many things are seen.
-    pub(crate) fn reserve(&mut self, frames: usize, things: usize) {
-        // What a file announces may be wrong by any factor: a day at 30 frames a second is the most that is believed.
+    /// Room for so many frames with so many detections each.
+    pub(crate) fn reserve(&mut self, frames: usize, detections: usize) {
+        // What a file announces may be wrong by any factor: a day at 30 frames a second is the most that is
+        // believed.
         let frames = frames.min(30 * 86_400);
         self.stamps_ns.reserve(frames);
         self.counts.reserve(frames);
-        self.sights.reserve(frames * things);
+        self.detections.reserve(frames * detections);
     }
 
     /// Notes a frame that repeats the one before.
@@ -175,30 +177,31 @@ impl Stream {
         self.faults.backward_ns.push(stamp_ns);
     }
 
-    /// Adds what was seen in a frame later than all before it, and how bright it was where a flash is looked for.
-    pub(crate) fn add(&mut self, stamp_ns: i64, seen: &[Sight], brightness: Option<f32>) {
+    /// Adds what was seen in a frame later than all before it, and how bright it was where a flash is
+    /// looked for.
+    pub(crate) fn add(&mut self, stamp_ns: i64, seen: &[TrackedDetection], brightness: Option<f32>) {
         self.stamps_ns.push(stamp_ns);
         let count = u16::try_from(seen.len()).unwrap_or(u16::MAX);
         self.counts.push(count);
-        self.sights.extend(seen.iter().take(count.into()).map(HeldSight::of));
+        self.detections.extend(seen.iter().take(count.into()).map(StoredDetection::of));
         if let (Some(all), Some(own)) = (&mut self.brightness, brightness) {
             all.push(own);
         }
     }
 
     /// All that was seen.
-    pub(crate) fn sights(&self) -> impl Iterator<Item = Sight> + '_ {
-        let mut rest = self.sights.as_slice();
+    pub(crate) fn detections(&self) -> impl Iterator<Item = TrackedDetection> + '_ {
+        let mut rest = self.detections.as_slice();
         self.stamps_ns.iter().zip(&self.counts).flat_map(move |(stamp_ns, count)| {
             let (own, later) = rest.split_at((*count).into());
             rest = later;
-            own.iter().map(|s| s.sight(*stamp_ns))
+            own.iter().map(|s| s.detection(self.camera, *stamp_ns))
         })
     }
 
     /// Frame by frame, its time stamp and what was seen in it; what was handed out is let go.
     pub(crate) fn into_frames(mut self) -> Frames {
-        self.sights.reverse();
+        self.detections.reverse();
         Frames { stream: self, at: 0, seen: Vec::new() }
     }
 
@@ -229,10 +232,10 @@ impl Stream {
         steps.get(steps.len() / 2).map_or(1.0 / 30.0, |step| *step as f64 * 1e-9)
     }
 
-    /// What the estimation of clocks needs, before the body has told which ball is which: of each colour that one marker alone
-    /// has, what is most likely that marker.
+    /// What the estimation of clocks needs, before the detections are associated: of each colour that one
+    /// marker alone has, what is most likely that marker.
     ///
-    /// Of a long recording these are the sights within some stretches of time.
+    /// Of a long recording these are the detections within some stretches of time.
     pub(crate) fn camera_stream(&self, colors: &MarkerColors, stretches_ns: &[(i64, i64)]) -> CameraStream {
         let is_inside = |stamp_ns: i64| {
             let t_ns = self.clock.clock.time_ns(stamp_ns);
@@ -243,32 +246,22 @@ impl Stream {
             let own = counts.get(color) == Some(&1);
             colors.of_marker.iter().position(|c| own && *c == color)
         };
-        let sights = self.sights().filter(|s| s.leads && is_inside(s.stamp_ns)).filter_map(|s| {
-            Some(StreamSight {
-                stamp_ns: s.stamp_ns,
-                marker: marker(s.color)?,
-                pixel: s.pixel,
-                covariance_px2: s.covariance_px2,
-            })
-        });
-        CameraStream {
-            interval_s: self.interval_s(),
-            readout: self.readout,
-            sights: sights.collect(),
-            prior: self.clock,
-        }
+        let preferred = self.detections().filter(|d| d.is_preferred && is_inside(d.t_ns));
+        let observations: Vec<MarkerObservation> =
+            preferred.filter_map(|d| Some(d.of_marker(marker(d.color)?))).collect();
+        CameraStream { interval_s: self.interval_s(), readout: self.readout, observations, prior: self.clock }
     }
 
     /// What was wrong, in words.
     pub(crate) fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         let first_s = |of: &[i64]| of.first().map_or(0.0, |t| *t as f64 * 1e-9);
-        for (after_ns, words) in self.faults.broken.iter().take(MOST_TOLD) {
+        for (after_ns, words) in self.faults.broken.iter().take(MOST_NOTED) {
             notes.push(format!("{}, after {:.3} s: {words}.", self.name, *after_ns as f64 * 1e-9));
         }
-        let untold = self.faults.broken.len().saturating_sub(MOST_TOLD);
-        if untold > 0 {
-            notes.push(format!("{}: {untold} more faults of this kind.", self.name));
+        let others = self.faults.broken.len().saturating_sub(MOST_NOTED);
+        if others > 0 {
+            notes.push(format!("{}: {others} more faults of this kind.", self.name));
         }
         let copies = &self.faults.copies_ns;
         if !copies.is_empty() {
@@ -321,7 +314,8 @@ mod tests {
     use mavsight_pose::CameraClock;
 
     fn stream(stamps: &[(f64, u8)]) -> Stream {
-        let mut stream = Stream::new("cam2".into(), ClockPrior::known(CameraClock::default()), Vector2::y());
+        let mut stream =
+            Stream::new(1, "cam2".into(), ClockPrior::known(CameraClock::default()), Vector2::y());
         let mut last = None;
         for (k, shade) in stamps {
             let stamp_ns = (k / 30.0 * 1e9).round() as i64;
@@ -338,36 +332,38 @@ mod tests {
     }
 
     #[test]
-    fn what_is_held_of_a_sight_comes_out_frame_by_frame_in_forty_bytes() {
-        let seen = |stamp_ns: i64, count: usize| -> Vec<Sight> {
-            let one = |k: usize| Sight {
-                stamp_ns,
-                id: k as u32,
+    fn stored_detections_come_out_frame_by_frame_and_take_forty_bytes() {
+        let seen = |stamp_ns: i64, count: usize| -> Vec<TrackedDetection> {
+            let one = |k: usize| TrackedDetection {
+                t_ns: stamp_ns,
+                camera: 0,
+                track_id: k as u32,
                 color: k % 3,
                 pixel: Vector2::new(stamp_ns as f64 / 3.0, k as f64 / 7.0),
                 covariance_px2: Matrix2::new(0.5, 0.125, 0.125, 0.25),
                 diameter_px: 6.5,
-                stays: k == 1,
-                leads: k != 1,
+                is_static: k == 1,
+                is_preferred: k != 1,
             };
             (0..count).map(one).collect()
         };
-        let mut stream = Stream::new("cam1".into(), ClockPrior::known(CameraClock::default()), Vector2::y());
+        let mut stream =
+            Stream::new(0, "cam1".into(), ClockPrior::known(CameraClock::default()), Vector2::y());
         let frames = [(10, seen(10, 2)), (20, vec![]), (30, seen(30, 3))];
         frames.iter().for_each(|(stamp_ns, own)| stream.add(*stamp_ns, own, None));
-        let all: Vec<Sight> = frames.iter().flat_map(|f| f.1.clone()).collect();
-        assert_eq!(stream.sights().collect::<Vec<_>>(), all);
+        let all: Vec<TrackedDetection> = frames.iter().flat_map(|f| f.1.clone()).collect();
+        assert_eq!(stream.detections().collect::<Vec<_>>(), all);
         let mut out = stream.into_frames();
         for (stamp_ns, own) in &frames {
             assert_eq!(out.peek(), Some(*stamp_ns));
             assert_eq!(out.next(), Some((*stamp_ns, own.as_slice())));
         }
         assert_eq!(out.next(), None);
-        assert_eq!((out.peek(), size_of::<HeldSight>()), (None, 40));
+        assert_eq!((out.peek(), size_of::<StoredDetection>()), (None, 40));
     }
 
     #[test]
-    fn whole_recordings_have_nothing_to_tell() {
+    fn whole_recordings_have_no_notes() {
         let whole: Vec<(f64, u8)> = (0..20).map(|k| (f64::from(k), k)).collect();
         let stream = stream(&whole);
         assert_eq!(stream.notes(), Vec::<String>::new());
@@ -375,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn copied_backward_and_missing_frames_are_told_with_camera_and_time() {
+    fn copied_backward_and_missing_frames_are_noted_with_camera_and_time() {
         let copied = stream(&[(0.0, 0), (1.0, 1), (2.0, 1), (3.0, 3), (4.0, 4)]);
         assert_eq!(copied.stamps_ns.len(), 4);
         let [note] = &copied.notes()[..] else { panic!("{:?}", copied.notes()) };
@@ -392,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_before_the_first_frame_ends_all_and_one_behind_it_is_told() {
+    fn an_error_before_the_first_frame_ends_all_and_one_after_it_is_noted() {
         let mut empty = stream(&[]);
         let error = || PipelineError::NoFrames { camera: "cam2".into() };
         assert!(empty.add_fault(error()).is_err());

@@ -1,13 +1,14 @@
 //! What several tests share: two cameras, and what they see of a body that is carried about.
 
-use crate::sight::Sight;
-use crate::stream::{HeldSight, Stream};
+use crate::stream::{StoredDetection, Stream};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{
     Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector2, Vector3,
     world_from_body,
 };
-use mavsight_pose::{CameraClock, CameraControl, ClockPrior, MarkerObservation, Rig, calibrate};
+use mavsight_pose::{
+    CameraClock, CameraControl, ClockPrior, MarkerObservation, Rig, TrackedDetection, calibrate,
+};
 
 pub(crate) const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
 
@@ -64,6 +65,7 @@ pub(crate) fn stream(
     let rig = rig();
     let view = &rig.cameras[camera].camera;
     let mut out = Stream::new(
+        camera,
         rig.cameras[camera].name.clone(),
         ClockPrior::known(CameraClock::default()),
         Vector2::y(),
@@ -82,15 +84,16 @@ pub(crate) fn stream(
             let pixel = view.project_ball(&centre, ball.diameter_m / 2.0).unwrap().pixel;
             let pixel = pixel + Vector2::new(uniform(), uniform());
             let covariance_px2 = Matrix2::identity() * STD_PX * STD_PX;
-            seen.push(Sight {
-                stamp_ns,
-                id: marker as u32,
+            seen.push(TrackedDetection {
+                t_ns: stamp_ns,
+                camera,
+                track_id: marker as u32,
                 color: marker,
                 pixel,
                 covariance_px2,
                 diameter_px: 6.0,
-                stays: false,
-                leads: true,
+                is_static: false,
+                is_preferred: true,
             });
         }
         out.add(stamp_ns, &seen, None);
@@ -98,16 +101,16 @@ pub(crate) fn stream(
     out
 }
 
-/// The same of a camera without a clock of its own, told which ball is which.
+/// The same of a camera without a clock of its own, with its balls identified.
 pub(crate) fn seen_by(camera: usize, frames: std::ops::Range<usize>) -> Vec<MarkerObservation> {
     let stream = stream(camera, CameraClock::default(), 30.0, frames);
     let markers = Vehicle::paper().marker.len();
-    let told = |(k, s): (usize, &HeldSight)| MarkerObservation {
+    let identified = |(k, s): (usize, &StoredDetection)| MarkerObservation {
         t_ns: stream.stamps_ns[k / markers],
         camera,
         marker: k % markers,
         pixel: s.pixel,
         covariance_px2: Matrix2::identity() * STD_PX * STD_PX,
     };
-    stream.sights.iter().enumerate().map(told).collect()
+    stream.detections.iter().enumerate().map(identified).collect()
 }

@@ -1,25 +1,24 @@
 //! Frames of all cameras into marker observations and poses.
 
-use crate::associate::{Identities, MarkerColors};
+use crate::associate::{FlightAssociator, MarkerColors};
 use crate::reconstruct::Reconstruction;
 use crate::stream::Stream;
 use crate::watch::CameraWatch;
 use crate::{
-    CameraFeed, CameraTracker, Instant, Look, PipelineError, Progress, Stage, TimedFrame, flash, join,
-    mixed_up,
+    CameraFeed, CameraHealth, CameraTracker, CentreQuality, Instant, PipelineError, Progress, Stage,
+    TimedFrame, TrackedFrame, flash, mixed_up, synchronize,
 };
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
 use mavsight_pose::{
     BodyMarker, CameraClock, CameraStream, ClockEstimate, ClockVerdict, MarkerObservation, Observations,
-    PoseEstimator, PoseSample, Rig, estimate_clocks, telling_stretches_ns,
+    PoseEstimator, PoseSample, Rig, estimate_clocks, informative_stretches_ns,
 };
-use mavsight_session::results::{CameraHealth, CentreQuality};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-/// Bytes of frames that may wait between two stages, which are eight frames of 640×480: enough to even out decoding, few enough
-/// to stay in the cache; and the least number of frames.
+/// Bytes of frames that may wait between two stages, which are eight frames of 640×480: enough to even out
+/// decoding, few enough to be kept in the cache; and the least number of frames.
 const QUEUE_BYTES: usize = 8 * 640 * 480 * 3 / 2;
 const LEAST_QUEUE_FRAMES: usize = 2;
 
@@ -57,38 +56,40 @@ impl Tracked {
         Some(CentreQuality { tenths_px, bias_std_px })
     }
 
-    /// Room for so many instants at which so many markers are seen. Lists that double when they are full leave behind, in an hour
-    /// of film, as much again.
-    pub(crate) fn reserve(&mut self, instants: usize, sights: usize) {
+    /// Room for so many instants at which so many markers are seen. Lists that double when they are full
+    /// leave behind, in an hour of film, as much again.
+    pub(crate) fn reserve(&mut self, instants: usize, observations: usize) {
         self.poses.reserve(instants);
-        self.observations.reserve(instants, sights);
-        self.diameters_px.reserve(instants * sights);
+        self.observations.reserve(instants, observations);
+        self.diameters_px.reserve(instants * observations);
     }
 }
 
-/// Runs every feed through detection and tracking, sets the cameras' clocks right, brings what they saw to common instants, tells
-/// which ball is which, and estimates one pose an instant.
+/// Runs every feed through detection and tracking, sets the cameras' clocks right, brings what they saw to
+/// common instants, associates the detections with the markers, and estimates one pose an instant.
 ///
-/// Each camera has a thread that fetches frames and one that tracks, joined by a queue of bounded length. Faults of a recording
-/// behind its first frame are noted with camera and time, and the flight goes on with what remains.
+/// Each camera has a thread that fetches frames and one that tracks, joined by a queue of bounded length.
+/// Faults of a recording behind its first frame are noted with camera and time, and the flight goes on with
+/// what remains.
 ///
 /// # Errors
-/// A camera without frames, marker colours that cannot be told apart, recordings that share no time.
+/// A camera without frames, marker colours that cannot be distinguished, recordings that share no time.
 pub fn track(
     feeds: Vec<CameraFeed<'_>>,
     rig: &Rig,
     vehicle: &Vehicle,
     progress: &dyn Progress,
 ) -> Result<Tracked, PipelineError> {
-    track_and(feeds, rig, vehicle, progress, |_| {})
+    track_with(feeds, rig, vehicle, progress, |_| {})
 }
 
-/// [`track`], with each instant as it was told first handed to `each`: what a run on live cameras tells then, bit for bit where the
-/// cameras are in step. The poses that [`track`] yields are estimated again, with what the whole flight has shown of the centres.
+/// [`track`], with each instant as it was first estimated handed to `each`: what a run on live cameras
+/// gives then, bit for bit where the cameras are in step. The poses that [`track`] yields are estimated
+/// again, with what the whole flight has shown of the centres.
 ///
 /// # Errors
 /// As [`track`].
-pub fn track_and(
+pub fn track_with(
     feeds: Vec<CameraFeed<'_>>,
     rig: &Rig,
     vehicle: &Vehicle,
@@ -108,7 +109,7 @@ pub fn track_and(
                 let frame_bytes = rig.cameras[camera].camera.size.area_px() * 3 / 2;
                 let (frame_out, frame_in) =
                     sync_channel((QUEUE_BYTES / frame_bytes.max(1)).clamp(LEAST_QUEUE_FRAMES, 8));
-                let mut stream = Stream::new(feed.name.clone(), feed.clock, feed.readout);
+                let mut stream = Stream::new(camera, feed.name.clone(), feed.clock, feed.readout);
                 stream.brightness = feed.flash.then(Vec::new);
                 stream.clap = feed.clap;
                 stream.reserve(feed.announced.unwrap_or(0), vehicle.marker.len());
@@ -146,12 +147,12 @@ fn observe(
             Ok(TimedFrame { t_ns, frame }) => {
                 let brightness = stream.brightness.is_some().then(|| flash::brightness(&frame));
                 match tracker.see(t_ns, Arc::new(frame)) {
-                    Look::New(seen) => {
+                    TrackedFrame::New(seen) => {
                         stream.add(t_ns, seen, brightness);
                         watch.saw(t_ns, tracker.is_dark());
                     }
-                    Look::Copy => stream.add_copy(t_ns),
-                    Look::Backward => stream.add_backward(t_ns),
+                    TrackedFrame::Copy => stream.add_copy(t_ns),
+                    TrackedFrame::Backward => stream.add_backward(t_ns),
                 }
             }
             Err(error) => stream.add_fault(error)?,
@@ -180,7 +181,7 @@ fn joined(
     mixed_up::refuse_one_recording_twice(&streams)?;
     let spans_ns = streams.iter().map(Stream::span_ns);
     let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();
-    let stretches_ns = telling_stretches_ns(span_ns);
+    let stretches_ns = informative_stretches_ns(span_ns);
     let seen: Vec<CameraStream> = streams.iter().map(|s| s.camera_stream(&colors, &stretches_ns)).collect();
     let clocks = estimate_clocks(rig, &body_markers(vehicle), &seen);
     drop(seen);
@@ -195,15 +196,15 @@ fn joined(
     let mut all = Reconstruction::new(rig, vehicle);
     let instants = streams.iter().map(|s| s.stamps_ns.len()).max().unwrap_or(0);
     all.tracked.reserve(instants, streams.len() * vehicle.marker.len());
-    let mut identities = Identities::new(rig, vehicle)?;
-    identities.spread_over(instants);
-    join::instants(streams, &sizes, &exact, |t_ns, seen| {
-        let association = identities.tell(t_ns, seen);
+    let mut associator = FlightAssociator::new(rig, vehicle)?;
+    associator.spread_over(instants);
+    synchronize::instants(streams, &sizes, &exact, |t_ns, seen| {
+        let association = associator.associate(t_ns, seen);
         each(&Instant { t_ns, seen, association: &association });
-        all.add_told(seen, association);
+        all.add_associated(seen, association);
     });
-    notes.extend(identities.misfit(rig)?);
-    identities.finish(rig, watches, &mut all.tracked);
+    notes.extend(associator.misfit(rig)?);
+    associator.finish(rig, watches, &mut all.tracked);
     let mut tracked = all.finish()?;
     notes.append(&mut tracked.notes);
     (tracked.clocks, tracked.notes) = (clocks, notes);
@@ -372,9 +373,9 @@ mod tests {
         let exact = late(0.0, 0.0);
         let mut streams = vec![stream(0, exact, 30.0, 0..90), unknown(stream(1, exact, 30.0, 0..90))];
         for stream in &mut streams {
-            let first: Vec<_> = stream.sights[..4].to_vec();
-            for (k, sight) in stream.sights.iter_mut().enumerate() {
-                sight.pixel = first[k % 4].pixel + (sight.pixel - first[k % 4].pixel) * 1e-3;
+            let first: Vec<_> = stream.detections[..4].to_vec();
+            for (k, detection) in stream.detections.iter_mut().enumerate() {
+                detection.pixel = first[k % 4].pixel + (detection.pixel - first[k % 4].pixel) * 1e-3;
             }
         }
         let tracked = flown(streams);

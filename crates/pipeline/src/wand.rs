@@ -21,11 +21,11 @@ pub struct Wand {
 /// What one camera saw: time stamps, and both balls.
 type Seen = Vec<(i64, Vec<Option<Detection>>)>;
 
-/// Finds both balls in every frame of every camera and joins the cameras in time: frames within half an interval of one of the
-/// first camera's are of the same instant.
+/// Finds both balls in every frame of every camera and joins the cameras in time: frames within half an
+/// interval of one of the first camera's are of the same instant.
 ///
 /// # Errors
-/// Sources that fail, colours that cannot be told apart, a camera without frames.
+/// Sources that fail, colours that cannot be distinguished, a camera without frames.
 pub fn wand_of(wand: &Wand, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<MovedObject, PipelineError> {
     let seen: Vec<Result<Seen, PipelineError>> = std::thread::scope(|scope| {
         let workers: Vec<_> = feeds
@@ -37,7 +37,7 @@ pub fn wand_of(wand: &Wand, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<MovedO
     });
     let seen: Vec<Seen> = seen.into_iter().collect::<Result<_, _>>()?;
     let balls = [("first ball", wand.diameters_m[0]), ("second ball", wand.diameters_m[1])];
-    Ok(MovedObject::wand((wand.length_m, wand.length_std_m), balls, joined(&seen)))
+    Ok(MovedObject::wand(wand.length_m, wand.length_std_m, balls, joined(&seen)))
 }
 
 fn balls_of(wand: &Wand, feed: CameraFeed<'_>) -> Result<Seen, PipelineError> {
@@ -63,7 +63,7 @@ fn balls_of(wand: &Wand, feed: CameraFeed<'_>) -> Result<Seen, PipelineError> {
     Ok(out)
 }
 
-/// Sights of all cameras under the time stamps of the first camera that has any.
+/// Observations of all cameras under the time stamps of the first camera that has any.
 fn joined(seen: &[Seen]) -> Vec<MarkerObservation> {
     let Some(first) = seen.iter().find(|s| !s.is_empty()) else { return Vec::new() };
     let mut intervals: Vec<i64> = first.windows(2).map(|w| w[1].0 - w[0].0).collect();

@@ -1,7 +1,7 @@
 //! What happened to the cameras, and how well they see.
 
+use crate::{CameraHealth, MarkerHealth};
 use mavsight_pose::{MovedCamera, Rig};
-use mavsight_session::results::{CameraHealth, MarkerHealth};
 use mavsight_vision::{BallHealth, Tracker};
 
 /// Watches one camera while it is tracked.
@@ -52,8 +52,8 @@ impl CameraWatch {
         self
     }
 
-    /// The health with the shares of frames in which each marker was told, and notes on the dark.
-    pub(crate) fn told(mut self, of_marker: &[usize], seen: &[usize]) -> (CameraHealth, Vec<String>) {
+    /// The health with the shares of frames in which each marker was identified, and notes on the dark.
+    pub(crate) fn report(mut self, of_marker: &[usize], seen: &[usize]) -> (CameraHealth, Vec<String>) {
         let frames = self.health.frames.max(1) as f64;
         let marker = |(color, n): (&usize, &usize)| {
             let ball = self.balls.get(*color).copied().unwrap_or_default();
@@ -115,7 +115,7 @@ mod tests {
             tracker.update(&frame);
             watch.saw(k * 100_000_000, tracker.is_dark());
         }
-        let (health, notes) = watch.finish(&tracker).told(&[0], &[4]);
+        let (health, notes) = watch.finish(&tracker).report(&[0], &[4]);
         assert_eq!((health.frames, health.dark, health.markers[0].seen), (20, 9, 0.2));
         assert!(notes.len() == 2 && notes.iter().all(|n| n.starts_with("cam2 is dark")), "{notes:?}");
         assert!(notes[0].contains("0.500 s") && notes[1].contains("1.500 s to 1.900 s"), "{notes:?}");
@@ -125,7 +125,7 @@ mod tests {
     fn nothing_seen_is_nothing_noted() {
         let red = BallColor { name: "red".into(), rgb: [200, 40, 40] };
         let tracker = Tracker::new(&[red], 3.0..=10.0).unwrap();
-        let (health, notes) = CameraWatch::new("cam1".into()).finish(&tracker).told(&[0], &[0]);
+        let (health, notes) = CameraWatch::new("cam1".into()).finish(&tracker).report(&[0], &[0]);
         assert!(notes.is_empty() && health.markers[0].seen == 0.0);
     }
 }

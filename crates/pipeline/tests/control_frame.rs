@@ -3,9 +3,9 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mavsight_geometry::Vector3;
-use mavsight_pipeline::{ControlStill, PipelineError, calibrate_from_stills};
+use mavsight_pipeline::{ControlPointRow, ControlStill, PipelineError, calibrate_from_stills};
 use mavsight_pose::{LeftOutReason, PoseError, Rig};
-use mavsight_session::{ControlPointRow, read_image, tables::read_control_points};
+use mavsight_session::{read_image, tables::read_control_points};
 use std::path::PathBuf;
 
 /// The flight's folder, if the data are there.

@@ -5,7 +5,7 @@ mod long_flight;
 
 use long_flight::{inputs, instants, rig};
 use mavsight_flight::Vehicle;
-use mavsight_pipeline::{IdentifyOptions, Quiet, identify_motion, motion_of, reconstruct};
+use mavsight_pipeline::{IdentifyOptions, NoProgress, identify_motion, motion_of, reconstruct};
 use mavsight_pose::{MotionSample, PoseSample};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
@@ -13,15 +13,16 @@ use std::alloc::System;
 #[global_allocator]
 static COUNTED: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
-/// Two cameras see four markers each: of an hour of 108 000 instants, observations, poses and motion may hold 119 MB, which is 1100
-/// bytes an instant; and when the observations are gone, coefficients and fits of six outputs 49 MB, which is 450.
+/// Two cameras see four markers each: of an hour of 108 000 instants, observations, poses and motion may
+/// hold 119 MB, which is 1100 bytes an instant; and when the observations are gone, coefficients and fits
+/// of six outputs 49 MB, which is 450.
 #[test]
 fn an_hour_is_within_its_bound() {
     let (rig, vehicle) = (rig(), Vehicle::paper());
     let held = |count: usize| {
         let region = Region::new(COUNTED);
         let tracked = reconstruct(&rig, &vehicle, instants(&rig, count)).unwrap();
-        let motion = motion_of(&tracked, &vehicle, &Quiet).unwrap();
+        let motion = motion_of(&tracked, &vehicle, &NoProgress).unwrap();
         let bytes = || {
             let change = region.change();
             (change.bytes_allocated - change.bytes_deallocated) as f64
@@ -32,7 +33,7 @@ fn an_hour_is_within_its_bound() {
         let options = IdentifyOptions { lag_s: Some(0.0), ..IdentifyOptions::default() };
         let flown = inputs(count);
         let before = bytes();
-        let solution = identify_motion(&motion, &flown, &vehicle, &options, &Quiet).unwrap();
+        let solution = identify_motion(&motion, &flown, &vehicle, &options, &NoProgress).unwrap();
         assert_eq!(solution.coefficients.outputs.len(), 6);
         (seen, bytes() - before)
     };

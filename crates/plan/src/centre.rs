@@ -1,24 +1,28 @@
 //! How well the centre of a ball's image can be measured.
 
 use mavsight_geometry::Vector3;
+use mavsight_random::Random;
 use serde::{Deserialize, Serialize};
 
-/// What a picture of a ball looks like.
+/// Appearance of a ball in an image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CentreNoise {
     /// Standard deviation of one sample's noise, grey levels of 255.
     pub grey_noise: f64,
-    /// Ball against what is behind it, grey levels; of three channels the root of the sum of squares.
+    /// Contrast of the ball to its background in grey levels; of three channels the root of the sum of
+    /// squares.
     pub contrast: f64,
     /// Standard deviation of the lens's blur.
     pub blur_px: f64,
-    /// Achieved over possible standard deviation: what texture behind, shading and codecs cost.
+    /// Ratio of the achieved to the least possible standard deviation: the cost of background texture,
+    /// shading and codecs.
     #[serde(default = "excess_in_the_virtual_room")]
     pub excess: f64,
 }
 
-/// The most that `centre_bound` measures for the detector over the bound with all else known, for four colours and balls of 5 to 30 px.
+/// The most that `centre_bound` measures for the detector over the bound with all else known, for four
+/// colours and balls of 5 to 30 px.
 fn excess_in_the_virtual_room() -> f64 {
     1.3
 }
@@ -36,11 +40,11 @@ impl Default for CentreNoise {
 impl CentreNoise {
     /// Standard deviation of one coordinate of the centre of a disc's image.
     ///
-    /// The light falls off at the edge as the integral of a Gaussian of width s, blur and pixel together. Moving the disc by
-    /// du changes a sample at the edge by C g(r - R) cos φ du; the Fisher information is the sum of the squares over n²,
-    /// that is (C/n)² π R ∫g² dr = (C/n)² √π R/(2 s). Its inverse root is Cramér and Rao's bound, valid for R above
-    /// about 2 s; smaller images are spots, for which the bound of R = 2 s is kept and scaled by their loss of light,
-    /// (2 s/R)².
+    /// The light falls off at the edge as the integral of a Gaussian of width s, blur and pixel together.
+    /// Moving the disc by du changes a sample at the edge by C g(r - R) cos φ du; the Fisher information is
+    /// the sum of the squares over n², that is (C/n)² π R ∫g² dr = (C/n)² √π R/(2 s). Its inverse root is
+    /// Cramér and Rao's bound, valid for R above about 2 s; smaller images are spots, for which the bound of
+    /// R = 2 s is kept and scaled by their loss of light, (2 s/R)².
     pub fn std_px(&self, diameter_px: f64) -> f64 {
         let s = (self.blur_px * self.blur_px + PIXEL_VAR_PX2).sqrt();
         let radius = diameter_px / 2.0;
@@ -54,14 +58,14 @@ impl CentreNoise {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum CentreStd {
-    /// The same of all.
+    /// One value for all.
     Alike(f64),
-    /// Equally likely ones, by what is behind a ball: as a session's centres have shown.
+    /// Equally likely values, as found in a session: they depend on the background of a ball.
     Drawn(Vec<f64>),
 }
 
 impl CentreStd {
-    /// All of them.
+    /// All values.
     pub fn values_px(&self) -> &[f64] {
         match self {
             Self::Alike(std_px) => std::slice::from_ref(std_px),
@@ -75,26 +79,18 @@ impl CentreStd {
         (all.iter().map(|v| v.ln()).sum::<f64>() / all.len() as f64).exp()
     }
 
-    /// That of a marker at a place before a camera of the rig: the same whenever it is asked for.
-    pub(crate) fn at_px(&self, place_m: &Vector3<f64>, (camera, marker): (usize, usize)) -> f64 {
+    /// The value for a marker at a place in view of a camera: drawn, but the same in each call.
+    pub(crate) fn at_px(&self, place_m: &Vector3<f64>, camera: usize, marker: usize) -> f64 {
         let all = self.values_px();
-        let drawn = (uniform_at(place_m, (camera, marker)) * all.len() as f64) as usize;
+        let drawn = (uniform_at(place_m, camera, marker) * all.len() as f64) as usize;
         all[drawn.min(all.len() - 1)]
     }
 }
 
-/// A number between 0 and 1 that belongs to a place, a camera and a marker; bits mixed by Steele, Lea & Flood (2014).
-fn uniform_at(place_m: &Vector3<f64>, (camera, marker): (usize, usize)) -> f64 {
-    let words = place_m.iter().map(|x| x.to_bits()).chain([camera as u64, marker as u64]);
-    let bits = words.fold(0, |seed, word| mixed(seed ^ word));
-    ((bits >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
-}
-
-fn mixed(word: u64) -> u64 {
-    let z = word.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+/// A number between 0 and 1 that belongs to a place, a camera and a marker.
+fn uniform_at(place_m: &Vector3<f64>, camera: usize, marker: usize) -> f64 {
+    let seed = place_m.iter().fold(0_u64, |seed, x| seed.rotate_left(21) ^ x.to_bits());
+    Random::new(seed, ((camera as u64) << 32) | marker as u64).uniform()
 }
 
 #[cfg(test)]
@@ -105,16 +101,17 @@ mod tests {
     fn numbers_of_places_are_uniform_and_differ_by_camera_and_marker() {
         let place = |k: i32| Vector3::new(0.01 * f64::from(k), -0.3, 1.5);
         let of = |camera, marker| -> Vec<f64> {
-            (0..4000).map(|k| uniform_at(&place(k), (camera, marker)) - 0.5).collect()
+            (0..4000).map(|k| uniform_at(&place(k), camera, marker) - 0.5).collect()
         };
         let (first, second, third) = (of(0, 0), of(0, 1), of(1, 0));
         let mean = |v: &[f64], w: &[f64]| v.iter().zip(w).map(|(a, b)| a * b).sum::<f64>() / 4000.0;
-        // Five standard deviations: of the mean 0.29/√4000, of its square 0.075/√4000, of a product of two 0.083/√4000.
+        // Five standard deviations: of the mean 0.29/√4000, of its square 0.075/√4000, of a product of two
+        // 0.083/√4000.
         assert!(mean(&first, &[1.0; 4000]).abs() < 0.023);
         assert!((mean(&first, &first) - 1.0 / 12.0).abs() < 0.006);
         assert!(mean(&first, &second).abs() < 0.0066 && mean(&first, &third).abs() < 0.0066);
         let all = CentreStd::Drawn(vec![0.01, 0.02, 0.04]);
-        let drawn: Vec<f64> = (0..4000).map(|k| all.at_px(&place(k), (0, 0))).collect();
+        let drawn: Vec<f64> = (0..4000).map(|k| all.at_px(&place(k), 0, 0)).collect();
         for value in all.values_px() {
             let share = drawn.iter().filter(|d| *d == value).count() as f64 / 4000.0;
             assert!((share - 1.0 / 3.0).abs() < 0.037, "{value}: {share}");

@@ -1,9 +1,9 @@
 //! What cannot be planned, and what to do about it.
 
-use mavsight_flight::FlightError;
 use mavsight_identify::IdentifyError;
 use mavsight_pose::PoseError;
 use mavsight_session::SessionError;
+use mavsight_simulator::SimulatorError;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -15,7 +15,7 @@ pub enum PlanError {
     Value {
         /// Key concerned.
         key: String,
-        /// What is wrong and what to do.
+        /// Reason and remedy.
         detail: String,
     },
     /// A room file with such a value.
@@ -23,7 +23,7 @@ pub enum PlanError {
     Room {
         /// The file.
         path: PathBuf,
-        /// What is wrong in it.
+        /// Reason.
         source: Box<PlanError>,
     },
     /// A file that cannot be read.
@@ -50,7 +50,7 @@ pub enum PlanError {
         cameras: usize,
         /// Of the best.
         seen_percent: f64,
-        /// What fails there.
+        /// Reason.
         limit: String,
     },
     /// A flight that the cameras do not see.
@@ -72,13 +72,22 @@ pub enum PlanError {
     Pose(#[from] PoseError),
     /// A flight that cannot be simulated.
     #[error(transparent)]
-    Flight(#[from] FlightError),
-    /// A flight that tells nothing.
+    Flight(#[from] SimulatorError),
+    /// A flight that determines nothing.
     #[error(transparent)]
     Identify(#[from] IdentifyError),
 }
 
 impl PlanError {
+    /// Refuses the value of a key unless it is right; `detail` says what is wrong and what to do.
+    pub(crate) fn unless(
+        is_right: bool,
+        key: impl Into<String>,
+        detail: impl FnOnce() -> String,
+    ) -> Result<(), Self> {
+        if is_right { Ok(()) } else { Err(Self::value(key, detail())) }
+    }
+
     pub(crate) fn value(key: impl Into<String>, detail: impl Into<String>) -> Self {
         Self::Value { key: key.into(), detail: detail.into() }
     }

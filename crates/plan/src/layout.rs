@@ -1,12 +1,12 @@
-//! What a rig will measure that stands as planned.
+//! Prediction of the measurements of a planned rig.
 
 use crate::{CameraType, Criterion, PlanError, Room};
 use mavsight_geometry::{Camera, ControlPoint, Isometry3, Matrix2, Matrix6, Point3, Vector3};
+use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::{
-    BodyMarker, CameraControl, CameraModel, ExpectedSight, PoseError, PoseEstimate, PoseEstimator, Rig,
-    RigCamera, predict_calibration,
+    BodyMarker, CameraControl, CameraModel, PoseError, PoseEstimate, PoseEstimator, PredictedObservation,
+    Rig, RigCamera, predict_calibration,
 };
-use mavsight_session::ControlPointRow;
 use nalgebra::{DMatrix, Matrix3};
 use serde::Serialize;
 
@@ -17,7 +17,7 @@ pub struct Placed {
     pub kind: usize,
     /// Projection centre, world axes.
     pub centre_m: Vector3<f64>,
-    /// Where it looks at.
+    /// Aim point of the optical axis, world axes.
     pub aim_m: Vector3<f64>,
 }
 
@@ -25,13 +25,13 @@ pub struct Placed {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ViewLimit {
-    /// Beside the image.
+    /// Outside the image.
     OutOfImage,
-    /// Its image is too small.
+    /// Image too small.
     TooSmall,
-    /// It is not sharp.
+    /// Out of focus.
     OutOfFocus,
-    /// Something stands before it.
+    /// Hidden by an obstacle.
     Blocked,
 }
 
@@ -41,7 +41,7 @@ impl ViewLimit {
     /// In words.
     pub fn text(self) -> &'static str {
         match self {
-            Self::OutOfImage => "lacks some beside the image",
+            Self::OutOfImage => "lacks some outside the image",
             Self::TooSmall => "has some too small",
             Self::OutOfFocus => "has some out of focus",
             Self::Blocked => "has some hidden by an obstacle",
@@ -52,13 +52,13 @@ impl ViewLimit {
 /// Predicted standard deviations of a pose: roots of the traces of the covariances of position and attitude.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct PosePrecision {
-    /// Position, all that is not known.
+    /// Position, from all errors.
     pub position_std_mm: f64,
-    /// Attitude, all that is not known.
+    /// Attitude, from all errors.
     pub attitude_std_deg: f64,
-    /// Position, the part that is new in each frame and averages out.
+    /// Position, from random errors alone, which average out.
     pub new_position_std_mm: f64,
-    /// Attitude, the part that is new in each frame.
+    /// Attitude, from random errors alone.
     pub new_attitude_std_deg: f64,
 }
 
@@ -84,24 +84,24 @@ impl PosePrecision {
     }
 }
 
-/// What a placement will do over the flight volume.
+/// Predicted precision of a placement over the flight volume.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Prediction {
-    /// What the search minimises: the weighted figure, mean or worst over the volume.
+    /// Figure that the search minimises: weighted, mean or worst over the volume.
     pub figure: f64,
     /// Mean over all poses at which every marker is seen by two cameras.
     pub mean: PosePrecision,
     /// At the pose of the largest figure.
     pub worst: PosePrecision,
-    /// Where that is.
+    /// Place of the largest figure.
     pub worst_at_m: [f64; 3],
     /// Part of the poses at which every marker is seen by two cameras or more.
     pub share_seen: f64,
-    /// What most often keeps a marker from being seen; none where all are seen twice.
+    /// Most frequent reason why a marker is not seen; none if all are seen twice.
     pub limit: Option<ViewLimit>,
     /// Diameter of the smallest image of a marker that counts.
     pub least_diameter_px: f64,
-    /// Why the cameras cannot be calibrated.
+    /// Reason why the cameras cannot be calibrated.
     pub refused: Option<String>,
 }
 
@@ -121,7 +121,7 @@ impl Prediction {
     }
 }
 
-/// Predicts what placements in a room will measure.
+/// Predicts the measurements of camera placements in a room.
 #[derive(Debug, Clone)]
 pub struct Planner {
     pub(crate) room: Room,
@@ -130,8 +130,8 @@ pub struct Planner {
 }
 
 impl Planner {
-    /// A planner for a room, the markers of a vehicle and the control points of `room.control`, which are not looked at
-    /// where the room has no such section.
+    /// A planner for a room, the markers of a vehicle and the control points of `room.control`, which are not
+    /// looked at where the room has no such section.
     ///
     /// # Errors
     /// [`PlanError::Value`] for a room that is not valid or fewer than three markers.
@@ -141,15 +141,13 @@ impl Planner {
         control: Vec<ControlPointRow>,
     ) -> Result<Self, PlanError> {
         room.validate()?;
-        if markers.len() < 3 || markers.iter().any(|m| m.radius_m <= 0.0) {
-            let detail =
-                format!("has {} markers: a pose needs 3 or more, each with a diameter", markers.len());
-            return Err(PlanError::value("vehicle", detail));
-        }
-        if room.control.is_some() && control.len() < 5 {
-            let detail = format!("has {} points: a calibration needs 5 or more", control.len());
-            return Err(PlanError::value("control.points", detail));
-        }
+        let has_markers = markers.len() >= 3 && markers.iter().all(|m| m.radius_m > 0.0);
+        PlanError::unless(has_markers, "vehicle", || {
+            format!("has {} markers: a pose needs 3 or more, each with a diameter", markers.len())
+        })?;
+        PlanError::unless(room.control.is_none() || control.len() >= 5, "control.points", || {
+            format!("has {} points: a calibration needs 5 or more", control.len())
+        })?;
         Ok(Self { room, markers, control })
     }
 
@@ -168,7 +166,7 @@ impl Planner {
         &self.control
     }
 
-    /// The camera that stands so.
+    /// The camera of a placement.
     pub fn camera(&self, placed: &Placed) -> Camera {
         let kind = &self.room.camera[placed.kind];
         let (lens, distortion) = kind.lens();
@@ -184,7 +182,7 @@ impl Planner {
         let cameras: Vec<(Camera, CameraModel)> =
             placed.iter().map(|p| (self.camera(p), self.room.camera[p.kind].model())).collect();
         let Some(section) = &self.room.control else {
-            let exact = cameras.iter().enumerate().map(|(k, c)| exact_camera(self.name(k), *c));
+            let exact = cameras.iter().enumerate().map(|(k, c)| exact_camera(self.name(k), c.0, c.1));
             return Ok(Rig::exact(exact.collect()));
         };
         let mut controls = Vec::with_capacity(placed.len());
@@ -243,7 +241,7 @@ impl Planner {
         Ok(diameter_px)
     }
 
-    /// The estimator for a rig, with what is not known of markers and centres.
+    /// The estimator for a rig, with the systematic errors of markers and centres.
     ///
     /// # Errors
     /// Never for a valid room.
@@ -259,16 +257,17 @@ impl Planner {
         Ok(out)
     }
 
-    /// The sights of a pose, and whether two cameras see each marker; counts what keeps markers from being seen, and takes
-    /// the least diameter.
-    fn sights(
+    /// The predicted observations of a pose, and whether two cameras see each marker; counts what keeps
+    /// markers from being seen, and takes the least diameter.
+    fn predicted_observations(
         &self,
-        (placed, cameras): (&[Placed], &[Camera]),
+        placed: &[Placed],
+        cameras: &[Camera],
         pose: &Isometry3<f64>,
         counts: &mut [usize; 4],
         least_px: &mut f64,
-    ) -> (Vec<ExpectedSight>, bool) {
-        let mut sights = Vec::with_capacity(cameras.len() * self.markers.len());
+    ) -> (Vec<PredictedObservation>, bool) {
+        let mut observations = Vec::with_capacity(cameras.len() * self.markers.len());
         let mut all_twice = true;
         for (marker, ball) in self.markers.iter().enumerate() {
             let place = (pose * Point3::from(ball.marker_in_body_m)).coords;
@@ -279,19 +278,19 @@ impl Planner {
                     Ok(diameter_px) => {
                         views += 1;
                         *least_px = least_px.min(diameter_px);
-                        let variance = kind.centre_std_px_at(diameter_px, &place, (camera, marker)).powi(2);
+                        let variance = kind.centre_std_px_at(diameter_px, &place, camera, marker).powi(2);
                         let covariance_px2 = Matrix2::identity() * variance;
-                        sights.push(ExpectedSight { camera, marker, covariance_px2 });
+                        observations.push(PredictedObservation { camera, marker, covariance_px2 });
                     }
                     Err(limit) => counts[limit as usize] += 1,
                 }
             }
             all_twice &= views >= 2;
         }
-        (sights, all_twice)
+        (observations, all_twice)
     }
 
-    /// What a placement will do at the given poses; each marker must be seen by two cameras.
+    /// Predicted precision of a placement at the given poses; each marker must be seen by two cameras.
     pub fn predict(&self, placed: &[Placed], poses: &[Isometry3<f64>]) -> Prediction {
         let mut out = Prediction {
             figure: 0.0,
@@ -314,11 +313,11 @@ impl Planner {
         let (mut counts, mut all, mut worst, mut sum) = ([0; 4], Vec::new(), 0.0, 0.0);
         let mut seen = 0;
         for pose in poses {
-            let (sights, all_twice) =
-                self.sights((placed, &cameras), pose, &mut counts, &mut out.least_diameter_px);
+            let (observations, all_twice) =
+                self.predicted_observations(placed, &cameras, pose, &mut counts, &mut out.least_diameter_px);
             seen += usize::from(all_twice);
             let Some(estimator) = estimator.as_ref().filter(|_| all_twice) else { continue };
-            let Ok(estimate) = estimator.predict(pose, &sights) else { continue };
+            let Ok(estimate) = estimator.predict(pose, &observations) else { continue };
             let one = PosePrecision::of(&estimate);
             let figure = self.figure(&one);
             if figure > worst {
@@ -346,12 +345,15 @@ impl Planner {
     /// The pose as it will be measured; none where some marker is not seen by two cameras.
     pub(crate) fn expected_pose(
         &self,
-        (placed, cameras, estimator): (&[Placed], &[Camera], &PoseEstimator),
+        placed: &[Placed],
+        cameras: &[Camera],
+        estimator: &PoseEstimator,
         pose: &Isometry3<f64>,
     ) -> Option<PoseEstimate> {
         let mut least_px = f64::INFINITY;
-        let (sights, twice) = self.sights((placed, cameras), pose, &mut [0; 4], &mut least_px);
-        estimator.predict(pose, &sights).ok().filter(|_| twice)
+        let (observations, twice) =
+            self.predicted_observations(placed, cameras, pose, &mut [0; 4], &mut least_px);
+        estimator.predict(pose, &observations).ok().filter(|_| twice)
     }
 
     fn figure(&self, one: &PosePrecision) -> f64 {
@@ -359,14 +361,14 @@ impl Planner {
         (w.per_mm * one.position_std_mm).hypot(w.per_deg * one.attitude_std_deg)
     }
 
-    /// Predicted standard deviation of position at a place, mean over the headings; `None` where some marker is not seen by
-    /// two cameras at one of them. The rig is that of [`Planner::rig`].
-    pub fn position_std_mm(&self, (placed, rig): (&[Placed], &Rig), place_m: &Vector3<f64>) -> Option<f64> {
+    /// Predicted standard deviation of position at a place, mean over the headings; `None` where some marker
+    /// is not seen by two cameras at one of them. The rig is that of [`Planner::rig`].
+    pub fn position_std_mm(&self, placed: &[Placed], rig: &Rig, place_m: &Vector3<f64>) -> Option<f64> {
         let cameras: Vec<Camera> = placed.iter().map(|p| self.camera(p)).collect();
         let estimator = self.estimator(rig).ok()?;
         let (mut sum, mut n) = (0.0, 0.0);
         for pose in self.room.poses_at(place_m) {
-            let estimate = self.expected_pose((placed, &cameras, &estimator), &pose)?;
+            let estimate = self.expected_pose(placed, &cameras, &estimator, &pose)?;
             sum += PosePrecision::of(&estimate).position_std_mm;
             n += 1.0;
         }
@@ -374,7 +376,7 @@ impl Planner {
     }
 }
 
-fn exact_camera(name: String, (camera, model): (Camera, CameraModel)) -> RigCamera {
+fn exact_camera(name: String, camera: Camera, model: CameraModel) -> RigCamera {
     RigCamera {
         name,
         camera,

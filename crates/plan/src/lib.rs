@@ -1,7 +1,7 @@
 //! What to expect before flying: where to put cameras, and which manoeuvre to fly.
 //!
-//! Nothing here measures: covariances are predicted by the estimators' own equations (`mavsight-pose`, `mavsight-identify`) at
-//! cameras, poses and motions that are only planned.
+//! Nothing here measures: covariances are predicted by the estimators' own equations (`mavsight-pose`,
+//! `mavsight-identify`) at cameras, poses and motions that are only planned.
 
 mod centre;
 mod error;

@@ -7,7 +7,8 @@ use mavsight_session::{load_vehicle, read_control_points, read_toml};
 use std::path::Path;
 
 impl Planner {
-    /// Reads a room file, its vehicle (the paper's where it names none) and its control points; paths are relative to it.
+    /// Reads a room file, its vehicle (the paper's where it names none) and its control points; paths are
+    /// relative to it.
     ///
     /// # Errors
     /// [`PlanError::Session`] and [`PlanError::Room`] name the file and what is wrong in it.

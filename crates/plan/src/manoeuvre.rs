@@ -1,20 +1,18 @@
-//! What a manoeuvre will tell about the parameters, through the whole chain: cameras, poses, output error.
+//! Prediction of the parameters' accuracy from a manoeuvre: cameras, poses, output error.
 
 use crate::{Placed, PlanError, Planner, Solid};
-use mavsight_flight::{
-    Coefficient, Coefficients, FlightState, InputSeries, Scenario, StateVector, Vehicle,
-    hover_rotor_speed_rad_s, simulate,
-};
+use mavsight_flight::{Coefficient, InputSeries, StateVector, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{Camera, Isometry3, Matrix6, Vector3, world_from_body};
 use mavsight_identify::output_error::{
     ExpectedFit, FlightModel, OutputErrorOptions, StateMeasurement, expected_fit,
 };
 use mavsight_pose::{PoseEstimate, PoseEstimator};
+use mavsight_simulator::{FlightState, Scenario, simulate, true_coefficients};
 
-/// What a flight must not exceed.
+/// Limits of a flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlightLimits {
-    /// Where the body's origin may go.
+    /// Volume of the body's origin.
     pub volume: Solid,
     /// Largest bank or pitch.
     pub tilt_deg: f64,
@@ -24,7 +22,7 @@ pub struct FlightLimits {
     pub rotor_percent: f64,
 }
 
-/// Predicts what manoeuvres tell of one vehicle before one rig.
+/// Predicts the accuracy of parameters from manoeuvres of one vehicle in view of one rig.
 #[derive(Debug, Clone)]
 pub struct FlightPlanner<'a> {
     planner: &'a Planner,
@@ -35,12 +33,12 @@ pub struct FlightPlanner<'a> {
     limits: FlightLimits,
 }
 
-/// A manoeuvre as large as the limits allow, and what it will tell.
+/// A manoeuvre as large as the limits allow, with its predicted fit.
 #[derive(Debug, Clone)]
 pub struct PlannedManoeuvre {
     /// The scenario: amplitudes and start as they may be flown.
     pub scenario: Scenario,
-    /// Its inputs.
+    /// Inputs of the flight.
     pub inputs: InputSeries,
     /// The motion at the frames.
     pub states: Vec<FlightState>,
@@ -48,7 +46,7 @@ pub struct PlannedManoeuvre {
     pub pose_covariance: Vec<Matrix6<f64>>,
     /// The largest of all shares of a limit that are used; 1 at a limit.
     pub used: f64,
-    /// What the fit of the equations of motion will tell.
+    /// Predicted fit of output error.
     pub fit: ExpectedFit,
 }
 
@@ -107,11 +105,12 @@ impl<'a> FlightPlanner<'a> {
 
     /// The pose of one frame as it will be measured; none where some marker is not seen by two cameras.
     pub fn expected_pose(&self, pose: &Isometry3<f64>) -> Option<PoseEstimate> {
-        self.planner.expected_pose((&self.placed, &self.cameras, &self.estimator), pose)
+        self.planner.expected_pose(&self.placed, &self.cameras, &self.estimator, pose)
     }
 
-    /// The manoeuvre, as large as the limits allow or as it is where that is less and `grow` is not set, centred in the volume;
-    /// and what it will tell. Free are the parameters that [`FlightModel::new`] frees for its inputs.
+    /// The manoeuvre, as large as the limits allow or as it is where that is less and `grow` is not set,
+    /// centred in the volume; and its predicted fit. Free are the parameters that [`FlightModel::new`] frees
+    /// for its inputs.
     ///
     /// # Errors
     /// [`PlanError::Flight`] for a flight that runs away; [`PlanError::OutOfView`]; [`PlanError::Identify`].
@@ -120,10 +119,10 @@ impl<'a> FlightPlanner<'a> {
         Ok(PlannedManoeuvre { used, ..self.predict_here(&scenario)? })
     }
 
-    /// What a manoeuvre will tell that is flown as it is, where it is; limits are not looked at.
+    /// Prediction for a manoeuvre as it is; limits are not checked.
     ///
     /// # Errors
-    /// As [`FlightPlanner::predict`].
+    /// Those of [`FlightPlanner::predict`], except the limits.
     pub fn predict_here(&self, scenario: &Scenario) -> Result<PlannedManoeuvre, PlanError> {
         let inputs = scenario.inputs(&self.vehicle)?;
         let states = simulate(&self.vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
@@ -143,14 +142,15 @@ impl<'a> FlightPlanner<'a> {
             systematic.push(estimate.systematic());
         }
         let model = true_model(&self.vehicle, &inputs)?;
-        let vectors: Vec<StateVector> = states.iter().map(FlightState::packed).collect();
+        let vectors: Vec<StateVector> = states.iter().map(|s| s.as_start().packed()).collect();
         let fit = expected_fit(&model, &inputs, measured, &vectors, &OutputErrorOptions::default())?
-            .with_lasting(&systematic)?;
+            .with_systematic(&systematic)?;
         let scenario = scenario.clone();
         Ok(PlannedManoeuvre { scenario, inputs, states, pose_covariance, used: 1.0, fit })
     }
 
-    /// The scenario scaled to the limits and shifted to the middle of the volume, and the largest share of a limit.
+    /// The scenario scaled to the limits and shifted to the middle of the volume, and the largest share of a
+    /// limit.
     fn within_limits(&self, scenario: &Scenario, grow: bool) -> Result<(Scenario, f64), PlanError> {
         let mut out = scenario.clone();
         let mut largest: Option<PlanError> = None;
@@ -178,7 +178,8 @@ impl<'a> FlightPlanner<'a> {
             .unwrap_or_else(|| PlanError::value("manoeuvre", "cannot be scaled to its limits: shorten it")))
     }
 
-    /// The largest share of a limit that a flight uses, and by how much it must be shifted to be in the middle.
+    /// The largest share of a limit that a flight uses, and by how much it must be shifted to be in the
+    /// middle.
     fn used(&self, scenario: &Scenario) -> Result<(f64, Vector3<f64>), PlanError> {
         let inputs = scenario.inputs(&self.vehicle)?;
         let states = simulate(&self.vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
@@ -211,7 +212,7 @@ impl<'a> FlightPlanner<'a> {
 /// # Errors
 /// A vehicle that is not valid.
 pub fn true_model(vehicle: &Vehicle, inputs: &InputSeries) -> Result<FlightModel, PlanError> {
-    let truth = Coefficients::of_vehicle(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
     let mut model = FlightModel::new(vehicle, inputs)?;
     for c in Coefficient::ALL {
         model = model.with_value(c.name(), truth.get(c))?;

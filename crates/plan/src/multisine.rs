@@ -1,10 +1,11 @@
-//! Multisines whose amplitudes and phases tell most.
+//! Optimised multisines.
 
 use crate::{FlightPlanner, PlanError, PlannedManoeuvre};
-use mavsight_flight::{Channel, Maneuver, Scenario, Sine};
+use mavsight_random::Random;
+use mavsight_simulator::{Channel, Maneuver, Scenario, Sine};
 use rayon::prelude::*;
 
-/// What a multisine is to make least.
+/// Criterion that a multisine minimises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Optimality {
     /// The determinant of the covariance: the volume of the ellipsoid of confidence.
@@ -13,14 +14,14 @@ pub enum Optimality {
     A,
 }
 
-/// What is optimised, and how long.
+/// Options of the optimisation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MultisineOptions {
     /// Inputs that are moved.
     pub channels: Vec<Channel>,
     /// Harmonics of one over the length; all inputs have all of them.
     pub harmonics: Vec<u32>,
-    /// When it begins; it lasts to the end of the scenario.
+    /// Beginning; it ends with the scenario.
     pub start_s: f64,
     /// Names of the parameters that count.
     pub parameters: Vec<String>,
@@ -34,19 +35,19 @@ pub struct MultisineOptions {
 
 /// Flights a round.
 const OFFSPRING: usize = 6;
-/// First step, of the length of all amplitudes; a success lengthens it and a failure shortens it so that one in five
-/// succeeds (Rechenberg 1973; Kern et al. 2004).
+/// First step, of the length of all amplitudes; a success lengthens it and a failure shortens it so that one
+/// in five succeeds (Rechenberg 1973; Kern et al. 2004).
 const FIRST_STEP: f64 = 0.5;
 const LONGER: f64 = 1.5;
 const SHORTER: f64 = 0.9;
 
 impl FlightPlanner<'_> {
-    /// The multisine within the limits that makes the criterion least, by an evolution strategy of one parent and six offspring
-    /// on cosine and sine amplitudes, from Schroeder's phases (1970). Local: a better one may exist. `base` gives duration,
-    /// rates and heading; its manoeuvres are replaced.
+    /// The multisine within the limits that makes the criterion least, by an evolution strategy of one parent
+    /// and six offspring on cosine and sine amplitudes, from Schroeder's phases (1970). Local: a better one
+    /// may exist. `base` gives duration, rates and heading; its manoeuvres are replaced.
     ///
     /// # Errors
-    /// No harmonics, channels or parameters; no flight that stays in limits and view.
+    /// No harmonics, channels or parameters; no flight within limits and view.
     pub fn optimise(
         &self,
         base: &Scenario,
@@ -57,7 +58,7 @@ impl FlightPlanner<'_> {
             let detail = "needs channels, harmonics of 1 or more, and parameters that count";
             return Err(PlanError::value("multisine", detail));
         }
-        let mut random = Stream(options.seed);
+        let mut random = Random::new(options.seed, 0);
         let mut parent: Vec<f64> =
             (0..n).flat_map(|k| schroeder(k % options.harmonics.len(), options)).collect();
         let (mut best, first) = match self.of(base, options, &parent) {
@@ -127,22 +128,4 @@ fn schroeder(k: usize, options: &MultisineOptions) -> [f64; 2] {
     let n = options.harmonics.len() as f64;
     let phase = -std::f64::consts::PI * (k as f64) * (k as f64 + 1.0) / n;
     [phase.sin(), phase.cos()]
-}
-
-/// SplitMix64 (Steele, Lea & Flood 2014).
-struct Stream(u64);
-
-impl Stream {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (((z ^ (z >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        let (a, b) = (self.uniform(), self.uniform());
-        (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
-    }
 }

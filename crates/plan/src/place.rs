@@ -14,7 +14,8 @@ impl Room {
         inner(&self.room).contains(place_m) && within && !barred
     }
 
-    /// Grid points at which cameras may stand, `step_m` apart or less; each box of [`Room::stand`] has its corners.
+    /// Grid points at which cameras may stand, `step_m` apart or less; each box of [`Room::stand`] has its
+    /// corners.
     pub(crate) fn places(&self, step_m: f64) -> Result<Vec<Vector3<f64>>, PlanError> {
         let whole = [inner(&self.room)];
         let boxes: &[Solid] = if self.stand.is_empty() { &whole } else { &self.stand };

@@ -1,4 +1,4 @@
-//! The room file: what there is, what may stand where, and what counts.
+//! The room file: room, cameras, their places, and the weights of the plan.
 
 use crate::{CentreNoise, CentreStd, PlanError, Solid};
 use mavsight_geometry::{
@@ -17,7 +17,7 @@ pub const EXAMPLE: [(&str, &str); 2] = [
     ("control_points.csv", include_str!("../example/control_points.csv")),
 ];
 
-/// A room with all that matters for where its cameras go; the content of `ROOM.toml`.
+/// A room with all data for the placement of cameras; the content of `ROOM.toml`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Room {
@@ -28,17 +28,17 @@ pub struct Room {
     /// Vehicle file, for its markers; the paper's where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vehicle: Option<PathBuf>,
-    /// How well the markers' places on the body are known, each coordinate.
+    /// Standard deviation of a marker's place on the body, each coordinate.
     #[serde(default)]
     pub markers_std_m: f64,
-    /// What stays wrong with a centre for a whole flight, each coordinate.
+    /// Standard deviation of a centre's systematic error, each coordinate.
     #[serde(default)]
     pub centre_bias_px: f64,
     /// Walls, floor and ceiling.
     pub room: Solid,
-    /// Where the aircraft flies.
+    /// Flight volume.
     pub volume: VolumeSection,
-    /// What counts.
+    /// Weights of position and attitude.
     #[serde(default)]
     pub weights: Weights,
     /// Calibration; without it the cameras count as exact.
@@ -46,18 +46,18 @@ pub struct Room {
     pub control: Option<ControlSection>,
     /// Cameras by type.
     pub camera: Vec<CameraType>,
-    /// Where cameras may stand; everywhere in the room where left out.
+    /// Boxes in which cameras may stand; the whole room where left out.
     #[serde(default)]
     pub stand: Vec<Solid>,
-    /// Where none may stand, though it may be looked through.
+    /// Boxes in which no camera may stand; they do not block the view.
     #[serde(default)]
     pub keep_out: Vec<Solid>,
-    /// What blocks the view; no camera stands in it either.
+    /// Boxes that block the view; no camera may stand in them either.
     #[serde(default)]
     pub block: Vec<Solid>,
 }
 
-/// Where the aircraft flies.
+/// Flight volume.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VolumeSection {
@@ -65,7 +65,7 @@ pub struct VolumeSection {
     pub low_m: [f64; 3],
     /// Corner of the largest.
     pub high_m: [f64; 3],
-    /// Where the nose points, from +X towards +Y; each place is looked at with all of them.
+    /// Headings of the nose, from +X towards +Y; each place is predicted with all of them.
     #[serde(default = "four_headings")]
     pub headings_deg: Vec<f64>,
 }
@@ -74,7 +74,7 @@ fn four_headings() -> Vec<f64> {
     vec![22.5, 112.5, 202.5, 292.5]
 }
 
-/// What counts: the root of the sum of squares of both standard deviations, each times its weight.
+/// Weights of the figure: the root of the sum of squares of both standard deviations, each times its weight.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Weights {
@@ -99,7 +99,7 @@ impl Default for Weights {
     }
 }
 
-/// How the figures of all places become one.
+/// Combination of the figures of all places.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Criterion {
@@ -116,7 +116,8 @@ pub enum Criterion {
 pub struct ControlSection {
     /// Table of control points, as of a session.
     pub points: PathBuf,
-    /// Standard deviation of one coordinate of the centre of a ball in the stills; predicted from its size where left out.
+    /// Standard deviation of one coordinate of the centre of a ball in the stills; predicted from its size
+    /// where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub std_px: Option<f64>,
 }
@@ -127,7 +128,7 @@ pub struct ControlSection {
 pub struct CameraType {
     /// Name.
     pub name: String,
-    /// How many there are.
+    /// Number of cameras of this type.
     pub count: usize,
     /// Columns.
     pub width_px: u32,
@@ -141,11 +142,11 @@ pub struct CameraType {
     /// Radial distortion, r⁴.
     #[serde(default)]
     pub k2: f64,
-    /// Standard deviation of one coordinate of a ball's centre, one for all or a list of equally likely ones; predicted from `image`
-    /// where left out.
+    /// Standard deviation of one coordinate of a ball's centre, one for all or a list of equally likely ones;
+    /// predicted from `image` where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub centre_std_px: Option<CentreStd>,
-    /// What its pictures look like.
+    /// Appearance of a ball in its images.
     #[serde(default)]
     pub image: CentreNoise,
     /// A marker's image must be at least so large.
@@ -169,18 +170,18 @@ fn thirty() -> f64 {
 }
 
 impl CameraType {
-    /// Size of its images.
+    /// Image size.
     pub fn size(&self) -> ImageSize {
         ImageSize { width_px: self.width_px, height_px: self.height_px }
     }
 
-    /// Its lens.
+    /// Intrinsics and distortion.
     pub fn lens(&self) -> (Intrinsics, BrownConrady) {
         let intrinsics = Intrinsics::from_horizontal_fov(self.size(), self.horizontal_fov_deg.to_radians());
         (intrinsics, BrownConrady { k1: self.k1, k2: self.k2, ..Default::default() })
     }
 
-    /// The model that a calibration of it will choose.
+    /// The camera model that a calibration will choose.
     pub fn model(&self) -> CameraModel {
         let lens = match (self.k1 != 0.0, self.k2 != 0.0) {
             (false, false) => Lens::Straight,
@@ -195,30 +196,34 @@ impl CameraType {
         self.centre_std_px.as_ref().map_or_else(|| self.image.std_px(diameter_px), CentreStd::typical_px)
     }
 
-    /// The same of a marker at a place before a camera of the rig, which says what lies behind it: where these differ, one of them, the
-    /// same whenever it is asked for.
+    /// Standard deviation of a coordinate of the centre of a marker at a place in view of a camera of the
+    /// rig: if the room file lists several, one of them, the same in each call.
     pub fn centre_std_px_at(
         &self,
         diameter_px: f64,
         place_m: &Vector3<f64>,
-        (camera, marker): (usize, usize),
+        camera: usize,
+        marker: usize,
     ) -> f64 {
         let given = self.centre_std_px.as_ref();
-        given.map_or_else(|| self.image.std_px(diameter_px), |std| std.at_px(place_m, (camera, marker)))
+        given.map_or_else(|| self.image.std_px(diameter_px), |std| std.at_px(place_m, camera, marker))
     }
 
     fn validate(&self) -> Result<(), PlanError> {
-        let refuse = |key: &str, detail: String| {
-            Err(PlanError::value(format!("camera {:?}: {key}", self.name), detail))
+        let check = |is_right: bool, key: &str, detail: &dyn Fn() -> String| {
+            PlanError::unless(is_right, format!("camera {:?}: {key}", self.name), detail)
         };
-        if self.width_px < 16 || self.height_px < 16 || self.width_px > 65_536 || self.height_px > 65_536 {
-            return refuse("width_px", format!("{} × {} is no image", self.width_px, self.height_px));
-        }
-        if !(self.horizontal_fov_deg > 1.0 && self.horizontal_fov_deg < 170.0) {
-            let detail =
-                format!("{} is outside 1 to 170: give the angle across the width", self.horizontal_fov_deg);
-            return refuse("horizontal_fov_deg", detail);
-        }
+        let (width, height, fov) = (self.width_px, self.height_px, self.horizontal_fov_deg);
+        let sizes = 16..=65_536;
+        let is_image = sizes.contains(&width) && sizes.contains(&height);
+        check(is_image, "width_px", &|| format!("{width} × {height} is no image"))?;
+        check(fov > 1.0 && fov < 170.0, "horizontal_fov_deg", &|| {
+            format!("{fov} is outside 1 to 170: give the angle across the width")
+        })?;
+        let centres = self.centre_std_px.as_ref().map_or(&[1.0][..], CentreStd::values_px);
+        check(!centres.is_empty(), "centre_std_px", &|| {
+            "is an empty list: give one or more, or leave it out".into()
+        })?;
         let positive = [
             ("least_diameter_px", self.least_diameter_px),
             ("frame_rate_hz", self.frame_rate_hz),
@@ -226,29 +231,17 @@ impl CameraType {
             ("image.contrast", self.image.contrast),
             ("image.excess", self.image.excess),
         ];
-        let centres = self.centre_std_px.as_ref().map_or(&[1.0][..], CentreStd::values_px);
-        if centres.is_empty() {
-            return refuse("centre_std_px", "is an empty list: give one or more, or leave it out".into());
-        }
         let centres = centres.iter().map(|std| ("centre_std_px", *std));
         for (key, value) in positive.into_iter().chain(centres) {
-            if !(value.is_finite() && value > 0.0) {
-                return refuse(key, format!("{value} is not above zero"));
-            }
+            check(value.is_finite() && value > 0.0, key, &|| format!("{value} is not above zero"))?;
         }
-        if !(self.k1.is_finite()
-            && self.k2.is_finite()
-            && self.image.blur_px >= 0.0
-            && self.image.blur_px < 100.0)
-        {
-            return refuse("k1, k2, image.blur_px", "are not finite numbers of a lens".into());
-        }
-        match self.focus_m {
-            Some([near, far]) if !(near >= 0.0 && far > near) => {
-                refuse("focus_m", format!("{near} to {far} is no range: give nearest and farthest"))
-            }
-            _ => Ok(()),
-        }
+        let is_lens =
+            self.k1.is_finite() && self.k2.is_finite() && (0.0..100.0).contains(&self.image.blur_px);
+        check(is_lens, "k1, k2, image.blur_px", &|| "are not finite numbers of a lens".into())?;
+        let [near, far] = self.focus_m.unwrap_or([0.0, 1.0]);
+        check(near >= 0.0 && far > near, "focus_m", &|| {
+            format!("{near} to {far} is no range: give nearest and farthest")
+        })
     }
 }
 
@@ -258,73 +251,49 @@ impl Room {
     /// # Errors
     /// [`PlanError::Value`] names the key.
     pub fn validate(&self) -> Result<(), PlanError> {
-        if self.schema != ROOM_SCHEMA {
-            let detail = format!("{} is not known: this version reads schema = {ROOM_SCHEMA}", self.schema);
-            return Err(PlanError::value("schema", detail));
-        }
+        PlanError::unless(self.schema == ROOM_SCHEMA, "schema", || {
+            format!("{} is not known: this version reads schema = {ROOM_SCHEMA}", self.schema)
+        })?;
         let volume = Solid { name: None, low_m: self.volume.low_m, high_m: self.volume.high_m };
         let boxes = [("room", &self.room), ("volume", &volume)].into_iter();
         let listed = [("stand", &self.stand), ("keep_out", &self.keep_out), ("block", &self.block)];
-        for (key, solid) in
-            boxes.chain(listed.into_iter().flat_map(|(k, all)| all.iter().map(move |s| (k, s))))
-        {
-            let sound = (0..3).all(|k| {
-                solid.low_m[k].abs() < 1e6 && solid.high_m[k] < 1e6 && solid.high_m[k] >= solid.low_m[k]
-            });
-            if !sound {
-                let detail = format!(
-                    "{:?} to {:?} is no box: low_m is the corner of the least coordinates, in metres",
-                    solid.low_m, solid.high_m
-                );
-                return Err(PlanError::value(key, detail));
-            }
+        let listed = listed.into_iter().flat_map(|(k, all)| all.iter().map(move |s| (k, s)));
+        for (key, Solid { low_m, high_m, .. }) in boxes.chain(listed) {
+            let is_box = (0..3).all(|k| low_m[k].abs() < 1e6 && high_m[k] < 1e6 && high_m[k] >= low_m[k]);
+            PlanError::unless(is_box, key, || {
+                format!(
+                    "{low_m:?} to {high_m:?} is no box: low_m is the corner of the least coordinates, in metres"
+                )
+            })?;
         }
         for corner in [volume.low_m, volume.high_m] {
-            if !self.room.contains(&Vector3::from(corner)) {
-                return Err(PlanError::value(
-                    "volume",
-                    format!("its corner {corner:?} lies outside the room: make it smaller"),
-                ));
-            }
+            PlanError::unless(self.room.contains(&Vector3::from(corner)), "volume", || {
+                format!("its corner {corner:?} lies outside the room: make it smaller")
+            })?;
         }
         let headings = &self.volume.headings_deg;
-        if headings.is_empty() || headings.iter().any(|h| !h.is_finite()) {
-            return Err(PlanError::value("volume.headings_deg", "must be one or more finite angles"));
-        }
-        let w = &self.weights;
-        if !(w.per_mm >= 0.0
-            && w.per_deg >= 0.0
-            && w.per_mm + w.per_deg > 0.0
-            && (w.per_mm + w.per_deg).is_finite())
-        {
-            return Err(PlanError::value(
-                "weights",
-                format!(
-                    "{} per mm and {} per degree: neither may be below zero, nor both be zero",
-                    w.per_mm, w.per_deg
-                ),
-            ));
-        }
+        let has_headings = !headings.is_empty() && headings.iter().all(|h| h.is_finite());
+        PlanError::unless(has_headings, "volume.headings_deg", || {
+            "must be one or more finite angles".to_owned()
+        })?;
+        let (mm, deg) = (self.weights.per_mm, self.weights.per_deg);
+        let is_weight = mm >= 0.0 && deg >= 0.0 && mm + deg > 0.0 && (mm + deg).is_finite();
+        PlanError::unless(is_weight, "weights", || {
+            format!("{mm} per mm and {deg} per degree: neither may be below zero, nor both be zero")
+        })?;
         for (key, value) in [("markers_std_m", self.markers_std_m), ("centre_bias_px", self.centre_bias_px)] {
-            if !(value.is_finite() && value >= 0.0) {
-                return Err(PlanError::value(
-                    key,
-                    format!("{value} is no standard deviation: give 0 or more"),
-                ));
-            }
+            PlanError::unless(value.is_finite() && value >= 0.0, key, || {
+                format!("{value} is no standard deviation: give 0 or more")
+            })?;
         }
-        if let Some(std) =
-            self.control.as_ref().and_then(|c| c.std_px).filter(|s| !(s.is_finite() && *s > 0.0))
-        {
-            return Err(PlanError::value("control.std_px", format!("{std} is not above zero")));
-        }
+        let std = self.control.as_ref().and_then(|c| c.std_px).unwrap_or(1.0);
+        PlanError::unless(std.is_finite() && std > 0.0, "control.std_px", || {
+            format!("{std} is not above zero")
+        })?;
         let cameras: usize = self.camera.iter().map(|c| c.count).sum();
-        if !(2..=16).contains(&cameras) {
-            return Err(PlanError::value(
-                "camera",
-                format!("{cameras} cameras in all: give 2 to 16 by `count`"),
-            ));
-        }
+        PlanError::unless((2..=16).contains(&cameras), "camera", || {
+            format!("{cameras} cameras in all: give 2 to 16 by `count`")
+        })?;
         self.camera.iter().try_for_each(CameraType::validate)
     }
 

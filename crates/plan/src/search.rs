@@ -4,12 +4,12 @@ use crate::{Placed, PlanError, Planner, Prediction};
 use mavsight_geometry::{Isometry3, Vector3};
 use rayon::prelude::*;
 
-/// What the search may do.
+/// Options of the search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchOptions {
-    /// Distance between the places that are tried first.
+    /// Distance of the grid of places.
     pub step_m: f64,
-    /// Whether cameras may look beside the middle of the volume.
+    /// Whether cameras may aim off the middle of the volume.
     pub free_aim: bool,
     /// Placements in the ranking.
     pub best: usize,
@@ -21,7 +21,7 @@ impl Default for SearchOptions {
     }
 }
 
-/// A placement and what it will do.
+/// A placement with its prediction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ranked {
     /// The cameras.
@@ -55,21 +55,20 @@ struct Search<'a> {
 type Costed = (f64, Vec<Placed>);
 
 impl Planner {
-    /// The best placements of all cameras of the room, best first: at most `options.best`, all of which meet all limits.
+    /// The best placements of all cameras of the room, best first: at most `options.best`, all of which meet
+    /// all limits.
     ///
-    /// All pairs of a thinned grid of places are predicted; the best unlike ones are completed greedily, improved by exchanging one
-    /// camera at a time against every place (Fedorov 1972), and refined by a compass search (Kolda, Lewis & Torczon 2003).
-    /// Local: a better placement may exist.
+    /// All pairs of a thinned grid of places are predicted; the best unlike ones are completed greedily,
+    /// improved by exchanging one camera at a time against every place (Fedorov 1972), and refined by a
+    /// compass search (Kolda, Lewis & Torczon 2003). Local: a better placement may exist.
     ///
     /// # Errors
-    /// [`PlanError::NoPlace`]; [`PlanError::NothingSeen`]; [`PlanError::Value`] for a step that is not positive.
+    /// [`PlanError::NoPlace`]; [`PlanError::NothingSeen`]; [`PlanError::Value`] for a step that is not
+    /// positive.
     pub fn search(&self, options: &SearchOptions) -> Result<Vec<Ranked>, PlanError> {
-        if !(options.step_m.is_finite() && options.step_m > 0.01) {
-            return Err(PlanError::value(
-                "step",
-                format!("{} m is no distance: give 0.1 to 2", options.step_m),
-            ));
-        }
+        PlanError::unless(options.step_m.is_finite() && options.step_m > 0.01, "step", || {
+            format!("{} m is no distance: give 0.1 to 2", options.step_m)
+        })?;
         let kinds: Vec<usize> =
             self.room.camera.iter().enumerate().flat_map(|(k, c)| std::iter::repeat_n(k, c.count)).collect();
         let (poses, places) = (self.room.poses(COARSE), self.room.places(options.step_m)?);
@@ -220,7 +219,8 @@ impl Search<'_> {
     }
 }
 
-/// So many of the places, far from each other (farthest-point sampling, Gonzalez 1985), starting far from `from`.
+/// So many of the places, far from each other (farthest-point sampling, Gonzalez 1985), starting far from
+/// `from`.
 fn thinned(places: &[Vector3<f64>], from: &Vector3<f64>, count: usize) -> Vec<Vector3<f64>> {
     if places.len() <= count {
         return places.to_vec();

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Solid {
-    /// What it is, for messages and drawings.
+    /// Name for messages and drawings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Corner of the least coordinates.
@@ -17,7 +17,7 @@ pub struct Solid {
 }
 
 impl Solid {
-    /// Its middle.
+    /// Middle of the box.
     pub fn middle_m(&self) -> Vector3<f64> {
         (Vector3::from(self.low_m) + Vector3::from(self.high_m)) / 2.0
     }
@@ -32,7 +32,8 @@ impl Solid {
         Vector3::from_fn(|k, _| point_m[k].max(self.low_m[k]).min(self.high_m[k]))
     }
 
-    /// Whether the box cuts the straight line between two points (slab method, Kay & Kajiya 1986); touching counts.
+    /// Whether the box cuts the straight line between two points (slab method, Kay & Kajiya 1986); touching
+    /// counts.
     pub fn blocks(&self, from_m: &Vector3<f64>, to_m: &Vector3<f64>) -> bool {
         let along = to_m - from_m;
         let (mut enter, mut leave) = (0.0_f64, 1.0_f64);

@@ -14,7 +14,7 @@ pub struct StudyRow {
     pub distance_m: f64,
     /// Whether both places are allowed in the room.
     pub is_allowed: bool,
-    /// What is predicted.
+    /// Prediction for these cameras.
     pub prediction: Prediction,
 }
 
@@ -22,8 +22,8 @@ pub struct StudyRow {
 const STEPS: usize = 5;
 
 impl Planner {
-    /// Two cameras of one type at the height of the volume's middle, at a distance from it, with an angle between their axes;
-    /// they stand on the side of -Y, as in the paper.
+    /// Two cameras of one type at the height of the volume's middle, at a distance from it, with an angle
+    /// between their axes; they stand on the side of -Y, as in the paper.
     pub fn pair(&self, kind: usize, angle_deg: f64, distance_m: f64) -> [Placed; 2] {
         let middle = self.room().middle_m();
         [0.5, -0.5].map(|side| {

@@ -2,12 +2,11 @@
 
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector3;
-use mavsight_pipeline::body_markers;
+use mavsight_pipeline::{ControlPointRow, body_markers};
 use mavsight_plan::{
     CentreStd, Placed, PlanError, Planner, Room, SearchOptions, Solid, angle_study, distance_study,
 };
 use mavsight_pose::BodyMarker;
-use mavsight_session::ControlPointRow;
 
 /// A change of the room.
 type Spoil = fn(&mut Room);
@@ -35,7 +34,7 @@ fn room() -> Room {
     toml::from_str(ROOM).expect("a room")
 }
 
-/// Balls whose middle is the body's origin: position and attitude are then told apart.
+/// Balls whose middle is the body's origin: position and attitude are then independent.
 fn balanced() -> Vec<BodyMarker> {
     [[0.2, 0.2, 0.1], [0.2, -0.2, -0.1], [-0.2, -0.2, 0.1], [-0.2, 0.2, -0.1]]
         .iter()
@@ -72,8 +71,9 @@ fn with_control(room: &mut Room) {
         Some(mavsight_plan::ControlSection { points: "control_points.csv".into(), std_px: Some(0.1) });
 }
 
-/// Two cameras at an angle a and a distance D tell one point to s²(2/sin² a + 1/2), s = σ D/f: the variances along the
-/// bisector, across it and upwards are s²/(2 sin² a/2), s²/(2 cos² a/2) and s²/2. Four balls have a quarter of that.
+/// Two cameras at an angle a and a distance D determine a point to s²(2/sin² a + 1/2), s = σ D/f: the
+/// variances along the bisector, across it and upwards are s²/(2 sin² a/2), s²/(2 cos² a/2) and s²/2. Four
+/// balls have a quarter of that.
 #[test]
 fn position_is_that_of_classical_triangulation() {
     let planner = planner(|_| ());
@@ -121,7 +121,7 @@ fn the_least_error_over_the_volume_is_at_a_right_angle() {
 }
 
 #[test]
-fn calibration_markers_and_centres_that_stay_add_what_does_not_average_out() {
+fn systematic_errors_of_calibration_markers_and_centres_do_not_average_out() {
     let place = |p: &Planner| p.predict(&p.pair(0, 90.0, 6.36), &p.room().poses(2));
     let exact = place(&planner(|_| ()));
     let mut before = exact.mean.position_std_mm;
@@ -136,8 +136,8 @@ fn calibration_markers_and_centres_that_stay_add_what_does_not_average_out() {
     assert!(all.mean.position_std_mm > before);
 }
 
-/// Cameras on a line at a distance d from the volume are d/cos h away for a half angle h, so that the error grows as
-/// (2/sin² 2h + 1/2)/cos² h, which is least at 2h = 69°. A pillar and a keep-out box are respected.
+/// Cameras on a line at a distance d from the volume are d/cos h away for a half angle h, so that the error
+/// grows as (2/sin² 2h + 1/2)/cos² h, which is least at 2h = 69°. A pillar and a keep-out box are respected.
 #[test]
 fn the_search_finds_the_best_angle_along_a_wall_and_keeps_to_the_rules() {
     let pillar = Solid { name: None, low_m: [2.4, -2.8, 0.0], high_m: [2.8, -2.4, 3.2] };
@@ -200,9 +200,9 @@ fn limits_that_nothing_meets_are_named() {
     assert!(matches!(step, Err(PlanError::Value { .. })));
 }
 
-/// Weighted least squares does no better than with the mean of the weights, and no worse than unweighted with the mean of the variances.
-/// What calibration leaves open weighs the same with all alike; with noises that differ, errors of the cameras no longer cancel in
-/// the turn.
+/// Weighted least squares does no better than with the mean of the weights, and no worse than unweighted with
+/// the mean of the variances. What calibration leaves open weighs the same with all alike; with noises that
+/// differ, errors of the cameras no longer cancel in the turn.
 #[test]
 fn centres_that_differ_are_worth_what_their_weights_allow() {
     let all_px = [0.02, 0.05, 0.1, 0.2, 0.5];

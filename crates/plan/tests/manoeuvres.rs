@@ -1,13 +1,15 @@
 //! Predicted parameters against fits of noisy poses, and multisines against the doublet.
 
-use mavsight_flight::{Channel, Maneuver, Scenario, Vehicle};
-use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
+use mavsight_flight::Vehicle;
+use mavsight_geometry::{Isometry3, UnitQuaternion};
 use mavsight_identify::output_error::{Measurements, OutputErrorOptions, StateMeasurement, output_error};
 use mavsight_pipeline::body_markers;
 use mavsight_plan::{
     FlightLimits, FlightPlanner, MultisineOptions, Optimality, PlanError, PlannedManoeuvre, Planner, Room,
     Solid, pose_of, true_model,
 };
+use mavsight_random::Random;
+use mavsight_simulator::{Channel, Maneuver, Scenario};
 
 const C_M: [&str; 4] = ["C_m,0", "C_m,alpha_u", "C_m,alpha_l", "C_m,q"];
 
@@ -40,24 +42,11 @@ fn flights<'a>(planner: &'a Planner) -> FlightPlanner<'a> {
     FlightPlanner::new(planner, &planner.pair(0, 90.0, 6.36), &Vehicle::paper(), limits()).expect("a rig")
 }
 
-fn normal3(seed: &mut u64) -> Vector3<f64> {
-    let mut uniform = || {
-        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((*seed >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    };
-    let mut normal = || {
-        let (a, b) = (uniform(), uniform());
-        (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
-    };
-    Vector3::new(normal(), normal(), normal())
-}
-
 /// Poses with errors of the planned covariance.
-fn noisy(plan: &PlannedManoeuvre, seed: &mut u64) -> Vec<Isometry3<f64>> {
+fn noisy(plan: &PlannedManoeuvre, random: &mut Random) -> Vec<Isometry3<f64>> {
     let measured = plan.states.iter().zip(&plan.pose_covariance).map(|(s, covariance)| {
         let (pose, factor) = (pose_of(s), covariance.cholesky().expect("positive").l());
-        let (a, b) = (normal3(seed), normal3(seed));
-        let error = factor * nalgebra::Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z);
+        let error = factor * nalgebra::Vector6::from(random.normals());
         let turn = UnitQuaternion::from_scaled_axis(error.fixed_rows::<3>(3).into_owned());
         let place = pose.translation.vector + error.fixed_rows::<3>(0);
         Isometry3::from_parts(place.into(), pose.rotation * turn)
@@ -65,17 +54,18 @@ fn noisy(plan: &PlannedManoeuvre, seed: &mut u64) -> Vec<Isometry3<f64>> {
     measured.collect()
 }
 
-/// The scatter of first-order estimates over 200 noisy flights is the prediction, and whole fits give what they give.
+/// The scatter of first-order estimates over 200 noisy flights is the prediction, and whole fits give what
+/// they give.
 #[test]
 fn estimates_scatter_as_predicted_and_one_step_is_the_whole_fit() {
     let planner = planner();
     let flights = flights(&planner);
     let plan = flights.predict(&Scenario::paper(), true).expect("a plan");
     assert!((0.9..=1.0).contains(&plan.used), "{}", plan.used);
-    let (mut seed, trials) = (11, 200);
+    let (mut random, trials) = (Random::new(11, 0), 200);
     let mut squares = vec![0.0; plan.fit.parameters.len()];
     for _ in 0..trials {
-        let estimate = plan.fit.first_order(&noisy(&plan, &mut seed)).expect("an estimate");
+        let estimate = plan.fit.first_order(&noisy(&plan, &mut random)).expect("an estimate");
         for ((sum, p), got) in squares.iter_mut().zip(&plan.fit.parameters).zip(estimate.iter()) {
             *sum += (got - p.value).powi(2) / f64::from(trials);
         }
@@ -84,7 +74,7 @@ fn estimates_scatter_as_predicted_and_one_step_is_the_whole_fit() {
         let ratio = p.std / square.sqrt();
         assert!((0.85..1.15).contains(&ratio), "{}: predicted over achieved {ratio}", p.name);
     }
-    let poses = noisy(&plan, &mut seed);
+    let poses = noisy(&plan, &mut random);
     let samples = plan.states.iter().zip(&poses).zip(&plan.pose_covariance).map(|((s, pose), covariance)| {
         let t_ns = mavsight_session::ns_from_s(s.t_s);
         StateMeasurement::of_pose(t_ns, *pose, *covariance)
@@ -104,7 +94,7 @@ fn estimates_scatter_as_predicted_and_one_step_is_the_whole_fit() {
 }
 
 #[test]
-fn an_optimised_multisine_tells_much_more_of_the_moment_than_the_doublet() {
+fn an_optimised_multisine_determines_the_moment_much_better_than_the_doublet() {
     let planner = planner();
     let flights = flights(&planner);
     let base = Scenario { frame_rate_hz: 15.0, ..Scenario::paper() };
@@ -134,9 +124,10 @@ fn an_optimised_multisine_tells_much_more_of_the_moment_than_the_doublet() {
     assert_eq!(again.scenario, best.scenario, "the same seed finds the same");
 }
 
-/// An error that stays, 0.1 mm along X in every pose: the estimates move by what it does to them, and the covariance by its square.
+/// A systematic error of 0.1 mm along X in every pose moves the estimates by its effect, and the covariance
+/// by the square of it.
 #[test]
-fn errors_that_stay_enter_by_what_they_do_to_the_estimates() {
+fn systematic_errors_enter_by_their_effect_on_the_estimates() {
     let planner = planner();
     let plan = flights(&planner).predict(&Scenario::paper(), true).expect("a plan");
     let shift = nalgebra::Vector6::new(1e-4, 0.0, 0.0, 0.0, 0.0, 3e-4);
@@ -150,8 +141,9 @@ fn errors_that_stay_enter_by_what_they_do_to_the_estimates() {
     });
     let moved = plan.fit.first_order(&poses.collect::<Vec<_>>()).expect("estimates");
     let column = nalgebra::Matrix6xX::from_column_slice(shift.as_slice()).map(|v: f64| v as f32);
-    let lasting = plan.fit.clone().with_lasting(&vec![column; plan.states.len()]).expect("a covariance");
-    for (k, (before, after)) in plan.fit.parameters.iter().zip(&lasting.parameters).enumerate() {
+    let systematic =
+        plan.fit.clone().with_systematic(&vec![column; plan.states.len()]).expect("a covariance");
+    for (k, (before, after)) in plan.fit.parameters.iter().zip(&systematic.parameters).enumerate() {
         let wanted = before.std.hypot(moved[k] - before.value);
         assert!((after.std / wanted - 1.0).abs() < 1e-3, "{}: {} against {wanted}", before.name, after.std);
     }
@@ -184,7 +176,7 @@ fn what_cannot_be_flown_is_refused() {
     assert!(matches!(flights.optimise(&Scenario::paper(), &nothing), Err(PlanError::Value { .. })));
     let plan = flights.predict(&Scenario::paper(), true).expect("a plan");
     assert!(plan.fit.first_order(&[]).is_err());
-    assert!(plan.fit.clone().with_lasting(&[]).is_err());
+    assert!(plan.fit.clone().with_systematic(&[]).is_err());
     let step = Maneuver::Step { channel: Channel::DeltaLon, start_s: 1.0, amplitude: 80.0 };
     let plan = flights.predict(&Scenario { maneuver: vec![step], ..Scenario::paper() }, false);
     assert!(plan.is_err() || plan.is_ok_and(|p| p.used <= 1.0));

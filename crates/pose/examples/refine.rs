@@ -1,7 +1,8 @@
 //! The body as built, over simulated flights: `cargo run --release -p mavsight-pose --example refine`.
 //!
-//! An argument is the number of flights per rig (50 without one). Each flight draws marker positions that are off by a ruler's
-//! 2 mm in every coordinate, manoeuvres, an error of every camera from the calibration's covariance, and the centres' noise.
+//! An argument is the number of flights per rig (50 without one). Each flight draws marker positions that are
+//! off by a ruler's 2 mm in every coordinate, manoeuvres, an error of every camera from the calibration's
+//! covariance, and the centres' noise.
 
 #[path = "../tests/simulated/mod.rs"]
 #[allow(dead_code)]

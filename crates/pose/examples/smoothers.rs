@@ -1,15 +1,15 @@
-//! The same flights smoothed by mavsight, by Savitzky-Golay filters and by quintic smoothing splines, for `docs/smoothers.md`:
-//! `cargo run --release -p mavsight-pose --example smoothers`.
+//! The same flights smoothed by mavsight, by Savitzky-Golay filters and by quintic smoothing splines, for
+//! `docs/measured.md`: `cargo run --release -p mavsight-pose --example smoothers`.
 
 #[path = "../tests/simulated/mod.rs"]
 #[allow(dead_code)]
 mod simulated;
 
-use mavsight_flight::FlightState;
 use mavsight_geometry::{EulerAngles, Vector3, world_from_body};
 use mavsight_pose::{Motion, MotionSample, PoseEstimator, smooth};
+use mavsight_simulator::FlightState;
 use nalgebra::{DMatrix, DVector};
-use simulated::{Random, error, flight, poses, rigs, sights, square, true_cameras};
+use simulated::{Random, error, flight, observed, poses, rigs, square, true_cameras};
 
 const FLIGHTS: usize = 20;
 const GRAVITY: f64 = 9.81;
@@ -53,8 +53,8 @@ fn b_spline(knots: &[f64], index: usize, degree: usize, order: usize, t: f64) ->
     rise * b_spline(knots, index, degree - 1, 0, t) + fall * b_spline(knots, index + 1, degree - 1, 0, t)
 }
 
-/// The matrices of a quintic smoothing spline with a knot at each instant (Reinsch 1967; Wahba 1990): values and derivatives
-/// of its basis, and the integral of the squared third derivative.
+/// The matrices of a quintic smoothing spline with a knot at each instant (Reinsch 1967; Wahba 1990): values
+/// and derivatives of its basis, and the integral of the squared third derivative.
 struct Quintic {
     basis: [DMatrix<f64>; 3],
     penalty: DMatrix<f64>,
@@ -165,7 +165,7 @@ fn main() {
     for _ in 0..FLIGHTS {
         let truth = flight(&mut random);
         let cameras = true_cameras(&exact, &mut random);
-        let seen = sights(&cameras, &square(), &truth, &mut random);
+        let seen = observed(&cameras, &square(), &truth, &mut random);
         let poses = poses(&PoseEstimator::new(&exact, &square()), &truth, &seen);
         let Motion { samples, .. } = smooth(&poses, GRAVITY).expect("a motion");
         add(&mut ours, &samples, &truth);

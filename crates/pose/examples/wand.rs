@@ -1,9 +1,9 @@
 //! Cameras from a wand of 500 mm waved for 20 s and the paper's control frame, over simulated recordings:
 //! `cargo run --release -p mavsight-pose --example wand`.
 //!
-//! An argument is the number of recordings (20 without one). Balls of 4 cm are seen by the paper's cameras with 0.1 px of noise
-//! thirty times a second, the eight balls of the control frame with 0.05 px;
-//! scale comes from both, axes from the frame.
+//! An argument is the number of recordings (20 without one). Balls of 4 cm are seen by the paper's cameras
+//! with 0.1 px of noise thirty times a second, the eight balls of the control frame with 0.05 px; scale comes
+//! from both, axes from the frame.
 
 use mavsight_geometry::{
     Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, UnitQuaternion, Vector2, Vector3,
@@ -48,8 +48,8 @@ fn waved(t_s: f64, phase: f64) -> Isometry3<f64> {
 }
 
 fn wand(random: &mut Random) -> MovedObject {
-    let empty = MovedObject::wand((0.5, 0.0), [("red", 0.04), ("green", 0.04)], Vec::new());
-    let mut sights = Vec::new();
+    let empty = MovedObject::wand(0.5, 0.0, [("red", 0.04), ("green", 0.04)], Vec::new());
+    let mut observations = Vec::new();
     let phase = random.uniform() * 6.0;
     for k in 0..600 {
         let pose = waved(f64::from(k) / 30.0, phase);
@@ -61,12 +61,12 @@ fn wand(random: &mut Random) -> MovedObject {
                     let covariance_px2 = Matrix2::identity() * WAND_STD_PX * WAND_STD_PX;
                     let pixel = seen.pixel + random.pixel(WAND_STD_PX);
                     let t_ns = i64::from(k) * 33_333_333;
-                    sights.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
+                    observations.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
                 }
             }
         }
     }
-    MovedObject { sights, ..empty }
+    MovedObject { observations, ..empty }
 }
 
 fn control(random: &mut Random) -> Vec<CameraControl> {

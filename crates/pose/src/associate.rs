@@ -9,9 +9,9 @@ mod belief;
 mod symmetry;
 mod watch;
 
-use crate::{MarkerObservation, PoseError, PoseEstimator, PoseSample, Rig};
+use crate::{MarkerObservation, PoseError, PoseEstimator, PoseSample, Rig, TrackedDetection};
 use belief::{Belief, Expected, History};
-use mavsight_geometry::{Camera, Matrix2, Matrix3, Matrix6, Vector2, Vector3};
+use mavsight_geometry::{Camera, Matrix3, Matrix6, Vector3};
 use nalgebra::{Cholesky, Const};
 use std::f64::consts::PI;
 pub use watch::MovedCamera;
@@ -33,23 +33,6 @@ const CLAIM_DEGREES: f64 = 10.0;
 const LOG_MISSED: f64 = -2.303;
 /// Share of what is known of the noise that lasts from frame to frame: some seconds of video.
 const NOISE_MEMORY: f64 = 0.99;
-
-/// A ball that may be a marker, seen by one camera.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Candidate {
-    /// Index of the camera in the rig.
-    pub camera: usize,
-    /// Its colour, as in [`Associator::new`].
-    pub color: usize,
-    /// Centre of the ball's image.
-    pub pixel: Vector2<f64>,
-    /// Covariance of that.
-    pub covariance_px2: Matrix2<f64>,
-    /// Apparent diameter; 0 where it is not known.
-    pub diameter_px: f64,
-    /// Whether it has long stayed at one place of the image. Such balls are tried last.
-    pub stays: bool,
-}
 
 /// What one instant's candidates are.
 #[derive(Debug, Clone, PartialEq)]
@@ -113,7 +96,7 @@ impl Associator {
     }
 
     /// What the candidates of the next instant are, and the pose they give.
-    pub fn associate(&mut self, t_ns: i64, candidates: &[Candidate]) -> Association {
+    pub fn associate(&mut self, t_ns: i64, candidates: &[TrackedDetection]) -> Association {
         let predicted = self.history.predicted(t_ns, self.size_m);
         let in_use = |k: usize| self.is_in_use(&candidates[k]);
         let mut out = self.told_by(t_ns, candidates, predicted.as_ref(), in_use);
@@ -142,7 +125,7 @@ impl Associator {
     }
 
     /// Markers that cameras which see some of the body should see, and of which they have nothing there.
-    fn missed(&self, belief: &Belief, candidates: &[Candidate], pairs: &[(usize, usize)]) -> f64 {
+    fn missed(&self, belief: &Belief, candidates: &[TrackedDetection], pairs: &[(usize, usize)]) -> f64 {
         let mut missed = 0;
         for camera in 0..self.cameras.len() {
             let own = |p: &&(usize, usize)| candidates[p.0].camera == camera;
@@ -162,7 +145,7 @@ impl Associator {
     fn misfit(
         &self,
         estimate: &crate::PoseEstimate,
-        candidates: &[Candidate],
+        candidates: &[TrackedDetection],
         pairs: &[(usize, usize)],
     ) -> (f64, f64) {
         let (mut squares, mut n) = (0.0, 0.0);
@@ -182,7 +165,7 @@ impl Associator {
     fn drop_strangers(
         &self,
         estimate: &crate::PoseEstimate,
-        candidates: &[Candidate],
+        candidates: &[TrackedDetection],
         pairs: &mut Vec<(usize, usize)>,
     ) {
         pairs.retain(|(index, marker)| {
@@ -195,7 +178,7 @@ impl Associator {
     }
 
     /// The pose near a predicted one.
-    fn follow(&self, t_ns: i64, candidates: &[Candidate], predicted: &Belief) -> Association {
+    fn follow(&self, t_ns: i64, candidates: &[TrackedDetection], predicted: &Belief) -> Association {
         let mut pairs = Vec::new();
         self.assign(candidates, *predicted, &mut pairs);
         let seen = observations(t_ns, candidates, &pairs);
@@ -221,7 +204,7 @@ impl Associator {
     }
 
     /// Gives candidates to markers, the least doubtful first; each narrows the belief for those that follow.
-    fn assign(&self, candidates: &[Candidate], mut belief: Belief, pairs: &mut Vec<(usize, usize)>) {
+    fn assign(&self, candidates: &[TrackedDetection], mut belief: Belief, pairs: &mut Vec<(usize, usize)>) {
         let markers = self.colors.len();
         let gate = crate::estimate::chi_square_quantile(2);
         let mut options: Vec<(usize, usize, f64)> = Vec::with_capacity(candidates.len());
@@ -275,7 +258,7 @@ impl Associator {
     fn log_odds(
         &self,
         estimate: &crate::PoseEstimate,
-        candidates: &[Candidate],
+        candidates: &[TrackedDetection],
         pairs: &[(usize, usize)],
         predicted: Option<&Belief>,
     ) -> f64 {
@@ -287,7 +270,7 @@ impl Associator {
             let Some(expected) = self.expected(&belief.pose, candidate.camera, *marker) else { continue };
             let Some(factor) = self.sight_covariance(&expected, candidate).cholesky() else { continue };
             normal += expected.jacobian.transpose() * factor.solve(&expected.jacobian);
-            let alike = |c: &&Candidate| c.camera == candidate.camera && c.color == candidate.color;
+            let alike = |c: &&TrackedDetection| c.camera == candidate.camera && c.color == candidate.color;
             let rivals = candidates.iter().filter(alike).count() as f64;
             let area_px2 = self.cameras[candidate.camera].size.area_px() as f64;
             things[*marker].add(&expected, candidate, &factor, (rivals, area_px2));
@@ -362,7 +345,7 @@ impl Thing {
     fn add(
         &mut self,
         expected: &Expected,
-        candidate: &Candidate,
+        candidate: &TrackedDetection,
         factor: &Cholesky<f64, Const<2>>,
         (rivals, area_px2): (f64, f64),
     ) {
@@ -412,15 +395,12 @@ fn refused(t_ns: i64, reason: &PoseError) -> Association {
 /// The pairs as observations of markers.
 pub(crate) fn observations(
     t_ns: i64,
-    candidates: &[Candidate],
+    candidates: &[TrackedDetection],
     pairs: &[(usize, usize)],
 ) -> Vec<MarkerObservation> {
     pairs
         .iter()
-        .map(|(index, marker)| {
-            let Candidate { camera, pixel, covariance_px2, .. } = candidates[*index];
-            MarkerObservation { t_ns, camera, marker: *marker, pixel, covariance_px2 }
-        })
+        .map(|(index, marker)| MarkerObservation { t_ns, ..candidates[*index].of_marker(*marker) })
         .collect()
 }
 

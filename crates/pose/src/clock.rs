@@ -9,9 +9,9 @@ mod tests;
 
 pub use path::{PathPoint, PathVelocity, PixelPath};
 
-use crate::{BodyMarker, Rig};
+use crate::{BodyMarker, MarkerObservation, Rig};
 use equations::Problem;
-use mavsight_geometry::{ImageSize, Matrix2, Vector2};
+use mavsight_geometry::{ImageSize, Vector2};
 use std::fmt;
 
 /// A clock counts as told where its offset's standard deviation is at most this part of a frame's interval.
@@ -84,26 +84,13 @@ impl ClockPrior {
     }
 }
 
-/// One marker in one image.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StreamSight {
-    /// The image's time stamp.
-    pub stamp_ns: i64,
-    /// Index of the marker.
-    pub marker: usize,
-    /// Its centre.
-    pub pixel: Vector2<f64>,
-    /// Covariance of that.
-    pub covariance_px2: Matrix2<f64>,
-}
-
 /// Stretches of time of which the sights are enough for [`estimate_clocks`], for recordings that span `from_ns..=to_ns` by their
 /// presumed clocks: all of a flight of up to four minutes, else sixty of four seconds, evenly spread.
 ///
 /// The estimation looks at 2000 instants wherever they lie. Sixty stretches see the clocks drift apart over the same span; errors that
 /// last through a stretch are in the scatter between parts of the flight, which standard deviations allow for. A stretch is as
 /// long as it takes for clocks that are a second apart to share three of its seconds.
-pub fn telling_stretches_ns((from_ns, to_ns): (i64, i64)) -> Vec<(i64, i64)> {
+pub fn informative_stretches_ns((from_ns, to_ns): (i64, i64)) -> Vec<(i64, i64)> {
     let span_ns = to_ns.saturating_sub(from_ns);
     if span_ns <= STRETCHES * STRETCH_NS {
         return vec![(from_ns, to_ns)];
@@ -122,8 +109,8 @@ pub struct CameraStream {
     pub interval_s: f64,
     /// Unit vector along which rows are read one after another; (0, 1) where the file is not rotated.
     pub readout: Vector2<f64>,
-    /// Sights in order of time.
-    pub sights: Vec<StreamSight>,
+    /// Observations in the order of time; their times are time stamps by this camera's clock.
+    pub observations: Vec<MarkerObservation>,
     /// What is known of its clock.
     pub prior: ClockPrior,
 }
@@ -137,10 +124,10 @@ impl CameraStream {
     /// The path of each marker under a clock.
     pub fn paths(&self, size: ImageSize, markers: usize, clock: &CameraClock) -> Vec<PixelPath> {
         let mut paths = vec![PixelPath::new(self.interval_s); markers];
-        for sight in &self.sights {
-            if let Some(path) = paths.get_mut(sight.marker) {
-                let t_s = clock.time_s(sight.stamp_ns, self.rows_px(size, &sight.pixel));
-                path.push(t_s, sight.pixel, sight.covariance_px2);
+        for o in &self.observations {
+            if let Some(path) = paths.get_mut(o.marker) {
+                let t_s = clock.time_s(o.t_ns, self.rows_px(size, &o.pixel));
+                path.push(t_s, o.pixel, o.covariance_px2);
             }
         }
         paths

@@ -1,4 +1,4 @@
-//! What the step from observations to motion refuses, and what to do about it.
+//! Refusals of the steps from observations to motion, with reasons and remedies.
 
 use mavsight_geometry::GeometryError;
 use thiserror::Error;
@@ -11,7 +11,7 @@ pub enum PoseError {
     Calibration {
         /// The camera.
         camera: String,
-        /// Why.
+        /// The reason.
         source: GeometryError,
     },
     /// A table whose columns differ in length.
@@ -30,13 +30,13 @@ pub enum PoseError {
     },
     /// Control points that contradict the others, which are too few to decide without them.
     #[error(
-        "control point {suspects} does not agree with the others, and too few others remain to tell for certain: check its place, its colour and its name in the table, or add control points"
+        "control point {suspects} does not agree with the others, and too few others remain to decide which is wrong: check its place, its colour and its name in the table, or add control points"
     )]
     SuspectControlPoints {
         /// Names.
         suspects: String,
     },
-    /// Control points that are not seen where the table puts them.
+    /// Control points whose images and places in the table disagree.
     #[error(
         "camera {camera}: the control points miss by {rms_px:.1} px (at most {gate_px:.1} px is a calibration), {worst} most, by {worst_px:.1} px: check places and names in the table, and that the still shows this control frame"
     )]
@@ -49,7 +49,7 @@ pub enum PoseError {
         gate_px: f64,
         /// The point that misses most.
         worst: String,
-        /// By how much.
+        /// Its residual.
         worst_px: f64,
     },
     /// No camera at all.
@@ -91,12 +91,12 @@ pub enum PoseError {
         camera: usize,
         /// Marker index.
         marker: usize,
-        /// What is wrong with it.
+        /// The reason.
         reason: &'static str,
     },
-    /// Not enough of the body was seen.
+    /// Too few markers were observed.
     #[error(
-        "{seen} of {markers} markers seen ({sights} sights in all): a pose needs 3, all of them in one camera or each in two"
+        "{seen} of {markers} markers seen ({observations} observations in all): a pose needs 3, all of them in one camera or each in two"
     )]
     TooFewMarkers {
         /// Markers seen.
@@ -104,9 +104,9 @@ pub enum PoseError {
         /// Markers of the body.
         markers: usize,
         /// Observations in all.
-        sights: usize,
+        observations: usize,
     },
-    /// The markers that were seen do not fit the body.
+    /// The observed markers do not fit the body.
     #[error(
         "the markers seen do not fit the body: residual {residual_px:.2} px, {times:.0} times what their noise explains; check the markers' positions in the vehicle file"
     )]
@@ -116,9 +116,9 @@ pub enum PoseError {
         /// Root of the reduced chi-square.
         times: f64,
     },
-    /// More than one pose explains what was seen.
+    /// More than one pose explains the observations.
     #[error(
-        "{poses} poses explain the {markers} markers seen (chi-square {chi_square:.1} and {next_chi_square:.1}) and no pose before decides: a second camera or a marker off the others' plane would"
+        "{poses} poses explain the {markers} markers seen (chi-square {chi_square:.1} and {next_chi_square:.1}) and no previous pose decides: add a second camera, or a marker off the plane of the others"
     )]
     AmbiguousPose {
         /// Poses about as likely as the best.
@@ -132,12 +132,12 @@ pub enum PoseError {
     },
     /// Markers of one colour whose arrangement looks the same after a turn.
     #[error(
-        "the markers {markers} have one colour and change places when the body is turned, so that no image tells its attitude: move one of them by more than {needed_mm:.1} mm, so that all distances differ, or paint one in another colour"
+        "the markers {markers} have one colour and change places when the body is turned, so that no image determines its attitude: move one of them by more than {needed_mm:.1} mm, so that all distances differ, or paint one in another colour"
     )]
     SymmetricMarkers {
         /// Names.
         markers: String,
-        /// Shift that can be told from errors of the markers' places.
+        /// Shift that exceeds the errors of the markers' places.
         needed_mm: f64,
     },
     /// Balls that make a body no likelier than chance does.
@@ -154,7 +154,7 @@ pub enum PoseError {
     },
     /// Two assignments of balls to markers that are about as likely.
     #[error(
-        "{balls} balls of the markers' colours fit the body in two ways, the better one likelier by only e^{lead:.1}: cover what has a marker's colour in the room, or place the markers less symmetrically"
+        "{balls} balls of the markers' colours fit the body in two ways, the better one likelier by only e^{lead:.1}: cover objects of a marker's colour in the room, or place the markers less symmetrically"
     )]
     AmbiguousIdentity {
         /// Balls seen by all cameras.
@@ -164,7 +164,7 @@ pub enum PoseError {
     },
     /// A pose that no aircraft reaches from the ones before.
     #[error(
-        "the balls near the predicted markers give a pose {times:.1} standard deviations from where the poses before lead: they are not all the body's"
+        "the balls near the predicted markers give a pose {times:.1} standard deviations from the prediction of the previous poses: they are not all the body's"
     )]
     UnlikelyPose {
         /// Root of the mean square.
@@ -180,29 +180,29 @@ pub enum PoseError {
         /// Rows needed.
         needed: usize,
     },
-    /// A standard deviation of the centres that is none.
+    /// A standard deviation of the centres that is negative or not finite.
     #[error("the centres' standard deviation of {std_px} px must be zero or above")]
     BadBias {
-        /// What was given.
+        /// The value given.
         std_px: f64,
     },
-    /// A prior that is no standard deviation.
+    /// A prior standard deviation of the markers that is not above zero.
     #[error(
         "the markers' standard deviation of {std_m} m is not above zero: a ruler is good to 0.001 or 0.002"
     )]
     BadPrior {
-        /// What was given.
+        /// The value given.
         std_m: f64,
     },
-    /// A wand or board that is none.
+    /// A wand or board whose points make no shape.
     #[error("the {object} cannot calibrate: {detail}")]
     BadObject {
         /// Its name.
         object: String,
-        /// What is wrong with it.
+        /// The reason.
         detail: &'static str,
     },
-    /// A camera that no moved object joins to the others.
+    /// A camera that no moved object links to the others.
     #[error(
         "camera {camera} shares {places} places of the {objects} with the other cameras: it needs {needed}, with both balls or four corners seen by two cameras; move the {objects} where two cameras see it at once, or give each camera five control points"
     )]
@@ -226,9 +226,9 @@ pub enum PoseError {
         /// Points needed.
         needed: usize,
     },
-    /// A moved object that is not seen as it is said to be.
+    /// A moved object whose images disagree with its stated shape.
     #[error(
-        "camera {camera}: the {objects} is missed by {rms_px:.1} px (at most {gate_px:.1} px is a calibration): check its length or squares, its colours, and that the recordings run in step"
+        "camera {camera}: the residuals of the {objects} are {rms_px:.1} px (at most {gate_px:.1} px is a calibration): check its length or squares, its colours, and that the recordings run in step"
     )]
     ObjectMisfit {
         /// The camera.
@@ -240,9 +240,9 @@ pub enum PoseError {
         /// The gate.
         gate_px: f64,
     },
-    /// Views of an object that leave a focal length open.
+    /// Views of an object that leave a focal length undetermined.
     #[error(
-        "camera {camera}: {places} views of the {objects} tell the focal length to {percent:.0} % only: its tilts differ by {tilt_deg:.0}° at most and it covers {covered_percent:.0} % of the image; add views tilted by 30° or more about both axes and near the corners of the image"
+        "camera {camera}: {places} views of the {objects} determine the focal length to {percent:.0} % only: its tilts differ by {tilt_deg:.0}° at most and it covers {covered_percent:.0} % of the image; add views tilted by 30° or more about both axes and near the corners of the image"
     )]
     FocalUndetermined {
         /// The camera.
@@ -255,31 +255,31 @@ pub enum PoseError {
         places: usize,
         /// Largest angle between two attitudes.
         tilt_deg: f64,
-        /// Part of the image within which the object was seen.
+        /// Part of the image around all views of the object.
         covered_percent: f64,
     },
-    /// Cameras that a flight has refined are known by more than the control points.
+    /// A flight has refined the cameras already.
     #[error(
-        "{frames} frames of a flight have refined the cameras already, and what they told must not count twice: calibrate again from the control points"
+        "{frames} frames of a flight have refined the cameras already, and their information must not count twice: calibrate again from the control points"
     )]
     AlreadyRefined {
         /// Frames that entered.
         frames: usize,
     },
-    /// The flight shows the body's shape no better than the ruler did.
+    /// The flight determines the body's shape no better than the ruler did.
     #[error(
-        "the flight tells the markers' positions to {:.1} mm only, no better than the {:.1} mm of the vehicle file: the aircraft turned by {:.0}° and centres may be off by {stays_px:.2} px all the while; turn it further, or keep the positions of the file",
+        "the flight determines the markers' positions to {:.1} mm only, no better than the {:.1} mm of the vehicle file: the aircraft turned by {:.0}° and centres may have a constant error of {systematic_px:.2} px; turn it further, or keep the positions of the file",
         1e3 * .std_m, 1e3 * .prior_std_m, .turned_rad.to_degrees()
     )]
     ShapeNotShown {
-        /// What the flight would leave, root mean square over the directions of the shape.
+        /// Standard deviation after the flight, root mean square over the directions of the shape.
         std_m: f64,
-        /// What the file claims.
+        /// Standard deviation of the vehicle file.
         prior_std_m: f64,
         /// Largest angle between two attitudes.
         turned_rad: f64,
-        /// What may stay of the centres' errors.
-        stays_px: f64,
+        /// Of the systematic errors of centres.
+        systematic_px: f64,
     },
     /// The iteration found no minimum.
     #[error("the pose did not converge in {steps} steps: residual {residual_px:.2} px")]
@@ -302,7 +302,7 @@ pub enum PoseError {
         /// Poses needed.
         needed: usize,
     },
-    /// Time must move on.
+    /// Time must increase.
     #[error("sample {index} at {t_s:.6} s does not come after the one before it: sort the poses by time")]
     TimeNotIncreasing {
         /// Row.
@@ -317,7 +317,7 @@ pub enum PoseError {
     BadPose {
         /// Row.
         index: usize,
-        /// What is wrong.
+        /// The quantity.
         what: &'static str,
     },
 }

@@ -10,8 +10,8 @@ mod sample;
 mod solve;
 mod start;
 
-use crate::{PoseError, RefinedFlight, Rig};
-pub use fit::SightFit;
+use crate::{MarkerObservation, PoseError, RefinedFlight, Rig};
+pub use fit::ReprojectionFit;
 use gates::{DECISIVE_CHI_SQUARE, beyond_f_gate, chi_square_gate, noise_factor};
 pub(crate) use gates::{HUBER_MEAN, chi_square_gate as chi_square_quantile};
 use lasting::Lasting;
@@ -20,21 +20,6 @@ use nalgebra::DMatrix;
 pub use sample::{MarkerSet, PoseEstimate};
 pub(crate) use solve::noise_weight;
 use solve::{Sight, Solution, of_markers};
-
-/// One marker seen by one camera.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MarkerObservation {
-    /// Middle of the exposure.
-    pub t_ns: i64,
-    /// Index of the camera in the rig.
-    pub camera: usize,
-    /// Index of the marker on the body.
-    pub marker: usize,
-    /// Centre of the ball's image.
-    pub pixel: Vector2<f64>,
-    /// Covariance of that.
-    pub covariance_px2: Matrix2<f64>,
-}
 
 /// A ball on the body.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,7 +34,7 @@ pub struct BodyMarker {
 
 /// A sight that is expected, before there is a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ExpectedSight {
+pub struct PredictedObservation {
     /// Index of the camera in the rig.
     pub camera: usize,
     /// Index of the marker on the body.
@@ -182,7 +167,7 @@ impl PoseEstimator {
     pub fn predict(
         &self,
         world_from_body: &Isometry3<f64>,
-        sights: &[ExpectedSight],
+        sights: &[PredictedObservation],
     ) -> Result<PoseEstimate, PoseError> {
         let mut own = Vec::with_capacity(sights.len());
         for s in sights {
@@ -197,7 +182,7 @@ impl PoseEstimator {
             (0..self.markers.len()).filter(|m| own.iter().any(|s| s.marker == *m)).collect();
         if used.len() < 3 {
             let markers = self.markers.len();
-            return Err(PoseError::TooFewMarkers { seen: used.len(), markers, sights: own.len() });
+            return Err(PoseError::TooFewMarkers { seen: used.len(), markers, observations: own.len() });
         }
         let solution = self.at_pose(&own, world_from_body)?;
         let undetermined = || PoseError::NotConverged { steps: 0, residual_px: 0.0 };

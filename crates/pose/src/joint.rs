@@ -2,7 +2,7 @@
 
 use crate::chain::{CHAIN, Chain, ChainNoise, LASTING, Transition, add_process_noise};
 use crate::{MotionCovariance, MotionSample, PoseEstimate};
-use mavsight_geometry::attitude::{cross_matrix, matrix_of};
+use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::{Isometry3, Matrix3, Matrix6, UnitQuaternion, Vector3};
 use nalgebra::{Const, Dyn, Matrix6xX, OMatrix, SMatrix, SVector, Translation3, Vector6};
 
@@ -10,7 +10,7 @@ use nalgebra::{Const, Dyn, Matrix6xX, OMatrix, SMatrix, SVector, Translation3, V
 pub(crate) const STATE: usize = 2 * CHAIN;
 pub(crate) type MatrixS = SMatrix<f64, STATE, STATE>;
 pub(crate) type VectorS = SVector<f64, STATE>;
-/// What errors that stay do to the state, one column for each direction.
+/// Effect of systematic errors on the state, one column for each direction.
 pub(crate) type Effects = OMatrix<f64, Const<STATE>, Dyn>;
 
 /// The noise of a flight: what drives the body and what disturbs its measured poses.
@@ -22,20 +22,22 @@ pub struct MotionNoise {
     pub rotation: ChainNoise,
 }
 
-/// Standard deviation of an attitude, foreseen over a gap, up to which its error is a small turn: half a radian, where a turn's
-/// sine is 4 % short of it. Beyond, an attitude may be a turn off, and with it the rate.
+/// Standard deviation of an attitude, predicted over a gap, up to which its error is a small turn: half a
+/// radian, where a turn's sine is 4 % short of it. Beyond, an attitude may be a turn off, and with it the
+/// rate.
 const MOST_TURN_RAD: f64 = 0.5;
 
 impl MotionNoise {
-    /// Longest time between two poses over which the motion is told: white jerk of the attitude's intensity q makes it uncertain by
-    /// √(q t⁵/20) (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.3), which stays below half a radian up to there.
+    /// Longest time between two poses over which the motion is estimated: white jerk of the attitude's
+    /// intensity q makes it uncertain by √(q t⁵/20) (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.3), which
+    /// is half a radian there.
     pub fn longest_gap_s(&self) -> f64 {
         (20.0 * MOST_TURN_RAD * MOST_TURN_RAD / self.rotation.intensity).powf(0.2)
     }
 }
 
-/// Standard deviations of what is unknown before the first pose, an order of magnitude beyond anything that flies in a
-/// room: 10 m/s, 100 m/s²; 30 rad/s, 1000 rad/s².
+/// Standard deviations before the first pose, an order of magnitude beyond any flight in a room: 10 m/s, 100
+/// m/s²; 30 rad/s, 1000 rad/s².
 pub(crate) const PRIOR_TRANSLATION: (f64, f64) = (10.0, 100.0);
 pub(crate) const PRIOR_ROTATION: (f64, f64) = (30.0, 1000.0);
 
@@ -48,7 +50,7 @@ pub(crate) struct Joint {
     pub(crate) effects: Effects,
 }
 
-/// What a measured pose did to the state.
+/// The update of the state by a measured pose.
 #[derive(Debug, Clone)]
 pub(crate) struct Update {
     gain: SMatrix<f64, STATE, 6>,
@@ -57,32 +59,17 @@ pub(crate) struct Update {
     effects: Matrix6xX<f64>,
 }
 
-/// H times each column of a matrix: what a measurement sees of the error state.
-fn seen_of(column: &[f64]) -> [f64; 6] {
-    std::array::from_fn(|i| {
+/// H, the part of the error state that a measured pose observes: its place, and the correlated error of that.
+fn observation() -> SMatrix<f64, 6, STATE> {
+    let mut out = SMatrix::zeros();
+    for i in 0..6 {
         let at = if i < 3 { i } else { CHAIN + i - 3 };
-        column[at] + column[at + LASTING]
-    })
-}
-
-/// Adds Hᵀ y to a column.
-fn add_unseen(column: &mut [f64], y: &[f64], sign: f64) {
-    for (i, y) in y.iter().enumerate().take(6) {
-        let at = if i < 3 { i } else { CHAIN + i - 3 };
-        column[at] += sign * y;
-        column[at + LASTING] += sign * y;
-    }
-}
-
-fn observe(matrix: &MatrixS) -> SMatrix<f64, 6, STATE> {
-    let mut out = SMatrix::<f64, 6, STATE>::zeros();
-    for (k, column) in matrix.as_slice().chunks_exact(STATE).enumerate() {
-        out.column_mut(k).copy_from_slice(&seen_of(column));
+        (out[(i, at)], out[(i, at + LASTING)]) = (1.0, 1.0);
     }
     out
 }
 
-/// The covariance of what is new in each measurement, position and attitude each by its factor.
+/// The covariance of the random errors of a measurement, position and attitude each by its factor.
 pub(crate) fn new_noise(estimate: &PoseEstimate, noise: &MotionNoise) -> Matrix6<f64> {
     let own = estimate.own_covariance();
     let (t, r) = (noise.translation.variance_factor.sqrt(), noise.rotation.variance_factor.sqrt());
@@ -145,7 +132,7 @@ impl Joint {
         [first, second]
     }
 
-    /// Takes a pose in (Joseph's form, expanded). `None` where the arithmetic fails.
+    /// Updates the state by a pose (Joseph's form, expanded). `None` where the arithmetic fails.
     pub(crate) fn update(
         &mut self,
         seen: &PoseEstimate,
@@ -157,14 +144,9 @@ impl Joint {
             .fixed_rows_mut::<3>(0)
             .copy_from(&self.translation.innovation(&pose.translation.vector));
         out.innovation.fixed_rows_mut::<3>(3).copy_from(&self.rotation.innovation(&pose.rotation));
-        let rows = observe(&self.covariance);
-        let mut s = new_noise(seen, noise);
-        for i in 0..6 {
-            let at = if i < 3 { i } else { CHAIN + i - 3 };
-            let column = rows.column(at) + rows.column(at + LASTING);
-            let mut target = s.column_mut(i);
-            target += column;
-        }
+        let h = observation();
+        let rows = h * self.covariance;
+        let s = new_noise(seen, noise) + rows * h.transpose();
         let s = (s + s.transpose()) * 0.5;
         out.inverse = s.cholesky()?.inverse();
         out.gain = rows.transpose() * out.inverse;
@@ -174,23 +156,20 @@ impl Joint {
         let by = out.gain * out.innovation;
         self.translation.correct(&by.as_slice()[..CHAIN]);
         self.rotation.correct(&by.as_slice()[CHAIN..]);
-        self.take_effects(seen, out);
+        // Column by column, as a product of all would allocate.
+        for c in 0..self.effects.ncols() {
+            let effect: VectorS = self.effects.column(c).into_owned();
+            let mut y = -(h * effect);
+            if c < seen.systematic_columns() {
+                y += seen.systematic_column(c);
+            }
+            out.effects.set_column(c, &y);
+            self.effects.set_column(c, &(effect + out.gain * y));
+        }
         Some(())
     }
 
-    fn take_effects(&mut self, seen: &PoseEstimate, out: &mut Update) {
-        let known = seen.systematic_columns();
-        for (c, effect) in self.effects.as_mut_slice().chunks_exact_mut(STATE).enumerate() {
-            let expected = seen_of(effect);
-            let mut y = if c < known { seen.systematic_column(c) } else { Vector6::zeros() };
-            y -= Vector6::from(expected);
-            let by = out.gain * y;
-            effect.iter_mut().zip(by.iter()).for_each(|(e, b)| *e += b);
-            out.effects.set_column(c, &y);
-        }
-    }
-
-    /// Room for what an update leaves.
+    /// An update without effect.
     pub(crate) fn blank_update(&self) -> Update {
         Update {
             gain: SMatrix::zeros(),
@@ -200,7 +179,7 @@ impl Joint {
         }
     }
 
-    /// The state as body quantities, with the covariance by the Jacobian of that; errors that stay included.
+    /// The state as body quantities, with the covariance by the Jacobian of that, systematic errors included.
     pub(crate) fn sample(&self, t_ns: i64, gravity_m_s2: f64) -> MotionSample {
         let (translation, rotation) = (&self.translation, &self.rotation);
         let body_from_world = matrix_of(&rotation.place).transpose();
@@ -211,10 +190,10 @@ impl Joint {
             (0, 0, Matrix3::identity()),
             (3, CHAIN, Matrix3::identity()),
             (6, 3, body_from_world),
-            (6, CHAIN, cross_matrix(&velocity)),
+            (6, CHAIN, velocity.cross_matrix()),
             (9, CHAIN + 3, Matrix3::identity()),
             (12, 6, body_from_world),
-            (12, CHAIN, cross_matrix(&force)),
+            (12, CHAIN, force.cross_matrix()),
             (15, CHAIN + 6, Matrix3::identity()),
         ];
         for (row, column, block) in blocks {
@@ -237,8 +216,8 @@ impl Joint {
     }
 }
 
-/// What the later measurements say: the adjoint state and its information (Bryson & Frazier 1963 in the form of Bierman
-/// 1977, which inverts no predicted covariance).
+/// The information of the later measurements: the adjoint state and its information matrix (Bryson & Frazier
+/// 1963 in the form of Bierman 1977, which inverts no predicted covariance).
 #[derive(Debug, Clone)]
 pub(crate) struct Adjoint {
     pub(crate) vector: VectorS,
@@ -247,12 +226,12 @@ pub(crate) struct Adjoint {
 }
 
 impl Adjoint {
-    /// After the last instant nothing is said.
+    /// After the last instant there is no information.
     pub(crate) fn nothing(columns: usize) -> Self {
         Self { vector: VectorS::zeros(), information: MatrixS::zeros(), effects: Effects::zeros(columns) }
     }
 
-    /// The filtered state with what the later measurements say.
+    /// The filtered state with the information of the later measurements.
     pub(crate) fn smoothed(&self, filtered: &Joint) -> Joint {
         let p = &filtered.covariance;
         let by = -(p * self.vector);
@@ -267,33 +246,13 @@ impl Adjoint {
 
     /// Back through a measurement.
     pub(crate) fn before_update(&mut self, update: &Update) {
-        let back = |column: &mut [f64], y: &Vector6<f64>| {
-            let through = update.gain.tr_mul(&VectorS::from_column_slice(column)) + update.inverse * y;
-            add_unseen(column, through.as_slice(), -1.0);
-        };
-        back(self.vector.as_mut_slice(), &update.innovation);
-        for (c, column) in self.effects.as_mut_slice().chunks_exact_mut(STATE).enumerate() {
-            back(column, &update.effects.column(c).into_owned());
-        }
-        // (1 - K H)ᵀ Λ (1 - K H) + Hᵀ S⁻¹ H, one side after the other.
-        for _ in 0..2 {
-            for column in self.information.as_mut_slice().chunks_exact_mut(STATE) {
-                let through = update.gain.tr_mul(&VectorS::from_column_slice(column));
-                add_unseen(column, through.as_slice(), -1.0);
-            }
-            self.information.transpose_mut();
-        }
-        for i in 0..6 {
-            let column: Vector6<f64> = update.inverse.column(i).into_owned();
-            let at = if i < 3 { i } else { CHAIN + i - 3 };
-            for j in [at, at + LASTING] {
-                add_unseen(
-                    &mut self.information.as_mut_slice()[j * STATE..(j + 1) * STATE],
-                    column.as_slice(),
-                    1.0,
-                );
-            }
-        }
+        let h = observation();
+        let through = update.gain.tr_mul(&self.vector) + update.inverse * update.innovation;
+        self.vector -= h.tr_mul(&through);
+        let through = update.gain.tr_mul(&self.effects) + update.inverse * &update.effects;
+        self.effects -= h.tr_mul(&through);
+        let kept = MatrixS::identity() - update.gain * h;
+        self.information = kept.tr_mul(&self.information) * kept + h.tr_mul(&update.inverse) * h;
     }
 
     /// Back through an interval.

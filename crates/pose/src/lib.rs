@@ -7,6 +7,7 @@ mod calibrate;
 mod causal;
 mod chain;
 mod clock;
+mod detection;
 mod directions;
 mod error;
 mod estimate;
@@ -24,7 +25,7 @@ mod smooth;
 mod testing;
 mod whittaker;
 
-pub use associate::{Association, Associator, Candidate, MovedCamera};
+pub use associate::{Association, Associator, MovedCamera};
 pub use calibrate::{
     CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, MovedObject, Pixels, Rig,
     RigCamera, calibrate, calibrate_with, predict_calibration,
@@ -33,12 +34,12 @@ pub use causal::CausalFilter;
 pub use chain::ChainNoise;
 pub use clock::{
     CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, PathPoint, PathVelocity, PixelPath,
-    QUARTZ_DRIFT_STD, StreamSight, estimate_clocks, image_middle, telling_stretches_ns,
+    QUARTZ_DRIFT_STD, estimate_clocks, image_middle, informative_stretches_ns,
 };
+pub use detection::{MarkerObservation, TrackedDetection};
 pub use error::PoseError;
 pub use estimate::{
-    BodyMarker, ExpectedSight, MarkerObservation, MarkerSet, PoseEstimate, PoseEstimator, PoseSample,
-    SightFit,
+    BodyMarker, MarkerSet, PoseEstimate, PoseEstimator, PoseSample, PredictedObservation, ReprojectionFit,
 };
 pub use joint::MotionNoise;
 pub use motion::{Motion, MotionCovariance, MotionSample, covariance_from_std, euler_std};

@@ -1,65 +1,108 @@
-//! Rigid bodies seen at unknown poses, as equations of what all instants share: cameras, the bodies' points, and how far
-//! centres are off for good. The poses are eliminated (Schur complement; Triggs et al. 2000, section 6.1).
+//! Normal equations of rigid bodies at unknown poses: of the cameras, the bodies' points and constant offsets
+//! of centres, which all instants share. The poses are eliminated (Schur complement; Triggs et al. 2000,
+//! section 6.1).
 
 use crate::BodyMarker;
 use crate::estimate::noise_weight;
 use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::camera::d_pixel_d_pose;
 use mavsight_geometry::{
-    CAMERA_PARAMETERS, Camera, Isometry3, Matrix2, Matrix6, Point3, UnitQuaternion, Vector2, Vector3,
+    CAMERA_PARAMETERS, Camera, ImagePoint, Isometry3, Matrix2, Matrix6, Point3, Projection, UnitQuaternion,
+    Vector2, Vector3, whitener,
 };
 use nalgebra::{DMatrix, DVector, Dyn, OMatrix, SMatrix, Translation3, U6, Vector6};
 
 /// Steps with which a pose follows the cameras; from a near one two suffice.
 const POSE_STEPS: usize = 20;
-/// A step that promises to lower the chi-square by less, a hundredth of a standard deviation squared, is the last: what remains
-/// after it is smaller by its square.
-const SETTLED: f64 = 1e-4;
-/// What is added to the information on a body's turn, of its largest: points on one line say nothing of a turn about it.
+/// A step that promises to lower the chi-square by less, a hundredth of a standard deviation squared, is the
+/// last: what remains after it is smaller by its square.
+const CONVERGED: f64 = 1e-4;
+/// Added to the information on a body's turn, of its largest: points on one line do not show a turn about it.
 const NO_TURN: f64 = 1e-9;
 
-/// A point of a body, seen by a camera.
+/// A point in the image of a camera.
 #[derive(Clone, Copy)]
-pub(crate) struct PointSight {
+pub(crate) struct PointObservation {
     pub(crate) camera: usize,
     pub(crate) point: usize,
     pub(crate) pixel: Vector2<f64>,
-    /// Wᵀ W is the inverse of the claimed covariance.
+    /// As it is stated.
+    pub(crate) covariance_px2: Matrix2<f64>,
+    /// Wᵀ W is the inverse of the covariance.
     pub(crate) whitener: Matrix2<f64>,
+}
+
+impl PointObservation {
+    /// `None` for a pixel that is not finite, or a covariance that is not positive definite.
+    pub(crate) fn new(
+        camera: usize,
+        point: usize,
+        pixel: Vector2<f64>,
+        covariance_px2: Matrix2<f64>,
+    ) -> Option<Self> {
+        let whitener = whitener(&covariance_px2).filter(|_| pixel.iter().all(|x| x.is_finite()))?;
+        Some(Self { camera, point, pixel, covariance_px2, whitener })
+    }
+
+    /// The observation as a point in its camera's image.
+    pub(crate) fn in_image<'a>(&self, camera: &'a Camera) -> ImagePoint<'a> {
+        ImagePoint { camera, pixel: self.pixel, covariance_px2: self.covariance_px2 }
+    }
+
+    /// The same pixel with independent coordinates of a variance.
+    pub(crate) fn with_variance(&self, variance_px2: f64) -> Self {
+        let unit = Matrix2::identity();
+        Self { covariance_px2: unit * variance_px2, whitener: unit / variance_px2.sqrt(), ..*self }
+    }
 }
 
 /// A body at one instant.
 #[derive(Clone)]
 pub(crate) struct Instant {
-    pub(crate) sights: Vec<PointSight>,
+    pub(crate) observations: Vec<PointObservation>,
     pub(crate) world_from_body: Isometry3<f64>,
 }
 
-/// What all instants share. A change of it has 16 rows a camera, then 3 for each point and 2 for each point in each camera
-/// (camera by camera), the last two where they are free.
+/// What all instants share. A change of it has 16 rows a camera, then 3 for each point and 2 for each point
+/// in each camera (camera by camera), the last two where they are free.
 #[derive(Clone)]
 pub(crate) struct Shared {
     pub(crate) cameras: Vec<Camera>,
     pub(crate) points: Vec<BodyMarker>,
-    /// By how much centres are off, camera by camera, point by point.
+    /// Constant errors of centres, camera by camera, point by point.
     pub(crate) offsets_px: Vec<Vector2<f64>>,
     pub(crate) free_points: bool,
     pub(crate) free_offsets: bool,
 }
 
+/// The predicted image of a point, and the whitened residual.
+struct Predicted {
+    centre_in_world: Vector3<f64>,
+    projection: Projection,
+    whitened: Vector2<f64>,
+    by_pose: SMatrix<f64, 2, 6>,
+}
+
+/// Huber's loss, normal matrix and gradient of a pose.
+struct PoseEquations {
+    loss: f64,
+    normal: Matrix6<f64>,
+    gradient: Vector6<f64>,
+}
+
 impl Shared {
-    /// Bodies whose points are where they are said to be and seen where they are.
+    /// Bodies with exact points and no offsets.
     pub(crate) fn new(cameras: Vec<Camera>, points: Vec<BodyMarker>) -> Self {
         let offsets_px = vec![Vector2::zeros(); cameras.len() * points.len()];
         Self { cameras, points, offsets_px, free_points: false, free_offsets: false }
     }
 
-    /// Where the points' rows begin.
+    /// First row of the points.
     pub(crate) fn first_point(&self) -> usize {
         CAMERA_PARAMETERS * self.cameras.len()
     }
 
-    /// Where the offsets' rows begin.
+    /// First row of the offsets.
     pub(crate) fn first_offset(&self) -> usize {
         self.first_point() + if self.free_points { 3 * self.points.len() } else { 0 }
     }
@@ -69,84 +112,75 @@ impl Shared {
         self.first_offset() + if self.free_offsets { 2 * self.offsets_px.len() } else { 0 }
     }
 
-    /// Rows that a sight depends on, with its whitened derivatives by them, and its whitened residual.
-    fn sight(&self, s: &PointSight, pose: &Isometry3<f64>) -> Option<Rows> {
-        let body = &self.points[s.point];
-        let centre = (pose * Point3::from(body.marker_in_body_m)).coords;
-        let view = &self.cameras[s.camera];
-        let seen = view.project_ball(&centre, body.radius_m).ok()?;
-        let offset = s.camera * self.points.len() + s.point;
-        let by_world = s.whitener * seen.d_pixel_d_point_in_world;
-        Some(Rows {
-            residual: s.whitener * (s.pixel - seen.pixel - self.offsets_px[offset]),
-            by_pose: s.whitener * d_pixel_d_pose(&seen, pose, &body.marker_in_body_m),
-            by_camera: s.whitener * view.d_pixel_d_camera(&centre).ok()?,
-            by_point: by_world * matrix_of(&pose.rotation),
+    fn offset(&self, o: &PointObservation) -> usize {
+        o.camera * self.points.len() + o.point
+    }
+
+    /// Measured less predicted pixel; `None` where the point is not in view.
+    pub(crate) fn residual_px(&self, o: &PointObservation, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
+        Some(o.pixel - self.projection(o, pose)?.1.pixel - self.offsets_px[self.offset(o)])
+    }
+
+    fn projection(&self, o: &PointObservation, pose: &Isometry3<f64>) -> Option<(Vector3<f64>, Projection)> {
+        let point = &self.points[o.point];
+        let centre = (pose * Point3::from(point.marker_in_body_m)).coords;
+        Some((centre, self.cameras[o.camera].project_ball(&centre, point.radius_m).ok()?))
+    }
+
+    fn predicted(&self, o: &PointObservation, pose: &Isometry3<f64>) -> Option<Predicted> {
+        let (centre_in_world, projection) = self.projection(o, pose)?;
+        let in_body = &self.points[o.point].marker_in_body_m;
+        Some(Predicted {
+            centre_in_world,
+            projection,
+            whitened: o.whitener * (o.pixel - projection.pixel - self.offsets_px[self.offset(o)]),
+            by_pose: o.whitener * d_pixel_d_pose(&projection, pose, in_body),
         })
     }
 
-    /// Measured less expected pixel of a sight; `None` where it is not in view.
-    pub(crate) fn residual_px(&self, s: &PointSight, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
-        let body = &self.points[s.point];
-        let centre = (pose * Point3::from(body.marker_in_body_m)).coords;
-        let seen = self.cameras[s.camera].project_ball(&centre, body.radius_m).ok()?;
-        Some(s.pixel - seen.pixel - self.offsets_px[s.camera * self.points.len() + s.point])
-    }
-
-    /// The same at the claimed covariance.
-    pub(crate) fn whitened(&self, s: &PointSight, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
-        Some(s.whitener * self.residual_px(s, pose)?)
-    }
-
-    /// Huber's loss, normal matrix and gradient of a pose.
     fn pose_equations(
         &self,
-        sights: &[PointSight],
+        observations: &[PointObservation],
         pose: &Isometry3<f64>,
         factor: f64,
-    ) -> Option<(f64, Matrix6<f64>, Vector6<f64>)> {
-        let (mut squares, mut normal, mut gradient) = (0.0, Matrix6::zeros(), Vector6::zeros());
-        for s in sights {
-            let body = &self.points[s.point];
-            let centre = (pose * Point3::from(body.marker_in_body_m)).coords;
-            let seen = self.cameras[s.camera].project_ball(&centre, body.radius_m).ok()?;
-            let offset = self.offsets_px[s.camera * self.points.len() + s.point];
-            let residual = s.whitener * (s.pixel - seen.pixel - offset);
-            let by_pose = s.whitener * d_pixel_d_pose(&seen, pose, &body.marker_in_body_m);
-            let square = residual.norm_squared();
+    ) -> Option<PoseEquations> {
+        let (mut sum, mut normal, mut gradient) = (0.0, Matrix6::zeros(), Vector6::zeros());
+        for o in observations {
+            let Predicted { whitened, by_pose, .. } = self.predicted(o, pose)?;
+            let square = whitened.norm_squared();
             let weight = noise_weight(square, factor);
-            squares += loss(square, weight);
+            sum += loss(square, weight);
             normal += by_pose.transpose() * by_pose * weight;
-            gradient += by_pose.transpose() * residual * weight;
+            gradient += by_pose.transpose() * whitened * weight;
         }
         determine_turn(&mut normal);
-        (squares.is_finite() && gradient.iter().all(|g| g.is_finite())).then_some((squares, normal, gradient))
+        let finite = sum.is_finite() && gradient.iter().all(|g| g.is_finite());
+        finite.then_some(PoseEquations { loss: sum, normal, gradient })
     }
 
-    /// The pose at its minimum under these cameras, from one near (Levenberg 1944; Marquardt 1963). `None` where a point
-    /// leaves the view or the pose is not determined.
-    pub(crate) fn settled(
+    /// The pose of least loss under these cameras, from one near (Levenberg 1944; Marquardt 1963). `None`
+    /// where a point leaves the view or the pose is not determined.
+    pub(crate) fn best_pose(
         &self,
-        sights: &[PointSight],
+        observations: &[PointObservation],
         near: &Isometry3<f64>,
         factor: f64,
     ) -> Option<Isometry3<f64>> {
         let mut pose = *near;
-        let (mut cost, mut normal, mut gradient) = self.pose_equations(sights, &pose, factor)?;
+        let mut now = self.pose_equations(observations, &pose, factor)?;
         let mut damping = 0.0;
         for _ in 0..POSE_STEPS {
-            let mut damped = normal;
+            let mut damped = now.normal;
             (0..6).for_each(|k| damped[(k, k)] *= 1.0 + damping);
-            let step = damped.cholesky()?.solve(&gradient);
-            let decrement = step.dot(&gradient);
+            let step = damped.cholesky()?.solve(&now.gradient);
+            let decrement = step.dot(&now.gradient);
             let tried = moved(&pose, &step);
-            if decrement < SETTLED * factor.min(1.0) && damping < 1e-3 {
+            if decrement < CONVERGED * factor.min(1.0) && damping < 1e-3 {
                 return Some(tried);
             }
-            match self.pose_equations(sights, &tried, factor) {
-                Some(better) if better.0 <= cost * (1.0 + 1e-12) + 1e-18 => {
-                    pose = tried;
-                    (cost, normal, gradient) = better;
+            match self.pose_equations(observations, &tried, factor) {
+                Some(better) if better.loss <= now.loss * (1.0 + 1e-12) + 1e-18 => {
+                    (pose, now) = (tried, better);
                     damping *= 0.1;
                 }
                 _ => damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 },
@@ -161,17 +195,10 @@ fn loss(square: f64, weight: f64) -> f64 {
     if weight < 1.0 { square * weight * (2.0 - weight) } else { square }
 }
 
-/// Points on one line say nothing of a turn about it: it stays as it is.
+/// Points on one line do not show a turn about it: it keeps its value.
 fn determine_turn(normal: &mut Matrix6<f64>) {
     let turning = NO_TURN * normal.diagonal().fixed_rows::<3>(3).max();
     (3..6).for_each(|k| normal[(k, k)] += turning);
-}
-
-struct Rows {
-    residual: Vector2<f64>,
-    by_pose: SMatrix<f64, 2, 6>,
-    by_camera: SMatrix<f64, 2, CAMERA_PARAMETERS>,
-    by_point: SMatrix<f64, 2, 3>,
 }
 
 /// Normal equations of what is shared, with the poses at their minima and eliminated.
@@ -189,6 +216,14 @@ pub(crate) struct Reduced {
     pub(crate) log_determinant: f64,
 }
 
+/// What the elimination of a change does to the equations.
+pub(crate) struct Elimination {
+    /// Decrease of the sum of squares.
+    pub(crate) gain: f64,
+    /// Of the change's information.
+    pub(crate) log_determinant: f64,
+}
+
 impl Reduced {
     pub(crate) fn new(rows: usize) -> Self {
         Self {
@@ -203,25 +238,46 @@ impl Reduced {
         }
     }
 
-    /// Adds an instant, whose pose is at its minimum. `factor` is that on the claimed covariances by which residuals count as
-    /// long; infinite for none.
+    /// Adds an instant, whose pose is at its minimum. `factor` scales the stated covariances to those that
+    /// decide which residuals are long; infinite for none.
     pub(crate) fn add(
         &mut self,
         shared: &Shared,
-        (sights, pose): (&[PointSight], &Isometry3<f64>),
+        observations: &[PointObservation],
+        pose: &Isometry3<f64>,
         factor: f64,
     ) -> Option<()> {
         let mut own = Matrix6::zeros();
         let mut slope = Vector6::zeros();
         let mut coupling: OMatrix<f64, U6, Dyn> = OMatrix::<f64, U6, Dyn>::zeros(self.normal.nrows());
-        for s in sights {
-            let rows = shared.sight(s, pose)?;
-            let square = rows.residual.norm_squared();
+        for o in observations {
+            let at = shared.predicted(o, pose)?;
+            let square = at.whitened.norm_squared();
             let weight = noise_weight(square, factor);
-            let by_pose = rows.by_pose.transpose() * weight;
-            own += by_pose * rows.by_pose;
-            slope += by_pose * rows.residual;
-            self.add_sight(shared, s, &rows, (weight, &by_pose), &mut coupling);
+            let weighted = at.by_pose.transpose() * weight;
+            own += weighted * at.by_pose;
+            slope += weighted * at.whitened;
+            // Columns of this observation: its camera's, its point's, its offset's.
+            let mut by = SMatrix::<f64, 2, { CAMERA_PARAMETERS + 5 }>::zeros();
+            let by_camera = shared.cameras[o.camera].d_pixel_d_camera(&at.centre_in_world).ok()?;
+            let by_point = at.projection.d_pixel_d_point_in_world * matrix_of(&pose.rotation);
+            by.fixed_columns_mut::<CAMERA_PARAMETERS>(0).copy_from(&(o.whitener * by_camera));
+            by.fixed_columns_mut::<3>(CAMERA_PARAMETERS).copy_from(&(o.whitener * by_point));
+            by.fixed_columns_mut::<2>(CAMERA_PARAMETERS + 3).copy_from(&o.whitener);
+            let blocks = [
+                (true, 0, CAMERA_PARAMETERS, CAMERA_PARAMETERS * o.camera),
+                (shared.free_points, CAMERA_PARAMETERS, 3, shared.first_point() + 3 * o.point),
+                (shared.free_offsets, CAMERA_PARAMETERS + 3, 2, shared.first_offset() + 2 * shared.offset(o)),
+            ];
+            for (_, from, n, row) in blocks.iter().filter(|b| b.0) {
+                let block = by.columns(*from, *n);
+                self.gradient.rows_mut(*row, *n).gemv_tr(weight, &block, &at.whitened, 1.0);
+                coupling.columns_mut(*row, *n).gemm(1.0, &weighted, &block, 1.0);
+                for (_, from, m, column) in blocks.iter().filter(|b| b.0) {
+                    let mut target = self.normal.view_mut((*row, *column), (*n, *m));
+                    target.gemm_tr(weight, &block, &by.columns(*from, *m), 1.0);
+                }
+            }
             self.loss += loss(square, weight);
             self.squares += square;
             self.weighted += square * weight;
@@ -229,7 +285,7 @@ impl Reduced {
         }
         determine_turn(&mut own);
         let factored = own.cholesky()?;
-        self.log_determinant += 2.0 * factored.l_dirty().diagonal().map(f64::ln).sum();
+        self.log_determinant += factored.ln_determinant();
         let eliminated = factored.solve(&coupling);
         self.normal.gemm_tr(-1.0, &coupling, &eliminated, 1.0);
         self.gradient.gemv_tr(-1.0, &eliminated, &slope, 1.0);
@@ -237,9 +293,9 @@ impl Reduced {
         Some(())
     }
 
-    /// Eliminates a change of the rows from `first` on that is these instants' own, with an information of `weight` on each. By how
-    /// much that lowers the squares, and the logarithm of the determinant of the change's information.
-    pub(crate) fn eliminate_changes(&mut self, first: usize, weight: f64) -> Option<(f64, f64)> {
+    /// Eliminates a change of the rows from `first` on that belongs to these instants alone, with an
+    /// information of `weight` on each row.
+    pub(crate) fn eliminate_changes(&mut self, first: usize, weight: f64) -> Option<Elimination> {
         let n = self.normal.nrows() - first;
         let mut own = self.normal.view((first, first), (n, n)).into_owned();
         (0..n).for_each(|k| own[(k, k)] += weight);
@@ -249,8 +305,8 @@ impl Reduced {
         let slope = self.gradient.rows(first, n).into_owned();
         self.normal.gemm_tr(-1.0, &coupling, &eliminated, 1.0);
         self.gradient.gemv_tr(-1.0, &eliminated, &slope, 1.0);
-        let log_determinant = 2.0 * factored.l_dirty().diagonal().map(f64::ln).sum();
-        Some((slope.dot(&factored.solve(&slope)), log_determinant))
+        let gain = slope.dot(&factored.solve(&slope));
+        Some(Elimination { gain, log_determinant: factored.ln_determinant() })
     }
 
     /// Adds other instants' equations.
@@ -263,38 +319,6 @@ impl Reduced {
         self.coordinates += other.coordinates;
         self.instants += other.instants;
         self.log_determinant += other.log_determinant;
-    }
-
-    fn add_sight(
-        &mut self,
-        shared: &Shared,
-        s: &PointSight,
-        rows: &Rows,
-        (weight, pose): (f64, &SMatrix<f64, 6, 2>),
-        coupling: &mut OMatrix<f64, U6, Dyn>,
-    ) {
-        // Columns of this sight: its camera's, its point's, its offset's.
-        let mut by = SMatrix::<f64, 2, { CAMERA_PARAMETERS + 5 }>::zeros();
-        by.fixed_columns_mut::<CAMERA_PARAMETERS>(0).copy_from(&rows.by_camera);
-        by.fixed_columns_mut::<3>(CAMERA_PARAMETERS).copy_from(&rows.by_point);
-        by.fixed_columns_mut::<2>(CAMERA_PARAMETERS + 3).copy_from(&s.whitener);
-        let offset = s.camera * shared.points.len() + s.point;
-        let blocks = [
-            (true, 0, CAMERA_PARAMETERS, CAMERA_PARAMETERS * s.camera),
-            (shared.free_points, CAMERA_PARAMETERS, 3, shared.first_point() + 3 * s.point),
-            (shared.free_offsets, CAMERA_PARAMETERS + 3, 2, shared.first_offset() + 2 * offset),
-        ];
-        for (_, from, n, at) in blocks.iter().filter(|b| b.0) {
-            let own = by.columns(*from, *n);
-            let mut gradient = self.gradient.rows_mut(*at, *n);
-            gradient.gemv_tr(weight, &own, &rows.residual, 1.0);
-            let mut bound = coupling.columns_mut(*at, *n);
-            bound.gemm(1.0, pose, &own, 1.0);
-            for (_, from, m, other) in blocks.iter().filter(|b| b.0) {
-                let mut block = self.normal.view_mut((*at, *other), (*n, *m));
-                block.gemm_tr(weight, &own, &by.columns(*from, *m), 1.0);
-            }
-        }
     }
 }
 
@@ -339,26 +363,28 @@ mod tests {
 
     /// The reduced gradient is the derivative of the least loss over the pose.
     #[test]
-    fn the_reduced_gradient_is_the_numeric_derivative_of_the_settled_loss() {
+    fn the_reduced_gradient_is_the_numeric_derivative_of_the_least_loss() {
         let mut shared = Shared::new(cameras().to_vec(), body());
         (shared.free_points, shared.free_offsets) = (true, true);
         shared.cameras[0].distortion.k1 = -0.2;
         let (mut seed, pose) = (3, moved(&Isometry3::translation(0.2, -0.3, 1.4), &Vector6::repeat(0.3)));
-        let sights: Vec<PointSight> = (0..8)
+        let observations: Vec<PointObservation> = (0..8)
             .map(|k| {
                 let (camera, point) = (k / 4, k % 4);
                 let centre = (pose * Point3::from(shared.points[point].marker_in_body_m)).coords;
                 let seen = shared.cameras[camera].project_ball(&centre, 0.02).unwrap().pixel;
                 let noise = Vector2::new(normal(&mut seed), normal(&mut seed));
-                PointSight { camera, point, pixel: seen + noise, whitener: Matrix2::new(1.0, 0.0, 0.2, 1.5) }
+                let covariance_px2 = Matrix2::identity();
+                let whitener = Matrix2::new(1.0, 0.0, 0.2, 1.5);
+                PointObservation { camera, point, pixel: seen + noise, covariance_px2, whitener }
             })
             .collect();
         // Some of the residuals are longer than Huber's bound.
         let factor = 0.5;
         let loss = |shared: &Shared| {
-            let at = shared.settled(&sights, &pose, factor).unwrap();
+            let at = shared.best_pose(&observations, &pose, factor).unwrap();
             let mut out = Reduced::new(shared.rows());
-            out.add(shared, (&sights, &at), factor).unwrap();
+            out.add(shared, &observations, &at, factor).unwrap();
             out
         };
         let got = loss(&shared);
@@ -379,9 +405,9 @@ mod tests {
         }
     }
 
-    /// Six coordinates of a pose less, and a turn about a stick's own axis that stays where it is.
+    /// A stick determines five coordinates of its pose; the turn about itself keeps its value.
     #[test]
-    fn a_stick_keeps_the_turn_about_itself_and_says_nothing_of_its_pose_twice() {
+    fn a_stick_keeps_the_turn_about_itself_and_determines_five_coordinates_of_its_pose() {
         let mut stick = body();
         stick.truncate(2);
         stick[1].marker_in_body_m = Vector3::new(0.5, 0.0, 0.0);
@@ -389,23 +415,23 @@ mod tests {
         let mut seed = 8;
         let pose =
             moved(&Isometry3::translation(0.1, 0.1, 1.5), &Vector6::new(0.0, 0.0, 0.0, 0.7, 0.2, -0.4));
-        let sights: Vec<PointSight> = (0..4)
+        let observations: Vec<PointObservation> = (0..4)
             .map(|k| {
                 let (camera, point) = (k / 2, k % 2);
                 let centre = (pose * Point3::from(shared.points[point].marker_in_body_m)).coords;
                 let pixel = shared.cameras[camera].project_ball(&centre, 0.02).unwrap().pixel;
-                PointSight { camera, point, pixel, whitener: Matrix2::identity() }
+                PointObservation::new(camera, point, pixel, Matrix2::identity()).unwrap()
             })
             .collect();
         let near = moved(&pose, &Vector6::from_fn(|_, _| 0.01 * normal3(&mut seed).x));
-        let settled = shared.settled(&sights, &near, f64::INFINITY).unwrap();
+        let found = shared.best_pose(&observations, &near, f64::INFINITY).unwrap();
         let ends = |p: &Isometry3<f64>| [p * Point3::origin(), p * Point3::new(0.5, 0.0, 0.0)];
-        for (a, b) in ends(&settled).iter().zip(ends(&pose)) {
+        for (a, b) in ends(&found).iter().zip(ends(&pose)) {
             assert!((a - b).norm() < 1e-6, "{a} {b}");
         }
         // Eight coordinates less five of the pose leave three that say something of the cameras.
         let mut reduced = Reduced::new(shared.rows());
-        reduced.add(&shared, (&sights, &settled), f64::INFINITY).unwrap();
+        reduced.add(&shared, &observations, &found, f64::INFINITY).unwrap();
         let scale = reduced.normal.diagonal().map(|d| 1.0 / d.max(1e-12).sqrt());
         let scaled = DMatrix::from_fn(32, 32, |i, j| reduced.normal[(i, j)] * scale[i] * scale[j]);
         let values = scaled.symmetric_eigenvalues();

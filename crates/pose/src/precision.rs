@@ -1,4 +1,4 @@
-//! What a rig will measure, before anything flies: predicted millimetres over a volume.
+//! Predicted precision of a rig over a volume, before a flight.
 
 use crate::Rig;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Matrix3, Vector3};
@@ -18,14 +18,14 @@ pub struct MapPlane {
 /// Predicted standard deviations on a plane.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PrecisionMap {
-    /// Where.
+    /// The plane.
     pub plane: MapPlane,
     /// Cells along the first side.
     pub columns: usize,
     /// Cells along the second side.
     pub rows: usize,
-    /// At the middle of each cell, first side first: root of the trace of a point's covariance, mm; none where fewer than
-    /// two cameras see it.
+    /// At the middle of each cell, first side first: root of the trace of a point's covariance, mm; none
+    /// where fewer than two cameras see it.
     pub std_mm: Vec<Option<f64>>,
 }
 
@@ -43,18 +43,19 @@ pub struct Volume {
 pub struct VolumePrecision {
     /// In the middle; none where fewer than two cameras see it.
     pub centre_mm: Option<f64>,
-    /// The largest that was found.
+    /// The largest of a grid of 11 points along each side.
     pub worst_mm: f64,
-    /// Where.
+    /// The place of that.
     pub worst_at_m: Vector3<f64>,
     /// Part of the volume that two cameras see.
     pub share_seen: f64,
 }
 
-/// Points along each side of a volume that are looked at.
+/// Points along each side of a volume.
 const VOLUME_STEPS: usize = 11;
 
-/// The box that holds the rig's control points: the volume for which it is calibrated. `None` without control points.
+/// The box that holds the rig's control points: the volume for which it is calibrated. `None` without control
+/// points.
 pub fn control_volume(rig: &Rig) -> Option<Volume> {
     let points = rig.control_points_in_world();
     let first = *points.first()?;
@@ -65,45 +66,44 @@ pub fn control_volume(rig: &Rig) -> Option<Volume> {
 impl Volume {
     /// The horizontal rectangle at mid height.
     pub fn horizontal(&self) -> MapPlane {
-        let side = self.high_m - self.low_m;
-        let corner = Vector3::new(self.low_m.x, self.low_m.y, 0.5 * (self.low_m.z + self.high_m.z));
-        MapPlane {
-            corner_in_world_m: corner,
-            first_side_m: Vector3::new(side.x, 0.0, 0.0),
-            second_side_m: Vector3::new(0.0, side.y, 0.0),
-        }
+        self.middle(2, 0, 1)
     }
 
     /// The upright rectangle along X in the middle of Y.
     pub fn vertical(&self) -> MapPlane {
-        let side = self.high_m - self.low_m;
-        let corner = Vector3::new(self.low_m.x, 0.5 * (self.low_m.y + self.high_m.y), self.low_m.z);
+        self.middle(1, 0, 2)
+    }
+
+    /// The rectangle in the middle of one axis, along two others.
+    fn middle(&self, across: usize, first: usize, second: usize) -> MapPlane {
+        let side_m = self.high_m - self.low_m;
         MapPlane {
-            corner_in_world_m: corner,
-            first_side_m: Vector3::new(side.x, 0.0, 0.0),
-            second_side_m: Vector3::new(0.0, 0.0, side.z),
+            corner_in_world_m: self.low_m + Vector3::ith(across, 0.5 * side_m[across]),
+            first_side_m: Vector3::ith(first, side_m[first]),
+            second_side_m: Vector3::ith(second, side_m[second]),
         }
     }
 }
 
-/// Covariance with which the cameras that have a point on their image will measure it: from the noise of its images, and
-/// from what is not known of the cameras.
+/// Predicted covariance of a point that the cameras with the point on their image will measure, from the
+/// noise of its images and the uncertainty of the cameras.
 ///
-/// Weighted least squares from two rays or more: C = σ² (Σ JᵀJ)⁻¹ from the pixels; an error of the cameras moves the
-/// point by G = -(Σ JᵀJ)⁻¹ Σ Jᵀ J_camera times it, to first order. `None` where fewer than two cameras see the point or
-/// their rays are parallel.
+/// Weighted least squares from two rays or more: C = σ² (Σ JᵀJ)⁻¹ from the pixels; an error of the cameras
+/// moves the point by G = -(Σ JᵀJ)⁻¹ Σ Jᵀ J_camera times it, to first order (Hartley & Zisserman 2004,
+/// section 5.2). `None` where fewer than two cameras see the point or their rays are parallel.
 pub fn predicted_covariance_m2(
     rig: &Rig,
     point_in_world_m: &Vector3<f64>,
     pixel_std_px: f64,
 ) -> Option<Matrix3<f64>> {
     let cameras = rig.cameras.iter().map(|c| &c.camera);
-    covariance_of_point((cameras, &rig.uncertainty), point_in_world_m, pixel_std_px)
+    covariance_of_point(cameras, &rig.uncertainty, point_in_world_m, pixel_std_px)
 }
 
-/// The same of cameras with what is not known of them, as [`Rig::uncertainty`] has it.
+/// [`predicted_covariance_m2`] of cameras with an uncertainty of the form of [`Rig::uncertainty`].
 pub(crate) fn covariance_of_point<'a>(
-    (cameras, uncertainty): (impl Iterator<Item = &'a Camera>, &DMatrix<f64>),
+    cameras: impl Iterator<Item = &'a Camera>,
+    uncertainty: &DMatrix<f64>,
     point_in_world_m: &Vector3<f64>,
     pixel_std_px: f64,
 ) -> Option<Matrix3<f64>> {
@@ -136,7 +136,8 @@ pub(crate) fn covariance_of_point<'a>(
 pub fn precision_map(
     rig: &Rig,
     plane: MapPlane,
-    (columns, rows): (usize, usize),
+    columns: usize,
+    rows: usize,
     pixel_std_px: f64,
 ) -> PrecisionMap {
     let middle = |k: usize, n: usize| (k as f64 + 0.5) / n as f64;
@@ -155,8 +156,8 @@ fn std_mm_at(rig: &Rig, point: &Vector3<f64>, pixel_std_px: f64) -> Option<f64> 
     predicted_covariance_m2(rig, point, pixel_std_px).map(|c| 1e3 * c.trace().sqrt())
 }
 
-/// The predicted precision of a single ball's place in the middle of a volume, and the worst in it. `None` where no two
-/// cameras see any of it.
+/// The predicted precision of a single ball's place in the middle of a volume, and the worst in it. `None`
+/// where no two cameras see any of it.
 pub fn volume_precision(rig: &Rig, volume: &Volume, pixel_std_px: f64) -> Option<VolumePrecision> {
     let side = volume.high_m - volume.low_m;
     let steps = VOLUME_STEPS;
@@ -179,10 +180,10 @@ pub fn volume_precision(rig: &Rig, volume: &Volume, pixel_std_px: f64) -> Option
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibrate::test_sets::{both, seen};
+    use crate::calibrate::test_sets::{Noise, both, seen};
     use crate::testing::{cameras, cube, normal};
     use crate::{Rig, calibrate};
-    use mavsight_geometry::{Matrix2, Vector2, triangulate};
+    use mavsight_geometry::{ImagePoint, Matrix2, Vector2, triangulate};
 
     /// Calibrations and measurements with noise, many times over, against the prediction.
     #[test]
@@ -199,13 +200,17 @@ mod tests {
                         + Vector2::new(normal(&mut seed), normal(&mut seed)) * std_px
                 })
                 .collect();
-            let sights: Vec<_> = rig
+            let images: Vec<_> = rig
                 .cameras
                 .iter()
                 .zip(&pixels)
-                .map(|(c, p)| (&c.camera, *p, Matrix2::identity() * std_px * std_px))
+                .map(|(c, p)| ImagePoint {
+                    camera: &c.camera,
+                    pixel: *p,
+                    covariance_px2: Matrix2::identity() * std_px * std_px,
+                })
                 .collect();
-            let error = triangulate(&sights).unwrap().point_in_world_m - point;
+            let error = triangulate(&images).unwrap().point_in_world_m - point;
             sum += error * error.transpose() / f64::from(trials);
             claimed += predicted_covariance_m2(&rig, &point, std_px).unwrap().trace() / f64::from(trials);
         }
@@ -226,11 +231,8 @@ mod tests {
         let mut frame = cube();
         frame.extend(&inner[..4]);
         let calibrated = |places: &[Vector3<f64>], seed: &mut u64| {
-            let [a, b] = cameras();
-            calibrate(&[
-                seen("cam1", &a, places, (0.1, 0.03), seed),
-                seen("cam2", &b, places, (0.1, 0.03), seed),
-            ])
+            let ([a, b], noise) = (cameras(), Noise { std_px: 0.1, radius_m: 0.03 });
+            calibrate(&[seen("cam1", &a, places, noise, seed), seen("cam2", &b, places, noise, seed)])
         };
         let volume = Volume { low_m: Vector3::new(-1.5, -1.5, 0.0), high_m: Vector3::new(1.5, 1.5, 3.0) };
         let good = calibrated(&frame, &mut seed).unwrap();
@@ -253,7 +255,7 @@ mod tests {
         let one = Rig::exact(rig.cameras[..1].to_vec());
         assert_eq!(predicted_covariance_m2(&one, &Vector3::new(0.0, 0.0, 1.5), 0.1), None);
         let volume = control_volume(&rig).unwrap();
-        let map = precision_map(&rig, volume.horizontal(), (4, 3), 0.1);
+        let map = precision_map(&rig, volume.horizontal(), 4, 3, 0.1);
         assert_eq!(map.std_mm.len(), 12);
         assert!(map.std_mm.iter().all(|s| s.is_some_and(|mm| mm > 0.5 && mm < 10.0)), "{map:?}");
         assert_eq!(control_volume(&Rig::default()), None);

@@ -1,4 +1,4 @@
-//! Cameras, markers and centres as the flight itself shows them.
+//! Refinement of cameras, markers and systematic errors of centres by the flight itself.
 
 use crate::estimate::HUBER_MEAN;
 use crate::moving::{Instant, Reduced, Shared};
@@ -7,76 +7,81 @@ use instants::instants_of;
 use mavsight_geometry::camera_parameters::CENTRE;
 use mavsight_geometry::{CAMERA_PARAMETERS, CameraChange, UnitQuaternion, Vector2, Vector3};
 use nalgebra::{DMatrix, DVector};
-use staying::{Staying, Stays};
+use systematic::{LinearFit, SystematicVariance};
 
 mod instants;
-mod staying;
+mod systematic;
 
-/// Cameras, marker positions and lasting errors of centres that a flight has told, with what it leaves open.
+/// Cameras, marker positions and systematic errors of centres, as a flight has refined them, with their
+/// uncertainty.
 ///
-/// A film shows neither where the world's axes lie nor those of the body. The first stay where the control points have put them.
-/// The markers are given in the body axes for which their displacements from the vehicle file have no common shift and no
-/// common turn (Procrustes). If the ruler was off by σ in each coordinate, these axes are off from the file's true ones by about
-/// σ/√n, for every pose alike; a comparison with poses in other axes has to allow for one constant motion of the body frame.
+/// A flight determines neither the world's axes nor those of the body. The first remain where the control
+/// points have put them. The markers are given in the body axes for which their displacements from the
+/// vehicle file have no common shift and no common turn (Procrustes). If the ruler was off by σ in each
+/// coordinate, these axes are off from the file's true ones by about σ/√n, for every pose alike; a comparison
+/// with poses in other axes has to allow for one constant motion of the body frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RefinedFlight {
-    /// The cameras, with what remains unknown of them.
+    /// The cameras, with their uncertainty.
     pub rig: Rig,
     /// The body with the refined positions.
     pub markers: Vec<BodyMarker>,
-    /// By how much centres are off all the while, camera by camera, marker by marker.
+    /// Constant errors of centres, camera by camera, marker by marker.
     pub offsets_px: Vec<Vector2<f64>>,
-    /// What remains unknown of all three together: 16 rows a camera, 3 a marker (body axes, m), 2 for each marker in each camera
-    /// (camera by camera, px); each column one standard deviation along an independent direction.
+    /// Uncertainty of all three together: 16 rows a camera, 3 a marker (body axes, m), 2 for each marker in
+    /// each camera (camera by camera, px); each column one standard deviation along an independent direction.
     pub uncertainty: DMatrix<f64>,
     /// Standard deviation of each coordinate of each marker.
     pub markers_std_m: Vec<Vector3<f64>>,
     /// Largest angle between the attitudes of two frames.
     pub turned_rad: f64,
-    /// Sum of the squared whitened residuals as it was, and with all that was refined.
+    /// Sum of the squared whitened residuals before and after the refinement.
     pub chi_square: (f64, f64),
-    /// Estimated ratio of the residuals' variance to what the centres' covariances claim.
+    /// Estimated ratio of the residuals' variance to the stated covariances of the centres.
     pub variance_factor: f64,
     /// Instants that entered.
     pub frames: usize,
-    /// What stays of the centres' errors, as it was given or found.
+    /// Standard deviation of the systematic errors of centres, as it was given or found.
     pub centres_std_px: f64,
     markers_prior_m: f64,
 }
 
-/// What is known before a flight tells more.
+/// Prior knowledge of the body and the centres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FlightPrior {
-    /// Standard deviation of each coordinate of the markers' positions: a ruler is good to 1 or 2 mm, to half a millimetre where it
-    /// was read with care.
+    /// Standard deviation of each coordinate of the markers' positions: a ruler is good to 1 or 2 mm, to half
+    /// a millimetre with care.
     pub markers_std_m: f64,
-    /// Standard deviation of what stays of a centre's error, each coordinate of each marker in each camera by its own; 0 for none,
-    /// `None` to find it from what of the residuals stays.
+    /// Standard deviation of the systematic error of a centre, independent for each coordinate of each marker
+    /// in each camera; 0 for none, `None` to estimate it from the residuals.
     pub centres_std_px: Option<f64>,
 }
 
-/// Part of a given variance of what stays that is taken to stay all the flight; the rest is anew in each second. The one would be too sure
-/// of the cameras where the other is true.
-const STAYS_ALL_THE_WHILE: f64 = 0.5;
+/// Part of a given systematic variance that is constant over the flight; the rest changes every second. All
+/// of it constant would make the cameras too certain where it is not.
+const CONSTANT_SHARE: f64 = 0.5;
 
-/// Gauss-Newton steps; millimetres beside metres settle in three or four.
+/// Gauss-Newton steps; millimetres in metres converge in three or four.
 const MAX_STEPS: usize = 20;
 
 /// A step shorter than this share of the parameters' own uncertainty ends the iteration.
-const SETTLED: f64 = 1e-3;
+const CONVERGED: f64 = 1e-3;
 
-/// Refines cameras, marker positions and the lasting errors of centres by one bundle adjustment of all of them and of the poses.
+/// Refines cameras, marker positions and systematic errors of centres by one bundle adjustment of all of them
+/// and of the poses (Triggs et al. 2000).
 ///
-/// What is known before: the cameras by their covariance, which is what the control points have left, and [`FlightPrior`]. A centre
-/// may be off in the same way in many frames, by light from one side or what is behind the ball: half of the variance of that is
-/// taken to stay all the flight, the other half for a second, which bounds what many frames tell; where it is not given, both are found.
+/// Priors are the covariance of the cameras, as the control points have determined them, and [`FlightPrior`].
+/// A centre may have the same error in many frames, from light on one side or from the background: half of
+/// the variance of that is constant over the flight, the other half lasts a second, which bounds the
+/// information of many frames; where it is not given, both are estimated.
 ///
-/// Sights are weighted by their covariances, with bounded influence (Huber 1981). The scale of their noise is estimated, as the
-/// claimed covariances may be off.
+/// Observations are weighted by their covariances, with bounded influence (Huber 1981). The scale of their
+/// noise is estimated, as the stated covariances may be off.
 ///
 /// # Errors
-/// [`PoseError::BadPrior`]; [`PoseError::BadBias`]; [`PoseError::AlreadyRefined`]; [`PoseError::TooFewPoses`] with fewer than ten frames that have a pose and redundancy;
-/// [`PoseError::BadObservation`]; [`PoseError::NotConverged`].
+/// [`PoseError::BadPrior`]; [`PoseError::BadBias`]; [`PoseError::AlreadyRefined`]; [`PoseError::TooFewPoses`]
+/// with fewer than ten frames that have a pose and redundancy; [`PoseError::BadObservation`];
+/// [`PoseError::NotConverged`].
 pub fn refine_flight(
     observations: &Observations,
     rig: &Rig,
@@ -99,30 +104,32 @@ pub fn refine_flight(
     let directions = directions(&shared, rig);
     let state = DVector::zeros(directions.ncols());
     let given_px2 = centres_std_px.unwrap_or(0.0).powi(2);
+    let systematic = SystematicVariance {
+        constant_px2: CONSTANT_SHARE * given_px2,
+        for_a_second_px2: (1.0 - CONSTANT_SHARE) * given_px2,
+    };
+    let factor = f64::INFINITY;
     let mut bundle = Bundle {
         rig,
         nominal: markers,
         markers_std_m,
-        stays: Stays {
-            all_the_while_px2: STAYS_ALL_THE_WHILE * given_px2,
-            for_a_second_px2: (1.0 - STAYS_ALL_THE_WHILE) * given_px2,
-        },
+        systematic,
         directions,
         instants,
         shared,
         state,
-        factor: f64::INFINITY,
+        factor,
     };
-    let mut settled = bundle.settled()?;
+    let mut found = bundle.minimise()?;
     if centres_std_px.is_none() {
-        bundle.stays = bundle.staying()?;
-        settled = Settled { before: settled.before, ..bundle.settled()? };
+        bundle.systematic = bundle.linear_fit()?.systematic_variance();
+        found = Minimum { before: found.before, ..bundle.minimise()? };
     }
-    bundle.finished(&settled)
+    bundle.refined(&found)
 }
 
-/// What each parameter changes: a column for each direction of the rig's uncertainty, then one a coordinate of each marker, then
-/// one a coordinate of each centre.
+/// The change of each parameter: a column for each direction of the rig's uncertainty, then one for each
+/// coordinate of each marker, then one for each coordinate of each centre.
 fn directions(shared: &Shared, rig: &Rig) -> DMatrix<f64> {
     let (rows, first) = (shared.rows(), shared.first_point());
     let of_rig = if rig.uncertainty.nrows() == first { rig.uncertainty.ncols() } else { 0 };
@@ -136,7 +143,7 @@ struct Bundle<'a> {
     rig: &'a Rig,
     nominal: &'a [BodyMarker],
     markers_std_m: f64,
-    stays: Stays,
+    systematic: SystematicVariance,
     directions: DMatrix<f64>,
     /// By seconds.
     instants: Vec<Vec<Instant>>,
@@ -146,17 +153,17 @@ struct Bundle<'a> {
     factor: f64,
 }
 
-/// Where a bundle came to rest.
-struct Settled {
+/// The minimum of a bundle.
+struct Minimum {
     /// Of the state.
     covariance: DMatrix<f64>,
     reduced: Reduced,
-    /// Sum of the squared whitened residuals at first.
+    /// Sum of the squared whitened residuals at the start.
     before: f64,
 }
 
 impl Bundle<'_> {
-    fn settled(&mut self) -> Result<Settled, PoseError> {
+    fn minimise(&mut self) -> Result<Minimum, PoseError> {
         let mut before = None;
         for _ in 0..MAX_STEPS {
             let reduced = self.reduced()?;
@@ -165,25 +172,26 @@ impl Bundle<'_> {
             // The first time no residual was bounded.
             let kept = if self.factor.is_finite() { HUBER_MEAN } else { 1.0 };
             self.factor = (reduced.weighted / (freedom * kept)).max(f64::MIN_POSITIVE);
-            let (next, covariance) = self.solved(&reduced).ok_or(not_converged(&reduced))?;
+            let (next, covariance) = self.solution(&reduced).ok_or(not_converged(&reduced))?;
             let step = &next - &self.state;
-            let settled =
-                step.iter().zip(covariance.diagonal().iter()).all(|(s, v)| s.abs() <= SETTLED * v.sqrt());
+            let variances = covariance.diagonal();
+            let converged = step.iter().zip(&variances).all(|(s, v)| s.abs() <= CONVERGED * v.sqrt());
             self.state = next;
             self.move_shared();
-            if settled {
-                return Ok(Settled { covariance, reduced, before: first });
+            if converged {
+                return Ok(Minimum { covariance, reduced, before: first });
             }
         }
         let reduced = self.reduced()?;
         Err(not_converged(&reduced))
     }
 
-    /// The equations with all poses at their minima, and with what stays of the centres' errors for a second eliminated.
+    /// The equations with all poses at their minima, and with the errors of centres that last a second
+    /// eliminated.
     fn reduced(&mut self) -> Result<Reduced, PoseError> {
         let mut out = Reduced::new(self.shared.rows());
         let first = self.shared.first_offset();
-        let variance_px2 = self.stays.for_a_second_px2;
+        let variance_px2 = self.systematic.for_a_second_px2;
         let scale = if self.factor.is_finite() { self.factor } else { 1.0 };
         for k in 0..self.instants.len() {
             let mut own = self.of_second(k)?;
@@ -195,34 +203,32 @@ impl Bundle<'_> {
         Ok(out)
     }
 
-    /// Those of one second, with its poses at their minima.
+    /// The equations of one second, with its poses at their minima.
     fn of_second(&mut self, second: usize) -> Result<Reduced, PoseError> {
         let mut own = Reduced::new(self.shared.rows());
-        for instant in &mut self.instants[second] {
-            let (shared, factor) = (&self.shared, self.factor);
-            let settled = shared.settled(&instant.sights, &instant.world_from_body, factor);
-            instant.world_from_body = settled.ok_or_else(|| not_converged(&own))?;
-            let at = (instant.sights.as_slice(), &instant.world_from_body);
-            own.add(shared, at, factor).ok_or_else(|| not_converged(&own))?;
+        for Instant { observations, world_from_body } in &mut self.instants[second] {
+            let pose = self.shared.best_pose(observations, world_from_body, self.factor);
+            *world_from_body = pose.ok_or_else(|| not_converged(&own))?;
+            let added = own.add(&self.shared, observations, world_from_body, self.factor);
+            added.ok_or_else(|| not_converged(&own))?;
         }
         Ok(own)
     }
 
-    /// How much of the centres' errors stays, of a fit in which none was allowed for.
-    fn staying(&mut self) -> Result<Stays, PoseError> {
+    /// The fit, linearised, for an estimate of the systematic errors, of which it has none.
+    fn linear_fit(&mut self) -> Result<LinearFit<'_>, PoseError> {
         let seconds = (0..self.instants.len()).map(|k| self.of_second(k)).collect::<Result<Vec<_>, _>>()?;
-        let sights = || self.instants.iter().flatten().flat_map(|i| &i.sights);
-        let information = sights().map(|s| s.whitener.norm_squared() / 2.0).sum::<f64>();
-        let staying = Staying {
+        let observations = || self.instants.iter().flatten().flat_map(|i| &i.observations);
+        let information = observations().map(|o| o.whitener.norm_squared() / 2.0).sum::<f64>();
+        Ok(LinearFit {
             seconds,
             directions: &self.directions,
             state: &self.state,
             offsets: 2 * self.shared.offsets_px.len(),
             prior: self.prior_information(),
             factor: self.factor,
-            claimed_px2: sights().count() as f64 / information,
-        };
-        Ok(staying.found())
+            stated_px2: observations().count() as f64 / information,
+        })
     }
 
     /// Information on each direction before the flight.
@@ -233,12 +239,12 @@ impl Bundle<'_> {
             _ if k < from_offsets - markers => 1.0,
             _ if k < from_offsets => self.markers_std_m.powi(-2),
             // Exact centres are those that are off by a millionth of a pixel.
-            _ => 1.0 / self.stays.all_the_while_px2.max(1e-12),
+            _ => 1.0 / self.systematic.constant_px2.max(1e-12),
         })
     }
 
     /// State and covariance.
-    fn solved(&self, reduced: &Reduced) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    fn solution(&self, reduced: &Reduced) -> Option<(DVector<f64>, DMatrix<f64>)> {
         let mut information = self.directions.tr_mul(&reduced.normal) * &self.directions / self.factor;
         let pull = self.directions.tr_mul(&reduced.gradient) / self.factor + &information * &self.state;
         information.set_diagonal(&(information.diagonal() + self.prior_information()));
@@ -263,11 +269,11 @@ impl Bundle<'_> {
         }
     }
 
-    fn finished(self, settled: &Settled) -> Result<RefinedFlight, PoseError> {
-        let Settled { covariance, reduced, before } = settled;
+    fn refined(self, found: &Minimum) -> Result<RefinedFlight, PoseError> {
+        let Minimum { covariance, reduced, before } = found;
         let factor = covariance.clone().cholesky().ok_or(not_converged(reduced))?.unpack();
         let mut uncertainty = &self.directions * factor;
-        // Of the markers the shape: a common shift or turn is none of the film's.
+        // Of the markers the shape: a flight does not determine a common shift or turn.
         let (first, rows) = (self.shared.first_point(), 3 * self.nominal.len());
         let shape = DMatrix::identity(rows, rows) - self.rigid_motions();
         let of_shape = shape * uncertainty.rows(first, rows);
@@ -284,7 +290,7 @@ impl Bundle<'_> {
             variance_factor: self.factor,
             frames: reduced.instants,
             markers_prior_m: self.markers_std_m,
-            centres_std_px: self.stays.std_px(),
+            centres_std_px: self.systematic.std_px(),
         })
     }
 
@@ -311,8 +317,8 @@ impl Bundle<'_> {
         rig
     }
 
-    /// Largest angle between the attitude of one frame and that of another, found from both ends: the frame farthest from the
-    /// first, and the one farthest from that.
+    /// Largest angle between the attitude of one frame and that of another, found from both ends: the frame
+    /// farthest from the first, and the one farthest from that.
     fn turned_rad(&self) -> f64 {
         let turn = |i: &Instant| i.world_from_body.rotation;
         let farthest = |from: &UnitQuaternion<f64>| {
@@ -338,25 +344,26 @@ impl Bundle<'_> {
 }
 
 impl RefinedFlight {
-    /// Whether the flight shows the body's shape better than the vehicle file did. While the aircraft keeps its attitude, centres
-    /// that are off look like markers elsewhere; where it turns, they do not.
+    /// Succeeds if the flight determines the body's shape better than the vehicle file did. While the
+    /// aircraft keeps its attitude, systematic errors of centres look like markers elsewhere; when it turns,
+    /// they do not.
     ///
     /// # Errors
     /// [`PoseError::ShapeNotShown`] for a flight that turns too little.
     pub fn shape_is_shown(&self) -> Result<(), PoseError> {
         // The ruler leaves its variance in each direction but the six of the whole body's motion.
         let free = (3 * self.markers.len()).saturating_sub(6).max(1) as f64;
-        let left_m2: f64 = self.markers_std_m.iter().map(Vector3::norm_squared).sum();
-        let std_m = (left_m2 / free).sqrt();
-        if std_m < SHOWN * self.markers_prior_m {
+        let sum_m2: f64 = self.markers_std_m.iter().map(Vector3::norm_squared).sum();
+        let (std_m, prior_std_m) = ((sum_m2 / free).sqrt(), self.markers_prior_m);
+        if std_m < SHOWN * prior_std_m {
             return Ok(());
         }
-        let (prior_std_m, stays_px) = (self.markers_prior_m, self.centres_std_px);
-        Err(PoseError::ShapeNotShown { std_m, prior_std_m, turned_rad: self.turned_rad, stays_px })
+        let (turned_rad, systematic_px) = (self.turned_rad, self.centres_std_px);
+        Err(PoseError::ShapeNotShown { std_m, prior_std_m, turned_rad, systematic_px })
     }
 }
 
-/// A shape that is not known better than to this part of the file's standard deviation is not worth a change of the body.
+/// A shape whose standard deviation is not below this part of the file's is not worth a change of the body.
 const SHOWN: f64 = 0.9;
 
 fn not_converged(reduced: &Reduced) -> PoseError {

@@ -1,35 +1,35 @@
-//! Which of the candidates of each control ball are the balls of one camera.
+//! Choice of the candidates of control balls that one camera can have seen together.
 //!
-//! Colour proposes, geometry decides: a choice of one candidate (or none) per ball is judged by the camera that fits it.
-//! The search starts at the best colours and goes on to choices that differ from them in one ball, two, three and four,
-//! and further from the most promising of these.
+//! Colour proposes, geometry decides: a choice of one candidate (or none) per ball is judged by the camera
+//! that fits it. The search starts at the best colours and goes on to choices that differ from them in one
+//! ball, two, three and four, and further from the most promising of these.
 
 use crate::PoseError;
 use mavsight_geometry::{ControlPoint, Dlt, GeometryError, ImageSize, Matrix2, Vector2, Vector3};
 
 /// Candidates looked at per ball.
 const CANDIDATES: usize = 4;
-/// A-priori error of a ball's centre, and its weight in degrees of freedom: keeps a lucky fit of few points from
-/// looking better than a good one of many.
+/// A-priori error of a ball's centre, and its weight in degrees of freedom: keeps a lucky fit of few points
+/// from looking better than a good one of many.
 const APRIORI_STD_PX: f64 = 0.5;
 const APRIORI_WEIGHT: f64 = 4.0;
-/// Choices from which the search goes on when that many changes do not suffice, and how far.
+/// Choices from which the search goes on when MAX_CHANGES changes do not suffice, and its steps from each.
 const CLIMBS: usize = 12;
 const CLIMB_STEPS: usize = 4;
-/// Most balls changed at once, and most choices of one such number, about half a second's work: beyond either only the
-/// climbs go on.
+/// Most balls changed at once, and most choices of one such number, about half a second's work: beyond either
+/// only the climbs go on.
 const MAX_CHANGES: usize = 4;
 const MAX_CHOICES: usize = 20_000;
 
-/// Which candidate is which ball.
+/// The candidate of each ball.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Selection {
     /// For each ball an index into its candidates, or none.
     pub chosen: Vec<Option<usize>>,
-    /// Pairs of balls, the lower index first, of which each has its best colour where the other must be seen: their
-    /// colours, or their places, are exchanged in the table.
+    /// Pairs of balls, the lower index first, of which each has its best colour at the predicted image of the
+    /// other: their colours, or their places, are exchanged in the table.
     pub swapped: Vec<(usize, usize)>,
-    /// Balls whose colour is seen, but nowhere near their place.
+    /// Balls with candidates of their colour, but none near their predicted image.
     pub elsewhere: Vec<usize>,
 }
 
@@ -55,10 +55,10 @@ struct Search<'a> {
 
 /// Chooses the candidates of each control ball that one camera can have seen together.
 ///
-/// `candidates` holds (pixel, score) per ball, a higher score is a better colour. A choice is accepted when its residuals'
-/// standard deviation is within 0.5 % of the image width and the camera is one that is built: little skew, pixels at
-/// most half as long again as wide, principal point in the middle half. Lists of different length count up to the
-/// shortest. Same input, same answer.
+/// `candidates` holds (pixel, score) per ball, a higher score is a better colour. A choice is accepted when
+/// its residuals' standard deviation is within 0.5 % of the image width and the camera is plausible: little
+/// skew, pixels at most half as long again as wide, principal point in the middle half. Lists of different
+/// length count up to the shortest. Same input, same answer.
 ///
 /// # Errors
 /// [`PoseError::TooFewControlBalls`] and [`PoseError::InconsistentControlBalls`] name the balls.
@@ -98,9 +98,9 @@ fn best_first(list: &[(Vector2<f64>, f64)]) -> Vec<(usize, Vector2<f64>)> {
     order.iter().take(CANDIDATES).map(|i| (*i, list[*i].0)).collect()
 }
 
-/// Geometry that no choice can mend is refused as such.
+/// Refuses control balls whose places no choice of candidates can make a camera.
 fn refuse_plane(search: &Search<'_>, top: &Choice) -> Result<(), PoseError> {
-    match Dlt::fit_linear(&search.control(top)) {
+    match Dlt::fit(&search.control(top)) {
         Err(error @ (GeometryError::CoplanarControlPoints { .. } | GeometryError::NotFinite { .. })) => {
             Err(error.into())
         }
@@ -132,7 +132,7 @@ impl Search<'_> {
         {
             return None;
         }
-        let dlt = Dlt::fit_linear(&control).ok()?;
+        let dlt = Dlt::fit(&control).ok()?;
         let implausible = implausibility(&dlt, self.size)?;
         let mut sum_px2 = 0.0;
         for c in &control {
@@ -224,10 +224,8 @@ impl Search<'_> {
     fn climb(&self, mut now: Judged, top: &Choice) -> Judged {
         for _ in 0..CLIMB_STEPS {
             let changes = self.neighbours(&now.choice);
-            let mut around: Vec<Judged> = changes
-                .iter()
-                .filter_map(|change| self.judge(changed(&now.choice, &[*change]), top))
-                .collect();
+            let mut around: Vec<Judged> =
+                changes.iter().filter_map(|change| self.judge(changed(&now.choice, *change), top)).collect();
             match self.best(&mut around) {
                 Some(next) if next.cost < now.cost => now = next,
                 _ => break,
@@ -236,7 +234,8 @@ impl Search<'_> {
         now
     }
 
-    /// Balls without a candidate in the choice take the one that lies where the camera sees them, if one does.
+    /// Balls without a candidate in the choice take the one that lies where the camera sees them, if one
+    /// does.
     fn completed(&self, best: Judged) -> Judged {
         let mut choice = best.choice.clone();
         for (i, chosen) in choice.iter_mut().enumerate().filter(|(_, c)| c.is_none()) {
@@ -253,9 +252,7 @@ impl Search<'_> {
 
     fn refusal(&self, top: &Choice) -> PoseError {
         let mut seen: Vec<Judged> = self.judge(top.clone(), top).into_iter().collect();
-        seen.extend(
-            self.neighbours(top).iter().filter_map(|change| self.judge(changed(top, &[*change]), top)),
-        );
+        seen.extend(self.neighbours(top).iter().filter_map(|change| self.judge(changed(top, *change), top)));
         let best = self.best(&mut seen);
         let misses = |i: &usize| {
             let Some(best) = &best else { return true };
@@ -281,7 +278,7 @@ fn widened(level: &[(usize, Choice)], single: &[(usize, Option<usize>)]) -> Vec<
     let mut out = Vec::new();
     for (from, choice) in level {
         for change in single.iter().filter(|c| c.0 >= *from) {
-            out.push((change.0 + 1, changed(choice, &[*change])));
+            out.push((change.0 + 1, changed(choice, *change)));
         }
         if out.len() > MAX_CHOICES {
             break;
@@ -290,27 +287,26 @@ fn widened(level: &[(usize, Choice)], single: &[(usize, Option<usize>)]) -> Vec<
     out
 }
 
-fn changed(choice: &Choice, changes: &[(usize, Option<usize>)]) -> Choice {
+/// The choice with another candidate for one ball.
+fn changed(choice: &Choice, (ball, to): (usize, Option<usize>)) -> Choice {
     let mut out = choice.clone();
-    for (i, to) in changes {
-        out[*i] = *to;
-    }
+    out[ball] = to;
     out
 }
 
-/// How far the camera is from the usual, in squared standard deviations of cameras that are built (skew 1 % of the focal
-/// length, aspect 10 %, principal point 5 % of the width); `None` for one that is not built.
+/// Squared distance of the camera from usual ones, in their standard deviations (skew 1 % of the focal
+/// length, aspect 10 %, principal point 5 % of the width); `None` for an implausible one.
 fn implausibility(dlt: &Dlt, size: ImageSize) -> Option<f64> {
     let k = dlt.camera(size).ok()?.intrinsics;
     let (width, height) = (f64::from(size.width_px), f64::from(size.height_px));
     let skew = k.skew_px / k.fx_px;
     let aspect = (k.fx_px / k.fy_px).ln();
     let off = Vector2::new(k.cx_px - (width - 1.0) / 2.0, k.cy_px - (height - 1.0) / 2.0);
-    let built = skew.abs() < 0.05
+    let plausible = skew.abs() < 0.05
         && aspect.abs() < 1.5f64.ln()
         && off.x.abs() < width / 4.0
         && off.y.abs() < height / 4.0;
-    built.then(|| (skew / 0.01).powi(2) + (aspect / 0.1).powi(2) + (off / (0.05 * width)).norm_squared())
+    plausible.then(|| (skew / 0.01).powi(2) + (aspect / 0.1).powi(2) + (off / (0.05 * width)).norm_squared())
 }
 
 #[cfg(test)]
@@ -343,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn balls_are_found_behind_better_coloured_clutter() {
+    fn balls_are_found_among_better_coloured_clutter() {
         let mut seed = 4;
         for trial in 0..12 {
             let wrong = 1 + trial % 4;

@@ -4,22 +4,22 @@
 mod simulated;
 
 use mavsight_pose::{CausalFilter, PoseEstimator, motion_noise};
-use simulated::{Random, flight, poses, rigs, sights, square, true_cameras};
+use simulated::{Random, flight, observed, poses, rigs, square, true_cameras};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
 
 #[global_allocator]
 static COUNTED: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
-/// A pose holds a list of markers and the columns that stay, which are formed in double precision first; the sights in their
-/// whitened form are a fourth. A frame whose residuals
-/// are suspect is tried without each marker, which needs lists of the rest. The filter, once it has had a pose, needs nothing.
+/// A pose holds a list of markers and the systematic columns, which are formed in double precision first; the
+/// whitened observations are a fourth. A frame whose residuals are suspect is tried without each marker,
+/// which needs lists of the rest. The filter, once it has had a pose, needs nothing.
 #[test]
-fn a_frame_allocates_its_pose_and_its_sights() {
+fn a_frame_allocates_its_pose_and_its_observations() {
     let (_, rig) = rigs().into_iter().next().unwrap();
     let mut random = Random(3);
     let states = flight(&mut random);
-    let seen = sights(&true_cameras(&rig, &mut random), &square(), &states, &mut random);
+    let seen = observed(&true_cameras(&rig, &mut random), &square(), &states, &mut random);
     let estimator = PoseEstimator::new(&rig, &square()).with_centre_bias(0.05).unwrap();
     let measured = poses(&estimator, &states, &seen);
     let (mut frames, mut lean) = (0, 0);

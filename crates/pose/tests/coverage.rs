@@ -1,4 +1,5 @@
-//! The 95 % intervals hold the truth also where centres are off for good; `mavsight selftest` tests the rest of them.
+//! The 95 % intervals hold the truth also where centres are off for good; `mavsight selftest` tests the rest
+//! of them.
 
 #[allow(dead_code)]
 mod simulated;

@@ -7,9 +7,10 @@ use mavsight_geometry::{Vector2, Vector3};
 use mavsight_pose::{FlightPrior, PoseError, PoseEstimator, RefinedFlight, refine_flight};
 use nalgebra::{DMatrix, DVector, Isometry3};
 use simulated::ruler::{Case, RULER, case, case_with_bias, file_from_body, position_rms_m, rms};
-use simulated::{PIXEL_STD, Random, flight, poses, rigs, sights, square, true_cameras};
+use simulated::{PIXEL_STD, Random, flight, observed, poses, rigs, square, true_cameras};
 
-/// Squared error of the refined shape by what is said to remain unknown of it. Along motions of the whole body nothing is added.
+/// Squared error of the refined shape by its stated uncertainty. Along motions of the whole body nothing is
+/// added.
 fn shape_nees(c: &Case) -> f64 {
     let axes = file_from_body(&square(), &c.file);
     let error = DVector::from_fn(12, |i, _| {
@@ -52,12 +53,12 @@ fn positions_with_refined_markers_are_as_good_as_with_true_ones() {
 }
 
 #[test]
-fn what_remains_unknown_of_the_shape_is_true_and_no_motion_is_added() {
+fn the_stated_uncertainty_of_the_shape_is_true_and_no_motion_is_added() {
     let (_, rig) = rigs().into_iter().next().unwrap();
     let (mut random, mut nees, trials) = (Random(9), 0.0, 12);
     let exact = FlightPrior { centres_std_px: Some(0.0), ..RULER };
     for _ in 0..trials {
-        let c = case_with_bias(&rig, (0.0, exact), &mut random);
+        let c = case_with_bias(&rig, 0.0, exact, &mut random);
         nees += shape_nees(&c) / f64::from(trials);
         let shift: Vector3<f64> = c.refined.markers.iter().map(|m| m.marker_in_body_m).sum::<Vector3<f64>>()
             - c.file.iter().map(|m| m.marker_in_body_m).sum::<Vector3<f64>>();
@@ -67,7 +68,8 @@ fn what_remains_unknown_of_the_shape_is_true_and_no_motion_is_added() {
     assert!((nees - 6.0).abs() < 2.5, "mean NEES {nees}");
 }
 
-/// Cameras as the control points leave them, and flights that tell more: with centres that are right and with such that are off.
+/// Cameras as control points determine them, refined by flights with and without systematic errors of
+/// centres.
 #[test]
 fn cameras_that_a_flight_has_refined_are_better_and_as_good_as_they_claim() {
     for (name, rig) in rigs().into_iter().skip(1) {
@@ -77,7 +79,7 @@ fn cameras_that_a_flight_has_refined_are_better_and_as_good_as_they_claim() {
             for _ in 0..trials {
                 let states = flight(&mut random);
                 let cameras = true_cameras(&rig, &mut random);
-                let mut seen = sights(&cameras, &square(), &states, &mut random);
+                let mut seen = observed(&cameras, &square(), &states, &mut random);
                 let bias: Vec<Vector2<f64>> = (0..4 * cameras.len())
                     .map(|_| Vector2::new(random.normal(), random.normal()) * bias_px)
                     .collect();
@@ -111,16 +113,16 @@ fn cameras_that_a_flight_has_refined_are_better_and_as_good_as_they_claim() {
     }
 }
 
-/// Markers as a ruler has placed them explain much of what stays of residuals. Where all of that was taken off what stays of centres,
-/// markers were claimed four to ten times too well.
+/// Errors of a ruler explain much of the constant part of the residuals. Without that part among the
+/// systematic errors of centres, the stated errors of markers would be four to ten times too small.
 #[test]
-fn what_stays_of_centres_is_found_beside_markers_that_are_off() {
+fn systematic_errors_of_centres_are_found_next_to_errors_of_markers() {
     let (_, rig) = rigs().into_iter().next().unwrap();
     for bias_px in [0.0, 0.05, 0.2] {
         let mut random = Random(23);
         let (mut squares_px2, mut nees, trials) = (0.0, 0.0, 12);
         for _ in 0..trials {
-            let case = case_with_bias(&rig, (bias_px, RULER), &mut random);
+            let case = case_with_bias(&rig, bias_px, RULER, &mut random);
             squares_px2 += case.refined.centres_std_px.powi(2) / f64::from(trials);
             nees += shape_nees(&case) / f64::from(trials);
         }
@@ -129,7 +131,7 @@ fn what_stays_of_centres_is_found_beside_markers_that_are_off() {
             (found_px - bias_px).abs() < 0.25 * PIXEL_STD + 0.35 * bias_px,
             "{found_px} px for {bias_px}"
         );
-        // Six, or less: what a flight cannot tell counts as large as centres claim.
+        // Six, or less: what a flight does not determine counts as large as the stated errors of centres.
         assert!((1.0..9.0).contains(&nees), "{bias_px} px: mean NEES {nees}");
     }
 }
@@ -139,7 +141,7 @@ fn what_cannot_be_refined_is_refused() {
     let (_, mut rig) = rigs().into_iter().next().unwrap();
     let mut random = Random(2);
     let states = flight(&mut random);
-    let mut seen = sights(&true_cameras(&rig, &mut random), &square(), &states[..9], &mut random).concat();
+    let mut seen = observed(&true_cameras(&rig, &mut random), &square(), &states[..9], &mut random).concat();
     assert!(matches!(
         refine_flight(&seen.iter().collect(), &rig, &square(), RULER),
         Err(PoseError::TooFewPoses { measured: 9, samples: 9, needed: 10 })
@@ -166,7 +168,8 @@ fn what_cannot_be_refined_is_refused() {
     assert!(twice.to_string().contains("150 frames of a flight have refined"), "{twice}");
 }
 
-/// With one attitude all the while a centre that is off looks like a marker elsewhere; with a turn about the vertical it does not.
+/// With one attitude throughout, a systematic error of a centre looks like a marker elsewhere; with a turn
+/// about the vertical it does not.
 #[test]
 fn a_flight_that_does_not_turn_is_refused_and_one_that_does_is_not() {
     let (_, rig) = rigs().into_iter().next().unwrap();
@@ -179,8 +182,8 @@ fn a_flight_that_does_not_turn_is_refused_and_one_that_does_is_not() {
             s.attitude = attitude;
             s.attitude.psi_rad += turns * std::f64::consts::TAU * k as f64 * share;
         }
-        let seen = sights(&cameras, &square(), &states, &mut random).concat();
-        // What a centre claims for one frame may stay.
+        let seen = observed(&cameras, &square(), &states, &mut random).concat();
+        // The whole stated error of a centre may be systematic.
         let prior = FlightPrior { markers_std_m: good_ruler_m, centres_std_px: Some(PIXEL_STD) };
         let refined =
             refine_flight(&seen.iter().collect(), &rig, &square(), prior).expect("a refined flight");

@@ -42,8 +42,9 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// The same with no more points than a plot of its width can show: of each of its columns of pixels the first and the last point,
-    /// the lowest and the highest edge, and a break where there is one. A curve of fewer points is as it was.
+    /// The same with no more points than a plot of its width can show: of each of its columns of pixels the
+    /// first and the last point, the lowest and the highest edge, and a break where there is one. A curve
+    /// of fewer points is as it was.
     #[must_use]
     pub fn thinned(self) -> Self {
         let times = || self.points.iter().map(|p| p.0);
@@ -170,7 +171,7 @@ fn draw_panel<'a>(area: &Area<'a>, panel: &Panel, (start, end): (f64, f64), axis
     let edges = panel.curves.iter().flat_map(band).flat_map(|(_, low, high)| [low, high]);
     let values = panel.curves.iter().flat_map(|c| &c.points).map(|p| p.1).chain(edges);
     let (low, high) = bounds(values).unwrap_or((-1.0, 1.0));
-    // A constant gets an axis of a thousandth of its size, so that its ticks can be told apart.
+    // A constant gets an axis of a thousandth of its size, so that its ticks differ.
     let floor = 1e-9_f64.max(2e-3 * low.abs().max(high.abs()));
     let margin = if high > low { 0.08 * (high - low) } else { floor };
     let mut chart = ChartBuilder::on(area)
@@ -239,7 +240,7 @@ fn tick(value: f64, span: f64) -> String {
         return "0".to_owned();
     }
     if !(1e-2..=1e5).contains(&span) {
-        // As many digits as tell neighbouring ticks, a tenth of the span apart, from each other.
+        // As many digits as distinguish neighbouring ticks, a tenth of the span apart.
         let digits = (value.abs().log10().floor() - span.log10().floor() + 1.0).clamp(1.0, 6.0) as usize;
         return format!("{value:.digits$e}");
     }

@@ -69,8 +69,8 @@ const MARGIN_M: f64 = 0.3;
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 type Drawn<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
 
-/// Draws plan (X to the right, Y up) above elevation (X to the right, Z up), both to one scale, as an SVG element that scales
-/// with the page.
+/// Draws plan (X to the right, Y up) above elevation (X to the right, Z up), both to one scale, as an SVG
+/// element that scales with the page.
 ///
 /// # Errors
 /// [`ReportError::Plot`] without a first box of some size, or when the plotting library refuses.

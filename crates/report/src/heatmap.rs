@@ -29,8 +29,8 @@ const HEIGHT: u32 = 400;
 const BAR_WIDTH: u32 = 110;
 const BAR_STEPS: usize = 64;
 
-/// Cividis at every fifth of its length: rises in lightness, and reads the same with red-green blindness (Nuñez,
-/// Anderton & Renslow 2018).
+/// Cividis at every fifth of its length: rises in lightness, and reads the same with red-green blindness
+/// (Nuñez, Anderton & Renslow 2018).
 const CIVIDIS: [[f64; 3]; 6] = [
     [0.0, 32.0, 77.0],
     [49.0, 68.0, 107.0],
@@ -57,8 +57,8 @@ type Drawn<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBacke
 /// Draws maps with a common colour bar, whose unit is given, as an SVG element that scales with the page.
 ///
 /// # Errors
-/// [`ReportError::Plot`] when no map has a finite value or one has not as many values as cells, or the plotting
-/// library refuses.
+/// [`ReportError::Plot`] when no map has a finite value or one has not as many values as cells, or the
+/// plotting library refuses.
 pub fn draw_heat_maps(maps: &[HeatMap], unit: &str) -> Result<String, ReportError> {
     let failed = |e: String| ReportError::Plot(e);
     if maps.iter().any(|m| m.values.len() != m.columns * m.rows || m.values.is_empty()) {

@@ -1,13 +1,23 @@
-//! Plots, tables and the self-contained HTML report.
+//! The report of a run: figures, tables, plots and the self-contained HTML file.
 //!
-//! Knows nothing of where numbers come from: a caller fills a [`Report`] and gets one page.
+//! [`Summary`] collects every figure of a run and [`write_report`] writes `report.html`. [`Report`] and
+//! [`render`] make a file of any tables and plots ([`draw`], [`draw_heat_maps`], [`draw_room`]).
 
+mod camera_tables;
 mod chart;
 mod drawing;
+mod equation_error;
+mod figures;
+mod flight_report;
 mod heatmap;
-mod page;
+mod html;
+mod output_error;
+mod summary;
 
 pub use chart::{Chart, Curve, Panel, Role, draw};
 pub use drawing::{BoxRole, DrawnBox, DrawnCamera, RoomDrawing, draw_room};
+pub use flight_report::{FlightReport, write_report};
 pub use heatmap::{HeatMap, draw_heat_maps};
-pub use page::{Figure, Report, ReportError, Table, png_figure, render};
+pub use html::{Figure, Report, ReportError, Table, png_figure, render};
+pub use output_error::parameter_text;
+pub use summary::{Row, Summary};

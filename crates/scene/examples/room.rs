@@ -1,4 +1,5 @@
-//! Writes a still and a frame of one camera: `cargo run --release -p mavsight-scene --example room -- FOLDER`.
+//! Writes a still and a frame of one camera: `cargo run --release -p mavsight-scene --example room --
+//! FOLDER`.
 
 use mavsight_geometry::{Camera, EulerAngles, ImageSize, Intrinsics, world_from_body};
 use mavsight_scene::{Aircraft, ControlFrame, Film, PaintedBall, Room, Sensor};

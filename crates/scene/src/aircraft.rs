@@ -1,4 +1,4 @@
-//! What is filmed: the helicopter with its balls, and the control frame.
+//! The filmed objects: the helicopter with its balls, and the control frame.
 
 use crate::shapes::Shape;
 use nalgebra::Vector3;
@@ -8,7 +8,7 @@ type V = Vector3<f64>;
 /// A coloured ball.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PaintedBall {
-    /// Centre, metres, in the axes of what carries it.
+    /// Centre in the axes of its carrier.
     pub centre_m: Vector3<f64>,
     /// Radius.
     pub radius_m: f64,
@@ -16,7 +16,8 @@ pub struct PaintedBall {
     pub linear: [f64; 3],
 }
 
-/// A part of something that moves: its shape, colour, gloss and how much of the light behind it passes.
+/// A part of a moving object: shape, colour in linear light, gloss, and the share of the background's light
+/// that passes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Part {
     pub shape: Shape,
@@ -32,7 +33,8 @@ impl Part {
     }
 }
 
-/// A helicopter with coaxial rotors that carries coloured balls, in its body axes (x forward, y right, z down).
+/// A helicopter with coaxial rotors that carries coloured balls, in its body axes (x forward, y right, z
+/// down).
 #[derive(Debug, Clone)]
 pub struct Aircraft {
     pub(crate) parts: Vec<Part>,
@@ -45,19 +47,13 @@ impl Aircraft {
         let metal = [0.28, 0.28, 0.30];
         let capsule =
             |a: [f64; 3], b: [f64; 3], r: f64| Shape::Capsule { from: V::from(a), to: V::from(b), radius: r };
+        let ellipsoid = |centre: [f64; 3], semi: [f64; 3]| Shape::Ellipsoid {
+            centre: V::from(centre),
+            semi: V::from(semi),
+        };
         let mut parts = vec![
-            Part::new(
-                Shape::Ellipsoid { centre: V::new(0.02, 0.0, 0.01), semi: V::new(0.12, 0.045, 0.05) },
-                dark,
-                0.25,
-                0.0,
-            ),
-            Part::new(
-                Shape::Ellipsoid { centre: V::new(0.09, 0.0, 0.015), semi: V::new(0.055, 0.038, 0.036) },
-                [0.05, 0.06, 0.08],
-                0.5,
-                0.0,
-            ),
+            Part::new(ellipsoid([0.02, 0.0, 0.01], [0.12, 0.045, 0.05]), dark, 0.25, 0.0),
+            Part::new(ellipsoid([0.09, 0.0, 0.015], [0.055, 0.038, 0.036]), [0.05, 0.06, 0.08], 0.5, 0.0),
             Part::new(capsule([-0.08, 0.0, 0.0], [-0.30, 0.0, -0.02], 0.008), dark, 0.1, 0.0),
             Part::new(Shape::block([-0.29, 0.0, -0.04], [0.05, 0.004, 0.09], 0.0), dark, 0.1, 0.0),
             Part::new(capsule([0.0, 0.0, -0.02], [0.0, 0.0, -0.23], 0.004), metal, 0.3, 0.0),
@@ -70,12 +66,8 @@ impl Aircraft {
         for side in [-0.07, 0.07] {
             parts.push(Part::new(capsule([-0.1, side, 0.095], [0.12, side, 0.095], 0.004), metal, 0.2, 0.0));
             for x in [-0.05, 0.06] {
-                parts.push(Part::new(
-                    capsule([x, side * 0.4, 0.04], [x, side, 0.095], 0.003),
-                    metal,
-                    0.2,
-                    0.0,
-                ));
+                let strut = capsule([x, side * 0.4, 0.04], [x, side, 0.095], 0.003);
+                parts.push(Part::new(strut, metal, 0.2, 0.0));
             }
         }
         for ball in balls {
@@ -86,10 +78,7 @@ impl Aircraft {
         }
         Self { parts }
     }
-}
 
-/// What calibrates cameras, in place of the helicopter.
-impl Aircraft {
     /// Balls joined by a stick of 6 mm, from the first to the last.
     pub fn stick(balls: &[PaintedBall]) -> Self {
         let mut parts: Vec<Part> = balls.iter().map(painted).collect();
@@ -100,8 +89,8 @@ impl Aircraft {
         Self { parts }
     }
 
-    /// A chessboard in the plane z = 0, which is seen from -z: `columns` by `rows` inner corners, of which the first is the
-    /// origin; x along a row, y from row to row. The square beyond the first corner is dark.
+    /// A chessboard in the plane z = 0, which is seen from -z: `columns` by `rows` inner corners, of which
+    /// the first is the origin; x along a row, y from row to row. The square beyond the first corner is dark.
     pub fn board(columns: usize, rows: usize, square_m: f64) -> Self {
         let (paper, ink) = ([0.75; 3], [0.02; 3]);
         let half = |n: usize| 0.5 * (n as f64 - 1.0) * square_m;
@@ -141,19 +130,15 @@ impl ControlFrame {
         Self { parts }
     }
 
-    /// The same with each ball elsewhere by so much and the rods where they were: a ball that is not round seems to lie off its
-    /// place, to each camera otherwise.
+    /// This aircraft with each ball moved by an offset and the rods unchanged: a ball that is not round
+    /// appears off its place, differently to each camera.
     #[must_use]
     pub fn with_balls_off(mut self, by_m: &[Vector3<f64>]) -> Self {
         let balls = self.parts.iter_mut().filter(|p| matches!(p.shape, Shape::Ball { .. }));
         for (ball, by) in balls.zip(by_m) {
             if let Shape::Ball { centre, radius } = ball.shape {
-                *ball = Part::new(
-                    Shape::Ball { centre: centre + by, radius },
-                    ball.linear,
-                    ball.gloss,
-                    ball.passes,
-                );
+                let moved = Shape::Ball { centre: centre + by, radius };
+                *ball = Part::new(moved, ball.linear, ball.gloss, ball.passes);
             }
         }
         self

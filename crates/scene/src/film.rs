@@ -2,9 +2,9 @@
 
 use crate::aircraft::{Aircraft, ControlFrame, Part};
 use crate::light::IrradianceMap;
+use crate::occluders::Occluders;
 use crate::render::{Composer, Moving, PART_SAMPLES, Plate, Region, region_of, room_plate};
 use crate::sensor::Coder;
-use crate::way::InTheWay;
 use crate::{Room, Sensor};
 use mavsight_geometry::Camera;
 use nalgebra::{Isometry3, Point3, Vector2};
@@ -23,7 +23,8 @@ pub struct Film<'a> {
 const STILL_FRAME: u64 = u64::MAX;
 
 impl<'a> Film<'a> {
-    /// Renders the room once for this camera. Pixels outside the field where the lens distortion can be undone are black.
+    /// Renders the room once for this camera. Pixels outside the field where the lens distortion can be
+    /// undone are black.
     pub fn new(room: &'a Room, camera: Camera, sensor: Sensor) -> Self {
         let plate = room_plate(room, &camera);
         let lens = Lens::new(sensor.lens_blur_px);
@@ -33,7 +34,7 @@ impl<'a> Film<'a> {
         film
     }
 
-    /// The same camera on another day: what it films from now on has the noise of another seed.
+    /// Changes the seed of the noise of all later frames.
     pub fn reseed(&mut self, seed: u64) {
         self.coder.reseed(seed);
     }
@@ -46,7 +47,7 @@ impl<'a> Film<'a> {
     pub fn still(&self, control: Option<&ControlFrame>) -> Vec<u8> {
         let pose = [Isometry3::identity()];
         let light = match control {
-            Some(frame) => self.with_parts(&frame.parts, &pose, (&self.plate, &self.blurred)),
+            Some(frame) => self.with_parts(&frame.parts, &pose, &self.plate, &self.blurred),
             None => self.blurred.clone(),
         };
         self.coder.code(&light, STILL_FRAME)
@@ -54,44 +55,44 @@ impl<'a> Film<'a> {
 
     /// One frame of the aircraft: packed sRGB bytes.
     ///
-    /// `pose_at` gives world_from_body at a share of the exposure, from -0.5 (shutter opens) to 0.5 (it closes); 0 is
-    /// the time stamp of the frame. `index` chooses the noise.
+    /// `pose_at` gives world_from_body at a share of the exposure, from -0.5 (shutter opens) to 0.5 (it
+    /// closes); 0 is the time stamp of the frame. `index` chooses the noise.
     pub fn frame(&self, index: u64, aircraft: &Aircraft, pose_at: impl Fn(f64) -> Isometry3<f64>) -> Vec<u8> {
-        self.frame_with(index, aircraft, pose_at, &InTheWay::default())
+        self.frame_with(index, aircraft, pose_at, &Occluders::default())
     }
 
-    /// The same with things in the way.
+    /// Films the aircraft with people, veils or darkness before the camera.
     pub fn frame_with(
         &self,
         index: u64,
         aircraft: &Aircraft,
         pose_at: impl Fn(f64) -> Isometry3<f64>,
-        way: &InTheWay,
+        occluders: &Occluders,
     ) -> Vec<u8> {
-        if way.black {
+        if occluders.black {
             return vec![0; 3 * self.plate.light.len()];
         }
         let poses: Vec<Isometry3<f64>> =
             (0..PART_SAMPLES).map(|k| pose_at((k as f64 + 0.5) / PART_SAMPLES as f64 - 0.5)).collect();
         let (width, height) = self.size();
-        let mut light = match self.peopled(way) {
+        let mut light = match occluders.over(&self.plate, &self.camera, &self.room.lamps) {
             Some(plate) => {
                 let blurred = blur(&plate.light, width, height, &self.lens.coarse);
-                self.with_parts(&aircraft.parts, &poses, (&plate, &blurred))
+                self.with_parts(&aircraft.parts, &poses, &plate, &blurred)
             }
-            None => self.with_parts(&aircraft.parts, &poses, (&self.plate, &self.blurred)),
+            None => self.with_parts(&aircraft.parts, &poses, &self.plate, &self.blurred),
         };
-        if !way.veils.is_empty() {
+        if !occluders.veils.is_empty() {
             for (k, pixel) in light.iter_mut().enumerate() {
-                let veil = way.veil(&Vector2::new((k % width) as f64, (k / width) as f64)) as f32;
+                let veil = occluders.veil(&Vector2::new((k % width) as f64, (k / width) as f64)) as f32;
                 pixel.iter_mut().for_each(|c| *c += veil);
             }
         }
         self.coder.code(&light, index)
     }
 
-    /// One frame by a rolling shutter, whose rows are each exposed later than the one above by `row_share` of the exposure; the
-    /// middle row is exposed as in [`Film::frame`].
+    /// One frame by a rolling shutter, whose rows are each exposed later than the one above by `row_share` of
+    /// the exposure; the middle row is exposed as in [`Film::frame`].
     pub fn rolling_frame(
         &self,
         index: u64,
@@ -131,7 +132,8 @@ impl<'a> Film<'a> {
         &self,
         parts: &[Part],
         poses: &[Isometry3<f64>],
-        (plate, blurred): (&Plate, &[[f32; 3]]),
+        plate: &Plate,
+        blurred: &[[f32; 3]],
     ) -> Vec<[f32; 3]> {
         let margin_px = 2.0 + 2.0 * self.lens.reach as f64;
         let mut out = blurred.to_vec();
@@ -143,8 +145,8 @@ impl<'a> Film<'a> {
         out
     }
 
-    /// Puts a region with moving parts behind the lens in its place. Pixels within the lens's reach of its border, where it
-    /// is not the image's, see no part.
+    /// Puts a region with moving parts behind the lens in its place. Pixels within the lens's reach of its
+    /// border, where it is not the image's, see no part.
     pub(crate) fn soften_into(
         &self,
         out: &mut [[f32; 3]],
@@ -205,7 +207,8 @@ impl Lens {
         let reach = if blur_px > 0.0 { (4.0 * blur_px).ceil() as usize } else { 0 };
         let count = PART_SAMPLES * (2 * reach + 1);
         let offset_px = |k: usize| (k as f64 + 0.5) / PART_SAMPLES as f64 - reach as f64 - 0.5;
-        // The Gaussian's mean over the pixel around each sample; without blur every sample of the one pixel counts alike.
+        // The Gaussian's mean over the pixel around each sample; without blur every sample of the one pixel
+        // counts alike.
         let weight = |k: usize| {
             let within = |part: usize| offset_px(k) + (part as f64 + 0.5) / PIXEL_PARTS as f64 - 0.5;
             (0..PIXEL_PARTS).map(|part| (-0.5 * (within(part) / blur_px).powi(2)).exp()).sum::<f64>()
@@ -234,40 +237,32 @@ impl Lens {
     }
 }
 
+/// A sum of light with the weights of a kernel.
+fn weighted(kernel: &[f32], light: impl Fn(usize) -> [f32; 3]) -> [f32; 3] {
+    let mut sum = [0.0_f32; 3];
+    for (tap, weight) in kernel.iter().enumerate() {
+        let from = light(tap);
+        (0..3).for_each(|c| sum[c] += weight * from[c]);
+    }
+    sum
+}
+
 /// Separable convolution; beyond the border the border's pixels repeat.
 fn blur(light: &[[f32; 3]], width: usize, height: usize, kernel: &[f32]) -> Vec<[f32; 3]> {
     let reach = kernel.len() / 2;
-    let mut across = vec![[0.0; 3]; light.len()];
-    let mut down = vec![[0.0; 3]; light.len()];
     let clip = |k: usize, tap: usize, size: usize| (k + tap).saturating_sub(reach).min(size - 1);
-    for y in 0..height {
-        for x in 0..width {
-            let mut sum = [0.0_f32; 3];
-            for (tap, weight) in kernel.iter().enumerate() {
-                let from = light[y * width + clip(x, tap, width)];
-                (0..3).for_each(|c| sum[c] += weight * from[c]);
-            }
-            across[y * width + x] = sum;
-        }
-    }
-    for y in 0..height {
-        for x in 0..width {
-            let mut sum = [0.0_f32; 3];
-            for (tap, weight) in kernel.iter().enumerate() {
-                let from = across[clip(y, tap, height) * width + x];
-                (0..3).for_each(|c| sum[c] += weight * from[c]);
-            }
-            down[y * width + x] = sum;
-        }
-    }
-    down
+    let pixels = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    let across: Vec<[f32; 3]> =
+        pixels().map(|(x, y)| weighted(kernel, |tap| light[y * width + clip(x, tap, width)])).collect();
+    pixels().map(|(x, y)| weighted(kernel, |tap| across[clip(y, tap, height) * width + x])).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// A Gaussian of variance σ² over a pixel of variance 1/12 has the sum of both, wherever light falls within the pixel.
+    /// A Gaussian of variance σ² over a pixel of variance 1/12 has the sum of both, wherever light falls
+    /// within the pixel.
     #[test]
     fn the_lens_spreads_light_alike_from_every_place_of_a_pixel() {
         let (blur_px, pixels) = (0.5, 9);

@@ -19,8 +19,9 @@ impl Lamp {
         self.centre + V::new((a - 0.5) * self.size.0, (b - 0.5) * self.size.1, 0.0)
     }
 
-    /// Irradiance from the whole panel without shadow, by Gauss's rule of two points each way: with the share of the panel that is
-    /// seen as a factor, chance plays a part in half-shadows alone (ratio estimator; Heitz, Hill & McGuire 2018).
+    /// Irradiance from the whole panel without shadow, by Gauss's rule of two points each way: with the share
+    /// of the panel that is seen as a factor, chance plays a part in half-shadows alone (ratio estimator;
+    /// Heitz, Hill & McGuire 2018).
     pub(crate) fn unhidden_irradiance(&self, at: &V, normal: &V) -> f64 {
         const PLACES: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
         let points = PLACES.iter().flat_map(|a| PLACES.iter().map(|b| self.point(*a, *b)));
@@ -40,14 +41,14 @@ impl Lamp {
     }
 }
 
-/// Light from all sides that walls, floor and ceiling throw back: more from the bright ceiling and walls than from the
-/// floor.
+/// Light from all sides that walls, floor and ceiling throw back: more from the bright ceiling and walls than
+/// from the floor.
 pub(crate) fn ambient_irradiance(normal: &V) -> f64 {
     0.95 + 0.22 * normal.z
 }
 
-/// Irradiance at a place as a function of the normal: a constant, a linear and a quadratic part, which hold 99 % of it
-/// for any lamps (Ramamoorthi & Hanrahan 2001).
+/// Irradiance at a place as a function of the normal: a constant, a linear and a quadratic part, which hold
+/// 99 % of it for any lamps (Ramamoorthi & Hanrahan 2001).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct IrradianceMap([f64; 9]);
 

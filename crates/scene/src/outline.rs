@@ -5,8 +5,8 @@ use crate::shapes::Shape;
 use mavsight_geometry::Camera;
 use nalgebra::{Isometry3, Point3, Vector2};
 
-/// A part's bounds in the plane of unit depth before the camera, where lines are straight whatever the lens does, over all poses of
-/// an exposure.
+/// A part's bounds in the plane of unit depth before the camera, where lines are straight whatever the lens
+/// does, over all poses of an exposure.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Outline {
     low: Vector2<f64>,
@@ -92,7 +92,8 @@ mod tests {
     use mavsight_geometry::{BrownConrady, ImageSize, Intrinsics};
     use nalgebra::Vector3;
 
-    /// Every sample as where rays try all parts, for aircraft that move fast, near and far, behind a lens that bends lines too.
+    /// Every sample as where rays try all parts, for aircraft that move fast, near and far, behind a lens
+    /// that bends lines too.
     #[test]
     fn the_picture_is_that_of_trying_all_parts() {
         let size = ImageSize { width_px: 80, height_px: 60 };

@@ -3,7 +3,8 @@
 use mavsight_geometry::ImageSize;
 use nalgebra::Vector2;
 
-/// Draws a path over packed sRGB bytes: a smooth line, `width_px` wide. Points that are not finite break the line.
+/// Draws a path over packed sRGB bytes: a smooth line, `width_px` wide. Points that are not finite break the
+/// line.
 pub fn draw_path(rgb: &mut [u8], size: ImageSize, points: &[Vector2<f64>], color: [u8; 3], width_px: f64) {
     let reach = width_px / 2.0 + 1.0;
     let (width, height) = (size.width_px as usize, size.height_px as usize);

@@ -11,13 +11,13 @@ use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// How light becomes pixel value: a white surface under the lamps comes near, but not to, full well.
+/// Pixel value per unit of light: a white surface under the lamps is just below full well.
 pub(crate) const EXPOSURE: f64 = 0.85;
 /// Samples across a pixel of the room, each way.
 const ROOM_SAMPLES: u32 = 3;
-/// Samples across a pixel of what moves, each way; their 64 rows and columns are all different, so that an edge along an
-/// axis is met in 64 steps too. Balls cover a sample's cell in part, so that a disc's centroid is true to a ten-thousandth of a
-/// pixel.
+/// Samples across a pixel of what moves, each way; their 64 rows and columns are all different, so that an
+/// edge along an axis is met in 64 steps too. Balls cover a sample's cell in part, so that a disc's centroid
+/// is true to a ten-thousandth of a pixel.
 pub(crate) const PART_SAMPLES: usize = 8;
 
 /// A rendered room: linear light of each pixel, and the distance along its middle ray.
@@ -68,7 +68,8 @@ fn room_light(room: &Room, ray: &Ray, sample: usize, seed: u64) -> [f64; 3] {
     }
     let at = ray.origin + ray.direction * (hit.distance_m - 1e-4) + hit.normal * 1e-3;
     let mut irradiance = 0.0;
-    // Each sample of a pixel looks at a third of the lamps; over the pixel's nine, each lamp is looked at three times.
+    // Each sample of a pixel looks at a third of the lamps; over the pixel's nine, each lamp is looked at
+    // three times.
     for (k, lamp) in room.lamps.iter().enumerate().filter(|(k, _)| (k + sample).is_multiple_of(3)) {
         let counter = seed ^ ((k as u64) << 33);
         let third = (sample / 3) % 3;
@@ -79,12 +80,12 @@ fn room_light(room: &Room, ray: &Ray, sample: usize, seed: u64) -> [f64; 3] {
             irradiance += 3.0 * light;
         }
     }
-    irradiance += ambient_irradiance(&hit.normal) * openness(room, &at, &hit.normal, (sample, seed));
+    irradiance += ambient_irradiance(&hit.normal) * openness(room, &at, &hit.normal, sample, seed);
     color.map(|c| c * irradiance / PI * EXPOSURE)
 }
 
 /// Share of the light from all sides that nothing within half a metre keeps away.
-fn openness(room: &Room, at: &Vector3<f64>, normal: &Vector3<f64>, (sample, seed): (usize, u64)) -> f64 {
+fn openness(room: &Room, at: &Vector3<f64>, normal: &Vector3<f64>, sample: usize, seed: u64) -> f64 {
     const REACH_M: f64 = 0.5;
     let within = |third: usize, counter: u64| ((third % 3) as f64 + unit(counter)) / 3.0;
     let (a, b) = (within(sample, seed ^ 0x1234_5678), within(sample / 3, seed ^ 0x9abc_def0));
@@ -137,7 +138,7 @@ pub(crate) struct Moving<'a> {
     pub light: &'a [IrradianceMap],
 }
 
-/// What rays through a region need, worked out once a frame.
+/// The data of rays through a region, computed once a frame.
 #[derive(Clone)]
 pub(crate) struct Composer<'a> {
     moving: &'a Moving<'a>,
@@ -152,9 +153,16 @@ pub(crate) struct Composer<'a> {
     stride: usize,
 }
 
-/// A surface that a ray meets: of which part, how far away and with which normal in body axes, and how much of the ray's cell it
-/// covers.
+/// A surface that a ray meets: of which part, how far away and with which normal in body axes, and how much
+/// of the ray's cell it covers.
 type Met = (usize, Hit, f64);
+
+/// The room behind the moving parts in a pixel.
+#[derive(Clone, Copy)]
+struct Background {
+    light: [f64; 3],
+    distance_m: f64,
+}
 
 /// A cell of a pixel, in body axes: a ray somewhere in it, and one through its middle where a ball may be.
 struct Cell {
@@ -180,26 +188,27 @@ impl<'a> Composer<'a> {
         Self { moving, camera, plate, inverses, origins, outlines, sides, stride: 1 }
     }
 
-    /// The same with a ray for so many samples each way, a divisor of [`PART_SAMPLES`].
+    /// Lets one ray represent `stride` samples each way, a divisor of [`PART_SAMPLES`].
     pub(crate) fn with_stride(self, stride: usize) -> Self {
         Self { stride, ..self }
     }
 
-    /// The same with rays that try every part.
+    /// Lets rays try every part.
     #[cfg(test)]
     pub(crate) fn trying_all(mut self) -> Self {
         self.outlines.fill(Outline::ALL);
         self
     }
 
-    /// Samples of one row of pixels with the moving parts over the plate, [`PART_SAMPLES`] rows of as many to a pixel.
+    /// Samples of one row of pixels with the moving parts over the plate, [`PART_SAMPLES`] rows of as many to
+    /// a pixel.
     pub(crate) fn row(&self, y: usize, columns: (usize, usize), samples: &mut [[f32; 3]]) {
         let width = (columns.1 - columns.0) * PART_SAMPLES;
         let mut scratch = Scratch::default();
         for x in columns.0..columns.1 {
             let k = y * self.camera.size.width_px as usize + x;
-            let behind = (self.plate.light[k].map(f64::from), f64::from(self.plate.distance_m[k]));
-            self.pixel((x, y), behind, &mut scratch, |i, j, light| {
+            let light = self.plate.light[k].map(f64::from);
+            self.pixel((x, y), self.background(k, light), &mut scratch, |i, j, light| {
                 samples[j * width + (x - columns.0) * PART_SAMPLES + i] = light.map(|c| c as f32);
             });
         }
@@ -210,20 +219,24 @@ impl<'a> Composer<'a> {
         let mut scratch = Scratch::default();
         for (x, pixel) in (columns.0..columns.1).zip(light) {
             let k = y * self.camera.size.width_px as usize + x;
-            let behind = (pixel.map(f64::from), f64::from(self.plate.distance_m[k]));
-            self.pixel((x, y), behind, &mut scratch, |_, _, light| *pixel = light.map(|c| c as f32));
+            let background = self.background(k, pixel.map(f64::from));
+            self.pixel((x, y), background, &mut scratch, |_, _, light| *pixel = light.map(|c| c as f32));
         }
+    }
+
+    fn background(&self, pixel: usize, light: [f64; 3]) -> Background {
+        Background { light, distance_m: f64::from(self.plate.distance_m[pixel]) }
     }
 
     fn pixel(
         &self,
         (x, y): (usize, usize),
-        (behind, distance_m): ([f64; 3], f64),
+        background: Background,
         Scratch { near, hits }: &mut Scratch,
         mut each: impl FnMut(usize, usize, [f64; 3]),
     ) {
         const N: usize = PART_SAMPLES;
-        self.near_parts((x as f64, y as f64), near);
+        self.near_parts(x as f64, y as f64, near);
         let near_ball = near.iter().any(|k| matches!(self.moving.parts[*k].shape, Shape::Ball { .. }));
         // The canonical multi-jittered arrangement (Chiu, Shirley & Wang 1994).
         let n_parts = (N / self.stride) as f64;
@@ -239,10 +252,10 @@ impl<'a> Composer<'a> {
                 Some(Ray { origin: self.origins[pose], direction })
             };
             let somewhere = if near.is_empty() { None } else { ray(j as f64, i as f64) };
-            let light = somewhere.map_or(behind, |somewhere| {
+            let light = somewhere.map_or(background.light, |somewhere| {
                 let half = 0.5 * (n_parts - 1.0);
                 let middle = if near_ball { ray(half, half) } else { None };
-                self.sample((near, hits), &Cell { somewhere, middle }, pose, (behind, distance_m))
+                self.sample(near, hits, &Cell { somewhere, middle }, pose, background)
             });
             for k in 0..self.stride * self.stride {
                 each(i * self.stride + k % self.stride, j * self.stride + k / self.stride, light);
@@ -252,10 +265,11 @@ impl<'a> Composer<'a> {
 
     fn sample(
         &self,
-        (near, hits): (&[usize], &mut Vec<Met>),
+        near: &[usize],
+        hits: &mut Vec<Met>,
         cell: &Cell,
         pose: usize,
-        (behind, distance_m): ([f64; 3], f64),
+        background: Background,
     ) -> [f64; 3] {
         let moving = self.moving;
         let width_rad = self.stride as f64 / (PART_SAMPLES as f64 * self.camera.intrinsics.fx_px.abs());
@@ -267,7 +281,7 @@ impl<'a> Composer<'a> {
             }
             (shape, _) => shape.meet(&cell.somewhere).map(|hit| (*k, hit, 1.0)),
         });
-        hits.extend(met.filter(|(_, hit, _)| hit.distance_m < distance_m));
+        hits.extend(met.filter(|(_, hit, _)| hit.distance_m < background.distance_m));
         hits.sort_by(|a, b| a.1.distance_m.total_cmp(&b.1.distance_m));
         let (mut light, mut passes) = ([0.0; 3], 1.0);
         for (k, hit, covered) in hits.iter() {
@@ -286,14 +300,14 @@ impl<'a> Composer<'a> {
                 return light;
             }
         }
-        for (light, behind) in light.iter_mut().zip(behind) {
-            *light += passes * behind;
+        for (light, background) in light.iter_mut().zip(background.light) {
+            *light += passes * background;
         }
         light
     }
 
     /// Finds the parts that a pixel may see at some time of the exposure.
-    fn near_parts(&self, (u, v): (f64, f64), near: &mut Vec<usize>) {
+    fn near_parts(&self, u: f64, v: f64, near: &mut Vec<usize>) {
         near.clear();
         let Ok(middle) = self.camera.ray(&Vector2::new(u, v)) else { return };
         let ahead = self.camera.cam_from_world.rotation * middle;

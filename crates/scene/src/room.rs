@@ -17,7 +17,7 @@ const HEIGHT_M: f64 = 3.2;
 /// The floor lies below the world's origin, so that a control ball at the origin's height stands free of it.
 const FLOOR_M: f64 = -0.06;
 
-/// How a surface is painted.
+/// Paint of a surface.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Paint {
     Plain([f64; 3]),
@@ -84,7 +84,8 @@ impl Room {
         self.push(Item { shape, paint: Paint::Plain(ball.linear) });
     }
 
-    /// Adds an upright block of a colour in linear light, its centre in world axes, turned from +X towards +Y.
+    /// Adds an upright block of a colour in linear light, its centre in world axes, turned from +X towards
+    /// +Y.
     pub fn add_block(&mut self, centre_m: [f64; 3], size_m: [f64; 3], yaw_deg: f64, linear: [f64; 3]) {
         let [x, y, z] = centre_m;
         self.block([x, y, z - FLOOR_M], size_m, yaw_deg, Paint::Plain(linear));
@@ -155,7 +156,7 @@ impl Room {
         })
     }
 
-    /// How far it is along a ray to the first surface, where that is nearer than a limit.
+    /// Distance along a ray to the first surface, if it is within a limit.
     pub(crate) fn distance_m(&self, ray: &Ray, within_m: f64) -> Option<f64> {
         self.first(ray, within_m).map(|(hit, _)| hit.distance_m)
     }

@@ -11,7 +11,8 @@ pub(crate) struct Ray {
     pub direction: V,
 }
 
-/// The part of an image that a ray stands for: a square with sides along two directions, and its angular width.
+/// The part of an image that a ray stands for: a square with sides along two directions, and its angular
+/// width.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Footprint {
     pub sides: [V; 2],
@@ -19,8 +20,8 @@ pub(crate) struct Footprint {
 }
 
 impl Footprint {
-    /// Part of the square on the near side of a straight edge at a distance from its middle, across a direction: two boxes
-    /// convolved.
+    /// Part of the square on the near side of a straight edge at a distance from its middle, across a
+    /// direction: two boxes convolved.
     fn covered(&self, distance_rad: f64, across: &V) -> f64 {
         let [x, y] = self.sides.map(|side| side.dot(across).abs());
         let (long, short) = (x.max(y), x.min(y));
@@ -36,8 +37,8 @@ impl Footprint {
 }
 
 impl Ray {
-    /// Where the ray meets a ball, and how much of the ray's footprint the ball covers: its rim as a straight edge. A ray that just
-    /// misses meets the rim.
+    /// The hit of the ray on a ball, and the share of the ray's footprint that the ball covers, its rim taken
+    /// as a straight edge. A ray that just misses hits the rim.
     pub(crate) fn cover_by_ball(&self, centre: &V, radius: f64, footprint: &Footprint) -> Option<(Hit, f64)> {
         let to = self.origin - centre;
         let distance_m = -to.dot(&self.direction);
@@ -53,14 +54,14 @@ impl Ray {
     }
 }
 
-/// Where a ray meets a surface.
+/// The point where a ray meets a surface.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hit {
     pub distance_m: f64,
     pub normal: V,
 }
 
-/// A solid, or a flat ring.
+/// A solid or a flat ring.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Shape {
     /// A box turned about the vertical.
@@ -127,7 +128,7 @@ impl Shape {
         }
     }
 
-    /// The first meeting in front of the ray's origin.
+    /// The first hit ahead of the ray's origin.
     pub(crate) fn meet(&self, ray: &Ray) -> Option<Hit> {
         match self {
             Self::Block { centre, half, yaw } => meet_block(ray, centre, half, *yaw),

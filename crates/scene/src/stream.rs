@@ -1,4 +1,4 @@
-//! A camera that films as long as it is wanted, fast enough for a flight in real time.
+//! A camera that films fast enough for a flight in real time.
 
 use crate::Film;
 use crate::aircraft::Aircraft;
@@ -6,15 +6,16 @@ use crate::render::{Composer, Moving, PART_SAMPLES, Region, region_of};
 use crate::shapes::Shape;
 use nalgebra::Isometry3;
 
-/// Frames of the empty room that are coded beforehand. Where the aircraft is not, the noise comes again after so many frames.
+/// Frames of the empty room that are coded beforehand; outside the aircraft the noise repeats after this
+/// number of frames.
 const BACKGROUNDS: u64 = 8;
 
-/// Samples that one ray stands for, each way, about a ball, whose centre stays true to a hundredth of a pixel. The hull has one ray a
-/// pixel and no lens before it.
+/// Samples that one ray represents, each way, near a ball, whose centre is then true to a hundredth of a
+/// pixel. The hull has one ray a pixel and no lens blur.
 const BALL_STRIDE: usize = 2;
 
-/// Films the aircraft before the empty room as [`Film::frame`] does, with fewer rays; where the aircraft is not, the noise is one of
-/// eight, made beforehand.
+/// Films the aircraft in the empty room like [`Film::frame`], with fewer rays, and outside the aircraft with
+/// one of eight noise patterns made beforehand.
 pub struct FilmStream<'a> {
     film: Film<'a>,
     backgrounds: Vec<Vec<u8>>,
@@ -31,7 +32,10 @@ impl<'a> FilmStream<'a> {
         Self { film, backgrounds, light, touched: None }
     }
 
-    /// One frame, as [`Film::frame`], into packed sRGB bytes of the camera's size; a buffer of another length is left as it is.
+    /// Writes one frame as packed sRGB bytes of the camera's size; a buffer of another length is left
+    /// unchanged.
+    ///
+    /// `index` and `pose_at` are those of [`Film::frame`].
     pub fn frame_into(
         &mut self,
         index: u64,

@@ -1,11 +1,11 @@
-//! Boxes in boxes, so that a ray tries few of a room's things.
+//! A hierarchy of bounding boxes, so that a ray tests few of a room's items.
 
 use crate::shapes::{Ray, Shape};
 use nalgebra::Vector3;
 
 type V = Vector3<f64>;
 
-/// Wider than rounding, so that no ray slips between a thing and its box.
+/// Wider than rounding, so that no ray slips between an item and its box.
 const MARGIN_M: f64 = 1e-9;
 
 /// A box along the axes of the world.
@@ -38,48 +38,49 @@ impl Bounds {
     }
 }
 
-/// A box with what is in it; the boxes within it follow it.
+/// A box; the boxes within it follow it in the list.
 #[derive(Debug, Clone)]
 struct Node {
     bounds: Bounds,
-    /// The one thing in it, where it is one.
-    thing: Option<usize>,
-    /// The node to go on with where the ray does not meet it.
+    /// Its item, if it holds a single one.
+    item: Option<usize>,
+    /// The next node if the ray does not meet this one.
     next: usize,
 }
 
-/// Boxes about things, halved along their longest side down to single things.
+/// Boxes around items, halved along their longest side down to single items.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Tree {
     nodes: Vec<Node>,
 }
 
 impl Tree {
-    /// A tree over things by their bounds, which are known by their index.
+    /// A tree over items, named by the indices of their bounds.
     pub(crate) fn of(bounds: &[Bounds]) -> Self {
         let mut tree = Self { nodes: Vec::with_capacity(2 * bounds.len()) };
-        let mut things: Vec<usize> = (0..bounds.len()).collect();
-        tree.add(bounds, &mut things);
+        let mut items: Vec<usize> = (0..bounds.len()).collect();
+        tree.add(bounds, &mut items);
         tree
     }
 
-    fn add(&mut self, bounds: &[Bounds], things: &mut [usize]) {
-        let Some(all) = things.iter().map(|k| bounds[*k]).reduce(Bounds::with) else { return };
+    fn add(&mut self, bounds: &[Bounds], items: &mut [usize]) {
+        let Some(all) = items.iter().map(|k| bounds[*k]).reduce(Bounds::with) else { return };
         let own = self.nodes.len();
-        let thing = if let [only] = things { Some(*only) } else { None };
-        self.nodes.push(Node { bounds: all, thing, next: 0 });
-        if thing.is_none() {
+        let item = if let [only] = items { Some(*only) } else { None };
+        self.nodes.push(Node { bounds: all, item, next: 0 });
+        if item.is_none() {
             let axis = (all.high - all.low).imax();
             let middle = |k: &usize| bounds[*k].low[axis] + bounds[*k].high[axis];
-            things.sort_by(|a, b| middle(a).total_cmp(&middle(b)));
-            let (left, right) = things.split_at_mut(things.len() / 2);
+            items.sort_by(|a, b| middle(a).total_cmp(&middle(b)));
+            let (left, right) = items.split_at_mut(items.len() / 2);
             self.add(bounds, left);
             self.add(bounds, right);
         }
         self.nodes[own].next = self.nodes.len();
     }
 
-    /// Shows things whose bounds a ray meets up to a distance; each time `look` says up to which distance others are of interest.
+    /// Calls `look` with each item whose bounds a ray meets up to a distance; `look` returns the distance up
+    /// to which further items are of interest.
     pub(crate) fn along(&self, ray: &Ray, within_m: f64, mut look: impl FnMut(usize) -> f64) {
         let inverse = ray.direction.map(|d| 1.0 / d);
         let (mut within_m, mut at) = (within_m, 0);
@@ -88,8 +89,8 @@ impl Tree {
                 at = node.next;
                 continue;
             }
-            if let Some(thing) = node.thing {
-                within_m = look(thing);
+            if let Some(item) = node.item {
+                within_m = look(item);
             }
             at += 1;
         }
@@ -102,9 +103,9 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// All things that a ray meets are shown, and of those far from it most are not.
+        /// All items that a ray meets are visited, and most of those far from it are not.
         #[test]
-        fn no_thing_that_is_met_is_left_out(
+        fn no_item_that_is_met_is_left_out(
             places in prop::collection::vec((-4.0..4.0, -4.0..4.0, 0.0..3.0, 0.0..180.0), 1..40),
             aim in (-1.0..1.0, -1.0..1.0, -1.0..1.0),
             level in any::<bool>(),

@@ -1,7 +1,7 @@
 //! The true pose between two rows of a truth table.
 
+use crate::TruthRow;
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector3, world_from_body};
-use mavsight_session::TruthRow;
 use nalgebra::Translation3;
 
 /// Rows further apart are not one motion.
@@ -15,9 +15,9 @@ pub(crate) fn pose_of_row(row: &TruthRow) -> Isometry3<f64> {
 
 /// The true pose at any time from the first row to the last.
 ///
-/// Position is the polynomial of fifth degree with both rows' positions, velocities and accelerations, attitude that of third
-/// degree in the turn from the earlier row with both rows' attitudes and rates. `None` outside the rows, and between rows more
-/// than a fifth of a second apart.
+/// Position is the polynomial of fifth degree with both rows' positions, velocities and accelerations,
+/// attitude that of third degree in the turn from the earlier row with both rows' attitudes and rates. `None`
+/// outside the rows, and between rows more than a fifth of a second apart.
 pub fn true_pose(truth: &[TruthRow], t_s: f64) -> Option<Isometry3<f64>> {
     let after = truth.partition_point(|row| row.t_s < t_s);
     let next = truth.get(after)?;
@@ -58,7 +58,8 @@ fn world_rates(row: &TruthRow, pose: &Isometry3<f64>) -> (Vector3<f64>, Vector3<
     (pose.rotation * velocity, pose.rotation * (change + rates.cross(&velocity)))
 }
 
-/// Hermite's weights of fifth degree: of the end's value (the start's is its complement), of both slopes and of both curvatures.
+/// Hermite's weights of fifth degree: of the end's value (the start's is its complement), of both slopes and
+/// of both curvatures.
 struct Hermite {
     value: f64,
     slopes: [f64; 2],
@@ -77,7 +78,8 @@ fn hermite(x: f64) -> Hermite {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_flight::{Channel, Maneuver, Scenario, Vehicle, simulate};
+    use mavsight_flight::Vehicle;
+    use mavsight_simulator::{Channel, Maneuver, Scenario, simulate};
 
     /// Every second instant of a flight against the simulation itself.
     #[test]

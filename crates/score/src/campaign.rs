@@ -1,8 +1,7 @@
 //! Thousands of simulated flights over a grid of rigs, noise and manoeuvres.
 
 use crate::chunks::checksum;
-use crate::{CAMPAIGN_SCHEMA, CampaignFile, CampaignRig, ChunkFile, FitKind, NoiseLevel, Random, ScoreError};
-use mavsight_flight::Scenario;
+use crate::{CAMPAIGN_SCHEMA, CampaignFile, CampaignRig, ChunkFile, FitKind, NoiseLevel, ScoreError};
 use mavsight_geometry::{
     CAMERA_PARAMETERS, Camera, CameraChange, Isometry3, Matrix2, Point3, Vector2, Vector3,
 };
@@ -11,27 +10,29 @@ use mavsight_identify::output_error::{
 };
 use mavsight_plan::{FlightLimits, FlightPlanner, Placed, PlannedManoeuvre, Planner, pose_of};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
+use mavsight_random::Random;
 use mavsight_session::{ns_from_s, read_toml};
+use mavsight_simulator::Scenario;
 use nalgebra::DVector;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// One estimate of one flight.
+/// The estimate and the truth of one parameter in one flight.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FlownParameter {
+pub struct TrueParameter {
     /// Name.
     pub name: &'static str,
     /// Truth.
     pub truth: f64,
     /// Estimate.
     pub estimate: f64,
-    /// Its standard deviation, predicted for `first_order` and as the fit says for `output_error`.
+    /// Standard deviation of the estimate: predicted for `first_order`, of the fit for `output_error`.
     pub std: f64,
 }
 
-/// What the flights of one combination have shown of one parameter.
+/// Accuracy of one parameter over the flights of one combination.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CellSummary {
     /// Rig, noise and manoeuvre.
@@ -50,7 +51,7 @@ pub struct CellSummary {
     pub inside: f64,
 }
 
-/// One combination, planned.
+/// One planned combination.
 struct Cell {
     names: [String; 3],
     planner: Planner,
@@ -61,7 +62,7 @@ struct Cell {
     model: FlightModel,
 }
 
-/// A campaign whose combinations are planned and flown once; flights draw their noise about that.
+/// A campaign whose combinations are planned and simulated once; each flight draws its own noise.
 pub struct Campaign {
     file: CampaignFile,
     cells: Vec<Cell>,
@@ -73,11 +74,12 @@ const CHUNK: u64 = 10;
 const NORMAL_95: f64 = 1.959_964;
 
 impl Campaign {
-    /// Reads a campaign file and the rooms and scenarios that it names, relative to it, and plans every combination.
+    /// Reads a campaign file and the rooms and scenarios that it names, relative to it, and plans every
+    /// combination.
     ///
     /// # Errors
-    /// [`ScoreError::Session`] and [`ScoreError::Plan`] for a file; [`ScoreError::Campaign`] names the key; a combination that
-    /// cannot be flown or seen.
+    /// [`ScoreError::Session`] and [`ScoreError::Plan`] for a file; [`ScoreError::Campaign`] names the key; a
+    /// combination that cannot be flown or seen.
     pub fn load(path: &Path) -> Result<Self, ScoreError> {
         let file: CampaignFile = read_toml(path, "campaign file")?;
         let folder = path.parent().unwrap_or(Path::new(""));
@@ -114,7 +116,7 @@ impl Campaign {
             .into_par_iter()
             .map(|(rig, noise, steered, planner, vehicle, scenario)| {
                 let names = [rig.name.clone(), noise.name.clone(), steered.name.clone()];
-                cell((names, rig, noise), planner, &vehicle, &scenario)
+                cell(names, rig, noise, planner, &vehicle, &scenario)
             })
             .collect::<Result<Vec<Cell>, ScoreError>>()?;
         let job = checksum(inputs.as_bytes());
@@ -134,9 +136,10 @@ impl Campaign {
         })
     }
 
-    /// One flight, by its number from 0: which combination, and estimates of its free parameters; none where the fit was
-    /// refused. The same on every machine and in every order.
-    pub fn fly(&self, number: u64) -> (usize, Option<Vec<FlownParameter>>) {
+    /// One flight, by its number from 0: the index of its combination, and the estimates of its free
+    /// parameters; none if the fit was refused. The result depends on neither the machine nor the order of
+    /// flights.
+    pub fn fly(&self, number: u64) -> (usize, Option<Vec<TrueParameter>>) {
         let index = ((number / self.file.flights) as usize).min(self.cells.len() - 1);
         let cell = &self.cells[index];
         let mut random = Random::new(self.file.seed, number);
@@ -173,7 +176,8 @@ impl Campaign {
     /// Header of the table.
     pub const HEADER: &'static str = "rig,noise,manoeuvre,flight,parameter,truth,estimate,std\n";
 
-    /// Flies what `file` does not hold yet, on all threads, and returns the whole table; `step` hears of each piece.
+    /// Flies the flights that `file` does not hold yet, on all threads, and returns the whole table; `step`
+    /// is called with the number of flights of each finished piece.
     ///
     /// # Errors
     /// A file of another campaign, or what the file system refuses.
@@ -200,7 +204,7 @@ impl Campaign {
         Ok(table)
     }
 
-    /// Flights are told apart in their table by these names.
+    /// Checks that names distinguish the flights of a table.
     fn check_names<'a>(key: &str, names: impl Iterator<Item = &'a str>) -> Result<(), ScoreError> {
         let refuse = |detail: String| Err(ScoreError::Campaign { key: key.to_owned(), detail });
         let mut known = BTreeSet::new();
@@ -217,7 +221,7 @@ impl Campaign {
         Ok(())
     }
 
-    /// What a table has shown, by combination and parameter.
+    /// Accuracy by combination and parameter from a table.
     pub fn summary(&self, table: &str) -> Vec<CellSummary> {
         let mut out = Vec::new();
         for cell in &self.cells {
@@ -252,7 +256,9 @@ impl Campaign {
 }
 
 fn cell(
-    (names, rig, noise): ([String; 3], &CampaignRig, &NoiseLevel),
+    names: [String; 3],
+    rig: &CampaignRig,
+    noise: &NoiseLevel,
     planner: Planner,
     vehicle: &mavsight_flight::Vehicle,
     scenario: &Scenario,
@@ -288,15 +294,15 @@ fn cell(
     };
     let rig = planner.rig(&placed)?;
     let plan = FlightPlanner::new(&planner, &placed, vehicle, limits)?.predict_here(scenario)?;
-    // The start of a whole fit: what the vehicle file states, nothing of the truth.
+    // The start of a whole fit is the vehicle file, not the truth.
     let model = FlightModel::new(vehicle, &plan.inputs).map_err(mavsight_plan::PlanError::from)?;
     let estimator = planner.estimator(&rig)?;
     Ok(Cell { names, rig, estimator, placed, model, plan, planner })
 }
 
 impl Cell {
-    /// The poses that one flight's images give: cameras, markers and centres off by what is not known of them, each
-    /// centre with its own noise, each pose estimated. None where one is refused.
+    /// The poses that are estimated from one flight's images: cameras, markers and centres have systematic
+    /// errors, each centre its own noise. None if one pose is refused.
     fn poses(&self, random: &mut Random) -> Option<Vec<Isometry3<f64>>> {
         let room = self.planner.room();
         let normal = DVector::from_fn(self.rig.uncertainty.ncols(), |_, _| random.normal());
@@ -338,7 +344,7 @@ impl Cell {
                     let Ok(exact) = view.project_ball(&centre, ball.radius_m) else { continue };
                     let depth_m = (view.cam_from_world * Point3::from(centre)).z;
                     let diameter_px = 2.0 * view.intrinsics.fx_px * ball.radius_m / depth_m;
-                    let std_px = kind.centre_std_px_at(diameter_px, &centre, (camera, marker));
+                    let std_px = kind.centre_std_px_at(diameter_px, &centre, camera, marker);
                     let pixel = exact.pixel + normal2(std_px) + bias[camera * markers.len() + marker];
                     let covariance_px2 = Matrix2::identity() * std_px * std_px;
                     seen.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
@@ -351,13 +357,13 @@ impl Cell {
         Some(out)
     }
 
-    fn estimate(&self, poses: &[Isometry3<f64>], kind: FitKind) -> Option<Vec<FlownParameter>> {
+    fn estimate(&self, poses: &[Isometry3<f64>], kind: FitKind) -> Option<Vec<TrueParameter>> {
         let plan = &self.plan;
         if kind == FitKind::FirstOrder {
             let got = plan.fit.first_order(poses).ok()?;
             let flown = plan.fit.parameters.iter().zip(got.iter());
             let flown =
-                flown.map(|(p, e)| FlownParameter { name: p.name, truth: p.value, estimate: *e, std: p.std });
+                flown.map(|(p, e)| TrueParameter { name: p.name, truth: p.value, estimate: *e, std: p.std });
             return Some(flown.collect());
         }
         let measured = plan.states.iter().zip(poses).zip(&plan.pose_covariance).map(|((s, pose), c)| {
@@ -367,12 +373,8 @@ impl Cell {
         let measured = Measurements::States(measured.collect());
         let fit = output_error(&self.model, &plan.inputs, &measured, &OutputErrorOptions::default()).ok()?;
         let flown = fit.parameters.iter().zip(&plan.fit.parameters);
-        let flown = flown.map(|(f, p)| FlownParameter {
-            name: f.name,
-            truth: p.value,
-            estimate: f.value,
-            std: f.std,
-        });
+        let flown =
+            flown.map(|(f, p)| TrueParameter { name: f.name, truth: p.value, estimate: f.value, std: f.std });
         Some(flown.collect())
     }
 }

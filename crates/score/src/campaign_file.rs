@@ -1,4 +1,4 @@
-//! What a campaign flies: the content of its file.
+//! The campaign file.
 
 use mavsight_plan::CentreStd;
 use serde::{Deserialize, Serialize};
@@ -18,7 +18,7 @@ pub struct CampaignFile {
     pub seed: u64,
     /// Flights of each combination.
     pub flights: u64,
-    /// How parameters are estimated.
+    /// Estimator of the parameters.
     #[serde(default)]
     pub fit: FitKind,
     /// Rigs.
@@ -26,21 +26,21 @@ pub struct CampaignFile {
     /// Noise.
     pub noise: Vec<NoiseLevel>,
     /// Manoeuvres.
-    pub manoeuvre: Vec<Steered>,
+    pub manoeuvre: Vec<CampaignManoeuvre>,
 }
 
 fn one() -> u64 {
     1
 }
 
-/// How parameters are estimated from a flight's poses.
+/// Estimator of parameters from a flight's poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FitKind {
     /// One Gauss-Newton step of output error from the truth, with the planned weights.
     #[default]
     FirstOrder,
-    /// Output error from start to end, which knows neither truth nor noise: some hundred times as long.
+    /// The whole fit of output error without truth and noise; takes some hundred times as long.
     OutputError,
 }
 
@@ -65,7 +65,7 @@ pub struct CampaignCamera {
     pub kind: String,
     /// Projection centre.
     pub centre_m: [f64; 3],
-    /// Where it looks at; the middle of the volume where left out.
+    /// Aim point; the middle of the volume where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub aim_m: Option<[f64; 3]>,
 }
@@ -90,7 +90,7 @@ pub struct NoiseLevel {
 /// A manoeuvre.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Steered {
+pub struct CampaignManoeuvre {
     /// Name.
     pub name: String,
     /// Scenario file.

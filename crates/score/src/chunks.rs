@@ -1,4 +1,4 @@
-//! Results in pieces, appended to one file that a kill cannot spoil.
+//! Results in pieces, appended to one file that survives a kill.
 
 use crate::ScoreError;
 use std::collections::BTreeMap;
@@ -9,8 +9,8 @@ use std::sync::Mutex;
 
 /// A file of numbered pieces of text, each behind a line with its number, length and checksum.
 ///
-/// A piece counts once it is whole and its checksum is right. What a kill has left half written is cut off when the file is
-/// opened again.
+/// A piece counts if it is whole and its checksum is right. A part of a piece, left by a kill, is cut off
+/// when the file is opened again.
 #[derive(Debug)]
 pub struct ChunkFile {
     path: PathBuf,
@@ -21,7 +21,7 @@ pub struct ChunkFile {
 const MAGIC: &str = "mavsight-campaign 1";
 
 impl ChunkFile {
-    /// Opens the file of a job, or begins it. `job` is a number that tells jobs apart.
+    /// Opens the file of a job, or begins it. `job` is the number of the job.
     ///
     /// # Errors
     /// [`ScoreError::Chunks`] for a file of another job, or what the file system refuses.

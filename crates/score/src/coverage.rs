@@ -2,11 +2,12 @@
 
 use crate::VirtualFlight;
 use crate::virtual_flight::pose_of;
-use mavsight_flight::FlightState;
 use mavsight_geometry::{Isometry3, Matrix3, Vector3};
+use mavsight_simulator::FlightState;
 use serde::Serialize;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// What is tested, in this order.
+/// The tested quantities, in order.
 pub const QUANTITIES: [Quantity; 8] = [
     Quantity { name: "single pose: position", unit: "mm", per_si: 1e3, is_required: true },
     Quantity { name: "single pose: attitude", unit: "°", per_si: DEGREES, is_required: true },
@@ -37,12 +38,12 @@ pub struct Quantity {
 const NORMAL_95: f64 = 1.959_964;
 
 /// Verdict on a share that is not what it should be, while its interval reaches there.
-pub const TOO_FEW: &str = "too few flights to tell";
+pub const TOO_FEW: &str = "too few flights to decide";
 
 /// Shares of truths inside 95 % intervals that count as true.
 const TRUE_SHARES: std::ops::RangeInclusive<f64> = 0.92..=0.98;
 
-/// What flights of one laboratory have shown.
+/// Errors of the flights of one laboratory.
 #[derive(Debug, Clone, Default)]
 pub struct Tally {
     rows: [Vec<OfFlight>; QUANTITIES.len()],
@@ -59,7 +60,7 @@ struct OfFlight {
     squares: f64,
 }
 
-/// How true the intervals of one quantity are.
+/// Coverage of the intervals of one quantity.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Coverage {
     /// Name of the quantity.
@@ -72,8 +73,8 @@ pub struct Coverage {
     pub share_interval: [f64; 2],
     /// Mean normalised error squared of the vectors: 3 is exact.
     pub nees: f64,
-    /// Where that lies in 95 % of all self-tests if the covariances are true: chi-square, with as many vectors as would be
-    /// independent (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
+    /// Interval of `nees` in 95 % of all self-tests if the covariances are true: chi-square, with as many
+    /// vectors as would be independent (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
     pub nees_interval: [f64; 2],
     /// Root mean square error of the vector's length.
     pub rms: f64,
@@ -84,7 +85,7 @@ pub struct Coverage {
 }
 
 impl Tally {
-    /// Adds a flight: single poses where there is one, the smoothed motion where it is known.
+    /// Adds a flight: its single poses and its smoothed motion, where they exist.
     pub fn add(&mut self, flight: &VirtualFlight, gravity_m_s2: f64) {
         let mut of_flight = [OfFlight::default(); QUANTITIES.len()];
         let mut samples = flight.motion.samples.iter().peekable();
@@ -120,7 +121,7 @@ impl Tally {
         (self.instants, self.unmeasured)
     }
 
-    /// What they show, by quantity; empty without flights.
+    /// Coverage by quantity; empty without flights.
     pub fn coverage(&self) -> Vec<Coverage> {
         QUANTITIES.iter().zip(&self.rows).filter_map(|(quantity, row)| coverage_of(quantity, row)).collect()
     }
@@ -161,15 +162,15 @@ fn coverage_of(quantity: &Quantity, row: &[OfFlight]) -> Option<Coverage> {
         share,
         share_interval,
         nees,
-        nees_interval: [-NORMAL_95, NORMAL_95].map(|z| chi_square_quantile(z, freedom) / vector_count),
+        nees_interval: [0.025, 0.975].map(|p| chi_square_quantile(p, freedom) / vector_count),
         rms: (sum(|f| f.squares) / vectors).sqrt() * quantity.per_si,
         verdict,
         is_accepted,
     })
 }
 
-/// How many independent trials of a given variance have a mean as certain as that of these flights (Kish 1965, section
-/// 8.2); at least the flights, at most the vectors.
+/// How many independent trials of a given variance have a mean as certain as that of these flights (Kish
+/// 1965, section 8.2); at least the flights, at most the vectors.
 fn effective(row: &[OfFlight], of: fn(&OfFlight) -> f64, mean: f64, variance: f64) -> f64 {
     let (flights, vectors) = (row.len() as f64, row.iter().map(|f| f.vectors).sum::<f64>());
     let away: f64 = row.iter().map(|f| (of(f) - mean * f.vectors).powi(2)).sum();
@@ -185,10 +186,9 @@ fn wilson(share: f64, trials: f64) -> [f64; 2] {
     [(middle - half).max(0.0), (middle + half).min(1.0)]
 }
 
-/// Quantile of chi-square at a normal quantile (Wilson & Hilferty 1931).
-fn chi_square_quantile(normal: f64, freedom: f64) -> f64 {
-    let c = 2.0 / (9.0 * freedom);
-    freedom * (1.0 - c + normal * c.sqrt()).max(0.0).powi(3)
+/// Quantile of chi-square at a probability.
+fn chi_square_quantile(probability: f64, freedom: f64) -> f64 {
+    ChiSquared::new(freedom).map_or(f64::NAN, |c| c.inverse_cdf(probability))
 }
 
 /// Position in world axes, and the turn from the true to the measured attitude about body axes.
@@ -220,30 +220,31 @@ fn motion_error(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Random;
+    use mavsight_random::Random;
 
     #[test]
     fn intervals_are_those_of_the_tables() {
-        // Newcombe (1998), table I: 81 of 263 and 15 of 148; chi-square of 10 and 100 degrees, Abramowitz & Stegun 26.8.
+        // Newcombe (1998), table I: 81 of 263 and 15 of 148; chi-square of 10 and 100 degrees, Abramowitz &
+        // Stegun 26.8.
         for (hits, trials, low, high) in [(81.0, 263.0, 0.2553, 0.3662), (15.0, 148.0, 0.0624, 0.1605)] {
             let [got_low, got_high] = wilson(hits / trials, trials);
             assert!((got_low - low).abs() < 1e-4 && (got_high - high).abs() < 1e-4, "{got_low} {got_high}");
         }
         for (freedom, low, high) in [(10.0, 3.247, 20.483), (100.0, 74.222, 129.561)] {
-            assert!((chi_square_quantile(-NORMAL_95, freedom) / low - 1.0).abs() < 0.01);
-            assert!((chi_square_quantile(NORMAL_95, freedom) / high - 1.0).abs() < 0.01);
+            assert!((chi_square_quantile(0.025, freedom) / low - 1.0).abs() < 1e-4);
+            assert!((chi_square_quantile(0.975, freedom) / high - 1.0).abs() < 1e-4);
         }
     }
 
-    /// Flights with errors of which a part stays for the flight, at a claimed standard deviation.
-    fn row(claim: f64, staying: f64, seed: u64) -> Vec<OfFlight> {
+    /// Flights with a partly systematic error, at a stated standard deviation.
+    fn row(claim: f64, systematic: f64, seed: u64) -> Vec<OfFlight> {
         let mut random = Random::new(seed, 0);
         let covariance = Matrix3::identity() * claim * claim;
         (0..60)
             .map(|_| {
                 let mut one = OfFlight::default();
-                let bias = Vector3::from_fn(|_, _| random.normal() * staying);
-                let fresh = (1.0 - staying * staying).sqrt();
+                let bias = Vector3::from_fn(|_, _| random.normal() * systematic);
+                let fresh = (1.0 - systematic * systematic).sqrt();
                 for _ in 0..100 {
                     let error = bias + Vector3::from_fn(|_, _| random.normal() * fresh);
                     one.add(&error, &covariance);
@@ -268,17 +269,17 @@ mod tests {
     }
 
     #[test]
-    fn intervals_of_the_share_hold_the_true_one_also_where_errors_stay() {
-        for staying in [0.0, 0.9] {
+    fn intervals_of_the_share_hold_the_true_one_with_systematic_errors_too() {
+        for systematic in [0.0, 0.9] {
             let held = (0..100)
                 .filter(|seed| {
-                    let found = coverage_of(&QUANTITIES[2], &row(1.0, staying, *seed)).expect("flights");
+                    let found = coverage_of(&QUANTITIES[2], &row(1.0, systematic, *seed)).expect("flights");
                     let [low, high] = found.share_interval;
                     (low..=high).contains(&0.95)
                 })
                 .count();
             // Five standard deviations of 100 trials at 95 %.
-            assert!(held >= 84, "staying {staying}: {held} of 100");
+            assert!(held >= 84, "systematic {systematic}: {held} of 100");
         }
     }
 }

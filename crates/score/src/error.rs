@@ -1,8 +1,8 @@
-//! What keeps a self-test from being carried out.
+//! Errors of self-tests and campaigns.
 
 use thiserror::Error;
 
-/// A virtual laboratory in which nothing can be measured.
+/// A self-test or a campaign cannot be carried out.
 #[derive(Debug, Error)]
 pub enum ScoreError {
     /// The cameras do not see where the aircraft would fly.
@@ -21,22 +21,22 @@ pub enum ScoreError {
         /// Z.
         z_m: f64,
     },
-    /// A laboratory that is none.
+    /// The session has too little data for a laboratory.
     #[error("the laboratory has {found} {what}, but needs {needed}: check the session")]
     TooFew {
-        /// Of what.
+        /// Kind of the data.
         what: &'static str,
-        /// How many there are.
+        /// Number found.
         found: usize,
-        /// How many are needed.
+        /// Number needed.
         needed: usize,
     },
-    /// A campaign file that makes no sense.
+    /// An invalid campaign file.
     #[error("campaign: {key}: {detail}")]
     Campaign {
         /// Key concerned.
         key: String,
-        /// What is wrong and what to do.
+        /// Reason and remedy.
         detail: String,
     },
     /// The file of a campaign's pieces.
@@ -44,22 +44,22 @@ pub enum ScoreError {
     Chunks {
         /// The file.
         path: std::path::PathBuf,
-        /// What is wrong.
+        /// Reason.
         detail: String,
     },
     /// A file that cannot be read.
     #[error(transparent)]
     Session(#[from] mavsight_session::SessionError),
-    /// What cannot be planned.
+    /// A combination cannot be planned.
     #[error(transparent)]
     Plan(#[from] mavsight_plan::PlanError),
     /// The vehicle does not fly.
     #[error("simulating the vehicle: {0}")]
-    Flight(#[from] mavsight_flight::FlightError),
+    Flight(#[from] mavsight_simulator::SimulatorError),
     /// The control points were refused.
     #[error("calibrating the virtual cameras: {0}")]
     Pose(#[from] mavsight_pose::PoseError),
-    /// The chain failed.
+    /// The pipeline failed.
     #[error(transparent)]
     Pipeline(#[from] mavsight_pipeline::PipelineError),
 }

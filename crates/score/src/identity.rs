@@ -1,17 +1,17 @@
-//! Whether balls were taken for what they are, and how many of the frames that could be measured were.
+//! Correctness of associations, and the share of measurable frames with a pose.
 
+use crate::TruthRow;
 use crate::truth_at;
 use mavsight_geometry::{EulerAngles, Point3, Vector3, world_from_body};
 use mavsight_pose::PoseSample;
-use mavsight_session::TruthRow;
 use serde::Serialize;
 
 /// Share of a ball's face from which it counts as visible.
 const VISIBLE_SHARE: f64 = 0.75;
-/// Standard deviations by which a marker may be off beside its radius.
+/// Standard deviations that a marker may be off in addition to its radius.
 const MOST_STD: f64 = 4.0;
 
-/// Frames by what was made of them.
+/// Numbers of frames by result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct IdentityScore {
     /// Instants with a truth.
@@ -20,14 +20,14 @@ pub struct IdentityScore {
     pub measurable: usize,
     /// Of those, instants with a pose.
     pub measured: usize,
-    /// Poses that put a marker used beside its ball: by more than its radius and four of its standard deviations.
+    /// Poses with a used marker off its ball by more than its radius and four standard deviations.
     pub wrong: usize,
-    /// Poses that are the one before to the last digit.
+    /// Poses equal to the one before to the last digit.
     pub frozen: usize,
 }
 
-/// Judges the identities of poses. Markers are places on the body and radii; `visible` holds the share of each ball's
-/// face that each camera sees, by instant of the truth, camera and marker.
+/// Judges the identities of poses. Markers are places on the body and radii; `visible` holds the share of
+/// each ball's face that each camera sees, by instant of the truth, camera and marker.
 pub fn score_identity(
     poses: &[PoseSample],
     truth: &[TruthRow],
@@ -91,7 +91,8 @@ mod tests {
             }),
             reason: None,
         };
-        // Right; a quarter turn, as of balls that changed places; none; the one of the third second again; not to be measured.
+        // Right; a quarter turn, as of balls that changed places; none; the one of the third second again;
+        // not to be measured.
         let turned = real(1) * nalgebra::UnitQuaternion::from_scaled_axis(Vector3::z() * 1.571);
         let poses = [
             sample(0, Some(real(0))),

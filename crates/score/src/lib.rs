@@ -1,6 +1,7 @@
-//! Errors of estimates against truth, and the virtual laboratories that show whether their intervals are true.
+//! Errors of estimates against truth, and the virtual laboratories that show whether their intervals are
+//! true.
 //!
-//! Stands apart from all that estimates: nothing that estimates depends on this crate.
+//! No crate of the estimators depends on this one.
 
 mod between;
 mod campaign;
@@ -9,29 +10,31 @@ mod chunks;
 mod coverage;
 mod error;
 mod identity;
-mod random;
+mod truth;
 mod virtual_flight;
 mod virtual_lab;
 
 pub use between::true_pose;
-pub use campaign::{Campaign, CellSummary, FlownParameter};
+pub use campaign::{Campaign, CellSummary, TrueParameter};
 pub use campaign_file::{
-    CAMPAIGN_SCHEMA, CampaignCamera, CampaignFile, CampaignRig, FitKind, NoiseLevel, Steered,
+    CAMPAIGN_SCHEMA, CampaignCamera, CampaignFile, CampaignManoeuvre, CampaignRig, FitKind, NoiseLevel,
 };
 pub use chunks::ChunkFile;
 pub use coverage::{Coverage, QUANTITIES, Quantity, TOO_FEW, Tally};
 pub use error::ScoreError;
 pub use identity::{IdentityScore, score_identity};
-pub use random::Random;
+pub use truth::{
+    TruthRow, VISIBILITY, read_truth, read_visibility, truth_of, visibility_of, write_truth, write_visibility,
+};
 pub use virtual_flight::VirtualFlight;
-pub use virtual_lab::{SightNoise, VirtualCamera, VirtualLab};
+pub use virtual_lab::{ObservationNoise, VirtualCamera, VirtualLab};
 
-use mavsight_flight::{Coefficients, ModelCoefficients, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{EulerAngles, Vector3};
 use mavsight_identify::output_error::{FlightFits, ModelParameter};
 use mavsight_identify::{Estimator, Identification};
 use mavsight_pose::{Motion, PoseSample, Rig};
-use mavsight_session::TruthRow;
+use mavsight_simulator::{ModelCoefficients, true_coefficients};
 use serde::Serialize;
 
 /// Errors of position and attitude.
@@ -84,7 +87,7 @@ pub struct CameraError {
     pub centre_mm: f64,
 }
 
-/// Everything that was compared.
+/// All errors of a run.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Scores {
     /// Single poses.
@@ -101,7 +104,7 @@ pub struct Scores {
     pub identity: Option<IdentityScore>,
 }
 
-/// How far a time stamp may lie from that of truth to be the same instant.
+/// Largest difference of two time stamps of one instant.
 const SAME_INSTANT_S: f64 = 1e-3;
 
 /// The true state at a time; `None` where truth has no row within a millisecond.
@@ -121,7 +124,8 @@ fn pose_errors<'a>(
     let (mut count, mut square, mut worst, mut angles) = (0, 0.0, 0.0_f64, [0.0; 3]);
     for (t_ns, pose) in poses {
         let t_s = t_ns as f64 * 1e-9;
-        // Rows that are meant for this instant are taken as they are; cameras with clocks of their own lie between rows.
+        // Rows that are meant for this instant are taken as they are; cameras with clocks of their own lie
+        // between rows.
         let at_row = truth_at(truth, t_s).map(between::pose_of_row);
         let Some(wanted) = at_row.or_else(|| true_pose(truth, t_s)) else { continue };
         let distance_m = (pose.translation.vector - wanted.translation.vector).norm();
@@ -200,9 +204,9 @@ pub fn score_parameters(identification: &Identification, truth: &ModelCoefficien
     errors
 }
 
-/// Errors of what output error has fitted, against the vehicle that was simulated with inputs whose clock is right.
+/// Errors of the parameters of output error against the simulated vehicle; the true input lag is 0.
 pub fn score_output_error(fits: &FlightFits, vehicle: &Vehicle) -> Vec<ParameterError> {
-    let truth = Coefficients::of_vehicle(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
     let of = |p: ModelParameter| match p {
         ModelParameter::Coefficient(c) => truth.get(c),
         ModelParameter::InputLag => 0.0,

@@ -1,32 +1,33 @@
-//! Flights in a virtual laboratory, seen by its cameras as sets of observations, and measured by the real chain.
+//! Flights in a virtual laboratory: simulated observations, measured by the real pipeline.
 
-use crate::{Random, ScoreError, VirtualLab};
-use mavsight_flight::{Channel, FlightState, InitialState, Maneuver, Scenario, simulate};
+use crate::{ScoreError, VirtualLab};
 use mavsight_geometry::{ControlPoint, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body};
-use mavsight_pipeline::{Quiet, Refinement, Tracked, motion_of, reconstruct, refine};
+use mavsight_pipeline::{NoProgress, Refinement, Tracked, motion_of, reconstruct, refine};
 use mavsight_pose::{CameraControl, MarkerObservation, Motion, Rig, calibrate};
+use mavsight_random::Random;
 use mavsight_session::ns_from_s;
+use mavsight_simulator::{Channel, FlightState, InitialState, Maneuver, Scenario, simulate};
 
 /// Length of a flight.
 const DURATION_S: f64 = 6.0;
 
-/// For so long no camera sees anything, once a flight.
+/// Once a flight no camera sees anything for this time.
 const GAP_S: f64 = 0.25;
 
-/// A ball's centre must lie so far within the image.
+/// Least distance of a ball's centre from the border of the image.
 const MARGIN_PX: f64 = 3.0;
 
 /// Part of the instants at which two cameras must see three markers.
 const IN_VIEW_SHARE: f64 = 0.9;
 
-/// Where a flight leaves the view, its manoeuvres are made smaller by this factor, so many times.
+/// A flight that leaves the view gets smaller manoeuvres by this factor, at most eight times.
 const SMALLER: f64 = 0.6;
 const SMALLER_TIMES: usize = 8;
 
-/// A flight and what was measured of it.
+/// A flight and its measurement.
 #[derive(Debug, Clone)]
 pub struct VirtualFlight {
-    /// What was flown, at the instants of the frames.
+    /// True states at the instants of the frames.
     pub truth: Vec<FlightState>,
     /// The cameras as calibrated for this flight, and as refined from it.
     pub rig: Rig,
@@ -37,20 +38,20 @@ pub struct VirtualFlight {
 }
 
 impl VirtualLab {
-    /// One flight by sets of observations: control points are seen with noise and the cameras calibrated from them, the
-    /// aircraft flies a random manoeuvre, its markers are seen with noise and losses, and the chain that follows
-    /// detection measures the motion.
+    /// One flight from simulated observations: control points are observed with noise and the cameras
+    /// calibrated from them, the aircraft flies a random manoeuvre, its markers are observed with noise and
+    /// losses, and the pipeline behind detection measures the motion.
     ///
     /// # Errors
-    /// A laboratory in which nothing can be measured, or a chain that fails.
+    /// A laboratory in which nothing can be measured, or a pipeline that fails.
     pub fn fly(&self, random: &mut Random) -> Result<VirtualFlight, ScoreError> {
-        let rig = calibrate(&self.control_sights(random))?;
+        let rig = calibrate(&self.control_observations(random))?;
         let truth = self.flight(random)?;
-        let tracked = reconstruct(&rig, &self.vehicle, self.sights(&truth, random))?;
+        let tracked = reconstruct(&rig, &self.vehicle, self.draw_observations(&truth, random))?;
         self.measured(truth, rig, tracked)
     }
 
-    /// Refines the cameras from what was tracked of a flight, if the laboratory does, and smooths.
+    /// Smooths a tracked flight; first refines the cameras from it if the laboratory does so.
     ///
     /// # Errors
     /// Too few poses.
@@ -64,14 +65,16 @@ impl VirtualLab {
             true => refine(&mut tracked, &rig, &self.vehicle, Refinement::default())?.refined.rig,
             false => rig,
         };
-        let motion = motion_of(&tracked, &self.vehicle, &Quiet)?;
+        let motion = motion_of(&tracked, &self.vehicle, &NoProgress)?;
         Ok(VirtualFlight { truth, rig, tracked, motion })
     }
 
-    /// Hover with doublets and a 3-2-1-1 in the swash-plate and the rotor speed at random times, in view of the cameras.
+    /// Hover with doublets and a 3-2-1-1 in the swash-plate and the rotor speed at random times, in view of
+    /// the cameras.
     ///
     /// # Errors
-    /// [`ScoreError::OutOfView`] where even a small manoeuvre is not seen; a vehicle that cannot be simulated.
+    /// [`ScoreError::OutOfView`] where even a small manoeuvre is not seen; a vehicle that cannot be
+    /// simulated.
     pub fn flight(&self, random: &mut Random) -> Result<Vec<FlightState>, ScoreError> {
         let mut scenario = self.scenario(random);
         let mut most = 0.0;
@@ -126,16 +129,16 @@ impl VirtualLab {
         let markers = self.vehicle.marker.len();
         let sees = |camera: usize| {
             let seen = |m: &usize| {
-                let noise = &self.sights[camera * markers + m];
-                !noise.claims_px2.is_empty() && self.pixel(camera, *m, &pose).is_some()
+                let noise = &self.observations[camera * markers + m];
+                !noise.stated_px2.is_empty() && self.pixel(camera, *m, &pose).is_some()
             };
             (0..markers).filter(seen).count() >= 3
         };
         (0..self.cameras.len()).filter(|c| sees(*c)).count() >= 2
     }
 
-    /// What each camera sees of the control frame. Survey errors are the same for all of them.
-    fn control_sights(&self, random: &mut Random) -> Vec<CameraControl> {
+    /// Observations of the control frame by each camera, with common survey errors.
+    fn control_observations(&self, random: &mut Random) -> Vec<CameraControl> {
         let mut normal3 = |std: f64| Vector3::from_fn(|_, _| std * random.normal());
         let places: Vec<Vector3<f64>> =
             self.control.iter().map(|row| Vector3::from(row.position_m) + normal3(row.std_m)).collect();
@@ -160,27 +163,31 @@ impl VirtualLab {
         out
     }
 
-    /// What the cameras see of a flight, by instant.
-    fn sights(&self, flight: &[FlightState], random: &mut Random) -> Vec<(i64, Vec<MarkerObservation>)> {
+    /// Observations of a flight by instant.
+    fn draw_observations(
+        &self,
+        flight: &[FlightState],
+        random: &mut Random,
+    ) -> Vec<(i64, Vec<MarkerObservation>)> {
         let markers = self.vehicle.marker.len();
         let gap = ((GAP_S * self.frame_rate_hz).round() as usize).min(flight.len());
         let lost_from = (random.uniform() * (flight.len() - gap) as f64) as usize;
         let mut normal2 = |std: f64| Vector2::new(random.normal(), random.normal()) * std;
-        let bias: Vec<Vector2<f64>> = self.sights.iter().map(|_| normal2(self.bias_px)).collect();
+        let bias: Vec<Vector2<f64>> = self.observations.iter().map(|_| normal2(self.bias_px)).collect();
         let mut out = Vec::with_capacity(flight.len());
         for (k, state) in flight.iter().enumerate() {
             let (pose, t_ns) = (pose_of(state), ns_from_s(state.t_s));
             let mut seen = Vec::new();
-            for (sight, noise) in self.sights.iter().enumerate() {
-                let (camera, marker) = (sight / markers, sight % markers);
-                let drawn = (random.uniform() * noise.claims_px2.len() as f64) as usize;
-                let normal = Vector2::new(random.normal(), random.normal()) * self.noise_over_claim;
+            for (index, noise) in self.observations.iter().enumerate() {
+                let (camera, marker) = (index / markers, index % markers);
+                let drawn = (random.uniform() * noise.stated_px2.len() as f64) as usize;
+                let normal = Vector2::new(random.normal(), random.normal()) * self.noise_over_stated;
                 let is_lost =
                     random.uniform() < noise.lost_share || (lost_from..lost_from + gap).contains(&k);
-                let Some(covariance_px2) = noise.claims_px2.get(drawn).copied() else { continue };
+                let Some(covariance_px2) = noise.stated_px2.get(drawn).copied() else { continue };
                 let Some(spread) = covariance_px2.cholesky().filter(|_| !is_lost) else { continue };
                 let Some(pixel) = self.pixel(camera, marker, &pose) else { continue };
-                let pixel = pixel + spread.l() * normal + bias[sight];
+                let pixel = pixel + spread.l() * normal + bias[index];
                 seen.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
             }
             out.push((t_ns, seen));

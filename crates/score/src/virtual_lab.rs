@@ -1,18 +1,17 @@
-//! Laboratories to fly in on paper: cameras, control frame, vehicle and the noise of what is seen.
+//! Virtual laboratories: cameras, control frame, vehicle and the noise of observations.
 
 use crate::ScoreError;
 use mavsight_flight::{Color, Vehicle};
 use mavsight_geometry::{Camera, ImageSize, Intrinsics, Matrix2, Vector3};
-use mavsight_pipeline::{Tracked, body_markers};
+use mavsight_pipeline::{ControlPointRow, Tracked, body_markers};
 use mavsight_pose::{PoseError, PoseEstimator, Rig};
-use mavsight_session::ControlPointRow;
 
 /// A camera of a virtual laboratory.
 #[derive(Debug, Clone)]
 pub struct VirtualCamera {
     /// Name.
     pub name: String,
-    /// Where and what it is.
+    /// Pose, lens and image size.
     pub camera: Camera,
     /// By row of the control table: whether it is seen.
     pub sees: Vec<bool>,
@@ -20,11 +19,11 @@ pub struct VirtualCamera {
     pub control_std_px: f64,
 }
 
-/// How one camera sees one marker.
+/// Noise of the observations of one marker in one camera.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SightNoise {
-    /// Covariances that are claimed for its centre; each sight draws one of them. Empty: never seen.
-    pub claims_px2: Vec<Matrix2<f64>>,
+pub struct ObservationNoise {
+    /// Stated covariances of its centre; each observation draws one of them. Empty: never seen.
+    pub stated_px2: Vec<Matrix2<f64>>,
     /// Part of the frames in which it is not seen.
     pub lost_share: f64,
 }
@@ -39,42 +38,42 @@ pub struct VirtualLab {
     /// Aircraft.
     pub vehicle: Vehicle,
     /// Camera by camera, each with one entry a marker.
-    pub sights: Vec<SightNoise>,
-    /// Standard deviation of the centres' noise over what is claimed.
-    pub noise_over_claim: f64,
-    /// Standard deviation of the part of a centre's error that stays for a whole flight, a coordinate.
+    pub observations: Vec<ObservationNoise>,
+    /// Ratio of the true to the stated standard deviation of the centres' noise.
+    pub noise_over_stated: f64,
+    /// Standard deviation of a centre's systematic error, each coordinate.
     pub bias_px: f64,
     /// Frames a second.
     pub frame_rate_hz: f64,
     /// Whether the cameras are refined from each flight.
     pub refines: bool,
-    /// Where flights begin.
+    /// Middle of the places where flights begin.
     pub middle_m: Vector3<f64>,
-    /// Half the spread of that.
+    /// Half the spread of these places.
     pub around_m: Vector3<f64>,
 }
 
 /// Flights begin within this part of the control frame's half-width about its middle.
 const START_SHARE: f64 = 0.1;
 
-/// Centres of balls in the flights and stills of the built-in laboratories: what is typical of balls of 5 to 10 px in
-/// compressed video and of stills.
-const SIGHT_STD_PX: f64 = 0.15;
+/// Centres of balls in the flights and stills of the built-in laboratories: what is typical of balls of 5 to
+/// 10 px in compressed video and of stills.
+const CENTRE_STD_PX: f64 = 0.15;
 const CONTROL_STD_PX: f64 = 0.1;
 
-/// Part of the sights that are lost in the built-in laboratories.
+/// Share of the observations that are lost in the built-in laboratories.
 const LOST_SHARE: f64 = 0.05;
 
 impl VirtualLab {
-    /// Section 3 of the paper: two cameras of 640×480 and 53° across, 6.36 m from the middle of a control frame of 3 m
-    /// with a ball of 6 cm at each corner; their axes cross there at a right angle.
+    /// Section 3 of the paper: two cameras of 640×480 and 53° across, 6.36 m from the middle of a control
+    /// frame of 3 m with a ball of 6 cm at each corner; their axes cross there at a right angle.
     pub fn paper() -> Self {
         let cameras = at(&[[4.5, -4.5, 1.5], [-4.5, -4.5, 1.5]]);
         Self::built_in(cameras, corners(0.0))
     }
 
-    /// Two wide lenses of 77° with barrel distortion on 1920×1080, near and at unlike heights; sixteen points that a tape
-    /// measured to 1 mm.
+    /// Two wide lenses of 77° with barrel distortion on 1920×1080, near and at unlike heights; sixteen points
+    /// that a tape measured to 1 mm.
     pub fn wide() -> Self {
         let size = ImageSize { width_px: 1920, height_px: 1080 };
         let mut lens = Intrinsics::from_horizontal_fov(size, 77_f64.to_radians());
@@ -107,12 +106,12 @@ impl VirtualLab {
 
     fn built_in(cameras: Vec<Camera>, control: Vec<ControlPointRow>) -> Self {
         let vehicle = Vehicle::paper();
-        let one = SightNoise {
-            claims_px2: vec![Matrix2::identity() * SIGHT_STD_PX * SIGHT_STD_PX],
+        let one = ObservationNoise {
+            stated_px2: vec![Matrix2::identity() * CENTRE_STD_PX * CENTRE_STD_PX],
             lost_share: LOST_SHARE,
         };
         Self {
-            sights: vec![one; cameras.len() * vehicle.marker.len()],
+            observations: vec![one; cameras.len() * vehicle.marker.len()],
             cameras: cameras
                 .into_iter()
                 .enumerate()
@@ -125,7 +124,7 @@ impl VirtualLab {
                 .collect(),
             control,
             vehicle,
-            noise_over_claim: 1.0,
+            noise_over_stated: 1.0,
             bias_px: 0.0,
             refines: false,
             frame_rate_hz: 30.0,
@@ -134,8 +133,9 @@ impl VirtualLab {
         }
     }
 
-    /// A session's own laboratory: its cameras as calibrated, its control points as they were seen, its vehicle, frame
-    /// rate, and the claims, noise, lasting errors and losses of what was tracked.
+    /// The laboratory of a session: its calibrated cameras, its control points where they were seen, its
+    /// vehicle and frame rate, and the stated covariances, noise, systematic errors and losses of its
+    /// observations.
     ///
     /// # Errors
     /// [`ScoreError::TooFew`] without tracked frames or control points.
@@ -165,8 +165,8 @@ impl VirtualLab {
         Ok(Self {
             cameras: cameras.collect(),
             control: control.clone(),
-            sights: sights_of(tracked, rig.cameras.len(), vehicle.marker.len()),
-            noise_over_claim: noise_over_claim(&estimator, tracked, bias_px)?,
+            observations: noise_of(tracked, rig.cameras.len(), vehicle.marker.len()),
+            noise_over_stated: noise_over_stated(&estimator, tracked, bias_px)?,
             bias_px,
             refines: false,
             frame_rate_hz: 1e9 / interval_ns as f64,
@@ -176,9 +176,9 @@ impl VirtualLab {
         })
     }
 
-    /// Root mean square of the claimed standard deviations of one coordinate of a centre.
-    pub fn claimed_std_px(&self) -> f64 {
-        let all = self.sights.iter().flat_map(|s| &s.claims_px2);
+    /// Root mean square of the stated standard deviations of one coordinate of a centre.
+    pub fn stated_std_px(&self) -> f64 {
+        let all = self.observations.iter().flat_map(|s| &s.stated_px2);
         let (sum, n) = all.fold((0.0, 0.0), |(sum, n), c| (sum + c.trace() / 2.0, n + 1.0));
         (sum / f64::max(n, 1.0)).sqrt()
     }
@@ -213,29 +213,30 @@ fn corners(std_m: f64) -> Vec<ControlPointRow> {
     ]
 }
 
-fn sights_of(tracked: &Tracked, cameras: usize, markers: usize) -> Vec<SightNoise> {
+fn noise_of(tracked: &Tracked, cameras: usize, markers: usize) -> Vec<ObservationNoise> {
     let of = |camera: usize, marker: usize| {
         let own = tracked.observations.iter().filter(|o| o.camera == camera && o.marker == marker);
-        let claims_px2: Vec<Matrix2<f64>> = own.map(|o| o.covariance_px2).collect();
-        let lost_share = 1.0 - claims_px2.len() as f64 / tracked.poses.len().max(1) as f64;
-        SightNoise { claims_px2, lost_share: lost_share.max(0.0) }
+        let stated_px2: Vec<Matrix2<f64>> = own.map(|o| o.covariance_px2).collect();
+        let lost_share = 1.0 - stated_px2.len() as f64 / tracked.poses.len().max(1) as f64;
+        ObservationNoise { stated_px2, lost_share: lost_share.max(0.0) }
     };
     (0..cameras).flat_map(|c| (0..markers).map(move |m| of(c, m))).collect()
 }
 
-/// What the residuals of the poses say of the centres' noise, over what was claimed; 1 without a redundancy.
-fn noise_over_claim(estimator: &PoseEstimator, tracked: &Tracked, bias_px: f64) -> Result<f64, PoseError> {
+/// Ratio of the centres' noise that the residuals of the poses show to the stated noise; 1 without
+/// redundancy.
+fn noise_over_stated(estimator: &PoseEstimator, tracked: &Tracked, bias_px: f64) -> Result<f64, PoseError> {
     let factors = estimator.centre_factors(&tracked.observations, &tracked.poses)?;
     let markers = estimator.markers().len();
-    let (mut shown_px2, mut claimed_px2, mut sights) = (0.0, 0.0, 0.0);
+    let (mut shown_px2, mut stated_sum_px2, mut count) = (0.0, 0.0, 0.0);
     for o in tracked.observations.iter() {
         let own_px2 = o.covariance_px2.diagonal();
         shown_px2 += own_px2.dot(&factors[o.camera * markers + o.marker]) / 2.0;
-        claimed_px2 += own_px2.sum() / 2.0;
-        sights += 1.0;
+        stated_sum_px2 += own_px2.sum() / 2.0;
+        count += 1.0;
     }
-    if claimed_px2 <= 0.0 {
+    if stated_sum_px2 <= 0.0 {
         return Ok(1.0);
     }
-    Ok(((shown_px2 - sights * bias_px * bias_px) / claimed_px2).max(0.01).sqrt())
+    Ok(((shown_px2 - count * bias_px * bias_px) / stated_sum_px2).max(0.01).sqrt())
 }

@@ -1,6 +1,8 @@
-//! The 95 % intervals hold the truth in virtual laboratories: a small sample of what `mavsight selftest` prints.
+//! The 95 % intervals hold the truth in virtual laboratories: a small sample of what `mavsight selftest`
+//! prints.
 
-use mavsight_score::{Random, ScoreError, Tally, VirtualLab};
+use mavsight_random::Random;
+use mavsight_score::{ScoreError, Tally, VirtualLab};
 
 /// What some flights show.
 fn tally(lab: &VirtualLab, flights: u64) -> Tally {
@@ -23,7 +25,8 @@ fn intervals_of_pose_velocity_and_rates_hold_the_truth() {
         let tally = tally(&lab, flights);
         assert_eq!(tally.instants(), (180 * flights as usize, 8 * flights as usize), "only the gaps");
         for (k, row) in tally.coverage()[..6].iter().enumerate() {
-            // Errors of a calibration stay in the poses of its flight, so that these are few draws; rates have many.
+            // Errors of a calibration are systematic in the poses of its flight, so these are few draws;
+            // rates have many.
             let (shares, most) = if k < 4 { (0.85..=1.0, 5.0) } else { (0.9..=0.99, 3.5) };
             assert!(shares.contains(&row.share) && (0.5..most).contains(&row.nees), "{name}: {row:?}");
         }
@@ -31,7 +34,7 @@ fn intervals_of_pose_velocity_and_rates_hold_the_truth() {
 }
 
 #[test]
-fn covariances_that_are_too_small_are_told() {
+fn covariances_that_are_too_small_are_found() {
     let lab = VirtualLab::paper();
     let mut tally = Tally::default();
     for k in 0..4 {
@@ -57,7 +60,7 @@ fn the_same_seed_gives_the_same_flight() {
 fn a_session_is_flown_with_what_was_seen_in_it() {
     let mut paper = VirtualLab::paper();
     paper.bias_px = 0.2;
-    paper.noise_over_claim = 1.5;
+    paper.noise_over_stated = 1.5;
     paper.cameras[1].sees[3] = false;
     let flight = paper.fly(&mut Random::new(5, 0)).expect("a flight");
     let lab =
@@ -65,12 +68,12 @@ fn a_session_is_flown_with_what_was_seen_in_it() {
             .expect("a laboratory");
     assert!((lab.frame_rate_hz - 30.0).abs() < 1e-3);
     // What the cameras' errors leave in the residuals counts as noise.
-    let noise_px = lab.claimed_std_px() * lab.noise_over_claim;
+    let noise_px = lab.stated_std_px() * lab.noise_over_stated;
     assert!((0.95..1.25).contains(&(noise_px / (0.15 * 1.5))), "{noise_px}");
     assert!((0.1..0.35).contains(&lab.bias_px), "{}", lab.bias_px);
     assert!(!lab.cameras[1].sees[3] && lab.cameras[0].sees[3]);
     assert!((lab.middle_m - paper.middle_m).norm() < 1e-9);
-    let lost = lab.sights.iter().map(|s| s.lost_share).sum::<f64>() / 8.0;
+    let lost = lab.observations.iter().map(|s| s.lost_share).sum::<f64>() / 8.0;
     assert!((lost - 0.05 - 8.0 / 180.0).abs() < 0.03, "{lost}");
 }
 

@@ -5,7 +5,8 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// A file that is being written beside its place: renamed into it when it is whole, gone when it is dropped before.
+/// A file that is being written next to its place: renamed into it when it is whole, gone when it is dropped
+/// before.
 #[derive(Debug)]
 pub(crate) struct PartFile {
     path: PathBuf,
@@ -41,13 +42,14 @@ impl PartFile {
 
 impl Drop for PartFile {
     fn drop(&mut self) {
-        // There is none where it was kept. That a half file cannot be removed is less important than why it is half.
+        // There is none where it was kept. That a half file cannot be removed is less important than why it
+        // is half.
         drop(std::fs::remove_file(&self.part));
     }
 }
 
-/// Writes a whole file: to a hidden `.NAME.PID.part` in the same folder, then renamed, so that a killed run leaves
-/// nothing that looks whole. The folder is made where it is missing.
+/// Writes a whole file: to a hidden `.NAME.PID.part` in the same folder, then renamed, so that a killed run
+/// leaves nothing that looks whole. The folder is made where it is missing.
 ///
 /// # Errors
 /// What the file system refuses.

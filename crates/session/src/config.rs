@@ -5,11 +5,12 @@ use crate::session_file::{
     BoardSection, LiveSection, RefineSection, SessionCamera, SessionFile, WandSection, is_empty, validate,
 };
 use crate::toml_file::read_toml;
-use crate::video::{Clap, FrameSource, find_clap, sequence_exists};
-use crate::{ControlPixel, ControlPointRow, SessionError, TruthRow, read_image, tables};
+use crate::video::{FrameSource, find_clap, is_pattern};
+use crate::{SessionError, read_image, tables};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_identify::Model;
+use mavsight_pipeline::{Clap, ControlPixel, ControlPointRow};
 use std::path::{Path, PathBuf};
 
 /// A session with every path made whole and every file that it names seen to exist.
@@ -99,45 +100,30 @@ impl Session {
     }
 
     fn require_files(&self) -> Result<(), SessionError> {
-        let role = |key: &str| format!("{key} in {}", self.path.display());
-        if self.has_inputs() {
-            require_file(&self.inputs_path, &role("inputs"))?;
-        }
-        if let Some(path) = &self.live.poses {
-            require_file(path, &role("live.poses"))?;
-        }
-        if let Some(path) = &self.control_points_path {
-            require_file(path, &role("control.points"))?;
-        }
-        if let Some(path) = &self.truth_path {
-            require_file(path, &role("truth"))?;
-        }
-        if let Some(path) = &self.model_path {
-            require_file(path, &role("model"))?;
-        }
-        if let Some(path) = &self.control_pixels_path {
-            require_file(path, &role("control.observations"))?;
-        }
-        if let Some(path) = &self.rig_path {
-            require_file(path, &role("rig.file"))?;
-        }
+        let require = |path: Option<&PathBuf>, what: &str| {
+            let role = || format!("{what} in {}", self.path.display());
+            path.map_or(Ok(()), |path| require_file(path, &role()))
+        };
+        require(self.has_inputs().then_some(&self.inputs_path), "inputs")?;
+        require(self.live.poses.as_ref(), "live.poses")?;
+        require(self.control_points_path.as_ref(), "control.points")?;
+        require(self.truth_path.as_ref(), "truth")?;
+        require(self.model_path.as_ref(), "model")?;
+        require(self.control_pixels_path.as_ref(), "control.observations")?;
+        require(self.rig_path.as_ref(), "rig.file")?;
         for camera in &self.cameras {
-            if !is_empty(&camera.video) && !sequence_exists(&camera.video) {
-                require_file(&camera.video, &role(&format!("video of camera {}", camera.name)))?;
-            }
-            for (what, path) in [("wand", &camera.wand), ("board", &camera.board)] {
-                if let Some(path) = path.as_ref().filter(|p| !sequence_exists(p)) {
-                    require_file(path, &role(&format!("{what} of camera {}", camera.name)))?;
-                }
-            }
-            if let Some(still) = &camera.still {
-                require_file(still, &role(&format!("still of camera {}", camera.name)))?;
-            }
+            let film = |path: &&PathBuf| !is_empty(path) && !is_pattern(path);
+            let of_camera = |what: &str| format!("{what} of camera {}", camera.name);
+            require(Some(&camera.video).filter(film), &of_camera("video"))?;
+            require(camera.wand.as_ref().filter(film), &of_camera("wand"))?;
+            require(camera.board.as_ref().filter(film), &of_camera("board"))?;
+            require(camera.still.as_ref(), &of_camera("still"))?;
         }
         Ok(())
     }
 
-    /// Opens one camera's frames, with the time stamps of the file; fields of an interlaced recording one by one.
+    /// Opens one camera's frames, with the time stamps of the file; fields of an interlaced recording one by
+    /// one.
     ///
     /// # Errors
     /// A file that cannot be read, or a camera index beyond the list.
@@ -146,7 +132,7 @@ impl Session {
         Ok(in_fields(camera, FrameSource::open(&camera.video, camera.frame_rate_hz)?))
     }
 
-    /// The clap in the sound of one camera's recording; `None` where the session tells of no clap.
+    /// The clap in the sound of one camera's recording; `None` where the session has no `clap`.
     ///
     /// # Errors
     /// Those of [`find_clap`], or a camera index beyond the list.
@@ -163,7 +149,8 @@ impl Session {
         }
     }
 
-    /// Opens one camera's recording of the wand as [`Self::open_camera`] does that of the flight; `None` where it has none.
+    /// Opens one camera's recording of the wand as [`Self::open_camera`] does that of the flight; `None`
+    /// where it has none.
     ///
     /// # Errors
     /// A file that cannot be read, or a camera index beyond the list.
@@ -173,7 +160,8 @@ impl Session {
         Ok(Some(in_fields(camera, FrameSource::open(path, camera.frame_rate_hz)?)))
     }
 
-    /// Opens one camera's images of the board; `None` where it has none. Images of a sequence are a second apart.
+    /// Opens one camera's images of the board; `None` where it has none. Images of a sequence are a second
+    /// apart.
     ///
     /// # Errors
     /// A file that cannot be read, or a camera index beyond the list.
@@ -182,8 +170,8 @@ impl Session {
         path.as_ref().map(|path| FrameSource::open(path, Some(1.0))).transpose()
     }
 
-    /// The size that a camera films in: as its recording has it; of one that is only flown live, its still, or its recording of the
-    /// wand or of the board.
+    /// The size that a camera films in: as its recording has it; of one that is only flown live, its still,
+    /// or its recording of the wand or of the board.
     ///
     /// # Errors
     /// A file that cannot be read, a camera index beyond the list, a camera without any of them.
@@ -196,19 +184,15 @@ impl Session {
             return Ok(read_image(still)?.size);
         }
         let moved = self.open_wand(camera)?.map_or_else(|| self.open_board(camera), |wand| Ok(Some(wand)))?;
-        moved.map(|m| m.size()).ok_or_else(|| SessionError::Value {
-            path: self.path.clone(),
-            key: format!("camera {}", own.name),
-            detail: "has no image of which the size is known: give it `video` or `still`".into(),
-        })
+        let unknown = "has no image of which the size is known: give it `video` or `still`";
+        let refuse = || SessionError::value(&self.path, format!("camera {}", own.name), unknown);
+        moved.map(|m| m.size()).ok_or_else(refuse)
     }
 
     fn camera(&self, camera: usize) -> Result<&SessionCamera, SessionError> {
-        self.cameras.get(camera).ok_or_else(|| SessionError::Value {
-            path: self.path.clone(),
-            key: "camera".into(),
-            detail: format!("there is no camera number {camera}: the session has {}", self.cameras.len()),
-        })
+        let missing =
+            || format!("there is no camera number {camera}: the session has {}", self.cameras.len());
+        self.cameras.get(camera).ok_or_else(|| SessionError::value(&self.path, "camera", missing()))
     }
 
     /// Whether there is a table of inputs.
@@ -222,8 +206,8 @@ impl Session {
     /// Names row and column; a session without inputs.
     pub fn inputs(&self) -> Result<InputSeries, SessionError> {
         if !self.has_inputs() {
-            let detail = "is missing: name the table of what was commanded".into();
-            return Err(SessionError::Value { path: self.path.clone(), key: "inputs".into(), detail });
+            let detail = "is missing: name the table of what was commanded";
+            return Err(SessionError::value(&self.path, "inputs", detail));
         }
         tables::read_inputs(&self.inputs_path)
     }
@@ -236,7 +220,8 @@ impl Session {
         self.control_points_path.as_deref().map_or_else(|| Ok(Vec::new()), tables::read_control_points)
     }
 
-    /// Reads the control pixels, where the session has a table of them; names are checked against the session.
+    /// Reads the control pixels, where the session has a table of them; names are checked against the
+    /// session.
     ///
     /// # Errors
     /// Names row and column.
@@ -254,26 +239,6 @@ impl Session {
     /// Names the file and the line or key.
     pub fn model(&self) -> Result<Option<Model>, SessionError> {
         self.model_path.as_deref().map(load_model).transpose()
-    }
-
-    /// Reads the truth, where the session has it.
-    ///
-    /// # Errors
-    /// Names row and column.
-    pub fn truth(&self) -> Result<Option<Vec<TruthRow>>, SessionError> {
-        self.truth_path.as_deref().map(tables::read_truth).transpose()
-    }
-
-    /// Shares of the balls' faces that were visible, by instant, camera and marker, for scoring only; none where no such
-    /// file stands beside the truth.
-    ///
-    /// # Errors
-    /// Names the file, row and column.
-    pub fn visibility(&self) -> Result<Option<Vec<Vec<Vec<f64>>>>, SessionError> {
-        let path = self.truth_path.as_deref().map(|t| t.with_file_name(crate::VISIBILITY));
-        let markers: Vec<String> = self.vehicle.marker.iter().map(|m| m.name.clone()).collect();
-        let read = |p: std::path::PathBuf| crate::read_visibility(&p, self.cameras.len(), &markers);
-        path.filter(|p| p.is_file()).map(read).transpose()
     }
 }
 

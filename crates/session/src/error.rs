@@ -6,7 +6,7 @@ use thiserror::Error;
 
 /// A file that is missing, malformed or cannot be written.
 ///
-/// Rows are counted from 1 below the header; the line of the file stands beside them.
+/// Rows are counted from 1 below the header; the line of the file is given too.
 #[derive(Debug, Error)]
 pub enum SessionError {
     /// A file that another one names is not there.
@@ -17,13 +17,13 @@ pub enum SessionError {
         /// What it is wanted for.
         role: String,
     },
-    /// A folder where a file is wanted.
-    #[error("{}: is a folder, where a file is wanted ({role}): name the file", path.display())]
-    Folder {
-        /// The folder.
+    /// A file that is not what it should be.
+    #[error("{}: {detail}", path.display())]
+    File {
+        /// The file.
         path: PathBuf,
-        /// What it is wanted for.
-        role: String,
+        /// What is wrong and what to do.
+        detail: String,
     },
     /// The operating system refused.
     #[error("{}: cannot {action}: {source}", path.display())]
@@ -34,16 +34,6 @@ pub enum SessionError {
         action: &'static str,
         /// The system's words.
         source: std::io::Error,
-    },
-    /// A TOML file that does not say what it should.
-    #[error("{}, line {line}: {detail}", path.display())]
-    Toml {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// What is wrong.
-        detail: String,
     },
     /// A value that is well formed but makes no sense.
     #[error("{}: {key}: {detail}", path.display())]
@@ -71,16 +61,6 @@ pub enum SessionError {
         /// What is wrong.
         source: mavsight_identify::IdentifyError,
     },
-    /// A column that is not in the table.
-    #[error("{}: there is no column {column:?}; the columns are {found}: add or rename it", path.display())]
-    Column {
-        /// The file.
-        path: PathBuf,
-        /// Column looked for.
-        column: String,
-        /// Columns there are.
-        found: String,
-    },
     /// A cell that is not what its column holds.
     #[error("{}, row {row} below the header (line {line}), column {column}: {detail}", path.display())]
     Cell {
@@ -95,7 +75,7 @@ pub enum SessionError {
         /// What is wrong and what to do.
         detail: String,
     },
-    /// A row that is not a row.
+    /// A line that does not hold what it should.
     #[error("{}, line {line}: {detail}", path.display())]
     Row {
         /// The file.
@@ -116,14 +96,6 @@ pub enum SessionError {
     NoFrames {
         /// The file or pattern.
         path: PathBuf,
-    },
-    /// A container that is not whole.
-    #[error("{}: not a whole MP4 file ({detail}): it may have been cut off while copied or recorded; copy it again", path.display())]
-    Container {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        detail: String,
     },
     /// A frame that cannot be decoded.
     #[error("{}, frame {frame} (from 0): {detail}: the file is damaged there; copy it again, or cut it before that frame", path.display())]
@@ -163,43 +135,15 @@ pub enum SessionError {
         /// Its last words.
         detail: String,
     },
-    /// Numbers are missing in an image sequence.
-    #[error("{}: the sequence has {} and later frames but not the {missing} from this one on: put them there or renumber the sequence", path.display(), before.display())]
-    SequenceGap {
-        /// The missing file.
-        path: PathBuf,
-        /// The last file before the gap.
-        before: PathBuf,
-        /// How many are missing.
-        missing: u64,
-    },
-    /// An image file that cannot be read.
-    #[error("{}: not a readable PNG or JPEG image: {detail}", path.display())]
-    Image {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        detail: String,
-    },
-    /// An image of another size than the ones before.
-    #[error("{}: the image is {width_px}×{height_px} but those before are {wanted_width_px}×{wanted_height_px}: one recording has one size", path.display())]
-    ImageSize {
-        /// The file.
-        path: PathBuf,
-        /// Its columns.
-        width_px: u32,
-        /// Its rows.
-        height_px: u32,
-        /// Columns of the others.
-        wanted_width_px: u32,
-        /// Rows of the others.
-        wanted_height_px: u32,
-    },
 }
 
 impl SessionError {
     pub(crate) fn io(path: &std::path::Path, action: &'static str, source: std::io::Error) -> Self {
         Self::Io { path: path.to_owned(), action, source }
+    }
+
+    pub(crate) fn value(path: &std::path::Path, key: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self::Value { path: path.to_owned(), key: key.into(), detail: detail.into() }
     }
 }
 
@@ -208,7 +152,8 @@ pub(crate) fn require_file(path: &std::path::Path, role: &str) -> Result<(), Ses
     if path.is_file() {
         Ok(())
     } else if path.is_dir() {
-        Err(SessionError::Folder { path: path.to_owned(), role: role.to_owned() })
+        let detail = format!("is a folder, where a file is wanted ({role}): name the file");
+        Err(SessionError::File { path: path.to_owned(), detail })
     } else {
         Err(SessionError::Missing { path: path.to_owned(), role: role.to_owned() })
     }

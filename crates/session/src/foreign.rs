@@ -1,8 +1,8 @@
 //! Files of other programs, both ways: cameras, trajectories, tracked points, tables.
 //!
-//! One file a format. Inside this crate everything keeps the house's conventions; what differs (a pixel's origin, the order of a
-//! quaternion, which way the world's axes point) is turned here, where the file is read or written. What a format cannot
-//! express is refused with a remedy, or said in [`Noted::notes`].
+//! One file a format. Inside this crate everything keeps the house's conventions; what differs (a pixel's
+//! origin, the order of a quaternion, which way the world's axes point) is turned here, where the file is
+//! read or written. What a format cannot express is refused with a remedy, or said in [`Noted::notes`].
 
 pub mod argus;
 pub mod c3d;
@@ -23,7 +23,7 @@ pub mod ros;
 pub(crate) mod text;
 pub mod trc;
 pub mod tum;
-pub mod yaml;
+mod yaml;
 
 /// What a file held, and what a reader must know of it.
 #[derive(Debug, Clone, PartialEq)]

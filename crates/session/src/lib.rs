@@ -12,7 +12,6 @@ mod table;
 pub mod tables;
 mod toml_file;
 pub mod video;
-pub mod visibility;
 
 pub use atomic::{make_folder, write_whole};
 pub use config::{Session, load_model, load_vehicle};
@@ -22,17 +21,16 @@ pub use results::{
     read_markers, read_motion, read_poses, read_rig, read_summary, write_markers, write_markers_early,
     write_results, write_rig,
 };
-pub use scenario::{write_control_points, write_inputs, write_session, write_truth, write_vehicle};
+pub use scenario::{write_control_points, write_inputs, write_numbers, write_session, write_vehicle};
 pub use session_file::{
-    BoardSection, ControlSection, Estimate, FieldOrder, LineTime, LiveSection, RefineSection, RigSection,
-    SESSION_SCHEMA, SessionCamera, SessionFile, WandBall, WandSection,
+    BoardSection, ControlSection, Estimate, FieldOrder, LineTime, LiveSection, RefineSection, RefusedKey,
+    RigSection, SESSION_SCHEMA, SessionCamera, SessionFile, WandBall, WandSection,
 };
 pub use session_rig::cameras_of;
-pub use table::csv_cell;
-pub use tables::{ControlPixel, ControlPointRow, TruthRow, read_control_points};
+pub use table::{Row, Table, csv_cell};
+pub use tables::read_control_points;
 pub use toml_file::read_toml;
-pub use video::{Clap, FrameSource, LiveVideo, Y4mWriter, ffmpeg_program, find_clap, read_image, write_png};
-pub use visibility::{VISIBILITY, read_visibility, write_visibility};
+pub use video::{FrameSource, LiveVideo, Y4mWriter, ffmpeg_program, find_clap, read_image, write_png};
 
 /// Seconds as the nearest nanoseconds.
 pub fn ns_from_s(t_s: f64) -> i64 {

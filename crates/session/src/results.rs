@@ -2,7 +2,6 @@
 
 mod body;
 pub(crate) mod columns;
-mod health;
 mod read;
 mod read_motion;
 mod rig_file;
@@ -10,16 +9,16 @@ mod write;
 
 use mavsight_identify::output_error::FlightFits;
 use mavsight_identify::{Clocks, CoefficientTable, Identification};
+use mavsight_pipeline::{CameraHealth, CentreQuality};
 use mavsight_pose::{ClockEstimate, MarkerObservation, Motion, PoseSample, Rig};
 
 pub use body::{MarkerAsBuilt, read_body};
-pub use health::{CameraHealth, CentreQuality, MarkerHealth};
 pub use read::{has_assumed_std, read_markers, read_poses, read_summary};
 pub use read_motion::{FlightTable, read_flight_table, read_motion};
 pub use rig_file::{read_rig, write_rig};
 pub use write::{EarlyFile, write_markers, write_markers_early, write_results};
 
-/// Version of `summary.json` and of the tables beside it.
+/// Version of `summary.json` and of the tables in its folder.
 pub const RESULTS_SCHEMA: u32 = 1;
 
 /// Names of the files in a folder of results.
@@ -57,7 +56,7 @@ pub struct RunResults {
     pub rig: Option<Rig>,
     /// Every marker seen, or of a long flight some of them where `markers_file` has all.
     pub markers: Vec<MarkerObservation>,
-    /// Their table, where it waits beside its place.
+    /// Their table, where it waits next to its place.
     pub markers_file: Option<EarlyFile>,
     /// Markers as the flight has shown them; empty where they were not refined.
     pub body: Vec<MarkerAsBuilt>,
@@ -77,8 +76,10 @@ pub struct RunResults {
     pub clocks: Option<Clocks>,
     /// How well each camera saw the markers; none where they were seen by others.
     pub camera_health: Vec<CameraHealth>,
-    /// How good the markers' centres are; none where poses come from elsewhere or tell nothing of them.
+    /// How good the markers' centres are; none where the poses come from elsewhere.
     pub centres: Option<CentreQuality>,
+    /// What could not be had, and why.
+    pub notes: Vec<String>,
     /// Figures for `summary.json`: an object, or null for no such file.
     pub summary: serde_json::Value,
 }

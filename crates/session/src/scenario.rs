@@ -1,9 +1,10 @@
 //! Files that a simulated flight leaves.
 
 use crate::table::csv_cell;
-use crate::tables::{CONTROL_COLUMNS, ControlPointRow, INPUT_COLUMNS, SURVEY_COLUMN, TRUTH_COLUMNS};
-use crate::{SessionError, SessionFile, TruthRow, write_whole};
-use mavsight_flight::{FlightState, InputSeries, Vehicle};
+use crate::tables::{CONTROL_COLUMNS, INPUT_COLUMNS, SURVEY_COLUMN};
+use crate::{SessionError, SessionFile, write_whole};
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_pipeline::ControlPointRow;
 use std::path::Path;
 
 /// Writes recorded inputs.
@@ -18,48 +19,11 @@ pub fn write_inputs(path: &Path, inputs: &InputSeries) -> Result<(), SessionErro
     write_numbers(path, &INPUT_COLUMNS, rows)
 }
 
-/// Writes the simulated motion.
+/// Writes a table of numbers with twelve decimals: a picometre, and beyond what any reader of these tables resolves.
 ///
 /// # Errors
 /// What the file system refuses.
-pub fn write_truth(path: &Path, states: &[FlightState]) -> Result<(), SessionError> {
-    write_numbers(path, TRUTH_COLUMNS, states.iter().map(|s| TruthRow::from(s).values()))
-}
-
-impl From<&FlightState> for TruthRow {
-    fn from(s: &FlightState) -> Self {
-        let (p, v, e, w) = (s.position_in_world_m, s.velocity_in_body_m_s, s.attitude, s.rates_rad_s);
-        let (f, a, d) = (s.flap, s.velocity_rate_m_s2, s.angular_acceleration_rad_s2);
-        Self {
-            t_s: s.t_s,
-            x_m: p.x,
-            y_m: p.y,
-            z_m: p.z,
-            u_m_s: v.x,
-            v_m_s: v.y,
-            w_m_s: v.z,
-            phi_rad: e.phi_rad,
-            theta_rad: e.theta_rad,
-            psi_rad: e.psi_rad,
-            p_rad_s: w.x,
-            q_rad_s: w.y,
-            r_rad_s: w.z,
-            alpha_l_rad: f.alpha_l_rad,
-            beta_l_rad: f.beta_l_rad,
-            alpha_f_rad: f.alpha_f_rad,
-            beta_f_rad: f.beta_f_rad,
-            du_m_s2: a.x,
-            dv_m_s2: a.y,
-            dw_m_s2: a.z,
-            dp_rad_s2: d.x,
-            dq_rad_s2: d.y,
-            dr_rad_s2: d.z,
-        }
-    }
-}
-
-/// Twelve decimals: a picometre, and beyond what any reader of these tables resolves.
-fn write_numbers(
+pub fn write_numbers(
     path: &Path,
     columns: &[&str],
     rows: impl Iterator<Item = Vec<f64>>,

@@ -14,7 +14,7 @@ pub(crate) use validate::validate;
 pub const SESSION_SCHEMA: u32 = 1;
 
 /// The session file as written; paths may be relative to it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SessionFile {
     /// Version of the contract: 1.
@@ -44,10 +44,12 @@ pub struct SessionFile {
     /// Cameras that were calibrated elsewhere, in place of a calibration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rig: Option<RigSection>,
-    /// Whether the light flashed, or a lamp was switched on, once before all cameras: their clocks are then estimated from there.
+    /// Whether the light flashed, or a lamp was switched on, once before all cameras: their clocks are then
+    /// estimated from there.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub flash: bool,
-    /// Whether somebody clapped once for all cameras, whose videos have sound: their clocks are then estimated from there.
+    /// Whether somebody clapped once for all cameras, whose videos have sound: their clocks are then
+    /// estimated from there.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub clap: bool,
     /// What is refined from the flight itself; left out: nothing.
@@ -69,10 +71,12 @@ pub(crate) fn is_empty(path: &Path) -> bool {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LiveSection {
-    /// Poses of an earlier flight (`pose.csv`), whose motion noise is gone by; left out: that of this flight's first seconds.
+    /// Poses of an earlier flight (`pose.csv`) that give the motion noise; left out: this flight's first
+    /// seconds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poses: Option<PathBuf>,
-    /// Half width of a parameter's interval, as a share of its value, at which enough has been seen of it; left out: 0.05.
+    /// Half width of a parameter's interval, as a share of its value, at which enough has been seen of it;
+    /// left out: 0.05.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub enough: Option<f64>,
     /// To an autopilot.
@@ -120,7 +124,8 @@ pub struct ControlSection {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RigSection {
-    /// The cameras as `rig.toml` has them, for instance by `mavsight convert`; those of the session by their names.
+    /// The cameras as `rig.toml` has them, for instance by `mavsight convert`; those of the session by their
+    /// names.
     pub file: PathBuf,
 }
 
@@ -160,8 +165,8 @@ pub struct BoardSection {
     /// Whether images of the same number show the board at the same place to all cameras.
     #[serde(default)]
     pub together: bool,
-    /// What OpenCV calls the markers in the light squares (ChArUco), such as `DICT_4X4_50`: any part of the board then will do. Left
-    /// out: a plain board.
+    /// What OpenCV calls the markers in the light squares (ChArUco), such as `DICT_4X4_50`: any part of the
+    /// board then will do. Left out: a plain board.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dictionary: Option<String>,
     /// Side of a marker, its black border included.
@@ -169,13 +174,23 @@ pub struct BoardSection {
     pub marker_m: Option<f64>,
 }
 
+/// A key whose value makes no sense.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{key}: {detail}")]
+pub struct RefusedKey {
+    /// The key, with those of its sections before it.
+    pub key: String,
+    /// What is wrong and what to do.
+    pub detail: String,
+}
+
 impl BoardSection {
     /// The board's markers; `None` for a plain one.
     ///
     /// # Errors
     /// Key and remedy, where the markers cannot be those of this board.
-    pub fn coded(&self) -> Result<Option<CodedBoard>, (String, String)> {
-        let refuse = |key: &str, detail: String| Err((key.to_owned(), detail));
+    pub fn coded(&self) -> Result<Option<CodedBoard>, RefusedKey> {
+        let refuse = |key: &str, detail: String| Err(RefusedKey { key: key.to_owned(), detail });
         match (&self.dictionary, self.marker_m) {
             (None, None) => Ok(None),
             (Some(_), None) => {
@@ -202,8 +217,8 @@ pub struct RefineSection {
     /// Whether the cameras are refined; they are wherever the markers are.
     #[serde(default)]
     pub rig: bool,
-    /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002. Left out: the markers are
-    /// as in the file.
+    /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002. Left
+    /// out: the markers are as in the file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub markers_std_m: Option<f64>,
     /// Whether the balls' diameters are measured too, from their images.
@@ -217,14 +232,16 @@ pub struct RefineSection {
 pub struct SessionCamera {
     /// Name, unique.
     pub name: String,
-    /// Video file, or pattern of an image sequence such as `cam1/frame_%05d.png`; may be left out where `live` is given.
+    /// Video file, or pattern of an image sequence such as `cam1/frame_%05d.png`; may be left out where
+    /// `live` is given.
     #[serde(default, skip_serializing_if = "is_empty")]
     pub video: PathBuf,
-    /// What ffmpeg opens for `mavsight live`: a device, an address, or its input options and the input, such as
-    /// `-f v4l2 -input_format mjpeg -framerate 60 /dev/video0`.
+    /// What ffmpeg opens for `mavsight live`: a device, an address, or its input options and the input, such
+    /// as `-f v4l2 -input_format mjpeg -framerate 60 /dev/video0`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub live: Option<String>,
-    /// By how much a live frame's time stamp is later than the middle of its exposure, where that is known; left out: 0.
+    /// By how much a live frame's time stamp is later than the middle of its exposure, where that is known;
+    /// left out: 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub latency_s: Option<f64>,
     /// Image of the control frame; may be left out when the control pixels come from a table.
@@ -239,8 +256,8 @@ pub struct SessionCamera {
     /// Frames a second of an image sequence; a video has its own time stamps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame_rate_hz: Option<f64>,
-    /// How much later than the true instant this camera's time stamps are; left out: estimated from the flight (0 for the
-    /// first camera, whose clock is the others' reference).
+    /// How much later than the true instant this camera's time stamps are; left out: estimated from the
+    /// flight (0 for the first camera, whose clock is the others' reference).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_offset_s: Option<f64>,
     /// Standard deviation of `time_offset_s`: it is then where the estimation starts; left out: it is exact.
@@ -268,7 +285,8 @@ pub enum LineTime {
 }
 
 impl LineTime {
-    /// A known one must be shorter than a thousandth of a second: a frame of so few rows that it is longer has none.
+    /// A known one must be shorter than a thousandth of a second: a frame of so few rows that it is longer
+    /// has none.
     pub(crate) fn is_sound(&self) -> bool {
         match self {
             Self::Known(line_time_s) => line_time_s.is_finite() && line_time_s.abs() < 1e-3,

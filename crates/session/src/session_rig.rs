@@ -7,12 +7,12 @@ use mavsight_pose::Rig;
 use std::path::Path;
 
 impl Session {
-    /// The rig that the session names in place of a calibration, its cameras in the session's order; `None` where it names none.
-    /// Cameras of the file that the session does not have are left out.
+    /// The rig that the session names in place of a calibration, its cameras in the session's order; `None`
+    /// where it names none. Cameras of the file that the session does not have are left out.
     ///
     /// # Errors
-    /// Those of [`read_rig`]; a camera that the file does not have, or that has another image size there than its recording. Where
-    /// there is none, as for a camera that is only flown live, the size is the file's.
+    /// Those of [`read_rig`]; a camera that the file does not have, or that has another image size there than
+    /// its recording. Where there is none, as for a camera that is only flown live, the size is the file's.
     pub fn rig(&self) -> Result<Option<Rig>, SessionError> {
         let Some(path) = &self.rig_path else { return Ok(None) };
         let names: Vec<&str> = self.cameras.iter().map(|c| c.name.as_str()).collect();
@@ -21,8 +21,8 @@ impl Session {
         Ok(Some(rig))
     }
 
-    /// Refuses a rig, which has the session's cameras in their order by what `path` names, where a recording has another size than
-    /// its camera was calibrated at.
+    /// Refuses a rig, which has the session's cameras in their order by what `path` names, where a recording
+    /// has another size than its camera was calibrated at.
     ///
     /// # Errors
     /// The first such camera; recordings that cannot be read.
@@ -35,8 +35,7 @@ impl Session {
                     "is calibrated at {}×{} px, but its recording has {}×{}: calibrate it at the size it films in",
                     size.width_px, size.height_px, filmed.width_px, filmed.height_px
                 );
-                let key = format!("camera {}", own.name);
-                return Err(SessionError::Value { path: path.to_owned(), key, detail });
+                return Err(SessionError::value(path, format!("camera {}", own.name), detail));
             }
         }
         Ok(())
@@ -53,11 +52,9 @@ pub fn cameras_of(rig: &Rig, names: &[&str], path: &Path) -> Result<Rig, Session
         .map(|name| {
             rig.cameras.iter().position(|c| c.name == *name).ok_or_else(|| {
                 let found: Vec<&str> = rig.cameras.iter().map(|c| c.name.as_str()).collect();
-                SessionError::Value {
-                    path: path.to_owned(),
-                    key: format!("camera {name}"),
-                    detail: format!("is missing: the file has {}; rename one or the other", found.join(", ")),
-                }
+                let detail =
+                    format!("is missing: the file has {}; rename one or the other", found.join(", "));
+                SessionError::value(path, format!("camera {name}"), detail)
             })
         })
         .collect::<Result<Vec<usize>, _>>()?;

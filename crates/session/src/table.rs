@@ -7,11 +7,11 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-/// What some programs put in front of UTF-8.
+/// What some programs put before UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// A cell of a table as readers here have it back: in quotes where it holds a comma, a quote or a line break, or begins with what
-/// makes a comment.
+/// A cell of a table as readers here have it back: in quotes where it holds a comma, a quote or a line break,
+/// or begins with what makes a comment.
 pub fn csv_cell(text: &str) -> Cow<'_, str> {
     if text.contains([',', '"', '\n', '\r']) || text.starts_with('#') {
         Cow::Owned(format!("\"{}\"", text.replace('"', "\"\"")))
@@ -20,8 +20,9 @@ pub fn csv_cell(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// A table in memory; an hour of inputs has some hundred thousand rows, so that cells have no allocations of their own.
-pub(crate) struct Table {
+/// A table in memory; an hour of inputs has some hundred thousand rows, so that cells have no allocations of
+/// their own.
+pub struct Table {
     path: PathBuf,
     columns: Vec<String>,
     /// All cells, one behind the other, row by row.
@@ -34,14 +35,18 @@ pub(crate) struct Table {
 
 /// One row of it.
 #[derive(Clone, Copy)]
-pub(crate) struct Row<'a> {
+pub struct Row<'a> {
     table: &'a Table,
     index: usize,
 }
 
 impl Table {
-    /// Reads a table, a Parquet one by its name; spaces around cells do not count, lines that begin with `#` neither.
-    pub(crate) fn read(path: &Path, role: &str) -> Result<Self, SessionError> {
+    /// Reads a table, a Parquet one by its name; spaces around cells do not count, lines that begin with `#`
+    /// neither.
+    ///
+    /// # Errors
+    /// A file that is missing, or of which a row is broken.
+    pub fn read(path: &Path, role: &str) -> Result<Self, SessionError> {
         require_file(path, role)?;
         #[cfg(feature = "parquet")]
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet")) {
@@ -91,7 +96,10 @@ impl Table {
     }
 
     /// The rows, at least one.
-    pub(crate) fn rows(&self) -> Result<impl Iterator<Item = Row<'_>>, SessionError> {
+    ///
+    /// # Errors
+    /// A table without rows.
+    pub fn rows(&self) -> Result<impl Iterator<Item = Row<'_>>, SessionError> {
         if self.lines.is_empty() {
             return Err(SessionError::EmptyTable { path: self.path.clone() });
         }
@@ -99,34 +107,40 @@ impl Table {
     }
 
     /// The rows, perhaps none.
-    pub(crate) fn rows_if_any(&self) -> impl Iterator<Item = Row<'_>> {
+    pub fn rows_if_any(&self) -> impl Iterator<Item = Row<'_>> {
         (0..self.lines.len()).map(move |index| Row { table: self, index })
     }
 
     /// Names of the columns.
-    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
+    pub fn names(&self) -> impl Iterator<Item = &str> {
         self.columns.iter().map(String::as_str)
     }
 
     /// The place of a column that must be there.
-    pub(crate) fn column(&self, name: &str) -> Result<usize, SessionError> {
-        self.columns.iter().position(|c| c == name).ok_or_else(|| SessionError::Column {
-            path: self.path.clone(),
-            column: name.to_owned(),
-            found: match &self.columns[..] {
+    ///
+    /// # Errors
+    /// Names the columns found.
+    pub fn column(&self, name: &str) -> Result<usize, SessionError> {
+        self.column_if_any(name).ok_or_else(|| {
+            let found = match &self.columns[..] {
                 [one] if one.contains([';', '\t']) => format!("{one} (one column: put commas between)"),
                 all => all.join(", "),
-            },
+            };
+            let detail = format!("there is no column {name:?}; the columns are {found}: add or rename it");
+            SessionError::File { path: self.path.clone(), detail }
         })
     }
 
     /// The place of a column that may be left out.
-    pub(crate) fn column_if_any(&self, name: &str) -> Option<usize> {
+    pub fn column_if_any(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|c| c == name)
     }
 
     /// The places of several columns that must be there.
-    pub(crate) fn columns<const N: usize>(&self, names: [&str; N]) -> Result<[usize; N], SessionError> {
+    ///
+    /// # Errors
+    /// Names the columns found.
+    pub fn columns<const N: usize>(&self, names: [&str; N]) -> Result<[usize; N], SessionError> {
         let mut places = [0; N];
         for (place, name) in places.iter_mut().zip(names) {
             *place = self.column(name)?;
@@ -147,12 +161,15 @@ fn describe(error: &csv::Error) -> String {
 
 impl<'a> Row<'a> {
     /// Text of a cell.
-    pub(crate) fn text(&self, column: usize) -> &'a str {
+    pub fn text(&self, column: usize) -> &'a str {
         self.table.cell(self.index, column)
     }
 
     /// A finite number.
-    pub(crate) fn number(&self, column: usize) -> Result<f64, SessionError> {
+    ///
+    /// # Errors
+    /// Names row and column.
+    pub fn number(&self, column: usize) -> Result<f64, SessionError> {
         let text = self.text(column);
         match text.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(value),
@@ -167,12 +184,18 @@ impl<'a> Row<'a> {
     }
 
     /// A finite number, or nothing in an empty cell.
-    pub(crate) fn number_if_any(&self, column: usize) -> Result<Option<f64>, SessionError> {
+    ///
+    /// # Errors
+    /// Names row and column.
+    pub fn number_if_any(&self, column: usize) -> Result<Option<f64>, SessionError> {
         if self.text(column).is_empty() { Ok(None) } else { self.number(column).map(Some) }
     }
 
     /// Several numbers at once.
-    pub(crate) fn numbers<const N: usize>(&self, columns: [usize; N]) -> Result<[f64; N], SessionError> {
+    ///
+    /// # Errors
+    /// Names row and column.
+    pub fn numbers<const N: usize>(&self, columns: [usize; N]) -> Result<[f64; N], SessionError> {
         let mut values = [0.0; N];
         for (value, column) in values.iter_mut().zip(columns) {
             *value = self.number(column)?;
@@ -181,7 +204,10 @@ impl<'a> Row<'a> {
     }
 
     /// A time in seconds as nanoseconds.
-    pub(crate) fn time_ns(&self, column: usize) -> Result<i64, SessionError> {
+    ///
+    /// # Errors
+    /// Names row and column.
+    pub fn time_ns(&self, column: usize) -> Result<i64, SessionError> {
         let t_s = self.number(column)?;
         if t_s.abs() < 9e9 {
             // Digit by digit where it is a plain decimal: seconds since 1970 have more of them than a double.
@@ -193,7 +219,7 @@ impl<'a> Row<'a> {
     }
 
     /// The error for a cell of this row.
-    pub(crate) fn refuse(&self, column: usize, detail: String) -> SessionError {
+    pub fn refuse(&self, column: usize, detail: String) -> SessionError {
         SessionError::Cell {
             path: self.table.path.clone(),
             row: self.index + 1,

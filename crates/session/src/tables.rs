@@ -1,8 +1,9 @@
-//! The tables of a session: inputs, control points and pixels, truth.
+//! The tables of a session: inputs, control points and pixels.
 
 use crate::SessionError;
 use crate::table::Table;
 use mavsight_flight::{Color, InputChannel, InputSample, InputSeries};
+use mavsight_pipeline::{ControlPixel, ControlPointRow};
 use std::path::Path;
 
 /// Columns of the inputs.
@@ -15,36 +16,9 @@ pub(crate) const CONTROL_COLUMNS: [&str; 6] = ["name", "x_m", "y_m", "z_m", "dia
 /// Column of the control points that may be left out.
 pub(crate) const SURVEY_COLUMN: &str = "std_m";
 
-/// A ball of the control frame.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ControlPointRow {
-    /// Name, unique.
-    pub name: String,
-    /// Centre, world axes.
-    pub position_m: [f64; 3],
-    /// Diameter; 0 for a point.
-    pub diameter_m: f64,
-    /// Nominal colour.
-    pub color: Color,
-    /// Standard deviation of each coordinate of the surveyed centre; 0 for exact.
-    pub std_m: f64,
-}
-
-/// A control point as clicked or found elsewhere.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ControlPixel {
-    /// Camera name.
-    pub camera: String,
-    /// Name of the control point.
-    pub name: String,
-    /// Column; the centre of the top-left pixel is 0.
-    pub u_px: f64,
-    /// Row.
-    pub v_px: f64,
-}
-
-/// Reads `t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad`; a table of another aircraft may have none of the
-/// last four, which are then zero. Every other column that holds numbers alone is a channel that models may name.
+/// Reads `t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad`; a table of another aircraft may have
+/// none of the last four, which are then zero. Every other column that holds numbers alone is a channel that
+/// models may name.
 ///
 /// # Errors
 /// Names the file, row and column; times must increase.
@@ -146,79 +120,4 @@ pub fn read_control_pixels(
         pixels.push(pixel);
     }
     Ok(pixels)
-}
-
-/// Declares the truth's row and its columns together, so that they cannot drift apart.
-macro_rules! truth_row {
-    ($($(#[$doc:meta])* $field:ident),+ $(,)?) => {
-        /// The true state at one instant, for scoring.
-        #[derive(Debug, Clone, Copy, PartialEq, Default)]
-        pub struct TruthRow { $($(#[$doc])* pub $field: f64,)+ }
-
-        /// Columns of the truth.
-        pub(crate) const TRUTH_COLUMNS: &[&str] = &[$(stringify!($field)),+];
-
-        impl TruthRow {
-            pub(crate) fn values(&self) -> Vec<f64> { vec![$(self.$field),+] }
-        }
-
-        /// Reads the truth table; other columns are ignored.
-        ///
-        /// # Errors
-        /// Names the file, row and column.
-        pub fn read_truth(path: &Path) -> Result<Vec<TruthRow>, SessionError> {
-            let table = Table::read(path, "truth")?;
-            $(let $field = table.column(stringify!($field))?;)+
-            table.rows()?.map(|row| Ok(TruthRow { $($field: row.number($field)?),+ })).collect()
-        }
-    };
-}
-
-truth_row! {
-    /// Time.
-    t_s,
-    /// Position of the centre of gravity, world axes.
-    x_m,
-    /// World Y.
-    y_m,
-    /// World Z, up.
-    z_m,
-    /// Velocity, body axes: forward.
-    u_m_s,
-    /// Right.
-    v_m_s,
-    /// Down.
-    w_m_s,
-    /// Roll.
-    phi_rad,
-    /// Pitch.
-    theta_rad,
-    /// Yaw.
-    psi_rad,
-    /// Roll rate.
-    p_rad_s,
-    /// Pitch rate.
-    q_rad_s,
-    /// Yaw rate.
-    r_rad_s,
-    /// Flapping of the lower rotor, back.
-    alpha_l_rad,
-    /// Flapping of the lower rotor, right.
-    beta_l_rad,
-    /// Flapping of the fly-bar, back.
-    alpha_f_rad,
-    /// Flapping of the fly-bar, right.
-    beta_f_rad,
-    /// Rate of u.
-    du_m_s2,
-    /// Rate of v.
-    dv_m_s2,
-    /// Rate of w.
-    dw_m_s2,
-    /// Rate of p.
-    dp_rad_s2,
-    /// Rate of q.
-    dq_rad_s2,
-    /// Rate of r.
-    dr_rad_s2,
 }

@@ -7,6 +7,7 @@ mod images;
 mod live;
 mod mp4;
 mod mp4_times;
+mod planes;
 mod y4m;
 
 use crate::{FieldOrder, SessionError};
@@ -14,8 +15,8 @@ use mavsight_geometry::ImageSize;
 use mavsight_vision::Frame;
 use std::path::{Path, PathBuf};
 
-pub use audio::{Clap, find_clap};
-pub(crate) use images::sequence_exists;
+pub use audio::find_clap;
+pub(crate) use images::is_pattern;
 pub use images::{read_image, write_png};
 pub use live::LiveVideo;
 pub use y4m::Y4mWriter;
@@ -41,8 +42,9 @@ pub(crate) struct Opened {
 
 /// One camera's recording, the right way up where the container says which that is.
 ///
-/// An error before the first frame is the last item; one behind it is a fault at that place, and what can be read after it follows.
-/// A recording without frames, and one with another number of frames than it announces, ends with an error as well.
+/// An error before the first frame is the last item; one behind it is a fault at that place, and what can be
+/// read after it follows. A recording without frames, and one with another number of frames than it
+/// announces, ends with an error as well.
 pub struct FrameSource {
     path: PathBuf,
     opened: Opened,
@@ -53,8 +55,8 @@ pub struct FrameSource {
     done: bool,
 }
 
-/// Fields of an interlaced recording that wait: a frame's time is known to be its first field's, the second's is half a frame
-/// later, which the next frame tells.
+/// Fields of an interlaced recording that wait: a frame's time is known to be its first field's, the second's
+/// is half a frame later, which the next frame shows.
 struct Fields {
     order: FieldOrder,
     frame: Option<(i64, Frame)>,
@@ -63,9 +65,9 @@ struct Fields {
 }
 
 impl FrameSource {
-    /// Opens a recording: a name with `%d` or `%05d` is an image sequence and needs `frame_rate_hz`; `.mp4`, `.m4v`
-    /// and `.mov` with H.264 are decoded in-process, `.y4m` is read as it is; anything else goes through the ffmpeg program, whose name the
-    /// environment variable `MAVSIGHT_FFMPEG` overrides.
+    /// Opens a recording: a name with `%d` or `%05d` is an image sequence and needs `frame_rate_hz`; `.mp4`,
+    /// `.m4v` and `.mov` with H.264 are decoded in-process, `.y4m` is read as it is; anything else goes
+    /// through the ffmpeg program, whose name the environment variable `MAVSIGHT_FFMPEG` overrides.
     ///
     /// # Errors
     /// A file that is missing, damaged, empty, or needs an ffmpeg that is not there.
@@ -100,14 +102,14 @@ impl FrameSource {
         Self { path, opened, offset_ns: 0, fields: None, read: 0, span_ns: None, done: false }
     }
 
-    /// The fields of an interlaced recording one by one, at twice the rate, each filled up to a whole frame. Rows are those of the
-    /// recording as it is stored.
+    /// The fields of an interlaced recording one by one, at twice the rate, each filled up to a whole frame.
+    /// Rows are those of the recording as it is stored.
     pub fn fields(mut self, order: FieldOrder) -> Self {
         self.fields = Some(Fields { order, frame: None, second: None, interval_ns: 0 });
         self
     }
 
-    /// The same frames with `lateness_s` taken off their time stamps.
+    /// Takes `lateness_s` off the time stamps of all frames.
     pub fn delayed_by(mut self, lateness_s: f64) -> Self {
         self.offset_ns = crate::ns_from_s(lateness_s);
         self
@@ -141,7 +143,8 @@ impl FrameSource {
             return Some(SessionError::NoFrames { path: self.path.clone() });
         };
         let interval_s = (last_ns - first_ns) as f64 * 1e-9 / self.read.saturating_sub(1).max(1) as f64;
-        // A declared length is rounded, and the last frame's own length may be left out of it; of some containers it is the end's time.
+        // A declared length is rounded, and the last frame's own length may be left out of it; of some
+        // containers it is the end's time.
         let by_length = self.opened.declared_s.filter(|_| self.read > 1).and_then(|length_s| {
             let begins_s = (first_ns as f64 * 1e-9).max(0.0);
             let frames = ((length_s - begins_s) / interval_s).round().max(0.0) as usize;

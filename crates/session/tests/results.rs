@@ -164,7 +164,7 @@ fn all_tables_survive() {
     let turn = |p: &PoseEstimate| {
         euler_std(&p.world_from_body, &p.covariance().fixed_view::<3, 3>(3, 3).into_owned())
     };
-    // What stays is kept to seven digits.
+    // Systematic errors are kept to seven digits.
     assert_relative_eq!(turn(a), turn(b), max_relative = 2e-7);
     assert_relative_eq!(a.own_covariance(), b.own_covariance(), epsilon = 1e-16);
     assert_relative_eq!(a.covariance().diagonal(), b.covariance().diagonal(), max_relative = 0.3);

@@ -6,10 +6,11 @@ mod common;
 
 use common::{Folder, data};
 use mavsight_flight::{InputSample, InputSeries, Vehicle};
-use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs, read_truth};
+use mavsight_pipeline::ControlPointRow;
+use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs};
 use mavsight_session::{
-    ControlPointRow, ControlSection, RefineSection, Session, SessionCamera, SessionFile, load_model,
-    load_vehicle, write_control_points, write_inputs, write_session, write_vehicle,
+    ControlSection, RefineSection, Session, SessionCamera, SessionFile, load_model, load_vehicle,
+    write_control_points, write_inputs, write_session, write_vehicle,
 };
 use std::path::PathBuf;
 
@@ -87,10 +88,6 @@ fn paper_flight_is_read() {
     assert_eq!((points.len(), points[7].name.as_str()), (8, "violet"));
     assert_eq!(points[7].position_m, [-1.5, 1.5, 3.0]);
     assert_eq!(session.inputs().unwrap().samples()[0].omega_u_rad_s, 214.719989849);
-    let truth = session.truth().unwrap().unwrap();
-    assert_eq!(truth.len(), 300);
-    assert_eq!((truth[1].t_s, truth[1].z_m), (0.033333333, 1.5));
-    assert!((truth[1].psi_rad + 22.5_f64.to_radians()).abs() < 1e-6);
 }
 
 #[test]
@@ -265,15 +262,6 @@ fn control_tables_are_checked() {
     has(&read("cam9,a,1,2\n").unwrap_err().to_string(), &["x.csv", "row 1", "camera", "cam9", "cam1"]);
     has(&read("cam1,c,1,2\n").unwrap_err().to_string(), &["x.csv", "row 1", "name", "\"c\"", "a, b"]);
     has(&read("cam1,a,1,2\ncam1,a,1,2\n").unwrap_err().to_string(), &["x.csv", "row 2", "twice"]);
-}
-
-#[test]
-fn truth_names_its_missing_column() {
-    let folder = Folder::new();
-    has(
-        &read_truth(&folder.write("truth.csv", "t_s,x_m\n0,0\n")).unwrap_err().to_string(),
-        &["truth.csv", "y_m"],
-    );
 }
 
 #[test]

@@ -1,11 +1,13 @@
-//! Frame sources: both video paths agree, time stamps come from the container, damaged recordings are refused.
+//! Frame sources: both video paths agree, time stamps come from the container, damaged recordings are
+//! refused.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod common;
 
 use common::{Folder, data, ffmpeg, fixture};
-use mavsight_session::{Clap, FrameSource, SessionError, find_clap, read_image, write_png};
+use mavsight_pipeline::Clap;
+use mavsight_session::{FrameSource, SessionError, find_clap, read_image, write_png};
 use mavsight_vision::{Frame, Pixels, YuvMatrix};
 use std::path::Path;
 
@@ -88,7 +90,7 @@ fn odd_files_are_the_same_by_both_paths() {
             &["-i", "FIXTURE", "-vf", "scale=out_range=full", "-pix_fmt", "yuvj420p", "-c:v", "libx264"],
         ),
         ("fragments.mp4", &["-i", "FIXTURE", "-c", "copy", "-movflags", "frag_keyframe+empty_moov"]),
-        ("front.mov", &["-i", "FIXTURE", "-c", "copy", "-movflags", "faststart"]),
+        ("moov-first.mov", &["-i", "FIXTURE", "-c", "copy", "-movflags", "faststart"]),
     ];
     for (name, arguments) in cases {
         let fixture = fixture();
@@ -246,7 +248,7 @@ fn a_damaged_sample_is_named() {
     assert!(text.contains("damaged.mp4") && text.contains("frame "), "{text}");
 }
 
-/// `none.mp4` is what ffmpeg leaves when it is told to copy no frame.
+/// `none.mp4` is what ffmpeg leaves when it is asked to copy no frame.
 #[test]
 fn a_video_of_zero_frames_is_refused() {
     let clip = fixture().with_file_name("none.mp4");
@@ -305,7 +307,8 @@ fn made(folder: &Folder, name: &str, arguments: &[&str]) -> std::path::PathBuf {
     folder.path(name)
 }
 
-/// A telephone held upright leaves a matrix in the container: both paths turn the frames as ffmpeg's own rotation does.
+/// A telephone held upright leaves a matrix in the container: both paths turn the frames as ffmpeg's own
+/// rotation does.
 #[test]
 fn rotated_files_are_upright_by_both_paths() {
     if !ffmpeg() {

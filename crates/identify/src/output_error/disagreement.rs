@@ -3,6 +3,7 @@
 use super::covariance::inverse;
 use crate::IdentifyError;
 use nalgebra::{DMatrix, DVector};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// How the errors of two estimates hang together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,44 +69,9 @@ pub fn disagreement(
     Ok(Disagreement { chi_square, degrees: n, p_value: chi_square_tail(chi_square, n) })
 }
 
-/// Probability that a chi-square of `degrees` exceeds `x`: by the finite sums for even and odd degrees (Abramowitz &
-/// Stegun 26.4.4 and 26.4.5).
+/// Probability that a chi-square of `degrees` exceeds `x`.
 pub(crate) fn chi_square_tail(x: f64, degrees: usize) -> f64 {
-    if x <= 0.0 || degrees == 0 {
-        return 1.0;
-    }
-    let half = 0.5 * x;
-    let (mut term, mut sum, first) = if degrees.is_multiple_of(2) {
-        ((-half).exp(), 0.0, 2)
-    } else {
-        (2.0 * (half / std::f64::consts::PI).sqrt() * (-half).exp(), erfc(half.sqrt()), 3)
-    };
-    let mut k = first;
-    while k <= degrees {
-        sum += term;
-        term *= x / k as f64;
-        k += 2;
-    }
-    sum.min(1.0)
-}
-
-/// 1 - erf by its continued fraction above 2 and its series below (Abramowitz & Stegun 7.1.14 and 7.1.6), x ≥ 0.
-fn erfc(x: f64) -> f64 {
-    let scale = 2.0 / std::f64::consts::PI.sqrt() * (-x * x).exp();
-    if x < 2.0 {
-        let (mut term, mut sum, mut n) = (x, x, 1.0);
-        while term > 1e-17 * sum {
-            term *= 2.0 * x * x / (2.0 * n + 1.0);
-            sum += term;
-            n += 1.0;
-        }
-        return 1.0 - scale * sum;
-    }
-    let mut fraction = x;
-    for n in (1..=120).rev() {
-        fraction = x + 0.5 * f64::from(n) / fraction;
-    }
-    0.5 * scale / fraction
+    ChiSquared::new(degrees as f64).map_or(1.0, |c| c.sf(x.max(0.0)))
 }
 
 #[cfg(test)]

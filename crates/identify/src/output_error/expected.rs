@@ -123,7 +123,7 @@ impl ExpectedFit {
     ///
     /// # Errors
     /// [`IdentifyError::PlannedStates`] for another number of instants, or of directions at some of them.
-    pub fn with_lasting(mut self, systematic: &[Matrix6xX<f32>]) -> Result<Self, IdentifyError> {
+    pub fn with_systematic(mut self, systematic: &[Matrix6xX<f32>]) -> Result<Self, IdentifyError> {
         let instants = self.states.len();
         let directions = systematic.first().map_or(0, Matrix6xX::ncols);
         if systematic.len() != instants || systematic.iter().any(|s| s.ncols() != directions) {

@@ -353,7 +353,7 @@ mod tests {
     /// Rotors of a real aircraft seldom hover at one speed: estimators disagreed by a chi-square of 97 000 of the same flight.
     #[test]
     fn what_a_disc_does_is_the_same_by_the_mean_speed_and_by_its_own() {
-        use mavsight_flight::{Coefficient, Coefficients};
+        use mavsight_flight::Coefficient;
         let vehicle = Vehicle::paper();
         let input = |t_s: f64| InputSample {
             t_s,
@@ -364,7 +364,8 @@ mod tests {
         };
         let inputs = InputSeries::new(vec![input(0.0), input(1.0)]).expect("inputs");
         let mut model = FlightModel::new(&vehicle, &inputs).expect("a model");
-        model.coefficients = Coefficients::of_vehicle(&vehicle, model.airframe.reference_speed_rad_s());
+        model.coefficients =
+            mavsight_simulator::true_coefficients(&vehicle, model.airframe.reference_speed_rad_s());
         let force_n = |flapping: usize, angle_rad: f64| {
             let mut y = [0.0; mavsight_flight::FLIGHT_STATES];
             (y[3], y[flapping]) = (1.0, angle_rad);

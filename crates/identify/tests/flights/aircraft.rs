@@ -1,11 +1,9 @@
 //! Flights of the simulated aircraft, as exact motion and as noisy poses behind the smoother.
 
-use mavsight_flight::{
-    Channel, FlightState, InputSeries, Maneuver, Scenario, Vehicle, hover_rotor_speed_rad_s,
-    model_coefficients, simulate,
-};
+use mavsight_flight::{InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{UnitQuaternion, Vector3, world_from_body};
 use mavsight_pose::{Motion, MotionSample, PoseEstimate, PoseSample, smooth};
+use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, model_coefficients, simulate};
 use nalgebra::{Matrix6, Translation3};
 
 /// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX constants).

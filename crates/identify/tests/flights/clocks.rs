@@ -1,8 +1,9 @@
 //! Clocks that differ between inputs and motion.
 
 use crate::aircraft::{Flown, fly, longitudinal_multisine};
-use mavsight_flight::{InputSeries, Scenario, Vehicle};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{Clocks, IdentifyError, Options, delayed, estimate_lag};
+use mavsight_simulator::Scenario;
 
 /// The inputs as a clock that is `late_s` late has stamped them.
 fn stamped(flown: &Flown, late_s: f64) -> InputSeries {

@@ -6,15 +6,13 @@ mod coverage;
 mod tally;
 
 use aircraft::{Flown, PRODUCTS, fly, longitudinal_multisine, multisine};
-use mavsight_flight::{
-    Channel, FlightError, InputSample, InputSeries, Maneuver, Scenario, Vehicle, hover_rotor_speed_rad_s,
-    model_coefficients,
-};
+use mavsight_flight::{FlightError, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_identify::{
     Band, Bandwidth, CoefficientTable, Estimator, FitOptions, Identification, IdentifyError, Model, Options,
     choose_structure, coefficients, identify, identify_with,
 };
 use mavsight_pose::smooth;
+use mavsight_simulator::{Channel, Maneuver, Scenario, model_coefficients};
 
 /// Options without any low-pass, for motion that has passed none.
 fn unfiltered(model: Option<&str>) -> Options {

@@ -1,7 +1,8 @@
-//! A flight whose pose at any instant is a formula of the clock, so that a client can compute what it should have received.
+//! A flight whose pose at any instant is a formula of the clock, so that a client can compute what it should
+//! have received.
 //!
-//! Once round in four seconds, banked and nose up by constant angles, rising and sinking twice a round. Of every two seconds the
-//! last half one is not measured.
+//! Once round in four seconds, banked and nose up by constant angles, rising and sinking twice a round. Of
+//! every two seconds the last half one is not measured.
 
 use mavsight_geometry::{EulerAngles, Matrix6, Vector3, world_from_body, world_from_level};
 use mavsight_link::{Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Tracking};

@@ -10,7 +10,8 @@ const LOCAL_FRD: u8 = 20;
 const BODY_FRD: u8 = 12;
 /// MAV_ESTIMATOR_TYPE_VISION.
 const VISION: u8 = 2;
-/// MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, no mode, MAV_STATE_ACTIVE, MAVLink 3 (as 1 and 2 both say).
+/// MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, no mode, MAV_STATE_ACTIVE, MAVLink 3 (as 1 and 2 both
+/// say).
 const HEART: [u8; 5] = [18, 8, 0, 4, 3];
 
 const HEARTBEAT: u32 = 0;
@@ -55,25 +56,9 @@ pub(super) struct Odometry {
 /// The dialect of these messages.
 pub(super) struct Messages;
 
-/// Bytes one after the other.
-struct Payload<'a> {
-    bytes: &'a mut [u8],
-    length: usize,
-}
-
-impl Payload<'_> {
-    fn put(&mut self, bytes: &[u8]) {
-        let end = self.length + bytes.len();
-        if let Some(room) = self.bytes.get_mut(self.length..end) {
-            room.copy_from_slice(bytes);
-        }
-        self.length = end;
-    }
-}
-
 impl Odometry {
-    fn write(&self, to: &mut Payload) {
-        to.put(&self.time_usec.to_le_bytes());
+    fn write(&self, to: &mut Vec<u8>) {
+        to.extend(self.time_usec.to_le_bytes());
         let parts: [&[f32]; 6] = [
             &self.position_m,
             &self.attitude,
@@ -82,11 +67,9 @@ impl Odometry {
             &self.pose_covariance,
             &self.velocity_covariance,
         ];
-        for value in parts.into_iter().flatten() {
-            to.put(&value.to_le_bytes());
-        }
-        to.put(&[LOCAL_FRD, BODY_FRD, self.resets, VISION]);
-        to.put(&self.quality.to_le_bytes());
+        to.extend(parts.concat().iter().flat_map(|value| value.to_le_bytes()));
+        to.extend([LOCAL_FRD, BODY_FRD, self.resets, VISION]);
+        to.extend(self.quality.to_le_bytes());
     }
 }
 
@@ -136,24 +119,21 @@ impl Dialect for Messages {
         message: &Message,
         payload: &mut [u8],
     ) -> Result<usize, EncoderError> {
-        let maximum = payload.len();
-        let mut to = Payload { bytes: payload, length: 0 };
+        let mut bytes = Vec::with_capacity(payload.len());
         match message {
-            Message::Heartbeat => {
-                to.put(&[0; 4]);
-                to.put(&HEART);
-            }
+            Message::Heartbeat => bytes.extend([&[0; 4], &HEART[..]].concat()),
             Message::Timesync(t) => {
-                to.put(&t.responding_ns.to_le_bytes());
-                to.put(&t.asking_ns.to_le_bytes());
-                to.put(&t.target);
+                bytes.extend(t.responding_ns.to_le_bytes());
+                bytes.extend(t.asking_ns.to_le_bytes());
+                bytes.extend(t.target);
             }
-            Message::Odometry(o) => o.write(&mut to),
+            Message::Odometry(o) => o.write(&mut bytes),
         }
-        let actual = to.length;
-        let Some(written) = to.bytes.get(..actual) else {
+        let (maximum, actual) = (payload.len(), bytes.len());
+        let Some(written) = payload.get_mut(..actual) else {
             return Err(EncoderError::InvalidPayloadSize { id: self.message_id(message), maximum, actual });
         };
+        written.copy_from_slice(&bytes);
         Ok(remove_trailing_zeroes(written))
     }
 }

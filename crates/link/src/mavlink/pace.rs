@@ -12,16 +12,16 @@ impl Pace {
         Self { interval_ns: (1e9 / rate_hz).round() as i64, due_ns: None }
     }
 
-    /// Whether the instant goes through. Instants are counted against a grid, so that 60 Hz gives 50 Hz and not 30; the grid
-    /// begins anew after a gap, or where the clock was set back.
+    /// Whether the instant goes through. Instants are counted against a grid, so that 60 Hz gives 50 Hz and
+    /// not 30; the grid begins again after a gap, or where the clock was set back.
     pub(super) fn due(&mut self, at_ns: i64) -> bool {
         let due = self.due_ns.unwrap_or(at_ns);
         let off = at_ns.saturating_sub(due);
         if off < 0 && off > -2 * self.interval_ns {
             return false;
         }
-        let anew = off.abs() >= 2 * self.interval_ns;
-        self.due_ns = Some(if anew { at_ns } else { due }.saturating_add(self.interval_ns));
+        let restart = off.abs() >= 2 * self.interval_ns;
+        self.due_ns = Some(if restart { at_ns } else { due }.saturating_add(self.interval_ns));
         true
     }
 }

@@ -32,7 +32,7 @@ fn ask(server: &Natnet, asking: &UdpSocket, packet: &[u8]) -> Option<Vec<u8>> {
 
 /// Offsets as in the structure that libmotioncapture lays over the packet.
 #[test]
-fn the_server_tells_version_clock_and_port() {
+fn the_server_sends_version_clock_and_port() {
     let (server, asking, data) = server();
     let info = ask(&server, &asking, &[0, 0, 0, 0]).expect("an answer");
     assert_eq!(info.len(), 283);

@@ -29,10 +29,10 @@ pub(super) struct Column {
     pub(super) array: Array,
 }
 
-const V5: i16 = 4;
+const V5: i64 = 4;
 /// Members of Arrow's union of messages.
-const SCHEMA: u8 = 1;
-const RECORD_BATCH: u8 = 3;
+const SCHEMA: i64 = 1;
+const RECORD_BATCH: i64 = 3;
 
 impl Array {
     /// One list for each row.
@@ -60,19 +60,19 @@ impl Array {
     }
 
     /// Member of Arrow's union of types, and that type.
-    fn kind(&self) -> (u8, Vec<(u16, Flat)>) {
-        let int = |bits: i32| (2, vec![(0, Flat::Int(bits)), (1, Flat::Byte(0))]);
+    fn kind(&self) -> (i64, Vec<(u16, Flat)>) {
+        let int = |bits: i64| (2, vec![(0, Flat::Number(bits)), (1, Flat::Number(0))]);
         match self {
-            Self::F32(_) => (3, vec![(0, Flat::Short(1))]),
-            Self::F64(_) => (3, vec![(0, Flat::Short(2))]),
+            Self::F32(_) => (3, vec![(0, Flat::Number(1))]),
+            Self::F64(_) => (3, vec![(0, Flat::Number(2))]),
             Self::Bytes(_) => int(8),
             Self::Words(_) => int(32),
-            Self::Timestamp(_) => (10, vec![(0, Flat::Short(3))]),
-            Self::Duration(_) => (18, vec![(0, Flat::Short(3))]),
-            Self::Id(_) => (15, vec![(0, Flat::Int(16))]),
+            Self::Timestamp(_) => (10, vec![(0, Flat::Number(3))]),
+            Self::Duration(_) => (18, vec![(0, Flat::Number(3))]),
+            Self::Id(_) => (15, vec![(0, Flat::Number(16))]),
             Self::Text(_) => (5, Vec::new()),
             Self::List(..) => (12, Vec::new()),
-            Self::Fixed(n, _) => (16, vec![(0, Flat::Int(*n))]),
+            Self::Fixed(n, _) => (16, vec![(0, Flat::Number(i64::from(*n)))]),
         }
     }
 
@@ -86,8 +86,8 @@ impl Array {
         };
         Flat::Table(vec![
             (0, Flat::Text(name.to_owned())),
-            (1, Flat::Byte(u8::from(nullable))),
-            (2, Flat::Byte(kind)),
+            (1, Flat::Number(i64::from(nullable))),
+            (2, Flat::Number(kind)),
             (3, Flat::Table(of)),
             (5, Flat::List(children)),
             (6, pairs(about)),
@@ -98,13 +98,11 @@ impl Array {
         body.nodes.push([self.len() as i64, 0]);
         body.push(&[]);
         match self {
-            Self::F32(v) => body.push(&v.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<_>>()),
-            Self::F64(v) => body.push(&v.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<_>>()),
+            Self::F32(v) => body.push(&le(v, |n| n.to_le_bytes())),
+            Self::F64(v) => body.push(&le(v, |n| n.to_le_bytes())),
             Self::Bytes(v) => body.push(v),
-            Self::Words(v) => body.push(&v.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<_>>()),
-            Self::Timestamp(v) | Self::Duration(v) => {
-                body.push(&v.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<_>>());
-            }
+            Self::Words(v) => body.push(&le(v, |n| n.to_le_bytes())),
+            Self::Timestamp(v) | Self::Duration(v) => body.push(&le(v, |n| n.to_le_bytes())),
             Self::Id(v) => body.push(v.as_flattened()),
             Self::Text(v) => {
                 let ends = v.iter().scan(0, |end, text| {
@@ -116,12 +114,16 @@ impl Array {
                 body.push(v.concat().as_bytes());
             }
             Self::List(ends, items) => {
-                body.push(&ends.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<_>>());
+                body.push(&le(ends, |n| n.to_le_bytes()));
                 items.put(body);
             }
             Self::Fixed(_, items) => items.put(body),
         }
     }
+}
+
+fn le<T, const N: usize>(values: &[T], bytes: impl Fn(&T) -> [u8; N]) -> Vec<u8> {
+    values.iter().flat_map(bytes).collect()
 }
 
 fn pairs(about: &[(&'static str, String)]) -> Flat {
@@ -157,20 +159,20 @@ pub(super) fn stream(columns: &[Column], about: &[(&'static str, String)]) -> Ve
     columns.iter().for_each(|c| c.array.put(&mut body));
     let rows = columns.first().map_or(0, |c| c.array.len());
     let batch = Flat::Table(vec![
-        (0, Flat::Long(rows as i64)),
+        (0, Flat::Number(rows as i64)),
         (1, Flat::Pairs(body.nodes)),
         (2, Flat::Pairs(body.buffers)),
     ]);
     let mut out = Vec::new();
-    message(&mut out, (SCHEMA, schema), &[]);
-    message(&mut out, (RECORD_BATCH, batch), &body.bytes);
+    message(&mut out, SCHEMA, schema, &[]);
+    message(&mut out, RECORD_BATCH, batch, &body.bytes);
     out.extend([0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0]);
     out
 }
 
-fn message(out: &mut Vec<u8>, (kind, header): (u8, Flat), body: &[u8]) {
+fn message(out: &mut Vec<u8>, kind: i64, header: Flat, body: &[u8]) {
     let whole =
-        [(0, Flat::Short(V5)), (1, Flat::Byte(kind)), (2, header), (3, Flat::Long(body.len() as i64))];
+        [(0, Flat::Number(V5)), (1, Flat::Number(kind)), (2, header), (3, Flat::Number(body.len() as i64))];
     let mut head = buffer(&Flat::Table(whole.into()));
     head.resize(head.len().next_multiple_of(8), 0);
     out.extend([0xff; 4]);

@@ -1,4 +1,5 @@
-//! Rerun's file: a header, then messages of `rerun.log_msg.v1alpha1` (Protocol Buffers), each with its kind and length before it.
+//! Rerun's file: a header, then messages of `rerun.log_msg.v1alpha1` (Protocol Buffers), each with its kind
+//! and length before it.
 
 use super::arrow::{Array, Column, stream};
 use std::fs::File;
@@ -39,6 +40,11 @@ fn bytes(out: &mut Vec<u8>, field: u64, of: &[u8]) {
     out.extend(of);
 }
 
+fn id_message(id: [u64; 2]) -> Vec<u8> {
+    let field = |(field, n): (u8, u64)| [vec![field << 3 | 1], n.to_le_bytes().into()].concat();
+    [1, 2].into_iter().zip(id).flat_map(field).collect()
+}
+
 impl RrdFile {
     /// Begins a recording of that application.
     pub(super) fn create(path: &Path, application: &str, begun_ns: i64) -> io::Result<Self> {
@@ -58,8 +64,7 @@ impl RrdFile {
         bytes(&mut source, 2, &name);
         bytes(&mut info, 2, &own.store);
         bytes(&mut info, 5, &source);
-        let row = own.id_message();
-        bytes(&mut message, 1, &row);
+        bytes(&mut message, 1, &id_message(own.id()));
         bytes(&mut message, 2, &info);
         own.put(SET_STORE_INFO, &message)?;
         Ok(own)
@@ -69,15 +74,6 @@ impl RrdFile {
     fn id(&mut self) -> [u64; 2] {
         self.ids += 1;
         [self.begun_ns, self.ids]
-    }
-
-    fn id_message(&mut self) -> Vec<u8> {
-        let mut out = Vec::new();
-        for (field, n) in [1_u8, 2].into_iter().zip(self.id()) {
-            out.push(field << 3 | 1);
-            out.extend(n.to_le_bytes());
-        }
-        out
     }
 
     fn put(&mut self, kind: u64, message: &[u8]) -> io::Result<()> {
@@ -117,12 +113,7 @@ impl RrdFile {
         number(&mut message, 3, payload.len() as u64);
         number(&mut message, 4, 1);
         bytes(&mut message, 5, &payload);
-        let mut id = Vec::new();
-        for (field, n) in [1_u8, 2].into_iter().zip([time, count]) {
-            id.push(field << 3 | 1);
-            id.extend(n.to_le_bytes());
-        }
-        bytes(&mut message, 6, &id);
+        bytes(&mut message, 6, &id_message([time, count]));
         number(&mut message, 7, u64::from(is_static));
         self.put(ARROW_MESSAGE, &message)
     }

@@ -1,12 +1,10 @@
-//! FlatBuffers, as much as Arrow's messages need: tables, texts and lists of them, written front to back, so that every offset but that of
-//! a table's layout points forward.
+//! FlatBuffers, as much as Arrow's messages need: tables, texts and lists of them, written from the start to
+//! the end, so that every offset but that of a table's layout points forward.
 
 /// A value of a FlatBuffer.
 pub(super) enum Flat {
-    Byte(u8),
-    Short(i16),
-    Int(i32),
-    Long(i64),
+    /// A whole number of any width: each has eight bytes of its table.
+    Number(i64),
     Text(String),
     /// Fields by their number.
     Table(Vec<(u16, Flat)>),
@@ -67,17 +65,7 @@ impl Flat {
             }
             Self::Table(fields) => write_table(fields, out),
             // Numbers lie within their table.
-            Self::Byte(_) | Self::Short(_) | Self::Int(_) | Self::Long(_) => out.len(),
-        }
-    }
-
-    fn inline(&self) -> i64 {
-        match self {
-            Self::Byte(n) => i64::from(*n),
-            Self::Short(n) => i64::from(*n),
-            Self::Int(n) => i64::from(*n),
-            Self::Long(n) => *n,
-            _ => 0,
+            Self::Number(_) => out.len(),
         }
     }
 }
@@ -95,9 +83,12 @@ fn write_table(fields: &[(u16, Flat)], out: &mut Vec<u8>) -> usize {
     pad(out, 8, 4);
     let at = out.len();
     out.extend(((at - layout) as i32).to_le_bytes());
-    fields.iter().for_each(|(_, value)| out.extend(value.inline().to_le_bytes()));
+    for (_, value) in fields {
+        let number = if let Flat::Number(n) = value { *n } else { 0 };
+        out.extend(number.to_le_bytes());
+    }
     for (k, (_, value)) in fields.iter().enumerate() {
-        if matches!(value, Flat::Text(_) | Flat::Table(_) | Flat::List(_) | Flat::Pairs(_)) {
+        if !matches!(value, Flat::Number(_)) {
             let target = value.write(out);
             patch(out, at + 4 + 8 * k, target);
         }

@@ -1,5 +1,5 @@
-//! VRPN's messages: a header of 24 bytes (length without padding, seconds, microseconds, sender, type, number), the payload,
-//! padding to 8 bytes; big-endian throughout.
+//! VRPN's messages: a header of 24 bytes (length without padding, seconds, microseconds, sender, type,
+//! number), the payload, padding to 8 bytes; big-endian throughout.
 
 use crate::vrpn::TURN_S;
 use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
@@ -69,21 +69,17 @@ pub(super) fn descriptions(body: &str) -> Vec<u8> {
     out
 }
 
-/// Two numbers of the sensor, of which the second is there for alignment, then numbers.
-fn report<const N: usize>(numbers: [f64; N], payload: &mut [u8]) {
-    for (eight, value) in payload[8..].chunks_exact_mut(8).zip(numbers) {
-        eight.copy_from_slice(&value.to_be_bytes());
-    }
-    payload[..4].copy_from_slice(&SENSOR.to_be_bytes());
-    payload[4..8].copy_from_slice(&SENSOR.to_be_bytes());
+/// A report: two numbers of the sensor, of which the second is there for alignment, then numbers.
+fn report(out: &mut Vec<u8>, at_ns: i64, kind: Kind, numbers: &[f64]) {
+    let mut payload = [SENSOR.to_be_bytes(); 2].concat();
+    payload.extend(numbers.iter().flat_map(|n| n.to_be_bytes()));
+    message(out, at_ns, kind, &payload);
 }
 
 /// Position and attitude (x, y, z, w).
 pub(super) fn pos_quat(out: &mut Vec<u8>, at_ns: i64, pose: &Isometry3<f64>) {
     let (t, q) = (pose.translation, pose.rotation);
-    let mut payload = [0; 64];
-    report([t.x, t.y, t.z, q.i, q.j, q.k, q.w], &mut payload);
-    message(out, at_ns, Kind::PosQuat, &payload);
+    report(out, at_ns, Kind::PosQuat, &[t.x, t.y, t.z, q.i, q.j, q.k, q.w]);
 }
 
 /// Velocity, the turn over [`TURN_S`] (x, y, z, w), and that time.
@@ -94,9 +90,7 @@ pub(super) fn velocity(
     turning_rad_s: &Vector3<f64>,
 ) {
     let (v, q) = (velocity_m_s, UnitQuaternion::from_scaled_axis(turning_rad_s * TURN_S));
-    let mut payload = [0; 72];
-    report([v.x, v.y, v.z, q.i, q.j, q.k, q.w, TURN_S], &mut payload);
-    message(out, at_ns, Kind::Velocity, &payload);
+    report(out, at_ns, Kind::Velocity, &[v.x, v.y, v.z, q.i, q.j, q.k, q.w, TURN_S]);
 }
 
 /// The port in a client's call, "host port".
@@ -141,7 +135,7 @@ impl Inbox {
         self.bytes.len() <= 2 * LONGEST
     }
 
-    /// The next thing that asks for an answer; what does not is passed over.
+    /// The next message that asks for an answer; others are passed over.
     pub(super) fn next(&mut self) -> Read {
         if !self.welcome {
             return self.cookie();

@@ -63,7 +63,7 @@ fn numbers(payload: &[u8]) -> Vec<f64> {
 }
 
 #[test]
-fn a_client_is_called_back_and_told_poses() {
+fn a_client_is_called_back_and_gets_poses() {
     let mut server = server();
     let mut stream = called(&server);
     greet(&mut stream);

@@ -4,7 +4,7 @@ use crate::common::{camera, film, rig, setup};
 use mavsight_flight::Vehicle;
 use mavsight_link::Event;
 use mavsight_live::{CameraSetup, FlightClock, Pace, Replay, Source, fly};
-use mavsight_pipeline::{CameraFeed, PipelineError, Quiet, TimedFrame, track_and};
+use mavsight_pipeline::{CameraFeed, NoProgress, PipelineError, TimedFrame, track_with};
 use mavsight_pose::{CausalFilter, ChainNoise, MotionNoise, PoseSample};
 use mavsight_vision::Frame;
 use std::convert::Infallible;
@@ -13,7 +13,7 @@ fn noise() -> MotionNoise {
     MotionNoise { translation: ChainNoise::white(0.3, 1.2), rotation: ChainNoise::white(4.0, 0.8) }
 }
 
-/// The same recordings as live cameras.
+/// Recordings as live cameras.
 fn replays(films: &[Vec<(i64, Frame)>]) -> Vec<CameraSetup> {
     let replay = |(k, film): (usize, &Vec<(i64, Frame)>)| {
         let mut frames = Some(film.clone().into_iter().map(Ok::<_, Infallible>));
@@ -36,7 +36,7 @@ fn batch(films: &[Vec<(i64, Frame)>]) -> Result<Vec<PoseSample>, PipelineError> 
     };
     let mut poses = Vec::new();
     let feeds = films.iter().enumerate().map(feed).collect();
-    track_and(feeds, &rig, &vehicle, &Quiet, |i| poses.push(i.association.sample.clone()))?;
+    track_with(feeds, &rig, &vehicle, &NoProgress, |i| poses.push(i.association.sample.clone()))?;
     Ok(poses)
 }
 
@@ -71,9 +71,9 @@ fn batch_and_live_are_one_bit_for_bit() {
     }
 }
 
-/// The same words for a recording and in flight, where the cameras go on: whoever flies has to see it.
+/// A batch run refuses exchanged cameras; a flight goes on and reports them.
 #[test]
-fn cameras_in_each_others_place_are_told() {
+fn exchanged_cameras_are_reported() {
     let (rig, vehicle) = (rig(), Vehicle::paper());
     let mut films = film(&rig, 90, 30.0);
     films.swap(0, 1);
@@ -83,12 +83,12 @@ fn cameras_in_each_others_place_are_told() {
     let (flight, heard) = setup((&rig, &vehicle), replays(&films), Pace::Fast, clock);
     fly(flight).unwrap();
     let events = heard.events.lock().unwrap();
-    let told: Vec<&String> = events
+    let notes: Vec<&String> = events
         .iter()
         .filter_map(|e| match e {
             Event::Note { fault: true, text, .. } => Some(text),
             _ => None,
         })
         .collect();
-    assert!(matches!(told[..], [one] if one.contains("cam1 and cam2 exchanged")), "{told:?}");
+    assert!(matches!(notes[..], [one] if one.contains("cam1 and cam2 exchanged")), "{notes:?}");
 }

@@ -51,20 +51,20 @@ fn scripted(rig: &Rig, k: usize, clock: FlightClock, frames: u32, fate: fn(u32) 
     camera(&rig.cameras[k].name, Box::new(open), true)
 }
 
-struct Flown {
-    /// Time of each telling, of which camera, its state and why.
+struct Observed {
+    /// Time of each change of state, camera, state and reason.
     states: Vec<(f64, usize, CameraState, Option<String>)>,
     /// Time, validity, tracking and reset count of each instant.
     instants: Vec<(f64, bool, Tracking, u8)>,
 }
 
-/// Flies for a number of frames; the second camera and both do what they are told.
-fn flown(frames: u32, fates: [fn(u32) -> Fate; 2]) -> Flown {
+/// Flies for a number of frames, with a fate of each frame of each camera.
+fn flown(frames: u32, fates: [fn(u32) -> Fate; 2]) -> Observed {
     flown_after(200_000_000, frames, fates)
 }
 
-/// The same where the first frames come so long after the clock began.
-fn flown_after(wait_ns: i64, frames: u32, fates: [fn(u32) -> Fate; 2]) -> Flown {
+/// Flies with the first frames a time after the clock began.
+fn flown_after(wait_ns: i64, frames: u32, fates: [fn(u32) -> Fate; 2]) -> Observed {
     let (rig, vehicle) = (rig(), Vehicle::paper());
     let clock = FlightClock::starting_at(-wait_ns);
     let cameras = (0..2).map(|k| scripted(&rig, k, clock, frames, fates[k])).collect();
@@ -72,7 +72,7 @@ fn flown_after(wait_ns: i64, frames: u32, fates: [fn(u32) -> Fate; 2]) -> Flown 
     flight.for_ns = Some(i64::from(frames) * STEP_NS + 200_000_000 + wait_ns);
     fly(flight).expect("as staged");
     let (events, fixes) = (heard.events.lock().expect("as staged"), heard.fixes.lock().expect("as staged"));
-    let mut out = Flown { states: Vec::new(), instants: Vec::new() };
+    let mut out = Observed { states: Vec::new(), instants: Vec::new() };
     let mut now_s = 0.0;
     for event in events.iter() {
         match event {
@@ -97,12 +97,12 @@ fn flown_after(wait_ns: i64, frames: u32, fates: [fn(u32) -> Fate; 2]) -> Flown 
     out
 }
 
-fn states_of(flown: &Flown, camera: usize) -> Vec<CameraState> {
+fn states_of(flown: &Observed, camera: usize) -> Vec<CameraState> {
     flown.states.iter().filter(|s| s.1 == camera).map(|s| s.2).collect()
 }
 
 #[test]
-fn a_camera_that_stalls_is_told_and_taken_again() {
+fn a_camera_that_stalls_is_reported_and_used_again() {
     let second = |k: u32| if (15..24).contains(&k) { Fate::Silent } else { Fate::Films };
     let flown = flown(40, [|_| Fate::Films, second]);
     use CameraState::{Running, Stalled, Starting};
@@ -141,9 +141,9 @@ fn a_camera_that_ends_is_opened_again() {
     );
 }
 
-/// As fast as it goes no clock tells that a recording is over before the others.
+/// At `Pace::Fast` no clock shows that a recording is over before the others.
 #[test]
-fn a_recording_that_ends_early_is_told_of_at_any_pace() {
+fn a_recording_that_ends_early_is_reported_at_any_pace() {
     let (rig, vehicle) = (rig(), Vehicle::paper());
     let mut films = film(&rig, 40, 30.0);
     films[1].truncate(20);
@@ -168,7 +168,7 @@ fn a_recording_that_ends_early_is_told_of_at_any_pace() {
     assert!(gone[0].1.as_ref().unwrap().contains("poses go on without it"), "{gone:?}");
 }
 
-/// What is noted of a flight as fast as it goes, the second camera's frames as given, its end too.
+/// The fault notes of a flight at `Pace::Fast` with given frames and end of the second camera.
 fn noted(frames: Vec<(i64, Frame)>, end: Option<&'static str>) -> Vec<String> {
     let (rig, vehicle) = (rig(), Vehicle::paper());
     let first = film(&rig, 20, 30.0).swap_remove(0);
@@ -192,7 +192,7 @@ fn noted(frames: Vec<(i64, Frame)>, end: Option<&'static str>) -> Vec<String> {
 }
 
 #[test]
-fn why_a_recording_ended_too_early_is_told() {
+fn the_reason_of_an_early_end_is_reported() {
     let frames = || film(&rig(), 20, 30.0).swap_remove(1);
     assert_eq!(noted(frames(), None), [""; 0]);
     let cut = noted(frames()[..9].to_vec(), Some("the file is damaged"));
@@ -205,7 +205,7 @@ fn why_a_recording_ended_too_early_is_told() {
 }
 
 #[test]
-fn stamps_that_went_back_are_told_of_once() {
+fn stamps_that_went_back_are_reported_once() {
     let mut frames = film(&rig(), 20, 30.0).swap_remove(1);
     frames.iter_mut().skip(10).for_each(|f| f.0 -= 200_000_000);
     let noted = noted(frames, None);

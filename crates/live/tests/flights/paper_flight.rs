@@ -3,7 +3,7 @@
 use crate::common::{camera, setup};
 use mavsight_live::{CameraFile, FlightClock, Pace, Replay, Source, fly};
 use mavsight_pipeline::{
-    CameraFeed, ControlStill, PipelineError, Quiet, TimedFrame, calibrate_from_stills, track_and,
+    CameraFeed, ControlStill, NoProgress, PipelineError, TimedFrame, calibrate_from_stills, track_with,
 };
 use mavsight_session::{Session, read_image};
 use std::path::PathBuf;
@@ -35,7 +35,7 @@ fn its_raw_poses_are_the_same_bit_for_bit() {
         CameraFeed::new(session.cameras[k].name.clone(), None, Box::new(frames))
     };
     let mut batch = Vec::new();
-    track_and(vec![feed(0), feed(1)], &rig, &session.vehicle, &Quiet, |i| {
+    track_with(vec![feed(0), feed(1)], &rig, &session.vehicle, &NoProgress, |i| {
         batch.push(i.association.sample.clone());
     })
     .unwrap();

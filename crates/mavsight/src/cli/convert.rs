@@ -33,7 +33,7 @@ Formats, and the names by which they are known:
   offsets    *offsets.csv, .tsv      offsets of DLTdv: lines for session.toml
   csv, parquet   *.csv, *.parquet    any table
 
-Poses become marker paths, and paths poses, where --vehicle tells the markers. More in docs/formats.md.")]
+Poses become marker paths, and paths poses, where --vehicle gives the markers. More in docs/formats.md.")]
 pub(crate) struct Convert {
     /// File to read
     #[arg(value_name = "IN")]
@@ -41,16 +41,17 @@ pub(crate) struct Convert {
     /// File to write
     #[arg(value_name = "OUT")]
     pub(crate) output: PathBuf,
-    /// Format of IN, where its name or content does not tell
+    /// Format of IN, where its name or content does not show it
     #[arg(long, value_name = "FORMAT", value_enum, hide_possible_values = true)]
     pub(crate) from: Option<Format>,
-    /// Format of OUT, where its name does not tell
+    /// Format of OUT, where its name does not show it
     #[arg(long, value_name = "FORMAT", value_enum, hide_possible_values = true)]
     pub(crate) to: Option<Format>,
     /// Vehicle file, for its markers
     #[arg(long, value_name = "FILE")]
     pub(crate) vehicle: Option<PathBuf>,
-    /// Axes of the foreign trajectory: this program's, the same world with the body forward-left-up, PX4's, or ROS'
+    /// Axes of the foreign trajectory: this program's, the same world with the body forward-left-up, PX4's,
+    /// or ROS'
     #[arg(long, value_enum, default_value_t = Frame::World)]
     pub(crate) frame: Frame,
     /// Which axis of foreign marker paths is up

@@ -25,7 +25,7 @@ pub(crate) struct Campaign {
 pub(crate) enum Plan {
     /// Find the placements of cameras with the least predicted error of pose
     Cameras(PlanCameras),
-    /// Compare what manoeuvres tell of the parameters, and find a multisine that tells more
+    /// Compare the information of manoeuvres on the parameters, and find a multisine that has more
     Manoeuvre(PlanManoeuvre),
 }
 
@@ -96,7 +96,8 @@ pub(crate) struct PlanCameras {
     /// Room, flight volume, cameras, obstacles
     #[arg(value_name = "ROOM.toml", required_unless_present = "example")]
     pub(crate) room: Option<PathBuf>,
-    /// Folder for plan.html, plan.json, placements.csv and a session to start from; printed only where left out
+    /// Folder for plan.html, plan.json, placements.csv and a session to start from; printed only where left
+    /// out
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// Distance between the places that are tried before the best are refined

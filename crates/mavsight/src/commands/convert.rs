@@ -32,7 +32,7 @@ pub(crate) fn convert(args: &Convert) -> Result<()> {
         }
         Some(_) => {}
     }
-    let (from, to) = formats(&args.input, &args.output, (args.from, args.to), args.vehicle.is_some())?;
+    let (from, to) = formats(&args.input, &args.output, args.from, args.to, args.vehicle.is_some())?;
     let call = Call { args, from, to, body: body(args)? };
     let notes = match (from.kind(), to.kind()) {
         (Kind::Cameras, Kind::Cameras) => call.cameras()?,

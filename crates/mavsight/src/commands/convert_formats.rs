@@ -82,19 +82,21 @@ impl Format {
     }
 }
 
-/// The formats of both files: what is given, else what content and names say; OUT by the kind of IN where it ends in `.csv`.
+/// The formats of both files: what is given, else what content and names say; OUT by the kind of IN where
+/// it ends in `.csv`.
 ///
 /// # Errors
-/// Formats that cannot be told, or do not turn into each other.
+/// Formats that are not known, or do not turn into each other.
 pub(super) fn formats(
     input: &Path,
     output: &Path,
-    (from, to): (Option<Format>, Option<Format>),
+    from: Option<Format>,
+    to: Option<Format>,
     has_vehicle: bool,
 ) -> Result<(Format, Format), WrongCall> {
-    let untold = |path: &Path, flag: &str| {
+    let unknown = |path: &Path, flag: &str| {
         WrongCall(format!(
-            "{}: its format cannot be told: give {flag} (see mavsight help convert)",
+            "{}: its format cannot be determined: give {flag} (see mavsight help convert)",
             path.display()
         ))
     };
@@ -116,14 +118,14 @@ pub(super) fn formats(
             Some(Kind::Paths) if has_vehicle => Format::Pose,
             Some(Kind::Paths) => Format::Paths,
             Some(Kind::Pixels) => Format::Markers,
-            _ => return Err(untold(input, "--from")),
+            _ => return Err(unknown(input, "--from")),
         };
-        return Ok((from, of_output.ok_or_else(|| untold(output, "--to"))?));
+        return Ok((from, of_output.ok_or_else(|| unknown(output, "--to"))?));
     }
     let from = from
         .or_else(|| Format::by_content(input))
         .or_else(|| Format::by_name(input))
-        .ok_or_else(|| untold(input, "--from"))?;
+        .ok_or_else(|| unknown(input, "--from"))?;
     let own = match from.kind() {
         Kind::Cameras => Some(Format::Rig),
         Kind::Poses => Some(Format::Pose),
@@ -140,7 +142,7 @@ pub(super) fn formats(
     let to = match (from.kind(), to) {
         (Kind::Offsets, None | Some(Format::Rig)) => Format::Offsets,
         (_, Some(to)) => to,
-        (_, None) => return Err(untold(output, "--to")),
+        (_, None) => return Err(unknown(output, "--to")),
     };
     Ok((from, to))
 }

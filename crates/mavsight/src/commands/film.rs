@@ -6,17 +6,16 @@ use crate::lab::{self, Shot, StagedFilm};
 use crate::out::outln;
 use crate::progress::Bars;
 use anyhow::{Context, Result, bail};
-use mavsight_flight::{Scenario, Staging};
 use mavsight_geometry::{BrownConrady, Camera, ImageSize, Intrinsics, Vector3};
-use mavsight_pipeline::Progress;
+use mavsight_pipeline::{ControlPointRow, Progress};
 use mavsight_scene::Aircraft;
-use mavsight_score::VirtualCamera;
+use mavsight_score::{TruthRow, VISIBILITY, VirtualCamera, read_truth, write_visibility};
 use mavsight_session::{
-    ControlPointRow, ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow,
-    VISIBILITY, load_vehicle, make_folder, tables::read_control_points, tables::read_inputs,
-    tables::read_truth, write_control_points, write_inputs, write_png, write_session, write_vehicle,
-    write_visibility,
+    ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, load_vehicle, make_folder,
+    tables::read_control_points, tables::read_inputs, write_control_points, write_inputs, write_png,
+    write_session, write_vehicle,
 };
+use mavsight_simulator::{Scenario, Staging};
 use mavsight_vision::Frame;
 use serde::Deserialize;
 use std::io::Write;
@@ -181,16 +180,9 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         vehicle: "vehicle.toml".into(),
         inputs: "inputs.csv".into(),
         truth: Some("truth.csv".into()),
-        model: None,
         control: Some(ControlSection { points: "control_points.csv".into(), observations: None }),
-        wand: None,
-        board: None,
-        rig: None,
-        flash: false,
-        clap: false,
-        refine: None,
-        live: None,
         camera: cameras,
+        ..SessionFile::default()
     };
     write_session(&args.out.join("session.toml"), &session)?;
     outln!("{} cameras: {}", session.camera.len(), args.out.join("session.toml").display());
@@ -220,7 +212,7 @@ fn one_camera(
 ) -> Result<SessionCamera> {
     let (args, name) = (set.args, &own.name);
     if own.line_time_s != 0.0 && set.staging != Staging::default() {
-        let what = "things in the way are filmed by a global shutter alone: leave line_time_s out";
+        let what = "occluders are filmed by a global shutter alone: leave line_time_s out";
         return Err(WrongCall(format!("camera {name}: {what}")).into());
     }
     let still = format!("{name}-control.png");

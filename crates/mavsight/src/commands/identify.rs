@@ -1,17 +1,16 @@
 //! Identification by itself, on a table of poses or of motion from any system.
 
-use super::fit::{fit_into, identify_into};
-use super::run::{Flight, require_a_pose};
+use super::run::require_a_pose;
 use super::stages::beside_other_stages;
 use super::{named, require_folder};
 use crate::cli::{Identify, Interval, WrongCall};
-use crate::fits;
 use crate::out::{out, outln};
 use crate::progress::Bars;
-use crate::summary::Summary;
 use anyhow::Result;
+use mavsight_engine::{Flight, identify_from_motion, identify_from_poses};
 use mavsight_identify::{Band, Bandwidth, Estimator, FitOptions, Options};
 use mavsight_pipeline::IdentifyOptions;
+use mavsight_report::{Summary, parameter_text};
 use mavsight_session::{
     FlightTable, RunResults, load_model, load_vehicle, read_flight_table, read_summary, results::names,
     tables::read_inputs, write_results,
@@ -34,22 +33,22 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     let bars = Bars::new();
     let session = session_of(args).unwrap_or_else(|| vehicle.name.clone());
     let mut results = RunResults { session, marker_names, ..RunResults::default() };
-    let flight =
-        Flight { name: &vehicle.name, vehicle: &vehicle, inputs: Some(&inputs), truth: None, options };
-    let notes = match table {
+    let flight = Flight { name: &vehicle.name, vehicle: &vehicle, inputs: Some(&inputs), options };
+    match table {
         FlightTable::Poses(poses) => {
             results.poses = poses;
-            identify_into(&mut results, &flight, &bars)?
+            identify_from_poses(&mut results, &flight, &bars)?
         }
-        FlightTable::Motion(motion) => fit_into(&mut results, motion, &flight, &bars)?,
-    };
+        FlightTable::Motion(motion) => identify_from_motion(&mut results, motion, &flight, &bars)?,
+    }
     bars.done();
-    let summary = Summary::of(&results, None, &notes);
-    out!("{}{}", summary.text(), fits::parameter_text(&results));
+    let summary = Summary::of(&results, None);
+    out!("{}{}", summary.text(), parameter_text(&results));
     let has_pose = require_a_pose(&results);
     if let Some(out) = &args.out {
         results.summary = beside_other_stages(out, &results.session, summary.json());
-        // The table came from a file of the caller's, which may lie in the same folder: it is not written again.
+        // The table came from a file of the caller's, which may lie in the same folder: it is not written
+        // again.
         if results.poses.is_empty() {
             results.motion = None;
         }
@@ -60,7 +59,8 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     has_pose
 }
 
-/// The session whose results the table lies among, where these are written to: they are then beside those of its other stages.
+/// The session whose results the table lies among, where these are written to: they are then beside those
+/// of its other stages.
 fn session_of(args: &Identify) -> Option<String> {
     let out = args.out.as_ref()?.canonicalize().ok()?;
     let among = args.table.canonicalize().ok()?.parent()? == out;

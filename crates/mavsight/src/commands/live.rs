@@ -3,22 +3,21 @@
 use super::live_links::add_links;
 use super::live_sources::{replayed, running};
 use super::named;
-use super::run::{inputs_of, rig_of};
 use crate::cli::{Live, WrongCall};
 use crate::out::out;
 use crate::progress::Bars;
 use anyhow::{Context, Result};
+use mavsight_engine::{calibrate, recorded_inputs};
 use mavsight_flight::Vehicle;
 use mavsight_link::{CameraState, Event, Tracking};
 use mavsight_live::{
-    Flown, InputSource, Latencies, Listener, Listeners, Pace, Recorded, RecordedSession, Recorder,
+    FlightSummary, InputSource, Latencies, Listener, Listeners, Pace, Recorded, RecordedSession, Recorder,
     RecorderSlot, Setup, Tap, fly,
 };
-use mavsight_pipeline::{ControlStill, calibrate_from_stills};
+use mavsight_pipeline::{ControlPointRow, ControlStill, calibrate_from_stills};
 use mavsight_pose::{MotionNoise, Rig, motion_noise};
 use mavsight_session::{
-    ControlPointRow, LiveSection, Session, SessionFile, make_folder, ns_from_s, read_poses, read_toml,
-    write_rig, write_whole,
+    LiveSection, Session, SessionFile, make_folder, ns_from_s, read_poses, read_toml, write_rig, write_whole,
 };
 use mavsight_vision::Frame;
 use std::collections::BTreeMap;
@@ -56,11 +55,11 @@ pub(super) fn pace_of(args: &Live) -> Pace {
 fn of_session(args: &Live, path: &Path) -> Result<()> {
     let session = named(Session::load(path))?;
     let bars = Bars::new();
-    let rig = rig_of(&session, &bars)?;
+    let rig = calibrate(&session, &bars)?;
     bars.done();
     let noise = noise_of(&session)?;
     let stop = Arc::new(AtomicBool::new(false));
-    let inputs = if args.replay { inputs_of(&session)? } else { None };
+    let inputs = if args.replay { recorded_inputs(&session)? } else { None };
     let of = recorded(&session, args)?;
     let begin: Begin =
         Box::new(move |to| Ok(Recorder::begin(RecordedSession { folder: to.to_owned(), ..of.clone() })?));
@@ -68,10 +67,10 @@ fn of_session(args: &Live, path: &Path) -> Result<()> {
     let model = named(session.model())?;
     let (cameras, clock) =
         if args.replay { replayed(&session, pace_of(args), &stop)? } else { running(&session)? };
-    let mut listeners = listeners(args, &stop, (&session.vehicle, &session.live))?;
+    let mut listeners = listeners(args, &stop, &session.vehicle, &session.live)?;
     let names = session.cameras.iter().map(|c| c.name.clone()).collect();
-    let calibrate = calibrating(names, named(session.control_points())?);
-    let taps = with_page(args, &mut listeners, &recorder, (begin, calibrate))?;
+    let on_request = calibrating(names, named(session.control_points())?);
+    let taps = with_page(args, &mut listeners, &recorder, begin, on_request)?;
     let setup = Setup {
         name: &session.name,
         rig: &rig,
@@ -120,7 +119,8 @@ pub(super) type Begin = Box<dyn Fn(&Path) -> Result<Recorder> + Send>;
 /// What a calibration from the latest frame of each camera says.
 pub(super) type Calibrate = Box<dyn Fn(BTreeMap<usize, Arc<Frame>>) -> Result<String> + Send>;
 
-/// Calibrates from what the cameras show, control points in view, into a rig of its own: the flight goes on with the cameras it has.
+/// Calibrates from what the cameras show, control points in view, into a rig of its own: the flight goes on
+/// with the cameras it has.
 pub(super) fn calibrating(names: Vec<String>, points: Vec<ControlPointRow>) -> Calibrate {
     Box::new(move |frames| {
         if points.is_empty() {
@@ -148,7 +148,8 @@ pub(super) fn with_page(
     args: &Live,
     listeners: &mut Listeners,
     slot: &Arc<RecorderSlot>,
-    (begin, calibrate): (Begin, Calibrate),
+    begin: Begin,
+    calibrate: Calibrate,
 ) -> Result<Vec<Tap>> {
     use super::live_page::{ADDRESS, Duties, serve};
     let Some(address) = args.serve else { return Ok(Vec::new()) };
@@ -164,7 +165,8 @@ pub(super) fn with_page(
     _: &Live,
     _: &mut Listeners,
     _: &Arc<RecorderSlot>,
-    _: (Begin, Calibrate),
+    _: Begin,
+    _: Calibrate,
 ) -> Result<Vec<Tap>> {
     Ok(Vec::new())
 }
@@ -193,11 +195,12 @@ fn with_whole_paths(mut file: SessionFile, folder: &Path) -> SessionFile {
     file
 }
 
-/// Who is told: standard output or the terminal.
+/// The listeners: standard output or the terminal.
 pub(super) fn listeners(
     args: &Live,
     stop: &Arc<AtomicBool>,
-    (vehicle, section): (&Vehicle, &LiveSection),
+    vehicle: &Vehicle,
+    section: &LiveSection,
 ) -> Result<Listeners> {
     let mut all = Listeners::default();
     all.waiting = args.fast;
@@ -205,7 +208,7 @@ pub(super) fn listeners(
         all.add(Box::new(Lines { stop: Arc::clone(stop) }))?;
     }
     all.add(Box::new(Words::default()))?;
-    add_links(&mut all, vehicle, (section, args))?;
+    add_links(&mut all, vehicle, section, args)?;
     Ok(all)
 }
 
@@ -229,7 +232,7 @@ impl Listener for Lines {
     }
 }
 
-/// A camera that comes and goes is spoken of no more often: each second its state is told anew.
+/// Least time between two messages on the state of a camera that comes and goes.
 const CALM: Duration = Duration::from_millis(900);
 
 /// What a user should know, on standard error.
@@ -286,7 +289,7 @@ fn lower(of: &impl std::fmt::Debug) -> String {
 }
 
 /// Prints what became of the flight, and writes it where that was asked for.
-pub(super) fn finish(args: &Live, rig: &Rig, flown: &Flown) -> Result<()> {
+pub(super) fn finish(args: &Live, rig: &Rig, flown: &FlightSummary) -> Result<()> {
     let of = |l: &Latencies| serde_json::json!({"median_ms": l.quantile_ms(0.5), "p99_ms": l.quantile_ms(0.99), "most_ms": l.most_ms()});
     let cameras: Vec<_> = (rig.cameras.iter().zip(&flown.frames).zip(&flown.dropped))
         .map(|((c, frames), dropped)| serde_json::json!({"name": c.name, "frames": frames, "dropped": dropped}))
@@ -307,7 +310,7 @@ pub(super) fn finish(args: &Live, rig: &Rig, flown: &Flown) -> Result<()> {
         "{} instants, {} with a pose, {} lost since the first; {dropped} frames dropped\n",
         flown.instants, flown.measured, flown.lost,
     );
-    // As fast as it goes frames wait for each other: how long tells nothing.
+    // As fast as it goes frames wait for each other: how long has no meaning.
     let latency = format!(
         "From the last frame in hand to the pose: median {:.2} ms, 99 % {:.2} ms, at most {:.2} ms\n",
         flown.latency.quantile_ms(0.5),

@@ -37,7 +37,8 @@ fn options(session: &LiveSection, args: &Live) -> LinkOptions {
 pub(super) fn add_links(
     all: &mut Listeners,
     vehicle: &Vehicle,
-    (session, args): (&LiveSection, &Live),
+    session: &LiveSection,
+    args: &Live,
 ) -> Result<()> {
     let marker = |m: &mavsight_flight::Marker| MarkerView {
         name: m.name.clone(),
@@ -58,12 +59,12 @@ pub(super) fn add_links(
 
 struct Link {
     outlet: Box<dyn Outlet>,
-    /// The last fault, which is told once.
+    /// The last fault, which is reported once.
     said: Option<String>,
 }
 
 impl Link {
-    fn tell(&mut self, fault: Option<String>) {
+    fn report(&mut self, fault: Option<String>) {
         if let Some(fault) = fault.filter(|f| self.said.as_ref() != Some(f)) {
             eprintln!("mavsight: {fault}");
             self.said = Some(fault);
@@ -74,12 +75,12 @@ impl Link {
 impl Listener for Link {
     fn fix(&mut self, fix: &Fix) {
         let fault = self.outlet.send(fix).err().map(|e| e.to_string());
-        self.tell(fault);
+        self.report(fault);
     }
 
     fn event(&mut self, event: &Event) {
         let fault = self.outlet.event(event).err().map(|e| e.to_string());
-        self.tell(fault);
+        self.report(fault);
     }
 
     fn wants_events(&self) -> bool {

@@ -112,7 +112,7 @@ impl Page {
         self.server.publish(&self.duties.slot.event());
     }
 
-    /// What the cameras and the last pose tell.
+    /// The state of the cameras and the last pose.
     fn check(&self) -> String {
         let cameras: Vec<String> = self
             .cameras

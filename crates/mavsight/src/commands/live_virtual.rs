@@ -1,6 +1,6 @@
 //! The virtual room filmed in real time, with a pilot who flies in it.
 
-use super::demo::frame_of;
+use super::demo::control_stills;
 use super::live::{Begin, ENOUGH, calibrating, finish, listeners, pace_of, with_page};
 use crate::cli::{Live, WrongCall};
 use crate::lab;
@@ -15,11 +15,11 @@ use mavsight_live::{
 };
 use mavsight_pipeline::{ControlStill, Progress, calibrate_from_stills};
 use mavsight_pose::{CameraClock, Rig};
-use mavsight_scene::{Aircraft, Film, FilmStream, Room, Sensor};
-use mavsight_score::VirtualCamera;
+use mavsight_scene::{Aircraft, FilmStream, Room, Sensor};
+use mavsight_score::{TruthRow, VirtualCamera};
 use mavsight_session::{
-    ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, TruthRow, make_folder,
-    ns_from_s, write_control_points, write_png, write_vehicle,
+    ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, make_folder, ns_from_s,
+    write_control_points, write_png, write_vehicle,
 };
 use mavsight_vision::{Frame, Pixels};
 use std::path::Path;
@@ -30,8 +30,8 @@ use std::time::Duration;
 /// Frames whose memory is used again, as many as may be held at a time.
 const POOL: usize = 24;
 
-/// Frames by which a camera may be ahead of the others where nothing is in real time: the pilot still knows where the aircraft
-/// was for those that are behind.
+/// Frames by which a camera may be ahead of the others where nothing is in real time: the pilot still knows
+/// where the aircraft was for those that are behind.
 const AHEAD: u64 = 32;
 
 /// The pilot, shared by the cameras, the recording and the parameters.
@@ -43,11 +43,7 @@ struct Shared {
 }
 
 impl Shared {
-    fn new(
-        (vehicle, rate_hz): (&Vehicle, f64),
-        cameras: usize,
-        recorder: &Arc<RecorderSlot>,
-    ) -> Result<Self> {
+    fn new(vehicle: &Vehicle, rate_hz: f64, cameras: usize, recorder: &Arc<RecorderSlot>) -> Result<Self> {
         Ok(Self {
             pilot: Mutex::new(Pilot::new(vehicle, rate_hz)?),
             recorder: Arc::clone(recorder),
@@ -59,7 +55,7 @@ impl Shared {
         self.pilot.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Tells which frame a camera films next; whether it is too far ahead of another.
+    /// Notes which frame a camera films next; whether it is too far ahead of another.
     fn is_ahead(&self, camera: usize, frame: u64) -> bool {
         if let Some(own) = self.next.get(camera) {
             own.store(frame, Ordering::Relaxed);
@@ -107,6 +103,20 @@ impl VirtualSource {
     fn blank(&self) -> Option<Frame> {
         let size = self.camera.camera.size;
         Frame::from_rgb(size, vec![0; 3 * size.area_px()]).ok()
+    }
+
+    /// The camera as a flight opens it.
+    fn setup(self) -> CameraSetup {
+        let name = self.camera.name.clone();
+        let mut source = Some(self);
+        let open = move |_| {
+            // A camera that runs renders nothing here.
+            give_way();
+            let source = source.take().ok_or_else(|| "the room is closed".to_owned())?;
+            Ok(Box::new(source) as Box<dyn Source>)
+        };
+        let (clock, readout) = (CameraClock::default(), Vector2::y());
+        CameraSetup { name, open: Box::new(open), reopens: false, clock, readout }
     }
 
     /// A frame that nobody holds.
@@ -181,58 +191,46 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     let vehicle = Vehicle::paper();
     let cameras = cameras_of(&args.size)?;
     // The room lives as long as the program: the cameras' threads look at it.
-    let room: &'static Room = Box::leak(Box::new(lab::room(&mavsight_flight::Staging::default())));
+    let room: &'static Room = Box::leak(Box::new(lab::room(&mavsight_simulator::Staging::default())));
     let films: Vec<_> = cameras.iter().enumerate().map(|(k, c)| lab::film(room, c, k, args.seed)).collect();
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
-    let stills = stills_of(&cameras, &films)?;
+    let control = lab::control_frame(&lab::control_points());
+    let stills = control_stills(&cameras, |k| films[k].still(Some(&control)))?;
     let rig: Rig = calibrate_from_stills(&stills, &lab::control_points())?;
     bars.done();
-    let (flown, pace) = (vehicle.clone(), (args.rate, args.fast));
-    let begin: Begin = Box::new(move |to| record(to, &flown, &stills, pace));
+    let (flown, rate_hz, waits) = (vehicle.clone(), args.rate, args.fast);
+    let begin: Begin = Box::new(move |to| record(to, &flown, &stills, rate_hz, waits));
     let recorder = RecorderSlot::with(args.record.as_deref().map(&begin).transpose()?);
-    let shared = Arc::new(Shared::new((&vehicle, args.rate), cameras.len(), &recorder)?);
+    let shared = Arc::new(Shared::new(&vehicle, args.rate, cameras.len(), &recorder)?);
     let stop = Arc::new(AtomicBool::new(false));
     let aircraft = Arc::new(lab::aircraft(&vehicle));
     let clock = FlightClock::starting_at(0);
     let interval_s = 1.0 / args.rate;
     let last = args.seconds.map_or(u64::MAX, |s| (s * args.rate).ceil() as u64);
-    let sources = cameras.iter().zip(films).enumerate().map(|(index, (camera, film))| {
-        let mut source = Some(VirtualSource {
-            film: FilmStream::new(film),
-            camera: camera.clone(),
-            index,
-            aircraft: Arc::clone(&aircraft),
-            shared: Arc::clone(&shared),
-            interval_s,
-            next: 0,
-            last,
-            clock,
-            pace: pace_of(args),
-            stop: Arc::clone(&stop),
-            pool: Vec::new(),
-        });
-        CameraSetup {
-            name: camera.name.clone(),
-            open: Box::new(move |_| {
-                // A camera that runs renders nothing here.
-                give_way();
-                let source = source.take().ok_or_else(|| "the room is closed".to_owned())?;
-                Ok(Box::new(source) as Box<dyn Source>)
-            }),
-            reopens: false,
-            clock: CameraClock::default(),
-            readout: Vector2::y(),
-        }
+    let sources = cameras.iter().zip(films).enumerate().map(|(index, (camera, film))| VirtualSource {
+        film: FilmStream::new(film),
+        camera: camera.clone(),
+        index,
+        aircraft: Arc::clone(&aircraft),
+        shared: Arc::clone(&shared),
+        interval_s,
+        next: 0,
+        last,
+        clock,
+        pace: pace_of(args),
+        stop: Arc::clone(&stop),
+        pool: Vec::new(),
     });
-    let mut listeners = listeners(args, &stop, (&vehicle, &LiveSection::default()))?;
+    let cameras_of_flight = sources.map(VirtualSource::setup).collect();
+    let mut listeners = listeners(args, &stop, &vehicle, &LiveSection::default())?;
     let names = cameras.iter().map(|c| c.name.clone()).collect();
-    let duties = (begin, calibrating(names, lab::control_points()));
-    let taps = with_page(args, &mut listeners, &recorder, duties)?;
+    let on_request = calibrating(names, lab::control_points());
+    let taps = with_page(args, &mut listeners, &recorder, begin, on_request)?;
     let setup = Setup {
         name: "virtual",
         rig: &rig,
         vehicle: &vehicle,
-        cameras: sources.collect(),
+        cameras: cameras_of_flight,
         pace: pace_of(args),
         clock,
         noise: None,
@@ -247,16 +245,6 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     };
     let flown = fly(setup)?;
     finish(args, &rig, &flown)
-}
-
-/// The control frame as each camera sees it.
-fn stills_of(cameras: &[VirtualCamera], films: &[Film<'_>]) -> Result<Vec<ControlStill>> {
-    let control = lab::control_frame(&lab::control_points());
-    let still = |(c, film): (&VirtualCamera, &Film<'_>)| {
-        let frame = frame_of(c.camera.size, film.still(Some(&control)))?;
-        Ok(ControlStill { camera: c.name.clone(), frame })
-    };
-    cameras.iter().zip(films).map(still).collect()
 }
 
 /// The paper's cameras with images of another size, and as much of the room from top to bottom.
@@ -283,7 +271,8 @@ fn record(
     to: &Path,
     vehicle: &Vehicle,
     stills: &[ControlStill],
-    (rate_hz, waits): (f64, bool),
+    rate_hz: f64,
+    waits: bool,
 ) -> Result<Recorder> {
     if to.join("session.toml").exists() {
         return Err(
@@ -304,21 +293,12 @@ fn record(
         });
     }
     let session = SessionFile {
-        flash: false,
-        clap: false,
-        rig: None,
         schema: SESSION_SCHEMA,
         name: "virtual".into(),
         vehicle: to.join("vehicle.toml"),
-        inputs: "".into(),
-        truth: None,
-        model: None,
         control: Some(ControlSection { points: to.join("control_points.csv"), observations: None }),
-        wand: None,
-        board: None,
-        refine: None,
-        live: None,
         camera,
+        ..SessionFile::default()
     };
     Ok(Recorder::begin(RecordedSession {
         folder: to.to_owned(),
@@ -335,7 +315,7 @@ mod tests {
 
     #[test]
     fn a_camera_that_is_ahead_waits_while_the_pilot_still_knows_the_others_frames() {
-        let shared = Shared::new((&Vehicle::paper(), 60.0), 2, &RecorderSlot::with(None)).unwrap();
+        let shared = Shared::new(&Vehicle::paper(), 60.0, 2, &RecorderSlot::with(None)).unwrap();
         assert!(!shared.is_ahead(0, AHEAD));
         assert!(shared.at(AHEAD).unwrap().is_some());
         assert!(shared.is_ahead(0, AHEAD + 1));

@@ -1,4 +1,4 @@
-//! Which manoeuvre tells most.
+//! Which manoeuvre has most information.
 
 use super::demo::scenario_of;
 use super::plan::wrong_call;
@@ -6,17 +6,17 @@ use crate::cli::{Criterion, PlanManoeuvre, WrongCall};
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Context, Result};
-use mavsight_flight::{Channel, Maneuver, Scenario};
 use mavsight_geometry::Vector3;
 use mavsight_plan::{
     FlightLimits, FlightPlanner, MultisineOptions, Optimality, Placed, PlannedManoeuvre, Planner,
     SearchOptions, Solid,
 };
 use mavsight_session::{RESULTS_SCHEMA, csv_cell, make_folder, write_whole};
+use mavsight_simulator::{Channel, Maneuver, Scenario};
 use serde_json::json;
 use std::path::Path;
 
-/// Nothing is done before, so that the start can be told.
+/// Nothing is done before, so that the start can be determined.
 const QUIET_S: f64 = 0.5;
 /// The paper's doublet begins after two seconds, with pulses of one.
 const DOUBLET: (f64, f64) = (2.0, 1.0);
@@ -181,7 +181,7 @@ fn ratio(plans: &Plans, plan: &PlannedManoeuvre, names: &[&str]) -> f64 {
     log(plan).zip(log(&plans[0].1)).map_or(f64::INFINITY, |(own, doublet)| (own - doublet).exp())
 }
 
-/// What manoeuvres cannot tell.
+/// What manoeuvres cannot determine.
 fn verdicts(plans: &Plans) -> Vec<String> {
     let mut out = Vec::new();
     for (name, plan) in plans {
@@ -190,11 +190,11 @@ fn verdicts(plans: &Plans) -> Vec<String> {
         if let Some(combination) = &plan.fit.undetermined {
             out.push(format!("The {name}: {combination}."));
         } else if !vague.is_empty() {
-            out.push(format!("The {name} hardly tells {}.", vague.join(", ")));
+            out.push(format!("The {name} hardly determines {}.", vague.join(", ")));
         }
     }
     out.push(
-        "No manoeuvre of the longitudinal swash-plate alone tells lateral damping, thrust and torque of each rotor or yaw damping: they stay at the vehicle file's values."
+        "No manoeuvre of the longitudinal swash-plate alone determines lateral damping, thrust and torque of each rotor or yaw damping: they are held at the vehicle file's values."
             .to_owned(),
     );
     out

@@ -229,17 +229,9 @@ fn write_start(plan: &CameraPlan<'_>, vehicle: &Vehicle, out: &Path) -> Result<(
         name: plan.planner.room().name.clone(),
         vehicle: "vehicle.toml".into(),
         inputs: "inputs.csv".into(),
-        truth: None,
-        model: None,
         control: Some(ControlSection { points: "control_points.csv".into(), observations: None }),
-        wand: None,
-        board: None,
-        rig: None,
-        flash: false,
-        clap: false,
-        refine: None,
-        live: None,
         camera: (0..plan.ranked[0].placed.len()).map(camera).collect(),
+        ..SessionFile::default()
     };
     write_session(&folder.join("session.toml"), &session)?;
     write_control_points(&folder.join("control_points.csv"), plan.planner.control())?;

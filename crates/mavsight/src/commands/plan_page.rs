@@ -137,7 +137,7 @@ fn maps(planner: &Planner, best: &Ranked) -> Result<Figure> {
             y: (corner[up], end[up]),
             columns: MAP_CELLS,
             rows: MAP_CELLS,
-            values: values(planner, (best, &rig), &plane),
+            values: values(planner, best, &rig, &plane),
         }
     };
     let middle = planner.room().middle_m();
@@ -149,7 +149,7 @@ fn maps(planner: &Planner, best: &Ranked) -> Result<Figure> {
     Ok(Figure { caption: caption.into(), markup: draw_heat_maps(&maps, "mm")? })
 }
 
-fn values(planner: &Planner, (best, rig): (&Ranked, &Rig), plane: &MapPlane) -> Vec<Option<f64>> {
+fn values(planner: &Planner, best: &Ranked, rig: &Rig, plane: &MapPlane) -> Vec<Option<f64>> {
     let middle = |k: usize| (k as f64 + 0.5) / MAP_CELLS as f64;
     (0..MAP_CELLS * MAP_CELLS)
         .into_par_iter()
@@ -157,7 +157,7 @@ fn values(planner: &Planner, (best, rig): (&Ranked, &Rig), plane: &MapPlane) -> 
             let place = plane.corner_in_world_m
                 + plane.first_side_m * middle(cell % MAP_CELLS)
                 + plane.second_side_m * middle(cell / MAP_CELLS);
-            planner.position_std_mm((&best.placed, rig), &place)
+            planner.position_std_mm(&best.placed, rig, &place)
         })
         .collect()
 }

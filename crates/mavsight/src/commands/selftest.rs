@@ -1,18 +1,19 @@
 //! Whether the printed intervals are true, for one's own rig.
 
-use super::demo::{feed, frame_of};
+use super::demo::FilmedFlight;
 use super::named;
-use super::run::{feeds, rig_of};
 use crate::cli::{BuiltInRig, Selftest};
 use crate::lab::{self, StagedFilm};
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Result, bail};
-use mavsight_flight::Staging;
-use mavsight_pipeline::{ControlStill, Progress, Quiet, calibrate_from_stills};
+use mavsight_engine::camera_feeds;
+use mavsight_pipeline::{NoProgress, Progress};
+use mavsight_random::Random;
 use mavsight_scene::Room;
-use mavsight_score::{Coverage, Random, TOO_FEW, Tally, VirtualFlight, VirtualLab};
-use mavsight_session::{RESULTS_SCHEMA, Session, TruthRow, make_folder, write_whole};
+use mavsight_score::{Coverage, TOO_FEW, Tally, TruthRow, VirtualFlight, VirtualLab};
+use mavsight_session::{RESULTS_SCHEMA, Session, make_folder, write_whole};
+use mavsight_simulator::Staging;
 use rayon::prelude::*;
 use serde_json::json;
 
@@ -59,8 +60,8 @@ pub(crate) fn selftest(args: &Selftest) -> Result<()> {
             "flights": tally.flights(),
             "instants": tally.instants().0,
             "instants_without_pose": tally.instants().1,
-            "claimed_std_px": lab.claimed_std_px(),
-            "noise_over_claim": lab.noise_over_claim,
+            "claimed_std_px": lab.stated_std_px(),
+            "noise_over_claim": lab.noise_over_stated,
             "bias_px": lab.bias_px,
             "quantities": coverage,
         });
@@ -73,7 +74,7 @@ pub(crate) fn selftest(args: &Selftest) -> Result<()> {
         .map(|c| format!("{} {} ({:.1} %)", c.quantity, c.verdict, 100.0 * c.share))
         .collect();
     if coverage.iter().any(|c| c.verdict == TOO_FEW) {
-        eprintln!("mavsight: {flights} flights are too few to tell of some: give more by --flights");
+        eprintln!("mavsight: {flights} flights are too few for some quantities: give more by --flights");
     }
     if !wrong.is_empty() {
         bail!("the 95 % intervals are not true here: {}", wrong.join(", "));
@@ -92,8 +93,8 @@ fn lab_of(args: &Selftest, bars: &Bars) -> Result<(String, VirtualLab)> {
     };
     let session = named(Session::load(path))?;
     let control = named(session.control_points())?;
-    let rig = rig_of(&session, bars)?;
-    let tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, bars)?;
+    let rig = mavsight_engine::calibrate(&session, bars)?;
+    let tracked = mavsight_pipeline::track(camera_feeds(&session)?, &rig, &session.vehicle, bars)?;
     let mut lab = VirtualLab::of_session(&rig, control, session.vehicle.clone(), &tracked)?;
     lab.refines = session.refine.is_some();
     Ok((session.name, lab))
@@ -109,30 +110,16 @@ fn film(lab: &VirtualLab, seed: u64, index: u64) -> Result<VirtualFlight> {
         row.position_m.iter_mut().for_each(|x| *x += row.std_m * random.normal());
     }
     let (room, aircraft) = (Room::meeting_room(), lab::aircraft(&lab.vehicle));
-    let control = lab::control_frame(&as_built);
     let films: Vec<StagedFilm<'_>> = lab
         .cameras
         .iter()
         .enumerate()
         .map(|(k, c)| lab::staged_film(&room, c, k, seed + index, &Staging::default()))
         .collect();
-    let stills = lab
-        .cameras
-        .iter()
-        .zip(&films)
-        .map(|(c, film)| {
-            let frame = frame_of(c.camera.size, film.still(Some(&control)))?;
-            Ok(ControlStill { camera: c.name.clone(), frame })
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let rig = calibrate_from_stills(&stills, &lab.control)?;
-    let feeds = lab
-        .cameras
-        .iter()
-        .zip(&films)
-        .map(|(camera, film)| feed(camera, film, &aircraft, &rows, 1.0 / lab.frame_rate_hz))
-        .collect();
-    let tracked = mavsight_pipeline::track(feeds, &rig, &lab.vehicle, &Quiet)?;
+    let interval_s = 1.0 / lab.frame_rate_hz;
+    let filmed =
+        FilmedFlight { cameras: &lab.cameras, films: &films, aircraft: &aircraft, truth: &rows, interval_s };
+    let (rig, tracked) = filmed.track(&as_built, &lab.control, &lab.vehicle, &NoProgress)?;
     Ok(lab.measured(truth, rig, tracked)?)
 }
 
@@ -143,9 +130,9 @@ fn setting(name: &str, lab: &VirtualLab, tally: &Tally, args: &Selftest) -> Stri
         "filmed in the virtual room, without a codec".to_owned()
     } else {
         format!(
-            "centres claimed to {:.3} px with {:.2} of that as noise, {:.3} px that stay",
-            lab.claimed_std_px(),
-            lab.noise_over_claim,
+            "centres claimed to {:.3} px with {:.2} of that as noise, {:.3} px systematic",
+            lab.stated_std_px(),
+            lab.noise_over_stated,
             lab.bias_px
         )
     };

@@ -2,18 +2,18 @@
 
 use super::demo::{scenario_of, vehicle_of};
 use super::film::STAGING;
-use super::fit::identify_into;
-use super::run::{Flight, feeds, first_frames, inputs_of, refined, require_a_pose, rig_of, scores_of};
+use super::run::{print_summary, scores_of};
 use super::{named, require_folder};
 use crate::cli::{Simulate, Stage, WrongCall};
 use crate::out::{out, outln};
-use crate::page::{Page, write_page};
 use crate::progress::Bars;
-use crate::summary::Summary;
 use anyhow::Result;
+use mavsight_engine::{Flight, Options, first_frames, identify_from_poses, recorded_inputs};
+use mavsight_report::{FlightReport, Summary, write_report};
+use mavsight_score::{TruthRow, truth_of, write_truth};
 use mavsight_session::{
-    RunResults, Session, TruthRow, make_folder, read_body, read_markers, read_poses, read_rig, read_summary,
-    results::names, tables::read_inputs, write_inputs, write_results, write_truth, write_vehicle,
+    RunResults, Session, make_folder, read_body, read_markers, read_poses, read_rig, read_summary,
+    results::names, tables::read_inputs, write_inputs, write_results, write_vehicle,
 };
 use serde_json::Value;
 use std::path::Path;
@@ -36,7 +36,7 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     let states = if args.carried {
         crate::lab::carried(scenario.duration_s, scenario.frame_rate_hz)
     } else {
-        mavsight_flight::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?
+        mavsight_simulator::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?
     };
     make_folder(out)?;
     write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
@@ -55,10 +55,10 @@ pub(crate) fn calibrate(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     require_folder(&args.out)?;
     let bars = Bars::new();
-    let rig = rig_of(&session, &bars)?;
+    let rig = mavsight_engine::calibrate(&session, &bars)?;
     bars.done();
     let results = RunResults { session: session.name.clone(), rig: Some(rig), ..RunResults::default() };
-    put(results, &[], &args.out)
+    put(results, &args.out)
 }
 
 /// `mavsight track`
@@ -79,28 +79,10 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
     }
     named(session.require_sizes(&rig, &args.out.join(names::RIG)))?;
     let bars = Bars::new();
-    let mut tracked = mavsight_pipeline::track(feeds(&session)?, &rig, &session.vehicle, &bars)?;
-    let refined = refined(&session, rig, &mut tracked)?;
-    let motion = mavsight_pipeline::motion_of(&tracked, &session.vehicle, &bars).ok();
+    let tracked = mavsight_engine::track(&session, rig, &bars)?;
+    let motion = mavsight_pipeline::motion_of(&tracked.tracked, &session.vehicle, &bars).ok();
     bars.done();
-    let centres = tracked.centre_quality();
-    let results = RunResults {
-        session: session.name.clone(),
-        camera_names: refined.rig.cameras.iter().map(|c| c.name.clone()).collect(),
-        marker_names: session.vehicle.marker.iter().map(|m| m.name.clone()).collect(),
-        rig: Some(refined.rig),
-        markers: tracked.observations.iter().collect(),
-        body: refined.body,
-        poses: tracked.poses,
-        camera_clocks: tracked.clocks,
-        camera_health: tracked.health,
-        centres,
-        motion,
-        ..RunResults::default()
-    };
-    let mut notes = tracked.notes;
-    notes.extend(refined.note);
-    put(results, &notes, &args.out)
+    put(RunResults { motion, ..tracked.into_results(&session.name, &session.vehicle) }, &args.out)
 }
 
 /// The figures of a stage among those that the summary in a folder has of the same session's other stages.
@@ -119,20 +101,18 @@ pub(super) fn beside_other_stages(out: &Path, session: &str, figures: Value) -> 
     Value::Object(all)
 }
 
-fn put(mut results: RunResults, notes: &[String], out: &Path) -> Result<()> {
-    let summary = Summary::of(&results, None, notes);
+fn put(mut results: RunResults, out: &Path) -> Result<()> {
+    let summary = Summary::of(&results, None);
     results.summary = beside_other_stages(out, &results.session, summary.json());
     write_results(out, &results)?;
-    out!("{}", summary.text());
-    outln!("\nResults: {}", out.display());
-    require_a_pose(&results)
+    print_summary(&summary, &results, out)
 }
 
 /// `mavsight report`
 pub(crate) fn report(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
-    let inputs = inputs_of(&session)?;
-    let truth: Option<Vec<TruthRow>> = named(session.truth())?;
+    let inputs = recorded_inputs(&session)?;
+    let truth: Option<Vec<TruthRow>> = named(truth_of(&session))?;
     let camera_names: Vec<String> = session.cameras.iter().map(|c| c.name.clone()).collect();
     let marker_names: Vec<String> = session.vehicle.marker.iter().map(|m| m.name.clone()).collect();
     let mut results = RunResults {
@@ -149,13 +129,19 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
         results.body = named(read_body(&body))?;
     }
     let bars = Bars::new();
-    let flight = Flight::of_session(&session, inputs.as_ref(), truth.as_deref())?;
-    let notes = identify_into(&mut results, &flight, &bars)?;
+    let flight = Flight::of_session(&session, inputs.as_ref(), &Options::default())?;
+    identify_from_poses(&mut results, &flight, &bars)?;
     bars.done();
     let scores = truth.as_deref().map(|t| scores_of(&results, t));
-    let summary = Summary::of(&results, scores.as_ref(), &notes);
+    let summary = Summary::of(&results, scores.as_ref());
     let frames = first_frames(&session)?;
-    write_page(&Page { flight: &flight, results: &results, summary: &summary, frames: &frames }, &args.out)?;
+    let report = FlightReport {
+        vehicle: &session.vehicle,
+        inputs: inputs.as_ref(),
+        truth: truth.as_deref(),
+        frames: &frames,
+    };
+    write_report(&report, &results, &summary, &args.out)?;
     outln!("{}", args.out.join(names::REPORT).display());
     Ok(())
 }
@@ -173,7 +159,7 @@ mod tests {
             "session": "flight", "cameras": {"a": 1}, "poses": {"measured": 2}, "notes": ["seen"],
         });
         std::fs::write(folder.join(names::SUMMARY), before.to_string()).expect("a summary");
-        let stage = json!({"poses": {"measured": 3}, "notes": [], "verdicts": ["told"]});
+        let stage = json!({"poses": {"measured": 3}, "notes": [], "verdicts": ["determined"]});
         let merged = beside_other_stages(&folder, "flight", stage.clone());
         assert_eq!(merged["cameras"], before["cameras"]);
         assert_eq!(merged["poses"], stage["poses"]);

@@ -80,7 +80,8 @@ impl Session {
         self
     }
 
-    /// Runs the chain, which must refuse: one message that holds every given word, status 1 or 2, no result file.
+    /// Runs the chain, which must refuse: one message that holds every given word, status 1 or 2, no result
+    /// file.
     pub(crate) fn is_refused(&self, words: &[&str]) {
         self.is_refused_with(words, |command| command);
     }

@@ -166,7 +166,7 @@ def parquet(folder, expected):
 
 
 def boards(folder, expected):
-    """OpenCV prints ChArUco boards; two bent lenses see parts of one of them, and OpenCV tells the corners of all."""
+    """OpenCV prints ChArUco boards; two bent lenses see parts of one of them, and OpenCV finds the corners of all."""
     import cv2
     import numpy as np
 

@@ -136,7 +136,8 @@ pub(crate) fn apart(a: &Rig, b: &Rig) -> (f64, f64) {
     (inner, outer)
 }
 
-/// Largest difference of two flights in position and in elements of rotation; times and gaps must be the same.
+/// Largest difference of two flights in position and in elements of rotation; times and gaps must be the
+/// same.
 pub(crate) fn poses_apart(a: &[TimedPose], b: &[TimedPose]) -> f64 {
     assert_eq!(a.len(), b.len());
     let one = |(a, b): (&TimedPose, &TimedPose)| {

@@ -50,7 +50,7 @@ fn opencv_projects_what_we_project_and_its_files_come_back() {
     lab.convert("theirs.yml theirs.toml");
     let theirs = apart(&lab.rig, &read_rig(&lab.path("theirs.toml")).expect("a rig"));
     assert!(theirs.0 < 1e-12 && theirs.1 < 1e-14, "{theirs:?}");
-    // The stereo sample's names: the world is camera 1, the distance between the cameras stays.
+    // The stereo sample's names: the world is camera 1, the distance between the cameras is kept.
     let notes = lab.convert("stereo.yml stereo.toml --size 640x480");
     assert!(notes.contains("the world is camera 1"), "{notes}");
     let stereo = read_rig(&lab.path("stereo.toml")).expect("a rig");
@@ -179,8 +179,8 @@ fn paths(lab: &Lab) -> Value {
 fn motion_capture_files_become_the_poses_that_made_them() {
     let lab = Lab::new(LENS);
     let expected = paths(&lab);
-    // Millimetres with six decimals (five, where the TRC package writes); 32-bit floats of at most 2 m: half a unit in the
-    // last place is 0.06 µm.
+    // Millimetres with six decimals (five, where the TRC package writes); 32-bit floats of at most 2 m:
+    // half a unit in the last place is 0.06 µm.
     for (case, name, tolerance) in [("trc", "flight.trc", 5e-8), ("c3d", "flight.c3d", 1e-6)] {
         lab.convert(&format!("pose.csv {name} --vehicle vehicle.toml"));
         let mut files = vec![name.to_owned()];

@@ -1,10 +1,12 @@
-//! A flight that never was: an aircraft that circles in a room before two cameras, is hidden now and then, and is identified on the way.
+//! A flight that never was: an aircraft that circles in a room before two cameras, is hidden now and then,
+//! and is identified on the way.
 //!
 //! Only what the page needs to be tried: no estimator runs here.
 
 use mavsight_link::{
-    CameraState, CameraView, Event, MarkerView, Parameter, PoseEvent, Scene, Sight, Tracking,
+    CameraState, CameraView, DetectedBall, Event, MarkerView, Parameter, PoseEvent, Scene, Tracking,
 };
+use mavsight_random::Random;
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 
 /// Instants a second.
@@ -44,30 +46,14 @@ impl Eye {
     }
 }
 
-/// Numbers that look like noise, of unit variance, the same in each run (sum of four uniform ones).
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        let sum: f64 = (0..4)
-            .map(|_| {
-                self.0 =
-                    self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                (self.0 >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-            })
-            .sum();
-        sum * 3_f64.sqrt()
-    }
-}
-
 /// The flight.
 pub(crate) struct VirtualFlight {
     eyes: [Eye; 2],
     backgrounds: [Vec<[u8; 3]>; 2],
-    noise: Noise,
-    /// Whether the aircraft flies out of sight now and then, and the second camera stalls.
+    random: Random,
+    /// Whether the aircraft leaves the view now and then, and the second camera stalls.
     pub(crate) has_losses: bool,
-    /// Without such losses: whether it is out of sight now.
+    /// Without such losses: whether it is out of view now.
     pub(crate) is_hidden: bool,
     last_seen_s: f64,
     found_s: f64,
@@ -91,7 +77,7 @@ impl VirtualFlight {
         Self {
             eyes,
             backgrounds,
-            noise: Noise(1),
+            random: Random::new(1, 0),
             has_losses,
             is_hidden: false,
             last_seen_s: f64::NEG_INFINITY,
@@ -123,7 +109,8 @@ impl VirtualFlight {
         })
     }
 
-    /// Where the aircraft is: an ellipse with harmonics, nose along it, and a pitching and rolling that excites the parameters.
+    /// Where the aircraft is: an ellipse with harmonics, nose along it, and a pitching and rolling that
+    /// excites the parameters.
     fn truth(t_s: f64) -> (Point3<f64>, [f64; 3]) {
         let angle = 0.55 * t_s;
         let position =
@@ -172,10 +159,10 @@ impl VirtualFlight {
                 }
                 let (u_px, v_px, depth_m) =
                     self.eyes[camera].project(&(position + attitude * Vector3::from(*in_body)));
-                let residual_px = [0.08 * self.noise.next(), 0.08 * self.noise.next()];
+                let residual_px = [0.08 * self.random.normal(), 0.08 * self.random.normal()];
                 sum_px2 += residual_px.iter().map(|r| r * r).sum::<f64>();
                 pairs += 1;
-                seen.push(Sight {
+                seen.push(DetectedBall {
                     u_px: u_px + residual_px[0],
                     v_px: v_px + residual_px[1],
                     diameter_px: FOCAL_PX * DIAMETER_M / depth_m,
@@ -184,12 +171,12 @@ impl VirtualFlight {
                 });
             }
             if camera == 0 {
-                // A thing of the same colour in the room, which is no marker.
+                // A decoy.
                 let (u_px, v_px, _) = self.eyes[0].project(&Point3::new(1.2, 1.9, 0.6));
-                seen.push(Sight { u_px, v_px, diameter_px: 18.0, marker: None, residual_px: None });
+                seen.push(DetectedBall { u_px, v_px, diameter_px: 18.0, marker: None, residual_px: None });
             }
             if !self.is_stalled(camera, t_s) {
-                events.push(Event::Sights { camera, t_s, seen });
+                events.push(Event::Detections { camera, t_s, seen });
             }
         }
         let residual_px = (pairs > 3).then(|| (sum_px2 / f64::from(2 * pairs)).sqrt());
@@ -234,7 +221,7 @@ impl VirtualFlight {
             covariance[at] = value;
         }
         covariance[1] = 0.6 * (diagonal[0] * diagonal[1]).sqrt();
-        let mut noise = || self.noise.next();
+        let mut noise = || self.random.normal();
         let shaken = position + Vector3::from_fn(|i, _| diagonal[i].sqrt() * noise());
         let euler = [0, 1, 2].map(|i| angles[i] + turns[i].sqrt() * noise());
         let rates = [0, 1, 2].map(|i| rates[i] + 0.02 * noise());

@@ -1,4 +1,5 @@
-//! The page in a headless Chromium: poses move, keys act, what is old is not shown as if it were now, nothing is complained of.
+//! The page in a headless Chromium: poses move, keys act, what is old is not shown as if it were now, nothing
+//! is complained of.
 //!
 //! Skipped where there is no Chromium. With `MAVSIGHT_SCREENSHOTS=DIR` it leaves pictures of the page there.
 
@@ -21,7 +22,7 @@ use mavsight_link::{CameraState, Event};
 use mavsight_page::{Command, Reach, Server, encode_preview};
 use serde_json::json;
 
-/// What the feed is told to do.
+/// Signals to the feed.
 #[derive(Default)]
 struct Orders {
     hide: AtomicBool,
@@ -37,7 +38,7 @@ struct Feed {
 }
 
 impl Feed {
-    /// Begins at an instant of the flight that is `already_s` old, of which the page is told quickly.
+    /// Begins when the flight is `already_s` old, with its past sent quickly.
     fn start(address: SocketAddr, already_s: f64) -> Self {
         let server = Arc::new(Server::start(address, Reach::Loopback).unwrap());
         let orders = Arc::new(Orders::default());

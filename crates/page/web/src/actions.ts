@@ -42,7 +42,7 @@ export class Actions {
     sure.addEventListener("close", () => {
       if (sure.returnValue === "yes") this.ask("calibrate", "Calibration asked for");
     });
-    // Tells a script that no stored theme stands against the system's, too.
+    // Without a stored theme the system's applies; scripts see that too.
     restoreTheme();
     themed();
   }

@@ -1,12 +1,12 @@
 // The cameras' pictures with what was seen in them, and how each camera does.
 
 import { colours, label, prepare, type Surface } from "./canvas.ts";
-import type { Camera, CameraState, Scene, Sight } from "./events.ts";
+import type { Camera, CameraState, Scene, DetectedBall } from "./events.ts";
 import type { CameraNow, Flight } from "./flight.ts";
 import { magnification, spread } from "./maths.ts";
 import { element } from "./page.ts";
 
-/** Signs beside the words, so that states are told apart not by colour alone. */
+/** Signs beside the words, so that colour alone does not distinguish states. */
 export const STATE_SIGNS: Record<CameraState, string> = {
   starting: "◌",
   running: "●",
@@ -86,16 +86,16 @@ export class Cameras {
       pen.drawImage(camera.image, left, top, zoom * view.width_px, zoom * view.height_px);
       pen.filter = "none";
     }
-    const seen = isOld && camera.image ? [] : (this.flight.sightsShown(camera)?.seen ?? []);
+    const seen = isOld && camera.image ? [] : (this.flight.detectionsShown(camera)?.seen ?? []);
     // A pixel's coordinates are those of its centre.
     const at = (u: number, v: number): [number, number] => [left + (u + 0.5) * zoom, top + (v + 0.5) * zoom];
-    const told = seen.filter((sight) => sight.marker !== null);
-    const middle = at(mean(told.map((sight) => sight.u_px)), 0)[0];
-    for (const sight of seen) this.drawSight(sight, pen, at, zoom);
-    drawNames(pen, seen.map((sight) => {
-      const [x, y] = at(sight.u_px, sight.v_px);
-      const name = sight.marker === null ? "?" : (scene.markers[sight.marker]?.name ?? "?");
-      return { x, y, name, radius: radiusOf(sight, zoom), isLeft: sight.marker !== null && x < middle };
+    const known = seen.filter((ball) => ball.marker !== null);
+    const middle = at(mean(known.map((ball) => ball.u_px)), 0)[0];
+    for (const ball of seen) this.drawBall(ball, pen, at, zoom);
+    drawNames(pen, seen.map((ball) => {
+      const [x, y] = at(ball.u_px, ball.v_px);
+      const name = ball.marker === null ? "?" : (scene.markers[ball.marker]?.name ?? "?");
+      return { x, y, name, radius: radiusOf(ball, zoom), isLeft: ball.marker !== null && x < middle };
     }));
     pen.font = `600 13px ${colours().font}`;
     pen.textAlign = "center";
@@ -103,23 +103,23 @@ export class Cameras {
     else if (!camera.image) label(pen, "no picture yet", width / 2, height / 2, "#fff", "#000");
   }
 
-  private drawSight(
-    sight: Sight, pen: CanvasRenderingContext2D, at: (u: number, v: number) => [number, number], zoom: number,
+  private drawBall(
+    ball: DetectedBall, pen: CanvasRenderingContext2D, at: (u: number, v: number) => [number, number], zoom: number,
   ): void {
-    const [x, y] = at(sight.u_px, sight.v_px);
+    const [x, y] = at(ball.u_px, ball.v_px);
     const ring = (colour: string, width: number) => {
       pen.beginPath();
-      pen.arc(x, y, radiusOf(sight, zoom), 0, 2 * Math.PI);
+      pen.arc(x, y, radiusOf(ball, zoom), 0, 2 * Math.PI);
       pen.strokeStyle = colour;
       pen.lineWidth = width;
       pen.stroke();
     };
-    pen.setLineDash(sight.marker !== null ? [] : [3, 3]);
+    pen.setLineDash(ball.marker !== null ? [] : [3, 3]);
     ring("#000", 3.5);
-    ring(sight.marker !== null ? "#fff" : "#bbb", 1.5);
+    ring(ball.marker !== null ? "#fff" : "#bbb", 1.5);
     pen.setLineDash([]);
-    if (!sight.residual_px) return;
-    const [du, dv] = sight.residual_px;
+    if (!ball.residual_px) return;
+    const [du, dv] = ball.residual_px;
     const length = Math.hypot(du, dv);
     // The mean of all, later of some hundred.
     this.residuals += 1;
@@ -199,8 +199,8 @@ function drawNames(pen: CanvasRenderingContext2D, names: readonly Name[]): void 
   }
 }
 
-function radiusOf(sight: Sight, zoom: number): number {
-  return Math.max(4, (sight.diameter_px * zoom) / 2 + 4);
+function radiusOf(ball: DetectedBall, zoom: number): number {
+  return Math.max(4, (ball.diameter_px * zoom) / 2 + 4);
 }
 
 function mean(values: readonly number[]): number {

@@ -1,4 +1,4 @@
-// What the server sends: `mavsight_link::Event` as JSON, told apart by `event`, and its own beat. Metres in world axes (Z up),
+// What the server sends: `mavsight_link::Event` as JSON, distinguished by `event`, and its own beat. Metres in world axes (Z up),
 // quaternions (w, x, y, z) `world_from_body`, angles in radians, seconds since the flight began.
 // `examples.ts`, written by the server's tests, holds these types to what is really sent.
 
@@ -51,7 +51,7 @@ export interface Pose {
   reason: string | null;
 }
 
-export interface Sight {
+export interface DetectedBall {
   u_px: number;
   v_px: number;
   diameter_px: number;
@@ -59,11 +59,11 @@ export interface Sight {
   residual_px: [number, number] | null;
 }
 
-export interface Sights {
-  event: "sights";
+export interface Detections {
+  event: "detections";
   camera: number;
   t_s: number;
-  seen: Sight[];
+  seen: DetectedBall[];
 }
 
 export interface Camera {
@@ -107,7 +107,7 @@ export interface Note {
 }
 
 /** What a flight sends. */
-export type FlightEvent = Scene | Pose | Sights | Camera | Parameters | Recording | Note;
+export type FlightEvent = Scene | Pose | Detections | Camera | Parameters | Recording | Note;
 
 /** The server is there; `dropped` poses came too fast for this page. */
 export interface Beat {

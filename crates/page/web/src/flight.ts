@@ -1,6 +1,6 @@
-// What the page knows of the flight, and how old that is.
+// The state of the flight as far as it is known, and its age.
 
-import type { Camera, Parameter, Parameters, Pose, Preview, Quaternion, Recording, Scene, Sights, Vec3 } from "./events.ts";
+import type { Camera, Parameter, Parameters, Pose, Preview, Quaternion, Recording, Scene, Detections, Vec3 } from "./events.ts";
 import { History } from "./history.ts";
 import { norm, sub } from "./maths.ts";
 
@@ -8,12 +8,12 @@ import { norm, sub } from "./maths.ts";
 export type PathPoint = Vec3 | null;
 
 const PATH_POINTS = 1500;
-/** Sights are kept so long, as the picture that they belong to comes later. */
-const SIGHTS_KEPT_S = 1;
+/** Detections are kept for this time, because their picture comes later. */
+const DETECTIONS_KEPT_S = 1;
 
 export interface CameraNow {
   state: Camera | null;
-  sights: Sights[];
+  detections: Detections[];
   image: ImageBitmap | null;
   image_t_s: number;
   image_ms: number;
@@ -44,7 +44,7 @@ export class Flight {
   private arrivals: { now_ms: number; delay_ms: number; t_s: number }[] = [];
 
   start(scene: Scene): void {
-    // The same flight heard again after the connection was lost: what was seen of it stays.
+    // The same flight heard again after the connection was lost: its history is kept.
     if (this.scene && JSON.stringify(scene) === JSON.stringify(this.scene)) return;
     this.scene = scene;
     this.pose = null;
@@ -52,7 +52,7 @@ export class Flight {
     this.history.clear();
     this.path.length = 0;
     for (const camera of this.cameras) camera.image?.close();
-    this.cameras = scene.cameras.map(() => ({ state: null, sights: [], image: null, image_t_s: 0, image_ms: 0 }));
+    this.cameras = scene.cameras.map(() => ({ state: null, detections: [], image: null, image_t_s: 0, image_ms: 0 }));
     this.arrivals = [];
   }
 
@@ -84,12 +84,12 @@ export class Flight {
     if (this.path.length > PATH_POINTS) this.path.splice(0, this.path.length - PATH_POINTS);
   }
 
-  takeSights(sights: Sights): void {
-    const camera = this.cameras[sights.camera];
+  takeDetections(detections: Detections): void {
+    const camera = this.cameras[detections.camera];
     if (!camera) return;
-    if ((camera.sights.at(-1)?.t_s ?? Number.NEGATIVE_INFINITY) >= sights.t_s) camera.sights.length = 0;
-    camera.sights.push(sights);
-    while ((camera.sights[0]?.t_s ?? sights.t_s) < sights.t_s - SIGHTS_KEPT_S) camera.sights.shift();
+    if ((camera.detections.at(-1)?.t_s ?? Number.NEGATIVE_INFINITY) >= detections.t_s) camera.detections.length = 0;
+    camera.detections.push(detections);
+    while ((camera.detections[0]?.t_s ?? detections.t_s) < detections.t_s - DETECTIONS_KEPT_S) camera.detections.shift();
   }
 
   async takePreview(preview: Preview): Promise<void> {
@@ -152,12 +152,12 @@ export class Flight {
   }
 
   /** What a camera saw in the picture that is shown; in none, what it saw last. */
-  sightsShown(camera: CameraNow): Sights | undefined {
-    if (!camera.image) return camera.sights.at(-1);
-    let best: Sights | undefined;
-    for (const sights of camera.sights) {
-      const nearer = Math.abs(sights.t_s - camera.image_t_s) < Math.abs((best?.t_s ?? Number.POSITIVE_INFINITY) - camera.image_t_s);
-      if (nearer) best = sights;
+  detectionsShown(camera: CameraNow): Detections | undefined {
+    if (!camera.image) return camera.detections.at(-1);
+    let best: Detections | undefined;
+    for (const detections of camera.detections) {
+      const nearer = Math.abs(detections.t_s - camera.image_t_s) < Math.abs((best?.t_s ?? Number.POSITIVE_INFINITY) - camera.image_t_s);
+      if (nearer) best = detections;
     }
     return best && Math.abs(best.t_s - camera.image_t_s) < this.interval_ms / 500 ? best : undefined;
   }

@@ -52,7 +52,7 @@ export class History {
     return (this.count - this.length + index) % CAPACITY;
   }
 
-  /** The first index from here on of which, counted from the beginning of time, only one in `stride` is; so that these stay the same. */
+  /** The first index from `index` on that is a multiple of `stride` since the flight began, so that the same instants are drawn each time. */
   aligned(index: number, stride: number): number {
     const rest = (this.count - this.length + index) % stride;
     return rest === 0 ? index : index + stride - rest;

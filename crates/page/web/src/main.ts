@@ -22,7 +22,7 @@ const parameters = new ParameterList(flight, byId("parameters"), byId("enough"))
 const link = new Link({
   message: take,
   preview: (preview) => void flight.takePreview(preview),
-  // The server tells everything that lasts again, notes too.
+  // The server sends all states again, notes too.
   opened: () => notes.clear(),
 });
 const head = new Head(flight, link);
@@ -35,8 +35,8 @@ function take(message: Message): void {
       return flight.start(message);
     case "pose":
       return flight.takePose(message);
-    case "sights":
-      return flight.takeSights(message);
+    case "detections":
+      return flight.takeDetections(message);
     case "camera":
       return takeCamera(message);
     case "parameters":

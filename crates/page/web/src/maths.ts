@@ -43,7 +43,7 @@ export function positionStd(upper: readonly number[]): Vec3 {
 
 /**
  * Standard deviations of roll, pitch and yaw, from the covariance of a small turn about body axes, by the kinematic equation of 3-2-1
- * angles (Stevens and Lewis, eq. 1.4-4). None where the nose points so steeply that roll and yaw cannot be told apart.
+ * angles (Stevens and Lewis, eq. 1.4-4). None where the nose points so steeply that roll and yaw cannot be distinguished.
  */
 export function eulerStd(upper: readonly number[], euler: Vec3): Vec3 | null {
   const [phi, theta] = euler;
@@ -88,8 +88,8 @@ export function below125(x: number): number {
 }
 
 /**
- * A magnification out of 1, 2, 5, 10, ... under which `size` comes near `wanted`; the one in use stays while it is within a factor of
- * two and a half, so that a scale does not flicker.
+ * A magnification out of 1, 2, 5, 10, ... under which `size` comes near `wanted`; the one in use is kept while it is within a factor
+ * of two and a half, so that a scale does not flicker.
  */
 export function magnification(size: number, wanted: number, inUse: number): number {
   if (!(size > 0)) return inUse;

@@ -16,7 +16,7 @@ interface Standing {
 
 const seconds = (ms: number) => (ms < 9950 ? `${(ms / 1000).toFixed(1)} s` : `${Math.round(ms / 1000)} s`);
 
-/** Where the flight stands, as a user must see it: what is not heard of now is never told as if it were. */
+/** The state of the flight for the user: old values are never shown as present ones. */
 export function standing(flight: Flight, link: Link): Standing {
   if (!link.isAlive()) {
     const since = seconds(link.silent_ms());

@@ -173,7 +173,7 @@ export class Room {
       pen.globalAlpha = 0.55;
       pen.setLineDash([3, 4]);
     }
-    // The shadow on the floor tells where the aircraft is.
+    // The shadow on the floor shows where the aircraft is.
     const floor: Vec3 = [seen.position_m[0], seen.position_m[1], scene.volume_m[0][2]];
     artist.line([seen.position_m, floor], soft, 1);
     artist.circle(floor, [size * 0.7, 0, 0], [0, size * 0.7, 0], soft, 1);

@@ -84,7 +84,7 @@ export class Strips {
     pen.beginPath();
     pen.rect(LEFT, TOP - 2, plot.width + RIGHT, plot.height + 4);
     pen.clip();
-    // One instant a pixel is all that can be told apart.
+    // More than one instant a pixel cannot be seen.
     const stride = Math.max(1, Math.floor((history.length - from) / plot.width));
     for (const draws of ["band", "line"] as const) {
       for (let i = 0; i < 3; i++) {
@@ -240,7 +240,7 @@ export class Strips {
     pen.stroke();
   }
 
-  /** Names at the lines' ends, so that they are told apart not by colour alone. */
+  /** Names at the lines' ends, so that colour alone does not distinguish them. */
   private drawNames(strip: Strip, { pen, width }: Surface, y: (value: number, i: number) => number): void {
     const { history } = this.flight;
     const newest = history.length - 1;

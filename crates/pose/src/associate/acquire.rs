@@ -1,9 +1,9 @@
 //! The body among balls that nothing predicts.
 
 use super::belief::Belief;
-use super::{Association, Associator, Candidate, DECISIVE_LOG_ODDS, MOST_SIZE_RATIO, observations, refused};
-use crate::{PoseError, PoseEstimate, PoseSample};
-use mavsight_geometry::{Isometry3, Matrix2, Matrix3, Matrix6, Vector3, rigid_fit, triangulate};
+use super::{Association, Associator, DECISIVE_LOG_ODDS, MOST_SIZE_RATIO, observations, refused};
+use crate::{PoseError, PoseEstimate, PoseSample, TrackedDetection};
+use mavsight_geometry::{ImagePoint, Isometry3, Matrix2, Matrix3, Matrix6, Vector3, rigid_fit, triangulate};
 
 /// Balls in space, assignments that are tried, and choices among the balls of one camera: bounds of the work of an instant.
 const MOST_SPOTS: usize = 96;
@@ -18,7 +18,7 @@ const SAME_POSE: f64 = 0.1;
 struct Spot {
     color: usize,
     pair: [usize; 2],
-    stays: bool,
+    is_static: bool,
     at_m: Vector3<f64>,
     covariance_m2: Matrix3<f64>,
 }
@@ -32,7 +32,7 @@ struct Trial {
 
 impl Associator {
     /// The pose that the candidates support by themselves.
-    pub(super) fn acquire(&self, t_ns: i64, candidates: &[Candidate]) -> Association {
+    pub(super) fn acquire(&self, t_ns: i64, candidates: &[TrackedDetection]) -> Association {
         let mut trials: Vec<Trial> = Vec::new();
         let mut tried = 0;
         if let Some(pairs) = self.only_choice(candidates) {
@@ -53,7 +53,7 @@ impl Associator {
         let few = || {
             let markers = self.colors.len();
             let seen = (0..markers).filter(|m| candidates.iter().any(|c| c.color == self.colors[*m])).count();
-            PoseError::TooFewMarkers { seen, markers, sights: candidates.len() }
+            PoseError::TooFewMarkers { seen, markers, observations: candidates.len() }
         };
         let Some(best) = trials.first() else { return refused(t_ns, &few()) };
         if best.log_odds < needed {
@@ -84,10 +84,10 @@ impl Associator {
     }
 
     /// The assignment, where every colour is one marker's and no camera sees two balls of it.
-    fn only_choice(&self, candidates: &[Candidate]) -> Option<Vec<(usize, usize)>> {
+    fn only_choice(&self, candidates: &[TrackedDetection]) -> Option<Vec<(usize, usize)>> {
         let mut pairs = Vec::with_capacity(candidates.len());
         for (index, candidate) in candidates.iter().enumerate() {
-            let rival = |c: &Candidate| c.camera == candidate.camera && c.color == candidate.color;
+            let rival = |c: &TrackedDetection| c.camera == candidate.camera && c.color == candidate.color;
             let mut owners = (0..self.colors.len()).filter(|m| self.colors[*m] == candidate.color);
             let marker = owners.next()?;
             if owners.next().is_some() || candidates[..index].iter().any(rival) {
@@ -99,7 +99,12 @@ impl Associator {
         Some(pairs)
     }
 
-    fn weighed(&self, t_ns: i64, candidates: &[Candidate], pairs: Vec<(usize, usize)>) -> Option<Trial> {
+    fn weighed(
+        &self,
+        t_ns: i64,
+        candidates: &[TrackedDetection],
+        pairs: Vec<(usize, usize)>,
+    ) -> Option<Trial> {
         let seen = observations(t_ns, candidates, &pairs);
         let estimate = self.estimator.estimate(t_ns, &seen, None).ok()?;
         let log_odds = self.log_odds(&estimate, candidates, &pairs, None);
@@ -110,7 +115,7 @@ impl Associator {
     fn try_triangles(
         &self,
         t_ns: i64,
-        candidates: &[Candidate],
+        candidates: &[TrackedDetection],
         spots: &[Spot],
         (trials, tried): (&mut Vec<Trial>, &mut u32),
     ) {
@@ -172,7 +177,7 @@ impl Associator {
     }
 
     /// Balls that two cameras see where their rays meet.
-    fn spots(&self, candidates: &[Candidate]) -> Vec<Spot> {
+    fn spots(&self, candidates: &[TrackedDetection]) -> Vec<Spot> {
         let mut spots = Vec::new();
         for (i, a) in candidates.iter().enumerate() {
             for (j, b) in candidates.iter().enumerate().skip(i + 1) {
@@ -181,20 +186,21 @@ impl Associator {
                 }
             }
         }
-        spots.sort_by_key(|s| s.stays);
+        spots.sort_by_key(|s| s.is_static);
         spots.truncate(MOST_SPOTS);
         spots
     }
 
-    fn spot(&self, seen: [&Candidate; 2], pair: [usize; 2]) -> Option<Spot> {
+    fn spot(&self, seen: [&TrackedDetection; 2], pair: [usize; 2]) -> Option<Spot> {
         let [a, b] = seen.map(|c| self.cameras.get(c.camera));
         let (a, b) = (a?, b?);
         // A triangulated ball stands where its centre does but for a thousandth of its radius.
-        let met = triangulate(&[
-            (a, seen[0].pixel, seen[0].covariance_px2),
-            (b, seen[1].pixel, seen[1].covariance_px2),
-        ])
-        .ok()?;
+        let image = |camera, c: &TrackedDetection| ImagePoint {
+            camera,
+            pixel: c.pixel,
+            covariance_px2: c.covariance_px2,
+        };
+        let met = triangulate(&[image(a, seen[0]), image(b, seen[1])]).ok()?;
         let radius_m = (0..self.colors.len())
             .filter(|m| self.colors[*m] == seen[0].color)
             .map(|m| self.estimator.markers()[m].radius_m)
@@ -210,11 +216,11 @@ impl Associator {
             }
             reach_px = reach_px.max(0.5 * radius_px);
         }
-        let claim_px = |c: &Candidate| c.covariance_px2.trace().sqrt();
+        let claim_px = |c: &TrackedDetection| c.covariance_px2.trace().sqrt();
         (met.residual_px <= GATE * claim_px(seen[0]).hypot(claim_px(seen[1])) + reach_px).then(|| Spot {
             color: seen[0].color,
             pair,
-            stays: seen.iter().any(|c| c.stays),
+            is_static: seen.iter().any(|c| c.is_static),
             at_m: met.point_in_world_m,
             covariance_m2: met.covariance_m2,
         })
@@ -224,7 +230,7 @@ impl Associator {
     fn completed(
         &self,
         t_ns: i64,
-        candidates: &[Candidate],
+        candidates: &[TrackedDetection],
         spots: &[Spot],
         three: [(usize, usize); 3],
     ) -> Option<Trial> {
@@ -242,7 +248,7 @@ impl Associator {
     fn covariance_of(
         &self,
         pose: &Isometry3<f64>,
-        candidates: &[Candidate],
+        candidates: &[TrackedDetection],
         pairs: &[(usize, usize)],
     ) -> Option<Matrix6<f64>> {
         let mut normal = Matrix6::zeros();
@@ -261,7 +267,7 @@ impl Associator {
     fn try_one_view(
         &self,
         t_ns: i64,
-        candidates: &[Candidate],
+        candidates: &[TrackedDetection],
         (trials, tried): (&mut Vec<Trial>, &mut u32),
     ) {
         for camera in 0..self.cameras.len() {

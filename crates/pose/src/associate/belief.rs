@@ -1,7 +1,7 @@
 //! Where the body may be, and what of it a camera would see then.
 
-use super::{Associator, Candidate, MOST_SIZE_RATIO};
-use crate::PoseEstimate;
+use super::{Associator, MOST_SIZE_RATIO};
+use crate::{PoseEstimate, TrackedDetection};
 use mavsight_geometry::camera::d_pixel_d_pose;
 use mavsight_geometry::{Isometry3, Matrix2, Matrix6, Point3, UnitQuaternion, Vector2, Vector3};
 use nalgebra::{Matrix2x3, Matrix2x6, Translation3, Vector6};
@@ -140,14 +140,19 @@ impl Associator {
     }
 
     /// Covariance of a sight against the body: the centre's and that of the marker's place.
-    pub(super) fn sight_covariance(&self, expected: &Expected, candidate: &Candidate) -> Matrix2<f64> {
+    pub(super) fn sight_covariance(&self, expected: &Expected, candidate: &TrackedDetection) -> Matrix2<f64> {
         let place = expected.by_point * expected.by_point.transpose() * self.markers_std_m.powi(2);
         candidate.covariance_px2 + place
     }
 
     /// Squared distance of a candidate from where a marker is believed, in standard deviations; none where it is not of
     /// the size or behind the camera.
-    pub(super) fn distance(&self, belief: &Belief, candidate: &Candidate, marker: usize) -> Option<f64> {
+    pub(super) fn distance(
+        &self,
+        belief: &Belief,
+        candidate: &TrackedDetection,
+        marker: usize,
+    ) -> Option<f64> {
         let expected = self.expected(&belief.pose, candidate.camera, marker)?;
         let ratio = candidate.diameter_px / expected.diameter_px;
         let sized = candidate.diameter_px > 0.0 && expected.diameter_px > 0.0;
@@ -161,7 +166,7 @@ impl Associator {
     }
 
     /// The belief after a candidate is taken for a marker (the update of a Kalman filter).
-    pub(super) fn narrow(&self, belief: &mut Belief, candidate: &Candidate, marker: usize) {
+    pub(super) fn narrow(&self, belief: &mut Belief, candidate: &TrackedDetection, marker: usize) {
         let Some(expected) = self.expected(&belief.pose, candidate.camera, marker) else { return };
         let seen = belief.covariance * expected.jacobian.transpose();
         let spread = expected.jacobian * seen + self.sight_covariance(&expected, candidate);

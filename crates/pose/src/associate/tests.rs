@@ -1,7 +1,7 @@
 use super::*;
 use crate::BodyMarker;
 use crate::testing::{cameras, normal, rig};
-use mavsight_geometry::{EulerAngles, Isometry3, Point3, world_from_body};
+use mavsight_geometry::{EulerAngles, Isometry3, Matrix2, Point3, Vector2, world_from_body};
 
 const STD_PX: f64 = 0.1;
 const FRAME_NS: i64 = 33_333_333;
@@ -44,17 +44,20 @@ fn hovering_at(k: i64) -> Isometry3<f64> {
     world_from_body(Vector3::new(0.2 * t.sin(), 0.1 * (0.7 * t).cos(), 1.4), attitude)
 }
 
-fn ball(camera: usize, color: usize, at_m: &Vector3<f64>, seed: &mut u64) -> Candidate {
+fn ball(camera: usize, color: usize, at_m: &Vector3<f64>, seed: &mut u64) -> TrackedDetection {
     let view = cameras()[camera];
     let pixel = view.project_ball(at_m, 0.025).unwrap().pixel;
     let range_m = (at_m - view.centre_in_world()).norm();
-    Candidate {
+    TrackedDetection {
+        t_ns: 0,
         camera,
+        track_id: color as u32,
         color,
         pixel: pixel + Vector2::new(normal(seed), normal(seed)) * STD_PX,
         covariance_px2: Matrix2::identity() * STD_PX * STD_PX,
         diameter_px: view.intrinsics.fx_px * 0.05 / range_m,
-        stays: false,
+        is_static: false,
+        is_preferred: true,
     }
 }
 
@@ -64,7 +67,7 @@ fn seen(
     colors: &[usize],
     pose: &Isometry3<f64>,
     seed: &mut u64,
-) -> Vec<(usize, Candidate)> {
+) -> Vec<(usize, TrackedDetection)> {
     let mut out = Vec::new();
     for camera in 0..2 {
         for (marker, place) in places_m.iter().enumerate() {
@@ -98,7 +101,7 @@ fn decoys_and_hiding_never_change_an_identity() {
             frame.splice(0..0, decoys.iter().enumerate().map(decoy));
             seed += 1;
         }
-        let candidates: Vec<Candidate> = frame.iter().map(|f| f.1).collect();
+        let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
         let found = associator.associate(k * FRAME_NS, &candidates);
         for (index, marker) in &found.pairs {
             assert_eq!(frame[*index].0, *marker, "frame {k}");
@@ -124,7 +127,7 @@ fn markers_of_one_colour_are_told_by_their_distances() {
         let mut associator = associator(&UNEVEN, &colors).unwrap();
         for k in 40 * start..40 * start + 20 {
             let frame = seen(&UNEVEN, &colors, &pose_at(k), &mut seed);
-            let candidates: Vec<Candidate> = frame.iter().map(|f| f.1).collect();
+            let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
             let found = associator.associate(k * FRAME_NS, &candidates);
             assert!(found.sample.estimate.is_some(), "frame {k}: {:?}", found.sample.reason);
             assert!(found.pairs.len() >= 7, "frame {k}: {:?}", found.pairs);
@@ -196,7 +199,7 @@ fn a_camera_that_is_pushed_is_named_and_left_out() {
             for (_, candidate) in frame.iter_mut().filter(|(_, c)| c.camera == 1 && k >= 60) {
                 candidate.pixel += turn_px;
             }
-            let candidates: Vec<Candidate> = frame.iter().map(|f| f.1).collect();
+            let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
             let found = associator.associate(k * FRAME_NS, &candidates);
             let estimate =
                 found.sample.estimate.unwrap_or_else(|| panic!("frame {k}: {:?}", found.sample.reason));
@@ -231,7 +234,7 @@ fn balls_before_each_other_do_not_cost_a_camera() {
         for (marker, candidate) in frame.iter_mut().filter(|(m, c)| c.camera == 1 && (*m == 0 || *m == 3)) {
             candidate.pixel.x += off_px[usize::from(*marker == 3)];
         }
-        let candidates: Vec<Candidate> = frame.iter().map(|f| f.1).collect();
+        let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
         let found = associator.associate(k * FRAME_NS, &candidates);
         let estimate =
             found.sample.estimate.unwrap_or_else(|| panic!("frame {k}: {:?}", found.sample.reason));
@@ -259,7 +262,7 @@ fn cameras_that_are_worse_than_claimed_are_not_taken_for_moved() {
             candidate.covariance_px2 /= 9.0;
             candidate.pixel += if candidate.camera == 1 { drift_px } else { Vector2::zeros() };
         }
-        let candidates: Vec<Candidate> = frame.iter().map(|f| f.1).collect();
+        let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
         associator.associate(k * FRAME_NS, &candidates);
         assert!(associator.moved_cameras().is_empty(), "frame {k}: {:?}", associator.moved_cameras());
     }
@@ -273,7 +276,7 @@ fn a_camera_that_goes_black_leaves_the_other() {
     for k in 0..60 {
         let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut seed);
         frame.retain(|(_, c)| c.camera == 0 || k < 20);
-        let candidates: Vec<Candidate> = frame.iter().map(|f| f.1).collect();
+        let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
         let found = associator.associate(k * FRAME_NS, &candidates);
         assert!(found.sample.estimate.is_some(), "frame {k}: {:?}", found.sample.reason);
     }

@@ -1,6 +1,7 @@
 //! Cameras that no longer stand as they were calibrated.
 
-use super::{Association, Associator, Candidate, DECISIVE_LOG_ODDS, LEAST_DEGREES, belief::Belief};
+use super::{Association, Associator, DECISIVE_LOG_ODDS, LEAST_DEGREES, belief::Belief};
+use crate::TrackedDetection;
 use mavsight_geometry::{Matrix2, Vector2};
 use nalgebra::Matrix2x6;
 
@@ -74,24 +75,25 @@ impl Associator {
     pub(super) fn told_by(
         &self,
         t_ns: i64,
-        candidates: &[Candidate],
+        candidates: &[TrackedDetection],
         predicted: Option<&Belief>,
         wanted: impl Fn(usize) -> bool,
     ) -> Association {
-        let solve =
-            |c: &[Candidate]| predicted.map_or_else(|| self.acquire(t_ns, c), |p| self.follow(t_ns, c, p));
+        let solve = |c: &[TrackedDetection]| {
+            predicted.map_or_else(|| self.acquire(t_ns, c), |p| self.follow(t_ns, c, p))
+        };
         if (0..candidates.len()).all(&wanted) {
             return solve(candidates);
         }
         let kept: Vec<usize> = (0..candidates.len()).filter(|k| wanted(*k)).collect();
-        let own: Vec<Candidate> = kept.iter().map(|k| candidates[*k]).collect();
+        let own: Vec<TrackedDetection> = kept.iter().map(|k| candidates[*k]).collect();
         let mut out = solve(&own);
         out.pairs.iter_mut().for_each(|pair| pair.0 = kept[pair.0]);
         out
     }
 
     /// Whether a candidate is of a camera that takes part.
-    pub(super) fn is_in_use(&self, candidate: &Candidate) -> bool {
+    pub(super) fn is_in_use(&self, candidate: &TrackedDetection) -> bool {
         !self.watch.is_out(candidate.camera)
     }
 
@@ -100,7 +102,7 @@ impl Associator {
     pub(super) fn without_sights(
         &self,
         t_ns: i64,
-        candidates: &[Candidate],
+        candidates: &[TrackedDetection],
         predicted: &Belief,
     ) -> Option<Association> {
         let mut out = Vec::with_capacity(MOST_OFF);
@@ -131,7 +133,7 @@ impl Associator {
     pub(super) fn without_one(
         &self,
         t_ns: i64,
-        candidates: &[Candidate],
+        candidates: &[TrackedDetection],
         predicted: &Belief,
     ) -> Option<Association> {
         let mut best: Option<(f64, Association)> = None;
@@ -155,7 +157,7 @@ impl Associator {
     }
 
     /// Whether there is a pose whose residuals are what they have been.
-    pub(super) fn is_sound(&self, found: &Association, candidates: &[Candidate]) -> bool {
+    pub(super) fn is_sound(&self, found: &Association, candidates: &[TrackedDetection]) -> bool {
         let Some(estimate) = &found.sample.estimate else { return false };
         let (squares, degrees) = self.misfit(estimate, candidates, &found.pairs);
         let scale = self.noise.scale();
@@ -170,7 +172,7 @@ impl Associator {
     pub(super) fn watch_cameras(
         &mut self,
         t_ns: i64,
-        candidates: &[Candidate],
+        candidates: &[TrackedDetection],
         (found, predicted): (&Association, &Belief),
     ) -> bool {
         let before = std::mem::take(&mut self.watch.suspects);
@@ -208,12 +210,12 @@ impl Associator {
     }
 
     /// The shift of three balls or more of a camera against a belief.
-    fn shift(&self, camera: usize, candidates: &[Candidate], belief: &Belief) -> Option<Shift> {
+    fn shift(&self, camera: usize, candidates: &[TrackedDetection], belief: &Belief) -> Option<Shift> {
         let mut errors: Vec<Vector2<f64>> = Vec::new();
         let (mut jacobian, mut noise) = (Matrix2x6::zeros(), Matrix2::zeros());
         for marker in 0..self.colors.len() {
             let Some(expected) = self.expected(&belief.pose, camera, marker) else { continue };
-            let error = |c: &Candidate| c.pixel - expected.pixel;
+            let error = |c: &TrackedDetection| c.pixel - expected.pixel;
             let nearest = candidates
                 .iter()
                 .filter(|c| c.camera == camera && c.color == self.colors[marker])

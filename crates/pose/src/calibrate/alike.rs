@@ -1,57 +1,52 @@
-//! The noise of control points that are all alike and leave as much open of a camera.
+//! The one noise of all control points that leaves a camera as uncertain as their different noises.
 
 use super::adjust::{Fit, expected};
-use super::problem::{Choice, Problem};
+use super::problem::{Choice, Data};
 use crate::precision::covariance_of_point;
-use mavsight_geometry::{Matrix2, Vector3};
+use mavsight_geometry::Vector3;
 
-/// Gauss and Legendre's two points, of half a side: their mean is that over the side of what changes up to the third power.
+/// Two points of the Gauss-Legendre rule, of half a side: their mean is that over the side for polynomials up
+/// to the third power.
 const GAUSS: f64 = 0.577_350_269_189_625_8;
 
-/// For each camera, the standard deviation of a pixel coordinate with which the points, were all of a camera's alike, would leave as
-/// much open of where a point is in the volume that they take up.
+/// For each camera, the standard deviation of a pixel coordinate that would leave a point in the volume of
+/// the control points as uncertain, were all points of the camera alike.
 ///
-/// Neither the mean of variances nor that of weights says that: what one bad centre tells, others tell only in part, and the more
-/// parameters there are the less so. The covariance of the cameras is formed once more with the mean of the weights for all, and what
-/// it does to the variance of a point in the volume that two cameras see is compared. Where none is, it is the mean of the weights.
-pub(super) fn alike_std_px(problem: &Problem, choice: &Choice, fit: &Fit) -> Vec<f64> {
-    let cameras = 0..fit.cameras.len();
+/// Neither the mean of the variances nor that of the weights is that, as other points replace a bad one only
+/// in part, the less so the more parameters there are. The covariance of the cameras is formed once more with
+/// the mean of the weights for all points, and its effect on the variance of a point in the volume is
+/// compared. Where there is none, the result is the mean of the weights.
+pub(super) fn alike_std_px(data: Data, fit: &Fit) -> Vec<f64> {
+    let Data { problem, choice } = data;
+    let cameras = 0..problem.sizes.len();
     let means_px2: Vec<f64> =
-        cameras.map(|c| mean_weight(problem, choice, fit, c).recip() * fit.variance_factor).collect();
-    let alike = expected(&with_noise(problem, &means_px2), choice, &fit.models, &fit.cameras);
-    let inside = gauss_points(problem, choice, fit);
+        cameras.map(|c| mean_weight(data, fit, c).recip() * fit.variance_factor).collect();
+    let mut alike = problem.clone();
+    let of_objects = alike.moved.iter_mut().flat_map(|m| m.observations.iter_mut().flatten());
+    for o in alike.observations.iter_mut().chain(of_objects) {
+        *o = o.with_variance(means_px2[o.camera]);
+    }
+    let alike = expected(alike.with(choice), &fit.models, &fit.state.cameras);
+    let inside = gauss_points(choice, fit);
     let ratio = open_m2(fit, &inside).zip(alike.and_then(|a| open_m2(&a, &inside)));
     let factor = ratio.map(|(own, alike)| own / alike).filter(|f| f.is_finite() && *f > 0.0);
     means_px2.iter().map(|mean| (mean * factor.unwrap_or(1.0)).sqrt()).collect()
 }
 
-/// Mean over the sights of a camera of the inverse of the claimed variance of a coordinate.
-fn mean_weight(problem: &Problem, choice: &Choice, fit: &Fit, camera: usize) -> f64 {
-    let (_, moved, of_moved) = problem.moved_residuals(fit, camera);
-    let used = problem.sights.iter().zip(&choice.used).filter(|(s, used)| **used && s.camera == camera);
-    let (n, sum) =
-        used.fold((moved, of_moved), |(n, sum), (s, _)| (n + 1.0, sum + 2.0 / s.covariance_px2.trace()));
+/// Mean over the observations of a camera of the inverse of the stated variance of a coordinate.
+fn mean_weight(data: Data, fit: &Fit, camera: usize) -> f64 {
+    let of_objects = fit.object_residuals(data.problem, camera);
+    let used = data.used_by(camera);
+    let (n, sum) = used.fold((of_objects.observations, of_objects.information), |(n, sum), k| {
+        (n + 1.0, sum + 2.0 / data.problem.observations[k].covariance_px2.trace())
+    });
     sum / n
 }
 
-/// The same sights with a variance for each camera.
-fn with_noise(problem: &Problem, variances_px2: &[f64]) -> Problem {
-    let mut out = problem.clone();
-    let whitener = |camera: usize| Matrix2::identity() / variances_px2[camera].sqrt();
-    for s in &mut out.sights {
-        s.covariance_px2 = Matrix2::identity() * variances_px2[s.camera];
-        s.whitener = whitener(s.camera);
-    }
-    let moved = out.moved.iter_mut().flat_map(|m| m.sights.iter_mut().flatten());
-    moved.for_each(|s| s.whitener = whitener(s.camera));
-    out
-}
-
-/// Places in the box that the surveyed points and the moved objects take up.
-fn gauss_points(problem: &Problem, choice: &Choice, fit: &Fit) -> Vec<Vector3<f64>> {
-    let used = (0..problem.sights.len()).filter(|k| choice.used[*k]);
-    let surveyed = used.map(|k| fit.places[choice.place[k]]);
-    let moved = fit.poses.iter().flatten().map(|pose| pose.translation.vector);
+/// Places in the box around the surveyed points and the moved objects.
+fn gauss_points(choice: &Choice, fit: &Fit) -> Vec<Vector3<f64>> {
+    let surveyed = choice.used().map(|k| fit.state.places[choice.place[k]]);
+    let moved = fit.state.poses.iter().flatten().map(|pose| pose.translation.vector);
     let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     surveyed.chain(moved).for_each(|p| (low, high) = (low.inf(&p), high.sup(&p)));
     let side = |corner: usize, axis: usize| if corner >> axis & 1 == 0 { -GAUSS } else { GAUSS };
@@ -64,17 +59,20 @@ fn gauss_points(problem: &Problem, choice: &Choice, fit: &Fit) -> Vec<Vector3<f6
 /// Sum over the places of the variance with which the cameras would find them.
 fn open_m2(fit: &Fit, places: &[Vector3<f64>]) -> Option<f64> {
     let uncertainty = fit.camera_root()?;
-    let of_place = |p| covariance_of_point((fit.cameras.iter(), &uncertainty), p, 0.0);
+    let of_place = |p| covariance_of_point(fit.state.cameras.iter(), &uncertainty, p, 0.0);
     Some(places.iter().filter_map(of_place).map(|c| c.trace()).sum())
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::model::CameraModel;
+    use super::super::rig::CameraControl;
     use super::super::test_sets::both;
-    use super::super::{CameraControl, CameraModel, predict_calibration};
     use super::*;
+    use crate::calibrate::predict_calibration;
     use crate::testing::cameras;
     use crate::{Rig, predicted_covariance_m2};
+    use mavsight_geometry::Matrix2;
 
     const STD_PX: f64 = 0.05;
 
@@ -82,7 +80,8 @@ mod tests {
         predict_calibration(&cameras().map(|c| (c, CameraModel::PINHOLE)), controls).unwrap()
     }
 
-    /// Mean variance of places half-way out from the middle of the control frame, by what calibration leaves open.
+    /// Mean variance of places half-way out from the middle of the control frame, from the cameras'
+    /// uncertainty.
     fn open_m2(rig: &Rig) -> f64 {
         let sides = [-0.6, 0.6];
         let places = sides
@@ -98,10 +97,10 @@ mod tests {
         }
     }
 
-    /// Points of which some lie before lamps: places triangulated by the cameras are as uncertain as after a calibration by points
-    /// with the one noise; with the mean of their weights they are not.
+    /// Some points have lamps as background: places triangulated by the cameras are as uncertain as after a
+    /// calibration by points with the one noise; with the mean of their weights they are not.
     #[test]
-    fn the_one_noise_leaves_as_much_open_as_noises_that_differ() {
+    fn one_noise_for_all_points_leaves_the_uncertainty_of_noises_that_differ() {
         let mut controls = both(STD_PX, &mut 3);
         let bad = [0, 3, 5];
         for control in &mut controls {

@@ -1,54 +1,51 @@
-//! How much sights disagree with the others, and how surely.
+//! How much observations disagree with the others, and how surely.
 
-use super::adjust::{Fit, sight_rows};
-use super::problem::{Choice, Problem};
+use super::adjust::Fit;
+use super::equations::{Linearised, linearised};
+use super::problem::Data;
 use nalgebra::{DMatrix, DVector};
+use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
+use statrs::function::beta::checked_beta_reg;
 
-/// How much a group of sights disagrees with all the others.
+/// How much a group of observations disagrees with all the others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Disagreement {
-    /// Drop of the weighted squares when the group is left out, at the variance factor of all.
-    pub(super) drop: f64,
-    /// Coordinates of the group.
-    pub(super) coordinates: usize,
-    /// Root of the drop per coordinate over the variance factor of the others: 1 is usual.
+    /// Root of the drop of the weighted squares without the group, per coordinate, over the variance factor
+    /// of the others: 1 is usual.
     pub(super) studentised: f64,
-    /// Probability of so much or more by chance (F distribution).
+    /// Probability of as much or more by chance (F distribution).
     pub(super) probability: f64,
 }
 
 impl Fit {
-    /// The externally studentised residual of a group of sights, used ones or ones that were left out
-    /// (Cook & Weisberg 1982, section 2.2.3; for one coordinate Baarda's and Pope's test). Where a part of the variance is
-    /// not estimated but that of a survey, the degrees of freedom are Satterthwaite's (1946).
+    /// The externally studentised residual of a group of observations, used ones or ones that were left out
+    /// (Cook & Weisberg 1982, section 2.2.3; for one coordinate Baarda's and Pope's test). Where a part of
+    /// the variance is not estimated but that of a survey, the degrees of freedom are Satterthwaite's (1946).
     ///
-    /// `None` when the group's removal would leave the rest without a redundancy, or the group is not seen at all.
-    pub(super) fn disagreement(
-        &self,
-        problem: &Problem,
-        choice: &Choice,
-        group: &[usize],
-    ) -> Option<Disagreement> {
+    /// `None` when the group's removal would leave the rest without a redundancy, or the group is not in
+    /// view.
+    pub(super) fn disagreement(&self, data: Data, group: &[usize]) -> Option<Disagreement> {
+        let Data { problem, choice } = data;
         let d = 2 * group.len();
         let inside = group.iter().all(|k| choice.used[*k]);
         let mut jacobian = DMatrix::zeros(d, self.layout.size);
         let mut residual = DVector::zeros(d);
-        let mut rows = Vec::new();
         let mut surveyed = DMatrix::zeros(d, 3 * group.len());
         for (i, k) in group.iter().enumerate() {
-            let state = (self.cameras.as_slice(), self.places.as_slice());
-            let r = sight_rows(&self.layout, (problem, choice), state, *k, &mut rows)?;
-            residual.fixed_rows_mut::<2>(2 * i).copy_from(&r);
+            let Linearised { residual: own, rows } = linearised(&self.layout, data, &self.state, *k)?;
+            residual.fixed_rows_mut::<2>(2 * i).copy_from(&own);
             for (column, by) in &rows {
                 jacobian.fixed_view_mut::<2, 1>(2 * i, *column).copy_from(by);
             }
             // A place that nothing else adjusts is as uncertain as its survey.
-            let (sight, row) = (&problem.sights[*k], choice.place[*k]);
+            let (o, row) = (&problem.observations[*k], choice.place[*k]);
             if self.layout.points[row].is_none() && problem.points[row].std_m > 0.0 {
-                let own = group.iter().position(|other| choice.place[*other] == row).unwrap_or(i);
-                let seen = self.cameras[sight.camera].project_ball(&self.places[row], sight.radius_m).ok()?;
-                let by_place = sight.whitener * seen.d_pixel_d_point_in_world * problem.points[row].std_m;
-                surveyed.fixed_view_mut::<2, 3>(2 * i, 3 * own).copy_from(&by_place);
+                let first = group.iter().position(|other| choice.place[*other] == row).unwrap_or(i);
+                let camera = &self.state.cameras[o.camera];
+                let radius_m = problem.points[o.point].radius_m;
+                let predicted = camera.project_ball(&self.state.places[row], radius_m).ok()?;
+                let by_place = o.whitener * predicted.d_pixel_d_point_in_world * problem.points[row].std_m;
+                surveyed.fixed_view_mut::<2, 3>(2 * i, 3 * first).copy_from(&by_place);
             }
         }
         surveyed /= self.variance_factor.sqrt();
@@ -65,46 +62,33 @@ impl Fit {
         if below < 1.0 {
             return None;
         }
-        // What the survey takes of a disagreement is measured by its own standard deviation, not by the residuals'.
+        // The survey's part of a disagreement is measured by its own standard deviation, not by the
+        // residuals'.
         let bound = group.iter().any(|k| self.layout.points[choice.place[*k]].is_some());
         let left = if inside && !bound { self.freedom - drop } else { below };
         let ratio = drop / d as f64 * below / left.max(1e-9 * self.freedom);
         let estimated =
             (1.0 - (surveyed.tr_mul(&weighted)).norm_squared() / drop.max(1e-300)).clamp(1e-3, 1.0);
-        let probability = beyond_f(ratio, d, below / (estimated * estimated));
-        Some(Disagreement { drop, coordinates: d, studentised: ratio.sqrt(), probability })
+        let probability = beyond_f(ratio, d as f64, below / (estimated * estimated));
+        Some(Disagreement { studentised: ratio.sqrt(), probability })
     }
 }
 
-/// Probability that an F ratio of an even number of degrees of freedom above exceeds `ratio` by chance: the finite sum
-/// of the incomplete beta function (Abramowitz & Stegun 1964, 26.6.4).
-pub(super) fn beyond_f(ratio: f64, above: usize, below: f64) -> f64 {
-    if ratio <= 0.0 {
-        return 1.0;
-    }
-    let x = below / (below + above as f64 * ratio);
-    let a = below / 2.0;
-    let mut term = 1.0;
-    let mut sum = 1.0;
-    for j in 1..above / 2 {
-        term *= (a + j as f64 - 1.0) / j as f64 * (1.0 - x);
-        sum += term;
-    }
-    (x.powf(a) * sum).clamp(0.0, 1.0)
+/// Degrees of freedom from which on F is chi-square over its degrees of freedom, to a part in ten thousand.
+const MANY: f64 = 1e4;
+
+/// Probability that an F ratio exceeds `ratio` by chance.
+fn beyond_f(ratio: f64, above: f64, below: f64) -> f64 {
+    let below = below.min(MANY);
+    checked_beta_reg(0.5 * below, 0.5 * above, below / (below + above * ratio)).unwrap_or(1.0)
 }
 
-/// Half-width of the 95 % region of three coordinates whose variance was estimated with so many degrees of freedom, over
-/// that with a known variance: the root of 3 F(3, freedom) over chi-square(3) (Hotelling 1931), by Paulson's normal
-/// approximation of F (1942; within 1 % in the half-width from 4 degrees of freedom on).
+/// Half-width of the 95 % region of three coordinates whose variance was estimated with `freedom` degrees of
+/// freedom, over that with a known variance: the root of 3 F(3, freedom) over chi-square(3) (Hotelling 1931).
 pub(super) fn hotelling_over_normal(freedom: f64) -> f64 {
-    const NORMAL: f64 = 1.644_854;
-    const CHI_SQUARE: f64 = 7.814_73;
-    let (a, b) = (2.0 / 27.0, 2.0 / (9.0 * freedom.max(2.0)));
-    // (1 - b) r - (1 - a) = z sqrt(b r² + a) for the cube root r of F.
-    let (p, q, z2) = (1.0 - b, 1.0 - a, NORMAL * NORMAL);
-    let (square, half, rest) = (p * p - z2 * b, p * q, q * q - z2 * a);
-    let root = (half + (half * half - square * rest).max(0.0).sqrt()) / square.max(0.05);
-    (3.0 * root.powi(3) / CHI_SQUARE).sqrt()
+    let known = ChiSquared::new(3.0).map(|d| d.inverse_cdf(0.95));
+    let estimated = FisherSnedecor::new(3.0, freedom.max(2.0)).map(|d| 3.0 * d.inverse_cdf(0.95));
+    estimated.ok().zip(known.ok()).map_or(f64::NAN, |(estimated, known)| (estimated / known).sqrt())
 }
 
 #[cfg(test)]
@@ -114,15 +98,19 @@ mod tests {
     #[test]
     fn quantiles_are_those_of_the_tables() {
         // Abramowitz & Stegun, tables 26.9 and 26.10.
-        for (ratio, above, below, probability) in
-            [(3.49, 2, 20.0, 0.05), (5.85, 2, 20.0, 0.01), (6.39, 4, 4.0, 0.05), (4.43, 4, 20.0, 0.01)]
-        {
+        for (ratio, above, below, probability) in [
+            (3.49, 2.0, 20.0, 0.05),
+            (5.85, 2.0, 20.0, 0.01),
+            (6.39, 4.0, 4.0, 0.05),
+            (4.43, 4.0, 20.0, 0.01),
+        ] {
             let got = beyond_f(ratio, above, below);
             assert!((got / probability - 1.0).abs() < 0.01, "F({above}, {below}) beyond {ratio}: {got}");
         }
+        assert!((beyond_f(9.21, 2.0, 1e9) / 1e-4 - 1.0).abs() < 0.02 && beyond_f(-1.0, 2.0, 5.0) == 1.0);
         for (freedom, f) in [(5.0, 5.409), (10.0, 3.708), (20.0, 3.098), (60.0, 2.758)] {
             let got = hotelling_over_normal(freedom).powi(2) * 7.814_73 / 3.0;
-            assert!((got / f - 1.0).abs() < 0.02, "F(3, {freedom}) = {got}");
+            assert!((got / f - 1.0).abs() < 1e-3, "F(3, {freedom}) = {got}");
         }
     }
 }

@@ -41,8 +41,8 @@ const CASES: [Case; 3] = [
     Case { name: "unlike", seen: |s| unlike_rig(0.1, 0.002, s), cameras: unlike_cameras, points: 16 },
 ];
 
-/// A point moved 2 cm in the table is named with at most one other, or the calibration refused by its name; where it is
-/// not refused the cameras are within their uncertainty.
+/// A point moved 2 cm in the table is named with at most one other, or the calibration refused by its name;
+/// where it is not refused the cameras are within their uncertainty.
 fn displaced(case: &Case, point: usize, direction: Vector3<f64>, seed: &mut u64) -> Result<(), String> {
     let mut controls = (case.seen)(seed);
     for c in &mut controls {
@@ -130,7 +130,7 @@ fn faults_of_many_seeds_are_named() {
 }
 
 #[test]
-fn good_points_stay() {
+fn good_points_are_kept() {
     let (mut seed, mut alarms) = (77, vec![]);
     for (case, trials) in CASES.iter().zip([60, 20, 6]) {
         for _ in 0..trials {

@@ -1,21 +1,18 @@
-//! What an adjustment moves, and what moved objects say of it.
+//! The free parameters of an adjustment.
 
-use super::adjust::Equations;
 use super::model::CameraModel;
-use super::moved::Moved;
-use super::problem::{Choice, Problem};
-use crate::moving::Reduced;
+use super::problem::{Data, Problem};
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, CameraChange, Isometry3, Vector3};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
-/// Where each free parameter stands.
+/// The column of each free parameter: cameras, sizes of objects, then three for each point that is not exact.
 #[derive(Clone)]
 pub(super) struct Layout {
     pub(super) cameras: Vec<Option<Columns>>,
-    pub(super) points: Vec<Option<usize>>,
-    /// The moved objects' sizes, where they are not exact.
+    /// Sizes of the moved objects, where they are not exact.
     pub(super) scales: Vec<Option<usize>>,
-    /// Parameters of cameras and sizes, which come first.
+    pub(super) points: Vec<Option<usize>>,
+    /// Parameters of cameras and sizes.
     pub(super) of_cameras: usize,
     pub(super) size: usize,
 }
@@ -23,9 +20,10 @@ pub(super) struct Layout {
 /// The parameters of one camera.
 #[derive(Clone)]
 pub(super) struct Columns {
-    pub(super) at: usize,
+    pub(super) first: usize,
     pub(super) basis: Vec<CameraChange>,
-    /// Columns of the model's basis that are held: those of the pose, where this camera's axes are the world's.
+    /// Columns of the model's basis that are held: those of the pose, where this camera's axes are the
+    /// world's.
     pub(super) held: usize,
 }
 
@@ -33,87 +31,80 @@ pub(super) struct Columns {
 #[derive(Clone)]
 pub(super) struct State {
     pub(super) cameras: Vec<Camera>,
+    /// Of the table's rows.
     pub(super) places: Vec<Vector3<f64>>,
+    /// Of the moved objects, by object and instant.
     pub(super) poses: Vec<Vec<Isometry3<f64>>>,
+    /// Sizes of the moved objects, relative to what is stated.
     pub(super) scales: Vec<f64>,
 }
 
+impl State {
+    pub(super) fn new(problem: &Problem, cameras: &[Camera]) -> Self {
+        Self {
+            cameras: cameras.to_vec(),
+            places: problem.points.iter().map(|p| p.in_world_m).collect(),
+            poses: problem.moved.iter().map(|m| m.start.clone()).collect(),
+            scales: vec![1.0; problem.moved.len()],
+        }
+    }
+
+    pub(super) fn stepped(&self, layout: &Layout, step: &DVector<f64>) -> Self {
+        let mut out = self.clone();
+        for (camera, own) in out.cameras.iter_mut().zip(&layout.cameras) {
+            let Some(own) = own else { continue };
+            let change = own.basis.iter().enumerate().map(|(k, b)| b * step[own.first + k]).sum();
+            *camera = camera.moved(&change);
+        }
+        for (place, at) in out.places.iter_mut().zip(&layout.points) {
+            *place += at.map_or_else(Vector3::zeros, |at| step.fixed_rows::<3>(at).into_owned());
+        }
+        for (scale, at) in out.scales.iter_mut().zip(&layout.scales) {
+            *scale += at.map_or(0.0, |at| step[at]);
+        }
+        out
+    }
+}
+
 impl Layout {
-    pub(super) fn new(problem: &Problem, choice: &Choice, models: &[CameraModel]) -> Self {
+    pub(super) fn new(data: Data, models: &[CameraModel]) -> Self {
+        let Data { problem, choice } = data;
         let mut size = 0;
-        let mut cameras = vec![None; problem.sizes.len()];
-        let mut points = vec![None; problem.points.len()];
-        let used = || (0..problem.sights.len()).filter(|k| choice.used[*k]);
-        let sees = |camera: usize| {
-            used().any(|k| problem.sights[k].camera == camera)
-                || problem.moved.iter().any(|m| m.is_seen_by(camera))
+        let mut claim = |n: usize| {
+            size += n;
+            size - n
         };
-        for (camera, model) in models.iter().enumerate().filter(|(c, _)| sees(*c)) {
-            let held = if problem.held == Some(camera) { 6 } else { 0 };
-            let basis = model.basis().split_off(held);
-            let at = size;
-            size += basis.len();
-            cameras[camera] = Some(Columns { at, basis, held });
+        let mut cameras = vec![None; problem.sizes.len()];
+        for (camera, model) in models.iter().enumerate() {
+            let is_seen =
+                data.used_by(camera).next().is_some() || problem.moved.iter().any(|m| m.is_seen_by(camera));
+            if is_seen {
+                let held = if problem.held == Some(camera) { 6 } else { 0 };
+                let basis = model.basis().split_off(held);
+                cameras[camera] = Some(Columns { first: claim(basis.len()), basis, held });
+            }
         }
-        let mut scales = vec![None; problem.moved.len()];
-        for (at, _) in scales.iter_mut().zip(&problem.moved).filter(|(_, m)| m.scale_std > 0.0) {
-            *at = Some(size);
-            size += 1;
-        }
-        let of_cameras = size;
-        for sight in used() {
-            let row = choice.place[sight];
+        let scales = problem.moved.iter().map(|m| (m.scale_std > 0.0).then(|| claim(1))).collect();
+        let of_cameras = claim(0);
+        let mut points = vec![None; problem.points.len()];
+        for row in choice.used().map(|k| choice.place[k]) {
             if problem.points[row].std_m > 0.0 && points[row].is_none() {
-                points[row] = Some(size);
-                size += 3;
+                points[row] = Some(claim(3));
             }
         }
         Self { cameras, points, scales, of_cameras, size }
     }
-}
 
-/// The equations of one moved object: its poses follow the cameras, and are eliminated.
-pub(super) fn add_moved(
-    (problem, layout): (&Problem, &Layout),
-    k: usize,
-    state: &mut State,
-    factor: f64,
-    out: &mut Equations,
-) -> Option<()> {
-    let object: &Moved = &problem.moved[k];
-    let shared = object.shared(&state.cameras, state.scales[k]);
-    let mut reduced = Reduced::new(shared.rows());
-    for (sights, pose) in object.sights.iter().zip(&mut state.poses[k]) {
-        *pose = shared.settled(sights, pose, factor)?;
-        reduced.add(&shared, (sights.as_slice(), pose), factor)?;
-    }
-    // From the rows of what is shared to the free parameters.
-    let mut directions = DMatrix::zeros(shared.rows(), layout.size);
-    for (camera, own) in layout.cameras.iter().enumerate() {
-        let Some(own) = own else { continue };
-        for (j, direction) in own.basis.iter().enumerate() {
-            directions
-                .fixed_view_mut::<CAMERA_PARAMETERS, 1>(CAMERA_PARAMETERS * camera, own.at + j)
-                .copy_from(direction);
+    /// The sixteen parameters of each camera by the free parameters, in a matrix with so many rows.
+    pub(super) fn spread(&self, rows: usize) -> DMatrix<f64> {
+        let mut out = DMatrix::zeros(rows, self.size);
+        for (camera, own) in self.cameras.iter().enumerate() {
+            let Some(own) = own else { continue };
+            for (k, direction) in own.basis.iter().enumerate() {
+                out.fixed_view_mut::<CAMERA_PARAMETERS, 1>(CAMERA_PARAMETERS * camera, own.first + k)
+                    .copy_from(direction);
+            }
         }
+        out
     }
-    if let Some(at) = layout.scales[k] {
-        for (p, point) in object.body.iter().enumerate() {
-            let row = shared.first_point() + 3 * p;
-            directions.fixed_view_mut::<3, 1>(row, at).copy_from(&point.marker_in_body_m);
-        }
-        let off = (state.scales[k] - 1.0) / object.scale_std;
-        out.normal[(at, at)] += object.scale_std.powi(-2);
-        out.gradient[at] -= off / object.scale_std;
-        out.prior += off * off;
-        out.log_prior_weight -= object.scale_std.ln();
-    }
-    out.normal += directions.tr_mul(&reduced.normal) * &directions / factor;
-    out.gradient += directions.tr_mul(&reduced.gradient) / factor;
-    out.squares += reduced.loss;
-    let of_poses = object.pose_parameters() * reduced.instants;
-    out.moved.0 += reduced.coordinates;
-    out.moved.1 += of_poses;
-    out.moved.2 += reduced.log_determinant - of_poses as f64 * factor.ln();
-    Some(())
 }

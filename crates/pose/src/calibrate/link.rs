@@ -1,20 +1,19 @@
 //! Cameras to start from where moved objects link them, in the axes of the first.
 
-use super::moved::Moved;
+use super::moved::{Moved, names_of};
 use super::pair::{MIN_MATCHES, pairs, seen_by_both};
 use super::plane::{pinhole_of_planes, pose_of_plane};
 use super::start::{MIN_POINTS, starts};
 use crate::PoseError;
-use crate::moving::PointSight;
-use mavsight_geometry::{
-    Camera, ControlPoint, ImageSize, Isometry3, Matrix2, Matrix3, UnitQuaternion, triangulate,
-};
-use nalgebra::Rotation3;
+use crate::moving::PointObservation;
+use mavsight_geometry::attitude::rotation_of;
+use mavsight_geometry::{Camera, ControlPoint, ImageSize, Isometry3, Matrix2, Matrix3, triangulate};
 
 /// Starts of a pair that are followed: those whose wand changes its length least.
 const FOLLOWED: usize = 4;
 
-/// Sets of cameras near those that saw the objects, in the axes of the first camera: x to its right, y forward, z up.
+/// Sets of cameras near those that saw the objects, in the axes of the first camera: x to its right, y
+/// forward, z up.
 ///
 /// # Errors
 /// [`PoseError::NotLinked`] names a camera that shares too little with the others.
@@ -49,27 +48,23 @@ pub(super) fn linked(
     }
     let camera = missing.unwrap_or(sizes.len() - 1);
     let shared = |object: &Moved| {
-        let both = |sights: &&Vec<PointSight>| {
-            sights.iter().any(|s| s.camera == camera) && sights.iter().any(|s| s.camera != camera)
+        let both = |place: &&Vec<PointObservation>| {
+            place.iter().any(|o| o.camera == camera) && place.iter().any(|o| o.camera != camera)
         };
-        object.sights.iter().filter(both).count()
+        object.observations.iter().filter(both).count()
     };
     Err(PoseError::NotLinked {
         camera: names[camera].clone(),
-        objects: objects.iter().map(|o| o.name.as_str()).collect::<Vec<_>>().join(" and "),
+        objects: names_of(objects),
         places: objects.iter().map(shared).sum(),
         needed: MIN_MATCHES / 2,
     })
 }
 
-/// The world's axes as the first camera has them if it is held level.
-fn level() -> UnitQuaternion<f64> {
-    let matrix = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
-    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix))
-}
-
+/// The cameras in the world's axes that the first camera has if it is held level.
 fn in_axes_of_first(mut cameras: Vec<Camera>) -> Vec<Camera> {
-    let cam_from_new = Isometry3::from_parts(Default::default(), level());
+    let level = rotation_of(Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0));
+    let cam_from_new = Isometry3::from_parts(Default::default(), level);
     let old_from_new = cameras[0].cam_from_world.inverse() * cam_from_new;
     cameras.iter_mut().for_each(|c| c.cam_from_world *= old_from_new);
     cameras
@@ -77,28 +72,27 @@ fn in_axes_of_first(mut cameras: Vec<Camera>) -> Vec<Camera> {
 
 /// Cameras that saw a board, those that are joined to the first of them by boards that both saw.
 fn of_board(board: &Moved, sizes: &[ImageSize]) -> Vec<Option<Camera>> {
-    let own = |place: &[PointSight], camera: usize| -> Vec<PointSight> {
-        place.iter().filter(|s| s.camera == camera).copied().collect()
+    let own = |place: &[PointObservation], camera: usize| -> Vec<PointObservation> {
+        place.iter().filter(|o| o.camera == camera).copied().collect()
     };
     let pinholes: Vec<Camera> = sizes
         .iter()
         .enumerate()
         .map(|(camera, size)| {
-            let views: Vec<Vec<PointSight>> = board.sights.iter().map(|p| own(p, camera)).collect();
+            let views: Vec<_> = board.observations.iter().map(|p| own(p, camera)).collect();
             pinhole_of_planes(*size, &board.body, &views)
         })
         .collect();
-    let in_camera = |place: &[PointSight], camera: usize| {
+    let in_camera = |place: &[PointObservation], camera: usize| {
         pose_of_plane(&pinholes[camera], &board.body, &own(place, camera))
     };
     let mut out: Vec<Option<Camera>> = vec![None; sizes.len()];
-    let seen = |camera: usize| board.is_seen_by(camera);
-    let Some(first) = (0..sizes.len()).find(|c| seen(*c)) else { return out };
+    let Some(first) = (0..sizes.len()).find(|c| board.is_seen_by(*c)) else { return out };
     out[first] = Some(pinholes[first]);
     loop {
-        // The place that shows most of the board to a known and an unknown camera.
+        // The place with most corners in view of a known and an unknown camera.
         let mut best: Option<(usize, usize, Camera)> = None;
-        for place in &board.sights {
+        for place in &board.observations {
             for known in 0..sizes.len() {
                 let Some(camera) = out[known] else { continue };
                 for unknown in (0..sizes.len()).filter(|c| out[*c].is_none()) {
@@ -139,12 +133,12 @@ fn add_others(object: &Moved, set: &mut [Option<Camera>], sizes: &[ImageSize]) {
             continue;
         }
         let mut points = Vec::new();
-        for place in &object.sights {
-            for s in place.iter().filter(|s| s.camera == camera) {
+        for place in &object.observations {
+            for s in place.iter().filter(|o| o.camera == camera) {
                 let rays: Vec<_> = place
                     .iter()
                     .filter(|o| o.point == s.point)
-                    .filter_map(|o| Some((set[o.camera].as_ref()?, o.pixel, Matrix2::identity())))
+                    .filter_map(|o| Some(o.with_variance(1.0).in_image(set[o.camera].as_ref()?)))
                     .collect();
                 if let Ok(found) = triangulate(&rays) {
                     points.push(ControlPoint {

@@ -1,4 +1,4 @@
-//! The nested family of camera models, and what is known of a camera before it is calibrated.
+//! The nested family of camera models, and the priors of their parameters.
 
 use mavsight_geometry::camera_parameters::{DISTORTION, INTRINSICS};
 use mavsight_geometry::{Camera, CameraChange};
@@ -52,23 +52,24 @@ const LENSES: [(Lens, &str); 5] = [
     (Lens::Full, "+k1+k2+p1+p2+k3"),
 ];
 
-/// Spreads of real cameras, as standard deviations about a centred pinhole with square pixels. They bound what the data
-/// leave open and weigh one model against another; the data overrule them where they can.
+/// Spreads of real cameras, as standard deviations about a centred pinhole with square pixels. They bound
+/// undetermined parameters and weigh one model against another; the data overrule them where they can.
 ///
 /// Angle across the width 20° to 110°: ln(f/width) about 0, spread 0.7.
 const LOG_FOCAL_STD: f64 = 0.7;
-/// Principal point, of the width: lenses are mounted to a few per cent of the sensor (Clarke, Wang & Fryer 1998).
+/// Principal point, of the width: lenses are mounted to a few per cent of the sensor (Clarke, Wang & Fryer
+/// 1998).
 const PRINCIPAL_POINT_STD: f64 = 0.03;
 /// Where pixels are not square (digitised or squeezed video) they differ by some per cent.
 const ASPECT_STD: f64 = 0.02;
 /// Where the axes are sheared, by a fraction of a degree to a degree.
 const SKEW_STD: f64 = 0.01;
-/// Radial terms of ordinary lenses in normalised coordinates, |k1| and |k2| up to some tenths; tangential ones are two
-/// orders smaller (Brown 1971; Weng, Cohen & Herniou 1992).
+/// Radial terms of ordinary lenses in normalised coordinates, |k1| and |k2| up to some tenths; tangential
+/// ones are two orders smaller (Brown 1971; Weng, Cohen & Herniou 1992).
 const RADIAL_STD: f64 = 0.3;
 const TANGENTIAL_STD: f64 = 0.005;
 
-/// What a prior says of one column of a model's basis.
+/// The prior of one column of a model's basis.
 pub(super) struct PriorRow {
     /// Column.
     pub(super) column: usize,
@@ -89,8 +90,8 @@ impl CameraModel {
         self.basis().len()
     }
 
-    /// The models with more freedom in one of the parts, by a step or two: the second may be worth it where the first is
-    /// not.
+    /// The models with more freedom in one of the parts, by a step or two: the second may be worth it without
+    /// the first.
     pub(super) fn wider(&self) -> Vec<Self> {
         let pixels = PIXELS.iter().map(|p| p.0).filter(|p| *p > self.pixels).take(2);
         let lenses = LENSES.iter().map(|l| l.0).filter(|l| *l > self.lens).take(2);
@@ -128,7 +129,7 @@ impl CameraModel {
         }
     }
 
-    /// A camera with what the model does not have taken out.
+    /// A camera without the terms that the model does not have.
     pub(super) fn restricted(&self, camera: &Camera) -> Camera {
         let mut out = *camera;
         let k = &mut out.intrinsics;

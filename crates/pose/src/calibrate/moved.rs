@@ -1,32 +1,32 @@
-//! Objects of known shape that were moved before the cameras: a wand, a board.
+//! Objects of known shape that were moved in view of the cameras: a wand, a board.
 
 use super::plane::pose_of_plane;
-use crate::moving::{PointSight, Shared};
+use crate::moving::{PointObservation, Shared};
 use crate::{BodyMarker, MarkerObservation, PoseError};
-use mavsight_geometry::{
-    Camera, GeometryError, Isometry3, Matrix2, UnitQuaternion, Vector3, rigid_fit, triangulate,
-};
+use mavsight_geometry::{Camera, Isometry3, UnitQuaternion, Vector3, rigid_fit, triangulate};
 use nalgebra::Translation3;
 
-/// An object of known shape at many places, as the cameras saw it.
+/// An object of known shape, observed at many places.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MovedObject {
     /// Its name in messages.
     pub name: String,
     /// Its points, in axes of its own.
     pub points: Vec<BodyMarker>,
-    /// Standard deviation of its size, relative to what the points say; 0 for exact.
+    /// Standard deviation of its size, relative to that of the points; 0 for exact.
     pub scale_std: f64,
-    /// Who saw which point when; sights of one time are of one place of the object.
-    pub sights: Vec<MarkerObservation>,
+    /// Observations of its points; those of one time belong to one place of the object.
+    pub observations: Vec<MarkerObservation>,
 }
 
 impl MovedObject {
-    /// Two balls on a stick: their centres lie `length_m` apart, with a standard deviation; their diameters follow.
+    /// Two balls on a stick with the distance of their centres, its standard deviation, and their names and
+    /// diameters.
     pub fn wand(
-        (length_m, length_std_m): (f64, f64),
+        length_m: f64,
+        length_std_m: f64,
         balls: [(&str, f64); 2],
-        sights: Vec<MarkerObservation>,
+        observations: Vec<MarkerObservation>,
     ) -> Self {
         let ball = |(name, diameter_m): (&str, f64), side: f64| BodyMarker {
             name: name.to_owned(),
@@ -34,22 +34,22 @@ impl MovedObject {
             radius_m: 0.5 * diameter_m,
         };
         let points = vec![ball(balls[0], -1.0), ball(balls[1], 1.0)];
-        Self { name: "wand".to_owned(), points, scale_std: length_std_m / length_m, sights }
+        Self { name: "wand".to_owned(), points, scale_std: length_std_m / length_m, observations }
     }
 
     /// The inner corners of a chessboard, row by row in the plane z = 0: x along a row, y from row to row.
-    pub fn board((columns, rows): (usize, usize), square_m: f64, sights: Vec<MarkerObservation>) -> Self {
+    pub fn board(columns: usize, rows: usize, square_m: f64, observations: Vec<MarkerObservation>) -> Self {
         let corner = |k: usize| BodyMarker {
             name: format!("corner {} {}", k % columns + 1, k / columns + 1),
             marker_in_body_m: Vector3::new((k % columns) as f64, (k / columns) as f64, 0.0) * square_m,
             radius_m: 0.0,
         };
         let points = (0..columns * rows).map(corner).collect();
-        Self { name: "board".to_owned(), points, scale_std: 0.0, sights }
+        Self { name: "board".to_owned(), points, scale_std: 0.0, observations }
     }
 }
 
-/// Places of an object that enter, spread over all: noise averages out, what limits is seen in some hundred already.
+/// Places of an object that enter, spread over all: a hundred reduce noise below the systematic errors.
 const MOST_PLACES: usize = 100;
 
 /// A moved object as the adjustment has it.
@@ -59,15 +59,20 @@ pub(super) struct Moved {
     pub(super) body: Vec<BodyMarker>,
     pub(super) scale_std: f64,
     /// By place.
-    pub(super) sights: Vec<Vec<PointSight>>,
-    /// Where the object is about, by place; empty until cameras are known.
+    pub(super) observations: Vec<Vec<PointObservation>>,
+    /// Approximate poses, by place; empty until cameras are known.
     pub(super) start: Vec<Isometry3<f64>>,
+}
+
+/// The names of objects for a message.
+pub(super) fn names_of(objects: &[Moved]) -> String {
+    objects.iter().map(|o| o.name.as_str()).collect::<Vec<_>>().join(" and ")
 }
 
 impl Moved {
     /// # Errors
-    /// [`PoseError::BadObservation`] for a camera or point that does not exist or what is not finite; [`PoseError::BadObject`]
-    /// for a shape that is none.
+    /// [`PoseError::BadObservation`] for a camera or point that does not exist or a number that is not
+    /// finite; [`PoseError::BadObject`] for points that make no shape.
     pub(super) fn new(object: &MovedObject, cameras: usize) -> Result<Self, PoseError> {
         let bad = |detail| PoseError::BadObject { object: object.name.clone(), detail };
         let numbers = object.points.iter().flat_map(|p| p.marker_in_body_m.iter().chain([&p.radius_m]));
@@ -82,25 +87,19 @@ impl Moved {
                 "it needs two points or more, each at its own place: check its length or its squares",
             ));
         }
-        let mut order: Vec<&MarkerObservation> = object.sights.iter().collect();
+        let mut order: Vec<&MarkerObservation> = object.observations.iter().collect();
         order.sort_by_key(|o| o.t_ns);
-        let mut sights = Vec::new();
+        let mut observations = Vec::new();
         for place in order.chunk_by(|a, b| a.t_ns == b.t_ns) {
-            let own = place.iter().map(|o| sight(o, cameras, object.points.len()));
-            sights.push(own.collect::<Result<Vec<_>, _>>()?);
+            let own = place.iter().map(|o| observation(o, cameras, object.points.len()));
+            observations.push(own.collect::<Result<Vec<_>, _>>()?);
         }
-        let out = Self {
-            name: object.name.clone(),
-            body: object.points.clone(),
-            scale_std: object.scale_std,
-            sights,
-            start: Vec::new(),
-        };
-        Ok(out)
+        let (name, body) = (object.name.clone(), object.points.clone());
+        Ok(Self { name, body, scale_std: object.scale_std, observations, start: Vec::new() })
     }
 
     pub(super) fn is_seen_by(&self, camera: usize) -> bool {
-        self.sights.iter().flatten().any(|s| s.camera == camera)
+        self.observations.iter().flatten().any(|o| o.camera == camera)
     }
 
     /// Whether its points lie on one line.
@@ -115,12 +114,12 @@ impl Moved {
         self.body.len() >= 4 && self.body.iter().all(|p| p.marker_in_body_m.z == 0.0) && !self.is_line()
     }
 
-    /// Parameters of a pose that its points can show.
+    /// Parameters of a pose that its points determine.
     pub(super) fn pose_parameters(&self) -> usize {
         if self.is_line() { 5 } else { 6 }
     }
 
-    /// The object at a size, before cameras.
+    /// The object at a size, in view of cameras.
     pub(super) fn shared(&self, cameras: &[Camera], scale: f64) -> Shared {
         let mut body = self.body.clone();
         body.iter_mut().for_each(|p| p.marker_in_body_m *= scale);
@@ -129,35 +128,31 @@ impl Moved {
         out
     }
 
-    /// The same with only the places that these cameras show with redundancy, and where it is there. Places are thinned out to
-    /// what is needed.
+    /// The object at the places that these cameras determine with redundancy, thinned out, with its poses
+    /// there.
     pub(super) fn placed(&self, cameras: &[Camera]) -> Self {
         let shared = self.shared(cameras, 1.0);
-        let mut out = Self { sights: Vec::new(), start: Vec::new(), ..self.clone() };
-        let every = self.sights.len().div_ceil(MOST_PLACES).max(1);
-        for sights in self.sights.iter().step_by(every) {
-            if 2 * sights.len() <= self.pose_parameters() {
+        let mut out = Self { observations: Vec::new(), start: Vec::new(), ..self.clone() };
+        let every = self.observations.len().div_ceil(MOST_PLACES).max(1);
+        for place in self.observations.iter().step_by(every) {
+            if 2 * place.len() <= self.pose_parameters() {
                 continue;
             }
-            let Some(near) = self.place(sights, cameras) else { continue };
-            if let Some(pose) = shared.settled(sights, &near, f64::INFINITY) {
-                out.sights.push(sights.clone());
+            let near = self.approximate_pose(place, cameras);
+            if let Some(pose) = near.and_then(|near| shared.best_pose(place, &near, f64::INFINITY)) {
+                out.observations.push(place.clone());
                 out.start.push(pose);
             }
         }
         out
     }
 
-    /// About where the object was.
-    fn place(&self, sights: &[PointSight], cameras: &[Camera]) -> Option<Isometry3<f64>> {
+    fn approximate_pose(&self, place: &[PointObservation], cameras: &[Camera]) -> Option<Isometry3<f64>> {
         let (mut in_body, mut in_world) = (Vec::new(), Vec::new());
         for (p, point) in self.body.iter().enumerate() {
-            let rays: Vec<_> = sights
-                .iter()
-                .filter(|s| s.point == p)
-                .filter_map(|s| Some((&cameras[s.camera], s.pixel, s.covariance_px2()?)))
-                .collect();
-            if let Ok(found) = triangulate(&rays) {
+            let images: Vec<_> =
+                place.iter().filter(|o| o.point == p).map(|o| o.in_image(&cameras[o.camera])).collect();
+            if let Ok(found) = triangulate(&images) {
                 in_body.push(point.marker_in_body_m);
                 in_world.push(found.point_in_world_m);
             }
@@ -181,21 +176,15 @@ impl Moved {
         {
             return Some(fit.world_from_body);
         }
-        let seen = |camera: usize| sights.iter().filter(|s| s.camera == camera).count();
-        let best = (0..cameras.len()).max_by_key(|c| seen(*c))?;
-        let own: Vec<PointSight> = sights.iter().filter(|s| s.camera == best).copied().collect();
+        let seen_by = |camera: usize| place.iter().filter(|o| o.camera == camera).count();
+        let best = (0..cameras.len()).max_by_key(|c| seen_by(*c))?;
+        let own: Vec<PointObservation> = place.iter().filter(|o| o.camera == best).copied().collect();
         let cam_from_board = pose_of_plane(&cameras[best], &self.body, &own).filter(|_| self.is_board())?;
         Some(cameras[best].cam_from_world.inverse() * cam_from_board)
     }
 }
 
-impl PointSight {
-    pub(super) fn covariance_px2(&self) -> Option<Matrix2<f64>> {
-        (self.whitener.transpose() * self.whitener).try_inverse()
-    }
-}
-
-fn sight(o: &MarkerObservation, cameras: usize, points: usize) -> Result<PointSight, PoseError> {
+fn observation(o: &MarkerObservation, cameras: usize, points: usize) -> Result<PointObservation, PoseError> {
     let bad = |reason| PoseError::BadObservation { camera: o.camera, marker: o.marker, reason };
     if o.camera >= cameras {
         return Err(bad("the rig has no such camera"));
@@ -203,17 +192,6 @@ fn sight(o: &MarkerObservation, cameras: usize, points: usize) -> Result<PointSi
     if o.marker >= points {
         return Err(bad("the object has no such point"));
     }
-    let whitener = o.covariance_px2.cholesky().and_then(|c| c.l().try_inverse());
-    let whitener = whitener.filter(|w| w.iter().chain(o.pixel.iter()).all(|x| x.is_finite()));
-    let whitener = whitener.ok_or(bad("it is not finite, or its covariance not positive definite"))?;
-    Ok(PointSight { camera: o.camera, point: o.marker, pixel: o.pixel, whitener })
-}
-
-/// Directions in a camera's own axes, as points at unit depth.
-pub(super) fn at_unit_depth(
-    camera: &Camera,
-    pixel: &mavsight_geometry::Vector2<f64>,
-) -> Result<mavsight_geometry::Vector2<f64>, GeometryError> {
-    let ray = camera.cam_from_world.rotation * camera.ray(pixel)?;
-    Ok(mavsight_geometry::Vector2::new(ray.x / ray.z, ray.y / ray.z))
+    PointObservation::new(o.camera, o.marker, o.pixel, o.covariance_px2)
+        .ok_or(bad("it is not finite, or its covariance not positive definite"))
 }

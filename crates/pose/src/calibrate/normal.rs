@@ -1,8 +1,9 @@
 //! Normal equations of a bundle adjustment: a point is bound to the cameras and to no other point.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3, Vector3};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3};
 
-/// The factors of a normal matrix whose points are eliminated first (Brown 1976; Triggs et al. 2000, section 6.1).
+/// The factors of a normal matrix whose points are eliminated first (Brown 1976; Triggs et al. 2000, section
+/// 6.1).
 ///
 /// The first rows are those of the cameras, then come three for each point. All is scaled to a unit diagonal.
 pub(super) struct Eliminated {
@@ -18,61 +19,32 @@ pub(super) struct Eliminated {
 }
 
 impl Eliminated {
-    /// Factors a matrix with so many rows for cameras, its diagonal enlarged by a part `damping` of itself; `None` where
-    /// it is not positive definite.
+    /// Factors a matrix of which the first rows, `cameras` in number, are those of the cameras, its diagonal
+    /// enlarged by a part `damping` of itself; `None` where it is not positive definite.
     pub(super) fn new(normal: &DMatrix<f64>, cameras: usize, damping: f64) -> Option<Self> {
         let scale = normal.diagonal().map(|d| 1.0 / (d * (1.0 + damping)).sqrt());
         if !scale.iter().all(|s| s.is_finite()) {
             return None;
         }
-        let n = normal.nrows();
-        let mut log_determinant = -2.0 * scale.iter().map(|s| s.ln()).sum::<f64>();
-        let mut points = Vec::with_capacity((n - cameras) / 3);
-        let mut between = DMatrix::zeros(cameras, n - cameras);
-        // Of the reduced matrix only the lower triangle is read.
-        let mut reduced = normal.view((0, 0), (cameras, cameras)).into_owned();
-        for (j, mut column) in reduced.column_iter_mut().enumerate() {
-            let by = scale[j];
-            column.iter_mut().zip(scale.iter()).for_each(|(x, s)| *x *= s * by);
-            column[j] = 1.0;
-        }
-        let mut seen: Vec<(usize, Vector3<f64>, Vector3<f64>)> = Vec::with_capacity(cameras);
-        for at in (cameras..n).step_by(3) {
-            let by = scale.fixed_rows::<3>(at);
-            let mut own = normal.fixed_view::<3, 3>(at, at).component_mul(&(by * by.transpose()));
-            own.fill_diagonal(1.0);
-            let own = own.cholesky()?;
-            log_determinant += 2.0 * own.l_dirty().diagonal().map(|d| d.ln()).sum();
+        let mut scaled = normal.component_mul(&(&scale * scale.transpose()));
+        scaled.fill_diagonal(1.0);
+        let mut log_determinant = -2.0 * scale.map(f64::ln).sum();
+        let mut points = Vec::new();
+        let mut between = DMatrix::zeros(cameras, normal.nrows() - cameras);
+        let mut reduced = scaled.view((0, 0), (cameras, cameras)).into_owned();
+        for at in (cameras..normal.nrows()).step_by(3) {
+            let own = scaled.fixed_view::<3, 3>(at, at).into_owned().cholesky()?;
+            log_determinant += own.ln_determinant();
             let inverse = own.inverse();
-            let rows = normal.fixed_rows::<3>(at);
-            seen.clear();
-            for (i, (row, s)) in rows.column_iter().take(cameras).zip(scale.iter()).enumerate() {
-                if row != Vector3::zeros() {
-                    let row = row.component_mul(&by) * *s;
-                    seen.push((i, row, inverse * row));
-                }
-            }
-            for (k, (j, _, solved)) in seen.iter().enumerate() {
-                between.fixed_view_mut::<1, 3>(*j, at - cameras).copy_from(&solved.transpose());
-                let mut column = reduced.column_mut(*j);
-                let column = column.as_mut_slice();
-                for (i, row, _) in &seen[k..] {
-                    column[*i] -= row.dot(solved);
-                }
-            }
+            let across = scaled.view((0, at), (cameras, 3));
+            let mut solved = between.columns_mut(at - cameras, 3);
+            solved.gemm(1.0, &across, &inverse, 0.0);
+            reduced.gemm(-1.0, &solved, &across.transpose(), 1.0);
             points.push(inverse);
         }
-        let factor = if cameras > 0 { Some(reduced.cholesky()?) } else { None };
-        if let Some(factor) = &factor {
-            log_determinant += factor.l_dirty().diagonal().iter().map(|d| 2.0 * d.ln()).sum::<f64>();
-        }
-        log_determinant.is_finite().then_some(Self {
-            scale,
-            cameras: factor,
-            points,
-            between,
-            log_determinant,
-        })
+        let cameras = if cameras > 0 { Some(reduced.cholesky()?) } else { None };
+        log_determinant += cameras.as_ref().map_or(0.0, Cholesky::ln_determinant);
+        log_determinant.is_finite().then_some(Self { scale, cameras, points, between, log_determinant })
     }
 
     /// The solution for a right side.
@@ -111,12 +83,7 @@ impl Eliminated {
         out.view_mut((0, c), (c, p)).copy_from(&across);
         out.view_mut((c, 0), (p, c)).copy_from(&across.transpose());
         out.view_mut((c, c), (p, p)).copy_from(&points);
-        for j in 0..c + p {
-            for i in 0..c + p {
-                out[(i, j)] *= self.scale[i] * self.scale[j];
-            }
-        }
-        out
+        out.component_mul(&(&self.scale * self.scale.transpose()))
     }
 }
 
@@ -138,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn elimination_gives_what_the_dense_matrix_gives() {
+    fn elimination_agrees_with_the_dense_matrix() {
         let normal = normal();
         let right = DVector::from_fn(21, |i, _| (i as f64).cos());
         for damping in [0.0, 0.3] {
@@ -160,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_positive_has_no_factors() {
+    fn a_matrix_that_is_not_positive_has_no_factors() {
         let mut flat = normal();
         flat.fill_row(2, 0.0);
         flat.fill_column(2, 0.0);

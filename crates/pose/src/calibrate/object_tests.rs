@@ -1,16 +1,16 @@
 //! Cameras from wands and boards whose places are drawn at random.
 
-use super::test_sets::{seen, unlike_cameras};
+use super::test_sets::{Noise, seen, unlike_cameras};
 use super::*;
 use crate::testing::{cameras, normal, normal3};
-use crate::{BodyMarker, MarkerObservation};
-use mavsight_geometry::{Isometry3, Matrix2, Point3, UnitQuaternion};
+use crate::{BodyMarker, MarkerObservation, PoseError};
+use mavsight_geometry::{Camera, Isometry3, Matrix2, Point3, UnitQuaternion, Vector2, Vector3};
 use nalgebra::Translation3;
 
 const LENGTH_M: f64 = 0.5;
 
-/// What cameras see of a body at some poses; a point in ten is lost.
-fn sights(
+/// Observations of a body at some poses; a point in ten is lost.
+fn observed(
     cameras: &[Camera],
     body: &[BodyMarker],
     poses: &[Isometry3<f64>],
@@ -49,10 +49,10 @@ fn waved(n: usize, seed: &mut u64) -> Vec<Isometry3<f64>> {
 }
 
 fn wand(cameras: &[Camera], std_px: f64, seed: &mut u64) -> MovedObject {
-    let empty = MovedObject::wand((LENGTH_M, 0.0), [("a", 0.04), ("b", 0.04)], Vec::new());
+    let empty = MovedObject::wand(LENGTH_M, 0.0, [("a", 0.04), ("b", 0.04)], Vec::new());
     let poses = waved(80, seed);
-    let sights = sights(cameras, &empty.points, &poses, std_px, seed);
-    MovedObject { sights, ..empty }
+    let observations = observed(cameras, &empty.points, &poses, std_px, seed);
+    MovedObject { observations, ..empty }
 }
 
 fn unseen(cameras: &[Camera]) -> Vec<CameraControl> {
@@ -107,7 +107,9 @@ fn a_wand_and_four_surveyed_points_give_centres_as_good_as_they_claim() {
         let control: Vec<CameraControl> = truth
             .iter()
             .enumerate()
-            .map(|(k, c)| seen(&format!("cam{}", k + 1), c, &places, (0.05, 0.03), &mut seed))
+            .map(|(k, c)| {
+                seen(&format!("cam{}", k + 1), c, &places, Noise { std_px: 0.05, radius_m: 0.03 }, &mut seed)
+            })
             .collect();
         let rig = calibrate_with(&control, &[wand(&truth, 0.05, &mut seed)]).unwrap();
         for (found, truth) in rig.cameras.iter().zip(&truth) {
@@ -120,12 +122,12 @@ fn a_wand_and_four_surveyed_points_give_centres_as_good_as_they_claim() {
     assert!((0.3..2.0).contains(&nees), "{nees}");
 }
 
-/// One sight in fifty is of something else.
+/// One observation in fifty is of another object.
 #[test]
 fn balls_that_are_none_are_left_out() {
     let (truth, mut seed) = (cameras().to_vec(), 21);
     let mut wand = wand(&truth, 0.05, &mut seed);
-    for o in wand.sights.iter_mut().step_by(53) {
+    for o in wand.observations.iter_mut().step_by(53) {
         o.pixel += Vector2::new(normal(&mut seed), normal(&mut seed)) * 40.0;
     }
     let rig = calibrate_with(&unseen(&truth), &[wand]).unwrap();
@@ -149,7 +151,7 @@ fn a_length_that_is_not_exact_is_in_the_uncertainty() {
     assert!((unsure.hypot(0.0) / exact.hypot(2e-3) - 1.0).abs() < 0.15, "{exact} {unsure}");
 }
 
-/// A board at arm's length before each camera, tilted up to `tilt_rad`.
+/// A board at arm's length from each camera, tilted up to `tilt_rad`.
 fn board_views(camera: &Camera, n: usize, tilt_rad: f64, seed: &mut u64) -> Vec<Isometry3<f64>> {
     let middle = Vector3::new(0.12, 0.075, 0.0);
     (0..n)
@@ -168,15 +170,15 @@ fn board_views(camera: &Camera, n: usize, tilt_rad: f64, seed: &mut u64) -> Vec<
 }
 
 fn board(cameras: &[Camera], per_camera: usize, tilt_rad: f64, seed: &mut u64) -> MovedObject {
-    let empty = MovedObject::board((7, 5), 0.04, Vec::new());
+    let empty = MovedObject::board(7, 5, 0.04, Vec::new());
     let mut all = Vec::new();
     for (k, camera) in cameras.iter().enumerate() {
         let poses = board_views(camera, per_camera, tilt_rad, seed);
-        let mut own = sights(std::slice::from_ref(camera), &empty.points, &poses, 0.05, seed);
+        let mut own = observed(std::slice::from_ref(camera), &empty.points, &poses, 0.05, seed);
         own.iter_mut().for_each(|o| (o.camera, o.t_ns) = (k, o.t_ns + 1_000_000_000_000 * k as i64));
         all.extend(own);
     }
-    MovedObject { sights: all, ..empty }
+    MovedObject { observations: all, ..empty }
 }
 
 #[test]
@@ -188,7 +190,13 @@ fn boards_give_lenses_and_control_points_where_the_cameras_are() {
         .iter()
         .enumerate()
         .map(|(k, c)| {
-            let mut one = seen(&format!("cam{}", k + 1), c, &crate::testing::cube(), (0.1, 0.03), &mut seed);
+            let mut one = seen(
+                &format!("cam{}", k + 1),
+                c,
+                &crate::testing::cube(),
+                Noise { std_px: 0.1, radius_m: 0.03 },
+                &mut seed,
+            );
             one.size = c.size;
             one
         })
@@ -214,52 +222,54 @@ fn a_board_that_cameras_share_links_them() {
     for (camera, at) in truth.iter_mut().zip([[1.0, -1.2, 1.5], [-0.9, -1.3, 1.8]]) {
         *camera = Camera::looking_at(Vector3::from(at), target, camera.intrinsics, camera.size);
     }
-    let empty = MovedObject::board((6, 4), 0.08, Vec::new());
+    let empty = MovedObject::board(6, 4, 0.08, Vec::new());
     let between =
         Camera::looking_at(Vector3::new(0.0, -1.4, 1.6), target, truth[0].intrinsics, truth[0].size);
     let poses = board_views(&between, 12, 0.4, &mut seed);
-    let sights = sights(&truth, &empty.points, &poses, 0.05, &mut seed);
-    let rig = calibrate_with(&unseen(&truth), &[MovedObject { sights, ..empty }]).unwrap();
+    let observations = observed(&truth, &empty.points, &poses, 0.05, &mut seed);
+    let rig = calibrate_with(&unseen(&truth), &[MovedObject { observations, ..empty }]).unwrap();
     assert!(scale_error(&rig, &truth) < 2e-3, "{}", scale_error(&rig, &truth));
 }
 
 #[test]
-fn what_objects_cannot_tell_is_refused() {
+fn what_objects_leave_undetermined_is_refused() {
     let (truth, mut seed) = (cameras().to_vec(), 13);
     let control = unseen(&truth);
     let good = wand(&truth, 0.05, &mut seed);
     let refused = |object: MovedObject| calibrate_with(&control, &[object]).unwrap_err();
     // Only one camera saw it.
     let mut alone = good.clone();
-    alone.sights.retain(|o| o.camera == 0);
+    alone.observations.retain(|o| o.camera == 0);
     let why = refused(alone).to_string();
     assert!(why.contains("camera cam2 shares 0 places of the wand"), "{why}");
     for (length_m, std_m) in [(0.0, 0.0), (f64::NAN, 0.0), (0.5, -1.0)] {
-        let none = MovedObject::wand((length_m, std_m), [("a", 0.04), ("b", 0.04)], good.sights.clone());
+        let none = MovedObject::wand(length_m, std_m, [("a", 0.04), ("b", 0.04)], good.observations.clone());
         assert!(matches!(refused(none), PoseError::BadObject { .. }), "{length_m} {std_m}");
     }
     let mut wrong = good.clone();
-    wrong.sights[5].marker = 2;
+    wrong.observations[5].marker = 2;
     assert!(matches!(refused(wrong), PoseError::BadObservation { marker: 2, .. }));
     let mut wrong = good.clone();
-    wrong.sights[5].pixel.x = f64::NAN;
+    wrong.observations[5].pixel.x = f64::NAN;
     assert!(matches!(refused(wrong), PoseError::BadObservation { .. }));
     // Where the recordings are out of step, control points keep the cameras and the wand is nowhere.
     let mut late = good.clone();
-    late.sights.iter_mut().filter(|o| o.camera == 1).for_each(|o| o.t_ns += 333_333_330);
+    late.observations.iter_mut().filter(|o| o.camera == 1).for_each(|o| o.t_ns += 333_333_330);
     let full = super::test_sets::both(0.05, &mut seed);
     let why = calibrate_with(&full, &[late]).unwrap_err();
     assert!(matches!(why, PoseError::ObjectMisfit { .. }), "{why}");
     assert!(why.to_string().contains("run in step"), "{why}");
     // Two points do not fix the axes.
     let places = [Vector3::new(0.5, 0.5, 0.5), Vector3::new(-0.5, 0.5, 0.5)];
-    let two: Vec<CameraControl> =
-        truth.iter().map(|c| seen("cam", c, &places, (0.05, 0.03), &mut seed)).collect();
+    let two: Vec<CameraControl> = truth
+        .iter()
+        .map(|c| seen("cam", c, &places, Noise { std_px: 0.05, radius_m: 0.03 }, &mut seed))
+        .collect();
     let why = calibrate_with(&two, &[good]).unwrap_err();
     assert!(matches!(why, PoseError::WorldAxes { found: 2, needed: 3 }), "{why}");
 }
 
-/// Boards held square to the camera say nothing of its focal length.
+/// Boards held square to the camera do not determine its focal length.
 #[test]
 fn a_board_at_no_useful_angle_says_which_views_are_missing() {
     let mut seed = 17;
@@ -269,9 +279,9 @@ fn a_board_at_no_useful_angle_says_which_views_are_missing() {
         Camera::looking_at(at, at + Vector3::y(), k.intrinsics, k.size)
     };
     let truth = [side(-0.1), side(0.1)];
-    let empty = MovedObject::board((6, 4), 0.04, Vec::new());
+    let empty = MovedObject::board(6, 4, 0.04, Vec::new());
     let poses = board_views(&side(0.0), 8, 0.003, &mut seed);
-    let sights = sights(&truth, &empty.points, &poses, 0.05, &mut seed);
-    let why = calibrate_with(&unseen(&truth), &[MovedObject { sights, ..empty }]).unwrap_err();
+    let observations = observed(&truth, &empty.points, &poses, 0.05, &mut seed);
+    let why = calibrate_with(&unseen(&truth), &[MovedObject { observations, ..empty }]).unwrap_err();
     assert!(why.to_string().contains("add views tilted by 30°"), "{why}");
 }

@@ -1,15 +1,18 @@
-//! Two cameras from a wand that both saw: the essential matrix for guessed focal lengths, told by the wand's length.
+//! Two cameras from a wand that both saw: the essential matrix for guessed focal lengths, judged by the
+//! wand's length.
 
 use super::moved::Moved;
+use crate::moving::PointObservation;
+use mavsight_geometry::attitude::rotation_of;
 use mavsight_geometry::{
-    Camera, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix3, UnitQuaternion, Vector2, Vector3, jacobi_svd,
-    triangulate,
+    Camera, ImagePoint, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix3, Vector2, Vector3,
+    centroid_and_spread, jacobi_svd, triangulate,
 };
-use nalgebra::{DMatrix, Rotation3, Translation3};
+use nalgebra::{DMatrix, Translation3};
 
 /// Fields of view that are tried for each camera, across the width.
 const FIELDS_RAD: [f64; 6] = [0.35, 0.55, 0.8, 1.1, 1.45, 1.9];
-/// Matches that the fundamental matrix needs to be told from noise: twice the eight of the linear method.
+/// Matches that a fundamental matrix needs: twice the eight of the linear method.
 pub(super) const MIN_MATCHES: usize = 16;
 /// Rounds in which matches that are far from their epipolar lines are dropped.
 const ROUNDS: usize = 6;
@@ -19,7 +22,7 @@ const BEYOND: f64 = 4.0;
 /// A point in both images.
 type Match = (Vector2<f64>, Vector2<f64>);
 
-/// Cameras at places relative to the first, best first: such under which the wand keeps its length.
+/// Pairs of cameras in the axes of the first, those under which the wand's length varies least first.
 pub(super) fn pairs(wand: &Moved, (a, b): (usize, usize), sizes: &[ImageSize]) -> Vec<(Camera, Camera)> {
     let length_m = (wand.body[1].marker_in_body_m - wand.body[0].marker_in_body_m).norm();
     let both = seen_by_both(wand, (a, b));
@@ -43,11 +46,8 @@ pub(super) fn pairs(wand: &Moved, (a, b): (usize, usize), sizes: &[ImageSize]) -
                 * fundamental
                 * Matrix3::from_diagonal(&Vector3::new(fa, fa, 1.0));
             let cameras = |pose: Isometry3<f64>| {
-                let of = |size, field, cam_from_world| Camera {
-                    cam_from_world,
-                    intrinsics: Intrinsics::from_horizontal_fov(size, field),
-                    distortion: Default::default(),
-                    size,
+                let of = |size, field, cam_from_world| {
+                    Camera::undistorted(cam_from_world, Intrinsics::from_horizontal_fov(size, field), size)
                 };
                 (of(sizes[a], field_a, Isometry3::identity()), of(sizes[b], field_b, pose))
             };
@@ -71,17 +71,16 @@ pub(super) fn pairs(wand: &Moved, (a, b): (usize, usize), sizes: &[ImageSize]) -
 
 /// Both balls in both cameras, by place.
 pub(super) fn seen_by_both(wand: &Moved, (a, b): (usize, usize)) -> Vec<[Match; 2]> {
-    let of = |sights: &[crate::moving::PointSight], camera: usize, point: usize| {
-        sights.iter().find(|s| s.camera == camera && s.point == point).map(|s| s.pixel)
-    };
-    let place = |sights: &Vec<crate::moving::PointSight>| {
-        let ball = |p| Some((of(sights, a, p)?, of(sights, b, p)?));
+    let place = |own: &Vec<PointObservation>| {
+        let of = |camera, point| own.iter().find(|o| o.camera == camera && o.point == point).map(|o| o.pixel);
+        let ball = |p| Some((of(a, p)?, of(b, p)?));
         Some([ball(0)?, ball(1)?])
     };
-    wand.sights.iter().filter_map(place).collect()
+    wand.observations.iter().filter_map(place).collect()
 }
 
-/// The fundamental matrix by the normalised eight-point method (Hartley 1997), with matches that disagree left out.
+/// The fundamental matrix by the normalised eight-point method (Hartley 1997), with matches that disagree
+/// left out.
 fn fundamental(matches: &[Match]) -> Option<Matrix3<f64>> {
     let mut kept: Vec<Match> = matches.to_vec();
     let mut answer = linear(&kept)?;
@@ -106,26 +105,11 @@ fn fundamental(matches: &[Match]) -> Option<Matrix3<f64>> {
 }
 
 fn linear(matches: &[Match]) -> Option<Matrix3<f64>> {
-    let normaliser = |points: Vec<Vector2<f64>>| {
-        let n = points.len() as f64;
-        let middle = points.iter().sum::<Vector2<f64>>() / n;
-        let spread = (points.iter().map(|p| (p - middle).norm_squared()).sum::<f64>() / (2.0 * n)).sqrt();
-        (spread > 0.0).then(|| {
-            Matrix3::new(
-                1.0 / spread,
-                0.0,
-                -middle.x / spread,
-                0.0,
-                1.0 / spread,
-                -middle.y / spread,
-                0.0,
-                0.0,
-                1.0,
-            )
-        })
+    let normaliser = |(middle, spread): (Vector2<f64>, f64)| {
+        (spread > 0.0).then(|| Matrix3::new_translation(&-middle).append_scaling(1.0 / spread))
     };
-    let first = normaliser(matches.iter().map(|m| m.0).collect())?;
-    let second = normaliser(matches.iter().map(|m| m.1).collect())?;
+    let first = normaliser(centroid_and_spread(matches.iter().map(|m| m.0)))?;
+    let second = normaliser(centroid_and_spread(matches.iter().map(|m| m.1)))?;
     let mut rows = DMatrix::zeros(matches.len().max(9), 9);
     for (i, (p, q)) in matches.iter().enumerate() {
         let (p, q) = (first * p.push(1.0), second * q.push(1.0));
@@ -137,10 +121,10 @@ fn linear(matches: &[Match]) -> Option<Matrix3<f64>> {
     }
     let f = jacobi_svd(&rows).v.column(8).into_owned();
     let svd = jacobi_svd(&DMatrix::from_row_slice(3, 3, f.as_slice()));
-    let mut values = svd.singular_values.clone();
-    values[2] = 0.0;
-    let rank_two = &svd.u * DMatrix::from_diagonal(&values) * svd.v.transpose();
-    let out = second.transpose() * Matrix3::from_fn(|i, j| rank_two[(i, j)]) * first;
+    let (u, v, values) =
+        (svd.u.fixed_view::<3, 3>(0, 0), svd.v.fixed_view::<3, 3>(0, 0), svd.singular_values);
+    let rank_two = u * Matrix3::from_diagonal(&Vector3::new(values[0], values[1], 0.0)) * v.transpose();
+    let out = second.transpose() * rank_two * first;
     out.iter().all(|x| x.is_finite()).then_some(out)
 }
 
@@ -153,30 +137,28 @@ fn sampson(f: &Matrix3<f64>, (p, q): &Match) -> f64 {
 
 /// The four poses of the second camera that have an essential matrix (Hartley & Zisserman 2004, result 9.19).
 fn poses(essential: &Matrix3<f64>) -> Vec<Isometry3<f64>> {
-    let svd = jacobi_svd(&DMatrix::from_fn(3, 3, |i, j| essential[(i, j)]));
-    let square = |m: &DMatrix<f64>| Matrix3::from_fn(|i, j| m[(i, j)]);
-    let (mut u, mut v) = (square(&svd.u), square(&svd.v));
-    // The third columns have no length where the third singular value has none.
+    let svd = jacobi_svd(&DMatrix::from_column_slice(3, 3, essential.as_slice()));
+    let [mut u, mut v] = [&svd.u, &svd.v].map(|m| Matrix3::from_column_slice(m.as_slice()));
+    // Proper rotations, so that the four poses are.
     u.set_column(2, &u.column(0).cross(&u.column(1)));
     v.set_column(2, &v.column(0).cross(&v.column(1)));
     let w = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
     let mut out = Vec::with_capacity(4);
     for turn in [u * w * v.transpose(), u * w.transpose() * v.transpose()] {
         for side in [1.0, -1.0] {
-            let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn));
             let at: Vector3<f64> = u.column(2) * side;
-            out.push(Isometry3::from_parts(Translation3::from(at), rotation));
+            out.push(Isometry3::from_parts(Translation3::from(at), rotation_of(turn)));
         }
     }
     out
 }
 
-/// Relative spread of the wand's length under two cameras, and its mean; `None` where less than three quarters of the places
-/// lie before both.
+/// Relative spread of the wand's length under two cameras, and its median; `None` where less than three
+/// quarters of the places are in view of both.
 fn length_spread(both: &[[Match; 2]], (one, other): &(Camera, Camera)) -> Option<(f64, f64)> {
     let at = |(p, q): &Match| {
-        let unit = Matrix2::identity();
-        let found = triangulate(&[(one, *p, unit), (other, *q, unit)]).ok()?;
+        let image = |camera, pixel| ImagePoint { camera, pixel, covariance_px2: Matrix2::identity() };
+        let found = triangulate(&[image(one, *p), image(other, *q)]).ok()?;
         Some(found.point_in_world_m)
     };
     let every = both.len().div_ceil(100).max(1);

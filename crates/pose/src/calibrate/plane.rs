@@ -1,23 +1,21 @@
-//! A plane of known points before one camera: focal length and pose from homographies (Zhang 2000).
+//! A plane of known points in view of one camera: focal length and pose from homographies (Zhang 2000).
 
-use super::moved::at_unit_depth;
 use crate::BodyMarker;
-use crate::moving::PointSight;
+use crate::moving::PointObservation;
+use mavsight_geometry::attitude::rotation_of;
 use mavsight_geometry::{
-    Camera, ImageSize, Intrinsics, Isometry3, Matrix3, UnitQuaternion, Vector2, Vector3, jacobi_svd,
+    Camera, ImageSize, Intrinsics, Isometry3, Matrix3, Vector2, Vector3, centroid_and_spread, jacobi_svd,
 };
-use nalgebra::{DMatrix, Rotation3, Translation3};
+use nalgebra::{DMatrix, Translation3};
 
-/// The homography from points on a plane to their images at unit depth, by the normalised linear method (Hartley &
-/// Zisserman 2004, algorithm 4.2); `None` for fewer than four points or such on a line.
+/// The homography from points on a plane to their images at unit depth, by the normalised linear method
+/// (Hartley & Zisserman 2004, algorithm 4.2); `None` for fewer than four points or such on a line.
 fn homography(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Matrix3<f64>> {
     if pairs.len() < 4 {
         return None;
     }
-    let n = pairs.len() as f64;
-    let middle = pairs.iter().map(|p| p.0).sum::<Vector2<f64>>() / n;
-    let spread = (pairs.iter().map(|p| (p.0 - middle).norm_squared()).sum::<f64>() / n).sqrt();
-    if spread.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
+    let (middle, spread) = centroid_and_spread(pairs.iter().map(|p| p.0));
+    if spread.is_nan() || spread <= 0.0 {
         return None;
     }
     let mut rows = DMatrix::zeros((2 * pairs.len()).max(9), 9);
@@ -35,60 +33,54 @@ fn homography(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Matrix3<f64>> {
     if svd.singular_values[7] <= 1e-9 * svd.singular_values[0] {
         return None;
     }
-    let h = svd.v.column(8);
-    let scaled = Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], h[8]);
-    let normalise = Matrix3::new(
-        1.0 / spread,
-        0.0,
-        -middle.x / spread,
-        0.0,
-        1.0 / spread,
-        -middle.y / spread,
-        0.0,
-        0.0,
-        1.0,
-    );
-    Some(scaled * normalise)
+    let scaled = Matrix3::from_fn(|i, j| svd.v[(3 * i + j, 8)]);
+    Some(scaled * Matrix3::new_translation(&-middle).append_scaling(1.0 / spread))
 }
 
-fn pairs(camera: &Camera, body: &[BodyMarker], sights: &[PointSight]) -> Vec<(Vector2<f64>, Vector2<f64>)> {
-    let pair = |s: &PointSight| {
-        let on_plane = body[s.point].marker_in_body_m.xy();
-        Some((on_plane, at_unit_depth(camera, &s.pixel).ok()?))
+/// Points on the plane, with their images at unit depth.
+fn pairs(
+    camera: &Camera,
+    body: &[BodyMarker],
+    observations: &[PointObservation],
+) -> Vec<(Vector2<f64>, Vector2<f64>)> {
+    let pair = |o: &PointObservation| {
+        let ray = camera.cam_from_world.rotation * camera.ray(&o.pixel).ok()?;
+        Some((body[o.point].marker_in_body_m.xy(), ray.xy() / ray.z))
     };
-    sights.iter().filter_map(pair).collect()
+    observations.iter().filter_map(pair).collect()
 }
 
-/// Pose of a board in a camera's axes from its sights in that camera; `None` where they do not show it.
+/// Pose of a board in a camera's axes from its observations by that camera; `None` where they do not
+/// determine it.
 pub(super) fn pose_of_plane(
     camera: &Camera,
     body: &[BodyMarker],
-    sights: &[PointSight],
+    observations: &[PointObservation],
 ) -> Option<Isometry3<f64>> {
-    let h = homography(&pairs(camera, body, sights))?;
+    let h = homography(&pairs(camera, body, observations))?;
     let mut scale = 2.0 / (h.column(0).norm() + h.column(1).norm());
-    // The board lies before the camera.
+    // The board lies on the camera's positive depths.
     if h[(2, 2)] < 0.0 {
         scale = -scale;
     }
     let first: Vector3<f64> = (h.column(0) * scale).normalize();
     let third = first.cross(&(h.column(1) * scale)).normalize();
     let second = third.cross(&first);
-    let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[first, second, third]));
+    let rotation = rotation_of(Matrix3::from_columns(&[first, second, third]));
     let at: Vector3<f64> = h.column(2) * scale;
-    let out = Isometry3::from_parts(Translation3::from(at), UnitQuaternion::from_rotation_matrix(&rotation));
+    let out = Isometry3::from_parts(Translation3::from(at), rotation);
     out.to_homogeneous().iter().all(|x| x.is_finite()).then_some(out)
 }
 
-/// A pinhole with a centred principal point and square pixels from the homographies of all views: each gives two linear
-/// equations for 1/f² (Zhang 2000, equations 3 and 4). A field of 60° where they say nothing.
-pub(super) fn pinhole_of_planes(size: ImageSize, body: &[BodyMarker], views: &[Vec<PointSight>]) -> Camera {
-    let at = |intrinsics| Camera {
-        cam_from_world: Isometry3::identity(),
-        intrinsics,
-        distortion: Default::default(),
-        size,
-    };
+/// A pinhole with a centred principal point and square pixels from the homographies of all views: each gives
+/// two linear equations for 1/f² (Zhang 2000, equations 3 and 4). A field of 60° where they do not determine
+/// it.
+pub(super) fn pinhole_of_planes(
+    size: ImageSize,
+    body: &[BodyMarker],
+    views: &[Vec<PointObservation>],
+) -> Camera {
+    let at = |intrinsics| Camera::undistorted(Isometry3::identity(), intrinsics, size);
     // Pixels in units of the width.
     let mut unit = Intrinsics::from_horizontal_fov(size, 1.0);
     (unit.fx_px, unit.fy_px) = (f64::from(size.width_px), f64::from(size.width_px));

@@ -1,22 +1,10 @@
-//! What all cameras saw of all surveyed points, as one adjustment.
+//! All observations of all surveyed points and moved objects, as one adjustment.
 
-use super::CameraControl;
-use super::adjust::Fit;
 use super::moved::Moved;
+use super::rig::CameraControl;
 use crate::PoseError;
-use mavsight_geometry::{Camera, ControlPoint, GeometryError, ImageSize, Matrix2, Vector2, Vector3};
-
-/// One point seen by one camera.
-#[derive(Clone)]
-pub(super) struct Sight {
-    pub(super) camera: usize,
-    pub(super) point: usize,
-    pub(super) pixel: Vector2<f64>,
-    /// Wᵀ W is the inverse of the claimed covariance.
-    pub(super) whitener: Matrix2<f64>,
-    pub(super) covariance_px2: Matrix2<f64>,
-    pub(super) radius_m: f64,
-}
+use crate::moving::PointObservation;
+use mavsight_geometry::{Camera, ControlPoint, GeometryError, ImageSize, Vector3};
 
 /// A surveyed point.
 #[derive(Clone)]
@@ -25,6 +13,8 @@ pub(super) struct Surveyed {
     pub(super) in_world_m: Vector3<f64>,
     /// Standard deviation of each of its coordinates; 0 for exact.
     pub(super) std_m: f64,
+    /// Of the ball around it; 0 for a plain point.
+    pub(super) radius_m: f64,
 }
 
 #[derive(Clone)]
@@ -32,90 +22,121 @@ pub(super) struct Problem {
     pub(super) names: Vec<String>,
     pub(super) sizes: Vec<ImageSize>,
     pub(super) points: Vec<Surveyed>,
-    pub(super) sights: Vec<Sight>,
-    /// Objects that were moved before the cameras.
+    pub(super) observations: Vec<PointObservation>,
+    /// Objects that were moved in view of the cameras.
     pub(super) moved: Vec<Moved>,
-    /// The camera whose axes are the world's, where no control points say it.
+    /// The camera whose axes are the world's, where no control points determine them.
     pub(super) held: Option<usize>,
     /// Cameras to start from, where they are known already.
     pub(super) start: Option<Vec<Camera>>,
 }
 
-/// Which sights enter, and which surveyed place belongs to each point.
+/// The observations that enter, and the surveyed place of each one's point.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Choice {
-    /// By sight.
+    /// By observation.
     pub(super) used: Vec<bool>,
-    /// By sight: the row of the table that holds its point's place.
+    /// By observation: the row of the table that holds its point's place.
     pub(super) place: Vec<usize>,
 }
 
+/// A problem with a choice.
+#[derive(Clone, Copy)]
+pub(super) struct Data<'a> {
+    pub(super) problem: &'a Problem,
+    pub(super) choice: &'a Choice,
+}
+
+impl<'a> Data<'a> {
+    /// The used observations of one camera.
+    pub(super) fn used_by(self, camera: usize) -> impl Iterator<Item = usize> + 'a {
+        self.choice.used().filter(move |k| self.problem.observations[*k].camera == camera)
+    }
+
+    /// The used observations of one camera as control points.
+    pub(super) fn control(self, camera: usize) -> Vec<ControlPoint> {
+        let Self { problem, choice } = self;
+        self.used_by(camera)
+            .map(|k| ControlPoint {
+                name: problem.points[problem.observations[k].point].name.clone(),
+                point_in_world_m: problem.points[choice.place[k]].in_world_m,
+                pixel: problem.observations[k].pixel,
+                pixel_cov_px2: problem.observations[k].covariance_px2,
+            })
+            .collect()
+    }
+}
+
+impl Choice {
+    /// The observations that enter.
+    pub(super) fn used(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.used.len()).filter(|k| self.used[*k])
+    }
+}
+
 impl Problem {
-    /// Points of the same name and place are one point.
+    /// Points of the same name, place and radius are one point.
     pub(super) fn new(controls: &[CameraControl]) -> Result<Self, PoseError> {
         let mut out = Self {
-            names: vec![],
-            sizes: vec![],
+            names: controls.iter().map(|c| c.name.clone()).collect(),
+            sizes: controls.iter().map(|c| c.size).collect(),
             points: vec![],
-            sights: vec![],
+            observations: vec![],
             moved: vec![],
             held: None,
             start: None,
         };
         for (camera, control) in controls.iter().enumerate() {
-            out.names.push(control.name.clone());
-            out.sizes.push(control.size);
-            let n = control.points.len();
+            let points = control.points.len();
             for (what, given) in
                 [("radii", control.ball_radius_m.len()), ("survey", control.survey_std_m.len())]
             {
-                if n != given {
-                    let camera = control.name.clone();
-                    return Err(PoseError::ControlLengths { camera, points: n, what, given });
+                if points != given {
+                    return Err(PoseError::ControlLengths {
+                        camera: control.name.clone(),
+                        points,
+                        what,
+                        given,
+                    });
                 }
             }
             for (k, point) in control.points.iter().enumerate() {
+                let row = out.row_of(Surveyed {
+                    name: point.name.clone(),
+                    in_world_m: point.point_in_world_m,
+                    std_m: control.survey_std_m[k],
+                    radius_m: control.ball_radius_m[k],
+                });
+                let observation = observation(point, camera, row, &out.points[row]);
                 let named = |source| PoseError::Calibration { camera: control.name.clone(), source };
-                let (radius_m, std_m) = (control.ball_radius_m[k], control.survey_std_m[k]);
-                let sight = sight_of(point, camera, radius_m, std_m).map_err(named)?;
-                let index = out.index_of(point, std_m);
-                out.sights.push(Sight { point: index, ..sight });
+                out.observations.push(observation.map_err(named)?);
             }
         }
         Ok(out)
     }
 
-    fn index_of(&mut self, point: &ControlPoint, std_m: f64) -> usize {
-        let known = self.points.iter().position(|p| {
-            p.name == point.name && p.in_world_m == point.point_in_world_m && !p.name.is_empty()
-        });
-        known.unwrap_or_else(|| {
-            self.points.push(Surveyed {
-                name: point.name.clone(),
-                in_world_m: point.point_in_world_m,
-                std_m,
-            });
+    fn row_of(&mut self, point: Surveyed) -> usize {
+        let same = |p: &Surveyed| {
+            !p.name.is_empty()
+                && p.name == point.name
+                && p.in_world_m == point.in_world_m
+                && p.radius_m == point.radius_m
+        };
+        self.points.iter().position(same).unwrap_or_else(|| {
+            self.points.push(point);
             self.points.len() - 1
         })
     }
 
-    /// All sights, all places as in the table.
+    /// All observations, all places as in the table.
     pub(super) fn all(&self) -> Choice {
-        Choice { used: vec![true; self.sights.len()], place: self.sights.iter().map(|s| s.point).collect() }
+        let place = self.observations.iter().map(|o| o.point).collect();
+        Choice { used: vec![true; self.observations.len()], place }
     }
 
-    /// The used sights of one camera as control points.
-    pub(super) fn control(&self, choice: &Choice, camera: usize) -> Vec<ControlPoint> {
-        let of_camera = |k: &usize| choice.used[*k] && self.sights[*k].camera == camera;
-        (0..self.sights.len())
-            .filter(of_camera)
-            .map(|k| ControlPoint {
-                name: self.points[self.sights[k].point].name.clone(),
-                point_in_world_m: self.points[choice.place[k]].in_world_m,
-                pixel: self.sights[k].pixel,
-                pixel_cov_px2: self.sights[k].covariance_px2,
-            })
-            .collect()
+    /// The problem with a choice.
+    pub(super) fn with<'a>(&'a self, choice: &'a Choice) -> Data<'a> {
+        Data { problem: self, choice }
     }
 
     /// Mean of the places of points and of moved objects.
@@ -126,48 +147,25 @@ impl Problem {
         sum / f64::max(n, 1.0)
     }
 
-    /// Of the moved objects in one camera: sum of the squared residuals, sights, and sum of the inverse claimed variances of
-    /// a coordinate.
-    pub(super) fn moved_residuals(&self, fit: &Fit, camera: usize) -> (f64, f64, f64) {
-        let (mut squares_px2, mut sights, mut information) = (0.0, 0.0, 0.0);
-        for (k, object) in self.moved.iter().enumerate() {
-            let shared = object.shared(&fit.cameras, fit.scales[k]);
-            for (place, pose) in object.sights.iter().zip(&fit.poses[k]) {
-                for s in place.iter().filter(|s| s.camera == camera) {
-                    let (Some(residual), Some(covariance)) =
-                        (shared.residual_px(s, pose), s.covariance_px2())
-                    else {
-                        continue;
-                    };
-                    squares_px2 += residual.norm_squared();
-                    sights += 1.0;
-                    information += 2.0 / covariance.trace();
-                }
-            }
-        }
-        (squares_px2, sights, information)
+    /// Why all cameras together have no answer.
+    pub(super) fn undetermined(&self) -> PoseError {
+        let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
+        PoseError::Calibration { camera: self.names.join(", "), source }
     }
 }
 
-fn sight_of(point: &ControlPoint, camera: usize, radius_m: f64, std_m: f64) -> Result<Sight, GeometryError> {
-    let numbers = point.point_in_world_m.iter().chain(point.pixel.iter()).chain(point.pixel_cov_px2.iter());
-    if !numbers.chain([&radius_m, &std_m]).all(|x| x.is_finite()) || radius_m < 0.0 || std_m < 0.0 {
-        return Err(GeometryError::NotFinite {
-            what: "a control point, its radius or its standard deviation",
-        });
+fn observation(
+    point: &ControlPoint,
+    camera: usize,
+    row: usize,
+    surveyed: &Surveyed,
+) -> Result<PointObservation, GeometryError> {
+    let Surveyed { in_world_m, std_m, radius_m, .. } = surveyed;
+    let numbers = in_world_m.iter().chain(point.pixel.iter()).chain(point.pixel_cov_px2.iter());
+    if !numbers.chain([radius_m, std_m]).all(|x| x.is_finite()) || *radius_m < 0.0 || *std_m < 0.0 {
+        let what = "a control point, its radius or its standard deviation";
+        return Err(GeometryError::NotFinite { what });
     }
-    let whitener = point
-        .pixel_cov_px2
-        .cholesky()
-        .and_then(|c| c.l().try_inverse())
-        .filter(|w| w.iter().all(|x| x.is_finite()))
-        .ok_or(GeometryError::NotFinite { what: "the inverse of a control pixel's covariance" })?;
-    Ok(Sight {
-        camera,
-        point: 0,
-        pixel: point.pixel,
-        whitener,
-        covariance_px2: point.pixel_cov_px2,
-        radius_m,
-    })
+    PointObservation::new(camera, row, point.pixel, point.pixel_cov_px2)
+        .ok_or(GeometryError::NotFinite { what: "the inverse of a control pixel's covariance" })
 }

@@ -1,8 +1,15 @@
 //! Control frames as cameras see them, for tests.
 
-use super::CameraControl;
+use super::rig::CameraControl;
 use crate::testing::{SIZE, cameras, cube, normal};
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
+
+/// The standard deviation of pixels, and the radius of all balls.
+#[derive(Clone, Copy)]
+pub(crate) struct Noise {
+    pub(crate) std_px: f64,
+    pub(crate) radius_m: f64,
+}
 
 /// The control frame as a camera sees it.
 pub(crate) fn control(
@@ -12,14 +19,14 @@ pub(crate) fn control(
     radius_m: f64,
     seed: &mut u64,
 ) -> CameraControl {
-    seen(name, camera, &cube(), (std_px, radius_m), seed)
+    seen(name, camera, &cube(), Noise { std_px, radius_m }, seed)
 }
 
 pub(crate) fn seen(
     name: &str,
     camera: &Camera,
     places: &[Vector3<f64>],
-    (std_px, radius_m): (f64, f64),
+    Noise { std_px, radius_m }: Noise,
     seed: &mut u64,
 ) -> CameraControl {
     let points: Vec<_> = places
@@ -67,7 +74,7 @@ pub(crate) fn unlike_rig(std_px: f64, survey_std_m: f64, seed: &mut u64) -> Vec<
         .enumerate()
         .map(|(k, camera)| {
             let name = format!("cam{}", k + 1);
-            let mut control = seen(&name, camera, &real, (std_px, 0.03), seed);
+            let mut control = seen(&name, camera, &real, Noise { std_px, radius_m: 0.03 }, seed);
             control.size = camera.size;
             control.points.iter_mut().zip(&places).for_each(|(p, place)| p.point_in_world_m = *place);
             control.survey_std_m = vec![survey_std_m; places.len()];
@@ -82,8 +89,8 @@ pub(crate) fn around(std_px: f64, seed: &mut u64) -> Vec<CameraControl> {
     let within = [[0.7, 0.2, 1.1], [-0.6, 0.4, 2.1], [0.1, -0.8, 1.7], [-0.2, 0.5, 0.6]];
     places.extend(within.map(Vector3::from));
     let views = cameras_around();
-    let one =
-        |(k, camera): (usize, &Camera)| seen(&format!("cam{}", k + 1), camera, &places, (std_px, 0.03), seed);
+    let noise = Noise { std_px, radius_m: 0.03 };
+    let one = |(k, camera): (usize, &Camera)| seen(&format!("cam{}", k + 1), camera, &places, noise, seed);
     views.iter().enumerate().map(one).collect()
 }
 

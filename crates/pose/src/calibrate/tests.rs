@@ -1,7 +1,8 @@
 use super::test_sets::*;
 use super::*;
+use crate::PoseError;
 use crate::testing::{cameras, cube};
-use mavsight_geometry::Matrix2;
+use mavsight_geometry::{Camera, GeometryError, Matrix2, Vector3};
 
 #[test]
 fn large_balls_do_not_bias_the_camera() {
@@ -38,7 +39,8 @@ fn the_centres_regions_hold_the_truth() {
         }
         let share = f64::from(inside) / f64::from(2 * trials);
         println!("{std_px} px: rms {:.2} mm, NEES {nees:.2}, inside {share:.3}, {models:?}", sum_mm2.sqrt());
-        // Five standard deviations of the share of 300 below 95 %; claims wrong by a factor 2 cost two per cent more.
+        // Five standard deviations of the share of 300 below 95 %; claims wrong by a factor 2 cost two per
+        // cent more.
         assert!((0.89..0.99).contains(&share), "{share} inside their 95 % region, NEES {nees}");
     }
 }
@@ -80,7 +82,7 @@ fn errors_name_the_camera() {
     ));
     assert!(matches!(calibrate(&[]), Err(PoseError::NoCameras { found: 0 })));
     let flat: Vec<_> = (0..8).map(|i| Vector3::new(f64::from(i % 3), f64::from(i / 3), 1.0)).collect();
-    let flat = seen("cam1", &cameras()[0], &flat, (0.1, 0.0), &mut 3);
+    let flat = seen("cam1", &cameras()[0], &flat, Noise { std_px: 0.1, radius_m: 0.0 }, &mut 3);
     assert!(matches!(
         calibrate(&[flat]),
         Err(PoseError::Calibration { source: GeometryError::CoplanarControlPoints { .. }, .. })
@@ -113,7 +115,7 @@ fn five_points_make_a_pinhole() {
     let (mut nees, mut seed, trials) = (0.0, 17, 60);
     let mut most: f64 = 0.0;
     for _ in 0..trials {
-        let control = seen("cam1", &cameras()[0], &places, (0.1, 0.03), &mut seed);
+        let control = seen("cam1", &cameras()[0], &places, Noise { std_px: 0.1, radius_m: 0.03 }, &mut seed);
         let camera = &calibrate(&[control]).unwrap().cameras[0];
         assert_eq!(camera.model, CameraModel::PINHOLE);
         let error = camera.camera.centre_in_world() - cameras()[0].centre_in_world();
@@ -187,7 +189,13 @@ fn the_model_is_the_one_that_made_the_images() {
                 .map(|(k, camera)| {
                     let mut camera = *camera;
                     change(&mut camera);
-                    seen(&format!("cam{k}"), &camera, &places, (0.05, 0.03), &mut seed)
+                    seen(
+                        &format!("cam{k}"),
+                        &camera,
+                        &places,
+                        Noise { std_px: 0.05, radius_m: 0.03 },
+                        &mut seed,
+                    )
                 })
                 .collect();
             let camera = &calibrate(&controls).unwrap().cameras[0];

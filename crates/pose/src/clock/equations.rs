@@ -37,8 +37,8 @@ pub(super) type Unknown = (usize, Part);
 pub(super) struct View {
     pub(super) camera: usize,
     pub(super) marker: usize,
-    /// Index of the sight in its path.
-    pub(super) sight: usize,
+    /// Index of the observation in its path.
+    pub(super) index: usize,
     pixel: Vector2<f64>,
     whitener: Matrix2<f64>,
     pub(super) px_s: Vector2<f64>,
@@ -94,12 +94,12 @@ impl<'a> Problem<'a> {
         let fastest = streams
             .iter()
             .enumerate()
-            .filter(|(_, s)| !s.sights.is_empty())
+            .filter(|(_, s)| !s.observations.is_empty())
             .min_by(|a, b| a.1.interval_s.total_cmp(&b.1.interval_s))
             .map_or(0, |(k, _)| k);
-        let mut instants: Vec<f64> = streams
-            .get(fastest)
-            .map_or(Vec::new(), |s| s.sights.iter().map(|x| s.prior.clock.time_s(x.stamp_ns, 0.0)).collect());
+        let mut instants: Vec<f64> = streams.get(fastest).map_or(Vec::new(), |s| {
+            s.observations.iter().map(|x| s.prior.clock.time_s(x.t_ns, 0.0)).collect()
+        });
         instants.dedup();
         let stride = instants.len().div_ceil(MOST_INSTANTS).max(1);
         let instants: Vec<f64> = instants.into_iter().step_by(stride).collect();
@@ -132,7 +132,7 @@ impl<'a> Problem<'a> {
         for &camera in cameras {
             for (marker, path) in paths[camera].iter().enumerate() {
                 let Some(at) = path.at(t_s) else { continue };
-                if self.leaping.contains(&(camera, marker, at.sight)) {
+                if self.leaping.contains(&(camera, marker, at.index)) {
                     continue;
                 }
                 let Some(velocity) = at.velocity else { continue };
@@ -141,7 +141,7 @@ impl<'a> Problem<'a> {
                 out.push(View {
                     camera,
                     marker,
-                    sight: at.sight,
+                    index: at.index,
                     pixel: at.pixel - self.lasting_of(camera, marker),
                     whitener,
                     px_s: velocity.px_s,

@@ -34,7 +34,7 @@ impl Problem<'_> {
                 let seen = |pose| self.image_of(v, pose);
                 let Some((from, to)) = seen(&before).zip(seen(&after)) else { continue };
                 let of_pose = (to - from).norm() / apart_s;
-                speeds.push(((v.camera, v.marker, v.sight), v.px_s.norm(), of_pose));
+                speeds.push(((v.camera, v.marker, v.index), v.px_s.norm(), of_pose));
             }
         }
         for camera in 0..self.cameras.len() {

@@ -10,7 +10,7 @@ const SAME_S: f64 = 10e-6;
 /// hertz at 30 frames a second, which is 0.2 ms of an offset of half a frame; a cubic does not.
 const SIDE: usize = 3;
 
-/// Sights from which a cubic is told with little more noise than a parabola.
+/// Observations from which a cubic is told with little more noise than a parabola.
 const CUBIC_SIGHTS: usize = 6;
 
 /// Frames further apart than this many intervals have a gap between them.
@@ -31,13 +31,13 @@ pub struct PixelPath {
 /// A path at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathPoint {
-    /// Index of the sight that was brought to this time.
-    pub sight: usize,
+    /// Index of the observation that was brought to this time.
+    pub index: usize,
     /// Where the marker was seen then.
     pub pixel: Vector2<f64>,
-    /// Covariance of that: of the sight and of the way it was brought.
+    /// Covariance of that: of the observation and of the way it was brought.
     pub covariance_px2: Matrix2<f64>,
-    /// How fast it moved; none where fewer than three sights tell.
+    /// How fast it moved; none where fewer than three observations tell.
     pub velocity: Option<PathVelocity>,
 }
 
@@ -51,12 +51,12 @@ pub struct PathVelocity {
 }
 
 impl PixelPath {
-    /// A path of a camera whose frames are `interval_s` apart; sights come by [`PixelPath::push`].
+    /// A path of a camera whose frames are `interval_s` apart; observations come by [`PixelPath::push`].
     pub fn new(interval_s: f64) -> Self {
         Self { interval_s, ..Self::default() }
     }
 
-    /// Adds a sight and says whether it was taken; one that is not later than the last, or not finite, is passed over.
+    /// Adds a observation and says whether it was taken; one that is not later than the last, or not finite, is passed over.
     pub fn push(&mut self, t_s: f64, pixel: Vector2<f64>, covariance_px2: Matrix2<f64>) -> bool {
         let is_later = self.t_s.last().is_none_or(|last| t_s > *last);
         let is_number = pixel.iter().chain(covariance_px2.iter()).all(|v| v.is_finite());
@@ -69,9 +69,9 @@ impl PixelPath {
         is_taken
     }
 
-    /// Forgets the sights that no time from `t_s` on needs, and says how many they were: the first ones.
+    /// Forgets the observations that no time from `t_s` on needs, and says how many they were: the first ones.
     pub fn forget_before(&mut self, t_s: f64) -> usize {
-        // The nearest sight is at most half a gap off, and the others of its run each a gap further.
+        // The nearest observation is at most half a gap off, and the others of its run each a gap further.
         let needed_s = t_s - (SIDE as f64 + 1.0) * GAP_INTERVALS * self.interval_s;
         let gone = self.t_s.partition_point(|t| *t < needed_s);
         self.t_s.drain(..gone);
@@ -80,40 +80,40 @@ impl PixelPath {
         gone
     }
 
-    /// Whether no sight is left.
+    /// Whether no observation is left.
     pub fn is_empty(&self) -> bool {
         self.t_s.is_empty()
     }
 
-    /// Where the marker was at a time; `None` where no sight is near enough.
+    /// Where the marker was at a time; `None` where no observation is near enough.
     ///
-    /// The nearest sight is moved along the cubic through it and up to three neighbours on either side (a parabola where few are), so that its noise
-    /// stays its own and white from frame to frame; a sight at this very time is taken as it is. Nothing reaches across a gap,
+    /// The nearest observation is moved along the cubic through it and up to three neighbours on either side (a parabola where few are), so that its noise
+    /// stays its own and white from frame to frame; a observation at this very time is taken as it is. Nothing reaches across a gap,
     /// and at the end of a run no further than half an interval.
     pub fn at(&self, t_s: f64) -> Option<PathPoint> {
-        let sight = self.nearest(t_s)?;
-        let dt_s = t_s - self.t_s[sight];
-        let (from, to) = self.run_about(sight);
+        let index = self.nearest(t_s)?;
+        let dt_s = t_s - self.t_s[index];
+        let (from, to) = self.run_about(index);
         let is_same = dt_s.abs() <= SAME_S;
-        let beyond = if dt_s < 0.0 { from == sight } else { to == sight };
+        let beyond = if dt_s < 0.0 { from == index } else { to == index };
         let reach = if beyond { BEYOND_INTERVALS } else { 0.5 * GAP_INTERVALS };
         if !is_same && dt_s.abs() > reach * self.interval_s * (1.0 + 1e-6) {
             return None;
         }
         let as_it_is = PathPoint {
-            sight,
-            pixel: self.pixels[sight],
-            covariance_px2: self.covariances_px2[sight],
+            index,
+            pixel: self.pixels[index],
+            covariance_px2: self.covariances_px2[index],
             velocity: None,
         };
-        let Some(inverse) = self.inverse_of(sight, from, to) else { return is_same.then_some(as_it_is) };
+        let Some(inverse) = self.inverse_of(index, from, to) else { return is_same.then_some(as_it_is) };
         let x = dt_s / self.interval_s;
         let (mut pixel, mut covariance_px2) = (Vector2::zeros(), Matrix2::zeros());
         let (mut px_s, mut gain_per_s2) = (Vector2::zeros(), 0.0);
         for k in from..=to {
-            let at = (self.t_s[k] - self.t_s[sight]) / self.interval_s;
+            let at = (self.t_s[k] - self.t_s[index]) / self.interval_s;
             let local = inverse * powers(at);
-            let own = if k == sight { 1.0 } else { 0.0 };
+            let own = if k == index { 1.0 } else { 0.0 };
             let weight = own + x * (local.y + x * (local.z + x * local.w));
             pixel += self.pixels[k] * weight;
             covariance_px2 += self.covariances_px2[k] * (weight * weight);
@@ -125,7 +125,7 @@ impl PixelPath {
         Some(if is_same {
             PathPoint { velocity, ..as_it_is }
         } else {
-            PathPoint { sight, pixel, covariance_px2, velocity }
+            PathPoint { index, pixel, covariance_px2, velocity }
         })
     }
 
@@ -141,29 +141,29 @@ impl PixelPath {
         }
     }
 
-    /// First and last of the sights around one without a gap between.
-    fn run_about(&self, sight: usize) -> (usize, usize) {
+    /// First and last of the observations around one without a gap between.
+    fn run_about(&self, index: usize) -> (usize, usize) {
         let joined = |k: usize| self.t_s[k + 1] - self.t_s[k] <= GAP_INTERVALS * self.interval_s;
-        let (mut from, mut to) = (sight, sight);
-        while from > 0 && sight - from < SIDE && joined(from - 1) {
+        let (mut from, mut to) = (index, index);
+        while from > 0 && index - from < SIDE && joined(from - 1) {
             from -= 1;
         }
-        while to + 1 < self.t_s.len() && to - sight < SIDE && joined(to) {
+        while to + 1 < self.t_s.len() && to - index < SIDE && joined(to) {
             to += 1;
         }
         (from, to)
     }
 
-    /// Inverse normal matrix of the cubic, time in intervals from the sight, its last row and column zero where a parabola does;
-    /// `None` for fewer than three sights.
-    fn inverse_of(&self, sight: usize, from: usize, to: usize) -> Option<Matrix4<f64>> {
+    /// Inverse normal matrix of the cubic, time in intervals from the observation, its last row and column zero where a parabola does;
+    /// `None` for fewer than three observations.
+    fn inverse_of(&self, index: usize, from: usize, to: usize) -> Option<Matrix4<f64>> {
         let count = to - from + 1;
         if count < 3 {
             return None;
         }
         let mut normal = Matrix4::zeros();
         for k in from..=to {
-            let row = powers((self.t_s[k] - self.t_s[sight]) / self.interval_s);
+            let row = powers((self.t_s[k] - self.t_s[index]) / self.interval_s);
             normal += row * row.transpose();
         }
         if count >= CUBIC_SIGHTS {
@@ -202,7 +202,7 @@ mod tests {
         let path = path((0..20).map(|k| f64::from(k) * H), curve);
         for t in [-0.49 * H, 0.0, 2.3 * H, 7.5 * H, 16.9 * H, 19.49 * H] {
             let got = path.at(t).unwrap();
-            // Four sights at an end follow v; u, a cubic of 0.0185 px over one interval, they miss by a few times that.
+            // Four observations at an end follow v; u, a cubic of 0.0185 px over one interval, they miss by a few times that.
             let (off, end) = (got.pixel - curve(t), !(2.0 * H..17.0 * H).contains(&t));
             assert!(off.y.abs() < 1e-9 && off.x.abs() < if end { 0.07 } else { 1e-9 }, "{t}: {off}");
             let slope = (curve(t + 1e-6) - curve(t - 1e-6)) / 2e-6;
@@ -220,7 +220,7 @@ mod tests {
         let path = path((0..20).filter(|k| *k != 10).map(|k| f64::from(k) * H), curve);
         assert_eq!(path.at(10.0 * H), None);
         assert!(path.at(9.4 * H).is_some() && path.at(10.6 * H).is_some());
-        // Two sights alone tell no curvature: they hold at their own times only.
+        // Two observations alone tell no curvature: they hold at their own times only.
         let two = self::path([0.0, H].into_iter(), curve);
         assert!(two.at(0.3 * H).is_none() && two.at(H).is_some_and(|p| p.velocity.is_none()));
         assert_eq!(PixelPath::new(H).at(0.0), None);

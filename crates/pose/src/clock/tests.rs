@@ -1,6 +1,6 @@
 use super::*;
 use crate::testing::{normal, rig};
-use mavsight_geometry::{Isometry3, Point3, UnitQuaternion, Vector3};
+use mavsight_geometry::{Isometry3, Matrix2, Point3, UnitQuaternion, Vector3};
 
 const H: f64 = 1.0 / 30.0;
 const STD_PX: f64 = 0.05;
@@ -36,8 +36,12 @@ fn stream(
     let (duration_s, lively) = flight;
     let rig = rig();
     let view = &rig.cameras[camera].camera;
-    let mut out =
-        CameraStream { interval_s, readout: Vector2::y(), sights: Vec::new(), prior: ClockPrior::unknown() };
+    let mut out = CameraStream {
+        interval_s,
+        readout: Vector2::y(),
+        observations: Vec::new(),
+        prior: ClockPrior::unknown(),
+    };
     for k in 0..(duration_s / interval_s) as usize {
         let stamp_ns = (k as f64 * interval_s * 1e9).round() as i64;
         let t_s = clock.time_s(stamp_ns, 0.0);
@@ -51,8 +55,9 @@ fn stream(
                 at_s = clock.time_s(stamp_ns, out.rows_px(view.size, &pixel));
             }
             let pixel = pixel + Vector2::new(normal(seed), normal(seed)) * STD_PX;
-            out.sights.push(StreamSight {
-                stamp_ns,
+            out.observations.push(MarkerObservation {
+                t_ns: stamp_ns,
+                camera,
                 marker,
                 pixel,
                 covariance_px2: Matrix2::identity() * STD_PX * STD_PX,
@@ -138,12 +143,12 @@ fn wrong_markers_for_a_while_do_no_harm() {
         stream(0, CameraClock::default(), H, (12.0, 1.0), &mut seed),
         stream(1, late(5e-3, 0.0), H, (12.0, 1.0), &mut seed),
     ];
-    for sight in streams[1]
-        .sights
+    for o in streams[1]
+        .observations
         .iter_mut()
-        .filter(|s| s.marker == 2 && (3_000_000_000..4_000_000_000).contains(&s.stamp_ns))
+        .filter(|s| s.marker == 2 && (3_000_000_000..4_000_000_000).contains(&s.t_ns))
     {
-        sight.pixel.x += 40.0;
+        o.pixel.x += 40.0;
     }
     let got = estimate_clocks(&rig(), &body(), &streams)[1];
     let off_s = (got.clock.offset_s - 5e-3).abs();
@@ -161,9 +166,9 @@ fn leaps_of_a_path_do_not_pass_for_speed() {
         ];
         for (begin_ns, frames) in [(2_000_000_000, 1), (5_000_000_000, 1), (7_500_000_000, 3)] {
             let leaps = begin_ns..begin_ns + frames * (H * 1e9) as i64;
-            let sights = streams[1].sights.iter_mut();
+            let sights = streams[1].observations.iter_mut();
             sights
-                .filter(|s| s.marker == 2 && leaps.contains(&s.stamp_ns))
+                .filter(|s| s.marker == 2 && leaps.contains(&s.t_ns))
                 .for_each(|s| s.pixel += Vector2::new(400.0, -110.0));
         }
         let got = estimate_clocks(&rig(), &body(), &streams)[1];
@@ -179,20 +184,20 @@ fn cameras_that_share_no_instant_say_so() {
         stream(0, CameraClock::default(), H, (2.0, 1.0), &mut seed),
         stream(1, CameraClock::default(), H, (2.0, 1.0), &mut seed),
     ];
-    streams[1].sights.iter_mut().for_each(|s| s.stamp_ns += 100_000_000_000);
+    streams[1].observations.iter_mut().for_each(|s| s.t_ns += 100_000_000_000);
     let got = estimate_clocks(&rig(), &body(), &streams)[1];
     assert!(matches!(got.verdict, ClockVerdict::TooSlow { needed_px_s: f64::INFINITY, .. }), "{got:?}");
     assert!(got.to_string().contains("never see it together"), "{got}");
-    streams[0].sights.clear();
+    streams[0].observations.clear();
     assert_eq!(estimate_clocks(&rig(), &body(), &streams)[1].clock, CameraClock::default());
 }
 
 #[test]
 fn a_long_flight_is_looked_at_in_even_stretches_and_a_short_one_whole() {
     const S: i64 = 1_000_000_000;
-    assert_eq!(telling_stretches_ns((5 * S, 200 * S)), [(5 * S, 200 * S)]);
-    assert_eq!(telling_stretches_ns((0, 0)), [(0, 0)]);
-    let hour = telling_stretches_ns((7 * S, 3607 * S));
+    assert_eq!(informative_stretches_ns((5 * S, 200 * S)), [(5 * S, 200 * S)]);
+    assert_eq!(informative_stretches_ns((0, 0)), [(0, 0)]);
+    let hour = informative_stretches_ns((7 * S, 3607 * S));
     assert_eq!((hour.len(), hour[0].0, hour[59].1), (60, 7 * S, 3607 * S));
     assert!(hour.iter().all(|(from, to)| to - from == 4 * S));
     let gaps: Vec<i64> = hour.windows(2).map(|w| w[1].0 - w[0].1).collect();

@@ -6,20 +6,23 @@ use crate::{MarkerObservation, PoseError};
 
 /// How far sights lie from where the best pose has them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SightFit {
+pub struct ReprojectionFit {
     /// Root mean square residual, all sights counted.
     pub residual_px: f64,
     /// In standard deviations as they are to be expected of centres, cameras and markers: 1 on average.
-    pub times: f64,
+    pub ratio: f64,
 }
 
 impl PoseEstimator {
     /// How well the sights of one instant fit, none left out and none refused; without a number where no pose was found
-    /// (`times` is infinite then), and `None` for sights that fit anything.
+    /// (`ratio` is infinite then), and `None` for sights that fit anything.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].
-    pub fn sight_fit(&self, observations: &[MarkerObservation]) -> Result<Option<SightFit>, PoseError> {
+    pub fn reprojection_fit(
+        &self,
+        observations: &[MarkerObservation],
+    ) -> Result<Option<ReprojectionFit>, PoseError> {
         let sights = observations.iter().map(|o| self.sight(o)).collect::<Result<Vec<Sight>, _>>()?;
         let used: Vec<usize> =
             (0..self.markers.len()).filter(|m| sights.iter().any(|s| s.marker == *m)).collect();
@@ -27,11 +30,11 @@ impl PoseEstimator {
             return Ok(None);
         }
         let Ok(solution) = self.solve(&sights, &used, None) else {
-            return Ok(Some(SightFit { residual_px: f64::INFINITY, times: f64::INFINITY }));
+            return Ok(Some(ReprojectionFit { residual_px: f64::INFINITY, ratio: f64::INFINITY }));
         };
         let expected = self.claimed_excess(&sights, &used, &solution);
-        let times = (solution.chi_square / solution.redundancy.max(1) as f64 / expected).sqrt();
-        Ok(Some(SightFit { residual_px: solution.residual_px(), times }))
+        let ratio = (solution.chi_square / solution.redundancy.max(1) as f64 / expected).sqrt();
+        Ok(Some(ReprojectionFit { residual_px: solution.residual_px(), ratio }))
     }
 }
 
@@ -39,7 +42,7 @@ impl PoseEstimator {
 mod tests {
     use crate::estimate::tests::{body, seen, truth};
     use crate::testing::rig;
-    use crate::{PoseEstimator, SightFit};
+    use crate::{PoseEstimator, ReprojectionFit};
 
     #[test]
     fn noise_as_claimed_fits_once_and_a_camera_in_the_place_of_another_does_not() {
@@ -47,16 +50,16 @@ mod tests {
         let (mut seed, mut squares, trials) = (5, 0.0, 60);
         for _ in 0..trials {
             let mut now = seen(&truth(), 0.1, &mut seed);
-            let fit = estimator.sight_fit(&now).unwrap().unwrap();
-            squares += fit.times.powi(2) / f64::from(trials);
+            let fit = estimator.reprojection_fit(&now).unwrap().unwrap();
+            squares += fit.ratio.powi(2) / f64::from(trials);
             assert!(fit.residual_px < 0.2, "{fit:?}");
             now.iter_mut().for_each(|o| o.camera = 1 - o.camera);
-            let SightFit { times, .. } = estimator.sight_fit(&now).unwrap().unwrap();
-            assert!(times > 20.0, "{times}");
+            let ReprojectionFit { ratio, .. } = estimator.reprojection_fit(&now).unwrap().unwrap();
+            assert!(ratio > 20.0, "{ratio}");
         }
-        // Mean of a chi-square over its ten degrees of freedom, sixty times.
+        // Mean of a chi-square over its ten degrees of freedom, sixty ratio.
         assert!((squares - 1.0).abs() < 0.2, "{squares}");
         let few = &seen(&truth(), 0.1, &mut seed)[..3];
-        assert_eq!(estimator.sight_fit(few).unwrap(), None);
+        assert_eq!(estimator.reprojection_fit(few).unwrap(), None);
     }
 }

@@ -1,7 +1,9 @@
 //! When an observation, a marker or a claim about noise is refuted.
 
-/// The share of true observations that a gate lets pass is 99.9 %: this is the normal quantile of it.
-const GATE_NORMAL_QUANTILE: f64 = 3.090;
+use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
+
+/// Share of correct observations that a gate rejects.
+const GATE_PROBABILITY: f64 = 0.001;
 
 /// What two poses' chi-squares must differ by for the odds of the better one to be 999 to 1: 2 ln 999. It is also the
 /// 99.9 % quantile of chi-square with two degrees of freedom.
@@ -19,20 +21,15 @@ pub(super) const HUBER_BOUND: f64 = 1.501;
 /// scale estimated from them is to be divided by (Huber's proposal 2; Huber 1981, section 6.4).
 pub(crate) const HUBER_MEAN: f64 = 0.801;
 
-/// The 99.9 % quantile of chi-square (Wilson & Hilferty 1931; within 3 % from 2 degrees of freedom on, within 2 % from 4).
+/// The 99.9 % quantile of chi-square.
 pub(crate) fn chi_square_gate(degrees: usize) -> f64 {
-    let d = degrees.max(1) as f64;
-    let c = 2.0 / (9.0 * d);
-    d * (1.0 - c + GATE_NORMAL_QUANTILE * c.sqrt()).powi(3)
+    ChiSquared::new(degrees.max(1) as f64).map_or(f64::INFINITY, |c| c.inverse_cdf(1.0 - GATE_PROBABILITY))
 }
 
-/// Whether a ratio of variances is beyond the 99.9 % quantile of F (Paulson 1942; a seventh too high for 6
-/// degrees of freedom below, right from 12 on).
+/// Whether a ratio of variances is beyond the 99.9 % quantile of F.
 pub(super) fn beyond_f_gate(ratio: f64, above: usize, below: usize) -> bool {
-    let (a, b) = (2.0 / (9.0 * above as f64), 2.0 / (9.0 * below as f64));
-    let root = ratio.cbrt();
-    let normal = ((1.0 - b) * root - (1.0 - a)) / (b * root * root + a).sqrt();
-    normal > GATE_NORMAL_QUANTILE
+    let tail = |f: FisherSnedecor| f.sf(ratio.min(1e12)) < GATE_PROBABILITY;
+    !ratio.is_nan() && FisherSnedecor::new(above as f64, below as f64).is_ok_and(tail)
 }
 
 /// The factor on the claimed covariances that residuals suggest, where errors that stay raise the mean chi-square by
@@ -69,15 +66,13 @@ mod tests {
 
     #[test]
     fn gates_are_the_quantiles_of_tables() {
-        for (degrees, quantile) in [(2u32, 13.816), (4, 18.467), (10, 29.588)] {
-            assert!(
-                (chi_square_gate(degrees as usize) / quantile - 1.0).abs() < 0.06 / f64::from(degrees),
-                "{degrees}"
-            );
+        for (degrees, quantile) in [(2, 13.816), (4, 18.467), (10, 29.588)] {
+            assert!((chi_square_gate(degrees) / quantile - 1.0).abs() < 1e-4, "{degrees}");
         }
-        // F(4, 6) at 99.9 % is 21.92, F(4, 12) is 9.633; the approximation errs upwards, by a seventh at most here.
-        assert!(!beyond_f_gate(19.5, 4, 6) && beyond_f_gate(26.0, 4, 6));
-        assert!(!beyond_f_gate(9.2, 4, 12) && beyond_f_gate(10.6, 4, 12));
+        for (below, quantile) in [(6, 21.92), (12, 9.633)] {
+            assert!(!beyond_f_gate(quantile * 0.999, 4, below) && beyond_f_gate(quantile * 1.001, 4, below));
+        }
+        assert!(!beyond_f_gate(f64::NAN, 4, 6) && beyond_f_gate(f64::INFINITY, 4, 6));
     }
 
     #[test]

@@ -68,7 +68,7 @@ impl PoseEstimator {
             return Err(PoseError::TooFewMarkers {
                 seen: used.len(),
                 markers: self.markers.len(),
-                sights: own.len(),
+                observations: own.len(),
             });
         }
         match self.triangulated_start(&own, used) {
@@ -129,8 +129,11 @@ impl PoseEstimator {
                 starts.extend(self.mirrored(&view, &pose));
             }
         }
-        let nothing =
-            PoseError::TooFewMarkers { seen: used.len(), markers: self.markers.len(), sights: own.len() };
+        let nothing = PoseError::TooFewMarkers {
+            seen: used.len(),
+            markers: self.markers.len(),
+            observations: own.len(),
+        };
         if starts.is_empty() {
             return Err(nothing);
         }

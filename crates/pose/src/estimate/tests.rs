@@ -121,7 +121,7 @@ fn the_previous_pose_helps_where_no_camera_sees_three() {
     sights.retain(|o| matches!((o.camera, o.marker), (_, 0) | (0, 1) | (1, 2)));
     assert!(matches!(
         estimator.estimate(0, &sights, None),
-        Err(PoseError::TooFewMarkers { seen: 3, markers: 4, sights: 4 })
+        Err(PoseError::TooFewMarkers { seen: 3, markers: 4, observations: 4 })
     ));
     let near =
         world_from_body(Vector3::new(0.25, -0.15, 1.62), EulerAngles { psi_rad: -0.4, ..Default::default() });
@@ -298,7 +298,7 @@ fn what_makes_no_pose_is_refused_with_its_reason() {
     let all = seen(&truth(), 0.1, &mut 3);
     let two: Vec<_> = all.iter().filter(|o| o.marker < 2).cloned().collect();
     let refused = estimator.estimate(0, &two, Some(&truth())).unwrap_err();
-    assert_eq!(refused, PoseError::TooFewMarkers { seen: 2, markers: 4, sights: 4 });
+    assert_eq!(refused, PoseError::TooFewMarkers { seen: 2, markers: 4, observations: 4 });
     assert!(estimator.estimate(0, &[], None).is_err());
     let swapped: Vec<_> = all
         .iter()

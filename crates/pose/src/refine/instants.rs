@@ -1,32 +1,34 @@
 //! Frames of a flight that a refinement rests on.
 
-use crate::moving::{Instant, PointSight};
-use crate::{BodyMarker, MarkerObservation, Observations, PoseError, PoseEstimator, Rig};
+use crate::moving::{Instant, PointObservation};
+use crate::{BodyMarker, Observations, PoseError, PoseEstimator, Rig};
 use nalgebra::DMatrix;
 
-/// For so long an error of a centre stays at least: the lags over which [`PoseEstimator::centre_bias_px`] compares residuals.
-const STAYS_NS: i64 = 1_000_000_000;
+/// Least time that a systematic error of a centre lasts: the lags over which
+/// [`PoseEstimator::centre_bias_px`] compares residuals.
+const SECOND_NS: i64 = 1_000_000_000;
 
-/// Frames needed for what stays to rest on more than the noise of a few.
+/// Frames needed for an estimate of systematic errors beyond the noise of a few.
 const NEEDED_FRAMES: usize = 10;
 
-/// Frames that enter, spread over the flight: what is refined stays, and with noise a tenth of that of one frame it is what
-/// the control points and the lasting errors leave open that counts.
+/// Frames that enter, spread over the flight: they reduce noise to a tenth of that of one frame, and the
+/// control points and the systematic errors limit the rest.
 const MOST_FRAMES: usize = 150;
 
-/// Frames with a pose and redundancy, spread over the flight, by the seconds through which errors of centres stay.
+/// Frames with a pose and redundancy, spread over the flight, by the seconds for which systematic errors
+/// last.
 pub(super) fn instants_of(
     observations: &Observations,
     rig: &Rig,
     markers: &[BodyMarker],
     markers_std_m: f64,
 ) -> Result<Vec<Vec<Instant>>, PoseError> {
-    // The prior tells the estimator how far markers may be off before they count as false.
+    // By the prior the estimator judges how far a marker may be off before it counts as false.
     let unsure = DMatrix::identity(3 * markers.len(), 3 * markers.len()) * markers_std_m;
     let estimator = PoseEstimator::new(rig, markers).with_marker_uncertainty(&unsure)?;
     let times_ns: Vec<i64> = observations.times_ns().collect();
     let (mut out, mut previous, mut measured) = (Vec::<Vec<Instant>>::new(), None, 0);
-    let mut second = None;
+    let mut last_second = None;
     let mut own = Vec::new();
     let tried = spread(&times_ns);
     for &t_ns in &tried {
@@ -36,22 +38,21 @@ pub(super) fn instants_of(
             Err(bad @ PoseError::BadObservation { .. }) => return Err(bad),
             Err(_) => continue,
         };
-        previous = Some(estimate.world_from_body);
-        let whitened = |o: &MarkerObservation| {
-            let whitener = o.covariance_px2.cholesky()?.l().try_inverse()?;
-            Some(PointSight { camera: o.camera, point: o.marker, pixel: o.pixel, whitener })
-        };
+        let world_from_body = estimate.world_from_body;
+        previous = Some(world_from_body);
         let used = own.iter().filter(|o| estimate.markers_used.contains(o.marker));
-        let sights: Vec<PointSight> = used.filter_map(whitened).collect();
-        if sights.len() > 3 {
-            let instant = Instant { sights, world_from_body: estimate.world_from_body };
+        let used: Vec<_> = used
+            .filter_map(|o| PointObservation::new(o.camera, o.marker, o.pixel, o.covariance_px2))
+            .collect();
+        if used.len() > 3 {
             measured += 1;
-            let own_second = Some((t_ns - times_ns[0]) / STAYS_NS);
-            match out.last_mut().filter(|_| own_second == second) {
+            let second = Some((t_ns - times_ns[0]) / SECOND_NS);
+            let instant = Instant { observations: used, world_from_body };
+            match out.last_mut().filter(|_| second == last_second) {
                 Some(same) => same.push(instant),
                 None => out.push(vec![instant]),
             }
-            second = own_second;
+            last_second = second;
         }
     }
     if measured < NEEDED_FRAMES {
@@ -60,19 +61,19 @@ pub(super) fn instants_of(
     Ok(out)
 }
 
-/// Times that enter, in their order: evenly over the flight, or where that leaves less than two to a second by twos, half a second
-/// apart, as a pair shows what stays.
+/// Times that enter, in their order: evenly over the flight, or in pairs half a second apart where that
+/// leaves fewer than two in a second, as a pair shows a systematic error.
 fn spread(times_ns: &[i64]) -> Vec<i64> {
     let tried = MOST_FRAMES.min(times_ns.len());
     let evenly = |n: usize| (0..n).map(move |k| times_ns[(2 * k + 1) * times_ns.len() / (2 * n)]);
     let (Some(first), Some(last)) = (times_ns.first(), times_ns.last()) else { return Vec::new() };
-    if last - first < tried as i64 * (STAYS_NS / 2) {
+    if last - first < tried as i64 * (SECOND_NS / 2) {
         return evenly(tried).collect();
     }
-    let start = |t_ns: i64| t_ns - (t_ns - first) % STAYS_NS;
+    let start = |t_ns: i64| t_ns - (t_ns - first) % SECOND_NS;
     let near = |t_ns: i64| times_ns[times_ns.partition_point(|t| *t < t_ns).min(times_ns.len() - 1)];
     let mut out: Vec<i64> =
-        evenly(tried / 2).flat_map(|t_ns| [near(start(t_ns)), near(start(t_ns) + STAYS_NS / 2)]).collect();
+        evenly(tried / 2).flat_map(|t_ns| [near(start(t_ns)), near(start(t_ns) + SECOND_NS / 2)]).collect();
     out.sort_unstable();
     out.dedup();
     out
@@ -89,10 +90,10 @@ mod tests {
             let got = spread(&film(seconds));
             assert!((140..=MOST_FRAMES).contains(&got.len()) && got.is_sorted(), "{}", got.len());
             assert!(got[0] < seconds * 10_000_000 && got[got.len() - 1] > seconds * 980_000_000);
-            let second = |t_ns: &i64| t_ns / STAYS_NS;
+            let second = |t_ns: &i64| t_ns / SECOND_NS;
             let alone = got.chunk_by(|a, b| second(a) == second(b)).filter(|c| c.len() < 2).count();
             assert_eq!(alone, 0, "{seconds} s");
-            assert_eq!(pairs, got.iter().all(|t| t % (STAYS_NS / 2) == 0), "{seconds} s");
+            assert_eq!(pairs, got.iter().all(|t| t % (SECOND_NS / 2) == 0), "{seconds} s");
         }
         assert_eq!(spread(&film(4)[..3]), film(4)[..3]);
         assert_eq!(spread(&[]), [0; 0]);

@@ -2,8 +2,7 @@
 
 pub(crate) mod ruler;
 
-use mavsight_flight::{Channel, Maneuver, Scenario};
-use mavsight_flight::{FlightState, Vehicle, simulate};
+use mavsight_flight::Vehicle;
 use mavsight_geometry::{
     Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector2, Vector3,
     world_from_body,
@@ -11,9 +10,12 @@ use mavsight_geometry::{
 use mavsight_pose::{
     BodyMarker, CameraControl, MarkerObservation, PoseEstimator, PoseSample, Rig, calibrate,
 };
+use mavsight_simulator::{Channel, Maneuver, Scenario};
+use mavsight_simulator::{FlightState, simulate};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
-/// Standard deviation of a ball's centre in a frame of flight, and of a control point's in a still of 0.5 px blur.
+/// Standard deviation of a ball's centre in a frame of flight, and of a control point's in a still of 0.5 px
+/// blur.
 pub(crate) const PIXEL_STD: f64 = 0.15;
 const CONTROL_STD: f64 = 0.1;
 const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
@@ -147,8 +149,8 @@ pub(crate) fn true_cameras(rig: &Rig, random: &mut Random) -> Vec<Camera> {
     rig.cameras.iter().enumerate().map(moved).collect()
 }
 
-/// What the cameras see: a twentieth of the sights is missing.
-pub(crate) fn sights(
+/// Observations by the cameras, of which a twentieth is missing.
+pub(crate) fn observed(
     cameras: &[Camera],
     markers: &[BodyMarker],
     flight: &[FlightState],
@@ -184,7 +186,7 @@ pub(crate) fn sights(
 pub(crate) fn poses(
     estimator: &PoseEstimator,
     flight: &[FlightState],
-    sights: &[Vec<MarkerObservation>],
+    observed: &[Vec<MarkerObservation>],
 ) -> Vec<PoseSample> {
     let mut previous: Option<Isometry3<f64>> = None;
     let one = |(state, seen): (&FlightState, &Vec<MarkerObservation>)| {
@@ -193,7 +195,7 @@ pub(crate) fn poses(
         previous = estimate.as_ref().ok().map(|e| e.world_from_body).or(previous);
         PoseSample { t_ns, reason: estimate.as_ref().err().map(ToString::to_string), estimate: estimate.ok() }
     };
-    flight.iter().zip(sights).map(one).collect()
+    flight.iter().zip(observed).map(one).collect()
 }
 
 /// Errors of a motion sample: position, turn, velocity, rates, specific force, angular acceleration.
@@ -269,13 +271,13 @@ impl Tally {
         self.film_with_bias(rig, 0.0, random);
     }
 
-    /// The same with centres of which each is off by an amount that stays; the standard deviation that the flight tells of
-    /// that comes back.
+    /// [`Tally::film`] with a constant error of each centre; returns the standard deviation of those that the
+    /// flight shows.
     pub(crate) fn film_with_bias(&mut self, rig: &Rig, bias_px: f64, random: &mut Random) -> f64 {
         let gravity = Vehicle::paper().environment.gravity_m_s2;
         let states = flight(random);
         let cameras = true_cameras(rig, random);
-        let mut seen = sights(&cameras, &square(), &states, random);
+        let mut seen = observed(&cameras, &square(), &states, random);
         let lost = (random.uniform() * (states.len() - 8) as f64) as usize;
         seen[lost..lost + 8].iter_mut().for_each(Vec::clear);
         let mut estimator = PoseEstimator::new(rig, &square());

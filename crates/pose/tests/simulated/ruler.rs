@@ -1,16 +1,16 @@
-//! Bodies whose vehicle file is off by what a ruler is off.
+//! Bodies whose vehicle file has the errors of a ruler.
 
-use super::{Random, flight, pose_of, poses, sights, square, true_cameras};
-use mavsight_flight::FlightState;
+use super::{Random, flight, observed, pose_of, poses, square, true_cameras};
 use mavsight_geometry::{Isometry3, Vector2, Vector3, rigid_fit};
 use mavsight_pose::{
     BodyMarker, FlightPrior, MarkerObservation, PoseEstimator, PoseSample, RefinedFlight, Rig, refine_flight,
 };
+use mavsight_simulator::FlightState;
 
 /// Standard deviation of a coordinate in the file.
 pub(crate) const RULER_M: f64 = 2e-3;
 
-/// The same, and nothing known of what stays of centres.
+/// A body read with a ruler, and no knowledge of systematic errors of centres.
 pub(crate) const RULER: FlightPrior = FlightPrior { markers_std_m: RULER_M, centres_std_px: None };
 
 fn off_by_a_ruler(markers: &[BodyMarker], random: &mut Random) -> Vec<BodyMarker> {
@@ -21,7 +21,8 @@ fn off_by_a_ruler(markers: &[BodyMarker], random: &mut Random) -> Vec<BodyMarker
     out
 }
 
-/// The motion that carries the true body axes' coordinates into those of the file: the axes that refined markers have.
+/// The motion that carries the true body axes' coordinates into those of the file: the axes that refined
+/// markers have.
 pub(crate) fn file_from_body(true_body: &[BodyMarker], file: &[BodyMarker]) -> Isometry3<f64> {
     let places = |m: &[BodyMarker]| m.iter().map(|m| m.marker_in_body_m).collect::<Vec<_>>();
     rigid_fit(&places(true_body), &places(file), &vec![1.0; file.len()]).expect("a fit").world_from_body
@@ -38,7 +39,7 @@ pub(crate) fn rms(poses: &[PoseSample], flight: &[FlightState], file_from_body: 
     (errors.iter().sum::<f64>() / errors.len() as f64).sqrt()
 }
 
-/// A flight, and what it tells of the body.
+/// A flight, and the body that it refines.
 pub(crate) struct Case {
     pub(crate) file: Vec<BodyMarker>,
     pub(crate) flight: Vec<FlightState>,
@@ -48,15 +49,15 @@ pub(crate) struct Case {
 
 /// A file, a flight and a calibration at random.
 pub(crate) fn case(rig: &Rig, random: &mut Random) -> Case {
-    case_with_bias(rig, (0.0, RULER), random)
+    case_with_bias(rig, 0.0, RULER, random)
 }
 
-/// The same with centres that are off by so much all the while, and with what is said to be known of that.
-pub(crate) fn case_with_bias(rig: &Rig, (bias_px, prior): (f64, FlightPrior), random: &mut Random) -> Case {
+/// [`case`] with a constant error of each centre and a stated prior.
+pub(crate) fn case_with_bias(rig: &Rig, bias_px: f64, prior: FlightPrior, random: &mut Random) -> Case {
     let file = off_by_a_ruler(&square(), random);
     let flight = flight(random);
     let cameras = true_cameras(rig, random);
-    let mut seen = sights(&cameras, &square(), &flight, random);
+    let mut seen = observed(&cameras, &square(), &flight, random);
     if bias_px > 0.0 {
         let mut off = || Vector2::new(random.normal(), random.normal()) * bias_px;
         let bias: Vec<_> = (0..4 * cameras.len()).map(|_| off()).collect();
@@ -66,8 +67,8 @@ pub(crate) fn case_with_bias(rig: &Rig, (bias_px, prior): (f64, FlightPrior), ra
     Case { file, flight, seen, refined }
 }
 
-/// Position RMS with the true marker positions, with those of the file, and with the refined ones. The last two are in the axes
-/// of the file, which are off from the true ones by a motion that no film can show.
+/// Position RMS with the true marker positions, with those of the file, and with the refined ones. The last
+/// two are in the axes of the file, which are off from the true ones by a motion that no film can show.
 pub(crate) fn position_rms_m(rig: &Rig, c: &Case) -> [f64; 3] {
     let axes = file_from_body(&square(), &c.file);
     let with = |e: &PoseEstimator, axes: &Isometry3<f64>| rms(&poses(e, &c.flight, &c.seen), &c.flight, axes);

@@ -1,14 +1,15 @@
 //! Argus' camera profiles: `cam f w h cx cy AR k1 k2 t1 t2 k3`, spaces between, a line a camera.
 //!
-//! Argus builds K from f, cx and cy alone (AR is read but not used), and applies it with OpenCV's distortion to points whose v
-//! grows up from the lower edge. Reading and writing does the same: cy, and the sign of t1, are turned with the image.
+//! Argus builds K from f, cx and cy alone (AR is read but not used), and applies it with OpenCV's distortion
+//! to points whose v grows up from the lower edge. Reading and writing does the same: cy, and the sign of t1,
+//! are turned with the image.
 
 use super::Noted;
 use super::pixels::PixelOrigin;
-use super::rigs::{checked, exact_rig, refuse, rig_camera, without_skew};
+use super::rigs::{checked, exact_rig, image_size, rig_camera, without_skew};
 use super::text::Text;
 use crate::{SessionError, write_whole};
-use mavsight_geometry::{BrownConrady, Camera, ImageSize, Intrinsics, Isometry3};
+use mavsight_geometry::{BrownConrady, Camera, Intrinsics, Isometry3};
 use mavsight_pose::Rig;
 use std::path::Path;
 
@@ -30,13 +31,7 @@ pub fn read_profile(path: &Path, origin: PixelOrigin, names: &[String]) -> Resul
             );
             return Err(line.refuse(detail));
         };
-        let whole = |x: f64| (x.fract() == 0.0 && (1.0..1e6).contains(&x)).then_some(x as u32);
-        let (Some(width_px), Some(height_px)) = (whole(w), whole(h)) else {
-            return Err(
-                line.refuse(format!("an image of {w} by {h} pixels: whole numbers above zero are wanted"))
-            );
-        };
-        let size = ImageSize { width_px, height_px };
+        let size = image_size(w, h).map_err(|e| line.refuse(e))?;
         let (cy, t1) = flip(origin, h, cy, t1);
         let key = format!("line {}", line.number);
         let intrinsics = checked(
@@ -66,8 +61,8 @@ fn u_shift(origin: PixelOrigin) -> f64 {
     if matches!(origin, PixelOrigin::Dltdv8 | PixelOrigin::Dltdv5) { 1.0 } else { 0.0 }
 }
 
-/// Turning v over turns cy, and with y also the sign of the first tangential term: y' = -y leaves k and t2 as they are. The
-/// same map leads back.
+/// Turning v over turns cy, and with y also the sign of the first tangential term: y' = -y leaves k and t2 as
+/// they are. The same map leads back.
 fn flip(origin: PixelOrigin, height: f64, cy: f64, t1: f64) -> (f64, f64) {
     match origin {
         PixelOrigin::TopLeftZero => (cy, t1),
@@ -96,7 +91,7 @@ pub fn write_profile(
                 "focal lengths {:.3} and {:.3} px differ, and Argus uses one: write another format, or set fy_px to fx_px in the rig",
                 i.fx_px, i.fy_px
             );
-            return Err(refuse(path, format!("camera {}", camera.name), detail));
+            return Err(SessionError::value(path, format!("camera {}", camera.name), detail));
         }
         let (w, h) = (size.width_px, size.height_px);
         let (cy, t1) = match origin {

@@ -1,5 +1,5 @@
-//! C3D (c3d.org), points only: written as Intel floats in millimetres, read in any of its integer and float forms; analog
-//! data and events are passed over. A point with a residual below zero was not seen.
+//! C3D (c3d.org), points only: written as Intel floats in millimetres, read in any of its integer and float
+//! forms; analog data and events are passed over. A point with a residual below zero was not seen.
 
 use super::Noted;
 use super::c3d_parameters::{BLOCK, Parameters, Processor, Section, read as read_parameters};
@@ -12,15 +12,12 @@ use std::path::Path;
 /// Reads the points of a file. The first frame's number over the rate is its time, frame 1 being at zero.
 ///
 /// # Errors
-/// Says what is wrong: not C3D, a file that breaks off (frames announced and there), no points, no rate, unknown units.
+/// Says what is wrong: not C3D, a file that breaks off (frames announced and there), no points, no rate,
+/// unknown units.
 pub fn read(path: &Path) -> Result<Noted<MarkerPaths>, SessionError> {
     require_file(path, "C3D marker paths")?;
     let bytes = std::fs::read(path).map_err(|e| SessionError::io(path, "read it", e))?;
-    parse(&bytes).map_err(|(key, detail)| SessionError::Value {
-        path: path.to_owned(),
-        key: key.into(),
-        detail,
-    })
+    parse(&bytes).map_err(|(key, detail)| SessionError::value(path, key, detail))
 }
 
 type Refusal = (&'static str, String);
@@ -153,20 +150,17 @@ fn layout(bytes: &[u8], processor: Processor, parameters: &Parameters) -> Result
     })
 }
 
-/// Writes marker paths: coordinates are 32-bit floats of millimetres (0.1 µm at a metre). Instants that are missing on the even clock
-/// become frames in which nothing was seen; a first instant on the clock's grid keeps its time as the number of the first frame.
+/// Writes marker paths: coordinates are 32-bit floats of millimetres (0.1 µm at a metre). Instants that are
+/// missing on the even clock become frames in which nothing was seen; a first instant on the clock's grid
+/// keeps its time as the number of the first frame.
 ///
 /// # Errors
 /// Times on no even clock, more than 255 markers, what the file system refuses.
 pub fn write(path: &Path, paths: &MarkerPaths) -> Result<Vec<String>, SessionError> {
-    let refuse =
-        |key: &str, detail: String| SessionError::Value { path: path.to_owned(), key: key.into(), detail };
     let n = paths.names.len();
     if n == 0 || n > 255 || paths.names.iter().any(|name| name.len() > 127) {
-        return Err(refuse(
-            "markers",
-            format!("{n} of them: 1 to 255, with names of at most 127 letters, fit a C3D file"),
-        ));
+        let detail = format!("{n} of them: 1 to 255, with names of at most 127 letters, fit a C3D file");
+        return Err(SessionError::value(path, "markers", detail));
     }
     let clock = even_clock(path, &paths.t_ns)?;
     let ticks = paths.t_ns[0] as f64 * 1e-9 * clock.rate_hz;

@@ -1,17 +1,18 @@
 //! DLT coefficients of DLTdv and Argus, and DLTdv's control object.
 //!
-//! Comma separated, no header; eleven rows L1 to L11, one column a camera. The file does not say where v begins. With
-//! right-handed world axes and the world's origin in front of the camera the left 3×3 block of the matrix (L12 = 1) has a
-//! positive determinant where v grows down and a negative one where it grows up. Where lenses were corrected first the coefficients are
-//! of undistorted points.
+//! Comma separated, no header; eleven rows L1 to L11, one column a camera. The file does not say where v
+//! begins. With right-handed world axes and the world's origin before the camera the left 3×3 block of the
+//! matrix (L12 = 1) has a positive determinant where v grows down and a negative one where it grows up. Where
+//! lenses were corrected first the coefficients are of undistorted points.
 
 use super::Noted;
 use super::pixels::PixelOrigin;
-use super::rigs::{exact_rig, names_and_sizes, refuse, rig_camera};
+use super::rigs::{exact_rig, names_and_sizes, rig_camera};
 use super::text::Text;
-use crate::{ControlPointRow, SessionError, write_whole};
+use crate::{SessionError, write_whole};
 use mavsight_flight::Color;
 use mavsight_geometry::{Camera, Dlt, ImageSize};
+use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::Rig;
 use std::path::Path;
 
@@ -29,8 +30,8 @@ pub struct DltOptions {
 /// Reads `*DLTcoefs.csv` of DLTdv or `*-dlt-coefficients.csv` of Argus.
 ///
 /// # Errors
-/// Names the line and column; other numbers of rows than 11 (8 is a planar DLT), an origin that the determinants belie, a
-/// missing image size.
+/// Names the line and column; other numbers of rows than 11 (8 is a planar DLT), an origin that the
+/// determinants belie, a missing image size.
 pub fn read_coefficients(path: &Path, options: &DltOptions) -> Result<Noted<Rig>, SessionError> {
     let text = Text::read(path, "DLT coefficients")?;
     let separator = if text.filled().next().is_some_and(|l| l.text.contains('\t')) { '\t' } else { ',' };
@@ -66,8 +67,9 @@ pub fn read_coefficients(path: &Path, options: &DltOptions) -> Result<Noted<Rig>
     notes.push(format!("pixels are taken as those of {} (--origin {})", describe(origin), origin.name()));
     let mut cameras = Vec::new();
     for (dlt, (name, size)) in dlts.iter().zip(named) {
-        let geometric =
-            |e: mavsight_geometry::GeometryError| refuse(path, format!("camera {name}"), e.to_string());
+        let geometric = |e: mavsight_geometry::GeometryError| {
+            SessionError::value(path, format!("camera {name}"), e.to_string())
+        };
         let ours =
             Dlt::from_matrix(&(origin.ours_from_theirs(size.height_px) * dlt.matrix())).map_err(geometric)?;
         let camera = upright(ours.camera(size).map_err(geometric)?);
@@ -76,7 +78,8 @@ pub fn read_coefficients(path: &Path, options: &DltOptions) -> Result<Noted<Rig>
     Ok(exact_rig(cameras, notes))
 }
 
-/// Takes rounding for what it is: skew and a difference of the focal lengths below a billionth of them are none.
+/// Takes rounding for what it is: skew and a difference of the focal lengths below a billionth of them are
+/// none.
 fn upright(mut camera: Camera) -> Camera {
     let k = &mut camera.intrinsics;
     if k.skew_px.abs() < 1e-9 * k.fx_px {
@@ -111,7 +114,7 @@ fn origin_of(
                  columns of two programs are mixed; give --origin",
                 down.len()
             );
-            return Err(refuse(path, "origin", detail));
+            return Err(SessionError::value(path, "origin", detail));
         }
         let by_argus = path.file_name().is_some_and(|n| n.to_string_lossy().contains("dlt-coefficients"));
         let origin = match (count > 0, by_argus) {
@@ -129,7 +132,7 @@ fn origin_of(
             "{} is given, but by its determinant v grows {way} in every camera: --origin {other}; or the world's axes are left-handed",
             origin.name()
         );
-        return Err(refuse(path, "origin", detail));
+        return Err(SessionError::value(path, "origin", detail));
     }
     let behind = down.iter().enumerate().filter(|(_, d)| **d != origin.is_top_left());
     let notes = behind.map(|(k, _)| {
@@ -148,7 +151,7 @@ pub fn write_coefficients(path: &Path, rig: &Rig, origin: PixelOrigin) -> Result
     for camera in &rig.cameras {
         let to = origin.theirs_from_ours(camera.camera.size.height_px);
         let dlt = Dlt::from_matrix(&(to * camera.camera.matrix()))
-            .map_err(|e| refuse(path, format!("camera {}", camera.name), e.to_string()))?;
+            .map_err(|e| SessionError::value(path, format!("camera {}", camera.name), e.to_string()))?;
         columns.push(dlt.l);
         if camera.camera.distortion != Default::default() {
             notes.push(format!(
@@ -164,7 +167,8 @@ pub fn write_coefficients(path: &Path, rig: &Rig, origin: PixelOrigin) -> Result
     Ok(notes)
 }
 
-/// Reads DLTdv's control object: one header line, then x, y, z a line. Points become `p1`, `p2`, ... without diameter.
+/// Reads DLTdv's control object: one header line, then x, y, z a line. Points become `p1`, `p2`, ... without
+/// diameter.
 ///
 /// # Errors
 /// Names the line and column.

@@ -1,9 +1,10 @@
-//! Points that DLTdv and Argus digitised: `*xypts` in the images, `*xyzpts` in space, `*offsets` of the cameras, as CSV or as
-//! DLTdv's sparse TSV (title; rows, columns and count; then row, column and value from 1). NaN and, as DLTdv has it, exact zero are missing.
+//! Points that DLTdv and Argus digitised: `*xypts` in the images, `*xyzpts` in space, `*offsets` of the
+//! cameras, as CSV or as DLTdv's sparse TSV (title; rows, columns and count; then row, column and value from
+//! 1). NaN and, as DLTdv has it, exact zero are missing.
 
 use super::marker_paths::{MarkerPaths, even_clock};
 use super::pixels::PixelOrigin;
-use super::rigs::{names_and_sizes, refuse};
+use super::rigs::names_and_sizes;
 use super::text::Text;
 use crate::{RunResults, SessionError, read_markers, table::Table, write_whole};
 use mavsight_geometry::{ImageSize, Matrix2, Vector2, Vector3};
@@ -106,11 +107,12 @@ fn checked_rate(path: &Path, rate_hz: f64) -> Result<(), SessionError> {
     if fine {
         Ok(())
     } else {
-        Err(refuse(path, "rate", format!("{rate_hz} Hz: give the frames a second as --rate")))
+        Err(SessionError::value(path, "rate", format!("{rate_hz} Hz: give the frames a second as --rate")))
     }
 }
 
-/// Reads `*xypts.csv` or `.tsv` as observations: `camera_names`, `marker_names` and `markers` of the results are filled.
+/// Reads `*xypts.csv` or `.tsv` as observations: `camera_names`, `marker_names` and `markers` of the results
+/// are filled.
 ///
 /// # Errors
 /// Names the line and column; a header in another order, names or sizes that do not fit.
@@ -119,7 +121,7 @@ pub fn read_xypts(path: &Path, options: &PointOptions) -> Result<RunResults, Ses
     let m = matrix(path, "digitised points")?;
     let cameras = cameras_in(path, &m, options)?;
     if cameras == 0 || m.columns % (2 * cameras) != 0 {
-        return Err(refuse(
+        return Err(SessionError::value(
             path,
             "columns",
             format!("{} are not two for each of {cameras} cameras and each point", m.columns),
@@ -130,7 +132,7 @@ pub fn read_xypts(path: &Path, options: &PointOptions) -> Result<RunResults, Ses
     let sizes = if options.origin.is_top_left() { &dummy[..] } else { &options.sizes };
     let named = names_and_sizes(path, cameras, &options.cameras, sizes)?;
     if !options.points.is_empty() && options.points.len() != points {
-        return Err(refuse(
+        return Err(SessionError::value(
             path,
             "names",
             format!("{} names for {points} points: give one each", options.points.len()),
@@ -165,7 +167,7 @@ pub fn read_xypts(path: &Path, options: &PointOptions) -> Result<RunResults, Ses
 fn cameras_in(path: &Path, m: &Matrix, options: &PointOptions) -> Result<usize, SessionError> {
     let Some(header) = &m.header else {
         return match options.cameras.len() {
-            0 => Err(refuse(
+            0 => Err(SessionError::value(
                 path,
                 "cameras",
                 "a sparse file does not say how many: name them, --cameras cam1,cam2",
@@ -183,13 +185,14 @@ fn cameras_in(path: &Path, m: &Matrix, options: &PointOptions) -> Result<usize, 
                 "{found:?} where pt{point}_cam{camera}_{} belongs: points outside, cameras inside, both from 1",
                 letters[0]
             );
-            return Err(refuse(path, format!("column {}", k + 1), detail));
+            return Err(SessionError::value(path, format!("column {}", k + 1), detail));
         }
     }
     Ok(cameras)
 }
 
-/// Reads `markers.csv` with its cameras and markers named in the order of their first appearance, or those given.
+/// Reads `markers.csv` with its cameras and markers named in the order of their first appearance, or those
+/// given.
 ///
 /// # Errors
 /// Those of [`read_markers`].
@@ -216,7 +219,8 @@ pub fn read_marker_table(
     Ok(RunResults { camera_names, marker_names, markers, ..RunResults::default() })
 }
 
-/// Writes `*xypts.csv`, or the sparse form where the name ends in `.tsv`; one row an instant of the even clock.
+/// Writes `*xypts.csv`, or the sparse form where the name ends in `.tsv`; one row an instant of the even
+/// clock.
 ///
 /// # Errors
 /// Times on no even clock; a missing image size where v grows up; what the file system refuses.
@@ -307,7 +311,7 @@ pub fn read_xyzpts(path: &Path, rate_hz: f64, names: &[String]) -> Result<Marker
             m.columns,
             names.len()
         );
-        return Err(refuse(path, "columns", detail));
+        return Err(SessionError::value(path, "columns", detail));
     }
     let place = |row: &Vec<Option<f64>>, k: usize| match row[3 * k..3 * k + 3] {
         [Some(x), Some(y), Some(z)] => Some(Vector3::new(x, y, z)),
@@ -337,8 +341,8 @@ pub fn write_xyzpts(path: &Path, paths: &MarkerPaths) -> Result<Vec<String>, Ses
     Ok(vec![format!("points in order: {}; {:.6} rows a second", paths.names.join(", "), clock.rate_hz)])
 }
 
-/// Lateness of each camera's time stamps from `*offsets.csv` or `.tsv`, s: a session's `time_offset_s`. A camera shows its frame
-/// r + offset at row r; zeros are unset, and an offset that changes is refused.
+/// Lateness of each camera's time stamps from `*offsets.csv` or `.tsv`, s: a session's `time_offset_s`. A
+/// camera shows its frame r + offset at row r; zeros are unset, and an offset that changes is refused.
 ///
 /// # Errors
 /// Names the line and column; an offset that is not the same in all rows.
@@ -349,7 +353,7 @@ pub fn read_offsets(path: &Path, rate_hz: f64) -> Result<Vec<f64>, SessionError>
         let mut all = m.rows.iter().filter_map(|row| row[k]);
         let first = all.next().unwrap_or(0.0);
         match all.find(|x| *x != first) {
-            Some(other) => Err(refuse(
+            Some(other) => Err(SessionError::value(
                 path,
                 format!("cam{}_offset", k + 1),
                 format!("is {first} and later {other} frames: a session has one for each camera"),

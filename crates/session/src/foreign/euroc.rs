@@ -1,5 +1,5 @@
-//! EuRoC trajectories: integer nanoseconds, commas, the quaternion w, x, y, z; columns beyond the eighth (velocity, biases)
-//! are not read.
+//! EuRoC trajectories: integer nanoseconds, commas, the quaternion w, x, y, z; columns beyond the eighth
+//! (velocity, biases) are not read.
 
 use super::frames::AxesOf;
 use super::poses::{TimedPose, pose, read_lines, seven, write_lines};
@@ -35,7 +35,7 @@ pub fn read(path: &Path, axes: AxesOf) -> Result<Vec<TimedPose>, SessionError> {
 /// # Errors
 /// What the file system refuses.
 pub fn write(path: &Path, poses: &[TimedPose], axes: AxesOf) -> Result<Vec<String>, SessionError> {
-    write_lines(path, HEADER, (poses, axes), |t_ns, p, [w, x, y, z]| {
+    write_lines(path, HEADER, poses, axes, |t_ns, p, [w, x, y, z]| {
         format!("{t_ns},{:?},{:?},{:?},{w:?},{x:?},{y:?},{z:?}", p.x, p.y, p.z)
     })
 }

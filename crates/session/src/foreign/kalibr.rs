@@ -3,10 +3,10 @@
 //! Its pixels are OpenCV's and this program's. The world is cam0.
 
 use super::Noted;
-use super::rigs::{checked, exact_rig, isometry, refuse, rig_camera, rows_of, without_skew};
+use super::rigs::{checked, exact_rig, image_size, isometry, rig_camera, rows_of, without_skew};
 use super::yaml::{Yaml, YamlFile};
 use crate::{SessionError, write_whole};
-use mavsight_geometry::{BrownConrady, Camera, ImageSize, Intrinsics, Isometry3};
+use mavsight_geometry::{BrownConrady, Camera, Intrinsics, Isometry3};
 use mavsight_pose::Rig;
 use std::path::Path;
 
@@ -33,7 +33,7 @@ pub fn read(path: &Path, names: &[String]) -> Result<Noted<Rig>, SessionError> {
         cameras.push(rig_camera(name, camera));
     }
     if cameras.is_empty() {
-        return Err(refuse(
+        return Err(SessionError::value(
             path,
             "cam0",
             format!("is missing; the keys are {}", file.root.keys().join(", ")),
@@ -66,7 +66,7 @@ fn camera(
     let [fx_px, fy_px, cx_px, cy_px] = file.exactly(file.key(node, "intrinsics")?, "fu fv pu pv")?;
     let at = file.key(node, "resolution")?;
     let [w, h] = file.exactly(at, "a resolution")?;
-    let size = ImageSize { width_px: w as u32, height_px: h as u32 };
+    let size = image_size(w, h).map_err(|e| file.refuse(at, e))?;
     let intrinsics = checked(&file.path, key, Intrinsics { fx_px, fy_px, cx_px, cy_px, skew_px: 0.0 }, size)?;
     let mut distortion = BrownConrady::default();
     if lens == "radtan" {
@@ -91,7 +91,7 @@ pub fn write(path: &Path, rig: &Rig, drop_skew: bool) -> Result<Vec<String>, Ses
                 "k3 of {} has no place in Kalibr's radtan: write OpenCV or ROS, or calibrate without k3",
                 d.k3
             );
-            return Err(refuse(path, format!("camera {}", camera.name), detail));
+            return Err(SessionError::value(path, format!("camera {}", camera.name), detail));
         }
         let others: Vec<String> = (0..rig.cameras.len()).filter(|o| *o != k).map(|o| o.to_string()).collect();
         text += &format!("cam{k}:\n");

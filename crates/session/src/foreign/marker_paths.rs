@@ -1,4 +1,5 @@
-//! Markers in space over time: what motion-capture systems export, and the poses of a rigid body that they make.
+//! Markers in space over time: what motion-capture systems export, and the poses of a rigid body that they
+//! make.
 
 use super::Noted;
 use super::poses::TimedPose;
@@ -11,8 +12,8 @@ use std::path::Path;
 /// Columns of the table: one row for each marker and instant, coordinates empty where it was not seen.
 const COLUMNS: [&str; 5] = ["t_s", "marker", "x_m", "y_m", "z_m"];
 
-/// A stamp may be this part of an interval off an even clock: the jitter of a video's stamps, far below the half at which a
-/// frame would be taken for its neighbour.
+/// A stamp may be this part of an interval off an even clock: the jitter of a video's stamps, far below the
+/// half at which a frame would be taken for its neighbour.
 const JITTER: f64 = 0.1;
 
 /// Markers in space.
@@ -89,8 +90,8 @@ pub fn write_table(path: &Path, paths: &MarkerPaths) -> Result<(), SessionError>
     write_whole(path, text.as_bytes())
 }
 
-/// Poses of a rigid body from at least three of its markers an instant, by least squares (Kabsch 1976); an instant with fewer
-/// was not measured.
+/// Poses of a rigid body from at least three of its markers an instant, by least squares (Kabsch 1976); an
+/// instant with fewer was not measured.
 ///
 /// Labels are matched to names without their subject (`Lama:red`) and without regard to case.
 ///
@@ -105,7 +106,7 @@ pub fn poses_of_body(
     let column = |name: &str| paths.names.iter().position(|label| bare(label) == name.trim().to_lowercase());
     let found: Vec<(usize, Vector3<f64>)> =
         body.iter().filter_map(|(name, p)| Some((column(name)?, *p))).collect();
-    let wrong = |detail: String| SessionError::Value { path: path.to_owned(), key: "markers".into(), detail };
+    let wrong = |detail: String| SessionError::value(path, "markers", detail);
     if found.len() < 3 {
         let names: Vec<&str> = body.iter().map(|(n, _)| n.as_str()).collect();
         return Err(wrong(format!(
@@ -172,17 +173,15 @@ pub(super) struct Even {
 }
 
 /// The even clock that the times lie on, with gaps where instants are missing.
-///
-/// # Errors
-/// Fewer than two instants, or times that are on no even clock.
 pub(super) fn even_clock(path: &Path, t_ns: &[i64]) -> Result<Even, SessionError> {
-    let wrong = |detail: String| SessionError::Value { path: path.to_owned(), key: "times".into(), detail };
+    let wrong = |detail: String| SessionError::value(path, "times", detail);
     let mut intervals: Vec<i64> = t_ns.windows(2).map(|w| w[1] - w[0]).collect();
     intervals.sort_unstable();
     let Some(usual_ns) = intervals.get(intervals.len() / 2).filter(|i| **i > 0).copied() else {
         return Err(wrong("at least two instants are needed for a rate".into()));
     };
-    // Ticks are counted from one instant to the next, so that a rate known to a part of a nanosecond does not drift.
+    // Ticks are counted from one instant to the next, so that a rate known to a part of a nanosecond does not
+    // drift.
     let mut at = vec![0usize];
     for w in t_ns.windows(2) {
         let steps = ((w[1] - w[0]) as f64 / usual_ns as f64).round().max(1.0) as usize;

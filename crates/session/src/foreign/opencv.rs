@@ -1,14 +1,15 @@
 //! OpenCV's calibration files (FileStorage, YAML): one camera, or several.
 //!
-//! Names read: `M1 D1 M2 D2 ... R T` of the stereo sample (also `K1`, `cameraMatrix1`, `distCoeffs1`), or `camera_matrix`
-//! and `distortion_coefficients` of the calibration sample; `image_width`, `image_height`; and `cam_from_world_1`, ..., 3×4, which
-//! this program writes and OpenCV leaves alone. With R and T (x2 = R x1 + T) and without those, camera 1 is the world. Pixels and
-//! distortion (k1 k2 p1 p2 k3) are as in this program.
+//! Names read: `M1 D1 M2 D2 ... R T` of the stereo sample (also `K1`, `cameraMatrix1`, `distCoeffs1`), or
+//! `camera_matrix` and `distortion_coefficients` of the calibration sample; `image_width`, `image_height`;
+//! and `cam_from_world_1`, ..., 3×4, which this program writes and OpenCV leaves alone. With R and T (x2 = R
+//! x1 + T) and without those, camera 1 is the world. Pixels and distortion (k1 k2 p1 p2 k3) are as in this
+//! program.
 
 use super::Noted;
 use super::rigs::{
-    checked, coefficients, distortion, exact_rig, isometry, names_and_sizes, refuse, rig_camera, rotation,
-    rows_of, without_skew,
+    checked, coefficients, distortion, exact_rig, image_size, isometry, names_and_sizes, rig_camera,
+    rotation, rows_of, without_skew,
 };
 use super::yaml::YamlFile;
 use crate::{SessionError, write_whole};
@@ -22,8 +23,8 @@ const LENS: [&str; 4] = ["D", "D", "distCoeffs", "distortion_coefficients"];
 /// Reads a file that OpenCV 3, 4 or 5 or this program wrote.
 ///
 /// # Errors
-/// Names the line or key: no camera matrix, a wrong count of numbers, skew is kept, coefficients beyond k3 are refused, an image
-/// size that neither the file nor the caller gives.
+/// Names the line or key: no camera matrix, a wrong count of numbers, skew is kept, coefficients beyond k3
+/// are refused, an image size that neither the file nor the caller gives.
 pub fn read(path: &Path, sizes: &[ImageSize], names: &[String]) -> Result<Noted<Rig>, SessionError> {
     let file = YamlFile::read(path, "OpenCV calibration")?;
     let suffixes = suffixes(&file);
@@ -32,7 +33,7 @@ pub fn read(path: &Path, sizes: &[ImageSize], names: &[String]) -> Result<Noted<
             "no camera matrix: M1, K1, cameraMatrix1 or camera_matrix is wanted; the keys are {}",
             file.root.keys().join(", ")
         );
-        return Err(refuse(path, "camera", detail));
+        return Err(SessionError::value(path, "camera", detail));
     }
     let own = own_sizes(&file, &suffixes)?;
     if !own.is_empty() && !sizes.is_empty() && sizes.iter().zip(own.iter().cycle()).any(|(a, b)| a != b) {
@@ -40,7 +41,7 @@ pub fn read(path: &Path, sizes: &[ImageSize], names: &[String]) -> Result<Noted<
         let detail = format!(
             "the file says {wide}×{high}, the call another: leave it out of the call, or correct the file"
         );
-        return Err(refuse(path, "image size", detail));
+        return Err(SessionError::value(path, "image size", detail));
     }
     let sizes = if own.is_empty() { sizes.to_vec() } else { own };
     let own_names: Vec<String> = suffixes
@@ -59,7 +60,7 @@ pub fn read(path: &Path, sizes: &[ImageSize], names: &[String]) -> Result<Noted<
         let intrinsics = checked(path, &key, intrinsics, size)?;
         let lens_key = format!("{}{suffix}", LENS[family]);
         let lens =
-            file.root.get(&lens_key).map_or(Ok(Vec::new()), |node| file.matrix(node).map(|(_, _, d)| d))?;
+            file.root.get(&lens_key).map_or(Ok(Vec::new()), |node| file.matrix(node).map(|m| m.data))?;
         let distortion = distortion(path, &lens_key, &lens)?;
         let cam_from_world = place(&file, &suffix, k, count, &mut notes)?;
         cameras.push(rig_camera(name, Camera { cam_from_world, intrinsics, distortion, size }));
@@ -85,14 +86,10 @@ fn suffixes(file: &YamlFile) -> Vec<(usize, String, String)> {
     Vec::new()
 }
 
-/// `image_size1`, ... of each camera, or `image_width` and `image_height` for all; nothing where the file has neither.
+/// `image_size1`, ... of each camera, or `image_width` and `image_height` for all; nothing where the file has
+/// neither.
 fn own_sizes(file: &YamlFile, suffixes: &[(usize, String, String)]) -> Result<Vec<ImageSize>, SessionError> {
-    let size = |w: f64, h: f64| {
-        let fine = [w, h].iter().all(|n| n.fract() == 0.0 && (1.0..1e6).contains(n));
-        let wrong =
-            || refuse(&file.path, "image size", format!("{w} by {h}: whole numbers above zero are wanted"));
-        if fine { Ok(ImageSize { width_px: w as u32, height_px: h as u32 }) } else { Err(wrong()) }
-    };
+    let size = |w, h| image_size(w, h).map_err(|e| SessionError::value(&file.path, "image size", e));
     let nodes: Vec<_> =
         suffixes.iter().filter_map(|(_, _, s)| file.root.get(&format!("image_size{s}"))).collect();
     if nodes.len() == suffixes.len() {
@@ -131,15 +128,15 @@ fn place(
         }
         (1, Some(r), Some(t)) if count == 2 => {
             let r = rotation(&file.path, "R", &Matrix3::from_row_slice(&file.shaped(r, 3, 3)?))?;
-            let (_, _, t) = file.matrix(t).and_then(|m| {
-                if m.2.len() == 3 { Ok(m) } else { Err(refuse(&file.path, "T", "three numbers are wanted")) }
-            })?;
-            Ok(Isometry3::from_parts(Vector3::from_column_slice(&t).into(), r))
+            let [x, y, z] = file.matrix(t)?.data[..] else {
+                return Err(SessionError::value(&file.path, "T", "three numbers are wanted"));
+            };
+            Ok(Isometry3::from_parts(Vector3::new(x, y, z).into(), r))
         }
         _ => {
             let detail = "is missing, and so are R and T of two cameras: add the extrinsics (the sample writes them to a file of \
                           their own; both texts may stand in one file)";
-            Err(refuse(&file.path, key, detail))
+            Err(SessionError::value(&file.path, key, detail))
         }
     }
 }

@@ -1,4 +1,5 @@
-//! Parquet tables ↔ our CSV tables: whole numbers, numbers, true and false, or text, a column each; empty cells are null.
+//! Parquet tables ↔ our CSV tables: whole numbers, numbers, true and false, or text, a column each; empty
+//! cells are null.
 
 use super::text::decimal_from_ns;
 use crate::{SessionError, error::require_file, write_whole};
@@ -18,38 +19,32 @@ use std::sync::Arc;
 enum Kind {
     Whole,
     Number,
-    Truth,
+    Boolean,
     Text,
 }
 
-fn refuse(path: &Path, key: &str, detail: String) -> SessionError {
-    SessionError::Value { path: path.to_owned(), key: key.into(), detail }
-}
-
-/// Reads a table as its header and rows of text, as its CSV would hold them.
-///
-/// # Errors
-/// Not Parquet, damaged, or with columns that are lists or maps.
-pub fn read(path: &Path) -> Result<(Vec<String>, Vec<Vec<String>>), SessionError> {
+/// A table's header and rows, as a CSV reader would give them.
+pub(crate) fn records(path: &Path) -> Result<(Vec<String>, Vec<StringRecord>), SessionError> {
     require_file(path, "Parquet table")?;
-    let broken =
-        |e: ParquetError| refuse(path, "Parquet", format!("{e}: write the file again, or convert it to CSV"));
+    let broken = |e: ParquetError| {
+        SessionError::value(path, "Parquet", format!("{e}: write the file again, or convert it to CSV"))
+    };
     let file = std::fs::File::open(path).map_err(|e| SessionError::io(path, "read it", e))?;
     let reader = SerializedFileReader::new(file).map_err(broken)?;
     let schema = reader.metadata().file_metadata().schema().clone();
     let fields = schema.get_fields();
     if let Some(nested) = fields.iter().find(|f| !f.is_primitive()) {
-        return Err(refuse(
+        return Err(SessionError::value(
             path,
             nested.name(),
-            "is a list or a map: write its parts as columns of their own".into(),
+            "is a list or a map: write its parts as columns of their own",
         ));
     }
     let header = fields.iter().map(|f| f.name().to_owned()).collect();
     let mut rows = Vec::new();
     for row in reader.get_row_iter(None).map_err(broken)? {
         let row = row.map_err(broken)?;
-        rows.push(row.get_column_iter().map(|(_, field)| text_of(field)).collect());
+        rows.push(row.get_column_iter().map(|(_, field)| text_of(field)).collect::<StringRecord>());
     }
     Ok((header, rows))
 }
@@ -71,9 +66,9 @@ fn text_of(field: &Field) -> String {
 /// Reads a Parquet table and writes it as CSV.
 ///
 /// # Errors
-/// Those of [`read`]; what the file system refuses.
+/// Not Parquet, damaged, or with columns that are lists or maps; what the file system refuses.
 pub fn to_csv(from: &Path, to: &Path) -> Result<(), SessionError> {
-    let (header, rows) = read(from)?;
+    let (header, rows) = records(from)?;
     let mut writer = csv::Writer::from_writer(Vec::new());
     let failed =
         |e: csv::Error| SessionError::io(to, "express it as CSV", std::io::Error::other(e.to_string()));
@@ -94,7 +89,7 @@ pub fn from_csv(from: &Path, to: &Path) -> Result<(), SessionError> {
     if let Some(twice) =
         header.iter().enumerate().find(|(k, name)| name.is_empty() || header[..*k].contains(name))
     {
-        return Err(refuse(
+        return Err(SessionError::value(
             from,
             "header",
             format!("column {} is {:?}, empty or there twice: rename it", twice.0 + 1, twice.1),
@@ -103,7 +98,8 @@ pub fn from_csv(from: &Path, to: &Path) -> Result<(), SessionError> {
     let columns: Vec<Vec<&str>> =
         (0..header.len()).map(|k| table.rows_if_any().map(|row| row.text(k)).collect()).collect();
     let kinds: Vec<Kind> = columns.iter().map(|c| kind_of(c)).collect();
-    let bytes = encode(&header, &kinds, &columns).map_err(|e| refuse(to, "Parquet", e.to_string()))?;
+    let bytes =
+        encode(&header, &kinds, &columns).map_err(|e| SessionError::value(to, "Parquet", e.to_string()))?;
     write_whole(to, &bytes)
 }
 
@@ -116,7 +112,7 @@ fn kind_of(cells: &[&str]) -> Kind {
     match () {
         () if all(|c| c.parse::<i64>().is_ok_and(|n| n.to_string() == c)) => Kind::Whole,
         () if all(|c| c.parse::<f64>().is_ok()) => Kind::Number,
-        () if all(|c| c == "true" || c == "false") => Kind::Truth,
+        () if all(|c| c == "true" || c == "false") => Kind::Boolean,
         () => Kind::Text,
     }
 }
@@ -126,7 +122,7 @@ fn encode(header: &[String], kinds: &[Kind], columns: &[Vec<&str>]) -> Result<Ve
         let physical = match kind {
             Kind::Whole => Physical::INT64,
             Kind::Number => Physical::DOUBLE,
-            Kind::Truth => Physical::BOOLEAN,
+            Kind::Boolean => Physical::BOOLEAN,
             Kind::Text => Physical::BYTE_ARRAY,
         };
         let converted = if *kind == Kind::Text { ConvertedType::UTF8 } else { ConvertedType::NONE };
@@ -167,7 +163,7 @@ fn write_column(
             let values: Vec<f64> = filled().filter_map(|c| c.parse().ok()).collect();
             column.typed::<DoubleType>().write_batch(&values, Some(&levels), None)?;
         }
-        Kind::Truth => {
+        Kind::Boolean => {
             let values: Vec<bool> = filled().map(|c| *c == "true").collect();
             column.typed::<BoolType>().write_batch(&values, Some(&levels), None)?;
         }
@@ -177,10 +173,4 @@ fn write_column(
         }
     }
     Ok(())
-}
-
-/// Header and rows as a CSV reader would give them.
-pub(crate) fn records(path: &Path) -> Result<(Vec<String>, Vec<StringRecord>), SessionError> {
-    let (header, rows) = read(path)?;
-    Ok((header, rows.into_iter().map(StringRecord::from).collect()))
 }

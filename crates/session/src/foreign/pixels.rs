@@ -4,8 +4,8 @@ use mavsight_geometry::{Matrix3, Vector2};
 
 /// Origin and direction of pixel coordinates.
 ///
-/// MATLAB's intrinsic coordinates put the centre of the first pixel at (1, 1) (MathWorks, "Image Coordinate Systems"); OpenCV,
-/// like this program, at (0, 0).
+/// MATLAB's intrinsic coordinates put the centre of the first pixel at (1, 1) (MathWorks, "Image Coordinate
+/// Systems"); OpenCV, like this program, at (0, 0).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PixelOrigin {
     /// As in this program: (0, 0) is the centre of the top-left pixel, v down.
@@ -37,7 +37,8 @@ impl PixelOrigin {
         matches!(self, Self::TopLeftZero | Self::Dltdv8)
     }
 
-    /// The affine map from their pixels to ours, of an image of that height; the inverse of lower-left maps has the same form.
+    /// The affine map from their pixels to ours, of an image of that height; the inverse of lower-left maps
+    /// has the same form.
     pub fn ours_from_theirs(self, height_px: u32) -> Matrix3<f64> {
         let (du, sign, dv) = match self {
             Self::TopLeftZero => (0.0, 1.0, 0.0),

@@ -29,7 +29,8 @@ pub fn read_pose_table(path: &Path) -> Result<Vec<TimedPose>, SessionError> {
         .collect())
 }
 
-/// Writes `t_s` and the six columns of a pose, empty where it was not measured: a table that `mavsight identify` takes.
+/// Writes `t_s` and the six columns of a pose, empty where it was not measured: a table that `mavsight
+/// identify` takes.
 ///
 /// # Errors
 /// What the file system refuses.
@@ -97,7 +98,8 @@ pub(super) fn seven(line: &Line<'_>, cells: &[&str]) -> Result<[f64; 7], Session
 pub(super) fn write_lines(
     path: &Path,
     header: &str,
-    (poses, axes): (&[TimedPose], AxesOf),
+    poses: &[TimedPose],
+    axes: AxesOf,
     line_of: impl Fn(i64, Vector3<f64>, [f64; 4]) -> String,
 ) -> Result<Vec<String>, SessionError> {
     let times = poses.iter().filter(|p| p.world_from_body.is_some()).map(|p| p.t_ns);

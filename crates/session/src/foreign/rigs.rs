@@ -46,11 +46,6 @@ pub(super) fn exact_rig(cameras: Vec<RigCamera>, notes: Vec<String>) -> Noted<Ri
     Noted { value: Rig::exact(cameras), notes }
 }
 
-/// Error for one key of a file.
-pub(super) fn refuse(path: &Path, key: impl Into<String>, detail: impl Into<String>) -> SessionError {
-    SessionError::Value { path: path.to_owned(), key: key.into(), detail: detail.into() }
-}
-
 /// Focal lengths above zero and an image that is there; everything finite.
 pub(super) fn checked(
     path: &Path,
@@ -62,12 +57,20 @@ pub(super) fn checked(
     if !all.iter().all(|x| x.is_finite()) || k.fx_px <= 0.0 || k.fy_px <= 0.0 {
         let detail =
             format!("focal lengths {}, {} must be finite and above zero: calibrate again", k.fx_px, k.fy_px);
-        return Err(refuse(path, key, detail));
+        return Err(SessionError::value(path, key, detail));
     }
     if size.width_px == 0 || size.height_px == 0 {
-        return Err(refuse(path, key, "the image has no size: give it as --size 640x480"));
+        return Err(SessionError::value(path, key, "the image has no size: give it as --size 640x480"));
     }
     Ok(k)
+}
+
+/// An image size from numbers that must be whole and above zero; says what is wrong with them.
+pub(super) fn image_size(width: f64, height: f64) -> Result<ImageSize, String> {
+    let fine = [width, height].iter().all(|n| n.fract() == 0.0 && (1.0..1e6).contains(n));
+    let size = ImageSize { width_px: width as u32, height_px: height as u32 };
+    let wrong = || format!("an image of {width} by {height} pixels: whole numbers above zero are wanted");
+    if fine { Ok(size) } else { Err(wrong()) }
 }
 
 /// OpenCV's k1 k2 p1 p2 [k3 [k4 k5 k6 [...]]], of which this program has the first five.
@@ -75,14 +78,14 @@ pub(super) fn distortion(path: &Path, key: &str, d: &[f64]) -> Result<BrownConra
     if !matches!(d.len(), 0 | 4 | 5 | 8 | 12 | 14) {
         let detail =
             format!("{} numbers: k1 k2 p1 p2 and perhaps k3 are wanted (0, 4, 5, 8, 12 or 14)", d.len());
-        return Err(refuse(path, key, detail));
+        return Err(SessionError::value(path, key, detail));
     }
     if let Some(x) = d.iter().skip(5).find(|x| **x != 0.0) {
         let detail = format!(
             "a coefficient beyond k3 is {x}: this program has k1 k2 p1 p2 k3 alone; calibrate without the rational, \
              thin-prism and tilted models"
         );
-        return Err(refuse(path, key, detail));
+        return Err(SessionError::value(path, key, detail));
     }
     let at = |k: usize| d.get(k).copied().unwrap_or(0.0);
     Ok(BrownConrady { k1: at(0), k2: at(1), p1: at(2), p2: at(3), k3: at(4) })
@@ -95,7 +98,7 @@ pub(super) fn coefficients(d: &BrownConrady) -> [f64; 5] {
 
 /// A transform from the upper three rows of its matrix, row by row; the 3×3 block must be a rotation.
 pub(super) fn isometry(path: &Path, key: &str, m: &[f64]) -> Result<Isometry3<f64>, SessionError> {
-    let wrong = |detail: String| Err(refuse(path, key, detail));
+    let wrong = |detail: String| Err(SessionError::value(path, key, detail));
     if m.len() != 12 && m.len() != 16 {
         return wrong(format!("{} numbers: a transform has 12 or 16", m.len()));
     }
@@ -113,7 +116,7 @@ pub(super) fn rotation(
     // Six printed digits leave 1e-6 each.
     if !off.is_finite() || off > 1e-4 || block.determinant() < 0.0 {
         let detail = format!("not a rotation (R Rᵀ is off by {off:.1e}): check rows, signs and digits");
-        return Err(refuse(path, key, detail));
+        return Err(SessionError::value(path, key, detail));
     }
     Ok(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_eps(
         block,
@@ -152,7 +155,7 @@ pub(super) fn without_skew(
         "a skew of {:.3} px has no place in this format; --drop-skew leaves it out, which moves the image's edge by {reach:.3} px",
         k.skew_px
     );
-    Err(refuse(path, format!("camera {name}"), detail))
+    Err(SessionError::value(path, format!("camera {name}"), detail))
 }
 
 /// The one camera of a rig that a file for one camera is to hold.
@@ -163,31 +166,32 @@ pub fn one_camera<'a>(path: &Path, rig: &'a Rig, name: Option<&str>) -> Result<&
     let names: Vec<&str> = rig.cameras.iter().map(|c| c.name.as_str()).collect();
     match (name, rig.cameras.as_slice()) {
         (None, [only]) => Ok(only),
-        (None, _) => Err(refuse(
+        (None, _) => Err(SessionError::value(
             path,
             "camera",
             format!("the format holds one: choose by --camera, of {}", names.join(", ")),
         )),
         (Some(name), cameras) => cameras.iter().find(|c| c.name == name).ok_or_else(|| {
-            refuse(path, "camera", format!("{name:?} is not there: choose of {}", names.join(", ")))
+            SessionError::value(
+                path,
+                "camera",
+                format!("{name:?} is not there: choose of {}", names.join(", ")),
+            )
         }),
     }
 }
 
-/// Name and size of each camera of a file that says neither.
+/// Name and size of each camera of a file that says neither; refuses numbers of them that do not fit.
 ///
 /// Sizes are one for all or one a camera; names are `cam1`, `cam2`, ... where none are given.
-///
-/// # Errors
-/// Numbers of them that do not fit.
-pub fn names_and_sizes(
+pub(super) fn names_and_sizes(
     path: &Path,
     count: usize,
     names: &[String],
     sizes: &[ImageSize],
 ) -> Result<Vec<(String, ImageSize)>, SessionError> {
     if !names.is_empty() && names.len() != count {
-        return Err(refuse(
+        return Err(SessionError::value(
             path,
             "names",
             format!("{} names for {count} cameras: give one each", names.len()),
@@ -202,7 +206,7 @@ pub fn names_and_sizes(
             "the file does not say it: give --size 640x480 for all cameras, or {count} sizes with commas between ({} given)",
             sizes.len()
         );
-        let size = size(k).ok_or_else(|| refuse(path, "image size", detail))?;
+        let size = size(k).ok_or_else(|| SessionError::value(path, "image size", detail))?;
         Ok((names.get(k).cloned().unwrap_or_else(|| format!("cam{}", k + 1)), size))
     };
     (0..count).map(one).collect()

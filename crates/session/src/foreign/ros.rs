@@ -2,31 +2,24 @@
 
 use super::Noted;
 use super::rigs::{
-    checked, coefficients, distortion, exact_rig, one_camera, refuse, rig_camera, without_skew,
+    checked, coefficients, distortion, exact_rig, image_size, one_camera, rig_camera, without_skew,
 };
 use super::yaml::YamlFile;
 use crate::{SessionError, write_whole};
-use mavsight_geometry::{Camera, ImageSize, Intrinsics, Isometry3};
+use mavsight_geometry::{Camera, Intrinsics, Isometry3};
 use mavsight_pose::Rig;
 use std::path::Path;
 
 /// Reads one camera; `names` may give it another name.
 ///
 /// # Errors
-/// Names the line or key; a distortion model other than `plumb_bob`, or `rational_polynomial` with k4 to k6 of zero.
+/// Names the line or key; a distortion model other than `plumb_bob`, or `rational_polynomial` with k4 to k6
+/// of zero.
 pub fn read(path: &Path, names: &[String]) -> Result<Noted<Rig>, SessionError> {
     let file = YamlFile::read(path, "ROS camera_info")?;
-    let side = |key: &str| -> Result<u32, SessionError> {
-        let node = file.key(&file.root, key)?;
-        let n = file.number(node)?;
-        let whole = n.fract() == 0.0 && (1.0..1e6).contains(&n);
-        if whole {
-            Ok(n as u32)
-        } else {
-            Err(file.refuse(node, format!("{key} is {n}: a whole number above zero is wanted")))
-        }
-    };
-    let size = ImageSize { width_px: side("image_width")?, height_px: side("image_height")? };
+    let at = file.key(&file.root, "image_width")?;
+    let (w, h) = (file.number(at)?, file.number(file.key(&file.root, "image_height")?)?);
+    let size = image_size(w, h).map_err(|e| file.refuse(at, e))?;
     let m = file.shaped(file.key(&file.root, "camera_matrix")?, 3, 3)?;
     let intrinsics = Intrinsics { fx_px: m[0], skew_px: m[1], cx_px: m[2], fy_px: m[4], cy_px: m[5] };
     let intrinsics = checked(path, "camera_matrix", intrinsics, size)?;
@@ -38,7 +31,7 @@ pub fn read(path: &Path, names: &[String]) -> Result<Noted<Rig>, SessionError> {
             format!("distortion model {kind:?}: this program has plumb_bob; calibrate with it"),
         ));
     }
-    let (_, _, d) = file.matrix(file.key(&file.root, "distortion_coefficients")?)?;
+    let d = file.matrix(file.key(&file.root, "distortion_coefficients")?)?.data;
     let distortion = distortion(path, "distortion_coefficients", &d)?;
     let own = file.root.get("camera_name").and_then(|n| n.text()).filter(|n| !n.is_empty()).unwrap_or("cam1");
     let name = names.first().map_or(own, String::as_str).to_owned();
@@ -64,7 +57,7 @@ pub fn write(
     let mut notes: Vec<String> = without_skew(path, camera, drop_skew)?.into_iter().collect();
     let (i, size) = (&camera.camera.intrinsics, camera.camera.size);
     if camera.name.contains(['"', '\n']) {
-        return Err(refuse(
+        return Err(SessionError::value(
             path,
             "camera_name",
             format!("{:?} holds a quote or a line's end: rename the camera", camera.name),

@@ -88,7 +88,8 @@ impl<'a> Line<'a> {
     }
 }
 
-/// Nanoseconds from decimal seconds, digit by digit: a binary number of seconds since 1970 is good to 0.1 µs only.
+/// Nanoseconds from decimal seconds, digit by digit: a binary number of seconds since 1970 is good to 0.1 µs
+/// only.
 pub(crate) fn ns_from_decimal(text: &str) -> Option<i64> {
     let (negative, digits) = match text.strip_prefix('-') {
         Some(rest) => (true, rest),

@@ -9,7 +9,8 @@ use std::path::Path;
 /// Reads marker paths; empty cells and NaN were not seen. Lengths are mm, cm or m by the header's `Units`.
 ///
 /// # Errors
-/// Names the line and column: a header that is none, unknown units, counts that do not agree, times that do not increase.
+/// Names the line and column: a header that is none, unknown units, counts that do not agree, times that do
+/// not increase.
 pub fn read(path: &Path) -> Result<MarkerPaths, SessionError> {
     let text = Text::read(path, "TRC marker paths")?;
     let lines: Vec<Line> = text.filled().collect();
@@ -102,7 +103,7 @@ pub(super) fn scale_of(unit: &str) -> Option<f64> {
 pub fn write(path: &Path, paths: &MarkerPaths) -> Result<(), SessionError> {
     if let Some(name) = paths.names.iter().find(|n| n.is_empty() || n.contains(['\t', '\n'])) {
         let detail = format!("{name:?} is empty or holds a tab or a line's end: rename it");
-        return Err(SessionError::Value { path: path.to_owned(), key: "marker".into(), detail });
+        return Err(SessionError::value(path, "marker", detail));
     }
     let (n, frames) = (paths.names.len(), paths.t_ns.len());
     let span_s = match (paths.t_ns.first(), paths.t_ns.last()) {

@@ -1,4 +1,5 @@
-//! TUM trajectories: `t tx ty tz qx qy qz qw`, seconds, one space between, `#` before comments. The quaternion is x, y, z, w.
+//! TUM trajectories: `t tx ty tz qx qy qz qw`, seconds, one space between, `#` before comments. The
+//! quaternion is x, y, z, w.
 
 use super::frames::AxesOf;
 use super::poses::{TimedPose, pose, read_lines, seven, write_lines};
@@ -9,7 +10,8 @@ use std::path::Path;
 /// Reads a trajectory in the given axes.
 ///
 /// # Errors
-/// Names the line and column; commas, another count than eight, quaternions that are none, times that do not increase.
+/// Names the line and column; commas, another count than eight, quaternions that are none, times that do not
+/// increase.
 pub fn read(path: &Path, axes: AxesOf) -> Result<Vec<TimedPose>, SessionError> {
     let text = Text::read(path, "TUM trajectory")?;
     read_lines(&text, axes, |line| {
@@ -31,7 +33,7 @@ pub fn read(path: &Path, axes: AxesOf) -> Result<Vec<TimedPose>, SessionError> {
 /// # Errors
 /// What the file system refuses.
 pub fn write(path: &Path, poses: &[TimedPose], axes: AxesOf) -> Result<Vec<String>, SessionError> {
-    write_lines(path, "# t_s tx_m ty_m tz_m qx qy qz qw", (poses, axes), |t_ns, p, [w, x, y, z]| {
+    write_lines(path, "# t_s tx_m ty_m tz_m qx qy qz qw", poses, axes, |t_ns, p, [w, x, y, z]| {
         format!("{} {:?} {:?} {:?} {x:?} {y:?} {z:?} {w:?}", decimal_from_ns(t_ns), p.x, p.y, p.z)
     })
 }

@@ -11,8 +11,9 @@ use std::path::Path;
 pub struct MarkerAsBuilt {
     /// Its name.
     pub name: String,
-    /// Centre, body axes. These are the axes for which the markers together are neither shifted nor turned against the vehicle
-    /// file (least squares): a film shows the shape of the body, not where its axes lie in it.
+    /// Centre, body axes. These are the axes for which the markers together are neither shifted nor turned
+    /// against the vehicle file (least squares): a film shows the shape of the body, not where its axes lie
+    /// in it.
     pub position_m: Vector3<f64>,
     /// Standard deviation of each coordinate.
     pub position_std_m: Vector3<f64>,
@@ -22,17 +23,13 @@ pub struct MarkerAsBuilt {
     pub diameter_std_m: Option<f64>,
 }
 
-/// Rows of the table, its header first.
-pub(super) fn rows(body: &[MarkerAsBuilt]) -> Vec<Vec<String>> {
-    let header = columns::BODY.map(str::to_owned).to_vec();
-    let row = |m: &MarkerAsBuilt| {
-        let numbers = m.position_m.iter().chain(m.position_std_m.iter()).chain([&m.diameter_m]);
-        let mut cells = vec![m.name.clone()];
-        cells.extend(numbers.map(|x| format!("{x:?}")));
-        cells.push(m.diameter_std_m.map_or(String::new(), |x| format!("{x:?}")));
-        cells
-    };
-    std::iter::once(header).chain(body.iter().map(row)).collect()
+/// A row of the table.
+pub(super) fn row(marker: &MarkerAsBuilt) -> Vec<String> {
+    let numbers = marker.position_m.iter().chain(marker.position_std_m.iter()).chain([&marker.diameter_m]);
+    let mut cells = vec![marker.name.clone()];
+    cells.extend(numbers.map(|x| format!("{x:?}")));
+    cells.push(marker.diameter_std_m.map_or(String::new(), |x| format!("{x:?}")));
+    cells
 }
 
 /// Reads `body.csv`.

@@ -4,7 +4,8 @@
 pub(crate) const POSE: [(&str, &str); 6] =
     [("x", "m"), ("y", "m"), ("z", "m"), ("phi", "rad"), ("theta", "rad"), ("psi", "rad")];
 
-/// Coordinates of a pose's covariance: position in world axes, then a small turn about body axes, each with its unit.
+/// Coordinates of a pose's covariance: position in world axes, then a small turn about body axes, each with
+/// its unit.
 const ERROR: [(&str, &str); 6] =
     [("x", "m"), ("y", "m"), ("z", "m"), ("turn_x", "rad"), ("turn_y", "rad"), ("turn_z", "rad")];
 

@@ -8,8 +8,8 @@ use mavsight_pose::{MarkerObservation, PoseEstimate, PoseSample, covariance_from
 use nalgebra::Matrix6xX;
 use std::path::Path;
 
-/// What a pose without `_std` columns is taken to be good to: a millimetre and a milliradian. Only their ratio matters,
-/// since the smoother finds the scale of the noise from the poses themselves.
+/// What a pose without `_std` columns is taken to be good to: a millimetre and a milliradian. Only their
+/// ratio matters, since the smoother finds the scale of the noise from the poses themselves.
 const UNKNOWN_STD: [f64; 6] = [1e-3; 6];
 
 /// Whether a pose was read from a table that says of no coordinate how good it is.
@@ -48,13 +48,15 @@ pub fn read_markers(
     table.rows_if_any().map(read).collect()
 }
 
-/// Reads `pose.csv`, or the pose table of another system: the columns `t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad` are
-/// needed, `_std` columns, `markers` and `residual_px` are not. A row whose pose is empty was not measured.
+/// Reads `pose.csv`, or the pose table of another system: the columns
+/// `t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad` are needed, `_std` columns, `markers` and `residual_px` are
+/// not. A row whose pose is empty was not measured.
 ///
-/// The standard deviations of the Euler angles are taken as uncorrelated, and without them every pose counts the same
-/// (1 mm, 1 mrad): the smoother scales the noise to what the poses show. With the `new_` columns that this program writes
-/// the part of the covariance that is new in each frame is read exactly; what is beyond it in the standard deviations is
-/// taken as errors that stay, one for each coordinate and apart from each other.
+/// The standard deviations of the Euler angles are taken as uncorrelated, and without them every pose counts
+/// the same (1 mm, 1 mrad): the smoother scales the noise to what the poses show. With the `new_` columns
+/// that this program writes the part of the covariance that is new in each frame is read exactly; what is
+/// beyond it in the standard deviations is taken as systematic errors, one for each coordinate and
+/// independent of each other.
 ///
 /// # Errors
 /// Names the file, row and column.
@@ -125,7 +127,8 @@ pub(super) fn isometry(pose: &[f64; 6]) -> mavsight_geometry::Isometry3<f64> {
     world_from_body(Vector3::new(pose[0], pose[1], pose[2]), angles(pose))
 }
 
-/// The covariance of what is new in each frame, and what the standard deviations have beyond it as systematic columns.
+/// The covariance of what is new in each frame, and what the standard deviations have beyond it as systematic
+/// columns.
 fn with_new_part(
     row: Row<'_>,
     columns: &[usize],
@@ -163,9 +166,9 @@ fn with_new_part(
 pub fn read_summary(path: &Path) -> Result<serde_json::Value, SessionError> {
     require_file(path, "summary of a run")?;
     let text = std::fs::read_to_string(path).map_err(|e| SessionError::io(path, "read it", e))?;
-    serde_json::from_str(&text).map_err(|e| SessionError::Toml {
+    serde_json::from_str(&text).map_err(|e| SessionError::Row {
         path: path.to_owned(),
-        line: e.line(),
+        line: e.line() as u64,
         detail: format!("not JSON: {e}"),
     })
 }

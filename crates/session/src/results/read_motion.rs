@@ -18,9 +18,9 @@ pub enum FlightTable {
     Motion(Motion),
 }
 
-/// Reads a table as motion where it has every column of `motion.csv` beside the `_std` ones, else as poses. Rows of poses that
-/// are missing altogether, where times are more than one and a half usual intervals apart, become rows that were not measured,
-/// as long as they are fewer than those that there are.
+/// Reads a table as motion where it has every column of `motion.csv` except the `_std` ones, else as poses.
+/// Rows of poses that are missing altogether, where times are more than one and a half usual intervals apart,
+/// become rows that were not measured, as long as they are fewer than those that there are.
 ///
 /// # Errors
 /// Those of [`read_motion`] and [`read_poses`].
@@ -57,10 +57,11 @@ fn with_missing_rows(poses: Vec<PoseSample>) -> Vec<PoseSample> {
     out
 }
 
-/// Reads `motion.csv` and, from the `summary.json` beside it, the bandwidth of the smoother. The covariance has only
-/// its diagonal (and the turn's block); without `_std` columns it is zero, which leaves estimators to find the size of the
-/// errors. Without a summary the motion is taken to have passed nothing but its own sampling: half its rate is the bandwidth.
-/// A row with its time alone was not measured and is left out.
+/// Reads `motion.csv` and, from the `summary.json` in its folder, the bandwidth of the smoother. The
+/// covariance has only its diagonal (and the turn's block); without `_std` columns it is zero, which leaves
+/// estimators to find the size of the errors. Without a summary the motion is taken to have passed nothing
+/// but its own sampling: half its rate is the bandwidth. A row with its time alone was not measured and is
+/// left out.
 ///
 /// # Errors
 /// Names the file, row and column, or the key of the summary; times must increase.
@@ -95,11 +96,8 @@ pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
         let summary = read_summary(&summary_path)?;
         let figure = |key: &str| {
             let value = summary.get("smoother").and_then(|s| s.get(key)).and_then(serde_json::Value::as_f64);
-            value.ok_or_else(|| SessionError::Value {
-                path: summary_path.clone(),
-                key: format!("smoother.{key}"),
-                detail: "is missing: make motion.csv and summary.json again, or remove the latter".into(),
-            })
+            let detail = "is missing: make motion.csv and summary.json again, or remove the latter";
+            value.ok_or_else(|| SessionError::value(&summary_path, format!("smoother.{key}"), detail))
         };
         return Ok(Motion {
             samples,

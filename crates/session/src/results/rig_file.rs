@@ -20,8 +20,8 @@ struct RigFile {
     #[serde(default)]
     frames: usize,
     /// What is not known of all cameras together: each row one independent direction of error, one standard
-    /// deviation long; 16 numbers a camera, in their order: turn about the camera's axes (rad), centre in the world (m),
-    /// fx, fy, skew, cx, cy (px), k1, k2, p1, p2, k3.
+    /// deviation long; 16 numbers a camera, in their order: turn about the camera's axes (rad), centre in the
+    /// world (m), fx, fy, skew, cx, cy (px), k1, k2, p1, p2, k3.
     #[serde(default)]
     uncertainty: Vec<Vec<f64>>,
     #[serde(default)]
@@ -171,27 +171,23 @@ fn entry(camera: &RigCamera) -> CameraEntry {
 /// Names the file and the line or camera.
 pub fn read_rig(path: &Path) -> Result<Rig, SessionError> {
     let file: RigFile = read_toml(path, "rig: `calibrate` writes it")?;
-    let refuse = |key: String, detail: &str| SessionError::Value {
-        path: path.to_owned(),
-        key,
-        detail: detail.to_owned(),
-    };
+    let refuse = |key: &str, detail: &str| SessionError::value(path, key, detail);
     if file.schema != RIG_SCHEMA {
-        return Err(refuse("schema".into(), "this version reads schema = 1"));
+        return Err(refuse("schema", "this version reads schema = 1"));
     }
     if file.camera.is_empty() {
-        return Err(refuse("camera".into(), "there is none: calibrate again"));
+        return Err(refuse("camera", "there is none: calibrate again"));
     }
     let rows = CAMERA_PARAMETERS * file.camera.len();
     let whole = |direction: &Vec<f64>| direction.len() == rows && direction.iter().all(|x| x.is_finite());
     if !file.uncertainty.iter().all(whole) {
         let detail = "each row must have 16 finite numbers a camera: calibrate again";
-        return Err(refuse("uncertainty".into(), detail));
+        return Err(refuse("uncertainty", detail));
     }
     let uncertainty = DMatrix::from_fn(rows, file.uncertainty.len(), |i, k| file.uncertainty[k][i]);
     let cameras = file.camera.into_iter().map(|entry| {
         let name = entry.name.clone();
-        camera(entry).map_err(|detail| refuse(format!("camera {name}"), &detail))
+        camera(entry).map_err(|detail| refuse(&format!("camera {name}"), &detail))
     });
     let left_out = file.left_out.into_iter().map(|point| {
         let with = point.with;

@@ -12,8 +12,8 @@ use std::sync::Arc;
 
 /// Writes what a run found into a folder, which is made where it is missing.
 ///
-/// Every file is written whole beside its place before the first is renamed into it, `summary.json` last; when one cannot be
-/// written, those of this call are taken away again. Tables go to the disk row by row.
+/// Every file is written whole next to its place before the first is renamed into it, `summary.json` last;
+/// when one cannot be written, those of this call are taken away again. Tables go to the disk row by row.
 ///
 /// # Errors
 /// A folder that is a file, or what the file system refuses.
@@ -41,13 +41,13 @@ pub fn write_markers(path: &Path, results: &RunResults) -> Result<(), SessionErr
     PartFile::write(path, |out| markers(results.markers.iter().cloned(), results, out))?.keep()
 }
 
-/// A file that is written and waits beside its place until [`write_results`] puts it there; it is taken away where that never
-/// comes.
+/// A file that is written and waits next to its place until [`write_results`] puts it there; it is taken away
+/// where that never comes.
 #[derive(Debug, Clone)]
 pub struct EarlyFile(Arc<PartFile>);
 
-/// Writes `markers.csv` beside its place in a folder from all that was seen, of which the results keep what `is_needed` says yes to:
-/// those of an hour are many, and few are looked at again.
+/// Writes `markers.csv` next to its place in a folder from all that was seen, of which the results keep what
+/// `is_needed` says yes to: those of an hour are many, and few are looked at again.
 ///
 /// # Errors
 /// What the file system refuses.
@@ -84,8 +84,8 @@ fn parts(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Arc<P
     }
     if !results.body.is_empty() {
         part(names::BODY, &|out| {
-            let mut lines = Lines(csv::Writer::from_writer(out));
-            body::rows(&results.body).into_iter().try_for_each(|row| lines.push(row))?;
+            let mut lines = Lines::new(out, columns::BODY)?;
+            results.body.iter().try_for_each(|marker| lines.push(body::row(marker)))?;
             lines.end()
         })?;
     }
@@ -259,40 +259,30 @@ fn coefficients(table: &CoefficientTable, out: &mut dyn Write) -> io::Result<()>
 
 fn parameters(results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
     let mut lines = Lines::new(out, columns::PARAMETERS)?;
+    let mut line = |names: [&str; 3], figures: [Option<f64>; 4], identifiable: bool| {
+        let cells = names.map(str::to_owned).into_iter().chain(figures.map(optional));
+        lines.push(cells.chain([identifiable.to_string()]))
+    };
     for fit in results.identification.iter().flat_map(|i| &i.fits) {
-        let begin = || vec![fit.estimator.name().to_owned(), fit.output.clone()];
+        let (estimator, output) = (fit.estimator.name(), fit.output.as_str());
         for p in &fit.parameters {
-            let mut cells = begin();
-            cells.push(p.name.clone());
-            cells.extend([p.value, p.std, p.ci_low, p.ci_high].map(optional));
-            cells.push(p.identifiable.to_string());
-            lines.push(cells)?;
+            line([estimator, output, &p.name], [p.value, p.std, p.ci_low, p.ci_high], p.identifiable)?;
         }
         for c in &fit.combinations {
-            let mut cells = begin();
-            cells.push(c.text.clone());
-            cells.extend([c.value, c.std, c.ci_low, c.ci_high].map(number));
-            cells.push("true".to_owned());
-            lines.push(cells)?;
+            line([estimator, output, &c.text], [c.value, c.std, c.ci_low, c.ci_high].map(Some), true)?;
         }
     }
     for (estimator, fit) in results.output_error.named() {
-        let begin = |name: &'static str| {
-            // Flapping times and the lag are of no output.
+        // Flapping times and the lag are of no output.
+        let names = |name: &'static str| {
             let (output, parameter) = name.split_once(',').unwrap_or(("", name));
-            [estimator, output, parameter].map(str::to_owned).to_vec()
+            [estimator, output, parameter]
         };
         for p in &fit.parameters {
-            let mut cells = begin(p.name);
-            cells.extend([p.value, p.std, p.ci_low, p.ci_high].map(number));
-            cells.push(p.identifiable.to_string());
-            lines.push(cells)?;
+            line(names(p.name), [p.value, p.std, p.ci_low, p.ci_high].map(Some), p.identifiable)?;
         }
         for parameter in &results.output_error.held {
-            let mut cells = begin(parameter.name());
-            cells.extend(vec![String::new(); 4]);
-            cells.push("false".to_owned());
-            lines.push(cells)?;
+            line(names(parameter.name()), [None; 4], false)?;
         }
     }
     lines.end()

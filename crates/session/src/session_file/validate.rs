@@ -1,13 +1,12 @@
 //! What no session file may say, with the remedy.
 
-use super::{LineTime, SESSION_SCHEMA, SessionFile, is_empty};
+use super::{LineTime, RefusedKey, SESSION_SCHEMA, SessionFile, is_empty};
 use crate::SessionError;
 use std::path::Path;
 
 /// Refuses the first value that cannot be meant.
 pub(crate) fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
-    let refuse =
-        |key: String, detail: String| Err(SessionError::Value { path: path.to_owned(), key, detail });
+    let refuse = |key: String, detail: String| Err(SessionError::value(path, key, detail));
     if file.schema != SESSION_SCHEMA {
         let detail = format!("{} is not known: this version reads schema = {SESSION_SCHEMA}", file.schema);
         return refuse("schema".into(), detail);
@@ -30,7 +29,7 @@ pub(crate) fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionErr
         let detail = format!("{enough} is no share between 0 and 1: give 0.05 for intervals of 5 %");
         return refuse("live.enough".into(), detail);
     }
-    validate_objects(file).or_else(|(key, detail)| refuse(key, detail))?;
+    validate_objects(file).or_else(|wrong| refuse(wrong.key, wrong.detail))?;
     for (k, camera) in file.camera.iter().enumerate() {
         if camera.name.is_empty() || file.camera[..k].iter().any(|c| c.name == camera.name) {
             let detail = format!("{:?} is empty or taken: give each camera its own name", camera.name);
@@ -73,8 +72,8 @@ pub(crate) fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionErr
 }
 
 /// What is wrong with the wand or the board: key and remedy.
-fn validate_objects(file: &SessionFile) -> Result<(), (String, String)> {
-    let refuse = |key: &str, detail: String| Err((key.to_owned(), detail));
+fn validate_objects(file: &SessionFile) -> Result<(), RefusedKey> {
+    let refuse = |key: &str, detail: String| Err(RefusedKey { key: key.to_owned(), detail });
     let calibrates = file.control.is_some() || file.wand.is_some() || file.board.is_some();
     if !calibrates && file.rig.is_none() {
         let detail =
@@ -117,7 +116,7 @@ fn validate_objects(file: &SessionFile) -> Result<(), (String, String)> {
                 format!("{} is no length: give metres, for instance 0.03", board.square_m),
             );
         }
-        // Markers tell which corner is which; without them the numbers of columns and rows do.
+        // Markers identify the corners; without them unlike numbers of columns and rows do.
         let is_plain = board.coded()?.is_none();
         if is_plain && (board.columns < 3 || board.rows < 3 || board.columns == board.rows) {
             let detail = format!(

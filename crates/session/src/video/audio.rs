@@ -2,10 +2,11 @@
 
 use super::ffmpeg;
 use crate::SessionError;
+use mavsight_pipeline::Clap;
 use std::collections::VecDeque;
 use std::io::{BufReader, Read};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 /// Samples a second that are asked for.
 const RATE_HZ: usize = 48_000;
@@ -25,46 +26,25 @@ const ONSET: i64 = 3;
 /// A clap rises more than all else by this factor in amplitude, as a flash does in brightness.
 const ALONE: f64 = 2.0;
 
-/// What a recording's sound tells of a clap.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Clap {
-    /// By the recording's time stamps, s.
-    At(f64),
-    /// Nothing in its sound stands out.
-    None,
-    /// It has no sound.
-    Silent,
-}
-
 /// Finds the one sudden sound of a recording that is more than twice as loud as any other, to a millisecond.
 ///
-/// The sound is read through the ffmpeg program, at the times of its stamps, as its first differences: steps and knocks of low pitch
-/// count for less than a clap.
+/// The sound is read through the ffmpeg program, at the times of its stamps, as its first differences: steps
+/// and knocks of low pitch count for less than a clap.
 ///
 /// # Errors
 /// A file that is missing or that ffmpeg refuses, or no ffmpeg.
 pub fn find_clap(path: &Path) -> Result<Clap, SessionError> {
     crate::error::require_file(path, "video")?;
-    let program = ffmpeg::program();
-    let mut child = Command::new(&program)
+    let mut command = Command::new(ffmpeg::program());
+    command
         .args(["-v", "error", "-nostdin", "-copyts", "-i"])
         .arg(path)
         // Silence is filled in where the sound begins after time zero or has gaps.
         .args(["-map", "0:a:0", "-vn", "-ac", "1", "-af", "aresample=async=1:first_pts=0"])
-        .args(["-ar", &RATE_HZ.to_string(), "-f", "s16le", "pipe:1"])
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .map_err(|_| SessionError::NeedsFfmpeg {
-            path: path.to_owned(),
-            reason: "a clap is looked for in its sound".into(),
-            program: program.clone(),
-        })?;
+        .args(["-ar", &RATE_HZ.to_string(), "-f", "s16le", "pipe:1"]);
+    let ffmpeg::Process { mut child, stdout: sound, stderr: mut words } =
+        ffmpeg::start(command, path, "a clap is looked for in its sound")?;
     let failed = |detail: String| SessionError::Ffmpeg { path: path.to_owned(), detail };
-    let (Some(sound), Some(mut words)) = (child.stdout.take(), child.stderr.take()) else {
-        return Err(failed("it has no output".into()));
-    };
     let said = std::thread::spawn(move || {
         let mut text = Vec::new();
         words.read_to_end(&mut text).map(|_| String::from_utf8_lossy(&text).into_owned())

@@ -17,15 +17,16 @@ impl Default for YuvCoding {
 }
 
 impl YuvCoding {
-    /// From the code points of ITU-T H.273: 1 is BT.709 and so, closely enough to find colours, is BT.2020 (9, 10).
+    /// From the code points of ITU-T H.273: 1 is BT.709 and so, closely enough to find colours, is BT.2020
+    /// (9, 10).
     pub(crate) fn from_h273(full_range: bool, matrix_coefficients: u32) -> Self {
         let matrix =
             if matches!(matrix_coefficients, 1 | 9 | 10) { YuvMatrix::Bt709 } else { YuvMatrix::Bt601 };
         Self { full_range, matrix }
     }
 
-    /// From a sequence parameter set (ITU-T H.264, 7.3.2.1.1 and E.1.1), its NAL header byte included; the default
-    /// where it does not say or cannot be read.
+    /// From a sequence parameter set (ITU-T H.264, 7.3.2.1.1 and E.1.1), its NAL header byte included; the
+    /// default where it does not say or cannot be read.
     pub(crate) fn from_sps(nal: &[u8]) -> Self {
         parse_sps(nal).unwrap_or_default()
     }

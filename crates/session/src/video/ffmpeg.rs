@@ -2,11 +2,12 @@
 
 use super::Opened;
 use super::color::YuvCoding;
+use super::planes::{Planes, fill};
 use crate::SessionError;
 use mavsight_geometry::ImageSize;
 use mavsight_vision::{Frame, YuvMatrix};
 use std::collections::VecDeque;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -25,26 +26,9 @@ fn probe_program(ffmpeg: &str) -> String {
     }
 }
 
-#[derive(Clone, Copy)]
-enum Layout {
-    Rgb,
-    Yuv(YuvCoding),
-}
-
-impl Layout {
-    /// Name of ffmpeg's pixel format: that of the range of the source, so that nothing is rescaled.
-    fn pixel_format(self) -> &'static str {
-        match self {
-            Self::Rgb => "rgb24",
-            Self::Yuv(coding) if coding.full_range => "yuvj420p",
-            Self::Yuv(_) => "yuv420p",
-        }
-    }
-}
-
 struct Probe {
     size: ImageSize,
-    layout: Layout,
+    planes: Planes,
     quarters: u8,
     declared_s: Option<f64>,
 }
@@ -56,20 +40,20 @@ pub(crate) fn open(path: &Path, ffmpeg: &str, reason: &str) -> Result<Opened, Se
         reason: reason.to_owned(),
         program: program.to_owned(),
     };
-    let Probe { size, layout, quarters, declared_s } = probe(path, &probe_program(ffmpeg), missing)?;
-    let mut child = Command::new(ffmpeg)
+    let Probe { size, planes, quarters, declared_s } = probe(path, &probe_program(ffmpeg), missing)?;
+    // The pixel format has the range of the source, so that nothing is rescaled.
+    let format = match planes {
+        Planes::Rgb => "rgb24",
+        Planes::Yuv(coding) if coding.full_range => "yuvj420p",
+        Planes::Yuv(_) => "yuv420p",
+    };
+    let mut command = Command::new(ffmpeg);
+    command
         .args(["-hide_banner", "-nostdin", "-nostats", "-loglevel", "info", "-copyts", "-noautorotate", "-i"])
         .arg(path)
         .args(["-map", "0:v:0", "-an", "-sn", "-vf", "showinfo=checksum=0", "-fps_mode", "passthrough"])
-        .args(["-pix_fmt", layout.pixel_format(), "-f", "rawvideo", "pipe:1"])
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .map_err(|_| missing(ffmpeg))?;
-    let (Some(stdout), Some(stderr)) = (child.stdout.take(), child.stderr.take()) else {
-        return Err(SessionError::Ffmpeg { path: path.to_owned(), detail: "it has no output".into() });
-    };
+        .args(["-pix_fmt", format, "-f", "rawvideo", "pipe:1"]);
+    let Process { child, stdout, stderr } = start(command, path, reason)?;
     let (times_out, times) = channel();
     let words = std::thread::spawn(move || listen(stderr, &times_out));
     let frames = FfmpegFrames {
@@ -79,11 +63,32 @@ pub(crate) fn open(path: &Path, ffmpeg: &str, reason: &str) -> Result<Opened, Se
         times,
         words: Some(words),
         size,
-        layout,
+        planes,
         read: 0,
         ended: false,
     };
     Ok(Opened { size, declared: None, declared_s, quarters, frames: Box::new(frames) })
+}
+
+/// A program that runs, with both its outputs.
+pub(super) struct Process {
+    pub(super) child: Child,
+    pub(super) stdout: ChildStdout,
+    pub(super) stderr: ChildStderr,
+}
+
+/// Starts ffmpeg on a recording; `reason` says why it is needed, for the case that it is not there.
+pub(super) fn start(mut command: Command, path: &Path, reason: &str) -> Result<Process, SessionError> {
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().map_err(|_| SessionError::NeedsFfmpeg {
+        path: path.to_owned(),
+        reason: reason.to_owned(),
+        program: command.get_program().to_string_lossy().into_owned(),
+    })?;
+    match (child.stdout.take(), child.stderr.take()) {
+        (Some(stdout), Some(stderr)) => Ok(Process { child, stdout, stderr }),
+        _ => Err(SessionError::Ffmpeg { path: path.to_owned(), detail: "it has no output".into() }),
+    }
 }
 
 fn probe(path: &Path, program: &str, missing: impl Fn(&str) -> SessionError) -> Result<Probe, SessionError> {
@@ -108,17 +113,17 @@ fn probe(path: &Path, program: &str, missing: impl Fn(&str) -> SessionError) -> 
         return Err(SessionError::NoFrames { path: path.to_owned() });
     };
     let format = value("pix_fmt");
-    let layout = if ["rgb", "bgr", "gbr", "pal8"].iter().any(|name| format.contains(name)) {
-        Layout::Rgb
+    let planes = if ["rgb", "bgr", "gbr", "pal8"].iter().any(|name| format.contains(name)) {
+        Planes::Rgb
     } else {
         let full_range = format.starts_with("yuvj") || value("color_range") == "pc";
         let wide = matches!(value("color_space"), "bt709" | "bt2020nc" | "bt2020c");
-        Layout::Yuv(YuvCoding { full_range, matrix: if wide { YuvMatrix::Bt709 } else { YuvMatrix::Bt601 } })
+        Planes::Yuv(YuvCoding { full_range, matrix: if wide { YuvMatrix::Bt709 } else { YuvMatrix::Bt601 } })
     };
     // ffprobe counts degrees anticlockwise.
     let quarters = value("rotation").parse::<f64>().map_or(0, |d| (-d / 90.0).round().rem_euclid(4.0) as u8);
     let declared_s = value("duration").parse().ok().or_else(|| seconds(value("TAG:DURATION")));
-    Ok(Probe { size: ImageSize { width_px, height_px }, layout, quarters, declared_s })
+    Ok(Probe { size: ImageSize { width_px, height_px }, planes, quarters, declared_s })
 }
 
 /// Hours, minutes and seconds with colons between, as Matroska has them.
@@ -128,12 +133,12 @@ fn seconds(text: &str) -> Option<f64> {
     Some(3600.0 * hours + 60.0 * minutes + seconds)
 }
 
-/// What ffmpeg said beside the times.
+/// What ffmpeg said apart from the times.
 #[derive(Default)]
 struct Words {
     /// Its last lines.
     last: Vec<String>,
-    /// Lines that tell of damage, with the number of frames before.
+    /// Lines that report damage, with the number of frames before.
     complaints: Vec<(usize, String)>,
 }
 
@@ -149,43 +154,72 @@ const DAMAGE: [&str; 6] = [
 
 /// Time stamps from the `showinfo` filter's lines; the last of the other lines are returned at the end.
 fn listen(stderr: ChildStderr, times: &Sender<Option<i64>>) -> Words {
-    let mut others = VecDeque::new();
-    let (mut base, mut shown, mut complaints) = (None, 0, Vec::new());
+    let (mut others, mut showinfo) = (VecDeque::new(), ShowInfo::default());
+    let (mut shown, mut complaints) = (0, Vec::new());
     for line in BufReader::new(stderr).split(b'\n').map_while(Result::ok) {
         let line = String::from_utf8_lossy(&line).trim().to_owned();
-        if line.contains("Parsed_showinfo") {
-            if let Some(found) = showinfo_field(&line, "config in time_base:") {
-                base = found.split_once('/').and_then(|(n, d)| Some((n.parse().ok()?, d.parse().ok()?)));
-            } else if let Some(pts) = showinfo_field(&line, " pts:") {
+        match showinfo.take(&line) {
+            Said::Frame(frame) => {
                 // A receiver that is gone wants no more times; ffmpeg's words are still read to its end.
-                let _ = times.send(pts.parse().ok().and_then(|pts| nanoseconds(pts, base?)));
+                let _ = times.send(frame.t_ns);
                 shown += 1;
             }
-        } else if !line.is_empty() {
-            if DAMAGE.iter().any(|word| line.contains(word)) {
-                complaints.push((shown, line.clone()));
+            Said::Words if !line.is_empty() => {
+                if DAMAGE.iter().any(|word| line.contains(word)) {
+                    complaints.push((shown, line.clone()));
+                }
+                others.push_back(line);
+                if others.len() > 3 {
+                    others.pop_front();
+                }
             }
-            others.push_back(line);
-            if others.len() > 3 {
-                others.pop_front();
-            }
+            Said::Words | Said::Base => {}
         }
     }
     Words { last: others.into(), complaints }
 }
 
-/// The word after a key of a `showinfo` line.
-pub(super) fn showinfo_field<'a>(line: &'a str, key: &str) -> Option<&'a str> {
-    let rest = line.split_once(key)?.1.trim_start();
-    rest.split([' ', ',']).next()
+/// Reads the lines of ffmpeg's `showinfo` filter.
+#[derive(Default)]
+pub(super) struct ShowInfo {
+    /// Numerator and denominator of the time base.
+    base: Option<(i128, i128)>,
 }
 
-/// A time stamp of the given base.
-pub(super) fn nanoseconds(pts: i128, (numerator, denominator): (i128, i128)) -> Option<i64> {
-    if denominator <= 0 {
-        return None;
+/// What a line of ffmpeg's is.
+pub(super) enum Said {
+    Words,
+    Base,
+    Frame(Shown),
+}
+
+/// What `showinfo` says of a frame.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shown {
+    pub(super) t_ns: Option<i64>,
+    pub(super) matrix: YuvMatrix,
+}
+
+impl ShowInfo {
+    pub(super) fn take(&mut self, line: &str) -> Said {
+        if !line.contains("Parsed_showinfo") {
+            return Said::Words;
+        }
+        let field = |key: &str| line.split_once(key)?.1.trim_start().split([' ', ',']).next();
+        if let Some(base) = field("config in time_base:") {
+            self.base = base.split_once('/').and_then(|(n, d)| Some((n.parse().ok()?, d.parse().ok()?)));
+        } else if let Some(pts) = field(" pts:") {
+            let wide = field("color_space:").is_some_and(|c| c.starts_with("bt709"));
+            let matrix = if wide { YuvMatrix::Bt709 } else { YuvMatrix::Bt601 };
+            return Said::Frame(Shown { t_ns: self.nanoseconds(pts), matrix });
+        }
+        Said::Base
     }
-    i64::try_from((pts * numerator * 1_000_000_000 + denominator / 2).div_euclid(denominator)).ok()
+
+    fn nanoseconds(&self, pts: &str) -> Option<i64> {
+        let ((numerator, denominator), pts) = (self.base.filter(|b| b.1 > 0)?, pts.parse::<i128>().ok()?);
+        i64::try_from((pts * numerator * 1_000_000_000 + denominator / 2).div_euclid(denominator)).ok()
+    }
 }
 
 struct FfmpegFrames {
@@ -195,7 +229,7 @@ struct FfmpegFrames {
     times: Receiver<Option<i64>>,
     words: Option<JoinHandle<Words>>,
     size: ImageSize,
-    layout: Layout,
+    planes: Planes,
     read: usize,
     ended: bool,
 }
@@ -205,36 +239,11 @@ impl FfmpegFrames {
         SessionError::Ffmpeg { path: self.path.clone(), detail }
     }
 
-    /// One plane, or `None` where the stream ends before its first byte.
-    fn plane(&mut self, bytes: usize) -> Result<Option<Vec<u8>>, SessionError> {
-        let mut plane = Vec::with_capacity(bytes);
-        let read = (&mut self.stdout).take(bytes as u64).read_to_end(&mut plane);
-        match read {
-            Ok(0) => Ok(None),
-            Ok(n) if n == bytes => Ok(Some(plane)),
-            Ok(n) => Err(self.failed(format!("frame {}: {n} of {bytes} bytes arrived", self.read))),
-            Err(e) => Err(self.failed(format!("frame {}: {e}", self.read))),
-        }
-    }
-
     fn frame(&mut self) -> Result<Option<Frame>, SessionError> {
-        let area = self.size.area_px();
-        let frame = match self.layout {
-            Layout::Rgb => {
-                let Some(rgb) = self.plane(3 * area)? else { return Ok(None) };
-                Frame::from_rgb(self.size, rgb)
-            }
-            Layout::Yuv(coding) => {
-                let half = |n: u32| (n as usize).div_ceil(2);
-                let chroma = half(self.size.width_px) * half(self.size.height_px);
-                let Some(y) = self.plane(area)? else { return Ok(None) };
-                let (Some(u), Some(v)) = (self.plane(chroma)?, self.plane(chroma)?) else {
-                    return Err(self.failed(format!("frame {} is not whole", self.read)));
-                };
-                Frame::from_yuv420(self.size, [y, u, v], coding.full_range, coding.matrix)
-            }
-        };
-        frame.map(Some).map_err(|e| self.failed(e.to_string()))
+        let mut frame = self.planes.blank(self.size);
+        let filled = fill(&mut self.stdout, &mut frame);
+        let is_there = filled.map_err(|e| self.failed(format!("frame {}: {e}", self.read)))?;
+        Ok(is_there.then_some(frame))
     }
 
     /// Waits for the end of the program: what it said, if it failed.

@@ -49,14 +49,9 @@ impl Pattern {
     }
 }
 
-/// Whether a path is a pattern of an image sequence.
+/// Whether a path is a pattern of an image sequence, which may turn out to be empty when it is opened.
 pub(crate) fn is_pattern(path: &Path) -> bool {
     Pattern::of(path).is_some()
-}
-
-/// Whether a path is a pattern; an empty sequence is found out when it is opened.
-pub(crate) fn sequence_exists(path: &Path) -> bool {
-    is_pattern(path)
 }
 
 /// Opens a sequence: its first file is at time 0.
@@ -65,22 +60,23 @@ pub(crate) fn open(path: &Path, frame_rate_hz: Option<f64>) -> Result<Opened, Se
     let pattern = Pattern::of(path).ok_or_else(refuse)?;
     let numbers = pattern.numbers();
     let first = *numbers.first().ok_or_else(refuse)?;
-    let rate_hz = frame_rate_hz.filter(|r| r.is_finite() && *r > 0.0).ok_or_else(|| SessionError::Value {
-        path: path.to_owned(),
-        key: "frame_rate_hz".into(),
-        detail: "an image sequence has no time stamps: give frame_rate_hz of this camera in the session file"
-            .into(),
+    let rate_hz = frame_rate_hz.filter(|r| r.is_finite() && *r > 0.0).ok_or_else(|| {
+        let detail =
+            "an image sequence has no time stamps: give frame_rate_hz of this camera in the session file";
+        SessionError::value(path, "frame_rate_hz", detail)
     })?;
     let size = read_image(&pattern.file(first))?.size;
     let declared = Some(numbers.len());
     let mut last = first;
     let frames = numbers.into_iter().flat_map(move |number| {
         let gap = (number > last + 1).then(|| {
-            Err(SessionError::SequenceGap {
-                path: pattern.file(last + 1),
-                before: pattern.file(last),
-                missing: number - last - 1,
-            })
+            let detail = format!(
+                "the sequence has {} and later frames but not the {} from this one on: put them there or \
+                 renumber the sequence",
+                pattern.file(last).display(),
+                number - last - 1
+            );
+            Err(SessionError::File { path: pattern.file(last + 1), detail })
         });
         last = number;
         let t_ns = crate::ns_from_s((number - first) as f64 / rate_hz);
@@ -93,13 +89,11 @@ pub(crate) fn open(path: &Path, frame_rate_hz: Option<f64>) -> Result<Opened, Se
 fn frame_of_size(file: &Path, size: ImageSize) -> Result<Frame, SessionError> {
     let frame = read_image(file)?;
     if frame.size != size {
-        return Err(SessionError::ImageSize {
-            path: file.to_owned(),
-            width_px: frame.size.width_px,
-            height_px: frame.size.height_px,
-            wanted_width_px: size.width_px,
-            wanted_height_px: size.height_px,
-        });
+        let detail = format!(
+            "the image is {}×{} but those before are {}×{}: one recording has one size",
+            frame.size.width_px, frame.size.height_px, size.width_px, size.height_px
+        );
+        return Err(SessionError::File { path: file.to_owned(), detail });
     }
     Ok(frame)
 }
@@ -110,7 +104,10 @@ fn frame_of_size(file: &Path, size: ImageSize) -> Result<Frame, SessionError> {
 /// A file that is missing or not such an image.
 pub fn read_image(path: &Path) -> Result<Frame, SessionError> {
     crate::error::require_file(path, "image")?;
-    let broken = |detail: String| SessionError::Image { path: path.to_owned(), detail };
+    let broken = |e: String| SessionError::File {
+        path: path.to_owned(),
+        detail: format!("not a readable PNG or JPEG image: {e}"),
+    };
     let image = ImageReader::open(path)
         .and_then(ImageReader::with_guessed_format)
         .map_err(|e| SessionError::io(path, "read it", e))?
@@ -121,7 +118,7 @@ pub fn read_image(path: &Path) -> Result<Frame, SessionError> {
     Frame::from_rgb(size, image.into_raw()).map_err(|e| broken(e.to_string()))
 }
 
-/// Writes a frame as a PNG file, beside its place and then renamed into it.
+/// Writes a frame as a PNG file, next to its place and then renamed into it.
 ///
 /// # Errors
 /// A place that cannot be written.
@@ -135,6 +132,9 @@ pub fn write_png(path: &Path, frame: &Frame) -> Result<(), SessionError> {
         image::ExtendedColorType::Rgb8,
         ImageFormat::Png,
     )
-    .map_err(|e| SessionError::Image { path: path.to_owned(), detail: e.to_string() })?;
+    .map_err(|e| SessionError::File {
+        path: path.to_owned(),
+        detail: format!("cannot be expressed as PNG: {e}"),
+    })?;
     crate::write_whole(path, bytes.get_ref())
 }

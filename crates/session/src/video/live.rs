@@ -1,26 +1,27 @@
 //! A running camera, by the ffmpeg program with as little delay as it can do.
 
-use super::ffmpeg::{nanoseconds, showinfo_field};
+use super::ffmpeg::{Process, Said, ShowInfo, Shown, start};
 use super::y4m::{Piece, Y4mFrames};
 use crate::SessionError;
-use mavsight_vision::{Frame, Pixels, YuvMatrix};
+use mavsight_vision::{Frame, Pixels};
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
-use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStderr, ChildStdout, Command};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Frames whose memory is used again: what may wait in a queue, be tracked, be compared with and be recorded at a time.
+/// Frames whose memory is used again: what may wait in a queue, be tracked, be compared with and be recorded
+/// at a time.
 const POOL: usize = 24;
 
 /// Stamps further than this from the system's clock are not by it: no camera is so late.
 const MOST_APART_NS: i64 = 60_000_000_000;
 
-/// What a camera's `live = "…"` asks ffmpeg for. A text that begins with a dash is its options and input, to which is only added that
-/// Video4Linux shall stamp by the system's clock; anything else is the input, whose kind follows from its name: `/dev/video…` is
-/// Video4Linux, `rtsp://` goes by TCP.
+/// What a camera's `live = "…"` asks ffmpeg for. A text that begins with a dash is its options and input, to
+/// which is only added that Video4Linux shall stamp by the system's clock; anything else is the input, whose
+/// kind follows from its name: `/dev/video…` is Video4Linux, `rtsp://` goes by TCP.
 fn input_arguments(live: &str) -> Vec<String> {
     let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
     if live.starts_with('-') {
@@ -61,61 +62,33 @@ pub struct LiveVideo {
     is_checked: bool,
 }
 
-/// What ffmpeg says of a frame.
-#[derive(Debug, Clone, Copy)]
-struct Shown {
-    t_ns: Option<i64>,
-    matrix: YuvMatrix,
-}
-
 impl LiveVideo {
-    /// Starts the program on what a camera's `live` names; whether it can open that shows itself with the first frame.
+    /// Starts the program on what a camera's `live` names; whether it can open that shows itself with the
+    /// first frame.
     ///
     /// # Errors
     /// A program that cannot be started.
     pub fn open(live: &str, program: &str) -> Result<Self, SessionError> {
         let place = PathBuf::from(live);
-        let mut child = Command::new(program)
+        let mut command = Command::new(program);
+        command
             .args(["-hide_banner", "-nostdin", "-nostats", "-loglevel", "info"])
-            .args([
-                "-fflags",
-                "nobuffer",
-                "-flags",
-                "low_delay",
-                "-probesize",
-                "500000",
-                "-analyzeduration",
-                "0",
-            ])
-            .args(["-threads", "1"])
+            .args(["-fflags", "nobuffer", "-flags", "low_delay"])
+            .args(["-probesize", "500000", "-analyzeduration", "0", "-threads", "1"])
             .args(input_arguments(live))
             .args(["-map", "0:v:0", "-an", "-sn", "-copyts", "-fps_mode", "passthrough"])
             .args(["-vf", "showinfo=checksum=0,format=pix_fmts=yuv420p|yuvj420p", "-flush_packets", "1"])
-            .args(["-strict", "-1", "-f", "yuv4mpegpipe", "pipe:1"])
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .map_err(|_| SessionError::NeedsFfmpeg {
-                path: place.clone(),
-                reason: "a running camera is read by it".into(),
-                program: program.to_owned(),
-            })?;
-        let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
+            .args(["-strict", "-1", "-f", "yuv4mpegpipe", "pipe:1"]);
+        let Process { child, stdout, stderr } = start(command, &place, "a running camera is read by it")?;
         let child = Arc::new(Mutex::new(child));
         let words = Arc::new(Mutex::new(VecDeque::new()));
-        let failed = |detail: String| SessionError::Ffmpeg { path: place.clone(), detail };
-        let (Some(stdout), Some(stderr)) = (stdout, stderr) else {
-            return Err(failed("it has no output".into()));
-        };
         let (shown_out, shown) = channel();
         let said = Arc::clone(&words);
         std::thread::spawn(move || listen(stderr, &shown_out, &said));
-        let stdout = Some(stdout);
         Ok(Self {
             place,
             child,
-            stdout,
+            stdout: Some(stdout),
             frames: None,
             shown,
             words,
@@ -131,8 +104,8 @@ impl LiveVideo {
         move || stop(&child)
     }
 
-    /// Waits for the next frame: its time by the system's clock, nanoseconds of the UNIX epoch. Memory of frames that nobody holds
-    /// any more is used again.
+    /// Waits for the next frame: its time by the system's clock, nanoseconds of the UNIX epoch. Memory of
+    /// frames that nobody holds any more is used again.
     ///
     /// # Errors
     /// The end: ffmpeg's last words.
@@ -217,25 +190,20 @@ fn last_words(words: &Mutex<VecDeque<String>>) -> String {
 }
 
 fn listen(stderr: ChildStderr, shown: &Sender<Shown>, words: &Mutex<VecDeque<String>>) {
-    let mut base = None;
+    let mut showinfo = ShowInfo::default();
     for line in BufReader::new(stderr).split(b'\n').map_while(Result::ok) {
         let line = String::from_utf8_lossy(&line).trim().to_owned();
-        if line.contains("Parsed_showinfo") {
-            if let Some(found) = showinfo_field(&line, "config in time_base:") {
-                base = found.split_once('/').and_then(|(n, d)| Some((n.parse().ok()?, d.parse().ok()?)));
-            } else if let Some(pts) = showinfo_field(&line, " pts:") {
-                let wide = showinfo_field(&line, "color_space:").is_some_and(|c| c.starts_with("bt709"));
-                let matrix = if wide { YuvMatrix::Bt709 } else { YuvMatrix::Bt601 };
-                let t_ns = pts.parse().ok().and_then(|pts| nanoseconds(pts, base?));
-                // A receiver that is gone wants no more; ffmpeg's words are still read to its end.
-                let _ = shown.send(Shown { t_ns, matrix });
+        match showinfo.take(&line) {
+            // A receiver that is gone wants no more; ffmpeg's words are still read to its end.
+            Said::Frame(frame) => drop(shown.send(frame)),
+            Said::Words if !line.is_empty() => {
+                let mut words = words.lock().unwrap_or_else(PoisonError::into_inner);
+                words.push_back(line);
+                if words.len() > 2 {
+                    words.pop_front();
+                }
             }
-        } else if !line.is_empty() {
-            let mut words = words.lock().unwrap_or_else(PoisonError::into_inner);
-            words.push_back(line);
-            if words.len() > 2 {
-                words.pop_front();
-            }
+            Said::Words | Said::Base => {}
         }
     }
 }

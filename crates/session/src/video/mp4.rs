@@ -26,11 +26,17 @@ pub(crate) enum Attempt {
 ///
 /// Only the sample being decoded is in memory.
 pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
-    let damaged = |detail: String| SessionError::Container { path: path.to_owned(), detail };
+    let damaged = |detail: String| SessionError::File {
+        path: path.to_owned(),
+        detail: format!(
+            "not a whole MP4 file ({detail}): it may have been cut off while copied or recorded; copy it again"
+        ),
+    };
     let file = File::open(path).map_err(|e| SessionError::io(path, "open it", e))?;
     let length = file.metadata().map_err(|e| SessionError::io(path, "measure it", e))?.len();
     let mut reader = BufReader::new(file);
-    // The parser indexes tables of the file unchecked: inconsistent ones end in a panic, which is a damaged file.
+    // The parser indexes tables of the file unchecked: inconsistent ones end in a panic, which is a damaged
+    // file.
     let announced =
         announced_length(&mut reader, length).map_err(|e| SessionError::io(path, "read it", e))?;
     let mp4 = catch_unwind(AssertUnwindSafe(|| Mp4::read(&mut reader, announced)))
@@ -54,7 +60,8 @@ pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
         Ok(samples) => samples,
         Err(reason) => return Ok(Attempt::Unsupported(reason)),
     };
-    // What lies beyond the end of the file was cut off: what comes before it reads, and the count of frames tells.
+    // What lies beyond the end of the file was cut off: what comes before it is read, and the count of frames
+    // shows it.
     let is_there = |s: &Sample| s.offset.saturating_add(s.size) <= length;
     let whole: Vec<Sample> = samples.iter().copied().take_while(is_there).collect();
     if whole.is_empty() {
@@ -65,8 +72,8 @@ pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
     start(Mp4Frames::new(path, reader, avc1, whole), declared, quarters([m.a, m.b, m.c, m.d]))
 }
 
-/// Length of the file before the media data at its end were cut off: where that box says that it ends, or the file's own length.
-/// The reader is left at its start.
+/// Length of the file before the media data at its end were cut off: where that box says that it ends, or the
+/// file's own length. The reader is left at its start.
 fn announced_length(reader: &mut BufReader<File>, length: u64) -> std::io::Result<u64> {
     let (mut at, mut announced) = (0, length);
     let mut header = [0u8; 16];
@@ -89,7 +96,8 @@ fn announced_length(reader: &mut BufReader<File>, length: u64) -> std::io::Resul
     Ok(announced)
 }
 
-/// Quarters clockwise of a display matrix (ISO/IEC 14496-12, 6.2.2), 16.16 fixed point: (x, y) → (a x + c y, b x + d y).
+/// Quarters clockwise of a display matrix (ISO/IEC 14496-12, 6.2.2), 16.16 fixed point: (x, y) → (a x + c y,
+/// b x + d y).
 fn quarters(matrix: [i32; 4]) -> u8 {
     match matrix.map(i32::signum) {
         [0, 1, -1, 0] => 1,
@@ -177,7 +185,7 @@ impl Mp4Frames {
         SessionError::Frame { path: self.path.clone(), frame: self.ranks[sample], detail }
     }
 
-    /// The sample as an Annex B byte stream, with the parameter sets in front of the first.
+    /// The sample as an Annex B byte stream, with the parameter sets before the first.
     fn annex_b(&mut self, index: usize) -> Result<Vec<u8>, SessionError> {
         let Sample { offset, size, .. } = self.samples[index];
         let mut bytes = vec![0; usize::try_from(size).unwrap_or(0)];
@@ -237,7 +245,8 @@ impl Mp4Frames {
         Ok(())
     }
 
-    /// Goes on behind a damaged sample: all pictures from it to the next key picture build on it and are lost.
+    /// Goes on behind a damaged sample: all pictures from it to the next key picture build on it and are
+    /// lost.
     fn resume(&mut self) {
         let damaged = self.next_sample - 1;
         let next = (self.next_sample..self.samples.len()).find(|k| self.samples[*k].is_key);

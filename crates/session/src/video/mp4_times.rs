@@ -17,8 +17,8 @@ pub(crate) struct Sample {
     pub(crate) is_key: bool,
 }
 
-/// The samples with their times: composition time less the edit's start, plus any empty edit before it, as ffmpeg
-/// takes them. `Err` says why the track needs another reader.
+/// The samples with their times: composition time less the edit's start, plus any empty edit before it, as
+/// ffmpeg takes them. `Err` says why the track needs another reader.
 pub(crate) fn samples(mp4: &Mp4, track: &Track) -> Result<Vec<Sample>, String> {
     let trak = track.trak(mp4);
     let timescale = i128::from(track.timescale);
@@ -60,8 +60,8 @@ pub(crate) fn samples(mp4: &Mp4, track: &Track) -> Result<Vec<Sample>, String> {
         .collect())
 }
 
-/// What re_mp4 took off the composition times to let the first one be zero: undone, since the edit list counts from
-/// the file's own zero. The first decoding time is zero in the file.
+/// What re_mp4 took off the composition times to let the first one be zero: undone, since the edit list
+/// counts from the file's own zero. The first decoding time is zero in the file.
 fn composition_shift(mp4: &Mp4, track: &Track) -> i64 {
     if !mp4.moofs.is_empty() {
         return 0;

@@ -1,11 +1,14 @@
-//! Uncompressed video that can be written frame by frame and read after any end: YUV4MPEG2 with a time stamp in each frame's header.
+//! Uncompressed video that can be written frame by frame and read after any end: YUV4MPEG2 with a time stamp
+//! in each frame's header.
 //!
-//! The format is the one of the mjpegtools (yuv4mpeg(5)): a line of parameters, then for each frame a line that begins with FRAME
-//! and its planes. Parameters that begin with X are an application's own: `XT` of a frame is its time stamp in nanoseconds, and a
-//! file of packed red, green and blue says `XPIXELS=RGB24`. Other programs pass over both.
+//! The format is the one of the mjpegtools (yuv4mpeg(5)): a line of parameters, then for each frame a line
+//! that begins with FRAME and its planes. Parameters that begin with X are an application's own: `XT` of a
+//! frame is its time stamp in nanoseconds, and a file of packed red, green and blue says `XPIXELS=RGB24`.
+//! Other programs pass over both.
 
 use super::Opened;
 use super::color::YuvCoding;
+use super::planes::{Planes, fill};
 use crate::SessionError;
 use mavsight_geometry::ImageSize;
 use mavsight_vision::{Frame, Pixels, YuvMatrix};
@@ -15,13 +18,6 @@ use std::path::{Path, PathBuf};
 
 /// Longest line of parameters that is believed to be one.
 const LONGEST_LINE: u64 = 4096;
-
-/// What the planes of a file hold.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Planes {
-    Rgb,
-    Yuv(YuvCoding),
-}
 
 /// The first line.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,7 +62,8 @@ impl Header {
                 _ => {}
             }
         }
-        // Sixteen thousand pixels a side are beyond any camera, and what is to be held is then below a gigabyte.
+        // Sixteen thousand pixels a side are beyond any camera, and what is to be held is then below a
+        // gigabyte.
         if !(1..=1 << 14).contains(&size.width_px) || !(1..=1 << 14).contains(&size.height_px) {
             return Err(format!("its size is {} by {}", size.width_px, size.height_px));
         }
@@ -129,20 +126,7 @@ impl<R: BufRead> Y4mFrames<R> {
 
     /// A frame of the stream's size and kind.
     pub(super) fn blank(&self) -> Frame {
-        let size = self.header.size;
-        let half = |n: u32| (n as usize).div_ceil(2);
-        let chroma = half(size.width_px) * half(size.height_px);
-        let pixels = match self.header.planes {
-            Planes::Rgb => Pixels::Rgb(vec![0; 3 * size.area_px()]),
-            Planes::Yuv(YuvCoding { full_range, matrix }) => Pixels::Yuv420 {
-                y: vec![0; size.area_px()],
-                u: vec![0; chroma],
-                v: vec![0; chroma],
-                full_range,
-                matrix,
-            },
-        };
-        Frame { size, pixels }
+        self.header.planes.blank(self.header.size)
     }
 
     /// Reads the next frame into one of [`Self::blank`]'s size, without allocating.
@@ -159,14 +143,8 @@ impl<R: BufRead> Y4mFrames<R> {
         let stamp = std::str::from_utf8(&self.line)
             .ok()
             .and_then(|l| l.split_whitespace().find_map(|w| w.strip_prefix("XT="))?.parse().ok());
-        let whole = match &mut frame.pixels {
-            Pixels::Rgb(rgb) => self.input.read_exact(rgb),
-            Pixels::Yuv420 { y, u, v, .. } => {
-                [y, u, v].into_iter().try_for_each(|plane| self.input.read_exact(plane))
-            }
-        };
         self.read += 1;
-        if whole.is_ok() { Piece::Frame(stamp) } else { Piece::Cut }
+        if matches!(fill(&mut self.input, frame), Ok(true)) { Piece::Frame(stamp) } else { Piece::Cut }
     }
 }
 
@@ -240,8 +218,8 @@ pub struct Y4mWriter {
 }
 
 impl Y4mWriter {
-    /// Begins a file, of which nothing is written before the first frame. The rate is what a program goes by that does not know of
-    /// time stamps.
+    /// Begins a file, of which nothing is written before the first frame. The rate is what a program goes by
+    /// that does not know of time stamps.
     ///
     /// # Errors
     /// A place that cannot be written.
@@ -319,7 +297,7 @@ mod tests {
         }
     }
 
-    /// Cut anywhere, all frames before the cut are there, and the cut is told.
+    /// Cut anywhere, all frames before the cut are there, and the cut is reported.
     #[test]
     fn a_file_that_was_cut_is_whole_up_to_its_last_frame() {
         let folder = tempfile::tempdir().unwrap();

@@ -2,11 +2,12 @@ use super::support::{POSITION_STD_M, TURN_STD_RAD, flown, multisine, noisy_poses
 use crate::output_error::{
     Extent, FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, output_error,
 };
-use mavsight_flight::{Coefficients, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{UnitQuaternion, Vector3};
+use mavsight_simulator::true_coefficients;
 
 fn check(fit: &OutputErrorFit, vehicle: &Vehicle, lag_s: f64) {
-    let truth = Coefficients::of_vehicle(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
     for p in &fit.parameters {
         let true_value = match p.parameter {
             ModelParameter::Coefficient(c) => truth.get(c),

@@ -3,9 +3,10 @@ use crate::output_error::{
     FlightFitOptions, FlightFits, FlightModel, ImageMeasurements, Images, InputClock, Measurements,
     ModelParameter, OutputErrorOptions, Prediction, output_error, predict_poses,
 };
-use mavsight_flight::{Coefficients, FlightState, Scenario, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
 use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, PoseEstimate, PoseSample, Rig, calibrate};
+use mavsight_simulator::{FlightState, Scenario, true_coefficients};
 use nalgebra::Point3;
 
 const KNOWN: FlightFitOptions = FlightFitOptions { clock: InputClock::Known, held_out_s: None };
@@ -75,7 +76,7 @@ fn seen(
 fn pixels_give_the_truth_within_their_intervals() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &multisine(5.0));
-    let truth = Coefficients::of_vehicle(&vehicle, hover_rotor_speed_rad_s(&vehicle));
+    let truth = true_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
     let (rig, markers) = (rig(), markers(&vehicle));
     let mut seed = 8;
     let shifts: Vec<Vector2<f64>> =

@@ -1,7 +1,8 @@
 use super::support::{flown, multisine, noisy_poses};
 use crate::IdentifyError;
 use crate::output_error::{FlightModel, Measurements, OutputErrorOptions, output_error};
-use mavsight_flight::{FlightError, InputSample, InputSeries, Scenario, Vehicle};
+use mavsight_flight::{FlightError, InputSample, InputSeries, Vehicle};
+use mavsight_simulator::Scenario;
 
 fn paper() -> (Vehicle, InputSeries, Measurements) {
     let vehicle = Vehicle::paper();

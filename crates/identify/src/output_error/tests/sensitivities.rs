@@ -1,11 +1,12 @@
 use super::support::{flown, multisine};
 use crate::output_error::model::{FlightModel, ModelParameter};
 use crate::output_error::propagate::{Propagator, Raster, TANGENT, difference, moved};
-use mavsight_flight::{Coefficient, Coefficients, InputSeries, Scenario, StateVector, Vehicle};
+use mavsight_flight::{Coefficient, InputSeries, StateVector, Vehicle};
+use mavsight_simulator::{Scenario, true_coefficients};
 
 fn true_model(vehicle: &Vehicle, inputs: &InputSeries) -> FlightModel {
     let mut model = FlightModel::new(vehicle, inputs).expect("a model");
-    model.coefficients = Coefficients::of_vehicle(vehicle, model.airframe.reference_speed_rad_s());
+    model.coefficients = true_coefficients(vehicle, model.airframe.reference_speed_rad_s());
     model
 }
 

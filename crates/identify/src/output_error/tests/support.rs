@@ -1,10 +1,9 @@
 //! Flights to be identified.
 
 use crate::output_error::StateMeasurement;
-use mavsight_flight::{
-    Channel, FlightState, InitialState, InputSeries, Maneuver, Scenario, Vehicle, simulate,
-};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3, world_from_body};
+use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, simulate};
 
 /// A standard normal number from a linear congruential generator (Knuth's MMIX) by Box and Muller.
 pub(crate) fn normal(seed: &mut u64) -> f64 {
@@ -71,15 +70,4 @@ pub(crate) fn noisy_poses(states: &[FlightState], times: f64, seed: &mut u64) ->
             StateMeasurement::of_pose((s.t_s * 1e9).round() as i64, pose, pose_covariance())
         })
         .collect()
-}
-
-/// A start of a flight at a state.
-pub(crate) fn start_of(s: &FlightState) -> InitialState {
-    InitialState {
-        position_in_world_m: s.position_in_world_m,
-        attitude: s.attitude,
-        velocity_in_body_m_s: s.velocity_in_body_m_s,
-        rates_rad_s: s.rates_rad_s,
-        flap: s.flap,
-    }
 }

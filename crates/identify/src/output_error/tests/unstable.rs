@@ -1,13 +1,12 @@
-use super::support::{flown, multisine, noisy_poses, normal, start_of};
+use super::support::{flown, multisine, noisy_poses, normal};
 use crate::output_error::{
     FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, StateMeasurement,
     output_error,
 };
-use mavsight_flight::{
-    Coefficients, FlightState, InputSample, InputSeries, Scenario, Vehicle, hover_rotor_speed_rad_s, simulate,
-};
+use mavsight_flight::{InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{Isometry3, UnitQuaternion};
 use mavsight_pose::{PoseEstimate, PoseSample};
+use mavsight_simulator::{FlightState, Scenario, simulate, true_coefficients};
 use nalgebra::{DVector, Matrix6xX};
 
 /// Rotors below the centre of gravity: the fly-bar, which keeps the upper disc level, drives every tilt further.
@@ -33,13 +32,13 @@ fn piloted(vehicle: &Vehicle, scenario: &Scenario, roll_rad: f64) -> (InputSerie
         let hold = InputSeries::new(vec![now, InputSample { t_s: next_s, ..now }]).expect("inputs");
         let two = simulate(vehicle, &hold, &at, &[now.t_s, next_s]).expect("a flight");
         states.push(two[0]);
-        at = start_of(&two[1]);
+        at = two[1].as_start();
     }
     (InputSeries::new(samples).expect("inputs"), states.into_iter().step_by(4).collect())
 }
 
 fn holds_the_truth(fit: &OutputErrorFit, vehicle: &Vehicle) {
-    let truth = Coefficients::of_vehicle(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
     for p in &fit.parameters {
         // Where rotors stand, C_Z,0 and C_n,0 are free beside the thrusts and torques of the vehicle: zero.
         let ModelParameter::Coefficient(c) = p.parameter else { continue };

@@ -1,12 +1,13 @@
 use super::support::{flown, multisine, noisy_poses};
 use crate::output_error::{FlightModel, Measurements, ModelParameter, OutputErrorOptions, output_error};
-use mavsight_flight::{Coefficients, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
+use mavsight_simulator::true_coefficients;
 
 #[test]
 fn poses_with_white_noise_give_the_truth_within_their_intervals() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &multisine(6.0));
-    let truth = Coefficients::of_vehicle(&vehicle, hover_rotor_speed_rad_s(&vehicle));
+    let truth = true_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
     let model = FlightModel::new(&vehicle, &inputs).expect("a model");
     let mut seed = 5;
     let measured = Measurements::States(noisy_poses(&states, 1.0, &mut seed));

@@ -1,0 +1,47 @@
+//! What ends a run.
+
+use mavsight_flight::FlightError;
+use mavsight_identify::IdentifyError;
+use mavsight_pipeline::PipelineError;
+use mavsight_session::SessionError;
+use thiserror::Error;
+
+/// A session that could not be carried through. Each message names the place and the remedy.
+#[derive(Debug, Error)]
+pub enum EngineError {
+    /// A file that the session names holds something wrong.
+    #[error(transparent)]
+    Input(SessionError),
+    /// A recording that cannot be read, or a result that cannot be written.
+    #[error(transparent)]
+    File(#[from] SessionError),
+    /// A board that cannot be made of what the session says of it.
+    #[error("{key} {detail}")]
+    Board {
+        /// Key of the session file.
+        key: String,
+        /// What is wrong with it.
+        detail: String,
+    },
+    /// A model or a setting of the identification that is wrong, whatever the flight.
+    #[error(transparent)]
+    Setting(IdentifyError),
+    /// A vehicle or inputs that are not valid.
+    #[error(transparent)]
+    Vehicle(#[from] FlightError),
+    /// Calibration, tracking or identification failed.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
+}
+
+impl EngineError {
+    /// Whether the error lies in what the caller gave, and not in the flight.
+    pub fn is_of_the_input(&self) -> bool {
+        matches!(self, Self::Input(_) | Self::Board { .. } | Self::Setting(_))
+    }
+}
+
+/// Marks an error of a file that the session names.
+pub(crate) fn input<T>(loaded: Result<T, SessionError>) -> Result<T, EngineError> {
+    loaded.map_err(EngineError::Input)
+}

@@ -1,0 +1,70 @@
+//! The frames of a session's cameras, with what is known of their clocks.
+
+use crate::EngineError;
+use crate::error::input;
+use mavsight_geometry::ImageSize;
+use mavsight_pipeline::{CameraFeed, PipelineError, TimedFrame};
+use mavsight_pose::{CameraClock, ClockPrior};
+use mavsight_session::{FrameSource, LineTime, Session, SessionCamera};
+use mavsight_vision::Frame;
+
+/// No sensor takes longer for all its rows.
+const LONGEST_READOUT_S: f64 = 1.0 / 30.0;
+
+/// The frames of every camera, in the order of the session.
+///
+/// # Errors
+/// A recording that cannot be opened.
+pub fn camera_feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>, EngineError> {
+    let feed = |(k, camera): (usize, &SessionCamera)| {
+        let clap = input(session.clap_of(k))?;
+        Ok(feed_of(camera, k == 0, session.open_camera(k)?).with_flash(session.flash).with_clap(clap))
+    };
+    session.cameras.iter().enumerate().map(feed).collect()
+}
+
+pub(crate) fn feed_of(camera: &SessionCamera, is_first: bool, source: FrameSource) -> CameraFeed<'static> {
+    let name = camera.name.clone();
+    let (announced, readout, size) = (source.declared_frames(), source.readout(), source.size());
+    let frames = source.map(move |item| {
+        item.map(|(t_ns, frame)| TimedFrame { t_ns, frame })
+            .map_err(|e| PipelineError::Source { camera: name.clone(), source: Box::new(e) })
+    });
+    let feed = CameraFeed::new(camera.name.clone(), announced, Box::new(frames));
+    feed.with_clock(clock_of(camera, is_first, size), readout.into())
+}
+
+/// What a session says of a camera's clock. The first camera's is the reference.
+fn clock_of(camera: &SessionCamera, is_first: bool, size: ImageSize) -> ClockPrior {
+    let mut prior = if is_first || (camera.time_offset_s.is_some() && camera.time_offset_std_s.is_none()) {
+        ClockPrior::known(CameraClock::default())
+    } else {
+        ClockPrior::unknown()
+    };
+    prior.clock.offset_s = camera.time_offset_s.unwrap_or(0.0);
+    if let Some(std_s) = camera.time_offset_std_s.filter(|_| !is_first) {
+        prior.offset_std_s = std_s;
+    }
+    match camera.line_time_s {
+        Some(LineTime::Known(line_time_s)) => prior.clock.line_time_s = line_time_s,
+        Some(LineTime::Unknown(_)) => {
+            prior.line_time_std_s = LONGEST_READOUT_S / f64::from(size.height_px.max(1));
+        }
+        None => {}
+    }
+    prior
+}
+
+/// The first frame of each camera that has any.
+///
+/// # Errors
+/// A recording that cannot be read.
+pub fn first_frames(session: &Session) -> Result<Vec<Frame>, EngineError> {
+    let mut frames = Vec::with_capacity(session.cameras.len());
+    for k in 0..session.cameras.len() {
+        if let Some(first) = session.open_camera(k)?.next() {
+            frames.push(first?.1);
+        }
+    }
+    Ok(frames)
+}

@@ -1,0 +1,157 @@
+//! From poses to motion and parameters.
+
+use crate::parts::{held_long, longest_without_gap, part_covered, part_without_gap, with_part};
+use crate::{EngineError, Flight};
+use mavsight_flight::InputSeries;
+use mavsight_identify::IdentifyError;
+use mavsight_identify::output_error::{FlightFitOptions, FlightFits, Images, InputClock};
+use mavsight_pipeline::{
+    MARKERS_STD_M, PipelineError, Progress, Solution, Stage, body_markers, identify_motion, motion_from_poses,
+};
+use mavsight_pose::Motion;
+use mavsight_session::RunResults;
+
+/// Smooths the poses of the results into motion and identifies its parameters; what the flight does not
+/// determine becomes a note.
+///
+/// # Errors
+/// A model, a setting or a vehicle that is wrong.
+pub fn identify_from_poses(
+    results: &mut RunResults,
+    flight: &Flight<'_>,
+    progress: &dyn Progress,
+) -> Result<(), EngineError> {
+    let motion = motion_from_poses(&results.poses, flight.vehicle, progress);
+    identify_into(results, motion, flight, progress)
+}
+
+/// Identifies from what became of the motion.
+pub(crate) fn identify_into(
+    results: &mut RunResults,
+    motion: Result<Motion, PipelineError>,
+    flight: &Flight<'_>,
+    progress: &dyn Progress,
+) -> Result<(), EngineError> {
+    match motion {
+        Ok(motion) => identify_from_motion(results, motion, flight, progress),
+        Err(refusal) => {
+            results.notes.push(format!("No motion: {refusal}"));
+            Ok(())
+        }
+    }
+}
+
+/// Identifies the parameters from a motion, which becomes part of the results: by equation error, and by
+/// output error where the results have poses.
+///
+/// # Errors
+/// A model, a setting or a vehicle that is wrong.
+pub fn identify_from_motion(
+    results: &mut RunResults,
+    mut motion: Motion,
+    flight: &Flight<'_>,
+    progress: &dyn Progress,
+) -> Result<(), EngineError> {
+    let Some(recorded) = flight.inputs else {
+        results.motion = Some(motion);
+        results.notes.push("No parameters: the session names no inputs.".to_owned());
+        return Ok(());
+    };
+    let solved = equation_error(&mut motion, recorded, flight, &mut results.notes, progress);
+    results.motion = Some(motion);
+    let mut inputs = None;
+    match solved {
+        Ok(solution) => {
+            results.notes.extend(solution.clocks.words());
+            inputs = solution.inputs;
+            results.coefficients = Some(solution.coefficients);
+            results.identification = Some(solution.identification);
+            results.clocks = Some(solution.clocks);
+        }
+        Err(PipelineError::Identify(IdentifyError::Flight(wrong))) => return Err(wrong.into()),
+        Err(PipelineError::Identify(wrong)) if is_of_the_settings(&wrong) => {
+            return Err(EngineError::Setting(wrong));
+        }
+        Err(refusal) => results.notes.push(format!("No parameters: {refusal}")),
+    }
+    if !flight.options.equation_error_only && !results.poses.is_empty() {
+        progress.begin(Stage::Identify, None);
+        results.output_error = output_error(results, flight, inputs.as_ref().unwrap_or(recorded))?;
+        results.notes.extend(results.output_error.refusals.iter().cloned());
+        results.notes.extend(results.output_error.stretch_s.map(|(from_s, to_s)| {
+            format!(
+                "Output error fits the flight from {from_s:.1} s to {to_s:.1} s, where it turns most: of a longer flight a \
+                 minute is fitted."
+            )
+        }));
+    }
+    Ok(())
+}
+
+/// Equation error over the part of the motion that the inputs cover; where that has a gap, over its longest
+/// part without one.
+fn equation_error(
+    motion: &mut Motion,
+    recorded: &InputSeries,
+    flight: &Flight<'_>,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<Solution, PipelineError> {
+    let all = 0..motion.samples.len();
+    let mut covered = recorded.covered_range(&motion.samples, |s| s.t_ns);
+    if covered.is_empty() {
+        // Then the error says so.
+        covered = all;
+    } else if covered != all {
+        notes.push(part_covered(recorded, motion));
+    }
+    notes.extend(held_long(recorded));
+    let identify =
+        |part: &mut Motion| identify_motion(part, recorded, flight.vehicle, &flight.options, progress);
+    with_part(motion, covered, |covered| match identify(covered) {
+        Err(PipelineError::Identify(IdentifyError::GapInMotion { .. })) => {
+            let longest = longest_without_gap(covered);
+            notes.push(part_without_gap(&covered.samples[longest.clone()]));
+            with_part(covered, longest, identify)
+        }
+        solved => solved,
+    })
+}
+
+/// Output error from the poses, and from the images where there are any; with the body as refined from the
+/// flight.
+fn output_error(
+    results: &RunResults,
+    flight: &Flight<'_>,
+    inputs: &InputSeries,
+) -> Result<FlightFits, EngineError> {
+    let mut markers = body_markers(flight.vehicle);
+    let mut markers_std_m: f64 = if results.body.is_empty() { MARKERS_STD_M } else { 0.0 };
+    for (marker, built) in markers.iter_mut().zip(&results.body) {
+        marker.marker_in_body_m = built.position_m;
+        marker.radius_m = 0.5 * built.diameter_m;
+        markers_std_m = markers_std_m.max(built.position_std_m.max());
+    }
+    let images = results.rig.as_ref().filter(|_| !results.markers.is_empty()).map(|rig| Images {
+        rig,
+        markers: &markers,
+        markers_std_m,
+        observations: inputs.covered(&results.markers, |m| m.t_ns),
+    });
+    let clock = if flight.options.lag_s.is_some() { InputClock::Known } else { InputClock::Free };
+    let options = FlightFitOptions { clock, held_out_s: flight.options.fit.held_out_s };
+    let poses = inputs.covered(&results.poses, |p| p.t_ns);
+    let fits = FlightFits::of_flight(flight.vehicle, inputs, poses, images, &options);
+    Ok(fits.map_err(PipelineError::from)?)
+}
+
+/// Whether an error lies in what was asked for, and not in the flight.
+fn is_of_the_settings(error: &IdentifyError) -> bool {
+    matches!(
+        error,
+        IdentifyError::UnknownSignal { .. }
+            | IdentifyError::ModelFile { .. }
+            | IdentifyError::BadSetting { .. }
+            | IdentifyError::BadBand { .. }
+    )
+}

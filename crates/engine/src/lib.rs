@@ -1,0 +1,21 @@
+//! The whole pipeline as a library: a recorded session in, its results out.
+//!
+//! [`run`] carries a session through calibration, tracking, association, poses, smoothing and
+//! identification. Each stage can be called by itself: [`calibrate`], [`track`], [`solve`],
+//! [`identify_from_poses`]. Nothing here prints, writes a report or reads a truth file; what cannot be had
+//! of a flight is a note in the results.
+
+mod calibration;
+mod error;
+mod frames;
+mod identification;
+mod parts;
+mod solution;
+mod tracking;
+
+pub use calibration::calibrate;
+pub use error::EngineError;
+pub use frames::{camera_feeds, first_frames};
+pub use identification::{identify_from_motion, identify_from_poses};
+pub use solution::{Flight, Options, recorded_inputs, run, solve};
+pub use tracking::{TrackedFlight, track};

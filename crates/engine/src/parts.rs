@@ -1,0 +1,131 @@
+//! Parts of a flight: those that the inputs cover, and those without a gap.
+
+use mavsight_flight::InputSeries;
+use mavsight_pose::{Motion, MotionSample};
+use std::ops::Range;
+
+/// Calls a function on a part of a motion alone. Nothing is copied: of a long flight a copy would be large.
+pub(crate) fn with_part<T>(
+    motion: &mut Motion,
+    part: Range<usize>,
+    of_part: impl FnOnce(&mut Motion) -> T,
+) -> T {
+    let after = motion.samples.split_off(part.end);
+    let before: Vec<MotionSample> = motion.samples.drain(..part.start).collect();
+    let result = of_part(motion);
+    motion.samples.splice(0..0, before);
+    motion.samples.extend(after);
+    result
+}
+
+/// The longest part of a motion without a gap too long for its interpolation: rotors depend on all that
+/// they did before.
+pub(crate) fn longest_without_gap(motion: &Motion) -> Range<usize> {
+    let longest_ns = (1e9 * motion.longest_step_s()) as i64;
+    let mut parts = motion.samples.chunk_by(|a, b| b.t_ns - a.t_ns <= longest_ns).scan(0, |at, part| {
+        let from = std::mem::replace(at, *at + part.len());
+        Some(from..*at)
+    });
+    let first = parts.next().unwrap_or(0..0);
+    parts.fold(first, |best, part| if part.len() > best.len() { part } else { best })
+}
+
+pub(crate) fn part_without_gap(part: &[MotionSample]) -> String {
+    let (from_s, to_s) = span_s(part);
+    format!(
+        "Equation error has the flight from {from_s:.3} to {to_s:.3} s alone: next to it is a gap in which the motion is \
+         not known."
+    )
+}
+
+pub(crate) fn part_covered(inputs: &InputSeries, motion: &Motion) -> String {
+    let (from_s, to_s) = span_s(&motion.samples);
+    format!(
+        "The inputs cover {:.3} to {:.3} s of a flight from {from_s:.3} to {to_s:.3} s: the parameters are of that part.",
+        inputs.start_s(),
+        inputs.end_s(),
+    )
+}
+
+/// First and last time.
+fn span_s(samples: &[MotionSample]) -> (f64, f64) {
+    let t_s = |sample: Option<&MotionSample>| sample.map_or(0.0, |s| s.t_ns as f64 * 1e-9);
+    (t_s(samples.first()), t_s(samples.last()))
+}
+
+/// A note on missing rows of inputs that were logged at an even rate; a log of changes has none.
+pub(crate) fn held_long(inputs: &InputSeries) -> Option<String> {
+    const LONG_S: f64 = 0.2;
+    const MANY: f64 = 10.0;
+    let samples = inputs.samples();
+    let mut steps_s: Vec<f64> = samples.windows(2).map(|w| w[1].t_s - w[0].t_s).collect();
+    let middle = steps_s.len() / 2;
+    let usual_s = *steps_s.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let (from, to) = samples
+        .windows(2)
+        .map(|w| (w[0].t_s, w[1].t_s))
+        .max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0)))
+        .filter(|(from, to)| to - from > LONG_S.max(MANY * usual_s))?;
+    Some(format!(
+        "The inputs have no row from {from:.3} to {to:.3} s, where one every {usual_s:.3} s is usual: the last one counts as held."
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_flight::InputSample;
+    use mavsight_geometry::{Isometry3, Vector3};
+    use mavsight_pose::MotionCovariance;
+
+    fn motion(frames: impl Iterator<Item = i64>) -> Motion {
+        let sample = |k: i64| MotionSample {
+            t_ns: k * 33_333_333,
+            world_from_body: Isometry3::identity(),
+            velocity_in_body_m_s: Vector3::zeros(),
+            rates_rad_s: Vector3::zeros(),
+            specific_force_m_s2: Vector3::zeros(),
+            angular_acceleration_rad_s2: Vector3::zeros(),
+            covariance: MotionCovariance::default(),
+        };
+        Motion {
+            samples: frames.map(sample).collect(),
+            unknown_ns: Vec::new(),
+            translation_bandwidth_hz: 4.0,
+            rotation_bandwidth_hz: 5.0,
+            sample_interval_s: 1.0 / 30.0,
+        }
+    }
+
+    #[test]
+    fn the_longest_part_is_taken_out_and_put_back() {
+        let mut motion = motion((0..40).chain(80..150).chain(152..170).chain(200..230));
+        let before = motion.samples.clone();
+        // Two frames that are missing are no gap; those before 80 and after 169 are.
+        let longest = longest_without_gap(&motion);
+        assert_eq!(longest, 40..128);
+        assert!(part_without_gap(&motion.samples[longest.clone()]).contains("2.667 to 5.633 s"));
+        let part = with_part(&mut motion, longest, |part| part.samples.clone());
+        assert_eq!(part[..], before[40..128]);
+        assert_eq!(motion.samples, before);
+    }
+
+    #[test]
+    fn a_gap_in_an_even_log_is_noted_and_a_log_of_changes_has_none() {
+        let inputs = |times_s: &mut dyn Iterator<Item = f64>| {
+            let sample = |t_s| InputSample {
+                t_s,
+                omega_u_rad_s: 200.0,
+                omega_l_rad_s: 200.0,
+                delta_lon_rad: 0.0,
+                delta_lat_rad: 0.0,
+            };
+            InputSeries::new(times_s.map(sample).collect()).expect("inputs")
+        };
+        let even = |k: i32| f64::from(k) * 0.01;
+        assert_eq!(held_long(&inputs(&mut (0..500).map(even))), None);
+        let note = held_long(&inputs(&mut (0..200).chain(400..500).map(even))).expect("a note");
+        assert!(note.contains("from 1.990 to 4.000 s") && note.contains("0.010 s is usual"), "{note}");
+        assert_eq!(held_long(&inputs(&mut [0.0, 2.0, 3.0, 5.5].into_iter())), None);
+    }
+}

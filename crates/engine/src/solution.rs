@@ -1,0 +1,123 @@
+//! From a session to its results.
+
+use crate::error::input;
+use crate::identification::identify_into;
+use crate::{EngineError, TrackedFlight, calibrate, track};
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_identify::output_error::telling_stretch_s;
+use mavsight_pipeline::{IdentifyOptions, Progress, motion_of, systematic_columns};
+use mavsight_pose::{MarkerObservation, PoseEstimate};
+use mavsight_session::{RunResults, Session, write_markers_early};
+use std::path::Path;
+
+/// What a user may choose of a run; the default is what a session file alone asks for.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Options<'a> {
+    /// Whether output error is left out.
+    pub equation_error_only: bool,
+    /// What is to be added to the inputs' times; estimated where it is not given.
+    pub lag_s: Option<f64>,
+    /// From and to: a part of the flight that no fit uses, for validation.
+    pub held_out_s: Option<(f64, f64)>,
+    /// Where the results will be written: `markers.csv` of a long flight waits there from early on, to save
+    /// memory.
+    pub results_folder: Option<&'a Path>,
+}
+
+/// What is known of a flight in addition to its frames.
+#[derive(Debug, Clone)]
+pub struct Flight<'a> {
+    /// Name of the session.
+    pub name: &'a str,
+    /// The aircraft.
+    pub vehicle: &'a Vehicle,
+    /// Recorded inputs, where there are any.
+    pub inputs: Option<&'a InputSeries>,
+    /// How parameters are estimated.
+    pub options: IdentifyOptions,
+}
+
+impl<'a> Flight<'a> {
+    /// The flight of a session, with the model that it names. Output error is left out where there is a
+    /// model: its equations of motion are a coaxial helicopter's, and a model file is of another aircraft.
+    ///
+    /// # Errors
+    /// A model file that is wrong.
+    pub fn of_session(
+        session: &'a Session,
+        inputs: Option<&'a InputSeries>,
+        options: &Options<'_>,
+    ) -> Result<Self, EngineError> {
+        let mut identify = IdentifyOptions::default();
+        identify.table.model = input(session.model())?;
+        identify.equation_error_only = options.equation_error_only || identify.table.model.is_some();
+        identify.lag_s = options.lag_s;
+        identify.fit.held_out_s = options.held_out_s;
+        Ok(Self { name: &session.name, vehicle: &session.vehicle, inputs, options: identify })
+    }
+}
+
+/// The inputs of a session, where it has any.
+///
+/// # Errors
+/// A table that is wrong.
+pub fn recorded_inputs(session: &Session) -> Result<Option<InputSeries>, EngineError> {
+    session.has_inputs().then(|| input(session.inputs())).transpose()
+}
+
+/// Carries a recorded session through all stages: cameras, observations, poses, motion and parameters, each
+/// with its uncertainty, and notes on what could not be had.
+///
+/// # Errors
+/// Files that are missing or wrong, recordings that cannot be read, and what calibration and tracking
+/// refuse. A flight that moves too little for motion or parameters is no error.
+pub fn run(
+    session: &Session,
+    options: &Options<'_>,
+    progress: &dyn Progress,
+) -> Result<RunResults, EngineError> {
+    let inputs = recorded_inputs(session)?;
+    let rig = calibrate(session, progress)?;
+    let tracked = track(session, rig, progress)?;
+    let flight = Flight::of_session(session, inputs.as_ref(), options)?;
+    solve(&flight, tracked, options.results_folder, progress)
+}
+
+/// Smooths the poses of a tracked flight into motion and identifies its parameters. Where a folder for the
+/// results is given, the observations of a long flight wait in it, and the results keep those that output
+/// error needs.
+///
+/// # Errors
+/// A model, a setting or a vehicle that is wrong; a folder that cannot be written.
+pub fn solve(
+    flight: &Flight<'_>,
+    mut tracked: TrackedFlight,
+    folder: Option<&Path>,
+    progress: &dyn Progress,
+) -> Result<RunResults, EngineError> {
+    let motion = motion_of(&tracked.tracked, flight.vehicle, progress);
+    // Large lists of a long flight are freed as soon as nothing needs them.
+    drop(std::mem::take(&mut tracked.tracked.diameters_px));
+    let systematic = systematic_columns(&tracked.tracked);
+    let (mut results, observations) = tracked.split(flight.name, flight.vehicle);
+    match folder.zip(telling_stretch_s(&results.poses)) {
+        // From here on only output error looks at images, and of a long flight at a minute.
+        Some((folder, (from_s, to_s))) => {
+            let is_needed = |o: &MarkerObservation| (from_s..=to_s).contains(&(o.t_ns as f64 * 1e-9));
+            write_markers_early(folder, &mut results, &observations, is_needed)?;
+        }
+        None => results.markers = observations.iter().collect(),
+    }
+    drop(observations);
+    let with_columns: Vec<usize> = systematic.iter().map(|(k, _)| *k).collect();
+    for (k, columns) in systematic {
+        let pose = &mut results.poses[k];
+        pose.estimate = pose.estimate.take().map(|e| e.with_systematic(&columns));
+    }
+    identify_into(&mut results, motion, flight, progress)?;
+    for k in with_columns {
+        let pose = &mut results.poses[k];
+        pose.estimate = pose.estimate.take().map(PoseEstimate::condensed);
+    }
+    Ok(results)
+}

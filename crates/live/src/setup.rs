@@ -1,0 +1,95 @@
+//! The inputs of a flight and its summary.
+
+use crate::{FlightClock, InputSource, Latencies, Listeners, Opener, RecorderSlot};
+use mavsight_flight::Vehicle;
+use mavsight_geometry::Vector2;
+use mavsight_pose::TrackedDetection;
+use mavsight_pose::{CameraClock, MotionNoise, Rig};
+use mavsight_vision::Frame;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// The pace at which frames are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// As they arrive; frames that cannot be tracked in time are dropped.
+    Own,
+    /// As fast as they can be tracked; nothing is dropped, nothing stalls.
+    Fast,
+}
+
+/// Called with every tracked frame on the camera's own thread: camera, stamp, frame and its detections.
+pub type Tap = Arc<dyn Fn(usize, i64, &Arc<Frame>, &[TrackedDetection]) + Send + Sync>;
+
+/// One camera of a flight.
+pub struct CameraSetup {
+    /// Name.
+    pub name: String,
+    /// Opens its source.
+    pub open: Opener,
+    /// Whether the source is opened again when it ends.
+    pub reopens: bool,
+    /// Clock of its stamps.
+    pub clock: CameraClock,
+    /// Unit vector in the image along which a rolling shutter moves.
+    pub readout: Vector2<f64>,
+}
+
+/// The inputs of a flight.
+pub struct Setup<'a> {
+    /// Name of the session.
+    pub name: &'a str,
+    /// The calibrated cameras.
+    pub rig: &'a Rig,
+    /// The aircraft.
+    pub vehicle: &'a Vehicle,
+    /// Sources of the rig's cameras, in its order.
+    pub cameras: Vec<CameraSetup>,
+    /// Pace of the frames.
+    pub pace: Pace,
+    /// The flight's clock.
+    pub clock: FlightClock,
+    /// Motion noise, if known.
+    pub noise: Option<MotionNoise>,
+    /// Receivers of instants and events.
+    pub listeners: Listeners,
+    /// Receivers of tracked frames.
+    pub taps: Vec<Tap>,
+    /// Recording, if any.
+    pub recorder: Arc<RecorderSlot>,
+    /// Recorded or commanded inputs, for the parameters.
+    pub inputs: Option<Box<dyn InputSource>>,
+    /// Model of the parameters; equation 3 where left out.
+    pub model: Option<mavsight_identify::Model>,
+    /// Ratio of an interval's half width to its value that is small enough.
+    pub enough: f64,
+    /// Ends the flight when it is set.
+    pub stop: Arc<AtomicBool>,
+    /// Length of the flight, if limited.
+    pub for_ns: Option<i64>,
+}
+
+/// The summary of a finished flight.
+#[derive(Debug, Clone, Default)]
+pub struct FlightSummary {
+    /// Instants.
+    pub instants: u64,
+    /// Instants with a pose.
+    pub measured: u64,
+    /// Instants without a pose after the first that had one.
+    pub lost: u64,
+    /// Frames that each camera dropped.
+    pub dropped: Vec<u64>,
+    /// Frames that each camera tracked.
+    pub frames: Vec<u64>,
+    /// Time from an instant's last frame in hand to its pose sent.
+    pub latency: Latencies,
+    /// Time from a frame in hand to its detections.
+    pub tracking: Latencies,
+    /// Messages that each listener lost.
+    pub unheard: Vec<u64>,
+    /// Instants that were joined without a late camera.
+    pub not_waited: u64,
+    /// Reason why the recording ended before the flight, if it did.
+    pub recording_fault: Option<String>,
+}

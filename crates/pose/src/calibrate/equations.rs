@@ -1,0 +1,157 @@
+//! Normal equations of an adjustment at one state.
+
+use super::layout::{Layout, State};
+use super::model::CameraModel;
+use super::problem::Data;
+use crate::moving::Reduced;
+use mavsight_geometry::Vector2;
+use nalgebra::{DMatrix, DVector};
+
+/// What is adjusted to what.
+pub(super) struct Adjustment<'a> {
+    pub(super) data: Data<'a>,
+    pub(super) models: &'a [CameraModel],
+    pub(super) layout: Layout,
+}
+
+/// The equations, and the terms of the evidence.
+pub(super) struct Equations {
+    pub(super) normal: DMatrix<f64>,
+    pub(super) gradient: DVector<f64>,
+    /// Weighted squares of the pixels, at the stated covariances.
+    pub(super) squares: f64,
+    /// Squares of the priors' residuals.
+    pub(super) prior: f64,
+    /// Information of the prior on each parameter.
+    pub(super) prior_weight: DVector<f64>,
+    /// Coordinates of all pixels that enter.
+    pub(super) coordinates: usize,
+    /// Parameters of the moved objects' poses.
+    pub(super) pose_parameters: usize,
+    /// Of the normal matrices of those poses, at the variance factor.
+    pub(super) log_poses: f64,
+}
+
+impl Equations {
+    /// Adds a prior: its residual in standard deviations, and the derivative of that by a parameter.
+    fn add_prior(&mut self, parameter: usize, residual: f64, slope: f64) {
+        self.normal[(parameter, parameter)] += slope * slope;
+        self.gradient[parameter] -= slope * residual;
+        self.prior += residual * residual;
+        self.prior_weight[parameter] += slope * slope;
+    }
+
+    /// Sum of the logarithms of the priors' slopes.
+    pub(super) fn log_prior_weight(&self) -> f64 {
+        self.prior_weight.iter().filter(|w| **w > 0.0).map(|w| 0.5 * w.ln()).sum()
+    }
+
+    /// How many of the parameters the priors determine: the trace of their part of the normal matrix.
+    pub(super) fn determined_by_priors(&self, covariance: &DMatrix<f64>) -> f64 {
+        covariance.diagonal().dot(&self.prior_weight)
+    }
+}
+
+impl Adjustment<'_> {
+    /// The equations; moves the objects to the poses that suit the cameras best.
+    pub(super) fn equations(&self, state: &mut State, factor: f64) -> Option<Equations> {
+        let size = self.layout.size;
+        let mut out = Equations {
+            normal: DMatrix::zeros(size, size),
+            gradient: DVector::zeros(size),
+            squares: 0.0,
+            prior: 0.0,
+            prior_weight: DVector::zeros(size),
+            coordinates: 2 * self.data.choice.used().count(),
+            pose_parameters: 0,
+            log_poses: 0.0,
+        };
+        for k in 0..self.data.problem.moved.len() {
+            self.add_moved(k, state, factor, &mut out)?;
+        }
+        for k in self.data.choice.used() {
+            let Linearised { residual, rows } = linearised(&self.layout, self.data, state, k)?;
+            out.squares += residual.norm_squared();
+            for (i, a) in &rows {
+                out.gradient[*i] += a.dot(&residual) / factor;
+                for (j, b) in &rows {
+                    out.normal[(*i, *j)] += a.dot(b) / factor;
+                }
+            }
+        }
+        for ((model, camera), own) in self.models.iter().zip(&state.cameras).zip(&self.layout.cameras) {
+            let Some(own) = own else { continue };
+            for prior in model.priors(camera) {
+                out.add_prior(own.first + prior.column - own.held, prior.residual, prior.slope);
+            }
+        }
+        for (row, at) in self.layout.points.iter().enumerate() {
+            let Some(at) = at else { continue };
+            let point = &self.data.problem.points[row];
+            let off = (state.places[row] - point.in_world_m) / point.std_m;
+            (0..3).for_each(|axis| out.add_prior(at + axis, off[axis], 1.0 / point.std_m));
+        }
+        out.normal.iter().chain(out.gradient.iter()).all(|x| x.is_finite()).then_some(out)
+    }
+
+    /// The equations of one moved object: its poses follow the cameras, and are eliminated.
+    fn add_moved(&self, k: usize, state: &mut State, factor: f64, out: &mut Equations) -> Option<()> {
+        let object = &self.data.problem.moved[k];
+        let shared = object.shared(&state.cameras, state.scales[k]);
+        let mut reduced = Reduced::new(shared.rows());
+        for (observations, pose) in object.observations.iter().zip(&mut state.poses[k]) {
+            *pose = shared.best_pose(observations, pose, factor)?;
+            reduced.add(&shared, observations, pose, factor)?;
+        }
+        // From the rows of what is shared to the free parameters.
+        let mut directions = self.layout.spread(shared.rows());
+        if let Some(at) = self.layout.scales[k] {
+            for (p, point) in object.body.iter().enumerate() {
+                let row = shared.first_point() + 3 * p;
+                directions.fixed_view_mut::<3, 1>(row, at).copy_from(&point.marker_in_body_m);
+            }
+            out.add_prior(at, (state.scales[k] - 1.0) / object.scale_std, 1.0 / object.scale_std);
+        }
+        out.normal += directions.tr_mul(&reduced.normal) * &directions / factor;
+        out.gradient += directions.tr_mul(&reduced.gradient) / factor;
+        out.squares += reduced.loss;
+        let of_poses = object.pose_parameters() * reduced.instants;
+        out.coordinates += reduced.coordinates;
+        out.pose_parameters += of_poses;
+        out.log_poses += reduced.log_determinant - of_poses as f64 * factor.ln();
+        Some(())
+    }
+}
+
+/// An observation at a state.
+pub(super) struct Linearised {
+    /// Whitened at the stated covariance.
+    pub(super) residual: Vector2<f64>,
+    /// Free parameters that move the prediction, with its whitened derivatives.
+    pub(super) rows: Vec<(usize, Vector2<f64>)>,
+}
+
+/// `None` where the point is not in view.
+pub(super) fn linearised(
+    layout: &Layout,
+    Data { problem, choice }: Data,
+    state: &State,
+    observation: usize,
+) -> Option<Linearised> {
+    let o = &problem.observations[observation];
+    let row = choice.place[observation];
+    let (place, camera) = (&state.places[row], &state.cameras[o.camera]);
+    let predicted = camera.project_ball(place, problem.points[o.point].radius_m).ok()?;
+    let mut rows = Vec::new();
+    if let Some(own) = &layout.cameras[o.camera] {
+        let by_camera = o.whitener * camera.d_pixel_d_camera(place).ok()?;
+        rows.extend(
+            own.basis.iter().enumerate().map(|(k, direction)| (own.first + k, by_camera * direction)),
+        );
+    }
+    if let Some(at) = layout.points[row] {
+        let by_place = o.whitener * predicted.d_pixel_d_point_in_world;
+        rows.extend((0..3).map(|k| (at + k, by_place.column(k).into_owned())));
+    }
+    Some(Linearised { residual: o.whitener * (o.pixel - predicted.pixel), rows })
+}

@@ -1,0 +1,160 @@
+//! Control points, and the cameras that a calibration makes of them.
+
+use super::model::{CameraModel, Lens};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, ControlPoint, ImageSize, Matrix3, Vector2, Vector3};
+use nalgebra::DMatrix;
+use std::fmt;
+
+/// The control points in the image of one camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraControl {
+    /// Camera name.
+    pub name: String,
+    /// Size of its images.
+    pub size: ImageSize,
+    /// Points with their images.
+    pub points: Vec<ControlPoint>,
+    /// Radius of the ball at each point, in their order; 0 for a plain point.
+    pub ball_radius_m: Vec<f64>,
+    /// Standard deviation of each coordinate of each point's surveyed place; 0 for exact.
+    pub survey_std_m: Vec<f64>,
+}
+
+impl CameraControl {
+    /// Points whose places count as exact.
+    pub fn exact(name: String, size: ImageSize, points: Vec<ControlPoint>, ball_radius_m: Vec<f64>) -> Self {
+        let survey_std_m = vec![0.0; points.len()];
+        Self { name, size, points, ball_radius_m, survey_std_m }
+    }
+}
+
+/// A control point in one camera, after calibration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ControlResidual {
+    /// Its name.
+    pub name: String,
+    /// Its surveyed place.
+    pub point_in_world_m: Vector3<f64>,
+    /// Measured less predicted centre of its image.
+    pub residual_px: Vector2<f64>,
+    /// Root mean square of the externally studentised residual over its two coordinates: 1 is usual, and its
+    /// square is an F ratio with 2 degrees of freedom above. Zero where it cannot be formed.
+    pub studentised: f64,
+    /// Whether it entered the adjustment.
+    pub used: bool,
+}
+
+/// One calibrated camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RigCamera {
+    /// Camera name.
+    pub name: String,
+    /// The camera.
+    pub camera: Camera,
+    /// The most probable model.
+    pub model: CameraModel,
+    /// Standard deviation of the projection centre, world axes; see [`Rig::uncertainty`].
+    pub centre_std_m: Vector3<f64>,
+    /// Covariance of the projection centre, world axes.
+    pub centre_cov_m2: Matrix3<f64>,
+    /// Every control point in its image.
+    pub points: Vec<ControlResidual>,
+    /// Root mean square residual of the points used, over all coordinates.
+    pub residual_rms_px: f64,
+    /// Estimated standard deviation of a pixel coordinate of its control points: the one value for all that
+    /// would leave a point in their volume as uncertain.
+    pub sigma_px: f64,
+}
+
+impl RigCamera {
+    /// Whether its lens' distortion is among the parameters.
+    pub fn distortion_is_estimated(&self) -> bool {
+        self.model.lens != Lens::Straight
+    }
+}
+
+/// A control point that does not agree with the others.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LeftOut {
+    /// Its name.
+    pub name: String,
+    /// The camera in which it was left out; `None` for all.
+    pub camera: Option<String>,
+    /// The reason.
+    pub reason: LeftOutReason,
+}
+
+/// Why a control point was left out.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LeftOutReason {
+    /// Its image and its place in the table disagree: wrongly surveyed, moved, or wrongly found in the image.
+    Displaced,
+    /// It bears the name, or the colour, of another.
+    Swapped {
+        /// The other.
+        with: String,
+    },
+    /// It or another disagrees with the rest, and the data do not decide which: all of them were left out.
+    Doubtful {
+        /// The others.
+        with: String,
+    },
+}
+
+impl fmt::Display for LeftOut {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(out, "control point {} was left out", self.name)?;
+        if let Some(camera) = &self.camera {
+            write!(out, " of {camera}")?;
+        }
+        match &self.reason {
+            LeftOutReason::Displaced => {
+                out.write_str(": its image is not where its place in the table puts it; measure it again")
+            }
+            LeftOutReason::Swapped { with } => {
+                write!(out, ": it and {with} are seen in each other's place; exchange them in the table")
+            }
+            LeftOutReason::Doubtful { with } => {
+                write!(out, ": it or {with} does not agree with the others; measure them again")
+            }
+        }
+    }
+}
+
+/// Cameras that share one world.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rig {
+    /// In the order of the session.
+    pub cameras: Vec<RigCamera>,
+    /// Uncertainty of the cameras: 16 rows a camera ([`mavsight_geometry::CameraChange`]), each column one
+    /// standard deviation along one of the independent directions of error, so that the covariance of all
+    /// cameras is U Uᵀ. No columns: the cameras count as exact.
+    ///
+    /// The noise is estimated from few residuals. The covariance is widened so that the usual 95 % ellipsoid
+    /// of three coordinates (chi-square below 7.81) holds the truth in 95 % of all calibrations all the same
+    /// (Hotelling 1931); intervals of ±1.96 standard deviations of single coordinates hold a little more.
+    pub uncertainty: DMatrix<f64>,
+    /// Control points that disagree with the others.
+    pub left_out: Vec<LeftOut>,
+    /// Frames of a flight that have refined the cameras: 0 for cameras from control points alone.
+    pub frames: usize,
+}
+
+impl Default for Rig {
+    fn default() -> Self {
+        Self::exact(Vec::new())
+    }
+}
+
+impl Rig {
+    /// Cameras that count as exact.
+    pub fn exact(cameras: Vec<RigCamera>) -> Self {
+        let rows = CAMERA_PARAMETERS * cameras.len();
+        Self { cameras, uncertainty: DMatrix::zeros(rows, 0), left_out: Vec::new(), frames: 0 }
+    }
+
+    /// All places of control points, once per camera that saw them.
+    pub fn control_points_in_world(&self) -> Vec<Vector3<f64>> {
+        self.cameras.iter().flat_map(|c| c.points.iter().map(|p| p.point_in_world_m)).collect()
+    }
+}

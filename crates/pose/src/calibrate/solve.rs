@@ -1,0 +1,217 @@
+//! Calibration of all cameras together, and its prediction.
+
+use super::adjust::{Fit, expected};
+use super::alike::alike_std_px;
+use super::choose::root;
+use super::disagree::hotelling_over_normal;
+use super::model::CameraModel;
+use super::moved::MovedObject;
+use super::objects::with_objects;
+use super::problem::{Data, Problem};
+use super::rig::{CameraControl, ControlResidual, Rig, RigCamera};
+use super::snoop::clean;
+use super::start::MIN_POINTS;
+use crate::PoseError;
+use mavsight_geometry::camera_parameters::CENTRE;
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, GeometryError, Matrix3, Vector2};
+use nalgebra::DMatrix;
+
+/// A projection centre with a standard deviation above this part of its distance from the control points is
+/// undetermined.
+const UNDETERMINED: f64 = 0.25;
+
+/// Solves for all cameras together from their control points.
+///
+/// The most probable model of the nested family ([`CameraModel`]) is adjusted by Levenberg-Marquardt to the
+/// images of all points, weighted by their covariances, with points that are not exact as parameters bound to
+/// their survey (bundle adjustment, Triggs et al. 2000). A ball is predicted at the centre of its elliptical
+/// image. Usual values of lenses and sensors enter as weak priors. The noise's scale is estimated from the
+/// residuals of all cameras, with the stated covariances as a prior. Points that disagree with the others
+/// beyond chance are left out and named.
+///
+/// # Errors
+/// [`PoseError::Calibration`] names the camera; [`PoseError::ControlLengths`]; [`PoseError::NoCameras`];
+/// [`PoseError::SuspectControlPoints`] where a point disagrees but too few others remain to do without it;
+/// [`PoseError::ControlMisfit`] where the points as a whole disagree with the table.
+pub fn calibrate(controls: &[CameraControl]) -> Result<Rig, PoseError> {
+    calibrate_with(controls, &[])
+}
+
+/// Solves for all cameras from control points and from objects of known shape that were moved in view of
+/// them.
+///
+/// One bundle adjustment of both, as in [`calibrate`]: each place of an object is a pose of its own, which is
+/// eliminated. Intrinsics come from both, extrinsics and the world's axes from the control points: five or
+/// more in each camera, or three in all that two cameras see, where the objects link the cameras. Without any
+/// control point the world's axes are those of the first camera: x to its right, y forward, z up, origin in
+/// its centre.
+///
+/// A wand links cameras that see both of its balls at eight places or more, a board those that see it at
+/// once.
+///
+/// # Errors
+/// Those of [`calibrate`]; [`PoseError::BadObject`], [`PoseError::BadObservation`]; [`PoseError::NotLinked`];
+/// [`PoseError::WorldAxes`]; [`PoseError::ObjectMisfit`]; [`PoseError::FocalUndetermined`].
+pub fn calibrate_with(controls: &[CameraControl], objects: &[MovedObject]) -> Result<Rig, PoseError> {
+    if controls.is_empty() {
+        return Err(PoseError::NoCameras { found: 0 });
+    }
+    let (problem, cleaned) = if objects.is_empty() {
+        let problem = Problem::new(controls)?;
+        let cleaned = clean(&problem)?;
+        (problem, cleaned)
+    } else {
+        with_objects(controls, objects)?
+    };
+    let (data, fit) = (problem.with(&cleaned.choice), &cleaned.chosen.best);
+    let widened = hotelling_over_normal(fit.freedom);
+    let uncertainty = root(&(cleaned.chosen.camera_covariance() * (widened * widened)));
+    let mut rig = rig_of(data, fit, uncertainty);
+    for (camera, own) in rig.cameras.iter_mut().enumerate() {
+        let distance_m = (own.camera.centre_in_world() - problem.middle_m()).norm();
+        let share = own.centre_std_m.norm() / distance_m;
+        if share.is_nan() || share > UNDETERMINED {
+            let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
+            return Err(PoseError::Calibration { camera: own.name.clone(), source });
+        }
+        own.points = residuals(data, fit, camera);
+        let of_objects = fit.object_residuals(&problem, camera);
+        let used = || own.points.iter().filter(|p| p.used);
+        let squares_px2 = of_objects.squares_px2 + used().map(|p| p.residual_px.norm_squared()).sum::<f64>();
+        let coordinates = 2.0 * (of_objects.observations + used().count() as f64);
+        own.residual_rms_px = (squares_px2 / f64::max(coordinates, 1.0)).sqrt();
+    }
+    rig.left_out = cleaned.left_out;
+    Ok(rig)
+}
+
+/// The rig that [`calibrate`] would make of cameras that stand as given, with its uncertainty, without any
+/// image.
+///
+/// The equations, priors and elimination of the adjustment, at the true cameras and at the stated covariances
+/// of the control points' images; their pixels are not used. The model of each camera is given: neither the
+/// choice between models is predicted, nor is the covariance widened for a noise that is estimated.
+///
+/// # Errors
+/// [`PoseError::NoCameras`]; [`PoseError::ControlLengths`]; [`PoseError::Calibration`] names the camera that
+/// sees fewer than five points, or whose points do not determine it.
+pub fn predict_calibration(
+    cameras: &[(Camera, CameraModel)],
+    controls: &[CameraControl],
+) -> Result<Rig, PoseError> {
+    if controls.is_empty() || controls.len() != cameras.len() {
+        return Err(PoseError::NoCameras { found: controls.len().min(cameras.len()) });
+    }
+    let refusal =
+        |control: &CameraControl, source| PoseError::Calibration { camera: control.name.clone(), source };
+    if let Some(few) = controls.iter().find(|c| c.points.len() < MIN_POINTS) {
+        let found = few.points.len();
+        return Err(refusal(few, GeometryError::TooFewControlPoints { found, needed: MIN_POINTS }));
+    }
+    let problem = Problem::new(controls)?;
+    let (views, models): (Vec<Camera>, Vec<CameraModel>) = cameras.iter().copied().unzip();
+    let choice = problem.all();
+    let fit = expected(problem.with(&choice), &models, &views);
+    let Some((fit, uncertainty)) = fit.and_then(|f| f.camera_root().map(|root| (f, root))) else {
+        let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
+        return Err(refusal(&controls[0], source));
+    };
+    let mut rig = rig_of(problem.with(&choice), &fit, uncertainty);
+    for (own, control) in rig.cameras.iter_mut().zip(controls) {
+        let point = |p: &mavsight_geometry::ControlPoint| ControlResidual {
+            name: p.name.clone(),
+            point_in_world_m: p.point_in_world_m,
+            residual_px: Vector2::zeros(),
+            studentised: 0.0,
+            used: true,
+        };
+        own.points = control.points.iter().map(point).collect();
+    }
+    Ok(rig)
+}
+
+/// The cameras of a fit with their uncertainty, without residuals.
+fn rig_of(data: Data, fit: &Fit, uncertainty: DMatrix<f64>) -> Rig {
+    let sigma_px = alike_std_px(data, fit);
+    let one = |(k, name): (usize, &String)| {
+        let root = uncertainty.rows(CAMERA_PARAMETERS * k + CENTRE, 3);
+        let product = root * root.transpose();
+        let centre_cov_m2: Matrix3<f64> = product.fixed_view::<3, 3>(0, 0).into_owned();
+        RigCamera {
+            name: name.clone(),
+            camera: fit.state.cameras[k],
+            model: fit.models[k],
+            centre_std_m: centre_cov_m2.diagonal().map(f64::sqrt),
+            centre_cov_m2,
+            points: Vec::new(),
+            residual_rms_px: 0.0,
+            sigma_px: sigma_px[k],
+        }
+    };
+    let cameras = data.problem.names.iter().enumerate().map(one).collect();
+    Rig { cameras, uncertainty, left_out: Vec::new(), frames: 0 }
+}
+
+/// Residuals of one camera's control points.
+fn residuals(data: Data, fit: &Fit, camera: usize) -> Vec<ControlResidual> {
+    let problem = data.problem;
+    let own = (0..problem.observations.len()).filter(|k| problem.observations[*k].camera == camera);
+    own.map(|k| {
+        let point = &problem.points[problem.observations[k].point];
+        ControlResidual {
+            name: point.name.clone(),
+            point_in_world_m: point.in_world_m,
+            residual_px: fit.residual_px(data, k).unwrap_or_else(Vector2::zeros),
+            studentised: fit.disagreement(data, &[k]).map_or(0.0, |d| d.studentised),
+            used: data.choice.used[k],
+        }
+    })
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_sets::both;
+    use super::*;
+    use crate::testing::cameras;
+
+    /// The scatter of many calibrations against the prediction: centre and focal length.
+    #[test]
+    fn many_calibrations_scatter_as_predicted() {
+        let (std_px, mut seed, trials) = (0.1, 5, 300);
+        let truth = cameras();
+        let given = truth.map(|c| (c, CameraModel::PINHOLE));
+        let predicted = predict_calibration(&given, &both(std_px, &mut seed)).unwrap();
+        let (mut centre_m2, mut focal_px2) = (0.0, 0.0);
+        for _ in 0..trials {
+            let rig = calibrate(&both(std_px, &mut seed)).unwrap();
+            for (got, truth) in rig.cameras.iter().zip(&truth) {
+                let off = got.camera.centre_in_world() - truth.centre_in_world();
+                centre_m2 += off.norm_squared() / f64::from(2 * trials);
+                focal_px2 +=
+                    (got.camera.intrinsics.fx_px - truth.intrinsics.fx_px).powi(2) / f64::from(2 * trials);
+            }
+        }
+        let expected_m2 = predicted.cameras[0].centre_cov_m2.trace();
+        let ratio = (expected_m2 / centre_m2).sqrt();
+        assert!((0.85..1.15).contains(&ratio), "predicted over achieved std of the centre {ratio}");
+        let focal = predicted.uncertainty.row(mavsight_geometry::camera_parameters::INTRINSICS).norm();
+        let ratio = focal / focal_px2.sqrt();
+        assert!((0.8..1.2).contains(&ratio), "predicted over achieved std of the focal length {ratio}");
+    }
+
+    #[test]
+    fn too_few_points_and_no_cameras_are_refused() {
+        let mut controls = both(0.1, &mut 3);
+        let given = cameras().map(|c| (c, CameraModel::PINHOLE));
+        assert!(matches!(predict_calibration(&[], &[]), Err(PoseError::NoCameras { found: 0 })));
+        controls[1].points.truncate(4);
+        controls[1].ball_radius_m.truncate(4);
+        controls[1].survey_std_m.truncate(4);
+        let refused = predict_calibration(&given, &controls).unwrap_err();
+        assert!(refused.to_string().contains("cam2") && refused.to_string().contains('4'), "{refused}");
+        let mut flat = both(0.1, &mut 3);
+        flat[0].points.iter_mut().for_each(|p| p.pixel_cov_px2 *= f64::NAN);
+        assert!(matches!(predict_calibration(&given, &flat), Err(PoseError::Calibration { .. })));
+    }
+}

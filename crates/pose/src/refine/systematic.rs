@@ -1,0 +1,143 @@
+//! Variance of the systematic errors of centres, from a flight whose markers and cameras are uncertain too.
+
+use crate::estimate::HUBER_MEAN;
+use crate::moving::{Elimination, Reduced};
+use nalgebra::{DMatrix, DVector};
+
+/// Variances of a coordinate of a centre: of the error that is constant over the flight, and of the one that
+/// lasts a second.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct SystematicVariance {
+    pub(super) constant_px2: f64,
+    pub(super) for_a_second_px2: f64,
+}
+
+impl SystematicVariance {
+    pub(super) fn std_px(&self) -> f64 {
+        (self.constant_px2 + self.for_a_second_px2).sqrt()
+    }
+}
+
+/// Standard deviations that are weighed, over the stated one: from no effect to more than the light of any
+/// room causes.
+const FROM: f64 = 1.0 / 64.0;
+const TO: f64 = 8.0;
+/// Steps between them, half an octave each: variances of a dozen degrees of freedom are not known better.
+const STEPS: usize = 19;
+/// Rounds in which the noise is adapted; it rests on hundreds of residuals and hardly changes.
+const ROUNDS: usize = 2;
+
+/// The linearised equations of a fit without systematic errors of centres, second by second.
+pub(super) struct LinearFit<'a> {
+    /// Poses eliminated, with gradients at the minimum.
+    pub(super) seconds: Vec<Reduced>,
+    /// The change along each direction, and the minimum along them; the centres' coordinates are the last.
+    pub(super) directions: &'a DMatrix<f64>,
+    pub(super) state: &'a DVector<f64>,
+    pub(super) offsets: usize,
+    /// Information before the flight, by direction but the centres'.
+    pub(super) prior: DVector<f64>,
+    /// On stated covariances.
+    pub(super) factor: f64,
+    /// Stated variance of a centre in one frame.
+    pub(super) stated_px2: f64,
+}
+
+/// All seconds with the errors that last a second eliminated.
+struct Joined {
+    reduced: Reduced,
+    /// Decrease of the sum of squares.
+    gain: f64,
+    /// The seconds' part of the deviance.
+    deviance: f64,
+}
+
+/// A pair of variances that is weighed.
+struct Weighed {
+    deviance: f64,
+    constant_px2: f64,
+    for_a_second_px2: f64,
+    factor: f64,
+}
+
+impl LinearFit<'_> {
+    /// Means over the posterior: the likelihood of all residuals with poses, cameras, markers and errors of
+    /// centres integrated out (Patterson & Thompson 1971; MacKay 1992), times half-normal priors of both
+    /// standard deviations (Gelman 2006) as wide as the stated ones, as all of those may be systematic.
+    pub(super) fn systematic_variance(mut self) -> SystematicVariance {
+        let at_zero = self.count_from_zero();
+        let ratio = (TO / FROM).powf(1.0 / (STEPS - 1) as f64);
+        let unit_px2 = self.stated_px2 * self.factor;
+        let grid = (0..STEPS).map(|k| FROM * ratio.powi(k as i32));
+        // Steps are even in the logarithm, so that each is as wide as its standard deviation.
+        let grid: Vec<(f64, f64)> = grid.map(|x| (x * x * unit_px2, x * x - 2.0 * x.ln())).collect();
+        let mut out = SystematicVariance::default();
+        for _ in 0..ROUNDS {
+            let mut weighed = Vec::new();
+            for &(for_a_second_px2, of_second) in &grid {
+                let Some(seconds) = self.joined(for_a_second_px2) else { continue };
+                for &(constant_px2, of_all) in &grid {
+                    if let Some((deviance, factor)) = self.deviance(&seconds, at_zero, constant_px2) {
+                        let deviance = deviance + of_second + of_all;
+                        weighed.push(Weighed { deviance, constant_px2, for_a_second_px2, factor });
+                    }
+                }
+            }
+            let least = weighed.iter().fold(f64::INFINITY, |a, w| a.min(w.deviance));
+            let weight = |w: &Weighed| (0.5 * (least - w.deviance)).exp();
+            let total: f64 = weighed.iter().map(weight).sum();
+            let mean =
+                |of: fn(&Weighed) -> f64| weighed.iter().map(|w| weight(w) * of(w)).sum::<f64>() / total;
+            if total > 0.0 {
+                out.constant_px2 = mean(|w| w.constant_px2);
+                out.for_a_second_px2 = mean(|w| w.for_a_second_px2);
+                self.factor = mean(|w| w.factor);
+            }
+        }
+        out
+    }
+
+    /// Moves gradients to the parameters' zero; the sum of squares there.
+    fn count_from_zero(&mut self) -> f64 {
+        let moved = self.directions * self.state;
+        let mut squares = 0.0;
+        for second in &mut self.seconds {
+            let pull = &second.normal * &moved;
+            squares += second.weighted + 2.0 * second.gradient.dot(&moved) + pull.dot(&moved);
+            second.gradient += pull;
+        }
+        squares
+    }
+
+    fn joined(&self, for_a_second_px2: f64) -> Option<Joined> {
+        let rows = self.directions.nrows();
+        let weight = self.factor / for_a_second_px2;
+        let mut out = Joined { reduced: Reduced::new(rows), gain: 0.0, deviance: 0.0 };
+        for second in &self.seconds {
+            let mut own = second.clone();
+            let Elimination { gain, log_determinant } = own.eliminate_changes(rows - self.offsets, weight)?;
+            out.gain += gain;
+            out.deviance += log_determinant - self.offsets as f64 * weight.ln();
+            out.reduced.join(&own);
+        }
+        Some(out)
+    }
+
+    /// Minus twice the logarithm of the likelihood, and the factor on stated covariances that the residuals
+    /// then show.
+    fn deviance(&self, joined: &Joined, at_zero: f64, constant_px2: f64) -> Option<(f64, f64)> {
+        let all = &joined.reduced;
+        let mut prior = self.prior.clone();
+        let first = prior.len() - self.offsets;
+        prior.rows_mut(first, self.offsets).fill(1.0 / constant_px2);
+        let mut information = self.directions.tr_mul(&all.normal) * self.directions / self.factor;
+        information.set_diagonal(&(information.diagonal() + &prior));
+        let pull = self.directions.tr_mul(&all.gradient) / self.factor;
+        let factored = information.cholesky()?;
+        let quadratic = (at_zero - joined.gain) / self.factor - pull.dot(&factored.solve(&pull));
+        let freedom = (all.coordinates as f64 - 6.0 * all.instants as f64).max(1.0) * HUBER_MEAN;
+        let deviance = quadratic + joined.deviance + factored.ln_determinant() - prior.map(f64::ln).sum()
+            + freedom * self.factor.ln();
+        Some((deviance, self.factor * quadratic / freedom))
+    }
+}

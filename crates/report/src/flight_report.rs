@@ -1,0 +1,130 @@
+//! The report of a flight: which figures and tables of the paper it shows.
+
+use crate::camera_tables::camera_tables;
+use crate::summary::{Summary, pixel_std_px, title};
+use crate::{Figure, Report, ReportError, Table, equation_error, figures, output_error, render};
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_score::TruthRow;
+use mavsight_session::{RunResults, results::names, write_whole};
+use mavsight_vision::Frame;
+use std::path::Path;
+
+/// What a report shows in addition to the results.
+#[derive(Debug, Clone, Copy)]
+pub struct FlightReport<'a> {
+    /// The aircraft.
+    pub vehicle: &'a Vehicle,
+    /// Recorded inputs, where there are any.
+    pub inputs: Option<&'a InputSeries>,
+    /// Truth, drawn next to the estimates.
+    pub truth: Option<&'a [TruthRow]>,
+    /// The first frame of each camera.
+    pub frames: &'a [Frame],
+}
+
+/// Writes `report.html` into a folder.
+///
+/// # Errors
+/// A figure that cannot be drawn, or what the file system refuses.
+pub fn write_report(
+    flight: &FlightReport<'_>,
+    results: &RunResults,
+    summary: &Summary,
+    out: &Path,
+) -> Result<(), ReportError> {
+    let mut report = Report {
+        title: format!("mavsight: {}", results.session),
+        lead: lead(flight, results),
+        headline: headline(summary),
+        verdicts: summary.verdicts.clone(),
+        notes: summary.notes.clone(),
+        sections: Vec::new(),
+    };
+    let mut section = |heading: &str, tables: Vec<Table>, figures: Vec<Figure>| {
+        if !tables.is_empty() || !figures.is_empty() {
+            report.sections.push((heading.to_owned(), tables, figures));
+        }
+    };
+    section("Figures of merit", summary_tables(summary), vec![]);
+    if let Some(rig) = &results.rig {
+        let mut pictures = figures::precision(rig, pixel_std_px(results))?;
+        pictures.extend(figures::pictures(flight.frames, results)?);
+        section("Cameras", camera_tables(rig), pictures);
+    }
+    let inputs = flight.inputs.map(figures::inputs).transpose()?;
+    section("Aircraft and inputs", vec![vehicle_table(flight.vehicle)], inputs.into_iter().collect());
+    section("Motion", vec![], figures::motion(results, flight.truth)?);
+    section("Coefficients", equation_error::tables(results), equation_error::figures(results)?);
+    section("Equations of motion", output_error::tables(results), vec![]);
+    section("Quality", vec![], figures::quality(results)?);
+    write_whole(&out.join(names::REPORT), render(&report)?.as_bytes())?;
+    Ok(())
+}
+
+fn lead(flight: &FlightReport<'_>, results: &RunResults) -> String {
+    let instants = results.poses.len();
+    let end_s = results.poses.last().map_or(0.0, |p| p.t_ns as f64 * 1e-9);
+    let truth = if flight.truth.is_some() { " Truth is drawn as a black dashed line." } else { "" };
+    format!("{}: {instants} instants over {end_s:.1} s.{truth}", flight.vehicle.name)
+}
+
+/// The few figures that a reader looks for first.
+fn headline(summary: &Summary) -> Vec<(String, String)> {
+    let wanted = [
+        ("poses", "measured", "frames measured"),
+        ("motion", "position_std_mm", "predicted position error"),
+        ("truth", "motion_position_rms_mm", "position error against truth"),
+        ("truth", "motion_attitude_rms_deg", "roll, pitch, yaw error against truth"),
+        ("fit", "C_X_r2", "R² of C_X"),
+        ("fit", "C_m_r2", "R² of C_m"),
+    ];
+    wanted
+        .iter()
+        .filter_map(|(section, key, label)| {
+            let row = summary.rows.iter().find(|r| r.section == *section && r.key == *key)?;
+            Some(((*label).to_owned(), row.shown.clone()))
+        })
+        .collect()
+}
+
+fn summary_tables(summary: &Summary) -> Vec<Table> {
+    let mut tables: Vec<Table> = Vec::new();
+    for row in summary.shown() {
+        let caption = title(row.section);
+        if tables.last().is_none_or(|t| t.caption != caption) {
+            tables.push(Table {
+                caption: caption.to_owned(),
+                header: vec!["figure".into(), "value".into()],
+                rows: vec![],
+            });
+        }
+        if let Some(table) = tables.last_mut() {
+            table.rows.push(vec![row.label.clone(), row.shown.clone()]);
+        }
+    }
+    tables
+}
+
+/// Table 2 of the paper.
+fn vehicle_table(v: &Vehicle) -> Table {
+    let (r, e) = (&v.rotor, &v.environment);
+    let row = |name: &str, value: String, unit: &str| vec![name.to_owned(), value, unit.to_owned()];
+    let [ix, iy, iz] = v.inertia_kg_m2;
+    Table {
+        caption: "Table 2: constants of the vehicle file.".to_owned(),
+        header: vec!["constant".into(), "value".into(), "unit".into()],
+        rows: vec![
+            row("air density ρ", e.air_density_kg_m3.to_string(), "kg/m³"),
+            row("gravity g", e.gravity_m_s2.to_string(), "m/s²"),
+            row("mass m", v.mass_kg.to_string(), "kg"),
+            row("rotor radius R", r.radius_m.to_string(), "m"),
+            row("inertia I_xx, I_yy, I_zz", format!("{ix}, {iy}, {iz}"), "kg m²"),
+            row("thrust coefficient, upper", r.thrust_coefficient_upper.to_string(), ""),
+            row("thrust coefficient, lower", r.thrust_coefficient_lower.to_string(), ""),
+            row("flapping time, lower rotor τ_fl", r.flap_time_lower_s.to_string(), "s"),
+            row("flapping time, fly-bar τ_ff", r.flap_time_flybar_s.to_string(), "s"),
+            row("linkage K_b", r.swashplate_gain.to_string(), ""),
+            row("linkage K_u (not in the paper)", r.flybar_gain.to_string(), ""),
+        ],
+    }
+}

@@ -1,0 +1,106 @@
+//! One HTML file that opens anywhere.
+
+use base64::Engine;
+use minijinja::value::Serde;
+use minijinja::{AutoEscape, Environment, Value, context};
+use serde::Serialize;
+use thiserror::Error;
+
+/// Why a report could not be made.
+#[derive(Debug, Error)]
+pub enum ReportError {
+    /// The plotting library's words.
+    #[error("a plot could not be drawn: {0}")]
+    Plot(String),
+    /// A picture of another size than its pixels.
+    #[error("a picture of the report could not be encoded")]
+    Picture,
+    /// What the file system refused.
+    #[error(transparent)]
+    File(#[from] mavsight_session::SessionError),
+    /// The template library's words.
+    #[error("the report could not be put together: {0}")]
+    Template(#[from] minijinja::Error),
+}
+
+/// A table of text cells.
+#[derive(Debug, Clone, Serialize)]
+pub struct Table {
+    /// Above it.
+    pub caption: String,
+    /// First row.
+    pub header: Vec<String>,
+    /// Rows.
+    pub rows: Vec<Vec<String>>,
+}
+
+/// A picture with its caption.
+#[derive(Debug, Clone, Serialize)]
+pub struct Figure {
+    /// Below it.
+    pub caption: String,
+    /// SVG or `<img>` markup, made by this crate.
+    pub markup: String,
+}
+
+/// What a report shows, in order.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Report {
+    /// Heading.
+    pub title: String,
+    /// One paragraph under it.
+    pub lead: String,
+    /// The figures that matter most: label and value.
+    pub headline: Vec<(String, String)>,
+    /// Verdicts on identifiability, a paragraph each.
+    pub verdicts: Vec<String>,
+    /// What could not be had, and why.
+    pub notes: Vec<String>,
+    /// Sections: heading, tables, figures.
+    pub sections: Vec<(String, Vec<Table>, Vec<Figure>)>,
+}
+
+/// A figure of a PNG file's bytes.
+pub fn png_figure(caption: impl Into<String>, png: &[u8]) -> Figure {
+    let data = base64::engine::general_purpose::STANDARD.encode(png);
+    Figure { caption: caption.into(), markup: format!("<img alt=\"\" src=\"data:image/png;base64,{data}\">") }
+}
+
+/// Renders a report as one file: no script, no font, no picture from elsewhere.
+///
+/// # Errors
+/// [`ReportError::Template`].
+pub fn render(report: &Report) -> Result<String, ReportError> {
+    let mut environment = Environment::new();
+    environment.set_auto_escape_callback(|_| AutoEscape::Html);
+    environment.add_template("report", include_str!("report.html"))?;
+    Ok(environment.get_template("report")?.render(context! { r => Value::from(Serde(report)) })?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_is_escaped_and_nothing_is_loaded_from_elsewhere() {
+        let report = Report {
+            title: "flight <script>".to_owned(),
+            verdicts: vec!["C_m & C_X".to_owned()],
+            sections: vec![(
+                "Motion".to_owned(),
+                vec![Table {
+                    caption: "t".into(),
+                    header: vec!["a".into()],
+                    rows: vec![vec!["1 < 2".into()]],
+                }],
+                vec![png_figure("a picture", b"not really")],
+            )],
+            ..Report::default()
+        };
+        let html = render(&report).expect("a report");
+        assert!(html.contains("flight &lt;script&gt;") && !html.contains("<script"));
+        assert!(html.contains("C_m &amp; C_X") && html.contains("1 &lt; 2"));
+        assert!(html.contains("data:image/png;base64,bm90IHJlYWxseQ=="));
+        assert!(!html.contains("http:") && !html.contains("https:"));
+    }
+}

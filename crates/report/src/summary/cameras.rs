@@ -1,0 +1,83 @@
+//! The cameras: what was calibrated, and how precise a ball between them is.
+
+use super::list::Summary;
+use mavsight_pose::{Rig, RigCamera, control_volume, volume_precision};
+use mavsight_session::RunResults;
+use serde_json::json;
+
+/// The figures of each camera and of the rig.
+pub(super) fn add(summary: &mut Summary, results: &RunResults) {
+    let Some(rig) = &results.rig else { return };
+    rig.cameras.iter().for_each(|c| camera(summary, c));
+    precision(summary, rig, pixel_std_px(results));
+    let names: Vec<&str> = rig.left_out.iter().map(|l| l.name.as_str()).collect();
+    if !names.is_empty() {
+        let label = "control points left out";
+        summary.section("cameras").add("control_points_left_out", label, json!(names), names.join(", "));
+    }
+    for point in &rig.left_out {
+        let mut note = point.to_string();
+        if let Some(first) = note.get_mut(..1) {
+            first.make_ascii_uppercase();
+        }
+        summary.notes.push(format!("{note}."));
+    }
+}
+
+fn camera(summary: &mut Summary, camera: &RigCamera) {
+    let mut section = summary.section("cameras");
+    let (name, c, s) = (&camera.name, camera.camera.centre_in_world(), camera.centre_std_m);
+    let std_mm = 1e3 * s;
+    let shown = format!(
+        "({:.4}, {:.4}, {:.4}) m ± ({:.1}, {:.1}, {:.1}) mm",
+        c.x, c.y, c.z, std_mm.x, std_mm.y, std_mm.z
+    );
+    section.add(format!("{name}_centre_m"), format!("{name} centre"), json!([c.x, c.y, c.z]), shown);
+    section.hidden(format!("{name}_centre_std_m"), json!([s.x, s.y, s.z]));
+    let k = camera.camera.intrinsics;
+    let (value, label) = (json!([k.fx_px, k.fy_px]), format!("{name} focal lengths"));
+    section.add(format!("{name}_focal_px"), label, value, format!("{:.1}, {:.1} px", k.fx_px, k.fy_px));
+    let (value, label) = (json!([k.cx_px, k.cy_px]), format!("{name} principal point"));
+    let shown = format!("({:.1}, {:.1}) px", k.cx_px, k.cy_px);
+    section.add(format!("{name}_principal_point_px"), label, value, shown);
+    let label = format!("{name} control residual, RMS");
+    section.number(format!("{name}_residual_rms_px"), label, camera.residual_rms_px, "px");
+    let model = camera.model.to_string();
+    let label = format!("{name} model, chosen by the data");
+    section.add(format!("{name}_model"), label, model.clone(), model);
+    if camera.distortion_is_estimated() {
+        let d = camera.camera.distortion;
+        let value = json!([d.k1, d.k2, d.p1, d.p2, d.k3]);
+        let label = format!("{name} distortion k1, k2, p1, p2, k3");
+        let shown = format!("{:.4}, {:.4}, {:.5}, {:.5}, {:.4}", d.k1, d.k2, d.p1, d.p2, d.k3);
+        section.add(format!("{name}_distortion_k1_k2_p1_p2_k3"), label, value, shown);
+    }
+}
+
+/// How precise the cameras together are predicted to be.
+fn precision(summary: &mut Summary, rig: &Rig, pixel_std_px: f64) {
+    let Some(p) = control_volume(rig).and_then(|v| volume_precision(rig, &v, pixel_std_px)) else { return };
+    let mut section = summary.section("cameras");
+    if let Some(centre_mm) = p.centre_mm {
+        let label = format!("a ball seen with {pixel_std_px:.3} px: predicted error in the middle (3-D)");
+        section.number("predicted_centre_mm", label, centre_mm, "mm");
+    }
+    let at = p.worst_at_m;
+    let shown = format!("{:.3} mm at ({:.2}, {:.2}, {:.2}) m", p.worst_mm, at.x, at.y, at.z);
+    section.add("predicted_worst_mm", "and worst within the control frame", p.worst_mm, shown);
+    let label = "part of the control frame's volume that two cameras see";
+    section.add("share_seen", label, p.share_seen, format!("{:.0} %", 100.0 * p.share_seen));
+}
+
+/// Standard deviation of one coordinate of a ball's centre: as the markers' observations state it, root
+/// mean square; as the control points' residuals show it where nothing was tracked.
+pub(crate) fn pixel_std_px(results: &RunResults) -> f64 {
+    let rms = |values: &mut dyn Iterator<Item = f64>| {
+        let (sum, n) = values.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+        (n > 0.0).then(|| f64::sqrt(sum / n))
+    };
+    let cameras = results.rig.iter().flat_map(|r| &r.cameras);
+    rms(&mut results.markers.iter().map(|m| m.covariance_px2.trace() / 2.0))
+        .or_else(|| rms(&mut cameras.map(|c| c.sigma_px * c.sigma_px)))
+        .unwrap_or(0.0)
+}
