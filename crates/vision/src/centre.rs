@@ -12,7 +12,7 @@
 //! Mixing in linear light matters: on coded values a ball seems up to a tenth too small or too large, more so on the
 //! side where it is darker, which moves its centre.
 //!
-//! Samples that fit badly (something in front of the ball) lose their weight (Tukey's biweight).
+//! Samples that fit badly (an occluder) lose their weight (Tukey's biweight).
 //!
 //! Each step goes through five stages, each of which takes the ones before it: the [`layout`] of the samples that the ball
 //! touches, the [`background`] behind it, the model [`linearized`] there, the samples [`weighted`] by their covariance and by how

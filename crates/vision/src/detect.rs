@@ -5,7 +5,7 @@ use crate::color::{ColorModel, Seen, to_linear};
 use crate::optics::{Known, Learned, Optics};
 use crate::outline::{Outline, up_as_seen, usual_camera};
 use crate::patch::Patch;
-use crate::segment::{Blob, Segmenter, Window};
+use crate::segment::{Region, Segmenter, Window};
 use crate::{BallColor, Frame, Matrix2, Vector2, VisionError};
 use mavsight_geometry::Camera;
 use std::ops::{Range, RangeInclusive};
@@ -28,16 +28,16 @@ pub struct Detection {
 }
 
 /// Regions of one colour that are looked at closely in one frame, the strongest first.
-const MOST_BLOBS: usize = 16;
+const MOST_REGIONS: usize = 16;
 
 /// Gates that the mean hue of a region, edges included, may be from the marker's before it is looked at closely.
 const LOOSE_GATE: f64 = 2.0;
 /// Pixels around a region that are looked at: the blur of the rim and a ring of background beyond it.
 const RING_PX: f64 = 5.0;
 
-/// How far from where its region shows it a ball may be foreseen: the middle of a region is known to about a quarter of
+/// How far from where its region shows it a ball may be predicted: the middle of a region is known to about a quarter of
 /// this.
-const AS_FORESEEN_PX: f64 = 0.5;
+const AS_PREDICTED_PX: f64 = 0.5;
 
 /// Searches whole frames for balls of given colours.
 #[derive(Debug, Clone)]
@@ -52,7 +52,7 @@ pub(crate) struct Workspace {
     pub(crate) segmenter: Segmenter,
     patch: Patch,
     fitter: Fitter,
-    /// What followed balls told of the lens and the encoder.
+    /// What followed balls showed of the lens and the encoder.
     pub(crate) optics: Learned,
     /// The camera, where it is known.
     pub(crate) camera: Option<Camera>,
@@ -114,7 +114,7 @@ impl Detector {
         let mut found = Vec::new();
         for (marker, list) in lists.iter_mut().enumerate() {
             workspace.search(frame, &self.model, marker, range_px, &mut found);
-            list.extend(found.iter().map(|sighting| sighting.detection));
+            list.extend(found.iter().map(|found_ball| found_ball.detection));
         }
         lists
     }
@@ -140,28 +140,28 @@ impl Workspace {
     ) {
         found.clear();
         self.segmenter.regions(model, marker, area_gate_px(range_px));
-        let blobs = &mut self.segmenter.blobs;
-        blobs.sort_unstable_by(|a, b| b.strength.total_cmp(&a.strength));
-        blobs.truncate(MOST_BLOBS);
+        let regions = &mut self.segmenter.regions_found;
+        regions.sort_unstable_by(|a, b| b.strength.total_cmp(&a.strength));
+        regions.truncate(MOST_REGIONS);
         let optics = self.optics.expected();
         let camera = self.camera.unwrap_or_else(|| usual_camera(frame.size));
-        for blob in blobs.iter() {
-            let within = |at: &Vector2<f64>, radius_px: f64| (at - blob.pixel).norm() <= radius_px;
+        for region in regions.iter() {
+            let within = |at: &Vector2<f64>, radius_px: f64| (at - region.pixel).norm() <= radius_px;
             // A part of a ball that has been found whole is no other.
             let is_known = self.known.iter().any(|(at, radius_px)| within(at, *radius_px))
                 || found.iter().any(|s| within(&s.detection.pixel, 0.5 * s.detection.diameter_px));
-            let is_elsewhere = self.rows.as_ref().is_some_and(|r| !r.contains(&(blob.pixel.y as usize)));
-            if is_known || is_elsewhere || model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
+            let is_elsewhere = self.rows.as_ref().is_some_and(|r| !r.contains(&(region.pixel.y as usize)));
+            if is_known || is_elsewhere || model.gate_fraction(marker, &region.seen()) > LOOSE_GATE {
                 continue;
             }
             let fit = {
-                let start = start_in(&camera, self.camera.as_ref(), optics, start(frame, blob, range_px));
-                self.patch.fill(frame, blob.pixel, start.radius_px + RING_PX);
-                let range_px = (0.5 * range_px.0, (0.5 * range_px.1).min(largest_radius_px(blob.area_px)));
+                let start = start_in(&camera, self.camera.as_ref(), optics, start(frame, region, range_px));
+                self.patch.fill(frame, region.pixel, start.radius_px + RING_PX);
+                let range_px = (0.5 * range_px.0, (0.5 * range_px.1).min(largest_radius_px(region.area_px)));
                 let followed = self.expected.and_then(|expected| {
-                    let seen = blob.pixel + expected.from_region_px;
-                    let foreseen = expected.pixel.filter(|p| (p - seen).norm() < AS_FORESEEN_PX);
-                    let pixel = foreseen.unwrap_or(seen);
+                    let seen = region.pixel + expected.from_region_px;
+                    let predicted = expected.pixel.filter(|p| (p - seen).norm() < AS_PREDICTED_PX);
+                    let pixel = predicted.unwrap_or(seen);
                     self.fitter.fit(&self.patch, range_px, &expected.start(Start { pixel, ..start })).ok()
                 });
                 let known_radius_px = self.expected.map(|e| e.radius_px);
@@ -169,16 +169,16 @@ impl Workspace {
                 followed.or_else(|| self.fitter.fit(&self.patch, range_px, &start).ok())
             };
             found.extend(fit.and_then(|fit| {
-                let from_region_px = fit.pixel - blob.pixel;
-                sighting(frame, (model, marker), &fit, (from_region_px, blob.area_px))
+                let from_region_px = fit.pixel - region.pixel;
+                found_ball(frame, (model, marker), &fit, (from_region_px, region.area_px))
             }));
         }
         found.sort_unstable_by(|a, b| b.detection.score.total_cmp(&a.detection.score));
     }
 }
 
-/// What a fit tells of a ball of the marker, with where in its region it was seen; None if it is none.
-fn sighting(
+/// What a fit says of a ball of the marker, with where in its region it was seen; None if it is none.
+fn found_ball(
     frame: &Frame,
     model: (&ColorModel, usize),
     fit: &CentreFit,
@@ -221,14 +221,14 @@ fn area_gate_px((smallest_px, largest_px): (f64, f64)) -> (f64, f64) {
 }
 
 /// Where the fit of a region's ball begins.
-fn start(frame: &Frame, blob: &Blob, range_px: (f64, f64)) -> Start {
+fn start(frame: &Frame, region: &Region, range_px: (f64, f64)) -> Start {
     let least_px = (0.5 * range_px.0).max(LEAST_RADIUS_PX);
-    let radius_px = (blob.area_px / std::f64::consts::PI).sqrt().clamp(least_px, 0.5 * range_px.1);
+    let radius_px = (region.area_px / std::f64::consts::PI).sqrt().clamp(least_px, 0.5 * range_px.1);
     let clamp = |v: f64, count: u32| v.round().clamp(0.0, f64::from(count.max(1) - 1)) as usize;
-    let x = clamp(blob.pixel.x, frame.size.width_px);
-    let y = clamp(blob.pixel.y, frame.size.height_px);
+    let x = clamp(region.pixel.x, frame.size.width_px);
+    let y = clamp(region.pixel.y, frame.size.height_px);
     Start {
-        pixel: blob.pixel,
+        pixel: region.pixel,
         radius_px,
         ball: to_linear(frame.rgb(x, y)),
         optics: Optics::default(),
@@ -239,7 +239,7 @@ fn start(frame: &Frame, blob: &Blob, range_px: (f64, f64)) -> Start {
     }
 }
 
-/// A fitted ball with what it tells of the camera and of itself.
+/// A fitted ball with what it says of the camera and of itself.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Found {
     pub(crate) detection: Detection,

@@ -47,7 +47,7 @@ impl Default for Patch {
 const GREY: f64 = 0.577_350_269_189_625_8;
 const ACROSS: f64 = 0.707_106_781_186_547_5;
 const ALONG: f64 = 0.408_248_290_463_863_1;
-/// An orthonormal basis of RGB with grey first: white noise stays white, and grey clutter leaves two channels alone.
+/// An orthonormal basis of RGB with grey first: white noise remains white, and grey clutter leaves two channels alone.
 const OPPONENTS: [[f64; 4]; 3] =
     [[GREY, GREY, GREY, 0.0], [ACROSS, 0.0, -ACROSS, 0.0], [-ALONG, 2.0 * ALONG, -ALONG, 0.0]];
 

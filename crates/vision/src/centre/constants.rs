@@ -6,7 +6,8 @@ pub(crate) const LEAST_RADIUS_PX: f64 = 1.5;
 pub(super) const PIXEL_STD_PX: f64 = 0.288_675;
 /// Coverage below which a pixel counts as clear of the ball, and above one less which as inside it.
 pub(super) const CLEAR: f32 = 0.01;
-/// Movement after which the background is estimated again. A step as short may be foreseen whatever it is in standard deviations.
+/// Movement after which the background is estimated again. The outcome of a step as short is predicted, whatever it is
+/// in standard deviations.
 pub(super) const SAME_PLACE_PX: f64 = 0.1;
 /// Part of the diameter by which a centre may be off whatever the image shows: moulded balls are round to a few
 /// thousandths (the rules of table tennis allow six), and the light on them is modelled to about as much.

@@ -25,7 +25,7 @@ const SMALL_STEP: f64 = 1.0;
 /// Times that trust and noise are set at least: first the trust, then the noise too. A ball that is followed brings its noise along.
 const LEAST_WEIGHED: usize = 2;
 const LEAST_WEIGHED_FOLLOWED: usize = 1;
-/// Squared length, in standard deviations over all parameters, of a step whose outcome may be foreseen from the equations'
+/// Squared length, in standard deviations over all parameters, of a step whose outcome is predicted from the equations'
 /// linear form: as long as that by which two frames' noise sets their parameters apart (2 a parameter; three quarters of all
 /// frames).
 const NEAR: f64 = 3.0 * COUNT as f64;

@@ -1,8 +1,8 @@
 //! What a lamp or a window behind a ball does to its rim.
 //!
-//! Light beyond what the sensor can show is coded as the brightest there is. How much more it is cannot be told, so where
+//! Light beyond what the sensor can show is coded as the brightest there is. How much more it is remains unknown, so where
 //! it mixes with the ball's own the model would place the edge too far inside, by about a width of the blur for a lamp ten
-//! times as bright: samples within the blur's reach of such light tell nothing of the edge.
+//! times as bright: samples within the blur's reach of such light say nothing of the edge.
 
 use super::constants::{CLEAR, NOISE_STD};
 use super::disc::Disc;
@@ -82,7 +82,7 @@ impl Glare {
     }
 }
 
-/// Whether any pixel is, where each has its own colour: mostly none is, which is soon told as no pixel waits for another.
+/// Whether any pixel is, where each has its own colour: mostly none is, which is soon known as no pixel waits for another.
 #[inline(always)]
 fn any_is_brightest(patch: &Patch) -> bool {
     let mut any = false;

@@ -9,7 +9,7 @@ use crate::{Vector2, Vector3};
 /// A fitted radius may fall short of the true one by this factor, since it is traded against the blur.
 const RADIUS_MARGIN: f64 = 1.25;
 
-/// What a ball looked like when it was last seen, for its next fit to start from; it tells that fit nothing.
+/// What a ball looked like when it was last seen, for its next fit to start from; it is no measurement.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Followed {
     pub(super) parameters: Parameters,
@@ -93,7 +93,7 @@ pub(super) fn prior(start: &Start, model: &Model) -> [Known; COUNT] {
 }
 
 /// What is known beforehand of the shading of first order. Lamps hang above: where it is known where that is, the mean is that of lamps
-/// anywhere in the upper half of all directions, whose cosine to the vertical has a mean of 1/2. The spread stays that of any light,
+/// anywhere in the upper half of all directions, whose cosine to the vertical has a mean of 1/2. The spread remains that of any light,
 /// as windows and what the floor throws back are not known.
 fn first_order(up: Option<Vector3<f64>>) -> [Known; FIRST_ORDER] {
     let variance = SHADE_STD[0] * SHADE_STD[0];

@@ -71,7 +71,7 @@ impl Values {
     }
 }
 
-/// Derivatives of each channel by all parameters and its value, for a group of pixels. What no model sets stays nothing.
+/// Derivatives of each channel by all parameters and its value, for a group of pixels. What no model sets remains 0.
 pub(super) type Columns = [[[f32; GROUP]; WIDTH]; 3];
 pub(super) const NO_COLUMNS: Columns = [[[0.0; GROUP]; WIDTH]; 3];
 

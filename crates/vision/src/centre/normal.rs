@@ -230,7 +230,7 @@ mod tests {
 
     /// Beside the equations without the parameter.
     #[test]
-    fn a_parameter_that_is_held_stays_and_the_others_do_not_see_it() {
+    fn a_parameter_that_is_held_keeps_its_value_and_the_others_do_not_see_it() {
         const HELD: usize = 3;
         let mut normal = Normal::default();
         let (mut information, mut gradient) = (SMatrix::<f64, COUNT, COUNT>::zeros(), Parameters::zeros());

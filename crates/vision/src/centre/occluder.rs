@@ -1,4 +1,4 @@
-//! Whether what is seen around a ball lies before its face, too: an arm or a rod that passes in front, or one that only ends there.
+//! Whether what is seen around a ball lies before its face, too: an arm or a rod that occludes it, or one that only ends there.
 //!
 //! Two hypotheses at each pixel. Nothing is there: a mean of what the fit leaves over the neighbourhood has the variance of the
 //! noise in it and of what is not known behind the rim. Clutter is there: it has that of the clutter besides. The mean is
@@ -10,7 +10,7 @@ use crate::patch::Patch;
 
 /// Clutter may reach over the ball's face as well as behind it: probability of that before anything is seen there. As much of it is
 /// taken to be the room behind as what the ball is fixed to, and of the latter as much on its near side as on its far one.
-pub(super) const IN_FRONT: f32 = 0.25;
+pub(super) const OCCLUDED: f32 = 0.25;
 /// Pixels in each direction over which clutter is alike: at a blur of half a pixel, correlation beyond is below e⁻⁴.
 const ALIKE_PX: usize = 2;
 const ACROSS: usize = 2 * ALIKE_PX + 1;
@@ -99,7 +99,7 @@ impl Field<'_> {
         let none = noise_variance * square * part * part + (part * mean.behind).powi(2);
         let there = none + (part * mean.clutter).powi(2);
         let likelier = 0.5 * (part * mean.left).powi(2) * (none.recip() - there.recip());
-        let against = (1.0 - IN_FRONT) / IN_FRONT * (there / none).sqrt() * (-likelier).exp();
+        let against = (1.0 - OCCLUDED) / OCCLUDED * (there / none).sqrt() * (-likelier).exp();
         (1.0 + against).recip()
     }
 }
@@ -116,7 +116,7 @@ mod tests {
 
     /// The probability in the middle of a face that leaves this at each pixel, clutter around of standard deviation 10 and noise of
     /// 2 levels.
-    fn in_front(left: f32) -> f32 {
+    fn probability_at(left: f32) -> f32 {
         let patch = Patch { columns: SIDE, rows: SIDE, ..Patch::default() };
         let count = SIDE * SIDE;
         let layout = Layout {
@@ -128,13 +128,13 @@ mod tests {
         let linearized = Linearized { values, edge_px: 0.5, ..Linearized::default() };
         let mut background = Background::default();
         background.near = vec![10.0; count];
-        let mut out = vec![IN_FRONT; count];
+        let mut out = vec![OCCLUDED; count];
         let mut middle = |background: &Background| {
             let stages = Stages { patch: &patch, layout: &layout, background, linearized: &linearized };
             probabilities(&stages, &vec![left; count], 4.0, &mut out);
             out[count / 2]
         };
-        assert_eq!(middle(&background), IN_FRONT, "without clutter nothing is decided");
+        assert_eq!(middle(&background), OCCLUDED, "without clutter nothing is decided");
         background.covariance.set(1, |_, _| 1.0);
         middle(&background)
     }
@@ -149,9 +149,9 @@ mod tests {
         for left in [0.0, 2.0, -3.0, 10.0] {
             let there = 0.25 * density(left, noise + 100.0);
             let want = there / (there + 0.75 * density(left, noise));
-            let got = f64::from(in_front(left as f32));
+            let got = f64::from(probability_at(left as f32));
             assert!((got - want).abs() < 1e-5, "{left}: {got} for {want}");
         }
-        assert!(in_front(0.0) < 0.05 && in_front(10.0) > 0.99 && in_front(1e4) == 1.0);
+        assert!(probability_at(0.0) < 0.05 && probability_at(10.0) > 0.99 && probability_at(1e4) == 1.0);
     }
 }

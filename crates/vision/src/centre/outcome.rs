@@ -123,11 +123,11 @@ impl End<'_> {
         let (mut bright, mut colors) = (Mean::default(), Mean::default());
         for (place, pixel) in stages.pixels() {
             let weight =
-                stages.linearized.values.covered[place] * trust.weight[pixel] * (1.0 - trust.in_front[pixel]);
+                stages.linearized.values.covered[place] * trust.weight[pixel] * (1.0 - trust.occluded[pixel]);
             bright.add(weight.into(), f64::from(left.bright[place].powi(2)) - noise.least);
         }
         for (place, block) in stages.blocks() {
-            let seen = 1.0 - trust.in_front_of_block(stages.patch, block);
+            let seen = 1.0 - trust.occluded_block(stages.patch, block);
             let weight = stages.layout.color_covered[block] * trust.block_weight[block] * seen;
             colors.add(weight.into(), f64::from(weighted.color_square(left, place)) - 2.0 * noise.least);
         }

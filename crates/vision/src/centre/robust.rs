@@ -56,7 +56,7 @@ impl Scattered {
     }
 
     /// Adds a value, if it counts. It is written in any case, as whether it counts is hard to
-    /// foresee.
+    /// predict.
     #[inline(always)]
     pub(super) fn offer(&mut self, (x, y): (f32, f32), value: f32, counts: bool) {
         self.x[self.count] = x;

@@ -1,7 +1,7 @@
 //! How far samples are believed: the less, the worse they fit.
 
 use super::glare::Glare;
-use super::occluder::IN_FRONT;
+use super::occluder::OCCLUDED;
 use super::stages::Stages;
 use crate::patch::Patch;
 
@@ -14,10 +14,10 @@ pub(super) struct Trust {
     pub(super) weight: Vec<f32>,
     pub(super) block_weight: Vec<f32>,
     /// Probability that clutter lies before the ball, at each pixel.
-    pub(super) in_front: Vec<f32>,
+    pub(super) occluded: Vec<f32>,
     /// Whether that has been decided. It is once, from a fit that allowed for it everywhere: decided again from a fit that trusts
     /// what it found, it would bear itself out.
-    pub(super) is_front_decided: bool,
+    pub(super) is_occlusion_decided: bool,
     pub(super) glare: Glare,
 }
 
@@ -31,21 +31,21 @@ impl Trust {
             block_weight: blocks.clone(),
             pixels,
             blocks,
-            in_front: vec![IN_FRONT; patch.bright.len()],
-            is_front_decided: false,
+            occluded: vec![OCCLUDED; patch.bright.len()],
+            is_occlusion_decided: false,
             glare: Glare::new(patch),
         }
     }
 
     /// Probability that clutter lies before the ball, mean over a colour sample's block.
     #[inline(always)]
-    pub(super) fn in_front_of_block(&self, patch: &Patch, block: usize) -> f32 {
+    pub(super) fn occluded_block(&self, patch: &Patch, block: usize) -> f32 {
         if patch.step == 1 {
-            return self.in_front[block];
+            return self.occluded[block];
         }
         let first = patch.first_pixel(block);
         let count = patch.step * patch.step;
-        let of_pixel = |k: usize| self.in_front[first + k / patch.step * patch.columns + k % patch.step];
+        let of_pixel = |k: usize| self.occluded[first + k / patch.step * patch.columns + k % patch.step];
         (0..count).map(of_pixel).sum::<f32>() / count as f32
     }
 
@@ -59,7 +59,7 @@ impl Trust {
         f64::from(believed / covered)
     }
 
-    /// Sets the weights by the trust. What is in front of the ball is no sharper than its blur, so neighbours of a sample that is not
+    /// Sets the weights by the trust. An occluder is no sharper than its blur, so neighbours of a sample that is not
     /// believed at all are not believed either.
     pub(super) fn weigh(&mut self, patch: &Patch, spoiled: &[u32]) {
         self.weight.clone_from(&self.pixels);

@@ -4,7 +4,7 @@ use super::cholesky::{BAND, Banded};
 use super::lanes::{GROUP, Lanes, total};
 use super::model::{COUNT, EDGE, Model, Parameters, RESIDUAL, Row, WIDTH};
 use super::normal::Normal;
-use super::occluder::{IN_FRONT, probabilities};
+use super::occluder::{OCCLUDED, probabilities};
 use super::policy::FitPolicy;
 use super::robust::biweight;
 use super::samples::Noise;
@@ -106,9 +106,9 @@ impl Weighted {
         self.believed.clear();
         for ((place, pixel), near) in stages.pixels().zip(&stages.background.near) {
             let covered = stages.linearized.values.covered[place];
-            let front = trust.in_front[pixel] * (near * covered).powi(2);
+            let occluder = trust.occluded[pixel] * (near * covered).powi(2);
             let believed = trust.weight[pixel].max(LEAST_TRUST);
-            self.variance.push((noise + alike_px * front) / believed);
+            self.variance.push((noise + alike_px * occluder) / believed);
             self.believed.push(believed);
         }
     }
@@ -124,7 +124,7 @@ impl Weighted {
         let clutter = background.color_variance.map(|all| (all as f32 - noise).max(0.0));
         self.color_scale.clear();
         for (place, block) in stages.blocks() {
-            let likelier = trust.in_front_of_block(patch, block) / IN_FRONT;
+            let likelier = trust.occluded_block(patch, block) / OCCLUDED;
             let hidden = (likelier * (HIDES * background.color_near[place] / level).powi(2)).min(1.0);
             let covered = layout.color_covered[block];
             let believed = trust.block_weight[block].max(LEAST_TRUST);
@@ -206,9 +206,9 @@ impl Weighted {
             }
         }
         trust.weigh(stages.patch, &spoiled);
-        // In a film clutter is not told apart by place, so that there is nothing to look for.
-        if policy.clutter_by_place && !std::mem::replace(&mut trust.is_front_decided, true) {
-            probabilities(stages, &left.bright, noise.variance, &mut trust.in_front);
+        // In a film clutter is not looked at by place.
+        if policy.clutter_by_place && !std::mem::replace(&mut trust.is_occlusion_decided, true) {
+            probabilities(stages, &left.bright, noise.variance, &mut trust.occluded);
         }
     }
 
