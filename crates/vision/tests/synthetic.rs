@@ -162,7 +162,7 @@ fn a_small_ball_before_a_dim_wall_is_where_it_is() {
     assert!(rms_px < 0.004, "{rms_px} px");
 }
 
-/// A fit counts places from the corner of what it looks at, so that single precision holds them; what is told is in the image.
+/// A fit counts places from the corner of what it looks at, so that single precision holds them; what is reported is in the image.
 #[test]
 fn a_ball_far_from_the_corner_of_a_large_image_is_where_it_is() {
     const LEFT: usize = 2016;
@@ -214,8 +214,8 @@ fn covariance_holds_the_errors() {
     }
 }
 
-/// The lower part of the ball is before a lamp whose light is beyond what can be shown: how far in its light reaches cannot be
-/// told, and a centre that takes the lamp for as bright as it looks is half a pixel too high.
+/// The lower part of the ball is before a lamp whose light is beyond what can be shown: how far in its light reaches remains
+/// unknown, and a centre that takes the lamp for as bright as it looks is half a pixel too high.
 #[test]
 fn a_lamp_behind_a_part_of_a_ball_does_not_move_it() {
     let (mut detector, mut dice, mut normalized) = (Detector::new(&red()).unwrap(), Dice(5), 0.0);
@@ -253,7 +253,7 @@ fn a_ball_that_is_not_there_is_not_found() {
     assert!((seen[0].unwrap().pixel - drawn.middle).norm() < 0.2);
 }
 
-/// A ball of the marker's colour that stays, and the marker that crosses it: both are there, and the one that moves leads.
+/// A static ball of the marker's colour, and the marker that crosses it: both are there, and the one that moves leads.
 #[test]
 fn everything_of_a_colour_is_followed_and_what_moves_leads() {
     let mut tracker = Tracker::new(&red(), 3.0..=10.0).unwrap();
@@ -275,13 +275,13 @@ fn everything_of_a_colour_is_followed_and_what_moves_leads() {
             assert!((lead.pixel - drawn.middle).norm() < 0.3, "step {step}");
         }
     }
-    assert_eq!(ids.len(), 1, "one thing has one number: {ids:?}");
+    assert_eq!(ids.len(), 1, "one object has one number: {ids:?}");
 }
 
-/// A newcomer beside what is followed is seen within a look around in bands; who tells and looks in two steps is told of it once it has
-/// stayed for some frames.
+/// A newcomer beside what is followed is seen within a look around in bands; who follows and looks in two steps gets it once it has
+/// been seen in some frames.
 #[test]
-fn newcomers_beside_what_is_followed_are_told_once_they_have_stayed() {
+fn newcomers_are_reported_once_they_have_been_seen_in_some_frames() {
     let mut tracker = Tracker::new(&red(), 3.0..=10.0).unwrap();
     let mut dice = Dice(9);
     let (known, newcomer) = (ball(20.0, 14.0), ball(44.0, 33.0));
@@ -289,20 +289,20 @@ fn newcomers_beside_what_is_followed_are_told_once_they_have_stayed() {
         assert_eq!(tracker.update(&frame(&[known], 0.5, 2.0, &mut dice)).len(), 1);
     }
     let mut stepwise = tracker.clone();
-    let (mut seen, mut told) = (Vec::new(), Vec::new());
+    let (mut seen, mut reported) = (Vec::new(), Vec::new());
     for _ in 0..14 {
         let image = frame(&[known, newcomer], 0.5, 2.0, &mut dice);
         let all = tracker.update(&image);
         seen.push(all.len());
         let first = stepwise.follow(&image);
-        told.push(first.len());
+        reported.push(first.len());
         assert_eq!(first, &all[..first.len()]);
         stepwise.look_around(&image);
         stepwise.look_around(&image);
     }
     assert_eq!((seen[0], seen[8]), (1, 2), "{seen:?}");
     // The frame in which it was found, and three more.
-    assert_eq!(told, [&[1; 3], &seen[..11]].concat(), "{seen:?}");
+    assert_eq!(reported, [&[1; 3], &seen[..11]].concat(), "{seen:?}");
 }
 
 /// Video is made from the same drawing by averaging 2 × 2 blocks of colour differences (centred siting).

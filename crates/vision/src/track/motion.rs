@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn what_goes_straight_is_foreseen_at_once_and_what_bends_soon() {
+    fn straight_motion_is_predicted_at_once_and_bent_motion_soon() {
         let straight = |t: f64| Vector2::new(3.0 + 2.0 * t, 9.0 - 0.5 * t);
         assert!((after(2, straight).predicted(1) - straight(2.0)).norm() < 1e-12);
         assert!((after(2, straight).predicted(4) - straight(5.0)).norm() < 1e-12);
