@@ -4,7 +4,7 @@ use crate::error::input;
 use crate::identification::identify_into;
 use crate::{EngineError, TrackedFlight, calibrate, track};
 use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_identify::output_error::telling_stretch_s;
+use mavsight_identify::output_error::fitted_stretch_s;
 use mavsight_pipeline::{IdentifyOptions, Progress, motion_of, systematic_columns};
 use mavsight_pose::{MarkerObservation, PoseEstimate};
 use mavsight_session::{RunResults, Session, write_markers_early};
@@ -100,7 +100,7 @@ pub fn solve(
     drop(std::mem::take(&mut tracked.tracked.diameters_px));
     let systematic = systematic_columns(&tracked.tracked);
     let (mut results, observations) = tracked.split(flight.name, flight.vehicle);
-    match folder.zip(telling_stretch_s(&results.poses)) {
+    match folder.zip(fitted_stretch_s(&results.poses)) {
         // From here on only output error looks at images, and of a long flight at a minute.
         Some((folder, (from_s, to_s))) => {
             let is_needed = |o: &MarkerObservation| (from_s..=to_s).contains(&(o.t_ns as f64 * 1e-9));

@@ -1,4 +1,5 @@
-//! The equations of motion in dimensionless coefficients, with exact derivatives: what an output-error fit integrates.
+//! The equations of motion in dimensionless coefficients, with exact derivatives: what an output-error fit
+//! integrates.
 
 mod linearise;
 
@@ -9,8 +10,8 @@ use mavsight_geometry::Vector3;
 use nalgebra::Quaternion;
 use std::f64::consts::PI;
 
-/// States: position in the world (3), level_from_body as w, x, y, z (4), velocity in body axes (3), rates (3), and the
-/// flapping angles alpha_l, beta_l, alpha_f, beta_f.
+/// States: position in the world (3), level_from_body as w, x, y, z (4), velocity in body axes (3), rates
+/// (3), and the flapping angles alpha_l, beta_l, alpha_f, beta_f.
 pub const FLIGHT_STATES: usize = 17;
 
 /// A packed state, in the order of [`FLIGHT_STATES`].
@@ -18,10 +19,11 @@ pub type StateVector = [f64; FLIGHT_STATES];
 
 macro_rules! coefficients {
     ($($(#[$doc:meta])* $variant:ident = $name:literal,)*) => {
-        /// A coefficient of the model. Forces are made dimensionless by ½ρπR⁴ω², moments by ½ρπR⁵ω²; what a rotor
-        /// does by the square of its own speed, everything else by that of the reference speed.
+        /// A coefficient of the model. Forces are made dimensionless by ½ρπR⁴ω², moments by ½ρπR⁵ω²; what a
+        /// rotor does by the square of its own speed, everything else by that of the reference speed.
         ///
-        /// Roll and side force follow from pitch and longitudinal force by the symmetry of the rotors about their shaft.
+        /// Roll and side force follow from pitch and longitudinal force by the symmetry of the rotors about
+        /// their shaft.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
         pub enum Coefficient { $($(#[$doc])* $variant,)* }
 
@@ -53,7 +55,8 @@ coefficients! {
     CmAlphaU = "C_m,alpha_u",
     /// Pitch moment per radian of the lower disc.
     CmAlphaL = "C_m,alpha_l",
-    /// Moment per radian of either disc that does not grow with its thrust: hub stiffness at the reference speed.
+    /// Moment per radian of either disc that does not grow with its thrust: hub stiffness at the reference
+    /// speed.
     CmHub = "C_m,hub",
     /// Roll moment per roll rate, s.
     ClP = "C_l,p",
@@ -201,10 +204,11 @@ impl Airframe {
         (force, moment * self.radius_m)
     }
 
-    /// Time derivative of a state: Euler's equations for principal axes, flapping after equation 2 of Mulyanto, Nurhakim,
-    /// Muhammad (2012).
+    /// Time derivative of a state: Euler's equations for principal axes, flapping after equation 2 of
+    /// Mulyanto, Nurhakim, Muhammad (2012).
     ///
-    /// The quaternion's length is drawn back to one with a time constant of one second, which does not change the attitude.
+    /// The quaternion's length is drawn back to one with a time constant of one second, which does not change
+    /// the attitude.
     pub fn derivative(&self, c: &Coefficients, input: &InputSample, y: &StateVector) -> StateVector {
         let (force, moment) = self.loads(c, &self.scales(input), y);
         let q = Quaternion::new(y[3], y[4], y[5], y[6]);

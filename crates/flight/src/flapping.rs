@@ -15,8 +15,8 @@ pub struct FlapState {
     pub beta_f_rad: f64,
 }
 
-/// The response of x' = -x/τ + f(t) from x(0) = `start`, exact for an f that is a straight line between its samples
-/// ([`Between::Line`]) or holds until the next ([`Between::Hold`]).
+/// The response of x' = -x/τ + f(t) from x(0) = `start`, exact for an f that is a straight line between its
+/// samples ([`Between::Line`]) or holds until the next ([`Between::Hold`]).
 ///
 /// `times_s` must increase; the answer has one value a time.
 pub fn first_order_response(
@@ -69,11 +69,13 @@ pub fn lower_from_swashplate(inputs: &InputSeries, rotor: &Rotor) -> (Vec<f64>, 
     )
 }
 
-/// The part of a rotor's flapping that a body rate drives, from rest: the response to -rate with the rotor's time
-/// constant, exact for a rate that is the cubic between samples that its values and accelerations determine.
+/// The part of a rotor's flapping that a body rate drives, from rest: the response to -rate with the rotor's
+/// time constant, exact for a rate that is the cubic between samples that its values and accelerations
+/// determine.
 ///
-/// Straight lines between frames of 1/30 s would miss h²/12 of the acceleration, which biases the coefficients that
-/// the same acceleration is fitted by. All three series must have one value a time, and times must increase.
+/// Straight lines between frames of 1/30 s would miss h²/12 of the acceleration, which biases the
+/// coefficients that the same acceleration is fitted by. All three series must have one value a time, and
+/// times must increase.
 pub fn from_rate(
     times_s: &[f64],
     rate_rad_s: &[f64],

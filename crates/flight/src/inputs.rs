@@ -29,7 +29,8 @@ pub struct InputChannel {
 
 /// Inputs at increasing times; each holds until the next, as a command does.
 ///
-/// A quantity that moves smoothly between samples is so taken late by half a sample interval: record at 100 Hz or more.
+/// A quantity that moves smoothly between samples is so taken late by half a sample interval: record at 100
+/// Hz or more.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InputSeries {
     samples: Vec<InputSample>,
@@ -68,7 +69,7 @@ impl InputSeries {
         Ok(Self { samples, channels: Vec::new() })
     }
 
-    /// The same series with more quantities.
+    /// This series with more quantities.
     ///
     /// # Errors
     /// [`FlightError::BadChannel`] where one has not a finite value for each sample.
@@ -110,17 +111,17 @@ impl InputSeries {
         Some(InputSample { t_s, ..self.samples[after - 1] })
     }
 
-    /// Which of things in the order of their times, nanoseconds, the record covers.
-    pub fn covered_range<T>(&self, things: &[T], t_ns: impl Fn(&T) -> i64) -> Range<usize> {
-        let t_s = |thing: &T| t_ns(thing) as f64 * 1e-9;
-        let from = things.partition_point(|thing| t_s(thing) < self.start_s() - ROUNDING_S);
-        let until = things.partition_point(|thing| t_s(thing) <= self.end_s() + ROUNDING_S);
+    /// Which of some items in the order of their times, nanoseconds, the record covers.
+    pub fn covered_range<T>(&self, items: &[T], t_ns: impl Fn(&T) -> i64) -> Range<usize> {
+        let t_s = |item: &T| t_ns(item) as f64 * 1e-9;
+        let from = items.partition_point(|item| t_s(item) < self.start_s() - ROUNDING_S);
+        let until = items.partition_point(|item| t_s(item) <= self.end_s() + ROUNDING_S);
         from..until.max(from)
     }
 
-    /// The part that [`InputSeries::covered_range`] tells.
-    pub fn covered<'a, T>(&self, things: &'a [T], t_ns: impl Fn(&T) -> i64) -> &'a [T] {
-        &things[self.covered_range(things, t_ns)]
+    /// The items of [`InputSeries::covered_range`].
+    pub fn covered<'a, T>(&self, items: &'a [T], t_ns: impl Fn(&T) -> i64) -> &'a [T] {
+        &items[self.covered_range(items, t_ns)]
     }
 
     /// [`InputSeries::at`], as an error that says what the record covers.

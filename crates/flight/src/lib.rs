@@ -1,7 +1,8 @@
-//! The vehicle, its rotors and fly-bar, recorded inputs, and the equations of motion in dimensionless coefficients.
+//! The vehicle, its rotors and fly-bar, recorded inputs, and the equations of motion in dimensionless
+//! coefficients.
 //!
-//! Source of the model: Mulyanto, Nurhakim, Muhammad (ICAS 2012), equations 1 to 5 and table 2, with flapping in both
-//! axes. Frames and signs are those of `mavsight_geometry` and CONVENTIONS.md.
+//! Source of the model: Mulyanto, Nurhakim, Muhammad (ICAS 2012), equations 1 to 5 and table 2, with flapping
+//! in both axes. Frames and signs are those of `mavsight_geometry` and CONVENTIONS.md.
 
 mod coefficient_model;
 mod error;

@@ -111,7 +111,8 @@ pub struct Environment {
     pub gravity_m_s2: f64,
 }
 
-/// What the paper leaves open. Each value is an assumption, read by the simulation alone, never by an estimator.
+/// What the paper leaves open. Each value is an assumption, read by the simulation alone, never by an
+/// estimator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Assumption {
@@ -178,8 +179,8 @@ pub struct Vehicle {
 }
 
 impl Vehicle {
-    /// The modified Lama 400D of the paper: table 2 and section 3; I_xx, I_zz, K_u and where the square hangs are
-    /// assumptions.
+    /// The modified Lama 400D of the paper: table 2 and section 3; I_xx, I_zz, K_u and where the square hangs
+    /// are assumptions.
     pub fn paper() -> Self {
         let ball = |name: &str, x: f64, y: f64, color: Color| Marker {
             name: name.to_owned(),
@@ -211,8 +212,9 @@ impl Vehicle {
         }
     }
 
-    /// Checks that every constant makes sense and that markers can be told apart by name, of which tables make lists. Markers may share
-    /// a colour; whether they can then be told apart by where they are is for who sees them.
+    /// Checks that every constant makes sense and that markers are distinguished by name, of which tables
+    /// make lists. Markers may share a colour; whether their places distinguish them is decided where they
+    /// are observed.
     ///
     /// # Errors
     /// The first key that does not, with its value.

@@ -1,5 +1,5 @@
-//! A flight of ten seconds, 300 instants, and twelve free parameters, fitted by output error on one core: to its poses, and
-//! straight to the images of four markers in two cameras.
+//! A flight of ten seconds, 300 instants, and twelve free parameters, fitted by output error on one core: to
+//! its poses, and straight to the images of four markers in two cameras.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use mavsight_flight::{InputSeries, Vehicle};
@@ -11,6 +11,7 @@ use mavsight_identify::output_error::{
     FlightModel, ImageMeasurements, Measurements, OutputErrorOptions, StateMeasurement, output_error,
 };
 use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, Rig, calibrate};
+use mavsight_random::Random;
 use mavsight_simulator::{Channel, Maneuver, Scenario, simulate};
 use nalgebra::Point3;
 use std::hint::black_box;
@@ -33,21 +34,8 @@ const POSITION_STD_M: f64 = 5e-4;
 const TURN_STD_RAD: f64 = 9e-4;
 const PIXEL_STD_PX: f64 = 0.1;
 
-/// A standard normal number (Box & Muller 1958) of SplitMix64 (Steele, Lea & Flood 2014).
-fn normal(seed: &mut u64) -> f64 {
-    let mut uniform = || {
-        *seed = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = *seed;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (((z ^ (z >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    };
-    let (a, b) = (uniform(), uniform());
-    (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
-}
-
-fn normal3(seed: &mut u64) -> Vector3<f64> {
-    Vector3::new(normal(seed), normal(seed), normal(seed))
+fn normal3(random: &mut Random) -> Vector3<f64> {
+    Vector3::new(random.normal(), random.normal(), random.normal())
 }
 
 fn rig() -> Rig {
@@ -58,7 +46,7 @@ fn rig() -> Rig {
         let camera = Camera::looking_at(Vector3::new(x_m, -4.5, 1.5), Vector3::new(0.0, 0.0, 1.5), k, size);
         let seen = (0..8).map(|i| {
             let point_in_world_m = Vector3::new(side(i, 0), side(i, 1), side(i, 2) + 1.5);
-            let pixel = camera.project(&point_in_world_m).expect("in front").pixel;
+            let pixel = camera.project(&point_in_world_m).expect("in view").pixel;
             let pixel_cov_px2 = Matrix2::identity() * 0.01;
             ControlPoint { name: i.to_string(), point_in_world_m, pixel, pixel_cov_px2 }
         });
@@ -85,7 +73,7 @@ fn problem() -> (FlightModel, InputSeries, Measurements, Measurements) {
     let model = FlightModel::new(&vehicle, &inputs).and_then(|m| m.with_free(&FREE)).expect("a model");
     let (p, t) = (POSITION_STD_M.powi(2), TURN_STD_RAD.powi(2));
     let covariance = Matrix6::from_diagonal(&nalgebra::Vector6::new(p, p, p, t, t, t));
-    let (rig, seed) = (rig(), &mut 7);
+    let (rig, random) = (rig(), &mut Random::new(7, 0));
     let radius_m = 0.5 * vehicle.marker[0].diameter_m;
     let markers: Vec<BodyMarker> = vehicle
         .marker
@@ -96,15 +84,15 @@ fn problem() -> (FlightModel, InputSeries, Measurements, Measurements) {
     for s in &states {
         let at = world_from_body(s.position_in_world_m, s.attitude);
         let t_ns = (s.t_s * 1e9).round() as i64;
-        let place = at.translation.vector + normal3(seed) * POSITION_STD_M;
-        let turn = UnitQuaternion::from_scaled_axis(normal3(seed) * TURN_STD_RAD);
+        let place = at.translation.vector + normal3(random) * POSITION_STD_M;
+        let turn = UnitQuaternion::from_scaled_axis(normal3(random) * TURN_STD_RAD);
         let pose = Isometry3::from_parts(place.into(), at.rotation * turn);
         poses.push(StateMeasurement::of_pose(t_ns, pose, covariance));
         for (camera, c) in rig.cameras.iter().enumerate() {
             for (marker, m) in markers.iter().enumerate() {
                 let centre = (at * Point3::from(m.marker_in_body_m)).coords;
-                let exact = c.camera.project_ball(&centre, m.radius_m).expect("in front").pixel;
-                let pixel = exact + Vector2::new(normal(seed), normal(seed)) * PIXEL_STD_PX;
+                let exact = c.camera.project_ball(&centre, m.radius_m).expect("in view").pixel;
+                let pixel = exact + Vector2::new(random.normal(), random.normal()) * PIXEL_STD_PX;
                 let covariance_px2 = Matrix2::identity() * PIXEL_STD_PX.powi(2);
                 seen.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
             }

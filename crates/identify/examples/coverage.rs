@@ -1,12 +1,13 @@
 //! How often 95 % intervals of output error hold the truth, over simulated flights with a multisine.
 //!
-//! `cargo run --release -p mavsight-identify --example coverage -- poses 200`; the first word is `poses`, `image` (exact
-//! cameras and markers), `nuisances` (markers off by 0.5 mm, their centres by 0.1 px through each flight), `coloured`
-//! (exact cameras and markers, but half of the variance of each centre lasts about half a second) or `path` (half of it is a
-//! function of where the marker is in the image, which changes within some ten pixels).
+//! `cargo run --release -p mavsight-identify --example coverage -- poses 200`; the first word is `poses`,
+//! `image` (exact cameras and markers), `nuisances` (markers off by 0.5 mm, their centres by 0.1 px through
+//! each flight), `coloured` (exact cameras and markers, but half of the variance of each centre lasts about
+//! half a second) or `path` (half of it is a function of where the marker is in the image, which changes
+//! within some ten pixels).
 //!
-//! For all but `poses`, total least squares of equation error gets the same sightings, by way of poses and the smoother:
-//! the last column is the error of this fit over its error, where both have the parameter.
+//! For all but `poses`, total least squares of equation error gets the same observations, by way of poses and
+//! the smoother: the last column is the error of this fit over its error, where both have the parameter.
 
 #[allow(dead_code)]
 #[path = "../tests/flights/aircraft.rs"]
@@ -18,13 +19,14 @@ use mavsight_geometry::{
     Vector3, world_from_body,
 };
 use mavsight_identify::output_error::{
-    FlightModel, ImageMeasurements, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions,
-    StateMeasurement, output_error,
+    FittedParameter, FlightModel, ImageMeasurements, Measurements, ModelParameter, OutputErrorFit,
+    OutputErrorOptions, StateMeasurement, output_error,
 };
 use mavsight_identify::{Bandwidth, Estimator, FitOptions, Model, Options, coefficients, identify_with};
 use mavsight_pose::{
     BodyMarker, CameraControl, MarkerObservation, PoseEstimator, PoseSample, Rig, calibrate, smooth,
 };
+use mavsight_random::Random;
 use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, simulate, true_coefficients};
 use nalgebra::Point3;
 use std::time::Instant;
@@ -37,21 +39,8 @@ const WAVES: usize = 6;
 const WAVELENGTHS_PX: [f64; 2] = [200.0, 20.0];
 const COLOUR_TIME_S: f64 = 0.5;
 
-fn normal(seed: &mut u64) -> f64 {
-    // SplitMix64 (Steele, Lea & Flood 2014).
-    let mut uniform = || {
-        *seed = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = *seed;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (((z ^ (z >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    };
-    let (a, b) = (uniform(), uniform());
-    (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
-}
-
-fn normal3(seed: &mut u64) -> Vector3<f64> {
-    Vector3::new(normal(seed), normal(seed), normal(seed))
+fn normal3(random: &mut Random) -> Vector3<f64> {
+    Vector3::new(random.normal(), random.normal(), random.normal())
 }
 
 fn scenario() -> Scenario {
@@ -92,32 +81,32 @@ fn rig() -> Result<Rig, Box<dyn std::error::Error>> {
     Ok(calibrate(&controls)?)
 }
 
-fn poses(states: &[FlightState], seed: &mut u64) -> Measurements {
+fn poses(states: &[FlightState], random: &mut Random) -> Measurements {
     let (p, t) = (POSITION_STD_M.powi(2), TURN_STD_RAD.powi(2));
     let covariance = Matrix6::from_diagonal(&nalgebra::Vector6::new(p, p, p, t, t, t));
-    let measured = |s: &FlightState, seed: &mut u64| {
+    let measured = |s: &FlightState, random: &mut Random| {
         let at = world_from_body(s.position_in_world_m, s.attitude);
-        let place = at.translation.vector + normal3(seed) * POSITION_STD_M;
-        let turn = UnitQuaternion::from_scaled_axis(normal3(seed) * TURN_STD_RAD);
+        let place = at.translation.vector + normal3(random) * POSITION_STD_M;
+        let turn = UnitQuaternion::from_scaled_axis(normal3(random) * TURN_STD_RAD);
         let pose = Isometry3::from_parts(place.into(), at.rotation * turn);
         let t_ns = (s.t_s * 1e9).round() as i64;
         StateMeasurement::of_pose(t_ns, pose, covariance)
     };
-    Measurements::States(states.iter().map(|s| measured(s, seed)).collect())
+    Measurements::States(states.iter().map(|s| measured(s, random)).collect())
 }
 
 /// Sums of waves over the image, one for each axis of each marker in each camera, of unit variance.
 struct Waves(Vec<[(Vector2<f64>, f64); WAVES]>);
 
 impl Waves {
-    fn new(channels: usize, seed: &mut u64) -> Self {
-        let wave = |k: usize, seed: &mut u64| {
+    fn new(channels: usize, random: &mut Random) -> Self {
+        let wave = |k: usize, random: &mut Random| {
             let [longest, shortest] = WAVELENGTHS_PX;
             let length_px = longest * (shortest / longest).powf(k as f64 / (WAVES - 1) as f64);
-            let direction = Vector2::new(normal(seed), normal(seed)).normalize();
-            (direction * (std::f64::consts::TAU / length_px), normal(seed) * 10.0)
+            let direction = Vector2::new(random.normal(), random.normal()).normalize();
+            (direction * (std::f64::consts::TAU / length_px), random.normal() * 10.0)
         };
-        Self((0..channels).map(|_| std::array::from_fn(|k| wave(k, seed))).collect())
+        Self((0..channels).map(|_| std::array::from_fn(|k| wave(k, random))).collect())
     }
 
     fn at(&self, channel: usize, pixel: &Vector2<f64>) -> f64 {
@@ -126,43 +115,43 @@ impl Waves {
     }
 }
 
-/// All sightings of a flight.
-fn sightings(
+/// All observations of a flight.
+fn observations(
     states: &[FlightState],
     (rig, markers): (&Rig, &[BodyMarker]),
     kind: &str,
-    seed: &mut u64,
+    random: &mut Random,
 ) -> Result<Vec<MarkerObservation>, Box<dyn std::error::Error>> {
     let share = if kind == "nuisances" { 1.0 } else { 0.0 };
     let half = matches!(kind, "coloured" | "path");
     let level = if half { 0.5f64.sqrt() * PIXEL_STD_PX } else { PIXEL_STD_PX };
-    let normal2 = |seed: &mut u64| Vector2::new(normal(seed), normal(seed));
+    let normal2 = |random: &mut Random| Vector2::new(random.normal(), random.normal());
     let channels = rig.cameras.len() * markers.len();
-    let mut slow: Vec<Vector2<f64>> = (0..channels).map(|_| normal2(seed) * level).collect();
-    let waves = Waves::new(2 * channels, &mut seed.wrapping_add(77));
+    let mut slow: Vec<Vector2<f64>> = (0..channels).map(|_| normal2(random) * level).collect();
+    let waves = Waves::new(2 * channels, random);
     let mut before_s = states[0].t_s;
-    let off: Vec<Vector3<f64>> = markers.iter().map(|_| normal3(seed) * (5e-4 * share)).collect();
+    let off: Vec<Vector3<f64>> = markers.iter().map(|_| normal3(random) * (5e-4 * share)).collect();
     let bias: Vec<Vector2<f64>> =
-        (0..channels).map(|_| Vector2::new(normal(seed), normal(seed)) * (0.1 * share)).collect();
+        (0..channels).map(|_| Vector2::new(random.normal(), random.normal()) * (0.1 * share)).collect();
     let mut seen = Vec::new();
     for s in states {
         let pose = world_from_body(s.position_in_world_m, s.attitude);
         let kept = (-(s.t_s - before_s) / COLOUR_TIME_S).exp();
         before_s = s.t_s;
         for e in &mut slow {
-            *e = *e * kept + normal2(seed) * (level * (1.0 - kept * kept).sqrt());
+            *e = *e * kept + normal2(random) * (level * (1.0 - kept * kept).sqrt());
         }
         for (camera, c) in rig.cameras.iter().enumerate() {
             for (marker, m) in markers.iter().enumerate() {
                 let centre = (pose * Point3::from(m.marker_in_body_m + off[marker])).coords;
                 let exact = c.camera.project_ball(&centre, m.radius_m)?.pixel;
                 let k = camera * markers.len() + marker;
-                let lasting = match kind {
+                let systematic = match kind {
                     "coloured" => slow[k],
                     "path" => Vector2::new(waves.at(2 * k, &exact), waves.at(2 * k + 1, &exact)) * level,
                     _ => bias[k],
                 };
-                let pixel = exact + normal2(seed) * level + lasting;
+                let pixel = exact + normal2(random) * level + systematic;
                 let covariance_px2 = Matrix2::identity() * PIXEL_STD_PX.powi(2);
                 let t_ns = (s.t_s * 1e9).round() as i64;
                 seen.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
@@ -184,7 +173,7 @@ fn image(
     Ok(Measurements::Image(images))
 }
 
-/// What equation error by total least squares finds in the same sightings, by the names of output error.
+/// What equation error by total least squares finds in the same observations, by the names of output error.
 fn by_equations(
     seen: &[MarkerObservation],
     (rig, markers): (&Rig, &[BodyMarker]),
@@ -230,6 +219,20 @@ struct Tally {
     by_equations: (f64, f64),
 }
 
+impl Tally {
+    fn add(&mut self, p: &FittedParameter, true_value: f64, by_equations: Option<f64>) {
+        self.held += usize::from(p.ci_low <= true_value && true_value <= p.ci_high);
+        self.normalised += (p.value - true_value) / p.std;
+        self.squares += (p.value - true_value).powi(2);
+        self.variance += p.std.powi(2);
+        self.bound += p.bound_std.powi(2);
+        if let Some(value) = by_equations {
+            self.by_equations.0 += (value - true_value).powi(2);
+            self.by_equations.1 += (p.value - true_value).powi(2);
+        }
+    }
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut words = std::env::args().skip(1);
     let kind = words.next().unwrap_or_else(|| "poses".to_owned());
@@ -254,13 +257,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (mut seconds, mut iterations, mut coloured, mut failed) = (Vec::new(), 0, 0, 0);
     let mut factor = 0.0;
     for flight in 0..flights {
-        // Far apart on the generator's cycle.
-        let mut seed = (flight as u64 + 1) << 40;
+        let mut random = Random::new(1, flight as u64);
         let mut other = Vec::new();
         let measured = if kind == "poses" {
-            poses(&states, &mut seed)
+            poses(&states, &mut random)
         } else {
-            let seen = sightings(&states, (&rig, &markers), &kind, &mut seed)?;
+            let seen = observations(&states, (&rig, &markers), &kind, &mut random)?;
             other = by_equations(&seen, (&rig, &markers), (&vehicle, &inputs))?;
             image(&seen, (&rig, &markers), &kind)?
         };
@@ -283,15 +285,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 ModelParameter::Coefficient(c) => truth.get(c),
                 ModelParameter::InputLag => 0.0,
             };
-            tally.held += usize::from(p.ci_low <= true_value && true_value <= p.ci_high);
-            tally.normalised += (p.value - true_value) / p.std;
-            tally.squares += (p.value - true_value).powi(2);
-            tally.variance += p.std.powi(2);
-            tally.bound += p.bound_std.powi(2);
-            if let Some((_, value)) = other.iter().find(|(name, _)| name == p.name) {
-                tally.by_equations.0 += (value - true_value).powi(2);
-                tally.by_equations.1 += (p.value - true_value).powi(2);
-            }
+            let by_equations = other.iter().find(|(name, _)| name == p.name).map(|(_, value)| *value);
+            tally.add(p, true_value, by_equations);
         }
     }
     let n = (flights - failed) as f64;

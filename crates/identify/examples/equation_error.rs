@@ -1,5 +1,5 @@
-//! Two hundred simulated flights of a multisine on swash-plate and rotor speeds, seen with the noise of ordinary cameras:
-//! which share of the 95 % intervals holds the truth.
+//! Two hundred simulated flights of a multisine on swash-plate and rotor speeds, seen with the noise of
+//! ordinary cameras: which share of the 95 % intervals holds the truth.
 //!
 //! `cargo run --release -p mavsight-identify --example equation_error [FLIGHTS]`
 

@@ -1,5 +1,5 @@
-//! Predicted over achieved standard deviation of total least squares in white and in coloured noise, AR(0.8), over 2000 data
-//! sets of one exact and two noisy columns with 1800 rows: 0.9 to 1.1 is asked for.
+//! Predicted over achieved standard deviation of total least squares in white and in coloured noise, AR(0.8),
+//! over 2000 data sets of one exact and two noisy columns with 1800 rows: 0.9 to 1.1 is asked for.
 //!
 //! `cargo run --release -p mavsight-identify --example errors_in_variables`
 

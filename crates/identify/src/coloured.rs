@@ -9,14 +9,16 @@ pub(crate) struct Coloured {
     pub(crate) degrees: f64,
 }
 
-/// The covariance B Xᵀ R X B of x = B Xᵀ y for errors of y with the autocovariances `gamma` times a level that the
-/// residuals tell: their sum of squares over its expectation tr((I - P)R), P = X (XᵀX)⁻¹ Xᵀ.
+/// The covariance B Xᵀ R X B of x = B Xᵀ y for errors of y with the autocovariances `gamma` times a level
+/// that the residuals show: their sum of squares over its expectation tr((I - P)R), P = X (XᵀX)⁻¹ Xᵀ.
 ///
-/// `once` are errors beside those, each one direction that happens once, of variance one: R has their products as well.
+/// `once` are further errors, each one direction that happens once, of variance one: R has their
+/// products as well.
 ///
-/// The residuals' level is distributed about as chi-square with tr((I - P)R)²/tr(((I - P)R)²) degrees of freedom
-/// (Satterthwaite 1946). Where the colour is known this is far less uncertain than sums of products of the scores, of which
-/// a record behind a low-pass holds few that are independent. `None` where gamma has no variance.
+/// The residuals' level is distributed about as chi-square with tr((I - P)R)²/tr(((I - P)R)²) degrees of
+/// freedom (Satterthwaite 1946). Where the colour is known this is far less uncertain than sums of products
+/// of the scores, of which a record behind a low-pass holds few that are independent. `None` where gamma has
+/// no variance.
 pub(crate) fn coloured(
     columns: &DMatrix<f64>,
     bread: &DMatrix<f64>,

@@ -12,21 +12,23 @@ pub struct Dependence {
 }
 
 impl Dependence {
-    /// Whether an independent column's coefficient is determined by itself, that is, carries no dependent column.
+    /// Whether an independent column's coefficient is determined by itself, that is, carries no dependent
+    /// column.
     pub fn stands_alone(&self, position: usize) -> bool {
         self.dependent.iter().all(|(_, factors)| factors[position] == 0.0)
     }
 }
 
-/// Part of a column's length below which what is left of it says nothing: no record of rotor speeds or swash-plate
-/// angles is good to a millionth, and the normal equations of such columns keep four digits of sixteen.
+/// Part of a column's length below which what is left of it says nothing: no record of rotor speeds or
+/// swash-plate angles is good to a millionth, and the normal equations of such columns keep four digits of
+/// sixteen.
 const TOLD: f64 = 1e-6;
 
 /// Goes through the columns from left to right and keeps each that is not a combination of those kept before.
 ///
-/// A column is a combination when what the kept ones leave of it is below `noise_std`·3·√rows (its own error, were it
-/// all noise) or below a millionth of its length. Kept columns without which as little would be left have the factor
-/// zero: the combination is of the fewest.
+/// A column is a combination when what the kept ones leave of it is below `noise_std`·3·√rows (its own error,
+/// were it all noise) or below a millionth of its length. Kept columns without which as little would be left
+/// have the factor zero: the combination is of the fewest.
 pub fn independent_columns(columns: &DMatrix<f64>, noise_std: &[f64]) -> Dependence {
     let (rows, count) = columns.shape();
     let mut out = Dependence { independent: Vec::new(), dependent: Vec::new() };
@@ -48,8 +50,8 @@ pub fn independent_columns(columns: &DMatrix<f64>, noise_std: &[f64]) -> Depende
     out
 }
 
-/// Factors of a combination with a zero for each column, from the one that adds least, without which no more than
-/// `bound` is left.
+/// Factors of a combination with a zero for each column, from the one that adds least, without which no more
+/// than `bound` is left.
 fn fewest(
     columns: &DMatrix<f64>,
     kept: &[usize],
@@ -118,10 +120,10 @@ mod tests {
         assert!(!d.stands_alone(0) && !d.stands_alone(1));
     }
 
-    /// Rotors moved by one and the same part of their speeds, recorded with eight digits, had coefficients of 7 ± 22
-    /// each, one without any interval.
+    /// Rotors moved by one and the same part of their speeds, recorded with eight digits, had coefficients of
+    /// 7 ± 22 each, one without any interval.
     #[test]
-    fn columns_that_only_the_rounding_of_a_record_tells_apart_are_dependent() {
+    fn columns_that_differ_by_the_rounding_of_a_record_alone_are_dependent() {
         let columns = DMatrix::from_fn(600, 3, |i, j| {
             let part = 1.0 + 0.05 * (0.1 * i as f64).sin();
             [1.0, 4.0 * part, (3.0 * part * 1e7).round() * 1e-7][j]

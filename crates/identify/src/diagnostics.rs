@@ -5,25 +5,27 @@ use crate::{IdentifyError, least_squares::check};
 use mavsight_geometry::svd::jacobi_svd;
 use nalgebra::{DMatrix, DVector};
 
-/// What the regressors of a fit can tell apart.
+/// How well the columns of a fit are distinguished.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Collinearity {
     /// Singular values of the columns, each scaled to length one, descending.
     pub singular_values: DVector<f64>,
     /// The largest over each (Belsley, Kuh & Welsch 1980, section 3.2); the last is the condition number.
     pub condition_indices: DVector<f64>,
-    /// Share of each parameter's variance (column) that goes with each singular value (row); columns sum to one. Two or
-    /// more shares above a half in a row of a condition index above 30 are entangled parameters (same, section 3.3).
+    /// Share of each parameter's variance (column) that goes with each singular value (row); columns sum to
+    /// one. Two or more shares above a half in a row of a condition index above 30 are entangled parameters
+    /// (same, section 3.3).
     pub variance_proportions: DMatrix<f64>,
-    /// By how much each parameter's variance exceeds that without the other columns; about the mean for columns beside
-    /// a constant one (Marquardt 1970).
+    /// By how much each parameter's variance exceeds that without the other columns; about the mean for
+    /// columns next to a constant one (Marquardt 1970).
     pub variance_inflation: DVector<f64>,
 }
 
-/// Finds what columns can be told apart.
+/// Finds how well columns are distinguished.
 ///
 /// # Errors
-/// Numbers that are not finite, or a column of zeros or rank that is deficient ([`crate::independent_columns`] finds it).
+/// Numbers that are not finite, or a column of zeros or rank that is deficient
+/// ([`crate::independent_columns`] finds it).
 pub fn collinearity(columns: &DMatrix<f64>) -> Result<Collinearity, IdentifyError> {
     let (rows, count) = columns.shape();
     check(columns, &DVector::zeros(rows))?;
@@ -62,8 +64,8 @@ pub fn collinearity(columns: &DMatrix<f64>) -> Result<Collinearity, IdentifyErro
 }
 
 impl Collinearity {
-    /// Groups of columns that trade against each other: two or more with shares above a half in one condition index
-    /// above `threshold`.
+    /// Groups of columns that trade against each other: two or more with shares above a half in one condition
+    /// index above `threshold`.
     pub fn entangled(&self, threshold: f64) -> Vec<Vec<usize>> {
         let count = self.condition_indices.len();
         let mut groups: Vec<Vec<usize>> = Vec::new();
@@ -78,7 +80,7 @@ impl Collinearity {
     }
 }
 
-/// Correlations of parameters from their covariance; zero beside one that has no variance.
+/// Correlations of parameters from their covariance; zero next to one that has no variance.
 pub fn correlations(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let std = covariance.diagonal().map(|v| v.max(0.0).sqrt());
     DMatrix::from_fn(covariance.nrows(), covariance.ncols(), |i, j| {
@@ -92,8 +94,8 @@ pub fn correlations(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     })
 }
 
-/// Autocorrelations of residuals about their mean at lags 1, 2, ... up to `lags`; for white ones 95 % lie within
-/// ± 1.96/√n (Box & Jenkins 1976, section 6.2.2).
+/// Autocorrelations of residuals about their mean at lags 1, 2, ... up to `lags`; for white ones 95 % lie
+/// within ± 1.96/√n (Box & Jenkins 1976, section 6.2.2).
 pub fn autocorrelations(residuals: &[f64], lags: usize) -> Vec<f64> {
     let n = residuals.len();
     let mean = residuals.iter().sum::<f64>() / n.max(1) as f64;
@@ -116,15 +118,17 @@ pub struct Agreement {
     pub rms: f64,
     /// Largest difference.
     pub max: f64,
-    /// Theil's inequality coefficient: the root mean square difference over the sum of both root mean squares, 0 for
-    /// equal, 1 for unrelated series (Theil 1961); below 0.25 to 0.3 counts as good (Jategaonkar 2015, section 11.3.3).
+    /// Theil's inequality coefficient: the root mean square difference over the sum of both root mean
+    /// squares, 0 for equal, 1 for unrelated series (Theil 1961); below 0.25 to 0.3 counts as good
+    /// (Jategaonkar 2015, section 11.3.3).
     pub theil: f64,
-    /// Shares of the mean square difference that are one of means, of spreads, and of neither; they sum to one. The last
-    /// should be most.
+    /// Shares of the mean square difference that are one of means, of spreads, and of neither; they sum to
+    /// one. The last should be most.
     pub theil_shares: [f64; 3],
 }
 
-/// Compares a measured series with a fitted or predicted one; the shorter decides how many. Empty series agree in nothing.
+/// Compares a measured series with a fitted or predicted one; the shorter decides how many. Empty series
+/// agree in nothing.
 pub fn agreement(measured: &[f64], predicted: &[f64]) -> Agreement {
     let count = measured.len().min(predicted.len());
     if count == 0 {
@@ -156,13 +160,13 @@ pub fn agreement(measured: &[f64], predicted: &[f64]) -> Agreement {
 
 /// Sum of squares of the prediction error of rows when they are left out, in blocks of consecutive rows.
 ///
-/// A block of one is PRESS (Allen 1974). Where neighbours' errors are correlated, the neighbour that stays tells of the
-/// one left out, and too large models look good; a block about as long as the correlation prevents that (Burman,
-/// Chow & Nolan 1994). Formed from one fit: the block's prediction error is (I - H)⁻¹ e with H its part of the hat matrix.
-/// Infinite where a block's rows alone hold a parameter.
+/// A block of one is PRESS (Allen 1974). Where neighbours' errors are correlated, the neighbours that remain
+/// predict the one left out, and too large models look good; a block about as long as the correlation
+/// prevents that (Burman, Chow & Nolan 1994). Formed from one fit: the block's prediction error is (I - H)⁻¹
+/// e with H its part of the hat matrix. Infinite where a block's rows alone hold a parameter.
 ///
 /// # Errors
-/// The same as [`crate::least_squares`].
+/// The errors of [`crate::least_squares`].
 pub fn press(regressors: &DMatrix<f64>, output: &DVector<f64>, block: usize) -> Result<f64, IdentifyError> {
     check(regressors, output)?;
     let factored = Factored::new(regressors)?;

@@ -54,7 +54,7 @@ pub enum IdentifyError {
         /// Rows expected.
         rows: usize,
     },
-    /// An error covariance that is none.
+    /// An error covariance that is not valid.
     #[error("the error covariance of {columns} regressors and the output {what}")]
     BadErrors {
         /// What it must be.
@@ -102,7 +102,7 @@ pub enum IdentifyError {
     },
     /// A regressor that names no signal.
     #[error(
-        "output {output} names the signal {signal:?}, which there is not; there are {known}, and each further column of numbers in the inputs"
+        "output {output} names the signal {signal:?}, which does not exist: use one of {known}, or the name of a further column of numbers in the inputs"
     )]
     UnknownSignal {
         /// Output.
@@ -168,7 +168,7 @@ pub enum IdentifyError {
         known: usize,
     },
     /// A trajectory that is not finite.
-    #[error("the trajectory from {t_s:.3} s on runs away: start from other values, or shorten the segments")]
+    #[error("the trajectory from {t_s:.3} s on diverges: start from other values, or shorten the segments")]
     RanAway {
         /// Start of the segment.
         t_s: f64,
@@ -176,7 +176,7 @@ pub enum IdentifyError {
     /// Nothing to be estimated.
     #[error("no parameter is free: name at least one")]
     NothingFree,
-    /// Parameters that the flight cannot tell apart.
+    /// Parameters that the flight does not distinguish.
     #[error("the flight does not determine {}: {combination}; fix one of them, or fly a manoeuvre that moves them by themselves", names.join(", "))]
     NotDetermined {
         /// The parameters.
@@ -186,14 +186,14 @@ pub enum IdentifyError {
     },
     /// The iteration stopped early.
     #[error(
-        "the fit has not converged after {iterations} iterations (it still promises to lower {squares:.4e} by {promise:.1e}): start from other values, or shorten the segments"
+        "the fit has not converged after {iterations} iterations (the next step would lower the weighted squares of {squares:.4e} by {promise:.1e}): start from other values, or shorten the segments"
     )]
     FitNotConverged {
         /// Iterations.
         iterations: usize,
         /// Weighted squares reached.
         squares: f64,
-        /// What the next step promises.
+        /// Predicted decrease by the next step.
         promise: f64,
     },
     /// A marker that no camera can see at the fitted pose, or a camera that cannot be differentiated.

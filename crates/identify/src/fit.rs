@@ -1,8 +1,7 @@
-//! The fits of one flight by the estimators.
+//! Results and options of equation-error fits.
 
 use crate::diagnostics::{Agreement, Collinearity};
-use crate::problem::Problem;
-use crate::{Band, CoefficientTable, IdentifyError, Output};
+use crate::{Band, Output};
 use nalgebra::DMatrix;
 
 /// How parameters were estimated.
@@ -84,7 +83,7 @@ pub struct Combination {
 pub struct Diagnostics {
     /// Names of the independent columns, in the order of all that follows.
     pub columns: Vec<String>,
-    /// What they can tell apart.
+    /// How well they are distinguished.
     pub collinearity: Collinearity,
     /// Correlations of their estimates.
     pub correlations: DMatrix<f64>,
@@ -111,7 +110,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// Its value at a row of the table that was fitted.
+    /// The fitted value at a row of the table.
     pub fn at(&self, output: &Output, row: usize) -> f64 {
         let parts = output.columns.iter().zip(&self.factors).map(|(c, factor)| c.values[row] * factor);
         parts.sum::<f64>() + self.offset
@@ -168,7 +167,8 @@ impl Identification {
 pub struct FitOptions {
     /// Estimators, in the order of the results.
     pub estimators: Vec<Estimator>,
-    /// Band of [`Estimator::FrequencyDomain`]; where there is none, from one cycle in the window to the bandwidth of the output.
+    /// Band of [`Estimator::FrequencyDomain`]; where there is none, from one cycle in the window to the
+    /// bandwidth of the output.
     pub band: Option<Band>,
     /// First and last time of a part that is not fitted but predicted.
     pub held_out_s: Option<(f64, f64)>,
@@ -186,34 +186,4 @@ impl Default for FitOptions {
             held_out_s: None,
         }
     }
-}
-
-/// Fits every output of the table by [`identify_with`] its default options: ordinary and total least squares, the latter also with
-/// each instant's own covariance.
-///
-/// # Errors
-/// Those of [`identify_with`].
-pub fn identify(table: &CoefficientTable) -> Result<Identification, IdentifyError> {
-    identify_with(table, &FitOptions::default())
-}
-
-/// Fits every output of the table by each estimator.
-///
-/// A column that is a combination of those before it (constant thrusts are multiples of the intercept) is taken into
-/// them; parameters concerned are marked as not identifiable and the combination that is determined is given. Intervals
-/// allow for residuals that are correlated over a period of the low-pass. [`Estimator::FrequencyDomain`] leaves the constant out.
-///
-/// # Errors
-/// Too few instants, columns of rank zero, no total least-squares solution, a band without frequencies.
-pub fn identify_with(
-    table: &CoefficientTable,
-    options: &FitOptions,
-) -> Result<Identification, IdentifyError> {
-    let mut fits = Vec::with_capacity(table.outputs.len() * options.estimators.len());
-    for output in &table.outputs {
-        for estimator in &options.estimators {
-            fits.push(Problem::new(table, output, *estimator, options)?.fit()?);
-        }
-    }
-    Ok(Identification { fits })
 }

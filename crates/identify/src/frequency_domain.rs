@@ -5,12 +5,12 @@ use crate::{IdentifyError, LeastSquares, least_squares, weighted_least_squares};
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::PI;
 
-/// The finite Fourier transform ∫ x(t) exp(-2πi f t) dt of a series at steps of `dt_s`, counted from its first sample, at
-/// any frequency: (real, imaginary) for each of `frequencies_hz`.
+/// The finite Fourier transform ∫ x(t) exp(-2πi f t) dt of a series at steps of `dt_s`, counted from its
+/// first sample, at any frequency: (real, imaginary) for each of `frequencies_hz`.
 ///
-/// Exact for the straight lines between samples (Filon's rule of first order; Press et al. 2007, section 13.9), where
-/// a plain sum would be in error by the sampling; Morelli (1997) says why that matters. Frequencies need not be multiples
-/// of anything.
+/// Exact for the straight lines between samples (Filon's rule of first order; Press et al. 2007, section
+/// 13.9), where a plain sum would be in error by the sampling; Morelli (1997) says why that matters.
+/// Frequencies need not be multiples of anything.
 pub fn fourier_transform(series: &[f64], dt_s: f64, frequencies_hz: &[f64]) -> Vec<(f64, f64)> {
     frequencies_hz.iter().map(|f| transform_at(series, dt_s, 2.0 * PI * f * dt_s)).collect()
 }
@@ -18,7 +18,7 @@ pub fn fourier_transform(series: &[f64], dt_s: f64, frequencies_hz: &[f64]) -> V
 /// At an angle a sample.
 fn transform_at(series: &[f64], dt_s: f64, angle: f64) -> (f64, f64) {
     let Some(last) = series.len().checked_sub(1).filter(|last| *last > 0) else { return (0.0, 0.0) };
-    // A rotation by a constant angle loses a digit in about a thousand steps: it is set anew before that.
+    // A rotation by a constant angle loses a digit in about a thousand steps: it is set again before that.
     const RESTART: usize = 64;
     let (step_c, step_s) = (angle.cos(), angle.sin());
     let (mut c, mut s) = (1.0, 0.0);
@@ -74,8 +74,8 @@ pub struct Band {
 }
 
 impl Band {
-    /// Frequencies one cycle in the record apart, between which a record of that length does not tell more: their
-    /// transforms have errors that are independent (Brillinger 1981, theorem 4.4.1).
+    /// Frequencies one cycle in the record apart, between which a record of that length has no more
+    /// information: their transforms have errors that are independent (Brillinger 1981, theorem 4.4.1).
     pub fn frequencies_hz(&self, length_s: f64) -> Vec<f64> {
         let step_hz = 1.0 / length_s;
         let count = ((self.high_hz - self.low_hz) / step_hz + 1e-9).floor();
@@ -107,7 +107,8 @@ impl Band {
         Ok(out)
     }
 
-    /// What each of `rows` samples weighs in the transforms at the band's frequencies: real parts, then imaginary, by samples.
+    /// What each of `rows` samples weighs in the transforms at the band's frequencies: real parts, then
+    /// imaginary, by samples.
     pub(crate) fn weights(&self, rows: usize, dt_s: f64) -> DMatrix<f64> {
         let angles: Vec<f64> =
             self.frequencies_hz(rows as f64 * dt_s).iter().map(|f| 2.0 * PI * f * dt_s).collect();
@@ -135,10 +136,11 @@ impl Band {
 /// Equation error over a band of frequencies: complex least squares of the output's transform by those of the
 /// regressors (Klein 1978; Morelli & Klein 2016, section 7.4), of rows at equal steps.
 ///
-/// What is outside the band, such as drift below and noise above, does not enter. A constant column leaks little
-/// into a band away from zero: leave it out, or accept a wide interval. Covariance from the residuals in the band, whose
-/// spectrum must be about flat, or else be given up to a factor as `density`, one value a frequency, by which each is then
-/// weighed. Residuals and leverages are those of the weighted real parts, then of the imaginary.
+/// What is outside the band, such as drift below and noise above, does not enter. A constant column leaks
+/// little into a band away from zero: leave it out, or accept a wide interval. Covariance from the residuals
+/// in the band, whose spectrum must be about flat, or else be given up to a factor as `density`, one value a
+/// frequency, by which each is then weighed. Residuals and leverages are those of the weighted real parts,
+/// then of the imaginary.
 ///
 /// # Errors
 /// [`IdentifyError::BadBand`]; those of [`crate::least_squares`], where rows are two a frequency.

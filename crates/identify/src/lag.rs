@@ -2,8 +2,9 @@
 
 use crate::coloured::coloured;
 use crate::dependence::independent_columns;
+use crate::error_rows::ErrorRows;
 use crate::model::factors;
-use crate::table::{ErrorRows, Output, rows_of};
+use crate::table::{Output, rows_of};
 use crate::{
     Bandwidth, CoefficientTable, Correlation, IdentifyError, Options, OutputModel, When, coefficients,
     least_squares,
@@ -22,21 +23,22 @@ pub struct Lag {
 }
 
 impl Lag {
-    /// Whether it is more than three standard deviations from nothing, which chance exceeds once in 370 flights.
+    /// Whether it is more than three standard deviations from nothing, which chance exceeds once in 370
+    /// flights.
     pub fn significant(&self) -> bool {
         self.lag_s.abs() > 3.0 * self.std_s
     }
 }
 
-/// What a flight tells of the clocks.
+/// What a flight shows of the clocks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Clocks {
     /// The lag that was found.
     Lag(Lag),
     /// The lag is beyond so many seconds: residuals are least there.
     Beyond(f64),
-    /// The inputs move too little to tell.
-    Untold,
+    /// The inputs move too little to determine it.
+    Undetermined,
     /// The lag was given.
     Known(f64),
 }
@@ -66,8 +68,8 @@ impl Clocks {
                 "The clocks differ by more than the {reach_s:.2} s that were searched, and nothing was moved: \
                  check that inputs and motion are of the same flight, or give --lag."
             )),
-            Self::Untold => Some(
-                "The inputs move too little to tell whether their clock is the motion's: it was taken to be."
+            Self::Undetermined => Some(
+                "The inputs move too little to determine their clock against the motion's: both are taken as equal."
                     .to_owned(),
             ),
             _ => None,
@@ -111,15 +113,16 @@ pub fn delayed(inputs: &InputSeries, lag_s: f64) -> Result<InputSeries, Identify
     Ok(InputSeries::new(samples)?.with_channels(channels)?)
 }
 
-/// Estimates the lag between the inputs' clock and the motion's, up to `reach_s` either way, from what the inputs leave in
-/// the outputs: the shift of least residuals, by one more column of each regression, the derivative of its residuals by
-/// the shift. Outputs are weighed by their variances; where they disagree by more, the standard deviation grows by
-/// the root of chi-square over its degrees of freedom (Birge 1932).
+/// Estimates the lag between the inputs' clock and the motion's, up to `reach_s` either way, from what the
+/// inputs leave in the outputs: the shift of least residuals, by one more column of each regression, the
+/// derivative of its residuals by the shift. Outputs are weighed by their variances; where they disagree by
+/// more, the standard deviation grows by the root of chi-square over its degrees of freedom (Birge 1932).
 ///
-/// A swash-plate's own column beside that of the disc that it drives is left out: the rate of flapping is a sum of both and
-/// the body's rate, so that the two columns together imitate a lag.
+/// A swash-plate's own column beside that of the disc that it drives is left out: the rate of flapping is a
+/// sum of both and the body's rate, so that the two columns together imitate a lag.
 ///
-/// Valid for a model that holds: a time constant of a rotor that is longer than the vehicle file says looks like a lag.
+/// Valid for a model that holds: a time constant of a rotor that is longer than the vehicle file says looks
+/// like a lag.
 ///
 /// # Errors
 /// Those of [`coefficients`].
@@ -130,11 +133,11 @@ pub fn estimate_lag(
     options: &Options,
     reach_s: f64,
 ) -> Result<Clocks, IdentifyError> {
-    let search = Search::new(motion, inputs, vehicle, options)?;
+    let search = LagSearch::new(motion, inputs, vehicle, options)?;
     let mut lag_s = match search.coarse(reach_s)? {
         Coarse::Inside(lag_s) => lag_s,
         Coarse::End => return Ok(Clocks::Beyond(reach_s)),
-        Coarse::Flat => return Ok(Clocks::Untold),
+        Coarse::Flat => return Ok(Clocks::Undetermined),
     };
     let step_s = 0.02 / search.bandwidth_hz;
     for _ in 0..MAX_STEPS {
@@ -147,25 +150,25 @@ pub fn estimate_lag(
             return Ok(Clocks::Lag(Lag { lag_s, std_s }));
         }
     }
-    Ok(Clocks::Untold)
+    Ok(Clocks::Undetermined)
 }
 
 /// Where on a grid of shifts the residuals are least.
 enum Coarse {
     Inside(f64),
     End,
-    /// Everywhere alike, as far as the residuals' scatter tells.
+    /// Everywhere alike, as far as the residuals' scatter shows.
     Flat,
 }
 
-/// Twice the logarithm of the likelihood that a shift must gain to count: the 99.9 % quantile of chi-square with one degree
-/// of freedom.
+/// Twice the logarithm of the likelihood that a shift must gain to count: the 99.9 % quantile of chi-square
+/// with one degree of freedom.
 const TELLING: f64 = 10.83;
 
 /// Regressors, and what they are fitted to.
 type Regression = (DMatrix<f64>, DVector<f64>);
 
-struct Search<'a> {
+struct LagSearch<'a> {
     motion: &'a Motion,
     inputs: &'a InputSeries,
     vehicle: &'a Vehicle,
@@ -176,7 +179,7 @@ struct Search<'a> {
     independent: Vec<Vec<usize>>,
 }
 
-impl<'a> Search<'a> {
+impl<'a> LagSearch<'a> {
     fn new(
         motion: &'a Motion,
         inputs: &'a InputSeries,

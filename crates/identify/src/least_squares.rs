@@ -21,16 +21,17 @@ pub struct LeastSquares {
     pub residuals: DVector<f64>,
     /// What each row weighs in its own fit, the diagonal of X(XᵀX)⁻¹Xᵀ.
     pub leverages: DVector<f64>,
-    /// Sum of squares of the prediction error of each row when it is left out (Allen 1974); for white residuals.
+    /// Sum of squares of the prediction error of each row when it is left out (Allen 1974); for white
+    /// residuals.
     pub press: f64,
 }
 
 /// Fits `output` by the columns of `regressors`, all taken as exact.
 ///
-/// Householder QR of scaled columns, refined with residuals in twice the working precision (Björck 1967).
-/// The covariance of correlated residuals is White's sandwich with Bartlett weights (Newey & West 1987): behind a
-/// smoother they are coloured, and σ²(XᵀX)⁻¹ would be too small (Morelli & Klein 1997). Zero rows still allow for unequal
-/// variance. Valid where errors of the regressors are small beside what they vary by.
+/// Householder QR of scaled columns, refined with residuals in twice the working precision (Björck 1967). The
+/// covariance of correlated residuals is White's sandwich with Bartlett weights (Newey & West 1987): behind a
+/// smoother they are coloured, and σ²(XᵀX)⁻¹ would be too small (Morelli & Klein 1997). Zero rows still allow
+/// for unequal variance. Valid where errors of the regressors are small against their variation.
 ///
 /// # Errors
 /// Fewer rows than columns, numbers that are not finite, or columns of deficient rank
@@ -60,12 +61,13 @@ pub fn least_squares(
     Ok(LeastSquares { values, covariance, white_covariance, inverse_gram, residuals, leverages, press })
 }
 
-/// Fits rows whose outputs have errors of the given standard deviations (Aitken 1935), each row divided by its own.
+/// Fits rows whose outputs have errors of the given standard deviations (Aitken 1935), each row divided by
+/// its own.
 ///
 /// Values and covariance are those of the rows as given; residuals, leverages and PRESS of the divided ones.
 ///
 /// # Errors
-/// The same as [`least_squares`]; standard deviations that are not positive and finite.
+/// The errors of [`least_squares`]; standard deviations that are not positive and finite.
 pub fn weighted_least_squares(
     regressors: &DMatrix<f64>,
     output: &DVector<f64>,
@@ -96,8 +98,8 @@ pub(crate) fn check(regressors: &DMatrix<f64>, output: &DVector<f64>) -> Result<
     Ok(())
 }
 
-/// The 97.5 % quantile of Student's t with the given degrees of freedom; at least one and at most a million, beyond
-/// which it is that of the normal distribution.
+/// The 97.5 % quantile of Student's t with the given degrees of freedom; at least one and at most a million,
+/// beyond which it is that of the normal distribution.
 pub fn student_quantile_975(degrees: usize) -> f64 {
     StudentsT::new(0.0, 1.0, degrees.clamp(1, 1_000_000) as f64).map_or(f64::NAN, |t| t.inverse_cdf(0.975))
 }

@@ -1,13 +1,15 @@
 //! From motion and inputs to parameters: regressors, estimators, diagnostics.
 //!
-//! The model is a file ([`Model`]); by default equation 3 of Mulyanto, Nurhakim, Muhammad (2012) with both thrusts: each of
-//! C_X, C_Z and C_m is linear in 1, alpha_u, alpha_l, q, delta_lon, T_u and T_l; and C_Y, C_l and C_n likewise.
+//! The model is a file ([`Model`]); by default equation 3 of Mulyanto, Nurhakim, Muhammad (2012) with both
+//! thrusts: each of C_X, C_Z and C_m is linear in 1, alpha_u, alpha_l, q, delta_lon, T_u and T_l; and C_Y,
+//! C_l and C_n likewise.
 
 mod coloured;
 mod compensated;
 mod dependence;
 mod diagnostics;
 mod error;
+mod error_rows;
 mod fit;
 mod frequency_domain;
 mod lag;
@@ -16,8 +18,8 @@ mod model;
 mod noise;
 mod orthogonal;
 pub mod output_error;
-mod problem;
 mod recursive;
+mod regression;
 mod regressors;
 mod robust_covariance;
 mod row_errors;
@@ -34,19 +36,18 @@ pub use diagnostics::{
     Agreement, Collinearity, agreement, autocorrelations, collinearity, correlations, press,
 };
 pub use error::IdentifyError;
-pub use fit::{
-    Combination, Diagnostics, Estimator, FitOptions, Identification, OutputFit, Parameter, identify,
-    identify_with,
-};
+pub use error_rows::ErrorRows;
+pub use fit::{Combination, Diagnostics, Estimator, FitOptions, Identification, OutputFit, Parameter};
 pub use frequency_domain::{Band, fourier_transform, frequency_domain};
 pub use lag::{Clocks, Lag, delayed, estimate_lag};
 pub use least_squares::{LeastSquares, least_squares, student_quantile_975, weighted_least_squares};
 pub use model::{EQUATION_3, Measured, Model, OutputModel, SIGNALS, Scale, When};
 pub use noise::ErrorSpectrum;
 pub use recursive::RecursiveLeastSquares;
+pub use regression::{identify, identify_with};
 pub use regressors::{Bandwidth, Options, coefficients};
 pub use robust_covariance::Correlation;
 pub use row_errors::total_least_squares_by_row;
 pub use structure::{Structure, choose_structure, stepwise};
-pub use table::{CoefficientTable, Column, ErrorRows, Fixed, Output};
+pub use table::{CoefficientTable, Column, Fixed, Output};
 pub use total_least_squares::{TotalLeastSquares, independent_errors, total_least_squares};

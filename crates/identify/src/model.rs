@@ -93,7 +93,7 @@ pub struct OutputModel {
     pub name: String,
     /// What is explained.
     pub measured: Measured,
-    /// Its unit.
+    /// Unit of the signal.
     pub scale: Scale,
     /// Names of [`SIGNALS`] or of channels of the inputs, or products of them such as `kappa_u*alpha_u`.
     pub regressors: Vec<String>,
@@ -107,8 +107,9 @@ pub struct OutputModel {
 
 /// A set of output equations.
 ///
-/// A file names `schema = 1`, a `name`, and for each `[[output]]` its `name`, what is `measured` (`force_x` to `moment_z`),
-/// its `scale` (`rotor` or `si`), its `regressors`, and, where wanted, `fixed` coefficients and `when = "excited"`.
+/// A file names `schema = 1`, a `name`, and for each `[[output]]` its `name`, what is `measured` (`force_x`
+/// to `moment_z`), its `scale` (`rotor` or `si`), its `regressors`, and, where wanted, `fixed` coefficients
+/// and `when = "excited"`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Model {
@@ -124,7 +125,8 @@ impl Model {
     /// Reads a model file's text.
     ///
     /// # Errors
-    /// [`IdentifyError::ModelFile`] for text that is not such a file. Whether its signals exist, [`Model::check_signals`] says.
+    /// [`IdentifyError::ModelFile`] for text that is not such a file. Whether its signals exist,
+    /// [`Model::check_signals`] says.
     pub fn parse(text: &str) -> Result<Self, IdentifyError> {
         let model: Self =
             toml::from_str(text).map_err(|e| IdentifyError::ModelFile { detail: e.to_string() })?;

@@ -1,6 +1,6 @@
 //! How the errors of poses, behind a smoother, reach what is computed from the motion.
 
-use crate::table::ErrorRows;
+use crate::error_rows::ErrorRows;
 use std::f64::consts::PI;
 
 /// What errs: the position or the turn of each pose along a body axis, white from pose to pose.
@@ -10,7 +10,7 @@ pub(crate) enum Source {
     Turn(usize),
 }
 
-/// The frequency response from that to a signal, beside the low-passes that all signals have passed.
+/// The frequency response from that to a signal, in addition to the low-passes that all signals have passed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Transfer {
     /// (iω)ⁿ.
@@ -71,11 +71,12 @@ impl Bands {
         }
     }
 
-    /// Covariance of two signals over the smoother's variance of their source: ∫ Re(F G*) Π H² df over ∫ H df, where
-    /// H = 1/(1 + (f/fc)⁶).
+    /// Covariance of two signals over the smoother's variance of their source: ∫ Re(F G*) Π H² df over ∫ H
+    /// df, where H = 1/(1 + (f/fc)⁶).
     ///
-    /// The variance that a smoother states holds what it could not resolve as well, which is no error of a regression
-    /// whose both sides have passed the same low-pass: of white noise of density S it is S∫H, of which S∫H² is noise.
+    /// The variance that a smoother states holds what it could not resolve as well, which is no error of a
+    /// regression whose both sides have passed the same low-pass: of white noise of density S it is S∫H, of
+    /// which S∫H² is noise.
     fn share(&self, a: Transfer, b: Transfer, source: Source, grid: &Grid) -> f64 {
         let sum: f64 = grid
             .passed
@@ -150,7 +151,7 @@ pub struct ErrorSpectrum {
 }
 
 impl ErrorSpectrum {
-    /// That of some of the signals.
+    /// The spectrum of some of the signals.
     pub(crate) fn of_signals(&self, kept: &[usize]) -> Self {
         let at = |signals: &Vec<(f64, f64)>| kept.iter().map(|j| signals[*j]).collect();
         let responses = self.responses.iter().map(|source| source.iter().map(at).collect()).collect();
@@ -230,7 +231,8 @@ mod tests {
 
     #[test]
     fn shares_are_those_of_the_closed_form() {
-        // ∫ x^{2k}/(1 + x⁶)² = (1 - (2k + 1)/6) ∫ x^{2k}/(1 + x⁶), by parts; the latter is (π/6)/sin((2k + 1)π/6).
+        // ∫ x^{2k}/(1 + x⁶)² = (1 - (2k + 1)/6) ∫ x^{2k}/(1 + x⁶), by parts; the latter is (π/6)/sin((2k +
+        // 1)π/6).
         let bands = Bands { translation_hz: 2.0, rotation_hz: 5.0, passed_hz: vec![2.0] };
         for k in 0..3 {
             let share = bands.share(
@@ -272,7 +274,8 @@ mod tests {
             term(Transfer::Derivative(1), 1.0),
             term(Transfer::Washout { time_s: tau }, -1.0),
         ];
-        // White noise of variance one at steps dt has the density 2 dt; the smoother's variance is that times ∫H.
+        // White noise of variance one at steps dt has the density 2 dt; the smoother's variance is that times
+        // ∫H.
         let stated = 2.0 * dt * fc * PI / 3.0;
         let signals: Vec<&[Term]> = signals.iter().map(Vec::as_slice).collect();
         let got = bands.covariances(&signals, 1, &|_, _| stated).block(0, &[0, 1, 2]);

@@ -64,9 +64,9 @@ impl Factored {
         Ok((&out + out.transpose()) * 0.5)
     }
 
-    /// x and r of r + X x = f, Xᵀ r = g, by fixed-precision refinement (Björck 1967): both right sides are formed in
-    /// twice the working precision, so x is right to nearly the last digit as long as condition × ε is below one.
-    /// Rounding of r cancels: it enters both sides and is taken out again.
+    /// x and r of r + X x = f, Xᵀ r = g, by fixed-precision refinement (Björck 1967): both right sides are
+    /// formed in twice the working precision, so x is right to nearly the last digit as long as condition × ε
+    /// is below one. Rounding of r cancels: it enters both sides and is taken out again.
     fn augmented(
         &self,
         f: &DVector<f64>,

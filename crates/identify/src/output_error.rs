@@ -1,16 +1,19 @@
-//! Output error: the parameters, and the start, with which the equations of motion pass nearest to what was measured.
+//! Output error: the parameters, and the start, with which the equations of motion pass nearest to what was
+//! measured.
 //!
-//! The measurements are poses, velocities and rates, or the images of markers themselves; nothing is differentiated or
-//! smoothed. The flight is cut into segments that are flown each from its own start and held together by a penalty
-//! that is tightened until it is a constraint (multiple shooting, Bock 1983), so that an unstable aircraft does not
-//! carry a fit away. Sensitivities are the exact derivative of the integration. Weights follow from the
-//! residuals by iterated relaxation (Maine & Iliff 1985; Jategaonkar 2015, chapter 4).
+//! The measurements are poses, velocities and rates, or the images of markers themselves; nothing is
+//! differentiated or smoothed. The flight is cut into segments that are flown each from its own start and
+//! held together by a penalty that is tightened until it is a constraint (multiple shooting, Bock 1983), so
+//! that an unstable aircraft does not carry a fit away. Sensitivities are the exact derivative of the
+//! integration. Weights follow from the residuals by iterated relaxation (Maine & Iliff 1985; Jategaonkar
+//! 2015, chapter 4).
 //!
-//! Where residuals are not white, part of each channel's errors is taken to last for some time; its share and the time are
-//! found by restricted maximum likelihood and weighed. What is still correlated then widens the standard deviations
-//! (Morelli & Klein 1997). The process itself is taken as free of noise: wind, or a model that lacks a term, is treated
-//! as such errors.
+//! Where residuals are not white, part of each channel's errors is taken to last for some time; its share and
+//! the time are found by restricted maximum likelihood and weighed. What is still correlated then widens the
+//! standard deviations (Morelli & Klein 1997). The process itself is taken as free of noise: wind, or a model
+//! that lacks a term, is treated as such errors.
 
+mod assemble;
 mod colour;
 mod condense;
 mod covariance;
@@ -20,26 +23,33 @@ mod determined;
 mod disagreement;
 mod expected;
 mod fit;
+mod fitter;
 mod flight;
 mod image;
+mod inverse;
 mod linear;
 mod measure;
 mod model;
+mod options;
 mod prediction;
 mod propagate;
 mod result;
+mod row;
 mod shooting;
 mod start;
 
-pub use disagreement::{Correlation, Disagreement, disagreement};
+pub use disagreement::{Disagreement, Estimates, disagreement};
 pub use expected::{ExpectedFit, ExpectedParameter, expected_fit};
-pub use fit::{InitialFlapping, NoiseModel, OutputErrorOptions, output_error};
-pub use flight::{Comparison, FlightFitOptions, FlightFits, Images, InputClock, telling_stretch_s};
+pub use fit::output_error;
+pub use flight::{Comparison, FlightFitOptions, FlightFits, Images, InputClock, fitted_stretch_s};
 pub use image::ImageMeasurements;
 pub use measure::{Measurements, StateMeasurement};
 pub use model::{FlightModel, ModelParameter};
-pub use prediction::{Prediction, predict_poses};
-pub use result::{ChannelResiduals, Extent, FittedParameter, FittedState, LastingErrors, OutputErrorFit};
+pub use options::{InitialFlapping, NoiseModel, OutputErrorOptions};
+pub use prediction::predict_poses;
+pub use result::{
+    ChannelResiduals, Extent, FittedParameter, FittedState, OutputErrorFit, Prediction, SystematicErrors,
+};
 
 #[cfg(test)]
 mod tests;

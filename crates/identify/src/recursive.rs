@@ -5,9 +5,10 @@ use nalgebra::{DMatrix, DVector};
 
 /// Least squares that takes one row at a time and forgets old ones at a chosen rate.
 ///
-/// Keeps the triangle R of QR and turns each new row into it by Givens rotations (Golub & Van Loan 2013, section 6.5.3),
-/// so that after any number of rows it holds what batch least squares would, without the loss of symmetry that
-/// updating the covariance suffers. Everything is allocated at the start; an update costs O(p²).
+/// Keeps the triangle R of QR and turns each new row into it by Givens rotations (Golub & Van Loan 2013,
+/// section 6.5.3), so that after any number of rows it holds what batch least squares would, without the loss
+/// of symmetry that updating the covariance suffers. Everything is allocated at the start; an update costs
+/// O(p²).
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecursiveLeastSquares {
     /// R with Qᵀy as its last column.
@@ -23,8 +24,8 @@ pub struct RecursiveLeastSquares {
 }
 
 impl RecursiveLeastSquares {
-    /// For `parameters` columns. `forgetting` λ is the weight that a row keeps from one row to the next: 1 forgets
-    /// nothing, 0.99 about what is older than 100 rows (Goodwin & Sin 1984).
+    /// For `parameters` columns. `forgetting` λ is the weight that a row keeps from one row to the next: 1
+    /// forgets nothing, 0.99 about what is older than 100 rows (Goodwin & Sin 1984).
     ///
     /// # Errors
     /// [`IdentifyError::BadSetting`] for no parameters, or a λ outside 0 < λ ≤ 1.
@@ -51,8 +52,8 @@ impl RecursiveLeastSquares {
     /// Takes one row; allocates nothing.
     ///
     /// # Errors
-    /// [`IdentifyError::BadColumn`] for a row of the wrong length or with a number that is not finite, which is left
-    /// out: what was known stands.
+    /// [`IdentifyError::BadColumn`] for a row of the wrong length or with a number that is not finite, which
+    /// is left out: what was known stands.
     pub fn update(&mut self, regressors: &[f64], output: f64) -> Result<(), IdentifyError> {
         let count = self.values.len();
         if regressors.len() != count || !output.is_finite() || !regressors.iter().all(|v| v.is_finite()) {
@@ -85,8 +86,9 @@ impl RecursiveLeastSquares {
     /// Values and their covariance for white residuals, σ²(RᵀR)⁻¹; none until there are more rows than
     /// parameters and every one was moved. Allocates nothing.
     ///
-    /// With forgetting, σ² is the weighted mean square and a row counts by its weight, as if old rows were noisier. Where
-    /// the truth stands still they are not, and the variance is too large by a factor of up to 1 + λ.
+    /// With forgetting, σ² is the weighted mean square and a row counts by its weight, as if old rows were
+    /// noisier. Where the truth stands still they are not, and the variance is too large by a factor of up to
+    /// 1 + λ.
     pub fn estimate(&mut self) -> Option<(&DVector<f64>, &DMatrix<f64>)> {
         let count = self.values.len();
         let degrees = self.weight - count as f64;
@@ -132,8 +134,9 @@ impl RecursiveLeastSquares {
         self.triangle.columns(0, self.values.len()).into_owned()
     }
 
-    /// [`Self::estimate`] for some of the parameters, the others taken as zero: what is left when columns that are combinations of
-    /// others ([`crate::independent_columns`]) are put aside. Indices beyond the columns give none.
+    /// [`Self::estimate`] for some of the parameters, the others taken as zero: what is left when columns
+    /// that are combinations of others ([`crate::independent_columns`]) are put aside. Indices beyond the
+    /// columns give none.
     pub fn estimate_of(&self, parameters: &[usize]) -> Option<(DVector<f64>, DMatrix<f64>)> {
         let count = self.values.len();
         let degrees = self.weight - parameters.len() as f64;

@@ -2,24 +2,26 @@
 
 use crate::coloured::coloured;
 use crate::dependence::independent_columns;
+use crate::error_rows::ErrorRows;
 use crate::model::{Model, OutputModel, Scale, When};
 use crate::noise::{Bands, Source, Term, Transfer};
-use crate::signals::{Flight, Passed, Signal, lowpass_at, scale_terms};
-use crate::table::{CoefficientTable, Column, ErrorRows, Fixed, Output, columns_of, rows_of};
+use crate::signals::{Flight, Passed, Signal, lowpass_at, median, scale_terms};
+use crate::table::{CoefficientTable, Column, Fixed, Output, columns_of, rows_of};
 use crate::{Correlation, IdentifyError, least_squares};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_pose::Motion;
 use nalgebra::{DMatrix, DVector};
 
-/// The low-pass that both sides of a regression pass beside the smoother's.
+/// The low-pass that both sides of a regression pass in addition to the smoother's.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Bandwidth {
-    /// Of a grid below the smoother's the lowest whose parameters have, in the geometric mean, standard deviations that
-    /// cannot be told from the least of the grid, by the determinant of the least-squares covariance (D-optimal: Box & Lucas
-    /// 1959). From a record of n = 2BT independent values a standard deviation is known to 1/√(2n), and what is within that is
-    /// the simpler choice (Breiman, Friedman, Olshen & Stone 1984, section 3.4.3). The smoother's bandwidth suits
-    /// positions; the noise of accelerations grows with frequency to the fourth power, and so do what models neglect and
-    /// what lies between samples.
+    /// Of a grid below the smoother's the lowest whose parameters have, in the geometric mean, standard
+    /// deviations that cannot be distinguished from the least of the grid, by the determinant of the
+    /// least-squares covariance (D-optimal: Box & Lucas 1959). From a record of n = 2BT independent values a
+    /// standard deviation is known to 1/√(2n), and what is within that is the simpler choice (Breiman,
+    /// Friedman, Olshen & Stone 1984, section 3.4.3). The smoother's bandwidth suits positions; the noise of
+    /// accelerations grows with frequency to the fourth power, and so do what models neglect and what lies
+    /// between samples.
     #[default]
     Automatic,
     /// None.
@@ -31,9 +33,9 @@ pub enum Bandwidth {
 /// What a user may choose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Left out at either end, where a low-pass leans on one side only: half a second is one to two periods of the cut-off
-    /// frequencies that ordinary cameras allow. It is at least one period of the smoother's, and a further low-pass
-    /// is none of which it is less.
+    /// Left out at either end, where a low-pass leans on one side only: half a second is one to two periods
+    /// of the cut-off frequencies that ordinary cameras allow. It is at least one period of the smoother's,
+    /// and a further low-pass is none of which it is less.
     pub margin_s: f64,
     /// Output equations; equation 3 where there are none.
     pub model: Option<Model>,
@@ -48,7 +50,7 @@ impl Default for Options {
 }
 
 impl Options {
-    /// The same for each equation of the model by itself.
+    /// These options for each equation of the model by itself.
     ///
     /// # Errors
     /// Those of [`Model::equation_3`].
@@ -67,21 +69,22 @@ impl Options {
 
 /// Forms the outputs of the model and their regressors.
 ///
-/// By default these are C_X, C_Z and C_m (equation 4, with q̇ in place of the misprinted q) over the regressors of
-/// equation 3, and C_Y, C_l and C_n where the flight excites them. C_X, C_Z = m a/(½ρπR⁴ω²) with a the specific force and ω
-/// the mean rotor speed, C_m = I_yy q̇/(½ρπR⁵ω²) with the gyroscopic part of [`crate::Measured`]. Flapping angles are
-/// integrated from the smoothed rates and the recorded swash-plate (equation 2), from trim. All that stands in one
-/// equation has passed the same low-passes ([`mavsight_pose::lowpass_like`]): what comes from the motion those of the
-/// smoother, what comes from the inputs as well, and both that of [`Bandwidth`].
+/// By default these are C_X, C_Z and C_m (equation 4, with q̇ in place of the misprinted q) over the
+/// regressors of equation 3, and C_Y, C_l and C_n where the flight excites them. C_X, C_Z = m a/(½ρπR⁴ω²)
+/// with a the specific force and ω the mean rotor speed, C_m = I_yy q̇/(½ρπR⁵ω²) with the gyroscopic part of
+/// [`crate::Measured`]. Flapping angles are integrated from the smoothed rates and the recorded swash-plate
+/// (equation 2), from trim. All that stands in one equation has passed the same low-passes
+/// ([`mavsight_pose::lowpass_like`]): what comes from the motion those of the smoother, what comes from the
+/// inputs as well, and both that of [`Bandwidth`].
 ///
-/// Valid for flights that begin in trim, with flapping times that are known. Instants in a gap of the poses, where the
-/// smoother's variance of a velocity or rate is above nine times its median, or beside a gap in
+/// Valid for flights that begin in trim, with flapping times that are known. Instants in a gap of the poses,
+/// where the smoother's variance of a velocity or rate is above nine times its median, or beside a gap in
 /// time, are not fitted.
 ///
 /// # Errors
-/// Inputs that do not cover the flight, rotors that stand still where a scale needs them turning, a bandwidth that is
-/// not positive, an empty motion, a model with an unknown signal, or with flapping where the motion has a gap in time, over
-/// which rates cannot be integrated.
+/// Inputs that do not cover the flight, rotors that stand still where a scale needs them turning, a bandwidth
+/// that is not positive, an empty motion, a model with an unknown signal, or with flapping where the motion
+/// has a gap in time, over which rates cannot be integrated.
 pub fn coefficients(
     motion: &Motion,
     inputs: &InputSeries,
@@ -129,8 +132,8 @@ pub fn coefficients(
     Ok(table)
 }
 
-/// Instants whose smoothed rates are not much worse than usual, and not within the margin of a gap in time: a low-pass leans
-/// on one side there as it does at the ends.
+/// Instants whose smoothed rates are not much worse than usual, and not within the margin of a gap in time: a
+/// low-pass leans on one side there as it does at the ends.
 fn usable(flight: &Flight<'_>, margin_s: f64) -> Vec<bool> {
     let rows = flight.t_s.len();
     let mut out = vec![true; rows];
@@ -149,11 +152,6 @@ fn usable(flight: &Flight<'_>, margin_s: f64) -> Vec<bool> {
     out
 }
 
-pub(crate) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
-}
-
 /// Standard deviation about the mean, of some rows.
 fn spread(values: &[f64], rows: &[usize]) -> f64 {
     let n = rows.len().max(1) as f64;
@@ -161,8 +159,8 @@ fn spread(values: &[f64], rows: &[usize]) -> f64 {
     (rows.iter().map(|i| (values[*i] - mean).powi(2)).sum::<f64>() / n).sqrt()
 }
 
-/// Whether the output, and one regressor, move by more than three times their errors: a signal that does not is not
-/// told from noise at any usual level.
+/// Whether the output, and one regressor, move by more than three times their errors: a signal that does not
+/// is not distinguished from noise at any usual level.
 fn excited(output: &Output, rows: &[usize]) -> bool {
     let noise = (rows.iter().map(|i| output.std[*i].powi(2)).sum::<f64>() / rows.len().max(1) as f64).sqrt();
     let moved = |values: &[f64], std: f64| {
@@ -274,8 +272,8 @@ impl Draft {
         }
     }
 
-    /// The output behind the low-pass of [`Bandwidth::Automatic`]: of steps of a fourth of an octave, down to where the window's
-    /// margin is one period.
+    /// The output behind the low-pass of [`Bandwidth::Automatic`]: of steps of a fourth of an octave, down to
+    /// where the window's margin is one period.
     fn best(&self, flight: &Flight<'_>, rows: &[usize], table: &CoefficientTable) -> Output {
         let margin_s = table.window_s.0 - table.t_s[0];
         let lowest_hz = 1.0 / margin_s;
@@ -305,7 +303,8 @@ impl Draft {
     }
 }
 
-/// What an error of the turn at the first time does to flapping, which is integrated from there: it fades with the disc's time.
+/// What an error of the turn at the first time does to flapping, which is integrated from there: it fades
+/// with the disc's time.
 fn start_errors(flight: &Flight<'_>, signals: &[&[Term]]) -> Vec<DMatrix<f64>> {
     let mut out = Vec::new();
     for axis in 0..3 {
@@ -334,7 +333,8 @@ fn start_errors(flight: &Flight<'_>, signals: &[&[Term]]) -> Vec<DMatrix<f64>> {
     out
 }
 
-/// Logarithm of the determinant of the least-squares covariance of independent columns, for coloured residuals.
+/// Logarithm of the determinant of the least-squares covariance of independent columns, for coloured
+/// residuals.
 fn log_determinant(
     output: &Output,
     independent: &[usize],

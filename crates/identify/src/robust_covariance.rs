@@ -10,9 +10,9 @@ pub enum Correlation {
     White,
     /// Over up to so many rows; rows may differ in variance.
     Rows(usize),
-    /// Over as many rows as the scores' own correlation asks for (Andrews 1991, equations 6.2 and 6.4), after a
-    /// first-order vector autoregression has taken most of it out (Andrews & Monahan 1992): Bartlett weights alone
-    /// would leave the sum of slowly fading correlations too small.
+    /// Over as many rows as the scores' own correlation asks for (Andrews 1991, equations 6.2 and 6.4), after
+    /// a first-order vector autoregression has taken most of it out (Andrews & Monahan 1992): Bartlett
+    /// weights alone would leave the sum of slowly fading correlations too small.
     Automatic,
 }
 
@@ -27,8 +27,9 @@ impl Correlation {
     }
 }
 
-/// The long-run sum of what a first-order vector autoregression leaves, given back its colour; none where scores are
-/// dependent. Singular values of the autoregression are bounded by 0.97 (Andrews & Monahan 1992, section 3).
+/// The long-run sum of what a first-order vector autoregression leaves, given back its colour; none where
+/// scores are dependent. Singular values of the autoregression are bounded by 0.97 (Andrews & Monahan 1992,
+/// section 3).
 fn recoloured(scores: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let (rows, count) = scores.shape();
     if rows < 4 * (count + 1) {
@@ -55,8 +56,8 @@ fn recoloured(scores: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(DMatrix::from_fn(count, count, |i, j| sum[(i, j)] * sizes[i] * sizes[j] * grown))
 }
 
-/// Σ_l w_l Σ_i ψ_i ψ_{i+l}ᵀ with Bartlett weights w_l = 1 - |l|/(lag + 1), of rows ψ_i (Newey & West 1987), with the
-/// factor n/(n - p) for the fitted parameters. Positive semidefinite.
+/// Σ_l w_l Σ_i ψ_i ψ_{i+l}ᵀ with Bartlett weights w_l = 1 - |l|/(lag + 1), of rows ψ_i (Newey & West 1987),
+/// with the factor n/(n - p) for the fitted parameters. Positive semidefinite.
 pub(crate) fn sandwich(scores: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
     let (rows, count) = scores.shape();
     let mut sum = scores.tr_mul(scores);
@@ -68,8 +69,9 @@ pub(crate) fn sandwich(scores: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
     sum * (rows as f64 / (rows - count).max(1) as f64)
 }
 
-/// The lag of least mean square error for Bartlett weights, 1.1447 (α n)^(1/3), with α from first-order autoregressions
-/// of the scores' columns (Andrews 1991). Coefficients are bounded by 0.97, as there; the lag by a third of the rows.
+/// The lag of least mean square error for Bartlett weights, 1.1447 (α n)^(1/3), with α from first-order
+/// autoregressions of the scores' columns (Andrews 1991). Coefficients are bounded by 0.97, as there; the lag
+/// by a third of the rows.
 fn automatic_lag(scores: &DMatrix<f64>) -> usize {
     let rows = scores.nrows();
     let (mut above, mut below) = (0.0, 0.0);

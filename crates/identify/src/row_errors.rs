@@ -13,23 +13,25 @@ const NEGLIGIBLE: f64 = 1e-15;
 /// Halvings of a step that makes the sum of squares grow.
 const MAX_HALVINGS: usize = 30;
 
-/// Fits `output` by `regressors` of which row i, with its output last, carries an error of covariance `errors[i]` times a
-/// factor common to all rows: the maximum of the likelihood with the true regressors as unknowns.
+/// Fits `output` by `regressors` of which row i, with its output last, carries an error of covariance
+/// `errors[i]` times a factor common to all rows: the maximum of the likelihood with the true regressors as
+/// unknowns.
 ///
-/// Minimises Σ v_i²/σ_i² with v_i = y_i - a_i x and σ_i² the variance of v_i, which is orthogonal distance regression of
-/// a linear model (Boggs, Byrd & Schnabel 1987) and element-wise weighted total least squares (Markovsky & Van Huffel
-/// 2006). Newton's steps begin at [`crate::total_least_squares`] with the mean covariance; where the second derivatives are not
-/// positive definite, a Gauss-Newton step regresses v_i on the corrected regressors a_i - s_i v_i/σ_i² with
-/// s_i = Σ_ay - Σ_aa x. Covariance by the scores, as there; `level` is Σ v_i²/σ_i² over the degrees of freedom, and the
-/// only `singular_values` the root of the sum.
+/// Minimises Σ v_i²/σ_i² with v_i = y_i - a_i x and σ_i² the variance of v_i, which is orthogonal distance
+/// regression of a linear model (Boggs, Byrd & Schnabel 1987) and element-wise weighted total least squares
+/// (Markovsky & Van Huffel 2006). Newton's steps begin at [`crate::total_least_squares`] with the mean
+/// covariance; where the second derivatives are not positive definite, a Gauss-Newton step regresses v_i on
+/// the corrected regressors a_i - s_i v_i/σ_i² with s_i = Σ_ay - Σ_aa x. Covariance by the scores, as there;
+/// `level` is Σ v_i²/σ_i² over the degrees of freedom, and the only `singular_values` the root of the sum.
 /// `inverse_moment` is of rows divided by their σ_i.
 ///
 /// Zero rows of every covariance mark exact columns. Valid where errors are small beside what the corrected
 /// regressors vary by.
 ///
 /// # Errors
-/// Columns that [`crate::least_squares`] refuses; [`IdentifyError::BadErrors`] for a covariance of the wrong size, not
-/// finite, with negative variances, or one that leaves a residual without error; [`IdentifyError::NotConverged`].
+/// Columns that [`crate::least_squares`] refuses; [`IdentifyError::BadErrors`] for a covariance of the wrong
+/// size, not finite, with negative variances, or one that leaves a residual without error;
+/// [`IdentifyError::NotConverged`].
 pub fn total_least_squares_by_row(
     regressors: &DMatrix<f64>,
     output: &DVector<f64>,
@@ -39,7 +41,7 @@ pub fn total_least_squares_by_row(
     by_row(regressors, output, (errors.len(), &|i| errors[i].clone()), correlation)
 }
 
-/// The same with so many covariances that are formed when they are asked for.
+/// Total least squares with the error covariance of each row, where the covariances are formed on demand.
 pub(crate) fn by_row(
     regressors: &DMatrix<f64>,
     output: &DVector<f64>,
@@ -47,7 +49,7 @@ pub(crate) fn by_row(
     correlation: Correlation,
 ) -> Result<TotalLeastSquares, IdentifyError> {
     check(regressors, output)?;
-    let problem = Problem { regressors, output, errors };
+    let problem = RowTotalLeastSquares { regressors, output, errors };
     problem.check(count)?;
     let mut x = problem.start()?;
     let mut state = problem.at(&x)?;
@@ -80,7 +82,7 @@ pub(crate) fn by_row(
 /// The covariance of a row's errors.
 type ErrorsOf<'a> = &'a dyn Fn(usize) -> DMatrix<f64>;
 
-struct Problem<'a> {
+struct RowTotalLeastSquares<'a> {
     regressors: &'a DMatrix<f64>,
     output: &'a DVector<f64>,
     errors: ErrorsOf<'a>,
@@ -112,7 +114,7 @@ impl State {
     }
 }
 
-impl Problem<'_> {
+impl RowTotalLeastSquares<'_> {
     /// The covariances of all rows, one at a time.
     fn each_errors(&self) -> impl Iterator<Item = DMatrix<f64>> {
         (0..self.output.len()).map(|i| (self.errors)(i))
@@ -262,8 +264,9 @@ mod tests {
 
     #[test]
     fn rows_with_covariances_of_their_own_are_those_of_odrpack() {
-        // scipy 1.17.1: as in the test of equal rows, with RealData([x1, x2], y, covx=cov, sy=0.2 + 0.02 i), cov[:, :, i]
-        // the 2 x 2 block above. ODRPACK stops when the sum of squares stands, which leaves nine digits of beta.
+        // scipy 1.17.1: as in the test of equal rows, with RealData([x1, x2], y, covx=cov, sy=0.2 + 0.02 i),
+        // cov[:, :, i] the 2 x 2 block above. ODRPACK stops when the sum of squares stands, which leaves nine
+        // digits of beta.
         let (x, y) = linear_problem_of_scipy();
         let fit = total_least_squares_by_row(&x, &y, &errors_of_rows(), Correlation::White).expect("a fit");
         for (got, printed) in fit.values.iter().zip([1.557_869_605, 0.744_022_965, -1.202_751_159]) {
@@ -290,7 +293,7 @@ mod tests {
         let (x, y) = linear_problem_of_scipy();
         let errors = errors_of_rows();
         let of_row = |i: usize| errors[i].clone();
-        let problem = Problem { regressors: &x, output: &y, errors: &of_row };
+        let problem = RowTotalLeastSquares { regressors: &x, output: &y, errors: &of_row };
         let at = DVector::from_vec(vec![1.0, 0.5, -0.7]);
         let score = problem.at(&at).expect("a state").score();
         for j in 0..3 {
@@ -309,7 +312,7 @@ mod tests {
         let (x, y) = linear_problem_of_scipy();
         let errors = errors_of_rows();
         let of_row = |i: usize| errors[i].clone();
-        let problem = Problem { regressors: &x, output: &y, errors: &of_row };
+        let problem = RowTotalLeastSquares { regressors: &x, output: &y, errors: &of_row };
         let at = DVector::from_vec(vec![1.0, 0.5, -0.7]);
         let curvature = problem.curvature(&problem.at(&at).expect("a state"));
         for j in 0..3 {

@@ -3,7 +3,6 @@
 use crate::IdentifyError;
 use crate::model::{Measured, SIGNALS, factors};
 use crate::noise::{Source, Term, Transfer};
-use crate::regressors::median;
 use mavsight_flight::flapping::{self, Between};
 use mavsight_flight::{InputSample, InputSeries, Vehicle, thrust_n};
 use mavsight_geometry::Vector3;
@@ -40,7 +39,8 @@ impl Passed {
         Self { translation: self.translation || other.translation, rotation: self.rotation || other.rotation }
     }
 
-    /// What the measured side passes: a specific force is an acceleration and the weight, which the attitude tips.
+    /// What the measured side passes: a specific force is an acceleration and the weight, which the attitude
+    /// tips.
     pub(crate) fn by_measured(measured: Measured) -> Self {
         if measured.axis().1 { Self::ROTATION } else { Self::TRANSLATION.and(Self::ROTATION) }
     }
@@ -90,8 +90,9 @@ impl<'a> Flight<'a> {
         self.inputs.samples().iter().map(value).collect()
     }
 
-    /// The variance at a row of a source's errors that change: by the smoother's variance of its rate, of which white errors
-    /// behind H = 1/(1 + (f/fc)⁶) have (2π fc)²/2 times their own. An error that stays, such as a camera's, is none of it.
+    /// The variance at a row of a source's errors that change: by the smoother's variance of its rate, of
+    /// which white errors behind H = 1/(1 + (f/fc)⁶) have (2π fc)²/2 times their own. Systematic errors, such
+    /// as a camera's, are no part of it.
     pub(crate) fn variance(&self, source: Source, row: usize) -> f64 {
         let covariance = &self.motion.samples[row].covariance;
         let (rate_variance, hz) = match source {
@@ -108,14 +109,14 @@ impl<'a> Flight<'a> {
         self.t_s.windows(2).filter(move |w| w[1] - w[0] > longest_s).map(|w| (w[0], w[1]))
     }
 
-    /// The standard deviation of the turn about a body axis at the first time, without errors that stay: those are what the
-    /// variances of all times have beyond [`Flight::variance`].
+    /// The standard deviation of the turn about a body axis at the first time, without systematic errors:
+    /// those are what the variances of all times have beyond [`Flight::variance`].
     pub(crate) fn start_turn_std_rad(&self, axis: usize) -> f64 {
         let samples = &self.motion.samples;
         let turn = |row: usize| samples[row].covariance.variance(3 + axis);
         let beyond = (0..samples.len()).map(|row| turn(row) - self.variance(Source::Turn(axis), row));
-        let staying = median(beyond.collect()).max(0.0);
-        (turn(0) - staying).max(0.0).sqrt()
+        let systematic = median(beyond.collect()).max(0.0);
+        (turn(0) - systematic).max(0.0).sqrt()
     }
 
     /// What is measured, newtons or newton metres.
@@ -138,8 +139,9 @@ impl<'a> Flight<'a> {
         }
     }
 
-    /// The force is what is left of two larger things, the acceleration, which has passed the smoother's low-pass of
-    /// translation, and the weight's part along the axis, which has passed that of rotation: both pass both.
+    /// The force is the sum of two larger terms, the acceleration, which has passed the smoother's low-pass
+    /// of translation, and the weight's part along the axis, which has passed that of rotation: both pass
+    /// both.
     fn force(&self, axis: usize, passed: Passed) -> Signal {
         let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
         let weight_n = self.vehicle.mass_kg * self.vehicle.environment.gravity_m_s2;
@@ -160,8 +162,8 @@ impl<'a> Flight<'a> {
 
     /// A regressor that has passed what it must, and no more.
     ///
-    /// Inputs are multiplied before they pass. Other factors of a product pass by themselves: exact where one of them
-    /// hardly moves.
+    /// Inputs are multiplied before they pass. Other factors of a product pass by themselves: exact where one
+    /// of them hardly moves.
     pub(crate) fn regressor(&self, regressor: &str, passed: Passed) -> Result<Signal, IdentifyError> {
         let mut series = vec![1.0; self.input_times_s.len()];
         let mut product = Signal { values: vec![1.0; self.t_s.len()], terms: Vec::new() };
@@ -300,7 +302,8 @@ impl<'a> Flight<'a> {
         self.bandwidths_hz(rest).fold(values, |values, hz| lowpass_at(&self.t_s, &values, hz))
     }
 
-    /// A series on the inputs' times, low-passed on a regular grid of their mean interval and read off at the frames.
+    /// A series on the inputs' times, low-passed on a regular grid of their mean interval and read off at the
+    /// frames.
     ///
     /// Of a series that holds a grid point gets its mean over the grid's interval around it.
     fn onto_frames(
@@ -332,7 +335,8 @@ impl<'a> Flight<'a> {
     }
 }
 
-/// Means over `step_s` around each point of a grid of a series that holds from each time to the next, and beyond both ends.
+/// Means over `step_s` around each point of a grid of a series that holds from each time to the next, and
+/// beyond both ends.
 fn means_of_held(times_s: &[f64], series: &[f64], grid_s: &[f64], step_s: f64) -> Vec<f64> {
     let mut integrals = vec![0.0; series.len()];
     for k in 1..series.len() {
@@ -377,8 +381,13 @@ pub(crate) fn lowpass_at(t_s: &[f64], values: &[f64], bandwidth_hz: f64) -> Vec<
     let regular: Result<Vec<f64>, _> = grid_s.iter().map(|t| read(t_s, values, *t)).collect();
     let smooth = regular.map(|series| lowpass_like(&series, step_s, bandwidth_hz));
     let back = smooth.and_then(|series| t_s.iter().map(|t| read(&grid_s, &series, *t)).collect());
-    // Both reads lie inside their grids; were they not, the series would stay as it is.
+    // Both reads lie inside their grids; were they not, the series would be returned as it is.
     back.unwrap_or_else(|_| values.to_vec())
+}
+
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -15,19 +15,21 @@ pub struct Structure {
     pub chosen: Vec<usize>,
     /// Each change and the PRESS that it left; `true` for an addition.
     pub steps: Vec<(usize, bool, f64)>,
-    /// Predicted R²: one less PRESS over the sum of squares about the mean (Morelli & Klein 2016, section 5.4).
+    /// Predicted R²: one less PRESS over the sum of squares about the mean (Morelli & Klein 2016, section
+    /// 5.4).
     pub predicted_r2: f64,
 }
 
 /// Chooses regressors step by step: the addition or removal that lowers [`press()`] most, until none does.
 ///
-/// Columns in `always` stay. Candidates that are combinations of the chosen are passed over. `block` is the number of
-/// consecutive rows left out together: about the length of the residuals' correlation (one for white ones), since
-/// otherwise too much is chosen. Valid as a search, not as a test: intervals after a choice are a little too narrow.
+/// Columns in `always` are kept. Candidates that are combinations of the chosen are passed over. `block` is
+/// the number of consecutive rows left out together: about the length of the residuals' correlation (one for
+/// white ones), since otherwise too much is chosen. Valid as a search, not as a test: intervals after a
+/// choice are a little too narrow.
 ///
 /// # Errors
-/// The same as [`crate::least_squares`]; [`IdentifyError::RankZero`] where `always` names dependent columns or nothing
-/// predicts better than zero.
+/// The errors of [`crate::least_squares`]; [`IdentifyError::RankZero`] where `always` names dependent columns
+/// or nothing predicts better than zero.
 pub fn stepwise(
     candidates: &DMatrix<f64>,
     output: &DVector<f64>,
@@ -81,12 +83,13 @@ pub fn stepwise(
     Ok(Structure { chosen, steps, predicted_r2 })
 }
 
-/// A table with the regressors that [`stepwise`] chooses for each output inside the window; the constant always stays.
+/// A table with the regressors that [`stepwise`] chooses for each output inside the window; the constant is
+/// always kept.
 ///
 /// Blocks are one period of the low-pass of the output long, over which what it leaves is correlated.
 ///
 /// # Errors
-/// The same as [`stepwise`].
+/// The errors of [`stepwise`].
 pub fn choose_structure(
     table: &CoefficientTable,
 ) -> Result<(CoefficientTable, Vec<Structure>), IdentifyError> {

@@ -1,5 +1,6 @@
 //! Outputs and regressors of a flight over time, with their errors.
 
+use crate::error_rows::ErrorRows;
 use crate::noise::ErrorSpectrum;
 use nalgebra::{DMatrix, DVector};
 
@@ -19,66 +20,8 @@ pub struct Column {
 pub struct Fixed {
     /// Name of its column.
     pub name: String,
-    /// Its value.
+    /// Value of the coefficient.
     pub value: f64,
-}
-
-/// One covariance of the same signals at each time, in single precision: seven digits of a variance, and a quarter of the bytes.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct ErrorRows {
-    signals: usize,
-    /// Lower triangles by rows.
-    triangles: Vec<f32>,
-}
-
-impl ErrorRows {
-    /// So many covariances of so many signals, all zero.
-    pub fn zeros(signals: usize, rows: usize) -> Self {
-        Self { signals, triangles: vec![0.0; rows * signals * (signals + 1) / 2] }
-    }
-
-    fn triangle(&self) -> usize {
-        self.signals * (self.signals + 1) / 2
-    }
-
-    /// Number of times.
-    pub fn len(&self) -> usize {
-        if self.signals == 0 { 0 } else { self.triangles.len() / self.triangle() }
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.triangles.is_empty()
-    }
-
-    /// One element of the covariance at a time.
-    pub fn at(&self, row: usize, i: usize, j: usize) -> f64 {
-        let (low, high) = (i.min(j), i.max(j));
-        f64::from(self.triangles[row * self.triangle() + high * (high + 1) / 2 + low])
-    }
-
-    /// Sets an element, and the one across the diagonal.
-    pub(crate) fn set(&mut self, row: usize, (i, j): (usize, usize), value: f64) {
-        let (low, high) = (i.min(j), i.max(j));
-        let at = row * self.triangle() + high * (high + 1) / 2 + low;
-        self.triangles[at] = value as f32;
-    }
-
-    /// The covariance of some of the signals at a time.
-    pub fn block(&self, row: usize, signals: &[usize]) -> DMatrix<f64> {
-        DMatrix::from_fn(signals.len(), signals.len(), |i, j| self.at(row, signals[i], signals[j]))
-    }
-
-    fn of_signals(&self, kept: &[usize]) -> Self {
-        let rows = self.len();
-        let mut out = Self::zeros(kept.len(), rows);
-        for row in 0..rows {
-            for i in 0..kept.len() {
-                (0..=i).for_each(|j| out.set(row, (i, j), self.at(row, kept[i], kept[j])));
-            }
-        }
-        out
-    }
 }
 
 /// One coefficient over time with its regressors, which have passed the same low-pass.
@@ -96,8 +39,9 @@ pub struct Output {
     pub errors: ErrorRows,
     /// Spectrum of those errors.
     pub spectrum: ErrorSpectrum,
-    /// Errors that happen once, since flapping is integrated from a turn that errs where the flight begins: for each, what one
-    /// standard deviation of it does to the regressors and, last, the output, at the times until it has died away.
+    /// Errors that happen once, since flapping is integrated from a turn that errs where the flight begins:
+    /// for each, what one standard deviation of it does to the regressors and, last, the output, at the times
+    /// until it has died away.
     pub once: Vec<DMatrix<f64>>,
     /// Coefficients that the model fixes; their part is taken off the values.
     pub fixed: Vec<Fixed>,
@@ -106,7 +50,7 @@ pub struct Output {
 }
 
 impl Output {
-    /// The same with some of the regressors.
+    /// This output with some of the regressors.
     pub(crate) fn with_columns(&self, chosen: &[usize]) -> Self {
         let kept: Vec<usize> = chosen.iter().copied().chain([self.columns.len()]).collect();
         Self {
@@ -130,7 +74,8 @@ pub struct CoefficientTable {
     pub window_s: (f64, f64),
     /// Median interval of the times.
     pub sample_interval_s: f64,
-    /// Whether each instant rests on poses; those in a gap, which the smoother has bridged, are left out of fits.
+    /// Whether each instant rests on poses; those in a gap, which the smoother has bridged, are left out of
+    /// fits.
     pub usable: Vec<bool>,
     /// Names of outputs that are fitted only when excited, and were not.
     pub not_excited: Vec<String>,
@@ -154,8 +99,8 @@ impl CoefficientTable {
         self.in_window().filter(|(_, usable)| !usable).count()
     }
 
-    /// Rows over which errors behind a low-pass are correlated: about one period of its cut-off frequency, at most a
-    /// quarter of the rows.
+    /// Rows over which errors behind a low-pass are correlated: about one period of its cut-off frequency, at
+    /// most a quarter of the rows.
     pub(crate) fn correlated_rows(&self, bandwidth_hz: f64, rows: usize) -> usize {
         (1.0 / (bandwidth_hz * self.sample_interval_s)).ceil().min(rows as f64 / 4.0).max(1.0) as usize
     }
@@ -176,8 +121,8 @@ impl CoefficientTable {
         output.once.iter().map(of).collect()
     }
 
-    /// Autocovariances of the errors of the residuals of a fit of some columns, over eight periods of the low-pass, after
-    /// which what is left is below a thousandth; all zero where the errors are not known.
+    /// Autocovariances of the errors of the residuals of a fit of some columns, over eight periods of the
+    /// low-pass, after which what is left is below a thousandth; all zero where the errors are not known.
     pub(crate) fn autocovariances(
         &self,
         output: &Output,

@@ -2,7 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX constants).
+/// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX
+/// constants).
 pub(crate) fn normal(state: &mut u64) -> f64 {
     let mut uniform = || {
         *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -11,7 +12,8 @@ pub(crate) fn normal(state: &mut u64) -> f64 {
     (-2.0 * uniform().ln()).sqrt() * (2.0 * std::f64::consts::PI * uniform()).cos()
 }
 
-/// Twelve rows of a column of ones and two noisy columns, and their output: the problem that scipy.odr has solved.
+/// Twelve rows of a column of ones and two noisy columns, and their output: the problem that scipy.odr has
+/// solved.
 #[expect(clippy::approx_constant, reason = "3.141 is a datum")]
 pub(crate) fn linear_problem_of_scipy() -> (DMatrix<f64>, DVector<f64>) {
     let x1 = [0.0, 2.15, 2.92, 1.482, -1.324, -3.133, -2.323, 0.25, 2.388, 2.71, 1.227, -1.173];

@@ -17,34 +17,36 @@ pub struct TotalLeastSquares {
     pub inverse_moment: DMatrix<f64>,
     /// Output less fit at the measured regressors.
     pub residuals: DVector<f64>,
-    /// Variance of the errors over that of the given covariance, from the smallest singular value; one where that
-    /// covariance was right.
+    /// Variance of the errors over that of the given covariance, from the smallest singular value; one where
+    /// that covariance was right.
     pub level: f64,
-    /// Singular values of the noisy columns and the output, in units of their errors, after exact columns are taken out.
+    /// Singular values of the noisy columns and the output, in units of their errors, after exact columns are
+    /// taken out.
     pub singular_values: DVector<f64>,
 }
 
-/// Covariance of errors that are independent from column to column: those of the regressors, then of the output.
+/// Covariance of errors that are independent from column to column: those of the regressors, then of the
+/// output.
 pub fn independent_errors(column_std: &[f64], output_std: f64) -> DMatrix<f64> {
     let all = column_std.iter().chain([&output_std]).map(|s| s * s);
     DMatrix::from_diagonal(&DVector::from_iterator(column_std.len() + 1, all))
 }
 
-/// Fits `output` by `regressors` of which each row, with its output last, carries an error of covariance `errors` times
-/// an unknown factor; a column whose row of `errors` is zero is exact.
+/// Fits `output` by `regressors` of which each row, with its output last, carries an error of covariance
+/// `errors` times an unknown factor; a column whose row of `errors` is zero is exact.
 ///
-/// Exact columns are taken out by QR, the rest, whitened by its error covariance, is solved by the smallest singular
-/// vector of what remains (Golub, Hoffman & Stewart 1987; Van Huffel & Vandewalle 1991, algorithm 3.2). Consistent where
-/// least squares is biased by errors in the regressors; `errors` must be right up to its factor, which is estimated.
-/// With no noisy column it is least squares.
+/// Exact columns are taken out by QR, the rest, whitened by its error covariance, is solved by the smallest
+/// singular vector of what remains (Golub, Hoffman & Stewart 1987; Van Huffel & Vandewalle 1991, algorithm
+/// 3.2). Consistent where least squares is biased by errors in the regressors; `errors` must be right up to
+/// its factor, which is estimated. With no noisy column it is least squares.
 ///
-/// Covariance after Fuller (1987, sections 2.2 and 2.3) and Gleser (1981), normal errors: with v the residuals,
-/// M = AᵀA - nΣ_aa and s = Σ_ay - Σ_aa x, white errors give M⁻¹[σ_v² M + n(σ_v² Σ_aa - s sᵀ)]M⁻¹, others the weighted
-/// sum of products of the scores a_i v_i - s v_i²/σ_v² between M⁻¹.
+/// Covariance after Fuller (1987, sections 2.2 and 2.3) and Gleser (1981), normal errors: with v the
+/// residuals, M = AᵀA - nΣ_aa and s = Σ_ay - Σ_aa x, white errors give M⁻¹[σ_v² M + n(σ_v² Σ_aa - s sᵀ)]M⁻¹,
+/// others the weighted sum of products of the scores a_i v_i - s v_i²/σ_v² between M⁻¹.
 ///
 /// # Errors
-/// The same as [`crate::least_squares`]; [`IdentifyError::BadErrors`] for an `errors` that is not a covariance or
-/// leaves the output exact; [`IdentifyError::NonGeneric`] where no solution exists.
+/// The errors of [`crate::least_squares`]; [`IdentifyError::BadErrors`] for an `errors` that is not a
+/// covariance or leaves the output exact; [`IdentifyError::NonGeneric`] where no solution exists.
 pub fn total_least_squares(
     regressors: &DMatrix<f64>,
     output: &DVector<f64>,
@@ -170,7 +172,8 @@ impl Split {
     }
 }
 
-/// Fuller's covariance, and M⁻¹, of values fitted to rows whose errors, output last, have the given covariance.
+/// Fuller's covariance, and M⁻¹, of values fitted to rows whose errors, output last, have the given
+/// covariance.
 fn covariance(
     regressors: &DMatrix<f64>,
     values: &DVector<f64>,
@@ -199,7 +202,8 @@ fn covariance(
     Ok((&inverse * middle * &inverse, inverse))
 }
 
-/// The inverse of a symmetric matrix of the size of AᵀA, which scaling by A's columns keeps from being worse than it is.
+/// The inverse of a symmetric matrix of the size of AᵀA, which scaling by A's columns keeps from being worse
+/// than it is.
 pub(crate) fn inverse_of_scaled(
     matrix: &DMatrix<f64>,
     columns: &DMatrix<f64>,

@@ -4,7 +4,8 @@ use crate::dependence::Dependence;
 use crate::fit::{Estimator, OutputFit, Parameter};
 use crate::table::Output;
 
-/// The condition number from which columns are entangled enough to say so (Belsley, Kuh & Welsch 1980, section 3.2).
+/// The condition number from which columns are entangled enough to say so (Belsley, Kuh & Welsch 1980,
+/// section 3.2).
 const ENTANGLED: f64 = 30.0;
 
 /// The combination of parameters that stands behind an independent column, such as `C_X,0 + 4.631·C_X,T_u`.
@@ -21,7 +22,7 @@ pub(crate) fn combination(output: &Output, dependence: &Dependence, position: us
     text
 }
 
-/// What a flight has told about one output.
+/// The verdict on one output.
 pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -> String {
     let mut text = determined(output, fit);
     // The frequency domain leaves constants out on purpose.
@@ -29,7 +30,7 @@ pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -
         let idle: Vec<&str> =
             dependence.dependent.iter().map(|(j, _)| output.columns[*j].name.as_str()).collect();
         text += &format!(
-            " The flight cannot tell {} from the terms before: it did not move {} by {}.",
+            " The flight cannot distinguish {} from the terms listed before: it did not move {} by {}.",
             listed(&idle),
             if idle.len() == 1 { "it" } else { "them" },
             if idle.len() == 1 { "itself" } else { "themselves" }
@@ -73,7 +74,7 @@ fn determined(output: &Output, fit: &OutputFit) -> String {
     }
     let unclear = names(&|p| p.identifiable && !significant(p));
     if !unclear.is_empty() {
-        text += &format!(" Not told from zero: {unclear}.");
+        text += &format!(" Not distinguished from zero: {unclear}.");
     }
     if !output.fixed.is_empty() {
         let fixed: Vec<String> = output.fixed.iter().map(|f| format!("{} = {}", f.name, f.value)).collect();

@@ -7,7 +7,7 @@ mod long_flight;
 
 use long_flight::{inputs, instants, rig};
 use mavsight_flight::Vehicle;
-use mavsight_identify::output_error::telling_stretch_s;
+use mavsight_identify::output_error::fitted_stretch_s;
 use mavsight_pipeline::{IdentifyOptions, NoProgress, identify_motion, motion_of, reconstruct};
 use mavsight_pose::MarkerObservation;
 use mavsight_session::{RunResults, make_folder, write_markers_early, write_results};
@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         poses: tracked.poses,
         ..RunResults::default()
     };
-    let (from_s, to_s) = telling_stretch_s(&results.poses).unwrap_or_default();
+    let (from_s, to_s) = fitted_stretch_s(&results.poses).unwrap_or_default();
     let is_needed = |o: &MarkerObservation| (from_s..=to_s).contains(&(o.t_ns as f64 * 1e-9));
     write_markers_early(&folder, &mut results, &tracked.observations, is_needed)?;
     drop(tracked.observations);

@@ -2,7 +2,7 @@
 
 use crate::{PipelineError, Progress, Stage, Tracked};
 use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_identify::output_error::telling_stretch_s;
+use mavsight_identify::output_error::fitted_stretch_s;
 use mavsight_identify::{
     Clocks, CoefficientTable, ErrorRows, FitOptions, Identification, IdentifyError, Options,
     choose_structure, coefficients, delayed, estimate_lag, identify_with,
@@ -137,10 +137,10 @@ fn systematic_effects(tracked: &Tracked) -> impl Fn(usize) -> Option<Matrix6xX<f
 }
 
 /// How the systematic errors of poses are correlated, for output error: of those from which it is fitted, a
-/// minute at most ([`telling_stretch_s`]), their numbers and systematic columns.
+/// minute at most ([`fitted_stretch_s`]), their numbers and systematic columns.
 pub fn systematic_columns(tracked: &Tracked) -> Vec<(usize, Matrix6xX<f32>)> {
     let effects = systematic_effects(tracked);
-    let stretch_s = telling_stretch_s(&tracked.poses);
+    let stretch_s = fitted_stretch_s(&tracked.poses);
     let is_needed = |p: &PoseSample| {
         stretch_s.is_none_or(|(from_s, to_s)| (from_s..=to_s).contains(&(p.t_ns as f64 * 1e-9)))
     };

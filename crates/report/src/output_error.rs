@@ -16,7 +16,7 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
         let mut section = summary.section("fit");
         section.hidden(key("iterations"), fit.iterations);
         section.hidden(key("reduced_chi_square"), fit.reduced_chi_square);
-        if let Some(correlated) = fit.lasting {
+        if let Some(correlated) = fit.systematic {
             let (share, extent) = (correlated.share, &correlated.extent);
             let (key_of_extent, value) = match extent {
                 Extent::Time(time_s) => ("time_s", time_s),

@@ -19,7 +19,8 @@ pub fn write_inputs(path: &Path, inputs: &InputSeries) -> Result<(), SessionErro
     write_numbers(path, &INPUT_COLUMNS, rows)
 }
 
-/// Writes a table of numbers with twelve decimals: a picometre, and beyond what any reader of these tables resolves.
+/// Writes a table of numbers with twelve decimals: a picometre, and beyond what any reader of these tables
+/// resolves.
 ///
 /// # Errors
 /// What the file system refuses.

@@ -4,8 +4,8 @@ use mavsight_flight::{Coefficient as C, Coefficients, Vehicle};
 use serde::Serialize;
 use std::f64::consts::PI;
 
-/// The coefficients that a vehicle's constants and assumptions imply, made dimensionless at a reference rotor speed
-/// (Mulyanto, Nurhakim & Muhammad 2012, equation 5 for thrust).
+/// The coefficients that a vehicle's constants and assumptions imply, made dimensionless at a reference rotor
+/// speed (Mulyanto, Nurhakim & Muhammad 2012, equation 5 for thrust).
 pub fn true_coefficients(vehicle: &Vehicle, reference_speed_rad_s: f64) -> Coefficients {
     let (r, a) = (&vehicle.rotor, &vehicle.assumption);
     let force_n =
@@ -36,8 +36,8 @@ pub fn true_coefficients(vehicle: &Vehicle, reference_speed_rad_s: f64) -> Coeff
     c
 }
 
-/// The coefficients of longitudinal motion at constant, equal rotor speeds: what a regression on such a flight should
-/// find.
+/// The coefficients of longitudinal motion at constant, equal rotor speeds: what a regression on such a
+/// flight should find.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ModelCoefficients {
     /// C_X,αu.
@@ -87,8 +87,8 @@ mod tests {
         assert_relative_eq!(c.cm_q, -2.480_620_155e-5, epsilon = 1e-10);
     }
 
-    /// The equations of motion in newtons and newton metres: each rotor's thrust tipped with its disc, drag, hub
-    /// stiffness, torques and damping.
+    /// The equations of motion in newtons and newton metres: each rotor's thrust tipped with its disc, drag,
+    /// hub stiffness, torques and damping.
     fn dimensional(vehicle: &Vehicle, input: &InputSample, y: &StateVector) -> StateVector {
         let (t, a, r) = (thrust_n(vehicle, input), &vehicle.assumption, &vehicle.rotor);
         let q = Quaternion::new(y[3], y[4], y[5], y[6]);

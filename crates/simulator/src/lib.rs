@@ -1,8 +1,8 @@
-//! Flies the virtual aircraft: scenarios of manoeuvres, integration of the equations of motion, and the coefficients
-//! that an identification of such a flight should find.
+//! Flies the virtual aircraft: scenarios of manoeuvres, integration of the equations of motion, and the
+//! coefficients that an identification of such a flight should find.
 //!
-//! No crate that estimates depends on this one. The model is that of `mavsight_flight`; frames and signs are those of
-//! CONVENTIONS.md.
+//! No crate that estimates depends on this one. The model is that of `mavsight_flight`; frames and signs are
+//! those of CONVENTIONS.md.
 
 mod coefficients;
 mod error;

@@ -18,7 +18,8 @@ pub enum Channel {
     OmegaL,
 }
 
-/// One movement of one input, added to hover. Amplitudes are in degrees of swash-plate or per cent of rotor speed.
+/// One movement of one input, added to hover. Amplitudes are in degrees of swash-plate or per cent of rotor
+/// speed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Maneuver {
@@ -54,7 +55,8 @@ pub enum Maneuver {
         /// Amplitude.
         amplitude: f64,
     },
-    /// Sines of equal amplitude at multiples of the lowest frequency, phases after Schroeder (1970) for a low peak.
+    /// Sines of equal amplitude at multiples of the lowest frequency, phases after Schroeder (1970) for a low
+    /// peak.
     Multisine {
         /// Input moved.
         channel: Channel,

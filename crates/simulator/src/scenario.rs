@@ -28,7 +28,8 @@ pub struct Scenario {
 }
 
 impl Scenario {
-    /// Section 4.2 of the paper: 2 s of hover, swash-plate 5° down for 1 s and up for 1 s, 10 s in all. The heading of
+    /// Section 4.2 of the paper: 2 s of hover, swash-plate 5° down for 1 s and up for 1 s, 10 s in all. The
+    /// heading of
     /// 22.5° keeps the balls apart in both views.
     pub fn paper() -> Self {
         Self {

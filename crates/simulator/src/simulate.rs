@@ -109,15 +109,16 @@ impl ODE<f64, StateVector> for Segment<'_> {
     }
 }
 
-/// Flies the vehicle through the inputs and reports its state at increasing `times_s`, the first of which is the start.
+/// Flies the vehicle through the inputs and reports its state at increasing `times_s`, the first of which is
+/// the start.
 ///
-/// Integrates [`Airframe::derivative`] with [`true_coefficients`]. The inputs step at their samples, so each stretch
-/// between a sample or an output time and the next is integrated by itself (Dormand-Prince 8(5,3), adaptive,
-/// tolerance 1e-10; Hairer, Nørsett & Wanner 1993, section II.5).
+/// Integrates [`Airframe::derivative`] with [`true_coefficients`]. The inputs step at their samples, so each
+/// stretch between a sample or an output time and the next is integrated by itself (Dormand-Prince 8(5,3),
+/// adaptive, tolerance 1e-10; Hairer, Nørsett & Wanner 1993, section II.5).
 ///
 /// # Errors
-/// A vehicle that is not valid, a start that is not finite, times that do not increase, inputs that do not cover them, a
-/// state that diverges.
+/// A vehicle that is not valid, a start that is not finite, times that do not increase, inputs that do not
+/// cover them, a state that diverges.
 pub fn simulate(
     vehicle: &Vehicle,
     inputs: &InputSeries,
@@ -267,7 +268,10 @@ mod tests {
         assert_eq!(states.len(), 300);
         let least = states.iter().map(|s| s.attitude.theta_rad).fold(f64::MAX, f64::min);
         assert!(least < -0.05, "swash-plate forward lowers the nose: {least}");
-        assert!(states.iter().all(|s| s.attitude.phi_rad.abs() < 1e-9), "longitudinal motion stays so");
+        assert!(
+            states.iter().all(|s| s.attitude.phi_rad.abs() < 1e-9),
+            "longitudinal motion remains longitudinal"
+        );
     }
 
     #[test]

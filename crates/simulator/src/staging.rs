@@ -4,7 +4,8 @@ use crate::SimulatorError;
 use mavsight_flight::Color;
 use serde::{Deserialize, Serialize};
 
-/// Objects in view of the cameras, and disturbances; all lists may be empty. A film shows them, no estimator knows them.
+/// Objects in view of the cameras, and disturbances; all lists may be empty. A film shows them, no estimator
+/// knows them.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Staging {

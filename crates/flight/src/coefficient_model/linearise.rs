@@ -79,8 +79,8 @@ fn d_turned(q: &Vector4<f64>, v: &Vector3<f64>) -> Matrix3x4<f64> {
 }
 
 impl Airframe {
-    /// Derivatives of [`Airframe::derivative`] with respect to state and coefficients, written into `out`, of which only
-    /// the entries that can differ from zero are touched.
+    /// Derivatives of [`Airframe::derivative`] with respect to state and coefficients, written into `out`, of
+    /// which only the entries that can differ from zero are touched.
     pub fn linearise(&self, c: &Coefficients, input: &InputSample, y: &StateVector, out: &mut Linearisation) {
         let q = Vector4::new(y[3], y[4], y[5], y[6]);
         let velocity = Vector3::new(y[7], y[8], y[9]);

@@ -22,7 +22,8 @@ fn longley() -> DMatrix<f64> {
 #[test]
 fn longleys_collinearity_is_that_of_the_literature() {
     let found = collinearity(&longley()).expect("diagnostics");
-    // Variance inflation and condition indices as the SAS/STAT guide prints them for PROC REG, options VIF and COLLIN.
+    // Variance inflation and condition indices as the SAS/STAT guide prints them for PROC REG, options VIF
+    // and COLLIN.
     for (got, printed) in found
         .variance_inflation
         .iter()

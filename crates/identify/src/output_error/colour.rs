@@ -1,7 +1,7 @@
-//! Errors of measurements that last: part of each channel's variance is new at every instant, part dies away slowly, with
-//! time or with the path that a marker's image has gone.
+//! Correlated errors of measurements: part of each channel's variance is new at every instant, part dies away
+//! slowly, with time or with the path that a marker's image has gone.
 
-use super::covariance::inverse;
+use super::inverse::inverse;
 use super::linear::Linear;
 use super::result::Extent;
 use crate::IdentifyError;
@@ -11,17 +11,18 @@ use nalgebra::DMatrix;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Along {
     Time,
-    /// What is wrong with a centre changes with what is behind the marker, and how it is lit: where it is in the image.
+    /// What is wrong with a centre changes with what is behind the marker, and how it is lit: where it is in
+    /// the image.
     Path,
 }
 
-/// The errors of one channel: the sum of a white one and of one with the autocorrelation exp(-|x|/extent), x time or path
-/// (Ornstein & Uhlenbeck 1930).
+/// The errors of one channel: the sum of a white one and of one with the autocorrelation exp(-|x|/extent), x
+/// time or path (Ornstein & Uhlenbeck 1930).
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Noise {
     /// Variance of the white part.
     white: f64,
-    /// Variance of the lasting part over that.
+    /// Variance of the correlated part over that.
     ratio: f64,
     /// In s or in px.
     extent: f64,
@@ -38,29 +39,32 @@ impl Noise {
 pub(crate) struct Colour {
     along: Along,
     channels: Vec<Noise>,
-    /// Share of the lasting part in the variance of all rows together.
-    pub(crate) lasting_share: f64,
-    /// The extents' mean, each weighed by its channel's lasting part, as a logarithm.
+    /// Share of the correlated part in the variance of all rows together.
+    pub(crate) correlated_share: f64,
+    /// The extents' mean, each weighed by its channel's correlated part, as a logarithm.
     mean_extent: f64,
 }
 
-/// Ratios of the lasting part's variance to the white one's that are tried, beside none, each twice the one before.
+/// Ratios of the correlated part's variance to the white one's that are tried, beside none, each twice the
+/// one before.
 const FIRST_RATIO: f64 = 1.0 / 16.0;
 const RATIOS: usize = 15;
-/// Rounds in which unknowns and noise determine each other; each leaves less than a third of the error of the one before.
+/// Rounds in which unknowns and noise determine each other; each leaves less than a third of the error of the
+/// one before.
 const ROUNDS: usize = 4;
 
 /// The filter of one channel.
 struct Whitener {
-    /// By row of the channel: how much of the state is kept since the row before, its gain, one over the standard
-    /// deviation of the innovation.
+    /// By row of the channel: how much of the state is kept since the row before, its gain, one over the
+    /// standard deviation of the innovation.
     steps: Vec<(f64, f64, f64)>,
     /// Sum of the logarithms of the innovations' variances.
     log_determinant: f64,
 }
 
 impl Whitener {
-    /// The lasting part has `ratio` times the white one's variance; rows lie at `places` along time or path.
+    /// The correlated part has `ratio` times the white one's variance; rows lie at `places` along time or
+    /// path.
     fn new(places: &[f64], extent: f64, ratio: f64) -> Self {
         let (mut variance, mut log_determinant) = (ratio, 0.0);
         let mut before = None;
@@ -144,7 +148,8 @@ impl Channels {
         }
     }
 
-    /// The extents that are tried: from twice the mean distance of rows, each twice the one before, to the longest channel.
+    /// The extents that are tried: from twice the mean distance of rows, each twice the one before, to the
+    /// longest channel.
     fn extents(&self, along: Along) -> Vec<f64> {
         let length = |places: &Vec<f64>| places.last().zip(places.first()).map_or(0.0, |(b, a)| b - a);
         let longest = self.along(along).iter().map(length).fold(0.0, f64::max);
@@ -157,8 +162,9 @@ impl Channels {
 }
 
 impl Colour {
-    /// Finds the noise by restricted maximum likelihood (Patterson & Thompson 1971), in rounds of expectation and
-    /// maximisation (Dempster, Laird & Rubin 1977): what the unknowns have taken from the residuals is given back to them.
+    /// Finds the noise by restricted maximum likelihood (Patterson & Thompson 1971), in rounds of expectation
+    /// and maximisation (Dempster, Laird & Rubin 1977): what the unknowns have taken from the residuals is
+    /// given back to them.
     pub(crate) fn find(linear: &Linear, times_s: &[f64], channels: usize) -> Result<Self, IdentifyError> {
         let places = Channels::new(linear, times_s, channels);
         let series = DMatrix::from_row_slice(1, linear.residual.len(), linear.residual.as_slice());
@@ -173,9 +179,9 @@ impl Colour {
             series.rows_mut(0, 1).copy_from(&left.transpose());
             series.rows_mut(1, taken.nrows()).copy_from(&taken);
             let next = Self::most_likely(&places, &series);
-            let settled = next.is_like(&found);
+            let has_converged = next.is_like(&found);
             found = next;
-            if settled {
+            if has_converged {
                 break;
             }
         }
@@ -189,7 +195,8 @@ impl Colour {
         self.along == other.along && self.channels.iter().zip(&other.channels).all(alike)
     }
 
-    /// The most likely of all extents and ratios tried; variances follow from the squares of the series' columns.
+    /// The most likely of all extents and ratios tried; variances follow from the squares of the series'
+    /// columns.
     fn most_likely(places: &Channels, series: &DMatrix<f64>) -> Self {
         let mut mean = vec![0.0; series.nrows()];
         let [(by_time, time), (by_path, path)] = [Along::Time, Along::Path].map(|along| {
@@ -200,15 +207,15 @@ impl Colour {
             (deviances.iter().sum::<f64>(), channels)
         });
         let (along, channels) = if by_path < by_time { (Along::Path, path) } else { (Along::Time, time) };
-        let (mut lasting, mut all, mut extents) = (0.0, 0.0, 0.0);
+        let (mut correlated, mut all, mut extents) = (0.0, 0.0, 0.0);
         for (noise, rows) in channels.iter().zip(&places.rows) {
             let part = rows.len() as f64 * noise.white * noise.ratio;
-            lasting += part;
+            correlated += part;
             all += rows.len() as f64 * noise.variance();
             extents += part * noise.extent.ln();
         }
-        let mean_extent = if lasting > 0.0 { (extents / lasting).exp() } else { 0.0 };
-        Self { along, channels, lasting_share: lasting / all, mean_extent }
+        let mean_extent = if correlated > 0.0 { (extents / correlated).exp() } else { 0.0 };
+        Self { along, channels, correlated_share: correlated / all, mean_extent }
     }
 
     /// The model with rows of unit variance that do not hang together, if these are the errors.
@@ -256,8 +263,8 @@ fn likeliest(
         return (0.0, best.1);
     }
     let ratios = (0..RATIOS).map(|k| FIRST_RATIO * 2f64.powi(k as i32));
-    let lasting = extents.iter().flat_map(|extent| ratios.clone().map(move |ratio| (*extent, ratio)));
-    for (extent, ratio) in std::iter::once((1.0, 0.0)).chain(lasting) {
+    let correlated = extents.iter().flat_map(|extent| ratios.clone().map(move |ratio| (*extent, ratio)));
+    for (extent, ratio) in std::iter::once((1.0, 0.0)).chain(correlated) {
         let filter = Whitener::new(places, extent, ratio);
         let white = (filter.squares(rows, series, mean) / n).max(f64::MIN_POSITIVE);
         let deviance = n * white.ln() + filter.log_determinant;
@@ -279,8 +286,8 @@ mod tests {
         let x = [0.3, -1.2, 0.7, 2.0, 1.9, -0.4];
         for (extent, ratio) in [(0.2, 3.0), (1.5, 100.0), (0.4, 0.0)] {
             let sigma = DMatrix::from_fn(6, 6, |i, j| {
-                let lasting = ratio * (-f64::abs(times_s[i] - times_s[j]) / extent).exp();
-                lasting + if i == j { 1.0 } else { 0.0 }
+                let correlated = ratio * (-f64::abs(times_s[i] - times_s[j]) / extent).exp();
+                correlated + if i == j { 1.0 } else { 0.0 }
             });
             let dense = sigma.cholesky().expect("positive definite");
             let column = DMatrix::from_column_slice(6, 1, &x);
@@ -295,9 +302,10 @@ mod tests {
         }
     }
 
-    /// Errors that go with the place, of a marker that stands, moves and creeps, and errors that go with time.
+    /// Errors that go with the place, of a marker that stands, moves and creeps, and errors that go with
+    /// time.
     #[test]
-    fn errors_by_the_way_are_told_from_errors_by_time() {
+    fn errors_by_path_are_distinguished_from_errors_by_time() {
         let (instants, channels) = (300, 8);
         let times_s: Vec<f64> = (0..instants).map(|k| k as f64 / 30.0).collect();
         let speed_px_s = |t: f64| {
@@ -327,12 +335,12 @@ mod tests {
             let mut seed = 5;
             let mut series = DMatrix::zeros(1, instants * channels);
             for channel in 0..channels {
-                let mut lasting = 3.0 * normal(&mut seed);
+                let mut correlated = 3.0 * normal(&mut seed);
                 for i in 0..instants {
                     let apart = if i == 0 { 0.0 } else { coordinate[i] - coordinate[i - 1] };
                     let kept = f64::exp(-apart / extent);
-                    lasting = kept * lasting + 3.0 * (1.0 - kept * kept).sqrt() * normal(&mut seed);
-                    series[(0, i * channels + channel)] = lasting + normal(&mut seed);
+                    correlated = kept * correlated + 3.0 * (1.0 - kept * kept).sqrt() * normal(&mut seed);
+                    series[(0, i * channels + channel)] = correlated + normal(&mut seed);
                 }
             }
             let found = Colour::most_likely(&places, &series);
@@ -340,7 +348,7 @@ mod tests {
             let ratio = found.mean_extent / extent;
             assert!((0.5..2.0).contains(&ratio), "{} for {extent}", found.mean_extent);
             // 9 of 10 parts.
-            assert!((0.8..0.97).contains(&found.lasting_share), "{}", found.lasting_share);
+            assert!((0.8..0.97).contains(&found.correlated_share), "{}", found.correlated_share);
         }
     }
 }

@@ -1,11 +1,11 @@
 //! All segments as one quadratic of the start, the parameters and the nuisances.
 
 use super::propagate::TANGENT;
-use super::shooting::{Evaluation, Problem, Segment, gap_information};
+use super::shooting::{Evaluation, Segment, Shooting, gap_information};
 use crate::IdentifyError;
 use nalgebra::{DMatrix, DVector};
 
-/// Added to a unit diagonal, so that a direction that is not determined stays where it is.
+/// Added to a unit diagonal, so that a direction that is not determined keeps its value.
 const RIDGE: f64 = 1e-13;
 
 /// The quadratic of all segments in [start, parameters, nuisances, -1], and how the later starts follow.
@@ -15,14 +15,22 @@ pub(crate) struct Condensed {
     gains: Vec<DMatrix<f64>>,
 }
 
+/// Tightness of the gaps between segments ([`gap_information`]), and damping of the start and parameters
+/// (Marquardt 1963).
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Penalty {
+    pub(crate) tightness: f64,
+    pub(crate) damping: f64,
+}
+
 impl Condensed {
-    /// Folds the segments into the first from the last on: at each gap the next start is eliminated, with
-    /// x = u + c, u what the segment before leads to and c held near zero (Bock 1983; Albersmeyer & Diehl 2010).
+    /// Folds the segments into the first from the last on: at each gap the next start is eliminated, with x =
+    /// u + c, u what the segment before leads to and c held near zero (Bock 1983; Albersmeyer & Diehl 2010).
     pub(crate) fn new(
-        problem: &Problem<'_>,
+        problem: &Shooting<'_>,
         at: &Evaluation,
         nuisances: &DVector<f64>,
-        (tightness, damping): (f64, f64),
+        penalty: Penalty,
     ) -> Result<Self, IdentifyError> {
         let n = at.segments[0].quadratic.ncols();
         let m = at.segments[0].end_by.ncols();
@@ -30,11 +38,11 @@ impl Condensed {
         let damped = |s: usize| {
             let mut q = at.segments[s].quadratic.clone();
             for i in 0..m {
-                q[(i, i)] *= 1.0 + damping;
+                q[(i, i)] *= 1.0 + penalty.damping;
             }
             q
         };
-        let information = gap_information(tightness);
+        let information = gap_information(penalty.tightness);
         let mut gains = Vec::with_capacity(at.segments.len());
         let mut q = damped(at.segments.len() - 1);
         for s in (0..at.segments.len() - 1).rev() {
@@ -45,7 +53,8 @@ impl Condensed {
             let top = q.rows(0, TANGENT).into_owned();
             let gain = block.cholesky().ok_or(IdentifyError::RankZero)?.solve(&top);
             q -= top.transpose() * &gain;
-            // Top rows as W (L + W)⁻¹ L in place of L - L (L + W)⁻¹ L, which cancels where W is small beside L.
+            // Top rows as W (L + W)⁻¹ L in place of L - L (L + W)⁻¹ L, which cancels where W is small against
+            // L.
             for i in 0..TANGENT {
                 for j in 0..n {
                     let value = information[i] * gain[(i, j)];
@@ -100,8 +109,8 @@ impl Condensed {
         step.iter().all(|v| v.is_finite()).then_some((step, left))
     }
 
-    /// Steps of all segments' starts for a step of [start, parameters, nuisances]; `constant` 1 goes along with the gaps, 0
-    /// asks for the linear part alone.
+    /// Steps of all segments' starts for a step of [start, parameters, nuisances]; `constant` 1 goes along
+    /// with the gaps, 0 asks for the linear part alone.
     pub(crate) fn expand(&self, at: &Evaluation, step: &DVector<f64>, constant: f64) -> Vec<DVector<f64>> {
         let m = at.segments[0].end_by.ncols();
         let mut out = vec![step.rows(0, TANGENT).into_owned()];
@@ -125,7 +134,7 @@ impl Condensed {
 /// Puts what one segment's end leads to in the place of the next one's start.
 fn fold(q: &DMatrix<f64>, segment: &Segment, m: usize) -> DMatrix<f64> {
     let n = q.ncols();
-    // x_next = [Φ S 0 gap] [x, parameters, nuisances, -1]; the other variables stay.
+    // x_next = [Φ S 0 gap] [x, parameters, nuisances, -1]; the other variables are kept.
     let mut t = DMatrix::zeros(TANGENT, n);
     t.view_mut((0, 0), (TANGENT, m)).copy_from(&segment.end_by);
     for i in 0..TANGENT {

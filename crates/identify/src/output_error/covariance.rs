@@ -1,30 +1,10 @@
 //! How well parameters are known: Cramér-Rao bounds, and their correction for coloured residuals.
 
-use super::condense::Condensed;
+use super::inverse::inverse;
 use super::linear::Linear;
 use super::propagate::TANGENT;
-use super::shooting::Point;
 use crate::IdentifyError;
 use nalgebra::{DMatrix, DVector};
-
-/// Inverse of a positive definite matrix, scaled to a unit diagonal on the way.
-pub(crate) fn inverse(a: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-    let n = a.nrows();
-    let scale = DVector::from_fn(n, |i, _| 1.0 / a[(i, i)].sqrt());
-    let scaled = DMatrix::from_fn(n, n, |i, j| 0.5 * (a[(i, j)] + a[(j, i)]) * scale[i] * scale[j]);
-    let inverse = scaled.cholesky()?.inverse();
-    let out = DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] * scale[i] * scale[j]);
-    out.iter().all(|v| v.is_finite()).then_some(out)
-}
-
-/// How many of the unknowns the measurements decide: all but what the nuisances' priors do.
-pub(crate) fn effective_parameters(condensed: &Condensed, point: &Point) -> f64 {
-    let decided = TANGENT + point.model.free().len();
-    let k = point.nuisances.len();
-    let undecided = inverse(&condensed.information())
-        .map_or(0.0, |c| (0..k).map(|i| c[(decided + i, decided + i)]).sum::<f64>());
-    (decided + k) as f64 - undecided
-}
 
 /// Bounds and their correction.
 pub(crate) struct Covariance {
@@ -32,7 +12,8 @@ pub(crate) struct Covariance {
     pub(crate) bound: DMatrix<f64>,
     /// Of the parameters, for rows of the colour that was found.
     pub(crate) coloured: DMatrix<f64>,
-    /// Of the parameters, for rows that are at times larger than at others; none where chance explains how they differ.
+    /// Of the parameters, for rows that are at times larger than at others; none where chance explains how
+    /// they differ.
     pub(crate) uneven: Option<DMatrix<f64>>,
     /// Instants over which rows are correlated.
     pub(crate) lag: usize,
@@ -48,7 +29,7 @@ impl Covariance {
         // What a unit of each row's noise does to the parameters: parameters by rows.
         let influence = all.rows(TANGENT, parameters) * &linear.by;
         let by_instant = Instants::new(linear, &influence, channels);
-        // The priors' part of the bound stays.
+        // The priors' part of the bound is kept.
         let rest = own - &influence * influence.transpose();
         let coloured =
             &rest + if lag == 0 { &influence * influence.transpose() } else { by_instant.colour(lag) };
@@ -57,8 +38,9 @@ impl Covariance {
     }
 }
 
-/// The lag from which residuals are uncorrelated, by the rule of Politis (2003, section 2): twice the lag after which five
-/// autocorrelations in a row stay below 2√(log₁₀ n/n), here of all channels together; 0 for white ones.
+/// The lag from which residuals are uncorrelated, by the rule of Politis (2003, section 2): twice the lag
+/// after which five autocorrelations in a row remain below 2√(log₁₀ n/n), here of all channels together; 0
+/// for white ones.
 pub(crate) fn correlation_lag(linear: &Linear, channels: usize) -> usize {
     let table = linear.table(&linear.residual, channels);
     let instants = table.nrows();
@@ -84,7 +66,8 @@ pub(crate) fn correlation_lag(linear: &Linear, channels: usize) -> usize {
     longest
 }
 
-/// Residuals by instant and channel, and what a unit of each does to the parameters: parameters by channels an instant.
+/// Residuals by instant and channel, and what a unit of each does to the parameters: parameters by channels
+/// an instant.
 struct Instants {
     residuals: DMatrix<f64>,
     influence: Vec<DMatrix<f64>>,
@@ -104,10 +87,11 @@ impl Instants {
         Self { residuals, influence: by_instant, rows }
     }
 
-    /// The parameters' covariance for rows that are correlated over instants and channels alike through the flight (Morelli
-    /// & Klein 1997, equation 14): the sum of Gᵢᵀ R(j - i) Gⱼ over all i and j.
+    /// The parameters' covariance for rows that are correlated over instants and channels alike through the
+    /// flight (Morelli & Klein 1997, equation 14): the sum of Gᵢᵀ R(j - i) Gⱼ over all i and j.
     ///
-    /// R by lag is that of the residuals, tapered flat to half of `lag` and to zero at it (Politis & Romano 1995).
+    /// R by lag is that of the residuals, tapered flat to half of `lag` and to zero at it (Politis & Romano
+    /// 1995).
     fn colour(&self, lag: usize) -> DMatrix<f64> {
         let p = self.influence.first().map_or(0, DMatrix::nrows);
         let mut out = DMatrix::zeros(p, p);
@@ -130,8 +114,8 @@ impl Instants {
         out
     }
 
-    /// Whether the squares of the instants differ by more than chance, were all rows normal with one variance: by five
-    /// standard deviations of their sum of squared deviations.
+    /// Whether the squares of the instants differ by more than chance, were all rows normal with one
+    /// variance: by five standard deviations of their sum of squared deviations.
     fn is_uneven(&self) -> bool {
         let all = self.rows.iter().sum::<usize>() as f64;
         let variance = self.residuals.norm_squared() / all;
@@ -145,9 +129,9 @@ impl Instants {
         excess > 5.0 * chance.sqrt()
     }
 
-    /// The same for rows of any variance at any instant (White 1980; Newey & West 1987): the Bartlett-weighted sum of the
-    /// products of what the residuals of instants, as they are, do to the parameters. `lag`, or what Newey & West (1994) take
-    /// for the number of instants, whichever is more.
+    /// The parameters' covariance for rows of any variance at any instant (White 1980; Newey & West 1987):
+    /// the Bartlett-weighted sum of the products of what the residuals of instants, as they are, do to the
+    /// parameters. `lag`, or what Newey & West (1994) take for the number of instants, whichever is more.
     fn scores_spread(&self, lag: usize) -> DMatrix<f64> {
         let scores: Vec<DVector<f64>> = self
             .influence
@@ -176,15 +160,16 @@ mod tests {
     use super::*;
     use crate::testing::normal;
 
-    /// Residuals whose standard deviation is three in a tenth of the flight, that of the most telling instants, and one else.
+    /// Residuals whose standard deviation is three in a tenth of the flight, that of the most informative
+    /// instants, and one else.
     #[test]
     fn a_burst_of_errors_is_found_and_its_spread_is_right() {
         let (instants, channels, runs) = (300, 16, 300_i32);
         let std = |i: usize, burst: f64| if (100..130).contains(&i) { burst } else { 1.0 };
         let influence: Vec<DMatrix<f64>> = (0..instants)
             .map(|i| {
-                let telling = if (100..130).contains(&i) { 3.0 } else { 0.5 };
-                DMatrix::from_fn(2, channels, |p, c| telling * ((p + 1) as f64 * (c + i) as f64).sin())
+                let informative = if (100..130).contains(&i) { 3.0 } else { 0.5 };
+                DMatrix::from_fn(2, channels, |p, c| informative * ((p + 1) as f64 * (c + i) as f64).sin())
             })
             .collect();
         let mut seed = 3;

@@ -1,10 +1,10 @@
 //! A start where only velocities and rates were measured.
 
 use super::measure::StateMeasurement;
-use super::start::turned;
-use mavsight_geometry::{Isometry3, Vector3, world_from_level};
+use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3, world_from_level};
 
-/// Poses summed up from velocity and rates, from the origin, level and along X; those instants that have both.
+/// Poses summed up from velocity and rates, from the origin, level and along X; those instants that have
+/// both.
 ///
 /// Position and heading are then conventions, which the fit pins; roll and pitch are found from gravity.
 pub(crate) fn poses(samples: &[StateMeasurement]) -> Vec<(usize, Isometry3<f64>)> {
@@ -24,4 +24,9 @@ pub(crate) fn poses(samples: &[StateMeasurement]) -> Vec<(usize, Isometry3<f64>)
         out.push((i, pose));
     }
     out
+}
+
+/// The turn that leads from one attitude to another over a time at constant rates.
+fn turned(rotation: &UnitQuaternion<f64>, rates: &Vector3<f64>, h_s: f64) -> UnitQuaternion<f64> {
+    rotation * UnitQuaternion::from_scaled_axis(rates * h_s)
 }

@@ -1,9 +1,10 @@
 //! The steps of an output-error fit: down to the minimum along flights without gaps.
 
-use super::fit::Fitter;
+use super::fitter::Fitter;
 use super::shooting::{Evaluation, Point, moved_point};
 
-/// Damping of a step that closes gaps and little else: all that is measured counts a hundred times as much as it weighs.
+/// Damping of a step that closes gaps and little else: all that is measured counts a hundred times as much as
+/// it weighs.
 const RESTORING: f64 = 100.0;
 /// Damping below this is none.
 const LEAST_DAMPING: f64 = 1e-3;
@@ -20,11 +21,12 @@ struct Watched {
 impl Fitter<'_> {
     /// Gauss-Newton steps with the damping of Levenberg and Marquardt where one fails.
     ///
-    /// A step along the constraint opens the gaps by its square, which a tight penalty punishes: a step that raises the
-    /// squares may stand (the watchdog of Chamberlain, Powell, Lemarechal & Pedersen 1982) if further ones, which close the
-    /// gaps and hold the rest (the second-order correction of Fletcher 1982), each leave less than half of what was too
-    /// much and end below the squares before. Without holding the rest they would go on along the constraint, where
-    /// cameras, markers and start can move together, and open the gaps anew.
+    /// A step along the constraint opens the gaps by its square, which a tight penalty punishes: a step that
+    /// raises the squares may stand (the watchdog of Chamberlain, Powell, Lemarechal & Pedersen 1982) if
+    /// further ones, which close the gaps and hold the rest (the second-order correction of Fletcher 1982),
+    /// each leave less than half of what was too much and end below the squares before. Without holding the
+    /// rest they would go on along the constraint, where cameras, markers and start can move together, and
+    /// open the gaps again.
     pub(super) fn converge(&mut self, tightness: f64, promised: f64) {
         let mut damping: f64 = 0.0;
         let mut watched: Option<Watched> = None;
@@ -80,7 +82,7 @@ impl Fitter<'_> {
         }
     }
 
-    /// Where a step leads, and in `promise` by how much it lowers the squares if they are quadratic.
+    /// The point after a step; `promise` becomes the predicted decrease of the squares.
     fn step(&mut self, tightness: f64, damping: f64) -> Option<Point> {
         let condensed = self.condensed(tightness, damping).ok()?;
         let (step, left) = condensed.minimum()?;
@@ -89,7 +91,8 @@ impl Fitter<'_> {
     }
 }
 
-/// What a step kept of its promise tells how far the quadratic model reaches (Marquardt 1963).
+/// The share of the predicted decrease that a step achieved shows how far the quadratic model holds
+/// (Marquardt 1963).
 fn relaxed(damping: f64, kept: f64) -> f64 {
     let next = damping
         * if kept > 0.75 {

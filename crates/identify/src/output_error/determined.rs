@@ -1,8 +1,8 @@
 //! Whether the flight determines every free parameter.
 
 use super::condense::Condensed;
-use super::covariance::inverse;
-use super::fit::Fitter;
+use super::fitter::Fitter;
+use super::inverse::inverse;
 use super::model::ModelParameter;
 use super::propagate::TANGENT;
 use super::shooting::Record;
@@ -14,8 +14,8 @@ use nalgebra::{DMatrix, DVector};
 /// A change by ten times a parameter's size must be seen by one standard deviation.
 const SEEN_SIZES: f64 = 10.0;
 
-/// A size of a parameter below which an uncertainty is worth having: its value, at the start or now, or an effect of one
-/// hundredth of the weight (over the rotor's radius; per m/s, per 10 rad/s); 10 ms for the lag.
+/// A size of a parameter below which an uncertainty is worth having: its value, at the start or now, or an
+/// effect of one hundredth of the weight (over the rotor's radius; per m/s, per 10 rad/s); 10 ms for the lag.
 pub(crate) fn typical(parameter: ModelParameter, fitter: &Fitter<'_>) -> f64 {
     let model = &fitter.start;
     let effect = 0.01 * (model.coefficients.get(C::CzU) + model.coefficients.get(C::CzL)).abs();
@@ -31,7 +31,8 @@ pub(crate) fn typical(parameter: ModelParameter, fitter: &Fitter<'_>) -> f64 {
 /// Refuses a fit in which a combination of parameters changes nothing that was measured.
 ///
 /// The least determined direction is taken from the information on the parameters with start and nuisances
-/// unknown; what it changes is then added up row by row, which is exact where the information has lost its digits.
+/// unknown; what it changes is then added up row by row, which is exact where the information has lost its
+/// digits.
 pub(crate) fn refuse_undetermined(
     fitter: &Fitter<'_>,
     condensed: &Condensed,
@@ -46,7 +47,7 @@ pub(crate) fn refuse_undetermined(
     let a_rm = a.select_rows(&rest).select_columns(&mine);
     let follow = inverse(&a.select_rows(&rest).select_columns(&rest)).ok_or(IdentifyError::RankZero)? * &a_rm;
     let marginal = a.select_rows(&mine).select_columns(&mine) - a_rm.transpose() * &follow;
-    // In units of what is told of each parameter alone: that keeps the digits of weak ones.
+    // In units of the information on each parameter alone: that keeps the digits of weak ones.
     let unit = DVector::from_fn(p, |i, _| {
         let own = a[(TANGENT + i, TANGENT + i)];
         if own > 0.0 { 1.0 / own.sqrt() } else { size[i] }

@@ -1,12 +1,14 @@
-//! What an output-error fit will tell of a flight that is only planned.
+//! The expected result of an output-error fit of a planned flight.
 
-use super::covariance::inverse;
 use super::determined::{refuse_undetermined, typical};
-use super::fit::{Fitter, OutputErrorOptions, TIGHTNESS};
+use super::fitter::{Begin, Fitter, Recorded, TIGHTNESS};
+use super::inverse::inverse;
 use super::linear::Linear;
-use super::measure::{Measurements, Row, StateMeasurement, whitener};
+use super::measure::{Measurements, StateMeasurement};
 use super::model::{FlightModel, ModelParameter};
+use super::options::OutputErrorOptions;
 use super::propagate::TANGENT;
+use super::row::{Row, whitener};
 use crate::IdentifyError;
 use mavsight_flight::{InputSeries, StateVector};
 use mavsight_geometry::Isometry3;
@@ -20,9 +22,9 @@ const NORMAL_95: f64 = 1.959_964;
 pub struct ExpectedParameter {
     /// The parameter.
     pub parameter: ModelParameter,
-    /// Its name.
+    /// Name of the parameter.
     pub name: &'static str,
-    /// Its value in the planned flight.
+    /// Value in the planned flight.
     pub value: f64,
     /// Standard deviation that an estimate will have: the Cramér-Rao bound.
     pub std: f64,
@@ -48,15 +50,17 @@ pub struct ExpectedFit {
     influence: DMatrix<f64>,
 }
 
-/// The covariance with which [`super::output_error`] will estimate the free parameters of a model from measurements that are
-/// as good as they say, about the motion with the model's own values; `states` are those of the motion at the instants of
-/// the measurements, each of which holds a pose and nothing else.
+/// The covariance with which [`super::output_error`] will estimate the free parameters of a model from
+/// measurements that are as good as they say, about the motion with the model's own values; `states` are
+/// those of the motion at the instants of the measurements, each of which holds a pose and nothing else.
 ///
-/// The same integration, sensitivities, constraint between segments and unknown start as in the fit: the inverse of the
-/// information, which is Cramér and Rao's bound and, for an efficient estimator, the covariance (Maine & Iliff 1985).
+/// Uses the integration, sensitivities, constraint between segments and unknown start of the fit: the
+/// inverse of the information, which is Cramér and Rao's bound and, for an efficient estimator, the
+/// covariance (Maine & Iliff 1985).
 ///
 /// # Errors
-/// [`IdentifyError::PlannedStates`]; nothing free; inputs that do not cover the flight; a flight that tells nothing.
+/// [`IdentifyError::PlannedStates`]; nothing free; inputs that do not cover the flight; a flight without
+/// information.
 pub fn expected_fit(
     model: &FlightModel,
     inputs: &InputSeries,
@@ -76,7 +80,8 @@ pub fn expected_fit(
     let measurements = Measurements::States(measured);
     measurements.check()?;
     let nodes = nodes(&measurements.times_s(), states, options.segment_s);
-    let fitter = Fitter::at((model, model.clone()), nodes, (inputs, &measurements), options)?;
+    let begin = Begin { model: model.clone(), nodes };
+    let fitter = Fitter::at(model, begin, Recorded { inputs, measurements: &measurements }, options)?;
     let (condensed, records) = fitter.linearised(TIGHTNESS[3])?;
     let linear = Linear::new(&fitter, &condensed, &records);
     let undetermined = refuse_undetermined(&fitter, &condensed, &records).err().map(|e| e.to_string());
@@ -117,9 +122,10 @@ fn nodes(times_s: &[f64], states: &[StateVector], segment_s: f64) -> Vec<(usize,
 }
 
 impl ExpectedFit {
-    /// The same with errors of the poses that stay for the flight: for each instant one column for each independent direction, a
-    /// standard deviation along it in position (world, m) and turn (body, rad), as [`mavsight_pose::PoseEstimate::systematic`] has
-    /// them. The fit does not know of them; they move its estimates by the influence of every row.
+    /// Adds systematic errors of the poses: for each instant one column for each independent direction, a
+    /// standard deviation along it in position (world, m) and turn (body, rad), as
+    /// [`mavsight_pose::PoseEstimate::systematic`] has them. The fit does not know of them; they move its
+    /// estimates by the influence of every row.
     ///
     /// # Errors
     /// [`IdentifyError::PlannedStates`] for another number of instants, or of directions at some of them.
@@ -144,8 +150,8 @@ impl ExpectedFit {
         Ok(self)
     }
 
-    /// The parameters that poses of the planned flight give, to first order about the truth: one Gauss-Newton step of the fit,
-    /// with the weights of the plan. One pose an instant.
+    /// The parameters that poses of the planned flight give, to first order about the truth: one Gauss-Newton
+    /// step of the fit, with the weights of the plan. One pose an instant.
     ///
     /// # Errors
     /// [`IdentifyError::PlannedStates`] for another number of poses; a pose that is not finite.
@@ -173,8 +179,8 @@ impl ExpectedFit {
         Err(IdentifyError::BadMeasurement { t_s: self.measured[0].t_ns as f64 * 1e-9, what: "pose" })
     }
 
-    /// Log of the determinant of the covariance of some parameters, by name: the generalised
-    /// variance that a D-optimal plan makes least. `None` for names that are not free or a covariance that is not positive.
+    /// Log of the determinant of the covariance of some parameters, by name: the generalised variance that a
+    /// D-optimal plan makes least. `None` for names that are not free or a covariance that is not positive.
     pub fn log_generalised_variance(&self, names: &[&str]) -> Option<f64> {
         let at: Option<Vec<usize>> =
             names.iter().map(|n| self.parameters.iter().position(|p| p.name == *n)).collect();

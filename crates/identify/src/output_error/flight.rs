@@ -4,7 +4,7 @@ use super::measure::{Measurements, StateMeasurement};
 use super::model::{FlightModel, ModelParameter};
 use super::prediction::predict_poses;
 use super::{
-    Correlation, Disagreement, ImageMeasurements, InitialFlapping, OutputErrorFit, OutputErrorOptions,
+    Disagreement, Estimates, ImageMeasurements, InitialFlapping, OutputErrorFit, OutputErrorOptions,
     disagreement, output_error,
 };
 use crate::{Identification, IdentifyError};
@@ -94,8 +94,9 @@ impl Speeds {
         all.iter().all(|x| x.is_finite() && *x > 0.0).then_some(speeds)
     }
 
-    /// A coefficient of equation 3 over that of the same name in the equations of motion ([`mavsight_flight::Coefficient`]): the
-    /// former goes by the mean speed of both rotors, the latter by a rotor's own or the reference.
+    /// A coefficient of equation 3 over that of the same name in the equations of motion
+    /// ([`mavsight_flight::Coefficient`]): the former goes by the mean speed of both rotors, the latter by a
+    /// rotor's own or the reference.
     fn equation_over_motion(&self, name: &str) -> f64 {
         match name.rsplit(',').next() {
             Some("alpha_u" | "beta_u") => self.upper2 / self.mean2,
@@ -105,8 +106,9 @@ impl Speeds {
     }
 }
 
-/// A flight is fitted in one piece up to this length: a fit holds tens of kilobytes for each instant, so that a bound keeps memory
-/// constant; a minute is twenty time constants of the fly-bar, the slowest that is fitted, and six manoeuvres.
+/// A flight is fitted in one piece up to this length: a fit holds tens of kilobytes for each instant, so that
+/// a bound keeps memory constant; a minute is twenty time constants of the fly-bar, the slowest that is
+/// fitted, and six manoeuvres.
 const LONGEST_S: f64 = 60.0;
 
 /// Two estimates of the same parameters.
@@ -120,8 +122,8 @@ pub struct Comparison {
     pub test: Disagreement,
 }
 
-/// Estimates with their covariance.
-struct Estimates {
+/// NamedEstimates with their covariance.
+struct NamedEstimates {
     estimator: String,
     names: Vec<String>,
     values: Vec<f64>,
@@ -129,13 +131,15 @@ struct Estimates {
 }
 
 impl FlightFits {
-    /// Fits the default model of a vehicle ([`FlightModel::new`]) to the poses and, where there are some, to the images.
+    /// Fits the default model of a vehicle ([`FlightModel::new`]) to the poses and, where there are some, to
+    /// the images.
     ///
-    /// Of a flight that is longer than a minute, the minute is fitted in which it turns most ([`telling_stretch_s`]); its flapping angles begin
-    /// anywhere, where it is not the flight's first.
+    /// Of a flight that is longer than a minute, the minute is fitted in which it turns most
+    /// ([`fitted_stretch_s`]); its flapping angles begin anywhere, where it is not the flight's first.
     ///
-    /// Where the clocks are not known to agree, the lag of the inputs is free too: what is not known of it is then in all
-    /// intervals. A flight that cannot tell it is fitted without. What is held out enters no fit; each then predicts its poses.
+    /// Where the clocks are not known to agree, the lag of the inputs is free too: what is not known of it is
+    /// then in all intervals. A flight that does not determine it is fitted without. What is held out enters
+    /// no fit; each then predicts its poses.
     ///
     /// # Errors
     /// A vehicle that is not valid; refusals of a fit become sentences.
@@ -147,7 +151,7 @@ impl FlightFits {
         options: &FlightFitOptions,
     ) -> Result<Self, IdentifyError> {
         let model = FlightModel::new(vehicle, inputs)?;
-        let stretch_s = telling_stretch_s(poses);
+        let stretch_s = fitted_stretch_s(poses);
         let begins =
             stretch_s.is_none_or(|(from_s, _)| poses.first().is_some_and(|p| seconds(p.t_ns) >= from_s));
         let initial_flapping = if begins { InitialFlapping::Trim } else { InitialFlapping::Free };
@@ -162,7 +166,8 @@ impl FlightFits {
                 return held();
             }
             match output_error(&model.clone().with_free_lag(), inputs, &measured, &defaults) {
-                // What the lag moves may lie outside the inputs, or what the inputs move may not tell it.
+                // Shifted times may lie outside the inputs, or the inputs may move too little to determine
+                // the lag.
                 Err(
                     IdentifyError::NotDetermined { .. }
                     | IdentifyError::Flight(_)
@@ -201,15 +206,15 @@ impl FlightFits {
             .filter_map(|(name, fit)| Some((name, fit.as_ref()?)))
     }
 
-    /// Whether the estimators disagree: each pair of these fits in all they share, and each with equation error by one
-    /// estimator in what both call by the same name.
+    /// Whether the estimators disagree: each pair of these fits in all they share, and each with equation
+    /// error by one estimator in what both call by the same name.
     pub fn comparisons(
         &self,
         equation_error: Option<(&Identification, crate::Estimator)>,
     ) -> Vec<Comparison> {
-        let mut all: Vec<Estimates> =
+        let mut all: Vec<NamedEstimates> =
             equation_error.and_then(|(i, e)| of_equations(i, e, self.speeds)).into_iter().collect();
-        all.extend(self.named().map(|(name, fit)| Estimates {
+        all.extend(self.named().map(|(name, fit)| NamedEstimates {
             estimator: name.to_owned(),
             names: fit.parameters.iter().map(|p| p.name.to_owned()).collect(),
             values: fit.parameters.iter().map(|p| p.value).collect(),
@@ -236,9 +241,10 @@ fn within<T>(all: &[T], stretch_s: Option<(f64, f64)>, t_ns: impl Fn(&T) -> i64)
     &all[place(from_s, false)..place(to_s, true)]
 }
 
-/// Of a flight that is too long for output error to fit in one piece, first and last time of the minute in which the aircraft turns
-/// most: the largest sum of squared angles from one pose to the next. Stretches begin every quarter of a minute.
-pub fn telling_stretch_s(poses: &[PoseSample]) -> Option<(f64, f64)> {
+/// Of a flight that is too long for output error to fit in one piece, first and last time of the minute in
+/// which the aircraft turns most: the largest sum of squared angles from one pose to the next. Stretches
+/// begin every quarter of a minute.
+pub fn fitted_stretch_s(poses: &[PoseSample]) -> Option<(f64, f64)> {
     let (begin_s, end_s) = (seconds(poses.first()?.t_ns), seconds(poses.last()?.t_ns));
     if end_s - begin_s <= LONGEST_S {
         return None;
@@ -273,12 +279,13 @@ impl Images<'_> {
     }
 }
 
-/// As coefficients of the equations of motion. Offsets are left out: equation error's stand for the mean of its window.
+/// As coefficients of the equations of motion. Offsets are left out: equation error's stand for the mean of
+/// its window.
 fn of_equations(
     identification: &Identification,
     estimator: crate::Estimator,
     speeds: Option<Speeds>,
-) -> Option<Estimates> {
+) -> Option<NamedEstimates> {
     let fits = || identification.fits.iter().filter(|f| f.estimator == estimator);
     let (mut names, mut values, mut places) = (Vec::new(), Vec::new(), Vec::new());
     for (k, fit) in fits().enumerate() {
@@ -305,23 +312,23 @@ fn of_equations(
         };
         correlation * std_a * std_b
     });
-    (n > 0).then(|| Estimates { estimator: estimator.name().to_owned(), names, values, covariance })
+    (n > 0).then(|| NamedEstimates { estimator: estimator.name().to_owned(), names, values, covariance })
 }
 
-fn compare(first: &Estimates, second: &Estimates) -> Option<Comparison> {
+fn compare(first: &NamedEstimates, second: &NamedEstimates) -> Option<Comparison> {
     let shared: Vec<(usize, usize)> = first
         .names
         .iter()
         .enumerate()
         .filter_map(|(i, name)| Some((i, second.names.iter().position(|n| n == name)?)))
         .collect();
-    let part = |e: &Estimates, index: &[usize]| {
+    let part = |e: &NamedEstimates, index: &[usize]| {
         let values = DVector::from_iterator(index.len(), index.iter().map(|i| e.values[*i]));
-        (values, e.covariance.select_rows(index).select_columns(index))
+        Estimates { values, covariance: e.covariance.select_rows(index).select_columns(index) }
     };
     let (a, b): (Vec<usize>, Vec<usize>) = shared.into_iter().unzip();
     let (one, other) = (part(first, &a), part(second, &b));
-    let test = disagreement((&one.0, &one.1), (&other.0, &other.1), Correlation::IndependentOrAlike).ok()?;
+    let test = disagreement(&one, &other).ok()?;
     Some(Comparison {
         between: (first.estimator.clone(), second.estimator.clone()),
         parameters: a.iter().map(|i| first.names[*i].clone()).collect(),
@@ -350,7 +357,8 @@ mod tests {
         (0..count).map(pose).collect()
     }
 
-    /// Rotors of a real aircraft seldom hover at one speed: estimators disagreed by a chi-square of 97 000 of the same flight.
+    /// Rotors of a real aircraft seldom hover at one speed: estimators disagreed by a chi-square of 97 000 of
+    /// the same flight.
     #[test]
     fn what_a_disc_does_is_the_same_by_the_mean_speed_and_by_its_own() {
         use mavsight_flight::Coefficient;
@@ -392,7 +400,7 @@ mod tests {
     #[test]
     fn a_long_flight_is_fitted_where_it_turns_most() {
         let poses = poses(6001, |t| if (400.0..410.0).contains(&t) { t.sin() } else { 1e-3 * t.sin() });
-        let stretch = telling_stretch_s(&poses).expect("a stretch");
+        let stretch = fitted_stretch_s(&poses).expect("a stretch");
         assert!(
             stretch.0 <= 400.0 && stretch.1 >= 410.0 && stretch.1 - stretch.0 == LONGEST_S,
             "{stretch:?}"
@@ -404,10 +412,10 @@ mod tests {
 
     #[test]
     fn a_short_flight_and_one_without_poses_are_whole() {
-        assert_eq!(telling_stretch_s(&poses(600, f64::sin)), None);
-        assert_eq!(telling_stretch_s(&[]), None);
+        assert_eq!(fitted_stretch_s(&poses(600, f64::sin)), None);
+        assert_eq!(fitted_stretch_s(&[]), None);
         // What stands still says nothing: the first minute.
-        assert_eq!(telling_stretch_s(&poses(6001, |_| 0.0)), Some((0.0, LONGEST_S)));
+        assert_eq!(fitted_stretch_s(&poses(6001, |_| 0.0)), Some((0.0, LONGEST_S)));
         assert_eq!(within(&[1, 2, 3], None, |t| *t).len(), 3);
     }
 }

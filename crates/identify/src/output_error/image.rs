@@ -1,7 +1,7 @@
 //! Reprojection of markers, and what is not quite known of cameras and markers.
 
-use super::measure::{Row, pose_of, whitener};
 use super::propagate::SEEN;
+use super::row::{Row, pose_of, whitener};
 use crate::IdentifyError;
 use mavsight_flight::StateVector;
 use mavsight_geometry::camera::d_pixel_d_pose;
@@ -9,59 +9,61 @@ use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
 use nalgebra::{Matrix2, Point3};
 
-/// Markers seen by the cameras of a rig over a flight, with nuisances: directions in which all predicted pixels
-/// may be off together, each a standard normal number times a displacement of every sight.
+/// Markers seen by the cameras of a rig over a flight, with nuisances: directions in which all predicted
+/// pixels may be off together, each a standard normal number times a displacement of every observation.
 ///
 /// The displacements are taken at the poses of single instants, once: nuisances enter linearly.
 #[derive(Debug, Clone)]
 pub struct ImageMeasurements {
     cameras: Vec<Camera>,
     markers: Vec<BodyMarker>,
-    sights: Vec<MarkerObservation>,
+    observations: Vec<MarkerObservation>,
     whiteners: Vec<Matrix2<f64>>,
-    /// First sight of each instant, and the number of sights.
+    /// First observation of each instant, and the number of observations.
     first: Vec<usize>,
     times_ns: Vec<i64>,
     poses: Vec<Option<Isometry3<f64>>>,
     names: Vec<String>,
-    /// Rows: two a sight, whitened. One row after another.
+    /// Rows: two for each observation, whitened. One row after another.
     directions: Vec<f64>,
 }
 
 impl ImageMeasurements {
-    /// Takes the observations of a flight; those of instants at which no pose can be found remain, but carry no nuisance.
+    /// Takes the observations of a flight; those of instants at which no pose can be found remain, but carry
+    /// no nuisance.
     ///
     /// # Errors
-    /// [`IdentifyError::BadMeasurement`] for a camera or marker that does not exist, numbers that are not finite,
-    /// a covariance that is not positive definite; [`IdentifyError::NoStart`] where fewer than four instants have a pose.
+    /// [`IdentifyError::BadMeasurement`] for a camera or marker that does not exist, numbers that are not
+    /// finite, a covariance that is not positive definite; [`IdentifyError::NoStart`] where fewer than four
+    /// instants have a pose.
     pub fn new(
         rig: &Rig,
         markers: &[BodyMarker],
         observations: &[MarkerObservation],
     ) -> Result<Self, IdentifyError> {
         let cameras: Vec<Camera> = rig.cameras.iter().map(|c| c.camera).collect();
-        let mut sights = observations.to_vec();
-        sights.sort_by_key(|s| (s.t_ns, s.camera, s.marker));
-        let mut whiteners = Vec::with_capacity(sights.len());
-        for s in &sights {
+        let mut observations = observations.to_vec();
+        observations.sort_by_key(|s| (s.t_ns, s.camera, s.marker));
+        let mut whiteners = Vec::with_capacity(observations.len());
+        for s in &observations {
             let known = s.camera < cameras.len() && s.marker < markers.len();
             let w = whitener(&s.covariance_px2).filter(|_| known && s.pixel.iter().all(|v| v.is_finite()));
             let bad = IdentifyError::BadMeasurement { t_s: s.t_ns as f64 * 1e-9, what: "marker observation" };
             whiteners.push(w.ok_or(bad)?);
         }
         let (mut first, mut times_ns) = (Vec::new(), Vec::new());
-        for (k, s) in sights.iter().enumerate() {
+        for (k, s) in observations.iter().enumerate() {
             if times_ns.last() != Some(&s.t_ns) {
                 times_ns.push(s.t_ns);
                 first.push(k);
             }
         }
-        first.push(sights.len());
+        first.push(observations.len());
         let estimator = PoseEstimator::new(rig, markers);
         let mut previous: Option<Isometry3<f64>> = None;
         let mut poses = Vec::with_capacity(times_ns.len());
         for (i, t_ns) in times_ns.iter().enumerate() {
-            let seen = &sights[first[i]..first[i + 1]];
+            let seen = &observations[first[i]..first[i + 1]];
             let pose = estimator.estimate(*t_ns, seen, previous.as_ref()).ok().map(|e| e.world_from_body);
             previous = pose.or(previous);
             poses.push(pose);
@@ -72,24 +74,24 @@ impl ImageMeasurements {
         }
         let markers = markers.to_vec();
         let (names, directions) = (Vec::new(), Vec::new());
-        Ok(Self { cameras, markers, sights, whiteners, first, times_ns, poses, names, directions })
+        Ok(Self { cameras, markers, observations, whiteners, first, times_ns, poses, names, directions })
     }
 
-    /// Adds nuisances by a displacement in pixels of each sight: `displacement(camera, marker, pose, values)` writes
-    /// one column a name.
+    /// Adds nuisances by a displacement in pixels of each observation: `displacement(camera, marker, pose,
+    /// values)` writes one column a name.
     pub fn with_directions(
         mut self,
         names: &[String],
         displacement: impl Fn(&MarkerObservation, &Isometry3<f64>, &mut [Vector2<f64>]),
     ) -> Self {
         let (old, new) = (self.names.len(), names.len());
-        let mut wide = vec![0.0; 2 * self.sights.len() * (old + new)];
+        let mut wide = vec![0.0; 2 * self.observations.len() * (old + new)];
         let mut columns = vec![Vector2::zeros(); new];
         for (instant, pose) in self.poses.iter().enumerate() {
             for k in self.first[instant]..self.first[instant + 1] {
                 columns.fill(Vector2::zeros());
                 if let Some(pose) = pose {
-                    displacement(&self.sights[k], pose, &mut columns);
+                    displacement(&self.observations[k], pose, &mut columns);
                 }
                 for axis in 0..2 {
                     let row = 2 * k + axis;
@@ -106,7 +108,8 @@ impl ImageMeasurements {
         self
     }
 
-    /// Adds what the calibration left uncertain of the cameras: a nuisance for each column of [`Rig::uncertainty`].
+    /// Adds what the calibration left uncertain of the cameras: a nuisance for each column of
+    /// [`Rig::uncertainty`].
     ///
     /// # Errors
     /// [`IdentifyError::BadColumn`] for a rig with other cameras or numbers that are not finite.
@@ -120,7 +123,7 @@ impl ImageMeasurements {
         let (cameras, markers) = (self.cameras.clone(), self.markers.clone());
         Ok(self.with_directions(&names, |s, pose, columns| {
             let point = (pose * Point3::from(markers[s.marker].marker_in_body_m)).coords;
-            // Behind the camera nothing was seen: the fit refuses such a sight by itself.
+            // Behind the camera nothing was seen: the fit refuses such an observation by itself.
             if let Ok(by) = cameras[s.camera].d_pixel_d_camera(&point) {
                 let part = factor.rows(CAMERA_PARAMETERS * s.camera, CAMERA_PARAMETERS);
                 for (k, column) in columns.iter_mut().enumerate() {
@@ -149,9 +152,9 @@ impl ImageMeasurements {
         })
     }
 
-    /// Adds an error of each marker's centre in each camera that keeps through the flight, of `std_px` along each axis, and
-    /// one that changes with each of three body turns by `std_px` per `turn_rad`: what a marker's neighbourhood, light and
-    /// occlusion do to its centre changes with the aspect.
+    /// Adds an error of each marker's centre in each camera that keeps through the flight, of `std_px` along
+    /// each axis, and one that changes with each of three body turns by `std_px` per `turn_rad`: what a
+    /// marker's neighbourhood, light and occlusion do to its centre changes with the aspect.
     pub fn with_marker_biases(self, std_px: f64, turn_rad: Option<f64>) -> Self {
         let markers = self.markers.len();
         let channels = 2 * markers * self.cameras.len();
@@ -176,11 +179,6 @@ impl ImageMeasurements {
                 column[axis] = std_px * share;
             }
         })
-    }
-
-    /// Names of the nuisances.
-    pub fn nuisance_names(&self) -> &[String] {
-        &self.names
     }
 
     pub(crate) fn times_s(&self) -> Vec<f64> {
@@ -217,7 +215,7 @@ impl ImageMeasurements {
     ) -> Result<(), IdentifyError> {
         let pose = pose_of(y);
         for k in self.first[instant]..self.first[instant + 1] {
-            let s = &self.sights[k];
+            let s = &self.observations[k];
             let marker = &self.markers[s.marker];
             let point = (pose * Point3::from(marker.marker_in_body_m)).coords;
             let seen = self.cameras[s.camera].project_ball(&point, marker.radius_m)?;

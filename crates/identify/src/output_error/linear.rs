@@ -1,7 +1,7 @@
 //! The whole flight as one linear model about a point.
 
 use super::condense::Condensed;
-use super::fit::Fitter;
+use super::fitter::Fitter;
 use super::propagate::{TANGENT, difference};
 use super::shooting::Record;
 use nalgebra::{DMatrix, DVector};
@@ -29,7 +29,8 @@ impl Linear {
         let (m, k) = (TANGENT + fitter.free().len(), point.nuisances.len());
         let none = DVector::zeros(m + k);
         let closing = condensed.expand(&fitter.at, &none, 1.0);
-        // Gaps answer to every unknown, if by little: the penalty is finite, and an unstable flight tells its starts well.
+        // Gaps answer to every unknown, if by little: the penalty is finite, and an unstable flight
+        // determines its starts well.
         let starts: Vec<Vec<DVector<f64>>> = (0..m + k)
             .map(|j| {
                 let mut unit = none.clone();

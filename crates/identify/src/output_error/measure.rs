@@ -1,11 +1,12 @@
 //! What was measured: states with their covariance, or images of markers.
 
 use super::image::ImageMeasurements;
-use super::propagate::{SEEN, attitude};
+use super::propagate::SEEN;
+use super::row::{Row, pose_of, whitener};
 use crate::IdentifyError;
 use mavsight_flight::StateVector;
 use mavsight_geometry::attitude::right_jacobian;
-use mavsight_geometry::{Isometry3, Matrix3, Matrix6, Vector3, world_from_level};
+use mavsight_geometry::{Isometry3, Matrix3, Matrix6, Vector3};
 use mavsight_pose::{MotionSample, PoseEstimate, PoseSample};
 use nalgebra::{SMatrix, SVector};
 
@@ -20,47 +21,50 @@ pub struct StateMeasurement {
     pub velocity: Option<(Vector3<f64>, Matrix3<f64>)>,
     /// p, q, r in rad/s, and their covariance.
     pub rates: Option<(Vector3<f64>, Matrix3<f64>)>,
-    /// What errors that stay for the flight, beside that covariance, do to the pose: a column for each independent direction, one
-    /// standard deviation along it, the same directions at all instants. Six rows of as many numbers as there are directions,
-    /// whitened by the covariance; empty: none.
-    lasting: Box<[f64]>,
+    /// Effect of systematic errors on the pose, in addition to that covariance: a column for each independent
+    /// direction, one standard deviation along it, the same directions at all instants. Six rows of as many
+    /// numbers as there are directions, whitened by the covariance; empty: none.
+    systematic: Box<[f64]>,
 }
 
 impl StateMeasurement {
     /// A pose with its covariance, all of it new at this instant.
     pub fn of_pose(t_ns: i64, pose: Isometry3<f64>, covariance: Matrix6<f64>) -> Self {
-        Self { t_ns, pose: Some((pose, covariance)), velocity: None, rates: None, lasting: Box::default() }
+        Self { t_ns, pose: Some((pose, covariance)), velocity: None, rates: None, systematic: Box::default() }
     }
 
     /// The pose of a sample, all of its covariance as new; nothing where it holds none.
     pub fn from_pose(sample: &PoseSample) -> Self {
         let nothing =
-            Self { t_ns: sample.t_ns, pose: None, velocity: None, rates: None, lasting: Box::default() };
+            Self { t_ns: sample.t_ns, pose: None, velocity: None, rates: None, systematic: Box::default() };
         let pose = sample.estimate.as_ref().map(|e| (e.world_from_body, e.covariance()));
         Self { pose, ..nothing }
     }
 
-    /// The poses of a flight; nothing where a sample holds none. What stays of their errors is known to stay where all of them have
-    /// the same directions of it ([`mavsight_pose::PoseEstimate::systematic`]); else it counts as new in each.
+    /// The poses of a flight; nothing where a sample holds none. Their systematic errors count as such where
+    /// all of them have the same directions ([`mavsight_pose::PoseEstimate::systematic`]), else as random
+    /// errors of each pose.
     pub fn of_poses<'a>(samples: impl Iterator<Item = &'a PoseSample> + Clone) -> Vec<Self> {
         let estimates = || samples.clone().filter_map(|s| s.estimate.as_ref());
         let directions = estimates().next().map_or(0, PoseEstimate::systematic_columns);
-        let stays = estimates().all(|e| e.systematic_columns() == directions && !e.is_condensed());
+        let is_shared = estimates().all(|e| e.systematic_columns() == directions && !e.is_condensed());
         let of = |sample: &PoseSample| {
-            let Some(e) = sample.estimate.as_ref().filter(|_| stays) else { return Self::from_pose(sample) };
+            let Some(e) = sample.estimate.as_ref().filter(|_| is_shared) else {
+                return Self::from_pose(sample);
+            };
             let own = e.own_covariance();
             // What has no inverse is refused where it is checked.
             let whitened = whitener(&own).map(|l| (l * e.systematic().map(f64::from)).transpose());
-            let lasting = whitened.map_or_else(Box::default, |w| w.as_slice().into());
-            Self { lasting, ..Self::of_pose(sample.t_ns, e.world_from_body, own) }
+            let systematic = whitened.map_or_else(Box::default, |w| w.as_slice().into());
+            Self { systematic, ..Self::of_pose(sample.t_ns, e.world_from_body, own) }
         };
         samples.clone().map(of).collect()
     }
 
     /// Velocity and rates of a smoothed sample, and its pose.
     ///
-    /// A smoother's errors are correlated over its time constant; the corrected standard deviations of the fit allow for
-    /// that, its Cramér-Rao bounds do not.
+    /// A smoother's errors are correlated over its time constant; the corrected standard deviations of the
+    /// fit allow for that, its Cramér-Rao bounds do not.
     pub fn from_motion(sample: &MotionSample) -> Self {
         let c = &sample.covariance;
         Self {
@@ -68,7 +72,7 @@ impl StateMeasurement {
             pose: Some((sample.world_from_body, c.pose())),
             velocity: Some((sample.velocity_in_body_m_s, c.quantity(2))),
             rates: Some((sample.rates_rad_s, c.quantity(3))),
-            lasting: Box::default(),
+            systematic: Box::default(),
         }
     }
 }
@@ -80,19 +84,6 @@ pub enum Measurements {
     States(Vec<StateMeasurement>),
     /// Markers in images.
     Image(ImageMeasurements),
-}
-
-/// One whitened coordinate: residual, its derivative by the seen part of the state, and where it belongs.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Row {
-    pub(crate) residual: f64,
-    pub(crate) jacobian: [f64; SEEN],
-    /// Which of the coordinates that return at every instant; each has a variance factor.
-    pub(crate) channel: usize,
-    /// Row of the whitened nuisance directions, where there are any.
-    pub(crate) nuisance: Option<usize>,
-    /// Where it is predicted in the image; the origin for what is no image.
-    pub(crate) pixel: [f64; 2],
 }
 
 /// Coordinates of a pose.
@@ -118,7 +109,7 @@ impl Measurements {
 
     pub(crate) fn nuisances(&self) -> usize {
         match self {
-            Self::States(s) => s.iter().map(|m| m.lasting.len() / POSE).max().unwrap_or(0),
+            Self::States(s) => s.iter().map(|m| m.systematic.len() / POSE).max().unwrap_or(0),
             Self::Image(i) => i.nuisances(),
         }
     }
@@ -128,7 +119,7 @@ impl Measurements {
         match (self, row) {
             (_, None) => &[],
             (Self::States(s), Some(row)) => {
-                let all = &s[row / POSE].lasting;
+                let all = &s[row / POSE].systematic;
                 let directions = all.len() / POSE;
                 &all[row % POSE * directions..][..directions]
             }
@@ -191,24 +182,6 @@ impl Measurements {
     }
 }
 
-/// L⁻¹ with L Lᵀ the covariance; none where it is not positive definite.
-pub(crate) fn whitener<const N: usize>(covariance: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>>
-where
-    nalgebra::Const<N>: nalgebra::DimMin<nalgebra::Const<N>, Output = nalgebra::Const<N>>,
-{
-    if !covariance.iter().all(|v| v.is_finite()) {
-        return None;
-    }
-    let l = covariance.cholesky()?.l();
-    let inverse = l.solve_lower_triangular(&SMatrix::<f64, N, N>::identity())?;
-    inverse.iter().all(|v| v.is_finite()).then_some(inverse)
-}
-
-/// The pose in the world of a state.
-pub(crate) fn pose_of(y: &StateVector) -> Isometry3<f64> {
-    Isometry3::from_parts(Vector3::new(y[0], y[1], y[2]).into(), world_from_level() * attitude(y))
-}
-
 fn state_rows(
     s: &StateMeasurement,
     first_nuisance: usize,
@@ -230,7 +203,7 @@ fn state_rows(
         let mut jacobian = Matrix6::identity();
         jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&by_turn);
         push(&(l * error), &(l * jacobian), 0, out);
-        if !s.lasting.is_empty() {
+        if !s.systematic.is_empty() {
             out.iter_mut().enumerate().for_each(|(k, row)| row.nuisance = Some(first_nuisance + k));
         }
     }

@@ -9,7 +9,8 @@ use nalgebra::DMatrix;
 pub enum ModelParameter {
     /// A coefficient of the equations of motion.
     Coefficient(Coefficient),
-    /// How late the inputs' clock is, s: an input recorded at t acts at t + lag on the clock of the measurements.
+    /// How late the inputs' clock is, s: an input recorded at t acts at t + lag on the clock of the
+    /// measurements.
     InputLag,
 }
 
@@ -35,8 +36,8 @@ impl ModelParameter {
 
 /// The equations of motion with the values that a fit starts from and the mask of those that it may change.
 ///
-/// K_u is seen only as a product with the gains of the upper rotor, and K_b only as a product with those of the lower
-/// where the body hardly turns: both are fixed unless freed by name.
+/// K_u is seen only as a product with the gains of the upper rotor, and K_b only as a product with those of
+/// the lower where the body hardly turns: both are fixed unless freed by name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlightModel {
     pub(crate) airframe: Airframe,
@@ -46,13 +47,15 @@ pub struct FlightModel {
 }
 
 impl FlightModel {
-    /// A model that starts from what a vehicle file states: mass, inertia, size, thrust coefficients, flapping times,
-    /// linkages. What is not stated starts from a guess that a fit replaces: hubs half a rotor radius above the centre of
-    /// gravity, balanced torques at a figure of merit of one half, no damping, no offsets.
+    /// A model that starts from what a vehicle file states: mass, inertia, size, thrust coefficients,
+    /// flapping times, linkages. What is not stated starts from a guess that a fit replaces: hubs half a
+    /// rotor radius above the centre of gravity, balanced torques at a figure of merit of one half, no
+    /// damping, no offsets.
     ///
-    /// Free are the forces and moments per disc angle, pitch damping, both flapping times, and the offsets of all axes;
-    /// where the record moves them, also roll damping (lateral swash-plate), and thrust and torque of each rotor and
-    /// yaw damping in place of the offsets of thrust and torque (rotor speeds, not both by the same part).
+    /// Free are the forces and moments per disc angle, pitch damping, both flapping times, and the offsets of
+    /// all axes; where the record moves them, also roll damping (lateral swash-plate), and thrust and torque
+    /// of each rotor and yaw damping in place of the offsets of thrust and torque (rotor speeds, not both by
+    /// the same part).
     ///
     /// # Errors
     /// A vehicle that is not valid.
@@ -82,7 +85,7 @@ impl FlightModel {
         Ok(Self { airframe, coefficients, input_lag_s: 0.0, free })
     }
 
-    /// Replaces the free parameters by those of the given names; all others stay fixed at their values.
+    /// Replaces the free parameters by those of the given names; all others keep their values.
     ///
     /// # Errors
     /// [`IdentifyError::UnknownParameter`]; repeated names count once.
@@ -100,8 +103,8 @@ impl FlightModel {
     /// Sets the value that a fit starts from, or holds where the parameter is fixed.
     ///
     /// # Errors
-    /// [`IdentifyError::UnknownParameter`], [`IdentifyError::ParameterOutOfRange`] for a number that is not finite or a
-    /// flapping time that is not positive.
+    /// [`IdentifyError::UnknownParameter`], [`IdentifyError::ParameterOutOfRange`] for a number that is not
+    /// finite or a flapping time that is not positive.
     pub fn with_value(mut self, name: &str, value: f64) -> Result<Self, IdentifyError> {
         let parameter = known(name)?;
         self.set(parameter, value);
@@ -116,8 +119,8 @@ impl FlightModel {
         &self.free
     }
 
-    /// Coefficients of thrust, torque and damping that stay at the vehicle's values: those that a flight tells only if it
-    /// moves the rotor speeds or the lateral swash-plate.
+    /// Coefficients of thrust, torque and damping that keep the vehicle's values: those that a flight
+    /// determines only if it moves the rotor speeds or the lateral swash-plate.
     pub fn held(&self) -> Vec<ModelParameter> {
         use Coefficient as C;
         [C::ClP, C::CzU, C::CzL, C::CnUpper, C::CnLower, C::CnR]
@@ -127,7 +130,7 @@ impl FlightModel {
             .collect()
     }
 
-    /// The same with the lag of the inputs free as well.
+    /// This model with the lag of the inputs free as well.
     #[must_use]
     pub fn with_free_lag(mut self) -> Self {
         if !self.free.contains(&ModelParameter::InputLag) {
@@ -151,8 +154,8 @@ impl FlightModel {
         }
     }
 
-    /// Moves a parameter by a step of the fit. A flapping time moves by its logarithm, at most by a factor of two, so that
-    /// no step makes it negative.
+    /// Moves a parameter by a step of the fit. A flapping time moves by its logarithm, at most by a factor of
+    /// two, so that no step makes it negative.
     pub(crate) fn shift(&mut self, parameter: ModelParameter, step: f64) {
         let value = self.value(parameter);
         let to = match parameter {
@@ -174,7 +177,8 @@ impl FlightModel {
     }
 }
 
-/// Flapping faster than this is over within a revolution of such a rotor and cannot be told from none.
+/// Flapping faster than this is over within a revolution of such a rotor and cannot be distinguished from
+/// none.
 const MIN_FLAP_TIME_S: f64 = 2e-3;
 
 fn known(name: &str) -> Result<ModelParameter, IdentifyError> {

@@ -1,33 +1,23 @@
 //! How a fitted model predicts a part of the flight that it was not fitted to.
 
-use super::fit::{Fitter, LONGEST_STEP_S, PROMISE, TIGHTNESS};
-use super::measure::{Measurements, StateMeasurement, pose_of};
-use super::{FlightModel, InitialFlapping, NoiseModel, OutputErrorFit, OutputErrorOptions};
-use crate::{Agreement, IdentifyError, agreement};
+use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, TIGHTNESS};
+use super::measure::{Measurements, StateMeasurement};
+use super::model::FlightModel;
+use super::options::{InitialFlapping, NoiseModel, OutputErrorOptions};
+use super::result::{OutputErrorFit, Prediction};
+use super::row::pose_of;
+use crate::{IdentifyError, agreement};
 use mavsight_flight::InputSeries;
 use mavsight_geometry::{EulerAngles, Isometry3};
 use mavsight_pose::PoseSample;
 use std::f64::consts::PI;
 
-/// Measured poses against those that a model predicts from the recorded inputs.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Prediction {
-    /// First and last instant compared.
-    pub span_s: (f64, f64),
-    /// Each coordinate of [`Prediction::COORDINATES`].
-    pub agreements: [Agreement; 6],
-}
-
-impl Prediction {
-    /// Position in the world, roll, pitch and yaw.
-    pub const COORDINATES: [&'static str; 6] = ["x", "y", "z", "phi", "theta", "psi"];
-}
-
 /// Flies the fitted model through the part of a flight in which the poses lie, in one piece.
 ///
-/// Of that part only its start is found (position, attitude, velocity, rates and flapping): no parameter of the model is. This is how
-/// prediction is judged where the start of a record is not known (Klein & Morelli 2006, section 11.3). What an unstable aircraft does
-/// with a small error of the start grows with the length of the part, so that a few seconds are what it can be judged by.
+/// Of that part only its start is found (position, attitude, velocity, rates and flapping): no parameter of
+/// the model is. This is how prediction is judged where the start of a record is not known (Klein & Morelli
+/// 2006, section 11.3). What an unstable aircraft does with a small error of the start grows with the length
+/// of the part, so that a few seconds are what it can be judged by.
 ///
 /// # Errors
 /// Those of [`super::output_error`] for too few poses, inputs that do not cover them, or no convergence.

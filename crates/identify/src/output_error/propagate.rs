@@ -113,7 +113,7 @@ impl Propagator {
         self.columns
     }
 
-    /// Begins anew at a state.
+    /// Begins again at a state.
     pub(crate) fn start(&mut self, y: &StateVector) {
         self.y = *y;
         self.s.fill(0.0);

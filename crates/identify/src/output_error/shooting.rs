@@ -1,8 +1,9 @@
 //! Multiple shooting: segments, their quadratic models, and the step that fits them together.
 
-use super::measure::{Measurements, Row};
+use super::measure::Measurements;
 use super::model::FlightModel;
 use super::propagate::{Propagator, Raster, SEEN, Step, TANGENT, difference, moved};
+use super::row::Row;
 use crate::IdentifyError;
 use mavsight_flight::{InputSample, StateVector};
 use nalgebra::{DMatrix, DVector};
@@ -17,8 +18,8 @@ pub(crate) struct Point {
     pub(crate) starts: Vec<StateVector>,
 }
 
-/// What stays while a point varies.
-pub(crate) struct Problem<'a> {
+/// What a fit keeps fixed while a point varies.
+pub(crate) struct Shooting<'a> {
     pub(crate) inputs: &'a [InputSample],
     pub(crate) measurements: &'a Measurements,
     pub(crate) times_s: Vec<f64>,
@@ -26,7 +27,7 @@ pub(crate) struct Problem<'a> {
     pub(crate) bounds: Vec<usize>,
     /// One over the standard deviation factor of each channel.
     pub(crate) weights: Vec<f64>,
-    /// Flapping times and the lag stay where they are.
+    /// Flapping times and the lag keep their values.
     pub(crate) hold_times: bool,
     /// The longest step of the integration.
     pub(crate) longest_step_s: f64,
@@ -37,9 +38,9 @@ pub(crate) struct Problem<'a> {
     pub(crate) prior_start: StateVector,
 }
 
-/// How far the end of one segment may miss the start of the next: standard deviations per degree of freedom, to be
-/// multiplied by the tightness: m, rad, m/s, rad/s, rad. A penalty stands for the constraint; what it leaves open is
-/// far below what any measurement tells.
+/// How far the end of one segment may miss the start of the next: standard deviations per degree of freedom,
+/// to be multiplied by the tightness: m, rad, m/s, rad/s, rad. A penalty stands for the constraint; what it
+/// leaves open is far below the resolution of any measurement.
 const GAP_STD: [f64; TANGENT] =
     [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 3.0, 3.0, 3.0, 10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 1.0];
 
@@ -71,7 +72,7 @@ pub(crate) struct Evaluation {
     pub(crate) nuisance_gradient: DVector<f64>,
     /// Weighted squares of all rows.
     pub(crate) chi_square: f64,
-    /// The same with priors, without gaps.
+    /// Weighted squares of all rows and priors, without gaps.
     pub(crate) fit: f64,
     pub(crate) gap_squares: [f64; TANGENT],
     /// Weighted squares of each channel, and their number.
@@ -88,7 +89,7 @@ impl Evaluation {
 }
 
 struct Accumulator<'a> {
-    problem: &'a Problem<'a>,
+    problem: &'a Shooting<'a>,
     columns: usize,
     held: Vec<usize>,
     tangent: Vec<f64>,
@@ -96,7 +97,7 @@ struct Accumulator<'a> {
     rows: Vec<Row>,
 }
 
-impl Problem<'_> {
+impl Shooting<'_> {
     pub(crate) fn segments(&self) -> usize {
         self.bounds.len() - 1
     }

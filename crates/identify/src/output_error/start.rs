@@ -5,14 +5,14 @@ use super::model::{FlightModel, ModelParameter};
 use crate::IdentifyError;
 use mavsight_flight::flapping::{Between, first_order_response};
 use mavsight_flight::{Coefficient, InputSample, InputSeries, Linearisation, StateVector};
-use mavsight_geometry::{Isometry3, Matrix3, UnitQuaternion, Vector3, world_from_level};
+use mavsight_geometry::{Isometry3, Matrix3, Vector3, world_from_level};
 use nalgebra::{DMatrix, DVector};
 
 /// Poses within this of an instant give its velocity, rates and accelerations: nine at 30 Hz.
 const WINDOW_S: f64 = 0.135;
 
-/// Instants at which segments begin, each with a state, and the model with rough values of its free parameters. The first
-/// is the first instant with a pose.
+/// Instants at which segments begin, each with a state, and the model with rough values of its free
+/// parameters. The first is the first instant with a pose.
 pub(crate) fn nodes(
     model: &FlightModel,
     inputs: &InputSeries,
@@ -61,8 +61,9 @@ pub(crate) fn nodes(
     Ok((rough(model, &rows), out))
 }
 
-/// Coefficients that are nearest to the accelerations, by least squares with a weak pull towards those given; flapping
-/// times, linkages and the lag stay. Good for a start alone: the polynomials flatten what is fast.
+/// Coefficients that are nearest to the accelerations, by least squares with a weak pull towards those given;
+/// flapping times, linkages and the lag keep their values. Good for a start alone: the polynomials flatten
+/// what is fast.
 fn rough(
     model: &FlightModel,
     rows: &[(InputSample, StateVector, Vector3<f64>, Vector3<f64>)],
@@ -110,7 +111,8 @@ fn rough(
     out
 }
 
-/// Share of the information on each coefficient that pulls it to where it was: enough to part columns that are alike.
+/// Share of the information on each coefficient that pulls it to where it was: enough to part columns that
+/// are alike.
 const PULL: f64 = 1e-3;
 
 struct Local {
@@ -186,9 +188,4 @@ fn flapping(model: &FlightModel, inputs: &InputSeries, t_s: &[f64], local: &[Loc
     let (lower_q, lower_p) = (rate(1, tau_l), rate(0, tau_l));
     let (flybar_q, flybar_p) = (rate(1, tau_f), rate(0, tau_f));
     (0..t_s.len()).map(|k| [lon[k] + lower_q[k], lat[k] + lower_p[k], flybar_q[k], flybar_p[k]]).collect()
-}
-
-/// The turn that leads from one attitude to another over a time at constant rates.
-pub(crate) fn turned(rotation: &UnitQuaternion<f64>, rates: &Vector3<f64>, h_s: f64) -> UnitQuaternion<f64> {
-    rotation * UnitQuaternion::from_scaled_axis(rates * h_s)
 }

@@ -1,8 +1,8 @@
 mod colour;
 mod image;
-mod lasting;
 mod refusals;
 mod sensitivities;
 mod support;
+mod systematic;
 mod unstable;
 mod white_noise;

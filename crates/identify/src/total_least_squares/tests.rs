@@ -37,9 +37,9 @@ fn slicots_examples_give_their_printed_answers() {
 
 #[test]
 fn a_line_with_an_exact_intercept_is_that_of_odrpack() {
-    // scipy 1.17.1: odr.ODR(RealData([x1, x2], y, sx=[0.2, 0.1], sy=0.3), Model(b0 + b1 x1 + b2 x2, analytic fjacb and
-    // fjacd), sstol=1e-16, partol=1e-16), set_job(deriv=3), run() from its own answer until that stands: beta,
-    // sum_square and res_var. Its intercept is a parameter, that is an exact column of ones.
+    // scipy 1.17.1: odr.ODR(RealData([x1, x2], y, sx=[0.2, 0.1], sy=0.3), Model(b0 + b1 x1 + b2 x2, analytic
+    // fjacb and fjacd), sstol=1e-16, partol=1e-16), set_job(deriv=3), run() from its own answer until that
+    // stands: beta, sum_square and res_var. Its intercept is a parameter, that is an exact column of ones.
     let (x, y) = linear_problem_of_scipy();
     let errors = independent_errors(&[0.0, 0.2, 0.1], 0.3);
     let fit = total_least_squares(&x, &y, &errors, Correlation::White).expect("a fit");
@@ -72,7 +72,8 @@ fn errors_that_are_no_covariance_are_refused() {
 
 #[test]
 fn an_output_outside_the_regressors_reach_has_no_solution() {
-    // The smallest singular vector lies in the regressors: x1 and x2 are the same up to less than the output's spread.
+    // The smallest singular vector lies in the regressors: x1 and x2 are the same up to less than the
+    // output's spread.
     let x = DMatrix::from_fn(40, 2, |i, j| (i as f64).sin() + 1e-9 * (j as f64) * ((i % 2) as f64 - 0.5));
     let y = DVector::from_fn(40, |i, _| (i as f64 * 2.3).cos());
     let fit = total_least_squares(&x, &y, &DMatrix::identity(3, 3), Correlation::White);

@@ -5,7 +5,8 @@ mod monte_carlo;
 use mavsight_identify::Correlation;
 use monte_carlo::{correlated_errors, independent_errors, ratios};
 
-/// 400 runs leave the achieved standard deviation known to 3.5 %: bounds of ± 12 % are more than three of that.
+/// 400 runs leave the achieved standard deviation known to 3.5 %: bounds of ± 12 % are more than three of
+/// that.
 #[test]
 fn total_least_squares_knows_its_spread() {
     for (errors, rho, how) in [

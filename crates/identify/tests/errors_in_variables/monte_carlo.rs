@@ -3,7 +3,8 @@
 use mavsight_identify::{Correlation, total_least_squares};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-/// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX constants).
+/// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX
+/// constants).
 fn normal(state: &mut u64) -> f64 {
     let mut uniform = || {
         *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -12,8 +13,8 @@ fn normal(state: &mut u64) -> f64 {
     (-2.0 * uniform().ln()).sqrt() * (2.0 * std::f64::consts::PI * uniform()).cos()
 }
 
-/// Errors of three columns, the second and third of the regressors and the output, correlated among each other
-/// and from row to row by an autoregression.
+/// Errors of three columns, the second and third of the regressors and the output, correlated among each
+/// other and from row to row by an autoregression.
 struct Noise {
     lower: DMatrix<f64>,
     rho: f64,
@@ -34,7 +35,8 @@ impl Noise {
     }
 }
 
-/// Predicted over achieved standard deviation of each value, and the mean errors in units of its standard error.
+/// Predicted over achieved standard deviation of each value, and the mean errors in units of its standard
+/// error.
 pub(crate) fn ratios(
     runs: usize,
     rho: f64,

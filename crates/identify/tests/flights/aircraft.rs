@@ -6,7 +6,8 @@ use mavsight_pose::{Motion, MotionSample, PoseEstimate, PoseSample, smooth};
 use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, model_coefficients, simulate};
 use nalgebra::{Matrix6, Translation3};
 
-/// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX constants).
+/// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX
+/// constants).
 pub(crate) fn normal(state: &mut u64) -> f64 {
     let mut uniform = || {
         *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -110,7 +111,8 @@ impl Flown {
         }
     }
 
-    /// Poses with white noise, as the cameras of the paper leave it: 0.6 mm and 0.08 degrees an axis by default.
+    /// Poses with white noise, as the cameras of the paper leave it: 0.6 mm and 0.08 degrees an axis by
+    /// default.
     pub(crate) fn poses(&self, position_std_m: f64, turn_std_rad: f64, seed: &mut u64) -> Vec<PoseSample> {
         let mut covariance = Matrix6::zeros();
         for k in 0..3 {

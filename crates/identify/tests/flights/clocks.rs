@@ -42,11 +42,11 @@ fn a_lag_is_found_with_its_standard_deviation() {
 }
 
 #[test]
-fn what_tells_no_lag_is_said() {
+fn a_flight_that_determines_no_lag_is_reported() {
     let hover = Scenario { maneuver: vec![], ..Scenario::paper() };
     let flown = fly(&hover, Vehicle::paper());
     let clocks = found(&flown, 0.1, &mut 5);
-    assert_eq!((clocks, clocks.correction_s()), (Clocks::Untold, 0.0));
+    assert_eq!((clocks, clocks.correction_s()), (Clocks::Undetermined, 0.0));
     assert!(clocks.words().is_some_and(|w| w.contains("too little")));
     // Clocks that are further apart than the reach.
     let flown = fly(&Scenario::paper(), Vehicle::paper());

@@ -5,8 +5,8 @@ use crate::tally::{print, tally};
 use mavsight_flight::Vehicle;
 use mavsight_identify::Estimator;
 
-/// Of 30 intervals at 95 % fewer than 25 hold the truth once in a hundred times; of 60 sets of them about every second time
-/// in one. Spreads of 30 runs are known to 13 %.
+/// Of 30 intervals at 95 % fewer than 25 hold the truth once in a hundred times; of 60 sets of them about
+/// every second time in one. Spreads of 30 runs are known to 13 %.
 #[test]
 fn intervals_hold_the_truth_of_most_flights() {
     let flown = fly(&longitudinal_multisine(), Vehicle::paper());

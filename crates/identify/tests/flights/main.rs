@@ -1,4 +1,4 @@
-//! Identification of simulated flights: what was put in comes out, and what cannot be told is not told.
+//! Identification of simulated flights: what was put in comes out, and what cannot be determined is refused.
 
 mod aircraft;
 mod clocks;
@@ -46,7 +46,7 @@ fn assert_values(found: &Identification, truth: &[(&str, &str, f64)], tolerance:
 }
 
 #[test]
-fn the_papers_manoeuvre_tells_flapping_but_not_thrust() {
+fn the_papers_manoeuvre_determines_flapping_but_not_thrust() {
     let flown = fly(&Scenario::paper(), Vehicle::paper());
     let table = table_of(&flown, &unfiltered(None));
     let names: Vec<&str> = table.outputs.iter().map(|o| o.name.as_str()).collect();
@@ -61,7 +61,8 @@ fn the_papers_manoeuvre_tells_flapping_but_not_thrust() {
         ("C_m", "alpha_l", c.cm_alpha_l),
     ];
     assert_values(&found, &truth, 2e-3);
-    // Damping is a hundredth of the moment: what the cubic between frames misses of a stepped swash-plate shows in it.
+    // Damping is a hundredth of the moment: what the cubic between frames misses of a stepped swash-plate
+    // shows in it.
     assert_values(&found, &[("C_m", "q", c.cm_q)], 3e-2);
     for output in ["C_X", "C_Z", "C_m"] {
         let fit = found.fit(output, Estimator::TotalLeastSquares).expect("a fit");
@@ -81,7 +82,7 @@ fn the_papers_manoeuvre_tells_flapping_but_not_thrust() {
 }
 
 #[test]
-fn noise_does_not_change_which_thrusts_are_told() {
+fn noise_does_not_change_which_thrusts_are_determined() {
     let longitudinal = ["C_X", "C_Z", "C_m"];
     let paper = fly(&Scenario::paper(), Vehicle::paper());
     let multisine = fly(&longitudinal_multisine(), Vehicle::paper());
@@ -110,7 +111,7 @@ fn noise_does_not_change_which_thrusts_are_told() {
 }
 
 #[test]
-fn moved_rotor_speeds_tell_thrust_as_well() {
+fn moved_rotor_speeds_determine_thrust_as_well() {
     let flown = fly(&longitudinal_multisine(), Vehicle::paper());
     let c = model_coefficients(&flown.vehicle, hover_rotor_speed_rad_s(&flown.vehicle));
     let found = identify(&table_of(&flown, &unfiltered(Some(PRODUCTS)))).expect("fits");
@@ -128,7 +129,7 @@ fn moved_rotor_speeds_tell_thrust_as_well() {
     for fit in found.fits.iter().filter(|f| ["C_X", "C_Z", "C_m"].contains(&f.output.as_str())) {
         assert_eq!(fit.rank, 7, "{}", fit.verdict);
         assert!(fit.parameters.iter().all(|p| p.identifiable), "{}", fit.verdict);
-        assert!(!fit.verdict.contains("cannot tell"), "{}", fit.verdict);
+        assert!(!fit.verdict.contains("cannot distinguish"), "{}", fit.verdict);
     }
     let truth = [
         ("C_X", "alpha_u", c.cx_alpha_u),
@@ -199,7 +200,7 @@ fn every_estimator_finds_the_noisy_flight() {
 }
 
 #[test]
-fn known_coefficients_stay_and_the_rest_is_fitted() {
+fn known_coefficients_are_kept_and_the_rest_is_fitted() {
     let flown = fly(&Scenario::paper(), Vehicle::paper());
     let c = model_coefficients(&flown.vehicle, hover_rotor_speed_rad_s(&flown.vehicle));
     let text = format!(
@@ -227,7 +228,8 @@ fn structure_is_found_from_the_flight() {
         assert!(names(2).contains(&name), "C_m: {:?}", names(2));
     }
     assert!(structures.iter().all(|s| s.predicted_r2 <= 1.0 && !s.chosen.is_empty()));
-    // What errors the columns have goes with them: a model of those columns alone is fitted to the same values.
+    // What errors the columns have goes with them: a model of those columns alone is fitted to the same
+    // values.
     let found = identify(&chosen).expect("fits");
     let whole = identify(&table).expect("fits");
     for estimator in [Estimator::TotalLeastSquares, Estimator::TotalLeastSquaresByRow] {

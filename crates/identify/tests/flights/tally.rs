@@ -1,4 +1,5 @@
-//! Many flights of one manoeuvre that differ in the noise of the cameras: how far estimates stray, and how far they say so.
+//! Many flights of one manoeuvre that differ in the noise of the cameras: how far estimates stray, and how
+//! far they say so.
 
 use crate::aircraft::Flown;
 use mavsight_identify::{Bandwidth, Estimator, FitOptions, Model, Options, coefficients, identify_with};

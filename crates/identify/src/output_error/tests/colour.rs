@@ -20,7 +20,7 @@ fn check(fit: &OutputErrorFit, vehicle: &Vehicle, lag_s: f64) {
 }
 
 #[test]
-fn errors_that_last_are_found_and_weighed() {
+fn correlated_errors_are_found_and_weighted() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &multisine(8.0));
     let model = FlightModel::new(&vehicle, &inputs).expect("a model");
@@ -40,13 +40,13 @@ fn errors_that_last_are_found_and_weighed() {
     }
     let fit = output_error(&model, &inputs, &Measurements::States(samples), &OutputErrorOptions::default())
         .expect("a fit");
-    let lasting = fit.lasting.expect("errors that last");
-    println!("{lasting:?}, {} instants", fit.correlated_instants);
-    let Extent::Time(time_s) = lasting.extent else { panic!("{lasting:?}") };
-    assert!((0.25..1.0).contains(&time_s), "{lasting:?}");
+    let errors = fit.systematic.expect("correlated errors");
+    println!("{errors:?}, {} instants", fit.correlated_instants);
+    let Extent::Time(time_s) = errors.extent else { panic!("{errors:?}") };
+    assert!((0.25..1.0).contains(&time_s), "{errors:?}");
     // 4 of 4.25 parts.
-    assert!((0.85..0.99).contains(&lasting.share), "{lasting:?}");
-    assert!(fit.notes.iter().any(|n| n.contains("lasts about")), "{:?}", fit.notes);
+    assert!((0.85..0.99).contains(&errors.share), "{errors:?}");
+    assert!(fit.notes.iter().any(|n| n.contains("correlated over about")), "{:?}", fit.notes);
     check(&fit, &vehicle, 0.0);
 }
 

@@ -183,7 +183,7 @@ fn what_is_held_out_is_predicted_and_enters_no_fit() {
 }
 
 #[test]
-fn what_constant_rotor_speeds_cannot_tell_is_held_and_named() {
+fn what_constant_rotor_speeds_do_not_determine_is_held_and_named() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &Scenario::paper());
     let fits =

@@ -9,7 +9,8 @@ use mavsight_pose::{PoseEstimate, PoseSample};
 use mavsight_simulator::{FlightState, Scenario, simulate, true_coefficients};
 use nalgebra::{DVector, Matrix6xX};
 
-/// Rotors below the centre of gravity: the fly-bar, which keeps the upper disc level, drives every tilt further.
+/// Rotors below the centre of gravity: the fly-bar, which keeps the upper disc level, drives every tilt
+/// further.
 fn unstable() -> Vehicle {
     let mut vehicle = Vehicle::paper();
     vehicle.assumption.height_upper_m = -0.06;
@@ -63,8 +64,8 @@ fn an_unstable_aircraft_is_identified_in_segments_where_one_shot_fails() {
     assert!(shot.is_err() || shot.is_ok_and(|f| f.reduced_chi_square > 1.5));
 }
 
-/// Roll hardly moves, so that its damping is free to go far: steps opened the gaps between segments anew, and the fit had not
-/// converged after a hundred.
+/// Roll hardly moves, so that its damping is free to go far: steps opened the gaps between segments anew, and
+/// the fit had not converged after a hundred.
 #[test]
 fn a_long_flight_with_cameras_that_are_off_converges() {
     let vehicle = Vehicle::paper();
@@ -72,14 +73,14 @@ fn a_long_flight_with_cameras_that_are_off_converges() {
     scenario.maneuver.truncate(1);
     let (inputs, states) = piloted(&vehicle, &scenario, 2e-3);
     let mut seed = 3;
-    let lasting = Matrix6xX::from_fn(9, |i, j| (2e-2 * (1.0 + i as f64 + 7.0 * j as f64).sin()) as f32);
-    let off = lasting.map(f64::from) * DVector::from_fn(9, |_, _| normal(&mut seed));
+    let systematic = Matrix6xX::from_fn(9, |i, j| (2e-2 * (1.0 + i as f64 + 7.0 * j as f64).sin()) as f32);
+    let off = systematic.map(f64::from) * DVector::from_fn(9, |_, _| normal(&mut seed));
     let turn = UnitQuaternion::from_scaled_axis(off.fixed_rows::<3>(3).into_owned());
     let moved = |measured: StateMeasurement| {
         let (at, covariance) = measured.pose.expect("a pose");
         let place = at.translation.vector + off.fixed_rows::<3>(0);
         let pose = Isometry3::from_parts(place.into(), at.rotation * turn);
-        let estimate = PoseEstimate::new(pose, &covariance).with_systematic(&lasting);
+        let estimate = PoseEstimate::new(pose, &covariance).with_systematic(&systematic);
         PoseSample { t_ns: measured.t_ns, estimate: Some(estimate), reason: None }
     };
     let poses: Vec<PoseSample> = noisy_poses(&states, 1.0, &mut seed).into_iter().map(moved).collect();

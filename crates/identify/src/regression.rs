@@ -1,9 +1,11 @@
-//! One output by one estimator.
+//! Equation error: the regression of each output by each estimator.
 
 use crate::coloured::{Coloured, coloured};
 use crate::dependence::{Dependence, independent_columns};
 use crate::diagnostics::{agreement, autocorrelations, collinearity, correlations, press};
-use crate::fit::{Combination, Diagnostics, Estimator, FitOptions, Line, OutputFit, Parameter};
+use crate::fit::{
+    Combination, Diagnostics, Estimator, FitOptions, Identification, Line, OutputFit, Parameter,
+};
 use crate::row_errors::by_row;
 use crate::table::{Output, rows_of};
 use crate::{
@@ -12,8 +14,39 @@ use crate::{
 };
 use nalgebra::{DMatrix, DVector};
 
+/// Fits every output of the table with the default options of [`identify_with`]: ordinary and total least
+/// squares, the latter also with each instant's own covariance.
+///
+/// # Errors
+/// Those of [`identify_with`].
+pub fn identify(table: &CoefficientTable) -> Result<Identification, IdentifyError> {
+    identify_with(table, &FitOptions::default())
+}
+
+/// Fits every output of the table by each estimator.
+///
+/// A column that is a combination of those before it (constant thrusts are multiples of the intercept) is
+/// taken into them; parameters concerned are marked as not identifiable and the combination that is
+/// determined is given. Intervals allow for residuals that are correlated over a period of the low-pass.
+/// [`Estimator::FrequencyDomain`] leaves the constant out.
+///
+/// # Errors
+/// Too few instants, columns of rank zero, no total least-squares solution, a band without frequencies.
+pub fn identify_with(
+    table: &CoefficientTable,
+    options: &FitOptions,
+) -> Result<Identification, IdentifyError> {
+    let mut fits = Vec::with_capacity(table.outputs.len() * options.estimators.len());
+    for output in &table.outputs {
+        for estimator in &options.estimators {
+            fits.push(Regression::new(table, output, *estimator, options)?.fit()?);
+        }
+    }
+    Ok(Identification { fits })
+}
+
 /// The rows of one output inside the window.
-pub(crate) struct Problem<'a> {
+struct Regression<'a> {
     table: &'a CoefficientTable,
     output: &'a Output,
     estimator: Estimator,
@@ -36,8 +69,8 @@ struct Solved {
     degrees: f64,
 }
 
-impl<'a> Problem<'a> {
-    pub(crate) fn new(
+impl<'a> Regression<'a> {
+    fn new(
         table: &'a CoefficientTable,
         output: &'a Output,
         estimator: Estimator,
@@ -83,7 +116,7 @@ impl<'a> Problem<'a> {
         Ok(Self { table, output, estimator, rows, held_out, basis, y, origin, band, lag, dependence })
     }
 
-    pub(crate) fn fit(&self) -> Result<OutputFit, IdentifyError> {
+    fn fit(&self) -> Result<OutputFit, IdentifyError> {
         let basis = &self.basis;
         let how = Correlation::Rows(self.lag);
         let solved = match self.estimator {
@@ -113,8 +146,9 @@ impl<'a> Problem<'a> {
         self.report(basis, &solved)
     }
 
-    /// Least squares in the band, then weighted by the variance that the errors' transforms have at those values, until that
-    /// stands; the covariance is that of the estimates as a sum of the errors' transforms, level from the residuals.
+    /// Least squares in the band, then weighted by the variance that the errors' transforms have at those
+    /// values, until that stands; the covariance is that of the estimates as a sum of the errors' transforms,
+    /// level from the residuals.
     fn in_frequency(&self, basis: &DMatrix<f64>) -> Result<Solved, IdentifyError> {
         /// Weights change little with values that are within their errors: each step gains more than a digit.
         const STEPS: usize = 4;
@@ -137,9 +171,9 @@ impl<'a> Problem<'a> {
         Ok(solved)
     }
 
-    /// The covariance, up to a factor, of the errors' transforms in the band (real parts, then imaginary) at values of the
-    /// independent columns. A record that ends leaks what is strong at high frequencies into all low ones alike: errors of
-    /// neighbours then go together, and real and imaginary parts differ.
+    /// The covariance, up to a factor, of the errors' transforms in the band (real parts, then imaginary) at
+    /// values of the independent columns. A record that ends leaks what is strong at high frequencies into
+    /// all low ones alike: errors of neighbours then go together, and real and imaginary parts differ.
     fn expected_spread(&self, values: &DVector<f64>) -> DMatrix<f64> {
         let independent = &self.dependence.independent;
         let gamma = self.table.autocovariances(self.output, independent, values);
@@ -163,9 +197,9 @@ impl<'a> Problem<'a> {
         out
     }
 
-    /// Takes the covariance that the colour of the errors gives, where that is known, for the one of the scores; degrees of
-    /// freedom are those of the residuals' level. Rows that were divided by a standard deviation each have its colour
-    /// when they are.
+    /// Takes the covariance that the colour of the errors gives, where that is known, for the one of the
+    /// scores; degrees of freedom are those of the residuals' level. Rows that were divided by a standard
+    /// deviation each have its colour when they are.
     fn solved(
         &self,
         basis: &DMatrix<f64>,
@@ -194,7 +228,8 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Error covariance of the independent columns and the output at an instant; where none is known, of the output alone.
+    /// Error covariance of the independent columns and the output at an instant; where none is known, of the
+    /// output alone.
     fn errors_of(&self, row: usize) -> DMatrix<f64> {
         let count = self.output.columns.len();
         let kept: Vec<usize> = self.dependence.independent.iter().copied().chain([count]).collect();
@@ -307,8 +342,9 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// Weighted least squares of rows whose covariance is `spread` up to a factor, which the weighted residuals tell; their degrees
-/// of freedom are those of a chi-square with the mean and variance that their squares have (Satterthwaite 1946).
+/// Weighted least squares of rows whose covariance is `spread` up to a factor, which the weighted residuals
+/// show; their degrees of freedom are those of a chi-square with the mean and variance that their squares
+/// have (Satterthwaite 1946).
 fn in_band(x: &DMatrix<f64>, y: &DVector<f64>, spread: &DMatrix<f64>, fit: &LeastSquares) -> Solved {
     let root = spread.diagonal().map(|d| d.sqrt().recip());
     let weighted = DMatrix::from_fn(x.nrows(), x.ncols(), |i, j| x[(i, j)] * root[i]);

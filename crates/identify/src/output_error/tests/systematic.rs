@@ -1,6 +1,7 @@
-//! What stays of the errors of poses.
+//! Systematic errors of poses.
 
-use crate::output_error::measure::{Measurements, Row, StateMeasurement, pose_of};
+use crate::output_error::measure::{Measurements, StateMeasurement};
+use crate::output_error::row::{Row, pose_of};
 use mavsight_flight::StateVector;
 use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion};
 use mavsight_pose::{PoseEstimate, PoseSample};
@@ -16,7 +17,7 @@ fn columns() -> Matrix6xX<f32> {
     Matrix6xX::from_fn(7, |i, j| (1e-3 * (1.0 + i as f64 + 7.0 * j as f64).sin()) as f32)
 }
 
-/// Two poses at a state, both displaced along a direction of what stays.
+/// Two poses at a state, both displaced along a direction of the systematic errors.
 fn poses(along: usize, by: f64) -> Vec<PoseSample> {
     let mut covariance = Matrix6::identity() * 4e-6;
     (covariance[(0, 4)], covariance[(4, 0)]) = (1e-6, 1e-6);
@@ -52,7 +53,7 @@ fn each_direction_moves_the_rows_as_a_pose_that_is_displaced_along_it() {
 }
 
 #[test]
-fn poses_that_do_not_tell_how_they_err_together_count_as_new() {
+fn poses_without_common_directions_have_random_errors_alone() {
     let condensed: Vec<PoseSample> = poses(0, 0.0)
         .into_iter()
         .map(|p| PoseSample { estimate: p.estimate.map(PoseEstimate::condensed), ..p })

@@ -1,0 +1,37 @@
+//! One whitened coordinate of a measurement.
+
+use super::propagate::{SEEN, attitude};
+use mavsight_flight::StateVector;
+use mavsight_geometry::{Isometry3, Vector3, world_from_level};
+use nalgebra::SMatrix;
+
+/// One whitened coordinate: residual, its derivative by the seen part of the state, and where it belongs.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Row {
+    pub(crate) residual: f64,
+    pub(crate) jacobian: [f64; SEEN],
+    /// Which of the coordinates that return at every instant; each has a variance factor.
+    pub(crate) channel: usize,
+    /// Row of the whitened nuisance directions, where there are any.
+    pub(crate) nuisance: Option<usize>,
+    /// Where it is predicted in the image; the origin for what is no image.
+    pub(crate) pixel: [f64; 2],
+}
+
+/// L⁻¹ with L Lᵀ the covariance; none where it is not positive definite.
+pub(crate) fn whitener<const N: usize>(covariance: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>>
+where
+    nalgebra::Const<N>: nalgebra::DimMin<nalgebra::Const<N>, Output = nalgebra::Const<N>>,
+{
+    if !covariance.iter().all(|v| v.is_finite()) {
+        return None;
+    }
+    let l = covariance.cholesky()?.l();
+    let inverse = l.solve_lower_triangular(&SMatrix::<f64, N, N>::identity())?;
+    inverse.iter().all(|v| v.is_finite()).then_some(inverse)
+}
+
+/// The pose in the world of a state.
+pub(crate) fn pose_of(y: &StateVector) -> Isometry3<f64> {
+    Isometry3::from_parts(Vector3::new(y[0], y[1], y[2]).into(), world_from_level() * attitude(y))
+}
