@@ -132,7 +132,7 @@ fn systematic_effects(tracked: &Tracked) -> impl Fn(usize) -> Option<Matrix6xX<f
         let pose = &tracked.poses[k];
         let mut seen = seen.borrow_mut();
         tracked.observations.at(pose.t_ns, &mut seen);
-        tracked.estimator.as_ref()?.lasting_effects(&seen, pose.estimate.as_ref()?)
+        tracked.estimator.as_ref()?.systematic_effects(&seen, pose.estimate.as_ref()?)
     }
 }
 

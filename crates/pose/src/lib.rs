@@ -4,34 +4,24 @@
 
 mod associate;
 mod calibrate;
-mod causal;
-mod chain;
 mod clock;
 mod detection;
-mod directions;
 mod error;
 mod estimate;
-mod filter;
-mod joint;
-mod motion;
 mod moving;
-mod noise;
 mod observations;
 mod precision;
 mod refine;
 mod select;
-mod smooth;
+mod smoother;
 #[cfg(test)]
 mod testing;
-mod whittaker;
 
 pub use associate::{Association, Associator, MovedCamera};
 pub use calibrate::{
     CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, MovedObject, Pixels, Rig,
     RigCamera, calibrate, calibrate_with, predict_calibration,
 };
-pub use causal::CausalFilter;
-pub use chain::ChainNoise;
 pub use clock::{
     CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, PathPoint, PathVelocity, PixelPath,
     QUARTZ_DRIFT_STD, estimate_clocks, image_middle, informative_stretches_ns,
@@ -41,9 +31,6 @@ pub use error::PoseError;
 pub use estimate::{
     BodyMarker, MarkerSet, PoseEstimate, PoseEstimator, PoseSample, PredictedObservation, ReprojectionFit,
 };
-pub use joint::MotionNoise;
-pub use motion::{Motion, MotionCovariance, MotionSample, covariance_from_std, euler_std};
-pub use noise::motion_noise;
 pub use observations::Observations;
 pub use precision::{
     MapPlane, PrecisionMap, Volume, VolumePrecision, control_volume, precision_map, predicted_covariance_m2,
@@ -51,5 +38,7 @@ pub use precision::{
 };
 pub use refine::{FlightPrior, RefinedFlight, refine_flight};
 pub use select::{Selection, select_control_balls};
-pub use smooth::{EffectsOf, smooth, smooth_with_effects};
-pub use whittaker::lowpass_like;
+pub use smoother::{
+    CausalFilter, EffectsOf, JerkNoise, Motion, MotionCovariance, MotionNoise, MotionSample,
+    covariance_from_std, euler_std, lowpass_like, motion_noise, smooth, smooth_with_effects,
+};

@@ -5,17 +5,17 @@ use mavsight_geometry::{Matrix2, Vector2};
 
 /// Marker observations by time: 32 bytes for each, and 16 for an instant.
 ///
-/// Pixels are exact; covariances are held in single precision, which is seven digits of a variance. Instants come in the order of
-/// time, and the observations of one in the order in which they were added.
+/// Pixels are exact; covariances are held in single precision, which is seven digits of a variance.
+/// Instants come in the order of time, and the observations of one in the order in which they were added.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Observations {
     /// Time of each instant, and where its observations end.
     instants: Vec<(i64, usize)>,
-    sights: Vec<Packed>,
+    packed: Vec<PackedObservation>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Packed {
+struct PackedObservation {
     pixel: Vector2<f64>,
     /// uu, uv, vv.
     covariance_px2: [f32; 3],
@@ -23,7 +23,7 @@ struct Packed {
     marker: u16,
 }
 
-impl Packed {
+impl PackedObservation {
     fn of(seen: &MarkerObservation) -> Self {
         let c = &seen.covariance_px2;
         // No rig and no body has so many: what is beyond is refused where it is used.
@@ -49,20 +49,21 @@ impl Packed {
 }
 
 impl Observations {
-    /// Room for so many instants at which so many markers are seen. Lists that double when they are full leave behind as much again.
-    pub fn reserve(&mut self, instants: usize, sights: usize) {
+    /// Room for so many instants at which so many markers are seen. Lists that double when they are full
+    /// leave behind as much again.
+    pub fn reserve(&mut self, instants: usize, observations: usize) {
         self.instants.reserve(instants);
-        self.sights.reserve(instants * sights);
+        self.packed.reserve(instants * observations);
     }
 
     /// Number of observations.
     pub fn len(&self) -> usize {
-        self.sights.len()
+        self.packed.len()
     }
 
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
-        self.sights.is_empty()
+        self.packed.is_empty()
     }
 
     /// Adds one, behind those of its time.
@@ -71,7 +72,7 @@ impl Observations {
         if self.instants.get(at).is_none_or(|i| i.0 != seen.t_ns) {
             self.instants.insert(at, (seen.t_ns, self.start(at)));
         }
-        self.sights.insert(self.instants[at].1, Packed::of(seen));
+        self.packed.insert(self.instants[at].1, PackedObservation::of(seen));
         self.instants[at..].iter_mut().for_each(|i| i.1 += 1);
     }
 
@@ -84,7 +85,7 @@ impl Observations {
     pub fn iter(&self) -> impl Iterator<Item = MarkerObservation> + '_ {
         (0..self.instants.len()).flat_map(|k| {
             let (t_ns, end) = self.instants[k];
-            self.sights[self.start(k)..end].iter().map(move |s| s.seen(t_ns))
+            self.packed[self.start(k)..end].iter().map(move |s| s.seen(t_ns))
         })
     }
 
@@ -92,7 +93,7 @@ impl Observations {
     pub fn at(&self, t_ns: i64, out: &mut Vec<MarkerObservation>) {
         out.clear();
         if let Ok(k) = self.instants.binary_search_by_key(&t_ns, |i| i.0) {
-            out.extend(self.sights[self.start(k)..self.instants[k].1].iter().map(|s| s.seen(t_ns)));
+            out.extend(self.packed[self.start(k)..self.instants[k].1].iter().map(|s| s.seen(t_ns)));
         }
     }
 
@@ -101,9 +102,10 @@ impl Observations {
         self.instants.iter().map(|i| i.0)
     }
 
-    /// Multiplies the variances of columns and rows by the factors of their camera and marker; the correlation stays.
+    /// Multiplies the variances of columns and rows by the factors of their camera and marker; the
+    /// correlation is kept.
     pub fn scale_covariances(&mut self, factors: impl Fn(usize, usize) -> Vector2<f64>) {
-        for s in &mut self.sights {
+        for s in &mut self.packed {
             let by = factors(s.camera.into(), s.marker.into());
             for (v, by) in s.covariance_px2.iter_mut().zip([by.x, (by.x * by.y).sqrt(), by.y]) {
                 *v = (f64::from(*v) * by) as f32;
@@ -165,6 +167,6 @@ mod tests {
             let times = Matrix2::new(4.0, 2.0 * down.sqrt(), 2.0 * down.sqrt(), down);
             assert!((o.covariance_px2 - before.component_mul(&times)).amax() < 1e-6, "{}", o.covariance_px2);
         }
-        assert_eq!(size_of::<Packed>(), 32);
+        assert_eq!(size_of::<PackedObservation>(), 32);
     }
 }

@@ -5,12 +5,12 @@ use mavsight_flight::Vehicle;
 use mavsight_link::Event;
 use mavsight_live::{CameraSetup, FlightClock, Pace, Replay, Source, fly};
 use mavsight_pipeline::{CameraFeed, NoProgress, PipelineError, TimedFrame, track_with};
-use mavsight_pose::{CausalFilter, ChainNoise, MotionNoise, PoseSample};
+use mavsight_pose::{CausalFilter, JerkNoise, MotionNoise, PoseSample};
 use mavsight_vision::Frame;
 use std::convert::Infallible;
 
 fn noise() -> MotionNoise {
-    MotionNoise { translation: ChainNoise::white(0.3, 1.2), rotation: ChainNoise::white(4.0, 0.8) }
+    MotionNoise { translation: JerkNoise::white(0.3, 1.2), rotation: JerkNoise::white(4.0, 0.8) }
 }
 
 /// Recordings as live cameras.

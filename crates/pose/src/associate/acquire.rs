@@ -1,11 +1,12 @@
 //! The body among balls that nothing predicts.
 
+use super::associator::{Association, Associator, DECISIVE_LOG_ODDS, MOST_SIZE_RATIO, observations, refused};
 use super::belief::Belief;
-use super::{Association, Associator, DECISIVE_LOG_ODDS, MOST_SIZE_RATIO, observations, refused};
 use crate::{PoseError, PoseEstimate, PoseSample, TrackedDetection};
 use mavsight_geometry::{ImagePoint, Isometry3, Matrix2, Matrix3, Matrix6, Vector3, rigid_fit, triangulate};
 
-/// Balls in space, assignments that are tried, and choices among the balls of one camera: bounds of the work of an instant.
+/// Balls in space, assignments that are tried, and choices among the balls of one camera: bounds of the
+/// work of an instant.
 const MOST_SPOTS: usize = 96;
 const MOST_TRIED: usize = 200;
 const MOST_CHOICES: usize = 16;
@@ -244,7 +245,7 @@ impl Associator {
         self.weighed(t_ns, candidates, pairs)
     }
 
-    /// Covariance of a pose by its sights, each as uncertain as a ball in part hidden.
+    /// Covariance of a pose by its detections, each as uncertain as a ball in part hidden.
     fn covariance_of(
         &self,
         pose: &Isometry3<f64>,
@@ -257,7 +258,7 @@ impl Associator {
             let expected = self.expected(pose, candidate.camera, *marker)?;
             let hidden_px = 0.1 * candidate.diameter_px;
             let spread =
-                self.sight_covariance(&expected, candidate) + Matrix2::identity() * hidden_px * hidden_px;
+                self.detection_covariance(&expected, candidate) + Matrix2::identity() * hidden_px * hidden_px;
             normal += expected.jacobian.transpose() * spread.cholesky()?.solve(&expected.jacobian);
         }
         normal.cholesky().map(|c| c.inverse())

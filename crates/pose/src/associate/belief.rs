@@ -1,13 +1,11 @@
-//! Where the body may be, and what of it a camera would see then.
+//! The pose that the body may have, and its prediction from the last two.
 
-use super::{Associator, MOST_SIZE_RATIO};
-use crate::{PoseEstimate, TrackedDetection};
-use mavsight_geometry::camera::d_pixel_d_pose;
-use mavsight_geometry::{Isometry3, Matrix2, Matrix6, Point3, UnitQuaternion, Vector2, Vector3};
-use nalgebra::{Matrix2x3, Matrix2x6, Translation3, Vector6};
+use crate::PoseEstimate;
+use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion};
+use nalgebra::{Translation3, Vector6};
 
-/// Change of the velocity of the body, and of each marker against its middle, that is not foreseen: standard gravity, as of
-/// an aircraft that falls.
+/// Change of the velocity of the body, and of each marker against its middle, that is not predicted:
+/// standard gravity, as of an aircraft that falls.
 const ACCELERATION_M_S2: f64 = 9.81;
 /// Speed to reckon with before it was measured: a run across the room.
 const SPEED_M_S: f64 = 3.0;
@@ -17,7 +15,7 @@ const SPEED_M_S: f64 = 3.0;
 pub(super) struct Belief {
     pub(super) pose: Isometry3<f64>,
     pub(super) covariance: Matrix6<f64>,
-    /// What unforeseen motion may have shifted; 0 for what was measured.
+    /// What unpredicted motion may have shifted; 0 for what was measured.
     pub(super) shift_m: f64,
 }
 
@@ -25,9 +23,7 @@ impl Belief {
     pub(super) fn of(estimate: &PoseEstimate) -> Self {
         Self { pose: estimate.world_from_body, covariance: estimate.covariance(), shift_m: 0.0 }
     }
-}
 
-impl Belief {
     /// Squared distance of another belief, in standard deviations of their difference.
     pub(super) fn distance(&self, other: &Self) -> f64 {
         let change = change(&self.pose, &other.pose);
@@ -56,14 +52,6 @@ impl Belief {
     }
 }
 
-/// The image of a marker.
-pub(super) struct Expected {
-    pub(super) pixel: Vector2<f64>,
-    pub(super) jacobian: Matrix2x6<f64>,
-    pub(super) by_point: Matrix2x3<f64>,
-    pub(super) diameter_px: f64,
-}
-
 /// What leads from one pose to the other: a shift in world axes, then a turn in body axes.
 fn change(from: &Isometry3<f64>, to: &Isometry3<f64>) -> Vector6<f64> {
     let shift = to.translation.vector - from.translation.vector;
@@ -71,7 +59,7 @@ fn change(from: &Isometry3<f64>, to: &Isometry3<f64>) -> Vector6<f64> {
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
 }
 
-fn changed(pose: &Isometry3<f64>, by: &Vector6<f64>) -> Isometry3<f64> {
+pub(super) fn changed(pose: &Isometry3<f64>, by: &Vector6<f64>) -> Isometry3<f64> {
     Isometry3::from_parts(
         Translation3::from(pose.translation.vector + by.fixed_rows::<3>(0)),
         pose.rotation * UnitQuaternion::from_scaled_axis(by.fixed_rows::<3>(3).into_owned()),
@@ -93,8 +81,8 @@ impl History {
         self.before = self.last.replace((t_ns, both));
     }
 
-    /// The pose that constant velocity leads to, with what an unforeseen acceleration does to it; none where that is more
-    /// than the size of the body, from where on it tells no marker from another.
+    /// The pose that constant velocity leads to, with what an unpredicted acceleration does to it; none
+    /// where that is more than the size of the body, from where on it cannot distinguish markers.
     pub(super) fn predicted(&self, t_ns: i64, size_m: f64) -> Option<Belief> {
         let (last_ns, last) = self.last.as_ref()?;
         let ahead_s = (t_ns - last_ns) as f64 * 1e-9;
@@ -120,60 +108,5 @@ impl History {
             covariance[(k + 3, k + 3)] += turn_rad * turn_rad;
         }
         Some(Belief { pose, covariance, shift_m })
-    }
-}
-
-impl Associator {
-    /// What a camera sees of a marker of the body at a pose.
-    pub(super) fn expected(&self, pose: &Isometry3<f64>, camera: usize, marker: usize) -> Option<Expected> {
-        let (view, ball) = (self.cameras.get(camera)?, &self.estimator.markers()[marker]);
-        let centre: Vector3<f64> = (pose * Point3::from(ball.marker_in_body_m)).coords;
-        let seen = view.project_ball(&centre, ball.radius_m).ok()?;
-        let range_m = (centre - view.centre_in_world()).norm();
-        let focal_px = (view.intrinsics.fx_px * view.intrinsics.fy_px).abs().sqrt();
-        Some(Expected {
-            pixel: seen.pixel,
-            jacobian: d_pixel_d_pose(&seen, pose, &ball.marker_in_body_m),
-            by_point: seen.d_pixel_d_point_in_world,
-            diameter_px: focal_px * 2.0 * ball.radius_m / range_m,
-        })
-    }
-
-    /// Covariance of a sight against the body: the centre's and that of the marker's place.
-    pub(super) fn sight_covariance(&self, expected: &Expected, candidate: &TrackedDetection) -> Matrix2<f64> {
-        let place = expected.by_point * expected.by_point.transpose() * self.markers_std_m.powi(2);
-        candidate.covariance_px2 + place
-    }
-
-    /// Squared distance of a candidate from where a marker is believed, in standard deviations; none where it is not of
-    /// the size or behind the camera.
-    pub(super) fn distance(
-        &self,
-        belief: &Belief,
-        candidate: &TrackedDetection,
-        marker: usize,
-    ) -> Option<f64> {
-        let expected = self.expected(&belief.pose, candidate.camera, marker)?;
-        let ratio = candidate.diameter_px / expected.diameter_px;
-        let sized = candidate.diameter_px > 0.0 && expected.diameter_px > 0.0;
-        if sized && !(1.0 / MOST_SIZE_RATIO..=MOST_SIZE_RATIO).contains(&ratio) {
-            return None;
-        }
-        let spread = expected.jacobian * belief.covariance * expected.jacobian.transpose()
-            + self.sight_covariance(&expected, candidate);
-        let error = candidate.pixel - expected.pixel;
-        spread.cholesky().map(|c| error.dot(&c.solve(&error)))
-    }
-
-    /// The belief after a candidate is taken for a marker (the update of a Kalman filter).
-    pub(super) fn narrow(&self, belief: &mut Belief, candidate: &TrackedDetection, marker: usize) {
-        let Some(expected) = self.expected(&belief.pose, candidate.camera, marker) else { return };
-        let seen = belief.covariance * expected.jacobian.transpose();
-        let spread = expected.jacobian * seen + self.sight_covariance(&expected, candidate);
-        let Some(inverse) = spread.try_inverse() else { return };
-        let gain = seen * inverse;
-        belief.pose = changed(&belief.pose, &(gain * (candidate.pixel - expected.pixel)));
-        let narrowed = belief.covariance - gain * seen.transpose();
-        belief.covariance = (narrowed + narrowed.transpose()) * 0.5;
     }
 }

@@ -6,10 +6,12 @@ use mavsight_geometry::{Vector3, rigid_fit};
 /// Normal quantile of the gate on lengths, 99.9 % on both sides.
 const GATE: f64 = 3.29;
 
-/// Refuses a body whose markers of one colour can change places by a rigid motion within what their places are known to.
+/// Refuses a body whose markers of one colour can change places by a rigid motion within what their
+/// places are known to.
 ///
 /// # Errors
-/// [`PoseError::SymmetricMarkers`] naming the markers and the least shift of one of them that would tell.
+/// [`PoseError::SymmetricMarkers`] naming the markers and the least shift of one of them that would be
+/// enough.
 pub(super) fn refuse_symmetric(
     markers: &[BodyMarker],
     colors: &[usize],
@@ -24,7 +26,8 @@ pub(super) fn refuse_symmetric(
     Err(PoseError::SymmetricMarkers { markers: moved.join(", "), needed_mm: 1e3 * needed_m.max(1e-3) })
 }
 
-/// Who stands in whose place, other than each in its own, so that all lengths stay and no mirror is needed.
+/// Who stands in whose place, other than each in its own, so that all lengths are kept and no mirror is
+/// needed.
 fn changed_places(
     markers: &[BodyMarker],
     colors: &[usize],

@@ -1,7 +1,7 @@
 use super::*;
-use crate::BodyMarker;
 use crate::testing::{cameras, normal, rig};
-use mavsight_geometry::{EulerAngles, Isometry3, Matrix2, Point3, Vector2, world_from_body};
+use crate::{BodyMarker, PoseError, PoseEstimator, TrackedDetection};
+use mavsight_geometry::{EulerAngles, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body};
 
 const STD_PX: f64 = 0.1;
 const FRAME_NS: i64 = 33_333_333;
@@ -61,7 +61,7 @@ fn ball(camera: usize, color: usize, at_m: &Vector3<f64>, seed: &mut u64) -> Tra
     }
 }
 
-/// What both cameras see of the body, with the marker of each sight.
+/// What both cameras see of the body, with the marker of each detection.
 fn seen(
     places_m: &[[f64; 3]],
     colors: &[usize],
@@ -78,8 +78,9 @@ fn seen(
     out
 }
 
-/// Decoys of every colour stand in the room, everything is hidden from one camera for a while and from both for another: each
-/// pair is right in each frame, and the body is met again in the very frame in which three balls are back.
+/// Decoys of every colour stand in the room, everything is hidden from one camera for a while and from
+/// both for another: each pair is right in each frame, and the body is met again in the very frame in
+/// which three balls are back.
 #[test]
 fn decoys_and_hiding_never_change_an_identity() {
     let colors = [0, 1, 2, 3];
@@ -120,7 +121,7 @@ fn decoys_and_hiding_never_change_an_identity() {
 }
 
 #[test]
-fn markers_of_one_colour_are_told_by_their_distances() {
+fn markers_of_one_colour_are_associated_by_their_distances() {
     let colors = [0; 4];
     let mut seed = 11;
     for start in 0..5 {
@@ -144,7 +145,8 @@ fn a_square_of_one_colour_is_refused_by_name() {
     let refused = associator(&square, &[0; 4]).unwrap_err();
     assert!(matches!(refused, PoseError::SymmetricMarkers { .. }), "{refused}");
     assert!(refused.to_string().contains("m1, m2"), "{refused}");
-    // One ball of another colour leaves the mirror image alone, and that is a turn about the diagonal of a flat square.
+    // One ball of another colour leaves the mirror image alone, and that is a turn about the diagonal of
+    // a flat square.
     assert!(associator(&square, &[1, 0, 0, 0]).is_err());
     assert!(associator(&square, &[1, 2, 0, 0]).is_ok());
     let mut moved = square;
@@ -184,8 +186,8 @@ fn nothing_seen_is_nothing_measured() {
     assert!(found.sample.reason.unwrap().contains("0 of"));
 }
 
-/// The second camera is turned by half a degree at frame 60: it is named with that time by the next frame, and the first
-/// camera goes on alone. Where nothing happens nobody is blamed.
+/// The second camera is turned by half a degree at frame 60: it is named with that time by the next
+/// frame, and the first camera goes on alone. Where nothing happens nobody is blamed.
 #[test]
 fn a_camera_that_is_pushed_is_named_and_left_out() {
     let colors = [0, 1, 2, 3];
@@ -216,8 +218,8 @@ fn a_camera_that_is_pushed_is_named_and_left_out() {
     }
 }
 
-/// One ball before another in one camera shifts both centres for some frames: their sights are left out, never the camera that
-/// sees them, and far less the other one.
+/// One ball before another in one camera shifts both centres for some frames: their detections are left
+/// out, never the camera that sees them, and far less the other one.
 #[test]
 fn balls_before_each_other_do_not_cost_a_camera() {
     let colors = [0, 1, 2, 3];
@@ -241,14 +243,15 @@ fn balls_before_each_other_do_not_cost_a_camera() {
         let error_m = (estimate.world_from_body.translation.vector - pose_at(k).translation.vector).norm();
         assert!(
             error_m < 0.01 && found.pairs.len() >= 6,
-            "frame {k}: {error_m} m, {} sights",
+            "frame {k}: {error_m} m, {} detections",
             found.pairs.len()
         );
     }
     assert!(associator.moved_cameras().is_empty());
 }
 
-/// Centres err three times as much as is claimed, and those of one camera by as much again that drifts: in minutes of flight nobody is blamed.
+/// Centres err three times as much as is claimed, and those of one camera by as much again that drifts:
+/// in minutes of flight nobody is blamed.
 #[test]
 fn cameras_that_are_worse_than_claimed_are_not_taken_for_moved() {
     let colors = [0, 1, 2, 3];

@@ -1,65 +1,23 @@
 //! Cameras that no longer stand as they were calibrated.
 
-use super::{Association, Associator, DECISIVE_LOG_ODDS, LEAST_DEGREES, belief::Belief};
+use super::associator::{Association, Associator, DECISIVE_LOG_ODDS};
+use super::belief::Belief;
+use super::moved_camera::MovedCamera;
+use super::noise::LEAST_DEGREES;
 use crate::TrackedDetection;
 use mavsight_geometry::{Matrix2, Vector2};
 use nalgebra::Matrix2x6;
 
-/// Standard deviations, in the plane, beyond which a camera's view is shifted. By chance it is so twice in a row once in a hundred
-/// hours of two cameras at 60 Hz: p² · 432 000 = 0.01, and √(-2 ln p) of that.
-const SHIFTED: f64 = 4.2;
-/// Instants over which a camera's usual shift is averaged: some seconds.
-const USUAL: f64 = 200.0;
 /// Share of a shift within which all balls have it in common.
 const COMMON: f64 = 0.25;
 
-/// Sights of one instant that may be off while the rest is believed: two balls, one before the other.
+/// Detections of one instant that may be off while the rest is believed: two balls, one before the other.
 const MOST_OFF: usize = 2;
-
-/// A camera that was moved while it filmed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MovedCamera {
-    /// Index in the rig.
-    pub camera: usize,
-    /// First instant at which its view was shifted.
-    pub t_ns: i64,
-    /// By how much the body's image was shifted then.
-    pub shift_px: Vector2<f64>,
-}
-
-/// What is known of the cameras' standing still.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Watch {
-    suspects: Vec<MovedCamera>,
-    pub(super) moved: Vec<MovedCamera>,
-    /// For each camera the mean square, in standard deviations, by which its view of the body is shifted while it stands: 2, and
-    /// more where cameras are less exact than is claimed of them.
-    usual: Vec<f64>,
-}
-
-impl Watch {
-    pub(super) fn is_out(&self, camera: usize) -> bool {
-        self.moved.iter().chain(&self.suspects).any(|m| m.camera == camera)
-    }
-
-    /// Whether a shift is beyond what is usual of a camera; what is not becomes part of that.
-    fn is_beyond_usual(&mut self, camera: usize, square: f64) -> bool {
-        if self.usual.len() <= camera {
-            self.usual.resize(camera + 1, 2.0);
-        }
-        let usual = &mut self.usual[camera];
-        let is_beyond = square > SHIFTED * SHIFTED * (0.5 * *usual).max(1.0);
-        if !is_beyond {
-            *usual += (square - *usual) / USUAL;
-        }
-        is_beyond
-    }
-}
 
 /// By how much a camera's view of the body is off.
 struct Shift {
     mean_px: Vector2<f64>,
-    /// In standard deviations, by what residuals so far tell of the claims.
+    /// In standard deviations, scaled by the residuals so far.
     square: f64,
     /// Whether all balls have it.
     is_common: bool,
@@ -72,7 +30,7 @@ impl Associator {
     }
 
     /// What the candidates that are wanted, by their index, say.
-    pub(super) fn told_by(
+    pub(super) fn associated_by(
         &self,
         t_ns: i64,
         candidates: &[TrackedDetection],
@@ -97,9 +55,9 @@ impl Associator {
         !self.watch.is_out(candidate.camera)
     }
 
-    /// The pose of all sights but one or two, where all together make no sense: balls before each other are seen off their
-    /// places. What is left still checks itself.
-    pub(super) fn without_sights(
+    /// The pose of all detections but one or two, where all together make no sense: balls before each
+    /// other are seen off their places. What is left still checks itself.
+    pub(super) fn without_detections(
         &self,
         t_ns: i64,
         candidates: &[TrackedDetection],
@@ -113,7 +71,7 @@ impl Associator {
                     continue;
                 }
                 let wanted = |i: usize| i != k && !out.contains(&i) && self.is_in_use(&candidates[i]);
-                let found = self.told_by(t_ns, candidates, Some(predicted), wanted);
+                let found = self.associated_by(t_ns, candidates, Some(predicted), wanted);
                 let Some(estimate) = &found.sample.estimate else { continue };
                 let (squares, degrees) = self.misfit(estimate, candidates, &found.pairs);
                 if degrees >= LEAST_DEGREES && best.as_ref().is_none_or(|b| squares / degrees < b.0) {
@@ -129,7 +87,8 @@ impl Associator {
         None
     }
 
-    /// The pose of all cameras but one, where all together make no sense and it is clear which one to leave out.
+    /// The pose of all cameras but one, where all together make no sense and it is clear which one to
+    /// leave out.
     pub(super) fn without_one(
         &self,
         t_ns: i64,
@@ -140,7 +99,7 @@ impl Associator {
         let mut next = f64::NEG_INFINITY;
         for camera in (0..self.cameras.len()).filter(|c| !self.watch.is_out(*c)) {
             let wanted = |k: usize| candidates[k].camera != camera && self.is_in_use(&candidates[k]);
-            let found = self.told_by(t_ns, candidates, Some(predicted), wanted);
+            let found = self.associated_by(t_ns, candidates, Some(predicted), wanted);
             if !self.is_sound(&found, candidates) {
                 continue;
             }
@@ -166,9 +125,9 @@ impl Associator {
         })
     }
 
-    /// Looks for cameras whose view of the body is shifted as a whole against the prediction and the other cameras. A camera
-    /// that is so for the first time is suspected and left out; twice in a row alike, it was moved. Whether anyone is newly
-    /// suspected.
+    /// Looks for cameras whose view of the body is shifted as a whole against the prediction and the
+    /// other cameras. A camera that is so for the first time is suspected and left out; twice in a row
+    /// alike, it was moved. Whether anyone is newly suspected.
     pub(super) fn watch_cameras(
         &mut self,
         t_ns: i64,
@@ -223,7 +182,7 @@ impl Associator {
             let Some(nearest) = nearest else { continue };
             errors.push(error(nearest));
             jacobian += expected.jacobian;
-            noise += self.sight_covariance(&expected, nearest);
+            noise += self.detection_covariance(&expected, nearest);
         }
         let n = errors.len() as f64;
         if n < 3.0 {

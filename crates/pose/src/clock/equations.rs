@@ -1,6 +1,8 @@
 //! Reprojection errors of a flight under given clocks, and how they change with these.
 
-use super::{CameraClock, CameraStream, PixelPath};
+use super::part::Part;
+use super::path::PixelPath;
+use super::types::{CameraClock, CameraStream};
 use crate::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
 use mavsight_geometry::camera::d_pixel_d_pose;
 use mavsight_geometry::{Camera, Isometry3, Matrix2, Point3, UnitQuaternion, Vector2};
@@ -13,22 +15,14 @@ const MOST_INSTANTS: usize = 2000;
 /// Parts of the flight over which errors may last.
 const BLOCKS: usize = 24;
 
-/// Standard deviation of what stays wrong with a centre for the whole flight: far above what it is.
-const LASTING_STD_PX: f64 = 1.0;
+/// Standard deviation of the systematic error of a centre for the whole flight: far above what it is.
+const SYSTEMATIC_STD_PX: f64 = 1.0;
 
 /// Whitened residuals longer than this many times the flight's scale weigh no more than one of that length.
 const BOUND: f64 = 2.5;
 
 /// Steps to a pose; one that needs more is taken as far as it has come.
 const MOST_STEPS: usize = 12;
-
-/// One part of one clock that is estimated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Part {
-    Offset,
-    Drift,
-    LineTime,
-}
 
 /// A part of a camera's clock.
 pub(super) type Unknown = (usize, Part);
@@ -48,7 +42,7 @@ pub(super) struct View {
 
 /// Normal equations of a flight.
 pub(super) struct Sums {
-    /// Of unknowns, then of the centres' lasting errors.
+    /// Of unknowns, then of the centres' systematic errors.
     pub(super) normal: DMatrix<f64>,
     pub(super) gradient: DVector<f64>,
     /// Gradient of each part of the flight.
@@ -57,18 +51,19 @@ pub(super) struct Sums {
     pub(super) by_noise: Vec<f64>,
     /// Chi-square over redundancy of each instant with a pose.
     pub(super) factors: Vec<f64>,
-    /// Instants with a pose, and the sum over them of the root of chi-square over redundancy: small where the clocks are right,
-    /// whatever a few bad instants do.
+    /// Instants with a pose, and the sum over them of the root of chi-square over redundancy: small where
+    /// the clocks are right, whatever a few bad instants do.
     pub(super) instants: usize,
     pub(super) misfit: f64,
-    /// By camera: sum of squared speeds, px²/s², corrected for noise; sights; redundancy in whitened units; distance over focal length.
+    /// By camera: sum of squared speeds, px²/s², corrected for noise; observations; redundancy in
+    /// whitened units; distance over focal length.
     pub(super) by_camera: Vec<CameraSums>,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct CameraSums {
     pub(super) speed2: f64,
-    pub(super) sights: f64,
+    pub(super) observations: f64,
     /// What the information on the offset would be at 1 px/s.
     pub(super) at_unit_speed: f64,
     pub(super) metres_a_pixel: f64,
@@ -81,10 +76,10 @@ pub(super) struct Problem<'a> {
     estimator: PoseEstimator,
     pub(super) instants: Vec<f64>,
     pub(super) poses: Vec<Option<Isometry3<f64>>>,
-    /// Camera, marker and index of sights whose paths leap.
+    /// Camera, marker and index of observations whose paths leap.
     pub(super) leaping: HashSet<(usize, usize, usize)>,
-    /// Lasting error of each centre: camera by camera, two a marker.
-    pub(super) lasting_px: DVector<f64>,
+    /// Systematic error of each centre: camera by camera, two a marker.
+    pub(super) systematic_px: DVector<f64>,
     /// Factor on the claimed variances.
     pub(super) scale: f64,
 }
@@ -110,7 +105,7 @@ impl<'a> Problem<'a> {
             estimator: PoseEstimator::new(rig, markers),
             poses: vec![None; instants.len()],
             leaping: HashSet::new(),
-            lasting_px: DVector::zeros(2 * streams.len() * markers.len()),
+            systematic_px: DVector::zeros(2 * streams.len() * markers.len()),
             instants,
             scale: 1.0,
         }
@@ -142,7 +137,7 @@ impl<'a> Problem<'a> {
                     camera,
                     marker,
                     index: at.index,
-                    pixel: at.pixel - self.lasting_of(camera, marker),
+                    pixel: at.pixel - self.systematic_of(camera, marker),
                     whitener,
                     px_s: velocity.px_s,
                     gain_per_s2: velocity.gain_per_s2,
@@ -152,9 +147,9 @@ impl<'a> Problem<'a> {
         }
     }
 
-    fn lasting_of(&self, camera: usize, marker: usize) -> Vector2<f64> {
+    fn systematic_of(&self, camera: usize, marker: usize) -> Vector2<f64> {
         let at = 2 * (camera * self.markers.len() + marker);
-        Vector2::new(self.lasting_px[at], self.lasting_px[at + 1])
+        Vector2::new(self.systematic_px[at], self.systematic_px[at + 1])
     }
 
     /// First poses: of all cameras together, or of one of them where their clocks are too far apart for that.
@@ -190,7 +185,7 @@ impl<'a> Problem<'a> {
         keep_poses: bool,
     ) -> Sums {
         let paths = self.paths(clocks);
-        let size = unknowns.len() + self.lasting_px.len();
+        let size = unknowns.len() + self.systematic_px.len();
         let mut sums = Sums {
             normal: DMatrix::zeros(size, size),
             gradient: DVector::zeros(size),
@@ -207,7 +202,7 @@ impl<'a> Problem<'a> {
             self.views(&paths, t_s, cameras, &mut views);
             let two = views.iter().any(|v| v.camera != views[0].camera);
             let Some(start) = self.poses[k].filter(|_| two && views.len() > 3) else { continue };
-            let Some((pose, chi_square)) = self.settled(&views, start) else { continue };
+            let Some((pose, chi_square)) = self.fitted_pose(&views, start) else { continue };
             if keep_poses {
                 self.poses[k] = Some(pose);
             }
@@ -224,8 +219,9 @@ impl<'a> Problem<'a> {
         sums
     }
 
-    /// The pose nearest to a start that fits the views best, and its chi-square (Levenberg 1944; Marquardt 1963).
-    pub(super) fn settled(&self, views: &[View], start: Isometry3<f64>) -> Option<(Isometry3<f64>, f64)> {
+    /// The pose nearest to a start that fits the views best, and its chi-square (Levenberg 1944;
+    /// Marquardt 1963).
+    pub(super) fn fitted_pose(&self, views: &[View], start: Isometry3<f64>) -> Option<(Isometry3<f64>, f64)> {
         let (mut pose, mut damping) = (start, 0.0);
         let (mut normal, mut gradient, mut chi_square) = self.pose_equations(views, &pose)?;
         for _ in 0..MOST_STEPS {
@@ -335,7 +331,7 @@ impl<'a> Problem<'a> {
             let white2 = 0.5 * v.whitener.norm_squared();
             let camera = &mut sums.by_camera[v.camera];
             camera.at_unit_speed += 0.5 * left * white2;
-            camera.sights += 1.0;
+            camera.observations += 1.0;
             camera.speed2 += v.px_s.norm_squared() - 2.0 * self.scale * v.gain_per_s2 / white2;
             let depth_m = (self.cameras[v.camera].centre_in_world() - pose.translation.vector).norm();
             camera.metres_a_pixel += depth_m / self.cameras[v.camera].intrinsics.fx_px.abs();
@@ -345,7 +341,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Adds what is known of the unknowns and of the lasting errors beforehand.
+    /// Adds what is known of the unknowns and of the systematic errors beforehand.
     pub(super) fn add_priors(&self, sums: &mut Sums, clocks: &[CameraClock], unknowns: &[Unknown]) {
         for (u, (camera, part)) in unknowns.iter().enumerate() {
             let prior = &self.streams[*camera].prior;
@@ -355,49 +351,20 @@ impl<'a> Problem<'a> {
                 sums.gradient[u] += self.scale * apart / (std * std);
             }
         }
-        for k in 0..self.lasting_px.len() {
+        for k in 0..self.systematic_px.len() {
             let at = unknowns.len() + k;
-            sums.normal[(at, at)] += self.scale / LASTING_STD_PX.powi(2);
-            sums.gradient[at] += self.scale * self.lasting_px[k] / LASTING_STD_PX.powi(2);
+            sums.normal[(at, at)] += self.scale / SYSTEMATIC_STD_PX.powi(2);
+            sums.gradient[at] += self.scale * self.systematic_px[k] / SYSTEMATIC_STD_PX.powi(2);
         }
     }
 }
 
 impl Sums {
-    /// Factor on the claimed variances: the median over instants, which a spell of wrong sights does not raise.
+    /// Factor on the claimed variances: the median over instants, which a spell of wrong observations
+    /// does not raise.
     pub(super) fn scale(&self) -> f64 {
         let mut factors = self.factors.clone();
         factors.sort_by(f64::total_cmp);
         factors.get(factors.len() / 2).map_or(1.0, |f| f.max(1e-6))
-    }
-}
-
-impl Part {
-    /// Change of a centre's pixel with this part, over its velocity.
-    fn factor(self, t_s: f64, rows_px: f64) -> f64 {
-        match self {
-            Self::Offset => 1.0,
-            Self::Drift => t_s,
-            Self::LineTime => -rows_px,
-        }
-    }
-
-    pub(super) fn of(self, clock: &mut CameraClock) -> &mut f64 {
-        match self {
-            Self::Offset => &mut clock.offset_s,
-            Self::Drift => &mut clock.drift,
-            Self::LineTime => &mut clock.line_time_s,
-        }
-    }
-
-    /// Standard deviation beforehand, and how far a clock is from the start.
-    fn prior(self, prior: &super::ClockPrior, clock: &CameraClock) -> (f64, f64) {
-        let (mut now, mut start) = (*clock, prior.clock);
-        let std = match self {
-            Self::Offset => prior.offset_std_s,
-            Self::Drift => prior.drift_std,
-            Self::LineTime => prior.line_time_std_s,
-        };
-        (std, *self.of(&mut now) - *self.of(&mut start))
     }
 }

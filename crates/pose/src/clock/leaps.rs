@@ -1,18 +1,21 @@
-//! Sights between which a path leaps: of something else than the marker.
+//! Observations between which a path leaps: of something else than the marker.
 
-use super::CameraClock;
 use super::equations::{Problem, View};
+use super::types::CameraClock;
 use mavsight_geometry::{Isometry3, Point3, Vector2};
 
-/// A path that is so many times as fast as the poses let its marker move, at the time and on the whole, does not show the marker.
+/// A path that is so many times as fast as the poses let its marker move, at the time and on the whole,
+/// does not show the marker.
 const LEAP: f64 = 3.0;
 
 impl Problem<'_> {
-    /// Leaves out, from here on, sights whose paths move much faster than the poses that all sights together give.
+    /// Leaves out, from here on, observations whose paths move much faster than the poses that all
+    /// observations together give.
     ///
-    /// A few frames of another thing of a marker's colour are hundreds of pixels off: a path through them and the marker has a hundred
-    /// times its speed, and the information on a clock goes with the square of that. Bounding residuals does not help against it: the
-    /// sights beside a leap have none (leverage points, Rousseeuw & Leroy 1987).
+    /// A few frames of another object of a marker's colour are hundreds of pixels off: a path through
+    /// them and the marker has a hundred times its speed, and the information on a clock goes with the
+    /// square of that. Bounding residuals does not help against it: the observations beside a leap have
+    /// none (leverage points, Rousseeuw & Leroy 1987).
     pub(super) fn leave_out_leaps(&mut self, clocks: &[CameraClock]) {
         let paths = self.paths(clocks);
         let all: Vec<usize> = (0..self.cameras.len()).collect();
@@ -24,7 +27,7 @@ impl Problem<'_> {
             let Some(near) = self.poses[k] else { continue };
             let mut pose_at = |t_s: f64| {
                 self.views(&paths, t_s, &all, &mut beside);
-                (beside.len() > 3).then(|| self.settled(&beside, near)).flatten().map(|(pose, _)| pose)
+                (beside.len() > 3).then(|| self.fitted_pose(&beside, near)).flatten().map(|(pose, _)| pose)
             };
             let t_s = self.instants[k];
             let (before, after) = (pose_at(t_s - 0.5 * apart_s), pose_at(t_s + 0.5 * apart_s));
@@ -41,7 +44,7 @@ impl Problem<'_> {
             let own = || speeds.iter().filter(|s| s.0.0 == camera);
             let mut usual: Vec<f64> = own().map(|s| s.2).collect();
             usual.sort_by(f64::total_cmp);
-            // Nine tenths of the flight is slower; the rest may be what wrong sights do to poses.
+            // Nine tenths of the flight is slower; the rest may be what wrong observations do to poses.
             let Some(fast) = usual.get(usual.len() * 9 / 10).copied() else { continue };
             let leaps = own().filter(|s| s.1 > LEAP * (s.2 + fast)).map(|s| s.0);
             self.leaping.extend(leaps);

@@ -1,13 +1,26 @@
 //! The search for the clocks: coarse over a second, then by Gauss and Newton, then what is made of it.
 
-use super::equations::{Part, Problem, Sums, Unknown};
-use super::{CameraClock, ClockEstimate, ClockVerdict, RELEVANT_STD, SIGNIFICANT, TOLD_INTERVALS};
+use super::equations::{Problem, Sums, Unknown};
+use super::part::Part;
+use super::types::{CameraClock, ClockEstimate, ClockVerdict};
 use nalgebra::{DMatrix, DVector};
+
+/// A clock counts as determined where its offset's standard deviation is at most this part of a frame's
+/// interval.
+const DETERMINED_INTERVALS: f64 = 0.125;
+
+/// A difference of this many standard deviations is not by chance: one in sixteen thousand normal numbers is.
+const SIGNIFICANT: f64 = 4.0;
+
+/// An offset matters where it moves centres by this part of their standard deviation at the flight's
+/// image speed: it would add a thirtieth to their errors.
+const RELEVANT_STD: f64 = 0.25;
 
 /// An offset of which nothing is known is sought this far on either side of the start.
 const REACH_S: f64 = 1.0;
 
-/// A coarse offset is taken where its misfit is less than this part of that at the start: beyond what noise does.
+/// A coarse offset is taken where its misfit is less than this part of that at the start: beyond what
+/// noise does.
 const MUCH_BETTER: f64 = 0.9;
 
 /// Instants of the coarse search.
@@ -16,13 +29,13 @@ const COARSE_INSTANTS: usize = 80;
 const MOST_STEPS: usize = 20;
 
 /// Steps smaller than this part of an unknown's standard deviation are the last.
-const SETTLED_STD: f64 = 0.03;
+const CONVERGED_STD: f64 = 0.03;
 
 /// Where the search has come to.
 struct Found {
     clocks: Vec<CameraClock>,
     sums: Sums,
-    /// Of the unknowns, corrected for noise in the velocities; infinite where they are not told.
+    /// Of the unknowns, corrected for noise in the velocities; infinite where they are not determined.
     std: Vec<f64>,
 }
 
@@ -53,12 +66,16 @@ pub(super) fn solve(problem: &mut Problem<'_>, out: &mut [ClockEstimate]) {
     let Some(mut found) = descend(problem, clocks, &unknowns) else {
         return offsets.iter().for_each(|(k, _)| out[*k].verdict = unseen());
     };
-    // A drift is estimated where its offset is told, and kept where it is no chance.
-    let told = |f: &Found, u: usize, k: usize| f.std[u] <= TOLD_INTERVALS * problem.streams[k].interval_s;
+    // A drift is estimated where its offset is determined, and kept where it is not by chance.
+    let is_determined =
+        |f: &Found, u: usize, k: usize| f.std[u] <= DETERMINED_INTERVALS * problem.streams[k].interval_s;
     let wanted: Vec<Unknown> = drifts
         .into_iter()
         .filter(|(k, _)| {
-            unknowns.iter().position(|u| *u == (*k, Part::Offset)).is_some_and(|u| told(&found, u, *k))
+            unknowns
+                .iter()
+                .position(|u| *u == (*k, Part::Offset))
+                .is_some_and(|u| is_determined(&found, u, *k))
         })
         .collect();
     let mut drift_std = vec![f64::INFINITY; problem.streams.len()];
@@ -91,7 +108,8 @@ fn unseen() -> ClockVerdict {
     ClockVerdict::TooSlow { speed_px_s: 0.0, needed_px_s: f64::INFINITY, needed_m_s: f64::INFINITY }
 }
 
-/// Tries offsets of one camera half a frame apart against the first camera, and takes one that is much better than the start.
+/// Tries offsets of one camera half a frame apart against the first camera, and takes one that is much
+/// better than the start.
 fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) {
     let stream = &problem.streams[camera];
     let reach_s = (3.0 * stream.prior.offset_std_s).min(REACH_S);
@@ -111,7 +129,8 @@ fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) 
     for k in (-steps..=steps).filter(|k| *k != 0) {
         let offset_s = start_s + f64::from(k) * step_s;
         let (seen, at) = misfit(problem, offset_s);
-        // Where the recordings share less than half of what they share at the start, little agreement is no merit.
+        // Where the recordings share less than half of what they share at the start, little agreement is
+        // no merit.
         if seen > 10 && 2 * seen >= instants && at < best.0 {
             best = (at, offset_s);
         }
@@ -119,7 +138,7 @@ fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) 
     clocks[camera].offset_s = best.1;
 }
 
-/// Gauss-Newton over the unknowns and the lasting errors; `None` where nothing is seen by two cameras.
+/// Gauss-Newton over the unknowns and the systematic errors; `None` where nothing is seen by two cameras.
 fn descend(problem: &mut Problem<'_>, mut clocks: Vec<CameraClock>, unknowns: &[Unknown]) -> Option<Found> {
     let all: Vec<usize> = (0..problem.streams.len()).collect();
     let mut last = DVector::zeros(unknowns.len());
@@ -144,10 +163,10 @@ fn descend(problem: &mut Problem<'_>, mut clocks: Vec<CameraClock>, unknowns: &[
             *part.of(&mut clocks[*camera]) += step[u].clamp(-most, most);
             largest = largest.max(step[u].abs() * (problem.scale * inverse[(u, u)]).sqrt().recip());
         }
-        let lasting = step.rows(unknowns.len(), problem.lasting_px.len());
-        problem.lasting_px += lasting;
+        let systematic = step.rows(unknowns.len(), problem.systematic_px.len());
+        problem.systematic_px += systematic;
         last = step.rows(0, unknowns.len()).into_owned();
-        if largest < SETTLED_STD {
+        if largest < CONVERGED_STD {
             return Some(Found { clocks, sums, std });
         }
     }
@@ -161,8 +180,9 @@ fn descend(problem: &mut Problem<'_>, mut clocks: Vec<CameraClock>, unknowns: &[
     Some(Found { clocks, sums, std })
 }
 
-/// Standard deviations of the unknowns: the larger of what white noise gives and what the scatter between parts of the flight
-/// gives (Huber 1967; Liang & Zeger 1986), less what the velocities' noise only seems to tell.
+/// Standard deviations of the unknowns: the larger of what white noise gives and what the scatter between
+/// parts of the flight gives (Huber 1967; Liang & Zeger 1986), less what the velocities' noise only seems
+/// to show.
 fn deviations(problem: &Problem<'_>, sums: &Sums, inverse: &DMatrix<f64>, by_noise: &[f64]) -> Vec<f64> {
     let mut between = DMatrix::zeros(inverse.nrows(), inverse.nrows());
     let mean: DVector<f64> =
@@ -177,8 +197,8 @@ fn deviations(problem: &Problem<'_>, sums: &Sums, inverse: &DMatrix<f64>, by_noi
         .enumerate()
         .map(|(u, noise)| {
             let variance = (problem.scale * inverse[(u, u)]).max(robust[(u, u)]);
-            let told = 1.0 - noise * problem.scale * inverse[(u, u)];
-            if told > 0.25 { (variance / told).sqrt() } else { f64::INFINITY }
+            let share = 1.0 - noise * problem.scale * inverse[(u, u)];
+            if share > 0.25 { (variance / share).sqrt() } else { f64::INFINITY }
         })
         .collect()
 }
@@ -206,14 +226,14 @@ fn conclude(
             Part::Offset => {
                 estimate.offset_std_s = found.std[u];
                 estimate.drift_std = drift_std[*camera];
-                let speed_px_s = (of.speed2 / of.sights.max(1.0)).max(0.0).sqrt();
-                let limit_s = TOLD_INTERVALS * stream.interval_s;
+                let speed_px_s = (of.speed2 / of.observations.max(1.0)).max(0.0).sqrt();
+                let limit_s = DETERMINED_INTERVALS * stream.interval_s;
                 let shift_s = (found.clocks[*camera].offset_s - stream.prior.clock.offset_s).abs();
-                let white_px = (of.sights / (2.0 * of.at_unit_speed).max(1e-300)).sqrt();
+                let white_px = (of.observations / (2.0 * of.at_unit_speed).max(1e-300)).sqrt();
                 let is_drifting = found.clocks[*camera].drift != stream.prior.clock.drift;
                 estimate.verdict = if found.std[u] > limit_s && shift_s < 2.0 * SIGNIFICANT * found.std[u] {
                     let needed_px_s = (problem.scale / of.at_unit_speed.max(1e-300)).sqrt() / limit_s;
-                    let needed_m_s = needed_px_s * of.metres_a_pixel / of.sights.max(1.0);
+                    let needed_m_s = needed_px_s * of.metres_a_pixel / of.observations.max(1.0);
                     ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s }
                 } else if !is_drifting
                     && (shift_s < SIGNIFICANT * found.std[u]

@@ -1,6 +1,7 @@
 use super::*;
+use crate::MarkerObservation;
 use crate::testing::{normal, rig};
-use mavsight_geometry::{Isometry3, Matrix2, Point3, UnitQuaternion, Vector3};
+use mavsight_geometry::{Isometry3, Matrix2, Point3, UnitQuaternion, Vector2, Vector3};
 
 const H: f64 = 1.0 / 30.0;
 const STD_PX: f64 = 0.05;
@@ -46,7 +47,7 @@ fn stream(
         let stamp_ns = (k as f64 * interval_s * 1e9).round() as i64;
         let t_s = clock.time_s(stamp_ns, 0.0);
         for (marker, ball) in body().iter().enumerate() {
-            // The row that it lies on tells when it is seen: two rounds settle that.
+            // The row that it lies on says when it is seen: two rounds are enough for that.
             let mut at_s = t_s;
             let mut pixel = Vector2::zeros();
             for _ in 0..4 {
@@ -93,7 +94,7 @@ fn an_offset_and_a_drift_are_found_within_their_deviations() {
 }
 
 #[test]
-fn cameras_in_step_stay_as_they_are() {
+fn cameras_in_step_are_left_as_they_are() {
     let mut seed = 8;
     let one = |k: usize, seed: &mut u64| stream(k, CameraClock::default(), H, (10.0, 1.0), seed);
     let streams = [one(0, &mut seed), one(1, &mut seed)];
@@ -103,7 +104,7 @@ fn cameras_in_step_stay_as_they_are() {
 }
 
 #[test]
-fn a_flight_at_rest_tells_no_clock_and_says_what_would() {
+fn a_flight_at_rest_determines_no_clock_and_says_what_would() {
     let mut seed = 2;
     let streams = [
         stream(0, CameraClock::default(), H, (10.0, 0.0), &mut seed),
@@ -112,14 +113,15 @@ fn a_flight_at_rest_tells_no_clock_and_says_what_would() {
     let got = estimate_clocks(&rig(), &body(), &streams)[1];
     let ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s } = got.verdict else { panic!("{got}") };
     assert!(speed_px_s < 1.0 && got.clock == CameraClock::default(), "{got}");
-    // At that speed the deviation is an eighth of a frame: some hundred sights of 0.05 px tell 4 ms at 1 px/s.
+    // At that speed the deviation is an eighth of a frame: some hundred observations of 0.05 px show 4 ms
+    // at 1 px/s.
     assert!((0.05..5.0).contains(&needed_px_s) && needed_m_s < 0.1, "{got}");
     let text = got.to_string();
     assert!(text.contains("too slow") && text.contains("time_offset_s"), "{text}");
 }
 
 #[test]
-fn unlike_rates_and_rolling_rows_are_told() {
+fn unlike_rates_and_rolling_rows_are_determined() {
     let mut seed = 4;
     let rolling = CameraClock { line_time_s: 30e-6, ..late(20e-3, 0.0) };
     let mut streams = [
@@ -155,7 +157,8 @@ fn wrong_markers_for_a_while_do_no_harm() {
     assert!(off_s < 4.0 * got.offset_std_s && got.offset_std_s < 0.4e-3, "{got}");
 }
 
-/// For a frame or three another red thing is tracked, 400 px off: paths beside it have a hundred times the marker's speed.
+/// For a frame or three another red object is tracked, 400 px off: paths beside it have a hundred times
+/// the marker's speed.
 #[test]
 fn leaps_of_a_path_do_not_pass_for_speed() {
     for seed in 10..13 {
@@ -166,8 +169,8 @@ fn leaps_of_a_path_do_not_pass_for_speed() {
         ];
         for (begin_ns, frames) in [(2_000_000_000, 1), (5_000_000_000, 1), (7_500_000_000, 3)] {
             let leaps = begin_ns..begin_ns + frames * (H * 1e9) as i64;
-            let sights = streams[1].observations.iter_mut();
-            sights
+            let observations = streams[1].observations.iter_mut();
+            observations
                 .filter(|s| s.marker == 2 && leaps.contains(&s.t_ns))
                 .for_each(|s| s.pixel += Vector2::new(400.0, -110.0));
         }

@@ -1,20 +1,21 @@
-//! Errors of the centres that stay: how large they are, from residuals that do not average out.
+//! Systematic errors of the centres: how large they are, from residuals that do not average out.
 
-use super::PoseEstimator;
-use super::solve::Sight;
+use super::estimator::PoseEstimator;
+use super::view::View;
 use crate::{MarkerObservation, Observations, PoseError, PoseEstimate, PoseSample};
 use nalgebra::{Matrix6xX, Vector2};
 use std::collections::VecDeque;
 
-/// Lags over which residuals are compared: what is still there after up to a second counts as staying.
+/// Lags over which residuals are compared: what is still there after up to a second counts as systematic.
 const LONGEST_LAG_S: f64 = 1.0;
 
 /// Frames at which the shares of the known errors are computed: they change as slowly as the aircraft moves.
 const SAMPLED_FRAMES: usize = 40;
 
 impl PoseEstimator {
-    /// The same with centres that are off by an amount that stays: `std_px` for each coordinate of each marker in each
-    /// camera, independent of each other. Light from one side, colours that shade into each other and lenses do that.
+    /// The same with centres that are off by a constant amount: `std_px` for each coordinate of each
+    /// marker in each camera, independent of each other. Light from one side, colours that shade into
+    /// each other and lenses do that.
     ///
     /// # Errors
     /// [`PoseError::BadBias`] for what is not finite or negative.
@@ -22,35 +23,38 @@ impl PoseEstimator {
         if !(std_px.is_finite() && std_px >= 0.0) {
             return Err(PoseError::BadBias { std_px });
         }
-        self.lasting = self.lasting.with_bias_px(std_px);
+        self.errors = self.errors.with_bias_px(std_px);
         Ok(self)
     }
 
     /// The standard deviation that [`PoseEstimator::with_centre_bias`] was given; 0 without.
     pub fn bias_std_px(&self) -> f64 {
-        self.lasting.bias_px
+        self.errors.bias_px
     }
 
-    /// What each direction of error that stays does to a pose, in double precision: its systematic columns from the sights that it was
-    /// estimated from, of which those of markers that it did not use are passed over. `None` where they do not determine it.
-    pub fn lasting_effects(
+    /// What each direction of systematic error does to a pose, in double precision: its systematic
+    /// columns from the observations that it was estimated from, of which those of markers that it did
+    /// not use are passed over. `None` where they do not determine it.
+    pub fn systematic_effects(
         &self,
         seen: &[MarkerObservation],
         estimate: &PoseEstimate,
     ) -> Option<Matrix6xX<f64>> {
         let used = seen.iter().filter(|o| estimate.markers_used.contains(o.marker));
-        let sights: Vec<Sight> = used.map(|o| self.sight(o)).collect::<Result<_, _>>().ok()?;
-        let solution = self.at_pose(&sights, &estimate.world_from_body).ok()?;
-        let solution = self.bounded_from(&sights, solution);
+        let views: Vec<View> = used.map(|o| self.view(o)).collect::<Result<_, _>>().ok()?;
+        let solution = self.at_pose(&views, &estimate.world_from_body).ok()?;
+        let solution = self.bounded_from(&views, solution);
         let inverse = solution.normal.cholesky()?.inverse();
-        Some(self.systematic(&sights, &solution, &inverse).0)
+        Some(self.systematic(&views, &solution, &inverse).0)
     }
 
-    /// Standard deviation of what stays of the centres' errors, px, from the residuals of a flight's poses.
+    /// Standard deviation of the systematic part of the centres' errors, px, from the residuals of a
+    /// flight's poses.
     ///
-    /// The products of a sight's residuals at two times, up to a second apart, have the mean square of what stays, as far as
-    /// the pose has not taken it up; new noise has a mean of zero. What the uncertainty of cameras and marker positions
-    /// explains is taken off, unless that is what a fit to these observations left. Zero where nothing is left or there is no redundancy.
+    /// The products of an observation's residuals at two times, up to a second apart, have the mean
+    /// square of the systematic part, as far as the pose has not taken it up; new noise has a mean of
+    /// zero. What the uncertainty of cameras and marker positions explains is taken off, unless that is
+    /// what a fit to these observations left. Zero where nothing is left or there is no redundancy.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].
@@ -70,25 +74,25 @@ impl PoseEstimator {
             let mut row = blank();
             if let Some(estimate) = &pose.estimate {
                 let used = seen.iter().filter(|o| estimate.markers_used.contains(o.marker));
-                let sights = used.map(|o| self.sight(o)).collect::<Result<Vec<Sight>, _>>()?;
-                for s in &sights {
+                let views = used.map(|o| self.view(o)).collect::<Result<Vec<View>, _>>()?;
+                for s in &views {
                     let Ok(at) = self.projected(s, &estimate.world_from_body) else { continue };
                     row[s.camera * self.markers.len() + s.marker] = Some(s.whitener * (s.pixel - at.pixel));
                 }
                 if k % every == 0
-                    && let Ok(solution) = self.at_pose(&sights, &estimate.world_from_body)
+                    && let Ok(solution) = self.at_pose(&views, &estimate.world_from_body)
                     && let Some(factor) = solution.normal.cholesky()
                 {
                     let inverse = factor.inverse();
-                    let known = self.systematic(&sights, &solution, &inverse).1;
+                    let known = self.systematic(&views, &solution, &inverse).1;
                     explained += known;
-                    by_unit += unit.systematic(&sights, &solution, &inverse).1 - known;
-                    sampled += sights.len() as f64;
+                    by_unit += unit.systematic(&views, &solution, &inverse).1 - known;
+                    sampled += views.len() as f64;
                 }
             }
             products.add(pose.t_ns, row);
         }
-        if self.lasting.is_fitted {
+        if self.errors.is_fitted {
             explained = 0.0;
         }
         let LaggedProducts { product, pairs, .. } = products;
@@ -99,8 +103,8 @@ impl PoseEstimator {
     }
 }
 
-/// Sum and number of the products of each sight's residuals at two times, as they come; no more than those of the longest lag are
-/// held.
+/// Sum and number of the products of each observation's residuals at two times, as they come; no more
+/// than those of the longest lag are held.
 #[derive(Default)]
 struct LaggedProducts {
     product: f64,

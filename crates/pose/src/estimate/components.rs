@@ -1,20 +1,22 @@
 //! How good each ball's centres in each camera are, across and down, from the residuals of a flight.
 
-use super::PoseEstimator;
+use super::estimator::PoseEstimator;
 use super::gates::CLAIM_DEGREES;
-use super::solve::Sight;
+use super::view::View;
 use crate::{Observations, PoseError, PoseSample};
 use mavsight_geometry::Vector2;
 use mavsight_geometry::camera::d_pixel_d_pose;
 
 impl PoseEstimator {
-    /// Factors on the claimed variances of the centres' columns and rows, camera by camera and marker by marker: a ball in front of a
-    /// window is worse than its pixels tell, all the while; one beside a level skid is better across than that allows for.
+    /// Factors on the claimed variances of the centres' columns and rows, camera by camera and marker by
+    /// marker: a ball before a window is worse than its pixels show, all the while; one beside a level
+    /// skid is better across than that allows for.
     ///
-    /// One step of the estimation of variance components: the sum of a group's squared residuals over the sum of its
-    /// redundancies (Foerstner 1979; Rao 1971), with the claim counting as much as one frame. Its mean is an average of the true
-    /// components, weighted by how much of each the residuals show, so that it leads towards them but not beyond. No factor is held at
-    /// or above one: of a short flight, whose residuals are small by chance as often as large, that would widen all claims.
+    /// One step of the estimation of variance components: the sum of a group's squared residuals over the
+    /// sum of its redundancies (Foerstner 1979; Rao 1971), with the claim counting as much as one frame.
+    /// Its mean is an average of the true components, weighted by how much of each the residuals show, so
+    /// that it leads towards them but not beyond. No factor is held at or above one: of a short flight,
+    /// whose residuals are small by chance as often as large, that would widen all claims.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].
@@ -30,10 +32,10 @@ impl PoseEstimator {
             observations.at(pose.t_ns, &mut seen);
             let Some(estimate) = &pose.estimate else { continue };
             seen.retain(|o| estimate.markers_used.contains(o.marker));
-            let sights = seen.iter().map(|o| self.sight(o)).collect::<Result<Vec<Sight>, _>>()?;
-            let Ok(solution) = self.at_pose(&sights, &estimate.world_from_body) else { continue };
+            let views = seen.iter().map(|o| self.view(o)).collect::<Result<Vec<View>, _>>()?;
+            let Ok(solution) = self.at_pose(&views, &estimate.world_from_body) else { continue };
             let Some(inverse) = solution.normal.cholesky().map(|c| c.inverse()) else { continue };
-            for (s, o) in sights.iter().zip(&seen) {
+            for (s, o) in views.iter().zip(&seen) {
                 let Ok(at) = self.projected(s, &estimate.world_from_body) else { continue };
                 let place = &self.markers[s.marker].marker_in_body_m;
                 let jacobian = d_pixel_d_pose(&at, &estimate.world_from_body, place);
@@ -56,13 +58,14 @@ mod tests {
     use crate::estimate::tests::{body, seen, truth};
     use crate::testing::rig;
 
-    /// So many frames with noise of 0.1 px, as claimed; only one sight's noise across and down is so many times that.
+    /// So many frames with noise of 0.1 px, as claimed; only one observation's noise across and down is
+    /// so many times that.
     fn flight(
         estimator: &PoseEstimator,
         (frames, spoilt, times): (i64, (usize, usize), Vector2<f64>),
         seed: &mut u64,
     ) -> (Vec<MarkerObservation>, Vec<PoseSample>) {
-        let (mut sights, mut poses) = (Vec::new(), Vec::new());
+        let (mut views, mut poses) = (Vec::new(), Vec::new());
         for t_ns in 0..frames {
             let mut now = seen(&truth(), 0.1, seed);
             for o in &mut now {
@@ -76,26 +79,27 @@ mod tests {
             }
             let estimate = estimator.estimate(t_ns, &now, None).ok();
             poses.push(PoseSample { t_ns, estimate, reason: None });
-            sights.extend(now);
+            views.extend(now);
         }
-        (sights, poses)
+        (views, poses)
     }
 
-    /// Marker 2 is three times as noisy in the second camera as it claims, or across half as noisy and down twice.
+    /// Marker 2 is three times as noisy in the second camera as it claims, or across half as noisy and
+    /// down twice.
     #[test]
-    fn factors_tell_which_ball_is_worse_than_it_claims_or_better_and_which_way() {
+    fn factors_show_which_ball_is_worse_or_better_than_it_claims_and_in_which_direction() {
         let estimator = PoseEstimator::new(&rig(), &body());
         for times in [Vector2::new(3.0, 3.0), Vector2::new(0.5, 2.0)] {
-            let (mut sights, mut poses) = flight(&estimator, (400, (1, 2), times), &mut 41);
+            let (mut views, mut poses) = flight(&estimator, (400, (1, 2), times), &mut 41);
             // Twice, as where a flight is refined: the product nears the variance component.
             let mut total = [Vector2::repeat(1.0); 8];
             for _ in 0..2 {
-                let mut scaled: Observations = sights.iter().collect();
+                let mut scaled: Observations = views.iter().collect();
                 let factors = estimator.centre_factors(&scaled, &poses).unwrap();
                 total.iter_mut().zip(&factors).for_each(|(t, f)| t.component_mul_assign(f));
                 scaled.scale_covariances(|camera, marker| factors[4 * camera + marker]);
-                sights = scaled.iter().collect();
-                for (pose, own) in poses.iter_mut().zip(sights.chunks(8)) {
+                views = scaled.iter().collect();
+                for (pose, own) in poses.iter_mut().zip(views.chunks(8)) {
                     pose.estimate = estimator.estimate(pose.t_ns, own, None).ok();
                 }
             }
@@ -112,8 +116,8 @@ mod tests {
         let estimator = PoseEstimator::new(&rig(), &body());
         let (mut seed, mut sum, mut count) = (43, 0.0, 0.0);
         for _ in 0..300 {
-            let (sights, poses) = flight(&estimator, (3, (0, 0), Vector2::repeat(1.0)), &mut seed);
-            for factor in estimator.centre_factors(&sights.iter().collect(), &poses).unwrap() {
+            let (views, poses) = flight(&estimator, (3, (0, 0), Vector2::repeat(1.0)), &mut seed);
+            for factor in estimator.centre_factors(&views.iter().collect(), &poses).unwrap() {
                 sum += factor.sum();
                 count += 2.0;
             }

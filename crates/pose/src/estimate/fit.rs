@@ -1,21 +1,21 @@
 //! How well what was seen at one instant fits the rig and the body, whatever the pose.
 
-use super::PoseEstimator;
-use super::solve::Sight;
+use super::estimator::PoseEstimator;
+use super::view::View;
 use crate::{MarkerObservation, PoseError};
 
-/// How far sights lie from where the best pose has them.
+/// How far observations lie from where the best pose has them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReprojectionFit {
-    /// Root mean square residual, all sights counted.
+    /// Root mean square residual, all observations counted.
     pub residual_px: f64,
     /// In standard deviations as they are to be expected of centres, cameras and markers: 1 on average.
     pub ratio: f64,
 }
 
 impl PoseEstimator {
-    /// How well the sights of one instant fit, none left out and none refused; without a number where no pose was found
-    /// (`ratio` is infinite then), and `None` for sights that fit anything.
+    /// How well the observations of one instant fit, none left out and none refused; without a number
+    /// where no pose was found (`ratio` is infinite then), and `None` for observations that fit anything.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].
@@ -23,16 +23,16 @@ impl PoseEstimator {
         &self,
         observations: &[MarkerObservation],
     ) -> Result<Option<ReprojectionFit>, PoseError> {
-        let sights = observations.iter().map(|o| self.sight(o)).collect::<Result<Vec<Sight>, _>>()?;
+        let views = observations.iter().map(|o| self.view(o)).collect::<Result<Vec<View>, _>>()?;
         let used: Vec<usize> =
-            (0..self.markers.len()).filter(|m| sights.iter().any(|s| s.marker == *m)).collect();
-        if used.len() < 3 || 2 * sights.len() <= 6 {
+            (0..self.markers.len()).filter(|m| views.iter().any(|s| s.marker == *m)).collect();
+        if used.len() < 3 || 2 * views.len() <= 6 {
             return Ok(None);
         }
-        let Ok(solution) = self.solve(&sights, &used, None) else {
+        let Ok(solution) = self.solve(&views, &used, None) else {
             return Ok(Some(ReprojectionFit { residual_px: f64::INFINITY, ratio: f64::INFINITY }));
         };
-        let expected = self.claimed_excess(&sights, &used, &solution);
+        let expected = self.claimed_excess(&views, &used, &solution);
         let ratio = (solution.chi_square / solution.redundancy.max(1) as f64 / expected).sqrt();
         Ok(Some(ReprojectionFit { residual_px: solution.residual_px(), ratio }))
     }

@@ -5,20 +5,22 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
 /// Share of correct observations that a gate rejects.
 const GATE_PROBABILITY: f64 = 0.001;
 
-/// What two poses' chi-squares must differ by for the odds of the better one to be 999 to 1: 2 ln 999. It is also the
-/// 99.9 % quantile of chi-square with two degrees of freedom.
+/// What two poses' chi-squares must differ by for the odds of the better one to be 999 to 1: 2 ln 999. It
+/// is also the 99.9 % quantile of chi-square with two degrees of freedom.
 pub(super) const DECISIVE_CHI_SQUARE: f64 = 13.814;
 
-/// Weight of the claimed covariances against one instant's residuals when its noise is judged, in degrees of freedom: as
-/// much as four markers in two cameras have.
+/// Weight of the claimed covariances against one instant's residuals when its noise is judged, in degrees
+/// of freedom: as much as four markers in two cameras have.
 pub(super) const CLAIM_DEGREES: f64 = 10.0;
 
-/// Huber's bound for the length of a whitened residual in the plane: 95 % efficient where the noise is normal.
-/// From (E[ψ'/2 + ψ/2r])² / (E[ψ²]/2) = 0.95 with r of a Rayleigh distribution (Huber 1981, section 8).
+/// Huber's bound for the length of a whitened residual in the plane: 95 % efficient where the noise is
+/// normal. From (E[ψ'/2 + ψ/2r])² / (E[ψ²]/2) = 0.95 with r of a Rayleigh distribution (Huber 1981,
+/// section 8).
 pub(super) const HUBER_BOUND: f64 = 1.501;
 
-/// Mean of half a squared whitened residual in the plane as Huber's weights with that bound leave it, where the noise is normal: what a
-/// scale estimated from them is to be divided by (Huber's proposal 2; Huber 1981, section 6.4).
+/// Mean of half a squared whitened residual in the plane as Huber's weights with that bound leave it,
+/// where the noise is normal: what a scale estimated from them is to be divided by (Huber's proposal 2;
+/// Huber 1981, section 6.4).
 pub(crate) const HUBER_MEAN: f64 = 0.801;
 
 /// The 99.9 % quantile of chi-square.
@@ -32,12 +34,14 @@ pub(super) fn beyond_f_gate(ratio: f64, above: usize, below: usize) -> bool {
     !ratio.is_nan() && FisherSnedecor::new(above as f64, below as f64).is_ok_and(tail)
 }
 
-/// The factor on the claimed covariances that residuals suggest, where errors that stay raise the mean chi-square by
-/// `explained`: the mean of claim and residuals, weighted by their degrees of freedom (the conjugate scaled inverse
-/// chi-square; Gelman et al. 2013, section 2.6), or the residuals' alone where they refute the claim.
+/// The factor on the claimed covariances that residuals suggest, where systematic errors raise the mean
+/// chi-square by `explained`: the mean of claim and residuals, weighted by their degrees of freedom (the
+/// conjugate scaled inverse chi-square; Gelman et al. 2013, section 2.6), or the residuals' alone where
+/// they refute the claim.
 ///
-/// A claim that stands gives noise and errors that stay their expected shares of the chi-square. Where it is refuted it is the
-/// noise that is larger than was said, and the errors that stay explain no more than they did.
+/// A claim that stands gives noise and systematic errors their expected shares of the chi-square. Where
+/// it is refuted it is the noise that is larger than was said, and the systematic errors explain no more
+/// than they did.
 pub(super) fn noise_factor(chi_square: f64, explained: f64, degrees: usize) -> f64 {
     let nu = degrees as f64;
     if degrees == 0 {
@@ -84,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_that_stay_explain_what_they_are_expected_to_and_no_more() {
+    fn systematic_errors_explain_what_they_are_expected_to_and_no_more() {
         assert!((noise_factor(40.0, 30.0, 10) - 1.0).abs() < 1e-12);
         assert!((noise_factor(1030.0, 30.0, 10) - 100.0).abs() < 1e-12);
     }

@@ -41,7 +41,8 @@ impl FromIterator<usize> for MarkerSet {
 
 /// A measured pose.
 ///
-/// Covariances are of the position in world axes (m²), then of a small turn about body axes (rad²): t + δt, R exp(δθ).
+/// Covariances are of the position in world axes (m²), then of a small turn about body axes (rad²): t +
+/// δt, R exp(δθ).
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseEstimate {
     /// The pose.
@@ -54,8 +55,9 @@ pub struct PoseEstimate {
     pub left_out: MarkerSet,
     /// What is new in each frame: the upper triangle, by columns.
     own: [f64; TRIANGLE],
-    /// What stays: columns of six, or a lower triangle by columns, which no number of columns is as long as.
-    lasting: Box<[f32]>,
+    /// Systematic part: columns of six, or a lower triangle by columns, which no number of columns is as
+    /// long as.
+    systematic: Box<[f32]>,
 }
 
 /// Numbers of a triangle of six rows.
@@ -80,21 +82,22 @@ impl PoseEstimate {
             markers_used: none,
             left_out: none,
             own,
-            lasting: [].into(),
+            systematic: [].into(),
         }
     }
 
-    /// The same with errors beside those that are new: what the same errors of cameras and marker positions do to this pose. Each
-    /// column is one standard deviation along one independent direction, the same directions in all poses of a flight.
+    /// The same with errors beside those that are new: what the same errors of cameras and marker
+    /// positions do to this pose. Each column is one standard deviation along one independent direction,
+    /// the same directions in all poses of a flight.
     #[must_use]
     pub fn with_systematic(self, columns: &Matrix6xX<f32>) -> Self {
-        Self { lasting: columns.as_slice().into(), ..self }
+        Self { systematic: columns.as_slice().into(), ..self }
     }
 
     /// The same of columns in double precision, without a copy of them in between.
     #[must_use]
     pub(crate) fn with_rounded(self, columns: &Matrix6xX<f64>) -> Self {
-        Self { lasting: columns.as_slice().iter().map(|v| *v as f32).collect(), ..self }
+        Self { systematic: columns.as_slice().iter().map(|v| *v as f32).collect(), ..self }
     }
 
     /// The same by some markers, without others, with the residual that they leave.
@@ -123,8 +126,8 @@ impl PoseEstimate {
         own
     }
 
-    /// The part S of the covariance S Sᵀ that is not new in each frame, in single precision: seven digits of a standard deviation.
-    /// No columns: none is known.
+    /// The part S of the covariance S Sᵀ that is not new in each frame, in single precision: seven digits
+    /// of a standard deviation. No columns: none is known.
     pub fn systematic(&self) -> Matrix6xX<f32> {
         let mut out = Matrix6xX::zeros(self.systematic_columns());
         for c in 0..out.ncols() {
@@ -135,12 +138,13 @@ impl PoseEstimate {
 
     /// Number of columns of that.
     pub fn systematic_columns(&self) -> usize {
-        if self.is_condensed() { 6 } else { self.lasting.len() / 6 }
+        if self.is_condensed() { 6 } else { self.systematic.len() / 6 }
     }
 
-    /// Whether the systematic columns are those of [`Self::condensed`], which tell nothing of how poses err together.
+    /// Whether the systematic columns are those of [`Self::condensed`], which do not say how poses err
+    /// together.
     pub fn is_condensed(&self) -> bool {
-        self.lasting.len() == TRIANGLE
+        self.systematic.len() == TRIANGLE
     }
 
     /// One column of the systematic part.
@@ -148,15 +152,17 @@ impl PoseEstimate {
         if self.is_condensed() {
             // A lower triangle's columns are an upper one's rows.
             let start = c * (13 - c) / 2;
-            return Vector6::from_fn(|i, _| if i < c { 0.0 } else { f64::from(self.lasting[start + i - c]) });
+            return Vector6::from_fn(
+                |i, _| if i < c { 0.0 } else { f64::from(self.systematic[start + i - c]) },
+            );
         }
-        Vector6::from_fn(|i, _| f64::from(self.lasting[6 * c + i]))
+        Vector6::from_fn(|i, _| f64::from(self.systematic[6 * c + i]))
     }
 
-    /// The same without telling what stays: all of the covariance counts as new.
+    /// This pose without systematic columns: all of its covariance counts as random.
     #[must_use]
     pub fn all_new(self) -> Self {
-        if self.lasting.is_empty() {
+        if self.systematic.is_empty() {
             return self;
         }
         let covariance = self.covariance();
@@ -164,8 +170,9 @@ impl PoseEstimate {
         Self { residual_px, markers_used, left_out, ..Self::new(world_from_body, &covariance) }
     }
 
-    /// The same with no more than six systematic columns, the lower triangular root of their sum S Sᵀ: for whoever holds many
-    /// poses, and has [`crate::PoseEstimator::lasting_effects`] for how they err together. What is new in the pose is as it was.
+    /// This pose with no more than six systematic columns, the lower triangular root of their sum S Sᵀ:
+    /// for whoever holds many poses, and has [`crate::PoseEstimator::systematic_effects`] for how they
+    /// err together. What is new in the pose is as it was.
     #[must_use]
     pub fn condensed(self) -> Self {
         if self.systematic_columns() <= 6 {
@@ -175,7 +182,7 @@ impl PoseEstimate {
         let rows = self.systematic().map(f64::from).transpose();
         let root = rows.qr().r();
         let lower = places_below().map(|(i, j)| root[(j, i)] as f32).collect();
-        Self { lasting: lower, ..self }
+        Self { systematic: lower, ..self }
     }
 }
 
@@ -197,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stays_and_what_is_new_keep_their_sizes_when_condensed() {
+    fn systematic_and_random_parts_keep_their_sizes_when_condensed() {
         let wave = |k: usize| (1.7 * k as f64).sin();
         let scale = [1e-3, 2e-3, 1e-4, 0.02, 0.01, 0.5];
         let root = Matrix6::from_fn(|i, j| scale[i] * (wave(6 * i + j) + if i == j { 2.0 } else { 0.0 }));

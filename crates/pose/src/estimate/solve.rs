@@ -1,36 +1,23 @@
-//! The iteration: reprojection error of one instant, its normal equations, and what errors that stay do to it.
+//! The iteration: reprojection error of one instant, its normal equations, and what systematic errors do
+//! to it.
 
+use super::estimator::PoseEstimator;
 use super::gates::{HUBER_BOUND, noise_factor};
-use super::{BodyMarker, MAX_STEPS, PoseEstimator};
+use super::types::BodyMarker;
+use super::view::View;
 use crate::PoseError;
 use crate::moving::moved;
 use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::camera::d_pixel_d_pose;
-use mavsight_geometry::{GeometryError, Isometry3, Matrix2, Matrix6, Point3, Projection, Vector2, Vector3};
+use mavsight_geometry::{GeometryError, Isometry3, Matrix6, Point3, Projection, Vector2, Vector3};
 use nalgebra::{Matrix6xX, Vector6};
-use std::borrow::Cow;
 
-/// A step that promises to lower the chi-square by less, a ten-thousandth of a standard deviation, is the last: what remains
-/// after it is smaller by its square.
-const SETTLED: f64 = 1e-8;
+/// Levenberg-Marquardt steps; from the linear start four or five suffice.
+pub(super) const MAX_STEPS: usize = 60;
 
-/// An observation with the inverse root of its covariance.
-#[derive(Clone, Copy)]
-pub(super) struct Sight {
-    pub(super) camera: usize,
-    pub(super) marker: usize,
-    pub(super) pixel: Vector2<f64>,
-    pub(super) whitener: Matrix2<f64>,
-}
-
-/// The sights of some markers: mostly of all.
-pub(super) fn of_markers<'a>(sights: &'a [Sight], markers: &[usize]) -> Cow<'a, [Sight]> {
-    let wanted = |s: &Sight| markers.contains(&s.marker);
-    if sights.iter().all(wanted) {
-        return Cow::Borrowed(sights);
-    }
-    Cow::Owned(sights.iter().copied().filter(wanted).collect())
-}
+/// A step that promises to lower the chi-square by less, a ten-thousandth of a standard deviation, is the
+/// last: what remains after it is smaller by its square.
+const CONVERGED: f64 = 1e-8;
 
 /// A pose at a minimum.
 #[derive(Clone)]
@@ -70,7 +57,7 @@ pub(crate) fn noise_weight(square: f64, factor: f64) -> f64 {
 }
 
 impl PoseEstimator {
-    pub(super) fn projected(&self, s: &Sight, pose: &Isometry3<f64>) -> Result<Projection, GeometryError> {
+    pub(super) fn projected(&self, s: &View, pose: &Isometry3<f64>) -> Result<Projection, GeometryError> {
         let marker = &self.markers[s.marker];
         let centre = (pose * Point3::from(marker.marker_in_body_m)).coords;
         self.cameras[s.camera].project_ball(&centre, marker.radius_m)
@@ -79,14 +66,14 @@ impl PoseEstimator {
     /// Normal equations at a pose.
     fn equations(
         &self,
-        sights: &[Sight],
+        views: &[View],
         pose: &Isometry3<f64>,
         bound_scale: Option<f64>,
     ) -> Result<(Solution, Vector6<f64>), GeometryError> {
         let mut normal = Matrix6::zeros();
         let mut gradient = Vector6::zeros();
         let (mut chi_square, mut longest, mut sum_px2) = (0.0, 0.0_f64, 0.0);
-        for s in sights {
+        for s in views {
             let seen = self.projected(s, pose)?;
             let jacobian = s.whitener * d_pixel_d_pose(&seen, pose, &self.markers[s.marker].marker_in_body_m);
             let error = s.pixel - seen.pixel;
@@ -100,7 +87,7 @@ impl PoseEstimator {
             chi_square += square;
             sum_px2 += error.norm_squared();
         }
-        let coordinates = 2 * sights.len();
+        let coordinates = 2 * views.len();
         let redundancy = coordinates.saturating_sub(6);
         let solution = Solution {
             world_from_body: *pose,
@@ -116,14 +103,14 @@ impl PoseEstimator {
     }
 
     /// The normal equations at a pose that is known already.
-    pub(super) fn at_pose(&self, sights: &[Sight], pose: &Isometry3<f64>) -> Result<Solution, GeometryError> {
-        self.equations(sights, pose, None).map(|e| e.0)
+    pub(super) fn at_pose(&self, views: &[View], pose: &Isometry3<f64>) -> Result<Solution, GeometryError> {
+        self.equations(views, pose, None).map(|e| e.0)
     }
 
     /// Least squares from a start (Levenberg 1944; Marquardt 1963).
-    pub(super) fn descend(&self, sights: &[Sight], start: &Isometry3<f64>) -> Result<Solution, PoseError> {
+    pub(super) fn descend(&self, views: &[View], start: &Isometry3<f64>) -> Result<Solution, PoseError> {
         let mut pose = *start;
-        let (mut now, mut gradient) = self.equations(sights, &pose, None)?;
+        let (mut now, mut gradient) = self.equations(views, &pose, None)?;
         let mut damping = 0.0;
         for _ in 0..MAX_STEPS {
             let mut damped = now.normal;
@@ -134,33 +121,34 @@ impl PoseEstimator {
             // The decrement is the drop of the chi-square that the step still promises.
             let decrement = step.dot(&gradient);
             let tried = moved(&pose, &step);
-            if decrement < SETTLED && damping < 1e-3 {
+            if decrement < CONVERGED && damping < 1e-3 {
                 return Ok(Solution { world_from_body: tried, ..now });
             }
-            match self.equations(sights, &tried, None) {
+            match self.equations(views, &tried, None) {
                 Ok((next, slope)) if next.chi_square <= now.chi_square * (1.0 + 1e-12) + 1e-18 => {
                     pose = tried;
                     (now, gradient) = (next, slope);
                     damping *= 0.1;
                 }
-                _ if decrement < SETTLED => return Ok(now),
+                _ if decrement < CONVERGED => return Ok(now),
                 _ => damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 },
             }
         }
         Err(now.not_converged())
     }
 
-    /// The same with bounded influence: residuals longer than [`HUBER_BOUND`] weigh no more than one of that length
-    /// (Huber 1981, chapter 7, by iterative reweighting). The scale is that of [`noise_factor`], so that noise larger than
-    /// was claimed does not make outliers of half the sights. The chi-square stays that of least squares.
-    pub(super) fn bounded_from(&self, sights: &[Sight], least: Solution) -> Solution {
+    /// The same with bounded influence: residuals longer than [`HUBER_BOUND`] weigh no more than one of
+    /// that length (Huber 1981, chapter 7, by iterative reweighting). The scale is that of
+    /// [`noise_factor`], so that noise larger than was claimed does not make outliers of half the
+    /// observations. The chi-square stays that of least squares.
+    pub(super) fn bounded_from(&self, views: &[View], least: Solution) -> Solution {
         let scale = noise_factor(least.chi_square, 0.0, least.redundancy).max(1.0);
         if least.longest <= HUBER_BOUND.powi(2) * scale {
             return least;
         }
         let mut now = least.clone();
         for _ in 0..MAX_STEPS {
-            let Ok((at, gradient)) = self.equations(sights, &now.world_from_body, Some(scale)) else {
+            let Ok((at, gradient)) = self.equations(views, &now.world_from_body, Some(scale)) else {
                 return least;
             };
             let Some(step) = at.normal.cholesky().map(|c| c.solve(&gradient)) else { return least };
@@ -172,23 +160,23 @@ impl PoseEstimator {
         least
     }
 
-    /// What one standard deviation along each direction of error of cameras, marker positions and centres does to the pose, and
-    /// the mean chi-square that all of them together leave in the residuals.
+    /// What one standard deviation along each direction of error of cameras, marker positions and centres
+    /// does to the pose, and the mean chi-square that all of them together leave in the residuals.
     /// `inverse` is that of the normal equations.
     pub(super) fn systematic(
         &self,
-        sights: &[Sight],
+        views: &[View],
         solution: &Solution,
         inverse: &Matrix6<f64>,
     ) -> (Matrix6xX<f64>, f64) {
-        let mut effects = Matrix6xX::zeros(self.lasting.columns());
+        let mut effects = Matrix6xX::zeros(self.errors.columns());
         if effects.is_empty() {
             return (effects, 0.0);
         }
         let pose = &solution.world_from_body;
         let turn = matrix_of(&pose.rotation);
         let mut squares = 0.0;
-        for s in sights {
+        for s in views {
             let body: &BodyMarker = &self.markers[s.marker];
             let centre = (pose * Point3::from(body.marker_in_body_m)).coords;
             let (Ok(seen), Ok(by_camera)) =
@@ -207,7 +195,7 @@ impl PoseEstimator {
                 let mut sum = effects.column_mut(column);
                 sum += weighted * effect;
             };
-            self.lasting.effects((s.camera, s.marker), &by_camera, &by_marker, &s.whitener, &mut add);
+            self.errors.effects((s.camera, s.marker), &by_camera, &by_marker, &s.whitener, &mut add);
         }
         let mut taken = 0.0;
         for mut column in effects.column_iter_mut() {

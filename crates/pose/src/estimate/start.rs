@@ -1,8 +1,10 @@
 //! Where the iteration begins: from triangulated markers, or from one camera's view of three.
 
+use super::estimator::PoseEstimator;
+use super::gates::DECISIVE_CHI_SQUARE;
 use super::p3p;
-use super::solve::{Sight, Solution, of_markers};
-use super::{DECISIVE_CHI_SQUARE, PoseEstimator};
+use super::solve::Solution;
+use super::view::{View, of_markers};
 use crate::PoseError;
 use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::{GeometryError, Isometry3, Matrix3, UnitQuaternion, Vector3};
@@ -20,8 +22,9 @@ const LEAST_PARALLAX: f64 = 0.01;
 /// Below this ratio of the second to the first spread the points count as one line.
 const COLLINEAR_RATIO: f64 = 1e-3;
 
-/// The rigid motion that best carries body points onto world points: the quaternion of the largest eigenvalue (Horn 1987).
-/// It does what [`mavsight_geometry::rigid_fit`] does, without weights and without the heap.
+/// The rigid motion that best carries body points onto world points: the quaternion of the largest
+/// eigenvalue (Horn 1987). It does what [`mavsight_geometry::rigid_fit`] does, without weights and
+/// without the heap.
 fn carried(
     pairs: impl Iterator<Item = (Vector3<f64>, Vector3<f64>)>,
 ) -> Result<Isometry3<f64>, GeometryError> {
@@ -59,11 +62,11 @@ impl PoseEstimator {
     /// The best pose of the given markers.
     pub(super) fn solve(
         &self,
-        sights: &[Sight],
+        views: &[View],
         used: &[usize],
         previous: Option<&Isometry3<f64>>,
     ) -> Result<Solution, PoseError> {
-        let own = of_markers(sights, used);
+        let own = of_markers(views, used);
         if used.len() < 3 || own.len() < 3 {
             return Err(PoseError::TooFewMarkers {
                 seen: used.len(),
@@ -84,7 +87,7 @@ impl PoseEstimator {
     /// A rigid fit to the markers that two cameras saw; `None` where they are fewer than three.
     fn triangulated_start(
         &self,
-        own: &[Sight],
+        own: &[View],
         used: &[usize],
     ) -> Option<Result<Isometry3<f64>, GeometryError>> {
         let mut triangulated = 0;
@@ -97,7 +100,7 @@ impl PoseEstimator {
     }
 
     /// The point nearest to all rays of a marker, where two of them differ enough in direction.
-    fn nearest_to_rays(&self, own: &[Sight], marker: usize) -> Option<Vector3<f64>> {
+    fn nearest_to_rays(&self, own: &[View], marker: usize) -> Option<Vector3<f64>> {
         let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
         let mut first: Option<Vector3<f64>> = None;
         let mut widest: f64 = 0.0;
@@ -112,18 +115,18 @@ impl PoseEstimator {
         (widest > LEAST_PARALLAX).then(|| normal.cholesky().map(|c| c.solve(&right))).flatten()
     }
 
-    /// Every minimum that some camera's view of three markers leads to, the mirrored ones among them; the best, if it is
-    /// distinguished by its chi-square or by the pose before.
+    /// Every minimum that some camera's view of three markers leads to, the mirrored ones among them; the
+    /// best, if it is distinguished by its chi-square or by the pose before.
     fn best_of_views(
         &self,
-        own: &[Sight],
+        own: &[View],
         used: &[usize],
         previous: Option<&Isometry3<f64>>,
     ) -> Result<Solution, PoseError> {
         let mut minima: Vec<Solution> = Vec::new();
         let mut starts: Vec<Isometry3<f64>> = previous.into_iter().copied().collect();
         for camera in 0..self.cameras.len() {
-            let view: Vec<Sight> = own.iter().copied().filter(|s| s.camera == camera).collect();
+            let view: Vec<View> = own.iter().copied().filter(|s| s.camera == camera).collect();
             for pose in self.three_point_poses(&view) {
                 starts.push(pose);
                 starts.extend(self.mirrored(&view, &pose));
@@ -169,10 +172,11 @@ impl PoseEstimator {
         decided.then(|| by_distance[0].1.clone()).ok_or(ambiguous)
     }
 
-    /// Poses that one camera's view of three markers allows, from the triangle of the largest area on the body.
-    fn three_point_poses(&self, view: &[Sight]) -> Vec<Isometry3<f64>> {
-        let place = |s: &Sight| self.markers[s.marker].marker_in_body_m;
-        let mut best: (f64, Option<[&Sight; 3]>) = (0.0, None);
+    /// Poses that one camera's view of three markers allows, from the triangle of the largest area on the
+    /// body.
+    fn three_point_poses(&self, view: &[View]) -> Vec<Isometry3<f64>> {
+        let place = |s: &View| self.markers[s.marker].marker_in_body_m;
+        let mut best: (f64, Option<[&View; 3]>) = (0.0, None);
         for (i, a) in view.iter().enumerate() {
             for (j, b) in view.iter().enumerate().skip(i + 1) {
                 for c in view.iter().skip(j + 1) {
@@ -198,9 +202,10 @@ impl PoseEstimator {
             .collect()
     }
 
-    /// The other pose in which flat markers look much the same from afar: their plane tipped the other way about the line of
-    /// sight (Oberkampf, DeMenthon & Davis 1996; Schweighofer & Pinz 2006). The plane is the one of least spread.
-    fn mirrored(&self, view: &[Sight], pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
+    /// The other pose in which flat markers look much the same from afar: their plane tipped the other
+    /// way about the line of observation (Oberkampf, DeMenthon & Davis 1996; Schweighofer & Pinz 2006).
+    /// The plane is the one of least spread.
+    fn mirrored(&self, view: &[View], pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
         let places: Vec<Vector3<f64>> =
             view.iter().map(|s| self.markers[s.marker].marker_in_body_m).collect();
         let middle = places.iter().sum::<Vector3<f64>>() / places.len() as f64;

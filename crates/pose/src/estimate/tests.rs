@@ -1,9 +1,12 @@
+use super::view::View;
 use super::*;
 use crate::moving::moved;
 use crate::testing::{cameras, normal, rig};
-use mavsight_geometry::GeometryError;
-use mavsight_geometry::{EulerAngles, world_from_body};
-use nalgebra::Vector6;
+use crate::{MarkerObservation, PoseError, Rig};
+use mavsight_geometry::{
+    EulerAngles, GeometryError, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body,
+};
+use nalgebra::{DMatrix, Vector6};
 
 pub(super) fn body() -> Vec<BodyMarker> {
     [[0.225, 0.225], [0.225, -0.225], [-0.225, -0.225], [-0.225, 0.225]]
@@ -48,12 +51,12 @@ fn error(got: &Isometry3<f64>, truth: &Isometry3<f64>) -> Vector6<f64> {
 }
 
 #[test]
-fn exact_sights_give_the_pose_back_also_from_three_markers() {
+fn exact_observations_give_the_pose_back_also_from_three_markers() {
     let estimator = PoseEstimator::new(&rig(), &body());
     for hidden in 0..=4 {
-        let mut sights = seen(&truth(), 0.0, &mut 1);
-        sights.retain(|o| o.marker != hidden);
-        let got = estimator.estimate(0, &sights, None).unwrap();
+        let mut views = seen(&truth(), 0.0, &mut 1);
+        views.retain(|o| o.marker != hidden);
+        let got = estimator.estimate(0, &views, None).unwrap();
         assert!(error(&got.world_from_body, &truth()).norm() < 1e-8);
         assert_eq!(got.markers_used.len(), if hidden < 4 { 3 } else { 4 });
         assert!(got.left_out.is_empty() && got.residual_px < 1e-7);
@@ -86,10 +89,10 @@ fn a_marker_that_disagrees_is_left_out_and_named() {
     let mut seed = 5;
     for marker in 0..4 {
         for shift in [3.0, 40.0] {
-            let mut sights = seen(&truth(), 0.1, &mut seed);
-            let bad = sights.iter_mut().find(|o| o.marker == marker && o.camera == 1).unwrap();
+            let mut views = seen(&truth(), 0.1, &mut seed);
+            let bad = views.iter_mut().find(|o| o.marker == marker && o.camera == 1).unwrap();
             bad.pixel += Vector2::new(shift, -shift);
-            let got = estimator.estimate(0, &sights, None).unwrap();
+            let got = estimator.estimate(0, &views, None).unwrap();
             assert_eq!(got.left_out, [marker].into_iter().collect(), "shift {shift}");
             assert_eq!(got.markers_used.len(), 3);
             assert!(error(&got.world_from_body, &truth()).norm() < 0.03);
@@ -102,9 +105,9 @@ fn noise_larger_than_claimed_widens_the_covariance_and_drops_nobody() {
     let estimator = PoseEstimator::new(&rig(), &body());
     let (mut seed, mut dropped, mut nees) = (9, 0, 0.0);
     for _ in 0..200 {
-        let mut sights = seen(&truth(), 0.5, &mut seed);
-        sights.iter_mut().for_each(|o| o.covariance_px2 = Matrix2::identity() * 1e-4);
-        let got = estimator.estimate(0, &sights, None).unwrap();
+        let mut views = seen(&truth(), 0.5, &mut seed);
+        views.iter_mut().for_each(|o| o.covariance_px2 = Matrix2::identity() * 1e-4);
+        let got = estimator.estimate(0, &views, None).unwrap();
         let e = error(&got.world_from_body, &truth());
         nees += e.dot(&got.covariance().cholesky().unwrap().solve(&e)) / 200.0;
         dropped += got.left_out.len();
@@ -113,19 +116,20 @@ fn noise_larger_than_claimed_widens_the_covariance_and_drops_nobody() {
     assert!(nees < 12.0, "mean NEES {nees}");
 }
 
-/// Marker 0 is seen by both cameras, 1 by the first only, 2 by the second only: the previous pose has to start it.
+/// Marker 0 is seen by both cameras, 1 by the first only, 2 by the second only: the previous pose has to
+/// start it.
 #[test]
 fn the_previous_pose_helps_where_no_camera_sees_three() {
     let estimator = PoseEstimator::new(&rig(), &body());
-    let mut sights = seen(&truth(), 0.0, &mut 1);
-    sights.retain(|o| matches!((o.camera, o.marker), (_, 0) | (0, 1) | (1, 2)));
+    let mut views = seen(&truth(), 0.0, &mut 1);
+    views.retain(|o| matches!((o.camera, o.marker), (_, 0) | (0, 1) | (1, 2)));
     assert!(matches!(
-        estimator.estimate(0, &sights, None),
+        estimator.estimate(0, &views, None),
         Err(PoseError::TooFewMarkers { seen: 3, markers: 4, observations: 4 })
     ));
     let near =
         world_from_body(Vector3::new(0.25, -0.15, 1.62), EulerAngles { psi_rad: -0.4, ..Default::default() });
-    let got = estimator.estimate(0, &sights, Some(&near)).unwrap();
+    let got = estimator.estimate(0, &views, Some(&near)).unwrap();
     assert!(error(&got.world_from_body, &truth()).norm() < 1e-7);
 }
 
@@ -133,15 +137,15 @@ fn the_previous_pose_helps_where_no_camera_sees_three() {
 fn one_view_of_all_and_a_second_of_one_marker_need_no_previous_pose() {
     let estimator = PoseEstimator::new(&rig(), &body());
     for (hidden, noise) in [(4, 0.0), (2, 0.0), (4, 0.1)] {
-        let mut sights = seen(&truth(), noise, &mut 1);
-        sights.retain(|o| (o.camera == 0 || o.marker == 0) && o.marker != hidden);
-        let got = estimator.estimate(0, &sights, None).unwrap();
+        let mut views = seen(&truth(), noise, &mut 1);
+        views.retain(|o| (o.camera == 0 || o.marker == 0) && o.marker != hidden);
+        let got = estimator.estimate(0, &views, None).unwrap();
         let e = error(&got.world_from_body, &truth());
         assert!(e.norm() < 1e-6 + 0.1 * noise, "hidden {hidden}: {e}");
     }
 }
 
-/// Tipped away from the camera, the square's mirror image about the line of sight explains it nearly as well.
+/// Tipped away from the camera, the square's mirror image about the viewing ray explains it nearly as well.
 #[test]
 fn the_mirror_pose_of_a_square_is_not_fallen_into() {
     let estimator = PoseEstimator::new(&rig(), &body());
@@ -151,9 +155,9 @@ fn the_mirror_pose_of_a_square_is_not_fallen_into() {
         let attitude =
             EulerAngles { phi_rad: tilt(&mut seed), theta_rad: tilt(&mut seed), psi_rad: f64::from(k) };
         let pose = world_from_body(Vector3::new(0.2, -0.3, 1.5), attitude);
-        let mut sights = seen(&pose, 0.5, &mut seed);
-        sights.retain(|o| o.camera == 0);
-        match estimator.estimate(0, &sights, None) {
+        let mut views = seen(&pose, 0.5, &mut seed);
+        views.retain(|o| o.camera == 0);
+        match estimator.estimate(0, &views, None) {
             Ok(got) => {
                 decided += 1;
                 let e = error(&got.world_from_body, &pose);
@@ -164,7 +168,7 @@ fn the_mirror_pose_of_a_square_is_not_fallen_into() {
                 refused += 1;
                 assert!(poses >= 2);
                 let near = moved(&pose, &Vector6::new(0.01, -0.01, 0.02, 0.03, -0.02, 0.01));
-                if let Ok(got) = estimator.estimate(0, &sights, Some(&near)) {
+                if let Ok(got) = estimator.estimate(0, &views, Some(&near)) {
                     let e = error(&got.world_from_body, &pose);
                     assert!(e.fixed_rows::<3>(3).norm() < 0.3, "the pose before points elsewhere: {e}");
                 }
@@ -176,14 +180,14 @@ fn the_mirror_pose_of_a_square_is_not_fallen_into() {
 }
 
 #[test]
-fn three_sights_alone_are_ambiguous_until_a_pose_before_decides() {
+fn three_observations_alone_are_ambiguous_until_a_pose_before_decides() {
     let estimator = PoseEstimator::new(&rig(), &body());
-    let mut sights = seen(&truth(), 0.05, &mut 4);
-    sights.retain(|o| o.camera == 1 && o.marker < 3);
-    let refused = estimator.estimate(0, &sights, None).unwrap_err();
+    let mut views = seen(&truth(), 0.05, &mut 4);
+    views.retain(|o| o.camera == 1 && o.marker < 3);
+    let refused = estimator.estimate(0, &views, None).unwrap_err();
     assert!(matches!(refused, PoseError::AmbiguousPose { markers: 3, .. }), "{refused:?}");
     let near = moved(&truth(), &Vector6::new(0.005, 0.0, 0.005, 0.01, 0.0, -0.01));
-    let got = estimator.estimate(0, &sights, Some(&near)).unwrap();
+    let got = estimator.estimate(0, &views, Some(&near)).unwrap();
     let e = error(&got.world_from_body, &truth());
     assert!(e.dot(&got.covariance().cholesky().unwrap().solve(&e)) < 25.0, "{e}");
 }
@@ -220,13 +224,14 @@ fn systematic_columns_are_what_errors_of_cameras_and_markers_do() {
     let rig = uncertain_rig();
     let factor = DMatrix::from_fn(12, 12, |i, j| if i == j { 1e-3 } else { 0.0 });
     let estimator = PoseEstimator::new(&rig, &body()).with_marker_uncertainty(&factor).unwrap();
-    let sights = seen(&truth(), 0.0, &mut 1);
-    let at = estimator.estimate(0, &sights, None).unwrap();
+    let views = seen(&truth(), 0.0, &mut 1);
+    let at = estimator.estimate(0, &views, None).unwrap();
     assert_eq!(at.systematic_columns(), 44);
     let step = 1e-3;
     for c in 0..44 {
         let moved_pose = |sign: f64| {
-            // Sights made by the other cameras and markers are read as if they were by the nominal ones.
+            // Observations made by the other cameras and markers are read as if they were by the nominal
+            // ones.
             let mut along = nalgebra::DVector::zeros(32);
             let mut markers = body();
             if c < 32 {
@@ -235,14 +240,14 @@ fn systematic_columns_are_what_errors_of_cameras_and_markers_do() {
                 markers[(c - 32) / 3].marker_in_body_m[(c - 32) % 3] += sign * step * 1e-3;
             }
             let cameras = with_error(&rig, &along);
-            let mut sights = sights.clone();
-            for o in &mut sights {
+            let mut views = views.clone();
+            for o in &mut views {
                 let ball = &markers[o.marker];
                 let centre = (truth() * Point3::from(ball.marker_in_body_m)).coords;
                 o.pixel =
                     cameras.cameras[o.camera].camera.project_ball(&centre, ball.radius_m).unwrap().pixel;
             }
-            estimator.estimate(0, &sights, None).unwrap().world_from_body
+            estimator.estimate(0, &views, None).unwrap().world_from_body
         };
         let want = error(&moved_pose(1.0), &moved_pose(-1.0)) / (2.0 * step);
         let got = at.systematic_column(c);
@@ -259,15 +264,15 @@ fn the_covariance_holds_errors_of_cameras_and_markers() {
     for _ in 0..trials {
         let along = nalgebra::DVector::from_fn(32, |_, _| normal(&mut seed));
         let cameras = with_error(&rig, &along);
-        let mut sights = seen(&truth(), 0.1, &mut seed);
+        let mut views = seen(&truth(), 0.1, &mut seed);
         let shift: Vec<_> = (0..4).map(|_| crate::testing::normal3(&mut seed) * 1e-3).collect();
-        for o in &mut sights {
+        for o in &mut views {
             let ball = &body()[o.marker];
             let centre = (truth() * Point3::from(ball.marker_in_body_m + shift[o.marker])).coords;
             o.pixel = cameras.cameras[o.camera].camera.project_ball(&centre, ball.radius_m).unwrap().pixel
                 + Vector2::new(normal(&mut seed), normal(&mut seed)) * 0.1;
         }
-        let got = estimator.estimate(0, &sights, None).unwrap();
+        let got = estimator.estimate(0, &views, None).unwrap();
         assert!(got.left_out.is_empty(), "{:?}", got.left_out);
         let e = error(&got.world_from_body, &truth());
         nees += e.dot(&got.covariance().cholesky().unwrap().solve(&e)) / f64::from(trials);
@@ -275,15 +280,16 @@ fn the_covariance_holds_errors_of_cameras_and_markers() {
     assert!((nees - 6.1).abs() < 0.7, "mean NEES {nees}");
 }
 
-/// One sight in a hundred is off by eight standard deviations: too little to drop a marker for every time.
+/// One observation in a hundred is off by eight standard deviations: too little to drop a marker for
+/// every time.
 #[test]
-fn bounded_influence_beats_least_squares_where_some_sights_are_off() {
+fn bounded_influence_beats_least_squares_where_some_observations_are_off() {
     let estimator = PoseEstimator::new(&rig(), &body());
     let (mut seed, mut bounded, mut least) = (31, 0.0, 0.0);
     for _ in 0..400 {
-        let mut sights = seen(&truth(), 0.1, &mut seed);
-        sights[3].pixel += Vector2::new(normal(&mut seed), normal(&mut seed)) * 0.25;
-        let own: Vec<Sight> = sights.iter().map(|o| estimator.sight(o).unwrap()).collect();
+        let mut views = seen(&truth(), 0.1, &mut seed);
+        views[3].pixel += Vector2::new(normal(&mut seed), normal(&mut seed)) * 0.25;
+        let own: Vec<View> = views.iter().map(|o| estimator.view(o).unwrap()).collect();
         let plain = estimator.descend(&own, &truth()).unwrap();
         let robust = estimator.bounded_from(&own, plain.clone());
         least += error(&plain.world_from_body, &truth()).fixed_rows::<3>(0).norm_squared();
@@ -311,14 +317,14 @@ fn what_makes_no_pose_is_refused_with_its_reason() {
     let refused = estimator.estimate(0, &swapped, None);
     assert!(matches!(refused, Err(PoseError::NotRigid { .. })) || refused.is_ok(), "{refused:?}");
     for spoil in 0..4 {
-        let mut sights = all.clone();
+        let mut views = all.clone();
         match spoil {
-            0 => sights[0].pixel.x = f64::NAN,
-            1 => sights[0].covariance_px2 = Matrix2::zeros(),
-            2 => sights[0].camera = 7,
-            _ => sights[0].marker = 9,
+            0 => views[0].pixel.x = f64::NAN,
+            1 => views[0].covariance_px2 = Matrix2::zeros(),
+            2 => views[0].camera = 7,
+            _ => views[0].marker = 9,
         }
-        assert!(matches!(estimator.estimate(0, &sights, None), Err(PoseError::BadObservation { .. })));
+        assert!(matches!(estimator.estimate(0, &views, None), Err(PoseError::BadObservation { .. })));
     }
     let short = DMatrix::zeros(11, 2);
     assert_eq!(

@@ -1,6 +1,6 @@
 use super::*;
 use crate::testing::normal3;
-use crate::{ChainNoise, PoseEstimate};
+use crate::{JerkNoise, PoseEstimate};
 use mavsight_geometry::{EulerAngles, Isometry3, Matrix3, Matrix6, UnitQuaternion, Vector3, world_from_body};
 use nalgebra::{Matrix6xX, SVector, Translation3};
 use std::f64::consts::PI;
@@ -68,10 +68,12 @@ fn filmed(
         .collect()
 }
 
-/// What a motion should have been: pose, then velocity in body axes, rates, specific force, angular acceleration.
+/// What a motion should have been: pose, then velocity in body axes, rates, specific force, angular
+/// acceleration.
 type Truth = (Isometry3<f64>, SVector<f64, 12>);
 
-/// Share of the errors within 1.96 standard deviations of pose, velocities, accelerations; root mean square errors.
+/// Share of the errors within 1.96 standard deviations of pose, velocities, accelerations; root mean
+/// square errors.
 fn coverage(motion: &Motion, truth: impl Fn(usize) -> Truth) -> ([f64; 3], SVector<f64, 18>) {
     let mut inside = [0.0; 3];
     let mut squares = SVector::<f64, 18>::zeros();
@@ -107,7 +109,8 @@ fn intervals_hold_the_truth_with_gaps_and_wrong_claims() {
         assert_eq!(motion.samples.len(), 298);
         let at = |i: usize| motion.samples[i].t_ns as f64 * 1e-9;
         let (share, rms) = coverage(&motion, |i| (flight(at(i)), exact(at(i))));
-        // Sines are smoother than white jerk, so the intervals of their derivatives hold more than they claim.
+        // Sines are smoother than white jerk, so the intervals of their derivatives hold more than they
+        // claim.
         assert!((0.90..=0.99).contains(&share[0]), "claimed {claimed}: {share:?}");
         assert!(share[1] >= 0.95 && share[2] >= 0.95, "claimed {claimed}: {share:?}");
         assert!(rms[0] < 4e-4 && rms[3] < 2e-3, "smoothing must help: {rms}");
@@ -117,7 +120,7 @@ fn intervals_hold_the_truth_with_gaps_and_wrong_claims() {
 
 /// Three seconds unseen: an attitude might turn by radians meanwhile.
 #[test]
-fn over_a_long_gap_nothing_is_told_and_beside_it_intervals_hold() {
+fn over_a_long_gap_there_is_no_motion_and_next_to_it_intervals_hold() {
     let mut seed = 4;
     let gap = |k: i64| (150..240).contains(&k);
     let poses = filmed(400, 1.0, &mut seed, gap);
@@ -132,22 +135,22 @@ fn over_a_long_gap_nothing_is_told_and_beside_it_intervals_hold() {
     let at = |i: usize| times[i] as f64 * 1e-9;
     let (share, _) = coverage(&motion, |i| (flight(at(i)), exact(at(i))));
     assert!(share.iter().all(|s| *s >= 0.9), "{share:?}");
-    // Of parts that are too short, none is told.
+    // Parts that are too short have no motion.
     let flecks = filmed(400, 1.0, &mut seed, |k| k % 100 > 5);
     let refused = smooth(&flecks, GRAVITY);
     assert!(matches!(refused, Err(PoseError::TooFewPoses { measured: 24, .. })), "{refused:?}");
 }
 
-/// A flight of the smoother's own kind, integrated in steps of a millisecond and measured every 33: each error of 1 mm and
-/// 3 mrad is new, but for a part whose standard deviation and time constant are given.
-fn white_jerk(seed: u64, lasting: (f64, f64)) -> (Vec<PoseSample>, Vec<Truth>) {
+/// A flight of the smoother's own kind, integrated in steps of a millisecond and measured every 33: each
+/// error of 1 mm and 3 mrad is new, but for a part whose standard deviation and time constant are given.
+fn white_jerk(seed: u64, correlated: (f64, f64)) -> (Vec<PoseSample>, Vec<Truth>) {
     let (jerk, spin_jerk, fine) = (0.5f64, 2.0f64, 1e-3);
     let mut seed = seed;
     let (mut p, mut v, mut a) = (Vector3::new(0.0, 0.0, 1.5), Vector3::zeros(), Vector3::zeros());
     let (mut r, mut w, mut alpha) = (UnitQuaternion::identity(), Vector3::zeros(), Vector3::zeros());
     let (mut poses, mut truth): (Vec<PoseSample>, Vec<Truth>) = (vec![], vec![]);
-    let kept = (-0.033 / lasting.1).exp();
-    let mut stays = [normal3(&mut seed), normal3(&mut seed)];
+    let kept = (-0.033 / correlated.1).exp();
+    let mut correlated_error = [normal3(&mut seed), normal3(&mut seed)];
     for step in 0..10_000i64 {
         if step % 33 == 0 {
             let body = r.inverse();
@@ -157,10 +160,10 @@ fn white_jerk(seed: u64, lasting: (f64, f64)) -> (Vec<PoseSample>, Vec<Truth>) {
                 rest.fixed_rows_mut::<3>(3 * k).copy_from(part);
             }
             truth.push((Isometry3::from_parts(Translation3::from(p), r), rest));
-            for s in &mut stays {
+            for s in &mut correlated_error {
                 *s = *s * kept + normal3(&mut seed) * (1.0 - kept * kept).sqrt();
             }
-            let error = |seed: &mut u64, k: usize| normal3(seed) + stays[k] * lasting.0;
+            let error = |seed: &mut u64, k: usize| normal3(seed) + correlated_error[k] * correlated.0;
             let noisy = Isometry3::from_parts(
                 Translation3::from(p + error(&mut seed, 0) * 1e-3),
                 r * UnitQuaternion::from_scaled_axis(error(&mut seed, 1) * 3e-3),
@@ -195,7 +198,8 @@ fn intervals_are_exact_for_white_jerk() {
     assert!(total.iter().all(|s| (0.92..=0.98).contains(s)), "{total:?}");
 }
 
-/// Where half of the error's variance lasts a tenth of a second, intervals that take it as new hold too little.
+/// Where half of the error's variance lasts a tenth of a second, intervals that take it as new hold too
+/// little.
 #[test]
 fn intervals_hold_where_a_part_of_the_error_lasts() {
     let (mut total, mut plain) = ([0.0; 3], [0.0; 3]);
@@ -204,8 +208,8 @@ fn intervals_hold_where_a_part_of_the_error_lasts() {
         let motion = smooth(&poses, GRAVITY).unwrap();
         let (share, _) = coverage(&motion, |i| truth[i]);
         let noise = crate::motion_noise(&poses).unwrap();
-        assert!(noise.translation.lasting[(0, 0)] > 0.0, "{noise:?}");
-        let white = |n: ChainNoise| ChainNoise { lasting: Matrix3::zeros(), ..n };
+        assert!(noise.translation.correlated[(0, 0)] > 0.0, "{noise:?}");
+        let white = |n: JerkNoise| JerkNoise { correlated: Matrix3::zeros(), ..n };
         let white = MotionNoise { translation: white(noise.translation), rotation: white(noise.rotation) };
         let states = smoothed(&poses, &white).unwrap();
         let samples = poses.iter().zip(&states).map(|(p, s)| s.sample(p.t_ns, GRAVITY)).collect();
@@ -213,7 +217,7 @@ fn intervals_hold_where_a_part_of_the_error_lasts() {
         (0..3).for_each(|k| total[k] += share[k] / 4.0);
         (0..3).for_each(|k| plain[k] += without[k] / 4.0);
     }
-    assert!(plain[0] < 0.8, "the lasting part must matter in this test: {plain:?}");
+    assert!(plain[0] < 0.8, "the correlated part must matter in this test: {plain:?}");
     assert!(total.iter().all(|s| (0.91..=0.98).contains(s)), "{total:?}");
 }
 
@@ -237,13 +241,14 @@ fn intervals_hold_in_gaps_and_grow_there() {
         (0..3).for_each(|k| inside[k] += share[k]);
         count += 1.0;
     }
-    // Ten samples of one gap count little more than one: 24 gaps in three axes leave a standard deviation of 3 %.
+    // Ten samples of one gap count little more than one: 24 gaps in three axes leave a standard deviation
+    // of 3 %.
     assert!(inside.iter().all(|s| (0.87..=1.0).contains(&(s / count))), "{inside:?} of {count}");
 }
 
 /// Systematic columns come out as what the smoother makes of poses that are displaced by them.
 #[test]
-fn what_errors_that_stay_do_to_the_motion_is_their_smoothed_course() {
+fn systematic_errors_of_poses_reach_the_motion_as_their_smoothed_course() {
     let mut seed = 8;
     let mut poses = filmed(120, 1.0, &mut seed, |k| (50..56).contains(&k) || k == 0);
     for p in &mut poses {
@@ -336,7 +341,7 @@ fn a_quadratic_and_a_steady_turn_pass_unchanged() {
 fn a_sine_is_scaled_by_the_response() {
     let (dt, fc, std) = (1.0 / 30.0, 2.0, 1e-3);
     let intensity = (2.0 * PI * fc).powi(6) * std * std * dt;
-    let noise = ChainNoise::white(intensity, 1.0);
+    let noise = JerkNoise::white(intensity, 1.0);
     for f in [1.0, 1.6, 2.0, 2.5] {
         let wave = |t: f64| (2.0 * PI * f * t).sin();
         let poses: Vec<_> = (0..900)

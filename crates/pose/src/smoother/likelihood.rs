@@ -1,6 +1,6 @@
 //! The likelihood of the noise of a chain, by its innovations (Harvey 1989, section 3.4).
 
-use crate::chain::{CHAIN, Chain, ChainNoise, LASTING, Place, add_process_noise};
+use crate::smoother::integrator::{CHAIN, CORRELATED, Integrator, JerkNoise, Place, add_process_noise};
 use mavsight_geometry::{Matrix3, Vector3};
 use nalgebra::SMatrix;
 
@@ -43,19 +43,19 @@ impl Innovations {
 const DIFFUSE: usize = 3;
 
 /// The innovations of a whole series; `None` where the arithmetic fails.
-pub(crate) fn innovations<P: Place>(series: &Series<'_, P>, noise: &ChainNoise) -> Option<Innovations> {
-    // Where nothing lasts the three coordinates of it would only cost time.
-    if noise.lasting == Matrix3::zeros() {
-        run::<P, LASTING>(series, noise)
+pub(crate) fn innovations<P: Place>(series: &Series<'_, P>, noise: &JerkNoise) -> Option<Innovations> {
+    // Without a correlated part the three coordinates of it would only cost time.
+    if noise.correlated == Matrix3::zeros() {
+        run::<P, CORRELATED>(series, noise)
     } else {
         run::<P, CHAIN>(series, noise)
     }
 }
 
-/// The filter with an error state of `N`: all of it, or all but what lasts.
-fn run<P: Place, const N: usize>(series: &Series<'_, P>, noise: &ChainNoise) -> Option<Innovations> {
+/// The filter with an error state of `N`: all of it, or all but the correlated part.
+fn run<P: Place, const N: usize>(series: &Series<'_, P>, noise: &JerkNoise) -> Option<Innovations> {
     let first = (*series.measured.first()?)?;
-    let mut chain = Chain::at(first.place);
+    let mut chain = Integrator::at(first.place);
     let mut covariance: SMatrix<f64, N, N> = start(&first.covariance, noise, series.prior_std);
     let mut sums = Innovations::default();
     let (mut seen_count, mut before) = (1, None);
@@ -70,12 +70,12 @@ fn run<P: Place, const N: usize>(series: &Series<'_, P>, noise: &ChainNoise) -> 
         let Some(seen) = &series.measured[k] else { continue };
         let y = chain.innovation(&seen.place);
         let mut seen_rows: SMatrix<f64, 3, N> = covariance.fixed_rows::<3>(0).into_owned();
-        if N > LASTING {
-            seen_rows += covariance.fixed_rows::<3>(LASTING);
+        if N > CORRELATED {
+            seen_rows += covariance.fixed_rows::<3>(CORRELATED);
         }
         let mut s = seen_rows.fixed_columns::<3>(0) + seen.covariance * noise.variance_factor;
-        if N > LASTING {
-            s += seen_rows.fixed_columns::<3>(LASTING);
+        if N > CORRELATED {
+            s += seen_rows.fixed_columns::<3>(CORRELATED);
         }
         let factor = s.cholesky()?;
         let gain: SMatrix<f64, N, 3> = factor.solve(&seen_rows).transpose();
@@ -98,19 +98,19 @@ fn run<P: Place, const N: usize>(series: &Series<'_, P>, noise: &ChainNoise) -> 
     Some(sums).filter(|s| s.log_det.is_finite() && s.chi_square.is_finite())
 }
 
-/// Covariance just after the first measurement: what is not known yet scales with the noise, so that the likelihood of the
-/// factor has a closed form.
+/// Covariance just after the first measurement: what is not known yet scales with the noise, so that the
+/// likelihood of the factor has a closed form.
 fn start<const N: usize>(
     first: &Matrix3<f64>,
-    noise: &ChainNoise,
+    noise: &JerkNoise,
     prior_std: (f64, f64),
 ) -> SMatrix<f64, N, N> {
     let mut covariance = SMatrix::<f64, N, N>::zeros();
-    covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(first * noise.variance_factor + noise.lasting));
-    if N > LASTING {
-        covariance.fixed_view_mut::<3, 3>(0, LASTING).copy_from(&-noise.lasting);
-        covariance.fixed_view_mut::<3, 3>(LASTING, 0).copy_from(&-noise.lasting);
-        covariance.fixed_view_mut::<3, 3>(LASTING, LASTING).copy_from(&noise.lasting);
+    covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(first * noise.variance_factor + noise.correlated));
+    if N > CORRELATED {
+        covariance.fixed_view_mut::<3, 3>(0, CORRELATED).copy_from(&-noise.correlated);
+        covariance.fixed_view_mut::<3, 3>(CORRELATED, 0).copy_from(&-noise.correlated);
+        covariance.fixed_view_mut::<3, 3>(CORRELATED, CORRELATED).copy_from(&noise.correlated);
     }
     for k in 0..3 {
         covariance[(3 + k, 3 + k)] = prior_std.0.powi(2) * noise.variance_factor;

@@ -1,9 +1,10 @@
-//! Errors that stay, by as few directions as matter.
+//! Systematic errors, by as few directions as matter.
 
 use mavsight_geometry::Matrix6;
 use nalgebra::{DMatrix, Matrix6xX};
 
-/// What the directions of error do to the poses of a flight, summed: their Gram matrix, each coordinate in its standard deviations.
+/// What the directions of error do to the poses of a flight, summed: their Gram matrix, each coordinate
+/// in its standard deviations.
 #[derive(Default)]
 pub(crate) struct Gram(DMatrix<f64>);
 
@@ -23,8 +24,8 @@ impl Gram {
         own += scaled.tr_mul(&scaled);
     }
 
-    /// The combinations of directions, as columns, that matter most, without those that add less than the `negligible` part of the
-    /// variance: principal components (Pearson 1901).
+    /// The combinations of directions, as columns, that matter most, without those that add less than the
+    /// `negligible` part of the variance: principal components (Pearson 1901).
     pub(crate) fn principal(self, negligible: f64) -> DMatrix<f64> {
         let columns = self.0.nrows();
         if columns == 0 {

@@ -4,10 +4,11 @@ use crate::Rig;
 use mavsight_geometry::{CAMERA_PARAMETERS, Matrix2, Vector2};
 use nalgebra::{DMatrix, Matrix2x3, SMatrix};
 
-/// What is not known of cameras, markers and centres, as columns of one standard deviation along independent directions: first
-/// those that are known together, then one for each coordinate of each marker in each camera.
+/// What is not known of cameras, markers and centres, as columns of one standard deviation along
+/// independent directions: first those that are known together, then one for each coordinate of each
+/// marker in each camera.
 #[derive(Debug, Clone)]
-pub(super) struct Lasting {
+pub(super) struct SystematicErrors {
     cameras: usize,
     markers: usize,
     /// 16 rows a camera, 3 a marker, 2 for each marker in each camera (camera by camera).
@@ -20,7 +21,7 @@ pub(super) struct Lasting {
     pub(super) is_fitted: bool,
 }
 
-impl Lasting {
+impl SystematicErrors {
     /// Errors of the rig alone.
     pub(super) fn of_rig(rig: &Rig, markers: usize) -> Self {
         let cameras = rig.cameras.len();
@@ -44,8 +45,8 @@ impl Lasting {
         Self { cameras, markers, factor, of_markers, of_centres, bias_px: 0.0, is_fitted: false }
     }
 
-    /// With errors of the marker positions that have nothing to do with the others; `None` for a factor of another shape or
-    /// not finite.
+    /// With errors of the marker positions that have nothing to do with the others; `None` for a factor
+    /// of another shape or not finite.
     pub(super) fn with_markers(self, uncertainty_m: &DMatrix<f64>) -> Option<Self> {
         if uncertainty_m.nrows() != 3 * self.markers || !uncertainty_m.iter().all(|x| x.is_finite()) {
             return None;
@@ -59,15 +60,15 @@ impl Lasting {
         Some(Self::of_factor(factor, (self.cameras, self.markers)).with_bias_px(bias_px))
     }
 
-    /// What a fit of cameras, markers and centres together has left, in place of all else; `None` for a factor of another
-    /// shape or not finite.
+    /// What a fit of cameras, markers and centres together has left, in place of all else; `None` for a
+    /// factor of another shape or not finite.
     pub(super) fn fitted(self, factor: &DMatrix<f64>) -> Option<Self> {
         let good = factor.nrows() == self.factor.nrows() && factor.iter().all(|x| x.is_finite());
         let own = (self.cameras, self.markers);
         good.then(|| Self { is_fitted: true, ..Self::of_factor(factor.clone(), own) })
     }
 
-    /// With centres that are off by an amount that stays.
+    /// With centres that are off by a constant amount.
     pub(super) fn with_bias_px(mut self, bias_px: f64) -> Self {
         self.bias_px = bias_px;
         self
@@ -77,7 +78,7 @@ impl Lasting {
         self.factor.ncols() + if self.bias_px > 0.0 { 2 * self.cameras * self.markers } else { 0 }
     }
 
-    /// Hands on what each direction of error does to one whitened sight.
+    /// Hands on what each direction of error does to one whitened observation.
     pub(super) fn effects(
         &self,
         (camera, marker): (usize, usize),

@@ -1,8 +1,8 @@
-//! A place driven by white jerk and measured with an error of which a part lasts.
+//! A place driven by white jerk and measured with an error of which a part is correlated.
 //!
-//! The error state is (δx, δv, δa, b) in threes; for an attitude δx is a turn about body axes, R exp(δx), and v and a are
-//! body rates and their derivatives. b is the part of the measurement's error that lasts: a first-order Gauss-Markov
-//! process (Gelb 1974, section 2.4), in the chart of δx.
+//! The error state is (δx, δv, δa, b) in threes; for an attitude δx is a turn about body axes, R exp(δx),
+//! and v and a are body rates and their derivatives. b is the correlated part of the measurement's error:
+//! a first-order Gauss-Markov process (Gelb 1974, section 2.4), in the chart of δx.
 
 use mavsight_geometry::attitude::{matrix_of, right_jacobian};
 use mavsight_geometry::{Matrix3, UnitQuaternion, Vector3};
@@ -10,7 +10,7 @@ use mavsight_geometry::{Matrix3, UnitQuaternion, Vector3};
 /// Length of the error state.
 pub(crate) const CHAIN: usize = 12;
 /// Where b begins.
-pub(crate) const LASTING: usize = 9;
+pub(crate) const CORRELATED: usize = 9;
 
 /// Where something is: a position or an attitude.
 pub(crate) trait Place: Copy {
@@ -48,35 +48,35 @@ impl Place for UnitQuaternion<f64> {
 
 /// The noise of position or of attitude.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ChainNoise {
+pub struct JerkNoise {
     /// Spectral density of the jerk: m²/s⁵, or rad²/s⁵ for attitude.
     pub intensity: f64,
     /// Factor on the covariances of the measurements, for the part of their error that is new in each.
     pub variance_factor: f64,
-    /// Covariance of the part that lasts (m² in world axes; rad² about body axes); zero for none.
-    pub lasting: Matrix3<f64>,
+    /// Covariance of the correlated part (m² in world axes; rad² about body axes); zero for none.
+    pub correlated: Matrix3<f64>,
     /// Time after which that part has fallen to 1/e.
-    pub lasting_s: f64,
+    pub correlated_s: f64,
 }
 
-impl ChainNoise {
+impl JerkNoise {
     /// White noise only.
     pub fn white(intensity: f64, variance_factor: f64) -> Self {
-        Self { intensity, variance_factor, lasting: Matrix3::zeros(), lasting_s: 1.0 }
+        Self { intensity, variance_factor, correlated: Matrix3::zeros(), correlated_s: 1.0 }
     }
 
     fn kept(&self, dt_s: f64) -> f64 {
-        (-dt_s.abs() / self.lasting_s).exp()
+        (-dt_s.abs() / self.correlated_s).exp()
     }
 }
 
-/// A place, its rate, the rate of that, and what lasts of the measurement's error.
+/// A place, its rate, the rate of that, and the correlated part of the measurement's error.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Chain<P> {
+pub(crate) struct Integrator<P> {
     pub(crate) place: P,
     pub(crate) rate: Vector3<f64>,
     pub(crate) acceleration: Vector3<f64>,
-    pub(crate) lasting: Vector3<f64>,
+    pub(crate) correlated: Vector3<f64>,
 }
 
 /// Derivative of the predicted error state with respect to the one before.
@@ -88,15 +88,15 @@ pub(crate) struct Transition {
     kept: f64,
 }
 
-impl<P: Place> Chain<P> {
+impl<P: Place> Integrator<P> {
     /// At rest at a place.
     pub(crate) fn at(place: P) -> Self {
         let zero = Vector3::zeros();
-        Self { place, rate: zero, acceleration: zero, lasting: zero }
+        Self { place, rate: zero, acceleration: zero, correlated: zero }
     }
 
     /// The chain `dt_s` later (earlier, if negative).
-    pub(crate) fn predicted(&self, dt_s: f64, noise: &ChainNoise) -> (Self, Transition) {
+    pub(crate) fn predicted(&self, dt_s: f64, noise: &JerkNoise) -> (Self, Transition) {
         let by = self.rate * dt_s + self.acceleration * (0.5 * dt_s * dt_s);
         let (keep, turn) = P::jacobians(&by);
         let kept = noise.kept(dt_s);
@@ -104,14 +104,14 @@ impl<P: Place> Chain<P> {
             place: self.place.plus(&by),
             rate: self.rate + self.acceleration * dt_s,
             acceleration: self.acceleration,
-            lasting: self.lasting * kept,
+            correlated: self.correlated * kept,
         };
         (next, Transition { keep, turn, dt_s, kept })
     }
 
     /// What a measured place says beyond the expected one.
     pub(crate) fn innovation(&self, seen: &P) -> Vector3<f64> {
-        seen.minus(&self.place) - self.lasting
+        seen.minus(&self.place) - self.correlated
     }
 
     /// Moves the chain along its error state.
@@ -120,13 +120,13 @@ impl<P: Place> Chain<P> {
         self.place = self.place.plus(&three(0));
         self.rate += three(3);
         self.acceleration += three(6);
-        self.lasting += three(LASTING);
+        self.correlated += three(CORRELATED);
     }
 }
 
 impl Transition {
-    /// F times the rows of a chain in each column; a column has `rows` entries, the chain begins at `at`. The last three
-    /// may be left out.
+    /// F times the rows of a chain in each column; a column has `rows` entries, the chain begins at `at`.
+    /// The last three may be left out.
     pub(crate) fn forward(&self, columns: &mut [f64], rows: usize, at: usize) {
         for column in columns.chunks_exact_mut(rows) {
             let c = &mut column[at..rows.min(at + CHAIN)];
@@ -136,7 +136,7 @@ impl Transition {
                 c[k] = moved[k];
                 c[3 + k] += self.dt_s * a[k];
             }
-            c[LASTING..].iter_mut().for_each(|b| *b *= self.kept);
+            c[CORRELATED..].iter_mut().for_each(|b| *b *= self.kept);
         }
     }
 
@@ -150,14 +150,14 @@ impl Transition {
                 c[6 + k] += self.dt_s * c[3 + k] + 0.5 * self.dt_s * self.dt_s * turned[k];
                 c[3 + k] += self.dt_s * turned[k];
                 c[k] = kept[k];
-                c[LASTING + k] *= self.kept;
+                c[CORRELATED + k] *= self.kept;
             }
         }
     }
 }
 
-/// Weights of one unit of intensity in the covariance of (x, v, a) after an interval, row block and column block first
-/// (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.3).
+/// Weights of one unit of intensity in the covariance of (x, v, a) after an interval, row block and
+/// column block first (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.3).
 pub(crate) fn white_jerk(dt_s: f64) -> [(usize, usize, f64); 6] {
     let (s, sign) = (dt_s.abs(), dt_s.signum());
     [
@@ -176,7 +176,7 @@ pub(crate) fn add_process_noise(
     rows: usize,
     at: usize,
     dt_s: f64,
-    noise: &ChainNoise,
+    noise: &JerkNoise,
 ) {
     for (row, column, weight) in white_jerk(dt_s) {
         for k in 0..3 {
@@ -187,13 +187,14 @@ pub(crate) fn add_process_noise(
             }
         }
     }
-    if rows <= at + LASTING {
+    if rows <= at + CORRELATED {
         return;
     }
     let renewed = 1.0 - noise.kept(dt_s).powi(2);
     for i in 0..3 {
         for j in 0..3 {
-            covariance[(at + LASTING + j) * rows + at + LASTING + i] += renewed * noise.lasting[(i, j)];
+            covariance[(at + CORRELATED + j) * rows + at + CORRELATED + i] +=
+                renewed * noise.correlated[(i, j)];
         }
     }
 }
@@ -205,13 +206,13 @@ mod tests {
 
     #[test]
     fn the_transition_matches_numeric_differences_and_its_transpose() {
-        let chain = Chain {
+        let chain = Integrator {
             place: UnitQuaternion::from_scaled_axis(Vector3::new(0.4, -1.0, 0.3)),
             rate: Vector3::new(2.0, -3.0, 1.0),
             acceleration: Vector3::new(-4.0, 5.0, 9.0),
-            lasting: Vector3::new(0.1, 0.2, -0.1),
+            correlated: Vector3::new(0.1, 0.2, -0.1),
         };
-        let noise = ChainNoise { lasting_s: 0.2, ..ChainNoise::white(1.0, 1.0) };
+        let noise = JerkNoise { correlated_s: 0.2, ..JerkNoise::white(1.0, 1.0) };
         let (dt, h) = (0.1, 1e-6);
         let (_, transition) = chain.predicted(dt, &noise);
         let mut matrix = SMatrix::<f64, CHAIN, CHAIN>::identity();
@@ -230,7 +231,10 @@ mod tests {
             assert!(
                 ((a.acceleration - b.acceleration) / (2.0 * h) - column.fixed_rows::<3>(6)).norm() < 1e-7
             );
-            assert!(((a.lasting - b.lasting) / (2.0 * h) - column.fixed_rows::<3>(LASTING)).norm() < 1e-7);
+            assert!(
+                ((a.correlated - b.correlated) / (2.0 * h) - column.fixed_rows::<3>(CORRELATED)).norm()
+                    < 1e-7
+            );
         }
         let mut transposed = SMatrix::<f64, CHAIN, CHAIN>::identity();
         transition.backward(transposed.as_mut_slice(), CHAIN, 0);

@@ -1,32 +1,35 @@
 //! From measured poses to motion: a smoother whose bandwidth the data choose.
 //!
-//! Position and attitude are driven by white jerk and smoothed together, since the errors of a measured pose are
-//! correlated. The spectral density of that jerk and a factor on the measurements' covariances are those of greatest
-//! likelihood of the innovations ([`crate::motion_noise`]). For a steady rate of poses and errors that do not last the
-//! smoother passes 1/(1 + (f/fc)⁶) of a position, with (2π fc)⁶ = q/(r dt). What errors of cameras and marker positions do
-//! to the poses goes through the same smoother as the poses do, so that it arrives at the rates as their derivative.
+//! Position and attitude are driven by white jerk and smoothed together, since the errors of a measured
+//! pose are correlated. The spectral density of that jerk and a factor on the measurements' covariances
+//! are those of greatest likelihood of the innovations ([`crate::motion_noise`]). For a steady rate of
+//! poses and errors that are not correlated the smoother passes 1/(1 + (f/fc)⁶) of a position, with (2π
+//! fc)⁶ = q/(r dt). What errors of cameras and marker positions do to the poses goes through the same
+//! smoother as the poses do, so that it arrives at the rates as their derivative.
 
-use crate::chain::Transition;
-use crate::directions::Gram;
-use crate::joint::{Adjoint, Joint, MotionNoise, Update};
-use crate::noise::{NEEDED, check, likely, median};
+use crate::smoother::directions::Gram;
+use crate::smoother::integrator::Transition;
+use crate::smoother::noise::{NEEDED, check, likely, median};
+use crate::smoother::state::{Adjoint, Joint, MotionNoise, Update};
 use crate::{Motion, PoseError, PoseEstimate, PoseSample};
 use nalgebra::{DMatrix, Matrix6xX};
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// Share of the systematic variance that may be left out when its directions are reduced to the few that matter.
+/// Share of the systematic variance that may be left out when its directions are reduced to the few that
+/// matter.
 const NEGLIGIBLE: f64 = 1e-4;
 
 /// Smooths and differentiates the poses of one flight.
 ///
-/// Instants without a pose are predicted only: their samples come with the covariance that this leaves. In gaps
-/// longer than [`MotionNoise::longest_gap_s`], before the first pose and behind the last there are none: there the motion is not known,
-/// and what lies on either side of a gap is smoothed by itself, the noise and what stays of the errors being the same. Times may be
-/// unevenly spaced.
+/// Instants without a pose are predicted only: their samples come with the covariance that this leaves.
+/// In gaps longer than [`MotionNoise::longest_gap_s`], before the first pose and behind the last there
+/// are none: there the motion is not known, and what lies on either side of a gap is smoothed by itself,
+/// the noise and the systematic errors being the same. Times may be unevenly spaced.
 ///
 /// # Errors
-/// [`PoseError::TooFewPoses`] under 10 poses, or where no part without a longer gap has as many; [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`].
+/// [`PoseError::TooFewPoses`] under 10 poses, or where no part without a longer gap has as many;
+/// [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`].
 pub fn smooth(poses: &[PoseSample], gravity_m_s2: f64) -> Result<Motion, PoseError> {
     smooth_with_effects(poses, &|_| None, gravity_m_s2)
 }
@@ -34,8 +37,8 @@ pub fn smooth(poses: &[PoseSample], gravity_m_s2: f64) -> Result<Motion, PoseErr
 /// Systematic columns of a pose by its index; none: those that it holds.
 pub type EffectsOf<'a> = &'a dyn Fn(usize) -> Option<Matrix6xX<f64>>;
 
-/// The same for poses whose systematic columns are formed when they are asked for ([`crate::PoseEstimator::lasting_effects`]), which
-/// is three times for each, and not held.
+/// The same for poses whose systematic columns are formed when they are asked for
+/// ([`crate::PoseEstimator::systematic_effects`]), which is three times for each, and not held.
 ///
 /// # Errors
 /// Those of [`smooth`].
@@ -78,7 +81,8 @@ pub fn smooth_with_effects(
     })
 }
 
-/// The instants whose motion is known, in parts with no longer gap, each from a pose to a pose, where there are enough of them.
+/// The instants whose motion is known, in parts with no longer gap, each from a pose to a pose, where
+/// there are enough of them.
 fn known_parts(poses: &[PoseSample], longest_gap_s: f64) -> Vec<Range<usize>> {
     let longest_ns = (longest_gap_s * 1e9).min(i64::MAX as f64) as i64;
     let measured: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].estimate.is_some()).collect();
@@ -89,8 +93,8 @@ fn known_parts(poses: &[PoseSample], longest_gap_s: f64) -> Vec<Range<usize>> {
         .collect()
 }
 
-/// Poses whose systematic columns are turned, as they are asked for, so that the most important come first and negligible ones are
-/// dropped; what is dropped counts as new in each frame.
+/// Poses whose systematic columns are turned, as they are asked for, so that the most important come
+/// first and negligible ones are dropped; what is dropped counts as new in each frame.
 #[derive(Clone, Copy)]
 struct Flown<'a> {
     poses: &'a [PoseSample],
@@ -136,12 +140,12 @@ struct Step {
     update: Option<Update>,
 }
 
-/// Share of the whole record's information that the smoother's start carries: little enough not to count, enough
-/// that the backward pass does not cancel a diffuse covariance digit by digit.
+/// Share of the whole record's information that the smoother's start carries: little enough not to count,
+/// enough that the backward pass does not cancel a diffuse covariance digit by digit.
 const START_SHARE: f64 = 1e-4;
 
-/// The state at the first time as the whole record, filtered backwards, gives it, with a covariance that makes it
-/// next to worthless. It is also where the first steps of an attitude are linearised.
+/// The state at the first time as the whole record, filtered backwards, gives it, with a covariance that
+/// makes it next to worthless. It is also where the first steps of an attitude are linearised.
 fn informed_start(flown: Flown<'_>, noise: &MotionNoise) -> Option<Joint> {
     let poses = flown.poses;
     let last = poses.iter().rposition(|p| p.estimate.is_some())?;
@@ -157,8 +161,8 @@ fn informed_start(flown: Flown<'_>, noise: &MotionNoise) -> Option<Joint> {
     Some(state)
 }
 
-/// The filter over some instants, from the state that those before them left, or from the start; the first of all is measured.
-/// Each step is that of [`crate::CausalFilter`].
+/// The filter over some instants, from the state that those before them left, or from the start; the
+/// first of all is measured. Each step is that of [`crate::CausalFilter`].
 fn forward(
     flown: Flown<'_>,
     instants: Range<usize>,
@@ -183,8 +187,9 @@ fn forward(
 
 /// Calls `visit` with each smoothed state, the last first; the first of the instants is measured.
 ///
-/// Only one stretch of √n steps is held at a time: the forward pass leaves the states between the stretches, from which each is
-/// filtered once more when the backward pass comes to it (Griewank 1992 on checkpoints).
+/// Only one stretch of √n steps is held at a time: the forward pass leaves the states between the
+/// stretches, from which each is filtered once more when the backward pass comes to it (Griewank 1992 on
+/// checkpoints).
 fn each_smoothed(flown: Flown<'_>, noise: &MotionNoise, mut visit: impl FnMut(usize, &Joint)) -> Option<()> {
     let count = flown.poses.len();
     let stretch = ((count as f64).sqrt() as usize).max(64);
@@ -214,7 +219,9 @@ fn each_smoothed(flown: Flown<'_>, noise: &MotionNoise, mut visit: impl FnMut(us
 
 fn is_sound(state: &Joint) -> bool {
     let positive = |at: usize| (at..at + 9).all(|i| state.covariance[(i, i)] > 0.0);
-    state.covariance.iter().all(|v| v.is_finite()) && positive(0) && positive(crate::chain::CHAIN)
+    state.covariance.iter().all(|v| v.is_finite())
+        && positive(0)
+        && positive(crate::smoother::integrator::CHAIN)
 }
 
 /// Smoothed states of all instants.

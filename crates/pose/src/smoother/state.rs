@@ -1,6 +1,6 @@
 //! Position and attitude in one filter, and its backward pass.
 
-use crate::chain::{CHAIN, Chain, ChainNoise, LASTING, Transition, add_process_noise};
+use crate::smoother::integrator::{CHAIN, CORRELATED, Integrator, JerkNoise, Transition, add_process_noise};
 use crate::{MotionCovariance, MotionSample, PoseEstimate};
 use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::{Isometry3, Matrix3, Matrix6, UnitQuaternion, Vector3};
@@ -17,9 +17,9 @@ pub(crate) type Effects = OMatrix<f64, Const<STATE>, Dyn>;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotionNoise {
     /// Of position.
-    pub translation: ChainNoise,
+    pub translation: JerkNoise,
     /// Of attitude.
-    pub rotation: ChainNoise,
+    pub rotation: JerkNoise,
 }
 
 /// Standard deviation of an attitude, predicted over a gap, up to which its error is a small turn: half a
@@ -44,8 +44,8 @@ pub(crate) const PRIOR_ROTATION: (f64, f64) = (30.0, 1000.0);
 /// The state of motion with its covariance.
 #[derive(Debug, Clone)]
 pub(crate) struct Joint {
-    pub(crate) translation: Chain<Vector3<f64>>,
-    pub(crate) rotation: Chain<UnitQuaternion<f64>>,
+    pub(crate) translation: Integrator<Vector3<f64>>,
+    pub(crate) rotation: Integrator<UnitQuaternion<f64>>,
     pub(crate) covariance: MatrixS,
     pub(crate) effects: Effects,
 }
@@ -64,7 +64,7 @@ fn observation() -> SMatrix<f64, 6, STATE> {
     let mut out = SMatrix::zeros();
     for i in 0..6 {
         let at = if i < 3 { i } else { CHAIN + i - 3 };
-        (out[(i, at)], out[(i, at + LASTING)]) = (1.0, 1.0);
+        (out[(i, at)], out[(i, at + CORRELATED)]) = (1.0, 1.0);
     }
     out
 }
@@ -93,11 +93,11 @@ impl Joint {
             let mut put = |row: usize, column: usize, value: &Matrix3<f64>| {
                 covariance.fixed_view_mut::<3, 3>(row, column).copy_from(value);
             };
-            put(at, at, &(block(&seen, 3 * i) + chain.lasting));
+            put(at, at, &(block(&seen, 3 * i) + chain.correlated));
             put(at, other, &block(&seen, 3 - 3 * i));
-            put(at, at + LASTING, &-chain.lasting);
-            put(at + LASTING, at, &-chain.lasting);
-            put(at + LASTING, at + LASTING, &chain.lasting);
+            put(at, at + CORRELATED, &-chain.correlated);
+            put(at + CORRELATED, at, &-chain.correlated);
+            put(at + CORRELATED, at + CORRELATED, &chain.correlated);
             put(at + 3, at + 3, &(Matrix3::identity() * prior.0.powi(2) * factor));
             put(at + 6, at + 6, &(Matrix3::identity() * prior.1.powi(2) * factor));
         }
@@ -108,8 +108,8 @@ impl Joint {
             effect.fixed_rows_mut::<3>(CHAIN).copy_from(&known.fixed_rows::<3>(3));
         }
         Self {
-            translation: Chain::at(pose.translation.vector),
-            rotation: Chain::at(pose.rotation),
+            translation: Integrator::at(pose.translation.vector),
+            rotation: Integrator::at(pose.rotation),
             covariance,
             effects,
         }

@@ -1,11 +1,12 @@
 //! The filter as poses arrive: the forward pass of the smoother.
 
-use crate::joint::{Joint, MotionNoise, Update};
+use crate::smoother::state::{Joint, MotionNoise, Update};
 use crate::{MotionSample, PoseError, PoseSample};
 use mavsight_geometry::Matrix6;
 
-/// Motion from the poses so far, for use while the flight goes on. It is the forward pass of [`crate::smooth`] with the
-/// noise given, for example that of an earlier flight by [`crate::motion_noise`].
+/// Motion from the poses so far, for use while the flight goes on. It is the forward pass of
+/// [`crate::smooth`] with the noise given, for example that of an earlier flight by
+/// [`crate::motion_noise`].
 ///
 /// After the first pose, which makes room for its systematic columns, nothing is allocated.
 #[derive(Debug, Clone)]
@@ -27,9 +28,9 @@ impl CausalFilter {
     /// [`PoseError::BadPose`] for a noise or gravity that is not finite or not positive.
     pub fn new(noise: MotionNoise, gravity_m_s2: f64) -> Result<Self, PoseError> {
         let sound = [noise.translation, noise.rotation].iter().all(|n| {
-            [n.intensity, n.variance_factor, n.lasting_s].iter().all(|x| x.is_finite() && *x > 0.0)
-                && n.lasting.iter().all(|x| x.is_finite())
-                && n.lasting.diagonal().iter().all(|x| *x >= 0.0)
+            [n.intensity, n.variance_factor, n.correlated_s].iter().all(|x| x.is_finite() && *x > 0.0)
+                && n.correlated.iter().all(|x| x.is_finite())
+                && n.correlated.diagonal().iter().all(|x| *x >= 0.0)
         });
         if !sound || !gravity_m_s2.is_finite() {
             return Err(PoseError::BadPose { index: 0, what: "the noise or gravity" });
@@ -46,12 +47,13 @@ impl CausalFilter {
         })
     }
 
-    /// Takes one instant in, measured or not: the motion then, or nothing before the first pose and where the last is so long ago that
-    /// the motion is not known ([`MotionNoise::longest_gap_s`], half of it; beyond the whole of it the filter begins anew).
+    /// Takes one instant in, measured or not: the motion then, or nothing before the first pose and where
+    /// the last is so long ago that the motion is not known ([`MotionNoise::longest_gap_s`], half of it;
+    /// beyond the whole of it the filter begins again).
     ///
     /// # Errors
-    /// [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`]. The filter stays as it was, but for a covariance of its own that is
-    /// none any more: then it begins anew with the next pose.
+    /// [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`]. The filter does not change, but for a
+    /// covariance of its own that is none any more: then it begins again with the next pose.
     pub fn push(&mut self, sample: &PoseSample) -> Result<Option<MotionSample>, PoseError> {
         if sample.t_ns <= self.t_ns {
             let t_s = sample.t_ns as f64 * 1e-9;
@@ -111,14 +113,14 @@ pub(crate) fn check_pose(index: usize, sample: &PoseSample) -> Result<(), PoseEr
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{ChainNoise, PoseEstimate, smooth::forward_samples};
+    use crate::{JerkNoise, PoseEstimate, smoother::smooth::forward_samples};
     use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
     use nalgebra::{Matrix6xX, Translation3};
 
     const GRAVITY: f64 = 9.81;
 
     fn noise() -> MotionNoise {
-        MotionNoise { translation: ChainNoise::white(0.3, 1.2), rotation: ChainNoise::white(4.0, 0.8) }
+        MotionNoise { translation: JerkNoise::white(0.3, 1.2), rotation: JerkNoise::white(4.0, 0.8) }
     }
 
     fn flight(count: i64) -> Vec<PoseSample> {

@@ -1,22 +1,24 @@
 //! The noise of a flight, by greatest likelihood.
 
-use crate::chain::{ChainNoise, Place};
-use crate::filter::{Innovations, Measured, Series, innovations};
-use crate::joint::{MotionNoise, PRIOR_ROTATION, PRIOR_TRANSLATION};
+use crate::smoother::integrator::{JerkNoise, Place};
+use crate::smoother::likelihood::{Innovations, Measured, Series, innovations};
+use crate::smoother::state::{MotionNoise, PRIOR_ROTATION, PRIOR_TRANSLATION};
 use crate::{PoseError, PoseSample};
 use mavsight_geometry::{Isometry3, Matrix3};
 
 /// Poses needed: three fix the start, and two noise parameters want more than a handful of innovations.
 pub(crate) const NEEDED: usize = 10;
 
-/// Steps of the coarse search for the bandwidth; the fine one halves the bracket until it is within a percent.
+/// Steps of the coarse search for the bandwidth; the fine one halves the bracket until it is within a
+/// percent.
 const COARSE_STEPS: usize = 16;
 
-/// Least factor on covariances that nobody vouches for: a record without any scatter would claim no noise at all.
+/// Least factor on covariances that nobody vouches for: a record without any scatter would claim no noise
+/// at all.
 const LEAST_FACTOR: f64 = 1e-4;
 
-/// Twice the logarithm of the likelihood that two more parameters must gain: the 99.9 % quantile of chi-square with
-/// two degrees of freedom.
+/// Twice the logarithm of the likelihood that two more parameters must gain: the 99.9 % quantile of
+/// chi-square with two degrees of freedom.
 const TWO_MORE: f64 = 13.816;
 
 /// The normal quantile of 99.9 %.
@@ -28,9 +30,9 @@ pub(crate) struct Likely {
     pub(crate) bandwidth_hz: (f64, f64),
 }
 
-/// The noise under which the poses of a flight are most likely: strength of the jerk and size of the measurements' errors,
-/// for position and attitude apart, and where neighbouring innovations are correlated, the part of those errors that
-/// lasts and for how long.
+/// The noise under which the poses of a flight are most likely: strength of the jerk and size of the
+/// measurements' errors, for position and attitude apart, and where neighbouring innovations are
+/// correlated, the part of those errors that is correlated and for how long.
 ///
 /// # Errors
 /// [`PoseError::TooFewPoses`] under 10 poses; [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`].
@@ -50,7 +52,7 @@ pub(crate) fn check(poses: &[PoseSample]) -> Result<(), PoseError> {
             return Err(PoseError::TimeNotIncreasing { index: index + 1, t_s });
         }
     }
-    poses.iter().enumerate().try_for_each(|(index, pose)| crate::causal::check_pose(index, pose))
+    poses.iter().enumerate().try_for_each(|(index, pose)| crate::smoother::causal::check_pose(index, pose))
 }
 
 pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
@@ -59,7 +61,7 @@ pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
     let poses = &poses[first..];
     let origin_ns = poses[0].t_ns;
     let t_s: Vec<f64> = poses.iter().map(|p| (p.t_ns - origin_ns) as f64 * 1e-9).collect();
-    // A table without what stays of the errors has covariances whose size nobody vouches for.
+    // A table without the systematic errors has covariances whose size nobody vouches for.
     let vouched = poses.iter().filter_map(|p| p.estimate.as_ref()).any(|e| e.systematic_columns() > 0);
     // One after the other, so that only one of the two series is held.
     let positions: Vec<_> = poses.iter().map(|p| measured(p, 0, |pose| pose.translation.vector)).collect();
@@ -79,8 +81,8 @@ fn measured<P>(pose: &PoseSample, at: usize, place: impl Fn(&Isometry3<f64>) -> 
     })
 }
 
-/// What the search moves: logarithms of the bandwidth in Hz, of the lasting part's variance over the new part's, and of
-/// its time constant in s.
+/// What the search moves: logarithms of the bandwidth in Hz, of the correlated part's variance over the
+/// new part's, and of its time constant in s.
 type Parameters = [f64; 3];
 
 struct Search<'a, P> {
@@ -95,12 +97,14 @@ struct Search<'a, P> {
 
 /// Noise of greatest likelihood, and the bandwidth.
 ///
-/// The factor on the covariances is the mean square of the normalised innovations for given ratios, so that the white case
-/// has one dimension to search: from one cycle in twice the flight to the Nyquist frequency.
+/// The factor on the covariances is the mean square of the normalised innovations for given ratios, so
+/// that the white case has one dimension to search: from one cycle in twice the flight to the Nyquist
+/// frequency.
 ///
-/// Innovations that show significantly less than covariances that are vouched for do not tell that the errors are absent, but that
-/// they move too slowly to be told from motion. The factor is then one: the estimate is the same, its covariance is not.
-fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(ChainNoise, f64)> {
+/// Innovations that show significantly less than covariances that are vouched for do not show that the
+/// errors are absent, but that they move too slowly to be distinguished from motion. The factor is then
+/// one: the estimate is the same, its covariance is not.
+fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(JerkNoise, f64)> {
     let times: Vec<f64> =
         series.t_s.iter().zip(series.measured).filter(|(_, m)| m.is_some()).map(|(t, _)| *t).collect();
     let count = times.len() as f64;
@@ -126,10 +130,10 @@ fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(Chain
     let slow = vouched && shown < 1.0 - SIGNIFICANT * (2.0 / sums.count as f64).sqrt();
     let factor = if slow { 1.0 } else { shown };
     let unit = search.noise(&best);
-    let noise = ChainNoise {
+    let noise = JerkNoise {
         intensity: unit.intensity * factor,
         variance_factor: factor,
-        lasting: unit.lasting * factor,
+        correlated: unit.correlated * factor,
         ..unit
     };
     Some((noise, best[0].exp()))
@@ -137,13 +141,13 @@ fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(Chain
 
 impl<P: Place> Search<'_, P> {
     /// Noise with a factor of one on the covariances.
-    fn noise(&self, at: &Parameters) -> ChainNoise {
+    fn noise(&self, at: &Parameters) -> JerkNoise {
         let angular = 2.0 * std::f64::consts::PI * at[0].exp();
-        ChainNoise {
+        JerkNoise {
             intensity: angular.powi(6) * self.variance * self.interval_s,
             variance_factor: 1.0,
-            lasting: self.covariance * at[1].exp(),
-            lasting_s: at[2].exp(),
+            correlated: self.covariance * at[1].exp(),
+            correlated_s: at[2].exp(),
         }
     }
 
@@ -158,8 +162,8 @@ impl<P: Place> Search<'_, P> {
         })
     }
 
-    /// The best noise with a lasting part, one parameter after the other: variance ratios from a hundredth to a hundred, time
-    /// constants from one interval to a fifth of the flight.
+    /// The best noise with a correlated part, one parameter after the other: variance ratios from a
+    /// hundredth to a hundred, time constants from one interval to a fifth of the flight.
     fn coloured(&self, log_hz: f64, bandwidths: (f64, f64)) -> Parameters {
         let mut best = [log_hz, 0.0, (4.0 * self.interval_s).ln()];
         let ranges = [
@@ -187,7 +191,8 @@ impl<P: Place> Search<'_, P> {
     }
 }
 
-/// The least of a function of one variable: a grid, then golden sections of the bracket around its best point.
+/// The least of a function of one variable: a grid, then golden sections of the bracket around its best
+/// point.
 fn least(cost: impl Fn(f64) -> f64, low: f64, high: f64, steps: usize) -> f64 {
     let step = (high - low) / steps as f64;
     let mut best = (low, f64::INFINITY);

@@ -1,0 +1,104 @@
+//! The associator: what it knows of the body, the cameras and the flight so far.
+
+use super::belief::History;
+use super::moved_camera::Watch;
+use super::noise::Noise;
+use super::symmetry;
+use crate::{MarkerObservation, PoseError, PoseEstimator, PoseSample, Rig, TrackedDetection};
+use mavsight_geometry::{Camera, Vector3};
+
+/// Logarithm of the odds at which an assignment is believed: 999 to 1.
+pub(super) const DECISIVE_LOG_ODDS: f64 = 6.907;
+/// Largest ratio between the diameter seen and the one expected: a ball half hidden still shows more.
+pub(super) const MOST_SIZE_RATIO: f64 = 1.6;
+
+/// What one instant's candidates are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Association {
+    /// The pose, or why there is none.
+    pub sample: PoseSample,
+    /// Index of the candidate and of its marker, by camera and marker; none without a pose.
+    pub pairs: Vec<(usize, usize)>,
+}
+
+/// Gives balls to markers, instant by instant.
+#[derive(Debug, Clone)]
+pub struct Associator {
+    pub(super) estimator: PoseEstimator,
+    pub(super) cameras: Vec<Camera>,
+    pub(super) colors: Vec<usize>,
+    pub(super) markers_std_m: f64,
+    /// Room in which the body may be.
+    pub(super) volume_m3: f64,
+    /// Root mean square distance of the markers from their middle.
+    pub(super) size_m: f64,
+    pub(super) history: History,
+    pub(super) noise: Noise,
+    pub(super) watch: Watch,
+}
+
+impl Associator {
+    /// An associator for the body of an estimator, whose markers have the given colours (equal numbers
+    /// for equal colours) and were placed with a standard deviation.
+    ///
+    /// # Errors
+    /// [`PoseError::SymmetricMarkers`] where markers of one colour can change places so that the body
+    /// looks the same.
+    pub fn new(
+        estimator: PoseEstimator,
+        rig: &Rig,
+        colors: &[usize],
+        markers_std_m: f64,
+    ) -> Result<Self, PoseError> {
+        let markers = estimator.markers();
+        let mut colors = colors.to_vec();
+        colors.resize(markers.len(), usize::MAX);
+        symmetry::refuse_symmetric(markers, &colors, markers_std_m)?;
+        let n = markers.len().max(1) as f64;
+        let middle = markers.iter().map(|m| m.marker_in_body_m).sum::<Vector3<f64>>() / n;
+        let square = |m: &crate::BodyMarker| (m.marker_in_body_m - middle).norm_squared();
+        let size_m = (markers.iter().map(square).sum::<f64>() / n).sqrt().max(1e-3);
+        let cameras: Vec<Camera> = rig.cameras.iter().map(|c| c.camera).collect();
+        let volume_m3 = room_m3(rig, &cameras);
+        let (history, noise, watch) = Default::default();
+        Ok(Self { estimator, cameras, colors, markers_std_m, volume_m3, size_m, history, noise, watch })
+    }
+
+    /// The estimator of poses.
+    pub fn estimator(&self) -> &PoseEstimator {
+        &self.estimator
+    }
+
+    /// Ends the associations and keeps the estimator.
+    pub fn into_estimator(self) -> PoseEstimator {
+        self.estimator
+    }
+}
+
+/// Twice the box around the control points each way, or the cameras' where there are none.
+fn room_m3(rig: &Rig, cameras: &[Camera]) -> f64 {
+    let mut points = rig.control_points_in_world();
+    points.extend(cameras.iter().map(Camera::centre_in_world));
+    let low = points.iter().fold(Vector3::repeat(f64::MAX), |a, p| a.inf(p));
+    let high = points.iter().fold(Vector3::repeat(f64::MIN), |a, p| a.sup(p));
+    (high - low).iter().map(|side| 2.0 * side.clamp(1.0, 1e3)).product()
+}
+
+pub(super) fn refused(t_ns: i64, reason: &PoseError) -> Association {
+    Association {
+        sample: PoseSample { t_ns, estimate: None, reason: Some(reason.to_string()) },
+        pairs: Vec::new(),
+    }
+}
+
+/// The pairs as observations of markers.
+pub(super) fn observations(
+    t_ns: i64,
+    candidates: &[TrackedDetection],
+    pairs: &[(usize, usize)],
+) -> Vec<MarkerObservation> {
+    pairs
+        .iter()
+        .map(|(index, marker)| MarkerObservation { t_ns, ..candidates[*index].of_marker(*marker) })
+        .collect()
+}

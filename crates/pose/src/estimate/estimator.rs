@@ -1,0 +1,92 @@
+//! The estimator: a rig, a body, and what is not known of them.
+
+use super::sample::MarkerSet;
+use super::systematic::SystematicErrors;
+use super::types::BodyMarker;
+use super::view::View;
+use crate::{MarkerObservation, PoseError, RefinedFlight, Rig};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Vector2, Vector3};
+use nalgebra::DMatrix;
+
+/// Estimates poses of one body with one rig.
+#[derive(Debug, Clone)]
+pub struct PoseEstimator {
+    pub(super) cameras: Vec<Camera>,
+    pub(super) centres: Vec<Vector3<f64>>,
+    pub(super) markers: Vec<BodyMarker>,
+    pub(super) errors: SystematicErrors,
+    /// By how much each marker's centre is off for good, camera by camera.
+    pub(super) offsets_px: Vec<Vector2<f64>>,
+}
+
+impl PoseEstimator {
+    /// An estimator for a body seen by a rig; the markers' positions count as exact.
+    pub fn new(rig: &Rig, markers: &[BodyMarker]) -> Self {
+        let cameras: Vec<Camera> = rig.cameras.iter().map(|c| c.camera).collect();
+        Self {
+            centres: cameras.iter().map(Camera::centre_in_world).collect(),
+            errors: SystematicErrors::of_rig(rig, markers.len()),
+            markers: markers.to_vec(),
+            offsets_px: vec![Vector2::zeros(); cameras.len() * markers.len()],
+            cameras,
+        }
+    }
+
+    /// The body.
+    pub fn markers(&self) -> &[BodyMarker] {
+        &self.markers
+    }
+
+    /// The same with what is not known of the markers' positions: 3 rows a marker (body axes, m), each
+    /// column one standard deviation along an independent direction, so that their covariance is M Mᵀ.
+    ///
+    /// # Errors
+    /// [`PoseError::MarkerUncertainty`] for another number of rows or what is not finite.
+    pub fn with_marker_uncertainty(mut self, factor_m: &DMatrix<f64>) -> Result<Self, PoseError> {
+        let refused = PoseError::MarkerUncertainty { rows: factor_m.nrows(), needed: 3 * self.markers.len() };
+        self.errors = self.errors.with_markers(factor_m).ok_or(refused)?;
+        Ok(self)
+    }
+
+    /// An estimator with cameras and centres as a flight has shown them, with what that leaves open; the
+    /// markers are those of the flight, or where it does not show them, those of the file.
+    ///
+    /// # Errors
+    /// [`PoseError::MarkerUncertainty`] for a body of another number of markers.
+    pub fn refined(flight: &RefinedFlight, markers: Option<&[BodyMarker]>) -> Result<Self, PoseError> {
+        let mut out = Self::new(&flight.rig, markers.unwrap_or(&flight.markers));
+        let needed = 3 * flight.markers.len();
+        let refused = PoseError::MarkerUncertainty { rows: 3 * out.markers.len(), needed };
+        if out.markers.len() != flight.markers.len() {
+            return Err(refused);
+        }
+        let mut factor = flight.uncertainty.clone();
+        if markers.is_some() {
+            factor.rows_mut(CAMERA_PARAMETERS * out.cameras.len(), needed).fill(0.0);
+        }
+        out.errors = out.errors.fitted(&factor).ok_or(refused)?;
+        out.offsets_px.clone_from(&flight.offsets_px);
+        Ok(out)
+    }
+
+    pub(super) fn view(&self, o: &MarkerObservation) -> Result<View, PoseError> {
+        let bad = |reason| PoseError::BadObservation { camera: o.camera, marker: o.marker, reason };
+        if o.camera >= self.cameras.len() {
+            return Err(bad("the rig has no such camera"));
+        }
+        if o.marker >= self.markers.len().min(MarkerSet::MOST) {
+            return Err(bad("the body has no such marker, or more than 64"));
+        }
+        if !o.pixel.iter().chain(o.covariance_px2.iter()).all(|x| x.is_finite()) {
+            return Err(bad("it is not finite"));
+        }
+        let whitener = o
+            .covariance_px2
+            .cholesky()
+            .and_then(|c| c.l().try_inverse())
+            .filter(|w| w.iter().all(|x| x.is_finite()))
+            .ok_or(bad("its covariance is not positive definite"))?;
+        let pixel = o.pixel - self.offsets_px[o.camera * self.markers.len() + o.marker];
+        Ok(View { camera: o.camera, marker: o.marker, pixel, whitener })
+    }
+}

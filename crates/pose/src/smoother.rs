@@ -1,0 +1,25 @@
+//! From measured poses to motion.
+//!
+//! Position and attitude are each driven by white jerk (`integrator`) and estimated together (`state`): a Kalman
+//! filter forward ([`CausalFilter`] is its use in flight), and the backward pass of Bryson & Frazier (1963) in
+//! the form of Bierman (1977), which inverts no predicted covariance ([`smooth()`]). The noise of a flight is
+//! that of greatest likelihood of the innovations (`noise`, `likelihood`; Harvey 1989, section 3.4). Another
+//! smoother implements what [`smooth()`] does: poses in, a [`Motion`] out.
+
+mod causal;
+mod directions;
+mod integrator;
+mod likelihood;
+mod motion;
+mod noise;
+mod smooth;
+mod state;
+mod whittaker;
+
+pub use causal::CausalFilter;
+pub use integrator::JerkNoise;
+pub use motion::{Motion, MotionCovariance, MotionSample, covariance_from_std, euler_std};
+pub use noise::motion_noise;
+pub use smooth::{EffectsOf, smooth, smooth_with_effects};
+pub use state::MotionNoise;
+pub use whittaker::lowpass_like;
