@@ -5,7 +5,8 @@
 //! | `world` | Z up |
 //! | `world/aircraft` | `Transform3D`, world_from_body, of each pose that was measured, and no other |
 //! | `world/aircraft/markers`, `world/cameras` | `Points3D` |
-//! | `position_m`, `position_std_m`, `euler_deg`, `rates_deg_s`, `residual_px`, `latency_ms` | `Scalars`; none where nothing was measured |
+//! | `position_m`, `position_std_m`, `euler_deg` | `Scalars`; none where nothing was measured |
+//! | `rates_deg_s`, `residual_px`, `latency_ms` | `Scalars` likewise |
 //! | `notes`, `tracking` | `TextLog` |
 //!
 //! Timelines: `t`, since the flight began, and `captured`, by this machine's clock. Poses are in Rerun's
