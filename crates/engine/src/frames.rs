@@ -18,7 +18,8 @@ const LONGEST_READOUT_S: f64 = 1.0 / 30.0;
 pub fn camera_feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>, EngineError> {
     let feed = |(k, camera): (usize, &SessionCamera)| {
         let clap = input(session.clap_of(k))?;
-        Ok(feed_of(camera, k == 0, session.open_camera(k)?).with_flash(session.flash).with_clap(clap))
+        let feed = feed_of(camera, k == 0, session.open_camera(k)?);
+        Ok(CameraFeed { flash: session.flash, clap, ..feed })
     };
     session.cameras.iter().enumerate().map(feed).collect()
 }
@@ -30,8 +31,8 @@ pub(crate) fn feed_of(camera: &SessionCamera, is_first: bool, source: FrameSourc
         item.map(|(t_ns, frame)| TimedFrame { t_ns, frame })
             .map_err(|e| PipelineError::Source { camera: name.clone(), source: Box::new(e) })
     });
-    let feed = CameraFeed::new(camera.name.clone(), announced, Box::new(frames));
-    feed.with_clock(clock_of(camera, is_first, size), readout.into())
+    let (clock, readout) = (clock_of(camera, is_first, size), readout.into());
+    CameraFeed { clock, readout, ..CameraFeed::new(camera.name.clone(), announced, Box::new(frames)) }
 }
 
 /// What a session says of a camera's clock. The first camera's is the reference.

@@ -48,7 +48,7 @@ pub(crate) fn start_clocks(streams: &mut [Stream], rig: &Rig) -> Vec<String> {
         // Evenly spread over a width w is w/√12.
         let variance_s2 = ((2.0 * apart_m / SOUND_M_S).powi(2) + 2.0 * SOUND_AND_PICTURE_S.powi(2)) / 12.0;
         let std_s = variance_s2.sqrt();
-        notes.extend(stream.start_clock((&*first, "clap"), (here_s, there_s), std_s));
+        notes.extend(stream.start_clock(first, "clap", here_s, there_s, std_s));
     }
     notes
 }

@@ -44,25 +44,4 @@ impl<'a> CameraFeed<'a> {
         let clock = ClockPrior::known(CameraClock::default());
         Self { name: name.into(), announced, frames, clock, readout: Vector2::y(), flash: false, clap: None }
     }
-
-    /// The same with a flash that all cameras saw.
-    #[must_use]
-    pub fn with_flash(mut self, flash: bool) -> Self {
-        self.flash = flash;
-        self
-    }
-
-    /// The same with a clap that all cameras heard.
-    #[must_use]
-    pub fn with_clap(mut self, clap: Option<Clap>) -> Self {
-        self.clap = clap;
-        self
-    }
-
-    /// The same with another clock.
-    #[must_use]
-    pub fn with_clock(mut self, clock: ClockPrior, readout: Vector2<f64>) -> Self {
-        (self.clock, self.readout) = (clock, readout);
-        self
-    }
 }

@@ -62,7 +62,7 @@ pub(crate) fn start_clocks(streams: &mut [Stream]) -> Vec<String> {
             continue;
         };
         let std_s = ((first.interval_s().powi(2) + stream.interval_s().powi(2)) / 12.0).sqrt();
-        notes.extend(stream.start_clock((&*first, "flash"), (here_s, there_s), std_s));
+        notes.extend(stream.start_clock(first, "flash", here_s, there_s, std_s));
     }
     notes
 }

@@ -90,7 +90,7 @@ pub(crate) fn note(
 ) -> Result<Option<String>, PipelineError> {
     let failed = |source| PipelineError::Pose { place: "centres".into(), source };
     let instants = sampled(observations);
-    let fit = |mistake| median_fit(estimator, rig, (&instants, mistake)).map_err(failed);
+    let fit = |mistake| median_fit(estimator, rig, &instants, mistake).map_err(failed);
     let Some(given) = fit(None)?.filter(|f| f.ratio > FITS) else { return Ok(None) };
     for mistake in Mistake::all(rig) {
         let Some(instead) = fit(Some(mistake))? else { continue };
@@ -202,7 +202,8 @@ fn sampled(observations: &Observations) -> Vec<Vec<MarkerObservation>> {
 fn median_fit(
     estimator: &PoseEstimator,
     rig: &Rig,
-    (instants, mistake): (&[Vec<MarkerObservation>], Option<Mistake>),
+    instants: &[Vec<MarkerObservation>],
+    mistake: Option<Mistake>,
 ) -> Result<Option<ReprojectionFit>, PoseError> {
     let mut fits = Vec::new();
     for seen in instants {

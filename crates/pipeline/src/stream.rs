@@ -139,8 +139,10 @@ impl Stream {
     /// their own times: what it was, where it is more precise than what is known. None where it is not.
     pub(crate) fn start_clock(
         &mut self,
-        (first, what): (&Self, &str),
-        (here_s, there_s): (f64, f64),
+        first: &Self,
+        what: &str,
+        here_s: f64,
+        there_s: f64,
         std_s: f64,
     ) -> Option<String> {
         if std_s >= self.clock.offset_std_s {

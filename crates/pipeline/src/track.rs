@@ -124,7 +124,7 @@ pub fn track_with(
         workers.into_iter().map(ended).collect::<Result<Vec<(Stream, CameraWatch)>, _>>()
     })?;
     let (streams, watches) = seen.into_iter().unzip();
-    joined(streams, watches, (rig, vehicle), each)
+    joined(streams, watches, rig, vehicle, each)
 }
 
 fn fetch(feed: CameraFeed<'_>, out: &SyncSender<Result<TimedFrame, PipelineError>>) {
@@ -171,7 +171,8 @@ fn observe(
 fn joined(
     mut streams: Vec<Stream>,
     watches: Vec<CameraWatch>,
-    (rig, vehicle): (&Rig, &Vehicle),
+    rig: &Rig,
+    vehicle: &Vehicle,
     mut each: impl FnMut(&Instant<'_>),
 ) -> Result<Tracked, PipelineError> {
     let colors = MarkerColors::of(vehicle);
@@ -301,7 +302,7 @@ mod tests {
         rig.uncertainty =
             rig.uncertainty.rows(0, mavsight_geometry::CAMERA_PARAMETERS * streams.len()).into();
         let watches = streams.iter().map(|s| CameraWatch::new(s.name.clone())).collect();
-        joined(streams, watches, (&rig, &Vehicle::paper()), |_| {})
+        joined(streams, watches, &rig, &Vehicle::paper(), |_| {})
     }
 
     fn flown(streams: Vec<Stream>) -> Tracked {

@@ -89,9 +89,8 @@ pub fn draw_room(room: &RoomDrawing) -> Result<String, ReportError> {
         let (legend, rest) = root.split_vertically(LEGEND);
         let (plan, elevation) = rest.split_vertically(height(1));
         draw_legend(&legend).map_err(|e| failed(e.to_string()))?;
-        draw_view(&plan, room, (extent, 1), "Plan, from above").map_err(|e| failed(e.to_string()))?;
-        draw_view(&elevation, room, (extent, 2), "Elevation, towards +Y")
-            .map_err(|e| failed(e.to_string()))?;
+        draw_view(&plan, room, extent, 1, "Plan, from above").map_err(|e| failed(e.to_string()))?;
+        draw_view(&elevation, room, extent, 2, "Elevation, towards +Y").map_err(|e| failed(e.to_string()))?;
         root.present().map_err(|e| failed(e.to_string()))?;
     }
     Ok(scalable(&svg, whole))
@@ -101,7 +100,8 @@ pub fn draw_room(room: &RoomDrawing) -> Result<String, ReportError> {
 fn draw_view<'a>(
     area: &Area<'a>,
     room: &RoomDrawing,
-    (extent, up): (&DrawnBox, usize),
+    extent: &DrawnBox,
+    up: usize,
     title: &str,
 ) -> Drawn<'a> {
     let area = area.titled(title, (FONT, 17))?;

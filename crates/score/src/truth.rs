@@ -147,7 +147,8 @@ pub fn write_visibility(
     write_whole(path, text.as_bytes())
 }
 
-/// Reads the shares of the balls' faces that each camera saw, by instant, camera and marker, in the order of the rows, for a number of cameras.
+/// Reads the shares of the balls' faces that each camera saw, by instant, camera and marker, in the order of
+/// the rows, for a number of cameras.
 ///
 /// # Errors
 /// Names the file, row and column.
@@ -173,8 +174,8 @@ pub fn truth_of(session: &Session) -> Result<Option<Vec<TruthRow>>, SessionError
     session.truth_path.as_deref().map(read_truth).transpose()
 }
 
-/// Reads the shares of the balls' faces that were visible, by instant, camera and marker; none where no such file stands next
-/// to the truth.
+/// Reads the shares of the balls' faces that were visible, by instant, camera and marker; none where no such
+/// file stands next to the truth.
 ///
 /// # Errors
 /// Names the file, row and column.
