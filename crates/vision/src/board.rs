@@ -43,7 +43,7 @@ const LEAST_SHARE: f32 = 0.15;
 const APART_PX: usize = 4;
 /// Half of the window in which a corner is refined, at most; less where squares are small.
 const HALF_WINDOW_PX: f64 = 5.0;
-/// Rounds of the refinement; two or three settle.
+/// Rounds of the refinement; two or three converge.
 const ROUNDS: usize = 15;
 /// Corners that are looked at: a room has others.
 const MOST: usize = 600;

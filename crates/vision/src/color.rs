@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn colors_that_cannot_be_told_apart_are_named() {
+    fn colors_that_cannot_be_distinguished_are_named() {
         let error = ColorModel::new(&[
             color("left", [200, 40, 40]),
             color("x", [0, 0, 200]),

@@ -1,11 +1,11 @@
 //! Finding balls of given colours in a whole frame.
 
-use crate::centre::{Fitter, Followed, Foreseen, LEAST_RADIUS_PX, Start, encode_one};
+use crate::centre::{CentreFit, FitPolicy, Fitter, Followed, LEAST_RADIUS_PX, Start, encode_one};
 use crate::color::{ColorModel, Seen, to_linear};
 use crate::optics::{Known, Learned, Optics};
 use crate::outline::{Outline, up_as_seen, usual_camera};
 use crate::patch::Patch;
-use crate::segment::{Blob, Segmenter, Window};
+use crate::segment::{Region, Segmenter, Window};
 use crate::{BallColor, Frame, Matrix2, Vector2, VisionError};
 use mavsight_geometry::Camera;
 use std::ops::{Range, RangeInclusive};
@@ -17,7 +17,7 @@ pub struct Detection {
     pub pixel: Vector2<f64>,
     /// Covariance of the centre.
     pub covariance_px2: Matrix2<f64>,
-    /// Coloured pixels of the region; of one that is followed, when it was last searched for.
+    /// Coloured pixels of the region.
     pub area_px: f64,
     /// Diameter of the fitted disc.
     pub diameter_px: f64,
@@ -28,16 +28,16 @@ pub struct Detection {
 }
 
 /// Regions of one colour that are looked at closely in one frame, the strongest first.
-const MOST_BLOBS: usize = 16;
+const MOST_REGIONS: usize = 16;
 
 /// Gates that the mean hue of a region, edges included, may be from the marker's before it is looked at closely.
 const LOOSE_GATE: f64 = 2.0;
 /// Pixels around a region that are looked at: the blur of the rim and a ring of background beyond it.
 const RING_PX: f64 = 5.0;
 
-/// How far from where its region shows it a ball may be foreseen: the middle of a region is known to about a quarter of
+/// How far from where its region shows it a ball may be predicted: the middle of a region is known to about a quarter of
 /// this.
-const AS_FORESEEN_PX: f64 = 0.5;
+const AS_PREDICTED_PX: f64 = 0.5;
 
 /// Searches whole frames for balls of given colours.
 #[derive(Debug, Clone)]
@@ -52,7 +52,7 @@ pub(crate) struct Workspace {
     pub(crate) segmenter: Segmenter,
     patch: Patch,
     fitter: Fitter,
-    /// What followed balls told of the lens and the encoder.
+    /// What followed balls showed of the lens and the encoder.
     pub(crate) optics: Learned,
     /// The camera, where it is known.
     pub(crate) camera: Option<Camera>,
@@ -72,11 +72,8 @@ pub(crate) struct Expected {
     pub(crate) followed: Followed,
     /// Where its motion takes it.
     pub(crate) pixel: Option<Vector2<f64>>,
-    /// How far it has been from there of late, root mean square, where known.
-    pub(crate) off_px: Option<f64>,
-    /// From the middle of its region to its centre, and the region's pixels, when it was last looked for in one.
+    /// From the middle of its region to its centre.
     pub(crate) from_region_px: Vector2<f64>,
-    pub(crate) area_px: f64,
 }
 
 impl Detector {
@@ -86,7 +83,7 @@ impl Detector {
     /// [`VisionError::ColorsTooClose`] naming two markers of one hue, [`VisionError::ColorTooGrey`] for a marker
     /// without one, [`VisionError::NoMarkers`] for an empty list.
     pub fn new(colors: &[BallColor]) -> Result<Self, VisionError> {
-        let workspace = Workspace { fitter: Fitter::for_stills(), ..Workspace::default() };
+        let workspace = Workspace { fitter: Fitter::new(FitPolicy::STILL), ..Workspace::default() };
         Ok(Self { model: ColorModel::new(colors)?, workspace })
     }
 
@@ -117,7 +114,7 @@ impl Detector {
         let mut found = Vec::new();
         for (marker, list) in lists.iter_mut().enumerate() {
             workspace.search(frame, &self.model, marker, range_px, &mut found);
-            list.extend(found.iter().map(|sighting| sighting.detection));
+            list.extend(found.iter().map(|found_ball| found_ball.detection));
         }
         lists
     }
@@ -132,33 +129,6 @@ pub(crate) fn is_measurable((smallest_px, largest_px): (f64, f64)) -> bool {
 }
 
 impl Workspace {
-    /// Makes ready for a ball in the next frame, of a size and layout like this one's.
-    pub(crate) fn prepare(
-        &self,
-        like: &Frame,
-        range_px: (f64, f64),
-        expected: &Expected,
-        foreseen: &mut Foreseen,
-    ) {
-        let Some(pixel) = expected.pixel else { return };
-        let camera = self.camera.unwrap_or_else(|| usual_camera(like.size));
-        let radius_px = expected.radius_px.mean;
-        let start = Start {
-            pixel,
-            radius_px,
-            ball: [0.0; 3],
-            optics: Optics::default(),
-            outline: Outline::ROUND,
-            up: None,
-            known_radius_px: None,
-            followed: None,
-        };
-        let start = start_in(&camera, self.camera.as_ref(), self.optics.expected(), start);
-        let range_px = (0.5 * range_px.0, 0.5 * range_px.1);
-        let reach_px = radius_px + RING_PX;
-        foreseen.prepare(like, range_px, &expected.start(start), (reach_px, expected.off_px));
-    }
-
     /// Balls of one marker among the collected pixels, best first.
     pub(crate) fn search(
         &mut self,
@@ -170,77 +140,58 @@ impl Workspace {
     ) {
         found.clear();
         self.segmenter.regions(model, marker, area_gate_px(range_px));
-        let blobs = &mut self.segmenter.blobs;
-        blobs.sort_unstable_by(|a, b| b.strength.total_cmp(&a.strength));
-        blobs.truncate(MOST_BLOBS);
+        let regions = &mut self.segmenter.regions_found;
+        regions.sort_unstable_by(|a, b| b.strength.total_cmp(&a.strength));
+        regions.truncate(MOST_REGIONS);
         let optics = self.optics.expected();
         let camera = self.camera.unwrap_or_else(|| usual_camera(frame.size));
-        for blob in blobs.iter() {
-            let within = |at: &Vector2<f64>, radius_px: f64| (at - blob.pixel).norm() <= radius_px;
+        for region in regions.iter() {
+            let within = |at: &Vector2<f64>, radius_px: f64| (at - region.pixel).norm() <= radius_px;
             // A part of a ball that has been found whole is no other.
             let is_known = self.known.iter().any(|(at, radius_px)| within(at, *radius_px))
                 || found.iter().any(|s| within(&s.detection.pixel, 0.5 * s.detection.diameter_px));
-            let is_elsewhere = self.rows.as_ref().is_some_and(|r| !r.contains(&(blob.pixel.y as usize)));
-            if is_known || is_elsewhere || model.gate_fraction(marker, &blob.seen()) > LOOSE_GATE {
+            let is_elsewhere = self.rows.as_ref().is_some_and(|r| !r.contains(&(region.pixel.y as usize)));
+            if is_known || is_elsewhere || model.gate_fraction(marker, &region.seen()) > LOOSE_GATE {
                 continue;
             }
             let fit = {
-                let start = start_in(&camera, self.camera.as_ref(), optics, start(frame, blob, range_px));
-                self.patch.fill(frame, blob.pixel, start.radius_px + RING_PX);
-                let range_px = (0.5 * range_px.0, (0.5 * range_px.1).min(largest_radius_px(blob.area_px)));
+                let start = start_in(&camera, self.camera.as_ref(), optics, start(frame, region, range_px));
+                self.patch.fill(frame, region.pixel, start.radius_px + RING_PX);
+                let range_px = (0.5 * range_px.0, (0.5 * range_px.1).min(largest_radius_px(region.area_px)));
                 let followed = self.expected.and_then(|expected| {
-                    let seen = blob.pixel + expected.from_region_px;
-                    let foreseen = expected.pixel.filter(|p| (p - seen).norm() < AS_FORESEEN_PX);
-                    let pixel = foreseen.unwrap_or(seen);
-                    self.fitter.fit(&self.patch, range_px, &expected.start(Start { pixel, ..start }))
+                    let seen = region.pixel + expected.from_region_px;
+                    let predicted = expected.pixel.filter(|p| (p - seen).norm() < AS_PREDICTED_PX);
+                    let pixel = predicted.unwrap_or(seen);
+                    self.fitter.fit(&self.patch, range_px, &expected.start(Start { pixel, ..start })).ok()
                 });
                 let known_radius_px = self.expected.map(|e| e.radius_px);
                 let start = Start { known_radius_px, ..start };
-                followed.or_else(|| self.fitter.fit(&self.patch, range_px, &start))
+                followed.or_else(|| self.fitter.fit(&self.patch, range_px, &start).ok())
             };
             found.extend(fit.and_then(|fit| {
-                let from_region_px = fit.pixel - blob.pixel;
-                sighting(frame, (model, marker), &fit, (from_region_px, blob.area_px))
+                let from_region_px = fit.pixel - region.pixel;
+                found_ball(frame, (model, marker), &fit, (from_region_px, region.area_px))
             }));
         }
         found.sort_unstable_by(|a, b| b.detection.score.total_cmp(&a.detection.score));
     }
 }
 
-/// What a fit tells of a ball of the marker, with where in its region it was seen; None if it is none.
-fn sighting(
+/// What a fit says of a ball of the marker, with where in its region it was seen; None if it is none.
+fn found_ball(
     frame: &Frame,
     model: (&ColorModel, usize),
-    fit: &crate::centre::Fit,
+    fit: &CentreFit,
     (from_region_px, area_px): (Vector2<f64>, f64),
 ) -> Option<Found> {
     judge(frame, area_px, model, fit).map(|detection| Found {
         detection,
-        expected: Expected {
-            radius_px: fit.radius_px,
-            followed: fit.followed,
-            pixel: None,
-            off_px: None,
-            from_region_px,
-            area_px,
-        },
+        expected: Expected { radius_px: fit.radius_px, followed: fit.followed, pixel: None, from_region_px },
         optics: (fit.taken, fit.optics),
     })
 }
 
 impl Expected {
-    /// A ball that was made ready for, found where it was expected without a search for regions; else where it seems to be, if that
-    /// is known.
-    pub(crate) fn find(
-        &self,
-        frame: &Frame,
-        (model, marker): (&ColorModel, usize),
-        foreseen: &mut Foreseen,
-    ) -> Result<Found, Option<Vector2<f64>>> {
-        let fit = foreseen.fit(frame)?;
-        sighting(frame, (model, marker), &fit, (self.from_region_px, self.area_px)).ok_or(None)
-    }
-
     /// Where a fit begins that knows this.
     fn start(&self, start: Start) -> Start {
         Start { known_radius_px: Some(self.radius_px), followed: Some(self.followed), ..start }
@@ -270,14 +221,14 @@ fn area_gate_px((smallest_px, largest_px): (f64, f64)) -> (f64, f64) {
 }
 
 /// Where the fit of a region's ball begins.
-fn start(frame: &Frame, blob: &Blob, range_px: (f64, f64)) -> Start {
+fn start(frame: &Frame, region: &Region, range_px: (f64, f64)) -> Start {
     let least_px = (0.5 * range_px.0).max(LEAST_RADIUS_PX);
-    let radius_px = (blob.area_px / std::f64::consts::PI).sqrt().clamp(least_px, 0.5 * range_px.1);
+    let radius_px = (region.area_px / std::f64::consts::PI).sqrt().clamp(least_px, 0.5 * range_px.1);
     let clamp = |v: f64, count: u32| v.round().clamp(0.0, f64::from(count.max(1) - 1)) as usize;
-    let x = clamp(blob.pixel.x, frame.size.width_px);
-    let y = clamp(blob.pixel.y, frame.size.height_px);
+    let x = clamp(region.pixel.x, frame.size.width_px);
+    let y = clamp(region.pixel.y, frame.size.height_px);
     Start {
-        pixel: blob.pixel,
+        pixel: region.pixel,
         radius_px,
         ball: to_linear(frame.rgb(x, y)),
         optics: Optics::default(),
@@ -288,7 +239,7 @@ fn start(frame: &Frame, blob: &Blob, range_px: (f64, f64)) -> Start {
     }
 }
 
-/// A fitted ball with what it tells of the camera and of itself.
+/// A fitted ball with what it says of the camera and of itself.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Found {
     pub(crate) detection: Detection,
@@ -302,7 +253,7 @@ fn judge(
     frame: &Frame,
     area_px: f64,
     (model, marker): (&ColorModel, usize),
-    fit: &crate::centre::Fit,
+    fit: &CentreFit,
 ) -> Option<Detection> {
     let radius_px = fit.radius_px.mean;
     if !frame.size.contains(&fit.pixel, radius_px) {

@@ -25,7 +25,7 @@ pub enum VisionError {
     /// Two markers have colours of the same hue.
     #[error(
         "the colours of markers '{first}' and '{second}' are {apart_deg:.1} degrees of hue apart and at least \
-         {needed_deg:.1} are needed to tell them from each other: give one of them another colour"
+         {needed_deg:.1} are needed to distinguish them: give one of them another colour"
     )]
     ColorsTooClose {
         /// One marker.

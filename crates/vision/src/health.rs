@@ -24,7 +24,7 @@ pub struct BallHealth {
     pub contrast: f64,
     /// Apparent diameter.
     pub diameter_px: f64,
-    /// Other things of the colour in the image.
+    /// Other objects of the colour in the image.
     pub others: f64,
     /// Smallest angle of hue between the colour and coloured background beside the ball, degrees; 180 where there is none.
     pub hue_apart_deg: f64,

@@ -10,7 +10,7 @@ pub(crate) struct Known {
 /// Standard deviation by which the blur of one ball differs from the camera's: motion of nine tenths of a pixel (a box of
 /// that width has a standard deviation of 0.26 px) beside a lens of 0.6 px, or as much of defocus.
 const EDGE_OF_ONE_STD_PX: f64 = 0.05;
-/// Standard deviation of the camera's blur from one sighting to the next, as focus and exposure drift.
+/// Standard deviation of the camera's blur from one detection to the next, as focus and exposure drift.
 const EDGE_DRIFT_PX: f64 = 0.002;
 /// What encoders do: colour samples at the left pixel of their pair (H.264's default) or between the two (JFIF, MPEG-1
 /// and what many converters really do).
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn the_blur_of_one_ball_stays_less_known_than_the_cameras() {
+    fn the_blur_of_one_ball_remains_less_known_than_the_cameras() {
         let mut learned = Learned::default();
         for _ in 0..200 {
             let taken = learned.expected();

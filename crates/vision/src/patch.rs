@@ -47,7 +47,7 @@ impl Default for Patch {
 const GREY: f64 = 0.577_350_269_189_625_8;
 const ACROSS: f64 = 0.707_106_781_186_547_5;
 const ALONG: f64 = 0.408_248_290_463_863_1;
-/// An orthonormal basis of RGB with grey first: white noise stays white, and grey clutter leaves two channels alone.
+/// An orthonormal basis of RGB with grey first: white noise remains white, and grey clutter leaves two channels alone.
 const OPPONENTS: [[f64; 4]; 3] =
     [[GREY, GREY, GREY, 0.0], [ACROSS, 0.0, -ACROSS, 0.0], [-ALONG, 2.0 * ALONG, -ALONG, 0.0]];
 
@@ -96,11 +96,6 @@ impl Patch {
     /// The first pixel's column and row in the image.
     pub(crate) fn corner(&self) -> Vector2<f64> {
         Vector2::new(self.first.0 as f64, self.first.1 as f64)
-    }
-
-    /// What it spans and how: first pixel, size and layout.
-    pub(crate) fn window(&self) -> ((usize, usize), usize, usize, usize) {
-        (self.first, self.columns, self.rows, self.step)
     }
 
     /// Fills the patch with what the frame holds within `reach_px` of `middle` in each direction.

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 /// A region of one colour.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Blob {
+pub(crate) struct Region {
     pub(crate) pixel: Vector2<f64>,
     pub(crate) area_px: f64,
     /// Sum of chroma, to rank regions before they are looked at closely.
@@ -15,7 +15,7 @@ pub(crate) struct Blob {
     hue: [f32; 2],
 }
 
-impl Blob {
+impl Region {
     /// Mean colour of the region.
     pub(crate) fn seen(&self) -> Seen {
         Seen::pure(self.hue)
@@ -71,7 +71,7 @@ pub(crate) struct Segmenter {
     region: Vec<u32>,
     sums: Vec<Sums>,
     strongest: Vec<Sums>,
-    pub(crate) blobs: Vec<Blob>,
+    pub(crate) regions_found: Vec<Region>,
 }
 
 /// Neighbouring pixels of a row, the end not included.
@@ -112,13 +112,13 @@ impl Segmenter {
         self.colored.collect(frame, window);
     }
 
-    /// Finds the regions of one marker among the collected pixels whose area lies in `area_px`, into [`Self::blobs`].
+    /// Finds the regions of one marker among the collected pixels whose area lies in `area_px`, into [`Self::regions_found`].
     ///
     /// A region that is too large is looked at again with only its more strongly coloured pixels: a ball before a
     /// surface of a like hue but less colour.
     pub(crate) fn regions(&mut self, model: &ColorModel, marker: usize, area_px: (f64, f64)) {
-        self.blobs.clear();
-        // All are written, each over the last one where that is not the marker's: whether it is is hard to foresee.
+        self.regions_found.clear();
+        // All are written, each over the last one where that is not the marker's: whether it is is hard to predict.
         self.level.resize(self.colored.found.len(), 0);
         let mut count = 0;
         for (pixel, k) in self.colored.found.iter().zip(0..) {
@@ -135,7 +135,7 @@ impl Segmenter {
             self.sum(regions);
             let is_large = |sums: &Sums| sums.count > area_px.1;
             let small = self.sums.iter().filter(|s| !is_large(s));
-            self.blobs.extend(small.filter_map(|s| s.blob(area_px.0, MOST_ELONGATED)));
+            self.regions_found.extend(small.filter_map(|s| s.region(area_px.0, MOST_ELONGATED)));
             self.join_two(area_px);
             if !self.sums.iter().any(is_large) {
                 return;
@@ -150,7 +150,7 @@ impl Segmenter {
         }
     }
 
-    /// Adds two regions that an arm may have cut out of one ball as one; they stay as they are, too.
+    /// Adds two regions that an arm may have cut out of one ball as one; each is kept alone, too.
     fn join_two(&mut self, area_px: (f64, f64)) {
         self.strongest.clear();
         let small = self.sums.iter().filter(|s| s.count <= area_px.1 && s.chroma > 0.0);
@@ -164,7 +164,7 @@ impl Segmenter {
                 let both = one.with(other);
                 let is_shared = one.count.min(other.count) >= LEAST_OF_TWO * one.count.max(other.count);
                 if is_shared && both.count <= area_px.1 {
-                    self.blobs.extend(both.blob(area_px.0, MOST_ELONGATED_OF_TWO));
+                    self.regions_found.extend(both.region(area_px.0, MOST_ELONGATED_OF_TWO));
                 }
             }
         }
@@ -277,7 +277,7 @@ impl Sums {
         }
     }
 
-    fn blob(&self, least_area_px: f64, most_elongated: f64) -> Option<Blob> {
+    fn region(&self, least_area_px: f64, most_elongated: f64) -> Option<Region> {
         if self.count < least_area_px || self.chroma <= 0.0 {
             return None;
         }
@@ -292,7 +292,7 @@ impl Sums {
         // A uniform ellipse has semi-axes twice the square roots of its principal variances.
         let ellipse_px = 4.0 * std::f64::consts::PI * (long * short).sqrt();
         let ball = (long / short).sqrt() <= most_elongated && self.count >= LEAST_FILLED * ellipse_px;
-        ball.then(|| Blob {
+        ball.then(|| Region {
             pixel: Vector2::new(x, y),
             area_px: self.count,
             strength: self.chroma,
@@ -344,8 +344,8 @@ mod tests {
         let regions = segmenter.connect();
         segmenter.sum(regions);
         assert_eq!(regions, 1);
-        let blob = segmenter.sums[0].blob(1.0, MOST_ELONGATED).expect("a disc");
-        let away_px = (blob.pixel - middle).norm();
+        let region = segmenter.sums[0].region(1.0, MOST_ELONGATED).expect("a disc");
+        let away_px = (region.pixel - middle).norm();
         assert!(away_px < 0.1, "{away_px}");
     }
 
@@ -361,7 +361,7 @@ mod tests {
             }
         }
         segmenter.regions(&model, 0, (8.0, 70.0));
-        segmenter.blobs.iter().map(|b| b.pixel).collect()
+        segmenter.regions_found.iter().map(|b| b.pixel).collect()
     }
 
     fn is_in_disc(pixel: Vector2<f64>, middle: [f64; 2], radius_px: f64) -> bool {

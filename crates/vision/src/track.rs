@@ -13,12 +13,12 @@ use mavsight_geometry::Camera;
 use state::TrackState;
 use std::ops::{Range, RangeInclusive};
 
-/// Frames without a sighting after which the motion of a ball is no longer extrapolated.
+/// Frames without a detection after which the motion of a ball is no longer extrapolated.
 const MOST_MISSED: u32 = 5;
-/// Sightings up to which a ball is new: it is given up when missed in two frames, as a fleck of noise.
+/// Detections up to which a ball is new: it is given up when missed in two frames, as a fleck of noise.
 const FEW_SEEN: u32 = 3;
 
-/// Balls that are followed beyond the markers of a colour: what of a room's things looks like one.
+/// Balls that are followed beyond the markers of a colour: what else in a room looks like one.
 const MOST_OTHERS: usize = 6;
 /// Frames in which the whole frame is looked over while all that is wanted is seen, a band of rows in each, so that none takes
 /// long: a newcomer is met within a quarter second, or within two frames where something else of the colour has been seen
@@ -31,17 +31,17 @@ const LOOK_AROUND_OFTEN: u64 = 2;
 pub struct Track {
     /// Which of the tracker's colours.
     pub color: usize,
-    /// The same number for the same thing from frame to frame, in one camera, for as long as it is followed.
+    /// Number of the object that is followed, the same from frame to frame in one camera.
     pub id: u32,
-    /// What was seen.
+    /// The ball in this frame.
     pub detection: Detection,
-    /// Whether it has long stayed at one place of the image.
+    /// Whether its image has long not moved.
     pub is_static: bool,
     /// Whether, of what is seen of its colour, it is the most likely to be a marker: what has moved, and was followed longest.
     pub is_preferred: bool,
 }
 
-/// Finds all that may be a marker in each frame of one camera: each thing near where it is expected, and newcomers in the
+/// Finds all that may be a marker in each frame of one camera: each object near where it is predicted, and newcomers in the
 /// whole frame.
 ///
 /// What is not seen is not there; nothing is ever guessed. Which of several balls of one colour is the marker is left to
@@ -54,7 +54,7 @@ pub struct Tracker {
     tracks: Vec<TrackState>,
     workspace: Workspace,
     found: Vec<crate::detect::Found>,
-    sightings: Vec<Track>,
+    seen: Vec<Track>,
     leading: Vec<Option<Detection>>,
     frames: u64,
     next_id: u32,
@@ -75,7 +75,7 @@ struct ColorState {
 }
 
 impl Tracker {
-    /// A tracker of markers, one of each colour, whose apparent diameters stay in the range.
+    /// A tracker of markers, one of each colour, whose apparent diameters are in the range.
     ///
     /// # Errors
     /// As [`crate::Detector::new`], and [`VisionError::DiameterRange`] if no ball in the range can be measured.
@@ -93,7 +93,7 @@ impl Tracker {
             tracks: Vec::new(),
             workspace: Workspace::default(),
             found: Vec::new(),
-            sightings: Vec::new(),
+            seen: Vec::new(),
             leading: vec![None; colors.len()],
             frames: 0,
             next_id: 0,
@@ -126,12 +126,12 @@ impl Tracker {
     pub fn update(&mut self, frame: &Frame) -> &[Track] {
         self.follow(frame);
         self.look_around(frame);
-        &self.sightings
+        &self.seen
     }
 
     /// What is followed, in the next frame, those followed longest first; all there is where nothing is.
     pub fn follow(&mut self, frame: &Frame) -> &[Track] {
-        self.sightings.clear();
+        self.seen.clear();
         self.frames += 1;
         self.tracks.retain(|t| t.missed <= MOST_MISSED && (t.missed < 2 || t.seen > FEW_SEEN));
         for is_new in [false, true] {
@@ -140,20 +140,20 @@ impl Tracker {
             }
         }
         (self.has_looked, self.is_done) = (false, false);
-        if self.sightings.is_empty() {
+        if self.seen.is_empty() {
             self.find_newcomers(frame);
             let seen = self.tracks.iter().filter(|t| t.missed == 0);
-            self.sightings.extend(seen.map(|t| t.sighting(self.frames)));
+            self.seen.extend(seen.map(|t| t.track(self.frames)));
         }
         for color in 0..self.colors.len() {
             if let Some(lead) = self.lead(color) {
                 let id = self.tracks[lead].id;
-                self.sightings.iter_mut().filter(|s| s.id == id).for_each(|s| s.is_preferred = true);
+                self.seen.iter_mut().filter(|s| s.id == id).for_each(|s| s.is_preferred = true);
                 self.model.learn(color, &Seen::of(self.tracks[lead].colors));
             }
         }
-        self.is_dark = self.sightings.is_empty() && health::is_dark(frame);
-        &self.sightings
+        self.is_dark = self.seen.is_empty() && health::is_dark(frame);
+        &self.seen
     }
 
     /// How well the balls of each colour have been seen so far.
@@ -201,7 +201,7 @@ impl Tracker {
             return;
         }
         let color = self.tracks[track].color;
-        let seen = self.sightings.iter().filter(|s| s.color == color).count();
+        let seen = self.seen.iter().filter(|s| s.color == color).count();
         let waits = is_new && seen >= self.colors[color].markers;
         self.tracks[track].waits = waits;
         if !waits {
@@ -214,24 +214,14 @@ impl Tracker {
         let (middle, reach_px) = track.search();
         let color = track.color;
         self.workspace.expected = track.expected(middle);
-        self.found.clear();
-        if let Some(expected) = &mut self.workspace.expected {
-            let foreseen = &mut self.tracks[index].foreseen;
-            match expected.find(frame, (&self.model, color), foreseen) {
-                Ok(sighting) => self.found.push(sighting),
-                Err(seems) => expected.pixel = seems.or(expected.pixel),
-            }
-        }
-        if self.found.is_empty() {
-            self.workspace.segmenter.collect(frame, &Window::around(frame, middle, reach_px));
-            self.workspace.search(frame, &self.model, color, self.range_px, &mut self.found);
-        }
+        self.workspace.segmenter.collect(frame, &Window::around(frame, middle, reach_px));
+        self.workspace.search(frame, &self.model, color, self.range_px, &mut self.found);
         self.workspace.expected = None;
         let track = &self.tracks[index];
         let agrees = |ball: &Detection| {
             (ball.pixel - middle).norm() <= reach_px
                 && track.agrees(ball)
-                && !self.sightings.iter().any(|s| s.color == color && is_same(&s.detection, ball))
+                && !self.seen.iter().any(|s| s.color == color && is_same(&s.detection, ball))
         };
         // The nearest of those that look about as much like a ball as the best.
         let agreeing = self.found.iter().filter(|s| agrees(&s.detection));
@@ -241,21 +231,21 @@ impl Tracker {
             .filter(|s| s.detection.score >= 0.5 * best)
             .min_by(|a, b| away(&a.detection).total_cmp(&away(&b.detection)))
             .copied();
-        let Some(sighting) = nearest else {
+        let Some(found) = nearest else {
             self.tracks[index].missed += 1;
             return;
         };
-        let (taken, found) = sighting.optics;
-        self.workspace.optics.learn(taken, found);
+        let (taken, shown) = found.optics;
+        self.workspace.optics.learn(taken, shown);
         let track = &mut self.tracks[index];
-        track.expected = Some(sighting.expected);
-        track.advance(sighting.detection, self.frames);
-        self.sightings.push(track.sighting(self.frames));
+        track.expected = Some(found.expected);
+        track.advance(found.detection, self.frames);
+        self.seen.push(track.track(self.frames));
     }
 
-    /// What can wait in a frame that has been told, if it was not done: looks for newcomers, which are followed from the next frame on and
-    /// told of once they have stayed, or something of their colour is missing; looks how well balls are seen; and makes ready for the
-    /// next frame. Who waits for what is followed need not wait for this.
+    /// What can wait in a frame, once, after [`Tracker::follow`]: looks for newcomers, which are followed from the next frame on and
+    /// reported once they have been seen in some frames, or a marker of their colour is missing; and looks how well balls are seen. Who
+    /// waits for what is followed need not wait for this.
     pub fn look_around(&mut self, frame: &Frame) {
         if std::mem::replace(&mut self.is_done, true) {
             return;
@@ -271,17 +261,12 @@ impl Tracker {
         if self.frames % health::EVERY == 1 {
             self.look_at_health(frame);
         }
-        for track in self.tracks.iter_mut().filter(|t| t.missed == 0) {
-            if let Some(expected) = track.expected(track.search().0) {
-                self.workspace.prepare(frame, self.range_px, &expected, &mut track.foreseen);
-            }
-        }
     }
 
     fn look_at_health(&mut self, frame: &Frame) {
         for color in 0..self.colors.len() {
-            if let Some(lead) = self.sightings.iter().find(|s| s.is_preferred && s.color == color) {
-                let seen = self.sightings.iter().filter(|s| s.color == color).count();
+            if let Some(lead) = self.seen.iter().find(|s| s.is_preferred && s.color == color) {
+                let seen = self.seen.iter().filter(|s| s.color == color).count();
                 let others = seen.saturating_sub(self.colors[color].markers);
                 self.health[color].look(frame, &self.model, color, &lead.detection, others);
             }
@@ -316,12 +301,12 @@ impl Tracker {
 
     /// Follows what was found of a colour and was not followed.
     fn take_newcomers(&mut self, color: usize) {
-        for sighting in &self.found {
+        for found in &self.found {
             let others = self.tracks.iter().filter(|t| t.color == color && t.missed == 0).count();
             if others >= self.colors[color].markers + MOST_OTHERS {
                 break;
             }
-            let ball = sighting.detection;
+            let ball = found.detection;
             if self.tracks.iter().any(|t| t.missed == 0 && is_same(&t.last, &ball)) {
                 continue;
             }
@@ -362,7 +347,7 @@ fn band(rows: usize, frame: u64, bands: u64) -> Range<usize> {
     edge(frame % bands)..edge(frame % bands + 1)
 }
 
-/// Whether two balls are the same thing in the image.
+/// Whether two balls are the same object in the image.
 fn is_same(a: &Detection, b: &Detection) -> bool {
     (a.pixel - b.pixel).norm() <= 0.25 * a.diameter_px.max(b.diameter_px)
 }

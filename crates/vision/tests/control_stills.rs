@@ -71,6 +71,6 @@ fn eight_balls_in_each_still() {
         assert!(errors_px[6] < 0.3, "camera {camera}: {errors_px:?}");
         assert!(errors_px[3] < 0.1, "camera {camera}: median {}", errors_px[3]);
     }
-    // 99.9 % regions; rods as light as the wall, in front of a ball's rim, are not to be told from the wall.
+    // 99.9 % regions; rods as light as the wall, before a ball's rim, are not to be distinguished from the wall.
     assert!(beyond <= 3, "{beyond} of 16 balls are far outside what they claim");
 }

@@ -95,7 +95,7 @@ fn every_marker_of_every_frame() {
             assert!(errors.len() == 300, "{name} is seen in {} frames", errors.len());
             assert!(worst_px < 0.6, "{name} is taken for something else: {worst_px} px");
             assert!(rms_px < 0.2, "{name}: {rms_px} px");
-            // Rods and arms that touch a ball leave an error that stays, of up to two claimed deviations.
+            // Rods and arms that touch a ball leave a systematic error of up to two claimed deviations.
             assert!(normalized < 4.0, "{name}: errors are {normalized:.1} times the claimed variance");
         }
     }

@@ -140,7 +140,7 @@ impl PoseEstimator {
     /// The same with bounded influence: residuals longer than [`HUBER_BOUND`] weigh no more than one of
     /// that length (Huber 1981, chapter 7, by iterative reweighting). The scale is that of
     /// [`noise_factor`], so that noise larger than was claimed does not make outliers of half the
-    /// observations. The chi-square stays that of least squares.
+    /// observations. The chi-square is that of least squares.
     pub(super) fn bounded_from(&self, views: &[View], least: Solution) -> Solution {
         let scale = noise_factor(least.chi_square, 0.0, least.redundancy).max(1.0);
         if least.longest <= HUBER_BOUND.powi(2) * scale {

@@ -52,7 +52,7 @@ pub enum CodedBoardError {
     },
 }
 
-/// Fewer corners are no sight of the board: four fix a plane's pose, and two more can contradict.
+/// Fewer corners are no detection of the board: four fix a plane's pose, and two more can contradict.
 const LEAST_CORNERS: usize = 6;
 /// Corners that may be next to one another on the board, by distance: those of modules lie in between.
 const NEIGHBOURS: usize = 40;
@@ -124,7 +124,7 @@ impl CodedBoard {
 }
 
 /// The inner corners of a board with markers that a frame shows, by their numbers (row by row, the board's markers upright), and where
-/// they are; empty where fewer than six can be told. Any part of the board will do.
+/// they are; empty where fewer than six are found. Any part of the board will do.
 ///
 /// Four corners around a marker that can be read are a square of the board (Garrido-Jurado et al. 2014); further corners are where
 /// the lattice has them. Places and covariances are those of [`super::find_board`]. Whether the board's first square is dark is seen from how
@@ -134,7 +134,7 @@ pub fn find_coded_board(frame: &Frame, board: &CodedBoard) -> Vec<(usize, BoardC
     let corners = candidates(&grey);
     let squares = markers(&grey, &corners, board);
     let [dark, light] = [0, 1].map(|first| labels(&squares, &board.squares(first), board));
-    // A single row of markers does not tell of which of the two boards it is.
+    // A single row of markers does not show of which of the two boards it is.
     let mut places = match dark.len().cmp(&light.len()) {
         Ordering::Greater => dark,
         Ordering::Less => light,

@@ -18,11 +18,6 @@ pub(super) struct Banded {
 }
 
 impl Banded {
-    pub(super) fn clear(&mut self) {
-        self.columns.clear();
-        self.count = 0;
-    }
-
     /// Number of columns.
     pub(super) fn len(&self) -> usize {
         self.count
@@ -94,18 +89,6 @@ impl Banded {
             }
         }
         true
-    }
-
-    /// Solves L x = b in place, L being this factor; behind b there is room for a band.
-    #[inline(always)]
-    pub(super) fn whiten_one(&self, b: &mut [f32]) {
-        for (i, column) in self.columns[..self.count].iter().enumerate() {
-            let here = b[i] * column[0];
-            b[i] = here;
-            for (later, value) in b[i + 1..i + 1 + BAND].iter_mut().zip(&column[1..=BAND]) {
-                *later -= value * here;
-            }
-        }
     }
 
     /// Solves L X = B in place, L being this factor.
@@ -205,9 +188,6 @@ mod tests {
             assert!(pulp::Arch::new().dispatch(Solved(&mut l, &mut two)));
             assert!(pulp::Scalar::new().vectorize(Solved(&mut again, &mut other)));
             assert_eq!(two, other);
-            let mut one: Vec<f32> = rhs.iter().map(|value| *value as f32).chain([0.0; BAND]).collect();
-            l.whiten_one(&mut one);
-            assert!(one.iter().zip(&two).all(|(one, two)| (one - two[0]).abs() < 1e-5));
             let want = rhs.dot(&a.lu().solve(&rhs).expect("regular"));
             let got = two.iter().map(|x| f64::from(x[0] * x[23])).sum::<f64>();
             assert!((got - 2.0 * want).abs() < 1e-5 * want.abs(), "{got} for {want}");

@@ -24,7 +24,7 @@ pub(super) fn bell<S: Simd>(simd: S, square: Lanes<S>) -> Lanes<S> {
     square.where_below(all(FAR * FAR), power, all(0.0))
 }
 
-/// exp(-s/2) for a square s of up to 150, beyond which it stays at e⁻⁷⁵.
+/// exp(-s/2) for a square s of up to 150, beyond which it remains e⁻⁷⁵.
 #[inline(always)]
 pub(super) fn fall<S: Simd>(simd: S, square: Lanes<S>) -> Lanes<S> {
     let all = |value: f64| Lanes::splat(simd, value);

@@ -1,11 +1,11 @@
 //! What a lamp or a window behind a ball does to its rim.
 //!
-//! Light beyond what the sensor can show is coded as the brightest there is. How much more it is cannot be told, so where
+//! Light beyond what the sensor can show is coded as the brightest there is. How much more it is remains unknown, so where
 //! it mixes with the ball's own the model would place the edge too far inside, by about a width of the blur for a lamp ten
-//! times as bright: samples within the blur's reach of such light tell nothing of the edge.
+//! times as bright: samples within the blur's reach of such light say nothing of the edge.
 
-use super::surroundings::Disc;
-use super::{CLEAR, NOISE_STD};
+use super::constants::{CLEAR, NOISE_STD};
+use super::disc::Disc;
 use crate::patch::Patch;
 
 /// Codes from which light may be beyond the brightest: two standard deviations of a usual pixel's noise below it.
@@ -27,11 +27,10 @@ pub(super) struct Glare {
 impl Glare {
     /// Looks for the brightest pixels of a new patch.
     #[inline(always)]
-    pub(super) fn find(&mut self, patch: &Patch) {
-        self.reached.clear();
-        self.brightest.clear();
+    pub(super) fn new(patch: &Patch) -> Self {
+        let mut glare = Self::default();
         if patch.step == 1 && !any_is_brightest(patch) {
-            return;
+            return glare;
         }
         for (block, color) in patch.colors.iter().enumerate() {
             let first = patch.first_pixel(block);
@@ -39,14 +38,10 @@ impl Glare {
                 .map(|k| first + k / patch.step * patch.columns + k % patch.step)
                 .filter(|pixel| is_brightest(patch, [patch.bright[*pixel], color[0], color[1]]))
             {
-                self.brightest.push(pixel as u32);
+                glare.brightest.push(pixel as u32);
             }
         }
-    }
-
-    /// Whether there are some.
-    pub(super) fn may_reach(&self) -> bool {
-        !self.brightest.is_empty()
+        glare
     }
 
     /// Finds the pixels that such light reaches past the disc. Where it is all around it takes of every side alike and leaves
@@ -87,7 +82,7 @@ impl Glare {
     }
 }
 
-/// Whether any pixel is, where each has its own colour: mostly none is, which is soon told as no pixel waits for another.
+/// Whether any pixel is, where each has its own colour: mostly none is, which is soon known as no pixel waits for another.
 #[inline(always)]
 fn any_is_brightest(patch: &Patch) -> bool {
     let mut any = false;

@@ -5,16 +5,17 @@
 //! ([`super::metric`]). Its mean and variance under the ball follow by kriging from the nearest free pixels (Matheron
 //! 1963; Rasmussen & Williams 2006, eq. 2.23-2.24); what is left unknown keeps the correlation.
 
-use super::CLEAR;
 use super::cholesky::Banded;
+use super::constants::CLEAR;
 use super::edge::fall;
 use super::lanes::{GROUP, Lanes};
 use super::metric::Course;
-use super::robust::Plane;
-use super::surroundings::{Disc, LEAST_CLUTTER};
+use super::policy::FitPolicy;
 use crate::patch::Patch;
 use pulp::Simd;
 
+/// Clutter whose variance is below this part of the noise's does not matter.
+pub(super) const LEAST_CLUTTER: f64 = 0.5;
 /// Distance in edge widths at which correlation ends.
 const FAR_EDGES: f64 = 4.0;
 /// Free pixels from which the background of one pixel is predicted: two rows of a neighbourhood of radius two.
@@ -58,12 +59,10 @@ pub(super) struct Kriging {
     tapered: Vec<f32>,
     places: Vec<(i32, i32)>,
     weights: Vec<Weights>,
-    /// The free pixels that something is predicted from, once each, where that is needed.
-    wanted: Vec<Wanted>,
     deviation: Vec<f32>,
     course: Course,
     /// Whether lines are looked for.
-    pub(super) along_lines: bool,
+    along_lines: bool,
 }
 
 /// The equations of a group of rim pixels: covariance of the neighbours' values (above the diagonal), and with the pixel.
@@ -73,15 +72,6 @@ struct Systems {
     /// Variance of a neighbour's value.
     own: [f32; GROUP],
     count: [usize; GROUP],
-}
-
-/// A free pixel: where what is left of it is kept, its number in the patch, and its place from the disc's middle.
-#[derive(Debug, Clone, Copy)]
-struct Wanted {
-    at: u32,
-    pixel: u32,
-    x_px: f32,
-    y_px: f32,
 }
 
 /// For a group of rim pixels, where their neighbours' values are, and what each counts.
@@ -94,6 +84,10 @@ struct Weights {
 }
 
 impl Kriging {
+    pub(super) fn new(policy: FitPolicy) -> Self {
+        Self { along_lines: policy.clutter_by_place, ..Self::default() }
+    }
+
     /// Sets from which free pixels and with which weights the clutter at each rim pixel is predicted. `level` is the plane's value at a
     /// place of the patch.
     #[inline(always)]
@@ -156,12 +150,6 @@ impl Kriging {
         &self.deviation
     }
 
-    /// Takes it to be off as far as this.
-    pub(super) fn expect(&mut self, deviation: impl Iterator<Item = f32>) {
-        self.deviation.clear();
-        self.deviation.extend(deviation);
-    }
-
     /// Sets the covariance of what is predicted.
     #[inline(always)]
     pub(super) fn correlate(&self, covariance: &mut Banded) {
@@ -190,38 +178,6 @@ impl Kriging {
                     *into = patch.bright[start + k] - level((k as f64, row as f64));
                 }
             }
-        }
-    }
-
-    /// Finds which free pixels are predicted from, in a patch of so many columns.
-    pub(super) fn find_wanted(&mut self, (columns, disc): (usize, &Disc)) {
-        let stride = columns + 2 * REACH;
-        self.wanted.clear();
-        let missing = self.left.len() - 1;
-        // One that is found is marked by what no free pixel leaves.
-        for at in self.weights.iter().flat_map(|weights| weights.at.as_flattened()) {
-            let at = *at as usize;
-            if at == missing || self.left[at] == f32::INFINITY {
-                continue;
-            }
-            self.left[at] = f32::INFINITY;
-            let (column, row) = (at % stride - REACH, at / stride - REACH);
-            self.wanted.push(Wanted {
-                at: at as u32,
-                pixel: (row * columns + column) as u32,
-                x_px: (column as f64 - disc.x_px) as f32,
-                y_px: (row as f64 - disc.y_px) as f32,
-            });
-        }
-    }
-
-    /// Takes what a plane leaves of these in another image.
-    #[inline(always)]
-    pub(super) fn take_wanted(&mut self, patch: &Patch, plane: &Plane) {
-        let [level, by_x, by_y] = [plane.x, plane.y, plane.z].map(|value| value as f32);
-        for wanted in &self.wanted {
-            let on_plane = level + by_x * wanted.x_px + by_y * wanted.y_px;
-            self.left[wanted.at as usize] = patch.bright[wanted.pixel as usize] - on_plane;
         }
     }
 

@@ -1,7 +1,7 @@
 //! Which way clutter runs beside a ball: a rod or an arm that ends at it, an edge or a seam that goes on behind it.
 //!
 //! A stationary Gaussian field of variance C whose correlation is exp(-½ dᵀ M d) has a gradient of covariance C M (Adler
-//! 1981; Rasmussen & Williams 2006, §4.1), so that variance and structure tensor of what is seen nearby tell the metric M:
+//! 1981; Rasmussen & Williams 2006, §4.1), so that variance and structure tensor of what is seen nearby determine the metric M:
 //! small along a line, large across it. Across, it is at most I/2w², that of white noise blurred to the width w of an edge;
 //! where nothing but noise is seen it is that.
 

@@ -1,5 +1,6 @@
 //! The forward model of one ball: what a pixel shows, and its derivatives.
 
+use super::constants::PIXEL_STD_PX;
 use super::curve::encode;
 use super::edge::cover;
 use super::gloss::{GLOSSES, Gloss};
@@ -70,11 +71,16 @@ impl Values {
     }
 }
 
-/// Derivatives of each channel by all parameters and its value, for a group of pixels. What no model sets stays nothing.
+/// Derivatives of each channel by all parameters and its value, for a group of pixels. What no model sets remains 0.
 pub(super) type Columns = [[[f32; GROUP]; WIDTH]; 3];
 pub(super) const NO_COLUMNS: Columns = [[[0.0; GROUP]; WIDTH]; 3];
 
 impl Model {
+    /// Whether the edge is as sharp as any can be.
+    pub(super) fn is_sharpest(&self) -> bool {
+        self.p[EDGE] <= PIXEL_STD_PX
+    }
+
     /// Fraction of each pixel that the disc covers, and its distance inside the edge in edge widths.
     #[inline(always)]
     pub(super) fn coverage<S: Simd>(
@@ -189,30 +195,6 @@ impl Model {
             values.channels[channel][group.clone()].copy_from_slice(&columns[RESIDUAL]);
             for (first, columns) in columns.chunks_exact(TURNED).enumerate() {
                 store_rows(simd, columns, shown, (channel, first));
-            }
-        }
-    }
-
-    /// The channels of pixels, less their constants, without derivatives.
-    #[inline(always)]
-    pub(super) fn values<S: Simd>(
-        &self,
-        simd: S,
-        places: &Places,
-        from_coded: &[[f64; 4]; 3],
-        values: &mut [Vec<f32>; 3],
-    ) {
-        for part in 0..places.x.len() / S::F32_LANES {
-            let from = |values: &[f32]| Lanes::load(simd, values, part);
-            let behind = [from(&places.light[0]), from(&places.light[1]), from(&places.light[2])];
-            let face = self.face(simd, (from(&places.x), from(&places.y)));
-            let (codes, _) = self.coded(simd, &face, &behind);
-            for (value, parts) in values.iter_mut().zip(from_coded) {
-                let mut code = Lanes::splat(simd, 0.0);
-                for c in 0..3 {
-                    code = code + codes[c] * Lanes::splat(simd, parts[c]);
-                }
-                code.store(value, part);
             }
         }
     }
@@ -417,10 +399,6 @@ mod tests {
                 (shown[0], values)
             };
             let (got, at) = shown(&model);
-            let mut values = at.channels.clone();
-            values.iter_mut().for_each(|values| values.fill(0.0));
-            model.values(Scalar::new(), &places, &from_coded, &mut values);
-            assert_eq!(values, at.channels);
             for k in (0..SITING).chain([FOURTH]) {
                 let value = |h: f64| {
                     let mut moved = model;

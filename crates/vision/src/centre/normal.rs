@@ -17,41 +17,33 @@ pub(super) struct Normal {
     rows: [[f64; WIDTH]; COUNT],
     /// One over the factor's diagonal.
     inverse: [f64; COUNT],
-    /// All of the inverse, and whether it has been formed.
-    whole: [[f64; COUNT]; COUNT],
-    has_whole: bool,
 }
 
 impl Default for Normal {
     fn default() -> Self {
-        Self {
-            rows: [[0.0; WIDTH]; COUNT],
-            inverse: [0.0; COUNT],
-            has_whole: false,
-            whole: [[0.0; COUNT]; COUNT],
-        }
+        Self { rows: [[0.0; WIDTH]; COUNT], inverse: [0.0; COUNT] }
     }
 }
 
 impl Normal {
-    /// Sets the sums over samples of unit variance, derivatives with the residual behind them, each times a factor.
+    /// Sets the sums over samples of unit variance, derivatives with the residual behind them.
     #[inline(always)]
-    pub(super) fn set<S: Simd>(&mut self, simd: S, samples: &[Row], factors: &[f32]) {
+    pub(super) fn set<S: Simd>(&mut self, simd: S, samples: &[Row]) {
         const { assert!(COUNT.is_multiple_of(ROWS) && GROUP.is_multiple_of(ROWS) && WIDTH == 3 * GROUP) };
         let mut all: [Row; COUNT] = [[0.0; WIDTH]; COUNT];
         if S::F32_LANES == GROUP {
             for first in (0..COUNT).step_by(ROWS) {
                 match first / GROUP {
-                    0 => sum_rows::<S, 3>(simd, first, (samples, factors), &mut all),
-                    1 => sum_rows::<S, 2>(simd, first, (samples, factors), &mut all),
-                    _ => sum_rows::<S, 1>(simd, first, (samples, factors), &mut all),
+                    0 => sum_rows::<S, 3>(simd, first, samples, &mut all),
+                    1 => sum_rows::<S, 2>(simd, first, samples, &mut all),
+                    _ => sum_rows::<S, 1>(simd, first, samples, &mut all),
                 }
             }
         } else {
-            for (sample, factor) in samples.iter().zip(factors) {
+            for sample in samples {
                 for (i, sum) in all.iter_mut().enumerate() {
                     for k in i / GROUP * GROUP..WIDTH {
-                        sum[k] = sample[i].mul_add(sample[k] * (factor * factor), sum[k]);
+                        sum[k] = sample[i].mul_add(sample[k], sum[k]);
                     }
                 }
             }
@@ -60,13 +52,6 @@ impl Normal {
             for (value, sum) in row.iter_mut().zip(sums) {
                 *value = f64::from(*sum);
             }
-        }
-    }
-
-    /// Sets the gradient to that of other residuals.
-    pub(super) fn set_pull(&mut self, pull: &Parameters) {
-        for (row, pull) in self.rows.iter_mut().zip(pull) {
-            row[RESIDUAL] = *pull;
         }
     }
 
@@ -91,7 +76,6 @@ impl Normal {
     /// not positive definite. Leaves the factor: information = Uᵀ D⁻¹ U with D the diagonal of U.
     #[inline(always)]
     pub(super) fn solve(&mut self) -> Option<(Parameters, f64)> {
-        self.has_whole = false;
         let mut length = 0.0;
         for k in 0..COUNT {
             let (done, rest) = self.rows.split_at_mut(k + 1);
@@ -129,9 +113,6 @@ impl Normal {
     /// Covariance of some parameters, after [`Self::solve`]: that of two is the product of their columns of the inverse factor.
     #[inline(always)]
     pub(super) fn covariance<const N: usize>(&self, of: [usize; N]) -> [[f64; N]; N] {
-        if self.has_whole {
-            return of.map(|i| of.map(|j| self.whole[i][j]));
-        }
         let mut columns = [[0.0; N]; COUNT];
         for (n, i) in of.into_iter().enumerate() {
             columns[i][n] = 1.0;
@@ -157,63 +138,15 @@ impl Normal {
         }
         out
     }
-
-    /// Forms all of the inverse, after [`Self::solve`]: steps for other gradients are then its products.
-    #[inline(always)]
-    pub(super) fn invert(&mut self) {
-        self.whole = self.covariance(std::array::from_fn(|i| i));
-        self.has_whole = true;
-    }
-
-    /// The step that another gradient asks for and its squared length in standard deviations, after [`Self::solve`].
-    #[inline(always)]
-    pub(super) fn solve_for(&self, gradient: &Parameters) -> (Parameters, f64) {
-        if self.has_whole {
-            let mut change = [0.0; COUNT];
-            for (row, pull) in self.whole.iter().zip(gradient) {
-                for (change, value) in change.iter_mut().zip(row) {
-                    *change += pull * value;
-                }
-            }
-            let change = Parameters::from(change);
-            return (change, change.dot(gradient));
-        }
-        let mut x = std::array::from_fn(|i| [gradient[i]]);
-        self.substitute(&mut x);
-        let change = Parameters::from_fn(|i, _| x[i][0]);
-        (change, change.dot(gradient))
-    }
-
-    /// Solves for several right sides at once.
-    #[inline(always)]
-    fn substitute<const N: usize>(&self, x: &mut [[f64; N]; COUNT]) {
-        for k in 0..COUNT {
-            let row = &self.rows[k];
-            let here = x[k].map(|value| value * self.inverse[k]);
-            for (x, value) in x[k + 1..].iter_mut().zip(&row[k + 1..]) {
-                for n in 0..N {
-                    x[n] -= here[n] * value;
-                }
-            }
-        }
-        self.back_substitute(x);
-    }
 }
 
 /// Sets some rows of the sums, of which all but the last `GROUPS` groups lie before the diagonal.
 #[inline(always)]
-fn sum_rows<S: Simd, const GROUPS: usize>(
-    simd: S,
-    first: usize,
-    (samples, factors): (&[Row], &[f32]),
-    all: &mut [Row; COUNT],
-) {
+fn sum_rows<S: Simd, const GROUPS: usize>(simd: S, first: usize, samples: &[Row], all: &mut [Row; COUNT]) {
     let from = WIDTH - GROUP * GROUPS;
     let mut sums = [[Lanes::splat(simd, 0.0); GROUPS]; ROWS];
-    for (sample, factor) in samples.iter().zip(factors) {
-        let square = Lanes::splat(simd, factor * factor);
-        let values: [Lanes<S>; GROUPS] =
-            std::array::from_fn(|k| Lanes::load(simd, &sample[from..], k) * square);
+    for sample in samples {
+        let values: [Lanes<S>; GROUPS] = std::array::from_fn(|k| Lanes::load(simd, &sample[from..], k));
         for (r, sums) in sums.iter_mut().enumerate() {
             let factor = Lanes::splat(simd, sample[first + r]);
             for k in 0..GROUPS {
@@ -249,36 +182,34 @@ mod tests {
     use super::*;
     use nalgebra::SMatrix;
 
-    struct Set<'a>(&'a mut Normal, &'a [Row], &'a [f32]);
+    struct Set<'a>(&'a mut Normal, &'a [Row]);
 
     impl pulp::WithSimd for Set<'_> {
         type Output = ();
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) {
-            self.0.set(simd, self.1, self.2);
+            self.0.set(simd, self.1);
         }
     }
 
     #[test]
     fn it_agrees_with_the_general_solver() {
         let (mut normal, mut information) = (Normal::default(), SMatrix::<f64, COUNT, COUNT>::zeros());
-        let (mut gradient, mut samples, mut factors) = (Parameters::zeros(), Vec::new(), Vec::new());
+        let (mut gradient, mut samples) = (Parameters::zeros(), Vec::new());
         for sample in 0..40 {
             let mut row: Row = [0.0; WIDTH];
             for (k, value) in row[..=RESIDUAL].iter_mut().enumerate() {
                 *value = ((sample * 7 + k * 13 + k * k * sample) as f32).sin();
             }
             let derivatives = Parameters::from_fn(|k, _| f64::from(row[k]));
-            let weight = [1.0_f64, 2.0, 3.0][sample % 3];
             samples.push(row);
-            factors.push(weight.sqrt() as f32);
-            information += derivatives * derivatives.transpose() * weight;
-            gradient += derivatives * f64::from(row[RESIDUAL]) * weight;
+            information += derivatives * derivatives.transpose();
+            gradient += derivatives * f64::from(row[RESIDUAL]);
         }
         let mut plain = normal.clone();
-        plain.set(pulp::Scalar::new(), &samples, &factors);
-        pulp::Arch::new().dispatch(Set(&mut normal, &samples, &factors));
+        plain.set(pulp::Scalar::new(), &samples);
+        pulp::Arch::new().dispatch(Set(&mut normal, &samples));
         assert_eq!(plain.rows, normal.rows);
         normal.add_known(3, 5.0, 0.2);
         information[(3, 3)] += 5.0;
@@ -294,18 +225,12 @@ mod tests {
                 assert!((got - covariance[(*i, *j)]).abs() < 1e-4 * covariance[(*i, *i)]);
             }
         }
-        let other = Parameters::from_fn(|i, _| (i as f64).cos());
-        let (again, length) = normal.solve_for(&other);
-        let want = covariance * other;
-        assert!(
-            (again - want).norm() < 1e-4 * want.norm() && (length - other.dot(&want)).abs() < 1e-4 * length
-        );
         assert!(Normal::default().solve().is_none());
     }
 
     /// Beside the equations without the parameter.
     #[test]
-    fn a_parameter_that_is_held_stays_and_the_others_do_not_see_it() {
+    fn a_parameter_that_is_held_keeps_its_value_and_the_others_do_not_see_it() {
         const HELD: usize = 3;
         let mut normal = Normal::default();
         let (mut information, mut gradient) = (SMatrix::<f64, COUNT, COUNT>::zeros(), Parameters::zeros());

@@ -15,12 +15,6 @@ pub(super) struct Places {
 }
 
 impl Places {
-    pub(super) fn clear(&mut self) {
-        self.x.clear();
-        self.y.clear();
-        self.light.iter_mut().chain(&mut self.decoding).for_each(Vec::clear);
-    }
-
     pub(super) fn push(&mut self, (x_px, y_px): (f64, f64)) {
         self.x.push(x_px as f32);
         self.y.push(y_px as f32);

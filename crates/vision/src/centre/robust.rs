@@ -1,9 +1,5 @@
 //! Means and planes that a minority of other values does not pull.
 
-mod near;
-
-pub(super) use near::Fitted;
-
 use super::lanes::{GROUP, Lanes, greatest, least, total};
 use nalgebra::{Matrix3, Vector3};
 use pulp::Simd;
@@ -24,14 +20,19 @@ pub(super) fn biweight(square: f32) -> f32 {
     left * left
 }
 
+/// A robust plane of values, and their mean square around it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Fitted {
+    pub(super) middle: Plane,
+    pub(super) square: f64,
+}
+
 /// Values at places, in whole groups.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scattered {
     x: Vec<f32>,
     y: Vec<f32>,
     values: Vec<f32>,
-    /// Number of each in what it was taken from.
-    at: Vec<u32>,
     count: usize,
     left: Vec<f32>,
 }
@@ -51,18 +52,16 @@ impl Scattered {
         for values in [&mut self.x, &mut self.y, &mut self.values] {
             values.resize(most.next_multiple_of(GROUP), 0.0);
         }
-        self.at.resize(most, 0);
         self.count = 0;
     }
 
-    /// Adds a value, by its number in what it is taken from, if it counts. It is written in any case, as whether it counts is hard to
-    /// foresee.
+    /// Adds a value, if it counts. It is written in any case, as whether it counts is hard to
+    /// predict.
     #[inline(always)]
-    pub(super) fn offer(&mut self, (x, y): (f32, f32), at: usize, value: f32, counts: bool) {
+    pub(super) fn offer(&mut self, (x, y): (f32, f32), value: f32, counts: bool) {
         self.x[self.count] = x;
         self.y[self.count] = y;
         self.values[self.count] = value;
-        self.at[self.count] = at as u32;
         self.count += usize::from(counts);
     }
 
@@ -78,7 +77,7 @@ impl Scattered {
 
     /// Robust plane; None with too few values. No scale is taken to be below the least.
     #[inline(always)]
-    pub(super) fn plane<S: Simd>(&mut self, simd: S, least_scale: f64) -> Option<Fitted<Plane>> {
+    pub(super) fn plane<S: Simd>(&mut self, simd: S, least_scale: f64) -> Option<Fitted> {
         let (mut plane, mut scale, mut middle) = (Plane::zeros(), ANY, None);
         for round in 0..ROUNDS {
             let [n, x, y, xx, xy, yy, v, xv, yv] = self.weighted(simd, scale, &plane);
@@ -90,7 +89,7 @@ impl Scattered {
             }
         }
         let square = square_sum(simd, &self.left, 0.0) / self.count as f64;
-        Some(Fitted { middle: plane, square, scale })
+        Some(Fitted { middle: plane, square })
     }
 
     /// Scale of what is left, by its median; after the first time that hardly moves.
@@ -106,38 +105,6 @@ impl Scattered {
         let left = median_near(simd, &self.left, self.count, near)?;
         *middle = Some(left as f32);
         Some((MEDIAN_TO_DEVIATION * left).max(least_scale))
-    }
-
-    /// Robust mean of each of two numbers, of those that `weigh` less than a limit; None where there are none. The buffers of places
-    /// hold the numbers.
-    #[inline(always)]
-    pub(super) fn means<S: Simd>(
-        &mut self,
-        simd: S,
-        pairs: &[[f32; 2]],
-        (weigh, limit): (&[f32], f32),
-        least_scale: f64,
-    ) -> Option<[Fitted<f64>; 2]> {
-        let whole = pairs.len().next_multiple_of(GROUP);
-        for buffer in [&mut self.x, &mut self.y, &mut self.left] {
-            buffer.resize(whole, 0.0);
-        }
-        let (firsts, seconds) = (&mut self.x[..whole], &mut self.y[..whole]);
-        let mut count = 0;
-        // All are written, each over the last one where that does not count: whether it does is hard to foresee.
-        for ([first, second], weighs) in pairs.iter().zip(weigh) {
-            firsts[count] = *first;
-            seconds[count] = *second;
-            count += usize::from(*weighs < limit);
-        }
-        let end = count.next_multiple_of(GROUP);
-        let left = &mut self.left[..end];
-        firsts[count..end].fill(FILLING);
-        seconds[count..end].fill(FILLING);
-        Some([
-            mean(simd, (&firsts[..end], count), left, least_scale)?,
-            mean(simd, (&seconds[..end], count), left, least_scale)?,
-        ])
     }
 
     /// Sums of weight, weighted x, y, x², xy, y², value, and value times x and y.
@@ -185,41 +152,6 @@ impl Scattered {
             (Lanes::load(simd, &self.values, part) - on_plane).abs().store(&mut self.left, part);
         }
     }
-}
-
-/// Robust mean of values in whole groups; None without any. `left` is working space.
-#[inline(always)]
-fn mean<S: Simd>(
-    simd: S,
-    (values, count): (&[f32], usize),
-    left: &mut [f32],
-    least_scale: f64,
-) -> Option<Fitted<f64>> {
-    let middle = Lanes::splat(simd, median(simd, values, count)?);
-    for (values, left) in values.chunks_exact(GROUP).zip(left.chunks_exact_mut(GROUP)) {
-        for part in 0..Lanes::<S>::PARTS {
-            (Lanes::load(simd, values, part) - middle).abs().store(left, part);
-        }
-    }
-    let scale = (MEDIAN_TO_DEVIATION * median(simd, left, count)?).max(least_scale);
-    let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
-    let per_scale = Lanes::splat(simd, (scale * CUT_OFF).recip());
-    let mut out = [[0.0; GROUP]; 2];
-    for part in 0..Lanes::<S>::PARTS {
-        let (mut weights, mut sum) = (zero, zero);
-        for (values, left) in values.chunks_exact(GROUP).zip(left.chunks_exact(GROUP)) {
-            let u = Lanes::load(simd, left, part) * per_scale;
-            let kept = one - u * u;
-            let weight = u.where_below(one, kept * kept, zero);
-            weights = weights + weight;
-            sum = sum + weight * Lanes::load(simd, values, part);
-        }
-        weights.store(&mut out[0], part);
-        sum.store(&mut out[1], part);
-    }
-    let mean = f64::from(total(simd, &out[1])) / f64::from(total(simd, &out[0]));
-    let square = || square_sum(simd, values, mean) / count as f64;
-    mean.is_finite().then(|| Fitted { middle: mean, square: square(), scale })
 }
 
 /// Sum of squares of what values are away from a level, without what fills up their last group.
@@ -412,13 +344,11 @@ mod tests {
     struct Both<'a>(&'a mut Scattered);
 
     impl pulp::WithSimd for Both<'_> {
-        type Output = (Option<Fitted<Plane>>, Option<[Fitted<f64>; 2]>);
+        type Output = Option<Fitted>;
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-            let values: Vec<[f32; 2]> = self.0.values[..self.0.count].iter().map(|v| [*v, -*v]).collect();
-            let weigh: Vec<f32> = self.0.x[..values.len()].iter().map(|x| x - 3.0).collect();
-            (self.0.plane(simd, 0.1), self.0.means(simd, &values, (&weigh, 2.5), 0.1))
+            self.0.plane(simd, 0.1)
         }
     }
 
@@ -430,22 +360,17 @@ mod tests {
             let (x, y) = ((k % 7) as f32, (k / 7) as f32);
             let noise = 0.05 * (k * 37 % 11 - 5) as f32;
             let value = if k % 9 == 4 { 90.0 } else { 10.0 + 2.0 * x - y + noise };
-            scattered.offer((x, y), 0, value, true);
-            scattered.offer((x, y), 0, -7.0, false);
+            scattered.offer((x, y), value, true);
+            scattered.offer((x, y), -7.0, false);
         }
         scattered.finish();
         let plane = scattered.plane(pulp::Scalar::new(), 0.1).expect("enough");
         assert!((plane.middle - Plane::new(10.0, 2.0, -1.0)).amax() < 0.1, "{plane:?}");
         assert!(plane.square > 500.0);
-        let (_, means) = pulp::Scalar::new().vectorize(Both(&mut scattered.clone()));
-        // Without the last column.
-        let [mean, opposite] = means.expect("enough");
-        assert!((mean.middle - 11.5).abs() < 1.0 && opposite.middle == -mean.middle, "{mean:?}");
-        assert!(mean.square > 500.0, "{mean:?}");
         let again = pulp::Arch::new().dispatch(Both(&mut scattered.clone()));
         assert_eq!(again, pulp::Scalar::new().vectorize(Both(&mut scattered)));
         scattered.begin(0);
         scattered.finish();
-        assert_eq!(pulp::Arch::new().dispatch(Both(&mut scattered)), (None, None));
+        assert_eq!(pulp::Arch::new().dispatch(Both(&mut scattered)), None);
     }
 }

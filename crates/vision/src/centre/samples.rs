@@ -5,6 +5,13 @@ use super::robust::{FILLING, MEDIAN_TO_DEVIATION, median};
 use crate::patch::Patch;
 use pulp::Simd;
 
+/// Variance of a sample's noise, and what it was taken for before the fit had shown more.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Noise {
+    pub(super) variance: f64,
+    pub(super) least: f64,
+}
+
 /// A channel of a code.
 pub(super) fn combined(row: &[f64; 4], coded: &[f64; 3]) -> f64 {
     (0..3).map(|c| row[c] * coded[c]).sum::<f64>() + row[3]
@@ -13,7 +20,7 @@ pub(super) fn combined(row: &[f64; 4], coded: &[f64; 3]) -> f64 {
 /// Variance of the noise from the second difference of second differences, which passes neither slopes nor most edges
 /// (Immerkær 1996, with the median in place of the mean).
 #[inline(always)]
-pub(super) fn grain_variance<S: Simd>(simd: S, patch: &Patch, values: &mut Vec<f32>) -> f64 {
+pub(super) fn grain_variance<S: Simd>(simd: S, patch: &Patch) -> f64 {
     let (columns, rows) = (patch.columns, patch.rows);
     let count = columns.saturating_sub(2) * rows.saturating_sub(2);
     if count == 0 {
@@ -21,8 +28,7 @@ pub(super) fn grain_variance<S: Simd>(simd: S, patch: &Patch, values: &mut Vec<f
     }
     // Pixel after pixel, whatever the row: the last two of each have none, and lie above all as what fills up the last group.
     let all = (rows - 2) * columns - 2;
-    values.clear();
-    values.resize((all + 2).next_multiple_of(GROUP), FILLING);
+    let mut values = vec![FILLING; (all + 2).next_multiple_of(GROUP)];
     let whole = all / GROUP * GROUP;
     for (k, into) in values[..whole].chunks_exact_mut(GROUP).enumerate() {
         for part in 0..Lanes::<S>::PARTS {
@@ -44,7 +50,7 @@ pub(super) fn grain_variance<S: Simd>(simd: S, patch: &Patch, values: &mut Vec<f
         row[columns - 2..].fill(FILLING);
     }
     // The operator's coefficients have a square sum of 36.
-    median(simd, values, count).map_or(0.0, |m| (MEDIAN_TO_DEVIATION * m / 6.0).powi(2))
+    median(simd, &values, count).map_or(0.0, |m| (MEDIAN_TO_DEVIATION * m / 6.0).powi(2))
 }
 
 /// Second differences along a row from a pixel on.
@@ -107,7 +113,7 @@ mod tests {
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> f64 {
-            grain_variance(simd, self.0, &mut vec![7.0; 5])
+            grain_variance(simd, self.0)
         }
     }
 

@@ -57,7 +57,7 @@ impl Model {
         Normals { x, y, z: z2.sqrt(), z2 }
     }
 
-    /// First and second harmonics less their means over the disc, so that the colour stays that of the whole ball; and what the slope
+    /// First and second harmonics less their means over the disc, so that the colour remains that of the whole ball; and what the slope
     /// of each along two axes is, per pixel, as far as it matters to the centre.
     #[inline(always)]
     pub(super) fn harmonics_of<S: Simd>(&self, simd: S, normal: &Normals<S>) -> [[Lanes<S>; SHADES]; 3] {
@@ -87,9 +87,9 @@ impl Model {
 
 #[cfg(test)]
 mod tests {
+    use crate::centre::constants::{FOURTH_STD, LIGHT_STD, SHADE_STD};
     use crate::centre::lanes::Lanes;
     use crate::centre::model::{EDGE, Model, Parameters};
-    use crate::centre::{FOURTH_STD, LIGHT_STD, SHADE_STD};
     use crate::outline::Outline;
     use pulp::Scalar;
 

@@ -1,26 +1,25 @@
-//! What is known of one thing that is followed.
+//! What is known of one object that is followed.
 
 use super::Track;
 use super::motion::Motion;
-use crate::centre::Foreseen;
 use crate::color::to_linear;
 use crate::detect::Expected;
 use crate::optics::Known;
 use crate::{Detection, Vector2};
 
-/// Change of size or brightness between sightings beyond which it is another thing: half a stop of shade, or the range
+/// Change of size or brightness between detections beyond which it is another object: half a stop of shade, or the range
 /// changing by half.
 const MOST_CHANGE: f64 = 1.6;
-/// Sightings over which apparent radius and brightness are averaged: a third of a second of video. Both change with the place.
+/// Detections over which apparent radius and brightness are averaged: a third of a second of video. Both change with the place.
 const MEMORY: u32 = 10;
 /// Standard deviation of the change of the range from frame to frame, as a part of it: a metre a second at six metres
 /// and thirty frames a second.
 const RADIUS_CHANGE: f64 = 0.005;
 
-/// Frames without a diameter of motion after which a ball counts as one that stays: a second or two of video.
-const STAYS_FRAMES: u64 = 45;
+/// Frames without a diameter of motion after which a ball counts as static: a second or two of video.
+const STATIC_FRAMES: u64 = 45;
 
-/// What is known of one thing.
+/// What is known of one object.
 #[derive(Debug, Clone)]
 pub(super) struct TrackState {
     pub(super) color: usize,
@@ -28,7 +27,7 @@ pub(super) struct TrackState {
     pub(super) last: Detection,
     motion: Motion,
     pub(super) missed: u32,
-    /// Whether it is yet to be looked for in the frame that is being told.
+    /// Whether it is yet to be looked for in this frame.
     pub(super) waits: bool,
     /// Sum of the linear colours seen, for the mean.
     pub(super) colors: [f32; 3],
@@ -36,8 +35,6 @@ pub(super) struct TrackState {
     pub(super) mean_radius_px: f64,
     mean_brightness: f32,
     pub(super) expected: Option<Expected>,
-    /// Its fit in the next frame.
-    pub(super) foreseen: Box<Foreseen>,
     /// Where it was when it last had moved by a diameter or had not been seen before, and in which frame it had moved.
     pub(super) place: Vector2<f64>,
     pub(super) moved_at: u64,
@@ -58,7 +55,6 @@ impl TrackState {
             mean_radius_px: 0.0,
             mean_brightness: 0.0,
             expected: None,
-            foreseen: Box::default(),
             place: ball.pixel,
             moved_at: frame,
             has_moved: false,
@@ -67,20 +63,20 @@ impl TrackState {
         track
     }
 
-    pub(super) fn sighting(&self, frame: u64) -> Track {
-        let is_static = frame - self.moved_at > STAYS_FRAMES;
+    pub(super) fn track(&self, frame: u64) -> Track {
+        let is_static = frame - self.moved_at > STATIC_FRAMES;
         Track { color: self.color, id: self.id, detection: self.last, is_static, is_preferred: false }
     }
 
     pub(super) fn is_moving(&self, frame: u64) -> bool {
-        self.has_moved && frame - self.moved_at <= STAYS_FRAMES
+        self.has_moved && frame - self.moved_at <= STATIC_FRAMES
     }
 
     /// Where to look and how far around.
     pub(super) fn search(&self) -> (Vector2<f64>, f64) {
-        // Room for the ball with its rim, and for the motion that is not foreseen: another diameter a frame.
+        // Room for the ball with its rim, and for the motion that is not predicted: another diameter a frame.
         (
-            self.motion.foreseen(self.missed + 1),
+            self.motion.predicted(self.missed + 1),
             2.0 * self.mean_radius_px * (1.5 + f64::from(self.missed)) + 2.0,
         )
     }
@@ -91,8 +87,8 @@ impl TrackState {
         let known = expected.radius_px;
         let change_px = RADIUS_CHANGE * f64::from(self.missed + 1) * known.mean;
         let radius_px = Known { variance: known.variance + change_px * change_px, ..known };
-        let (pixel, off_px) = (self.motion.is_known().then_some(middle), self.motion.error_px());
-        Some(Expected { radius_px, pixel, off_px, ..expected })
+        let pixel = self.motion.is_known().then_some(middle);
+        Some(Expected { radius_px, pixel, ..expected })
     }
 
     /// Whether a ball is of about the size and brightness of the one followed.
@@ -105,7 +101,7 @@ impl TrackState {
 
     pub(super) fn advance(&mut self, ball: Detection, frame: u64) {
         self.motion.advance(ball.pixel, self.missed + 1);
-        // Flecks of a thing that stays come and go, one here and one there: what moves is followed from here to there, and is there in
+        // Flecks of a static object come and go, one here and one there: what moves is followed from here to there, and is there in
         // the next frame, too.
         if self.missed > 0 {
             self.place = ball.pixel;

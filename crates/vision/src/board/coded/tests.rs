@@ -86,7 +86,7 @@ fn a_whole_board_is_found_whichever_side_is_up() {
 }
 
 #[test]
-fn a_part_of_a_board_is_told_from_its_markers() {
+fn a_part_of_a_board_is_recognised_by_its_markers() {
     let board = CodedBoard::new((9, 7), 0.75, "DICT_4X4_50").unwrap();
     let view = View { turn: 0.3, side_px: 60.0, at: Vector2::new(-70.0, -150.0) };
     // A hand before the middle of what is in view.

@@ -1,0 +1,176 @@
+//! Second stage of a fit: what is behind a ball, from what is seen around it: mean and covariance of the background at each
+//! pixel that the ball covers in part.
+//!
+//! Brightness: a plane, fitted robustly, and on it clutter (an arm, a skid, an edge of the wall) as a random field whose
+//! variance is that of what the plane leaves around the ball ([`super::krige`]). Where nothing but noise is left on the
+//! plane, the plane is taken as it is.
+//!
+//! Colour differences: a robust plane each; clutter is mostly grey, and they are coarse.
+
+use super::cholesky::Banded;
+use super::constants::CLEAR;
+use super::curve::decode_one;
+use super::disc::Disc;
+use super::krige::{Kriging, LEAST_CLUTTER, Spread};
+use super::layout::Layout;
+use super::places::Places;
+use super::policy::FitPolicy;
+use super::robust::{Fitted, Plane, Scattered, on};
+use crate::patch::Patch;
+use pulp::Simd;
+
+/// Width of the ring that is looked at beyond the ball's blurred rim, in edge widths: correlation beyond it is e⁻⁴.
+const RING_EDGES: f64 = 4.0;
+/// Least standard deviation of colours: half a level is what rounding leaves of a uniform wall.
+const LEAST_COLOR_STD: f64 = 0.5;
+
+/// The background of one ball.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Background {
+    kriging: Kriging,
+    /// Robust planes of brightness and colours over the patch, from the disc's middle.
+    plane: Plane,
+    colors: [Plane; 2],
+    middle: (f64, f64),
+    pub(super) color_variance: [f64; 2],
+    /// Covariance of the brightness expected behind the rim, in the rim's order; empty without clutter.
+    pub(super) covariance: Banded,
+    /// Standard deviation of all clutter around, and of that near each pixel and each block in use.
+    clutter: f64,
+    pub(super) near: Vec<f32>,
+    pub(super) color_near: Vec<f32>,
+    /// Pixels in use and shared ones, with the light behind the ball there.
+    pub(super) places: Places,
+}
+
+impl Background {
+    /// Estimates the background around the disc; None with too few free pixels.
+    #[inline(always)]
+    pub(super) fn new<S: Simd>(
+        simd: S,
+        patch: &Patch,
+        (layout, disc): (&Layout, &Disc),
+        (noise_variance, policy): (f64, FitPolicy),
+    ) -> Option<Self> {
+        let mut scattered = Scattered::default();
+        let reach_px = disc.radius_px + (3.0 + RING_EDGES) * disc.edge_px;
+        let free = Free { patch, middle: (disc.x_px, disc.y_px), reach_px2: (reach_px * reach_px) as f32 };
+        free.brightness(&layout.covered, &mut scattered);
+        let Fitted { middle: plane, square } = scattered.plane(simd, noise_variance.sqrt())?;
+        let colors = [0, 1].map(|channel| {
+            free.colors(&layout.color_covered, channel, &mut scattered);
+            scattered.plane(simd, LEAST_COLOR_STD)
+        });
+        let [Some(across), Some(along)] = colors else { return None };
+        let mut background = Self {
+            plane,
+            middle: free.middle,
+            colors: [across.middle, along.middle],
+            color_variance: [across.square, along.square],
+            clutter: (square - noise_variance).max(0.0).sqrt(),
+            ..Self::default()
+        };
+        let level = |(x, y): (f64, f64)| on(&plane, x - free.middle.0, y - free.middle.1) as f32;
+        let mut mean: Vec<f32> = layout.rim.iter().map(|i| level(patch.place(*i as usize))).collect();
+        let is_cluttered = square - noise_variance > LEAST_CLUTTER * noise_variance;
+        if is_cluttered {
+            let spread = Spread { clutter: background.clutter, noise_variance };
+            background.kriging = Kriging::new(policy);
+            let around = (&layout.rim[..], &layout.covered[..]);
+            background.kriging.weigh(simd, (patch, disc.edge_px, spread), around, level)?;
+            background.kriging.predict(simd, spread.clutter, &mut mean)?;
+            background.kriging.correlate(&mut background.covariance);
+        }
+        background.find_near(patch, layout, noise_variance, policy.clutter_by_place && is_cluttered);
+        background.light_up(simd, patch, layout, &mean);
+        Some(background)
+    }
+
+    /// Standard deviation of the clutter near each pixel and each block in use: that of all around where it is not looked at by place,
+    /// or nothing near is free.
+    fn find_near(&mut self, patch: &Patch, layout: &Layout, noise_variance: f64, by_place: bool) {
+        let all = self.clutter;
+        let near = |pixel: usize| {
+            let here = || self.kriging.clutter_near(patch, pixel, noise_variance);
+            by_place.then(here).flatten().unwrap_or(all) as f32
+        };
+        self.near = layout.used.iter().map(|pixel| near(*pixel as usize)).collect();
+        self.color_near =
+            layout.blocks.iter().map(|block| near(patch.first_pixel(*block as usize))).collect();
+    }
+
+    /// Sets the light behind the ball, of this mean brightness behind its rim.
+    #[inline(always)]
+    fn light_up<S: Simd>(&mut self, simd: S, patch: &Patch, layout: &Layout, mean: &[f32]) {
+        for index in layout.used.iter().chain(&layout.shared) {
+            self.places.push(patch.place(*index as usize));
+        }
+        self.places.finish();
+        let (x, y) = self.middle;
+        let colors = self.colors.map(|plane| [on(&plane, -x, -y), plane.y, plane.z]);
+        self.places.light_up_first(simd, patch, mean, &colors);
+        // So little of it is seen there that it may be taken as it is on average, but not as any.
+        let around = patch.coded(self.around().map(|value| value as f32)).map(decode_one);
+        self.places.light_up_from(mean.len(), &around);
+        self.places.decode(simd);
+    }
+
+    /// Standard deviation of what is predicted at each rim pixel; empty without clutter.
+    pub(super) fn deviation(&self) -> &[f32] {
+        self.kriging.deviation()
+    }
+
+    /// Brightness and colour differences in the middle.
+    pub(super) fn around(&self) -> [f64; 3] {
+        [self.plane.x, self.colors[0].x, self.colors[1].x]
+    }
+
+    /// Colour differences expected behind the ball at a place.
+    #[inline(always)]
+    pub(super) fn colors_at(&self, (x_px, y_px): (f64, f64)) -> [f64; 2] {
+        self.colors.map(|plane| on(&plane, x_px - self.middle.0, y_px - self.middle.1))
+    }
+}
+
+/// The samples near a disc but free of it.
+struct Free<'a> {
+    patch: &'a Patch,
+    middle: (f64, f64),
+    reach_px2: f32,
+}
+
+impl Free<'_> {
+    #[inline(always)]
+    fn brightness(&self, covered: &[f32], out: &mut Scattered) {
+        let patch = self.patch;
+        out.begin(patch.bright.len());
+        let rows = patch.bright.chunks_exact(patch.columns).zip(covered.chunks_exact(patch.columns));
+        for (row, (values, covered)) in rows.enumerate() {
+            let y = (row as f64 - self.middle.1) as f32;
+            for (column, (value, covered)) in values.iter().zip(covered).enumerate() {
+                let x = (column as f64 - self.middle.0) as f32;
+                let counts = (*covered < CLEAR) & (x * x + y * y < self.reach_px2);
+                out.offer((x, y), *value, counts);
+            }
+        }
+        out.finish();
+    }
+
+    #[inline(always)]
+    fn colors(&self, covered: &[f32], channel: usize, out: &mut Scattered) {
+        let patch = self.patch;
+        out.begin(patch.colors.len());
+        let rows =
+            patch.colors.chunks_exact(patch.block_columns).zip(covered.chunks_exact(patch.block_columns));
+        for (row, (values, covered)) in rows.enumerate() {
+            let (left, y) = patch.block_place(row * patch.block_columns);
+            let (left, y) = ((left - self.middle.0) as f32, (y - self.middle.1) as f32);
+            for (column, (value, covered)) in values.iter().zip(covered).enumerate() {
+                let x = left + (column * patch.step) as f32;
+                let counts = (*covered < CLEAR) & (x * x + y * y < self.reach_px2);
+                out.offer((x, y), value[channel], counts);
+            }
+        }
+        out.finish();
+    }
+}

@@ -1,0 +1,97 @@
+//! Third stage of a fit: what the model shows at each sample in use, its derivatives, and the residuals.
+
+use super::background::Background;
+use super::lanes::GROUP;
+use super::layout::Layout;
+use super::model::{EDGE, Model, NO_COLUMNS, NOTHING, Row, SITING, Shown, Values, WIDTH, add_scaled};
+use super::samples::visit;
+use crate::patch::Patch;
+use pulp::Simd;
+
+/// Residuals and derivatives where the model is.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Linearized {
+    /// What each pixel in use and each that is shared shows, and its derivatives.
+    pub(super) values: Values,
+    pub(super) shown: Vec<Shown>,
+    /// Residuals of the brightness of each pixel in use, and of both colours of each block.
+    pub(super) residuals: Vec<f32>,
+    pub(super) color_residuals: Vec<[f32; 2]>,
+    /// Derivatives of both colours of each block: means over its pixels.
+    pub(super) color_rows: Vec<[Row; 2]>,
+    /// Width of the model's edge.
+    pub(super) edge_px: f64,
+}
+
+impl Linearized {
+    /// Forms them in the buffers of an earlier one.
+    #[inline(always)]
+    pub(super) fn at<S: Simd>(
+        mut self,
+        simd: S,
+        patch: &Patch,
+        (layout, background): (&Layout, &Background),
+        model: &Model,
+    ) -> Self {
+        let pixels = layout.used.len() + layout.shared.len();
+        self.edge_px = model.p[EDGE];
+        self.shown.resize(pixels, NOTHING);
+        self.values.make_room(pixels);
+        let mut columns = NO_COLUMNS;
+        for (group, shown) in self.shown.chunks_mut(GROUP).enumerate() {
+            let (places, out) = ((&background.places, GROUP * group), (shown, &mut self.values));
+            model.show(simd, places, &patch.from_coded, &mut columns, out);
+        }
+        let constant = patch.from_coded.map(|row| row[3] as f32);
+        self.residuals.clear();
+        let both = layout.used.iter().zip(&self.values.channels[0]);
+        self.residuals.extend(both.map(|(used, value)| patch.bright[*used as usize] - value - constant[0]));
+        self.color_residuals.clear();
+        self.color_rows.clear();
+        for block in &layout.blocks {
+            let (values, rows) = self.color_of(patch, (layout, background), *block as usize, model.p[SITING]);
+            self.color_rows.push(rows);
+            let seen = patch.colors[*block as usize];
+            self.color_residuals.push([0, 1].map(|k| seen[k] - values[k] - constant[k + 1]));
+        }
+        self
+    }
+
+    /// Colour differences of a block, less their constants, and their derivatives.
+    #[inline(always)]
+    fn color_of(
+        &self,
+        patch: &Patch,
+        (layout, background): (&Layout, &Background),
+        block: usize,
+        siting_px: f64,
+    ) -> ([f32; 2], [Row; 2]) {
+        let channels = &self.values.channels;
+        if patch.step == 1
+            && let Some(place) = layout.place(block)
+        {
+            let [_, across, along] = self.shown[place];
+            return ([channels[1][place], channels[2][place]], [across, along]);
+        }
+        let (mut values, mut rows) = ([0.0; 2], [[0.0; WIDTH]; 2]);
+        visit(patch, block, siting_px, |pixel, weight, by_siting| {
+            let shown = match layout.place(pixel) {
+                Some(place) => {
+                    for (row, channel) in rows.iter_mut().zip(&self.shown[place][1..]) {
+                        add_scaled(row, channel, weight);
+                    }
+                    [channels[1][place], channels[2][place]]
+                }
+                None => {
+                    let free = background.colors_at(patch.place(pixel));
+                    [0, 1].map(|k| (free[k] - patch.from_coded[k + 1][3]) as f32)
+                }
+            };
+            for ((value, row), shown) in values.iter_mut().zip(&mut rows).zip(shown) {
+                *value += weight * shown;
+                row[SITING] += by_siting * shown;
+            }
+        });
+        (values, rows)
+    }
+}

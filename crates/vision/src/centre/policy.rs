@@ -1,0 +1,24 @@
+//! What a fit may take its time for.
+
+/// How a ball is fitted: in a film many times a second, in a still once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct FitPolicy {
+    /// Steps after which a fit is given up.
+    pub(super) most_steps: usize,
+    /// Whether clutter is looked at by place: followed along lines behind the ball's rim, such as a rod that ends at it, and looked
+    /// for before its face.
+    pub(super) clutter_by_place: bool,
+}
+
+impl FitPolicy {
+    /// For a ball that is followed through a film.
+    pub(crate) const FILM: Self = Self { most_steps: 16, clutter_by_place: false };
+    /// For a still, for three times the work.
+    pub(crate) const STILL: Self = Self { most_steps: 24, clutter_by_place: true };
+}
+
+impl Default for FitPolicy {
+    fn default() -> Self {
+        Self::FILM
+    }
+}

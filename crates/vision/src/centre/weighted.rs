@@ -1,0 +1,271 @@
+//! Fourth stage of a fit: samples with unit variance, from which the step follows.
+
+use super::cholesky::{BAND, Banded};
+use super::lanes::{GROUP, Lanes, total};
+use super::model::{COUNT, EDGE, Model, Parameters, RESIDUAL, Row, WIDTH};
+use super::normal::Normal;
+use super::occluder::{OCCLUDED, probabilities};
+use super::policy::FitPolicy;
+use super::robust::biweight;
+use super::samples::Noise;
+use super::stages::Stages;
+use super::trust::Trust;
+use crate::optics::Known;
+use pulp::Simd;
+
+/// Weight at which a sample no longer counts.
+const LEAST_TRUST: f32 = 1e-3;
+/// Area over which clutter is alike, in squared edge widths: the integral of the correlation of blurred white noise. What is
+/// taken as independent from pixel to pixel but is not has its variance times the area, so that a mean over many is right.
+const ALIKE: f64 = 4.0 * std::f64::consts::PI;
+/// Clutter is taken to have half the brightness of the wall, so that one of a given variance hides this many times its
+/// relative strength of the ball's colour, as long as nothing is seen before the ball.
+const HIDES: f32 = 2.0;
+/// Number of samples that the guess of the noise counts for.
+const NOISE_WEIGHT: f64 = 20.0;
+/// Least variance of a code: rounding to whole levels.
+const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
+/// Parameters that the samples determine in the main: place, radius, colour and shading's slopes.
+const DETERMINED: f64 = 8.0;
+
+/// Samples of unit variance.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Weighted {
+    /// Variance of each pixel in use as far as it is independent of the others.
+    variance: Vec<f32>,
+    /// Weight of each pixel in use and, behind these, of each block.
+    believed: Vec<f32>,
+    /// One over the standard deviation of each block's colours.
+    color_scale: Vec<[f32; 2]>,
+    factor: Banded,
+    /// Derivatives and residual: brightness of the pixels in use, then both colours of each block.
+    rows: Vec<Row>,
+}
+
+/// What a step leaves of each sample's whitened residual, and of the brightness of each pixel in use.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Left {
+    pub(super) whitened: Vec<f32>,
+    pub(super) bright: Vec<f32>,
+}
+
+/// Fifth stage: the step that the equations ask for, its squared length in standard deviations, and their factor.
+pub(super) struct Solved {
+    pub(super) change: Parameters,
+    pub(super) length: f64,
+    pub(super) normal: Normal,
+}
+
+impl Weighted {
+    /// Forms them in the buffers of an earlier one; None where what is behind the ball has no covariance.
+    #[inline(always)]
+    pub(super) fn form<S: Simd>(
+        mut self,
+        simd: S,
+        stages: &Stages<'_>,
+        (trust, noise, policy): (&Trust, &Noise, FitPolicy),
+    ) -> Option<Self> {
+        let alike_px =
+            if policy.clutter_by_place { (ALIKE * stages.linearized.edge_px.powi(2)) as f32 } else { 1.0 };
+        self.weigh_pixels(stages, trust, noise, alike_px);
+        self.weigh_blocks(stages, trust, noise, alike_px);
+        let covariance = &stages.background.covariance;
+        let stretched = covariance.len();
+        let mut open = stages.linearized.values.open[..stretched].to_vec();
+        open.resize(stretched + BAND, 0.0);
+        self.factor.copy(simd, covariance, &open, &self.variance);
+        self.factor.factor(simd).then_some(())?;
+        self.whiten(simd, stages, stretched);
+        Some(self)
+    }
+
+    #[inline(always)]
+    fn whiten<S: Simd>(&mut self, simd: S, stages: &Stages<'_>, stretched: usize) {
+        let of = stages.linearized;
+        let pixels = of.residuals.len();
+        self.rows.resize(pixels + 2 * of.color_rows.len(), [0.0; WIDTH]);
+        let (bright, colors) = self.rows.split_at_mut(pixels);
+        let values = of.shown.iter().zip(&of.residuals).zip(&self.variance);
+        for (place, (out, ((shown, residual), variance))) in bright.iter_mut().zip(values).enumerate() {
+            let scale = if place < stretched { 1.0 } else { variance.sqrt().recip() };
+            set_scaled(out, (&shown[0], *residual), scale);
+        }
+        self.factor.whiten(simd, &mut bright[..stretched]);
+        let rows = of.color_rows.as_flattened().iter().zip(of.color_residuals.as_flattened());
+        for ((out, (row, residual)), scale) in
+            colors.iter_mut().zip(rows).zip(self.color_scale.as_flattened())
+        {
+            set_scaled(out, (row, *residual), *scale);
+        }
+    }
+
+    #[inline(always)]
+    fn weigh_pixels(&mut self, stages: &Stages<'_>, trust: &Trust, noise: &Noise, alike_px: f32) {
+        let noise = noise.variance as f32;
+        self.variance.clear();
+        self.believed.clear();
+        for ((place, pixel), near) in stages.pixels().zip(&stages.background.near) {
+            let covered = stages.linearized.values.covered[place];
+            let occluder = trust.occluded[pixel] * (near * covered).powi(2);
+            let believed = trust.weight[pixel].max(LEAST_TRUST);
+            self.variance.push((noise + alike_px * occluder) / believed);
+            self.believed.push(believed);
+        }
+    }
+
+    #[inline(always)]
+    fn weigh_blocks(&mut self, stages: &Stages<'_>, trust: &Trust, noise: &Noise, alike_px: f32) {
+        let Stages { patch, layout, background, linearized } = stages;
+        let noise = noise.variance as f32;
+        let alike = (alike_px / (patch.step * patch.step) as f32).max(1.0);
+        let level = (background.around()[0] - patch.from_coded[0][3]) as f32;
+        let level = level.abs().max(noise.sqrt());
+        // Noise there is no clutter.
+        let clutter = background.color_variance.map(|all| (all as f32 - noise).max(0.0));
+        self.color_scale.clear();
+        for (place, block) in stages.blocks() {
+            let likelier = trust.occluded_block(patch, block) / OCCLUDED;
+            let hidden = (likelier * (HIDES * background.color_near[place] / level).powi(2)).min(1.0);
+            let covered = layout.color_covered[block];
+            let believed = trust.block_weight[block].max(LEAST_TRUST);
+            self.believed.push(believed);
+            self.color_scale.push([0, 1].map(|k| {
+                let residual = linearized.color_residuals[place][k];
+                let value = patch.colors[block][k] - residual - patch.from_coded[k + 1][3] as f32;
+                let behind = (1.0 - covered).powi(2) * clutter[k];
+                let variance = noise + alike * (hidden * (covered * value).powi(2) + behind);
+                (believed / variance).sqrt()
+            }));
+        }
+    }
+
+    /// The step by these samples and by what is known beforehand; None where the information is not positive definite.
+    #[inline(always)]
+    pub(super) fn solve<S: Simd>(&self, simd: S, model: &Model, prior: &[Known; COUNT]) -> Option<Solved> {
+        let mut normal = Normal::default();
+        normal.set(simd, &self.rows);
+        for (i, known) in prior.iter().enumerate() {
+            normal.add_known(i, known.variance.recip(), known.mean - model.p[i]);
+        }
+        if model.is_sharpest() && normal.pull(EDGE) < 0.0 {
+            normal.hold(EDGE);
+        }
+        let (change, length) = normal.solve()?;
+        Some(Solved { change, length, normal })
+    }
+
+    /// What a step leaves of all residuals.
+    #[inline(always)]
+    pub(super) fn left<S: Simd>(&self, simd: S, stages: &Stages<'_>, step: &Parameters) -> Left {
+        let mut filled: Row = [0.0; WIDTH];
+        filled.iter_mut().zip(step).for_each(|(out, change)| *out = *change as f32);
+        let linearized = stages.linearized;
+        let mut left = Left::default();
+        left.whitened.reserve(self.rows.len());
+        for row in &self.rows {
+            left.whitened.push(row[RESIDUAL] - along(simd, row, &filled));
+        }
+        left.bright.reserve(linearized.residuals.len());
+        for (residual, shown) in linearized.residuals.iter().zip(&linearized.shown) {
+            left.bright.push(residual - along(simd, &shown[0], &filled));
+        }
+        left
+    }
+
+    /// Sets the trust in each sample from what a step leaves of its residual.
+    #[inline(always)]
+    pub(super) fn set_trust(
+        &self,
+        stages: &Stages<'_>,
+        left: &Left,
+        (trust, noise, policy): (&mut Trust, &Noise, FitPolicy),
+    ) {
+        let mut spoiled = Vec::new();
+        let deviation = stages.background.deviation();
+        for (place, pixel) in stages.pixels() {
+            if trust.glare.reaches(pixel) {
+                continue;
+            }
+            let own = self.variance[place] * self.believed[place];
+            let behind = deviation.get(place).map_or(0.0, |std| stages.linearized.values.open[place] * std);
+            trust.pixels[pixel] = biweight(left.bright[place].powi(2) / (own + behind * behind));
+            if trust.pixels[pixel] == 0.0 {
+                spoiled.push(pixel as u32);
+            }
+        }
+        let pixels = stages.layout.used.len();
+        for (place, block) in stages.blocks() {
+            if trust.glare.reaches_block(stages.patch, block) {
+                continue;
+            }
+            let residuals = &left.whitened[pixels + 2 * place..][..2];
+            let worst = residuals[0].abs().max(residuals[1].abs());
+            trust.blocks[block] = biweight(worst * worst / self.believed[pixels + place]);
+            if trust.blocks[block] == 0.0 && stages.patch.step == 1 {
+                spoiled.push(block as u32);
+            }
+        }
+        trust.weigh(stages.patch, &spoiled);
+        // In a film clutter is not looked at by place.
+        if policy.clutter_by_place && !std::mem::replace(&mut trust.is_occlusion_decided, true) {
+            probabilities(stages, &left.bright, noise.variance, &mut trust.occluded);
+        }
+    }
+
+    /// Variance of a sample's noise, from what is left of all by their weights.
+    #[inline(always)]
+    pub(super) fn noise_variance(
+        &self,
+        stages: &Stages<'_>,
+        left: &Left,
+        trust: &Trust,
+        noise: &Noise,
+    ) -> f64 {
+        let (mut chi_square, mut count) = (0.0, 0.0);
+        let pixels = stages.layout.used.len();
+        for (place, pixel) in stages.pixels() {
+            let weight = trust.weight[pixel];
+            chi_square += left.whitened[place].powi(2) * weight / self.believed[place];
+            count += weight;
+        }
+        for (place, block) in stages.blocks() {
+            let weight = trust.block_weight[block];
+            let squares: f32 = left.whitened[pixels + 2 * place..][..2].iter().map(|v| v * v).sum();
+            chi_square += squares * weight / self.believed[pixels + place];
+            count += 2.0 * weight;
+        }
+        let free = (f64::from(count) - DETERMINED).max(0.0);
+        let seen = NOISE_WEIGHT * noise.least + f64::from(chi_square) * noise.variance;
+        (seen / (NOISE_WEIGHT + free)).max(ROUNDING_VARIANCE)
+    }
+
+    /// Sum over both colours of what is left of a block, squared.
+    pub(super) fn color_square(&self, left: &Left, place: usize) -> f32 {
+        let first = left.bright.len() + 2 * place;
+        (0..2).map(|k| (left.whitened[first + k] / self.color_scale[place][k]).powi(2)).sum()
+    }
+}
+
+/// Sets a row, with its residual behind it, to a multiple of another.
+#[inline(always)]
+fn set_scaled(out: &mut Row, (row, residual): (&Row, f32), scale: f32) {
+    for (out, value) in out.iter_mut().zip(row) {
+        *out = value * scale;
+    }
+    out[RESIDUAL] = residual * scale;
+}
+
+/// The amount by which a step changes a sample; the step is filled up with zeros.
+#[inline(always)]
+fn along<S: Simd>(simd: S, row: &Row, step: &Row) -> f32 {
+    let mut sums = [0.0; GROUP];
+    for part in 0..Lanes::<S>::PARTS {
+        let of = |values: &Row, group: usize| Lanes::load(simd, values, group * Lanes::<S>::PARTS + part);
+        let mut sum = of(row, 0) * of(step, 0);
+        for group in 1..WIDTH / GROUP {
+            sum = of(row, group).mul_add(of(step, group), sum);
+        }
+        sum.store(&mut sums, part);
+    }
+    total(simd, &sums)
+}
