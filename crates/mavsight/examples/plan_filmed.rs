@@ -1,14 +1,10 @@
-//! Is the predicted error of a pose the one that is achieved? Cameras in the virtual room are calibrated from stills
-//! of the control frame; then the aircraft, on a short way somewhere in the volume, is detected and measured.
+//! Is the predicted error of a pose the one that is achieved? Films of the virtual room, calibrated from stills.
 //!
 //! `cargo run --release -p mavsight --example plan_filmed -- 40 5`: calibrations a rig, and frames after each;
 //! `-- 40 5 130 1001` films one rig alone, from the 1001st set-up on. For each set-up the cameras move by some
-//! tenths of a metre, so that the backgrounds of the balls, and with them their systematic errors, differ.
-//! Balls are out of round by what the stated covariances allow for ([`MODEL_STD`]).
-//!
-//! The prediction knows the places of cameras, control points and markers, and stated precisions of centres: of each
-//! centre of the films; ten equally likely ones, as a plan has them; and those of the rig at 90°. Truth is used
-//! only to choose ways on which the aircraft hides no ball from a camera.
+//! tenths of a metre, so that backgrounds, and with them systematic errors, differ. Balls are out of round by
+//! what the stated covariances allow for ([`MODEL_STD`]). The prediction knows the rig, the markers and stated
+//! precisions of centres; truth only chooses ways on which the aircraft hides no ball.
 
 use mavsight::flight::Vehicle;
 use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3, world_from_body};
