@@ -1,10 +1,11 @@
-//! Is the predicted error of a pose the one that is achieved? Films of the virtual room, calibrated from stills.
+//! Is the predicted error of a pose the one that is achieved? Films of the virtual room, calibrated from
+//! stills.
 //!
-//! `cargo run --release -p mavsight --example plan_filmed -- 40 5`: calibrations a rig, and frames after each;
-//! `-- 40 5 130 1001` films one rig alone, from the 1001st set-up on. For each set-up the cameras move by some
-//! tenths of a metre, so that backgrounds, and with them systematic errors, differ. Balls are out of round by
-//! what the stated covariances allow for ([`MODEL_STD`]). The prediction knows the rig, the markers and stated
-//! precisions of centres; truth only chooses ways on which the aircraft hides no ball.
+//! `cargo run --release -p mavsight --example plan_filmed -- 40 5`: calibrations a rig, and frames after
+//! each; `-- 40 5 130 1001` films one rig alone, from the 1001st set-up on. For each set-up the cameras move
+//! by some tenths of a metre, so that backgrounds, and with them systematic errors, differ. Balls are out of
+//! round by what the stated covariances allow for ([`MODEL_STD`]). The prediction knows the rig, the markers
+//! and stated precisions of centres; truth only chooses ways on which the aircraft hides no ball.
 
 use mavsight::flight::Vehicle;
 use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3, world_from_body};

@@ -1,8 +1,8 @@
 //! `docs/session.md` has every key of every input file, and no other.
 //!
-//! Each file's example is read by the program's own types. Then a key that is not known is put into each of its tables:
-//! the parser's answer lists all keys that it knows there, which must be those of the page. In the same way a word that is
-//! not known in place of a text lists all words that it may be.
+//! Each file's example is read by the program's own types. Then a key that is not known is put into each of
+//! its tables: the parser's answer lists all keys that it knows there, which must be those of the page. In
+//! the same way a word that is not known in place of a text lists all words that it may be.
 
 use assert_cmd::Command;
 use mavsight_flight::Vehicle;

@@ -57,10 +57,11 @@ struct Grey {
 
 /// All `columns` by `rows` inner corners of a chessboard, row by row; `None` where not all of them are seen.
 ///
-/// Corners are the maxima of the response of Bennett & Lasenby (2014), joined to a lattice from the strongest on, and
-/// refined to the point where image gradients are at right angles to the directions towards it (Foerstner & Guelch 1987), with a
-/// covariance from the residuals. The first corner is such that x runs along a row and y from row to row, clockwise as seen;
-/// where the numbers of columns and rows differ in parity, it is the one whose outer square is dark.
+/// Corners are the maxima of the response of Bennett & Lasenby (2014), joined to a lattice from the strongest
+/// on, and refined to the point where image gradients are at right angles to the directions towards it
+/// (Foerstner & Guelch 1987), with a covariance from the residuals. The first corner is such that x runs
+/// along a row and y from row to row, clockwise as seen; where the numbers of columns and rows differ in
+/// parity, it is the one whose outer square is dark.
 pub fn find_board(frame: &Frame, columns: usize, rows: usize) -> Option<Vec<BoardCorner>> {
     let grey = Grey::of(frame);
     let corners = candidates(&grey);
@@ -125,7 +126,8 @@ impl Grey {
     }
 }
 
-/// How much a pixel is like a corner of a chessboard: opposite sides alike, quarters apart unlike, and the middle like the ring.
+/// How much a pixel is like a corner of a chessboard: opposite sides alike, quarters apart unlike, and the
+/// middle like the ring.
 fn response(grey: &Grey, x: usize, y: usize) -> f32 {
     let ring = RING.map(|(dx, dy)| grey.at(x.wrapping_add_signed(dx), y.wrapping_add_signed(dy)));
     let sum: f32 = (0..4).map(|k| (ring[k] + ring[k + 8] - ring[k + 4] - ring[k + 12]).abs()).sum();

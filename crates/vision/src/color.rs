@@ -1,8 +1,8 @@
 //! Colours of balls, compared in a way that neither shading nor white light nor a neutral background changes.
 //!
-//! Shading multiplies linear RGB; a pixel that only partly shows the ball, and a glossy or hazy one, adds nearly
-//! neutral light. Both leave the direction within the plane perpendicular to the grey axis, the hue, where it is.
-//! So a hue is compared as an angle in that plane, and saturation serves only as a floor.
+//! Shading multiplies linear RGB; a pixel that only partly shows the ball, and a glossy or hazy one, adds
+//! nearly neutral light. Both leave the direction within the plane perpendicular to the grey axis, the hue,
+//! where it is. So a hue is compared as an angle in that plane, and saturation serves only as a floor.
 
 use crate::VisionError;
 use std::sync::LazyLock;
@@ -18,20 +18,20 @@ pub struct BallColor {
 
 /// Smallest angle between two hues, degrees.
 ///
-/// Noise of two grey levels turns the hue of one pixel of a ball by about two degrees, that of the nine pixels inside
-/// the smallest ball by 0.7; the half angle must hold four standard deviations of that.
+/// Noise of two grey levels turns the hue of one pixel of a ball by about two degrees, that of the nine
+/// pixels inside the smallest ball by 0.7; the half angle must hold four standard deviations of that.
 pub(crate) const LEAST_HUE_APART_DEG: f64 = 6.0;
 
-/// Furthest that a surface's hue is taken to move with the colour of the light (lamp to daylight) and neighbours'
-/// reflections, degrees.
+/// Furthest that a surface's hue is taken to move with the colour of the light (lamp to daylight) and
+/// neighbours' reflections, degrees.
 const GREATEST_HUE_CHANGE_DEG: f64 = 25.0;
 
-/// Saturation (one less the ratio of weakest to strongest linear channel) from which a pixel shows more ball than
-/// neutral light.
+/// Saturation (one less the ratio of weakest to strongest linear channel) from which a pixel shows more ball
+/// than neutral light.
 pub(crate) const LEAST_PURITY: f32 = 0.5;
 
-/// Chroma in linear light that stands out of the noise: four deviations of two grey levels at the dark end, where a
-/// level is 0.0025 at most.
+/// Chroma in linear light that stands out of the noise: four deviations of two grey levels at the dark end,
+/// where a level is 0.0025 at most.
 pub(crate) const LEAST_CHROMA: f32 = 0.02;
 
 /// sRGB code to linear light (IEC 61966-2-1).
@@ -43,7 +43,8 @@ static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
     })
 });
 
-/// Least code that a channel of a coloured pixel has: chroma is at most the difference of its strongest and weakest channel.
+/// Least code that a channel of a coloured pixel has: chroma is at most the difference of its strongest and
+/// weakest channel.
 pub(crate) fn least_colored_code() -> u8 {
     (0..=u8::MAX).find(|code| LINEAR[usize::from(*code)] >= LEAST_CHROMA).unwrap_or(u8::MAX)
 }
@@ -91,7 +92,8 @@ impl Seen {
     }
 }
 
-/// The hue of a colour that is saturated and bright enough to have one: as [`Seen`] has it, without its root and its quotient.
+/// The hue of a colour that is saturated and bright enough to have one: as [`Seen`] has it, without its root
+/// and its quotient.
 #[inline(always)]
 pub(crate) fn colored_hue([r, g, b]: [f32; 3]) -> Option<[f32; 2]> {
     let hue = hue_of([r, g, b]);
@@ -166,8 +168,8 @@ impl ColorModel {
         self.targets.len()
     }
 
-    /// Whether a pixel may belong to a marker: coloured and within the physical cap of its hue. Pixels at an edge mix
-    /// with the background, so the finer decision is made on whole balls.
+    /// Whether a pixel may belong to a marker: coloured and within the physical cap of its hue. Pixels at an
+    /// edge mix with the background, so the finer decision is made on whole balls.
     pub(crate) fn may_be(&self, marker: usize, [x, y]: [f32; 2]) -> bool {
         let hue = self.targets[marker].hue;
         // The cap is below a right angle.
@@ -175,7 +177,8 @@ impl ColorModel {
         (along >= 0.0) & (along * along >= self.cap_cosine * self.cap_cosine * (x * x + y * y))
     }
 
-    /// Angle of a colour to a marker's hue as a fraction of the marker's gate; above one it is not that marker.
+    /// Angle of a colour to a marker's hue as a fraction of the marker's gate; above one it is not that
+    /// marker.
     pub(crate) fn gate_fraction(&self, marker: usize, seen: &Seen) -> f64 {
         let target = &self.targets[marker];
         f64::from(seen.cosine(target.hue).clamp(-1.0, 1.0).acos() / target.gate_rad)

@@ -1,8 +1,9 @@
-//! Which pixels of a frame show a colour at all: the first look at every pixel, so it decides how long a whole frame
-//! takes.
+//! Which pixels of a frame show a colour at all: the first look at every pixel, so it decides how long a
+//! whole frame takes.
 //!
-//! In a 4:2:0 frame, a pair of colour differences decides between which lumas a pixel is coloured, usually none: that is
-//! worked out once for each pair that occurs, and most blocks of four pixels are passed by with one look at a table.
+//! In a 4:2:0 frame, a pair of colour differences decides between which lumas a pixel is coloured, usually
+//! none: that is worked out once for each pair that occurs, and most blocks of four pixels are passed by with
+//! one look at a table.
 
 use crate::color::{Seen, colored_hue, least_colored_code, to_linear};
 use crate::frame::YuvToRgb;
@@ -27,7 +28,8 @@ impl Chromatic {
 /// Pixels of a row that are looked at together: most have nothing coloured among them.
 const AT_ONCE: usize = u32::BITS as usize;
 
-/// The collecting of coloured pixels of rows of red, green and blue, compiled for each vector unit that a processor may have.
+/// The collecting of coloured pixels of rows of red, green and blue, compiled for each vector unit that a
+/// processor may have.
 struct CollectRgb<'a> {
     rgb: &'a [u8],
     width: usize,
@@ -44,7 +46,8 @@ impl pulp::WithSimd for CollectRgb<'_> {
         if columns.is_empty() {
             return;
         }
-        // Many pieces are looked at before any is gone through: what memory has to send is then awaited together.
+        // Many pieces are looked at before any is gone through: what memory has to send is then awaited
+        // together.
         let mut colored = [[false; AT_ONCE]; PIECES];
         let (mut x, mut y) = (columns.start, self.window.rows.start);
         while y < end {
@@ -227,13 +230,14 @@ fn luma_range(convert: &YuvToRgb, u: u8, v: u8) -> LumaRange {
     }
 }
 
-/// A quick test on coded values that only removes what the tests of chroma and purity would remove: on the sRGB curve half the
-/// linear light is at least 0.68 of the code.
+/// A quick test on coded values that only removes what the tests of chroma and purity would remove: on the
+/// sRGB curve half the linear light is at least 0.68 of the code.
 #[inline(always)]
 fn may_be_colored(rgb: [u8; 3], least_code: u8) -> bool {
     let most = rgb[0].max(rgb[1]).max(rgb[2]);
     let least = rgb[0].min(rgb[1]).min(rgb[2]);
-    // 3/4 of the code, rounded up, is at most half the light only above the linear toe; below it there is no chroma either.
+    // 3/4 of the code, rounded up, is at most half the light only above the linear toe; below it there is no
+    // chroma either.
     (most >= least_code) & (least <= most - most / 4)
 }
 

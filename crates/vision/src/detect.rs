@@ -30,13 +30,14 @@ pub struct Detection {
 /// Regions of one colour that are looked at closely in one frame, the strongest first.
 const MOST_REGIONS: usize = 16;
 
-/// Gates that the mean hue of a region, edges included, may be from the marker's before it is looked at closely.
+/// Gates that the mean hue of a region, edges included, may be from the marker's before it is looked at
+/// closely.
 const LOOSE_GATE: f64 = 2.0;
 /// Pixels around a region that are looked at: the blur of the rim and a ring of background beyond it.
 const RING_PX: f64 = 5.0;
 
-/// How far from where its region shows it a ball may be predicted: the middle of a region is known to about a quarter of
-/// this.
+/// How far from where its region shows it a ball may be predicted: the middle of a region is known to about a
+/// quarter of this.
 const AS_PREDICTED_PX: f64 = 0.5;
 
 /// Searches whole frames for balls of given colours.
@@ -80,15 +81,16 @@ impl Detector {
     /// A detector of the given colours.
     ///
     /// # Errors
-    /// [`VisionError::ColorsTooClose`] naming two markers of one hue, [`VisionError::ColorTooGrey`] for a marker
-    /// without one, [`VisionError::NoMarkers`] for an empty list.
+    /// [`VisionError::ColorsTooClose`] naming two markers of one hue, [`VisionError::ColorTooGrey`] for a
+    /// marker without one, [`VisionError::NoMarkers`] for an empty list.
     pub fn new(colors: &[BallColor]) -> Result<Self, VisionError> {
         let workspace = Workspace { fitter: Fitter::new(FitPolicy::STILL), ..Workspace::default() };
         Ok(Self { model: ColorModel::new(colors)?, workspace })
     }
 
-    /// The same for a camera that is known, or nearly: the images of balls are stretched as it does, and lamps are looked for above,
-    /// along the world's z. Without, it is taken to have a horizontal field of view of 60°, and lamps may be anywhere.
+    /// The same for a camera that is known, or nearly: the images of balls are stretched as it does, and
+    /// lamps are looked for above, along the world's z. Without, it is taken to have a horizontal field of
+    /// view of 60°, and lamps may be anywhere.
     #[must_use]
     pub fn with_camera(mut self, camera: Camera) -> Self {
         self.workspace.camera = Some(camera);
@@ -97,8 +99,8 @@ impl Detector {
 
     /// Every region that may be a ball with an apparent diameter in the range: one list a colour, best first.
     ///
-    /// A ball that is not seen yields an empty list. Balls below 3 px are not measured, whatever the range; a range
-    /// that is not finite or does not reach 3 px yields nothing at all.
+    /// A ball that is not seen yields an empty list. Balls below 3 px are not measured, whatever the range; a
+    /// range that is not finite or does not reach 3 px yields nothing at all.
     pub fn detect(
         &mut self,
         frame: &Frame,
@@ -205,7 +207,8 @@ fn start_in(usual: &Camera, camera: Option<&Camera>, optics: Optics, start: Star
     Start { optics, outline, up, ..start }
 }
 
-/// Part of a disc's pixels that are coloured at least: two thirds of them may be lost to blur, glare or an arm.
+/// Part of a disc's pixels that are coloured at least: two thirds of them may be lost to blur, glare or an
+/// arm.
 const LEAST_COLORED: f64 = 1.0 / 3.0;
 
 /// Radius of the largest ball of which a region of so many coloured pixels may be what is seen.
@@ -213,7 +216,8 @@ fn largest_radius_px(area_px: f64) -> f64 {
     (area_px / (LEAST_COLORED * std::f64::consts::PI)).sqrt()
 }
 
-/// Coloured pixels that a disc of the expected diameters yields, of which a rim of one pixel more may be tinged.
+/// Coloured pixels that a disc of the expected diameters yields, of which a rim of one pixel more may be
+/// tinged.
 fn area_gate_px((smallest_px, largest_px): (f64, f64)) -> (f64, f64) {
     let disc = |diameter_px: f64| 0.25 * std::f64::consts::PI * diameter_px * diameter_px;
     let smallest = smallest_px.max(2.0 * LEAST_RADIUS_PX);

@@ -56,7 +56,8 @@ impl Frame {
         Ok(Self { size, pixels: Pixels::Rgb(rgb) })
     }
 
-    /// A frame of three planes with colour differences at half resolution both ways, as video decoders yield it.
+    /// A frame of three planes with colour differences at half resolution both ways, as video decoders yield
+    /// it.
     ///
     /// # Errors
     /// [`VisionError::FrameLength`] when a plane does not fit the size.
@@ -95,8 +96,9 @@ impl Frame {
         Self { size, pixels }
     }
 
-    /// One field of an interlaced frame as a frame of full size: its own rows (even ones where `is_top`) where they are, those
-    /// between as the mean of their neighbours, and likewise the rows of colour differences.
+    /// One field of an interlaced frame as a frame of full size: its own rows (even ones where `is_top`)
+    /// where they are, those between as the mean of their neighbours, and likewise the rows of colour
+    /// differences.
     #[must_use]
     pub fn field(&self, is_top: bool) -> Self {
         let chroma = chroma_size(self.size).0;
@@ -140,7 +142,8 @@ impl Frame {
 
     /// Converts columns `x0` to `x1` (not included) of row `y` into `out`, three bytes a pixel.
     ///
-    /// Columns beyond the image or beyond `out` are left alone, as is everything when the row is not in the image.
+    /// Columns beyond the image or beyond `out` are left alone, as is everything when the row is not in the
+    /// image.
     pub fn rgb_row(&self, y: usize, x0: usize, x1: usize, out: &mut [u8]) {
         let width = self.size.width_px as usize;
         let x1 = x1.min(width).min(x0 + out.len() / 3);
@@ -319,7 +322,8 @@ mod tests {
         ImageSize { width_px, height_px }
     }
 
-    /// 100 % colour bars: the code values printed in ITU-R BT.801 (601) and in SMPTE RP 219 rounded to 8 bits (709).
+    /// 100 % colour bars: the code values printed in ITU-R BT.801 (601) and in SMPTE RP 219 rounded to 8 bits
+    /// (709).
     #[test]
     fn colour_bars_decode_to_their_primaries() {
         let bt601 = [
@@ -350,7 +354,8 @@ mod tests {
         }
     }
 
-    /// JFIF 1.02: R = Y + 1.402 (Cr - 128), G = Y - 0.344136 (Cb - 128) - 0.714136 (Cr - 128), B = Y + 1.772 (Cb - 128).
+    /// JFIF 1.02: R = Y + 1.402 (Cr - 128), G = Y - 0.344136 (Cb - 128) - 0.714136 (Cr - 128), B = Y + 1.772
+    /// (Cb - 128).
     #[test]
     fn full_range_follows_jfif() {
         for (y, u, v) in [(0, 128, 128), (255, 128, 128), (100, 90, 160), (200, 140, 100), (29, 255, 107)] {

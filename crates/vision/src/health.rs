@@ -7,8 +7,8 @@ use crate::{Detection, Frame};
 pub(crate) const EVERY: u64 = 8;
 /// Grid of a look at a whole frame, each way.
 const GRID: usize = 16;
-/// sRGB code of the brightest sample below which a frame is dark: 1 % of the light of white, under which no ball has a
-/// colour ([`crate::color::LEAST_CHROMA`] is 2 %).
+/// sRGB code of the brightest sample below which a frame is dark: 1 % of the light of white, under which no
+/// ball has a colour ([`crate::color::LEAST_CHROMA`] is 2 %).
 const DARK_CODE: u8 = 25;
 /// sRGB code from which a channel is taken to be full.
 const FULL_CODE: u8 = 253;
@@ -26,7 +26,8 @@ pub struct BallHealth {
     pub diameter_px: f64,
     /// Other objects of the colour in the image.
     pub others: f64,
-    /// Smallest angle of hue between the colour and coloured background beside the ball, degrees; 180 where there is none.
+    /// Smallest angle of hue between the colour and coloured background beside the ball, degrees; 180 where
+    /// there is none.
     pub hue_apart_deg: f64,
 }
 

@@ -1,6 +1,7 @@
 //! From an image to marker observations: colour model, segmentation, sub-pixel centre, track.
 //!
-//! A pixel coordinate counts from the centre of the first pixel: column right, row down, the first pixel is (0, 0).
+//! A pixel coordinate counts from the centre of the first pixel: column right, row down, the first pixel is
+//! (0, 0).
 
 mod board;
 mod centre;

@@ -1,4 +1,5 @@
-//! What all balls in all frames of one camera share: the lens's blur and where the encoder puts its colour samples.
+//! What all balls in all frames of one camera share: the lens's blur and where the encoder puts its colour
+//! samples.
 
 /// Mean and variance of something that is known more or less.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -7,15 +8,17 @@ pub(crate) struct Known {
     pub(crate) variance: f64,
 }
 
-/// Standard deviation by which the blur of one ball differs from the camera's: motion of nine tenths of a pixel (a box of
-/// that width has a standard deviation of 0.26 px) beside a lens of 0.6 px, or as much of defocus.
+/// Standard deviation by which the blur of one ball differs from the camera's: motion of nine tenths of a
+/// pixel (a box of that width has a standard deviation of 0.26 px) beside a lens of 0.6 px, or as much of
+/// defocus.
 const EDGE_OF_ONE_STD_PX: f64 = 0.05;
 /// Standard deviation of the camera's blur from one detection to the next, as focus and exposure drift.
 const EDGE_DRIFT_PX: f64 = 0.002;
-/// What encoders do: colour samples at the left pixel of their pair (H.264's default) or between the two (JFIF, MPEG-1
-/// and what many converters really do).
+/// What encoders do: colour samples at the left pixel of their pair (H.264's default) or between the two
+/// (JFIF, MPEG-1 and what many converters really do).
 const SITINGS_PX: [f64; 2] = [0.0, 0.5];
-/// Standard deviation of what a real encoder's filter, not quite a box, and clutter do to the siting that many fits show.
+/// Standard deviation of what a real encoder's filter, not quite a box, and clutter do to the siting that
+/// many fits show.
 const SITING_OF_ALL_STD_PX: f64 = 0.1;
 /// How close a filter that is one of the two comes to it.
 const SITING_STD_PX: f64 = 0.02;
@@ -32,8 +35,8 @@ pub(crate) struct Optics {
 }
 
 impl Default for Optics {
-    /// Siting halfway between the two customs and as uncertain; a lens about as sharp as a pixel, with room for a soft
-    /// one and for motion of a pixel or two.
+    /// Siting halfway between the two customs and as uncertain; a lens about as sharp as a pixel, with room
+    /// for a soft one and for motion of a pixel or two.
     fn default() -> Self {
         Self {
             siting_px: Known { mean: 0.25, variance: 0.25 * 0.25 },

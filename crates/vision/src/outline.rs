@@ -18,9 +18,9 @@ impl Outline {
     /// A circle.
     pub(crate) const ROUND: Self = Self { xx: 1.0, xy: 0.0, yy: 1.0 };
 
-    /// The outline at a pixel. To first order in its angular size, a sphere seen through a projection with Jacobian J has the
-    /// outline dᵀ (J Jᵀ)⁻¹ d = R² (Hartley & Zisserman 2004, section 8.6, for the exact conic). A circle where the camera
-    /// cannot see.
+    /// The outline at a pixel. To first order in its angular size, a sphere seen through a projection with
+    /// Jacobian J has the outline dᵀ (J Jᵀ)⁻¹ d = R² (Hartley & Zisserman 2004, section 8.6, for the exact
+    /// conic). A circle where the camera cannot see.
     pub(crate) fn at(camera: &Camera, pixel: &Vector2<f64>) -> Self {
         let seen = camera.ray(pixel).and_then(|ray| camera.project(&(camera.centre_in_world() + ray)));
         let Ok(seen) = seen else { return Self::ROUND };
@@ -46,8 +46,8 @@ pub(crate) fn usual_camera(size: ImageSize) -> Camera {
     Camera::looking_at(Vector3::zeros(), Vector3::y(), intrinsics, size)
 }
 
-/// The world's upward unit vector in the directions right, down and towards the camera of what is seen at a pixel. None where the
-/// camera cannot see.
+/// The world's upward unit vector in the directions right, down and towards the camera of what is seen at a
+/// pixel. None where the camera cannot see.
 pub(crate) fn up_as_seen(camera: &Camera, pixel: &Vector2<f64>) -> Option<Vector3<f64>> {
     let cam_from_world = &camera.cam_from_world.rotation;
     let ray = cam_from_world * camera.ray(pixel).ok()?;
@@ -69,7 +69,8 @@ mod tests {
 
     const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
 
-    /// A sphere's outline by its tangent rays: where the angle between a pixel's ray and the centre is the angular radius.
+    /// A sphere's outline by its tangent rays: where the angle between a pixel's ray and the centre is the
+    /// angular radius.
     #[test]
     fn the_outline_is_that_of_the_tangent_cone() {
         let mut camera = usual_camera(SIZE);

@@ -1,5 +1,5 @@
-//! The samples around a ball in one form, whatever the layout of the frame: a brightness at each pixel and two colour
-//! differences at each pixel or at each block of 2×2. Places are counted from the first pixel.
+//! The samples around a ball in one form, whatever the layout of the frame: a brightness at each pixel and
+//! two colour differences at each pixel or at each block of 2×2. Places are counted from the first pixel.
 
 use crate::frame::{chroma_size, rgb_to_yuv};
 use crate::{Frame, Pixels, Vector2};
@@ -47,7 +47,8 @@ impl Default for Patch {
 const GREY: f64 = 0.577_350_269_189_625_8;
 const ACROSS: f64 = 0.707_106_781_186_547_5;
 const ALONG: f64 = 0.408_248_290_463_863_1;
-/// An orthonormal basis of RGB with grey first: white noise remains white, and grey clutter leaves two channels alone.
+/// An orthonormal basis of RGB with grey first: white noise remains white, and grey clutter leaves two
+/// channels alone.
 const OPPONENTS: [[f64; 4]; 3] =
     [[GREY, GREY, GREY, 0.0], [ACROSS, 0.0, -ACROSS, 0.0], [-ALONG, 2.0 * ALONG, -ALONG, 0.0]];
 
@@ -81,8 +82,8 @@ impl pulp::WithSimd for FillRgb<'_> {
     }
 }
 
-/// Reads both ends of each row of a window: rows of a frame that has just come are far, and come together when none waits for what is
-/// made of another.
+/// Reads both ends of each row of a window: rows of a frame that has just come are far, and come together
+/// when none waits for what is made of another.
 fn fetch_rows(bytes: &[u8], (first, count): (usize, usize), (stride, rows): (usize, usize)) {
     let mut ends = 0;
     for from in (0..rows).map(|row| first + row * stride) {

@@ -45,11 +45,13 @@ impl Window {
     }
 }
 
-/// Ratio of long to short axis of a region of a few pixels that may still be a ball, smeared by motion or cut by an arm.
+/// Ratio of long to short axis of a region of a few pixels that may still be a ball, smeared by motion or cut
+/// by an arm.
 const MOST_ELONGATED: f64 = 2.5;
 /// Least part of its bounding ellipse that a region fills; a disc on a pixel grid fills about one.
 const LEAST_FILLED: f64 = 0.5;
-/// The same of two regions that may be one ball with an arm across: without the gap a disc, which two discs side by side are not.
+/// The same of two regions that may be one ball with an arm across: without the gap a disc, which two discs
+/// side by side are not.
 const MOST_ELONGATED_OF_TWO: f64 = 1.6;
 /// Least area of the smaller of the two over that of the larger: less is not missed.
 const LEAST_OF_TWO: f64 = 0.2;
@@ -92,8 +94,8 @@ impl Run {
     }
 }
 
-/// Moments of a region. Every pixel weighs alike: weighed by its colour, a ball that is lit from above would seem to lie up to a
-/// sixth of its radius too high.
+/// Moments of a region. Every pixel weighs alike: weighed by its colour, a ball that is lit from above would
+/// seem to lie up to a sixth of its radius too high.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     count: f64,
@@ -112,13 +114,15 @@ impl Segmenter {
         self.colored.collect(frame, window);
     }
 
-    /// Finds the regions of one marker among the collected pixels whose area lies in `area_px`, into [`Self::regions_found`].
+    /// Finds the regions of one marker among the collected pixels whose area lies in `area_px`, into
+    /// [`Self::regions_found`].
     ///
-    /// A region that is too large is looked at again with only its more strongly coloured pixels: a ball before a
-    /// surface of a like hue but less colour.
+    /// A region that is too large is looked at again with only its more strongly coloured pixels: a ball
+    /// before a surface of a like hue but less colour.
     pub(crate) fn regions(&mut self, model: &ColorModel, marker: usize, area_px: (f64, f64)) {
         self.regions_found.clear();
-        // All are written, each over the last one where that is not the marker's: whether it is is hard to predict.
+        // All are written, each over the last one where that is not the marker's: whether it is is hard to
+        // predict.
         self.level.resize(self.colored.found.len(), 0);
         let mut count = 0;
         for (pixel, k) in self.colored.found.iter().zip(0..) {
@@ -170,7 +174,8 @@ impl Segmenter {
         }
     }
 
-    /// Joins neighbours, diagonal ones too, and numbers the regions in the order of their first pixels: how many there are.
+    /// Joins neighbours, diagonal ones too, and numbers the regions in the order of their first pixels: how
+    /// many there are.
     fn connect(&mut self) -> usize {
         self.runs.clear();
         self.region.clear();

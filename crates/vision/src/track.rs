@@ -20,9 +20,9 @@ const FEW_SEEN: u32 = 3;
 
 /// Balls that are followed beyond the markers of a colour: what else in a room looks like one.
 const MOST_OTHERS: usize = 6;
-/// Frames in which the whole frame is looked over while all that is wanted is seen, a band of rows in each, so that none takes
-/// long: a newcomer is met within a quarter second, or within two frames where something else of the colour has been seen
-/// before.
+/// Frames in which the whole frame is looked over while all that is wanted is seen, a band of rows in each,
+/// so that none takes long: a newcomer is met within a quarter second, or within two frames where something
+/// else of the colour has been seen before.
 const LOOK_AROUND: u64 = 8;
 const LOOK_AROUND_OFTEN: u64 = 2;
 
@@ -37,15 +37,16 @@ pub struct Track {
     pub detection: Detection,
     /// Whether its image has long not moved.
     pub is_static: bool,
-    /// Whether, of what is seen of its colour, it is the most likely to be a marker: what has moved, and was followed longest.
+    /// Whether, of what is seen of its colour, it is the most likely to be a marker: what has moved, and was
+    /// followed longest.
     pub is_preferred: bool,
 }
 
-/// Finds all that may be a marker in each frame of one camera: each object near where it is predicted, and newcomers in the
-/// whole frame.
+/// Finds all that may be a marker in each frame of one camera: each object near where it is predicted, and
+/// newcomers in the whole frame.
 ///
-/// What is not seen is not there; nothing is ever guessed. Which of several balls of one colour is the marker is left to
-/// who knows the other cameras and the body.
+/// What is not seen is not there; nothing is ever guessed. Which of several balls of one colour is the marker
+/// is left to who knows the other cameras and the body.
 #[derive(Debug, Clone)]
 pub struct Tracker {
     model: ColorModel,
@@ -60,7 +61,8 @@ pub struct Tracker {
     next_id: u32,
     health: Vec<BallHealth>,
     is_dark: bool,
-    /// Whether newcomers have been looked for in the last frame, and whether all else that can wait has been done.
+    /// Whether newcomers have been looked for in the last frame, and whether all else that can wait has been
+    /// done.
     has_looked: bool,
     is_done: bool,
 }
@@ -78,7 +80,8 @@ impl Tracker {
     /// A tracker of markers, one of each colour, whose apparent diameters are in the range.
     ///
     /// # Errors
-    /// As [`crate::Detector::new`], and [`VisionError::DiameterRange`] if no ball in the range can be measured.
+    /// As [`crate::Detector::new`], and [`VisionError::DiameterRange`] if no ball in the range can be
+    /// measured.
     pub fn new(colors: &[BallColor], expected_diameter_px: RangeInclusive<f64>) -> Result<Self, VisionError> {
         let (smallest_px, largest_px) = (*expected_diameter_px.start(), *expected_diameter_px.end());
         let needed_px = 2.0 * LEAST_RADIUS_PX;
@@ -104,15 +107,17 @@ impl Tracker {
         })
     }
 
-    /// The same for a camera that is known: the images of balls are stretched as it does, and lamps are looked for above, along the
-    /// world's z. Without, it is taken to have a horizontal field of view of 60°, and lamps may be anywhere.
+    /// The same for a camera that is known: the images of balls are stretched as it does, and lamps are
+    /// looked for above, along the world's z. Without, it is taken to have a horizontal field of view of 60°,
+    /// and lamps may be anywhere.
     #[must_use]
     pub fn with_camera(mut self, camera: Camera) -> Self {
         self.workspace.camera = Some(camera);
         self
     }
 
-    /// The same where several markers share a colour: how many there are of each, in the order of the colours.
+    /// The same where several markers share a colour: how many there are of each, in the order of the
+    /// colours.
     #[must_use]
     pub fn with_markers(mut self, of_color: &[usize]) -> Self {
         for (state, markers) in self.colors.iter_mut().zip(of_color) {
@@ -121,8 +126,8 @@ impl Tracker {
         self
     }
 
-    /// Looks at the next frame: all balls that may be markers, those followed longest first. [`Tracker::follow`] and
-    /// [`Tracker::look_around`] in one.
+    /// Looks at the next frame: all balls that may be markers, those followed longest first.
+    /// [`Tracker::follow`] and [`Tracker::look_around`] in one.
     pub fn update(&mut self, frame: &Frame) -> &[Track] {
         self.follow(frame);
         self.look_around(frame);
@@ -171,8 +176,8 @@ impl Tracker {
         self.workspace.optics.expected().edge_px.mean
     }
 
-    /// Looks at the next frame: for each colour the ball that has been followed longest, those that moved first; None where
-    /// there is none.
+    /// Looks at the next frame: for each colour the ball that has been followed longest, those that moved
+    /// first; None where there is none.
     pub fn update_preferred(&mut self, frame: &Frame) -> &[Option<Detection>] {
         self.follow(frame);
         for color in 0..self.colors.len() {
@@ -194,8 +199,8 @@ impl Tracker {
         })
     }
 
-    /// Looks for a track that is new, or for one that is not. What is new waits where all markers of its colour have been seen: mostly it
-    /// is a fleck that is gone by now.
+    /// Looks for a track that is new, or for one that is not. What is new waits where all markers of its
+    /// colour have been seen: mostly it is a fleck that is gone by now.
     fn follow_one(&mut self, frame: &Frame, track: usize, is_new: bool) {
         if (self.tracks[track].seen <= FEW_SEEN) != is_new {
             return;
@@ -243,9 +248,10 @@ impl Tracker {
         self.seen.push(track.track(self.frames));
     }
 
-    /// What can wait in a frame, once, after [`Tracker::follow`]: looks for newcomers, which are followed from the next frame on and
-    /// reported once they have been seen in some frames, or a marker of their colour is missing; and looks how well balls are seen. Who
-    /// waits for what is followed need not wait for this.
+    /// What can wait in a frame, once, after [`Tracker::follow`]: looks for newcomers, which are followed
+    /// from the next frame on and reported once they have been seen in some frames, or a marker of their
+    /// colour is missing; and looks how well balls are seen. Who waits for what is followed need not wait for
+    /// this.
     pub fn look_around(&mut self, frame: &Frame) {
         if std::mem::replace(&mut self.is_done, true) {
             return;
@@ -273,7 +279,8 @@ impl Tracker {
         }
     }
 
-    /// Looks for newcomers: of a colour of which something is missing in the whole frame, of the others in a band of it.
+    /// Looks for newcomers: of a colour of which something is missing in the whole frame, of the others in a
+    /// band of it.
     fn find_newcomers(&mut self, frame: &Frame) {
         self.has_looked = true;
         let whole = Window::whole(frame);

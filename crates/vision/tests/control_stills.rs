@@ -1,5 +1,5 @@
-//! The control frame of the shared film: eight balls in each still, against a projection written here from the stated
-//! geometry of the two cameras.
+//! The control frame of the shared film: eight balls in each still, against a projection written here from
+//! the stated geometry of the two cameras.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mavsight_vision::{BallColor, Detector, Frame, ImageSize, Vector2};
@@ -71,6 +71,7 @@ fn eight_balls_in_each_still() {
         assert!(errors_px[6] < 0.3, "camera {camera}: {errors_px:?}");
         assert!(errors_px[3] < 0.1, "camera {camera}: median {}", errors_px[3]);
     }
-    // 99.9 % regions; rods as light as the wall, before a ball's rim, are not to be distinguished from the wall.
+    // 99.9 % regions; rods as light as the wall, before a ball's rim, are not to be distinguished from the
+    // wall.
     assert!(beyond <= 3, "{beyond} of 16 balls are far outside what they claim");
 }

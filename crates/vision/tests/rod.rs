@@ -1,4 +1,5 @@
-//! Balls at the end of a rod, as those of a control frame are, drawn by supersampling and measured through the public calls.
+//! Balls at the end of a rod, as those of a control frame are, drawn by supersampling and measured through
+//! the public calls.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mavsight_vision::{BallColor, Detector, Frame, ImageSize, Vector2};

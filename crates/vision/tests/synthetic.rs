@@ -1,4 +1,5 @@
-//! Balls drawn by supersampling, which shares nothing with the fit's analytic edge, measured through the public calls.
+//! Balls drawn by supersampling, which shares nothing with the fit's analytic edge, measured through the
+//! public calls.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mavsight_vision::{BallColor, Detector, Frame, ImageSize, Tracker, Vector2, VisionError, YuvMatrix};
@@ -56,7 +57,8 @@ fn code(linear: f64) -> f64 {
     255.0 * if l <= 0.003_130_8 { 12.92 * l } else { 1.055 * l.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Draws balls before a wall with a gradient: Gaussian blur of `blur_px` and a pixel's box by 41 × 41 supersampling.
+/// Draws balls before a wall with a gradient: Gaussian blur of `blur_px` and a pixel's box by 41 × 41
+/// supersampling.
 fn draw(balls: &[Drawn], blur_px: f64, noise: f64, dice: &mut Dice) -> Vec<u8> {
     let wall = |at: Vector2<f64>| [0.45 + 0.001 * at.x, 0.42 + 0.001 * at.y, 0.36];
     draw_before(wall, balls, blur_px, noise, dice)
@@ -114,7 +116,8 @@ fn red() -> Vec<BallColor> {
     vec![BallColor { name: "red".into(), rgb: [208, 42, 42] }]
 }
 
-/// Errors of the best candidate over many places, and the mean of the squared error over its covariance per axis.
+/// Errors of the best candidate over many places, and the mean of the squared error over its covariance per
+/// axis.
 fn trial(count: usize, blur_px: f64, noise: f64, shade: Vector2<f64>) -> (Vector2<f64>, f64, f64) {
     let mut detector = Detector::new(&red()).unwrap();
     let mut dice = Dice(7);
@@ -144,8 +147,9 @@ fn centres_are_unbiased_under_blur_noise_and_shading() {
     }
 }
 
-/// Of a pixel that is covered but for a hundredth, the wall there is two grey levels of a ball's dark channels: with any wall for the one
-/// there is, the ball moves by up to 0.01 px, back and forth with its place in a pixel.
+/// Of a pixel that is covered but for a hundredth, the wall there is two grey levels of a ball's dark
+/// channels: with any wall for the one there is, the ball moves by up to 0.01 px, back and forth with its
+/// place in a pixel.
 #[test]
 fn a_small_ball_before_a_dim_wall_is_where_it_is() {
     let (mut detector, mut dice) = (Detector::new(&red()).unwrap(), Dice(5));
@@ -162,7 +166,8 @@ fn a_small_ball_before_a_dim_wall_is_where_it_is() {
     assert!(rms_px < 0.004, "{rms_px} px");
 }
 
-/// A fit counts places from the corner of what it looks at, so that single precision holds them; what is reported is in the image.
+/// A fit counts places from the corner of what it looks at, so that single precision holds them; what is
+/// reported is in the image.
 #[test]
 fn a_ball_far_from_the_corner_of_a_large_image_is_where_it_is() {
     const LEFT: usize = 2016;
@@ -207,15 +212,16 @@ fn covariance_holds_the_errors() {
     for noise in [2.0, 12.0] {
         let (_, rms_px, normalized) = trial(60, 0.5, noise, Vector2::new(0.0, -0.3));
         println!("noise {noise}: rms {rms_px:.4} px, normalised {normalized:.2}");
-        // The mean of 60 × 2 squared normal numbers is 1 ± 0.13; the allowance for light that is not modelled makes
-        // the covariance larger where the noise is small.
+        // The mean of 60 × 2 squared normal numbers is 1 ± 0.13; the allowance for light that is not modelled
+        // makes the covariance larger where the noise is small.
         assert!(normalized < 1.5, "noise {noise}: {normalized}");
         assert!(noise < 10.0 || normalized > 0.3, "noise {noise}: {normalized}");
     }
 }
 
-/// The lower part of the ball is before a lamp whose light is beyond what can be shown: how far in its light reaches remains
-/// unknown, and a centre that takes the lamp for as bright as it looks is half a pixel too high.
+/// The lower part of the ball is before a lamp whose light is beyond what can be shown: how far in its light
+/// reaches remains unknown, and a centre that takes the lamp for as bright as it looks is half a pixel too
+/// high.
 #[test]
 fn a_lamp_behind_a_part_of_a_ball_does_not_move_it() {
     let (mut detector, mut dice, mut normalized) = (Detector::new(&red()).unwrap(), Dice(5), 0.0);
@@ -253,7 +259,8 @@ fn a_ball_that_is_not_there_is_not_found() {
     assert!((seen[0].unwrap().pixel - drawn.middle).norm() < 0.2);
 }
 
-/// A static ball of the marker's colour, and the marker that crosses it: both are there, and the one that moves leads.
+/// A static ball of the marker's colour, and the marker that crosses it: both are there, and the one that
+/// moves leads.
 #[test]
 fn everything_of_a_colour_is_followed_and_what_moves_leads() {
     let mut tracker = Tracker::new(&red(), 3.0..=10.0).unwrap();
@@ -278,8 +285,8 @@ fn everything_of_a_colour_is_followed_and_what_moves_leads() {
     assert_eq!(ids.len(), 1, "one object has one number: {ids:?}");
 }
 
-/// A newcomer beside what is followed is seen within a look around in bands; who follows and looks in two steps gets it once it has
-/// been seen in some frames.
+/// A newcomer beside what is followed is seen within a look around in bands; who follows and looks in two
+/// steps gets it once it has been seen in some frames.
 #[test]
 fn newcomers_are_reported_once_they_have_been_seen_in_some_frames() {
     let mut tracker = Tracker::new(&red(), 3.0..=10.0).unwrap();

@@ -1,4 +1,5 @@
-//! The corners of a chessboard with numbered markers in its light squares (ChArUco), of which any part is in view.
+//! The corners of a chessboard with numbered markers in its light squares (ChArUco), of which any part is in
+//! view.
 
 use super::lattice::nearest;
 use super::markers::MarkerDictionary;
@@ -56,15 +57,18 @@ pub enum CodedBoardError {
 const LEAST_CORNERS: usize = 6;
 /// Corners that may be next to one another on the board, by distance: those of modules lie in between.
 const NEIGHBOURS: usize = 40;
-/// Grey levels between a marker's border and the margin about it: ten standard deviations of a usual pixel's noise.
+/// Grey levels between a marker's border and the margin about it: ten standard deviations of a usual pixel's
+/// noise.
 const LEAST_CONTRAST: f64 = 10.0 * NOISE_STD;
-/// Squares are looked for whose sides, as seen, differ by less than this factor and meet at an angle whose sine is larger: a board
-/// that is tilted by up to 60° has such.
+/// Squares are looked for whose sides, as seen, differ by less than this factor and meet at an angle whose
+/// sine is larger: a board that is tilted by up to 60° has such.
 const MOST_UNLIKE: f64 = 2.0;
 const LEAST_SINE: f64 = 0.4;
-/// The fourth corner of a square is where the other three have it to within this part of a side; perspective and lens move it.
+/// The fourth corner of a square is where the other three have it to within this part of a side; perspective
+/// and lens move it.
 const WITHIN: f64 = 0.2;
-/// What lies this far beyond a window enters it: two passes of smoothing and the difference that is the gradient.
+/// What lies this far beyond a window enters it: two passes of smoothing and the difference that is the
+/// gradient.
 const BLUR_PX: f64 = 3.0;
 
 impl CodedBoard {
@@ -98,8 +102,8 @@ impl CodedBoard {
         (self.columns, self.rows)
     }
 
-    /// The light squares (column, row) in the order of their markers; `first` 0 where the first square of the board is dark,
-    /// as OpenCV has it since version 4.6, 1 where it is light.
+    /// The light squares (column, row) in the order of their markers; `first` 0 where the first square of the
+    /// board is dark, as OpenCV has it since version 4.6, 1 where it is light.
     pub fn squares(&self, first: usize) -> Vec<(usize, usize)> {
         let all = (0..=self.rows).flat_map(|j| (0..=self.columns).map(move |i| (i, j)));
         all.filter(|(i, j)| (i + j + first) % 2 == 1).collect()
@@ -123,12 +127,13 @@ impl CodedBoard {
     }
 }
 
-/// The inner corners of a board with markers that a frame shows, by their numbers (row by row, the board's markers upright), and where
-/// they are; empty where fewer than six are found. Any part of the board will do.
+/// The inner corners of a board with markers that a frame shows, by their numbers (row by row, the board's
+/// markers upright), and where they are; empty where fewer than six are found. Any part of the board will do.
 ///
-/// Four corners around a marker that can be read are a square of the board (Garrido-Jurado et al. 2014); further corners are where
-/// the lattice has them. Places and covariances are those of [`super::find_board`]. Whether the board's first square is dark is seen from how
-/// markers of two rows or more lie. Squares should be 25 px across or more, and modules 3 px.
+/// Four corners around a marker that can be read are a square of the board (Garrido-Jurado et al. 2014);
+/// further corners are where the lattice has them. Places and covariances are those of [`super::find_board`].
+/// Whether the board's first square is dark is seen from how markers of two rows or more lie. Squares should
+/// be 25 px across or more, and modules 3 px.
 pub fn find_coded_board(frame: &Frame, board: &CodedBoard) -> Vec<(usize, BoardCorner)> {
     let grey = Grey::of(frame);
     let corners = candidates(&grey);

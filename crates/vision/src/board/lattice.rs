@@ -11,7 +11,8 @@ const WITHIN: f64 = 0.3;
 
 type Cells = HashMap<(i32, i32), usize>;
 
-/// The corners of a whole board of so many columns and rows, row by row: along the longer count, clockwise as seen.
+/// The corners of a whole board of so many columns and rows, row by row: along the longer count, clockwise as
+/// seen.
 pub(super) fn lattice(corners: &[Vector2<f64>], columns: usize, rows: usize) -> Option<Vec<Vector2<f64>>> {
     for seed in 0..corners.len().min(SEEDS) {
         let near = nearest(corners, seed, NEIGHBOURS);

@@ -12,8 +12,8 @@ const DICTIONARIES: &str = include_str!("dictionaries.txt");
 const MISREAD: u32 = 1;
 
 impl MarkerDictionary {
-    /// What OpenCV calls so: `DICT_4X4_50`, `DICT_5X5_100`, `DICT_6X6_250` and those in between (Garrido-Jurado et al. 2014), or
-    /// `DICT_APRILTAG_36h11` (Olson 2011); `None` for others.
+    /// What OpenCV calls so: `DICT_4X4_50`, `DICT_5X5_100`, `DICT_6X6_250` and those in between
+    /// (Garrido-Jurado et al. 2014), or `DICT_APRILTAG_36h11` (Olson 2011); `None` for others.
     pub fn named(name: &str) -> Option<Self> {
         let lines = DICTIONARIES.lines().filter(|l| !l.starts_with('#'));
         lines.filter_map(|line| line.split_once(' ')).find_map(|(family, numbers)| {
@@ -50,8 +50,9 @@ impl MarkerDictionary {
         column < n && row < n && (code >> (n * n - 1 - row * n - column)) & 1 == 1
     }
 
-    /// The marker whose modules these are, row by row with the first as the highest bit, and by how many quarters clockwise they
-    /// must be turned to be those of the dictionary; `None` where no marker is as near as one misread module.
+    /// The marker whose modules these are, row by row with the first as the highest bit, and by how many
+    /// quarters clockwise they must be turned to be those of the dictionary; `None` where no marker is as
+    /// near as one misread module.
     pub(super) fn read(&self, mut modules: u64) -> Option<(usize, usize)> {
         for quarters in 0..4 {
             let same = |code: &u64| (code ^ modules).count_ones() <= MISREAD;

@@ -1,9 +1,9 @@
-//! Second stage of a fit: what is behind a ball, from what is seen around it: mean and covariance of the background at each
-//! pixel that the ball covers in part.
+//! Second stage of a fit: what is behind a ball, from what is seen around it: mean and covariance of the
+//! background at each pixel that the ball covers in part.
 //!
-//! Brightness: a plane, fitted robustly, and on it clutter (an arm, a skid, an edge of the wall) as a random field whose
-//! variance is that of what the plane leaves around the ball ([`super::krige`]). Where nothing but noise is left on the
-//! plane, the plane is taken as it is.
+//! Brightness: a plane, fitted robustly, and on it clutter (an arm, a skid, an edge of the wall) as a random
+//! field whose variance is that of what the plane leaves around the ball ([`super::krige`]). Where nothing
+//! but noise is left on the plane, the plane is taken as it is.
 //!
 //! Colour differences: a robust plane each; clutter is mostly grey, and they are coarse.
 
@@ -19,7 +19,8 @@ use super::robust::{Fitted, Plane, Scattered, on};
 use crate::patch::Patch;
 use pulp::Simd;
 
-/// Width of the ring that is looked at beyond the ball's blurred rim, in edge widths: correlation beyond it is e⁻⁴.
+/// Width of the ring that is looked at beyond the ball's blurred rim, in edge widths: correlation beyond it
+/// is e⁻⁴.
 const RING_EDGES: f64 = 4.0;
 /// Least standard deviation of colours: half a level is what rounding leaves of a uniform wall.
 const LEAST_COLOR_STD: f64 = 0.5;
@@ -86,8 +87,8 @@ impl Background {
         Some(background)
     }
 
-    /// Standard deviation of the clutter near each pixel and each block in use: that of all around where it is not looked at by place,
-    /// or nothing near is free.
+    /// Standard deviation of the clutter near each pixel and each block in use: that of all around where it
+    /// is not looked at by place, or nothing near is free.
     fn find_near(&mut self, patch: &Patch, layout: &Layout, noise_variance: f64, by_place: bool) {
         let all = self.clutter;
         let near = |pixel: usize| {

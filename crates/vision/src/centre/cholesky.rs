@@ -1,4 +1,5 @@
-//! Cholesky factor of a symmetric matrix whose entries are near the diagonal, in place, by columns of the lower triangle.
+//! Cholesky factor of a symmetric matrix whose entries are near the diagonal, in place, by columns of the
+//! lower triangle.
 
 use super::lanes::{GROUP, Lanes};
 use pulp::Simd;
@@ -23,7 +24,8 @@ impl Banded {
         self.count
     }
 
-    /// Sets the matrix: the entry at a row and as many columns before it as the second number says, diagonal included.
+    /// Sets the matrix: the entry at a row and as many columns before it as the second number says, diagonal
+    /// included.
     #[inline(always)]
     pub(super) fn set(&mut self, count: usize, entry: impl Fn(usize, usize) -> f32) {
         self.columns.clear();
@@ -41,8 +43,8 @@ impl Banded {
         self.columns[i][0]
     }
 
-    /// Copies a matrix, each entry times the factors of its row and its column, and adds to the diagonal. There are as many
-    /// factors as columns and a band more.
+    /// Copies a matrix, each entry times the factors of its row and its column, and adds to the diagonal.
+    /// There are as many factors as columns and a band more.
     #[inline(always)]
     pub(super) fn copy<S: Simd>(&mut self, simd: S, from: &Self, factors: &[f32], added: &[f32]) {
         self.count = from.count;
@@ -62,7 +64,8 @@ impl Banded {
         }
     }
 
-    /// Replaces the matrix by its factor, the diagonal by its inverse; false where it is not positive definite.
+    /// Replaces the matrix by its factor, the diagonal by its inverse; false where it is not positive
+    /// definite.
     #[inline(always)]
     pub(super) fn factor<S: Simd>(&mut self, simd: S) -> bool {
         for j in 0..self.count {
@@ -124,8 +127,8 @@ impl Banded {
     }
 }
 
-/// Subtracts the products of a column with a group of its entries, that at `first` and those behind, over its pivot from as many
-/// columns.
+/// Subtracts the products of a column with a group of its entries, that at `first` and those behind, over its
+/// pivot from as many columns.
 #[inline(always)]
 fn subtract<S: Simd, const GROUPS: usize>(
     simd: S,

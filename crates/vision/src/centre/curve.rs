@@ -8,8 +8,8 @@ const STRAIGHT: f64 = 0.003_130_8;
 const SLOPE: f64 = 255.0 * 12.92;
 /// What the rest of the curve is lowered by.
 const LOWERED: f64 = 255.0 * 0.055;
-/// 255 × 1.055 s^(5/3) by powers of s, the fourth root of light between [`STRAIGHT`] and 1, interpolated at Chebyshev's places: to
-/// 6e-4 levels.
+/// 255 × 1.055 s^(5/3) by powers of s, the fourth root of light between [`STRAIGHT`] and 1, interpolated at
+/// Chebyshev's places: to 6e-4 levels.
 const POWER: [f64; 7] =
     [-1.208_448, 36.199_357, 345.416_025, -210.446_404, 158.355_582, -75.033_147, 15.742_248];
 
@@ -31,8 +31,8 @@ pub(super) fn encode<S: Simd>(simd: S, light: Lanes<S>) -> (Lanes<S>, Lanes<S>) 
 
 /// Code up to which the curve is straight.
 const STRAIGHT_CODE: f64 = 255.0 * 0.040_45;
-/// s^(4/5) by powers of s, the square root of the curve's base between the end of its straight part and 1, interpolated at Chebyshev's
-/// places: to 5e-4 levels of the code.
+/// s^(4/5) by powers of s, the square root of the curve's base between the end of its straight part and 1,
+/// interpolated at Chebyshev's places: to 5e-4 levels of the code.
 const ROOT_POWER: [f64; 6] = [0.037_27, 1.322_429, -0.753_603, 0.678_427, -0.372_494, 0.087_975];
 
 /// Linear light of codes; beyond the range the curve goes on straight.

@@ -40,8 +40,9 @@ pub(super) fn fall<S: Simd>(simd: S, square: Lanes<S>) -> Lanes<S> {
     power
 }
 
-/// Coverage of pixels at a distance inside the edge: a Gaussian edge (lens, aperture and pixel together), by the normal
-/// distribution function of Abramowitz and Stegun 26.2.17, with an error below 7.5e-8; and its density.
+/// Coverage of pixels at a distance inside the edge: a Gaussian edge (lens, aperture and pixel together), by
+/// the normal distribution function of Abramowitz and Stegun 26.2.17, with an error below 7.5e-8; and its
+/// density.
 #[inline(always)]
 pub(super) fn cover<S: Simd>(simd: S, z: Lanes<S>) -> (Lanes<S>, Lanes<S>) {
     let all = |value: f64| Lanes::splat(simd, value);

@@ -1,4 +1,5 @@
-//! A fit from its first guess to its end: steps of Gauss-Newton, and a new layout and background wherever the ball has moved.
+//! A fit from its first guess to its end: steps of Gauss-Newton, and a new layout and background wherever the
+//! ball has moved.
 
 use super::background::Background;
 use super::constants::{LEAST_CONTRAST, NOISE_STD, SAME_PLACE_PX};
@@ -22,21 +23,22 @@ use pulp::Simd;
 const MOST_WEIGHED: usize = 4;
 /// That of the last step: all that is still to come then is a fraction of what noise does to one parameter.
 const SMALL_STEP: f64 = 1.0;
-/// Times that trust and noise are set at least: first the trust, then the noise too. A ball that is followed brings its noise along.
+/// Times that trust and noise are set at least: first the trust, then the noise too. A ball that is followed
+/// brings its noise along.
 const LEAST_WEIGHED: usize = 2;
 const LEAST_WEIGHED_FOLLOWED: usize = 1;
-/// Squared length, in standard deviations over all parameters, of a step whose outcome is predicted from the equations'
-/// linear form: as long as that by which two frames' noise sets their parameters apart (2 a parameter; three quarters of all
-/// frames).
+/// Squared length, in standard deviations over all parameters, of a step whose outcome is predicted from the
+/// equations' linear form: as long as that by which two frames' noise sets their parameters apart (2 a
+/// parameter; three quarters of all frames).
 const NEAR: f64 = 3.0 * COUNT as f64;
 /// Change of the noise, as a part of it, at which the claims stand: a twentieth of a standard deviation.
 const NOISE_CHANGES: f64 = 0.1;
-/// Longest step of a length in pixels, in edge widths w: far from an edge of Gaussian slope, Gauss-Newton goes no further than w √π
-/// (the integral of the slope over that of its square). The background is not estimated again before, either, as long as the fit has
-/// not come near.
+/// Longest step of a length in pixels, in edge widths w: far from an edge of Gaussian slope, Gauss-Newton
+/// goes no further than w √π (the integral of the slope over that of its square). The background is not
+/// estimated again before, either, as long as the fit has not come near.
 const LONGEST_STEP_EDGES: f64 = 1.772_454;
-/// Standard deviations that a ball differs from its background, below which a first look at a region ends: its colour is
-/// one pixel's and the noise not yet the film's own.
+/// Standard deviations that a ball differs from its background, below which a first look at a region ends:
+/// its colour is one pixel's and the noise not yet the film's own.
 const FAINT: f64 = 0.5 * LEAST_CONTRAST;
 
 /// Fits balls; the largest buffers are reused.
@@ -146,7 +148,8 @@ impl Search {
         Some((layout, background))
     }
 
-    /// Sets trust and, once that has been set without it, noise from what a step leaves: whether the noise is about what it was.
+    /// Sets trust and, once that has been set without it, noise from what a step leaves: whether the noise is
+    /// about what it was.
     #[inline(always)]
     fn weigh(
         &mut self,

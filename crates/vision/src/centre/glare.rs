@@ -1,16 +1,19 @@
 //! What a lamp or a window behind a ball does to its rim.
 //!
-//! Light beyond what the sensor can show is coded as the brightest there is. How much more it is remains unknown, so where
-//! it mixes with the ball's own the model would place the edge too far inside, by about a width of the blur for a lamp ten
-//! times as bright: samples within the blur's reach of such light say nothing of the edge.
+//! Light beyond what the sensor can show is coded as the brightest there is. How much more it is remains
+//! unknown, so where it mixes with the ball's own the model would place the edge too far inside, by about a
+//! width of the blur for a lamp ten times as bright: samples within the blur's reach of such light say
+//! nothing of the edge.
 
 use super::constants::{CLEAR, NOISE_STD};
 use super::disc::Disc;
 use crate::patch::Patch;
 
-/// Codes from which light may be beyond the brightest: two standard deviations of a usual pixel's noise below it.
+/// Codes from which light may be beyond the brightest: two standard deviations of a usual pixel's noise below
+/// it.
 const BRIGHTEST: f32 = 255.0 - 2.0 * NOISE_STD as f32;
-/// Edge widths as far as such light reaches: a hundredfold's share of a Gaussian's tail is about a level there.
+/// Edge widths as far as such light reaches: a hundredfold's share of a Gaussian's tail is about a level
+/// there.
 const REACH_EDGES: f32 = 4.0;
 
 /// Working space and result.
@@ -44,8 +47,8 @@ impl Glare {
         glare
     }
 
-    /// Finds the pixels that such light reaches past the disc. Where it is all around it takes of every side alike and leaves
-    /// the centre in its place: then none counts as reached.
+    /// Finds the pixels that such light reaches past the disc. Where it is all around it takes of every side
+    /// alike and leaves the centre in its place: then none counts as reached.
     pub(super) fn reach(&mut self, patch: &Patch, disc: &Disc, (covered, depth): (&[f32], &[f32])) {
         self.reached.clear();
         self.edge.clear();
@@ -82,7 +85,8 @@ impl Glare {
     }
 }
 
-/// Whether any pixel is, where each has its own colour: mostly none is, which is soon known as no pixel waits for another.
+/// Whether any pixel is, where each has its own colour: mostly none is, which is soon known as no pixel waits
+/// for another.
 #[inline(always)]
 fn any_is_brightest(patch: &Patch) -> bool {
     let mut any = false;

@@ -1,8 +1,8 @@
 //! The light that a ball mirrors, of the lamps' own colour, besides what its colour throws back.
 //!
-//! Lamps hang above. Where it is known where above is, their image lies on the ball where its normal is half-way between there and the
-//! camera, by the law of reflection; what else is mirrored from above or below falls off evenly. Where it is not, the light falls off
-//! evenly across and down.
+//! Lamps hang above. Where it is known where above is, their image lies on the ball where its normal is
+//! half-way between there and the camera, by the law of reflection; what else is mirrored from above or below
+//! falls off evenly. Where it is not, the light falls off evenly across and down.
 
 use super::edge::bell;
 use super::lanes::Lanes;
@@ -10,20 +10,24 @@ use super::shading::Normals;
 use crate::Vector3;
 use pulp::Simd;
 
-/// Standard deviation of the directions from which a place of the ball mirrors light: the roughness of plastic spreads what comes
-/// from one by 0.21 rad (Cook & Torrance 1982: slopes of 0.15, over √2 along each axis, twice in what is mirrored), and a lamp a metre
-/// long 1.5 m above takes up 0.19.
+/// Standard deviation of the directions from which a place of the ball mirrors light: the roughness of
+/// plastic spreads what comes from one by 0.21 rad (Cook & Torrance 1982: slopes of 0.15, over √2 along each
+/// axis, twice in what is mirrored), and a lamp a metre long 1.5 m above takes up 0.19.
 const LOBE_RAD: f64 = 0.3;
-/// Least cosine of the angle at which light is mirrored to the camera: beyond, the lamps' image is drawn out along the rim.
+/// Least cosine of the angle at which light is mirrored to the camera: beyond, the lamps' image is drawn out
+/// along the rim.
 const LEAST_COSINE: f64 = 0.3;
 /// Least 1 - bend r: it is not below half on the ball.
 const LEAST_COMPRESSION: f64 = 0.2;
-/// Standard deviation of the lamps' image, as a part of a white ball's light: a dielectric mirrors 4 % of what falls on it (Fresnel, index
-/// 1.5), here from a cone of 2π LOBE_RAD², out of which a quarter may come of what makes a surface bright from all π.
+/// Standard deviation of the lamps' image, as a part of a white ball's light: a dielectric mirrors 4 % of
+/// what falls on it (Fresnel, index 1.5), here from a cone of 2π LOBE_RAD², out of which a quarter may come
+/// of what makes a surface bright from all π.
 const IMAGE_STD: f64 = 0.04 * 0.25 / (2.0 * LOBE_RAD * LOBE_RAD);
-/// Standard deviation of the slope of all light that is mirrored: of the same 4 % a quarter may come from one side.
+/// Standard deviation of the slope of all light that is mirrored: of the same 4 % a quarter may come from one
+/// side.
 const SLOPE_STD: f64 = 0.04 * 0.25;
-/// Part of the light that comes from all around besides lamps: half as much as from them, as the ball's shading takes it.
+/// Part of the light that comes from all around besides lamps: half as much as from them, as the ball's
+/// shading takes it.
 const AROUND: f64 = 1.0 / 3.0;
 
 /// Patterns of mirrored light.
@@ -38,8 +42,8 @@ pub(super) enum Gloss {
     Above(Image),
 }
 
-/// The image of lamps on a ball, in units of its radius: exp(-½ (r'² + t²)) with r and t away from its peak, outwards and across, in
-/// standard deviations, and r' bent as far as the ball's curvature does.
+/// The image of lamps on a ball, in units of its radius: exp(-½ (r'² + t²)) with r and t away from its peak,
+/// outwards and across, in standard deviations, and r' bent as far as the ball's curvature does.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Image {
     /// Distance of the peak from the middle of the ball.
@@ -55,8 +59,8 @@ pub(super) struct Image {
 }
 
 impl Gloss {
-    /// For a ball whose image is blurred by a part of its radius; `up` is a unit vector in the directions right, down and towards
-    /// the camera, as the ball is seen.
+    /// For a ball whose image is blurred by a part of its radius; `up` is a unit vector in the directions
+    /// right, down and towards the camera, as the ball is seen.
     pub(super) fn new(up: Option<Vector3<f64>>, soft: f64) -> Self {
         up.and_then(|up| Image::new(&up, soft)).map_or(Self::Anyhow, Self::Above)
     }
@@ -90,8 +94,8 @@ impl Image {
             return None;
         }
         let outwards = half.xy().try_normalize(1e-6).unwrap_or(-nalgebra::Vector2::y());
-        // What is mirrored turns twice as far as the normal that tilts outwards, and by twice the cosine of one that tilts across; the
-        // former is foreshortened.
+        // What is mirrored turns twice as far as the normal that tilts outwards, and by twice the cosine of
+        // one that tilts across; the former is foreshortened.
         let sharp = [(0.5 * LOBE_RAD * cosine).powi(2), (0.5 * LOBE_RAD / cosine).powi(2)];
         let bend = [0.5 * sine / (cosine * cosine), sine * (cosine * cosine + 0.5)];
         // Blur leaves the mean and the third cumulants as they are.

@@ -92,9 +92,10 @@ pub(super) fn prior(start: &Start, model: &Model) -> [Known; COUNT] {
     prior
 }
 
-/// What is known beforehand of the shading of first order. Lamps hang above: where it is known where that is, the mean is that of lamps
-/// anywhere in the upper half of all directions, whose cosine to the vertical has a mean of 1/2. The spread remains that of any light,
-/// as windows and what the floor throws back are not known.
+/// What is known beforehand of the shading of first order. Lamps hang above: where it is known where that is,
+/// the mean is that of lamps anywhere in the upper half of all directions, whose cosine to the vertical has a
+/// mean of 1/2. The spread remains that of any light, as windows and what the floor throws back are not
+/// known.
 fn first_order(up: Option<Vector3<f64>>) -> [Known; FIRST_ORDER] {
     let variance = SHADE_STD[0] * SHADE_STD[0];
     // The square of the whole slope is that of its three coefficients together.

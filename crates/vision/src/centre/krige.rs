@@ -1,9 +1,10 @@
 //! Clutter behind a ball's rim, predicted from the pixels beside it that the ball leaves free.
 //!
-//! No image is sharper than its blur, so the clutter's correlation is that of blurred white noise, exp(-d²/4w²) with w
-//! the width of an edge; in a still, where there is time, it is as long as it is seen to be along a line
-//! ([`super::metric`]). Its mean and variance under the ball follow by kriging from the nearest free pixels (Matheron
-//! 1963; Rasmussen & Williams 2006, eq. 2.23-2.24); what is left unknown keeps the correlation.
+//! No image is sharper than its blur, so the clutter's correlation is that of blurred white noise,
+//! exp(-d²/4w²) with w the width of an edge; in a still, where there is time, it is as long as it is seen to
+//! be along a line ([`super::metric`]). Its mean and variance under the ball follow by kriging from the
+//! nearest free pixels (Matheron 1963; Rasmussen & Williams 2006, eq. 2.23-2.24); what is left unknown keeps
+//! the correlation.
 
 use super::cholesky::Banded;
 use super::constants::CLEAR;
@@ -18,7 +19,8 @@ use pulp::Simd;
 pub(super) const LEAST_CLUTTER: f64 = 0.5;
 /// Distance in edge widths at which correlation ends.
 const FAR_EDGES: f64 = 4.0;
-/// Free pixels from which the background of one pixel is predicted: two rows of a neighbourhood of radius two.
+/// Free pixels from which the background of one pixel is predicted: two rows of a neighbourhood of radius
+/// two.
 const NEIGHBOURS: usize = 8;
 /// Pixels to look for them in each direction.
 pub(super) const REACH: usize = 4;
@@ -49,7 +51,8 @@ static BY_DISTANCE: std::sync::LazyLock<Vec<(i32, i32)>> = std::sync::LazyLock::
 /// Working space.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Kriging {
-    /// What the plane leaves of each free pixel, not a number elsewhere; a margin as wide as the reach around.
+    /// What the plane leaves of each free pixel, not a number elsewhere; a margin as wide as the reach
+    /// around.
     left: Vec<f32>,
     /// Offsets to look for neighbours at in `left`, and in a table by displacement.
     offsets: Vec<(usize, usize)>,
@@ -65,7 +68,8 @@ pub(super) struct Kriging {
     along_lines: bool,
 }
 
-/// The equations of a group of rim pixels: covariance of the neighbours' values (above the diagonal), and with the pixel.
+/// The equations of a group of rim pixels: covariance of the neighbours' values (above the diagonal), and
+/// with the pixel.
 struct Systems {
     matrix: [[[f32; GROUP]; NEIGHBOURS]; NEIGHBOURS],
     cross: [[f32; GROUP]; NEIGHBOURS],
@@ -88,8 +92,8 @@ impl Kriging {
         Self { along_lines: policy.clutter_by_place, ..Self::default() }
     }
 
-    /// Sets from which free pixels and with which weights the clutter at each rim pixel is predicted. `level` is the plane's value at a
-    /// place of the patch.
+    /// Sets from which free pixels and with which weights the clutter at each rim pixel is predicted. `level`
+    /// is the plane's value at a place of the patch.
     #[inline(always)]
     pub(super) fn weigh<S: Simd>(
         &mut self,
@@ -128,7 +132,8 @@ impl Kriging {
         Some(())
     }
 
-    /// Adds the clutter that the nearest free pixels predict to the mean of each rim pixel, and sets how far it may be off.
+    /// Adds the clutter that the nearest free pixels predict to the mean of each rim pixel, and sets how far
+    /// it may be off.
     #[inline(always)]
     pub(super) fn predict<S: Simd>(&mut self, simd: S, clutter: f64, mean: &mut [f32]) -> Option<()> {
         let clutter_variance = Lanes::splat(simd, clutter * clutter);
@@ -181,7 +186,8 @@ impl Kriging {
         }
     }
 
-    /// Sets the equations of up to a group of rim pixels, but for covariances that follow lines, and where their values are.
+    /// Sets the equations of up to a group of rim pixels, but for covariances that follow lines, and where
+    /// their values are.
     #[inline(always)]
     fn set_up(&self, systems: &mut Systems, places: &[(i32, i32)], stride: usize, weights: &mut Weights) {
         weights.at = [[(self.left.len() - 1) as u32; GROUP]; NEIGHBOURS];
@@ -263,7 +269,8 @@ impl Kriging {
         }
     }
 
-    /// Standard deviation of the clutter near a pixel of the patch, once predicted along lines; None where all is covered.
+    /// Standard deviation of the clutter near a pixel of the patch, once predicted along lines; None where
+    /// all is covered.
     pub(super) fn clutter_near(&self, patch: &Patch, pixel: usize, noise_variance: f64) -> Option<f64> {
         let corner = pixel / patch.columns * (patch.columns + 2 * REACH) + pixel % patch.columns;
         self.course.variance(corner, noise_variance).map(f64::sqrt)
@@ -371,7 +378,8 @@ impl Weights {
     const NOTHING: Self =
         Self { at: [[0; GROUP]; NEIGHBOURS], of: [[0.0; GROUP]; NEIGHBOURS], counted: [1.0; GROUP] };
 
-    /// What is predicted from values, and how far it may be off: the root of the mean over these squared and the clutter's variance.
+    /// What is predicted from values, and how far it may be off: the root of the mean over these squared and
+    /// the clutter's variance.
     #[inline(always)]
     fn predict<S: Simd>(
         &self,

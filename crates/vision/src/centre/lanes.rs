@@ -1,8 +1,10 @@
 //! Arithmetic on as many numbers at once as a processor's vector unit holds.
 //!
-//! Samples of eight bits and their derivatives are held in single precision: its rounding, 6e-8 of a number, is 2e-5 of a level.
+//! Samples of eight bits and their derivatives are held in single precision: its rounding, 6e-8 of a number,
+//! is 2e-5 of a level.
 //!
-//! Products and sums are rounded one by one, and together only in [`Lanes::mul_add`], so that every processor gives the same numbers.
+//! Products and sums are rounded one by one, and together only in [`Lanes::mul_add`], so that every processor
+//! gives the same numbers.
 
 use pulp::Simd;
 use std::ops::{Add, Div, Mul, Sub};

@@ -7,10 +7,11 @@ use super::samples::visit;
 use crate::patch::Patch;
 use pulp::Simd;
 
-/// Samples well inside a large ball that are used: enough to know its colour and shading as well as the rim needs.
+/// Samples well inside a large ball that are used: enough to know its colour and shading as well as the rim
+/// needs.
 const MOST_INSIDE: usize = 400;
-/// Depth inside the outline, in edge widths, from which samples say nothing of it: the shading near the rim then follows
-/// from what lies around it there, whatever lamps and gloss do in the middle.
+/// Depth inside the outline, in edge widths, from which samples say nothing of it: the shading near the rim
+/// then follows from what lies around it there, whatever lamps and gloss do in the middle.
 const DEEPEST: f32 = 6.0;
 
 /// Which samples of a patch are used.

@@ -1,9 +1,10 @@
-//! Which way clutter runs beside a ball: a rod or an arm that ends at it, an edge or a seam that goes on behind it.
+//! Which way clutter runs beside a ball: a rod or an arm that ends at it, an edge or a seam that goes on
+//! behind it.
 //!
-//! A stationary Gaussian field of variance C whose correlation is exp(-½ dᵀ M d) has a gradient of covariance C M (Adler
-//! 1981; Rasmussen & Williams 2006, §4.1), so that variance and structure tensor of what is seen nearby determine the metric M:
-//! small along a line, large across it. Across, it is at most I/2w², that of white noise blurred to the width w of an edge;
-//! where nothing but noise is seen it is that.
+//! A stationary Gaussian field of variance C whose correlation is exp(-½ dᵀ M d) has a gradient of covariance
+//! C M (Adler 1981; Rasmussen & Williams 2006, §4.1), so that variance and structure tensor of what is seen
+//! nearby determine the metric M: small along a line, large across it. Across, it is at most I/2w², that of
+//! white noise blurred to the width w of an edge; where nothing but noise is seen it is that.
 
 use super::krige::REACH;
 
@@ -19,7 +20,8 @@ pub(super) struct Nearby {
     pub(super) metric: [f64; 3],
 }
 
-/// Products of a free pixel's gradient (xx, xy, yy), its square and its presence; all 0 where it or a neighbour is not free.
+/// Products of a free pixel's gradient (xx, xy, yy), its square and its presence; all 0 where it or a
+/// neighbour is not free.
 type Moments = [f32; 5];
 
 /// Working space.
@@ -31,7 +33,8 @@ pub(super) struct Course {
 }
 
 impl Course {
-    /// Takes in the clutter at each free pixel, not a number elsewhere, in rows of `stride` with a margin of a reach around.
+    /// Takes in the clutter at each free pixel, not a number elsewhere, in rows of `stride` with a margin of
+    /// a reach around.
     #[inline(always)]
     pub(super) fn take(&mut self, left: &[f32], stride: usize) {
         self.moments.clear();
@@ -57,8 +60,8 @@ impl Course {
         }
     }
 
-    /// Variance of the clutter under pixel noise around the pixel whose neighbourhood's corner is at `corner`; None where all is
-    /// covered.
+    /// Variance of the clutter under pixel noise around the pixel whose neighbourhood's corner is at
+    /// `corner`; None where all is covered.
     #[inline(always)]
     pub(super) fn variance(&self, corner: usize, noise_variance: f64) -> Option<f64> {
         let (mut square, mut count) = (0.0_f32, 0.0_f32);
@@ -87,8 +90,8 @@ impl Course {
     }
 }
 
-/// The metric from sums of the gradient's products and of the clutter's squares, both less noise, together with as much blurred
-/// white noise as there is noise: so much chance may add.
+/// The metric from sums of the gradient's products and of the clutter's squares, both less noise, together
+/// with as much blurred white noise as there is noise: so much chance may add.
 #[inline(always)]
 fn metric_of([xx, xy, yy]: [f64; 3], square: f64, noise: f64, edge_px: f64) -> [f64; 3] {
     let most = 0.5 / (edge_px * edge_px);

@@ -11,9 +11,10 @@ use crate::outline::Outline;
 use nalgebra::SVector;
 use pulp::{Scalar, Simd};
 
-/// Centre x and y, radius, edge width; ball colour of three channels; shading of first order (x, y, z of the surface's
-/// normal) and second (xy, xz, yz, x² - y², z²); neutral light in the three patterns that a gloss mirrors; columns by which the
-/// colour differences are sited to the right of the left pixel of their block; shading of fourth order.
+/// Centre x and y, radius, edge width; ball colour of three channels; shading of first order (x, y, z of the
+/// surface's normal) and second (xy, xz, yz, x² - y², z²); neutral light in the three patterns that a gloss
+/// mirrors; columns by which the colour differences are sited to the right of the left pixel of their block;
+/// shading of fourth order.
 pub(super) const COUNT: usize = 20;
 pub(super) const RADIUS: usize = 2;
 pub(super) const EDGE: usize = 3;
@@ -71,7 +72,8 @@ impl Values {
     }
 }
 
-/// Derivatives of each channel by all parameters and its value, for a group of pixels. What no model sets remains 0.
+/// Derivatives of each channel by all parameters and its value, for a group of pixels. What no model sets
+/// remains 0.
 pub(super) type Columns = [[[f32; GROUP]; WIDTH]; 3];
 pub(super) const NO_COLUMNS: Columns = [[[0.0; GROUP]; WIDTH]; 3];
 
@@ -106,8 +108,8 @@ impl Model {
         depth[0]
     }
 
-    /// Distance of pixels inside the edge, in edge widths; its derivatives by centre, radius and edge width, in which
-    /// the outline's own stretch is taken as constant.
+    /// Distance of pixels inside the edge, in edge widths; its derivatives by centre, radius and edge width,
+    /// in which the outline's own stretch is taken as constant.
     #[inline(always)]
     fn edge_at<S: Simd>(&self, simd: S, (x_px, y_px): (Lanes<S>, Lanes<S>)) -> (Lanes<S>, [Lanes<S>; 4]) {
         let p = &self.p;
@@ -162,8 +164,8 @@ impl Model {
         Rim { covered, slope: by.map(|d| density * d), bend }
     }
 
-    /// What a group of pixels shows, that at `first` and those behind, in the channels that these combinations of codes are, with its
-    /// derivatives. The columns are working space.
+    /// What a group of pixels shows, that at `first` and those behind, in the channels that these
+    /// combinations of codes are, with its derivatives. The columns are working space.
     #[inline(always)]
     pub(super) fn show<S: Simd>(
         &self,
@@ -208,7 +210,8 @@ impl Model {
         let normal = self.normal_at(simd, at);
         let [terms, across, down] = self.harmonics_of(simd, &normal);
         let [term, by_x, by_y] = self.fourth_of(simd, &normal);
-        // Blur of variance w² moves light along its slope: f·disc blurred is f·(disc blurred) + w² ∇f·∇(disc blurred).
+        // Blur of variance w² moves light along its slope: f·disc blurred is f·(disc blurred) + w² ∇f·∇(disc
+        // blurred).
         let spread = all(p[EDGE] * p[EDGE]);
         let mut lit = [all(0.0); SHADES];
         let (mut face, mut seen, mut along) = (all(1.0), rim.covered, [all(0.0); 2]);
@@ -333,16 +336,16 @@ pub(super) fn add_scaled(sum: &mut Row, row: &Row, weight: f32) {
     }
 }
 
-/// Coverage of pixels at the rim, its derivatives by centre, radius and edge width, and the derivatives by these of the
-/// first two.
+/// Coverage of pixels at the rim, its derivatives by centre, radius and edge width, and the derivatives by
+/// these of the first two.
 struct Rim<S: Simd> {
     covered: Lanes<S>,
     slope: [Lanes<S>; 4],
     bend: [[Lanes<S>; 2]; 4],
 }
 
-/// Rim and shading of pixels: the shading's terms as they are seen, their sum inside the ball and as seen, and its slope;
-/// likewise of the gloss.
+/// Rim and shading of pixels: the shading's terms as they are seen, their sum inside the ball and as seen,
+/// and its slope; likewise of the gloss.
 struct Face<S: Simd> {
     rim: Rim<S>,
     lit: [Lanes<S>; SHADES],

@@ -10,7 +10,8 @@ const HELD: f64 = 1e12;
 /// Rows of the sums that are added to together: as many sums as a vector unit keeps at hand.
 const ROWS: usize = 4;
 
-/// Upper triangle of the information matrix, the gradient behind each of its rows; after [`Self::solve`], its factor.
+/// Upper triangle of the information matrix, the gradient behind each of its rows; after [`Self::solve`], its
+/// factor.
 #[derive(Debug, Clone)]
 pub(super) struct Normal {
     /// Sums over the samples with what is known besides, in double precision, as a solution needs it.
@@ -72,8 +73,9 @@ impl Normal {
         self.rows[i][RESIDUAL] = 0.0;
     }
 
-    /// The step that these equations ask for and its squared length in standard deviations; None where the information is
-    /// not positive definite. Leaves the factor: information = Uᵀ D⁻¹ U with D the diagonal of U.
+    /// The step that these equations ask for and its squared length in standard deviations; None where the
+    /// information is not positive definite. Leaves the factor: information = Uᵀ D⁻¹ U with D the diagonal of
+    /// U.
     #[inline(always)]
     pub(super) fn solve(&mut self) -> Option<(Parameters, f64)> {
         let mut length = 0.0;
@@ -96,7 +98,8 @@ impl Normal {
         Some((Parameters::from_fn(|i, _| change[i][0]), length))
     }
 
-    /// Solves with the upper triangle. Each value is taken from all before it once it is known, so that none waits for a sum.
+    /// Solves with the upper triangle. Each value is taken from all before it once it is known, so that none
+    /// waits for a sum.
     #[inline(always)]
     fn back_substitute<const N: usize>(&self, x: &mut [[f64; N]; COUNT]) {
         for k in (0..COUNT).rev() {
@@ -110,7 +113,8 @@ impl Normal {
         }
     }
 
-    /// Covariance of some parameters, after [`Self::solve`]: that of two is the product of their columns of the inverse factor.
+    /// Covariance of some parameters, after [`Self::solve`]: that of two is the product of their columns of
+    /// the inverse factor.
     #[inline(always)]
     pub(super) fn covariance<const N: usize>(&self, of: [usize; N]) -> [[f64; N]; N] {
         let mut columns = [[0.0; N]; COUNT];
@@ -161,8 +165,8 @@ fn sum_rows<S: Simd, const GROUPS: usize>(simd: S, first: usize, samples: &[Row]
     }
 }
 
-/// Adds a multiple of a row to row `i`: nothing before its diagonal is read, and loops of a fixed length are what
-/// compilers turn into vector instructions.
+/// Adds a multiple of a row to row `i`: nothing before its diagonal is read, and loops of a fixed length are
+/// what compilers turn into vector instructions.
 #[inline(always)]
 fn add_scaled(sum: &mut [f64; WIDTH], i: usize, row: &[f64; WIDTH], factor: f64) {
     const HALF: usize = 8;

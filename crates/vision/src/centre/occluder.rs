@@ -1,17 +1,21 @@
-//! Whether what is seen around a ball lies before its face, too: an arm or a rod that occludes it, or one that only ends there.
+//! Whether what is seen around a ball lies before its face, too: an arm or a rod that occludes it, or one
+//! that only ends there.
 //!
-//! Two hypotheses at each pixel. Nothing is there: a mean of what the fit leaves over the neighbourhood has the variance of the
-//! noise in it and of what is not known behind the rim. Clutter is there: it has that of the clutter besides. The mean is
-//! weighed by the clutter's correlation, the filter that is matched to it, so that it stands for one sample of it; which of the
-//! two holds follows by Bayes' rule (Jaynes 2003, chapter 4).
+//! Two hypotheses at each pixel. Nothing is there: a mean of what the fit leaves over the neighbourhood has
+//! the variance of the noise in it and of what is not known behind the rim. Clutter is there: it has that of
+//! the clutter besides. The mean is weighed by the clutter's correlation, the filter that is matched to it,
+//! so that it stands for one sample of it; which of the two holds follows by Bayes' rule (Jaynes 2003,
+//! chapter 4).
 
 use super::stages::Stages;
 use crate::patch::Patch;
 
-/// Clutter may reach over the ball's face as well as behind it: probability of that before anything is seen there. As much of it is
-/// taken to be the room behind as what the ball is fixed to, and of the latter as much on its near side as on its far one.
+/// Clutter may reach over the ball's face as well as behind it: probability of that before anything is seen
+/// there. As much of it is taken to be the room behind as what the ball is fixed to, and of the latter as
+/// much on its near side as on its far one.
 pub(super) const OCCLUDED: f32 = 0.25;
-/// Pixels in each direction over which clutter is alike: at a blur of half a pixel, correlation beyond is below e⁻⁴.
+/// Pixels in each direction over which clutter is alike: at a blur of half a pixel, correlation beyond is
+/// below e⁻⁴.
 const ALIKE_PX: usize = 2;
 const ACROSS: usize = 2 * ALIKE_PX + 1;
 
@@ -26,8 +30,8 @@ struct Share {
     clutter: f32,
 }
 
-/// Sets the probability that clutter lies before the ball at each pixel in use, from what a step has left of its brightness. Where
-/// no clutter is predicted nothing is changed.
+/// Sets the probability that clutter lies before the ball at each pixel in use, from what a step has left of
+/// its brightness. Where no clutter is predicted nothing is changed.
 #[inline(always)]
 pub(super) fn probabilities(stages: &Stages<'_>, left: &[f32], noise_variance: f64, out: &mut [f32]) {
     let behind = &stages.background.covariance;
@@ -114,8 +118,8 @@ mod tests {
 
     const SIDE: usize = 9;
 
-    /// The probability in the middle of a face that leaves this at each pixel, clutter around of standard deviation 10 and noise of
-    /// 2 levels.
+    /// The probability in the middle of a face that leaves this at each pixel, clutter around of standard
+    /// deviation 10 and noise of 2 levels.
     fn probability_at(left: f32) -> f32 {
         let patch = Patch { columns: SIDE, rows: SIDE, ..Patch::default() };
         let count = SIDE * SIDE;

@@ -11,9 +11,10 @@ use super::weighted::{Left, Solved, Weighted};
 use crate::optics::{Known, Optics};
 use crate::{Matrix2, Vector2};
 
-/// Movement of the centre, in edge widths, for what the face shows beyond the model as a part of its contrast. A patch of
-/// relative strength s that reaches the rim moves an edge of width w by s w √π (matched filter of a Gaussian edge); the
-/// rim has room for about five such patches, half a radius wide, of which two directions take √(2/5).
+/// Movement of the centre, in edge widths, for what the face shows beyond the model as a part of its
+/// contrast. A patch of relative strength s that reaches the rim moves an edge of width w by s w √π (matched
+/// filter of a Gaussian edge); the rim has room for about five such patches, half a radius wide, of which two
+/// directions take √(2/5).
 const TEXTURE_GAIN: f64 = 1.121;
 /// Part of the disc whose samples must be believed.
 pub(super) const LEAST_TRUSTED: f64 = 0.5;
@@ -108,9 +109,10 @@ impl End<'_> {
         })
     }
 
-    /// Standard deviation of what the face shows beyond the model and the noise of a pixel (a shadow, a highlight, light of higher
-    /// order), as a part of its difference from the surroundings, by what the last step has left. A sample counts by the probability
-    /// that it is the face that is seen: what is before it is in the samples' own variance.
+    /// Standard deviation of what the face shows beyond the model and the noise of a pixel (a shadow, a
+    /// highlight, light of higher order), as a part of its difference from the surroundings, by what the last
+    /// step has left. A sample counts by the probability that it is the face that is seen: what is before it
+    /// is in the samples' own variance.
     fn texture(&self, linear: &[f64; 3]) -> f64 {
         let Self { stages, trust, noise, weighted, left, .. } = self;
         let from_coded = &stages.patch.from_coded;
@@ -154,7 +156,8 @@ impl Mean {
     }
 }
 
-/// Greatest difference between a light and the surroundings in any channel, in standard deviations of the noise.
+/// Greatest difference between a light and the surroundings in any channel, in standard deviations of the
+/// noise.
 pub(super) fn contrast(stages: &Stages<'_>, noise_variance: f64, linear: &[f64; 3]) -> f64 {
     let coded = linear.map(|light| encoded(light).0);
     let channels = std::iter::zip(&stages.patch.from_coded, stages.background.around());

@@ -31,8 +31,8 @@ impl Places {
         }
     }
 
-    /// Sets the light behind the first pixels, of these brightnesses and of colours that are planes over the patch by their level at its
-    /// first pixel and their slopes.
+    /// Sets the light behind the first pixels, of these brightnesses and of colours that are planes over the
+    /// patch by their level at its first pixel and their slopes.
     #[inline(always)]
     pub(super) fn light_up_first<S: Simd>(
         &mut self,

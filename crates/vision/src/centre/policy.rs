@@ -5,8 +5,8 @@
 pub(crate) struct FitPolicy {
     /// Steps after which a fit is given up.
     pub(super) most_steps: usize,
-    /// Whether clutter is looked at by place: followed along lines behind the ball's rim, such as a rod that ends at it, and looked
-    /// for before its face.
+    /// Whether clutter is looked at by place: followed along lines behind the ball's rim, such as a rod that
+    /// ends at it, and looked for before its face.
     pub(super) clutter_by_place: bool,
 }
 

@@ -171,8 +171,8 @@ fn square_sum<S: Simd>(simd: S, values: &[f32], level: f64) -> f64 {
     f64::from(total(simd, &out))
 }
 
-/// The value that half of `count` values are below; the values come in whole groups, filled up with what lies above them all.
-/// None without any.
+/// The value that half of `count` values are below; the values come in whole groups, filled up with what lies
+/// above them all. None without any.
 #[inline(always)]
 pub(super) fn median<S: Simd>(simd: S, values: &[f32], count: usize) -> Option<f64> {
     if count == 0 {
@@ -183,8 +183,8 @@ pub(super) fn median<S: Simd>(simd: S, values: &[f32], count: usize) -> Option<f
 
 /// The same from a number near it and what [`typical`] takes for the spread.
 ///
-/// Counted are the values on either side of a limit, at first that number, then where the median would lie if the values were
-/// spread evenly, or in the middle as long as that leaves out too few.
+/// Counted are the values on either side of a limit, at first that number, then where the median would lie if
+/// the values were spread evenly, or in the middle as long as that leaves out too few.
 #[inline(always)]
 fn median_near<S: Simd>(
     simd: S,
@@ -228,13 +228,14 @@ fn median_near<S: Simd>(
     }
 }
 
-/// Width in which a Gaussian's middle would hold all values if it were as dense all over, by the range of a group of medians as
-/// [`typical`] takes them.
+/// Width in which a Gaussian's middle would hold all values if it were as dense all over, by the range of a
+/// group of medians as [`typical`] takes them.
 const SPREADS_OF_ALL: f32 = 3.0;
 /// That range by the median of a Gaussian's absolute values.
 const SPREAD_OF_MIDDLE: f32 = 0.8;
 
-/// One of the values that is likely to be near the median, and the range of such: medians of three of medians of three.
+/// One of the values that is likely to be near the median, and the range of such: medians of three of medians
+/// of three.
 #[inline(always)]
 fn typical<S: Simd>(simd: S, values: &[f32]) -> (f32, f32) {
     let groups = values.len() / GROUP;

@@ -17,8 +17,8 @@ pub(super) fn combined(row: &[f64; 4], coded: &[f64; 3]) -> f64 {
     (0..3).map(|c| row[c] * coded[c]).sum::<f64>() + row[3]
 }
 
-/// Variance of the noise from the second difference of second differences, which passes neither slopes nor most edges
-/// (Immerkær 1996, with the median in place of the mean).
+/// Variance of the noise from the second difference of second differences, which passes neither slopes nor
+/// most edges (Immerkær 1996, with the median in place of the mean).
 #[inline(always)]
 pub(super) fn grain_variance<S: Simd>(simd: S, patch: &Patch) -> f64 {
     let (columns, rows) = (patch.columns, patch.rows);
@@ -26,7 +26,8 @@ pub(super) fn grain_variance<S: Simd>(simd: S, patch: &Patch) -> f64 {
     if count == 0 {
         return 0.0;
     }
-    // Pixel after pixel, whatever the row: the last two of each have none, and lie above all as what fills up the last group.
+    // Pixel after pixel, whatever the row: the last two of each have none, and lie above all as what fills up
+    // the last group.
     let all = (rows - 2) * columns - 2;
     let mut values = vec![FILLING; (all + 2).next_multiple_of(GROUP)];
     let whole = all / GROUP * GROUP;
@@ -63,11 +64,12 @@ fn bend<S: Simd>(simd: S, patch: &Patch, first: usize, part: usize) -> Lanes<S> 
     left - (here + here) + right
 }
 
-/// The pixels that a colour sample averages: `each` gets pixel, weight and the weight's derivative by the siting. False
-/// where some lie outside the patch.
+/// The pixels that a colour sample averages: `each` gets pixel, weight and the weight's derivative by the
+/// siting. False where some lie outside the patch.
 ///
-/// A colour sample is the mean over the two rows of its block and over a box two pixels wide whose middle lies the siting
-/// to the right of the block's left pixel: weights of 1/4, 1/2, 1/4 for a siting of 0, of 0, 1/2, 1/2 for one of 1/2.
+/// A colour sample is the mean over the two rows of its block and over a box two pixels wide whose middle
+/// lies the siting to the right of the block's left pixel: weights of 1/4, 1/2, 1/4 for a siting of 0, of 0,
+/// 1/2, 1/2 for one of 1/2.
 #[inline(always)]
 pub(super) fn visit(
     patch: &Patch,

@@ -1,8 +1,9 @@
 //! How a matt ball is lit, by the spherical harmonics of its surface's normal.
 //!
-//! Under any lamps the first and the second order hold what is to be seen of the light to about 2 % (Basri & Jacobs 2003; Ramamoorthi
-//! & Hanrahan 2001). Of the rest, the third order is nil and the fourth matters where one lamp outshines the others: its clamped
-//! cosine t is 1/4 + t/2 + 5/16 P₂(t) - 3/32 P₄(t), with no other direction than that of the first order.
+//! Under any lamps the first and the second order hold what is to be seen of the light to about 2 % (Basri &
+//! Jacobs 2003; Ramamoorthi & Hanrahan 2001). Of the rest, the third order is nil and the fourth matters
+//! where one lamp outshines the others: its clamped cosine t is 1/4 + t/2 + 5/16 P₂(t) - 3/32 P₄(t), with no
+//! other direction than that of the first order.
 
 use super::gloss::Gloss;
 use super::lanes::Lanes;
@@ -11,7 +12,8 @@ use crate::Vector3;
 use crate::outline::Outline;
 use pulp::Simd;
 
-/// Shading of first order below which no direction stands out: the fourth would be below a hundredth of the ball's light.
+/// Shading of first order below which no direction stands out: the fourth would be below a hundredth of the
+/// ball's light.
 const LEAST_SLOPE: f64 = 0.05;
 
 /// Normal of the surface at pixels: x, y and z, and z squared.
@@ -22,7 +24,8 @@ pub(super) struct Normals<S: Simd> {
     z2: Lanes<S>,
 }
 
-/// The direction from which most light comes, by the shading of first order; from above where none stands out.
+/// The direction from which most light comes, by the shading of first order; from above where none stands
+/// out.
 fn lamp(p: &Parameters) -> [f64; 3] {
     let slope = p.fixed_rows::<3>(SHADE);
     let norm = slope.norm();
@@ -57,8 +60,9 @@ impl Model {
         Normals { x, y, z: z2.sqrt(), z2 }
     }
 
-    /// First and second harmonics less their means over the disc, so that the colour remains that of the whole ball; and what the slope
-    /// of each along two axes is, per pixel, as far as it matters to the centre.
+    /// First and second harmonics less their means over the disc, so that the colour remains that of the
+    /// whole ball; and what the slope of each along two axes is, per pixel, as far as it matters to the
+    /// centre.
     #[inline(always)]
     pub(super) fn harmonics_of<S: Simd>(&self, simd: S, normal: &Normals<S>) -> [[Lanes<S>; SHADES]; 3] {
         let all = |value: f64| Lanes::splat(simd, value);

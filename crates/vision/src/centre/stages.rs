@@ -5,7 +5,8 @@ use super::layout::Layout;
 use super::linearized::Linearized;
 use crate::patch::Patch;
 
-/// Layout, background and linear form of one step. Whatever takes this cannot be called before they are there.
+/// Layout, background and linear form of one step. Whatever takes this cannot be called before they are
+/// there.
 #[derive(Clone, Copy)]
 pub(super) struct Stages<'a> {
     pub(super) patch: &'a Patch,

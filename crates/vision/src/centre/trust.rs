@@ -15,8 +15,8 @@ pub(super) struct Trust {
     pub(super) block_weight: Vec<f32>,
     /// Probability that clutter lies before the ball, at each pixel.
     pub(super) occluded: Vec<f32>,
-    /// Whether that has been decided. It is once, from a fit that allowed for it everywhere: decided again from a fit that trusts
-    /// what it found, it would bear itself out.
+    /// Whether that has been decided. It is once, from a fit that allowed for it everywhere: decided again
+    /// from a fit that trusts what it found, it would bear itself out.
     pub(super) is_occlusion_decided: bool,
     pub(super) glare: Glare,
 }
@@ -59,8 +59,8 @@ impl Trust {
         f64::from(believed / covered)
     }
 
-    /// Sets the weights by the trust. An occluder is no sharper than its blur, so neighbours of a sample that is not
-    /// believed at all are not believed either.
+    /// Sets the weights by the trust. An occluder is no sharper than its blur, so neighbours of a sample that
+    /// is not believed at all are not believed either.
     pub(super) fn weigh(&mut self, patch: &Patch, spoiled: &[u32]) {
         self.weight.clone_from(&self.pixels);
         self.block_weight.clone_from(&self.blocks);

@@ -15,11 +15,12 @@ use pulp::Simd;
 
 /// Weight at which a sample no longer counts.
 const LEAST_TRUST: f32 = 1e-3;
-/// Area over which clutter is alike, in squared edge widths: the integral of the correlation of blurred white noise. What is
-/// taken as independent from pixel to pixel but is not has its variance times the area, so that a mean over many is right.
+/// Area over which clutter is alike, in squared edge widths: the integral of the correlation of blurred white
+/// noise. What is taken as independent from pixel to pixel but is not has its variance times the area, so
+/// that a mean over many is right.
 const ALIKE: f64 = 4.0 * std::f64::consts::PI;
-/// Clutter is taken to have half the brightness of the wall, so that one of a given variance hides this many times its
-/// relative strength of the ball's colour, as long as nothing is seen before the ball.
+/// Clutter is taken to have half the brightness of the wall, so that one of a given variance hides this many
+/// times its relative strength of the ball's colour, as long as nothing is seen before the ball.
 const HIDES: f32 = 2.0;
 /// Number of samples that the guess of the noise counts for.
 const NOISE_WEIGHT: f64 = 20.0;
@@ -49,7 +50,8 @@ pub(super) struct Left {
     pub(super) bright: Vec<f32>,
 }
 
-/// Fifth stage: the step that the equations ask for, its squared length in standard deviations, and their factor.
+/// Fifth stage: the step that the equations ask for, its squared length in standard deviations, and their
+/// factor.
 pub(super) struct Solved {
     pub(super) change: Parameters,
     pub(super) length: f64,
@@ -139,7 +141,8 @@ impl Weighted {
         }
     }
 
-    /// The step by these samples and by what is known beforehand; None where the information is not positive definite.
+    /// The step by these samples and by what is known beforehand; None where the information is not positive
+    /// definite.
     #[inline(always)]
     pub(super) fn solve<S: Simd>(&self, simd: S, model: &Model, prior: &[Known; COUNT]) -> Option<Solved> {
         let mut normal = Normal::default();

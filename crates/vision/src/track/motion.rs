@@ -2,14 +2,15 @@
 
 use crate::Vector2;
 
-/// Filters by what they take to be steady (1: the velocity, 2: the acceleration) and what a frame keeps of the weight of those before
-/// it. Which of them predicts best shows in each flight: long memories rest while it hovers, short ones follow while it turns.
+/// Filters by what they take to be steady (1: the velocity, 2: the acceleration) and what a frame keeps of
+/// the weight of those before it. Which of them predicts best shows in each flight: long memories rest while
+/// it hovers, short ones follow while it turns.
 const FILTERS: [(usize, f64); 5] = [(1, 0.0), (1, 0.5), (1, 0.8), (2, 0.3), (2, 0.5)];
 /// What a frame keeps of the error that a filter was known for: manoeuvres begin within three frames.
 const ERROR_KEPT: f64 = 0.7;
 
-/// Motion of one object, predicted by filters of fading memory (Morrison 1969, ch. 13): polynomials that fit all that was seen, the older
-/// the less, of which that which was off least of late is believed.
+/// Motion of one object, predicted by filters of fading memory (Morrison 1969, ch. 13): polynomials that fit
+/// all that was seen, the older the less, of which that which was off least of late is believed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Motion {
     filters: [Filter; FILTERS.len()],
@@ -62,7 +63,8 @@ impl Motion {
         Self { filters: [Filter::of(pixel, pixel, 1.0); FILTERS.len()], last_px: pixel, is_known: false }
     }
 
-    /// Takes the place where the object was seen so many frames after it was before; behind a gap all begins anew.
+    /// Takes the place where the object was seen so many frames after it was before; behind a gap all begins
+    /// anew.
     pub(super) fn advance(&mut self, pixel: Vector2<f64>, frames: u32) {
         if self.is_known && frames == 1 {
             self.filters.iter_mut().zip(FILTERS).for_each(|(filter, kind)| filter.advance(pixel, kind));

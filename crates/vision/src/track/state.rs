@@ -7,13 +7,14 @@ use crate::detect::Expected;
 use crate::optics::Known;
 use crate::{Detection, Vector2};
 
-/// Change of size or brightness between detections beyond which it is another object: half a stop of shade, or the range
-/// changing by half.
+/// Change of size or brightness between detections beyond which it is another object: half a stop of shade,
+/// or the range changing by half.
 const MOST_CHANGE: f64 = 1.6;
-/// Detections over which apparent radius and brightness are averaged: a third of a second of video. Both change with the place.
+/// Detections over which apparent radius and brightness are averaged: a third of a second of video. Both
+/// change with the place.
 const MEMORY: u32 = 10;
-/// Standard deviation of the change of the range from frame to frame, as a part of it: a metre a second at six metres
-/// and thirty frames a second.
+/// Standard deviation of the change of the range from frame to frame, as a part of it: a metre a second at
+/// six metres and thirty frames a second.
 const RADIUS_CHANGE: f64 = 0.005;
 
 /// Frames without a diameter of motion after which a ball counts as static: a second or two of video.
@@ -35,7 +36,8 @@ pub(super) struct TrackState {
     pub(super) mean_radius_px: f64,
     mean_brightness: f32,
     pub(super) expected: Option<Expected>,
-    /// Where it was when it last had moved by a diameter or had not been seen before, and in which frame it had moved.
+    /// Where it was when it last had moved by a diameter or had not been seen before, and in which frame it
+    /// had moved.
     pub(super) place: Vector2<f64>,
     pub(super) moved_at: u64,
     pub(super) has_moved: bool,
@@ -101,8 +103,8 @@ impl TrackState {
 
     pub(super) fn advance(&mut self, ball: Detection, frame: u64) {
         self.motion.advance(ball.pixel, self.missed + 1);
-        // Flecks of a static object come and go, one here and one there: what moves is followed from here to there, and is there in
-        // the next frame, too.
+        // Flecks of a static object come and go, one here and one there: what moves is followed from here to
+        // there, and is there in the next frame, too.
         if self.missed > 0 {
             self.place = ball.pixel;
         }

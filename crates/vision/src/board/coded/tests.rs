@@ -3,7 +3,8 @@ use mavsight_geometry::ImageSize;
 
 const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
 
-/// A frame of what is on the board's plane, in squares from its first inner corner, each pixel the mean of 6 by 6 samples.
+/// A frame of what is on the board's plane, in squares from its first inner corner, each pixel the mean of 6
+/// by 6 samples.
 fn frame(level: impl Fn(Vector2<f64>) -> f64, board_from_pixel: impl Fn(f64, f64) -> Vector2<f64>) -> Frame {
     let mut rgb = Vec::new();
     for y in 0..SIZE.height_px {
@@ -18,7 +19,8 @@ fn frame(level: impl Fn(Vector2<f64>) -> f64, board_from_pixel: impl Fn(f64, f64
     Frame::from_rgb(SIZE, rgb).unwrap()
 }
 
-/// Grey level of a board, whose first square is dark (0) or light (1), at a place in squares from its first inner corner.
+/// Grey level of a board, whose first square is dark (0) or light (1), at a place in squares from its first
+/// inner corner.
 fn printed(board: &CodedBoard, first: usize) -> impl Fn(Vector2<f64>) -> f64 {
     let squares = board.squares(first);
     let (columns, rows) = board.corners();
@@ -100,7 +102,8 @@ fn a_part_of_a_board_is_recognised_by_its_markers() {
     assert!(error_px < 0.1, "{error_px} px");
 }
 
-/// Boards printed by OpenCV before 4.6, and by calib.io, begin with a light square where the number of rows of squares is even.
+/// Boards printed by OpenCV before 4.6, and by calib.io, begin with a light square where the number of rows
+/// of squares is even.
 #[test]
 fn either_kind_of_first_square_is_recognised() {
     let board = CodedBoard::new((6, 5), 0.75, "DICT_5X5_50").unwrap();
