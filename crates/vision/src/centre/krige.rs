@@ -6,6 +6,9 @@
 //! nearest free pixels (Matheron 1963; Rasmussen & Williams 2006, eq. 2.23-2.24); what is left unknown keeps
 //! the correlation.
 
+mod systems;
+
+use self::systems::{NEIGHBOURS, Systems, Weights};
 use super::cholesky::Banded;
 use super::constants::CLEAR;
 use super::edge::fall;
@@ -19,9 +22,6 @@ use pulp::Simd;
 pub(super) const LEAST_CLUTTER: f64 = 0.5;
 /// Distance in edge widths at which correlation ends.
 const FAR_EDGES: f64 = 4.0;
-/// Free pixels from which the background of one pixel is predicted: two rows of a neighbourhood of radius
-/// two.
-const NEIGHBOURS: usize = 8;
 /// Pixels to look for them in each direction.
 pub(super) const REACH: usize = 4;
 /// Width of a table by the displacement of two of them.
@@ -66,25 +66,6 @@ pub(super) struct Kriging {
     course: Course,
     /// Whether lines are looked for.
     along_lines: bool,
-}
-
-/// The equations of a group of rim pixels: covariance of the neighbours' values (above the diagonal), and
-/// with the pixel.
-struct Systems {
-    matrix: [[[f32; GROUP]; NEIGHBOURS]; NEIGHBOURS],
-    cross: [[f32; GROUP]; NEIGHBOURS],
-    /// Variance of a neighbour's value.
-    own: [f32; GROUP],
-    count: [usize; GROUP],
-}
-
-/// For a group of rim pixels, where their neighbours' values are, and what each counts.
-#[derive(Debug, Clone, Copy)]
-struct Weights {
-    at: [[u32; GROUP]; NEIGHBOURS],
-    of: [[f32; GROUP]; NEIGHBOURS],
-    /// One more than the neighbours that there are.
-    counted: [f32; GROUP],
 }
 
 impl Kriging {
@@ -301,109 +282,3 @@ impl Kriging {
 
 /// Pixels in each direction beyond which no correlation is kept.
 const BAND_REACH: usize = 2 * REACH;
-/// Half a row of equations.
-const HALF: usize = NEIGHBOURS / 2;
-
-impl Systems {
-    /// Where nothing was found.
-    const NOTHING: Self = Self {
-        matrix: [[[0.0; GROUP]; NEIGHBOURS]; NEIGHBOURS],
-        cross: [[0.0; GROUP]; NEIGHBOURS],
-        own: [1.0; GROUP],
-        count: [0; GROUP],
-    };
-
-    /// What was not found predicts nothing.
-    #[inline(always)]
-    fn leave_out_missing(&mut self, lane: usize) {
-        for i in self.count[lane]..NEIGHBOURS {
-            for row in &mut self.matrix[..i] {
-                row[i][lane] = 0.0;
-            }
-            self.cross[i][lane] = 0.0;
-        }
-    }
-
-    /// Weights of the neighbours; None where a matrix is not positive definite.
-    #[inline(always)]
-    fn solve<S: Simd>(&self, simd: S, weights: &mut Weights) -> Option<()> {
-        let mut least = [0.0; GROUP];
-        for part in 0..Lanes::<S>::PARTS {
-            let load = |values: &[f32; GROUP]| Lanes::load(simd, values, part);
-            let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
-            let own = load(&self.own);
-            let (mut rows, mut x) = ([[zero; NEIGHBOURS]; NEIGHBOURS], [zero; NEIGHBOURS]);
-            for (i, row) in rows.iter_mut().enumerate() {
-                row[i] = own;
-                for (value, from) in row.iter_mut().zip(&self.matrix[i]).skip(i + 1) {
-                    *value = load(from);
-                }
-                x[i] = load(&self.cross[i]);
-            }
-            let mut smallest = rows[0][0];
-            let mut inverse = [zero; NEIGHBOURS];
-            for k in 0..NEIGHBOURS {
-                let pivot = rows[k];
-                smallest = pivot[k].min(smallest);
-                inverse[k] = one / pivot[k];
-                for i in k + 1..NEIGHBOURS {
-                    let factor = pivot[i] * inverse[k];
-                    // Whole halves of a row: a loop of fixed length.
-                    let from = i / HALF * HALF;
-                    for j in 0..HALF {
-                        rows[i][from + j] = rows[i][from + j] - factor * pivot[from + j];
-                    }
-                    if from == 0 {
-                        for j in HALF..NEIGHBOURS {
-                            rows[i][j] = rows[i][j] - factor * pivot[j];
-                        }
-                    }
-                    x[i] = x[i] - factor * x[k];
-                }
-            }
-            for k in (0..NEIGHBOURS).rev() {
-                for i in k + 1..NEIGHBOURS {
-                    x[k] = x[k] - rows[k][i] * x[i];
-                }
-                x[k] = x[k] * inverse[k];
-                x[k].store(&mut weights.of[k], part);
-            }
-            smallest.store(&mut least, part);
-        }
-        least.iter().all(|least| *least > 0.0).then_some(())
-    }
-}
-
-impl Weights {
-    const NOTHING: Self =
-        Self { at: [[0; GROUP]; NEIGHBOURS], of: [[0.0; GROUP]; NEIGHBOURS], counted: [1.0; GROUP] };
-
-    /// What is predicted from values, and how far it may be off: the root of the mean over these squared and
-    /// the clutter's variance.
-    #[inline(always)]
-    fn predict<S: Simd>(
-        &self,
-        simd: S,
-        values: &[f32],
-        clutter_variance: Lanes<S>,
-    ) -> ([f32; GROUP], [f32; GROUP]) {
-        let mut left = [[0.0; GROUP]; NEIGHBOURS];
-        for (left, at) in left.iter_mut().zip(&self.at) {
-            for (left, at) in left.iter_mut().zip(at) {
-                *left = values[*at as usize];
-            }
-        }
-        let (mut predicted, mut deviation) = ([0.0; GROUP], [0.0; GROUP]);
-        for part in 0..Lanes::<S>::PARTS {
-            let (mut sum, mut squares) = (Lanes::splat(simd, 0.0), clutter_variance);
-            for k in (0..NEIGHBOURS).rev() {
-                let left = Lanes::load(simd, &left[k], part);
-                sum = sum + Lanes::load(simd, &self.of[k], part) * left;
-                squares = squares + left * left;
-            }
-            sum.store(&mut predicted, part);
-            (squares / Lanes::load(simd, &self.counted, part)).sqrt().store(&mut deviation, part);
-        }
-        (predicted, deviation)
-    }
-}
