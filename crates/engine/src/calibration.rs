@@ -56,7 +56,7 @@ fn objects_of(session: &Session) -> Result<Vec<MovedObject>, EngineError> {
         objects.push(wand_of(&wand, feeds_if_any(session, |k| session.open_wand(k))?)?);
     }
     if let Some(board) = &session.board {
-        let coded = board.coded().map_err(|e| EngineError::Board { key: e.key.into(), detail: e.detail })?;
+        let coded = board.coded().map_err(|e| EngineError::Board { key: e.key, detail: e.detail })?;
         let board = Board {
             columns: board.columns,
             rows: board.rows,

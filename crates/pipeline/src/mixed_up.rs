@@ -208,7 +208,7 @@ fn median_fit(
     let mut fits = Vec::new();
     for seen in instants {
         let own = match mistake {
-            Some(mistake) => seen.iter().map(|o| mistake.undone(o.clone(), rig)).collect(),
+            Some(mistake) => seen.iter().map(|o| mistake.undone(*o, rig)).collect(),
             None => seen.clone(),
         };
         fits.extend(estimator.reprojection_fit(&own)?);

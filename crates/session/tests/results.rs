@@ -252,7 +252,7 @@ fn a_failed_write_leaves_no_results() {
 fn markers_that_are_written_early_come_with_the_rest_or_not_at_all() {
     let folder = Folder::new();
     let mut results = results();
-    let late = MarkerObservation { t_ns: 66_666_667, ..results.markers[0].clone() };
+    let late = MarkerObservation { t_ns: 66_666_667, ..results.markers[0] };
     let all = [&results.markers[0], &late].into_iter().collect();
     let place = folder.path("markers.csv");
     write_markers_early(&folder.path(""), &mut results, &all, |o| o.t_ns > 50_000_000).unwrap();
