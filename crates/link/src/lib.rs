@@ -10,6 +10,7 @@ mod fix;
 pub mod json;
 pub mod mavlink;
 pub mod natnet;
+mod open;
 mod options;
 mod outlet;
 mod peers;
@@ -30,9 +31,10 @@ pub use fix::{Fix, Measured, Moving};
 pub use json::JsonLines;
 pub use mavlink::Mavlink;
 pub use natnet::Natnet;
+pub use open::open;
 pub use options::{
     BodyAxes, JsonOptions, LinkOptions, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions,
 };
-pub use outlet::{Body, Outlet, open};
+pub use outlet::{Body, Outlet};
 pub use rerun::Rerun;
 pub use vrpn::{TURN_S, Vrpn};

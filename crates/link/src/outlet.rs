@@ -1,11 +1,6 @@
 //! What every way out has in common.
 
-use crate::json::JsonLines;
-use crate::mavlink::Mavlink;
-use crate::natnet::Natnet;
-use crate::vrpn::Vrpn;
-use crate::zenoh::Zenoh;
-use crate::{Event, Fix, LinkError, LinkOptions, MarkerView};
+use crate::{Event, Fix, LinkError, MarkerView};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// A way out of mavsight.
@@ -56,30 +51,6 @@ impl Body {
     }
 }
 
-/// Opens every outlet that the options have.
-///
-/// # Errors
-/// An address or option is wrong, a port is held by another program, or this build has not the outlet.
-pub fn open(options: &LinkOptions, body: &Body) -> Result<Vec<Box<dyn Outlet>>, LinkError> {
-    let mut outlets: Vec<Box<dyn Outlet>> = Vec::new();
-    if let Some(options) = &options.mavlink {
-        outlets.push(Box::new(Mavlink::open(options, body)?));
-    }
-    if let Some(options) = &options.natnet {
-        outlets.push(Box::new(Natnet::open(options, body)?));
-    }
-    if let Some(options) = &options.vrpn {
-        outlets.push(Box::new(Vrpn::open(options, body)?));
-    }
-    if let Some(options) = &options.json {
-        outlets.push(Box::new(JsonLines::open(options)?));
-    }
-    if let Some(options) = &options.zenoh {
-        outlets.push(Box::new(Zenoh::open(options, body)?));
-    }
-    Ok(outlets)
-}
-
 /// Nanoseconds of the UNIX epoch.
 pub(crate) fn now_ns() -> i64 {
     SystemTime::now()
@@ -99,26 +70,5 @@ mod tests {
         assert_eq!(name("a/b@c*$#?é\n\0"), "a_b_c_______");
         assert_eq!(name("  "), "body");
         assert_eq!(name(&"x".repeat(500)).len(), 63);
-    }
-
-    #[test]
-    fn a_port_that_is_held_is_reported() {
-        let held = std::net::UdpSocket::bind("127.0.0.1:0").expect("a port");
-        let address = held.local_addr().expect("its address").to_string();
-        let natnet = crate::NatnetOptions { address: address.clone(), ..Default::default() };
-        let options = LinkOptions { natnet: Some(natnet), ..Default::default() };
-        let said = match open(&options, &Body::new("x", Vec::new())) {
-            Err(fault) => fault.to_string(),
-            Ok(_) => String::new(),
-        };
-        assert!(said.starts_with(&format!("natnet: {address} cannot be opened")), "{said}");
-    }
-
-    #[cfg(not(feature = "zenoh"))]
-    #[test]
-    fn an_outlet_that_was_not_built_is_reported() {
-        let options = LinkOptions { zenoh: Some(Default::default()), ..Default::default() };
-        let said = open(&options, &Body::new("x", Vec::new())).err().map(|e| e.to_string());
-        assert!(said.is_some_and(|s| s.contains("--features zenoh")));
     }
 }
