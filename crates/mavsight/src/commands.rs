@@ -1,5 +1,6 @@
 //! What each command does.
 
+mod camera_plan;
 mod campaign;
 mod convert;
 mod convert_formats;
@@ -14,7 +15,7 @@ mod live_sources;
 mod live_virtual;
 mod manoeuvre;
 mod plan;
-mod plan_page;
+mod plan_report;
 mod run;
 mod selftest;
 mod stages;

@@ -1,6 +1,7 @@
 //! What to expect before flying.
 
-use super::plan_page::write_plan_page;
+use super::camera_plan::{CameraPlan, angle_deg, least};
+use super::plan_report::write_plan_report;
 use crate::cli::{PlanCameras, WrongCall};
 use crate::out::{out, outln};
 use crate::progress::Bars;
@@ -23,14 +24,6 @@ const ANGLE_STEP_DEG: f64 = 5.0;
 const DISTANCES: std::ops::RangeInclusive<u32> = 6..=20;
 const DISTANCE_STEP_M: f64 = 0.5;
 const RIGHT_ANGLE_DEG: f64 = 90.0;
-
-/// What a search has found.
-pub(crate) struct CameraPlan<'a> {
-    pub(crate) planner: &'a Planner,
-    pub(crate) ranked: &'a [Ranked],
-    /// Against angle, and against distance; empty where not asked for.
-    pub(crate) study: [Vec<StudyRow>; 2],
-}
 
 /// `mavsight plan cameras`
 pub(crate) fn cameras(args: &PlanCameras) -> Result<()> {
@@ -69,7 +62,7 @@ pub(crate) fn cameras(args: &PlanCameras) -> Result<()> {
             &out.join("plan.json"),
             serde_json::to_string_pretty(&plan_json(&plan, seconds))?.as_bytes(),
         )?;
-        write_plan_page(&plan, out)?;
+        write_plan_report(&plan, out)?;
         write_start(&plan, &vehicle, out)?;
         outln!("\nResults: {}", out.display());
     }
@@ -92,15 +85,6 @@ fn study(planner: &Planner, best: &Ranked) -> [Vec<StudyRow>; 2] {
     let angles: Vec<f64> = ANGLES_DEG.map(|k| ANGLE_STEP_DEG * f64::from(k)).collect();
     let distances: Vec<f64> = DISTANCES.map(|k| DISTANCE_STEP_M * f64::from(k)).collect();
     [angle_study(planner, 0, distance_m, &angles), distance_study(planner, 0, RIGHT_ANGLE_DEG, &distances)]
-}
-
-/// Angle between the optical axes of the first two cameras.
-pub(crate) fn angle_deg(ranked: &Ranked) -> f64 {
-    let axis = |k: usize| {
-        let p = &ranked.placed[k];
-        (p.aim_m - p.centre_m).normalize()
-    };
-    axis(0).dot(&axis(1)).clamp(-1.0, 1.0).acos().to_degrees()
 }
 
 /// For people.
@@ -129,13 +113,6 @@ fn placement_table(plan: &CameraPlan<'_>) -> String {
         );
     }
     out
-}
-
-/// The row of least error among those that meet all limits, or among all.
-pub(crate) fn least(rows: &[StudyRow]) -> Option<&StudyRow> {
-    let figure = |r: &&StudyRow| r.prediction.figure;
-    let feasible = rows.iter().filter(|r| r.prediction.is_feasible());
-    feasible.min_by(|a, b| figure(a).total_cmp(&figure(b)))
 }
 
 fn study_text(plan: &CameraPlan<'_>) -> Option<String> {

@@ -1,6 +1,6 @@
-//! The page of a plan: drawing, map, tables.
+//! The report of a plan: drawing, map, tables.
 
-use super::plan::{CameraPlan, angle_deg, least};
+use super::camera_plan::{CameraPlan, angle_deg, least};
 use anyhow::Result;
 use mavsight_geometry::{Camera, Vector2, Vector3};
 use mavsight_plan::{Planner, Ranked, Solid, StudyRow};
@@ -16,7 +16,7 @@ use std::path::Path;
 const MAP_CELLS: usize = 20;
 
 /// Writes `plan.html` and the drawing by itself.
-pub(crate) fn write_plan_page(plan: &CameraPlan<'_>, out: &Path) -> Result<()> {
+pub(crate) fn write_plan_report(plan: &CameraPlan<'_>, out: &Path) -> Result<()> {
     let (planner, best) = (plan.planner, &plan.ranked[0]);
     let drawing = draw_room(&drawing(planner, best))?;
     let prediction = &best.prediction;
