@@ -58,16 +58,18 @@ impl Background {
         let free = Free { patch, middle: (disc.x_px, disc.y_px), reach_px2: (reach_px * reach_px) as f32 };
         free.brightness(&layout.covered, &mut scattered);
         let Fitted { middle: plane, square } = scattered.plane(simd, noise_variance.sqrt())?;
-        let colors = [0, 1].map(|channel| {
+        // A loop, since the closure of an array's `map` is not compiled for the vector unit.
+        let (mut colors, mut color_variance) = ([Plane::zeros(); 2], [0.0; 2]);
+        for channel in 0..2 {
             free.colors(&layout.color_covered, channel, &mut scattered);
-            scattered.plane(simd, LEAST_COLOR_STD)
-        });
-        let [Some(across), Some(along)] = colors else { return None };
+            Fitted { middle: colors[channel], square: color_variance[channel] } =
+                scattered.plane(simd, LEAST_COLOR_STD)?;
+        }
         let mut background = Self {
             plane,
             middle: free.middle,
-            colors: [across.middle, along.middle],
-            color_variance: [across.square, along.square],
+            colors,
+            color_variance,
             clutter: (square - noise_variance).max(0.0).sqrt(),
             ..Self::default()
         };
