@@ -40,7 +40,6 @@ mod linearized;
 mod metric;
 mod model;
 mod normal;
-mod occluder;
 mod outcome;
 mod places;
 mod policy;

@@ -36,10 +36,8 @@ pub(super) struct Background {
     pub(super) color_variance: [f64; 2],
     /// Covariance of the brightness expected behind the rim, in the rim's order; empty without clutter.
     pub(super) covariance: Banded,
-    /// Standard deviation of all clutter around, and of that near each pixel and each block in use.
-    clutter: f64,
-    pub(super) near: Vec<f32>,
-    pub(super) color_near: Vec<f32>,
+    /// Standard deviation of the clutter around.
+    pub(super) clutter: f64,
     /// Pixels in use and shared ones, with the light behind the ball there.
     pub(super) places: Places,
 }
@@ -75,8 +73,7 @@ impl Background {
         };
         let level = |(x, y): (f64, f64)| on(&plane, x - free.middle.0, y - free.middle.1) as f32;
         let mut mean: Vec<f32> = layout.rim.iter().map(|i| level(patch.place(*i as usize))).collect();
-        let is_cluttered = square - noise_variance > LEAST_CLUTTER * noise_variance;
-        if is_cluttered {
+        if square - noise_variance > LEAST_CLUTTER * noise_variance {
             let spread = Spread { clutter: background.clutter, noise_variance };
             background.kriging = Kriging::new(policy);
             let around = (&layout.rim[..], &layout.covered[..]);
@@ -84,22 +81,8 @@ impl Background {
             background.kriging.predict(simd, spread.clutter, &mut mean)?;
             background.kriging.correlate(&mut background.covariance);
         }
-        background.find_near(patch, layout, noise_variance, policy.clutter_by_place && is_cluttered);
         background.light_up(simd, patch, layout, &mean);
         Some(background)
-    }
-
-    /// Standard deviation of the clutter near each pixel and each block in use: that of all around where it
-    /// is not looked at by place, or nothing near is free.
-    fn find_near(&mut self, patch: &Patch, layout: &Layout, noise_variance: f64, by_place: bool) {
-        let all = self.clutter;
-        let near = |pixel: usize| {
-            let here = || self.kriging.clutter_near(patch, pixel, noise_variance);
-            by_place.then(here).flatten().unwrap_or(all) as f32
-        };
-        self.near = layout.used.iter().map(|pixel| near(*pixel as usize)).collect();
-        self.color_near =
-            layout.blocks.iter().map(|block| near(patch.first_pixel(*block as usize))).collect();
     }
 
     /// Sets the light behind the ball, of this mean brightness behind its rim.

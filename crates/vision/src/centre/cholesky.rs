@@ -38,11 +38,6 @@ impl Banded {
         }
     }
 
-    /// An entry on the diagonal.
-    pub(super) fn diagonal(&self, i: usize) -> f32 {
-        self.columns[i][0]
-    }
-
     /// Copies a matrix, each entry times the factors of its row and its column, and adds to the diagonal.
     /// There are as many factors as columns and a band more.
     #[inline(always)]

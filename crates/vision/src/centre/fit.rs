@@ -151,15 +151,10 @@ impl Search {
     /// Sets trust and, once that has been set without it, noise from what a step leaves: whether the noise is
     /// about what it was.
     #[inline(always)]
-    fn weigh(
-        &mut self,
-        stages: &Stages<'_>,
-        (weighted, left): (&Weighted, &Left),
-        policy: FitPolicy,
-    ) -> Result<bool, NoFit> {
+    fn weigh(&mut self, stages: &Stages<'_>, weighted: &Weighted, left: &Left) -> Result<bool, NoFit> {
         let before = self.noise;
         self.weighed += 1;
-        weighted.set_trust(stages, left, (&mut self.trust, &before, policy));
+        weighted.set_trust(stages, left, &mut self.trust);
         if self.weighed >= self.least_weighed {
             self.noise.variance = weighted.noise_variance(stages, left, &self.trust, &before);
             if self.trust.believed(stages) < LEAST_TRUSTED {
@@ -208,7 +203,7 @@ impl Fitter {
                 std::mem::take(&mut self.linearized).at(simd, patch, (layout, background), &model);
             let stages = Stages { patch, layout, background, linearized: &linearized };
             let weighted = std::mem::take(&mut self.weighted)
-                .form(simd, &stages, (&search.trust, &search.noise, policy))
+                .form(simd, &stages, &search.trust, &search.noise)
                 .ok_or(NoFit::Undetermined)?;
             let solved = weighted.solve(simd, &model, &search.prior).ok_or(NoFit::Undetermined)?;
             let step = Step::of(&solved, &model).ok_or(NoFit::Undetermined)?;
@@ -223,7 +218,7 @@ impl Fitter {
                 let left = weighted.left(simd, &stages, &step.change);
                 let mut has_converged = search.weighed >= search.least_weighed;
                 if search.weighed < MOST_WEIGHED {
-                    has_converged &= search.weigh(&stages, (&weighted, &left), policy)?;
+                    has_converged &= search.weigh(&stages, &weighted, &left)?;
                 }
                 if solved.length < SMALL_STEP && has_converged {
                     let Search { trust, prior, noise, range_px, .. } = &search;

@@ -70,7 +70,7 @@ pub(super) struct Kriging {
 
 impl Kriging {
     pub(super) fn new(policy: FitPolicy) -> Self {
-        Self { along_lines: policy.clutter_by_place, ..Self::default() }
+        Self { along_lines: policy.clutter_along_lines, ..Self::default() }
     }
 
     /// Sets from which free pixels and with which weights the clutter at each rim pixel is predicted. `level`
@@ -248,13 +248,6 @@ impl Kriging {
         for lane in 0..places.len() {
             systems.leave_out_missing(lane);
         }
-    }
-
-    /// Standard deviation of the clutter near a pixel of the patch, once predicted along lines; None where
-    /// all is covered.
-    pub(super) fn clutter_near(&self, patch: &Patch, pixel: usize, noise_variance: f64) -> Option<f64> {
-        let corner = pixel / patch.columns * (patch.columns + 2 * REACH) + pixel % patch.columns;
-        self.course.variance(corner, noise_variance).map(f64::sqrt)
     }
 
     /// Covariance by displacement; correlation by squared distance in pixels, as it ends.

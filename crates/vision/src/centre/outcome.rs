@@ -111,8 +111,7 @@ impl End<'_> {
 
     /// Standard deviation of what the face shows beyond the model and the noise of a pixel (a shadow, a
     /// highlight, light of higher order), as a part of its difference from the surroundings, by what the last
-    /// step has left. A sample counts by the probability that it is the face that is seen: what is before it
-    /// is in the samples' own variance.
+    /// step has left.
     fn texture(&self, linear: &[f64; 3]) -> f64 {
         let Self { stages, trust, noise, weighted, left, .. } = self;
         let from_coded = &stages.patch.from_coded;
@@ -124,13 +123,11 @@ impl End<'_> {
         let light: f64 = from_coded.iter().map(|row| (LIGHT_STD * by_light(row)).powi(2)).sum();
         let (mut bright, mut colors) = (Mean::default(), Mean::default());
         for (place, pixel) in stages.pixels() {
-            let weight =
-                stages.linearized.values.covered[place] * trust.weight[pixel] * (1.0 - trust.occluded[pixel]);
+            let weight = stages.linearized.values.covered[place] * trust.weight[pixel];
             bright.add(weight.into(), f64::from(left.bright[place].powi(2)) - noise.least);
         }
         for (place, block) in stages.blocks() {
-            let seen = 1.0 - trust.occluded_block(stages.patch, block);
-            let weight = stages.layout.color_covered[block] * trust.block_weight[block] * seen;
+            let weight = stages.layout.color_covered[block] * trust.block_weight[block];
             colors.add(weight.into(), f64::from(weighted.color_square(left, place)) - 2.0 * noise.least);
         }
         let beyond = (bright.value() + colors.value()).max(0.0);

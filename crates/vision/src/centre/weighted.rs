@@ -4,8 +4,6 @@ use super::cholesky::{BAND, Banded};
 use super::lanes::{GROUP, Lanes, total};
 use super::model::{COUNT, EDGE, Model, Parameters, RESIDUAL, Row, WIDTH};
 use super::normal::Normal;
-use super::occluder::{OCCLUDED, probabilities};
-use super::policy::FitPolicy;
 use super::robust::biweight;
 use super::samples::Noise;
 use super::stages::Stages;
@@ -15,10 +13,9 @@ use pulp::Simd;
 
 /// Weight at which a sample no longer counts.
 const LEAST_TRUST: f32 = 1e-3;
-/// Area over which clutter is alike, in squared edge widths: the integral of the correlation of blurred white
-/// noise. What is taken as independent from pixel to pixel but is not has its variance times the area, so
-/// that a mean over many is right.
-const ALIKE: f64 = 4.0 * std::f64::consts::PI;
+/// Probability that clutter near a ball reaches over its face as well as behind it: as much of it is taken to
+/// be the room behind as what the ball is fixed to, and of the latter as much on its near side as on its far.
+const OCCLUDED: f32 = 0.25;
 /// Clutter is taken to have half the brightness of the wall, so that one of a given variance hides this many
 /// times its relative strength of the ball's colour, as long as nothing is seen before the ball.
 const HIDES: f32 = 2.0;
@@ -65,12 +62,11 @@ impl Weighted {
         mut self,
         simd: S,
         stages: &Stages<'_>,
-        (trust, noise, policy): (&Trust, &Noise, FitPolicy),
+        trust: &Trust,
+        noise: &Noise,
     ) -> Option<Self> {
-        let alike_px =
-            if policy.clutter_by_place { (ALIKE * stages.linearized.edge_px.powi(2)) as f32 } else { 1.0 };
-        self.weigh_pixels(stages, trust, noise, alike_px);
-        self.weigh_blocks(stages, trust, noise, alike_px);
+        self.weigh_pixels(stages, trust, noise);
+        self.weigh_blocks(stages, trust, noise);
         let covariance = &stages.background.covariance;
         let stretched = covariance.len();
         let mut open = stages.linearized.values.open[..stretched].to_vec();
@@ -102,32 +98,30 @@ impl Weighted {
     }
 
     #[inline(always)]
-    fn weigh_pixels(&mut self, stages: &Stages<'_>, trust: &Trust, noise: &Noise, alike_px: f32) {
+    fn weigh_pixels(&mut self, stages: &Stages<'_>, trust: &Trust, noise: &Noise) {
         let noise = noise.variance as f32;
         self.variance.clear();
         self.believed.clear();
-        for ((place, pixel), near) in stages.pixels().zip(&stages.background.near) {
+        let clutter = stages.background.clutter as f32;
+        for (place, pixel) in stages.pixels() {
             let covered = stages.linearized.values.covered[place];
-            let occluder = trust.occluded[pixel] * (near * covered).powi(2);
             let believed = trust.weight[pixel].max(LEAST_TRUST);
-            self.variance.push((noise + alike_px * occluder) / believed);
+            self.variance.push((noise + OCCLUDED * (clutter * covered).powi(2)) / believed);
             self.believed.push(believed);
         }
     }
 
     #[inline(always)]
-    fn weigh_blocks(&mut self, stages: &Stages<'_>, trust: &Trust, noise: &Noise, alike_px: f32) {
+    fn weigh_blocks(&mut self, stages: &Stages<'_>, trust: &Trust, noise: &Noise) {
         let Stages { patch, layout, background, linearized } = stages;
         let noise = noise.variance as f32;
-        let alike = (alike_px / (patch.step * patch.step) as f32).max(1.0);
         let level = (background.around()[0] - patch.from_coded[0][3]) as f32;
         let level = level.abs().max(noise.sqrt());
         // Noise there is no clutter.
+        let hidden = (HIDES * background.clutter as f32 / level).powi(2).min(1.0);
         let clutter = background.color_variance.map(|all| (all as f32 - noise).max(0.0));
         self.color_scale.clear();
         for (place, block) in stages.blocks() {
-            let likelier = trust.occluded_block(patch, block) / OCCLUDED;
-            let hidden = (likelier * (HIDES * background.color_near[place] / level).powi(2)).min(1.0);
             let covered = layout.color_covered[block];
             let believed = trust.block_weight[block].max(LEAST_TRUST);
             self.believed.push(believed);
@@ -135,7 +129,7 @@ impl Weighted {
                 let residual = linearized.color_residuals[place][k];
                 let value = patch.colors[block][k] - residual - patch.from_coded[k + 1][3] as f32;
                 let behind = (1.0 - covered).powi(2) * clutter[k];
-                let variance = noise + alike * (hidden * (covered * value).powi(2) + behind);
+                let variance = noise + hidden * (covered * value).powi(2) + behind;
                 (believed / variance).sqrt()
             }));
         }
@@ -177,12 +171,7 @@ impl Weighted {
 
     /// Sets the trust in each sample from what a step leaves of its residual.
     #[inline(always)]
-    pub(super) fn set_trust(
-        &self,
-        stages: &Stages<'_>,
-        left: &Left,
-        (trust, noise, policy): (&mut Trust, &Noise, FitPolicy),
-    ) {
+    pub(super) fn set_trust(&self, stages: &Stages<'_>, left: &Left, trust: &mut Trust) {
         let mut spoiled = Vec::new();
         let deviation = stages.background.deviation();
         for (place, pixel) in stages.pixels() {
@@ -209,10 +198,6 @@ impl Weighted {
             }
         }
         trust.weigh(stages.patch, &spoiled);
-        // In a film clutter is not looked at by place.
-        if policy.clutter_by_place && !std::mem::replace(&mut trust.is_occlusion_decided, true) {
-            probabilities(stages, &left.bright, noise.variance, &mut trust.occluded);
-        }
     }
 
     /// Variance of a sample's noise, from what is left of all by their weights.
