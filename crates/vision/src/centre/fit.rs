@@ -62,7 +62,7 @@ impl pulp::WithSimd for Run<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let search = Search::new(simd, self.patch, self.start, self.range_px);
+        let search = Search::new(self.patch, self.start, self.range_px);
         self.fitter.run(simd, self.patch, search)
     }
 }
@@ -107,9 +107,9 @@ struct Search {
 
 impl Search {
     #[inline(always)]
-    fn new<S: Simd>(simd: S, patch: &Patch, start: &Start, range_px: (f64, f64)) -> Self {
+    fn new(patch: &Patch, start: &Start, range_px: (f64, f64)) -> Self {
         let model = first_guess(start, range_px);
-        let least = grain_variance(simd, patch).max(NOISE_STD * NOISE_STD);
+        let least = grain_variance(patch).max(NOISE_STD * NOISE_STD);
         Self {
             prior: prior(start, &model),
             range_px,

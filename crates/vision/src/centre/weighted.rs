@@ -255,5 +255,5 @@ fn along<S: Simd>(simd: S, row: &Row, step: &Row) -> f32 {
         }
         sum.store(&mut sums, part);
     }
-    total(simd, &sums)
+    total(sums)
 }
