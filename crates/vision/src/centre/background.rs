@@ -15,7 +15,7 @@ use super::krige::{Kriging, LEAST_CLUTTER, Spread};
 use super::layout::Layout;
 use super::places::Places;
 use super::policy::FitPolicy;
-use super::robust::{Fitted, Plane, Scattered, on};
+use super::robust::{Plane, Scattered, on};
 use crate::patch::Patch;
 use pulp::Simd;
 
@@ -25,15 +25,53 @@ const RING_EDGES: f64 = 4.0;
 /// Least standard deviation of colours: half a level is what rounding leaves of a uniform wall.
 const LEAST_COLOR_STD: f64 = 0.5;
 
+/// Robust planes of brightness and colours around a ball, over the patch from a middle.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Planes {
+    bright: Plane,
+    colors: [Plane; 2],
+    middle: (f64, f64),
+    /// Mean squares of what the planes leave.
+    variance: f64,
+    color_variance: [f64; 2],
+}
+
+impl Planes {
+    /// Planes through what the disc leaves free; None with too few free pixels.
+    #[inline(always)]
+    pub(super) fn new<S: Simd>(
+        simd: S,
+        patch: &Patch,
+        (layout, disc): (&Layout, &Disc),
+        noise_variance: f64,
+    ) -> Option<Self> {
+        let mut scattered = Scattered::default();
+        let reach_px = disc.radius_px + (3.0 + RING_EDGES) * disc.edge_px;
+        let free = Free { patch, middle: (disc.x_px, disc.y_px), reach_px2: (reach_px * reach_px) as f32 };
+        free.brightness(&layout.covered, &mut scattered);
+        let bright = scattered.plane(simd, noise_variance.sqrt())?;
+        let mut planes =
+            Self { bright: bright.middle, variance: bright.square, middle: free.middle, ..Self::default() };
+        for channel in 0..2 {
+            free.colors(&layout.color_covered, channel, &mut scattered);
+            let color = scattered.plane(simd, LEAST_COLOR_STD)?;
+            (planes.colors[channel], planes.color_variance[channel]) = (color.middle, color.square);
+        }
+        Some(planes)
+    }
+
+    /// Brightness expected at a place.
+    #[inline(always)]
+    fn level(&self, (x_px, y_px): (f64, f64)) -> f32 {
+        on(&self.bright, x_px - self.middle.0, y_px - self.middle.1) as f32
+    }
+}
+
 /// The background of one ball.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Background {
     kriging: Kriging,
-    /// Robust planes of brightness and colours over the patch, from the disc's middle.
-    plane: Plane,
-    colors: [Plane; 2],
-    middle: (f64, f64),
-    pub(super) color_variance: [f64; 2],
+    planes: Planes,
     /// Covariance of the brightness expected behind the rim, in the rim's order; empty without clutter.
     pub(super) covariance: Banded,
     /// Standard deviation of the clutter around.
@@ -43,41 +81,23 @@ pub(super) struct Background {
 }
 
 impl Background {
-    /// Estimates the background around the disc; None with too few free pixels.
+    /// What is expected behind the disc, on these planes; None where the clutter's covariance is none.
     #[inline(always)]
     pub(super) fn new<S: Simd>(
         simd: S,
         patch: &Patch,
-        (layout, disc): (&Layout, &Disc),
+        (layout, planes, edge_px): (&Layout, Planes, f64),
         (noise_variance, policy): (f64, FitPolicy),
     ) -> Option<Self> {
-        let mut scattered = Scattered::default();
-        let reach_px = disc.radius_px + (3.0 + RING_EDGES) * disc.edge_px;
-        let free = Free { patch, middle: (disc.x_px, disc.y_px), reach_px2: (reach_px * reach_px) as f32 };
-        free.brightness(&layout.covered, &mut scattered);
-        let Fitted { middle: plane, square } = scattered.plane(simd, noise_variance.sqrt())?;
-        // A loop, since the closure of an array's `map` is not compiled for the vector unit.
-        let (mut colors, mut color_variance) = ([Plane::zeros(); 2], [0.0; 2]);
-        for channel in 0..2 {
-            free.colors(&layout.color_covered, channel, &mut scattered);
-            Fitted { middle: colors[channel], square: color_variance[channel] } =
-                scattered.plane(simd, LEAST_COLOR_STD)?;
-        }
-        let mut background = Self {
-            plane,
-            middle: free.middle,
-            colors,
-            color_variance,
-            clutter: (square - noise_variance).max(0.0).sqrt(),
-            ..Self::default()
-        };
-        let level = |(x, y): (f64, f64)| on(&plane, x - free.middle.0, y - free.middle.1) as f32;
-        let mut mean: Vec<f32> = layout.rim.iter().map(|i| level(patch.place(*i as usize))).collect();
-        if square - noise_variance > LEAST_CLUTTER * noise_variance {
+        let clutter_variance = planes.variance - noise_variance;
+        let mut background = Self { planes, clutter: clutter_variance.max(0.0).sqrt(), ..Self::default() };
+        let mut mean: Vec<f32> = layout.rim.iter().map(|i| planes.level(patch.place(*i as usize))).collect();
+        if clutter_variance > LEAST_CLUTTER * noise_variance {
             let spread = Spread { clutter: background.clutter, noise_variance };
             background.kriging = Kriging::new(policy);
             let around = (&layout.rim[..], &layout.covered[..]);
-            background.kriging.weigh(simd, (patch, disc.edge_px, spread), around, level)?;
+            let level = |place| planes.level(place);
+            background.kriging.weigh(simd, (patch, edge_px, spread), around, level)?;
             background.kriging.predict(simd, spread.clutter, &mut mean)?;
             background.kriging.correlate(&mut background.covariance);
         }
@@ -92,8 +112,8 @@ impl Background {
             self.places.push(patch.place(*index as usize));
         }
         self.places.finish();
-        let (x, y) = self.middle;
-        let colors = self.colors.map(|plane| [on(&plane, -x, -y), plane.y, plane.z]);
+        let (x, y) = self.planes.middle;
+        let colors = self.planes.colors.map(|plane| [on(&plane, -x, -y), plane.y, plane.z]);
         self.places.light_up_first(simd, patch, mean, &colors);
         // So little of it is seen there that it may be taken as it is on average, but not as any.
         let around = patch.coded(self.around().map(|value| value as f32)).map(decode_one);
@@ -108,13 +128,19 @@ impl Background {
 
     /// Brightness and colour differences in the middle.
     pub(super) fn around(&self) -> [f64; 3] {
-        [self.plane.x, self.colors[0].x, self.colors[1].x]
+        [self.planes.bright.x, self.planes.colors[0].x, self.planes.colors[1].x]
+    }
+
+    /// Mean squares of the colour differences around their planes.
+    pub(super) fn color_variance(&self) -> [f64; 2] {
+        self.planes.color_variance
     }
 
     /// Colour differences expected behind the ball at a place.
     #[inline(always)]
     pub(super) fn colors_at(&self, (x_px, y_px): (f64, f64)) -> [f64; 2] {
-        self.colors.map(|plane| on(&plane, x_px - self.middle.0, y_px - self.middle.1))
+        let (x, y) = self.planes.middle;
+        self.planes.colors.map(|plane| on(&plane, x_px - x, y_px - y))
     }
 }
 

@@ -95,29 +95,15 @@ impl Banded {
         const { assert!(WIDTH.is_multiple_of(GROUP)) };
         for i in 0..self.count {
             let (done, rest) = b.split_at_mut(i);
-            let target = &mut rest[0];
             let first = i.saturating_sub(BAND);
-            let known = done[first..].iter().zip(&self.columns[first..i]).enumerate();
-            let scale = self.columns[i][0];
-            if S::F32_LANES == GROUP && WIDTH == 3 * GROUP {
-                let mut left: [Lanes<S>; 3] = std::array::from_fn(|k| Lanes::load(simd, target, k));
-                for (k, (other, column)) in known {
+            for part in 0..WIDTH / S::F32_LANES {
+                let mut left = Lanes::load(simd, &rest[0], part);
+                for (k, (other, column)) in done[first..].iter().zip(&self.columns[first..i]).enumerate() {
                     let factor = Lanes::splat(simd, -column[i - first - k]);
-                    for (part, left) in left.iter_mut().enumerate() {
-                        *left = factor.mul_add(Lanes::load(simd, other, part), *left);
-                    }
+                    left = factor.mul_add(Lanes::load(simd, other, part), left);
                 }
-                let scale = Lanes::splat(simd, scale);
-                left.into_iter().enumerate().for_each(|(part, left)| (left * scale).store(target, part));
-                continue;
+                (left * Lanes::splat(simd, self.columns[i][0])).store(&mut rest[0], part);
             }
-            let mut left = *target;
-            for (k, (other, column)) in known {
-                for (x, y) in left.iter_mut().zip(other) {
-                    *x = (-column[i - first - k]).mul_add(*y, *x);
-                }
-            }
-            *target = left.map(|x| x * scale);
         }
     }
 }

@@ -8,7 +8,7 @@ use pulp::Simd;
 const HELD: f64 = 1e12;
 
 /// Rows of the sums that are added to together: as many sums as a vector unit keeps at hand.
-const ROWS: usize = 4;
+const ROWS: usize = 10;
 
 /// Upper triangle of the information matrix, the gradient behind each of its rows; after [`Self::solve`], its
 /// factor.
@@ -27,31 +27,29 @@ impl Default for Normal {
 }
 
 impl Normal {
-    /// Sets the sums over samples of unit variance, derivatives with the residual behind them.
+    /// Adds the sums over some samples: derivatives with the residual behind them, and one over the variance.
     #[inline(always)]
-    pub(super) fn set<S: Simd>(&mut self, simd: S, samples: &[Row]) {
-        const { assert!(COUNT.is_multiple_of(ROWS) && GROUP.is_multiple_of(ROWS) && WIDTH == 3 * GROUP) };
-        let mut all: [Row; COUNT] = [[0.0; WIDTH]; COUNT];
-        if S::F32_LANES == GROUP {
-            for first in (0..COUNT).step_by(ROWS) {
-                match first / GROUP {
-                    0 => sum_rows::<S, 3>(simd, first, samples, &mut all),
-                    1 => sum_rows::<S, 2>(simd, first, samples, &mut all),
-                    _ => sum_rows::<S, 1>(simd, first, samples, &mut all),
-                }
-            }
-        } else {
-            for sample in samples {
-                for (i, sum) in all.iter_mut().enumerate() {
-                    for k in i / GROUP * GROUP..WIDTH {
-                        sum[k] = sample[i].mul_add(sample[k], sum[k]);
+    pub(super) fn add<'a, S: Simd>(
+        &mut self,
+        simd: S,
+        samples: impl Iterator<Item = (&'a Row, f32)> + Clone,
+    ) {
+        const { assert!(COUNT.is_multiple_of(ROWS)) };
+        for first in (0..COUNT).step_by(ROWS) {
+            for part in first / S::F32_LANES..WIDTH / S::F32_LANES {
+                let mut sums = [Lanes::splat(simd, 0.0); ROWS];
+                for (row, information) in samples.clone() {
+                    let values = Lanes::load(simd, row, part) * Lanes::splat(simd, information);
+                    for (sum, factor) in sums.iter_mut().zip(&row[first..first + ROWS]) {
+                        *sum = Lanes::splat(simd, *factor).mul_add(values, *sum);
                     }
                 }
-            }
-        }
-        for (row, sums) in self.rows.iter_mut().zip(&all) {
-            for (value, sum) in row.iter_mut().zip(sums) {
-                *value = f64::from(*sum);
+                for (row, sum) in self.rows[first..].iter_mut().zip(sums) {
+                    let mut out = [0.0; GROUP];
+                    sum.store(&mut out, 0);
+                    let into = &mut row[part * S::F32_LANES..];
+                    into.iter_mut().zip(&out).take(S::F32_LANES).for_each(|(v, sum)| *v += f64::from(*sum));
+                }
             }
         }
     }
@@ -144,32 +142,13 @@ impl Normal {
     }
 }
 
-/// Sets some rows of the sums, of which all but the last `GROUPS` groups lie before the diagonal.
-#[inline(always)]
-fn sum_rows<S: Simd, const GROUPS: usize>(simd: S, first: usize, samples: &[Row], all: &mut [Row; COUNT]) {
-    let from = WIDTH - GROUP * GROUPS;
-    let mut sums = [[Lanes::splat(simd, 0.0); GROUPS]; ROWS];
-    for sample in samples {
-        let values: [Lanes<S>; GROUPS] = std::array::from_fn(|k| Lanes::load(simd, &sample[from..], k));
-        for (r, sums) in sums.iter_mut().enumerate() {
-            let factor = Lanes::splat(simd, sample[first + r]);
-            for k in 0..GROUPS {
-                sums[k] = factor.mul_add(values[k], sums[k]);
-            }
-        }
-    }
-    for (row, sums) in all[first..].iter_mut().zip(sums) {
-        for (k, sum) in sums.into_iter().enumerate() {
-            sum.store(&mut row[from..], k);
-        }
-    }
-}
+/// Where rows begin of which the first part is not worked on.
+const HALF: usize = 8;
 
 /// Adds a multiple of a row to row `i`: nothing before its diagonal is read, and loops of a fixed length are
 /// what compilers turn into vector instructions.
 #[inline(always)]
 fn add_scaled(sum: &mut [f64; WIDTH], i: usize, row: &[f64; WIDTH], factor: f64) {
-    const HALF: usize = 8;
     if i < HALF {
         for k in 0..WIDTH {
             sum[k] += factor * row[k];
@@ -186,17 +165,6 @@ mod tests {
     use super::*;
     use nalgebra::SMatrix;
 
-    struct Set<'a>(&'a mut Normal, &'a [Row]);
-
-    impl pulp::WithSimd for Set<'_> {
-        type Output = ();
-
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, simd: S) {
-            self.0.set(simd, self.1);
-        }
-    }
-
     #[test]
     fn it_agrees_with_the_general_solver() {
         let (mut normal, mut information) = (Normal::default(), SMatrix::<f64, COUNT, COUNT>::zeros());
@@ -211,10 +179,7 @@ mod tests {
             information += derivatives * derivatives.transpose();
             gradient += derivatives * f64::from(row[RESIDUAL]);
         }
-        let mut plain = normal.clone();
-        plain.set(pulp::Scalar::new(), &samples);
-        pulp::Arch::new().dispatch(Set(&mut normal, &samples));
-        assert_eq!(plain.rows, normal.rows);
+        normal.add(pulp::Scalar::new(), samples.iter().map(|row| (row, 1.0)));
         normal.add_known(3, 5.0, 0.2);
         information[(3, 3)] += 5.0;
         gradient[3] += 1.0;

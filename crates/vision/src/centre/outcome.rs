@@ -7,7 +7,7 @@ use super::model::{BALL, COUNT, EDGE, Parameters, RADIUS, SITING};
 use super::samples::{Noise, combined};
 use super::stages::Stages;
 use super::trust::Trust;
-use super::weighted::{Left, Solved, Weighted};
+use super::weighted::{Left, Solved};
 use crate::optics::{Known, Optics};
 use crate::{Matrix2, Vector2};
 
@@ -61,7 +61,6 @@ pub(super) struct End<'a> {
     pub(super) stages: Stages<'a>,
     pub(super) trust: &'a Trust,
     pub(super) noise: Noise,
-    pub(super) weighted: &'a Weighted,
     pub(super) solved: &'a Solved,
     /// What its step left.
     pub(super) left: &'a Left,
@@ -113,7 +112,7 @@ impl End<'_> {
     /// highlight, light of higher order), as a part of its difference from the surroundings, by what the last
     /// step has left.
     fn texture(&self, linear: &[f64; 3]) -> f64 {
-        let Self { stages, trust, noise, weighted, left, .. } = self;
+        let Self { stages, trust, noise, left, .. } = self;
         let from_coded = &stages.patch.from_coded;
         let encoded = linear.map(encoded);
         let coded = encoded.map(|(code, _)| code);
@@ -128,7 +127,10 @@ impl End<'_> {
         }
         for (place, block) in stages.blocks() {
             let weight = stages.layout.color_covered[block] * trust.block_weight[block];
-            colors.add(weight.into(), f64::from(weighted.color_square(left, place)) - 2.0 * noise.least);
+            colors.add(
+                weight.into(),
+                f64::from(left.colors[place].iter().map(|v| v * v).sum::<f32>()) - 2.0 * noise.least,
+            );
         }
         let beyond = (bright.value() + colors.value()).max(0.0);
         ((beyond + light) / contrast.max(noise.variance)).sqrt()
