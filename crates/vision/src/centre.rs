@@ -27,7 +27,6 @@ mod background;
 mod cholesky;
 mod constants;
 mod curve;
-mod disc;
 mod edge;
 mod fit;
 mod glare;

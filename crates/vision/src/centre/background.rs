@@ -10,9 +10,9 @@
 use super::cholesky::Banded;
 use super::constants::CLEAR;
 use super::curve::decode_one;
-use super::disc::Disc;
 use super::krige::{Kriging, LEAST_CLUTTER, Spread};
 use super::layout::Layout;
+use super::model::{EDGE, Parameters, RADIUS};
 use super::places::Places;
 use super::policy::FitPolicy;
 use super::robust::{Plane, Scattered, on};
@@ -42,12 +42,12 @@ impl Planes {
     pub(super) fn new<S: Simd>(
         simd: S,
         patch: &Patch,
-        (layout, disc): (&Layout, &Disc),
+        (layout, p): (&Layout, &Parameters),
         noise_variance: f64,
     ) -> Option<Self> {
         let mut scattered = Scattered::default();
-        let reach_px = disc.radius_px + (3.0 + RING_EDGES) * disc.edge_px;
-        let free = Free { patch, middle: (disc.x_px, disc.y_px), reach_px2: (reach_px * reach_px) as f32 };
+        let reach_px = p[RADIUS] + (3.0 + RING_EDGES) * p[EDGE];
+        let free = Free { patch, middle: (p[0], p[1]), reach_px2: (reach_px * reach_px) as f32 };
         free.brightness(&layout.covered, &mut scattered);
         let bright = scattered.plane(simd, noise_variance.sqrt())?;
         let mut planes =

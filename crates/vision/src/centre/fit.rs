@@ -3,17 +3,17 @@
 
 use super::background::{Background, Planes};
 use super::constants::{LEAST_CONTRAST, NOISE_STD, SAME_PLACE_PX};
-use super::disc::Disc;
 use super::guess::{Start, distance_px, first_guess, prior, with_margin, within};
 use super::layout::Layout;
 use super::linearized::Linearized;
 use super::model::{BALL, COUNT, EDGE, Model, Parameters, RADIUS};
+use super::normal::Solved;
 use super::outcome::{CentreFit, End, LEAST_TRUSTED, NoFit, contrast};
 use super::policy::FitPolicy;
 use super::samples::{Noise, grain_variance};
 use super::stages::Stages;
 use super::trust::Trust;
-use super::weighted::{Left, Solved, Weighted};
+use super::weighted::{Left, Weighted};
 use crate::Vector2;
 use crate::optics::Known;
 use crate::patch::Patch;
@@ -151,17 +151,17 @@ impl Search {
     fn around<S: Simd>(&mut self, simd: S, patch: &Patch, policy: FitPolicy) -> Option<(Layout, Background)> {
         self.model.shade_here();
         let layout = Layout::new(simd, patch, &self.model);
-        let disc = Disc::of(&self.model);
-        self.trust.glare.reach(patch, &disc, (&layout.covered, &layout.depth));
+        let p = self.model.p;
+        self.trust.glare.reach(patch, &p, (&layout.covered, &layout.depth));
         self.trust.forget_dazzled(patch);
         let noise_variance = self.noise.variance;
-        let is_close = |from: &Parameters| distance_px(from, &self.model.p) < ALIKE_EDGES * disc.edge_px;
+        let is_close = |from: &Parameters| distance_px(from, &p) < ALIKE_EDGES * p[EDGE];
         if !self.planes.is_some_and(|(_, from)| is_close(&from)) {
-            let planes = Planes::new(simd, patch, (&layout, &disc), noise_variance)?;
-            self.planes = Some((planes, self.model.p));
+            let planes = Planes::new(simd, patch, (&layout, &p), noise_variance)?;
+            self.planes = Some((planes, p));
         }
         let (planes, _) = self.planes?;
-        let around = (&layout, planes, disc.edge_px);
+        let around = (&layout, planes, p[EDGE]);
         let background = Background::new(simd, patch, around, (noise_variance, policy))?;
         Some((layout, background))
     }

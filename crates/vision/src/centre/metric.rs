@@ -20,6 +20,14 @@ pub(super) struct Nearby {
     pub(super) metric: [f64; 3],
 }
 
+impl Nearby {
+    /// Correlation by displacement.
+    pub(super) fn correlation(&self, (x, y): (f64, f64)) -> f64 {
+        let [xx, xy, yy] = self.metric;
+        (-0.5 * (xx * x * x + 2.0 * xy * x * y + yy * y * y)).exp()
+    }
+}
+
 /// Products of a free pixel's gradient (xx, xy, yy), its square and its presence; all 0 where it or a
 /// neighbour is not free.
 type Moments = [f32; 5];

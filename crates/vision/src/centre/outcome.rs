@@ -4,10 +4,11 @@ use super::constants::{LEAST_CONTRAST, LIGHT_STD, MODEL_STD, PIXEL_STD_PX};
 use super::curve::encode_one;
 use super::guess::Followed;
 use super::model::{BALL, COUNT, EDGE, Parameters, RADIUS, SITING};
+use super::normal::Solved;
 use super::samples::{Noise, combined};
 use super::stages::Stages;
 use super::trust::Trust;
-use super::weighted::{Left, Solved};
+use super::weighted::Left;
 use crate::optics::{Known, Optics};
 use crate::{Matrix2, Vector2};
 
@@ -74,12 +75,11 @@ impl End<'_> {
         let Self { stages, p, .. } = self;
         let is_in_range = p[RADIUS] > range_px.0 && p[RADIUS] < range_px.1;
         let linear = [0, 1, 2].map(|channel| p[BALL + channel]);
-        let covariance = self.solved.normal.covariance([0, 1, RADIUS, EDGE]);
-        let [[siting_px2]] = self.solved.normal.covariance([SITING]);
-        let centre_px2 = Matrix2::from_fn(|i, j| covariance[i][j]);
+        let covariance = self.solved.covariance();
+        let centre_px2 = covariance.fixed_view::<2, 2>(0, 0);
         let texture_px = TEXTURE_GAIN * p[EDGE] * self.texture(&linear);
         let model_px2 = (MODEL_STD * 2.0 * p[RADIUS]).powi(2) + texture_px * texture_px;
-        let covariance_px2 = 0.5 * (centre_px2 + centre_px2.transpose()) + Matrix2::identity() * model_px2;
+        let covariance_px2 = centre_px2 + Matrix2::identity() * model_px2;
         let trusted = self.trust.believed(stages);
         let is_uncertain = covariance_px2.trace() > 0.5 * p[RADIUS] * p[RADIUS];
         if trusted <= LEAST_TRUSTED {
@@ -92,16 +92,16 @@ impl End<'_> {
             return Err(NoFit::Implausible);
         }
         let known = |i: usize, variance: f64| Known { mean: p[i], variance };
-        let edge_px = known(EDGE, covariance[3][3]);
+        let edge_px = known(EDGE, covariance[(EDGE, EDGE)]);
         Ok(CentreFit {
             pixel: p.xy() + stages.patch.corner(),
             covariance_px2,
-            radius_px: known(RADIUS, covariance[2][2]),
+            radius_px: known(RADIUS, covariance[(RADIUS, RADIUS)]),
             ball: linear.map(|l| l.clamp(0.0, 1.0) as f32),
             trusted,
             taken: Optics { siting_px: prior[SITING], edge_px: prior[EDGE] },
             optics: Optics {
-                siting_px: known(SITING, siting_px2),
+                siting_px: known(SITING, covariance[(SITING, SITING)]),
                 edge_px: if p[EDGE] <= PIXEL_STD_PX { prior[EDGE] } else { edge_px },
             },
             followed: Followed { parameters: *p, noise_variance: self.noise.variance },

@@ -4,7 +4,7 @@ use super::cholesky::{BAND, Banded};
 use super::lanes::{GROUP, Lanes, total};
 use super::linearized::Linearized;
 use super::model::{COUNT, EDGE, Model, Parameters, RESIDUAL, Row, WIDTH};
-use super::normal::Normal;
+use super::normal::{Normal, Solved};
 use super::robust::biweight;
 use super::samples::Noise;
 use super::stages::Stages;
@@ -48,14 +48,6 @@ pub(super) struct Left {
     pub(super) bright: Vec<f32>,
     pub(super) colors: Vec<[f32; 2]>,
     rim: Vec<f32>,
-}
-
-/// Fifth stage: the step that the equations ask for, its squared length in standard deviations, and their
-/// factor.
-pub(super) struct Solved {
-    pub(super) change: Parameters,
-    pub(super) length: f64,
-    pub(super) normal: Normal,
 }
 
 impl Weighted {
@@ -120,7 +112,7 @@ impl Weighted {
         }
     }
 
-    /// The step by these samples and by what is known beforehand; None where the information is not positive
+    /// Fifth stage: the step by these samples and by what is known beforehand; None where the information is not positive
     /// definite.
     #[inline(always)]
     pub(super) fn solve<S: Simd>(
@@ -130,7 +122,7 @@ impl Weighted {
         model: &Model,
         prior: &[Known; COUNT],
     ) -> Option<Solved> {
-        let mut normal = Normal::default();
+        let mut normal = Normal::new();
         let Linearized { shown, color_rows, .. } = stages.linearized;
         let rim = self.rim.len();
         normal.add(simd, self.rim.iter().map(|row| (row, 1.0)));
@@ -144,8 +136,7 @@ impl Weighted {
         if model.is_sharpest() && normal.pull(EDGE) < 0.0 {
             normal.hold(EDGE);
         }
-        let (change, length) = normal.solve()?;
-        Some(Solved { change, length, normal })
+        normal.solve()
     }
 
     /// What a step leaves of all residuals.
