@@ -2,7 +2,7 @@
 
 use super::model::{FlightModel, ModelParameter};
 use mavsight_flight::{Coefficient, FLIGHT_STATES, InputSample, Linearisation, StateVector};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, Quaternion, UnitQuaternion, Vector3};
 
 /// Degrees of freedom of a state: position (world), turn (body), velocity (body), rates, flapping.
 pub(crate) const TANGENT: usize = 16;
@@ -108,11 +108,6 @@ impl Propagator {
         }
     }
 
-    /// Columns of the sensitivities.
-    pub(crate) fn columns(&self) -> usize {
-        self.columns
-    }
-
     /// Begins again at a state.
     pub(crate) fn start(&mut self, y: &StateVector) {
         self.y = *y;
@@ -188,20 +183,20 @@ impl Propagator {
         }
     }
 
-    /// Derivative of the state's degrees of freedom, 16 rows of [`Propagator::columns`] values.
-    pub(crate) fn tangent(&self, out: &mut [f64]) {
+    /// Derivative of the state's degrees of freedom, a column each, by the start's and the free parameters.
+    pub(crate) fn tangent(&self) -> DMatrix<f64> {
         let n = self.columns;
-        out[..3 * n].copy_from_slice(&self.s[..3 * n]);
-        out[6 * n..].copy_from_slice(&self.s[7 * n..]);
+        let mut out = DMatrix::zeros(n, TANGENT);
+        out.columns_mut(0, 3).copy_from_slice(&self.s[..3 * n]);
+        out.columns_mut(6, 10).copy_from_slice(&self.s[7 * n..]);
         let (w, u) = (self.y[3], Vector3::new(self.y[4], self.y[5], self.y[6]));
         let scale = 2.0 / (w * w + u.norm_squared());
         for k in 0..n {
             let d = Vector3::new(self.s[4 * n + k], self.s[5 * n + k], self.s[6 * n + k]);
             let turn = (d * w - u * self.s[3 * n + k] - u.cross(&d)) * scale;
-            for row in 0..3 {
-                out[(3 + row) * n + k] = turn[row];
-            }
+            out.fixed_view_mut::<1, 3>(k, 3).copy_from(&turn.transpose());
         }
+        out
     }
 
     /// Whether nothing has run away.
