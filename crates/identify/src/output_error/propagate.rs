@@ -86,7 +86,6 @@ pub(crate) struct Propagator {
     stage: Vec<f64>,
     rate: Vec<f64>,
     sum: Vec<f64>,
-    linear: Linearisation,
 }
 
 /// Weights of the classical fourth-order method: node of the next stage, weight in the sum.
@@ -104,7 +103,6 @@ impl Propagator {
             stage: zeros(),
             rate: zeros(),
             sum: zeros(),
-            linear: Linearisation::zeros(),
         }
     }
 
@@ -140,8 +138,7 @@ impl Propagator {
         self.sum.copy_from_slice(&self.s);
         for (node, weight) in STAGES {
             let k = airframe.derivative(c, input, &y_stage);
-            airframe.linearise(c, input, &y_stage, &mut self.linear);
-            self.variational();
+            self.variational(&airframe.linearise(c, input, &y_stage));
             for i in 0..FLIGHT_STATES {
                 y_sum[i] += step.h_s * weight * k[i];
                 y_stage[i] = self.y[i] + step.h_s * node * k[i];
@@ -167,18 +164,18 @@ impl Propagator {
     }
 
     /// rate = A stage + B.
-    fn variational(&mut self) {
+    fn variational(&mut self, linear: &Linearisation) {
         let n = self.columns;
         for i in 0..FLIGHT_STATES {
             let row = &mut self.rate[i * n..(i + 1) * n];
             row.fill(0.0);
             for (position, parameter) in self.free.iter().enumerate() {
                 if let ModelParameter::Coefficient(which) = parameter {
-                    row[TANGENT + position] = self.linear.by_coefficient[i][*which as usize];
+                    row[TANGENT + position] = linear.by_coefficient[i][*which as usize];
                 }
             }
             for &j in Linearisation::COLUMNS[i] {
-                axpy(row, self.linear.by_state[i][j], &self.stage[j * n..(j + 1) * n]);
+                axpy(row, linear.by_state[i][j], &self.stage[j * n..(j + 1) * n]);
             }
         }
     }

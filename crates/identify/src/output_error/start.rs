@@ -5,7 +5,7 @@ use super::measure::Measurements;
 use super::model::{FlightModel, ModelParameter};
 use crate::IdentifyError;
 use mavsight_flight::flapping::{Between, first_order_response, interpolate};
-use mavsight_flight::{Coefficient, InputSample, InputSeries, Linearisation, StateVector};
+use mavsight_flight::{Coefficient, InputSample, InputSeries, StateVector};
 use mavsight_geometry::{Isometry3, Matrix3, Vector3, world_from_level};
 use nalgebra::{DMatrix, DVector};
 
@@ -94,9 +94,8 @@ fn rough(model: &FlightModel, rows: &[Moving]) -> FlightModel {
     let n = linear.len();
     let mut normal = DMatrix::<f64>::zeros(n, n);
     let mut right = DVector::<f64>::zeros(n);
-    let mut at = Linearisation::zeros();
     for Moving { input, state, velocity_rate, rate_rate } in rows {
-        model.airframe.linearise(&model.coefficients, input, state, &mut at);
+        let at = model.airframe.linearise(&model.coefficients, input, state);
         let predicted = model.airframe.derivative(&model.coefficients, input, state);
         for (row, measured) in (7..13).zip(velocity_rate.iter().chain(rate_rate)) {
             let error = measured - predicted[row];
