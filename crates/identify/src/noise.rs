@@ -53,8 +53,11 @@ pub(crate) struct Bands {
     pub(crate) passed_hz: Vec<f64>,
 }
 
-/// Points of the grid of frequencies.
-const POINTS: usize = 600;
+/// Frequencies at half steps, with the amplitude that all low-passes let through.
+struct Grid {
+    step_hz: f64,
+    points: Vec<(f64, f64)>,
+}
 
 impl Bands {
     /// ∫ 1/(1 + (f/fc)⁶) df of the smoother's low-pass of a source.
@@ -66,15 +69,13 @@ impl Bands {
         own_hz * PI / 3.0
     }
 
-    /// Up to six times the lowest bandwidth, beyond which next to nothing passes.
-    fn step_hz(&self) -> f64 {
-        6.0 * self.passed_hz.iter().copied().fold(f64::INFINITY, f64::min) / POINTS as f64
-    }
-
-    /// Frequencies at half steps, with the amplitude that all low-passes let through.
-    fn grid(&self) -> Vec<(f64, f64)> {
+    /// So many points up to a multiple of the lowest bandwidth, of which five lets next to nothing pass.
+    fn grid(&self, count: usize, multiple: f64) -> Grid {
+        let lowest_hz = self.passed_hz.iter().copied().fold(f64::INFINITY, f64::min);
+        let step_hz = multiple * lowest_hz / count as f64;
         let passed = |f: f64| self.passed_hz.iter().map(|fc| 1.0 / (1.0 + (f / fc).powi(6))).product();
-        (0..POINTS).map(|k| self.step_hz() * (k as f64 + 0.5)).map(|f| (f, passed(f))).collect()
+        let points = (0..count).map(|k| step_hz * (k as f64 + 0.5)).map(|f| (f, passed(f))).collect();
+        Grid { step_hz, points }
     }
 
     /// Covariance of two signals over the smoother's variance of their source: ∫ Re(F G*) Π H² df over ∫ H
@@ -83,9 +84,9 @@ impl Bands {
     /// The variance that a smoother states holds what it could not resolve as well, which is no error of a
     /// regression whose both sides have passed the same low-pass: of white noise of density S it is S∫H, of
     /// which S∫H² is noise.
-    fn share(&self, a: &Term, b: &Term, grid: &[(f64, f64)]) -> f64 {
+    fn share(&self, a: &Term, b: &Term, grid: &Grid) -> f64 {
         let power = |(f, h): &(f64, f64)| (a.transfer.at(*f) * b.transfer.at(*f).conj()).re * h * h;
-        grid.iter().map(power).sum::<f64>() * self.step_hz() / self.smoothed_hz(a.source)
+        grid.points.iter().map(power).sum::<f64>() * grid.step_hz / self.smoothed_hz(a.source)
     }
 
     /// Covariance of the signals at each row, given the smoother's variance of each source there.
@@ -95,7 +96,7 @@ impl Bands {
         rows: usize,
         variance: &dyn Fn(Source, usize) -> f64,
     ) -> ErrorRows {
-        let grid = self.grid();
+        let grid = self.grid(600, 6.0);
         let mut out = ErrorRows::zeros(signals.len(), rows);
         let mut sums = vec![0.0; rows];
         let variances: Vec<(Source, Vec<f64>)> = Source::all()
@@ -123,13 +124,13 @@ impl Bands {
 
     /// The spectrum of the signals' errors, given the mean variance of each source.
     pub(crate) fn spectrum(&self, signals: &[&[Term]], variance: &dyn Fn(Source) -> f64) -> ErrorSpectrum {
-        let (grid, step_hz) = (self.grid(), self.step_hz());
+        let Grid { step_hz, points } = self.grid(300, 5.0);
         let is_met = |s: &Source| signals.iter().any(|terms| terms.iter().any(|t| t.source == *s));
         let responses = Source::all().filter(is_met).map(|source| {
             let root = (variance(source) / self.smoothed_hz(source) * step_hz).sqrt();
-            DMatrix::from_fn(POINTS, signals.len(), |k, j| {
+            DMatrix::from_fn(points.len(), signals.len(), |k, j| {
                 let own = signals[j].iter().filter(|t| t.source == source);
-                let (f, passed) = grid[k];
+                let (f, passed) = points[k];
                 own.map(|t| t.transfer.at(f) * (mean(&t.gains) * root * passed)).sum()
             })
         });
@@ -158,7 +159,7 @@ impl ErrorSpectrum {
 
     /// Autocovariances at lags 0, 1, ... of steps `dt_s` of the sum of the signals by the given weights.
     pub(crate) fn autocovariances(&self, weights: &DVector<f64>, dt_s: f64, lags: usize) -> Vec<f64> {
-        let mut power = DVector::zeros(POINTS);
+        let mut power = DVector::zeros(self.responses.first().map_or(0, DMatrix::nrows));
         for responses in &self.responses {
             power += (responses * weights.map(Complex::from)).map(|c| c.norm_sqr());
         }
@@ -182,7 +183,7 @@ mod tests {
         for k in 0..3 {
             let term =
                 Term { source: Source::Position(0), transfer: Transfer::Derivative(k), gains: Vec::new() };
-            let share = bands.share(&term, &term, &bands.grid());
+            let share = bands.share(&term, &term, &bands.grid(600, 6.0));
             let m = f64::from(2 * k + 1);
             let closed =
                 (1.0 - m / 6.0) * (PI / 6.0) / (m * PI / 6.0).sin() / (PI / 3.0) * (4.0 * PI).powi(2 * k);
@@ -193,7 +194,7 @@ mod tests {
             transfer: Transfer::Derivative(k),
             gains: Vec::new(),
         });
-        let odd = bands.share(&angle, &rate, &bands.grid());
+        let odd = bands.share(&angle, &rate, &bands.grid(600, 6.0));
         assert_eq!(odd, 0.0);
     }
 
