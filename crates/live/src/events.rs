@@ -8,22 +8,27 @@ use mavsight_link::{
 };
 use mavsight_pose::{MotionSample, PoseEstimate, Rig};
 
+/// The markers of a vehicle, for listeners.
+pub fn marker_views(vehicle: &Vehicle) -> Vec<MarkerView> {
+    let view = |m: &mavsight_flight::Marker| MarkerView {
+        name: m.name.clone(),
+        rgb: m.color.rgb(),
+        in_body_m: m.position_m,
+        diameter_m: m.diameter_m,
+    };
+    vehicle.marker.iter().map(view).collect()
+}
+
 /// The static scene: the first event.
 pub(crate) fn scene(name: &str, rig: &Rig, vehicle: &Vehicle) -> Scene {
     let points = rig.control_points_in_world();
     let low = points.iter().fold(Vector3::repeat(f64::INFINITY), |a, p| a.inf(p));
     let high = points.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |a, p| a.sup(p));
     let volume_m = if points.is_empty() { [[0.0; 3]; 2] } else { [low.into(), high.into()] };
-    let markers = vehicle.marker.iter().map(|m| MarkerView {
-        name: m.name.clone(),
-        rgb: m.color.rgb(),
-        in_body_m: m.position_m,
-        diameter_m: m.diameter_m,
-    });
     Scene {
         name: name.to_owned(),
         cameras: rig.cameras.iter().map(|c| view(&c.name, &c.camera)).collect(),
-        markers: markers.collect(),
+        markers: marker_views(vehicle),
         volume_m,
     }
 }

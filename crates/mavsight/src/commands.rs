@@ -8,6 +8,7 @@ mod demo;
 mod film;
 mod identify;
 mod live;
+mod live_flight;
 mod live_links;
 #[cfg(feature = "page")]
 mod live_page;
