@@ -1,6 +1,5 @@
 //! What each command does.
 
-mod camera_plan;
 mod campaign;
 mod convert;
 mod convert_formats;
@@ -16,7 +15,6 @@ mod live_sources;
 mod live_virtual;
 mod manoeuvre;
 mod plan;
-mod plan_report;
 mod run;
 mod selftest;
 mod stages;
