@@ -2,9 +2,10 @@
 
 use crate::InstantEstimate;
 use mavsight_flight::Vehicle;
-use mavsight_geometry::{Camera, EulerAngles, Isometry3, Matrix6, Point3, Vector2, Vector3};
+use mavsight_geometry::{Camera, EulerAngles, Isometry3, Point3, Vector2, Vector3};
 use mavsight_link::{
     CameraView, DetectedBall, Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Tracking,
+    upper_triangle,
 };
 use mavsight_pose::{MotionSample, PoseEstimate, Rig};
 
@@ -98,11 +99,6 @@ pub(crate) fn pose(fix: &Fix, t_ns: i64, tracking: Tracking, latency_ns: i64, re
         latency_ms: latency_ns as f64 * 1e-6,
         reason: reason.map(str::to_owned),
     }))
-}
-
-fn upper_triangle(m: &Matrix6<f64>) -> [f64; 21] {
-    let mut places = (0..6).flat_map(|i| (i..6).map(move |j| (i, j)));
-    std::array::from_fn(|_| places.next().map_or(0.0, |at| m[at]))
 }
 
 /// The detections of each camera at an instant.
