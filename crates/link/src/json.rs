@@ -8,7 +8,7 @@
 use crate::options::address;
 use crate::peers::{MOST, Peer};
 use crate::udp;
-use crate::{Event, Fix, JsonOptions, LinkError, Outlet};
+use crate::{Event, JsonOptions, LinkError, Outlet};
 use std::net::{SocketAddr, TcpListener, UdpSocket};
 use std::time::{Duration, Instant};
 
@@ -88,15 +88,6 @@ impl JsonLines {
 }
 
 impl Outlet for JsonLines {
-    fn name(&self) -> &str {
-        NAME
-    }
-
-    /// Nothing: the instant comes as [`Event::Pose`].
-    fn send(&mut self, _fix: &Fix) -> Result<(), LinkError> {
-        Ok(())
-    }
-
     fn event(&mut self, event: &Event) -> Result<(), LinkError> {
         let mut line = serde_json::to_vec(event)?;
         line.push(b'\n');

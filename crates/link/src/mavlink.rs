@@ -105,10 +105,6 @@ impl Mavlink {
 }
 
 impl Outlet for Mavlink {
-    fn name(&self) -> &str {
-        NAME
-    }
-
     fn send(&mut self, fix: &Fix) -> Result<(), LinkError> {
         let Some((measured, moving)) = sound(fix).and_then(|m| Some((m, sound_motion(m)?))) else {
             return Ok(());

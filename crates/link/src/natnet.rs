@@ -109,10 +109,6 @@ impl Natnet {
 }
 
 impl Outlet for Natnet {
-    fn name(&self) -> &str {
-        NAME
-    }
-
     fn send(&mut self, fix: &Fix) -> Result<(), LinkError> {
         let began_ns = *self.began_ns.get_or_insert(fix.captured_ns);
         let pose = sound(fix).map(|m| {

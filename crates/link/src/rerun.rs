@@ -16,7 +16,7 @@ mod arrow;
 mod file;
 mod flat;
 
-use crate::{Event, Fix, LinkError, Outlet, PoseEvent, Scene, Tracking};
+use crate::{Event, LinkError, Outlet, PoseEvent, Scene, Tracking};
 use arrow::{Array, Column};
 use file::RrdFile;
 use std::io;
@@ -169,15 +169,6 @@ fn index(name: &str, array: Array) -> Column {
 }
 
 impl Outlet for Rerun {
-    fn name(&self) -> &str {
-        "rerun"
-    }
-
-    /// Nothing: the instant comes as [`Event::Pose`].
-    fn send(&mut self, _: &Fix) -> Result<(), LinkError> {
-        Ok(())
-    }
-
     fn event(&mut self, event: &Event) -> Result<(), LinkError> {
         let done = self.take(event);
         self.fault(done)

@@ -82,10 +82,6 @@ impl Vrpn {
 }
 
 impl Outlet for Vrpn {
-    fn name(&self) -> &str {
-        NAME
-    }
-
     fn send(&mut self, fix: &Fix) -> Result<(), LinkError> {
         let Some(measured) = sound(fix) else { return Ok(()) };
         let pose = self.options.body_axes.pose(&measured.world_from_body);

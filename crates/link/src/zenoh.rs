@@ -5,7 +5,7 @@
 //! `valid` false and without position. The session is a peer that looks for nobody by itself unless
 //! `scouting` says so. What a subscriber does not take in time is dropped.
 
-use crate::{Body, Event, Fix, LinkError, Outlet, ZenohOptions};
+use crate::{Body, Event, LinkError, Outlet, ZenohOptions};
 use serde_json::json;
 use zenoh::Wait;
 
@@ -53,15 +53,6 @@ impl Zenoh {
 }
 
 impl Outlet for Zenoh {
-    fn name(&self) -> &str {
-        "zenoh"
-    }
-
-    /// Nothing: the instant comes as [`Event::Pose`].
-    fn send(&mut self, _fix: &Fix) -> Result<(), LinkError> {
-        Ok(())
-    }
-
     fn event(&mut self, event: &Event) -> Result<(), LinkError> {
         self.payload.clear();
         serde_json::to_writer(&mut self.payload, event).map_err(|e| LinkError::Zenoh(e.to_string()))?;

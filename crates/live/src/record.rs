@@ -33,10 +33,15 @@ pub struct RecordedSession {
     pub waits: bool,
 }
 
+/// Logs of detections, of events that were sent, and of inputs.
+const LOGS: [&str; 3] = ["detected.ndjson", "sent.ndjson", "inputs.csv"];
+const DETECTED: usize = 0;
+const SENT: usize = 1;
+const INPUTS: usize = 2;
+
 enum Item {
     Frame { camera: usize, stamp_ns: i64, frame: Arc<Frame>, detections: Vec<TrackedDetection> },
-    Sent(String),
-    Input(InputSample),
+    Line { log: usize, line: String },
 }
 
 /// Writes a recording on a thread of its own.
@@ -109,13 +114,6 @@ impl RecorderSlot {
     }
 }
 
-/// Name of the log of detections.
-const DETECTED: &str = "detected.ndjson";
-/// Name of the log of events that were sent.
-const SENT: &str = "sent.ndjson";
-/// Name of the table of inputs.
-const INPUTS: &str = "inputs.csv";
-
 /// One line of the log of detections.
 #[derive(Serialize)]
 struct Detected<'a> {
@@ -148,14 +146,6 @@ impl Recorder {
             return Err(refuse("it holds a session already: name another folder".into()));
         }
         make_folder(folder)?;
-        let io = |e: std::io::Error| refuse(e.to_string());
-        let mut inputs = None;
-        if with_inputs {
-            session.inputs = folder.join(INPUTS);
-            let mut file = File::create(&session.inputs).map_err(io)?;
-            file.write_all(b"t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad\n").map_err(io)?;
-            inputs = Some(file);
-        }
         copy_files(&mut session, &base, folder).map_err(refuse)?;
         let mut videos = Vec::new();
         for (k, camera) in session.camera.iter_mut().enumerate() {
@@ -167,12 +157,22 @@ impl Recorder {
         }
         (session.truth, session.live) = (None, None);
         let names = session.camera.iter().map(|c| c.name.clone()).collect();
-        let log = |name: &str| File::create(folder.join(name)).map_err(io);
-        let (detected, sent) = (log(DETECTED)?, log(SENT)?);
+        let logs = &LOGS[..if with_inputs { 3 } else { 2 }];
+        let logs = logs.iter().map(|name| File::create(folder.join(name))).collect::<Result<_, _>>();
+        let mut writer = Writer {
+            videos,
+            names,
+            logs: logs.map_err(|e: std::io::Error| refuse(e.to_string()))?,
+            lines: 0,
+            status: Arc::default(),
+        };
+        if with_inputs {
+            session.inputs = LOGS[INPUTS].into();
+            let header = "t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad";
+            writer.append(INPUTS, header).map_err(refuse)?;
+        }
         write_session(&folder.join("session.toml"), &session)?;
-        let status = Arc::new(Mutex::new(Status::default()));
-        let mut writer =
-            Writer { videos, names, inputs, detected, sent, lines: 0, status: Arc::clone(&status) };
+        let status = Arc::clone(&writer.status);
         let write = move |item: Option<Item>| item.into_iter().for_each(|item| writer.take(item));
         let worker = Worker::start("record", WAITING, true, write)?;
         Ok(Self { folder: folder.to_owned(), waits, status, worker })
@@ -196,8 +196,7 @@ impl Recorder {
         {
             let what = match lost {
                 Item::Frame { stamp_ns, .. } => format!("the frame at {:.3} s", stamp_ns as f64 * 1e-9),
-                Item::Input(sample) => format!("the input at {:.3} s", sample.t_s),
-                Item::Sent(_) => "an event that was sent".to_owned(),
+                Item::Line { log, line } => format!("a line of {} ({line})", LOGS[log]),
             };
             let text = format!("the disk is too slow: {what} is missing, so the recording ends there");
             locked(&self.status).fail(text);
@@ -208,13 +207,15 @@ impl Recorder {
     pub(crate) fn sent(&self, event: &Event) {
         // Events are numbers and texts, which always have a JSON form.
         if let Ok(line) = serde_json::to_string(event) {
-            self.put(Item::Sent(line));
+            self.put(Item::Line { log: SENT, line });
         }
     }
 
     /// Records an input.
-    pub fn input(&self, sample: InputSample) {
-        self.put(Item::Input(sample));
+    pub fn input(&self, s: InputSample) {
+        let values = [s.t_s, s.omega_u_rad_s, s.omega_l_rad_s, s.delta_lon_rad, s.delta_lat_rad];
+        let line = values.map(|v| v.to_string()).join(",");
+        self.put(Item::Line { log: INPUTS, line });
     }
 
     /// The state of the recording as an event.
@@ -286,10 +287,9 @@ fn copy_in(folder: &Path, base: &Path, path: &mut PathBuf) -> Result<(), String>
 
 struct Writer {
     videos: Vec<Y4mWriter>,
+    /// Names of the cameras.
     names: Vec<String>,
-    inputs: Option<File>,
-    detected: File,
-    sent: File,
+    logs: Vec<File>,
     /// Bytes of all lines.
     lines: u64,
     status: Arc<Mutex<Status>>,
@@ -300,55 +300,50 @@ impl Writer {
         if locked(&self.status).fault.is_some() {
             return;
         }
-        if let Err(text) = self.write(item) {
-            locked(&self.status).fail(format!("{text}: the recording ends here, the flight goes on"));
+        let written = self.write(item);
+        let videos: u64 = self.videos.iter().map(Y4mWriter::bytes).sum();
+        let mut status = locked(&self.status);
+        status.bytes = videos + self.lines;
+        if let Err(text) = written {
+            status.fail(format!("{text}: the recording ends here, the flight goes on"));
         }
     }
 
     fn write(&mut self, item: Item) -> Result<(), String> {
-        match item {
-            Item::Frame { camera, stamp_ns, frame, detections } => {
-                let Some(video) = self.videos.get_mut(camera) else { return Ok(()) };
-                video.push(stamp_ns, &frame).map_err(|e| e.to_string())?;
-                let ball = |s: &TrackedDetection| DetectedBall {
-                    id: s.track_id,
-                    color: s.color,
-                    u_px: s.pixel.x,
-                    v_px: s.pixel.y,
-                    cov_px2: [s.covariance_px2.m11, s.covariance_px2.m12, s.covariance_px2.m22],
-                    diameter_px: s.diameter_px,
-                };
-                let seen = detections.iter().map(ball).collect();
-                let line = Detected { camera: &self.names[camera], t_ns: stamp_ns, seen };
-                let line = serde_json::to_string(&line).map_err(|e| e.to_string())?;
-                self.lines += append(&mut self.detected, &line)?;
-                let mut status = locked(&self.status);
-                let first_ns = *status.first_ns.get_or_insert(stamp_ns);
-                status.seconds = status.seconds.max((stamp_ns - first_ns) as f64 * 1e-9);
-            }
-            Item::Sent(line) => self.lines += append(&mut self.sent, &line)?,
-            Item::Input(s) => {
-                let Some(file) = &mut self.inputs else { return Ok(()) };
-                let line = format!(
-                    "{},{},{},{},{}",
-                    s.t_s, s.omega_u_rad_s, s.omega_l_rad_s, s.delta_lon_rad, s.delta_lat_rad
-                );
-                self.lines += append(file, &line)?;
-            }
-        }
-        let videos: u64 = self.videos.iter().map(Y4mWriter::bytes).sum();
-        locked(&self.status).bytes = videos + self.lines;
+        let (camera, stamp_ns, frame, detections) = match item {
+            Item::Frame { camera, stamp_ns, frame, detections } => (camera, stamp_ns, frame, detections),
+            Item::Line { log, line } => return self.append(log, &line),
+        };
+        let Some(video) = self.videos.get_mut(camera) else { return Ok(()) };
+        video.push(stamp_ns, &frame).map_err(|e| e.to_string())?;
+        let ball = |s: &TrackedDetection| DetectedBall {
+            id: s.track_id,
+            color: s.color,
+            u_px: s.pixel.x,
+            v_px: s.pixel.y,
+            cov_px2: [s.covariance_px2.m11, s.covariance_px2.m12, s.covariance_px2.m22],
+            diameter_px: s.diameter_px,
+        };
+        let seen = detections.iter().map(ball).collect();
+        let line = Detected { camera: &self.names[camera], t_ns: stamp_ns, seen };
+        let line = serde_json::to_string(&line).map_err(|e| e.to_string())?;
+        self.append(DETECTED, &line)?;
+        let mut status = locked(&self.status);
+        let first_ns = *status.first_ns.get_or_insert(stamp_ns);
+        status.seconds = status.seconds.max((stamp_ns - first_ns) as f64 * 1e-9);
         Ok(())
     }
-}
 
-/// Appends a line at once, so that it is complete or missing.
-fn append(file: &mut File, line: &str) -> Result<u64, String> {
-    let before = file.metadata().map(|m| m.len()).map_err(|e| e.to_string())?;
-    let whole = format!("{line}\n");
-    file.write_all(whole.as_bytes()).map_err(|e| {
-        let _ = file.set_len(before);
-        e.to_string()
-    })?;
-    Ok(whole.len() as u64)
+    /// Appends a line at once, so that it is complete or missing.
+    fn append(&mut self, log: usize, line: &str) -> Result<(), String> {
+        let Some(file) = self.logs.get_mut(log) else { return Ok(()) };
+        let before = file.metadata().map(|m| m.len()).map_err(|e| e.to_string())?;
+        let line = format!("{line}\n");
+        file.write_all(line.as_bytes()).map_err(|e| {
+            let _ = file.set_len(before);
+            e.to_string()
+        })?;
+        self.lines += line.len() as u64;
+        Ok(())
+    }
 }
