@@ -25,7 +25,10 @@ pub fn read_pose_table(path: &Path) -> Result<Vec<TimedPose>, SessionError> {
     let samples = read_poses(path, &[])?;
     Ok(samples
         .iter()
-        .map(|s| TimedPose { t_ns: s.t_ns, world_from_body: s.estimate.as_ref().map(|e| e.world_from_body) })
+        .map(|s| TimedPose {
+            t_ns: s.t_ns,
+            world_from_body: s.estimate.as_ref().ok().map(|e| e.world_from_body),
+        })
         .collect())
 }
 

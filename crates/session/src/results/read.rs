@@ -4,7 +4,7 @@ use super::columns;
 use crate::table::{Row, Table};
 use crate::{SessionError, error::require_file};
 use mavsight_geometry::{EulerAngles, Matrix2, Matrix3, Matrix6, Vector2, Vector3, world_from_body};
-use mavsight_pose::{MarkerObservation, PoseEstimate, PoseSample, covariance_from_std};
+use mavsight_pose::{MarkerObservation, PoseError, PoseEstimate, PoseSample, covariance_from_std};
 use nalgebra::Matrix6xX;
 use std::path::Path;
 
@@ -81,7 +81,7 @@ pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample
             );
         }
         if values.iter().all(|column| row.text(*column).is_empty()) {
-            samples.push(PoseSample { t_ns, estimate: None, reason: Some("not measured".into()) });
+            samples.push(PoseSample { t_ns, estimate: Err(PoseError::NotMeasured) });
             continue;
         }
         let pose = row.numbers(values)?;
@@ -99,7 +99,7 @@ pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample
         let by: Vec<usize> = (0..marker_names.len()).filter(is_used).collect();
         let residual_px = residual.map_or(Ok(None), |c| row.number_if_any(c))?.unwrap_or(0.0);
         let estimate = estimate.by_markers(&by, &[], residual_px);
-        samples.push(PoseSample { t_ns, estimate: Some(estimate), reason: None });
+        samples.push(PoseSample { t_ns, estimate: Ok(estimate) });
     }
     Ok(samples)
 }
