@@ -31,7 +31,7 @@ pub fn calibrate(session: &Session, progress: &dyn Progress) -> Result<Rig, Engi
         return Ok(calibrate_from_observations(&sizes, &points, &pixels.unwrap_or_default(), &objects)?);
     }
     let mut stills = Vec::with_capacity(session.cameras().len());
-    for camera in &session.cameras() {
+    for camera in session.cameras() {
         if let Some(path) = &camera.still {
             stills.push(ControlStill { camera: camera.name.clone(), frame: input(read_image(path))? });
         }

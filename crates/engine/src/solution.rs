@@ -112,12 +112,12 @@ pub fn solve(
     let with_columns: Vec<usize> = systematic.iter().map(|(k, _)| *k).collect();
     for (k, columns) in systematic {
         let pose = &mut results.poses[k];
-        pose.estimate = pose.estimate.take().map(|e| e.with_systematic(&columns));
+        pose.estimate = pose.estimate.clone().map(|e| e.with_systematic(&columns));
     }
     identify_into(&mut results, motion, flight, progress)?;
     for k in with_columns {
         let pose = &mut results.poses[k];
-        pose.estimate = pose.estimate.take().map(PoseEstimate::condensed);
+        pose.estimate = pose.estimate.clone().map(PoseEstimate::condensed);
     }
     Ok(results)
 }

@@ -6,7 +6,7 @@ use mavsight_geometry::{Camera, EulerAngles, Isometry3, Matrix6, Point3, Vector2
 use mavsight_link::{
     CameraView, DetectedBall, Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Tracking,
 };
-use mavsight_pose::{MotionSample, PoseEstimate, Rig};
+use mavsight_pose::{MotionSample, PoseError, PoseEstimate, Rig};
 
 /// The static scene: the first event.
 pub(crate) fn scene(name: &str, rig: &Rig, vehicle: &Vehicle) -> Scene {
@@ -62,7 +62,13 @@ pub(crate) fn measured(estimate: &PoseEstimate, motion: Option<&MotionSample>) -
 }
 
 /// One instant as an event.
-pub(crate) fn pose(fix: &Fix, t_ns: i64, tracking: Tracking, latency_ns: i64, reason: Option<&str>) -> Event {
+pub(crate) fn pose(
+    fix: &Fix,
+    t_ns: i64,
+    tracking: Tracking,
+    latency_ns: i64,
+    reason: Option<&PoseError>,
+) -> Event {
     let measured = fix.measured.as_ref();
     let moving = measured.and_then(|m| m.moving.as_ref());
     let std = |at: usize| {
@@ -91,7 +97,7 @@ pub(crate) fn pose(fix: &Fix, t_ns: i64, tracking: Tracking, latency_ns: i64, re
         rates_std_rad_s: std(3),
         residual_px: measured.map(|m| m.residual_px),
         latency_ms: latency_ns as f64 * 1e-6,
-        reason: reason.map(str::to_owned),
+        reason: reason.map(PoseError::to_string),
     }))
 }
 
@@ -106,7 +112,7 @@ pub(crate) fn detections<'a>(
     rig: &'a Rig,
     vehicle: &'a Vehicle,
 ) -> impl Iterator<Item = Event> + 'a {
-    let pose = instant.association.sample.estimate.as_ref().map(|e| e.world_from_body);
+    let pose = instant.association.sample.estimate.as_ref().ok().map(|e| e.world_from_body);
     (0..rig.cameras.len()).map(move |camera| {
         let own = instant.seen.iter().enumerate().filter(move |(_, c)| c.camera == camera);
         let seen = own.map(|(index, c)| {

@@ -3,7 +3,7 @@
 use crate::error::read_text;
 use crate::error::require_file;
 use crate::files::read_toml;
-use crate::session_file::{SessionCamera, SessionFile, is_empty, validate};
+use crate::session_file::{LiveSection, SessionCamera, SessionFile, is_empty, validate};
 use crate::video::{FrameSource, find_clap, is_pattern};
 use crate::{SessionError, read_image, tables};
 use mavsight_flight::{InputSeries, Vehicle};
@@ -46,6 +46,11 @@ impl Session {
     /// The cameras, in the order of the file.
     pub fn cameras(&self) -> &[SessionCamera] {
         &self.file.camera
+    }
+
+    /// How it is flown live.
+    pub fn live(&self) -> LiveSection {
+        self.file.live.clone().unwrap_or_default()
     }
 
     /// Opens one camera's frames, with the time stamps of the file; fields of an interlaced recording one by

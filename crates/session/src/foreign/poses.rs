@@ -34,7 +34,7 @@ pub enum Trajectory {
 /// Those of [`read_poses`].
 pub fn read_pose_table(path: &Path) -> Result<Vec<TimedPose>, SessionError> {
     let samples = read_poses(path, &[])?.into_iter();
-    let pose = |s: mavsight_pose::PoseSample| s.estimate.map(|e| e.world_from_body);
+    let pose = |s: mavsight_pose::PoseSample| s.estimate.ok().map(|e| e.world_from_body);
     Ok(samples.map(|s| TimedPose { t_ns: s.t_ns, world_from_body: pose(s) }).collect())
 }
 

@@ -6,7 +6,7 @@ use crate::SessionError;
 use crate::table::Table;
 use mavsight_geometry::Vector3;
 use mavsight_pipeline::usual_interval_ns;
-use mavsight_pose::{Motion, MotionCovariance, MotionSample, PoseSample, covariance_from_std};
+use mavsight_pose::{Motion, MotionCovariance, MotionSample, PoseError, PoseSample, covariance_from_std};
 use nalgebra::SMatrix;
 use std::path::Path;
 
@@ -49,8 +49,7 @@ fn with_missing_rows(poses: Vec<PoseSample>) -> Vec<PoseSample> {
             let missing = if missing < count { missing.max(0) } else { 0 };
             out.extend((1..=missing).map(|k| PoseSample {
                 t_ns: before_ns + (gap_ns as i128 * k as i128 / (missing + 1) as i128) as i64,
-                estimate: None,
-                reason: Some("the row is missing".into()),
+                estimate: Err(PoseError::MissingRow),
             }));
         }
         out.push(pose);

@@ -175,7 +175,7 @@ fn poses(samples: &[PoseSample], marker_names: &[String], out: &mut dyn Write) -
     let mut lines = csv_table(out, header)?;
     for sample in samples {
         let mut cells = vec![time(sample.t_ns)];
-        if let Some(e) = &sample.estimate {
+        if let Ok(e) = &sample.estimate {
             cells.extend(pose_values(&e.world_from_body).map(number));
             let covariance = e.covariance();
             cells.extend((0..3).map(|i| number(covariance[(i, i)].sqrt())));
