@@ -7,7 +7,7 @@ use mavsight_link::{
     CameraView, DetectedBall, Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Tracking,
     upper_triangle,
 };
-use mavsight_pose::{MotionSample, PoseEstimate, Rig};
+use mavsight_pose::{MotionSample, PoseError, PoseEstimate, Rig};
 
 /// The markers of a vehicle, for listeners.
 pub fn marker_views(vehicle: &Vehicle) -> Vec<MarkerView> {
@@ -68,7 +68,13 @@ pub(crate) fn measured(estimate: &PoseEstimate, motion: Option<&MotionSample>) -
 }
 
 /// One instant as an event.
-pub(crate) fn pose(fix: &Fix, t_ns: i64, tracking: Tracking, latency_ns: i64, reason: Option<&str>) -> Event {
+pub(crate) fn pose(
+    fix: &Fix,
+    t_ns: i64,
+    tracking: Tracking,
+    latency_ns: i64,
+    reason: Option<&PoseError>,
+) -> Event {
     let measured = fix.measured.as_ref();
     let moving = measured.and_then(|m| m.moving.as_ref());
     let std = |at: usize| {
@@ -97,7 +103,7 @@ pub(crate) fn pose(fix: &Fix, t_ns: i64, tracking: Tracking, latency_ns: i64, re
         rates_std_rad_s: std(3),
         residual_px: measured.map(|m| m.residual_px),
         latency_ms: latency_ns as f64 * 1e-6,
-        reason: reason.map(str::to_owned),
+        reason: reason.map(PoseError::to_string),
     }))
 }
 
@@ -107,7 +113,7 @@ pub(crate) fn detections<'a>(
     rig: &'a Rig,
     vehicle: &'a Vehicle,
 ) -> impl Iterator<Item = Event> + 'a {
-    let pose = instant.association.sample.estimate.as_ref().map(|e| e.world_from_body);
+    let pose = instant.association.sample.estimate.as_ref().ok().map(|e| e.world_from_body);
     (0..rig.cameras.len()).map(move |camera| {
         let own = instant.seen.iter().enumerate().filter(move |(_, c)| c.camera == camera);
         let seen = own.map(|(index, c)| {

@@ -128,7 +128,7 @@ impl Work {
 
     /// Takes a pose; an estimate about once a second.
     fn push(&mut self, sample: PoseSample) -> Option<Event> {
-        if self.window.is_empty() && sample.estimate.is_none() {
+        if self.window.is_empty() && sample.estimate.is_err() {
             return None;
         }
         self.window.push(sample);
@@ -259,7 +259,7 @@ mod tests {
             let turn = Vector3::new(noise(), noise(), noise());
             pose.rotation *= mavsight_geometry::UnitQuaternion::from_scaled_axis(turn);
             let estimate = PoseEstimate::new(pose, &(Matrix6::identity() * 1e-8));
-            PoseSample { t_ns: (s.t_s * 1e9).round() as i64, estimate: Some(estimate), reason: None }
+            PoseSample { t_ns: (s.t_s * 1e9).round() as i64, estimate: Ok(estimate) }
         };
         (states.iter().map(sample).collect(), inputs)
     }

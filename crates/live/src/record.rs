@@ -7,7 +7,7 @@ use crate::worker::Worker;
 use mavsight_flight::InputSample;
 use mavsight_link::Event;
 use mavsight_pose::TrackedDetection;
-use mavsight_session::{SessionFile, Y4mWriter, make_folder, write_session};
+use mavsight_session::{SessionFile, Y4mWriter, make_folder, write_toml};
 use mavsight_vision::Frame;
 use serde::Serialize;
 use std::fs::File;
@@ -171,7 +171,7 @@ impl Recorder {
             let header = "t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad";
             writer.append(INPUTS, header).map_err(refuse)?;
         }
-        write_session(&folder.join("session.toml"), &session)?;
+        write_toml(&folder.join("session.toml"), &session)?;
         let status = Arc::clone(&writer.status);
         let write = move |item: Option<Item>| item.into_iter().for_each(|item| writer.take(item));
         let worker = Worker::start("record", WAITING, true, write)?;

@@ -195,7 +195,7 @@ fn film_once(
     for (k, (row, pose)) in truth.iter().enumerate() {
         let t_ns = ns_from_s(row.t_s);
         let seen: Vec<_> = tracked.observations.iter().filter(|o| o.t_ns == t_ns).collect();
-        let Some(got) = &tracked.poses[k].estimate else { continue };
+        let Ok(got) = &tracked.poses[k].estimate else { continue };
         // What the plan is about: every marker seen by all, none taken for false.
         if seen.len() < cameras.len() * vehicle.marker.len() || !got.left_out.is_empty() {
             continue;

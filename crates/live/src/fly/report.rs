@@ -22,12 +22,12 @@ impl Flight<'_> {
             self.moved = instant.moved.len();
             let motion = self.motion.push(sample);
             let was_acquiring = self.tracking.state == Tracking::Acquiring;
-            let tracking = self.tracking.saw(instant.t_ns, sample.estimate.is_some());
+            let tracking = self.tracking.saw(instant.t_ns, sample.estimate.is_ok());
             let fix = Fix {
                 sequence: self.summary.instants,
                 captured_ns: self.setup.clock.unix_ns(instant.t_ns),
                 received_ns: self.setup.clock.unix_ns(self.received_ns),
-                measured: sample.estimate.as_ref().map(|e| events::measured(e, motion.as_ref())),
+                measured: sample.estimate.as_ref().ok().map(|e| events::measured(e, motion.as_ref())),
                 resets: self.tracking.resets,
             };
             self.setup.listeners.fix(fix.clone());
@@ -46,7 +46,8 @@ impl Flight<'_> {
                 parameters.push(sample);
             }
             if wants_events {
-                let pose = events::pose(&fix, instant.t_ns, tracking, latency_ns, sample.reason.as_deref());
+                let pose =
+                    events::pose(&fix, instant.t_ns, tracking, latency_ns, sample.estimate.as_ref().err());
                 if let Some(recorder) = &recorder {
                     recorder.sent(&pose);
                 }

@@ -129,7 +129,10 @@ fn axes_parser() -> impl TypedValueParser<Value = AxesOf> {
 }
 
 fn origin_parser() -> impl TypedValueParser<Value = PixelOrigin> {
-    let all = PixelOrigin::ALL;
-    PossibleValuesParser::new(all.map(PixelOrigin::name))
-        .map(move |name| all.into_iter().find(|o| o.name() == name).unwrap_or(PixelOrigin::TopLeftZero))
+    PossibleValuesParser::new(["zero", "dltdv8", "dltdv5", "argus"]).map(|name| match name.as_str() {
+        "dltdv8" => PixelOrigin::Dltdv8,
+        "dltdv5" => PixelOrigin::Dltdv5,
+        "argus" => PixelOrigin::Argus,
+        _ => PixelOrigin::TopLeftZero,
+    })
 }

@@ -9,12 +9,14 @@ use clap::ValueEnum;
 use mavsight_geometry::Vector3;
 use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::Rig;
-use mavsight_session::foreign::dltdv::{self, DltOptions};
+use mavsight_session::foreign::dltdv;
 use mavsight_session::foreign::dltdv_points::{self, PointOptions};
 use mavsight_session::foreign::marker_paths::{self, MarkerPaths};
 use mavsight_session::foreign::pixels::PixelOrigin;
-use mavsight_session::foreign::poses::{TimedPose, read_pose_table, write_pose_table};
-use mavsight_session::foreign::{Noted, argus, c3d, euroc, kalibr, opencv, ros, trc, tum};
+use mavsight_session::foreign::poses::{
+    TimedPose, Trajectory, read_pose_table, read_trajectory, write_pose_table, write_trajectory,
+};
+use mavsight_session::foreign::{CameraFormat, CameraOptions, Noted, c3d, read_cameras, trc, write_cameras};
 use mavsight_session::{
     RunResults, SessionError, cameras_of, load_vehicle, read_rig, tables, write_control_points,
     write_markers, write_rig, write_whole,
@@ -60,6 +62,18 @@ pub(crate) fn convert(args: &Convert) -> Result<()> {
 /// A format as the options call it.
 fn name_of(format: Format) -> String {
     format.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+}
+
+/// A format of other programs for cameras.
+fn camera_format(format: Format) -> Option<CameraFormat> {
+    Some(match format {
+        Format::Dlt => CameraFormat::Dlt,
+        Format::Argus => CameraFormat::Argus,
+        Format::Opencv => CameraFormat::Opencv,
+        Format::Ros => CameraFormat::Ros,
+        Format::Kalibr => CameraFormat::Kalibr,
+        _ => return None,
+    })
 }
 
 /// Markers by name, in body axes.
@@ -122,20 +136,9 @@ impl Call<'_> {
     fn read(&self) -> Result<Noted<Content>> {
         let Convert { input: path, cameras: names, points, size: sizes, frame: axes, std, .. } = self.args;
         let mut read = named(match self.from {
-            Format::Dlt => {
-                let options =
-                    DltOptions { origin: self.args.origin, sizes: sizes.clone(), names: names.clone() };
-                noted(dltdv::read_coefficients(path, &options), Content::Cameras)
-            }
-            Format::Argus => {
-                noted(argus::read_profile(path, self.origin(PixelOrigin::Argus), names), Content::Cameras)
-            }
-            Format::Opencv => noted(opencv::read(path, sizes, names), Content::Cameras),
-            Format::Ros => noted(ros::read(path, names), Content::Cameras),
-            Format::Kalibr => noted(kalibr::read(path, names), Content::Cameras),
             Format::Pose => plain(read_pose_table(path), Content::Poses),
-            Format::Tum => plain(tum::read(path, *axes), Content::Poses),
-            Format::Euroc => plain(euroc::read(path, *axes), Content::Poses),
+            Format::Tum => plain(read_trajectory(path, Trajectory::Tum, *axes), Content::Poses),
+            Format::Euroc => plain(read_trajectory(path, Trajectory::Euroc, *axes), Content::Poses),
             Format::Paths => plain(marker_paths::read_table(path), Content::Paths),
             Format::Trc => plain(trc::read(path), Content::Paths),
             Format::C3d => noted(c3d::read(path), Content::Paths),
@@ -146,7 +149,7 @@ impl Call<'_> {
             Format::Xypts => {
                 let options = PointOptions {
                     rate_hz: self.rate_hz()?,
-                    origin: self.origin(PixelOrigin::Dltdv8),
+                    origin: self.origin(),
                     sizes: sizes.clone(),
                     cameras: names.clone(),
                     points: self.point_names(),
@@ -157,7 +160,10 @@ impl Call<'_> {
             Format::Control => plain(tables::read_control_points(path), Content::Control),
             Format::Object => noted(dltdv::read_control_object(path), Content::Control),
             Format::Offsets => plain(dltdv_points::read_offsets(path, self.rate_hz()?), Content::Offsets),
-            Format::Rig | Format::Csv | Format::Parquet => plain(read_rig(path), Content::Cameras),
+            from => match camera_format(from) {
+                Some(format) => noted(read_cameras(path, format, &self.camera_options()), Content::Cameras),
+                None => plain(read_rig(path), Content::Cameras),
+            },
         })?;
         if let Content::Paths(paths) = &mut read.value
             && self.from != Format::Paths
@@ -173,8 +179,10 @@ impl Call<'_> {
         let none = |()| Vec::new();
         named(match (self.to, content) {
             (_, Content::Cameras(rig)) => return self.write_cameras(&rig),
-            (Format::Tum, Content::Poses(poses)) => tum::write(path, &poses, *axes),
-            (Format::Euroc, Content::Poses(poses)) => euroc::write(path, &poses, *axes),
+            (Format::Tum, Content::Poses(poses)) => write_trajectory(path, Trajectory::Tum, &poses, *axes),
+            (Format::Euroc, Content::Poses(poses)) => {
+                write_trajectory(path, Trajectory::Euroc, &poses, *axes)
+            }
             (_, Content::Poses(poses)) => write_pose_table(path, &poses).map(none),
             (to, Content::Paths(mut paths)) => {
                 if to != Format::Paths && self.args.up == Up::Y {
@@ -188,10 +196,10 @@ impl Call<'_> {
                 }
             }
             (Format::Xypts, Content::Pixels(tracks)) => {
-                dltdv_points::write_xypts(path, &tracks, self.origin(PixelOrigin::Dltdv8), sizes)
+                dltdv_points::write_xypts(path, &tracks, self.origin(), sizes)
             }
             (_, Content::Pixels(tracks)) => write_markers(path, &tracks).map(|()| {
-                let (origin, std) = (self.origin(PixelOrigin::Dltdv8).name(), self.args.std);
+                let (origin, std) = (self.origin().name(), self.args.std);
                 vec![format!("pixels are taken as those of --origin {origin}, good to {std} px (--std)")]
             }),
             (Format::Object, Content::Control(points)) => dltdv::write_control_object(path, &points),
@@ -222,24 +230,21 @@ impl Call<'_> {
 
     fn write_rig(&self, path: &Path, rig: &Rig, camera: Option<&str>) -> Result<Vec<String>> {
         let chosen = camera.map(|name| named(cameras_of(rig, &[name], &self.args.input))).transpose()?;
-        let (rig, drop_skew) = (chosen.as_ref().unwrap_or(rig), self.args.drop_skew);
-        named(match self.to {
-            Format::Dlt => {
-                let argus = path.to_string_lossy().contains("dlt-coefficients");
-                let usual = if argus { PixelOrigin::Argus } else { PixelOrigin::Dltdv8 };
-                dltdv::write_coefficients(path, rig, self.origin(usual))
-            }
-            Format::Argus => argus::write_profile(path, rig, self.origin(PixelOrigin::Argus), drop_skew),
-            Format::Opencv => opencv::write(path, rig, drop_skew),
-            Format::Ros => ros::write(path, rig, camera, drop_skew),
-            Format::Kalibr => kalibr::write(path, rig, drop_skew),
-            _ => write_rig(path, rig).map(|()| Vec::new()),
+        let rig = chosen.as_ref().unwrap_or(rig);
+        named(match camera_format(self.to) {
+            Some(format) => write_cameras(path, format, rig, &self.camera_options()),
+            None => write_rig(path, rig).map(|()| Vec::new()),
         })
     }
 
-    /// The origin of pixels, or the usual one of a format.
-    fn origin(&self, usual: PixelOrigin) -> PixelOrigin {
-        self.args.origin.unwrap_or(usual)
+    fn camera_options(&self) -> CameraOptions {
+        let Convert { cameras: names, size: sizes, origin, drop_skew, .. } = self.args;
+        CameraOptions { names: names.clone(), sizes: sizes.clone(), origin: *origin, drop_skew: *drop_skew }
+    }
+
+    /// The origin of digitised pixels.
+    fn origin(&self) -> PixelOrigin {
+        self.args.origin.unwrap_or(PixelOrigin::Dltdv8)
     }
 
     fn markers(&self) -> Result<&Body, WrongCall> {

@@ -46,7 +46,7 @@ fn of_session(args: &Live, path: &Path, pace: Pace) -> Result<()> {
     let recorder = RecorderSlot::with(args.record.as_deref().map(&begin).transpose()?);
     let (cameras, clock) = if args.replay { replayed(&session, pace, &stop)? } else { running(&session)? };
     let setup = Setup {
-        name: &session.name,
+        name: &session.file.name,
         rig: &rig,
         vehicle: &session.vehicle,
         cameras,
@@ -58,16 +58,16 @@ fn of_session(args: &Live, path: &Path, pace: Pace) -> Result<()> {
         recorder,
         inputs: inputs.map(|i| Box::new(Recorded(i)) as Box<dyn InputSource>),
         model: named(session.model())?,
-        enough: session.live.enough.unwrap_or(ENOUGH),
+        enough: session.live().enough.unwrap_or(ENOUGH),
         stop,
         for_ns: args.seconds.map(ns_from_s),
     };
-    fly_with(args, &session.live, named(session.control_points())?, begin, setup)
+    fly_with(args, &session.live(), named(session.control_points())?, begin, setup)
 }
 
 /// The motion noise of the flight that the session names.
 fn noise_of(session: &Session) -> Result<Option<MotionNoise>> {
-    let Some(path) = &session.live.poses else { return Ok(None) };
+    let Some(path) = &session.live().poses else { return Ok(None) };
     let markers: Vec<String> = session.vehicle.marker.iter().map(|m| m.name.clone()).collect();
     let poses = named(read_poses(path, &markers))?;
     motion_noise(&poses).map(Some).with_context(|| format!("{}", path.display()))
@@ -82,6 +82,6 @@ fn recorded(session: &Session, args: &Live) -> Result<RecordedSession> {
     }
     let folder = session.path.parent().unwrap_or(Path::new(""));
     let base = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
-    let rate_hz = session.cameras.iter().find_map(|c| c.frame_rate_hz).unwrap_or(30.0);
+    let rate_hz = session.cameras().iter().find_map(|c| c.frame_rate_hz).unwrap_or(30.0);
     Ok(RecordedSession { session: file, base, rate_hz, with_inputs: false, waits: args.fast })
 }

@@ -93,10 +93,10 @@ fn remove_stale(results: &RunResults, out: &Path) -> Result<()> {
 
 /// Refuses a flight of which nothing was measured.
 pub(crate) fn require_a_pose(results: &RunResults) -> Result<()> {
-    let none = !results.poses.is_empty() && results.poses.iter().all(|p| p.estimate.is_none());
-    if none {
-        let reason = results.poses.iter().find_map(|p| p.reason.clone()).unwrap_or_default();
-        anyhow::bail!("none of {} instants has a pose; the first: {reason}", results.poses.len());
+    match results.poses.first().map(|p| &p.estimate) {
+        Some(Err(reason)) if results.poses.iter().all(|p| p.estimate.is_err()) => {
+            anyhow::bail!("none of {} instants has a pose; the first: {reason}", results.poses.len())
+        }
+        _ => Ok(()),
     }
-    Ok(())
 }

@@ -56,23 +56,20 @@ impl Associator {
             let seen = (0..markers).filter(|m| candidates.iter().any(|c| c.color == self.colors[*m])).count();
             PoseError::TooFewMarkers { seen, markers, observations: candidates.len() }
         };
-        let Some(best) = trials.first() else { return refused(t_ns, &few()) };
+        let Some(best) = trials.first() else { return refused(t_ns, few()) };
         if best.log_odds < needed {
             let (balls, log_odds) = (candidates.len(), best.log_odds);
-            return refused(t_ns, &PoseError::UnconvincingPose { balls, log_odds, needed });
+            return refused(t_ns, PoseError::UnconvincingPose { balls, log_odds, needed });
         }
         let apart = |t: &&Trial| self.apart_m(&t.estimate, &best.estimate) > SAME_POSE * self.size_m;
         if let Some(next) = trials.iter().find(apart)
             && best.log_odds - next.log_odds < DECISIVE_LOG_ODDS
         {
             let lead = best.log_odds - next.log_odds;
-            return refused(t_ns, &PoseError::AmbiguousIdentity { balls: candidates.len(), lead });
+            return refused(t_ns, PoseError::AmbiguousIdentity { balls: candidates.len(), lead });
         }
         let best = trials.swap_remove(0);
-        Association {
-            sample: PoseSample { t_ns, estimate: Some(best.estimate), reason: None },
-            pairs: best.pairs,
-        }
+        Association { sample: PoseSample { t_ns, estimate: Ok(best.estimate) }, pairs: best.pairs }
     }
 
     fn apart_m(&self, a: &PoseEstimate, b: &PoseEstimate) -> f64 {

@@ -84,11 +84,8 @@ fn room_m3(rig: &Rig, cameras: &[Camera]) -> f64 {
     (high - low).iter().map(|side| 2.0 * side.clamp(1.0, 1e3)).product()
 }
 
-pub(super) fn refused(t_ns: i64, reason: &PoseError) -> Association {
-    Association {
-        sample: PoseSample { t_ns, estimate: None, reason: Some(reason.to_string()) },
-        pairs: Vec::new(),
-    }
+pub(super) fn refused(t_ns: i64, reason: PoseError) -> Association {
+    Association { sample: PoseSample { t_ns, estimate: Err(reason) }, pairs: Vec::new() }
 }
 
 /// The pairs as observations of markers.

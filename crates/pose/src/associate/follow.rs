@@ -18,18 +18,18 @@ impl Associator {
             let rest = self.without_detections(t_ns, candidates, belief);
             if let Some(rest) = rest.or_else(|| self.without_one(t_ns, candidates, belief)) {
                 out = rest;
-            } else if out.sample.estimate.is_none() {
+            } else if out.sample.estimate.is_err() {
                 let anew = self.associated_by(t_ns, candidates, None, in_use);
-                out = if anew.sample.estimate.is_some() { anew } else { out };
+                out = if anew.sample.estimate.is_ok() { anew } else { out };
             }
         }
         if let Some(belief) = &predicted
             && self.watch_cameras(t_ns, candidates, (&out, belief))
         {
             let rest = self.associated_by(t_ns, candidates, Some(belief), |k| self.is_in_use(&candidates[k]));
-            out = if rest.sample.estimate.is_some() { rest } else { out };
+            out = if rest.sample.estimate.is_ok() { rest } else { out };
         }
-        if let Some(estimate) = &out.sample.estimate {
+        if let Ok(estimate) = &out.sample.estimate {
             self.history.push(t_ns, estimate, predicted.as_ref());
             let (squares, degrees) = self.misfit(estimate, candidates, &out.pairs);
             self.noise.learn(estimate, squares, degrees);
@@ -110,7 +110,7 @@ impl Associator {
             Ok(estimate) => {
                 let square = predicted.distance(&Belief::of(&estimate));
                 if square > crate::estimate::chi_square_quantile(6) {
-                    return refused(t_ns, &PoseError::UnlikelyPose { times: (square / 6.0).sqrt() });
+                    return refused(t_ns, PoseError::UnlikelyPose { times: (square / 6.0).sqrt() });
                 }
                 let log_odds = self.log_odds(&estimate, candidates, &pairs, Some(predicted));
                 let (_, degrees) = self.misfit(&estimate, candidates, &pairs);
@@ -120,11 +120,11 @@ impl Associator {
                 let vague = degrees < LEAST_DEGREES && predicted.shift_m > largest_m;
                 if vague || log_odds < DECISIVE_LOG_ODDS {
                     let (balls, needed) = (candidates.len(), DECISIVE_LOG_ODDS);
-                    return refused(t_ns, &PoseError::UnconvincingPose { balls, log_odds, needed });
+                    return refused(t_ns, PoseError::UnconvincingPose { balls, log_odds, needed });
                 }
-                Association { sample: PoseSample { t_ns, estimate: Some(estimate), reason: None }, pairs }
+                Association { sample: PoseSample { t_ns, estimate: Ok(estimate) }, pairs }
             }
-            Err(refusal) => refused(t_ns, &refusal),
+            Err(refusal) => refused(t_ns, refusal),
         }
     }
 

@@ -72,7 +72,7 @@ impl Associator {
                 }
                 let wanted = |i: usize| i != k && !out.contains(&i) && self.is_in_use(&candidates[i]);
                 let found = self.associated_by(t_ns, candidates, Some(predicted), wanted);
-                let Some(estimate) = &found.sample.estimate else { continue };
+                let Ok(estimate) = &found.sample.estimate else { continue };
                 let (squares, degrees) = self.misfit(estimate, candidates, &found.pairs);
                 if degrees >= LEAST_DEGREES && best.as_ref().is_none_or(|b| squares / degrees < b.0) {
                     best = Some((squares / degrees, k, found));
@@ -103,7 +103,7 @@ impl Associator {
             if !self.is_sound(&found, candidates) {
                 continue;
             }
-            let Some(estimate) = &found.sample.estimate else { continue };
+            let Ok(estimate) = &found.sample.estimate else { continue };
             let odds = self.log_odds(estimate, candidates, &found.pairs, Some(predicted));
             if best.as_ref().is_none_or(|(most, _)| odds > *most) {
                 next = best.as_ref().map_or(next, |b| b.0);
@@ -117,7 +117,7 @@ impl Associator {
 
     /// Whether there is a pose whose residuals are what they have been.
     pub(super) fn is_sound(&self, found: &Association, candidates: &[TrackedDetection]) -> bool {
-        let Some(estimate) = &found.sample.estimate else { return false };
+        let Ok(estimate) = &found.sample.estimate else { return false };
         let (squares, degrees) = self.misfit(estimate, candidates, &found.pairs);
         let scale = self.noise.scale();
         scale.is_none_or(|s| {
@@ -140,7 +140,7 @@ impl Associator {
                 continue;
             }
             let is_used =
-                |marker| found.sample.estimate.as_ref().is_none_or(|e| e.markers_used.contains(marker));
+                |marker| found.sample.estimate.as_ref().map_or(true, |e| e.markers_used.contains(marker));
             let is_other = |p: &&(usize, usize)| candidates[p.0].camera != camera && is_used(p.1);
             let others = || found.pairs.iter().filter(is_other);
             if others().count() < 3 {

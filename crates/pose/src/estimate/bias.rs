@@ -72,7 +72,7 @@ impl PoseEstimator {
         for (k, pose) in poses.iter().enumerate() {
             observations.at(pose.t_ns, &mut seen);
             let mut row = blank();
-            if let Some(estimate) = &pose.estimate {
+            if let Ok(estimate) = &pose.estimate {
                 let used = seen.iter().filter(|o| estimate.markers_used.contains(o.marker));
                 let views = used.map(|o| self.view(o)).collect::<Result<Vec<View>, _>>()?;
                 for s in &views {

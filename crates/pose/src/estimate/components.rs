@@ -30,7 +30,7 @@ impl PoseEstimator {
         let mut seen = Vec::new();
         for pose in poses {
             observations.at(pose.t_ns, &mut seen);
-            let Some(estimate) = &pose.estimate else { continue };
+            let Ok(estimate) = &pose.estimate else { continue };
             seen.retain(|o| estimate.markers_used.contains(o.marker));
             let views = seen.iter().map(|o| self.view(o)).collect::<Result<Vec<View>, _>>()?;
             let Ok(solution) = self.at_pose(&views, &estimate.world_from_body) else { continue };
@@ -77,8 +77,8 @@ mod tests {
                     o.pixel = pixel + (o.pixel - pixel).component_mul(&times);
                 }
             }
-            let estimate = estimator.estimate(t_ns, &now, None).ok();
-            poses.push(PoseSample { t_ns, estimate, reason: None });
+            let estimate = estimator.estimate(t_ns, &now, None);
+            poses.push(PoseSample { t_ns, estimate });
             views.extend(now);
         }
         (views, poses)
@@ -100,7 +100,7 @@ mod tests {
                 scaled.scale_covariances(|camera, marker| factors[4 * camera + marker]);
                 views = scaled.iter().collect();
                 for (pose, own) in poses.iter_mut().zip(views.chunks(8)) {
-                    pose.estimate = estimator.estimate(pose.t_ns, own, None).ok();
+                    pose.estimate = estimator.estimate(pose.t_ns, own, None);
                 }
             }
             for (k, factor) in total.iter().enumerate() {

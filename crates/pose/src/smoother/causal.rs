@@ -66,15 +66,15 @@ impl CausalFilter {
         }
         let unsound = PoseError::BadPose { index: self.index, what: "the filter's covariance" };
         match (&mut self.state, &sample.estimate) {
-            (None, None) => {}
-            (None, Some(first)) => {
+            (None, Err(_)) => {}
+            (None, Ok(first)) => {
                 let joint = Joint::start(first, &self.noise);
                 let update = joint.blank_update();
                 self.state = Some((joint, update));
             }
             (Some((joint, update)), seen) => {
                 joint.predict((sample.t_ns - self.t_ns) as f64 * 1e-9, &self.noise);
-                if let Some(seen) = seen
+                if let Ok(seen) = seen
                     && joint.update(seen, &self.noise, update).is_none()
                 {
                     self.state = None;
@@ -84,7 +84,7 @@ impl CausalFilter {
         }
         self.t_ns = sample.t_ns;
         self.index += 1;
-        let is_seen = sample.estimate.is_some();
+        let is_seen = sample.estimate.is_ok();
         if is_seen {
             self.seen_ns = sample.t_ns;
         }
@@ -95,7 +95,7 @@ impl CausalFilter {
 
 /// Refuses a pose that is not finite or whose covariance, less its systematic part, is not positive definite.
 pub(crate) fn check_pose(index: usize, sample: &PoseSample) -> Result<(), PoseError> {
-    let Some(estimate) = &sample.estimate else { return Ok(()) };
+    let Ok(estimate) = &sample.estimate else { return Ok(()) };
     let pose = &estimate.world_from_body;
     if !pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite()) {
         return Err(PoseError::BadPose { index, what: "the pose" });
@@ -142,7 +142,10 @@ mod tests {
                 let pose = Isometry3::from_parts(Translation3::from(place), rotation);
                 let estimate = PoseEstimate::new(pose, &covariance).with_systematic(&systematic);
                 let measured = k > 1 && !(60..70).contains(&k);
-                PoseSample { t_ns: k * 33_333_333, estimate: measured.then_some(estimate), reason: None }
+                PoseSample {
+                    t_ns: k * 33_333_333,
+                    estimate: measured.then_some(estimate).ok_or(PoseError::NotMeasured),
+                }
             })
             .collect()
     }
@@ -177,7 +180,7 @@ mod tests {
         for p in &poses {
             let want = other.push(p).unwrap();
             let mut bad = p.clone();
-            if let Some(e) = &mut bad.estimate {
+            if let Ok(e) = &mut bad.estimate {
                 *e = PoseEstimate::new(e.world_from_body, &Matrix6::zeros());
                 assert!(matches!(filter.push(&bad), Err(PoseError::BadPose { what: "the covariance", .. })));
             }
@@ -198,7 +201,7 @@ mod tests {
         let mut last = None;
         for (k, mut sample) in flight(1500).into_iter().enumerate() {
             if gap.contains(&k) {
-                sample.estimate = None;
+                sample.estimate = Err(PoseError::NotMeasured);
             }
             let motion = filter.push(&sample).unwrap();
             let unseen_s = (k as f64 - 299.0) / 30.0;

@@ -42,7 +42,7 @@ pub fn motion_noise(poses: &[PoseSample]) -> Result<MotionNoise, PoseError> {
 }
 
 pub(crate) fn check(poses: &[PoseSample]) -> Result<(), PoseError> {
-    let measured = poses.iter().filter(|p| p.estimate.is_some()).count();
+    let measured = poses.iter().filter(|p| p.estimate.is_ok()).count();
     if measured < NEEDED {
         return Err(PoseError::TooFewPoses { measured, samples: poses.len(), needed: NEEDED });
     }
@@ -57,12 +57,12 @@ pub(crate) fn check(poses: &[PoseSample]) -> Result<(), PoseError> {
 
 pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
     let failed = PoseError::BadPose { index: 0, what: "the likelihood of the noise" };
-    let first = poses.iter().position(|p| p.estimate.is_some()).ok_or(failed.clone())?;
+    let first = poses.iter().position(|p| p.estimate.is_ok()).ok_or(failed.clone())?;
     let poses = &poses[first..];
     let origin_ns = poses[0].t_ns;
     let t_s: Vec<f64> = poses.iter().map(|p| (p.t_ns - origin_ns) as f64 * 1e-9).collect();
     // A table without the systematic errors has covariances whose size nobody vouches for.
-    let vouched = poses.iter().filter_map(|p| p.estimate.as_ref()).any(|e| e.systematic_columns() > 0);
+    let vouched = poses.iter().filter_map(|p| p.estimate.as_ref().ok()).any(|e| e.systematic_columns() > 0);
     // One after the other, so that only one of the two series is held.
     let positions: Vec<_> = poses.iter().map(|p| measured(p, 0, |pose| pose.translation.vector)).collect();
     let series = Series { t_s: &t_s, measured: &positions, prior_std: PRIOR_TRANSLATION };
@@ -75,7 +75,7 @@ pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
 }
 
 fn measured<P>(pose: &PoseSample, at: usize, place: impl Fn(&Isometry3<f64>) -> P) -> Option<Measured<P>> {
-    pose.estimate.as_ref().map(|e| Measured {
+    pose.estimate.as_ref().ok().map(|e| Measured {
         place: place(&e.world_from_body),
         covariance: e.own_covariance().fixed_view::<3, 3>(at, at).into_owned(),
     })

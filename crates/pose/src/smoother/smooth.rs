@@ -68,7 +68,7 @@ pub fn smooth_with_effects(
         .ok_or(failed)?;
     }
     if samples.is_empty() {
-        let measured = poses.iter().filter(|p| p.estimate.is_some()).count();
+        let measured = poses.iter().filter(|p| p.estimate.is_ok()).count();
         return Err(PoseError::TooFewPoses { measured, samples: poses.len(), needed: NEEDED });
     }
     samples.reverse();
@@ -85,7 +85,7 @@ pub fn smooth_with_effects(
 /// there are enough of them.
 fn known_parts(poses: &[PoseSample], longest_gap_s: f64) -> Vec<Range<usize>> {
     let longest_ns = (longest_gap_s * 1e9).min(i64::MAX as f64) as i64;
-    let measured: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].estimate.is_some()).collect();
+    let measured: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].estimate.is_ok()).collect();
     measured
         .chunk_by(|a, b| poses[*b].t_ns - poses[*a].t_ns <= longest_ns)
         .filter(|part| part.len() >= NEEDED)
@@ -112,7 +112,7 @@ impl<'a> Flown<'a> {
     }
 
     fn estimate(self, k: usize) -> Option<Cow<'a, PoseEstimate>> {
-        let estimate = self.poses[k].estimate.as_ref()?;
+        let estimate = self.poses[k].estimate.as_ref().ok()?;
         let Some(turn) = self.turn else { return Some(Cow::Borrowed(estimate)) };
         let own = self.columns(k, estimate).resize_horizontally(turn.nrows(), 0.0);
         let kept = (&own * turn).map(|v| v as f32);
@@ -126,7 +126,7 @@ impl<'a> Flown<'a> {
 fn few_directions(flown: Flown<'_>) -> Option<DMatrix<f64>> {
     let mut gram = Gram::default();
     for (k, pose) in flown.poses.iter().enumerate() {
-        if let Some(estimate) = &pose.estimate {
+        if let Ok(estimate) = &pose.estimate {
             gram.add(&flown.columns(k, estimate), &estimate.covariance());
         }
     }
@@ -148,7 +148,7 @@ const START_SHARE: f64 = 1e-4;
 /// makes it next to worthless. It is also where the first steps of an attitude are linearised.
 fn informed_start(flown: Flown<'_>, noise: &MotionNoise) -> Option<Joint> {
     let poses = flown.poses;
-    let last = poses.iter().rposition(|p| p.estimate.is_some())?;
+    let last = poses.iter().rposition(|p| p.estimate.is_ok())?;
     let mut state = Joint::start(flown.estimate(last)?.as_ref(), noise);
     let mut update = state.blank_update();
     for k in (0..last).rev() {

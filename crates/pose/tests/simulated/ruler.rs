@@ -32,7 +32,7 @@ pub(crate) fn file_from_body(true_body: &[BodyMarker], file: &[BodyMarker]) -> I
 pub(crate) fn rms(poses: &[PoseSample], flight: &[FlightState], file_from_body: &Isometry3<f64>) -> f64 {
     let error = |(p, s): (&PoseSample, &FlightState)| {
         let truth = pose_of(s) * file_from_body.inverse();
-        let e = p.estimate.as_ref()?;
+        let e = p.estimate.as_ref().ok()?;
         Some((e.world_from_body.translation.vector - truth.translation.vector).norm_squared())
     };
     let errors: Vec<f64> = poses.iter().zip(flight).filter_map(error).collect();
