@@ -12,6 +12,7 @@ mod moving;
 mod observations;
 mod precision;
 mod refine;
+mod reprojection;
 mod select;
 mod smoother;
 #[cfg(test)]

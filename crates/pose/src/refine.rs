@@ -1,7 +1,7 @@
 //! Refinement of cameras, markers and systematic errors of centres by the flight itself.
 
-use crate::estimate::HUBER_MEAN;
 use crate::moving::{Instant, Reduced, Shared};
+use crate::reprojection::HUBER_MEAN;
 use crate::{BodyMarker, Observations, PoseError, Rig};
 use instants::instants_of;
 use mavsight_geometry::camera_parameters::CENTRE;

@@ -61,7 +61,11 @@ impl Associator {
             let (balls, log_odds) = (candidates.len(), best.log_odds);
             return refused(t_ns, PoseError::UnconvincingPose { balls, log_odds, needed });
         }
-        let apart = |t: &&Trial| self.apart_m(&t.estimate, &best.estimate) > SAME_POSE * self.size_m;
+        let markers = (0..self.colors.len()).collect();
+        let apart = |t: &&Trial| {
+            let (a, b) = (&t.estimate.world_from_body, &best.estimate.world_from_body);
+            self.estimator.apart_m(markers, a, b) > SAME_POSE * self.size_m
+        };
         if let Some(next) = trials.iter().find(apart)
             && best.log_odds - next.log_odds < DECISIVE_LOG_ODDS
         {
@@ -70,15 +74,6 @@ impl Associator {
         }
         let best = trials.swap_remove(0);
         Association { sample: PoseSample { t_ns, estimate: Ok(best.estimate) }, pairs: best.pairs }
-    }
-
-    fn apart_m(&self, a: &PoseEstimate, b: &PoseEstimate) -> f64 {
-        let at =
-            |pose: &Isometry3<f64>, m: &crate::BodyMarker| pose * nalgebra::Point3::from(m.marker_in_body_m);
-        let square =
-            |m: &crate::BodyMarker| (at(&a.world_from_body, m) - at(&b.world_from_body, m)).norm_squared();
-        let markers = self.estimator.markers();
-        (markers.iter().map(square).sum::<f64>() / markers.len().max(1) as f64).sqrt()
     }
 
     /// The assignment, where every colour is one marker's and no camera sees two balls of it.
@@ -233,12 +228,11 @@ impl Associator {
         three: [(usize, usize); 3],
     ) -> Option<Trial> {
         let markers = self.estimator.markers();
-        let body = three.map(|(m, _)| markers[m].marker_in_body_m);
-        let fit = rigid_fit(&body, &three.map(|(_, s)| spots[s].at_m), &[1.0; 3]).ok()?;
+        let pose = rigid_fit(three.map(|(m, s)| (markers[m].marker_in_body_m, spots[s].at_m))).ok()?;
         let mut pairs: Vec<(usize, usize)> =
             three.iter().flat_map(|(m, s)| spots[*s].pair.map(|index| (index, *m))).collect();
-        let covariance = self.covariance_of(&fit.world_from_body, candidates, &pairs)?;
-        self.assign(candidates, Belief { pose: fit.world_from_body, covariance, shift_m: 0.0 }, &mut pairs);
+        let covariance = self.covariance_of(&pose, candidates, &pairs)?;
+        self.assign(candidates, Belief { pose, covariance, shift_m: 0.0 }, &mut pairs);
         self.weighed(t_ns, candidates, pairs)
     }
 

@@ -1,8 +1,9 @@
 //! The image of a marker as a belief predicts it, and the distance of a detection from it.
 
 use super::associator::{Associator, MOST_SIZE_RATIO};
-use super::belief::{Belief, changed};
+use super::belief::Belief;
 use crate::TrackedDetection;
+use crate::reprojection::moved;
 use mavsight_geometry::camera::d_pixel_d_pose;
 use mavsight_geometry::{Isometry3, Matrix2, Point3, Vector2, Vector3};
 use nalgebra::{Matrix2x3, Matrix2x6};
@@ -68,7 +69,7 @@ impl Associator {
         let spread = expected.jacobian * seen + self.detection_covariance(&expected, candidate);
         let Some(inverse) = spread.try_inverse() else { return };
         let gain = seen * inverse;
-        belief.pose = changed(&belief.pose, &(gain * (candidate.pixel - expected.pixel)));
+        belief.pose = moved(&belief.pose, &(gain * (candidate.pixel - expected.pixel)));
         let narrowed = belief.covariance - gain * seen.transpose();
         belief.covariance = (narrowed + narrowed.transpose()) * 0.5;
     }

@@ -5,7 +5,7 @@ use super::pair::{MIN_MATCHES, pairs, seen_by_both};
 use super::plane::{pinhole_of_planes, pose_of_plane};
 use super::start::{MIN_POINTS, starts};
 use crate::PoseError;
-use crate::moving::PointObservation;
+use crate::reprojection::PointObservation;
 use mavsight_geometry::attitude::rotation_of;
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Isometry3, Matrix2, Matrix3, triangulate};
 

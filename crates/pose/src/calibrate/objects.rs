@@ -10,7 +10,7 @@ use super::rig::CameraControl;
 use super::snoop::{Cleaned, clean};
 use super::start::MIN_POINTS;
 use crate::PoseError;
-use crate::moving::PointObservation;
+use crate::reprojection::PointObservation;
 use mavsight_geometry::camera_parameters::INTRINSICS;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3, rigid_fit, triangulate};
 
@@ -157,20 +157,16 @@ fn drop_strays(problem: &mut Problem, fit: &Fit) -> usize {
 /// The cameras in the world of the control points, of which three or more are in view of two cameras.
 fn in_world(problem: &Problem, fit: &Fit) -> Result<Vec<Camera>, PoseError> {
     let cameras = &fit.state.cameras;
-    let (mut surveyed, mut found) = (Vec::new(), Vec::new());
+    let mut pairs = Vec::new();
     for (k, point) in problem.points.iter().enumerate() {
         let own = problem.observations.iter().filter(|o| o.point == k);
         let images: Vec<_> = own.map(|o| o.in_image(&cameras[o.camera])).collect();
         if let Ok(seen) = triangulate(&images) {
-            surveyed.push(point.in_world_m);
-            found.push(seen.point_in_world_m);
+            pairs.push((point.in_world_m, seen.point_in_world_m));
         }
     }
-    let axes = PoseError::WorldAxes { found: found.len(), needed: AXES };
-    if found.len() < AXES {
-        return Err(axes);
-    }
-    let move_by = rigid_fit(&surveyed, &found, &vec![1.0; found.len()]).map_err(|_| axes)?.world_from_body;
+    let axes = PoseError::WorldAxes { found: pairs.len(), needed: AXES };
+    let move_by = rigid_fit(pairs).map_err(|_| axes)?;
     let moved = |c: &Camera| Camera { cam_from_world: c.cam_from_world * move_by, ..*c };
     Ok(cameras.iter().map(moved).collect())
 }

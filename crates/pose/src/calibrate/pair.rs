@@ -2,7 +2,7 @@
 //! wand's length.
 
 use super::moved::Moved;
-use crate::moving::PointObservation;
+use crate::reprojection::PointObservation;
 use mavsight_geometry::attitude::rotation_of;
 use mavsight_geometry::{
     Camera, ImagePoint, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix3, Vector2, Vector3,

@@ -1,7 +1,7 @@
 //! A plane of known points in view of one camera: focal length and pose from homographies (Zhang 2000).
 
 use crate::BodyMarker;
-use crate::moving::PointObservation;
+use crate::reprojection::PointObservation;
 use mavsight_geometry::attitude::rotation_of;
 use mavsight_geometry::{
     Camera, ImageSize, Intrinsics, Isometry3, Matrix3, Vector2, Vector3, centroid_and_spread, jacobi_svd,

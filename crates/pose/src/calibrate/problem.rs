@@ -3,7 +3,7 @@
 use super::moved::Moved;
 use super::rig::CameraControl;
 use crate::PoseError;
-use crate::moving::PointObservation;
+use crate::reprojection::PointObservation;
 use mavsight_geometry::{Camera, ControlPoint, GeometryError, ImageSize, Vector3};
 
 /// A surveyed point.

@@ -1,8 +1,7 @@
 //! Observations between which a path leaps: of something else than the marker.
 
-use super::equations::{Problem, View};
+use super::equations::Problem;
 use super::types::CameraClock;
-use mavsight_geometry::{Isometry3, Point3, Vector2};
 
 /// A path that is so many times as fast as the poses let its marker move, at the time and on the whole,
 /// does not show the marker.
@@ -27,17 +26,17 @@ impl Problem<'_> {
             let Some(near) = self.poses[k] else { continue };
             let mut pose_at = |t_s: f64| {
                 self.views(&paths, t_s, &all, &mut beside);
-                (beside.len() > 3).then(|| self.fitted_pose(&beside, near)).flatten().map(|(pose, _)| pose)
+                (beside.len() > 3).then(|| Some(self.fitted_pose(&beside, &near)?.world_from_body)).flatten()
             };
             let t_s = self.instants[k];
             let (before, after) = (pose_at(t_s - 0.5 * apart_s), pose_at(t_s + 0.5 * apart_s));
             let Some((before, after)) = before.zip(after) else { continue };
             self.views(&paths, t_s, &all, &mut views);
             for v in &views {
-                let seen = |pose| self.image_of(v, pose);
+                let seen = |pose| self.scene().at(&v.seen, pose).ok().map(|at| at.projection.pixel);
                 let Some((from, to)) = seen(&before).zip(seen(&after)) else { continue };
                 let of_pose = (to - from).norm() / apart_s;
-                speeds.push(((v.camera, v.marker, v.index), v.px_s.norm(), of_pose));
+                speeds.push(((v.seen.camera, v.seen.point, v.index), v.velocity.px_s.norm(), of_pose));
             }
         }
         for camera in 0..self.cameras.len() {
@@ -49,11 +48,5 @@ impl Problem<'_> {
             let leaps = own().filter(|s| s.1 > LEAP * (s.2 + fast)).map(|s| s.0);
             self.leaping.extend(leaps);
         }
-    }
-
-    fn image_of(&self, v: &View, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
-        let marker = &self.markers[v.marker];
-        let centre = (pose * Point3::from(marker.marker_in_body_m)).coords;
-        self.cameras[v.camera].project_ball(&centre, marker.radius_m).ok().map(|seen| seen.pixel)
     }
 }

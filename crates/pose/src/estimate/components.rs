@@ -2,10 +2,8 @@
 
 use super::estimator::PoseEstimator;
 use super::gates::CLAIM_DEGREES;
-use super::view::View;
 use crate::{Observations, PoseError, PoseSample};
 use mavsight_geometry::Vector2;
-use mavsight_geometry::camera::d_pixel_d_pose;
 
 impl PoseEstimator {
     /// Factors on the claimed variances of the centres' columns and rows, camera by camera and marker by
@@ -31,17 +29,16 @@ impl PoseEstimator {
         for pose in poses {
             observations.at(pose.t_ns, &mut seen);
             let Ok(estimate) = &pose.estimate else { continue };
-            seen.retain(|o| estimate.markers_used.contains(o.marker));
-            let views = seen.iter().map(|o| self.view(o)).collect::<Result<Vec<View>, _>>()?;
-            let Ok(solution) = self.at_pose(&views, &estimate.world_from_body) else { continue };
-            let Some(inverse) = solution.normal.cholesky().map(|c| c.inverse()) else { continue };
-            for (s, o) in views.iter().zip(&seen) {
-                let Ok(at) = self.projected(s, &estimate.world_from_body) else { continue };
-                let place = &self.markers[s.marker].marker_in_body_m;
-                let jacobian = d_pixel_d_pose(&at, &estimate.world_from_body, place);
-                let (claimed_px2, pose_px2) = (o.covariance_px2, jacobian * inverse * jacobian.transpose());
-                let (square, redundancy) = &mut sums[s.camera * self.markers.len() + s.marker];
-                for (k, left_px) in (s.pixel - at.pixel).iter().enumerate() {
+            let views = self.views_of(&seen, estimate)?;
+            let Ok(fit) = self.at_pose(&views, &estimate.world_from_body) else { continue };
+            let Some(inverse) = fit.normal.cholesky().map(|c| c.inverse()) else { continue };
+            for o in &views {
+                let Ok(at) = self.scene().at(o, &estimate.world_from_body) else { continue };
+                let whitened_px2 = at.by_pose * inverse * at.by_pose.transpose();
+                let Some(root) = o.whitener.try_inverse() else { continue };
+                let (claimed_px2, pose_px2) = (o.covariance_px2, root * whitened_px2 * root.transpose());
+                let (square, redundancy) = &mut sums[o.camera * self.markers.len() + o.point];
+                for (k, left_px) in at.residual_px.iter().enumerate() {
                     square[k] += left_px * left_px / claimed_px2[(k, k)];
                     redundancy[k] += 1.0 - pose_px2[(k, k)] / claimed_px2[(k, k)];
                 }

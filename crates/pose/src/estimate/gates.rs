@@ -13,16 +13,6 @@ pub(super) const DECISIVE_CHI_SQUARE: f64 = 13.814;
 /// of freedom: as much as four markers in two cameras have.
 pub(super) const CLAIM_DEGREES: f64 = 10.0;
 
-/// Huber's bound for the length of a whitened residual in the plane: 95 % efficient where the noise is
-/// normal. From (E[ψ'/2 + ψ/2r])² / (E[ψ²]/2) = 0.95 with r of a Rayleigh distribution (Huber 1981,
-/// section 8).
-pub(super) const HUBER_BOUND: f64 = 1.501;
-
-/// Mean of half a squared whitened residual in the plane as Huber's weights with that bound leave it,
-/// where the noise is normal: what a scale estimated from them is to be divided by (Huber's proposal 2;
-/// Huber 1981, section 6.4).
-pub(crate) const HUBER_MEAN: f64 = 0.801;
-
 /// The 99.9 % quantile of chi-square.
 pub(crate) fn chi_square_gate(degrees: usize) -> f64 {
     ChiSquared::new(degrees.max(1) as f64).map_or(f64::INFINITY, |c| c.inverse_cdf(1.0 - GATE_PROBABILITY))
@@ -57,16 +47,6 @@ pub(super) fn noise_factor(chi_square: f64, explained: f64, degrees: usize) -> f
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_mean_under_the_bound_is_that_of_a_rayleigh_distribution() {
-        let (step, mut mean) = (1e-4, 0.0);
-        for k in 0..100_000 {
-            let r = (f64::from(k) + 0.5) * step;
-            mean += 0.5 * (r * r).min(HUBER_BOUND * r) * r * (-0.5 * r * r).exp() * step;
-        }
-        assert!((mean - HUBER_MEAN).abs() < 5e-4, "{mean}");
-    }
 
     #[test]
     fn gates_are_the_quantiles_of_tables() {

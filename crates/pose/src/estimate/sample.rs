@@ -26,6 +26,12 @@ impl MarkerSet {
         self.0 == 0
     }
 
+    /// The set without a marker.
+    #[must_use]
+    pub fn without(self, marker: usize) -> Self {
+        self.iter().filter(|m| *m != marker).collect()
+    }
+
     /// Their indices, ascending.
     pub fn iter(self) -> impl Iterator<Item = usize> {
         (0..Self::MOST).filter(move |m| self.contains(*m))
@@ -75,36 +81,27 @@ impl PoseEstimate {
         own.iter_mut()
             .zip(places())
             .for_each(|(v, (i, j))| *v = 0.5 * (covariance[(i, j)] + covariance[(j, i)]));
-        let none = MarkerSet::default();
-        Self {
-            world_from_body,
-            residual_px: 0.0,
-            markers_used: none,
-            left_out: none,
-            own,
-            systematic: [].into(),
-        }
+        let (residual_px, markers_used, left_out, systematic) = Default::default();
+        Self { world_from_body, residual_px, markers_used, left_out, own, systematic }
     }
 
-    /// The same with errors beside those that are new: what the same errors of cameras and marker
-    /// positions do to this pose. Each column is one standard deviation along one independent direction,
-    /// the same directions in all poses of a flight.
+    /// Adds what the systematic errors of cameras and marker positions do to this pose. Each column is one
+    /// standard deviation along one independent direction, the same directions in all poses of a flight.
     #[must_use]
     pub fn with_systematic(self, columns: &Matrix6xX<f32>) -> Self {
         Self { systematic: columns.as_slice().into(), ..self }
     }
 
-    /// The same of columns in double precision, without a copy of them in between.
+    /// [`Self::with_systematic`] of columns in double precision, without a copy of them in between.
     #[must_use]
     pub(crate) fn with_rounded(self, columns: &Matrix6xX<f64>) -> Self {
         Self { systematic: columns.as_slice().iter().map(|v| *v as f32).collect(), ..self }
     }
 
-    /// The same by some markers, without others, with the residual that they leave.
+    /// States which markers entered, which were left out, and the residual that they leave.
     #[must_use]
-    pub fn by_markers(self, used: &[usize], left_out: &[usize], residual_px: f64) -> Self {
-        let set = |of: &[usize]| of.iter().copied().collect();
-        Self { markers_used: set(used), left_out: set(left_out), residual_px, ..self }
+    pub fn by_markers(self, markers_used: MarkerSet, left_out: MarkerSet, residual_px: f64) -> Self {
+        Self { markers_used, left_out, residual_px, ..self }
     }
 
     /// All that is not known: pixels, cameras and marker positions.

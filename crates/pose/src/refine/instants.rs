@@ -1,6 +1,7 @@
 //! Frames of a flight that a refinement rests on.
 
-use crate::moving::{Instant, PointObservation};
+use crate::moving::Instant;
+use crate::reprojection::PointObservation;
 use crate::{BodyMarker, Observations, PoseError, PoseEstimator, Rig};
 use nalgebra::DMatrix;
 

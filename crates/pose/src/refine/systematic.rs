@@ -1,7 +1,7 @@
 //! Variance of the systematic errors of centres, from a flight whose markers and cameras are uncertain too.
 
-use crate::estimate::HUBER_MEAN;
 use crate::moving::{Elimination, Reduced};
+use crate::reprojection::HUBER_MEAN;
 use nalgebra::{DMatrix, DVector};
 
 /// Variances of a coordinate of a centre: of the error that is constant over the flight, and of the one that

@@ -4,7 +4,7 @@ use super::columns;
 use crate::table::{Row, Table};
 use crate::{SessionError, error::require_file};
 use mavsight_geometry::{EulerAngles, Matrix2, Matrix3, Matrix6, Vector2, Vector3, world_from_body};
-use mavsight_pose::{MarkerObservation, PoseError, PoseEstimate, PoseSample, covariance_from_std};
+use mavsight_pose::{MarkerObservation, MarkerSet, PoseError, PoseEstimate, PoseSample, covariance_from_std};
 use nalgebra::Matrix6xX;
 use std::path::Path;
 
@@ -96,9 +96,9 @@ pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample
             None => PoseEstimate::new(place, &covariance_from_std(&place, &stds)),
         };
         let is_used = |m: &usize| used.split_whitespace().any(|name| name == marker_names[*m]);
-        let by: Vec<usize> = (0..marker_names.len()).filter(is_used).collect();
+        let by: MarkerSet = (0..marker_names.len()).filter(is_used).collect();
         let residual_px = residual.map_or(Ok(None), |c| row.number_if_any(c))?.unwrap_or(0.0);
-        let estimate = estimate.by_markers(&by, &[], residual_px);
+        let estimate = estimate.by_markers(by, MarkerSet::default(), residual_px);
         samples.push(PoseSample { t_ns, estimate: Ok(estimate) });
     }
     Ok(samples)
