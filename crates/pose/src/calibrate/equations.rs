@@ -52,7 +52,11 @@ impl Equations {
     }
 }
 
-impl Adjustment<'_> {
+impl<'a> Adjustment<'a> {
+    pub(super) fn new(data: Data<'a>, models: &'a [CameraModel]) -> Self {
+        Self { data, models, layout: Layout::new(data, models) }
+    }
+
     /// The equations; moves the objects to the poses that suit the cameras best.
     pub(super) fn equations(&self, state: &mut State, factor: f64) -> Option<Equations> {
         let size = self.layout.size;
@@ -145,9 +149,7 @@ pub(super) fn linearised(
     let mut rows = Vec::new();
     if let Some(own) = &layout.cameras[o.camera] {
         let by_camera = o.whitener * camera.d_pixel_d_camera(place).ok()?;
-        rows.extend(
-            own.basis.iter().enumerate().map(|(k, direction)| (own.first + k, by_camera * direction)),
-        );
+        rows.extend(own.basis.iter().zip(own.first..).map(|(direction, at)| (at, by_camera * direction)));
     }
     if let Some(at) = layout.points[row] {
         let by_place = o.whitener * predicted.d_pixel_d_point_in_world;
