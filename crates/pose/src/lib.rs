@@ -15,6 +15,7 @@ mod refine;
 mod reprojection;
 mod select;
 mod smoother;
+mod statistics;
 #[cfg(test)]
 mod testing;
 

@@ -48,14 +48,10 @@ impl Fit {
                 surveyed.fixed_view_mut::<2, 3>(2 * i, 3 * first).copy_from(&by_place);
             }
         }
-        surveyed /= self.variance_factor.sqrt();
-        residual /= self.variance_factor.sqrt();
-        jacobian /= self.variance_factor.sqrt();
-        let mut spread = &jacobian * &self.covariance * jacobian.transpose();
-        if inside {
-            spread = -spread;
-        }
-        spread += DMatrix::identity(d, d) + &surveyed * surveyed.transpose();
+        let scale = self.variance_factor.sqrt();
+        (surveyed, residual, jacobian) = (surveyed / scale, residual / scale, jacobian / scale);
+        let of_fit = &jacobian * &self.covariance * jacobian.transpose() * if inside { -1.0 } else { 1.0 };
+        let spread = of_fit + DMatrix::identity(d, d) + &surveyed * surveyed.transpose();
         let weighted = spread.cholesky()?.solve(&residual);
         let drop = residual.dot(&weighted);
         let below = if inside { self.freedom - d as f64 } else { self.freedom };

@@ -1,7 +1,7 @@
 //! Cameras from moved objects, alone or together with control points.
 
 use super::adjust::{Fit, adjust};
-use super::choose::{choose, start_cameras};
+use super::choose::{choose, most_probable, start_cameras};
 use super::link::linked;
 use super::model::{CameraModel, Lens};
 use super::moved::{Moved, MovedObject, names_of};
@@ -11,6 +11,7 @@ use super::snoop::{Cleaned, clean};
 use super::start::MIN_POINTS;
 use crate::PoseError;
 use crate::reprojection::PointObservation;
+use crate::statistics::median;
 use mavsight_geometry::camera_parameters::INTRINSICS;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3, rigid_fit, triangulate};
 
@@ -38,9 +39,7 @@ pub(super) fn with_objects(
     let objects: Vec<Moved> =
         objects.iter().map(|o| Moved::new(o, controls.len())).collect::<Result<_, _>>()?;
     let cameras = if controls.iter().all(|c| c.points.len() >= MIN_POINTS) {
-        let named = |camera: usize| problem.names[camera].clone();
-        start_cameras(problem.with(&problem.all()))
-            .map_err(|e| PoseError::Calibration { camera: named(e.camera), source: e.source })?
+        start_cameras(problem.with(&problem.all())).map_err(|e| e.named(&problem))?
     } else {
         let alone = from_objects(&problem, &objects)?;
         if problem.points.is_empty() {
@@ -72,13 +71,12 @@ fn from_objects(problem: &Problem, objects: &[Moved]) -> Result<Adjusted, PoseEr
     let mut best: Option<Adjusted> = None;
     for cameras in sets {
         let alone = Problem {
-            names: problem.names.clone(),
-            sizes: problem.sizes.clone(),
             points: Vec::new(),
             observations: Vec::new(),
             moved: objects.iter().map(|o| o.placed(&cameras)).collect(),
             held: Some(0),
             start: Some(cameras),
+            ..problem.clone()
         };
         let choice = alone.all();
         if let Ok(found) = without_strays(alone, &choice) {
@@ -110,7 +108,7 @@ fn without_strays(mut problem: Problem, choice: &Choice) -> Result<Adjusted, Pos
     for _ in 0..ROUNDS {
         let near = fit.as_ref().map_or(&start, |f| &f.state.cameras);
         let wide = adjust(problem.with(choice), &vec![bent; n], near);
-        fit = fit.into_iter().chain(wide).max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence));
+        fit = most_probable(fit.into_iter().chain(wide));
         let Some(now) = &fit else { break };
         if drop_strays(&mut problem, now) == 0 {
             break;
@@ -131,14 +129,9 @@ fn drop_strays(problem: &mut Problem, fit: &Fit) -> usize {
             shared.residual_px(o, pose).map_or(f64::INFINITY, |r| (o.whitener * r).norm_squared())
         };
         let places = || object.observations.iter().zip(&fit.state.poses[k]);
-        let mut squares: Vec<f64> =
-            places().flat_map(|(place, pose)| place.iter().map(move |o| square(o, pose))).collect();
-        if squares.is_empty() {
-            continue;
-        }
-        let middle = squares.len() / 2;
+        let squares = places().flat_map(|(place, pose)| place.iter().map(move |o| square(o, pose)));
         // The median of a chi-square with two degrees of freedom is 2 ln 2.
-        let variance = *squares.select_nth_unstable_by(middle, f64::total_cmp).1 / (2.0 * 2f64.ln());
+        let variance = median(squares.collect()) / (2.0 * 2f64.ln());
         let (mut observations, mut start) = (Vec::new(), Vec::new());
         for (place, pose) in places() {
             let kept: Vec<_> =
@@ -179,16 +172,16 @@ fn refuse(problem: &Problem, fit: &Fit) -> Result<(), PoseError> {
         let residuals = fit.object_residuals(problem, camera);
         let rms_px = (residuals.squares_px2 / f64::max(2.0 * residuals.observations, 1.0)).sqrt();
         let gate_px = GROSS * f64::from(problem.sizes[camera].width_px);
-        let (camera_name, objects) = (name.clone(), names_of(&problem.moved));
+        let objects = names_of(&problem.moved);
         if rms_px > gate_px {
-            return Err(PoseError::ObjectMisfit { camera: camera_name, objects, rms_px, gate_px });
+            return Err(PoseError::ObjectMisfit { camera: name.clone(), objects, rms_px, gate_px });
         }
         let at = CAMERA_PARAMETERS * camera + INTRINSICS;
         let share = covariance[(at, at)].max(0.0).sqrt() / fit.state.cameras[camera].intrinsics.fx_px;
         if share > UNDETERMINED {
             let views = views_of(problem, fit, camera);
             return Err(PoseError::FocalUndetermined {
-                camera: camera_name,
+                camera: name.clone(),
                 percent: 100.0 * share,
                 objects,
                 places: views.places,

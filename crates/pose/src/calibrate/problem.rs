@@ -87,17 +87,11 @@ impl Problem {
             start: None,
         };
         for (camera, control) in controls.iter().enumerate() {
-            let points = control.points.len();
-            for (what, given) in
-                [("radii", control.ball_radius_m.len()), ("survey", control.survey_std_m.len())]
-            {
-                if points != given {
-                    return Err(PoseError::ControlLengths {
-                        camera: control.name.clone(),
-                        points,
-                        what,
-                        given,
-                    });
+            let (name, points) = (&control.name, control.points.len());
+            for (what, given) in [("radii", &control.ball_radius_m), ("survey", &control.survey_std_m)] {
+                if points != given.len() {
+                    let (camera, given) = (name.clone(), given.len());
+                    return Err(PoseError::ControlLengths { camera, points, what, given });
                 }
             }
             for (k, point) in control.points.iter().enumerate() {
@@ -108,7 +102,7 @@ impl Problem {
                     radius_m: control.ball_radius_m[k],
                 });
                 let observation = observation(point, camera, row, &out.points[row]);
-                let named = |source| PoseError::Calibration { camera: control.name.clone(), source };
+                let named = |source| PoseError::Calibration { camera: name.clone(), source };
                 out.observations.push(observation.map_err(named)?);
             }
         }

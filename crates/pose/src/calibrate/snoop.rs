@@ -1,7 +1,7 @@
 //! Control points that are misplaced or misnamed in the table.
 
 use super::adjust::{Fit, adjust};
-use super::choose::{Chosen, NoStart, choose, is_enough, start_cameras};
+use super::choose::{Chosen, choose, is_enough, most_probable, start_cameras};
 use super::model::CameraModel;
 use super::problem::{Choice, Data, Problem};
 use super::rig::{LeftOut, LeftOutReason};
@@ -93,9 +93,7 @@ pub(super) fn clean(problem: &Problem) -> Result<Cleaned, PoseError> {
                 refuse_gross(data, &chosen.best)?;
                 return Ok(Cleaned { chosen, choice, left_out });
             }
-            (None, None, Err(NoStart { camera, source })) => {
-                return Err(PoseError::Calibration { camera: problem.names[camera].clone(), source });
-            }
+            (None, None, Err(e)) => return Err(e.named(problem)),
             (None, None, Ok(_)) => return Err(problem.undetermined()),
         }
     }
@@ -232,7 +230,7 @@ fn quick(data: Data, now: Option<&Chosen>) -> Option<Fit> {
         let from = &fresh.as_ref().unwrap_or(&c.best).state.cameras;
         adjust(data, &c.best.models, from)
     });
-    fresh.into_iter().chain(wide).max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))
+    most_probable(fresh.into_iter().chain(wide))
 }
 
 /// Pairs whose exchange turns a gross misfit into a fit.

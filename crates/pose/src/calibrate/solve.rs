@@ -13,7 +13,7 @@ use super::snoop::clean;
 use super::start::MIN_POINTS;
 use crate::PoseError;
 use mavsight_geometry::camera_parameters::CENTRE;
-use mavsight_geometry::{CAMERA_PARAMETERS, Camera, GeometryError, Matrix3, Vector2};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, ControlPoint, GeometryError, Vector2};
 use nalgebra::DMatrix;
 
 /// A projection centre with a standard deviation above this part of its distance from the control points is
@@ -105,8 +105,8 @@ pub fn predict_calibration(
     let refusal =
         |control: &CameraControl, source| PoseError::Calibration { camera: control.name.clone(), source };
     if let Some(few) = controls.iter().find(|c| c.points.len() < MIN_POINTS) {
-        let found = few.points.len();
-        return Err(refusal(few, GeometryError::TooFewControlPoints { found, needed: MIN_POINTS }));
+        let (found, needed) = (few.points.len(), MIN_POINTS);
+        return Err(refusal(few, GeometryError::TooFewControlPoints { found, needed }));
     }
     let problem = Problem::new(controls)?;
     let (views, models): (Vec<Camera>, Vec<CameraModel>) = cameras.iter().copied().unzip();
@@ -118,14 +118,15 @@ pub fn predict_calibration(
     };
     let mut rig = rig_of(problem.with(&choice), &fit, uncertainty);
     for (own, control) in rig.cameras.iter_mut().zip(controls) {
-        let point = |p: &mavsight_geometry::ControlPoint| ControlResidual {
-            name: p.name.clone(),
-            point_in_world_m: p.point_in_world_m,
-            residual_px: Vector2::zeros(),
-            studentised: 0.0,
-            used: true,
-        };
-        own.points = control.points.iter().map(point).collect();
+        let (residual_px, studentised, used) = (Vector2::zeros(), 0.0, true);
+        own.points = control
+            .points
+            .iter()
+            .map(|ControlPoint { name, point_in_world_m, .. }| {
+                let (name, point_in_world_m) = (name.clone(), *point_in_world_m);
+                ControlResidual { name, point_in_world_m, residual_px, studentised, used }
+            })
+            .collect();
     }
     Ok(rig)
 }
@@ -134,9 +135,8 @@ pub fn predict_calibration(
 fn rig_of(data: Data, fit: &Fit, uncertainty: DMatrix<f64>) -> Rig {
     let sigma_px = alike_std_px(data, fit);
     let one = |(k, name): (usize, &String)| {
-        let root = uncertainty.rows(CAMERA_PARAMETERS * k + CENTRE, 3);
-        let product = root * root.transpose();
-        let centre_cov_m2: Matrix3<f64> = product.fixed_view::<3, 3>(0, 0).into_owned();
+        let root = uncertainty.fixed_rows::<3>(CAMERA_PARAMETERS * k + CENTRE);
+        let centre_cov_m2 = root * root.transpose();
         RigCamera {
             name: name.clone(),
             camera: fit.state.cameras[k],

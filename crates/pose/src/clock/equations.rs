@@ -4,6 +4,7 @@ use super::part::Part;
 use super::path::{PathVelocity, PixelPath};
 use super::types::{CameraClock, CameraStream};
 use crate::reprojection::{PointObservation, PoseFit, Scene, huber};
+use crate::statistics::median;
 use crate::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
 use mavsight_geometry::{Camera, Isometry3, Vector2};
 use nalgebra::{DMatrix, DVector};
@@ -310,8 +311,6 @@ impl Sums {
     /// Factor on the claimed variances: the median over instants, which a spell of wrong observations
     /// does not raise.
     pub(super) fn scale(&self) -> f64 {
-        let mut factors = self.factors.clone();
-        factors.sort_by(f64::total_cmp);
-        factors.get(factors.len() / 2).map_or(1.0, |f| f.max(1e-6))
+        if self.factors.is_empty() { 1.0 } else { median(self.factors.clone()).max(1e-6) }
     }
 }

@@ -3,6 +3,7 @@
 use crate::smoother::integrator::{JerkNoise, Place};
 use crate::smoother::likelihood::{Innovations, Measured, Series, innovations};
 use crate::smoother::state::{MotionNoise, PRIOR_ROTATION, PRIOR_TRANSLATION};
+use crate::statistics::median;
 use crate::{PoseError, PoseSample};
 use mavsight_geometry::{Isometry3, Matrix3};
 
@@ -219,9 +220,4 @@ fn least(cost: impl Fn(f64) -> f64, low: f64, high: f64, steps: usize) -> f64 {
         }
     }
     0.5 * (a + b)
-}
-
-pub(crate) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

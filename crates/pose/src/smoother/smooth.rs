@@ -9,8 +9,9 @@
 
 use crate::smoother::directions::Gram;
 use crate::smoother::integrator::Transition;
-use crate::smoother::noise::{NEEDED, check, likely, median};
+use crate::smoother::noise::{NEEDED, check, likely};
 use crate::smoother::state::{Adjoint, Joint, MotionNoise, Update};
+use crate::statistics::median;
 use crate::{Motion, PoseError, PoseEstimate, PoseSample};
 use nalgebra::{DMatrix, Matrix6xX};
 use std::borrow::Cow;
