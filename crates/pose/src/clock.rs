@@ -2,7 +2,6 @@
 
 mod equations;
 mod leaps;
-mod part;
 mod path;
 mod search;
 #[cfg(test)]

@@ -7,7 +7,6 @@
 //! 1989, section 3.4). Another smoother does what [`smooth()`] does: poses in, a [`Motion`] out.
 
 mod causal;
-mod directions;
 mod integrator;
 mod likelihood;
 mod motion;

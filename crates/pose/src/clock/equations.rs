@@ -1,6 +1,5 @@
 //! Reprojection errors of a flight under given clocks, and how they change with these.
 
-use super::part::Part;
 use super::path::{PathVelocity, PixelPath};
 use super::types::{CameraClock, CameraStream};
 use crate::reprojection::{PointObservation, PoseFit, Scene, huber};
@@ -27,8 +26,8 @@ const BOUND: f64 = 2.5;
 const MOST_STEPS: usize = 12;
 const CONVERGED: f64 = 1e-4;
 
-/// A part of a camera's clock.
-pub(super) type Unknown = (usize, Part);
+/// A camera and a part of its clock.
+pub(super) type Unknown = (usize, usize);
 
 /// A marker in a camera at an instant.
 pub(super) struct View {
@@ -37,6 +36,13 @@ pub(super) struct View {
     pub(super) index: usize,
     pub(super) velocity: PathVelocity,
     rows_px: f64,
+}
+
+impl View {
+    /// Change of the pixel with a part of the clock, over its velocity.
+    fn factor(&self, part: usize, t_s: f64) -> f64 {
+        [1.0, t_s, -self.rows_px][part]
+    }
 }
 
 /// Normal equations of a flight.
@@ -50,6 +56,8 @@ pub(super) struct Sums {
     pub(super) by_noise: Vec<f64>,
     /// Chi-square over redundancy of each instant with a pose.
     pub(super) factors: Vec<f64>,
+    /// The poses, where they were fitted.
+    pub(super) poses: Vec<Option<Isometry3<f64>>>,
     /// Instants with a pose, and the sum over them of the root of chi-square over redundancy: small where
     /// the clocks are right, whatever a few bad instants do.
     pub(super) instants: usize,
@@ -87,13 +95,12 @@ impl<'a> Problem<'a> {
     pub(super) fn new(rig: &Rig, markers: &'a [BodyMarker], streams: &'a [CameraStream]) -> Self {
         let fastest = streams
             .iter()
-            .enumerate()
-            .filter(|(_, s)| !s.observations.is_empty())
-            .min_by(|a, b| a.1.interval_s.total_cmp(&b.1.interval_s))
-            .map_or(0, |(k, _)| k);
-        let mut instants: Vec<f64> = streams.get(fastest).map_or(Vec::new(), |s| {
-            s.observations.iter().map(|x| s.prior.clock.time_s(x.t_ns, 0.0)).collect()
-        });
+            .filter(|s| !s.observations.is_empty())
+            .min_by(|a, b| a.interval_s.total_cmp(&b.interval_s));
+        let times = |s: &CameraStream| {
+            s.observations.iter().map(|x| s.prior.clock.time_s(x.t_ns, 0.0)).collect::<Vec<f64>>()
+        };
+        let mut instants = fastest.map_or_else(Vec::new, times);
         instants.dedup();
         let stride = instants.len().div_ceil(MOST_INSTANTS).max(1);
         let instants: Vec<f64> = instants.into_iter().step_by(stride).collect();
@@ -108,10 +115,6 @@ impl<'a> Problem<'a> {
             instants,
             scale: 1.0,
         }
-    }
-
-    pub(super) fn clocks(&self) -> Vec<CameraClock> {
-        self.streams.iter().map(|s| s.prior.clock).collect()
     }
 
     pub(super) fn paths(&self, clocks: &[CameraClock]) -> Vec<Vec<PixelPath>> {
@@ -172,11 +175,11 @@ impl<'a> Problem<'a> {
 
     /// The sums under some clocks, over some instants and cameras.
     pub(super) fn sums(
-        &mut self,
+        &self,
         clocks: &[CameraClock],
         unknowns: &[Unknown],
-        (cameras, stride): (&[usize], usize),
-        keep_poses: bool,
+        cameras: &[usize],
+        stride: usize,
     ) -> Sums {
         let paths = self.paths(clocks);
         let size = unknowns.len() + self.systematic_px.len();
@@ -186,6 +189,7 @@ impl<'a> Problem<'a> {
             blocks: vec![DVector::zeros(size); BLOCKS],
             by_noise: vec![0.0; unknowns.len()],
             factors: Vec::new(),
+            poses: self.poses.clone(),
             instants: 0,
             misfit: 0.0,
             by_camera: vec![CameraSums::default(); self.cameras.len()],
@@ -198,17 +202,14 @@ impl<'a> Problem<'a> {
             let Some(start) = self.poses[k].filter(|_| two && views.len() > 3) else { continue };
             let Some(fit) = self.fitted_pose(&views, &start) else { continue };
             let (pose, chi_square) = (fit.world_from_body, fit.loss);
-            if keep_poses {
-                self.poses[k] = Some(pose);
-            }
+            sums.poses[k] = Some(pose);
             let redundancy = 2.0 * views.len() as f64 - 6.0;
             sums.instants += 1;
             sums.misfit += (chi_square / redundancy).sqrt();
             // The median of a chi-square over its degrees of freedom is below one (Wilson & Hilferty 1931).
             sums.factors.push(chi_square / redundancy / (1.0 - 2.0 / (9.0 * redundancy)).powi(3));
             if !unknowns.is_empty() {
-                let block = (k * BLOCKS / self.instants.len()).min(BLOCKS - 1);
-                self.add(&mut sums, &views, &pose, (unknowns, t_s, block));
+                self.add(&mut sums, &views, &pose, unknowns, k);
             }
         }
         sums
@@ -234,9 +235,11 @@ impl<'a> Problem<'a> {
         sums: &mut Sums,
         views: &[View],
         pose: &Isometry3<f64>,
-        (unknowns, t_s, block): (&[Unknown], f64, usize),
+        unknowns: &[Unknown],
+        instant: usize,
     ) {
-        let count = unknowns.len();
+        let (count, t_s) = (unknowns.len(), self.instants[instant]);
+        let block = instant * BLOCKS / self.instants.len();
         let size = count + 2 * views.len();
         let mut columns = DMatrix::zeros(2 * views.len(), size);
         let mut jacobians = DMatrix::zeros(2 * views.len(), 6);
@@ -248,7 +251,7 @@ impl<'a> Problem<'a> {
             residuals.fixed_rows_mut::<2>(2 * i).copy_from(&(at.whitened * root));
             columns.fixed_view_mut::<2, 2>(2 * i, count + 2 * i).copy_from(&(v.seen.whitener * -root));
             for (u, (_, part)) in unknowns.iter().enumerate().filter(|(_, u)| u.0 == v.seen.camera) {
-                let slope = v.seen.whitener * v.velocity.px_s * (root * part.factor(t_s, v.rows_px));
+                let slope = v.seen.whitener * v.velocity.px_s * (root * v.factor(*part, t_s));
                 columns.fixed_view_mut::<2, 1>(2 * i, u).copy_from(&slope);
             }
         }
@@ -284,7 +287,7 @@ impl<'a> Problem<'a> {
             let depth_m = (self.cameras[v.seen.camera].centre_in_world() - pose.translation.vector).norm();
             camera.metres_a_pixel += depth_m / self.cameras[v.seen.camera].intrinsics.fx_px.abs();
             for (u, (_, part)) in unknowns.iter().enumerate().filter(|(_, u)| u.0 == v.seen.camera) {
-                sums.by_noise[u] += gain_per_s2 * left * part.factor(t_s, v.rows_px).powi(2);
+                sums.by_noise[u] += gain_per_s2 * left * v.factor(*part, t_s).powi(2);
             }
         }
     }
@@ -293,16 +296,15 @@ impl<'a> Problem<'a> {
     pub(super) fn add_priors(&self, sums: &mut Sums, clocks: &[CameraClock], unknowns: &[Unknown]) {
         for (u, (camera, part)) in unknowns.iter().enumerate() {
             let prior = &self.streams[*camera].prior;
-            let (std, apart) = part.prior(prior, &clocks[*camera]);
+            let (std, mut start, mut now) = (prior.stds()[*part], prior.clock, clocks[*camera]);
             if std.is_finite() {
                 sums.normal[(u, u)] += self.scale / (std * std);
-                sums.gradient[u] += self.scale * apart / (std * std);
+                sums.gradient[u] += self.scale * (*now.parts()[*part] - *start.parts()[*part]) / (std * std);
             }
         }
-        for k in 0..self.systematic_px.len() {
-            let at = unknowns.len() + k;
+        for (at, px) in (unknowns.len()..).zip(self.systematic_px.iter()) {
             sums.normal[(at, at)] += self.scale / SYSTEMATIC_STD_PX.powi(2);
-            sums.gradient[at] += self.scale * self.systematic_px[k] / SYSTEMATIC_STD_PX.powi(2);
+            sums.gradient[at] += self.scale * px / SYSTEMATIC_STD_PX.powi(2);
         }
     }
 }

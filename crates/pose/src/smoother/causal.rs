@@ -35,16 +35,8 @@ impl CausalFilter {
         if !sound || !gravity_m_s2.is_finite() {
             return Err(PoseError::BadPose { index: 0, what: "the noise or gravity" });
         }
-        let longest_gap_s = noise.longest_gap_s();
-        Ok(Self {
-            noise,
-            gravity_m_s2,
-            t_ns: i64::MIN,
-            seen_ns: i64::MIN,
-            longest_gap_s,
-            index: 0,
-            state: None,
-        })
+        let (t_ns, longest_gap_s) = (i64::MIN, noise.longest_gap_s());
+        Ok(Self { noise, gravity_m_s2, t_ns, seen_ns: t_ns, longest_gap_s, index: 0, state: None })
     }
 
     /// Takes one instant in, measured or not: the motion then, or nothing before the first pose and where
@@ -68,7 +60,7 @@ impl CausalFilter {
         match (&mut self.state, &sample.estimate) {
             (None, Err(_)) => {}
             (None, Ok(first)) => {
-                let joint = Joint::start(first, &self.noise);
+                let joint = Joint::start(first, first.systematic_columns(), &self.noise);
                 let update = joint.blank_update();
                 self.state = Some((joint, update));
             }

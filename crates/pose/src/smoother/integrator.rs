@@ -6,6 +6,7 @@
 
 use mavsight_geometry::attitude::{matrix_of, right_jacobian};
 use mavsight_geometry::{Matrix3, UnitQuaternion, Vector3};
+use nalgebra::SMatrix;
 
 /// Length of the error state.
 pub(crate) const CHAIN: usize = 12;
@@ -168,6 +169,27 @@ pub(crate) fn white_jerk(dt_s: f64) -> [(usize, usize, f64); 6] {
         (3, 6, sign * s * s / 2.0),
         (6, 6, s),
     ]
+}
+
+/// Covariance of a chain just after its first measurement, whose covariance is that of the new error. What is
+/// not known yet scales with the noise, so that the likelihood of the factor has a closed form. `prior_std` is
+/// of rate and acceleration.
+pub(crate) fn start_covariance(
+    first: &Matrix3<f64>,
+    noise: &JerkNoise,
+    prior_std: (f64, f64),
+) -> SMatrix<f64, CHAIN, CHAIN> {
+    let mut out = SMatrix::<f64, CHAIN, CHAIN>::zeros();
+    let mut put = |row: usize, column: usize, block: Matrix3<f64>| {
+        out.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
+    };
+    put(0, 0, first + noise.correlated);
+    put(0, CORRELATED, -noise.correlated);
+    put(CORRELATED, 0, -noise.correlated);
+    put(CORRELATED, CORRELATED, noise.correlated);
+    put(3, 3, Matrix3::identity() * prior_std.0.powi(2) * noise.variance_factor);
+    put(6, 6, Matrix3::identity() * prior_std.1.powi(2) * noise.variance_factor);
+    out
 }
 
 /// Adds what an interval makes uncertain to the chain's block of a covariance of `rows` rows.
