@@ -28,8 +28,8 @@ pub struct TrackedDetection {
 /// One marker seen in one image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MarkerObservation {
-    /// Middle of the exposure; of a [`CameraStream`](crate::CameraStream), the time stamp by the camera's
-    /// own clock.
+    /// Middle of the exposure; of a [`CameraStream`](crate::CameraStream), the time stamp by the camera's own
+    /// clock.
     pub t_ns: i64,
     /// Index of the camera in the rig.
     pub camera: usize,

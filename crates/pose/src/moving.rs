@@ -14,7 +14,6 @@ const POSE_STEPS: usize = 20;
 /// last.
 const CONVERGED: f64 = 1e-4;
 
-/// A body at one instant.
 #[derive(Clone)]
 pub(crate) struct Instant {
     pub(crate) observations: Vec<PointObservation>,
@@ -40,17 +39,14 @@ impl Shared {
         Self { cameras, points, offsets_px, free_points: false, free_offsets: false }
     }
 
-    /// First row of the points.
     pub(crate) fn first_point(&self) -> usize {
         CAMERA_PARAMETERS * self.cameras.len()
     }
 
-    /// First row of the offsets.
     pub(crate) fn first_offset(&self) -> usize {
         self.first_point() + if self.free_points { 3 * self.points.len() } else { 0 }
     }
 
-    /// All rows.
     pub(crate) fn rows(&self) -> usize {
         self.first_offset() + if self.free_offsets { 2 * self.offsets_px.len() } else { 0 }
     }
@@ -63,7 +59,6 @@ impl Shared {
         Scene { cameras: &self.cameras, points: &self.points }
     }
 
-    /// An observation without the constant error of its centre.
     fn corrected(&self, o: &PointObservation) -> PointObservation {
         PointObservation { pixel: o.pixel - self.offsets_px[self.offset(o)], ..*o }
     }
@@ -106,9 +101,7 @@ pub(crate) struct Reduced {
 
 /// What the elimination of a change does to the equations.
 pub(crate) struct Elimination {
-    /// Decrease of the sum of squares.
     pub(crate) gain: f64,
-    /// Of the change's information.
     pub(crate) log_determinant: f64,
 }
 
@@ -196,7 +189,6 @@ impl Reduced {
         Some(Elimination { gain, log_determinant: factored.ln_determinant() })
     }
 
-    /// Adds other instants' equations.
     pub(crate) fn join(&mut self, other: &Self) {
         self.normal += &other.normal;
         self.gradient += &other.gradient;

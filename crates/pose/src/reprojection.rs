@@ -9,8 +9,8 @@ use mavsight_geometry::{
 use nalgebra::{Matrix2x6, Translation3, Vector6};
 
 /// Huber's bound for the length of a whitened residual in the plane: 95 % efficient where the noise is
-/// normal. From (E[ψ'/2 + ψ/2r])² / (E[ψ²]/2) = 0.95 with r of a Rayleigh distribution (Huber 1981,
-/// section 8).
+/// normal. From (E[ψ'/2 + ψ/2r])² / (E[ψ²]/2) = 0.95 with r of a Rayleigh distribution (Huber 1981, section
+/// 8).
 pub(crate) const HUBER_BOUND: f64 = 1.501;
 
 /// Mean of half a squared whitened residual in the plane as Huber's weights with that bound leave it, where
@@ -98,7 +98,6 @@ pub(crate) fn determine_turn(normal: &mut Matrix6<f64>) {
     (3..6).for_each(|k| normal[(k, k)] += turning);
 }
 
-/// A body in view of cameras.
 #[derive(Clone, Copy)]
 pub(crate) struct Scene<'a> {
     pub(crate) cameras: &'a [Camera],
@@ -143,7 +142,6 @@ impl PoseFit {
         if self.redundancy() == 0 { 1.0 } else { (self.chi_square / self.redundancy() as f64).max(1.0) }
     }
 
-    /// Root mean square residual.
     pub(crate) fn residual_px(&self) -> f64 {
         (self.sum_px2 / self.coordinates.max(1) as f64).sqrt()
     }
@@ -208,8 +206,8 @@ impl Scene<'_> {
         Ok(out)
     }
 
-    /// The pose of least loss, from one near (Levenberg 1944; Marquardt 1963). The step that promises to lower
-    /// the loss by less than `converged` is the last: what remains after it is smaller by its square.
+    /// The pose of least loss, from one near (Levenberg 1944; Marquardt 1963). The step that promises to
+    /// lower the loss by less than `converged` is the last: what remains after it is smaller by its square.
     ///
     /// # Errors
     /// Those of [`Scene::equations`] at the start; [`PoseError::NotConverged`] where the observations do not

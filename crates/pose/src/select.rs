@@ -1,13 +1,11 @@
 //! Choice of the candidates of control balls that one camera can have seen together.
 //!
-//! Colour proposes, geometry decides: a choice of one candidate (or none) per ball is judged by the camera
-//! that fits it. The search starts at the best colours and goes on to choices that differ from them in one
-//! ball, two, three and four, and further from the most promising of these.
+//! Colour proposes, geometry decides: each choice is judged by the camera that fits it, first the best
+//! colours, then choices that differ in one ball to four, and further from the most promising of these.
 
 use crate::PoseError;
 use mavsight_geometry::{ControlPoint, Dlt, GeometryError, ImageSize, Matrix2, Vector2, Vector3};
 
-/// Candidates looked at per ball.
 const CANDIDATES: usize = 4;
 /// A-priori error of a ball's centre, and its weight in degrees of freedom: keeps a lucky fit of few points
 /// from looking better than a good one of many.

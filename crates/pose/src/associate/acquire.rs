@@ -5,8 +5,7 @@ use super::belief::Belief;
 use crate::{PoseError, PoseEstimate, PoseSample, TrackedDetection};
 use mavsight_geometry::{ImagePoint, Isometry3, Matrix2, Matrix3, Matrix6, Vector3, rigid_fit, triangulate};
 
-/// Balls in space, assignments that are tried, and choices among the balls of one camera: bounds of the
-/// work of an instant.
+/// Bounds of the work of an instant: balls in space, assignments tried, choices in one camera.
 const MOST_SPOTS: usize = 96;
 const MOST_TRIED: usize = 200;
 const MOST_CHOICES: usize = 16;
@@ -24,7 +23,6 @@ struct Spot {
     covariance_m2: Matrix3<f64>,
 }
 
-/// An assignment that was tried.
 struct Trial {
     log_odds: f64,
     estimate: PoseEstimate,
@@ -169,7 +167,6 @@ impl Associator {
         (length_m - wanted_m).abs() <= GATE * variance.sqrt() + hidden_m
     }
 
-    /// Balls that two cameras see where their rays meet.
     fn spots(&self, candidates: &[TrackedDetection]) -> Vec<Spot> {
         let mut spots = Vec::new();
         for (i, a) in candidates.iter().enumerate() {

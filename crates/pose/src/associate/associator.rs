@@ -28,7 +28,6 @@ pub struct Associator {
     pub(super) cameras: Vec<Camera>,
     pub(super) colors: Vec<usize>,
     pub(super) markers_std_m: f64,
-    /// Room in which the body may be.
     pub(super) volume_m3: f64,
     /// Root mean square distance of the markers from their middle.
     pub(super) size_m: f64,
@@ -38,12 +37,12 @@ pub struct Associator {
 }
 
 impl Associator {
-    /// An associator for the body of an estimator, whose markers have the given colours (equal numbers
-    /// for equal colours) and were placed with a standard deviation.
+    /// An associator for the body of an estimator, whose markers have the given colours (equal numbers for
+    /// equal colours) and were placed with a standard deviation.
     ///
     /// # Errors
-    /// [`PoseError::SymmetricMarkers`] where markers of one colour can change places so that the body
-    /// looks the same.
+    /// [`PoseError::SymmetricMarkers`] where markers of one colour can change places so that the body looks
+    /// the same.
     pub fn new(
         estimator: PoseEstimator,
         rig: &Rig,
@@ -88,7 +87,6 @@ pub(super) fn refused(t_ns: i64, reason: PoseError) -> Association {
     Association { sample: PoseSample { t_ns, estimate: Err(reason) }, pairs: Vec::new() }
 }
 
-/// The pairs as observations of markers.
 pub(super) fn observations(
     t_ns: i64,
     candidates: &[TrackedDetection],

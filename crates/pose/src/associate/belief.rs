@@ -5,8 +5,7 @@ use crate::reprojection::moved;
 use mavsight_geometry::{Isometry3, Matrix6};
 use nalgebra::Vector6;
 
-/// Change of the velocity of the body, and of each marker against its middle, that is not predicted:
-/// standard gravity, as of an aircraft that falls.
+/// Unpredicted acceleration of the body, and of each marker against its middle: standard gravity.
 const ACCELERATION_M_S2: f64 = 9.81;
 /// Speed to reckon with before it was measured: a run across the room.
 const SPEED_M_S: f64 = 3.0;
@@ -60,7 +59,6 @@ fn change(from: &Isometry3<f64>, to: &Isometry3<f64>) -> Vector6<f64> {
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
 }
 
-/// The last two poses.
 #[derive(Debug, Clone, Default)]
 pub(super) struct History {
     last: Option<(i64, Belief)>,
@@ -75,8 +73,8 @@ impl History {
         self.before = self.last.replace((t_ns, both));
     }
 
-    /// The pose that constant velocity leads to, with what an unpredicted acceleration does to it; none
-    /// where that is more than the size of the body, from where on it cannot distinguish markers.
+    /// The pose that constant velocity leads to, with what an unpredicted acceleration does to it; none where
+    /// that is more than the size of the body, from where on it cannot distinguish markers.
     pub(super) fn predicted(&self, t_ns: i64, size_m: f64) -> Option<Belief> {
         let (last_ns, last) = self.last.as_ref()?;
         let ahead_s = (t_ns - last_ns) as f64 * 1e-9;

@@ -1,5 +1,5 @@
-//! The odds of an assignment: evidence that the detections are the body's, against balls that lie there
-//! by chance.
+//! The odds of an assignment: evidence that the detections are the body's, against balls that lie there by
+//! chance.
 
 use super::associator::Associator;
 use super::belief::Belief;
@@ -13,11 +13,10 @@ use std::f64::consts::PI;
 const LOG_MISSED: f64 = -2.303;
 
 impl Associator {
-    /// Odds, as their logarithm, of the body where the estimate says against other objects of the
-    /// markers' colours: the evidence of the detections by Laplace's approximation (MacKay 1992), for
-    /// poses as predicted, or uniform over room and rotations, with the noise scaled as the flight so
-    /// far, or these residuals, ask for. Other objects lie anywhere in an image, or anywhere in the room
-    /// where two cameras see them, whichever explains the detections better.
+    /// Log odds of the body at the estimate against other objects of the markers' colours: the evidence of
+    /// the detections by Laplace's approximation (MacKay 1992), for poses as predicted, or uniform over room
+    /// and rotations. Other objects lie anywhere in an image or in the room, whichever explains the
+    /// detections better.
     pub(super) fn log_odds(
         &self,
         estimate: &PoseEstimate,
@@ -68,7 +67,6 @@ struct ByChance {
 struct MarkerEvidence {
     detections: usize,
     rivals: f64,
-    /// Squared whitened residuals at the pose.
     square: f64,
     /// Σ ln 2π |R|^½.
     log_spread: f64,

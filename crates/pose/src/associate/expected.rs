@@ -8,7 +8,6 @@ use mavsight_geometry::camera::d_pixel_d_pose;
 use mavsight_geometry::{Isometry3, Matrix2, Point3, Vector2, Vector3};
 use nalgebra::{Matrix2x3, Matrix2x6};
 
-/// The image of a marker.
 pub(super) struct Expected {
     pub(super) pixel: Vector2<f64>,
     pub(super) jacobian: Matrix2x6<f64>,
@@ -42,8 +41,8 @@ impl Associator {
         candidate.covariance_px2 + place
     }
 
-    /// Squared distance of a candidate from where a marker is believed, in standard deviations; none
-    /// where it is not of the size or behind the camera.
+    /// Squared distance of a candidate from where a marker is believed, in standard deviations; none where it
+    /// is not of the size or behind the camera.
     pub(super) fn distance(
         &self,
         belief: &Belief,

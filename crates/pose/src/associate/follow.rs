@@ -96,7 +96,6 @@ impl Associator {
         });
     }
 
-    /// The pose near a predicted one.
     pub(super) fn follow(
         &self,
         t_ns: i64,
@@ -114,8 +113,8 @@ impl Associator {
                 }
                 let log_odds = self.log_odds(&estimate, candidates, &pairs, Some(predicted));
                 let (_, degrees) = self.misfit(&estimate, candidates, &pairs);
-                // What agrees with little else than the prediction is believed where that leaves no room
-                // for another ball.
+                // What agrees with little else than the prediction is believed where that leaves no room for
+                // another ball.
                 let largest_m = self.estimator.markers().iter().map(|m| 2.0 * m.radius_m).fold(0.0, f64::max);
                 let vague = degrees < LEAST_DEGREES && predicted.shift_m > largest_m;
                 if vague || log_odds < DECISIVE_LOG_ODDS {

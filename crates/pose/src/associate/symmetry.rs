@@ -6,8 +6,8 @@ use mavsight_geometry::rigid_fit;
 /// Normal quantile of the gate on lengths, 99.9 % on both sides.
 const GATE: f64 = 3.29;
 
-/// Refuses a body whose markers of one colour can change places by a rigid motion within what their
-/// places are known to.
+/// Refuses a body whose markers of one colour can change places by a rigid motion within what their places
+/// are known to.
 ///
 /// # Errors
 /// [`PoseError::SymmetricMarkers`] naming the markers and the least shift of one of them that would be

@@ -19,7 +19,6 @@ struct Shift {
     mean_px: Vector2<f64>,
     /// In standard deviations, scaled by the residuals so far.
     square: f64,
-    /// Whether all balls have it.
     is_common: bool,
 }
 
@@ -50,13 +49,12 @@ impl Associator {
         out
     }
 
-    /// Whether a candidate is of a camera that takes part.
     pub(super) fn is_in_use(&self, candidate: &TrackedDetection) -> bool {
         !self.watch.is_out(candidate.camera)
     }
 
-    /// The pose of all detections but one or two, where all together make no sense: balls before each
-    /// other are seen off their places. What is left still checks itself.
+    /// The pose of all detections but one or two, where all together make no sense: balls before each other
+    /// are seen off their places.
     pub(super) fn without_detections(
         &self,
         t_ns: i64,
@@ -87,8 +85,8 @@ impl Associator {
         None
     }
 
-    /// The pose of all cameras but one, where all together make no sense and it is clear which one to
-    /// leave out.
+    /// The pose of all cameras but one, where all together make no sense and it is clear which one to leave
+    /// out.
     pub(super) fn without_one(
         &self,
         t_ns: i64,
@@ -125,9 +123,9 @@ impl Associator {
         })
     }
 
-    /// Looks for cameras whose view of the body is shifted as a whole against the prediction and the
-    /// other cameras. A camera that is so for the first time is suspected and left out; twice in a row
-    /// alike, it was moved. Whether anyone is newly suspected.
+    /// Looks for cameras whose view of the body is shifted as a whole against the prediction and the other
+    /// cameras. Such a camera is suspected and left out; twice in a row alike, it was moved. Whether anyone
+    /// is newly suspected.
     pub(super) fn watch_cameras(
         &mut self,
         t_ns: i64,

@@ -18,7 +18,6 @@ const STRAY_STD: f64 = 0.05;
 const MAX_STEPS: usize = 60;
 const ROUNDS: usize = 4;
 
-/// An adjustment.
 #[derive(Clone)]
 pub(super) struct Fit {
     pub(super) models: Vec<CameraModel>,
@@ -72,7 +71,6 @@ impl Adjustment<'_> {
         None
     }
 
-    /// The fit of a state at its minimum.
     fn fit(&self, state: State, equations: &Equations, factor: f64) -> Option<Fit> {
         let factors = Factored::new(&equations.normal, 0.0)?;
         let covariance = factors.inverse();
@@ -134,7 +132,6 @@ impl Adjustment<'_> {
 /// Residuals of the moved objects in one camera.
 #[derive(Default)]
 pub(super) struct ObjectResiduals {
-    /// Sum of the squared residuals.
     pub(super) squares_px2: f64,
     /// Observations, of two coordinates each.
     pub(super) observations: f64,

@@ -19,7 +19,6 @@ pub(super) struct Chosen {
     pub(super) others: Vec<(f64, Fit)>,
 }
 
-/// Why a camera has no start.
 pub(super) struct NoStart {
     pub(super) camera: usize,
     pub(super) source: GeometryError,
@@ -59,12 +58,10 @@ pub(super) fn start_cameras(data: Data) -> Result<Vec<Camera>, NoStart> {
     Ok(cameras)
 }
 
-/// The fit with the largest evidence.
 pub(super) fn most_probable(fits: impl Iterator<Item = Fit>) -> Option<Fit> {
     fits.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))
 }
 
-/// Whether each camera keeps points enough.
 pub(super) fn is_enough(data: Data) -> bool {
     (0..data.problem.sizes.len()).all(|camera| {
         data.problem.moved.iter().any(|m| m.is_seen_by(camera)) || data.used_by(camera).count() >= MIN_POINTS

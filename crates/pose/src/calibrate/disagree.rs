@@ -18,12 +18,11 @@ pub(super) struct Disagreement {
 }
 
 impl Fit {
-    /// The externally studentised residual of a group of observations, used ones or ones that were left out
-    /// (Cook & Weisberg 1982, section 2.2.3; for one coordinate Baarda's and Pope's test). Where a part of
-    /// the variance is not estimated but that of a survey, the degrees of freedom are Satterthwaite's (1946).
+    /// The externally studentised residual of a group of observations, used or not (Cook & Weisberg 1982,
+    /// section 2.2.3). Where a part of the variance is that of a survey, the degrees of freedom are
+    /// Satterthwaite's (1946).
     ///
-    /// `None` when the group's removal would leave the rest without a redundancy, or the group is not in
-    /// view.
+    /// `None` where the rest has no redundancy without the group, or the group is not in view.
     pub(super) fn disagreement(&self, data: Data, group: &[usize]) -> Option<Disagreement> {
         let Data { problem, choice } = data;
         let d = 2 * group.len();

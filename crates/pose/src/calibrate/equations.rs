@@ -7,7 +7,6 @@ use crate::moving::Reduced;
 use mavsight_geometry::Vector2;
 use nalgebra::{DMatrix, DVector};
 
-/// What is adjusted to what.
 pub(super) struct Adjustment<'a> {
     pub(super) data: Data<'a>,
     pub(super) models: &'a [CameraModel],
@@ -20,13 +19,10 @@ pub(super) struct Equations {
     pub(super) gradient: DVector<f64>,
     /// Weighted squares of the pixels, at the stated covariances.
     pub(super) squares: f64,
-    /// Squares of the priors' residuals.
     pub(super) prior: f64,
-    /// Information of the prior on each parameter.
     pub(super) prior_weight: DVector<f64>,
     /// Coordinates of all pixels that enter.
     pub(super) coordinates: usize,
-    /// Parameters of the moved objects' poses.
     pub(super) pose_parameters: usize,
     /// Of the normal matrices of those poses, at the variance factor.
     pub(super) log_poses: f64,
@@ -41,7 +37,6 @@ impl Equations {
         self.prior_weight[parameter] += slope * slope;
     }
 
-    /// Sum of the logarithms of the priors' slopes.
     pub(super) fn log_prior_weight(&self) -> f64 {
         self.prior_weight.iter().filter(|w| **w > 0.0).map(|w| 0.5 * w.ln()).sum()
     }
@@ -127,7 +122,6 @@ impl<'a> Adjustment<'a> {
     }
 }
 
-/// An observation at a state.
 pub(super) struct Linearised {
     /// Whitened at the stated covariance.
     pub(super) residual: Vector2<f64>,

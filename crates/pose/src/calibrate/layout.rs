@@ -12,12 +12,10 @@ pub(super) struct Layout {
     /// Sizes of the moved objects, where they are not exact.
     pub(super) scales: Vec<Option<usize>>,
     pub(super) points: Vec<Option<usize>>,
-    /// Parameters of cameras and sizes.
     pub(super) of_cameras: usize,
     pub(super) size: usize,
 }
 
-/// The parameters of one camera.
 #[derive(Clone)]
 pub(super) struct Columns {
     pub(super) first: usize,
@@ -27,7 +25,6 @@ pub(super) struct Columns {
     pub(super) held: usize,
 }
 
-/// What is adjusted.
 #[derive(Clone)]
 pub(super) struct State {
     pub(super) cameras: Vec<Camera>,

@@ -59,13 +59,11 @@ pub(super) struct Moved {
     pub(super) name: String,
     pub(super) body: Vec<BodyMarker>,
     pub(super) scale_std: f64,
-    /// By place.
     pub(super) observations: Vec<Vec<PointObservation>>,
     /// Approximate poses, by place; empty until cameras are known.
     pub(super) start: Vec<Isometry3<f64>>,
 }
 
-/// The names of objects for a message.
 pub(super) fn names_of(objects: &[Moved]) -> String {
     objects.iter().map(|o| o.name.as_str()).collect::<Vec<_>>().join(" and ")
 }
@@ -103,7 +101,6 @@ impl Moved {
         self.observations.iter().flatten().any(|o| o.camera == camera)
     }
 
-    /// Whether its points lie on one line.
     pub(super) fn is_line(&self) -> bool {
         let first = self.body[0].marker_in_body_m;
         let along = (self.body[1].marker_in_body_m - first).normalize();

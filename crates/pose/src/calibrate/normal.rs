@@ -25,12 +25,10 @@ impl Factored {
         log_determinant.is_finite().then_some(Self { scale, scaled, log_determinant })
     }
 
-    /// The solution for a right side.
     pub(super) fn solve(&self, right: &DVector<f64>) -> DVector<f64> {
         self.scaled.solve(&right.component_mul(&self.scale)).component_mul(&self.scale)
     }
 
-    /// The inverse.
     pub(super) fn inverse(&self) -> DMatrix<f64> {
         self.scaled.inverse().component_mul(&(&self.scale * self.scale.transpose()))
     }

@@ -18,9 +18,7 @@ use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3, 
 /// An observation is dropped beyond this number of robust standard deviations: of normal noise one in a
 /// million is.
 const BEYOND: f64 = 5.3;
-/// Rounds of dropping.
 const ROUNDS: usize = 3;
-/// Points that fix the world's axes.
 const AXES: usize = 3;
 /// A focal length with a larger relative standard deviation is undetermined.
 const UNDETERMINED: f64 = 0.05;
@@ -193,13 +191,11 @@ fn refuse(problem: &Problem, fit: &Fit) -> Result<(), PoseError> {
     Ok(())
 }
 
-/// The views that a camera has of the objects.
 #[derive(Default)]
 struct Views {
     places: usize,
     /// Largest angle between the objects' attitudes.
     tilt_rad: f64,
-    /// Part of the image.
     covered: f64,
 }
 

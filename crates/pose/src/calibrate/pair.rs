@@ -20,7 +20,6 @@ const ROUNDS: usize = 6;
 /// A match is dropped beyond so many robust standard deviations.
 const BEYOND: f64 = 4.0;
 
-/// A point in both images.
 type Match = (Vector2<f64>, Vector2<f64>);
 
 /// Pairs of cameras in the axes of the first, those under which the wand's length varies least first.

@@ -16,14 +16,13 @@ const SUSPECT: f64 = 0.01;
 /// How much less probable the next explanation must be for one to be taken: "strong" of Kass & Raftery
 /// (1995).
 const DECISIVE: f64 = 20.0;
-/// Variance factor from which points are tried one by one and in pairs even if none stands out: two that are
-/// swapped hide each other. Stated covariances are trusted to within a factor 3 in the standard deviation.
+/// Variance factor from which all points are tried even if none stands out: two that are swapped hide each
+/// other.
 const MASKED: f64 = 9.0;
 
 /// Most suspect explanations that are worked out in full.
 const CLOSER_LOOKS: usize = 8;
 
-/// A suspected mistake of the table.
 #[derive(Debug, Clone, PartialEq)]
 enum Suspicion {
     /// A point, for all cameras.
@@ -58,12 +57,10 @@ struct Explanation {
     suspicion: Suspicion,
     /// Others that explain the data about as well and name other points; these are left out too.
     alternatives: Vec<Suspicion>,
-    /// The choice without the suspects.
     without: Choice,
     log_evidence: f64,
 }
 
-/// The adjustment without the points that disagree.
 pub(super) struct Cleaned {
     pub(super) chosen: Chosen,
     pub(super) choice: Choice,
@@ -114,7 +111,6 @@ fn groups(Data { problem, choice }: Data) -> Vec<(Suspicion, Vec<usize>)> {
     out
 }
 
-/// The level for one of several tests.
 fn level(tests: usize) -> f64 {
     FALSE_ALARM / tests.max(1) as f64
 }
@@ -195,8 +191,8 @@ fn decide(problem: &Problem, mut found: Vec<Explanation>) -> Result<Explanation,
     Err(refusal(problem, &all))
 }
 
-/// A point that is misplaced for one camera may be misplaced along another's line of view, where that one is
-/// blind to it: it is left out of all cameras if points enough remain.
+/// A misplaced point is left out of all cameras if points enough remain: along another's line of view it may
+/// be misplaced as well.
 fn distrust_everywhere(problem: &Problem, best: &mut Explanation) {
     let Suspicion::Observation(k) = best.suspicion else { return };
     let point = problem.observations[k].point;

@@ -29,7 +29,6 @@ const CONVERGED: f64 = 1e-4;
 /// A camera and a part of its clock.
 pub(super) type Unknown = (usize, usize);
 
-/// A marker in a camera at an instant.
 pub(super) struct View {
     pub(super) seen: PointObservation,
     /// Index of the observation in its path.
@@ -45,7 +44,6 @@ impl View {
     }
 }
 
-/// Normal equations of a flight.
 pub(super) struct Sums {
     /// Of unknowns, then of the centres' systematic errors.
     pub(super) normal: DMatrix<f64>,
@@ -56,14 +54,13 @@ pub(super) struct Sums {
     pub(super) by_noise: Vec<f64>,
     /// Chi-square over redundancy of each instant with a pose.
     pub(super) factors: Vec<f64>,
-    /// The poses, where they were fitted.
     pub(super) poses: Vec<Option<Isometry3<f64>>>,
-    /// Instants with a pose, and the sum over them of the root of chi-square over redundancy: small where
-    /// the clocks are right, whatever a few bad instants do.
+    /// Instants with a pose, and the sum over them of the root of chi-square over redundancy: small where the
+    /// clocks are right, whatever a few bad instants do.
     pub(super) instants: usize,
     pub(super) misfit: f64,
-    /// By camera: sum of squared speeds, px²/s², corrected for noise; observations; redundancy in
-    /// whitened units; distance over focal length.
+    /// By camera: sum of squared speeds, px²/s², corrected for noise; observations; redundancy in whitened
+    /// units; distance over focal length.
     pub(super) by_camera: Vec<CameraSums>,
 }
 
@@ -123,7 +120,6 @@ impl<'a> Problem<'a> {
         self.streams.iter().enumerate().map(one).collect()
     }
 
-    /// What some cameras see at a time.
     pub(super) fn views(&self, paths: &[Vec<PixelPath>], t_s: f64, cameras: &[usize], out: &mut Vec<View>) {
         out.clear();
         for &camera in cameras {
@@ -310,8 +306,8 @@ impl<'a> Problem<'a> {
 }
 
 impl Sums {
-    /// Factor on the claimed variances: the median over instants, which a spell of wrong observations
-    /// does not raise.
+    /// Factor on the claimed variances: the median over instants, which a spell of wrong observations does
+    /// not raise.
     pub(super) fn scale(&self) -> f64 {
         if self.factors.is_empty() { 1.0 } else { median(self.factors.clone()).max(1e-6) }
     }

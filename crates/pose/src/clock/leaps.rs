@@ -3,18 +3,16 @@
 use super::equations::Problem;
 use super::types::CameraClock;
 
-/// A path that is so many times as fast as the poses let its marker move, at the time and on the whole,
-/// does not show the marker.
+/// A path that is so many times as fast as the poses let its marker move, at the time and on the whole, does
+/// not show the marker.
 const LEAP: f64 = 3.0;
 
 impl Problem<'_> {
-    /// Leaves out, from here on, observations whose paths move much faster than the poses that all
-    /// observations together give.
+    /// Leaves out observations whose paths move much faster than the poses.
     ///
-    /// A few frames of another object of a marker's colour are hundreds of pixels off: a path through
-    /// them and the marker has a hundred times its speed, and the information on a clock goes with the
-    /// square of that. Bounding residuals does not help against it: the observations beside a leap have
-    /// none (leverage points, Rousseeuw & Leroy 1987).
+    /// A path through a few frames of another object has a hundred times the marker's speed, and the
+    /// information on a clock goes with the square of that; bounded residuals do not help, as observations
+    /// next to a leap have none (leverage points, Rousseeuw & Leroy 1987).
     pub(super) fn leave_out_leaps(&mut self, clocks: &[CameraClock]) {
         let paths = self.paths(clocks);
         let all: Vec<usize> = (0..self.cameras.len()).collect();

@@ -11,18 +11,17 @@ const DETERMINED_INTERVALS: f64 = 0.125;
 /// A difference of this many standard deviations is not by chance: one in sixteen thousand normal numbers is.
 const SIGNIFICANT: f64 = 4.0;
 
-/// An offset matters where it moves centres by this part of their standard deviation at the flight's
-/// image speed: it would add a thirtieth to their errors.
+/// An offset matters where it moves centres by this part of their standard deviation at the flight's image
+/// speed: it would add a thirtieth to their errors.
 const RELEVANT_STD: f64 = 0.25;
 
 /// An offset of which nothing is known is sought this far on either side of the start.
 const REACH_S: f64 = 1.0;
 
-/// A coarse offset is taken where its misfit is less than this part of that at the start: beyond what
-/// noise does.
+/// A coarse offset is taken where its misfit is less than this part of that at the start: beyond what noise
+/// does.
 const MUCH_BETTER: f64 = 0.9;
 
-/// Instants of the coarse search.
 const COARSE_INSTANTS: usize = 80;
 
 const MOST_STEPS: usize = 20;
@@ -30,7 +29,6 @@ const MOST_STEPS: usize = 20;
 /// Steps smaller than this part of an unknown's standard deviation are the last.
 const CONVERGED_STD: f64 = 0.03;
 
-/// Where the search has come to.
 struct Found {
     clocks: Vec<CameraClock>,
     sums: Sums,
@@ -88,8 +86,8 @@ pub(super) fn solve(problem: &mut Problem<'_>, out: &mut [ClockEstimate]) {
     conclude(problem, &found, &unknowns, &drift_std, out);
 }
 
-/// Tries offsets of one camera half a frame apart against the first camera, and takes one that is much
-/// better than the start.
+/// Tries offsets of one camera half a frame apart against the first camera, and takes one that is much better
+/// than the start.
 fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) {
     let stream = &problem.streams[camera];
     let reach_s = (3.0 * stream.prior.offset_std_s).min(REACH_S);
@@ -108,8 +106,8 @@ fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) 
     for k in (-steps..=steps).filter(|k| *k != 0) {
         let offset_s = start_s + f64::from(k) * step_s;
         let (seen, at) = misfit(offset_s);
-        // Where the recordings share less than half of what they share at the start, little agreement is
-        // no merit.
+        // Where the recordings share less than half of what they share at the start, little agreement is no
+        // merit.
         if seen > 10 && 2 * seen >= instants && at < best.0 {
             best = (at, offset_s);
         }
@@ -156,8 +154,8 @@ fn descend(problem: &mut Problem<'_>, mut clocks: Vec<CameraClock>, unknowns: &[
 }
 
 /// Standard deviations of the unknowns: the larger of what white noise gives and what the scatter between
-/// parts of the flight gives (Huber 1967; Liang & Zeger 1986), less what the velocities' noise only seems
-/// to show.
+/// parts of the flight gives (Huber 1967; Liang & Zeger 1986), less what the velocities' noise only seems to
+/// show.
 fn deviations(problem: &Problem<'_>, sums: &Sums, inverse: &DMatrix<f64>) -> Vec<f64> {
     let count = sums.blocks.len() as f64;
     let mean: DVector<f64> = sums.blocks.iter().map(|b| b / count).sum();

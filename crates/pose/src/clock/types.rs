@@ -5,12 +5,12 @@ use crate::MarkerObservation;
 use mavsight_geometry::{ImageSize, Vector2};
 use std::fmt;
 
-/// Standard deviation of a quartz clock's rate between two cameras: crystals of consumer electronics are
-/// sold with tolerances of 20 to 100 parts in a million.
+/// Standard deviation of a quartz clock's rate between two cameras: crystals of consumer electronics are sold
+/// with tolerances of 20 to 100 parts in a million.
 pub const QUARTZ_DRIFT_STD: f64 = 100e-6;
 
-/// What a camera's time stamps mean: stamp = offset + (1 + drift)·t for the middle row of an image, and
-/// rows further along the readout are exposed later by `line_time_s` each.
+/// What a camera's time stamps mean: stamp = offset + (1 + drift)·t for the middle row of an image, and rows
+/// further along the readout are exposed later by `line_time_s` each.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CameraClock {
     /// How late the stamps are at t = 0.
@@ -60,7 +60,6 @@ pub struct ClockPrior {
 }
 
 impl ClockPrior {
-    /// Standard deviations of the parts.
     pub(super) fn stds(&self) -> [f64; 3] {
         [self.offset_std_s, self.drift_std, self.line_time_std_s]
     }

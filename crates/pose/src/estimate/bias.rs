@@ -30,9 +30,9 @@ impl PoseEstimator {
         self.errors.bias_px
     }
 
-    /// What each direction of systematic error does to a pose, in double precision: its systematic
-    /// columns from the observations that it was estimated from, of which those of markers that it did
-    /// not use are passed over. `None` where they do not determine it.
+    /// What each direction of systematic error does to a pose, in double precision: its systematic columns
+    /// from the observations that it was estimated from, of which those of markers that it did not use are
+    /// passed over. `None` where they do not determine it.
     pub fn systematic_effects(
         &self,
         seen: &[MarkerObservation],
@@ -45,13 +45,13 @@ impl PoseEstimator {
         Some(self.systematic(&views, &fit, &inverse).0)
     }
 
-    /// Standard deviation of the systematic part of the centres' errors, px, from the residuals of a
-    /// flight's poses.
+    /// Standard deviation of the systematic part of the centres' errors, px, from the residuals of a flight's
+    /// poses.
     ///
-    /// The products of an observation's residuals at two times, up to a second apart, have the mean
-    /// square of the systematic part, as far as the pose has not taken it up; new noise has a mean of
-    /// zero. What the uncertainty of cameras and marker positions explains is taken off, unless that is
-    /// what a fit to these observations left. Zero where nothing is left or there is no redundancy.
+    /// The products of an observation's residuals at two times, up to a second apart, have the mean square of
+    /// the systematic part, as far as the pose has not taken it up; new noise has a mean of zero. What the
+    /// uncertainty of cameras and marker positions explains is taken off, unless that is what a fit to these
+    /// observations left. Zero where nothing is left or there is no redundancy.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].
@@ -98,8 +98,8 @@ impl PoseEstimator {
     }
 }
 
-/// Sum and number of the products of each observation's residuals at two times, as they come; no more
-/// than those of the longest lag are held.
+/// Sum and number of the products of each observation's residuals at two times, as they come; no more than
+/// those of the longest lag are held.
 #[derive(Default)]
 struct LaggedProducts {
     product: f64,

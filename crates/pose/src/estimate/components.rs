@@ -7,14 +7,12 @@ use mavsight_geometry::Vector2;
 
 impl PoseEstimator {
     /// Factors on the claimed variances of the centres' columns and rows, camera by camera and marker by
-    /// marker: a ball before a window is worse than its pixels show, all the while; one beside a level
-    /// skid is better across than that allows for.
+    /// marker: a ball before a window is always worse than its pixels show.
     ///
-    /// One step of the estimation of variance components: the sum of a group's squared residuals over the
-    /// sum of its redundancies (Foerstner 1979; Rao 1971), with the claim counting as much as one frame.
-    /// Its mean is an average of the true components, weighted by how much of each the residuals show, so
-    /// that it leads towards them but not beyond. No factor is held at or above one: of a short flight,
-    /// whose residuals are small by chance as often as large, that would widen all claims.
+    /// One step of the estimation of variance components: the sum of a group's squared residuals over the sum
+    /// of its redundancies (Foerstner 1979; Rao 1971), with the claim counting as much as one frame. It leads
+    /// towards the true components but not beyond. No factor is held at or above one, which would widen the
+    /// claims of short flights.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].
@@ -55,8 +53,8 @@ mod tests {
     use crate::estimate::tests::{body, seen, truth};
     use crate::testing::rig;
 
-    /// So many frames with noise of 0.1 px, as claimed; only one observation's noise across and down is
-    /// so many times that.
+    /// So many frames with noise of 0.1 px, as claimed; only one observation's noise across and down is so
+    /// many times that.
     fn flight(
         estimator: &PoseEstimator,
         (frames, spoilt, times): (i64, (usize, usize), Vector2<f64>),
@@ -81,8 +79,8 @@ mod tests {
         (views, poses)
     }
 
-    /// Marker 2 is three times as noisy in the second camera as it claims, or across half as noisy and
-    /// down twice.
+    /// Marker 2 is three times as noisy in the second camera as it claims, or across half as noisy and down
+    /// twice.
     #[test]
     fn factors_show_which_ball_is_worse_or_better_than_it_claims_and_in_which_direction() {
         let estimator = PoseEstimator::new(&rig(), &body());

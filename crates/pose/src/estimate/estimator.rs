@@ -90,7 +90,6 @@ impl PoseEstimator {
         Ok(out)
     }
 
-    /// The observations that entered a pose.
     pub(super) fn views_of(
         &self,
         seen: &[MarkerObservation],

@@ -14,8 +14,8 @@ pub struct ReprojectionFit {
 }
 
 impl PoseEstimator {
-    /// How well the observations of one instant fit, none left out and none refused; without a number
-    /// where no pose was found (`ratio` is infinite then), and `None` for observations that fit anything.
+    /// How well the observations of one instant fit, none left out and none refused; without a number where
+    /// no pose was found (`ratio` is infinite then), and `None` for observations that fit anything.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].

@@ -14,13 +14,12 @@ impl PoseEstimator {
     /// The pose that fits all observations of one instant best; observations of other instants are passed
     /// over.
     ///
-    /// The reprojection error of all observations, weighted by their covariances, is minimised, with the
-    /// influence of long residuals bounded (Huber 1981; 95 % efficient where the noise is normal). The
-    /// start is a rigid fit to the markers that two cameras saw; where those are fewer than three, every
-    /// pose in which one camera sees three of its markers (Grunert 1841), and its mirror image about the
-    /// viewing ray. A marker whose removal lowers the chi-square by more than its 99.9 % quantile (of F,
-    /// where the rest shows more noise than was claimed) is left out while three remain. Where two minima
-    /// are both likely, the one much nearer to `previous` is taken.
+    /// Minimises the reprojection error, weighted by the covariances, with the influence of long residuals
+    /// bounded (Huber 1981). Starts from a rigid fit to the markers that two cameras saw, or, of fewer than
+    /// three, from every pose in which one camera sees three of its markers (Grunert 1841) and its mirror
+    /// image. A marker whose removal lowers the chi-square by more than its 99.9 % quantile (of F, where the
+    /// rest shows more noise than was claimed) is left out while three remain. Of two likely minima the one
+    /// much nearer to `previous` is taken.
     ///
     /// # Errors
     /// [`PoseError::TooFewMarkers`], [`PoseError::AmbiguousPose`], [`PoseError::NotRigid`],
@@ -54,13 +53,12 @@ impl PoseEstimator {
         Ok(estimate.by_markers(used, left_out, residual_px))
     }
 
-    /// The covariance with which a pose will be measured from observations that are as good as they
-    /// claim: what [`PoseEstimator::estimate`] gives where the residuals are as large as expected.
+    /// The covariance with which a pose will be measured from observations that are as good as they claim:
+    /// what [`PoseEstimator::estimate`] gives where the residuals are as large as expected.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`]; [`PoseError::TooFewMarkers`] and [`PoseError::NotConverged`] for
-    /// observations that do not determine the pose; [`PoseError::Geometry`] for a marker behind its
-    /// camera.
+    /// observations that do not determine the pose; [`PoseError::Geometry`] for a marker behind its camera.
     pub fn predict(
         &self,
         world_from_body: &Isometry3<f64>,

@@ -47,8 +47,8 @@ impl FromIterator<usize> for MarkerSet {
 
 /// A measured pose.
 ///
-/// Covariances are of the position in world axes (m²), then of a small turn about body axes (rad²): t +
-/// δt, R exp(δθ).
+/// Covariances are of the position in world axes (m²), then of a small turn about body axes (rad²): t + δt, R
+/// exp(δθ).
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseEstimate {
     /// The pose.
@@ -61,12 +61,11 @@ pub struct PoseEstimate {
     pub left_out: MarkerSet,
     /// What is new in each frame: the upper triangle, by columns.
     own: [f64; TRIANGLE],
-    /// Systematic part: columns of six, or a lower triangle by columns, which no number of columns is as
-    /// long as.
+    /// Systematic part: columns of six, or a lower triangle by columns, which no number of columns is as long
+    /// as.
     systematic: Box<[f32]>,
 }
 
-/// Numbers of a triangle of six rows.
 const TRIANGLE: usize = 21;
 
 /// Row and column of each, of an upper triangle by columns.
@@ -123,8 +122,8 @@ impl PoseEstimate {
         own
     }
 
-    /// The part S of the covariance S Sᵀ that is not new in each frame, in single precision: seven digits
-    /// of a standard deviation. No columns: none is known.
+    /// The part S of the covariance S Sᵀ that is not new in each frame, in single precision: seven digits of
+    /// a standard deviation. No columns: none is known.
     pub fn systematic(&self) -> Matrix6xX<f32> {
         let mut out = Matrix6xX::zeros(self.systematic_columns());
         for c in 0..out.ncols() {
@@ -144,7 +143,6 @@ impl PoseEstimate {
         self.systematic.len() == TRIANGLE
     }
 
-    /// One column of the systematic part.
     pub(crate) fn systematic_column(&self, c: usize) -> Vector6<f64> {
         if self.is_condensed() {
             // A lower triangle's columns are an upper one's rows.
@@ -167,9 +165,9 @@ impl PoseEstimate {
         Self { residual_px, markers_used, left_out, ..Self::new(world_from_body, &covariance) }
     }
 
-    /// This pose with no more than six systematic columns, the lower triangular root of their sum S Sᵀ:
-    /// for whoever holds many poses, and has [`crate::PoseEstimator::systematic_effects`] for how they
-    /// err together. What is new in the pose is as it was.
+    /// This pose with no more than six systematic columns, the lower triangular root of their sum S Sᵀ: for
+    /// whoever holds many poses, and has [`crate::PoseEstimator::systematic_effects`] for how they err
+    /// together. What is new in the pose is as it was.
     #[must_use]
     pub fn condensed(self) -> Self {
         if self.systematic_columns() <= 6 {

@@ -18,7 +18,6 @@ const CONVERGED: f64 = 1e-8;
 const CONVERGED_BOUNDED: f64 = 1e-6;
 
 impl PoseEstimator {
-    /// The normal equations at a pose that is known already.
     pub(super) fn at_pose(
         &self,
         views: &[PointObservation],
@@ -27,7 +26,6 @@ impl PoseEstimator {
         self.scene().equations(views, pose, f64::INFINITY)
     }
 
-    /// Least squares from a start.
     pub(super) fn descend(
         &self,
         views: &[PointObservation],
@@ -38,8 +36,8 @@ impl PoseEstimator {
     }
 
     /// The pose with bounded influence: long residuals weigh no more than one of the bound's length (Huber
-    /// 1981, chapter 7). The scale is that of [`noise_factor`], so that noise larger than was claimed does not
-    /// make outliers of half the observations. The chi-square is that of least squares.
+    /// 1981, chapter 7). The scale is that of [`noise_factor`], so that noise larger than was claimed does
+    /// not make outliers of half the observations. The chi-square is that of least squares.
     pub(super) fn bounded_from(&self, views: &[PointObservation], least: PoseFit) -> PoseFit {
         let bound2 = bound2(noise_factor(least.chi_square, 0.0, least.redundancy()).max(1.0));
         if least.longest <= bound2 {
@@ -53,8 +51,8 @@ impl PoseEstimator {
     }
 
     /// What one standard deviation along each direction of error of cameras, marker positions and centres
-    /// does to the pose, and the mean chi-square that all of them together leave in the residuals.
-    /// `inverse` is that of the normal equations.
+    /// does to the pose, and the mean chi-square that all of them together leave in the residuals. `inverse`
+    /// is that of the normal equations.
     pub(super) fn systematic(
         &self,
         views: &[PointObservation],

@@ -30,7 +30,6 @@ pub(super) fn of_markers(views: &[PointObservation], markers: MarkerSet) -> Cow<
 }
 
 impl PoseEstimator {
-    /// The best pose of the given markers.
     pub(super) fn solve(
         &self,
         views: &[PointObservation],
@@ -52,7 +51,6 @@ impl PoseEstimator {
         PoseError::TooFewMarkers { seen: seen.len(), markers: self.markers.len(), observations }
     }
 
-    /// A rigid fit to the markers that two cameras saw.
     fn triangulated_start(
         &self,
         own: &[PointObservation],
@@ -157,9 +155,9 @@ impl PoseEstimator {
             .collect()
     }
 
-    /// The other pose in which flat markers look much the same from afar: their plane tipped the other
-    /// way about the line of observation (Oberkampf, DeMenthon & Davis 1996; Schweighofer & Pinz 2006).
-    /// The plane is the one of least spread.
+    /// The other pose in which flat markers look much the same from afar: their plane tipped the other way
+    /// about the line of observation (Oberkampf, DeMenthon & Davis 1996; Schweighofer & Pinz 2006). The plane
+    /// is the one of least spread.
     fn mirrored(&self, view: &[PointObservation], pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
         let places: Vec<Vector3<f64>> = view.iter().map(|s| self.markers[s.point].marker_in_body_m).collect();
         let middle = places.iter().sum::<Vector3<f64>>() / places.len() as f64;

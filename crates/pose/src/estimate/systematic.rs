@@ -5,9 +5,8 @@ use crate::reprojection::PointObservation;
 use mavsight_geometry::{CAMERA_PARAMETERS, Vector2};
 use nalgebra::{DMatrix, Matrix2x3, SMatrix};
 
-/// What is not known of cameras, markers and centres, as columns of one standard deviation along
-/// independent directions: first those that are known together, then one for each coordinate of each
-/// marker in each camera.
+/// What is not known of cameras, markers and centres, as columns of one standard deviation along independent
+/// directions: those known together, then one for each coordinate of each marker in each camera.
 #[derive(Debug, Clone)]
 pub(super) struct SystematicErrors {
     cameras: usize,
@@ -21,7 +20,6 @@ pub(super) struct SystematicErrors {
 }
 
 impl SystematicErrors {
-    /// Errors of the rig alone.
     pub(super) fn of_rig(rig: &Rig, markers: usize) -> Self {
         let cameras = rig.cameras.len();
         let rows = CAMERA_PARAMETERS * cameras;
@@ -32,8 +30,8 @@ impl SystematicErrors {
         Self { cameras, markers, factor, bias_px: 0.0, is_fitted: false }
     }
 
-    /// With errors of the marker positions that have nothing to do with the others; `None` for a factor
-    /// of another shape or not finite.
+    /// With errors of the marker positions that have nothing to do with the others; `None` for a factor of
+    /// another shape or not finite.
     pub(super) fn with_markers(mut self, uncertainty_m: &DMatrix<f64>) -> Option<Self> {
         if uncertainty_m.nrows() != 3 * self.markers || !uncertainty_m.iter().all(|x| x.is_finite()) {
             return None;

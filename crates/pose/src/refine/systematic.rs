@@ -18,8 +18,7 @@ impl SystematicVariance {
     }
 }
 
-/// Standard deviations that are weighed, over the stated one: from no effect to more than the light of any
-/// room causes.
+/// Standard deviations that are weighed, over the stated one: from no effect to more than any light causes.
 const FROM: f64 = 1.0 / 64.0;
 const TO: f64 = 8.0;
 /// Steps between them, half an octave each: variances of a dozen degrees of freedom are not known better.
@@ -46,13 +45,11 @@ pub(super) struct LinearFit<'a> {
 /// All seconds with the errors that last a second eliminated.
 struct Joined {
     reduced: Reduced,
-    /// Decrease of the sum of squares.
     gain: f64,
     /// The seconds' part of the deviance.
     deviance: f64,
 }
 
-/// A pair of variances that is weighed.
 struct Weighed {
     deviance: f64,
     constant_px2: f64,

@@ -6,7 +6,6 @@ use crate::smoother::integrator::{
 use mavsight_geometry::{Matrix3, Vector3};
 use nalgebra::SMatrix;
 
-/// A measured place.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Measured<P> {
     pub(crate) place: P,
@@ -21,7 +20,6 @@ pub(crate) struct Series<'a, P> {
     pub(crate) prior_std: (f64, f64),
 }
 
-/// Sums over the innovations once the state is determined.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Innovations {
     /// Coordinates.

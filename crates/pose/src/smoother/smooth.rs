@@ -74,8 +74,8 @@ pub fn smooth_with_effects(
     })
 }
 
-/// The instants whose motion is known, in parts with no longer gap, each from a pose to a pose, where
-/// there are enough of them.
+/// The instants whose motion is known, in parts with no longer gap, each from a pose to a pose, where there
+/// are enough of them.
 fn known_parts(poses: &[PoseSample], longest_gap_s: f64) -> Vec<Range<usize>> {
     let longest_ns = (longest_gap_s * 1e9).min(i64::MAX as f64) as i64;
     let measured: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].estimate.is_ok()).collect();
@@ -124,8 +124,8 @@ struct Step {
 /// enough that the backward pass does not cancel a diffuse covariance digit by digit.
 const START_SHARE: f64 = 1e-4;
 
-/// The state at the first time as the whole record, filtered backwards, gives it, with a covariance that makes
-/// it next to worthless; the first steps of an attitude are linearised there.
+/// The state at the first time as the whole record, filtered backwards, gives it, with a covariance that
+/// makes it next to worthless; the first steps of an attitude are linearised there.
 fn informed_start(flown: Flown<'_>, noise: &MotionNoise) -> Option<Joint> {
     let poses = flown.poses;
     let last = poses.iter().rposition(|p| p.estimate.is_ok())?;
@@ -141,8 +141,8 @@ fn informed_start(flown: Flown<'_>, noise: &MotionNoise) -> Option<Joint> {
     Some(state)
 }
 
-/// The filter over some instants, from the state that those before them left, or from the start; the
-/// first of all is measured. Each step is that of [`crate::CausalFilter`].
+/// The filter over some instants, from the state that those before them left, or from the start; the first of
+/// all is measured. Each step is that of [`crate::CausalFilter`].
 fn forward(
     flown: Flown<'_>,
     instants: Range<usize>,
@@ -165,11 +165,9 @@ fn forward(
     Some(steps)
 }
 
-/// Calls `visit` with each smoothed state, the last first; the first of the instants is measured.
-///
-/// Only one stretch of √n steps is held at a time: the forward pass leaves the states between the
-/// stretches, from which each is filtered once more when the backward pass comes to it (Griewank 1992 on
-/// checkpoints).
+/// Calls `visit` with each smoothed state, the last first; the first of the instants is measured. Only one
+/// stretch of √n steps is held at a time: each is filtered once more when the backward pass comes to it
+/// (checkpoints, Griewank 1992).
 fn each_smoothed(flown: Flown<'_>, noise: &MotionNoise, mut visit: impl FnMut(usize, &Joint)) -> Option<()> {
     let count = flown.poses.len();
     let stretch = ((count as f64).sqrt() as usize).max(64);

@@ -25,8 +25,7 @@ pub struct MotionNoise {
 }
 
 /// Standard deviation of an attitude, predicted over a gap, up to which its error is a small turn: half a
-/// radian, where a turn's sine is 4 % short of it. Beyond, an attitude may be a turn off, and with it the
-/// rate.
+/// radian, where a turn's sine is 4 % short of it.
 const MOST_TURN_RAD: f64 = 0.5;
 
 impl MotionNoise {
@@ -43,7 +42,6 @@ impl MotionNoise {
 pub(crate) const PRIOR_TRANSLATION: (f64, f64) = (10.0, 100.0);
 pub(crate) const PRIOR_ROTATION: (f64, f64) = (30.0, 1000.0);
 
-/// The state of motion with its covariance.
 #[derive(Debug, Clone)]
 pub(crate) struct Joint {
     pub(crate) translation: Integrator<Vector3<f64>>,
@@ -52,7 +50,6 @@ pub(crate) struct Joint {
     pub(crate) effects: Effects,
 }
 
-/// The update of the state by a measured pose.
 #[derive(Debug, Clone)]
 pub(crate) struct Update {
     gain: SMatrix<f64, STATE, 6>,
@@ -161,7 +158,6 @@ impl Joint {
         Some(())
     }
 
-    /// An update without effect.
     pub(crate) fn blank_update(&self) -> Update {
         Update {
             gain: SMatrix::zeros(),
@@ -236,7 +232,6 @@ impl Adjoint {
         out
     }
 
-    /// Back through a measurement.
     pub(crate) fn before_update(&mut self, update: &Update) {
         let h = observation();
         let through = update.gain.tr_mul(&self.vector) + update.inverse * update.innovation;
@@ -247,7 +242,6 @@ impl Adjoint {
         self.information = kept.tr_mul(&self.information) * kept + h.tr_mul(&update.inverse) * h;
     }
 
-    /// Back through an interval.
     pub(crate) fn before_predict(&mut self, transitions: &[Transition; 2]) {
         let [first, second] = transitions;
         first.backward(self.vector.as_mut_slice(), STATE, 0);
