@@ -43,6 +43,7 @@ pub enum PoseError {
     ControlMisfit {
         /// The camera.
         camera: String,
+        /// Root mean square residual.
         rms_px: f64,
         /// The gate.
         gate_px: f64,
@@ -110,6 +111,7 @@ pub enum PoseError {
         "the markers seen do not fit the body: residual {residual_px:.2} px, {times:.0} times what their noise explains; check the markers' positions in the vehicle file"
     )]
     NotRigid {
+        /// Root mean square residual.
         residual_px: f64,
         /// Root of the reduced chi-square.
         times: f64,
@@ -233,6 +235,7 @@ pub enum PoseError {
         camera: String,
         /// The objects.
         objects: String,
+        /// Root mean square residual.
         rms_px: f64,
         /// The gate.
         gate_px: f64,
@@ -289,6 +292,7 @@ pub enum PoseError {
     NotConverged {
         /// Steps taken.
         steps: usize,
+        /// Root mean square residual.
         residual_px: f64,
     },
     /// A geometric degeneracy within one instant.
