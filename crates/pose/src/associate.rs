@@ -10,6 +10,7 @@ mod belief;
 mod evidence;
 mod expected;
 mod follow;
+mod frame;
 mod moved_camera;
 mod noise;
 mod symmetry;

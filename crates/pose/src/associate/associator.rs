@@ -4,13 +4,11 @@ use super::belief::History;
 use super::moved_camera::Watch;
 use super::noise::Noise;
 use super::symmetry;
-use crate::{MarkerObservation, PoseError, PoseEstimator, PoseSample, Rig, TrackedDetection};
+use crate::{PoseError, PoseEstimator, PoseSample, Rig};
 use mavsight_geometry::{Camera, Vector3};
 
 /// Logarithm of the odds at which an assignment is believed: 999 to 1.
 pub(super) const DECISIVE_LOG_ODDS: f64 = 6.907;
-/// Largest ratio between the diameter seen and the one expected: a ball half hidden still shows more.
-pub(super) const MOST_SIZE_RATIO: f64 = 1.6;
 
 /// What one instant's candidates are.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,11 +65,6 @@ impl Associator {
     pub fn estimator(&self) -> &PoseEstimator {
         &self.estimator
     }
-
-    /// Ends the associations and keeps the estimator.
-    pub fn into_estimator(self) -> PoseEstimator {
-        self.estimator
-    }
 }
 
 /// Twice the box around the control points each way, or the cameras' where there are none.
@@ -85,15 +78,4 @@ fn room_m3(rig: &Rig, cameras: &[Camera]) -> f64 {
 
 pub(super) fn refused(t_ns: i64, reason: PoseError) -> Association {
     Association { sample: PoseSample { t_ns, estimate: Err(reason) }, pairs: Vec::new() }
-}
-
-pub(super) fn observations(
-    t_ns: i64,
-    candidates: &[TrackedDetection],
-    pairs: &[(usize, usize)],
-) -> Vec<MarkerObservation> {
-    pairs
-        .iter()
-        .map(|(index, marker)| MarkerObservation { t_ns, ..candidates[*index].of_marker(*marker) })
-        .collect()
 }

@@ -1,6 +1,6 @@
 //! The image of a marker as a belief predicts it, and the distance of a detection from it.
 
-use super::associator::{Associator, MOST_SIZE_RATIO};
+use super::associator::Associator;
 use super::belief::Belief;
 use crate::TrackedDetection;
 use crate::reprojection::moved;
@@ -50,9 +50,7 @@ impl Associator {
         marker: usize,
     ) -> Option<f64> {
         let expected = self.expected(&belief.pose, candidate.camera, marker)?;
-        let ratio = candidate.diameter_px / expected.diameter_px;
-        let sized = candidate.diameter_px > 0.0 && expected.diameter_px > 0.0;
-        if sized && !(1.0 / MOST_SIZE_RATIO..=MOST_SIZE_RATIO).contains(&ratio) {
+        if !candidate.may_have_diameter(expected.diameter_px) {
             return None;
         }
         let spread = expected.jacobian * belief.covariance * expected.jacobian.transpose()
