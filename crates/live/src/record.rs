@@ -6,7 +6,7 @@ use crate::setup::Tap;
 use mavsight_flight::InputSample;
 use mavsight_link::Event;
 use mavsight_pose::TrackedDetection;
-use mavsight_session::{SessionFile, Y4mWriter, make_folder, write_session};
+use mavsight_session::{SessionFile, Y4mWriter, make_folder, write_toml};
 use mavsight_vision::Frame;
 use serde::Serialize;
 use std::fs::File;
@@ -171,7 +171,7 @@ impl Recorder {
         let names = session.camera.iter().map(|c| c.name.clone()).collect();
         let log = |name: &str| File::create(folder.join(name)).map_err(io);
         let writer = Writer { videos, names, inputs, detected: log(DETECTED)?, sent: log(SENT)?, lines: 0 };
-        write_session(&folder.join("session.toml"), &session)?;
+        write_toml(&folder.join("session.toml"), &session)?;
         let (queue, status) = (Arc::new(Queue::new(WAITING)), Arc::new(Status::default()));
         let (own, shared) = (Arc::clone(&queue), Arc::clone(&status));
         let thread = std::thread::Builder::new()

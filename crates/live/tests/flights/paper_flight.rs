@@ -24,7 +24,7 @@ fn its_raw_poses_are_the_same_bit_for_bit() {
         camera: c.name.clone(),
         frame: read_image(c.still.as_ref().unwrap()).unwrap(),
     };
-    let stills: Vec<_> = session.cameras.iter().map(still).collect();
+    let stills: Vec<_> = session.cameras().iter().map(still).collect();
     let rig = calibrate_from_stills(&stills, &session.control_points().unwrap()).unwrap();
     let feed = |k: usize| {
         let frames = session.open_camera(k).unwrap().take(FRAMES);
@@ -32,7 +32,7 @@ fn its_raw_poses_are_the_same_bit_for_bit() {
             let (t_ns, frame) = f.unwrap();
             Ok::<_, PipelineError>(TimedFrame { t_ns, frame })
         });
-        CameraFeed::new(session.cameras[k].name.clone(), None, Box::new(frames))
+        CameraFeed::new(session.cameras()[k].name.clone(), None, Box::new(frames))
     };
     let mut batch = Vec::new();
     track_with(vec![feed(0), feed(1)], &rig, &session.vehicle, &NoProgress, |i| {
@@ -45,7 +45,7 @@ fn its_raw_poses_are_the_same_bit_for_bit() {
             let replay = Replay::new(file.take().ok_or("ended")?, None, Default::default());
             Ok(Box::new(replay) as Box<dyn Source>)
         };
-        camera(&session.cameras[k].name, Box::new(open), false)
+        camera(&session.cameras()[k].name, Box::new(open), false)
     });
     let clock = FlightClock::starting_at(0);
     let (flight, heard) = setup((&rig, &session.vehicle), cameras.collect(), Pace::Fast, clock);

@@ -13,7 +13,7 @@ use std::path::Path;
 
 /// A session with whatever a session needs, in a folder of its own.
 fn session(at: &Path) -> SessionFile {
-    mavsight_session::write_vehicle(&at.join("vehicle.toml"), &Vehicle::paper()).expect("as staged");
+    mavsight_session::write_toml(&at.join("vehicle.toml"), &Vehicle::paper()).expect("as staged");
     std::fs::write(at.join("points.csv"), "name,x_m,y_m,z_m,diameter_m,color\n").expect("as staged");
     std::fs::write(at.join("pixels.csv"), "camera,name,u_px,v_px\n").expect("as staged");
     let camera = |name: &str| SessionCamera {
@@ -114,7 +114,7 @@ fn a_recording_has_the_cameras_of_its_rig_file() {
     let session = SessionFile { rig: Some(RigSection { file }), control: None, ..session(from.path()) };
     // As it is, it films live alone: there is no recording to compare the size with.
     let live = from.path().join("session.toml");
-    mavsight_session::write_session(&live, &session).unwrap();
+    mavsight_session::write_toml(&live, &session).unwrap();
     let live = Session::load(&live).unwrap();
     assert_eq!(live.rig().unwrap().unwrap().cameras.len(), 2);
     assert!(live.image_size(0).unwrap_err().to_string().contains("`video` or `still`"));
@@ -130,7 +130,7 @@ fn a_recording_has_the_cameras_of_its_rig_file() {
     recorder.unwrap().finish();
     drop(from);
     let recorded = Session::load(&folder.join("session.toml")).unwrap();
-    assert_eq!(recorded.rig_path, Some(folder.join("rig.toml")));
+    assert_eq!(recorded.file.rig.map(|r| r.file), Some(folder.join("rig.toml")));
 }
 
 #[cfg(target_os = "linux")]

@@ -8,13 +8,15 @@ use anyhow::Result;
 use clap::ValueEnum;
 use mavsight_geometry::{ImageSize, Vector3};
 use mavsight_pose::Rig;
-use mavsight_session::foreign::dltdv::{self, DltOptions};
+use mavsight_session::foreign::dltdv;
 use mavsight_session::foreign::dltdv_points::{self, PointOptions};
 use mavsight_session::foreign::frames::AxesOf;
 use mavsight_session::foreign::marker_paths::{self, MarkerPaths};
 use mavsight_session::foreign::pixels::PixelOrigin;
-use mavsight_session::foreign::poses::{TimedPose, read_pose_table, write_pose_table};
-use mavsight_session::foreign::{Noted, argus, c3d, euroc, kalibr, opencv, ros, trc, tum};
+use mavsight_session::foreign::poses::{
+    TimedPose, Trajectory, read_pose_table, read_trajectory, write_pose_table, write_trajectory,
+};
+use mavsight_session::foreign::{CameraFormat, CameraOptions, Noted, c3d, read_cameras, trc, write_cameras};
 use mavsight_session::{
     RunResults, cameras_of, load_vehicle, read_rig, tables, write_control_points, write_markers, write_rig,
 };
@@ -64,6 +66,27 @@ fn name_of(format: Format) -> String {
     format.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
+/// A format of other programs for cameras.
+fn camera_format(format: Format) -> Option<CameraFormat> {
+    Some(match format {
+        Format::Dlt => CameraFormat::Dlt,
+        Format::Argus => CameraFormat::Argus,
+        Format::Opencv => CameraFormat::Opencv,
+        Format::Ros => CameraFormat::Ros,
+        Format::Kalibr => CameraFormat::Kalibr,
+        _ => return None,
+    })
+}
+
+/// A format of other programs for poses.
+fn trajectory(format: Format) -> Option<Trajectory> {
+    match format {
+        Format::Tum => Some(Trajectory::Tum),
+        Format::Euroc => Some(Trajectory::Euroc),
+        _ => None,
+    }
+}
+
 /// Markers by name, in body axes.
 type Body = Vec<(String, Vector3<f64>)>;
 
@@ -104,22 +127,28 @@ impl Call<'_> {
         }
     }
 
+    fn camera_options(&self) -> CameraOptions {
+        CameraOptions {
+            names: self.args.cameras.clone(),
+            sizes: self.sizes(),
+            origin: self.origin(),
+            drop_skew: self.args.drop_skew,
+        }
+    }
+
     fn cameras(&self) -> Result<Vec<String>> {
-        let (path, names) = (&self.args.input, &self.args.cameras);
-        let read = named(match self.from {
-            Format::Dlt => {
-                let options = DltOptions { origin: self.origin(), sizes: self.sizes(), names: names.clone() };
-                dltdv::read_coefficients(path, &options)
-            }
-            Format::Argus => argus::read_profile(path, self.origin().unwrap_or(PixelOrigin::Argus), names),
-            Format::Opencv => opencv::read(path, &self.sizes(), names),
-            Format::Ros => ros::read(path, names),
-            Format::Kalibr => kalibr::read(path, names),
-            _ => read_rig(path).map(Noted::plain),
+        let path = &self.args.input;
+        let read = named(match camera_format(self.from) {
+            Some(format) => read_cameras(path, format, &self.camera_options()),
+            None => read_rig(path).map(Noted::plain),
         })?;
         let mut notes = read.notes;
         for (path, camera) in self.outputs(&read.value) {
-            notes.extend(self.write_cameras(&path, &read.value, camera.as_deref())?);
+            let rig = self.chosen(&read.value, camera.as_deref())?;
+            notes.extend(named(match camera_format(self.to) {
+                Some(format) => write_cameras(&path, format, &rig, &self.camera_options()),
+                None => write_rig(&path, &rig).map(|()| Vec::new()),
+            })?);
         }
         Ok(notes)
     }
@@ -133,25 +162,6 @@ impl Call<'_> {
         } else {
             vec![(self.args.output.clone(), self.args.camera.clone())]
         }
-    }
-
-    fn write_cameras(&self, path: &Path, rig: &Rig, camera: Option<&str>) -> Result<Vec<String>> {
-        let rig = &self.chosen(rig, camera)?;
-        let drop_skew = self.args.drop_skew;
-        named(match self.to {
-            Format::Dlt => {
-                let argus = path.to_string_lossy().contains("dlt-coefficients");
-                let usual = if argus { PixelOrigin::Argus } else { PixelOrigin::Dltdv8 };
-                dltdv::write_coefficients(path, rig, self.origin().unwrap_or(usual))
-            }
-            Format::Argus => {
-                argus::write_profile(path, rig, self.origin().unwrap_or(PixelOrigin::Argus), drop_skew)
-            }
-            Format::Opencv => opencv::write(path, rig, drop_skew),
-            Format::Ros => ros::write(path, rig, camera, drop_skew),
-            Format::Kalibr => kalibr::write(path, rig, drop_skew),
-            _ => write_rig(path, rig).map(|()| Vec::new()),
-        })
     }
 
     fn chosen(&self, rig: &Rig, camera: Option<&str>) -> Result<Rig> {
@@ -187,19 +197,17 @@ impl Call<'_> {
 
     fn read_poses(&self) -> Result<Vec<TimedPose>> {
         let path = &self.args.input;
-        named(match self.from {
-            Format::Tum => tum::read(path, self.axes()),
-            Format::Euroc => euroc::read(path, self.axes()),
-            _ => read_pose_table(path),
+        named(match trajectory(self.from) {
+            Some(format) => read_trajectory(path, format, self.axes()),
+            None => read_pose_table(path),
         })
     }
 
     fn write_poses(&self, poses: &[TimedPose]) -> Result<Vec<String>> {
         let path = &self.args.output;
-        named(match self.to {
-            Format::Tum => tum::write(path, poses, self.axes()),
-            Format::Euroc => euroc::write(path, poses, self.axes()),
-            _ => write_pose_table(path, poses).map(|()| Vec::new()),
+        named(match trajectory(self.to) {
+            Some(format) => write_trajectory(path, format, poses, self.axes()),
+            None => write_pose_table(path, poses).map(|()| Vec::new()),
         })
     }
 

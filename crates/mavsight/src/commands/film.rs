@@ -13,7 +13,7 @@ use mavsight_score::{TruthRow, VISIBILITY, VirtualCamera, read_truth, write_visi
 use mavsight_session::{
     ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, load_vehicle, make_folder,
     tables::read_control_points, tables::read_inputs, write_control_points, write_inputs, write_png,
-    write_session, write_vehicle,
+    write_toml,
 };
 use mavsight_simulator::{Scenario, Staging};
 use mavsight_vision::Frame;
@@ -184,7 +184,7 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         camera: cameras,
         ..SessionFile::default()
     };
-    write_session(&args.out.join("session.toml"), &session)?;
+    write_toml(&args.out.join("session.toml"), &session)?;
     outln!("{} cameras: {}", session.camera.len(), args.out.join("session.toml").display());
     Ok(())
 }
@@ -268,7 +268,7 @@ fn write_flight_files(
     write_control_points(&args.out.join("control_points.csv"), control)?;
     let same = args.flight.canonicalize().ok() == args.out.canonicalize().ok();
     if !same {
-        write_vehicle(&args.out.join("vehicle.toml"), vehicle)?;
+        write_toml(&args.out.join("vehicle.toml"), vehicle)?;
         write_inputs(&args.out.join("inputs.csv"), inputs)?;
         let truth = std::fs::read(args.flight.join("truth.csv")).context("truth.csv")?;
         mavsight_session::write_whole(&args.out.join("truth.csv"), &truth)?;

@@ -67,12 +67,12 @@ fn of_session(args: &Live, path: &Path) -> Result<()> {
     let model = named(session.model())?;
     let (cameras, clock) =
         if args.replay { replayed(&session, pace_of(args), &stop)? } else { running(&session)? };
-    let mut listeners = listeners(args, &stop, &session.vehicle, &session.live)?;
-    let names = session.cameras.iter().map(|c| c.name.clone()).collect();
+    let mut listeners = listeners(args, &stop, &session.vehicle, &session.live())?;
+    let names = session.cameras().iter().map(|c| c.name.clone()).collect();
     let on_request = calibrating(names, named(session.control_points())?);
     let taps = with_page(args, &mut listeners, &recorder, begin, on_request)?;
     let setup = Setup {
-        name: &session.name,
+        name: &session.file.name,
         rig: &rig,
         vehicle: &session.vehicle,
         cameras,
@@ -84,7 +84,7 @@ fn of_session(args: &Live, path: &Path) -> Result<()> {
         recorder,
         inputs: inputs.map(|i| Box::new(Recorded(i)) as Box<dyn InputSource>),
         model,
-        enough: session.live.enough.unwrap_or(ENOUGH),
+        enough: session.live().enough.unwrap_or(ENOUGH),
         stop,
         for_ns: args.seconds.map(ns_from_s),
     };
@@ -94,7 +94,7 @@ fn of_session(args: &Live, path: &Path) -> Result<()> {
 
 /// The motion noise of the flight that the session names.
 fn noise_of(session: &Session) -> Result<Option<MotionNoise>> {
-    let Some(path) = &session.live.poses else { return Ok(None) };
+    let Some(path) = &session.live().poses else { return Ok(None) };
     let markers: Vec<String> = session.vehicle.marker.iter().map(|m| m.name.clone()).collect();
     let poses = named(read_poses(path, &markers))?;
     motion_noise(&poses).map(Some).with_context(|| format!("{}", path.display()))
@@ -108,7 +108,7 @@ fn recorded(session: &Session, args: &Live) -> Result<RecordedSession> {
         file.inputs = PathBuf::new();
     }
     let folder = session.path.parent().unwrap_or(Path::new(""));
-    let rate_hz = session.cameras.iter().find_map(|c| c.frame_rate_hz).unwrap_or(30.0);
+    let rate_hz = session.cameras().iter().find_map(|c| c.frame_rate_hz).unwrap_or(30.0);
     let session = with_whole_paths(file, folder);
     Ok(RecordedSession { folder: PathBuf::new(), session, rate_hz, with_inputs: false, waits: args.fast })
 }

@@ -42,7 +42,7 @@ pub(super) fn running(session: &Session) -> Result<(Vec<CameraSetup>, FlightCloc
             readout: Vector2::y(),
         })
     };
-    let cameras = session.cameras.iter().map(setup).collect::<Result<Vec<_>>>()?;
+    let cameras = session.cameras().iter().map(setup).collect::<Result<Vec<_>>>()?;
     Ok((cameras, FlightClock::starting_at(0)))
 }
 
@@ -53,7 +53,7 @@ pub(super) fn replayed(
     stop: &Arc<AtomicBool>,
 ) -> Result<(Vec<CameraSetup>, FlightClock)> {
     let mut files = Vec::new();
-    for (k, camera) in session.cameras.iter().enumerate() {
+    for (k, camera) in session.cameras().iter().enumerate() {
         if camera.video.as_os_str().is_empty() {
             return Err(WrongCall(format!("camera {} has no recording to replay", camera.name)).into());
         }

@@ -19,7 +19,7 @@ use mavsight_scene::{Aircraft, FilmStream, Room, Sensor};
 use mavsight_score::{TruthRow, VirtualCamera};
 use mavsight_session::{
     ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, make_folder, ns_from_s,
-    write_control_points, write_png, write_vehicle,
+    write_control_points, write_png, write_toml,
 };
 use mavsight_vision::{Frame, Pixels};
 use std::path::Path;
@@ -280,7 +280,7 @@ fn record(
         );
     }
     make_folder(to)?;
-    write_vehicle(&to.join("vehicle.toml"), vehicle)?;
+    write_toml(&to.join("vehicle.toml"), vehicle)?;
     write_control_points(&to.join("control_points.csv"), &lab::control_points())?;
     let mut camera = Vec::new();
     for still in stills {

@@ -12,7 +12,7 @@ use mavsight_plan::{
 };
 use mavsight_session::{
     ControlSection, RESULTS_SCHEMA, SESSION_SCHEMA, SessionCamera, SessionFile, csv_cell, make_folder,
-    write_control_points, write_session, write_vehicle, write_whole,
+    write_control_points, write_toml, write_whole,
 };
 use serde_json::json;
 use std::path::Path;
@@ -210,7 +210,7 @@ fn write_start(plan: &CameraPlan<'_>, vehicle: &Vehicle, out: &Path) -> Result<(
         camera: (0..plan.ranked[0].placed.len()).map(camera).collect(),
         ..SessionFile::default()
     };
-    write_session(&folder.join("session.toml"), &session)?;
+    write_toml(&folder.join("session.toml"), &session)?;
     write_control_points(&folder.join("control_points.csv"), plan.planner.control())?;
-    Ok(write_vehicle(&folder.join("vehicle.toml"), vehicle)?)
+    Ok(write_toml(&folder.join("vehicle.toml"), vehicle)?)
 }
