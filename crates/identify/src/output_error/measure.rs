@@ -37,7 +37,7 @@ impl StateMeasurement {
     pub fn from_pose(sample: &PoseSample) -> Self {
         let nothing =
             Self { t_ns: sample.t_ns, pose: None, velocity: None, rates: None, systematic: Box::default() };
-        let pose = sample.estimate.as_ref().map(|e| (e.world_from_body, e.covariance()));
+        let pose = sample.estimate.as_ref().ok().map(|e| (e.world_from_body, e.covariance()));
         Self { pose, ..nothing }
     }
 
@@ -45,11 +45,11 @@ impl StateMeasurement {
     /// all of them have the same directions ([`mavsight_pose::PoseEstimate::systematic`]), else as random
     /// errors of each pose.
     pub fn of_poses<'a>(samples: impl Iterator<Item = &'a PoseSample> + Clone) -> Vec<Self> {
-        let estimates = || samples.clone().filter_map(|s| s.estimate.as_ref());
+        let estimates = || samples.clone().filter_map(|s| s.estimate.as_ref().ok());
         let directions = estimates().next().map_or(0, PoseEstimate::systematic_columns);
         let is_shared = estimates().all(|e| e.systematic_columns() == directions && !e.is_condensed());
         let of = |sample: &PoseSample| {
-            let Some(e) = sample.estimate.as_ref().filter(|_| is_shared) else {
+            let Some(e) = sample.estimate.as_ref().ok().filter(|_| is_shared) else {
                 return Self::from_pose(sample);
             };
             let own = e.own_covariance();

@@ -33,7 +33,7 @@ pub fn predict_poses(
         fitted = fitted.with_value(parameter.name, parameter.value)?;
     }
     let states: Vec<StateMeasurement> =
-        poses.iter().filter(|p| p.estimate.is_some()).map(StateMeasurement::from_pose).collect();
+        poses.iter().filter(|p| p.estimate.is_ok()).map(StateMeasurement::from_pose).collect();
     let measured = Measurements::States(states);
     measured.check()?;
     let options = OutputErrorOptions {

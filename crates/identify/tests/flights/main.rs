@@ -250,7 +250,7 @@ fn a_gap_in_the_poses_is_left_out() {
     let mut poses = flown.poses(0.4e-3, 1.4e-3, &mut 31);
     let without = |poses: &mut [mavsight_pose::PoseSample], gap: &std::ops::Range<f64>| {
         for pose in poses.iter_mut().filter(|p| gap.contains(&(p.t_ns as f64 * 1e-9))) {
-            pose.estimate = None;
+            pose.estimate = Err(mavsight_pose::PoseError::NotMeasured);
         }
     };
     let gap: std::ops::Range<f64> = 4.0..4.5;

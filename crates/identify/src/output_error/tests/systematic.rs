@@ -27,7 +27,7 @@ fn poses(along: usize, by: f64) -> Vec<PoseSample> {
     let place = at.translation.vector + moved.fixed_rows::<3>(0);
     let pose = Isometry3::from_parts(place.into(), at.rotation * turn);
     let estimate = PoseEstimate::new(pose, &covariance).with_systematic(&columns());
-    let sample = |t_ns| PoseSample { t_ns, estimate: Some(estimate.clone()), reason: None };
+    let sample = |t_ns| PoseSample { t_ns, estimate: Ok(estimate.clone()) };
     vec![sample(0), sample(33_000_000)]
 }
 
