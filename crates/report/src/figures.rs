@@ -77,7 +77,7 @@ pub(crate) fn pictures(frames: &[Frame], results: &RunResults) -> Result<Vec<Fig
     let path: Vec<Option<Vector3<f64>>> = results
         .poses
         .iter()
-        .map(|p| p.estimate.as_ref().map(|e| e.world_from_body.translation.vector))
+        .map(|p| p.estimate.as_ref().ok().map(|e| e.world_from_body.translation.vector))
         .collect();
     for (k, (camera, frame)) in rig.cameras.iter().zip(frames).enumerate() {
         let seen: Vec<Vector2<f64>> = path
@@ -244,7 +244,7 @@ pub(crate) fn motion(results: &RunResults, truth: Option<&[TruthRow]>) -> Result
 /// How good each frame was.
 pub(crate) fn quality(results: &RunResults) -> Result<Vec<Figure>, ReportError> {
     let poses = &results.poses;
-    if !poses.iter().any(|p| p.estimate.is_some()) {
+    if !poses.iter().any(|p| p.estimate.is_ok()) {
         return Ok(vec![]);
     }
     let panel = |axis: &str, f: Of<'_, mavsight_pose::PoseEstimate>| {

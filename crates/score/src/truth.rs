@@ -171,7 +171,7 @@ pub fn read_visibility(
 /// # Errors
 /// Names row and column.
 pub fn truth_of(session: &Session) -> Result<Option<Vec<TruthRow>>, SessionError> {
-    session.truth_path.as_deref().map(read_truth).transpose()
+    session.file.truth.as_deref().map(read_truth).transpose()
 }
 
 /// Reads the shares of the balls' faces that were visible, by instant, camera and marker; none where no such
@@ -180,10 +180,10 @@ pub fn truth_of(session: &Session) -> Result<Option<Vec<TruthRow>>, SessionError
 /// # Errors
 /// Names the file, row and column.
 pub fn visibility_of(session: &Session) -> Result<Option<Vec<Vec<Vec<f64>>>>, SessionError> {
-    let path = session.truth_path.as_deref().map(|t| t.with_file_name(VISIBILITY));
+    let path = session.file.truth.as_deref().map(|t| t.with_file_name(VISIBILITY));
     let Some(path) = path.filter(|p| p.is_file()) else { return Ok(None) };
     let markers: Vec<String> = session.vehicle.marker.iter().map(|m| m.name.clone()).collect();
-    read_visibility(&path, session.cameras.len(), &markers).map(Some)
+    read_visibility(&path, session.cameras().len(), &markers).map(Some)
 }
 
 #[cfg(test)]
