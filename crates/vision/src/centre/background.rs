@@ -45,16 +45,19 @@ impl Planes {
         (layout, p): (&Layout, &Parameters),
         noise_variance: f64,
     ) -> Option<Self> {
-        let mut scattered = Scattered::default();
         let reach_px = p[RADIUS] + (3.0 + RING_EDGES) * p[EDGE];
-        let free = Free { patch, middle: (p[0], p[1]), reach_px2: (reach_px * reach_px) as f32 };
-        free.brightness(&layout.covered, &mut scattered);
-        let bright = scattered.plane(simd, noise_variance.sqrt())?;
+        let free = Free { middle: (p[0], p[1]), reach_px2: (reach_px * reach_px) as f32 };
+        let pixels = (patch.columns, (0.0, 0.0), 1);
+        let bright = free
+            .scattered(pixels, &layout.covered, |pixel| patch.bright[pixel])
+            .plane(simd, noise_variance.sqrt())?;
         let mut planes =
             Self { bright: bright.middle, variance: bright.square, middle: free.middle, ..Self::default() };
+        let blocks = (patch.block_columns, patch.block_place(0), patch.step);
         for channel in 0..2 {
-            free.colors(&layout.color_covered, channel, &mut scattered);
-            let color = scattered.plane(simd, LEAST_COLOR_STD)?;
+            let color = free
+                .scattered(blocks, &layout.color_covered, |block| patch.colors[block][channel])
+                .plane(simd, LEAST_COLOR_STD)?;
             (planes.colors[channel], planes.color_variance[channel]) = (color.middle, color.square);
         }
         Some(planes)
@@ -145,44 +148,31 @@ impl Background {
 }
 
 /// The samples near a disc but free of it.
-struct Free<'a> {
-    patch: &'a Patch,
+struct Free {
     middle: (f64, f64),
     reach_px2: f32,
 }
 
-impl Free<'_> {
+impl Free {
+    /// Samples of a grid whose first lies at `origin` of the patch, `step` pixels apart.
     #[inline(always)]
-    fn brightness(&self, covered: &[f32], out: &mut Scattered) {
-        let patch = self.patch;
-        out.begin(patch.bright.len());
-        let rows = patch.bright.chunks_exact(patch.columns).zip(covered.chunks_exact(patch.columns));
-        for (row, (values, covered)) in rows.enumerate() {
-            let y = (row as f64 - self.middle.1) as f32;
-            for (column, (value, covered)) in values.iter().zip(covered).enumerate() {
-                let x = (column as f64 - self.middle.0) as f32;
-                let counts = (*covered < CLEAR) & (x * x + y * y < self.reach_px2);
-                out.offer((x, y), *value, counts);
+    fn scattered(
+        &self,
+        (columns, origin, step): (usize, (f64, f64), usize),
+        covered: &[f32],
+        value: impl Fn(usize) -> f32,
+    ) -> Scattered {
+        let (left, top) = ((origin.0 - self.middle.0) as f32, (origin.1 - self.middle.1) as f32);
+        let mut out = Scattered::default();
+        for (row, covered) in covered.chunks_exact(columns).enumerate() {
+            let y = top + (row * step) as f32;
+            for (column, covered) in covered.iter().enumerate() {
+                let x = left + (column * step) as f32;
+                if *covered < CLEAR && x * x + y * y < self.reach_px2 {
+                    out.push((x, y), value(row * columns + column));
+                }
             }
         }
-        out.finish();
-    }
-
-    #[inline(always)]
-    fn colors(&self, covered: &[f32], channel: usize, out: &mut Scattered) {
-        let patch = self.patch;
-        out.begin(patch.colors.len());
-        let rows =
-            patch.colors.chunks_exact(patch.block_columns).zip(covered.chunks_exact(patch.block_columns));
-        for (row, (values, covered)) in rows.enumerate() {
-            let (left, y) = patch.block_place(row * patch.block_columns);
-            let (left, y) = ((left - self.middle.0) as f32, (y - self.middle.1) as f32);
-            for (column, (value, covered)) in values.iter().zip(covered).enumerate() {
-                let x = left + (column * patch.step) as f32;
-                let counts = (*covered < CLEAR) & (x * x + y * y < self.reach_px2);
-                out.offer((x, y), value[channel], counts);
-            }
-        }
-        out.finish();
+        out
     }
 }

@@ -32,9 +32,6 @@ impl Glare {
     #[inline(always)]
     pub(super) fn new(patch: &Patch) -> Self {
         let mut glare = Self::default();
-        if patch.step == 1 && !any_is_brightest(patch) {
-            return glare;
-        }
         for (block, color) in patch.colors.iter().enumerate() {
             let first = patch.first_pixel(block);
             for pixel in (0..patch.step * patch.step)
@@ -83,17 +80,6 @@ impl Glare {
     pub(super) fn is_none(&self) -> bool {
         self.reached.is_empty()
     }
-}
-
-/// Whether any pixel is, where each has its own colour: mostly none is, which is soon known as no pixel waits
-/// for another.
-#[inline(always)]
-fn any_is_brightest(patch: &Patch) -> bool {
-    let mut any = false;
-    for (bright, color) in patch.bright.iter().zip(&patch.colors) {
-        any |= is_brightest(patch, [*bright, color[0], color[1]]);
-    }
-    any
 }
 
 /// Whether one of the codes of red, green and blue that these channels are may be beyond what can be shown.

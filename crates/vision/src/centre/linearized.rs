@@ -70,12 +70,6 @@ impl Linearized {
         siting_px: f64,
     ) -> ([f32; 2], [Row; 2]) {
         let channels = &self.values.channels;
-        if patch.step == 1
-            && let Some(place) = layout.place(block)
-        {
-            let [_, across, along] = self.shown[place];
-            return ([channels[1][place], channels[2][place]], [across, along]);
-        }
         let (mut values, mut rows) = ([0.0; 2], [[0.0; WIDTH]; 2]);
         visit(patch, block, siting_px, |pixel, weight, by_siting| {
             let shown = match layout.place(pixel) {

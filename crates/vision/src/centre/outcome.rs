@@ -120,39 +120,25 @@ impl End<'_> {
         let contrast: f64 = std::iter::zip(from_coded, stages.background.around()).map(differs).sum();
         let by_light = |row: &[f64; 4]| -> f64 { (0..3).map(|c| row[c] * encoded[c].1 * linear[c]).sum() };
         let light: f64 = from_coded.iter().map(|row| (LIGHT_STD * by_light(row)).powi(2)).sum();
-        let (mut bright, mut colors) = (Mean::default(), Mean::default());
-        for (place, pixel) in stages.pixels() {
+        let bright = weighted_mean(stages.pixels().map(|(place, pixel)| {
             let weight = stages.linearized.values.covered[place] * trust.weight[pixel];
-            bright.add(weight.into(), f64::from(left.bright[place].powi(2)) - noise.least);
-        }
-        for (place, block) in stages.blocks() {
+            (weight, f64::from(left.bright[place].powi(2)) - noise.least)
+        }));
+        let colors = weighted_mean(stages.blocks().map(|(place, block)| {
             let weight = stages.layout.color_covered[block] * trust.block_weight[block];
-            colors.add(
-                weight.into(),
-                f64::from(left.colors[place].iter().map(|v| v * v).sum::<f32>()) - 2.0 * noise.least,
-            );
-        }
-        let beyond = (bright.value() + colors.value()).max(0.0);
+            let [first, second] = left.colors[place];
+            (weight, f64::from(first * first + second * second) - 2.0 * noise.least)
+        }));
+        let beyond = (bright + colors).max(0.0);
         ((beyond + light) / contrast.max(noise.variance)).sqrt()
     }
 }
 
-/// A weighted mean, of at least one sample.
-#[derive(Default)]
-struct Mean {
-    sum: f64,
-    count: f64,
-}
-
-impl Mean {
-    fn add(&mut self, weight: f64, value: f64) {
-        self.sum += weight * value;
-        self.count += weight;
-    }
-
-    fn value(&self) -> f64 {
-        self.sum / self.count.max(1.0)
-    }
+/// Mean by weights, of at least one sample.
+fn weighted_mean(samples: impl Iterator<Item = (f32, f64)>) -> f64 {
+    let sums = samples.map(|(weight, value)| (f64::from(weight), f64::from(weight) * value));
+    let (count, sum) = sums.fold((0.0, 0.0), |all, one| (all.0 + one.0, all.1 + one.1));
+    sum / f64::max(count, 1.0)
 }
 
 /// Greatest difference between a light and the surroundings in any channel, in standard deviations of the

@@ -27,13 +27,12 @@ pub(super) struct Fitted {
     pub(super) square: f64,
 }
 
-/// Values at places, in whole groups.
+/// Values at places.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scattered {
     x: Vec<f32>,
     y: Vec<f32>,
     values: Vec<f32>,
-    count: usize,
     left: Vec<f32>,
 }
 
@@ -47,37 +46,21 @@ pub(super) fn on(plane: &Plane, x: f64, y: f64) -> f64 {
 }
 
 impl Scattered {
-    /// Makes room for as many.
-    pub(super) fn begin(&mut self, most: usize) {
-        for values in [&mut self.x, &mut self.y, &mut self.values] {
-            values.resize(most.next_multiple_of(GROUP), 0.0);
-        }
-        self.count = 0;
-    }
-
-    /// Adds a value, if it counts. It is written in any case, as whether it counts is hard to
-    /// predict.
-    #[inline(always)]
-    pub(super) fn offer(&mut self, (x, y): (f32, f32), value: f32, counts: bool) {
-        self.x[self.count] = x;
-        self.y[self.count] = y;
-        self.values[self.count] = value;
-        self.count += usize::from(counts);
-    }
-
-    /// Fills up the last group; to be called once all are there.
-    pub(super) fn finish(&mut self) {
-        let whole = self.count.next_multiple_of(GROUP);
-        for (values, filling) in [(&mut self.x, 0.0), (&mut self.y, 0.0), (&mut self.values, FILLING)] {
-            values.truncate(self.count);
-            values.resize(whole, filling);
-        }
-        self.left.resize(whole, 0.0);
+    pub(super) fn push(&mut self, (x, y): (f32, f32), value: f32) {
+        self.x.push(x);
+        self.y.push(y);
+        self.values.push(value);
     }
 
     /// Robust plane; None with too few values. No scale is taken to be below the least.
     #[inline(always)]
-    pub(super) fn plane<S: Simd>(&mut self, simd: S, least_scale: f64) -> Option<Fitted> {
+    pub(super) fn plane<S: Simd>(mut self, simd: S, least_scale: f64) -> Option<Fitted> {
+        let count = self.values.len();
+        let whole = count.next_multiple_of(GROUP);
+        for (values, filling) in [(&mut self.x, 0.0), (&mut self.y, 0.0), (&mut self.values, FILLING)] {
+            values.resize(whole, filling);
+        }
+        self.left.resize(whole, 0.0);
         let (mut plane, mut scale) = (Plane::zeros(), ANY);
         for round in 0..ROUNDS {
             let [n, x, y, xx, xy, yy, v, xv, yv] = self.weighted(simd, scale, &plane);
@@ -85,11 +68,11 @@ impl Scattered {
             plane = information.cholesky()?.solve(&Vector3::new(v, xv, yv));
             self.subtract(simd, &plane);
             if round + 1 < ROUNDS {
-                scale = (MEDIAN_TO_DEVIATION * median(&mut self.left[..self.count])?).max(least_scale);
+                scale = (MEDIAN_TO_DEVIATION * median(&mut self.left[..count])?).max(least_scale);
             }
         }
-        let squares: f32 = self.left[..self.count].iter().map(|left| left * left).sum();
-        let square = f64::from(squares) / self.count as f64;
+        let squares: f32 = self.left[..count].iter().map(|left| left * left).sum();
+        let square = f64::from(squares) / count as f64;
         Some(Fitted { middle: plane, square })
     }
 
@@ -150,9 +133,9 @@ pub(super) fn median(values: &mut [f32]) -> Option<f64> {
 mod tests {
     use super::*;
 
-    struct Both<'a>(&'a mut Scattered);
+    struct Both(Scattered);
 
-    impl pulp::WithSimd for Both<'_> {
+    impl pulp::WithSimd for Both {
         type Output = Option<Fitted>;
 
         #[inline(always)]
@@ -164,22 +147,16 @@ mod tests {
     #[test]
     fn outliers_do_not_pull_a_plane() {
         let mut scattered = Scattered::default();
-        scattered.begin(51);
         for k in 0..50_i32 {
             let (x, y) = ((k % 7) as f32, (k / 7) as f32);
             let noise = 0.05 * (k * 37 % 11 - 5) as f32;
             let value = if k % 9 == 4 { 90.0 } else { 10.0 + 2.0 * x - y + noise };
-            scattered.offer((x, y), value, true);
-            scattered.offer((x, y), -7.0, false);
+            scattered.push((x, y), value);
         }
-        scattered.finish();
-        let plane = scattered.plane(pulp::Scalar::new(), 0.1).expect("enough");
+        let plane = scattered.clone().plane(pulp::Scalar::new(), 0.1).expect("enough");
         assert!((plane.middle - Plane::new(10.0, 2.0, -1.0)).amax() < 0.1, "{plane:?}");
         assert!(plane.square > 500.0);
-        let again = pulp::Arch::new().dispatch(Both(&mut scattered.clone()));
-        assert_eq!(again, pulp::Scalar::new().vectorize(Both(&mut scattered)));
-        scattered.begin(0);
-        scattered.finish();
-        assert_eq!(pulp::Arch::new().dispatch(Both(&mut scattered)), None);
+        assert_eq!(pulp::Arch::new().dispatch(Both(scattered)), Some(plane));
+        assert_eq!(pulp::Arch::new().dispatch(Both(Scattered::default())), None);
     }
 }

@@ -66,7 +66,7 @@ impl Weighted {
         let stretched = covariance.len();
         let mut open = stages.linearized.values.open[..stretched].to_vec();
         open.resize(stretched + BAND, 0.0);
-        self.factor.copy(simd, covariance, &open, &self.variance);
+        self.factor.copy(covariance, &open, &self.variance);
         self.factor.factor(simd).then_some(())?;
         self.rim.clear();
         self.rim.extend(stages.linearized.shown[..stretched].iter().map(|shown| shown[0]));
