@@ -15,7 +15,7 @@ pub(crate) struct Measured<P> {
 /// Times and what was measured then; the first entry is measured.
 pub(crate) struct Series<'a, P> {
     pub(crate) t_s: &'a [f64],
-    pub(crate) measured: &'a [Option<Measured<P>>],
+    pub(crate) measured: Vec<Option<Measured<P>>>,
     /// Standard deviations of rate and acceleration before anything is known.
     pub(crate) prior_std: (f64, f64),
 }

@@ -63,13 +63,12 @@ pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
     let t_s: Vec<f64> = poses.iter().map(|p| (p.t_ns - origin_ns) as f64 * 1e-9).collect();
     // A table without the systematic errors has covariances whose size nobody vouches for.
     let vouched = poses.iter().filter_map(|p| p.estimate.as_ref().ok()).any(|e| e.systematic_columns() > 0);
-    // One after the other, so that only one of the two series is held.
-    let positions: Vec<_> = poses.iter().map(|p| measured(p, 0, |pose| pose.translation.vector)).collect();
-    let series = Series { t_s: &t_s, measured: &positions, prior_std: PRIOR_TRANSLATION };
+    let measured: Vec<_> =
+        poses.iter().map(|p| self::measured(p, 0, |pose| pose.translation.vector)).collect();
+    let series = Series { t_s: &t_s, measured, prior_std: PRIOR_TRANSLATION };
     let (translation, first_hz) = most_likely(&series, vouched).ok_or(failed.clone())?;
-    drop(positions);
-    let attitudes: Vec<_> = poses.iter().map(|p| measured(p, 3, |pose| pose.rotation)).collect();
-    let series = Series { t_s: &t_s, measured: &attitudes, prior_std: PRIOR_ROTATION };
+    let measured: Vec<_> = poses.iter().map(|p| self::measured(p, 3, |pose| pose.rotation)).collect();
+    let series = Series { t_s: &t_s, measured, prior_std: PRIOR_ROTATION };
     let (rotation, second_hz) = most_likely(&series, vouched).ok_or(failed)?;
     Ok(Likely { noise: MotionNoise { translation, rotation }, bandwidth_hz: (first_hz, second_hz) })
 }
@@ -100,7 +99,7 @@ struct Search<'a, P> {
 /// distinguished from motion. The factor is then one: the estimate is the same, its covariance is not.
 fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(JerkNoise, f64)> {
     let times: Vec<f64> =
-        series.t_s.iter().zip(series.measured).filter(|(_, m)| m.is_some()).map(|(t, _)| *t).collect();
+        series.t_s.iter().zip(&series.measured).filter(|(_, m)| m.is_some()).map(|(t, _)| *t).collect();
     let count = times.len() as f64;
     let search = Search {
         series,
@@ -124,13 +123,8 @@ fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(JerkN
     let slow = vouched && shown < 1.0 - SIGNIFICANT * (2.0 / sums.count as f64).sqrt();
     let factor = if slow { 1.0 } else { shown };
     let unit = search.noise(&best);
-    let noise = JerkNoise {
-        intensity: unit.intensity * factor,
-        variance_factor: factor,
-        correlated: unit.correlated * factor,
-        ..unit
-    };
-    Some((noise, best[0].exp()))
+    let (intensity, correlated) = (unit.intensity * factor, unit.correlated * factor);
+    Some((JerkNoise { intensity, variance_factor: factor, correlated, ..unit }, best[0].exp()))
 }
 
 impl<P: Place> Search<'_, P> {
@@ -168,11 +162,7 @@ impl<P: Place> Search<'_, P> {
         let mut cost = f64::INFINITY;
         for _ in 0..6 {
             for k in [1, 0, 2] {
-                let at = |x: f64| {
-                    let mut tried = best;
-                    tried[k] = x;
-                    self.cost(&tried)
-                };
+                let at = |x: f64| self.cost(&std::array::from_fn(|i| if i == k { x } else { best[i] }));
                 best[k] = least(at, ranges[k].0, ranges[k].1, COARSE_STEPS / 2);
             }
             let now = self.cost(&best);
@@ -185,32 +175,15 @@ impl<P: Place> Search<'_, P> {
     }
 }
 
-/// The least of a function of one variable: a grid, then golden sections of the bracket around its best
-/// point.
+/// The least of a function of one variable: a grid, then halved steps from its best point.
 fn least(cost: impl Fn(f64) -> f64, low: f64, high: f64, steps: usize) -> f64 {
-    let step = (high - low) / steps as f64;
-    let mut best = (low, f64::INFINITY);
-    for k in 0..=steps {
-        let x = low + step * k as f64;
-        let c = cost(x);
-        if c < best.1 {
-            best = (x, c);
-        }
+    let mut step = (high - low) / steps as f64;
+    let at = |x: f64| (cost(x), x);
+    let lower = |a: (f64, f64), b: (f64, f64)| if b.0 < a.0 { b } else { a };
+    let mut best = (0..=steps).map(|k| at(low + step * k as f64)).fold((f64::INFINITY, low), lower);
+    while step > 0.005 {
+        step *= 0.5;
+        best = lower(lower(best, at((best.1 - step).max(low))), at((best.1 + step).min(high)));
     }
-    let golden = (5f64.sqrt() - 1.0) / 2.0;
-    let (mut a, mut b) = ((best.0 - step).max(low), (best.0 + step).min(high));
-    let (mut x, mut y) = (b - golden * (b - a), a + golden * (b - a));
-    let (mut at_x, mut at_y) = (cost(x), cost(y));
-    while b - a > 0.01 {
-        if at_x < at_y {
-            (b, y, at_y) = (y, x, at_x);
-            x = b - golden * (b - a);
-            at_x = cost(x);
-        } else {
-            (a, x, at_x) = (x, y, at_y);
-            y = a + golden * (b - a);
-            at_y = cost(y);
-        }
-    }
-    0.5 * (a + b)
+    best.1
 }
