@@ -36,7 +36,8 @@ impl Associator {
         predicted: Option<&Belief>,
         wanted: impl Fn(usize) -> bool,
     ) -> Association {
-        let kept: Vec<usize> = (0..frame.seen.len()).filter(|k| wanted(*k)).collect();
+        let mut kept = Vec::with_capacity(frame.seen.len());
+        kept.extend((0..frame.seen.len()).filter(|k| wanted(*k)));
         let seen: Vec<TrackedDetection> = kept.iter().map(|k| frame.seen[*k]).collect();
         let own = Frame { seen: &seen, ..frame };
         let mut out = predicted.map_or_else(|| self.acquire(own), |p| self.follow(own, p));

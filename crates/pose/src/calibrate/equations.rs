@@ -80,8 +80,8 @@ impl<'a> Adjustment<'a> {
         }
         for ((model, camera), own) in self.models.iter().zip(&state.cameras).zip(&self.layout.cameras) {
             let Some(own) = own else { continue };
-            for prior in model.priors(camera) {
-                out.add_prior(own.first + prior.column - own.held, prior.residual, prior.slope);
+            for (prior, at) in model.priors(camera).iter().zip(own.first + 6 - own.held..) {
+                out.add_prior(at, prior.residual, prior.slope);
             }
         }
         for (row, at) in self.layout.points.iter().enumerate() {

@@ -60,20 +60,17 @@ pub(crate) struct Update {
 
 /// H, the part of the error state that a measured pose observes: its place, and the correlated error of that.
 fn observation() -> SMatrix<f64, 6, STATE> {
-    let mut out = SMatrix::zeros();
-    for i in 0..6 {
-        let at = if i < 3 { i } else { CHAIN + i - 3 };
-        (out[(i, at)], out[(i, at + CORRELATED)]) = (1.0, 1.0);
-    }
-    out
+    SMatrix::from_fn(|i, j| {
+        let at = CHAIN * (i / 3) + i % 3;
+        if j == at || j == at + CORRELATED { 1.0 } else { 0.0 }
+    })
 }
 
 /// The covariance of the random errors of a measurement, position and attitude each by its factor.
 pub(crate) fn new_noise(estimate: &PoseEstimate, noise: &MotionNoise) -> Matrix6<f64> {
-    let own = estimate.own_covariance();
     let (t, r) = (noise.translation.variance_factor.sqrt(), noise.rotation.variance_factor.sqrt());
     let scale = Vector6::new(t, t, t, r, r, r);
-    Matrix6::from_fn(|i, j| own[(i, j)] * scale[i] * scale[j])
+    estimate.own_covariance().component_mul(&(scale * scale.transpose()))
 }
 
 impl Joint {
@@ -92,9 +89,10 @@ impl Joint {
         }
         let mut effects = Effects::zeros(columns);
         for c in 0..first.systematic_columns() {
-            effects.set_column(c, &observation().tr_mul(&first.systematic_column(c)));
-            effects.fixed_view_mut::<3, 1>(CORRELATED, c).fill(0.0);
-            effects.fixed_view_mut::<3, 1>(CHAIN + CORRELATED, c).fill(0.0);
+            let known = first.systematic_column(c);
+            for i in 0..2 {
+                effects.fixed_view_mut::<3, 1>(CHAIN * i, c).copy_from(&known.fixed_rows::<3>(3 * i));
+            }
         }
         Self {
             translation: Integrator::at(pose.translation.vector),
@@ -129,10 +127,9 @@ impl Joint {
         out: &mut Update,
     ) -> Option<()> {
         let pose = &seen.world_from_body;
-        out.innovation
-            .fixed_rows_mut::<3>(0)
-            .copy_from(&self.translation.innovation(&pose.translation.vector));
-        out.innovation.fixed_rows_mut::<3>(3).copy_from(&self.rotation.innovation(&pose.rotation));
+        let shift = self.translation.innovation(&pose.translation.vector);
+        let turn = self.rotation.innovation(&pose.rotation);
+        out.innovation = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
         let h = observation();
         let rows = h * self.covariance;
         let s = new_noise(seen, noise) + rows * h.transpose();
@@ -174,15 +171,16 @@ impl Joint {
         let velocity = body_from_world * translation.rate;
         let force = body_from_world * (translation.acceleration + Vector3::z() * gravity_m_s2);
         let mut jacobian = SMatrix::<f64, 18, STATE>::zeros();
+        let unit = Matrix3::identity();
         let blocks: [(usize, usize, Matrix3<f64>); 8] = [
-            (0, 0, Matrix3::identity()),
-            (3, CHAIN, Matrix3::identity()),
+            (0, 0, unit),
+            (3, CHAIN, unit),
             (6, 3, body_from_world),
             (6, CHAIN, velocity.cross_matrix()),
-            (9, CHAIN + 3, Matrix3::identity()),
+            (9, CHAIN + 3, unit),
             (12, 6, body_from_world),
             (12, CHAIN, force.cross_matrix()),
-            (15, CHAIN + 6, Matrix3::identity()),
+            (15, CHAIN + 6, unit),
         ];
         for (row, column, block) in blocks {
             jacobian.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
