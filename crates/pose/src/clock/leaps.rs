@@ -15,7 +15,7 @@ impl Problem<'_> {
     /// next to a leap have none (leverage points, Rousseeuw & Leroy 1987).
     pub(super) fn leave_out_leaps(&mut self, clocks: &[CameraClock]) {
         let paths = self.paths(clocks);
-        let all: Vec<usize> = (0..self.cameras.len()).collect();
+        let all: Vec<usize> = (0..self.streams.len()).collect();
         let apart_s = self.streams.iter().map(|s| s.interval_s).fold(f64::INFINITY, f64::min);
         let (mut views, mut beside) = (Vec::new(), Vec::new());
         // Of each view: which it is, its speed, and that of the pose.
@@ -37,7 +37,7 @@ impl Problem<'_> {
                 speeds.push(((v.seen.camera, v.seen.point, v.index), v.velocity.px_s.norm(), of_pose));
             }
         }
-        for camera in 0..self.cameras.len() {
+        for camera in all {
             let own = || speeds.iter().filter(|s| s.0.0 == camera);
             let mut usual: Vec<f64> = own().map(|s| s.2).collect();
             usual.sort_by(f64::total_cmp);

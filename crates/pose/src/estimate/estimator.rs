@@ -67,7 +67,7 @@ impl PoseEstimator {
         Ok(out)
     }
 
-    pub(super) fn scene(&self) -> Scene<'_> {
+    pub(crate) fn scene(&self) -> Scene<'_> {
         Scene { cameras: &self.cameras, points: &self.markers }
     }
 

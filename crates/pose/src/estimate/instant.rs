@@ -31,16 +31,24 @@ impl PoseEstimator {
         observations: &[MarkerObservation],
         previous: Option<&Isometry3<f64>>,
     ) -> Result<PoseEstimate, PoseError> {
-        let views = self.views(observations.iter().filter(|o| o.t_ns == t_ns))?;
+        self.estimate_views(&self.views(observations.iter().filter(|o| o.t_ns == t_ns))?, previous)
+    }
+
+    /// [`Self::estimate`] of observations without the constant errors of their centres.
+    pub(crate) fn estimate_views(
+        &self,
+        views: &[PointObservation],
+        previous: Option<&Isometry3<f64>>,
+    ) -> Result<PoseEstimate, PoseError> {
         let mut used: MarkerSet = views.iter().map(|s| s.point).collect();
         let all = used;
-        let mut fit = self.solve(&views, used, previous);
+        let mut fit = self.solve(views, used, previous);
         while used.len() > 3 {
-            let Some((drop, without)) = self.disagreeing(&views, used, &fit, previous) else { break };
+            let Some((drop, without)) = self.disagreeing(views, used, &fit, previous) else { break };
             used = used.without(drop);
             fit = Ok(without);
         }
-        let own = of_markers(&views, used);
+        let own = of_markers(views, used);
         let fit = self.bounded_from(&own, fit?);
         self.refuse_misfit(&fit, used)?;
         let residual_px = fit.residual_px();
