@@ -1,7 +1,6 @@
 //! Clocks of cameras that were not started together: how late, how fast, and how slowly their rows are read.
 
 mod equations;
-mod leaps;
 mod path;
 mod search;
 #[cfg(test)]

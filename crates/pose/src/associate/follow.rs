@@ -1,9 +1,9 @@
 //! The association of one instant: near a predicted pose, and otherwise by all that the detections support.
 
 use super::associator::{Association, Associator, DECISIVE_LOG_ODDS, refused};
-use super::belief::Belief;
 use super::frame::{Frame, Pairs};
-use super::noise::LEAST_DEGREES;
+use super::history::Belief;
+use super::history::LEAST_DEGREES;
 use crate::{PoseError, PoseEstimate, PoseSample, TrackedDetection};
 
 /// Twice the logarithm of the odds, 99 to 1, below which a ball that two markers claim is left to neither.

@@ -1,10 +1,10 @@
 //! Cameras that no longer stand as they were calibrated.
 
 use super::associator::{Association, Associator, DECISIVE_LOG_ODDS};
-use super::belief::Belief;
 use super::frame::Frame;
-use super::moved_camera::MovedCamera;
-use super::noise::LEAST_DEGREES;
+use super::history::Belief;
+use super::history::LEAST_DEGREES;
+use super::history::MovedCamera;
 use crate::TrackedDetection;
 use mavsight_geometry::{Matrix2, Vector2};
 use nalgebra::Matrix2x6;

@@ -1,9 +1,9 @@
 //! Bundle adjustment of all cameras and of the surveyed points that are not exact.
 
+use super::equations::Factored;
 use super::equations::{Adjustment, Equations};
 use super::layout::{Layout, State};
 use super::model::CameraModel;
-use super::normal::Factored;
 use super::problem::{Data, Problem};
 use crate::reprojection::PointObservation;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Vector2};

@@ -1,6 +1,8 @@
-//! A measured pose, in as few bytes as say it: an hour of film has a hundred thousand.
+//! The body, predictions for planning, and a measured pose in as few bytes as say it: an hour of film has a
+//! hundred thousand.
 
-use mavsight_geometry::{Isometry3, Matrix6};
+use crate::PoseError;
+use mavsight_geometry::{Isometry3, Matrix2, Matrix6, Vector3};
 use nalgebra::{Matrix6xX, Vector6};
 
 /// Some of a body's markers.
@@ -167,6 +169,37 @@ impl PoseEstimate {
         let root = rows.qr().r().transpose().map(|v| v as f32);
         Self { systematic: root.as_slice().into(), is_condensed: true, ..self }
     }
+}
+
+/// A ball on the body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BodyMarker {
+    /// Its name in messages.
+    pub name: String,
+    /// Centre of the ball, body axes.
+    pub marker_in_body_m: Vector3<f64>,
+    /// Radius of the ball; 0 for a point.
+    pub radius_m: f64,
+}
+
+/// The prediction of an observation, for planning.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PredictedObservation {
+    /// Index of the camera in the rig.
+    pub camera: usize,
+    /// Index of the marker on the body.
+    pub marker: usize,
+    /// Covariance that the centre of its image will have.
+    pub covariance_px2: Matrix2<f64>,
+}
+
+/// One instant: a pose, or why there is none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PoseSample {
+    /// Middle of the exposure.
+    pub t_ns: i64,
+    /// The pose, or why there is none.
+    pub estimate: Result<PoseEstimate, PoseError>,
 }
 
 #[cfg(test)]
