@@ -37,7 +37,10 @@ impl Associator {
             let alike = |c: &&TrackedDetection| c.camera == candidate.camera && c.color == candidate.color;
             let rivals = frame.seen.iter().filter(alike).count() as f64;
             let area_px2 = self.cameras[candidate.camera].size.area_px() as f64;
-            evidence[*marker].add(&expected, candidate, &factor, &ByChance { rivals, area_px2 });
+            let of_marker = &mut evidence[*marker];
+            of_marker.rivals = of_marker.rivals.max(rivals);
+            of_marker.log_in_images += (rivals / area_px2).ln();
+            of_marker.add(&expected, candidate.pixel - expected.pixel, &factor);
         }
         let n: usize = evidence.iter().map(|t| t.detections).sum();
         if n < 3 {
@@ -58,12 +61,6 @@ impl Associator {
     }
 }
 
-/// Detections of a marker's colour that one camera has by chance: their number, and the area of its image.
-struct ByChance {
-    rivals: f64,
-    area_px2: f64,
-}
-
 /// The detections of one marker, as its own and as those of anything else.
 #[derive(Debug, Clone, Default)]
 struct MarkerEvidence {
@@ -79,20 +76,11 @@ struct MarkerEvidence {
 }
 
 impl MarkerEvidence {
-    fn add(
-        &mut self,
-        expected: &Expected,
-        candidate: &TrackedDetection,
-        factor: &Cholesky<f64, Const<2>>,
-        chance: &ByChance,
-    ) {
-        let error = candidate.pixel - expected.pixel;
+    fn add(&mut self, expected: &Expected, error: Vector2<f64>, factor: &Cholesky<f64, Const<2>>) {
         let weighted = factor.solve(&error);
         self.detections += 1;
-        self.rivals = self.rivals.max(chance.rivals);
         self.square += error.dot(&weighted);
         self.log_spread += (2.0 * PI * factor.determinant().sqrt()).ln();
-        self.log_in_images += (chance.rivals / chance.area_px2).ln();
         self.normal += expected.by_point.transpose() * factor.solve(&expected.by_point);
         self.gradient += expected.by_point.transpose() * weighted;
     }
@@ -116,7 +104,7 @@ impl MarkerEvidence {
 pub(super) struct Expected {
     pub(super) pixel: Vector2<f64>,
     pub(super) jacobian: Matrix2x6<f64>,
-    pub(super) by_point: Matrix2x3<f64>,
+    by_point: Matrix2x3<f64>,
     pub(super) diameter_px: f64,
 }
 

@@ -87,30 +87,30 @@ impl Problem {
                     return Err(PoseError::ControlLengths { camera, points, what, given });
                 }
             }
-            for (k, point) in control.points.iter().enumerate() {
-                let row = out.row_of(Surveyed {
-                    name: point.name.clone(),
-                    in_world_m: point.point_in_world_m,
-                    std_m: control.survey_std_m[k],
-                    radius_m: control.ball_radius_m[k],
-                });
-                let observation = observation(point, camera, row, &out.points[row]);
-                let named = |source| PoseError::Calibration { camera: name.clone(), source };
-                out.observations.push(observation.map_err(named)?);
+            let sizes = control.survey_std_m.iter().zip(&control.ball_radius_m);
+            for (point, (std_m, radius_m)) in control.points.iter().zip(sizes) {
+                let refused = |what| {
+                    let source = GeometryError::NotFinite { what };
+                    PoseError::Calibration { camera: name.clone(), source }
+                };
+                let place = &point.point_in_world_m;
+                let is_number = place.iter().chain([radius_m, std_m]).all(|x| x.is_finite());
+                if !is_number || *radius_m < 0.0 || *std_m < 0.0 {
+                    return Err(refused("a control point, its radius or its standard deviation"));
+                }
+                let row = out.row_of(&point.name, *place, *std_m, *radius_m);
+                let seen = PointObservation::new(camera, row, point.pixel, point.pixel_cov_px2);
+                out.observations
+                    .push(seen.ok_or_else(|| refused("a control pixel or the inverse of its covariance"))?);
             }
         }
         Ok(out)
     }
 
-    fn row_of(&mut self, point: Surveyed) -> usize {
-        let same = |p: &Surveyed| {
-            !p.name.is_empty()
-                && p.name == point.name
-                && p.in_world_m == point.in_world_m
-                && p.radius_m == point.radius_m
-        };
-        self.points.iter().position(same).unwrap_or_else(|| {
-            self.points.push(point);
+    fn row_of(&mut self, name: &str, in_world_m: Vector3<f64>, std_m: f64, radius_m: f64) -> usize {
+        let is_same = |p: &Surveyed| p.name == name && p.in_world_m == in_world_m && p.radius_m == radius_m;
+        self.points.iter().position(is_same).filter(|_| !name.is_empty()).unwrap_or_else(|| {
+            self.points.push(Surveyed { name: name.to_owned(), in_world_m, std_m, radius_m });
             self.points.len() - 1
         })
     }
@@ -138,20 +138,4 @@ impl Problem {
         let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
         PoseError::Calibration { camera: self.names.join(", "), source }
     }
-}
-
-fn observation(
-    point: &ControlPoint,
-    camera: usize,
-    row: usize,
-    surveyed: &Surveyed,
-) -> Result<PointObservation, GeometryError> {
-    let Surveyed { in_world_m, std_m, radius_m, .. } = surveyed;
-    let numbers = in_world_m.iter().chain(point.pixel.iter()).chain(point.pixel_cov_px2.iter());
-    if !numbers.chain([radius_m, std_m]).all(|x| x.is_finite()) || *radius_m < 0.0 || *std_m < 0.0 {
-        let what = "a control point, its radius or its standard deviation";
-        return Err(GeometryError::NotFinite { what });
-    }
-    PointObservation::new(camera, row, point.pixel, point.pixel_cov_px2)
-        .ok_or(GeometryError::NotFinite { what: "the inverse of a control pixel's covariance" })
 }

@@ -107,16 +107,18 @@ impl Joint {
         let (translation, first) = self.translation.predicted(dt_s, &noise.translation);
         let (rotation, second) = self.rotation.predicted(dt_s, &noise.rotation);
         (self.translation, self.rotation) = (translation, rotation);
+        let transitions = [first, second];
+        let forward = |columns: &mut [f64]| {
+            transitions.iter().zip([0, CHAIN]).for_each(|(t, at)| t.forward(columns, STATE, at));
+        };
         for _ in 0..2 {
-            first.forward(self.covariance.as_mut_slice(), STATE, 0);
-            second.forward(self.covariance.as_mut_slice(), STATE, CHAIN);
+            forward(self.covariance.as_mut_slice());
             self.covariance.transpose_mut();
         }
         add_process_noise(self.covariance.as_mut_slice(), STATE, 0, dt_s, &noise.translation);
         add_process_noise(self.covariance.as_mut_slice(), STATE, CHAIN, dt_s, &noise.rotation);
-        first.forward(self.effects.as_mut_slice(), STATE, 0);
-        second.forward(self.effects.as_mut_slice(), STATE, CHAIN);
-        [first, second]
+        forward(self.effects.as_mut_slice());
+        transitions
     }
 
     /// Updates the state by a pose (Joseph's form, expanded). `None` where the arithmetic fails.
@@ -241,14 +243,13 @@ impl Adjoint {
     }
 
     pub(crate) fn before_predict(&mut self, transitions: &[Transition; 2]) {
-        let [first, second] = transitions;
-        first.backward(self.vector.as_mut_slice(), STATE, 0);
-        second.backward(self.vector.as_mut_slice(), STATE, CHAIN);
-        first.backward(self.effects.as_mut_slice(), STATE, 0);
-        second.backward(self.effects.as_mut_slice(), STATE, CHAIN);
+        let backward = |columns: &mut [f64]| {
+            transitions.iter().zip([0, CHAIN]).for_each(|(t, at)| t.backward(columns, STATE, at));
+        };
+        backward(self.vector.as_mut_slice());
+        backward(self.effects.as_mut_slice());
         for _ in 0..2 {
-            first.backward(self.information.as_mut_slice(), STATE, 0);
-            second.backward(self.information.as_mut_slice(), STATE, CHAIN);
+            backward(self.information.as_mut_slice());
             self.information.transpose_mut();
         }
     }
