@@ -156,8 +156,8 @@ impl Fit {
         let mut out = ObjectResiduals::default();
         for (k, object) in problem.moved.iter().enumerate() {
             let shared = object.shared(&self.state.cameras, self.state.scales[k]);
-            for (place, pose) in object.observations.iter().zip(&self.state.poses[k]) {
-                for o in place.iter().filter(|o| o.camera == camera) {
+            for (place, pose) in object.places.iter().zip(&self.state.poses[k]) {
+                for o in place.observations.iter().filter(|o| o.camera == camera) {
                     let Some(residual_px) = shared.residual_px(o, pose) else { continue };
                     out.squares_px2 += residual_px.norm_squared();
                     out.observations += 1.0;

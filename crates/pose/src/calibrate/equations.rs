@@ -3,7 +3,7 @@
 use super::layout::{Layout, State};
 use super::model::CameraModel;
 use super::problem::Data;
-use crate::moving::Reduced;
+use crate::moving::{Instant, Reduced};
 use mavsight_geometry::Vector2;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -98,7 +98,7 @@ impl<'a> Adjustment<'a> {
         let object = &self.data.problem.moved[k];
         let shared = object.shared(&state.cameras, state.scales[k]);
         let mut reduced = Reduced::new(shared.rows());
-        for (observations, pose) in object.observations.iter().zip(&mut state.poses[k]) {
+        for (Instant { observations, .. }, pose) in object.places.iter().zip(&mut state.poses[k]) {
             *pose = shared.best_pose(observations, pose, factor)?;
             reduced.add(&shared, observations, pose, factor)?;
         }

@@ -41,7 +41,11 @@ impl State {
         Self {
             cameras: cameras.to_vec(),
             places: problem.points.iter().map(|p| p.in_world_m).collect(),
-            poses: problem.moved.iter().map(|m| m.start.clone()).collect(),
+            poses: problem
+                .moved
+                .iter()
+                .map(|m| m.places.iter().map(|p| p.world_from_body).collect())
+                .collect(),
             scales: vec![1.0; problem.moved.len()],
         }
     }

@@ -2,7 +2,7 @@
 //! wand's length.
 
 use super::moved::Moved;
-use crate::reprojection::PointObservation;
+use crate::moving::Instant;
 use crate::statistics::median;
 use mavsight_geometry::attitude::rotation_of;
 use mavsight_geometry::{
@@ -65,12 +65,14 @@ pub(super) fn pairs(wand: &Moved, (a, b): (usize, usize), sizes: &[ImageSize]) -
 
 /// Both balls in both cameras, by place.
 pub(super) fn seen_by_both(wand: &Moved, (a, b): (usize, usize)) -> Vec<[Match; 2]> {
-    let place = |own: &Vec<PointObservation>| {
-        let of = |camera, point| own.iter().find(|o| o.camera == camera && o.point == point).map(|o| o.pixel);
+    let place = |Instant { observations, .. }: &Instant| {
+        let of = |camera, point| {
+            observations.iter().find(|o| o.camera == camera && o.point == point).map(|o| o.pixel)
+        };
         let ball = |p| Some((of(a, p)?, of(b, p)?));
         Some([ball(0)?, ball(1)?])
     };
-    wand.observations.iter().filter_map(place).collect()
+    wand.places.iter().filter_map(place).collect()
 }
 
 /// The fundamental matrix by the normalised eight-point method (Hartley 1997), with matches that disagree

@@ -127,7 +127,7 @@ impl Problem {
 
     /// Mean of the places of points and of moved objects.
     pub(super) fn middle_m(&self) -> Vector3<f64> {
-        let moved = self.moved.iter().flat_map(|m| m.start.iter().map(|pose| pose.translation.vector));
+        let moved = self.moved.iter().flat_map(|m| &m.places).map(|p| p.world_from_body.translation.vector);
         let all = self.points.iter().map(|p| p.in_world_m).chain(moved);
         let (sum, n) = all.fold((Vector3::zeros(), 0.0), |(sum, n), p| (sum + p, n + 1.0));
         sum / f64::max(n, 1.0)
