@@ -85,7 +85,7 @@ impl Shared {
 }
 
 /// Normal equations of what is shared, with the poses at their minima and eliminated.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub(crate) struct Reduced {
     pub(crate) normal: DMatrix<f64>,
     pub(crate) gradient: DVector<f64>,
@@ -107,16 +107,7 @@ pub(crate) struct Elimination {
 
 impl Reduced {
     pub(crate) fn new(rows: usize) -> Self {
-        Self {
-            normal: DMatrix::zeros(rows, rows),
-            gradient: DVector::zeros(rows),
-            squares: 0.0,
-            loss: 0.0,
-            weighted: 0.0,
-            coordinates: 0,
-            instants: 0,
-            log_determinant: 0.0,
-        }
+        Self { normal: DMatrix::zeros(rows, rows), gradient: DVector::zeros(rows), ..Default::default() }
     }
 
     /// Adds an instant, whose pose is at its minimum; `factor` as in [`Shared::best_pose`].

@@ -165,11 +165,8 @@ impl Search<'_> {
 
     /// All choices that differ in one ball.
     fn neighbours(&self, choice: &Choice) -> Vec<(usize, Option<usize>)> {
-        let options = |i: usize| (0..self.candidates[i].len()).map(Some).chain([None]);
-        (0..choice.len())
-            .flat_map(|i| options(i).map(move |o| (i, o)))
-            .filter(|(i, o)| choice[*i] != *o)
-            .collect()
+        let options = |i: usize| (0..self.candidates[i].len()).map(Some).chain([None]).map(move |o| (i, o));
+        (0..choice.len()).flat_map(options).filter(|(i, o)| choice[*i] != *o).collect()
     }
 
     fn run(&self, top: &Choice) -> Option<Judged> {
@@ -191,9 +188,8 @@ impl Search<'_> {
                 return Some(best);
             }
         }
-        let climbed: Vec<Judged> =
-            seen.iter().take(CLIMBS).map(|start| self.climb(start.clone(), top)).collect();
-        seen.extend(climbed);
+        let starts: Vec<Judged> = seen.iter().take(CLIMBS).cloned().collect();
+        seen.extend(starts.into_iter().map(|start| self.climb(start, top)));
         self.best(&mut seen)
     }
 
@@ -205,13 +201,11 @@ impl Search<'_> {
 
     fn climb(&self, mut now: Judged, top: &Choice) -> Judged {
         for _ in 0..CLIMB_STEPS {
-            let changes = self.neighbours(&now.choice);
-            let mut around: Vec<Judged> =
-                changes.iter().filter_map(|change| self.judge(changed(&now.choice, *change), top)).collect();
-            match self.best(&mut around) {
-                Some(next) if next.cost < now.cost => now = next,
-                _ => break,
-            }
+            let around = self.neighbours(&now.choice).into_iter();
+            let mut around: Vec<_> =
+                around.filter_map(|change| self.judge(changed(&now.choice, change), top)).collect();
+            let Some(next) = self.best(&mut around).filter(|next| next.cost < now.cost) else { break };
+            now = next;
         }
         now
     }
@@ -241,14 +235,11 @@ impl Search<'_> {
                 _ => true,
             }
         };
-        let found = top.iter().flatten().count();
-        let disagreeing: Vec<usize> = (0..top.len()).filter(|i| top[*i].is_some()).filter(misses).collect();
-        PoseError::InconsistentControlBalls {
-            agreeing: found - disagreeing.len(),
-            found,
-            disagreeing: self.listed(disagreeing.into_iter()),
-            gate_px: self.gate_px,
-        }
+        let (found, gate_px) = (top.iter().flatten().count(), self.gate_px);
+        let missing: Vec<usize> = (0..top.len()).filter(|i| top[*i].is_some()).filter(misses).collect();
+        let agreeing = found - missing.len();
+        let disagreeing = self.listed(missing.into_iter());
+        PoseError::InconsistentControlBalls { agreeing, found, disagreeing, gate_px }
     }
 }
 

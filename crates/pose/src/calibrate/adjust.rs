@@ -105,11 +105,12 @@ impl Adjustment<'_> {
             let next = self
                 .equations(&mut tried, factor)
                 .filter(|e| e.squares / factor + e.prior <= cost * (1.0 + 1e-12) + 1e-12);
-            if let Some(next) = next {
-                (*state, now) = (tried, next);
-                damping = if damping < 1e-9 { 0.0 } else { damping * 0.1 };
-            } else {
-                damping = if damping == 0.0 { 1e-4 } else { damping * 10.0 };
+            match next {
+                Some(next) => {
+                    (*state, now) = (tried, next);
+                    damping *= 0.1;
+                }
+                None => damping = f64::max(1e-4, damping * 10.0),
             }
             if decrement < 1e-7 {
                 break;

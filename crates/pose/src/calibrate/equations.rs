@@ -14,6 +14,7 @@ pub(super) struct Adjustment<'a> {
 }
 
 /// The equations, and the terms of the evidence.
+#[derive(Default)]
 pub(super) struct Equations {
     pub(super) normal: DMatrix<f64>,
     pub(super) gradient: DVector<f64>,
@@ -58,12 +59,9 @@ impl<'a> Adjustment<'a> {
         let mut out = Equations {
             normal: DMatrix::zeros(size, size),
             gradient: DVector::zeros(size),
-            squares: 0.0,
-            prior: 0.0,
             prior_weight: DVector::zeros(size),
             coordinates: 2 * self.data.choice.used().count(),
-            pose_parameters: 0,
-            log_poses: 0.0,
+            ..Default::default()
         };
         for k in 0..self.data.problem.moved.len() {
             self.add_moved(k, state, factor, &mut out)?;

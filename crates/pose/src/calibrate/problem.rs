@@ -15,7 +15,7 @@ pub(super) struct Surveyed {
     pub(super) radius_m: f64,
 }
 
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub(super) struct Problem {
     pub(super) names: Vec<String>,
     pub(super) sizes: Vec<ImageSize>,
@@ -73,11 +73,7 @@ impl Problem {
         let mut out = Self {
             names: controls.iter().map(|c| c.name.clone()).collect(),
             sizes: controls.iter().map(|c| c.size).collect(),
-            points: vec![],
-            observations: vec![],
-            moved: vec![],
-            held: None,
-            start: None,
+            ..Default::default()
         };
         for (camera, control) in controls.iter().enumerate() {
             let (name, points) = (&control.name, control.points.len());

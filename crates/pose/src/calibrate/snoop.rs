@@ -111,10 +111,6 @@ fn groups(Data { problem, choice }: Data) -> Vec<(Suspicion, Vec<usize>)> {
     out
 }
 
-fn level(tests: usize) -> f64 {
-    FALSE_ALARM / tests.max(1) as f64
-}
-
 /// Whether a group disagrees with the others of a fit at a level of probability.
 fn is_beyond(fit: &Fit, data: Data, group: &[usize], level: f64) -> bool {
     fit.disagreement(data, group).is_some_and(|d| d.probability < level)
@@ -124,16 +120,15 @@ fn is_beyond(fit: &Fit, data: Data, group: &[usize], level: f64) -> bool {
 /// disagreement.
 fn is_doubtful(data: Data, chosen: &Chosen, start: Option<&[Camera]>) -> bool {
     let groups = groups(data);
-    let level = level(groups.len());
+    let level = FALSE_ALARM / groups.len().max(1) as f64;
     let beyond = |fit: &Fit| {
         fit.variance_factor > MASKED
             || refuse_gross(data, fit).is_err()
             || groups.iter().any(|(_, group)| is_beyond(fit, data, group, level))
     };
     let least = vec![CameraModel::PINHOLE; data.problem.sizes.len()];
-    beyond(&chosen.best)
-        || (chosen.best.models != least
-            && start.and_then(|s| adjust(data, &least, s)).is_some_and(|fit| beyond(&fit)))
+    let start = start.filter(|_| chosen.best.models != least);
+    beyond(&chosen.best) || start.and_then(|s| adjust(data, &least, s)).is_some_and(|fit| beyond(&fit))
 }
 
 /// The best explanation of what disagrees, if one is needed and stands out.
@@ -141,7 +136,7 @@ fn explain(data: Data, now: Option<&Chosen>) -> Result<Option<Explanation>, Pose
     let Data { problem, choice } = data;
     let ahead = now.map_or(f64::NEG_INFINITY, |c| c.best.log_evidence);
     let groups = groups(data);
-    let level = level(groups.len());
+    let level = FALSE_ALARM / groups.len().max(1) as f64;
     let mut found: Vec<Explanation> = Vec::new();
     let mut needed: Vec<Suspicion> = Vec::new();
     for (suspicion, group) in most_suspect(data, groups, now.map(|c| &c.best)) {

@@ -44,6 +44,7 @@ impl View {
     }
 }
 
+#[derive(Default)]
 pub(super) struct Sums {
     /// Of unknowns, then of the centres' systematic errors.
     pub(super) normal: DMatrix<f64>,
@@ -170,11 +171,9 @@ impl<'a> Problem<'a> {
             gradient: DVector::zeros(size),
             blocks: vec![DVector::zeros(size); BLOCKS],
             by_noise: vec![0.0; unknowns.len()],
-            factors: Vec::new(),
             poses: self.poses.clone(),
-            instants: 0,
-            misfit: 0.0,
             by_camera: vec![CameraSums::default(); self.streams.len()],
+            ..Default::default()
         };
         let mut views = Vec::new();
         for k in (0..self.instants.len()).step_by(stride) {

@@ -98,10 +98,8 @@ impl PoseEstimator {
         let size_m = self.size_m(used);
         for start in &starts {
             let Ok(found) = self.descend(own, start) else { continue };
-            let known = minima
-                .iter()
-                .any(|m| self.apart_m(used, &m.world_from_body, &found.world_from_body) < SAME_POSE * size_m);
-            if !known {
+            let apart_m = |m: &PoseFit| self.apart_m(used, &m.world_from_body, &found.world_from_body);
+            if minima.iter().all(|m| apart_m(m) >= SAME_POSE * size_m) {
                 minima.push(found);
             }
         }
@@ -131,18 +129,14 @@ impl PoseEstimator {
     /// body.
     fn three_point_poses(&self, view: &[PointObservation]) -> Vec<Isometry3<f64>> {
         let place = |s: &PointObservation| self.markers[s.point].marker_in_body_m;
-        let mut best: (f64, Option<[&PointObservation; 3]>) = (0.0, None);
-        for (i, a) in view.iter().enumerate() {
-            for (j, b) in view.iter().enumerate().skip(i + 1) {
-                for c in view.iter().skip(j + 1) {
-                    let area = (place(b) - place(a)).cross(&(place(c) - place(a))).norm();
-                    if area > best.0 {
-                        best = (area, Some([a, b, c]));
-                    }
-                }
-            }
-        }
-        let Some(three) = best.1 else { return Vec::new() };
+        let n = view.len();
+        let all = (0..n).flat_map(|i| (i + 1..n).flat_map(move |j| (j + 1..n).map(move |k| [i, j, k])));
+        let area = |t: &[usize; 3]| {
+            let [a, b, c] = t.map(|i| place(&view[i]));
+            (b - a).cross(&(c - a)).norm()
+        };
+        let largest = all.reduce(|a, b| if area(&b) > area(&a) { b } else { a }).filter(|t| area(t) > 0.0);
+        let Some(three) = largest.map(|t| t.map(|i| &view[i])) else { return Vec::new() };
         let camera = &self.cameras[three[0].camera];
         let rays = three.map(|s| camera.ray(&s.pixel));
         let [Ok(a), Ok(b), Ok(c)] = rays else { return Vec::new() };
@@ -197,16 +191,13 @@ pub(super) fn distances(rays: &[Vector3<f64>; 3], points: &[Vector3<f64>; 3]) ->
         4.0 * (k * (1.0 - k) * cb - (1.0 - sum) * ca * cg + 2.0 * c2 / b2 * ca * ca * cb),
         (k - 1.0).powi(2) - 4.0 * c2 / b2 * ca * ca,
     ];
-    let mut out = Vec::with_capacity(4);
-    for v in real_roots(&quartic) {
+    let of_root = |v: f64| {
         let first = (b2 / (1.0 + v * v - 2.0 * v * cb)).sqrt();
         let u = ((k - 1.0) * v * v - 2.0 * k * cb * v + 1.0 + k) / (2.0 * (cg - v * ca));
-        let found = [first, u * first, v * first];
-        if found.iter().all(|s| s.is_finite() && *s > 0.0) {
-            out.push(found);
-        }
-    }
-    out
+        [first, u * first, v * first]
+    };
+    let is_distance = |s: &f64| s.is_finite() && *s > 0.0;
+    real_roots(&quartic).into_iter().map(of_root).filter(|found| found.iter().all(is_distance)).collect()
 }
 
 /// Real parts of the roots of a quartic, lowest coefficient first.
@@ -217,13 +208,10 @@ fn real_roots(quartic: &[f64; 5]) -> Vec<f64> {
     if !largest.is_finite() || largest == 0.0 {
         return Vec::new();
     }
-    let mut companion = Matrix4::zeros();
-    for i in 0..4 {
-        companion[(i, 3)] = -quartic[i] / lead;
-        if i > 0 {
-            companion[(i, i - 1)] = 1.0;
-        }
-    }
+    let companion = Matrix4::from_fn(|i, j| match j {
+        3 => -quartic[i] / lead,
+        _ => f64::from(u8::from(i == j + 1)),
+    });
     companion.complex_eigenvalues().iter().map(|root| root.re).collect()
 }
 
