@@ -15,8 +15,7 @@ mod systematic;
 
 pub use flight::{FlightPrior, RefinedFlight};
 
-/// Part of a given systematic variance that is constant over the flight; the rest changes every second. All
-/// of it constant would make the cameras too certain where it is not.
+/// Constant part of a given systematic variance; all of it would make the cameras too certain.
 const CONSTANT_SHARE: f64 = 0.5;
 
 /// Gauss-Newton steps; millimetres in metres converge in three or four.
@@ -80,8 +79,7 @@ pub fn refine_flight(
     bundle.refined(&found)
 }
 
-/// The change of each parameter: a column for each direction of the rig's uncertainty, then one for each
-/// coordinate of each marker, then one for each coordinate of each centre.
+/// Parameters by directions: those of the rig's uncertainty, each marker's and each centre's coordinates.
 fn directions(shared: &Shared, rig: &Rig) -> DMatrix<f64> {
     let (rows, first) = (shared.rows(), shared.first_point());
     let of_rig = if rig.uncertainty.nrows() == first { rig.uncertainty.ncols() } else { 0 };
@@ -261,8 +259,7 @@ impl Bundle<'_> {
         rig
     }
 
-    /// Largest angle between the attitude of one frame and that of another, found from both ends: the frame
-    /// farthest from the first, and the one farthest from that.
+    /// Largest angle between two frames' attitudes, sought from the one farthest from the first.
     fn turned_rad(&self) -> f64 {
         let turns = || self.instants.iter().flatten().map(|i| i.world_from_body.rotation);
         let farthest = |from: UnitQuaternion<f64>| {

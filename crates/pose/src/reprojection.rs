@@ -69,8 +69,7 @@ impl PointObservation {
     }
 }
 
-/// The square of the length of a whitened residual beyond which its influence is bounded, under a factor on
-/// the stated covariances.
+/// Square of the length beyond which a residual's influence is bounded, under a factor on covariances.
 pub(crate) fn bound2(factor: f64) -> f64 {
     HUBER_BOUND * HUBER_BOUND * factor
 }

@@ -7,15 +7,13 @@ use crate::PoseError;
 use mavsight_geometry::{ControlPoint, Dlt, GeometryError, ImageSize, Matrix2, Vector2, Vector3};
 
 const CANDIDATES: usize = 4;
-/// A-priori error of a ball's centre, and its weight in degrees of freedom: keeps a lucky fit of few points
-/// from looking better than a good one of many.
+/// A-priori error of a ball's centre, and its weight in degrees of freedom against lucky fits.
 const APRIORI_STD_PX: f64 = 0.5;
 const APRIORI_WEIGHT: f64 = 4.0;
 /// Choices from which the search climbs on when [`MAX_CHANGES`] do not suffice, and its steps from each.
 const CLIMBS: usize = 12;
 const CLIMB_STEPS: usize = 4;
-/// Most balls changed at once, and most choices of one such number, about half a second's work: beyond either
-/// only the climbs go on.
+/// Most balls changed at once, and most choices of one such number: half a second's work.
 const MAX_CHANGES: usize = 4;
 const MAX_CHOICES: usize = 20_000;
 
@@ -210,8 +208,7 @@ impl Search<'_> {
         now
     }
 
-    /// Balls without a candidate in the choice take the one that lies where the camera sees them, if one
-    /// does.
+    /// Balls without a candidate in the choice take one that lies where the camera sees them.
     fn completed(&self, best: Judged) -> Judged {
         let mut choice = best.choice.clone();
         for (i, chosen) in choice.iter_mut().enumerate().filter(|(_, c)| c.is_none()) {

@@ -134,8 +134,8 @@ impl Associator {
         candidate.covariance_px2 + place
     }
 
-    /// Squared distance of a candidate from where a marker is believed, in standard deviations; none where it
-    /// is not of the size or behind the camera.
+    /// Squared distance of a candidate from a marker in standard deviations; none if of the wrong size or
+    /// behind.
     pub(super) fn distance(
         &self,
         belief: &Belief,

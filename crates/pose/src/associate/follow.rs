@@ -115,8 +115,8 @@ impl Associator {
         }
         let log_odds = self.log_odds(&estimate, frame, pairs, Some(predicted));
         let (_, degrees) = self.misfit(&estimate, frame, pairs);
-        // What agrees with little else than the prediction is believed where that leaves no room for
-        // another ball.
+        // What agrees with little else than the prediction is believed where that leaves no room for another
+        // ball.
         let largest_m = self.estimator.markers().iter().map(|m| 2.0 * m.radius_m).fold(0.0, f64::max);
         let is_vague = degrees < LEAST_DEGREES && predicted.shift_m > largest_m;
         if is_vague || log_odds < DECISIVE_LOG_ODDS {

@@ -103,7 +103,7 @@ impl History {
     }
 }
 
-/// Degrees of freedom of the noise known before against one instant's: four markers in two cameras.
+/// Degrees of freedom of the noise known before against an instant's: four markers in two cameras.
 const CLAIM_DEGREES: f64 = 10.0;
 /// Share of what is known of the noise that is kept from frame to frame: some seconds of video.
 const NOISE_MEMORY: f64 = 0.99;

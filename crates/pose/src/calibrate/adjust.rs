@@ -33,8 +33,7 @@ pub(super) struct Fit {
     pub(super) log_evidence: f64,
 }
 
-/// Adjusts the cameras that have used observations under their models, from some cameras; `None` when the
-/// iteration leaves the cameras' view or the equations are singular.
+/// Adjusts the cameras that have used observations; `None` for lost views or singular equations.
 pub(super) fn adjust(data: Data, models: &[CameraModel], start: &[Camera]) -> Option<Fit> {
     Adjustment::new(data, models).run(State::new(data.problem, start), 1.0)
 }
@@ -44,8 +43,7 @@ pub(super) fn readjust(data: Data, models: &[CameraModel], near: &Fit) -> Option
     Adjustment::new(data, models).run(near.state.clone(), near.variance_factor)
 }
 
-/// The fit that exact images of these cameras would have if their noise were as stated: nothing is adjusted,
-/// and the variance factor is 1.
+/// The fit of exact images of these cameras with noise as stated: nothing is adjusted.
 pub(super) fn expected(data: Data, models: &[CameraModel], cameras: &[Camera]) -> Option<Fit> {
     let adjustment = Adjustment::new(data, models);
     let mut state = State::new(data.problem, cameras);
@@ -175,8 +173,7 @@ impl Fit {
         &spread * &self.covariance * spread.transpose()
     }
 
-    /// U with U Uᵀ that covariance, one column for each free parameter of the cameras; `None` where it is not
-    /// positive.
+    /// U with U Uᵀ that covariance, a column for each free parameter; `None` where it is not positive.
     pub(super) fn camera_root(&self) -> Option<DMatrix<f64>> {
         let own = self.layout.of_cameras;
         let factor = self.covariance.view((0, 0), (own, own)).into_owned().cholesky()?.unpack();

@@ -159,8 +159,7 @@ pub(super) struct Factored {
 }
 
 impl Factored {
-    /// Factors a matrix with its diagonal enlarged by a part `damping` of itself; `None` where it is not
-    /// positive definite.
+    /// Factors a matrix whose diagonal is enlarged by a part of itself; `None` if not positive definite.
     pub(super) fn new(normal: &DMatrix<f64>, damping: f64) -> Option<Self> {
         let scale = normal.diagonal().map(|d| 1.0 / (d * (1.0 + damping)).sqrt());
         if !scale.iter().all(|s| s.is_finite()) {

@@ -20,8 +20,7 @@ pub(super) struct Layout {
 pub(super) struct Columns {
     pub(super) first: usize,
     pub(super) basis: Vec<CameraChange>,
-    /// Columns of the model's basis that are held: those of the pose, where this camera's axes are the
-    /// world's.
+    /// Columns of the basis that are held: the pose's, where this camera's axes are the world's.
     pub(super) held: usize,
 }
 

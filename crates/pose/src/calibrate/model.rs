@@ -58,8 +58,7 @@ const LENSES: [(Lens, &str); 5] = [
 ///
 /// Angle across the width 20° to 110°: ln(f/width) about 0, spread 0.7.
 const LOG_FOCAL_STD: f64 = 0.7;
-/// Principal point, of the width: lenses are mounted to a few per cent of the sensor (Clarke, Wang & Fryer
-/// 1998).
+/// Principal point, of the width: lenses are mounted to a few per cent (Clarke, Wang & Fryer 1998).
 const PRINCIPAL_POINT_STD: f64 = 0.03;
 /// Where pixels are not square (digitised or squeezed video) they differ by some per cent.
 const ASPECT_STD: f64 = 0.02;
@@ -84,8 +83,8 @@ impl CameraModel {
     /// All sixteen parameters.
     pub const DLT_16: Self = Self { pixels: Pixels::Skewed, lens: Lens::Full };
 
-    /// The models with more freedom in one of the parts, by a step or two: the second may be worth it without
-    /// the first.
+    /// Models with more freedom in one part by a step or two, as the second may be worth it without the
+    /// first.
     pub(super) fn wider(&self) -> Vec<Self> {
         let pixels = PIXELS[self.pixels as usize + 1..].iter().take(2).map(|p| Self { pixels: p.0, ..*self });
         let lenses = LENSES[self.lens as usize + 1..].iter().take(2).map(|l| Self { lens: l.0, ..*self });

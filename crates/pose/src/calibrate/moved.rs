@@ -125,8 +125,7 @@ impl Moved {
         out
     }
 
-    /// The object at the places that these cameras determine with redundancy, thinned out, with its poses
-    /// there.
+    /// The object at the places that these cameras determine with redundancy, thinned out.
     pub(super) fn placed(&self, cameras: &[Camera]) -> Self {
         let shared = self.shared(cameras, 1.0);
         let every = self.places.len().div_ceil(MOST_PLACES).max(1);

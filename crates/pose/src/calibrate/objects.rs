@@ -16,8 +16,7 @@ use crate::statistics::median;
 use mavsight_geometry::camera_parameters::INTRINSICS;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3, rigid_fit, triangulate};
 
-/// An observation is dropped beyond this number of robust standard deviations: of normal noise one in a
-/// million is.
+/// Robust standard deviations beyond which an observation is dropped: one in a million of normal noise.
 const BEYOND: f64 = 5.3;
 const ROUNDS: usize = 3;
 const AXES: usize = 3;
@@ -93,8 +92,7 @@ fn chosen_of(Adjusted { problem, fit }: Adjusted) -> Result<(Problem, Cleaned), 
     Ok((problem, Cleaned { chosen, choice, left_out: Vec::new() }))
 }
 
-/// An adjustment of the least model and then of one with a bent lens, without observations that disagree
-/// beyond chance and places that have too few left.
+/// An adjustment of the least model, then of a bent lens, without observations that disagree beyond chance.
 fn without_strays(mut problem: Problem) -> Result<Adjusted, PoseError> {
     let (choice, n) = (problem.all(), problem.sizes.len());
     let start = problem.start.clone().unwrap_or_default();
@@ -114,8 +112,7 @@ fn without_strays(mut problem: Problem) -> Result<Adjusted, PoseError> {
     Ok(Adjusted { problem, fit })
 }
 
-/// Drops observations that are far off, and places that no longer contradict any camera; the number of
-/// dropped ones.
+/// Drops observations that are far off and places without redundancy; the number of dropped observations.
 fn drop_strays(problem: &mut Problem, fit: &Fit) -> usize {
     let mut dropped = 0;
     for (k, object) in problem.moved.iter_mut().enumerate() {
@@ -156,8 +153,7 @@ fn in_world(problem: &Problem, fit: &Fit) -> Result<Vec<Camera>, PoseError> {
     Ok(cameras.iter().map(moved).collect())
 }
 
-/// Refuses objects whose residuals contradict what is stated of them, and focal lengths that they leave
-/// undetermined.
+/// Refuses objects that contradict what is stated of them, and undetermined focal lengths.
 fn refuse(problem: &Problem, fit: &Fit) -> Result<(), PoseError> {
     let covariance = fit.camera_covariance();
     for (camera, name) in problem.names.iter().enumerate() {

@@ -75,8 +75,7 @@ pub(super) fn seen_by_both(wand: &Moved, (a, b): (usize, usize)) -> Vec<[Match; 
     wand.places.iter().filter_map(place).collect()
 }
 
-/// The fundamental matrix by the normalised eight-point method (Hartley 1997), with matches that disagree
-/// left out.
+/// The fundamental matrix by the normalised eight-point method (Hartley 1997), without outliers.
 fn fundamental(matches: &[Match]) -> Option<Matrix3<f64>> {
     let mut kept: Vec<Match> = matches.to_vec();
     let mut answer = linear(&kept)?;
@@ -140,8 +139,7 @@ fn poses(essential: &Matrix3<f64>) -> Vec<Isometry3<f64>> {
         .collect()
 }
 
-/// Relative spread of the wand's length under two cameras, and its median; `None` where less than three
-/// quarters of the places are in view of both.
+/// Relative spread of the wand's length and its median; `None` if a quarter of the places is out of view.
 fn length_spread(both: &[[Match; 2]], one: &Camera, other: &Camera) -> Option<(f64, f64)> {
     let image = |camera, pixel| ImagePoint { camera, pixel, covariance_px2: Matrix2::identity() };
     let at = |(p, q): &Match| Some(triangulate(&[image(one, *p), image(other, *q)]).ok()?.point_in_world_m);

@@ -21,8 +21,7 @@ const SYSTEMATIC_STD_PX: f64 = 1.0;
 /// Whitened residuals longer than this many times the flight's scale weigh no more than one of that length.
 const BOUND: f64 = 2.5;
 
-/// Steps to a pose; one that needs more is taken as far as it has come. The step that promises to lower the
-/// chi-square by less is the last.
+/// Steps to a pose, which is taken as far as it has come, and the drop of chi-square that ends them.
 const MOST_STEPS: usize = 12;
 const CONVERGED: f64 = 1e-4;
 
@@ -271,15 +270,13 @@ impl<'a> Problem<'a> {
 }
 
 impl Sums {
-    /// Factor on the claimed variances: the median over instants, which a spell of wrong observations does
-    /// not raise.
+    /// Factor on the claimed variances: the median over instants, which a few wrong ones do not raise.
     pub(super) fn scale(&self) -> f64 {
         if self.factors.is_empty() { 1.0 } else { median(self.factors.clone()).max(1e-6) }
     }
 }
 
-/// A path that is so many times as fast as the poses let its marker move, at the time and on the whole, does
-/// not show the marker.
+/// A path so many times as fast as the poses, at the time and on the whole, does not show the marker.
 const LEAP: f64 = 3.0;
 
 impl Problem<'_> {

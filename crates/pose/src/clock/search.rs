@@ -4,8 +4,7 @@ use super::equations::{Problem, Sums, Unknown};
 use super::types::{CameraClock, ClockEstimate, ClockVerdict, DRIFT, LINE_TIME, OFFSET};
 use nalgebra::{DMatrix, DVector};
 
-/// A clock counts as determined where its offset's standard deviation is at most this part of a frame's
-/// interval.
+/// Part of a frame's interval to which a determined clock's offset is known.
 const DETERMINED_INTERVALS: f64 = 0.125;
 
 /// A difference of this many standard deviations is not by chance: one in sixteen thousand normal numbers is.
@@ -18,8 +17,7 @@ const RELEVANT_STD: f64 = 0.25;
 /// An offset of which nothing is known is sought this far on either side of the start.
 const REACH_S: f64 = 1.0;
 
-/// A coarse offset is taken where its misfit is less than this part of that at the start: beyond what noise
-/// does.
+/// Part of the misfit at the start below which a coarse offset is taken: beyond what noise does.
 const MUCH_BETTER: f64 = 0.9;
 
 const COARSE_INSTANTS: usize = 80;

@@ -77,8 +77,7 @@ impl PoseEstimator {
         (widest > LEAST_PARALLAX).then(|| normal.cholesky().map(|c| c.solve(&right))).flatten()
     }
 
-    /// Every minimum that some camera's view of three markers leads to, the mirrored ones among them; the
-    /// best, if it is distinguished by its chi-square or by the pose before.
+    /// The best minimum from any camera's view of three markers, if chi-square or the pose before decide.
     fn best_of_views(
         &self,
         own: &[PointObservation],
@@ -125,8 +124,7 @@ impl PoseEstimator {
         decided.then(|| by_distance[0].1.clone()).ok_or(ambiguous)
     }
 
-    /// Poses that one camera's view of three markers allows, from the triangle of the largest area on the
-    /// body.
+    /// Poses that one camera's view of three markers allows, those of the largest triangle.
     fn three_point_poses(&self, view: &[PointObservation]) -> Vec<Isometry3<f64>> {
         let place = |s: &PointObservation| self.markers[s.point].marker_in_body_m;
         let n = view.len();

@@ -4,8 +4,7 @@ use crate::moving::{Elimination, Reduced};
 use crate::reprojection::HUBER_MEAN;
 use nalgebra::{DMatrix, DVector, Vector3};
 
-/// Variances of a coordinate of a centre: of the error that is constant over the flight, and of the one that
-/// lasts a second.
+/// Variances of a centre's coordinate: of its constant error, and of the one that lasts a second.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct SystematicVariance {
     pub(super) constant_px2: f64,
@@ -112,8 +111,7 @@ impl LinearFit<'_> {
         Some(out)
     }
 
-    /// Minus twice the logarithm of the likelihood, and the factor on stated covariances that the residuals
-    /// then show.
+    /// Minus twice the log likelihood, and the factor on stated covariances that the residuals then show.
     fn deviance(&self, joined: &Joined, at_zero: f64, constant_px2: f64) -> Option<(f64, f64)> {
         let all = &joined.reduced;
         let mut prior = self.prior.clone();

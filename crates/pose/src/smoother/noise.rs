@@ -12,16 +12,13 @@ use nalgebra::SMatrix;
 /// Poses needed: three fix the start, and two noise parameters want more than a handful of innovations.
 pub(crate) const NEEDED: usize = 10;
 
-/// Steps of the coarse search for the bandwidth; the fine one halves the bracket until it is within a
-/// percent.
+/// Steps of the coarse search for the bandwidth.
 const COARSE_STEPS: usize = 16;
 
-/// Least factor on covariances that nobody vouches for: a record without any scatter would claim no noise at
-/// all.
+/// Least factor on covariances that nobody vouches for: a record may have no scatter at all.
 const LEAST_FACTOR: f64 = 1e-4;
 
-/// Twice the logarithm of the likelihood that two more parameters must gain: the 99.9 % quantile of
-/// chi-square with two degrees of freedom.
+/// Twice the log likelihood that two more parameters must gain: the 99.9 % quantile of chi-square.
 const TWO_MORE: f64 = 13.816;
 
 const SIGNIFICANT: f64 = 3.09;

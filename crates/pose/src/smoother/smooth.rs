@@ -68,8 +68,7 @@ pub fn smooth_with_effects(
     Ok(Motion { samples, unknown_ns, translation_bandwidth_hz, rotation_bandwidth_hz, sample_interval_s })
 }
 
-/// The instants whose motion is known, in parts with no longer gap, each from a pose to a pose, where there
-/// are enough of them.
+/// The instants whose motion is known, in parts without a longer gap, each from a pose to a pose.
 fn known_parts(poses: &[PoseSample], longest_gap_s: f64) -> Vec<Range<usize>> {
     let longest_ns = (longest_gap_s * 1e9).min(i64::MAX as f64) as i64;
     let measured: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].estimate.is_ok()).collect();
@@ -135,8 +134,7 @@ fn informed_start(flown: Flown<'_>, noise: &MotionNoise) -> Option<Joint> {
     Some(state)
 }
 
-/// The filter over some instants, from the state that those before them left, or from the start; the first of
-/// all is measured. Each step is that of [`crate::CausalFilter`].
+/// The filter over some instants, from the state before them; the first of all is measured.
 fn forward(
     flown: Flown<'_>,
     instants: Range<usize>,

@@ -37,8 +37,7 @@ impl MotionNoise {
     }
 }
 
-/// Standard deviations before the first pose, an order of magnitude beyond any flight in a room: 10 m/s, 100
-/// m/s²; 30 rad/s, 1000 rad/s².
+/// Standard deviations before the first pose: 10 m/s, 100 m/s²; 30 rad/s, 1000 rad/s².
 pub(crate) const PRIOR_TRANSLATION: (f64, f64) = (10.0, 100.0);
 pub(crate) const PRIOR_ROTATION: (f64, f64) = (30.0, 1000.0);
 
