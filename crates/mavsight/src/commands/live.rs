@@ -131,7 +131,7 @@ pub(super) fn calibrating(names: Vec<String>, points: Vec<ControlPointRow>) -> C
             frame: Frame::clone(frame),
         };
         let seen = names.iter().enumerate().filter_map(|(k, name)| Some((name, frames.get(&k)?)));
-        let rig = calibrate_from_stills(&seen.map(still).collect::<Vec<_>>(), &points)?;
+        let rig = calibrate_from_stills(&seen.map(still).collect::<Vec<_>>(), &points, &[])?;
         let unused = (1..).map(|k| PathBuf::from(format!("rig-{k}.toml"))).find(|p| !p.exists());
         let path = unused.context("all names rig-N.toml are taken")?;
         write_rig(&path, &rig)?;

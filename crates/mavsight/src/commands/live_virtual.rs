@@ -196,7 +196,7 @@ pub(super) fn fly_virtual(args: &Live) -> Result<()> {
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
     let control = lab::control_frame(&lab::control_points());
     let stills = control_stills(&cameras, |k| films[k].still(Some(&control)))?;
-    let rig: Rig = calibrate_from_stills(&stills, &lab::control_points())?;
+    let rig: Rig = calibrate_from_stills(&stills, &lab::control_points(), &[])?;
     bars.done();
     let (flown, rate_hz, waits) = (vehicle.clone(), args.rate, args.fast);
     let begin: Begin = Box::new(move |to| record(to, &flown, &stills, rate_hz, waits));
