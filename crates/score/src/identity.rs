@@ -84,8 +84,8 @@ mod tests {
             t_ns: k as i64 * 1_000_000_000,
             estimate: pose.ok_or(mavsight_pose::PoseError::NotMeasured).map(|world_from_body| {
                 PoseEstimate::new(world_from_body, &(Matrix6::identity() * 1e-8)).by_markers(
-                    &[0, 1, 2],
-                    &[],
+                    (0..3).collect(),
+                    Default::default(),
                     0.1,
                 )
             }),

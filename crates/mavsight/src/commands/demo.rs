@@ -32,10 +32,8 @@ pub(crate) fn vehicle_of(path: Option<&Path>) -> Result<Vehicle> {
 /// Reads a scenario, or takes the paper's.
 pub(crate) fn scenario_of(path: Option<&Path>) -> Result<Scenario> {
     let Some(path) = path else { return Ok(Scenario::paper()) };
-    let wrong = |e: String| crate::cli::WrongCall(format!("{}: {e}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|e| wrong(e.to_string()))?;
-    let scenario: Scenario = toml::from_str(&text).map_err(|e| wrong(e.to_string().trim().to_owned()))?;
-    scenario.validate().map_err(|e| wrong(e.to_string()))?;
+    let scenario: Scenario = named(mavsight_session::read_toml(path, "scenario file"))?;
+    scenario.validate().map_err(|e| crate::cli::WrongCall(format!("{}: {e}", path.display())))?;
     Ok(scenario)
 }
 

@@ -5,8 +5,7 @@ use crate::{MotionSample, PoseError, PoseSample};
 use mavsight_geometry::Matrix6;
 
 /// Motion from the poses so far, for use while the flight goes on. It is the forward pass of
-/// [`crate::smooth`] with the noise given, for example that of an earlier flight by
-/// [`crate::motion_noise`].
+/// [`crate::smooth`] with the noise given, for example that of an earlier flight by [`crate::motion_noise`].
 ///
 /// After the first pose, which makes room for its systematic columns, nothing is allocated.
 #[derive(Debug, Clone)]
@@ -14,7 +13,6 @@ pub struct CausalFilter {
     noise: MotionNoise,
     gravity_m_s2: f64,
     t_ns: i64,
-    /// Time of the last pose.
     seen_ns: i64,
     longest_gap_s: f64,
     index: usize,
@@ -35,25 +33,16 @@ impl CausalFilter {
         if !sound || !gravity_m_s2.is_finite() {
             return Err(PoseError::BadPose { index: 0, what: "the noise or gravity" });
         }
-        let longest_gap_s = noise.longest_gap_s();
-        Ok(Self {
-            noise,
-            gravity_m_s2,
-            t_ns: i64::MIN,
-            seen_ns: i64::MIN,
-            longest_gap_s,
-            index: 0,
-            state: None,
-        })
+        let (t_ns, longest_gap_s) = (i64::MIN, noise.longest_gap_s());
+        Ok(Self { noise, gravity_m_s2, t_ns, seen_ns: t_ns, longest_gap_s, index: 0, state: None })
     }
 
-    /// Takes one instant in, measured or not: the motion then, or nothing before the first pose and where
-    /// the last is so long ago that the motion is not known ([`MotionNoise::longest_gap_s`], half of it;
-    /// beyond the whole of it the filter begins again).
+    /// Takes one instant in, measured or not: the motion then, or nothing before the first pose and half of
+    /// [`MotionNoise::longest_gap_s`] after the last; beyond the whole of it the filter begins again.
     ///
     /// # Errors
-    /// [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`]. The filter does not change, but for a
-    /// covariance of its own that is none any more: then it begins again with the next pose.
+    /// [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`], after which a filter whose own covariance is
+    /// none any more begins again with the next pose.
     pub fn push(&mut self, sample: &PoseSample) -> Result<Option<MotionSample>, PoseError> {
         if sample.t_ns <= self.t_ns {
             let t_s = sample.t_ns as f64 * 1e-9;
@@ -68,7 +57,7 @@ impl CausalFilter {
         match (&mut self.state, &sample.estimate) {
             (None, Err(_)) => {}
             (None, Ok(first)) => {
-                let joint = Joint::start(first, &self.noise);
+                let joint = Joint::start(first, first.systematic_columns(), &self.noise);
                 let update = joint.blank_update();
                 self.state = Some((joint, update));
             }

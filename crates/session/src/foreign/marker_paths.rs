@@ -109,18 +109,20 @@ pub fn poses_of_body(
     let (mut sum_m2, mut count, mut worst) = (0.0, 0usize, None);
     let mut poses = Vec::with_capacity(paths.t_ns.len());
     for (t_ns, places) in paths.t_ns.iter().zip(&paths.points_m) {
-        let seen = found.iter().filter_map(|(c, p)| Some((*p, places.get(*c).copied().flatten()?)));
-        let (in_body, in_world): (Vec<_>, Vec<_>) = seen.unzip();
-        let fit = rigid_fit(&in_body, &in_world, &vec![1.0; in_body.len()]);
+        let seen = || found.iter().filter_map(|(c, p)| Some((*p, places.get(*c).copied().flatten()?)));
+        let fit = rigid_fit(seen());
         match &fit {
             Ok(fit) => {
-                sum_m2 += fit.residuals_m.iter().map(|r| r * r).sum::<f64>();
-                count += fit.residuals_m.len();
+                let square_m2 = |(p, at): (Vector3<f64>, Vector3<f64>)| {
+                    (fit.rotation * p + fit.translation.vector - at).norm_squared()
+                };
+                sum_m2 += seen().map(square_m2).sum::<f64>();
+                count += seen().count();
             }
             Err(GeometryError::TooFewMarkers { .. }) => {}
             Err(error) => worst = Some(error.to_string()),
         }
-        poses.push(TimedPose { t_ns: *t_ns, world_from_body: fit.ok().map(|fit| fit.world_from_body) });
+        poses.push(TimedPose { t_ns: *t_ns, world_from_body: fit.ok() });
     }
     let measured = poses.iter().filter(|p| p.world_from_body.is_some()).count();
     if measured == 0 {

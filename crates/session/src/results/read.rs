@@ -4,7 +4,7 @@ use super::columns::{self, Series};
 use crate::table::{Row, Table};
 use crate::{SessionError, error::read_text};
 use mavsight_geometry::{EulerAngles, Isometry3, Matrix2, Matrix6, Vector2, Vector3, world_from_body};
-use mavsight_pose::{MarkerObservation, PoseError, PoseEstimate, PoseSample, covariance_from_std};
+use mavsight_pose::{MarkerObservation, MarkerSet, PoseError, PoseEstimate, PoseSample, covariance_from_std};
 use nalgebra::{Matrix6xX, Vector6};
 use std::path::Path;
 
@@ -73,9 +73,9 @@ pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample
         };
         let used = markers.map(|c| row.text(c)).unwrap_or("");
         let is_used = |m: &usize| used.split_whitespace().any(|name| name == marker_names[*m]);
-        let by: Vec<usize> = (0..marker_names.len()).filter(is_used).collect();
+        let by: MarkerSet = (0..marker_names.len()).filter(is_used).collect();
         let residual_px = residual.map_or(Ok(None), |c| row.number_if_any(c))?.unwrap_or(0.0);
-        Ok(PoseSample { t_ns, estimate: Ok(estimate.by_markers(&by, &[], residual_px)) })
+        Ok(PoseSample { t_ns, estimate: Ok(estimate.by_markers(by, MarkerSet::default(), residual_px)) })
     };
     series.rows(&table)?.into_iter().map(read).collect()
 }
