@@ -12,6 +12,7 @@ mod flight_report;
 mod heatmap;
 mod html;
 mod output_error;
+mod plan_report;
 mod summary;
 
 pub use chart::{Chart, Curve, Panel, Role, draw};
@@ -20,4 +21,5 @@ pub use flight_report::{FlightReport, write_report};
 pub use heatmap::{HeatMap, draw_heat_maps};
 pub use html::{Figure, Report, ReportError, Table, png_figure, render};
 pub use output_error::parameter_text;
+pub use plan_report::{CameraPlan, angle_deg, least, write_plan_report};
 pub use summary::{Row, Summary};

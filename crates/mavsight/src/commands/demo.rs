@@ -32,10 +32,8 @@ pub(crate) fn vehicle_of(path: Option<&Path>) -> Result<Vehicle> {
 /// Reads a scenario, or takes the paper's.
 pub(crate) fn scenario_of(path: Option<&Path>) -> Result<Scenario> {
     let Some(path) = path else { return Ok(Scenario::paper()) };
-    let wrong = |e: String| crate::cli::WrongCall(format!("{}: {e}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|e| wrong(e.to_string()))?;
-    let scenario: Scenario = toml::from_str(&text).map_err(|e| wrong(e.to_string().trim().to_owned()))?;
-    scenario.validate().map_err(|e| wrong(e.to_string()))?;
+    let scenario: Scenario = named(mavsight_session::read_toml(path, "scenario file"))?;
+    scenario.validate().map_err(|e| crate::cli::WrongCall(format!("{}: {e}", path.display())))?;
     Ok(scenario)
 }
 
@@ -114,7 +112,7 @@ impl FilmedFlight<'_> {
         progress.begin(mavsight_pipeline::Stage::Calibrate, None);
         let control = lab::control_frame(as_built);
         let stills = control_stills(self.cameras, |k| self.films[k].still(Some(&control)))?;
-        let rig = calibrate_from_stills(&stills, table)?;
+        let rig = calibrate_from_stills(&stills, table, &[])?;
         let feeds = (0..self.cameras.len()).map(|k| self.feed(k)).collect();
         let tracked = mavsight_pipeline::track(feeds, &rig, vehicle, progress)?;
         Ok((rig, tracked))

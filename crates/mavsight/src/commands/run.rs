@@ -1,7 +1,7 @@
 //! The whole pipeline on a recorded session.
 
 use super::{named, require_folder};
-use crate::cli::{Interval, Run};
+use crate::cli::Run;
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Context, Result};
@@ -22,7 +22,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let options = Options {
         equation_error_only: args.equation_error_only,
         lag_s: args.lag,
-        held_out_s: args.hold_out.map(|Interval(from_s, to_s)| (from_s, to_s)),
+        held_out_s: args.hold_out,
         results_folder: Some(&args.out),
     };
     let mut results = mavsight_engine::run(&session, &options, &bars)?;
