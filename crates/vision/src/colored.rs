@@ -9,7 +9,6 @@ use crate::color::{Seen, colored_hue, least_colored_code, to_linear};
 use crate::frame::YuvToRgb;
 use crate::segment::Window;
 use crate::{Frame, Pixels, YuvMatrix};
-use std::ops::Range;
 
 /// A coloured pixel; small, as a frame may be full of them.
 #[derive(Debug, Clone, Copy)]
@@ -23,111 +22,6 @@ impl Chromatic {
     pub(crate) fn seen(&self) -> Seen {
         Seen::pure(self.hue)
     }
-}
-
-/// Pixels of a row that are looked at together: most have nothing coloured among them.
-const AT_ONCE: usize = u32::BITS as usize;
-
-/// The collecting of coloured pixels of rows of red, green and blue, compiled for each vector unit that a
-/// processor may have.
-struct CollectRgb<'a> {
-    rgb: &'a [u8],
-    width: usize,
-    window: &'a Window,
-    found: &'a mut Vec<Chromatic>,
-}
-
-impl pulp::WithSimd for CollectRgb<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(mut self, _: S) {
-        let (least_code, columns, end) = (least_colored_code(), &self.window.columns, self.window.rows.end);
-        if columns.is_empty() {
-            return;
-        }
-        // Many pieces are looked at before any is gone through: what memory has to send is then awaited
-        // together.
-        let mut colored = [[false; AT_ONCE]; PIECES];
-        let (mut x, mut y) = (columns.start, self.window.rows.start);
-        while y < end {
-            let (mut count, from) = (0, (x, y));
-            while count < PIECES && y < end {
-                colored[count] = self.may_be_colored(x, y, least_code);
-                count += 1;
-                (x, y) = next(x, y, columns);
-            }
-            (x, y) = from;
-            for colored in &colored[..count] {
-                if *colored != [false; AT_ONCE] {
-                    self.add_those(x, y, colored);
-                }
-                (x, y) = next(x, y, columns);
-            }
-        }
-    }
-}
-
-/// Pieces of rows that are looked at together.
-const PIECES: usize = 32;
-
-/// Where the next piece begins.
-#[inline(always)]
-fn next(x: usize, y: usize, columns: &Range<usize>) -> (usize, usize) {
-    if x + AT_ONCE < columns.end { (x + AT_ONCE, y) } else { (columns.start, y + 1) }
-}
-
-impl CollectRgb<'_> {
-    #[inline(always)]
-    fn row(&self, y: usize) -> &[u8] {
-        self.rgb.get(3 * y * self.width..3 * (y + 1) * self.width).unwrap_or(&[])
-    }
-
-    /// The first pixel of the piece that holds `x`: at the end of a row some are looked at again.
-    #[inline(always)]
-    fn first(&self, x: usize) -> usize {
-        x.min(self.width.saturating_sub(AT_ONCE))
-    }
-
-    /// Which pixels of a piece may be coloured; in a narrow image all are taken to be.
-    #[inline(always)]
-    fn may_be_colored(&self, x: usize, y: usize, least_code: u8) -> [bool; AT_ONCE] {
-        let many = self.row(y).get(3 * self.first(x)..).and_then(|left| left.first_chunk());
-        match many {
-            Some(many) => are_colored(many, least_code),
-            None => [true; AT_ONCE],
-        }
-    }
-
-    /// Adds the coloured ones of a piece.
-    #[inline(always)]
-    fn add_those(&mut self, x: usize, y: usize, colored: &[bool; AT_ONCE]) {
-        let first = self.first(x);
-        let end = self.window.columns.end.min(self.row(y).len() / 3);
-        // One bit a pixel, those before this piece and behind the window left out.
-        let bits = colored.iter().rev().fold(0, |bits, colored| bits << 1 | u32::from(*colored));
-        let mut left = bits >> (x - first);
-        while left != 0 {
-            let x = x + left.trailing_zeros() as usize;
-            if x >= end {
-                break;
-            }
-            let code = &self.row(y)[3 * x..];
-            let rgb = [code[0], code[1], code[2]];
-            add(self.found, x, y, rgb);
-            left &= left - 1;
-        }
-    }
-}
-
-/// Which of some pixels may be coloured.
-#[inline(always)]
-fn are_colored(pixels: &[u8; 3 * AT_ONCE], least_code: u8) -> [bool; AT_ONCE] {
-    let mut colored = [false; AT_ONCE];
-    for (k, colored) in colored.iter_mut().enumerate() {
-        *colored = may_be_colored([pixels[3 * k], pixels[3 * k + 1], pixels[3 * k + 2]], least_code);
-    }
-    colored
 }
 
 /// Lowest and highest luma at which a pair of colour differences is coloured.
@@ -150,10 +44,7 @@ impl Collector {
     pub(crate) fn collect(&mut self, frame: &Frame, window: &Window) {
         self.found.clear();
         match &frame.pixels {
-            Pixels::Rgb(rgb) => {
-                let (width, found) = (frame.size.width_px as usize, &mut self.found);
-                pulp::Arch::new().dispatch(CollectRgb { rgb, width, window, found });
-            }
+            Pixels::Rgb(rgb) => self.collect_rgb(rgb, frame.size.width_px as usize, window),
             Pixels::Yuv420 { y, u, v, full_range, matrix } => {
                 if self.coding != Some((*full_range, *matrix)) {
                     self.coding = Some((*full_range, *matrix));
@@ -161,6 +52,21 @@ impl Collector {
                     self.ranges.resize(1 << 16, UNKNOWN);
                 }
                 self.collect_yuv(frame, [y, u, v], YuvToRgb::of(*full_range, *matrix), window);
+            }
+        }
+    }
+
+    fn collect_rgb(&mut self, rgb: &[u8], width: usize, window: &Window) {
+        let (least_code, columns) = (least_colored_code(), &window.columns);
+        for y in window.rows.clone() {
+            let Some(row) = rgb.get(3 * (y * width + columns.start)..3 * (y * width + columns.end)) else {
+                return;
+            };
+            for (code, x) in row.chunks_exact(3).zip(columns.clone()) {
+                let rgb = [code[0], code[1], code[2]];
+                if may_be_colored(rgb, least_code) {
+                    add(&mut self.found, x, y, rgb);
+                }
             }
         }
     }

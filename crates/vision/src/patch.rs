@@ -52,47 +52,6 @@ const ALONG: f64 = 0.408_248_290_463_863_1;
 const OPPONENTS: [[f64; 4]; 3] =
     [[GREY, GREY, GREY, 0.0], [ACROSS, 0.0, -ACROSS, 0.0], [-ALONG, 2.0 * ALONG, -ALONG, 0.0]];
 
-/// The filling with red, green and blue, compiled for each vector unit that a processor may have.
-struct FillRgb<'a> {
-    patch: &'a mut Patch,
-    rgb: &'a [u8],
-    /// Number of the first pixel, and from row to row.
-    place: (usize, usize),
-}
-
-impl pulp::WithSimd for FillRgb<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let columns = self.patch.columns.max(1);
-        let rows =
-            self.patch.bright.chunks_exact_mut(columns).zip(self.patch.colors.chunks_exact_mut(columns));
-        for (row, (bright, colors)) in rows.enumerate() {
-            let first = self.place.0 + row * self.place.1;
-            let Some(codes) = self.rgb.get(3 * first..3 * (first + columns)) else { return };
-            for ((bright, color), code) in bright.iter_mut().zip(colors).zip(codes.chunks_exact(3)) {
-                // Whole numbers up to here.
-                let (red, green, blue) = (i32::from(code[0]), i32::from(code[1]), i32::from(code[2]));
-                *bright = GREY as f32 * (red + green + blue) as f32;
-                *color =
-                    [ACROSS as f32 * (red - blue) as f32, ALONG as f32 * (2 * green - red - blue) as f32];
-            }
-        }
-    }
-}
-
-/// Reads both ends of each row of a window: rows of a frame that has just come are far, and come together
-/// when none waits for what is made of another.
-fn fetch_rows(bytes: &[u8], (first, count): (usize, usize), (stride, rows): (usize, usize)) {
-    let mut ends = 0;
-    for from in (0..rows).map(|row| first + row * stride) {
-        ends ^=
-            [from, from + count].into_iter().filter_map(|at| bytes.get(at)).fold(0, |sum, byte| sum ^ byte);
-    }
-    std::hint::black_box(ends);
-}
-
 impl Patch {
     /// The first pixel's column and row in the image.
     pub(crate) fn corner(&self) -> Vector2<f64> {
@@ -119,11 +78,16 @@ impl Patch {
                 self.first_block = self.first;
                 self.block_columns = self.columns;
                 self.set_matrix(OPPONENTS);
-                fetch_rows(rgb, (3 * (top * width + left), 3 * self.columns), (3 * width, self.rows));
-                let place = (top * width + left, width);
-                self.bright.resize(self.columns * self.rows, 0.0);
-                self.colors.resize(self.columns * self.rows, [0.0; 2]);
-                pulp::Arch::new().dispatch(FillRgb { patch: self, rgb, place });
+                for y in top..bottom {
+                    let row = rgb.get(3 * (y * width + left)..3 * (y * width + right)).unwrap_or(&[]);
+                    for code in row.chunks_exact(3) {
+                        // Whole numbers up to here.
+                        let (red, green, blue) = (i32::from(code[0]), i32::from(code[1]), i32::from(code[2]));
+                        self.bright.push(GREY as f32 * (red + green + blue) as f32);
+                        let across = ACROSS as f32 * (red - blue) as f32;
+                        self.colors.push([across, ALONG as f32 * (2 * green - red - blue) as f32]);
+                    }
+                }
             }
             Pixels::Yuv420 { y: luma, u, v, full_range, matrix } => {
                 self.step = 2;
