@@ -18,7 +18,7 @@ mod study;
 pub use centre::{CentreNoise, CentreStd};
 pub use error::PlanError;
 pub use layout::{Placed, Planner, PosePrecision, Prediction, ViewLimit};
-pub use manoeuvre::{FlightLimits, FlightPlanner, PlannedManoeuvre, pose_of, true_model};
+pub use manoeuvre::{FlightLimits, FlightPlanner, PlannedManoeuvre, true_model};
 pub use multisine::{MultisineOptions, Optimality};
 pub use room::{CameraType, ControlSection, Criterion, EXAMPLE, ROOM_SCHEMA, Room, VolumeSection, Weights};
 pub use search::{Ranked, SearchOptions};

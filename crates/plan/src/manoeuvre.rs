@@ -2,7 +2,7 @@
 
 use crate::{Placed, PlanError, Planner, Solid};
 use mavsight_flight::{Coefficient, InputSeries, StateVector, Vehicle, hover_rotor_speed_rad_s};
-use mavsight_geometry::{Camera, Isometry3, Matrix6, Vector3, world_from_body};
+use mavsight_geometry::{Camera, Isometry3, Matrix6, Vector3};
 use mavsight_identify::output_error::{
     ExpectedFit, FlightModel, OutputErrorOptions, StateMeasurement, expected_fit,
 };
@@ -130,7 +130,7 @@ impl<'a> FlightPlanner<'a> {
         let mut pose_covariance = Vec::with_capacity(states.len());
         let mut systematic = Vec::with_capacity(states.len());
         for s in &states {
-            let pose = pose_of(s);
+            let pose = s.pose();
             let Some(estimate) = self.expected_pose(&pose) else {
                 let [x_m, y_m, z_m] = s.position_in_world_m.into();
                 return Err(PlanError::OutOfView { t_s: s.t_s, x_m, y_m, z_m });
@@ -218,9 +218,4 @@ pub fn true_model(vehicle: &Vehicle, inputs: &InputSeries) -> Result<FlightModel
         model = model.with_value(c.name(), truth.get(c))?;
     }
     Ok(model)
-}
-
-/// The pose of a state.
-pub fn pose_of(s: &FlightState) -> Isometry3<f64> {
-    world_from_body(s.position_in_world_m, s.attitude)
 }

@@ -12,12 +12,15 @@ mod flight_report;
 mod heatmap;
 mod html;
 mod output_error;
+mod parameters;
+mod sections;
 mod summary;
+mod svg;
 
 pub use chart::{Chart, Curve, Panel, Role, draw};
 pub use drawing::{BoxRole, DrawnBox, DrawnCamera, RoomDrawing, draw_room};
 pub use flight_report::{FlightReport, write_report};
 pub use heatmap::{HeatMap, draw_heat_maps};
-pub use html::{Figure, Report, ReportError, Table, png_figure, render};
-pub use output_error::parameter_text;
+pub use html::{Figure, Report, ReportError, Table, render};
+pub use parameters::parameter_text;
 pub use summary::{Row, Summary};
