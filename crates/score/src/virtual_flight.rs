@@ -90,9 +90,8 @@ impl VirtualLab {
             most = f64::max(most, share);
             scenario.maneuver.iter_mut().for_each(|m| *m = m.scaled(SMALLER));
         }
-        let [x_m, y_m, z_m] = self.middle_m.into();
         let (share_percent, needed_percent) = (100.0 * most, 100.0 * IN_VIEW_SHARE);
-        Err(ScoreError::OutOfView { share_percent, needed_percent, x_m, y_m, z_m })
+        Err(ScoreError::OutOfView { share_percent, needed_percent, middle_m: self.middle_m.into() })
     }
 
     fn scenario(&self, random: &mut Random) -> Scenario {
