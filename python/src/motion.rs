@@ -2,7 +2,7 @@
 
 use mavsight_geometry::{EulerAngles, Isometry3, Vector3, world_from_body};
 use mavsight_pose::{
-    Motion as Smoothed, MotionSample, PoseEstimate, PoseSample, covariance_from_std, euler_std,
+    Motion as Smoothed, MotionSample, PoseError, PoseEstimate, PoseSample, covariance_from_std, euler_std,
 };
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -134,8 +134,8 @@ pub(crate) fn smooth(
             )));
         }
         let t_ns = (t_s[k] * 1e9).round() as i64;
-        let estimate = measured.then(|| estimate(&value, &spread));
-        samples.push(PoseSample { t_ns, estimate, reason: None });
+        let estimate = measured.then(|| estimate(&value, &spread)).ok_or(PoseError::NotMeasured);
+        samples.push(PoseSample { t_ns, estimate });
     }
     let motion = py.detach(|| mavsight_pose::smooth(&samples, gravity_m_s2));
     motion.map(Motion).map_err(|e| wrong(e.to_string()))

@@ -5,7 +5,7 @@ use crate::error::input;
 use crate::frames::feed_of;
 use mavsight_geometry::ImageSize;
 use mavsight_pipeline::{
-    Board, CameraFeed, ControlStill, Progress, Stage, Wand, board_of, calibrate_from_observations,
+    CameraFeed, ControlStill, Progress, Stage, Wand, board_of, calibrate_from_observations,
     calibrate_from_stills_and_objects, wand_of,
 };
 use mavsight_pose::{MovedObject, Rig};
@@ -25,13 +25,13 @@ pub fn calibrate(session: &Session, progress: &dyn Progress) -> Result<Rig, Engi
     let objects = objects_of(session)?;
     let pixels = input(session.control_pixels())?;
     if pixels.is_some() || points.is_empty() {
-        let size = |k: usize| Ok((session.cameras[k].name.clone(), input(session.image_size(k))?));
+        let size = |k: usize| Ok((session.cameras()[k].name.clone(), input(session.image_size(k))?));
         let sizes: Vec<(String, ImageSize)> =
-            (0..session.cameras.len()).map(size).collect::<Result<_, EngineError>>()?;
+            (0..session.cameras().len()).map(size).collect::<Result<_, EngineError>>()?;
         return Ok(calibrate_from_observations(&sizes, &points, &pixels.unwrap_or_default(), &objects)?);
     }
-    let mut stills = Vec::with_capacity(session.cameras.len());
-    for camera in &session.cameras {
+    let mut stills = Vec::with_capacity(session.cameras().len());
+    for camera in session.cameras() {
         if let Some(path) = &camera.still {
             stills.push(ControlStill { camera: camera.name.clone(), frame: input(read_image(path))? });
         }
@@ -44,27 +44,14 @@ pub fn calibrate(session: &Session, progress: &dyn Progress) -> Result<Rig, Engi
 /// The wand and the board of a session, where it has them.
 fn objects_of(session: &Session) -> Result<Vec<MovedObject>, EngineError> {
     let mut objects = Vec::new();
-    if let Some(wand) = &session.wand
+    if let Some(wand) = &session.file.wand
         && let [a, b] = wand.ball[..]
     {
-        let wand = Wand {
-            length_m: wand.length_m,
-            length_std_m: wand.length_std_m,
-            colors: [a.color.rgb(), b.color.rgb()],
-            diameters_m: [a.diameter_m, b.diameter_m],
-        };
+        let wand = Wand { length_m: wand.length_m, length_std_m: wand.length_std_m, balls: [a, b] };
         objects.push(wand_of(&wand, feeds_if_any(session, |k| session.open_wand(k))?)?);
     }
-    if let Some(board) = &session.board {
-        let coded = board.coded().map_err(|e| EngineError::Board { key: e.key, detail: e.detail })?;
-        let board = Board {
-            columns: board.columns,
-            rows: board.rows,
-            square_m: board.square_m,
-            together: board.together,
-            coded,
-        };
-        objects.push(board_of(&board, feeds_if_any(session, |k| session.open_board(k))?)?);
+    if let Some(board) = &session.file.board {
+        objects.push(board_of(board, feeds_if_any(session, |k| session.open_board(k))?)?);
     }
     Ok(objects)
 }
@@ -74,6 +61,6 @@ fn feeds_if_any(
     session: &Session,
     open: impl Fn(usize) -> Result<Option<FrameSource>, SessionError>,
 ) -> Result<Vec<Option<CameraFeed<'static>>>, EngineError> {
-    let feed = |k: usize| Ok(open(k)?.map(|source| feed_of(&session.cameras[k], k == 0, source)));
-    (0..session.cameras.len()).map(feed).collect()
+    let feed = |k: usize| Ok(open(k)?.map(|source| feed_of(&session.cameras()[k], k == 0, source)));
+    (0..session.cameras().len()).map(feed).collect()
 }

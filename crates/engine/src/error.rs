@@ -15,14 +15,6 @@ pub enum EngineError {
     /// A recording that cannot be read, or a result that cannot be written.
     #[error(transparent)]
     File(#[from] SessionError),
-    /// A board that cannot be made of what the session says of it.
-    #[error("{key} {detail}")]
-    Board {
-        /// Key of the session file.
-        key: String,
-        /// What is wrong with it.
-        detail: String,
-    },
     /// A model or a setting of the identification that is wrong, whatever the flight.
     #[error(transparent)]
     Setting(IdentifyError),
@@ -37,7 +29,7 @@ pub enum EngineError {
 impl EngineError {
     /// Whether the error lies in what the caller gave, and not in the flight.
     pub fn is_of_the_input(&self) -> bool {
-        matches!(self, Self::Input(_) | Self::Board { .. } | Self::Setting(_))
+        matches!(self, Self::Input(_) | Self::Setting(_))
     }
 }
 

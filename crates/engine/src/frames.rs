@@ -19,9 +19,9 @@ pub fn camera_feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>, Engin
     let feed = |(k, camera): (usize, &SessionCamera)| {
         let clap = input(session.clap_of(k))?;
         let feed = feed_of(camera, k == 0, session.open_camera(k)?);
-        Ok(CameraFeed { flash: session.flash, clap, ..feed })
+        Ok(CameraFeed { flash: session.file.flash, clap, ..feed })
     };
-    session.cameras.iter().enumerate().map(feed).collect()
+    session.cameras().iter().enumerate().map(feed).collect()
 }
 
 pub(crate) fn feed_of(camera: &SessionCamera, is_first: bool, source: FrameSource) -> CameraFeed<'static> {
@@ -61,8 +61,8 @@ fn clock_of(camera: &SessionCamera, is_first: bool, size: ImageSize) -> ClockPri
 /// # Errors
 /// A recording that cannot be read.
 pub fn first_frames(session: &Session) -> Result<Vec<Frame>, EngineError> {
-    let mut frames = Vec::with_capacity(session.cameras.len());
-    for k in 0..session.cameras.len() {
+    let mut frames = Vec::with_capacity(session.cameras().len());
+    for k in 0..session.cameras().len() {
         if let Some(first) = session.open_camera(k)?.next() {
             frames.push(first?.1);
         }

@@ -53,7 +53,7 @@ impl<'a> Flight<'a> {
         identify.equation_error_only = options.equation_error_only || identify.table.model.is_some();
         identify.lag_s = options.lag_s;
         identify.fit.held_out_s = options.held_out_s;
-        Ok(Self { name: &session.name, vehicle: &session.vehicle, inputs, options: identify })
+        Ok(Self { name: &session.file.name, vehicle: &session.vehicle, inputs, options: identify })
     }
 }
 
@@ -62,7 +62,7 @@ impl<'a> Flight<'a> {
 /// # Errors
 /// A table that is wrong.
 pub fn recorded_inputs(session: &Session) -> Result<Option<InputSeries>, EngineError> {
-    session.has_inputs().then(|| input(session.inputs())).transpose()
+    input(session.inputs())
 }
 
 /// Carries a recorded session through all stages: cameras, observations, poses, motion and parameters, each
@@ -112,12 +112,12 @@ pub fn solve(
     let with_columns: Vec<usize> = systematic.iter().map(|(k, _)| *k).collect();
     for (k, columns) in systematic {
         let pose = &mut results.poses[k];
-        pose.estimate = pose.estimate.take().map(|e| e.with_systematic(&columns));
+        pose.estimate = pose.estimate.clone().map(|e| e.with_systematic(&columns));
     }
     identify_into(&mut results, motion, flight, progress)?;
     for k in with_columns {
         let pose = &mut results.poses[k];
-        pose.estimate = pose.estimate.take().map(PoseEstimate::condensed);
+        pose.estimate = pose.estimate.clone().map(PoseEstimate::condensed);
     }
     Ok(results)
 }

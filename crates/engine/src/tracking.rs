@@ -25,7 +25,9 @@ pub struct TrackedFlight {
 /// Recordings that cannot be read, and what [`mavsight_pipeline::track`] refuses.
 pub fn track(session: &Session, rig: Rig, progress: &dyn Progress) -> Result<TrackedFlight, EngineError> {
     let mut tracked = mavsight_pipeline::track(camera_feeds(session)?, &rig, &session.vehicle, progress)?;
-    let Some(asked) = session.refine else { return Ok(TrackedFlight { rig, tracked, body: Vec::new() }) };
+    let Some(asked) = session.file.refine else {
+        return Ok(TrackedFlight { rig, tracked, body: Vec::new() });
+    };
     let how = Refinement { markers_std_m: asked.markers_std_m, diameters: asked.diameters };
     match refine(&mut tracked, &rig, &session.vehicle, how) {
         Ok(refined) => {

@@ -295,8 +295,8 @@ impl Vehicle {
                 return Err(FlightError::DuplicateMarker { first, second, name: marker.name.clone() });
             }
         }
-        let places: Vec<Vector3<f64>> = self.marker.iter().map(|m| Vector3::from(m.position_m)).collect();
-        rigid_fit(&places, &places, &vec![1.0; places.len()]).map_err(FlightError::MarkerPlaces)?;
+        let places = self.marker.iter().map(|m| Vector3::from(m.position_m));
+        rigid_fit(places.map(|p| (p, p))).map_err(FlightError::MarkerPlaces)?;
         Ok(())
     }
 }

@@ -21,7 +21,7 @@ pub use camera_parameters::{CAMERA_PARAMETERS, CameraChange};
 pub use dlt::{ControlPoint, Dlt};
 pub use error::GeometryError;
 pub use linear::{centroid_and_spread, whitener};
-pub use rigid_fit::{RigidFit, rigid_fit};
+pub use rigid_fit::rigid_fit;
 pub use svd::{Svd, jacobi_svd};
 pub use triangulate::{ImagePoint, Triangulation, triangulate};
 

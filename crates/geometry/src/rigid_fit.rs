@@ -1,89 +1,59 @@
 //! The rigid motion that best carries one set of points onto another.
 
 use crate::GeometryError;
-use crate::attitude::rotation_of;
-use crate::svd::jacobi_svd;
-use nalgebra::{DMatrix, Isometry3, Matrix3, Translation3, Vector3};
-
-/// A rigid motion and its residuals.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RigidFit {
-    /// Takes body coordinates into world coordinates.
-    pub world_from_body: Isometry3<f64>,
-    /// Distance of each point, moved, from the one it should reach.
-    pub residuals_m: Vec<f64>,
-    /// Weighted root mean square of those distances.
-    pub rms_m: f64,
-}
+use nalgebra::{Isometry3, Matrix3, Matrix4, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 /// Below this ratio of the second to the first spread the points count as one line: the turn about it would
 /// be a thousand times less certain than the others.
 const COLLINEAR_RATIO: f64 = 1e-3;
 
-/// Weighted least-squares rigid motion from body to world points (Kabsch 1976; Umeyama 1991 for the
-/// reflection).
+/// Least-squares rigid motion that carries the first point of each pair onto the second: the quaternion of
+/// the largest eigenvalue (Horn 1987).
 ///
-/// Points are taken in pairs up to the shorter of the lists; weights are 1/m² or relative, non-negative. The
-/// answer is always a rotation, never a mirror image, also for coplanar points.
+/// It is always a rotation, never a mirror image, also for coplanar points. Nothing is allocated.
 ///
 /// # Errors
 /// [`GeometryError::TooFewMarkers`], [`GeometryError::CollinearMarkers`], [`GeometryError::NotFinite`].
 pub fn rigid_fit(
-    points_in_body_m: &[Vector3<f64>],
-    points_in_world_m: &[Vector3<f64>],
-    weights: &[f64],
-) -> Result<RigidFit, GeometryError> {
-    let n = points_in_body_m.len().min(points_in_world_m.len()).min(weights.len());
-    let used = weights.iter().take(n).filter(|w| **w > 0.0).count();
-    if used < 3 {
-        return Err(GeometryError::TooFewMarkers { found: used });
+    pairs: impl IntoIterator<Item = (Vector3<f64>, Vector3<f64>)>,
+) -> Result<Isometry3<f64>, GeometryError> {
+    let (mut found, mut from, mut to) = (0, Vector3::zeros(), Vector3::zeros());
+    let (mut spreads, mut cross) = ([Matrix3::zeros(); 2], Matrix3::zeros());
+    for (a, b) in pairs {
+        // Sums about the running means (Welford 1962).
+        found += 1;
+        let (from_a, from_b): (Vector3<f64>, Vector3<f64>) = (a - from, b - to);
+        from += from_a / f64::from(found);
+        to += from_b / f64::from(found);
+        spreads[0] += from_a * (a - from).transpose();
+        spreads[1] += from_b * (b - to).transpose();
+        cross += from_a * (b - to).transpose();
     }
-    let finite = points_in_body_m.iter().chain(points_in_world_m).all(|p| p.iter().all(|x| x.is_finite()))
-        && weights.iter().all(|w| w.is_finite() && *w >= 0.0);
-    if !finite {
-        return Err(GeometryError::NotFinite { what: "a marker position or weight" });
+    if found < 3 {
+        return Err(GeometryError::TooFewMarkers { found: found as usize });
     }
-    let total: f64 = weights.iter().take(n).sum();
-    let mean = |points: &[Vector3<f64>]| {
-        points.iter().zip(weights).take(n).map(|(p, w)| p * (*w / total)).sum::<Vector3<f64>>()
-    };
-    let (centre_body, centre_world) = (mean(points_in_body_m), mean(points_in_world_m));
-    refuse_line(&points_in_body_m[..n], &centre_body, weights, total)?;
-    refuse_line(&points_in_world_m[..n], &centre_world, weights, total)?;
-    let mut cross = DMatrix::zeros(3, 3);
-    for ((b, w), weight) in points_in_body_m.iter().zip(points_in_world_m).zip(weights).take(n) {
-        cross += (w - centre_world) * (b - centre_body).transpose() * (*weight / total);
+    if !spreads.iter().flatten().all(|x| x.is_finite()) {
+        return Err(GeometryError::NotFinite { what: "a marker position" });
     }
-    let svd = jacobi_svd(&cross);
-    let (u, v) = (svd.u.fixed_view::<3, 3>(0, 0), svd.v.fixed_view::<3, 3>(0, 0));
-    let proper = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v.transpose()).determinant().signum()));
-    let rotation = rotation_of(u * proper * v.transpose());
-    let world_from_body =
-        Isometry3::from_parts(Translation3::from(centre_world - rotation * centre_body), rotation);
-    let residuals_m: Vec<f64> = points_in_body_m
-        .iter()
-        .zip(points_in_world_m)
-        .take(n)
-        .map(|(b, w)| (world_from_body.rotation * b + world_from_body.translation.vector - w).norm())
-        .collect();
-    let rms_m = (residuals_m.iter().zip(weights).map(|(r, w)| w * r * r).sum::<f64>() / total).sqrt();
-    Ok(RigidFit { world_from_body, residuals_m, rms_m })
-}
-
-fn refuse_line(
-    points: &[Vector3<f64>],
-    centre: &Vector3<f64>,
-    weights: &[f64],
-    total: f64,
-) -> Result<(), GeometryError> {
-    let rows =
-        DMatrix::from_fn(points.len(), 3, |i, j| (points[i][j] - centre[j]) * (weights[i] / total).sqrt());
-    let spread = jacobi_svd(&rows).singular_values;
-    let across = spread[1];
-    if across <= COLLINEAR_RATIO * spread[0] {
-        return Err(GeometryError::CollinearMarkers { spread_mm: across * 1e3 });
+    for spread in &spreads {
+        let mut along = spread.symmetric_eigenvalues().map(|v| (v.max(0.0) / f64::from(found)).sqrt());
+        along.as_mut_slice().sort_by(f64::total_cmp);
+        if along[1] <= COLLINEAR_RATIO * along[2] {
+            return Err(GeometryError::CollinearMarkers { spread_mm: along[1] * 1e3 });
+        }
     }
-    Ok(())
+    let (skew, trace) = (cross - cross.transpose(), cross.trace());
+    let turn = Vector3::new(skew[(1, 2)], skew[(2, 0)], skew[(0, 1)]);
+    let mut form = Matrix4::zeros();
+    form[(0, 0)] = trace;
+    form.fixed_view_mut::<3, 1>(1, 0).copy_from(&turn);
+    form.fixed_view_mut::<1, 3>(0, 1).copy_from(&turn.transpose());
+    let symmetric = cross + cross.transpose() - Matrix3::identity() * trace;
+    form.fixed_view_mut::<3, 3>(1, 1).copy_from(&symmetric);
+    let eigen = form.symmetric_eigen();
+    let q = eigen.eigenvectors.column(eigen.eigenvalues.imax());
+    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(q[0], q[1], q[2], q[3]));
+    Ok(Isometry3::from_parts(Translation3::from(to - rotation * from), rotation))
 }
 
 #[cfg(test)]
@@ -98,6 +68,17 @@ mod tests {
         SQUARE.iter().map(|p| Vector3::from(*p)).collect()
     }
 
+    fn fit(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Result<Isometry3<f64>, GeometryError> {
+        rigid_fit(from.iter().copied().zip(to.iter().copied()))
+    }
+
+    fn rms_m(fit: &Isometry3<f64>, from: &[Vector3<f64>], to: &[Vector3<f64>]) -> f64 {
+        let square = |(a, b): (&Vector3<f64>, &Vector3<f64>)| {
+            (fit.rotation * a + fit.translation.vector - b).norm_squared()
+        };
+        (from.iter().zip(to).map(square).sum::<f64>() / from.len() as f64).sqrt()
+    }
+
     proptest! {
         #[test]
         fn an_exact_motion_comes_back(t in proptest::array::uniform3(-5.0..5.0), turn in proptest::array::uniform3(-3.0..3.0),
@@ -106,10 +87,10 @@ mod tests {
             let truth = Isometry3::new(Vector3::from(t), Vector3::from(turn));
             let body = &square()[..used];
             let world: Vec<_> = body.iter().map(|p| truth.rotation * p + truth.translation.vector).collect();
-            let fit = rigid_fit(body, &world, &[1.0, 2.0, 0.5, 1.0]).unwrap();
-            prop_assert!(fit.world_from_body.rotation.angle_to(&truth.rotation) < 1e-7);
-            prop_assert!((fit.world_from_body.translation.vector - truth.translation.vector).norm() < 1e-12);
-            prop_assert!(fit.rms_m < 1e-13);
+            let found = fit(body, &world).unwrap();
+            prop_assert!(found.rotation.angle_to(&truth.rotation) < 1e-7);
+            prop_assert!((found.translation.vector - truth.translation.vector).norm() < 1e-12);
+            prop_assert!(rms_m(&found, body, &world) < 1e-13);
         }
     }
 
@@ -118,31 +99,40 @@ mod tests {
         let mut body = square();
         body.push(Vector3::new(0.0, 0.0, -0.2));
         let world: Vec<_> = body.iter().map(|p| Vector3::new(p.x, p.y, -p.z)).collect();
-        let fit = rigid_fit(&body, &world, &[1.0; 5]).unwrap();
-        assert!(
-            (fit.world_from_body.rotation.to_rotation_matrix().matrix().determinant() - 1.0).abs() < 1e-12
-        );
-        assert!(fit.rms_m > 0.05, "a mirror image must leave residuals, not {}", fit.rms_m);
+        let found = fit(&body, &world).unwrap();
+        assert!((found.rotation.to_rotation_matrix().matrix().determinant() - 1.0).abs() < 1e-12);
+        let rms_m = rms_m(&found, &body, &world);
+        assert!(rms_m > 0.05, "a mirror image must leave residuals, not {rms_m}");
     }
 
+    /// No other motion leaves less: the residuals have no gradient by the motion (Kabsch 1976).
     #[test]
-    fn a_weightless_point_does_not_matter() {
+    fn no_motion_nearby_fits_points_with_noise_better() {
         let body = square();
-        let mut world = body.clone();
-        world[3] += Vector3::new(1.0, 2.0, 3.0);
-        let fit = rigid_fit(&body, &world, &[1.0, 1.0, 1.0, 0.0]).unwrap();
-        assert!(fit.world_from_body.translation.vector.norm() < 1e-12);
-        assert!(fit.residuals_m[3] > 3.0);
+        let world: Vec<_> = (0..4)
+            .map(|k| body[k] + Vector3::new(0.01 * (k as f64).sin(), 0.02 * (3.0 * k as f64).cos(), 0.3))
+            .collect();
+        let found = fit(&body, &world).unwrap();
+        let least = rms_m(&found, &body, &world);
+        for k in 0..6 {
+            for by in [-1e-4, 1e-4] {
+                let part = |from: usize| Vector3::from_fn(|i, _| if from + i == k { by } else { 0.0 });
+                let other = found * Isometry3::new(part(0), part(3));
+                assert!(rms_m(&other, &body, &world) > least, "{k}");
+            }
+        }
     }
 
     #[test]
     fn lines_and_pairs_are_refused() {
         let line: Vec<_> =
             (0..4).map(|i| Vector3::new(f64::from(i) * 0.1, f64::from(i) * 0.2, 0.0)).collect();
-        assert!(matches!(rigid_fit(&line, &line, &[1.0; 4]), Err(GeometryError::CollinearMarkers { .. })));
+        assert!(matches!(fit(&line, &line), Err(GeometryError::CollinearMarkers { .. })));
+        assert!(matches!(fit(&line, &square()), Err(GeometryError::CollinearMarkers { .. })));
+        assert!(matches!(fit(&square(), &line), Err(GeometryError::CollinearMarkers { .. })));
         let two = &line[..2];
-        assert!(matches!(rigid_fit(two, two, &[1.0; 2]), Err(GeometryError::TooFewMarkers { found: 2 })));
+        assert!(matches!(fit(two, two), Err(GeometryError::TooFewMarkers { found: 2 })));
         let bad = vec![Vector3::new(f64::NAN, 0.0, 0.0); 3];
-        assert!(matches!(rigid_fit(&bad, &bad, &[1.0; 3]), Err(GeometryError::NotFinite { .. })));
+        assert!(matches!(fit(&bad, &bad), Err(GeometryError::NotFinite { .. })));
     }
 }

@@ -183,9 +183,9 @@ fn by_equations(
     let mut poses = Vec::new();
     let mut previous = None;
     for own in seen.chunk_by(|a, b| a.t_ns == b.t_ns) {
-        let estimate = estimator.estimate(own[0].t_ns, own, previous.as_ref()).ok();
-        previous = estimate.as_ref().map(|e| e.world_from_body).or(previous);
-        poses.push(PoseSample { t_ns: own[0].t_ns, estimate, reason: None });
+        let estimate = estimator.estimate(own[0].t_ns, own, previous.as_ref());
+        previous = estimate.as_ref().ok().map(|e| e.world_from_body).or(previous);
+        poses.push(PoseSample { t_ns: own[0].t_ns, estimate });
     }
     let motion = smooth(&poses, vehicle.environment.gravity_m_s2)?;
     let options = Options {

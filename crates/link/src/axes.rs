@@ -32,11 +32,9 @@ pub(crate) fn level_pose(measured: &Measured) -> LevelPose {
 }
 
 /// The 21 elements of the upper triangle, row by row.
-pub(crate) fn upper_triangle(m: &Matrix6<f64>) -> [f32; 21] {
-    let mut out = [0.0; 21];
-    let elements = (0..6).flat_map(|i| (i..6).map(move |j| m[(i, j)] as f32));
-    out.iter_mut().zip(elements).for_each(|(slot, element)| *slot = element);
-    out
+pub fn upper_triangle(m: &Matrix6<f64>) -> [f64; 21] {
+    let mut places = (0..6).flat_map(|i| (i..6).map(move |j| (i, j)));
+    std::array::from_fn(|_| places.next().map_or(0.0, |at| m[at]))
 }
 
 impl BodyAxes {
@@ -138,7 +136,7 @@ mod tests {
         assert!((got - j * covariance * j.transpose()).norm() < 1e-9, "{got}");
         let upper = upper_triangle(&got);
         for (k, (a, b)) in [(0, (0, 0)), (5, (0, 5)), (6, (1, 1)), (15, (3, 3)), (17, (3, 5)), (20, (5, 5))] {
-            assert_eq!(upper[k], got[(a, b)] as f32);
+            assert_eq!(upper[k], got[(a, b)]);
         }
     }
 

@@ -49,9 +49,9 @@ pub enum LinkError {
         /// What the system says.
         source: io::Error,
     },
-    /// An event could not be written.
-    #[error("json: cannot be written ({0}): look at what reads it, or at the disk")]
-    Write(#[source] io::Error),
+    /// An event has no JSON form.
+    #[error("json: an event has no such form ({0}): leave [live.json] out")]
+    Write(#[from] serde_json::Error),
     /// A file cannot be written.
     #[error("{path} cannot be written ({source}): look at its folder and at the disk")]
     File {

@@ -194,10 +194,11 @@ pub struct Parameter {
 }
 
 /// Where tracking stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Tracking {
     /// The aircraft has not been seen yet.
+    #[default]
     Acquiring,
     /// It is being followed.
     Tracking,

@@ -1,4 +1,4 @@
-//! Events as lines of JSON, one object a line: over TCP, over UDP, and into anything that can be written to.
+//! Events as lines of JSON, one object a line, over TCP and over UDP.
 //!
 //! The objects are those of [`Event`], with `event` naming their kind: a pose that was not measured is an
 //! object with `valid` false and without position. Who connects by TCP gets the scene first, then what
@@ -8,8 +8,7 @@
 use crate::options::address;
 use crate::peers::{MOST, Peer};
 use crate::udp;
-use crate::{Event, Fix, JsonOptions, LinkError, Outlet};
-use std::io::Write;
+use crate::{Event, JsonOptions, LinkError, Outlet};
 use std::net::{SocketAddr, TcpListener, UdpSocket};
 use std::time::{Duration, Instant};
 
@@ -26,8 +25,6 @@ const LONGEST_DATAGRAM: usize = 65_507;
 pub struct JsonLines {
     server: Option<Server>,
     udp: Option<Datagrams>,
-    writer: Option<Box<dyn Write + Send>>,
-    line: Vec<u8>,
     scene: Vec<u8>,
 }
 
@@ -43,18 +40,14 @@ struct Server {
     peers: Vec<Peer>,
 }
 
-impl Server {
-    /// Takes in who has come, with the scene.
-    fn accept(&mut self, scene: &[u8]) {
-        while let Ok((stream, _)) = self.listener.accept() {
-            if self.peers.len() >= MOST {
-                continue;
-            }
-            if let Ok(mut peer) = Peer::new(stream)
-                && (scene.is_empty() || peer.push(scene))
-            {
-                self.peers.push(peer);
-            }
+/// Takes in who has come, with the scene.
+fn accept(listener: &TcpListener, peers: &mut Vec<Peer>, scene: &[u8]) {
+    while let Ok((stream, _)) = listener.accept() {
+        if peers.len() < MOST
+            && let Ok(mut peer) = Peer::new(stream)
+            && (scene.is_empty() || peer.push(scene))
+        {
+            peers.push(peer);
         }
     }
 }
@@ -88,11 +81,6 @@ impl JsonLines {
         Ok(this)
     }
 
-    /// Lines into a file, standard output, or whatever else takes bytes. It is waited for.
-    pub fn to(writer: impl Write + Send + 'static) -> Self {
-        Self { writer: Some(Box::new(writer)), ..Self::default() }
-    }
-
     /// The TCP port that was opened.
     pub fn address(&self) -> Option<SocketAddr> {
         self.server.as_ref().and_then(|s| s.listener.local_addr().ok())
@@ -100,41 +88,26 @@ impl JsonLines {
 }
 
 impl Outlet for JsonLines {
-    fn name(&self) -> &str {
-        NAME
-    }
-
-    /// Nothing: the instant comes as [`Event::Pose`].
-    fn send(&mut self, _fix: &Fix) -> Result<(), LinkError> {
-        Ok(())
-    }
-
     fn event(&mut self, event: &Event) -> Result<(), LinkError> {
-        if let Some(server) = &mut self.server {
-            server.accept(&self.scene);
+        let mut line = serde_json::to_vec(event)?;
+        line.push(b'\n');
+        if let Some(Server { listener, peers }) = &mut self.server {
+            accept(listener, peers, &self.scene);
+            peers.retain_mut(|peer| peer.push(&line));
         }
-        self.line.clear();
-        serde_json::to_writer(&mut self.line, event).map_err(|e| LinkError::Write(e.into()))?;
-        self.line.push(b'\n');
-        if matches!(event, Event::Scene(_)) {
-            self.scene.clone_from(&self.line);
-        }
-        let line = &self.line;
-        if let Some(server) = &mut self.server {
-            server.peers.retain_mut(|peer| peer.push(line));
-        }
+        let is_scene = matches!(event, Event::Scene(_));
         if let Some(Datagrams { socket, to, scene_sent }) = &mut self.udp {
-            let again = scene_sent.is_none_or(|at| at.elapsed() >= SCENE_AGAIN) && *line != self.scene;
-            if again || *line == self.scene {
+            let is_due = scene_sent.is_none_or(|at| at.elapsed() >= SCENE_AGAIN);
+            if is_scene || is_due {
                 *scene_sent = Some(Instant::now());
             }
-            if again && !self.scene.is_empty() {
+            if is_due && !is_scene && !self.scene.is_empty() {
                 datagram(socket, *to, &self.scene)?;
             }
-            datagram(socket, *to, line)?;
+            datagram(socket, *to, &line)?;
         }
-        if let Some(writer) = &mut self.writer {
-            writer.write_all(line).and_then(|()| writer.flush()).map_err(LinkError::Write)?;
+        if is_scene {
+            self.scene = line;
         }
         Ok(())
     }
@@ -153,9 +126,8 @@ mod tests {
     use super::*;
     use crate::{PoseEvent, Scene, Tracking};
     use serde_json::Value;
-    use std::io::{self, BufRead, BufReader};
+    use std::io::{BufRead, BufReader};
     use std::net::TcpStream;
-    use std::sync::{Arc, Mutex};
 
     fn scene() -> Event {
         Event::Scene(Scene {
@@ -253,30 +225,8 @@ mod tests {
     }
 
     #[test]
-    fn a_writer_gets_lines_and_its_faults_are_reported() {
-        #[derive(Clone, Default)]
-        struct Shared(Arc<Mutex<Vec<u8>>>);
-        impl Write for Shared {
-            fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-                let mut all = self.0.lock().expect("free");
-                if all.len() > 300 {
-                    return Err(io::ErrorKind::StorageFull.into());
-                }
-                all.extend(bytes);
-                Ok(bytes.len())
-            }
-            fn flush(&mut self) -> io::Result<()> {
-                Ok(())
-            }
-        }
-        let shared = Shared::default();
-        let mut outlet = JsonLines::to(shared.clone());
-        outlet.event(&scene()).expect("written");
-        outlet.event(&pose(0, true)).expect("written");
-        let said = outlet.event(&pose(1, true)).expect_err("full").to_string();
-        assert!(said.starts_with("json: cannot be written"), "{said}");
-        let all = shared.0.lock().expect("free").clone();
-        assert_eq!(all.iter().filter(|b| **b == b'\n').count(), 2);
-        assert!(JsonLines::open(&JsonOptions { tcp: String::new(), udp: String::new() }).is_err());
+    fn no_address_is_refused() {
+        let said = JsonLines::open(&JsonOptions { tcp: String::new(), udp: String::new() }).err();
+        assert!(said.is_some_and(|e| e.to_string().contains("`tcp` is empty")));
     }
 }

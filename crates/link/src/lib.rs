@@ -20,9 +20,12 @@ mod testing;
 mod udp;
 pub mod vrpn;
 mod worker;
+#[cfg(feature = "zenoh")]
 pub mod zenoh;
 
+#[cfg(feature = "zenoh")]
 pub use crate::zenoh::Zenoh;
+pub use axes::upper_triangle;
 pub use error::LinkError;
 pub use event::{
     CameraState, CameraView, DetectedBall, Event, MarkerView, Parameter, PoseEvent, Scene, Tracking,

@@ -25,7 +25,7 @@ use crate::udp;
 use crate::worker::Worker;
 use crate::{Body, Fix, LinkError, MavlinkOptions, Measured, Moving, Outlet};
 use mavlink_core::{MAVLinkV2MessageRaw, MavHeader, MavlinkReader, MavlinkVersion};
-use messages::{Message, Messages, Odometry, Timesync};
+use messages::{Message, Messages, Timesync};
 use pace::Pace;
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
@@ -70,10 +70,8 @@ impl Mavlink {
             "" => udp::any_port_towards(peer),
             text => address(NAME, text)?,
         };
-        let socket = udp::open(NAME, from)?;
-        let fault = |source| LinkError::Open { outlet: NAME, address: from.to_string(), source };
         let radio = Radio {
-            socket,
+            socket: Arc::new(udp::open(NAME, from)?),
             header: MavHeader {
                 system_id: options.system_id.into(),
                 component_id: options.component_id,
@@ -81,7 +79,7 @@ impl Mavlink {
             },
             sequence: Arc::new(AtomicU8::new(0)),
         };
-        let mut keeper = Keeper { radio: radio.twin().map_err(fault)?, peer, beaten: None, inbox: [0; 2048] };
+        let mut keeper = Keeper { radio: radio.clone(), peer, beaten: None, inbox: [0; 2048] };
         Ok(Self {
             radio,
             peer,
@@ -91,29 +89,22 @@ impl Mavlink {
         })
     }
 
-    fn odometry(&self, fix: &Fix, measured: &Measured, moving: &Moving) -> Odometry {
+    fn odometry(&self, fix: &Fix, measured: &Measured, moving: &Moving) -> Message {
         let level = level_pose(measured);
-        let q = level.level_from_body.rotation;
+        let (place, turn) = (level.level_from_body.translation, level.level_from_body.rotation);
+        let (velocity, rates) = (moving.velocity_in_body_m_s, moving.rates_rad_s);
         let share = 100 * measured.markers / self.markers.max(measured.markers).max(1);
-        Odometry {
-            time_usec: u64::try_from(fix.captured_ns / 1000).unwrap_or(0),
-            position_m: level.level_from_body.translation.vector.map(|v| v as f32).into(),
-            attitude: [q.w, q.i, q.j, q.k].map(|v| v as f32),
-            velocity_m_s: moving.velocity_in_body_m_s.map(|v| v as f32).into(),
-            rates_rad_s: moving.rates_rad_s.map(|v| v as f32).into(),
-            pose_covariance: upper_triangle(&level.covariance),
-            velocity_covariance: upper_triangle(&moving.covariance),
-            resets: fix.resets,
-            quality: i8::try_from(share.max(1)).unwrap_or(100),
-        }
+        let numbers = [place.x, place.y, place.z, turn.w, turn.i, turn.j, turn.k]
+            .into_iter()
+            .chain(velocity.iter().chain(&rates).copied())
+            .chain(upper_triangle(&level.covariance))
+            .chain(upper_triangle(&moving.covariance));
+        let time_usec = u64::try_from(fix.captured_ns / 1000).unwrap_or(0);
+        messages::odometry(time_usec, numbers, fix.resets, i8::try_from(share.max(1)).unwrap_or(100))
     }
 }
 
 impl Outlet for Mavlink {
-    fn name(&self) -> &str {
-        NAME
-    }
-
     fn send(&mut self, fix: &Fix) -> Result<(), LinkError> {
         let Some((measured, moving)) = sound(fix).and_then(|m| Some((m, sound_motion(m)?))) else {
             return Ok(());
@@ -121,27 +112,19 @@ impl Outlet for Mavlink {
         if !self.pace.due(fix.captured_ns) {
             return Ok(());
         }
-        let message = Message::Odometry(self.odometry(fix, measured, moving));
-        self.radio.send(&message, self.peer)
+        self.radio.send(&self.odometry(fix, measured, moving), self.peer)
     }
 }
 
 /// A socket that counts what it sends.
+#[derive(Clone)]
 struct Radio {
-    socket: UdpSocket,
+    socket: Arc<UdpSocket>,
     header: MavHeader,
     sequence: Arc<AtomicU8>,
 }
 
 impl Radio {
-    fn twin(&self) -> io::Result<Self> {
-        Ok(Self {
-            socket: self.socket.try_clone()?,
-            header: self.header,
-            sequence: Arc::clone(&self.sequence),
-        })
-    }
-
     fn send(&self, message: &Message, to: SocketAddr) -> Result<(), LinkError> {
         let sequence = self.sequence.fetch_add(1, Ordering::Relaxed);
         let mut frame = MAVLinkV2MessageRaw::new();
@@ -168,7 +151,7 @@ impl Keeper {
         if self.beaten.is_none_or(|at| at.elapsed() >= HEARTBEAT) {
             self.beaten = Some(Instant::now());
             // A network that is down is reported with the next pose.
-            let _ = self.radio.send(&Message::Heartbeat, self.peer);
+            let _ = self.radio.send(&messages::heartbeat(), self.peer);
         }
         if let Some((length, from)) = udp::receive(&self.radio.socket, &mut self.inbox) {
             self.answer(length, from);
@@ -178,15 +161,10 @@ impl Keeper {
     fn answer(&self, length: usize, from: SocketAddr) {
         let mut reader = MavlinkReader::new(&self.inbox[..length]);
         while let Ok((header, message)) = reader.read_message_with_dialect(&Messages, MavlinkVersion::V2) {
-            let Message::Timesync(request) = message else { continue };
-            if request.responding_ns == 0 {
-                let answer = Timesync {
-                    responding_ns: now_ns(),
-                    target: [u8::try_from(header.system_id).unwrap_or(0), header.component_id],
-                    ..request
-                };
-                let _ = self.radio.send(&Message::Timesync(answer), from);
-            }
+            let Some(request) = Timesync::read(&message).filter(|r| r.responding_ns == 0) else { continue };
+            let target = [u8::try_from(header.system_id).unwrap_or(0), header.component_id];
+            let answer = Timesync { responding_ns: now_ns(), target, ..request };
+            let _ = self.radio.send(&answer.message(), from);
         }
     }
 }

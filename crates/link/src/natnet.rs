@@ -20,7 +20,7 @@ use crate::outlet::now_ns;
 use crate::udp;
 use crate::worker::{Worker, lock};
 use crate::{Body, Fix, LinkError, NatnetOptions, Outlet};
-use packets::{Frame, Packet, Request};
+use packets::{Frame, Request};
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::{Arc, Mutex};
@@ -36,10 +36,9 @@ const MOST: usize = 32;
 
 /// Serves clients of NatNet.
 pub struct Natnet {
-    socket: UdpSocket,
+    socket: Arc<UdpSocket>,
     options: NatnetOptions,
     listeners: Arc<Mutex<Listeners>>,
-    packet: Packet,
     began_ns: Option<i64>,
     _worker: Worker,
 }
@@ -87,25 +86,17 @@ impl Natnet {
                 allowed: "from 1 to 65535; clients expect 1511",
             });
         }
-        let socket = udp::open(NAME, address(NAME, &options.address)?)?;
-        let fault = |source| LinkError::Open { outlet: NAME, address: options.address.clone(), source };
+        let socket = Arc::new(udp::open(NAME, address(NAME, &options.address)?)?);
         let listeners = Arc::new(Mutex::new(Listeners::default()));
         let mut desk = Desk {
-            socket: socket.try_clone().map_err(fault)?,
+            socket: Arc::clone(&socket),
             data_port: options.data_port,
             listeners: Arc::clone(&listeners),
             model: packets::model(body, options.body_axes),
-            packet: Packet::default(),
             inbox: [0; 2048],
         };
-        Ok(Self {
-            socket,
-            options: options.clone(),
-            listeners,
-            packet: Packet::default(),
-            began_ns: None,
-            _worker: Worker::start(move || desk.step()),
-        })
+        let (options, worker) = (options.clone(), Worker::start(move || desk.step()));
+        Ok(Self { socket, options, listeners, began_ns: None, _worker: worker })
     }
 
     /// The command port that was opened.
@@ -118,10 +109,6 @@ impl Natnet {
 }
 
 impl Outlet for Natnet {
-    fn name(&self) -> &str {
-        NAME
-    }
-
     fn send(&mut self, fix: &Fix) -> Result<(), LinkError> {
         let began_ns = *self.began_ns.get_or_insert(fix.captured_ns);
         let pose = sound(fix).map(|m| {
@@ -134,12 +121,12 @@ impl Outlet for Natnet {
             since_start_s: (fix.captured_ns - began_ns) as f64 * 1e-9,
             times_ns: [fix.captured_ns, fix.received_ns, now_ns()],
         };
-        let bytes = self.packet.frame(&frame);
+        let bytes = packets::frame(&frame);
         let listeners = lock(&self.listeners);
         let kept = listeners.kept.iter().filter(|(_, heard)| heard.elapsed() < SILENCE).map(|(to, _)| to);
         let mut fault = None;
         for to in listeners.machines.iter().chain(kept) {
-            fault = udp::send(NAME, &self.socket, bytes, *to).err().or(fault);
+            fault = udp::send(NAME, &self.socket, &bytes, *to).err().or(fault);
         }
         fault.map_or(Ok(()), Err)
     }
@@ -147,37 +134,44 @@ impl Outlet for Natnet {
 
 /// Answers at the command port.
 struct Desk {
-    socket: UdpSocket,
+    socket: Arc<UdpSocket>,
     data_port: u16,
     listeners: Arc<Mutex<Listeners>>,
     model: Vec<u8>,
-    packet: Packet,
     inbox: [u8; 2048],
 }
 
 impl Desk {
     fn step(&mut self) {
-        if let Some((length, from)) = udp::receive(&self.socket, &mut self.inbox) {
-            self.answer(length, from);
+        if let Some((length, from)) = udp::receive(&self.socket, &mut self.inbox)
+            && let Some(request) = packets::request(&self.inbox[..length])
+            && let Some(answer) = self.answer(request, from)
+        {
+            // A client that does not hear asks again.
+            let _ = udp::send(NAME, &self.socket, &answer, from);
         }
     }
 
-    fn answer(&mut self, length: usize, from: SocketAddr) {
-        let answer = match packets::request(&self.inbox[..length]) {
-            Some(Request::Connect) => {
-                lock(&self.listeners).machine(SocketAddr::new(from.ip(), self.data_port));
-                self.packet.server_info(self.data_port)
+    fn answer(&self, request: Request, from: SocketAddr) -> Option<Vec<u8>> {
+        let mut listeners = lock(&self.listeners);
+        Some(match request {
+            Request::Connect => {
+                listeners.machine(SocketAddr::new(from.ip(), self.data_port));
+                packets::server_info(self.data_port)
             }
-            Some(Request::Model) => &self.model,
-            Some(Request::Alive) => return lock(&self.listeners).alive(from, Instant::now()),
-            Some(Request::Disconnect) => return lock(&self.listeners).kept.retain(|(a, _)| *a != from),
-            Some(Request::UnitsToMillimetres) => self.packet.response(&1000f32.to_le_bytes()),
-            Some(Request::UpAxis) => self.packet.response(&2i32.to_le_bytes()),
-            Some(Request::Other) => self.packet.unrecognized(),
-            None => return,
-        };
-        // A client that does not hear asks again.
-        let _ = udp::send(NAME, &self.socket, answer, from);
+            Request::Model => self.model.clone(),
+            Request::UnitsToMillimetres => packets::response(1000f32.to_le_bytes()),
+            Request::UpAxis => packets::response(2i32.to_le_bytes()),
+            Request::Other => packets::unrecognized(),
+            Request::Alive => {
+                listeners.alive(from, Instant::now());
+                return None;
+            }
+            Request::Disconnect => {
+                listeners.kept.retain(|(address, _)| *address != from);
+                return None;
+            }
+        })
     }
 }
 

@@ -4,7 +4,6 @@ use crate::json::JsonLines;
 use crate::mavlink::Mavlink;
 use crate::natnet::Natnet;
 use crate::vrpn::Vrpn;
-use crate::zenoh::Zenoh;
 use crate::{Body, LinkError, LinkOptions, Outlet};
 
 /// Opens every outlet that the options have.
@@ -25,8 +24,13 @@ pub fn open(options: &LinkOptions, body: &Body) -> Result<Vec<Box<dyn Outlet>>, 
     if let Some(options) = &options.json {
         outlets.push(Box::new(JsonLines::open(options)?));
     }
+    #[cfg(feature = "zenoh")]
     if let Some(options) = &options.zenoh {
-        outlets.push(Box::new(Zenoh::open(options, body)?));
+        outlets.push(Box::new(crate::Zenoh::open(options, body)?));
+    }
+    #[cfg(not(feature = "zenoh"))]
+    if options.zenoh.is_some() {
+        return Err(LinkError::Absent { outlet: "zenoh" });
     }
     Ok(outlets)
 }

@@ -10,11 +10,10 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// [`Fix`] without a pose is documented at each outlet: nothing, or that there is none; never the pose
 /// before.
 pub trait Outlet: Send {
-    /// Its name, as its section in the session file has it.
-    fn name(&self) -> &str;
-
-    /// Sends an instant.
-    fn send(&mut self, fix: &Fix) -> Result<(), LinkError>;
+    /// Sends an instant, where the outlet carries more than its [`Event::Pose`].
+    fn send(&mut self, _fix: &Fix) -> Result<(), LinkError> {
+        Ok(())
+    }
 
     /// Sends an event, where the outlet carries any.
     fn event(&mut self, _event: &Event) -> Result<(), LinkError> {

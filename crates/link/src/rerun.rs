@@ -16,7 +16,7 @@ mod arrow;
 mod file;
 mod flat;
 
-use crate::{Event, Fix, LinkError, Outlet, PoseEvent, Scene, Tracking};
+use crate::{Event, LinkError, Outlet, PoseEvent, Scene, Tracking};
 use arrow::{Array, Column};
 use file::RrdFile;
 use std::io;
@@ -42,40 +42,39 @@ impl Rerun {
         let refused = |source| LinkError::File { path: path.display().to_string(), source };
         let mut file = RrdFile::create(path, "mavsight", crate::outlet::now_ns()).map_err(refused)?;
         // Right, forward, up.
-        let axes = Array::lists([1], Array::Fixed(3, Box::new(Array::Bytes(vec![3, 5, 1]))));
+        let axes = Array::lists(&[1], Array::fixed(3, Array::bytes(&[3, 5, 1])));
         let column = component("ViewCoordinates", "xyz", "ViewCoordinates", axes);
         file.chunk("/world", 1, vec![column]).map_err(refused)?;
         Ok(Self { path: path.to_owned(), file, poses: Vec::with_capacity(ROWS), tracking: None })
     }
 
     fn scene(&mut self, scene: &Scene) -> io::Result<()> {
-        let points = |places: &[[f64; 3]], names: Vec<String>| {
-            let flat = places.iter().flatten().map(|v| *v as f32).collect();
-            let count = places.len();
-            let places = Array::lists([count], Array::Fixed(3, Box::new(Array::F32(flat))));
+        let points = |places: Vec<[f64; 3]>, names: Vec<String>| {
+            let flat: Vec<f32> = places.iter().flatten().map(|v| *v as f32).collect();
+            let places = Array::lists(&[places.len()], Array::fixed(3, Array::f32(&flat)));
+            let labels = Array::lists(&[names.len()], Array::texts(&names));
             vec![
                 component("Points3D", "positions", "Position3D", places),
-                component("Points3D", "labels", "Text", Array::lists([count], Array::Text(names))),
+                component("Points3D", "labels", "Text", labels),
             ]
         };
-        let places: Vec<_> = scene.cameras.iter().map(|c| c.centre_m).collect();
-        let names = scene.cameras.iter().map(|c| c.name.clone()).collect();
-        self.file.chunk("/world/cameras", 1, points(&places, names))?;
-        let places: Vec<_> = scene.markers.iter().map(|m| m.in_body_m).collect();
-        let names = scene.markers.iter().map(|m| m.name.clone()).collect();
-        let mut columns = points(&places, names);
-        let count = scene.markers.len();
-        let color =
-            scene.markers.iter().map(|m| u32::from_be_bytes([m.rgb[0], m.rgb[1], m.rgb[2], 255])).collect();
-        let radius = scene.markers.iter().map(|m| (0.5 * m.diameter_m) as f32).collect();
-        columns.push(component("Points3D", "colors", "Color", Array::lists([count], Array::Words(color))));
-        columns.push(component("Points3D", "radii", "Radius", Array::lists([count], Array::F32(radius))));
+        let (cameras, markers) = (&scene.cameras, &scene.markers);
+        let names = cameras.iter().map(|c| c.name.clone()).collect();
+        self.file.chunk("/world/cameras", 1, points(cameras.iter().map(|c| c.centre_m).collect(), names))?;
+        let names = markers.iter().map(|m| m.name.clone()).collect();
+        let mut columns = points(markers.iter().map(|m| m.in_body_m).collect(), names);
+        let color = |[r, g, b]: [u8; 3]| u32::from_be_bytes([r, g, b, 255]);
+        let colors: Vec<u32> = markers.iter().map(|m| color(m.rgb)).collect();
+        let radii: Vec<f32> = markers.iter().map(|m| (0.5 * m.diameter_m) as f32).collect();
+        let one = |of| Array::lists(&[markers.len()], of);
+        columns.push(component("Points3D", "colors", "Color", one(Array::words(&colors))));
+        columns.push(component("Points3D", "radii", "Radius", one(Array::f32(&radii))));
         self.file.chunk("/world/aircraft/markers", 1, columns)
     }
 
     fn text(&mut self, entity: &str, t_s: f64, text: &str) -> io::Result<()> {
-        let body = Array::lists([1], Array::Text(vec![text.to_owned()]));
-        let t = index("t", Array::Duration(vec![(t_s * 1e9).round() as i64]));
+        let body = Array::lists(&[1], Array::texts(&[text.to_owned()]));
+        let t = index("t", Array::durations(&[(t_s * 1e9).round() as i64]));
         self.file.chunk(entity, 1, vec![t, component("TextLog", "text", "Text", body)])
     }
 
@@ -86,35 +85,33 @@ impl Rerun {
         }
         let poses = std::mem::take(&mut self.poses);
         let times = |of: &[&PoseEvent]| {
-            let t = of.iter().map(|p| (p.t_s * 1e9).round() as i64).collect();
-            let captured = of.iter().map(|p| p.captured_ns).collect();
-            vec![index("captured", Array::Timestamp(captured)), index("t", Array::Duration(t))]
+            let t: Vec<i64> = of.iter().map(|p| (p.t_s * 1e9).round() as i64).collect();
+            let captured: Vec<i64> = of.iter().map(|p| p.captured_ns).collect();
+            vec![index("captured", Array::timestamps(&captured)), index("t", Array::durations(&t))]
         };
         let measured: Vec<&PoseEvent> = poses.iter().filter(|p| p.position_m.is_some()).collect();
         if !measured.is_empty() {
-            let one = || std::iter::repeat_n(1, measured.len());
-            let place: Vec<f32> =
-                measured.iter().filter_map(|p| p.position_m).flatten().map(|v| v as f32).collect();
+            let places = measured.iter().filter_map(|p| p.position_m).flatten();
             // Rerun has w last.
-            let turn: Vec<f32> = (measured.iter().filter_map(|p| p.attitude))
-                .flat_map(|[w, x, y, z]| [x, y, z, w].map(|v| v as f32))
-                .collect();
-            let fixed = |n: i32, of: Vec<f32>| Array::lists(one(), Array::Fixed(n, Box::new(Array::F32(of))));
+            let turns = measured.iter().filter_map(|p| p.attitude).flat_map(|[w, x, y, z]| [x, y, z, w]);
+            let (places, turns): (Vec<f32>, Vec<f32>) =
+                (places.map(|v| v as f32).collect(), turns.map(|v| v as f32).collect());
+            let rows = vec![1; measured.len()];
+            let fixed = |count, of: &[f32]| Array::lists(&rows, Array::fixed(count, Array::f32(of)));
             let mut columns = times(&measured);
-            columns.push(component("Transform3D", "quaternion", "RotationQuat", fixed(4, turn)));
-            columns.push(component("Transform3D", "translation", "Translation3D", fixed(3, place)));
+            columns.push(component("Transform3D", "quaternion", "RotationQuat", fixed(4, &turns)));
+            columns.push(component("Transform3D", "translation", "Translation3D", fixed(3, &places)));
             self.file.chunk("/world/aircraft", measured.len(), columns)?;
         }
         let all: Vec<&PoseEvent> = poses.iter().collect();
         for (entity, of) in SCALARS {
             let values: Vec<Vec<f64>> = all.iter().map(|p| of(p)).collect();
-            let lists = Array::lists(values.iter().map(Vec::len), Array::F64(values.concat()));
+            let rows: Vec<usize> = values.iter().map(Vec::len).collect();
             let mut columns = times(&all);
+            let lists = Array::lists(&rows, Array::f64(&values.concat()));
             columns.push(component("Scalars", "scalars", "Scalar", lists));
             self.file.chunk(entity, all.len(), columns)?;
         }
-        self.poses = poses;
-        self.poses.clear();
         Ok(())
     }
 
@@ -172,15 +169,6 @@ fn index(name: &str, array: Array) -> Column {
 }
 
 impl Outlet for Rerun {
-    fn name(&self) -> &str {
-        "rerun"
-    }
-
-    /// Nothing: the instant comes as [`Event::Pose`].
-    fn send(&mut self, _: &Fix) -> Result<(), LinkError> {
-        Ok(())
-    }
-
     fn event(&mut self, event: &Event) -> Result<(), LinkError> {
         let done = self.take(event);
         self.fault(done)

@@ -2,6 +2,7 @@
 
 use crate::{Body, Fix, MarkerView, Measured, Moving};
 use mavsight_geometry::{EulerAngles, Isometry3, Matrix6, Vector3, world_from_body};
+use mavsight_random::Random;
 
 pub(crate) fn measured(world_from_body: Isometry3<f64>, covariance: Matrix6<f64>) -> Measured {
     Measured { world_from_body, covariance, moving: None, markers: 4, residual_px: 0.1 }
@@ -56,16 +57,9 @@ pub(crate) fn bytes(hex: &str) -> Vec<u8> {
 
 /// Packets of noise, always the same: of every length up to 400, half of them beginning as `head` does.
 pub(crate) fn noise(head: &[u8]) -> impl Iterator<Item = Vec<u8>> {
-    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut random = Random::new(0, 0);
     (0..4000_usize).map(move |k| {
-        let mut packet: Vec<u8> = (0..k % 400)
-            .map(|_| {
-                state ^= state << 13;
-                state ^= state >> 7;
-                state ^= state << 17;
-                state.to_le_bytes()[3]
-            })
-            .collect();
+        let mut packet: Vec<u8> = (0..k % 400).map(|_| random.next_u64().to_le_bytes()[0]).collect();
         if k % 2 == 0 {
             packet.iter_mut().zip(head).for_each(|(byte, head)| *byte = *head);
         }

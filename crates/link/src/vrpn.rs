@@ -26,10 +26,9 @@ use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-const NAME: &str = "vrpn";
+pub use messages::TURN_S;
 
-/// Time over which the quaternion of `Velocity` turns.
-pub const TURN_S: f64 = 0.01;
+const NAME: &str = "vrpn";
 
 /// How long a client may take to accept the connection that it asked for.
 const CONNECTING: Duration = Duration::from_millis(500);
@@ -48,7 +47,6 @@ pub struct Vrpn {
     clients: Arc<Mutex<Vec<Client>>>,
     options: VrpnOptions,
     address: SocketAddr,
-    bytes: Vec<u8>,
     _worker: Worker,
 }
 
@@ -71,20 +69,10 @@ impl Vrpn {
         let address = listener.local_addr().map_err(fault)?;
         let calls = udp::open(NAME, address)?;
         let clients = Arc::new(Mutex::new(Vec::new()));
-        let mut door = Door {
-            calls,
-            listener,
-            clients: Arc::clone(&clients),
-            greeting: messages::descriptions(body.name()),
-            bytes: Vec::new(),
-        };
-        Ok(Self {
-            clients,
-            options: options.clone(),
-            address,
-            bytes: Vec::new(),
-            _worker: Worker::start(move || door.step()),
-        })
+        let greeting = messages::descriptions(body.name());
+        let door = Door { calls, listener, clients: Arc::clone(&clients), greeting };
+        let (options, worker) = (options.clone(), Worker::start(move || door.step()));
+        Ok(Self { clients, options, address, _worker: worker })
     }
 
     /// The port that was opened.
@@ -94,23 +82,17 @@ impl Vrpn {
 }
 
 impl Outlet for Vrpn {
-    fn name(&self) -> &str {
-        NAME
-    }
-
     fn send(&mut self, fix: &Fix) -> Result<(), LinkError> {
         let Some(measured) = sound(fix) else { return Ok(()) };
         let pose = self.options.body_axes.pose(&measured.world_from_body);
-        self.bytes.clear();
-        messages::pos_quat(&mut self.bytes, fix.captured_ns, &pose);
+        let mut bytes = messages::pos_quat(fix.captured_ns, &pose);
         if let Some(moving) = sound_motion(measured) {
             let world_from_body = measured.world_from_body.rotation;
             let turning_rad_s = world_from_body * moving.rates_rad_s;
             let velocity_m_s = world_from_body * moving.velocity_in_body_m_s;
-            messages::velocity(&mut self.bytes, fix.captured_ns, &velocity_m_s, &turning_rad_s);
+            bytes.extend(messages::velocity(fix.captured_ns, &velocity_m_s, &turning_rad_s));
         }
-        let bytes = &self.bytes;
-        lock(&self.clients).retain_mut(|client| !client.greeted || client.peer.push(bytes));
+        lock(&self.clients).retain_mut(|client| !client.greeted || client.peer.push(&bytes));
         Ok(())
     }
 }
@@ -121,11 +103,10 @@ struct Door {
     listener: TcpListener,
     clients: Arc<Mutex<Vec<Client>>>,
     greeting: Vec<u8>,
-    bytes: Vec<u8>,
 }
 
 impl Door {
-    fn step(&mut self) {
+    fn step(&self) {
         let mut call = [0; 512];
         if let Some((length, from)) = udp::receive(&self.calls, &mut call) {
             self.call_back(&call[..length], from);
@@ -133,12 +114,11 @@ impl Door {
         while let Ok((stream, _)) = self.listener.accept() {
             self.admit(stream);
         }
-        let (greeting, bytes) = (&self.greeting, &mut self.bytes);
-        lock(&self.clients).retain_mut(|client| client.listen(greeting, bytes));
+        lock(&self.clients).retain_mut(|client| client.listen(&self.greeting));
     }
 
     /// Connects to the machine that called, whatever host it names, so that nobody is sent to a third one.
-    fn call_back(&mut self, call: &[u8], from: SocketAddr) {
+    fn call_back(&self, call: &[u8], from: SocketAddr) {
         let Some(port) = messages::called_port(call).filter(|port| *port >= LEAST_PORT) else { return };
         let to = SocketAddr::new(from.ip(), port);
         if lock(&self.clients).iter().any(|c| c.peer.address == to) {
@@ -149,7 +129,7 @@ impl Door {
         }
     }
 
-    fn admit(&mut self, stream: TcpStream) {
+    fn admit(&self, stream: TcpStream) {
         let mut clients = lock(&self.clients);
         if clients.len() < MOST
             && let Ok(mut peer) = Peer::new(stream)
@@ -162,7 +142,7 @@ impl Door {
 
 impl Client {
     /// Reads what has come and answers it. False: it has gone, or speaks something else.
-    fn listen(&mut self, greeting: &[u8], answer: &mut Vec<u8>) -> bool {
+    fn listen(&mut self, greeting: &[u8]) -> bool {
         if !self.greeted && self.since.elapsed() > GREETING {
             return false;
         }
@@ -188,11 +168,7 @@ impl Client {
                     self.greeted = true;
                     self.peer.push(greeting)
                 }
-                Read::Ping => {
-                    answer.clear();
-                    messages::message(answer, now_ns(), Kind::Pong, &[]);
-                    self.peer.push(answer)
-                }
+                Read::Ping => self.peer.push(&messages::message(now_ns(), Kind::Pong, &[])),
             };
             if !went {
                 return false;

@@ -1,84 +1,72 @@
-//! Events by Zenoh, in a build with the feature `zenoh`.
+//! Events by Zenoh.
 //!
 //! Each event is put under `<prefix>/<body>/<event>`, such as `mavsight/cf231/pose`, as the JSON object that
 //! newline JSON has; the encoding says `application/json`. An instant without a pose is an object with
 //! `valid` false and without position. The session is a peer that looks for nobody by itself unless
 //! `scouting` says so. What a subscriber does not take in time is dropped.
 
-#[cfg(feature = "zenoh")]
-mod session {
-    use crate::{Body, Event, Fix, LinkError, Outlet, ZenohOptions};
-    use serde_json::json;
-    use zenoh::Wait;
+use crate::{Body, Event, LinkError, Outlet, ZenohOptions};
+use serde_json::json;
+use zenoh::Wait;
 
-    /// Puts events.
-    pub struct Zenoh {
-        session: zenoh::Session,
-        stem: String,
-        key: String,
-        payload: Vec<u8>,
-    }
+/// Puts events.
+pub struct Zenoh {
+    session: zenoh::Session,
+    stem: String,
+    key: String,
+    payload: Vec<u8>,
+}
 
-    impl Zenoh {
-        /// Opens a session. A peer to connect to that is not there is tried again and again.
-        ///
-        /// # Errors
-        /// An endpoint or the prefix is wrong, or an endpoint is held by another program.
-        pub fn open(options: &ZenohOptions, body: &Body) -> Result<Self, LinkError> {
-            let refused = |e: zenoh::Error| LinkError::Zenoh(e.to_string());
-            let stem = format!("{}/{}/", options.prefix, body.name());
-            if options.prefix.contains(['*', '$'])
-                || zenoh::key_expr::KeyExpr::new(stem.trim_end_matches('/')).is_err()
-            {
-                return Err(LinkError::Option {
-                    outlet: "zenoh",
-                    option: "prefix",
-                    value: format!("`{}`", options.prefix),
-                    allowed: "a key without wild cards, such as mavsight or lab/room1",
-                });
-            }
-            let mut config = zenoh::Config::default();
-            for (key, value) in [
-                ("mode", json!("peer")),
-                ("listen/endpoints", json!(options.listen)),
-                ("connect/endpoints", json!(options.connect)),
-                ("connect/timeout_ms", json!(-1)),
-                ("connect/exit_on_failure", json!(false)),
-                ("scouting/multicast/enabled", json!(options.scouting)),
-                ("scouting/gossip/enabled", json!(options.scouting)),
-            ] {
-                config.insert_json5(key, &value.to_string()).map_err(refused)?;
-            }
-            let session = zenoh::open(config).wait().map_err(refused)?;
-            Ok(Self { session, key: stem.clone(), stem, payload: Vec::new() })
+impl Zenoh {
+    /// Opens a session. A peer to connect to that is not there is tried again and again.
+    ///
+    /// # Errors
+    /// An endpoint or the prefix is wrong, or an endpoint is held by another program.
+    pub fn open(options: &ZenohOptions, body: &Body) -> Result<Self, LinkError> {
+        let refused = |e: zenoh::Error| LinkError::Zenoh(e.to_string());
+        let stem = format!("{}/{}/", options.prefix, body.name());
+        if options.prefix.contains(['*', '$'])
+            || zenoh::key_expr::KeyExpr::new(stem.trim_end_matches('/')).is_err()
+        {
+            return Err(LinkError::Option {
+                outlet: "zenoh",
+                option: "prefix",
+                value: format!("`{}`", options.prefix),
+                allowed: "a key without wild cards, such as mavsight or lab/room1",
+            });
         }
-    }
-
-    impl Outlet for Zenoh {
-        fn name(&self) -> &str {
-            "zenoh"
+        let mut config = zenoh::Config::default();
+        for (key, value) in [
+            ("mode", json!("peer")),
+            ("listen/endpoints", json!(options.listen)),
+            ("connect/endpoints", json!(options.connect)),
+            ("connect/timeout_ms", json!(-1)),
+            ("connect/exit_on_failure", json!(false)),
+            ("scouting/multicast/enabled", json!(options.scouting)),
+            ("scouting/gossip/enabled", json!(options.scouting)),
+        ] {
+            config.insert_json5(key, &value.to_string()).map_err(refused)?;
         }
-
-        /// Nothing: the instant comes as [`Event::Pose`].
-        fn send(&mut self, _fix: &Fix) -> Result<(), LinkError> {
-            Ok(())
-        }
-
-        fn event(&mut self, event: &Event) -> Result<(), LinkError> {
-            self.payload.clear();
-            serde_json::to_writer(&mut self.payload, event).map_err(|e| LinkError::Zenoh(e.to_string()))?;
-            self.key.truncate(self.stem.len());
-            self.key.push_str(event.kind());
-            self.session
-                .put(&self.key, &self.payload[..])
-                .encoding(zenoh::bytes::Encoding::APPLICATION_JSON)
-                .wait()
-                .map_err(|e| LinkError::Zenoh(e.to_string()))
-        }
+        let session = zenoh::open(config).wait().map_err(refused)?;
+        Ok(Self { session, key: stem.clone(), stem, payload: Vec::new() })
     }
 }
 
-#[cfg(all(test, feature = "zenoh"))]
+impl Outlet for Zenoh {
+    fn event(&mut self, event: &Event) -> Result<(), LinkError> {
+        self.payload.clear();
+        serde_json::to_writer(&mut self.payload, event).map_err(|e| LinkError::Zenoh(e.to_string()))?;
+        self.key.truncate(self.stem.len());
+        self.key.push_str(event.kind());
+        self.session
+            .put(&self.key, &self.payload[..])
+            .encoding(zenoh::bytes::Encoding::APPLICATION_JSON)
+            .wait()
+            .map_err(|e| LinkError::Zenoh(e.to_string()))
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::Zenoh;
     use crate::testing::body;
@@ -116,33 +104,3 @@ mod tests {
         }
     }
 }
-
-#[cfg(not(feature = "zenoh"))]
-mod session {
-    use crate::{Body, Fix, LinkError, Outlet, ZenohOptions};
-
-    /// Puts events; not in this build.
-    pub struct Zenoh(std::convert::Infallible);
-
-    impl Zenoh {
-        /// Not in this build.
-        ///
-        /// # Errors
-        /// Always.
-        pub fn open(_options: &ZenohOptions, _body: &Body) -> Result<Self, LinkError> {
-            Err(LinkError::Absent { outlet: "zenoh" })
-        }
-    }
-
-    impl Outlet for Zenoh {
-        fn name(&self) -> &str {
-            "zenoh"
-        }
-
-        fn send(&mut self, _fix: &Fix) -> Result<(), LinkError> {
-            match self.0 {}
-        }
-    }
-}
-
-pub use session::Zenoh;

@@ -1,7 +1,8 @@
 //! The two threads of a camera: one fetches frames, one tracks.
 
-use crate::queue::{Popped, Queue, locked};
+use crate::queue::{Queue, locked};
 use crate::setup::{CameraSetup, Pace, Tap};
+use crate::worker::spawn;
 use crate::{FlightClock, Interrupt, LiveError, Next, Source};
 use mavsight_geometry::ImageSize;
 use mavsight_pipeline::{CameraTracker, TrackedFrame};
@@ -97,12 +98,9 @@ impl Camera {
             shared: shared.clone(),
         };
         let (own, other) = (Arc::clone(&queue), shared.clone());
-        let thread = |what: &'static str| move |source| LiveError::Thread { what, source };
-        let builder = |what: &str| std::thread::Builder::new().name(format!("{what} {}", camera + 1));
-        let fetching = builder("fetch").spawn(move || fetch.run()).map_err(thread("a camera"))?;
-        let tracking = builder("track")
-            .spawn(move || track(camera, tracker, &own, &other))
-            .map_err(thread("a tracker"))?;
+        let fetching = spawn(&format!("fetch {}", camera + 1), move || fetch.run())?;
+        let track = move || track(camera, tracker, &own, &other);
+        let tracking = spawn(&format!("track {}", camera + 1), track)?;
         Ok(Self { queue, interrupt, threads: [fetching, tracking] })
     }
 
@@ -119,23 +117,16 @@ impl Camera {
         }
     }
 
-    /// Ends both threads; the flight's stop is set.
-    pub(crate) fn finish(self) {
-        self.queue.close();
-        while !self.threads[0].is_finished() {
-            self.interrupt();
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        self.threads.into_iter().for_each(|t| {
-            // A thread that panicked has said so.
-            let _ = t.join();
-        });
-    }
-
     /// Makes both threads end soon; they may still send reports.
     pub(crate) fn close(&self) {
         self.queue.close();
         self.interrupt();
+    }
+
+    /// Waits for both threads, which send no more reports.
+    pub(crate) fn finish(self) {
+        // A thread that panicked has said so.
+        self.threads.into_iter().for_each(|t| drop(t.join()));
     }
 }
 
@@ -163,7 +154,7 @@ impl Fetch {
                     }
                     reason
                 }
-                Err(reason) => Some(reason),
+                Err(error) => Some(error.to_string()),
             };
             if self.stopped() {
                 break;
@@ -208,15 +199,11 @@ impl Fetch {
         (frames, None)
     }
 
-    fn wrong_size(&self, size: ImageSize) -> String {
-        LiveError::FrameSize {
-            camera: self.setup.name.clone(),
-            width_px: size.width_px,
-            height_px: size.height_px,
-            wanted_width_px: self.size.width_px,
-            wanted_height_px: self.size.height_px,
-        }
-        .to_string()
+    fn wrong_size(&self, found: ImageSize) -> String {
+        format!(
+            "{}: its frames are {}×{}, but it was calibrated at {}×{}: set it to the calibrated size, or calibrate again",
+            self.setup.name, found.width_px, found.height_px, self.size.width_px, self.size.height_px
+        )
     }
 
     fn set_interrupt(&self, interrupt: Option<Interrupt>) {
@@ -245,11 +232,9 @@ impl Fetch {
 fn track(camera: usize, mut tracker: CameraTracker, queue: &Queue<Arrival>, shared: &Shared) {
     // Reports to a flight that has ended are not received, here and below.
     let report = |report| shared.reports.send(report).is_ok();
-    loop {
-        let Arrival { stamp_ns, received_ns, frame } = match queue.pop(Duration::from_millis(200)) {
-            Popped::Item(arrival) => arrival,
-            Popped::Nothing => continue,
-            Popped::Closed => break,
+    while !queue.is_over() {
+        let Some(Arrival { stamp_ns, received_ns, frame }) = queue.pop(Duration::from_millis(200)) else {
+            continue;
         };
         let detections = match tracker.see(stamp_ns, Arc::clone(&frame)) {
             TrackedFrame::New(seen) => seen.to_vec(),

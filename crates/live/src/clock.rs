@@ -1,6 +1,10 @@
 //! The flight's clock.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// Longest sleep between checks of the flight's end.
+const CHECK: Duration = Duration::from_millis(20);
 
 /// Time of the flight, relative to the system's clock at the beginning of the flight: setting that clock
 /// later does not change it.
@@ -48,6 +52,17 @@ impl FlightClock {
     /// Time left until a flight time; zero if it is past.
     pub fn until(&self, t_ns: i64) -> Duration {
         Duration::from_nanos(u64::try_from(t_ns.saturating_sub(self.now_ns())).unwrap_or(0))
+    }
+
+    /// Waits until a flight time, or until `stop` is set.
+    pub(crate) fn wait_until(&self, t_ns: i64, stop: &AtomicBool) {
+        loop {
+            let left = self.until(t_ns);
+            if left.is_zero() || stop.load(Ordering::Relaxed) {
+                return;
+            }
+            std::thread::sleep(left.min(CHECK));
+        }
     }
 }
 

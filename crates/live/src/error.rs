@@ -23,22 +23,6 @@ pub enum LiveError {
         /// Cameras of the rig.
         cameras: usize,
     },
-    /// A camera whose frames are not of the calibrated size.
-    #[error(
-        "{camera}: its frames are {width_px}×{height_px}, but it was calibrated at {wanted_width_px}×{wanted_height_px}: set it to the calibrated size, or calibrate again"
-    )]
-    FrameSize {
-        /// Camera name.
-        camera: String,
-        /// Columns.
-        width_px: u32,
-        /// Rows.
-        height_px: u32,
-        /// Columns when it was calibrated.
-        wanted_width_px: u32,
-        /// Rows when it was calibrated.
-        wanted_height_px: u32,
-    },
     /// A recording cannot begin.
     #[error("{}: cannot record there: {detail}", folder.display())]
     Record {
@@ -48,10 +32,10 @@ pub enum LiveError {
         detail: String,
     },
     /// A thread cannot be started.
-    #[error("no thread for {what}: {source}")]
+    #[error("no thread `{name}` ({source}): end other programs and try again")]
     Thread {
-        /// Its purpose.
-        what: &'static str,
+        /// Its name.
+        name: String,
         /// The system's error.
         source: std::io::Error,
     },

@@ -2,11 +2,23 @@
 
 use crate::InstantEstimate;
 use mavsight_flight::Vehicle;
-use mavsight_geometry::{Camera, EulerAngles, Isometry3, Matrix6, Point3, Vector2, Vector3};
+use mavsight_geometry::{Camera, EulerAngles, Isometry3, Point3, Vector2, Vector3};
 use mavsight_link::{
     CameraView, DetectedBall, Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Tracking,
+    upper_triangle,
 };
-use mavsight_pose::{MotionSample, PoseEstimate, Rig};
+use mavsight_pose::{MotionSample, PoseError, PoseEstimate, Rig};
+
+/// The markers of a vehicle, for listeners.
+pub fn marker_views(vehicle: &Vehicle) -> Vec<MarkerView> {
+    let view = |m: &mavsight_flight::Marker| MarkerView {
+        name: m.name.clone(),
+        rgb: m.color.rgb(),
+        in_body_m: m.position_m,
+        diameter_m: m.diameter_m,
+    };
+    vehicle.marker.iter().map(view).collect()
+}
 
 /// The static scene: the first event.
 pub(crate) fn scene(name: &str, rig: &Rig, vehicle: &Vehicle) -> Scene {
@@ -14,16 +26,10 @@ pub(crate) fn scene(name: &str, rig: &Rig, vehicle: &Vehicle) -> Scene {
     let low = points.iter().fold(Vector3::repeat(f64::INFINITY), |a, p| a.inf(p));
     let high = points.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |a, p| a.sup(p));
     let volume_m = if points.is_empty() { [[0.0; 3]; 2] } else { [low.into(), high.into()] };
-    let markers = vehicle.marker.iter().map(|m| MarkerView {
-        name: m.name.clone(),
-        rgb: m.color.rgb(),
-        in_body_m: m.position_m,
-        diameter_m: m.diameter_m,
-    });
     Scene {
         name: name.to_owned(),
         cameras: rig.cameras.iter().map(|c| view(&c.name, &c.camera)).collect(),
-        markers: markers.collect(),
+        markers: marker_views(vehicle),
         volume_m,
     }
 }
@@ -62,7 +68,13 @@ pub(crate) fn measured(estimate: &PoseEstimate, motion: Option<&MotionSample>) -
 }
 
 /// One instant as an event.
-pub(crate) fn pose(fix: &Fix, t_ns: i64, tracking: Tracking, latency_ns: i64, reason: Option<&str>) -> Event {
+pub(crate) fn pose(
+    fix: &Fix,
+    t_ns: i64,
+    tracking: Tracking,
+    latency_ns: i64,
+    reason: Option<&PoseError>,
+) -> Event {
     let measured = fix.measured.as_ref();
     let moving = measured.and_then(|m| m.moving.as_ref());
     let std = |at: usize| {
@@ -91,13 +103,8 @@ pub(crate) fn pose(fix: &Fix, t_ns: i64, tracking: Tracking, latency_ns: i64, re
         rates_std_rad_s: std(3),
         residual_px: measured.map(|m| m.residual_px),
         latency_ms: latency_ns as f64 * 1e-6,
-        reason: reason.map(str::to_owned),
+        reason: reason.map(PoseError::to_string),
     }))
-}
-
-fn upper_triangle(m: &Matrix6<f64>) -> [f64; 21] {
-    let mut places = (0..6).flat_map(|i| (i..6).map(move |j| (i, j)));
-    std::array::from_fn(|_| places.next().map_or(0.0, |at| m[at]))
 }
 
 /// The detections of each camera at an instant.
@@ -106,7 +113,7 @@ pub(crate) fn detections<'a>(
     rig: &'a Rig,
     vehicle: &'a Vehicle,
 ) -> impl Iterator<Item = Event> + 'a {
-    let pose = instant.association.sample.estimate.as_ref().map(|e| e.world_from_body);
+    let pose = instant.association.sample.estimate.as_ref().ok().map(|e| e.world_from_body);
     (0..rig.cameras.len()).map(move |camera| {
         let own = instant.seen.iter().enumerate().filter(move |(_, c)| c.camera == camera);
         let seen = own.map(|(index, c)| {

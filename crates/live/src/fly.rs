@@ -7,15 +7,13 @@ use crate::camera::{Camera, Report, Seen, Shared};
 use crate::motion::MotionFilter;
 use crate::parameters::Parameters;
 use crate::setup::{FlightSummary, Pace, Setup};
-use crate::state::TrackingState;
 use crate::status::CameraStatus;
-use crate::{FlightClock, Listeners, LiveError, LivePipeline, RecorderSlot, events};
-use mavsight_flight::Vehicle;
+use crate::tracking::TrackingState;
+use crate::{LiveError, LivePipeline, events};
 use mavsight_link::Event;
 use mavsight_pipeline::CameraTracker;
-use mavsight_pose::Rig;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
@@ -28,45 +26,31 @@ const CHECK: Duration = Duration::from_millis(10);
 ///
 /// # Errors
 /// Another number of cameras than the rig has, a vehicle that the pipeline refuses, no threads.
-pub fn fly(setup: Setup<'_>) -> Result<FlightSummary, LiveError> {
-    let (sources, cameras) = (setup.cameras.len(), setup.rig.cameras.len());
-    if sources != cameras {
-        return Err(LiveError::Cameras { sources, cameras });
+pub fn fly(mut setup: Setup<'_>) -> Result<FlightSummary, LiveError> {
+    let (own, cameras) = (std::mem::take(&mut setup.cameras), setup.rig.cameras.len());
+    if own.len() != cameras {
+        return Err(LiveError::Cameras { sources: own.len(), cameras });
     }
     let (reports_out, reports) = sync_channel(WAITING);
-    let mut taps = setup.taps;
+    let mut taps = std::mem::take(&mut setup.taps);
     taps.push(setup.recorder.tap());
-    let shared = Shared {
-        clock: setup.clock,
-        pace: setup.pace,
-        stop: Arc::clone(&setup.stop),
-        reports: reports_out,
-        taps,
-    };
-    let clocks: Vec<_> = setup.cameras.iter().map(|c| (c.clock, c.readout)).collect();
-    let trackers = (0..cameras)
-        .map(|k| CameraTracker::new(setup.rig, k, setup.vehicle))
-        .collect::<Result<Vec<_>, _>>()?;
+    let (clock, pace, stop) = (setup.clock, setup.pace, Arc::clone(&setup.stop));
+    let shared = Shared { clock, pace, stop, reports: reports_out, taps };
+    let clocks: Vec<_> = own.iter().map(|c| (c.clock, c.readout)).collect();
+    let tracker = |k| CameraTracker::new(setup.rig, k, setup.vehicle);
+    let trackers = (0..cameras).map(tracker).collect::<Result<Vec<_>, _>>()?;
     let pipeline = LivePipeline::new(setup.rig, setup.vehicle, &clocks)?;
-    let motion = MotionFilter::new(setup.noise, setup.vehicle.environment.gravity_m_s2)?;
-    let parameters = setup
-        .inputs
-        .map(|inputs| Parameters::start(inputs, setup.vehicle.clone(), setup.model, setup.enough))
-        .transpose()?;
+    let motion = MotionFilter::new(setup.noise.take(), setup.vehicle.environment.gravity_m_s2)?;
+    let (inputs, model, enough) = (setup.inputs.take(), setup.model.take(), setup.enough);
+    let parameters =
+        inputs.map(|inputs| Parameters::start(inputs, setup.vehicle.clone(), model, enough)).transpose()?;
     let mut flying = Vec::with_capacity(cameras);
-    for (k, (own, tracker)) in setup.cameras.into_iter().zip(trackers).enumerate() {
+    for (k, (own, tracker)) in own.into_iter().zip(trackers).enumerate() {
         flying.push(Camera::start(k, own, setup.rig.cameras[k].camera.size, tracker, &shared)?);
     }
-    drop(shared.reports);
+    drop(shared);
     let mut flight = Flight {
-        rig: setup.rig,
-        vehicle: setup.vehicle,
-        pace: setup.pace,
-        clock: setup.clock,
-        stop: setup.stop,
         until_ns: setup.for_ns.map(|n| setup.clock.from_ns().saturating_add(n)),
-        listeners: setup.listeners,
-        recorder: setup.recorder,
         parameters,
         status: (0..cameras).map(|_| CameraStatus::new(setup.vehicle.marker.len())).collect(),
         cameras: flying,
@@ -79,26 +63,18 @@ pub fn fly(setup: Setup<'_>) -> Result<FlightSummary, LiveError> {
         latest_ns: i64::MIN,
         first_ns: None,
         reported_ns: None,
-        summary: FlightSummary {
-            dropped: vec![0; cameras],
-            frames: vec![0; cameras],
-            ..FlightSummary::default()
-        },
+        summary: FlightSummary { frames: vec![0; cameras], ..FlightSummary::default() },
+        setup,
     };
-    flight.listeners.event(Event::Scene(events::scene(setup.name, setup.rig, setup.vehicle)));
+    let scene = events::scene(flight.setup.name, flight.setup.rig, flight.setup.vehicle);
+    flight.setup.listeners.event(Event::Scene(scene));
     flight.run(&reports);
     Ok(flight.finish(&reports))
 }
 
 struct Flight<'a> {
-    rig: &'a Rig,
-    vehicle: &'a Vehicle,
-    pace: Pace,
-    clock: FlightClock,
-    stop: Arc<AtomicBool>,
+    setup: Setup<'a>,
     until_ns: Option<i64>,
-    listeners: Listeners,
-    recorder: Arc<RecorderSlot>,
     parameters: Option<Parameters>,
     status: Vec<CameraStatus>,
     cameras: Vec<Camera>,
@@ -123,7 +99,8 @@ struct Flight<'a> {
 impl Flight<'_> {
     /// The time now by the clock, or at [`Pace::Fast`] that of the latest frame.
     fn now_ns(&self) -> i64 {
-        if self.pace == Pace::Fast { self.latest_ns.max(self.clock.from_ns()) } else { self.clock.now_ns() }
+        let Setup { pace, clock, .. } = &self.setup;
+        if *pace == Pace::Fast { self.latest_ns.max(clock.from_ns()) } else { clock.now_ns() }
     }
 
     fn run(&mut self, reports: &Receiver<Report>) {
@@ -135,12 +112,12 @@ impl Flight<'_> {
             }
             self.report_instants();
             self.report_misfit();
-            if self.pace == Pace::Own {
+            if self.setup.pace == Pace::Own {
                 self.check_cameras();
             }
             self.report_rates();
             let is_over = self.until_ns.is_some_and(|until| self.now_ns() >= until);
-            if is_over || self.stop.load(Ordering::Relaxed) || self.status.iter().all(|s| s.ended) {
+            if is_over || self.setup.stop.load(Ordering::Relaxed) || self.status.iter().all(|s| s.ended) {
                 break;
             }
         }
@@ -150,15 +127,15 @@ impl Flight<'_> {
         match report {
             Report::Seen(seen) => self.take_seen(&seen),
             Report::Opened { camera } => {
-                self.status[camera].states.opened();
-                self.status[camera].opened_ns = Some(self.now_ns());
+                let now_ns = self.now_ns();
+                self.status[camera].opened(now_ns);
             }
             Report::Gone { camera, reason } => {
-                self.status[camera].states.gone(reason);
+                self.status[camera].gone(reason);
                 self.leave_out(camera);
             }
             Report::Fault { camera, text } => {
-                let name = &self.rig.cameras[camera].name;
+                let name = &self.setup.rig.cameras[camera].name;
                 self.note(true, format!("{name}: {text}."));
             }
             Report::WentBack { camera, stamp_ns } => self.report_jump_back(camera, stamp_ns),
@@ -173,10 +150,7 @@ impl Flight<'_> {
         let &Seen { camera, stamp_ns, received_ns, tracked_ns, dark, .. } = seen;
         let t_ns = self.pipeline.time_ns(camera, stamp_ns);
         let status = &mut self.status[camera];
-        status.states.frame(received_ns, dark);
-        status.arrived(received_ns - t_ns);
-        status.frames += 1;
-        status.latest_ns = t_ns;
+        status.arrived(t_ns, received_ns, dark);
         status.latency.add_ns(tracked_ns - received_ns);
         self.summary.tracking.add_ns(tracked_ns - received_ns);
         self.summary.frames[camera] += 1;
@@ -206,14 +180,14 @@ impl Flight<'_> {
     fn set_intervals(&mut self) {
         for (k, status) in self.status.iter_mut().enumerate() {
             if let Some(interval_s) = self.pipeline.interval_s(k) {
-                status.states.set_interval_s(interval_s);
+                status.interval_ns = (interval_s * 1e9) as i64;
             }
         }
     }
 
     /// Ends the cameras, and reports the instants that still waited.
     fn finish(mut self, reports: &Receiver<Report>) -> FlightSummary {
-        self.stop.store(true, Ordering::Relaxed);
+        self.setup.stop.store(true, Ordering::Relaxed);
         self.cameras.iter().for_each(Camera::close);
         let all_ended = self.status.iter().all(|s| s.ended);
         loop {
@@ -228,20 +202,18 @@ impl Flight<'_> {
         self.pipeline.begin();
         (0..self.status.len()).for_each(|c| self.pipeline.go_without(c, i64::MAX));
         self.report_instants();
-        for (dropped, camera) in self.summary.dropped.iter_mut().zip(&self.cameras) {
-            *dropped = camera.dropped();
-        }
+        self.summary.dropped = self.cameras.iter().map(Camera::dropped).collect();
         self.cameras.into_iter().for_each(Camera::finish);
         if let Some(event) = self.parameters.and_then(Parameters::finish) {
-            self.listeners.event(event);
+            self.setup.listeners.event(event);
         }
-        if let Some(recorder) = self.recorder.current() {
+        if let Some(recorder) = self.setup.recorder.current() {
             recorder.finish();
             self.summary.recording_fault = recorder.fault();
-            self.listeners.event(recorder.event());
+            self.setup.listeners.event(recorder.event());
         }
-        self.summary.unheard = self.listeners.dropped();
-        self.listeners.finish();
+        self.summary.unheard = self.setup.listeners.dropped();
+        self.setup.listeners.finish();
         self.summary
     }
 }

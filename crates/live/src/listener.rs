@@ -1,11 +1,9 @@
 //! Listeners of a flight, each at its own pace.
 
 use crate::LiveError;
-use crate::queue::{Popped, Queue};
+use crate::worker::Worker;
 use mavsight_link::{Event, Fix};
 use std::sync::Arc;
-use std::thread::JoinHandle;
-use std::time::Duration;
 
 /// Messages that may wait for one listener: some seconds of a flight.
 const WAITING: usize = 2048;
@@ -15,33 +13,23 @@ pub trait Listener: Send {
     /// One instant, measured or not.
     fn fix(&mut self, _fix: &Fix) {}
 
-    /// An event; called if [`Listener::wants_events`].
+    /// An event.
     fn event(&mut self, _event: &Event) {}
-
-    /// Whether it receives events.
-    fn wants_events(&self) -> bool {
-        false
-    }
 
     /// Sends buffered data: nothing has come for a while, or the flight has ended.
     fn flush(&mut self) {}
 }
 
+#[derive(Clone)]
 enum Message {
     Fix(Arc<Fix>),
     Event(Arc<Event>),
 }
 
-struct Connected {
-    queue: Arc<Queue<Message>>,
-    wants_events: bool,
-    thread: JoinHandle<()>,
-}
-
 /// All listeners of a flight. A slow one loses its oldest messages and delays nobody.
 #[derive(Default)]
 pub struct Listeners {
-    connected: Vec<Connected>,
+    connected: Vec<Worker<Message>>,
     /// Whether the flight waits for slow listeners instead of losing messages: for runs that are not in real
     /// time.
     pub waiting: bool,
@@ -53,70 +41,49 @@ impl Listeners {
     /// # Errors
     /// The system has no thread for it.
     pub fn add(&mut self, mut listener: Box<dyn Listener>) -> Result<(), LiveError> {
-        let queue = Arc::new(Queue::new(WAITING));
-        let (own, wants_events) = (Arc::clone(&queue), listener.wants_events());
-        let listen = move || {
-            loop {
-                match own.pop(Duration::from_millis(100)) {
-                    Popped::Item(Message::Fix(fix)) => listener.fix(&fix),
-                    Popped::Item(Message::Event(event)) => listener.event(&event),
-                    Popped::Nothing => listener.flush(),
-                    Popped::Closed => break listener.flush(),
-                }
-            }
+        let listen = move |message| match message {
+            Some(Message::Fix(fix)) => listener.fix(&fix),
+            Some(Message::Event(event)) => listener.event(&event),
+            None => listener.flush(),
         };
-        let thread = std::thread::Builder::new()
-            .name("listener".into())
-            .spawn(listen)
-            .map_err(|source| LiveError::Thread { what: "a listener", source })?;
-        self.connected.push(Connected { queue, wants_events, thread });
+        self.connected.push(Worker::start("listener", WAITING, false, listen)?);
         Ok(())
     }
 
-    /// Whether any listener receives events.
-    pub fn want_events(&self) -> bool {
-        self.connected.iter().any(|e| e.wants_events)
+    /// Whether there is no listener.
+    pub fn is_empty(&self) -> bool {
+        self.connected.is_empty()
     }
 
-    fn push(&self, to: &Connected, message: Message) {
-        if self.waiting {
-            to.queue.push_waiting(message);
-        } else {
-            to.queue.push(message);
+    fn push(&self, message: &Message) {
+        for listener in &self.connected {
+            if self.waiting {
+                listener.queue.push_waiting(message.clone());
+            } else {
+                listener.queue.push(message.clone());
+            }
         }
     }
 
     /// Sends an instant to all.
     pub fn fix(&self, fix: Fix) {
-        if self.connected.is_empty() {
-            return;
-        }
-        let fix = Arc::new(fix);
-        self.connected.iter().for_each(|listener| self.push(listener, Message::Fix(Arc::clone(&fix))));
+        self.push(&Message::Fix(Arc::new(fix)));
     }
 
-    /// Sends an event to the listeners that want events.
+    /// Sends an event to all.
     pub fn event(&self, event: Event) {
-        if !self.want_events() {
-            return;
-        }
-        let event = Arc::new(event);
-        let wanting = self.connected.iter().filter(|e| e.wants_events);
-        wanting.for_each(|listener| self.push(listener, Message::Event(Arc::clone(&event))));
+        self.push(&Message::Event(Arc::new(event)));
     }
 
     /// Number of messages that each listener lost.
     pub fn dropped(&self) -> Vec<u64> {
-        self.connected.iter().map(|e| e.queue.dropped()).collect()
+        self.connected.iter().map(|l| l.queue.dropped()).collect()
     }
 
     /// Delivers all waiting messages, and ends.
     pub fn finish(self) {
-        self.connected.iter().for_each(|e| e.queue.close());
-        for listener in self.connected {
-            // A panic of a listener has been printed by its thread.
-            let _ = listener.thread.join();
-        }
+        self.connected.iter().for_each(|l| l.queue.close());
+        self.connected.iter().for_each(Worker::finish);
     }
 }
 
@@ -125,6 +92,7 @@ mod tests {
     use super::*;
     use std::sync::Mutex;
     use std::sync::mpsc::{Receiver, channel};
+    use std::time::Duration;
 
     /// Records the instants, after a signal to go on or a minute.
     struct Noting(Arc<Mutex<Vec<u64>>>, Option<Receiver<()>>);
@@ -149,7 +117,6 @@ mod tests {
         let mut all = Listeners::default();
         all.add(Box::new(Noting(Arc::clone(&slow), Some(signal)))).unwrap();
         all.add(Box::new(Noting(Arc::clone(&quick), None))).unwrap();
-        assert!(!all.want_events());
         for k in 0..6000 {
             all.fix(fix(k));
             // No more is sent than the quick one has room for.

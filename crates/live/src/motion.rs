@@ -48,7 +48,7 @@ impl MotionFilter {
     }
 
     fn keep(&mut self, sample: &PoseSample) {
-        if self.kept.is_empty() && sample.estimate.is_none() {
+        if self.kept.is_empty() && sample.estimate.is_err() {
             return;
         }
         self.kept.push(sample.clone());
@@ -120,7 +120,7 @@ mod tests {
             Isometry3::from_parts(place.into(), UnitQuaternion::from_scaled_axis(turn)),
             &(Matrix6::identity() * 1e-6),
         );
-        PoseSample { t_ns: k * 33_333_333, estimate: Some(estimate), reason: None }
+        PoseSample { t_ns: k * 33_333_333, estimate: Ok(estimate) }
     }
 
     /// Motion is unknown until the noise is estimated, then right; in the end no poses are kept.

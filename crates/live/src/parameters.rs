@@ -1,7 +1,8 @@
 //! Parameters by recursive least squares during the flight.
 
 use crate::LiveError;
-use crate::queue::{Popped, Queue, locked};
+use crate::queue::locked;
+use crate::worker::Worker;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{
     Bandwidth, CoefficientTable, Model, Options, Output, RecursiveLeastSquares, coefficients,
@@ -10,8 +11,6 @@ use mavsight_identify::{
 use mavsight_link::{Event, Parameter};
 use mavsight_pose::{PoseSample, smooth};
 use std::sync::{Arc, Mutex};
-use std::thread::JoinHandle;
-use std::time::Duration;
 
 /// Seconds of poses that are smoothed at a time.
 const WINDOW_S: f64 = 16.0;
@@ -48,9 +47,8 @@ impl InputSource for Recorded {
 /// one for each half period of the low-pass's bandwidth, so that their errors are about white. All rows keep
 /// their weight.
 pub(crate) struct Parameters {
-    queue: Arc<Queue<PoseSample>>,
+    worker: Worker<PoseSample>,
     latest: Arc<Mutex<Option<Event>>>,
-    thread: JoinHandle<()>,
 }
 
 impl Parameters {
@@ -60,44 +58,20 @@ impl Parameters {
         model: Option<Model>,
         enough: f64,
     ) -> Result<Self, LiveError> {
-        let queue = Arc::new(Queue::new(WAITING));
         let latest = Arc::new(Mutex::new(None));
-        let (own, out) = (Arc::clone(&queue), Arc::clone(&latest));
-        let options = Options { model, bandwidth: Bandwidth::Smoother, ..Options::default() };
-        let mut work = Work {
-            inputs,
-            vehicle,
-            options,
-            enough,
-            window: Vec::new(),
-            is_first: true,
-            until_s: f64::NEG_INFINITY,
-            fits: Vec::new(),
-        };
-        let run = move || {
-            crate::give_way();
-            loop {
-                match own.pop(Duration::from_millis(200)) {
-                    Popped::Item(sample) => {
-                        if let Some(event) = work.push(sample) {
-                            *locked(&out) = Some(event);
-                        }
-                    }
-                    Popped::Nothing => {}
-                    Popped::Closed => return,
-                }
+        let out = Arc::clone(&latest);
+        let mut work = Work::new(inputs, vehicle, model, enough);
+        let run = move |sample: Option<PoseSample>| {
+            if let Some(event) = sample.and_then(|sample| work.push(sample)) {
+                *locked(&out) = Some(event);
             }
         };
-        let thread = std::thread::Builder::new()
-            .name("parameters".into())
-            .spawn(run)
-            .map_err(|source| LiveError::Thread { what: "the parameters", source })?;
-        Ok(Self { queue, latest, thread })
+        Ok(Self { worker: Worker::start("parameters", WAITING, true, run)?, latest })
     }
 
     /// Takes a pose; the oldest is dropped where the thread is behind.
     pub(crate) fn push(&self, sample: &PoseSample) {
-        self.queue.push(sample.clone());
+        self.worker.queue.push(sample.clone());
     }
 
     /// An estimate that was not reported yet.
@@ -107,10 +81,8 @@ impl Parameters {
 
     /// Ends, with the last estimate.
     pub(crate) fn finish(self) -> Option<Event> {
-        self.queue.close();
-        // A panic has been printed by its thread.
-        let _ = self.thread.join();
-        locked(&self.latest).take()
+        self.worker.finish();
+        self.latest()
     }
 }
 
@@ -141,9 +113,22 @@ fn seconds(sample: Option<&PoseSample>) -> f64 {
 }
 
 impl Work {
+    fn new(inputs: Box<dyn InputSource>, vehicle: Vehicle, model: Option<Model>, enough: f64) -> Self {
+        Self {
+            inputs,
+            vehicle,
+            options: Options { model, bandwidth: Bandwidth::Smoother, ..Options::default() },
+            enough,
+            window: Vec::new(),
+            is_first: true,
+            until_s: f64::NEG_INFINITY,
+            fits: Vec::new(),
+        }
+    }
+
     /// Takes a pose; an estimate about once a second.
     fn push(&mut self, sample: PoseSample) -> Option<Event> {
-        if self.window.is_empty() && sample.estimate.is_none() {
+        if self.window.is_empty() && sample.estimate.is_err() {
             return None;
         }
         self.window.push(sample);
@@ -154,16 +139,12 @@ impl Work {
             return None;
         }
         let table = self.table(first_s, last_s);
-        let event = match table {
-            Some(table) => {
-                self.take(&table, first_s);
-                Some(self.event(last_s))
-            }
-            None => {
-                self.until_s = last_s - EVERY_S;
-                None
-            }
-        };
+        if let Some(table) = &table {
+            self.take(table, first_s);
+        } else {
+            self.until_s = last_s - EVERY_S;
+        }
+        let event = table.map(|_| self.event(last_s));
         let keep_s = last_s - WINDOW_S;
         let gone = self.window.partition_point(|p| (p.t_ns as f64) * 1e-9 < keep_s);
         if gone > 0 {
@@ -278,7 +259,7 @@ mod tests {
             let turn = Vector3::new(noise(), noise(), noise());
             pose.rotation *= mavsight_geometry::UnitQuaternion::from_scaled_axis(turn);
             let estimate = PoseEstimate::new(pose, &(Matrix6::identity() * 1e-8));
-            PoseSample { t_ns: (s.t_s * 1e9).round() as i64, estimate: Some(estimate), reason: None }
+            PoseSample { t_ns: (s.t_s * 1e9).round() as i64, estimate: Ok(estimate) }
         };
         (states.iter().map(sample).collect(), inputs)
     }
@@ -290,16 +271,7 @@ mod tests {
         let (poses, inputs) = flight();
         let vehicle = Vehicle::paper();
         let options = || Options { bandwidth: Bandwidth::Smoother, ..Options::default() };
-        let mut work = Work {
-            inputs: Box::new(Recorded(inputs.clone())),
-            vehicle: vehicle.clone(),
-            options: options(),
-            enough: 0.05,
-            window: Vec::new(),
-            is_first: true,
-            until_s: f64::NEG_INFINITY,
-            fits: Vec::new(),
-        };
+        let mut work = Work::new(Box::new(Recorded(inputs.clone())), vehicle.clone(), None, 0.05);
         let events: Vec<Event> = poses.iter().filter_map(|p| work.push(p.clone())).collect();
         let half_widths = |event: &Event, name: &str| -> Option<(f64, f64)> {
             let Event::Parameters { parameters, .. } = event else { return None };

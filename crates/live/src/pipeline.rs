@@ -1,7 +1,7 @@
 //! From detections to poses, instant by instant, by the batch run's own join and association.
 
 use mavsight_flight::Vehicle;
-use mavsight_geometry::{ImageSize, Vector2};
+use mavsight_geometry::Vector2;
 use mavsight_pipeline::{CameraTiming, FlightAssociator, Lookahead, PipelineError, Synchronizer};
 use mavsight_pose::{Association, CameraClock, MovedCamera, Rig, TrackedDetection};
 
@@ -25,28 +25,12 @@ pub struct InstantEstimate<'a> {
     pub moved: &'a [MovedCamera],
 }
 
-/// A camera before the join begins.
+/// A frame from before the join began.
 #[derive(Debug)]
-struct WaitingCamera {
-    size: ImageSize,
-    clock: CameraClock,
-    readout: Vector2<f64>,
-    interval_s: Option<f64>,
-    is_gone: bool,
-    frames: Vec<(i64, Vec<TrackedDetection>)>,
-}
-
-impl WaitingCamera {
-    fn is_ready(&self) -> bool {
-        self.is_gone || self.frames.len() >= WARM
-    }
-
-    /// Median interval of the frames so far.
-    fn median_interval_s(&self) -> Option<f64> {
-        let mut steps: Vec<i64> = self.frames.windows(2).map(|w| w[1].0 - w[0].0).collect();
-        steps.sort_unstable();
-        steps.get(steps.len() / 2).map(|ns| *ns as f64 * 1e-9)
-    }
+struct WaitingFrame {
+    camera: usize,
+    stamp_ns: i64,
+    detections: Vec<TrackedDetection>,
 }
 
 /// Join, association and pose estimation behind the trackers.
@@ -54,7 +38,9 @@ impl WaitingCamera {
 /// No decision depends on the time of day, so that a recording gives the same poses at any pace.
 #[derive(Debug)]
 pub struct LivePipeline {
-    cameras: Vec<WaitingCamera>,
+    cameras: Vec<CameraTiming>,
+    gone: Vec<bool>,
+    waiting: Vec<WaitingFrame>,
     synchronizer: Option<Synchronizer>,
     associator: FlightAssociator,
 }
@@ -70,27 +56,47 @@ impl LivePipeline {
         vehicle: &Vehicle,
         clocks: &[(CameraClock, Vector2<f64>)],
     ) -> Result<Self, PipelineError> {
-        let waiting = |(k, c): (usize, &mavsight_pose::RigCamera)| {
+        let timing = |(k, c): (usize, &mavsight_pose::RigCamera)| {
             let (clock, readout) = clocks.get(k).copied().unwrap_or((CameraClock::default(), Vector2::y()));
-            let (size, frames) = (c.camera.size, Vec::new());
-            WaitingCamera { size, clock, readout, interval_s: None, is_gone: false, frames }
+            CameraTiming { size: c.camera.size, clock, readout, interval_s: USUAL_S }
         };
-        let cameras = rig.cameras.iter().enumerate().map(waiting).collect();
-        Ok(Self { cameras, synchronizer: None, associator: FlightAssociator::new(rig, vehicle)? })
+        Ok(Self {
+            cameras: rig.cameras.iter().enumerate().map(timing).collect(),
+            gone: vec![false; rig.cameras.len()],
+            waiting: Vec::new(),
+            synchronizer: None,
+            associator: FlightAssociator::new(rig, vehicle)?,
+        })
     }
 
     /// Adds the detections of a frame. The first frames are kept until the rate of each camera is known.
     pub fn push(&mut self, camera: usize, stamp_ns: i64, detections: &[TrackedDetection]) {
         if let Some(synchronizer) = &mut self.synchronizer {
             synchronizer.push(camera, stamp_ns, detections);
-            return;
+        } else if camera < self.cameras.len() {
+            self.waiting.push(WaitingFrame { camera, stamp_ns, detections: detections.to_vec() });
+            if self.is_ready() || self.stamps_ns(camera).count() >= MOST_KEPT {
+                self.begin();
+            }
         }
-        let Some(own) = self.cameras.get_mut(camera) else { return };
-        own.frames.push((stamp_ns, detections.to_vec()));
-        let is_full = own.frames.len() >= MOST_KEPT;
-        if is_full || self.cameras.iter().all(WaitingCamera::is_ready) {
-            self.begin();
-        }
+    }
+
+    /// Stamps of a camera's frames that wait.
+    fn stamps_ns(&self, camera: usize) -> impl Iterator<Item = i64> {
+        self.waiting.iter().filter(move |f| f.camera == camera).map(|f| f.stamp_ns)
+    }
+
+    /// Whether each camera has enough frames or is gone.
+    fn is_ready(&self) -> bool {
+        (0..self.cameras.len()).all(|c| self.gone[c] || self.stamps_ns(c).count() >= WARM)
+    }
+
+    /// Median interval of a camera's frames that wait.
+    fn median_interval_s(&self, camera: usize) -> Option<f64> {
+        let mut steps: Vec<i64> =
+            self.stamps_ns(camera).skip(1).zip(self.stamps_ns(camera)).map(|(b, a)| b - a).collect();
+        steps.sort_unstable();
+        steps.get(steps.len() / 2).map(|ns| *ns as f64 * 1e-9)
     }
 
     /// Begins the join with the rates that the frames so far show.
@@ -98,24 +104,18 @@ impl LivePipeline {
         if self.synchronizer.is_some() {
             return;
         }
-        let intervals: Vec<_> = self.cameras.iter().map(WaitingCamera::median_interval_s).collect();
+        let intervals: Vec<_> = (0..self.cameras.len()).map(|c| self.median_interval_s(c)).collect();
         let fastest_s = intervals.iter().flatten().copied().reduce(f64::min).unwrap_or(USUAL_S);
-        let joined = self.cameras.iter_mut().zip(&intervals).map(|(c, interval_s)| {
-            let interval_s = interval_s.unwrap_or(fastest_s);
-            c.interval_s = Some(interval_s);
-            CameraTiming { size: c.size, clock: c.clock, readout: c.readout, interval_s }
-        });
-        let mut synchronizer = Synchronizer::new(&joined.collect::<Vec<_>>(), Lookahead::NextFrame);
-        let mut frames: Vec<(i64, usize, i64, Vec<TrackedDetection>)> = Vec::new();
-        for (k, camera) in self.cameras.iter_mut().enumerate() {
-            if camera.is_gone {
-                synchronizer.go_without(k, i64::MAX);
-            }
-            let clock = camera.clock;
-            frames.extend(camera.frames.drain(..).map(|(t, seen)| (clock.time_ns(t), k, t, seen)));
+        for (camera, interval_s) in self.cameras.iter_mut().zip(intervals) {
+            camera.interval_s = interval_s.unwrap_or(fastest_s);
         }
-        frames.sort_by_key(|f| (f.0, f.1));
-        for (_, camera, stamp_ns, detections) in frames {
+        let mut synchronizer = Synchronizer::new(&self.cameras, Lookahead::NextFrame);
+        for (camera, _) in self.gone.iter().enumerate().filter(|(_, is_gone)| **is_gone) {
+            synchronizer.go_without(camera, i64::MAX);
+        }
+        let mut frames = std::mem::take(&mut self.waiting);
+        frames.sort_by_key(|f| (self.time_ns(f.camera, f.stamp_ns), f.camera));
+        for WaitingFrame { camera, stamp_ns, detections } in frames {
             synchronizer.push(camera, stamp_ns, &detections);
         }
         self.synchronizer = Some(synchronizer);
@@ -128,7 +128,7 @@ impl LivePipeline {
 
     /// Median time between a camera's frames, once known.
     pub fn interval_s(&self, camera: usize) -> Option<f64> {
-        self.cameras.get(camera)?.interval_s
+        self.cameras.get(camera).filter(|_| self.has_begun()).map(|c| c.interval_s)
     }
 
     /// Common time of a camera's stamp.
@@ -142,11 +142,11 @@ impl LivePipeline {
             synchronizer.go_without(camera, until_ns);
             return;
         }
-        if let Some(own) = self.cameras.get_mut(camera) {
-            own.is_gone |= until_ns == i64::MAX;
+        if let Some(is_gone) = self.gone.get_mut(camera) {
+            *is_gone |= until_ns == i64::MAX;
         }
-        let has_frames = self.cameras.iter().any(|c| c.frames.len() >= WARM);
-        if has_frames && self.cameras.iter().all(WaitingCamera::is_ready) {
+        let has_frames = (0..self.cameras.len()).any(|c| self.stamps_ns(c).count() >= WARM);
+        if has_frames && self.is_ready() {
             self.begin();
         }
     }
@@ -155,8 +155,8 @@ impl LivePipeline {
     pub fn wait_again(&mut self, camera: usize) {
         if let Some(synchronizer) = &mut self.synchronizer {
             synchronizer.wait_again(camera);
-        } else if let Some(own) = self.cameras.get_mut(camera) {
-            own.is_gone = false;
+        } else if let Some(is_gone) = self.gone.get_mut(camera) {
+            *is_gone = false;
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Locks a mutex. No holder leaves its value half changed, so a poisoned one is sound.
 pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -22,17 +22,6 @@ struct Inner<T> {
     items: VecDeque<T>,
     dropped: u64,
     closed: bool,
-}
-
-/// The result of [`Queue::pop`].
-#[derive(Debug, PartialEq, Eq)]
-pub(crate) enum Popped<T> {
-    /// The oldest item.
-    Item(T),
-    /// No item came in the given time.
-    Nothing,
-    /// The queue is closed and empty.
-    Closed,
 }
 
 impl<T> Queue<T> {
@@ -64,10 +53,9 @@ impl<T> Queue<T> {
 
     /// Adds an item as soon as there is room for it; false if the queue is closed.
     pub(crate) fn push_waiting(&self, item: T) -> bool {
-        let mut inner = self.lock();
-        while inner.items.len() == self.capacity && !inner.closed {
-            inner = self.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
-        }
+        let is_full = |inner: &mut Inner<T>| inner.items.len() == self.capacity && !inner.closed;
+        let waited = self.changed.wait_while(self.lock(), is_full);
+        let mut inner = waited.unwrap_or_else(PoisonError::into_inner);
         if inner.closed {
             return false;
         }
@@ -77,26 +65,13 @@ impl<T> Queue<T> {
         true
     }
 
-    /// Removes the oldest item, waiting for one at most for `wait`.
-    pub(crate) fn pop(&self, wait: Duration) -> Popped<T> {
-        let until = Instant::now().checked_add(wait);
-        let mut inner = self.lock();
-        loop {
-            if let Some(item) = inner.items.pop_front() {
-                drop(inner);
-                self.changed.notify_all();
-                return Popped::Item(item);
-            }
-            if inner.closed {
-                return Popped::Closed;
-            }
-            let left =
-                until.map_or(Duration::from_secs(3600), |u| u.saturating_duration_since(Instant::now()));
-            if left.is_zero() {
-                return Popped::Nothing;
-            }
-            inner = self.changed.wait_timeout(inner, left).unwrap_or_else(PoisonError::into_inner).0;
-        }
+    /// Removes the oldest item, waiting for one at most for `wait`; none if the queue is closed and empty.
+    pub(crate) fn pop(&self, wait: Duration) -> Option<T> {
+        let is_waiting = |inner: &mut Inner<T>| inner.items.is_empty() && !inner.closed;
+        let waited = self.changed.wait_timeout_while(self.lock(), wait, is_waiting);
+        let item = waited.unwrap_or_else(PoisonError::into_inner).0.items.pop_front();
+        self.changed.notify_all();
+        item
     }
 
     /// Closes the queue: items in it can still be removed, but none can be added.
@@ -108,6 +83,12 @@ impl<T> Queue<T> {
     /// Whether it is closed.
     pub(crate) fn is_closed(&self) -> bool {
         self.lock().closed
+    }
+
+    /// Whether it is closed and empty.
+    pub(crate) fn is_over(&self) -> bool {
+        let inner = self.lock();
+        inner.closed && inner.items.is_empty()
     }
 
     /// Number of dropped items.
@@ -129,9 +110,12 @@ mod tests {
         assert!(!queue.is_closed());
         queue.close();
         assert!(queue.is_closed() && queue.push(9) == Some(9));
+        assert!(!queue.is_over());
         let rest: Vec<_> = (0..4).map(|_| queue.pop(Duration::ZERO)).collect();
-        assert_eq!(rest, [Popped::Item(4), Popped::Item(5), Popped::Item(6), Popped::Closed]);
-        assert_eq!(Queue::<u8>::new(0).pop(Duration::ZERO), Popped::Nothing);
+        assert_eq!(rest, [Some(4), Some(5), Some(6), None]);
+        assert!(queue.is_over());
+        let empty = Queue::<u8>::new(0);
+        assert!(empty.pop(Duration::ZERO).is_none() && !empty.is_over());
     }
 
     #[test]
@@ -140,7 +124,7 @@ mod tests {
         let own = Arc::clone(&queue);
         let taker = std::thread::spawn(move || {
             let mut got = Vec::new();
-            while let Popped::Item(k) = own.pop(Duration::from_secs(5)) {
+            while let Some(k) = own.pop(Duration::from_secs(5)) {
                 got.push(k);
                 std::thread::sleep(Duration::from_micros(200));
             }

@@ -1,32 +1,30 @@
 //! Recording of what is received, detected and sent.
 
 use crate::LiveError;
-use crate::queue::{Popped, Queue, locked};
+use crate::queue::locked;
 use crate::setup::Tap;
+use crate::worker::Worker;
 use mavsight_flight::InputSample;
 use mavsight_link::Event;
 use mavsight_pose::TrackedDetection;
-use mavsight_session::{SessionFile, Y4mWriter, make_folder, write_session};
+use mavsight_session::{SessionFile, Y4mWriter, make_folder, write_toml};
 use mavsight_vision::Frame;
 use serde::Serialize;
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
-use std::thread::JoinHandle;
-use std::time::Duration;
 
 /// Frames and lines that may wait for the disk: a quarter second of two cameras.
 const WAITING: usize = 48;
 
-/// The session and folder of a recording; all paths of the session are absolute.
+/// The session of a recording.
 #[derive(Debug, Clone)]
 pub struct RecordedSession {
-    /// The folder; made if missing.
-    pub folder: PathBuf,
     /// The session; its videos become the recorded ones, and its files are copied to the folder.
     pub session: SessionFile,
+    /// The folder from which the session's relative paths begin.
+    pub base: PathBuf,
     /// Frames a second, for programs that do not read time stamps.
     pub rate_hz: f64,
     /// Whether inputs arrive during the flight ([`Recorder::input`]).
@@ -35,10 +33,15 @@ pub struct RecordedSession {
     pub waits: bool,
 }
 
+/// Logs of detections, of events that were sent, and of inputs.
+const LOGS: [&str; 3] = ["detected.ndjson", "sent.ndjson", "inputs.csv"];
+const DETECTED: usize = 0;
+const SENT: usize = 1;
+const INPUTS: usize = 2;
+
 enum Item {
     Frame { camera: usize, stamp_ns: i64, frame: Arc<Frame>, detections: Vec<TrackedDetection> },
-    Sent(String),
-    Input(InputSample),
+    Line { log: usize, line: String },
 }
 
 /// Writes a recording on a thread of its own.
@@ -48,18 +51,26 @@ enum Item {
 pub struct Recorder {
     folder: PathBuf,
     waits: bool,
-    queue: Arc<Queue<Item>>,
-    status: Arc<Status>,
-    thread: Mutex<Option<JoinHandle<()>>>,
+    status: Arc<Mutex<Status>>,
+    worker: Worker<Item>,
 }
 
 #[derive(Default)]
 struct Status {
-    bytes: AtomicU64,
-    first_ns: Mutex<Option<i64>>,
-    seconds: Mutex<f64>,
-    fault: Mutex<Option<String>>,
-    is_news: AtomicBool,
+    bytes: u64,
+    first_ns: Option<i64>,
+    seconds: f64,
+    fault: Option<String>,
+    /// Whether the fault was not reported yet.
+    is_news: bool,
+}
+
+impl Status {
+    fn fail(&mut self, text: String) {
+        if self.fault.is_none() {
+            (self.fault, self.is_news) = (Some(text), true);
+        }
+    }
 }
 
 /// The place of a flight's recording, which may begin and end while the flight goes on.
@@ -103,13 +114,6 @@ impl RecorderSlot {
     }
 }
 
-/// Name of the log of detections.
-const DETECTED: &str = "detected.ndjson";
-/// Name of the log of events that were sent.
-const SENT: &str = "sent.ndjson";
-/// Name of the table of inputs.
-const INPUTS: &str = "inputs.csv";
-
 /// One line of the log of detections.
 #[derive(Serialize)]
 struct Detected<'a> {
@@ -130,17 +134,19 @@ struct DetectedBall {
 }
 
 impl Recorder {
-    /// Begins a recording: copies the session and its files, and opens videos and logs.
+    /// Begins a recording: makes the folder if missing, copies the session and its files, and opens videos and
+    /// logs.
     ///
     /// # Errors
     /// A folder that holds a session already or cannot be written, files that cannot be copied.
-    pub fn begin(to: RecordedSession) -> Result<Self, LiveError> {
-        let RecordedSession { folder, mut session, rate_hz, with_inputs, waits } = to;
-        let refuse = |detail: String| LiveError::Record { folder: folder.clone(), detail };
+    pub fn begin(folder: &Path, of: RecordedSession) -> Result<Self, LiveError> {
+        let RecordedSession { mut session, base, rate_hz, with_inputs, waits } = of;
+        let refuse = |detail: String| LiveError::Record { folder: folder.to_owned(), detail };
         if folder.join("session.toml").exists() {
             return Err(refuse("it holds a session already: name another folder".into()));
         }
-        make_folder(&folder)?;
+        make_folder(folder)?;
+        copy_files(&mut session, &base, folder).map_err(refuse)?;
         let mut videos = Vec::new();
         for (k, camera) in session.camera.iter_mut().enumerate() {
             let name = format!("cam{}.y4m", k + 1);
@@ -148,40 +154,28 @@ impl Recorder {
             camera.video = name.into();
             (camera.live, camera.latency_s, camera.frame_rate_hz, camera.interlaced) =
                 (None, None, None, None);
-            copy_in(&folder, camera.still.as_mut()).map_err(refuse)?;
-        }
-        copy_in(&folder, Some(&mut session.vehicle)).map_err(refuse)?;
-        copy_in(&folder, session.model.as_mut()).map_err(refuse)?;
-        copy_in(&folder, session.rig.as_mut().map(|r| &mut r.file)).map_err(refuse)?;
-        if let Some(control) = &mut session.control {
-            copy_in(&folder, Some(&mut control.points)).map_err(refuse)?;
-            copy_in(&folder, control.observations.as_mut()).map_err(refuse)?;
         }
         (session.truth, session.live) = (None, None);
-        let io = |e: std::io::Error| refuse(e.to_string());
-        let mut inputs = None;
-        if with_inputs {
-            let mut file = File::create(folder.join(INPUTS)).map_err(io)?;
-            file.write_all(b"t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad\n").map_err(io)?;
-            session.inputs = INPUTS.into();
-            inputs = Some(file);
-        } else if !session.inputs.as_os_str().is_empty() {
-            copy_in(&folder, Some(&mut session.inputs)).map_err(refuse)?;
-        }
         let names = session.camera.iter().map(|c| c.name.clone()).collect();
-        let log = |name: &str| File::create(folder.join(name)).map_err(io);
-        let writer = Writer { videos, names, inputs, detected: log(DETECTED)?, sent: log(SENT)?, lines: 0 };
-        write_session(&folder.join("session.toml"), &session)?;
-        let (queue, status) = (Arc::new(Queue::new(WAITING)), Arc::new(Status::default()));
-        let (own, shared) = (Arc::clone(&queue), Arc::clone(&status));
-        let thread = std::thread::Builder::new()
-            .name("record".into())
-            .spawn(move || {
-                crate::give_way();
-                writer.run(&own, &shared);
-            })
-            .map_err(|source| LiveError::Thread { what: "the recording", source })?;
-        Ok(Self { folder, waits, queue, status, thread: Mutex::new(Some(thread)) })
+        let logs = &LOGS[..if with_inputs { 3 } else { 2 }];
+        let logs = logs.iter().map(|name| File::create(folder.join(name))).collect::<Result<_, _>>();
+        let mut writer = Writer {
+            videos,
+            names,
+            logs: logs.map_err(|e: std::io::Error| refuse(e.to_string()))?,
+            lines: 0,
+            status: Arc::default(),
+        };
+        if with_inputs {
+            session.inputs = LOGS[INPUTS].into();
+            let header = "t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad";
+            writer.append(INPUTS, header).map_err(refuse)?;
+        }
+        write_toml(&folder.join("session.toml"), &session)?;
+        let status = Arc::clone(&writer.status);
+        let write = move |item: Option<Item>| item.into_iter().for_each(|item| writer.take(item));
+        let worker = Worker::start("record", WAITING, true, write)?;
+        Ok(Self { folder: folder.to_owned(), waits, status, worker })
     }
 
     /// Records a frame and its detections.
@@ -191,20 +185,21 @@ impl Recorder {
     }
 
     fn put(&self, item: Item) {
-        if locked(&self.status.fault).is_some() {
+        let queue = &self.worker.queue;
+        if locked(&self.status).fault.is_some() {
             return;
         }
         if self.waits {
-            self.queue.push_waiting(item);
-        } else if let Some(lost) = self.queue.push(item)
-            && !self.queue.is_closed()
+            queue.push_waiting(item);
+        } else if let Some(lost) = queue.push(item)
+            && !queue.is_closed()
         {
             let what = match lost {
                 Item::Frame { stamp_ns, .. } => format!("the frame at {:.3} s", stamp_ns as f64 * 1e-9),
-                Item::Input(sample) => format!("the input at {:.3} s", sample.t_s),
-                Item::Sent(_) => "an event that was sent".to_owned(),
+                Item::Line { log, line } => format!("a line of {} ({line})", LOGS[log]),
             };
-            self.status.fail(format!("the disk is too slow: {what} is missing, so the recording ends there"));
+            let text = format!("the disk is too slow: {what} is missing, so the recording ends there");
+            locked(&self.status).fail(text);
         }
     }
 
@@ -212,60 +207,69 @@ impl Recorder {
     pub(crate) fn sent(&self, event: &Event) {
         // Events are numbers and texts, which always have a JSON form.
         if let Ok(line) = serde_json::to_string(event) {
-            self.put(Item::Sent(line));
+            self.put(Item::Line { log: SENT, line });
         }
     }
 
     /// Records an input.
-    pub fn input(&self, sample: InputSample) {
-        self.put(Item::Input(sample));
+    pub fn input(&self, s: InputSample) {
+        let values = [s.t_s, s.omega_u_rad_s, s.omega_l_rad_s, s.delta_lon_rad, s.delta_lat_rad];
+        let line = values.map(|v| v.to_string()).join(",");
+        self.put(Item::Line { log: INPUTS, line });
     }
 
     /// The state of the recording as an event.
     pub fn event(&self) -> Event {
-        Event::Recording {
-            folder: Some(self.folder.display().to_string()),
-            seconds: *locked(&self.status.seconds),
-            bytes: self.status.bytes.load(Ordering::Relaxed),
-            fault: locked(&self.status.fault).clone(),
-        }
+        let Status { seconds, bytes, fault, .. } = &*locked(&self.status);
+        let folder = Some(self.folder.display().to_string());
+        Event::Recording { folder, seconds: *seconds, bytes: *bytes, fault: fault.clone() }
     }
 
     /// The state of the recording if it has a fault that was not reported yet.
     pub(crate) fn news(&self) -> Option<Event> {
-        self.status.is_news.swap(false, Ordering::Relaxed).then(|| self.event())
+        let is_news = std::mem::take(&mut locked(&self.status).is_news);
+        is_news.then(|| self.event())
     }
 
     /// The fault that ended it early, if any.
     pub fn fault(&self) -> Option<String> {
-        locked(&self.status.fault).clone()
+        locked(&self.status).fault.clone()
     }
 
     /// Writes all that waits, and ends.
     pub fn finish(&self) {
-        self.queue.close();
-        if let Some(thread) = locked(&self.thread).take() {
-            // A panic has been printed by its thread.
-            let _ = thread.join();
-        }
+        self.worker.finish();
     }
 }
 
-impl Status {
-    fn fail(&self, text: String) {
-        let mut fault = locked(&self.fault);
-        if fault.is_none() {
-            *fault = Some(text);
-            self.is_news.store(true, Ordering::Relaxed);
+/// Copies the files that a session names, its recordings excepted, and makes their paths those of the copies.
+fn copy_files(session: &mut SessionFile, base: &Path, folder: &Path) -> Result<(), String> {
+    let stills = session.camera.iter_mut().filter_map(|c| c.still.as_mut());
+    let rig = session.rig.iter_mut().map(|r| &mut r.file);
+    let control = session.control.iter_mut().flat_map(|c| {
+        let observations = c.observations.as_mut();
+        std::iter::once(&mut c.points).chain(observations)
+    });
+    let files = [&mut session.vehicle, &mut session.inputs].into_iter().chain(&mut session.model);
+    for path in files.chain(rig).chain(control).chain(stills) {
+        copy_in(folder, base, path)?;
+    }
+    for camera in &mut session.camera {
+        for path in [&mut camera.wand, &mut camera.board].into_iter().flatten() {
+            *path = base.join(&path);
         }
     }
+    Ok(())
 }
 
-/// Copies a file into a folder and sets its path to the copy's name.
-fn copy_in(folder: &Path, path: Option<&mut PathBuf>) -> Result<(), String> {
-    let Some(path) = path else { return Ok(()) };
-    let name = path.file_name().map(PathBuf::from).ok_or_else(|| format!("{} is no file", path.display()))?;
-    if path.parent() == Some(folder) {
+/// Copies a file, if one is named, into a folder and sets its path to the copy's name.
+fn copy_in(folder: &Path, base: &Path, path: &mut PathBuf) -> Result<(), String> {
+    if path.as_os_str().is_empty() {
+        return Ok(());
+    }
+    let from = base.join(&path);
+    let name = from.file_name().map(PathBuf::from).ok_or_else(|| format!("{} is no file", from.display()))?;
+    if from.parent() == Some(folder) {
         *path = name;
         return Ok(());
     }
@@ -274,86 +278,72 @@ fn copy_in(folder: &Path, path: Option<&mut PathBuf>) -> Result<(), String> {
         if !folder.join(&to).exists() {
             break;
         }
-        to = PathBuf::from(format!("{k}-{}", path.file_name().unwrap_or_default().to_string_lossy()));
+        to = PathBuf::from(format!("{k}-{}", from.file_name().unwrap_or_default().to_string_lossy()));
     }
-    std::fs::copy(&*path, folder.join(&to)).map_err(|e| format!("{}: {e}", path.display()))?;
+    std::fs::copy(&from, folder.join(&to)).map_err(|e| format!("{}: {e}", from.display()))?;
     *path = to;
     Ok(())
 }
 
 struct Writer {
     videos: Vec<Y4mWriter>,
+    /// Names of the cameras.
     names: Vec<String>,
-    inputs: Option<File>,
-    detected: File,
-    sent: File,
+    logs: Vec<File>,
     /// Bytes of all lines.
     lines: u64,
+    status: Arc<Mutex<Status>>,
 }
 
 impl Writer {
-    fn run(mut self, queue: &Queue<Item>, status: &Status) {
-        loop {
-            let item = match queue.pop(Duration::from_millis(200)) {
-                Popped::Item(item) => item,
-                Popped::Nothing => continue,
-                Popped::Closed => return,
-            };
-            if locked(&status.fault).is_some() {
-                continue;
-            }
-            if let Err(text) = self.write(item, status) {
-                status.fail(format!("{text}: the recording ends here, the flight goes on"));
-            }
+    fn take(&mut self, item: Item) {
+        if locked(&self.status).fault.is_some() {
+            return;
+        }
+        let written = self.write(item);
+        let videos: u64 = self.videos.iter().map(Y4mWriter::bytes).sum();
+        let mut status = locked(&self.status);
+        status.bytes = videos + self.lines;
+        if let Err(text) = written {
+            status.fail(format!("{text}: the recording ends here, the flight goes on"));
         }
     }
 
-    fn write(&mut self, item: Item, status: &Status) -> Result<(), String> {
-        match item {
-            Item::Frame { camera, stamp_ns, frame, detections } => {
-                let Some(video) = self.videos.get_mut(camera) else { return Ok(()) };
-                video.push(stamp_ns, &frame).map_err(|e| e.to_string())?;
-                let ball = |s: &TrackedDetection| DetectedBall {
-                    id: s.track_id,
-                    color: s.color,
-                    u_px: s.pixel.x,
-                    v_px: s.pixel.y,
-                    cov_px2: [s.covariance_px2.m11, s.covariance_px2.m12, s.covariance_px2.m22],
-                    diameter_px: s.diameter_px,
-                };
-                let seen = detections.iter().map(ball).collect();
-                let line = Detected { camera: &self.names[camera], t_ns: stamp_ns, seen };
-                let line = serde_json::to_string(&line).map_err(|e| e.to_string())?;
-                self.lines += append(&mut self.detected, &line)?;
-                let first_ns = *locked(&status.first_ns).get_or_insert(stamp_ns);
-                let mut seconds = locked(&status.seconds);
-                *seconds = seconds.max((stamp_ns - first_ns) as f64 * 1e-9);
-            }
-            Item::Sent(line) => self.lines += append(&mut self.sent, &line)?,
-            Item::Input(s) => {
-                let Some(file) = &mut self.inputs else { return Ok(()) };
-                let line = format!(
-                    "{},{},{},{},{}",
-                    s.t_s, s.omega_u_rad_s, s.omega_l_rad_s, s.delta_lon_rad, s.delta_lat_rad
-                );
-                self.lines += append(file, &line)?;
-            }
-        }
-        let videos: u64 = self.videos.iter().map(Y4mWriter::bytes).sum();
-        status.bytes.store(videos + self.lines, Ordering::Relaxed);
+    fn write(&mut self, item: Item) -> Result<(), String> {
+        let (camera, stamp_ns, frame, detections) = match item {
+            Item::Frame { camera, stamp_ns, frame, detections } => (camera, stamp_ns, frame, detections),
+            Item::Line { log, line } => return self.append(log, &line),
+        };
+        let Some(video) = self.videos.get_mut(camera) else { return Ok(()) };
+        video.push(stamp_ns, &frame).map_err(|e| e.to_string())?;
+        let ball = |s: &TrackedDetection| DetectedBall {
+            id: s.track_id,
+            color: s.color,
+            u_px: s.pixel.x,
+            v_px: s.pixel.y,
+            cov_px2: [s.covariance_px2.m11, s.covariance_px2.m12, s.covariance_px2.m22],
+            diameter_px: s.diameter_px,
+        };
+        let seen = detections.iter().map(ball).collect();
+        let line = Detected { camera: &self.names[camera], t_ns: stamp_ns, seen };
+        let line = serde_json::to_string(&line).map_err(|e| e.to_string())?;
+        self.append(DETECTED, &line)?;
+        let mut status = locked(&self.status);
+        let first_ns = *status.first_ns.get_or_insert(stamp_ns);
+        status.seconds = status.seconds.max((stamp_ns - first_ns) as f64 * 1e-9);
         Ok(())
     }
-}
 
-/// Appends a line at once, so that it is complete or missing.
-fn append(file: &mut File, line: &str) -> Result<u64, String> {
-    let before = file.metadata().map(|m| m.len()).map_err(|e| e.to_string())?;
-    let mut whole = String::with_capacity(line.len() + 1);
-    whole.push_str(line);
-    whole.push('\n');
-    file.write_all(whole.as_bytes()).map_err(|e| {
-        let _ = file.set_len(before);
-        e.to_string()
-    })?;
-    Ok(whole.len() as u64)
+    /// Appends a line at once, so that it is complete or missing.
+    fn append(&mut self, log: usize, line: &str) -> Result<(), String> {
+        let Some(file) = self.logs.get_mut(log) else { return Ok(()) };
+        let before = file.metadata().map(|m| m.len()).map_err(|e| e.to_string())?;
+        let line = format!("{line}\n");
+        file.write_all(line.as_bytes()).map_err(|e| {
+            let _ = file.set_len(before);
+            e.to_string()
+        })?;
+        self.lines += line.len() as u64;
+        Ok(())
+    }
 }

@@ -1,11 +1,12 @@
 //! The inputs of a flight and its summary.
 
-use crate::{FlightClock, InputSource, Latencies, Listeners, Opener, RecorderSlot};
+use crate::source::Replay;
+use crate::{FlightClock, InputSource, Latencies, Listeners, Opener, RecorderSlot, Source};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector2;
-use mavsight_pose::TrackedDetection;
-use mavsight_pose::{CameraClock, MotionNoise, Rig};
+use mavsight_pose::{CameraClock, MotionNoise, Rig, TrackedDetection};
 use mavsight_vision::Frame;
+use std::fmt::Display;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -33,6 +34,25 @@ pub struct CameraSetup {
     pub clock: CameraClock,
     /// Unit vector in the image along which a rolling shutter moves.
     pub readout: Vector2<f64>,
+}
+
+impl CameraSetup {
+    /// A camera that shows recorded or rendered frames once, with their stamps, at their own pace or as fast
+    /// as possible, until they are over or `stop` is set.
+    pub fn replay<I, E>(name: &str, frames: I, pace: Pace, stop: &Arc<AtomicBool>) -> Self
+    where
+        I: Iterator<Item = Result<(i64, Frame), E>> + Send + 'static,
+        E: Display,
+    {
+        let (mut frames, stop) = (Some(frames), Arc::clone(stop));
+        let open = move |clock| {
+            let frames = frames.take().ok_or("the recording has ended")?;
+            let paced = (pace == Pace::Own).then_some(clock);
+            Ok(Box::new(Replay::new(frames, paced, Arc::clone(&stop))) as Box<dyn Source>)
+        };
+        let (clock, readout) = (CameraClock::default(), Vector2::y());
+        Self { name: name.to_owned(), open: Box::new(open), reopens: false, clock, readout }
+    }
 }
 
 /// The inputs of a flight.

@@ -1,14 +1,11 @@
 //! Sources of frames during a flight.
 
 use crate::FlightClock;
-use mavsight_session::{FrameSource, LiveVideo};
+use mavsight_session::{LiveVideo, SessionError};
 use mavsight_vision::Frame;
+use std::error::Error;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
-
-/// Longest sleep between checks of the flight's end.
-const CHECK: Duration = Duration::from_millis(20);
+use std::sync::atomic::AtomicBool;
 
 /// The next item of a source.
 #[derive(Debug)]
@@ -37,8 +34,8 @@ pub trait Source: Send {
 /// Ends a source's wait.
 pub type Interrupt = Arc<dyn Fn() + Send + Sync>;
 
-/// Opens a source; called again for each reopening. An error is a sentence for the user.
-pub type Opener = Box<dyn FnMut(FlightClock) -> Result<Box<dyn Source>, String> + Send>;
+/// Opens a source; called again for each reopening.
+pub type Opener = Box<dyn FnMut(FlightClock) -> Result<Box<dyn Source>, Box<dyn Error>> + Send>;
 
 /// A running camera by the ffmpeg program.
 pub struct RunningCamera {
@@ -52,8 +49,8 @@ impl RunningCamera {
     ///
     /// # Errors
     /// The message of ffmpeg.
-    pub fn open(live: &str, latency_s: f64, clock: FlightClock) -> Result<Self, String> {
-        let video = LiveVideo::open(live, &mavsight_session::ffmpeg_program()).map_err(|e| e.to_string())?;
+    pub fn open(live: &str, latency_s: f64, clock: FlightClock) -> Result<Self, SessionError> {
+        let video = LiveVideo::open(live, &mavsight_session::ffmpeg_program())?;
         Ok(Self { video, clock, latency_ns: mavsight_session::ns_from_s(latency_s) })
     }
 }
@@ -71,38 +68,8 @@ impl Source for RunningCamera {
     }
 }
 
-/// The frames of a recording, the first of which has been read.
-pub struct CameraFile {
-    first: Option<(i64, Frame)>,
-    rest: FrameSource,
-}
-
-impl CameraFile {
-    /// Reads the first frame.
-    ///
-    /// # Errors
-    /// A recording without one.
-    pub fn open(mut source: FrameSource) -> Result<Self, mavsight_session::SessionError> {
-        let first = source.next().transpose()?;
-        Ok(Self { first, rest: source })
-    }
-
-    /// Stamp of the first frame.
-    pub fn first_ns(&self) -> Option<i64> {
-        self.first.as_ref().map(|f| f.0)
-    }
-}
-
-impl Iterator for CameraFile {
-    type Item = Result<(i64, Frame), mavsight_session::SessionError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        self.first.take().map(Ok).or_else(|| self.rest.next())
-    }
-}
-
 /// A recording, at its own pace or as fast as possible.
-pub struct Replay<I> {
+pub(crate) struct Replay<I> {
     frames: I,
     /// The clock of the frames' pace; none: as fast as possible.
     pace: Option<FlightClock>,
@@ -117,19 +84,13 @@ const IDLE: f64 = 0.3;
 
 impl<I> Replay<I> {
     /// Replays frames with their stamps; with a clock each frame waits for its time, until `stop` is set.
-    pub fn new(frames: I, pace: Option<FlightClock>, stop: Arc<AtomicBool>) -> Self {
+    pub(crate) fn new(frames: I, pace: Option<FlightClock>, stop: Arc<AtomicBool>) -> Self {
         Self { frames, pace, stop, last_ns: None }
     }
 
     /// Waits for a time if frames have a pace.
     fn wait_until(&self, t_ns: i64) {
-        while let Some(clock) = &self.pace {
-            let left = clock.until(t_ns);
-            if left.is_zero() || self.stop.load(Ordering::Relaxed) {
-                return;
-            }
-            std::thread::sleep(left.min(CHECK));
-        }
+        self.pace.iter().for_each(|clock| clock.wait_until(t_ns, &self.stop));
     }
 }
 

@@ -55,7 +55,7 @@ fn an_instant_allocates_its_pose_and_leaves_nothing_behind() {
             pipeline.push(camera, stamp_ns, seen);
         }
         while let Some(instant) = pipeline.next_instant() {
-            measured += i64::from(instant.association.sample.estimate.is_some());
+            measured += i64::from(instant.association.sample.estimate.is_ok());
         }
         let change = region.change();
         if k >= WARM {

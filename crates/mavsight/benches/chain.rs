@@ -199,8 +199,8 @@ fn solving(c: &mut Criterion) {
         .map(|state| {
             let t_ns = (state.t_s * 1e9).round() as i64;
             let pose = world_from_body(state.position_in_world_m, state.attitude);
-            let estimate = estimator.estimate(t_ns, &observations(&rig, &vehicle, t_ns, &pose), None).ok();
-            PoseSample { t_ns, estimate, reason: None }
+            let estimate = estimator.estimate(t_ns, &observations(&rig, &vehicle, t_ns, &pose), None);
+            PoseSample { t_ns, estimate }
         })
         .collect();
     let gravity_m_s2 = vehicle.environment.gravity_m_s2;

@@ -8,11 +8,12 @@
 //! reprojection RMS over the corners' own errors.
 
 use anyhow::{Result, anyhow};
+use mavsight::flight::Color;
 use mavsight::geometry::{Camera, ImageSize, Intrinsics, Isometry3, Point3, UnitQuaternion, Vector3};
 use mavsight::lab;
 use mavsight::pipeline::{
-    Board, CameraFeed, ControlPixel, ControlStill, TimedFrame, Wand, board_of, calibrate_from_observations,
-    calibrate_from_stills_and_objects, wand_of,
+    Board, CameraFeed, ControlPixel, ControlStill, TimedFrame, Wand, WandBall, board_of,
+    calibrate_from_observations, calibrate_from_stills_and_objects, wand_of,
 };
 use mavsight::scene::{Aircraft, Film, PaintedBall, Room, Sensor};
 use mavsight::vision::{Frame, find_board};
@@ -57,7 +58,8 @@ fn wand(seconds: f64, room: &Room) -> Result<()> {
         });
         Some(CameraFeed::new(camera.name.clone(), None, Box::new(frames)))
     });
-    let how = Wand { length_m: LENGTH_M, length_std_m: 0.0, colors, diameters_m: [0.06; 2] };
+    let balls = colors.map(|[r, g, b]| WandBall { color: Color::new(r, g, b), diameter_m: 0.06 });
+    let how = Wand { length_m: LENGTH_M, length_std_m: 0.0, balls };
     let object = wand_of(&how, feeds.collect())?;
     println!("wand: {} observations of {} frames", object.observations.len(), 2 * frames);
     let control = lab::control_frame(&points);
@@ -127,7 +129,7 @@ fn board(room: &Room) -> Result<()> {
     }
     let frames = stills.into_iter().enumerate().map(|(k, frame)| Ok(TimedFrame { t_ns: k as i64, frame }));
     let feed = CameraFeed::new("wide", None, Box::new(frames));
-    let how = Board { columns, rows, square_m, together: false, coded: None };
+    let how = Board { columns, rows, square_m, ..Board::default() };
     let object = board_of(&how, vec![Some(feed)])?;
     let put_in_px = f64::sqrt(errors.0 / errors.1);
     // The camera is located by control points clicked to half a pixel.

@@ -19,7 +19,7 @@ use mavsight::pose::{
     CameraControl, MarkerObservation, PoseEstimator, PredictedObservation, Rig, predict_calibration,
 };
 use mavsight::random::Random;
-use mavsight::scene::{Aircraft, Film, Occluders, Room};
+use mavsight::scene::{Aircraft, Film, Occluders, Room, Sensor};
 use mavsight::score::VirtualCamera;
 use mavsight::session::ns_from_s;
 use mavsight::simulator::FlightState;
@@ -175,7 +175,7 @@ fn film_once(
     let rig = calibrate_from_stills(&stills, planner.control())?;
     let feeds = cameras.iter().zip(films).zip(&aircraft).map(|((c, film), aircraft)| {
         let frames = truth.iter().enumerate().map(move |(k, row)| {
-            let frame = Frame::from_rgb(c.camera.size, lab::frame(film, k, aircraft, row, INTERVAL_S))
+            let frame = Frame::from_rgb(c.camera.size, frame_of(film, k, aircraft, row))
                 .map_err(|e| PipelineError::Source { camera: c.name.clone(), source: Box::new(e) })?;
             Ok(TimedFrame { t_ns: ns_from_s(row.t_s), frame })
         });
@@ -189,7 +189,7 @@ fn film_once(
         let pose = row.pose();
         let t_ns = ns_from_s(row.t_s);
         let seen: Vec<_> = tracked.observations.iter().filter(|o| o.t_ns == t_ns).collect();
-        let Some(got) = &tracked.poses[k].estimate else { continue };
+        let Ok(got) = &tracked.poses[k].estimate else { continue };
         // What the plan is about: every marker seen by all, none taken for false.
         if seen.len() < cameras.len() * vehicle.marker.len() || !got.left_out.is_empty() {
             continue;
@@ -345,6 +345,12 @@ fn ratio(set_ups: &[SetUp], variances: &[[f64; 2]], of: usize) -> (f64, f64) {
     let n = set_ups.len() as f64;
     let square: f64 = (0..set_ups.len()).map(|k| (without(Some(k)) - all).powi(2)).sum();
     (all, (square * (n - 1.0) / n).sqrt())
+}
+
+/// One frame with nothing in the way; the shutter is open around the row's time.
+fn frame_of(film: &Film<'_>, index: usize, aircraft: &Aircraft, row: &FlightState) -> Vec<u8> {
+    let open_s = Sensor::default().exposure_fraction * INTERVAL_S;
+    film.frame(index as u64, aircraft, |share| lab::pose_near(row, share * open_s))
 }
 
 fn main() -> Outcome<()> {

@@ -18,7 +18,7 @@ pub(crate) fn quickstart(session_file: &Path) -> Result<RunResults, Box<dyn Erro
 
     // Track: balls in all videos, which marker each is, and one pose an instant.
     let flight = engine::track(&session, rig, &NoProgress)?;
-    for pose in flight.tracked.poses.iter().filter_map(|p| p.estimate.as_ref()).take(3) {
+    for pose in flight.tracked.poses.iter().filter_map(|p| p.estimate.as_ref().ok()).take(3) {
         println!("{:.3} m", pose.world_from_body.translation.vector);
     }
 

@@ -4,11 +4,12 @@ mod convert;
 mod live;
 mod plan;
 
-pub(crate) use convert::{Convert, Format, Frame, Origin, Up};
+pub(crate) use convert::{Convert, Format, Up};
 pub(crate) use live::Live;
 pub(crate) use plan::{Campaign, Criterion, Plan, PlanCameras, PlanManoeuvre};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use mavsight_geometry::ImageSize;
 use std::path::PathBuf;
 
 /// Videos of a small aircraft in, its motion and flight-dynamics parameters out.
@@ -87,8 +88,8 @@ pub(crate) struct Run {
     #[arg(long)]
     pub(crate) equation_error_only: bool,
     /// A part of the flight that is not fitted but predicted, s
-    #[arg(long, value_name = "FROM..TO")]
-    pub(crate) hold_out: Option<Interval>,
+    #[arg(long, value_name = "FROM..TO", value_parser = interval)]
+    pub(crate) hold_out: Option<(f64, f64)>,
     /// What to add to the inputs' times; estimated, and said, where left out
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub(crate) lag: Option<f64>,
@@ -189,14 +190,14 @@ pub(crate) struct Identify {
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(crate) estimator: Vec<String>,
     /// Band of the estimator fd, Hz
-    #[arg(long, value_name = "LOW..HIGH")]
-    pub(crate) band: Option<Interval>,
+    #[arg(long, value_name = "LOW..HIGH", value_parser = interval)]
+    pub(crate) band: Option<(f64, f64)>,
     /// Frequency at which one more low-pass of both sides passes one half; found from the data where left out
     #[arg(long, value_name = "HZ")]
     pub(crate) bandwidth: Option<f64>,
     /// A part of the flight that is not fitted but predicted, s
-    #[arg(long, value_name = "FROM..TO")]
-    pub(crate) hold_out: Option<Interval>,
+    #[arg(long, value_name = "FROM..TO", value_parser = interval)]
+    pub(crate) hold_out: Option<(f64, f64)>,
     /// What to add to the inputs' times; estimated, and said, where left out
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub(crate) lag: Option<f64>,
@@ -206,22 +207,6 @@ pub(crate) struct Identify {
     /// Folder for the results; printed only where left out
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-}
-
-/// Two numbers, `FROM..TO`, the second above the first.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Interval(pub(crate) f64, pub(crate) f64);
-
-impl std::str::FromStr for Interval {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("{text:?} is not two rising numbers: write them as 0.5..3");
-        let (from, to) = text.split_once("..").ok_or_else(wrong)?;
-        let number = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(wrong);
-        let (from, to) = (number(from)?, number(to)?);
-        if from < to { Ok(Self(from, to)) } else { Err(wrong()) }
-    }
 }
 
 /// `selftest`
@@ -266,13 +251,23 @@ pub(crate) enum BuiltInRig {
 }
 
 /// The call itself was wrong: a file that is not there or does not say what it must.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
 pub(crate) struct WrongCall(pub(crate) String);
 
-impl std::fmt::Display for WrongCall {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
+/// Two numbers, `FROM..TO`, the second above the first.
+fn interval(text: &str) -> Result<(f64, f64), WrongCall> {
+    let number = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite());
+    let both = text.split_once("..").and_then(|(from, to)| Some((number(from)?, number(to)?)));
+    let wrong = || WrongCall(format!("{text:?} is not two rising numbers: write them as 0.5..3"));
+    both.filter(|(from, to)| from < to).ok_or_else(wrong)
 }
 
-impl std::error::Error for WrongCall {}
+/// Width and height, `640x480`.
+fn size(text: &str) -> Result<ImageSize, WrongCall> {
+    let side = |t: &str| t.trim().parse::<u32>().ok().filter(|n| (1..1_000_000).contains(n));
+    let sides = text.split_once('x').and_then(|(w, h)| Some((side(w)?, side(h)?)));
+    let (width_px, height_px) =
+        sides.ok_or_else(|| WrongCall(format!("{text:?} is no size: write it as 640x480")))?;
+    Ok(ImageSize { width_px, height_px })
+}

@@ -1,6 +1,5 @@
 //! What each command does.
 
-mod camera_plan;
 mod campaign;
 mod convert;
 mod convert_formats;
@@ -8,6 +7,7 @@ mod demo;
 mod film;
 mod identify;
 mod live;
+mod live_flight;
 mod live_links;
 #[cfg(feature = "page")]
 mod live_page;
@@ -15,7 +15,6 @@ mod live_sources;
 mod live_virtual;
 mod manoeuvre;
 mod plan;
-mod plan_report;
 mod run;
 mod selftest;
 mod stages;

@@ -1,10 +1,11 @@
 //! The virtual laboratory: the paper's cameras, control frame and aircraft, filmed.
 
-use mavsight_flight::Vehicle;
+use mavsight_flight::{Color, Vehicle};
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector2, Vector3, world_from_body};
 use mavsight_pipeline::ControlPointRow;
 use mavsight_scene::{Aircraft, ControlFrame, Film, Occluders, PaintedBall, Person, Room, Sensor, Veil};
 use mavsight_score::{VirtualCamera, VirtualLab, true_pose};
+use mavsight_simulator::staging::{Black, Walker};
 use mavsight_simulator::{FlightState, Staging};
 
 /// The paper's cameras.
@@ -17,39 +18,27 @@ pub fn control_points() -> Vec<ControlPointRow> {
     VirtualLab::paper().control
 }
 
+fn ball(centre_m: [f64; 3], diameter_m: f64, color: Color) -> PaintedBall {
+    PaintedBall { centre_m: centre_m.into(), radius_m: diameter_m / 2.0, linear: color.to_linear() }
+}
+
 /// The balls and the hull of a vehicle.
 pub fn aircraft(vehicle: &Vehicle) -> Aircraft {
-    let balls: Vec<PaintedBall> = vehicle
-        .marker
-        .iter()
-        .map(|m| PaintedBall {
-            centre_m: m.position_m.into(),
-            radius_m: m.diameter_m / 2.0,
-            linear: m.color.to_linear(),
-        })
-        .collect();
-    Aircraft::helicopter(&balls)
+    let balls = vehicle.marker.iter().map(|m| ball(m.position_m, m.diameter_m, m.color));
+    Aircraft::helicopter(&balls.collect::<Vec<_>>())
 }
 
 /// A control frame as it is filmed.
 pub fn control_frame(points: &[ControlPointRow]) -> ControlFrame {
-    let balls: Vec<PaintedBall> = points
-        .iter()
-        .map(|p| PaintedBall {
-            centre_m: p.position_m.into(),
-            radius_m: p.diameter_m / 2.0,
-            linear: p.color.to_linear(),
-        })
-        .collect();
-    ControlFrame::new(&balls)
+    let balls = points.iter().map(|p| ball(p.position_m, p.diameter_m, p.color));
+    ControlFrame::new(&balls.collect::<Vec<_>>())
 }
 
 /// The meeting room with what a scenario puts into it.
 pub fn room(staging: &Staging) -> Room {
     let mut room = Room::meeting_room();
     for d in &staging.decoy {
-        let (centre_m, radius_m) = (d.position_m.into(), d.diameter_m / 2.0);
-        room.add_ball(&PaintedBall { centre_m, radius_m, linear: d.color.to_linear() });
+        room.add_ball(&ball(d.position_m, d.diameter_m, d.color));
     }
     for p in &staging.poster {
         let [width_m, height_m] = p.size_m;
@@ -77,7 +66,7 @@ fn sensor(index: usize, seed: u64) -> Sensor {
     Sensor { seed, ..Sensor::default() }
 }
 
-/// The same with what a scenario does to the camera.
+/// A camera's film with what a scenario does to the camera.
 pub fn staged_film<'a>(
     room: &'a Room,
     camera: &VirtualCamera,
@@ -153,29 +142,21 @@ impl StagedFilm<'_> {
     }
 
     fn way(&self, t_s: f64) -> Occluders {
-        let size = self.camera.camera.size;
+        let (staging, own, size) = (&self.staging, &self.camera.name, self.camera.camera.size);
         let (width, height) = (f64::from(size.width_px), f64::from(size.height_px));
-        let own = |name: &str| name == self.camera.name;
-        let veil = |g: &mavsight_simulator::staging::Glare| {
+        let shines = staging.glare.iter().filter(|g| g.camera == *own && (g.from_s..g.to_s).contains(&t_s));
+        let veils = shines.map(|g| {
             let along = (t_s - g.from_s) / (g.to_s - g.from_s);
             let at = |k: usize| g.from[k] + along * (g.to[k] - g.from[k]);
             let pixel = Vector2::new(at(0) * width, at(1) * height);
             Veil { pixel, radius_px: g.radius * width, strength: g.strength }
-        };
-        let shines =
-            |g: &&mavsight_simulator::staging::Glare| own(&g.camera) && (g.from_s..g.to_s).contains(&t_s);
-        let dark = |b: &mavsight_simulator::staging::Black| {
-            own(&b.camera) && t_s >= b.from_s && b.to_s.is_none_or(|to_s| t_s < to_s)
-        };
+        });
+        let person = |w: &Walker| Person { at_m: w.place_m(t_s), linear: w.color.to_linear() };
+        let is_dark = |b: &Black| b.camera == *own && t_s >= b.from_s && b.to_s.is_none_or(|to_s| t_s < to_s);
         Occluders {
-            people: self
-                .staging
-                .walker
-                .iter()
-                .map(|w| Person { at_m: w.place_m(t_s), linear: w.color.to_linear() })
-                .collect(),
-            veils: self.staging.glare.iter().filter(shines).map(veil).collect(),
-            black: self.staging.black.iter().any(dark),
+            people: staging.walker.iter().map(person).collect(),
+            veils: veils.collect(),
+            black: staging.black.iter().any(is_dark),
         }
     }
 }
@@ -213,19 +194,6 @@ pub fn carried(duration_s: f64, rate_hz: f64) -> Vec<FlightState> {
         }
     };
     (0..(duration_s * rate_hz).round() as usize).map(state).collect()
-}
-
-/// One frame of a flight with nothing in the way; the shutter is open for a quarter of the interval around
-/// the state's time.
-pub fn frame(
-    film: &Film<'_>,
-    index: usize,
-    aircraft: &Aircraft,
-    state: &FlightState,
-    interval_s: f64,
-) -> Vec<u8> {
-    let open_s = Sensor::default().exposure_fraction * interval_s;
-    film.frame(index as u64, aircraft, |share| pose_near(state, share * open_s))
 }
 
 /// When a frame is taken.

@@ -1,6 +1,7 @@
 //! Identification by itself, on tables from elsewhere.
 
 use assert_cmd::Command;
+use mavsight::random::Random;
 use std::f64::consts::PI;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -15,16 +16,6 @@ const DAMPING_N_M_S: f64 = 4.0e-3;
 
 fn example(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/quadrotor").join(name)
-}
-
-/// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX
-/// constants).
-fn normal(state: &mut u64) -> f64 {
-    let mut uniform = || {
-        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((*state >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
-    };
-    (-2.0 * uniform().ln()).sqrt() * (2.0 * PI * uniform()).cos()
 }
 
 /// Rotor speeds at a time: hover, and a multisine of its own harmonics of 8 s on each.
@@ -42,7 +33,7 @@ fn speeds_rad_s(t_s: f64) -> [f64; 4] {
 /// A flight in the vertical plane, seen at 200 Hz with a motion-capture system's noise: the tables of poses
 /// and inputs.
 fn flight(folder: &Path) -> (PathBuf, PathBuf) {
-    let (dt_s, mut seed) = (1e-3, 4);
+    let (dt_s, mut random) = (1e-3, Random::new(4, 0));
     let (mut x, mut z, mut u, mut w, mut theta, mut q) = (0.0, 1.5, 0.0, 0.0, 0.0_f64, 0.0);
     let mut poses = String::from("t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad\n");
     let mut inputs = String::from("t_s,omega_1_rad_s,omega_2_rad_s,omega_3_rad_s,omega_4_rad_s,remark\n");
@@ -50,7 +41,7 @@ fn flight(folder: &Path) -> (PathBuf, PathBuf) {
         let t_s = f64::from(step) * dt_s;
         let omega = speeds_rad_s(t_s);
         if step % 5 == 0 {
-            let mut noise = |std: f64| std * normal(&mut seed);
+            let mut noise = |std: f64| std * random.normal();
             let (x, y, z) = (x + noise(2e-4), noise(2e-4), z + noise(2e-4));
             let (phi, theta, psi) = (noise(5e-4), theta + noise(5e-4), noise(5e-4));
             writeln!(poses, "{t_s},{x},{y},{z},{phi},{theta},{psi}").expect("memory");

@@ -1,6 +1,6 @@
 //! Access to the page: host, origin, token.
 
-use std::net::IpAddr;
+use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, SocketAddrV6};
 
 /// Whether the `Host` of a request is an IP address or `localhost`.
 ///
@@ -8,25 +8,12 @@ use std::net::IpAddr;
 /// origin of this server, but still send their own name. An address cannot be rebound. Any port is accepted,
 /// because a forwarded port differs.
 pub(crate) fn is_own_host(host: &str) -> bool {
-    let name = if let Some(rest) = host.strip_prefix('[') {
-        let Some((name, port)) = rest.split_once(']') else { return false };
-        if !port.is_empty() && !port.strip_prefix(':').is_some_and(is_port) {
-            return false;
-        }
-        return name.parse::<IpAddr>().is_ok_and(|address| address.is_ipv6());
-    } else if let Some((name, port)) = host.split_once(':') {
-        if !is_port(port) {
-            return false;
-        }
-        name
-    } else {
-        host
-    };
-    name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|address| address.is_ipv4())
-}
-
-fn is_port(text: &str) -> bool {
-    text.bytes().all(|byte| byte.is_ascii_digit()) && text.parse::<u16>().is_ok()
+    let is_local = |name: &str| name.eq_ignore_ascii_case("localhost");
+    match host.split_once(':') {
+        None => is_local(host) || host.parse::<Ipv4Addr>().is_ok(),
+        Some((name, port)) if is_local(name) => format!("127.0.0.1:{port}").parse::<SocketAddrV4>().is_ok(),
+        _ => host.parse::<SocketAddr>().is_ok() || format!("{host}:80").parse::<SocketAddrV6>().is_ok(),
+    }
 }
 
 /// Whether an origin is that of the page served under this `Host`.

@@ -18,8 +18,7 @@ use tokio_tungstenite::tungstenite::error::{Error, ProtocolError};
 use tokio_tungstenite::tungstenite::handshake::server::create_response_with_body;
 
 use crate::answer::{Refusal, answer, refusal, refusal_bytes, refuse};
-use crate::hub::Mailbox;
-use crate::shared::Shared;
+use crate::hub::{Hub, Mailbox};
 use crate::{access, assets, listener};
 
 /// Longest request line and header lines together: several times what browsers send.
@@ -30,11 +29,11 @@ const HEADER_LIMIT: usize = 64;
 const MALFORMED: Refusal = refusal(StatusCode::BAD_REQUEST, "This request does not follow HTTP/1.1.");
 
 /// Serves one connection to its end: one request, which may become a WebSocket.
-pub(crate) async fn serve(mut stream: TcpStream, shared: Arc<Shared>) {
+pub(crate) async fn serve(mut stream: TcpStream, hub: Arc<Hub>) {
     let (mailbox, is_answered) = (OnceLock::new(), AtomicBool::new(false));
     let service = service_fn(|request: Request<Incoming>| {
         is_answered.store(true, Ordering::Relaxed);
-        ready(Ok::<_, Infallible>(respond(&request, &shared, &mailbox).unwrap_or_else(refuse)))
+        ready(Ok::<_, Infallible>(respond(&request, &hub, &mailbox).unwrap_or_else(refuse)))
     });
     let served = http1::Builder::new()
         .max_buf_size(HEAD_LIMIT_BYTES)
@@ -43,7 +42,7 @@ pub(crate) async fn serve(mut stream: TcpStream, shared: Arc<Shared>) {
         .header_read_timeout(None)
         .serve_connection(TokioIo::new(&mut stream), service)
         .without_shutdown();
-    let served = timeout(shared.limits.request_time, served).await;
+    let served = timeout(hub.limits.request_time, served).await;
     let mut farewell = Vec::new();
     let received = match served {
         Ok(Ok(parts)) => Some(parts.read_buf),
@@ -60,13 +59,13 @@ pub(crate) async fn serve(mut stream: TcpStream, shared: Arc<Shared>) {
     match (mailbox.into_inner(), received) {
         (Some(mailbox), received) => {
             if let Some(received) = received {
-                listener::serve(stream, received, &mailbox, &shared).await;
+                listener::serve(stream, received, &mailbox, &hub).await;
             }
-            shared.hub.leave(&mailbox);
+            hub.leave(&mailbox);
         }
         (None, _) => {
             // Whether it arrives is the client's matter.
-            let _ = timeout(shared.limits.request_time, close(&mut stream, &farewell)).await;
+            let _ = timeout(hub.limits.request_time, close(&mut stream, &farewell)).await;
         }
     }
 }
@@ -77,7 +76,7 @@ pub(crate) async fn serve(mut stream: TcpStream, shared: Arc<Shared>) {
 /// A refusal; one for access says nothing about the files.
 fn respond(
     request: &Request<Incoming>,
-    shared: &Shared,
+    hub: &Hub,
     mailbox: &OnceLock<Arc<Mailbox>>,
 ) -> Result<Response<String>, Refusal> {
     let (headers, uri) = (request.headers(), request.uri());
@@ -95,7 +94,7 @@ fn respond(
     if origin.is_some_and(|origin| !access::is_own_origin(origin, host)) {
         return refused("Pages of other origins get nothing here.");
     }
-    let Some(path) = access::below(uri.path(), shared.token.as_deref()) else {
+    let Some(path) = access::below(uri.path(), hub.token.as_deref()) else {
         return refused("The token is missing or wrong: use the address that was printed.");
     };
     if request.method() != Method::GET && request.method() != Method::HEAD {
@@ -107,7 +106,7 @@ fn respond(
     if path == "events" {
         let response = upgrade(request, origin)?;
         let full = refusal(StatusCode::SERVICE_UNAVAILABLE, "As many pages as may are open: close one.");
-        let joined = shared.hub.join(shared.limits.listeners).ok_or(full)?;
+        let joined = hub.join().ok_or(full)?;
         mailbox.get_or_init(|| joined);
         return Ok(response);
     }

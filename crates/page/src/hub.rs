@@ -5,11 +5,11 @@ use std::sync::mpsc::{SyncSender, TrySendError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use mavsight_link::Event;
-use tokio::sync::Notify;
+use tokio::sync::{Notify, watch};
 use tokio_tungstenite::tungstenite::{Bytes, Message};
 
-use crate::Command;
 use crate::queue::{Kind, Queue};
+use crate::{Command, Limits};
 
 /// Locks a mutex. No holder leaves its value half changed, so a poisoned one is sound.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -49,7 +49,11 @@ impl Mailbox {
 #[derive(Debug)]
 pub(crate) struct Hub {
     pages: Mutex<Pages>,
+    pub(crate) token: Option<String>,
+    pub(crate) limits: Limits,
     commands: SyncSender<Command>,
+    /// Becomes true when the server ends.
+    ended: watch::Receiver<bool>,
 }
 
 #[derive(Debug, Default)]
@@ -66,8 +70,19 @@ struct Pages {
 const PREVIEW_INTERVAL_NS: u64 = 95_000_000;
 
 impl Hub {
-    pub(crate) fn new(commands: SyncSender<Command>) -> Self {
-        Self { pages: Mutex::default(), commands }
+    pub(crate) fn new(
+        token: Option<String>,
+        limits: Limits,
+        commands: SyncSender<Command>,
+        ended: watch::Receiver<bool>,
+    ) -> Self {
+        Self { pages: Mutex::default(), token, limits, commands, ended }
+    }
+
+    /// Waits for the server's end.
+    pub(crate) async fn end(&self) {
+        // An error means that the server is gone, which is its end too.
+        let _ = self.ended.clone().wait_for(|&ended| ended).await;
     }
 
     /// Number of open pages.
@@ -115,10 +130,10 @@ impl Hub {
         is_due
     }
 
-    /// Adds a page, which gets the state first; none where there are `most` already.
-    pub(crate) fn join(&self, most: usize) -> Option<Arc<Mailbox>> {
+    /// Adds a page, which gets the state first; none where there are as many as may be.
+    pub(crate) fn join(&self) -> Option<Arc<Mailbox>> {
         let mut pages = lock(&self.pages);
-        if pages.mailboxes.len() >= most {
+        if pages.mailboxes.len() >= self.limits.listeners {
             return None;
         }
         let mailbox = Arc::new(Mailbox { queue: Mutex::new(pages.state.clone()), filled: Notify::new() });
@@ -152,6 +167,15 @@ mod tests {
 
     use super::*;
 
+    fn hub() -> Hub {
+        hub_for(sync_channel(1).0)
+    }
+
+    fn hub_for(commands: SyncSender<Command>) -> Hub {
+        let limits = Limits { listeners: 1, ..Limits::default() };
+        Hub::new(None, limits, commands, watch::channel(false).1)
+    }
+
     fn note(text: &str) -> Event {
         Event::Note { t_s: 0.0, fault: false, text: text.to_owned() }
     }
@@ -163,7 +187,7 @@ mod tests {
 
     #[test]
     fn a_late_page_gets_the_state_and_no_old_pictures() {
-        let hub = Hub::new(sync_channel(1).0);
+        let hub = hub();
         hub.publish(&note("first"));
         hub.publish(&Event::Detections { camera: 0, t_s: 0.0, seen: Vec::new() });
         hub.preview(0, 0, b"jpeg");
@@ -179,22 +203,22 @@ mod tests {
         });
         let (name, volume_m) = ("other".to_owned(), [[0.0; 3], [1.0; 3]]);
         hub.publish(&Event::Scene(Scene { name, cameras: Vec::new(), markers: Vec::new(), volume_m }));
-        let mailbox = hub.join(1).unwrap();
+        let mailbox = hub.join().unwrap();
         let texts = texts(&mailbox);
         assert_eq!(texts.len(), 3, "{texts:?}");
         for (text, what) in texts.iter().zip(["first", "recording", "scene"]) {
             assert!(text.contains(what), "{texts:?}");
         }
-        assert!(hub.join(1).is_none());
+        assert!(hub.join().is_none());
         hub.leave(&mailbox);
         assert_eq!(hub.listeners(), 0);
     }
 
     #[test]
     fn pictures_are_wanted_ten_times_a_second_while_somebody_looks() {
-        let hub = Hub::new(sync_channel(1).0);
+        let hub = hub();
         assert!(!hub.wants_preview(0, 0));
-        let _mailbox = hub.join(1).unwrap();
+        let _mailbox = hub.join().unwrap();
         let wanted = |camera, rate_hz| {
             (0..rate_hz).filter(|k| hub.wants_preview(camera, k * 1_000_000_000 / rate_hz)).count()
         };
@@ -205,7 +229,7 @@ mod tests {
     #[test]
     fn commands_that_nobody_takes_get_an_answer() {
         let (sender, receiver) = sync_channel(1);
-        let hub = Hub::new(sender);
+        let hub = hub_for(sender);
         assert_eq!(hub.ask(Command::Calibrate), Ok(()));
         assert!(hub.ask(Command::Calibrate).unwrap_err().contains("Too many"));
         drop(receiver);

@@ -15,14 +15,14 @@ mod command;
 mod connection;
 mod error;
 mod hub;
+mod limits;
 mod listener;
 mod preview;
 mod queue;
 mod server;
-mod shared;
 
 pub use command::Command;
 pub use error::PageError;
+pub use limits::Limits;
 pub use preview::{LONGEST_SIDE_PX, encode as encode_preview};
 pub use server::{Reach, Server};
-pub use shared::Limits;

@@ -11,7 +11,6 @@ use tokio_tungstenite::tungstenite::{Bytes, Message, Utf8Bytes};
 use crate::Command;
 use crate::hub::{Hub, Mailbox};
 use crate::queue::Kind;
-use crate::shared::Shared;
 
 type Socket = WebSocketStream<TcpStream>;
 
@@ -22,7 +21,7 @@ const NONSENSE_LIMIT: usize = 10;
 
 /// Serves an open page until it leaves, is silent for too long, or the server ends. `received` is what it has
 /// already sent.
-pub(crate) async fn serve(stream: TcpStream, received: Bytes, mailbox: &Mailbox, shared: &Shared) {
+pub(crate) async fn serve(stream: TcpStream, received: Bytes, mailbox: &Mailbox, hub: &Hub) {
     let config = WebSocketConfig::default()
         .max_message_size(Some(MESSAGE_LIMIT_BYTES))
         .max_frame_size(Some(MESSAGE_LIMIT_BYTES))
@@ -30,23 +29,19 @@ pub(crate) async fn serve(stream: TcpStream, received: Bytes, mailbox: &Mailbox,
         .write_buffer_size(0);
     let received = received.to_vec();
     let mut socket = WebSocketStream::from_partially_read(stream, received, Role::Server, Some(config)).await;
-    if let Some((code, text)) = exchange(&mut socket, mailbox, shared).await {
+    if let Some((code, text)) = exchange(&mut socket, mailbox, hub).await {
         let frame = CloseFrame { code, reason: Utf8Bytes::from_static(text) };
         // Whether it arrives is the page's matter.
-        let _ = timeout(shared.limits.request_time, socket.close(Some(frame))).await;
+        let _ = timeout(hub.limits.request_time, socket.close(Some(frame))).await;
     }
 }
 
 /// Passes messages both ways; returns the reason of the end if the page can still hear it.
-async fn exchange(
-    socket: &mut Socket,
-    mailbox: &Mailbox,
-    shared: &Shared,
-) -> Option<(CloseCode, &'static str)> {
-    let limits = &shared.limits;
+async fn exchange(socket: &mut Socket, mailbox: &Mailbox, hub: &Hub) -> Option<(CloseCode, &'static str)> {
+    let limits = &hub.limits;
     let mut beat = interval(limits.beat);
     beat.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let end = shared.end();
+    let end = hub.end();
     tokio::pin!(end);
     let (mut heard, mut nonsense) = (Instant::now(), 0);
     loop {
@@ -55,7 +50,7 @@ async fn exchange(
             incoming = socket.next() => {
                 heard = Instant::now();
                 match incoming? {
-                    Ok(Message::Text(text)) => nonsense += usize::from(!carry_out(&text, mailbox, &shared.hub)),
+                    Ok(Message::Text(text)) => nonsense += usize::from(!carry_out(&text, mailbox, hub)),
                     Ok(Message::Binary(_)) => return Some((CloseCode::Unsupported, "only texts are understood")),
                     Ok(Message::Close(_)) | Err(_) => return None,
                     Ok(_) => {}

@@ -31,38 +31,25 @@ pub fn encode(
     }
     let factor = width_px.max(height_px).div_ceil(LONGEST_SIDE_PX);
     let (columns, rows) = ((width_px / factor).max(1), (height_px / factor).max(1));
-    let mut rgb = Vec::with_capacity(3 * columns as usize * rows as usize);
-    for row in 0..rows {
-        for column in 0..columns {
-            rgb.extend(mean(&pixel, (width_px, height_px), (column * factor, row * factor), factor));
-        }
-    }
+    // The mean of two by two pixels, half a factor apart.
+    let mean = |column: u32, row: u32| {
+        let at = |right: u32, down: u32| {
+            let x = (column * factor + right * factor / 2).min(width_px - 1);
+            let y = (row * factor + down * factor / 2).min(height_px - 1);
+            pixel(x as usize, y as usize).map(u16::from)
+        };
+        let four = [at(0, 0), at(1, 0), at(0, 1), at(1, 1)];
+        std::array::from_fn(|k| (four.iter().map(|c| c[k]).sum::<u16>() / 4) as u8)
+    };
+    let color =
+        |column, row| if factor == 1 { pixel(column as usize, row as usize) } else { mean(column, row) };
+    let pixels = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
+    let rgb: Vec<u8> = pixels.flat_map(|(column, row)| color(column, row)).collect();
     let mut jpeg = Vec::new();
     JpegEncoder::new_with_quality(&mut jpeg, QUALITY)
         .encode(&rgb, columns, rows, ExtendedColorType::Rgb8)
         .map_err(|source| PageError::Encode { width_px: columns, height_px: rows, source })?;
     Ok(jpeg)
-}
-
-/// The mean of two by two pixels, half a factor apart, of the block that begins at `first`.
-fn mean(
-    pixel: &impl Fn(usize, usize) -> [u8; 3],
-    (width_px, height_px): (u32, u32),
-    first: (u32, u32),
-    factor: u32,
-) -> [u8; 3] {
-    if factor == 1 {
-        return pixel(first.0 as usize, first.1 as usize);
-    }
-    let mut sum = [0_u16; 3];
-    for (right, down) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-        let x = (first.0 + right * factor / 2).min(width_px - 1);
-        let y = (first.1 + down * factor / 2).min(height_px - 1);
-        for (total, channel) in sum.iter_mut().zip(pixel(x as usize, y as usize)) {
-            *total += u16::from(channel);
-        }
-    }
-    sum.map(|total| (total / 4) as u8)
 }
 
 #[cfg(test)]

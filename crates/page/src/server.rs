@@ -15,8 +15,7 @@ use tokio::sync::{Semaphore, watch};
 use crate::answer::{refusal, refusal_bytes};
 use crate::connection::serve;
 use crate::hub::{Hub, lock};
-use crate::shared::{Limits, Shared};
-use crate::{Command, PageError, access};
+use crate::{Command, Limits, PageError, access};
 
 /// Commands that may wait; a person presses no more keys than that before something happens.
 const COMMANDS_WAITING: usize = 16;
@@ -42,7 +41,6 @@ pub enum Reach {
 pub struct Server {
     hub: Arc<Hub>,
     address: SocketAddr,
-    token: Option<String>,
     commands: Mutex<Receiver<Command>>,
     end: watch::Sender<bool>,
     thread: Option<JoinHandle<()>>,
@@ -78,13 +76,13 @@ impl Server {
         let address = listener.local_addr().map_err(|source| PageError::Listen { address, source })?;
         let (sender, commands) = sync_channel(COMMANDS_WAITING);
         let (end, ended) = watch::channel(false);
-        let hub = Arc::new(Hub::new(sender));
-        let shared = Arc::new(Shared { hub: Arc::clone(&hub), token: token.clone(), limits, ended });
+        let hub = Arc::new(Hub::new(token, limits, sender, ended));
+        let own = Arc::clone(&hub);
         let thread = std::thread::Builder::new()
             .name("page".to_owned())
-            .spawn(move || runtime.block_on(accept(listener, shared)))
+            .spawn(move || runtime.block_on(accept(listener, own)))
             .map_err(PageError::Start)?;
-        Ok(Self { hub, address, token, commands: Mutex::new(commands), end, thread: Some(thread) })
+        Ok(Self { hub, address, commands: Mutex::new(commands), end, thread: Some(thread) })
     }
 
     /// Address and port on which the server listens.
@@ -97,7 +95,7 @@ impl Server {
     /// unspecified address (0.0.0.0) is returned as it is: the user replaces it by this machine's address.
     #[must_use]
     pub fn url(&self) -> String {
-        match &self.token {
+        match &self.hub.token {
             Some(token) => format!("http://{}/{token}/", self.address),
             None => format!("http://{}/", self.address),
         }
@@ -160,12 +158,12 @@ fn listen(runtime: &Runtime, address: SocketAddr) -> std::io::Result<TcpListener
 }
 
 /// Accepts connections until the server ends; open pages then have 0.2 s to close.
-async fn accept(listener: TcpListener, shared: Arc<Shared>) {
-    let places = Arc::new(Semaphore::new(shared.limits.connections));
+async fn accept(listener: TcpListener, hub: Arc<Hub>) {
+    let places = Arc::new(Semaphore::new(hub.limits.connections));
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
-            () = shared.end() => break,
+            () = hub.end() => break,
         };
         let Ok((stream, _)) = accepted else {
             // Usually out of file handles, of which others will be freed.
@@ -178,15 +176,15 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) {
             refuse_connection(stream);
             continue;
         };
-        let shared = Arc::clone(&shared);
+        let hub = Arc::clone(&hub);
         tokio::spawn(async move {
-            serve(stream, shared).await;
+            serve(stream, hub).await;
             drop(place);
         });
     }
     drop(listener);
     for _ in 0..20 {
-        if shared.hub.listeners() == 0 {
+        if hub.listeners() == 0 {
             break;
         }
         tokio::time::sleep(Duration::from_millis(10)).await;

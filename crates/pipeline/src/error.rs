@@ -92,33 +92,25 @@ pub enum PipelineError {
         /// Names of those not found.
         missing: String,
     },
+    /// A board whose markers cannot be what is said of them.
+    #[error("{key}: {detail}")]
+    Board {
+        /// Key of the session file.
+        key: &'static str,
+        /// What is wrong and what to do.
+        detail: String,
+    },
     /// A board that no image shows.
-    #[error(
-        "{camera}: none of {frames} images shows a chessboard with {columns} by {rows} inner corners: check the numbers (inner corners, not squares), and that the whole board with a white margin is in view and sharp"
-    )]
+    #[error("{camera}: none of {frames} images shows {what}: check {check}")]
     NoBoard {
         /// Camera name.
         camera: String,
         /// Images looked at.
-        frames: usize,
-        /// Inner corners along a row.
-        columns: usize,
-        /// Rows of them.
-        rows: usize,
-    },
-    /// A board with markers that no image shows.
-    #[error(
-        "{camera}: none of {frames} images shows six corners of a board with {columns} by {rows} inner corners and the markers named: check the dictionary, the numbers (inner corners, not squares) and the sides, and that it is sharp, its squares 25 px across or more"
-    )]
-    NoCodedBoard {
-        /// Camera name.
-        camera: String,
-        /// Images looked at.
-        frames: usize,
-        /// Inner corners along a row.
-        columns: usize,
-        /// Rows of them.
-        rows: usize,
+        frames: i64,
+        /// What was looked for.
+        what: String,
+        /// What may be wrong.
+        check: &'static str,
     },
     /// A worker thread ended without a result.
     #[error("{camera}: the tracking stage stopped unexpectedly: please report this with the recording")]

@@ -45,3 +45,11 @@ impl<'a> CameraFeed<'a> {
         Self { name: name.into(), announced, frames, clock, readout: Vector2::y(), flash: false, clap: None }
     }
 }
+
+/// The median time between frames or rows; none of fewer than two.
+pub fn usual_interval_ns(times_ns: impl IntoIterator<Item = i64>) -> Option<i64> {
+    let times_ns: Vec<i64> = times_ns.into_iter().collect();
+    let mut steps: Vec<i64> = times_ns.windows(2).map(|w| w[1] - w[0]).collect();
+    steps.sort_unstable();
+    steps.get(steps.len() / 2).copied()
+}

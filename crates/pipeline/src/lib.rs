@@ -33,7 +33,7 @@ pub use calibrate::{
 pub use clap::Clap;
 pub use control::{ControlPixel, ControlPointRow};
 pub use error::PipelineError;
-pub use feed::{CameraFeed, Frames, TimedFrame};
+pub use feed::{CameraFeed, Frames, TimedFrame, usual_interval_ns};
 pub use health::{CameraHealth, CentreQuality, MarkerHealth};
 pub use progress::{NoProgress, Progress, Stage};
 pub use reconstruct::reconstruct;
@@ -44,4 +44,4 @@ pub use solve::{
 pub use synchronize::{CameraTiming, Lookahead, Synchronizer};
 pub use track::{Tracked, body_markers, track, track_with};
 pub use tracker::{CameraTracker, TrackedFrame};
-pub use wand::{Wand, wand_of};
+pub use wand::{Wand, WandBall, wand_of};

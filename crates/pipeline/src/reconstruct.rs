@@ -22,7 +22,7 @@ impl Reconstruction {
     /// What was seen at the next instant.
     pub(crate) fn add(&mut self, t_ns: i64, seen: Vec<MarkerObservation>) {
         let sample = crate::track::pose_at(&self.estimator, t_ns, &seen, self.previous.as_ref());
-        self.previous = sample.estimate.as_ref().map(|e| e.world_from_body).or(self.previous);
+        self.previous = sample.estimate.as_ref().ok().map(|e| e.world_from_body).or(self.previous);
         seen.iter().for_each(|o| self.tracked.observations.push(o));
         self.tracked.poses.push(crate::solve::provisional(sample));
     }

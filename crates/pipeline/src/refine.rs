@@ -79,7 +79,7 @@ fn diameters(tracked: &Tracked, rig: &Rig, body: &[BodyMarker]) -> Vec<Option<Di
         while pose.is_some_and(|p| p.t_ns < seen.t_ns) {
             pose = poses.next();
         }
-        let estimate = pose.filter(|p| p.t_ns == seen.t_ns).and_then(|p| p.estimate.as_ref());
+        let estimate = pose.filter(|p| p.t_ns == seen.t_ns).and_then(|p| p.estimate.as_ref().ok());
         let Some(estimate) = estimate.filter(|e| e.markers_used.contains(seen.marker)) else { continue };
         let camera = &rig.cameras[seen.camera].camera;
         let marker = &body[seen.marker];

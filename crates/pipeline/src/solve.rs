@@ -81,13 +81,13 @@ fn estimate_all(estimator: &PoseEstimator, tracked: &mut Tracked, kept: impl Fn(
     let mut seen = Vec::new();
     for pose in &mut tracked.poses {
         tracked.observations.at(pose.t_ns, &mut seen);
-        if seen.is_empty() && pose.estimate.is_none() && pose.reason.is_some() {
+        if seen.is_empty() && pose.estimate.is_err() {
             continue;
         }
         // Where two minima are likely, the one that was found with what the instant knew is the one.
-        let known = pose.estimate.as_ref().map(|e| e.world_from_body).or(previous);
+        let known = pose.estimate.as_ref().ok().map(|e| e.world_from_body).or(previous);
         *pose = kept(crate::track::pose_at(estimator, pose.t_ns, &seen, known.as_ref()));
-        previous = pose.estimate.as_ref().map(|e| e.world_from_body).or(previous);
+        previous = pose.estimate.as_ref().ok().map(|e| e.world_from_body).or(previous);
     }
 }
 
@@ -132,7 +132,7 @@ fn systematic_effects(tracked: &Tracked) -> impl Fn(usize) -> Option<Matrix6xX<f
         let pose = &tracked.poses[k];
         let mut seen = seen.borrow_mut();
         tracked.observations.at(pose.t_ns, &mut seen);
-        tracked.estimator.as_ref()?.systematic_effects(&seen, pose.estimate.as_ref()?)
+        tracked.estimator.as_ref()?.systematic_effects(&seen, pose.estimate.as_ref().ok()?)
     }
 }
 
@@ -265,14 +265,14 @@ mod tests {
                     });
                 }
             }
-            out.poses.push(PoseSample { t_ns, estimate: None, reason: None });
+            out.poses.push(PoseSample { t_ns, estimate: Err(PoseError::NotMeasured) });
         }
         let (estimator, mut previous) = (PoseEstimator::new(rig, &body_markers(&Vehicle::paper())), None);
         let mut seen = Vec::new();
         for pose in &mut out.poses {
             out.observations.at(pose.t_ns, &mut seen);
             *pose = crate::track::pose_at(&estimator, pose.t_ns, &seen, previous.as_ref());
-            previous = pose.estimate.as_ref().map(|e| e.world_from_body);
+            previous = pose.estimate.as_ref().ok().map(|e| e.world_from_body);
         }
         out
     }
@@ -340,7 +340,7 @@ mod tests {
             let error = length(&refined.markers, a, b) - length(&built, a, b);
             assert!(error.abs() < 3e-4, "between {a} and {b}: {error} m");
         }
-        assert!(tracked.poses.iter().all(|p| p.estimate.is_some()));
+        assert!(tracked.poses.iter().all(|p| p.estimate.is_ok()));
         let wrong = Refinement { markers_std_m: Some(-1.0), ..how };
         let refused = refine(&mut tracked, &rig, &vehicle, wrong).unwrap_err().to_string();
         assert!(refused.contains("a ruler is good to"), "{refused}");

@@ -2,8 +2,10 @@
 
 use crate::calibrate::diameter_range_px;
 use crate::{CameraFeed, PipelineError};
+use mavsight_flight::Color;
 use mavsight_pose::{MarkerObservation, MovedObject};
 use mavsight_vision::{BallColor, Detection, Tracker};
+use serde::{Deserialize, Serialize};
 
 /// Two balls on a stick.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -12,11 +14,21 @@ pub struct Wand {
     pub length_m: f64,
     /// Standard deviation of that.
     pub length_std_m: f64,
-    /// Colours, sRGB-coded.
-    pub colors: [[u8; 3]; 2],
-    /// Diameters.
-    pub diameters_m: [f64; 2],
+    /// The balls, of unlike colours.
+    pub balls: [WandBall; 2],
 }
+
+/// A ball of a wand.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WandBall {
+    /// Nominal colour.
+    pub color: Color,
+    /// Diameter.
+    pub diameter_m: f64,
+}
+
+const BALL_NAMES: [&str; 2] = ["first ball", "second ball"];
 
 /// What one camera saw: time stamps, and both balls.
 type Seen = Vec<(i64, Vec<Option<Detection>>)>;
@@ -36,17 +48,13 @@ pub fn wand_of(wand: &Wand, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<MovedO
         workers.into_iter().map(|w| w.join().unwrap_or_else(|_| Err(lost()))).collect()
     });
     let seen: Vec<Seen> = seen.into_iter().collect::<Result<_, _>>()?;
-    let balls = [("first ball", wand.diameters_m[0]), ("second ball", wand.diameters_m[1])];
+    let balls = [0, 1].map(|k| (BALL_NAMES[k], wand.balls[k].diameter_m));
     Ok(MovedObject::wand(wand.length_m, wand.length_std_m, balls, joined(&seen)))
 }
 
 fn balls_of(wand: &Wand, feed: CameraFeed<'_>) -> Result<Seen, PipelineError> {
-    let colors: Vec<BallColor> = wand
-        .colors
-        .iter()
-        .zip(["first ball", "second ball"])
-        .map(|(rgb, name)| BallColor { name: name.to_owned(), rgb: *rgb })
-        .collect();
+    let color = |k: usize| BallColor { name: BALL_NAMES[k].to_owned(), rgb: wand.balls[k].color.rgb() };
+    let colors = [0, 1].map(color);
     let failed = |source| PipelineError::Vision { place: format!("wand, {}", feed.name), source };
     let mut tracker: Option<Tracker> = None;
     let mut out = Vec::new();

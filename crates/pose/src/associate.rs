@@ -1,10 +1,8 @@
-//! Which of the balls that the cameras see are which markers: what the rigid body and all cameras
-//! together support.
+//! Which of the balls that the cameras see are which markers.
 //!
-//! Near a predicted pose each ball is given to the marker whose image it may be; without one, triangles
-//! of balls that two cameras see are compared with those of the body. A pose that nothing predicted is
-//! believed where the odds for it, against balls that lie in the images by chance and against any other
-//! pose, are 999 to 1.
+//! Near a predicted pose each ball is given to the marker whose image it may be; without one, triangles of
+//! balls that two cameras see are compared with those of the body. A pose that nothing predicted is believed
+//! where the odds for it, against balls by chance and any other pose, are 999 to 1.
 
 mod acquire;
 mod associator;
@@ -12,6 +10,7 @@ mod belief;
 mod evidence;
 mod expected;
 mod follow;
+mod frame;
 mod moved_camera;
 mod noise;
 mod symmetry;

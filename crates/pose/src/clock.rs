@@ -2,7 +2,6 @@
 
 mod equations;
 mod leaps;
-mod part;
 mod path;
 mod search;
 #[cfg(test)]
@@ -17,14 +16,14 @@ pub use types::{
 use crate::{BodyMarker, Rig};
 use equations::Problem;
 
-/// Stretches of time of which the observations are enough for [`estimate_clocks`], for recordings that
-/// span `from_ns..=to_ns` by their presumed clocks: all of a flight of up to four minutes, else sixty of
-/// four seconds, evenly spread.
+/// Stretches of time of which the observations are enough for [`estimate_clocks`], for recordings that span
+/// `from_ns..=to_ns` by their presumed clocks: all of a flight of up to four minutes, else sixty of four
+/// seconds, evenly spread.
 ///
-/// The estimation looks at 2000 instants wherever they lie. Sixty stretches see the clocks drift apart
-/// over the same span; errors that last through a stretch are in the scatter between parts of the flight,
-/// which standard deviations allow for. A stretch is as long as it takes for clocks that are a second
-/// apart to share three of its seconds.
+/// The estimation looks at 2000 instants wherever they lie. Sixty stretches see the clocks drift apart over
+/// the same span; errors that last through a stretch are in the scatter between parts of the flight, which
+/// standard deviations allow for. A stretch is as long as it takes for clocks that are a second apart to
+/// share three of its seconds.
 pub fn informative_stretches_ns((from_ns, to_ns): (i64, i64)) -> Vec<(i64, i64)> {
     let span_ns = to_ns.saturating_sub(from_ns);
     if span_ns <= STRETCHES * STRETCH_NS {
@@ -41,10 +40,10 @@ const STRETCH_NS: i64 = 4_000_000_000;
 ///
 /// The poses that fit all cameras best at the instants of the fastest camera leave reprojection errors;
 /// offsets, drifts and line times are what makes these least, by Gauss and Newton with the markers' image
-/// velocities as derivatives, the poses and a systematic error of each centre eliminated, and long
-/// residuals bounded (Huber 1981). An offset of which nothing is known is first sought within ± 1 s.
-/// Standard deviations allow for noise beyond what is claimed and for errors that last over a
-/// twenty-fourth of the flight. The first camera's clock is the reference.
+/// velocities as derivatives, the poses and a systematic error of each centre eliminated, and long residuals
+/// bounded (Huber 1981). An offset of which nothing is known is first sought within ± 1 s. Standard
+/// deviations allow for noise beyond what is claimed and for errors that last over a twenty-fourth of the
+/// flight. The first camera's clock is the reference.
 ///
 /// What the flight shows is gone by where it is significant and matters ([`ClockVerdict`]).
 pub fn estimate_clocks(rig: &Rig, markers: &[BodyMarker], streams: &[CameraStream]) -> Vec<ClockEstimate> {

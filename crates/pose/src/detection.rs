@@ -28,8 +28,8 @@ pub struct TrackedDetection {
 /// One marker seen in one image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MarkerObservation {
-    /// Middle of the exposure; of a [`CameraStream`](crate::CameraStream), the time stamp by the camera's
-    /// own clock.
+    /// Middle of the exposure; of a [`CameraStream`](crate::CameraStream), the time stamp by the camera's own
+    /// clock.
     pub t_ns: i64,
     /// Index of the camera in the rig.
     pub camera: usize,
@@ -41,7 +41,17 @@ pub struct MarkerObservation {
     pub covariance_px2: Matrix2<f64>,
 }
 
+/// Largest ratio between the diameter seen and the one expected: a ball half hidden still shows more.
+const MOST_SIZE_RATIO: f64 = 1.6;
+
 impl TrackedDetection {
+    /// Whether its diameter is about as expected; a number that is not above zero is not known.
+    pub(crate) fn may_have_diameter(&self, expected_px: f64) -> bool {
+        let ratio = self.diameter_px / expected_px;
+        let is_known = self.diameter_px > 0.0 && expected_px > 0.0;
+        !is_known || (1.0 / MOST_SIZE_RATIO..=MOST_SIZE_RATIO).contains(&ratio)
+    }
+
     /// This detection as an observation of a marker.
     pub fn of_marker(&self, marker: usize) -> MarkerObservation {
         let Self { t_ns, camera, pixel, covariance_px2, .. } = *self;

@@ -281,6 +281,12 @@ pub enum PoseError {
         /// Of the systematic errors of centres.
         systematic_px: f64,
     },
+    /// A pose that is not known, as one read from a table.
+    #[error("not measured")]
+    NotMeasured,
+    /// A time at which the table of poses has no row.
+    #[error("the row is missing")]
+    MissingRow,
     /// The iteration found no minimum.
     #[error("the pose did not converge in {steps} steps: residual {residual_px:.2} px")]
     NotConverged {

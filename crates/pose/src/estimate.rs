@@ -14,11 +14,9 @@ mod systematic;
 #[cfg(test)]
 mod tests;
 mod types;
-mod view;
 
 pub use estimator::PoseEstimator;
 pub use fit::ReprojectionFit;
-pub(crate) use gates::{HUBER_MEAN, chi_square_gate as chi_square_quantile};
+pub(crate) use gates::chi_square_gate as chi_square_quantile;
 pub use sample::{MarkerSet, PoseEstimate};
-pub(crate) use solve::noise_weight;
 pub use types::{BodyMarker, PoseSample, PredictedObservation};

@@ -12,8 +12,10 @@ mod moving;
 mod observations;
 mod precision;
 mod refine;
+mod reprojection;
 mod select;
 mod smoother;
+mod statistics;
 #[cfg(test)]
 mod testing;
 

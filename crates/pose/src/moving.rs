@@ -3,60 +3,17 @@
 //! section 6.1).
 
 use crate::BodyMarker;
-use crate::estimate::noise_weight;
+use crate::reprojection::{PointObservation, Scene, bound2, determine_turn, huber};
 use mavsight_geometry::attitude::matrix_of;
-use mavsight_geometry::camera::d_pixel_d_pose;
-use mavsight_geometry::{
-    CAMERA_PARAMETERS, Camera, ImagePoint, Isometry3, Matrix2, Matrix6, Point3, Projection, UnitQuaternion,
-    Vector2, Vector3, whitener,
-};
-use nalgebra::{DMatrix, DVector, Dyn, OMatrix, SMatrix, Translation3, U6, Vector6};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Matrix6, Vector2};
+use nalgebra::{DMatrix, DVector, Dyn, OMatrix, SMatrix, U6, Vector6};
 
 /// Steps with which a pose follows the cameras; from a near one two suffice.
 const POSE_STEPS: usize = 20;
 /// A step that promises to lower the chi-square by less, a hundredth of a standard deviation squared, is the
-/// last: what remains after it is smaller by its square.
+/// last.
 const CONVERGED: f64 = 1e-4;
-/// Added to the information on a body's turn, of its largest: points on one line do not show a turn about it.
-const NO_TURN: f64 = 1e-9;
 
-/// A point in the image of a camera.
-#[derive(Clone, Copy)]
-pub(crate) struct PointObservation {
-    pub(crate) camera: usize,
-    pub(crate) point: usize,
-    pub(crate) pixel: Vector2<f64>,
-    /// As it is stated.
-    pub(crate) covariance_px2: Matrix2<f64>,
-    /// Wᵀ W is the inverse of the covariance.
-    pub(crate) whitener: Matrix2<f64>,
-}
-
-impl PointObservation {
-    /// `None` for a pixel that is not finite, or a covariance that is not positive definite.
-    pub(crate) fn new(
-        camera: usize,
-        point: usize,
-        pixel: Vector2<f64>,
-        covariance_px2: Matrix2<f64>,
-    ) -> Option<Self> {
-        let whitener = whitener(&covariance_px2).filter(|_| pixel.iter().all(|x| x.is_finite()))?;
-        Some(Self { camera, point, pixel, covariance_px2, whitener })
-    }
-
-    /// The observation as a point in its camera's image.
-    pub(crate) fn in_image<'a>(&self, camera: &'a Camera) -> ImagePoint<'a> {
-        ImagePoint { camera, pixel: self.pixel, covariance_px2: self.covariance_px2 }
-    }
-
-    /// The same pixel with independent coordinates of a variance.
-    pub(crate) fn with_variance(&self, variance_px2: f64) -> Self {
-        let unit = Matrix2::identity();
-        Self { covariance_px2: unit * variance_px2, whitener: unit / variance_px2.sqrt(), ..*self }
-    }
-}
-
-/// A body at one instant.
 #[derive(Clone)]
 pub(crate) struct Instant {
     pub(crate) observations: Vec<PointObservation>,
@@ -75,21 +32,6 @@ pub(crate) struct Shared {
     pub(crate) free_offsets: bool,
 }
 
-/// The predicted image of a point, and the whitened residual.
-struct Predicted {
-    centre_in_world: Vector3<f64>,
-    projection: Projection,
-    whitened: Vector2<f64>,
-    by_pose: SMatrix<f64, 2, 6>,
-}
-
-/// Huber's loss, normal matrix and gradient of a pose.
-struct PoseEquations {
-    loss: f64,
-    normal: Matrix6<f64>,
-    gradient: Vector6<f64>,
-}
-
 impl Shared {
     /// Bodies with exact points and no offsets.
     pub(crate) fn new(cameras: Vec<Camera>, points: Vec<BodyMarker>) -> Self {
@@ -97,17 +39,14 @@ impl Shared {
         Self { cameras, points, offsets_px, free_points: false, free_offsets: false }
     }
 
-    /// First row of the points.
     pub(crate) fn first_point(&self) -> usize {
         CAMERA_PARAMETERS * self.cameras.len()
     }
 
-    /// First row of the offsets.
     pub(crate) fn first_offset(&self) -> usize {
         self.first_point() + if self.free_points { 3 * self.points.len() } else { 0 }
     }
 
-    /// All rows.
     pub(crate) fn rows(&self) -> usize {
         self.first_offset() + if self.free_offsets { 2 * self.offsets_px.len() } else { 0 }
     }
@@ -116,89 +55,33 @@ impl Shared {
         o.camera * self.points.len() + o.point
     }
 
+    fn scene(&self) -> Scene<'_> {
+        Scene { cameras: &self.cameras, points: &self.points }
+    }
+
+    fn corrected(&self, o: &PointObservation) -> PointObservation {
+        PointObservation { pixel: o.pixel - self.offsets_px[self.offset(o)], ..*o }
+    }
+
     /// Measured less predicted pixel; `None` where the point is not in view.
     pub(crate) fn residual_px(&self, o: &PointObservation, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
-        Some(o.pixel - self.projection(o, pose)?.1.pixel - self.offsets_px[self.offset(o)])
+        Some(self.scene().at(&self.corrected(o), pose).ok()?.residual_px)
     }
 
-    fn projection(&self, o: &PointObservation, pose: &Isometry3<f64>) -> Option<(Vector3<f64>, Projection)> {
-        let point = &self.points[o.point];
-        let centre = (pose * Point3::from(point.marker_in_body_m)).coords;
-        Some((centre, self.cameras[o.camera].project_ball(&centre, point.radius_m).ok()?))
-    }
-
-    fn predicted(&self, o: &PointObservation, pose: &Isometry3<f64>) -> Option<Predicted> {
-        let (centre_in_world, projection) = self.projection(o, pose)?;
-        let in_body = &self.points[o.point].marker_in_body_m;
-        Some(Predicted {
-            centre_in_world,
-            projection,
-            whitened: o.whitener * (o.pixel - projection.pixel - self.offsets_px[self.offset(o)]),
-            by_pose: o.whitener * d_pixel_d_pose(&projection, pose, in_body),
-        })
-    }
-
-    fn pose_equations(
-        &self,
-        observations: &[PointObservation],
-        pose: &Isometry3<f64>,
-        factor: f64,
-    ) -> Option<PoseEquations> {
-        let (mut sum, mut normal, mut gradient) = (0.0, Matrix6::zeros(), Vector6::zeros());
-        for o in observations {
-            let Predicted { whitened, by_pose, .. } = self.predicted(o, pose)?;
-            let square = whitened.norm_squared();
-            let weight = noise_weight(square, factor);
-            sum += loss(square, weight);
-            normal += by_pose.transpose() * by_pose * weight;
-            gradient += by_pose.transpose() * whitened * weight;
-        }
-        determine_turn(&mut normal);
-        let finite = sum.is_finite() && gradient.iter().all(|g| g.is_finite());
-        finite.then_some(PoseEquations { loss: sum, normal, gradient })
-    }
-
-    /// The pose of least loss under these cameras, from one near (Levenberg 1944; Marquardt 1963). `None`
-    /// where a point leaves the view or the pose is not determined.
+    /// The pose of least loss under these cameras, from one near. `factor` scales the stated covariances to
+    /// those that decide which residuals are long; infinite for none. `None` where a point leaves the view or
+    /// the pose is not determined.
     pub(crate) fn best_pose(
         &self,
         observations: &[PointObservation],
         near: &Isometry3<f64>,
         factor: f64,
     ) -> Option<Isometry3<f64>> {
-        let mut pose = *near;
-        let mut now = self.pose_equations(observations, &pose, factor)?;
-        let mut damping = 0.0;
-        for _ in 0..POSE_STEPS {
-            let mut damped = now.normal;
-            (0..6).for_each(|k| damped[(k, k)] *= 1.0 + damping);
-            let step = damped.cholesky()?.solve(&now.gradient);
-            let decrement = step.dot(&now.gradient);
-            let tried = moved(&pose, &step);
-            if decrement < CONVERGED * factor.min(1.0) && damping < 1e-3 {
-                return Some(tried);
-            }
-            match self.pose_equations(observations, &tried, factor) {
-                Some(better) if better.loss <= now.loss * (1.0 + 1e-12) + 1e-18 => {
-                    (pose, now) = (tried, better);
-                    damping *= 0.1;
-                }
-                _ => damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 },
-            }
-        }
-        Some(pose)
+        let own: Vec<_> = observations.iter().map(|o| self.corrected(o)).collect();
+        let converged = CONVERGED * factor.min(1.0);
+        let fit = self.scene().descend(&own, near, bound2(factor), converged, POSE_STEPS).ok()?;
+        Some(fit.world_from_body)
     }
-}
-
-/// Huber's loss in units of half its square: that of a squared whitened residual with its weight.
-fn loss(square: f64, weight: f64) -> f64 {
-    if weight < 1.0 { square * weight * (2.0 - weight) } else { square }
-}
-
-/// Points on one line do not show a turn about it: it keeps its value.
-fn determine_turn(normal: &mut Matrix6<f64>) {
-    let turning = NO_TURN * normal.diagonal().fixed_rows::<3>(3).max();
-    (3..6).for_each(|k| normal[(k, k)] += turning);
 }
 
 /// Normal equations of what is shared, with the poses at their minima and eliminated.
@@ -218,9 +101,7 @@ pub(crate) struct Reduced {
 
 /// What the elimination of a change does to the equations.
 pub(crate) struct Elimination {
-    /// Decrease of the sum of squares.
     pub(crate) gain: f64,
-    /// Of the change's information.
     pub(crate) log_determinant: f64,
 }
 
@@ -238,8 +119,7 @@ impl Reduced {
         }
     }
 
-    /// Adds an instant, whose pose is at its minimum. `factor` scales the stated covariances to those that
-    /// decide which residuals are long; infinite for none.
+    /// Adds an instant, whose pose is at its minimum; `factor` as in [`Shared::best_pose`].
     pub(crate) fn add(
         &mut self,
         shared: &Shared,
@@ -251,9 +131,9 @@ impl Reduced {
         let mut slope = Vector6::zeros();
         let mut coupling: OMatrix<f64, U6, Dyn> = OMatrix::<f64, U6, Dyn>::zeros(self.normal.nrows());
         for o in observations {
-            let at = shared.predicted(o, pose)?;
+            let at = shared.scene().at(&shared.corrected(o), pose).ok()?;
             let square = at.whitened.norm_squared();
-            let weight = noise_weight(square, factor);
+            let (weight, loss) = huber(square, bound2(factor));
             let weighted = at.by_pose.transpose() * weight;
             own += weighted * at.by_pose;
             slope += weighted * at.whitened;
@@ -278,7 +158,7 @@ impl Reduced {
                     target.gemm_tr(weight, &block, &by.columns(*from, *m), 1.0);
                 }
             }
-            self.loss += loss(square, weight);
+            self.loss += loss;
             self.squares += square;
             self.weighted += square * weight;
             self.coordinates += 2;
@@ -309,7 +189,6 @@ impl Reduced {
         Some(Elimination { gain, log_determinant: factored.ln_determinant() })
     }
 
-    /// Adds other instants' equations.
     pub(crate) fn join(&mut self, other: &Self) {
         self.normal += &other.normal;
         self.gradient += &other.gradient;
@@ -322,19 +201,12 @@ impl Reduced {
     }
 }
 
-/// The pose after a small motion: position in world axes, turn about body axes.
-pub(crate) fn moved(pose: &Isometry3<f64>, by: &Vector6<f64>) -> Isometry3<f64> {
-    Isometry3::from_parts(
-        Translation3::from(pose.translation.vector + by.fixed_rows::<3>(0)),
-        pose.rotation * UnitQuaternion::from_scaled_axis(Vector3::from(by.fixed_rows::<3>(3))),
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reprojection::moved;
     use crate::testing::{cameras, normal, normal3};
-    use mavsight_geometry::CameraChange;
+    use mavsight_geometry::{CameraChange, Matrix2, Point3, Vector3};
 
     fn body() -> Vec<BodyMarker> {
         let corner = |k: usize| BodyMarker {

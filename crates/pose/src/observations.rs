@@ -5,8 +5,8 @@ use mavsight_geometry::{Matrix2, Vector2};
 
 /// Marker observations by time: 32 bytes for each, and 16 for an instant.
 ///
-/// Pixels are exact; covariances are held in single precision, which is seven digits of a variance.
-/// Instants come in the order of time, and the observations of one in the order in which they were added.
+/// Pixels are exact; covariances are held in single precision, which is seven digits of a variance. Instants
+/// come in the order of time, and the observations of one in the order in which they were added.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Observations {
     /// Time of each instant, and where its observations end.
@@ -76,7 +76,6 @@ impl Observations {
         self.instants[at..].iter_mut().for_each(|i| i.1 += 1);
     }
 
-    /// Where the observations of an instant begin.
     fn start(&self, at: usize) -> usize {
         at.checked_sub(1).map_or(0, |before| self.instants[before].1)
     }

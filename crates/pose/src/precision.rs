@@ -51,7 +51,6 @@ pub struct VolumePrecision {
     pub share_seen: f64,
 }
 
-/// Points along each side of a volume.
 const VOLUME_STEPS: usize = 11;
 
 /// The box that holds the rig's control points: the volume for which it is calibrated. `None` without control

@@ -1,7 +1,7 @@
 //! Refinement of cameras, markers and systematic errors of centres by the flight itself.
 
-use crate::estimate::HUBER_MEAN;
 use crate::moving::{Instant, Reduced, Shared};
+use crate::reprojection::HUBER_MEAN;
 use crate::{BodyMarker, Observations, PoseError, Rig};
 use instants::instants_of;
 use mavsight_geometry::camera_parameters::CENTRE;
@@ -28,13 +28,10 @@ const CONVERGED: f64 = 1e-3;
 /// Refines cameras, marker positions and systematic errors of centres by one bundle adjustment of all of them
 /// and of the poses (Triggs et al. 2000).
 ///
-/// Priors are the covariance of the cameras, as the control points have determined them, and [`FlightPrior`].
-/// A centre may have the same error in many frames, from light on one side or from the background: half of
-/// the variance of that is constant over the flight, the other half lasts a second, which bounds the
-/// information of many frames; where it is not given, both are estimated.
-///
-/// Observations are weighted by their covariances, with bounded influence (Huber 1981). The scale of their
-/// noise is estimated, as the stated covariances may be off.
+/// Priors are the covariance of the cameras and [`FlightPrior`]. Half of the variance of a centre's
+/// systematic error is constant over the flight, the other half lasts a second, which bounds the information
+/// of many frames; where it is not given, both are estimated. Observations are weighted by their covariances,
+/// with bounded influence (Huber 1981), and the scale of their noise is estimated.
 ///
 /// # Errors
 /// [`PoseError::BadPrior`]; [`PoseError::BadBias`]; [`PoseError::AlreadyRefined`]; [`PoseError::TooFewPoses`]
@@ -103,17 +100,13 @@ struct Bundle<'a> {
     markers_std_m: f64,
     systematic: SystematicVariance,
     directions: DMatrix<f64>,
-    /// By seconds.
     instants: Vec<Vec<Instant>>,
     shared: Shared,
-    /// Along the directions.
     state: DVector<f64>,
     factor: f64,
 }
 
-/// The minimum of a bundle.
 struct Minimum {
-    /// Of the state.
     covariance: DMatrix<f64>,
     reduced: Reduced,
     /// Sum of the squared whitened residuals at the start.
@@ -161,7 +154,6 @@ impl Bundle<'_> {
         Ok(out)
     }
 
-    /// The equations of one second, with its poses at their minima.
     fn of_second(&mut self, second: usize) -> Result<Reduced, PoseError> {
         let mut own = Reduced::new(self.shared.rows());
         for Instant { observations, world_from_body } in &mut self.instants[second] {
@@ -201,7 +193,6 @@ impl Bundle<'_> {
         })
     }
 
-    /// State and covariance.
     fn solution(&self, reduced: &Reduced) -> Option<(DVector<f64>, DMatrix<f64>)> {
         let mut information = self.directions.tr_mul(&reduced.normal) * &self.directions / self.factor;
         let pull = self.directions.tr_mul(&reduced.gradient) / self.factor + &information * &self.state;

@@ -1,19 +1,17 @@
 //! Choice of the candidates of control balls that one camera can have seen together.
 //!
-//! Colour proposes, geometry decides: a choice of one candidate (or none) per ball is judged by the camera
-//! that fits it. The search starts at the best colours and goes on to choices that differ from them in one
-//! ball, two, three and four, and further from the most promising of these.
+//! Colour proposes, geometry decides: each choice is judged by the camera that fits it, first the best
+//! colours, then choices that differ in one ball to four, and further from the most promising of these.
 
 use crate::PoseError;
 use mavsight_geometry::{ControlPoint, Dlt, GeometryError, ImageSize, Matrix2, Vector2, Vector3};
 
-/// Candidates looked at per ball.
 const CANDIDATES: usize = 4;
 /// A-priori error of a ball's centre, and its weight in degrees of freedom: keeps a lucky fit of few points
 /// from looking better than a good one of many.
 const APRIORI_STD_PX: f64 = 0.5;
 const APRIORI_WEIGHT: f64 = 4.0;
-/// Choices from which the search goes on when MAX_CHANGES changes do not suffice, and its steps from each.
+/// Choices from which the search climbs on when [`MAX_CHANGES`] do not suffice, and its steps from each.
 const CLIMBS: usize = 12;
 const CLIMB_STEPS: usize = 4;
 /// Most balls changed at once, and most choices of one such number, about half a second's work: beyond either
@@ -82,12 +80,17 @@ pub fn select_control_balls(
         let missing = search.listed((0..n).filter(|i| top[*i].is_none()));
         return Err(PoseError::TooFewControlBalls { found, wanted: n, missing });
     }
-    refuse_plane(&search, &top)?;
-    let best = search.run(&top);
-    let Some(best) = best.map(|b| search.completed(b)).filter(|b| search.accepts(b)) else {
-        return Err(search.refusal(&top));
-    };
-    Ok(search.selection(&best))
+    // Places that no choice of candidates can make a camera.
+    if let Err(error @ (GeometryError::CoplanarControlPoints { .. } | GeometryError::NotFinite { .. })) =
+        Dlt::fit(&search.control(&top))
+    {
+        return Err(error.into());
+    }
+    let best = search.run(&top).map(|b| search.completed(b));
+    match &best {
+        Some(best) if search.accepts(best) => Ok(search.selection(best)),
+        _ => Err(search.refusal(&top, best.as_ref())),
+    }
 }
 
 fn best_first(list: &[(Vector2<f64>, f64)]) -> Vec<(usize, Vector2<f64>)> {
@@ -98,38 +101,21 @@ fn best_first(list: &[(Vector2<f64>, f64)]) -> Vec<(usize, Vector2<f64>)> {
     order.iter().take(CANDIDATES).map(|i| (*i, list[*i].0)).collect()
 }
 
-/// Refuses control balls whose places no choice of candidates can make a camera.
-fn refuse_plane(search: &Search<'_>, top: &Choice) -> Result<(), PoseError> {
-    match Dlt::fit(&search.control(top)) {
-        Err(error @ (GeometryError::CoplanarControlPoints { .. } | GeometryError::NotFinite { .. })) => {
-            Err(error.into())
-        }
-        _ => Ok(()),
-    }
-}
-
 impl Search<'_> {
     fn control(&self, choice: &Choice) -> Vec<ControlPoint> {
-        let chosen = self.candidates.iter().zip(choice).zip(self.points);
-        chosen
-            .filter_map(|((list, k), point)| {
-                Some(ControlPoint {
-                    name: String::new(),
-                    point_in_world_m: *point,
-                    pixel: list[(*k)?].1,
-                    pixel_cov_px2: Matrix2::identity() * APRIORI_STD_PX * APRIORI_STD_PX,
-                })
-            })
-            .collect()
+        let pixel_cov_px2 = Matrix2::identity() * APRIORI_STD_PX * APRIORI_STD_PX;
+        let point = |i: usize| {
+            let (pixel, point_in_world_m) = (self.candidates[i][choice[i]?].1, self.points[i]);
+            Some(ControlPoint { name: String::new(), point_in_world_m, pixel, pixel_cov_px2 })
+        };
+        (0..choice.len()).filter_map(point).collect()
     }
 
     /// The camera of a choice, if it makes one at all.
     fn judge(&self, choice: Choice, top: &Choice) -> Option<Judged> {
         let control = self.control(&choice);
-        let apart = |a: &ControlPoint, b: &ControlPoint| (a.pixel - b.pixel).norm() > 1.0;
-        if control.len() < 6
-            || control.iter().enumerate().any(|(i, a)| control[..i].iter().any(|b| !apart(a, b)))
-        {
+        let is_one = |i: usize, j: usize| (control[i].pixel - control[j].pixel).norm() <= 1.0;
+        if control.len() < 6 || (0..control.len()).any(|i| (0..i).any(|j| is_one(i, j))) {
             return None;
         }
         let dlt = Dlt::fit(&control).ok()?;
@@ -142,15 +128,11 @@ impl Search<'_> {
         let prior_px2 = APRIORI_STD_PX * APRIORI_STD_PX * (APRIORI_WEIGHT + implausible);
         let std_px = ((sum_px2 + prior_px2) / (redundancy + APRIORI_WEIGHT)).sqrt();
         // Another colour must halve the residuals, a ball given up must quarter them.
-        let changes: f64 = choice
-            .iter()
-            .zip(top)
-            .map(|(now, first)| match (now, first) {
-                (None, Some(_)) => 2.0,
-                _ if now == first => 0.0,
-                _ => 1.0,
-            })
-            .sum();
+        let change = |(now, first): (&Option<usize>, &Option<usize>)| match (now, first) {
+            (None, Some(_)) => 2.0,
+            _ => f64::from(u8::from(now != first)),
+        };
+        let changes: f64 = choice.iter().zip(top).map(change).sum();
         Some(Judged { choice, dlt, std_px, cost: std_px.ln() + changes * 2f64.ln() })
     }
 
@@ -160,8 +142,6 @@ impl Search<'_> {
 
     fn selection(&self, best: &Judged) -> Selection {
         let n = self.points.len();
-        let original =
-            |(list, chosen): (&Vec<(usize, Vector2<f64>)>, &Option<usize>)| chosen.map(|k| list[k].0);
         // Where the colour of one ball is best, is it where another must be?
         let lies_at = |ball: usize, place: usize| {
             let Some((_, pixel)) = self.candidates[ball].first() else { return false };
@@ -175,11 +155,8 @@ impl Search<'_> {
             .filter(|i| best.choice[*i].is_none() && !self.candidates[*i].is_empty())
             .filter(|i| !swapped.iter().any(|(a, b)| a == i || b == i))
             .collect();
-        Selection {
-            chosen: self.candidates.iter().zip(&best.choice).map(original).collect(),
-            swapped,
-            elsewhere,
-        }
+        let chosen = (0..n).map(|i| best.choice[i].map(|k| self.candidates[i][k].0)).collect();
+        Selection { chosen, swapped, elsewhere }
     }
 
     fn accepts(&self, judged: &Judged) -> bool {
@@ -198,9 +175,14 @@ impl Search<'_> {
     fn run(&self, top: &Choice) -> Option<Judged> {
         let mut seen: Vec<Judged> = self.judge(top.clone(), top).into_iter().collect();
         let single = self.neighbours(top);
+        // Each choice with the first ball that it may change further.
         let mut level: Vec<(usize, Choice)> = vec![(0, top.clone())];
         for _ in 0..MAX_CHANGES {
-            level = widened(&level, &single);
+            let wider = level.iter().flat_map(|(from, choice)| {
+                let later = single.iter().filter(|c| c.0 >= *from);
+                later.map(|change| (change.0 + 1, changed(choice, *change)))
+            });
+            level = wider.take(MAX_CHOICES + 1).collect();
             if level.len() > MAX_CHOICES {
                 break;
             }
@@ -250,12 +232,9 @@ impl Search<'_> {
         }
     }
 
-    fn refusal(&self, top: &Choice) -> PoseError {
-        let mut seen: Vec<Judged> = self.judge(top.clone(), top).into_iter().collect();
-        seen.extend(self.neighbours(top).iter().filter_map(|change| self.judge(changed(top, *change), top)));
-        let best = self.best(&mut seen);
+    fn refusal(&self, top: &Choice, best: Option<&Judged>) -> PoseError {
         let misses = |i: &usize| {
-            let Some(best) = &best else { return true };
+            let Some(best) = best else { return true };
             let pixel = best.choice[*i].or(top[*i]).map(|k| self.candidates[*i][k].1);
             match (pixel, best.dlt.project(&self.points[*i])) {
                 (Some(pixel), Ok(expected)) => (pixel - expected).norm() > self.gate_px,
@@ -271,20 +250,6 @@ impl Search<'_> {
             gate_px: self.gate_px,
         }
     }
-}
-
-/// Each choice with one more change, in a ball after those already changed.
-fn widened(level: &[(usize, Choice)], single: &[(usize, Option<usize>)]) -> Vec<(usize, Choice)> {
-    let mut out = Vec::new();
-    for (from, choice) in level {
-        for change in single.iter().filter(|c| c.0 >= *from) {
-            out.push((change.0 + 1, changed(choice, *change)));
-        }
-        if out.len() > MAX_CHOICES {
-            break;
-        }
-    }
-    out
 }
 
 /// The choice with another candidate for one ball.

@@ -23,7 +23,7 @@ fn a_frame_allocates_its_pose_and_its_observations() {
     let estimator = PoseEstimator::new(&rig, &square()).with_centre_bias(0.05).unwrap();
     let measured = poses(&estimator, &states, &seen);
     let (mut frames, mut lean) = (0, 0);
-    for (seen, known) in seen.iter().zip(&measured).filter(|(_, p)| p.estimate.is_some()) {
+    for (seen, known) in seen.iter().zip(&measured).filter(|(_, p)| p.estimate.is_ok()) {
         let region = Region::new(COUNTED);
         let pose = estimator.estimate(known.t_ns, seen, None);
         let change = region.change();

@@ -46,7 +46,7 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
 fn figures_of_merit(summary: &mut Summary, fit: &OutputFit) {
     let mut section = summary.section_of("fit", &fit.output, &fit.output);
     let d = &fit.diagnostics;
-    section.number("r2", "R²", fit.r2, "");
+    section.number("r2", "R²", d.fit.r2, "");
     section.number("predicted_r2", "R² of instants left out (PRESS)", d.predicted_r2, "");
     let rows: Vec<Vec<f64>> = d.correlations.row_iter().map(|r| r.iter().copied().collect()).collect();
     for (key, value) in [
@@ -60,8 +60,8 @@ fn figures_of_merit(summary: &mut Summary, fit: &OutputFit) {
     ] {
         section.hidden(key, value);
     }
-    let shown = format!("{:.2e}", fit.max_residual);
-    section.add("max_residual", "largest residual", fit.max_residual, shown);
+    let shown = format!("{:.2e}", d.fit.max);
+    section.add("max_residual", "largest residual", d.fit.max, shown);
     let shown = format!("{} of {}, {:.0}", fit.rank, fit.parameters.len(), fit.condition);
     section.add("rank", "rank, condition", fit.rank, shown);
     if let Some(held) = &d.held_out {

@@ -77,7 +77,7 @@ pub(crate) fn pictures(frames: &[Frame], results: &RunResults) -> Result<Vec<Fig
     let Some(rig) = &results.rig else { return Ok(figures) };
     for (k, (camera, frame)) in rig.cameras.iter().zip(frames).enumerate() {
         let seen = results.poses.iter().map(|p| {
-            let place = p.estimate.as_ref()?.world_from_body.translation.vector;
+            let place = p.estimate.as_ref().ok()?.world_from_body.translation.vector;
             Some(camera.camera.project(&place).ok()?.pixel)
         });
         let seen: Vec<Option<Vector2<f64>>> = seen.collect();
@@ -226,7 +226,7 @@ pub(crate) fn motion(
     truth: Option<&[FlightState]>,
 ) -> Result<Vec<Figure>, ReportError> {
     let Some(motion) = &results.motion else { return Ok(vec![]) };
-    let pose = |p: &PoseSample| of_pose(p.estimate.as_ref().map(|e| &e.world_from_body));
+    let pose = |p: &PoseSample| of_pose(p.estimate.as_ref().ok().map(|e| &e.world_from_body));
     let measured: Vec<_> = results.poses.iter().map(|p| (seconds(p.t_ns), pose(p))).collect();
     let known = motion.samples.iter().map(Quantities::of_sample);
     let mut smoothed: Vec<Quantities> =
@@ -253,7 +253,7 @@ pub(crate) fn motion(
 /// How good each frame was.
 pub(crate) fn quality(results: &RunResults) -> Result<Vec<Figure>, ReportError> {
     let poses = &results.poses;
-    if !poses.iter().any(|p| p.estimate.is_some()) {
+    if !poses.iter().any(|p| p.estimate.is_ok()) {
         return Ok(vec![]);
     }
     let panel = |axis: &str, f: Of<'_, PoseEstimate>| {

@@ -22,6 +22,9 @@ pub enum ReportError {
     /// What the file system refused.
     #[error(transparent)]
     File(#[from] mavsight_session::SessionError),
+    /// A placement that gives no rig.
+    #[error(transparent)]
+    Rig(#[from] mavsight_pose::PoseError),
     /// The template library's words.
     #[error("the report could not be put together: {0}")]
     Template(#[from] minijinja::Error),

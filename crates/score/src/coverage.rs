@@ -90,7 +90,7 @@ impl Tally {
         let mut samples = flight.motion.samples.iter().peekable();
         for (pose, truth) in flight.tracked.poses.iter().zip(&flight.truth) {
             self.instants += 1;
-            if let Some(single) = &pose.estimate {
+            if let Ok(single) = &pose.estimate {
                 let errors = pose_error(&single.world_from_body, truth);
                 for (k, error) in errors.iter().enumerate() {
                     let covariance = single.covariance().fixed_view::<3, 3>(3 * k, 3 * k).into_owned();

@@ -43,7 +43,7 @@ pub fn score_identity(
         let index = truth.partition_point(|r| r.t_s < row.t_s);
         let measurable = visible.get(index).is_some_and(|cameras| is_measurable(cameras, markers.len()));
         score.measurable += usize::from(measurable);
-        let Some(estimate) = &sample.estimate else { continue };
+        let Ok(estimate) = &sample.estimate else { continue };
         score.measured += usize::from(measurable);
         let real = row.pose();
         let std2 = |from: usize| estimate.covariance().fixed_view::<3, 3>(from, from).trace();
@@ -85,14 +85,13 @@ mod tests {
         let real = |k: usize| world_from_body(Vector3::new(0.1 * k as f64, 0.0, 0.0), EulerAngles::default());
         let sample = |k: usize, pose: Option<Isometry3<f64>>| PoseSample {
             t_ns: k as i64 * 1_000_000_000,
-            estimate: pose.map(|world_from_body| {
+            estimate: pose.ok_or(mavsight_pose::PoseError::NotMeasured).map(|world_from_body| {
                 PoseEstimate::new(world_from_body, &(Matrix6::identity() * 1e-8)).by_markers(
-                    &[0, 1, 2],
-                    &[],
+                    (0..3).collect(),
+                    Default::default(),
                     0.1,
                 )
             }),
-            reason: None,
         };
         // Right; a quarter turn, as of balls that changed places; none; the one of the third second again;
         // not to be measured.

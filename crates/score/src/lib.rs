@@ -148,7 +148,8 @@ fn pose_errors<'a>(
 
 /// Errors of single poses; `None` where no instant has a truth.
 pub fn score_poses(poses: &[PoseSample], truth: &[FlightState]) -> Option<PoseErrors> {
-    pose_errors(poses.iter().filter_map(|p| p.estimate.as_ref().map(|e| (p.t_ns, &e.world_from_body))), truth)
+    let measured = poses.iter().filter_map(|p| Some((p.t_ns, &p.estimate.as_ref().ok()?.world_from_body)));
+    pose_errors(measured, truth)
 }
 
 /// Errors of smoothed motion; `None` where no instant has a truth.
@@ -256,11 +257,10 @@ mod tests {
                 let turned = EulerAngles { psi_rad: -3.0, theta_rad: 0.01, ..Default::default() };
                 PoseSample {
                     t_ns: k * 100_000_000,
-                    estimate: Some(mavsight_pose::PoseEstimate::new(
+                    estimate: Ok(mavsight_pose::PoseEstimate::new(
                         world_from_body(off, turned),
                         &mavsight_geometry::Matrix6::identity(),
                     )),
-                    reason: None,
                 }
             })
             .collect();

@@ -104,7 +104,7 @@ pub fn write_visibility(
 /// # Errors
 /// Names row and column.
 pub fn truth_of(session: &Session) -> Result<Option<Vec<FlightState>>, SessionError> {
-    session.truth_path.as_deref().map(read_truth).transpose()
+    session.file.truth.as_deref().map(read_truth).transpose()
 }
 
 /// Reads the shares of the balls' faces that were visible, by instant, camera and marker; none where no such
@@ -113,7 +113,7 @@ pub fn truth_of(session: &Session) -> Result<Option<Vec<FlightState>>, SessionEr
 /// # Errors
 /// Names the file, row and column.
 pub fn visibility_of(session: &Session) -> Result<Option<Vec<Vec<Vec<f64>>>>, SessionError> {
-    let path = session.truth_path.as_deref().map(|t| t.with_file_name(VISIBILITY));
+    let path = session.file.truth.as_deref().map(|t| t.with_file_name(VISIBILITY));
     let Some(path) = path.filter(|p| p.is_file()) else { return Ok(None) };
     let table = Table::read(&path, "visibility")?;
     let columns =
@@ -122,7 +122,7 @@ pub fn visibility_of(session: &Session) -> Result<Option<Vec<Vec<Vec<f64>>>>, Se
         .rows()?
         .map(|row| columns.iter().map(|c| row.number(*c)).collect())
         .collect::<Result<Vec<Vec<f64>>, _>>()?;
-    Ok(Some(rows.chunks(session.cameras.len().max(1)).map(<[_]>::to_vec).collect()))
+    Ok(Some(rows.chunks(session.cameras().len().max(1)).map(<[_]>::to_vec).collect()))
 }
 
 #[cfg(test)]

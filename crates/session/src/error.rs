@@ -1,7 +1,6 @@
 //! What cannot be read or written: the file, the place in it, and what to do.
 
-use mavsight_flight::FlightError;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// A file that is missing, malformed or cannot be written.
@@ -9,19 +8,13 @@ use thiserror::Error;
 /// Rows are counted from 1 below the header; the line of the file is given too.
 #[derive(Debug, Error)]
 pub enum SessionError {
-    /// A file that another one names is not there.
-    #[error("{}: there is no such file ({role}): correct the path or put the file there", path.display())]
-    Missing {
-        /// The file.
-        path: PathBuf,
-        /// What it is wanted for.
-        role: String,
-    },
-    /// A file that is not what it should be.
-    #[error("{}: {detail}", path.display())]
+    /// A file, or a place in it, that is not what it should be.
+    #[error("{}{place}: {detail}", path.display())]
     File {
         /// The file.
         path: PathBuf,
+        /// The line, key, cell or frame; empty for the whole file.
+        place: String,
         /// What is wrong and what to do.
         detail: String,
     },
@@ -35,77 +28,19 @@ pub enum SessionError {
         /// The system's words.
         source: std::io::Error,
     },
-    /// A value that is well formed but makes no sense.
-    #[error("{}: {key}: {detail}", path.display())]
-    Value {
-        /// The file.
-        path: PathBuf,
-        /// Key concerned.
-        key: String,
-        /// What is wrong and what to do.
-        detail: String,
-    },
-    /// A vehicle or series that flight refuses.
+    /// A vehicle, series or model that is well formed but refused.
     #[error("{}: {source}", path.display())]
-    Flight {
+    Content {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        source: FlightError,
-    },
-    /// A model file that identification refuses.
-    #[error("{}: {source}", path.display())]
-    Model {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        source: mavsight_identify::IdentifyError,
-    },
-    /// A cell that is not what its column holds.
-    #[error("{}, row {row} below the header (line {line}), column {column}: {detail}", path.display())]
-    Cell {
-        /// The file.
-        path: PathBuf,
-        /// Row, from 1 below the header.
-        row: usize,
-        /// Line of the file, from 1.
-        line: u64,
-        /// Column.
-        column: String,
-        /// What is wrong and what to do.
-        detail: String,
-    },
-    /// A line that does not hold what it should.
-    #[error("{}, line {line}: {detail}", path.display())]
-    Row {
-        /// The file.
-        path: PathBuf,
-        /// Line of the file, from 1.
-        line: u64,
-        /// What is wrong.
-        detail: String,
-    },
-    /// A table without rows.
-    #[error("{}: the table has no rows: fill it, or correct the path", path.display())]
-    EmptyTable {
-        /// The file.
-        path: PathBuf,
+        source: Box<dyn std::error::Error + Send + Sync>,
     },
     /// A video or image sequence without frames.
     #[error("{}: the recording has no frames: record it again, or correct the path", path.display())]
     NoFrames {
         /// The file or pattern.
         path: PathBuf,
-    },
-    /// A frame that cannot be decoded.
-    #[error("{}, frame {frame} (from 0): {detail}: the file is damaged there; copy it again, or cut it before that frame", path.display())]
-    Frame {
-        /// The file.
-        path: PathBuf,
-        /// Frame in order of time, from 0.
-        frame: usize,
-        /// What is wrong.
-        detail: String,
     },
     /// A recording shorter or longer than it says.
     #[error("{}: the file announces {declared} frames but {read} were read: it is damaged or cut off; copy it again", path.display())]
@@ -127,34 +62,80 @@ pub enum SessionError {
         /// Program tried.
         program: String,
     },
-    /// The ffmpeg program failed.
-    #[error("{}: ffmpeg failed: {detail}", path.display())]
-    Ffmpeg {
-        /// The file.
-        path: PathBuf,
-        /// Its last words.
-        detail: String,
-    },
 }
 
 impl SessionError {
-    pub(crate) fn io(path: &std::path::Path, action: &'static str, source: std::io::Error) -> Self {
+    pub(crate) fn io(path: &Path, action: &'static str, source: std::io::Error) -> Self {
         Self::Io { path: path.to_owned(), action, source }
     }
 
-    pub(crate) fn value(path: &std::path::Path, key: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self::Value { path: path.to_owned(), key: key.into(), detail: detail.into() }
+    /// What cannot be expressed in a format.
+    pub(crate) fn express(path: &Path, action: &'static str, error: impl ToString) -> Self {
+        Self::io(path, action, std::io::Error::other(error.to_string()))
+    }
+
+    pub(crate) fn content(path: &Path, source: impl std::error::Error + Send + Sync + 'static) -> Self {
+        Self::Content { path: path.to_owned(), source: Box::new(source) }
+    }
+
+    pub(crate) fn at(path: &Path, place: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self::File { path: path.to_owned(), place: place.into(), detail: detail.into() }
+    }
+
+    pub(crate) fn file(path: &Path, detail: impl Into<String>) -> Self {
+        Self::at(path, "", detail)
+    }
+
+    pub(crate) fn value(path: &Path, key: impl std::fmt::Display, detail: impl Into<String>) -> Self {
+        Self::at(path, format!(": {key}"), detail)
+    }
+
+    pub(crate) fn line(path: &Path, line: u64, detail: impl Into<String>) -> Self {
+        Self::at(path, format!(", line {line}"), detail)
+    }
+
+    pub(crate) fn frame(path: &Path, frame: usize, detail: impl std::fmt::Display) -> Self {
+        let remedy = "the file is damaged there; copy it again, or cut it before that frame";
+        Self::at(path, format!(", frame {frame} (from 0)"), format!("{detail}: {remedy}"))
+    }
+
+    pub(crate) fn ffmpeg(path: &Path, detail: impl Into<String>) -> Self {
+        Self::at(path, ": ffmpeg failed", detail)
+    }
+
+    pub(crate) fn no_rows(path: &Path) -> Self {
+        Self::file(path, "the table has no rows: fill it, or correct the path")
     }
 }
 
 /// Refuses a path at which there is no file.
-pub(crate) fn require_file(path: &std::path::Path, role: &str) -> Result<(), SessionError> {
+pub(crate) fn require_file(path: &Path, role: &str) -> Result<(), SessionError> {
     if path.is_file() {
-        Ok(())
-    } else if path.is_dir() {
-        let detail = format!("is a folder, where a file is wanted ({role}): name the file");
-        Err(SessionError::File { path: path.to_owned(), detail })
-    } else {
-        Err(SessionError::Missing { path: path.to_owned(), role: role.to_owned() })
+        return Ok(());
     }
+    let detail = if path.is_dir() {
+        format!("is a folder, where a file is wanted ({role}): name the file")
+    } else {
+        format!("there is no such file ({role}): correct the path or put the file there")
+    };
+    Err(SessionError::file(path, detail))
+}
+
+/// Reads a file that must be there.
+pub(crate) fn read_bytes(path: &Path, role: &str) -> Result<Vec<u8>, SessionError> {
+    require_file(path, role)?;
+    std::fs::read(path).map_err(|e| SessionError::io(path, "read it", e))
+}
+
+/// Reads a text file that must be there, without a byte order mark.
+pub(crate) fn read_text(path: &Path, role: &str) -> Result<String, SessionError> {
+    let mut bytes = read_bytes(path, role)?;
+    if bytes.starts_with(b"\xef\xbb\xbf") {
+        bytes.drain(..3);
+    }
+    String::from_utf8(bytes).map_err(|e| {
+        let before = &e.as_bytes()[..e.utf8_error().valid_up_to()];
+        let line = 1 + before.iter().filter(|b| **b == b'\n').count() as u64;
+        SessionError::line(path, line, format!("not text ({role}): correct the path, or save it as UTF-8"))
+    })
 }

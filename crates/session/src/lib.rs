@@ -1,35 +1,34 @@
 //! What is on disk: session files, tables, video and image sources, and the results of a run.
 
-mod atomic;
-pub mod config;
+mod config;
+mod decimal;
 mod error;
+mod files;
 pub mod foreign;
+#[cfg(feature = "parquet")]
+mod parquet_rows;
 pub mod results;
-pub mod scenario;
 mod session_file;
 mod session_rig;
 mod table;
 pub mod tables;
-mod toml_file;
 pub mod video;
 
-pub use atomic::{make_folder, write_whole};
 pub use config::{Session, load_model, load_vehicle};
 pub use error::SessionError;
+pub use files::{make_folder, read_toml, write_toml, write_whole};
 pub use results::{
     FlightTable, MarkerAsBuilt, RESULTS_SCHEMA, RunResults, has_assumed_std, read_body, read_flight_table,
     read_markers, read_motion, read_poses, read_rig, read_summary, write_markers, write_markers_early,
     write_results, write_rig,
 };
-pub use scenario::{write_control_points, write_inputs, write_numbers, write_session, write_vehicle};
 pub use session_file::{
-    BoardSection, ControlSection, Estimate, FieldOrder, LineTime, LiveSection, RefineSection, RefusedKey,
-    RigSection, SESSION_SCHEMA, SessionCamera, SessionFile, WandBall, WandSection,
+    ControlSection, Estimate, FieldOrder, LineTime, LiveSection, RefineSection, RigSection, SESSION_SCHEMA,
+    SessionCamera, SessionFile, WandSection,
 };
 pub use session_rig::cameras_of;
 pub use table::{Row, Table, csv_cell};
-pub use tables::read_control_points;
-pub use toml_file::read_toml;
+pub use tables::{read_control_points, write_control_points, write_inputs, write_numbers};
 pub use video::{FrameSource, LiveVideo, Y4mWriter, ffmpeg_program, find_clap, read_image, write_png};
 
 /// Seconds as the nearest nanoseconds.

@@ -2,9 +2,8 @@
 
 mod validate;
 
-use mavsight_flight::Color;
 use mavsight_link::{JsonOptions, LinkOptions, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions};
-use mavsight_vision::CodedBoard;
+use mavsight_pipeline::{Board, WandBall};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -27,22 +26,16 @@ pub struct SessionFile {
     #[serde(default, skip_serializing_if = "is_empty")]
     pub inputs: PathBuf,
     /// Table of truth, for scoring only.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub truth: Option<PathBuf>,
     /// Output equations to fit; those of equation 3 where left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<PathBuf>,
     /// Calibration by control points; may be left out where a wand or a board links the cameras.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub control: Option<ControlSection>,
     /// Calibration by a wand.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wand: Option<WandSection>,
     /// Calibration by a chessboard.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub board: Option<BoardSection>,
+    pub board: Option<Board>,
     /// Cameras that were calibrated elsewhere, in place of a calibration.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rig: Option<RigSection>,
     /// Whether the light flashed, or a lamp was switched on, once before all cameras: their clocks are then
     /// estimated from there.
@@ -53,14 +46,44 @@ pub struct SessionFile {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub clap: bool,
     /// What is refined from the flight itself; left out: nothing.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refine: Option<RefineSection>,
     /// How the session is flown live.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub live: Option<LiveSection>,
     /// Cameras.
     #[serde(default)]
     pub camera: Vec<SessionCamera>,
+}
+
+impl SessionFile {
+    /// Every file that is named but the vehicle, with its key.
+    pub(crate) fn files_mut(&mut self) -> Vec<(String, &mut PathBuf)> {
+        let (points, observations) = match &mut self.control {
+            Some(control) => (Some(&mut control.points), control.observations.as_mut()),
+            None => (None, None),
+        };
+        let own = [
+            ("inputs", Some(&mut self.inputs)),
+            ("truth", self.truth.as_mut()),
+            ("model", self.model.as_mut()),
+            ("control.points", points),
+            ("control.observations", observations),
+            ("rig.file", self.rig.as_mut().map(|r| &mut r.file)),
+            ("live.poses", self.live.as_mut().and_then(|l| l.poses.as_mut())),
+        ];
+        let own = own.into_iter().filter_map(|(key, path)| Some((key.to_owned(), path?)));
+        let of_camera =
+            self.camera.iter_mut().flat_map(|SessionCamera { name, video, still, wand, board, .. }| {
+                let all = [
+                    ("video", Some(video)),
+                    ("still", still.as_mut()),
+                    ("wand", wand.as_mut()),
+                    ("board", board.as_mut()),
+                ];
+                all.into_iter()
+                    .filter_map(move |(key, path)| Some((format!("{key} of camera {name}"), path?)))
+            });
+        own.chain(of_camera).filter(|(_, path)| !is_empty(path)).collect()
+    }
 }
 
 pub(crate) fn is_empty(path: &Path) -> bool {
@@ -73,26 +96,19 @@ pub(crate) fn is_empty(path: &Path) -> bool {
 pub struct LiveSection {
     /// Poses of an earlier flight (`pose.csv`) that give the motion noise; left out: this flight's first
     /// seconds.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poses: Option<PathBuf>,
     /// Half width of a parameter's interval, as a share of its value, at which enough has been seen of it;
     /// left out: 0.05.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub enough: Option<f64>,
     /// To an autopilot.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mavlink: Option<MavlinkOptions>,
     /// To clients of OptiTrack's Motive.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub natnet: Option<NatnetOptions>,
     /// To clients of VRPN.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vrpn: Option<VrpnOptions>,
     /// Events as lines.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub json: Option<JsonOptions>,
     /// Events by Zenoh.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub zenoh: Option<ZenohOptions>,
 }
 
@@ -116,7 +132,6 @@ pub struct ControlSection {
     /// Table of control points.
     pub points: PathBuf,
     /// Table of their pixels, instead of finding them in the stills.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub observations: Option<PathBuf>,
 }
 
@@ -142,74 +157,6 @@ pub struct WandSection {
     pub ball: Vec<WandBall>,
 }
 
-/// A ball of a wand.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct WandBall {
-    /// Nominal colour.
-    pub color: Color,
-    /// Diameter.
-    pub diameter_m: f64,
-}
-
-/// Calibration by a chessboard.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct BoardSection {
-    /// Inner corners along a row.
-    pub columns: usize,
-    /// Rows of inner corners.
-    pub rows: usize,
-    /// Side of a square.
-    pub square_m: f64,
-    /// Whether images of the same number show the board at the same place to all cameras.
-    #[serde(default)]
-    pub together: bool,
-    /// What OpenCV calls the markers in the light squares (ChArUco), such as `DICT_4X4_50`: any part of the
-    /// board then will do. Left out: a plain board.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub dictionary: Option<String>,
-    /// Side of a marker, its black border included.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub marker_m: Option<f64>,
-}
-
-/// A key whose value makes no sense.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{key}: {detail}")]
-pub struct RefusedKey {
-    /// The key, with those of its sections before it.
-    pub key: String,
-    /// What is wrong and what to do.
-    pub detail: String,
-}
-
-impl BoardSection {
-    /// The board's markers; `None` for a plain one.
-    ///
-    /// # Errors
-    /// Key and remedy, where the markers cannot be those of this board.
-    pub fn coded(&self) -> Result<Option<CodedBoard>, RefusedKey> {
-        let refuse = |key: &str, detail: String| Err(RefusedKey { key: key.to_owned(), detail });
-        match (&self.dictionary, self.marker_m) {
-            (None, None) => Ok(None),
-            (Some(_), None) => {
-                refuse("board.marker_m", "is missing: give the side of a marker in metres".into())
-            }
-            (None, Some(_)) => {
-                let detail = "is missing: give the name of the markers' dictionary, for instance \"DICT_4X4_50\", or leave \
-                              marker_m out";
-                refuse("board.dictionary", detail.into())
-            }
-            (Some(name), Some(marker_m)) => {
-                CodedBoard::new((self.columns, self.rows), marker_m / self.square_m, name)
-                    .map(Some)
-                    .or_else(|wrong| refuse("board.dictionary, board.marker_m", wrong.to_string()))
-            }
-        }
-    }
-}
-
 /// Refinement of cameras and markers from the flight itself.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -219,7 +166,6 @@ pub struct RefineSection {
     pub rig: bool,
     /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002. Left
     /// out: the markers are as in the file.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub markers_std_m: Option<f64>,
     /// Whether the balls' diameters are measured too, from their images.
     #[serde(default)]
@@ -238,36 +184,26 @@ pub struct SessionCamera {
     pub video: PathBuf,
     /// What ffmpeg opens for `mavsight live`: a device, an address, or its input options and the input, such
     /// as `-f v4l2 -input_format mjpeg -framerate 60 /dev/video0`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub live: Option<String>,
     /// By how much a live frame's time stamp is later than the middle of its exposure, where that is known;
     /// left out: 0.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub latency_s: Option<f64>,
     /// Image of the control frame; may be left out when the control pixels come from a table.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub still: Option<PathBuf>,
     /// Recording of the wand, for a session with one: a video, or a pattern of an image sequence.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wand: Option<PathBuf>,
     /// Images of the board, for a session with one: a pattern such as `board/cam1_%02d.png`, or a video.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board: Option<PathBuf>,
     /// Frames a second of an image sequence; a video has its own time stamps.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame_rate_hz: Option<f64>,
     /// How much later than the true instant this camera's time stamps are; left out: estimated from the
     /// flight (0 for the first camera, whose clock is the others' reference).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_offset_s: Option<f64>,
     /// Standard deviation of `time_offset_s`: it is then where the estimation starts; left out: it is exact.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_offset_std_s: Option<f64>,
     /// Time from one row of a rolling shutter to the next; left out: all rows are exposed together.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line_time_s: Option<LineTime>,
     /// Which field of an interlaced recording is the earlier one; left out: it is progressive.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub interlaced: Option<FieldOrder>,
 }
 
@@ -282,17 +218,6 @@ pub enum LineTime {
     Known(f64),
     /// The flight is to show it: the word `estimate`.
     Unknown(Estimate),
-}
-
-impl LineTime {
-    /// A known one must be shorter than a thousandth of a second: a frame of so few rows that it is longer
-    /// has none.
-    pub(crate) fn is_sound(&self) -> bool {
-        match self {
-            Self::Known(line_time_s) => line_time_s.is_finite() && line_time_s.abs() < 1e-3,
-            Self::Unknown(_) => true,
-        }
-    }
 }
 
 /// The word `estimate`.

@@ -14,8 +14,8 @@ impl Session {
     /// Those of [`read_rig`]; a camera that the file does not have, or that has another image size there than
     /// its recording. Where there is none, as for a camera that is only flown live, the size is the file's.
     pub fn rig(&self) -> Result<Option<Rig>, SessionError> {
-        let Some(path) = &self.rig_path else { return Ok(None) };
-        let names: Vec<&str> = self.cameras.iter().map(|c| c.name.as_str()).collect();
+        let Some(path) = self.file.rig.as_ref().map(|r| &r.file) else { return Ok(None) };
+        let names: Vec<&str> = self.cameras().iter().map(|c| c.name.as_str()).collect();
         let rig = cameras_of(&read_rig(path)?, &names, path)?;
         self.require_sizes(&rig, path)?;
         Ok(Some(rig))
@@ -27,7 +27,7 @@ impl Session {
     /// # Errors
     /// The first such camera; recordings that cannot be read.
     pub fn require_sizes(&self, rig: &Rig, path: &Path) -> Result<(), SessionError> {
-        let recorded = |k: &(usize, _)| self.cameras.get(k.0).is_some_and(|c| !is_empty(&c.video));
+        let recorded = |k: &(usize, _)| self.cameras().get(k.0).is_some_and(|c| !is_empty(&c.video));
         for (k, own) in rig.cameras.iter().enumerate().filter(recorded) {
             let (filmed, size) = (self.image_size(k)?, own.camera.size);
             if filmed != size {

@@ -1,14 +1,9 @@
 //! Comma-separated tables with a header, read by column name.
 
-use crate::{SessionError, error::require_file};
+use crate::{SessionError, error::read_text};
 use csv::StringRecord;
 use std::borrow::Cow;
-use std::fs::File;
-use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-
-/// What some programs put before UTF-8.
-const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// A cell of a table as readers here have it back: in quotes where it holds a comma, a quote or a line break,
 /// or begins with what makes a comment.
@@ -20,17 +15,11 @@ pub fn csv_cell(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// A table in memory; an hour of inputs has some hundred thousand rows, so that cells have no allocations of
-/// their own.
+/// A table in memory.
 pub struct Table {
     path: PathBuf,
     columns: Vec<String>,
-    /// All cells, one behind the other, row by row.
-    cells: String,
-    /// Where each cell ends.
-    ends: Vec<usize>,
-    /// The file's line of each row.
-    lines: Vec<u64>,
+    rows: Vec<StringRecord>,
 }
 
 /// One row of it.
@@ -47,52 +36,26 @@ impl Table {
     /// # Errors
     /// A file that is missing, or of which a row is broken.
     pub fn read(path: &Path, role: &str) -> Result<Self, SessionError> {
-        require_file(path, role)?;
         #[cfg(feature = "parquet")]
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet")) {
-            let (columns, rows) = crate::foreign::parquet::records(path)?;
-            let mut table = Self::new(path, columns);
-            rows.iter().for_each(|row| table.push(row));
-            return Ok(table);
+            let (columns, rows) = crate::parquet_rows::read(path, role)?;
+            return Ok(Self { path: path.to_owned(), columns, rows });
         }
-        let io = |e| SessionError::io(path, "read it", e);
-        let mut text = BufReader::new(File::open(path).map_err(io)?);
-        if text.fill_buf().map_err(io)?.starts_with(BYTE_ORDER_MARK) {
-            text.consume(BYTE_ORDER_MARK.len());
-        }
-        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text);
-        let broken = |error: csv::Error| SessionError::Row {
-            path: path.to_owned(),
-            line: error.position().map_or(1, csv::Position::line),
-            detail: describe(&error),
+        let text = read_text(path, role)?;
+        let mut reader =
+            csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
+        let broken = |error: csv::Error| {
+            let detail = match error.kind() {
+                csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+                    format!("{len} cells where the header has {expected_len}: complete the row")
+                }
+                _ => error.to_string(),
+            };
+            SessionError::line(path, error.position().map_or(1, csv::Position::line), detail)
         };
         let columns = reader.headers().map_err(broken)?.iter().map(str::to_owned).collect();
-        let mut table = Self::new(path, columns);
-        let mut row = StringRecord::new();
-        while reader.read_record(&mut row).map_err(broken)? {
-            table.push(&row);
-        }
-        Ok(table)
-    }
-
-    fn new(path: &Path, columns: Vec<String>) -> Self {
-        Self { path: path.to_owned(), columns, cells: String::new(), ends: Vec::new(), lines: Vec::new() }
-    }
-
-    /// Adds a row; what it has beyond the columns is left out.
-    fn push(&mut self, row: &StringRecord) {
-        for column in 0..self.columns.len() {
-            self.cells.push_str(row.get(column).unwrap_or(""));
-            self.ends.push(self.cells.len());
-        }
-        let usual = self.lines.len() as u64 + 2;
-        self.lines.push(row.position().map_or(usual, csv::Position::line));
-    }
-
-    fn cell(&self, row: usize, column: usize) -> &str {
-        let at = row * self.columns.len() + column;
-        let from = at.checked_sub(1).map_or(0, |before| self.ends[before]);
-        if column < self.columns.len() { &self.cells[from..self.ends[at]] } else { "" }
+        let rows = reader.records().collect::<Result<_, _>>().map_err(broken)?;
+        Ok(Self { path: path.to_owned(), columns, rows })
     }
 
     /// The rows, at least one.
@@ -100,15 +63,26 @@ impl Table {
     /// # Errors
     /// A table without rows.
     pub fn rows(&self) -> Result<impl Iterator<Item = Row<'_>>, SessionError> {
-        if self.lines.is_empty() {
-            return Err(SessionError::EmptyTable { path: self.path.clone() });
+        if self.rows.is_empty() {
+            return Err(SessionError::no_rows(&self.path));
         }
         Ok(self.rows_if_any())
     }
 
     /// The rows, perhaps none.
     pub fn rows_if_any(&self) -> impl Iterator<Item = Row<'_>> {
-        (0..self.lines.len()).map(move |index| Row { table: self, index })
+        (0..self.rows.len()).map(move |index| Row { table: self, index })
+    }
+
+    /// The texts of a column, each once, in the order of their first appearance.
+    pub(crate) fn distinct(&self, column: usize) -> Vec<String> {
+        let mut all: Vec<String> = Vec::new();
+        for row in self.rows_if_any() {
+            if !all.iter().any(|name| name == row.text(column)) {
+                all.push(row.text(column).to_owned());
+            }
+        }
+        all
     }
 
     /// Names of the columns.
@@ -121,19 +95,14 @@ impl Table {
     /// # Errors
     /// Names the columns found.
     pub fn column(&self, name: &str) -> Result<usize, SessionError> {
-        self.column_if_any(name).ok_or_else(|| {
+        self.columns.iter().position(|c| c == name).ok_or_else(|| {
             let found = match &self.columns[..] {
                 [one] if one.contains([';', '\t']) => format!("{one} (one column: put commas between)"),
                 all => all.join(", "),
             };
             let detail = format!("there is no column {name:?}; the columns are {found}: add or rename it");
-            SessionError::File { path: self.path.clone(), detail }
+            SessionError::file(&self.path, detail)
         })
-    }
-
-    /// The place of a column that may be left out.
-    pub fn column_if_any(&self, name: &str) -> Option<usize> {
-        self.columns.iter().position(|c| c == name)
     }
 
     /// The places of several columns that must be there.
@@ -149,20 +118,10 @@ impl Table {
     }
 }
 
-fn describe(error: &csv::Error) -> String {
-    match error.kind() {
-        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
-            format!("{len} cells where the header has {expected_len}: complete the row")
-        }
-        csv::ErrorKind::Utf8 { .. } => "not UTF-8 text: save the table as UTF-8".into(),
-        _ => error.to_string(),
-    }
-}
-
 impl<'a> Row<'a> {
     /// Text of a cell.
     pub fn text(&self, column: usize) -> &'a str {
-        self.table.cell(self.index, column)
+        self.table.rows[self.index].get(column).unwrap_or("")
     }
 
     /// A finite number.
@@ -173,12 +132,10 @@ impl<'a> Row<'a> {
         let text = self.text(column);
         match text.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(value),
-            _ if text.is_empty() => {
-                Err(self.refuse(column, "the cell is empty where a number must be".into()))
-            }
+            _ if text.is_empty() => Err(self.refuse(column, "the cell is empty where a number must be")),
             _ => {
-                Err(self
-                    .refuse(column, format!("{text:?} is not a finite number: correct or remove the row")))
+                let detail = format!("{text:?} is not a finite number: correct or remove the row");
+                Err(self.refuse(column, detail))
             }
         }
     }
@@ -209,23 +166,30 @@ impl<'a> Row<'a> {
     /// Names row and column.
     pub fn time_ns(&self, column: usize) -> Result<i64, SessionError> {
         let t_s = self.number(column)?;
-        if t_s.abs() < 9e9 {
-            // Digit by digit where it is a plain decimal: seconds since 1970 have more of them than a double.
-            Ok(crate::foreign::text::ns_from_decimal(self.text(column))
-                .unwrap_or_else(|| crate::ns_from_s(t_s)))
-        } else {
-            Err(self.refuse(column, format!("{t_s} s is beyond what nanoseconds can count: give seconds")))
-        }
+        // Digit by digit: seconds since 1970 have more of them than a double.
+        crate::decimal::ns_from_decimal(self.text(column)).ok_or_else(|| {
+            self.refuse(column, format!("{t_s} s is beyond what nanoseconds can count: give seconds"))
+        })
+    }
+
+    /// The place of a cell's text among the names that it may hold.
+    ///
+    /// # Errors
+    /// Names row and column, and the names.
+    pub fn place_in<T: AsRef<str>>(&self, column: usize, names: &[T]) -> Result<usize, SessionError> {
+        let text = self.text(column);
+        names.iter().position(|n| n.as_ref() == text).ok_or_else(|| {
+            let known: Vec<&str> = names.iter().map(AsRef::as_ref).collect();
+            self.refuse(column, format!("{text:?} is not known: use one of {}", known.join(", ")))
+        })
     }
 
     /// The error for a cell of this row.
-    pub fn refuse(&self, column: usize, detail: String) -> SessionError {
-        SessionError::Cell {
-            path: self.table.path.clone(),
-            row: self.index + 1,
-            line: self.table.lines[self.index],
-            column: self.table.columns.get(column).cloned().unwrap_or_default(),
-            detail,
-        }
+    pub fn refuse(&self, column: usize, detail: impl Into<String>) -> SessionError {
+        let (row, record) = (self.index + 1, &self.table.rows[self.index]);
+        let line = record.position().map_or(row as u64 + 1, csv::Position::line);
+        let column = self.table.columns.get(column).map_or("", String::as_str);
+        let place = format!(", row {row} below the header (line {line}), column {column}");
+        SessionError::at(&self.table.path, place, detail)
     }
 }

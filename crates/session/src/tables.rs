@@ -1,20 +1,17 @@
-//! The tables of a session: inputs, control points and pixels.
+//! The tables of a session, both ways: inputs, control points and pixels.
 
-use crate::SessionError;
-use crate::table::Table;
+use crate::table::{Table, csv_cell};
+use crate::{SessionError, write_whole};
 use mavsight_flight::{Color, InputChannel, InputSample, InputSeries};
 use mavsight_pipeline::{ControlPixel, ControlPointRow};
 use std::path::Path;
 
-/// Columns of the inputs.
-pub(crate) const INPUT_COLUMNS: [&str; 5] =
-    ["t_s", "omega_u_rad_s", "omega_l_rad_s", "delta_lon_rad", "delta_lat_rad"];
+const INPUT_COLUMNS: [&str; 5] = ["t_s", "omega_u_rad_s", "omega_l_rad_s", "delta_lon_rad", "delta_lat_rad"];
 
-/// Columns of the control points.
-pub(crate) const CONTROL_COLUMNS: [&str; 6] = ["name", "x_m", "y_m", "z_m", "diameter_m", "color"];
+const CONTROL_COLUMNS: [&str; 6] = ["name", "x_m", "y_m", "z_m", "diameter_m", "color"];
 
 /// Column of the control points that may be left out.
-pub(crate) const SURVEY_COLUMN: &str = "std_m";
+const SURVEY_COLUMN: &str = "std_m";
 
 /// Reads `t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad`; a table of another aircraft may have
 /// none of the last four, which are then zero. Every other column that holds numbers alone is a channel that
@@ -24,11 +21,10 @@ pub(crate) const SURVEY_COLUMN: &str = "std_m";
 /// Names the file, row and column; times must increase.
 pub fn read_inputs(path: &Path) -> Result<InputSeries, SessionError> {
     let table = Table::read(path, "inputs")?;
-    let own = &INPUT_COLUMNS[1..];
     let others: Vec<&str> = table.names().filter(|n| !n.is_empty() && !INPUT_COLUMNS.contains(n)).collect();
-    let foreign = !others.is_empty() && own.iter().all(|name| table.column_if_any(name).is_none());
+    let has_own = INPUT_COLUMNS[1..].iter().any(|name| table.column(name).is_ok());
     let t = table.column(INPUT_COLUMNS[0])?;
-    let columns = if foreign { None } else { Some(table.columns(INPUT_COLUMNS)?) };
+    let columns = if has_own || others.is_empty() { Some(table.columns(INPUT_COLUMNS)?) } else { None };
     let mut samples = Vec::new();
     for row in table.rows()? {
         let [t_s, omega_u_rad_s, omega_l_rad_s, delta_lon_rad, delta_lat_rad] = match columns {
@@ -38,14 +34,43 @@ pub fn read_inputs(path: &Path) -> Result<InputSeries, SessionError> {
         samples.push(InputSample { t_s, omega_u_rad_s, omega_l_rad_s, delta_lon_rad, delta_lat_rad });
     }
     let channel = |name: &&str| {
-        let column = table.column_if_any(name)?;
+        let column = table.column(name).ok()?;
         let values: Result<Vec<f64>, _> = table.rows_if_any().map(|row| row.number(column)).collect();
         Some(InputChannel { name: (*name).to_owned(), values: values.ok()? })
     };
     let channels = others.iter().filter_map(channel).collect();
     InputSeries::new(samples)
         .and_then(|series| series.with_channels(channels))
-        .map_err(|source| SessionError::Flight { path: path.to_owned(), source })
+        .map_err(|source| SessionError::content(path, source))
+}
+
+/// Writes recorded inputs.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_inputs(path: &Path, inputs: &InputSeries) -> Result<(), SessionError> {
+    let samples = inputs.samples().iter();
+    let rows =
+        samples.map(|s| vec![s.t_s, s.omega_u_rad_s, s.omega_l_rad_s, s.delta_lon_rad, s.delta_lat_rad]);
+    write_numbers(path, &INPUT_COLUMNS, rows)
+}
+
+/// Writes a table of numbers with twelve decimals: a picometre, and beyond what any reader of these tables
+/// resolves.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_numbers(
+    path: &Path,
+    columns: &[&str],
+    rows: impl Iterator<Item = Vec<f64>>,
+) -> Result<(), SessionError> {
+    let mut text = columns.join(",") + "\n";
+    for row in rows {
+        let cells: Vec<String> = row.iter().map(|x| format!("{x:.12}")).collect();
+        text += &(cells.join(",") + "\n");
+    }
+    write_whole(path, text.as_bytes())
 }
 
 /// Reads `name,x_m,y_m,z_m,diameter_m,color` and, if it is there, `std_m`; an empty cell of it is 0.
@@ -55,36 +80,46 @@ pub fn read_inputs(path: &Path) -> Result<InputSeries, SessionError> {
 pub fn read_control_points(path: &Path) -> Result<Vec<ControlPointRow>, SessionError> {
     let table = Table::read(path, "control points")?;
     let [name, x, y, z, diameter, color] = table.columns(CONTROL_COLUMNS)?;
-    let std = table.column_if_any(SURVEY_COLUMN);
+    let std = table.column(SURVEY_COLUMN).ok();
     let mut points: Vec<ControlPointRow> = Vec::new();
     for row in table.rows()? {
         let text = row.text(name);
         if text.is_empty() || points.iter().any(|p| p.name == text) {
             return Err(row.refuse(name, format!("{text:?} is empty or taken: give each point its own name")));
         }
-        let diameter_m = row.number(diameter)?;
-        if diameter_m < 0.0 {
-            return Err(
-                row.refuse(diameter, format!("{diameter_m} m is below zero: give the ball's diameter"))
-            );
-        }
-        let std_m = match std {
-            Some(column) => row.number_if_any(column)?.unwrap_or(0.0),
-            None => 0.0,
+        let length = |column: usize, value_m: f64, what: &str| {
+            let wrong = || row.refuse(column, format!("{value_m} m is below zero: give {what}"));
+            if value_m < 0.0 { Err(wrong()) } else { Ok(value_m) }
         };
-        if let Some(column) = std.filter(|_| std_m < 0.0) {
-            let detail = format!("{std_m} m is below zero: give the standard deviation of each coordinate");
-            return Err(row.refuse(column, detail));
-        }
+        let std_m = std.map_or(Ok(0.0), |column| {
+            let std_m = row.number_if_any(column)?.unwrap_or(0.0);
+            length(column, std_m, "the standard deviation of each coordinate")
+        })?;
         points.push(ControlPointRow {
             std_m,
             name: text.to_owned(),
             position_m: row.numbers([x, y, z])?,
-            diameter_m,
+            diameter_m: length(diameter, row.number(diameter)?, "the ball's diameter")?,
             color: Color::parse(row.text(color)).map_err(|e| row.refuse(color, e.to_string()))?,
         });
     }
     Ok(points)
+}
+
+/// Writes surveyed control points.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_control_points(path: &Path, points: &[ControlPointRow]) -> Result<(), SessionError> {
+    let surveyed = points.iter().any(|p| p.std_m > 0.0);
+    let mut text = CONTROL_COLUMNS.join(",");
+    text += &if surveyed { format!(",{SURVEY_COLUMN}\n") } else { "\n".to_owned() };
+    for p in points {
+        let [x, y, z] = p.position_m;
+        let std = if surveyed { format!(",{}", p.std_m) } else { String::new() };
+        text += &format!("{},{x},{y},{z},{},{}{std}\n", csv_cell(&p.name), p.diameter_m, p.color);
+    }
+    write_whole(path, text.as_bytes())
 }
 
 /// Reads `camera,name,u_px,v_px`; every camera and name must be among those given.
@@ -100,22 +135,14 @@ pub fn read_control_pixels(
     let [camera, name, u, v] = table.columns(["camera", "name", "u_px", "v_px"])?;
     let mut pixels: Vec<ControlPixel> = Vec::new();
     for row in table.rows()? {
-        for (column, known) in [(camera, cameras), (name, names)] {
-            if !known.contains(&row.text(column)) {
-                let detail = format!("{:?} is not known: use one of {}", row.text(column), known.join(", "));
-                return Err(row.refuse(column, detail));
-            }
-        }
-        let pixel = ControlPixel {
-            camera: row.text(camera).to_owned(),
-            name: row.text(name).to_owned(),
-            u_px: row.number(u)?,
-            v_px: row.number(v)?,
-        };
+        row.place_in(camera, cameras)?;
+        row.place_in(name, names)?;
+        let [u_px, v_px] = row.numbers([u, v])?;
+        let pixel =
+            ControlPixel { camera: row.text(camera).to_owned(), name: row.text(name).to_owned(), u_px, v_px };
         if pixels.iter().any(|p| p.camera == pixel.camera && p.name == pixel.name) {
-            return Err(
-                row.refuse(name, format!("{} is there twice for {}: keep one", pixel.name, pixel.camera))
-            );
+            let detail = format!("{} is there twice for {}: keep one", pixel.name, pixel.camera);
+            return Err(row.refuse(name, detail));
         }
         pixels.push(pixel);
     }

@@ -11,8 +11,8 @@ use mavsight_geometry::{
     world_from_body,
 };
 use mavsight_pose::{
-    CameraControl, MarkerObservation, Motion, MotionCovariance, MotionSample, PoseEstimate, PoseSample, Rig,
-    calibrate, euler_std,
+    CameraControl, MarkerObservation, Motion, MotionCovariance, MotionSample, PoseError, PoseEstimate,
+    PoseSample, Rig, calibrate, euler_std,
 };
 use mavsight_session::{
     FlightTable, MarkerAsBuilt, RunResults, read_body, read_flight_table, read_markers, read_motion,
@@ -56,8 +56,8 @@ fn pose_sample(t_ns: i64) -> PoseSample {
     let place = world_from_body(Vector3::new(0.1, -0.2, 1.5), attitude);
     let estimate = PoseEstimate::new(place, &covariance)
         .with_systematic(&systematic.map(|v: f64| v as f32))
-        .by_markers(&[0, 2], &[], 0.125);
-    PoseSample { t_ns, estimate: Some(estimate), reason: None }
+        .by_markers([0, 2].into_iter().collect(), Default::default(), 0.125);
+    PoseSample { t_ns, estimate: Ok(estimate) }
 }
 
 fn motion() -> Motion {
@@ -109,7 +109,7 @@ fn results() -> RunResults {
         body: vec![as_built("red", Some(1e-4)), as_built("green", None)],
         poses: vec![
             pose_sample(0),
-            PoseSample { t_ns: 33_333_333, estimate: None, reason: Some("dark".into()) },
+            PoseSample { t_ns: 33_333_333, estimate: Err(PoseError::NotMeasured) },
             pose_sample(66_666_667),
         ],
         motion: Some(motion()),
@@ -157,7 +157,7 @@ fn all_tables_survive() {
 
     let poses = read_poses(&out.join("pose.csv"), &results.marker_names).unwrap();
     assert_eq!(poses.iter().map(|p| p.t_ns).collect::<Vec<_>>(), [0, 33_333_333, 66_666_667]);
-    assert!(poses[1].estimate.is_none());
+    assert!(poses[1].estimate.is_err());
     let (a, b) = (results.poses[2].estimate.as_ref().unwrap(), poses[2].estimate.as_ref().unwrap());
     assert_relative_eq!(a.world_from_body, b.world_from_body, epsilon = 1e-14);
     assert_eq!((&a.markers_used, a.residual_px), (&b.markers_used, b.residual_px));
@@ -215,7 +215,7 @@ fn a_pose_table_of_another_system_is_read() {
     let table =
         "t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad\n0.0,1,2,3,0,0,0.5\n0.1,,,,,,\n0.2,1,2,3,0,0,0.5\n";
     let poses = read_poses(&folder.write("pose.csv", table), &[]).unwrap();
-    assert!(poses[1].estimate.is_none());
+    assert!(poses[1].estimate.is_err());
     let estimate = poses[2].estimate.as_ref().unwrap();
     assert_eq!(estimate.world_from_body.translation.vector, Vector3::new(1.0, 2.0, 3.0));
     assert_relative_eq!(estimate.covariance(), Matrix6::identity() * 1e-6, epsilon = 1e-18);
@@ -290,5 +290,5 @@ fn a_motion_of_another_system_needs_no_summary() {
     };
     let times: Vec<i64> = poses.iter().map(|p| p.t_ns / 1_000_000).collect();
     assert_eq!(times, [0, 100, 200, 300, 400, 500]);
-    assert!(poses[3].estimate.is_none() && poses[4].estimate.is_some());
+    assert!(poses[3].estimate.is_err() && poses[4].estimate.is_ok());
 }

@@ -10,7 +10,7 @@ use mavsight_pipeline::ControlPointRow;
 use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs};
 use mavsight_session::{
     ControlSection, RefineSection, Session, SessionCamera, SessionFile, load_model, load_vehicle,
-    write_control_points, write_inputs, write_session, write_vehicle,
+    write_control_points, write_inputs, write_toml,
 };
 use std::path::PathBuf;
 
@@ -57,8 +57,8 @@ fn session(folder: &Folder) -> PathBuf {
     folder.write("points.csv", POINTS);
     folder.write("still.png", "");
     write_inputs(&folder.path("inputs.csv"), &inputs()).unwrap();
-    write_vehicle(&folder.path("vehicle.toml"), &Vehicle::paper()).unwrap();
-    write_session(&folder.path("session.toml"), &file).unwrap();
+    write_toml(&folder.path("vehicle.toml"), &Vehicle::paper()).unwrap();
+    write_toml(&folder.path("session.toml"), &file).unwrap();
     folder.path("session.toml")
 }
 
@@ -82,12 +82,12 @@ fn has(text: &str, parts: &[&str]) {
 fn paper_flight_is_read() {
     let Some(flight) = data("paper-flight") else { return };
     let session = Session::load(&flight.join("session.toml")).unwrap();
-    assert_eq!((session.name.as_str(), session.cameras.len()), ("paper-flight", 2));
+    assert_eq!((session.file.name.as_str(), session.cameras().len()), ("paper-flight", 2));
     assert_eq!(session.vehicle.marker[3].color.rgb(), [0xd8, 0xbc, 0x30]);
     let points = session.control_points().unwrap();
     assert_eq!((points.len(), points[7].name.as_str()), (8, "violet"));
     assert_eq!(points[7].position_m, [-1.5, 1.5, 3.0]);
-    assert_eq!(session.inputs().unwrap().samples()[0].omega_u_rad_s, 214.719989849);
+    assert_eq!(session.inputs().unwrap().unwrap().samples()[0].omega_u_rad_s, 214.719989849);
 }
 
 #[test]
@@ -95,8 +95,8 @@ fn what_is_written_is_read() {
     let folder = Folder::new();
     let session = Session::load(&session(&folder)).unwrap();
     assert_eq!(session.vehicle, Vehicle::paper());
-    assert_eq!(session.cameras[1].video, folder.path("cam2/frame_%05d.png"));
-    for (a, b) in session.inputs().unwrap().samples().iter().zip(inputs().samples()) {
+    assert_eq!(session.cameras()[1].video, folder.path("cam2/frame_%05d.png"));
+    for (a, b) in session.inputs().unwrap().unwrap().samples().iter().zip(inputs().samples()) {
         assert!((a.t_s - b.t_s).abs() < 1e-12 && (a.omega_u_rad_s - b.omega_u_rad_s).abs() < 1e-12);
     }
     assert_eq!(load_vehicle(&folder.path("vehicle.toml")).unwrap(), Vehicle::paper());
@@ -166,9 +166,9 @@ fn wands_and_boards_are_read_and_senseless_ones_named() {
     };
     let own = "wand = \"still.png\"";
     let session = with(&wand("0.5", 2), own).unwrap();
-    let read = session.wand.as_ref().unwrap();
+    let read = session.file.wand.as_ref().unwrap();
     assert_eq!((read.length_m, read.length_std_m, read.ball.len()), (0.5, 0.0, 2));
-    assert_eq!(session.cameras[1].wand, session.cameras[1].still);
+    assert_eq!(session.cameras()[1].wand, session.cameras()[1].still);
     has(&with(&wand("0.0", 2), own).unwrap_err(), &["wand.length_m", "0 is no length"]);
     has(
         &with(&format!("{}\nlength_std_m = 0.7", wand("0.5", 2)), own).unwrap_err(),
@@ -179,7 +179,7 @@ fn wands_and_boards_are_read_and_senseless_ones_named() {
     has(&with(&wand("0.5", 2), "wand = \"none.mp4\"").unwrap_err(), &["wand of camera cam1", "none.mp4"]);
     let board = |columns: usize, rest: &str| format!("[board]\ncolumns = {columns}\nrows = 6\n{rest}");
     let own = "board = \"still.png\"";
-    assert_eq!(with(&board(9, "square_m = 0.03"), own).unwrap().board.unwrap().columns, 9);
+    assert_eq!(with(&board(9, "square_m = 0.03"), own).unwrap().file.board.unwrap().columns, 9);
     has(&with(&board(6, "square_m = 0.03"), own).unwrap_err(), &["board.columns", "6 by 6"]);
     has(&with(&board(9, "square_m = -1"), own).unwrap_err(), &["board.square_m", "-1"]);
     has(
@@ -190,7 +190,7 @@ fn wands_and_boards_are_read_and_senseless_ones_named() {
     let markers = |rest: &str| with(&board(6, &format!("square_m = 0.03\n{rest}")), own);
     let name = "dictionary = \"DICT_4X4_50\"";
     let file = markers(&format!("{name}\nmarker_m = 0.022\ntogether = true")).unwrap();
-    assert!(file.board.unwrap().coded().unwrap().is_some());
+    assert!(file.file.board.unwrap().coded().unwrap().is_some());
     has(&markers(name).unwrap_err(), &["board.marker_m", "side of a marker"]);
     has(&markers("marker_m = 0.022").unwrap_err(), &["board.dictionary", "DICT_4X4_50"]);
     has(&markers(&format!("{name}\nmarker_m = 0.03")).unwrap_err(), &["board.marker_m", "1.00 of a square"]);

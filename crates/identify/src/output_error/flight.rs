@@ -252,7 +252,7 @@ pub fn fitted_stretch_s(poses: &[PoseSample]) -> Option<(f64, f64)> {
     let turned = |from_s: f64| {
         let own = within(poses, Some((from_s, from_s + LONGEST_S)), |p| p.t_ns);
         let turns = own.windows(2).filter_map(|w| {
-            let [a, b] = [&w[0], &w[1]].map(|p| p.estimate.as_ref().map(|e| e.world_from_body.rotation));
+            let [a, b] = [&w[0], &w[1]].map(|p| p.estimate.as_ref().ok().map(|e| e.world_from_body.rotation));
             Some(a?.angle_to(&b?).powi(2))
         });
         turns.sum::<f64>()
@@ -340,7 +340,7 @@ fn compare(first: &NamedEstimates, second: &NamedEstimates) -> Option<Comparison
 mod tests {
     use super::*;
     use mavsight_geometry::{Isometry3, Matrix6, Vector3};
-    use mavsight_pose::PoseEstimate;
+    use mavsight_pose::{PoseError, PoseEstimate};
 
     fn poses(count: i64, turn_rad: impl Fn(f64) -> f64) -> Vec<PoseSample> {
         let estimate = |t_s: f64| {
@@ -351,8 +351,7 @@ mod tests {
         };
         let pose = |k: i64| PoseSample {
             t_ns: k * 100_000_000,
-            estimate: (k % 7 != 0).then(|| estimate(0.1 * k as f64)),
-            reason: None,
+            estimate: (k % 7 != 0).then(|| estimate(0.1 * k as f64)).ok_or(PoseError::NotMeasured),
         };
         (0..count).map(pose).collect()
     }

@@ -128,8 +128,7 @@ impl Flown {
                 pose.rotation *= UnitQuaternion::from_scaled_axis(random(turn_std_rad));
                 PoseSample {
                     t_ns: (s.t_s * 1e9).round() as i64,
-                    estimate: Some(PoseEstimate::new(pose, &covariance)),
-                    reason: None,
+                    estimate: Ok(PoseEstimate::new(pose, &covariance)),
                 }
             })
             .collect()

@@ -64,106 +64,72 @@ pub(super) struct Frame {
     pub(super) times_ns: [i64; 3],
 }
 
-/// A packet that is written again and again.
-#[derive(Default)]
-pub(super) struct Packet {
-    bytes: Vec<u8>,
+/// A packet of a kind.
+fn packet(kind: u16, payload: &[u8]) -> Vec<u8> {
+    let length = u16::try_from(payload.len()).unwrap_or(u16::MAX);
+    [&kind.to_le_bytes(), &length.to_le_bytes(), payload].concat()
 }
 
-impl Packet {
-    fn begin(&mut self, kind: u16) -> &mut Vec<u8> {
-        self.bytes.clear();
-        self.bytes.extend(kind.to_le_bytes());
-        self.bytes.extend([0; 2]);
-        &mut self.bytes
-    }
+fn floats<'a>(values: impl IntoIterator<Item = &'a f64>) -> impl Iterator<Item = u8> {
+    values.into_iter().flat_map(|v| (*v as f32).to_le_bytes())
+}
 
-    fn end(&mut self) -> &[u8] {
-        let length = u16::try_from(self.bytes.len() - 4).unwrap_or(u16::MAX);
-        self.bytes[2..4].copy_from_slice(&length.to_le_bytes());
-        &self.bytes
-    }
+/// Who serves, and how: name and version, protocol, ticks a second, data port, no multicast.
+pub(super) fn server_info(data_port: u16) -> Vec<u8> {
+    let version = env!("CARGO_PKG_VERSION").split('.').map(|part| part.parse().unwrap_or(0));
+    let mut payload = b"mavsight".to_vec();
+    payload.resize(256, 0);
+    payload.extend(version.chain([0]).take(4));
+    payload.extend(VERSION);
+    payload.extend(TICKS_A_SECOND.to_le_bytes());
+    payload.extend(data_port.to_le_bytes());
+    payload.extend([0; 5]);
+    packet(SERVER_INFO, &payload)
+}
 
-    /// Who serves, and how: name and version, protocol, ticks a second, data port, no multicast.
-    pub(super) fn server_info(&mut self, data_port: u16) -> &[u8] {
-        let number = |text: &str| text.parse().unwrap_or(0);
-        let out = self.begin(SERVER_INFO);
-        let mut name = [0; 256];
-        name[..8].copy_from_slice(b"mavsight");
-        out.extend(name);
-        out.extend([
-            number(env!("CARGO_PKG_VERSION_MAJOR")),
-            number(env!("CARGO_PKG_VERSION_MINOR")),
-            number(env!("CARGO_PKG_VERSION_PATCH")),
-            0,
-        ]);
-        out.extend(VERSION);
-        out.extend(TICKS_A_SECOND.to_le_bytes());
-        out.extend(data_port.to_le_bytes());
-        out.extend([0; 5]);
-        self.end()
-    }
+/// The answer to a question.
+pub(super) fn response(payload: [u8; 4]) -> Vec<u8> {
+    packet(RESPONSE, &payload)
+}
 
-    /// The answer to a question.
-    pub(super) fn response(&mut self, payload: &[u8]) -> &[u8] {
-        self.begin(RESPONSE).extend(payload);
-        self.end()
-    }
+/// The answer to what is not understood.
+pub(super) fn unrecognized() -> Vec<u8> {
+    packet(UNRECOGNIZED, &[])
+}
 
-    /// The answer to what is not understood.
-    pub(super) fn unrecognized(&mut self) -> &[u8] {
-        self.begin(UNRECOGNIZED);
-        self.end()
-    }
-
-    /// One instant.
-    pub(super) fn frame(&mut self, frame: &Frame) -> &[u8] {
-        let out = self.begin(FRAME);
-        let mut int = |value: i32| out.extend(value.to_le_bytes());
-        int((frame.sequence & 0x7fff_ffff) as i32);
-        // Marker sets, other markers.
-        int(0);
-        int(0);
-        int(1);
-        int(BODY_NUMBER);
-        let (pose, error_m) = match &frame.pose {
-            Some((pose, std_m)) => {
-                let (t, q) = (pose.translation, pose.rotation);
-                ([t.x, t.y, t.z, q.i, q.j, q.k, q.w], *std_m)
-            }
-            None => ([f64::NAN; 7], 0.0),
-        };
-        out.extend(pose.iter().chain([&error_m]).flat_map(|v| (*v as f32).to_le_bytes()));
-        out.extend(u16::from(frame.pose.is_some()).to_le_bytes());
-        // Skeletons, labelled markers, force plates, devices; time code and its fraction.
-        out.extend([0; 6 * 4]);
-        out.extend(frame.since_start_s.to_le_bytes());
-        out.extend(frame.times_ns.iter().flat_map(|t| u64::try_from(*t).unwrap_or(0).to_le_bytes()));
-        // Nothing of recording or changed models; end.
-        out.extend([0; 2 + 4]);
-        self.end()
-    }
+/// One instant.
+pub(super) fn frame(frame: &Frame) -> Vec<u8> {
+    // Number, no marker sets and other markers, one body.
+    let head = [(frame.sequence & 0x7fff_ffff) as i32, 0, 0, 1, BODY_NUMBER];
+    let mut payload: Vec<u8> = head.into_iter().flat_map(i32::to_le_bytes).collect();
+    let (pose, error_m) = frame.pose.map_or(([f64::NAN; 7], 0.0), |(pose, std_m)| {
+        let (t, q) = (pose.translation, pose.rotation);
+        ([t.x, t.y, t.z, q.i, q.j, q.k, q.w], std_m)
+    });
+    payload.extend(floats(pose.iter().chain([&error_m])));
+    payload.extend(u16::from(frame.pose.is_some()).to_le_bytes());
+    // Skeletons, labelled markers, force plates, devices; time code and its fraction.
+    payload.extend([0; 6 * 4]);
+    payload.extend(frame.since_start_s.to_le_bytes());
+    payload.extend(frame.times_ns.iter().flat_map(|t| u64::try_from(*t).unwrap_or(0).to_le_bytes()));
+    // Nothing of recording or changed models; end.
+    payload.extend([0; 2 + 4]);
+    packet(FRAME, &payload)
 }
 
 /// The rigid body: its name, number, and markers in the axes that are sent.
 pub(super) fn model(body: &Body, axes: BodyAxes) -> Vec<u8> {
-    let mut packet = Packet::default();
-    let out = packet.begin(MODEL);
+    let markers = i32::try_from(body.markers.len()).unwrap_or(0);
     // One data set, a rigid body.
-    out.extend(1i32.to_le_bytes());
-    out.extend(1i32.to_le_bytes());
-    out.extend(body.name().as_bytes());
-    out.push(0);
-    out.extend(BODY_NUMBER.to_le_bytes());
+    let mut payload = [1i32.to_le_bytes(); 2].concat();
+    payload.extend(body.name().as_bytes());
+    payload.push(0);
     // No parent, no offset from it.
-    out.extend((-1i32).to_le_bytes());
-    out.extend([0; 3 * 4]);
-    out.extend(i32::try_from(body.markers.len()).unwrap_or(0).to_le_bytes());
+    payload.extend([BODY_NUMBER, -1, 0, 0, 0, markers].into_iter().flat_map(i32::to_le_bytes));
     for marker in &body.markers {
-        out.extend(axes.point(marker.in_body_m).iter().flat_map(|v| (*v as f32).to_le_bytes()));
+        payload.extend(floats(&axes.point(marker.in_body_m)));
     }
     // Active labels: none.
-    out.extend(std::iter::repeat_n(0, 4 * body.markers.len()));
-    packet.end();
-    packet.bytes
+    payload.resize(payload.len() + 4 * body.markers.len(), 0);
+    packet(MODEL, &payload)
 }

@@ -3,23 +3,16 @@
 use super::flat::{Flat, buffer};
 
 /// Values of a column, none of them missing.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum Array {
-    F32(Vec<f32>),
-    F64(Vec<f64>),
-    Bytes(Vec<u8>),
-    Words(Vec<u32>),
-    /// Nanoseconds of the UNIX epoch.
-    Timestamp(Vec<i64>),
-    /// Nanoseconds.
-    Duration(Vec<i64>),
-    /// Sixteen bytes each.
-    Id(Vec<[u8; 16]>),
-    Text(Vec<String>),
-    /// Where each row's items begin, and where the last one's end.
-    List(Vec<i32>, Box<Array>),
-    /// So many items in each.
-    Fixed(i32, Box<Array>),
+pub(super) struct Array {
+    /// Member of Arrow's union of types.
+    kind: i64,
+    /// Fields of that type by their number.
+    fields: Vec<(u16, i64)>,
+    len: usize,
+    /// The values, in little-endian bytes.
+    buffers: Vec<Vec<u8>>,
+    /// The items of lists.
+    items: Option<Box<Array>>,
 }
 
 /// A column with what it means.
@@ -33,97 +26,97 @@ const V5: i64 = 4;
 /// Members of Arrow's union of messages.
 const SCHEMA: i64 = 1;
 const RECORD_BATCH: i64 = 3;
+/// Members of its union of types that are treated in a way of their own.
+const BINARY: i64 = 15;
+const FIXED_LIST: i64 = 16;
 
 impl Array {
+    fn plain<T: Copy, const N: usize>(
+        kind: i64,
+        fields: &[(u16, i64)],
+        values: &[T],
+        bytes: fn(T) -> [u8; N],
+    ) -> Self {
+        let buffer = values.iter().flat_map(|v| bytes(*v)).collect();
+        Self { kind, fields: fields.into(), len: values.len(), buffers: vec![buffer], items: None }
+    }
+
+    pub(super) fn f32(values: &[f32]) -> Self {
+        Self::plain(3, &[(0, 1)], values, f32::to_le_bytes)
+    }
+
+    pub(super) fn f64(values: &[f64]) -> Self {
+        Self::plain(3, &[(0, 2)], values, f64::to_le_bytes)
+    }
+
+    pub(super) fn bytes(values: &[u8]) -> Self {
+        Self::plain(2, &[(0, 8), (1, 0)], values, u8::to_le_bytes)
+    }
+
+    pub(super) fn words(values: &[u32]) -> Self {
+        Self::plain(2, &[(0, 32), (1, 0)], values, u32::to_le_bytes)
+    }
+
+    /// Nanoseconds of the UNIX epoch.
+    pub(super) fn timestamps(ns: &[i64]) -> Self {
+        Self::plain(10, &[(0, 3)], ns, i64::to_le_bytes)
+    }
+
+    /// Nanoseconds.
+    pub(super) fn durations(ns: &[i64]) -> Self {
+        Self::plain(18, &[(0, 3)], ns, i64::to_le_bytes)
+    }
+
+    pub(super) fn ids(ids: &[u128]) -> Self {
+        Self::plain(BINARY, &[(0, 16)], ids, u128::to_be_bytes)
+    }
+
+    pub(super) fn texts(texts: &[String]) -> Self {
+        let buffers = vec![ends(texts.iter().map(String::len)), texts.concat().into_bytes()];
+        Self { kind: 5, fields: Vec::new(), len: texts.len(), buffers, items: None }
+    }
+
     /// One list for each row.
-    pub(super) fn lists(rows: impl IntoIterator<Item = usize>, items: Self) -> Self {
-        let mut ends = vec![0];
-        ends.extend(rows.into_iter().scan(0, |end, n| {
-            *end += n as i32;
-            Some(*end)
-        }));
-        Self::List(ends, Box::new(items))
+    pub(super) fn lists(rows: &[usize], items: Self) -> Self {
+        let buffers = vec![ends(rows.iter().copied())];
+        Self { kind: 12, fields: Vec::new(), len: rows.len(), buffers, items: Some(Box::new(items)) }
     }
 
-    fn len(&self) -> usize {
-        match self {
-            Self::F32(v) => v.len(),
-            Self::F64(v) => v.len(),
-            Self::Bytes(v) => v.len(),
-            Self::Words(v) => v.len(),
-            Self::Timestamp(v) | Self::Duration(v) => v.len(),
-            Self::Id(v) => v.len(),
-            Self::Text(v) => v.len(),
-            Self::List(ends, _) => ends.len() - 1,
-            Self::Fixed(n, items) => items.len() / (*n).max(1) as usize,
-        }
-    }
-
-    /// Member of Arrow's union of types, and that type.
-    fn kind(&self) -> (i64, Vec<(u16, Flat)>) {
-        let int = |bits: i64| (2, vec![(0, Flat::Number(bits)), (1, Flat::Number(0))]);
-        match self {
-            Self::F32(_) => (3, vec![(0, Flat::Number(1))]),
-            Self::F64(_) => (3, vec![(0, Flat::Number(2))]),
-            Self::Bytes(_) => int(8),
-            Self::Words(_) => int(32),
-            Self::Timestamp(_) => (10, vec![(0, Flat::Number(3))]),
-            Self::Duration(_) => (18, vec![(0, Flat::Number(3))]),
-            Self::Id(_) => (15, vec![(0, Flat::Number(16))]),
-            Self::Text(_) => (5, Vec::new()),
-            Self::List(..) => (12, Vec::new()),
-            Self::Fixed(n, _) => (16, vec![(0, Flat::Number(i64::from(*n)))]),
-        }
+    /// Lists of so many items each.
+    pub(super) fn fixed(count: usize, items: Self) -> Self {
+        let (fields, len) = (vec![(0, count as i64)], items.len / count.max(1));
+        Self { kind: FIXED_LIST, fields, len, buffers: Vec::new(), items: Some(Box::new(items)) }
     }
 
     /// Items of a fixed number are never missing, by Rerun's types.
     fn field(&self, name: &str, nullable: bool, about: &[(&'static str, String)]) -> Flat {
-        let (kind, of) = self.kind();
-        let children = match self {
-            Self::List(_, items) => vec![items.field("item", true, &[])],
-            Self::Fixed(_, items) => vec![items.field("item", false, &[])],
-            _ => Vec::new(),
-        };
+        let item = |items: &Box<Self>| items.field("item", self.kind != FIXED_LIST, &[]);
+        let fields = self.fields.iter().map(|(slot, n)| (*slot, Flat::Number(*n)));
         Flat::Table(vec![
             (0, Flat::Text(name.to_owned())),
             (1, Flat::Number(i64::from(nullable))),
-            (2, Flat::Number(kind)),
-            (3, Flat::Table(of)),
-            (5, Flat::List(children)),
+            (2, Flat::Number(self.kind)),
+            (3, Flat::Table(fields.collect())),
+            (5, Flat::List(self.items.iter().map(item).collect())),
             (6, pairs(about)),
         ])
     }
 
     fn put(&self, body: &mut Body) {
-        body.nodes.push([self.len() as i64, 0]);
+        body.nodes.push([self.len as i64, 0]);
         body.push(&[]);
-        match self {
-            Self::F32(v) => body.push(&le(v, |n| n.to_le_bytes())),
-            Self::F64(v) => body.push(&le(v, |n| n.to_le_bytes())),
-            Self::Bytes(v) => body.push(v),
-            Self::Words(v) => body.push(&le(v, |n| n.to_le_bytes())),
-            Self::Timestamp(v) | Self::Duration(v) => body.push(&le(v, |n| n.to_le_bytes())),
-            Self::Id(v) => body.push(v.as_flattened()),
-            Self::Text(v) => {
-                let ends = v.iter().scan(0, |end, text| {
-                    *end += text.len() as i32;
-                    Some(*end)
-                });
-                let ends: Vec<u8> = std::iter::once(0).chain(ends).flat_map(i32::to_le_bytes).collect();
-                body.push(&ends);
-                body.push(v.concat().as_bytes());
-            }
-            Self::List(ends, items) => {
-                body.push(&le(ends, |n| n.to_le_bytes()));
-                items.put(body);
-            }
-            Self::Fixed(_, items) => items.put(body),
-        }
+        self.buffers.iter().for_each(|bytes| body.push(bytes));
+        self.items.iter().for_each(|items| items.put(body));
     }
 }
 
-fn le<T, const N: usize>(values: &[T], bytes: impl Fn(&T) -> [u8; N]) -> Vec<u8> {
-    values.iter().flat_map(bytes).collect()
+/// Where the first list begins and where each ends.
+fn ends(lengths: impl Iterator<Item = usize>) -> Vec<u8> {
+    let ends = lengths.scan(0, |end, length| {
+        *end += length as i32;
+        Some(*end)
+    });
+    std::iter::once(0).chain(ends).flat_map(i32::to_le_bytes).collect()
 }
 
 fn pairs(about: &[(&'static str, String)]) -> Flat {
@@ -150,14 +143,11 @@ impl Body {
 
 /// The stream of one record batch.
 pub(super) fn stream(columns: &[Column], about: &[(&'static str, String)]) -> Vec<u8> {
-    let fields = columns.iter().map(|c| {
-        let is_id = matches!(c.array, Array::Id(_));
-        c.array.field(&c.name, !is_id, &c.about)
-    });
+    let fields = columns.iter().map(|c| c.array.field(&c.name, c.array.kind != BINARY, &c.about));
     let schema = Flat::Table(vec![(1, Flat::List(fields.collect())), (2, pairs(about))]);
     let mut body = Body::default();
     columns.iter().for_each(|c| c.array.put(&mut body));
-    let rows = columns.first().map_or(0, |c| c.array.len());
+    let rows = columns.first().map_or(0, |c| c.array.len);
     let batch = Flat::Table(vec![
         (0, Flat::Number(rows as i64)),
         (1, Flat::Pairs(body.nodes)),

@@ -21,52 +21,58 @@ pub(super) struct RrdFile {
     ids: u64,
 }
 
-fn varint(out: &mut Vec<u8>, mut n: u64) {
-    while n >= 0x80 {
-        out.push(n as u8 | 0x80);
-        n >>= 7;
+/// A message of Protocol Buffers.
+#[derive(Default)]
+struct Message(Vec<u8>);
+
+impl Message {
+    fn varint(&mut self, mut n: u64) {
+        while n >= 0x80 {
+            self.0.push(n as u8 | 0x80);
+            n >>= 7;
+        }
+        self.0.push(n as u8);
     }
-    out.push(n as u8);
-}
 
-fn number(out: &mut Vec<u8>, field: u64, n: u64) {
-    varint(out, field << 3);
-    varint(out, n);
-}
+    fn number(mut self, field: u64, n: u64) -> Self {
+        self.varint(field << 3);
+        self.varint(n);
+        self
+    }
 
-fn bytes(out: &mut Vec<u8>, field: u64, of: &[u8]) {
-    varint(out, field << 3 | 2);
-    varint(out, of.len() as u64);
-    out.extend(of);
-}
+    fn bytes(mut self, field: u64, of: &[u8]) -> Self {
+        self.varint(field << 3 | 2);
+        self.varint(of.len() as u64);
+        self.0.extend(of);
+        self
+    }
 
-fn id_message(id: [u64; 2]) -> Vec<u8> {
-    let field = |(field, n): (u8, u64)| [vec![field << 3 | 1], n.to_le_bytes().into()].concat();
-    [1, 2].into_iter().zip(id).flat_map(field).collect()
+    fn fixed(mut self, field: u64, n: u64) -> Self {
+        self.varint(field << 3 | 1);
+        self.0.extend(n.to_le_bytes());
+        self
+    }
+
+    fn id(self, field: u64, [time, count]: [u64; 2]) -> Self {
+        self.bytes(field, &Self::default().fixed(1, time).fixed(2, count).0)
+    }
 }
 
 impl RrdFile {
     /// Begins a recording of that application.
     pub(super) fn create(path: &Path, application: &str, begun_ns: i64) -> io::Result<Self> {
         let mut file = File::create(path)?;
-        let (mut name, mut store) = (Vec::new(), Vec::new());
-        bytes(&mut name, 1, application.as_bytes());
-        // A recording, no blueprint.
-        number(&mut store, 1, 1);
-        bytes(&mut store, 2, format!("{application}-{begun_ns}").as_bytes());
-        bytes(&mut store, 3, &name);
         file.write_all(&[b"RRF2".as_slice(), &VERSION, &OPTIONS].concat())?;
-        let begun_ns = u64::try_from(begun_ns).unwrap_or(0);
-        let mut own = Self { file, store, begun_ns, ids: 0 };
-        let (mut info, mut message, mut source) = (Vec::new(), Vec::new(), Vec::new());
+        let name = Message::default().bytes(1, application.as_bytes());
+        // A recording, no blueprint.
+        let recording = format!("{application}-{begun_ns}");
+        let store = Message::default().number(1, 1).bytes(2, recording.as_bytes()).bytes(3, &name.0).0;
         // Written by none of Rerun's own programs.
-        number(&mut source, 1, 6);
-        bytes(&mut source, 2, &name);
-        bytes(&mut info, 2, &own.store);
-        bytes(&mut info, 5, &source);
-        bytes(&mut message, 1, &id_message(own.id()));
-        bytes(&mut message, 2, &info);
-        own.put(SET_STORE_INFO, &message)?;
+        let source = Message::default().number(1, 6).bytes(2, &name.0);
+        let info = Message::default().bytes(2, &store).bytes(5, &source.0);
+        let mut own = Self { file, store, begun_ns: u64::try_from(begun_ns).unwrap_or(0), ids: 0 };
+        let message = Message::default().id(1, own.id()).bytes(2, &info.0);
+        own.put(SET_STORE_INFO, &message.0)?;
         Ok(own)
     }
 
@@ -83,11 +89,12 @@ impl RrdFile {
 
     /// Writes rows of one entity; without an index they hold for all times.
     pub(super) fn chunk(&mut self, entity: &str, rows: usize, columns: Vec<Column>) -> io::Result<()> {
-        let is_static = !columns.iter().any(|c| matches!(c.array, Array::Timestamp(_) | Array::Duration(_)));
-        let row_ids = (0..rows).map(|_| {
-            let [time, count] = self.id();
-            (u128::from(time) << 64 | u128::from(count)).to_be_bytes()
-        });
+        let is_index = |c: &Column| c.about.iter().any(|(key, _)| *key == "rerun:index_name");
+        let is_static = !columns.iter().any(is_index);
+        let row_ids: Vec<u128> = (0..rows)
+            .map(|_| self.id())
+            .map(|[time, count]| u128::from(time) << 64 | u128::from(count))
+            .collect();
         let rows = Column {
             name: "rerun.controls.RowId".into(),
             about: vec![
@@ -96,25 +103,25 @@ impl RrdFile {
                 ("rerun:is_sorted", "true".into()),
                 ("rerun:kind", "control".into()),
             ],
-            array: Array::Id(row_ids.collect()),
+            array: Array::ids(&row_ids),
         };
-        let [time, count] = self.id();
+        let id = self.id();
         let about = [
             ("rerun:entity_path", entity.to_owned()),
-            ("rerun:id", format!("chunk_{time:016X}{count:016x}")),
+            ("rerun:id", format!("chunk_{:016X}{:016x}", id[0], id[1])),
             ("sorbet:version", "0.1.4".to_owned()),
         ];
         let all: Vec<Column> = std::iter::once(rows).chain(columns).collect();
         let payload = stream(&all, &about);
-        let mut message = Vec::new();
-        bytes(&mut message, 1, &self.store);
         // Not compressed; Arrow IPC.
-        number(&mut message, 2, 1);
-        number(&mut message, 3, payload.len() as u64);
-        number(&mut message, 4, 1);
-        bytes(&mut message, 5, &payload);
-        bytes(&mut message, 6, &id_message([time, count]));
-        number(&mut message, 7, u64::from(is_static));
-        self.put(ARROW_MESSAGE, &message)
+        let message = Message::default()
+            .bytes(1, &self.store)
+            .number(2, 1)
+            .number(3, payload.len() as u64)
+            .number(4, 1)
+            .bytes(5, &payload)
+            .id(6, id)
+            .number(7, u64::from(is_static));
+        self.put(ARROW_MESSAGE, &message.0)
     }
 }

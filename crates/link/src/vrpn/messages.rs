@@ -1,8 +1,10 @@
 //! VRPN's messages: a header of 24 bytes (length without padding, seconds, microseconds, sender, type,
 //! number), the payload, padding to 8 bytes; big-endian throughout.
 
-use crate::vrpn::TURN_S;
 use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
+
+/// Time over which the quaternion of `Velocity` turns.
+pub const TURN_S: f64 = 0.01;
 
 const HEADER: usize = 24;
 const ALIGN: usize = 8;
@@ -37,60 +39,49 @@ const KINDS: [(Kind, &str); 4] = [
     (Kind::Pong, "vrpn_Base pong_message"),
 ];
 
-fn write(out: &mut Vec<u8>, at_ns: i64, sender: i32, kind: i32, payload: &[u8]) {
+fn write(at_ns: i64, sender: i32, kind: i32, payload: &[u8]) -> Vec<u8> {
     let length = (HEADER + payload.len()) as i32;
     let (seconds, rest_ns) = (at_ns.div_euclid(1_000_000_000), at_ns.rem_euclid(1_000_000_000));
     // Seconds are 32 bits on this wire.
-    for word in [length, seconds as i32, (rest_ns / 1000) as i32, sender, kind, 0] {
-        out.extend(word.to_be_bytes());
-    }
+    let head = [length, seconds as i32, (rest_ns / 1000) as i32, sender, kind, 0];
+    let mut out: Vec<u8> = head.into_iter().flat_map(i32::to_be_bytes).collect();
     out.extend(payload);
     out.resize(out.len().next_multiple_of(ALIGN), 0);
+    out
 }
 
-/// A message of the aircraft. What is in `out` must be whole messages.
-pub(super) fn message(out: &mut Vec<u8>, at_ns: i64, kind: Kind, payload: &[u8]) {
-    write(out, at_ns, SENDER, kind as i32, payload);
+/// A message of the aircraft.
+pub(super) fn message(at_ns: i64, kind: Kind, payload: &[u8]) -> Vec<u8> {
+    write(at_ns, SENDER, kind as i32, payload)
 }
 
 /// What numbers this side gives: the aircraft, and the types.
 pub(super) fn descriptions(body: &str) -> Vec<u8> {
-    let mut out = Vec::new();
-    let mut describe = |what: i32, number: i32, name: &str| {
-        let mut payload = (name.len() as i32 + 1).to_be_bytes().to_vec();
-        payload.extend(name.as_bytes());
-        payload.push(0);
-        write(&mut out, 0, number, what, &payload);
+    let describe = |what: i32, number: i32, name: &str| {
+        let length = (name.len() as i32 + 1).to_be_bytes();
+        write(0, number, what, &[&length, name.as_bytes(), &[0]].concat())
     };
-    describe(SENDER_DESCRIPTION, SENDER, body);
-    for (kind, name) in KINDS {
-        describe(TYPE_DESCRIPTION, kind as i32, name);
-    }
-    out
+    let types = KINDS.map(|(kind, name)| describe(TYPE_DESCRIPTION, kind as i32, name));
+    [describe(SENDER_DESCRIPTION, SENDER, body), types.concat()].concat()
 }
 
 /// A report: two numbers of the sensor, of which the second is there for alignment, then numbers.
-fn report(out: &mut Vec<u8>, at_ns: i64, kind: Kind, numbers: &[f64]) {
+fn report(at_ns: i64, kind: Kind, numbers: &[f64]) -> Vec<u8> {
     let mut payload = [SENSOR.to_be_bytes(); 2].concat();
     payload.extend(numbers.iter().flat_map(|n| n.to_be_bytes()));
-    message(out, at_ns, kind, &payload);
+    message(at_ns, kind, &payload)
 }
 
 /// Position and attitude (x, y, z, w).
-pub(super) fn pos_quat(out: &mut Vec<u8>, at_ns: i64, pose: &Isometry3<f64>) {
+pub(super) fn pos_quat(at_ns: i64, pose: &Isometry3<f64>) -> Vec<u8> {
     let (t, q) = (pose.translation, pose.rotation);
-    report(out, at_ns, Kind::PosQuat, &[t.x, t.y, t.z, q.i, q.j, q.k, q.w]);
+    report(at_ns, Kind::PosQuat, &[t.x, t.y, t.z, q.i, q.j, q.k, q.w])
 }
 
 /// Velocity, the turn over [`TURN_S`] (x, y, z, w), and that time.
-pub(super) fn velocity(
-    out: &mut Vec<u8>,
-    at_ns: i64,
-    velocity_m_s: &Vector3<f64>,
-    turning_rad_s: &Vector3<f64>,
-) {
+pub(super) fn velocity(at_ns: i64, velocity_m_s: &Vector3<f64>, turning_rad_s: &Vector3<f64>) -> Vec<u8> {
     let (v, q) = (velocity_m_s, UnitQuaternion::from_scaled_axis(turning_rad_s * TURN_S));
-    report(out, at_ns, Kind::Velocity, &[v.x, v.y, v.z, q.i, q.j, q.k, q.w, TURN_S]);
+    report(at_ns, Kind::Velocity, &[v.x, v.y, v.z, q.i, q.j, q.k, q.w, TURN_S])
 }
 
 /// The port in a client's call, "host port".

@@ -21,13 +21,13 @@ const ENDED_INTERVALS: i64 = 2;
 impl Flight<'_> {
     /// Longest wait for a report before something else is due.
     pub(super) fn patience(&self) -> Duration {
-        if self.pace == Pace::Fast {
+        if self.setup.pace == Pace::Fast {
             return CHECK;
         }
         let waits = self.pipeline.waits();
         let waits = waits.and_then(|(t_ns, cameras)| cameras.map(|c| self.patient_until_ns(c, t_ns)).min());
         let open = self.status.iter().filter(|s| !s.is_left_out);
-        let due = open.filter_map(|s| s.states.stalls_at_ns()).chain(waits).min();
+        let due = open.filter_map(|s| s.stalls_at_ns()).chain(waits).min();
         let now_ns = self.now_ns();
         let wait = due.map_or(CHECK, |at_ns| {
             Duration::from_nanos(u64::try_from(at_ns - now_ns + 100_000).unwrap_or(100_000))
@@ -38,7 +38,7 @@ impl Flight<'_> {
     /// Until when a camera is waited for at an instant.
     fn patient_until_ns(&self, camera: usize, t_ns: i64) -> i64 {
         let status = &self.status[camera];
-        t_ns + status.usual_ns + (LATE_INTERVALS * status.states.interval_ns() as f64) as i64
+        t_ns + status.usual_ns + (LATE_INTERVALS * status.interval_ns as f64) as i64
     }
 
     /// Goes on without a camera until it is back.
@@ -50,7 +50,7 @@ impl Flight<'_> {
     }
 
     pub(super) fn check_cameras(&mut self) {
-        let now_ns = self.clock.now_ns();
+        let now_ns = self.setup.clock.now_ns();
         if self.first_ns.is_some_and(|first_ns| now_ns - first_ns > BEGIN_NS) {
             self.begin();
         }
@@ -59,9 +59,9 @@ impl Flight<'_> {
             if status.ended {
                 continue;
             }
-            let state = status.states.state(now_ns);
+            let state = status.state(now_ns);
             let silent = match state {
-                CameraState::Stalled => status.states.stalls_at_ns().map(|at_ns| (at_ns, HANGS_NS)),
+                CameraState::Stalled => status.stalls_at_ns().map(|at_ns| (at_ns, HANGS_NS)),
                 CameraState::Starting => status.opened_ns.map(|at_ns| (at_ns, NEVER_STARTS_NS)),
                 _ => None,
             };
@@ -75,7 +75,7 @@ impl Flight<'_> {
             {
                 self.leave_out(camera);
             }
-            if self.status[camera].states.change(now_ns).is_some() {
+            if self.status[camera].has_changed(now_ns) {
                 self.report_camera(camera, now_ns);
             }
         }
@@ -88,10 +88,7 @@ impl Flight<'_> {
         for camera in 0..self.status.len() {
             let status = &mut self.status[camera];
             let ahead_ns = t_ns.saturating_sub(status.latest_ns);
-            if status.ended
-                && ahead_ns > ENDED_INTERVALS * status.states.interval_ns()
-                && status.states.outlived()
-            {
+            if status.ended && ahead_ns > ENDED_INTERVALS * status.interval_ns && status.outlived() {
                 let now_ns = self.now_ns();
                 self.report_camera(camera, now_ns);
             }
@@ -106,7 +103,7 @@ impl Flight<'_> {
         }
         status.went_back_ns = Some(now_ns);
         let back_s = (status.latest_ns - self.pipeline.time_ns(camera, stamp_ns)) as f64 * 1e-9;
-        let name = &self.rig.cameras[camera].name;
+        let name = &self.setup.rig.cameras[camera].name;
         self.note(
             true,
             format!(

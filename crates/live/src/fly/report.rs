@@ -11,27 +11,27 @@ const REPORT_NS: i64 = 1_000_000_000;
 
 impl Flight<'_> {
     pub(super) fn report_instants(&mut self) {
-        let recorder = self.recorder.current();
-        let wants_events = self.listeners.want_events() || recorder.is_some();
+        let recorder = self.setup.recorder.current();
+        let wants_events = !self.setup.listeners.is_empty() || recorder.is_some();
         while let Some(instant) = self.pipeline.next_instant() {
             let sample = &instant.association.sample;
             for moved in &instant.moved[self.moved..] {
-                self.status[moved.camera].states.moved();
+                self.status[moved.camera].is_moved = true;
                 self.tracking.cut();
             }
             self.moved = instant.moved.len();
             let motion = self.motion.push(sample);
-            let was_acquiring = self.tracking.state() == Tracking::Acquiring;
-            let tracking = self.tracking.saw(instant.t_ns, sample.estimate.is_some());
+            let was_acquiring = self.tracking.state == Tracking::Acquiring;
+            let tracking = self.tracking.saw(instant.t_ns, sample.estimate.is_ok());
             let fix = Fix {
                 sequence: self.summary.instants,
-                captured_ns: self.clock.unix_ns(instant.t_ns),
-                received_ns: self.clock.unix_ns(self.received_ns),
-                measured: sample.estimate.as_ref().map(|e| events::measured(e, motion.as_ref())),
-                resets: self.tracking.resets(),
+                captured_ns: self.setup.clock.unix_ns(instant.t_ns),
+                received_ns: self.setup.clock.unix_ns(self.received_ns),
+                measured: sample.estimate.as_ref().ok().map(|e| events::measured(e, motion.as_ref())),
+                resets: self.tracking.resets,
             };
-            self.listeners.fix(fix.clone());
-            let latency_ns = self.clock.now_ns() - self.received_ns;
+            self.setup.listeners.fix(fix.clone());
+            let latency_ns = self.setup.clock.now_ns() - self.received_ns;
             self.summary.latency.add_ns(latency_ns);
             self.summary.instants += 1;
             self.summary.measured += u64::from(fix.measured.is_some());
@@ -46,13 +46,14 @@ impl Flight<'_> {
                 parameters.push(sample);
             }
             if wants_events {
-                let pose = events::pose(&fix, instant.t_ns, tracking, latency_ns, sample.reason.as_deref());
+                let pose =
+                    events::pose(&fix, instant.t_ns, tracking, latency_ns, sample.estimate.as_ref().err());
                 if let Some(recorder) = &recorder {
                     recorder.sent(&pose);
                 }
-                self.listeners.event(pose);
-                let detections = events::detections(&instant, self.rig, self.vehicle);
-                detections.for_each(|e| self.listeners.event(e));
+                self.setup.listeners.event(pose);
+                let detections = events::detections(&instant, self.setup.rig, self.setup.vehicle);
+                detections.for_each(|e| self.setup.listeners.event(e));
             }
         }
     }
@@ -62,7 +63,7 @@ impl Flight<'_> {
         if self.is_fit_checked {
             return;
         }
-        let Some(misfit) = self.pipeline.misfit(self.rig) else { return };
+        let Some(misfit) = self.pipeline.misfit(self.setup.rig) else { return };
         self.is_fit_checked = true;
         if let Some(text) = misfit.unwrap_or_else(|mixed_up| Some(mixed_up.to_string())) {
             self.note(true, text);
@@ -72,10 +73,10 @@ impl Flight<'_> {
     /// Rates, latencies and parameters, once a second.
     pub(super) fn report_rates(&mut self) {
         if let Some(event) = self.parameters.as_ref().and_then(Parameters::latest) {
-            self.listeners.event(event);
+            self.setup.listeners.event(event);
         }
-        if let Some(event) = self.recorder.current().and_then(|r| r.news()) {
-            self.listeners.event(event);
+        if let Some(event) = self.setup.recorder.current().and_then(|r| r.news()) {
+            self.setup.listeners.event(event);
         }
         let now_ns = self.now_ns();
         if self.reported_ns.is_some_and(|reported_ns| now_ns - reported_ns < REPORT_NS) {
@@ -89,12 +90,12 @@ impl Flight<'_> {
             status.latency.clear();
         }
         self.reported_ns = Some(now_ns);
-        self.listeners.event(self.recorder.event());
+        self.setup.listeners.event(self.setup.recorder.event());
     }
 
     pub(super) fn report_camera(&mut self, camera: usize, now_ns: i64) {
         let status = &mut self.status[camera];
-        let state = status.states.state(if self.pace == Pace::Fast { i64::MIN } else { now_ns });
+        let state = status.state(if self.setup.pace == Pace::Fast { i64::MIN } else { now_ns });
         let over_s = self.reported_ns.map_or(0.0, |reported_ns| (now_ns - reported_ns) as f64 * 1e-9);
         let share = |n: &u64| if status.instants > 0 { *n as f64 / status.instants as f64 } else { 0.0 };
         let event = Event::Camera {
@@ -104,16 +105,16 @@ impl Flight<'_> {
             latency_ms: status.latency.quantile_ms(0.5),
             dropped: self.cameras[camera].dropped(),
             markers: status.markers.iter().map(share).collect(),
-            reason: status.states.reason(state),
+            reason: status.reason(state),
         };
-        if let Some(recorder) = self.recorder.current() {
+        if let Some(recorder) = self.setup.recorder.current() {
             recorder.sent(&event);
         }
-        self.listeners.event(event);
+        self.setup.listeners.event(event);
     }
 
     pub(super) fn note(&mut self, fault: bool, text: String) {
         let t_s = self.now_ns() as f64 * 1e-9;
-        self.listeners.event(Event::Note { t_s, fault, text });
+        self.setup.listeners.event(Event::Note { t_s, fault, text });
     }
 }

@@ -1,9 +1,9 @@
 //! A recording gives the same poses live as in a batch run.
 
-use crate::common::{camera, film, rig, setup};
+use crate::common::{film, rig, setup};
 use mavsight_flight::Vehicle;
 use mavsight_link::Event;
-use mavsight_live::{CameraSetup, FlightClock, Pace, Replay, Source, fly};
+use mavsight_live::{CameraSetup, FlightClock, Pace, fly};
 use mavsight_pipeline::{CameraFeed, NoProgress, PipelineError, TimedFrame, track_with};
 use mavsight_pose::{CausalFilter, JerkNoise, MotionNoise, PoseSample};
 use mavsight_vision::Frame;
@@ -16,12 +16,8 @@ fn noise() -> MotionNoise {
 /// Recordings as live cameras.
 fn replays(films: &[Vec<(i64, Frame)>]) -> Vec<CameraSetup> {
     let replay = |(k, film): (usize, &Vec<(i64, Frame)>)| {
-        let mut frames = Some(film.clone().into_iter().map(Ok::<_, Infallible>));
-        let open = move |_| {
-            let replay = Replay::new(frames.take().ok_or("ended")?, None, Default::default());
-            Ok(Box::new(replay) as Box<dyn Source>)
-        };
-        camera(&format!("cam{}", k + 1), Box::new(open), false)
+        let frames = film.clone().into_iter().map(Ok::<_, Infallible>);
+        CameraSetup::replay(&format!("cam{}", k + 1), frames, Pace::Fast, &Default::default())
     };
     films.iter().enumerate().map(replay).collect()
 }
@@ -59,8 +55,8 @@ fn batch_and_live_are_one_bit_for_bit() {
     for (k, (fix, batch)) in fixes.iter().zip(&poses).enumerate() {
         assert_eq!((fix.sequence, fix.captured_ns), (k as u64, clock.unix_ns(batch.t_ns)));
         let motion = filter.push(batch).unwrap();
-        let (Some(live), Some(batch)) = (&fix.measured, &batch.estimate) else {
-            assert!(fix.measured.is_none() && batch.estimate.is_none(), "instant {k}");
+        let (Some(live), Ok(batch)) = (&fix.measured, &batch.estimate) else {
+            assert!(fix.measured.is_none() && batch.estimate.is_err(), "instant {k}");
             continue;
         };
         assert_eq!(live.world_from_body, batch.world_from_body, "instant {k}");

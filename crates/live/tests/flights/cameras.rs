@@ -4,7 +4,7 @@ use crate::common::{Scripted, camera, film, picture, pose, rig, setup};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::ImageSize;
 use mavsight_link::{CameraState, Event, Tracking};
-use mavsight_live::{CameraSetup, FlightClock, Next, Pace, Replay, Source, fly};
+use mavsight_live::{CameraSetup, FlightClock, Next, Pace, Source, fly};
 use mavsight_pose::Rig;
 use mavsight_vision::Frame;
 use std::sync::Arc;
@@ -148,12 +148,8 @@ fn a_recording_that_ends_early_is_reported_at_any_pace() {
     let mut films = film(&rig, 40, 30.0);
     films[1].truncate(20);
     let cameras = films.into_iter().enumerate().map(|(k, film)| {
-        let mut frames = Some(film.into_iter().map(Ok::<_, std::convert::Infallible>));
-        let open = move |_| {
-            let replay = Replay::new(frames.take().ok_or("ended")?, None, Default::default());
-            Ok(Box::new(replay) as Box<dyn Source>)
-        };
-        camera(&rig.cameras[k].name, Box::new(open), false)
+        let frames = film.into_iter().map(Ok::<_, std::convert::Infallible>);
+        CameraSetup::replay(&rig.cameras[k].name, frames, Pace::Fast, &Default::default())
     });
     let (flight, heard) = setup((&rig, &vehicle), cameras.collect(), Pace::Fast, FlightClock::starting_at(0));
     let flown = fly(flight).unwrap();

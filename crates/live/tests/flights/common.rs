@@ -113,10 +113,6 @@ impl Listener for Heard {
     fn event(&mut self, event: &Event) {
         self.events.lock().expect("as staged").push(event.clone());
     }
-
-    fn wants_events(&self) -> bool {
-        true
-    }
 }
 
 /// A source that does what a closure says.

@@ -1,9 +1,9 @@
 //! What is recorded, and what is not when the disk is full.
 
-use crate::common::{camera, film, rig, setup};
+use crate::common::{film, rig, setup};
 use mavsight_flight::Vehicle;
 use mavsight_link::Event;
-use mavsight_live::{FlightClock, Pace, RecordedSession, Recorder, RecorderSlot, Replay, Source, fly};
+use mavsight_live::{CameraSetup, FlightClock, Pace, RecordedSession, Recorder, RecorderSlot, fly};
 use mavsight_session::{
     ControlSection, FrameSource, RigSection, SESSION_SCHEMA, Session, SessionCamera, SessionFile,
 };
@@ -13,7 +13,7 @@ use std::path::Path;
 
 /// A session with whatever a session needs, in a folder of its own.
 fn session(at: &Path) -> SessionFile {
-    mavsight_session::write_vehicle(&at.join("vehicle.toml"), &Vehicle::paper()).expect("as staged");
+    mavsight_session::write_toml(&at.join("vehicle.toml"), &Vehicle::paper()).expect("as staged");
     std::fs::write(at.join("points.csv"), "name,x_m,y_m,z_m,diameter_m,color\n").expect("as staged");
     std::fs::write(at.join("pixels.csv"), "camera,name,u_px,v_px\n").expect("as staged");
     let camera = |name: &str| SessionCamera {
@@ -43,25 +43,17 @@ fn session(at: &Path) -> SessionFile {
     }
 }
 
+fn recorded(session: SessionFile) -> RecordedSession {
+    RecordedSession { session, base: "".into(), rate_hz: 30.0, with_inputs: false, waits: true }
+}
+
 fn fly_into(folder: &Path, from: &Path, films: &[Vec<(i64, Frame)>]) -> (u64, Vec<Event>) {
     let (rig, vehicle) = (rig(), Vehicle::paper());
-    let to = RecordedSession {
-        folder: folder.to_owned(),
-        session: session(from),
-        rate_hz: 30.0,
-        with_inputs: false,
-        waits: true,
-    };
-    let recorder = RecorderSlot::with(Some(Recorder::begin(to).expect("as staged")));
+    let recorder = Recorder::begin(folder, recorded(session(from))).expect("as staged");
+    let recorder = RecorderSlot::with(Some(recorder));
     let cameras = films.iter().map(|film| {
-        let mut frames = Some(film.clone().into_iter().map(Ok::<_, Infallible>));
-        let open = move |_| {
-            // At the cameras' pace, so that the recording is.
-            std::thread::sleep(std::time::Duration::from_millis(1));
-            let replay = Replay::new(frames.take().ok_or("ended")?, None, Default::default());
-            Ok(Box::new(replay) as Box<dyn Source>)
-        };
-        camera("cam", Box::new(open), false)
+        let frames = film.clone().into_iter().map(Ok::<_, Infallible>);
+        CameraSetup::replay("cam", frames, Pace::Fast, &Default::default())
     });
     let (mut flight, heard) =
         setup((&rig, &vehicle), cameras.collect(), Pace::Fast, FlightClock::starting_at(0));
@@ -96,14 +88,8 @@ fn a_recording_is_a_session_with_the_frames_that_came() {
         panic!("no word of the recording")
     };
     assert!((seconds - 19.0 / 30.0).abs() < 1e-6 && *bytes > 40 * 3 * 640 * 480 && fault.is_none());
-    let again = RecordedSession {
-        folder: folder.clone(),
-        session: self::session(from.path()),
-        rate_hz: 30.0,
-        with_inputs: false,
-        waits: true,
-    };
-    assert!(Recorder::begin(again).is_err_and(|e| e.to_string().contains("another folder")));
+    let again = Recorder::begin(&folder, recorded(self::session(from.path())));
+    assert!(again.is_err_and(|e| e.to_string().contains("another folder")));
 }
 
 #[test]
@@ -114,23 +100,15 @@ fn a_recording_has_the_cameras_of_its_rig_file() {
     let session = SessionFile { rig: Some(RigSection { file }), control: None, ..session(from.path()) };
     // As it is, it films live alone: there is no recording to compare the size with.
     let live = from.path().join("session.toml");
-    mavsight_session::write_session(&live, &session).unwrap();
+    mavsight_session::write_toml(&live, &session).unwrap();
     let live = Session::load(&live).unwrap();
     assert_eq!(live.rig().unwrap().unwrap().cameras.len(), 2);
     assert!(live.image_size(0).unwrap_err().to_string().contains("`video` or `still`"));
     let folder = to.path().join("flight");
-    let (waits, with_inputs) = (true, false);
-    let recorder = Recorder::begin(RecordedSession {
-        folder: folder.clone(),
-        session,
-        rate_hz: 30.0,
-        with_inputs,
-        waits,
-    });
-    recorder.unwrap().finish();
+    Recorder::begin(&folder, recorded(session)).unwrap().finish();
     drop(from);
     let recorded = Session::load(&folder.join("session.toml")).unwrap();
-    assert_eq!(recorded.rig_path, Some(folder.join("rig.toml")));
+    assert_eq!(recorded.file.rig.map(|r| r.file), Some(folder.join("rig.toml")));
 }
 
 #[cfg(target_os = "linux")]

@@ -1,6 +1,10 @@
 //! What may be typed after `convert`.
 
+use super::size;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
+use mavsight_geometry::ImageSize;
+use mavsight_session::foreign::{frames::AxesOf, pixels::PixelOrigin};
 use std::path::PathBuf;
 
 /// `convert`
@@ -52,17 +56,17 @@ pub(crate) struct Convert {
     pub(crate) vehicle: Option<PathBuf>,
     /// Axes of the foreign trajectory: this program's, the same world with the body forward-left-up, PX4's,
     /// or ROS'
-    #[arg(long, value_enum, default_value_t = Frame::World)]
-    pub(crate) frame: Frame,
+    #[arg(long, value_parser = axes_parser(), default_value = "world")]
+    pub(crate) frame: AxesOf,
     /// Which axis of foreign marker paths is up
     #[arg(long, value_enum, default_value_t = Up::Z)]
     pub(crate) up: Up,
     /// Image size where the file does not say it: 640x480, or one a camera with commas between
-    #[arg(long, value_name = "WxH", value_delimiter = ',')]
-    pub(crate) size: Vec<Size>,
+    #[arg(long, value_name = "WxH", value_delimiter = ',', value_parser = size)]
+    pub(crate) size: Vec<ImageSize>,
     /// Where DLTdv's and Argus' pixels are counted from; read from coefficients where left out
-    #[arg(long, value_enum)]
-    pub(crate) origin: Option<Origin>,
+    #[arg(long, value_parser = origin_parser())]
+    pub(crate) origin: Option<PixelOrigin>,
     /// Rows a second of DLTdv's tables
     #[arg(long, value_name = "HZ")]
     pub(crate) rate: Option<f64>,
@@ -108,15 +112,6 @@ pub(crate) enum Format {
     Parquet,
 }
 
-/// Axes of a trajectory.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Frame {
-    World,
-    WorldFlu,
-    Ned,
-    Enu,
-}
-
 /// Which way is up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Up {
@@ -124,27 +119,20 @@ pub(crate) enum Up {
     Z,
 }
 
-/// Origin of pixels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Origin {
-    Zero,
-    Dltdv8,
-    Dltdv5,
-    Argus,
+fn axes_parser() -> impl TypedValueParser<Value = AxesOf> {
+    PossibleValuesParser::new(["world", "world-flu", "ned", "enu"]).map(|name| match name.as_str() {
+        "world-flu" => AxesOf::WorldFlu,
+        "ned" => AxesOf::Ned,
+        "enu" => AxesOf::Enu,
+        _ => AxesOf::World,
+    })
 }
 
-/// Width and height, `640x480`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Size(pub(crate) mavsight_geometry::ImageSize);
-
-impl std::str::FromStr for Size {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("{text:?} is no size: write it as 640x480");
-        let (w, h) = text.split_once('x').ok_or_else(wrong)?;
-        let side =
-            |t: &str| t.trim().parse::<u32>().ok().filter(|n| (1..1_000_000).contains(n)).ok_or_else(wrong);
-        Ok(Self(mavsight_geometry::ImageSize { width_px: side(w)?, height_px: side(h)? }))
-    }
+fn origin_parser() -> impl TypedValueParser<Value = PixelOrigin> {
+    PossibleValuesParser::new(["zero", "dltdv8", "dltdv5", "argus"]).map(|name| match name.as_str() {
+        "dltdv8" => PixelOrigin::Dltdv8,
+        "dltdv5" => PixelOrigin::Dltdv5,
+        "argus" => PixelOrigin::Argus,
+        _ => PixelOrigin::TopLeftZero,
+    })
 }

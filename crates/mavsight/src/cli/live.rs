@@ -1,6 +1,8 @@
 //! What may be typed after `live`.
 
+use super::size;
 use clap::Args;
+use mavsight_geometry::ImageSize;
 use std::path::PathBuf;
 
 /// `live`
@@ -61,8 +63,8 @@ pub(crate) struct Live {
     #[arg(long, value_name = "HZ", default_value_t = 60.0)]
     pub(crate) rate: f64,
     /// Size of the virtual room's images, such as 1920x1080
-    #[arg(long, value_name = "WxH", default_value = "640x480")]
-    pub(crate) size: String,
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size)]
+    pub(crate) size: ImageSize,
     /// Seed of the virtual room
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,

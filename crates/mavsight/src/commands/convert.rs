@@ -2,21 +2,24 @@
 
 use super::convert_formats::{Kind, formats};
 use super::named;
-use crate::cli::{Convert, Format, Frame, Origin, Up, WrongCall};
+use crate::cli::{Convert, Format, Up, WrongCall};
 use crate::out::outln;
 use anyhow::Result;
 use clap::ValueEnum;
-use mavsight_geometry::{ImageSize, Vector3};
+use mavsight_geometry::Vector3;
+use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::Rig;
-use mavsight_session::foreign::dltdv::{self, DltOptions};
+use mavsight_session::foreign::dltdv;
 use mavsight_session::foreign::dltdv_points::{self, PointOptions};
-use mavsight_session::foreign::frames::AxesOf;
 use mavsight_session::foreign::marker_paths::{self, MarkerPaths};
 use mavsight_session::foreign::pixels::PixelOrigin;
-use mavsight_session::foreign::poses::{TimedPose, read_pose_table, write_pose_table};
-use mavsight_session::foreign::{Noted, argus, c3d, euroc, kalibr, opencv, ros, trc, tum};
+use mavsight_session::foreign::poses::{
+    TimedPose, Trajectory, read_pose_table, read_trajectory, write_pose_table, write_trajectory,
+};
+use mavsight_session::foreign::{CameraFormat, CameraOptions, Noted, c3d, read_cameras, trc, write_cameras};
 use mavsight_session::{
-    RunResults, cameras_of, load_vehicle, read_rig, tables, write_control_points, write_markers, write_rig,
+    RunResults, SessionError, cameras_of, load_vehicle, read_rig, tables, write_control_points,
+    write_markers, write_rig, write_whole,
 };
 use std::path::{Path, PathBuf};
 
@@ -35,12 +38,9 @@ pub(crate) fn convert(args: &Convert) -> Result<()> {
     let (from, to) = formats(&args.input, &args.output, args.from, args.to, args.vehicle.is_some())?;
     let call = Call { args, from, to, body: body(args)? };
     let notes = match (from.kind(), to.kind()) {
-        (Kind::Cameras, Kind::Cameras) => call.cameras()?,
-        (Kind::Poses | Kind::Paths, Kind::Poses | Kind::Paths) => call.trajectory()?,
-        (Kind::Pixels, Kind::Pixels) => call.pixels()?,
-        (Kind::Control, Kind::Control) => call.control()?,
-        (Kind::Offsets, Kind::Offsets) => call.offsets()?,
         (_, Kind::Table) => call.table()?,
+        (Kind::Poses | Kind::Paths, Kind::Poses | Kind::Paths) => call.content()?,
+        (from, to) if from == to => call.content()?,
         _ => {
             return Err(WrongCall(format!(
                 "{} ({}) does not turn into {} ({}): see mavsight help convert",
@@ -64,6 +64,18 @@ fn name_of(format: Format) -> String {
     format.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
+/// A format of other programs for cameras.
+fn camera_format(format: Format) -> Option<CameraFormat> {
+    Some(match format {
+        Format::Dlt => CameraFormat::Dlt,
+        Format::Argus => CameraFormat::Argus,
+        Format::Opencv => CameraFormat::Opencv,
+        Format::Ros => CameraFormat::Ros,
+        Format::Kalibr => CameraFormat::Kalibr,
+        _ => return None,
+    })
+}
+
 /// Markers by name, in body axes.
 type Body = Vec<(String, Vector3<f64>)>;
 
@@ -74,6 +86,26 @@ fn body(args: &Convert) -> Result<Option<Body>> {
     Ok(Some(vehicle.marker.into_iter().map(|m| (m.name, Vector3::from(m.position_m))).collect()))
 }
 
+/// The content of a file, in this program's conventions whatever its format.
+enum Content {
+    Cameras(Rig),
+    Poses(Vec<TimedPose>),
+    Paths(MarkerPaths),
+    Pixels(RunResults),
+    Control(Vec<ControlPointRow>),
+    Offsets(Vec<f64>),
+}
+
+type Read = Result<Noted<Content>, SessionError>;
+
+fn noted<T>(read: Result<Noted<T>, SessionError>, content: fn(T) -> Content) -> Read {
+    read.map(|Noted { value, notes }| Noted { value: content(value), notes })
+}
+
+fn plain<T>(read: Result<T, SessionError>, content: fn(T) -> Content) -> Read {
+    noted(read.map(Noted::plain), content)
+}
+
 struct Call<'a> {
     args: &'a Convert,
     from: Format,
@@ -82,162 +114,147 @@ struct Call<'a> {
 }
 
 impl Call<'_> {
-    fn sizes(&self) -> Vec<ImageSize> {
-        self.args.size.iter().map(|s| s.0).collect()
-    }
-
-    fn origin(&self) -> Option<PixelOrigin> {
-        self.args.origin.map(|o| match o {
-            Origin::Zero => PixelOrigin::TopLeftZero,
-            Origin::Dltdv8 => PixelOrigin::Dltdv8,
-            Origin::Dltdv5 => PixelOrigin::Dltdv5,
-            Origin::Argus => PixelOrigin::Argus,
-        })
-    }
-
-    fn axes(&self) -> AxesOf {
-        match self.args.frame {
-            Frame::World => AxesOf::World,
-            Frame::WorldFlu => AxesOf::WorldFlu,
-            Frame::Ned => AxesOf::Ned,
-            Frame::Enu => AxesOf::Enu,
-        }
-    }
-
-    fn cameras(&self) -> Result<Vec<String>> {
-        let (path, names) = (&self.args.input, &self.args.cameras);
-        let read = named(match self.from {
-            Format::Dlt => {
-                let options = DltOptions { origin: self.origin(), sizes: self.sizes(), names: names.clone() };
-                dltdv::read_coefficients(path, &options)
+    /// Reads, turns poses into paths or back, and writes; the notes of all three.
+    fn content(&self) -> Result<Vec<String>> {
+        let Noted { value, mut notes } = self.read()?;
+        let content = match (value, self.to.kind()) {
+            (Content::Poses(poses), Kind::Paths) => {
+                Content::Paths(marker_paths::paths_of_body(&poses, self.markers()?))
             }
-            Format::Argus => argus::read_profile(path, self.origin().unwrap_or(PixelOrigin::Argus), names),
-            Format::Opencv => opencv::read(path, &self.sizes(), names),
-            Format::Ros => ros::read(path, names),
-            Format::Kalibr => kalibr::read(path, names),
-            _ => read_rig(path).map(Noted::plain),
-        })?;
-        let mut notes = read.notes;
-        for (path, camera) in self.outputs(&read.value) {
-            notes.extend(self.write_cameras(&path, &read.value, camera.as_deref())?);
-        }
-        Ok(notes)
-    }
-
-    /// The file, or one a camera where the name asks for it.
-    fn outputs(&self, rig: &Rig) -> Vec<(PathBuf, Option<String>)> {
-        let out = self.args.output.to_string_lossy();
-        if out.contains("{camera}") {
-            let one = |name: &String| (PathBuf::from(out.replace("{camera}", name)), Some(name.clone()));
-            rig.cameras.iter().map(|c| one(&c.name)).collect()
-        } else {
-            vec![(self.args.output.clone(), self.args.camera.clone())]
-        }
-    }
-
-    fn write_cameras(&self, path: &Path, rig: &Rig, camera: Option<&str>) -> Result<Vec<String>> {
-        let rig = &self.chosen(rig, camera)?;
-        let drop_skew = self.args.drop_skew;
-        named(match self.to {
-            Format::Dlt => {
-                let argus = path.to_string_lossy().contains("dlt-coefficients");
-                let usual = if argus { PixelOrigin::Argus } else { PixelOrigin::Dltdv8 };
-                dltdv::write_coefficients(path, rig, self.origin().unwrap_or(usual))
+            (Content::Paths(paths), Kind::Poses) => {
+                let poses = marker_paths::poses_of_body(&self.args.input, &paths, self.markers()?);
+                let Noted { value, notes: more } = named(poses)?;
+                notes.extend(more);
+                Content::Poses(value)
             }
-            Format::Argus => {
-                argus::write_profile(path, rig, self.origin().unwrap_or(PixelOrigin::Argus), drop_skew)
-            }
-            Format::Opencv => opencv::write(path, rig, drop_skew),
-            Format::Ros => ros::write(path, rig, camera, drop_skew),
-            Format::Kalibr => kalibr::write(path, rig, drop_skew),
-            _ => write_rig(path, rig).map(|()| Vec::new()),
-        })
-    }
-
-    fn chosen(&self, rig: &Rig, camera: Option<&str>) -> Result<Rig> {
-        let Some(name) = camera else { return Ok(rig.clone()) };
-        named(cameras_of(rig, &[name], &self.args.input))
-    }
-
-    fn trajectory(&self) -> Result<Vec<String>> {
-        let mut notes = Vec::new();
-        if self.from.kind() == Kind::Poses {
-            let poses = self.read_poses()?;
-            if self.to.kind() == Kind::Poses {
-                return self.write_poses(&poses);
-            }
-            let body = self.body.as_ref().ok_or_else(|| self.needs_vehicle())?;
-            return self.write_paths(marker_paths::paths_of_body(&poses, body));
-        }
-        let paths = self.read_paths(&mut notes)?;
-        if self.to.kind() == Kind::Paths {
-            notes.extend(self.write_paths(paths)?);
-            return Ok(notes);
-        }
-        let body = self.body.as_ref().ok_or_else(|| self.needs_vehicle())?;
-        let poses = named(marker_paths::poses_of_body(&self.args.input, &paths, body))?;
-        notes.extend(poses.notes);
-        notes.extend(self.write_poses(&poses.value)?);
-        Ok(notes)
-    }
-
-    fn needs_vehicle(&self) -> WrongCall {
-        WrongCall("poses and marker paths turn into each other by the vehicle's markers: give --vehicle vehicle.toml".into())
-    }
-
-    fn read_poses(&self) -> Result<Vec<TimedPose>> {
-        let path = &self.args.input;
-        named(match self.from {
-            Format::Tum => tum::read(path, self.axes()),
-            Format::Euroc => euroc::read(path, self.axes()),
-            _ => read_pose_table(path),
-        })
-    }
-
-    fn write_poses(&self, poses: &[TimedPose]) -> Result<Vec<String>> {
-        let path = &self.args.output;
-        named(match self.to {
-            Format::Tum => tum::write(path, poses, self.axes()),
-            Format::Euroc => euroc::write(path, poses, self.axes()),
-            _ => write_pose_table(path, poses).map(|()| Vec::new()),
-        })
-    }
-
-    fn rate_hz(&self) -> Result<f64> {
-        let missing =
-            || WrongCall("DLTdv's tables have no times: give the frames a second, --rate 30".into());
-        Ok(self.args.rate.ok_or_else(missing)?)
-    }
-
-    fn read_paths(&self, notes: &mut Vec<String>) -> Result<MarkerPaths> {
-        let path = &self.args.input;
-        let mut paths = match self.from {
-            Format::Trc => named(trc::read(path))?,
-            Format::C3d => {
-                let read = named(c3d::read(path))?;
-                notes.extend(read.notes);
-                read.value
-            }
-            Format::Xyzpts => named(dltdv_points::read_xyzpts(path, self.rate_hz()?, &self.args.points))?,
-            _ => named(marker_paths::read_table(path))?,
+            (content, _) => content,
         };
-        if self.from != Format::Paths && self.args.up == Up::Y {
-            turn(&mut paths, |p| Vector3::new(p.x, -p.z, p.y));
-        }
-        Ok(paths)
+        notes.extend(self.write(content)?);
+        Ok(notes)
     }
 
-    fn write_paths(&self, mut paths: MarkerPaths) -> Result<Vec<String>> {
-        let path = &self.args.output;
-        if self.to != Format::Paths && self.args.up == Up::Y {
-            turn(&mut paths, |p| Vector3::new(p.x, p.z, -p.y));
+    fn read(&self) -> Result<Noted<Content>> {
+        let Convert { input: path, cameras: names, points, size: sizes, frame: axes, std, .. } = self.args;
+        let mut read = named(match self.from {
+            Format::Pose => plain(read_pose_table(path), Content::Poses),
+            Format::Tum => plain(read_trajectory(path, Trajectory::Tum, *axes), Content::Poses),
+            Format::Euroc => plain(read_trajectory(path, Trajectory::Euroc, *axes), Content::Poses),
+            Format::Paths => plain(marker_paths::read_table(path), Content::Paths),
+            Format::Trc => plain(trc::read(path), Content::Paths),
+            Format::C3d => noted(c3d::read(path), Content::Paths),
+            Format::Xyzpts => plain(dltdv_points::read_xyzpts(path, self.rate_hz()?, points), Content::Paths),
+            Format::Markers => {
+                plain(dltdv_points::read_marker_table(path, names, &self.point_names()), Content::Pixels)
+            }
+            Format::Xypts => {
+                let options = PointOptions {
+                    rate_hz: self.rate_hz()?,
+                    origin: self.origin(),
+                    sizes: sizes.clone(),
+                    cameras: names.clone(),
+                    points: self.point_names(),
+                    std_px: *std,
+                };
+                plain(dltdv_points::read_xypts(path, &options), Content::Pixels)
+            }
+            Format::Control => plain(tables::read_control_points(path), Content::Control),
+            Format::Object => noted(dltdv::read_control_object(path), Content::Control),
+            Format::Offsets => plain(dltdv_points::read_offsets(path, self.rate_hz()?), Content::Offsets),
+            from => match camera_format(from) {
+                Some(format) => noted(read_cameras(path, format, &self.camera_options()), Content::Cameras),
+                None => plain(read_rig(path), Content::Cameras),
+            },
+        })?;
+        if let Content::Paths(paths) = &mut read.value
+            && self.from != Format::Paths
+            && self.args.up == Up::Y
+        {
+            turn(paths, |p| Vector3::new(p.x, -p.z, p.y));
         }
-        named(match self.to {
-            Format::Trc => trc::write(path, &paths).map(|()| Vec::new()),
-            Format::C3d => c3d::write(path, &paths),
-            Format::Xyzpts => dltdv_points::write_xyzpts(path, &paths),
-            _ => marker_paths::write_table(path, &paths).map(|()| Vec::new()),
+        Ok(read)
+    }
+
+    fn write(&self, content: Content) -> Result<Vec<String>> {
+        let Convert { output: path, size: sizes, frame: axes, .. } = self.args;
+        let none = |()| Vec::new();
+        named(match (self.to, content) {
+            (_, Content::Cameras(rig)) => return self.write_cameras(&rig),
+            (Format::Tum, Content::Poses(poses)) => write_trajectory(path, Trajectory::Tum, &poses, *axes),
+            (Format::Euroc, Content::Poses(poses)) => {
+                write_trajectory(path, Trajectory::Euroc, &poses, *axes)
+            }
+            (_, Content::Poses(poses)) => write_pose_table(path, &poses).map(none),
+            (to, Content::Paths(mut paths)) => {
+                if to != Format::Paths && self.args.up == Up::Y {
+                    turn(&mut paths, |p| Vector3::new(p.x, p.z, -p.y));
+                }
+                match to {
+                    Format::Trc => trc::write(path, &paths).map(none),
+                    Format::C3d => c3d::write(path, &paths),
+                    Format::Xyzpts => dltdv_points::write_xyzpts(path, &paths),
+                    _ => marker_paths::write_table(path, &paths).map(none),
+                }
+            }
+            (Format::Xypts, Content::Pixels(tracks)) => {
+                dltdv_points::write_xypts(path, &tracks, self.origin(), sizes)
+            }
+            (_, Content::Pixels(tracks)) => write_markers(path, &tracks).map(|()| {
+                let (origin, std) = (self.origin().name(), self.args.std);
+                vec![format!("pixels are taken as those of --origin {origin}, good to {std} px (--std)")]
+            }),
+            (Format::Object, Content::Control(points)) => dltdv::write_control_object(path, &points),
+            (_, Content::Control(points)) => write_control_points(path, &points).map(none),
+            (_, Content::Offsets(offsets)) => {
+                let name = |k| self.args.cameras.get(k).cloned().unwrap_or_else(|| format!("cam{}", k + 1));
+                let line = |(k, s)| format!("[[camera]]\nname = {:?}\ntime_offset_s = {s:?}\n", name(k));
+                let lines: String = offsets.iter().enumerate().map(line).collect();
+                let note = |()| vec!["these lines belong into the cameras of session.toml".to_owned()];
+                write_whole(path, lines.as_bytes()).map(note)
+            }
         })
+    }
+
+    /// Writes one file, or one a camera where the name asks for it.
+    fn write_cameras(&self, rig: &Rig) -> Result<Vec<String>> {
+        let out = self.args.output.to_string_lossy();
+        if !out.contains("{camera}") {
+            return self.write_rig(&self.args.output, rig, self.args.camera.as_deref());
+        }
+        let mut notes = Vec::new();
+        for camera in &rig.cameras {
+            let path = PathBuf::from(out.replace("{camera}", &camera.name));
+            notes.extend(self.write_rig(&path, rig, Some(&camera.name))?);
+        }
+        Ok(notes)
+    }
+
+    fn write_rig(&self, path: &Path, rig: &Rig, camera: Option<&str>) -> Result<Vec<String>> {
+        let chosen = camera.map(|name| named(cameras_of(rig, &[name], &self.args.input))).transpose()?;
+        let rig = chosen.as_ref().unwrap_or(rig);
+        named(match camera_format(self.to) {
+            Some(format) => write_cameras(path, format, rig, &self.camera_options()),
+            None => write_rig(path, rig).map(|()| Vec::new()),
+        })
+    }
+
+    fn camera_options(&self) -> CameraOptions {
+        let Convert { cameras: names, size: sizes, origin, drop_skew, .. } = self.args;
+        CameraOptions { names: names.clone(), sizes: sizes.clone(), origin: *origin, drop_skew: *drop_skew }
+    }
+
+    /// The origin of digitised pixels.
+    fn origin(&self) -> PixelOrigin {
+        self.args.origin.unwrap_or(PixelOrigin::Dltdv8)
+    }
+
+    fn markers(&self) -> Result<&Body, WrongCall> {
+        let missing = "poses and marker paths turn into each other by the vehicle's markers: give --vehicle vehicle.toml";
+        self.body.as_ref().ok_or_else(|| WrongCall(missing.into()))
+    }
+
+    fn rate_hz(&self) -> Result<f64, WrongCall> {
+        let missing = "DLTdv's tables have no times: give the frames a second, --rate 30";
+        self.args.rate.ok_or_else(|| WrongCall(missing.into()))
     }
 
     /// Names of the points: those given, else the vehicle's markers.
@@ -246,54 +263,6 @@ impl Call<'_> {
             Some(body) if self.args.points.is_empty() => body.iter().map(|(n, _)| n.clone()).collect(),
             _ => self.args.points.clone(),
         }
-    }
-
-    fn pixels(&self) -> Result<Vec<String>> {
-        let (path, origin) = (&self.args.input, self.origin().unwrap_or(PixelOrigin::Dltdv8));
-        let (cameras, points) = (self.args.cameras.clone(), self.point_names());
-        let tracks: RunResults = if self.from == Format::Xypts {
-            let (rate_hz, sizes, std_px) = (self.rate_hz()?, self.sizes(), self.args.std);
-            let options = PointOptions { rate_hz, origin, sizes, cameras, points, std_px };
-            named(dltdv_points::read_xypts(path, &options))?
-        } else {
-            named(dltdv_points::read_marker_table(path, &cameras, &points))?
-        };
-        if self.to == Format::Xypts {
-            return named(dltdv_points::write_xypts(&self.args.output, &tracks, origin, &self.sizes()));
-        }
-        named(write_markers(&self.args.output, &tracks))?;
-        Ok(vec![format!(
-            "pixels are taken as those of --origin {}, good to {} px (--std)",
-            origin.name(),
-            self.args.std
-        )])
-    }
-
-    fn control(&self) -> Result<Vec<String>> {
-        let read = match self.from {
-            Format::Object => named(dltdv::read_control_object(&self.args.input))?,
-            _ => Noted::plain(named(tables::read_control_points(&self.args.input))?),
-        };
-        let mut notes = read.notes;
-        match self.to {
-            Format::Object => {
-                notes.extend(named(dltdv::write_control_object(&self.args.output, &read.value))?)
-            }
-            _ => named(write_control_points(&self.args.output, &read.value))?,
-        }
-        Ok(notes)
-    }
-
-    fn offsets(&self) -> Result<Vec<String>> {
-        let offsets = named(dltdv_points::read_offsets(&self.args.input, self.rate_hz()?))?;
-        let name = |k: usize| self.args.cameras.get(k).cloned().unwrap_or_else(|| format!("cam{}", k + 1));
-        let lines: String = offsets
-            .iter()
-            .enumerate()
-            .map(|(k, s)| format!("[[camera]]\nname = {:?}\ntime_offset_s = {s:?}\n", name(k)))
-            .collect();
-        named(mavsight_session::write_whole(&self.args.output, lines.as_bytes()))?;
-        Ok(vec!["these lines belong into the cameras of session.toml".into()])
     }
 
     #[cfg(feature = "parquet")]

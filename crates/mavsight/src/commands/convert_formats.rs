@@ -16,6 +16,21 @@ pub(super) enum Kind {
     Table,
 }
 
+impl Kind {
+    /// This program's own format; with a vehicle, marker paths become poses.
+    fn own(self, has_vehicle: bool) -> Option<Format> {
+        match self {
+            Self::Cameras => Some(Format::Rig),
+            Self::Poses => Some(Format::Pose),
+            Self::Paths if has_vehicle => Some(Format::Pose),
+            Self::Paths => Some(Format::Paths),
+            Self::Pixels => Some(Format::Markers),
+            Self::Control => Some(Format::Control),
+            Self::Offsets | Self::Table => None,
+        }
+    }
+}
+
 impl Format {
     pub(super) fn kind(self) -> Kind {
         match self {
@@ -113,32 +128,17 @@ pub(super) fn formats(
             return Ok((Format::Parquet, Format::Csv));
         }
         // Our own tables are read from Parquet too.
-        let from = match of_output.map(Format::kind) {
-            Some(Kind::Poses) => Format::Pose,
-            Some(Kind::Paths) if has_vehicle => Format::Pose,
-            Some(Kind::Paths) => Format::Paths,
-            Some(Kind::Pixels) => Format::Markers,
-            _ => return Err(unknown(input, "--from")),
-        };
+        let from =
+            of_output.map(Format::kind).filter(|kind| *kind != Kind::Cameras && *kind != Kind::Control);
+        let from = from.and_then(|kind| kind.own(has_vehicle)).ok_or_else(|| unknown(input, "--from"))?;
         return Ok((from, of_output.ok_or_else(|| unknown(output, "--to"))?));
     }
     let from = from
         .or_else(|| Format::by_content(input))
         .or_else(|| Format::by_name(input))
         .ok_or_else(|| unknown(input, "--from"))?;
-    let own = match from.kind() {
-        Kind::Cameras => Some(Format::Rig),
-        Kind::Poses => Some(Format::Pose),
-        Kind::Paths if has_vehicle => Some(Format::Pose),
-        Kind::Paths => Some(Format::Paths),
-        Kind::Pixels => Some(Format::Markers),
-        Kind::Control => Some(Format::Control),
-        Kind::Offsets | Kind::Table => None,
-    };
-    let to =
-        of_output.or(
-            own.filter(|_| ends_in(output, "csv") || from.kind() == Kind::Cameras && ends_in(output, "toml"))
-        );
+    let has_own_name = ends_in(output, "csv") || from.kind() == Kind::Cameras && ends_in(output, "toml");
+    let to = of_output.or_else(|| from.kind().own(has_vehicle).filter(|_| has_own_name));
     let to = match (from.kind(), to) {
         (Kind::Offsets, None | Some(Format::Rig)) => Format::Offsets,
         (_, Some(to)) => to,

@@ -19,7 +19,7 @@ use mavsight_scene::Aircraft;
 use mavsight_score::{
     VirtualCamera, score_cameras, score_identity, score_output_error, score_parameters, write_truth,
 };
-use mavsight_session::{ns_from_s, write_control_points, write_inputs, write_vehicle};
+use mavsight_session::{ns_from_s, write_control_points, write_inputs, write_toml};
 use mavsight_simulator::{FlightState, Scenario, model_coefficients, simulate};
 use mavsight_vision::Frame;
 use std::path::Path;
@@ -32,10 +32,8 @@ pub(crate) fn vehicle_of(path: Option<&Path>) -> Result<Vehicle> {
 /// Reads a scenario, or takes the paper's.
 pub(crate) fn scenario_of(path: Option<&Path>) -> Result<Scenario> {
     let Some(path) = path else { return Ok(Scenario::paper()) };
-    let wrong = |e: String| crate::cli::WrongCall(format!("{}: {e}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|e| wrong(e.to_string()))?;
-    let scenario: Scenario = toml::from_str(&text).map_err(|e| wrong(e.to_string().trim().to_owned()))?;
-    scenario.validate().map_err(|e| wrong(e.to_string()))?;
+    let scenario: Scenario = named(mavsight_session::read_toml(path, "scenario file"))?;
+    scenario.validate().map_err(|e| crate::cli::WrongCall(format!("{}: {e}", path.display())))?;
     Ok(scenario)
 }
 
@@ -78,7 +76,7 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     let centres: Vec<_> = cameras.iter().map(|c| (c.name.clone(), c.camera.centre_in_world())).collect();
     scores.cameras = results.rig.as_ref().map(|r| score_cameras(r, &centres)).unwrap_or_default();
     bars.done();
-    write_vehicle(&args.out.join("vehicle.toml"), &vehicle)?;
+    write_toml(&args.out.join("vehicle.toml"), &vehicle)?;
     write_inputs(&args.out.join("inputs.csv"), &inputs)?;
     write_truth(&args.out.join("truth.csv"), &truth)?;
     write_control_points(&args.out.join("control_points.csv"), &lab::control_points())?;

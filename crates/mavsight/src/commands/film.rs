@@ -12,8 +12,8 @@ use mavsight_scene::Aircraft;
 use mavsight_score::{VISIBILITY, VirtualCamera, read_truth, write_visibility};
 use mavsight_session::{
     ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, load_vehicle, make_folder,
-    tables::read_control_points, tables::read_inputs, write_control_points, write_inputs, write_png,
-    write_session, write_vehicle,
+    read_toml, tables::read_control_points, tables::read_inputs, write_control_points, write_inputs,
+    write_png, write_toml,
 };
 use mavsight_simulator::{FlightState, Scenario, Staging};
 use mavsight_vision::Frame;
@@ -33,7 +33,7 @@ struct CameraFile {
 }
 
 /// One of them. What its clock does is not written into the session: the chain has to find out.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FilmCamera {
     name: String,
@@ -74,23 +74,6 @@ fn pixels() -> [u32; 2] {
 }
 
 impl FilmCamera {
-    fn of_lab(camera: &VirtualCamera) -> (Self, Camera) {
-        let own = Self {
-            name: camera.name.clone(),
-            centre_m: camera.camera.centre_in_world().into(),
-            target_m: middle(),
-            field_of_view_deg: degrees(),
-            size_px: [camera.camera.size.width_px, camera.camera.size.height_px],
-            k1: 0.0,
-            k2: 0.0,
-            frame_rate_hz: None,
-            late_s: 0.0,
-            fast_ppm: 0.0,
-            line_time_s: 0.0,
-        };
-        (own, camera.camera)
-    }
-
     fn camera(&self) -> Result<Camera> {
         let wrong = |what: String| WrongCall(format!("camera {}: {what}", self.name));
         let numbers = [self.k1, self.k2, self.late_s, self.fast_ppm, self.line_time_s];
@@ -121,10 +104,11 @@ impl FilmCamera {
 }
 
 fn cameras_of(path: Option<&Path>) -> Result<Vec<(FilmCamera, Camera)>> {
-    let Some(path) = path else { return Ok(lab::cameras().iter().map(FilmCamera::of_lab).collect()) };
-    let wrong = |e: String| WrongCall(format!("{}: {e}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|e| wrong(e.to_string()))?;
-    let file: CameraFile = toml::from_str(&text).map_err(|e| wrong(e.to_string().trim().to_owned()))?;
+    let Some(path) = path else {
+        let of_lab = |c: VirtualCamera| (FilmCamera { name: c.name, ..FilmCamera::default() }, c.camera);
+        return Ok(lab::cameras().into_iter().map(of_lab).collect());
+    };
+    let file: CameraFile = named(read_toml(path, "camera file"))?;
     file.camera.into_iter().map(|c| c.camera().map(|camera| (c, camera))).collect()
 }
 
@@ -184,7 +168,7 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         camera: cameras,
         ..SessionFile::default()
     };
-    write_session(&args.out.join("session.toml"), &session)?;
+    write_toml(&args.out.join("session.toml"), &session)?;
     outln!("{} cameras: {}", session.camera.len(), args.out.join("session.toml").display());
     Ok(())
 }
@@ -195,10 +179,8 @@ fn staging_of(flight: &Path) -> Result<Staging> {
     if !path.is_file() {
         return Ok(Staging::default());
     }
-    let wrong = |e: String| WrongCall(format!("{}: {e}", path.display()));
-    let text = std::fs::read_to_string(&path).map_err(|e| wrong(e.to_string()))?;
-    let staging: Staging = toml::from_str(&text).map_err(|e| wrong(e.to_string().trim().to_owned()))?;
-    staging.check().map_err(|e| wrong(e.to_string()))?;
+    let staging: Staging = named(read_toml(&path, "staging file"))?;
+    staging.check().map_err(|e| WrongCall(format!("{}: {e}", path.display())))?;
     Ok(staging)
 }
 
@@ -268,7 +250,7 @@ fn write_flight_files(
     write_control_points(&args.out.join("control_points.csv"), control)?;
     let same = args.flight.canonicalize().ok() == args.out.canonicalize().ok();
     if !same {
-        write_vehicle(&args.out.join("vehicle.toml"), vehicle)?;
+        write_toml(&args.out.join("vehicle.toml"), vehicle)?;
         write_inputs(&args.out.join("inputs.csv"), inputs)?;
         let truth = std::fs::read(args.flight.join("truth.csv")).context("truth.csv")?;
         mavsight_session::write_whole(&args.out.join("truth.csv"), &truth)?;

@@ -3,7 +3,7 @@
 use super::run::require_a_pose;
 use super::stages::beside_other_stages;
 use super::{named, require_folder};
-use crate::cli::{Identify, Interval, WrongCall};
+use crate::cli::{Identify, WrongCall};
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::Result;
@@ -80,8 +80,8 @@ fn options(args: &Identify) -> Result<IdentifyOptions> {
         Estimator::from_name(name).ok_or_else(wrong)
     };
     let mut fit = FitOptions {
-        band: args.band.map(|Interval(low_hz, high_hz)| Band { low_hz, high_hz }),
-        held_out_s: args.hold_out.map(|Interval(from_s, to_s)| (from_s, to_s)),
+        band: args.band.map(|(low_hz, high_hz)| Band { low_hz, high_hz }),
+        held_out_s: args.hold_out,
         ..FitOptions::default()
     };
     if !args.estimator.is_empty() {

@@ -1,34 +1,30 @@
 //! The ways out of a live flight.
 
 use crate::cli::{Live, WrongCall};
-use anyhow::Result;
 use mavsight_flight::Vehicle;
-use mavsight_link::{Body, Event, Fix, LinkOptions, MarkerView, Outlet, Rerun};
-use mavsight_live::{Listener, Listeners};
+use mavsight_link::{Body, Event, Fix, LinkError, LinkOptions, Outlet, Rerun};
+use mavsight_live::{Listener, Listeners, marker_views};
 use mavsight_session::LiveSection;
 
-/// What the session switches on, and the command line beside it.
+/// What the session switches on, and the command line in addition.
 fn options(session: &LiveSection, args: &Live) -> LinkOptions {
     let mut links = session.links();
-    if let Some(address) = &args.mavlink {
-        let own = links.mavlink.get_or_insert_default();
-        address.iter().for_each(|a| own.address.clone_from(a));
+    let set = |place: &mut String, own: &Option<String>| own.iter().for_each(|a| place.clone_from(a));
+    if let Some(own) = &args.mavlink {
+        set(&mut links.mavlink.get_or_insert_default().address, own);
     }
-    if let Some(address) = &args.natnet {
-        let own = links.natnet.get_or_insert_default();
-        address.iter().for_each(|a| own.address.clone_from(a));
+    if let Some(own) = &args.natnet {
+        set(&mut links.natnet.get_or_insert_default().address, own);
     }
-    if let Some(address) = &args.vrpn {
-        let own = links.vrpn.get_or_insert_default();
-        address.iter().for_each(|a| own.address.clone_from(a));
+    if let Some(own) = &args.vrpn {
+        set(&mut links.vrpn.get_or_insert_default().address, own);
     }
-    if let Some(address) = &args.lines {
-        let own = links.json.get_or_insert_default();
-        address.iter().for_each(|a| own.tcp.clone_from(a));
+    if let Some(own) = &args.lines {
+        set(&mut links.json.get_or_insert_default().tcp, own);
     }
-    if let Some(endpoint) = &args.zenoh {
-        let own = links.zenoh.get_or_insert_default();
-        endpoint.iter().for_each(|e| own.listen = vec![e.clone()]);
+    if let Some(own) = &args.zenoh {
+        let listen = &mut links.zenoh.get_or_insert_default().listen;
+        own.iter().for_each(|endpoint| *listen = vec![endpoint.clone()]);
     }
     links
 }
@@ -39,14 +35,8 @@ pub(super) fn add_links(
     vehicle: &Vehicle,
     session: &LiveSection,
     args: &Live,
-) -> Result<()> {
-    let marker = |m: &mavsight_flight::Marker| MarkerView {
-        name: m.name.clone(),
-        rgb: m.color.rgb(),
-        in_body_m: m.position_m,
-        diameter_m: m.diameter_m,
-    };
-    let body = Body::new(&vehicle.name, vehicle.marker.iter().map(marker).collect());
+) -> anyhow::Result<()> {
+    let body = Body::new(&vehicle.name, marker_views(vehicle));
     let outlets =
         mavsight_link::open(&options(session, args), &body).map_err(|e| WrongCall(e.to_string()))?;
     let file = args.rerun.as_deref().map(Rerun::create).transpose()?;
@@ -64,7 +54,8 @@ struct Link {
 }
 
 impl Link {
-    fn report(&mut self, fault: Option<String>) {
+    fn report(&mut self, sent: Result<(), LinkError>) {
+        let fault = sent.err().map(|e| e.to_string());
         if let Some(fault) = fault.filter(|f| self.said.as_ref() != Some(f)) {
             eprintln!("mavsight: {fault}");
             self.said = Some(fault);
@@ -74,16 +65,12 @@ impl Link {
 
 impl Listener for Link {
     fn fix(&mut self, fix: &Fix) {
-        let fault = self.outlet.send(fix).err().map(|e| e.to_string());
-        self.report(fault);
+        let sent = self.outlet.send(fix);
+        self.report(sent);
     }
 
     fn event(&mut self, event: &Event) {
-        let fault = self.outlet.event(event).err().map(|e| e.to_string());
-        self.report(fault);
-    }
-
-    fn wants_events(&self) -> bool {
-        true
+        let sent = self.outlet.event(event);
+        self.report(sent);
     }
 }

@@ -1,36 +1,36 @@
 //! The browser page of a live flight.
 
-use super::live::{Begin, Calibrate};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use mavsight_link::{Event, PoseEvent};
-use mavsight_live::{Listener, RecorderSlot, Tap, give_way};
+use mavsight_live::{Listener, Recorder, RecorderSlot, Setup, give_way};
 use mavsight_page::{Command, Reach, Server, encode_preview};
+use mavsight_pipeline::{ControlPointRow, ControlStill, calibrate_from_stills};
+use mavsight_session::write_rig;
 use mavsight_vision::Frame;
 use std::collections::BTreeMap;
-use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Where the page is when nobody says.
-pub(super) const ADDRESS: &str = "127.0.0.1:8750";
+/// Where the page is when nobody says: on this machine.
+const PORT: u16 = 8750;
 
 /// Pictures that may wait to be encoded; more are not needed to be ten a second.
 const WAITING: usize = 2;
 
-/// What the page may ask for.
-pub(super) struct Duties {
-    pub(super) slot: Arc<RecorderSlot>,
-    pub(super) begin: Begin,
-    pub(super) calibrate: Calibrate,
-}
-
 /// Latest frame of each camera.
 type Latest = Arc<Mutex<BTreeMap<usize, Arc<Frame>>>>;
 
-/// Serves the page: who must hear of the flight, and who must see its frames.
-pub(super) fn serve(address: SocketAddr, duties: Duties) -> Result<(Box<dyn Listener>, Tap)> {
+/// Serves the page of a flight: it hears of the flight and sees its frames.
+pub(super) fn add_page(
+    address: Option<SocketAddr>,
+    points: Vec<ControlPointRow>,
+    begin: impl Fn(&Path) -> Result<Recorder> + Send + 'static,
+    setup: &mut Setup<'_>,
+) -> Result<()> {
+    let address = address.unwrap_or_else(|| (Ipv4Addr::LOCALHOST, PORT).into());
     let reach = if address.ip().is_loopback() { Reach::Loopback } else { Reach::Network };
     let server = Arc::new(Server::start(address, reach)?);
     eprintln!("The page is at {}", server.url());
@@ -51,30 +51,42 @@ pub(super) fn serve(address: SocketAddr, duties: Duties) -> Result<(Box<dyn List
     std::thread::Builder::new().name("pictures".into()).spawn(encode)?;
     let (asked, frames) = (Arc::clone(&server), Latest::default());
     let kept = Arc::clone(&frames);
-    let tap: Tap = Arc::new(move |camera, t_ns, frame, _| {
+    setup.taps.push(Arc::new(move |camera, t_ns, frame, _| {
         locked(&kept).insert(camera, Arc::clone(frame));
         if asked.wants_preview(camera, t_ns) {
             // A picture that finds no room is not needed: the next is as good.
             let _ = out.try_send((camera, t_ns, Arc::clone(frame)));
         }
-    });
-    Ok((Box::new(Page { server, duties, frames, cameras: Vec::new(), latest: None }), tap))
+    }));
+    let slot = Arc::clone(&setup.recorder);
+    setup.listeners.add(Box::new(Page {
+        server,
+        slot,
+        begin,
+        points,
+        frames,
+        cameras: Vec::new(),
+        latest: None,
+    }))?;
+    Ok(())
 }
 
 fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
     of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-struct Page {
+struct Page<B> {
     server: Arc<Server>,
-    duties: Duties,
+    slot: Arc<RecorderSlot>,
+    begin: B,
+    points: Vec<ControlPointRow>,
     frames: Latest,
     /// Name of each camera, and what was last said of it.
     cameras: Vec<(String, Option<String>)>,
     latest: Option<Box<PoseEvent>>,
 }
 
-impl Page {
+impl<B: Fn(&Path) -> Result<Recorder>> Page<B> {
     fn note(&self, fault: bool, text: String) {
         let t_s = self.latest.as_ref().map_or(0.0, |p| p.t_s);
         self.server.publish(&Event::Note { t_s, fault, text });
@@ -85,18 +97,14 @@ impl Page {
             match command {
                 Command::StartRecording => self.start_recording(),
                 Command::StopRecording => {
-                    drop(self.duties.slot.replace(None));
-                    self.server.publish(&self.duties.slot.event());
+                    drop(self.slot.replace(None));
+                    self.server.publish(&self.slot.event());
                 }
                 Command::SelfCheck => self.note(false, self.check()),
-                Command::Calibrate => {
-                    // A copy of the list, so that no camera waits for what takes seconds.
-                    let frames = locked(&self.frames).clone();
-                    match (self.duties.calibrate)(frames) {
-                        Ok(said) => self.note(false, said),
-                        Err(error) => self.note(true, format!("{error:#}")),
-                    }
-                }
+                Command::Calibrate => match self.calibrate() {
+                    Ok(said) => self.note(false, said),
+                    Err(error) => self.note(true, format!("{error:#}")),
+                },
             }
         }
     }
@@ -105,11 +113,33 @@ impl Page {
     fn start_recording(&self) {
         let unused = (1..).map(|k| PathBuf::from(format!("flight-{k}"))).find(|p| !p.exists());
         let Some(folder) = unused else { return };
-        match (self.duties.begin)(&folder) {
-            Ok(recorder) => drop(self.duties.slot.replace(Some(recorder))),
+        match (self.begin)(&folder) {
+            Ok(recorder) => drop(self.slot.replace(Some(recorder))),
             Err(error) => self.note(true, format!("{error:#}")),
         }
-        self.server.publish(&self.duties.slot.event());
+        self.server.publish(&self.slot.event());
+    }
+
+    /// Calibrates from what the cameras show, control points in view, into a rig of its own: the flight goes on
+    /// with the cameras it has.
+    fn calibrate(&self) -> Result<String> {
+        if self.points.is_empty() {
+            anyhow::bail!("The session has no control points to calibrate from: give it `[control]`.");
+        }
+        // A copy of the list, so that no camera waits for what takes seconds.
+        let frames = locked(&self.frames).clone();
+        let still = |(k, frame): (&usize, &Arc<Frame>)| {
+            let camera = self.cameras.get(*k)?.0.clone();
+            Some(ControlStill { camera, frame: Frame::clone(frame) })
+        };
+        let rig = calibrate_from_stills(&frames.iter().filter_map(still).collect::<Vec<_>>(), &self.points)?;
+        let unused = (1..).map(|k| PathBuf::from(format!("rig-{k}.toml"))).find(|p| !p.exists());
+        let path = unused.context("all names rig-N.toml are taken")?;
+        write_rig(&path, &rig)?;
+        let file = path.display();
+        Ok(format!(
+            "The cameras are calibrated in {file}: the next flight has them by `[rig] file = \"{file}\"` in place of `[control]`."
+        ))
     }
 
     /// The state of the cameras and the last pose.
@@ -129,7 +159,7 @@ impl Page {
     }
 }
 
-impl Listener for Page {
+impl<B: Fn(&Path) -> Result<Recorder> + Send> Listener for Page<B> {
     fn event(&mut self, event: &Event) {
         match event {
             Event::Scene(scene) => {
@@ -149,10 +179,6 @@ impl Listener for Page {
         }
         self.server.publish(event);
         self.obey();
-    }
-
-    fn wants_events(&self) -> bool {
-        true
     }
 
     fn flush(&mut self) {

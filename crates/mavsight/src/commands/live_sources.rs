@@ -4,7 +4,7 @@ use super::named;
 use crate::cli::WrongCall;
 use anyhow::Result;
 use mavsight_geometry::Vector2;
-use mavsight_live::{CameraFile, CameraSetup, FlightClock, Pace, Replay, RunningCamera, Source};
+use mavsight_live::{CameraSetup, FlightClock, Pace, RunningCamera, Source};
 use mavsight_pose::CameraClock;
 use mavsight_session::{LineTime, Session, SessionCamera};
 use std::sync::Arc;
@@ -23,12 +23,9 @@ fn clock_of(camera: &SessionCamera) -> CameraClock {
 pub(super) fn running(session: &Session) -> Result<(Vec<CameraSetup>, FlightClock)> {
     let setup = |camera: &SessionCamera| {
         let Some(live) = camera.live.clone() else {
-            let words = format!(
-                "{}: camera {} has no `live`: name what ffmpeg is to open, or give --replay",
-                session.path.display(),
-                camera.name
-            );
-            return Err(WrongCall(words).into());
+            let (path, name) = (session.path.display(), &camera.name);
+            let remedy = "name what ffmpeg is to open, or give --replay";
+            return Err(WrongCall(format!("{path}: camera {name} has no `live`: {remedy}")).into());
         };
         let latency_s = camera.latency_s.unwrap_or(0.0);
         Ok(CameraSetup {
@@ -42,7 +39,7 @@ pub(super) fn running(session: &Session) -> Result<(Vec<CameraSetup>, FlightCloc
             readout: Vector2::y(),
         })
     };
-    let cameras = session.cameras.iter().map(setup).collect::<Result<Vec<_>>>()?;
+    let cameras = session.cameras().iter().map(setup).collect::<Result<Vec<_>>>()?;
     Ok((cameras, FlightClock::starting_at(0)))
 }
 
@@ -52,32 +49,19 @@ pub(super) fn replayed(
     pace: Pace,
     stop: &Arc<AtomicBool>,
 ) -> Result<(Vec<CameraSetup>, FlightClock)> {
-    let mut files = Vec::new();
-    for (k, camera) in session.cameras.iter().enumerate() {
+    let mut cameras = Vec::new();
+    let mut begin_ns = None;
+    for (k, camera) in session.cameras().iter().enumerate() {
         if camera.video.as_os_str().is_empty() {
             return Err(WrongCall(format!("camera {} has no recording to replay", camera.name)).into());
         }
-        let source = named(session.open_camera(k))?;
-        let readout = source.readout();
-        files.push((camera, readout, CameraFile::open(source)?));
+        let mut frames = named(session.open_camera(k))?;
+        let (clock, readout) = (clock_of(camera), frames.readout().into());
+        let first = frames.next().transpose()?;
+        let first_ns = first.as_ref().map(|(stamp_ns, _)| clock.time_ns(*stamp_ns));
+        begin_ns = begin_ns.into_iter().chain(first_ns).min();
+        let frames = first.into_iter().map(Ok).chain(frames);
+        cameras.push(CameraSetup { clock, readout, ..CameraSetup::replay(&camera.name, frames, pace, stop) });
     }
-    let first_ns =
-        files.iter().filter_map(|(c, _, f)| Some(clock_of(c).time_ns(f.first_ns()?))).min().unwrap_or(0);
-    let clock = FlightClock::starting_at(first_ns);
-    let setup = |(camera, readout, file): (&SessionCamera, [f64; 2], CameraFile)| {
-        let (stop, own) = (Arc::clone(stop), clock_of(camera));
-        let mut file = Some(file);
-        CameraSetup {
-            name: camera.name.clone(),
-            open: Box::new(move |clock| {
-                let paced = (pace == Pace::Own).then_some(clock);
-                let file = file.take().ok_or_else(|| "the recording has ended".to_owned())?;
-                Ok(Box::new(Replay::new(file, paced, Arc::clone(&stop))) as Box<dyn Source>)
-            }),
-            reopens: false,
-            clock: own,
-            readout: readout.into(),
-        }
-    };
-    Ok((files.into_iter().map(setup).collect(), clock))
+    Ok((cameras, FlightClock::starting_at(begin_ns.unwrap_or(0))))
 }

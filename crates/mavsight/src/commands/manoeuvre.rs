@@ -1,20 +1,18 @@
 //! Which manoeuvre has most information.
 
 use super::demo::scenario_of;
-use super::plan::wrong_call;
+use super::plan::{best_placement, wrong_call};
 use crate::cli::{Criterion, PlanManoeuvre, WrongCall};
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Context, Result};
-use mavsight_geometry::Vector3;
 use mavsight_plan::{
-    FlightLimits, FlightPlanner, MultisineOptions, Optimality, Placed, PlannedManoeuvre, Planner,
-    SearchOptions, Solid,
+    FlightLimits, FlightPlanner, MultisineOptions, Optimality, PlannedManoeuvre, Planner, SearchOptions,
+    Solid,
 };
 use mavsight_session::{RESULTS_SCHEMA, csv_cell, make_folder, write_whole};
 use mavsight_simulator::{Channel, Maneuver, Scenario};
 use serde_json::json;
-use std::path::Path;
 
 /// Nothing is done before, so that the start can be determined.
 const QUIET_S: f64 = 0.5;
@@ -33,7 +31,7 @@ pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
     let bars = Bars::new();
     bars.start("planning", None);
     let placed = match &args.cameras {
-        Some(path) => placement(&planner, path)?,
+        Some(path) => best_placement(&planner, path)?,
         None => planner.search(&SearchOptions { best: 1, ..Default::default() })?.swap_remove(0).placed,
     };
     let volume = &planner.room().volume;
@@ -126,27 +124,6 @@ fn harmonics(length_s: f64) -> Vec<u32> {
         .collect();
     out.dedup();
     out
-}
-
-/// The best placement of a plan.json.
-fn placement(planner: &Planner, path: &Path) -> Result<Vec<Placed>> {
-    let wrong = |detail: &str| {
-        WrongCall(format!("{}: {detail}: give the plan.json of `mavsight plan cameras`", path.display()))
-    };
-    let text = std::fs::read_to_string(path).map_err(|e| wrong(&e.to_string()))?;
-    let plan: serde_json::Value = serde_json::from_str(&text).map_err(|e| wrong(&e.to_string()))?;
-    let cameras = plan["placements"][0]["cameras"].as_array().ok_or_else(|| wrong("holds no placement"))?;
-    let placed = cameras.iter().map(|c| {
-        let point = |key: &str| {
-            let xyz: Option<Vec<f64>> = c[key].as_array()?.iter().map(serde_json::Value::as_f64).collect();
-            let [x, y, z] = xyz?[..] else { return None };
-            Some(Vector3::new(x, y, z))
-        };
-        let kind = planner.room().camera.iter().position(|k| Some(k.name.as_str()) == c["type"].as_str())?;
-        Some(Placed { kind, centre_m: point("centre_m")?, aim_m: point("aim_m")? })
-    });
-    let placed: Option<Vec<Placed>> = placed.collect();
-    Ok(placed.filter(|p| p.len() >= 2).ok_or_else(|| wrong("has cameras that the room has not"))?)
 }
 
 type Plans = [(String, PlannedManoeuvre)];

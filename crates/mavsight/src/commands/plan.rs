@@ -1,17 +1,17 @@
 //! What to expect before flying.
 
-use super::camera_plan::{CameraPlan, angle_deg, least};
-use super::plan_report::write_plan_report;
 use crate::cli::{PlanCameras, WrongCall};
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_flight::Vehicle;
-use mavsight_plan::{EXAMPLE, PlanError, Planner, Ranked, SearchOptions, StudyRow};
+use mavsight_plan::{EXAMPLE, Placed, PlanError, Planner, Ranked, SearchOptions, StudyRow};
+use mavsight_report::{CameraPlan, angle_deg, least, write_plan_report};
 use mavsight_session::{
     ControlSection, RESULTS_SCHEMA, SESSION_SCHEMA, SessionCamera, SessionFile, csv_cell, make_folder,
-    write_control_points, write_session, write_vehicle, write_whole,
+    write_control_points, write_toml, write_whole,
 };
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -49,10 +49,7 @@ pub(crate) fn cameras(args: &PlanCameras) -> Result<()> {
         planner.room().name,
         ranked.len()
     );
-    out!("{}", placement_table(&plan));
-    if let Some(text) = study_text(&plan) {
-        out!("\n{text}");
-    }
+    out!("{}{}", placement_table(&plan), study_text(&plan));
     if let Some(out) = &args.out {
         make_folder(out)?;
         write_whole(&out.join("placements.csv"), placements_csv(&plan).as_bytes())?;
@@ -93,40 +90,41 @@ fn placement_table(plan: &CameraPlan<'_>) -> String {
     );
     for (k, r) in plan.ranked.iter().enumerate() {
         let p = &r.prediction;
-        let places: Vec<String> = r
-            .placed
-            .iter()
-            .map(|c| format!("({:.2} {:.2} {:.2})", c.centre_m.x, c.centre_m.y, c.centre_m.z))
-            .collect();
         out += &format!(
-            "{:>4} {:>9.3} {:>9.3} {:>9.3} {:>9.4} {:>9.1} {:>7.1}  {}\n",
+            "{:>4} {:>9.3} {:>9.3} {:>9.3} {:>9.4} {:>9.1} {:>7.1} ",
             k + 1,
             p.mean.position_std_mm,
             p.worst.position_std_mm,
             p.mean.new_position_std_mm,
             p.mean.attitude_std_deg,
             p.least_diameter_px,
-            angle_deg(r),
-            places.join(" ")
+            angle_deg(r)
         );
+        for Placed { centre_m: c, .. } in &r.placed {
+            out += &format!(" ({:.2} {:.2} {:.2})", c.x, c.y, c.z);
+        }
+        out.push('\n');
     }
     out
 }
 
-fn study_text(plan: &CameraPlan<'_>) -> Option<String> {
+/// The best angle and distance, where they were asked for.
+fn study_text(plan: &CameraPlan<'_>) -> String {
     let [angles, distances] = &plan.study;
-    let best = least(angles)?;
-    let mut out = format!(
-        "Two cameras {:.2} m from the middle: least error at {:.0}°, {:.3} mm\n",
-        best.distance_m, best.angle_deg, best.prediction.mean.position_std_mm
-    );
+    let mut out = String::new();
+    if let Some(best) = least(angles) {
+        out += &format!(
+            "\nTwo cameras {:.2} m from the middle: least error at {:.0}°, {:.3} mm\n",
+            best.distance_m, best.angle_deg, best.prediction.mean.position_std_mm
+        );
+    }
     if let Some(near) = least(distances) {
         out += &format!(
             "At a right angle: least error {:.1} m from the middle, {:.3} mm; nearer, not all is seen\n",
             near.distance_m, near.prediction.mean.position_std_mm
         );
     }
-    Some(out)
+    out
 }
 
 fn placements_csv(plan: &CameraPlan<'_>) -> String {
@@ -134,16 +132,12 @@ fn placements_csv(plan: &CameraPlan<'_>) -> String {
     for (rank, r) in plan.ranked.iter().enumerate() {
         for (k, c) in r.placed.iter().enumerate() {
             let (p, kind) = (&r.prediction, csv_cell(&plan.planner.room().camera[c.kind].name));
+            let [x, y, z] = c.centre_m.into();
+            let [aim_x, aim_y, aim_z] = c.aim_m.into();
             out += &format!(
-                "{},{},{kind},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.5},{:.5},{:.5},{:.6},{:.3}\n",
+                "{},{},{kind},{x:.4},{y:.4},{z:.4},{aim_x:.4},{aim_y:.4},{aim_z:.4},{:.5},{:.5},{:.5},{:.6},{:.3}\n",
                 rank + 1,
                 csv_cell(&plan.planner.name(k)),
-                c.centre_m.x,
-                c.centre_m.y,
-                c.centre_m.z,
-                c.aim_m.x,
-                c.aim_m.y,
-                c.aim_m.z,
                 p.mean.position_std_mm,
                 p.worst.position_std_mm,
                 p.mean.new_position_std_mm,
@@ -155,32 +149,59 @@ fn placements_csv(plan: &CameraPlan<'_>) -> String {
     out
 }
 
+/// A placed camera in `plan.json`.
+#[derive(Serialize, Deserialize)]
+struct CameraEntry {
+    name: String,
+    #[serde(rename = "type")]
+    kind: String,
+    centre_m: [f64; 3],
+    aim_m: [f64; 3],
+}
+
+/// The part of `plan.json` that is read again.
+#[derive(Deserialize)]
+struct PlanFile {
+    placements: Vec<Placement>,
+}
+
+#[derive(Deserialize)]
+struct Placement {
+    cameras: Vec<CameraEntry>,
+}
+
+/// The best placement of a `plan.json`.
+pub(super) fn best_placement(planner: &Planner, path: &Path) -> Result<Vec<Placed>, WrongCall> {
+    let wrong = |detail: &str| {
+        WrongCall(format!("{}: {detail}: give the plan.json of `mavsight plan cameras`", path.display()))
+    };
+    let text = std::fs::read_to_string(path).map_err(|e| wrong(&e.to_string()))?;
+    let plan: PlanFile = serde_json::from_str(&text).map_err(|e| wrong(&e.to_string()))?;
+    let best = plan.placements.into_iter().next().ok_or_else(|| wrong("holds no placement"))?;
+    let placed = best.cameras.iter().map(|c| {
+        let kind = planner.room().camera.iter().position(|k| k.name == c.kind)?;
+        Some(Placed { kind, centre_m: c.centre_m.into(), aim_m: c.aim_m.into() })
+    });
+    let placed: Option<Vec<Placed>> = placed.collect();
+    placed.filter(|p| p.len() >= 2).ok_or_else(|| wrong("has cameras that the room has not"))
+}
+
 fn plan_json(plan: &CameraPlan<'_>, seconds: f64) -> serde_json::Value {
-    let placements: Vec<_> = plan
-        .ranked
-        .iter()
-        .map(|r| {
-            let cameras: Vec<_> = r
-                .placed
-                .iter()
-                .enumerate()
-                .map(|(k, c)| {
-                    json!({
-                        "name": plan.planner.name(k),
-                        "type": plan.planner.room().camera[c.kind].name,
-                        "centre_m": [c.centre_m.x, c.centre_m.y, c.centre_m.z],
-                        "aim_m": [c.aim_m.x, c.aim_m.y, c.aim_m.z],
-                    })
-                })
-                .collect();
-            json!({ "cameras": cameras, "angle_deg": angle_deg(r), "prediction": r.prediction })
-        })
-        .collect();
+    let entry = |(k, c): (usize, &Placed)| CameraEntry {
+        name: plan.planner.name(k),
+        kind: plan.planner.room().camera[c.kind].name.clone(),
+        centre_m: c.centre_m.into(),
+        aim_m: c.aim_m.into(),
+    };
+    let placement = |r: &Ranked| {
+        let cameras: Vec<_> = r.placed.iter().enumerate().map(entry).collect();
+        json!({ "cameras": cameras, "angle_deg": angle_deg(r), "prediction": r.prediction })
+    };
     json!({
         "schema": RESULTS_SCHEMA,
         "room": plan.planner.room(),
         "seconds": seconds,
-        "placements": placements,
+        "placements": plan.ranked.iter().map(placement).collect::<Vec<_>>(),
         "angle_study": plan.study[0],
         "distance_study": plan.study[1],
     })
@@ -208,7 +229,7 @@ fn write_start(plan: &CameraPlan<'_>, vehicle: &Vehicle, out: &Path) -> Result<(
         camera: (0..plan.ranked[0].placed.len()).map(camera).collect(),
         ..SessionFile::default()
     };
-    write_session(&folder.join("session.toml"), &session)?;
+    write_toml(&folder.join("session.toml"), &session)?;
     write_control_points(&folder.join("control_points.csv"), plan.planner.control())?;
-    Ok(write_vehicle(&folder.join("vehicle.toml"), vehicle)?)
+    Ok(write_toml(&folder.join("vehicle.toml"), vehicle)?)
 }

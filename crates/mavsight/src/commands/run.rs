@@ -1,7 +1,7 @@
 //! The whole pipeline on a recorded session.
 
 use super::{named, require_folder};
-use crate::cli::{Interval, Run};
+use crate::cli::Run;
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Context, Result};
@@ -23,7 +23,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     let options = Options {
         equation_error_only: args.equation_error_only,
         lag_s: args.lag,
-        held_out_s: args.hold_out.map(|Interval(from_s, to_s)| (from_s, to_s)),
+        held_out_s: args.hold_out,
         results_folder: Some(&args.out),
     };
     let mut results = mavsight_engine::run(&session, &options, &bars)?;
@@ -94,10 +94,10 @@ fn remove_stale(results: &RunResults, out: &Path) -> Result<()> {
 
 /// Refuses a flight of which nothing was measured.
 pub(crate) fn require_a_pose(results: &RunResults) -> Result<()> {
-    let none = !results.poses.is_empty() && results.poses.iter().all(|p| p.estimate.is_none());
-    if none {
-        let reason = results.poses.iter().find_map(|p| p.reason.clone()).unwrap_or_default();
-        anyhow::bail!("none of {} instants has a pose; the first: {reason}", results.poses.len());
+    match results.poses.first().map(|p| &p.estimate) {
+        Some(Err(reason)) if results.poses.iter().all(|p| p.estimate.is_err()) => {
+            anyhow::bail!("none of {} instants has a pose; the first: {reason}", results.poses.len())
+        }
+        _ => Ok(()),
     }
-    Ok(())
 }

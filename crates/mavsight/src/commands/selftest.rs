@@ -96,8 +96,8 @@ fn lab_of(args: &Selftest, bars: &Bars) -> Result<(String, VirtualLab)> {
     let rig = mavsight_engine::calibrate(&session, bars)?;
     let tracked = mavsight_pipeline::track(camera_feeds(&session)?, &rig, &session.vehicle, bars)?;
     let mut lab = VirtualLab::of_session(&rig, control, session.vehicle.clone(), &tracked)?;
-    lab.refines = session.refine.is_some();
-    Ok((session.name, lab))
+    lab.refines = session.file.refine.is_some();
+    Ok((session.file.name, lab))
 }
 
 /// One flight through the virtual room and the whole chain.

@@ -13,7 +13,7 @@ use mavsight_report::{FlightReport, Summary, write_report};
 use mavsight_score::{truth_of, write_truth};
 use mavsight_session::{
     RunResults, Session, make_folder, read_body, read_markers, read_poses, read_rig, read_summary,
-    results::names, tables::read_inputs, write_inputs, write_results, write_vehicle,
+    results::names, tables::read_inputs, write_inputs, write_results, write_toml,
 };
 use serde_json::Value;
 use std::path::Path;
@@ -39,7 +39,7 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
         mavsight_simulator::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?
     };
     make_folder(out)?;
-    write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
+    write_toml(&out.join("vehicle.toml"), &vehicle)?;
     write_inputs(&out.join("inputs.csv"), &inputs)?;
     write_truth(&out.join("truth.csv"), &states)?;
     if !scenario.staging.is_empty() {
@@ -57,7 +57,7 @@ pub(crate) fn calibrate(args: &Stage) -> Result<()> {
     let bars = Bars::new();
     let rig = mavsight_engine::calibrate(&session, &bars)?;
     bars.done();
-    let results = RunResults { session: session.name.clone(), rig: Some(rig), ..RunResults::default() };
+    let results = RunResults { session: session.file.name.clone(), rig: Some(rig), ..RunResults::default() };
     put(results, &args.out)
 }
 
@@ -65,7 +65,7 @@ pub(crate) fn calibrate(args: &Stage) -> Result<()> {
 pub(crate) fn track(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     let rig = named(read_rig(&args.out.join(names::RIG)))?;
-    let wanted: Vec<&str> = session.cameras.iter().map(|c| c.name.as_str()).collect();
+    let wanted: Vec<&str> = session.cameras().iter().map(|c| c.name.as_str()).collect();
     let found: Vec<&str> = rig.cameras.iter().map(|c| c.name.as_str()).collect();
     if wanted != found {
         let rig_file = args.out.join(names::RIG);
@@ -82,7 +82,7 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
     let tracked = mavsight_engine::track(&session, rig, &bars)?;
     let motion = mavsight_pipeline::motion_of(&tracked.tracked, &session.vehicle, &bars).ok();
     bars.done();
-    put(RunResults { motion, ..tracked.into_results(&session.name, &session.vehicle) }, &args.out)
+    put(RunResults { motion, ..tracked.into_results(&session.file.name, &session.vehicle) }, &args.out)
 }
 
 /// The figures of a stage among those that the summary in a folder has of the same session's other stages.
@@ -113,10 +113,10 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     let inputs = recorded_inputs(&session)?;
     let truth = named(truth_of(&session))?;
-    let camera_names: Vec<String> = session.cameras.iter().map(|c| c.name.clone()).collect();
+    let camera_names: Vec<String> = session.cameras().iter().map(|c| c.name.clone()).collect();
     let marker_names: Vec<String> = session.vehicle.marker.iter().map(|m| m.name.clone()).collect();
     let mut results = RunResults {
-        session: session.name.clone(),
+        session: session.file.name.clone(),
         rig: Some(named(read_rig(&args.out.join(names::RIG)))?),
         markers: named(read_markers(&args.out.join(names::MARKERS), &camera_names, &marker_names))?,
         poses: named(read_poses(&args.out.join(names::POSE), &marker_names))?,
@@ -125,7 +125,7 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
         ..RunResults::default()
     };
     let body = args.out.join(names::BODY);
-    if session.refine.is_some() && body.is_file() {
+    if session.file.refine.is_some() && body.is_file() {
         results.body = named(read_body(&body))?;
     }
     let bars = Bars::new();

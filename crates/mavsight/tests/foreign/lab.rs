@@ -6,7 +6,7 @@ use mavsight::geometry::{
 };
 use mavsight::pose::{CameraModel, Rig, RigCamera};
 use mavsight::session::foreign::poses::{TimedPose, write_pose_table};
-use mavsight::session::{write_rig, write_vehicle};
+use mavsight::session::{write_rig, write_toml};
 use std::path::PathBuf;
 use std::process::Output;
 
@@ -46,7 +46,7 @@ impl Lab {
         let lab = Self { folder, rig, poses: (0..25).map(pose).collect() };
         write_rig(&lab.path("rig.toml"), &lab.rig).expect("written");
         write_pose_table(&lab.path("pose.csv"), &lab.poses).expect("written");
-        write_vehicle(&lab.path("vehicle.toml"), &Vehicle::paper()).expect("written");
+        write_toml(&lab.path("vehicle.toml"), &Vehicle::paper()).expect("written");
         lab
     }
 

@@ -1,12 +1,12 @@
 //! The body among balls that nothing predicts.
 
-use super::associator::{Association, Associator, DECISIVE_LOG_ODDS, MOST_SIZE_RATIO, observations, refused};
+use super::associator::{Association, Associator, DECISIVE_LOG_ODDS, refused};
 use super::belief::Belief;
+use super::frame::{Frame, Pairs};
 use crate::{PoseError, PoseEstimate, PoseSample, TrackedDetection};
 use mavsight_geometry::{ImagePoint, Isometry3, Matrix2, Matrix3, Matrix6, Vector3, rigid_fit, triangulate};
 
-/// Balls in space, assignments that are tried, and choices among the balls of one camera: bounds of the
-/// work of an instant.
+/// Bounds of the work of an instant: balls in space, assignments tried, choices in one camera.
 const MOST_SPOTS: usize = 96;
 const MOST_TRIED: usize = 200;
 const MOST_CHOICES: usize = 16;
@@ -24,111 +24,106 @@ struct Spot {
     covariance_m2: Matrix3<f64>,
 }
 
-/// An assignment that was tried.
 struct Trial {
     log_odds: f64,
     estimate: PoseEstimate,
-    pairs: Vec<(usize, usize)>,
+    pairs: Pairs,
+}
+
+/// Assignments that gave a pose, and how many were tried.
+#[derive(Default)]
+struct Trials {
+    found: Vec<Trial>,
+    tried: usize,
 }
 
 impl Associator {
     /// The pose that the candidates support by themselves.
-    pub(super) fn acquire(&self, t_ns: i64, candidates: &[TrackedDetection]) -> Association {
-        let mut trials: Vec<Trial> = Vec::new();
-        let mut tried = 0;
-        if let Some(pairs) = self.only_choice(candidates) {
-            tried += 1;
-            trials.extend(self.weighed(t_ns, candidates, pairs));
+    pub(super) fn acquire(&self, frame: Frame) -> Association {
+        let mut trials = Trials::default();
+        if let Some(pairs) = self.only_choice(frame) {
+            trials.tried += 1;
+            trials.found.extend(self.weighed(frame, pairs));
         }
-        if !trials.iter().any(|t| t.estimate.left_out.is_empty() && t.log_odds > DECISIVE_LOG_ODDS) {
-            let spots = self.spots(candidates);
-            let in_space = |m: &usize| spots.iter().any(|s| s.color == self.colors[*m]);
-            if (0..self.colors.len()).filter(in_space).count() > 2 {
-                self.try_triangles(t_ns, candidates, &spots, (&mut trials, &mut tried));
+        let is_clear = |t: &Trial| t.estimate.left_out.is_empty() && t.log_odds > DECISIVE_LOG_ODDS;
+        if !trials.found.iter().any(is_clear) {
+            let spots = self.spots(frame);
+            let in_space = |color: &&usize| spots.iter().any(|s| s.color == **color);
+            if self.colors.iter().filter(in_space).count() > 2 {
+                self.try_triangles(frame, &spots, &mut trials);
             } else {
-                self.try_one_view(t_ns, candidates, (&mut trials, &mut tried));
+                self.try_one_view(frame, &mut trials);
             }
         }
-        trials.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
-        let needed = DECISIVE_LOG_ODDS + f64::from(tried.max(1)).ln();
-        let few = || {
-            let markers = self.colors.len();
-            let seen = (0..markers).filter(|m| candidates.iter().any(|c| c.color == self.colors[*m])).count();
-            PoseError::TooFewMarkers { seen, markers, observations: candidates.len() }
-        };
-        let Some(best) = trials.first() else { return refused(t_ns, &few()) };
-        if best.log_odds < needed {
-            let (balls, log_odds) = (candidates.len(), best.log_odds);
-            return refused(t_ns, &PoseError::UnconvincingPose { balls, log_odds, needed });
-        }
-        let apart = |t: &&Trial| self.apart_m(&t.estimate, &best.estimate) > SAME_POSE * self.size_m;
-        if let Some(next) = trials.iter().find(apart)
-            && best.log_odds - next.log_odds < DECISIVE_LOG_ODDS
-        {
-            let lead = best.log_odds - next.log_odds;
-            return refused(t_ns, &PoseError::AmbiguousIdentity { balls: candidates.len(), lead });
-        }
-        let best = trials.swap_remove(0);
-        Association {
-            sample: PoseSample { t_ns, estimate: Some(best.estimate), reason: None },
-            pairs: best.pairs,
+        match self.decided(frame, trials) {
+            Ok(Trial { estimate, pairs, .. }) => {
+                Association { sample: PoseSample { t_ns: frame.t_ns, estimate: Ok(estimate) }, pairs }
+            }
+            Err(reason) => refused(frame.t_ns, reason),
         }
     }
 
-    fn apart_m(&self, a: &PoseEstimate, b: &PoseEstimate) -> f64 {
-        let at =
-            |pose: &Isometry3<f64>, m: &crate::BodyMarker| pose * nalgebra::Point3::from(m.marker_in_body_m);
-        let square =
-            |m: &crate::BodyMarker| (at(&a.world_from_body, m) - at(&b.world_from_body, m)).norm_squared();
-        let markers = self.estimator.markers();
-        (markers.iter().map(square).sum::<f64>() / markers.len().max(1) as f64).sqrt()
+    /// The best trial, if it is beyond chance and distinguished from other poses.
+    fn decided(&self, frame: Frame, Trials { mut found, tried }: Trials) -> Result<Trial, PoseError> {
+        let balls = frame.seen.len();
+        found.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
+        let needed = DECISIVE_LOG_ODDS + (tried.max(1) as f64).ln();
+        let Some(best) = found.first() else {
+            let seen =
+                self.colors.iter().filter(|color| frame.seen.iter().any(|c| c.color == **color)).count();
+            return Err(PoseError::TooFewMarkers { seen, markers: self.colors.len(), observations: balls });
+        };
+        if best.log_odds < needed {
+            return Err(PoseError::UnconvincingPose { balls, log_odds: best.log_odds, needed });
+        }
+        let markers = (0..self.colors.len()).collect();
+        let is_other = |t: &&Trial| {
+            let (a, b) = (&t.estimate.world_from_body, &best.estimate.world_from_body);
+            self.estimator.apart_m(markers, a, b) > SAME_POSE * self.size_m
+        };
+        let lead = found.iter().find(is_other).map_or(f64::INFINITY, |next| best.log_odds - next.log_odds);
+        if lead < DECISIVE_LOG_ODDS {
+            return Err(PoseError::AmbiguousIdentity { balls, lead });
+        }
+        Ok(found.swap_remove(0))
     }
 
     /// The assignment, where every colour is one marker's and no camera sees two balls of it.
-    fn only_choice(&self, candidates: &[TrackedDetection]) -> Option<Vec<(usize, usize)>> {
-        let mut pairs = Vec::with_capacity(candidates.len());
-        for (index, candidate) in candidates.iter().enumerate() {
+    fn only_choice(&self, frame: Frame) -> Option<Pairs> {
+        let mut pairs = Pairs::with_capacity(frame.seen.len());
+        for (index, candidate) in frame.seen.iter().enumerate() {
             let rival = |c: &TrackedDetection| c.camera == candidate.camera && c.color == candidate.color;
             let mut owners = (0..self.colors.len()).filter(|m| self.colors[*m] == candidate.color);
             let marker = owners.next()?;
-            if owners.next().is_some() || candidates[..index].iter().any(rival) {
+            if owners.next().is_some() || frame.seen[..index].iter().any(rival) {
                 return None;
             }
             pairs.push((index, marker));
         }
-        pairs.sort_unstable_by_key(|(c, m)| (candidates[*c].camera, *m));
+        frame.sort(&mut pairs);
         Some(pairs)
     }
 
-    fn weighed(
-        &self,
-        t_ns: i64,
-        candidates: &[TrackedDetection],
-        pairs: Vec<(usize, usize)>,
-    ) -> Option<Trial> {
-        let seen = observations(t_ns, candidates, &pairs);
-        let estimate = self.estimator.estimate(t_ns, &seen, None).ok()?;
-        let log_odds = self.log_odds(&estimate, candidates, &pairs, None);
+    fn weighed(&self, frame: Frame, pairs: Pairs) -> Option<Trial> {
+        let estimate = self.estimator.estimate(frame.t_ns, &frame.observations(&pairs), None).ok()?;
+        let log_odds = self.log_odds(&estimate, frame, &pairs, None);
         Some(Trial { log_odds, estimate, pairs })
     }
 
     /// Every triangle of balls in space that is one of the body's.
-    fn try_triangles(
-        &self,
-        t_ns: i64,
-        candidates: &[TrackedDetection],
-        spots: &[Spot],
-        (trials, tried): (&mut Vec<Trial>, &mut u32),
-    ) {
+    fn try_triangles(&self, frame: Frame, spots: &[Spot], trials: &mut Trials) {
         for three in self.triangles(spots) {
-            if self.is_tried(spots, &three, trials) {
+            let is_given = |t: &Trial, (m, s): &(usize, usize)| {
+                spots[*s].pair.iter().all(|index| t.pairs.contains(&(*index, *m)))
+            };
+            if trials.found.iter().any(|t| three.iter().all(|label| is_given(t, label))) {
                 continue;
             }
-            if *tried as usize >= MOST_TRIED {
+            if trials.tried >= MOST_TRIED {
                 return;
             }
-            *tried += 1;
-            trials.extend(self.completed(t_ns, candidates, spots, three));
+            trials.tried += 1;
+            trials.found.extend(self.completed(frame, spots, three));
         }
     }
 
@@ -138,26 +133,16 @@ impl Associator {
             .flat_map(|m| (0..spots.len()).map(move |s| (m, s)))
             .filter(|(m, s)| self.colors[*m] == spots[*s].color)
             .collect();
+        let is_side = |a: (usize, usize), b: (usize, usize)| a.0 != b.0 && self.is_length(spots, a, b);
         let mut out = Vec::new();
-        let mut near: Vec<(usize, usize)> = Vec::new();
         for (k, first) in labels.iter().enumerate() {
-            near.clear();
-            near.extend(
-                labels[k + 1..].iter().filter(|l| l.0 != first.0 && self.is_length(spots, *first, **l)),
-            );
+            let near: Vec<_> = labels[k + 1..].iter().filter(|l| is_side(*first, **l)).collect();
             for (j, second) in near.iter().enumerate() {
-                let closes = |l: &&(usize, usize)| l.0 != second.0 && self.is_length(spots, *second, **l);
-                out.extend(near[j + 1..].iter().filter(closes).map(|third| [*first, *second, *third]));
+                let closing = near[j + 1..].iter().filter(|l| is_side(**second, ***l));
+                out.extend(closing.map(|third| [*first, **second, **third]));
             }
         }
         out
-    }
-
-    fn is_tried(&self, spots: &[Spot], three: &[(usize, usize); 3], trials: &[Trial]) -> bool {
-        let holds = |t: &Trial| {
-            three.iter().all(|(m, s)| spots[*s].pair.iter().all(|index| t.pairs.contains(&(*index, *m))))
-        };
-        trials.iter().any(holds)
     }
 
     /// Whether two balls are as far apart as two markers.
@@ -177,11 +162,10 @@ impl Associator {
         (length_m - wanted_m).abs() <= GATE * variance.sqrt() + hidden_m
     }
 
-    /// Balls that two cameras see where their rays meet.
-    fn spots(&self, candidates: &[TrackedDetection]) -> Vec<Spot> {
+    fn spots(&self, frame: Frame) -> Vec<Spot> {
         let mut spots = Vec::new();
-        for (i, a) in candidates.iter().enumerate() {
-            for (j, b) in candidates.iter().enumerate().skip(i + 1) {
+        for (i, a) in frame.seen.iter().enumerate() {
+            for (j, b) in frame.seen.iter().enumerate().skip(i + 1) {
                 if a.camera != b.camera && a.color == b.color {
                     spots.extend(self.spot([a, b], [i, j]));
                 }
@@ -192,27 +176,23 @@ impl Associator {
         spots
     }
 
+    /// The ball, where the rays meet and both images are of its size.
     fn spot(&self, seen: [&TrackedDetection; 2], pair: [usize; 2]) -> Option<Spot> {
         let [a, b] = seen.map(|c| self.cameras.get(c.camera));
-        let (a, b) = (a?, b?);
+        let cameras = [a?, b?];
         // A triangulated ball stands where its centre does but for a thousandth of its radius.
-        let image = |camera, c: &TrackedDetection| ImagePoint {
-            camera,
-            pixel: c.pixel,
-            covariance_px2: c.covariance_px2,
+        let image = |k: usize| {
+            let TrackedDetection { pixel, covariance_px2, .. } = *seen[k];
+            ImagePoint { camera: cameras[k], pixel, covariance_px2 }
         };
-        let met = triangulate(&[image(a, seen[0]), image(b, seen[1])]).ok()?;
-        let radius_m = (0..self.colors.len())
-            .filter(|m| self.colors[*m] == seen[0].color)
-            .map(|m| self.estimator.markers()[m].radius_m)
-            .fold(0.0, f64::max);
+        let met = triangulate(&[image(0), image(1)]).ok()?;
+        let own = self.estimator.markers().iter().zip(&self.colors).filter(|(_, c)| **c == seen[0].color);
+        let radius_m = own.map(|(m, _)| m.radius_m).fold(0.0, f64::max);
         let mut reach_px = 0.0_f64;
-        for (view, candidate) in [a, b].into_iter().zip(seen) {
+        for (view, candidate) in cameras.into_iter().zip(seen) {
             let range_m = (met.point_in_world_m - view.centre_in_world()).norm();
             let radius_px = view.intrinsics.fx_px.abs() * radius_m / range_m;
-            let ratio = 0.5 * candidate.diameter_px / radius_px;
-            let sized = candidate.diameter_px > 0.0 && radius_px > 0.0;
-            if sized && !(1.0 / MOST_SIZE_RATIO..=MOST_SIZE_RATIO).contains(&ratio) {
+            if !candidate.may_have_diameter(2.0 * radius_px) {
                 return None;
             }
             reach_px = reach_px.max(0.5 * radius_px);
@@ -228,33 +208,21 @@ impl Associator {
     }
 
     /// The pose of a triangle, with all else that it finds in its place.
-    fn completed(
-        &self,
-        t_ns: i64,
-        candidates: &[TrackedDetection],
-        spots: &[Spot],
-        three: [(usize, usize); 3],
-    ) -> Option<Trial> {
+    fn completed(&self, frame: Frame, spots: &[Spot], three: [(usize, usize); 3]) -> Option<Trial> {
         let markers = self.estimator.markers();
-        let body = three.map(|(m, _)| markers[m].marker_in_body_m);
-        let fit = rigid_fit(&body, &three.map(|(_, s)| spots[s].at_m), &[1.0; 3]).ok()?;
-        let mut pairs: Vec<(usize, usize)> =
+        let pose = rigid_fit(three.map(|(m, s)| (markers[m].marker_in_body_m, spots[s].at_m))).ok()?;
+        let mut pairs: Pairs =
             three.iter().flat_map(|(m, s)| spots[*s].pair.map(|index| (index, *m))).collect();
-        let covariance = self.covariance_of(&fit.world_from_body, candidates, &pairs)?;
-        self.assign(candidates, Belief { pose: fit.world_from_body, covariance, shift_m: 0.0 }, &mut pairs);
-        self.weighed(t_ns, candidates, pairs)
+        let covariance = self.covariance_of(&pose, frame, &pairs)?;
+        self.assign(frame, Belief { pose, covariance, shift_m: 0.0 }, &mut pairs);
+        self.weighed(frame, pairs)
     }
 
     /// Covariance of a pose by its detections, each as uncertain as a ball in part hidden.
-    fn covariance_of(
-        &self,
-        pose: &Isometry3<f64>,
-        candidates: &[TrackedDetection],
-        pairs: &[(usize, usize)],
-    ) -> Option<Matrix6<f64>> {
+    fn covariance_of(&self, pose: &Isometry3<f64>, frame: Frame, pairs: &Pairs) -> Option<Matrix6<f64>> {
         let mut normal = Matrix6::zeros();
         for (index, marker) in pairs {
-            let candidate = &candidates[*index];
+            let candidate = &frame.seen[*index];
             let expected = self.expected(pose, candidate.camera, *marker)?;
             let hidden_px = 0.1 * candidate.diameter_px;
             let spread =
@@ -265,35 +233,28 @@ impl Associator {
     }
 
     /// Poses of one camera's view of four markers or more, where each colour is one marker's.
-    fn try_one_view(
-        &self,
-        t_ns: i64,
-        candidates: &[TrackedDetection],
-        (trials, tried): (&mut Vec<Trial>, &mut u32),
-    ) {
+    fn try_one_view(&self, frame: Frame, trials: &mut Trials) {
         for camera in 0..self.cameras.len() {
-            let mut choices: Vec<Vec<(usize, usize)>> = vec![Vec::new()];
+            let mut choices: Vec<Pairs> = vec![Pairs::new()];
             for (marker, color) in self.colors.iter().enumerate() {
-                let own: Vec<usize> = (0..candidates.len())
-                    .filter(|c| candidates[*c].camera == camera && candidates[*c].color == *color)
-                    .collect();
-                let shared = self.colors.iter().filter(|c| *c == color).count() > 1;
-                if own.is_empty() || shared {
+                let is_own = |k: &usize| frame.seen[*k].camera == camera && frame.seen[*k].color == *color;
+                let own: Vec<usize> = (0..frame.seen.len()).filter(is_own).collect();
+                let is_shared = self.colors.iter().filter(|c| *c == color).count() > 1;
+                if own.is_empty() || is_shared {
                     continue;
                 }
-                choices = choices
+                let longer = choices
                     .iter()
-                    .flat_map(|start| own.iter().map(|c| [start.as_slice(), &[(*c, marker)]].concat()))
-                    .take(MOST_CHOICES)
-                    .collect();
+                    .flat_map(|start| own.iter().map(|k| [start.as_slice(), &[(*k, marker)]].concat()));
+                choices = longer.take(MOST_CHOICES).collect();
             }
             for start in choices.into_iter().filter(|c| c.len() > 3) {
-                *tried += 1;
-                let Some(alone) = self.weighed(t_ns, candidates, start) else { continue };
+                trials.tried += 1;
+                let Some(alone) = self.weighed(frame, start) else { continue };
                 let mut pairs = alone.pairs.clone();
-                self.assign(candidates, Belief::of(&alone.estimate), &mut pairs);
-                let all = self.weighed(t_ns, candidates, pairs);
-                trials.push(all.filter(|a| a.log_odds > alone.log_odds).unwrap_or(alone));
+                self.assign(frame, Belief::of(&alone.estimate), &mut pairs);
+                let all = self.weighed(frame, pairs);
+                trials.found.push(all.filter(|a| a.log_odds > alone.log_odds).unwrap_or(alone));
             }
         }
     }

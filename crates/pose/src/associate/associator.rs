@@ -4,13 +4,11 @@ use super::belief::History;
 use super::moved_camera::Watch;
 use super::noise::Noise;
 use super::symmetry;
-use crate::{MarkerObservation, PoseError, PoseEstimator, PoseSample, Rig, TrackedDetection};
+use crate::{PoseError, PoseEstimator, PoseSample, Rig};
 use mavsight_geometry::{Camera, Vector3};
 
 /// Logarithm of the odds at which an assignment is believed: 999 to 1.
 pub(super) const DECISIVE_LOG_ODDS: f64 = 6.907;
-/// Largest ratio between the diameter seen and the one expected: a ball half hidden still shows more.
-pub(super) const MOST_SIZE_RATIO: f64 = 1.6;
 
 /// What one instant's candidates are.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,7 +26,6 @@ pub struct Associator {
     pub(super) cameras: Vec<Camera>,
     pub(super) colors: Vec<usize>,
     pub(super) markers_std_m: f64,
-    /// Room in which the body may be.
     pub(super) volume_m3: f64,
     /// Root mean square distance of the markers from their middle.
     pub(super) size_m: f64,
@@ -38,12 +35,12 @@ pub struct Associator {
 }
 
 impl Associator {
-    /// An associator for the body of an estimator, whose markers have the given colours (equal numbers
-    /// for equal colours) and were placed with a standard deviation.
+    /// An associator for the body of an estimator, whose markers have the given colours (equal numbers for
+    /// equal colours) and were placed with a standard deviation.
     ///
     /// # Errors
-    /// [`PoseError::SymmetricMarkers`] where markers of one colour can change places so that the body
-    /// looks the same.
+    /// [`PoseError::SymmetricMarkers`] where markers of one colour can change places so that the body looks
+    /// the same.
     pub fn new(
         estimator: PoseEstimator,
         rig: &Rig,
@@ -68,11 +65,6 @@ impl Associator {
     pub fn estimator(&self) -> &PoseEstimator {
         &self.estimator
     }
-
-    /// Ends the associations and keeps the estimator.
-    pub fn into_estimator(self) -> PoseEstimator {
-        self.estimator
-    }
 }
 
 /// Twice the box around the control points each way, or the cameras' where there are none.
@@ -84,21 +76,6 @@ fn room_m3(rig: &Rig, cameras: &[Camera]) -> f64 {
     (high - low).iter().map(|side| 2.0 * side.clamp(1.0, 1e3)).product()
 }
 
-pub(super) fn refused(t_ns: i64, reason: &PoseError) -> Association {
-    Association {
-        sample: PoseSample { t_ns, estimate: None, reason: Some(reason.to_string()) },
-        pairs: Vec::new(),
-    }
-}
-
-/// The pairs as observations of markers.
-pub(super) fn observations(
-    t_ns: i64,
-    candidates: &[TrackedDetection],
-    pairs: &[(usize, usize)],
-) -> Vec<MarkerObservation> {
-    pairs
-        .iter()
-        .map(|(index, marker)| MarkerObservation { t_ns, ..candidates[*index].of_marker(*marker) })
-        .collect()
+pub(super) fn refused(t_ns: i64, reason: PoseError) -> Association {
+    Association { sample: PoseSample { t_ns, estimate: Err(reason) }, pairs: Vec::new() }
 }

@@ -1,11 +1,11 @@
 //! The pose that the body may have, and its prediction from the last two.
 
 use crate::PoseEstimate;
-use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion};
-use nalgebra::{Translation3, Vector6};
+use crate::reprojection::moved;
+use mavsight_geometry::{Isometry3, Matrix6};
+use nalgebra::Vector6;
 
-/// Change of the velocity of the body, and of each marker against its middle, that is not predicted:
-/// standard gravity, as of an aircraft that falls.
+/// Unpredicted acceleration of the body, and of each marker against its middle: standard gravity.
 const ACCELERATION_M_S2: f64 = 9.81;
 /// Speed to reckon with before it was measured: a run across the room.
 const SPEED_M_S: f64 = 3.0;
@@ -39,7 +39,7 @@ impl Belief {
         let gain = self.covariance * (self.covariance + seen.covariance).cholesky()?.inverse();
         let covariance = self.covariance - gain * self.covariance;
         Some(Self {
-            pose: changed(&self.pose, &(gain * change(&self.pose, &seen.pose))),
+            pose: moved(&self.pose, &(gain * change(&self.pose, &seen.pose))),
             covariance: (covariance + covariance.transpose()) * 0.5,
             shift_m: 0.0,
         })
@@ -59,14 +59,6 @@ fn change(from: &Isometry3<f64>, to: &Isometry3<f64>) -> Vector6<f64> {
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
 }
 
-pub(super) fn changed(pose: &Isometry3<f64>, by: &Vector6<f64>) -> Isometry3<f64> {
-    Isometry3::from_parts(
-        Translation3::from(pose.translation.vector + by.fixed_rows::<3>(0)),
-        pose.rotation * UnitQuaternion::from_scaled_axis(by.fixed_rows::<3>(3).into_owned()),
-    )
-}
-
-/// The last two poses.
 #[derive(Debug, Clone, Default)]
 pub(super) struct History {
     last: Option<(i64, Belief)>,
@@ -81,8 +73,8 @@ impl History {
         self.before = self.last.replace((t_ns, both));
     }
 
-    /// The pose that constant velocity leads to, with what an unpredicted acceleration does to it; none
-    /// where that is more than the size of the body, from where on it cannot distinguish markers.
+    /// The pose that constant velocity leads to, with what an unpredicted acceleration does to it; none where
+    /// that is more than the size of the body, from where on it cannot distinguish markers.
     pub(super) fn predicted(&self, t_ns: i64, size_m: f64) -> Option<Belief> {
         let (last_ns, last) = self.last.as_ref()?;
         let ahead_s = (t_ns - last_ns) as f64 * 1e-9;
@@ -94,7 +86,7 @@ impl History {
             let accelerated_m = 0.5 * ACCELERATION_M_S2 * ahead_s * (ahead_s + apart_s);
             if apart_s > 0.0 && accelerated_m < shift_m {
                 let ratio = ahead_s / apart_s;
-                pose = changed(&last.pose, &(change(&before.pose, &last.pose) * ratio));
+                pose = moved(&last.pose, &(change(&before.pose, &last.pose) * ratio));
                 covariance = covariance * (1.0 + ratio).powi(2) + before.covariance * ratio.powi(2);
                 shift_m = accelerated_m;
             }

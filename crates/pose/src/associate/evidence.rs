@@ -1,9 +1,10 @@
-//! The odds of an assignment: evidence that the detections are the body's, against balls that lie there
-//! by chance.
+//! The odds of an assignment: evidence that the detections are the body's, against balls that lie there by
+//! chance.
 
 use super::associator::Associator;
 use super::belief::Belief;
 use super::expected::Expected;
+use super::frame::{Frame, Pairs};
 use crate::{PoseEstimate, TrackedDetection};
 use mavsight_geometry::{Matrix3, Matrix6, Vector3};
 use nalgebra::{Cholesky, Const};
@@ -13,28 +14,27 @@ use std::f64::consts::PI;
 const LOG_MISSED: f64 = -2.303;
 
 impl Associator {
-    /// Odds, as their logarithm, of the body where the estimate says against other objects of the
-    /// markers' colours: the evidence of the detections by Laplace's approximation (MacKay 1992), for
-    /// poses as predicted, or uniform over room and rotations, with the noise scaled as the flight so
-    /// far, or these residuals, ask for. Other objects lie anywhere in an image, or anywhere in the room
-    /// where two cameras see them, whichever explains the detections better.
+    /// Log odds of the body at the estimate against other objects of the markers' colours: the evidence of
+    /// the detections by Laplace's approximation (MacKay 1992), for poses as predicted, or uniform over room
+    /// and rotations. Other objects lie anywhere in an image or in the room, whichever explains the
+    /// detections better.
     pub(super) fn log_odds(
         &self,
         estimate: &PoseEstimate,
-        candidates: &[TrackedDetection],
-        pairs: &[(usize, usize)],
+        frame: Frame,
+        pairs: &Pairs,
         predicted: Option<&Belief>,
     ) -> f64 {
         let belief = Belief::of(estimate);
         let mut normal = Matrix6::zeros();
         let mut evidence = vec![MarkerEvidence::default(); self.colors.len()];
         for (index, marker) in pairs.iter().filter(|p| estimate.markers_used.contains(p.1)) {
-            let candidate = &candidates[*index];
+            let candidate = &frame.seen[*index];
             let Some(expected) = self.expected(&belief.pose, candidate.camera, *marker) else { continue };
             let Some(factor) = self.detection_covariance(&expected, candidate).cholesky() else { continue };
             normal += expected.jacobian.transpose() * factor.solve(&expected.jacobian);
             let alike = |c: &&TrackedDetection| c.camera == candidate.camera && c.color == candidate.color;
-            let rivals = candidates.iter().filter(alike).count() as f64;
+            let rivals = frame.seen.iter().filter(alike).count() as f64;
             let area_px2 = self.cameras[candidate.camera].size.area_px() as f64;
             evidence[*marker].add(&expected, candidate, &factor, &ByChance { rivals, area_px2 });
         }
@@ -45,7 +45,7 @@ impl Associator {
         let squares: f64 = evidence.iter().map(|t| t.square).sum();
         let (scale, log_misfit) = self.noise.misfit(squares, (2 * n).saturating_sub(6) as f64);
         let apart = |t: &MarkerEvidence| t.log_spread(scale) - t.log_chance(scale, self.volume_m3);
-        let log_missed = LOG_MISSED * self.missed(&belief, candidates, pairs);
+        let log_missed = LOG_MISSED * self.missed(&belief, frame, pairs);
         let log_evidence: f64 = log_missed + log_misfit + evidence.iter().map(apart).sum::<f64>();
         let log_prior = match predicted {
             Some(predicted) => -predicted.log_density(&belief),
@@ -68,7 +68,6 @@ struct ByChance {
 struct MarkerEvidence {
     detections: usize,
     rivals: f64,
-    /// Squared whitened residuals at the pose.
     square: f64,
     /// Σ ln 2π |R|^½.
     log_spread: f64,

@@ -1,13 +1,13 @@
 //! The image of a marker as a belief predicts it, and the distance of a detection from it.
 
-use super::associator::{Associator, MOST_SIZE_RATIO};
-use super::belief::{Belief, changed};
+use super::associator::Associator;
+use super::belief::Belief;
 use crate::TrackedDetection;
+use crate::reprojection::moved;
 use mavsight_geometry::camera::d_pixel_d_pose;
 use mavsight_geometry::{Isometry3, Matrix2, Point3, Vector2, Vector3};
 use nalgebra::{Matrix2x3, Matrix2x6};
 
-/// The image of a marker.
 pub(super) struct Expected {
     pub(super) pixel: Vector2<f64>,
     pub(super) jacobian: Matrix2x6<f64>,
@@ -41,8 +41,8 @@ impl Associator {
         candidate.covariance_px2 + place
     }
 
-    /// Squared distance of a candidate from where a marker is believed, in standard deviations; none
-    /// where it is not of the size or behind the camera.
+    /// Squared distance of a candidate from where a marker is believed, in standard deviations; none where it
+    /// is not of the size or behind the camera.
     pub(super) fn distance(
         &self,
         belief: &Belief,
@@ -50,9 +50,7 @@ impl Associator {
         marker: usize,
     ) -> Option<f64> {
         let expected = self.expected(&belief.pose, candidate.camera, marker)?;
-        let ratio = candidate.diameter_px / expected.diameter_px;
-        let sized = candidate.diameter_px > 0.0 && expected.diameter_px > 0.0;
-        if sized && !(1.0 / MOST_SIZE_RATIO..=MOST_SIZE_RATIO).contains(&ratio) {
+        if !candidate.may_have_diameter(expected.diameter_px) {
             return None;
         }
         let spread = expected.jacobian * belief.covariance * expected.jacobian.transpose()
@@ -68,7 +66,7 @@ impl Associator {
         let spread = expected.jacobian * seen + self.detection_covariance(&expected, candidate);
         let Some(inverse) = spread.try_inverse() else { return };
         let gain = seen * inverse;
-        belief.pose = changed(&belief.pose, &(gain * (candidate.pixel - expected.pixel)));
+        belief.pose = moved(&belief.pose, &(gain * (candidate.pixel - expected.pixel)));
         let narrowed = belief.covariance - gain * seen.transpose();
         belief.covariance = (narrowed + narrowed.transpose()) * 0.5;
     }

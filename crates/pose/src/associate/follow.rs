@@ -1,58 +1,77 @@
 //! The association of one instant: near a predicted pose, and otherwise by all that the detections support.
 
-use super::associator::{Association, Associator, DECISIVE_LOG_ODDS, observations, refused};
+use super::associator::{Association, Associator, DECISIVE_LOG_ODDS, refused};
 use super::belief::Belief;
+use super::frame::{Frame, Pairs};
 use super::noise::LEAST_DEGREES;
 use crate::{PoseError, PoseEstimate, PoseSample, TrackedDetection};
 
 /// Twice the logarithm of the odds, 99 to 1, below which a ball that two markers claim is left to neither.
 const DOUBTFUL_CHI_SQUARE: f64 = 9.19;
 
+/// A detection that may be a marker's image.
+struct Claim {
+    index: usize,
+    camera: usize,
+    marker: usize,
+    /// Squared distance in standard deviations.
+    square: f64,
+}
+
+impl Claim {
+    fn excludes(&self, other: &Self) -> bool {
+        let is_one = self.index == other.index && self.marker == other.marker;
+        let in_its_place = self.marker == other.marker && self.camera == other.camera;
+        !is_one && (self.index == other.index || in_its_place)
+    }
+}
+
 impl Associator {
     /// What the candidates of the next instant are, and the pose they give.
     pub fn associate(&mut self, t_ns: i64, candidates: &[TrackedDetection]) -> Association {
+        let frame = Frame { t_ns, seen: candidates };
         let predicted = self.history.predicted(t_ns, self.size_m);
         let in_use = |k: usize| self.is_in_use(&candidates[k]);
-        let mut out = self.associated_by(t_ns, candidates, predicted.as_ref(), in_use);
-        if let Some(belief) = predicted.as_ref().filter(|_| !self.is_sound(&out, candidates)) {
-            let rest = self.without_detections(t_ns, candidates, belief);
-            if let Some(rest) = rest.or_else(|| self.without_one(t_ns, candidates, belief)) {
-                out = rest;
-            } else if out.sample.estimate.is_none() {
-                let anew = self.associated_by(t_ns, candidates, None, in_use);
-                out = if anew.sample.estimate.is_some() { anew } else { out };
-            }
+        let mut out = self.associated_by(frame, predicted.as_ref(), in_use);
+        if let Some(belief) = predicted.as_ref().filter(|_| !self.is_sound(&out, frame)) {
+            let rest = self.without_detections(frame, belief).or_else(|| self.without_one(frame, belief));
+            let again = |out: &Association| {
+                let lost = out.sample.estimate.is_err();
+                lost.then(|| self.associated_by(frame, None, in_use)).filter(|a| a.sample.estimate.is_ok())
+            };
+            out = rest.or_else(|| again(&out)).unwrap_or(out);
         }
         if let Some(belief) = &predicted
-            && self.watch_cameras(t_ns, candidates, (&out, belief))
+            && self.watch_cameras(frame, &out, belief)
         {
-            let rest = self.associated_by(t_ns, candidates, Some(belief), |k| self.is_in_use(&candidates[k]));
-            out = if rest.sample.estimate.is_some() { rest } else { out };
+            let rest = self.associated_by(frame, Some(belief), |k| self.is_in_use(&candidates[k]));
+            out = if rest.sample.estimate.is_ok() { rest } else { out };
         }
-        if let Some(estimate) = &out.sample.estimate {
+        if let Ok(estimate) = &out.sample.estimate {
             self.history.push(t_ns, estimate, predicted.as_ref());
-            let (squares, degrees) = self.misfit(estimate, candidates, &out.pairs);
+            let (squares, degrees) = self.misfit(estimate, frame, &out.pairs);
             self.noise.learn(estimate, squares, degrees);
-            self.drop_strangers(estimate, candidates, &mut out.pairs);
+            // What does not even touch the place of a marker that was left out is another object.
+            let pose = &estimate.world_from_body;
+            let touches = |seen: &TrackedDetection, marker: usize| {
+                let at = self.expected(pose, seen.camera, marker);
+                at.is_some_and(|e| (e.pixel - seen.pixel).norm() <= 0.5 * e.diameter_px)
+            };
+            out.pairs.retain(|(k, m)| !estimate.left_out.contains(*m) || touches(&candidates[*k], *m));
         }
         out
     }
 
     /// Markers that cameras which see some of the body should see, and of which they have nothing there.
-    pub(super) fn missed(
-        &self,
-        belief: &Belief,
-        candidates: &[TrackedDetection],
-        pairs: &[(usize, usize)],
-    ) -> f64 {
+    pub(super) fn missed(&self, belief: &Belief, frame: Frame, pairs: &Pairs) -> f64 {
         let mut missed = 0;
         for camera in 0..self.cameras.len() {
-            let own = |p: &&(usize, usize)| candidates[p.0].camera == camera;
-            if !pairs.iter().any(|p| own(&p)) {
+            let own = || pairs.iter().filter(|p| frame.seen[p.0].camera == camera);
+            if own().next().is_none() {
                 continue;
             }
             missed += (0..self.colors.len())
-                .filter(|m| !pairs.iter().filter(own).any(|p| p.1 == *m))
+                .filter(|m| !own().any(|p| p.1 == *m))
                 .filter_map(|m| self.expected(&belief.pose, camera, m))
                 .filter(|e| self.cameras[camera].size.contains(&e.pixel, 0.5 * e.diameter_px))
                 .count();
@@ -61,15 +80,10 @@ impl Associator {
     }
 
     /// Squared whitened residuals of the markers used, and their redundancy.
-    pub(super) fn misfit(
-        &self,
-        estimate: &PoseEstimate,
-        candidates: &[TrackedDetection],
-        pairs: &[(usize, usize)],
-    ) -> (f64, f64) {
+    pub(super) fn misfit(&self, estimate: &PoseEstimate, frame: Frame, pairs: &Pairs) -> (f64, f64) {
         let (mut squares, mut n) = (0.0, 0.0);
         for (index, marker) in pairs.iter().filter(|p| estimate.markers_used.contains(p.1)) {
-            let candidate = &candidates[*index];
+            let candidate = &frame.seen[*index];
             let at = self.expected(&estimate.world_from_body, candidate.camera, *marker);
             let Some(expected) = at else { continue };
             let error = candidate.pixel - expected.pixel;
@@ -80,104 +94,78 @@ impl Associator {
         (squares, n - 6.0)
     }
 
-    /// Takes from markers that were left out what does not even touch their place: another object.
-    fn drop_strangers(
-        &self,
-        estimate: &PoseEstimate,
-        candidates: &[TrackedDetection],
-        pairs: &mut Vec<(usize, usize)>,
-    ) {
-        pairs.retain(|(index, marker)| {
-            let candidate = &candidates[*index];
-            !estimate.left_out.contains(*marker)
-                || self
-                    .expected(&estimate.world_from_body, candidate.camera, *marker)
-                    .is_some_and(|e| (e.pixel - candidate.pixel).norm() <= 0.5 * e.diameter_px)
-        });
+    /// The pose near a predicted one.
+    pub(super) fn follow(&self, frame: Frame, predicted: &Belief) -> Association {
+        let mut pairs = Pairs::new();
+        self.assign(frame, *predicted, &mut pairs);
+        match self.believed(frame, &pairs, predicted) {
+            Ok(estimate) => {
+                Association { sample: PoseSample { t_ns: frame.t_ns, estimate: Ok(estimate) }, pairs }
+            }
+            Err(reason) => refused(frame.t_ns, reason),
+        }
     }
 
-    /// The pose near a predicted one.
-    pub(super) fn follow(
-        &self,
-        t_ns: i64,
-        candidates: &[TrackedDetection],
-        predicted: &Belief,
-    ) -> Association {
-        let mut pairs = Vec::new();
-        self.assign(candidates, *predicted, &mut pairs);
-        let seen = observations(t_ns, candidates, &pairs);
-        match self.estimator.estimate(t_ns, &seen, Some(&predicted.pose)) {
-            Ok(estimate) => {
-                let square = predicted.distance(&Belief::of(&estimate));
-                if square > crate::estimate::chi_square_quantile(6) {
-                    return refused(t_ns, &PoseError::UnlikelyPose { times: (square / 6.0).sqrt() });
-                }
-                let log_odds = self.log_odds(&estimate, candidates, &pairs, Some(predicted));
-                let (_, degrees) = self.misfit(&estimate, candidates, &pairs);
-                // What agrees with little else than the prediction is believed where that leaves no room
-                // for another ball.
-                let largest_m = self.estimator.markers().iter().map(|m| 2.0 * m.radius_m).fold(0.0, f64::max);
-                let vague = degrees < LEAST_DEGREES && predicted.shift_m > largest_m;
-                if vague || log_odds < DECISIVE_LOG_ODDS {
-                    let (balls, needed) = (candidates.len(), DECISIVE_LOG_ODDS);
-                    return refused(t_ns, &PoseError::UnconvincingPose { balls, log_odds, needed });
-                }
-                Association { sample: PoseSample { t_ns, estimate: Some(estimate), reason: None }, pairs }
-            }
-            Err(refusal) => refused(t_ns, &refusal),
+    fn believed(&self, frame: Frame, pairs: &Pairs, predicted: &Belief) -> Result<PoseEstimate, PoseError> {
+        let seen = frame.observations(pairs);
+        let estimate = self.estimator.estimate(frame.t_ns, &seen, Some(&predicted.pose))?;
+        let square = predicted.distance(&Belief::of(&estimate));
+        if square > crate::estimate::chi_square_quantile(6) {
+            return Err(PoseError::UnlikelyPose { times: (square / 6.0).sqrt() });
         }
+        let log_odds = self.log_odds(&estimate, frame, pairs, Some(predicted));
+        let (_, degrees) = self.misfit(&estimate, frame, pairs);
+        // What agrees with little else than the prediction is believed where that leaves no room for
+        // another ball.
+        let largest_m = self.estimator.markers().iter().map(|m| 2.0 * m.radius_m).fold(0.0, f64::max);
+        let is_vague = degrees < LEAST_DEGREES && predicted.shift_m > largest_m;
+        if is_vague || log_odds < DECISIVE_LOG_ODDS {
+            let (balls, needed) = (frame.seen.len(), DECISIVE_LOG_ODDS);
+            return Err(PoseError::UnconvincingPose { balls, log_odds, needed });
+        }
+        Ok(estimate)
     }
 
     /// Gives candidates to markers, the least doubtful first; each narrows the belief for those that follow.
-    pub(super) fn assign(
-        &self,
-        candidates: &[TrackedDetection],
-        mut belief: Belief,
-        pairs: &mut Vec<(usize, usize)>,
-    ) {
-        let markers = self.colors.len();
-        let gate = crate::estimate::chi_square_quantile(2);
-        let mut options: Vec<(usize, usize, f64)> = Vec::with_capacity(candidates.len());
+    pub(super) fn assign(&self, frame: Frame, mut belief: Belief, pairs: &mut Pairs) {
         loop {
-            options.clear();
-            for (index, candidate) in candidates.iter().enumerate() {
-                if pairs.iter().any(|(c, _)| *c == index) {
-                    continue;
-                }
-                for marker in (0..markers).filter(|m| self.colors[*m] == candidate.color) {
-                    let taken =
-                        |(c, m): &(usize, usize)| *m == marker && candidates[*c].camera == candidate.camera;
-                    if pairs.iter().any(taken) {
-                        continue;
-                    }
-                    if let Some(square) = self.distance(&belief, candidate, marker).filter(|d| *d <= gate) {
-                        options.push((index, marker, square));
-                    }
-                }
-            }
-            let rivals = |a: &(usize, usize, f64), b: &(usize, usize, f64)| {
-                (a.0, a.1) != (b.0, b.1)
-                    && (a.0 == b.0 || (a.1 == b.1 && candidates[a.0].camera == candidates[b.0].camera))
+            let claims = self.claims(frame, &belief, pairs);
+            let margin = |a: &Claim| {
+                let rivals = claims.iter().filter(|b| a.excludes(b));
+                rivals.map(|b| b.square - a.square).fold(f64::INFINITY, f64::min)
             };
-            let margin = |a: &(usize, usize, f64)| {
-                options.iter().filter(|b| rivals(a, b)).map(|b| b.2 - a.2).fold(f64::INFINITY, f64::min)
-            };
-            if options.iter().all(|a| margin(a) == f64::INFINITY) {
-                pairs.extend(options.iter().map(|o| (o.0, o.1)));
+            if claims.iter().all(|a| margin(a) == f64::INFINITY) {
+                pairs.extend(claims.iter().map(|c| (c.index, c.marker)));
                 break;
             }
-            let clear = options
+            let clearest = claims
                 .iter()
-                .map(|o| (margin(o), o))
-                .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.2.total_cmp(&a.1.2)));
-            let Some((margin, &(index, marker, _))) = clear else { break };
-            if margin < DOUBTFUL_CHI_SQUARE {
-                // What nobody else claims is taken all the same; the rest goes to neither.
-                break;
-            }
-            pairs.push((index, marker));
-            self.narrow(&mut belief, &candidates[index], marker);
+                .map(|c| (margin(c), c))
+                .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.square.total_cmp(&a.1.square)));
+            // Where even that is doubtful the rest goes to nobody.
+            let Some((_, claim)) = clearest.filter(|c| c.0 >= DOUBTFUL_CHI_SQUARE) else { break };
+            pairs.push((claim.index, claim.marker));
+            self.narrow(&mut belief, &frame.seen[claim.index], claim.marker);
         }
-        pairs.sort_unstable_by_key(|(c, m)| (candidates[*c].camera, *m));
+        frame.sort(pairs);
+    }
+
+    /// Detections near markers' images, of those that are not given away.
+    fn claims(&self, frame: Frame, belief: &Belief, pairs: &Pairs) -> Vec<Claim> {
+        let gate = crate::estimate::chi_square_quantile(2);
+        let mut out = Vec::with_capacity(frame.seen.len());
+        for (index, candidate) in frame.seen.iter().enumerate() {
+            if pairs.iter().any(|(k, _)| *k == index) {
+                continue;
+            }
+            let camera = candidate.camera;
+            for marker in (0..self.colors.len()).filter(|m| self.colors[*m] == candidate.color) {
+                let is_taken = pairs.iter().any(|(k, m)| *m == marker && frame.seen[*k].camera == camera);
+                let square = if is_taken { None } else { self.distance(belief, candidate, marker) };
+                let near = square.filter(|d| *d <= gate);
+                out.extend(near.map(|square| Claim { index, camera, marker, square }));
+            }
+        }
+        out
     }
 }

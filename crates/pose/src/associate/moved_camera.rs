@@ -2,8 +2,8 @@
 
 use mavsight_geometry::Vector2;
 
-/// Standard deviations, in the plane, beyond which a camera's view is shifted. By chance it is so twice
-/// in a row once in a hundred hours of two cameras at 60 Hz: p² · 432 000 = 0.01, and √(-2 ln p) of that.
+/// Standard deviations, in the plane, beyond which a camera's view is shifted. By chance it is so twice in a
+/// row once in a hundred hours of two cameras at 60 Hz: p² · 432 000 = 0.01, and √(-2 ln p) of that.
 const SHIFTED: f64 = 4.2;
 /// Instants over which a camera's usual shift is averaged: some seconds.
 const USUAL: f64 = 200.0;
@@ -24,8 +24,8 @@ pub struct MovedCamera {
 pub(super) struct Watch {
     pub(super) suspects: Vec<MovedCamera>,
     pub(super) moved: Vec<MovedCamera>,
-    /// For each camera the mean square, in standard deviations, by which its view of the body is shifted
-    /// while it stands: 2, and more where cameras are less exact than is claimed of them.
+    /// For each camera the mean square shift of its view of the body while it stands, in standard deviations:
+    /// 2, and more where cameras are less exact than is claimed.
     usual: Vec<f64>,
 }
 

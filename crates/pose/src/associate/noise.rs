@@ -2,8 +2,7 @@
 
 use crate::PoseEstimate;
 
-/// Weight of the noise known before against one instant's, in degrees of freedom: as much as four markers
-/// in two cameras have.
+/// Degrees of freedom of the noise known before against one instant's: four markers in two cameras.
 const CLAIM_DEGREES: f64 = 10.0;
 /// Share of what is known of the noise that is kept from frame to frame: some seconds of video.
 const NOISE_MEMORY: f64 = 0.99;
@@ -18,9 +17,9 @@ pub(super) struct Noise {
 }
 
 impl Noise {
-    /// The factor on the claims, and the logarithm of the misfit's density: Student's, as the factor is
-    /// known as if by [`CLAIM_DEGREES`] (Gelman et al. 2013, section 2.6); where nothing was seen yet and
-    /// residuals show more than that, theirs.
+    /// The factor on the claims, and the logarithm of the misfit's density: Student's, as the factor is known
+    /// as if by [`CLAIM_DEGREES`] (Gelman et al. 2013, section 2.6); where nothing was seen yet and residuals
+    /// show more than that, theirs.
     pub(super) fn misfit(&self, squares: f64, degrees: f64) -> (f64, f64) {
         if self.degrees == 0.0 && degrees >= LEAST_DEGREES {
             let scale = (squares / degrees).max(1.0);

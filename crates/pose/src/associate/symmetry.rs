@@ -1,13 +1,13 @@
 //! Bodies that look the same after a turn.
 
 use crate::{BodyMarker, PoseError};
-use mavsight_geometry::{Vector3, rigid_fit};
+use mavsight_geometry::rigid_fit;
 
 /// Normal quantile of the gate on lengths, 99.9 % on both sides.
 const GATE: f64 = 3.29;
 
-/// Refuses a body whose markers of one colour can change places by a rigid motion within what their
-/// places are known to.
+/// Refuses a body whose markers of one colour can change places by a rigid motion within what their places
+/// are known to.
 ///
 /// # Errors
 /// [`PoseError::SymmetricMarkers`] naming the markers and the least shift of one of them that would be
@@ -58,8 +58,9 @@ fn changed_places(
 }
 
 fn is_turn(markers: &[BodyMarker], places: &[usize], needed_m: f64) -> bool {
-    let from: Vec<Vector3<f64>> = markers.iter().map(|m| m.marker_in_body_m).collect();
-    let to: Vec<Vector3<f64>> = places.iter().map(|p| from[*p]).collect();
-    let fit = rigid_fit(&from, &to, &vec![1.0; from.len()]);
-    fit.is_ok_and(|f| f.residuals_m.iter().all(|r| *r <= needed_m))
+    let at = |m: usize| markers[m].marker_in_body_m;
+    let mut pairs = places.iter().enumerate().map(|(from, to)| (at(from), at(*to)));
+    rigid_fit(pairs.clone()).is_ok_and(|f| {
+        pairs.all(|(from, to)| (f.rotation * from + f.translation.vector - to).norm() <= needed_m)
+    })
 }

@@ -2,6 +2,7 @@
 
 use super::associator::{Association, Associator, DECISIVE_LOG_ODDS};
 use super::belief::Belief;
+use super::frame::Frame;
 use super::moved_camera::MovedCamera;
 use super::noise::LEAST_DEGREES;
 use crate::TrackedDetection;
@@ -19,7 +20,6 @@ struct Shift {
     mean_px: Vector2<f64>,
     /// In standard deviations, scaled by the residuals so far.
     square: f64,
-    /// Whether all balls have it.
     is_common: bool,
 }
 
@@ -32,54 +32,37 @@ impl Associator {
     /// What the candidates that are wanted, by their index, say.
     pub(super) fn associated_by(
         &self,
-        t_ns: i64,
-        candidates: &[TrackedDetection],
+        frame: Frame,
         predicted: Option<&Belief>,
         wanted: impl Fn(usize) -> bool,
     ) -> Association {
-        let solve = |c: &[TrackedDetection]| {
-            predicted.map_or_else(|| self.acquire(t_ns, c), |p| self.follow(t_ns, c, p))
-        };
-        if (0..candidates.len()).all(&wanted) {
-            return solve(candidates);
-        }
-        let kept: Vec<usize> = (0..candidates.len()).filter(|k| wanted(*k)).collect();
-        let own: Vec<TrackedDetection> = kept.iter().map(|k| candidates[*k]).collect();
-        let mut out = solve(&own);
+        let kept: Vec<usize> = (0..frame.seen.len()).filter(|k| wanted(*k)).collect();
+        let seen: Vec<TrackedDetection> = kept.iter().map(|k| frame.seen[*k]).collect();
+        let own = Frame { seen: &seen, ..frame };
+        let mut out = predicted.map_or_else(|| self.acquire(own), |p| self.follow(own, p));
         out.pairs.iter_mut().for_each(|pair| pair.0 = kept[pair.0]);
         out
     }
 
-    /// Whether a candidate is of a camera that takes part.
     pub(super) fn is_in_use(&self, candidate: &TrackedDetection) -> bool {
         !self.watch.is_out(candidate.camera)
     }
 
-    /// The pose of all detections but one or two, where all together make no sense: balls before each
-    /// other are seen off their places. What is left still checks itself.
-    pub(super) fn without_detections(
-        &self,
-        t_ns: i64,
-        candidates: &[TrackedDetection],
-        predicted: &Belief,
-    ) -> Option<Association> {
+    /// The pose of all detections but one or two, where all together make no sense: balls before each other
+    /// are seen off their places.
+    pub(super) fn without_detections(&self, frame: Frame, predicted: &Belief) -> Option<Association> {
         let mut out = Vec::with_capacity(MOST_OFF);
         for _ in 0..MOST_OFF {
-            let mut best: Option<(f64, usize, Association)> = None;
-            for k in (0..candidates.len()).filter(|k| self.is_in_use(&candidates[*k])) {
-                if out.contains(&k) {
-                    continue;
-                }
-                let wanted = |i: usize| i != k && !out.contains(&i) && self.is_in_use(&candidates[i]);
-                let found = self.associated_by(t_ns, candidates, Some(predicted), wanted);
-                let Some(estimate) = &found.sample.estimate else { continue };
-                let (squares, degrees) = self.misfit(estimate, candidates, &found.pairs);
-                if degrees >= LEAST_DEGREES && best.as_ref().is_none_or(|b| squares / degrees < b.0) {
-                    best = Some((squares / degrees, k, found));
-                }
-            }
-            let (_, k, found) = best?;
-            if self.is_sound(&found, candidates) {
+            let is_left = |k: usize| !out.contains(&k) && self.is_in_use(&frame.seen[k]);
+            let without = |k: usize| {
+                let found = self.associated_by(frame, Some(predicted), |i| i != k && is_left(i));
+                let estimate = found.sample.estimate.as_ref().ok()?;
+                let (squares, degrees) = self.misfit(estimate, frame, &found.pairs);
+                (degrees >= LEAST_DEGREES).then_some((squares / degrees, k, found))
+            };
+            let tried = (0..frame.seen.len()).filter(|k| is_left(*k)).filter_map(without);
+            let (_, k, found) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+            if self.is_sound(&found, frame) {
                 return Some(found);
             }
             out.push(k);
@@ -87,72 +70,53 @@ impl Associator {
         None
     }
 
-    /// The pose of all cameras but one, where all together make no sense and it is clear which one to
-    /// leave out.
-    pub(super) fn without_one(
-        &self,
-        t_ns: i64,
-        candidates: &[TrackedDetection],
-        predicted: &Belief,
-    ) -> Option<Association> {
-        let mut best: Option<(f64, Association)> = None;
-        let mut next = f64::NEG_INFINITY;
-        for camera in (0..self.cameras.len()).filter(|c| !self.watch.is_out(*c)) {
-            let wanted = |k: usize| candidates[k].camera != camera && self.is_in_use(&candidates[k]);
-            let found = self.associated_by(t_ns, candidates, Some(predicted), wanted);
-            if !self.is_sound(&found, candidates) {
-                continue;
-            }
-            let Some(estimate) = &found.sample.estimate else { continue };
-            let odds = self.log_odds(estimate, candidates, &found.pairs, Some(predicted));
-            if best.as_ref().is_none_or(|(most, _)| odds > *most) {
-                next = best.as_ref().map_or(next, |b| b.0);
-                best = Some((odds, found));
-            } else {
-                next = next.max(odds);
-            }
-        }
-        best.filter(|(odds, _)| odds - next >= DECISIVE_LOG_ODDS).map(|b| b.1)
+    /// The pose of all cameras but one, where all together make no sense and it is clear which one to leave
+    /// out.
+    pub(super) fn without_one(&self, frame: Frame, predicted: &Belief) -> Option<Association> {
+        let without = |camera: usize| {
+            let is_left = |k: usize| frame.seen[k].camera != camera && self.is_in_use(&frame.seen[k]);
+            let found = self.associated_by(frame, Some(predicted), is_left);
+            let estimate = found.sample.estimate.as_ref().ok().filter(|_| self.is_sound(&found, frame))?;
+            Some((self.log_odds(estimate, frame, &found.pairs, Some(predicted)), found))
+        };
+        let cameras = (0..self.cameras.len()).filter(|c| !self.watch.is_out(*c));
+        let mut found: Vec<(f64, Association)> = cameras.filter_map(without).collect();
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let next = found.get(1).map_or(f64::NEG_INFINITY, |f| f.0);
+        found.into_iter().next().filter(|(odds, _)| odds - next >= DECISIVE_LOG_ODDS).map(|f| f.1)
     }
 
     /// Whether there is a pose whose residuals are what they have been.
-    pub(super) fn is_sound(&self, found: &Association, candidates: &[TrackedDetection]) -> bool {
-        let Some(estimate) = &found.sample.estimate else { return false };
-        let (squares, degrees) = self.misfit(estimate, candidates, &found.pairs);
-        let scale = self.noise.scale();
-        scale.is_none_or(|s| {
-            degrees < 1.0 || squares <= s * crate::estimate::chi_square_quantile(degrees as usize)
-        })
+    pub(super) fn is_sound(&self, found: &Association, frame: Frame) -> bool {
+        let Ok(estimate) = &found.sample.estimate else { return false };
+        let (squares, degrees) = self.misfit(estimate, frame, &found.pairs);
+        let gate = |scale: f64| scale * crate::estimate::chi_square_quantile(degrees as usize);
+        self.noise.scale().is_none_or(|scale| degrees < 1.0 || squares <= gate(scale))
     }
 
-    /// Looks for cameras whose view of the body is shifted as a whole against the prediction and the
-    /// other cameras. A camera that is so for the first time is suspected and left out; twice in a row
-    /// alike, it was moved. Whether anyone is newly suspected.
-    pub(super) fn watch_cameras(
-        &mut self,
-        t_ns: i64,
-        candidates: &[TrackedDetection],
-        (found, predicted): (&Association, &Belief),
-    ) -> bool {
+    /// Looks for cameras whose view of the body is shifted as a whole against the prediction and the other
+    /// cameras. Such a camera is suspected and left out; twice in a row alike, it was moved. Whether anyone is
+    /// newly suspected.
+    pub(super) fn watch_cameras(&mut self, frame: Frame, found: &Association, predicted: &Belief) -> bool {
         let before = std::mem::take(&mut self.watch.suspects);
         for camera in 0..self.cameras.len() {
             if self.watch.moved.iter().any(|m| m.camera == camera) {
                 continue;
             }
             let is_used =
-                |marker| found.sample.estimate.as_ref().is_none_or(|e| e.markers_used.contains(marker));
-            let is_other = |p: &&(usize, usize)| candidates[p.0].camera != camera && is_used(p.1);
+                |marker| found.sample.estimate.as_ref().map_or(true, |e| e.markers_used.contains(marker));
+            let is_other = |p: &&(usize, usize)| frame.seen[p.0].camera != camera && is_used(p.1);
             let others = || found.pairs.iter().filter(is_other);
             if others().count() < 3 {
                 continue;
             }
             let mut belief = *predicted;
-            others().for_each(|(index, marker)| self.narrow(&mut belief, &candidates[*index], *marker));
-            let Some(shift) = self.shift(camera, candidates, &belief) else { continue };
+            others().for_each(|(index, marker)| self.narrow(&mut belief, &frame.seen[*index], *marker));
+            let Some(shift) = self.shift(camera, frame, &belief) else { continue };
             if !self.watch.is_beyond_usual(camera, shift.square) || !shift.is_common {
                 continue;
             }
-            let shift_px = shift.mean_px;
+            let (t_ns, shift_px) = (frame.t_ns, shift.mean_px);
             match before.iter().find(|s| s.camera == camera) {
                 Some(s) if (s.shift_px - shift_px).norm() <= 2.0 * COMMON * s.shift_px.norm() => {
                     self.watch.moved.push(*s);
@@ -169,16 +133,14 @@ impl Associator {
     }
 
     /// The shift of three balls or more of a camera against a belief.
-    fn shift(&self, camera: usize, candidates: &[TrackedDetection], belief: &Belief) -> Option<Shift> {
+    fn shift(&self, camera: usize, frame: Frame, belief: &Belief) -> Option<Shift> {
         let mut errors: Vec<Vector2<f64>> = Vec::new();
         let (mut jacobian, mut noise) = (Matrix2x6::zeros(), Matrix2::zeros());
-        for marker in 0..self.colors.len() {
+        for (marker, color) in self.colors.iter().enumerate() {
             let Some(expected) = self.expected(&belief.pose, camera, marker) else { continue };
             let error = |c: &TrackedDetection| c.pixel - expected.pixel;
-            let nearest = candidates
-                .iter()
-                .filter(|c| c.camera == camera && c.color == self.colors[marker])
-                .min_by(|a, b| error(a).norm().total_cmp(&error(b).norm()));
+            let own = frame.seen.iter().filter(|c| c.camera == camera && c.color == *color);
+            let nearest = own.min_by(|a, b| error(a).norm().total_cmp(&error(b).norm()));
             let Some(nearest) = nearest else { continue };
             errors.push(error(nearest));
             jacobian += expected.jacobian;

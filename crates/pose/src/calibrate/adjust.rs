@@ -3,14 +3,14 @@
 use super::equations::{Adjustment, Equations};
 use super::layout::{Layout, State};
 use super::model::CameraModel;
-use super::normal::Eliminated;
+use super::normal::Factored;
 use super::problem::{Data, Problem};
+use crate::reprojection::PointObservation;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Vector2};
 use nalgebra::DMatrix;
 
-/// Degrees of freedom that the stated pixel covariances count for against the residuals: the variance factor
-/// of few residuals is as uncertain as that of a normal sample of this size, which a-priori covariances known
-/// to a factor of about two deserve (mean of a scaled inverse chi-square, Gelman et al. 2013, section 2.6).
+/// Degrees of freedom for which the stated covariances count against the residuals, as they are known to a
+/// factor of about two (mean of a scaled inverse chi-square, Gelman et al. 2013, section 2.6).
 const PRIOR_FREEDOM: f64 = 2.0;
 /// Spread of the image of a point that is not what it is taken for, of the width.
 const STRAY_STD: f64 = 0.05;
@@ -18,7 +18,6 @@ const STRAY_STD: f64 = 0.05;
 const MAX_STEPS: usize = 60;
 const ROUNDS: usize = 4;
 
-/// An adjustment.
 #[derive(Clone)]
 pub(super) struct Fit {
     pub(super) models: Vec<CameraModel>,
@@ -34,29 +33,21 @@ pub(super) struct Fit {
     pub(super) log_evidence: f64,
 }
 
-/// Adjusts the cameras that have used observations under their models, from a state and a variance factor;
-/// `None` when the iteration leaves the cameras' view or the equations are singular.
-fn adjust_from(data: Data, models: &[CameraModel], mut state: State, factor: f64) -> Option<Fit> {
-    let layout = Layout::new(data, models);
-    state.cameras = state.cameras.iter().zip(models).map(|(c, m)| m.restricted(c)).collect();
-    Adjustment { data, models, layout }.run(state, factor)
-}
-
-/// [`adjust_from`] these cameras.
+/// Adjusts the cameras that have used observations under their models, from some cameras; `None` when the
+/// iteration leaves the cameras' view or the equations are singular.
 pub(super) fn adjust(data: Data, models: &[CameraModel], start: &[Camera]) -> Option<Fit> {
-    adjust_from(data, models, State::new(data.problem, start), 1.0)
+    Adjustment::new(data, models).run(State::new(data.problem, start), 1.0)
 }
 
-/// [`adjust_from`] a fit under another model.
+/// [`adjust`] from a fit under another model.
 pub(super) fn readjust(data: Data, models: &[CameraModel], near: &Fit) -> Option<Fit> {
-    adjust_from(data, models, near.state.clone(), near.variance_factor)
+    Adjustment::new(data, models).run(near.state.clone(), near.variance_factor)
 }
 
 /// The fit that exact images of these cameras would have if their noise were as stated: nothing is adjusted,
 /// and the variance factor is 1.
 pub(super) fn expected(data: Data, models: &[CameraModel], cameras: &[Camera]) -> Option<Fit> {
-    let layout = Layout::new(data, models);
-    let adjustment = Adjustment { data, models, layout };
+    let adjustment = Adjustment::new(data, models);
     let mut state = State::new(data.problem, cameras);
     let equations = adjustment.equations(&mut state, 1.0)?;
     adjustment.fit(state, &equations, 1.0)
@@ -64,6 +55,7 @@ pub(super) fn expected(data: Data, models: &[CameraModel], cameras: &[Camera]) -
 
 impl Adjustment<'_> {
     fn run(self, mut state: State, mut factor: f64) -> Option<Fit> {
+        state.cameras = state.cameras.iter().zip(self.models).map(|(c, m)| m.restricted(c)).collect();
         for round in 1..=ROUNDS {
             let equations = self.minimise(&mut state, factor)?;
             let fit = self.fit(state, &equations, factor)?;
@@ -79,9 +71,8 @@ impl Adjustment<'_> {
         None
     }
 
-    /// The fit of a state at its minimum.
     fn fit(&self, state: State, equations: &Equations, factor: f64) -> Option<Fit> {
-        let factors = Eliminated::new(&equations.normal, self.layout.of_cameras, 0.0)?;
+        let factors = Factored::new(&equations.normal, 0.0)?;
         let covariance = factors.inverse();
         let n = equations.coordinates as f64;
         let free = (self.layout.size + equations.pose_parameters) as f64;
@@ -107,7 +98,7 @@ impl Adjustment<'_> {
         let mut now = self.equations(state, factor)?;
         let mut damping = 0.0;
         for _ in 0..MAX_STEPS {
-            let step = Eliminated::new(&now.normal, self.layout.of_cameras, damping)?.solve(&now.gradient);
+            let step = Factored::new(&now.normal, damping)?.solve(&now.gradient);
             let decrement = step.dot(&now.gradient);
             let mut tried = state.stepped(&self.layout, &step);
             let cost = now.squares / factor + now.prior;
@@ -128,21 +119,19 @@ impl Adjustment<'_> {
     }
 
     fn log_density_of_strays(&self) -> f64 {
-        let unused =
-            self.data.problem.observations.iter().zip(&self.data.choice.used).filter(|(_, used)| !**used);
-        unused
-            .map(|(o, _)| {
-                let stray_px = STRAY_STD * f64::from(self.data.problem.sizes[o.camera].width_px);
-                0.5 * o.covariance_px2.determinant().ln() - 2.0 * stray_px.ln()
-            })
-            .sum()
+        let Data { problem, choice } = self.data;
+        let unused = problem.observations.iter().zip(&choice.used).filter(|(_, used)| !**used);
+        let log_density = |(o, _): (&PointObservation, _)| {
+            let stray_px = STRAY_STD * f64::from(problem.sizes[o.camera].width_px);
+            0.5 * o.covariance_px2.determinant().ln() - 2.0 * stray_px.ln()
+        };
+        unused.map(log_density).sum()
     }
 }
 
 /// Residuals of the moved objects in one camera.
 #[derive(Default)]
 pub(super) struct ObjectResiduals {
-    /// Sum of the squared residuals.
     pub(super) squares_px2: f64,
     /// Observations, of two coordinates each.
     pub(super) observations: f64,
@@ -158,10 +147,9 @@ impl Fit {
         observation: usize,
     ) -> Option<Vector2<f64>> {
         let o = &problem.observations[observation];
-        let place = &self.state.places[choice.place[observation]];
-        let predicted =
-            self.state.cameras[o.camera].project_ball(place, problem.points[o.point].radius_m).ok()?;
-        Some(o.pixel - predicted.pixel)
+        let (place, radius_m) =
+            (&self.state.places[choice.place[observation]], problem.points[o.point].radius_m);
+        Some(o.pixel - self.state.cameras[o.camera].project_ball(place, radius_m).ok()?.pixel)
     }
 
     pub(super) fn object_residuals(&self, problem: &Problem, camera: usize) -> ObjectResiduals {

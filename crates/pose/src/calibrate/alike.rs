@@ -5,17 +5,14 @@ use super::problem::{Choice, Data};
 use crate::precision::covariance_of_point;
 use mavsight_geometry::Vector3;
 
-/// Two points of the Gauss-Legendre rule, of half a side: their mean is that over the side for polynomials up
-/// to the third power.
+/// Half a side's points of the Gauss-Legendre rule for polynomials up to the third power.
 const GAUSS: f64 = 0.577_350_269_189_625_8;
 
 /// For each camera, the standard deviation of a pixel coordinate that would leave a point in the volume of
 /// the control points as uncertain, were all points of the camera alike.
 ///
-/// Neither the mean of the variances nor that of the weights is that, as other points replace a bad one only
-/// in part, the less so the more parameters there are. The covariance of the cameras is formed once more with
-/// the mean of the weights for all points, and its effect on the variance of a point in the volume is
-/// compared. Where there is none, the result is the mean of the weights.
+/// The covariance of the cameras is formed once more with the mean of the weights for all points, and its
+/// effect on a point in the volume is compared. Without one the result is the mean of the weights.
 pub(super) fn alike_std_px(data: Data, fit: &Fit) -> Vec<f64> {
     let Data { problem, choice } = data;
     let cameras = 0..problem.sizes.len();

@@ -2,10 +2,11 @@
 
 use super::adjust::{Fit, adjust, readjust};
 use super::model::CameraModel;
-use super::problem::{Choice, Data};
+use super::problem::{Choice, Data, Problem};
 use super::start::{MIN_POINTS, starts};
+use crate::PoseError;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, GeometryError, ImageSize, Intrinsics, Isometry3};
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use nalgebra::{DMatrix, DVector};
 
 /// Models less probable than the best by this factor do not enter the uncertainty (Madigan & Raftery 1994).
 const OCCAMS_WINDOW: f64 = 20.0;
@@ -18,10 +19,15 @@ pub(super) struct Chosen {
     pub(super) others: Vec<(f64, Fit)>,
 }
 
-/// Why a camera has no start.
 pub(super) struct NoStart {
     pub(super) camera: usize,
     pub(super) source: GeometryError,
+}
+
+impl NoStart {
+    pub(super) fn named(self, problem: &Problem) -> PoseError {
+        PoseError::Calibration { camera: problem.names[self.camera].clone(), source: self.source }
+    }
 }
 
 /// Cameras to start from; a camera without used observations keeps a neutral one.
@@ -41,19 +47,21 @@ pub(super) fn start_cameras(data: Data) -> Result<Vec<Camera>, NoStart> {
         let mut alone = Choice { used: vec![false; choice.used.len()], place: choice.place.clone() };
         data.used_by(camera).for_each(|k| alone.used[k] = true);
         let models = vec![CameraModel::PINHOLE; cameras.len()];
-        let fits = candidates.iter().filter_map(|candidate| {
+        let best = most_probable(candidates.iter().filter_map(|candidate| {
             let mut start = cameras.clone();
             start[camera] = *candidate;
             adjust(problem.with(&alone), &models, &start)
-        });
-        let best = fits.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence));
+        }));
         let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
         cameras[camera] = best.ok_or(NoStart { camera, source })?.state.cameras[camera];
     }
     Ok(cameras)
 }
 
-/// Whether each camera keeps points enough.
+pub(super) fn most_probable(fits: impl Iterator<Item = Fit>) -> Option<Fit> {
+    fits.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))
+}
+
 pub(super) fn is_enough(data: Data) -> bool {
     (0..data.problem.sizes.len()).all(|camera| {
         data.problem.moved.iter().any(|m| m.is_seen_by(camera)) || data.used_by(camera).count() >= MIN_POINTS
@@ -70,34 +78,27 @@ pub(super) fn choose(data: Data, start: &[Camera]) -> Option<Chosen> {
     let mut best = adjust(data, &models, start)?;
     let mut tried: Vec<Fit> = Vec::new();
     loop {
-        let mut better: Option<Fit> = None;
+        let before = best.clone();
         for (first, size) in problem.sizes.iter().enumerate() {
             if problem.sizes[..first].contains(size) {
                 continue;
             }
-            for wider in best.models[first].wider() {
-                let models: Vec<CameraModel> = problem
-                    .sizes
-                    .iter()
-                    .zip(&best.models)
-                    .map(|(s, model)| if s == size { wider } else { *model })
-                    .collect();
+            for wider in before.models[first].wider() {
+                let own = problem.sizes.iter().zip(&before.models);
+                let models: Vec<_> = own.map(|(s, model)| if s == size { wider } else { *model }).collect();
                 // A model may have been tried on another way: each counts once.
-                if tried.iter().chain(&better).any(|fit| fit.models == models) {
+                if tried.iter().chain([&best]).any(|fit| fit.models == models) {
                     continue;
                 }
-                let Some(fit) = readjust(data, &models, &best) else { continue };
-                let ahead = better.as_ref().map_or(best.log_evidence, |b| b.log_evidence);
-                if fit.log_evidence > ahead {
-                    tried.extend(better.replace(fit));
-                } else {
-                    tried.push(fit);
+                let Some(mut fit) = readjust(data, &models, &before) else { continue };
+                if fit.log_evidence > best.log_evidence {
+                    std::mem::swap(&mut fit, &mut best);
                 }
+                tried.push(fit);
             }
         }
-        match better {
-            Some(next) => tried.push(std::mem::replace(&mut best, next)),
-            None => break,
+        if best.models == before.models {
+            break;
         }
     }
     let others = tried
@@ -129,16 +130,12 @@ impl Chosen {
 
 /// U with U Uᵀ the covariance, one column for each direction that it has; scaled first, as its units differ.
 pub(super) fn root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
-    let n = covariance.nrows();
-    let scale: Vec<f64> = covariance.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect();
-    let unit = DMatrix::from_fn(n, n, |i, j| {
-        let size = scale[i] * scale[j];
-        if size > 0.0 { covariance[(i, j)] / size } else { 0.0 }
-    });
-    let eigen = SymmetricEigen::new(unit);
-    let mut order: Vec<usize> = (0..n).filter(|k| eigen.eigenvalues[*k] > 1e-12).collect();
+    let scale = covariance.diagonal().map(|v| v.max(0.0).sqrt());
+    let inverse = scale.map(|s| if s > 0.0 { 1.0 / s } else { 0.0 });
+    let eigen = covariance.component_mul(&(&inverse * inverse.transpose())).symmetric_eigen();
+    let mut order: Vec<usize> = (0..scale.len()).filter(|k| eigen.eigenvalues[*k] > 1e-12).collect();
     order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-    DMatrix::from_fn(n, order.len(), |i, k| {
+    DMatrix::from_fn(scale.len(), order.len(), |i, k| {
         scale[i] * eigen.eigenvectors[(i, order[k])] * eigen.eigenvalues[order[k]].sqrt()
     })
 }

@@ -18,12 +18,11 @@ pub(super) struct Disagreement {
 }
 
 impl Fit {
-    /// The externally studentised residual of a group of observations, used ones or ones that were left out
-    /// (Cook & Weisberg 1982, section 2.2.3; for one coordinate Baarda's and Pope's test). Where a part of
-    /// the variance is not estimated but that of a survey, the degrees of freedom are Satterthwaite's (1946).
+    /// The externally studentised residual of a group of observations, used or not (Cook & Weisberg 1982,
+    /// section 2.2.3). Where a part of the variance is that of a survey, the degrees of freedom are
+    /// Satterthwaite's (1946).
     ///
-    /// `None` when the group's removal would leave the rest without a redundancy, or the group is not in
-    /// view.
+    /// `None` where the rest has no redundancy without the group, or the group is not in view.
     pub(super) fn disagreement(&self, data: Data, group: &[usize]) -> Option<Disagreement> {
         let Data { problem, choice } = data;
         let d = 2 * group.len();
@@ -48,14 +47,10 @@ impl Fit {
                 surveyed.fixed_view_mut::<2, 3>(2 * i, 3 * first).copy_from(&by_place);
             }
         }
-        surveyed /= self.variance_factor.sqrt();
-        residual /= self.variance_factor.sqrt();
-        jacobian /= self.variance_factor.sqrt();
-        let mut spread = &jacobian * &self.covariance * jacobian.transpose();
-        if inside {
-            spread = -spread;
-        }
-        spread += DMatrix::identity(d, d) + &surveyed * surveyed.transpose();
+        let scale = self.variance_factor.sqrt();
+        (surveyed, residual, jacobian) = (surveyed / scale, residual / scale, jacobian / scale);
+        let of_fit = &jacobian * &self.covariance * jacobian.transpose() * if inside { -1.0 } else { 1.0 };
+        let spread = of_fit + DMatrix::identity(d, d) + &surveyed * surveyed.transpose();
         let weighted = spread.cholesky()?.solve(&residual);
         let drop = residual.dot(&weighted);
         let below = if inside { self.freedom - d as f64 } else { self.freedom };

@@ -7,7 +7,6 @@ use crate::moving::Reduced;
 use mavsight_geometry::Vector2;
 use nalgebra::{DMatrix, DVector};
 
-/// What is adjusted to what.
 pub(super) struct Adjustment<'a> {
     pub(super) data: Data<'a>,
     pub(super) models: &'a [CameraModel],
@@ -20,13 +19,10 @@ pub(super) struct Equations {
     pub(super) gradient: DVector<f64>,
     /// Weighted squares of the pixels, at the stated covariances.
     pub(super) squares: f64,
-    /// Squares of the priors' residuals.
     pub(super) prior: f64,
-    /// Information of the prior on each parameter.
     pub(super) prior_weight: DVector<f64>,
     /// Coordinates of all pixels that enter.
     pub(super) coordinates: usize,
-    /// Parameters of the moved objects' poses.
     pub(super) pose_parameters: usize,
     /// Of the normal matrices of those poses, at the variance factor.
     pub(super) log_poses: f64,
@@ -41,7 +37,6 @@ impl Equations {
         self.prior_weight[parameter] += slope * slope;
     }
 
-    /// Sum of the logarithms of the priors' slopes.
     pub(super) fn log_prior_weight(&self) -> f64 {
         self.prior_weight.iter().filter(|w| **w > 0.0).map(|w| 0.5 * w.ln()).sum()
     }
@@ -52,7 +47,11 @@ impl Equations {
     }
 }
 
-impl Adjustment<'_> {
+impl<'a> Adjustment<'a> {
+    pub(super) fn new(data: Data<'a>, models: &'a [CameraModel]) -> Self {
+        Self { data, models, layout: Layout::new(data, models) }
+    }
+
     /// The equations; moves the objects to the poses that suit the cameras best.
     pub(super) fn equations(&self, state: &mut State, factor: f64) -> Option<Equations> {
         let size = self.layout.size;
@@ -123,7 +122,6 @@ impl Adjustment<'_> {
     }
 }
 
-/// An observation at a state.
 pub(super) struct Linearised {
     /// Whitened at the stated covariance.
     pub(super) residual: Vector2<f64>,
@@ -145,9 +143,7 @@ pub(super) fn linearised(
     let mut rows = Vec::new();
     if let Some(own) = &layout.cameras[o.camera] {
         let by_camera = o.whitener * camera.d_pixel_d_camera(place).ok()?;
-        rows.extend(
-            own.basis.iter().enumerate().map(|(k, direction)| (own.first + k, by_camera * direction)),
-        );
+        rows.extend(own.basis.iter().zip(own.first..).map(|(direction, at)| (at, by_camera * direction)));
     }
     if let Some(at) = layout.points[row] {
         let by_place = o.whitener * predicted.d_pixel_d_point_in_world;

@@ -12,12 +12,10 @@ pub(super) struct Layout {
     /// Sizes of the moved objects, where they are not exact.
     pub(super) scales: Vec<Option<usize>>,
     pub(super) points: Vec<Option<usize>>,
-    /// Parameters of cameras and sizes.
     pub(super) of_cameras: usize,
     pub(super) size: usize,
 }
 
-/// The parameters of one camera.
 #[derive(Clone)]
 pub(super) struct Columns {
     pub(super) first: usize,
@@ -27,7 +25,6 @@ pub(super) struct Columns {
     pub(super) held: usize,
 }
 
-/// What is adjusted.
 #[derive(Clone)]
 pub(super) struct State {
     pub(super) cameras: Vec<Camera>,
@@ -53,7 +50,7 @@ impl State {
         let mut out = self.clone();
         for (camera, own) in out.cameras.iter_mut().zip(&layout.cameras) {
             let Some(own) = own else { continue };
-            let change = own.basis.iter().enumerate().map(|(k, b)| b * step[own.first + k]).sum();
+            let change = own.basis.iter().zip(own.first..).map(|(b, at)| b * step[at]).sum();
             *camera = camera.moved(&change);
         }
         for (place, at) in out.places.iter_mut().zip(&layout.points) {
@@ -76,9 +73,7 @@ impl Layout {
         };
         let mut cameras = vec![None; problem.sizes.len()];
         for (camera, model) in models.iter().enumerate() {
-            let is_seen =
-                data.used_by(camera).next().is_some() || problem.moved.iter().any(|m| m.is_seen_by(camera));
-            if is_seen {
+            if data.used_by(camera).next().is_some() || problem.moved.iter().any(|m| m.is_seen_by(camera)) {
                 let held = if problem.held == Some(camera) { 6 } else { 0 };
                 let basis = model.basis().split_off(held);
                 cameras[camera] = Some(Columns { first: claim(basis.len()), basis, held });
@@ -100,9 +95,9 @@ impl Layout {
         let mut out = DMatrix::zeros(rows, self.size);
         for (camera, own) in self.cameras.iter().enumerate() {
             let Some(own) = own else { continue };
-            for (k, direction) in own.basis.iter().enumerate() {
-                out.fixed_view_mut::<CAMERA_PARAMETERS, 1>(CAMERA_PARAMETERS * camera, own.first + k)
-                    .copy_from(direction);
+            for (direction, at) in own.basis.iter().zip(own.first..) {
+                let row = CAMERA_PARAMETERS * camera;
+                out.fixed_view_mut::<CAMERA_PARAMETERS, 1>(row, at).copy_from(direction);
             }
         }
         out

@@ -5,7 +5,7 @@ use super::pair::{MIN_MATCHES, pairs, seen_by_both};
 use super::plane::{pinhole_of_planes, pose_of_plane};
 use super::start::{MIN_POINTS, starts};
 use crate::PoseError;
-use crate::moving::PointObservation;
+use crate::reprojection::PointObservation;
 use mavsight_geometry::attitude::rotation_of;
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Isometry3, Matrix2, Matrix3, triangulate};
 
@@ -22,11 +22,8 @@ pub(super) fn linked(
     names: &[String],
     sizes: &[ImageSize],
 ) -> Result<Vec<Vec<Camera>>, PoseError> {
-    let board = objects.iter().find(|o| o.is_board());
-    let mut sets: Vec<Vec<Option<Camera>>> = match board {
-        Some(board) => vec![of_board(board, sizes)],
-        None => Vec::new(),
-    };
+    let mut sets: Vec<Vec<Option<Camera>>> =
+        objects.iter().find(|o| o.is_board()).map(|board| of_board(board, sizes)).into_iter().collect();
     if let Some(wand) = objects.iter().find(|o| o.is_line())
         && sets.iter().all(|s| s.iter().flatten().count() < 2)
     {
@@ -75,14 +72,11 @@ fn of_board(board: &Moved, sizes: &[ImageSize]) -> Vec<Option<Camera>> {
     let own = |place: &[PointObservation], camera: usize| -> Vec<PointObservation> {
         place.iter().filter(|o| o.camera == camera).copied().collect()
     };
-    let pinholes: Vec<Camera> = sizes
-        .iter()
-        .enumerate()
-        .map(|(camera, size)| {
-            let views: Vec<_> = board.observations.iter().map(|p| own(p, camera)).collect();
-            pinhole_of_planes(*size, &board.body, &views)
-        })
-        .collect();
+    let pinhole = |camera: usize| {
+        let views: Vec<_> = board.observations.iter().map(|p| own(p, camera)).collect();
+        pinhole_of_planes(sizes[camera], &board.body, &views)
+    };
+    let pinholes: Vec<Camera> = (0..sizes.len()).map(pinhole).collect();
     let in_camera = |place: &[PointObservation], camera: usize| {
         pose_of_plane(&pinholes[camera], &board.body, &own(place, camera))
     };
@@ -155,12 +149,10 @@ fn add_others(object: &Moved, set: &mut [Option<Camera>], sizes: &[ImageSize]) {
         if some.len() >= MIN_POINTS
             && let Ok(found) = starts(&some, sizes[camera])
         {
-            let error = |c: &Camera| {
-                let miss = |p: &ControlPoint| {
-                    c.project(&p.point_in_world_m).map_or(1e6, |seen| (seen.pixel - p.pixel).norm())
-                };
-                some.iter().map(miss).sum::<f64>()
+            let miss = |c: &Camera, p: &ControlPoint| {
+                c.project(&p.point_in_world_m).map_or(1e6, |seen| (seen.pixel - p.pixel).norm())
             };
+            let error = |c: &Camera| some.iter().map(|p| miss(c, p)).sum::<f64>();
             set[camera] = found.into_iter().min_by(|a, b| error(a).total_cmp(&error(b)));
         }
     }

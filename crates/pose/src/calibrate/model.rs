@@ -71,7 +71,6 @@ const TANGENTIAL_STD: f64 = 0.005;
 
 /// The prior of one column of a model's basis.
 pub(super) struct PriorRow {
-    /// Column.
     pub(super) column: usize,
     /// Distance from the expected value in standard deviations.
     pub(super) residual: f64,

@@ -1,7 +1,8 @@
 //! Objects of known shape that were moved in view of the cameras: a wand, a board.
 
 use super::plane::pose_of_plane;
-use crate::moving::{PointObservation, Shared};
+use crate::moving::Shared;
+use crate::reprojection::PointObservation;
 use crate::{BodyMarker, MarkerObservation, PoseError};
 use mavsight_geometry::{Camera, Isometry3, UnitQuaternion, Vector3, rigid_fit, triangulate};
 use nalgebra::Translation3;
@@ -58,13 +59,11 @@ pub(super) struct Moved {
     pub(super) name: String,
     pub(super) body: Vec<BodyMarker>,
     pub(super) scale_std: f64,
-    /// By place.
     pub(super) observations: Vec<Vec<PointObservation>>,
     /// Approximate poses, by place; empty until cameras are known.
     pub(super) start: Vec<Isometry3<f64>>,
 }
 
-/// The names of objects for a message.
 pub(super) fn names_of(objects: &[Moved]) -> String {
     objects.iter().map(|o| o.name.as_str()).collect::<Vec<_>>().join(" and ")
 }
@@ -91,7 +90,7 @@ impl Moved {
         order.sort_by_key(|o| o.t_ns);
         let mut observations = Vec::new();
         for place in order.chunk_by(|a, b| a.t_ns == b.t_ns) {
-            let own = place.iter().map(|o| observation(o, cameras, object.points.len()));
+            let own = place.iter().map(|o| PointObservation::of(o, cameras, object.points.len()));
             observations.push(own.collect::<Result<Vec<_>, _>>()?);
         }
         let (name, body) = (object.name.clone(), object.points.clone());
@@ -102,7 +101,6 @@ impl Moved {
         self.observations.iter().flatten().any(|o| o.camera == camera)
     }
 
-    /// Whether its points lie on one line.
     pub(super) fn is_line(&self) -> bool {
         let first = self.body[0].marker_in_body_m;
         let along = (self.body[1].marker_in_body_m - first).normalize();
@@ -172,9 +170,9 @@ impl Moved {
             return Some(Isometry3::from_parts(Translation3::from(at), turn));
         }
         if in_body.len() >= 3
-            && let Ok(fit) = rigid_fit(&in_body, &in_world, &vec![1.0; in_body.len()])
+            && let Ok(pose) = rigid_fit(in_body.into_iter().zip(in_world))
         {
-            return Some(fit.world_from_body);
+            return Some(pose);
         }
         let seen_by = |camera: usize| place.iter().filter(|o| o.camera == camera).count();
         let best = (0..cameras.len()).max_by_key(|c| seen_by(*c))?;
@@ -182,16 +180,4 @@ impl Moved {
         let cam_from_board = pose_of_plane(&cameras[best], &self.body, &own).filter(|_| self.is_board())?;
         Some(cameras[best].cam_from_world.inverse() * cam_from_board)
     }
-}
-
-fn observation(o: &MarkerObservation, cameras: usize, points: usize) -> Result<PointObservation, PoseError> {
-    let bad = |reason| PoseError::BadObservation { camera: o.camera, marker: o.marker, reason };
-    if o.camera >= cameras {
-        return Err(bad("the rig has no such camera"));
-    }
-    if o.marker >= points {
-        return Err(bad("the object has no such point"));
-    }
-    PointObservation::new(o.camera, o.marker, o.pixel, o.covariance_px2)
-        .ok_or(bad("it is not finite, or its covariance not positive definite"))
 }

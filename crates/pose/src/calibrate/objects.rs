@@ -1,7 +1,7 @@
 //! Cameras from moved objects, alone or together with control points.
 
 use super::adjust::{Fit, adjust};
-use super::choose::{choose, start_cameras};
+use super::choose::{choose, most_probable, start_cameras};
 use super::link::linked;
 use super::model::{CameraModel, Lens};
 use super::moved::{Moved, MovedObject, names_of};
@@ -10,16 +10,15 @@ use super::rig::CameraControl;
 use super::snoop::{Cleaned, clean};
 use super::start::MIN_POINTS;
 use crate::PoseError;
-use crate::moving::PointObservation;
+use crate::reprojection::PointObservation;
+use crate::statistics::median;
 use mavsight_geometry::camera_parameters::INTRINSICS;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3, rigid_fit, triangulate};
 
 /// An observation is dropped beyond this number of robust standard deviations: of normal noise one in a
 /// million is.
 const BEYOND: f64 = 5.3;
-/// Rounds of dropping.
 const ROUNDS: usize = 3;
-/// Points that fix the world's axes.
 const AXES: usize = 3;
 /// A focal length with a larger relative standard deviation is undetermined.
 const UNDETERMINED: f64 = 0.05;
@@ -38,9 +37,7 @@ pub(super) fn with_objects(
     let objects: Vec<Moved> =
         objects.iter().map(|o| Moved::new(o, controls.len())).collect::<Result<_, _>>()?;
     let cameras = if controls.iter().all(|c| c.points.len() >= MIN_POINTS) {
-        let named = |camera: usize| problem.names[camera].clone();
-        start_cameras(problem.with(&problem.all()))
-            .map_err(|e| PoseError::Calibration { camera: named(e.camera), source: e.source })?
+        start_cameras(problem.with(&problem.all())).map_err(|e| e.named(&problem))?
     } else {
         let alone = from_objects(&problem, &objects)?;
         if problem.points.is_empty() {
@@ -72,13 +69,12 @@ fn from_objects(problem: &Problem, objects: &[Moved]) -> Result<Adjusted, PoseEr
     let mut best: Option<Adjusted> = None;
     for cameras in sets {
         let alone = Problem {
-            names: problem.names.clone(),
-            sizes: problem.sizes.clone(),
             points: Vec::new(),
             observations: Vec::new(),
             moved: objects.iter().map(|o| o.placed(&cameras)).collect(),
             held: Some(0),
             start: Some(cameras),
+            ..problem.clone()
         };
         let choice = alone.all();
         if let Ok(found) = without_strays(alone, &choice) {
@@ -110,7 +106,7 @@ fn without_strays(mut problem: Problem, choice: &Choice) -> Result<Adjusted, Pos
     for _ in 0..ROUNDS {
         let near = fit.as_ref().map_or(&start, |f| &f.state.cameras);
         let wide = adjust(problem.with(choice), &vec![bent; n], near);
-        fit = fit.into_iter().chain(wide).max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence));
+        fit = most_probable(fit.into_iter().chain(wide));
         let Some(now) = &fit else { break };
         if drop_strays(&mut problem, now) == 0 {
             break;
@@ -131,14 +127,9 @@ fn drop_strays(problem: &mut Problem, fit: &Fit) -> usize {
             shared.residual_px(o, pose).map_or(f64::INFINITY, |r| (o.whitener * r).norm_squared())
         };
         let places = || object.observations.iter().zip(&fit.state.poses[k]);
-        let mut squares: Vec<f64> =
-            places().flat_map(|(place, pose)| place.iter().map(move |o| square(o, pose))).collect();
-        if squares.is_empty() {
-            continue;
-        }
-        let middle = squares.len() / 2;
+        let squares = places().flat_map(|(place, pose)| place.iter().map(move |o| square(o, pose)));
         // The median of a chi-square with two degrees of freedom is 2 ln 2.
-        let variance = *squares.select_nth_unstable_by(middle, f64::total_cmp).1 / (2.0 * 2f64.ln());
+        let variance = median(squares.collect()) / (2.0 * 2f64.ln());
         let (mut observations, mut start) = (Vec::new(), Vec::new());
         for (place, pose) in places() {
             let kept: Vec<_> =
@@ -157,20 +148,16 @@ fn drop_strays(problem: &mut Problem, fit: &Fit) -> usize {
 /// The cameras in the world of the control points, of which three or more are in view of two cameras.
 fn in_world(problem: &Problem, fit: &Fit) -> Result<Vec<Camera>, PoseError> {
     let cameras = &fit.state.cameras;
-    let (mut surveyed, mut found) = (Vec::new(), Vec::new());
+    let mut pairs = Vec::new();
     for (k, point) in problem.points.iter().enumerate() {
         let own = problem.observations.iter().filter(|o| o.point == k);
         let images: Vec<_> = own.map(|o| o.in_image(&cameras[o.camera])).collect();
         if let Ok(seen) = triangulate(&images) {
-            surveyed.push(point.in_world_m);
-            found.push(seen.point_in_world_m);
+            pairs.push((point.in_world_m, seen.point_in_world_m));
         }
     }
-    let axes = PoseError::WorldAxes { found: found.len(), needed: AXES };
-    if found.len() < AXES {
-        return Err(axes);
-    }
-    let move_by = rigid_fit(&surveyed, &found, &vec![1.0; found.len()]).map_err(|_| axes)?.world_from_body;
+    let axes = PoseError::WorldAxes { found: pairs.len(), needed: AXES };
+    let move_by = rigid_fit(pairs).map_err(|_| axes)?;
     let moved = |c: &Camera| Camera { cam_from_world: c.cam_from_world * move_by, ..*c };
     Ok(cameras.iter().map(moved).collect())
 }
@@ -183,16 +170,16 @@ fn refuse(problem: &Problem, fit: &Fit) -> Result<(), PoseError> {
         let residuals = fit.object_residuals(problem, camera);
         let rms_px = (residuals.squares_px2 / f64::max(2.0 * residuals.observations, 1.0)).sqrt();
         let gate_px = GROSS * f64::from(problem.sizes[camera].width_px);
-        let (camera_name, objects) = (name.clone(), names_of(&problem.moved));
+        let objects = names_of(&problem.moved);
         if rms_px > gate_px {
-            return Err(PoseError::ObjectMisfit { camera: camera_name, objects, rms_px, gate_px });
+            return Err(PoseError::ObjectMisfit { camera: name.clone(), objects, rms_px, gate_px });
         }
         let at = CAMERA_PARAMETERS * camera + INTRINSICS;
         let share = covariance[(at, at)].max(0.0).sqrt() / fit.state.cameras[camera].intrinsics.fx_px;
         if share > UNDETERMINED {
             let views = views_of(problem, fit, camera);
             return Err(PoseError::FocalUndetermined {
-                camera: camera_name,
+                camera: name.clone(),
                 percent: 100.0 * share,
                 objects,
                 places: views.places,
@@ -204,13 +191,11 @@ fn refuse(problem: &Problem, fit: &Fit) -> Result<(), PoseError> {
     Ok(())
 }
 
-/// The views that a camera has of the objects.
 #[derive(Default)]
 struct Views {
     places: usize,
     /// Largest angle between the objects' attitudes.
     tilt_rad: f64,
-    /// Part of the image.
     covered: f64,
 }
 

@@ -2,7 +2,8 @@
 //! wand's length.
 
 use super::moved::Moved;
-use crate::moving::PointObservation;
+use crate::reprojection::PointObservation;
+use crate::statistics::median;
 use mavsight_geometry::attitude::rotation_of;
 use mavsight_geometry::{
     Camera, ImagePoint, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix3, Vector2, Vector3,
@@ -19,7 +20,6 @@ const ROUNDS: usize = 6;
 /// A match is dropped beyond so many robust standard deviations.
 const BEYOND: f64 = 4.0;
 
-/// A point in both images.
 type Match = (Vector2<f64>, Vector2<f64>);
 
 /// Pairs of cameras in the axes of the first, those under which the wand's length varies least first.
@@ -45,24 +45,18 @@ pub(super) fn pairs(wand: &Moved, (a, b): (usize, usize), sizes: &[ImageSize]) -
             let essential = Matrix3::from_diagonal(&Vector3::new(fb, fb, 1.0))
                 * fundamental
                 * Matrix3::from_diagonal(&Vector3::new(fa, fa, 1.0));
-            let cameras = |pose: Isometry3<f64>| {
-                let of = |size, field, cam_from_world| {
-                    Camera::undistorted(cam_from_world, Intrinsics::from_horizontal_fov(size, field), size)
-                };
-                (of(sizes[a], field_a, Isometry3::identity()), of(sizes[b], field_b, pose))
+            let camera = |size, field, cam_from_world| {
+                Camera::undistorted(cam_from_world, Intrinsics::from_horizontal_fov(size, field), size)
             };
-            let best = poses(&essential)
-                .into_iter()
-                .filter_map(|pose| {
-                    let pair = cameras(pose);
-                    let (spread, mean) = length_spread(&both, &pair)?;
-                    Some((spread, pair, mean))
-                })
-                .min_by(|x, y| x.0.total_cmp(&y.0));
-            if let Some((spread, (one, mut other), mean)) = best {
-                other.cam_from_world.translation.vector *= length_m / mean;
-                found.push((spread, (one, other)));
-            }
+            let one = camera(sizes[a], field_a, Isometry3::identity());
+            let scaled = |pose| {
+                let mut other = camera(sizes[b], field_b, pose);
+                let (spread, median_m) = length_spread(&both, &one, &other)?;
+                other.cam_from_world.translation.vector *= length_m / median_m;
+                Some((spread, (one, other)))
+            };
+            let best = poses(&essential).into_iter().filter_map(scaled).min_by(|x, y| x.0.total_cmp(&y.0));
+            found.extend(best);
         }
     }
     found.sort_by(|x, y| x.0.total_cmp(&y.0));
@@ -85,10 +79,8 @@ fn fundamental(matches: &[Match]) -> Option<Matrix3<f64>> {
     let mut kept: Vec<Match> = matches.to_vec();
     let mut answer = linear(&kept)?;
     for _ in 0..ROUNDS {
-        let mut errors: Vec<f64> = kept.iter().map(|m| sampson(&answer, m)).collect();
-        let middle = errors.len() / 2;
         // The median of a chi-square with one degree of freedom is 0.455.
-        let variance = *errors.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.455;
+        let variance = median(kept.iter().map(|m| sampson(&answer, m)).collect()) / 0.455;
         let within: Vec<Match> =
             matches.iter().filter(|m| sampson(&answer, m) <= BEYOND * BEYOND * variance).copied().collect();
         if within.len() < MIN_MATCHES {
@@ -112,12 +104,8 @@ fn linear(matches: &[Match]) -> Option<Matrix3<f64>> {
     let second = normaliser(centroid_and_spread(matches.iter().map(|m| m.1)))?;
     let mut rows = DMatrix::zeros(matches.len().max(9), 9);
     for (i, (p, q)) in matches.iter().enumerate() {
-        let (p, q) = (first * p.push(1.0), second * q.push(1.0));
-        for r in 0..3 {
-            for c in 0..3 {
-                rows[(i, 3 * r + c)] = q[r] * p[c];
-            }
-        }
+        let products = first * p.push(1.0) * (second * q.push(1.0)).transpose();
+        rows.row_mut(i).copy_from_slice(products.as_slice());
     }
     let f = jacobi_svd(&rows).v.column(8).into_owned();
     let svd = jacobi_svd(&DMatrix::from_row_slice(3, 3, f.as_slice()));
@@ -143,24 +131,18 @@ fn poses(essential: &Matrix3<f64>) -> Vec<Isometry3<f64>> {
     u.set_column(2, &u.column(0).cross(&u.column(1)));
     v.set_column(2, &v.column(0).cross(&v.column(1)));
     let w = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-    let mut out = Vec::with_capacity(4);
-    for turn in [u * w * v.transpose(), u * w.transpose() * v.transpose()] {
-        for side in [1.0, -1.0] {
-            let at: Vector3<f64> = u.column(2) * side;
-            out.push(Isometry3::from_parts(Translation3::from(at), rotation_of(turn)));
-        }
-    }
-    out
+    let at: Vector3<f64> = u.column(2).into_owned();
+    [u * w * v.transpose(), u * w.transpose() * v.transpose()]
+        .into_iter()
+        .flat_map(|turn| [at, -at].map(|at| Isometry3::from_parts(Translation3::from(at), rotation_of(turn))))
+        .collect()
 }
 
 /// Relative spread of the wand's length under two cameras, and its median; `None` where less than three
 /// quarters of the places are in view of both.
-fn length_spread(both: &[[Match; 2]], (one, other): &(Camera, Camera)) -> Option<(f64, f64)> {
-    let at = |(p, q): &Match| {
-        let image = |camera, pixel| ImagePoint { camera, pixel, covariance_px2: Matrix2::identity() };
-        let found = triangulate(&[image(one, *p), image(other, *q)]).ok()?;
-        Some(found.point_in_world_m)
-    };
+fn length_spread(both: &[[Match; 2]], one: &Camera, other: &Camera) -> Option<(f64, f64)> {
+    let image = |camera, pixel| ImagePoint { camera, pixel, covariance_px2: Matrix2::identity() };
+    let at = |(p, q): &Match| Some(triangulate(&[image(one, *p), image(other, *q)]).ok()?.point_in_world_m);
     let every = both.len().div_ceil(100).max(1);
     let tried = both.len().div_ceil(every);
     let mut lengths: Vec<f64> =

@@ -1,7 +1,7 @@
 //! A plane of known points in view of one camera: focal length and pose from homographies (Zhang 2000).
 
 use crate::BodyMarker;
-use crate::moving::PointObservation;
+use crate::reprojection::PointObservation;
 use mavsight_geometry::attitude::rotation_of;
 use mavsight_geometry::{
     Camera, ImageSize, Intrinsics, Isometry3, Matrix3, Vector2, Vector3, centroid_and_spread, jacobi_svd,
@@ -20,13 +20,10 @@ fn homography(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Matrix3<f64>> {
     }
     let mut rows = DMatrix::zeros((2 * pairs.len()).max(9), 9);
     for (i, (on_plane, image)) in pairs.iter().enumerate() {
-        let p = (on_plane - middle) / spread;
-        let point = [p.x, p.y, 1.0];
-        for k in 0..3 {
-            rows[(2 * i, k)] = point[k];
-            rows[(2 * i, 6 + k)] = -image.x * point[k];
-            rows[(2 * i + 1, 3 + k)] = point[k];
-            rows[(2 * i + 1, 6 + k)] = -image.y * point[k];
+        let point = ((on_plane - middle) / spread).push(1.0).transpose();
+        for axis in 0..2 {
+            rows.fixed_view_mut::<1, 3>(2 * i + axis, 3 * axis).copy_from(&point);
+            rows.fixed_view_mut::<1, 3>(2 * i + axis, 6).copy_from(&(point * -image[axis]));
         }
     }
     let svd = jacobi_svd(&rows);
@@ -80,31 +77,24 @@ pub(super) fn pinhole_of_planes(
     body: &[BodyMarker],
     views: &[Vec<PointObservation>],
 ) -> Camera {
-    let at = |intrinsics| Camera::undistorted(Isometry3::identity(), intrinsics, size);
-    // Pixels in units of the width.
-    let mut unit = Intrinsics::from_horizontal_fov(size, 1.0);
-    (unit.fx_px, unit.fy_px) = (f64::from(size.width_px), f64::from(size.width_px));
-    let neutral = at(unit);
+    let with_focal = |widths: f64| {
+        // Twice the angle whose tangent is half the width over the focal length.
+        let field_rad = 2.0 * (0.5 / widths).atan();
+        Camera::undistorted(Isometry3::identity(), Intrinsics::from_horizontal_fov(size, field_rad), size)
+    };
+    let neutral = with_focal(1.0);
     let (mut ab, mut aa) = (0.0, 0.0);
     for view in views {
         let Some(h) = homography(&pairs(&neutral, body, view)) else { continue };
         let h = h / h.column(0).norm().max(h.column(1).norm());
         let (p, q) = (h.column(0), h.column(1));
-        for (a, b) in [
-            (p[0] * q[0] + p[1] * q[1], p[2] * q[2]),
-            (p[0] * p[0] + p[1] * p[1] - q[0] * q[0] - q[1] * q[1], p[2] * p[2] - q[2] * q[2]),
-        ] {
+        let (in_image, along) = (|k: usize| p[k] * p[k] - q[k] * q[k], p[0] * q[0] + p[1] * q[1]);
+        for (a, b) in [(along, p[2] * q[2]), (in_image(0) + in_image(1), in_image(2))] {
             ab -= a * b;
             aa += a * a;
         }
     }
     // (width/f)², of fields from 10° to 140°.
     let square = if aa > 0.0 { ab / aa } else { f64::NAN };
-    let mut found = unit;
-    if (0.03..30.0).contains(&square) {
-        (found.fx_px, found.fy_px) = (unit.fx_px / square.sqrt(), unit.fy_px / square.sqrt());
-    } else {
-        found = Intrinsics::from_horizontal_fov(size, 1.05);
-    }
-    at(found)
+    with_focal(if (0.03..30.0).contains(&square) { square.sqrt().recip() } else { 0.5 / 0.525_f64.tan() })
 }

@@ -3,17 +3,15 @@
 use super::moved::Moved;
 use super::rig::CameraControl;
 use crate::PoseError;
-use crate::moving::PointObservation;
+use crate::reprojection::PointObservation;
 use mavsight_geometry::{Camera, ControlPoint, GeometryError, ImageSize, Vector3};
 
-/// A surveyed point.
 #[derive(Clone)]
 pub(super) struct Surveyed {
     pub(super) name: String,
     pub(super) in_world_m: Vector3<f64>,
     /// Standard deviation of each of its coordinates; 0 for exact.
     pub(super) std_m: f64,
-    /// Of the ball around it; 0 for a plain point.
     pub(super) radius_m: f64,
 }
 
@@ -23,7 +21,6 @@ pub(super) struct Problem {
     pub(super) sizes: Vec<ImageSize>,
     pub(super) points: Vec<Surveyed>,
     pub(super) observations: Vec<PointObservation>,
-    /// Objects that were moved in view of the cameras.
     pub(super) moved: Vec<Moved>,
     /// The camera whose axes are the world's, where no control points determine them.
     pub(super) held: Option<usize>,
@@ -34,13 +31,11 @@ pub(super) struct Problem {
 /// The observations that enter, and the surveyed place of each one's point.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Choice {
-    /// By observation.
     pub(super) used: Vec<bool>,
     /// By observation: the row of the table that holds its point's place.
     pub(super) place: Vec<usize>,
 }
 
-/// A problem with a choice.
 #[derive(Clone, Copy)]
 pub(super) struct Data<'a> {
     pub(super) problem: &'a Problem,
@@ -48,7 +43,6 @@ pub(super) struct Data<'a> {
 }
 
 impl<'a> Data<'a> {
-    /// The used observations of one camera.
     pub(super) fn used_by(self, camera: usize) -> impl Iterator<Item = usize> + 'a {
         self.choice.used().filter(move |k| self.problem.observations[*k].camera == camera)
     }
@@ -68,7 +62,6 @@ impl<'a> Data<'a> {
 }
 
 impl Choice {
-    /// The observations that enter.
     pub(super) fn used(&self) -> impl Iterator<Item = usize> + '_ {
         (0..self.used.len()).filter(|k| self.used[*k])
     }
@@ -87,17 +80,11 @@ impl Problem {
             start: None,
         };
         for (camera, control) in controls.iter().enumerate() {
-            let points = control.points.len();
-            for (what, given) in
-                [("radii", control.ball_radius_m.len()), ("survey", control.survey_std_m.len())]
-            {
-                if points != given {
-                    return Err(PoseError::ControlLengths {
-                        camera: control.name.clone(),
-                        points,
-                        what,
-                        given,
-                    });
+            let (name, points) = (&control.name, control.points.len());
+            for (what, given) in [("radii", &control.ball_radius_m), ("survey", &control.survey_std_m)] {
+                if points != given.len() {
+                    let (camera, given) = (name.clone(), given.len());
+                    return Err(PoseError::ControlLengths { camera, points, what, given });
                 }
             }
             for (k, point) in control.points.iter().enumerate() {
@@ -108,7 +95,7 @@ impl Problem {
                     radius_m: control.ball_radius_m[k],
                 });
                 let observation = observation(point, camera, row, &out.points[row]);
-                let named = |source| PoseError::Calibration { camera: control.name.clone(), source };
+                let named = |source| PoseError::Calibration { camera: name.clone(), source };
                 out.observations.push(observation.map_err(named)?);
             }
         }
@@ -134,7 +121,6 @@ impl Problem {
         Choice { used: vec![true; self.observations.len()], place }
     }
 
-    /// The problem with a choice.
     pub(super) fn with<'a>(&'a self, choice: &'a Choice) -> Data<'a> {
         Data { problem: self, choice }
     }

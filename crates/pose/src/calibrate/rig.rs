@@ -141,12 +141,12 @@ pub struct Rig {
     /// In the order of the session.
     pub cameras: Vec<RigCamera>,
     /// Uncertainty of the cameras: 16 rows a camera ([`mavsight_geometry::CameraChange`]), each column one
-    /// standard deviation along one of the independent directions of error, so that the covariance of all
-    /// cameras is U Uᵀ. No columns: the cameras count as exact.
+    /// standard deviation along an independent direction of error, so that the covariance is U Uᵀ. No
+    /// columns: the cameras count as exact.
     ///
-    /// The noise is estimated from few residuals. The covariance is widened so that the usual 95 % ellipsoid
-    /// of three coordinates (chi-square below 7.81) holds the truth in 95 % of all calibrations all the same
-    /// (Hotelling 1931); intervals of ±1.96 standard deviations of single coordinates hold a little more.
+    /// It is widened for a noise that is estimated from few residuals, so that the usual 95 % ellipsoid of
+    /// three coordinates (chi-square below 7.81) holds the truth in 95 % of all calibrations (Hotelling
+    /// 1931).
     pub uncertainty: DMatrix<f64>,
     /// Control points that disagree with the others.
     pub left_out: Vec<LeftOut>,

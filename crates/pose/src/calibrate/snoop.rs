@@ -1,7 +1,7 @@
 //! Control points that are misplaced or misnamed in the table.
 
 use super::adjust::{Fit, adjust};
-use super::choose::{Chosen, choose, is_enough, start_cameras};
+use super::choose::{Chosen, choose, is_enough, most_probable, start_cameras};
 use super::model::CameraModel;
 use super::problem::{Choice, Data, Problem};
 use super::rig::{LeftOut, LeftOutReason};
@@ -16,14 +16,13 @@ const SUSPECT: f64 = 0.01;
 /// How much less probable the next explanation must be for one to be taken: "strong" of Kass & Raftery
 /// (1995).
 const DECISIVE: f64 = 20.0;
-/// Variance factor from which points are tried one by one and in pairs even if none stands out: two that are
-/// swapped hide each other. Stated covariances are trusted to within a factor 3 in the standard deviation.
+/// Variance factor from which all points are tried even if none stands out: two that are swapped hide each
+/// other.
 const MASKED: f64 = 9.0;
 
 /// Most suspect explanations that are worked out in full.
 const CLOSER_LOOKS: usize = 8;
 
-/// A suspected mistake of the table.
 #[derive(Debug, Clone, PartialEq)]
 enum Suspicion {
     /// A point, for all cameras.
@@ -34,16 +33,34 @@ enum Suspicion {
     Swap(usize, usize, Option<usize>),
 }
 
+impl Suspicion {
+    fn points(&self, problem: &Problem) -> Vec<usize> {
+        match self {
+            Self::Point(p) => vec![*p],
+            Self::Observation(k) => vec![problem.observations[*k].point],
+            Self::Swap(a, b, _) => vec![*a, *b],
+        }
+    }
+
+    /// Name of the camera for which it is made; none for all of them.
+    fn camera(&self, problem: &Problem) -> Option<String> {
+        let camera = match self {
+            Self::Point(_) => None,
+            Self::Observation(k) => Some(problem.observations[*k].camera),
+            Self::Swap(_, _, camera) => *camera,
+        };
+        camera.map(|c| problem.names[c].clone())
+    }
+}
+
 struct Explanation {
     suspicion: Suspicion,
     /// Others that explain the data about as well and name other points; these are left out too.
     alternatives: Vec<Suspicion>,
-    /// The choice without the suspects.
     without: Choice,
     log_evidence: f64,
 }
 
-/// The adjustment without the points that disagree.
 pub(super) struct Cleaned {
     pub(super) chosen: Chosen,
     pub(super) choice: Choice,
@@ -59,29 +76,21 @@ pub(super) fn clean(problem: &Problem) -> Result<Cleaned, PoseError> {
     let mut choice = problem.all();
     let mut left_out = Vec::new();
     loop {
-        let started = start_cameras(problem.with(&choice));
-        let chosen = match &started {
-            Ok(start) => choose(problem.with(&choice), start),
-            Err(_) => None,
-        };
-        let doubtful =
-            chosen.as_ref().is_none_or(|c| is_doubtful(problem.with(&choice), c, started.as_deref().ok()));
-        let explanation = if doubtful { explain(problem.with(&choice), chosen.as_ref())? } else { None };
+        let data = problem.with(&choice);
+        let started = start_cameras(data);
+        let chosen = started.as_deref().ok().and_then(|start| choose(data, start));
+        let is_doubtful = chosen.as_ref().is_none_or(|c| is_doubtful(data, c, started.as_deref().ok()));
+        let explanation = if is_doubtful { explain(data, chosen.as_ref())? } else { None };
         match (explanation, chosen, started) {
             (Some(found), ..) => {
                 left_out.extend(reports(problem, &found));
                 choice = found.without;
             }
             (None, Some(chosen), _) => {
-                refuse_gross(problem.with(&choice), &chosen.best)?;
+                refuse_gross(data, &chosen.best)?;
                 return Ok(Cleaned { chosen, choice, left_out });
             }
-            (None, None, Err(e)) => {
-                return Err(PoseError::Calibration {
-                    camera: problem.names[e.camera].clone(),
-                    source: e.source,
-                });
-            }
+            (None, None, Err(e)) => return Err(e.named(problem)),
             (None, None, Ok(_)) => return Err(problem.undetermined()),
         }
     }
@@ -102,9 +111,13 @@ fn groups(Data { problem, choice }: Data) -> Vec<(Suspicion, Vec<usize>)> {
     out
 }
 
-/// The level for one of several tests.
 fn level(tests: usize) -> f64 {
     FALSE_ALARM / tests.max(1) as f64
+}
+
+/// Whether a group disagrees with the others of a fit at a level of probability.
+fn is_beyond(fit: &Fit, data: Data, group: &[usize], level: f64) -> bool {
+    fit.disagreement(data, group).is_some_and(|d| d.probability < level)
 }
 
 /// Whether a point disagrees under the chosen model or under the least one, as a wider one may absorb the
@@ -113,11 +126,9 @@ fn is_doubtful(data: Data, chosen: &Chosen, start: Option<&[Camera]>) -> bool {
     let groups = groups(data);
     let level = level(groups.len());
     let beyond = |fit: &Fit| {
-        let masked = fit.variance_factor > MASKED || refuse_gross(data, fit).is_err();
-        masked
-            || groups
-                .iter()
-                .any(|(_, group)| fit.disagreement(data, group).is_some_and(|d| d.probability < level))
+        fit.variance_factor > MASKED
+            || refuse_gross(data, fit).is_err()
+            || groups.iter().any(|(_, group)| is_beyond(fit, data, group, level))
     };
     let least = vec![CameraModel::PINHOLE; data.problem.sizes.len()];
     beyond(&chosen.best)
@@ -137,13 +148,11 @@ fn explain(data: Data, now: Option<&Chosen>) -> Result<Option<Explanation>, Pose
         let mut without = choice.clone();
         group.iter().for_each(|k| without.used[*k] = false);
         if !is_enough(problem.with(&without)) {
-            let beyond =
-                now.and_then(|c| c.best.disagreement(data, &group)).is_some_and(|d| d.probability < level);
-            needed.extend(beyond.then_some(suspicion));
+            needed.extend(now.is_some_and(|c| is_beyond(&c.best, data, &group, level)).then_some(suspicion));
             continue;
         }
         let Some(fit) = quick(problem.with(&without), now) else { continue };
-        if fit.disagreement(problem.with(&without), &group).is_some_and(|d| d.probability < level) {
+        if is_beyond(&fit, problem.with(&without), &group, level) {
             let log_evidence = fit.log_evidence + SUSPECT.ln();
             found.push(Explanation { suspicion, alternatives: vec![], without, log_evidence });
         }
@@ -161,9 +170,9 @@ fn explain(data: Data, now: Option<&Chosen>) -> Result<Option<Explanation>, Pose
 fn decide(problem: &Problem, mut found: Vec<Explanation>) -> Result<Explanation, PoseError> {
     let ahead = found[0].log_evidence;
     found.retain(|e| ahead - e.log_evidence < DECISIVE.ln());
-    let points = points_of(problem, &found[0].suspicion);
+    let points = found[0].suspicion.points(problem);
     let (same, others): (Vec<_>, Vec<_>) =
-        found.into_iter().partition(|e| points_of(problem, &e.suspicion) == points);
+        found.into_iter().partition(|e| e.suspicion.points(problem) == points);
     // Of explanations by the same points the one that trusts them least.
     let used = |e: &Explanation| e.without.used.iter().filter(|u| **u).count();
     let mut all: Vec<Suspicion> = same.iter().chain(&others).map(|e| e.suspicion.clone()).collect();
@@ -182,8 +191,8 @@ fn decide(problem: &Problem, mut found: Vec<Explanation>) -> Result<Explanation,
     Err(refusal(problem, &all))
 }
 
-/// A point that is misplaced for one camera may be misplaced along another's line of view, where that one is
-/// blind to it: it is left out of all cameras if points enough remain.
+/// A misplaced point is left out of all cameras if points enough remain: along another's line of view it may
+/// be misplaced as well.
 fn distrust_everywhere(problem: &Problem, best: &mut Explanation) {
     let Suspicion::Observation(k) = best.suspicion else { return };
     let point = problem.observations[k].point;
@@ -203,8 +212,7 @@ fn most_suspect(
 ) -> Vec<(Suspicion, Vec<usize>)> {
     let Some(fit) = fit else { return groups };
     let probability = |group: &[usize]| fit.disagreement(data, group).map_or(1.0, |d| d.probability);
-    let mut order: Vec<(f64, (Suspicion, Vec<usize>))> =
-        groups.into_iter().map(|g| (probability(&g.1), g)).collect();
+    let mut order: Vec<_> = groups.into_iter().map(|g| (probability(&g.1), g)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
     order.into_iter().take(CLOSER_LOOKS).map(|(_, g)| g).collect()
 }
@@ -218,7 +226,7 @@ fn quick(data: Data, now: Option<&Chosen>) -> Option<Fit> {
         let from = &fresh.as_ref().unwrap_or(&c.best).state.cameras;
         adjust(data, &c.best.models, from)
     });
-    fresh.into_iter().chain(wide).max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))
+    most_probable(fresh.into_iter().chain(wide))
 }
 
 /// Pairs whose exchange turns a gross misfit into a fit.
@@ -234,37 +242,8 @@ fn swaps(Data { problem, choice }: Data) -> Vec<Explanation> {
         }
         Some(sum_px2)
     };
-    let mut promising: Vec<(f64, Swapped)> = Vec::new();
-    for camera in std::iter::once(None).chain((0..problem.sizes.len()).map(Some)) {
-        let before = misfit(choice, camera).unwrap_or(f64::INFINITY);
-        for a in 0..problem.points.len() {
-            for b in a + 1..problem.points.len() {
-                let swapped = Swapped::new(problem, choice, [a, b], camera);
-                if let Some(after) = misfit(&swapped.choice, camera).filter(|after| *after <= 0.25 * before) {
-                    promising.push((after, swapped));
-                }
-            }
-        }
-    }
-    promising.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let explained = |(_, swapped): (f64, Swapped)| {
-        let log_evidence = quick(problem.with(&swapped.choice), None)?.log_evidence + 2.0 * SUSPECT.ln();
-        let Swapped { suspicion, without, .. } = swapped;
-        Some(Explanation { suspicion, alternatives: vec![], without, log_evidence })
-    };
-    promising.into_iter().take(CLOSER_LOOKS).filter_map(explained).collect()
-}
-
-/// Two points exchanged.
-struct Swapped {
-    suspicion: Suspicion,
-    choice: Choice,
-    /// The choice without either.
-    without: Choice,
-}
-
-impl Swapped {
-    fn new(problem: &Problem, choice: &Choice, [a, b]: [usize; 2], camera: Option<usize>) -> Self {
+    // The places of an exchange of two points, and the observations that it leaves in use.
+    let swapped = |a: usize, b: usize, camera: Option<usize>| {
         let (mut swapped, mut without) = (choice.clone(), choice.clone());
         for (k, o) in problem.observations.iter().enumerate() {
             if camera.is_none_or(|c| c == o.camera) && (o.point == a || o.point == b) {
@@ -272,70 +251,53 @@ impl Swapped {
                 without.used[k] = false;
             }
         }
-        Self { suspicion: Suspicion::Swap(a, b, camera), choice: swapped, without }
+        (swapped, without)
+    };
+    let mut promising: Vec<(f64, Suspicion)> = Vec::new();
+    for camera in std::iter::once(None).chain((0..problem.sizes.len()).map(Some)) {
+        let before = misfit(choice, camera).unwrap_or(f64::INFINITY);
+        for (a, b) in (0..problem.points.len()).flat_map(|b| (0..b).map(move |a| (a, b))) {
+            let after = misfit(&swapped(a, b, camera).0, camera).filter(|after| *after <= 0.25 * before);
+            promising.extend(after.map(|after| (after, Suspicion::Swap(a, b, camera))));
+        }
     }
-}
-
-fn points_of(problem: &Problem, suspicion: &Suspicion) -> Vec<usize> {
-    match suspicion {
-        Suspicion::Point(p) => vec![*p],
-        Suspicion::Observation(k) => vec![problem.observations[*k].point],
-        Suspicion::Swap(a, b, _) => vec![*a, *b],
-    }
+    promising.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let explained = |(_, suspicion): (f64, Suspicion)| {
+        let Suspicion::Swap(a, b, camera) = suspicion else { return None };
+        let (choice, without) = swapped(a, b, camera);
+        let log_evidence = quick(problem.with(&choice), None)?.log_evidence + 2.0 * SUSPECT.ln();
+        Some(Explanation { suspicion, alternatives: vec![], without, log_evidence })
+    };
+    promising.into_iter().take(CLOSER_LOOKS).filter_map(explained).collect()
 }
 
 fn reports(problem: &Problem, found: &Explanation) -> Vec<LeftOut> {
-    if found.alternatives.is_empty() {
-        return report(problem, &found.suspicion);
-    }
-    let mut points: Vec<usize> = Vec::new();
-    for suspicion in std::iter::once(&found.suspicion).chain(&found.alternatives) {
-        points.extend(points_of(problem, suspicion));
-    }
+    let is_certain = found.alternatives.is_empty();
+    let all = std::iter::once(&found.suspicion).chain(&found.alternatives);
+    let mut points: Vec<usize> = all.flat_map(|s| s.points(problem)).collect();
     points.sort_unstable();
     points.dedup();
-    let name = |p: usize| problem.points[p].name.clone();
-    let others =
-        |p: usize| points.iter().filter(|q| **q != p).map(|q| name(*q)).collect::<Vec<_>>().join(", ");
-    let doubtful = |p: usize| LeftOutReason::Doubtful { with: others(p) };
-    points.iter().map(|p| LeftOut { name: name(*p), camera: None, reason: doubtful(*p) }).collect()
-}
-
-fn report(problem: &Problem, suspicion: &Suspicion) -> Vec<LeftOut> {
-    let name = |p: usize| problem.points[p].name.clone();
-    match *suspicion {
-        Suspicion::Point(p) => {
-            vec![LeftOut { name: name(p), camera: None, reason: LeftOutReason::Displaced }]
-        }
-        Suspicion::Observation(k) => {
-            let o = &problem.observations[k];
-            let camera = Some(problem.names[o.camera].clone());
-            vec![LeftOut { name: name(o.point), camera, reason: LeftOutReason::Displaced }]
-        }
-        Suspicion::Swap(a, b, camera) => [(a, b), (b, a)]
-            .map(|(p, with)| {
-                let reason = LeftOutReason::Swapped { with: name(with) };
-                LeftOut { name: name(p), camera: camera.map(|c| problem.names[c].clone()), reason }
-            })
-            .into(),
-    }
+    let camera = found.suspicion.camera(problem).filter(|_| is_certain);
+    let left_out = |p: &usize| {
+        let others = points.iter().filter(|q| *q != p).map(|q| problem.points[*q].name.as_str());
+        let with = others.collect::<Vec<_>>().join(", ");
+        let reason = match found.suspicion {
+            _ if !is_certain => LeftOutReason::Doubtful { with },
+            Suspicion::Swap(..) => LeftOutReason::Swapped { with },
+            _ => LeftOutReason::Displaced,
+        };
+        LeftOut { name: problem.points[*p].name.clone(), camera: camera.clone(), reason }
+    };
+    points.iter().map(left_out).collect()
 }
 
 fn refusal(problem: &Problem, suspicions: &[Suspicion]) -> PoseError {
     let mut texts: Vec<String> = Vec::new();
     for suspicion in suspicions {
-        let name = |p: usize| problem.points[p].name.as_str();
-        let text = match suspicion {
-            Suspicion::Point(p) => name(*p).to_owned(),
-            Suspicion::Observation(k) => {
-                let o = &problem.observations[*k];
-                format!("{} (in {})", name(o.point), problem.names[o.camera])
-            }
-            Suspicion::Swap(a, b, None) => format!("{} swapped with {}", name(*a), name(*b)),
-            Suspicion::Swap(a, b, Some(c)) => {
-                format!("{} swapped with {} (in {})", name(*a), name(*b), problem.names[*c])
-            }
-        };
+        let names: Vec<&str> =
+            suspicion.points(problem).iter().map(|p| problem.points[*p].name.as_str()).collect();
+        let camera = suspicion.camera(problem).map_or_else(String::new, |c| format!(" (in {c})"));
+        let text = names.join(" swapped with ") + &camera;
         if !texts.contains(&text) {
             texts.push(text);
         }

@@ -13,7 +13,7 @@ use super::snoop::clean;
 use super::start::MIN_POINTS;
 use crate::PoseError;
 use mavsight_geometry::camera_parameters::CENTRE;
-use mavsight_geometry::{CAMERA_PARAMETERS, Camera, GeometryError, Matrix3, Vector2};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, ControlPoint, GeometryError, Vector2};
 use nalgebra::DMatrix;
 
 /// A projection centre with a standard deviation above this part of its distance from the control points is
@@ -23,11 +23,10 @@ const UNDETERMINED: f64 = 0.25;
 /// Solves for all cameras together from their control points.
 ///
 /// The most probable model of the nested family ([`CameraModel`]) is adjusted by Levenberg-Marquardt to the
-/// images of all points, weighted by their covariances, with points that are not exact as parameters bound to
-/// their survey (bundle adjustment, Triggs et al. 2000). A ball is predicted at the centre of its elliptical
-/// image. Usual values of lenses and sensors enter as weak priors. The noise's scale is estimated from the
-/// residuals of all cameras, with the stated covariances as a prior. Points that disagree with the others
-/// beyond chance are left out and named.
+/// images of all points, weighted by their covariances; points that are not exact are parameters bound to
+/// their survey (bundle adjustment, Triggs et al. 2000). Usual values of lenses and sensors are weak priors.
+/// The noise's scale is estimated, with the stated covariances as a prior. Points that disagree with the
+/// others beyond chance are left out and named.
 ///
 /// # Errors
 /// [`PoseError::Calibration`] names the camera; [`PoseError::ControlLengths`]; [`PoseError::NoCameras`];
@@ -38,16 +37,12 @@ pub fn calibrate(controls: &[CameraControl]) -> Result<Rig, PoseError> {
 }
 
 /// Solves for all cameras from control points and from objects of known shape that were moved in view of
-/// them.
+/// them, by one bundle adjustment as in [`calibrate`] with a pose for each place of an object.
 ///
-/// One bundle adjustment of both, as in [`calibrate`]: each place of an object is a pose of its own, which is
-/// eliminated. Intrinsics come from both, extrinsics and the world's axes from the control points: five or
-/// more in each camera, or three in all that two cameras see, where the objects link the cameras. Without any
-/// control point the world's axes are those of the first camera: x to its right, y forward, z up, origin in
-/// its centre.
-///
-/// A wand links cameras that see both of its balls at eight places or more, a board those that see it at
-/// once.
+/// The world's axes come from the control points: five or more in each camera, or three in all that two
+/// cameras see, where the objects link the cameras. Without any they are those of the first camera: x to its
+/// right, y forward, z up, origin in its centre. A wand links cameras that see both of its balls at eight
+/// places or more, a board those that see it at once.
 ///
 /// # Errors
 /// Those of [`calibrate`]; [`PoseError::BadObject`], [`PoseError::BadObservation`]; [`PoseError::NotLinked`];
@@ -86,11 +81,8 @@ pub fn calibrate_with(controls: &[CameraControl], objects: &[MovedObject]) -> Re
 }
 
 /// The rig that [`calibrate`] would make of cameras that stand as given, with its uncertainty, without any
-/// image.
-///
-/// The equations, priors and elimination of the adjustment, at the true cameras and at the stated covariances
-/// of the control points' images; their pixels are not used. The model of each camera is given: neither the
-/// choice between models is predicted, nor is the covariance widened for a noise that is estimated.
+/// image: the adjustment's equations at these cameras and the stated covariances. The model of each camera is
+/// given; the choice between models and the estimation of the noise are not predicted.
 ///
 /// # Errors
 /// [`PoseError::NoCameras`]; [`PoseError::ControlLengths`]; [`PoseError::Calibration`] names the camera that
@@ -105,8 +97,8 @@ pub fn predict_calibration(
     let refusal =
         |control: &CameraControl, source| PoseError::Calibration { camera: control.name.clone(), source };
     if let Some(few) = controls.iter().find(|c| c.points.len() < MIN_POINTS) {
-        let found = few.points.len();
-        return Err(refusal(few, GeometryError::TooFewControlPoints { found, needed: MIN_POINTS }));
+        let (found, needed) = (few.points.len(), MIN_POINTS);
+        return Err(refusal(few, GeometryError::TooFewControlPoints { found, needed }));
     }
     let problem = Problem::new(controls)?;
     let (views, models): (Vec<Camera>, Vec<CameraModel>) = cameras.iter().copied().unzip();
@@ -118,14 +110,15 @@ pub fn predict_calibration(
     };
     let mut rig = rig_of(problem.with(&choice), &fit, uncertainty);
     for (own, control) in rig.cameras.iter_mut().zip(controls) {
-        let point = |p: &mavsight_geometry::ControlPoint| ControlResidual {
-            name: p.name.clone(),
-            point_in_world_m: p.point_in_world_m,
-            residual_px: Vector2::zeros(),
-            studentised: 0.0,
-            used: true,
-        };
-        own.points = control.points.iter().map(point).collect();
+        let (residual_px, studentised, used) = (Vector2::zeros(), 0.0, true);
+        own.points = control
+            .points
+            .iter()
+            .map(|ControlPoint { name, point_in_world_m, .. }| {
+                let (name, point_in_world_m) = (name.clone(), *point_in_world_m);
+                ControlResidual { name, point_in_world_m, residual_px, studentised, used }
+            })
+            .collect();
     }
     Ok(rig)
 }
@@ -134,9 +127,8 @@ pub fn predict_calibration(
 fn rig_of(data: Data, fit: &Fit, uncertainty: DMatrix<f64>) -> Rig {
     let sigma_px = alike_std_px(data, fit);
     let one = |(k, name): (usize, &String)| {
-        let root = uncertainty.rows(CAMERA_PARAMETERS * k + CENTRE, 3);
-        let product = root * root.transpose();
-        let centre_cov_m2: Matrix3<f64> = product.fixed_view::<3, 3>(0, 0).into_owned();
+        let root = uncertainty.fixed_rows::<3>(CAMERA_PARAMETERS * k + CENTRE);
+        let centre_cov_m2 = root * root.transpose();
         RigCamera {
             name: name.clone(),
             camera: fit.state.cameras[k],
@@ -152,7 +144,6 @@ fn rig_of(data: Data, fit: &Fit, uncertainty: DMatrix<f64>) -> Rig {
     Rig { cameras, uncertainty, left_out: Vec::new(), frames: 0 }
 }
 
-/// Residuals of one camera's control points.
 fn residuals(data: Data, fit: &Fit, camera: usize) -> Vec<ControlResidual> {
     let problem = data.problem;
     let own = (0..problem.observations.len()).filter(|k| problem.observations[*k].camera == camera);

@@ -1,12 +1,12 @@
 //! Reprojection errors of a flight under given clocks, and how they change with these.
 
-use super::part::Part;
-use super::path::PixelPath;
+use super::path::{PathVelocity, PixelPath};
 use super::types::{CameraClock, CameraStream};
+use crate::reprojection::{PointObservation, PoseFit, Scene, huber};
+use crate::statistics::median;
 use crate::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
-use mavsight_geometry::camera::d_pixel_d_pose;
-use mavsight_geometry::{Camera, Isometry3, Matrix2, Point3, UnitQuaternion, Vector2};
-use nalgebra::{DMatrix, DVector, Matrix6, Translation3, Vector6};
+use mavsight_geometry::{Camera, Isometry3, Vector2};
+use nalgebra::{DMatrix, DVector};
 use std::collections::HashSet;
 
 /// Instants that are looked at: beyond these more add little.
@@ -21,26 +21,29 @@ const SYSTEMATIC_STD_PX: f64 = 1.0;
 /// Whitened residuals longer than this many times the flight's scale weigh no more than one of that length.
 const BOUND: f64 = 2.5;
 
-/// Steps to a pose; one that needs more is taken as far as it has come.
+/// Steps to a pose; one that needs more is taken as far as it has come. The step that promises to lower the
+/// chi-square by less is the last.
 const MOST_STEPS: usize = 12;
+const CONVERGED: f64 = 1e-4;
 
-/// A part of a camera's clock.
-pub(super) type Unknown = (usize, Part);
+/// A camera and a part of its clock.
+pub(super) type Unknown = (usize, usize);
 
-/// A marker in a camera at an instant.
 pub(super) struct View {
-    pub(super) camera: usize,
-    pub(super) marker: usize,
+    pub(super) seen: PointObservation,
     /// Index of the observation in its path.
     pub(super) index: usize,
-    pixel: Vector2<f64>,
-    whitener: Matrix2<f64>,
-    pub(super) px_s: Vector2<f64>,
-    gain_per_s2: f64,
+    pub(super) velocity: PathVelocity,
     rows_px: f64,
 }
 
-/// Normal equations of a flight.
+impl View {
+    /// Change of the pixel with a part of the clock, over its velocity.
+    fn factor(&self, part: usize, t_s: f64) -> f64 {
+        [1.0, t_s, -self.rows_px][part]
+    }
+}
+
 pub(super) struct Sums {
     /// Of unknowns, then of the centres' systematic errors.
     pub(super) normal: DMatrix<f64>,
@@ -51,12 +54,13 @@ pub(super) struct Sums {
     pub(super) by_noise: Vec<f64>,
     /// Chi-square over redundancy of each instant with a pose.
     pub(super) factors: Vec<f64>,
-    /// Instants with a pose, and the sum over them of the root of chi-square over redundancy: small where
-    /// the clocks are right, whatever a few bad instants do.
+    pub(super) poses: Vec<Option<Isometry3<f64>>>,
+    /// Instants with a pose, and the sum over them of the root of chi-square over redundancy: small where the
+    /// clocks are right, whatever a few bad instants do.
     pub(super) instants: usize,
     pub(super) misfit: f64,
-    /// By camera: sum of squared speeds, px²/s², corrected for noise; observations; redundancy in
-    /// whitened units; distance over focal length.
+    /// By camera: sum of squared speeds, px²/s², corrected for noise; observations; redundancy in whitened
+    /// units; distance over focal length.
     pub(super) by_camera: Vec<CameraSums>,
 }
 
@@ -88,13 +92,12 @@ impl<'a> Problem<'a> {
     pub(super) fn new(rig: &Rig, markers: &'a [BodyMarker], streams: &'a [CameraStream]) -> Self {
         let fastest = streams
             .iter()
-            .enumerate()
-            .filter(|(_, s)| !s.observations.is_empty())
-            .min_by(|a, b| a.1.interval_s.total_cmp(&b.1.interval_s))
-            .map_or(0, |(k, _)| k);
-        let mut instants: Vec<f64> = streams.get(fastest).map_or(Vec::new(), |s| {
-            s.observations.iter().map(|x| s.prior.clock.time_s(x.t_ns, 0.0)).collect()
-        });
+            .filter(|s| !s.observations.is_empty())
+            .min_by(|a, b| a.interval_s.total_cmp(&b.interval_s));
+        let times = |s: &CameraStream| {
+            s.observations.iter().map(|x| s.prior.clock.time_s(x.t_ns, 0.0)).collect::<Vec<f64>>()
+        };
+        let mut instants = fastest.map_or_else(Vec::new, times);
         instants.dedup();
         let stride = instants.len().div_ceil(MOST_INSTANTS).max(1);
         let instants: Vec<f64> = instants.into_iter().step_by(stride).collect();
@@ -111,17 +114,12 @@ impl<'a> Problem<'a> {
         }
     }
 
-    pub(super) fn clocks(&self) -> Vec<CameraClock> {
-        self.streams.iter().map(|s| s.prior.clock).collect()
-    }
-
     pub(super) fn paths(&self, clocks: &[CameraClock]) -> Vec<Vec<PixelPath>> {
         let one =
             |(k, s): (usize, &CameraStream)| s.paths(self.cameras[k].size, self.markers.len(), &clocks[k]);
         self.streams.iter().enumerate().map(one).collect()
     }
 
-    /// What some cameras see at a time.
     pub(super) fn views(&self, paths: &[Vec<PixelPath>], t_s: f64, cameras: &[usize], out: &mut Vec<View>) {
         out.clear();
         for &camera in cameras {
@@ -131,18 +129,12 @@ impl<'a> Problem<'a> {
                     continue;
                 }
                 let Some(velocity) = at.velocity else { continue };
-                let whitener = at.covariance_px2.cholesky().and_then(|c| c.l().try_inverse());
-                let Some(whitener) = whitener else { continue };
-                out.push(View {
-                    camera,
-                    marker,
-                    index: at.index,
-                    pixel: at.pixel - self.systematic_of(camera, marker),
-                    whitener,
-                    px_s: velocity.px_s,
-                    gain_per_s2: velocity.gain_per_s2,
-                    rows_px: self.streams[camera].rows_px(self.cameras[camera].size, &at.pixel),
-                });
+                let pixel = at.pixel - self.systematic_of(camera, marker);
+                let Some(seen) = PointObservation::new(camera, marker, pixel, at.covariance_px2) else {
+                    continue;
+                };
+                let rows_px = self.streams[camera].rows_px(self.cameras[camera].size, &at.pixel);
+                out.push(View { seen, index: at.index, velocity, rows_px });
             }
         }
     }
@@ -160,14 +152,15 @@ impl<'a> Problem<'a> {
         for k in 0..self.instants.len() {
             self.views(&paths, self.instants[k], &all, &mut views);
             let seen = |only: Option<usize>| -> Vec<MarkerObservation> {
-                let one = |v: &View| MarkerObservation {
+                let own = views.iter().map(|v| &v.seen).filter(|o| only.is_none_or(|c| c == o.camera));
+                own.map(|o| MarkerObservation {
                     t_ns: 0,
-                    camera: v.camera,
-                    marker: v.marker,
-                    pixel: v.pixel,
-                    covariance_px2: (v.whitener.transpose() * v.whitener).try_inverse().unwrap_or_default(),
-                };
-                views.iter().filter(|v| only.is_none_or(|c| c == v.camera)).map(one).collect()
+                    camera: o.camera,
+                    marker: o.point,
+                    pixel: o.pixel,
+                    covariance_px2: o.covariance_px2,
+                })
+                .collect()
             };
             let of = |only| self.estimator.estimate(0, &seen(only), previous.as_ref()).ok();
             let found = of(None).or_else(|| all.iter().find_map(|c| of(Some(*c)))).map(|e| e.world_from_body);
@@ -178,11 +171,11 @@ impl<'a> Problem<'a> {
 
     /// The sums under some clocks, over some instants and cameras.
     pub(super) fn sums(
-        &mut self,
+        &self,
         clocks: &[CameraClock],
         unknowns: &[Unknown],
-        (cameras, stride): (&[usize], usize),
-        keep_poses: bool,
+        cameras: &[usize],
+        stride: usize,
     ) -> Sums {
         let paths = self.paths(clocks);
         let size = unknowns.len() + self.systematic_px.len();
@@ -192,6 +185,7 @@ impl<'a> Problem<'a> {
             blocks: vec![DVector::zeros(size); BLOCKS],
             by_noise: vec![0.0; unknowns.len()],
             factors: Vec::new(),
+            poses: self.poses.clone(),
             instants: 0,
             misfit: 0.0,
             by_camera: vec![CameraSums::default(); self.cameras.len()],
@@ -200,84 +194,35 @@ impl<'a> Problem<'a> {
         for k in (0..self.instants.len()).step_by(stride) {
             let t_s = self.instants[k];
             self.views(&paths, t_s, cameras, &mut views);
-            let two = views.iter().any(|v| v.camera != views[0].camera);
+            let two = views.iter().any(|v| v.seen.camera != views[0].seen.camera);
             let Some(start) = self.poses[k].filter(|_| two && views.len() > 3) else { continue };
-            let Some((pose, chi_square)) = self.fitted_pose(&views, start) else { continue };
-            if keep_poses {
-                self.poses[k] = Some(pose);
-            }
+            let Some(fit) = self.fitted_pose(&views, &start) else { continue };
+            let (pose, chi_square) = (fit.world_from_body, fit.loss);
+            sums.poses[k] = Some(pose);
             let redundancy = 2.0 * views.len() as f64 - 6.0;
             sums.instants += 1;
             sums.misfit += (chi_square / redundancy).sqrt();
             // The median of a chi-square over its degrees of freedom is below one (Wilson & Hilferty 1931).
             sums.factors.push(chi_square / redundancy / (1.0 - 2.0 / (9.0 * redundancy)).powi(3));
             if !unknowns.is_empty() {
-                let block = (k * BLOCKS / self.instants.len()).min(BLOCKS - 1);
-                self.add(&mut sums, &views, &pose, (unknowns, t_s, block));
+                self.add(&mut sums, &views, &pose, unknowns, k);
             }
         }
         sums
     }
 
-    /// The pose nearest to a start that fits the views best, and its chi-square (Levenberg 1944;
-    /// Marquardt 1963).
-    pub(super) fn fitted_pose(&self, views: &[View], start: Isometry3<f64>) -> Option<(Isometry3<f64>, f64)> {
-        let (mut pose, mut damping) = (start, 0.0);
-        let (mut normal, mut gradient, mut chi_square) = self.pose_equations(views, &pose)?;
-        for _ in 0..MOST_STEPS {
-            let mut damped = normal;
-            (0..6).for_each(|i| damped[(i, i)] *= 1.0 + damping);
-            let step = damped.cholesky()?.solve(&gradient);
-            let tried = Isometry3::from_parts(
-                Translation3::from(pose.translation.vector + step.fixed_rows::<3>(0)),
-                pose.rotation * UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(3).into_owned()),
-            );
-            match self.pose_equations(views, &tried) {
-                Some((n, g, c)) if c <= chi_square * (1.0 + 1e-12) => {
-                    let drop = step.dot(&gradient);
-                    (pose, normal, gradient, chi_square) = (tried, n, g, c);
-                    damping *= 0.1;
-                    if drop < 1e-4 {
-                        return Some((pose, chi_square));
-                    }
-                }
-                _ if step.dot(&gradient) < 1e-4 => return Some((pose, chi_square)),
-                _ => damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 },
-            }
-        }
-        Some((pose, chi_square))
+    /// The pose nearest to a start that fits the views best, with bounded influence.
+    pub(super) fn fitted_pose(&self, views: &[View], start: &Isometry3<f64>) -> Option<PoseFit> {
+        let seen: Vec<_> = views.iter().map(|v| v.seen).collect();
+        self.scene().descend(&seen, start, self.bound2(), CONVERGED, MOST_STEPS).ok()
     }
 
-    fn pose_equations(
-        &self,
-        views: &[View],
-        pose: &Isometry3<f64>,
-    ) -> Option<(Matrix6<f64>, Vector6<f64>, f64)> {
-        let (mut normal, mut gradient, mut chi_square) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
-        for v in views {
-            let (jacobian, residual) = self.linear(v, pose)?;
-            let weight = self.weight(residual.norm_squared());
-            normal += jacobian.transpose() * jacobian * weight;
-            gradient += jacobian.transpose() * residual * weight;
-            // Huber's function, so that the steps go down the same slope that the weights describe.
-            let bound2 = BOUND * BOUND * self.scale;
-            let square = residual.norm_squared();
-            chi_square += if square <= bound2 { square } else { 2.0 * (bound2 * square).sqrt() - bound2 };
-        }
-        Some((normal, gradient, chi_square))
+    pub(super) fn scene(&self) -> Scene<'_> {
+        Scene { cameras: &self.cameras, points: self.markers }
     }
 
-    fn linear(&self, v: &View, pose: &Isometry3<f64>) -> Option<(nalgebra::Matrix2x6<f64>, Vector2<f64>)> {
-        let marker = &self.markers[v.marker];
-        let centre = (pose * Point3::from(marker.marker_in_body_m)).coords;
-        let seen = self.cameras[v.camera].project_ball(&centre, marker.radius_m).ok()?;
-        let jacobian = v.whitener * d_pixel_d_pose(&seen, pose, &marker.marker_in_body_m);
-        Some((jacobian, v.whitener * (v.pixel - seen.pixel)))
-    }
-
-    fn weight(&self, square: f64) -> f64 {
-        let bound2 = BOUND * BOUND * self.scale;
-        if square <= bound2 { 1.0 } else { (bound2 / square).sqrt() }
+    fn bound2(&self) -> f64 {
+        BOUND * BOUND * self.scale
     }
 
     /// One instant's share of the normal equations, its pose eliminated.
@@ -286,21 +231,23 @@ impl<'a> Problem<'a> {
         sums: &mut Sums,
         views: &[View],
         pose: &Isometry3<f64>,
-        (unknowns, t_s, block): (&[Unknown], f64, usize),
+        unknowns: &[Unknown],
+        instant: usize,
     ) {
-        let count = unknowns.len();
+        let (count, t_s) = (unknowns.len(), self.instants[instant]);
+        let block = instant * BLOCKS / self.instants.len();
         let size = count + 2 * views.len();
         let mut columns = DMatrix::zeros(2 * views.len(), size);
         let mut jacobians = DMatrix::zeros(2 * views.len(), 6);
         let mut residuals = DVector::zeros(2 * views.len());
         for (i, v) in views.iter().enumerate() {
-            let Some((jacobian, residual)) = self.linear(v, pose) else { return };
-            let root = self.weight(residual.norm_squared()).sqrt();
-            jacobians.fixed_view_mut::<2, 6>(2 * i, 0).copy_from(&(jacobian * root));
-            residuals.fixed_rows_mut::<2>(2 * i).copy_from(&(residual * root));
-            columns.fixed_view_mut::<2, 2>(2 * i, count + 2 * i).copy_from(&(v.whitener * -root));
-            for (u, (_, part)) in unknowns.iter().enumerate().filter(|(_, u)| u.0 == v.camera) {
-                let slope = v.whitener * v.px_s * (root * part.factor(t_s, v.rows_px));
+            let Ok(at) = self.scene().at(&v.seen, pose) else { return };
+            let root = huber(at.whitened.norm_squared(), self.bound2()).0.sqrt();
+            jacobians.fixed_view_mut::<2, 6>(2 * i, 0).copy_from(&(at.by_pose * root));
+            residuals.fixed_rows_mut::<2>(2 * i).copy_from(&(at.whitened * root));
+            columns.fixed_view_mut::<2, 2>(2 * i, count + 2 * i).copy_from(&(v.seen.whitener * -root));
+            for (u, (_, part)) in unknowns.iter().enumerate().filter(|(_, u)| u.0 == v.seen.camera) {
+                let slope = v.seen.whitener * v.velocity.px_s * (root * v.factor(*part, t_s));
                 columns.fixed_view_mut::<2, 1>(2 * i, u).copy_from(&slope);
             }
         }
@@ -314,8 +261,8 @@ impl<'a> Problem<'a> {
             if c < count {
                 return c;
             }
-            let v = &views[(c - count) / 2];
-            count + 2 * (v.camera * self.markers.len() + v.marker) + (c - count) % 2
+            let o = &views[(c - count) / 2].seen;
+            count + 2 * (o.camera * self.markers.len() + o.point) + (c - count) % 2
         };
         for a in 0..size {
             sums.gradient[place(a)] += gradient[a];
@@ -328,15 +275,15 @@ impl<'a> Problem<'a> {
             // What remains of a unit error of each coordinate beside the pose.
             let own = jacobians.fixed_rows::<2>(2 * i);
             let left = 2.0 - (own * &inverse * own.transpose()).trace();
-            let white2 = 0.5 * v.whitener.norm_squared();
-            let camera = &mut sums.by_camera[v.camera];
+            let white2 = 0.5 * v.seen.whitener.norm_squared();
+            let (camera, gain_per_s2) = (&mut sums.by_camera[v.seen.camera], v.velocity.gain_per_s2);
             camera.at_unit_speed += 0.5 * left * white2;
             camera.observations += 1.0;
-            camera.speed2 += v.px_s.norm_squared() - 2.0 * self.scale * v.gain_per_s2 / white2;
-            let depth_m = (self.cameras[v.camera].centre_in_world() - pose.translation.vector).norm();
-            camera.metres_a_pixel += depth_m / self.cameras[v.camera].intrinsics.fx_px.abs();
-            for (u, (_, part)) in unknowns.iter().enumerate().filter(|(_, u)| u.0 == v.camera) {
-                sums.by_noise[u] += v.gain_per_s2 * left * part.factor(t_s, v.rows_px).powi(2);
+            camera.speed2 += v.velocity.px_s.norm_squared() - 2.0 * self.scale * gain_per_s2 / white2;
+            let depth_m = (self.cameras[v.seen.camera].centre_in_world() - pose.translation.vector).norm();
+            camera.metres_a_pixel += depth_m / self.cameras[v.seen.camera].intrinsics.fx_px.abs();
+            for (u, (_, part)) in unknowns.iter().enumerate().filter(|(_, u)| u.0 == v.seen.camera) {
+                sums.by_noise[u] += gain_per_s2 * left * v.factor(*part, t_s).powi(2);
             }
         }
     }
@@ -345,26 +292,23 @@ impl<'a> Problem<'a> {
     pub(super) fn add_priors(&self, sums: &mut Sums, clocks: &[CameraClock], unknowns: &[Unknown]) {
         for (u, (camera, part)) in unknowns.iter().enumerate() {
             let prior = &self.streams[*camera].prior;
-            let (std, apart) = part.prior(prior, &clocks[*camera]);
+            let (std, mut start, mut now) = (prior.stds()[*part], prior.clock, clocks[*camera]);
             if std.is_finite() {
                 sums.normal[(u, u)] += self.scale / (std * std);
-                sums.gradient[u] += self.scale * apart / (std * std);
+                sums.gradient[u] += self.scale * (*now.parts()[*part] - *start.parts()[*part]) / (std * std);
             }
         }
-        for k in 0..self.systematic_px.len() {
-            let at = unknowns.len() + k;
+        for (at, px) in (unknowns.len()..).zip(self.systematic_px.iter()) {
             sums.normal[(at, at)] += self.scale / SYSTEMATIC_STD_PX.powi(2);
-            sums.gradient[at] += self.scale * self.systematic_px[k] / SYSTEMATIC_STD_PX.powi(2);
+            sums.gradient[at] += self.scale * px / SYSTEMATIC_STD_PX.powi(2);
         }
     }
 }
 
 impl Sums {
-    /// Factor on the claimed variances: the median over instants, which a spell of wrong observations
-    /// does not raise.
+    /// Factor on the claimed variances: the median over instants, which a spell of wrong observations does
+    /// not raise.
     pub(super) fn scale(&self) -> f64 {
-        let mut factors = self.factors.clone();
-        factors.sort_by(f64::total_cmp);
-        factors.get(factors.len() / 2).map_or(1.0, |f| f.max(1e-6))
+        if self.factors.is_empty() { 1.0 } else { median(self.factors.clone()).max(1e-6) }
     }
 }

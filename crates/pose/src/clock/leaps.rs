@@ -1,21 +1,18 @@
 //! Observations between which a path leaps: of something else than the marker.
 
-use super::equations::{Problem, View};
+use super::equations::Problem;
 use super::types::CameraClock;
-use mavsight_geometry::{Isometry3, Point3, Vector2};
 
-/// A path that is so many times as fast as the poses let its marker move, at the time and on the whole,
-/// does not show the marker.
+/// A path that is so many times as fast as the poses let its marker move, at the time and on the whole, does
+/// not show the marker.
 const LEAP: f64 = 3.0;
 
 impl Problem<'_> {
-    /// Leaves out, from here on, observations whose paths move much faster than the poses that all
-    /// observations together give.
+    /// Leaves out observations whose paths move much faster than the poses.
     ///
-    /// A few frames of another object of a marker's colour are hundreds of pixels off: a path through
-    /// them and the marker has a hundred times its speed, and the information on a clock goes with the
-    /// square of that. Bounding residuals does not help against it: the observations beside a leap have
-    /// none (leverage points, Rousseeuw & Leroy 1987).
+    /// A path through a few frames of another object has a hundred times the marker's speed, and the
+    /// information on a clock goes with the square of that; bounded residuals do not help, as observations
+    /// next to a leap have none (leverage points, Rousseeuw & Leroy 1987).
     pub(super) fn leave_out_leaps(&mut self, clocks: &[CameraClock]) {
         let paths = self.paths(clocks);
         let all: Vec<usize> = (0..self.cameras.len()).collect();
@@ -27,17 +24,17 @@ impl Problem<'_> {
             let Some(near) = self.poses[k] else { continue };
             let mut pose_at = |t_s: f64| {
                 self.views(&paths, t_s, &all, &mut beside);
-                (beside.len() > 3).then(|| self.fitted_pose(&beside, near)).flatten().map(|(pose, _)| pose)
+                (beside.len() > 3).then(|| Some(self.fitted_pose(&beside, &near)?.world_from_body)).flatten()
             };
             let t_s = self.instants[k];
             let (before, after) = (pose_at(t_s - 0.5 * apart_s), pose_at(t_s + 0.5 * apart_s));
             let Some((before, after)) = before.zip(after) else { continue };
             self.views(&paths, t_s, &all, &mut views);
             for v in &views {
-                let seen = |pose| self.image_of(v, pose);
+                let seen = |pose| self.scene().at(&v.seen, pose).ok().map(|at| at.projection.pixel);
                 let Some((from, to)) = seen(&before).zip(seen(&after)) else { continue };
                 let of_pose = (to - from).norm() / apart_s;
-                speeds.push(((v.camera, v.marker, v.index), v.px_s.norm(), of_pose));
+                speeds.push(((v.seen.camera, v.seen.point, v.index), v.velocity.px_s.norm(), of_pose));
             }
         }
         for camera in 0..self.cameras.len() {
@@ -49,11 +46,5 @@ impl Problem<'_> {
             let leaps = own().filter(|s| s.1 > LEAP * (s.2 + fast)).map(|s| s.0);
             self.leaping.extend(leaps);
         }
-    }
-
-    fn image_of(&self, v: &View, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
-        let marker = &self.markers[v.marker];
-        let centre = (pose * Point3::from(marker.marker_in_body_m)).coords;
-        self.cameras[v.camera].project_ball(&centre, marker.radius_m).ok().map(|seen| seen.pixel)
     }
 }

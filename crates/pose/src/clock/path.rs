@@ -6,9 +6,8 @@ use nalgebra::{Matrix4, Vector4};
 /// Times that differ by less are one: what moves at 500 px/s goes a two-hundredth of a pixel in it.
 const SAME_S: f64 = 10e-6;
 
-/// Frames on either side that a local cubic goes through. A parabola over as many takes 1.4 % off the
-/// speed of a swing of half a hertz at 30 frames a second, which is 0.2 ms of an offset of half a frame;
-/// a cubic does not.
+/// Frames on either side that a local cubic goes through. A parabola takes 1.4 % off the speed of a swing of
+/// half a hertz at 30 frames a second, which is 0.2 ms of an offset of half a frame.
 const SIDE: usize = 3;
 
 /// Observations from which a cubic is determined with little more noise than a parabola.
@@ -57,8 +56,8 @@ impl PixelPath {
         Self { interval_s, ..Self::default() }
     }
 
-    /// Adds an observation and says whether it was taken; one that is not later than the last, or not
-    /// finite, is passed over.
+    /// Adds an observation and says whether it was taken; one that is not later than the last, or not finite,
+    /// is passed over.
     pub fn push(&mut self, t_s: f64, pixel: Vector2<f64>, covariance_px2: Matrix2<f64>) -> bool {
         let is_later = self.t_s.last().is_none_or(|last| t_s > *last);
         let is_number = pixel.iter().chain(covariance_px2.iter()).all(|v| v.is_finite());
@@ -90,10 +89,10 @@ impl PixelPath {
 
     /// Where the marker was at a time; `None` where no observation is near enough.
     ///
-    /// The nearest observation is moved along the cubic through it and up to three neighbours on either
-    /// side (a parabola where few are), so that its noise remains its own and white from frame to frame;
-    /// an observation at this very time is taken as it is. Nothing reaches across a gap, and at the end
-    /// of a run no further than half an interval.
+    /// The nearest observation is moved along the cubic through it and up to three neighbours on either side
+    /// (a parabola where few are), so that its noise remains its own and white from frame to frame; an
+    /// observation at this very time is taken as it is. Nothing reaches across a gap, and at the end of a run
+    /// no further than half an interval.
     pub fn at(&self, t_s: f64) -> Option<PathPoint> {
         let index = self.nearest(t_s)?;
         let dt_s = t_s - self.t_s[index];
@@ -158,8 +157,8 @@ impl PixelPath {
         (from, to)
     }
 
-    /// Inverse normal matrix of the cubic, time in intervals from the observation, its last row and
-    /// column zero where a parabola does; `None` for fewer than three observations.
+    /// Inverse normal matrix of the cubic, time in intervals from the observation, its last row and column
+    /// zero where a parabola does; `None` for fewer than three observations.
     fn inverse_of(&self, index: usize, from: usize, to: usize) -> Option<Matrix4<f64>> {
         let count = to - from + 1;
         if count < 3 {
@@ -206,8 +205,8 @@ mod tests {
         let path = path((0..20).map(|k| f64::from(k) * H), curve);
         for t in [-0.49 * H, 0.0, 2.3 * H, 7.5 * H, 16.9 * H, 19.49 * H] {
             let got = path.at(t).unwrap();
-            // Four observations at an end follow v; u, a cubic of 0.0185 px over one interval, they miss
-            // by a few times that.
+            // Four observations at an end follow v; u, a cubic of 0.0185 px over one interval, they miss by a
+            // few times that.
             let (off, end) = (got.pixel - curve(t), !(2.0 * H..17.0 * H).contains(&t));
             assert!(off.y.abs() < 1e-9 && off.x.abs() < if end { 0.07 } else { 1e-9 }, "{t}: {off}");
             let slope = (curve(t + 1e-6) - curve(t - 1e-6)) / 2e-6;

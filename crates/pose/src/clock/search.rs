@@ -1,8 +1,7 @@
 //! The search for the clocks: coarse over a second, then by Gauss and Newton, then what is made of it.
 
 use super::equations::{Problem, Sums, Unknown};
-use super::part::Part;
-use super::types::{CameraClock, ClockEstimate, ClockVerdict};
+use super::types::{CameraClock, ClockEstimate, ClockVerdict, DRIFT, LINE_TIME, OFFSET};
 use nalgebra::{DMatrix, DVector};
 
 /// A clock counts as determined where its offset's standard deviation is at most this part of a frame's
@@ -12,18 +11,17 @@ const DETERMINED_INTERVALS: f64 = 0.125;
 /// A difference of this many standard deviations is not by chance: one in sixteen thousand normal numbers is.
 const SIGNIFICANT: f64 = 4.0;
 
-/// An offset matters where it moves centres by this part of their standard deviation at the flight's
-/// image speed: it would add a thirtieth to their errors.
+/// An offset matters where it moves centres by this part of their standard deviation at the flight's image
+/// speed: it would add a thirtieth to their errors.
 const RELEVANT_STD: f64 = 0.25;
 
 /// An offset of which nothing is known is sought this far on either side of the start.
 const REACH_S: f64 = 1.0;
 
-/// A coarse offset is taken where its misfit is less than this part of that at the start: beyond what
-/// noise does.
+/// A coarse offset is taken where its misfit is less than this part of that at the start: beyond what noise
+/// does.
 const MUCH_BETTER: f64 = 0.9;
 
-/// Instants of the coarse search.
 const COARSE_INSTANTS: usize = 80;
 
 const MOST_STEPS: usize = 20;
@@ -31,7 +29,6 @@ const MOST_STEPS: usize = 20;
 /// Steps smaller than this part of an unknown's standard deviation are the last.
 const CONVERGED_STD: f64 = 0.03;
 
-/// Where the search has come to.
 struct Found {
     clocks: Vec<CameraClock>,
     sums: Sums,
@@ -40,97 +37,77 @@ struct Found {
 }
 
 pub(super) fn solve(problem: &mut Problem<'_>, out: &mut [ClockEstimate]) {
-    let free = |part: Part| -> Vec<Unknown> {
-        let std = |k: usize| {
-            let prior = &problem.streams[k].prior;
-            match part {
-                Part::Offset => prior.offset_std_s,
-                Part::Drift => prior.drift_std,
-                Part::LineTime => prior.line_time_std_s,
-            }
-        };
-        let first = if part == Part::LineTime { 0 } else { 1 };
-        (first..problem.streams.len()).filter(|k| std(*k) > 0.0).map(|k| (k, part)).collect()
+    let free = |part: usize| -> Vec<Unknown> {
+        let first = usize::from(part != LINE_TIME);
+        let is_free = |k: &usize| problem.streams[*k].prior.stds()[part] > 0.0;
+        (first..problem.streams.len()).filter(is_free).map(|k| (k, part)).collect()
     };
-    let (offsets, drifts, lines) = (free(Part::Offset), free(Part::Drift), free(Part::LineTime));
+    let (offsets, drifts, lines) = (free(OFFSET), free(DRIFT), free(LINE_TIME));
     let mut unknowns: Vec<Unknown> = offsets.iter().chain(&lines).copied().collect();
     if unknowns.is_empty() || problem.instants.is_empty() {
         return;
     }
-    let mut clocks = problem.clocks();
+    let mut clocks: Vec<CameraClock> = problem.streams.iter().map(|s| s.prior.clock).collect();
     problem.find_poses(&clocks);
     for (camera, _) in &offsets {
         coarse(problem, &mut clocks, *camera);
     }
     problem.leave_out_leaps(&clocks);
     let Some(mut found) = descend(problem, clocks, &unknowns) else {
-        return offsets.iter().for_each(|(k, _)| out[*k].verdict = unseen());
+        let (speed_px_s, needed_px_s, needed_m_s) = (0.0, f64::INFINITY, f64::INFINITY);
+        let unseen = ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s };
+        return offsets.iter().for_each(|(k, _)| out[*k].verdict = unseen);
     };
     // A drift is estimated where its offset is determined, and kept where it is not by chance.
-    let is_determined =
-        |f: &Found, u: usize, k: usize| f.std[u] <= DETERMINED_INTERVALS * problem.streams[k].interval_s;
-    let wanted: Vec<Unknown> = drifts
-        .into_iter()
-        .filter(|(k, _)| {
-            unknowns
-                .iter()
-                .position(|u| *u == (*k, Part::Offset))
-                .is_some_and(|u| is_determined(&found, u, *k))
-        })
-        .collect();
+    let is_determined = |(k, _): &Unknown| {
+        let limit_s = DETERMINED_INTERVALS * problem.streams[*k].interval_s;
+        unknowns.iter().zip(&found.std).any(|(u, std)| *u == (*k, OFFSET) && *std <= limit_s)
+    };
+    let wanted: Vec<Unknown> = drifts.into_iter().filter(is_determined).collect();
     let mut drift_std = vec![f64::INFINITY; problem.streams.len()];
-    if !wanted.is_empty() {
-        let fixed = unknowns.len();
-        let with: Vec<Unknown> = unknowns.iter().chain(&wanted).copied().collect();
-        if let Some(drifting) = descend(problem, found.clocks.clone(), &with) {
-            let mut kept = Vec::new();
-            for (u, (k, part)) in with.iter().enumerate().skip(fixed) {
-                drift_std[*k] = drifting.std[u];
-                if drifting.clocks[*k].drift.abs() > SIGNIFICANT * drifting.std[u] {
-                    kept.push((*k, *part));
-                }
+    let with: Vec<Unknown> = unknowns.iter().chain(&wanted).copied().collect();
+    let drifting = if wanted.is_empty() { None } else { descend(problem, found.clocks.clone(), &with) };
+    if let Some(drifting) = drifting {
+        let mut kept = Vec::new();
+        for (u, (k, part)) in with.iter().enumerate().skip(unknowns.len()) {
+            drift_std[*k] = drifting.std[u];
+            if drifting.clocks[*k].drift.abs() > SIGNIFICANT * drifting.std[u] {
+                kept.push((*k, *part));
             }
-            if kept.len() == wanted.len() {
-                (found, unknowns) = (drifting, with);
-            } else if !kept.is_empty() {
-                unknowns.extend(kept);
-                match descend(problem, found.clocks.clone(), &unknowns) {
-                    Some(again) => found = again,
-                    None => return,
-                }
-            }
+        }
+        if kept.len() == wanted.len() {
+            (found, unknowns) = (drifting, with);
+        } else if !kept.is_empty() {
+            unknowns.extend(kept);
+            let Some(again) = descend(problem, found.clocks.clone(), &unknowns) else { return };
+            found = again;
         }
     }
     conclude(problem, &found, &unknowns, &drift_std, out);
 }
 
-fn unseen() -> ClockVerdict {
-    ClockVerdict::TooSlow { speed_px_s: 0.0, needed_px_s: f64::INFINITY, needed_m_s: f64::INFINITY }
-}
-
-/// Tries offsets of one camera half a frame apart against the first camera, and takes one that is much
-/// better than the start.
+/// Tries offsets of one camera half a frame apart against the first camera, and takes one that is much better
+/// than the start.
 fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) {
     let stream = &problem.streams[camera];
     let reach_s = (3.0 * stream.prior.offset_std_s).min(REACH_S);
     let step_s = 0.5 * stream.interval_s;
     let stride = (problem.instants.len() / COARSE_INSTANTS).max(1);
-    let pair = [0, camera];
-    let misfit = |problem: &mut Problem<'_>, offset_s: f64| {
-        let mut tried = clocks.to_vec();
+    let start_s = clocks[camera].offset_s;
+    let mut tried = clocks.to_vec();
+    let mut misfit = |offset_s: f64| {
         tried[camera].offset_s = offset_s;
-        let sums = problem.sums(&tried, &[], (&pair, stride), false);
+        let sums = problem.sums(&tried, &[], &[0, camera], stride);
         (sums.instants, sums.misfit / sums.instants.max(1) as f64)
     };
-    let start_s = clocks[camera].offset_s;
-    let (instants, at_start) = misfit(problem, start_s);
+    let (instants, at_start) = misfit(start_s);
     let steps = (reach_s / step_s).floor() as i32;
     let mut best = (if instants > 0 { MUCH_BETTER * at_start } else { f64::INFINITY }, start_s);
     for k in (-steps..=steps).filter(|k| *k != 0) {
         let offset_s = start_s + f64::from(k) * step_s;
-        let (seen, at) = misfit(problem, offset_s);
-        // Where the recordings share less than half of what they share at the start, little agreement is
-        // no merit.
+        let (seen, at) = misfit(offset_s);
+        // Where the recordings share less than half of what they share at the start, little agreement is no
+        // merit.
         if seen > 10 && 2 * seen >= instants && at < best.0 {
             best = (at, offset_s);
         }
@@ -141,66 +118,56 @@ fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) 
 /// Gauss-Newton over the unknowns and the systematic errors; `None` where nothing is seen by two cameras.
 fn descend(problem: &mut Problem<'_>, mut clocks: Vec<CameraClock>, unknowns: &[Unknown]) -> Option<Found> {
     let all: Vec<usize> = (0..problem.streams.len()).collect();
-    let mut last = DVector::zeros(unknowns.len());
-    for _ in 0..MOST_STEPS {
-        let mut sums = problem.sums(&clocks, unknowns, (&all, 1), true);
-        if sums.instants < 2 * unknowns.len() + 2 {
+    let mut last: DVector<f64> = DVector::zeros(unknowns.len());
+    for k in 0..=MOST_STEPS {
+        let mut sums = problem.sums(&clocks, unknowns, &all, 1);
+        problem.poses.clone_from(&sums.poses);
+        if k < MOST_STEPS && sums.instants < 2 * unknowns.len() + 2 {
             return None;
         }
-        problem.scale = sums.scale();
-        let by_noise = sums.by_noise.clone();
+        if k < MOST_STEPS {
+            problem.scale = sums.scale();
+        }
         problem.add_priors(&mut sums, &clocks, unknowns);
         let inverse = sums.normal.clone().cholesky()?.inverse();
+        let mut std = deviations(problem, &sums, &inverse);
+        if k == MOST_STEPS {
+            // Still under way: where it will end is not known better than by the way that it still goes.
+            std.iter_mut().zip(last.iter()).for_each(|(std, step)| *std = std.hypot(*step));
+            return Some(Found { clocks, sums, std });
+        }
         let step = -(&inverse * &sums.gradient);
-        let std = deviations(problem, &sums, &inverse, &by_noise);
         let mut largest: f64 = 0.0;
         for (u, (camera, part)) in unknowns.iter().enumerate() {
-            let most = match part {
-                Part::Offset => problem.streams[*camera].interval_s,
-                Part::Drift => 1e-3,
-                Part::LineTime => problem.streams[*camera].interval_s * 1e-3,
-            };
-            *part.of(&mut clocks[*camera]) += step[u].clamp(-most, most);
+            let interval_s = problem.streams[*camera].interval_s;
+            let most = [interval_s, 1e-3, interval_s * 1e-3][*part];
+            *clocks[*camera].parts()[*part] += step[u].clamp(-most, most);
             largest = largest.max(step[u].abs() * (problem.scale * inverse[(u, u)]).sqrt().recip());
         }
-        let systematic = step.rows(unknowns.len(), problem.systematic_px.len());
-        problem.systematic_px += systematic;
+        problem.systematic_px += step.rows_range(unknowns.len()..);
         last = step.rows(0, unknowns.len()).into_owned();
         if largest < CONVERGED_STD {
             return Some(Found { clocks, sums, std });
         }
     }
-    let mut sums = problem.sums(&clocks, unknowns, (&all, 1), true);
-    let by_noise = sums.by_noise.clone();
-    problem.add_priors(&mut sums, &clocks, unknowns);
-    let inverse = sums.normal.clone().cholesky()?.inverse();
-    let mut std = deviations(problem, &sums, &inverse, &by_noise);
-    // Still under way: where it will end is not known better than by the way that it still goes.
-    std.iter_mut().zip(last.iter()).for_each(|(std, step)| *std = std.hypot(*step));
-    Some(Found { clocks, sums, std })
+    None
 }
 
 /// Standard deviations of the unknowns: the larger of what white noise gives and what the scatter between
-/// parts of the flight gives (Huber 1967; Liang & Zeger 1986), less what the velocities' noise only seems
-/// to show.
-fn deviations(problem: &Problem<'_>, sums: &Sums, inverse: &DMatrix<f64>, by_noise: &[f64]) -> Vec<f64> {
-    let mut between = DMatrix::zeros(inverse.nrows(), inverse.nrows());
-    let mean: DVector<f64> =
-        sums.blocks.iter().fold(DVector::zeros(inverse.nrows()), |sum, b| sum + b) / sums.blocks.len() as f64;
-    for block in &sums.blocks {
-        let apart = block - &mean;
-        between += &apart * apart.transpose();
-    }
+/// parts of the flight gives (Huber 1967; Liang & Zeger 1986), less what the velocities' noise only seems to
+/// show.
+fn deviations(problem: &Problem<'_>, sums: &Sums, inverse: &DMatrix<f64>) -> Vec<f64> {
+    let count = sums.blocks.len() as f64;
+    let mean: DVector<f64> = sums.blocks.iter().map(|b| b / count).sum();
+    let apart = sums.blocks.iter().map(|b| b - &mean);
+    let between: DMatrix<f64> = apart.map(|a| &a * a.transpose()).sum();
     let robust = inverse * between * inverse;
-    by_noise
-        .iter()
-        .enumerate()
-        .map(|(u, noise)| {
-            let variance = (problem.scale * inverse[(u, u)]).max(robust[(u, u)]);
-            let share = 1.0 - noise * problem.scale * inverse[(u, u)];
-            if share > 0.25 { (variance / share).sqrt() } else { f64::INFINITY }
-        })
-        .collect()
+    let std = |(u, noise): (usize, &f64)| {
+        let white = problem.scale * inverse[(u, u)];
+        let share = 1.0 - noise * white;
+        if share > 0.25 { (white.max(robust[(u, u)]) / share).sqrt() } else { f64::INFINITY }
+    };
+    sums.by_noise.iter().enumerate().map(std).collect()
 }
 
 /// What is made of the clocks shown.
@@ -215,15 +182,15 @@ fn conclude(
         let (stream, of) = (&problem.streams[*camera], &found.sums.by_camera[*camera]);
         let estimate = &mut out[*camera];
         estimate.shown = found.clocks[*camera];
-        match part {
-            Part::Drift => estimate.drift_std = found.std[u],
-            Part::LineTime => {
+        match *part {
+            DRIFT => estimate.drift_std = found.std[u],
+            LINE_TIME => {
                 estimate.line_time_std_s = found.std[u];
                 if estimate.shown.line_time_s.abs() > SIGNIFICANT * found.std[u] {
                     estimate.clock.line_time_s = estimate.shown.line_time_s;
                 }
             }
-            Part::Offset => {
+            _ => {
                 estimate.offset_std_s = found.std[u];
                 estimate.drift_std = drift_std[*camera];
                 let speed_px_s = (of.speed2 / of.observations.max(1.0)).max(0.0).sqrt();

@@ -5,12 +5,12 @@ use crate::MarkerObservation;
 use mavsight_geometry::{ImageSize, Vector2};
 use std::fmt;
 
-/// Standard deviation of a quartz clock's rate between two cameras: crystals of consumer electronics are
-/// sold with tolerances of 20 to 100 parts in a million.
+/// Standard deviation of a quartz clock's rate between two cameras: crystals of consumer electronics are sold
+/// with tolerances of 20 to 100 parts in a million.
 pub const QUARTZ_DRIFT_STD: f64 = 100e-6;
 
-/// What a camera's time stamps mean: stamp = offset + (1 + drift)·t for the middle row of an image, and
-/// rows further along the readout are exposed later by `line_time_s` each.
+/// What a camera's time stamps mean: stamp = offset + (1 + drift)·t for the middle row of an image, and rows
+/// further along the readout are exposed later by `line_time_s` each.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CameraClock {
     /// How late the stamps are at t = 0.
@@ -21,7 +21,16 @@ pub struct CameraClock {
     pub line_time_s: f64,
 }
 
+/// Parts of a clock that are estimated, in the order of [`CameraClock::parts`].
+pub(super) const OFFSET: usize = 0;
+pub(super) const DRIFT: usize = 1;
+pub(super) const LINE_TIME: usize = 2;
+
 impl CameraClock {
+    pub(super) fn parts(&mut self) -> [&mut f64; 3] {
+        [&mut self.offset_s, &mut self.drift, &mut self.line_time_s]
+    }
+
     /// The time of what has a stamp and lies `rows_px` beyond the image's middle along the readout.
     pub fn time_s(&self, stamp_ns: i64, rows_px: f64) -> f64 {
         (stamp_ns as f64 * 1e-9 - self.offset_s) / (1.0 + self.drift) + rows_px * self.line_time_s
@@ -51,6 +60,10 @@ pub struct ClockPrior {
 }
 
 impl ClockPrior {
+    pub(super) fn stds(&self) -> [f64; 3] {
+        [self.offset_std_s, self.drift_std, self.line_time_std_s]
+    }
+
     /// A clock that is known.
     pub fn known(clock: CameraClock) -> Self {
         Self { clock, offset_std_s: 0.0, drift_std: 0.0, line_time_std_s: 0.0 }
@@ -120,7 +133,7 @@ pub enum ClockVerdict {
         speed_px_s: f64,
         /// Speed at which a flight as long would show it; infinite where the cameras share no instant.
         needed_px_s: f64,
-        /// The same for the aircraft.
+        /// That speed of the aircraft.
         needed_m_s: f64,
     },
 }
@@ -173,20 +186,19 @@ impl fmt::Display for ClockEstimate {
                 Ok(())
             }
             ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s } => {
-                write!(
-                    f,
-                    "taken as given: the flight is too slow to determine its offset (balls move at {speed_px_s:.1} px/s; "
-                )?;
-                if needed_px_s <= speed_px_s {
-                    write!(f, "what else is not known hides it: fly for longer, or give time_offset_s)")
+                let remedy = if needed_px_s <= speed_px_s {
+                    "what else is not known hides it: fly for longer, or give time_offset_s".to_owned()
                 } else if needed_px_s.is_finite() {
-                    write!(
-                        f,
-                        "{needed_px_s:.0} px/s would do: fly or carry the aircraft about at {needed_m_s:.2} m/s, or give time_offset_s)"
+                    format!(
+                        "{needed_px_s:.0} px/s would do: fly or carry the aircraft about at {needed_m_s:.2} m/s, or give time_offset_s"
                     )
                 } else {
-                    write!(f, "two cameras never see it together: give time_offset_s)")
-                }
+                    "two cameras never see it together: give time_offset_s".to_owned()
+                };
+                write!(
+                    f,
+                    "taken as given: the flight is too slow to determine its offset (balls move at {speed_px_s:.1} px/s; {remedy})"
+                )
             }
         }
     }

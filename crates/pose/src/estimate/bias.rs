@@ -1,7 +1,6 @@
 //! Systematic errors of the centres: how large they are, from residuals that do not average out.
 
 use super::estimator::PoseEstimator;
-use super::view::View;
 use crate::{MarkerObservation, Observations, PoseError, PoseEstimate, PoseSample};
 use nalgebra::{Matrix6xX, Vector2};
 use std::collections::VecDeque;
@@ -13,9 +12,8 @@ const LONGEST_LAG_S: f64 = 1.0;
 const SAMPLED_FRAMES: usize = 40;
 
 impl PoseEstimator {
-    /// The same with centres that are off by a constant amount: `std_px` for each coordinate of each
-    /// marker in each camera, independent of each other. Light from one side, colours that shade into
-    /// each other and lenses do that.
+    /// States a constant error of centres: `std_px` for each coordinate of each marker in each camera,
+    /// independent of each other. Light from one side, colours that shade into each other and lenses do that.
     ///
     /// # Errors
     /// [`PoseError::BadBias`] for what is not finite or negative.
@@ -23,7 +21,7 @@ impl PoseEstimator {
         if !(std_px.is_finite() && std_px >= 0.0) {
             return Err(PoseError::BadBias { std_px });
         }
-        self.errors = self.errors.with_bias_px(std_px);
+        self.errors.bias_px = std_px;
         Ok(self)
     }
 
@@ -32,29 +30,28 @@ impl PoseEstimator {
         self.errors.bias_px
     }
 
-    /// What each direction of systematic error does to a pose, in double precision: its systematic
-    /// columns from the observations that it was estimated from, of which those of markers that it did
-    /// not use are passed over. `None` where they do not determine it.
+    /// What each direction of systematic error does to a pose, in double precision: its systematic columns
+    /// from the observations that it was estimated from, of which those of markers that it did not use are
+    /// passed over. `None` where they do not determine it.
     pub fn systematic_effects(
         &self,
         seen: &[MarkerObservation],
         estimate: &PoseEstimate,
     ) -> Option<Matrix6xX<f64>> {
-        let used = seen.iter().filter(|o| estimate.markers_used.contains(o.marker));
-        let views: Vec<View> = used.map(|o| self.view(o)).collect::<Result<_, _>>().ok()?;
-        let solution = self.at_pose(&views, &estimate.world_from_body).ok()?;
-        let solution = self.bounded_from(&views, solution);
-        let inverse = solution.normal.cholesky()?.inverse();
-        Some(self.systematic(&views, &solution, &inverse).0)
+        let views = self.views_of(seen, estimate).ok()?;
+        let fit = self.at_pose(&views, &estimate.world_from_body).ok()?;
+        let fit = self.bounded_from(&views, fit);
+        let inverse = fit.normal.cholesky()?.inverse();
+        Some(self.systematic(&views, &fit, &inverse).0)
     }
 
-    /// Standard deviation of the systematic part of the centres' errors, px, from the residuals of a
-    /// flight's poses.
+    /// Standard deviation of the systematic part of the centres' errors, px, from the residuals of a flight's
+    /// poses.
     ///
-    /// The products of an observation's residuals at two times, up to a second apart, have the mean
-    /// square of the systematic part, as far as the pose has not taken it up; new noise has a mean of
-    /// zero. What the uncertainty of cameras and marker positions explains is taken off, unless that is
-    /// what a fit to these observations left. Zero where nothing is left or there is no redundancy.
+    /// The products of an observation's residuals at two times, up to a second apart, have the mean square of
+    /// the systematic part, as far as the pose has not taken it up; new noise has a mean of zero. What the
+    /// uncertainty of cameras and marker positions explains is taken off, unless that is what a fit to these
+    /// observations left. Zero where nothing is left or there is no redundancy.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].
@@ -65,28 +62,26 @@ impl PoseEstimator {
     ) -> Result<f64, PoseError> {
         let unit = self.clone().with_centre_bias(1.0)?;
         let every = (poses.len() / SAMPLED_FRAMES).max(1);
-        let blank = || vec![None; self.cameras.len() * self.markers.len()];
         let mut products = LaggedProducts::default();
         let (mut explained, mut by_unit, mut sampled) = (0.0, 0.0, 0.0);
         let mut seen = Vec::new();
         for (k, pose) in poses.iter().enumerate() {
             observations.at(pose.t_ns, &mut seen);
-            let mut row = blank();
-            if let Some(estimate) = &pose.estimate {
-                let used = seen.iter().filter(|o| estimate.markers_used.contains(o.marker));
-                let views = used.map(|o| self.view(o)).collect::<Result<Vec<View>, _>>()?;
-                for s in &views {
-                    let Ok(at) = self.projected(s, &estimate.world_from_body) else { continue };
-                    row[s.camera * self.markers.len() + s.marker] = Some(s.whitener * (s.pixel - at.pixel));
+            let mut row = vec![None; self.offsets_px.len()];
+            if let Ok(estimate) = &pose.estimate {
+                let views = self.views_of(&seen, estimate)?;
+                for o in &views {
+                    let at = self.scene().at(o, &estimate.world_from_body).ok();
+                    row[o.camera * self.markers.len() + o.point] = at.map(|at| at.whitened);
                 }
                 if k % every == 0
-                    && let Ok(solution) = self.at_pose(&views, &estimate.world_from_body)
-                    && let Some(factor) = solution.normal.cholesky()
+                    && let Ok(fit) = self.at_pose(&views, &estimate.world_from_body)
+                    && let Some(factor) = fit.normal.cholesky()
                 {
                     let inverse = factor.inverse();
-                    let known = self.systematic(&views, &solution, &inverse).1;
+                    let known = self.systematic(&views, &fit, &inverse).1;
                     explained += known;
-                    by_unit += unit.systematic(&views, &solution, &inverse).1 - known;
+                    by_unit += unit.systematic(&views, &fit, &inverse).1 - known;
                     sampled += views.len() as f64;
                 }
             }
@@ -103,8 +98,8 @@ impl PoseEstimator {
     }
 }
 
-/// Sum and number of the products of each observation's residuals at two times, as they come; no more
-/// than those of the longest lag are held.
+/// Sum and number of the products of each observation's residuals at two times, as they come; no more than
+/// those of the longest lag are held.
 #[derive(Default)]
 struct LaggedProducts {
     product: f64,

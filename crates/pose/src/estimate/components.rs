@@ -2,21 +2,17 @@
 
 use super::estimator::PoseEstimator;
 use super::gates::CLAIM_DEGREES;
-use super::view::View;
 use crate::{Observations, PoseError, PoseSample};
 use mavsight_geometry::Vector2;
-use mavsight_geometry::camera::d_pixel_d_pose;
 
 impl PoseEstimator {
     /// Factors on the claimed variances of the centres' columns and rows, camera by camera and marker by
-    /// marker: a ball before a window is worse than its pixels show, all the while; one beside a level
-    /// skid is better across than that allows for.
+    /// marker: a ball before a window is always worse than its pixels show.
     ///
-    /// One step of the estimation of variance components: the sum of a group's squared residuals over the
-    /// sum of its redundancies (Foerstner 1979; Rao 1971), with the claim counting as much as one frame.
-    /// Its mean is an average of the true components, weighted by how much of each the residuals show, so
-    /// that it leads towards them but not beyond. No factor is held at or above one: of a short flight,
-    /// whose residuals are small by chance as often as large, that would widen all claims.
+    /// One step of the estimation of variance components: the sum of a group's squared residuals over the sum
+    /// of its redundancies (Foerstner 1979; Rao 1971), with the claim counting as much as one frame. It leads
+    /// towards the true components but not beyond. No factor is held at or above one, which would widen the
+    /// claims of short flights.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].
@@ -30,18 +26,17 @@ impl PoseEstimator {
         let mut seen = Vec::new();
         for pose in poses {
             observations.at(pose.t_ns, &mut seen);
-            let Some(estimate) = &pose.estimate else { continue };
-            seen.retain(|o| estimate.markers_used.contains(o.marker));
-            let views = seen.iter().map(|o| self.view(o)).collect::<Result<Vec<View>, _>>()?;
-            let Ok(solution) = self.at_pose(&views, &estimate.world_from_body) else { continue };
-            let Some(inverse) = solution.normal.cholesky().map(|c| c.inverse()) else { continue };
-            for (s, o) in views.iter().zip(&seen) {
-                let Ok(at) = self.projected(s, &estimate.world_from_body) else { continue };
-                let place = &self.markers[s.marker].marker_in_body_m;
-                let jacobian = d_pixel_d_pose(&at, &estimate.world_from_body, place);
-                let (claimed_px2, pose_px2) = (o.covariance_px2, jacobian * inverse * jacobian.transpose());
-                let (square, redundancy) = &mut sums[s.camera * self.markers.len() + s.marker];
-                for (k, left_px) in (s.pixel - at.pixel).iter().enumerate() {
+            let Ok(estimate) = &pose.estimate else { continue };
+            let views = self.views_of(&seen, estimate)?;
+            let Ok(fit) = self.at_pose(&views, &estimate.world_from_body) else { continue };
+            let Some(inverse) = fit.normal.cholesky().map(|c| c.inverse()) else { continue };
+            for o in &views {
+                let Ok(at) = self.scene().at(o, &estimate.world_from_body) else { continue };
+                let whitened_px2 = at.by_pose * inverse * at.by_pose.transpose();
+                let Some(root) = o.whitener.try_inverse() else { continue };
+                let (claimed_px2, pose_px2) = (o.covariance_px2, root * whitened_px2 * root.transpose());
+                let (square, redundancy) = &mut sums[o.camera * self.markers.len() + o.point];
+                for (k, left_px) in at.residual_px.iter().enumerate() {
                     square[k] += left_px * left_px / claimed_px2[(k, k)];
                     redundancy[k] += 1.0 - pose_px2[(k, k)] / claimed_px2[(k, k)];
                 }
@@ -58,8 +53,8 @@ mod tests {
     use crate::estimate::tests::{body, seen, truth};
     use crate::testing::rig;
 
-    /// So many frames with noise of 0.1 px, as claimed; only one observation's noise across and down is
-    /// so many times that.
+    /// So many frames with noise of 0.1 px, as claimed; only one observation's noise across and down is so
+    /// many times that.
     fn flight(
         estimator: &PoseEstimator,
         (frames, spoilt, times): (i64, (usize, usize), Vector2<f64>),
@@ -77,15 +72,15 @@ mod tests {
                     o.pixel = pixel + (o.pixel - pixel).component_mul(&times);
                 }
             }
-            let estimate = estimator.estimate(t_ns, &now, None).ok();
-            poses.push(PoseSample { t_ns, estimate, reason: None });
+            let estimate = estimator.estimate(t_ns, &now, None);
+            poses.push(PoseSample { t_ns, estimate });
             views.extend(now);
         }
         (views, poses)
     }
 
-    /// Marker 2 is three times as noisy in the second camera as it claims, or across half as noisy and
-    /// down twice.
+    /// Marker 2 is three times as noisy in the second camera as it claims, or across half as noisy and down
+    /// twice.
     #[test]
     fn factors_show_which_ball_is_worse_or_better_than_it_claims_and_in_which_direction() {
         let estimator = PoseEstimator::new(&rig(), &body());
@@ -100,7 +95,7 @@ mod tests {
                 scaled.scale_covariances(|camera, marker| factors[4 * camera + marker]);
                 views = scaled.iter().collect();
                 for (pose, own) in poses.iter_mut().zip(views.chunks(8)) {
-                    pose.estimate = estimator.estimate(pose.t_ns, own, None).ok();
+                    pose.estimate = estimator.estimate(pose.t_ns, own, None);
                 }
             }
             for (k, factor) in total.iter().enumerate() {

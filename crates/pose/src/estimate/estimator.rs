@@ -1,21 +1,20 @@
 //! The estimator: a rig, a body, and what is not known of them.
 
-use super::sample::MarkerSet;
+use super::sample::{MarkerSet, PoseEstimate};
 use super::systematic::SystematicErrors;
 use super::types::BodyMarker;
-use super::view::View;
+use crate::reprojection::{PointObservation, Scene};
 use crate::{MarkerObservation, PoseError, RefinedFlight, Rig};
-use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Vector2, Vector3};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Vector2};
 use nalgebra::DMatrix;
 
 /// Estimates poses of one body with one rig.
 #[derive(Debug, Clone)]
 pub struct PoseEstimator {
     pub(super) cameras: Vec<Camera>,
-    pub(super) centres: Vec<Vector3<f64>>,
     pub(super) markers: Vec<BodyMarker>,
     pub(super) errors: SystematicErrors,
-    /// By how much each marker's centre is off for good, camera by camera.
+    /// Constant error of each marker's centre, camera by camera.
     pub(super) offsets_px: Vec<Vector2<f64>>,
 }
 
@@ -24,7 +23,6 @@ impl PoseEstimator {
     pub fn new(rig: &Rig, markers: &[BodyMarker]) -> Self {
         let cameras: Vec<Camera> = rig.cameras.iter().map(|c| c.camera).collect();
         Self {
-            centres: cameras.iter().map(Camera::centre_in_world).collect(),
             errors: SystematicErrors::of_rig(rig, markers.len()),
             markers: markers.to_vec(),
             offsets_px: vec![Vector2::zeros(); cameras.len() * markers.len()],
@@ -37,8 +35,8 @@ impl PoseEstimator {
         &self.markers
     }
 
-    /// The same with what is not known of the markers' positions: 3 rows a marker (body axes, m), each
-    /// column one standard deviation along an independent direction, so that their covariance is M Mᵀ.
+    /// Adds the uncertainty of the markers' positions: 3 rows a marker (body axes, m), each column one
+    /// standard deviation along an independent direction, so that their covariance is M Mᵀ.
     ///
     /// # Errors
     /// [`PoseError::MarkerUncertainty`] for another number of rows or what is not finite.
@@ -64,29 +62,39 @@ impl PoseEstimator {
         if markers.is_some() {
             factor.rows_mut(CAMERA_PARAMETERS * out.cameras.len(), needed).fill(0.0);
         }
-        out.errors = out.errors.fitted(&factor).ok_or(refused)?;
+        out.errors = out.errors.fitted(factor).ok_or(refused)?;
         out.offsets_px.clone_from(&flight.offsets_px);
         Ok(out)
     }
 
-    pub(super) fn view(&self, o: &MarkerObservation) -> Result<View, PoseError> {
-        let bad = |reason| PoseError::BadObservation { camera: o.camera, marker: o.marker, reason };
-        if o.camera >= self.cameras.len() {
-            return Err(bad("the rig has no such camera"));
+    pub(super) fn scene(&self) -> Scene<'_> {
+        Scene { cameras: &self.cameras, points: &self.markers }
+    }
+
+    /// Observations without the constant errors of their centres.
+    ///
+    /// # Errors
+    /// [`PoseError::BadObservation`].
+    pub(super) fn views<'a>(
+        &self,
+        seen: impl IntoIterator<Item = &'a MarkerObservation>,
+    ) -> Result<Vec<PointObservation>, PoseError> {
+        let seen = seen.into_iter();
+        let mut out = Vec::with_capacity(seen.size_hint().1.unwrap_or(0));
+        for o in seen {
+            let mut view =
+                PointObservation::of(o, self.cameras.len(), self.markers.len().min(MarkerSet::MOST))?;
+            view.pixel -= self.offsets_px[o.camera * self.markers.len() + o.marker];
+            out.push(view);
         }
-        if o.marker >= self.markers.len().min(MarkerSet::MOST) {
-            return Err(bad("the body has no such marker, or more than 64"));
-        }
-        if !o.pixel.iter().chain(o.covariance_px2.iter()).all(|x| x.is_finite()) {
-            return Err(bad("it is not finite"));
-        }
-        let whitener = o
-            .covariance_px2
-            .cholesky()
-            .and_then(|c| c.l().try_inverse())
-            .filter(|w| w.iter().all(|x| x.is_finite()))
-            .ok_or(bad("its covariance is not positive definite"))?;
-        let pixel = o.pixel - self.offsets_px[o.camera * self.markers.len() + o.marker];
-        Ok(View { camera: o.camera, marker: o.marker, pixel, whitener })
+        Ok(out)
+    }
+
+    pub(super) fn views_of(
+        &self,
+        seen: &[MarkerObservation],
+        estimate: &PoseEstimate,
+    ) -> Result<Vec<PointObservation>, PoseError> {
+        self.views(seen.iter().filter(|o| estimate.markers_used.contains(o.marker)))
     }
 }

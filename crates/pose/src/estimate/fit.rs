@@ -1,7 +1,7 @@
 //! How well what was seen at one instant fits the rig and the body, whatever the pose.
 
 use super::estimator::PoseEstimator;
-use super::view::View;
+use super::sample::MarkerSet;
 use crate::{MarkerObservation, PoseError};
 
 /// How far observations lie from where the best pose has them.
@@ -14,8 +14,8 @@ pub struct ReprojectionFit {
 }
 
 impl PoseEstimator {
-    /// How well the observations of one instant fit, none left out and none refused; without a number
-    /// where no pose was found (`ratio` is infinite then), and `None` for observations that fit anything.
+    /// How well the observations of one instant fit, none left out and none refused; without a number where
+    /// no pose was found (`ratio` is infinite then), and `None` for observations that fit anything.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].
@@ -23,18 +23,17 @@ impl PoseEstimator {
         &self,
         observations: &[MarkerObservation],
     ) -> Result<Option<ReprojectionFit>, PoseError> {
-        let views = observations.iter().map(|o| self.view(o)).collect::<Result<Vec<View>, _>>()?;
-        let used: Vec<usize> =
-            (0..self.markers.len()).filter(|m| views.iter().any(|s| s.marker == *m)).collect();
+        let views = self.views(observations)?;
+        let used: MarkerSet = views.iter().map(|s| s.point).collect();
         if used.len() < 3 || 2 * views.len() <= 6 {
             return Ok(None);
         }
-        let Ok(solution) = self.solve(&views, &used, None) else {
+        let Ok(fit) = self.solve(&views, used, None) else {
             return Ok(Some(ReprojectionFit { residual_px: f64::INFINITY, ratio: f64::INFINITY }));
         };
-        let expected = self.claimed_excess(&views, &used, &solution);
-        let ratio = (solution.chi_square / solution.redundancy.max(1) as f64 / expected).sqrt();
-        Ok(Some(ReprojectionFit { residual_px: solution.residual_px(), ratio }))
+        let expected = self.claimed_excess(&views, used, &fit);
+        let ratio = (fit.chi_square / fit.redundancy().max(1) as f64 / expected).sqrt();
+        Ok(Some(ReprojectionFit { residual_px: fit.residual_px(), ratio }))
     }
 }
 

@@ -5,23 +5,13 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
 /// Share of correct observations that a gate rejects.
 const GATE_PROBABILITY: f64 = 0.001;
 
-/// What two poses' chi-squares must differ by for the odds of the better one to be 999 to 1: 2 ln 999. It
-/// is also the 99.9 % quantile of chi-square with two degrees of freedom.
+/// What two poses' chi-squares must differ by for the odds of the better one to be 999 to 1: 2 ln 999. It is
+/// also the 99.9 % quantile of chi-square with two degrees of freedom.
 pub(super) const DECISIVE_CHI_SQUARE: f64 = 13.814;
 
-/// Weight of the claimed covariances against one instant's residuals when its noise is judged, in degrees
-/// of freedom: as much as four markers in two cameras have.
+/// Degrees of freedom of the claimed covariances against one instant's residuals: four markers in two
+/// cameras.
 pub(super) const CLAIM_DEGREES: f64 = 10.0;
-
-/// Huber's bound for the length of a whitened residual in the plane: 95 % efficient where the noise is
-/// normal. From (E[ψ'/2 + ψ/2r])² / (E[ψ²]/2) = 0.95 with r of a Rayleigh distribution (Huber 1981,
-/// section 8).
-pub(super) const HUBER_BOUND: f64 = 1.501;
-
-/// Mean of half a squared whitened residual in the plane as Huber's weights with that bound leave it,
-/// where the noise is normal: what a scale estimated from them is to be divided by (Huber's proposal 2;
-/// Huber 1981, section 6.4).
-pub(crate) const HUBER_MEAN: f64 = 0.801;
 
 /// The 99.9 % quantile of chi-square.
 pub(crate) fn chi_square_gate(degrees: usize) -> f64 {
@@ -36,12 +26,8 @@ pub(super) fn beyond_f_gate(ratio: f64, above: usize, below: usize) -> bool {
 
 /// The factor on the claimed covariances that residuals suggest, where systematic errors raise the mean
 /// chi-square by `explained`: the mean of claim and residuals, weighted by their degrees of freedom (the
-/// conjugate scaled inverse chi-square; Gelman et al. 2013, section 2.6), or the residuals' alone where
-/// they refute the claim.
-///
-/// A claim that stands gives noise and systematic errors their expected shares of the chi-square. Where
-/// it is refuted it is the noise that is larger than was said, and the systematic errors explain no more
-/// than they did.
+/// conjugate scaled inverse chi-square; Gelman et al. 2013, section 2.6), or the residuals' alone where they
+/// refute the claim. Then it is the noise that is larger, and systematic errors explain no more.
 pub(super) fn noise_factor(chi_square: f64, explained: f64, degrees: usize) -> f64 {
     let nu = degrees as f64;
     if degrees == 0 {
@@ -57,16 +43,6 @@ pub(super) fn noise_factor(chi_square: f64, explained: f64, degrees: usize) -> f
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_mean_under_the_bound_is_that_of_a_rayleigh_distribution() {
-        let (step, mut mean) = (1e-4, 0.0);
-        for k in 0..100_000 {
-            let r = (f64::from(k) + 0.5) * step;
-            mean += 0.5 * (r * r).min(HUBER_BOUND * r) * r * (-0.5 * r * r).exp() * step;
-        }
-        assert!((mean - HUBER_MEAN).abs() < 5e-4, "{mean}");
-    }
 
     #[test]
     fn gates_are_the_quantiles_of_tables() {

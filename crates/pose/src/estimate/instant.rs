@@ -2,24 +2,24 @@
 
 use super::estimator::PoseEstimator;
 use super::gates::{beyond_f_gate, chi_square_gate, noise_factor};
-use super::sample::PoseEstimate;
-use super::solve::{MAX_STEPS, Solution};
+use super::sample::{MarkerSet, PoseEstimate};
+use super::solve::MAX_STEPS;
+use super::start::of_markers;
 use super::types::PredictedObservation;
-use super::view::{View, of_markers};
+use crate::reprojection::{PointObservation, PoseFit};
 use crate::{MarkerObservation, PoseError};
-use mavsight_geometry::{Isometry3, Point3, Vector2};
+use mavsight_geometry::{Camera, Isometry3, Point3, Vector2};
 
 impl PoseEstimator {
     /// The pose that fits all observations of one instant best; observations of other instants are passed
     /// over.
     ///
-    /// The reprojection error of all observations, weighted by their covariances, is minimised, with the
-    /// influence of long residuals bounded (Huber 1981; 95 % efficient where the noise is normal). The
-    /// start is a rigid fit to the markers that two cameras saw; where those are fewer than three, every
-    /// pose in which one camera sees three of its markers (Grunert 1841), and its mirror image about the
-    /// viewing ray. A marker whose removal lowers the chi-square by more than its 99.9 % quantile (of F,
-    /// where the rest shows more noise than was claimed) is left out while three remain. Where two minima
-    /// are both likely, the one much nearer to `previous` is taken.
+    /// Minimises the reprojection error, weighted by the covariances, with the influence of long residuals
+    /// bounded (Huber 1981). Starts from a rigid fit to the markers that two cameras saw, or, of fewer than
+    /// three, from every pose in which one camera sees three of its markers (Grunert 1841) and its mirror
+    /// image. A marker whose removal lowers the chi-square by more than its 99.9 % quantile (of F, where the
+    /// rest shows more noise than was claimed) is left out while three remain. Of two likely minima the one
+    /// much nearer to `previous` is taken.
     ///
     /// # Errors
     /// [`PoseError::TooFewMarkers`], [`PoseError::AmbiguousPose`], [`PoseError::NotRigid`],
@@ -31,112 +31,90 @@ impl PoseEstimator {
         observations: &[MarkerObservation],
         previous: Option<&Isometry3<f64>>,
     ) -> Result<PoseEstimate, PoseError> {
-        let mut views = Vec::with_capacity(observations.len());
-        for seen in observations.iter().filter(|o| o.t_ns == t_ns) {
-            views.push(self.view(seen)?);
-        }
-        let mut used: Vec<usize> =
-            (0..self.markers.len()).filter(|m| views.iter().any(|s| s.marker == *m)).collect();
-        let mut left_out = Vec::new();
-        let mut solution = self.solve(&views, &used, previous);
+        let views = self.views(observations.iter().filter(|o| o.t_ns == t_ns))?;
+        let mut used: MarkerSet = views.iter().map(|s| s.point).collect();
+        let all = used;
+        let mut fit = self.solve(&views, used, previous);
         while used.len() > 3 {
-            let Some((drop, without)) = self.disagreeing(&views, (&used, &solution), previous) else {
-                break;
-            };
-            used.retain(|m| *m != drop);
-            left_out.push(drop);
-            solution = Ok(without);
+            let Some((drop, without)) = self.disagreeing(&views, used, &fit, previous) else { break };
+            used = used.without(drop);
+            fit = Ok(without);
         }
-        let own = of_markers(&views, &used);
-        let solution = self.bounded_from(&own, solution?);
-        self.refuse_misfit(&solution, &used)?;
-        self.finished(&own, &solution, (&used, &left_out))
+        let own = of_markers(&views, used);
+        let fit = self.bounded_from(&own, fit?);
+        self.refuse_misfit(&fit, used)?;
+        let residual_px = fit.residual_px();
+        let inverse = fit.normal.cholesky().map(|c| c.inverse());
+        let inverse = inverse.ok_or_else(|| fit.not_converged(MAX_STEPS))?;
+        let (effects, left_over) = self.systematic(&own, &fit, &inverse);
+        let factor = noise_factor(fit.chi_square, left_over, fit.redundancy());
+        let estimate = PoseEstimate::new(fit.world_from_body, &(inverse * factor)).with_rounded(&effects);
+        let left_out = all.iter().filter(|m| !used.contains(*m)).collect();
+        Ok(estimate.by_markers(used, left_out, residual_px))
     }
 
-    /// The covariance with which a pose will be measured from observations that are as good as they
-    /// claim: what [`PoseEstimator::estimate`] gives where the residuals are as large as expected.
+    /// The covariance with which a pose will be measured from observations that are as good as they claim:
+    /// what [`PoseEstimator::estimate`] gives where the residuals are as large as expected.
     ///
     /// # Errors
     /// [`PoseError::BadObservation`]; [`PoseError::TooFewMarkers`] and [`PoseError::NotConverged`] for
-    /// observations that do not determine the pose; [`PoseError::Geometry`] for a marker behind its
-    /// camera.
+    /// observations that do not determine the pose; [`PoseError::Geometry`] for a marker behind its camera.
     pub fn predict(
         &self,
         world_from_body: &Isometry3<f64>,
         views: &[PredictedObservation],
     ) -> Result<PoseEstimate, PoseError> {
-        let mut own = Vec::with_capacity(views.len());
-        for s in views {
-            let (camera, marker) = (s.camera, s.marker);
-            let (pixel, covariance_px2) = (Vector2::zeros(), s.covariance_px2);
-            let mut view =
-                self.view(&MarkerObservation { t_ns: 0, camera, marker, pixel, covariance_px2 })?;
-            view.pixel = self.projected(&view, world_from_body)?.pixel;
-            own.push(view);
+        let pixel = Vector2::zeros();
+        let seen: Vec<MarkerObservation> = views
+            .iter()
+            .map(|&PredictedObservation { camera, marker, covariance_px2 }| MarkerObservation {
+                t_ns: 0,
+                camera,
+                marker,
+                pixel,
+                covariance_px2,
+            })
+            .collect();
+        let mut own = self.views(&seen)?;
+        for o in &mut own {
+            o.pixel = self.scene().at(o, world_from_body)?.projection.pixel;
         }
-        let used: Vec<usize> =
-            (0..self.markers.len()).filter(|m| own.iter().any(|s| s.marker == *m)).collect();
+        let used: MarkerSet = own.iter().map(|s| s.point).collect();
         if used.len() < 3 {
-            let markers = self.markers.len();
-            return Err(PoseError::TooFewMarkers { seen: used.len(), markers, observations: own.len() });
+            return Err(self.too_few(used, own.len()));
         }
-        let solution = self.at_pose(&own, world_from_body)?;
+        let fit = self.at_pose(&own, world_from_body)?;
         let undetermined = || PoseError::NotConverged { steps: 0, residual_px: 0.0 };
-        let new = solution.normal.cholesky().map(|c| c.inverse()).ok_or_else(undetermined)?;
-        let (effects, _) = self.systematic(&own, &solution, &new);
+        let new = fit.normal.cholesky().map(|c| c.inverse()).ok_or_else(undetermined)?;
+        let (effects, _) = self.systematic(&own, &fit, &new);
         if !new.iter().chain(effects.iter()).all(|x| x.is_finite()) {
             return Err(undetermined());
         }
         let estimate = PoseEstimate::new(*world_from_body, &new);
-        Ok(estimate.with_rounded(&effects).by_markers(&used, &[], 0.0))
+        Ok(estimate.with_rounded(&effects).by_markers(used, MarkerSet::default(), 0.0))
     }
 
-    fn finished(
-        &self,
-        own: &[View],
-        solution: &Solution,
-        (used, left_out): (&[usize], &[usize]),
-    ) -> Result<PoseEstimate, PoseError> {
-        let residual_px = solution.residual_px();
-        let inverse = solution
-            .normal
-            .cholesky()
-            .map(|c| c.inverse())
-            .ok_or(PoseError::NotConverged { steps: MAX_STEPS, residual_px })?;
-        let (effects, left_over) = self.systematic(own, solution, &inverse);
-        let factor = noise_factor(solution.chi_square, left_over, solution.redundancy);
-        let estimate = PoseEstimate::new(solution.world_from_body, &(inverse * factor));
-        let estimate = estimate.with_rounded(&effects);
-        Ok(estimate.by_markers(used, left_out, residual_px))
-    }
-
-    /// The marker that disagrees most with the body of the others, if one does.
+    /// The marker that disagrees most with the body of the others, if one does, and the pose without it.
     fn disagreeing(
         &self,
-        views: &[View],
-        (used, all): (&[usize], &Result<Solution, PoseError>),
+        views: &[PointObservation],
+        used: MarkerSet,
+        all: &Result<PoseFit, PoseError>,
         previous: Option<&Isometry3<f64>>,
-    ) -> Option<(usize, Solution)> {
+    ) -> Option<(usize, PoseFit)> {
         let all_chi_square = all.as_ref().map_or(f64::INFINITY, |s| s.chi_square);
-        let coordinates = |m: usize| 2 * views.iter().filter(|s| s.marker == m).count();
-        let fewest = used.iter().map(|m| coordinates(*m)).min().unwrap_or(0);
+        let coordinates = |m: usize| 2 * views.iter().filter(|s| s.point == m).count();
+        let fewest = used.iter().map(coordinates).min().unwrap_or(0);
         if all_chi_square <= chi_square_gate(fewest) || matches!(all, Err(PoseError::AmbiguousPose { .. })) {
             return None;
         }
-        let mut best: Option<(usize, Solution)> = None;
-        for &marker in used {
-            let rest: Vec<usize> = used.iter().copied().filter(|m| *m != marker).collect();
-            let Ok(without) = self.solve(views, &rest, previous) else { continue };
-            let better = best.as_ref().is_none_or(|(_, b)| {
-                without.chi_square * b.redundancy.max(1) as f64
-                    <= b.chi_square * without.redundancy.max(1) as f64
-            });
-            // Without redundancy the rest agrees with anything.
-            if better && without.redundancy > 0 {
-                best = Some((marker, without));
-            }
-        }
-        let (marker, without) = best?;
+        // Without redundancy the rest agrees with anything.
+        let ratio = |fit: &PoseFit| fit.chi_square / fit.redundancy() as f64;
+        let (marker, without) = used
+            .iter()
+            .filter_map(|m| Some((m, self.solve(views, used.without(m), previous).ok()?)))
+            .filter(|(_, fit)| fit.redundancy() > 0)
+            .reduce(|best, next| if ratio(&next.1) <= ratio(&best.1) { next } else { best })?;
         let own = coordinates(marker);
         let drop = all_chi_square - without.chi_square;
         let claimed = all.as_ref().map_or(1.0, |s| self.claimed_excess(views, used, s));
@@ -145,36 +123,29 @@ impl PoseEstimator {
         // Where all together have no solution, any drop is enough.
         let beyond_rest = all.is_err()
             || factor <= 1.0
-            || without.redundancy < 3
-            || beyond_f_gate(drop / own as f64 / factor, own, without.redundancy);
+            || without.redundancy() < 3
+            || beyond_f_gate(drop / own as f64 / factor, own, without.redundancy());
         (beyond_claim && beyond_rest).then_some((marker, without))
     }
 
     /// Factor by which what is not known of cameras and markers raises the mean chi-square.
-    pub(super) fn claimed_excess(&self, views: &[View], used: &[usize], solution: &Solution) -> f64 {
+    pub(super) fn claimed_excess(&self, views: &[PointObservation], used: MarkerSet, fit: &PoseFit) -> f64 {
         let own = of_markers(views, used);
-        let explained =
-            solution.normal.cholesky().map_or(0.0, |c| self.systematic(&own, solution, &c.inverse()).1);
-        1.0 + explained / solution.redundancy.max(1) as f64
+        let explained = fit.normal.cholesky().map_or(0.0, |c| self.systematic(&own, fit, &c.inverse()).1);
+        1.0 + explained / fit.redundancy().max(1) as f64
     }
 
     /// Markers that miss by more than their own radius are not the body's markers.
-    fn refuse_misfit(&self, solution: &Solution, used: &[usize]) -> Result<(), PoseError> {
-        let residual_px = solution.residual_px();
-        let factor = solution.variance_factor();
-        let radius_m = used.iter().map(|m| self.markers[*m].radius_m).fold(0.0, f64::max);
-        let apparent_px = self
-            .cameras
-            .iter()
-            .filter_map(|c| {
-                let depth_m =
-                    (c.cam_from_world * Point3::from(solution.world_from_body.translation.vector)).z.abs();
-                (depth_m > 0.0).then(|| c.intrinsics.fx_px * radius_m / depth_m)
-            })
-            .fold(0.0, f64::max);
-        let beyond_noise = solution.chi_square > chi_square_gate(solution.redundancy);
+    fn refuse_misfit(&self, fit: &PoseFit, used: MarkerSet) -> Result<(), PoseError> {
+        let residual_px = fit.residual_px();
+        let radius_m = used.iter().map(|m| self.markers[m].radius_m).fold(0.0, f64::max);
+        let place = Point3::from(fit.world_from_body.translation.vector);
+        let apparent_px = |c: &Camera| c.intrinsics.fx_px * radius_m / (c.cam_from_world * place).z.abs();
+        let apparent_px =
+            self.cameras.iter().map(apparent_px).filter(|px| px.is_finite()).fold(0.0, f64::max);
+        let beyond_noise = fit.chi_square > chi_square_gate(fit.redundancy());
         if radius_m > 0.0 && beyond_noise && residual_px > apparent_px {
-            return Err(PoseError::NotRigid { residual_px, times: factor.sqrt() });
+            return Err(PoseError::NotRigid { residual_px, times: fit.variance_factor().sqrt() });
         }
         Ok(())
     }

@@ -5,10 +5,9 @@ use nalgebra::Matrix4;
 
 /// The distances along three unit rays from one centre to three points of known places, up to four solutions.
 ///
-/// Grunert (1841) in the form of Haralick, Lee, Ottenberg & Nölle (1994, section 3.1): a quartic in the
-/// ratio of two distances, whose roots are the eigenvalues of its companion matrix. Near a double root
-/// the pair may come out complex: its real part is returned then, good enough to start an iteration.
-/// Empty for coincident points or rays.
+/// Grunert (1841) in the form of Haralick, Lee, Ottenberg & Nölle (1994, section 3.1): the eigenvalues of a
+/// quartic's companion matrix. Of a pair that is complex near a double root the real part is returned, good
+/// enough to start an iteration. Empty for coincident points or rays.
 pub(super) fn distances(rays: &[Vector3<f64>; 3], points: &[Vector3<f64>; 3]) -> Vec<[f64; 3]> {
     let side2 = |i: usize, j: usize| (points[i] - points[j]).norm_squared();
     let (a2, b2, c2) = (side2(1, 2), side2(0, 2), side2(0, 1));

@@ -26,6 +26,12 @@ impl MarkerSet {
         self.0 == 0
     }
 
+    /// The set without a marker.
+    #[must_use]
+    pub fn without(self, marker: usize) -> Self {
+        self.iter().filter(|m| *m != marker).collect()
+    }
+
     /// Their indices, ascending.
     pub fn iter(self) -> impl Iterator<Item = usize> {
         (0..Self::MOST).filter(move |m| self.contains(*m))
@@ -41,8 +47,8 @@ impl FromIterator<usize> for MarkerSet {
 
 /// A measured pose.
 ///
-/// Covariances are of the position in world axes (m²), then of a small turn about body axes (rad²): t +
-/// δt, R exp(δθ).
+/// Covariances are of the position in world axes (m²), then of a small turn about body axes (rad²): t + δt, R
+/// exp(δθ).
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseEstimate {
     /// The pose.
@@ -55,12 +61,11 @@ pub struct PoseEstimate {
     pub left_out: MarkerSet,
     /// What is new in each frame: the upper triangle, by columns.
     own: [f64; TRIANGLE],
-    /// Systematic part: columns of six, or a lower triangle by columns, which no number of columns is as
-    /// long as.
+    /// Systematic part: columns of six, or a lower triangle by columns, which no number of columns is as long
+    /// as.
     systematic: Box<[f32]>,
 }
 
-/// Numbers of a triangle of six rows.
 const TRIANGLE: usize = 21;
 
 /// Row and column of each, of an upper triangle by columns.
@@ -75,36 +80,27 @@ impl PoseEstimate {
         own.iter_mut()
             .zip(places())
             .for_each(|(v, (i, j))| *v = 0.5 * (covariance[(i, j)] + covariance[(j, i)]));
-        let none = MarkerSet::default();
-        Self {
-            world_from_body,
-            residual_px: 0.0,
-            markers_used: none,
-            left_out: none,
-            own,
-            systematic: [].into(),
-        }
+        let (residual_px, markers_used, left_out, systematic) = Default::default();
+        Self { world_from_body, residual_px, markers_used, left_out, own, systematic }
     }
 
-    /// The same with errors beside those that are new: what the same errors of cameras and marker
-    /// positions do to this pose. Each column is one standard deviation along one independent direction,
-    /// the same directions in all poses of a flight.
+    /// Adds what the systematic errors of cameras and marker positions do to this pose. Each column is one
+    /// standard deviation along one independent direction, the same directions in all poses of a flight.
     #[must_use]
     pub fn with_systematic(self, columns: &Matrix6xX<f32>) -> Self {
         Self { systematic: columns.as_slice().into(), ..self }
     }
 
-    /// The same of columns in double precision, without a copy of them in between.
+    /// [`Self::with_systematic`] of columns in double precision, without a copy of them in between.
     #[must_use]
     pub(crate) fn with_rounded(self, columns: &Matrix6xX<f64>) -> Self {
         Self { systematic: columns.as_slice().iter().map(|v| *v as f32).collect(), ..self }
     }
 
-    /// The same by some markers, without others, with the residual that they leave.
+    /// States which markers entered, which were left out, and the residual that they leave.
     #[must_use]
-    pub fn by_markers(self, used: &[usize], left_out: &[usize], residual_px: f64) -> Self {
-        let set = |of: &[usize]| of.iter().copied().collect();
-        Self { markers_used: set(used), left_out: set(left_out), residual_px, ..self }
+    pub fn by_markers(self, markers_used: MarkerSet, left_out: MarkerSet, residual_px: f64) -> Self {
+        Self { markers_used, left_out, residual_px, ..self }
     }
 
     /// All that is not known: pixels, cameras and marker positions.
@@ -126,8 +122,8 @@ impl PoseEstimate {
         own
     }
 
-    /// The part S of the covariance S Sᵀ that is not new in each frame, in single precision: seven digits
-    /// of a standard deviation. No columns: none is known.
+    /// The part S of the covariance S Sᵀ that is not new in each frame, in single precision: seven digits of
+    /// a standard deviation. No columns: none is known.
     pub fn systematic(&self) -> Matrix6xX<f32> {
         let mut out = Matrix6xX::zeros(self.systematic_columns());
         for c in 0..out.ncols() {
@@ -147,7 +143,6 @@ impl PoseEstimate {
         self.systematic.len() == TRIANGLE
     }
 
-    /// One column of the systematic part.
     pub(crate) fn systematic_column(&self, c: usize) -> Vector6<f64> {
         if self.is_condensed() {
             // A lower triangle's columns are an upper one's rows.
@@ -170,9 +165,9 @@ impl PoseEstimate {
         Self { residual_px, markers_used, left_out, ..Self::new(world_from_body, &covariance) }
     }
 
-    /// This pose with no more than six systematic columns, the lower triangular root of their sum S Sᵀ:
-    /// for whoever holds many poses, and has [`crate::PoseEstimator::systematic_effects`] for how they
-    /// err together. What is new in the pose is as it was.
+    /// This pose with no more than six systematic columns, the lower triangular root of their sum S Sᵀ: for
+    /// whoever holds many poses, and has [`crate::PoseEstimator::systematic_effects`] for how they err
+    /// together. What is new in the pose is as it was.
     #[must_use]
     pub fn condensed(self) -> Self {
         if self.systematic_columns() <= 6 {

@@ -1,6 +1,7 @@
 //! The body, predictions for planning, and the result of one instant.
 
 use super::sample::PoseEstimate;
+use crate::PoseError;
 use mavsight_geometry::{Matrix2, Vector3};
 
 /// A ball on the body.
@@ -30,8 +31,6 @@ pub struct PredictedObservation {
 pub struct PoseSample {
     /// Middle of the exposure.
     pub t_ns: i64,
-    /// The pose.
-    pub estimate: Option<PoseEstimate>,
-    /// Why there is none.
-    pub reason: Option<String>,
+    /// The pose, or why there is none.
+    pub estimate: Result<PoseEstimate, PoseError>,
 }

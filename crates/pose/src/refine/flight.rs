@@ -7,11 +7,10 @@ use nalgebra::DMatrix;
 /// Cameras, marker positions and systematic errors of centres, as a flight has refined them, with their
 /// uncertainty.
 ///
-/// A flight determines neither the world's axes nor those of the body. The first remain where the control
-/// points have put them. The markers are given in the body axes for which their displacements from the
-/// vehicle file have no common shift and no common turn (Procrustes). If the ruler was off by σ in each
-/// coordinate, these axes are off from the file's true ones by about σ/√n, for every pose alike; a comparison
-/// with poses in other axes has to allow for one constant motion of the body frame.
+/// The world's axes remain where the control points have put them. The markers are given in the body axes for
+/// which their displacements from the vehicle file have no common shift and turn (Procrustes): if the ruler
+/// was off by σ in each coordinate, these are off from the file's true axes by about σ/√n, for every pose
+/// alike.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RefinedFlight {
     /// The cameras, with their uncertainty.

@@ -1,18 +1,17 @@
 //! Frames of a flight that a refinement rests on.
 
-use crate::moving::{Instant, PointObservation};
+use crate::moving::Instant;
+use crate::reprojection::PointObservation;
 use crate::{BodyMarker, Observations, PoseError, PoseEstimator, Rig};
 use nalgebra::DMatrix;
 
-/// Least time that a systematic error of a centre lasts: the lags over which
-/// [`PoseEstimator::centre_bias_px`] compares residuals.
+/// Least time that a systematic error of a centre lasts, as in [`PoseEstimator::centre_bias_px`].
 const SECOND_NS: i64 = 1_000_000_000;
 
 /// Frames needed for an estimate of systematic errors beyond the noise of a few.
 const NEEDED_FRAMES: usize = 10;
 
-/// Frames that enter, spread over the flight: they reduce noise to a tenth of that of one frame, and the
-/// control points and the systematic errors limit the rest.
+/// Frames that enter: they reduce noise to a tenth of one frame's, and systematic errors limit the rest.
 const MOST_FRAMES: usize = 150;
 
 /// Frames with a pose and redundancy, spread over the flight, by the seconds for which systematic errors

@@ -1,7 +1,7 @@
 //! Variance of the systematic errors of centres, from a flight whose markers and cameras are uncertain too.
 
-use crate::estimate::HUBER_MEAN;
 use crate::moving::{Elimination, Reduced};
+use crate::reprojection::HUBER_MEAN;
 use nalgebra::{DMatrix, DVector};
 
 /// Variances of a coordinate of a centre: of the error that is constant over the flight, and of the one that
@@ -18,8 +18,7 @@ impl SystematicVariance {
     }
 }
 
-/// Standard deviations that are weighed, over the stated one: from no effect to more than the light of any
-/// room causes.
+/// Standard deviations that are weighed, over the stated one: from no effect to more than any light causes.
 const FROM: f64 = 1.0 / 64.0;
 const TO: f64 = 8.0;
 /// Steps between them, half an octave each: variances of a dozen degrees of freedom are not known better.
@@ -46,13 +45,11 @@ pub(super) struct LinearFit<'a> {
 /// All seconds with the errors that last a second eliminated.
 struct Joined {
     reduced: Reduced,
-    /// Decrease of the sum of squares.
     gain: f64,
     /// The seconds' part of the deviance.
     deviance: f64,
 }
 
-/// A pair of variances that is weighed.
 struct Weighed {
     deviance: f64,
     constant_px2: f64,

@@ -5,8 +5,7 @@ use crate::{MotionSample, PoseError, PoseSample};
 use mavsight_geometry::Matrix6;
 
 /// Motion from the poses so far, for use while the flight goes on. It is the forward pass of
-/// [`crate::smooth`] with the noise given, for example that of an earlier flight by
-/// [`crate::motion_noise`].
+/// [`crate::smooth`] with the noise given, for example that of an earlier flight by [`crate::motion_noise`].
 ///
 /// After the first pose, which makes room for its systematic columns, nothing is allocated.
 #[derive(Debug, Clone)]
@@ -14,7 +13,6 @@ pub struct CausalFilter {
     noise: MotionNoise,
     gravity_m_s2: f64,
     t_ns: i64,
-    /// Time of the last pose.
     seen_ns: i64,
     longest_gap_s: f64,
     index: usize,
@@ -35,25 +33,16 @@ impl CausalFilter {
         if !sound || !gravity_m_s2.is_finite() {
             return Err(PoseError::BadPose { index: 0, what: "the noise or gravity" });
         }
-        let longest_gap_s = noise.longest_gap_s();
-        Ok(Self {
-            noise,
-            gravity_m_s2,
-            t_ns: i64::MIN,
-            seen_ns: i64::MIN,
-            longest_gap_s,
-            index: 0,
-            state: None,
-        })
+        let (t_ns, longest_gap_s) = (i64::MIN, noise.longest_gap_s());
+        Ok(Self { noise, gravity_m_s2, t_ns, seen_ns: t_ns, longest_gap_s, index: 0, state: None })
     }
 
-    /// Takes one instant in, measured or not: the motion then, or nothing before the first pose and where
-    /// the last is so long ago that the motion is not known ([`MotionNoise::longest_gap_s`], half of it;
-    /// beyond the whole of it the filter begins again).
+    /// Takes one instant in, measured or not: the motion then, or nothing before the first pose and half of
+    /// [`MotionNoise::longest_gap_s`] after the last; beyond the whole of it the filter begins again.
     ///
     /// # Errors
-    /// [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`]. The filter does not change, but for a
-    /// covariance of its own that is none any more: then it begins again with the next pose.
+    /// [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`], after which a filter whose own covariance is
+    /// none any more begins again with the next pose.
     pub fn push(&mut self, sample: &PoseSample) -> Result<Option<MotionSample>, PoseError> {
         if sample.t_ns <= self.t_ns {
             let t_s = sample.t_ns as f64 * 1e-9;
@@ -66,15 +55,15 @@ impl CausalFilter {
         }
         let unsound = PoseError::BadPose { index: self.index, what: "the filter's covariance" };
         match (&mut self.state, &sample.estimate) {
-            (None, None) => {}
-            (None, Some(first)) => {
-                let joint = Joint::start(first, &self.noise);
+            (None, Err(_)) => {}
+            (None, Ok(first)) => {
+                let joint = Joint::start(first, first.systematic_columns(), &self.noise);
                 let update = joint.blank_update();
                 self.state = Some((joint, update));
             }
             (Some((joint, update)), seen) => {
                 joint.predict((sample.t_ns - self.t_ns) as f64 * 1e-9, &self.noise);
-                if let Some(seen) = seen
+                if let Ok(seen) = seen
                     && joint.update(seen, &self.noise, update).is_none()
                 {
                     self.state = None;
@@ -84,7 +73,7 @@ impl CausalFilter {
         }
         self.t_ns = sample.t_ns;
         self.index += 1;
-        let is_seen = sample.estimate.is_some();
+        let is_seen = sample.estimate.is_ok();
         if is_seen {
             self.seen_ns = sample.t_ns;
         }
@@ -95,7 +84,7 @@ impl CausalFilter {
 
 /// Refuses a pose that is not finite or whose covariance, less its systematic part, is not positive definite.
 pub(crate) fn check_pose(index: usize, sample: &PoseSample) -> Result<(), PoseError> {
-    let Some(estimate) = &sample.estimate else { return Ok(()) };
+    let Ok(estimate) = &sample.estimate else { return Ok(()) };
     let pose = &estimate.world_from_body;
     if !pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite()) {
         return Err(PoseError::BadPose { index, what: "the pose" });
@@ -142,7 +131,10 @@ mod tests {
                 let pose = Isometry3::from_parts(Translation3::from(place), rotation);
                 let estimate = PoseEstimate::new(pose, &covariance).with_systematic(&systematic);
                 let measured = k > 1 && !(60..70).contains(&k);
-                PoseSample { t_ns: k * 33_333_333, estimate: measured.then_some(estimate), reason: None }
+                PoseSample {
+                    t_ns: k * 33_333_333,
+                    estimate: measured.then_some(estimate).ok_or(PoseError::NotMeasured),
+                }
             })
             .collect()
     }
@@ -177,7 +169,7 @@ mod tests {
         for p in &poses {
             let want = other.push(p).unwrap();
             let mut bad = p.clone();
-            if let Some(e) = &mut bad.estimate {
+            if let Ok(e) = &mut bad.estimate {
                 *e = PoseEstimate::new(e.world_from_body, &Matrix6::zeros());
                 assert!(matches!(filter.push(&bad), Err(PoseError::BadPose { what: "the covariance", .. })));
             }
@@ -198,7 +190,7 @@ mod tests {
         let mut last = None;
         for (k, mut sample) in flight(1500).into_iter().enumerate() {
             if gap.contains(&k) {
-                sample.estimate = None;
+                sample.estimate = Err(PoseError::NotMeasured);
             }
             let motion = filter.push(&sample).unwrap();
             let unseen_s = (k as f64 - 299.0) / 30.0;

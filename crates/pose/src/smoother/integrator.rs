@@ -1,11 +1,12 @@
 //! A place driven by white jerk and measured with an error of which a part is correlated.
 //!
-//! The error state is (δx, δv, δa, b) in threes; for an attitude δx is a turn about body axes, R exp(δx),
-//! and v and a are body rates and their derivatives. b is the correlated part of the measurement's error:
-//! a first-order Gauss-Markov process (Gelb 1974, section 2.4), in the chart of δx.
+//! The error state is (δx, δv, δa, b) in threes; for an attitude δx is a turn about body axes, R exp(δx), and
+//! v and a are body rates and their derivatives. b is the correlated part of the measurement's error: a
+//! first-order Gauss-Markov process (Gelb 1974, section 2.4), in the chart of δx.
 
 use mavsight_geometry::attitude::{matrix_of, right_jacobian};
 use mavsight_geometry::{Matrix3, UnitQuaternion, Vector3};
+use nalgebra::SMatrix;
 
 /// Length of the error state.
 pub(crate) const CHAIN: usize = 12;
@@ -89,7 +90,6 @@ pub(crate) struct Transition {
 }
 
 impl<P: Place> Integrator<P> {
-    /// At rest at a place.
     pub(crate) fn at(place: P) -> Self {
         let zero = Vector3::zeros();
         Self { place, rate: zero, acceleration: zero, correlated: zero }
@@ -125,8 +125,8 @@ impl<P: Place> Integrator<P> {
 }
 
 impl Transition {
-    /// F times the rows of a chain in each column; a column has `rows` entries, the chain begins at `at`.
-    /// The last three may be left out.
+    /// F times the rows of a chain in each column; a column has `rows` entries, the chain begins at `at`. The
+    /// last three may be left out.
     pub(crate) fn forward(&self, columns: &mut [f64], rows: usize, at: usize) {
         for column in columns.chunks_exact_mut(rows) {
             let c = &mut column[at..rows.min(at + CHAIN)];
@@ -140,7 +140,7 @@ impl Transition {
         }
     }
 
-    /// Fᵀ times the same.
+    /// Fᵀ times the rows, as in [`Self::forward`].
     pub(crate) fn backward(&self, columns: &mut [f64], rows: usize, at: usize) {
         for column in columns.chunks_exact_mut(rows) {
             let c = &mut column[at..at + CHAIN];
@@ -156,8 +156,8 @@ impl Transition {
     }
 }
 
-/// Weights of one unit of intensity in the covariance of (x, v, a) after an interval, row block and
-/// column block first (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.3).
+/// Weights of one unit of intensity in the covariance of (x, v, a) after an interval, row block and column
+/// block first (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.3).
 pub(crate) fn white_jerk(dt_s: f64) -> [(usize, usize, f64); 6] {
     let (s, sign) = (dt_s.abs(), dt_s.signum());
     [
@@ -168,6 +168,27 @@ pub(crate) fn white_jerk(dt_s: f64) -> [(usize, usize, f64); 6] {
         (3, 6, sign * s * s / 2.0),
         (6, 6, s),
     ]
+}
+
+/// Covariance of a chain just after its first measurement with new errors of covariance `first`. What is not
+/// known yet scales with the noise, so that the factor's likelihood has a closed form. `prior_std`: rate,
+/// acceleration.
+pub(crate) fn start_covariance(
+    first: &Matrix3<f64>,
+    noise: &JerkNoise,
+    prior_std: (f64, f64),
+) -> SMatrix<f64, CHAIN, CHAIN> {
+    let mut out = SMatrix::<f64, CHAIN, CHAIN>::zeros();
+    let mut put = |row: usize, column: usize, block: Matrix3<f64>| {
+        out.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
+    };
+    put(0, 0, first + noise.correlated);
+    put(0, CORRELATED, -noise.correlated);
+    put(CORRELATED, 0, -noise.correlated);
+    put(CORRELATED, CORRELATED, noise.correlated);
+    put(3, 3, Matrix3::identity() * prior_std.0.powi(2) * noise.variance_factor);
+    put(6, 6, Matrix3::identity() * prior_std.1.powi(2) * noise.variance_factor);
+    out
 }
 
 /// Adds what an interval makes uncertain to the chain's block of a covariance of `rows` rows.

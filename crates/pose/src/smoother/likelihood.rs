@@ -1,10 +1,11 @@
 //! The likelihood of the noise of a chain, by its innovations (Harvey 1989, section 3.4).
 
-use crate::smoother::integrator::{CHAIN, CORRELATED, Integrator, JerkNoise, Place, add_process_noise};
+use crate::smoother::integrator::{
+    CHAIN, CORRELATED, Integrator, JerkNoise, Place, add_process_noise, start_covariance,
+};
 use mavsight_geometry::{Matrix3, Vector3};
 use nalgebra::SMatrix;
 
-/// A measured place.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Measured<P> {
     pub(crate) place: P,
@@ -19,7 +20,6 @@ pub(crate) struct Series<'a, P> {
     pub(crate) prior_std: (f64, f64),
 }
 
-/// Sums over the innovations once the state is determined.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Innovations {
     /// Coordinates.
@@ -56,7 +56,8 @@ pub(crate) fn innovations<P: Place>(series: &Series<'_, P>, noise: &JerkNoise) -
 fn run<P: Place, const N: usize>(series: &Series<'_, P>, noise: &JerkNoise) -> Option<Innovations> {
     let first = (*series.measured.first()?)?;
     let mut chain = Integrator::at(first.place);
-    let mut covariance: SMatrix<f64, N, N> = start(&first.covariance, noise, series.prior_std);
+    let start = start_covariance(&(first.covariance * noise.variance_factor), noise, series.prior_std);
+    let mut covariance: SMatrix<f64, N, N> = start.fixed_view::<N, N>(0, 0).into_owned();
     let mut sums = Innovations::default();
     let (mut seen_count, mut before) = (1, None);
     for k in 1..series.t_s.len() {
@@ -96,25 +97,4 @@ fn run<P: Place, const N: usize>(series: &Series<'_, P>, noise: &JerkNoise) -> O
         }
     }
     Some(sums).filter(|s| s.log_det.is_finite() && s.chi_square.is_finite())
-}
-
-/// Covariance just after the first measurement: what is not known yet scales with the noise, so that the
-/// likelihood of the factor has a closed form.
-fn start<const N: usize>(
-    first: &Matrix3<f64>,
-    noise: &JerkNoise,
-    prior_std: (f64, f64),
-) -> SMatrix<f64, N, N> {
-    let mut covariance = SMatrix::<f64, N, N>::zeros();
-    covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(first * noise.variance_factor + noise.correlated));
-    if N > CORRELATED {
-        covariance.fixed_view_mut::<3, 3>(0, CORRELATED).copy_from(&-noise.correlated);
-        covariance.fixed_view_mut::<3, 3>(CORRELATED, 0).copy_from(&-noise.correlated);
-        covariance.fixed_view_mut::<3, 3>(CORRELATED, CORRELATED).copy_from(&noise.correlated);
-    }
-    for k in 0..3 {
-        covariance[(3 + k, 3 + k)] = prior_std.0.powi(2) * noise.variance_factor;
-        covariance[(6 + k, 6 + k)] = prior_std.1.powi(2) * noise.variance_factor;
-    }
-    covariance
 }

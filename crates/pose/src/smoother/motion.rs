@@ -14,8 +14,8 @@ pub struct MotionSample {
     pub velocity_in_body_m_s: Vector3<f64>,
     /// p, q, r.
     pub rates_rad_s: Vector3<f64>,
-    /// What an accelerometer at the body's origin reads: a_x = u̇ + q w - r v + g sin θ; (0, 0, -g) in
-    /// level hover.
+    /// What an accelerometer at the body's origin reads: a_x = u̇ + q w - r v + g sin θ; (0, 0, -g) in level
+    /// hover.
     pub specific_force_m_s2: Vector3<f64>,
     /// ṗ, q̇, ṙ.
     pub angular_acceleration_rad_s2: Vector3<f64>,
@@ -23,12 +23,11 @@ pub struct MotionSample {
     pub covariance: MotionCovariance,
 }
 
-/// What is kept of the covariance of a state of motion, 18 coordinates in threes: position (world axes),
-/// turn (body axes, R exp δ), velocity (body), rates, specific force, angular acceleration. SI units.
+/// What is kept of the covariance of a state of motion, 18 coordinates in threes: position (world axes), turn
+/// (body axes, R exp δ), velocity (body), rates, specific force, angular acceleration. SI units.
 ///
-/// Kept are the 6×6 of the pose, the 6×6 of velocity and rates, and the 3×3 of each of the accelerations,
-/// in single precision: seven digits of a variance, and a twelfth of the bytes of all. The default is
-/// zero: exact.
+/// Kept in single precision are the 6×6 of the pose, the 6×6 of velocity and rates, and the 3×3 of each of
+/// the accelerations. The default is zero: exact.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MotionCovariance {
     six: [[f32; 21]; 2],
@@ -121,8 +120,8 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Longest time from one sample to the next over which the motion can still be read: two usual ones
-    /// and half a period of the smoother.
+    /// Longest time from one sample to the next over which the motion can still be read: two usual ones and
+    /// half a period of the smoother.
     pub fn longest_step_s(&self) -> f64 {
         let hz = self.translation_bandwidth_hz.min(self.rotation_bandwidth_hz);
         (2.5 * self.sample_interval_s).max(0.5 / hz)
@@ -137,8 +136,8 @@ pub fn euler_std(world_from_body: &Isometry3<f64>, covariance_in_body_rad2: &Mat
     (jacobian * covariance_in_body_rad2 * jacobian.transpose()).diagonal().map(|v| v.max(0.0).sqrt())
 }
 
-/// Covariance of position (world axes) and of a small turn about body axes, from standard deviations of
-/// x, y, z, roll, pitch and yaw that are independent.
+/// Covariance of position (world axes) and of a small turn about body axes, from standard deviations of x, y,
+/// z, roll, pitch and yaw that are independent.
 ///
 /// At a pitch of ±90° the angles say nothing about the turn: they are then taken as the turn itself.
 pub fn covariance_from_std(world_from_body: &Isometry3<f64>, stds: &[f64; 6]) -> Matrix6<f64> {

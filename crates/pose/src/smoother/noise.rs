@@ -3,6 +3,7 @@
 use crate::smoother::integrator::{JerkNoise, Place};
 use crate::smoother::likelihood::{Innovations, Measured, Series, innovations};
 use crate::smoother::state::{MotionNoise, PRIOR_ROTATION, PRIOR_TRANSLATION};
+use crate::statistics::median;
 use crate::{PoseError, PoseSample};
 use mavsight_geometry::{Isometry3, Matrix3};
 
@@ -13,15 +14,14 @@ pub(crate) const NEEDED: usize = 10;
 /// percent.
 const COARSE_STEPS: usize = 16;
 
-/// Least factor on covariances that nobody vouches for: a record without any scatter would claim no noise
-/// at all.
+/// Least factor on covariances that nobody vouches for: a record without any scatter would claim no noise at
+/// all.
 const LEAST_FACTOR: f64 = 1e-4;
 
 /// Twice the logarithm of the likelihood that two more parameters must gain: the 99.9 % quantile of
 /// chi-square with two degrees of freedom.
 const TWO_MORE: f64 = 13.816;
 
-/// The normal quantile of 99.9 %.
 const SIGNIFICANT: f64 = 3.09;
 
 /// Noise and the bandwidths that it implies, in Hz: of position, of attitude.
@@ -31,8 +31,8 @@ pub(crate) struct Likely {
 }
 
 /// The noise under which the poses of a flight are most likely: strength of the jerk and size of the
-/// measurements' errors, for position and attitude apart, and where neighbouring innovations are
-/// correlated, the part of those errors that is correlated and for how long.
+/// measurements' errors, for position and attitude apart, and where neighbouring innovations are correlated,
+/// the part of those errors that is correlated and for how long.
 ///
 /// # Errors
 /// [`PoseError::TooFewPoses`] under 10 poses; [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`].
@@ -42,7 +42,7 @@ pub fn motion_noise(poses: &[PoseSample]) -> Result<MotionNoise, PoseError> {
 }
 
 pub(crate) fn check(poses: &[PoseSample]) -> Result<(), PoseError> {
-    let measured = poses.iter().filter(|p| p.estimate.is_some()).count();
+    let measured = poses.iter().filter(|p| p.estimate.is_ok()).count();
     if measured < NEEDED {
         return Err(PoseError::TooFewPoses { measured, samples: poses.len(), needed: NEEDED });
     }
@@ -57,12 +57,12 @@ pub(crate) fn check(poses: &[PoseSample]) -> Result<(), PoseError> {
 
 pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
     let failed = PoseError::BadPose { index: 0, what: "the likelihood of the noise" };
-    let first = poses.iter().position(|p| p.estimate.is_some()).ok_or(failed.clone())?;
+    let first = poses.iter().position(|p| p.estimate.is_ok()).ok_or(failed.clone())?;
     let poses = &poses[first..];
     let origin_ns = poses[0].t_ns;
     let t_s: Vec<f64> = poses.iter().map(|p| (p.t_ns - origin_ns) as f64 * 1e-9).collect();
     // A table without the systematic errors has covariances whose size nobody vouches for.
-    let vouched = poses.iter().filter_map(|p| p.estimate.as_ref()).any(|e| e.systematic_columns() > 0);
+    let vouched = poses.iter().filter_map(|p| p.estimate.as_ref().ok()).any(|e| e.systematic_columns() > 0);
     // One after the other, so that only one of the two series is held.
     let positions: Vec<_> = poses.iter().map(|p| measured(p, 0, |pose| pose.translation.vector)).collect();
     let series = Series { t_s: &t_s, measured: &positions, prior_std: PRIOR_TRANSLATION };
@@ -75,35 +75,29 @@ pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
 }
 
 fn measured<P>(pose: &PoseSample, at: usize, place: impl Fn(&Isometry3<f64>) -> P) -> Option<Measured<P>> {
-    pose.estimate.as_ref().map(|e| Measured {
+    pose.estimate.as_ref().ok().map(|e| Measured {
         place: place(&e.world_from_body),
         covariance: e.own_covariance().fixed_view::<3, 3>(at, at).into_owned(),
     })
 }
 
-/// What the search moves: logarithms of the bandwidth in Hz, of the correlated part's variance over the
-/// new part's, and of its time constant in s.
+/// What the search moves: logarithms of the bandwidth in Hz, of the correlated part's variance over the new
+/// part's, and of its time constant in s.
 type Parameters = [f64; 3];
 
 struct Search<'a, P> {
     series: &'a Series<'a, P>,
     interval_s: f64,
     duration_s: f64,
-    /// Median variance of a coordinate.
     variance: f64,
-    /// Mean covariance.
     covariance: Matrix3<f64>,
 }
 
-/// Noise of greatest likelihood, and the bandwidth.
+/// Noise of greatest likelihood, and the bandwidth, sought from one cycle in twice the flight to the Nyquist
+/// frequency. The factor on the covariances is the mean square of the normalised innovations.
 ///
-/// The factor on the covariances is the mean square of the normalised innovations for given ratios, so
-/// that the white case has one dimension to search: from one cycle in twice the flight to the Nyquist
-/// frequency.
-///
-/// Innovations that show significantly less than covariances that are vouched for do not show that the
-/// errors are absent, but that they move too slowly to be distinguished from motion. The factor is then
-/// one: the estimate is the same, its covariance is not.
+/// Innovations significantly below covariances that are vouched for show errors that move too slowly to be
+/// distinguished from motion. The factor is then one: the estimate is the same, its covariance is not.
 fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(JerkNoise, f64)> {
     let times: Vec<f64> =
         series.t_s.iter().zip(series.measured).filter(|(_, m)| m.is_some()).map(|(t, _)| *t).collect();
@@ -162,8 +156,8 @@ impl<P: Place> Search<'_, P> {
         })
     }
 
-    /// The best noise with a correlated part, one parameter after the other: variance ratios from a
-    /// hundredth to a hundred, time constants from one interval to a fifth of the flight.
+    /// The best noise with a correlated part, one parameter after the other: variance ratios from a hundredth
+    /// to a hundred, time constants from one interval to a fifth of the flight.
     fn coloured(&self, log_hz: f64, bandwidths: (f64, f64)) -> Parameters {
         let mut best = [log_hz, 0.0, (4.0 * self.interval_s).ln()];
         let ranges = [
@@ -219,9 +213,4 @@ fn least(cost: impl Fn(f64) -> f64, low: f64, high: f64, steps: usize) -> f64 {
         }
     }
     0.5 * (a + b)
-}
-
-pub(crate) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

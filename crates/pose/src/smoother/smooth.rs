@@ -1,31 +1,26 @@
 //! From measured poses to motion: a smoother whose bandwidth the data choose.
 //!
-//! Position and attitude are driven by white jerk and smoothed together, since the errors of a measured
-//! pose are correlated. The spectral density of that jerk and a factor on the measurements' covariances
-//! are those of greatest likelihood of the innovations ([`crate::motion_noise`]). For a steady rate of
-//! poses and errors that are not correlated the smoother passes 1/(1 + (f/fc)⁶) of a position, with (2π
-//! fc)⁶ = q/(r dt). What errors of cameras and marker positions do to the poses goes through the same
-//! smoother as the poses do, so that it arrives at the rates as their derivative.
+//! What errors of cameras and marker positions do to the poses goes through the same smoother as the poses
+//! do, so that it arrives at the rates as their derivative.
 
-use crate::smoother::directions::Gram;
 use crate::smoother::integrator::Transition;
-use crate::smoother::noise::{NEEDED, check, likely, median};
+use crate::smoother::noise::{NEEDED, check, likely};
 use crate::smoother::state::{Adjoint, Joint, MotionNoise, Update};
+use crate::statistics::median;
 use crate::{Motion, PoseError, PoseEstimate, PoseSample};
-use nalgebra::{DMatrix, Matrix6xX};
+use nalgebra::Matrix6xX;
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// Share of the systematic variance that may be left out when its directions are reduced to the few that
-/// matter.
-const NEGLIGIBLE: f64 = 1e-4;
-
 /// Smooths and differentiates the poses of one flight.
 ///
-/// Instants without a pose are predicted only: their samples come with the covariance that this leaves.
-/// In gaps longer than [`MotionNoise::longest_gap_s`], before the first pose and behind the last there
-/// are none: there the motion is not known, and what lies on either side of a gap is smoothed by itself,
-/// the noise and the systematic errors being the same. Times may be unevenly spaced.
+/// Position and attitude are driven by white jerk and smoothed together (Bryson & Frazier 1963). The spectral
+/// density of that jerk and a factor on the measurements' covariances are those of greatest likelihood of the
+/// innovations ([`crate::motion_noise`]). For a steady rate of poses and errors that are not correlated the
+/// smoother passes 1/(1 + (f/fc)⁶) of a position, with (2π fc)⁶ = q/(r dt). Times may be unevenly spaced.
+///
+/// Instants without a pose are predicted only. In gaps longer than [`MotionNoise::longest_gap_s`], before the
+/// first pose and behind the last the motion is not known; each side of a gap is smoothed by itself.
 ///
 /// # Errors
 /// [`PoseError::TooFewPoses`] under 10 poses, or where no part without a longer gap has as many;
@@ -37,7 +32,7 @@ pub fn smooth(poses: &[PoseSample], gravity_m_s2: f64) -> Result<Motion, PoseErr
 /// Systematic columns of a pose by its index; none: those that it holds.
 pub type EffectsOf<'a> = &'a dyn Fn(usize) -> Option<Matrix6xX<f64>>;
 
-/// The same for poses whose systematic columns are formed when they are asked for
+/// [`smooth`] of poses whose systematic columns are formed when they are asked for
 /// ([`crate::PoseEstimator::systematic_effects`]), which is three times for each, and not held.
 ///
 /// # Errors
@@ -52,15 +47,13 @@ pub fn smooth_with_effects(
         return Err(PoseError::BadPose { index: 0, what: "gravity" });
     }
     let found = likely(poses)?;
-    let all = Flown { poses, first: 0, effects, turn: None };
-    let turn = few_directions(all);
     let mut samples = Vec::with_capacity(poses.len());
     let parts = known_parts(poses, found.noise.longest_gap_s());
     let is_known = |k: &usize| parts.iter().any(|part| part.contains(k));
     let unknown_ns = (0..poses.len()).filter(|k| !is_known(k)).map(|k| poses[k].t_ns).collect();
     for part in parts.iter().rev().cloned() {
         let (first, flown) = (part.start, &poses[part]);
-        let flown = Flown { poses: flown, first, effects, turn: turn.as_ref() };
+        let flown = Flown { poses: flown, first, effects };
         let failed = PoseError::BadPose { index: first, what: "the smoother's covariance" };
         each_smoothed(flown, &found.noise, |k, s| {
             samples.push(s.sample(poses[first + k].t_ns, gravity_m_s2))
@@ -68,7 +61,7 @@ pub fn smooth_with_effects(
         .ok_or(failed)?;
     }
     if samples.is_empty() {
-        let measured = poses.iter().filter(|p| p.estimate.is_some()).count();
+        let measured = poses.iter().filter(|p| p.estimate.is_ok()).count();
         return Err(PoseError::TooFewPoses { measured, samples: poses.len(), needed: NEEDED });
     }
     samples.reverse();
@@ -81,11 +74,11 @@ pub fn smooth_with_effects(
     })
 }
 
-/// The instants whose motion is known, in parts with no longer gap, each from a pose to a pose, where
-/// there are enough of them.
+/// The instants whose motion is known, in parts with no longer gap, each from a pose to a pose, where there
+/// are enough of them.
 fn known_parts(poses: &[PoseSample], longest_gap_s: f64) -> Vec<Range<usize>> {
     let longest_ns = (longest_gap_s * 1e9).min(i64::MAX as f64) as i64;
-    let measured: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].estimate.is_some()).collect();
+    let measured: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].estimate.is_ok()).collect();
     measured
         .chunk_by(|a, b| poses[*b].t_ns - poses[*a].t_ns <= longest_ns)
         .filter(|part| part.len() >= NEEDED)
@@ -93,44 +86,31 @@ fn known_parts(poses: &[PoseSample], longest_gap_s: f64) -> Vec<Range<usize>> {
         .collect()
 }
 
-/// Poses whose systematic columns are turned, as they are asked for, so that the most important come
-/// first and negligible ones are dropped; what is dropped counts as new in each frame.
+/// Poses with their systematic columns, formed as they are asked for.
 #[derive(Clone, Copy)]
 struct Flown<'a> {
     poses: &'a [PoseSample],
     /// Index of the first of the poses among all.
     first: usize,
     effects: EffectsOf<'a>,
-    /// Kept combinations of columns; none where there are no columns.
-    turn: Option<&'a DMatrix<f64>>,
 }
 
 impl<'a> Flown<'a> {
-    /// Systematic columns of a pose.
-    fn columns(self, k: usize, estimate: &PoseEstimate) -> Matrix6xX<f64> {
-        (self.effects)(self.first + k).unwrap_or_else(|| estimate.systematic().map(f64::from))
-    }
-
     fn estimate(self, k: usize) -> Option<Cow<'a, PoseEstimate>> {
-        let estimate = self.poses[k].estimate.as_ref()?;
-        let Some(turn) = self.turn else { return Some(Cow::Borrowed(estimate)) };
-        let own = self.columns(k, estimate).resize_horizontally(turn.nrows(), 0.0);
-        let kept = (&own * turn).map(|v| v as f32);
-        let wide = kept.map(f64::from);
-        let new = estimate.own_covariance() + &own * own.transpose() - &wide * wide.transpose();
-        Some(Cow::Owned(PoseEstimate::new(estimate.world_from_body, &new).with_systematic(&kept)))
+        let estimate = self.poses[k].estimate.as_ref().ok()?;
+        Some(match (self.effects)(self.first + k) {
+            Some(columns) => Cow::Owned(estimate.clone().with_rounded(&columns)),
+            None => Cow::Borrowed(estimate),
+        })
     }
-}
 
-/// The few combinations of systematic columns that matter in a flight.
-fn few_directions(flown: Flown<'_>) -> Option<DMatrix<f64>> {
-    let mut gram = Gram::default();
-    for (k, pose) in flown.poses.iter().enumerate() {
-        if let Some(estimate) = &pose.estimate {
-            gram.add(&flown.columns(k, estimate), &estimate.covariance());
-        }
+    /// Systematic columns of the pose that has most.
+    fn columns(self) -> usize {
+        let formed =
+            (0..self.poses.len()).find_map(|k| self.estimate(k)).map_or(0, |e| e.systematic_columns());
+        let held = self.poses.iter().filter_map(|p| Some(p.estimate.as_ref().ok()?.systematic_columns()));
+        held.fold(formed, usize::max)
     }
-    Some(gram.principal(NEGLIGIBLE)).filter(|turn| !turn.is_empty())
 }
 
 /// What the forward pass leaves at an instant.
@@ -145,11 +125,11 @@ struct Step {
 const START_SHARE: f64 = 1e-4;
 
 /// The state at the first time as the whole record, filtered backwards, gives it, with a covariance that
-/// makes it next to worthless. It is also where the first steps of an attitude are linearised.
+/// makes it next to worthless; the first steps of an attitude are linearised there.
 fn informed_start(flown: Flown<'_>, noise: &MotionNoise) -> Option<Joint> {
     let poses = flown.poses;
-    let last = poses.iter().rposition(|p| p.estimate.is_some())?;
-    let mut state = Joint::start(flown.estimate(last)?.as_ref(), noise);
+    let last = poses.iter().rposition(|p| p.estimate.is_ok())?;
+    let mut state = Joint::start(flown.estimate(last)?.as_ref(), flown.columns(), noise);
     let mut update = state.blank_update();
     for k in (0..last).rev() {
         state.predict((poses[k].t_ns - poses[k + 1].t_ns) as f64 * 1e-9, noise);
@@ -161,8 +141,8 @@ fn informed_start(flown: Flown<'_>, noise: &MotionNoise) -> Option<Joint> {
     Some(state)
 }
 
-/// The filter over some instants, from the state that those before them left, or from the start; the
-/// first of all is measured. Each step is that of [`crate::CausalFilter`].
+/// The filter over some instants, from the state that those before them left, or from the start; the first of
+/// all is measured. Each step is that of [`crate::CausalFilter`].
 fn forward(
     flown: Flown<'_>,
     instants: Range<usize>,
@@ -185,11 +165,9 @@ fn forward(
     Some(steps)
 }
 
-/// Calls `visit` with each smoothed state, the last first; the first of the instants is measured.
-///
-/// Only one stretch of √n steps is held at a time: the forward pass leaves the states between the
-/// stretches, from which each is filtered once more when the backward pass comes to it (Griewank 1992 on
-/// checkpoints).
+/// Calls `visit` with each smoothed state, the last first; the first of the instants is measured. Only one
+/// stretch of √n steps is held at a time: each is filtered once more when the backward pass comes to it
+/// (checkpoints, Griewank 1992).
 fn each_smoothed(flown: Flown<'_>, noise: &MotionNoise, mut visit: impl FnMut(usize, &Joint)) -> Option<()> {
     let count = flown.poses.len();
     let stretch = ((count as f64).sqrt() as usize).max(64);
@@ -228,9 +206,7 @@ fn is_sound(state: &Joint) -> bool {
 #[cfg(test)]
 fn smoothed(poses: &[PoseSample], noise: &MotionNoise) -> Option<Vec<Joint>> {
     let mut out = Vec::with_capacity(poses.len());
-    each_smoothed(Flown { poses, first: 0, effects: &|_| None, turn: None }, noise, |_, state| {
-        out.push(state.clone())
-    })?;
+    each_smoothed(Flown { poses, first: 0, effects: &|_| None }, noise, |_, state| out.push(state.clone()))?;
     out.reverse();
     Some(out)
 }
@@ -242,7 +218,7 @@ pub(crate) fn forward_samples(
     noise: &MotionNoise,
     gravity_m_s2: f64,
 ) -> Vec<crate::MotionSample> {
-    let flown = Flown { poses, first: 0, effects: &|_| None, turn: None };
+    let flown = Flown { poses, first: 0, effects: &|_| None };
     let mut start = informed_start(flown, noise).unwrap();
     let steps = forward(flown, 0..poses.len(), noise, &mut start).unwrap();
     steps.iter().zip(poses).map(|(s, p)| s.filtered.sample(p.t_ns, gravity_m_s2)).collect()

@@ -1,6 +1,8 @@
 //! Position and attitude in one filter, and its backward pass.
 
-use crate::smoother::integrator::{CHAIN, CORRELATED, Integrator, JerkNoise, Transition, add_process_noise};
+use crate::smoother::integrator::{
+    CHAIN, CORRELATED, Integrator, JerkNoise, Transition, add_process_noise, start_covariance,
+};
 use crate::{MotionCovariance, MotionSample, PoseEstimate};
 use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::{Isometry3, Matrix3, Matrix6, UnitQuaternion, Vector3};
@@ -23,8 +25,7 @@ pub struct MotionNoise {
 }
 
 /// Standard deviation of an attitude, predicted over a gap, up to which its error is a small turn: half a
-/// radian, where a turn's sine is 4 % short of it. Beyond, an attitude may be a turn off, and with it the
-/// rate.
+/// radian, where a turn's sine is 4 % short of it.
 const MOST_TURN_RAD: f64 = 0.5;
 
 impl MotionNoise {
@@ -41,7 +42,6 @@ impl MotionNoise {
 pub(crate) const PRIOR_TRANSLATION: (f64, f64) = (10.0, 100.0);
 pub(crate) const PRIOR_ROTATION: (f64, f64) = (30.0, 1000.0);
 
-/// The state of motion with its covariance.
 #[derive(Debug, Clone)]
 pub(crate) struct Joint {
     pub(crate) translation: Integrator<Vector3<f64>>,
@@ -50,7 +50,6 @@ pub(crate) struct Joint {
     pub(crate) effects: Effects,
 }
 
-/// The update of the state by a measured pose.
 #[derive(Debug, Clone)]
 pub(crate) struct Update {
     gain: SMatrix<f64, STATE, 6>,
@@ -78,34 +77,24 @@ pub(crate) fn new_noise(estimate: &PoseEstimate, noise: &MotionNoise) -> Matrix6
 }
 
 impl Joint {
-    /// The state at the first measured pose.
-    pub(crate) fn start(first: &PoseEstimate, noise: &MotionNoise) -> Self {
+    /// The state at the first measured pose, with room for systematic columns.
+    pub(crate) fn start(first: &PoseEstimate, columns: usize, noise: &MotionNoise) -> Self {
         let pose = &first.world_from_body;
         let seen = new_noise(first, noise);
         let mut covariance = MatrixS::zeros();
-        let chains = [
-            (0, &noise.translation, PRIOR_TRANSLATION, noise.translation.variance_factor),
-            (CHAIN, &noise.rotation, PRIOR_ROTATION, noise.rotation.variance_factor),
-        ];
-        for (i, (at, chain, prior, factor)) in chains.into_iter().enumerate() {
-            let other = CHAIN - at;
-            let block = |m: &Matrix6<f64>, column: usize| m.fixed_view::<3, 3>(3 * i, column).into_owned();
-            let mut put = |row: usize, column: usize, value: &Matrix3<f64>| {
-                covariance.fixed_view_mut::<3, 3>(row, column).copy_from(value);
-            };
-            put(at, at, &(block(&seen, 3 * i) + chain.correlated));
-            put(at, other, &block(&seen, 3 - 3 * i));
-            put(at, at + CORRELATED, &-chain.correlated);
-            put(at + CORRELATED, at, &-chain.correlated);
-            put(at + CORRELATED, at + CORRELATED, &chain.correlated);
-            put(at + 3, at + 3, &(Matrix3::identity() * prior.0.powi(2) * factor));
-            put(at + 6, at + 6, &(Matrix3::identity() * prior.1.powi(2) * factor));
+        let chains = [(&noise.translation, PRIOR_TRANSLATION), (&noise.rotation, PRIOR_ROTATION)];
+        for (i, (chain, prior)) in chains.into_iter().enumerate() {
+            let (at, other) = (CHAIN * i, CHAIN * (1 - i));
+            let own = start_covariance(&seen.fixed_view::<3, 3>(3 * i, 3 * i).into_owned(), chain, prior);
+            covariance.fixed_view_mut::<CHAIN, CHAIN>(at, at).copy_from(&own);
+            let cross = seen.fixed_view::<3, 3>(3 * i, 3 - 3 * i);
+            covariance.fixed_view_mut::<3, 3>(at, other).copy_from(&cross);
         }
-        let mut effects = Effects::zeros(first.systematic_columns());
-        for (c, mut effect) in effects.column_iter_mut().enumerate() {
-            let known = first.systematic_column(c);
-            effect.fixed_rows_mut::<3>(0).copy_from(&known.fixed_rows::<3>(0));
-            effect.fixed_rows_mut::<3>(CHAIN).copy_from(&known.fixed_rows::<3>(3));
+        let mut effects = Effects::zeros(columns);
+        for c in 0..first.systematic_columns() {
+            effects.set_column(c, &observation().tr_mul(&first.systematic_column(c)));
+            effects.fixed_view_mut::<3, 1>(CORRELATED, c).fill(0.0);
+            effects.fixed_view_mut::<3, 1>(CHAIN + CORRELATED, c).fill(0.0);
         }
         Self {
             translation: Integrator::at(pose.translation.vector),
@@ -169,7 +158,6 @@ impl Joint {
         Some(())
     }
 
-    /// An update without effect.
     pub(crate) fn blank_update(&self) -> Update {
         Update {
             gain: SMatrix::zeros(),
@@ -244,7 +232,6 @@ impl Adjoint {
         out
     }
 
-    /// Back through a measurement.
     pub(crate) fn before_update(&mut self, update: &Update) {
         let h = observation();
         let through = update.gain.tr_mul(&self.vector) + update.inverse * update.innovation;
@@ -255,7 +242,6 @@ impl Adjoint {
         self.information = kept.tr_mul(&self.information) * kept + h.tr_mul(&update.inverse) * h;
     }
 
-    /// Back through an interval.
     pub(crate) fn before_predict(&mut self, transitions: &[Transition; 2]) {
         let [first, second] = transitions;
         first.backward(self.vector.as_mut_slice(), STATE, 0);

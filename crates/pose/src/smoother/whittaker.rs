@@ -2,15 +2,13 @@
 
 /// Band of the penalty matrix: third differences reach three samples.
 const BAND: usize = 3;
-/// Third difference.
 const STENCIL: [f64; 4] = [-1.0, 3.0, -3.0, 1.0];
 
 /// Whittaker-Henderson smoothing with third differences: the response of [`crate::smooth`], zero phase.
 ///
-/// Minimises Σ (x - y)² + λ Σ (Δ³x)², whose response is 1/(1 + λ (2 sin(π f dt))⁶); λ is such that it is
-/// one half at `bandwidth_hz`, as 1/(1 + (f/fc)⁶) is (Whittaker 1923; Eilers 2003). Quadratics pass
-/// unchanged. A bandwidth at or above the Nyquist frequency, a series under 4 samples, and arguments that
-/// are not positive return it as it is.
+/// Minimises Σ (x - y)² + λ Σ (Δ³x)² with λ such that the response 1/(1 + λ (2 sin(π f dt))⁶) is one half at
+/// `bandwidth_hz` (Whittaker 1923; Eilers 2003). Quadratics pass unchanged. A bandwidth at or above the
+/// Nyquist frequency, a series under 4 samples, and arguments that are not positive return it as it is.
 pub fn lowpass_like(series: &[f64], dt_s: f64, bandwidth_hz: f64) -> Vec<f64> {
     let n = series.len();
     let valid = dt_s > 0.0 && bandwidth_hz > 0.0 && dt_s.is_finite() && bandwidth_hz.is_finite();
@@ -18,8 +16,8 @@ pub fn lowpass_like(series: &[f64], dt_s: f64, bandwidth_hz: f64) -> Vec<f64> {
         return series.to_vec();
     }
     let lambda = (2.0 * (std::f64::consts::PI * bandwidth_hz * dt_s).sin()).powi(-6);
-    // x = y - Dᵀ z with (I/λ + D Dᵀ) z = D y is the same as (I + λ DᵀD) x = y, but exact for quadratics
-    // at any λ.
+    // x = y - Dᵀ z with (I/λ + D Dᵀ) z = D y is the same as (I + λ DᵀD) x = y, but exact for quadratics at
+    // any λ.
     let m = n - BAND;
     let differences: Vec<f64> = (0..m).map(|i| (0..4).map(|k| STENCIL[k] * series[i + k]).sum()).collect();
     let band: [f64; BAND + 1] =

@@ -193,7 +193,7 @@ pub(crate) fn poses(
         let t_ns = (state.t_s * 1e9).round() as i64;
         let estimate = estimator.estimate(t_ns, seen, previous.as_ref());
         previous = estimate.as_ref().ok().map(|e| e.world_from_body).or(previous);
-        PoseSample { t_ns, reason: estimate.as_ref().err().map(ToString::to_string), estimate: estimate.ok() }
+        PoseSample { t_ns, estimate }
     };
     flight.iter().zip(observed).map(one).collect()
 }
@@ -301,7 +301,7 @@ impl Tally {
         let motion = mavsight_pose::smooth(poses, gravity).expect("a motion");
         for ((pose, sample), truth) in poses.iter().zip(&motion.samples).zip(states) {
             let smoothed = error(sample, truth, gravity);
-            if let Some(e) = &pose.estimate {
+            if let Ok(e) = &pose.estimate {
                 let mut single = sample.clone();
                 single.world_from_body = e.world_from_body;
                 let err = error(&single, truth, gravity);

@@ -24,15 +24,15 @@ fn off_by_a_ruler(markers: &[BodyMarker], random: &mut Random) -> Vec<BodyMarker
 /// The motion that carries the true body axes' coordinates into those of the file: the axes that refined
 /// markers have.
 pub(crate) fn file_from_body(true_body: &[BodyMarker], file: &[BodyMarker]) -> Isometry3<f64> {
-    let places = |m: &[BodyMarker]| m.iter().map(|m| m.marker_in_body_m).collect::<Vec<_>>();
-    rigid_fit(&places(true_body), &places(file), &vec![1.0; file.len()]).expect("a fit").world_from_body
+    let pairs = true_body.iter().zip(file).map(|(a, b)| (a.marker_in_body_m, b.marker_in_body_m));
+    rigid_fit(pairs).expect("a fit")
 }
 
 /// Position RMS against the flight in the axes that `file_from_body` leads to.
 pub(crate) fn rms(poses: &[PoseSample], flight: &[FlightState], file_from_body: &Isometry3<f64>) -> f64 {
     let error = |(p, s): (&PoseSample, &FlightState)| {
         let truth = pose_of(s) * file_from_body.inverse();
-        let e = p.estimate.as_ref()?;
+        let e = p.estimate.as_ref().ok()?;
         Some((e.world_from_body.translation.vector - truth.translation.vector).norm_squared())
     };
     let errors: Vec<f64> = poses.iter().zip(flight).filter_map(error).collect();

@@ -1,7 +1,7 @@
 //! Single poses and smoothed motion.
 
 use crate::summary::Summary;
-use mavsight_pose::{PoseEstimate, euler_std};
+use mavsight_pose::{PoseEstimate, PoseSample, euler_std};
 use mavsight_session::{RunResults, has_assumed_std};
 use serde_json::json;
 
@@ -10,7 +10,8 @@ pub(super) fn add_poses(summary: &mut Summary, results: &RunResults) {
     if results.poses.is_empty() {
         return;
     }
-    let measured: Vec<&PoseEstimate> = results.poses.iter().filter_map(|p| p.estimate.as_ref()).collect();
+    let measured: Vec<&PoseEstimate> =
+        results.poses.iter().filter_map(|p| p.estimate.as_ref().ok()).collect();
     let (n, all) = (measured.len(), results.poses.len());
     let mut section = summary.section("poses");
     section.add("measured", "frames measured", json!(n), format!("{n} of {all}"));
@@ -33,12 +34,12 @@ pub(super) fn add_poses(summary: &mut Summary, results: &RunResults) {
         let residual = (mean(&|e| e.residual_px * e.residual_px)).sqrt();
         section.number("residual_rms_px", "reprojection residual, RMS", residual, "px");
     }
-    if let Some(missing) = results.poses.iter().find(|p| p.estimate.is_none()) {
-        let reason = missing.reason.as_deref().unwrap_or("no reason given");
+    let refused = |p: &PoseSample| p.estimate.as_ref().err().map(|reason| (p.t_ns, reason.to_string()));
+    if let Some((t_ns, reason)) = results.poses.iter().find_map(refused) {
         summary.notes.push(format!(
             "{} frame(s) could not be measured; the first at {:.3} s: {reason}",
             all - n,
-            missing.t_ns as f64 * 1e-9
+            t_ns as f64 * 1e-9
         ));
     }
 }

@@ -1,11 +1,11 @@
 //! C3D (c3d.org), points only: written as Intel floats in millimetres, read in any of its integer and float
 //! forms; analog data and events are passed over. A point with a residual below zero was not seen.
 
-use super::Noted;
 use super::c3d_parameters::{BLOCK, Parameters, Processor, Section, read as read_parameters};
 use super::marker_paths::{MarkerPaths, even_clock};
 use super::trc::scale_of;
-use crate::{SessionError, error::require_file, write_whole};
+use super::{Noted, numbered};
+use crate::{SessionError, error::read_bytes, write_whole};
 use mavsight_geometry::Vector3;
 use std::path::Path;
 
@@ -15,64 +15,35 @@ use std::path::Path;
 /// Says what is wrong: not C3D, a file that breaks off (frames announced and there), no points, no rate,
 /// unknown units.
 pub fn read(path: &Path) -> Result<Noted<MarkerPaths>, SessionError> {
-    require_file(path, "C3D marker paths")?;
-    let bytes = std::fs::read(path).map_err(|e| SessionError::io(path, "read it", e))?;
-    parse(&bytes).map_err(|(key, detail)| SessionError::value(path, key, detail))
-}
-
-type Refusal = (&'static str, String);
-
-struct Layout {
-    processor: Processor,
-    points: usize,
-    analog: usize,
-    first: i64,
-    frames: usize,
-    rate_hz: f64,
-    /// Below zero: floats.
-    scale: f64,
-    data_at: usize,
-}
-
-fn parse(bytes: &[u8]) -> Result<Noted<MarkerPaths>, Refusal> {
+    let bytes = read_bytes(path, "C3D marker paths")?;
     if bytes.len() < 2 * BLOCK || bytes[1] != 0x50 {
-        return Err((
-            "header",
-            "not a C3D file (its second byte is 0x50): correct the path or --from".into(),
-        ));
+        let detail = "not a C3D file (its second byte is 0x50): correct the path or --from";
+        return Err(SessionError::value(path, "header", detail));
     }
-    let (processor, parameters) =
-        read_parameters(bytes, usize::from(bytes[0])).map_err(|e| ("parameters", e))?;
-    let layout = layout(bytes, processor, &parameters)?;
-    let units = parameters
-        .get("POINT:UNITS")
-        .and_then(|p| p.texts().into_iter().next())
-        .unwrap_or_else(|| "mm".into());
-    let unit_m = scale_of(&units).ok_or(("POINT:UNITS", format!("{units:?}: mm, cm or m is known")))?;
+    let (processor, parameters) = read_parameters(path, &bytes, usize::from(bytes[0]))?;
+    let layout = layout(path, &bytes, processor, &parameters)?;
+    let units = parameters.get("POINT:UNITS").and_then(|p| p.texts().into_iter().next());
+    let units = units.unwrap_or_else(|| "mm".into());
+    let unit_m = scale_of(&units).ok_or_else(|| {
+        SessionError::value(path, "POINT:UNITS", format!("{units:?}: mm, cm or m is known"))
+    })?;
     let width = if layout.scale < 0.0 { 4 } else { 2 };
     let room = bytes.len() / (4 * width);
     if layout.points > room {
         let detail =
             format!("{} points, and room for {room} in the whole file: it is damaged", layout.points);
-        return Err(("POINT:USED", detail));
+        return Err(SessionError::value(path, "POINT:USED", detail));
     }
-    let mut names: Vec<String> = parameters.get("POINT:LABELS").map(|p| p.texts()).unwrap_or_default();
-    for k in 2.. {
-        let Some(more) = parameters.get(&format!("POINT:LABELS{k}")) else { break };
-        names.extend(more.texts());
-    }
-    names.truncate(layout.points);
-    while names.len() < layout.points {
-        names.push(format!("point{}", names.len() + 1));
-    }
+    let further = (2..).map(|k| format!("POINT:LABELS{k}"));
+    let labels = std::iter::once("POINT:LABELS".to_owned()).chain(further);
+    let given: Vec<String> = labels.map_while(|key| parameters.get(&key)).flat_map(|p| p.texts()).collect();
+    let names = (0..layout.points).map(|k| numbered(&given, k, "point")).collect();
     let record = width * (4 * layout.points + layout.analog);
-    let data = bytes.get(layout.data_at..).unwrap_or(&[]);
+    let data = bytes.get(layout.data_at..).unwrap_or_default();
     let whole = data.len() / record;
     if whole < layout.frames {
-        return Err((
-            "frames",
-            format!("{} are announced, {whole} are there: the file breaks off", layout.frames),
-        ));
+        let detail = format!("{} are announced, {whole} are there: the file breaks off", layout.frames);
+        return Err(SessionError::value(path, "frames", detail));
     }
     let mut paths = MarkerPaths { names, ..MarkerPaths::default() };
     for (k, frame) in data.chunks_exact(record).take(layout.frames).enumerate() {
@@ -86,6 +57,19 @@ fn parse(bytes: &[u8]) -> Result<Noted<MarkerPaths>, Refusal> {
     let notes =
         (missing > 0).then(|| format!("{missing} of {} points were not seen", layout.frames * layout.points));
     Ok(Noted { value: paths, notes: notes.into_iter().collect() })
+}
+
+/// How the data of a file lie in it.
+struct Layout {
+    processor: Processor,
+    points: usize,
+    analog: usize,
+    first: i64,
+    frames: usize,
+    rate_hz: f64,
+    /// Below zero: floats.
+    scale: f64,
+    data_at: usize,
 }
 
 fn point(bytes: &[u8], layout: &Layout, unit_m: f64) -> Option<Vector3<f64>> {
@@ -102,15 +86,20 @@ fn point(bytes: &[u8], layout: &Layout, unit_m: f64) -> Option<Vector3<f64>> {
     seen.then(|| Vector3::new(v[0], v[1], v[2]) * factor)
 }
 
-fn layout(bytes: &[u8], processor: Processor, parameters: &Parameters) -> Result<Layout, Refusal> {
+fn layout(
+    path: &Path,
+    bytes: &[u8],
+    processor: Processor,
+    parameters: &Parameters,
+) -> Result<Layout, SessionError> {
     let word = |k: usize| f64::from(processor.int([bytes[2 * k - 2], bytes[2 * k - 1]]) as u16);
     let float =
         |k: usize| processor.float([bytes[2 * k - 2], bytes[2 * k - 1], bytes[2 * k], bytes[2 * k + 1]]);
     let count = |key: &str| parameters.get(key).and_then(|p| p.counts().first().copied());
+    let number = |key: &str| parameters.get(key).and_then(|p| p.numbers().first().copied());
     let points = count("POINT:USED").unwrap_or(word(2));
-    let rate_hz =
-        parameters.get("POINT:RATE").and_then(|p| p.numbers().first().copied()).unwrap_or(float(11));
-    let scale = parameters.get("POINT:SCALE").and_then(|p| p.numbers().first().copied()).unwrap_or(float(7));
+    let rate_hz = number("POINT:RATE").unwrap_or(float(11));
+    let scale = number("POINT:SCALE").unwrap_or(float(7));
     let data_block = count("POINT:DATA_START").filter(|b| *b > 0.0).unwrap_or(word(9));
     // Field numbers of 32 bits in two words, low word first, for what the header's 16 bits cannot hold.
     let long = |key: &str| {
@@ -119,24 +108,24 @@ fn layout(bytes: &[u8], processor: Processor, parameters: &Parameters) -> Result
     };
     let first = long("TRIAL:ACTUAL_START_FIELD").unwrap_or(word(4));
     let last = long("TRIAL:ACTUAL_END_FIELD").unwrap_or(word(5));
-    let frames = match parameters.get("POINT:LONG_FRAMES").and_then(|p| p.numbers().first().copied()) {
-        Some(n) => n,
-        None => last - first + 1.0,
-    };
-    if points.is_nan() || points < 1.0 {
-        return Err(("POINT:USED", "the file has no points: export marker trajectories".into()));
-    }
-    if !(rate_hz.is_finite() && rate_hz > 0.0) {
-        return Err(("POINT:RATE", format!("{rate_hz} Hz: a rate above zero is wanted")));
-    }
-    if !(scale.is_finite() && scale != 0.0) {
-        return Err(("POINT:SCALE", format!("{scale}: a number other than zero is wanted")));
-    }
-    if !(1.0..1e9).contains(&frames) {
-        return Err(("frames", format!("from {first} to {last}: the header is damaged")));
-    }
-    if data_block < 2.0 {
-        return Err(("POINT:DATA_START", format!("block {data_block}: the header is damaged")));
+    let frames = number("POINT:LONG_FRAMES").unwrap_or(last - first + 1.0);
+    let checks = [
+        (points >= 1.0, "POINT:USED", "the file has no points: export marker trajectories".to_owned()),
+        (
+            rate_hz.is_finite() && rate_hz > 0.0,
+            "POINT:RATE",
+            format!("{rate_hz} Hz: a rate above zero is wanted"),
+        ),
+        (
+            scale.is_finite() && scale != 0.0,
+            "POINT:SCALE",
+            format!("{scale}: a number other than zero is wanted"),
+        ),
+        ((1.0..1e9).contains(&frames), "frames", format!("from {first} to {last}: the header is damaged")),
+        (data_block >= 2.0, "POINT:DATA_START", format!("block {data_block}: the header is damaged")),
+    ];
+    if let Some((_, key, detail)) = checks.into_iter().find(|(holds, ..)| !holds) {
+        return Err(SessionError::value(path, key, detail));
     }
     Ok(Layout {
         processor,

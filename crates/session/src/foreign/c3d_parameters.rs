@@ -1,6 +1,8 @@
 //! The parameter section of a C3D file: groups of named, typed arrays.
 
+use crate::SessionError;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// Bytes of a block.
 pub(super) const BLOCK: usize = 512;
@@ -79,25 +81,30 @@ impl Parameter {
 /// Parameters by `GROUP:NAME`.
 pub(super) type Parameters = BTreeMap<String, Parameter>;
 
-/// Reads the section that begins at a block; says what is wrong.
-pub(super) fn read(bytes: &[u8], first_block: usize) -> Result<(Processor, Parameters), String> {
+/// Reads the section that begins at a block of a file.
+pub(super) fn read(
+    path: &Path,
+    bytes: &[u8],
+    first_block: usize,
+) -> Result<(Processor, Parameters), SessionError> {
+    let wrong = |detail: String| SessionError::value(path, "parameters", detail);
+    let cut = || wrong("they lie beyond the end: the file breaks off".into());
     let start = first_block.saturating_sub(1) * BLOCK;
-    let head = bytes.get(start..start + 4).ok_or("the parameters lie beyond the end: the file breaks off")?;
-    let processor =
-        Processor::from_byte(head[3]).ok_or(format!("processor type {}: 84, 85 or 86 is known", head[3]))?;
+    let head = bytes.get(start..start + 4).ok_or_else(cut)?;
+    let processor = Processor::from_byte(head[3])
+        .ok_or_else(|| wrong(format!("processor type {}: 84, 85 or 86 is known", head[3])))?;
     let mut at = start + 4;
     let mut groups: BTreeMap<u8, String> = BTreeMap::new();
     let mut found: Vec<(u8, String, Parameter)> = Vec::new();
-    let cut = || "a parameter lies beyond the end: the file breaks off".to_owned();
     loop {
         let head = bytes.get(at..at + 2).ok_or_else(cut)?;
         let (length, id) = (usize::from((head[0] as i8).unsigned_abs()), head[1] as i8);
         if length == 0 || id == 0 {
             break;
         }
-        let name = bytes.get(at + 2..at + 2 + length).ok_or_else(cut)?;
-        let name = String::from_utf8_lossy(name).trim().to_uppercase();
         let after = at + 2 + length;
+        let name = bytes.get(at + 2..after).ok_or_else(cut)?;
+        let name = String::from_utf8_lossy(name).trim().to_uppercase();
         let step = bytes.get(after..after + 2).ok_or_else(cut)?;
         let step = processor.int([step[0], step[1]]);
         if id < 0 {

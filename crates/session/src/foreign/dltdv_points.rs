@@ -3,9 +3,10 @@
 //! 1). NaN and, as DLTdv has it, exact zero are missing.
 
 use super::marker_paths::{MarkerPaths, even_clock};
+use super::numbered;
 use super::pixels::PixelOrigin;
 use super::rigs::names_and_sizes;
-use super::text::Text;
+use super::text::{Line, Text};
 use crate::{RunResults, SessionError, read_markers, table::Table, write_whole};
 use mavsight_geometry::{ImageSize, Matrix2, Vector2, Vector3};
 use mavsight_pose::MarkerObservation;
@@ -29,71 +30,81 @@ pub struct PointOptions {
     pub std_px: f64,
 }
 
+/// A row of a table; none of what is missing.
+type Cells = Vec<Option<f64>>;
+
 struct Matrix {
     columns: usize,
     header: Option<Vec<String>>,
-    rows: Vec<Vec<Option<f64>>>,
+    rows: Vec<Cells>,
 }
 
-fn matrix(path: &Path, role: &str) -> Result<Matrix, SessionError> {
+fn is_sparse(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("tsv"))
+}
+
+/// Reads a table of so many rows a second.
+fn matrix(path: &Path, role: &str, rate_hz: f64) -> Result<Matrix, SessionError> {
+    if !(rate_hz.is_finite() && rate_hz > 0.0) {
+        let detail = format!("{rate_hz} Hz: give the frames a second as --rate");
+        return Err(SessionError::value(path, "rate", detail));
+    }
     let text = Text::read(path, role)?;
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("tsv")) { sparse(&text) } else { dense(&text) }
+    if is_sparse(path) { sparse(&text) } else { dense(&text) }
 }
 
 fn dense(text: &Text) -> Result<Matrix, SessionError> {
     let mut lines = text.filled();
-    let Some(head) = lines.next() else {
-        return Err(SessionError::EmptyTable { path: text.path().to_owned() });
-    };
+    let head = lines.next().ok_or_else(|| SessionError::no_rows(text.path()))?;
     let header: Vec<String> = head.cells(',').iter().map(|c| c.trim_matches('"').to_owned()).collect();
     let mut rows = Vec::new();
     for line in lines {
         let cells = line.cells(',');
         if cells.len() != header.len() {
-            return Err(line.refuse(format!(
-                "{} cells where the header has {}: complete the row",
-                cells.len(),
-                header.len()
-            )));
+            let (found, wanted) = (cells.len(), header.len());
+            return Err(line.refuse(format!("{found} cells where the header has {wanted}: complete the row")));
         }
         let value = |(k, cell): (usize, &&str)| Ok(line.number_if_any(k, cell)?.filter(|x| *x != 0.0));
-        rows.push(cells.iter().enumerate().map(value).collect::<Result<Vec<_>, SessionError>>()?);
+        rows.push(cells.iter().enumerate().map(value).collect::<Result<_, SessionError>>()?);
     }
     Ok(Matrix { columns: header.len(), header: Some(header), rows })
 }
 
 fn sparse(text: &Text) -> Result<Matrix, SessionError> {
     let mut lines = text.filled().skip(1);
-    let whole = |line: &super::text::Line, k: usize, cell: &str| -> Result<usize, SessionError> {
-        cell.parse::<usize>().map_err(|_| line.refuse(format!("column {}: {cell:?} is no count", k + 1)))
+    let three = |line: &Line, what: &str| -> Result<[usize; 2], SessionError> {
+        let cells = line.cells('\t');
+        if cells.len() != 3 {
+            return Err(line.refuse(format!("{what} are wanted, with tabs between")));
+        }
+        let whole = |k: usize| {
+            let wrong = || line.refuse(format!("column {}: {:?} is no count", k + 1, cells[k]));
+            cells[k].parse::<usize>().map_err(|_| wrong())
+        };
+        Ok([whole(0)?, whole(1)?])
     };
-    let Some(head) = lines.next() else {
-        return Err(text.refuse_end("rows, columns and count are missing: the file breaks off"));
-    };
-    let [r, c, n] = head.cells('\t')[..] else {
-        return Err(head.refuse("rows, columns and count are wanted, with tabs between"));
-    };
-    let (r, c, n) = (whole(&head, 0, r)?, whole(&head, 1, c)?, whole(&head, 2, n)?);
+    let last = |line: &Line| line.number_if_any(2, line.cells('\t')[2]);
+    let missing = "rows, columns and count are missing: the file breaks off";
+    let head = lines.next().ok_or_else(|| text.refuse_end(missing))?;
+    let [r, c] = three(&head, "rows, columns and count")?;
+    let announced = last(&head)?.unwrap_or(0.0);
     if r.saturating_mul(c) > 100_000_000 {
-        return Err(
-            head.refuse(format!("{r} rows of {c}: more than this program holds; the file is damaged"))
-        );
+        let detail = format!("{r} rows of {c}: more than this program holds; the file is damaged");
+        return Err(head.refuse(detail));
     }
     let mut rows = vec![vec![None; c]; r];
     let mut count = 0;
     for line in lines {
-        let [i, j, value] = line.cells('\t')[..] else {
-            return Err(line.refuse("row, column and value are wanted, with tabs between"));
-        };
-        let (i, j, value) = (whole(&line, 0, i)?, whole(&line, 1, j)?, line.number_if_any(2, value)?);
+        let [i, j] = three(&line, "row, column and value")?;
         if !(1..=r).contains(&i) || !(1..=c).contains(&j) {
             return Err(line.refuse(format!("row {i}, column {j} is outside of {r} by {c}")));
         }
-        rows[i - 1][j - 1] = value;
+        rows[i - 1][j - 1] = last(&line)?;
         count += 1;
     }
-    if count != n {
-        return Err(text.refuse_end(format!("{count} values where {n} are announced: the file breaks off")));
+    if f64::from(count) != announced {
+        let detail = format!("{count} values where {announced} are announced: the file breaks off");
+        return Err(text.refuse_end(detail));
     }
     Ok(Matrix { columns: c, header: None, rows })
 }
@@ -102,13 +113,16 @@ fn time_ns(row: usize, rate_hz: f64) -> i64 {
     (row as f64 * 1e9 / rate_hz).round() as i64
 }
 
-fn checked_rate(path: &Path, rate_hz: f64) -> Result<(), SessionError> {
-    let fine = rate_hz.is_finite() && rate_hz > 0.0;
-    if fine {
-        Ok(())
-    } else {
-        Err(SessionError::value(path, "rate", format!("{rate_hz} Hz: give the frames a second as --rate")))
-    }
+/// Names and sizes of the cameras; the sizes do not matter where v grows down.
+fn named_cameras(
+    path: &Path,
+    count: usize,
+    names: &[String],
+    sizes: &[ImageSize],
+    origin: PixelOrigin,
+) -> Result<Vec<(String, ImageSize)>, SessionError> {
+    let any = [ImageSize { width_px: 1, height_px: 1 }];
+    names_and_sizes(path, count, names, if origin.is_top_left() { &any } else { sizes })
 }
 
 /// Reads `*xypts.csv` or `.tsv` as observations: `camera_names`, `marker_names` and `markers` of the results
@@ -117,26 +131,17 @@ fn checked_rate(path: &Path, rate_hz: f64) -> Result<(), SessionError> {
 /// # Errors
 /// Names the line and column; a header in another order, names or sizes that do not fit.
 pub fn read_xypts(path: &Path, options: &PointOptions) -> Result<RunResults, SessionError> {
-    checked_rate(path, options.rate_hz)?;
-    let m = matrix(path, "digitised points")?;
+    let m = matrix(path, "digitised points", options.rate_hz)?;
     let cameras = cameras_in(path, &m, options)?;
     if cameras == 0 || m.columns % (2 * cameras) != 0 {
-        return Err(SessionError::value(
-            path,
-            "columns",
-            format!("{} are not two for each of {cameras} cameras and each point", m.columns),
-        ));
+        let detail = format!("{} are not two for each of {cameras} cameras and each point", m.columns);
+        return Err(SessionError::value(path, "columns", detail));
     }
     let points = m.columns / (2 * cameras);
-    let dummy = [ImageSize { width_px: 1, height_px: 1 }];
-    let sizes = if options.origin.is_top_left() { &dummy[..] } else { &options.sizes };
-    let named = names_and_sizes(path, cameras, &options.cameras, sizes)?;
+    let named = named_cameras(path, cameras, &options.cameras, &options.sizes, options.origin)?;
     if !options.points.is_empty() && options.points.len() != points {
-        return Err(SessionError::value(
-            path,
-            "names",
-            format!("{} names for {points} points: give one each", options.points.len()),
-        ));
+        let detail = format!("{} names for {points} points: give one each", options.points.len());
+        return Err(SessionError::value(path, "names", detail));
     }
     let mut markers = Vec::new();
     for (k, row) in m.rows.iter().enumerate() {
@@ -154,10 +159,9 @@ pub fn read_xypts(path: &Path, options: &PointOptions) -> Result<RunResults, Ses
             }
         }
     }
-    let name = |k: usize| options.points.get(k).cloned().unwrap_or_else(|| format!("pt{}", k + 1));
     Ok(RunResults {
         camera_names: named.into_iter().map(|(n, _)| n).collect(),
-        marker_names: (0..points).map(name).collect(),
+        marker_names: (0..points).map(|k| numbered(&options.points, k, "pt")).collect(),
         markers,
         ..RunResults::default()
     })
@@ -166,14 +170,9 @@ pub fn read_xypts(path: &Path, options: &PointOptions) -> Result<RunResults, Ses
 /// How many cameras there are, with the header seen to be in DLTdv's order.
 fn cameras_in(path: &Path, m: &Matrix, options: &PointOptions) -> Result<usize, SessionError> {
     let Some(header) = &m.header else {
-        return match options.cameras.len() {
-            0 => Err(SessionError::value(
-                path,
-                "cameras",
-                "a sparse file does not say how many: name them, --cameras cam1,cam2",
-            )),
-            n => Ok(n),
-        };
+        let detail = "a sparse file does not say how many: name them, --cameras cam1,cam2";
+        let refuse = || SessionError::value(path, "cameras", detail);
+        return Some(options.cameras.len()).filter(|n| *n > 0).ok_or_else(refuse);
     };
     let cameras = header.iter().take_while(|h| h.to_lowercase().starts_with("pt1_")).count() / 2;
     for (k, found) in header.iter().enumerate() {
@@ -202,19 +201,10 @@ pub fn read_marker_table(
     markers: &[String],
 ) -> Result<RunResults, SessionError> {
     let table = Table::read(path, "markers: `track` writes them")?;
-    let appear = |column: &str, given: &[String]| -> Result<Vec<String>, SessionError> {
-        let column = table.column(column)?;
-        let mut names = given.to_vec();
-        if given.is_empty() {
-            for row in table.rows()? {
-                if !names.iter().any(|n| n == row.text(column)) {
-                    names.push(row.text(column).to_owned());
-                }
-            }
-        }
-        Ok(names)
+    let names = |column: &str, given: &[String]| -> Result<Vec<String>, SessionError> {
+        Ok(if given.is_empty() { table.distinct(table.column(column)?) } else { given.to_vec() })
     };
-    let (camera_names, marker_names) = (appear("camera", cameras)?, appear("marker", markers)?);
+    let (camera_names, marker_names) = (names("camera", cameras)?, names("marker", markers)?);
     let markers = read_markers(path, &camera_names, &marker_names)?;
     Ok(RunResults { camera_names, marker_names, markers, ..RunResults::default() })
 }
@@ -231,27 +221,19 @@ pub fn write_xypts(
     sizes: &[ImageSize],
 ) -> Result<Vec<String>, SessionError> {
     let (cameras, points) = (tracks.camera_names.len(), tracks.marker_names.len());
-    let dummy = [ImageSize { width_px: 1, height_px: 1 }];
-    let sizes = names_and_sizes(
-        path,
-        cameras,
-        &tracks.camera_names,
-        if origin.is_top_left() { &dummy } else { sizes },
-    )?;
-    let mut instants: BTreeMap<i64, Vec<Option<f64>>> = BTreeMap::new();
+    let named = named_cameras(path, cameras, &tracks.camera_names, sizes, origin)?;
+    let mut instants: BTreeMap<i64, Cells> = BTreeMap::new();
     for o in &tracks.markers {
         let row = instants.entry(o.t_ns).or_insert_with(|| vec![None; 2 * cameras * points]);
-        let theirs = origin.from_ours(o.pixel, sizes[o.camera].1.height_px);
+        let theirs = origin.from_ours(o.pixel, named[o.camera].1.height_px);
         let at = 2 * (o.marker * cameras + o.camera);
         (row[at], row[at + 1]) = (Some(theirs.x), Some(theirs.y));
     }
-    let times: Vec<i64> = instants.keys().copied().collect();
-    let clock = even_clock(path, &times)?;
-    let rows: Vec<Option<&Vec<Option<f64>>>> =
-        clock.ticks.iter().map(|t| t.and_then(|k| instants.get(&times[k]))).collect();
-    let columns = (1..=points)
-        .flat_map(|p| (1..=cameras).flat_map(move |c| ["U", "V"].map(|l| format!("pt{p}_cam{c}_{l}"))));
-    write_matrix(path, "Sparse format camera coordinates file", &columns.collect::<Vec<_>>(), &rows)?;
+    let (times_ns, rows): (Vec<i64>, Vec<Cells>) = instants.into_iter().unzip();
+    let columns: Vec<String> = (1..=points)
+        .flat_map(|p| (1..=cameras).flat_map(move |c| ["U", "V"].map(|l| format!("pt{p}_cam{c}_{l}"))))
+        .collect();
+    let rate_hz = write_matrix(path, "Sparse format camera coordinates file", &columns, &times_ns, &rows)?;
     Ok(vec![
         format!(
             "points in order: {}; cameras in order: {}",
@@ -259,42 +241,42 @@ pub fn write_xypts(
             tracks.camera_names.join(", ")
         ),
         format!(
-            "row 1 is {} s, {:.6} rows a second; pixels are those of --origin {}",
-            crate::s_from_ns(times[0]),
-            clock.rate_hz,
+            "row 1 is {} s, {rate_hz:.6} rows a second; pixels are those of --origin {}",
+            crate::s_from_ns(times_ns[0]),
             origin.name()
         ),
     ])
 }
 
+/// Writes rows at times on an even clock, whose rate it yields; instants that are missing are empty rows.
 fn write_matrix(
     path: &Path,
     title: &str,
     columns: &[String],
-    rows: &[Option<&Vec<Option<f64>>>],
-) -> Result<(), SessionError> {
-    let cell = |row: &Option<&Vec<Option<f64>>>, k: usize| row.and_then(|r| r[k]);
+    times_ns: &[i64],
+    rows: &[Cells],
+) -> Result<f64, SessionError> {
+    let clock = even_clock(path, times_ns)?;
+    let cell = |tick: &Option<usize>, column: usize| tick.and_then(|row| rows[row][column]);
+    let ticks = &clock.ticks;
     let mut text;
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("tsv")) {
-        let filled: String = (0..columns.len())
-            .flat_map(|k| {
-                rows.iter()
-                    .enumerate()
-                    .filter_map(move |(i, row)| Some(format!("{}\t{}\t{:.6}\n", i + 1, k + 1, cell(row, k)?)))
-            })
-            .collect();
-        text = format!("{title}\n{}\t{}\t{}\n", rows.len(), columns.len(), filled.lines().count());
-        text += &filled;
+    if is_sparse(path) {
+        let mut filled = Vec::new();
+        for column in 0..columns.len() {
+            let own = ticks.iter().zip(1..).filter_map(|(tick, row)| Some((row, cell(tick, column)?)));
+            filled.extend(own.map(|(row, x): (usize, f64)| format!("{row}\t{}\t{x:.6}\n", column + 1)));
+        }
+        text = format!("{title}\n{}\t{}\t{}\n", ticks.len(), columns.len(), filled.len());
+        text += &filled.concat();
     } else {
         text = columns.join(",") + "\n";
-        for row in rows {
-            let cells: Vec<String> = (0..columns.len())
-                .map(|k| cell(row, k).map_or("NaN".into(), |x| format!("{x:.6}")))
-                .collect();
-            text += &(cells.join(",") + "\n");
+        for tick in ticks {
+            let number = |column| cell(tick, column).map_or("NaN".into(), |x| format!("{x:.6}"));
+            text += &((0..columns.len()).map(number).collect::<Vec<String>>().join(",") + "\n");
         }
     }
-    write_whole(path, text.as_bytes())
+    write_whole(path, text.as_bytes())?;
+    Ok(clock.rate_hz)
 }
 
 /// Reads `*xyzpts.csv` or `.tsv`.
@@ -302,8 +284,7 @@ fn write_matrix(
 /// # Errors
 /// Names the line and column; columns that are not three a point.
 pub fn read_xyzpts(path: &Path, rate_hz: f64, names: &[String]) -> Result<MarkerPaths, SessionError> {
-    checked_rate(path, rate_hz)?;
-    let m = matrix(path, "digitised points in space")?;
+    let m = matrix(path, "digitised points in space", rate_hz)?;
     let points = m.columns / 3;
     if points == 0 || m.columns % 3 != 0 || !(names.is_empty() || names.len() == points) {
         let detail = format!(
@@ -313,12 +294,9 @@ pub fn read_xyzpts(path: &Path, rate_hz: f64, names: &[String]) -> Result<Marker
         );
         return Err(SessionError::value(path, "columns", detail));
     }
-    let place = |row: &Vec<Option<f64>>, k: usize| match row[3 * k..3 * k + 3] {
-        [Some(x), Some(y), Some(z)] => Some(Vector3::new(x, y, z)),
-        _ => None,
-    };
+    let place = |row: &Cells, k: usize| Some(Vector3::new(row[3 * k]?, row[3 * k + 1]?, row[3 * k + 2]?));
     Ok(MarkerPaths {
-        names: (0..points).map(|k| names.get(k).cloned().unwrap_or_else(|| format!("pt{}", k + 1))).collect(),
+        names: (0..points).map(|k| numbered(names, k, "pt")).collect(),
         t_ns: (0..m.rows.len()).map(|k| time_ns(k, rate_hz)).collect(),
         points_m: m.rows.iter().map(|row| (0..points).map(|k| place(row, k)).collect()).collect(),
     })
@@ -329,16 +307,14 @@ pub fn read_xyzpts(path: &Path, rate_hz: f64, names: &[String]) -> Result<Marker
 /// # Errors
 /// Times on no even clock; what the file system refuses.
 pub fn write_xyzpts(path: &Path, paths: &MarkerPaths) -> Result<Vec<String>, SessionError> {
-    let clock = even_clock(path, &paths.t_ns)?;
-    let flat = |places: &Vec<Option<Vector3<f64>>>| -> Vec<Option<f64>> {
+    let flat = |places: &Vec<Option<Vector3<f64>>>| -> Cells {
         places.iter().flat_map(|p| (0..3).map(move |axis| p.map(|p| p[axis]))).collect()
     };
-    let dense: Vec<Vec<Option<f64>>> = paths.points_m.iter().map(flat).collect();
-    let rows: Vec<Option<&Vec<Option<f64>>>> = clock.ticks.iter().map(|t| t.map(|k| &dense[k])).collect();
+    let rows: Vec<Cells> = paths.points_m.iter().map(flat).collect();
     let columns: Vec<String> =
         (1..=paths.names.len()).flat_map(|p| ["X", "Y", "Z"].map(|l| format!("pt{p}_{l}"))).collect();
-    write_matrix(path, "Sparse format 3D coordinates file", &columns, &rows)?;
-    Ok(vec![format!("points in order: {}; {:.6} rows a second", paths.names.join(", "), clock.rate_hz)])
+    let rate_hz = write_matrix(path, "Sparse format 3D coordinates file", &columns, &paths.t_ns, &rows)?;
+    Ok(vec![format!("points in order: {}; {rate_hz:.6} rows a second", paths.names.join(", "))])
 }
 
 /// Lateness of each camera's time stamps from `*offsets.csv` or `.tsv`, s: a session's `time_offset_s`. A
@@ -347,19 +323,13 @@ pub fn write_xyzpts(path: &Path, paths: &MarkerPaths) -> Result<Vec<String>, Ses
 /// # Errors
 /// Names the line and column; an offset that is not the same in all rows.
 pub fn read_offsets(path: &Path, rate_hz: f64) -> Result<Vec<f64>, SessionError> {
-    checked_rate(path, rate_hz)?;
-    let m = matrix(path, "camera offsets")?;
-    let one = |k: usize| -> Result<f64, SessionError> {
+    let m = matrix(path, "camera offsets", rate_hz)?;
+    let one = |k: usize| {
         let mut all = m.rows.iter().filter_map(|row| row[k]);
         let first = all.next().unwrap_or(0.0);
-        match all.find(|x| *x != first) {
-            Some(other) => Err(SessionError::value(
-                path,
-                format!("cam{}_offset", k + 1),
-                format!("is {first} and later {other} frames: a session has one for each camera"),
-            )),
-            None => Ok(first / rate_hz),
-        }
+        let Some(other) = all.find(|x| *x != first) else { return Ok(first / rate_hz) };
+        let detail = format!("is {first} and later {other} frames: a session has one for each camera");
+        Err(SessionError::value(path, format!("cam{}_offset", k + 1), detail))
     };
     (0..m.columns).map(one).collect()
 }

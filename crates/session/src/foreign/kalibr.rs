@@ -2,26 +2,24 @@
 //!
 //! Its pixels are OpenCV's and this program's. The world is cam0.
 
-use super::Noted;
 use super::rigs::{checked, exact_rig, image_size, isometry, rig_camera, rows_of, without_skew};
 use super::yaml::{Yaml, YamlFile};
+use super::{CameraOptions, Noted};
 use crate::{SessionError, write_whole};
 use mavsight_geometry::{BrownConrady, Camera, Intrinsics, Isometry3};
 use mavsight_pose::Rig;
 use std::path::Path;
 
-/// Reads a camchain; the world is cam0.
-///
-/// # Errors
-/// Names the line or key: camera models other than pinhole, distortion other than radtan or none.
-pub fn read(path: &Path, names: &[String]) -> Result<Noted<Rig>, SessionError> {
+/// Reads a camchain: pinhole cameras with radtan distortion or none.
+pub(super) fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, SessionError> {
     let file = YamlFile::read(path, "Kalibr camchain")?;
     let mut cameras = Vec::new();
     let mut notes = vec!["the world is cam0: x right, y down, z forward".to_owned()];
     let mut cam_from_world = Isometry3::identity();
-    while let Some(node) = file.root.get(&format!("cam{}", cameras.len())) {
-        let key = format!("cam{}", cameras.len());
-        if !cameras.is_empty() {
+    for k in 0.. {
+        let key = format!("cam{k}");
+        let Some(node) = file.root.get(&key) else { break };
+        if k > 0 {
             let step = file.numbers(file.key(node, "T_cn_cnm1")?)?;
             cam_from_world = isometry(path, &format!("{key}: T_cn_cnm1"), &step)? * cam_from_world;
         }
@@ -29,15 +27,11 @@ pub fn read(path: &Path, names: &[String]) -> Result<Noted<Rig>, SessionError> {
             notes.push(format!("{key}: timeshift_cam_imu of {} s is left alone", file.number(shift)?));
         }
         let camera = camera(&file, node, &key, cam_from_world)?;
-        let name = names.get(cameras.len()).cloned().unwrap_or(key);
-        cameras.push(rig_camera(name, camera));
+        cameras.push(rig_camera(options.names.get(k).cloned().unwrap_or(key), camera));
     }
     if cameras.is_empty() {
-        return Err(SessionError::value(
-            path,
-            "cam0",
-            format!("is missing; the keys are {}", file.root.keys().join(", ")),
-        ));
+        let detail = format!("is missing; the keys are {}", file.root.keys().join(", "));
+        return Err(SessionError::value(path, "cam0", detail));
     }
     Ok(exact_rig(cameras, notes))
 }
@@ -48,25 +42,14 @@ fn camera(
     key: &str,
     cam_from_world: Isometry3<f64>,
 ) -> Result<Camera, SessionError> {
-    let word = |name: &str, known: &[&str], remedy: &str| -> Result<String, SessionError> {
-        let at = file.key(node, name)?;
-        let text = at.text().unwrap_or("").to_owned();
-        if known.contains(&text.as_str()) {
-            Ok(text)
-        } else {
-            Err(file.refuse(at, format!("{name} {text:?}: {remedy}")))
-        }
-    };
-    word("camera_model", &["pinhole"], "this program has pinhole; calibrate with pinhole-radtan")?;
-    let lens = word(
-        "distortion_model",
-        &["radtan", "none"],
-        "this program has radtan; calibrate with pinhole-radtan",
-    )?;
+    let remedy = "this program has pinhole; calibrate with pinhole-radtan";
+    file.word(node, "camera_model", &["pinhole"], remedy)?;
+    let remedy = "this program has radtan; calibrate with pinhole-radtan";
+    let lens = file.word(node, "distortion_model", &["radtan", "none"], remedy)?;
     let [fx_px, fy_px, cx_px, cy_px] = file.exactly(file.key(node, "intrinsics")?, "fu fv pu pv")?;
     let at = file.key(node, "resolution")?;
     let [w, h] = file.exactly(at, "a resolution")?;
-    let size = image_size(w, h).map_err(|e| file.refuse(at, e))?;
+    let size = image_size(w, h, |detail| file.refuse(at, detail))?;
     let intrinsics = checked(&file.path, key, Intrinsics { fx_px, fy_px, cx_px, cy_px, skew_px: 0.0 }, size)?;
     let mut distortion = BrownConrady::default();
     if lens == "radtan" {
@@ -76,15 +59,12 @@ fn camera(
     Ok(Camera { cam_from_world, intrinsics, distortion, size })
 }
 
-/// Writes a camchain.
-///
-/// # Errors
-/// A k3, which radtan has not, or skew (unless dropped); what the file system refuses.
-pub fn write(path: &Path, rig: &Rig, drop_skew: bool) -> Result<Vec<String>, SessionError> {
+/// Writes a camchain; refuses a k3, which radtan has not.
+pub(super) fn write(path: &Path, rig: &Rig, options: &CameraOptions) -> Result<Vec<String>, SessionError> {
     let mut text = String::new();
     let mut notes = Vec::new();
     for (k, camera) in rig.cameras.iter().enumerate() {
-        notes.extend(without_skew(path, camera, drop_skew)?);
+        notes.extend(without_skew(path, camera, options.drop_skew)?);
         let (i, d, size) = (&camera.camera.intrinsics, &camera.camera.distortion, camera.camera.size);
         if d.k3 != 0.0 {
             let detail = format!(

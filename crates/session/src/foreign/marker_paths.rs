@@ -3,10 +3,11 @@
 
 use super::Noted;
 use super::poses::TimedPose;
-use super::text::decimal_from_ns;
+use crate::decimal::decimal_from_ns;
 use crate::table::{Table, csv_cell};
 use crate::{SessionError, write_whole};
 use mavsight_geometry::{GeometryError, Vector3, rigid_fit};
+use mavsight_pipeline::usual_interval_ns;
 use std::path::Path;
 
 /// Columns of the table: one row for each marker and instant, coordinates empty where it was not seen.
@@ -34,26 +35,16 @@ pub struct MarkerPaths {
 pub fn read_table(path: &Path) -> Result<MarkerPaths, SessionError> {
     let table = Table::read(path, "marker positions")?;
     let [t, marker, x, y, z] = table.columns(COLUMNS)?;
-    let mut paths = MarkerPaths::default();
-    for row in table.rows()? {
-        let name = row.text(marker);
-        if !name.is_empty() && !paths.names.iter().any(|n| n == name) {
-            paths.names.push(name.to_owned());
-        }
-    }
+    let names = table.distinct(marker).into_iter().filter(|name| !name.is_empty()).collect();
+    let mut paths = MarkerPaths { names, ..MarkerPaths::default() };
     for row in table.rows()? {
         let t_ns = row.time_ns(t)?;
-        match paths.t_ns.last() {
-            Some(last) if *last > t_ns => {
-                return Err(
-                    row.refuse(t, "the time comes before that of the row before: sort the rows".into())
-                );
-            }
-            Some(last) if *last == t_ns => {}
-            _ => {
-                paths.t_ns.push(t_ns);
-                paths.points_m.push(vec![None; paths.names.len()]);
-            }
+        if paths.t_ns.last().is_some_and(|last| *last > t_ns) {
+            return Err(row.refuse(t, "the time comes before that of the row before: sort the rows"));
+        }
+        if paths.t_ns.last() != Some(&t_ns) {
+            paths.t_ns.push(t_ns);
+            paths.points_m.push(vec![None; paths.names.len()]);
         }
         let Some(index) = paths.names.iter().position(|n| n == row.text(marker)) else { continue };
         if [x, y, z].iter().all(|c| row.text(*c).is_empty()) {
@@ -63,9 +54,8 @@ pub fn read_table(path: &Path) -> Result<MarkerPaths, SessionError> {
         if let Some(places) = paths.points_m.last_mut()
             && places[index].replace(point).is_some()
         {
-            return Err(
-                row.refuse(marker, format!("{} is there twice at this time: keep one", row.text(marker)))
-            );
+            let detail = format!("{} is there twice at this time: keep one", row.text(marker));
+            return Err(row.refuse(marker, detail));
         }
     }
     Ok(paths)
@@ -119,22 +109,20 @@ pub fn poses_of_body(
     let (mut sum_m2, mut count, mut worst) = (0.0, 0usize, None);
     let mut poses = Vec::with_capacity(paths.t_ns.len());
     for (t_ns, places) in paths.t_ns.iter().zip(&paths.points_m) {
-        let seen = found.iter().filter_map(|(c, p)| Some((*p, places.get(*c).copied().flatten()?)));
-        let (in_body, in_world): (Vec<_>, Vec<_>) = seen.unzip();
-        let fit = rigid_fit(&in_body, &in_world, &vec![1.0; in_body.len()]);
-        let world_from_body = match fit {
+        let seen = || found.iter().filter_map(|(c, p)| Some((*p, places.get(*c).copied().flatten()?)));
+        let fit = rigid_fit(seen());
+        match &fit {
             Ok(fit) => {
-                sum_m2 += fit.residuals_m.iter().map(|r| r * r).sum::<f64>();
-                count += fit.residuals_m.len();
-                Some(fit.world_from_body)
+                let square_m2 = |(p, at): (Vector3<f64>, Vector3<f64>)| {
+                    (fit.rotation * p + fit.translation.vector - at).norm_squared()
+                };
+                sum_m2 += seen().map(square_m2).sum::<f64>();
+                count += seen().count();
             }
-            Err(GeometryError::TooFewMarkers { .. }) => None,
-            Err(error) => {
-                worst = Some(error.to_string());
-                None
-            }
-        };
-        poses.push(TimedPose { t_ns: *t_ns, world_from_body });
+            Err(GeometryError::TooFewMarkers { .. }) => {}
+            Err(error) => worst = Some(error.to_string()),
+        }
+        poses.push(TimedPose { t_ns: *t_ns, world_from_body: fit.ok() });
     }
     let measured = poses.iter().filter(|p| p.world_from_body.is_some()).count();
     if measured == 0 {
@@ -175,9 +163,7 @@ pub(super) struct Even {
 /// The even clock that the times lie on, with gaps where instants are missing.
 pub(super) fn even_clock(path: &Path, t_ns: &[i64]) -> Result<Even, SessionError> {
     let wrong = |detail: String| SessionError::value(path, "times", detail);
-    let mut intervals: Vec<i64> = t_ns.windows(2).map(|w| w[1] - w[0]).collect();
-    intervals.sort_unstable();
-    let Some(usual_ns) = intervals.get(intervals.len() / 2).filter(|i| **i > 0).copied() else {
+    let Some(usual_ns) = usual_interval_ns(t_ns.iter().copied()).filter(|i| *i > 0) else {
         return Err(wrong("at least two instants are needed for a rate".into()));
     };
     // Ticks are counted from one instant to the next, so that a rate known to a part of a nanosecond does not

@@ -19,9 +19,6 @@ pub enum PixelOrigin {
 }
 
 impl PixelOrigin {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::TopLeftZero, Self::Dltdv8, Self::Dltdv5, Self::Argus];
-
     /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
@@ -32,14 +29,23 @@ impl PixelOrigin {
         }
     }
 
+    pub(super) fn describe(self) -> &'static str {
+        match self {
+            Self::TopLeftZero => "this program, from 0 at the top left",
+            Self::Dltdv8 => "DLTdv8, from 1 at the top left",
+            Self::Dltdv5 => "DLTdv5 to 7, from 1 at the lower left",
+            Self::Argus => "Argus, from 0 and the lower left",
+        }
+    }
+
     /// Whether v grows downwards.
-    pub fn is_top_left(self) -> bool {
+    pub(super) fn is_top_left(self) -> bool {
         matches!(self, Self::TopLeftZero | Self::Dltdv8)
     }
 
     /// The affine map from their pixels to ours, of an image of that height; the inverse of lower-left maps
     /// has the same form.
-    pub fn ours_from_theirs(self, height_px: u32) -> Matrix3<f64> {
+    pub(super) fn ours_from_theirs(self, height_px: u32) -> Matrix3<f64> {
         let (du, sign, dv) = match self {
             Self::TopLeftZero => (0.0, 1.0, 0.0),
             Self::Dltdv8 => (-1.0, 1.0, -1.0),
@@ -50,19 +56,19 @@ impl PixelOrigin {
     }
 
     /// The map back.
-    pub fn theirs_from_ours(self, height_px: u32) -> Matrix3<f64> {
+    pub(super) fn theirs_from_ours(self, height_px: u32) -> Matrix3<f64> {
         let m = self.ours_from_theirs(height_px);
         let sign = m[(1, 1)];
         Matrix3::new(1.0, 0.0, -m[(0, 2)], 0.0, sign, -sign * m[(1, 2)], 0.0, 0.0, 1.0)
     }
 
     /// One pixel into ours.
-    pub fn to_ours(self, theirs: Vector2<f64>, height_px: u32) -> Vector2<f64> {
+    pub(super) fn to_ours(self, theirs: Vector2<f64>, height_px: u32) -> Vector2<f64> {
         (self.ours_from_theirs(height_px) * theirs.push(1.0)).xy()
     }
 
     /// One pixel of ours into theirs.
-    pub fn from_ours(self, ours: Vector2<f64>, height_px: u32) -> Vector2<f64> {
+    pub(super) fn from_ours(self, ours: Vector2<f64>, height_px: u32) -> Vector2<f64> {
         (self.theirs_from_ours(height_px) * ours.push(1.0)).xy()
     }
 }

@@ -1,6 +1,6 @@
 //! Cameras that another program has calibrated.
 
-use super::Noted;
+use super::{Noted, numbered};
 use crate::SessionError;
 use mavsight_geometry::{
     BrownConrady, Camera, ImageSize, Intrinsics, Isometry3, Matrix3, UnitQuaternion, Vector3,
@@ -10,7 +10,7 @@ use nalgebra::Rotation3;
 use std::path::Path;
 
 /// What is said of cameras whose file holds no uncertainty.
-pub const EXACT: &str = "the file says nothing of how certain the cameras are: they count as exact, and standard deviations of \
+const EXACT: &str = "the file says nothing of how certain the cameras are: they count as exact, and standard deviations of \
 poses hold the noise of the centres and the markers alone";
 
 /// A camera of another program: exact, with the least model that holds it.
@@ -56,12 +56,16 @@ pub(super) fn checked(
     Ok(k)
 }
 
-/// An image size from numbers that must be whole and above zero; says what is wrong with them.
-pub(super) fn image_size(width: f64, height: f64) -> Result<ImageSize, String> {
-    let fine = [width, height].iter().all(|n| n.fract() == 0.0 && (1.0..1e6).contains(n));
-    let size = ImageSize { width_px: width as u32, height_px: height as u32 };
-    let wrong = || format!("an image of {width} by {height} pixels: whole numbers above zero are wanted");
-    if fine { Ok(size) } else { Err(wrong()) }
+/// An image size from numbers that must be whole and above zero.
+pub(super) fn image_size(
+    width: f64,
+    height: f64,
+    refuse: impl FnOnce(String) -> SessionError,
+) -> Result<ImageSize, SessionError> {
+    if [width, height].iter().all(|n| n.fract() == 0.0 && (1.0..1e6).contains(n)) {
+        return Ok(ImageSize { width_px: width as u32, height_px: height as u32 });
+    }
+    Err(refuse(format!("an image of {width} by {height} pixels: whole numbers above zero are wanted")))
 }
 
 /// OpenCV's k1 k2 p1 p2 [k3 [k4 k5 k6 [...]]], of which this program has the first five.
@@ -82,6 +86,11 @@ pub(super) fn distortion(path: &Path, key: &str, d: &[f64]) -> Result<BrownConra
     Ok(BrownConrady { k1: at(0), k2: at(1), p1: at(2), p2: at(3), k3: at(4) })
 }
 
+/// The camera matrix, row by row.
+pub(super) fn camera_matrix(k: &Intrinsics) -> [f64; 9] {
+    [k.fx_px, 0.0, k.cx_px, 0.0, k.fy_px, k.cy_px, 0.0, 0.0, 1.0]
+}
+
 /// k1 k2 p1 p2 k3, OpenCV's order.
 pub(super) fn coefficients(d: &BrownConrady) -> [f64; 5] {
     [d.k1, d.k2, d.p1, d.p2, d.k3]
@@ -89,9 +98,9 @@ pub(super) fn coefficients(d: &BrownConrady) -> [f64; 5] {
 
 /// A transform from the upper three rows of its matrix, row by row; the 3×3 block must be a rotation.
 pub(super) fn isometry(path: &Path, key: &str, m: &[f64]) -> Result<Isometry3<f64>, SessionError> {
-    let wrong = |detail: String| Err(SessionError::value(path, key, detail));
     if m.len() != 12 && m.len() != 16 {
-        return wrong(format!("{} numbers: a transform has 12 or 16", m.len()));
+        let detail = format!("{} numbers: a transform has 12 or 16", m.len());
+        return Err(SessionError::value(path, key, detail));
     }
     let block = Matrix3::from_fn(|i, j| m[4 * i + j]);
     rotation(path, key, &block).map(|r| Isometry3::from_parts(Vector3::new(m[3], m[7], m[11]).into(), r))
@@ -109,19 +118,15 @@ pub(super) fn rotation(
         let detail = format!("not a rotation (R Rᵀ is off by {off:.1e}): check rows, signs and digits");
         return Err(SessionError::value(path, key, detail));
     }
-    Ok(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_eps(
-        block,
-        1e-15,
-        100,
-        Rotation3::from_matrix_unchecked(*block),
-    )))
+    let start = Rotation3::from_matrix_unchecked(*block);
+    let exact = Rotation3::from_matrix_eps(block, 1e-15, 100, start);
+    Ok(UnitQuaternion::from_rotation_matrix(&exact))
 }
 
 /// Row by row, 3×4.
 pub(super) fn rows_of(t: &Isometry3<f64>) -> [[f64; 4]; 3] {
-    let r = t.rotation.to_rotation_matrix().into_inner();
-    let v = t.translation.vector;
-    std::array::from_fn(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)], v[i]])
+    let m = t.to_homogeneous();
+    std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
 }
 
 /// Refuses skew that a format has no place for, unless it may be dropped; then says what that costs.
@@ -134,42 +139,15 @@ pub(super) fn without_skew(
     if k.skew_px == 0.0 {
         return Ok(None);
     }
-    let reach = f64::from(camera.camera.size.height_px) / 2.0 / k.fy_px * k.skew_px.abs();
-    let name = &camera.name;
+    let reach_px = f64::from(camera.camera.size.height_px) / 2.0 / k.fy_px * k.skew_px.abs();
+    let (name, skew) = (&camera.name, format!("a skew of {:.3} px", k.skew_px));
     if drop {
-        return Ok(Some(format!(
-            "camera {name}: a skew of {:.3} px is dropped: {reach:.3} px at the image's edge",
-            k.skew_px
-        )));
+        return Ok(Some(format!("camera {name}: {skew} is dropped: {reach_px:.3} px at the image's edge")));
     }
     let detail = format!(
-        "a skew of {:.3} px has no place in this format; --drop-skew leaves it out, which moves the image's edge by {reach:.3} px",
-        k.skew_px
+        "{skew} has no place in this format; --drop-skew leaves it out, which moves the image's edge by {reach_px:.3} px"
     );
     Err(SessionError::value(path, format!("camera {name}"), detail))
-}
-
-/// The one camera of a rig that a file for one camera is to hold.
-///
-/// # Errors
-/// A name that is not there, or none where there are several.
-pub fn one_camera<'a>(path: &Path, rig: &'a Rig, name: Option<&str>) -> Result<&'a RigCamera, SessionError> {
-    let names: Vec<&str> = rig.cameras.iter().map(|c| c.name.as_str()).collect();
-    match (name, rig.cameras.as_slice()) {
-        (None, [only]) => Ok(only),
-        (None, _) => Err(SessionError::value(
-            path,
-            "camera",
-            format!("the format holds one: choose by --camera, of {}", names.join(", ")),
-        )),
-        (Some(name), cameras) => cameras.iter().find(|c| c.name == name).ok_or_else(|| {
-            SessionError::value(
-                path,
-                "camera",
-                format!("{name:?} is not there: choose of {}", names.join(", ")),
-            )
-        }),
-    }
 }
 
 /// Name and size of each camera of a file that says neither; refuses numbers of them that do not fit.
@@ -182,23 +160,19 @@ pub(super) fn names_and_sizes(
     sizes: &[ImageSize],
 ) -> Result<Vec<(String, ImageSize)>, SessionError> {
     if !names.is_empty() && names.len() != count {
-        return Err(SessionError::value(
-            path,
-            "names",
-            format!("{} names for {count} cameras: give one each", names.len()),
-        ));
+        let detail = format!("{} names for {count} cameras: give one each", names.len());
+        return Err(SessionError::value(path, "names", detail));
     }
-    let size = |k: usize| match sizes {
-        [one] => Some(*one),
-        many => many.get(k).filter(|_| many.len() == count).copied(),
+    let sizes = match sizes {
+        [one] => vec![*one; count],
+        many if many.len() == count => many.to_vec(),
+        many => {
+            let detail = format!(
+                "the file does not say it: give --size 640x480 for all cameras, or {count} sizes with commas between ({} given)",
+                many.len()
+            );
+            return Err(SessionError::value(path, "image size", detail));
+        }
     };
-    let one = |k: usize| {
-        let detail = format!(
-            "the file does not say it: give --size 640x480 for all cameras, or {count} sizes with commas between ({} given)",
-            sizes.len()
-        );
-        let size = size(k).ok_or_else(|| SessionError::value(path, "image size", detail))?;
-        Ok((names.get(k).cloned().unwrap_or_else(|| format!("cam{}", k + 1)), size))
-    };
-    (0..count).map(one).collect()
+    Ok(sizes.into_iter().enumerate().map(|(k, size)| (numbered(names, k, "cam"), size)).collect())
 }

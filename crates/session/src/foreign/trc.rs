@@ -1,7 +1,8 @@
 //! TRC (track row column) of Motion Analysis and OpenSim: markers in space, tabs between, a time in each row.
 
 use super::marker_paths::MarkerPaths;
-use super::text::{Line, Text, decimal_from_ns, ns_from_decimal};
+use super::text::{Line, Text};
+use crate::decimal::{decimal_from_ns, ns_from_decimal};
 use crate::{SessionError, write_whole};
 use mavsight_geometry::Vector3;
 use std::path::Path;
@@ -27,28 +28,19 @@ pub fn read(path: &Path) -> Result<MarkerPaths, SessionError> {
         scale_of(unit).ok_or_else(|| values.refuse(format!("Units is {unit:?}: mm, cm or m is wanted")))?;
     let names: Vec<String> =
         labels.cells('\t').iter().skip(2).filter(|n| !n.is_empty()).map(|n| (*n).to_owned()).collect();
-    let announced = entry("NumMarkers").and_then(|n| n.parse::<usize>().ok());
-    if announced != Some(names.len()) {
-        let detail = format!(
-            "{} labels where NumMarkers is {}",
-            names.len(),
-            entry("NumMarkers").unwrap_or("missing")
-        );
-        return Err(labels.refuse(detail));
-    }
+    let is_announced = |key: &str, count: usize| {
+        let text = entry(key).unwrap_or("missing");
+        if text.parse() == Ok(count) { Ok(()) } else { Err(format!("where {key} is {text}")) }
+    };
+    is_announced("NumMarkers", names.len())
+        .map_err(|wrong| labels.refuse(format!("{} labels {wrong}", names.len())))?;
     let mut paths = MarkerPaths { names, ..MarkerPaths::default() };
     for line in rows {
         row(line, scale, &mut paths)?;
     }
-    let frames = entry("NumFrames").and_then(|n| n.parse::<usize>().ok());
-    if frames != Some(paths.t_ns.len()) {
-        let detail = format!(
-            "{} frames where NumFrames is {}: the file breaks off",
-            paths.t_ns.len(),
-            entry("NumFrames").unwrap_or("missing")
-        );
-        return Err(text.refuse_end(detail));
-    }
+    let frames = paths.t_ns.len();
+    is_announced("NumFrames", frames)
+        .map_err(|wrong| text.refuse_end(format!("{frames} frames {wrong}: the file breaks off")))?;
     Ok(paths)
 }
 
@@ -73,11 +65,11 @@ fn row(line: &Line, scale: f64, paths: &mut MarkerPaths) -> Result<(), SessionEr
         match p {
             [Some(x), Some(y), Some(z)] => Ok(Some(Vector3::new(x, y, z) * scale)),
             [None, None, None] => Ok(None),
-            _ => Err(line.refuse(format!(
-                "columns {} to {}: some coordinates of a marker are missing, others not",
-                3 + 3 * k,
-                5 + 3 * k
-            ))),
+            _ => {
+                let (from, to) = (3 + 3 * k, 5 + 3 * k);
+                let detail = "some coordinates of a marker are missing, others not";
+                Err(line.refuse(format!("columns {from} to {to}: {detail}")))
+            }
         }
     };
     let places = (0..paths.names.len()).map(place).collect::<Result<Vec<_>, _>>()?;

@@ -4,8 +4,9 @@
 //! Tags such as `!!opencv-matrix` are passed over, and so is OpenCV 4's first line `%YAML:1.0`, which is not
 //! YAML. Anchors, aliases and several documents are refused.
 
-use super::text::Text;
-use crate::SessionError;
+use super::rigs::checked;
+use crate::{SessionError, error::read_text};
+use mavsight_geometry::{ImageSize, Intrinsics};
 use saphyr_parser::{Event, Parser};
 use std::path::{Path, PathBuf};
 
@@ -47,20 +48,15 @@ pub(super) struct YamlFile {
 impl YamlFile {
     /// Reads a file.
     pub(super) fn read(path: &Path, role: &str) -> Result<Self, SessionError> {
-        let text = Text::read(path, role)?;
-        let directive = |line: &str| line.starts_with('%');
-        let lines: Vec<&str> = text.lines().map(|l| if directive(l.text) { "#" } else { l.text }).collect();
-        let root = tree(&lines.join("\n"), lines.len() as u64).map_err(|wrong| SessionError::Row {
-            path: path.to_owned(),
-            line: wrong.line,
-            detail: wrong.detail,
-        })?;
+        let text = read_text(path, role)?;
+        let lines: Vec<&str> = text.lines().map(|l| if l.starts_with('%') { "#" } else { l }).collect();
+        let root = tree(path, &lines.join("\n"), lines.len() as u64)?;
         Ok(Self { path: path.to_owned(), root })
     }
 
     /// The error for one node.
     pub(super) fn refuse(&self, node: &Yaml, detail: impl Into<String>) -> SessionError {
-        SessionError::Row { path: self.path.clone(), line: node.line, detail: detail.into() }
+        SessionError::line(&self.path, node.line, detail)
     }
 
     /// A key that must be there.
@@ -68,6 +64,27 @@ impl YamlFile {
         node.get(key).ok_or_else(|| {
             self.refuse(node, format!("there is no {key:?}; the keys are {}: add it", node.keys().join(", ")))
         })
+    }
+
+    /// A key's text, which must be one of those that are known.
+    pub(super) fn word<'a>(
+        &self,
+        node: &'a Yaml,
+        key: &str,
+        known: &[&str],
+        remedy: &str,
+    ) -> Result<&'a str, SessionError> {
+        let at = self.key(node, key)?;
+        let text = at.text().unwrap_or("");
+        let wrong = || self.refuse(at, format!("{key} {text:?}: {remedy}"));
+        if known.contains(&text) { Ok(text) } else { Err(wrong()) }
+    }
+
+    /// The camera matrix of a key, for images of that size.
+    pub(super) fn intrinsics(&self, key: &str, size: ImageSize) -> Result<Intrinsics, SessionError> {
+        let m = self.shaped(self.key(&self.root, key)?, 3, 3)?;
+        let k = Intrinsics { fx_px: m[0], skew_px: m[1], cx_px: m[2], fy_px: m[4], cy_px: m[5] };
+        checked(&self.path, key, k, size)
     }
 
     /// A node's finite number.
@@ -104,24 +121,16 @@ impl YamlFile {
         let side = |key: &str| -> Result<usize, SessionError> {
             let at = self.key(node, key)?;
             let n = self.number(at)?;
-            let whole = n.fract() == 0.0 && (0.0..=1e6).contains(&n);
-            if whole {
-                Ok(n as usize)
-            } else {
-                Err(self.refuse(at, format!("{key} is {n}: a whole number is wanted")))
-            }
+            let is_whole = n.fract() == 0.0 && (0.0..=1e6).contains(&n);
+            let wrong = || self.refuse(at, format!("{key} is {n}: a whole number is wanted"));
+            if is_whole { Ok(n as usize) } else { Err(wrong()) }
         };
         let (rows, cols) = (side("rows")?, side("cols")?);
         let at = self.key(node, "data")?;
         let data = self.numbers(at)?;
         if data.len() != rows * cols {
-            return Err(self.refuse(
-                at,
-                format!(
-                    "{} numbers where {rows} rows of {cols} are announced: the file is damaged",
-                    data.len()
-                ),
-            ));
+            let announced = format!("{rows} rows of {cols} are announced: the file is damaged");
+            return Err(self.refuse(at, format!("{} numbers where {announced}", data.len())));
         }
         Ok(Matrix { rows, cols, data })
     }
@@ -171,12 +180,6 @@ impl Yaml {
     }
 }
 
-/// What is wrong, and where.
-struct Wrong {
-    line: u64,
-    detail: String,
-}
-
 /// A list or map that is being read; of a map, the key whose value comes next.
 struct Open {
     node: Yaml,
@@ -184,7 +187,7 @@ struct Open {
 }
 
 /// Builds the tree of the one document in a text of so many lines.
-fn tree(text: &str, lines: u64) -> Result<Yaml, Wrong> {
+fn tree(path: &Path, text: &str, lines: u64) -> Result<Yaml, SessionError> {
     let (mut open, mut root): (Vec<Open>, Option<Yaml>) = (Vec::new(), None);
     for event in Parser::new_from_str(text) {
         let (event, span) = event.map_err(|e| {
@@ -194,10 +197,10 @@ fn tree(text: &str, lines: u64) -> Result<Yaml, Wrong> {
             } else {
                 "check brackets, quotes and indentation, which has spaces and no tab"
             };
-            Wrong { line, detail: format!("{} ({hint})", e.info()) }
+            SessionError::line(path, line, format!("{} ({hint})", e.info()))
         })?;
         let line = span.start.line() as u64;
-        let wrong = |detail: String| Err(Wrong { line, detail });
+        let wrong = |detail: &str| Err(SessionError::line(path, line, detail));
         let (value, anchor) = match event {
             Event::Scalar(text, _, anchor, _) => (Some(Value::Scalar(text.into_owned())), anchor),
             Event::SequenceStart(anchor, _) => (Some(Value::List(Vec::new())), anchor),
@@ -205,17 +208,17 @@ fn tree(text: &str, lines: u64) -> Result<Yaml, Wrong> {
             Event::SequenceEnd | Event::MappingEnd => (None, 0),
             Event::Alias(anchor) => (None, anchor),
             Event::DocumentStart(_) if root.is_some() => {
-                return wrong("a second document begins here: one file holds one calibration".into());
+                return wrong("a second document begins here: one file holds one calibration");
             }
             _ => continue,
         };
         if anchor != 0 {
-            return wrong("anchors and aliases are not read here: write the value out".into());
+            return wrong("anchors and aliases are not read here: write the value out");
         }
-        let mut node = match value {
-            Some(scalar @ Value::Scalar(_)) => Yaml { line, value: scalar },
+        let node = match value {
+            Some(value @ Value::Scalar(_)) => Yaml { line, value },
             Some(_) if open.len() >= DEEPEST => {
-                return wrong(format!("nested more than {DEEPEST} deep: no calibration is"));
+                return wrong(&format!("nested more than {DEEPEST} deep: no calibration is"));
             }
             Some(value) => {
                 open.push(Open { node: Yaml { line, value }, key: None });
@@ -226,24 +229,21 @@ fn tree(text: &str, lines: u64) -> Result<Yaml, Wrong> {
                 None => continue,
             },
         };
-        match open.last_mut() {
-            None => root = Some(node),
-            Some(Open { node: Yaml { value: Value::Map(entries), .. }, key }) => {
-                match (key.take(), node.value) {
-                    (Some(key), value) => {
-                        node.value = value;
-                        entries.push((key, node));
-                    }
-                    (None, Value::Scalar(name)) if entries.iter().any(|(k, _)| *k == name) => {
-                        return wrong(format!("{name:?} is there twice: keep one"));
-                    }
-                    (None, Value::Scalar(name)) => *key = Some(name),
-                    (None, _) => return wrong("a list or map stands where a key is wanted".into()),
+        let Some(Open { node: Yaml { value: parent, .. }, key }) = open.last_mut() else {
+            root = Some(node);
+            continue;
+        };
+        match (parent, key.take(), node) {
+            (Value::List(items), _, node) => items.push(node),
+            (Value::Map(entries), Some(key), node) => entries.push((key, node)),
+            (Value::Map(entries), None, Yaml { value: Value::Scalar(name), .. }) => {
+                if entries.iter().any(|(k, _)| *k == name) {
+                    return wrong(&format!("{name:?} is there twice: keep one"));
                 }
+                *key = Some(name);
             }
-            Some(Open { node: Yaml { value: Value::List(items), .. }, .. }) => items.push(node),
-            Some(_) => {}
+            _ => return wrong("a list or map stands where a key is wanted"),
         }
     }
-    root.ok_or_else(|| Wrong { line: 1, detail: "the file is empty".into() })
+    root.ok_or_else(|| SessionError::line(path, 1, "the file is empty"))
 }

@@ -23,15 +23,6 @@ pub struct MarkerAsBuilt {
     pub diameter_std_m: Option<f64>,
 }
 
-/// A row of the table.
-pub(super) fn row(marker: &MarkerAsBuilt) -> Vec<String> {
-    let numbers = marker.position_m.iter().chain(marker.position_std_m.iter()).chain([&marker.diameter_m]);
-    let mut cells = vec![marker.name.clone()];
-    cells.extend(numbers.map(|x| format!("{x:?}")));
-    cells.push(marker.diameter_std_m.map_or(String::new(), |x| format!("{x:?}")));
-    cells
-}
-
 /// Reads `body.csv`.
 ///
 /// # Errors
@@ -40,14 +31,11 @@ pub fn read_body(path: &Path) -> Result<Vec<MarkerAsBuilt>, SessionError> {
     let table = Table::read(path, "markers as built: `track` writes them")?;
     let [name, x, y, z, x_std, y_std, z_std, diameter, diameter_std] = table.columns(columns::BODY)?;
     let read = |row: crate::table::Row<'_>| {
-        let [x_m, y_m, z_m] = row.numbers([x, y, z])?;
-        let std_m = row.numbers([x_std, y_std, z_std])?;
-        let [diameter_m] = row.numbers([diameter])?;
         Ok(MarkerAsBuilt {
             name: row.text(name).to_owned(),
-            position_m: Vector3::new(x_m, y_m, z_m),
-            position_std_m: std_m.into(),
-            diameter_m,
+            position_m: row.numbers([x, y, z])?.into(),
+            position_std_m: row.numbers([x_std, y_std, z_std])?.into(),
+            diameter_m: row.number(diameter)?,
             diameter_std_m: row.number_if_any(diameter_std)?,
         })
     };

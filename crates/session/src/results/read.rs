@@ -1,21 +1,21 @@
 //! Results from their files, so that a stage can begin where another one ended.
 
-use super::columns;
+use super::columns::{self, Series};
 use crate::table::{Row, Table};
-use crate::{SessionError, error::require_file};
-use mavsight_geometry::{EulerAngles, Matrix2, Matrix3, Matrix6, Vector2, Vector3, world_from_body};
-use mavsight_pose::{MarkerObservation, PoseEstimate, PoseSample, covariance_from_std};
-use nalgebra::Matrix6xX;
+use crate::{SessionError, error::read_text};
+use mavsight_geometry::{EulerAngles, Isometry3, Matrix2, Matrix6, Vector2, Vector3, world_from_body};
+use mavsight_pose::{MarkerObservation, MarkerSet, PoseError, PoseEstimate, PoseSample, covariance_from_std};
+use nalgebra::{Matrix6xX, Vector6};
 use std::path::Path;
 
 /// What a pose without `_std` columns is taken to be good to: a millimetre and a milliradian. Only their
 /// ratio matters, since the smoother finds the scale of the noise from the poses themselves.
-const UNKNOWN_STD: [f64; 6] = [1e-3; 6];
+const UNKNOWN_STD: f64 = 1e-3;
 
 /// Whether a pose was read from a table that says of no coordinate how good it is.
 pub fn has_assumed_std(estimate: &PoseEstimate) -> bool {
     estimate.systematic_columns() == 0
-        && estimate.own_covariance() == covariance_from_std(&estimate.world_from_body, &UNKNOWN_STD)
+        && estimate.own_covariance() == covariance_from_std(&estimate.world_from_body, &[UNKNOWN_STD; 6])
 }
 
 /// Reads `markers.csv`. Only the standard deviations are on file: the covariance between u and v is zero.
@@ -29,18 +29,12 @@ pub fn read_markers(
 ) -> Result<Vec<MarkerObservation>, SessionError> {
     let table = Table::read(path, "markers: `track` writes them")?;
     let [t, camera, marker, u, v, u_std, v_std] = table.columns(columns::MARKERS)?;
-    let index = |row: Row<'_>, column: usize, names: &[String]| {
-        let text = row.text(column);
-        names.iter().position(|n| n == text).ok_or_else(|| {
-            row.refuse(column, format!("{text:?} is not known: use one of {}", names.join(", ")))
-        })
-    };
     let read = |row: Row<'_>| {
         let [u_px, v_px, u_std_px, v_std_px] = row.numbers([u, v, u_std, v_std])?;
         Ok(MarkerObservation {
             t_ns: row.time_ns(t)?,
-            camera: index(row, camera, camera_names)?,
-            marker: index(row, marker, marker_names)?,
+            camera: row.place_in(camera, camera_names)?,
+            marker: row.place_in(marker, marker_names)?,
             pixel: Vector2::new(u_px, v_px),
             covariance_px2: Matrix2::new(u_std_px * u_std_px, 0.0, 0.0, v_std_px * v_std_px),
         })
@@ -62,101 +56,67 @@ pub fn read_markers(
 /// Names the file, row and column.
 pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample>, SessionError> {
     let table = Table::read(path, "poses: `track` writes them")?;
-    let t = table.column("t_s")?;
-    let mut values = [0; 6];
-    let mut stds = [None; 6];
-    for (k, quantity) in columns::POSE.into_iter().enumerate() {
-        values[k] = table.column(&columns::value(quantity))?;
-        stds[k] = table.column(&columns::std(quantity)).ok();
-    }
+    let series = Series::of(&table, columns::POSE.into_iter())?;
     let (markers, residual) = (table.column("markers").ok(), table.column("residual_px").ok());
     let own = columns::upper_triangle().map(|at| table.column(&columns::new_covariance(at)));
     let own: Option<Vec<usize>> = own.collect::<Result<_, _>>().ok();
-    let mut samples: Vec<PoseSample> = Vec::new();
-    for row in table.rows()? {
-        let t_ns = row.time_ns(t)?;
-        if samples.last().is_some_and(|before| before.t_ns >= t_ns) {
-            return Err(
-                row.refuse(t, "the time does not come after that of the row before: sort the rows".into())
-            );
-        }
-        if values.iter().all(|column| row.text(*column).is_empty()) {
-            samples.push(PoseSample { t_ns, estimate: None, reason: Some("not measured".into()) });
-            continue;
-        }
-        let pose = row.numbers(values)?;
-        let used = markers.map(|c| row.text(c)).unwrap_or("");
-        let stds = std_cells(row, stds)?;
+    let read = |instant: columns::Instant<'_, 6>| {
+        let (row, t_ns) = (instant.row, instant.t_ns);
+        let Some(pose) = instant.values else {
+            return Ok(PoseSample { t_ns, estimate: Err(PoseError::NotMeasured) });
+        };
+        let stds = series.stds(row, UNKNOWN_STD, |std| std > 0.0)?;
         let place = isometry(&pose);
         let estimate = match &own {
-            Some(columns) => {
-                let (new, systematic) = with_new_part(row, columns, &pose, &stds)?;
-                PoseEstimate::new(place, &new).with_systematic(&systematic)
-            }
+            Some(columns) => with_new_part(row, columns, &pose, &stds)?,
             None => PoseEstimate::new(place, &covariance_from_std(&place, &stds)),
         };
+        let used = markers.map(|c| row.text(c)).unwrap_or("");
         let is_used = |m: &usize| used.split_whitespace().any(|name| name == marker_names[*m]);
-        let by: Vec<usize> = (0..marker_names.len()).filter(is_used).collect();
+        let by: MarkerSet = (0..marker_names.len()).filter(is_used).collect();
         let residual_px = residual.map_or(Ok(None), |c| row.number_if_any(c))?.unwrap_or(0.0);
-        let estimate = estimate.by_markers(&by, &[], residual_px);
-        samples.push(PoseSample { t_ns, estimate: Some(estimate), reason: None });
-    }
-    Ok(samples)
-}
-
-fn std_cells(row: Row<'_>, columns: [Option<usize>; 6]) -> Result<[f64; 6], SessionError> {
-    let mut stds = UNKNOWN_STD;
-    for (std, column) in stds.iter_mut().zip(columns) {
-        let Some(column) = column else { continue };
-        let Some(value) = row.number_if_any(column)? else { continue };
-        if value <= 0.0 {
-            return Err(
-                row.refuse(column, format!("{value} must be above zero: leave the cell empty if unknown"))
-            );
-        }
-        *std = value;
-    }
-    Ok(stds)
+        Ok(PoseSample { t_ns, estimate: Ok(estimate.by_markers(by, MarkerSet::default(), residual_px)) })
+    };
+    series.rows(&table)?.into_iter().map(read).collect()
 }
 
 fn angles(pose: &[f64; 6]) -> EulerAngles {
     EulerAngles { phi_rad: pose[3], theta_rad: pose[4], psi_rad: pose[5] }
 }
 
-pub(super) fn isometry(pose: &[f64; 6]) -> mavsight_geometry::Isometry3<f64> {
+pub(super) fn isometry(pose: &[f64; 6]) -> Isometry3<f64> {
     world_from_body(Vector3::new(pose[0], pose[1], pose[2]), angles(pose))
 }
 
-/// The covariance of what is new in each frame, and what the standard deviations have beyond it as systematic
-/// columns.
+/// A pose with the covariance of what is new in each frame, and what the standard deviations have beyond it
+/// as systematic columns.
 fn with_new_part(
     row: Row<'_>,
     columns: &[usize],
     pose: &[f64; 6],
     stds: &[f64; 6],
-) -> Result<(Matrix6<f64>, Matrix6xX<f32>), SessionError> {
+) -> Result<PoseEstimate, SessionError> {
     let mut own = Matrix6::zeros();
     for ((i, j), column) in columns::upper_triangle().zip(columns) {
-        let [value] = row.numbers([*column])?;
+        let value = row.number(*column)?;
         (own[(i, j)], own[(j, i)]) = (value, value);
     }
-    let euler_from_turn = angles(pose).rates_from_body_rates();
-    let turn_from_euler = euler_from_turn.try_inverse().filter(|j| j.iter().all(|x| x.is_finite()));
-    let (to_euler, to_turn) = turn_from_euler
-        .map_or((Matrix3::identity(), Matrix3::identity()), |inverse| (euler_from_turn, inverse));
-    let turn = to_euler * own.fixed_view::<3, 3>(3, 3) * to_euler.transpose();
+    let mut to_euler = Matrix6::identity();
+    to_euler.fixed_view_mut::<3, 3>(3, 3).copy_from(&angles(pose).rates_from_body_rates());
+    let to_turn = to_euler.try_inverse().filter(|inverse| inverse.iter().all(|x| x.is_finite()));
+    let to_turn = to_turn.unwrap_or_else(|| {
+        to_euler = Matrix6::identity();
+        to_euler
+    });
+    let new = (to_euler * own * to_euler.transpose()).diagonal();
     // Below a billionth of the variance the difference is one of the last digits.
-    let beyond = |std: f64, new: f64| {
+    let beyond = Vector6::from(*stds).zip_map(&new, |std, new| {
         let rest = std * std - new;
         if rest > 1e-9 * std * std { rest.sqrt() } else { 0.0 }
-    };
-    let mut systematic = Matrix6xX::zeros(6);
-    for k in 0..3 {
-        systematic[(k, k)] = beyond(stds[k], own[(k, k)]);
-        let column = to_turn.column(k) * beyond(stds[3 + k], turn[(k, k)]);
-        systematic.fixed_view_mut::<3, 1>(3, 3 + k).copy_from(&column);
-    }
-    Ok((own, systematic.map(|v: f64| v as f32)))
+    });
+    let systematic = (to_turn * Matrix6::from_diagonal(&beyond)).map(|v| v as f32);
+    let systematic = Matrix6xX::from_column_slice(systematic.as_slice());
+    Ok(PoseEstimate::new(isometry(pose), &own).with_systematic(&systematic))
 }
 
 /// Reads `summary.json`.
@@ -164,11 +124,7 @@ fn with_new_part(
 /// # Errors
 /// A file that is missing or not JSON.
 pub fn read_summary(path: &Path) -> Result<serde_json::Value, SessionError> {
-    require_file(path, "summary of a run")?;
-    let text = std::fs::read_to_string(path).map_err(|e| SessionError::io(path, "read it", e))?;
-    serde_json::from_str(&text).map_err(|e| SessionError::Row {
-        path: path.to_owned(),
-        line: e.line() as u64,
-        detail: format!("not JSON: {e}"),
-    })
+    let text = read_text(path, "summary of a run")?;
+    serde_json::from_str(&text)
+        .map_err(|e| SessionError::line(path, e.line() as u64, format!("not JSON: {e}")))
 }

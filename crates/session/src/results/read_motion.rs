@@ -1,11 +1,12 @@
 //! Motion from its table, and whichever of poses and motion a table holds.
 
-use super::columns;
+use super::columns::{self, Series};
 use super::read::{isometry, read_poses, read_summary};
 use crate::SessionError;
 use crate::table::Table;
 use mavsight_geometry::Vector3;
-use mavsight_pose::{Motion, MotionCovariance, MotionSample, PoseSample, covariance_from_std};
+use mavsight_pipeline::usual_interval_ns;
+use mavsight_pose::{Motion, MotionCovariance, MotionSample, PoseError, PoseSample, covariance_from_std};
 use nalgebra::SMatrix;
 use std::path::Path;
 
@@ -26,7 +27,7 @@ pub enum FlightTable {
 /// Those of [`read_motion`] and [`read_poses`].
 pub fn read_flight_table(path: &Path, marker_names: &[String]) -> Result<FlightTable, SessionError> {
     let table = Table::read(path, "flight")?;
-    let moved = columns::RATES.iter().all(|q| table.column_if_any(&columns::value(*q)).is_some());
+    let moved = columns::RATES.iter().all(|q| table.column(&columns::value(*q)).is_ok());
     Ok(if moved {
         FlightTable::Motion(read_motion(path)?)
     } else {
@@ -35,7 +36,7 @@ pub fn read_flight_table(path: &Path, marker_names: &[String]) -> Result<FlightT
 }
 
 fn with_missing_rows(poses: Vec<PoseSample>) -> Vec<PoseSample> {
-    let Some(usual_ns) = median(poses.windows(2).map(|w| w[1].t_ns - w[0].t_ns).collect()) else {
+    let Some(usual_ns) = usual_interval_ns(poses.iter().map(|p| p.t_ns)) else {
         return poses;
     };
     let count = poses.len() as i64;
@@ -48,8 +49,7 @@ fn with_missing_rows(poses: Vec<PoseSample>) -> Vec<PoseSample> {
             let missing = if missing < count { missing.max(0) } else { 0 };
             out.extend((1..=missing).map(|k| PoseSample {
                 t_ns: before_ns + (gap_ns as i128 * k as i128 / (missing + 1) as i128) as i64,
-                estimate: None,
-                reason: Some("the row is missing".into()),
+                estimate: Err(PoseError::MissingRow),
             }));
         }
         out.push(pose);
@@ -67,63 +67,39 @@ fn with_missing_rows(poses: Vec<PoseSample>) -> Vec<PoseSample> {
 /// Names the file, row and column, or the key of the summary; times must increase.
 pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
     let table = Table::read(path, "motion: `track` writes it")?;
-    let t = table.column("t_s")?;
-    let mut values = [0; 18];
-    let mut stds = [None; 18];
-    for (k, quantity) in columns::POSE.iter().chain(&columns::RATES).enumerate() {
-        values[k] = table.column(&columns::value(*quantity))?;
-        stds[k] = table.column_if_any(&columns::std(*quantity));
-    }
+    let series = Series::of(&table, columns::motion())?;
     let (mut samples, mut unknown_ns): (Vec<MotionSample>, Vec<i64>) = (Vec::new(), Vec::new());
-    for row in table.rows()? {
-        let t_ns = row.time_ns(t)?;
-        if samples.last().is_some_and(|before| before.t_ns >= t_ns) {
-            let detail = "the time does not come after that of the row before: sort the rows".into();
-            return Err(row.refuse(t, detail));
-        }
-        if values.iter().all(|column| row.text(*column).is_empty()) {
-            unknown_ns.push(t_ns);
+    for instant in series.rows(&table)? {
+        let Some(values) = instant.values else {
+            unknown_ns.push(instant.t_ns);
             continue;
-        }
-        let mut std = [0.0; 18];
-        for (std, column) in std.iter_mut().zip(stds) {
-            *std = column.map_or(Ok(None), |c| row.number_if_any(c))?.unwrap_or(0.0);
-        }
-        samples.push(motion_sample(t_ns, &row.numbers(values)?, &std));
-    }
-    let summary_path = path.with_file_name(super::names::SUMMARY);
-    if summary_path.is_file() {
-        let summary = read_summary(&summary_path)?;
-        let figure = |key: &str| {
-            let value = summary.get("smoother").and_then(|s| s.get(key)).and_then(serde_json::Value::as_f64);
-            let detail = "is missing: make motion.csv and summary.json again, or remove the latter";
-            value.ok_or_else(|| SessionError::value(&summary_path, format!("smoother.{key}"), detail))
         };
-        return Ok(Motion {
-            samples,
-            unknown_ns,
-            translation_bandwidth_hz: figure("translation_bandwidth_hz")?,
-            rotation_bandwidth_hz: figure("rotation_bandwidth_hz")?,
-            sample_interval_s: figure("sample_interval_s")?,
-        });
+        samples.push(motion_sample(instant.t_ns, &values, &series.stds(instant.row, 0.0, |_| true)?));
     }
-    let none = || SessionError::EmptyTable { path: path.to_owned() };
-    let interval_ns = median(samples.windows(2).map(|w| w[1].t_ns - w[0].t_ns).collect());
-    let sample_interval_s = crate::s_from_ns(interval_ns.ok_or_else(none)?);
-    let nyquist_hz = 0.5 / sample_interval_s;
-    Ok(Motion {
-        samples,
-        unknown_ns,
-        translation_bandwidth_hz: nyquist_hz,
-        rotation_bandwidth_hz: nyquist_hz,
-        sample_interval_s,
-    })
+    let [translation_bandwidth_hz, rotation_bandwidth_hz, sample_interval_s] = smoother(path, &samples)?;
+    Ok(Motion { samples, unknown_ns, translation_bandwidth_hz, rotation_bandwidth_hz, sample_interval_s })
 }
 
-/// None of nothing.
-fn median(mut intervals_ns: Vec<i64>) -> Option<i64> {
-    intervals_ns.sort_unstable();
-    intervals_ns.get(intervals_ns.len() / 2).copied()
+/// The bandwidths of translation and rotation and the sampling interval of a motion: those of the summary
+/// next to it, or what its times show.
+fn smoother(path: &Path, samples: &[MotionSample]) -> Result<[f64; 3], SessionError> {
+    let summary_path = path.with_file_name(super::names::SUMMARY);
+    if !summary_path.is_file() {
+        let interval_ns = usual_interval_ns(samples.iter().map(|s| s.t_ns));
+        let interval_s = crate::s_from_ns(interval_ns.ok_or_else(|| SessionError::no_rows(path))?);
+        return Ok([0.5 / interval_s, 0.5 / interval_s, interval_s]);
+    }
+    let summary = read_summary(&summary_path)?;
+    let mut figures = [0.0; 3];
+    for (figure, key) in
+        figures.iter_mut().zip(["translation_bandwidth_hz", "rotation_bandwidth_hz", "sample_interval_s"])
+    {
+        *figure = summary["smoother"][key].as_f64().ok_or_else(|| {
+            let detail = "is missing: make motion.csv and summary.json again, or remove the latter";
+            SessionError::value(&summary_path, format!("smoother.{key}"), detail)
+        })?;
+    }
+    Ok(figures)
 }
 
 fn motion_sample(t_ns: i64, value: &[f64; 18], std: &[f64; 18]) -> MotionSample {

@@ -1,6 +1,7 @@
 //! `rig.toml`: the cameras, with the eleven parameters and what they mean.
 
-use crate::{SessionError, toml_file::read_toml, write_whole};
+use crate::SessionError;
+use crate::files::{read_toml, toml_text, write_whole};
 use mavsight_geometry::{
     BrownConrady, CAMERA_PARAMETERS, Camera, Dlt, ImageSize, Intrinsics, Isometry3, Matrix3, UnitQuaternion,
     Vector3,
@@ -34,7 +35,6 @@ struct RigFile {
 #[serde(deny_unknown_fields)]
 struct LeftOutEntry {
     name: String,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     camera: Option<String>,
     kind: LeftOutKind,
     /// The other points concerned.
@@ -62,12 +62,11 @@ struct CameraEntry {
     /// Name of the camera model that was chosen.
     model: String,
     /// L1 to L11 of the camera without its distortion; absent where the world's origin has no image.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     dlt: Option<[f64; 11]>,
     centre_in_world_m: [f64; 3],
     centre_std_m: [f64; 3],
     /// Row by row.
-    centre_cov_m2: Vec<f64>,
+    centre_cov_m2: [f64; 9],
     /// Of the rotation from world to camera axes.
     cam_from_world_wxyz: [f64; 4],
     fx_px: f64,
@@ -116,8 +115,7 @@ pub(super) fn text(rig: &Rig, path: &Path) -> Result<String, SessionError> {
         left_out: rig.left_out.iter().map(left_out_entry).collect(),
         camera: rig.cameras.iter().map(entry).collect(),
     };
-    toml::to_string(&file)
-        .map_err(|e| SessionError::io(path, "express it as TOML", std::io::Error::other(e.to_string())))
+    toml_text(path, &file)
 }
 
 fn left_out_entry(point: &LeftOut) -> LeftOutEntry {
@@ -141,7 +139,7 @@ fn entry(camera: &RigCamera) -> CameraEntry {
         dlt: Dlt::from_camera(&camera.camera).ok().map(|dlt| dlt.l),
         centre_in_world_m: camera.camera.centre_in_world().into(),
         centre_std_m: camera.centre_std_m.into(),
-        centre_cov_m2: camera.centre_cov_m2.transpose().iter().copied().collect(),
+        centre_cov_m2: std::array::from_fn(|k| camera.centre_cov_m2[(k / 3, k % 3)]),
         cam_from_world_wxyz: [q.w, q.i, q.j, q.k],
         fx_px: i.fx_px,
         fy_px: i.fy_px,
@@ -185,10 +183,7 @@ pub fn read_rig(path: &Path) -> Result<Rig, SessionError> {
         return Err(refuse("uncertainty", detail));
     }
     let uncertainty = DMatrix::from_fn(rows, file.uncertainty.len(), |i, k| file.uncertainty[k][i]);
-    let cameras = file.camera.into_iter().map(|entry| {
-        let name = entry.name.clone();
-        camera(entry).map_err(|detail| refuse(&format!("camera {name}"), &detail))
-    });
+    let cameras = file.camera.into_iter().map(|entry| camera(entry, path));
     let left_out = file.left_out.into_iter().map(|point| {
         let with = point.with;
         let reason = match point.kind {
@@ -206,27 +201,29 @@ pub fn read_rig(path: &Path) -> Result<Rig, SessionError> {
     })
 }
 
-fn camera(entry: CameraEntry) -> Result<RigCamera, String> {
+fn camera(entry: CameraEntry, path: &Path) -> Result<RigCamera, SessionError> {
+    let refuse = |detail: String| SessionError::value(path, format!("camera {}", entry.name), detail);
     let [w, i, j, k] = entry.cam_from_world_wxyz;
     let quaternion = Quaternion::new(w, i, j, k);
-    let off_unit = (quaternion.norm() - 1.0).abs();
-    if !off_unit.is_finite() || off_unit > 1e-6 {
-        return Err("cam_from_world_wxyz is not a unit quaternion: calibrate again".into());
-    }
-    let focal = [entry.fx_px, entry.fy_px].iter().all(|f| f.is_finite() && *f > 0.0);
-    if !focal || !entry.centre_in_world_m.iter().all(|x| x.is_finite()) {
-        return Err("focal lengths must be above zero and the centre finite: calibrate again".into());
-    }
     let lens = entry.distortion_k1_k2_p1_p2_k3;
-    if ![entry.cx_px, entry.cy_px, entry.skew_px].iter().chain(&lens).all(|x| x.is_finite()) {
-        return Err("principal point, skew and distortion must be finite: calibrate again".into());
+    let are_finite = |numbers: &[f64]| numbers.iter().all(|x| x.is_finite());
+    let is_focal = |f: f64| f.is_finite() && f > 0.0;
+    let checks = [
+        ((quaternion.norm() - 1.0).abs() <= 1e-6, "cam_from_world_wxyz is not a unit quaternion"),
+        (
+            is_focal(entry.fx_px) && is_focal(entry.fy_px) && are_finite(&entry.centre_in_world_m),
+            "focal lengths must be above zero and the centre finite",
+        ),
+        (
+            are_finite(&[entry.cx_px, entry.cy_px, entry.skew_px]) && are_finite(&lens),
+            "principal point, skew and distortion must be finite",
+        ),
+        (entry.width_px > 0 && entry.height_px > 0, "width_px and height_px must be above zero"),
+    ];
+    if let Some((_, wrong)) = checks.iter().find(|(holds, _)| !holds) {
+        return Err(refuse(format!("{wrong}: calibrate again")));
     }
-    if entry.width_px == 0 || entry.height_px == 0 {
-        return Err("width_px and height_px must be above zero: calibrate again".into());
-    }
-    if entry.centre_cov_m2.len() != 9 {
-        return Err("centre_cov_m2 must have 9 numbers: calibrate again".into());
-    }
+    let model = entry.model.parse().map_err(|e| refuse(format!("{e}")))?;
     let rotation = UnitQuaternion::new_unchecked(quaternion);
     let translation = -(rotation * Vector3::from(entry.centre_in_world_m));
     let [k1, k2, p1, p2, k3] = lens;
@@ -243,7 +240,7 @@ fn camera(entry: CameraEntry) -> Result<RigCamera, String> {
             distortion: BrownConrady { k1, k2, p1, p2, k3 },
             size: ImageSize { width_px: entry.width_px, height_px: entry.height_px },
         },
-        model: entry.model.parse()?,
+        model,
         centre_std_m: entry.centre_std_m.into(),
         centre_cov_m2: Matrix3::from_row_slice(&entry.centre_cov_m2),
         points: entry

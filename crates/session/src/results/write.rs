@@ -1,7 +1,7 @@
 //! Results into their files.
 
-use super::{RESULTS_SCHEMA, RunResults, body, columns, names, rig_file};
-use crate::atomic::PartFile;
+use super::{MarkerAsBuilt, RESULTS_SCHEMA, RunResults, columns, names, rig_file};
+use crate::files::PartFile;
 use crate::{SessionError, make_folder, s_from_ns};
 use mavsight_geometry::{EulerAngles, Isometry3};
 use mavsight_identify::CoefficientTable;
@@ -83,11 +83,7 @@ fn parts(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Arc<P
         part(names::POSE, &|out| poses(&results.poses, &results.marker_names, out))?;
     }
     if !results.body.is_empty() {
-        part(names::BODY, &|out| {
-            let mut lines = Lines::new(out, columns::BODY)?;
-            results.body.iter().try_for_each(|marker| lines.push(body::row(marker)))?;
-            lines.end()
-        })?;
+        part(names::BODY, &|out| body(&results.body, out))?;
     }
     if let Some(motion) = &results.motion {
         part(names::MOTION, &|out| motion_table(motion, out))?;
@@ -99,33 +95,22 @@ fn parts(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Arc<P
         part(names::PARAMETERS, &|out| parameters(results, out))?;
     }
     if let Some(summary) = summary(results) {
-        let text = serde_json::to_string_pretty(&summary).map_err(|e| {
-            let source = io::Error::other(e.to_string());
-            SessionError::io(&folder.join(names::SUMMARY), "express it as JSON", source)
-        })?;
+        let text = serde_json::to_string_pretty(&summary)
+            .map_err(|e| SessionError::express(&folder.join(names::SUMMARY), "express it as JSON", e))?;
         part(names::SUMMARY, &|out| out.write_all((text.clone() + "\n").as_bytes()))?;
     }
     Ok(parts)
 }
 
-/// Rows of cells, with quotes where a cell needs them.
-struct Lines<'a>(csv::Writer<&'a mut dyn Write>);
-
-impl<'a> Lines<'a> {
-    fn new<T: AsRef<[u8]>>(out: &'a mut dyn Write, header: impl IntoIterator<Item = T>) -> io::Result<Self> {
-        // What begins like a comment is quoted: who reads the table again would pass over it.
-        let mut lines = Self(csv::WriterBuilder::new().comment(Some(b'#')).from_writer(out));
-        lines.push(header)?;
-        Ok(lines)
-    }
-
-    fn push<T: AsRef<[u8]>>(&mut self, cells: impl IntoIterator<Item = T>) -> io::Result<()> {
-        self.0.write_record(cells).map_err(io::Error::from)
-    }
-
-    fn end(mut self) -> io::Result<()> {
-        self.0.flush()
-    }
+/// A table with its header; cells that need quotes get them, also those that begin like a comment: who reads
+/// the table again would pass over them.
+fn csv_table<T: AsRef<[u8]>>(
+    out: &mut dyn Write,
+    header: impl IntoIterator<Item = T>,
+) -> io::Result<csv::Writer<&mut dyn Write>> {
+    let mut lines = csv::WriterBuilder::new().comment(Some(b'#')).from_writer(out);
+    lines.write_record(header)?;
+    Ok(lines)
 }
 
 fn time(t_ns: i64) -> String {
@@ -150,9 +135,9 @@ fn markers(
     results: &RunResults,
     out: &mut dyn Write,
 ) -> io::Result<()> {
-    let mut lines = Lines::new(out, columns::MARKERS)?;
+    let mut lines = csv_table(out, columns::MARKERS)?;
     for o in observations {
-        lines.push([
+        lines.write_record([
             time(o.t_ns),
             name_of(&results.camera_names, o.camera),
             name_of(&results.marker_names, o.marker),
@@ -162,7 +147,17 @@ fn markers(
             number(o.covariance_px2[(1, 1)].sqrt()),
         ])?;
     }
-    lines.end()
+    lines.flush()
+}
+
+fn body(markers: &[MarkerAsBuilt], out: &mut dyn Write) -> io::Result<()> {
+    let mut lines = csv_table(out, columns::BODY)?;
+    for marker in markers {
+        let numbers = marker.position_m.iter().chain(&marker.position_std_m).chain([&marker.diameter_m]);
+        let cells = std::iter::once(marker.name.clone()).chain(numbers.map(|x| number(*x)));
+        lines.write_record(cells.chain([optional(marker.diameter_std_m)]))?;
+    }
+    lines.flush()
 }
 
 fn pose_values(world_from_body: &Isometry3<f64>) -> [f64; 6] {
@@ -177,10 +172,10 @@ fn poses(samples: &[PoseSample], marker_names: &[String], out: &mut dyn Write) -
     header.extend(["markers".to_owned(), "residual_px".to_owned()]);
     header.extend(columns::upper_triangle().map(columns::new_covariance));
     let width = header.len();
-    let mut lines = Lines::new(out, header)?;
+    let mut lines = csv_table(out, header)?;
     for sample in samples {
         let mut cells = vec![time(sample.t_ns)];
-        if let Some(e) = &sample.estimate {
+        if let Ok(e) = &sample.estimate {
             cells.extend(pose_values(&e.world_from_body).map(number));
             let covariance = e.covariance();
             cells.extend((0..3).map(|i| number(covariance[(i, i)].sqrt())));
@@ -192,50 +187,37 @@ fn poses(samples: &[PoseSample], marker_names: &[String], out: &mut dyn Write) -
             cells.extend(columns::upper_triangle().map(|at| number(own[at])));
         }
         cells.resize(width, String::new());
-        lines.push(cells)?;
+        lines.write_record(cells)?;
     }
-    lines.end()
+    lines.flush()
 }
 
 fn motion_table(motion: &Motion, out: &mut dyn Write) -> io::Result<()> {
-    let quantities = columns::POSE.iter().chain(&columns::RATES);
-    let header = quantities.flat_map(|q| [columns::value(*q), columns::std(*q)]);
-    let mut lines = Lines::new(out, std::iter::once("t_s".to_owned()).chain(header))?;
+    let header = columns::motion().flat_map(|q| [columns::value(q), columns::std(q)]);
+    let mut lines = csv_table(out, std::iter::once("t_s".to_owned()).chain(header))?;
     // Instants at which the motion is not known have a row with their time alone, as poses have.
-    let mut instants = motion.unknown_ns.iter().copied().peekable();
-    let mut unknown = |lines: &mut Lines<'_>, before_ns: i64| -> io::Result<()> {
-        while let Some(t_ns) = instants.next_if(|t_ns| *t_ns < before_ns) {
-            let empty = std::iter::repeat_n(String::new(), 2 * (columns::POSE.len() + columns::RATES.len()));
-            lines.push(std::iter::once(time(t_ns)).chain(empty))?;
-        }
-        Ok(())
-    };
-    for sample in &motion.samples {
-        unknown(&mut lines, sample.t_ns)?;
-        let (values, stds) = motion_values(sample);
-        let cells = values.iter().zip(&stds).flat_map(|(value, std)| [number(*value), number(*std)]);
-        lines.push(std::iter::once(time(sample.t_ns)).chain(cells))?;
+    let unknown = motion.unknown_ns.iter().map(|t_ns| (*t_ns, None));
+    let mut rows: Vec<_> = motion.samples.iter().map(|s| (s.t_ns, Some(s))).chain(unknown).collect();
+    rows.sort_by_key(|row| row.0);
+    for (t_ns, sample) in rows {
+        let empty = || vec![String::new(); 2 * columns::motion().count()];
+        lines.write_record(std::iter::once(time(t_ns)).chain(sample.map_or_else(empty, motion_cells)))?;
     }
-    unknown(&mut lines, i64::MAX)?;
-    lines.end()
+    lines.flush()
 }
 
-fn motion_values(sample: &MotionSample) -> (Vec<f64>, Vec<f64>) {
-    let mut values = pose_values(&sample.world_from_body).to_vec();
-    for part in [
+fn motion_cells(sample: &MotionSample) -> Vec<String> {
+    let rates = [
         sample.velocity_in_body_m_s,
         sample.rates_rad_s,
         sample.specific_force_m_s2,
         sample.angular_acceleration_rad_s2,
-    ] {
-        values.extend(part.iter());
-    }
-    let mut stds: Vec<f64> = sample.covariance.variances().iter().map(|v| v.sqrt()).collect();
-    let turn = sample.covariance.quantity(1);
-    for (std, euler) in stds.iter_mut().skip(3).zip(euler_std(&sample.world_from_body, &turn).iter()) {
-        *std = *euler;
-    }
-    (values, stds)
+    ];
+    let values = pose_values(&sample.world_from_body).into_iter().chain(rates.iter().flatten().copied());
+    let mut stds = sample.covariance.variances().map(f64::sqrt);
+    let euler = euler_std(&sample.world_from_body, &sample.covariance.quantity(1));
+    stds.fixed_rows_mut::<3>(3).copy_from(&euler);
+    values.zip(&stds).flat_map(|(value, std)| [number(value), number(*std)]).collect()
 }
 
 fn coefficients(table: &CoefficientTable, out: &mut dyn Write) -> io::Result<()> {
@@ -244,7 +226,7 @@ fn coefficients(table: &CoefficientTable, out: &mut dyn Write) -> io::Result<()>
         header.push(output.name.clone());
         header.extend(output.columns.iter().map(|c| format!("{}:{}", output.name, c.name)));
     }
-    let mut lines = Lines::new(out, header)?;
+    let mut lines = csv_table(out, header)?;
     let cell = |values: &[f64], k: usize| optional(values.get(k).copied());
     for (k, t_s) in table.t_s.iter().enumerate() {
         let mut cells = vec![format!("{t_s:.9}")];
@@ -252,16 +234,16 @@ fn coefficients(table: &CoefficientTable, out: &mut dyn Write) -> io::Result<()>
             cells.push(cell(&output.values, k));
             cells.extend(output.columns.iter().map(|c| cell(&c.values, k)));
         }
-        lines.push(cells)?;
+        lines.write_record(cells)?;
     }
-    lines.end()
+    lines.flush()
 }
 
 fn parameters(results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
-    let mut lines = Lines::new(out, columns::PARAMETERS)?;
+    let mut lines = csv_table(out, columns::PARAMETERS)?;
     let mut line = |names: [&str; 3], figures: [Option<f64>; 4], identifiable: bool| {
         let cells = names.map(str::to_owned).into_iter().chain(figures.map(optional));
-        lines.push(cells.chain([identifiable.to_string()]))
+        lines.write_record(cells.chain([identifiable.to_string()]))
     };
     for fit in results.identification.iter().flat_map(|i| &i.fits) {
         let (estimator, output) = (fit.estimator.name(), fit.output.as_str());
@@ -285,7 +267,7 @@ fn parameters(results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
             line(names(parameter.name()), [None; 4], false)?;
         }
     }
-    lines.end()
+    lines.flush()
 }
 
 /// The summary with the schema's version, the session's name, and what the motion table cannot say of itself.

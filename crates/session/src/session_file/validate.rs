@@ -1,138 +1,162 @@
 //! What no session file may say, with the remedy.
 
-use super::{LineTime, RefusedKey, SESSION_SCHEMA, SessionFile, is_empty};
+use super::{LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, is_empty};
 use crate::SessionError;
+use mavsight_pipeline::Board;
 use std::path::Path;
+
+/// A file under validation.
+#[derive(Clone, Copy)]
+struct Checks<'a>(&'a Path);
+
+impl Checks<'_> {
+    /// Refuses a key unless its condition holds.
+    fn require(self, holds: bool, key: &str, detail: impl Into<String>) -> Result<(), SessionError> {
+        if holds { Ok(()) } else { Err(SessionError::value(self.0, key, detail)) }
+    }
+
+    /// Refuses an optional number that does not pass.
+    fn number(
+        self,
+        value: Option<f64>,
+        passes: impl Fn(f64) -> bool,
+        key: &str,
+        detail: &str,
+    ) -> Result<(), SessionError> {
+        let Some(value) = value else { return Ok(()) };
+        self.require(passes(value), key, format!("{value} {detail}"))
+    }
+}
+
+fn is_length(length_m: f64) -> bool {
+    length_m.is_finite() && length_m > 0.0
+}
 
 /// Refuses the first value that cannot be meant.
 pub(crate) fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionError> {
-    let refuse = |key: String, detail: String| Err(SessionError::value(path, key, detail));
-    if file.schema != SESSION_SCHEMA {
-        let detail = format!("{} is not known: this version reads schema = {SESSION_SCHEMA}", file.schema);
-        return refuse("schema".into(), detail);
-    }
-    if file.camera.len() < 2 {
-        let detail =
-            format!("{} found, but a pose needs at least 2: add [[camera]] sections", file.camera.len());
-        return refuse("camera".into(), detail);
-    }
+    let checks = Checks(path);
+    let detail = format!("{} is not known: this version reads schema = {SESSION_SCHEMA}", file.schema);
+    checks.require(file.schema == SESSION_SCHEMA, "schema", detail)?;
+    let detail = format!("{} found, but a pose needs at least 2: add [[camera]] sections", file.camera.len());
+    checks.require(file.camera.len() >= 2, "camera", detail)?;
     let refine = file.refine.unwrap_or_default();
-    if let Some(std_m) = refine.markers_std_m.filter(|s| !(s.is_finite() && *s > 0.0)) {
-        let detail = format!("{std_m} is not above zero: a ruler is good to 0.001 or 0.002");
-        return refuse("refine.markers_std_m".into(), detail);
-    }
-    if file.refine.is_some() && !refine.rig && refine.markers_std_m.is_none() {
-        let detail = "asks for nothing: give markers_std_m, rig = true, or leave the section out";
-        return refuse("refine".into(), detail.into());
-    }
-    if let Some(enough) = file.live.as_ref().and_then(|l| l.enough).filter(|e| !(*e > 0.0 && *e < 1.0)) {
-        let detail = format!("{enough} is no share between 0 and 1: give 0.05 for intervals of 5 %");
-        return refuse("live.enough".into(), detail);
-    }
-    validate_objects(file).or_else(|wrong| refuse(wrong.key, wrong.detail))?;
+    let detail = "is not above zero: a ruler is good to 0.001 or 0.002";
+    checks.number(refine.markers_std_m, is_length, "refine.markers_std_m", detail)?;
+    checks.require(
+        file.refine.is_none() || refine.rig || refine.markers_std_m.is_some(),
+        "refine",
+        "asks for nothing: give markers_std_m, rig = true, or leave the section out",
+    )?;
+    let detail = "is no share between 0 and 1: give 0.05 for intervals of 5 %";
+    let enough = file.live.as_ref().and_then(|l| l.enough);
+    checks.number(enough, |e| e > 0.0 && e < 1.0, "live.enough", detail)?;
+    validate_calibration(file, checks)?;
     for (k, camera) in file.camera.iter().enumerate() {
-        if camera.name.is_empty() || file.camera[..k].iter().any(|c| c.name == camera.name) {
-            let detail = format!("{:?} is empty or taken: give each camera its own name", camera.name);
-            return refuse(format!("camera {}: name", k + 1), detail);
-        }
-        if camera.still.is_none() && file.control.as_ref().is_some_and(|c| c.observations.is_none()) {
-            let detail =
-                "is missing: name the image of the control frame, or give control.observations".into();
-            return refuse(format!("camera {}: still", camera.name), detail);
-        }
-        if let Some(rate) = camera.frame_rate_hz.filter(|r| !(0.01..=1e5).contains(r)) {
-            let detail = format!("{rate} is no rate of a camera: give frames a second, for instance 30.0");
-            return refuse(format!("camera {}: frame_rate_hz", camera.name), detail);
-        }
-        if is_empty(&camera.video) && camera.live.as_ref().is_none_or(|l| l.trim().is_empty()) {
-            let detail = "is missing: name the recording, or what ffmpeg is to open as live".into();
-            return refuse(format!("camera {}: video", camera.name), detail);
-        }
-        if let Some(latency) = camera.latency_s.filter(|l| !(l.is_finite() && (0.0..10.0).contains(l))) {
-            let detail = format!("{latency} is no delay: give seconds from 0 to 10");
-            return refuse(format!("camera {}: latency_s", camera.name), detail);
-        }
-        if let Some(offset) = camera.time_offset_s.filter(|o| !o.is_finite() || o.abs() >= 1e9) {
-            let detail = format!("{offset} is not a time: give seconds");
-            return refuse(format!("camera {}: time_offset_s", camera.name), detail);
-        }
-        if let Some(std) = camera.time_offset_std_s.filter(|s| !(1e-9..1e9).contains(s)) {
-            let detail = format!(
-                "{std} is no standard deviation of a clock: give a nanosecond or more, in seconds, or leave it out"
-            );
-            return refuse(format!("camera {}: time_offset_std_s", camera.name), detail);
-        }
-        if let Some(LineTime::Known(line)) = camera.line_time_s.filter(|l| !l.is_sound()) {
-            let detail =
-                format!("{line} is no line time: give seconds a row, for instance 30e-6, or \"estimate\"");
-            return refuse(format!("camera {}: line_time_s", camera.name), detail);
-        }
+        let is_free = !file.camera[..k].iter().any(|c| c.name == camera.name);
+        let detail = format!("{:?} is empty or taken: give each camera its own name", camera.name);
+        checks.require(!camera.name.is_empty() && is_free, &format!("camera {}: name", k + 1), detail)?;
+        let needs_still = file.control.as_ref().is_some_and(|c| c.observations.is_none());
+        validate_camera(camera, needs_still, checks)?;
     }
     Ok(())
 }
 
-/// What is wrong with the wand or the board: key and remedy.
-fn validate_objects(file: &SessionFile) -> Result<(), RefusedKey> {
-    let refuse = |key: &str, detail: String| Err(RefusedKey { key: key.to_owned(), detail });
+fn validate_camera(
+    camera: &SessionCamera,
+    needs_still: bool,
+    checks: Checks<'_>,
+) -> Result<(), SessionError> {
+    let key = |key: &str| format!("camera {}: {key}", camera.name);
+    checks.require(
+        camera.still.is_some() || !needs_still,
+        &key("still"),
+        "is missing: name the image of the control frame, or give control.observations",
+    )?;
+    checks.number(
+        camera.frame_rate_hz,
+        |rate| (0.01..=1e5).contains(&rate),
+        &key("frame_rate_hz"),
+        "is no rate of a camera: give frames a second, for instance 30.0",
+    )?;
+    checks.require(
+        !is_empty(&camera.video) || camera.live.as_ref().is_some_and(|l| !l.trim().is_empty()),
+        &key("video"),
+        "is missing: name the recording, or what ffmpeg is to open as live",
+    )?;
+    checks.number(
+        camera.latency_s,
+        |s| (0.0..10.0).contains(&s),
+        &key("latency_s"),
+        "is no delay: give seconds from 0 to 10",
+    )?;
+    checks.number(
+        camera.time_offset_s,
+        |s| s.abs() < 1e9,
+        &key("time_offset_s"),
+        "is not a time: give seconds",
+    )?;
+    checks.number(
+        camera.time_offset_std_s,
+        |s| (1e-9..1e9).contains(&s),
+        &key("time_offset_std_s"),
+        "is no standard deviation of a clock: give a nanosecond or more, in seconds, or leave it out",
+    )?;
+    let Some(LineTime::Known(line_time_s)) = camera.line_time_s else { return Ok(()) };
+    // A frame of so few rows that a line time is longer has none.
+    checks.number(
+        Some(line_time_s),
+        |s| s.abs() < 1e-3,
+        &key("line_time_s"),
+        "is no line time: give seconds a row, for instance 30e-6, or \"estimate\"",
+    )
+}
+
+fn validate_calibration(file: &SessionFile, checks: Checks<'_>) -> Result<(), SessionError> {
     let calibrates = file.control.is_some() || file.wand.is_some() || file.board.is_some();
-    if !calibrates && file.rig.is_none() {
-        let detail =
-            "is missing: the cameras need control points, a [wand], a [board] or the file of a [rig]";
-        return refuse("control", detail.to_owned());
-    }
-    if calibrates && file.rig.is_some() {
-        let detail = "holds the cameras already: leave it out, or [control], [wand] and [board]".to_owned();
-        return refuse("rig", detail);
-    }
+    let detail = "is missing: the cameras need control points, a [wand], a [board] or the file of a [rig]";
+    checks.require(calibrates || file.rig.is_some(), "control", detail)?;
+    let detail = "holds the cameras already: leave it out, or [control], [wand] and [board]";
+    checks.require(!calibrates || file.rig.is_none(), "rig", detail)?;
     if let Some(wand) = &file.wand {
-        if !(wand.length_m.is_finite() && wand.length_m > 0.0) {
-            return refuse(
-                "wand.length_m",
-                format!("{} is no length: give metres, for instance 0.5", wand.length_m),
-            );
-        }
-        let std_m = wand.length_std_m;
-        if !(std_m >= 0.0 && std_m < wand.length_m) {
-            return refuse("wand.length_std_m", format!("{std_m} is not from 0 to the length: give metres"));
-        }
-        if wand.ball.len() != 2 || wand.ball.iter().any(|b| !(b.diameter_m.is_finite() && b.diameter_m > 0.0))
-        {
-            let detail = format!(
-                "{} given: give two balls, each with a color and a diameter_m above zero",
-                wand.ball.len()
-            );
-            return refuse("wand.ball", detail);
-        }
-        if file.camera.iter().filter(|c| c.wand.is_some()).count() < 2 {
-            let detail =
-                "is named by fewer than two cameras: give each camera that saw it its recording".to_owned();
-            return refuse("camera: wand", detail);
-        }
+        let (length_m, std_m) = (wand.length_m, wand.length_std_m);
+        let detail = format!("{length_m} is no length: give metres, for instance 0.5");
+        checks.require(is_length(length_m), "wand.length_m", detail)?;
+        let detail = format!("{std_m} is not from 0 to the length: give metres");
+        checks.require(std_m >= 0.0 && std_m < length_m, "wand.length_std_m", detail)?;
+        let are_two = wand.ball.len() == 2 && wand.ball.iter().all(|b| is_length(b.diameter_m));
+        let detail = format!(
+            "{} given: give two balls, each with a color and a diameter_m above zero",
+            wand.ball.len()
+        );
+        checks.require(are_two, "wand.ball", detail)?;
+        let detail = "is named by fewer than two cameras: give each camera that saw it its recording";
+        let named = file.camera.iter().filter(|c| c.wand.is_some()).count();
+        checks.require(named >= 2, "camera: wand", detail)?;
     }
     if let Some(board) = &file.board {
-        if !(board.square_m.is_finite() && board.square_m > 0.0) {
-            return refuse(
-                "board.square_m",
-                format!("{} is no length: give metres, for instance 0.03", board.square_m),
-            );
-        }
-        // Markers identify the corners; without them unlike numbers of columns and rows do.
-        let is_plain = board.coded()?.is_none();
-        if is_plain && (board.columns < 3 || board.rows < 3 || board.columns == board.rows) {
-            let detail = format!(
-                "{} by {} inner corners: give 3 or more of each, and unlike numbers, so that a board is not taken for one turned",
-                board.columns, board.rows
-            );
-            return refuse("board.columns, board.rows", detail);
-        }
-        if is_plain && board.together && (board.columns + board.rows) % 2 == 0 {
-            let detail = "cannot be seen from its corners where the numbers of columns and rows are both even or both odd: \
-                          use a board of, for instance, 9 by 6, or show it to each camera by itself";
-            return refuse("board.together", detail.to_owned());
-        }
-        if file.camera.iter().all(|c| c.board.is_none()) {
-            return refuse("camera: board", "is named by no camera: give each its images of it".to_owned());
-        }
+        validate_board(board, checks)?;
+        let detail = "is named by no camera: give each its images of it";
+        checks.require(file.camera.iter().any(|c| c.board.is_some()), "camera: board", detail)?;
     }
     Ok(())
+}
+
+fn validate_board(board: &Board, checks: Checks<'_>) -> Result<(), SessionError> {
+    let (columns, rows) = (board.columns, board.rows);
+    let detail = format!("{} is no length: give metres, for instance 0.03", board.square_m);
+    checks.require(is_length(board.square_m), "board.square_m", detail)?;
+    // Markers identify the corners; without them unlike numbers of columns and rows do.
+    if board.coded().map_err(|e| SessionError::content(checks.0, e))?.is_some() {
+        return Ok(());
+    }
+    let detail = format!(
+        "{columns} by {rows} inner corners: give 3 or more of each, and unlike numbers, so that a board is not taken for one turned"
+    );
+    checks.require(columns.min(rows) >= 3 && columns != rows, "board.columns, board.rows", detail)?;
+    checks.require(
+        !board.together || (columns + rows) % 2 == 1,
+        "board.together",
+        "cannot be seen from its corners where the numbers of columns and rows are both even or both odd: \
+         use a board of, for instance, 9 by 6, or show it to each camera by itself",
+    )
 }

@@ -44,7 +44,7 @@ pub fn find_clap(path: &Path) -> Result<Clap, SessionError> {
         .args(["-ar", &RATE_HZ.to_string(), "-f", "s16le", "pipe:1"]);
     let ffmpeg::Process { mut child, stdout: sound, stderr: mut words } =
         ffmpeg::start(command, path, "a clap is looked for in its sound")?;
-    let failed = |detail: String| SessionError::Ffmpeg { path: path.to_owned(), detail };
+    let failed = |detail: String| SessionError::ffmpeg(path, detail);
     let said = std::thread::spawn(move || {
         let mut text = Vec::new();
         words.read_to_end(&mut text).map(|_| String::from_utf8_lossy(&text).into_owned())

@@ -87,7 +87,7 @@ pub(super) fn start(mut command: Command, path: &Path, reason: &str) -> Result<P
     })?;
     match (child.stdout.take(), child.stderr.take()) {
         (Some(stdout), Some(stderr)) => Ok(Process { child, stdout, stderr }),
-        _ => Err(SessionError::Ffmpeg { path: path.to_owned(), detail: "it has no output".into() }),
+        _ => Err(SessionError::ffmpeg(path, "it has no output")),
     }
 }
 
@@ -107,7 +107,7 @@ fn probe(path: &Path, program: &str, missing: impl Fn(&str) -> SessionError) -> 
         let last: Vec<&str> = words.lines().rev().take(3).collect();
         let detail = last.into_iter().rev().collect::<Vec<_>>().join("; ");
         let detail = format!("{detail}: the file is damaged or not a video; copy it again");
-        return Err(SessionError::Ffmpeg { path: path.to_owned(), detail });
+        return Err(SessionError::ffmpeg(path, detail));
     }
     let (Ok(width_px), Ok(height_px)) = (value("width").parse(), value("height").parse()) else {
         return Err(SessionError::NoFrames { path: path.to_owned() });
@@ -236,7 +236,7 @@ struct FfmpegFrames {
 
 impl FfmpegFrames {
     fn failed(&self, detail: String) -> SessionError {
-        SessionError::Ffmpeg { path: self.path.clone(), detail }
+        SessionError::ffmpeg(&self.path, detail)
     }
 
     fn frame(&mut self) -> Result<Option<Frame>, SessionError> {

@@ -76,7 +76,7 @@ pub(crate) fn open(path: &Path, frame_rate_hz: Option<f64>) -> Result<Opened, Se
                 pattern.file(last).display(),
                 number - last - 1
             );
-            Err(SessionError::File { path: pattern.file(last + 1), detail })
+            Err(SessionError::file(&pattern.file(last + 1), detail))
         });
         last = number;
         let t_ns = crate::ns_from_s((number - first) as f64 / rate_hz);
@@ -93,7 +93,7 @@ fn frame_of_size(file: &Path, size: ImageSize) -> Result<Frame, SessionError> {
             "the image is {}×{} but those before are {}×{}: one recording has one size",
             frame.size.width_px, frame.size.height_px, size.width_px, size.height_px
         );
-        return Err(SessionError::File { path: file.to_owned(), detail });
+        return Err(SessionError::file(file, detail));
     }
     Ok(frame)
 }
@@ -104,10 +104,7 @@ fn frame_of_size(file: &Path, size: ImageSize) -> Result<Frame, SessionError> {
 /// A file that is missing or not such an image.
 pub fn read_image(path: &Path) -> Result<Frame, SessionError> {
     crate::error::require_file(path, "image")?;
-    let broken = |e: String| SessionError::File {
-        path: path.to_owned(),
-        detail: format!("not a readable PNG or JPEG image: {e}"),
-    };
+    let broken = |e: String| SessionError::file(path, format!("not a readable PNG or JPEG image: {e}"));
     let image = ImageReader::open(path)
         .and_then(ImageReader::with_guessed_format)
         .map_err(|e| SessionError::io(path, "read it", e))?
@@ -132,9 +129,6 @@ pub fn write_png(path: &Path, frame: &Frame) -> Result<(), SessionError> {
         image::ExtendedColorType::Rgb8,
         ImageFormat::Png,
     )
-    .map_err(|e| SessionError::File {
-        path: path.to_owned(),
-        detail: format!("cannot be expressed as PNG: {e}"),
-    })?;
+    .map_err(|e| SessionError::express(path, "express it as PNG", e))?;
     crate::write_whole(path, bytes.get_ref())
 }

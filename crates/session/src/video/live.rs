@@ -150,7 +150,7 @@ impl LiveVideo {
     }
 
     fn failed(&self, detail: String) -> SessionError {
-        SessionError::Ffmpeg { path: self.place.clone(), detail }
+        SessionError::ffmpeg(&self.place, detail)
     }
 
     /// A frame that nobody else holds, out of the pool where it has one; none before the header.

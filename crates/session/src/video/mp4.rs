@@ -26,11 +26,9 @@ pub(crate) enum Attempt {
 ///
 /// Only the sample being decoded is in memory.
 pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
-    let damaged = |detail: String| SessionError::File {
-        path: path.to_owned(),
-        detail: format!(
-            "not a whole MP4 file ({detail}): it may have been cut off while copied or recorded; copy it again"
-        ),
+    let damaged = |detail: &str| {
+        let remedy = "it may have been cut off while copied or recorded; copy it again";
+        SessionError::file(path, format!("not a whole MP4 file ({detail}): {remedy}"))
     };
     let file = File::open(path).map_err(|e| SessionError::io(path, "open it", e))?;
     let length = file.metadata().map_err(|e| SessionError::io(path, "measure it", e))?.len();
@@ -40,8 +38,8 @@ pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
     let announced =
         announced_length(&mut reader, length).map_err(|e| SessionError::io(path, "read it", e))?;
     let mp4 = catch_unwind(AssertUnwindSafe(|| Mp4::read(&mut reader, announced)))
-        .map_err(|_| damaged("its tables contradict each other".into()))?
-        .map_err(|e| damaged(e.to_string()))?;
+        .map_err(|_| damaged("its tables contradict each other"))?
+        .map_err(|e| damaged(&e.to_string()))?;
     let Some(track) = mp4.tracks().values().find(|t| t.kind == Some(TrackKind::Video)) else {
         return if mp4.tracks().values().any(|t| t.kind.is_none()) {
             Ok(Attempt::Unsupported("its codec is not H.264".into()))
@@ -65,7 +63,7 @@ pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
     let is_there = |s: &Sample| s.offset.saturating_add(s.size) <= length;
     let whole: Vec<Sample> = samples.iter().copied().take_while(is_there).collect();
     if whole.is_empty() {
-        return Err(damaged(format!("all of its {} samples lie beyond the end", samples.len())));
+        return Err(damaged(&format!("all of its {} samples lie beyond the end", samples.len())));
     }
     let declared = samples.iter().filter(|s| s.shown).count();
     let m = &track.trak(&mp4).tkhd.matrix;
@@ -182,7 +180,7 @@ impl Mp4Frames {
     }
 
     fn damaged(&self, sample: usize, detail: String) -> SessionError {
-        SessionError::Frame { path: self.path.clone(), frame: self.ranks[sample], detail }
+        SessionError::frame(&self.path, self.ranks[sample], detail)
     }
 
     /// The sample as an Annex B byte stream, with the parameter sets before the first.

@@ -156,7 +156,7 @@ fn line_of(input: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
 
 /// Opens a file.
 pub(super) fn open(path: &Path) -> Result<Opened, SessionError> {
-    let broken = |detail: String| SessionError::Frame { path: path.to_owned(), frame: 0, detail };
+    let broken = |detail: String| SessionError::frame(path, 0, detail);
     let file = File::open(path).map_err(|e| SessionError::io(path, "read it", e))?;
     if file.metadata().is_ok_and(|m| m.len() == 0) {
         return Err(SessionError::NoFrames { path: path.to_owned() });
@@ -182,10 +182,7 @@ impl Iterator for Recorded {
         }
         let number = self.frames.read;
         let mut frame = self.frames.blank();
-        let wrong = |detail: &str| {
-            let (path, frame) = (self.path.clone(), number as usize);
-            Some(Err(SessionError::Frame { path, frame, detail: detail.into() }))
-        };
+        let wrong = |detail: &str| Some(Err(SessionError::frame(&self.path, number as usize, detail)));
         match self.frames.read_into(&mut frame) {
             Piece::Frame(stamp) => {
                 let by_rate = || crate::ns_from_s(number as f64 / self.frames.header.rate_hz);

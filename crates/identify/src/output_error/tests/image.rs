@@ -114,7 +114,10 @@ fn samples(states: &[FlightState], seed: &mut u64) -> Vec<PoseSample> {
     let estimate = |world_from_body| PoseEstimate::new(world_from_body, &pose_covariance());
     noisy_poses(states, 1.0, seed)
         .into_iter()
-        .map(|m| PoseSample { t_ns: m.t_ns, estimate: m.pose.map(|(p, _)| estimate(p)), reason: None })
+        .map(|m| PoseSample {
+            t_ns: m.t_ns,
+            estimate: m.pose.map(|(p, _)| estimate(p)).ok_or(mavsight_pose::PoseError::NotMeasured),
+        })
         .collect()
 }
 
@@ -137,7 +140,7 @@ fn poses_and_images_of_a_flight_agree_and_a_wrong_scale_makes_them_disagree() {
     let [both] = &fits.comparisons(None)[..] else { panic!("one pair") };
     assert_eq!(both.parameters.len(), 17);
     assert!(both.test.p_value > 1e-3, "{:?}", both.test);
-    for estimate in poses.iter_mut().filter_map(|p| p.estimate.as_mut()) {
+    for estimate in poses.iter_mut().filter_map(|p| p.estimate.as_mut().ok()) {
         estimate.world_from_body.translation.vector *= 1.05;
     }
     let scaled = fit(&poses);

@@ -81,7 +81,7 @@ fn a_long_flight_with_cameras_that_are_off_converges() {
         let place = at.translation.vector + off.fixed_rows::<3>(0);
         let pose = Isometry3::from_parts(place.into(), at.rotation * turn);
         let estimate = PoseEstimate::new(pose, &covariance).with_systematic(&systematic);
-        PoseSample { t_ns: measured.t_ns, estimate: Some(estimate), reason: None }
+        PoseSample { t_ns: measured.t_ns, estimate: Ok(estimate) }
     };
     let poses: Vec<PoseSample> = noisy_poses(&states, 1.0, &mut seed).into_iter().map(moved).collect();
     let measured = Measurements::States(StateMeasurement::of_poses(poses.iter()));

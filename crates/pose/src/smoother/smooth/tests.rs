@@ -10,7 +10,7 @@ const GRAVITY: f64 = 9.804;
 fn pose(t_ns: i64, world_from_body: Isometry3<f64>, std: (f64, f64)) -> PoseSample {
     let mut covariance = Matrix6::identity() * std.0 * std.0;
     covariance.fixed_view_mut::<3, 3>(3, 3).fill_diagonal(std.1 * std.1);
-    PoseSample { t_ns, estimate: Some(PoseEstimate::new(world_from_body, &covariance)), reason: None }
+    PoseSample { t_ns, estimate: Ok(PoseEstimate::new(world_from_body, &covariance)) }
 }
 
 /// A smooth flight: sines of much the same jerk in all axes, as the smoother's one intensity supposes.
@@ -61,7 +61,7 @@ fn filmed(
             let mut sample =
                 pose(t_ns, noisy, (position_std * claimed_over_true, turn_std * claimed_over_true));
             if missing(k) {
-                sample.estimate = None;
+                sample.estimate = Err(PoseError::NotMeasured);
             }
             sample
         })
@@ -229,7 +229,7 @@ fn intervals_hold_in_gaps_and_grow_there() {
         let (mut poses, truth) = white_jerk(500 + flight, (0.0, 1.0));
         for (k, p) in poses.iter_mut().enumerate() {
             if gap(k) {
-                p.estimate = None;
+                p.estimate = Err(PoseError::NotMeasured);
             }
         }
         let motion = smooth(&poses, GRAVITY).unwrap();
@@ -253,7 +253,7 @@ fn systematic_errors_of_poses_reach_the_motion_as_their_smoothed_course() {
     let mut poses = filmed(120, 1.0, &mut seed, |k| (50..56).contains(&k) || k == 0);
     for p in &mut poses {
         let t = p.t_ns as f64 * 1e-9;
-        if let Some(e) = &mut p.estimate {
+        if let Ok(e) = &mut p.estimate {
             let column = |k: usize| (1.0 + 0.3 * k as f64) * (t + k as f64).sin() * 1e-3;
             *e = e.clone().with_systematic(&Matrix6xX::from_fn(2, |i, j| column(i + 6 * j) as f32));
         }
@@ -263,7 +263,7 @@ fn systematic_errors_of_poses_reach_the_motion_as_their_smoothed_course() {
     for c in 0..2 {
         let displaced = |step: f64| {
             let mut poses = poses.clone();
-            for e in poses.iter_mut().filter_map(|p| p.estimate.as_mut()) {
+            for e in poses.iter_mut().filter_map(|p| p.estimate.as_mut().ok()) {
                 let by = e.systematic_column(c) * step;
                 let pose = &mut e.world_from_body;
                 pose.translation.vector += by.fixed_rows::<3>(0);
@@ -375,7 +375,7 @@ fn what_cannot_be_smoothed_is_refused() {
     assert!(matches!(smooth(&back, GRAVITY), Err(PoseError::TimeNotIncreasing { index: 7, .. })));
     let mut lost = good.clone();
     let place = lost[4].estimate.as_ref().unwrap().world_from_body;
-    lost[4].estimate = Some(PoseEstimate::new(place, &Matrix6::zeros()));
+    lost[4].estimate = Ok(PoseEstimate::new(place, &Matrix6::zeros()));
     assert!(matches!(smooth(&lost, GRAVITY), Err(PoseError::BadPose { index: 4, .. })));
     assert!(matches!(smooth(&good, f64::NAN), Err(PoseError::BadPose { .. })));
 }

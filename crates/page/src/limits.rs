@@ -1,11 +1,6 @@
-//! State that all connections share.
+//! Limits of the server.
 
-use std::sync::Arc;
 use std::time::Duration;
-
-use tokio::sync::watch;
-
-use crate::hub::Hub;
 
 /// Limits of the server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,23 +26,5 @@ impl Default for Limits {
             beat: Duration::from_millis(500),
             silence: Duration::from_secs(10),
         }
-    }
-}
-
-/// State that all connections share.
-#[derive(Debug, Clone)]
-pub(crate) struct Shared {
-    pub(crate) hub: Arc<Hub>,
-    pub(crate) token: Option<String>,
-    pub(crate) limits: Limits,
-    /// Becomes true when the server ends.
-    pub(crate) ended: watch::Receiver<bool>,
-}
-
-impl Shared {
-    /// Waits for the server's end.
-    pub(crate) async fn end(&self) {
-        // An error means that the server is gone, which is its end too.
-        let _ = self.ended.clone().wait_for(|&ended| ended).await;
     }
 }

@@ -1,22 +1,46 @@
 //! The report of a plan: drawing, map, tables.
 
-use super::camera_plan::{CameraPlan, angle_deg, least};
-use anyhow::Result;
-use mavsight_geometry::{Camera, Vector2, Vector3};
-use mavsight_plan::{Planner, Ranked, Solid, StudyRow};
-use mavsight_pose::{MapPlane, Rig, Volume};
-use mavsight_report::{
-    BoxRole, DrawnBox, DrawnCamera, Figure, HeatMap, Report, RoomDrawing, Table, draw_heat_maps, draw_room,
-    render,
+use crate::{
+    BoxRole, DrawnBox, DrawnCamera, Figure, HeatMap, Report, ReportError, RoomDrawing, Table, draw_heat_maps,
+    draw_room, render,
 };
+use mavsight_geometry::{Camera, Vector2};
+use mavsight_plan::{Placed, Planner, Ranked, Solid, StudyRow};
+use mavsight_pose::{MapPlane, Volume};
 use mavsight_session::write_whole;
 use rayon::prelude::*;
 use std::path::Path;
 
 const MAP_CELLS: usize = 20;
 
-/// Writes `plan.html` and the drawing by itself.
-pub(crate) fn write_plan_report(plan: &CameraPlan<'_>, out: &Path) -> Result<()> {
+/// The result of a search for camera places.
+pub struct CameraPlan<'a> {
+    /// The room and its cameras.
+    pub planner: &'a Planner,
+    /// Placements, best first; at least one.
+    pub ranked: &'a [Ranked],
+    /// Predicted errors of two cameras against their angle, and against their distance; empty where not asked
+    /// for.
+    pub study: [Vec<StudyRow>; 2],
+}
+
+/// Angle between the optical axes of the first two cameras.
+pub fn angle_deg(ranked: &Ranked) -> f64 {
+    let axis = |k: usize| ranked.placed[k].aim_m - ranked.placed[k].centre_m;
+    axis(0).angle(&axis(1)).to_degrees()
+}
+
+/// The row of least error among those that meet all limits.
+pub fn least(rows: &[StudyRow]) -> Option<&StudyRow> {
+    let feasible = rows.iter().filter(|r| r.prediction.is_feasible());
+    feasible.min_by(|a, b| a.prediction.figure.total_cmp(&b.prediction.figure))
+}
+
+/// Writes `plan.html`: placements, a drawing of the room, maps of the predicted error, and the study.
+///
+/// # Errors
+/// A plot that cannot be drawn, a placement that gives no rig, or what the file system refuses.
+pub fn write_plan_report(plan: &CameraPlan<'_>, out: &Path) -> Result<(), ReportError> {
     let (planner, best) = (plan.planner, &plan.ranked[0]);
     let drawing = draw_room(&drawing(planner, best))?;
     let prediction = &best.prediction;
@@ -52,6 +76,11 @@ pub(crate) fn write_plan_report(plan: &CameraPlan<'_>, out: &Path) -> Result<()>
     Ok(write_whole(&out.join("plan.html"), render(&report)?.as_bytes())?)
 }
 
+fn table(caption: &str, header: &[&str], rows: impl Iterator<Item = Vec<String>>) -> Table {
+    let header = header.iter().map(|h| (*h).to_owned()).collect();
+    Table { caption: caption.to_owned(), header, rows: rows.collect() }
+}
+
 fn placements(plan: &CameraPlan<'_>) -> Table {
     let header = [
         "Rank",
@@ -64,15 +93,11 @@ fn placements(plan: &CameraPlan<'_>) -> Table {
         "Smallest marker (px)",
     ];
     let rows = plan.ranked.iter().enumerate().map(|(k, r)| {
-        let places: Vec<String> = r
-            .placed
-            .iter()
-            .map(|c| format!("{:.2}, {:.2}, {:.2}", c.centre_m.x, c.centre_m.y, c.centre_m.z))
-            .collect();
+        let place = |c: &Placed| format!("{:.2}, {:.2}, {:.2}", c.centre_m.x, c.centre_m.y, c.centre_m.z);
         let p = &r.prediction;
         vec![
             (k + 1).to_string(),
-            places.join("; "),
+            r.placed.iter().map(place).collect::<Vec<_>>().join("; "),
             format!("{:.1}", angle_deg(r)),
             format!("{:.3}", p.mean.position_std_mm),
             format!("{:.3}", p.worst.position_std_mm),
@@ -81,11 +106,7 @@ fn placements(plan: &CameraPlan<'_>) -> Table {
             format!("{:.1}", p.least_diameter_px),
         ]
     });
-    Table {
-        caption: "Placements, best first".into(),
-        header: header.map(str::to_owned).to_vec(),
-        rows: rows.collect(),
-    }
+    table("Placements, best first", &header, rows)
 }
 
 fn study(caption: &str, rows: &[StudyRow]) -> Table {
@@ -118,17 +139,22 @@ fn study(caption: &str, rows: &[StudyRow]) -> Table {
             note.to_owned(),
         ]
     });
-    Table { caption: caption.to_owned(), header: header.map(str::to_owned).to_vec(), rows: cells.collect() }
+    table(caption, &header, cells)
 }
 
 /// Predicted position over the horizontal and the upright plane through the middle of the volume.
-fn maps(planner: &Planner, best: &Ranked) -> Result<Figure> {
+fn maps(planner: &Planner, best: &Ranked) -> Result<Figure, ReportError> {
     let rig = planner.rig(&best.placed)?;
     let section = &planner.room().volume;
     let volume = Volume { low_m: section.low_m.into(), high_m: section.high_m.into() };
     let map = |plane: MapPlane, title: String, up: usize| {
-        let end = plane.corner_in_world_m + plane.first_side_m + plane.second_side_m;
-        let corner = plane.corner_in_world_m;
+        let (corner, sides) = (plane.corner_in_world_m, [plane.first_side_m, plane.second_side_m]);
+        let end = corner + sides[0] + sides[1];
+        let middle = |k: usize| (k as f64 + 0.5) / MAP_CELLS as f64;
+        let value = |cell: usize| {
+            let place = corner + sides[0] * middle(cell % MAP_CELLS) + sides[1] * middle(cell / MAP_CELLS);
+            planner.position_std_mm(&best.placed, &rig, &place)
+        };
         HeatMap {
             title,
             x_axis: "X, m".into(),
@@ -137,7 +163,7 @@ fn maps(planner: &Planner, best: &Ranked) -> Result<Figure> {
             y: (corner[up], end[up]),
             columns: MAP_CELLS,
             rows: MAP_CELLS,
-            values: values(planner, best, &rig, &plane),
+            values: (0..MAP_CELLS * MAP_CELLS).into_par_iter().map(value).collect(),
         }
     };
     let middle = planner.room().middle_m();
@@ -147,19 +173,6 @@ fn maps(planner: &Planner, best: &Ranked) -> Result<Figure> {
     ];
     let caption = "Predicted standard deviation of the body's position, mean over the headings; crossed where some marker is not seen by two cameras.";
     Ok(Figure { caption: caption.into(), markup: draw_heat_maps(&maps, "mm")? })
-}
-
-fn values(planner: &Planner, best: &Ranked, rig: &Rig, plane: &MapPlane) -> Vec<Option<f64>> {
-    let middle = |k: usize| (k as f64 + 0.5) / MAP_CELLS as f64;
-    (0..MAP_CELLS * MAP_CELLS)
-        .into_par_iter()
-        .map(|cell| {
-            let place = plane.corner_in_world_m
-                + plane.first_side_m * middle(cell % MAP_CELLS)
-                + plane.second_side_m * middle(cell / MAP_CELLS);
-            planner.position_std_mm(&best.placed, rig, &place)
-        })
-        .collect()
 }
 
 fn drawing(planner: &Planner, best: &Ranked) -> RoomDrawing {
@@ -199,6 +212,5 @@ fn far_end(camera: &Camera, pixel: Vector2<f64>, room: &Solid) -> [f64; 3] {
         if ray[k].abs() < 1e-12 { f64::INFINITY } else { (wall - centre[k]) / ray[k] }
     };
     let length = (0..3).map(to_wall).fold(f64::INFINITY, f64::min).max(0.0);
-    let end: Vector3<f64> = centre + ray * if length.is_finite() { length } else { 0.0 };
-    end.into()
+    (centre + ray * if length.is_finite() { length } else { 0.0 }).into()
 }

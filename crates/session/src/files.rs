@@ -1,6 +1,8 @@
-//! Files that are either whole or not there.
+//! Files that are either whole or not there, and TOML.
 
 use crate::SessionError;
+use crate::error::read_text;
+use serde::{Serialize, de::DeserializeOwned};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -67,4 +69,31 @@ pub fn make_folder(path: &Path) -> Result<(), SessionError> {
         return Err(SessionError::io(path, "make the folder", source));
     }
     std::fs::create_dir_all(path).map_err(|e| SessionError::io(path, "make the folder", e))
+}
+
+/// Reads a TOML file into a type; `role` says what the file is for.
+///
+/// # Errors
+/// Names the file and the line.
+pub fn read_toml<T: DeserializeOwned>(path: &Path, role: &str) -> Result<T, SessionError> {
+    let text = read_text(path, role)?;
+    toml::from_str(&text).map_err(|error| {
+        let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or("");
+        let line = 1 + before.matches('\n').count() as u64;
+        SessionError::line(path, line, error.message().trim().replace('\n', ", "))
+    })
+}
+
+/// Writes a vehicle, a session file or another value as TOML. Paths are written as given, relative ones
+/// relative to the file.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_toml(path: &Path, value: &impl Serialize) -> Result<(), SessionError> {
+    write_whole(path, toml_text(path, value)?.as_bytes())
+}
+
+/// A value as TOML, to be written to a path.
+pub(crate) fn toml_text(path: &Path, value: &impl Serialize) -> Result<String, SessionError> {
+    toml::to_string(value).map_err(|e| SessionError::express(path, "express it as TOML", e))
 }
