@@ -9,7 +9,6 @@ use mavsight_geometry::{
 use mavsight_pose::{
     CameraClock, CameraControl, ClockPrior, MarkerObservation, Rig, TrackedDetection, calibrate,
 };
-use mavsight_random::Random;
 
 pub(crate) const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
 
@@ -71,8 +70,8 @@ pub(crate) fn stream(
         ClockPrior::known(CameraClock::default()),
         Vector2::y(),
     );
-    let mut random = Random::new(7, camera as u64);
-    let mut uniform = || 12f64.sqrt() * STD_PX * random.between(-0.5, 0.5);
+    let mut random = mavsight_random::Random::new(7, camera as u64);
+    let mut uniform = || 12f64.sqrt() * STD_PX * (random.uniform() - 0.5);
     for k in frames {
         let stamp_ns = (k as f64 / rate_hz * 1e9).round() as i64;
         let mut seen = Vec::new();

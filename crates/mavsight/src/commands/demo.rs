@@ -112,7 +112,7 @@ impl FilmedFlight<'_> {
         progress.begin(mavsight_pipeline::Stage::Calibrate, None);
         let control = lab::control_frame(as_built);
         let stills = control_stills(self.cameras, |k| self.films[k].still(Some(&control)))?;
-        let rig = calibrate_from_stills(&stills, table)?;
+        let rig = calibrate_from_stills(&stills, table, &[])?;
         let feeds = (0..self.cameras.len()).map(|k| self.feed(k)).collect();
         let tracked = mavsight_pipeline::track(feeds, &rig, vehicle, progress)?;
         Ok((rig, tracked))

@@ -152,7 +152,7 @@ pub(super) fn fly_virtual(args: &Live, pace: Pace, enough: f64) -> Result<()> {
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
     let control = lab::control_frame(&points);
     let stills = control_stills(&cameras, |k| films[k].still(Some(&control)))?;
-    let rig = calibrate_from_stills(&stills, &points)?;
+    let rig = calibrate_from_stills(&stills, &points, &[])?;
     bars.done();
     let (flown, rate_hz, waits) = (vehicle.clone(), args.rate, args.fast);
     let begin: Begin = Box::new(move |to| record(to, &flown, &stills, rate_hz, waits));

@@ -6,7 +6,6 @@ use mavsight_geometry::{
     world_from_body,
 };
 use mavsight_pose::{CameraControl, MarkerObservation, Rig, calibrate};
-use mavsight_random::Random;
 
 const SIZE: ImageSize = ImageSize { width_px: 1920, height_px: 1080 };
 const STD_PX: f64 = 0.1;
@@ -51,8 +50,8 @@ fn pose(t_s: f64) -> Isometry3<f64> {
 pub(crate) fn instants(rig: &Rig, count: usize) -> impl Iterator<Item = (i64, Vec<MarkerObservation>)> {
     let cameras: Vec<Camera> = rig.cameras.iter().map(|c| c.camera).collect();
     let vehicle = Vehicle::paper();
-    let mut random = Random::new(1, 0);
-    let mut uniform = move || 12f64.sqrt() * STD_PX * random.between(-0.5, 0.5);
+    let mut random = mavsight_random::Random::new(1, 0);
+    let mut uniform = move || 12f64.sqrt() * STD_PX * (random.uniform() - 0.5);
     (0..count).map(move |k| {
         let t_ns = (k as f64 / RATE_HZ * 1e9).round() as i64;
         let at = pose(t_ns as f64 * 1e-9);
