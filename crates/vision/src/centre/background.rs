@@ -77,8 +77,9 @@ pub(super) struct Background {
     planes: Planes,
     /// Covariance of the brightness expected behind the rim, in the rim's order; empty without clutter.
     pub(super) covariance: Banded,
-    /// Standard deviation of the clutter around.
-    pub(super) clutter: f64,
+    /// Standard deviation of the clutter near each pixel and each block in use.
+    pub(super) near: Vec<f32>,
+    pub(super) color_near: Vec<f32>,
     /// Pixels in use and shared ones, with the light behind the ball there.
     pub(super) places: Places,
 }
@@ -93,17 +94,25 @@ impl Background {
         (noise_variance, policy): (f64, FitPolicy),
     ) -> Option<Self> {
         let clutter_variance = planes.variance - noise_variance;
-        let mut background = Self { planes, clutter: clutter_variance.max(0.0).sqrt(), ..Self::default() };
+        let clutter = clutter_variance.max(0.0).sqrt();
+        let mut background = Self { planes, ..Self::default() };
         let mut mean: Vec<f32> = layout.rim.iter().map(|i| planes.level(patch.place(*i as usize))).collect();
         if clutter_variance > LEAST_CLUTTER * noise_variance {
-            let spread = Spread { clutter: background.clutter, noise_variance };
+            let spread = Spread { clutter, noise_variance };
             background.kriging = Kriging::new(policy);
             let around = (&layout.rim[..], &layout.covered[..]);
             let level = |place| planes.level(place);
             background.kriging.weigh(simd, (patch, edge_px, spread), around, level)?;
-            background.kriging.predict(simd, spread.clutter, &mut mean)?;
+            background.kriging.predict(simd, clutter, &mut mean)?;
             background.kriging.correlate(&mut background.covariance);
         }
+        let near = |pixel: usize| {
+            background.kriging.clutter_near(patch, pixel, noise_variance).unwrap_or(clutter) as f32
+        };
+        let near_pixels = layout.used.iter().map(|pixel| near(*pixel as usize)).collect();
+        let near_blocks =
+            layout.blocks.iter().map(|block| near(patch.first_pixel(*block as usize))).collect();
+        (background.near, background.color_near) = (near_pixels, near_blocks);
         background.light_up(simd, patch, layout, &mean);
         Some(background)
     }

@@ -12,7 +12,7 @@ use self::systems::{NEIGHBOURS, Systems, Weights};
 use super::cholesky::Banded;
 use super::constants::CLEAR;
 use super::lanes::{GROUP, Lanes};
-use super::metric::Course;
+use super::metric::{Course, Nearby};
 use super::policy::FitPolicy;
 use crate::patch::Patch;
 use pulp::Simd;
@@ -195,7 +195,7 @@ impl Kriging {
             for (at, place) in weights.at.iter_mut().zip(places).take(count) {
                 at[lane] = place;
             }
-            let nearby = self.along_lines.then(|| self.course.nearby(corner, edge_px, noise));
+            let nearby = self.nearby(corner, edge_px, noise);
             let seen = nearby.map_or(clutter, |nearby| nearby.variance.max(LEAST_CLUTTER * noise));
             systems.own[lane] = (clutter * (1.0 + noise / seen)) as f32;
             let covariance = |displacement: usize| match &nearby {
@@ -210,6 +210,17 @@ impl Kriging {
             }
         }
         (systems, weights)
+    }
+
+    /// Clutter around a pixel by the first of its reach in `left`, where lines are followed and it is seen.
+    fn nearby(&self, corner: usize, edge_px: f64, noise_variance: f64) -> Option<Nearby> {
+        self.along_lines.then(|| self.course.nearby(corner, edge_px, noise_variance)).flatten()
+    }
+
+    /// Standard deviation of the clutter near a pixel of the patch, once weighed; likewise.
+    pub(super) fn clutter_near(&self, patch: &Patch, pixel: usize, noise_variance: f64) -> Option<f64> {
+        let corner = pixel / patch.columns * (patch.columns + 2 * REACH) + pixel % patch.columns;
+        self.nearby(corner, 1.0, noise_variance).map(|nearby| nearby.variance.sqrt())
     }
 
     /// Covariance by displacement; correlation by squared distance in pixels, as it ends.

@@ -68,9 +68,9 @@ impl Course {
         }
     }
 
-    /// Clutter around the pixel whose neighbourhood's corner is at `corner`; isotropic where all is covered.
+    /// Clutter around the pixel whose neighbourhood's corner is at `corner`; None where all is covered.
     #[inline(always)]
-    pub(super) fn nearby(&self, corner: usize, edge_px: f64, noise_variance: f64) -> Nearby {
+    pub(super) fn nearby(&self, corner: usize, edge_px: f64, noise_variance: f64) -> Option<Nearby> {
         let mut sum = [0.0_f32; 5];
         for (offset, weight) in &self.window {
             let moments = &self.moments[corner + offset];
@@ -79,10 +79,10 @@ impl Course {
         let [xx, xy, yy, square, count] = sum.map(f64::from);
         let noise = noise_variance * count;
         let left = (square - noise).max(0.0);
-        let variance = left / count.max(f64::MIN_POSITIVE);
         // A central difference halves the noise of the two.
         let tensor = [xx - 0.5 * noise, xy, yy - 0.5 * noise];
-        Nearby { variance, metric: metric_of(tensor, left, noise, edge_px) }
+        let metric = metric_of(tensor, left, noise, edge_px);
+        (count > 0.0).then(|| Nearby { variance: left / count, metric })
     }
 }
 
@@ -124,7 +124,7 @@ mod tests {
         let mut course = Course::default();
         course.take(&left, WIDE);
         let middle = WIDE / 2;
-        course.nearby((middle - REACH) * WIDE + middle - REACH, 0.6, noise_variance).metric
+        course.nearby((middle - REACH) * WIDE + middle - REACH, 0.6, noise_variance).unwrap().metric
     }
 
     #[test]

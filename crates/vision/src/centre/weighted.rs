@@ -79,11 +79,10 @@ impl Weighted {
         let noise = noise.variance as f32;
         self.variance.clear();
         self.believed.clear();
-        let clutter = stages.background.clutter as f32;
-        for (place, pixel) in stages.pixels() {
+        for ((place, pixel), near) in stages.pixels().zip(&stages.background.near) {
             let covered = stages.linearized.values.covered[place];
             let believed = trust.weight[pixel].max(LEAST_TRUST);
-            self.variance.push((noise + OCCLUDED * (clutter * covered).powi(2)) / believed);
+            self.variance.push((noise + OCCLUDED * (near * covered).powi(2)) / believed);
             self.believed.push(believed);
         }
     }
@@ -95,11 +94,11 @@ impl Weighted {
         let level = (background.around()[0] - patch.from_coded[0][3]) as f32;
         let level = level.abs().max(noise.sqrt());
         // Noise there is no clutter.
-        let hidden = (HIDES * background.clutter as f32 / level).powi(2).min(1.0);
         let clutter = background.color_variance().map(|all| (all as f32 - noise).max(0.0));
         self.color_information.clear();
         for (place, block) in stages.blocks() {
             let covered = layout.color_covered[block];
+            let hidden = (HIDES * background.color_near[place] / level).powi(2).min(1.0);
             let believed = trust.block_weight[block].max(LEAST_TRUST);
             self.believed.push(believed);
             self.color_information.push([0, 1].map(|k| {
