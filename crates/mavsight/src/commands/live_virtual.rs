@@ -6,7 +6,6 @@ use crate::cli::{Live, WrongCall};
 use crate::lab;
 use crate::progress::Bars;
 use anyhow::{Context, Result};
-use mavsight::pilot::Pilot;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_live::{
@@ -20,6 +19,7 @@ use mavsight_session::{
     ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, make_folder, ns_from_s,
     write_control_points, write_png, write_toml,
 };
+use mavsight_simulator::Pilot;
 use mavsight_vision::Frame;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
