@@ -14,26 +14,19 @@ use std::path::PathBuf;
 pub struct LiveSection {
     /// Poses of an earlier flight (`pose.csv`) that give the motion noise; left out: this flight's first
     /// seconds.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub poses: Option<PathBuf>,
     /// Half width of a parameter's interval, as a share of its value, at which enough has been seen of it;
     /// left out: 0.05.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub enough: Option<f64>,
     /// To an autopilot.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub mavlink: Option<MavlinkOptions>,
     /// To clients of OptiTrack's Motive.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub natnet: Option<NatnetOptions>,
     /// To clients of VRPN.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub vrpn: Option<VrpnOptions>,
     /// Events as lines.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub json: Option<JsonOptions>,
     /// Events by Zenoh.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub zenoh: Option<ZenohOptions>,
 }
 

@@ -1,9 +1,9 @@
 //! Reports of a flight to its listeners.
 
 use super::Flight;
-use crate::events;
 use crate::parameters::Parameters;
 use crate::setup::Pace;
+use crate::{Latencies, events};
 use mavsight_link::{Event, Fix, Tracking};
 
 /// Time between two reports of rates and latencies.
@@ -87,7 +87,7 @@ impl Flight<'_> {
             let status = &mut self.status[camera];
             (status.frames, status.instants) = (0, 0);
             status.markers.fill(0);
-            status.latency.clear();
+            status.latency = Latencies::default();
         }
         self.reported_ns = Some(now_ns);
         self.setup.listeners.event(self.setup.recorder.event());
