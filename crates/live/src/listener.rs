@@ -52,11 +52,6 @@ impl Listeners {
         Ok(())
     }
 
-    /// Whether there is no listener.
-    pub fn is_empty(&self) -> bool {
-        self.connected.is_empty()
-    }
-
     fn push(&self, message: &Message) {
         for listener in &self.connected {
             listener.queue.push(message.clone());

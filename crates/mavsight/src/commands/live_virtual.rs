@@ -1,6 +1,6 @@
 //! The virtual room filmed in real time, with a pilot who flies in it.
 
-use super::demo::control_stills;
+use super::demo::control_still;
 use super::live_flight::{Begin, fly_with};
 use crate::cli::{Live, WrongCall};
 use crate::lab;
@@ -13,7 +13,7 @@ use mavsight_live::{
     give_way,
 };
 use mavsight_pipeline::{ControlStill, Progress, calibrate_from_stills};
-use mavsight_scene::{Aircraft, FilmStream, Room, Sensor};
+use mavsight_scene::{Aircraft, Film, FilmStream, Room, Sensor};
 use mavsight_score::{TruthRow, VirtualCamera};
 use mavsight_session::{
     ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, make_folder, ns_from_s,
@@ -150,7 +150,8 @@ pub(super) fn fly_virtual(args: &Live, pace: Pace, enough: f64) -> Result<()> {
     let films: Vec<_> = cameras.iter().enumerate().map(|(k, c)| lab::film(room, c, k, args.seed)).collect();
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
     let control = lab::control_frame(&points);
-    let stills = control_stills(&cameras, |k| films[k].still(Some(&control)))?;
+    let still = |(camera, film): (_, &Film<'_>)| control_still(camera, film.still(Some(&control)));
+    let stills = cameras.iter().zip(&films).map(still).collect::<Result<Vec<_>>>()?;
     let rig = calibrate_from_stills(&stills, &points)?;
     bars.done();
     let (flown, rate_hz, waits) = (vehicle.clone(), args.rate, args.fast);
