@@ -5,10 +5,9 @@ mod linearise;
 
 pub use linearise::Linearisation;
 
-use crate::{FlightError, InputSample, Vehicle, hover_rotor_speed_rad_s};
+use crate::{FlightError, InputSample, Vehicle, force_per_speed2, hover_rotor_speed_rad_s};
 use mavsight_geometry::Vector3;
 use nalgebra::Quaternion;
-use std::f64::consts::PI;
 
 /// States: position in the world (3), level_from_body as w, x, y, z (4), velocity in body axes (3), rates
 /// (3), and the flapping angles alpha_l, beta_l, alpha_f, beta_f.
@@ -118,15 +117,15 @@ impl Coefficients {
         self.values[which as usize]
     }
 
+    /// By what a state acts: the upper disc is K_u times the fly-bar.
+    fn disc_per_state(&self, state: usize) -> f64 {
+        if matches!(state, 15 | 16) { self.get(Coefficient::FlybarGain) } else { 1.0 }
+    }
+
     /// Changes one value.
     pub fn set(&mut self, which: Coefficient, value: f64) {
         self.values[which as usize] = value;
     }
-}
-
-/// ½ρπR⁴, N s².
-fn force_per_omega2(vehicle: &Vehicle) -> f64 {
-    0.5 * vehicle.environment.air_density_kg_m3 * PI * vehicle.rotor.radius_m.powi(4)
 }
 
 /// What turns coefficients into accelerations: mass, inertia, size, air.
@@ -136,16 +135,18 @@ pub struct Airframe {
     inertia_kg_m2: Vector3<f64>,
     radius_m: f64,
     gravity_m_s2: f64,
-    force_per_omega2: f64,
+    force_per_speed2: f64,
     reference_speed_rad_s: f64,
 }
 
-/// Forces of unit coefficients.
+/// What a coefficient adds to the rate of a velocity or rate: `per_unit` times the coefficient, times a state
+/// where there is one.
 #[derive(Debug, Clone, Copy)]
-struct Scales {
-    upper_n: f64,
-    lower_n: f64,
-    reference_n: f64,
+struct Effect {
+    row: usize,
+    which: Coefficient,
+    state: Option<usize>,
+    per_unit: f64,
 }
 
 impl Airframe {
@@ -160,7 +161,7 @@ impl Airframe {
             inertia_kg_m2: Vector3::from(vehicle.inertia_kg_m2),
             radius_m: vehicle.rotor.radius_m,
             gravity_m_s2: vehicle.environment.gravity_m_s2,
-            force_per_omega2: force_per_omega2(vehicle),
+            force_per_speed2: force_per_speed2(vehicle),
             reference_speed_rad_s: hover_rotor_speed_rad_s(vehicle),
         })
     }
@@ -170,38 +171,50 @@ impl Airframe {
         self.reference_speed_rad_s
     }
 
-    fn scales(&self, input: &InputSample) -> Scales {
-        let of = |omega_rad_s: f64| self.force_per_omega2 * omega_rad_s * omega_rad_s;
-        Scales {
-            upper_n: of(input.omega_u_rad_s),
-            lower_n: of(input.omega_l_rad_s),
-            reference_n: of(self.reference_speed_rad_s),
-        }
-    }
-
-    /// Force in newtons and moment in newton metres, body axes.
-    fn loads(&self, c: &Coefficients, s: &Scales, y: &StateVector) -> (Vector3<f64>, Vector3<f64>) {
+    /// Accelerations by all forces and moments. Those of the upper disc are per radian of that disc, which is
+    /// K_u times the fly-bar's.
+    fn effects(&self, input: &InputSample) -> [Effect; 31] {
         use Coefficient as C;
-        let g = |which| c.get(which);
-        let ku = g(C::FlybarGain);
-        let (alpha_l, beta_l, alpha_u, beta_u) = (y[13], y[14], ku * y[15], ku * y[16]);
-        let (u, v, w) = (y[7], y[8], y[9]);
-        let (up, lo, re) = (s.upper_n, s.lower_n, s.reference_n);
-        let tip = |a_u: f64, a_l: f64| g(C::CxAlphaU) * up * a_u + g(C::CxAlphaL) * lo * a_l;
-        let force = Vector3::new(
-            tip(alpha_u, alpha_l) + re * (g(C::Cx0) + g(C::CxU) * u),
-            -tip(beta_u, beta_l) + re * (g(C::Cy0) + g(C::CxU) * v),
-            g(C::CzU) * up + g(C::CzL) * lo + re * (g(C::Cz0) + g(C::CxU) * w),
-        );
-        let turn = |a_u: f64, a_l: f64| {
-            g(C::CmAlphaU) * up * a_u + g(C::CmAlphaL) * lo * a_l + g(C::CmHub) * re * (a_u + a_l)
-        };
-        let moment = Vector3::new(
-            turn(beta_u, beta_l) + re * (g(C::Cl0) + g(C::ClP) * y[10] - g(C::CmU) * v),
-            turn(alpha_u, alpha_l) + re * (g(C::Cm0) + g(C::CmQ) * y[11] + g(C::CmU) * u + g(C::CmW) * w),
-            g(C::CnUpper) * up + g(C::CnLower) * lo + re * (g(C::Cn0) + g(C::CnR) * y[12]),
-        );
-        (force, moment * self.radius_m)
+        let of = |omega_rad_s: f64| self.force_per_speed2 * omega_rad_s * omega_rad_s;
+        let (up, lo) = (of(input.omega_u_rad_s), of(input.omega_l_rad_s));
+        let re = of(self.reference_speed_rad_s);
+        let m = 1.0 / self.mass_kg;
+        let i = self.inertia_kg_m2.map(|v| self.radius_m / v);
+        let by = |row, which, state, per_unit| Effect { row, which, state: Some(state), per_unit };
+        let constant = |row, which, per_unit| Effect { row, which, state: None, per_unit };
+        [
+            by(7, C::CxAlphaU, 15, m * up),
+            by(8, C::CxAlphaU, 16, -m * up),
+            by(7, C::CxAlphaL, 13, m * lo),
+            by(8, C::CxAlphaL, 14, -m * lo),
+            by(7, C::CxU, 7, m * re),
+            by(8, C::CxU, 8, m * re),
+            by(9, C::CxU, 9, m * re),
+            constant(9, C::CzU, m * up),
+            constant(9, C::CzL, m * lo),
+            constant(7, C::Cx0, m * re),
+            constant(8, C::Cy0, m * re),
+            constant(9, C::Cz0, m * re),
+            by(10, C::CmAlphaU, 16, i.x * up),
+            by(11, C::CmAlphaU, 15, i.y * up),
+            by(10, C::CmAlphaL, 14, i.x * lo),
+            by(11, C::CmAlphaL, 13, i.y * lo),
+            by(10, C::CmHub, 14, i.x * re),
+            by(10, C::CmHub, 16, i.x * re),
+            by(11, C::CmHub, 13, i.y * re),
+            by(11, C::CmHub, 15, i.y * re),
+            by(10, C::ClP, 10, i.x * re),
+            by(11, C::CmQ, 11, i.y * re),
+            by(12, C::CnR, 12, i.z * re),
+            by(10, C::CmU, 8, -i.x * re),
+            by(11, C::CmU, 7, i.y * re),
+            by(11, C::CmW, 9, i.y * re),
+            constant(12, C::CnUpper, i.z * up),
+            constant(12, C::CnLower, i.z * lo),
+            constant(10, C::Cl0, i.x * re),
+            constant(11, C::Cm0, i.y * re),
+            constant(12, C::Cn0, i.z * re),
+        ]
     }
 
     /// Time derivative of a state: Euler's equations for principal axes, flapping after equation 2 of
@@ -210,7 +223,6 @@ impl Airframe {
     /// The quaternion's length is drawn back to one with a time constant of one second, which does not change
     /// the attitude.
     pub fn derivative(&self, c: &Coefficients, input: &InputSample, y: &StateVector) -> StateVector {
-        let (force, moment) = self.loads(c, &self.scales(input), y);
         let q = Quaternion::new(y[3], y[4], y[5], y[6]);
         let n2 = q.norm_squared();
         let velocity = Vector3::new(y[7], y[8], y[9]);
@@ -220,12 +232,12 @@ impl Airframe {
         let p_rate = turned(q, velocity);
         let q_rate = q * Quaternion::from_imag(rates) * 0.5 + q * (1.0 - n2) * 0.5;
         let gravity = turned(q.conjugate(), Vector3::new(0.0, 0.0, self.gravity_m_s2));
-        let v_rate = force / self.mass_kg + gravity - rates.cross(&velocity);
+        let v_rate = gravity - rates.cross(&velocity);
         let momentum = self.inertia_kg_m2.component_mul(&rates);
-        let w_rate = (moment - rates.cross(&momentum)).component_div(&self.inertia_kg_m2);
+        let w_rate = -rates.cross(&momentum).component_div(&self.inertia_kg_m2);
         let (tau_l, tau_f) = (c.get(Coefficient::TauLower), c.get(Coefficient::TauFlybar));
         let kb = c.get(Coefficient::SwashplateGain);
-        [
+        let mut out = [
             p_rate.x,
             -p_rate.y,
             -p_rate.z,
@@ -243,7 +255,11 @@ impl Airframe {
             (kb * input.delta_lat_rad - y[14]) / tau_l - y[10],
             -y[15] / tau_f - y[11],
             -y[16] / tau_f - y[10],
-        ]
+        ];
+        for Effect { row, which, state, per_unit } in self.effects(input) {
+            out[row] += per_unit * c.get(which) * state.map_or(1.0, |k| c.disc_per_state(k) * y[k]);
+        }
+        out
     }
 }
 

@@ -17,5 +17,5 @@ pub use coefficient_model::{
 pub use error::FlightError;
 pub use flapping::FlapState;
 pub use inputs::{InputChannel, InputSample, InputSeries};
-pub use thrust::{Thrust, hover_rotor_speed_rad_s, thrust_n};
+pub use thrust::{Thrust, force_per_speed2, hover_rotor_speed_rad_s, thrust_n};
 pub use vehicle::{Assumption, Color, Environment, Marker, Rotor, Vehicle};

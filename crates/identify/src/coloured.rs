@@ -9,11 +9,51 @@ pub(crate) struct Coloured {
     pub(crate) degrees: f64,
 }
 
-/// The covariance B Xᵀ R X B of x = B Xᵀ y for errors of y with the autocovariances `gamma` times a level
-/// that the residuals show: their sum of squares over its expectation tr((I - P)R), P = X (XᵀX)⁻¹ Xᵀ.
-///
-/// `once` are further errors, each one direction that happens once, of variance one: R has their
-/// products as well.
+/// What is known of the errors of some residuals.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct ResidualErrors {
+    /// Their autocovariances at lags 0, 1, ..., up to a factor.
+    pub(crate) gamma: Vec<f64>,
+    /// Further errors, each one direction that happens once, of variance one.
+    pub(crate) once: Vec<DVector<f64>>,
+}
+
+impl ResidualErrors {
+    /// R X with R the covariance of the errors.
+    pub(crate) fn spread(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        let rows = columns.nrows();
+        let mut out = columns * self.gamma.first().copied().unwrap_or(0.0);
+        for (l, gamma) in self.gamma.iter().enumerate().take(rows).skip(1) {
+            let pairs = rows - l;
+            out.rows_mut(l, pairs).zip_apply(&columns.rows(0, pairs), |o, c| *o += gamma * c);
+            out.rows_mut(0, pairs).zip_apply(&columns.rows(l, pairs), |o, c| *o += gamma * c);
+        }
+        for error in &self.once {
+            out += error * columns.tr_mul(error).transpose();
+        }
+        out
+    }
+
+    /// tr R² of so many rows, and tr R.
+    fn traces(&self, rows: usize) -> (f64, f64) {
+        let (mut squares, mut sum) = (0.0, rows as f64 * self.gamma.first().copied().unwrap_or(0.0));
+        for (l, gamma) in self.gamma.iter().enumerate().take(rows) {
+            let twice = if l == 0 { 1.0 } else { 2.0 };
+            squares += twice * (rows - l) as f64 * gamma * gamma;
+            let through = |e: &DVector<f64>| e.rows(0, rows - l).dot(&e.rows(l, rows - l));
+            squares += 2.0 * twice * gamma * self.once.iter().map(through).sum::<f64>();
+        }
+        for (k, error) in self.once.iter().enumerate() {
+            sum += error.norm_squared();
+            squares += error.norm_squared().powi(2);
+            squares += self.once[..k].iter().map(|other| 2.0 * error.dot(other).powi(2)).sum::<f64>();
+        }
+        (squares, sum)
+    }
+}
+
+/// The covariance B Xᵀ R X B of x = B Xᵀ y for errors of y of the covariance R times a level that the
+/// residuals show: their sum of squares over its expectation tr((I - P)R), P = X (XᵀX)⁻¹ Xᵀ.
 ///
 /// The residuals' level is distributed about as chi-square with tr((I - P)R)²/tr(((I - P)R)²) degrees of
 /// freedom (Satterthwaite 1946). Where the colour is known this is far less uncertain than sums of products
@@ -22,47 +62,23 @@ pub(crate) struct Coloured {
 pub(crate) fn coloured(
     columns: &DMatrix<f64>,
     bread: &DMatrix<f64>,
-    residuals: &[f64],
-    gamma: &[f64],
-    once: &[DVector<f64>],
+    residuals: &DVector<f64>,
+    errors: &ResidualErrors,
 ) -> Option<Coloured> {
     let (rows, count) = columns.shape();
-    let variance = *gamma.first().filter(|g| **g > 0.0)?;
-    let lags = gamma.len().min(rows);
-    // R X, a convolution of each column.
-    let mut spread = columns * variance;
-    for l in 1..lags {
-        for j in 0..count {
-            for i in l..rows {
-                spread[(i, j)] += gamma[l] * columns[(i - l, j)];
-                spread[(i - l, j)] += gamma[l] * columns[(i, j)];
-            }
-        }
-    }
-    let mut own = vec![variance; rows];
-    let mut squares: f64 = rows as f64 * variance.powi(2)
-        + (1..lags).map(|l| 2.0 * (rows - l) as f64 * gamma[l].powi(2)).sum::<f64>();
-    for (k, error) in once.iter().enumerate() {
-        spread += error * columns.tr_mul(error).transpose();
-        own.iter_mut().zip(error).for_each(|(own, e)| *own += e * e);
-        let through = (0..lags).map(|l| {
-            let sum: f64 = (l..rows).map(|i| error[i] * error[i - l]).sum();
-            gamma[l] * sum * if l == 0 { 1.0 } else { 2.0 }
-        });
-        squares += 2.0 * through.sum::<f64>() + error.norm_squared().powi(2);
-        squares += once[..k].iter().map(|other| 2.0 * error.dot(other).powi(2)).sum::<f64>();
-    }
+    errors.gamma.first().filter(|g| **g > 0.0)?;
+    let spread = errors.spread(columns);
+    let (squares, sum) = errors.traces(rows);
     let inverse = columns.tr_mul(columns).try_inverse()?;
     let middle = columns.tr_mul(&spread);
     let projected = &inverse * &middle;
-    let trace = own.iter().sum::<f64>() - projected.trace();
+    let trace = sum - projected.trace();
     let trace_of_square =
         squares - 2.0 * (&inverse * spread.tr_mul(&spread)).trace() + (&projected * &projected).trace();
     if trace.is_nan() || trace <= 0.0 || trace_of_square.is_nan() || trace_of_square <= 0.0 {
         return None;
     }
-    let level = residuals.iter().map(|r| r * r).sum::<f64>() / trace;
-    let covariance = bread * middle * bread * level;
+    let covariance = bread * middle * bread * (residuals.norm_squared() / trace);
     let degrees = (trace * trace / trace_of_square).clamp(1.0, (rows - count).max(1) as f64);
     Some(Coloured { covariance, degrees })
 }
@@ -80,14 +96,15 @@ mod tests {
         let gamma: Vec<f64> = (0..8).map(|l| 2.0 * 0.6_f64.powi(l)).collect();
         let mut r = DMatrix::from_fn(rows, rows, |i, k| gamma.get(i.abs_diff(k)).copied().unwrap_or(0.0));
         let once = [0.1, 0.5].map(|rate| DVector::from_fn(rows, |i, _| 3.0 * (-rate * i as f64).exp()));
+        let errors = ResidualErrors { gamma: gamma.clone(), once: once.to_vec() };
         once.iter().for_each(|e| r += e * e.transpose());
         let bread = (x.transpose() * &x).try_inverse().expect("regular");
         let rest = DMatrix::identity(rows, rows) - &x * &bread * x.transpose();
-        let residuals: Vec<f64> = (0..rows).map(|i| (i as f64 * 1.7).cos()).collect();
+        let residuals = DVector::from_fn(rows, |i, _| (i as f64 * 1.7).cos());
         let m = &rest * &r;
-        let level = residuals.iter().map(|v| v * v).sum::<f64>() / m.trace();
+        let level = residuals.norm_squared() / m.trace();
         let dense = &bread * x.transpose() * &r * &x * &bread * level;
-        let got = coloured(&x, &bread, &residuals, &gamma, &once).expect("a covariance");
+        let got = coloured(&x, &bread, &residuals, &errors).expect("a covariance");
         assert!((&got.covariance - &dense).norm() < 1e-12 * dense.norm());
         let degrees = m.trace().powi(2) / (&m * &m).trace();
         assert!((got.degrees / degrees - 1.0).abs() < 1e-9, "{} is not {degrees}", got.degrees);
@@ -100,10 +117,13 @@ mod tests {
         let y = DVector::from_fn(50, |_, _| normal(&mut seed));
         let fit = least_squares(&x, &y, Correlation::White).expect("a fit");
         let bread = (x.transpose() * &x).try_inverse().expect("regular");
-        let got = coloured(&x, &bread, fit.residuals.as_slice(), &[0.3], &[]).expect("a covariance");
+        let of = |gamma: &[f64]| {
+            coloured(&x, &bread, &fit.residuals, &ResidualErrors { gamma: gamma.to_vec(), once: Vec::new() })
+        };
+        let got = of(&[0.3]).expect("a covariance");
         assert!((&got.covariance - &fit.white_covariance).norm() < 1e-12);
         assert!((got.degrees - 48.0).abs() < 1e-9);
-        assert_eq!(coloured(&x, &bread, fit.residuals.as_slice(), &[0.0], &[]), None);
-        assert_eq!(coloured(&x, &bread, fit.residuals.as_slice(), &[], &[]), None);
+        assert_eq!(of(&[0.0]), None);
+        assert_eq!(of(&[]), None);
     }
 }

@@ -13,35 +13,29 @@ pub struct ErrorRows {
 
 impl ErrorRows {
     /// So many covariances of so many signals, all zero.
-    pub fn zeros(signals: usize, rows: usize) -> Self {
+    pub(crate) fn zeros(signals: usize, rows: usize) -> Self {
         Self { signals, triangles: vec![0.0; rows * signals * (signals + 1) / 2] }
     }
 
-    fn triangle(&self) -> usize {
-        self.signals * (self.signals + 1) / 2
+    fn place(&self, row: usize, i: usize, j: usize) -> usize {
+        let (low, high) = (i.min(j), i.max(j));
+        row * self.signals * (self.signals + 1) / 2 + high * (high + 1) / 2 + low
     }
 
     /// Number of times.
-    pub fn len(&self) -> usize {
-        if self.signals == 0 { 0 } else { self.triangles.len() / self.triangle() }
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.triangles.is_empty()
+    pub(crate) fn len(&self) -> usize {
+        self.triangles.len() / (self.signals * (self.signals + 1) / 2).max(1)
     }
 
     /// One element of the covariance at a time.
     pub fn at(&self, row: usize, i: usize, j: usize) -> f64 {
-        let (low, high) = (i.min(j), i.max(j));
-        f64::from(self.triangles[row * self.triangle() + high * (high + 1) / 2 + low])
+        f64::from(self.triangles[self.place(row, i, j)])
     }
 
     /// Sets an element, and the one across the diagonal.
     pub(crate) fn set(&mut self, row: usize, (i, j): (usize, usize), value: f64) {
-        let (low, high) = (i.min(j), i.max(j));
-        let at = row * self.triangle() + high * (high + 1) / 2 + low;
-        self.triangles[at] = value as f32;
+        let place = self.place(row, i, j);
+        self.triangles[place] = value as f32;
     }
 
     /// The covariance of some of the signals at a time.
@@ -50,9 +44,8 @@ impl ErrorRows {
     }
 
     pub(crate) fn of_signals(&self, kept: &[usize]) -> Self {
-        let rows = self.len();
-        let mut out = Self::zeros(kept.len(), rows);
-        for row in 0..rows {
+        let mut out = Self::zeros(kept.len(), self.len());
+        for row in 0..self.len() {
             for i in 0..kept.len() {
                 (0..=i).for_each(|j| out.set(row, (i, j), self.at(row, kept[i], kept[j])));
             }

@@ -47,7 +47,7 @@ impl Estimator {
 }
 
 /// One parameter of the model.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Parameter {
     /// Regressor that it belongs to.
     pub name: String,
@@ -128,12 +128,6 @@ pub struct OutputFit {
     pub parameters: Vec<Parameter>,
     /// What can be said of those that are not identifiable.
     pub combinations: Vec<Combination>,
-    /// Share of the variance about the mean that the fit explains, in the window.
-    pub r2: f64,
-    /// Largest residual in the window.
-    pub max_residual: f64,
-    /// Root mean square residual in the window.
-    pub rms_residual: f64,
     /// Number of independent columns.
     pub rank: usize,
     /// Condition number of the independent columns, each scaled to length one (Belsley, Kuh & Welsch 1980).

@@ -1,7 +1,7 @@
 //! Regression over a band of frequencies.
 
 use crate::robust_covariance::Correlation;
-use crate::{IdentifyError, LeastSquares, least_squares, weighted_least_squares};
+use crate::{IdentifyError, LeastSquares, least_squares};
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::PI;
 
@@ -12,56 +12,53 @@ use std::f64::consts::PI;
 /// 13.9), where a plain sum would be in error by the sampling; Morelli (1997) says why that matters.
 /// Frequencies need not be multiples of anything.
 pub fn fourier_transform(series: &[f64], dt_s: f64, frequencies_hz: &[f64]) -> Vec<(f64, f64)> {
-    frequencies_hz.iter().map(|f| transform_at(series, dt_s, 2.0 * PI * f * dt_s)).collect()
+    let parts = sample_weights(frequencies_hz, series.len(), dt_s) * DVector::from_column_slice(series);
+    let (real, imaginary) = parts.as_slice().split_at(frequencies_hz.len());
+    real.iter().copied().zip(imaginary.iter().copied()).collect()
 }
 
-/// At an angle a sample.
-fn transform_at(series: &[f64], dt_s: f64, angle: f64) -> (f64, f64) {
-    let Some(last) = series.len().checked_sub(1).filter(|last| *last > 0) else { return (0.0, 0.0) };
-    // A rotation by a constant angle loses a digit in about a thousand steps: it is set again before that.
-    const RESTART: usize = 64;
-    let (step_c, step_s) = (angle.cos(), angle.sin());
-    let (mut c, mut s) = (1.0, 0.0);
-    let (mut real, mut imaginary) = (0.0, 0.0);
-    for (k, x) in series.iter().enumerate() {
-        if k % RESTART == 0 {
-            let turned = angle * k as f64;
-            (c, s) = (turned.cos(), turned.sin());
-        }
-        if k > 0 && k < last {
-            real += x * c;
-            imaginary -= x * s;
-        }
-        if k < last {
-            (c, s) = (c * step_c - s * step_s, s * step_c + c * step_s);
+/// What each of `rows` samples weighs in the transforms at some frequencies: real parts, then imaginary, by
+/// samples.
+fn sample_weights(frequencies_hz: &[f64], rows: usize, dt_s: f64) -> DMatrix<f64> {
+    let count = frequencies_hz.len();
+    let mut out = DMatrix::zeros(2 * count, rows);
+    for (k, f_hz) in frequencies_hz.iter().enumerate() {
+        let angle = 2.0 * PI * f_hz * dt_s;
+        let hat = Hat::new(angle);
+        for i in 0..if rows > 1 { rows } else { 0 } {
+            let (s, c) = (angle * i as f64).sin_cos();
+            let (real, imaginary) = match i {
+                0 => (hat.end_real, hat.end_imaginary),
+                _ if i + 1 == rows => (hat.end_real, -hat.end_imaginary),
+                _ => (hat.inner, 0.0),
+            };
+            out[(k, i)] = dt_s * (c * real + s * imaginary);
+            out[(count + k, i)] = dt_s * (c * imaginary - s * real);
         }
     }
-    // Weights of inner samples, and of the first; the last has the first's conjugate.
-    let (inner, end_real, end_imaginary) = weights(angle);
-    let (first, final_) = (series[0], series[last]);
-    let turned = angle * last as f64;
-    let (c, s) = (turned.cos(), turned.sin());
-    // exp(-i turned) times the conjugate of the first's weight.
-    let last_real = c * end_real - s * end_imaginary;
-    let last_imaginary = -s * end_real - c * end_imaginary;
-    (
-        dt_s * (inner * real + end_real * first + last_real * final_),
-        dt_s * (inner * imaginary + end_imaginary * first + last_imaginary * final_),
-    )
+    out
 }
 
-/// ∫ of the hat function times exp(-iθx), and of its right half, (real, imaginary).
-fn weights(theta: f64) -> (f64, f64, f64) {
-    if theta.abs() < 1e-2 {
+/// ∫ of the hat function times exp(-iθx), and of its right half.
+struct Hat {
+    inner: f64,
+    end_real: f64,
+    end_imaginary: f64,
+}
+
+impl Hat {
+    fn new(theta: f64) -> Self {
         let t2 = theta * theta;
-        return (
-            1.0 - t2 / 12.0 + t2 * t2 / 360.0,
-            0.5 - t2 / 24.0 + t2 * t2 / 720.0,
-            -theta * (1.0 / 6.0 - t2 / 120.0 + t2 * t2 / 5040.0),
-        );
+        if theta.abs() < 1e-2 {
+            return Self {
+                inner: 1.0 - t2 / 12.0 + t2 * t2 / 360.0,
+                end_real: 0.5 - t2 / 24.0 + t2 * t2 / 720.0,
+                end_imaginary: -theta * (1.0 / 6.0 - t2 / 120.0 + t2 * t2 / 5040.0),
+            };
+        }
+        let inner = (2.0 - 2.0 * theta.cos()) / t2;
+        Self { inner, end_real: 0.5 * inner, end_imaginary: -(theta - theta.sin()) / t2 }
     }
-    let inner = (2.0 - 2.0 * theta.cos()) / (theta * theta);
-    (inner, 0.5 * inner, -(theta - theta.sin()) / (theta * theta))
 }
 
 /// A band and the frequencies in it.
@@ -77,59 +74,25 @@ impl Band {
     /// Frequencies one cycle in the record apart, between which a record of that length has no more
     /// information: their transforms have errors that are independent (Brillinger 1981, theorem 4.4.1).
     pub fn frequencies_hz(&self, length_s: f64) -> Vec<f64> {
-        let step_hz = 1.0 / length_s;
-        let count = ((self.high_hz - self.low_hz) / step_hz + 1e-9).floor();
+        let count = ((self.high_hz - self.low_hz) * length_s + 1e-9).floor();
         if !(count.is_finite() && count >= 0.0 && self.low_hz >= 0.0) {
             return Vec::new();
         }
-        (0..=count as usize).map(|k| self.low_hz + step_hz * k as f64).collect()
-    }
-
-    /// Rows of the real and of the imaginary parts of the columns' transforms in the band.
-    ///
-    /// # Errors
-    /// [`IdentifyError::BadBand`] where no frequency of it lies between zero and half the sampling rate.
-    pub fn transform(&self, columns: &DMatrix<f64>, dt_s: f64) -> Result<DMatrix<f64>, IdentifyError> {
-        let nyquist_hz = 0.5 / dt_s;
-        let frequencies_hz = self.frequencies_hz(columns.nrows() as f64 * dt_s);
-        if frequencies_hz.is_empty() || self.high_hz.is_nan() || self.high_hz > nyquist_hz {
-            return Err(IdentifyError::BadBand { low_hz: self.low_hz, high_hz: self.high_hz, nyquist_hz });
-        }
-        let count = frequencies_hz.len();
-        let mut out = DMatrix::zeros(2 * count, columns.ncols());
-        for (j, column) in columns.column_iter().enumerate() {
-            let transformed = fourier_transform(column.as_slice(), dt_s, &frequencies_hz);
-            for (k, (real, imaginary)) in transformed.into_iter().enumerate() {
-                out[(k, j)] = real;
-                out[(count + k, j)] = imaginary;
-            }
-        }
-        Ok(out)
+        (0..=count as usize).map(|k| self.low_hz + k as f64 / length_s).collect()
     }
 
     /// What each of `rows` samples weighs in the transforms at the band's frequencies: real parts, then
     /// imaginary, by samples.
-    pub(crate) fn weights(&self, rows: usize, dt_s: f64) -> DMatrix<f64> {
-        let angles: Vec<f64> =
-            self.frequencies_hz(rows as f64 * dt_s).iter().map(|f| 2.0 * PI * f * dt_s).collect();
-        let count = angles.len();
-        let mut out = DMatrix::zeros(2 * count, rows);
-        for (k, angle) in angles.iter().enumerate() {
-            let (inner, end_real, end_imaginary) = weights(*angle);
-            for i in 0..rows {
-                let (s, c) = (angle * i as f64).sin_cos();
-                let (real, imaginary) = if i == 0 {
-                    (end_real, end_imaginary)
-                } else if i + 1 == rows {
-                    (end_real, -end_imaginary)
-                } else {
-                    (inner, 0.0)
-                };
-                out[(k, i)] = dt_s * (c * real + s * imaginary);
-                out[(count + k, i)] = dt_s * (c * imaginary - s * real);
-            }
+    ///
+    /// # Errors
+    /// [`IdentifyError::BadBand`] where no frequency of it lies between zero and half the sampling rate.
+    pub(crate) fn weights(&self, rows: usize, dt_s: f64) -> Result<DMatrix<f64>, IdentifyError> {
+        let nyquist_hz = 0.5 / dt_s;
+        let frequencies_hz = self.frequencies_hz(rows as f64 * dt_s);
+        if frequencies_hz.is_empty() || self.high_hz.is_nan() || self.high_hz > nyquist_hz {
+            return Err(IdentifyError::BadBand { low_hz: self.low_hz, high_hz: self.high_hz, nyquist_hz });
         }
-        out
+        Ok(sample_weights(&frequencies_hz, rows, dt_s))
     }
 }
 
@@ -138,9 +101,8 @@ impl Band {
 ///
 /// What is outside the band, such as drift below and noise above, does not enter. A constant column leaks
 /// little into a band away from zero: leave it out, or accept a wide interval. Covariance from the residuals
-/// in the band, whose spectrum must be about flat, or else be given up to a factor as `density`, one value a
-/// frequency, by which each is then weighed. Residuals and leverages are those of the weighted real parts,
-/// then of the imaginary.
+/// in the band, whose spectrum must be about flat; residuals are those of the real parts, then of the
+/// imaginary.
 ///
 /// # Errors
 /// [`IdentifyError::BadBand`]; those of [`crate::least_squares`], where rows are two a frequency.
@@ -149,19 +111,10 @@ pub fn frequency_domain(
     output: &DVector<f64>,
     dt_s: f64,
     band: Band,
-    density: Option<&[f64]>,
 ) -> Result<LeastSquares, IdentifyError> {
     crate::least_squares::check(regressors, output)?;
-    let x = band.transform(regressors, dt_s)?;
-    let y = band.transform(&DMatrix::from_column_slice(output.len(), 1, output.as_slice()), dt_s)?;
-    let y = y.column(0).into_owned();
-    match density {
-        None => least_squares(&x, &y, Correlation::White),
-        Some(density) => {
-            let std: Vec<f64> = density.iter().chain(density).map(|d| d.sqrt()).collect();
-            weighted_least_squares(&x, &y, &std, Correlation::White)
-        }
-    }
+    let weights = band.weights(output.len(), dt_s)?;
+    least_squares(&(&weights * regressors), &(weights * output), Correlation::White)
 }
 
 #[cfg(test)]
@@ -196,21 +149,11 @@ mod tests {
     }
 
     #[test]
-    fn a_transform_is_the_sum_of_the_samples_weights() {
-        let (dt, n) = (0.1, 50);
-        let series = DMatrix::from_fn(n, 1, |i, _| (0.3 * (i * i) as f64).sin());
-        let band = Band { low_hz: 0.2, high_hz: 3.0 };
-        let transformed = band.transform(&series, dt).expect("a band");
-        let summed = band.weights(n, dt) * &series;
-        assert!((transformed - summed).amax() < 1e-12);
-    }
-
-    #[test]
     fn weights_are_continuous_where_the_series_ends() {
-        let (below, above) = (weights(0.009_999_999), weights(0.010_000_001));
-        assert!((below.0 - above.0).abs() < 1e-9);
-        assert!((below.1 - above.1).abs() < 1e-9);
-        assert!((below.2 - above.2).abs() < 1e-9);
+        let (below, above) = (Hat::new(0.009_999_999), Hat::new(0.010_000_001));
+        assert!((below.inner - above.inner).abs() < 1e-9);
+        assert!((below.end_real - above.end_real).abs() < 1e-9);
+        assert!((below.end_imaginary - above.end_imaginary).abs() < 1e-9);
     }
 
     #[test]
@@ -223,10 +166,10 @@ mod tests {
         // A disturbance at 6 Hz, a multiple of 1/(n dt), which in time would sit on the residuals.
         let y =
             DVector::from_fn(n, |i, _| 2.0 * x[(i, 0)] - x[(i, 1)] + 5.0 * (2.0 * PI * 6.0 * time(i)).sin());
-        let fit = frequency_domain(&x, &y, dt, Band { low_hz: 0.2, high_hz: 2.0 }, None).expect("a fit");
+        let fit = frequency_domain(&x, &y, dt, Band { low_hz: 0.2, high_hz: 2.0 }).expect("a fit");
         assert!((fit.values[0] - 2.0).abs() < 0.1 && (fit.values[1] + 1.0).abs() < 0.1, "{}", fit.values);
         let clean = DVector::from_fn(n, |i, _| 2.0 * x[(i, 0)] - x[(i, 1)]);
-        let fit = frequency_domain(&x, &clean, dt, Band { low_hz: 0.2, high_hz: 2.0 }, None).expect("a fit");
+        let fit = frequency_domain(&x, &clean, dt, Band { low_hz: 0.2, high_hz: 2.0 }).expect("a fit");
         assert!((fit.values[0] - 2.0).abs() < 1e-12 && (fit.values[1] + 1.0).abs() < 1e-12);
     }
 
@@ -247,7 +190,7 @@ mod tests {
                 state = 0.8 * state + normal(&mut seed);
                 2.0 * x[(i, 0)] - x[(i, 1)] + state
             });
-            let fit = frequency_domain(&x, &y, dt, Band { low_hz: 0.1, high_hz: 1.6 }, None).expect("a fit");
+            let fit = frequency_domain(&x, &y, dt, Band { low_hz: 0.1, high_hz: 1.6 }).expect("a fit");
             squares += (fit.values[0] - 2.0).powi(2);
             predicted += fit.covariance[(0, 0)];
         }
@@ -260,7 +203,7 @@ mod tests {
         let x = DMatrix::from_fn(100, 1, |i, _| (i as f64).sin());
         let y = x.column(0).into_owned();
         for (low_hz, high_hz) in [(2.0, 1.0), (-1.0, 1.0), (0.1, 40.0), (0.1, f64::NAN), (f64::NAN, 1.0)] {
-            let refused = frequency_domain(&x, &y, 1.0 / 30.0, Band { low_hz, high_hz }, None);
+            let refused = frequency_domain(&x, &y, 1.0 / 30.0, Band { low_hz, high_hz });
             assert!(matches!(refused, Err(IdentifyError::BadBand { .. })), "{low_hz} {high_hz}: {refused:?}");
         }
     }

@@ -2,16 +2,15 @@
 
 use crate::coloured::coloured;
 use crate::dependence::independent_columns;
-use crate::error_rows::ErrorRows;
 use crate::model::factors;
-use crate::table::{Output, rows_of};
+use crate::regressors::form;
+use crate::table::Output;
 use crate::{
-    Bandwidth, CoefficientTable, Correlation, IdentifyError, Options, OutputModel, When, coefficients,
+    Bandwidth, CoefficientTable, Correlation, IdentifyError, Model, Options, OutputModel, When, coefficients,
     least_squares,
 };
 use mavsight_flight::{InputChannel, InputSample, InputSeries, Vehicle};
 use mavsight_pose::Motion;
-use nalgebra::{DMatrix, DVector};
 
 /// The lag of the motion behind the inputs.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -163,17 +162,14 @@ enum Coarse {
 
 /// Twice the logarithm of the likelihood that a shift must gain to count: the 99.9 % quantile of chi-square
 /// with one degree of freedom.
-const TELLING: f64 = 10.83;
-
-/// Regressors, and what they are fitted to.
-type Regression = (DMatrix<f64>, DVector<f64>);
+const DISTINCT: f64 = 10.83;
 
 struct LagSearch<'a> {
     motion: &'a Motion,
     inputs: &'a InputSeries,
     vehicle: &'a Vehicle,
-    /// For each output, with a model of it alone, so that no more than one is held.
-    options: Vec<Options>,
+    /// Of all outputs that are fitted, behind the widest of their low-passes.
+    options: Options,
     bandwidth_hz: f64,
     /// Independent columns of each output.
     independent: Vec<Vec<usize>>,
@@ -186,42 +182,35 @@ impl<'a> LagSearch<'a> {
         vehicle: &'a Vehicle,
         options: &Options,
     ) -> Result<Self, IdentifyError> {
-        let (mut alone, mut bandwidth_hz) = (Vec::new(), 0.0_f64);
-        for mut one in options.by_equation()? {
+        let mut model = Model { output: Vec::new(), ..options.model()? };
+        let mut bandwidth_hz = 0.0_f64;
+        // One equation after the other, so that the errors of no more than one are held.
+        for one in options.by_equation()? {
             let table = coefficients(motion, inputs, vehicle, &one)?;
             let Some(output) = table.outputs.first() else { continue };
             bandwidth_hz = bandwidth_hz.max(output.bandwidth_hz.min(0.5 / table.sample_interval_s));
-            one.model.iter_mut().flat_map(|m| &mut m.output).for_each(without_imitators);
-            alone.push(one);
+            model.output.extend(one.model()?.output.into_iter().map(without_imitators));
         }
-        alone.iter_mut().for_each(|one| one.bandwidth = Bandwidth::Hz(bandwidth_hz));
-        let mut search =
-            Self { motion, inputs, vehicle, options: alone, bandwidth_hz, independent: Vec::new() };
-        for k in 0..search.options.len() {
-            let table = search.table(k, 0.0)?;
-            let rows = table.rows_in_window();
-            let independent = |output: &Output| {
-                let std: Vec<f64> = output.columns.iter().map(|c| c.std).collect();
-                independent_columns(&rows_of(output, &rows), &std).independent
-            };
-            search.independent.extend(table.outputs.iter().map(independent));
+        let options =
+            Options { model: Some(model), bandwidth: Bandwidth::Hz(bandwidth_hz), ..options.clone() };
+        let mut independent = Vec::new();
+        for one in options.by_equation()? {
+            let table = coefficients(motion, inputs, vehicle, &one)?;
+            let regressors = |o: &Output| o.regressors_at(&table.rows_in_window());
+            independent.extend(table.outputs.iter().map(|o| o.dependence(&regressors(o)).independent));
         }
-        Ok(search)
+        Ok(Self { motion, inputs, vehicle, options, bandwidth_hz, independent })
     }
 
-    /// One output under a lag.
-    fn table(&self, output: usize, lag_s: f64) -> Result<CoefficientTable, IdentifyError> {
-        let mut table =
-            coefficients(self.motion, &delayed(self.inputs, lag_s)?, self.vehicle, &self.options[output])?;
-        // Only the errors' spectrum is asked for.
-        table.outputs.iter_mut().for_each(|o| o.errors = ErrorRows::default());
-        Ok(table)
+    /// All outputs under a lag.
+    fn table(&self, lag_s: f64) -> Result<CoefficientTable, IdentifyError> {
+        form(self.motion, &delayed(self.inputs, lag_s)?, self.vehicle, &self.options, false)
     }
 
-    /// Its regressors and values inside the window; none without a column.
-    fn problem(&self, output: usize, lag_s: f64) -> Result<Option<Regression>, IdentifyError> {
-        let table = self.table(output, lag_s)?;
-        Ok(table.outputs.first().and_then(|o| problem(&table, o, &self.independent[output])))
+    /// Outputs that can be fitted to their independent columns in so many rows, by number.
+    fn fitted(&self, rows: usize) -> impl Iterator<Item = (usize, &[usize])> {
+        let columns = self.independent.iter().map(Vec::as_slice).enumerate();
+        columns.filter(move |(_, own)| !own.is_empty() && rows > own.len() + 1)
     }
 
     /// The shift of least residuals on a grid of a quarter of a period of the low-pass.
@@ -236,7 +225,7 @@ impl<'a> LagSearch<'a> {
                 best = (sum, k);
             }
         }
-        if most - best.0 < TELLING {
+        if most - best.0 < DISTINCT {
             return Ok(Coarse::Flat);
         }
         Ok(if best.1.abs() < count { Coarse::Inside(shift_s(best.1)) } else { Coarse::End })
@@ -244,76 +233,61 @@ impl<'a> LagSearch<'a> {
 
     /// Σ n ln(RSS), with n the number of rows that are not correlated.
     fn scatter(&self, lag_s: f64) -> Result<f64, IdentifyError> {
+        let table = self.table(lag_s)?;
+        let rows = table.rows_in_window();
         let mut sum = 0.0;
-        for (k, independent) in self.independent.iter().enumerate() {
-            let table = self.table(k, lag_s)?;
-            let Some(output) = table.outputs.first() else { continue };
-            let Some((x, y)) = problem(&table, output, independent) else { continue };
-            let fit = least_squares(&x, &y, Correlation::White)?;
-            let apart = y.len() as f64 / table.correlated_rows(output.bandwidth_hz, y.len()) as f64;
-            sum += apart * fit.residuals.norm_squared().max(f64::MIN_POSITIVE).ln();
+        for (k, independent) in self.fitted(rows.len()) {
+            let output = &table.outputs[k];
+            let (x, y) = (output.columns_at(independent, &rows), output.values_at(&rows));
+            let squares = least_squares(&x, &y, Correlation::White)?.residuals.norm_squared();
+            let apart = rows.len() as f64 / table.correlated_rows(output.bandwidth_hz, rows.len()) as f64;
+            sum += apart * squares.max(f64::MIN_POSITIVE).ln();
         }
         Ok(sum)
     }
 
-    /// The step from a lag to where every output's residuals are least, with its standard deviation.
+    /// The step from a lag to where every output's residuals are least, with its standard deviation: the
+    /// coefficient of their slope beside the regressors.
     fn step(&self, lag_s: f64, by_s: f64) -> Result<Option<Lag>, IdentifyError> {
+        let (low, here, high) = (self.table(lag_s - by_s)?, self.table(lag_s)?, self.table(lag_s + by_s)?);
+        let rows = here.rows_in_window();
         let mut steps: Vec<Lag> = Vec::new();
-        for (k, independent) in self.independent.iter().enumerate() {
-            let (low, high) = (self.problem(k, lag_s - by_s)?, self.problem(k, lag_s + by_s)?);
-            let here = self.table(k, lag_s)?;
-            let Some(output) = here.outputs.first() else { continue };
-            let (Some((x, y)), Some(low), Some(high)) = (problem(&here, output, independent), low, high)
-            else {
-                continue;
-            };
+        for (k, independent) in self.fitted(rows.len()) {
+            let output = &here.outputs[k];
+            let (mut x, y) = (output.columns_at(independent, &rows), output.values_at(&rows));
             let fit = least_squares(&x, &y, Correlation::White)?;
-            let left = |(x, y): (DMatrix<f64>, DVector<f64>)| y - x * &fit.values;
-            let slope = (left(low) - left(high)) / (2.0 * by_s);
-            steps.extend(own_step(&here, output, independent, (&x, &fit.values, &fit.residuals, &slope)));
+            let left = |table: &CoefficientTable| {
+                let other = &table.outputs[k];
+                other.values_at(&rows) - other.columns_at(independent, &rows) * &fit.values
+            };
+            let count = x.ncols();
+            x = x.insert_column(count, 0.0);
+            x.set_column(count, &((left(&low) - left(&high)) / (2.0 * by_s)));
+            if !independent_columns(&x, &vec![0.0; count + 1]).independent.contains(&count) {
+                continue;
+            }
+            let how = Correlation::Rows(here.correlated_rows(output.bandwidth_hz, rows.len()));
+            let Ok(slope) = least_squares(&x, &fit.residuals, how) else { continue };
+            let errors = here.residual_errors(output, independent, &fit.values, &rows);
+            let known = coloured(&x, &slope.inverse_gram, &slope.residuals, &errors);
+            let covariance = known.map_or(slope.covariance, |c| c.covariance);
+            let std_s = covariance[(count, count)].max(0.0).sqrt();
+            if std_s > 0.0 && std_s.is_finite() {
+                steps.push(Lag { lag_s: slope.values[count], std_s });
+            }
         }
         Ok(together(&steps))
     }
 }
 
 /// Without the columns that a lag could hide in; and fitted whatever a shift does to it.
-fn without_imitators(output: &mut OutputModel) {
+fn without_imitators(mut output: OutputModel) -> OutputModel {
     output.when = When::Always;
     for (disc, plate) in [("alpha_l", "delta_lon"), ("beta_l", "delta_lat")] {
         let driven = output.regressors.iter().any(|r| factors(r).any(|f| f == disc));
         output.regressors.retain(|r| !driven || r != plate || output.fixed.contains_key(r));
     }
-}
-
-/// Regressors and output inside the window; none without a column.
-fn problem(table: &CoefficientTable, output: &Output, independent: &[usize]) -> Option<Regression> {
-    let rows = table.rows_in_window();
-    let y = DVector::from_iterator(rows.len(), rows.iter().map(|i| output.values[*i]));
-    (!independent.is_empty() && rows.len() > independent.len() + 1)
-        .then(|| (rows_of(output, &rows).select_columns(independent), y))
-}
-
-/// The step that one output asks for: the coefficient of the slope beside the regressors.
-fn own_step(
-    table: &CoefficientTable,
-    output: &Output,
-    independent: &[usize],
-    (x, values, residuals, slope): (&DMatrix<f64>, &DVector<f64>, &DVector<f64>, &DVector<f64>),
-) -> Option<Lag> {
-    let count = x.ncols();
-    let mut with_slope = x.clone().insert_column(count, 0.0);
-    with_slope.set_column(count, slope);
-    if !independent_columns(&with_slope, &vec![0.0; count + 1]).independent.contains(&count) {
-        return None;
-    }
-    let rows = Correlation::Rows(table.correlated_rows(output.bandwidth_hz, x.nrows()));
-    let fit = least_squares(&with_slope, residuals, rows).ok()?;
-    let gamma = table.autocovariances(output, independent, values);
-    let once = table.once(output, independent, values, &table.rows_in_window());
-    let covariance = coloured(&with_slope, &fit.inverse_gram, fit.residuals.as_slice(), &gamma, &once)
-        .map_or(fit.covariance, |c| c.covariance);
-    let std_s = covariance[(count, count)].max(0.0).sqrt();
-    (std_s > 0.0 && std_s.is_finite()).then_some(Lag { lag_s: fit.values[count], std_s })
+    output
 }
 
 /// The mean by inverse variances.

@@ -19,11 +19,6 @@ pub struct LeastSquares {
     pub inverse_gram: DMatrix<f64>,
     /// Output less fit.
     pub residuals: DVector<f64>,
-    /// What each row weighs in its own fit, the diagonal of X(XᵀX)⁻¹Xᵀ.
-    pub leverages: DVector<f64>,
-    /// Sum of squares of the prediction error of each row when it is left out (Allen 1974); for white
-    /// residuals.
-    pub press: f64,
 }
 
 /// Fits `output` by the columns of `regressors`, all taken as exact.
@@ -48,9 +43,6 @@ pub fn least_squares(
     let inverse_gram = factored.inverse_gram()?;
     let degrees = (rows - count).max(1) as f64;
     let white_covariance = &inverse_gram * (residuals.norm_squared() / degrees);
-    let leverages = DVector::from_fn(rows, |i, _| factored.q.row(i).norm_squared());
-    let press = residuals.iter().zip(&leverages).map(|(e, h)| (e / (1.0 - h).max(1e-12)).powi(2)).sum();
-    drop(factored);
     let covariance = match correlation {
         Correlation::White => white_covariance.clone(),
         _ => {
@@ -58,13 +50,13 @@ pub fn least_squares(
             &inverse_gram * correlation.sum(&scores) * &inverse_gram
         }
     };
-    Ok(LeastSquares { values, covariance, white_covariance, inverse_gram, residuals, leverages, press })
+    Ok(LeastSquares { values, covariance, white_covariance, inverse_gram, residuals })
 }
 
 /// Fits rows whose outputs have errors of the given standard deviations (Aitken 1935), each row divided by
 /// its own.
 ///
-/// Values and covariance are those of the rows as given; residuals, leverages and PRESS of the divided ones.
+/// Values and covariance are those of the rows as given; residuals those of the divided ones.
 ///
 /// # Errors
 /// The errors of [`least_squares`]; standard deviations that are not positive and finite.
@@ -133,7 +125,7 @@ mod tests {
                     .expect("a fit");
             slow += (y[left] - (x.row(left) * &fit.values)[0]).powi(2);
         }
-        let press = least_squares(&x, &y, Correlation::White).expect("a fit").press;
+        let press = crate::press(&x, &y, 1).expect("a sum");
         assert!((press / slow - 1.0).abs() < 1e-10, "{press} {slow}");
     }
 

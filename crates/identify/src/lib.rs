@@ -12,6 +12,7 @@ mod error;
 mod error_rows;
 mod fit;
 mod frequency_domain;
+mod inverse;
 mod lag;
 mod least_squares;
 mod model;

@@ -1,6 +1,7 @@
 //! How the errors of poses, behind a smoother, reach what is computed from the motion.
 
 use crate::error_rows::ErrorRows;
+use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::PI;
 
 /// What errs: the position or the turn of each pose along a body axis, white from pose to pose.
@@ -8,6 +9,12 @@ use std::f64::consts::PI;
 pub(crate) enum Source {
     Position(usize),
     Turn(usize),
+}
+
+impl Source {
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
+        (0..3).flat_map(|axis| [Self::Position(axis), Self::Turn(axis)])
+    }
 }
 
 /// The frequency response from that to a signal, in addition to the low-passes that all signals have passed.
@@ -20,22 +27,11 @@ pub(crate) enum Transfer {
 }
 
 impl Transfer {
-    /// Real and imaginary part.
-    fn at(self, omega_rad_s: f64) -> (f64, f64) {
+    fn at(self, f_hz: f64) -> Complex<f64> {
+        let i_omega = Complex::new(0.0, 2.0 * PI * f_hz);
         match self {
-            Self::Derivative(order) => {
-                let size = omega_rad_s.powi(order);
-                match order.rem_euclid(4) {
-                    0 => (size, 0.0),
-                    1 => (0.0, size),
-                    2 => (-size, 0.0),
-                    _ => (0.0, -size),
-                }
-            }
-            Self::Washout { time_s } => {
-                let x = omega_rad_s * time_s;
-                (x * x / (1.0 + x * x), x / (1.0 + x * x))
-            }
+            Self::Derivative(order) => i_omega.powi(order),
+            Self::Washout { time_s } => i_omega * time_s / (i_omega * time_s + 1.0),
         }
     }
 }
@@ -57,18 +53,29 @@ pub(crate) struct Bands {
     pub(crate) passed_hz: Vec<f64>,
 }
 
-/// Frequencies at half steps, and the power that all low-passes let through.
+/// Frequencies at half steps, with the amplitude that all low-passes let through.
 struct Grid {
     step_hz: f64,
-    passed: Vec<f64>,
+    points: Vec<(f64, f64)>,
 }
 
 impl Bands {
-    fn own_hz(&self, source: Source) -> f64 {
-        match source {
+    /// ∫ 1/(1 + (f/fc)⁶) df of the smoother's low-pass of a source.
+    fn smoothed_hz(&self, source: Source) -> f64 {
+        let own_hz = match source {
             Source::Position(_) => self.translation_hz,
             Source::Turn(_) => self.rotation_hz,
-        }
+        };
+        own_hz * PI / 3.0
+    }
+
+    /// So many points up to a multiple of the lowest bandwidth, of which five lets next to nothing pass.
+    fn grid(&self, count: usize, multiple: f64) -> Grid {
+        let lowest_hz = self.passed_hz.iter().copied().fold(f64::INFINITY, f64::min);
+        let step_hz = multiple * lowest_hz / count as f64;
+        let passed = |f: f64| self.passed_hz.iter().map(|fc| 1.0 / (1.0 + (f / fc).powi(6))).product();
+        let points = (0..count).map(|k| step_hz * (k as f64 + 0.5)).map(|f| (f, passed(f))).collect();
+        Grid { step_hz, points }
     }
 
     /// Covariance of two signals over the smoother's variance of their source: ∫ Re(F G*) Π H² df over ∫ H
@@ -77,31 +84,9 @@ impl Bands {
     /// The variance that a smoother states holds what it could not resolve as well, which is no error of a
     /// regression whose both sides have passed the same low-pass: of white noise of density S it is S∫H, of
     /// which S∫H² is noise.
-    fn share(&self, a: Transfer, b: Transfer, source: Source, grid: &Grid) -> f64 {
-        let sum: f64 = grid
-            .passed
-            .iter()
-            .enumerate()
-            .map(|(k, passed)| {
-                let omega_rad_s = 2.0 * PI * grid.step_hz * (k as f64 + 0.5);
-                let (x, y) = (a.at(omega_rad_s), b.at(omega_rad_s));
-                (x.0 * y.0 + x.1 * y.1) * passed
-            })
-            .sum();
-        // ∫ 1/(1 + x⁶) dx from nought on is π/3.
-        sum * grid.step_hz / (self.own_hz(source) * PI / 3.0)
-    }
-
-    /// Steps up to six times the lowest bandwidth, beyond which next to nothing passes.
-    fn grid(&self) -> Grid {
-        const POINTS: usize = 600;
-        let lowest = self.passed_hz.iter().copied().fold(f64::INFINITY, f64::min);
-        let step_hz = 6.0 * lowest / POINTS as f64;
-        let passed = |k: usize| {
-            let f = step_hz * (k as f64 + 0.5);
-            self.passed_hz.iter().map(|fc| (1.0 + (f / fc).powi(6)).powi(-2)).product()
-        };
-        Grid { step_hz, passed: (0..POINTS).map(passed).collect() }
+    fn share(&self, a: &Term, b: &Term, grid: &Grid) -> f64 {
+        let power = |(f, h): &(f64, f64)| (a.transfer.at(*f) * b.transfer.at(*f).conj()).re * h * h;
+        grid.points.iter().map(power).sum::<f64>() * grid.step_hz / self.smoothed_hz(a.source)
     }
 
     /// Covariance of the signals at each row, given the smoother's variance of each source there.
@@ -111,27 +96,23 @@ impl Bands {
         rows: usize,
         variance: &dyn Fn(Source, usize) -> f64,
     ) -> ErrorRows {
-        let count = signals.len();
-        let grid = self.grid();
-        let mut out = ErrorRows::zeros(count, rows);
+        let grid = self.grid(600, 6.0);
+        let mut out = ErrorRows::zeros(signals.len(), rows);
         let mut sums = vec![0.0; rows];
-        let sources = (0..3).flat_map(|axis| [Source::Position(axis), Source::Turn(axis)]);
-        let is_met = |s: &Source| signals.iter().any(|terms| terms.iter().any(|t| t.source == *s));
-        let variances: Vec<(Source, Vec<f64>)> = sources
-            .filter(is_met)
+        let variances: Vec<(Source, Vec<f64>)> = Source::all()
             .map(|source| (source, (0..rows).map(|row| variance(source, row)).collect()))
             .collect();
-        for i in 0..count {
-            for j in 0..=i {
+        for (i, first) in signals.iter().enumerate() {
+            for (j, second) in signals[..=i].iter().enumerate() {
                 sums.fill(0.0);
-                for a in signals[i] {
-                    for b in signals[j].iter().filter(|b| b.source == a.source) {
-                        let share = self.share(a.transfer, b.transfer, a.source, &grid);
-                        let own = variances.iter().find(|(source, _)| *source == a.source).map(|v| &v.1);
-                        for (row, (sum, variance)) in
-                            sums.iter_mut().zip(own.into_iter().flatten()).enumerate()
-                        {
-                            *sum += share * a.gains[row] * b.gains[row] * variance;
+                for (source, variance) in &variances {
+                    for a in first.iter().filter(|a| a.source == *source) {
+                        for b in second.iter().filter(|b| b.source == *source) {
+                            let share = self.share(a, b, &grid);
+                            let gains = a.gains.iter().zip(&b.gains).zip(variance);
+                            sums.iter_mut()
+                                .zip(gains)
+                                .for_each(|(sum, ((a, b), v))| *sum += share * a * b * v);
                         }
                     }
                 }
@@ -140,87 +121,52 @@ impl Bands {
         }
         out
     }
+
+    /// The spectrum of the signals' errors, given the mean variance of each source.
+    pub(crate) fn spectrum(&self, signals: &[&[Term]], variance: &dyn Fn(Source) -> f64) -> ErrorSpectrum {
+        let Grid { step_hz, points } = self.grid(300, 5.0);
+        let is_met = |s: &Source| signals.iter().any(|terms| terms.iter().any(|t| t.source == *s));
+        let responses = Source::all().filter(is_met).map(|source| {
+            let root = (variance(source) / self.smoothed_hz(source) * step_hz).sqrt();
+            DMatrix::from_fn(points.len(), signals.len(), |k, j| {
+                let own = signals[j].iter().filter(|t| t.source == source);
+                let (f, passed) = points[k];
+                own.map(|t| t.transfer.at(f) * (mean(&t.gains) * root * passed)).sum()
+            })
+        });
+        ErrorSpectrum { step_hz, responses: responses.collect() }
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
 /// Spectrum of the errors of some signals, from the mean gain and variance of each way.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ErrorSpectrum {
     step_hz: f64,
-    /// For each source, at each frequency, the signals' responses, with the root of the density.
-    responses: Vec<Vec<Vec<(f64, f64)>>>,
+    /// For each source, the signals' responses (columns) at each frequency, with the root of the density.
+    responses: Vec<DMatrix<Complex<f64>>>,
 }
 
 impl ErrorSpectrum {
     /// The spectrum of some of the signals.
     pub(crate) fn of_signals(&self, kept: &[usize]) -> Self {
-        let at = |signals: &Vec<(f64, f64)>| kept.iter().map(|j| signals[*j]).collect();
-        let responses = self.responses.iter().map(|source| source.iter().map(at).collect()).collect();
+        let responses = self.responses.iter().map(|r| r.select_columns(kept)).collect();
         Self { step_hz: self.step_hz, responses }
     }
 
-    /// Power of the sum of the signals by the given weights in each step of the grid.
-    fn density(&self, weights: &[f64]) -> Vec<f64> {
-        let points = self.responses.first().map_or(0, Vec::len);
-        let mut density = vec![0.0; points];
-        for responses in &self.responses {
-            for (density, signals) in density.iter_mut().zip(responses) {
-                let sum = signals.iter().zip(weights).fold((0.0, 0.0), |sum, (response, weight)| {
-                    (sum.0 + weight * response.0, sum.1 + weight * response.1)
-                });
-                *density += sum.0 * sum.0 + sum.1 * sum.1;
-            }
-        }
-        density
-    }
-
     /// Autocovariances at lags 0, 1, ... of steps `dt_s` of the sum of the signals by the given weights.
-    pub(crate) fn autocovariances(&self, weights: &[f64], dt_s: f64, lags: usize) -> Vec<f64> {
-        let density = self.density(weights);
-        let angle = 2.0 * PI * self.step_hz * dt_s;
-        (0..lags)
-            .map(|l| {
-                let at = |(k, s): (usize, &f64)| s * (angle * l as f64 * (k as f64 + 0.5)).cos();
-                density.iter().enumerate().map(at).sum::<f64>()
-            })
-            .collect()
-    }
-}
-
-impl Bands {
-    /// The spectrum of the signals' errors, given the mean variance of each source.
-    pub(crate) fn spectrum(&self, signals: &[&[Term]], variance: &dyn Fn(Source) -> f64) -> ErrorSpectrum {
-        const POINTS: usize = 300;
-        let lowest = self.passed_hz.iter().copied().fold(f64::INFINITY, f64::min);
-        let step_hz = 5.0 * lowest / POINTS as f64;
-        let mut sources: Vec<Source> = Vec::new();
-        for term in signals.iter().flat_map(|s| s.iter()) {
-            if !sources.contains(&term.source) {
-                sources.push(term.source);
-            }
+    pub(crate) fn autocovariances(&self, weights: &DVector<f64>, dt_s: f64, lags: usize) -> Vec<f64> {
+        let mut power = DVector::zeros(self.responses.first().map_or(0, DMatrix::nrows));
+        for responses in &self.responses {
+            power += (responses * weights.map(Complex::from)).map(|c| c.norm_sqr());
         }
-        let responses = sources.into_iter().map(|source| {
-            let own = variance(source) / (self.own_hz(source) * PI / 3.0) * step_hz;
-            (0..POINTS)
-                .map(|k| {
-                    let f = step_hz * (k as f64 + 0.5);
-                    let passed: f64 =
-                        self.passed_hz.iter().map(|fc| 1.0 / (1.0 + (f / fc).powi(6))).product();
-                    let root = own.sqrt() * passed;
-                    signals.iter().map(|terms| response(terms, source, f, root)).collect()
-                })
-                .collect()
-        });
-        ErrorSpectrum { step_hz, responses: responses.collect() }
+        let angle = 2.0 * PI * self.step_hz * dt_s;
+        let at = |l: usize, k: usize| (angle * l as f64 * (k as f64 + 0.5)).cos();
+        (0..lags).map(|l| power.iter().enumerate().map(|(k, s)| s * at(l, k)).sum()).collect()
     }
-}
-
-/// Response of a signal to a source at a frequency, times a factor.
-fn response(terms: &[Term], source: Source, f_hz: f64, factor: f64) -> (f64, f64) {
-    terms.iter().filter(|t| t.source == source).fold((0.0, 0.0), |sum, term| {
-        let mean = term.gains.iter().sum::<f64>() / term.gains.len().max(1) as f64;
-        let at = term.transfer.at(2.0 * PI * f_hz);
-        (sum.0 + factor * mean * at.0, sum.1 + factor * mean * at.1)
-    })
 }
 
 #[cfg(test)]
@@ -235,19 +181,20 @@ mod tests {
         // 1)π/6).
         let bands = Bands { translation_hz: 2.0, rotation_hz: 5.0, passed_hz: vec![2.0] };
         for k in 0..3 {
-            let share = bands.share(
-                Transfer::Derivative(k),
-                Transfer::Derivative(k),
-                Source::Position(0),
-                &bands.grid(),
-            );
+            let term =
+                Term { source: Source::Position(0), transfer: Transfer::Derivative(k), gains: Vec::new() };
+            let share = bands.share(&term, &term, &bands.grid(600, 6.0));
             let m = f64::from(2 * k + 1);
             let closed =
                 (1.0 - m / 6.0) * (PI / 6.0) / (m * PI / 6.0).sin() / (PI / 3.0) * (4.0 * PI).powi(2 * k);
             assert!((share / closed - 1.0).abs() < 1e-3, "{k}: {share} is not {closed}");
         }
-        let odd =
-            bands.share(Transfer::Derivative(0), Transfer::Derivative(1), Source::Turn(1), &bands.grid());
+        let [angle, rate] = [0, 1].map(|k| Term {
+            source: Source::Turn(1),
+            transfer: Transfer::Derivative(k),
+            gains: Vec::new(),
+        });
+        let odd = bands.share(&angle, &rate, &bands.grid(600, 6.0));
         assert_eq!(odd, 0.0);
     }
 
@@ -281,7 +228,7 @@ mod tests {
         let got = bands.covariances(&signals, 1, &|_, _| stated).block(0, &[0, 1, 2]);
         // The sum of a rate and three times an angle, at some lags.
         let spectrum = bands.spectrum(&signals, &|_| stated);
-        let gamma = spectrum.autocovariances(&[3.0, 1.0, 0.0], dt, 40);
+        let gamma = spectrum.autocovariances(&DVector::from_vec(vec![3.0, 1.0, 0.0]), dt, 40);
         let sum: Vec<f64> = smooth.iter().zip(&rate).map(|(a, b)| 3.0 * a + b).collect();
         for lag in [0, 5, 15, 39] {
             let seen = mean(&sum[..n - lag], &[&sum[lag..], &vec![0.0; lag]].concat()[..n - lag]);

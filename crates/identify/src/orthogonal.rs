@@ -54,12 +54,9 @@ impl Factored {
         let none = DVector::zeros(rows);
         let mut out = DMatrix::zeros(count, count);
         for j in 0..count {
-            let mut unit = DVector::zeros(count);
-            unit[j] = -1.0;
+            let unit = DVector::from_fn(count, |i, _| if i == j { -1.0 / self.scales[j] } else { 0.0 });
             let (x, _) = self.augmented(&none, &unit)?;
-            for i in 0..count {
-                out[(i, j)] = x[i] / self.scales[i] / self.scales[j];
-            }
+            out.set_column(j, &x.component_div(&self.scales));
         }
         Ok((&out + out.transpose()) * 0.5)
     }
@@ -73,10 +70,15 @@ impl Factored {
         g: &DVector<f64>,
     ) -> Result<(DVector<f64>, DVector<f64>), IdentifyError> {
         let (rows, count) = self.columns.shape();
-        let (mut x, mut r) = (DVector::zeros(count), DVector::zeros(rows));
-        let (mut left_f, mut left_g) = (f.clone(), g.clone());
+        let (mut x, mut r) = (DVector::<f64>::zeros(count), DVector::<f64>::zeros(rows));
         let mut last_step = f64::INFINITY;
         for _ in 0..MAX_REFINEMENTS {
+            // What is left of f and g.
+            let at = |i: usize, j: usize| self.columns[(i, j)];
+            let left_f =
+                DVector::from_fn(rows, |i, _| remainder(f[i], -r[i], (0..count).map(|j| (at(i, j), x[j]))));
+            let left_g =
+                DVector::from_fn(count, |j, _| remainder(g[j], 0.0, (0..rows).map(|i| (at(i, j), r[i]))));
             let (dx, dr) = self.correction(&left_f, &left_g)?;
             let step = dx.norm();
             if !step.is_finite() {
@@ -92,7 +94,6 @@ impl Factored {
             if step <= f64::EPSILON * 0.25 * x.norm() {
                 break;
             }
-            self.defects((f, g), (&x, &r), (&mut left_f, &mut left_g));
         }
         Ok((x, r))
     }
@@ -108,30 +109,14 @@ impl Factored {
         let dr = f - &self.q * (along - h);
         Ok((dx, dr))
     }
+}
 
-    /// f - r - X x and g - Xᵀ r.
-    fn defects(
-        &self,
-        (f, g): (&DVector<f64>, &DVector<f64>),
-        (x, r): (&DVector<f64>, &DVector<f64>),
-        (left_f, left_g): (&mut DVector<f64>, &mut DVector<f64>),
-    ) {
-        for i in 0..f.len() {
-            let mut sum = Compensated::new(f[i]);
-            sum.add(-r[i]);
-            for j in 0..x.len() {
-                sum.add_product(-self.columns[(i, j)], x[j]);
-            }
-            left_f[i] = sum.value();
-        }
-        for j in 0..g.len() {
-            let mut sum = Compensated::new(g[j]);
-            for i in 0..r.len() {
-                sum.add_product(-self.columns[(i, j)], r[i]);
-            }
-            left_g[j] = sum.value();
-        }
-    }
+/// A sum of two numbers less products, as if formed in twice the working precision.
+fn remainder(first: f64, second: f64, products: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let mut sum = Compensated::new(first);
+    sum.add(second);
+    products.for_each(|(a, b)| sum.add_product(-a, b));
+    sum.value()
 }
 
 /// The power of two at or below the length of a column; zero where it has none.

@@ -26,7 +26,6 @@ mod fit;
 mod fitter;
 mod flight;
 mod image;
-mod inverse;
 mod linear;
 mod measure;
 mod model;

@@ -7,16 +7,12 @@ use nalgebra::{DMatrix, DVector};
 ///
 /// Keeps the triangle R of QR and turns each new row into it by Givens rotations (Golub & Van Loan 2013,
 /// section 6.5.3), so that after any number of rows it holds what batch least squares would, without the loss
-/// of symmetry that updating the covariance suffers. Everything is allocated at the start; an update costs
-/// O(p²).
+/// of symmetry that updating the covariance suffers. An update costs O(p²) and allocates nothing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecursiveLeastSquares {
     /// R with Qᵀy as its last column.
     triangle: DMatrix<f64>,
     row: DVector<f64>,
-    values: DVector<f64>,
-    inverse: DMatrix<f64>,
-    covariance: DMatrix<f64>,
     square_sum: f64,
     /// Σ of the rows' weights.
     weight: f64,
@@ -40,30 +36,24 @@ impl RecursiveLeastSquares {
         Ok(Self {
             triangle: DMatrix::zeros(parameters, parameters + 1),
             row: DVector::zeros(parameters + 1),
-            values: DVector::zeros(parameters),
-            inverse: DMatrix::zeros(parameters, parameters),
-            covariance: DMatrix::zeros(parameters, parameters),
             square_sum: 0.0,
             weight: 0.0,
             forgetting,
         })
     }
 
-    /// Takes one row; allocates nothing.
+    /// Takes one row.
     ///
     /// # Errors
     /// [`IdentifyError::BadColumn`] for a row of the wrong length or with a number that is not finite, which
     /// is left out: what was known stands.
     pub fn update(&mut self, regressors: &[f64], output: f64) -> Result<(), IdentifyError> {
-        let count = self.values.len();
+        let count = self.row.len() - 1;
         if regressors.len() != count || !output.is_finite() || !regressors.iter().all(|v| v.is_finite()) {
             return Err(IdentifyError::BadColumn { what: "the new row".to_owned(), rows: count });
         }
-        for (to, from) in self.row.iter_mut().zip(regressors.iter().chain([&output])) {
-            *to = *from;
-        }
-        let keep = self.forgetting.sqrt();
-        self.triangle *= keep;
+        self.row.iter_mut().zip(regressors.iter().chain([&output])).for_each(|(to, from)| *to = *from);
+        self.triangle *= self.forgetting.sqrt();
         self.square_sum *= self.forgetting;
         self.weight = self.weight * self.forgetting + 1.0;
         for k in 0..count {
@@ -84,46 +74,22 @@ impl RecursiveLeastSquares {
     }
 
     /// Values and their covariance for white residuals, σ²(RᵀR)⁻¹; none until there are more rows than
-    /// parameters and every one was moved. Allocates nothing.
+    /// parameters and every one was moved.
     ///
     /// With forgetting, σ² is the weighted mean square and a row counts by its weight, as if old rows were
     /// noisier. Where the truth stands still they are not, and the variance is too large by a factor of up to
     /// 1 + λ.
-    pub fn estimate(&mut self) -> Option<(&DVector<f64>, &DMatrix<f64>)> {
-        let count = self.values.len();
-        let degrees = self.weight - count as f64;
+    pub fn estimate(&self) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let count = self.row.len() - 1;
         // What is left of a column beside its length, so that units do not matter.
-        let singular = |k: usize| {
-            let rounding = f64::EPSILON * (self.weight + count as f64) * self.triangle.column(k).norm();
-            self.triangle[(k, k)].abs() <= rounding
-        };
-        if degrees <= 0.0 || (0..count).any(singular) {
+        let rounding = f64::EPSILON * (self.weight + count as f64);
+        let singular = |k: usize| self.triangle[(k, k)].abs() <= rounding * self.triangle.column(k).norm();
+        if (0..count).any(singular) {
             return None;
         }
-        for k in (0..count).rev() {
-            let known: f64 = (k + 1..count).map(|j| self.triangle[(k, j)] * self.values[j]).sum();
-            self.values[k] = (self.triangle[(k, count)] - known) / self.triangle[(k, k)];
-        }
-        self.inverse.fill(0.0);
-        for j in 0..count {
-            for k in (0..=j).rev() {
-                let known: f64 = (k + 1..=j).map(|i| self.triangle[(k, i)] * self.inverse[(i, j)]).sum();
-                let unit = if k == j { 1.0 } else { 0.0 };
-                self.inverse[(k, j)] = (unit - known) / self.triangle[(k, k)];
-            }
-        }
-        let variance = self.square_sum / degrees;
-        for i in 0..count {
-            for j in 0..count {
-                let sum: f64 = (i.max(j)..count).map(|k| self.inverse[(i, k)] * self.inverse[(j, k)]).sum();
-                self.covariance[(i, j)] = variance * sum;
-            }
-        }
-        Some((&self.values, &self.covariance))
+        self.estimate_of(&(0..count).collect::<Vec<_>>())
     }
-}
 
-impl RecursiveLeastSquares {
     /// Σ of the rows' weights: with nothing forgotten, how many there were.
     pub fn weight(&self) -> f64 {
         self.weight
@@ -131,34 +97,32 @@ impl RecursiveLeastSquares {
 
     /// The triangle R of all rows, RᵀR = XᵀX: its columns depend on each other as those of the regressors do.
     pub fn factor(&self) -> DMatrix<f64> {
-        self.triangle.columns(0, self.values.len()).into_owned()
+        self.triangle.columns(0, self.row.len() - 1).into_owned()
     }
 
     /// [`Self::estimate`] for some of the parameters, the others taken as zero: what is left when columns
     /// that are combinations of others ([`crate::independent_columns`]) are put aside. Indices beyond the
     /// columns give none.
     pub fn estimate_of(&self, parameters: &[usize]) -> Option<(DVector<f64>, DMatrix<f64>)> {
-        let count = self.values.len();
+        let count = self.row.len() - 1;
         let degrees = self.weight - parameters.len() as f64;
         if parameters.is_empty() || degrees <= 0.0 || parameters.iter().any(|p| *p >= count) {
             return None;
         }
-        let mut columns = self.triangle.select_columns(parameters);
-        let scales = DVector::from_iterator(parameters.len(), columns.column_iter().map(|c| c.norm()));
-        if scales.iter().any(|s| *s <= 0.0) {
-            return None;
-        }
-        columns.column_iter_mut().zip(&scales).for_each(|(mut c, s)| c /= *s);
+        let columns = self.triangle.select_columns(parameters);
+        let unit = DMatrix::from_diagonal(&DVector::from_iterator(
+            parameters.len(),
+            columns.column_iter().map(|c| c.norm().recip()),
+        ));
+        let columns = columns * &unit;
         let output = self.triangle.column(count).into_owned();
         let qr = columns.clone().qr();
-        let scaled = qr.r().solve_upper_triangular(&(qr.q().transpose() * &output))?;
-        let left = (output - columns * &scaled).norm_squared();
         let inverse = qr.r().try_inverse()?;
-        let variance = (self.square_sum + left) / degrees;
-        let covariance = &inverse * inverse.transpose() * variance;
-        let unscaled = DMatrix::from_diagonal(&scales.map(f64::recip));
-        let values = scaled.component_div(&scales);
-        values.iter().all(|v| v.is_finite()).then(|| (values, &unscaled * covariance * &unscaled))
+        let scaled = &inverse * qr.q().tr_mul(&output);
+        let variance = (self.square_sum + (output - columns * &scaled).norm_squared()) / degrees;
+        let values = &unit * scaled;
+        let root = unit * inverse;
+        values.iter().all(|v| v.is_finite()).then(|| (values, &root * root.transpose() * variance))
     }
 }
 
@@ -207,7 +171,7 @@ mod tests {
     fn forgetting_is_batch_with_fading_weights() {
         let (x, y) = problem(80);
         let lambda: f64 = 0.95;
-        let mut recursive = feed(&x, &y, lambda);
+        let recursive = feed(&x, &y, lambda);
         let std: Vec<f64> = (0..80).map(|i| lambda.powi(i - 79).sqrt()).collect();
         let batch = weighted_least_squares(&x, &y, &std, Correlation::White).expect("a fit");
         let (values, covariance) = recursive.estimate().expect("an estimate");

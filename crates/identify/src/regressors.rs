@@ -1,16 +1,16 @@
 //! Outputs and regressors of a model from motion and inputs.
 
 use crate::coloured::coloured;
-use crate::dependence::independent_columns;
 use crate::error_rows::ErrorRows;
+use crate::inverse::log_determinant;
 use crate::model::{Model, OutputModel, Scale, When};
 use crate::noise::{Bands, Source, Term, Transfer};
 use crate::signals::{Flight, Passed, Signal, lowpass_at, median, scale_terms};
-use crate::table::{CoefficientTable, Column, Fixed, Output, columns_of, rows_of};
+use crate::table::{CoefficientTable, Column, Fixed, Output};
 use crate::{Correlation, IdentifyError, least_squares};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_pose::Motion;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 /// The low-pass that both sides of a regression pass in addition to the smoother's.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -50,15 +50,17 @@ impl Default for Options {
 }
 
 impl Options {
+    /// The model, or equation 3.
+    pub(crate) fn model(&self) -> Result<Model, IdentifyError> {
+        self.model.clone().map_or_else(Model::equation_3, Ok)
+    }
+
     /// These options for each equation of the model by itself.
     ///
     /// # Errors
     /// Those of [`Model::equation_3`].
     pub fn by_equation(&self) -> Result<Vec<Self>, IdentifyError> {
-        let model = match &self.model {
-            Some(model) => model.clone(),
-            None => Model::equation_3()?,
-        };
+        let model = self.model()?;
         let alone = |equation: &OutputModel| {
             let model = Model { output: vec![equation.clone()], ..model.clone() };
             Self { model: Some(model), ..self.clone() }
@@ -91,10 +93,19 @@ pub fn coefficients(
     vehicle: &Vehicle,
     options: &Options,
 ) -> Result<CoefficientTable, IdentifyError> {
-    let model = match &options.model {
-        Some(model) => model.clone(),
-        None => Model::equation_3()?,
-    };
+    form(motion, inputs, vehicle, options, true)
+}
+
+/// [`coefficients`]; where they are not wanted, and the low-pass is given in hertz, without the errors of
+/// single rows.
+pub(crate) fn form(
+    motion: &Motion,
+    inputs: &InputSeries,
+    vehicle: &Vehicle,
+    options: &Options,
+    with_errors: bool,
+) -> Result<CoefficientTable, IdentifyError> {
+    let model = options.model()?;
     model.check_signals(inputs)?;
     let flight = Flight::new(motion, inputs, vehicle)?;
     let (Some(first_s), Some(last_s)) = (flight.t_s.first().copied(), flight.t_s.last().copied()) else {
@@ -112,7 +123,7 @@ pub fn coefficients(
     };
     let rows = table.rows_in_window();
     for equation in &model.output {
-        let draft = Draft::new(&flight, equation, motion)?;
+        let draft = Draft::new(&flight, equation)?;
         let whole = || draft.finish(&flight, &table.usable, None);
         if equation.when == When::Excited && !excited(&whole(), &rows) {
             table.not_excited.push(equation.name.clone());
@@ -120,11 +131,12 @@ pub fn coefficients(
         }
         let output = match options.bandwidth {
             Bandwidth::Smoother => whole(),
-            Bandwidth::Hz(hz) if hz.is_finite() && hz > 0.0 => draft.finish(&flight, &table.usable, Some(hz)),
-            Bandwidth::Hz(value) => {
+            Bandwidth::Hz(value) if !(value.is_finite() && value > 0.0) => {
                 let (what, must) = ("the bandwidth", "be above zero");
                 return Err(IdentifyError::BadSetting { what, value, must });
             }
+            Bandwidth::Hz(hz) if with_errors => draft.finish(&flight, &table.usable, Some(hz)),
+            Bandwidth::Hz(hz) => draft.passed(&flight, &table.usable, Some(hz)),
             Bandwidth::Automatic => draft.best(&flight, &rows, &table),
         };
         table.outputs.push(output);
@@ -137,7 +149,7 @@ pub fn coefficients(
 fn usable(flight: &Flight<'_>, margin_s: f64) -> Vec<bool> {
     let rows = flight.t_s.len();
     let mut out = vec![true; rows];
-    for source in (0..3).flat_map(|axis| [Source::Position(axis), Source::Turn(axis)]) {
+    for source in Source::all() {
         let variances: Vec<f64> = (0..rows).map(|i| flight.variance(source, i)).collect();
         let median = median(variances.clone());
         for (usable, variance) in out.iter_mut().zip(&variances) {
@@ -181,7 +193,7 @@ struct Draft {
 }
 
 impl Draft {
-    fn new(flight: &Flight<'_>, equation: &OutputModel, motion: &Motion) -> Result<Self, IdentifyError> {
+    fn new(flight: &Flight<'_>, equation: &OutputModel) -> Result<Self, IdentifyError> {
         let passed = equation
             .regressors
             .iter()
@@ -207,10 +219,11 @@ impl Draft {
                 columns.push((name, signal));
             }
         }
-        let (translation_hz, rotation_hz) = (motion.translation_bandwidth_hz, motion.rotation_bandwidth_hz);
-        let both = [(passed.translation, translation_hz), (passed.rotation, rotation_hz)];
-        let passed_hz = both.into_iter().filter(|(wanted, _)| *wanted).map(|(_, hz)| hz).collect();
-        let bands = Bands { translation_hz, rotation_hz, passed_hz };
+        let bands = Bands {
+            translation_hz: flight.motion.translation_bandwidth_hz,
+            rotation_hz: flight.motion.rotation_bandwidth_hz,
+            passed_hz: flight.bandwidths_hz(passed).collect(),
+        };
         Ok(Self { name: equation.name.clone(), output, columns, fixed, bands })
     }
 
@@ -279,10 +292,9 @@ impl Draft {
         let lowest_hz = 1.0 / margin_s;
         let mut whole = self.finish(flight, &table.usable, None);
         whole.errors = ErrorRows::default();
-        let std: Vec<f64> = whole.columns.iter().map(|c| c.std).collect();
-        let independent = independent_columns(&rows_of(&whole, rows), &std).independent;
+        let independent = whole.dependence(&whole.regressors_at(rows)).independent;
         let measure =
-            |output: &Output| log_determinant(output, &independent, rows, table).unwrap_or(f64::INFINITY);
+            |output: &Output| log_variance(output, &independent, rows, table).unwrap_or(f64::INFINITY);
         // One candidate is held at a time; the one that is chosen is formed again.
         let mut candidates_hz = vec![None];
         let mut measures = vec![measure(&whole)];
@@ -335,25 +347,16 @@ fn start_errors(flight: &Flight<'_>, signals: &[&[Term]]) -> Vec<DMatrix<f64>> {
 
 /// Logarithm of the determinant of the least-squares covariance of independent columns, for coloured
 /// residuals.
-fn log_determinant(
+fn log_variance(
     output: &Output,
     independent: &[usize],
     rows: &[usize],
     table: &CoefficientTable,
 ) -> Option<f64> {
-    let x = columns_of(output, independent, rows);
-    let y = DVector::from_iterator(rows.len(), rows.iter().map(|i| output.values[*i]));
+    let x = output.columns_at(independent, rows);
     let how = Correlation::Rows(table.correlated_rows(output.bandwidth_hz, rows.len()));
-    let fit = least_squares(&x, &y, how).ok()?;
-    let gamma = table.autocovariances(output, independent, &fit.values);
-    let once = table.once(output, independent, &fit.values, rows);
-    let covariance = coloured(&x, &fit.inverse_gram, fit.residuals.as_slice(), &gamma, &once)
-        .map_or(fit.covariance, |c| c.covariance);
-    // Scaled by the columns' lengths, which differ by orders of magnitude.
-    let lengths: Vec<f64> = x.column_iter().map(|c| c.norm()).collect();
-    let count = lengths.len();
-    let scaled = DMatrix::from_fn(count, count, |i, j| covariance[(i, j)] * lengths[i] * lengths[j]);
-    let factor = scaled.cholesky()?;
-    let own: f64 = (0..count).map(|j| factor.l_dirty()[(j, j)].ln() - lengths[j].ln()).sum();
-    Some(2.0 * own)
+    let fit = least_squares(&x, &output.values_at(rows), how).ok()?;
+    let errors = table.residual_errors(output, independent, &fit.values, rows);
+    let known = coloured(&x, &fit.inverse_gram, &fit.residuals, &errors);
+    log_determinant(&known.map_or(fit.covariance, |c| c.covariance))
 }

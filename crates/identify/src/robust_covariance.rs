@@ -56,17 +56,23 @@ fn recoloured(scores: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(DMatrix::from_fn(count, count, |i, j| sum[(i, j)] * sizes[i] * sizes[j] * grown))
 }
 
-/// Σ_l w_l Σ_i ψ_i ψ_{i+l}ᵀ with Bartlett weights w_l = 1 - |l|/(lag + 1), of rows ψ_i (Newey & West 1987),
-/// with the factor n/(n - p) for the fitted parameters. Positive semidefinite.
-pub(crate) fn sandwich(scores: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
-    let (rows, count) = scores.shape();
+/// Σ_l w_l Σ_i ψ_i ψ_{i+l}ᵀ with Bartlett weights w_l = 1 - |l|/(lag + 1), of rows ψ_i (Newey & West 1987).
+/// Positive semidefinite.
+pub(crate) fn bartlett_sum(scores: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
+    let rows = scores.nrows();
     let mut sum = scores.tr_mul(scores);
     for l in 1..=lag.min(rows.saturating_sub(1)) {
         let weight = 1.0 - l as f64 / (lag + 1) as f64;
         let product = scores.rows(0, rows - l).tr_mul(&scores.rows(l, rows - l));
         sum += (&product + product.transpose()) * weight;
     }
-    sum * (rows as f64 / (rows - count).max(1) as f64)
+    sum
+}
+
+/// [`bartlett_sum`] with the factor n/(n - p) for the fitted parameters.
+fn sandwich(scores: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
+    let (rows, count) = scores.shape();
+    bartlett_sum(scores, lag) * (rows as f64 / (rows - count).max(1) as f64)
 }
 
 /// The lag of least mean square error for Bartlett weights, 1.1447 (α n)^(1/3), with α from first-order

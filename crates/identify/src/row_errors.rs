@@ -1,12 +1,13 @@
 //! Total least squares where each row has an error covariance of its own.
 
 use crate::IdentifyError;
+use crate::inverse::inverse_of_scaled;
 use crate::least_squares::{check, weighted_least_squares};
 use crate::robust_covariance::Correlation;
-use crate::total_least_squares::{TotalLeastSquares, inverse_of_scaled, total_least_squares};
+use crate::total_least_squares::{TotalLeastSquares, total_least_squares};
 use nalgebra::{DMatrix, DVector};
 
-/// Steps at most; Newton's double the digits, Gauss-Newton's gain some in proportion to how small errors are.
+/// Steps at most; each gains some digits in proportion to how small errors are.
 const MAX_STEPS: usize = 100;
 /// Change of the sum, relative, below which a step is one of a millionth of a standard deviation or less.
 const NEGLIGIBLE: f64 = 1e-15;
@@ -19,11 +20,10 @@ const MAX_HALVINGS: usize = 30;
 ///
 /// Minimises Σ v_i²/σ_i² with v_i = y_i - a_i x and σ_i² the variance of v_i, which is orthogonal distance
 /// regression of a linear model (Boggs, Byrd & Schnabel 1987) and element-wise weighted total least squares
-/// (Markovsky & Van Huffel 2006). Newton's steps begin at [`crate::total_least_squares`] with the mean
-/// covariance; where the second derivatives are not positive definite, a Gauss-Newton step regresses v_i on
-/// the corrected regressors a_i - s_i v_i/σ_i² with s_i = Σ_ay - Σ_aa x. Covariance by the scores, as there;
-/// `level` is Σ v_i²/σ_i² over the degrees of freedom, and the only `singular_values` the root of the sum.
-/// `inverse_moment` is of rows divided by their σ_i.
+/// (Markovsky & Van Huffel 2006). Gauss-Newton steps, which regress v_i on the corrected regressors
+/// a_i - s_i v_i/σ_i² with s_i = Σ_ay - Σ_aa x, begin at [`crate::total_least_squares`] with the mean
+/// covariance. Covariance by the scores, as there; `level` is Σ v_i²/σ_i² over the degrees of freedom, and
+/// the only `singular_values` the root of the sum. `inverse_moment` is of rows divided by their σ_i.
 ///
 /// Zero rows of every covariance mark exact columns. Valid where errors are small beside what the corrected
 /// regressors vary by.
@@ -38,46 +38,47 @@ pub fn total_least_squares_by_row(
     errors: &[DMatrix<f64>],
     correlation: Correlation,
 ) -> Result<TotalLeastSquares, IdentifyError> {
-    by_row(regressors, output, (errors.len(), &|i| errors[i].clone()), correlation)
+    if errors.len() != regressors.nrows() {
+        return Err(IdentifyError::BadErrors { what: ONE_A_ROW, columns: regressors.ncols() });
+    }
+    by_row(regressors, output, &|i| errors[i].clone(), correlation)
 }
 
 /// Total least squares with the error covariance of each row, where the covariances are formed on demand.
 pub(crate) fn by_row(
     regressors: &DMatrix<f64>,
     output: &DVector<f64>,
-    (count, errors): (usize, ErrorsOf<'_>),
+    errors: ErrorsOf<'_>,
     correlation: Correlation,
 ) -> Result<TotalLeastSquares, IdentifyError> {
     check(regressors, output)?;
     let problem = RowTotalLeastSquares { regressors, output, errors };
-    problem.check(count)?;
+    problem.check()?;
     let mut x = problem.start()?;
     let mut state = problem.at(&x)?;
     for _ in 0..MAX_STEPS {
-        let step = match problem.newton_step(&state) {
-            Some(step) => step,
-            None => state.gauss_newton_step()?,
-        };
-        // The change of Σ v²/σ² that the step promises, over the sum.
-        let promise = step.dot(&state.score());
-        let mut scale = 1.0;
+        let mut step = state.step()?;
+        // The change of Σ v²/σ² that the step promises.
+        let promise = step.dot(&state.score()).abs();
         let mut next = problem.at(&(&x + &step))?;
         let mut halvings = 0;
-        while next.sum > state.sum * (1.0 + 1e-14) && halvings < MAX_HALVINGS {
-            scale *= 0.5;
+        while next.sum() > state.sum() * (1.0 + 1e-14) && halvings < MAX_HALVINGS {
+            step *= 0.5;
             halvings += 1;
-            next = problem.at(&(&x + &step * scale))?;
+            next = problem.at(&(&x + &step))?;
         }
         if halvings < MAX_HALVINGS {
-            x += step * scale;
+            x += step;
             state = next;
         }
-        if promise.abs() <= NEGLIGIBLE * state.sum || halvings == MAX_HALVINGS {
+        if promise <= NEGLIGIBLE * state.sum() || halvings == MAX_HALVINGS {
             return problem.finish(x, &state, correlation);
         }
     }
     Err(IdentifyError::NotConverged { what: "total least squares by rows", steps: MAX_STEPS })
 }
+
+const ONE_A_ROW: &str = "must be one matrix a row, with one row a column and one for the output";
 
 /// The covariance of a row's errors.
 type ErrorsOf<'a> = &'a dyn Fn(usize) -> DMatrix<f64>;
@@ -90,8 +91,6 @@ struct RowTotalLeastSquares<'a> {
 
 /// The problem at one x.
 struct State {
-    /// Σ v²/σ².
-    sum: f64,
     /// v/σ.
     residuals: DVector<f64>,
     /// Corrected regressors over σ.
@@ -101,16 +100,20 @@ struct State {
 }
 
 impl State {
+    /// Σ v²/σ².
+    fn sum(&self) -> f64 {
+        self.residuals.norm_squared()
+    }
+
     /// Half the negative gradient.
     fn score(&self) -> DVector<f64> {
         self.corrected.tr_mul(&self.residuals)
     }
 
-    fn gauss_newton_step(&self) -> Result<DVector<f64>, IdentifyError> {
+    fn step(&self) -> Result<DVector<f64>, IdentifyError> {
         let qr = self.corrected.clone().qr();
-        let right = qr.q().tr_mul(&self.residuals);
-        let step = qr.r().solve_upper_triangular(&right).ok_or(IdentifyError::RankZero)?;
-        if step.iter().all(|v| v.is_finite()) { Ok(step) } else { Err(IdentifyError::RankZero) }
+        let step = qr.r().solve_upper_triangular(&qr.q().tr_mul(&self.residuals));
+        step.filter(|s| s.iter().all(|v| v.is_finite())).ok_or(IdentifyError::RankZero)
     }
 }
 
@@ -120,22 +123,21 @@ impl RowTotalLeastSquares<'_> {
         (0..self.output.len()).map(|i| (self.errors)(i))
     }
 
-    fn check(&self, found: usize) -> Result<(), IdentifyError> {
-        let (rows, count) = self.regressors.shape();
-        let bad = |what| IdentifyError::BadErrors { what, columns: count };
-        let one_a_row = "must be one matrix a row, with one row a column and one for the output";
-        if found != rows {
-            return Err(bad(one_a_row));
-        }
+    fn bad(&self, what: &'static str) -> IdentifyError {
+        IdentifyError::BadErrors { what, columns: self.regressors.ncols() }
+    }
+
+    fn check(&self) -> Result<(), IdentifyError> {
+        let count = self.regressors.ncols();
         for e in self.each_errors() {
             if e.shape() != (count + 1, count + 1) {
-                return Err(bad(one_a_row));
+                return Err(self.bad(ONE_A_ROW));
             }
             if !e.iter().all(|v| v.is_finite()) || e.diagonal().iter().any(|v| *v < 0.0) {
-                return Err(bad("must be finite with variances that are not negative"));
+                return Err(self.bad("must be finite with variances that are not negative"));
             }
             if e[(count, count)] == 0.0 {
-                return Err(bad("must leave the output an error: total least squares needs one"));
+                return Err(self.bad("must leave the output an error: total least squares needs one"));
             }
         }
         Ok(())
@@ -143,72 +145,35 @@ impl RowTotalLeastSquares<'_> {
 
     fn at(&self, x: &DVector<f64>) -> Result<State, IdentifyError> {
         let (rows, count) = self.regressors.shape();
-        let mut out = State {
-            sum: 0.0,
-            residuals: self.output - self.regressors * x,
-            corrected: self.regressors.clone(),
-            std: DVector::zeros(rows),
-        };
-        let mut shared = DVector::zeros(count);
+        let mut residuals = self.output - self.regressors * x;
+        let mut corrected = self.regressors.clone();
+        let mut std = DVector::zeros(rows);
+        // Of v = y - a x.
+        let weights = x.map(|v| -v).push(1.0);
         for (i, errors) in self.each_errors().enumerate() {
-            shared.copy_from(&errors.view((0, count), (count, 1)));
-            let with_output = shared.dot(x);
-            shared.gemv(-1.0, &errors.view((0, 0), (count, count)), x, 1.0);
-            let variance = errors[(count, count)] - with_output - shared.dot(x);
+            let shared = errors * &weights;
+            let variance = shared.dot(&weights);
             if variance.is_nan() || variance <= 0.0 {
-                let what = "must be positive definite: a residual has no error";
-                return Err(IdentifyError::BadErrors { what, columns: count });
+                return Err(self.bad("must be positive definite: a residual has no error"));
             }
-            let (v, std) = (out.residuals[i], variance.sqrt());
-            for j in 0..count {
-                out.corrected[(i, j)] = (out.corrected[(i, j)] - shared[j] * v / variance) / std;
-            }
-            out.residuals[i] = v / std;
-            out.std[i] = std;
-            out.sum += v * v / variance;
+            std[i] = variance.sqrt();
+            let correction = shared.rows(0, count).transpose() * (residuals[i] / variance);
+            corrected.set_row(i, &((corrected.row(i) - correction) / std[i]));
+            residuals[i] /= std[i];
         }
-        Ok(out)
+        Ok(State { residuals, corrected, std })
     }
 
     /// Total least squares with the mean covariance, or weighted least squares where that has no answer.
     fn start(&self) -> Result<DVector<f64>, IdentifyError> {
-        let count = self.regressors.ncols();
-        let mut mean = DMatrix::zeros(count + 1, count + 1);
-        for errors in self.each_errors() {
-            mean += errors / self.output.len() as f64;
-        }
+        let (rows, count) = self.regressors.shape();
+        let zero = DMatrix::zeros(count + 1, count + 1);
+        let mean = self.each_errors().fold(zero, |sum, errors| sum + errors / rows as f64);
         if let Ok(fit) = total_least_squares(self.regressors, self.output, &mean, Correlation::White) {
             return Ok(fit.values);
         }
         let output_std: Vec<f64> = self.each_errors().map(|e| e[(count, count)].sqrt()).collect();
         Ok(weighted_least_squares(self.regressors, self.output, &output_std, Correlation::White)?.values)
-    }
-
-    /// Half the second derivatives of Σ v²/σ².
-    fn curvature(&self, state: &State) -> DMatrix<f64> {
-        let count = self.regressors.ncols();
-        let mut out = DMatrix::zeros(count, count);
-        for (i, errors) in self.each_errors().enumerate() {
-            let (std, v) = (state.std[i], state.residuals[i]);
-            // a - 2 s v/σ², over σ, of which the corrected regressors have one part of two taken off.
-            let twice = state.corrected.rows(i, 1) * 2.0 - self.regressors.rows(i, 1) / std;
-            out.gemm_tr(1.0, &twice, &twice, 1.0);
-            out -= errors.view((0, 0), (count, count)) * (v / std).powi(2);
-        }
-        out
-    }
-
-    /// None where the sum is not convex.
-    fn newton_step(&self, state: &State) -> Option<DVector<f64>> {
-        let curvature = self.curvature(state);
-        let count = curvature.nrows();
-        let lengths: Vec<f64> = state.corrected.column_iter().map(|c| c.norm()).collect();
-        let scaled = DMatrix::from_fn(count, count, |i, j| curvature[(i, j)] / (lengths[i] * lengths[j]));
-        let score = state.score();
-        let right = DVector::from_fn(count, |j, _| score[j] / lengths[j]);
-        let step = scaled.cholesky()?.solve(&right);
-        let step = DVector::from_fn(count, |j, _| step[j] / lengths[j]);
-        step.iter().all(|v| v.is_finite()).then_some(step)
     }
 
     fn finish(
@@ -218,27 +183,22 @@ impl RowTotalLeastSquares<'_> {
         correlation: Correlation,
     ) -> Result<TotalLeastSquares, IdentifyError> {
         let (rows, count) = self.regressors.shape();
-        let level = state.sum / (rows - count) as f64;
+        let level = state.sum() / (rows - count) as f64;
         // M = Σ (a aᵀ - Σ_aa)/σ², the part of the scores' derivative that does not vanish in the mean.
-        let mut m = DMatrix::zeros(count, count);
-        let mut scaled = self.regressors.clone();
-        for (i, errors) in self.each_errors().enumerate() {
-            let weight = 1.0 / state.std[i].powi(2);
-            m.gemm_tr(weight, &self.regressors.rows(i, 1), &self.regressors.rows(i, 1), 1.0);
-            m -= errors.view((0, 0), (count, count)) * (level * weight);
-            scaled.row_mut(i).scale_mut(1.0 / state.std[i]);
+        let scaled = DMatrix::from_fn(rows, count, |i, j| self.regressors[(i, j)] / state.std[i]);
+        let mut m = scaled.tr_mul(&scaled);
+        for (errors, std) in self.each_errors().zip(&state.std) {
+            m -= errors.view((0, 0), (count, count)) * (level / (std * std));
         }
         let inverse = inverse_of_scaled(&m, &scaled)?;
-        drop(scaled);
         let scores = DMatrix::from_fn(rows, count, |i, j| state.corrected[(i, j)] * state.residuals[i]);
-        let covariance = &inverse * correlation.sum(&scores) * &inverse;
         Ok(TotalLeastSquares {
-            covariance,
+            covariance: &inverse * correlation.sum(&scores) * &inverse,
             inverse_moment: inverse,
             residuals: self.output - self.regressors * &values,
             values,
             level,
-            singular_values: DVector::from_element(1, state.sum.sqrt()),
+            singular_values: DVector::from_element(1, state.sum().sqrt()),
         })
     }
 }
@@ -300,29 +260,10 @@ mod tests {
             let moved = |h: f64| {
                 let mut x = at.clone();
                 x[j] += h;
-                problem.at(&x).expect("a state").sum
+                problem.at(&x).expect("a state").sum()
             };
             let numeric = -(moved(1e-5) - moved(-1e-5)) / 4e-5;
             assert!((numeric - score[j]).abs() < 1e-6 * score.norm(), "{numeric} is not {}", score[j]);
-        }
-    }
-
-    #[test]
-    fn the_curvature_is_the_scores_negative_derivative() {
-        let (x, y) = linear_problem_of_scipy();
-        let errors = errors_of_rows();
-        let of_row = |i: usize| errors[i].clone();
-        let problem = RowTotalLeastSquares { regressors: &x, output: &y, errors: &of_row };
-        let at = DVector::from_vec(vec![1.0, 0.5, -0.7]);
-        let curvature = problem.curvature(&problem.at(&at).expect("a state"));
-        for j in 0..3 {
-            let moved = |h: f64| {
-                let mut x = at.clone();
-                x[j] += h;
-                problem.at(&x).expect("a state").score()
-            };
-            let numeric = (moved(-1e-5) - moved(1e-5)) / 2e-5;
-            assert!((numeric - curvature.column(j)).norm() < 1e-6 * curvature.norm());
         }
     }
 

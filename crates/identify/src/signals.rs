@@ -4,7 +4,7 @@ use crate::IdentifyError;
 use crate::model::{Measured, SIGNALS, factors};
 use crate::noise::{Source, Term, Transfer};
 use mavsight_flight::flapping::{self, Between};
-use mavsight_flight::{InputSample, InputSeries, Vehicle, thrust_n};
+use mavsight_flight::{InputSample, InputSeries, Vehicle, force_per_speed2, thrust_n};
 use mavsight_geometry::Vector3;
 use mavsight_pose::{Motion, MotionSample, lowpass_like};
 
@@ -48,19 +48,48 @@ impl Passed {
     /// What a regressor has passed before anything is done to it.
     pub(crate) fn by_regressor(regressor: &str) -> Self {
         factors(regressor).fold(Self::default(), |passed, name| {
-            passed.and(match name {
-                "u" | "v" | "w" => Self::TRANSLATION,
-                "alpha_u" | "alpha_l" | "beta_u" | "beta_l" | "p" | "q" | "r" => Self::ROTATION,
-                _ => Self::default(),
+            passed.and(match Factor::of(name) {
+                Factor::Velocity(_) => Self::TRANSLATION,
+                Factor::Input => Self::default(),
+                Factor::Rate(_) | Factor::Upper(_) | Factor::Lower(_) => Self::ROTATION,
             })
         })
+    }
+}
+
+/// What a signal is: of the motion along or about a body axis, or of the inputs alone.
+#[derive(Debug, Clone, Copy)]
+enum Factor {
+    Velocity(usize),
+    Rate(usize),
+    /// Flapping of the upper rotor: axis 1 longitudinal, 0 lateral.
+    Upper(usize),
+    Lower(usize),
+    Input,
+}
+
+impl Factor {
+    fn of(name: &str) -> Self {
+        match name {
+            "u" => Self::Velocity(0),
+            "v" => Self::Velocity(1),
+            "w" => Self::Velocity(2),
+            "p" => Self::Rate(0),
+            "q" => Self::Rate(1),
+            "r" => Self::Rate(2),
+            "beta_u" => Self::Upper(0),
+            "alpha_u" => Self::Upper(1),
+            "beta_l" => Self::Lower(0),
+            "alpha_l" => Self::Lower(1),
+            _ => Self::Input,
+        }
     }
 }
 
 /// One flight's motion and inputs.
 pub(crate) struct Flight<'a> {
     pub(crate) t_s: Vec<f64>,
-    motion: &'a Motion,
+    pub(crate) motion: &'a Motion,
     inputs: &'a InputSeries,
     vehicle: &'a Vehicle,
     input_times_s: Vec<f64>,
@@ -132,11 +161,24 @@ impl<'a> Flight<'a> {
             inertia[axis] * s.angular_acceleration_rad_s2[axis]
                 + (inertia[last] - inertia[next]) * s.rates_rad_s[next] * s.rates_rad_s[last]
         });
-        let gains = vec![inertia[axis]; self.t_s.len()];
-        Signal {
-            values: self.pass_rest(values, Passed::ROTATION, passed),
-            terms: vec![term(Source::Turn(axis), Transfer::Derivative(2), gains)],
-        }
+        self.moved(values, Source::Turn(axis), Transfer::Derivative(2), inertia[axis], passed)
+    }
+
+    /// A signal of the motion alone, with the one way in which errors reach it.
+    fn moved(
+        &self,
+        values: Vec<f64>,
+        source: Source,
+        transfer: Transfer,
+        gain: f64,
+        passed: Passed,
+    ) -> Signal {
+        let own = match source {
+            Source::Position(_) => Passed::TRANSLATION,
+            Source::Turn(_) => Passed::ROTATION,
+        };
+        let terms = vec![term(source, transfer, vec![gain; self.t_s.len()])];
+        Signal { values: self.pass_rest(values, own, passed), terms }
     }
 
     /// The force is the sum of two larger terms, the acceleration, which has passed the smoother's low-pass
@@ -168,7 +210,7 @@ impl<'a> Flight<'a> {
         let mut series = vec![1.0; self.input_times_s.len()];
         let mut product = Signal { values: vec![1.0; self.t_s.len()], terms: Vec::new() };
         for name in factors(regressor) {
-            if let Some(factor) = self.signal(name, passed)? {
+            if let Some(factor) = self.signal(Factor::of(name), passed)? {
                 product.multiply(factor);
                 continue;
             }
@@ -185,30 +227,36 @@ impl<'a> Flight<'a> {
     }
 
     /// A signal that the motion has a part in; none for inputs.
-    fn signal(&self, name: &str, passed: Passed) -> Result<Option<Signal>, IdentifyError> {
-        let axis_of = |names: [&str; 3]| names.iter().position(|n| *n == name);
-        let ones = || vec![1.0; self.t_s.len()];
-        Ok(match name {
-            "alpha_u" => Some(self.upper(1, passed)?),
-            "beta_u" => Some(self.upper(0, passed)?),
-            "alpha_l" => Some(self.lower(1, passed)?),
-            "beta_l" => Some(self.lower(0, passed)?),
-            _ => {
-                if let Some(axis) = axis_of(["p", "q", "r"]) {
-                    let values = self.of(|s| s.rates_rad_s[axis]);
-                    let values = self.pass_rest(values, Passed::ROTATION, passed);
-                    let terms = vec![term(Source::Turn(axis), Transfer::Derivative(1), ones())];
-                    Some(Signal { values, terms })
-                } else if let Some(axis) = axis_of(["u", "v", "w"]) {
-                    let values = self.of(|s| s.velocity_in_body_m_s[axis]);
-                    let values = self.pass_rest(values, Passed::TRANSLATION, passed);
-                    let terms = vec![term(Source::Position(axis), Transfer::Derivative(1), ones())];
-                    Some(Signal { values, terms })
-                } else {
-                    None
-                }
+    fn signal(&self, factor: Factor, passed: Passed) -> Result<Option<Signal>, IdentifyError> {
+        let rotor = &self.vehicle.rotor;
+        Ok(Some(match factor {
+            Factor::Input => return Ok(None),
+            Factor::Velocity(axis) => {
+                let values = self.of(|s| s.velocity_in_body_m_s[axis]);
+                self.moved(values, Source::Position(axis), Transfer::Derivative(1), 1.0, passed)
             }
-        })
+            Factor::Rate(axis) => {
+                let values = self.of(|s| s.rates_rad_s[axis]);
+                self.moved(values, Source::Turn(axis), Transfer::Derivative(1), 1.0, passed)
+            }
+            Factor::Upper(axis) => {
+                let (time_s, gain) = (rotor.flap_time_flybar_s, rotor.flybar_gain);
+                let values = self.flapping_from_rate(axis, time_s)?.iter().map(|a| gain * a).collect();
+                self.moved(values, Source::Turn(axis), Transfer::Washout { time_s }, -gain, passed)
+            }
+            // What the swash-plate drives, and what the rate drives.
+            Factor::Lower(axis) => {
+                let time_s = rotor.flap_time_lower_s;
+                let (longitudinal, lateral) = flapping::lower_from_swashplate(self.inputs, rotor);
+                let driven = if axis == 1 { longitudinal } else { lateral };
+                let driven = self.onto_frames(&driven, Between::Line, passed)?;
+                let rate = self.flapping_from_rate(axis, time_s)?;
+                let mut out =
+                    self.moved(rate, Source::Turn(axis), Transfer::Washout { time_s }, -1.0, passed);
+                out.values.iter_mut().zip(&driven).for_each(|(value, driven)| *value += driven);
+                out
+            }
+        }))
     }
 
     /// A signal of the inputs alone, at their times.
@@ -232,34 +280,6 @@ impl<'a> Flight<'a> {
         })
     }
 
-    /// Flapping of the upper rotor about a body axis: 1 longitudinal, 0 lateral.
-    fn upper(&self, axis: usize, passed: Passed) -> Result<Signal, IdentifyError> {
-        let rotor = &self.vehicle.rotor;
-        let time_s = rotor.flap_time_flybar_s;
-        let flybar = self.flapping_from_rate(axis, time_s)?;
-        let values = flybar.iter().map(|a| rotor.flybar_gain * a).collect();
-        let gains = vec![-rotor.flybar_gain; self.t_s.len()];
-        Ok(Signal {
-            values: self.pass_rest(values, Passed::ROTATION, passed),
-            terms: vec![term(Source::Turn(axis), Transfer::Washout { time_s }, gains)],
-        })
-    }
-
-    /// Flapping of the lower rotor: what the swash-plate drives, and what the rate drives.
-    fn lower(&self, axis: usize, passed: Passed) -> Result<Signal, IdentifyError> {
-        let rotor = &self.vehicle.rotor;
-        let time_s = rotor.flap_time_lower_s;
-        let (longitudinal, lateral) = flapping::lower_from_swashplate(self.inputs, rotor);
-        let driven = if axis == 1 { longitudinal } else { lateral };
-        let driven = self.onto_frames(&driven, Between::Line, passed)?;
-        let rate = self.pass_rest(self.flapping_from_rate(axis, time_s)?, Passed::ROTATION, passed);
-        let gains = vec![-1.0; self.t_s.len()];
-        Ok(Signal {
-            values: driven.iter().zip(&rate).map(|(a, b)| a + b).collect(),
-            terms: vec![term(Source::Turn(axis), Transfer::Washout { time_s }, gains)],
-        })
-    }
-
     fn flapping_from_rate(&self, axis: usize, time_s: f64) -> Result<Vec<f64>, IdentifyError> {
         if let Some((from_s, to_s)) = self.gaps_s().next() {
             return Err(IdentifyError::GapInMotion { from_s, to_s });
@@ -272,8 +292,7 @@ impl<'a> Flight<'a> {
     /// ½ρπR⁴ω² for a force, ½ρπR⁵ω² for a moment, at each time, with the square low-passed as the force is.
     pub(crate) fn rotor_scale(&self, is_moment: bool, passed: Passed) -> Result<Vec<f64>, IdentifyError> {
         let radius_m = self.vehicle.rotor.radius_m;
-        let area = std::f64::consts::PI * radius_m.powi(if is_moment { 5 } else { 4 });
-        let per_square = 0.5 * self.vehicle.environment.air_density_kg_m3 * area;
+        let per_square = force_per_speed2(self.vehicle) * if is_moment { radius_m } else { 1.0 };
         let square = self.of_inputs(|s| (0.5 * (s.omega_u_rad_s + s.omega_l_rad_s)).powi(2));
         let square = self.onto_frames(&square, Between::Hold, passed)?;
         for (t_s, square) in self.t_s.iter().zip(&square) {
@@ -285,7 +304,7 @@ impl<'a> Flight<'a> {
         Ok(square.iter().map(|s| per_square * s).collect())
     }
 
-    fn bandwidths_hz(&self, passed: Passed) -> impl Iterator<Item = f64> {
+    pub(crate) fn bandwidths_hz(&self, passed: Passed) -> impl Iterator<Item = f64> {
         let all = [
             (passed.translation, self.motion.translation_bandwidth_hz),
             (passed.rotation, self.motion.rotation_bandwidth_hz),
@@ -322,17 +341,16 @@ impl<'a> Flight<'a> {
         let grid_s: Vec<f64> = (0..times_s.len()).map(|k| start_s + step_s * k as f64).collect();
         let regular = match between {
             Between::Hold => means_of_held(times_s, series, &grid_s, step_s),
-            Between::Line => grid_s
-                .iter()
-                .map(|t_s| flapping::interpolate(times_s, series, *t_s))
-                .collect::<Result<Vec<f64>, _>>()?,
+            Between::Line => read(times_s, series, &grid_s)?,
         };
         let smooth = self.bandwidths_hz(passed).fold(regular, |values, hz| lowpass_like(&values, step_s, hz));
-        self.t_s
-            .iter()
-            .map(|t| flapping::interpolate(&grid_s, &smooth, *t).map_err(IdentifyError::from))
-            .collect()
+        read(&grid_s, &smooth, &self.t_s)
     }
+}
+
+/// A series at other times, by straight lines.
+fn read(times_s: &[f64], series: &[f64], at_s: &[f64]) -> Result<Vec<f64>, IdentifyError> {
+    at_s.iter().map(|t_s| Ok(flapping::interpolate(times_s, series, *t_s)?)).collect()
 }
 
 /// Means over `step_s` around each point of a grid of a series that holds from each time to the next, and
@@ -364,23 +382,20 @@ pub(crate) fn scale_terms(terms: &mut [Term], by: &[f64]) {
 
 /// Low-pass of a series at times that may be unevenly spaced: on a grid of their median interval, and back.
 pub(crate) fn lowpass_at(t_s: &[f64], values: &[f64], bandwidth_hz: f64) -> Vec<f64> {
-    let mut intervals: Vec<f64> = t_s.windows(2).map(|w| w[1] - w[0]).collect();
-    intervals.sort_by(f64::total_cmp);
-    let Some(step_s) = intervals.get(intervals.len() / 2).copied().filter(|s| *s > 0.0) else {
+    let intervals: Vec<f64> = t_s.windows(2).map(|w| w[1] - w[0]).collect();
+    let step_s = median(intervals.clone());
+    if step_s <= 0.0 {
         return values.to_vec();
-    };
-    let even = intervals.iter().all(|s| (s - step_s).abs() < 0.01 * step_s);
-    if even {
+    }
+    if intervals.iter().all(|s| (s - step_s).abs() < 0.01 * step_s) {
         return lowpass_like(values, step_s, bandwidth_hz);
     }
     let (start_s, end_s) = (t_s[0], t_s[t_s.len() - 1]);
     let count = ((end_s - start_s) / step_s).round().max(1.0) as usize;
     let step_s = (end_s - start_s) / count as f64;
     let grid_s: Vec<f64> = (0..=count).map(|k| start_s + step_s * k as f64).collect();
-    let read = |times: &[f64], series: &[f64], t: f64| flapping::interpolate(times, series, t);
-    let regular: Result<Vec<f64>, _> = grid_s.iter().map(|t| read(t_s, values, *t)).collect();
-    let smooth = regular.map(|series| lowpass_like(&series, step_s, bandwidth_hz));
-    let back = smooth.and_then(|series| t_s.iter().map(|t| read(&grid_s, &series, *t)).collect());
+    let smooth = read(t_s, values, &grid_s).map(|series| lowpass_like(&series, step_s, bandwidth_hz));
+    let back = smooth.and_then(|series| read(&grid_s, &series, t_s));
     // Both reads lie inside their grids; were they not, the series would be returned as it is.
     back.unwrap_or_else(|_| values.to_vec())
 }

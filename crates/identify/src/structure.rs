@@ -97,12 +97,10 @@ pub fn choose_structure(
     let mut out = table.clone();
     let mut structures = Vec::with_capacity(table.outputs.len());
     for output in &mut out.outputs {
-        let columns = &output.columns;
-        let candidates = DMatrix::from_fn(rows.len(), columns.len(), |i, j| columns[j].values[rows[i]]);
-        let values = DVector::from_iterator(rows.len(), rows.iter().map(|i| output.values[*i]));
-        let always: Vec<usize> = (0..columns.len()).filter(|j| columns[*j].name == "0").collect();
+        let is_constant = |j: &usize| output.columns[*j].name == "0";
+        let always: Vec<usize> = (0..output.columns.len()).filter(is_constant).collect();
         let block = table.correlated_rows(output.bandwidth_hz, rows.len());
-        let structure = stepwise(&candidates, &values, &always, block)?;
+        let structure = stepwise(&output.regressors_at(&rows), &output.values_at(&rows), &always, block)?;
         *output = output.with_columns(&structure.chosen);
         structures.push(structure);
     }

@@ -1,5 +1,7 @@
 //! Outputs and regressors of a flight over time, with their errors.
 
+use crate::coloured::ResidualErrors;
+use crate::dependence::{Dependence, independent_columns};
 use crate::error_rows::ErrorRows;
 use crate::noise::ErrorSpectrum;
 use nalgebra::{DMatrix, DVector};
@@ -61,6 +63,26 @@ impl Output {
             ..self.clone()
         }
     }
+
+    /// Some of the regressors at some rows.
+    pub(crate) fn columns_at(&self, chosen: &[usize], rows: &[usize]) -> DMatrix<f64> {
+        DMatrix::from_fn(rows.len(), chosen.len(), |i, j| self.columns[chosen[j]].values[rows[i]])
+    }
+
+    /// All regressors at some rows.
+    pub(crate) fn regressors_at(&self, rows: &[usize]) -> DMatrix<f64> {
+        DMatrix::from_fn(rows.len(), self.columns.len(), |i, j| self.columns[j].values[rows[i]])
+    }
+
+    /// The values at some rows.
+    pub(crate) fn values_at(&self, rows: &[usize]) -> DVector<f64> {
+        DVector::from_fn(rows.len(), |i, _| self.values[rows[i]])
+    }
+
+    /// Which of the regressors, given at some rows, are combinations of others, as far as their errors show.
+    pub(crate) fn dependence(&self, regressors: &DMatrix<f64>) -> Dependence {
+        independent_columns(regressors, &self.columns.iter().map(|c| c.std).collect::<Vec<_>>())
+    }
 }
 
 /// Coefficients and regressors of a flight.
@@ -105,53 +127,29 @@ impl CoefficientTable {
         (1.0 / (bandwidth_hz * self.sample_interval_s)).ceil().min(rows as f64 / 4.0).max(1.0) as usize
     }
 
-    /// What the errors that happen once do to the residuals of a fit of some columns, at some rows.
-    pub(crate) fn once(
+    /// What is known of the errors of the residuals of a fit of some columns at some rows: autocovariances
+    /// over eight periods of the low-pass, after which what is left is below a thousandth, all zero where the
+    /// errors are not known.
+    pub(crate) fn residual_errors(
         &self,
         output: &Output,
         columns: &[usize],
         values: &DVector<f64>,
         rows: &[usize],
-    ) -> Vec<DVector<f64>> {
-        let weights = residual_weights(output, columns, values);
-        let of = |all: &DMatrix<f64>| {
-            let at = |i: &usize| if *i < all.nrows() { all.row(*i).dot(&weights.transpose()) } else { 0.0 };
-            DVector::from_iterator(rows.len(), rows.iter().map(at))
-        };
-        output.once.iter().map(of).collect()
-    }
-
-    /// Autocovariances of the errors of the residuals of a fit of some columns, over eight periods of the
-    /// low-pass, after which what is left is below a thousandth; all zero where the errors are not known.
-    pub(crate) fn autocovariances(
-        &self,
-        output: &Output,
-        columns: &[usize],
-        values: &DVector<f64>,
-    ) -> Vec<f64> {
-        let weights = residual_weights(output, columns, values);
+    ) -> ResidualErrors {
+        // What each regressor, and last the output, weighs in the residual.
+        let mut weights = DVector::zeros(output.columns.len() + 1);
+        columns.iter().zip(values).for_each(|(column, value)| weights[*column] = -value);
+        weights[output.columns.len()] = 1.0;
         let periods = 8.0 / (output.bandwidth_hz * self.sample_interval_s);
         let lags = periods.ceil().clamp(1.0, self.t_s.len() as f64) as usize;
-        output.spectrum.autocovariances(weights.as_slice(), self.sample_interval_s, lags)
+        let effect = |all: &DMatrix<f64>| {
+            let effect = all * &weights;
+            DVector::from_fn(rows.len(), |k, _| effect.get(rows[k]).copied().unwrap_or(0.0))
+        };
+        ResidualErrors {
+            gamma: output.spectrum.autocovariances(&weights, self.sample_interval_s, lags),
+            once: output.once.iter().map(effect).collect(),
+        }
     }
-}
-
-/// What each regressor, and last the output, weighs in the residual of a fit of some columns.
-fn residual_weights(output: &Output, columns: &[usize], values: &DVector<f64>) -> DVector<f64> {
-    let mut weights = DVector::zeros(output.columns.len() + 1);
-    for (column, value) in columns.iter().zip(values) {
-        weights[*column] = -value;
-    }
-    weights[output.columns.len()] = 1.0;
-    weights
-}
-
-/// Some of the regressors at some rows.
-pub(crate) fn columns_of(output: &Output, chosen: &[usize], rows: &[usize]) -> DMatrix<f64> {
-    DMatrix::from_fn(rows.len(), chosen.len(), |i, j| output.columns[chosen[j]].values[rows[i]])
-}
-
-/// The regressors at some rows.
-pub(crate) fn rows_of(output: &Output, rows: &[usize]) -> DMatrix<f64> {
-    DMatrix::from_fn(rows.len(), output.columns.len(), |i, j| output.columns[j].values[rows[i]])
 }

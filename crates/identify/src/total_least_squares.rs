@@ -1,6 +1,7 @@
 //! Total least squares with exact columns.
 
 use crate::IdentifyError;
+use crate::inverse::inverse_of_scaled;
 use crate::least_squares::check;
 use crate::robust_covariance::Correlation;
 use mavsight_geometry::svd::jacobi_svd;
@@ -130,16 +131,10 @@ impl Split {
         for (position, (j, scale)) in self.exact.iter().zip(&scales).enumerate() {
             all.set_column(position, &(regressors.column(*j) / *scale));
         }
-        // Row by row, so that no more than one copy is held.
-        let mut own = DVector::zeros(m + 1);
-        for i in 0..rows {
-            self.noisy.iter().enumerate().for_each(|(at, j)| own[at] = regressors[(i, *j)]);
-            own[m] = output[i];
-            if !self.lower.solve_lower_triangular_mut(&mut own) {
-                return Err(IdentifyError::RankZero);
-            }
-            all.view_mut((i, k), (1, m + 1)).copy_from(&own.transpose());
-        }
+        let mut noisy = regressors.select_columns(&self.noisy).transpose().insert_row(m, 0.0);
+        noisy.set_row(m, &output.transpose());
+        let whitened = self.lower.solve_lower_triangular(&noisy).ok_or(IdentifyError::RankZero)?;
+        all.columns_mut(k, m + 1).copy_from(&whitened.transpose());
         let r = all.qr().r();
         let size = (rows - k).min(m + 1);
         let svd = jacobi_svd(&r.view((k, k), (size, m + 1)).into_owned());
@@ -200,20 +195,6 @@ fn covariance(
         }
     };
     Ok((&inverse * middle * &inverse, inverse))
-}
-
-/// The inverse of a symmetric matrix of the size of AᵀA, which scaling by A's columns keeps from being worse
-/// than it is.
-pub(crate) fn inverse_of_scaled(
-    matrix: &DMatrix<f64>,
-    columns: &DMatrix<f64>,
-) -> Result<DMatrix<f64>, IdentifyError> {
-    let scales: Vec<f64> = columns.column_iter().map(|c| c.norm()).collect();
-    let count = scales.len();
-    let scaled = DMatrix::from_fn(count, count, |i, j| matrix[(i, j)] / (scales[i] * scales[j]));
-    let inverse = scaled.try_inverse().filter(|m| m.iter().all(|v| v.is_finite()));
-    let inverse = inverse.ok_or(IdentifyError::RankZero)?;
-    Ok(DMatrix::from_fn(count, count, |i, j| inverse[(i, j)] / (scales[i] * scales[j])))
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use crate::dependence::Dependence;
 use crate::fit::{Estimator, OutputFit, Parameter};
+use crate::model::factors;
 use crate::table::Output;
 
 /// The condition number from which columns are entangled enough to say so (Belsley, Kuh & Welsch 1980,
@@ -123,34 +124,41 @@ fn entangled(fit: &OutputFit) -> String {
     text
 }
 
+/// What moves regressors apart: at least so many names, one of which has one of these signals.
+const MANOEUVRES: [(usize, &[&str], &str); 6] = [
+    (
+        1,
+        &["T_u", "T_l", "omega_u", "omega_l", "kappa_u", "kappa_l", "kappa_d"],
+        "move the rotor speeds, each by itself, with a multisine or a doublet",
+    ),
+    (
+        2,
+        &["delta_lon"],
+        "move the longitudinal swash-plate faster than the rotor follows: short steps, 3-2-1-1 or a multisine",
+    ),
+    (
+        2,
+        &["delta_lat"],
+        "move the lateral swash-plate faster than the rotor follows: short steps, 3-2-1-1 or a multisine",
+    ),
+    (
+        1,
+        &["alpha_u", "alpha_l", "q", "u", "w", "delta_lon"],
+        "move the longitudinal swash-plate with a multisine from slow, as the fly-bar, to fast, as the rotor",
+    ),
+    (
+        1,
+        &["beta_u", "beta_l", "p", "v", "delta_lat"],
+        "move the lateral swash-plate with a multisine from slow, as the fly-bar, to fast, as the rotor",
+    ),
+    (1, &["r"], "turn about the vertical with a doublet of the rotors' speed difference"),
+];
+
 /// The manoeuvre that moves the named regressors apart.
 fn manoeuvre(names: &[&str]) -> Option<&'static str> {
-    let any =
-        |wanted: &[&str]| names.iter().any(|n| n.split('*').any(|factor| wanted.contains(&factor.trim())));
-    if any(&["T_u", "T_l", "omega_u", "omega_l", "kappa_u", "kappa_l", "kappa_d"]) {
-        return Some("move the rotor speeds, each by itself, with a multisine or a doublet");
-    }
-    if any(&["delta_lon"]) && names.len() > 1 {
-        return Some(
-            "move the longitudinal swash-plate faster than the rotor follows: short steps, 3-2-1-1 or a multisine",
-        );
-    }
-    if any(&["delta_lat"]) && names.len() > 1 {
-        return Some(
-            "move the lateral swash-plate faster than the rotor follows: short steps, 3-2-1-1 or a multisine",
-        );
-    }
-    if any(&["alpha_u", "alpha_l", "q", "u", "w", "delta_lon"]) {
-        return Some(
-            "move the longitudinal swash-plate with a multisine from slow, as the fly-bar, to fast, as the rotor",
-        );
-    }
-    if any(&["beta_u", "beta_l", "p", "v", "delta_lat"]) {
-        return Some(
-            "move the lateral swash-plate with a multisine from slow, as the fly-bar, to fast, as the rotor",
-        );
-    }
-    any(&["r"]).then_some("turn about the vertical with a doublet of the rotors' speed difference")
+    let has = |signals: &[&str]| names.iter().any(|n| factors(n).any(|f| signals.contains(&f)));
+    let fits = |(count, signals, _): &&(usize, &[&str], &str)| names.len() >= *count && has(signals);
+    MANOEUVRES.iter().find(fits).map(|(_, _, advice)| *advice)
 }
 
 fn once<'a>(mut seen: Vec<&'a str>, next: &'a str) -> Vec<&'a str> {

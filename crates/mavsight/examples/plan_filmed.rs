@@ -179,7 +179,7 @@ fn film_once(
         let frame = Frame::from_rgb(c.camera.size, film.still(Some(&control)))?;
         stills.push(ControlStill { camera: c.name.clone(), frame });
     }
-    let rig = calibrate_from_stills(&stills, planner.control())?;
+    let rig = calibrate_from_stills(&stills, planner.control(), &[])?;
     let feeds = cameras.iter().zip(films).zip(&aircraft).map(|((c, film), aircraft)| {
         let frames = truth.iter().enumerate().map(move |(k, (row, _))| {
             let frame = Frame::from_rgb(c.camera.size, frame_of(film, k, aircraft, row))

@@ -49,7 +49,7 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
 
 fn figures_of_merit(section: &mut Section<'_>, fit: &OutputFit) {
     let (name, d) = (&fit.output, &fit.diagnostics);
-    section.number(format!("{name}_r2"), format!("{name} R²"), fit.r2, "");
+    section.number(format!("{name}_r2"), format!("{name} R²"), fit.diagnostics.fit.r2, "");
     let label = format!("{name} R² of instants left out (PRESS)");
     section.number(format!("{name}_predicted_r2"), label, d.predicted_r2, "");
     let rows: Vec<Vec<f64>> = d.correlations.row_iter().map(|r| r.iter().copied().collect()).collect();
@@ -65,7 +65,12 @@ fn figures_of_merit(section: &mut Section<'_>, fit: &OutputFit) {
         section.hidden(format!("{name}_{key}"), value);
     }
     let label = format!("{name} largest residual");
-    section.add(format!("{name}_max_residual"), label, fit.max_residual, format!("{:.2e}", fit.max_residual));
+    section.add(
+        format!("{name}_max_residual"),
+        label,
+        fit.diagnostics.fit.max,
+        format!("{:.2e}", fit.diagnostics.fit.max),
+    );
     let shown = format!("{} of {}, {:.0}", fit.rank, fit.parameters.len(), fit.condition);
     section.add(format!("{name}_rank"), format!("{name} rank, condition"), fit.rank, shown);
     if let Some(held) = &d.held_out {

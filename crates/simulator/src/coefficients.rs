@@ -1,15 +1,13 @@
 //! The coefficients that a vehicle's constants imply: the truth of a simulated flight.
 
-use mavsight_flight::{Coefficient as C, Coefficients, Vehicle};
+use mavsight_flight::{Coefficient as C, Coefficients, Vehicle, force_per_speed2};
 use serde::Serialize;
-use std::f64::consts::PI;
 
 /// The coefficients that a vehicle's constants and assumptions imply, made dimensionless at a reference rotor
 /// speed (Mulyanto, Nurhakim & Muhammad 2012, equation 5 for thrust).
 pub fn true_coefficients(vehicle: &Vehicle, reference_speed_rad_s: f64) -> Coefficients {
     let (r, a) = (&vehicle.rotor, &vehicle.assumption);
-    let force_n =
-        0.5 * vehicle.environment.air_density_kg_m3 * PI * r.radius_m.powi(4) * reference_speed_rad_s.powi(2);
+    let force_n = force_per_speed2(vehicle) * reference_speed_rad_s.powi(2);
     let moment_n_m = force_n * r.radius_m;
     let mut c = Coefficients::default();
     for (which, value) in [
@@ -74,6 +72,7 @@ mod tests {
     use mavsight_flight::{Airframe, InputSample, StateVector, hover_rotor_speed_rad_s, thrust_n};
     use nalgebra::{Quaternion, UnitQuaternion, Vector3};
     use proptest::prelude::*;
+    use std::f64::consts::PI;
 
     #[test]
     fn coefficients_are_those_of_the_independent_model() {

@@ -9,7 +9,7 @@ use super::model::ModelParameter;
 use super::propagate::TANGENT;
 use super::result::{ChannelResiduals, FittedParameter, FittedState, OutputErrorFit, SystematicErrors};
 use super::row::pose_of;
-use crate::{IdentifyError, student_quantile_975};
+use crate::{IdentifyError, correlations, student_quantile_975};
 use mavsight_flight::{FlapState, StateVector};
 use mavsight_geometry::Vector3;
 use nalgebra::DMatrix;
@@ -29,7 +29,7 @@ pub(crate) fn assemble(
     if let Some(uneven) = &known.uneven {
         covariance = no_less_than(&covariance, uneven);
     }
-    let degrees = linear.residual.len().saturating_sub(p + TANGENT).max(1);
+    let degrees = linear.places.len().saturating_sub(p + TANGENT).max(1);
     let t = student_quantile_975(degrees);
     let fitted = |(k, parameter): (usize, &ModelParameter)| {
         let (value, std) = (fitter.point.model.value(*parameter), covariance[(k, k)].sqrt());
@@ -45,13 +45,10 @@ pub(crate) fn assemble(
         }
     };
     let parameters: Vec<FittedParameter> = fitter.free().iter().enumerate().map(fitted).collect();
-    let correlation =
-        DMatrix::from_fn(p, p, |i, j| covariance[(i, j)] / (covariance[(i, i)] * covariance[(j, j)]).sqrt());
     let trajectory: Vec<FittedState> = (problem.bounds[0]..problem.times_s.len())
         .map(|i| fitted_state(problem.times_s[i], &fitter.at.states[i]))
         .collect();
-    let gaps_m = fitter.at.segments.iter().map(|s| Vector3::new(s.gap[0], s.gap[1], s.gap[2]).norm());
-    let largest_gap_m = gaps_m.fold(0.0, f64::max);
+    let largest_gap_m = fitter.at.gaps().map(|gap| gap.fixed_rows::<3>(0).norm()).fold(0.0, f64::max);
     let mut factors: Vec<f64> = problem.weights.iter().map(|w| w.powi(-2)).collect();
     for (factor, variance) in factors.iter_mut().zip(colour.iter().flat_map(|c| c.variances())) {
         *factor *= variance;
@@ -60,13 +57,13 @@ pub(crate) fn assemble(
     let notes = notes(&parameters, systematic, known.lag, known.uneven.is_some());
     Ok(OutputErrorFit {
         parameters,
+        correlation: correlations(&covariance),
         covariance,
-        correlation,
         residuals: residuals(linear, &channels),
         variance_factors: channels.into_iter().zip(factors).collect(),
         systematic,
         correlated_instants: known.lag,
-        reduced_chi_square: linear.residual.norm_squared() / degrees as f64,
+        reduced_chi_square: linear.residuals().norm_squared() / degrees as f64,
         iterations: fitter.iterations,
         converged: fitter.converged,
         initial_state: trajectory[0],
@@ -81,9 +78,8 @@ pub(crate) fn assemble(
 
 /// The corrected covariance with no variance below its bound.
 fn no_less_than(bound: &DMatrix<f64>, coloured: &DMatrix<f64>) -> DMatrix<f64> {
-    let p = bound.nrows();
-    let stretch: Vec<f64> = (0..p).map(|k| (coloured[(k, k)] / bound[(k, k)]).max(1.0).sqrt()).collect();
-    DMatrix::from_fn(p, p, |i, j| bound[(i, j)] * stretch[i] * stretch[j])
+    let stretch = bound.diagonal().zip_map(&coloured.diagonal(), |b, c| (c / b).max(1.0).sqrt());
+    bound.component_mul(&(&stretch * stretch.transpose()))
 }
 
 fn fitted_state(t_s: f64, y: &StateVector) -> FittedState {
@@ -97,30 +93,23 @@ fn fitted_state(t_s: f64, y: &StateVector) -> FittedState {
 }
 
 fn residuals(linear: &Linear, channels: &[String]) -> Vec<ChannelResiduals> {
-    let mut out = Vec::new();
-    for (channel, name) in channels.iter().enumerate() {
-        let series: Vec<(usize, f64)> = linear
-            .place
-            .iter()
-            .zip(linear.residual.iter())
-            .filter(|((_, c), _)| *c == channel)
-            .map(|((instant, _), r)| (*instant, *r))
-            .collect();
-        if series.is_empty() {
-            continue;
-        }
-        let n = series.len() as f64;
-        let squares: f64 = series.iter().map(|(_, r)| r * r).sum();
-        let products: f64 = series.windows(2).filter(|w| w[1].0 == w[0].0 + 1).map(|w| w[0].1 * w[1].1).sum();
-        out.push(ChannelResiduals {
+    let all = linear.residuals();
+    let of_channel = |(channel, name): (usize, &String)| {
+        let own = linear.places.iter().zip(&all).filter(|(place, _)| place.channel == channel);
+        let (instants, series): (Vec<usize>, Vec<f64>) = own.map(|(place, r)| (place.instant, *r)).unzip();
+        let (count, n) = (series.len(), series.len() as f64);
+        let squares: f64 = series.iter().map(|r| r * r).sum();
+        let pairs = instants.windows(2).zip(series.windows(2)).filter(|(i, _)| i[1] == i[0] + 1);
+        let products: f64 = pairs.map(|(_, r)| r[0] * r[1]).sum();
+        (count > 0).then(|| ChannelResiduals {
             name: name.clone(),
-            count: series.len(),
-            mean: series.iter().map(|(_, r)| r).sum::<f64>() / n,
+            count,
+            mean: series.iter().sum::<f64>() / n,
             rms: (squares / n).sqrt(),
             autocorrelation: if squares > 0.0 { products / squares } else { 0.0 },
-        });
-    }
-    out
+        })
+    };
+    channels.iter().enumerate().filter_map(of_channel).collect()
 }
 
 fn notes(

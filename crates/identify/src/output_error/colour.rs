@@ -1,10 +1,11 @@
 //! Correlated errors of measurements: part of each channel's variance is new at every instant, part dies away
 //! slowly, with time or with the path that a marker's image has gone.
 
-use super::inverse::inverse;
 use super::linear::Linear;
 use super::result::Extent;
+use super::shooting::Place;
 use crate::IdentifyError;
+use crate::inverse::inverse;
 use nalgebra::DMatrix;
 
 /// Along what errors die away.
@@ -53,11 +54,18 @@ const RATIOS: usize = 15;
 /// one before.
 const ROUNDS: usize = 4;
 
+/// One row of a channel.
+struct FilterStep {
+    /// How much of the state is kept since the row before.
+    kept: f64,
+    gain: f64,
+    /// One over the standard deviation of the innovation.
+    unit: f64,
+}
+
 /// The filter of one channel.
 struct Whitener {
-    /// By row of the channel: how much of the state is kept since the row before, its gain, one over the
-    /// standard deviation of the innovation.
-    steps: Vec<(f64, f64, f64)>,
+    steps: Vec<FilterStep>,
     /// Sum of the logarithms of the innovations' variances.
     log_determinant: f64,
 }
@@ -78,39 +86,34 @@ impl Whitener {
                 let gain = variance / innovation;
                 variance *= 1.0 - gain;
                 log_determinant += innovation.ln();
-                (kept, gain, innovation.sqrt().recip())
+                FilterStep { kept, gain, unit: innovation.sqrt().recip() }
             })
             .collect();
         Self { steps, log_determinant }
     }
 
-    /// Whitens the given columns of a matrix, one after the other, in place.
-    fn apply(&self, columns: &[usize], matrix: &mut DMatrix<f64>, mean: &mut [f64]) {
-        mean.fill(0.0);
-        for (column, (kept, gain, unit)) in columns.iter().zip(&self.steps) {
-            for (value, m) in matrix.column_mut(*column).iter_mut().zip(mean.iter_mut()) {
+    /// Filters the given columns of a matrix, one after the other: `take` gets each with its innovation and
+    /// one over that's standard deviation.
+    fn run(&self, columns: &[usize], matrix: &DMatrix<f64>, mut take: impl FnMut(usize, &[f64], f64)) {
+        let mut mean = vec![0.0; matrix.nrows()];
+        let mut innovation = mean.clone();
+        for (column, FilterStep { kept, gain, unit }) in columns.iter().zip(&self.steps) {
+            let values = matrix.column(*column);
+            for ((value, m), i) in values.iter().zip(&mut mean).zip(&mut innovation) {
                 *m *= kept;
-                let innovation = *value - *m;
-                *m += gain * innovation;
-                *value = innovation * unit;
+                *i = value - *m;
+                *m += gain * *i;
             }
+            take(*column, &innovation, *unit);
         }
     }
 
     /// The sum of squares of the whitened columns.
-    fn squares(&self, columns: &[usize], matrix: &DMatrix<f64>, mean: &mut [f64]) -> f64 {
-        mean.fill(0.0);
+    fn squares(&self, columns: &[usize], matrix: &DMatrix<f64>) -> f64 {
         let mut sum = 0.0;
-        for (column, (kept, gain, unit)) in columns.iter().zip(&self.steps) {
-            let mut here = 0.0;
-            for (value, m) in matrix.column(*column).iter().zip(mean.iter_mut()) {
-                *m *= kept;
-                let innovation = value - *m;
-                *m += gain * innovation;
-                here += innovation * innovation;
-            }
-            sum += here * unit * unit;
-        }
+        self.run(columns, matrix, |_, innovation, unit| {
+            sum += innovation.iter().map(|i| i * i).sum::<f64>() * unit * unit;
+        });
         sum
     }
 }
@@ -127,11 +130,10 @@ impl Channels {
     fn new(linear: &Linear, times_s: &[f64], channels: usize) -> Self {
         let none = vec![Vec::new(); channels];
         let mut out = Self { rows: vec![Vec::new(); channels], times_s: none.clone(), paths_px: none };
-        for (row, (instant, channel)) in linear.place.iter().enumerate() {
-            let [u, v] = linear.pixel[row];
+        for (row, Place { instant, channel, pixel: [u, v] }) in linear.places.iter().enumerate() {
             let path_px = out.rows[*channel].last().zip(out.paths_px[*channel].last());
-            let path_px = path_px.map_or(0.0, |(before, path_px)| {
-                let [u0, v0] = linear.pixel[*before];
+            let path_px = path_px.map_or(0.0, |(before, path_px): (&usize, &f64)| {
+                let [u0, v0] = linear.places[*before].pixel;
                 path_px + (u - u0).hypot(v - v0)
             });
             out.rows[*channel].push(row);
@@ -167,17 +169,14 @@ impl Colour {
     /// given back to them.
     pub(crate) fn find(linear: &Linear, times_s: &[f64], channels: usize) -> Result<Self, IdentifyError> {
         let places = Channels::new(linear, times_s, channels);
-        let series = DMatrix::from_row_slice(1, linear.residual.len(), linear.residual.as_slice());
-        let mut found = Self::most_likely(&places, &series);
+        let mut found = Self::most_likely(&places, &DMatrix::from_rows(&[linear.residuals().transpose()]));
         for _ in 0..ROUNDS {
             let white = found.whitened(linear, times_s);
             let covariance = inverse(&white.information()).ok_or(IdentifyError::RankZero)?;
-            let left = linear.residual_after(&white.step(&covariance));
+            let left = linear.residuals() - linear.by().tr_mul(&white.step(&covariance));
             let root = covariance.cholesky().ok_or(IdentifyError::RankZero)?.l();
-            let taken = root.tr_mul(&linear.by);
-            let mut series = DMatrix::zeros(taken.nrows() + 1, left.len());
-            series.rows_mut(0, 1).copy_from(&left.transpose());
-            series.rows_mut(1, taken.nrows()).copy_from(&taken);
+            let mut series = root.tr_mul(&linear.by()).insert_row(0, 0.0);
+            series.set_row(0, &left.transpose());
             let next = Self::most_likely(&places, &series);
             let has_converged = next.is_like(&found);
             found = next;
@@ -198,11 +197,10 @@ impl Colour {
     /// The most likely of all extents and ratios tried; variances follow from the squares of the series'
     /// columns.
     fn most_likely(places: &Channels, series: &DMatrix<f64>) -> Self {
-        let mut mean = vec![0.0; series.nrows()];
         let [(by_time, time), (by_path, path)] = [Along::Time, Along::Path].map(|along| {
             let extents = places.extents(along);
             let found = places.rows.iter().zip(places.along(along));
-            let found = found.map(|place| likeliest(place, series, &extents, &mut mean));
+            let found = found.map(|(rows, places)| likeliest(rows, places, series, &extents));
             let (deviances, channels): (Vec<f64>, Vec<Noise>) = found.unzip();
             (deviances.iter().sum::<f64>(), channels)
         });
@@ -222,17 +220,13 @@ impl Colour {
     pub(crate) fn whitened(&self, linear: &Linear, times_s: &[f64]) -> Linear {
         let places = Channels::new(linear, times_s, self.channels.len());
         let mut out = linear.clone();
-        let mut residual = DMatrix::from_row_slice(1, linear.residual.len(), linear.residual.as_slice());
-        let mut mean = vec![0.0; linear.by.nrows()];
         for ((rows, along), noise) in places.rows.iter().zip(places.along(self.along)).zip(&self.channels) {
+            let white = noise.white.sqrt().recip();
             let filter = Whitener::new(along, noise.extent, noise.ratio);
-            filter.apply(rows, &mut out.by, &mut mean);
-            filter.apply(rows, &mut residual, &mut mean[..1]);
-            let unit = noise.white.sqrt().recip();
-            for row in rows {
-                out.by.column_mut(*row).scale_mut(unit);
-                out.residual[*row] = residual[(0, *row)] * unit;
-            }
+            filter.run(rows, &linear.rows, |column, innovation, unit| {
+                let whitened = innovation.iter().map(|i| i * unit * white);
+                out.rows.column_mut(column).iter_mut().zip(whitened).for_each(|(to, value)| *to = value);
+            });
         }
         out
     }
@@ -251,12 +245,7 @@ impl Colour {
 }
 
 /// Minus twice the logarithm of a channel's likelihood, and the noise that makes it the largest.
-fn likeliest(
-    (rows, places): (&Vec<usize>, &Vec<f64>),
-    series: &DMatrix<f64>,
-    extents: &[f64],
-    mean: &mut [f64],
-) -> (f64, Noise) {
+fn likeliest(rows: &[usize], places: &[f64], series: &DMatrix<f64>, extents: &[f64]) -> (f64, Noise) {
     let n = rows.len() as f64;
     let mut best = (f64::INFINITY, Noise { white: 1.0, ratio: 0.0, extent: 1.0 });
     if rows.is_empty() {
@@ -266,7 +255,7 @@ fn likeliest(
     let correlated = extents.iter().flat_map(|extent| ratios.clone().map(move |ratio| (*extent, ratio)));
     for (extent, ratio) in std::iter::once((1.0, 0.0)).chain(correlated) {
         let filter = Whitener::new(places, extent, ratio);
-        let white = (filter.squares(rows, series, mean) / n).max(f64::MIN_POSITIVE);
+        let white = (filter.squares(rows, series) / n).max(f64::MIN_POSITIVE);
         let deviance = n * white.ln() + filter.log_determinant;
         if deviance < best.0 {
             best = (deviance, Noise { white, ratio, extent });
@@ -293,12 +282,13 @@ mod tests {
             let column = DMatrix::from_column_slice(6, 1, &x);
             let squares = column.dot(&dense.solve(&column));
             let filter = Whitener::new(&times_s, extent, ratio);
-            let mut series = DMatrix::from_row_slice(1, 6, &x);
+            let series = DMatrix::from_row_slice(1, 6, &x);
             let rows: Vec<usize> = (0..6).collect();
-            assert!((filter.squares(&rows, &series, &mut [0.0]) - squares).abs() < 1e-10 * squares);
+            assert!((filter.squares(&rows, &series) - squares).abs() < 1e-10 * squares);
             assert!((filter.log_determinant - dense.ln_determinant()).abs() < 1e-10);
-            filter.apply(&rows, &mut series, &mut [0.0]);
-            assert!((series.norm_squared() - squares).abs() < 1e-10 * squares);
+            let mut sum = 0.0;
+            filter.run(&rows, &series, |_, innovation, unit| sum += (innovation[0] * unit).powi(2));
+            assert!((sum - squares).abs() < 1e-10 * squares);
         }
     }
 

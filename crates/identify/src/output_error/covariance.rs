@@ -1,10 +1,11 @@
 //! How well parameters are known: Cramér-Rao bounds, and their correction for coloured residuals.
 
-use super::inverse::inverse;
 use super::linear::Linear;
 use super::propagate::TANGENT;
 use crate::IdentifyError;
-use nalgebra::{DMatrix, DVector};
+use crate::inverse::inverse;
+use crate::robust_covariance::bartlett_sum;
+use nalgebra::DMatrix;
 
 /// Bounds and their correction.
 pub(crate) struct Covariance {
@@ -27,12 +28,12 @@ impl Covariance {
         let lag = correlation_lag(linear, channels);
         let own = bound.view((TANGENT, TANGENT), (parameters, parameters)).into_owned();
         // What a unit of each row's noise does to the parameters: parameters by rows.
-        let influence = all.rows(TANGENT, parameters) * &linear.by;
+        let influence = all.rows(TANGENT, parameters) * linear.by();
         let by_instant = Instants::new(linear, &influence, channels);
         // The priors' part of the bound is kept.
-        let rest = own - &influence * influence.transpose();
-        let coloured =
-            &rest + if lag == 0 { &influence * influence.transpose() } else { by_instant.colour(lag) };
+        let white = &influence * influence.transpose();
+        let rest = own - &white;
+        let coloured = &rest + if lag == 0 { white } else { by_instant.colour(lag) };
         let uneven = by_instant.is_uneven().then(|| &rest + by_instant.scores_spread(lag));
         Ok(Self { bound, coloured, uneven, lag })
     }
@@ -42,10 +43,10 @@ impl Covariance {
 /// after which five autocorrelations in a row remain below 2√(log₁₀ n/n), here of all channels together; 0
 /// for white ones.
 pub(crate) fn correlation_lag(linear: &Linear, channels: usize) -> usize {
-    let table = linear.table(&linear.residual, channels);
+    let table = linear.table(channels);
     let instants = table.nrows();
     let longest = instants / 5;
-    let n = linear.residual.len() as f64;
+    let n = linear.places.len() as f64;
     let limit = 2.0 * (n.log10() / n).sqrt();
     let zero = table.norm_squared();
     if zero == 0.0 {
@@ -76,13 +77,13 @@ struct Instants {
 
 impl Instants {
     fn new(linear: &Linear, influence: &DMatrix<f64>, channels: usize) -> Self {
-        let residuals = linear.table(&linear.residual, channels);
+        let residuals = linear.table(channels);
         let first = linear.first_instant();
         let mut by_instant = vec![DMatrix::zeros(influence.nrows(), channels); residuals.nrows()];
         let mut rows = vec![0; residuals.nrows()];
-        for (i, (instant, channel)) in linear.place.iter().enumerate() {
-            by_instant[instant - first].column_mut(*channel).copy_from(&influence.column(i));
-            rows[instant - first] += 1;
+        for (place, influence) in linear.places.iter().zip(influence.column_iter()) {
+            by_instant[place.instant - first].set_column(place.channel, &influence);
+            rows[place.instant - first] += 1;
         }
         Self { residuals, influence: by_instant, rows }
     }
@@ -133,25 +134,10 @@ impl Instants {
     /// the Bartlett-weighted sum of the products of what the residuals of instants, as they are, do to the
     /// parameters. `lag`, or what Newey & West (1994) take for the number of instants, whichever is more.
     fn scores_spread(&self, lag: usize) -> DMatrix<f64> {
-        let scores: Vec<DVector<f64>> = self
-            .influence
-            .iter()
-            .zip(self.residuals.row_iter())
-            .map(|(influence, residuals)| influence * residuals.transpose())
-            .collect();
+        let effects = self.influence.iter().zip(self.residuals.row_iter());
+        let scores: Vec<_> = effects.map(|(influence, r)| r * influence.transpose()).collect();
         let lag = lag.max((4.0 * (scores.len() as f64 / 100.0).powf(2.0 / 9.0)) as usize);
-        let p = self.influence.first().map_or(0, DMatrix::nrows);
-        let mut out = DMatrix::zeros(p, p);
-        for l in 0..=lag.min(scores.len().saturating_sub(1)) {
-            let weight = 1.0 - l as f64 / (lag as f64 + 1.0);
-            for (before, after) in scores.iter().zip(&scores[l..]) {
-                out.ger(weight, before, after, 1.0);
-                if l > 0 {
-                    out.ger(weight, after, before, 1.0);
-                }
-            }
-        }
-        out
+        bartlett_sum(&DMatrix::from_rows(&scores), lag)
     }
 }
 

@@ -1,7 +1,7 @@
 //! The steps of an output-error fit: down to the minimum along flights without gaps.
 
 use super::fitter::Fitter;
-use super::shooting::{Evaluation, Point, moved_point};
+use super::shooting::{Evaluation, Point};
 
 /// Damping of a step that closes gaps and little else: all that is measured counts a hundred times as much as
 /// it weighs.
@@ -49,7 +49,7 @@ impl Fitter<'_> {
             }
             let tried = tried
                 .filter(|point| point.model.is_physical())
-                .and_then(|point| Some((self.problem.evaluate(&point, None).ok()?, point)));
+                .and_then(|point| Some((self.problem.evaluate(&point).ok()?, point)));
             match tried {
                 Some((at, point)) if at.merit(tightness) <= reference => {
                     let promise = watched.take().map_or(self.promise, |w| w.promise);
@@ -87,20 +87,14 @@ impl Fitter<'_> {
         let condensed = self.condensed(tightness, damping).ok()?;
         let (step, left) = condensed.minimum()?;
         self.promise = self.at.merit(tightness) - left;
-        Some(moved_point(&self.point, &step, &condensed.expand(&self.at, &step, 1.0)))
+        Some(self.point.moved(&step, &condensed.starts))
     }
 }
 
 /// The share of the predicted decrease that a step achieved shows how far the quadratic model holds
 /// (Marquardt 1963).
 fn relaxed(damping: f64, kept: f64) -> f64 {
-    let next = damping
-        * if kept > 0.75 {
-            0.1
-        } else if kept > 0.25 {
-            0.5
-        } else {
-            2.0
-        };
+    let factor = [(0.75, 0.1), (0.25, 0.5)].into_iter().find(|(bound, _)| kept > *bound);
+    let next = damping * factor.map_or(2.0, |(_, factor)| factor);
     if next < LEAST_DAMPING { 0.0 } else { next }
 }

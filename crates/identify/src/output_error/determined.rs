@@ -1,15 +1,14 @@
 //! Whether the flight determines every free parameter.
 
-use super::condense::Condensed;
 use super::fitter::Fitter;
-use super::inverse::inverse;
+use super::linear::Linear;
 use super::model::ModelParameter;
 use super::propagate::TANGENT;
-use super::shooting::Record;
 use crate::IdentifyError;
+use crate::inverse::inverse;
 use mavsight_flight::Coefficient as C;
 use mavsight_geometry::svd::jacobi_svd;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 /// A change by ten times a parameter's size must be seen by one standard deviation.
 const SEEN_SIZES: f64 = 10.0;
@@ -33,28 +32,23 @@ pub(crate) fn typical(parameter: ModelParameter, fitter: &Fitter<'_>) -> f64 {
 /// The least determined direction is taken from the information on the parameters with start and nuisances
 /// unknown; what it changes is then added up row by row, which is exact where the information has lost its
 /// digits.
-pub(crate) fn refuse_undetermined(
-    fitter: &Fitter<'_>,
-    condensed: &Condensed,
-    records: &[Record],
-) -> Result<(), IdentifyError> {
+pub(crate) fn refuse_undetermined(fitter: &Fitter<'_>, linear: &Linear) -> Result<(), IdentifyError> {
     let free = fitter.free();
     let p = free.len();
     let size = DVector::from_iterator(p, free.iter().map(|q| typical(*q, fitter)));
-    let a = condensed.information();
+    let a = linear.information();
     let mine: Vec<usize> = (TANGENT..TANGENT + p).collect();
     let rest: Vec<usize> = (0..TANGENT).chain(TANGENT + p..a.nrows()).collect();
     let a_rm = a.select_rows(&rest).select_columns(&mine);
     let follow = inverse(&a.select_rows(&rest).select_columns(&rest)).ok_or(IdentifyError::RankZero)? * &a_rm;
-    let marginal = a.select_rows(&mine).select_columns(&mine) - a_rm.transpose() * &follow;
+    let marginal = a.select_rows(&mine).select_columns(&mine) - a_rm.tr_mul(&follow);
     // In units of the information on each parameter alone: that keeps the digits of weak ones.
     let unit = DVector::from_fn(p, |i, _| {
         let own = a[(TANGENT + i, TANGENT + i)];
         if own > 0.0 { 1.0 / own.sqrt() } else { size[i] }
     });
-    let scaled =
-        DMatrix::from_fn(p, p, |i, j| 0.5 * (marginal[(i, j)] + marginal[(j, i)]) * unit[i] * unit[j]);
-    let directions = jacobi_svd(&scaled).v;
+    let symmetric = (&marginal + marginal.transpose()) * 0.5;
+    let directions = jacobi_svd(&symmetric.component_mul(&(&unit * unit.transpose()))).v;
     for k in (0..p).rev().take(3) {
         let direction = directions.column(k).component_mul(&unit);
         let largest = direction.component_div(&size).amax();
@@ -63,60 +57,28 @@ pub(crate) fn refuse_undetermined(
         }
         let direction = direction * (SEEN_SIZES / largest);
         let mut step = DVector::zeros(a.nrows());
-        for (i, row) in mine.iter().enumerate() {
-            step[*row] = direction[i];
-        }
-        for (row, value) in rest.iter().zip((&follow * &direction).iter()) {
-            step[*row] = -value;
-        }
-        if change(fitter, condensed, records, &step) < 1.0 {
+        step.rows_mut(TANGENT, p).copy_from(&direction);
+        rest.iter().zip(&(&follow * &direction)).for_each(|(row, value)| step[*row] = -value);
+        if linear.change(&step) < 1.0 {
             return Err(refusal(free, &direction, &direction.component_div(&size)));
         }
     }
     Ok(())
 }
 
-/// Squares that a step of [start, parameters, nuisances] makes.
-fn change(fitter: &Fitter<'_>, condensed: &Condensed, records: &[Record], step: &DVector<f64>) -> f64 {
-    let m = TANGENT + fitter.free().len();
-    let starts = condensed.expand(&fitter.at, step, 0.0);
-    let problem = &fitter.problem;
-    let mut sum = 0.0;
-    for record in records {
-        let mut by = 0.0;
-        for (b, d) in
-            record.by.iter().zip(starts[record.segment].iter().chain(step.rows(TANGENT, m - TANGENT).iter()))
-        {
-            by += b * d;
-        }
-        let weight = problem.weights[record.row.channel];
-        for (d, z) in problem
-            .measurements
-            .nuisance_row(record.row.nuisance)
-            .iter()
-            .zip(step.rows(m, step.len() - m).iter())
-        {
-            by += weight * d * z;
-        }
-        sum += by * by;
-    }
-    let prior = problem.prior_information.iter().zip(step.iter()).map(|(w, d)| w * d * d).sum::<f64>();
-    sum + prior + step.rows(m, step.len() - m).norm_squared()
-}
-
 fn refusal(free: &[ModelParameter], direction: &DVector<f64>, sizes: &DVector<f64>) -> IdentifyError {
     let largest = sizes.amax();
     let named: Vec<usize> = (0..free.len()).filter(|k| sizes[*k].abs() > 0.02 * largest).collect();
     let lead = sizes.iamax();
-    let names: Vec<String> = named.iter().map(|k| free[*k].name().to_owned()).collect();
-    let change: Vec<String> = named
-        .iter()
-        .map(|k| format!("{:+.4}·{}", direction[*k] / direction[lead], free[*k].name()))
-        .collect();
-    let mut combination = format!("a change along {} leaves every measurement as it is", change.join(" "));
+    let part = |k: &usize| format!("{:+.4}·{}", direction[*k] / direction[lead], free[*k].name());
+    let change = named.iter().map(part).collect::<Vec<_>>().join(" ");
+    let mut combination = format!("a change along {change} leaves every measurement as it is");
     if let [i, j] = named[..] {
         let factor = -direction[i] / direction[j];
         combination += &format!(", only {} {factor:+.4}·{} is seen", free[i].name(), free[j].name());
     }
-    IdentifyError::NotDetermined { names, combination }
+    IdentifyError::NotDetermined {
+        names: named.iter().map(|k| free[*k].name().to_owned()).collect(),
+        combination,
+    }
 }

@@ -1,7 +1,7 @@
 //! Whether two estimates of the same parameters disagree more than their uncertainties allow.
 
-use super::inverse::inverse;
 use crate::IdentifyError;
+use crate::inverse::inverse;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 

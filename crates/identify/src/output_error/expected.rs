@@ -2,14 +2,14 @@
 
 use super::determined::{refuse_undetermined, typical};
 use super::fitter::{Begin, Fitter, Recorded, TIGHTNESS};
-use super::inverse::inverse;
-use super::linear::Linear;
 use super::measure::{Measurements, StateMeasurement};
 use super::model::{FlightModel, ModelParameter};
 use super::options::OutputErrorOptions;
 use super::propagate::TANGENT;
-use super::row::{Row, whitener};
+use super::row::whitener;
+use super::start::segment_starts;
 use crate::IdentifyError;
+use crate::inverse::{inverse, log_determinant};
 use mavsight_flight::{InputSeries, StateVector};
 use mavsight_geometry::Isometry3;
 use nalgebra::{DMatrix, DVector, Matrix6xX};
@@ -79,16 +79,16 @@ pub fn expected_fit(
     }
     let measurements = Measurements::States(measured);
     measurements.check()?;
-    let nodes = nodes(&measurements.times_s(), states, options.segment_s);
+    let starts = segment_starts(&measurements.times_s(), options.segment_s);
+    let nodes = starts.into_iter().map(|k| (k, states[k])).collect();
     let begin = Begin { model: model.clone(), nodes };
-    let fitter = Fitter::at(model, begin, Recorded { inputs, measurements: &measurements }, options)?;
-    let (condensed, records) = fitter.linearised(TIGHTNESS[3])?;
-    let linear = Linear::new(&fitter, &condensed, &records);
-    let undetermined = refuse_undetermined(&fitter, &condensed, &records).err().map(|e| e.to_string());
+    let fitter = Fitter::new(model, begin, Recorded { inputs, measurements: &measurements }, options)?;
+    let linear = fitter.linearised(TIGHTNESS[3])?;
+    let undetermined = refuse_undetermined(&fitter, &linear).err().map(|e| e.to_string());
     let all = inverse(&linear.information()).ok_or(IdentifyError::RankZero)?;
     let p = model.free().len();
     let covariance = all.view((TANGENT, TANGENT), (p, p)).into_owned();
-    let influence = all.rows(TANGENT, p) * &linear.by;
+    let influence = all.rows(TANGENT, p) * linear.by();
     let typical: Vec<f64> = model.free().iter().map(|p| typical(*p, &fitter)).collect();
     let expected = |(k, parameter): (usize, &ModelParameter)| {
         let std = covariance[(k, k)].sqrt();
@@ -104,21 +104,6 @@ pub fn expected_fit(
     let Measurements::States(measured) = measurements else { return Err(IdentifyError::RankZero) };
     let states = states.to_vec();
     Ok(ExpectedFit { parameters, covariance, undetermined, states, measured, typical, influence })
-}
-
-/// States with which segments begin.
-fn nodes(times_s: &[f64], states: &[StateVector], segment_s: f64) -> Vec<(usize, StateVector)> {
-    let segment_s = if segment_s > 0.0 { segment_s } else { f64::INFINITY };
-    let (last_s, mut next_s) = (times_s[times_s.len() - 1], times_s[0]);
-    let mut out = Vec::new();
-    for (k, (t_s, y)) in times_s.iter().zip(states).enumerate() {
-        if *t_s < next_s - 1e-9 || (k > 0 && last_s - t_s < 0.5 * segment_s) {
-            continue;
-        }
-        next_s = t_s + segment_s;
-        out.push((k, *y));
-    }
-    out
 }
 
 impl ExpectedFit {
@@ -166,10 +151,8 @@ impl ExpectedFit {
         }
         let measured = Measurements::States(measured);
         let mut residual = Vec::with_capacity(self.influence.ncols());
-        let mut rows: Vec<Row> = Vec::with_capacity(12);
         for (instant, y) in self.states.iter().enumerate() {
-            measured.rows(instant, y, &mut rows)?;
-            residual.extend(rows.iter().map(|r| r.residual));
+            residual.extend(measured.rows(instant, y)?.iter().map(|r| r.residual));
         }
         let truth = DVector::from_iterator(self.parameters.len(), self.parameters.iter().map(|p| p.value));
         let out = truth + &self.influence * DVector::from_vec(residual);
@@ -182,13 +165,8 @@ impl ExpectedFit {
     /// Log of the determinant of the covariance of some parameters, by name: the generalised variance that a
     /// D-optimal plan makes least. `None` for names that are not free or a covariance that is not positive.
     pub fn log_generalised_variance(&self, names: &[&str]) -> Option<f64> {
-        let at: Option<Vec<usize>> =
-            names.iter().map(|n| self.parameters.iter().position(|p| p.name == *n)).collect();
-        let at = at?;
-        let own = self.covariance.select_rows(&at).select_columns(&at);
-        let scale: Vec<f64> = (0..at.len()).map(|k| own[(k, k)].sqrt()).collect();
-        let unit = DMatrix::from_fn(at.len(), at.len(), |i, j| own[(i, j)] / (scale[i] * scale[j]));
-        let factor = unit.cholesky()?;
-        Some(factor.ln_determinant() + 2.0 * scale.iter().map(|s| s.ln()).sum::<f64>())
+        let place = |name: &&str| self.parameters.iter().position(|p| p.name == *name);
+        let at = names.iter().map(place).collect::<Option<Vec<usize>>>()?;
+        log_determinant(&self.covariance.select_rows(&at).select_columns(&at))
     }
 }

@@ -4,15 +4,15 @@ use super::assemble::assemble;
 use super::colour::Colour;
 use super::covariance;
 use super::determined::refuse_undetermined;
-use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, TIGHTNESS};
-use super::inverse::inverse;
+use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, Recorded, TIGHTNESS};
 use super::linear::Linear;
 use super::measure::Measurements;
 use super::model::FlightModel;
 use super::options::{NoiseModel, OutputErrorOptions};
 use super::result::OutputErrorFit;
-use super::shooting::moved_point;
+use super::start::begin;
 use crate::IdentifyError;
+use crate::inverse::inverse;
 use mavsight_flight::InputSeries;
 
 /// The fit ends when the predicted decrease of the squares is below this: a hundredth of a standard
@@ -40,7 +40,8 @@ pub fn output_error(
         return Err(IdentifyError::NothingFree);
     }
     measurements.check()?;
-    let mut fitter = Fitter::new(model, inputs, measurements, options)?;
+    let recorded = Recorded { inputs, measurements };
+    let mut fitter = Fitter::new(model, begin(model, recorded, options.segment_s)?, recorded, options)?;
     let tightness = TIGHTNESS[3];
     for (tightness, promise) in TIGHTNESS.into_iter().zip(PROMISE) {
         fitter.stage(tightness == TIGHTNESS[0], LONGEST_STEP_S[0])?;
@@ -56,12 +57,11 @@ pub fn output_error(
     }
     fitter.stage(false, LONGEST_STEP_S[1])?;
     fitter.converge(tightness, LAST_PROMISE);
-    let (condensed, records) = fitter.linearised(tightness)?;
-    refuse_undetermined(&fitter, &condensed, &records)?;
+    let white = fitter.linearised(tightness)?;
+    refuse_undetermined(&fitter, &white)?;
     if !fitter.converged {
         return Err(fitter.not_converged(tightness));
     }
-    let white = Linear::new(&fitter, &condensed, &records);
     let channels = measurements.channels().len();
     let correlated = options.noise == NoiseModel::Scaled && covariance::correlation_lag(&white, channels) > 0;
     let coloured = if correlated { fitter.weigh_colour(white.clone(), tightness)? } else { None };
@@ -91,20 +91,18 @@ impl Fitter<'_> {
             if step.dot(&(&information * &step)) < LAST_PROMISE {
                 return Ok(Some((whitened, colour)));
             }
-            let starts = self.condensed(tightness, 0.0)?.expand(&self.at, &step, 1.0);
-            let trial = moved_point(&self.point, &step, &starts);
+            let trial = self.point.moved(&step.push(-1.0), &self.condensed(tightness, 0.0)?.starts);
             if !trial.model.is_physical() {
                 break;
             }
             self.point = trial;
             self.iterations += 1;
-            let Ok(at) = self.problem.evaluate(&self.point, None) else { break };
+            let Ok(at) = self.problem.evaluate(&self.point) else { break };
             self.at = at;
-            let (condensed, records) = self.linearised(tightness)?;
-            linear = Linear::new(self, &condensed, &records);
+            linear = self.linearised(tightness)?;
         }
         self.point = start;
-        self.at = self.problem.evaluate(&self.point, None)?;
+        self.at = self.problem.evaluate(&self.point)?;
         Ok(None)
     }
 }

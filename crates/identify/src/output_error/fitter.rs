@@ -1,16 +1,16 @@
 //! State of an output-error fit.
 
 use super::condense::{Condensed, Penalty};
-use super::inverse::inverse;
+use super::linear::Linear;
 use super::measure::Measurements;
 use super::model::{FlightModel, ModelParameter};
 use super::options::{InitialFlapping, OutputErrorOptions};
 use super::propagate::TANGENT;
-use super::shooting::{Evaluation, Point, Record, Shooting};
-use super::start::nodes;
+use super::shooting::{Evaluation, Point, Shooting};
 use crate::IdentifyError;
+use crate::inverse::inverse;
 use mavsight_flight::{Coefficient, InputSeries, StateVector};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 /// Tightness of the gaps: loose enough for any start, then far below what is measured. With the last one a
 /// gap costs less than 1e-9 m.
@@ -27,7 +27,8 @@ pub(super) const LONGEST_STEP_S: [f64; 2] = [0.01, 0.005];
 /// weight that its few residuals cannot bear.
 const MORE_RESIDUALS: f64 = 10.0;
 /// Standard deviation of the flapping angles at the start in trim, and free.
-const FLAP_STD_RAD: [f64; 2] = [1e-6, 0.2];
+const TRIM_STD_RAD: f64 = 1e-6;
+const FREE_STD_RAD: f64 = 0.2;
 /// Without poses, position and heading are conventions: they are held at the start by these.
 const GAUGE_STD: f64 = 1e-4;
 
@@ -57,19 +58,8 @@ pub(super) struct Recorded<'a> {
 }
 
 impl<'a> Fitter<'a> {
-    pub(super) fn new(
-        start: &FlightModel,
-        inputs: &'a InputSeries,
-        measurements: &'a Measurements,
-        options: &OutputErrorOptions,
-    ) -> Result<Self, IdentifyError> {
-        let segment_s = if options.segment_s > 0.0 { options.segment_s } else { f64::INFINITY };
-        let (model, nodes) = nodes(start, inputs, measurements, segment_s)?;
-        Self::at(start, Begin { model, nodes }, Recorded { inputs, measurements }, options)
-    }
-
     /// A fit that begins at given values; `start` has the values before the fit.
-    pub(super) fn at(
+    pub(super) fn new(
         start: &FlightModel,
         begin: Begin,
         recorded: Recorded<'a>,
@@ -77,89 +67,83 @@ impl<'a> Fitter<'a> {
     ) -> Result<Self, IdentifyError> {
         let (Begin { model, nodes }, Recorded { inputs, measurements }) = (begin, recorded);
         let times_s = measurements.times_s();
-        let mut bounds: Vec<usize> = nodes.iter().map(|(i, _)| *i).collect();
+        let (mut bounds, mut starts): (Vec<usize>, Vec<StateVector>) = nodes.into_iter().unzip();
         bounds.push(times_s.len());
-        for t_s in [times_s[bounds[0]], times_s[times_s.len() - 1]] {
-            inputs.require(t_s - model.input_lag_s)?;
-        }
-        let mut starts: Vec<_> = nodes.into_iter().map(|(_, y)| y).collect();
-        let mut prior_information = [0.0; TANGENT];
-        let trim = options.initial_flapping == InitialFlapping::Trim;
-        prior_information[12..].fill(FLAP_STD_RAD[usize::from(!trim)].powi(-2));
-        if measurements.poses().is_empty() {
-            for k in [0, 1, 2, 5] {
-                prior_information[k] = GAUGE_STD.powi(-2);
-            }
-        }
+        inputs.require(times_s[times_s.len() - 1] - model.input_lag_s)?;
         let input = inputs.require(times_s[bounds[0]] - model.input_lag_s)?;
         let kb = model.coefficients.get(Coefficient::SwashplateGain);
-        let trimmed = [kb * input.delta_lon_rad, kb * input.delta_lat_rad, 0.0, 0.0];
-        starts[0][13..].copy_from_slice(&trimmed);
-        let prior_start = starts[0];
-        let k = measurements.nuisances();
-        let channels = measurements.channels().len();
-        let mut problem = Shooting {
+        starts[0][13..].copy_from_slice(&[kb * input.delta_lon_rad, kb * input.delta_lat_rad, 0.0, 0.0]);
+        let mut prior_weights = [0.0; TANGENT];
+        prior_weights[12..].fill(match options.initial_flapping {
+            InitialFlapping::Trim => TRIM_STD_RAD.recip(),
+            InitialFlapping::Free => FREE_STD_RAD.recip(),
+        });
+        if measurements.poses().is_empty() {
+            [0, 1, 2, 5].into_iter().for_each(|k| prior_weights[k] = GAUGE_STD.recip());
+        }
+        let problem = Shooting {
             inputs: inputs.samples(),
             measurements,
             hold_times: false,
             longest_step_s: LONGEST_STEP_S[0],
-            weights: vec![1.0; channels],
+            weights: vec![1.0; measurements.channels().len()],
             times_s,
             bounds,
-            nuisance_gram: DMatrix::zeros(k, k),
-            prior_information,
-            prior_start,
+            prior_weights,
+            prior_start: starts[0],
         };
-        let point = Point { model: model.clone(), nuisances: DVector::zeros(k), starts };
-        let at = problem.evaluate(&point, None)?;
-        let rows: usize = at.channel_squares.iter().map(|g| g.1).sum();
-        let unknown = model.free().len() + TANGENT;
+        let point = Point { model, nuisances: DVector::zeros(measurements.nuisances()), starts };
+        let at = problem.evaluate(&point)?;
+        let (rows, unknown) = (at.places.len(), point.model.free().len() + TANGENT);
         if rows <= unknown {
             return Err(IdentifyError::TooFewInstants { found: rows, parameters: unknown });
         }
-        problem.update_nuisance_gram(&at.states)?;
-        let limit = options.max_iterations;
-        let start = start.clone();
+        let (start, limit) = (start.clone(), options.max_iterations);
         Ok(Self { start, problem, point, at, iterations: 0, converged: false, promise: f64::INFINITY, limit })
     }
 
     pub(crate) fn condensed(&self, tightness: f64, damping: f64) -> Result<Condensed, IdentifyError> {
-        Condensed::new(&self.problem, &self.at, &self.point.nuisances, Penalty { tightness, damping })
+        Condensed::new(&self.at, Penalty { tightness, damping })
     }
 
     pub(super) fn stage(&mut self, hold_times: bool, longest_step_s: f64) -> Result<(), IdentifyError> {
         self.problem.hold_times = hold_times;
         self.problem.longest_step_s = longest_step_s;
-        self.at = self.problem.evaluate(&self.point, None)?;
+        self.at = self.problem.evaluate(&self.point)?;
         Ok(())
     }
 
     /// Weighs each channel by its residuals; the largest relative change of a variance.
     pub(super) fn rescale(&mut self, tightness: f64) -> Result<f64, IdentifyError> {
-        let used = effective_parameters(&self.condensed(tightness, 0.0)?, &self.point);
-        let rows: usize = self.at.channel_squares.iter().map(|g| g.1).sum();
-        let free = 1.0 - used / rows as f64;
-        let mean = self.at.chi_square / (rows as f64 * free);
+        let mut channels = vec![(0.0, 0.0); self.problem.weights.len()];
+        for (place, residual) in self.at.places.iter().zip(self.at.residuals()) {
+            channels[place.channel].0 += residual * residual;
+            channels[place.channel].1 += 1.0;
+        }
+        let rows = self.at.places.len() as f64;
+        let free = 1.0 - self.effective_parameters(tightness)? / rows;
+        let mean = channels.iter().map(|c| c.0).sum::<f64>() / (rows * free);
         let mut change: f64 = 0.0;
-        for (weight, (squares, count)) in self.problem.weights.iter_mut().zip(&self.at.channel_squares) {
-            if *count == 0 {
-                continue;
-            }
-            let factor = (squares / free + MORE_RESIDUALS * mean) / (*count as f64 + MORE_RESIDUALS);
+        let seen = self.problem.weights.iter_mut().zip(channels).filter(|(_, (_, count))| *count > 0.0);
+        for (weight, (squares, count)) in seen {
+            let factor = (squares / free + MORE_RESIDUALS * mean) / (count + MORE_RESIDUALS);
             let variance = (factor / (*weight * *weight)).max(LEAST_VARIANCE_FACTOR);
             change = change.max((variance * *weight * *weight - 1.0).abs());
             *weight = 1.0 / variance.sqrt();
         }
-        self.problem.update_nuisance_gram(&self.at.states)?;
-        self.at = self.problem.evaluate(&self.point, None)?;
+        self.at = self.problem.evaluate(&self.point)?;
         Ok(change)
     }
 
-    pub(super) fn linearised(&self, tightness: f64) -> Result<(Condensed, Vec<Record>), IdentifyError> {
-        let condensed = self.condensed(tightness, 0.0)?;
-        let mut records = Vec::new();
-        self.problem.evaluate(&self.point, Some(&mut records))?;
-        Ok((condensed, records))
+    /// How many of the unknowns the measurements decide: all but what the nuisances' priors do.
+    fn effective_parameters(&self, tightness: f64) -> Result<f64, IdentifyError> {
+        let (all, k) = (self.condensed(tightness, 0.0)?.information(), self.point.nuisances.len());
+        let undecided = inverse(&all).map_or(0.0, |c| c.diagonal().rows(all.nrows() - k, k).sum());
+        Ok(all.nrows() as f64 - undecided)
+    }
+
+    pub(super) fn linearised(&self, tightness: f64) -> Result<Linear, IdentifyError> {
+        Ok(Linear::new(&self.at, &self.condensed(tightness, 0.0)?))
     }
 
     pub(super) fn not_converged(&self, tightness: f64) -> IdentifyError {
@@ -171,13 +155,4 @@ impl<'a> Fitter<'a> {
     pub(crate) fn free(&self) -> &[ModelParameter] {
         self.point.model.free()
     }
-}
-
-/// How many of the unknowns the measurements decide: all but what the nuisances' priors do.
-fn effective_parameters(condensed: &Condensed, point: &Point) -> f64 {
-    let decided = TANGENT + point.model.free().len();
-    let k = point.nuisances.len();
-    let undecided = inverse(&condensed.information())
-        .map_or(0.0, |c| (0..k).map(|i| c[(decided + i, decided + i)]).sum::<f64>());
-    (decided + k) as f64 - undecided
 }

@@ -1,13 +1,12 @@
 //! Reprojection of markers, and what is not quite known of cameras and markers.
 
-use super::propagate::SEEN;
 use super::row::{Row, pose_of, whitener};
 use crate::IdentifyError;
 use mavsight_flight::StateVector;
 use mavsight_geometry::camera::d_pixel_d_pose;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
-use nalgebra::{Matrix2, Point3};
+use nalgebra::{DMatrix, Matrix2, Point3};
 
 /// Markers seen by the cameras of a rig over a flight, with nuisances: directions in which all predicted
 /// pixels may be off together, each a standard normal number times a displacement of every observation.
@@ -23,9 +22,8 @@ pub struct ImageMeasurements {
     first: Vec<usize>,
     times_ns: Vec<i64>,
     poses: Vec<Option<Isometry3<f64>>>,
-    names: Vec<String>,
-    /// Rows: two for each observation, whitened. One row after another.
-    directions: Vec<f64>,
+    /// What each nuisance does to the two whitened coordinates of each observation: nuisances × coordinates.
+    directions: DMatrix<f64>,
 }
 
 impl ImageMeasurements {
@@ -73,39 +71,32 @@ impl ImageMeasurements {
             return Err(IdentifyError::NoStart { known });
         }
         let markers = markers.to_vec();
-        let (names, directions) = (Vec::new(), Vec::new());
-        Ok(Self { cameras, markers, observations, whiteners, first, times_ns, poses, names, directions })
+        let directions = DMatrix::zeros(0, 2 * observations.len());
+        Ok(Self { cameras, markers, observations, whiteners, first, times_ns, poses, directions })
     }
 
-    /// Adds nuisances by a displacement in pixels of each observation: `displacement(camera, marker, pose,
-    /// values)` writes one column a name.
-    pub fn with_directions(
-        mut self,
-        names: &[String],
-        displacement: impl Fn(&MarkerObservation, &Isometry3<f64>, &mut [Vector2<f64>]),
+    /// Adds so many nuisances by the displacements in pixels that a standard deviation of each makes of an
+    /// observation at a pose.
+    fn with_directions(
+        self,
+        count: usize,
+        displace: impl Fn(&Self, &MarkerObservation, &Isometry3<f64>, &mut [Vector2<f64>]),
     ) -> Self {
-        let (old, new) = (self.names.len(), names.len());
-        let mut wide = vec![0.0; 2 * self.observations.len() * (old + new)];
-        let mut columns = vec![Vector2::zeros(); new];
+        let old = self.directions.nrows();
+        let mut directions = self.directions.clone().resize_vertically(old + count, 0.0);
+        let mut columns = vec![Vector2::zeros(); count];
         for (instant, pose) in self.poses.iter().enumerate() {
+            let Some(pose) = pose else { continue };
             for k in self.first[instant]..self.first[instant + 1] {
                 columns.fill(Vector2::zeros());
-                if let Some(pose) = pose {
-                    displacement(&self.observations[k], pose, &mut columns);
-                }
-                for axis in 0..2 {
-                    let row = 2 * k + axis;
-                    let out = &mut wide[row * (old + new)..(row + 1) * (old + new)];
-                    out[..old].copy_from_slice(&self.directions[row * old..(row + 1) * old]);
-                    for (value, column) in out[old..].iter_mut().zip(&columns) {
-                        *value = (self.whiteners[k] * column)[axis];
-                    }
+                displace(&self, &self.observations[k], pose, &mut columns);
+                for (j, column) in columns.iter().enumerate() {
+                    let whitened = (self.whiteners[k] * column).transpose();
+                    directions.fixed_view_mut::<1, 2>(old + j, 2 * k).copy_from(&whitened);
                 }
             }
         }
-        self.directions = wide;
-        self.names.extend_from_slice(names);
-        self
+        Self { directions, ..self }
     }
 
     /// Adds what the calibration left uncertain of the cameras: a nuisance for each column of
@@ -119,32 +110,23 @@ impl ImageMeasurements {
         if factor.nrows() != rows || !factor.iter().all(|v| v.is_finite()) {
             return Err(IdentifyError::BadColumn { what: "uncertainty of the cameras".to_owned(), rows });
         }
-        let names: Vec<String> = (0..factor.ncols()).map(|k| format!("cameras {k}")).collect();
-        let (cameras, markers) = (self.cameras.clone(), self.markers.clone());
-        Ok(self.with_directions(&names, |s, pose, columns| {
-            let point = (pose * Point3::from(markers[s.marker].marker_in_body_m)).coords;
+        Ok(self.with_directions(factor.ncols(), |all, s, pose, columns| {
+            let point = (pose * Point3::from(all.markers[s.marker].marker_in_body_m)).coords;
             // Behind the camera nothing was seen: the fit refuses such an observation by itself.
-            if let Ok(by) = cameras[s.camera].d_pixel_d_camera(&point) {
+            if let Ok(by) = all.cameras[s.camera].d_pixel_d_camera(&point) {
                 let part = factor.rows(CAMERA_PARAMETERS * s.camera, CAMERA_PARAMETERS);
-                for (k, column) in columns.iter_mut().enumerate() {
-                    *column = by * part.column(k);
-                }
+                columns.iter_mut().zip(part.column_iter()).for_each(|(column, part)| *column = by * part);
             }
         }))
     }
 
     /// Adds the place of every marker on the body, known to `std_m` along each axis.
     pub fn with_marker_positions(self, std_m: f64) -> Self {
-        let names: Vec<String> = self
-            .markers
-            .iter()
-            .flat_map(|m| ["x", "y", "z"].map(|axis| format!("{} {axis}", m.name)))
-            .collect();
-        let (cameras, markers) = (self.cameras.clone(), self.markers.clone());
-        self.with_directions(&names, |s, pose, columns| {
-            let marker = &markers[s.marker];
+        let count = 3 * self.markers.len();
+        self.with_directions(count, |all, s, pose, columns| {
+            let marker = &all.markers[s.marker];
             let point = (pose * Point3::from(marker.marker_in_body_m)).coords;
-            if let Ok(seen) = cameras[s.camera].project_ball(&point, marker.radius_m) {
+            if let Ok(seen) = all.cameras[s.camera].project_ball(&point, marker.radius_m) {
                 for (axis, column) in columns[3 * s.marker..3 * s.marker + 3].iter_mut().enumerate() {
                     *column = seen.d_pixel_d_point_in_world * (pose.rotation * Vector3::ith(axis, std_m));
                 }
@@ -156,27 +138,16 @@ impl ImageMeasurements {
     /// each axis, and one that changes with each of three body turns by `std_px` per `turn_rad`: what a
     /// marker's neighbourhood, light and occlusion do to its centre changes with the aspect.
     pub fn with_marker_biases(self, std_px: f64, turn_rad: Option<f64>) -> Self {
-        let markers = self.markers.len();
-        let channels = 2 * markers * self.cameras.len();
-        let per_channel = if turn_rad.is_some() { 4 } else { 1 };
-        let names: Vec<String> = self
-            .channels()
-            .iter()
-            .flat_map(|c| (0..per_channel).map(move |k| format!("{c} bias {k}")))
-            .collect();
-        debug_assert_eq!(names.len(), channels * per_channel);
+        let orders = if turn_rad.is_some() { 4 } else { 1 };
+        let count = 2 * self.markers.len() * self.cameras.len() * orders;
         let first = self.poses.iter().flatten().next().map_or_else(Default::default, |p| p.rotation);
-        self.with_directions(&names, |s, pose, columns| {
-            let turn = (first.inverse() * pose.rotation).scaled_axis();
-            let first_column = 2 * (s.camera * markers + s.marker) * per_channel;
-            let mine = &mut columns[first_column..first_column + 2 * per_channel];
-            for (k, column) in mine.iter_mut().enumerate() {
-                let (axis, order) = (k / per_channel, k % per_channel);
-                let share = match (order, turn_rad) {
-                    (0, _) | (_, None) => 1.0,
-                    (_, Some(scale_rad)) => turn[order - 1] / scale_rad,
-                };
-                column[axis] = std_px * share;
+        self.with_directions(count, |all, s, pose, columns| {
+            let turn = (first.inverse() * pose.rotation).scaled_axis() / turn_rad.unwrap_or(1.0);
+            let shares = [1.0, turn.x, turn.y, turn.z];
+            let channel = 2 * (s.camera * all.markers.len() + s.marker);
+            for axis in 0..2 {
+                let own = &mut columns[(channel + axis) * orders..(channel + axis + 1) * orders];
+                own.iter_mut().zip(shares).for_each(|(column, share)| column[axis] = std_px * share);
             }
         })
     }
@@ -195,25 +166,16 @@ impl ImageMeasurements {
     }
 
     pub(crate) fn nuisances(&self) -> usize {
-        self.names.len()
-    }
-
-    pub(crate) fn nuisance_row(&self, row: usize) -> &[f64] {
-        let k = self.names.len();
-        &self.directions[row * k..(row + 1) * k]
+        self.directions.nrows()
     }
 
     pub(crate) fn poses(&self) -> Vec<(usize, Isometry3<f64>)> {
         self.poses.iter().enumerate().filter_map(|(i, p)| p.map(|p| (i, p))).collect()
     }
 
-    pub(crate) fn rows(
-        &self,
-        instant: usize,
-        y: &StateVector,
-        out: &mut Vec<Row>,
-    ) -> Result<(), IdentifyError> {
+    pub(crate) fn rows(&self, instant: usize, y: &StateVector) -> Result<Vec<Row<'_>>, IdentifyError> {
         let pose = pose_of(y);
+        let mut out = Vec::new();
         for k in self.first[instant]..self.first[instant + 1] {
             let s = &self.observations[k];
             let marker = &self.markers[s.marker];
@@ -222,19 +184,12 @@ impl ImageMeasurements {
             let jacobian = self.whiteners[k] * d_pixel_d_pose(&seen, &pose, &marker.marker_in_body_m);
             let residual = self.whiteners[k] * (s.pixel - seen.pixel);
             for axis in 0..2 {
-                let mut row = Row {
-                    residual: residual[axis],
-                    jacobian: [0.0; SEEN],
-                    channel: 2 * (s.camera * self.markers.len() + s.marker) + axis,
-                    nuisance: Some(2 * k + axis),
-                    pixel: seen.pixel.into(),
-                };
-                for j in 0..6 {
-                    row.jacobian[j] = jacobian[(axis, j)];
-                }
-                out.push(row);
+                let channel = 2 * (s.camera * self.markers.len() + s.marker) + axis;
+                let row = Row::new(residual[axis], jacobian.fixed_rows::<1>(axis).into_owned(), 0, channel);
+                let directions = self.directions.column(2 * k + axis).data.into_slice();
+                out.push(Row { directions, pixel: seen.pixel.into(), ..row });
             }
         }
-        Ok(())
+        Ok(out)
     }
 }

@@ -1,105 +1,86 @@
 //! The whole flight as one linear model about a point.
 
 use super::condense::Condensed;
-use super::fitter::Fitter;
-use super::propagate::{TANGENT, difference};
-use super::shooting::Record;
-use nalgebra::{DMatrix, DVector};
+use super::propagate::TANGENT;
+use super::shooting::{Evaluation, Place};
+use nalgebra::{DMatrix, DMatrixView, DVector};
 
-/// Residuals of all rows, closed gaps allowed for, and their derivative by start, parameters and nuisances.
+/// Rows of all that was measured, closed gaps allowed for, and of what was known before the flight.
 #[derive(Debug, Clone)]
 pub(crate) struct Linear {
-    /// Unknowns × rows.
-    pub(crate) by: DMatrix<f64>,
-    /// What was measured less what was predicted, in the units of the weights.
-    pub(crate) residual: DVector<f64>,
-    /// Instant and channel of each row; instants ascend.
-    pub(crate) place: Vec<(usize, usize)>,
-    /// Where each row was predicted in the image; the origin for what is no image.
-    pub(crate) pixel: Vec<[f64; 2]>,
-    /// Inverse variances of the unknowns before the flight.
-    prior: DVector<f64>,
-    /// How far the point is from their means.
-    off: DVector<f64>,
+    /// A column for each row, the prior's last: its derivative by start, parameters and nuisances, and what
+    /// was measured less what was predicted, in the units of the weights.
+    pub(crate) rows: DMatrix<f64>,
+    /// Of the measured rows; instants ascend.
+    pub(crate) places: Vec<Place>,
 }
 
 impl Linear {
-    pub(crate) fn new(fitter: &Fitter<'_>, condensed: &Condensed, records: &[Record]) -> Self {
-        let (problem, point) = (&fitter.problem, &fitter.point);
-        let (m, k) = (TANGENT + fitter.free().len(), point.nuisances.len());
-        let none = DVector::zeros(m + k);
-        let closing = condensed.expand(&fitter.at, &none, 1.0);
+    pub(crate) fn new(at: &Evaluation, condensed: &Condensed) -> Self {
+        let n = at.prior.nrows();
+        let mut rows = DMatrix::zeros(n, at.places.len() + at.prior.ncols());
+        let mut first = 0;
         // Gaps answer to every unknown, if by little: the penalty is finite, and an unstable flight
         // determines its starts well.
-        let starts: Vec<Vec<DVector<f64>>> = (0..m + k)
-            .map(|j| {
-                let mut unit = none.clone();
-                unit[j] = 1.0;
-                condensed.expand(&fitter.at, &unit, 0.0)
-            })
-            .collect();
-        let mut by = DMatrix::zeros(m + k, records.len());
-        let mut residual = DVector::zeros(records.len());
-        for (i, record) in records.iter().enumerate() {
-            let seen =
-                |start: &DVector<f64>| -> f64 { start.iter().zip(&record.by).map(|(x, b)| x * b).sum() };
-            residual[i] = record.row.residual - seen(&closing[record.segment]);
-            for (j, start) in starts.iter().enumerate() {
-                by[(j, i)] = seen(&start[record.segment]);
-            }
-            for j in TANGENT..m {
-                by[(j, i)] += record.by[j];
-            }
-            let weight = problem.weights[record.row.channel];
-            for (j, d) in problem.measurements.nuisance_row(record.row.nuisance).iter().enumerate() {
-                by[(m + j, i)] += weight * d;
-            }
+        for (segment, start) in at.segments.iter().zip(&condensed.starts) {
+            let count = segment.rows.ncols();
+            let mut out = rows.columns_mut(first, count);
+            out.rows_mut(TANGENT, n - TANGENT).copy_from(&segment.rows.rows(TANGENT, n - TANGENT));
+            out += start.tr_mul(&segment.rows.rows(0, TANGENT));
+            first += count;
         }
-        let mut prior = DVector::zeros(m + k);
-        let mut off = DVector::zeros(m + k);
-        let from_mean = difference(&point.starts[0], &problem.prior_start);
-        for j in 0..TANGENT {
-            prior[j] = problem.prior_information[j];
-            off[j] = from_mean[j];
-        }
-        prior.rows_mut(m, k).fill(1.0);
-        off.rows_mut(m, k).copy_from(&point.nuisances);
-        let place = records.iter().map(|r| (r.instant, r.row.channel)).collect();
-        let pixel = records.iter().map(|r| r.row.pixel).collect();
-        Self { by, residual, place, pixel, prior, off }
+        rows.columns_mut(first, at.prior.ncols()).copy_from(&at.prior);
+        Self { rows, places: at.places.clone() }
+    }
+
+    /// Unknowns.
+    pub(crate) fn unknowns(&self) -> usize {
+        self.rows.nrows() - 1
+    }
+
+    /// Derivative of the measured rows, unknowns × rows.
+    pub(crate) fn by(&self) -> DMatrixView<'_, f64> {
+        self.rows.view((0, 0), (self.unknowns(), self.places.len()))
+    }
+
+    /// Residuals of the measured rows.
+    pub(crate) fn residuals(&self) -> DVector<f64> {
+        self.rows.row(self.unknowns()).columns(0, self.places.len()).transpose()
+    }
+
+    /// Squares of all rows as a quadratic of the unknowns and -1.
+    fn quadratic(&self) -> DMatrix<f64> {
+        &self.rows * self.rows.transpose()
     }
 
     /// Information on all unknowns.
     pub(crate) fn information(&self) -> DMatrix<f64> {
-        let mut out = &self.by * self.by.transpose();
-        for (j, w) in self.prior.iter().enumerate() {
-            out[(j, j)] += w;
-        }
-        out
+        let n = self.unknowns();
+        self.quadratic().view((0, 0), (n, n)).into_owned()
     }
 
-    /// The step to the least squares, with the inverse of the information.
+    /// The step of the unknowns to the least squares, with the inverse of the information.
     pub(crate) fn step(&self, covariance: &DMatrix<f64>) -> DVector<f64> {
-        covariance * (&self.by * &self.residual - self.prior.component_mul(&self.off))
+        let n = self.unknowns();
+        covariance * self.quadratic().view((0, n), (n, 1)).column(0)
     }
 
-    /// Residuals after a step.
-    pub(crate) fn residual_after(&self, step: &DVector<f64>) -> DVector<f64> {
-        &self.residual - self.by.tr_mul(step)
+    /// Squares that a step of the unknowns makes.
+    pub(crate) fn change(&self, step: &DVector<f64>) -> f64 {
+        self.rows.rows(0, self.unknowns()).tr_mul(step).norm_squared()
     }
 
-    /// Residuals by instant and channel; zero where nothing was seen.
-    pub(crate) fn table(&self, residual: &DVector<f64>, channels: usize) -> DMatrix<f64> {
-        let first = self.first_instant();
-        let last = self.place.last().map_or(first, |p| p.0);
+    /// Residuals by instant, from the first with a row, and channel; zero where nothing was seen.
+    pub(crate) fn table(&self, channels: usize) -> DMatrix<f64> {
+        let (first, last) = (self.first_instant(), self.places.last().map_or(0, |p| p.instant));
         let mut table = DMatrix::zeros(last - first + 1, channels);
-        for ((instant, channel), r) in self.place.iter().zip(residual.iter()) {
-            table[(instant - first, *channel)] = *r;
+        for (place, r) in self.places.iter().zip(&self.residuals()) {
+            table[(place.instant - first, place.channel)] = *r;
         }
         table
     }
 
     pub(crate) fn first_instant(&self) -> usize {
-        self.place.first().map_or(0, |p| p.0)
+        self.places.first().map_or(0, |p| p.instant)
     }
 }

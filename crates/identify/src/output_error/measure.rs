@@ -8,7 +8,7 @@ use mavsight_flight::StateVector;
 use mavsight_geometry::attitude::right_jacobian;
 use mavsight_geometry::{Isometry3, Matrix3, Matrix6, Vector3};
 use mavsight_pose::{MotionSample, PoseEstimate, PoseSample};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::Vector6;
 
 /// What was measured of the motion at one instant. A part that was not measured is `None`.
 #[derive(Debug, Clone, PartialEq)]
@@ -114,19 +114,6 @@ impl Measurements {
         }
     }
 
-    /// Whitened directions of a row, one value a nuisance.
-    pub(crate) fn nuisance_row(&self, row: Option<usize>) -> &[f64] {
-        match (self, row) {
-            (_, None) => &[],
-            (Self::States(s), Some(row)) => {
-                let all = &s[row / POSE].systematic;
-                let directions = all.len() / POSE;
-                &all[row % POSE * directions..][..directions]
-            }
-            (Self::Image(i), Some(row)) => i.nuisance_row(row),
-        }
-    }
-
     /// Known poses at their instants, for a start.
     pub(crate) fn poses(&self) -> Vec<(usize, Isometry3<f64>)> {
         match self {
@@ -137,17 +124,11 @@ impl Measurements {
         }
     }
 
-    /// Rows of one instant at a state, into a cleared `out`.
-    pub(crate) fn rows(
-        &self,
-        instant: usize,
-        y: &StateVector,
-        out: &mut Vec<Row>,
-    ) -> Result<(), IdentifyError> {
-        out.clear();
+    /// Rows of one instant at a state.
+    pub(crate) fn rows(&self, instant: usize, y: &StateVector) -> Result<Vec<Row<'_>>, IdentifyError> {
         match self {
-            Self::States(s) => state_rows(&s[instant], POSE * instant, y, out),
-            Self::Image(i) => i.rows(instant, y, out),
+            Self::States(s) => state_rows(&s[instant], y),
+            Self::Image(i) => i.rows(instant, y),
         }
     }
 
@@ -161,18 +142,16 @@ impl Measurements {
         }
         let Self::States(samples) = self else { return Ok(()) };
         for s in samples {
-            let t_s = s.t_ns as f64 * 1e-9;
-            let bad = |what| IdentifyError::BadMeasurement { t_s, what };
-            if let Some((pose, covariance)) = &s.pose {
-                let finite =
-                    pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|v| v.is_finite());
-                if !finite || whitener(covariance).is_none() {
-                    return Err(bad("pose"));
-                }
+            let bad = |what| IdentifyError::BadMeasurement { t_s: s.t_ns as f64 * 1e-9, what };
+            let is_usable = |numbers: &[f64], whitens: bool| whitens && numbers.iter().all(|v| v.is_finite());
+            if let Some((pose, covariance)) = &s.pose
+                && !is_usable(&pose.to_homogeneous().as_slice()[..], whitener(covariance).is_some())
+            {
+                return Err(bad("pose"));
             }
             for (what, part) in [("velocity", &s.velocity), ("rates", &s.rates)] {
                 if let Some((value, covariance)) = part
-                    && (!value.iter().all(|v| v.is_finite()) || whitener(covariance).is_none())
+                    && !is_usable(value.as_slice(), whitener(covariance).is_some())
                 {
                     return Err(bad(what));
                 }
@@ -182,58 +161,36 @@ impl Measurements {
     }
 }
 
-fn state_rows(
-    s: &StateMeasurement,
-    first_nuisance: usize,
-    y: &StateVector,
-    out: &mut Vec<Row>,
-) -> Result<(), IdentifyError> {
-    let t_s = s.t_ns as f64 * 1e-9;
-    let bad = |what| IdentifyError::BadMeasurement { t_s, what };
+fn state_rows<'a>(s: &'a StateMeasurement, y: &StateVector) -> Result<Vec<Row<'a>>, IdentifyError> {
+    let bad = |what| IdentifyError::BadMeasurement { t_s: s.t_ns as f64 * 1e-9, what };
+    let mut out = Vec::with_capacity(SEEN);
     if let Some((measured, covariance)) = &s.pose {
         let l = whitener(covariance).ok_or(bad("pose"))?;
         let at = pose_of(y);
         let turn = (at.rotation.inverse() * measured.rotation).scaled_axis();
         let offset = measured.translation.vector - at.translation.vector;
-        let mut error = SVector::<f64, 6>::zeros();
+        let mut error = Vector6::zeros();
         error.fixed_rows_mut::<3>(0).copy_from(&offset);
         error.fixed_rows_mut::<3>(3).copy_from(&turn);
         // log(exp(-δ) exp(e)) = e - J_l(e)⁻¹ δ, and J_l(e) = J_r(-e).
         let by_turn = right_jacobian(&-turn).try_inverse().unwrap_or_else(Matrix3::identity);
         let mut jacobian = Matrix6::identity();
         jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&by_turn);
-        push(&(l * error), &(l * jacobian), 0, out);
-        if !s.systematic.is_empty() {
-            out.iter_mut().enumerate().for_each(|(k, row)| row.nuisance = Some(first_nuisance + k));
+        let (error, jacobian) = (l * error, l * jacobian);
+        let directions = s.systematic.len() / POSE;
+        for k in 0..POSE {
+            let row = Row::new(error[k], jacobian.fixed_rows::<1>(k).into_owned(), 0, k);
+            out.push(Row { directions: &s.systematic[k * directions..(k + 1) * directions], ..row });
         }
     }
-    for (what, part, first) in [("velocity", &s.velocity, 6), ("rates", &s.rates, 9)] {
+    for (what, part, first) in [("velocity", &s.velocity, POSE), ("rates", &s.rates, POSE + 3)] {
         if let Some((measured, covariance)) = part {
             let l = whitener(covariance).ok_or(bad(what))?;
-            let at = Vector3::new(y[first + 1], y[first + 2], y[first + 3]);
-            push(&(l * (measured - at)), &l, first, out);
+            let error = l * (measured - Vector3::new(y[first + 1], y[first + 2], y[first + 3]));
+            out.extend(
+                (0..3).map(|k| Row::new(error[k], l.fixed_rows::<1>(k).into_owned(), first, first + k)),
+            );
         }
     }
-    Ok(())
-}
-
-fn push<const N: usize>(
-    residual: &SVector<f64, N>,
-    jacobian: &SMatrix<f64, N, N>,
-    first: usize,
-    out: &mut Vec<Row>,
-) {
-    for i in 0..N {
-        let mut row = Row {
-            residual: residual[i],
-            jacobian: [0.0; SEEN],
-            channel: first + i,
-            nuisance: None,
-            pixel: [0.0; 2],
-        };
-        for j in 0..N {
-            row.jacobian[first + j] = jacobian[(i, j)];
-        }
-        out.push(row);
-    }
+    Ok(out)
 }

@@ -1,11 +1,12 @@
 //! How a fitted model predicts a part of the flight that it was not fitted to.
 
-use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, TIGHTNESS};
+use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, Recorded, TIGHTNESS};
 use super::measure::{Measurements, StateMeasurement};
 use super::model::FlightModel;
 use super::options::{InitialFlapping, NoiseModel, OutputErrorOptions};
 use super::result::{OutputErrorFit, Prediction};
 use super::row::pose_of;
+use super::start::begin;
 use crate::{IdentifyError, agreement};
 use mavsight_flight::InputSeries;
 use mavsight_geometry::{EulerAngles, Isometry3};
@@ -41,7 +42,8 @@ pub fn predict_poses(
         noise: NoiseModel::Given,
         ..OutputErrorOptions::default()
     };
-    let mut fitter = Fitter::new(&fitted, inputs, &measured, &options)?;
+    let recorded = Recorded { inputs, measurements: &measured };
+    let mut fitter = Fitter::new(&fitted, begin(&fitted, recorded, f64::INFINITY)?, recorded, &options)?;
     fitter.stage(false, LONGEST_STEP_S[1])?;
     fitter.converge(TIGHTNESS[3], PROMISE[3]);
     if !fitter.converged {

@@ -2,7 +2,7 @@
 
 use super::model::{FlightModel, ModelParameter};
 use mavsight_flight::{Coefficient, FLIGHT_STATES, InputSample, Linearisation, StateVector};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, Quaternion, UnitQuaternion, Vector3};
 
 /// Degrees of freedom of a state: position (world), turn (body), velocity (body), rates, flapping.
 pub(crate) const TANGENT: usize = 16;
@@ -86,7 +86,6 @@ pub(crate) struct Propagator {
     stage: Vec<f64>,
     rate: Vec<f64>,
     sum: Vec<f64>,
-    linear: Linearisation,
 }
 
 /// Weights of the classical fourth-order method: node of the next stage, weight in the sum.
@@ -104,13 +103,7 @@ impl Propagator {
             stage: zeros(),
             rate: zeros(),
             sum: zeros(),
-            linear: Linearisation::zeros(),
         }
-    }
-
-    /// Columns of the sensitivities.
-    pub(crate) fn columns(&self) -> usize {
-        self.columns
     }
 
     /// Begins again at a state.
@@ -145,8 +138,7 @@ impl Propagator {
         self.sum.copy_from_slice(&self.s);
         for (node, weight) in STAGES {
             let k = airframe.derivative(c, input, &y_stage);
-            airframe.linearise(c, input, &y_stage, &mut self.linear);
-            self.variational();
+            self.variational(&airframe.linearise(c, input, &y_stage));
             for i in 0..FLIGHT_STATES {
                 y_sum[i] += step.h_s * weight * k[i];
                 y_stage[i] = self.y[i] + step.h_s * node * k[i];
@@ -172,36 +164,36 @@ impl Propagator {
     }
 
     /// rate = A stage + B.
-    fn variational(&mut self) {
+    fn variational(&mut self, linear: &Linearisation) {
         let n = self.columns;
         for i in 0..FLIGHT_STATES {
             let row = &mut self.rate[i * n..(i + 1) * n];
             row.fill(0.0);
             for (position, parameter) in self.free.iter().enumerate() {
                 if let ModelParameter::Coefficient(which) = parameter {
-                    row[TANGENT + position] = self.linear.by_coefficient[i][*which as usize];
+                    row[TANGENT + position] = linear.by_coefficient[i][*which as usize];
                 }
             }
             for &j in Linearisation::COLUMNS[i] {
-                axpy(row, self.linear.by_state[i][j], &self.stage[j * n..(j + 1) * n]);
+                axpy(row, linear.by_state[i][j], &self.stage[j * n..(j + 1) * n]);
             }
         }
     }
 
-    /// Derivative of the state's degrees of freedom, 16 rows of [`Propagator::columns`] values.
-    pub(crate) fn tangent(&self, out: &mut [f64]) {
+    /// Derivative of the state's degrees of freedom, a column each, by the start's and the free parameters.
+    pub(crate) fn tangent(&self) -> DMatrix<f64> {
         let n = self.columns;
-        out[..3 * n].copy_from_slice(&self.s[..3 * n]);
-        out[6 * n..].copy_from_slice(&self.s[7 * n..]);
+        let mut out = DMatrix::zeros(n, TANGENT);
+        out.columns_mut(0, 3).copy_from_slice(&self.s[..3 * n]);
+        out.columns_mut(6, 10).copy_from_slice(&self.s[7 * n..]);
         let (w, u) = (self.y[3], Vector3::new(self.y[4], self.y[5], self.y[6]));
         let scale = 2.0 / (w * w + u.norm_squared());
         for k in 0..n {
             let d = Vector3::new(self.s[4 * n + k], self.s[5 * n + k], self.s[6 * n + k]);
             let turn = (d * w - u * self.s[3 * n + k] - u.cross(&d)) * scale;
-            for row in 0..3 {
-                out[(3 + row) * n + k] = turn[row];
-            }
+            out.fixed_view_mut::<1, 3>(k, 3).copy_from(&turn.transpose());
         }
+        out
     }
 
     /// Whether nothing has run away.

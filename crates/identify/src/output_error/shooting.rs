@@ -1,12 +1,13 @@
-//! Multiple shooting: segments, their quadratic models, and the step that fits them together.
+//! Multiple shooting: segments that are flown each from its own start, and what was seen on them as rows that
+//! are linear about a point.
 
 use super::measure::Measurements;
 use super::model::FlightModel;
 use super::propagate::{Propagator, Raster, SEEN, Step, TANGENT, difference, moved};
 use super::row::Row;
 use crate::IdentifyError;
-use mavsight_flight::{InputSample, StateVector};
-use nalgebra::{DMatrix, DVector};
+use mavsight_flight::{FLIGHT_STATES, InputSample, StateVector};
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 /// What a fit varies.
 #[derive(Debug, Clone)]
@@ -16,6 +17,22 @@ pub(crate) struct Point {
     pub(crate) nuisances: DVector<f64>,
     /// State at the start of each segment.
     pub(crate) starts: Vec<StateVector>,
+}
+
+impl Point {
+    /// This point after a step of [start, parameters, nuisances, -1], of which the starts of all segments are
+    /// the given linear functions.
+    pub(crate) fn moved(&self, step: &DVector<f64>, starts: &[DMatrix<f64>]) -> Self {
+        let mut out = self.clone();
+        for (k, parameter) in self.model.free().iter().enumerate() {
+            out.model.shift(*parameter, step[TANGENT + k]);
+        }
+        out.nuisances += step.rows(TANGENT + self.model.free().len(), self.nuisances.len());
+        for (y, by) in out.starts.iter_mut().zip(starts) {
+            *y = moved(y, (by * step).as_slice());
+        }
+        out
+    }
 }
 
 /// What a fit keeps fixed while a point varies.
@@ -31,10 +48,8 @@ pub(crate) struct Shooting<'a> {
     pub(crate) hold_times: bool,
     /// The longest step of the integration.
     pub(crate) longest_step_s: f64,
-    /// Gram matrix of the weighted nuisance directions.
-    pub(crate) nuisance_gram: DMatrix<f64>,
-    /// Inverse variance and mean of the start's degrees of freedom.
-    pub(crate) prior_information: [f64; TANGENT],
+    /// Inverse standard deviations and mean of the start's degrees of freedom.
+    pub(crate) prior_weights: [f64; TANGENT],
     pub(crate) prior_start: StateVector,
 }
 
@@ -44,256 +59,159 @@ pub(crate) struct Shooting<'a> {
 const GAP_STD: [f64; TANGENT] =
     [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 3.0, 3.0, 3.0, 10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 1.0];
 
-/// Inverse variances of a gap.
-pub(crate) fn gap_information(tightness: f64) -> [f64; TANGENT] {
-    GAP_STD.map(|s| (s * tightness).powi(-2))
+/// Inverse covariance of a gap.
+pub(crate) fn gap_information(tightness: f64) -> SMatrix<f64, TANGENT, TANGENT> {
+    SMatrix::from_diagonal(&SVector::from(GAP_STD.map(|s| (s * tightness).powi(-2))))
 }
 
-/// The sum of squares about a point as a quadratic in [start of the segment, parameters, nuisances, -1].
+/// A segment about a point. Its variables are its start, parameters, nuisances and -1.
 pub(crate) struct Segment {
-    pub(crate) quadratic: DMatrix<f64>,
-    /// Derivative of the end by start and parameters.
-    pub(crate) end_by: DMatrix<f64>,
-    /// From this segment's end to the next one's start.
-    pub(crate) gap: [f64; TANGENT],
+    /// A column for each row that was seen: its derivative by the variables, the residual last.
+    pub(crate) rows: DMatrix<f64>,
+    /// The start of the next segment by the variables, the gap from this one's end to it last.
+    pub(crate) next: DMatrix<f64>,
 }
 
-/// A whitened row with its derivative by start of segment and parameters.
-pub(crate) struct Record {
-    pub(crate) segment: usize,
+/// Where a row belongs.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Place {
     pub(crate) instant: usize,
-    pub(crate) row: Row,
-    pub(crate) by: Vec<f64>,
+    pub(crate) channel: usize,
+    /// Where it was predicted in the image; the origin for what is no image.
+    pub(crate) pixel: [f64; 2],
 }
 
 /// All segments at a point.
 pub(crate) struct Evaluation {
     pub(crate) segments: Vec<Segment>,
-    pub(crate) nuisance_gradient: DVector<f64>,
-    /// Weighted squares of all rows.
-    pub(crate) chi_square: f64,
-    /// Weighted squares of all rows and priors, without gaps.
-    pub(crate) fit: f64,
-    pub(crate) gap_squares: [f64; TANGENT],
-    /// Weighted squares of each channel, and their number.
-    pub(crate) channel_squares: Vec<(f64, usize)>,
+    /// What is known before the flight of the first segment's variables, as columns like those of a segment.
+    pub(crate) prior: DMatrix<f64>,
+    /// Of the rows of all segments.
+    pub(crate) places: Vec<Place>,
     /// State at each instant.
     pub(crate) states: Vec<StateVector>,
 }
 
-impl Evaluation {
-    pub(crate) fn merit(&self, tightness: f64) -> f64 {
-        let gaps = self.gap_squares.iter().zip(gap_information(tightness));
-        self.fit + gaps.map(|(s, w)| s * w).sum::<f64>()
-    }
+/// Last entries of columns: their residuals.
+fn residuals(rows: &DMatrix<f64>) -> impl Iterator<Item = f64> {
+    rows.column_iter().map(|c| c[c.len() - 1])
 }
 
-struct Accumulator<'a> {
-    problem: &'a Shooting<'a>,
-    columns: usize,
-    held: Vec<usize>,
-    tangent: Vec<f64>,
-    by: Vec<f64>,
-    rows: Vec<Row>,
+impl Evaluation {
+    /// Weighted residuals of all rows.
+    pub(crate) fn residuals(&self) -> impl Iterator<Item = f64> {
+        self.segments.iter().flat_map(|s| residuals(&s.rows))
+    }
+
+    /// From each segment's end to the next one's start.
+    pub(crate) fn gaps(&self) -> impl Iterator<Item = SVector<f64, TANGENT>> {
+        self.segments.iter().map(|s| s.next.fixed_view::<TANGENT, 1>(0, s.next.ncols() - 1).into_owned())
+    }
+
+    /// Weighted squares of rows, priors and gaps.
+    pub(crate) fn merit(&self, tightness: f64) -> f64 {
+        let information = gap_information(tightness);
+        let squares: f64 = self.residuals().chain(residuals(&self.prior)).map(|r| r * r).sum();
+        squares + self.gaps().map(|gap| gap.dot(&(information * gap))).sum::<f64>()
+    }
 }
 
 impl Shooting<'_> {
-    pub(crate) fn segments(&self) -> usize {
-        self.bounds.len() - 1
-    }
-
-    fn plan(&self, model: &FlightModel, segment: usize) -> Vec<Step> {
-        let last = segment + 1 == self.segments();
+    fn steps(&self, model: &FlightModel, segment: usize) -> Vec<Step> {
+        let last = segment + 2 == self.bounds.len();
         let (from, to) = (self.bounds[segment], self.bounds[segment + 1] - usize::from(last));
         // The instant at which the next segment starts belongs to that.
         let raster = Raster { inputs: self.inputs, times_s: &self.times_s, longest_s: self.longest_step_s };
         raster.steps((self.times_s[from], self.times_s[to]), model, from + 1..to + usize::from(last))
     }
 
-    /// Flies all segments; `records` keeps the rows.
-    pub(crate) fn evaluate(
-        &self,
-        point: &Point,
-        mut records: Option<&mut Vec<Record>>,
-    ) -> Result<Evaluation, IdentifyError> {
-        let free = point.model.free();
-        let mut flyer = Propagator::new(free);
-        let k = point.nuisances.len();
-        let m = flyer.columns();
-        let mut sums = Accumulator {
-            problem: self,
-            columns: m,
-            held: free
-                .iter()
-                .enumerate()
-                .filter(|(_, p)| self.hold_times && p.is_time())
-                .map(|(k, _)| TANGENT + k)
-                .collect(),
-            tangent: vec![0.0; TANGENT * m],
-            by: vec![0.0; m],
-            rows: Vec::with_capacity(64),
-        };
+    /// Flies all segments.
+    pub(crate) fn evaluate(&self, point: &Point) -> Result<Evaluation, IdentifyError> {
+        let n = TANGENT + point.model.free().len() + point.nuisances.len() + 1;
+        let mut flyer = Propagator::new(point.model.free());
         let mut out = Evaluation {
-            segments: Vec::with_capacity(self.segments()),
-            nuisance_gradient: -&point.nuisances,
-            chi_square: 0.0,
-            fit: point.nuisances.norm_squared(),
-            gap_squares: [0.0; TANGENT],
-            channel_squares: vec![(0.0, 0); self.weights.len()],
-            states: vec![[f64::NAN; 17]; self.times_s.len()],
+            segments: Vec::with_capacity(point.starts.len()),
+            prior: self.prior(point),
+            places: Vec::new(),
+            states: vec![[f64::NAN; FLIGHT_STATES]; self.times_s.len()],
         };
-        for s in 0..self.segments() {
-            let mut segment = Segment {
-                quadratic: DMatrix::zeros(m + k + 1, m + k + 1),
-                end_by: DMatrix::zeros(TANGENT, m),
-                gap: [0.0; TANGENT],
-            };
-            flyer.start(&point.starts[s]);
-            sums.add(&flyer, (s, self.bounds[s]), point, (&mut segment, &mut out), records.as_deref_mut())?;
-            for step in self.plan(&point.model, s) {
+        for (s, start) in point.starts.iter().enumerate() {
+            let mut rows = Vec::new();
+            flyer.start(start);
+            self.see(&flyer, self.bounds[s], point, &mut rows, &mut out)?;
+            for step in self.steps(&point.model, s) {
                 flyer.step(&point.model, self.inputs, &step);
                 if let Some(instant) = step.instant {
-                    sums.add(&flyer, (s, instant), point, (&mut segment, &mut out), records.as_deref_mut())?;
+                    self.see(&flyer, instant, point, &mut rows, &mut out)?;
                 }
             }
             if !flyer.is_finite() {
                 return Err(IdentifyError::RanAway { t_s: self.times_s[self.bounds[s]] });
             }
-            sums.sensitivity(&flyer);
-            segment.end_by = DMatrix::from_row_slice(TANGENT, m, &sums.tangent);
-            if let Some(next) = point.starts.get(s + 1) {
-                segment.gap = difference(next, &flyer.y);
-                for (sum, gap) in out.gap_squares.iter_mut().zip(segment.gap) {
-                    *sum += gap * gap;
-                }
+            let by = self.sensitivity(&flyer, point);
+            let mut next = DMatrix::zeros(TANGENT, n);
+            next.columns_mut(0, by.nrows()).copy_from(&by.transpose());
+            if let Some(start) = point.starts.get(s + 1) {
+                next.column_mut(n - 1).copy_from_slice(&difference(start, &flyer.y));
             }
-            segment.quadratic.fill_lower_triangle_with_upper_triangle();
-            out.segments.push(segment);
+            out.segments.push(Segment { rows: DMatrix::from_vec(n, rows.len() / n, rows), next });
         }
-        self.add_prior(point, &mut out);
-        out.fit += out.chi_square;
         Ok(out)
     }
 
-    fn add_prior(&self, point: &Point, out: &mut Evaluation) {
-        let off = difference(&self.prior_start, &point.starts[0]);
-        let q = &mut out.segments[0].quadratic;
-        let last = q.ncols() - 1;
-        for (i, information) in self.prior_information.iter().enumerate() {
-            q[(i, i)] += information;
-            q[(i, last)] += information * off[i];
-            q[(last, i)] += information * off[i];
-            q[(last, last)] += information * off[i] * off[i];
-            out.fit += information * off[i] * off[i];
-        }
-    }
-
-    /// Gram matrix of the nuisance directions under the present weights.
-    pub(crate) fn update_nuisance_gram(&mut self, states: &[StateVector]) -> Result<(), IdentifyError> {
-        let k = self.measurements.nuisances();
-        self.nuisance_gram = DMatrix::zeros(k, k);
-        if k == 0 {
-            return Ok(());
-        }
-        let mut rows = Vec::with_capacity(64);
-        for (instant, y) in states.iter().enumerate().skip(self.bounds[0]) {
-            self.measurements.rows(instant, y, &mut rows)?;
-            for row in &rows {
-                let weight = self.weights[row.channel].powi(2);
-                let d = self.measurements.nuisance_row(row.nuisance);
-                for (b, factor) in d.iter().enumerate().filter(|(_, v)| **v != 0.0) {
-                    let mut column = self.nuisance_gram.column_mut(b);
-                    for (sum, v) in column.iter_mut().zip(d).take(b + 1) {
-                        *sum += weight * factor * v;
-                    }
-                }
+    /// Derivative of the state's degrees of freedom, a column each, by start and parameters.
+    fn sensitivity(&self, flyer: &Propagator, point: &Point) -> DMatrix<f64> {
+        let mut out = flyer.tangent();
+        for (k, parameter) in point.model.free().iter().enumerate() {
+            if self.hold_times && parameter.is_time() {
+                out.row_mut(TANGENT + k).fill(0.0);
             }
         }
-        self.nuisance_gram.fill_lower_triangle_with_upper_triangle();
-        Ok(())
-    }
-}
-
-impl Accumulator<'_> {
-    fn sensitivity(&mut self, flyer: &Propagator) {
-        flyer.tangent(&mut self.tangent);
-        for row in self.tangent.chunks_exact_mut(self.columns) {
-            for k in &self.held {
-                row[*k] = 0.0;
-            }
-        }
+        out
     }
 
-    /// Adds the rows of one instant.
-    fn add(
-        &mut self,
+    /// Appends the rows of an instant to those of its segment.
+    fn see(
+        &self,
         flyer: &Propagator,
-        (s, instant): (usize, usize),
+        instant: usize,
         point: &Point,
-        (segment, out): (&mut Segment, &mut Evaluation),
-        mut records: Option<&mut Vec<Record>>,
+        rows: &mut Vec<f64>,
+        out: &mut Evaluation,
     ) -> Result<(), IdentifyError> {
         out.states[instant] = flyer.y;
-        self.problem.measurements.rows(instant, &flyer.y, &mut self.rows)?;
-        if self.rows.is_empty() {
+        let seen: Vec<Row<'_>> = self.measurements.rows(instant, &flyer.y)?;
+        if seen.is_empty() {
             return Ok(());
         }
-        self.sensitivity(flyer);
-        let (m, last) = (self.columns, segment.quadratic.ncols() - 1);
-        for row in &mut self.rows {
-            let weight = self.problem.weights[row.channel];
-            let directions = self.problem.measurements.nuisance_row(row.nuisance);
-            let shift: f64 = directions.iter().zip(point.nuisances.iter()).map(|(d, z)| d * z).sum();
-            let residual = weight * (row.residual - shift);
-            self.by.fill(0.0);
-            for j in 0..SEEN {
-                let factor = weight * row.jacobian[j];
-                if factor != 0.0 {
-                    for (b, t) in self.by.iter_mut().zip(&self.tangent[j * m..(j + 1) * m]) {
-                        *b += factor * t;
-                    }
-                }
-            }
-            let q = segment.quadratic.as_mut_slice();
-            let n = last + 1;
-            let mut add = |column: usize, factor: f64, rows: usize| {
-                for (sum, b) in q[column * n..column * n + rows].iter_mut().zip(&self.by) {
-                    *sum += factor * b;
-                }
-            };
-            for b in 0..m {
-                add(b, self.by[b], b + 1);
-            }
-            for (b, d) in directions.iter().enumerate() {
-                if *d != 0.0 {
-                    add(m + b, weight * d, m);
-                    out.nuisance_gradient[b] += weight * d * residual;
-                }
-            }
-            add(last, residual, m);
-            q[last * n + last] += residual * residual;
-            out.chi_square += residual * residual;
-            out.channel_squares[row.channel].0 += residual * residual;
-            out.channel_squares[row.channel].1 += 1;
-            if let Some(records) = records.as_deref_mut() {
-                row.residual = residual;
-                records.push(Record { segment: s, instant, row: *row, by: self.by.clone() });
-            }
+        let tangent = self.sensitivity(flyer, point);
+        let mut by = DVector::zeros(tangent.nrows());
+        for row in seen {
+            let weight = self.weights[row.channel];
+            by.gemv(weight, &tangent.columns(0, SEEN), &row.jacobian, 0.0);
+            rows.extend(by.iter());
+            let shift: f64 = row.directions.iter().zip(&point.nuisances).map(|(d, z)| d * z).sum();
+            let unmoved = point.nuisances.len() - row.directions.len();
+            rows.extend(row.directions.iter().map(|d| weight * d).chain(std::iter::repeat_n(0.0, unmoved)));
+            rows.push(weight * (row.residual - shift));
+            out.places.push(Place { instant, channel: row.channel, pixel: row.pixel });
         }
         Ok(())
     }
-}
 
-/// A point moved by a step of [start, parameters, nuisances] with the steps of all starts.
-pub(crate) fn moved_point(point: &Point, step: &DVector<f64>, starts: &[DVector<f64>]) -> Point {
-    let mut out = point.clone();
-    for (k, parameter) in point.model.free().iter().enumerate() {
-        out.model.shift(*parameter, step[TANGENT + k]);
+    /// The start is known as well as the prior says, each nuisance is a standard normal number.
+    fn prior(&self, point: &Point) -> DMatrix<f64> {
+        let (m, k) = (TANGENT + point.model.free().len(), point.nuisances.len());
+        let mut out = DMatrix::zeros(m + k + 1, TANGENT + k);
+        let off = difference(&self.prior_start, &point.starts[0]);
+        for (i, weight) in self.prior_weights.iter().enumerate() {
+            out[(i, i)] = *weight;
+            out[(m + k, i)] = weight * off[i];
+        }
+        for (i, nuisance) in point.nuisances.iter().enumerate() {
+            out[(m + i, TANGENT + i)] = 1.0;
+            out[(m + k, TANGENT + i)] = -nuisance;
+        }
+        out
     }
-    let first = TANGENT + point.model.free().len();
-    out.nuisances += step.rows(first, point.nuisances.len());
-    for (y, d) in out.starts.iter_mut().zip(starts) {
-        *y = moved(y, d.as_slice());
-    }
-    out
 }

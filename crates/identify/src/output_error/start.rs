@@ -1,31 +1,46 @@
 //! States to start from, drawn out of the poses by local polynomials.
 
+use super::fitter::{Begin, Recorded};
 use super::measure::Measurements;
 use super::model::{FlightModel, ModelParameter};
 use crate::IdentifyError;
-use mavsight_flight::flapping::{Between, first_order_response};
-use mavsight_flight::{Coefficient, InputSample, InputSeries, Linearisation, StateVector};
+use mavsight_flight::flapping::{Between, first_order_response, interpolate};
+use mavsight_flight::{Coefficient, InputSample, InputSeries, StateVector};
 use mavsight_geometry::{Isometry3, Matrix3, Vector3, world_from_level};
 use nalgebra::{DMatrix, DVector};
 
 /// Poses within this of an instant give its velocity, rates and accelerations: nine at 30 Hz.
 const WINDOW_S: f64 = 0.135;
 
-/// Instants at which segments begin, each with a state, and the model with rough values of its free
-/// parameters. The first is the first instant with a pose.
-pub(crate) fn nodes(
-    model: &FlightModel,
-    inputs: &InputSeries,
-    measurements: &Measurements,
-    segment_s: f64,
-) -> Result<(FlightModel, Vec<(usize, StateVector)>), IdentifyError> {
-    let times_s = measurements.times_s();
-    let mut poses = measurements.poses();
-    if poses.is_empty()
-        && let Measurements::States(samples) = measurements
-    {
-        poses = super::dead_reckoning::poses(samples);
+/// Of increasing times those at which segments of a length begin, the last not shorter than half of it; a
+/// length that is not positive makes one segment.
+pub(crate) fn segment_starts(times_s: &[f64], segment_s: f64) -> Vec<usize> {
+    let segment_s = if segment_s > 0.0 { segment_s } else { f64::INFINITY };
+    let (last_s, mut next_s) = (times_s[times_s.len() - 1], times_s[0]);
+    let mut out = Vec::new();
+    for (k, t_s) in times_s.iter().enumerate() {
+        if *t_s >= next_s - 1e-9 && (k == 0 || last_s - t_s >= 0.5 * segment_s) {
+            next_s = t_s + segment_s;
+            out.push(k);
+        }
     }
+    out
+}
+
+/// The model with rough values of its free parameters, and the states at which segments begin, the first at
+/// the first instant with a pose.
+pub(crate) fn begin(
+    model: &FlightModel,
+    recorded: Recorded<'_>,
+    segment_s: f64,
+) -> Result<Begin, IdentifyError> {
+    let Recorded { inputs, measurements } = recorded;
+    let times_s = measurements.times_s();
+    let poses = measurements.poses();
+    let poses = match measurements {
+        Measurements::States(samples) if poses.is_empty() => super::dead_reckoning::poses(samples),
+        _ => poses,
+    };
     if poses.len() < 4 {
         return Err(IdentifyError::NoStart { known: poses.len() });
     }
@@ -38,36 +53,30 @@ pub(crate) fn nodes(
         let (p, v, w, f) = (pose.translation.vector, local[k].velocity_in_body, local[k].rates, flap[k]);
         [p.x, p.y, p.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, w.x, w.y, w.z, f[0], f[1], f[2], f[3]]
     };
-    let last_s = t_s[t_s.len() - 1];
-    let mut out: Vec<(usize, StateVector)> = Vec::new();
-    let mut next_s = t_s[0];
-    for (k, (instant, _)) in poses.iter().enumerate() {
-        if t_s[k] < next_s - 1e-9 || (k > 0 && last_s - t_s[k] < 0.5 * segment_s) {
-            continue;
-        }
-        next_s = t_s[k] + segment_s;
-        out.push((*instant, state(k)));
-    }
-    let rows: Vec<_> = (0..poses.len())
+    let nodes = segment_starts(&t_s, segment_s).into_iter().map(|k| (poses[k].0, state(k))).collect();
+    let rows: Vec<Moving> = (0..poses.len())
         .filter_map(|k| {
-            let input = inputs.at(t_s[k] - model.input_lag_s)?;
-            let y = state(k);
-            let d = &local[k];
+            let (d, input) = (&local[k], inputs.at(t_s[k] - model.input_lag_s)?);
             // Local polynomials give the acceleration in axes that do not turn.
             let velocity_rate = d.acceleration - d.rates.cross(&d.velocity_in_body);
-            Some((input, y, velocity_rate, d.angular_acceleration))
+            Some(Moving { input, state: state(k), velocity_rate, rate_rate: d.angular_acceleration })
         })
         .collect();
-    Ok((rough(model, &rows), out))
+    Ok(Begin { model: rough(model, &rows), nodes })
+}
+
+/// Inputs and state at an instant, with the state's accelerations.
+struct Moving {
+    input: InputSample,
+    state: StateVector,
+    velocity_rate: Vector3<f64>,
+    rate_rate: Vector3<f64>,
 }
 
 /// Coefficients that are nearest to the accelerations, by least squares with a weak pull towards those given;
 /// flapping times, linkages and the lag keep their values. Good for a start alone: the polynomials flatten
 /// what is fast.
-fn rough(
-    model: &FlightModel,
-    rows: &[(InputSample, StateVector, Vector3<f64>, Vector3<f64>)],
-) -> FlightModel {
+fn rough(model: &FlightModel, rows: &[Moving]) -> FlightModel {
     let linear: Vec<Coefficient> = model
         .free()
         .iter()
@@ -85,14 +94,12 @@ fn rough(
     let n = linear.len();
     let mut normal = DMatrix::<f64>::zeros(n, n);
     let mut right = DVector::<f64>::zeros(n);
-    let mut at = Linearisation::zeros();
-    for (input, y, velocity_rate, rate_rate) in rows {
-        model.airframe.linearise(&model.coefficients, input, y, &mut at);
-        let predicted = model.airframe.derivative(&model.coefficients, input, y);
-        for (row, measured) in (7..13).zip(velocity_rate.iter().chain(rate_rate.iter())) {
+    for Moving { input, state, velocity_rate, rate_rate } in rows {
+        let at = model.airframe.linearise(&model.coefficients, input, state);
+        let predicted = model.airframe.derivative(&model.coefficients, input, state);
+        for (row, measured) in (7..13).zip(velocity_rate.iter().chain(rate_rate)) {
             let error = measured - predicted[row];
-            let by: DVector<f64> =
-                DVector::from_iterator(n, linear.iter().map(|c| at.by_coefficient[row][*c as usize]));
+            let by = DVector::from_fn(n, |k, _| at.by_coefficient[row][linear[k] as usize]);
             normal.ger(1.0, &by, &by, 1.0);
             right.axpy(error, &by, 1.0);
         }
@@ -167,24 +174,17 @@ fn flapping(model: &FlightModel, inputs: &InputSeries, t_s: &[f64], local: &[Loc
     let kb = c.get(Coefficient::SwashplateGain);
     let samples = inputs.samples();
     let input_t_s: Vec<f64> = samples.iter().map(|s| s.t_s + model.input_lag_s).collect();
-    let swash = |delta: Vec<f64>| -> Vec<f64> {
-        let forcing: Vec<f64> = delta.iter().map(|d| kb * d / tau_l).collect();
-        let start = kb * delta.first().copied().unwrap_or(0.0);
-        let response = first_order_response(&input_t_s, &forcing, Between::Hold, tau_l, start);
-        t_s.iter()
-            .map(|t| {
-                let k = input_t_s.partition_point(|u| *u <= *t + 1e-9).max(1) - 1;
-                let end = kb * delta[k];
-                end + (response[k] - end) * (-(t - input_t_s[k]).max(0.0) / tau_l).exp()
-            })
-            .collect()
+    let swash = |delta: fn(&InputSample) -> f64| -> Vec<f64> {
+        let held: Vec<f64> = samples.iter().map(|s| kb * delta(s)).collect();
+        let forcing: Vec<f64> = held.iter().map(|h| h / tau_l).collect();
+        let response = first_order_response(&input_t_s, &forcing, Between::Hold, tau_l, held[0]);
+        t_s.iter().map(|t| interpolate(&input_t_s, &response, *t).unwrap_or(held[held.len() - 1])).collect()
     };
     let rate = |axis: usize, tau_s: f64| {
         let forcing: Vec<f64> = local.iter().map(|l| -l.rates[axis]).collect();
         first_order_response(t_s, &forcing, Between::Line, tau_s, 0.0)
     };
-    let lon = swash(samples.iter().map(|s| s.delta_lon_rad).collect());
-    let lat = swash(samples.iter().map(|s| s.delta_lat_rad).collect());
+    let (lon, lat) = (swash(|s| s.delta_lon_rad), swash(|s| s.delta_lat_rad));
     let (lower_q, lower_p) = (rate(1, tau_l), rate(0, tau_l));
     let (flybar_q, flybar_p) = (rate(1, tau_f), rate(0, tau_f));
     (0..t_s.len()).map(|k| [lon[k] + lower_q[k], lat[k] + lower_p[k], flybar_q[k], flybar_p[k]]).collect()

@@ -109,7 +109,7 @@ impl FilmedFlight<'_> {
         let control = lab::control_frame(as_built);
         let still = |film: &StagedFilm<'_>| control_still(&film.camera, film.still(Some(&control)));
         let stills = self.films.iter().map(still).collect::<Result<Vec<_>>>()?;
-        let rig = calibrate_from_stills(&stills, table)?;
+        let rig = calibrate_from_stills(&stills, table, &[])?;
         let feeds = self.films.iter().map(|film| self.feed(film)).collect();
         let tracked = mavsight_pipeline::track(feeds, &rig, vehicle, progress)?;
         Ok((rig, tracked))

@@ -132,7 +132,8 @@ impl<B: Fn(&Path) -> Result<Recorder>> Page<B> {
             let camera = self.cameras.get(*k)?.0.clone();
             Some(ControlStill { camera, frame: Frame::clone(frame) })
         };
-        let rig = calibrate_from_stills(&frames.iter().filter_map(still).collect::<Vec<_>>(), &self.points)?;
+        let rig =
+            calibrate_from_stills(&frames.iter().filter_map(still).collect::<Vec<_>>(), &self.points, &[])?;
         let unused = (1..).map(|k| PathBuf::from(format!("rig-{k}.toml"))).find(|p| !p.exists());
         let path = unused.context("all names rig-N.toml are taken")?;
         write_rig(&path, &rig)?;

@@ -152,7 +152,7 @@ pub(super) fn fly_virtual(args: &Live, pace: Pace, enough: f64) -> Result<()> {
     let control = lab::control_frame(&points);
     let still = |(camera, film): (_, &Film<'_>)| control_still(camera, film.still(Some(&control)));
     let stills = cameras.iter().zip(&films).map(still).collect::<Result<Vec<_>>>()?;
-    let rig = calibrate_from_stills(&stills, &points)?;
+    let rig = calibrate_from_stills(&stills, &points, &[])?;
     bars.done();
     let (flown, rate_hz, waits) = (vehicle.clone(), args.rate, args.fast);
     let begin: Begin = Box::new(move |to| record(to, &flown, &stills, rate_hz, waits));
