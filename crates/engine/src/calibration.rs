@@ -6,7 +6,7 @@ use crate::frames::feed_of;
 use mavsight_geometry::ImageSize;
 use mavsight_pipeline::{
     CameraFeed, ControlStill, Progress, Stage, Wand, board_of, calibrate_from_observations,
-    calibrate_from_stills_and_objects, wand_of,
+    calibrate_from_stills, wand_of,
 };
 use mavsight_pose::{MovedObject, Rig};
 use mavsight_session::{FrameSource, Session, SessionError, read_image};
@@ -36,7 +36,7 @@ pub fn calibrate(session: &Session, progress: &dyn Progress) -> Result<Rig, Engi
             stills.push(ControlStill { camera: camera.name.clone(), frame: input(read_image(path))? });
         }
     }
-    let rig = calibrate_from_stills_and_objects(&stills, &points, &objects)?;
+    let rig = calibrate_from_stills(&stills, &points, &objects)?;
     input(session.require_sizes(&rig, &session.path))?;
     Ok(rig)
 }

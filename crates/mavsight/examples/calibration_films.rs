@@ -13,7 +13,7 @@ use mavsight::geometry::{Camera, ImageSize, Intrinsics, Isometry3, Point3, UnitQ
 use mavsight::lab;
 use mavsight::pipeline::{
     Board, CameraFeed, ControlPixel, ControlStill, TimedFrame, Wand, WandBall, board_of,
-    calibrate_from_observations, calibrate_from_stills_and_objects, wand_of,
+    calibrate_from_observations, calibrate_from_stills, wand_of,
 };
 use mavsight::scene::{Aircraft, Film, PaintedBall, Room, Sensor};
 use mavsight::vision::{Frame, find_board};
@@ -75,11 +75,8 @@ fn wand(seconds: f64, room: &Room) -> Result<()> {
     println!("| calibration by | scale error % | camera centres mm | claimed mm |");
     println!("|---|---|---|---|");
     for (name, rig) in [
-        ("frame alone", calibrate_from_stills_and_objects(&stills, &points, &[])),
-        (
-            "frame and wand",
-            calibrate_from_stills_and_objects(&stills, &points, std::slice::from_ref(&object)),
-        ),
+        ("frame alone", calibrate_from_stills(&stills, &points, &[])),
+        ("frame and wand", calibrate_from_stills(&stills, &points, std::slice::from_ref(&object))),
         ("wand alone", calibrate_from_observations(&sizes, &[], &[], std::slice::from_ref(&object))),
     ] {
         let rig = rig?;

@@ -39,7 +39,7 @@ fn errors(room: &Room, seed: u64) -> Outcome<Vec<[f64; 3]>> {
         Ok(ControlStill { camera: c.name.clone(), frame: Frame::from_rgb(c.camera.size, rgb)? })
     };
     let stills = cameras.iter().enumerate().map(still).collect::<Outcome<Vec<_>>>()?;
-    let rig = calibrate_from_stills(&stills, &points)?;
+    let rig = calibrate_from_stills(&stills, &points, &[])?;
     let of_camera = |(c, found): (&VirtualCamera, &mavsight::pose::RigCamera)| {
         let error = found.camera.centre_in_world() - c.camera.centre_in_world();
         let solved = found.centre_cov_m2.cholesky().ok_or("a covariance that is none")?.solve(&error);

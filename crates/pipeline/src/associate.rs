@@ -1,38 +1,12 @@
 //! What the trackers of all cameras saw at one instant, as candidates for the vehicle's markers.
 
+use crate::PipelineError;
+use crate::markers::{MARKERS_STD_M, MarkerColors, body_markers};
 use crate::mixed_up::{self, ObservationSample};
-use crate::refine::MARKERS_STD_M;
+use crate::tracked::Tracked;
 use crate::watch::{CameraWatch, moved_notes};
-use crate::{PipelineError, Tracked};
 use mavsight_flight::Vehicle;
 use mavsight_pose::{Association, Associator, MovedCamera, PoseEstimator, Rig, TrackedDetection};
-use mavsight_vision::BallColor;
-
-/// The colours of a vehicle's markers, each once, and which of them each marker has.
-pub(crate) struct MarkerColors {
-    pub(crate) balls: Vec<BallColor>,
-    pub(crate) of_marker: Vec<usize>,
-}
-
-impl MarkerColors {
-    pub(crate) fn of(vehicle: &Vehicle) -> Self {
-        let mut out = Self { balls: Vec::new(), of_marker: Vec::new() };
-        for marker in &vehicle.marker {
-            let rgb = marker.color.rgb();
-            let color = out.balls.iter().position(|b| b.rgb == rgb).unwrap_or_else(|| {
-                out.balls.push(BallColor { name: marker.name.clone(), rgb });
-                out.balls.len() - 1
-            });
-            out.of_marker.push(color);
-        }
-        out
-    }
-
-    /// How many markers each colour has.
-    pub(crate) fn counts(&self) -> Vec<usize> {
-        (0..self.balls.len()).map(|c| self.of_marker.iter().filter(|m| **m == c).count()).collect()
-    }
-}
 
 /// One instant of a flight: what all cameras saw, and what was made of it.
 #[derive(Debug, Clone, Copy)]
@@ -59,7 +33,7 @@ impl FlightAssociator {
     /// # Errors
     /// Markers of one colour that can change places so that the body looks the same.
     pub fn new(rig: &Rig, vehicle: &Vehicle) -> Result<Self, PipelineError> {
-        let estimator = PoseEstimator::new(rig, &crate::body_markers(vehicle));
+        let estimator = PoseEstimator::new(rig, &body_markers(vehicle));
         let colors = MarkerColors::of(vehicle).of_marker;
         let associator = Associator::new(estimator, rig, &colors, MARKERS_STD_M)
             .map_err(|source| PipelineError::Pose { place: "the vehicle's markers".into(), source })?;

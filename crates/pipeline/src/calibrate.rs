@@ -27,26 +27,15 @@ pub(crate) fn diameter_range_px(size: ImageSize) -> std::ops::RangeInclusive<f64
 }
 
 /// Finds the control balls in each still by colour and geometry, and solves for the cameras; then once more
-/// with the images of the balls stretched as these cameras do.
+/// with the images of the balls stretched as these cameras do. Together with objects that were moved before
+/// the cameras the table may be as short as three points.
 ///
 /// Two balls whose colours are exchanged in the table are left out and named.
 ///
 /// # Errors
-/// Too few balls, colours that cannot be distinguished, or points that do not determine a camera; each
-/// names the camera.
+/// Too few balls, colours that cannot be distinguished, or points and objects that do not determine a
+/// camera; each names the camera.
 pub fn calibrate_from_stills(
-    stills: &[ControlStill],
-    table: &[ControlPointRow],
-) -> Result<Rig, PipelineError> {
-    calibrate_from_stills_and_objects(stills, table, &[])
-}
-
-/// The same together with objects that were moved before the cameras; the table may then be as short as
-/// three points.
-///
-/// # Errors
-/// Those of [`calibrate_from_stills`], and objects that do not determine the cameras.
-pub fn calibrate_from_stills_and_objects(
     stills: &[ControlStill],
     table: &[ControlPointRow],
     objects: &[MovedObject],
@@ -78,11 +67,18 @@ fn rig_of(
     let mut controls = Vec::with_capacity(stills.len());
     for (k, (still, seen)) in stills.iter().zip(&seen).enumerate() {
         let is_swapped = |i: usize| swapped.iter().any(|(a, b)| *a == i || *b == i);
-        let mut control = control_of(still, seen, table, &is_swapped);
-        if let Some(camera) = first.and_then(|rig| rig.cameras.get(k)) {
-            doubt_odd_sizes(&mut control, &camera.camera);
+        let mut control = CameraControl::exact(still.camera.clone(), still.frame.size, vec![], vec![]);
+        let mut diameters_px = Vec::new();
+        for (i, row) in table.iter().enumerate().filter(|(i, _)| !is_swapped(*i)) {
+            let chosen = seen.selection.chosen[i];
+            let Some(ball) = chosen.and_then(|index| seen.candidates[i].get(index)) else { continue };
+            push_point(&mut control, row, ball.pixel, ball.covariance_px2);
+            diameters_px.push(ball.diameter_px);
         }
-        controls.push(control.control);
+        if let Some(camera) = first.and_then(|rig| rig.cameras.get(k)) {
+            doubt_odd_sizes(&mut control, &diameters_px, &camera.camera);
+        }
+        controls.push(control);
         for i in seen.selection.elsewhere.iter().filter(|i| !is_swapped(**i)) {
             left_out.push(LeftOut {
                 name: table[*i].name.clone(),
@@ -95,6 +91,19 @@ fn rig_of(
     left_out.append(&mut rig.left_out);
     rig.left_out = left_out;
     Ok(rig)
+}
+
+/// Adds a control point and its image.
+fn push_point(
+    control: &mut CameraControl,
+    row: &ControlPointRow,
+    pixel: Vector2<f64>,
+    pixel_cov_px2: Matrix2<f64>,
+) {
+    let (name, point_in_world_m) = (row.name.clone(), row.position_m.into());
+    control.points.push(ControlPoint { name, point_in_world_m, pixel, pixel_cov_px2 });
+    control.ball_radius_m.push(row.diameter_m / 2.0);
+    control.survey_std_m.push(row.std_m);
 }
 
 /// What one still shows of the control frame.
@@ -114,22 +123,15 @@ fn seen_in_still(
     let found = candidates.iter().filter(|c| !c.is_empty()).count();
     if found < 6 && has_objects {
         // Too few for their geometry to identify them: the most ball-like of each colour.
-        let best = |list: &Vec<Detection>| {
-            list.iter().enumerate().max_by(|a, b| a.1.score.total_cmp(&b.1.score)).map(|(k, _)| k)
-        };
-        let chosen = candidates.iter().map(best).collect();
+        let chosen = candidates.iter().map(|list| most_ball_like(list)).collect();
         return Ok(Seen { candidates, selection: Selection { chosen, ..Selection::default() } });
     }
     if table.len() < 6 {
         return Err(PipelineError::ControlTable { found: table.len() });
     }
     if found < 6 {
-        let missing: Vec<&str> = table
-            .iter()
-            .zip(&candidates)
-            .filter(|(_, c)| c.is_empty())
-            .map(|(row, _)| row.name.as_str())
-            .collect();
+        let missing = table.iter().zip(&candidates).filter(|(_, c)| c.is_empty());
+        let missing: Vec<&str> = missing.map(|(row, _)| row.name.as_str()).collect();
         return Err(PipelineError::ControlBalls {
             camera: still.camera.clone(),
             found,
@@ -146,6 +148,10 @@ fn seen_in_still(
     Ok(Seen { candidates, selection })
 }
 
+fn most_ball_like(list: &[Detection]) -> Option<usize> {
+    (0..list.len()).max_by(|a, b| list[*a].score.total_cmp(&list[*b].score))
+}
+
 /// Pairs that a camera sees exchanged while none sees them in place: those are wrong in the table. Where
 /// another camera sees them right, the first only took one colour for the other, which its geometry mends.
 fn swapped_pairs(seen: &[Seen]) -> Vec<(usize, usize)> {
@@ -153,10 +159,7 @@ fn swapped_pairs(seen: &[Seen]) -> Vec<(usize, usize)> {
     pairs.sort_unstable();
     pairs.dedup();
     let right = |s: &Seen, i: usize| {
-        let best = |list: &Vec<Detection>| {
-            list.iter().enumerate().max_by(|a, b| a.1.score.total_cmp(&b.1.score)).map(|(k, _)| k)
-        };
-        s.selection.chosen[i].is_some() && s.selection.chosen[i] == best(&s.candidates[i])
+        s.selection.chosen[i].is_some_and(|k| most_ball_like(&s.candidates[i]) == Some(k))
     };
     pairs.retain(|(a, b)| !seen.iter().any(|s| right(s, *a) && right(s, *b)));
     pairs
@@ -172,41 +175,10 @@ fn named_swaps(pairs: &[(usize, usize)], table: &[ControlPointRow]) -> Vec<LeftO
     .collect()
 }
 
-fn control_of(
-    still: &ControlStill,
-    seen: &Seen,
-    table: &[ControlPointRow],
-    is_swapped: &dyn Fn(usize) -> bool,
-) -> Measured {
-    let mut control = CameraControl::exact(still.camera.clone(), still.frame.size, vec![], vec![]);
-    let mut diameters_px = Vec::new();
-    for (i, row) in table.iter().enumerate().filter(|(i, _)| !is_swapped(*i)) {
-        let chosen = seen.selection.chosen[i];
-        let Some(ball) = chosen.and_then(|index| seen.candidates[i].get(index)) else { continue };
-        control.points.push(ControlPoint {
-            name: row.name.clone(),
-            point_in_world_m: row.position_m.into(),
-            pixel: ball.pixel,
-            pixel_cov_px2: ball.covariance_px2,
-        });
-        control.ball_radius_m.push(row.diameter_m / 2.0);
-        control.survey_std_m.push(row.std_m);
-        diameters_px.push(ball.diameter_px);
-    }
-    Measured { control, diameters_px }
-}
-
-/// Control points of one camera with the apparent diameters of their balls.
-struct Measured {
-    control: CameraControl,
-    diameters_px: Vec<f64>,
-}
-
 /// What makes a ball appear larger or smaller than it is, beyond what all balls of the camera share (blur,
 /// the light's fall towards the rim), moves its centre by up to as much: half the difference widens its
 /// covariance.
-fn doubt_odd_sizes(measured: &mut Measured, camera: &Camera) {
-    let control = &mut measured.control;
+fn doubt_odd_sizes(control: &mut CameraControl, diameters_px: &[f64], camera: &Camera) {
     let expected_px = |point: &ControlPoint, radius_m: f64| {
         let seen = camera.project(&point.point_in_world_m).ok()?;
         let spread = seen.d_pixel_d_point_in_world * seen.d_pixel_d_point_in_world.transpose();
@@ -216,19 +188,16 @@ fn doubt_odd_sizes(measured: &mut Measured, camera: &Camera) {
     let expected_px: Vec<Option<f64>> =
         control.points.iter().zip(&control.ball_radius_m).map(|(p, r)| expected_px(p, *r)).collect();
     let ratio = |(measured, expected): (&f64, &Option<f64>)| expected.map(|e| measured / e);
-    let mut ratios: Vec<f64> = measured.diameters_px.iter().zip(&expected_px).filter_map(ratio).collect();
+    let mut ratios: Vec<f64> = diameters_px.iter().zip(&expected_px).filter_map(ratio).collect();
     if ratios.is_empty() {
         return;
     }
     let middle = ratios.len() / 2;
     let usual = *ratios.select_nth_unstable_by(middle, f64::total_cmp).1;
-    for ((point, measured), expected) in
-        control.points.iter_mut().zip(&measured.diameters_px).zip(&expected_px)
+    for (point, (measured, expected)) in control.points.iter_mut().zip(diameters_px.iter().zip(&expected_px))
     {
-        if let Some(expected_px) = expected {
-            let odd_px = 0.5 * (measured - usual * expected_px);
-            point.pixel_cov_px2 += Matrix2::identity() * (odd_px * odd_px);
-        }
+        let odd_px = expected.map_or(0.0, |expected_px| 0.5 * (measured - usual * expected_px));
+        point.pixel_cov_px2 += Matrix2::identity() * (odd_px * odd_px);
     }
 }
 
@@ -248,14 +217,8 @@ pub fn calibrate_from_observations(
         let mut control = CameraControl::exact(camera.clone(), *size, vec![], vec![]);
         for pixel in pixels.iter().filter(|p| &p.camera == camera) {
             let Some(row) = table.iter().find(|row| row.name == pixel.name) else { continue };
-            control.points.push(ControlPoint {
-                name: row.name.clone(),
-                point_in_world_m: row.position_m.into(),
-                pixel: Vector2::new(pixel.u_px, pixel.v_px),
-                pixel_cov_px2: Matrix2::identity() * CLICKED_STD_PX * CLICKED_STD_PX,
-            });
-            control.ball_radius_m.push(row.diameter_m / 2.0);
-            control.survey_std_m.push(row.std_m);
+            let covariance_px2 = Matrix2::identity() * CLICKED_STD_PX * CLICKED_STD_PX;
+            push_point(&mut control, row, Vector2::new(pixel.u_px, pixel.v_px), covariance_px2);
         }
         controls.push(control);
     }
@@ -292,10 +255,8 @@ mod tests {
             diameters_px.push(1.02 * 0.06 * intrinsics.fx_px / 6.0);
         }
         diameters_px[3] += 0.4;
-        let mut measured = Measured { control, diameters_px };
-        doubt_odd_sizes(&mut measured, &camera);
-        let std_px: Vec<f64> =
-            measured.control.points.iter().map(|p| p.pixel_cov_px2[(0, 0)].sqrt()).collect();
+        doubt_odd_sizes(&mut control, &diameters_px, &camera);
+        let std_px: Vec<f64> = control.points.iter().map(|p| p.pixel_cov_px2[(0, 0)].sqrt()).collect();
         assert!((std_px[3] - 0.2).abs() < 0.03, "{std_px:?}");
         assert!([0, 1, 2, 4].iter().all(|k| std_px[*k] < 0.04), "{std_px:?}");
     }

@@ -1,6 +1,6 @@
 //! Frames of one camera in order of time.
 
-use crate::{Clap, PipelineError};
+use crate::PipelineError;
 use mavsight_geometry::Vector2;
 use mavsight_pose::{CameraClock, ClockPrior};
 use mavsight_vision::Frame;
@@ -17,6 +17,17 @@ pub struct TimedFrame {
 /// Frames as they come. An error after the first frame is a fault at that place, which is noted; what comes
 /// after it, if anything does, is used.
 pub type Frames<'a> = Box<dyn Iterator<Item = Result<TimedFrame, PipelineError>> + Send + 'a>;
+
+/// What the sound of a recording has of a clap.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Clap {
+    /// By the recording's time stamps, s.
+    At(f64),
+    /// Nothing in its sound stands out.
+    None,
+    /// It has no sound.
+    Silent,
+}
 
 /// One camera's frames, from wherever they come.
 pub struct CameraFeed<'a> {

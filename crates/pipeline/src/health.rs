@@ -1,5 +1,7 @@
 //! How well the cameras saw the markers.
 
+use mavsight_vision::BallHealth;
+
 /// How well one camera saw the markers over a flight.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CameraHealth {
@@ -25,20 +27,11 @@ pub struct CentreQuality {
     pub bias_std_px: f64,
 }
 
-/// How well one camera saw one marker; all but the share are its colour's, and 0 where no ball of it was
-/// ever seen.
+/// How well one camera saw one marker.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MarkerHealth {
     /// Share of the frames in which the marker was identified.
     pub seen: f64,
-    /// Share of the ball's pixels with a full channel.
-    pub saturated: f64,
-    /// Contrast of the ball's light to that around it (Michelson).
-    pub contrast: f64,
-    /// Apparent diameter.
-    pub diameter_px: f64,
-    /// Other objects of its colour in the image.
-    pub others: f64,
-    /// Smallest angle of hue to coloured background next to the ball; 180 where there is none.
-    pub hue_apart_deg: f64,
+    /// What the balls of its colour looked like; zeros where none was ever seen.
+    pub ball: BallHealth,
 }

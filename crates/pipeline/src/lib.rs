@@ -5,13 +5,14 @@
 mod associate;
 mod board;
 mod calibrate;
-mod clap;
+mod clock_start;
 mod control;
 mod error;
 mod feed;
-mod flash;
 mod health;
+mod markers;
 mod mixed_up;
+mod poses;
 mod progress;
 mod reconstruct;
 mod refine;
@@ -21,27 +22,27 @@ mod synchronize;
 #[cfg(test)]
 mod testing;
 mod track;
+mod tracked;
 mod tracker;
 mod wand;
 mod watch;
 
 pub use associate::{FlightAssociator, Instant};
 pub use board::{Board, board_of};
-pub use calibrate::{
-    ControlStill, calibrate_from_observations, calibrate_from_stills, calibrate_from_stills_and_objects,
-};
-pub use clap::Clap;
+pub use calibrate::{ControlStill, calibrate_from_observations, calibrate_from_stills};
 pub use control::{ControlPixel, ControlPointRow};
 pub use error::PipelineError;
-pub use feed::{CameraFeed, Frames, TimedFrame, usual_interval_ns};
+pub use feed::{CameraFeed, Clap, Frames, TimedFrame, usual_interval_ns};
 pub use health::{CameraHealth, CentreQuality, MarkerHealth};
+pub use markers::{MARKERS_STD_M, body_markers};
 pub use progress::{NoProgress, Progress, Stage};
 pub use reconstruct::reconstruct;
-pub use refine::{Diameter, MARKERS_STD_M, RefinedBody, Refinement, refine};
+pub use refine::{Diameter, RefinedBody, Refinement, refine};
 pub use solve::{
     IdentifyOptions, Solution, identify_motion, motion_from_poses, motion_of, systematic_columns,
 };
 pub use synchronize::{CameraTiming, Lookahead, Synchronizer};
-pub use track::{Tracked, body_markers, track, track_with};
+pub use track::{track, track_with};
+pub use tracked::Tracked;
 pub use tracker::{CameraTracker, TrackedFrame};
 pub use wand::{Wand, WandBall, wand_of};

@@ -1,7 +1,6 @@
 //! Recordings that are not those of the cameras that they are given for, recognised by what the cameras saw.
 
 use crate::PipelineError;
-use crate::stream::Stream;
 use mavsight_geometry::Vector2;
 use mavsight_pose::{
     MarkerObservation, Observations, PoseError, PoseEstimator, ReprojectionFit, Rig, TrackedDetection,
@@ -112,26 +111,6 @@ pub(crate) fn note(
              positions of the vehicle file are off ([refine] finds those of a ruler)."
         )
     }))
-}
-
-/// Refuses one recording for two cameras, whose observations then lie in the same places: from two places
-/// no two cameras see that.
-///
-/// # Errors
-/// [`PipelineError::SameRecording`].
-pub(crate) fn refuse_one_recording_twice(streams: &[Stream]) -> Result<(), PipelineError> {
-    const SAME_PX: f64 = 0.1;
-    const COMPARED: usize = 40;
-    for (k, stream) in streams.iter().enumerate() {
-        for other in &streams[k + 1..] {
-            let pairs = || stream.detections.iter().zip(&other.detections).take(COMPARED);
-            if pairs().count() == COMPARED && pairs().all(|(a, b)| (a.pixel - b.pixel).amax() < SAME_PX) {
-                let (camera, other) = (stream.name.clone(), other.name.clone());
-                return Err(PipelineError::SameRecording { camera, other });
-            }
-        }
-    }
-    Ok(())
 }
 
 /// Observations of some instants, of markers that are identified by their colours alone.

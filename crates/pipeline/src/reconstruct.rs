@@ -1,6 +1,9 @@
 //! Marker observations into poses.
 
-use crate::{PipelineError, Tracked, mixed_up};
+use crate::markers::body_markers;
+use crate::poses::{pose_at, poses_anew, provisional};
+use crate::tracked::Tracked;
+use crate::{PipelineError, mixed_up};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
 use mavsight_pose::{Association, MarkerObservation, PoseEstimator, Rig, TrackedDetection};
@@ -15,16 +18,16 @@ pub(crate) struct Reconstruction {
 
 impl Reconstruction {
     pub(crate) fn new(rig: &Rig, vehicle: &Vehicle) -> Self {
-        let estimator = PoseEstimator::new(rig, &crate::body_markers(vehicle));
+        let estimator = PoseEstimator::new(rig, &body_markers(vehicle));
         Self { estimator, previous: None, tracked: Tracked::default() }
     }
 
     /// What was seen at the next instant.
     pub(crate) fn add(&mut self, t_ns: i64, seen: Vec<MarkerObservation>) {
-        let sample = crate::track::pose_at(&self.estimator, t_ns, &seen, self.previous.as_ref());
+        let sample = pose_at(&self.estimator, t_ns, &seen, self.previous.as_ref());
         self.previous = sample.estimate.as_ref().ok().map(|e| e.world_from_body).or(self.previous);
         seen.iter().for_each(|o| self.tracked.observations.push(o));
-        self.tracked.poses.push(crate::solve::provisional(sample));
+        self.tracked.poses.push(provisional(sample));
     }
 
     /// An instant whose detections are associated with the markers.
@@ -35,7 +38,7 @@ impl Reconstruction {
             self.tracked.observations.push(&observation);
             self.tracked.diameters_px.push(seen[*index].diameter_px as f32);
         }
-        self.tracked.poses.push(crate::solve::provisional(association.sample));
+        self.tracked.poses.push(provisional(association.sample));
     }
 
     /// All poses, with what the whole flight has shown of the centres' systematic errors.
@@ -43,7 +46,7 @@ impl Reconstruction {
     /// # Errors
     /// Observations that are not numbers.
     pub(crate) fn finish(mut self) -> Result<Tracked, PipelineError> {
-        crate::solve::poses_anew(self.estimator, &mut self.tracked)
+        poses_anew(self.estimator, &mut self.tracked)
             .map_err(|source| PipelineError::Pose { place: "centres".into(), source })?;
         Ok(self.tracked)
     }

@@ -1,14 +1,12 @@
 //! Cameras and body from what was tracked: their refinement, and ball diameters.
 
-use crate::solve::poses_again;
-use crate::track::body_markers;
-use crate::{PipelineError, Tracked};
+use crate::PipelineError;
+use crate::markers::{MARKERS_STD_M, body_markers};
+use crate::poses::poses_again;
+use crate::tracked::Tracked;
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, Isometry3, Point3};
 use mavsight_pose::{BodyMarker, FlightPrior, PoseError, PoseEstimator, RefinedFlight, Rig, refine_flight};
-
-/// Half a millimetre: how well a ruler measures a coordinate of a marker where nothing else is said.
-pub const MARKERS_STD_M: f64 = 5e-4;
 
 /// What is refined in addition to the cameras, and from what it starts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

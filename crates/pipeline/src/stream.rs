@@ -1,7 +1,8 @@
 //! What one camera saw, by its own clock, and what was wrong with its frames.
 
-use crate::associate::MarkerColors;
-use crate::{Clap, PipelineError};
+use crate::PipelineError;
+use crate::feed::{Clap, usual_interval_ns};
+use crate::markers::MarkerColors;
 use mavsight_geometry::{Matrix2, Vector2};
 use mavsight_pose::{CameraStream, ClockPrior, MarkerObservation, TrackedDetection};
 
@@ -229,9 +230,8 @@ impl Stream {
 
     /// Median time between frames; that of 30 frames a second where there is one frame alone.
     pub(crate) fn interval_s(&self) -> f64 {
-        let mut steps: Vec<i64> = self.stamps_ns.windows(2).map(|w| w[1] - w[0]).collect();
-        steps.sort_unstable();
-        steps.get(steps.len() / 2).map_or(1.0 / 30.0, |step| *step as f64 * 1e-9)
+        let usual_ns = usual_interval_ns(self.stamps_ns.iter().copied());
+        usual_ns.map_or(1.0 / 30.0, |step| step as f64 * 1e-9)
     }
 
     /// What the estimation of clocks needs, before the detections are associated: of each colour that one
@@ -308,6 +308,26 @@ impl Stream {
             first.max(1)
         ))
     }
+}
+
+/// Refuses one recording for two cameras, whose observations then lie in the same places: from two places
+/// no two cameras see that.
+///
+/// # Errors
+/// [`PipelineError::SameRecording`].
+pub(crate) fn refuse_one_recording_twice(streams: &[Stream]) -> Result<(), PipelineError> {
+    const SAME_PX: f64 = 0.1;
+    const COMPARED: usize = 40;
+    for (k, stream) in streams.iter().enumerate() {
+        for other in &streams[k + 1..] {
+            let pairs = || stream.detections.iter().zip(&other.detections).take(COMPARED);
+            if pairs().count() == COMPARED && pairs().all(|(a, b)| (a.pixel - b.pixel).amax() < SAME_PX) {
+                let (camera, other) = (stream.name.clone(), other.name.clone());
+                return Err(PipelineError::SameRecording { camera, other });
+            }
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use crate::stream::Stream;
 use mavsight_geometry::{ImageSize, Vector2};
 use mavsight_pose::{CameraClock, PixelPath, TrackedDetection};
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 /// A camera whose frames are nearer together by this factor than those of all before it gives the instants.
 const FASTER: f64 = 0.95;
@@ -79,9 +79,8 @@ pub struct Synchronizer {
 struct Incoming {
     about: CameraTiming,
     middle: Vector2<f64>,
-    /// What was followed, by number, and what is left of others for use again.
-    tracks: Vec<Track>,
-    spare: Vec<Track>,
+    /// What was followed, by number.
+    tracks: BTreeMap<u32, Track>,
     /// Times of its latest frames.
     frames_ns: VecDeque<i64>,
     /// Those of which it is not yet known whether they are instants.
@@ -93,7 +92,6 @@ struct Incoming {
 /// One track of a camera: its path, and the detection at each point of it.
 #[derive(Debug)]
 struct Track {
-    id: u32,
     path: PixelPath,
     detections: Vec<TrackedDetection>,
 }
@@ -220,8 +218,7 @@ impl Incoming {
         Self {
             about: *about,
             middle: mavsight_pose::image_middle(about.size),
-            tracks: Vec::new(),
-            spare: Vec::new(),
+            tracks: BTreeMap::new(),
             frames_ns: VecDeque::new(),
             undecided_ns: VecDeque::new(),
             gone_ns: i64::MIN,
@@ -251,12 +248,8 @@ impl Incoming {
         for detection in seen {
             let rows_px = readout.dot(&(detection.pixel - self.middle));
             let t_s = clock.time_s(stamp_ns, rows_px);
-            let at = self.tracks.partition_point(|t| t.id < detection.track_id);
-            if self.tracks.get(at).is_none_or(|t| t.id != detection.track_id) {
-                let track = Track::new(self.spare.pop(), detection.track_id, interval_s);
-                self.tracks.insert(at, track);
-            }
-            let track = &mut self.tracks[at];
+            let new = || Track { path: PixelPath::new(interval_s), detections: Vec::new() };
+            let track = self.tracks.entry(detection.track_id).or_insert_with(new);
             if track.path.push(t_s, detection.pixel, detection.covariance_px2) {
                 track.detections.push(*detection);
             }
@@ -268,40 +261,19 @@ impl Incoming {
     fn at(&mut self, camera: usize, t_ns: i64, step_s: f64, seen: &mut Vec<TrackedDetection>) {
         let lent = if step_s > 0.0 { self.about.interval_s / step_s } else { 1.0 };
         let t_s = t_ns as f64 * 1e-9;
-        for track in &mut self.tracks {
+        self.tracks.retain(|_, track| {
             if let Some(at) = track.path.at(t_s) {
                 let covariance_px2 = if lent > SLOWER { at.covariance_px2 * lent } else { at.covariance_px2 };
                 let nearest = track.detections[at.index];
                 seen.push(TrackedDetection { t_ns, camera, pixel: at.pixel, covariance_px2, ..nearest });
             }
-            track.forget_before(t_s);
-        }
-        let mut at = 0;
-        while at < self.tracks.len() {
-            if self.tracks[at].path.is_empty() {
-                self.spare.push(self.tracks.remove(at));
-            } else {
-                at += 1;
-            }
-        }
+            let gone = track.path.forget_before(t_s);
+            track.detections.drain(..gone);
+            !track.path.is_empty()
+        });
         while self.frames_ns.len() > 1 && self.frames_ns[0] < t_ns - SAME_NS {
             self.frames_ns.pop_front();
         }
-    }
-}
-
-impl Track {
-    /// The beginning of a path, in the room of one that is no longer needed.
-    fn new(old: Option<Self>, id: u32, interval_s: f64) -> Self {
-        match old {
-            Some(old) => Self { id, ..old },
-            None => Self { id, path: PixelPath::new(interval_s), detections: Vec::new() },
-        }
-    }
-
-    fn forget_before(&mut self, t_s: f64) {
-        let gone = self.path.forget_before(t_s);
-        self.detections.drain(..gone);
     }
 }
 
@@ -435,7 +407,8 @@ mod tests {
                     }
                 }
             }
-            let kept = synchronizer.cameras.iter().flat_map(|c| &c.tracks).map(|t| t.detections.len()).max();
+            let kept =
+                synchronizer.cameras.iter().flat_map(|c| c.tracks.values()).map(|t| t.detections.len()).max();
             assert!(kept.unwrap() <= 9 && synchronizer.cameras.iter().all(|c| c.tracks.len() == 4));
             assert!(synchronizer.instants.len() <= 4);
             out

@@ -70,11 +70,8 @@ pub(crate) fn stream(
         ClockPrior::known(CameraClock::default()),
         Vector2::y(),
     );
-    let mut state = 7 + camera as u64;
-    let mut uniform = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        12f64.sqrt() * STD_PX * ((state >> 11) as f64 / (1u64 << 53) as f64 - 0.5)
-    };
+    let mut random = mavsight_random::Random::new(7, camera as u64);
+    let mut uniform = || 12f64.sqrt() * STD_PX * (random.uniform() - 0.5);
     for k in frames {
         let stamp_ns = (k as f64 / rate_hz * 1e9).round() as i64;
         let mut seen = Vec::new();

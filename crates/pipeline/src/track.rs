@@ -1,18 +1,16 @@
 //! Frames of all cameras into marker observations and poses.
 
-use crate::associate::{FlightAssociator, MarkerColors};
+use crate::associate::{FlightAssociator, Instant};
+use crate::markers::{MarkerColors, body_markers};
 use crate::reconstruct::Reconstruction;
-use crate::stream::Stream;
+use crate::stream::{Stream, refuse_one_recording_twice};
+use crate::tracked::Tracked;
+use crate::tracker::{CameraTracker, TrackedFrame};
 use crate::watch::CameraWatch;
-use crate::{
-    CameraFeed, CameraHealth, CameraTracker, CentreQuality, Instant, PipelineError, Progress, Stage,
-    TimedFrame, TrackedFrame, flash, mixed_up, synchronize,
-};
+use crate::{CameraFeed, PipelineError, Progress, Stage, TimedFrame, clock_start, synchronize};
 use mavsight_flight::Vehicle;
-use mavsight_geometry::Isometry3;
 use mavsight_pose::{
-    BodyMarker, CameraClock, CameraStream, ClockEstimate, ClockVerdict, MarkerObservation, Observations,
-    PoseEstimator, PoseSample, Rig, estimate_clocks, informative_stretches_ns,
+    CameraClock, CameraStream, ClockVerdict, Rig, estimate_clocks, informative_stretches_ns,
 };
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -21,49 +19,6 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 /// decoding, few enough to be kept in the cache; and the least number of frames.
 const QUEUE_BYTES: usize = 8 * 640 * 480 * 3 / 2;
 const LEAST_QUEUE_FRAMES: usize = 2;
-
-/// What tracking yields.
-#[derive(Debug, Clone, Default)]
-pub struct Tracked {
-    /// Every marker seen, by time, camera and marker.
-    pub observations: Observations,
-    /// Apparent diameters, one for each observation; none where the observations came from elsewhere.
-    pub diameters_px: Vec<f32>,
-    /// One sample an instant, empty where it could not be measured.
-    pub poses: Vec<PoseSample>,
-    /// What the poses were estimated with at last; none where they come from elsewhere.
-    pub estimator: Option<PoseEstimator>,
-    /// The cameras' clocks; none where the observations came from elsewhere.
-    pub clocks: Vec<ClockEstimate>,
-    /// How well each camera saw the markers; none where the observations came from elsewhere.
-    pub health: Vec<CameraHealth>,
-    /// What was wrong with the recordings and what happened to the cameras, with camera and time.
-    pub notes: Vec<String>,
-}
-
-impl Tracked {
-    /// How good the markers' centres claim to be; `None` where there are none.
-    pub fn centre_quality(&self) -> Option<CentreQuality> {
-        let std_px = self.observations.iter().map(|o| o.covariance_px2.determinant().powf(0.25));
-        let mut all_px: Vec<f64> = std_px.filter(|s| s.is_finite()).collect();
-        all_px.sort_by(f64::total_cmp);
-        let middle = |part: usize| all_px.get((2 * part + 1) * all_px.len() / 20).copied();
-        let mut tenths_px = [0.0; 10];
-        for (part, std_px) in tenths_px.iter_mut().enumerate() {
-            *std_px = middle(part)?;
-        }
-        let bias_std_px = self.estimator.as_ref().map_or(0.0, PoseEstimator::bias_std_px);
-        Some(CentreQuality { tenths_px, bias_std_px })
-    }
-
-    /// Room for so many instants at which so many markers are seen. Lists that double when they are full
-    /// leave behind, in an hour of film, as much again.
-    pub(crate) fn reserve(&mut self, instants: usize, observations: usize) {
-        self.poses.reserve(instants);
-        self.observations.reserve(instants, observations);
-        self.diameters_px.reserve(instants * observations);
-    }
-}
 
 /// Runs every feed through detection and tracking, sets the cameras' clocks right, brings what they saw to
 /// common instants, associates the detections with the markers, and estimates one pose an instant.
@@ -145,7 +100,7 @@ fn observe(
     for frame in frames {
         match frame {
             Ok(TimedFrame { t_ns, frame }) => {
-                let brightness = stream.brightness.is_some().then(|| flash::brightness(&frame));
+                let brightness = stream.brightness.is_some().then(|| clock_start::brightness(&frame));
                 match tracker.see(t_ns, Arc::new(frame)) {
                     TrackedFrame::New(seen) => {
                         stream.add(t_ns, seen, brightness);
@@ -177,9 +132,9 @@ fn joined(
 ) -> Result<Tracked, PipelineError> {
     let colors = MarkerColors::of(vehicle);
     let mut notes: Vec<String> = streams.iter().flat_map(Stream::notes).collect();
-    notes.extend(crate::flash::start_clocks(&mut streams));
-    notes.extend(crate::clap::start_clocks(&mut streams, rig));
-    mixed_up::refuse_one_recording_twice(&streams)?;
+    notes.extend(clock_start::start_by_flash(&mut streams));
+    notes.extend(clock_start::start_by_clap(&mut streams, rig));
+    refuse_one_recording_twice(&streams)?;
     let spans_ns = streams.iter().map(Stream::span_ns);
     let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();
     let stretches_ns = informative_stretches_ns(span_ns);
@@ -246,28 +201,6 @@ fn span_notes(streams: &[Stream], clocks: &[CameraClock]) -> Result<Vec<String>,
         }
     }
     Ok(notes)
-}
-
-pub(crate) fn pose_at(
-    estimator: &PoseEstimator,
-    t_ns: i64,
-    seen: &[MarkerObservation],
-    previous: Option<&Isometry3<f64>>,
-) -> PoseSample {
-    PoseSample { t_ns, estimate: estimator.estimate(t_ns, seen, previous) }
-}
-
-/// The vehicle's markers as the pose estimator wants them.
-pub fn body_markers(vehicle: &Vehicle) -> Vec<BodyMarker> {
-    vehicle
-        .marker
-        .iter()
-        .map(|m| BodyMarker {
-            name: m.name.clone(),
-            marker_in_body_m: m.position_m.into(),
-            radius_m: m.diameter_m / 2.0,
-        })
-        .collect()
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! What one camera's tracker sees of its frames.
 
 use crate::PipelineError;
-use crate::associate::MarkerColors;
+use crate::markers::MarkerColors;
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector3;
 use mavsight_pose::{Rig, TrackedDetection};

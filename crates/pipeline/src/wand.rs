@@ -1,7 +1,7 @@
 //! A wand from its recordings.
 
 use crate::calibrate::diameter_range_px;
-use crate::{CameraFeed, PipelineError};
+use crate::{CameraFeed, PipelineError, usual_interval_ns};
 use mavsight_flight::Color;
 use mavsight_pose::{MarkerObservation, MovedObject};
 use mavsight_vision::{BallColor, Detection, Tracker};
@@ -74,9 +74,7 @@ fn balls_of(wand: &Wand, feed: CameraFeed<'_>) -> Result<Seen, PipelineError> {
 /// Observations of all cameras under the time stamps of the first camera that has any.
 fn joined(seen: &[Seen]) -> Vec<MarkerObservation> {
     let Some(first) = seen.iter().find(|s| !s.is_empty()) else { return Vec::new() };
-    let mut intervals: Vec<i64> = first.windows(2).map(|w| w[1].0 - w[0].0).collect();
-    intervals.sort_unstable();
-    let within_ns = intervals.get(intervals.len() / 2).map_or(0, |n| n / 2);
+    let within_ns = usual_interval_ns(first.iter().map(|f| f.0)).map_or(0, |n| n / 2);
     let mut out = Vec::new();
     for (camera, frames) in seen.iter().enumerate() {
         for (own_ns, balls) in frames {

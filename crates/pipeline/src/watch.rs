@@ -57,14 +57,7 @@ impl CameraWatch {
         let frames = self.health.frames.max(1) as f64;
         let marker = |(color, n): (&usize, &usize)| {
             let ball = self.balls.get(*color).copied().unwrap_or_default();
-            MarkerHealth {
-                seen: *n as f64 / frames,
-                saturated: ball.saturated,
-                contrast: ball.contrast,
-                diameter_px: ball.diameter_px,
-                others: ball.others,
-                hue_apart_deg: ball.hue_apart_deg,
-            }
+            MarkerHealth { seen: *n as f64 / frames, ball }
         };
         self.health.markers = of_marker.iter().zip(seen).map(marker).collect();
         let name = &self.health.camera;

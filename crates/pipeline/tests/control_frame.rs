@@ -52,7 +52,7 @@ fn centre_squares(rig: &Rig) -> Vec<(f64, f64)> {
 #[test]
 fn the_frame_gives_the_cameras_within_their_regions() {
     let Some(paper) = paper() else { return };
-    let rig = calibrate_from_stills(&paper.stills, &paper.table).unwrap();
+    let rig = calibrate_from_stills(&paper.stills, &paper.table, &[]).unwrap();
     assert_eq!(rig.left_out, vec![]);
     for (mm, square) in centre_squares(&rig) {
         println!("{mm:.2} mm, {square:.2}");
@@ -67,7 +67,7 @@ fn a_ball_surveyed_wrongly_by_2_cm_is_named() {
         let mut table = paper.table.clone();
         table[k].position_m[k % 3] += 0.02;
         let name = &table[k].name;
-        match calibrate_from_stills(&paper.stills, &table) {
+        match calibrate_from_stills(&paper.stills, &table, &[]) {
             Ok(rig) => {
                 let names: Vec<&String> = rig.left_out.iter().map(|l| &l.name).collect();
                 assert!(names.contains(&name) && names.len() <= 2, "{name}: {:?}", rig.left_out);
@@ -92,7 +92,7 @@ fn two_exchanged_balls_are_named() {
             } else {
                 (table[a].position_m, table[b].position_m) = (table[b].position_m, table[a].position_m);
             }
-            let rig = calibrate_from_stills(&paper.stills, &table).unwrap();
+            let rig = calibrate_from_stills(&paper.stills, &table, &[]).unwrap();
             let mut names: Vec<&String> = rig
                 .left_out
                 .iter()

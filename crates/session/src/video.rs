@@ -48,7 +48,6 @@ pub(crate) struct Opened {
 pub struct FrameSource {
     path: PathBuf,
     opened: Opened,
-    offset_ns: i64,
     fields: Option<Fields>,
     read: usize,
     span_ns: Option<(i64, i64)>,
@@ -77,9 +76,10 @@ impl FrameSource {
         }
         crate::error::require_file(path, "video")?;
         let reason = match extension(path).as_str() {
-            "mp4" | "m4v" | "mov" => match mp4::open(path)? {
-                mp4::Attempt::Opened(opened) => return Ok(Self::around(path, opened)),
-                mp4::Attempt::Unsupported(reason) => reason,
+            "mp4" | "m4v" | "mov" => match mp4::open(path) {
+                Ok(opened) => return Ok(Self::around(path, opened)),
+                Err(mp4::Failure::Fatal(error)) => return Err(error),
+                Err(mp4::Failure::Unsupported(reason)) => reason,
             },
             "y4m" => return Ok(Self::around(path, y4m::open(path)?)),
             "" => "it has no extension that names its format".to_owned(),
@@ -99,19 +99,13 @@ impl FrameSource {
 
     fn around(path: &Path, opened: Opened) -> Self {
         let path = path.to_owned();
-        Self { path, opened, offset_ns: 0, fields: None, read: 0, span_ns: None, done: false }
+        Self { path, opened, fields: None, read: 0, span_ns: None, done: false }
     }
 
     /// The fields of an interlaced recording one by one, at twice the rate, each filled up to a whole frame.
     /// Rows are those of the recording as it is stored.
     pub fn fields(mut self, order: FieldOrder) -> Self {
         self.fields = Some(Fields { order, frame: None, second: None, interval_ns: 0 });
-        self
-    }
-
-    /// Takes `lateness_s` off the time stamps of all frames.
-    pub fn delayed_by(mut self, lateness_s: f64) -> Self {
-        self.offset_ns = crate::ns_from_s(lateness_s);
         self
     }
 
@@ -164,7 +158,7 @@ impl FrameSource {
                 self.read += 1;
                 let first_ns = self.span_ns.map_or(t_ns, |s| s.0);
                 self.span_ns = Some((first_ns, t_ns));
-                Some(Ok((t_ns - self.offset_ns, frame)))
+                Some(Ok((t_ns, frame)))
             }
             Some(Err(error)) => {
                 self.done = self.read == 0;
@@ -194,12 +188,7 @@ impl Fields {
 
 impl std::fmt::Debug for FrameSource {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("FrameSource")
-            .field("path", &self.path)
-            .field("size", &self.opened.size)
-            .field("declared", &self.opened.declared)
-            .field("read", &self.read)
-            .finish_non_exhaustive()
+        f.debug_struct("FrameSource").field("path", &self.path).finish_non_exhaustive()
     }
 }
 

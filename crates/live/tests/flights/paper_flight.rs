@@ -25,7 +25,7 @@ fn its_raw_poses_are_the_same_bit_for_bit() {
         frame: read_image(c.still.as_ref().unwrap()).unwrap(),
     };
     let stills: Vec<_> = session.cameras().iter().map(still).collect();
-    let rig = calibrate_from_stills(&stills, &session.control_points().unwrap()).unwrap();
+    let rig = calibrate_from_stills(&stills, &session.control_points().unwrap(), &[]).unwrap();
     let feed = |k: usize| {
         let frames = session.open_camera(k).unwrap().take(FRAMES);
         let frames = frames.map(|f| {

@@ -50,11 +50,8 @@ fn pose(t_s: f64) -> Isometry3<f64> {
 pub(crate) fn instants(rig: &Rig, count: usize) -> impl Iterator<Item = (i64, Vec<MarkerObservation>)> {
     let cameras: Vec<Camera> = rig.cameras.iter().map(|c| c.camera).collect();
     let vehicle = Vehicle::paper();
-    let mut state = 1u64;
-    let mut uniform = move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        12f64.sqrt() * STD_PX * ((state >> 11) as f64 / (1u64 << 53) as f64 - 0.5)
-    };
+    let mut random = mavsight_random::Random::new(1, 0);
+    let mut uniform = move || 12f64.sqrt() * STD_PX * (random.uniform() - 0.5);
     (0..count).map(move |k| {
         let t_ns = (k as f64 / RATE_HZ * 1e9).round() as i64;
         let at = pose(t_ns as f64 * 1e-9);

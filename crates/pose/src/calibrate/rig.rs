@@ -67,6 +67,20 @@ pub struct RigCamera {
 }
 
 impl RigCamera {
+    /// A camera that counts as exact: all that is uncertain is zero, and it has no control points.
+    pub fn exact(name: String, camera: Camera, model: CameraModel) -> Self {
+        Self {
+            name,
+            camera,
+            model,
+            centre_std_m: Vector3::zeros(),
+            centre_cov_m2: Matrix3::zeros(),
+            points: vec![],
+            residual_rms_px: 0.0,
+            sigma_px: 0.0,
+        }
+    }
+
     /// Whether its lens' distortion is among the parameters.
     pub fn distortion_is_estimated(&self) -> bool {
         self.model.lens != Lens::Straight
@@ -122,7 +136,7 @@ impl fmt::Display for LeftOut {
 }
 
 /// Cameras that share one world.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rig {
     /// In the order of the session.
     pub cameras: Vec<RigCamera>,
@@ -140,17 +154,11 @@ pub struct Rig {
     pub frames: usize,
 }
 
-impl Default for Rig {
-    fn default() -> Self {
-        Self::exact(Vec::new())
-    }
-}
-
 impl Rig {
     /// Cameras that count as exact.
     pub fn exact(cameras: Vec<RigCamera>) -> Self {
-        let rows = CAMERA_PARAMETERS * cameras.len();
-        Self { cameras, uncertainty: DMatrix::zeros(rows, 0), left_out: Vec::new(), frames: 0 }
+        let uncertainty = DMatrix::zeros(CAMERA_PARAMETERS * cameras.len(), 0);
+        Self { cameras, uncertainty, ..Default::default() }
     }
 
     /// All places of control points, once per camera that saw them.

@@ -86,12 +86,9 @@ impl Ears {
     fn listen(&mut self, mut sound: impl Read) -> std::io::Result<()> {
         let mut bytes = [0_u8; 2 * BLOCK];
         loop {
-            let mut filled = 0;
-            while filled < bytes.len() {
-                match sound.read(&mut bytes[filled..])? {
-                    0 => return Ok(()),
-                    n => filled += n,
-                }
+            match sound.read_exact(&mut bytes) {
+                Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => return Ok(()),
+                read => read?,
             }
             let mut squares = 0.0;
             for pair in bytes.chunks_exact(2) {
@@ -146,11 +143,8 @@ mod tests {
 
     /// Noise of a room with claps that fade in 30 ms, s and amplitude of each.
     fn room(length_s: f64, claps: &[(f64, f64)]) -> Vec<u8> {
-        let mut state = 5_u64;
-        let mut noise = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-        };
+        let mut random = mavsight_random::Random::new(5, 0);
+        let mut noise = || random.uniform() - 0.5;
         let count = (length_s * RATE_HZ as f64) as usize;
         let sample = |k: usize| {
             let t_s = k as f64 / RATE_HZ as f64;

@@ -70,6 +70,11 @@ impl Bits {
         Some((1u32 << zeros) - 1 + self.bits(zeros)?)
     }
 
+    /// Passes over exponential Golomb codes, of either kind.
+    fn skip(&mut self, count: u32) -> Option<()> {
+        (0..count).try_for_each(|_| self.ue().map(drop))
+    }
+
     /// Signed exponential Golomb code.
     fn se(&mut self) -> Option<i32> {
         let code = i64::from(self.ue()?);
@@ -100,33 +105,26 @@ fn parse_sps(nal: &[u8]) -> Option<YuvCoding> {
     if matches!(profile, 100 | 110 | 122 | 244 | 44 | 83 | 86 | 118 | 128 | 138 | 139 | 134 | 135) {
         skip_high_profile(&mut bits)?;
     }
-    bits.ue()?;
+    bits.skip(1)?;
     match bits.ue()? {
-        0 => {
-            bits.ue()?;
-        }
+        0 => bits.skip(1)?,
         1 => {
             bits.flag()?;
-            bits.se()?;
-            bits.se()?;
-            for _ in 0..bits.ue()?.min(255) {
-                bits.se()?;
-            }
+            bits.skip(2)?;
+            let count = bits.ue()?.min(255);
+            bits.skip(count)?;
         }
         _ => {}
     }
-    bits.ue()?;
+    bits.skip(1)?;
     bits.flag()?;
-    bits.ue()?;
-    bits.ue()?;
+    bits.skip(2)?;
     if !bits.flag()? {
         bits.flag()?;
     }
     bits.flag()?;
     if bits.flag()? {
-        for _ in 0..4 {
-            bits.ue()?;
-        }
+        bits.skip(4)?;
     }
     if bits.flag()? { parse_vui(&mut bits) } else { None }
 }
@@ -136,8 +134,7 @@ fn skip_high_profile(bits: &mut Bits) -> Option<()> {
     if chroma_format == 3 {
         bits.flag()?;
     }
-    bits.ue()?;
-    bits.ue()?;
+    bits.skip(2)?;
     bits.flag()?;
     if bits.flag()? {
         for list in 0..if chroma_format == 3 { 12 } else { 8 } {

@@ -2,7 +2,7 @@
 
 use super::Opened;
 use super::color::YuvCoding;
-use super::planes::{Planes, fill};
+use super::planes::Planes;
 use crate::SessionError;
 use mavsight_geometry::ImageSize;
 use mavsight_vision::{Frame, YuvMatrix};
@@ -11,6 +11,7 @@ use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 /// The ffmpeg program: `MAVSIGHT_FFMPEG`, or the one on the search path.
@@ -54,19 +55,9 @@ pub(crate) fn open(path: &Path, ffmpeg: &str, reason: &str) -> Result<Opened, Se
         .args(["-map", "0:v:0", "-an", "-sn", "-vf", "showinfo=checksum=0", "-fps_mode", "passthrough"])
         .args(["-pix_fmt", format, "-f", "rawvideo", "pipe:1"]);
     let Process { child, stdout, stderr } = start(command, path, reason)?;
-    let (times_out, times) = channel();
-    let words = std::thread::spawn(move || listen(stderr, &times_out));
-    let frames = FfmpegFrames {
-        path: path.to_owned(),
-        child,
-        stdout,
-        times,
-        words: Some(words),
-        size,
-        planes,
-        read: 0,
-        ended: false,
-    };
+    let listener = Listener::new(stderr);
+    let frames =
+        FfmpegFrames { path: path.to_owned(), child, stdout, listener, size, planes, read: 0, ended: false };
     Ok(Opened { size, declared: None, declared_s, quarters, frames: Box::new(frames) })
 }
 
@@ -135,11 +126,17 @@ fn seconds(text: &str) -> Option<f64> {
 
 /// What ffmpeg said apart from the times.
 #[derive(Default)]
-struct Words {
+pub(super) struct Words {
     /// Its last lines.
-    last: Vec<String>,
+    last: VecDeque<String>,
     /// Lines that report damage, with the number of frames before.
     complaints: Vec<(usize, String)>,
+}
+
+impl Words {
+    pub(super) fn last(&self) -> String {
+        self.last.iter().cloned().collect::<Vec<_>>().join("; ")
+    }
 }
 
 /// What ffmpeg's demuxers and decoders say of damage that they pass over.
@@ -152,82 +149,82 @@ const DAMAGE: [&str; 6] = [
     "Error submitting",
 ];
 
-/// Time stamps from the `showinfo` filter's lines; the last of the other lines are returned at the end.
-fn listen(stderr: ChildStderr, times: &Sender<Option<i64>>) -> Words {
-    let (mut others, mut showinfo) = (VecDeque::new(), ShowInfo::default());
-    let (mut shown, mut complaints) = (0, Vec::new());
-    for line in BufReader::new(stderr).split(b'\n').map_while(Result::ok) {
-        let line = String::from_utf8_lossy(&line).trim().to_owned();
-        match showinfo.take(&line) {
-            Said::Frame(frame) => {
-                // A receiver that is gone wants no more times; ffmpeg's words are still read to its end.
-                let _ = times.send(frame.t_ns);
-                shown += 1;
-            }
-            Said::Words if !line.is_empty() => {
-                if DAMAGE.iter().any(|word| line.contains(word)) {
-                    complaints.push((shown, line.clone()));
-                }
-                others.push_back(line);
-                if others.len() > 3 {
-                    others.pop_front();
-                }
-            }
-            Said::Words | Said::Base => {}
-        }
-    }
-    Words { last: others.into(), complaints }
-}
-
-/// Reads the lines of ffmpeg's `showinfo` filter.
-#[derive(Default)]
-pub(super) struct ShowInfo {
-    /// Numerator and denominator of the time base.
-    base: Option<(i128, i128)>,
-}
-
-/// What a line of ffmpeg's is.
-pub(super) enum Said {
-    Words,
-    Base,
-    Frame(Shown),
-}
-
-/// What `showinfo` says of a frame.
+/// What the `showinfo` filter says of a frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shown {
     pub(super) t_ns: Option<i64>,
     pub(super) matrix: YuvMatrix,
 }
 
-impl ShowInfo {
-    pub(super) fn take(&mut self, line: &str) -> Said {
-        if !line.contains("Parsed_showinfo") {
-            return Said::Words;
-        }
-        let field = |key: &str| line.split_once(key)?.1.trim_start().split([' ', ',']).next();
-        if let Some(base) = field("config in time_base:") {
-            self.base = base.split_once('/').and_then(|(n, d)| Some((n.parse().ok()?, d.parse().ok()?)));
-        } else if let Some(pts) = field(" pts:") {
-            let wide = field("color_space:").is_some_and(|c| c.starts_with("bt709"));
-            let matrix = if wide { YuvMatrix::Bt709 } else { YuvMatrix::Bt601 };
-            return Said::Frame(Shown { t_ns: self.nanoseconds(pts), matrix });
-        }
-        Said::Base
+/// A thread that reads what ffmpeg says.
+pub(super) struct Listener {
+    /// Of each frame, in order.
+    pub(super) shown: Receiver<Shown>,
+    words: Arc<Mutex<Words>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Listener {
+    pub(super) fn new(stderr: ChildStderr) -> Self {
+        let (out, shown) = channel();
+        let words = Arc::<Mutex<Words>>::default();
+        let own = Arc::clone(&words);
+        let thread = Some(std::thread::spawn(move || listen(stderr, &out, &own)));
+        Self { shown, words, thread }
     }
 
-    fn nanoseconds(&self, pts: &str) -> Option<i64> {
-        let ((numerator, denominator), pts) = (self.base.filter(|b| b.1 > 0)?, pts.parse::<i128>().ok()?);
-        i64::try_from((pts * numerator * 1_000_000_000 + denominator / 2).div_euclid(denominator)).ok()
+    /// The words so far.
+    pub(super) fn words(&self) -> MutexGuard<'_, Words> {
+        self.words.lock().unwrap_or_else(PoisonError::into_inner)
     }
+
+    /// All words of a program that has ended.
+    fn all_words(&mut self) -> MutexGuard<'_, Words> {
+        // What a thread that broke down has heard is in its words.
+        let _ = self.thread.take().map(JoinHandle::join);
+        self.words()
+    }
+}
+
+fn listen(stderr: ChildStderr, out: &Sender<Shown>, words: &Mutex<Words>) {
+    let (mut base, mut frames) = (None, 0);
+    for line in BufReader::new(stderr).split(b'\n').map_while(Result::ok) {
+        let line = String::from_utf8_lossy(&line).trim().to_owned();
+        if line.contains("Parsed_showinfo") {
+            let field = |key: &str| line.split_once(key)?.1.trim_start().split([' ', ',']).next();
+            if let Some(text) = field("config in time_base:") {
+                base = text.split_once('/').and_then(|(n, d)| Some((n.parse().ok()?, d.parse().ok()?)));
+            } else if let Some(pts) = field(" pts:") {
+                let wide = field("color_space:").is_some_and(|c| c.starts_with("bt709"));
+                let matrix = if wide { YuvMatrix::Bt709 } else { YuvMatrix::Bt601 };
+                // A receiver that is gone wants no more; ffmpeg's words are still read to its end.
+                let _ = out.send(Shown { t_ns: nanoseconds(base, pts), matrix });
+                frames += 1;
+            }
+        } else if !line.is_empty() {
+            let mut words = words.lock().unwrap_or_else(PoisonError::into_inner);
+            if DAMAGE.iter().any(|word| line.contains(word)) {
+                words.complaints.push((frames, line.clone()));
+            }
+            words.last.push_back(line);
+            if words.last.len() > 3 {
+                words.last.pop_front();
+            }
+        }
+    }
+}
+
+/// A stamp in ticks of a time base, numerator and denominator.
+fn nanoseconds(base: Option<(i128, i128)>, pts: &str) -> Option<i64> {
+    let ((numerator, denominator), pts) = (base.filter(|b| b.1 > 0)?, pts.parse::<i128>().ok()?);
+    i64::try_from((pts * numerator * 1_000_000_000 + denominator / 2).div_euclid(denominator)).ok()
 }
 
 struct FfmpegFrames {
     path: PathBuf,
     child: Child,
     stdout: ChildStdout,
-    times: Receiver<Option<i64>>,
-    words: Option<JoinHandle<Words>>,
+    listener: Listener,
     size: ImageSize,
     planes: Planes,
     read: usize,
@@ -240,29 +237,27 @@ impl FfmpegFrames {
     }
 
     fn frame(&mut self) -> Result<Option<Frame>, SessionError> {
-        let mut frame = self.planes.blank(self.size);
-        let filled = fill(&mut self.stdout, &mut frame);
-        let is_there = filled.map_err(|e| self.failed(format!("frame {}: {e}", self.read)))?;
-        Ok(is_there.then_some(frame))
+        let frame = self.planes.read(self.size, &mut self.stdout);
+        frame.map_err(|e| self.failed(format!("frame {}: {e}", self.read)))
     }
 
     /// Waits for the end of the program: what it said, if it failed.
     fn finish(&mut self) -> Option<SessionError> {
         let status = self.child.wait();
-        let words = self.words.take().and_then(|w| w.join().ok()).unwrap_or_default();
-        let last = words.last.join("; ");
-        match status {
+        let (read, words) = (self.read, self.listener.all_words());
+        let detail = match status {
             Ok(status) if status.success() => {
                 let (near, first) = words.complaints.first()?;
                 let places = words.complaints.len();
-                Some(self.failed(format!(
-                    "{places} complaint(s) of damaged data, the first near frame {near} of {}: {first}: frames there may show what is not so; copy the file again",
-                    self.read
-                )))
+                format!(
+                    "{places} complaint(s) of damaged data, the first near frame {near} of {read}: {first}: frames there may show what is not so; copy the file again"
+                )
             }
-            Ok(status) => Some(self.failed(format!("{status} after {} frames: {last}", self.read))),
-            Err(error) => Some(self.failed(error.to_string())),
-        }
+            Ok(status) => format!("{status} after {read} frames: {}", words.last()),
+            Err(error) => error.to_string(),
+        };
+        drop(words);
+        Some(self.failed(detail))
     }
 }
 
@@ -274,7 +269,7 @@ impl Iterator for FfmpegFrames {
             return None;
         }
         let item = match self.frame() {
-            Ok(Some(frame)) => match self.times.recv() {
+            Ok(Some(frame)) => match self.listener.shown.recv().map(|shown| shown.t_ns) {
                 Ok(Some(t_ns)) => {
                     self.read += 1;
                     return Some(Ok((t_ns, frame)));

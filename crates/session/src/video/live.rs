@@ -1,20 +1,14 @@
 //! A running camera, by the ffmpeg program with as little delay as it can do.
 
-use super::ffmpeg::{Process, Said, ShowInfo, Shown, start};
+use super::ffmpeg::{Listener, Process, start};
 use super::y4m::{Piece, Y4mFrames};
 use crate::SessionError;
 use mavsight_vision::{Frame, Pixels};
-use std::collections::VecDeque;
-use std::io::{BufRead, BufReader};
+use std::io::BufReader;
 use std::path::PathBuf;
-use std::process::{Child, ChildStderr, ChildStdout, Command};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::process::{Child, ChildStdout, Command};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
-
-/// Frames whose memory is used again: what may wait in a queue, be tracked, be compared with and be recorded
-/// at a time.
-const POOL: usize = 24;
 
 /// Stamps further than this from the system's clock are not by it: no camera is so late.
 const MOST_APART_NS: i64 = 60_000_000_000;
@@ -54,10 +48,7 @@ pub struct LiveVideo {
     /// The program's pictures, before their header has come.
     stdout: Option<ChildStdout>,
     frames: Option<Y4mFrames<BufReader<ChildStdout>>>,
-    shown: Receiver<Shown>,
-    words: Arc<Mutex<VecDeque<String>>>,
-    pool: Vec<Arc<Frame>>,
-    next: usize,
+    listener: Listener,
     /// Whether the first stamp has been held against the system's clock.
     is_checked: bool,
 }
@@ -80,22 +71,8 @@ impl LiveVideo {
             .args(["-vf", "showinfo=checksum=0,format=pix_fmts=yuv420p|yuvj420p", "-flush_packets", "1"])
             .args(["-strict", "-1", "-f", "yuv4mpegpipe", "pipe:1"]);
         let Process { child, stdout, stderr } = start(command, &place, "a running camera is read by it")?;
-        let child = Arc::new(Mutex::new(child));
-        let words = Arc::new(Mutex::new(VecDeque::new()));
-        let (shown_out, shown) = channel();
-        let said = Arc::clone(&words);
-        std::thread::spawn(move || listen(stderr, &shown_out, &said));
-        Ok(Self {
-            place,
-            child,
-            stdout: Some(stdout),
-            frames: None,
-            shown,
-            words,
-            pool: Vec::new(),
-            next: 0,
-            is_checked: false,
-        })
+        let (child, listener) = (Arc::new(Mutex::new(child)), Listener::new(stderr));
+        Ok(Self { place, child, stdout: Some(stdout), frames: None, listener, is_checked: false })
     }
 
     /// What ends the program from another thread, so that a read that waits for it returns.
@@ -104,8 +81,7 @@ impl LiveVideo {
         move || stop(&child)
     }
 
-    /// Waits for the next frame: its time by the system's clock, nanoseconds of the UNIX epoch. Memory of
-    /// frames that nobody holds any more is used again.
+    /// Waits for the next frame: its time by the system's clock, nanoseconds of the UNIX epoch.
     ///
     /// # Errors
     /// The end: ffmpeg's last words.
@@ -114,24 +90,21 @@ impl LiveVideo {
             // Without a header the reason is among the program's words.
             self.frames = Y4mFrames::new(BufReader::with_capacity(1 << 20, stdout)).ok();
         }
-        let read = self.free().and_then(|mut frame| {
-            let whole = self.frames.as_mut()?.read_into(Arc::get_mut(&mut frame)?);
-            matches!(whole, Piece::Frame(_)).then_some(frame)
-        });
-        let (Some(mut frame), Ok(shown)) = (read, self.shown.recv()) else {
-            return Err(self.failed(last_words(&self.words)));
+        let piece = self.frames.as_mut().map(Y4mFrames::piece);
+        let (Some(Piece::Frame(_, mut frame)), Ok(shown)) = (piece, self.listener.shown.recv()) else {
+            // The listening thread may be a moment behind the end of the pictures.
+            std::thread::sleep(std::time::Duration::from_millis(20));
+            let last = self.listener.words().last();
+            return Err(self.failed(if last.is_empty() { "it ended".to_owned() } else { last }));
         };
-        if let Some(Pixels::Yuv420 { matrix, .. }) = Arc::get_mut(&mut frame).map(|f| &mut f.pixels) {
+        if let Pixels::Yuv420 { matrix, .. } = &mut frame.pixels {
             *matrix = shown.matrix;
         }
         let t_ns = shown.t_ns.ok_or_else(|| self.failed("its frames have no time stamps".into()))?;
         if !std::mem::replace(&mut self.is_checked, true) {
             self.check_clock(t_ns)?;
         }
-        if self.pool.len() < POOL {
-            self.pool.push(Arc::clone(&frame));
-        }
-        Ok((t_ns, frame))
+        Ok((t_ns, Arc::new(frame)))
     }
 
     /// Refuses stamps that are not by the system's clock.
@@ -152,17 +125,6 @@ impl LiveVideo {
     fn failed(&self, detail: String) -> SessionError {
         SessionError::ffmpeg(&self.place, detail)
     }
-
-    /// A frame that nobody else holds, out of the pool where it has one; none before the header.
-    fn free(&mut self) -> Option<Arc<Frame>> {
-        for _ in 0..self.pool.len() {
-            self.next = (self.next + 1) % self.pool.len();
-            if Arc::strong_count(&self.pool[self.next]) == 1 {
-                return Some(self.pool.swap_remove(self.next));
-            }
-        }
-        self.frames.as_ref().map(|f| Arc::new(f.blank()))
-    }
 }
 
 impl Drop for LiveVideo {
@@ -176,36 +138,6 @@ fn stop(child: &Mutex<Child>) {
     // A program that has ended already cannot be killed: nothing is left to do then.
     drop(child.kill());
     drop(child.wait());
-}
-
-fn last_words(words: &Mutex<VecDeque<String>>) -> String {
-    // The listening thread may be a moment behind the end of the pictures.
-    std::thread::sleep(std::time::Duration::from_millis(20));
-    let words = words.lock().unwrap_or_else(PoisonError::into_inner);
-    if words.is_empty() {
-        "it ended".to_owned()
-    } else {
-        words.iter().cloned().collect::<Vec<_>>().join("; ")
-    }
-}
-
-fn listen(stderr: ChildStderr, shown: &Sender<Shown>, words: &Mutex<VecDeque<String>>) {
-    let mut showinfo = ShowInfo::default();
-    for line in BufReader::new(stderr).split(b'\n').map_while(Result::ok) {
-        let line = String::from_utf8_lossy(&line).trim().to_owned();
-        match showinfo.take(&line) {
-            // A receiver that is gone wants no more; ffmpeg's words are still read to its end.
-            Said::Frame(frame) => drop(shown.send(frame)),
-            Said::Words if !line.is_empty() => {
-                let mut words = words.lock().unwrap_or_else(PoisonError::into_inner);
-                words.push_back(line);
-                if words.len() > 2 {
-                    words.pop_front();
-                }
-            }
-            Said::Words | Said::Base => {}
-        }
-    }
 }
 
 #[cfg(test)]
@@ -245,7 +177,6 @@ mod tests {
         let stamps: Vec<i64> = (0..20).map(|_| video.next_frame().unwrap().0).collect();
         assert!(stamps.windows(2).all(|w| w[1] >= w[0]), "{stamps:?}");
         assert!((200_000_000..4_000_000_000).contains(&(stamps[19] - stamps[0])), "{stamps:?}");
-        assert!(video.pool.len() <= 3, "{} frames for one in hand", video.pool.len());
         let stopper = video.stopper();
         std::thread::spawn(move || {
             std::thread::sleep(std::time::Duration::from_millis(50));

@@ -14,18 +14,24 @@ use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-/// What came of trying.
-pub(crate) enum Attempt {
-    /// It reads.
-    Opened(Opened),
-    /// A sound file that the built-in decoder does not read, and why.
+/// Why a file or a picture cannot be had.
+pub(crate) enum Failure {
+    /// It is sound, but the built-in decoder does not read it; and why.
     Unsupported(String),
+    /// It is damaged.
+    Fatal(SessionError),
+}
+
+impl From<SessionError> for Failure {
+    fn from(error: SessionError) -> Self {
+        Self::Fatal(error)
+    }
 }
 
 /// Opens an MP4 file and decodes its first picture, so that what cannot be decoded is known at once.
 ///
 /// Only the sample being decoded is in memory.
-pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
+pub(crate) fn open(path: &Path) -> Result<Opened, Failure> {
     let damaged = |detail: &str| {
         let remedy = "it may have been cut off while copied or recorded; copy it again";
         SessionError::file(path, format!("not a whole MP4 file ({detail}): {remedy}"))
@@ -41,33 +47,36 @@ pub(crate) fn open(path: &Path) -> Result<Attempt, SessionError> {
         .map_err(|_| damaged("its tables contradict each other"))?
         .map_err(|e| damaged(&e.to_string()))?;
     let Some(track) = mp4.tracks().values().find(|t| t.kind == Some(TrackKind::Video)) else {
-        return if mp4.tracks().values().any(|t| t.kind.is_none()) {
-            Ok(Attempt::Unsupported("its codec is not H.264".into()))
+        let is_other = mp4.tracks().values().any(|t| t.kind.is_none());
+        let empty = SessionError::NoFrames { path: path.to_owned() };
+        return Err(if is_other {
+            Failure::Unsupported("its codec is not H.264".into())
         } else {
-            Err(SessionError::NoFrames { path: path.to_owned() })
-        };
+            empty.into()
+        });
     };
     let StsdBoxContent::Avc1(avc1) = &track.trak(&mp4).mdia.minf.stbl.stsd.contents else {
         let codec = track.codec_string(&mp4).unwrap_or_else(|| "unknown".into());
-        return Ok(Attempt::Unsupported(format!("its codec is {codec}, not H.264")));
+        return Err(Failure::Unsupported(format!("its codec is {codec}, not H.264")));
     };
     if track.samples.is_empty() {
-        return Err(SessionError::NoFrames { path: path.to_owned() });
+        return Err(SessionError::NoFrames { path: path.to_owned() }.into());
     }
-    let samples = match samples(&mp4, track) {
-        Ok(samples) => samples,
-        Err(reason) => return Ok(Attempt::Unsupported(reason)),
-    };
+    let samples = samples(&mp4, track).map_err(|reason| Failure::Unsupported(reason.to_owned()))?;
     // What lies beyond the end of the file was cut off: what comes before it is read, and the count of frames
     // shows it.
     let is_there = |s: &Sample| s.offset.saturating_add(s.size) <= length;
     let whole: Vec<Sample> = samples.iter().copied().take_while(is_there).collect();
     if whole.is_empty() {
-        return Err(damaged(&format!("all of its {} samples lie beyond the end", samples.len())));
+        return Err(damaged(&format!("all of its {} samples lie beyond the end", samples.len())).into());
     }
     let declared = samples.iter().filter(|s| s.shown).count();
     let m = &track.trak(&mp4).tkhd.matrix;
-    start(Mp4Frames::new(path, reader, avc1, whole), declared, quarters([m.a, m.b, m.c, m.d]))
+    let quarters = quarters([m.a, m.b, m.c, m.d]);
+    let mut frames = Mp4Frames::new(path, reader, avc1, whole);
+    frames.decode_next()?;
+    let (size, declared) = (frames.size, Some(declared));
+    Ok(Opened { size, declared, declared_s: None, quarters, frames: Box::new(frames) })
 }
 
 /// Length of the file before the media data at its end were cut off: where that box says that it ends, or the
@@ -103,21 +112,6 @@ fn quarters(matrix: [i32; 4]) -> u8 {
         [0, -1, 1, 0] => 3,
         _ => 0,
     }
-}
-
-fn start(mut frames: Mp4Frames, declared: usize, quarters: u8) -> Result<Attempt, SessionError> {
-    match frames.decode_next() {
-        Ok(()) => {}
-        Err(Failure::Unsupported(reason)) => return Ok(Attempt::Unsupported(reason)),
-        Err(Failure::Fatal(error)) => return Err(error),
-    }
-    let (size, declared) = (frames.size, Some(declared));
-    Ok(Attempt::Opened(Opened { size, declared, declared_s: None, quarters, frames: Box::new(frames) }))
-}
-
-enum Failure {
-    Unsupported(String),
-    Fatal(SessionError),
 }
 
 struct Mp4Frames {
@@ -179,7 +173,7 @@ impl Mp4Frames {
         }
     }
 
-    fn damaged(&self, sample: usize, detail: String) -> SessionError {
+    fn damaged(&self, sample: usize, detail: impl std::fmt::Display) -> SessionError {
         SessionError::frame(&self.path, self.ranks[sample], detail)
     }
 
@@ -190,7 +184,7 @@ impl Mp4Frames {
         self.reader
             .seek(SeekFrom::Start(offset))
             .and_then(|_| self.reader.read_exact(&mut bytes))
-            .map_err(|e| self.damaged(index, e.to_string()))?;
+            .map_err(|e| self.damaged(index, e))?;
         let mut stream = if index == self.fresh_at { self.parameter_sets.clone() } else { Vec::new() };
         stream.reserve(bytes.len() + 64);
         let mut rest = &bytes[..];
@@ -200,7 +194,7 @@ impl Mp4Frames {
                 after.split_at_checked(length)
             });
             let Some((unit, after)) = unit else {
-                return Err(self.damaged(index, "a NAL unit is longer than its sample".into()));
+                return Err(self.damaged(index, "a NAL unit is longer than its sample"));
             };
             stream.extend_from_slice(&START_CODE);
             stream.extend_from_slice(unit);
@@ -213,32 +207,29 @@ impl Mp4Frames {
     fn decode_next(&mut self) -> Result<(), Failure> {
         let index = self.next_sample;
         self.next_sample += 1;
-        let stream = self.annex_b(index).map_err(Failure::Fatal)?;
+        let stream = self.annex_b(index)?;
         let decoder = &mut self.decoder;
         let picture = catch_unwind(AssertUnwindSafe(|| decoder.decode(&stream)))
-            .map_err(|_| Failure::Fatal(self.damaged(index, "the decoder broke down on it".into())))?;
+            .map_err(|_| self.damaged(index, "the decoder broke down on it"))?;
         let picture = match picture {
             Ok(Some(picture)) => picture,
-            Ok(None) => return Err(Failure::Fatal(self.damaged(index, "it holds no whole picture".into()))),
+            Ok(None) => return Err(self.damaged(index, "it holds no whole picture").into()),
             Err(DecodeError::Unsupported(what)) if index == 0 => {
                 return Err(Failure::Unsupported(format!("its H.264 uses {what}")));
             }
-            Err(error) => return Err(Failure::Fatal(self.damaged(index, error.to_string()))),
+            Err(error) => return Err(self.damaged(index, error).into()),
         };
-        let (width, height) = (picture.width, picture.height);
-        let size = ImageSize {
-            width_px: u32::try_from(width).unwrap_or(0),
-            height_px: u32::try_from(height).unwrap_or(0),
-        };
+        let side = |length: usize| u32::try_from(length).unwrap_or(0);
+        let size = ImageSize { width_px: side(picture.width), height_px: side(picture.height) };
         if index == 0 && self.fresh_at == 0 {
             self.size = size;
         } else if size != self.size {
-            let detail = format!("the size changes to {width}×{height}");
-            return Err(Failure::Fatal(self.damaged(index, detail)));
+            let detail = format!("the size changes to {}×{}", picture.width, picture.height);
+            return Err(self.damaged(index, detail).into());
         }
         let planes = [picture.y, picture.u, picture.v];
         let frame = Frame::from_yuv420(size, planes, self.coding.full_range, self.coding.matrix)
-            .map_err(|e| Failure::Fatal(self.damaged(index, e.to_string())))?;
+            .map_err(|e| self.damaged(index, e))?;
         self.waiting.insert(self.ranks[index], (self.samples[index], frame));
         Ok(())
     }
@@ -262,19 +253,13 @@ impl Iterator for Mp4Frames {
 
     fn next(&mut self) -> Option<Self::Item> {
         loop {
-            if let Some((sample, frame)) = self.waiting.remove(&self.next_rank) {
+            while self.lost.get(self.next_rank) == Some(&true) {
                 self.next_rank += 1;
-                if sample.shown {
-                    return Some(Ok((sample.t_ns, frame)));
-                }
-                continue;
             }
-            if self.lost.get(self.next_rank).copied().unwrap_or(false) {
-                self.next_rank += 1;
-                continue;
-            }
-            if self.next_sample >= self.samples.len() {
-                // Without the pictures that were cut off, some of those that wait have no more to wait for.
+            // At the end some of the pictures that wait have no more to wait for: others were cut off.
+            let is_end = self.next_sample >= self.samples.len();
+            let is_next = self.waiting.keys().next() == Some(&self.next_rank);
+            if is_next || is_end {
                 let (rank, (sample, frame)) = self.waiting.pop_first()?;
                 self.next_rank = rank + 1;
                 if sample.shown {

@@ -19,12 +19,12 @@ pub(crate) struct Sample {
 
 /// The samples with their times: composition time less the edit's start, plus any empty edit before it, as
 /// ffmpeg takes them. `Err` says why the track needs another reader.
-pub(crate) fn samples(mp4: &Mp4, track: &Track) -> Result<Vec<Sample>, String> {
+pub(crate) fn samples(mp4: &Mp4, track: &Track) -> Result<Vec<Sample>, &'static str> {
     let trak = track.trak(mp4);
     let timescale = i128::from(track.timescale);
     let movie_timescale = i128::from(mp4.moov.mvhd.timescale);
     if timescale == 0 || movie_timescale == 0 {
-        return Err("its time scale is zero".into());
+        return Err("its time scale is zero");
     }
     let shift = i128::from(composition_shift(mp4, track));
     let entries = trak.edts.as_ref().and_then(|e| e.elst.as_ref()).map_or(&[][..], |e| &e.entries[..]);
@@ -34,7 +34,7 @@ pub(crate) fn samples(mp4: &Mp4, track: &Track) -> Result<Vec<Sample>, String> {
         if entry.media_time == u64::from(u32::MAX) || entry.media_time == u64::MAX {
             delay_ns += i128::from(entry.segment_duration) * 1_000_000_000 / movie_timescale;
         } else if edit.replace((i128::from(entry.media_time), i128::from(entry.segment_duration))).is_some() {
-            return Err("its edit list has several parts".into());
+            return Err("its edit list has several parts");
         }
     }
     let (start, duration) = edit.unwrap_or((0, 0));

@@ -13,43 +13,29 @@ pub(super) enum Planes {
 }
 
 impl Planes {
-    /// A frame of that size and kind.
-    pub(super) fn blank(self, size: ImageSize) -> Frame {
-        let half = |n: u32| (n as usize).div_ceil(2);
-        let chroma = half(size.width_px) * half(size.height_px);
+    /// Reads the planes of a frame; none where the stream ends before their first byte.
+    pub(super) fn read(self, size: ImageSize, input: &mut impl Read) -> io::Result<Option<Frame>> {
+        let area = size.area_px();
+        let chroma = size.width_px.div_ceil(2) as usize * size.height_px.div_ceil(2) as usize;
+        let mut is_first = true;
+        let mut plane = |length: usize| {
+            let mut bytes = Vec::with_capacity(length);
+            input.take(length as u64).read_to_end(&mut bytes)?;
+            let is_end = std::mem::replace(&mut is_first, false) && bytes.is_empty();
+            let is_whole = is_end || bytes.len() == length;
+            let cut = || io::Error::new(io::ErrorKind::UnexpectedEof, "it is not whole");
+            if is_whole { Ok(Some(bytes).filter(|_| !is_end)) } else { Err(cut()) }
+        };
         let pixels = match self {
-            Self::Rgb => Pixels::Rgb(vec![0; 3 * size.area_px()]),
-            Self::Yuv(YuvCoding { full_range, matrix }) => Pixels::Yuv420 {
-                y: vec![0; size.area_px()],
-                u: vec![0; chroma],
-                v: vec![0; chroma],
-                full_range,
-                matrix,
+            Self::Rgb => plane(3 * area)?.map(Pixels::Rgb),
+            Self::Yuv(YuvCoding { full_range, matrix }) => match plane(area)? {
+                Some(y) => {
+                    let [u, v] = [plane(chroma)?, plane(chroma)?].map(Option::unwrap_or_default);
+                    Some(Pixels::Yuv420 { y, u, v, full_range, matrix })
+                }
+                None => None,
             },
         };
-        Frame { size, pixels }
+        Ok(pixels.map(|pixels| Frame { size, pixels }))
     }
-}
-
-/// Fills a frame's planes without allocating; false where the stream ends before their first byte.
-pub(super) fn fill(input: &mut impl Read, frame: &mut Frame) -> io::Result<bool> {
-    let planes: [&mut [u8]; 3] = match &mut frame.pixels {
-        Pixels::Rgb(rgb) => [rgb, &mut [], &mut []],
-        Pixels::Yuv420 { y, u, v, .. } => [y, u, v],
-    };
-    let mut is_first = true;
-    for plane in planes {
-        let mut filled = 0;
-        while filled < plane.len() {
-            match input.read(&mut plane[filled..]) {
-                Ok(0) if is_first => return Ok(false),
-                Ok(0) => return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "it is not whole")),
-                Ok(n) => filled += n,
-                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-                Err(e) => return Err(e),
-            }
-            is_first = false;
-        }
-    }
-    Ok(true)
 }

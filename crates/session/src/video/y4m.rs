@@ -8,7 +8,7 @@
 
 use super::Opened;
 use super::color::YuvCoding;
-use super::planes::{Planes, fill};
+use super::planes::Planes;
 use crate::SessionError;
 use mavsight_geometry::ImageSize;
 use mavsight_vision::{Frame, Pixels, YuvMatrix};
@@ -21,16 +21,16 @@ const LONGEST_LINE: u64 = 4096;
 
 /// The first line.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Header {
-    pub(super) size: ImageSize,
-    pub(super) planes: Planes,
+struct Header {
+    size: ImageSize,
+    planes: Planes,
     /// Frames a second, for frames without a stamp.
     rate_hz: f64,
 }
 
 impl Header {
     /// Reads the first line's parameters; what is wrong with them where they are not understood.
-    pub(super) fn parse(line: &str) -> Result<Self, String> {
+    fn parse(line: &str) -> Result<Self, String> {
         let mut words = line.trim_end().split(' ');
         if words.next() != Some("YUV4MPEG2") {
             return Err("it does not begin with YUV4MPEG2".into());
@@ -97,14 +97,13 @@ impl Header {
 pub(super) struct Y4mFrames<R> {
     input: R,
     header: Header,
-    read: u64,
-    line: Vec<u8>,
+    read: usize,
 }
 
 /// What comes next in a stream.
 pub(super) enum Piece {
     /// A whole frame and the stamp in its header.
-    Frame(Option<i64>),
+    Frame(Option<i64>, Frame),
     /// The end, after a whole frame.
     End,
     /// The end, within a frame.
@@ -117,34 +116,27 @@ impl<R: BufRead> Y4mFrames<R> {
     pub(super) fn new(mut input: R) -> Result<Self, String> {
         let line = line_of(&mut input).map_err(|e| e.to_string())?;
         let header = Header::parse(&String::from_utf8_lossy(&line))?;
-        Ok(Self { input, header, read: 0, line })
+        Ok(Self { input, header, read: 0 })
     }
 
-    pub(super) fn header(&self) -> Header {
-        self.header
-    }
-
-    /// A frame of the stream's size and kind.
-    pub(super) fn blank(&self) -> Frame {
-        self.header.planes.blank(self.header.size)
-    }
-
-    /// Reads the next frame into one of [`Self::blank`]'s size, without allocating.
-    pub(super) fn read_into(&mut self, frame: &mut Frame) -> Piece {
-        self.line.clear();
-        match (&mut self.input).take(LONGEST_LINE).read_until(b'\n', &mut self.line) {
-            Ok(0) => return Piece::End,
-            Ok(_) if self.line.last() == Some(&b'\n') => {}
+    /// Reads the next frame.
+    pub(super) fn piece(&mut self) -> Piece {
+        let line = match line_of(&mut self.input) {
+            Ok(line) if line.is_empty() => return Piece::End,
+            Ok(line) if line.ends_with(b"\n") => line,
             _ => return Piece::Cut,
-        }
-        if !self.line.starts_with(b"FRAME") {
+        };
+        if !line.starts_with(b"FRAME") {
             return Piece::Wrong;
         }
-        let stamp = std::str::from_utf8(&self.line)
+        let stamp = std::str::from_utf8(&line)
             .ok()
             .and_then(|l| l.split_whitespace().find_map(|w| w.strip_prefix("XT="))?.parse().ok());
         self.read += 1;
-        if matches!(fill(&mut self.input, frame), Ok(true)) { Piece::Frame(stamp) } else { Piece::Cut }
+        match self.header.planes.read(self.header.size, &mut self.input) {
+            Ok(Some(frame)) => Piece::Frame(stamp, frame),
+            _ => Piece::Cut,
+        }
     }
 }
 
@@ -162,7 +154,7 @@ pub(super) fn open(path: &Path) -> Result<Opened, SessionError> {
         return Err(SessionError::NoFrames { path: path.to_owned() });
     }
     let frames = Y4mFrames::new(BufReader::with_capacity(1 << 16, file)).map_err(broken)?;
-    let size = frames.header().size;
+    let size = frames.header.size;
     let frames = Recorded { path: path.to_owned(), frames, ended: false };
     Ok(Opened { size, declared: None, declared_s: None, quarters: 0, frames: Box::new(frames) })
 }
@@ -181,26 +173,17 @@ impl Iterator for Recorded {
             return None;
         }
         let number = self.frames.read;
-        let mut frame = self.frames.blank();
-        let wrong = |detail: &str| Some(Err(SessionError::frame(&self.path, number as usize, detail)));
-        match self.frames.read_into(&mut frame) {
-            Piece::Frame(stamp) => {
+        let wrong = match self.frames.piece() {
+            Piece::Frame(stamp, frame) => {
                 let by_rate = || crate::ns_from_s(number as f64 / self.frames.header.rate_hz);
-                Some(Ok((stamp.unwrap_or_else(by_rate), frame)))
+                return Some(Ok((stamp.unwrap_or_else(by_rate), frame)));
             }
-            Piece::End => {
-                self.ended = true;
-                None
-            }
-            Piece::Cut => {
-                self.ended = true;
-                wrong("the recording was cut off within it, and is whole before it")
-            }
-            Piece::Wrong => {
-                self.ended = true;
-                wrong("what stands there is no frame")
-            }
-        }
+            Piece::End => None,
+            Piece::Cut => Some("the recording was cut off within it, and is whole before it"),
+            Piece::Wrong => Some("what stands there is no frame"),
+        };
+        self.ended = true;
+        wrong.map(|detail| Err(SessionError::frame(&self.path, number, detail)))
     }
 }
 
