@@ -256,33 +256,21 @@ impl Stream {
 
     /// What was wrong, in words.
     pub(crate) fn notes(&self) -> Vec<String> {
+        let (name, Faults { copies_ns, backward_ns, broken }) = (&self.name, &self.faults);
         let mut notes = Vec::new();
-        let first_s = |of: &[i64]| of.first().map_or(0.0, |t| *t as f64 * 1e-9);
-        for (after_ns, words) in self.faults.broken.iter().take(MOST_NOTED) {
-            notes.push(format!("{}, after {:.3} s: {words}.", self.name, *after_ns as f64 * 1e-9));
+        for (after_ns, words) in broken.iter().take(MOST_NOTED) {
+            notes.push(format!("{name}, after {:.3} s: {words}.", *after_ns as f64 * 1e-9));
         }
-        let others = self.faults.broken.len().saturating_sub(MOST_NOTED);
-        if others > 0 {
-            notes.push(format!("{}: {others} more faults of this kind.", self.name));
+        if broken.len() > MOST_NOTED {
+            notes.push(format!("{name}: {} more faults of this kind.", broken.len() - MOST_NOTED));
         }
-        let copies = &self.faults.copies_ns;
-        if !copies.is_empty() {
-            notes.push(format!(
-                "{}: {} frame(s) repeat the one before and are left out, the first at {:.3} s: the camera or a converter put them in.",
-                self.name,
-                copies.len(),
-                first_s(copies)
-            ));
-        }
-        let backward = &self.faults.backward_ns;
-        if !backward.is_empty() {
-            notes.push(format!(
-                "{}: {} frame(s) with a time stamp not after that of the frame before are left out, the first at {:.3} s.",
-                self.name,
-                backward.len(),
-                first_s(backward)
-            ));
-        }
+        let left_out = |stamps_ns: &[i64], what: &str, why: &str| {
+            let (count, first_s) = (stamps_ns.len(), *stamps_ns.first()? as f64 * 1e-9);
+            Some(format!("{name}: {count} frame(s) {what} are left out, the first at {first_s:.3} s{why}."))
+        };
+        let why = ": the camera or a converter put them in";
+        notes.extend(left_out(copies_ns, "repeat the one before and", why));
+        notes.extend(left_out(backward_ns, "with a time stamp not after that of the frame before", ""));
         notes.extend(self.gaps());
         notes
     }
@@ -301,12 +289,8 @@ impl Stream {
         let missing: i64 = gaps.iter().map(|g| g.1.max(1)).sum();
         let places =
             if gaps.len() > 1 { format!(" in {} places, the first", gaps.len()) } else { String::new() };
-        Some(format!(
-            "{}: {missing} frame(s) are missing{places} after {:.3} s ({} there).",
-            self.name,
-            first_ns as f64 * 1e-9,
-            first.max(1)
-        ))
+        let (name, first_s, first) = (&self.name, first_ns as f64 * 1e-9, first.max(1));
+        Some(format!("{name}: {missing} frame(s) are missing{places} after {first_s:.3} s ({first} there)."))
     }
 }
 

@@ -13,6 +13,9 @@ use mavsight_pipeline::{Clap, ControlPixel, ControlPointRow};
 use std::path::{Path, PathBuf};
 
 /// A session whose files are there.
+///
+/// Errors name the file, the line, key or cell, and what to do; a camera index beyond the list is one as
+/// well.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Session {
     /// The session file.
@@ -25,9 +28,6 @@ pub struct Session {
 
 impl Session {
     /// Reads a session file and the vehicle, and checks that every file named is there.
-    ///
-    /// # Errors
-    /// Names the file, the line or key, and what to do.
     pub fn load(path: &Path) -> Result<Self, SessionError> {
         let mut file: SessionFile = read_toml(path, "session file")?;
         validate(&file, path)?;
@@ -55,9 +55,6 @@ impl Session {
 
     /// Opens one camera's frames, with the time stamps of the file; fields of an interlaced recording one by
     /// one.
-    ///
-    /// # Errors
-    /// A file that cannot be read, or a camera index beyond the list.
     pub fn open_camera(&self, camera: usize) -> Result<FrameSource, SessionError> {
         let camera = self.camera(camera)?;
         open_film(camera, &camera.video)
@@ -65,18 +62,12 @@ impl Session {
 
     /// Opens one camera's recording of the wand as [`Self::open_camera`] does that of the flight; `None`
     /// where it has none.
-    ///
-    /// # Errors
-    /// A file that cannot be read, or a camera index beyond the list.
     pub fn open_wand(&self, camera: usize) -> Result<Option<FrameSource>, SessionError> {
         let camera = self.camera(camera)?;
         camera.wand.as_ref().map(|path| open_film(camera, path)).transpose()
     }
 
     /// The clap in the sound of one camera's recording; `None` where the session has no `clap`.
-    ///
-    /// # Errors
-    /// Those of [`find_clap`], or a camera index beyond the list.
     pub fn clap_of(&self, camera: usize) -> Result<Option<Clap>, SessionError> {
         let camera = self.camera(camera)?;
         let has_sound = camera.frame_rate_hz.is_none();
@@ -86,9 +77,6 @@ impl Session {
 
     /// Opens one camera's images of the board; `None` where it has none. Images of a sequence are a second
     /// apart.
-    ///
-    /// # Errors
-    /// A file that cannot be read, or a camera index beyond the list.
     pub fn open_board(&self, camera: usize) -> Result<Option<FrameSource>, SessionError> {
         let path = &self.camera(camera)?.board;
         path.as_ref().map(|path| FrameSource::open(path, Some(1.0))).transpose()
@@ -96,9 +84,6 @@ impl Session {
 
     /// The size that a camera films in: as its recording has it; of one that is only flown live, its still,
     /// or its recording of the wand or of the board.
-    ///
-    /// # Errors
-    /// A file that cannot be read, a camera index beyond the list, a camera without any of them.
     pub fn image_size(&self, camera: usize) -> Result<ImageSize, SessionError> {
         let own = self.camera(camera)?;
         if !is_empty(&own.video) {
@@ -121,27 +106,18 @@ impl Session {
     }
 
     /// Reads the inputs; none where the session has no table of them.
-    ///
-    /// # Errors
-    /// Names row and column.
     pub fn inputs(&self) -> Result<Option<InputSeries>, SessionError> {
         let path = Some(&self.file.inputs).filter(|path| !is_empty(path));
         path.map(|path| tables::read_inputs(path)).transpose()
     }
 
     /// Reads the control points; none where the session has no table of them.
-    ///
-    /// # Errors
-    /// Names row and column.
     pub fn control_points(&self) -> Result<Vec<ControlPointRow>, SessionError> {
         self.file.control.as_ref().map_or(Ok(Vec::new()), |c| tables::read_control_points(&c.points))
     }
 
     /// Reads the control pixels, where the session has a table of them; names are checked against the
     /// session.
-    ///
-    /// # Errors
-    /// Names row and column.
     pub fn control_pixels(&self) -> Result<Option<Vec<ControlPixel>>, SessionError> {
         let Some(path) = self.file.control.as_ref().and_then(|c| c.observations.as_ref()) else {
             return Ok(None);
@@ -153,9 +129,6 @@ impl Session {
     }
 
     /// Reads the output equations, where the session names them.
-    ///
-    /// # Errors
-    /// Names the file and the line or key.
     pub fn model(&self) -> Result<Option<Model>, SessionError> {
         self.file.model.as_deref().map(load_model).transpose()
     }

@@ -23,8 +23,8 @@ pub use results::{
     write_results, write_rig,
 };
 pub use session_file::{
-    ControlSection, Estimate, FieldOrder, LineTime, LiveSection, RefineSection, RigSection, SESSION_SCHEMA,
-    SessionCamera, SessionFile, WandSection,
+    ControlSection, Estimate, FieldOrder, LineTime, LiveSection, RigSection, SESSION_SCHEMA, SessionCamera,
+    SessionFile, WandSection,
 };
 pub use session_rig::cameras_of;
 pub use table::{Row, Table, csv_cell};
