@@ -6,17 +6,14 @@
 
 mod acquire;
 mod associator;
-mod belief;
 mod evidence;
-mod expected;
 mod follow;
 mod frame;
-mod moved_camera;
-mod noise;
+mod history;
 mod symmetry;
 #[cfg(test)]
 mod tests;
 mod watch;
 
 pub use associator::{Association, Associator};
-pub use moved_camera::MovedCamera;
+pub use history::MovedCamera;

@@ -11,7 +11,6 @@ mod layout;
 mod link;
 mod model;
 mod moved;
-mod normal;
 #[cfg(test)]
 mod object_tests;
 mod objects;

@@ -1,7 +1,6 @@
 //! Clocks of cameras that were not started together: how late, how fast, and how slowly their rows are read.
 
 mod equations;
-mod leaps;
 mod path;
 mod search;
 #[cfg(test)]
@@ -47,14 +46,8 @@ const STRETCH_NS: i64 = 4_000_000_000;
 ///
 /// What the flight shows is gone by where it is significant and matters ([`ClockVerdict`]).
 pub fn estimate_clocks(rig: &Rig, markers: &[BodyMarker], streams: &[CameraStream]) -> Vec<ClockEstimate> {
-    let mut out: Vec<ClockEstimate> = streams
-        .iter()
-        .enumerate()
-        .map(|(k, s)| {
-            let verdict = if k == 0 { ClockVerdict::Reference } else { ClockVerdict::Known };
-            ClockEstimate::as_given(&s.prior, verdict)
-        })
-        .collect();
+    let mut out: Vec<ClockEstimate> = streams.iter().map(|s| ClockEstimate::as_given(&s.prior)).collect();
+    out.iter_mut().take(1).for_each(|first| first.verdict = ClockVerdict::Reference);
     if streams.len() != rig.cameras.len() {
         return out;
     }

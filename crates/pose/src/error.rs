@@ -28,6 +28,14 @@ pub enum PoseError {
         /// Its length.
         given: usize,
     },
+    /// A name that is no camera model's.
+    #[error("{model:?} is no camera model: use one of {known}")]
+    UnknownModel {
+        /// The name.
+        model: String,
+        /// Names of the models.
+        known: String,
+    },
     /// Control points that contradict the others, which are too few to decide without them.
     #[error(
         "control point {suspects} does not agree with the others, and too few others remain to decide which is wrong: check its place, its colour and its name in the table, or add control points"

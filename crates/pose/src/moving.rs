@@ -10,8 +10,7 @@ use nalgebra::{DMatrix, DVector, Dyn, OMatrix, SMatrix, U6, Vector6};
 
 /// Steps with which a pose follows the cameras; from a near one two suffice.
 const POSE_STEPS: usize = 20;
-/// A step that promises to lower the chi-square by less, a hundredth of a standard deviation squared, is the
-/// last.
+/// The drop of chi-square that ends the steps, a hundredth of a standard deviation squared.
 const CONVERGED: f64 = 1e-4;
 
 #[derive(Clone)]
@@ -85,7 +84,7 @@ impl Shared {
 }
 
 /// Normal equations of what is shared, with the poses at their minima and eliminated.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub(crate) struct Reduced {
     pub(crate) normal: DMatrix<f64>,
     pub(crate) gradient: DVector<f64>,
@@ -107,16 +106,7 @@ pub(crate) struct Elimination {
 
 impl Reduced {
     pub(crate) fn new(rows: usize) -> Self {
-        Self {
-            normal: DMatrix::zeros(rows, rows),
-            gradient: DVector::zeros(rows),
-            squares: 0.0,
-            loss: 0.0,
-            weighted: 0.0,
-            coordinates: 0,
-            instants: 0,
-            log_determinant: 0.0,
-        }
+        Self { normal: DMatrix::zeros(rows, rows), gradient: DVector::zeros(rows), ..Default::default() }
     }
 
     /// Adds an instant, whose pose is at its minimum; `factor` as in [`Shared::best_pose`].
@@ -173,8 +163,7 @@ impl Reduced {
         Some(())
     }
 
-    /// Eliminates a change of the rows from `first` on that belongs to these instants alone, with an
-    /// information of `weight` on each row.
+    /// Eliminates a change of these instants' rows from `first` on, with the information `weight` on each.
     pub(crate) fn eliminate_changes(&mut self, first: usize, weight: f64) -> Option<Elimination> {
         let n = self.normal.nrows() - first;
         let mut own = self.normal.view((first, first), (n, n)).into_owned();

@@ -140,14 +140,12 @@ pub fn precision_map(
     pixel_std_px: f64,
 ) -> PrecisionMap {
     let middle = |k: usize, n: usize| (k as f64 + 0.5) / n as f64;
-    let std_mm = (0..columns * rows)
-        .map(|cell| {
-            let point = plane.corner_in_world_m
-                + plane.first_side_m * middle(cell % columns, columns)
-                + plane.second_side_m * middle(cell / columns, rows);
-            std_mm_at(rig, &point, pixel_std_px)
-        })
-        .collect();
+    let point = |cell: usize| {
+        plane.corner_in_world_m
+            + plane.first_side_m * middle(cell % columns, columns)
+            + plane.second_side_m * middle(cell / columns, rows)
+    };
+    let std_mm = (0..columns * rows).map(|cell| std_mm_at(rig, &point(cell), pixel_std_px)).collect();
     PrecisionMap { plane, columns, rows, std_mm }
 }
 
@@ -160,20 +158,16 @@ fn std_mm_at(rig: &Rig, point: &Vector3<f64>, pixel_std_px: f64) -> Option<f64> 
 pub fn volume_precision(rig: &Rig, volume: &Volume, pixel_std_px: f64) -> Option<VolumePrecision> {
     let side = volume.high_m - volume.low_m;
     let steps = VOLUME_STEPS;
-    let part = |k: usize| k as f64 / (steps - 1) as f64;
-    let (mut worst, mut seen): (Option<(f64, Vector3<f64>)>, usize) = (None, 0);
-    for cell in 0..steps.pow(3) {
-        let at = Vector3::new(part(cell % steps), part(cell / steps % steps), part(cell / steps / steps));
-        let point = volume.low_m + side.component_mul(&at);
-        let Some(std_mm) = std_mm_at(rig, &point, pixel_std_px) else { continue };
-        seen += 1;
-        if worst.is_none_or(|(most, _)| std_mm > most) {
-            worst = Some((std_mm, point));
-        }
-    }
-    let (worst_mm, worst_at_m) = worst?;
+    let point = |cell: usize| {
+        let at = Vector3::new(cell % steps, cell / steps % steps, cell / steps / steps);
+        volume.low_m + side.component_mul(&at.map(|k| k as f64 / (steps - 1) as f64))
+    };
+    let std_mm = |at: Vector3<f64>| Some((std_mm_at(rig, &at, pixel_std_px)?, at));
+    let seen: Vec<_> = (0..steps.pow(3)).filter_map(|cell| std_mm(point(cell))).collect();
+    let (worst_mm, worst_at_m) = seen.iter().copied().reduce(|a, b| if b.0 > a.0 { b } else { a })?;
     let centre_mm = std_mm_at(rig, &(volume.low_m + side * 0.5), pixel_std_px);
-    Some(VolumePrecision { centre_mm, worst_mm, worst_at_m, share_seen: seen as f64 / steps.pow(3) as f64 })
+    let share_seen = seen.len() as f64 / steps.pow(3) as f64;
+    Some(VolumePrecision { centre_mm, worst_mm, worst_at_m, share_seen })
 }
 
 #[cfg(test)]

@@ -15,8 +15,7 @@ mod systematic;
 
 pub use flight::{FlightPrior, RefinedFlight};
 
-/// Part of a given systematic variance that is constant over the flight; the rest changes every second. All
-/// of it constant would make the cameras too certain where it is not.
+/// Constant part of a given systematic variance; all of it would make the cameras too certain.
 const CONSTANT_SHARE: f64 = 0.5;
 
 /// Gauss-Newton steps; millimetres in metres converge in three or four.
@@ -57,23 +56,20 @@ pub fn refine_flight(
     let mut shared = Shared::new(rig.cameras.iter().map(|c| c.camera).collect(), markers.to_vec());
     (shared.free_points, shared.free_offsets) = (true, true);
     let directions = directions(&shared, rig);
-    let state = DVector::zeros(directions.ncols());
     let given_px2 = centres_std_px.unwrap_or(0.0).powi(2);
-    let systematic = SystematicVariance {
-        constant_px2: CONSTANT_SHARE * given_px2,
-        for_a_second_px2: (1.0 - CONSTANT_SHARE) * given_px2,
-    };
-    let factor = f64::INFINITY;
     let mut bundle = Bundle {
         rig,
         nominal: markers,
         markers_std_m,
-        systematic,
+        systematic: SystematicVariance {
+            constant_px2: CONSTANT_SHARE * given_px2,
+            for_a_second_px2: (1.0 - CONSTANT_SHARE) * given_px2,
+        },
+        state: DVector::zeros(directions.ncols()),
         directions,
         instants,
         shared,
-        state,
-        factor,
+        factor: f64::INFINITY,
     };
     let mut found = bundle.minimise()?;
     if centres_std_px.is_none() {
@@ -83,8 +79,7 @@ pub fn refine_flight(
     bundle.refined(&found)
 }
 
-/// The change of each parameter: a column for each direction of the rig's uncertainty, then one for each
-/// coordinate of each marker, then one for each coordinate of each centre.
+/// Parameters by directions: those of the rig's uncertainty, each marker's and each centre's coordinates.
 fn directions(shared: &Shared, rig: &Rig) -> DMatrix<f64> {
     let (rows, first) = (shared.rows(), shared.first_point());
     let of_rig = if rig.uncertainty.nrows() == first { rig.uncertainty.ncols() } else { 0 };
@@ -137,8 +132,7 @@ impl Bundle<'_> {
         Err(not_converged(&reduced))
     }
 
-    /// The equations with all poses at their minima, and with the errors of centres that last a second
-    /// eliminated.
+    /// The equations with all poses at their minima and the errors of centres that last a second eliminated.
     fn reduced(&mut self) -> Result<Reduced, PoseError> {
         let mut out = Reduced::new(self.shared.rows());
         let first = self.shared.first_offset();
@@ -209,9 +203,8 @@ impl Bundle<'_> {
             *camera = self.rig.cameras[k].camera.moved(&own);
         }
         let (first, offsets) = (self.shared.first_point(), self.shared.first_offset());
-        for (k, marker) in self.shared.points.iter_mut().enumerate() {
-            marker.marker_in_body_m =
-                self.nominal[k].marker_in_body_m + change.fixed_rows::<3>(first + 3 * k);
+        for (k, (marker, nominal)) in self.shared.points.iter_mut().zip(self.nominal).enumerate() {
+            marker.marker_in_body_m = nominal.marker_in_body_m + change.fixed_rows::<3>(first + 3 * k);
         }
         for (k, offset) in self.shared.offsets_px.iter_mut().enumerate() {
             *offset = change.fixed_rows::<2>(offsets + 2 * k).into_owned();
@@ -266,18 +259,14 @@ impl Bundle<'_> {
         rig
     }
 
-    /// Largest angle between the attitude of one frame and that of another, found from both ends: the frame
-    /// farthest from the first, and the one farthest from that.
+    /// Largest angle between two frames' attitudes, sought from the one farthest from the first.
     fn turned_rad(&self) -> f64 {
-        let turn = |i: &Instant| i.world_from_body.rotation;
-        let farthest = |from: &UnitQuaternion<f64>| {
-            self.instants
-                .iter()
-                .flatten()
-                .map(|i| (turn(i).angle_to(from), turn(i)))
-                .fold((0.0, *from), |a, b| if b.0 > a.0 { b } else { a })
+        let turns = || self.instants.iter().flatten().map(|i| i.world_from_body.rotation);
+        let farthest = |from: UnitQuaternion<f64>| {
+            let angles = turns().map(|turn| (turn.angle_to(&from), turn));
+            angles.fold((0.0, from), |a, b| if b.0 > a.0 { b } else { a })
         };
-        self.instants.iter().flatten().next().map_or(0.0, |i| farthest(&farthest(&turn(i)).1).0)
+        turns().next().map_or(0.0, |first| farthest(farthest(first).1).0)
     }
 
     /// Projector on the displacements that a motion of the whole body makes.

@@ -69,8 +69,7 @@ impl PointObservation {
     }
 }
 
-/// The square of the length of a whitened residual beyond which its influence is bounded, under a factor on
-/// the stated covariances.
+/// Square of the length beyond which a residual's influence is bounded, under a factor on covariances.
 pub(crate) fn bound2(factor: f64) -> f64 {
     HUBER_BOUND * HUBER_BOUND * factor
 }
@@ -116,7 +115,7 @@ pub(crate) struct Reprojection {
 }
 
 /// A pose with its normal equations, or one of least loss.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub(crate) struct PoseFit {
     pub(crate) world_from_body: Isometry3<f64>,
     /// Σ Jᵀ w J and Σ Jᵀ w r of the whitened residuals with Huber's weights.
@@ -179,18 +178,8 @@ impl Scene<'_> {
         pose: &Isometry3<f64>,
         bound2: f64,
     ) -> Result<PoseFit, GeometryError> {
-        let mut out = PoseFit {
-            world_from_body: *pose,
-            normal: Matrix6::zeros(),
-            gradient: Vector6::zeros(),
-            bound2,
-            loss: 0.0,
-            chi_square: 0.0,
-            longest: 0.0,
-            sum_px2: 0.0,
-            coordinates: 2 * observations.len(),
-            is_converged: false,
-        };
+        let coordinates = 2 * observations.len();
+        let mut out = PoseFit { world_from_body: *pose, bound2, coordinates, ..Default::default() };
         for o in observations {
             let at = self.at(o, pose)?;
             let square = at.whitened.norm_squared();
@@ -239,7 +228,7 @@ impl Scene<'_> {
                     damping *= 0.1;
                 }
                 _ if decrement < converged => return Ok(PoseFit { is_converged: true, ..now }),
-                _ => damping = if damping == 0.0 { 1e-3 } else { damping * 10.0 },
+                _ => damping = f64::max(1e-3, damping * 10.0),
             }
         }
         Ok(now)

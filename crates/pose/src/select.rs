@@ -7,15 +7,13 @@ use crate::PoseError;
 use mavsight_geometry::{ControlPoint, Dlt, GeometryError, ImageSize, Matrix2, Vector2, Vector3};
 
 const CANDIDATES: usize = 4;
-/// A-priori error of a ball's centre, and its weight in degrees of freedom: keeps a lucky fit of few points
-/// from looking better than a good one of many.
+/// A-priori error of a ball's centre, and its weight in degrees of freedom against lucky fits.
 const APRIORI_STD_PX: f64 = 0.5;
 const APRIORI_WEIGHT: f64 = 4.0;
 /// Choices from which the search climbs on when [`MAX_CHANGES`] do not suffice, and its steps from each.
 const CLIMBS: usize = 12;
 const CLIMB_STEPS: usize = 4;
-/// Most balls changed at once, and most choices of one such number, about half a second's work: beyond either
-/// only the climbs go on.
+/// Most balls changed at once, and most choices of one such number: half a second's work.
 const MAX_CHANGES: usize = 4;
 const MAX_CHOICES: usize = 20_000;
 
@@ -165,11 +163,8 @@ impl Search<'_> {
 
     /// All choices that differ in one ball.
     fn neighbours(&self, choice: &Choice) -> Vec<(usize, Option<usize>)> {
-        let options = |i: usize| (0..self.candidates[i].len()).map(Some).chain([None]);
-        (0..choice.len())
-            .flat_map(|i| options(i).map(move |o| (i, o)))
-            .filter(|(i, o)| choice[*i] != *o)
-            .collect()
+        let options = |i: usize| (0..self.candidates[i].len()).map(Some).chain([None]).map(move |o| (i, o));
+        (0..choice.len()).flat_map(options).filter(|(i, o)| choice[*i] != *o).collect()
     }
 
     fn run(&self, top: &Choice) -> Option<Judged> {
@@ -191,9 +186,8 @@ impl Search<'_> {
                 return Some(best);
             }
         }
-        let climbed: Vec<Judged> =
-            seen.iter().take(CLIMBS).map(|start| self.climb(start.clone(), top)).collect();
-        seen.extend(climbed);
+        let starts: Vec<Judged> = seen.iter().take(CLIMBS).cloned().collect();
+        seen.extend(starts.into_iter().map(|start| self.climb(start, top)));
         self.best(&mut seen)
     }
 
@@ -205,19 +199,16 @@ impl Search<'_> {
 
     fn climb(&self, mut now: Judged, top: &Choice) -> Judged {
         for _ in 0..CLIMB_STEPS {
-            let changes = self.neighbours(&now.choice);
-            let mut around: Vec<Judged> =
-                changes.iter().filter_map(|change| self.judge(changed(&now.choice, *change), top)).collect();
-            match self.best(&mut around) {
-                Some(next) if next.cost < now.cost => now = next,
-                _ => break,
-            }
+            let around = self.neighbours(&now.choice).into_iter();
+            let mut around: Vec<_> =
+                around.filter_map(|change| self.judge(changed(&now.choice, change), top)).collect();
+            let Some(next) = self.best(&mut around).filter(|next| next.cost < now.cost) else { break };
+            now = next;
         }
         now
     }
 
-    /// Balls without a candidate in the choice take the one that lies where the camera sees them, if one
-    /// does.
+    /// Balls without a candidate in the choice take one that lies where the camera sees them.
     fn completed(&self, best: Judged) -> Judged {
         let mut choice = best.choice.clone();
         for (i, chosen) in choice.iter_mut().enumerate().filter(|(_, c)| c.is_none()) {
@@ -241,14 +232,11 @@ impl Search<'_> {
                 _ => true,
             }
         };
-        let found = top.iter().flatten().count();
-        let disagreeing: Vec<usize> = (0..top.len()).filter(|i| top[*i].is_some()).filter(misses).collect();
-        PoseError::InconsistentControlBalls {
-            agreeing: found - disagreeing.len(),
-            found,
-            disagreeing: self.listed(disagreeing.into_iter()),
-            gate_px: self.gate_px,
-        }
+        let (found, gate_px) = (top.iter().flatten().count(), self.gate_px);
+        let missing: Vec<usize> = (0..top.len()).filter(|i| top[*i].is_some()).filter(misses).collect();
+        let agreeing = found - missing.len();
+        let disagreeing = self.listed(missing.into_iter());
+        PoseError::InconsistentControlBalls { agreeing, found, disagreeing, gate_px }
     }
 }
 

@@ -3,12 +3,11 @@
 //! Position and attitude are each driven by white jerk (`integrator`) and estimated together (`state`): a
 //! Kalman filter forward ([`CausalFilter`] is its use in flight), and the backward pass of Bryson & Frazier
 //! (1963) in the form of Bierman (1977), which inverts no predicted covariance ([`smooth()`]). The noise of a
-//! flight is that of greatest likelihood of the innovations (`noise`, `likelihood`; Harvey 1989, section
-//! 3.4). Another smoother does what [`smooth()`] does: poses in, a [`Motion`] out.
+//! flight is that of greatest likelihood of the innovations (`noise`; Harvey 1989, section 3.4). Another
+//! smoother does what [`smooth()`] does: poses in, a [`Motion`] out.
 
 mod causal;
 mod integrator;
-mod likelihood;
 mod motion;
 mod noise;
 mod smooth;

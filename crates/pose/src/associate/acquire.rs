@@ -1,8 +1,8 @@
 //! The body among balls that nothing predicts.
 
 use super::associator::{Association, Associator, DECISIVE_LOG_ODDS, refused};
-use super::belief::Belief;
 use super::frame::{Frame, Pairs};
+use super::history::Belief;
 use crate::{PoseError, PoseEstimate, PoseSample, TrackedDetection};
 use mavsight_geometry::{ImagePoint, Isometry3, Matrix2, Matrix3, Matrix6, Vector3, rigid_fit, triangulate};
 

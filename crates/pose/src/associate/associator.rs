@@ -1,8 +1,8 @@
 //! The associator: what it knows of the body, the cameras and the flight so far.
 
-use super::belief::History;
-use super::moved_camera::Watch;
-use super::noise::Noise;
+use super::history::History;
+use super::history::Noise;
+use super::history::Watch;
 use super::symmetry;
 use crate::{PoseError, PoseEstimator, PoseSample, Rig};
 use mavsight_geometry::{Camera, Vector3};

@@ -2,12 +2,13 @@
 //! chance.
 
 use super::associator::Associator;
-use super::belief::Belief;
-use super::expected::Expected;
 use super::frame::{Frame, Pairs};
+use super::history::Belief;
+use crate::reprojection::moved;
 use crate::{PoseEstimate, TrackedDetection};
-use mavsight_geometry::{Matrix3, Matrix6, Vector3};
-use nalgebra::{Cholesky, Const};
+use mavsight_geometry::camera::d_pixel_d_pose;
+use mavsight_geometry::{Isometry3, Matrix2, Matrix3, Matrix6, Point3, Vector2, Vector3};
+use nalgebra::{Cholesky, Const, Matrix2x3, Matrix2x6};
 use std::f64::consts::PI;
 
 /// Logarithm of the share of balls that are hidden by something else than what hides all of them: one in ten.
@@ -36,7 +37,10 @@ impl Associator {
             let alike = |c: &&TrackedDetection| c.camera == candidate.camera && c.color == candidate.color;
             let rivals = frame.seen.iter().filter(alike).count() as f64;
             let area_px2 = self.cameras[candidate.camera].size.area_px() as f64;
-            evidence[*marker].add(&expected, candidate, &factor, &ByChance { rivals, area_px2 });
+            let of_marker = &mut evidence[*marker];
+            of_marker.rivals = of_marker.rivals.max(rivals);
+            of_marker.log_in_images += (rivals / area_px2).ln();
+            of_marker.add(&expected, candidate.pixel - expected.pixel, &factor);
         }
         let n: usize = evidence.iter().map(|t| t.detections).sum();
         if n < 3 {
@@ -57,12 +61,6 @@ impl Associator {
     }
 }
 
-/// Detections of a marker's colour that one camera has by chance: their number, and the area of its image.
-struct ByChance {
-    rivals: f64,
-    area_px2: f64,
-}
-
 /// The detections of one marker, as its own and as those of anything else.
 #[derive(Debug, Clone, Default)]
 struct MarkerEvidence {
@@ -78,20 +76,11 @@ struct MarkerEvidence {
 }
 
 impl MarkerEvidence {
-    fn add(
-        &mut self,
-        expected: &Expected,
-        candidate: &TrackedDetection,
-        factor: &Cholesky<f64, Const<2>>,
-        chance: &ByChance,
-    ) {
-        let error = candidate.pixel - expected.pixel;
+    fn add(&mut self, expected: &Expected, error: Vector2<f64>, factor: &Cholesky<f64, Const<2>>) {
         let weighted = factor.solve(&error);
         self.detections += 1;
-        self.rivals = self.rivals.max(chance.rivals);
         self.square += error.dot(&weighted);
         self.log_spread += (2.0 * PI * factor.determinant().sqrt()).ln();
-        self.log_in_images += (chance.rivals / chance.area_px2).ln();
         self.normal += expected.by_point.transpose() * factor.solve(&expected.by_point);
         self.gradient += expected.by_point.transpose() * weighted;
     }
@@ -109,5 +98,69 @@ impl MarkerEvidence {
             (self.rivals / volume_m3).ln() + cloud + self.log_spread(scale) - 0.5 * left / scale
         });
         in_space.map_or(self.log_in_images, |s| s.max(self.log_in_images))
+    }
+}
+
+pub(super) struct Expected {
+    pub(super) pixel: Vector2<f64>,
+    pub(super) jacobian: Matrix2x6<f64>,
+    by_point: Matrix2x3<f64>,
+    pub(super) diameter_px: f64,
+}
+
+impl Associator {
+    /// What a camera sees of a marker of the body at a pose.
+    pub(super) fn expected(&self, pose: &Isometry3<f64>, camera: usize, marker: usize) -> Option<Expected> {
+        let (view, ball) = (self.cameras.get(camera)?, &self.estimator.markers()[marker]);
+        let centre: Vector3<f64> = (pose * Point3::from(ball.marker_in_body_m)).coords;
+        let seen = view.project_ball(&centre, ball.radius_m).ok()?;
+        let range_m = (centre - view.centre_in_world()).norm();
+        let focal_px = (view.intrinsics.fx_px * view.intrinsics.fy_px).abs().sqrt();
+        Some(Expected {
+            pixel: seen.pixel,
+            jacobian: d_pixel_d_pose(&seen, pose, &ball.marker_in_body_m),
+            by_point: seen.d_pixel_d_point_in_world,
+            diameter_px: focal_px * 2.0 * ball.radius_m / range_m,
+        })
+    }
+
+    /// Covariance of a detection against the body: the centre's and that of the marker's place.
+    pub(super) fn detection_covariance(
+        &self,
+        expected: &Expected,
+        candidate: &TrackedDetection,
+    ) -> Matrix2<f64> {
+        let place = expected.by_point * expected.by_point.transpose() * self.markers_std_m.powi(2);
+        candidate.covariance_px2 + place
+    }
+
+    /// Squared distance of a candidate from a marker in standard deviations; none if of the wrong size or
+    /// behind.
+    pub(super) fn distance(
+        &self,
+        belief: &Belief,
+        candidate: &TrackedDetection,
+        marker: usize,
+    ) -> Option<f64> {
+        let expected = self.expected(&belief.pose, candidate.camera, marker)?;
+        if !candidate.may_have_diameter(expected.diameter_px) {
+            return None;
+        }
+        let spread = expected.jacobian * belief.covariance * expected.jacobian.transpose()
+            + self.detection_covariance(&expected, candidate);
+        let error = candidate.pixel - expected.pixel;
+        spread.cholesky().map(|c| error.dot(&c.solve(&error)))
+    }
+
+    /// The belief after a candidate is taken for a marker (the update of a Kalman filter).
+    pub(super) fn narrow(&self, belief: &mut Belief, candidate: &TrackedDetection, marker: usize) {
+        let Some(expected) = self.expected(&belief.pose, candidate.camera, marker) else { return };
+        let seen = belief.covariance * expected.jacobian.transpose();
+        let spread = expected.jacobian * seen + self.detection_covariance(&expected, candidate);
+        let Some(inverse) = spread.try_inverse() else { return };
+        let gain = seen * inverse;
+        belief.pose = moved(&belief.pose, &(gain * (candidate.pixel - expected.pixel)));
+        let narrowed = belief.covariance - gain * seen.transpose();
+        belief.covariance = (narrowed + narrowed.transpose()) * 0.5;
     }
 }

@@ -1,9 +1,9 @@
 //! The association of one instant: near a predicted pose, and otherwise by all that the detections support.
 
 use super::associator::{Association, Associator, DECISIVE_LOG_ODDS, refused};
-use super::belief::Belief;
 use super::frame::{Frame, Pairs};
-use super::noise::LEAST_DEGREES;
+use super::history::Belief;
+use super::history::LEAST_DEGREES;
 use crate::{PoseError, PoseEstimate, PoseSample, TrackedDetection};
 
 /// Twice the logarithm of the odds, 99 to 1, below which a ball that two markers claim is left to neither.
@@ -115,8 +115,8 @@ impl Associator {
         }
         let log_odds = self.log_odds(&estimate, frame, pairs, Some(predicted));
         let (_, degrees) = self.misfit(&estimate, frame, pairs);
-        // What agrees with little else than the prediction is believed where that leaves no room for
-        // another ball.
+        // What agrees with little else than the prediction is believed where that leaves no room for another
+        // ball.
         let largest_m = self.estimator.markers().iter().map(|m| 2.0 * m.radius_m).fold(0.0, f64::max);
         let is_vague = degrees < LEAST_DEGREES && predicted.shift_m > largest_m;
         if is_vague || log_odds < DECISIVE_LOG_ODDS {

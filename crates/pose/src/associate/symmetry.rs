@@ -26,8 +26,7 @@ pub(super) fn refuse_symmetric(
     Err(PoseError::SymmetricMarkers { markers: moved.join(", "), needed_mm: 1e3 * needed_m.max(1e-3) })
 }
 
-/// Who stands in whose place, other than each in its own, so that all lengths are kept and no mirror is
-/// needed.
+/// Who stands in whose place, not each in its own, with all lengths kept and without a mirror.
 fn changed_places(
     markers: &[BodyMarker],
     colors: &[usize],

@@ -1,10 +1,10 @@
 //! Cameras that no longer stand as they were calibrated.
 
 use super::associator::{Association, Associator, DECISIVE_LOG_ODDS};
-use super::belief::Belief;
 use super::frame::Frame;
-use super::moved_camera::MovedCamera;
-use super::noise::LEAST_DEGREES;
+use super::history::Belief;
+use super::history::LEAST_DEGREES;
+use super::history::MovedCamera;
 use crate::TrackedDetection;
 use mavsight_geometry::{Matrix2, Vector2};
 use nalgebra::Matrix2x6;
@@ -36,7 +36,8 @@ impl Associator {
         predicted: Option<&Belief>,
         wanted: impl Fn(usize) -> bool,
     ) -> Association {
-        let kept: Vec<usize> = (0..frame.seen.len()).filter(|k| wanted(*k)).collect();
+        let mut kept = Vec::with_capacity(frame.seen.len());
+        kept.extend((0..frame.seen.len()).filter(|k| wanted(*k)));
         let seen: Vec<TrackedDetection> = kept.iter().map(|k| frame.seen[*k]).collect();
         let own = Frame { seen: &seen, ..frame };
         let mut out = predicted.map_or_else(|| self.acquire(own), |p| self.follow(own, p));
@@ -48,8 +49,7 @@ impl Associator {
         !self.watch.is_out(candidate.camera)
     }
 
-    /// The pose of all detections but one or two, where all together make no sense: balls before each other
-    /// are seen off their places.
+    /// The pose without one or two detections of balls before each other, where all together make no sense.
     pub(super) fn without_detections(&self, frame: Frame, predicted: &Belief) -> Option<Association> {
         let mut out = Vec::with_capacity(MOST_OFF);
         for _ in 0..MOST_OFF {
@@ -70,8 +70,7 @@ impl Associator {
         None
     }
 
-    /// The pose of all cameras but one, where all together make no sense and it is clear which one to leave
-    /// out.
+    /// The pose without one camera, where all together make no sense and it is clear which one to leave out.
     pub(super) fn without_one(&self, frame: Frame, predicted: &Belief) -> Option<Association> {
         let without = |camera: usize| {
             let is_left = |k: usize| frame.seen[k].camera != camera && self.is_in_use(&frame.seen[k]);
@@ -95,8 +94,8 @@ impl Associator {
     }
 
     /// Looks for cameras whose view of the body is shifted as a whole against the prediction and the other
-    /// cameras. Such a camera is suspected and left out; twice in a row alike, it was moved. Whether anyone is
-    /// newly suspected.
+    /// cameras. Such a camera is suspected and left out; twice in a row alike, it was moved. Whether anyone
+    /// is newly suspected.
     pub(super) fn watch_cameras(&mut self, frame: Frame, found: &Association, predicted: &Belief) -> bool {
         let before = std::mem::take(&mut self.watch.suspects);
         for camera in 0..self.cameras.len() {

@@ -1,9 +1,9 @@
 //! Bundle adjustment of all cameras and of the surveyed points that are not exact.
 
+use super::equations::Factored;
 use super::equations::{Adjustment, Equations};
 use super::layout::{Layout, State};
 use super::model::CameraModel;
-use super::normal::Factored;
 use super::problem::{Data, Problem};
 use crate::reprojection::PointObservation;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Vector2};
@@ -33,8 +33,7 @@ pub(super) struct Fit {
     pub(super) log_evidence: f64,
 }
 
-/// Adjusts the cameras that have used observations under their models, from some cameras; `None` when the
-/// iteration leaves the cameras' view or the equations are singular.
+/// Adjusts the cameras that have used observations; `None` for lost views or singular equations.
 pub(super) fn adjust(data: Data, models: &[CameraModel], start: &[Camera]) -> Option<Fit> {
     Adjustment::new(data, models).run(State::new(data.problem, start), 1.0)
 }
@@ -44,8 +43,7 @@ pub(super) fn readjust(data: Data, models: &[CameraModel], near: &Fit) -> Option
     Adjustment::new(data, models).run(near.state.clone(), near.variance_factor)
 }
 
-/// The fit that exact images of these cameras would have if their noise were as stated: nothing is adjusted,
-/// and the variance factor is 1.
+/// The fit of exact images of these cameras with noise as stated: nothing is adjusted.
 pub(super) fn expected(data: Data, models: &[CameraModel], cameras: &[Camera]) -> Option<Fit> {
     let adjustment = Adjustment::new(data, models);
     let mut state = State::new(data.problem, cameras);
@@ -105,11 +103,12 @@ impl Adjustment<'_> {
             let next = self
                 .equations(&mut tried, factor)
                 .filter(|e| e.squares / factor + e.prior <= cost * (1.0 + 1e-12) + 1e-12);
-            if let Some(next) = next {
-                (*state, now) = (tried, next);
-                damping = if damping < 1e-9 { 0.0 } else { damping * 0.1 };
-            } else {
-                damping = if damping == 0.0 { 1e-4 } else { damping * 10.0 };
+            match next {
+                Some(next) => {
+                    (*state, now) = (tried, next);
+                    damping *= 0.1;
+                }
+                None => damping = f64::max(1e-4, damping * 10.0),
             }
             if decrement < 1e-7 {
                 break;
@@ -156,8 +155,8 @@ impl Fit {
         let mut out = ObjectResiduals::default();
         for (k, object) in problem.moved.iter().enumerate() {
             let shared = object.shared(&self.state.cameras, self.state.scales[k]);
-            for (place, pose) in object.observations.iter().zip(&self.state.poses[k]) {
-                for o in place.iter().filter(|o| o.camera == camera) {
+            for (place, pose) in object.places.iter().zip(&self.state.poses[k]) {
+                for o in place.observations.iter().filter(|o| o.camera == camera) {
                     let Some(residual_px) = shared.residual_px(o, pose) else { continue };
                     out.squares_px2 += residual_px.norm_squared();
                     out.observations += 1.0;
@@ -174,8 +173,7 @@ impl Fit {
         &spread * &self.covariance * spread.transpose()
     }
 
-    /// U with U Uᵀ that covariance, one column for each free parameter of the cameras; `None` where it is not
-    /// positive.
+    /// U with U Uᵀ that covariance, a column for each free parameter; `None` where it is not positive.
     pub(super) fn camera_root(&self) -> Option<DMatrix<f64>> {
         let own = self.layout.of_cameras;
         let factor = self.covariance.view((0, 0), (own, own)).into_owned().cholesky()?.unpack();

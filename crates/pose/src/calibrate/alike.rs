@@ -19,7 +19,7 @@ pub(super) fn alike_std_px(data: Data, fit: &Fit) -> Vec<f64> {
     let means_px2: Vec<f64> =
         cameras.map(|c| mean_weight(data, fit, c).recip() * fit.variance_factor).collect();
     let mut alike = problem.clone();
-    let of_objects = alike.moved.iter_mut().flat_map(|m| m.observations.iter_mut().flatten());
+    let of_objects = alike.moved.iter_mut().flat_map(|m| &mut m.places).flat_map(|p| &mut p.observations);
     for o in alike.observations.iter_mut().chain(of_objects) {
         *o = o.with_variance(means_px2[o.camera]);
     }

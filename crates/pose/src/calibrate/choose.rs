@@ -110,8 +110,7 @@ pub(super) fn choose(data: Data, start: &[Camera]) -> Option<Chosen> {
 }
 
 impl Chosen {
-    /// Covariance of all cameras: within the models and between them (Hoeting et al. 1999, equation 5), about
-    /// the best.
+    /// Covariance of all cameras within and between the models (Hoeting et al. 1999, equation 5).
     pub(super) fn camera_covariance(&self) -> DMatrix<f64> {
         let total: f64 = 1.0 + self.others.iter().map(|o| o.0).sum::<f64>();
         let mut sum = self.best.camera_covariance() / total;

@@ -10,8 +10,7 @@ use statrs::function::beta::checked_beta_reg;
 /// How much a group of observations disagrees with all the others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Disagreement {
-    /// Root of the drop of the weighted squares without the group, per coordinate, over the variance factor
-    /// of the others: 1 is usual.
+    /// Root of the drop of the weighted squares per coordinate over the others' variance factor: 1 is usual.
     pub(super) studentised: f64,
     /// Probability of as much or more by chance (F distribution).
     pub(super) probability: f64,

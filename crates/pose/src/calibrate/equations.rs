@@ -3,9 +3,9 @@
 use super::layout::{Layout, State};
 use super::model::CameraModel;
 use super::problem::Data;
-use crate::moving::Reduced;
+use crate::moving::{Instant, Reduced};
 use mavsight_geometry::Vector2;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 pub(super) struct Adjustment<'a> {
     pub(super) data: Data<'a>,
@@ -14,6 +14,7 @@ pub(super) struct Adjustment<'a> {
 }
 
 /// The equations, and the terms of the evidence.
+#[derive(Default)]
 pub(super) struct Equations {
     pub(super) normal: DMatrix<f64>,
     pub(super) gradient: DVector<f64>,
@@ -58,12 +59,9 @@ impl<'a> Adjustment<'a> {
         let mut out = Equations {
             normal: DMatrix::zeros(size, size),
             gradient: DVector::zeros(size),
-            squares: 0.0,
-            prior: 0.0,
             prior_weight: DVector::zeros(size),
             coordinates: 2 * self.data.choice.used().count(),
-            pose_parameters: 0,
-            log_poses: 0.0,
+            ..Default::default()
         };
         for k in 0..self.data.problem.moved.len() {
             self.add_moved(k, state, factor, &mut out)?;
@@ -80,8 +78,8 @@ impl<'a> Adjustment<'a> {
         }
         for ((model, camera), own) in self.models.iter().zip(&state.cameras).zip(&self.layout.cameras) {
             let Some(own) = own else { continue };
-            for prior in model.priors(camera) {
-                out.add_prior(own.first + prior.column - own.held, prior.residual, prior.slope);
+            for (prior, at) in model.priors(camera).iter().zip(own.first + 6 - own.held..) {
+                out.add_prior(at, prior.residual, prior.slope);
             }
         }
         for (row, at) in self.layout.points.iter().enumerate() {
@@ -98,7 +96,7 @@ impl<'a> Adjustment<'a> {
         let object = &self.data.problem.moved[k];
         let shared = object.shared(&state.cameras, state.scales[k]);
         let mut reduced = Reduced::new(shared.rows());
-        for (observations, pose) in object.observations.iter().zip(&mut state.poses[k]) {
+        for (Instant { observations, .. }, pose) in object.places.iter().zip(&mut state.poses[k]) {
             *pose = shared.best_pose(observations, pose, factor)?;
             reduced.add(&shared, observations, pose, factor)?;
         }
@@ -150,4 +148,76 @@ pub(super) fn linearised(
         rows.extend((0..3).map(|k| (at + k, by_place.column(k).into_owned())));
     }
     Some(Linearised { residual: o.whitener * (o.pixel - predicted.pixel), rows })
+}
+
+/// The Cholesky factor of a normal matrix that is scaled to a unit diagonal.
+pub(super) struct Factored {
+    scale: DVector<f64>,
+    scaled: Cholesky<f64, Dyn>,
+    /// Log determinant of the matrix as it was given.
+    pub(super) log_determinant: f64,
+}
+
+impl Factored {
+    /// Factors a matrix whose diagonal is enlarged by a part of itself; `None` if not positive definite.
+    pub(super) fn new(normal: &DMatrix<f64>, damping: f64) -> Option<Self> {
+        let scale = normal.diagonal().map(|d| 1.0 / (d * (1.0 + damping)).sqrt());
+        if !scale.iter().all(|s| s.is_finite()) {
+            return None;
+        }
+        let mut scaled = normal.component_mul(&(&scale * scale.transpose()));
+        scaled.fill_diagonal(1.0);
+        let scaled = scaled.cholesky()?;
+        let log_determinant = scaled.ln_determinant() - 2.0 * scale.map(f64::ln).sum();
+        log_determinant.is_finite().then_some(Self { scale, scaled, log_determinant })
+    }
+
+    pub(super) fn solve(&self, right: &DVector<f64>) -> DVector<f64> {
+        self.scaled.solve(&right.component_mul(&self.scale)).component_mul(&self.scale)
+    }
+
+    pub(super) fn inverse(&self) -> DMatrix<f64> {
+        self.scaled.inverse().component_mul(&(&self.scale * self.scale.transpose()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn normal() -> DMatrix<f64> {
+        let mut jacobian = DMatrix::<f64>::zeros(60, 21);
+        let mut seed = 5;
+        for row in 0..60 {
+            let (point, camera) = (row / 15, row % 3);
+            let mut number = || crate::testing::normal(&mut seed);
+            (0..3).for_each(|k| jacobian[(row, 3 * camera + k)] = number() * 10f64.powi(k as i32 - 1));
+            (0..3).for_each(|k| jacobian[(row, 9 + 3 * point + k)] = number());
+        }
+        jacobian.tr_mul(&jacobian)
+    }
+
+    #[test]
+    fn the_scaled_factor_agrees_with_the_matrix_as_it_is() {
+        let normal = normal();
+        let right = DVector::from_fn(21, |i, _| (i as f64).cos());
+        for damping in [0.0, 0.3] {
+            let mut dense = normal.clone();
+            (0..21).for_each(|k| dense[(k, k)] *= 1.0 + damping);
+            let got = Factored::new(&normal, damping).expect("positive");
+            let wanted = dense.clone().cholesky().expect("positive");
+            assert!((got.solve(&right) - wanted.solve(&right)).amax() < 1e-9);
+            assert!((got.inverse() * &dense - DMatrix::identity(21, 21)).amax() < 1e-9);
+            assert!((got.log_determinant - wanted.ln_determinant()).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_matrix_that_is_not_positive_has_no_factors() {
+        let mut flat = normal();
+        flat.fill_row(2, 0.0);
+        flat.fill_column(2, 0.0);
+        assert!(Factored::new(&flat, 0.0).is_none());
+        assert!(Factored::new(&-normal(), 0.0).is_none());
+    }
 }

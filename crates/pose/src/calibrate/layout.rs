@@ -20,8 +20,7 @@ pub(super) struct Layout {
 pub(super) struct Columns {
     pub(super) first: usize,
     pub(super) basis: Vec<CameraChange>,
-    /// Columns of the model's basis that are held: those of the pose, where this camera's axes are the
-    /// world's.
+    /// Columns of the basis that are held: the pose's, where this camera's axes are the world's.
     pub(super) held: usize,
 }
 
@@ -41,7 +40,11 @@ impl State {
         Self {
             cameras: cameras.to_vec(),
             places: problem.points.iter().map(|p| p.in_world_m).collect(),
-            poses: problem.moved.iter().map(|m| m.start.clone()).collect(),
+            poses: problem
+                .moved
+                .iter()
+                .map(|m| m.places.iter().map(|p| p.world_from_body).collect())
+                .collect(),
             scales: vec![1.0; problem.moved.len()],
         }
     }

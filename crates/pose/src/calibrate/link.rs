@@ -5,6 +5,7 @@ use super::pair::{MIN_MATCHES, pairs, seen_by_both};
 use super::plane::{pinhole_of_planes, pose_of_plane};
 use super::start::{MIN_POINTS, starts};
 use crate::PoseError;
+use crate::moving::Instant;
 use crate::reprojection::PointObservation;
 use mavsight_geometry::attitude::rotation_of;
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Isometry3, Matrix2, Matrix3, triangulate};
@@ -45,10 +46,11 @@ pub(super) fn linked(
     }
     let camera = missing.unwrap_or(sizes.len() - 1);
     let shared = |object: &Moved| {
-        let both = |place: &&Vec<PointObservation>| {
-            place.iter().any(|o| o.camera == camera) && place.iter().any(|o| o.camera != camera)
+        let is_both = |place: &&Instant| {
+            let own = place.observations.iter().filter(|o| o.camera == camera).count();
+            own > 0 && own < place.observations.len()
         };
-        object.observations.iter().filter(both).count()
+        object.places.iter().filter(is_both).count()
     };
     Err(PoseError::NotLinked {
         camera: names[camera].clone(),
@@ -69,24 +71,23 @@ fn in_axes_of_first(mut cameras: Vec<Camera>) -> Vec<Camera> {
 
 /// Cameras that saw a board, those that are joined to the first of them by boards that both saw.
 fn of_board(board: &Moved, sizes: &[ImageSize]) -> Vec<Option<Camera>> {
-    let own = |place: &[PointObservation], camera: usize| -> Vec<PointObservation> {
-        place.iter().filter(|o| o.camera == camera).copied().collect()
+    let own = |place: &Instant, camera: usize| -> Vec<PointObservation> {
+        place.observations.iter().filter(|o| o.camera == camera).copied().collect()
     };
     let pinhole = |camera: usize| {
-        let views: Vec<_> = board.observations.iter().map(|p| own(p, camera)).collect();
+        let views: Vec<_> = board.places.iter().map(|p| own(p, camera)).collect();
         pinhole_of_planes(sizes[camera], &board.body, &views)
     };
     let pinholes: Vec<Camera> = (0..sizes.len()).map(pinhole).collect();
-    let in_camera = |place: &[PointObservation], camera: usize| {
-        pose_of_plane(&pinholes[camera], &board.body, &own(place, camera))
-    };
+    let in_camera =
+        |place: &Instant, camera: usize| pose_of_plane(&pinholes[camera], &board.body, &own(place, camera));
     let mut out: Vec<Option<Camera>> = vec![None; sizes.len()];
     let Some(first) = (0..sizes.len()).find(|c| board.is_seen_by(*c)) else { return out };
     out[first] = Some(pinholes[first]);
     loop {
         // The place with most corners in view of a known and an unknown camera.
         let mut best: Option<(usize, usize, Camera)> = None;
-        for place in &board.observations {
+        for place in &board.places {
             for known in 0..sizes.len() {
                 let Some(camera) = out[known] else { continue };
                 for unknown in (0..sizes.len()).filter(|c| out[*c].is_none()) {
@@ -127,21 +128,17 @@ fn add_others(object: &Moved, set: &mut [Option<Camera>], sizes: &[ImageSize]) {
             continue;
         }
         let mut points = Vec::new();
-        for place in &object.observations {
+        for place in object.places.iter().map(|p| &p.observations) {
             for s in place.iter().filter(|o| o.camera == camera) {
-                let rays: Vec<_> = place
-                    .iter()
-                    .filter(|o| o.point == s.point)
-                    .filter_map(|o| Some(o.with_variance(1.0).in_image(set[o.camera].as_ref()?)))
-                    .collect();
-                if let Ok(found) = triangulate(&rays) {
-                    points.push(ControlPoint {
-                        name: String::new(),
-                        point_in_world_m: found.point_in_world_m,
-                        pixel: s.pixel,
-                        pixel_cov_px2: Matrix2::identity(),
-                    });
-                }
+                let same = place.iter().filter(|o| o.point == s.point);
+                let ray = |o: &PointObservation| Some(o.with_variance(1.0).in_image(set[o.camera].as_ref()?));
+                let found = triangulate(&same.filter_map(ray).collect::<Vec<_>>());
+                points.extend(found.map(|found| ControlPoint {
+                    name: String::new(),
+                    point_in_world_m: found.point_in_world_m,
+                    pixel: s.pixel,
+                    pixel_cov_px2: Matrix2::identity(),
+                }));
             }
         }
         let every = points.len().div_ceil(100).max(1);

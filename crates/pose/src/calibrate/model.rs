@@ -1,5 +1,6 @@
 //! The nested family of camera models, and the priors of their parameters.
 
+use crate::PoseError;
 use mavsight_geometry::camera_parameters::{DISTORTION, INTRINSICS};
 use mavsight_geometry::{Camera, CameraChange};
 use std::fmt;
@@ -57,8 +58,7 @@ const LENSES: [(Lens, &str); 5] = [
 ///
 /// Angle across the width 20° to 110°: ln(f/width) about 0, spread 0.7.
 const LOG_FOCAL_STD: f64 = 0.7;
-/// Principal point, of the width: lenses are mounted to a few per cent of the sensor (Clarke, Wang & Fryer
-/// 1998).
+/// Principal point, of the width: lenses are mounted to a few per cent (Clarke, Wang & Fryer 1998).
 const PRINCIPAL_POINT_STD: f64 = 0.03;
 /// Where pixels are not square (digitised or squeezed video) they differ by some per cent.
 const ASPECT_STD: f64 = 0.02;
@@ -69,9 +69,8 @@ const SKEW_STD: f64 = 0.01;
 const RADIAL_STD: f64 = 0.3;
 const TANGENTIAL_STD: f64 = 0.005;
 
-/// The prior of one column of a model's basis.
-pub(super) struct PriorRow {
-    pub(super) column: usize,
+/// Prior knowledge of one parameter.
+pub(super) struct Prior {
     /// Distance from the expected value in standard deviations.
     pub(super) residual: f64,
     /// Derivative of that by the parameter.
@@ -84,48 +83,27 @@ impl CameraModel {
     /// All sixteen parameters.
     pub const DLT_16: Self = Self { pixels: Pixels::Skewed, lens: Lens::Full };
 
-    /// Number of parameters: those of the pose, of the pixels and of the lens.
-    pub fn parameters(&self) -> usize {
-        self.basis().len()
-    }
-
-    /// The models with more freedom in one of the parts, by a step or two: the second may be worth it without
-    /// the first.
+    /// Models with more freedom in one part by a step or two, as the second may be worth it without the
+    /// first.
     pub(super) fn wider(&self) -> Vec<Self> {
-        let pixels = PIXELS.iter().map(|p| p.0).filter(|p| *p > self.pixels).take(2);
-        let lenses = LENSES.iter().map(|l| l.0).filter(|l| *l > self.lens).take(2);
-        let with_pixels = pixels.map(|pixels| Self { pixels, lens: self.lens });
-        with_pixels.chain(lenses.map(|lens| Self { pixels: self.pixels, lens })).collect()
+        let pixels = PIXELS[self.pixels as usize + 1..].iter().take(2).map(|p| Self { pixels: p.0, ..*self });
+        let lenses = LENSES[self.lens as usize + 1..].iter().take(2).map(|l| Self { lens: l.0, ..*self });
+        pixels.chain(lenses).collect()
     }
 
     /// The free directions as columns of a [`CameraChange`]: pose, f, cx, cy, then what the model adds.
     pub(super) fn basis(&self) -> Vec<CameraChange> {
-        let unit = |rows: &[usize]| {
-            let mut column = CameraChange::zeros();
-            rows.iter().for_each(|r| column[*r] = 1.0);
-            column
-        };
-        let mut out: Vec<CameraChange> = (0..6).map(|k| unit(&[k])).collect();
-        out.push(unit(&[INTRINSICS, INTRINSICS + 1]));
-        out.extend([unit(&[INTRINSICS + 3]), unit(&[INTRINSICS + 4])]);
-        if self.pixels >= Pixels::Rectangular {
-            out.push(unit(&[INTRINSICS + 1]));
-        }
-        if self.pixels >= Pixels::Skewed {
-            out.push(unit(&[INTRINSICS + 2]));
-        }
-        out.extend((0..self.lens_terms()).map(|k| unit(&[DISTORTION + k])));
-        out
+        let mut columns: Vec<Vec<usize>> = (0..6).map(|k| vec![k]).collect();
+        columns.extend([vec![INTRINSICS, INTRINSICS + 1], vec![INTRINSICS + 3], vec![INTRINSICS + 4]]);
+        columns
+            .extend([INTRINSICS + 1, INTRINSICS + 2].map(|k| vec![k]).into_iter().take(self.pixels as usize));
+        columns.extend((0..self.lens_terms()).map(|k| vec![DISTORTION + k]));
+        let column = |rows: &Vec<usize>| CameraChange::from_fn(|k, _| f64::from(u8::from(rows.contains(&k))));
+        columns.iter().map(column).collect()
     }
 
     fn lens_terms(&self) -> usize {
-        match self.lens {
-            Lens::Straight => 0,
-            Lens::K1 => 1,
-            Lens::K1K2 => 2,
-            Lens::Tangential => 4,
-            Lens::Full => 5,
-        }
+        [0, 1, 2, 4, 5][self.lens as usize]
     }
 
     /// A camera without the terms that the model does not have.
@@ -140,41 +118,32 @@ impl CameraModel {
             k.skew_px = 0.0;
         }
         let d = &mut out.distortion;
-        let terms = self.lens_terms();
-        for (i, value) in [&mut d.k1, &mut d.k2, &mut d.p1, &mut d.p2, &mut d.k3].into_iter().enumerate() {
-            if i >= terms {
-                *value = 0.0;
-            }
-        }
+        let terms = [&mut d.k1, &mut d.k2, &mut d.p1, &mut d.p2, &mut d.k3];
+        terms.into_iter().skip(self.lens_terms()).for_each(|term| *term = 0.0);
         out
     }
 
-    /// The priors at a camera.
-    pub(super) fn priors(&self, camera: &Camera) -> Vec<PriorRow> {
+    /// The priors at a camera, of all columns of the basis but the pose's.
+    pub(super) fn priors(&self, camera: &Camera) -> Vec<Prior> {
         let (k, d) = (&camera.intrinsics, &camera.distortion);
         let (width, height) = (f64::from(camera.size.width_px), f64::from(camera.size.height_px));
         let f = k.fx_px.abs().max(1e-6 * width);
-        let across = 1.0 / (PRINCIPAL_POINT_STD * width);
-        let mut values = vec![
-            ((f / width).ln() / LOG_FOCAL_STD, 1.0 / (f * LOG_FOCAL_STD)),
-            ((k.cx_px - (width - 1.0) / 2.0) * across, across),
-            ((k.cy_px - (height - 1.0) / 2.0) * across, across),
+        let linear = |value: f64, std: f64| Prior { residual: value / std, slope: 1.0 / std };
+        let of_pixels = [
+            Prior { residual: (k.fy_px / f - 1.0) / ASPECT_STD, slope: 1.0 / (f * ASPECT_STD) },
+            linear(k.skew_px, f * SKEW_STD),
         ];
-        if self.pixels >= Pixels::Rectangular {
-            values.push(((k.fy_px / f - 1.0) / ASPECT_STD, 1.0 / (f * ASPECT_STD)));
-        }
-        if self.pixels >= Pixels::Skewed {
-            values.push((k.skew_px / f / SKEW_STD, 1.0 / (f * SKEW_STD)));
-        }
-        for (i, value) in [d.k1, d.k2, d.p1, d.p2, d.k3].into_iter().enumerate().take(self.lens_terms()) {
-            let std = if i == 2 || i == 3 { TANGENTIAL_STD } else { RADIAL_STD };
-            values.push((value / std, 1.0 / std));
-        }
-        values
-            .into_iter()
-            .enumerate()
-            .map(|(i, (residual, slope))| PriorRow { column: 6 + i, residual, slope })
-            .collect()
+        let mut out = vec![
+            Prior { residual: (f / width).ln() / LOG_FOCAL_STD, slope: 1.0 / (f * LOG_FOCAL_STD) },
+            linear(k.cx_px - (width - 1.0) / 2.0, PRINCIPAL_POINT_STD * width),
+            linear(k.cy_px - (height - 1.0) / 2.0, PRINCIPAL_POINT_STD * width),
+        ];
+        out.extend(of_pixels.into_iter().take(self.pixels as usize));
+        let radial = |value| linear(value, RADIAL_STD);
+        let tangential = |value| linear(value, TANGENTIAL_STD);
+        let of_lens = [radial(d.k1), radial(d.k2), tangential(d.p1), tangential(d.p2), radial(d.k3)];
+        out.extend(of_lens.into_iter().take(self.lens_terms()));
+        out
     }
 }
 
@@ -183,25 +152,18 @@ impl fmt::Display for CameraModel {
         if *self == Self::DLT_16 {
             return out.write_str("dlt-16");
         }
-        let pixels = PIXELS.iter().find(|p| p.0 == self.pixels).map_or("", |p| p.1);
-        let lens = LENSES.iter().find(|l| l.0 == self.lens).map_or("", |l| l.1);
-        write!(out, "{pixels}{lens}")
+        write!(out, "{}{}", PIXELS[self.pixels as usize].1, LENSES[self.lens as usize].1)
     }
 }
 
 impl FromStr for CameraModel {
-    type Err = String;
+    type Err = PoseError;
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        let all = PIXELS.iter().flat_map(|p| LENSES.iter().map(|l| Self { pixels: p.0, lens: l.0 }));
-        let mut names = Vec::new();
-        for model in all {
-            if model.to_string() == text {
-                return Ok(model);
-            }
-            names.push(model.to_string());
-        }
-        Err(format!("{text:?} is no camera model: use one of {}", names.join(", ")))
+    fn from_str(text: &str) -> Result<Self, PoseError> {
+        let mut all = PIXELS.iter().flat_map(|p| LENSES.iter().map(|l| Self { pixels: p.0, lens: l.0 }));
+        let known = || all.clone().map(|model| model.to_string()).collect::<Vec<_>>().join(", ");
+        let refused = PoseError::UnknownModel { model: text.to_owned(), known: known() };
+        all.find(|model| model.to_string() == text).ok_or(refused)
     }
 }
 
@@ -215,7 +177,7 @@ mod tests {
         let mut next = 0;
         while let Some(model) = models.get(next).copied() {
             for wider in model.wider() {
-                assert!(wider.parameters() > model.parameters());
+                assert!(wider.basis().len() > model.basis().len());
                 assert!(model.basis().iter().all(|column| {
                     let all = wider.basis();
                     all.contains(column)
@@ -228,8 +190,8 @@ mod tests {
             next += 1;
         }
         assert_eq!(models.len(), 15);
-        assert_eq!(CameraModel::DLT_16.parameters(), 16);
-        assert_eq!(CameraModel { pixels: Pixels::Skewed, lens: Lens::Straight }.parameters(), 11);
-        assert!("pinhole+k9".parse::<CameraModel>().unwrap_err().contains("dlt-16"));
+        assert_eq!(CameraModel::DLT_16.basis().len(), 16);
+        assert_eq!(CameraModel { pixels: Pixels::Skewed, lens: Lens::Straight }.basis().len(), 11);
+        assert!("pinhole+k9".parse::<CameraModel>().unwrap_err().to_string().contains("dlt-16"));
     }
 }

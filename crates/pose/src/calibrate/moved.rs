@@ -1,7 +1,7 @@
 //! Objects of known shape that were moved in view of the cameras: a wand, a board.
 
 use super::plane::pose_of_plane;
-use crate::moving::Shared;
+use crate::moving::{Instant, Shared};
 use crate::reprojection::PointObservation;
 use crate::{BodyMarker, MarkerObservation, PoseError};
 use mavsight_geometry::{Camera, Isometry3, UnitQuaternion, Vector3, rigid_fit, triangulate};
@@ -59,9 +59,8 @@ pub(super) struct Moved {
     pub(super) name: String,
     pub(super) body: Vec<BodyMarker>,
     pub(super) scale_std: f64,
-    pub(super) observations: Vec<Vec<PointObservation>>,
-    /// Approximate poses, by place; empty until cameras are known.
-    pub(super) start: Vec<Isometry3<f64>>,
+    /// With approximate poses, once cameras are known.
+    pub(super) places: Vec<Instant>,
 }
 
 pub(super) fn names_of(objects: &[Moved]) -> String {
@@ -78,27 +77,27 @@ impl Moved {
         if !numbers.chain([&object.scale_std]).all(|x| x.is_finite()) || object.scale_std < 0.0 {
             return Err(bad("its points, radii or the standard deviation of its size are not finite"));
         }
-        let apart = |a: &BodyMarker| {
-            object.points.iter().all(|b| std::ptr::eq(a, b) || a.marker_in_body_m != b.marker_in_body_m)
-        };
-        if object.points.len() < 2 || !object.points.iter().all(apart) {
+        let place = |k: usize| object.points[k].marker_in_body_m;
+        let is_double = |k: usize| (0..k).any(|other| place(other) == place(k));
+        if object.points.len() < 2 || (0..object.points.len()).any(is_double) {
             return Err(bad(
                 "it needs two points or more, each at its own place: check its length or its squares",
             ));
         }
         let mut order: Vec<&MarkerObservation> = object.observations.iter().collect();
         order.sort_by_key(|o| o.t_ns);
-        let mut observations = Vec::new();
-        for place in order.chunk_by(|a, b| a.t_ns == b.t_ns) {
-            let own = place.iter().map(|o| PointObservation::of(o, cameras, object.points.len()));
-            observations.push(own.collect::<Result<Vec<_>, _>>()?);
-        }
+        let place = |seen: &[&MarkerObservation]| {
+            let own = seen.iter().map(|o| PointObservation::of(o, cameras, object.points.len()));
+            let world_from_body = Isometry3::identity();
+            Ok(Instant { observations: own.collect::<Result<_, _>>()?, world_from_body })
+        };
+        let places = order.chunk_by(|a, b| a.t_ns == b.t_ns).map(place).collect::<Result<_, PoseError>>()?;
         let (name, body) = (object.name.clone(), object.points.clone());
-        Ok(Self { name, body, scale_std: object.scale_std, observations, start: Vec::new() })
+        Ok(Self { name, body, scale_std: object.scale_std, places })
     }
 
     pub(super) fn is_seen_by(&self, camera: usize) -> bool {
-        self.observations.iter().flatten().any(|o| o.camera == camera)
+        self.places.iter().flat_map(|p| &p.observations).any(|o| o.camera == camera)
     }
 
     pub(super) fn is_line(&self) -> bool {
@@ -126,52 +125,37 @@ impl Moved {
         out
     }
 
-    /// The object at the places that these cameras determine with redundancy, thinned out, with its poses
-    /// there.
+    /// The object at the places that these cameras determine with redundancy, thinned out.
     pub(super) fn placed(&self, cameras: &[Camera]) -> Self {
         let shared = self.shared(cameras, 1.0);
-        let mut out = Self { observations: Vec::new(), start: Vec::new(), ..self.clone() };
-        let every = self.observations.len().div_ceil(MOST_PLACES).max(1);
-        for place in self.observations.iter().step_by(every) {
-            if 2 * place.len() <= self.pose_parameters() {
-                continue;
-            }
-            let near = self.approximate_pose(place, cameras);
-            if let Some(pose) = near.and_then(|near| shared.best_pose(place, &near, f64::INFINITY)) {
-                out.observations.push(place.clone());
-                out.start.push(pose);
-            }
-        }
-        out
+        let every = self.places.len().div_ceil(MOST_PLACES).max(1);
+        let place = |Instant { observations, .. }: &Instant| {
+            let near = self.approximate_pose(observations, cameras)?;
+            let world_from_body = shared.best_pose(observations, &near, f64::INFINITY)?;
+            Some(Instant { observations: observations.clone(), world_from_body })
+        };
+        let is_redundant = |p: &&Instant| 2 * p.observations.len() > self.pose_parameters();
+        let places = self.places.iter().step_by(every).filter(is_redundant).filter_map(place).collect();
+        Self { places, ..self.clone() }
     }
 
     fn approximate_pose(&self, place: &[PointObservation], cameras: &[Camera]) -> Option<Isometry3<f64>> {
-        let (mut in_body, mut in_world) = (Vec::new(), Vec::new());
-        for (p, point) in self.body.iter().enumerate() {
-            let images: Vec<_> =
-                place.iter().filter(|o| o.point == p).map(|o| o.in_image(&cameras[o.camera])).collect();
-            if let Ok(found) = triangulate(&images) {
-                in_body.push(point.marker_in_body_m);
-                in_world.push(found.point_in_world_m);
-            }
-        }
+        let pair = |p: usize| {
+            let own = place.iter().filter(|o| o.point == p).map(|o| o.in_image(&cameras[o.camera]));
+            let found = triangulate(&own.collect::<Vec<_>>()).ok()?;
+            Some((self.body[p].marker_in_body_m, found.point_in_world_m))
+        };
+        let pairs: Vec<_> = (0..self.body.len()).filter_map(pair).collect();
         if self.is_line() {
-            let (first, last) = (in_body.first()?, in_body.last()?);
-            if in_body.len() < 2 {
-                return None;
-            }
-            let turn =
-                UnitQuaternion::rotation_between(&(last - first), &(in_world.last()? - in_world.first()?));
+            let ([first, .., last], n) = (pairs.as_slice(), pairs.len() as f64) else { return None };
+            let turn = UnitQuaternion::rotation_between(&(last.0 - first.0), &(last.1 - first.1));
             // Any half turn will do where the line is seen reversed.
             let turn = turn
                 .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI));
-            let middle = |v: &[Vector3<f64>]| v.iter().sum::<Vector3<f64>>() / v.len() as f64;
-            let at = middle(&in_world) - turn * middle(&in_body);
-            return Some(Isometry3::from_parts(Translation3::from(at), turn));
+            let at: Vector3<f64> = pairs.iter().map(|(body, world)| world - turn * body).sum();
+            return Some(Isometry3::from_parts(Translation3::from(at / n), turn));
         }
-        if in_body.len() >= 3
-            && let Ok(pose) = rigid_fit(in_body.into_iter().zip(in_world))
-        {
+        if let Ok(pose) = rigid_fit(pairs) {
             return Some(pose);
         }
         let seen_by = |camera: usize| place.iter().filter(|o| o.camera == camera).count();

@@ -5,18 +5,18 @@ use super::choose::{choose, most_probable, start_cameras};
 use super::link::linked;
 use super::model::{CameraModel, Lens};
 use super::moved::{Moved, MovedObject, names_of};
-use super::problem::{Choice, Problem};
+use super::problem::Problem;
 use super::rig::CameraControl;
 use super::snoop::{Cleaned, clean};
 use super::start::MIN_POINTS;
 use crate::PoseError;
+use crate::moving::Instant;
 use crate::reprojection::PointObservation;
 use crate::statistics::median;
 use mavsight_geometry::camera_parameters::INTRINSICS;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3, rigid_fit, triangulate};
 
-/// An observation is dropped beyond this number of robust standard deviations: of normal noise one in a
-/// million is.
+/// Robust standard deviations beyond which an observation is dropped: one in a million of normal noise.
 const BEYOND: f64 = 5.3;
 const ROUNDS: usize = 3;
 const AXES: usize = 3;
@@ -47,8 +47,7 @@ pub(super) fn with_objects(
     };
     problem.moved = objects.iter().map(|o| o.placed(&cameras)).collect();
     problem.start = Some(cameras);
-    let all = problem.all();
-    let Adjusted { problem, fit } = without_strays(problem, &all)?;
+    let Adjusted { problem, fit } = without_strays(problem)?;
     // First, so that a bad object does not make the control points suspect.
     refuse(&problem, &fit)?;
     let problem = Problem { start: Some(fit.state.cameras), ..problem };
@@ -66,7 +65,7 @@ struct Adjusted {
 /// The objects alone, in the axes of the first camera.
 fn from_objects(problem: &Problem, objects: &[Moved]) -> Result<Adjusted, PoseError> {
     let sets = linked(objects, &problem.names, &problem.sizes)?;
-    let mut best: Option<Adjusted> = None;
+    let mut best = None;
     for cameras in sets {
         let alone = Problem {
             points: Vec::new(),
@@ -76,13 +75,10 @@ fn from_objects(problem: &Problem, objects: &[Moved]) -> Result<Adjusted, PoseEr
             start: Some(cameras),
             ..problem.clone()
         };
-        let choice = alone.all();
-        if let Ok(found) = without_strays(alone, &choice) {
-            // Per coordinate: starts differ in the places that they keep.
-            let better = |b: &Adjusted| b.fit.variance_factor > found.fit.variance_factor;
-            if best.as_ref().is_none_or(better) {
-                best = Some(found);
-            }
+        let Ok(found) = without_strays(alone) else { continue };
+        // Per coordinate: starts differ in the places that they keep.
+        if best.as_ref().is_none_or(|b: &Adjusted| b.fit.variance_factor > found.fit.variance_factor) {
+            best = Some(found);
         }
     }
     best.ok_or_else(|| problem.undetermined())
@@ -96,29 +92,27 @@ fn chosen_of(Adjusted { problem, fit }: Adjusted) -> Result<(Problem, Cleaned), 
     Ok((problem, Cleaned { chosen, choice, left_out: Vec::new() }))
 }
 
-/// An adjustment of the least model and then of one with a bent lens, without observations that disagree
-/// beyond chance and places that have too few left.
-fn without_strays(mut problem: Problem, choice: &Choice) -> Result<Adjusted, PoseError> {
+/// An adjustment of the least model, then of a bent lens, without observations that disagree beyond chance.
+fn without_strays(mut problem: Problem) -> Result<Adjusted, PoseError> {
+    let (choice, n) = (problem.all(), problem.sizes.len());
     let start = problem.start.clone().unwrap_or_default();
-    let n = problem.sizes.len();
     let bent = CameraModel { lens: Lens::K1K2, ..CameraModel::PINHOLE };
-    let mut fit = adjust(problem.with(choice), &vec![CameraModel::PINHOLE; n], &start);
+    let mut fit = adjust(problem.with(&choice), &vec![CameraModel::PINHOLE; n], &start);
     for _ in 0..ROUNDS {
         let near = fit.as_ref().map_or(&start, |f| &f.state.cameras);
-        let wide = adjust(problem.with(choice), &vec![bent; n], near);
+        let wide = adjust(problem.with(&choice), &vec![bent; n], near);
         fit = most_probable(fit.into_iter().chain(wide));
         let Some(now) = &fit else { break };
         if drop_strays(&mut problem, now) == 0 {
             break;
         }
-        fit = adjust(problem.with(choice), &now.models, &now.state.cameras);
+        fit = adjust(problem.with(&choice), &now.models, &now.state.cameras);
     }
     let fit = fit.ok_or_else(|| problem.undetermined())?;
     Ok(Adjusted { problem, fit })
 }
 
-/// Drops observations that are far off, and places that no longer contradict any camera; the number of
-/// dropped ones.
+/// Drops observations that are far off and places without redundancy; the number of dropped observations.
 fn drop_strays(problem: &mut Problem, fit: &Fit) -> usize {
     let mut dropped = 0;
     for (k, object) in problem.moved.iter_mut().enumerate() {
@@ -126,21 +120,18 @@ fn drop_strays(problem: &mut Problem, fit: &Fit) -> usize {
         let square = |o: &PointObservation, pose: &Isometry3<f64>| {
             shared.residual_px(o, pose).map_or(f64::INFINITY, |r| (o.whitener * r).norm_squared())
         };
-        let places = || object.observations.iter().zip(&fit.state.poses[k]);
-        let squares = places().flat_map(|(place, pose)| place.iter().map(move |o| square(o, pose)));
+        let places = || object.places.iter().map(|p| &p.observations).zip(&fit.state.poses[k]);
+        let squares = places().flat_map(|(place, pose)| place.iter().map(|o| square(o, pose)));
         // The median of a chi-square with two degrees of freedom is 2 ln 2.
         let variance = median(squares.collect()) / (2.0 * 2f64.ln());
-        let (mut observations, mut start) = (Vec::new(), Vec::new());
-        for (place, pose) in places() {
-            let kept: Vec<_> =
-                place.iter().filter(|o| square(o, pose) <= BEYOND * BEYOND * variance).copied().collect();
-            dropped += place.len() - kept.len();
-            if 2 * kept.len() > object.pose_parameters() {
-                observations.push(kept);
-                start.push(*pose);
-            }
-        }
-        (object.observations, object.start) = (observations, start);
+        let kept = |(place, pose): (&Vec<PointObservation>, &Isometry3<f64>)| {
+            let near = place.iter().filter(|o| square(o, pose) <= BEYOND * BEYOND * variance);
+            let observations: Vec<_> = near.copied().collect();
+            dropped += place.len() - observations.len();
+            Instant { observations, world_from_body: *pose }
+        };
+        let is_redundant = |p: &Instant| 2 * p.observations.len() > object.pose_parameters();
+        object.places = places().map(kept).filter(is_redundant).collect();
     }
     dropped
 }
@@ -162,8 +153,7 @@ fn in_world(problem: &Problem, fit: &Fit) -> Result<Vec<Camera>, PoseError> {
     Ok(cameras.iter().map(moved).collect())
 }
 
-/// Refuses objects whose residuals contradict what is stated of them, and focal lengths that they leave
-/// undetermined.
+/// Refuses objects that contradict what is stated of them, and undetermined focal lengths.
 fn refuse(problem: &Problem, fit: &Fit) -> Result<(), PoseError> {
     let covariance = fit.camera_covariance();
     for (camera, name) in problem.names.iter().enumerate() {
@@ -205,8 +195,8 @@ fn views_of(problem: &Problem, fit: &Fit, camera: usize) -> Views {
     for (object, poses) in problem.moved.iter().zip(&fit.state.poses) {
         let axis = if object.is_line() { Vector3::x() } else { Vector3::z() };
         let mut axes: Vec<Vector3<f64>> = Vec::new();
-        for (place, pose) in object.observations.iter().zip(poses) {
-            let mut own = place.iter().filter(|o| o.camera == camera).peekable();
+        for (place, pose) in object.places.iter().zip(poses) {
+            let mut own = place.observations.iter().filter(|o| o.camera == camera).peekable();
             if own.peek().is_some() {
                 axes.push(pose.rotation * axis);
             }

@@ -2,7 +2,7 @@
 //! wand's length.
 
 use super::moved::Moved;
-use crate::reprojection::PointObservation;
+use crate::moving::Instant;
 use crate::statistics::median;
 use mavsight_geometry::attitude::rotation_of;
 use mavsight_geometry::{
@@ -65,16 +65,17 @@ pub(super) fn pairs(wand: &Moved, (a, b): (usize, usize), sizes: &[ImageSize]) -
 
 /// Both balls in both cameras, by place.
 pub(super) fn seen_by_both(wand: &Moved, (a, b): (usize, usize)) -> Vec<[Match; 2]> {
-    let place = |own: &Vec<PointObservation>| {
-        let of = |camera, point| own.iter().find(|o| o.camera == camera && o.point == point).map(|o| o.pixel);
+    let place = |Instant { observations, .. }: &Instant| {
+        let of = |camera, point| {
+            observations.iter().find(|o| o.camera == camera && o.point == point).map(|o| o.pixel)
+        };
         let ball = |p| Some((of(a, p)?, of(b, p)?));
         Some([ball(0)?, ball(1)?])
     };
-    wand.observations.iter().filter_map(place).collect()
+    wand.places.iter().filter_map(place).collect()
 }
 
-/// The fundamental matrix by the normalised eight-point method (Hartley 1997), with matches that disagree
-/// left out.
+/// The fundamental matrix by the normalised eight-point method (Hartley 1997), without outliers.
 fn fundamental(matches: &[Match]) -> Option<Matrix3<f64>> {
     let mut kept: Vec<Match> = matches.to_vec();
     let mut answer = linear(&kept)?;
@@ -138,8 +139,7 @@ fn poses(essential: &Matrix3<f64>) -> Vec<Isometry3<f64>> {
         .collect()
 }
 
-/// Relative spread of the wand's length under two cameras, and its median; `None` where less than three
-/// quarters of the places are in view of both.
+/// Relative spread of the wand's length and its median; `None` if a quarter of the places is out of view.
 fn length_spread(both: &[[Match; 2]], one: &Camera, other: &Camera) -> Option<(f64, f64)> {
     let image = |camera, pixel| ImagePoint { camera, pixel, covariance_px2: Matrix2::identity() };
     let at = |(p, q): &Match| Some(triangulate(&[image(one, *p), image(other, *q)]).ok()?.point_in_world_m);

@@ -47,8 +47,7 @@ fn pairs(
     observations.iter().filter_map(pair).collect()
 }
 
-/// Pose of a board in a camera's axes from its observations by that camera; `None` where they do not
-/// determine it.
+/// Pose of a board in a camera's axes; `None` where its observations do not determine it.
 pub(super) fn pose_of_plane(
     camera: &Camera,
     body: &[BodyMarker],

@@ -15,7 +15,7 @@ pub(super) struct Surveyed {
     pub(super) radius_m: f64,
 }
 
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub(super) struct Problem {
     pub(super) names: Vec<String>,
     pub(super) sizes: Vec<ImageSize>,
@@ -73,11 +73,7 @@ impl Problem {
         let mut out = Self {
             names: controls.iter().map(|c| c.name.clone()).collect(),
             sizes: controls.iter().map(|c| c.size).collect(),
-            points: vec![],
-            observations: vec![],
-            moved: vec![],
-            held: None,
-            start: None,
+            ..Default::default()
         };
         for (camera, control) in controls.iter().enumerate() {
             let (name, points) = (&control.name, control.points.len());
@@ -87,30 +83,30 @@ impl Problem {
                     return Err(PoseError::ControlLengths { camera, points, what, given });
                 }
             }
-            for (k, point) in control.points.iter().enumerate() {
-                let row = out.row_of(Surveyed {
-                    name: point.name.clone(),
-                    in_world_m: point.point_in_world_m,
-                    std_m: control.survey_std_m[k],
-                    radius_m: control.ball_radius_m[k],
-                });
-                let observation = observation(point, camera, row, &out.points[row]);
-                let named = |source| PoseError::Calibration { camera: name.clone(), source };
-                out.observations.push(observation.map_err(named)?);
+            let sizes = control.survey_std_m.iter().zip(&control.ball_radius_m);
+            for (point, (std_m, radius_m)) in control.points.iter().zip(sizes) {
+                let refused = |what| {
+                    let source = GeometryError::NotFinite { what };
+                    PoseError::Calibration { camera: name.clone(), source }
+                };
+                let place = &point.point_in_world_m;
+                let is_number = place.iter().chain([radius_m, std_m]).all(|x| x.is_finite());
+                if !is_number || *radius_m < 0.0 || *std_m < 0.0 {
+                    return Err(refused("a control point, its radius or its standard deviation"));
+                }
+                let row = out.row_of(&point.name, *place, *std_m, *radius_m);
+                let seen = PointObservation::new(camera, row, point.pixel, point.pixel_cov_px2);
+                out.observations
+                    .push(seen.ok_or_else(|| refused("a control pixel or the inverse of its covariance"))?);
             }
         }
         Ok(out)
     }
 
-    fn row_of(&mut self, point: Surveyed) -> usize {
-        let same = |p: &Surveyed| {
-            !p.name.is_empty()
-                && p.name == point.name
-                && p.in_world_m == point.in_world_m
-                && p.radius_m == point.radius_m
-        };
-        self.points.iter().position(same).unwrap_or_else(|| {
-            self.points.push(point);
+    fn row_of(&mut self, name: &str, in_world_m: Vector3<f64>, std_m: f64, radius_m: f64) -> usize {
+        let is_same = |p: &Surveyed| p.name == name && p.in_world_m == in_world_m && p.radius_m == radius_m;
+        self.points.iter().position(is_same).filter(|_| !name.is_empty()).unwrap_or_else(|| {
+            self.points.push(Surveyed { name: name.to_owned(), in_world_m, std_m, radius_m });
             self.points.len() - 1
         })
     }
@@ -127,7 +123,7 @@ impl Problem {
 
     /// Mean of the places of points and of moved objects.
     pub(super) fn middle_m(&self) -> Vector3<f64> {
-        let moved = self.moved.iter().flat_map(|m| m.start.iter().map(|pose| pose.translation.vector));
+        let moved = self.moved.iter().flat_map(|m| &m.places).map(|p| p.world_from_body.translation.vector);
         let all = self.points.iter().map(|p| p.in_world_m).chain(moved);
         let (sum, n) = all.fold((Vector3::zeros(), 0.0), |(sum, n), p| (sum + p, n + 1.0));
         sum / f64::max(n, 1.0)
@@ -138,20 +134,4 @@ impl Problem {
         let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
         PoseError::Calibration { camera: self.names.join(", "), source }
     }
-}
-
-fn observation(
-    point: &ControlPoint,
-    camera: usize,
-    row: usize,
-    surveyed: &Surveyed,
-) -> Result<PointObservation, GeometryError> {
-    let Surveyed { in_world_m, std_m, radius_m, .. } = surveyed;
-    let numbers = in_world_m.iter().chain(point.pixel.iter()).chain(point.pixel_cov_px2.iter());
-    if !numbers.chain([radius_m, std_m]).all(|x| x.is_finite()) || *radius_m < 0.0 || *std_m < 0.0 {
-        let what = "a control point, its radius or its standard deviation";
-        return Err(GeometryError::NotFinite { what });
-    }
-    PointObservation::new(camera, row, point.pixel, point.pixel_cov_px2)
-        .ok_or(GeometryError::NotFinite { what: "the inverse of a control pixel's covariance" })
 }

@@ -122,7 +122,7 @@ impl fmt::Display for LeftOut {
 }
 
 /// Cameras that share one world.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rig {
     /// In the order of the session.
     pub cameras: Vec<RigCamera>,
@@ -140,17 +140,11 @@ pub struct Rig {
     pub frames: usize,
 }
 
-impl Default for Rig {
-    fn default() -> Self {
-        Self::exact(Vec::new())
-    }
-}
-
 impl Rig {
     /// Cameras that count as exact.
     pub fn exact(cameras: Vec<RigCamera>) -> Self {
-        let rows = CAMERA_PARAMETERS * cameras.len();
-        Self { cameras, uncertainty: DMatrix::zeros(rows, 0), left_out: Vec::new(), frames: 0 }
+        let uncertainty = DMatrix::zeros(CAMERA_PARAMETERS * cameras.len(), 0);
+        Self { cameras, uncertainty, ..Default::default() }
     }
 
     /// All places of control points, once per camera that saw them.

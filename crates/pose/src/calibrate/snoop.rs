@@ -10,14 +10,11 @@ use mavsight_geometry::{Camera, Dlt};
 
 /// Probability of naming any good point of a rig, divided by the number of tests for each (Bonferroni).
 const FALSE_ALARM: f64 = 0.01;
-/// Probability before the data that a given point is mis-surveyed or mis-identified; it counts against
-/// leaving one out.
+/// Prior probability that a given point is mis-surveyed or mis-identified.
 const SUSPECT: f64 = 0.01;
-/// How much less probable the next explanation must be for one to be taken: "strong" of Kass & Raftery
-/// (1995).
+/// By how much the next explanation must be less probable: "strong" of Kass & Raftery (1995).
 const DECISIVE: f64 = 20.0;
-/// Variance factor from which all points are tried even if none stands out: two that are swapped hide each
-/// other.
+/// Variance factor from which all points are tried: two that are swapped hide each other.
 const MASKED: f64 = 9.0;
 
 /// Most suspect explanations that are worked out in full.
@@ -111,29 +108,23 @@ fn groups(Data { problem, choice }: Data) -> Vec<(Suspicion, Vec<usize>)> {
     out
 }
 
-fn level(tests: usize) -> f64 {
-    FALSE_ALARM / tests.max(1) as f64
-}
-
 /// Whether a group disagrees with the others of a fit at a level of probability.
 fn is_beyond(fit: &Fit, data: Data, group: &[usize], level: f64) -> bool {
     fit.disagreement(data, group).is_some_and(|d| d.probability < level)
 }
 
-/// Whether a point disagrees under the chosen model or under the least one, as a wider one may absorb the
-/// disagreement.
+/// Whether a point disagrees under the chosen model or the least one, as a wider one may absorb it.
 fn is_doubtful(data: Data, chosen: &Chosen, start: Option<&[Camera]>) -> bool {
     let groups = groups(data);
-    let level = level(groups.len());
+    let level = FALSE_ALARM / groups.len().max(1) as f64;
     let beyond = |fit: &Fit| {
         fit.variance_factor > MASKED
             || refuse_gross(data, fit).is_err()
             || groups.iter().any(|(_, group)| is_beyond(fit, data, group, level))
     };
     let least = vec![CameraModel::PINHOLE; data.problem.sizes.len()];
-    beyond(&chosen.best)
-        || (chosen.best.models != least
-            && start.and_then(|s| adjust(data, &least, s)).is_some_and(|fit| beyond(&fit)))
+    let start = start.filter(|_| chosen.best.models != least);
+    beyond(&chosen.best) || start.and_then(|s| adjust(data, &least, s)).is_some_and(|fit| beyond(&fit))
 }
 
 /// The best explanation of what disagrees, if one is needed and stands out.
@@ -141,7 +132,7 @@ fn explain(data: Data, now: Option<&Chosen>) -> Result<Option<Explanation>, Pose
     let Data { problem, choice } = data;
     let ahead = now.map_or(f64::NEG_INFINITY, |c| c.best.log_evidence);
     let groups = groups(data);
-    let level = level(groups.len());
+    let level = FALSE_ALARM / groups.len().max(1) as f64;
     let mut found: Vec<Explanation> = Vec::new();
     let mut needed: Vec<Suspicion> = Vec::new();
     for (suspicion, group) in most_suspect(data, groups, now.map(|c| &c.best)) {
@@ -165,8 +156,7 @@ fn explain(data: Data, now: Option<&Chosen>) -> Result<Option<Explanation>, Pose
     decide(problem, found).map(Some)
 }
 
-/// Takes the best of several explanations, sorted by evidence; of others about as good leaves out the points
-/// too.
+/// Takes the best of explanations sorted by evidence; leaves out the points of others about as good too.
 fn decide(problem: &Problem, mut found: Vec<Explanation>) -> Result<Explanation, PoseError> {
     let ahead = found[0].log_evidence;
     found.retain(|e| ahead - e.log_evidence < DECISIVE.ln());
@@ -191,8 +181,7 @@ fn decide(problem: &Problem, mut found: Vec<Explanation>) -> Result<Explanation,
     Err(refusal(problem, &all))
 }
 
-/// A misplaced point is left out of all cameras if points enough remain: along another's line of view it may
-/// be misplaced as well.
+/// Leaves a misplaced point out of all cameras if enough remain: other lines of view may hide its error.
 fn distrust_everywhere(problem: &Problem, best: &mut Explanation) {
     let Suspicion::Observation(k) = best.suspicion else { return };
     let point = problem.observations[k].point;
@@ -305,8 +294,7 @@ fn refusal(problem: &Problem, suspicions: &[Suspicion]) -> PoseError {
     PoseError::SuspectControlPoints { suspects: texts.join(" or ") }
 }
 
-/// Refuses a fit whose points miss by more than half a per cent of the width, all of them together: they
-/// disagree with the table.
+/// Refuses points that as a whole miss by more than half a per cent of the width.
 fn refuse_gross(data: Data, fit: &Fit) -> Result<(), PoseError> {
     let problem = data.problem;
     for (camera, size) in problem.sizes.iter().enumerate() {

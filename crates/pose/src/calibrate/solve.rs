@@ -16,8 +16,7 @@ use mavsight_geometry::camera_parameters::CENTRE;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, ControlPoint, GeometryError, Vector2};
 use nalgebra::DMatrix;
 
-/// A projection centre with a standard deviation above this part of its distance from the control points is
-/// undetermined.
+/// Part of the distance from the control points above which a centre's standard deviation is too large.
 const UNDETERMINED: f64 = 0.25;
 
 /// Solves for all cameras together from their control points.

@@ -4,8 +4,8 @@ use super::path::{PathVelocity, PixelPath};
 use super::types::{CameraClock, CameraStream};
 use crate::reprojection::{PointObservation, PoseFit, Scene, huber};
 use crate::statistics::median;
-use crate::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
-use mavsight_geometry::{Camera, Isometry3, Vector2};
+use crate::{BodyMarker, PoseEstimator, Rig};
+use mavsight_geometry::Isometry3;
 use nalgebra::{DMatrix, DVector};
 use std::collections::HashSet;
 
@@ -21,8 +21,7 @@ const SYSTEMATIC_STD_PX: f64 = 1.0;
 /// Whitened residuals longer than this many times the flight's scale weigh no more than one of that length.
 const BOUND: f64 = 2.5;
 
-/// Steps to a pose; one that needs more is taken as far as it has come. The step that promises to lower the
-/// chi-square by less is the last.
+/// Steps to a pose, which is taken as far as it has come, and the drop of chi-square that ends them.
 const MOST_STEPS: usize = 12;
 const CONVERGED: f64 = 1e-4;
 
@@ -44,6 +43,7 @@ impl View {
     }
 }
 
+#[derive(Default)]
 pub(super) struct Sums {
     /// Of unknowns, then of the centres' systematic errors.
     pub(super) normal: DMatrix<f64>,
@@ -75,8 +75,6 @@ pub(super) struct CameraSums {
 
 pub(super) struct Problem<'a> {
     pub(super) streams: &'a [CameraStream],
-    pub(super) cameras: Vec<Camera>,
-    pub(super) markers: &'a [BodyMarker],
     estimator: PoseEstimator,
     pub(super) instants: Vec<f64>,
     pub(super) poses: Vec<Option<Isometry3<f64>>>,
@@ -89,7 +87,7 @@ pub(super) struct Problem<'a> {
 }
 
 impl<'a> Problem<'a> {
-    pub(super) fn new(rig: &Rig, markers: &'a [BodyMarker], streams: &'a [CameraStream]) -> Self {
+    pub(super) fn new(rig: &Rig, markers: &[BodyMarker], streams: &'a [CameraStream]) -> Self {
         let fastest = streams
             .iter()
             .filter(|s| !s.observations.is_empty())
@@ -103,8 +101,6 @@ impl<'a> Problem<'a> {
         let instants: Vec<f64> = instants.into_iter().step_by(stride).collect();
         Self {
             streams,
-            cameras: rig.cameras.iter().map(|c| c.camera).collect(),
-            markers,
             estimator: PoseEstimator::new(rig, markers),
             poses: vec![None; instants.len()],
             leaping: HashSet::new(),
@@ -115,9 +111,9 @@ impl<'a> Problem<'a> {
     }
 
     pub(super) fn paths(&self, clocks: &[CameraClock]) -> Vec<Vec<PixelPath>> {
-        let one =
-            |(k, s): (usize, &CameraStream)| s.paths(self.cameras[k].size, self.markers.len(), &clocks[k]);
-        self.streams.iter().enumerate().map(one).collect()
+        let Scene { cameras, points } = self.scene();
+        let one = |k: usize| self.streams[k].paths(cameras[k].size, points.len(), &clocks[k]);
+        (0..self.streams.len()).map(one).collect()
     }
 
     pub(super) fn views(&self, paths: &[Vec<PixelPath>], t_s: f64, cameras: &[usize], out: &mut Vec<View>) {
@@ -129,40 +125,30 @@ impl<'a> Problem<'a> {
                     continue;
                 }
                 let Some(velocity) = at.velocity else { continue };
-                let pixel = at.pixel - self.systematic_of(camera, marker);
-                let Some(seen) = PointObservation::new(camera, marker, pixel, at.covariance_px2) else {
-                    continue;
-                };
-                let rows_px = self.streams[camera].rows_px(self.cameras[camera].size, &at.pixel);
-                out.push(View { seen, index: at.index, velocity, rows_px });
+                let pixel = at.pixel - self.systematic_px.fixed_rows::<2>(self.row(camera, marker));
+                let seen = PointObservation::new(camera, marker, pixel, at.covariance_px2);
+                let rows_px = self.streams[camera].rows_px(self.scene().cameras[camera].size, &at.pixel);
+                out.extend(seen.map(|seen| View { seen, index: at.index, velocity, rows_px }));
             }
         }
     }
 
-    fn systematic_of(&self, camera: usize, marker: usize) -> Vector2<f64> {
-        let at = 2 * (camera * self.markers.len() + marker);
-        Vector2::new(self.systematic_px[at], self.systematic_px[at + 1])
+    /// Where the systematic error of a centre begins.
+    fn row(&self, camera: usize, marker: usize) -> usize {
+        2 * (camera * self.scene().points.len() + marker)
     }
 
     /// First poses: of all cameras together, or of one of them where their clocks are too far apart for that.
     pub(super) fn find_poses(&mut self, clocks: &[CameraClock]) {
         let paths = self.paths(clocks);
-        let all: Vec<usize> = (0..self.cameras.len()).collect();
+        let all: Vec<usize> = (0..self.streams.len()).collect();
         let (mut views, mut previous) = (Vec::new(), None::<Isometry3<f64>>);
         for k in 0..self.instants.len() {
             self.views(&paths, self.instants[k], &all, &mut views);
-            let seen = |only: Option<usize>| -> Vec<MarkerObservation> {
-                let own = views.iter().map(|v| &v.seen).filter(|o| only.is_none_or(|c| c == o.camera));
-                own.map(|o| MarkerObservation {
-                    t_ns: 0,
-                    camera: o.camera,
-                    marker: o.point,
-                    pixel: o.pixel,
-                    covariance_px2: o.covariance_px2,
-                })
-                .collect()
+            let of = |only: Option<usize>| {
+                let own = views.iter().map(|v| v.seen).filter(|o| only.is_none_or(|c| c == o.camera));
+                self.estimator.estimate_views(&own.collect::<Vec<_>>(), previous.as_ref()).ok()
             };
-            let of = |only| self.estimator.estimate(0, &seen(only), previous.as_ref()).ok();
             let found = of(None).or_else(|| all.iter().find_map(|c| of(Some(*c)))).map(|e| e.world_from_body);
             previous = found.or(previous);
             self.poses[k] = previous;
@@ -184,11 +170,9 @@ impl<'a> Problem<'a> {
             gradient: DVector::zeros(size),
             blocks: vec![DVector::zeros(size); BLOCKS],
             by_noise: vec![0.0; unknowns.len()],
-            factors: Vec::new(),
             poses: self.poses.clone(),
-            instants: 0,
-            misfit: 0.0,
-            by_camera: vec![CameraSums::default(); self.cameras.len()],
+            by_camera: vec![CameraSums::default(); self.streams.len()],
+            ..Default::default()
         };
         let mut views = Vec::new();
         for k in (0..self.instants.len()).step_by(stride) {
@@ -197,15 +181,14 @@ impl<'a> Problem<'a> {
             let two = views.iter().any(|v| v.seen.camera != views[0].seen.camera);
             let Some(start) = self.poses[k].filter(|_| two && views.len() > 3) else { continue };
             let Some(fit) = self.fitted_pose(&views, &start) else { continue };
-            let (pose, chi_square) = (fit.world_from_body, fit.loss);
-            sums.poses[k] = Some(pose);
-            let redundancy = 2.0 * views.len() as f64 - 6.0;
+            sums.poses[k] = Some(fit.world_from_body);
+            let redundancy = fit.redundancy() as f64;
             sums.instants += 1;
-            sums.misfit += (chi_square / redundancy).sqrt();
+            sums.misfit += (fit.loss / redundancy).sqrt();
             // The median of a chi-square over its degrees of freedom is below one (Wilson & Hilferty 1931).
-            sums.factors.push(chi_square / redundancy / (1.0 - 2.0 / (9.0 * redundancy)).powi(3));
+            sums.factors.push(fit.loss / redundancy / (1.0 - 2.0 / (9.0 * redundancy)).powi(3));
             if !unknowns.is_empty() {
-                self.add(&mut sums, &views, &pose, unknowns, k);
+                self.add(&mut sums, &views, unknowns, k);
             }
         }
         sums
@@ -218,7 +201,7 @@ impl<'a> Problem<'a> {
     }
 
     pub(super) fn scene(&self) -> Scene<'_> {
-        Scene { cameras: &self.cameras, points: self.markers }
+        self.estimator.scene()
     }
 
     fn bound2(&self) -> f64 {
@@ -226,51 +209,31 @@ impl<'a> Problem<'a> {
     }
 
     /// One instant's share of the normal equations, its pose eliminated.
-    fn add(
-        &self,
-        sums: &mut Sums,
-        views: &[View],
-        pose: &Isometry3<f64>,
-        unknowns: &[Unknown],
-        instant: usize,
-    ) {
-        let (count, t_s) = (unknowns.len(), self.instants[instant]);
-        let block = instant * BLOCKS / self.instants.len();
-        let size = count + 2 * views.len();
-        let mut columns = DMatrix::zeros(2 * views.len(), size);
+    fn add(&self, sums: &mut Sums, views: &[View], unknowns: &[Unknown], instant: usize) {
+        let (Some(pose), t_s) = (sums.poses[instant], self.instants[instant]) else { return };
+        let mut columns = DMatrix::zeros(2 * views.len(), sums.gradient.len());
         let mut jacobians = DMatrix::zeros(2 * views.len(), 6);
-        let mut residuals = DVector::zeros(2 * views.len());
+        let mut residuals = DMatrix::zeros(2 * views.len(), 1);
         for (i, v) in views.iter().enumerate() {
-            let Ok(at) = self.scene().at(&v.seen, pose) else { return };
+            let Ok(at) = self.scene().at(&v.seen, &pose) else { return };
             let root = huber(at.whitened.norm_squared(), self.bound2()).0.sqrt();
             jacobians.fixed_view_mut::<2, 6>(2 * i, 0).copy_from(&(at.by_pose * root));
-            residuals.fixed_rows_mut::<2>(2 * i).copy_from(&(at.whitened * root));
-            columns.fixed_view_mut::<2, 2>(2 * i, count + 2 * i).copy_from(&(v.seen.whitener * -root));
+            residuals.fixed_view_mut::<2, 1>(2 * i, 0).copy_from(&(at.whitened * root));
+            let own = unknowns.len() + self.row(v.seen.camera, v.seen.point);
+            columns.fixed_view_mut::<2, 2>(2 * i, own).copy_from(&(v.seen.whitener * -root));
             for (u, (_, part)) in unknowns.iter().enumerate().filter(|(_, u)| u.0 == v.seen.camera) {
                 let slope = v.seen.whitener * v.velocity.px_s * (root * v.factor(*part, t_s));
                 columns.fixed_view_mut::<2, 1>(2 * i, u).copy_from(&slope);
             }
         }
-        let inverse = (jacobians.transpose() * &jacobians).cholesky().map(|c| c.inverse());
-        let Some(inverse) = inverse else { return };
-        let cross = jacobians.transpose() * &columns;
-        let normal = columns.transpose() * &columns - cross.transpose() * &inverse * &cross;
-        let gradient = columns.transpose() * &residuals
-            - cross.transpose() * (&inverse * (jacobians.transpose() * &residuals));
-        let place = |c: usize| {
-            if c < count {
-                return c;
-            }
-            let o = &views[(c - count) / 2].seen;
-            count + 2 * (o.camera * self.markers.len() + o.point) + (c - count) % 2
-        };
-        for a in 0..size {
-            sums.gradient[place(a)] += gradient[a];
-            sums.blocks[block][place(a)] += gradient[a];
-            for b in 0..size {
-                sums.normal[(place(a), place(b))] += normal[(a, b)];
-            }
-        }
+        let Some(factor) = jacobians.tr_mul(&jacobians).cholesky() else { return };
+        let inverse = factor.inverse();
+        // Less what the pose explains of them.
+        let left = |m: DMatrix<f64>| &m - &jacobians * factor.solve(&jacobians.tr_mul(&m));
+        let gradient = columns.tr_mul(&left(residuals)).column(0).into_owned();
+        sums.normal += columns.tr_mul(&left(columns.clone()));
+        sums.blocks[instant * BLOCKS / self.instants.len()] += &gradient;
+        sums.gradient += gradient;
         for (i, v) in views.iter().enumerate() {
             // What remains of a unit error of each coordinate beside the pose.
             let own = jacobians.fixed_rows::<2>(2 * i);
@@ -280,8 +243,9 @@ impl<'a> Problem<'a> {
             camera.at_unit_speed += 0.5 * left * white2;
             camera.observations += 1.0;
             camera.speed2 += v.velocity.px_s.norm_squared() - 2.0 * self.scale * gain_per_s2 / white2;
-            let depth_m = (self.cameras[v.seen.camera].centre_in_world() - pose.translation.vector).norm();
-            camera.metres_a_pixel += depth_m / self.cameras[v.seen.camera].intrinsics.fx_px.abs();
+            let filmed_by = &self.scene().cameras[v.seen.camera];
+            let depth_m = (filmed_by.centre_in_world() - pose.translation.vector).norm();
+            camera.metres_a_pixel += depth_m / filmed_by.intrinsics.fx_px.abs();
             for (u, (_, part)) in unknowns.iter().enumerate().filter(|(_, u)| u.0 == v.seen.camera) {
                 sums.by_noise[u] += gain_per_s2 * left * v.factor(*part, t_s).powi(2);
             }
@@ -306,9 +270,53 @@ impl<'a> Problem<'a> {
 }
 
 impl Sums {
-    /// Factor on the claimed variances: the median over instants, which a spell of wrong observations does
-    /// not raise.
+    /// Factor on the claimed variances: the median over instants, which a few wrong ones do not raise.
     pub(super) fn scale(&self) -> f64 {
         if self.factors.is_empty() { 1.0 } else { median(self.factors.clone()).max(1e-6) }
+    }
+}
+
+/// A path so many times as fast as the poses, at the time and on the whole, does not show the marker.
+const LEAP: f64 = 3.0;
+
+impl Problem<'_> {
+    /// Leaves out observations whose paths move much faster than the poses.
+    ///
+    /// A path through a few frames of another object has a hundred times the marker's speed, and the
+    /// information on a clock goes with the square of that; bounded residuals do not help, as observations
+    /// next to a leap have none (leverage points, Rousseeuw & Leroy 1987).
+    pub(super) fn leave_out_leaps(&mut self, clocks: &[CameraClock]) {
+        let paths = self.paths(clocks);
+        let all: Vec<usize> = (0..self.streams.len()).collect();
+        let apart_s = self.streams.iter().map(|s| s.interval_s).fold(f64::INFINITY, f64::min);
+        let (mut views, mut beside) = (Vec::new(), Vec::new());
+        // Of each view: which it is, its speed, and that of the pose.
+        let mut speeds: Vec<((usize, usize, usize), f64, f64)> = Vec::new();
+        for k in 0..self.instants.len() {
+            let Some(near) = self.poses[k] else { continue };
+            let mut pose_at = |t_s: f64| {
+                self.views(&paths, t_s, &all, &mut beside);
+                (beside.len() > 3).then(|| Some(self.fitted_pose(&beside, &near)?.world_from_body)).flatten()
+            };
+            let t_s = self.instants[k];
+            let (before, after) = (pose_at(t_s - 0.5 * apart_s), pose_at(t_s + 0.5 * apart_s));
+            let Some((before, after)) = before.zip(after) else { continue };
+            self.views(&paths, t_s, &all, &mut views);
+            for v in &views {
+                let seen = |pose| self.scene().at(&v.seen, pose).ok().map(|at| at.projection.pixel);
+                let Some((from, to)) = seen(&before).zip(seen(&after)) else { continue };
+                let of_pose = (to - from).norm() / apart_s;
+                speeds.push(((v.seen.camera, v.seen.point, v.index), v.velocity.px_s.norm(), of_pose));
+            }
+        }
+        for camera in all {
+            let own = || speeds.iter().filter(|s| s.0.0 == camera);
+            let mut usual: Vec<f64> = own().map(|s| s.2).collect();
+            usual.sort_by(f64::total_cmp);
+            // Nine tenths of the flight is slower; the rest may be what wrong observations do to poses.
+            let Some(fast) = usual.get(usual.len() * 9 / 10).copied() else { continue };
+            let leaps = own().filter(|s| s.1 > LEAP * (s.2 + fast)).map(|s| s.0);
+            self.leaping.extend(leaps);
+        }
     }
 }

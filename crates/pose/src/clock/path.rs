@@ -2,6 +2,7 @@
 
 use mavsight_geometry::{Matrix2, Vector2};
 use nalgebra::{Matrix4, Vector4};
+use std::ops::Range;
 
 /// Times that differ by less are one: what moves at 500 px/s goes a two-hundredth of a pixel in it.
 const SAME_S: f64 = 10e-6;
@@ -11,7 +12,7 @@ const SAME_S: f64 = 10e-6;
 const SIDE: usize = 3;
 
 /// Observations from which a cubic is determined with little more noise than a parabola.
-const CUBIC_SIGHTS: usize = 6;
+const CUBIC_OBSERVATIONS: usize = 6;
 
 /// Frames further apart than this many intervals have a gap between them.
 const GAP_INTERVALS: f64 = 1.5;
@@ -22,10 +23,15 @@ const BEYOND_INTERVALS: f64 = 0.5;
 /// The centres of one marker in one camera, each at its own time.
 #[derive(Debug, Clone, Default)]
 pub struct PixelPath {
-    t_s: Vec<f64>,
-    pixels: Vec<Vector2<f64>>,
-    covariances_px2: Vec<Matrix2<f64>>,
+    centres: Vec<Centre>,
     interval_s: f64,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Centre {
+    t_s: f64,
+    pixel: Vector2<f64>,
+    covariance_px2: Matrix2<f64>,
 }
 
 /// A path at one time.
@@ -59,14 +65,10 @@ impl PixelPath {
     /// Adds an observation and says whether it was taken; one that is not later than the last, or not finite,
     /// is passed over.
     pub fn push(&mut self, t_s: f64, pixel: Vector2<f64>, covariance_px2: Matrix2<f64>) -> bool {
-        let is_later = self.t_s.last().is_none_or(|last| t_s > *last);
+        let is_later = self.centres.last().is_none_or(|last| t_s > last.t_s);
         let is_number = pixel.iter().chain(covariance_px2.iter()).all(|v| v.is_finite());
         let is_taken = is_later && t_s.is_finite() && is_number;
-        if is_taken {
-            self.t_s.push(t_s);
-            self.pixels.push(pixel);
-            self.covariances_px2.push(covariance_px2);
-        }
+        self.centres.extend(is_taken.then_some(Centre { t_s, pixel, covariance_px2 }));
         is_taken
     }
 
@@ -75,16 +77,12 @@ impl PixelPath {
     pub fn forget_before(&mut self, t_s: f64) -> usize {
         // The nearest observation is at most half a gap off, and the others of its run each a gap further.
         let needed_s = t_s - (SIDE as f64 + 1.0) * GAP_INTERVALS * self.interval_s;
-        let gone = self.t_s.partition_point(|t| *t < needed_s);
-        self.t_s.drain(..gone);
-        self.pixels.drain(..gone);
-        self.covariances_px2.drain(..gone);
-        gone
+        self.centres.drain(..self.centres.partition_point(|c| c.t_s < needed_s)).count()
     }
 
     /// Whether no observation is left.
     pub fn is_empty(&self) -> bool {
-        self.t_s.is_empty()
+        self.centres.is_empty()
     }
 
     /// Where the marker was at a time; `None` where no observation is near enough.
@@ -94,93 +92,59 @@ impl PixelPath {
     /// observation at this very time is taken as it is. Nothing reaches across a gap, and at the end of a run
     /// no further than half an interval.
     pub fn at(&self, t_s: f64) -> Option<PathPoint> {
-        let index = self.nearest(t_s)?;
-        let dt_s = t_s - self.t_s[index];
-        let (from, to) = self.run_about(index);
+        let distance = |k: &usize| (self.centres[*k].t_s - t_s).abs();
+        let after = self.centres.partition_point(|c| c.t_s < t_s);
+        let near = after.saturating_sub(1)..(after + 1).min(self.centres.len());
+        let index = near.min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+        let Centre { t_s: own_s, pixel, covariance_px2 } = self.centres[index];
+        let dt_s = t_s - own_s;
+        let run = self.run_about(index);
         let is_same = dt_s.abs() <= SAME_S;
-        let beyond = if dt_s < 0.0 { from == index } else { to == index };
-        let reach = if beyond { BEYOND_INTERVALS } else { 0.5 * GAP_INTERVALS };
+        let is_beyond = if dt_s < 0.0 { run.start == index } else { run.end == index + 1 };
+        let reach = if is_beyond { BEYOND_INTERVALS } else { 0.5 * GAP_INTERVALS };
         if !is_same && dt_s.abs() > reach * self.interval_s * (1.0 + 1e-6) {
             return None;
         }
-        let as_it_is = PathPoint {
-            index,
-            pixel: self.pixels[index],
-            covariance_px2: self.covariances_px2[index],
-            velocity: None,
+        let as_it_is = PathPoint { index, pixel, covariance_px2, velocity: None };
+        let is_cubic = run.len() >= CUBIC_OBSERVATIONS;
+        let powers = |k: usize| {
+            let x = (self.centres[k].t_s - own_s) / self.interval_s;
+            Vector4::new(1.0, x, x * x, if is_cubic { x * x * x } else { 0.0 })
         };
-        let Some(inverse) = self.inverse_of(index, from, to) else { return is_same.then_some(as_it_is) };
+        let mut normal: Matrix4<f64> = run.clone().map(|k| powers(k) * powers(k).transpose()).sum();
+        if !is_cubic {
+            normal[(3, 3)] = 1.0;
+        }
+        let Some(factor) = normal.cholesky().filter(|_| run.len() > 2) else {
+            return is_same.then_some(as_it_is);
+        };
         let x = dt_s / self.interval_s;
         let (mut pixel, mut covariance_px2) = (Vector2::zeros(), Matrix2::zeros());
         let (mut px_s, mut gain_per_s2) = (Vector2::zeros(), 0.0);
-        for k in from..=to {
-            let at = (self.t_s[k] - self.t_s[index]) / self.interval_s;
-            let local = inverse * powers(at);
+        for k in run {
+            let local = factor.solve(&powers(k));
             let own = if k == index { 1.0 } else { 0.0 };
             let weight = own + x * (local.y + x * (local.z + x * local.w));
-            pixel += self.pixels[k] * weight;
-            covariance_px2 += self.covariances_px2[k] * (weight * weight);
+            pixel += self.centres[k].pixel * weight;
+            covariance_px2 += self.centres[k].covariance_px2 * (weight * weight);
             let slope = (local.y + x * (2.0 * local.z + 3.0 * x * local.w)) / self.interval_s;
-            px_s += self.pixels[k] * slope;
+            px_s += self.centres[k].pixel * slope;
             gain_per_s2 += slope * slope;
         }
         let velocity = Some(PathVelocity { px_s, gain_per_s2 });
-        Some(if is_same {
-            PathPoint { velocity, ..as_it_is }
-        } else {
-            PathPoint { index, pixel, covariance_px2, velocity }
-        })
+        let brought = PathPoint { index, pixel, covariance_px2, velocity };
+        Some(if is_same { PathPoint { velocity, ..as_it_is } } else { brought })
     }
 
-    fn nearest(&self, t_s: f64) -> Option<usize> {
-        let after = self.t_s.partition_point(|t| *t < t_s);
-        match (after.checked_sub(1), self.t_s.get(after)) {
-            (Some(before), Some(next)) => {
-                Some(if t_s - self.t_s[before] <= next - t_s { before } else { after })
-            }
-            (Some(before), None) => Some(before),
-            (None, Some(_)) => Some(after),
-            (None, None) => None,
-        }
+    /// The observations around one without a gap between.
+    fn run_about(&self, index: usize) -> Range<usize> {
+        let is_joined =
+            |k: usize| self.centres[k].t_s - self.centres[k - 1].t_s <= GAP_INTERVALS * self.interval_s;
+        let before = (index.saturating_sub(SIDE)..index).rev().take_while(|k| is_joined(k + 1)).count();
+        let last = (index + SIDE + 1).min(self.centres.len());
+        let after = (index + 1..last).take_while(|k| is_joined(*k)).count();
+        index - before..index + after + 1
     }
-
-    /// First and last of the observations around one without a gap between.
-    fn run_about(&self, index: usize) -> (usize, usize) {
-        let joined = |k: usize| self.t_s[k + 1] - self.t_s[k] <= GAP_INTERVALS * self.interval_s;
-        let (mut from, mut to) = (index, index);
-        while from > 0 && index - from < SIDE && joined(from - 1) {
-            from -= 1;
-        }
-        while to + 1 < self.t_s.len() && to - index < SIDE && joined(to) {
-            to += 1;
-        }
-        (from, to)
-    }
-
-    /// Inverse normal matrix of the cubic, time in intervals from the observation, its last row and column
-    /// zero where a parabola does; `None` for fewer than three observations.
-    fn inverse_of(&self, index: usize, from: usize, to: usize) -> Option<Matrix4<f64>> {
-        let count = to - from + 1;
-        if count < 3 {
-            return None;
-        }
-        let mut normal = Matrix4::zeros();
-        for k in from..=to {
-            let row = powers((self.t_s[k] - self.t_s[index]) / self.interval_s);
-            normal += row * row.transpose();
-        }
-        if count >= CUBIC_SIGHTS {
-            return normal.cholesky().map(|c| c.inverse());
-        }
-        let parabola = normal.fixed_view::<3, 3>(0, 0).into_owned().cholesky()?.inverse();
-        let mut inverse = Matrix4::zeros();
-        inverse.fixed_view_mut::<3, 3>(0, 0).copy_from(&parabola);
-        Some(inverse)
-    }
-}
-
-fn powers(x: f64) -> Vector4<f64> {
-    Vector4::new(1.0, x, x * x, x * x * x)
 }
 
 #[cfg(test)]
@@ -244,7 +208,7 @@ mod tests {
             let (a, b) = (whole.at(t), short.at(t));
             assert_eq!(a.map(|p| (p.pixel, p.covariance_px2)), b.map(|p| (p.pixel, p.covariance_px2)), "{t}");
         }
-        let kept = short.t_s.len();
+        let kept = short.centres.len();
         assert!(kept <= 7, "{kept} kept");
         assert!(short.forget_before(100.0) == kept && short.is_empty() && short.at(2.0).is_none());
     }

@@ -4,8 +4,7 @@ use super::equations::{Problem, Sums, Unknown};
 use super::types::{CameraClock, ClockEstimate, ClockVerdict, DRIFT, LINE_TIME, OFFSET};
 use nalgebra::{DMatrix, DVector};
 
-/// A clock counts as determined where its offset's standard deviation is at most this part of a frame's
-/// interval.
+/// Part of a frame's interval to which a determined clock's offset is known.
 const DETERMINED_INTERVALS: f64 = 0.125;
 
 /// A difference of this many standard deviations is not by chance: one in sixteen thousand normal numbers is.
@@ -18,8 +17,7 @@ const RELEVANT_STD: f64 = 0.25;
 /// An offset of which nothing is known is sought this far on either side of the start.
 const REACH_S: f64 = 1.0;
 
-/// A coarse offset is taken where its misfit is less than this part of that at the start: beyond what noise
-/// does.
+/// Part of the misfit at the start below which a coarse offset is taken: beyond what noise does.
 const MUCH_BETTER: f64 = 0.9;
 
 const COARSE_INSTANTS: usize = 80;
@@ -178,42 +176,39 @@ fn conclude(
     drift_std: &[f64],
     out: &mut [ClockEstimate],
 ) {
-    for (u, (camera, part)) in unknowns.iter().enumerate() {
+    for ((camera, part), std) in unknowns.iter().zip(&found.std) {
         let (stream, of) = (&problem.streams[*camera], &found.sums.by_camera[*camera]);
-        let estimate = &mut out[*camera];
+        let (estimate, std) = (&mut out[*camera], *std);
         estimate.shown = found.clocks[*camera];
         match *part {
-            DRIFT => estimate.drift_std = found.std[u],
+            DRIFT => estimate.drift_std = std,
             LINE_TIME => {
-                estimate.line_time_std_s = found.std[u];
-                if estimate.shown.line_time_s.abs() > SIGNIFICANT * found.std[u] {
+                estimate.line_time_std_s = std;
+                if estimate.shown.line_time_s.abs() > SIGNIFICANT * std {
                     estimate.clock.line_time_s = estimate.shown.line_time_s;
                 }
             }
             _ => {
-                estimate.offset_std_s = found.std[u];
+                estimate.offset_std_s = std;
                 estimate.drift_std = drift_std[*camera];
                 let speed_px_s = (of.speed2 / of.observations.max(1.0)).max(0.0).sqrt();
                 let limit_s = DETERMINED_INTERVALS * stream.interval_s;
-                let shift_s = (found.clocks[*camera].offset_s - stream.prior.clock.offset_s).abs();
+                let shift_s = (estimate.shown.offset_s - stream.prior.clock.offset_s).abs();
                 let white_px = (of.observations / (2.0 * of.at_unit_speed).max(1e-300)).sqrt();
-                let is_drifting = found.clocks[*camera].drift != stream.prior.clock.drift;
-                estimate.verdict = if found.std[u] > limit_s && shift_s < 2.0 * SIGNIFICANT * found.std[u] {
+                let is_drifting = estimate.shown.drift != stream.prior.clock.drift;
+                estimate.verdict = if std > limit_s && shift_s < 2.0 * SIGNIFICANT * std {
                     let needed_px_s = (problem.scale / of.at_unit_speed.max(1e-300)).sqrt() / limit_s;
                     let needed_m_s = needed_px_s * of.metres_a_pixel / of.observations.max(1.0);
                     ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s }
-                } else if !is_drifting
-                    && (shift_s < SIGNIFICANT * found.std[u]
-                        || shift_s * speed_px_s < RELEVANT_STD * white_px)
+                } else if is_drifting
+                    || (shift_s >= SIGNIFICANT * std && shift_s * speed_px_s >= RELEVANT_STD * white_px)
                 {
-                    ClockVerdict::InStep
-                } else {
+                    let line_time_s = estimate.clock.line_time_s;
+                    estimate.clock = CameraClock { line_time_s, ..estimate.shown };
                     ClockVerdict::SetRight
+                } else {
+                    ClockVerdict::InStep
                 };
-                if estimate.verdict == ClockVerdict::SetRight {
-                    estimate.clock.offset_s = estimate.shown.offset_s;
-                    estimate.clock.drift = estimate.shown.drift;
-                }
             }
         }
     }

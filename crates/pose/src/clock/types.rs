@@ -156,15 +156,10 @@ pub struct ClockEstimate {
 }
 
 impl ClockEstimate {
-    pub(super) fn as_given(prior: &ClockPrior, verdict: ClockVerdict) -> Self {
-        Self {
-            clock: prior.clock,
-            shown: prior.clock,
-            offset_std_s: prior.offset_std_s,
-            drift_std: prior.drift_std,
-            line_time_std_s: prior.line_time_std_s,
-            verdict,
-        }
+    pub(super) fn as_given(prior: &ClockPrior) -> Self {
+        let ClockPrior { clock, offset_std_s, drift_std, line_time_std_s } = *prior;
+        let verdict = ClockVerdict::Known;
+        Self { clock, shown: clock, offset_std_s, drift_std, line_time_std_s, verdict }
     }
 }
 

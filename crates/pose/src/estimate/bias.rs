@@ -62,7 +62,8 @@ impl PoseEstimator {
     ) -> Result<f64, PoseError> {
         let unit = self.clone().with_centre_bias(1.0)?;
         let every = (poses.len() / SAMPLED_FRAMES).max(1);
-        let mut products = LaggedProducts::default();
+        // Sum and number of the products, and the residuals of the longest lag.
+        let (mut product, mut pairs, mut recent) = (0.0, 0.0, VecDeque::new());
         let (mut explained, mut by_unit, mut sampled) = (0.0, 0.0, 0.0);
         let mut seen = Vec::new();
         for (k, pose) in poses.iter().enumerate() {
@@ -85,12 +86,20 @@ impl PoseEstimator {
                     sampled += views.len() as f64;
                 }
             }
-            products.add(pose.t_ns, row);
+            let is_old = |before: &Residuals| (pose.t_ns - before.t_ns) as f64 * 1e-9 > LONGEST_LAG_S;
+            while recent.front().is_some_and(is_old) {
+                recent.pop_front();
+            }
+            let both = recent.iter().flat_map(|before: &Residuals| before.whitened.iter().zip(&row));
+            for (a, b) in both.filter_map(|(a, b)| a.zip(*b)) {
+                product += a.dot(&b);
+                pairs += 1.0;
+            }
+            recent.push_back(Residuals { t_ns: pose.t_ns, whitened: row });
         }
         if self.errors.is_fitted {
             explained = 0.0;
         }
-        let LaggedProducts { product, pairs, .. } = products;
         if pairs < 1.0 || by_unit <= 0.0 {
             return Ok(0.0);
         }
@@ -98,29 +107,8 @@ impl PoseEstimator {
     }
 }
 
-/// Sum and number of the products of each observation's residuals at two times, as they come; no more than
-/// those of the longest lag are held.
-#[derive(Default)]
-struct LaggedProducts {
-    product: f64,
-    pairs: f64,
-    recent: VecDeque<(i64, Vec<Option<Vector2<f64>>>)>,
-}
-
-impl LaggedProducts {
-    fn add(&mut self, t_ns: i64, row: Vec<Option<Vector2<f64>>>) {
-        let is_old = |before_ns: i64| (t_ns - before_ns) as f64 * 1e-9 > LONGEST_LAG_S;
-        while self.recent.front().is_some_and(|(before_ns, _)| is_old(*before_ns)) {
-            self.recent.pop_front();
-        }
-        for (_, before) in &self.recent {
-            for (a, b) in before.iter().zip(&row) {
-                if let (Some(a), Some(b)) = (a, b) {
-                    self.product += a.dot(b);
-                    self.pairs += 1.0;
-                }
-            }
-        }
-        self.recent.push_back((t_ns, row));
-    }
+/// Whitened residuals of one instant, camera by camera.
+struct Residuals {
+    t_ns: i64,
+    whitened: Vec<Option<Vector2<f64>>>,
 }

@@ -1,8 +1,8 @@
 //! The estimator: a rig, a body, and what is not known of them.
 
+use super::sample::BodyMarker;
 use super::sample::{MarkerSet, PoseEstimate};
 use super::systematic::SystematicErrors;
-use super::types::BodyMarker;
 use crate::reprojection::{PointObservation, Scene};
 use crate::{MarkerObservation, PoseError, RefinedFlight, Rig};
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Vector2};
@@ -67,7 +67,7 @@ impl PoseEstimator {
         Ok(out)
     }
 
-    pub(super) fn scene(&self) -> Scene<'_> {
+    pub(crate) fn scene(&self) -> Scene<'_> {
         Scene { cameras: &self.cameras, points: &self.markers }
     }
 

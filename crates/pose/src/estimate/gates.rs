@@ -5,12 +5,10 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
 /// Share of correct observations that a gate rejects.
 const GATE_PROBABILITY: f64 = 0.001;
 
-/// What two poses' chi-squares must differ by for the odds of the better one to be 999 to 1: 2 ln 999. It is
-/// also the 99.9 % quantile of chi-square with two degrees of freedom.
+/// Difference of two poses' chi-squares for odds of 999 to 1: 2 ln 999.
 pub(super) const DECISIVE_CHI_SQUARE: f64 = 13.814;
 
-/// Degrees of freedom of the claimed covariances against one instant's residuals: four markers in two
-/// cameras.
+/// Degrees of freedom of the claimed covariances against an instant's: four markers in two cameras.
 pub(super) const CLAIM_DEGREES: f64 = 10.0;
 
 /// The 99.9 % quantile of chi-square.

@@ -2,10 +2,10 @@
 
 use super::estimator::PoseEstimator;
 use super::gates::{beyond_f_gate, chi_square_gate, noise_factor};
+use super::sample::PredictedObservation;
 use super::sample::{MarkerSet, PoseEstimate};
 use super::solve::MAX_STEPS;
 use super::start::of_markers;
-use super::types::PredictedObservation;
 use crate::reprojection::{PointObservation, PoseFit};
 use crate::{MarkerObservation, PoseError};
 use mavsight_geometry::{Camera, Isometry3, Point3, Vector2};
@@ -31,16 +31,24 @@ impl PoseEstimator {
         observations: &[MarkerObservation],
         previous: Option<&Isometry3<f64>>,
     ) -> Result<PoseEstimate, PoseError> {
-        let views = self.views(observations.iter().filter(|o| o.t_ns == t_ns))?;
+        self.estimate_views(&self.views(observations.iter().filter(|o| o.t_ns == t_ns))?, previous)
+    }
+
+    /// [`Self::estimate`] of observations without the constant errors of their centres.
+    pub(crate) fn estimate_views(
+        &self,
+        views: &[PointObservation],
+        previous: Option<&Isometry3<f64>>,
+    ) -> Result<PoseEstimate, PoseError> {
         let mut used: MarkerSet = views.iter().map(|s| s.point).collect();
         let all = used;
-        let mut fit = self.solve(&views, used, previous);
+        let mut fit = self.solve(views, used, previous);
         while used.len() > 3 {
-            let Some((drop, without)) = self.disagreeing(&views, used, &fit, previous) else { break };
+            let Some((drop, without)) = self.disagreeing(views, used, &fit, previous) else { break };
             used = used.without(drop);
             fit = Ok(without);
         }
-        let own = of_markers(&views, used);
+        let own = of_markers(views, used);
         let fit = self.bounded_from(&own, fit?);
         self.refuse_misfit(&fit, used)?;
         let residual_px = fit.residual_px();
@@ -148,5 +156,64 @@ impl PoseEstimator {
             return Err(PoseError::NotRigid { residual_px, times: fit.variance_factor().sqrt() });
         }
         Ok(())
+    }
+}
+
+/// How far observations lie from where the best pose has them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReprojectionFit {
+    /// Root mean square residual, all observations counted.
+    pub residual_px: f64,
+    /// In standard deviations as they are to be expected of centres, cameras and markers: 1 on average.
+    pub ratio: f64,
+}
+
+impl PoseEstimator {
+    /// How well the observations of one instant fit, none left out and none refused; without a number where
+    /// no pose was found (`ratio` is infinite then), and `None` for observations that fit anything.
+    ///
+    /// # Errors
+    /// [`PoseError::BadObservation`].
+    pub fn reprojection_fit(
+        &self,
+        observations: &[MarkerObservation],
+    ) -> Result<Option<ReprojectionFit>, PoseError> {
+        let views = self.views(observations)?;
+        let used: MarkerSet = views.iter().map(|s| s.point).collect();
+        if used.len() < 3 || 2 * views.len() <= 6 {
+            return Ok(None);
+        }
+        let Ok(fit) = self.solve(&views, used, None) else {
+            return Ok(Some(ReprojectionFit { residual_px: f64::INFINITY, ratio: f64::INFINITY }));
+        };
+        let expected = self.claimed_excess(&views, used, &fit);
+        let ratio = (fit.chi_square / fit.redundancy().max(1) as f64 / expected).sqrt();
+        Ok(Some(ReprojectionFit { residual_px: fit.residual_px(), ratio }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::estimate::tests::{body, seen, truth};
+    use crate::testing::rig;
+    use crate::{PoseEstimator, ReprojectionFit};
+
+    #[test]
+    fn noise_as_claimed_fits_once_and_a_camera_in_the_place_of_another_does_not() {
+        let estimator = PoseEstimator::new(&rig(), &body());
+        let (mut seed, mut squares, trials) = (5, 0.0, 60);
+        for _ in 0..trials {
+            let mut now = seen(&truth(), 0.1, &mut seed);
+            let fit = estimator.reprojection_fit(&now).unwrap().unwrap();
+            squares += fit.ratio.powi(2) / f64::from(trials);
+            assert!(fit.residual_px < 0.2, "{fit:?}");
+            now.iter_mut().for_each(|o| o.camera = 1 - o.camera);
+            let ReprojectionFit { ratio, .. } = estimator.reprojection_fit(&now).unwrap().unwrap();
+            assert!(ratio > 20.0, "{ratio}");
+        }
+        // Mean of a chi-square over its ten degrees of freedom, sixty ratio.
+        assert!((squares - 1.0).abs() < 0.2, "{squares}");
+        let few = &seen(&truth(), 0.1, &mut seed)[..3];
+        assert_eq!(estimator.reprojection_fit(few).unwrap(), None);
     }
 }

@@ -1,6 +1,8 @@
-//! A measured pose, in as few bytes as say it: an hour of film has a hundred thousand.
+//! The body, predictions for planning, and a measured pose in as few bytes as say it: an hour of film has a
+//! hundred thousand.
 
-use mavsight_geometry::{Isometry3, Matrix6};
+use crate::PoseError;
+use mavsight_geometry::{Isometry3, Matrix2, Matrix6, Vector3};
 use nalgebra::{Matrix6xX, Vector6};
 
 /// Some of a body's markers.
@@ -61,9 +63,9 @@ pub struct PoseEstimate {
     pub left_out: MarkerSet,
     /// What is new in each frame: the upper triangle, by columns.
     own: [f64; TRIANGLE],
-    /// Systematic part: columns of six, or a lower triangle by columns, which no number of columns is as long
-    /// as.
+    /// Systematic part, by columns.
     systematic: Box<[f32]>,
+    is_condensed: bool,
 }
 
 const TRIANGLE: usize = 21;
@@ -77,24 +79,24 @@ impl PoseEstimate {
     /// A pose of which all errors are new in each frame, by no markers that have a name.
     pub fn new(world_from_body: Isometry3<f64>, covariance: &Matrix6<f64>) -> Self {
         let mut own = [0.0; TRIANGLE];
-        own.iter_mut()
-            .zip(places())
-            .for_each(|(v, (i, j))| *v = 0.5 * (covariance[(i, j)] + covariance[(j, i)]));
-        let (residual_px, markers_used, left_out, systematic) = Default::default();
-        Self { world_from_body, residual_px, markers_used, left_out, own, systematic }
+        let mean = |(i, j)| 0.5 * (covariance[(i, j)] + covariance[(j, i)]);
+        own.iter_mut().zip(places()).for_each(|(value, at)| *value = mean(at));
+        let (residual_px, markers_used, left_out, systematic, is_condensed) = Default::default();
+        Self { world_from_body, residual_px, markers_used, left_out, own, systematic, is_condensed }
     }
 
     /// Adds what the systematic errors of cameras and marker positions do to this pose. Each column is one
     /// standard deviation along one independent direction, the same directions in all poses of a flight.
     #[must_use]
     pub fn with_systematic(self, columns: &Matrix6xX<f32>) -> Self {
-        Self { systematic: columns.as_slice().into(), ..self }
+        Self { systematic: columns.as_slice().into(), is_condensed: false, ..self }
     }
 
     /// [`Self::with_systematic`] of columns in double precision, without a copy of them in between.
     #[must_use]
     pub(crate) fn with_rounded(self, columns: &Matrix6xX<f64>) -> Self {
-        Self { systematic: columns.as_slice().iter().map(|v| *v as f32).collect(), ..self }
+        let systematic = columns.as_slice().iter().map(|v| *v as f32).collect();
+        Self { systematic, is_condensed: false, ..self }
     }
 
     /// States which markers entered, which were left out, and the residual that they leave.
@@ -125,32 +127,21 @@ impl PoseEstimate {
     /// The part S of the covariance S Sᵀ that is not new in each frame, in single precision: seven digits of
     /// a standard deviation. No columns: none is known.
     pub fn systematic(&self) -> Matrix6xX<f32> {
-        let mut out = Matrix6xX::zeros(self.systematic_columns());
-        for c in 0..out.ncols() {
-            out.set_column(c, &self.systematic_column(c).map(|v| v as f32));
-        }
-        out
+        Matrix6xX::from_column_slice(&self.systematic)
     }
 
     /// Number of columns of that.
     pub fn systematic_columns(&self) -> usize {
-        if self.is_condensed() { 6 } else { self.systematic.len() / 6 }
+        self.systematic.len() / 6
     }
 
     /// Whether the systematic columns are those of [`Self::condensed`], which do not say how poses err
     /// together.
     pub fn is_condensed(&self) -> bool {
-        self.systematic.len() == TRIANGLE
+        self.is_condensed
     }
 
     pub(crate) fn systematic_column(&self, c: usize) -> Vector6<f64> {
-        if self.is_condensed() {
-            // A lower triangle's columns are an upper one's rows.
-            let start = c * (13 - c) / 2;
-            return Vector6::from_fn(
-                |i, _| if i < c { 0.0 } else { f64::from(self.systematic[start + i - c]) },
-            );
-        }
         Vector6::from_fn(|i, _| f64::from(self.systematic[6 * c + i]))
     }
 
@@ -175,15 +166,40 @@ impl PoseEstimate {
         }
         // S Sᵀ = Rᵀ R where Sᵀ = Q R.
         let rows = self.systematic().map(f64::from).transpose();
-        let root = rows.qr().r();
-        let lower = places_below().map(|(i, j)| root[(j, i)] as f32).collect();
-        Self { systematic: lower, ..self }
+        let root = rows.qr().r().transpose().map(|v| v as f32);
+        Self { systematic: root.as_slice().into(), is_condensed: true, ..self }
     }
 }
 
-/// Row and column of each number of a lower triangle, by columns.
-fn places_below() -> impl Iterator<Item = (usize, usize)> {
-    (0..6).flat_map(|j| (j..6).map(move |i| (i, j)))
+/// A ball on the body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BodyMarker {
+    /// Its name in messages.
+    pub name: String,
+    /// Centre of the ball, body axes.
+    pub marker_in_body_m: Vector3<f64>,
+    /// Radius of the ball; 0 for a point.
+    pub radius_m: f64,
+}
+
+/// The prediction of an observation, for planning.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PredictedObservation {
+    /// Index of the camera in the rig.
+    pub camera: usize,
+    /// Index of the marker on the body.
+    pub marker: usize,
+    /// Covariance that the centre of its image will have.
+    pub covariance_px2: Matrix2<f64>,
+}
+
+/// One instant: a pose, or why there is none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PoseSample {
+    /// Middle of the exposure.
+    pub t_ns: i64,
+    /// The pose, or why there is none.
+    pub estimate: Result<PoseEstimate, PoseError>,
 }
 
 #[cfg(test)]

@@ -30,8 +30,7 @@ impl SystematicErrors {
         Self { cameras, markers, factor, bias_px: 0.0, is_fitted: false }
     }
 
-    /// With errors of the marker positions that have nothing to do with the others; `None` for a factor of
-    /// another shape or not finite.
+    /// With independent errors of the marker positions; `None` for another shape or what is not finite.
     pub(super) fn with_markers(mut self, uncertainty_m: &DMatrix<f64>) -> Option<Self> {
         if uncertainty_m.nrows() != 3 * self.markers || !uncertainty_m.iter().all(|x| x.is_finite()) {
             return None;
@@ -42,8 +41,7 @@ impl SystematicErrors {
         Some(Self { is_fitted: false, ..self })
     }
 
-    /// What a fit of cameras, markers and centres together has left, in place of all else; `None` for a
-    /// factor of another shape or not finite.
+    /// What a fit of all together has left, in place of all else; `None` for another shape or not finite.
     pub(super) fn fitted(self, factor: DMatrix<f64>) -> Option<Self> {
         let good = factor.nrows() == self.factor.nrows() && factor.iter().all(|x| x.is_finite());
         good.then_some(Self { is_fitted: true, factor, bias_px: 0.0, ..self })

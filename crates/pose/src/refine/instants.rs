@@ -14,8 +14,7 @@ const NEEDED_FRAMES: usize = 10;
 /// Frames that enter: they reduce noise to a tenth of one frame's, and systematic errors limit the rest.
 const MOST_FRAMES: usize = 150;
 
-/// Frames with a pose and redundancy, spread over the flight, by the seconds for which systematic errors
-/// last.
+/// Frames with a pose and redundancy, spread over the flight, by seconds.
 pub(super) fn instants_of(
     observations: &Observations,
     rig: &Rig,

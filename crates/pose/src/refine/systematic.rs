@@ -2,10 +2,9 @@
 
 use crate::moving::{Elimination, Reduced};
 use crate::reprojection::HUBER_MEAN;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector3};
 
-/// Variances of a coordinate of a centre: of the error that is constant over the flight, and of the one that
-/// lasts a second.
+/// Variances of a centre's coordinate: of its constant error, and of the one that lasts a second.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct SystematicVariance {
     pub(super) constant_px2: f64,
@@ -50,13 +49,6 @@ struct Joined {
     deviance: f64,
 }
 
-struct Weighed {
-    deviance: f64,
-    constant_px2: f64,
-    for_a_second_px2: f64,
-    factor: f64,
-}
-
 impl LinearFit<'_> {
     /// Means over the posterior: the likelihood of all residuals with poses, cameras, markers and errors of
     /// centres integrated out (Patterson & Thompson 1971; MacKay 1992), times half-normal priors of both
@@ -70,25 +62,24 @@ impl LinearFit<'_> {
         let grid: Vec<(f64, f64)> = grid.map(|x| (x * x * unit_px2, x * x - 2.0 * x.ln())).collect();
         let mut out = SystematicVariance::default();
         for _ in 0..ROUNDS {
-            let mut weighed = Vec::new();
+            // Deviance, and what is averaged: the variances and the factor.
+            let mut weighed: Vec<(f64, Vector3<f64>)> = Vec::new();
             for &(for_a_second_px2, of_second) in &grid {
                 let Some(seconds) = self.joined(for_a_second_px2) else { continue };
                 for &(constant_px2, of_all) in &grid {
                     if let Some((deviance, factor)) = self.deviance(&seconds, at_zero, constant_px2) {
-                        let deviance = deviance + of_second + of_all;
-                        weighed.push(Weighed { deviance, constant_px2, for_a_second_px2, factor });
+                        let of_both = Vector3::new(constant_px2, for_a_second_px2, factor);
+                        weighed.push((deviance + of_second + of_all, of_both));
                     }
                 }
             }
-            let least = weighed.iter().fold(f64::INFINITY, |a, w| a.min(w.deviance));
-            let weight = |w: &Weighed| (0.5 * (least - w.deviance)).exp();
-            let total: f64 = weighed.iter().map(weight).sum();
-            let mean =
-                |of: fn(&Weighed) -> f64| weighed.iter().map(|w| weight(w) * of(w)).sum::<f64>() / total;
+            let least = weighed.iter().fold(f64::INFINITY, |a, w| a.min(w.0));
+            let weight = |deviance: f64| (0.5 * (least - deviance)).exp();
+            let total: f64 = weighed.iter().map(|w| weight(w.0)).sum();
             if total > 0.0 {
-                out.constant_px2 = mean(|w| w.constant_px2);
-                out.for_a_second_px2 = mean(|w| w.for_a_second_px2);
-                self.factor = mean(|w| w.factor);
+                let mean = weighed.iter().map(|w| w.1 * weight(w.0)).sum::<Vector3<f64>>() / total;
+                out = SystematicVariance { constant_px2: mean.x, for_a_second_px2: mean.y };
+                self.factor = mean.z;
             }
         }
         out
@@ -120,8 +111,7 @@ impl LinearFit<'_> {
         Some(out)
     }
 
-    /// Minus twice the logarithm of the likelihood, and the factor on stated covariances that the residuals
-    /// then show.
+    /// Minus twice the log likelihood, and the factor on stated covariances that the residuals then show.
     fn deviance(&self, joined: &Joined, at_zero: f64, constant_px2: f64) -> Option<(f64, f64)> {
         let all = &joined.reduced;
         let mut prior = self.prior.clone();

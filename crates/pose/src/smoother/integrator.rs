@@ -6,7 +6,7 @@
 
 use mavsight_geometry::attitude::{matrix_of, right_jacobian};
 use mavsight_geometry::{Matrix3, UnitQuaternion, Vector3};
-use nalgebra::SMatrix;
+use nalgebra::{DMatrixViewMut, SMatrix};
 
 /// Length of the error state.
 pub(crate) const CHAIN: usize = 12;
@@ -199,24 +199,18 @@ pub(crate) fn add_process_noise(
     dt_s: f64,
     noise: &JerkNoise,
 ) {
+    let mut all = DMatrixViewMut::from_slice(covariance, rows, rows);
     for (row, column, weight) in white_jerk(dt_s) {
-        for k in 0..3 {
-            let (i, j) = (at + row + k, at + column + k);
-            covariance[j * rows + i] += noise.intensity * weight;
+        for k in at..at + 3 {
+            all[(row + k, column + k)] += noise.intensity * weight;
             if row != column {
-                covariance[i * rows + j] += noise.intensity * weight;
+                all[(column + k, row + k)] += noise.intensity * weight;
             }
         }
     }
-    if rows <= at + CORRELATED {
-        return;
-    }
-    let renewed = 1.0 - noise.kept(dt_s).powi(2);
-    for i in 0..3 {
-        for j in 0..3 {
-            covariance[(at + CORRELATED + j) * rows + at + CORRELATED + i] +=
-                renewed * noise.correlated[(i, j)];
-        }
+    if rows > at + CORRELATED {
+        let mut own = all.fixed_view_mut::<3, 3>(at + CORRELATED, at + CORRELATED);
+        own += noise.correlated * (1.0 - noise.kept(dt_s).powi(2));
     }
 }
 

@@ -84,11 +84,7 @@ impl MotionCovariance {
 
     /// The variance of one of the 18 coordinates.
     pub fn variance(&self, coordinate: usize) -> f64 {
-        let diagonal = |triangle: &[f32], k: usize| f64::from(triangle[k * (k + 3) / 2]);
-        match coordinate {
-            0..=11 => diagonal(&self.six[coordinate / 6], coordinate % 6),
-            _ => diagonal(&self.three[usize::from(coordinate > 14)], coordinate % 3),
-        }
+        self.quantity(coordinate / 3)[(coordinate % 3, coordinate % 3)]
     }
 
     /// Variances of all coordinates.
@@ -96,7 +92,7 @@ impl MotionCovariance {
         SVector::from_fn(|k, _| self.variance(k))
     }
 
-    /// The same times a factor.
+    /// This covariance times a factor.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
         let by = |value: f32| (f64::from(value) * factor) as f32;
@@ -113,7 +109,7 @@ pub struct Motion {
     pub unknown_ns: Vec<i64>,
     /// Frequency at which the smoother passes one half of a position: H = 1/(1 + (f/fc)⁶).
     pub translation_bandwidth_hz: f64,
-    /// The same for a rotation.
+    /// Frequency at which it passes one half of a rotation.
     pub rotation_bandwidth_hz: f64,
     /// Median interval of the samples.
     pub sample_interval_s: f64,

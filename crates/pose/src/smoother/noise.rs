@@ -1,25 +1,24 @@
 //! The noise of a flight, by greatest likelihood.
 
-use crate::smoother::integrator::{JerkNoise, Place};
-use crate::smoother::likelihood::{Innovations, Measured, Series, innovations};
+use crate::smoother::integrator::{
+    CHAIN, CORRELATED, Integrator, JerkNoise, Place, add_process_noise, start_covariance,
+};
 use crate::smoother::state::{MotionNoise, PRIOR_ROTATION, PRIOR_TRANSLATION};
 use crate::statistics::median;
 use crate::{PoseError, PoseSample};
-use mavsight_geometry::{Isometry3, Matrix3};
+use mavsight_geometry::{Isometry3, Matrix3, Vector3};
+use nalgebra::SMatrix;
 
 /// Poses needed: three fix the start, and two noise parameters want more than a handful of innovations.
 pub(crate) const NEEDED: usize = 10;
 
-/// Steps of the coarse search for the bandwidth; the fine one halves the bracket until it is within a
-/// percent.
+/// Steps of the coarse search for the bandwidth.
 const COARSE_STEPS: usize = 16;
 
-/// Least factor on covariances that nobody vouches for: a record without any scatter would claim no noise at
-/// all.
+/// Least factor on covariances that nobody vouches for: a record may have no scatter at all.
 const LEAST_FACTOR: f64 = 1e-4;
 
-/// Twice the logarithm of the likelihood that two more parameters must gain: the 99.9 % quantile of
-/// chi-square with two degrees of freedom.
+/// Twice the log likelihood that two more parameters must gain: the 99.9 % quantile of chi-square.
 const TWO_MORE: f64 = 13.816;
 
 const SIGNIFICANT: f64 = 3.09;
@@ -63,13 +62,12 @@ pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
     let t_s: Vec<f64> = poses.iter().map(|p| (p.t_ns - origin_ns) as f64 * 1e-9).collect();
     // A table without the systematic errors has covariances whose size nobody vouches for.
     let vouched = poses.iter().filter_map(|p| p.estimate.as_ref().ok()).any(|e| e.systematic_columns() > 0);
-    // One after the other, so that only one of the two series is held.
-    let positions: Vec<_> = poses.iter().map(|p| measured(p, 0, |pose| pose.translation.vector)).collect();
-    let series = Series { t_s: &t_s, measured: &positions, prior_std: PRIOR_TRANSLATION };
+    let measured: Vec<_> =
+        poses.iter().map(|p| self::measured(p, 0, |pose| pose.translation.vector)).collect();
+    let series = Series { t_s: &t_s, measured, prior_std: PRIOR_TRANSLATION };
     let (translation, first_hz) = most_likely(&series, vouched).ok_or(failed.clone())?;
-    drop(positions);
-    let attitudes: Vec<_> = poses.iter().map(|p| measured(p, 3, |pose| pose.rotation)).collect();
-    let series = Series { t_s: &t_s, measured: &attitudes, prior_std: PRIOR_ROTATION };
+    let measured: Vec<_> = poses.iter().map(|p| self::measured(p, 3, |pose| pose.rotation)).collect();
+    let series = Series { t_s: &t_s, measured, prior_std: PRIOR_ROTATION };
     let (rotation, second_hz) = most_likely(&series, vouched).ok_or(failed)?;
     Ok(Likely { noise: MotionNoise { translation, rotation }, bandwidth_hz: (first_hz, second_hz) })
 }
@@ -100,7 +98,7 @@ struct Search<'a, P> {
 /// distinguished from motion. The factor is then one: the estimate is the same, its covariance is not.
 fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(JerkNoise, f64)> {
     let times: Vec<f64> =
-        series.t_s.iter().zip(series.measured).filter(|(_, m)| m.is_some()).map(|(t, _)| *t).collect();
+        series.t_s.iter().zip(&series.measured).filter(|(_, m)| m.is_some()).map(|(t, _)| *t).collect();
     let count = times.len() as f64;
     let search = Search {
         series,
@@ -124,13 +122,8 @@ fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(JerkN
     let slow = vouched && shown < 1.0 - SIGNIFICANT * (2.0 / sums.count as f64).sqrt();
     let factor = if slow { 1.0 } else { shown };
     let unit = search.noise(&best);
-    let noise = JerkNoise {
-        intensity: unit.intensity * factor,
-        variance_factor: factor,
-        correlated: unit.correlated * factor,
-        ..unit
-    };
-    Some((noise, best[0].exp()))
+    let (intensity, correlated) = (unit.intensity * factor, unit.correlated * factor);
+    Some((JerkNoise { intensity, variance_factor: factor, correlated, ..unit }, best[0].exp()))
 }
 
 impl<P: Place> Search<'_, P> {
@@ -168,11 +161,7 @@ impl<P: Place> Search<'_, P> {
         let mut cost = f64::INFINITY;
         for _ in 0..6 {
             for k in [1, 0, 2] {
-                let at = |x: f64| {
-                    let mut tried = best;
-                    tried[k] = x;
-                    self.cost(&tried)
-                };
+                let at = |x: f64| self.cost(&std::array::from_fn(|i| if i == k { x } else { best[i] }));
                 best[k] = least(at, ranges[k].0, ranges[k].1, COARSE_STEPS / 2);
             }
             let now = self.cost(&best);
@@ -185,32 +174,108 @@ impl<P: Place> Search<'_, P> {
     }
 }
 
-/// The least of a function of one variable: a grid, then golden sections of the bracket around its best
-/// point.
+/// The least of a function of one variable: a grid, then halved steps from its best point.
 fn least(cost: impl Fn(f64) -> f64, low: f64, high: f64, steps: usize) -> f64 {
-    let step = (high - low) / steps as f64;
-    let mut best = (low, f64::INFINITY);
-    for k in 0..=steps {
-        let x = low + step * k as f64;
-        let c = cost(x);
-        if c < best.1 {
-            best = (x, c);
+    let mut step = (high - low) / steps as f64;
+    let at = |x: f64| (cost(x), x);
+    let lower = |a: (f64, f64), b: (f64, f64)| if b.0 < a.0 { b } else { a };
+    let mut best = (0..=steps).map(|k| at(low + step * k as f64)).fold((f64::INFINITY, low), lower);
+    while step > 0.005 {
+        step *= 0.5;
+        best = lower(lower(best, at((best.1 - step).max(low))), at((best.1 + step).min(high)));
+    }
+    best.1
+}
+
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Measured<P> {
+    pub(crate) place: P,
+    pub(crate) covariance: Matrix3<f64>,
+}
+
+/// Times and what was measured then; the first entry is measured.
+pub(crate) struct Series<'a, P> {
+    pub(crate) t_s: &'a [f64],
+    pub(crate) measured: Vec<Option<Measured<P>>>,
+    /// Standard deviations of rate and acceleration before anything is known.
+    pub(crate) prior_std: (f64, f64),
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Innovations {
+    /// Coordinates.
+    pub(crate) count: usize,
+    /// Σ log det S.
+    pub(crate) log_det: f64,
+    /// Σ yᵀ S⁻¹ y.
+    pub(crate) chi_square: f64,
+    /// Σ wᵀ w' over neighbours, w the whitened innovations.
+    pub(crate) neighbours: f64,
+}
+
+impl Innovations {
+    /// Correlation of an innovation with the one before.
+    pub(crate) fn correlation(&self) -> f64 {
+        if self.chi_square > 0.0 { self.neighbours / self.chi_square } else { 0.0 }
+    }
+}
+
+/// Measurements that the diffuse start uses up: place, rate and acceleration.
+const DIFFUSE: usize = 3;
+
+/// The innovations of a whole series; `None` where the arithmetic fails.
+pub(crate) fn innovations<P: Place>(series: &Series<'_, P>, noise: &JerkNoise) -> Option<Innovations> {
+    // Without a correlated part the three coordinates of it would only cost time.
+    if noise.correlated == Matrix3::zeros() {
+        run::<P, CORRELATED>(series, noise)
+    } else {
+        run::<P, CHAIN>(series, noise)
+    }
+}
+
+/// The filter with an error state of `N`: all of it, or all but the correlated part.
+fn run<P: Place, const N: usize>(series: &Series<'_, P>, noise: &JerkNoise) -> Option<Innovations> {
+    let first = (*series.measured.first()?)?;
+    let mut chain = Integrator::at(first.place);
+    let start = start_covariance(&(first.covariance * noise.variance_factor), noise, series.prior_std);
+    let mut covariance: SMatrix<f64, N, N> = start.fixed_view::<N, N>(0, 0).into_owned();
+    let mut sums = Innovations::default();
+    let (mut seen_count, mut before) = (1, None);
+    for k in 1..series.t_s.len() {
+        let dt_s = series.t_s[k] - series.t_s[k - 1];
+        let (predicted, transition) = chain.predicted(dt_s, noise);
+        chain = predicted;
+        transition.forward(covariance.as_mut_slice(), N, 0);
+        covariance.transpose_mut();
+        transition.forward(covariance.as_mut_slice(), N, 0);
+        add_process_noise(covariance.as_mut_slice(), N, 0, dt_s, noise);
+        let Some(seen) = &series.measured[k] else { continue };
+        let y = chain.innovation(&seen.place);
+        let mut seen_rows: SMatrix<f64, 3, N> = covariance.fixed_rows::<3>(0).into_owned();
+        if N > CORRELATED {
+            seen_rows += covariance.fixed_rows::<3>(CORRELATED);
+        }
+        let mut s = seen_rows.fixed_columns::<3>(0) + seen.covariance * noise.variance_factor;
+        if N > CORRELATED {
+            s += seen_rows.fixed_columns::<3>(CORRELATED);
+        }
+        let factor = s.cholesky()?;
+        let gain: SMatrix<f64, N, 3> = factor.solve(&seen_rows).transpose();
+        let taken = gain * seen_rows;
+        covariance += gain * s * gain.transpose() - taken - taken.transpose();
+        covariance = (covariance + covariance.transpose()) * 0.5;
+        let mut by = [0.0; CHAIN];
+        by[..N].copy_from_slice((gain * y).as_slice());
+        chain.correct(&by);
+        seen_count += 1;
+        if seen_count > DIFFUSE {
+            let white = factor.l().solve_lower_triangular(&y)?;
+            sums.count += 3;
+            sums.log_det += 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
+            sums.chi_square += white.norm_squared();
+            sums.neighbours += before.map_or(0.0, |b: Vector3<f64>| b.dot(&white));
+            before = Some(white);
         }
     }
-    let golden = (5f64.sqrt() - 1.0) / 2.0;
-    let (mut a, mut b) = ((best.0 - step).max(low), (best.0 + step).min(high));
-    let (mut x, mut y) = (b - golden * (b - a), a + golden * (b - a));
-    let (mut at_x, mut at_y) = (cost(x), cost(y));
-    while b - a > 0.01 {
-        if at_x < at_y {
-            (b, y, at_y) = (y, x, at_x);
-            x = b - golden * (b - a);
-            at_x = cost(x);
-        } else {
-            (a, x, at_x) = (x, y, at_y);
-            y = a + golden * (b - a);
-            at_y = cost(y);
-        }
-    }
-    0.5 * (a + b)
+    Some(sums).filter(|s| s.log_det.is_finite() && s.chi_square.is_finite())
 }

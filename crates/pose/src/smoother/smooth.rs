@@ -3,7 +3,7 @@
 //! What errors of cameras and marker positions do to the poses goes through the same smoother as the poses
 //! do, so that it arrives at the rates as their derivative.
 
-use crate::smoother::integrator::Transition;
+use crate::smoother::integrator::{CHAIN, Transition};
 use crate::smoother::noise::{NEEDED, check, likely};
 use crate::smoother::state::{Adjoint, Joint, MotionNoise, Update};
 use crate::statistics::median;
@@ -55,27 +55,20 @@ pub fn smooth_with_effects(
         let (first, flown) = (part.start, &poses[part]);
         let flown = Flown { poses: flown, first, effects };
         let failed = PoseError::BadPose { index: first, what: "the smoother's covariance" };
-        each_smoothed(flown, &found.noise, |k, s| {
-            samples.push(s.sample(poses[first + k].t_ns, gravity_m_s2))
-        })
-        .ok_or(failed)?;
+        let visit = |k: usize, s: &Joint| samples.push(s.sample(poses[first + k].t_ns, gravity_m_s2));
+        each_smoothed(flown, &found.noise, visit).ok_or(failed)?;
     }
     if samples.is_empty() {
         let measured = poses.iter().filter(|p| p.estimate.is_ok()).count();
         return Err(PoseError::TooFewPoses { measured, samples: poses.len(), needed: NEEDED });
     }
     samples.reverse();
-    Ok(Motion {
-        samples,
-        unknown_ns,
-        translation_bandwidth_hz: found.bandwidth_hz.0,
-        rotation_bandwidth_hz: found.bandwidth_hz.1,
-        sample_interval_s: median(poses.windows(2).map(|w| (w[1].t_ns - w[0].t_ns) as f64 * 1e-9).collect()),
-    })
+    let (translation_bandwidth_hz, rotation_bandwidth_hz) = found.bandwidth_hz;
+    let sample_interval_s = median(poses.windows(2).map(|w| (w[1].t_ns - w[0].t_ns) as f64 * 1e-9).collect());
+    Ok(Motion { samples, unknown_ns, translation_bandwidth_hz, rotation_bandwidth_hz, sample_interval_s })
 }
 
-/// The instants whose motion is known, in parts with no longer gap, each from a pose to a pose, where there
-/// are enough of them.
+/// The instants whose motion is known, in parts without a longer gap, each from a pose to a pose.
 fn known_parts(poses: &[PoseSample], longest_gap_s: f64) -> Vec<Range<usize>> {
     let longest_ns = (longest_gap_s * 1e9).min(i64::MAX as f64) as i64;
     let measured: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].estimate.is_ok()).collect();
@@ -141,8 +134,7 @@ fn informed_start(flown: Flown<'_>, noise: &MotionNoise) -> Option<Joint> {
     Some(state)
 }
 
-/// The filter over some instants, from the state that those before them left, or from the start; the first of
-/// all is measured. Each step is that of [`crate::CausalFilter`].
+/// The filter over some instants, from the state before them; the first of all is measured.
 fn forward(
     flown: Flown<'_>,
     instants: Range<usize>,
@@ -196,10 +188,8 @@ fn each_smoothed(flown: Flown<'_>, noise: &MotionNoise, mut visit: impl FnMut(us
 }
 
 fn is_sound(state: &Joint) -> bool {
-    let positive = |at: usize| (at..at + 9).all(|i| state.covariance[(i, i)] > 0.0);
-    state.covariance.iter().all(|v| v.is_finite())
-        && positive(0)
-        && positive(crate::smoother::integrator::CHAIN)
+    let mut known = (0..9).chain(CHAIN..CHAIN + 9);
+    state.covariance.iter().all(|v| v.is_finite()) && known.all(|i| state.covariance[(i, i)] > 0.0)
 }
 
 /// Smoothed states of all instants.

@@ -37,8 +37,7 @@ impl MotionNoise {
     }
 }
 
-/// Standard deviations before the first pose, an order of magnitude beyond any flight in a room: 10 m/s, 100
-/// m/s²; 30 rad/s, 1000 rad/s².
+/// Standard deviations before the first pose: 10 m/s, 100 m/s²; 30 rad/s, 1000 rad/s².
 pub(crate) const PRIOR_TRANSLATION: (f64, f64) = (10.0, 100.0);
 pub(crate) const PRIOR_ROTATION: (f64, f64) = (30.0, 1000.0);
 
@@ -60,20 +59,17 @@ pub(crate) struct Update {
 
 /// H, the part of the error state that a measured pose observes: its place, and the correlated error of that.
 fn observation() -> SMatrix<f64, 6, STATE> {
-    let mut out = SMatrix::zeros();
-    for i in 0..6 {
-        let at = if i < 3 { i } else { CHAIN + i - 3 };
-        (out[(i, at)], out[(i, at + CORRELATED)]) = (1.0, 1.0);
-    }
-    out
+    SMatrix::from_fn(|i, j| {
+        let at = CHAIN * (i / 3) + i % 3;
+        if j == at || j == at + CORRELATED { 1.0 } else { 0.0 }
+    })
 }
 
 /// The covariance of the random errors of a measurement, position and attitude each by its factor.
 pub(crate) fn new_noise(estimate: &PoseEstimate, noise: &MotionNoise) -> Matrix6<f64> {
-    let own = estimate.own_covariance();
     let (t, r) = (noise.translation.variance_factor.sqrt(), noise.rotation.variance_factor.sqrt());
     let scale = Vector6::new(t, t, t, r, r, r);
-    Matrix6::from_fn(|i, j| own[(i, j)] * scale[i] * scale[j])
+    estimate.own_covariance().component_mul(&(scale * scale.transpose()))
 }
 
 impl Joint {
@@ -92,9 +88,10 @@ impl Joint {
         }
         let mut effects = Effects::zeros(columns);
         for c in 0..first.systematic_columns() {
-            effects.set_column(c, &observation().tr_mul(&first.systematic_column(c)));
-            effects.fixed_view_mut::<3, 1>(CORRELATED, c).fill(0.0);
-            effects.fixed_view_mut::<3, 1>(CHAIN + CORRELATED, c).fill(0.0);
+            let known = first.systematic_column(c);
+            for i in 0..2 {
+                effects.fixed_view_mut::<3, 1>(CHAIN * i, c).copy_from(&known.fixed_rows::<3>(3 * i));
+            }
         }
         Self {
             translation: Integrator::at(pose.translation.vector),
@@ -109,16 +106,18 @@ impl Joint {
         let (translation, first) = self.translation.predicted(dt_s, &noise.translation);
         let (rotation, second) = self.rotation.predicted(dt_s, &noise.rotation);
         (self.translation, self.rotation) = (translation, rotation);
+        let transitions = [first, second];
+        let forward = |columns: &mut [f64]| {
+            transitions.iter().zip([0, CHAIN]).for_each(|(t, at)| t.forward(columns, STATE, at));
+        };
         for _ in 0..2 {
-            first.forward(self.covariance.as_mut_slice(), STATE, 0);
-            second.forward(self.covariance.as_mut_slice(), STATE, CHAIN);
+            forward(self.covariance.as_mut_slice());
             self.covariance.transpose_mut();
         }
         add_process_noise(self.covariance.as_mut_slice(), STATE, 0, dt_s, &noise.translation);
         add_process_noise(self.covariance.as_mut_slice(), STATE, CHAIN, dt_s, &noise.rotation);
-        first.forward(self.effects.as_mut_slice(), STATE, 0);
-        second.forward(self.effects.as_mut_slice(), STATE, CHAIN);
-        [first, second]
+        forward(self.effects.as_mut_slice());
+        transitions
     }
 
     /// Updates the state by a pose (Joseph's form, expanded). `None` where the arithmetic fails.
@@ -129,10 +128,9 @@ impl Joint {
         out: &mut Update,
     ) -> Option<()> {
         let pose = &seen.world_from_body;
-        out.innovation
-            .fixed_rows_mut::<3>(0)
-            .copy_from(&self.translation.innovation(&pose.translation.vector));
-        out.innovation.fixed_rows_mut::<3>(3).copy_from(&self.rotation.innovation(&pose.rotation));
+        let shift = self.translation.innovation(&pose.translation.vector);
+        let turn = self.rotation.innovation(&pose.rotation);
+        out.innovation = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
         let h = observation();
         let rows = h * self.covariance;
         let s = new_noise(seen, noise) + rows * h.transpose();
@@ -174,15 +172,16 @@ impl Joint {
         let velocity = body_from_world * translation.rate;
         let force = body_from_world * (translation.acceleration + Vector3::z() * gravity_m_s2);
         let mut jacobian = SMatrix::<f64, 18, STATE>::zeros();
+        let unit = Matrix3::identity();
         let blocks: [(usize, usize, Matrix3<f64>); 8] = [
-            (0, 0, Matrix3::identity()),
-            (3, CHAIN, Matrix3::identity()),
+            (0, 0, unit),
+            (3, CHAIN, unit),
             (6, 3, body_from_world),
             (6, CHAIN, velocity.cross_matrix()),
-            (9, CHAIN + 3, Matrix3::identity()),
+            (9, CHAIN + 3, unit),
             (12, 6, body_from_world),
             (12, CHAIN, force.cross_matrix()),
-            (15, CHAIN + 6, Matrix3::identity()),
+            (15, CHAIN + 6, unit),
         ];
         for (row, column, block) in blocks {
             jacobian.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
@@ -243,14 +242,13 @@ impl Adjoint {
     }
 
     pub(crate) fn before_predict(&mut self, transitions: &[Transition; 2]) {
-        let [first, second] = transitions;
-        first.backward(self.vector.as_mut_slice(), STATE, 0);
-        second.backward(self.vector.as_mut_slice(), STATE, CHAIN);
-        first.backward(self.effects.as_mut_slice(), STATE, 0);
-        second.backward(self.effects.as_mut_slice(), STATE, CHAIN);
+        let backward = |columns: &mut [f64]| {
+            transitions.iter().zip([0, CHAIN]).for_each(|(t, at)| t.backward(columns, STATE, at));
+        };
+        backward(self.vector.as_mut_slice());
+        backward(self.effects.as_mut_slice());
         for _ in 0..2 {
-            first.backward(self.information.as_mut_slice(), STATE, 0);
-            second.backward(self.information.as_mut_slice(), STATE, CHAIN);
+            backward(self.information.as_mut_slice());
             self.information.transpose_mut();
         }
     }

@@ -1,8 +1,8 @@
-//! The pose that the body may have, and its prediction from the last two.
+//! What is known from the instants before: the pose, the noise, and whether the cameras stand still.
 
 use crate::PoseEstimate;
 use crate::reprojection::moved;
-use mavsight_geometry::{Isometry3, Matrix6};
+use mavsight_geometry::{Isometry3, Matrix6, Vector2};
 use nalgebra::Vector6;
 
 /// Unpredicted acceleration of the body, and of each marker against its middle: standard gravity.
@@ -100,5 +100,91 @@ impl History {
             covariance[(k + 3, k + 3)] += turn_rad * turn_rad;
         }
         Some(Belief { pose, covariance, shift_m })
+    }
+}
+
+/// Degrees of freedom of the noise known before against an instant's: four markers in two cameras.
+const CLAIM_DEGREES: f64 = 10.0;
+/// Share of what is known of the noise that is kept from frame to frame: some seconds of video.
+const NOISE_MEMORY: f64 = 0.99;
+/// Redundancy from which one instant shows how large its noise is: three markers in two cameras.
+pub(super) const LEAST_DEGREES: f64 = 6.0;
+
+/// What the residuals so far show of the claimed covariances.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Noise {
+    squares: f64,
+    degrees: f64,
+}
+
+impl Noise {
+    /// The factor on the claims, and the logarithm of the misfit's density: Student's, as the factor is known
+    /// as if by [`CLAIM_DEGREES`] (Gelman et al. 2013, section 2.6); where nothing was seen yet and residuals
+    /// show more than that, theirs.
+    pub(super) fn misfit(&self, squares: f64, degrees: f64) -> (f64, f64) {
+        if self.degrees == 0.0 && degrees >= LEAST_DEGREES {
+            let scale = (squares / degrees).max(1.0);
+            return (scale, -0.5 * squares / scale);
+        }
+        let scale = self.scale().unwrap_or(1.0);
+        (scale, -0.5 * (CLAIM_DEGREES + degrees) * (squares / (CLAIM_DEGREES * scale)).ln_1p())
+    }
+
+    /// The factor on the claims, where anything was seen yet.
+    pub(super) fn scale(&self) -> Option<f64> {
+        (self.degrees > 0.0).then(|| (self.squares / self.degrees).max(1.0))
+    }
+
+    pub(super) fn learn(&mut self, estimate: &PoseEstimate, squares: f64, degrees: f64) {
+        if estimate.left_out.is_empty() && degrees >= LEAST_DEGREES {
+            self.squares = NOISE_MEMORY * self.squares + squares;
+            self.degrees = NOISE_MEMORY * self.degrees + degrees;
+        }
+    }
+}
+
+/// Standard deviations, in the plane, beyond which a camera's view is shifted. By chance it is so twice in a
+/// row once in a hundred hours of two cameras at 60 Hz: p² · 432 000 = 0.01, and √(-2 ln p) of that.
+const SHIFTED: f64 = 4.2;
+/// Instants over which a camera's usual shift is averaged: some seconds.
+const USUAL: f64 = 200.0;
+
+/// A camera that was moved while it filmed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MovedCamera {
+    /// Index in the rig.
+    pub camera: usize,
+    /// First instant at which its view was shifted.
+    pub t_ns: i64,
+    /// By how much the body's image was shifted then.
+    pub shift_px: Vector2<f64>,
+}
+
+/// What is known of the cameras' standing still.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Watch {
+    pub(super) suspects: Vec<MovedCamera>,
+    pub(super) moved: Vec<MovedCamera>,
+    /// For each camera the mean square shift of its view of the body while it stands, in standard deviations:
+    /// 2, and more where cameras are less exact than is claimed.
+    usual: Vec<f64>,
+}
+
+impl Watch {
+    pub(super) fn is_out(&self, camera: usize) -> bool {
+        self.moved.iter().chain(&self.suspects).any(|m| m.camera == camera)
+    }
+
+    /// Whether a shift is beyond what is usual of a camera; what is not becomes part of that.
+    pub(super) fn is_beyond_usual(&mut self, camera: usize, square: f64) -> bool {
+        if self.usual.len() <= camera {
+            self.usual.resize(camera + 1, 2.0);
+        }
+        let usual = &mut self.usual[camera];
+        let is_beyond = square > SHIFTED * SHIFTED * (0.5 * *usual).max(1.0);
+        if !is_beyond {
+            *usual += (square - *usual) / USUAL;
+        }
+        is_beyond
     }
 }
