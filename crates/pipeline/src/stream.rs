@@ -208,10 +208,7 @@ impl Stream {
         Frames { stream: self, at: 0, seen: Vec::new() }
     }
 
-    /// Notes an error of the source behind the first frame.
-    ///
-    /// # Errors
-    /// The error itself where there was no frame before it.
+    /// Notes an error of the source behind the first frame; one before it is handed back.
     pub(crate) fn add_fault(&mut self, error: PipelineError) -> Result<(), PipelineError> {
         let Some(last_ns) = self.stamps_ns.last() else { return Err(error) };
         let words = match error {
@@ -296,9 +293,6 @@ impl Stream {
 
 /// Refuses one recording for two cameras, whose observations then lie in the same places: from two places
 /// no two cameras see that.
-///
-/// # Errors
-/// [`PipelineError::SameRecording`].
 pub(crate) fn refuse_one_recording_twice(streams: &[Stream]) -> Result<(), PipelineError> {
     const SAME_PX: f64 = 0.1;
     const COMPARED: usize = 40;
