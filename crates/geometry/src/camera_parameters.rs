@@ -30,40 +30,27 @@ impl Camera {
         let rotation = turn * self.cam_from_world.rotation;
         let centre = self.centre_in_world() + by.fixed_rows::<3>(CENTRE);
         out.cam_from_world = Isometry3::from_parts(Translation3::from(-(rotation * centre)), rotation);
-        for (i, value) in out.lens_parameters().into_iter().enumerate() {
-            *value += by[INTRINSICS + i];
-        }
+        let (k, d) = (&mut out.intrinsics, &mut out.distortion);
+        let lens = [&mut k.fx_px, &mut k.fy_px, &mut k.skew_px, &mut k.cx_px, &mut k.cy_px];
+        let lens = lens.into_iter().chain([&mut d.k1, &mut d.k2, &mut d.p1, &mut d.p2, &mut d.k3]);
+        lens.zip(&by.as_slice()[INTRINSICS..]).for_each(|(value, change)| *value += change);
         out
     }
 
     /// The change with which [`Camera::moved`] makes another camera of this one.
     pub fn change_to(&self, other: &Self) -> CameraChange {
-        let (mut from, mut to) = (*self, *other);
         let mut out = CameraChange::zeros();
-        let turn = to.cam_from_world.rotation * from.cam_from_world.rotation.inverse();
+        let turn = other.cam_from_world.rotation * self.cam_from_world.rotation.inverse();
         out.fixed_rows_mut::<3>(TURN).copy_from(&-turn.scaled_axis());
-        out.fixed_rows_mut::<3>(CENTRE).copy_from(&(to.centre_in_world() - from.centre_in_world()));
-        for (i, (a, b)) in from.lens_parameters().into_iter().zip(to.lens_parameters()).enumerate() {
-            out[INTRINSICS + i] = *b - *a;
-        }
+        out.fixed_rows_mut::<3>(CENTRE).copy_from(&(other.centre_in_world() - self.centre_in_world()));
+        out.fixed_rows_mut::<10>(INTRINSICS).copy_from(&(other.lens() - self.lens()));
         out
     }
 
-    /// fx, fy, skew, cx, cy, k1, k2, p1, p2, k3: the parameters from [`INTRINSICS`] on.
-    fn lens_parameters(&mut self) -> [&mut f64; 10] {
-        let (k, d) = (&mut self.intrinsics, &mut self.distortion);
-        [
-            &mut k.fx_px,
-            &mut k.fy_px,
-            &mut k.skew_px,
-            &mut k.cx_px,
-            &mut k.cy_px,
-            &mut d.k1,
-            &mut d.k2,
-            &mut d.p1,
-            &mut d.p2,
-            &mut d.k3,
-        ]
+    /// fx, fy, skew, cx, cy (px), k1, k2, p1, p2, k3: the parameters from [`INTRINSICS`] on.
+    pub fn lens(&self) -> SVector<f64, 10> {
+        let (k, d) = (&self.intrinsics, &self.distortion);
+        SVector::from([k.fx_px, k.fy_px, k.skew_px, k.cx_px, k.cy_px, d.k1, d.k2, d.p1, d.p2, d.k3])
     }
 
     /// Derivative of the image of a world point by a [`CameraChange`] at zero.

@@ -213,8 +213,8 @@ fn linear(control: &[ControlPoint]) -> Result<Matrix3x4<f64>, GeometryError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal;
     use approx::assert_relative_eq;
+    use mavsight_random::Random;
 
     const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
     /// Table 1 of the paper.
@@ -293,13 +293,13 @@ mod tests {
         Camera::looking_at(Vector3::new(4.5, -4.5, 1.5), Vector3::new(0.0, 0.0, 1.5), k, SIZE)
     }
 
-    fn cube(camera: &Camera, std_px: f64, seed: &mut u64) -> Vec<ControlPoint> {
-        let mut out = vec![];
+    fn cube(camera: &Camera, std_px: f64, seed: u64) -> Vec<ControlPoint> {
+        let (mut out, mut random) = (vec![], Random::new(seed, 0));
         for i in 0..8 {
             let side = |bit: i32| if i >> bit & 1 == 1 { 1.5 } else { -1.5 };
             let point = Vector3::new(side(0), side(1), side(2) + 1.5);
             let pixel = camera.project(&point).unwrap().pixel;
-            let noise = Vector2::new(normal(seed), normal(seed)) * std_px;
+            let noise = Vector2::from(random.normals()) * std_px;
             out.push(ControlPoint {
                 name: format!("p{i}"),
                 point_in_world_m: point,
@@ -313,7 +313,7 @@ mod tests {
     #[test]
     fn exact_pixels_give_the_camera_back() {
         let truth = camera();
-        let points = cube(&truth, 0.0, &mut 1);
+        let points = cube(&truth, 0.0, 1);
         let dlt = Dlt::fit(&points).unwrap();
         let got = dlt.camera(SIZE).unwrap();
         assert!((got.centre_in_world() - truth.centre_in_world()).norm() < 1e-9);
@@ -324,7 +324,7 @@ mod tests {
     #[test]
     fn a_far_point_of_low_weight_does_not_pull_the_fit() {
         let truth = camera();
-        let mut points = cube(&truth, 0.0, &mut 1);
+        let mut points = cube(&truth, 0.0, 1);
         points[2].pixel += Vector2::new(5.0, -5.0);
         points[2].pixel_cov_px2 = Matrix2::identity() * 1e8;
         let dlt = Dlt::fit(&points).unwrap();
@@ -336,14 +336,14 @@ mod tests {
 
     #[test]
     fn a_mirrored_image_is_refused() {
-        let mut points = cube(&camera(), 0.1, &mut 9);
+        let mut points = cube(&camera(), 0.1, 9);
         points.iter_mut().for_each(|p| p.pixel.x = 639.0 - p.pixel.x);
         assert_eq!(Dlt::fit(&points), Err(GeometryError::MirroredImage));
     }
 
     #[test]
     fn what_does_not_determine_a_camera_is_refused() {
-        let points = cube(&camera(), 0.1, &mut 5);
+        let points = cube(&camera(), 0.1, 5);
         let few = Dlt::fit(&points[..5]);
         assert!(matches!(few, Err(GeometryError::TooFewControlPoints { found: 5, needed: 6 })));
         let mut flat: Vec<_> = points.iter().chain(&points).cloned().collect();

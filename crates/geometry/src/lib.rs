@@ -13,8 +13,6 @@ mod error;
 mod linear;
 pub mod rigid_fit;
 pub mod svd;
-#[cfg(test)]
-mod testing;
 pub mod triangulate;
 
 pub use attitude::{EulerAngles, world_from_body, world_from_level};

@@ -134,7 +134,7 @@ mod tests {
         let cameras = cameras();
         let truth = Vector3::new(0.3, -0.2, 1.2);
         let std_px = [0.2, 0.4];
-        let mut seed = 7u64;
+        let mut random = mavsight_random::Random::new(7, 0);
         let mut sum = Matrix3::zeros();
         let mut claimed = Matrix3::zeros();
         let trials = 4000;
@@ -143,10 +143,7 @@ mod tests {
                 .iter()
                 .take(2)
                 .map(|c| {
-                    let noise = Vector2::new(
-                        crate::testing::normal(&mut seed) * std_px[0],
-                        crate::testing::normal(&mut seed) * std_px[1],
-                    );
+                    let noise = Vector2::new(random.normal() * std_px[0], random.normal() * std_px[1]);
                     let covariance =
                         Matrix2::from_diagonal(&Vector2::new(std_px[0].powi(2), std_px[1].powi(2)));
                     image(c, c.project(&truth).unwrap().pixel + noise, covariance)

@@ -8,7 +8,7 @@
 //! and stated precisions of centres; truth only chooses ways on which the aircraft hides no ball.
 
 use mavsight::flight::Vehicle;
-use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3, world_from_body};
+use mavsight::geometry::{ControlPoint, EulerAngles, Isometry3, Point3, Vector3};
 use mavsight::lab;
 use mavsight::pipeline::{
     CameraFeed, CentreQuality, ControlPointRow, ControlStill, NoProgress, PipelineError, TimedFrame,
@@ -20,8 +20,9 @@ use mavsight::pose::{
 };
 use mavsight::random::Random;
 use mavsight::scene::{Aircraft, Film, Occluders, Room, Sensor};
-use mavsight::score::{TruthRow, VirtualCamera};
+use mavsight::score::VirtualCamera;
 use mavsight::session::ns_from_s;
+use mavsight::simulator::FlightState;
 use mavsight::vision::{BallColor, Detector, Frame, MODEL_STD};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
@@ -63,19 +64,6 @@ struct SetUp {
     coordinates: f64,
 }
 
-fn row(k: usize, place: Vector3<f64>, attitude: EulerAngles) -> TruthRow {
-    TruthRow {
-        t_s: k as f64 * INTERVAL_S,
-        x_m: place.x,
-        y_m: place.y,
-        z_m: place.z,
-        phi_rad: attitude.phi_rad,
-        theta_rad: attitude.theta_rad,
-        psi_rad: attitude.psi_rad,
-        ..TruthRow::default()
-    }
-}
-
 /// A way through the volume at a walking pace, with a heading of the plan, give or take, and a few degrees
 /// of bank and pitch, on which all cameras see all balls.
 fn way(
@@ -83,7 +71,7 @@ fn way(
     (films, aircraft): (&[Film<'_>], &Aircraft),
     count: usize,
     random: &mut Random,
-) -> Option<Vec<(TruthRow, Isometry3<f64>)>> {
+) -> Option<Vec<FlightState>> {
     let is_seen = |pose: &Isometry3<f64>| {
         let shows = |film: &Film<'_>| {
             let share = |m: &mavsight::pose::BodyMarker| {
@@ -107,10 +95,15 @@ fn way(
         let at = |k: usize| {
             let corner = |i: usize| volume.low_m[i] + share[i] * (volume.high_m[i] - volume.low_m[i]);
             let place = Vector3::from_fn(|i, _| corner(i)) + velocity_m_s * (k as f64 * INTERVAL_S);
-            (row(k, place, attitude), world_from_body(place, attitude))
+            FlightState {
+                t_s: k as f64 * INTERVAL_S,
+                position_in_world_m: place,
+                attitude,
+                ..FlightState::default()
+            }
         };
         let way: Vec<_> = (0..count).map(at).collect();
-        way.iter().all(|(_, pose)| is_seen(pose)).then_some(way)
+        way.iter().all(|state| is_seen(&state.pose())).then_some(way)
     })
 }
 
@@ -162,7 +155,7 @@ fn filmed(
 fn film_once(
     planner: &Planner,
     (cameras, films): (&[VirtualCamera], &[Film<'_>]),
-    truth: &[(TruthRow, Isometry3<f64>)],
+    truth: &[FlightState],
     random: &mut Random,
 ) -> Outcome<SetUp> {
     let vehicle = Vehicle::paper();
@@ -181,7 +174,7 @@ fn film_once(
     }
     let rig = calibrate_from_stills(&stills, planner.control(), &[])?;
     let feeds = cameras.iter().zip(films).zip(&aircraft).map(|((c, film), aircraft)| {
-        let frames = truth.iter().enumerate().map(move |(k, (row, _))| {
+        let frames = truth.iter().enumerate().map(move |(k, row)| {
             let frame = Frame::from_rgb(c.camera.size, frame_of(film, k, aircraft, row))
                 .map_err(|e| PipelineError::Source { camera: c.name.clone(), source: Box::new(e) })?;
             Ok(TimedFrame { t_ns: ns_from_s(row.t_s), frame })
@@ -192,7 +185,8 @@ fn film_once(
     let predicted = PoseEstimator::new(&predicted_rig(planner, cameras, (&stills, &rig))?, planner.markers());
     let control_px2 = rig.cameras.iter().map(|c| c.sigma_px.powi(2)).sum::<f64>() / rig.cameras.len() as f64;
     let mut out = SetUp { control_px2, centres: tracked.centre_quality(), ..SetUp::default() };
-    for (k, (row, pose)) in truth.iter().enumerate() {
+    for (k, row) in truth.iter().enumerate() {
+        let pose = row.pose();
         let t_ns = ns_from_s(row.t_s);
         let seen: Vec<_> = tracked.observations.iter().filter(|o| o.t_ns == t_ns).collect();
         let Ok(got) = &tracked.poses[k].estimate else { continue };
@@ -203,9 +197,9 @@ fn film_once(
         let off_m = got.world_from_body.translation.vector - pose.translation.vector;
         out.achieved[0] += off_m.norm_squared();
         out.achieved[1] += pose.rotation.angle_to(&got.world_from_body.rotation).powi(2);
-        let [position_m2, turn_rad2] = variances(&predicted, pose, &seen)?;
+        let [position_m2, turn_rad2] = variances(&predicted, &pose, &seen)?;
         out.predicted = [out.predicted[0] + position_m2, out.predicted[1] + turn_rad2];
-        out.poses.push(*pose);
+        out.poses.push(pose);
         for o in seen {
             let ball = &planner.markers()[o.marker];
             let centre = (pose * Point3::from(ball.marker_in_body_m)).coords;
@@ -354,7 +348,7 @@ fn ratio(set_ups: &[SetUp], variances: &[[f64; 2]], of: usize) -> (f64, f64) {
 }
 
 /// One frame with nothing in the way; the shutter is open around the row's time.
-fn frame_of(film: &Film<'_>, index: usize, aircraft: &Aircraft, row: &TruthRow) -> Vec<u8> {
+fn frame_of(film: &Film<'_>, index: usize, aircraft: &Aircraft, row: &FlightState) -> Vec<u8> {
     let open_s = Sensor::default().exposure_fraction * INTERVAL_S;
     film.frame(index as u64, aircraft, |share| lab::pose_near(row, share * open_s))
 }

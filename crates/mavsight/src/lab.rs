@@ -4,7 +4,7 @@ use mavsight_flight::{Color, Vehicle};
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector2, Vector3, world_from_body};
 use mavsight_pipeline::ControlPointRow;
 use mavsight_scene::{Aircraft, ControlFrame, Film, Occluders, PaintedBall, Person, Room, Sensor, Veil};
-use mavsight_score::{TruthRow, VirtualCamera, VirtualLab, true_pose};
+use mavsight_score::{VirtualCamera, VirtualLab, true_pose};
 use mavsight_simulator::staging::{Black, Walker};
 use mavsight_simulator::{FlightState, Staging};
 
@@ -96,7 +96,7 @@ impl StagedFilm<'_> {
     }
 
     /// One frame of a flight; the shutter is open for a quarter of the interval around the state's time.
-    pub fn frame(&self, index: usize, aircraft: &Aircraft, state: &TruthRow, interval_s: f64) -> Vec<u8> {
+    pub fn frame(&self, index: usize, aircraft: &Aircraft, state: &FlightState, interval_s: f64) -> Vec<u8> {
         let open_s = Sensor::default().exposure_fraction * interval_s;
         let pose_at = |share: f64| pose_near(state, share * open_s);
         self.film_at(state.t_s).frame_with(index as u64, aircraft, pose_at, &self.way(state.t_s))
@@ -108,7 +108,7 @@ impl StagedFilm<'_> {
         &self,
         index: usize,
         aircraft: &Aircraft,
-        truth: &[TruthRow],
+        truth: &[FlightState],
         when: Shot,
     ) -> Option<Vec<u8>> {
         let open_s = Sensor::default().exposure_fraction * when.interval_s;
@@ -128,7 +128,7 @@ impl StagedFilm<'_> {
     }
 
     /// Share of each ball's face that the camera sees.
-    pub fn visible_shares(&self, vehicle: &Vehicle, aircraft: &Aircraft, state: &TruthRow) -> Vec<f64> {
+    pub fn visible_shares(&self, vehicle: &Vehicle, aircraft: &Aircraft, state: &FlightState) -> Vec<f64> {
         let (way, pose) = (self.way(state.t_s), pose_near(state, 0.0));
         let film = self.film_at(state.t_s);
         let share = |m: &mavsight_flight::Marker| {
@@ -208,14 +208,12 @@ pub struct Shot {
 }
 
 /// The pose a moment before or after a state, with its velocities and accelerations taken as constant.
-pub fn pose_near(state: &TruthRow, dt_s: f64) -> Isometry3<f64> {
-    let attitude = EulerAngles { phi_rad: state.phi_rad, theta_rad: state.theta_rad, psi_rad: state.psi_rad };
-    let mut near = world_from_body(Vector3::new(state.x_m, state.y_m, state.z_m), attitude);
-    let moved = near.rotation * Vector3::new(state.u_m_s, state.v_m_s, state.w_m_s) * dt_s;
-    let rates = Vector3::new(state.p_rad_s, state.q_rad_s, state.r_rad_s);
-    let accelerations = Vector3::new(state.dp_rad_s2, state.dq_rad_s2, state.dr_rad_s2);
+pub fn pose_near(state: &FlightState, dt_s: f64) -> Isometry3<f64> {
+    let mut near = state.pose();
+    let moved = near.rotation * state.velocity_in_body_m_s * dt_s;
+    let turn = state.rates_rad_s * dt_s + state.angular_acceleration_rad_s2 * (0.5 * dt_s * dt_s);
     near.translation.vector += moved;
-    near.rotation *= UnitQuaternion::from_scaled_axis(rates * dt_s + accelerations * (0.5 * dt_s * dt_s));
+    near.rotation *= UnitQuaternion::from_scaled_axis(turn);
     near
 }
 
@@ -225,7 +223,7 @@ const REST_S: f64 = 0.25;
 
 /// The pose before the first state of a flight or after the last: its velocities fall off with the time
 /// from there.
-fn pose_beyond(end: &TruthRow, dt_s: f64) -> Isometry3<f64> {
+fn pose_beyond(end: &FlightState, dt_s: f64) -> Isometry3<f64> {
     pose_near(end, dt_s.signum() * REST_S * (1.0 - (-dt_s.abs() / REST_S).exp()))
 }
 
@@ -235,7 +233,12 @@ mod tests {
 
     #[test]
     fn an_aircraft_comes_from_rest_without_a_jolt() {
-        let state = TruthRow { u_m_s: 0.8, w_m_s: -0.3, q_rad_s: 1.0, theta_rad: 0.1, ..TruthRow::default() };
+        let state = FlightState {
+            velocity_in_body_m_s: Vector3::new(0.8, 0.0, -0.3),
+            rates_rad_s: Vector3::y(),
+            attitude: EulerAngles { theta_rad: 0.1, ..EulerAngles::default() },
+            ..FlightState::default()
+        };
         const STEP_S: f64 = 1e-4;
         let here = pose_near(&state, 0.0);
         for side in [-STEP_S, STEP_S] {

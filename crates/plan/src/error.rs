@@ -55,17 +55,14 @@ pub enum PlanError {
     },
     /// A flight that the cameras do not see.
     #[error(
-        "at {t_s:.2} s, at ({x_m:.2}, {y_m:.2}, {z_m:.2}) m, some marker is not seen by two cameras: make the volume smaller or place the cameras for it"
+        "at {t_s:.2} s, at ({:.2}, {:.2}, {:.2}) m, some marker is not seen by two cameras: make the volume smaller or place the cameras for it",
+        at_m[0], at_m[1], at_m[2]
     )]
     OutOfView {
         /// When.
         t_s: f64,
         /// Where.
-        x_m: f64,
-        /// Where.
-        y_m: f64,
-        /// Where.
-        z_m: f64,
+        at_m: [f64; 3],
     },
     /// The estimator's own refusal.
     #[error(transparent)]

@@ -7,7 +7,7 @@ use mavsight_pose::{
     BodyMarker, CameraControl, CameraModel, PoseError, PoseEstimate, PoseEstimator, PredictedObservation,
     Rig, RigCamera, predict_calibration,
 };
-use nalgebra::{DMatrix, Matrix3};
+use nalgebra::DMatrix;
 use serde::Serialize;
 
 /// A camera at its place.
@@ -64,22 +64,24 @@ pub struct PosePrecision {
 
 impl PosePrecision {
     fn of(estimate: &PoseEstimate) -> Self {
-        let std = |c: &Matrix6<f64>, at: usize| (at..at + 3).map(|k| c[(k, k)]).sum::<f64>().max(0.0).sqrt();
-        let new = estimate.own_covariance();
+        let std = |c: &Matrix6<f64>, at: usize| c.fixed_view::<3, 3>(at, at).trace().max(0.0).sqrt();
+        let (all, new) = (estimate.covariance(), estimate.own_covariance());
         Self {
-            position_std_mm: 1e3 * std(&estimate.covariance(), 0),
-            attitude_std_deg: std(&estimate.covariance(), 3).to_degrees(),
+            position_std_mm: 1e3 * std(&all, 0),
+            attitude_std_deg: std(&all, 3).to_degrees(),
             new_position_std_mm: 1e3 * std(&new, 0),
             new_attitude_std_deg: std(&new, 3).to_degrees(),
         }
     }
 
-    fn plus(&self, other: &Self, share: f64) -> Self {
+    fn mean(all: &[Self]) -> Self {
+        let share = 1.0 / all.len().max(1) as f64;
+        let of = |value: fn(&Self) -> f64| all.iter().fold(0.0, |mean, one| mean + share * value(one));
         Self {
-            position_std_mm: self.position_std_mm + share * other.position_std_mm,
-            attitude_std_deg: self.attitude_std_deg + share * other.attitude_std_deg,
-            new_position_std_mm: self.new_position_std_mm + share * other.new_position_std_mm,
-            new_attitude_std_deg: self.new_attitude_std_deg + share * other.new_attitude_std_deg,
+            position_std_mm: of(|p| p.position_std_mm),
+            attitude_std_deg: of(|p| p.attitude_std_deg),
+            new_position_std_mm: of(|p| p.new_position_std_mm),
+            new_attitude_std_deg: of(|p| p.new_attitude_std_deg),
         }
     }
 }
@@ -119,6 +121,17 @@ impl Prediction {
         let penalty = if self.is_feasible() { 0.0 } else { BEYOND_ANY_FIGURE * (1.0 + refused + unseen) };
         penalty + self.figure.min(BEYOND_ANY_FIGURE)
     }
+}
+
+/// What all cameras see of the markers at a pose.
+#[derive(Default)]
+struct View {
+    observations: Vec<PredictedObservation>,
+    /// Whether two cameras see each marker.
+    is_seen_twice: bool,
+    /// Why markers are not seen, one for each camera that does not see a marker.
+    limits: Vec<ViewLimit>,
+    least_diameter_px: f64,
 }
 
 /// Predicts the measurements of camera placements in a room.
@@ -182,7 +195,7 @@ impl Planner {
         let cameras: Vec<(Camera, CameraModel)> =
             placed.iter().map(|p| (self.camera(p), self.room.camera[p.kind].model())).collect();
         let Some(section) = &self.room.control else {
-            let exact = cameras.iter().enumerate().map(|(k, c)| exact_camera(self.name(k), c.0, c.1));
+            let exact = cameras.iter().enumerate().map(|(k, c)| RigCamera::exact(self.name(k), c.0, c.1));
             return Ok(Rig::exact(exact.collect()));
         };
         let mut controls = Vec::with_capacity(placed.len());
@@ -257,89 +270,71 @@ impl Planner {
         Ok(out)
     }
 
-    /// The predicted observations of a pose, and whether two cameras see each marker; counts what keeps
-    /// markers from being seen, and takes the least diameter.
-    fn predicted_observations(
-        &self,
-        placed: &[Placed],
-        cameras: &[Camera],
-        pose: &Isometry3<f64>,
-        counts: &mut [usize; 4],
-        least_px: &mut f64,
-    ) -> (Vec<PredictedObservation>, bool) {
-        let mut observations = Vec::with_capacity(cameras.len() * self.markers.len());
-        let mut all_twice = true;
+    /// What the cameras see of the markers at a pose.
+    fn view(&self, placed: &[Placed], cameras: &[Camera], pose: &Isometry3<f64>) -> View {
+        let mut out = View { is_seen_twice: true, least_diameter_px: f64::INFINITY, ..View::default() };
         for (marker, ball) in self.markers.iter().enumerate() {
             let place = (pose * Point3::from(ball.marker_in_body_m)).coords;
-            let mut views = 0;
+            let before = out.observations.len();
             for (camera, view) in cameras.iter().enumerate() {
                 let kind = &self.room.camera[placed[camera].kind];
                 match self.seen(kind, view, &place, ball.radius_m) {
                     Ok(diameter_px) => {
-                        views += 1;
-                        *least_px = least_px.min(diameter_px);
+                        out.least_diameter_px = out.least_diameter_px.min(diameter_px);
                         let variance = kind.centre_std_px_at(diameter_px, &place, camera, marker).powi(2);
                         let covariance_px2 = Matrix2::identity() * variance;
-                        observations.push(PredictedObservation { camera, marker, covariance_px2 });
+                        out.observations.push(PredictedObservation { camera, marker, covariance_px2 });
                     }
-                    Err(limit) => counts[limit as usize] += 1,
+                    Err(limit) => out.limits.push(limit),
                 }
             }
-            all_twice &= views >= 2;
+            out.is_seen_twice &= out.observations.len() >= before + 2;
         }
-        (observations, all_twice)
+        out
     }
 
     /// Predicted precision of a placement at the given poses; each marker must be seen by two cameras.
     pub fn predict(&self, placed: &[Placed], poses: &[Isometry3<f64>]) -> Prediction {
-        let mut out = Prediction {
-            figure: 0.0,
-            mean: PosePrecision::default(),
-            worst: PosePrecision::default(),
-            worst_at_m: self.room.middle_m().into(),
-            share_seen: 0.0,
-            limit: None,
-            least_diameter_px: f64::INFINITY,
-            refused: None,
-        };
         let cameras: Vec<Camera> = placed.iter().map(|p| self.camera(p)).collect();
-        let estimator = match self.rig(placed).and_then(|rig| self.estimator(&rig)) {
-            Ok(estimator) => Some(estimator),
-            Err(refused) => {
-                out.refused = Some(refused.to_string());
-                None
-            }
-        };
-        let (mut counts, mut all, mut worst, mut sum) = ([0; 4], Vec::new(), 0.0, 0.0);
-        let mut seen = 0;
+        let estimator = self.rig(placed).and_then(|rig| self.estimator(&rig));
+        let (mut all, mut worst, mut sum) = (Vec::new(), (0.0, PosePrecision::default()), 0.0);
+        let (mut seen, mut limits, mut least_diameter_px) = (0, [0; 4], f64::INFINITY);
+        let mut worst_at_m = self.room.middle_m();
         for pose in poses {
-            let (observations, all_twice) =
-                self.predicted_observations(placed, &cameras, pose, &mut counts, &mut out.least_diameter_px);
-            seen += usize::from(all_twice);
-            let Some(estimator) = estimator.as_ref().filter(|_| all_twice) else { continue };
-            let Ok(estimate) = estimator.predict(pose, &observations) else { continue };
+            let view = self.view(placed, &cameras, pose);
+            view.limits.iter().for_each(|limit| limits[*limit as usize] += 1);
+            least_diameter_px = f64::min(least_diameter_px, view.least_diameter_px);
+            seen += usize::from(view.is_seen_twice);
+            let Some(estimator) = estimator.as_ref().ok().filter(|_| view.is_seen_twice) else { continue };
+            let Ok(estimate) = estimator.predict(pose, &view.observations) else { continue };
             let one = PosePrecision::of(&estimate);
             let figure = self.figure(&one);
-            if figure > worst {
-                (worst, out.worst, out.worst_at_m) = (figure, one, pose.translation.vector.into());
+            if figure > worst.0 {
+                (worst, worst_at_m) = ((figure, one), pose.translation.vector);
             }
             sum += figure;
             all.push(one);
         }
-        let n = all.len().max(1) as f64;
-        out.mean = all.iter().fold(PosePrecision::default(), |mean, one| mean.plus(one, 1.0 / n));
-        out.share_seen = seen as f64 / poses.len().max(1) as f64;
-        if seen < poses.len() {
-            out.limit = ViewLimit::ALL.into_iter().max_by_key(|limit| counts[*limit as usize]);
+        let vague = || "the poses are not determined".to_owned();
+        Prediction {
+            figure: match self.room.weights.criterion {
+                Criterion::Mean => sum / all.len().max(1) as f64,
+                Criterion::Worst => worst.0,
+            },
+            mean: PosePrecision::mean(&all),
+            worst: worst.1,
+            worst_at_m: worst_at_m.into(),
+            share_seen: seen as f64 / poses.len().max(1) as f64,
+            limit: ViewLimit::ALL
+                .into_iter()
+                .max_by_key(|limit| limits[*limit as usize])
+                .filter(|_| seen < poses.len()),
+            least_diameter_px,
+            refused: match estimator {
+                Err(refused) => Some(refused.to_string()),
+                Ok(_) => (all.len() < seen).then(vague),
+            },
         }
-        out.figure = match self.room.weights.criterion {
-            Criterion::Mean => sum / n,
-            Criterion::Worst => worst,
-        };
-        if estimator.is_some() && all.len() < seen {
-            out.refused = Some("the poses are not determined".to_owned());
-        }
-        out
     }
 
     /// The pose as it will be measured; none where some marker is not seen by two cameras.
@@ -350,10 +345,8 @@ impl Planner {
         estimator: &PoseEstimator,
         pose: &Isometry3<f64>,
     ) -> Option<PoseEstimate> {
-        let mut least_px = f64::INFINITY;
-        let (observations, twice) =
-            self.predicted_observations(placed, cameras, pose, &mut [0; 4], &mut least_px);
-        estimator.predict(pose, &observations).ok().filter(|_| twice)
+        let view = self.view(placed, cameras, pose);
+        estimator.predict(pose, &view.observations).ok().filter(|_| view.is_seen_twice)
     }
 
     fn figure(&self, one: &PosePrecision) -> f64 {
@@ -373,18 +366,5 @@ impl Planner {
             n += 1.0;
         }
         (n > 0.0).then(|| sum / n)
-    }
-}
-
-fn exact_camera(name: String, camera: Camera, model: CameraModel) -> RigCamera {
-    RigCamera {
-        name,
-        camera,
-        model,
-        centre_std_m: Vector3::zeros(),
-        centre_cov_m2: Matrix3::zeros(),
-        points: vec![],
-        residual_rms_px: 0.0,
-        sigma_px: 0.0,
     }
 }

@@ -2,11 +2,11 @@
 
 use crate::{Placed, PlanError, Planner, Solid};
 use mavsight_flight::{Coefficient, InputSeries, StateVector, Vehicle, hover_rotor_speed_rad_s};
-use mavsight_geometry::{Camera, Isometry3, Matrix6, Vector3, world_from_body};
+use mavsight_geometry::{Camera, Matrix6, Vector3};
 use mavsight_identify::output_error::{
     ExpectedFit, FlightModel, OutputErrorOptions, StateMeasurement, expected_fit,
 };
-use mavsight_pose::{PoseEstimate, PoseEstimator};
+use mavsight_pose::PoseEstimator;
 use mavsight_simulator::{FlightState, Scenario, simulate, true_coefficients};
 
 /// Limits of a flight.
@@ -73,9 +73,9 @@ impl<'a> FlightPlanner<'a> {
             ("rotor", limits.rotor_percent),
         ];
         for (key, value) in angles {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(PlanError::value(key, format!("{value} is no limit: give a number above zero")));
-            }
+            PlanError::unless(value.is_finite() && value > 0.0, key, || {
+                format!("{value} is no limit: give a number above zero")
+            })?;
         }
         let rig = planner.rig(placed)?;
         Ok(Self {
@@ -91,21 +91,6 @@ impl<'a> FlightPlanner<'a> {
     /// The vehicle.
     pub fn vehicle(&self) -> &Vehicle {
         &self.vehicle
-    }
-
-    /// The rig's own estimator of poses.
-    pub fn estimator(&self) -> &PoseEstimator {
-        &self.estimator
-    }
-
-    /// The rig.
-    pub fn rig(&self) -> (&Planner, &[Placed]) {
-        (self.planner, &self.placed)
-    }
-
-    /// The pose of one frame as it will be measured; none where some marker is not seen by two cameras.
-    pub fn expected_pose(&self, pose: &Isometry3<f64>) -> Option<PoseEstimate> {
-        self.planner.expected_pose(&self.placed, &self.cameras, &self.estimator, pose)
     }
 
     /// The manoeuvre, as large as the limits allow or as it is where that is less and `grow` is not set,
@@ -130,11 +115,10 @@ impl<'a> FlightPlanner<'a> {
         let mut pose_covariance = Vec::with_capacity(states.len());
         let mut systematic = Vec::with_capacity(states.len());
         for s in &states {
-            let pose = pose_of(s);
-            let Some(estimate) = self.expected_pose(&pose) else {
-                let [x_m, y_m, z_m] = s.position_in_world_m.into();
-                return Err(PlanError::OutOfView { t_s: s.t_s, x_m, y_m, z_m });
-            };
+            let pose = s.pose();
+            let estimate = self.planner.expected_pose(&self.placed, &self.cameras, &self.estimator, &pose);
+            let estimate = estimate
+                .ok_or_else(|| PlanError::OutOfView { t_s: s.t_s, at_m: s.position_in_world_m.into() })?;
             let covariance = estimate.own_covariance();
             let t_ns = mavsight_session::ns_from_s(s.t_s);
             measured.push(StateMeasurement::of_pose(t_ns, pose, covariance));
@@ -184,22 +168,20 @@ impl<'a> FlightPlanner<'a> {
         let inputs = scenario.inputs(&self.vehicle)?;
         let states = simulate(&self.vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
         let first = states.first().map_or_else(Vector3::zeros, |s| s.position_in_world_m);
-        let (mut low, mut high, mut tilt_rad) = (first, first, 0.0_f64);
-        for s in &states {
-            (low, high) = (low.inf(&s.position_in_world_m), high.sup(&s.position_in_world_m));
-            tilt_rad = tilt_rad.max(s.attitude.phi_rad.abs()).max(s.attitude.theta_rad.abs());
-        }
+        let places = || states.iter().map(|s| s.position_in_world_m);
+        let (low, high) = places().fold((first, first), |(low, high), p| (low.inf(&p), high.sup(&p)));
+        let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0_f64, |most, v| most.max(v.abs()));
+        let tilt_rad = most(&mut states.iter().flat_map(|s| [s.attitude.phi_rad, s.attitude.theta_rad]));
+        let samples = || inputs.samples().iter();
+        let deflection_rad = most(&mut samples().flat_map(|s| [s.delta_lon_rad, s.delta_lat_rad]));
         let hover = hover_rotor_speed_rad_s(&self.vehicle);
-        let (mut deflection_rad, mut rotor) = (0.0_f64, 0.0_f64);
-        for s in inputs.samples() {
-            deflection_rad = deflection_rad.max(s.delta_lon_rad.abs()).max(s.delta_lat_rad.abs());
-            rotor =
-                rotor.max((s.omega_u_rad_s / hover - 1.0).abs()).max((s.omega_l_rad_s / hover - 1.0).abs());
-        }
+        let speeds = samples().flat_map(|s| [s.omega_u_rad_s, s.omega_l_rad_s]);
+        let rotor = most(&mut speeds.map(|omega| omega / hover - 1.0));
         let l = &self.limits;
         let side = Vector3::from(l.volume.high_m) - Vector3::from(l.volume.low_m);
-        let box_share = (high - low).component_div(&side).max();
-        let used = box_share
+        let used = (high - low)
+            .component_div(&side)
+            .max()
             .max(tilt_rad.to_degrees() / l.tilt_deg)
             .max(deflection_rad.to_degrees() / l.deflection_deg)
             .max(100.0 * rotor / l.rotor_percent);
@@ -218,9 +200,4 @@ pub fn true_model(vehicle: &Vehicle, inputs: &InputSeries) -> Result<FlightModel
         model = model.with_value(c.name(), truth.get(c))?;
     }
     Ok(model)
-}
-
-/// The pose of a state.
-pub fn pose_of(s: &FlightState) -> Isometry3<f64> {
-    world_from_body(s.position_in_world_m, s.attitude)
 }

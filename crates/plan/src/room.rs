@@ -76,21 +76,14 @@ fn four_headings() -> Vec<f64> {
 
 /// Weights of the figure: the root of the sum of squares of both standard deviations, each times its weight.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(default, deny_unknown_fields)]
 pub struct Weights {
     /// Of a millimetre of position (root of the trace of its covariance).
-    #[serde(default = "one")]
     pub per_mm: f64,
     /// Of a degree of attitude.
-    #[serde(default)]
     pub per_deg: f64,
     /// Over the volume.
-    #[serde(default)]
     pub criterion: Criterion,
-}
-
-fn one() -> f64 {
-    1.0
 }
 
 impl Default for Weights {
@@ -274,7 +267,7 @@ impl Room {
         let headings = &self.volume.headings_deg;
         let has_headings = !headings.is_empty() && headings.iter().all(|h| h.is_finite());
         PlanError::unless(has_headings, "volume.headings_deg", || {
-            "must be one or more finite angles".to_owned()
+            "must be one or more finite angles".into()
         })?;
         let (mm, deg) = (self.weights.per_mm, self.weights.per_deg);
         let is_weight = mm >= 0.0 && deg >= 0.0 && mm + deg > 0.0 && (mm + deg).is_finite();
@@ -287,9 +280,8 @@ impl Room {
             })?;
         }
         let std = self.control.as_ref().and_then(|c| c.std_px).unwrap_or(1.0);
-        PlanError::unless(std.is_finite() && std > 0.0, "control.std_px", || {
-            format!("{std} is not above zero")
-        })?;
+        let is_std = std.is_finite() && std > 0.0;
+        PlanError::unless(is_std, "control.std_px", || format!("{std} is not above zero"))?;
         let cameras: usize = self.camera.iter().map(|c| c.count).sum();
         PlanError::unless((2..=16).contains(&cameras), "camera", || {
             format!("{cameras} cameras in all: give 2 to 16 by `count`")
@@ -306,15 +298,12 @@ impl Room {
     pub fn poses(&self, steps: usize) -> Vec<Isometry3<f64>> {
         let steps = steps.max(1);
         let (low, high) = (Vector3::from(self.volume.low_m), Vector3::from(self.volume.high_m));
-        let part = |k: usize| if steps == 1 { 0.5 } else { k as f64 / (steps - 1) as f64 };
-        let mut out = Vec::with_capacity(steps.pow(3) * self.volume.headings_deg.len());
-        for cell in 0..steps.pow(3) {
-            let share =
-                Vector3::new(part(cell % steps), part(cell / steps % steps), part(cell / steps / steps));
-            let place = low + (high - low).component_mul(&share);
-            out.extend(self.poses_at(&place));
-        }
-        out
+        let part = |k: usize| if steps == 1 { 0.5 } else { (k % steps) as f64 / (steps - 1) as f64 };
+        let places = (0..steps.pow(3)).map(|cell| {
+            let share = Vector3::new(part(cell), part(cell / steps), part(cell / steps / steps));
+            low + (high - low).component_mul(&share)
+        });
+        places.flat_map(|place| self.poses_at(&place).collect::<Vec<_>>()).collect()
     }
 
     /// A place with all headings.

@@ -197,7 +197,8 @@ impl Search<'_> {
                         let mut tried = placed.clone();
                         let by = Vector3::ith(axis % 3, sign * step_m);
                         if axis < 3 {
-                            let Some(place) = self.planner.allowed_near(&(tried[k].centre_m + by)) else {
+                            let Some(place) = self.planner.room.allowed_near(&(tried[k].centre_m + by))
+                            else {
                                 continue;
                             };
                             tried[k].centre_m = place;

@@ -33,23 +33,18 @@ impl Planner {
         })
     }
 
-    fn study_row(&self, kind: usize, angle_deg: f64, distance_m: f64) -> StudyRow {
-        let placed = self.pair(kind, angle_deg, distance_m);
-        StudyRow {
-            angle_deg,
-            distance_m,
-            is_allowed: placed.iter().all(|p| self.room().allows(&p.centre_m)),
-            prediction: self.predict(&placed, &self.room().poses(STEPS)),
-        }
+    /// Predicted errors of such pairs, each at an angle in degrees and a distance in metres.
+    pub fn study(&self, kind: usize, pairs: &[(f64, f64)]) -> Vec<StudyRow> {
+        let poses = self.room.poses(STEPS);
+        let row = |(angle_deg, distance_m): &(f64, f64)| {
+            let placed = self.pair(kind, *angle_deg, *distance_m);
+            StudyRow {
+                angle_deg: *angle_deg,
+                distance_m: *distance_m,
+                is_allowed: placed.iter().all(|p| self.room.allows(&p.centre_m)),
+                prediction: self.predict(&placed, &poses),
+            }
+        };
+        pairs.par_iter().map(row).collect()
     }
-}
-
-/// Predicted error against the angle between two cameras at one distance.
-pub fn angle_study(planner: &Planner, kind: usize, distance_m: f64, angles_deg: &[f64]) -> Vec<StudyRow> {
-    angles_deg.par_iter().map(|a| planner.study_row(kind, *a, distance_m)).collect()
-}
-
-/// Predicted error against the distance of two cameras at one angle.
-pub fn distance_study(planner: &Planner, kind: usize, angle_deg: f64, distances_m: &[f64]) -> Vec<StudyRow> {
-    distances_m.par_iter().map(|d| planner.study_row(kind, angle_deg, *d)).collect()
 }

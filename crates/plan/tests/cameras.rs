@@ -3,9 +3,7 @@
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector3;
 use mavsight_pipeline::{ControlPointRow, body_markers};
-use mavsight_plan::{
-    CentreStd, Placed, PlanError, Planner, Room, SearchOptions, Solid, angle_study, distance_study,
-};
+use mavsight_plan::{CentreStd, Placed, PlanError, Planner, Room, SearchOptions, Solid};
 use mavsight_pose::BodyMarker;
 
 /// A change of the room.
@@ -95,7 +93,7 @@ fn position_is_that_of_classical_triangulation() {
 /// The paper's study (Amat et al.): least error at a right angle, and more the farther away.
 #[test]
 fn the_least_error_over_the_volume_is_at_a_right_angle() {
-    let angles: Vec<f64> = (0..=40).map(|k| 50.0 + 2.0 * f64::from(k)).collect();
+    let pairs: Vec<(f64, f64)> = (0..=40).map(|k| (50.0 + 2.0 * f64::from(k), 6.36)).collect();
     for control in [false, true] {
         let planner = Planner::new(
             {
@@ -109,14 +107,14 @@ fn the_least_error_over_the_volume_is_at_a_right_angle() {
             cube(),
         )
         .expect("a planner");
-        let rows = angle_study(&planner, 0, 6.36, &angles);
+        let rows = planner.study(0, &pairs);
         let best = rows
             .iter()
             .min_by(|a, b| a.prediction.mean.position_std_mm.total_cmp(&b.prediction.mean.position_std_mm));
         let best = best.expect("rows").angle_deg;
         assert!((best - 90.0).abs() <= 5.0, "control {control}: {best}°");
     }
-    let rows = distance_study(&planner(|_| ()), 0, 90.0, &[5.0, 6.0, 7.0]);
+    let rows = planner(|_| ()).study(0, &[5.0, 6.0, 7.0].map(|distance_m| (90.0, distance_m)));
     assert!(rows.windows(2).all(|w| w[0].prediction.figure < w[1].prediction.figure));
 }
 

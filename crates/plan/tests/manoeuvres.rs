@@ -6,7 +6,7 @@ use mavsight_identify::output_error::{Measurements, OutputErrorOptions, StateMea
 use mavsight_pipeline::body_markers;
 use mavsight_plan::{
     FlightLimits, FlightPlanner, MultisineOptions, Optimality, PlanError, PlannedManoeuvre, Planner, Room,
-    Solid, pose_of, true_model,
+    Solid, true_model,
 };
 use mavsight_random::Random;
 use mavsight_simulator::{Channel, Maneuver, Scenario};
@@ -45,7 +45,7 @@ fn flights<'a>(planner: &'a Planner) -> FlightPlanner<'a> {
 /// Poses with errors of the planned covariance.
 fn noisy(plan: &PlannedManoeuvre, random: &mut Random) -> Vec<Isometry3<f64>> {
     let measured = plan.states.iter().zip(&plan.pose_covariance).map(|(s, covariance)| {
-        let (pose, factor) = (pose_of(s), covariance.cholesky().expect("positive").l());
+        let (pose, factor) = (s.pose(), covariance.cholesky().expect("positive").l());
         let error = factor * nalgebra::Vector6::from(random.normals());
         let turn = UnitQuaternion::from_scaled_axis(error.fixed_rows::<3>(3).into_owned());
         let place = pose.translation.vector + error.fixed_rows::<3>(0);
@@ -132,7 +132,7 @@ fn systematic_errors_enter_by_their_effect_on_the_estimates() {
     let plan = flights(&planner).predict(&Scenario::paper(), true).expect("a plan");
     let shift = nalgebra::Vector6::new(1e-4, 0.0, 0.0, 0.0, 0.0, 3e-4);
     let poses = plan.states.iter().map(|s| {
-        let pose = pose_of(s);
+        let pose = s.pose();
         let turn = UnitQuaternion::from_scaled_axis(shift.fixed_rows::<3>(3).into_owned());
         Isometry3::from_parts(
             (pose.translation.vector + shift.fixed_rows::<3>(0)).into(),

@@ -1,55 +1,56 @@
 //! The tables of the cameras.
 
 use crate::Table;
+use crate::html::row;
 use mavsight_geometry::camera_parameters::{CENTRE, DISTORTION, INTRINSICS};
-use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Dlt};
+use mavsight_geometry::{CAMERA_PARAMETERS, Dlt};
 use mavsight_pose::Rig;
+use std::collections::BTreeSet;
+
+/// Labels and decimals of the parameters of a camera, in their order from the projection centre on.
+const PARAMETERS: [(&str, usize); 13] = [
+    ("centre X, m", 4),
+    ("centre Y, m", 4),
+    ("centre Z, m", 4),
+    ("f_x, px", 2),
+    ("f_y, px", 2),
+    ("skew, px", 2),
+    ("principal point u, px", 2),
+    ("principal point v, px", 2),
+    ("k1", 5),
+    ("k2", 5),
+    ("p1", 5),
+    ("p2", 5),
+    ("k3", 5),
+];
 
 /// Table 1 of the paper, and the residual of each control point.
 pub(crate) fn camera_tables(rig: &Rig) -> Vec<Table> {
-    let names: Vec<String> = rig.cameras.iter().map(|c| c.name.clone()).collect();
-    let header = |first: &str| std::iter::once(first.to_owned()).chain(names.clone()).collect::<Vec<_>>();
-    let dlt = Table {
-        caption:
-            "Table 1: the eleven DLT parameters, pixels counted from 0 at the centre of the top-left pixel."
-                .to_owned(),
-        header: header("parameter"),
-        rows: (0..11)
-            .map(|k| {
-                let cells = rig
-                    .cameras
-                    .iter()
-                    .map(|c| Dlt::from_camera(&c.camera).map_or(String::new(), |dlt| six_digits(dlt.l[k])));
-                std::iter::once(format!("L{}", k + 1)).chain(cells).collect()
-            })
-            .collect(),
-    };
-    let mut points: Vec<&String> =
+    let header = |first: &str| row(first, rig.cameras.iter().map(|c| c.name.clone()));
+    let parameters: Vec<Option<Dlt>> = rig.cameras.iter().map(|c| Dlt::from_camera(&c.camera).ok()).collect();
+    let dlt = (0..11).map(|k| {
+        let cells = parameters.iter().map(|dlt| dlt.map_or(String::new(), |dlt| six_digits(dlt.l[k])));
+        row(format!("L{}", k + 1), cells)
+    });
+    let caption =
+        "Table 1: the eleven DLT parameters, pixels counted from 0 at the centre of the top-left pixel.";
+    let dlt = Table::new(caption, header("parameter"), dlt.collect());
+    let names: BTreeSet<&String> =
         rig.cameras.iter().flat_map(|c| c.points.iter().map(|p| &p.name)).collect();
-    points.sort();
-    points.dedup();
-    let residuals = Table {
-        caption:
-            "Residual of each control point (u, v), px, and in brackets its studentised size: 1 is usual. \
-                  A point marked × was left out; empty where it was not seen."
-                .to_owned(),
-        header: header("point"),
-        rows: points
-            .iter()
-            .map(|name| {
-                let cells = rig.cameras.iter().map(|c| {
-                    let found = c.points.iter().find(|p| p.name == **name);
-                    found.map_or(String::new(), |p| {
-                        let mark = if p.used { "" } else { " ×" };
-                        let r = p.residual_px;
-                        format!("{:+.3}, {:+.3} ({:.1}){mark}", r.x, r.y, p.studentised)
-                    })
-                });
-                std::iter::once((*name).clone()).chain(cells).collect()
+    let residuals = names.into_iter().map(|name| {
+        let cells = rig.cameras.iter().map(|c| {
+            let found = c.points.iter().find(|p| p.name == *name);
+            found.map_or(String::new(), |p| {
+                let mark = if p.used { "" } else { " ×" };
+                let r = p.residual_px;
+                format!("{:+.3}, {:+.3} ({:.1}){mark}", r.x, r.y, p.studentised)
             })
-            .collect(),
-    };
-    vec![parameters_table(rig), dlt, residuals]
+        });
+        row(name, cells)
+    });
+    let caption = "Residual of each control point (u, v), px, and in brackets its studentised size: 1 is usual. \
+                   A point marked × was left out; empty where it was not seen.";
+    vec![parameters_table(rig), dlt, Table::new(caption, header("point"), residuals.collect())]
 }
 
 /// Six significant digits.
@@ -58,51 +59,25 @@ fn six_digits(value: f64) -> String {
     format!("{value:.0$}", digits as usize)
 }
 
-/// One parameter of a camera.
-type OfCamera = fn(&Camera) -> f64;
-
 /// The cameras that were estimated, each with the standard deviations of its parameters.
 fn parameters_table(rig: &Rig) -> Table {
-    let names = rig.cameras.iter().map(|c| c.name.clone());
-    let std = |camera: usize, row: usize| rig.uncertainty.rows(CAMERA_PARAMETERS * camera + row, 1).norm();
-    let with_std = |value: f64, std: f64, digits: usize| {
-        if std > 0.0 { format!("{value:.digits$} ± {std:.digits$}") } else { format!("{value:.digits$}") }
+    let std = |camera: usize, at: usize| rig.uncertainty.rows(CAMERA_PARAMETERS * camera + at, 1).norm();
+    let value = |camera: usize, at: usize| {
+        let camera = &rig.cameras[camera].camera;
+        if at < INTRINSICS { camera.centre_in_world()[at - CENTRE] } else { camera.lens()[at - INTRINSICS] }
     };
-    let row = |label: &str, digits: usize, at: usize, of: &dyn Fn(&Camera) -> f64| {
-        let cells = rig.cameras.iter().enumerate().map(|(k, c)| with_std(of(&c.camera), std(k, at), digits));
-        std::iter::once(label.to_owned()).chain(cells).collect::<Vec<_>>()
-    };
-    let models = rig.cameras.iter().map(|c| c.model.to_string());
-    let mut rows = vec![std::iter::once("model".to_owned()).chain(models).collect()];
-    for (k, axis) in ["X", "Y", "Z"].iter().enumerate() {
-        rows.push(row(&format!("centre {axis}, m"), 4, CENTRE + k, &|c| c.centre_in_world()[k]));
-    }
-    let linear: [(&str, OfCamera); 5] = [
-        ("f_x, px", |c| c.intrinsics.fx_px),
-        ("f_y, px", |c| c.intrinsics.fy_px),
-        ("skew, px", |c| c.intrinsics.skew_px),
-        ("principal point u, px", |c| c.intrinsics.cx_px),
-        ("principal point v, px", |c| c.intrinsics.cy_px),
-    ];
-    for (k, (label, of)) in linear.iter().enumerate() {
-        rows.push(row(label, 2, INTRINSICS + k, of));
-    }
-    let lens: [(&str, OfCamera); 5] = [
-        ("k1", |c| c.distortion.k1),
-        ("k2", |c| c.distortion.k2),
-        ("p1", |c| c.distortion.p1),
-        ("p2", |c| c.distortion.p2),
-        ("k3", |c| c.distortion.k3),
-    ];
-    for (k, (label, of)) in lens.iter().enumerate() {
-        let known = (0..rig.cameras.len()).all(|c| std(c, DISTORTION + k) == 0.0);
-        if !known || rig.cameras.iter().any(|c| of(&c.camera) != 0.0) {
-            rows.push(row(label, 5, DISTORTION + k, of));
+    let all = 0..rig.cameras.len();
+    let mut rows = vec![row("model", rig.cameras.iter().map(|c| c.model.to_string()))];
+    for (k, (label, digits)) in PARAMETERS.into_iter().enumerate() {
+        let at = CENTRE + k;
+        if at < DISTORTION || all.clone().any(|c| std(c, at) != 0.0 || value(c, at) != 0.0) {
+            let cells = all.clone().map(|c| match (value(c, at), std(c, at)) {
+                (value, std) if std > 0.0 => format!("{value:.digits$} ± {std:.digits$}"),
+                (value, _) => format!("{value:.digits$}"),
+            });
+            rows.push(row(label, cells));
         }
     }
-    Table {
-        caption: "The cameras: most probable model, parameters and standard deviations.".to_owned(),
-        header: std::iter::once("parameter".to_owned()).chain(names).collect(),
-        rows,
-    }
+    let caption = "The cameras: most probable model, parameters and standard deviations.";
+    Table::new(caption, row("parameter", rig.cameras.iter().map(|c| c.name.clone())), rows)
 }

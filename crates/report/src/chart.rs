@@ -1,7 +1,10 @@
 //! Stacked panels over one time axis, as SVG.
 
 use crate::ReportError;
+use crate::svg::{AXIS, Area, BLUE, Drawn, FONT, SKY, VERMILION, WIDTH, svg};
 use plotters::prelude::*;
+use std::collections::BTreeSet;
+use std::ops::Range;
 
 /// What a curve shows; decides its colour, width and dashes together, so that no reader depends on hue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,13 +20,12 @@ pub enum Role {
 }
 
 impl Role {
-    /// Okabe & Ito (2008).
     fn color(self) -> RGBColor {
         match self {
-            Self::Truth => RGBColor(0, 0, 0),
-            Self::Measured => RGBColor(86, 180, 233),
-            Self::Estimate => RGBColor(0, 114, 178),
-            Self::Model => RGBColor(213, 94, 0),
+            Self::Truth => BLACK,
+            Self::Measured => SKY,
+            Self::Estimate => BLUE,
+            Self::Model => VERMILION,
         }
     }
 }
@@ -42,9 +44,8 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// The same with no more points than a plot of its width can show: of each of its columns of pixels the
-    /// first and the last point, the lowest and the highest edge, and a break where there is one. A curve
-    /// of fewer points is as it was.
+    /// The curve with no more points than its plot can show: of each column of pixels the first and the last
+    /// point, the lowest and the highest edge, and a break where there is one. Unchanged if it has fewer.
     #[must_use]
     pub fn thinned(self) -> Self {
         let times = || self.points.iter().map(|p| p.0);
@@ -55,22 +56,16 @@ impl Curve {
         }
         let half = |k: usize| self.half_width.get(k).copied().unwrap_or(0.0);
         let column = |k: usize| ((self.points[k].0 - start) / (end - start) * columns as f64) as usize;
-        let (mut kept, mut from) = (Vec::new(), 0);
-        while from < self.points.len() {
-            let to =
-                (from..self.points.len()).find(|k| column(*k) != column(from)).unwrap_or(self.points.len());
-            let sound = || (from..to).filter(|k| (self.points[*k].1 + half(*k)).is_finite());
-            let low = sound()
-                .min_by(|a, b| (self.points[*a].1 - half(*a)).total_cmp(&(self.points[*b].1 - half(*b))));
-            let high = sound()
-                .max_by(|a, b| (self.points[*a].1 + half(*a)).total_cmp(&(self.points[*b].1 + half(*b))));
-            let broken = (from..to).find(|k| !self.points[*k].1.is_finite());
-            let mut own: Vec<usize> =
-                [Some(from), low, high, broken, Some(to - 1)].into_iter().flatten().collect();
-            own.sort_unstable();
-            own.dedup();
-            kept.extend(own);
-            from = to;
+        let indices: Vec<usize> = (0..self.points.len()).collect();
+        let mut kept = Vec::new();
+        for own in indices.chunk_by(|a, b| column(*a) == column(*b)) {
+            let edge = |k: usize, side: f64| self.points[k].1 + side * half(k);
+            let sound = || own.iter().copied().filter(|k| edge(*k, 1.0).is_finite());
+            let low = sound().min_by(|a, b| edge(*a, -1.0).total_cmp(&edge(*b, -1.0)));
+            let high = sound().max_by(|a, b| edge(*a, 1.0).total_cmp(&edge(*b, 1.0)));
+            let broken = own.iter().copied().find(|k| !self.points[*k].1.is_finite());
+            let ends = [own.first().copied(), own.last().copied()];
+            kept.extend(BTreeSet::from_iter(ends.into_iter().chain([low, high, broken]).flatten()));
         }
         let half_width =
             if self.half_width.is_empty() { vec![] } else { kept.iter().map(|k| half(*k)).collect() };
@@ -100,43 +95,31 @@ pub struct Chart {
     pub panels: Vec<Panel>,
 }
 
-pub(crate) const WIDTH: u32 = 860;
 const PANEL_HEIGHT: u32 = 200;
 const LEGEND_HEIGHT: u32 = 34;
 const BAND_OPACITY: f64 = 0.22;
-pub(crate) const FONT: &str = "sans-serif";
 
 /// Draws a chart as an SVG element that scales with the page.
 ///
 /// # Errors
-/// [`ReportError::Plot`] when a chart has no finite point, or the plotting library refuses.
+/// [`ReportError::Plot`] when a chart has no finite point, or what the plotting library refuses.
 pub fn draw(chart: &Chart) -> Result<String, ReportError> {
-    let failed = |e: String| ReportError::Plot(e);
     let points = chart.panels.iter().flat_map(|p| &p.curves).flat_map(|c| &c.points);
-    let (start, end) =
-        bounds(points.map(|p| p.0)).ok_or_else(|| failed("a chart has no finite point".to_owned()))?;
+    let (start, end) = bounds(points.map(|p| p.0)).ok_or(ReportError::Plot("a chart has no finite point"))?;
     let height = LEGEND_HEIGHT + PANEL_HEIGHT * chart.panels.len() as u32 + 24;
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, (WIDTH, height)).into_drawing_area();
-        root.fill(&WHITE).map_err(|e| failed(e.to_string()))?;
+    svg(height, |root| {
         let (head, body) = root.split_vertically(LEGEND_HEIGHT);
-        legend(&head, chart).map_err(|e| failed(e.to_string()))?;
+        legend(&head, chart)?;
         let areas = body.split_evenly((chart.panels.len(), 1));
         for (k, (area, panel)) in areas.iter().zip(&chart.panels).enumerate() {
             let last = k + 1 == chart.panels.len();
-            draw_panel(area, panel, (start, end), last.then_some(chart.axis))
-                .map_err(|e| failed(e.to_string()))?;
+            draw_panel(area, panel, start..end, last.then_some(chart.axis))?;
         }
-        root.present().map_err(|e| failed(e.to_string()))?;
-    }
-    Ok(scalable(&svg, height))
+        Ok(())
+    })
 }
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
-type Drawn<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
-
-fn legend<'a>(area: &Area<'a>, chart: &Chart) -> Drawn<'a> {
+fn legend(area: &Area<'_>, chart: &Chart) -> Drawn {
     let mut seen: Vec<&str> = Vec::new();
     let mut x = 96;
     for curve in chart.panels.iter().flat_map(|p| &p.curves) {
@@ -153,7 +136,7 @@ fn legend<'a>(area: &Area<'a>, chart: &Chart) -> Drawn<'a> {
 }
 
 /// A sample of a role's stroke.
-fn stroke<'a>(area: &Area<'a>, role: Role, points: &[(i32, i32); 2]) -> Drawn<'a> {
+fn stroke(area: &Area<'_>, role: Role, points: &[(i32, i32); 2]) -> Drawn {
     let style = role.color().stroke_width(if role == Role::Model { 2 } else { 3 });
     match role {
         Role::Truth => area.draw(&plotters::element::DashedPathElement::new(points.to_vec(), 7, 5, style)),
@@ -167,7 +150,7 @@ fn stroke<'a>(area: &Area<'a>, role: Role, points: &[(i32, i32); 2]) -> Drawn<'a
     }
 }
 
-fn draw_panel<'a>(area: &Area<'a>, panel: &Panel, (start, end): (f64, f64), axis: Option<&str>) -> Drawn<'a> {
+fn draw_panel(area: &Area<'_>, panel: &Panel, times: Range<f64>, axis: Option<&str>) -> Drawn {
     let edges = panel.curves.iter().flat_map(band).flat_map(|(_, low, high)| [low, high]);
     let values = panel.curves.iter().flat_map(|c| &c.points).map(|p| p.1).chain(edges);
     let (low, high) = bounds(values).unwrap_or((-1.0, 1.0));
@@ -179,13 +162,13 @@ fn draw_panel<'a>(area: &Area<'a>, panel: &Panel, (start, end): (f64, f64), axis
         .margin_top(8)
         .x_label_area_size(if axis.is_some() { 44 } else { 12 })
         .y_label_area_size(96)
-        .build_cartesian_2d(start..end, (low - margin)..(high + margin))?;
+        .build_cartesian_2d(times, (low - margin)..(high + margin))?;
     let span = high - low + 2.0 * margin;
     chart
         .configure_mesh()
         .light_line_style(TRANSPARENT)
         .bold_line_style(RGBColor(222, 222, 222))
-        .axis_style(RGBColor(120, 120, 120))
+        .axis_style(AXIS)
         .label_style((FONT, 16))
         .axis_desc_style((FONT, 17))
         .x_labels(11)
@@ -248,18 +231,12 @@ fn tick(value: f64, span: f64) -> String {
     format!("{value:.digits$}")
 }
 
-fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+/// Least and largest of the finite numbers.
+pub(crate) fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     values.filter(|v| v.is_finite()).fold(None, |b, v| match b {
         None => Some((v, v)),
         Some((low, high)) => Some((f64::min(low, v), f64::max(high, v))),
     })
-}
-
-/// Lets the page choose the width.
-pub(crate) fn scalable(svg: &str, height: u32) -> String {
-    let fixed = format!("<svg width=\"{WIDTH}\" height=\"{height}\"");
-    let free = "<svg role=\"img\"";
-    svg.replacen(&fixed, free, 1)
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Plan and elevation of a room with its cameras, as SVG.
 
 use crate::ReportError;
-use crate::chart::{FONT, WIDTH, scalable};
+use crate::svg::{AXIS, Area, BLUE, Drawn, FONT, GREEN, VERMILION, WIDTH, svg};
 use plotters::prelude::*;
 
 /// What a box is; decides how it is drawn, so that no reader depends on hue.
@@ -54,10 +54,6 @@ pub struct RoomDrawing {
     pub points_m: Vec<[f64; 3]>,
 }
 
-const BLUE: RGBColor = RGBColor(0, 114, 178);
-const GREEN: RGBColor = RGBColor(0, 158, 115);
-const VERMILION: RGBColor = RGBColor(213, 94, 0);
-const GREY: RGBColor = RGBColor(120, 120, 120);
 /// Space for labels.
 const LEFT: u32 = 62;
 const RIGHT: u32 = 24;
@@ -66,44 +62,47 @@ const ABOVE: u32 = 34;
 const LEGEND: u32 = 34;
 const MARGIN_M: f64 = 0.3;
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
-type Drawn<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
+impl BoxRole {
+    /// Fill and outline.
+    fn styles(self) -> [Option<ShapeStyle>; 2] {
+        match self {
+            Self::Room => [None, Some(BLACK.stroke_width(2))],
+            Self::Stand => [Some(AXIS.mix(0.18).filled()), None],
+            Self::KeepOut => [None, Some(VERMILION.stroke_width(1))],
+            Self::Block => [Some(RGBColor(60, 60, 60).filled()), None],
+            Self::Volume => [Some(GREEN.mix(0.15).filled()), Some(GREEN.stroke_width(2))],
+        }
+    }
+
+    fn rectangles<C: Copy>(self, corners: [C; 2]) -> impl Iterator<Item = Rectangle<C>> {
+        self.styles().into_iter().flatten().map(move |style| Rectangle::new(corners, style))
+    }
+}
 
 /// Draws plan (X to the right, Y up) above elevation (X to the right, Z up), both to one scale, as an SVG
 /// element that scales with the page.
 ///
 /// # Errors
-/// [`ReportError::Plot`] without a first box of some size, or when the plotting library refuses.
+/// [`ReportError::Plot`] without a first box of some size, or what the plotting library refuses.
 pub fn draw_room(room: &RoomDrawing) -> Result<String, ReportError> {
-    let failed = |e: String| ReportError::Plot(e);
     let extent = room.boxes.first().filter(|b| (0..3).all(|k| b.high_m[k] - b.low_m[k] > 0.0));
-    let extent = extent.ok_or_else(|| failed("a room has no size".to_owned()))?;
+    let extent = extent.ok_or(ReportError::Plot("a room has no size"))?;
     let side = |k: usize| extent.high_m[k] - extent.low_m[k] + 2.0 * MARGIN_M;
     let per_m = f64::from(WIDTH - LEFT - RIGHT) / side(0);
     let height = |k: usize| (per_m * side(k)).round() as u32 + BELOW + ABOVE;
-    let whole = height(1) + height(2) + LEGEND;
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, (WIDTH, whole)).into_drawing_area();
-        root.fill(&WHITE).map_err(|e| failed(e.to_string()))?;
+    svg(height(1) + height(2) + LEGEND, |root| {
         let (legend, rest) = root.split_vertically(LEGEND);
         let (plan, elevation) = rest.split_vertically(height(1));
-        draw_legend(&legend).map_err(|e| failed(e.to_string()))?;
-        draw_view(&plan, room, extent, 1, "Plan, from above").map_err(|e| failed(e.to_string()))?;
-        draw_view(&elevation, room, extent, 2, "Elevation, towards +Y").map_err(|e| failed(e.to_string()))?;
-        root.present().map_err(|e| failed(e.to_string()))?;
-    }
-    Ok(scalable(&svg, whole))
+        draw_legend(&legend)?;
+        draw_view(&plan, room, extent, 1)?;
+        draw_view(&elevation, room, extent, 2)
+    })
 }
 
 /// One view: X against the axis `up`.
-fn draw_view<'a>(
-    area: &Area<'a>,
-    room: &RoomDrawing,
-    extent: &DrawnBox,
-    up: usize,
-    title: &str,
-) -> Drawn<'a> {
+fn draw_view(area: &Area<'_>, room: &RoomDrawing, extent: &DrawnBox, up: usize) -> Drawn {
+    let (title, y_axis) =
+        if up == 1 { ("Plan, from above", "Y, m") } else { ("Elevation, towards +Y", "Z, m") };
     let area = area.titled(title, (FONT, 17))?;
     let range = |k: usize| extent.low_m[k] - MARGIN_M..extent.high_m[k] + MARGIN_M;
     let mut chart = ChartBuilder::on(&area)
@@ -115,47 +114,30 @@ fn draw_view<'a>(
         .configure_mesh()
         .light_line_style(TRANSPARENT)
         .bold_line_style(RGBColor(232, 232, 232))
-        .axis_style(GREY)
+        .axis_style(AXIS)
         .label_style((FONT, 15))
         .axis_desc_style((FONT, 16))
         .x_labels(9)
         .y_labels(6)
         .x_desc("X, m")
-        .y_desc(if up == 1 { "Y, m" } else { "Z, m" })
+        .y_desc(y_axis)
         .draw()?;
+    let place = |p: &[f64; 3]| (p[0], p[up]);
+    let line = |ends: [(f64, f64); 2], style: ShapeStyle| PathElement::new(ends.to_vec(), style);
     for solid in &room.boxes {
-        let (low, high) = ((solid.low_m[0], solid.low_m[up]), (solid.high_m[0], solid.high_m[up]));
-        let outline = |color: RGBColor, width| Rectangle::new([low, high], color.stroke_width(width));
-        match solid.role {
-            BoxRole::Room => drop(chart.draw_series([outline(BLACK, 2)])?),
-            BoxRole::Stand => {
-                chart.draw_series([Rectangle::new([low, high], GREY.mix(0.18).filled())])?;
-            }
-            BoxRole::Block => {
-                chart.draw_series([Rectangle::new([low, high], RGBColor(60, 60, 60).filled())])?;
-            }
-            BoxRole::Volume => {
-                chart.draw_series([Rectangle::new([low, high], GREEN.mix(0.15).filled())])?;
-                chart.draw_series([outline(GREEN, 2)])?;
-            }
-            BoxRole::KeepOut => {
-                let thin = VERMILION.stroke_width(1);
-                chart.draw_series([outline(VERMILION, 1)])?;
-                chart.draw_series([
-                    PathElement::new(vec![low, high], thin),
-                    PathElement::new(vec![(low.0, high.1), (high.0, low.1)], thin),
-                ])?;
-            }
+        let (low, high) = (place(&solid.low_m), place(&solid.high_m));
+        chart.draw_series(solid.role.rectangles([low, high]))?;
+        if solid.role == BoxRole::KeepOut {
+            let diagonals = [[low, high], [(low.0, high.1), (high.0, low.1)]];
+            chart.draw_series(diagonals.map(|ends| line(ends, VERMILION.stroke_width(1))))?;
         }
     }
-    chart.draw_series(room.points_m.iter().map(|p| Cross::new((p[0], p[up]), 4, BLACK.stroke_width(1))))?;
+    chart.draw_series(room.points_m.iter().map(|p| Cross::new(place(p), 4, BLACK.stroke_width(1))))?;
     for camera in &room.cameras {
-        let at = (camera.centre_m[0], camera.centre_m[up]);
+        let at = place(&camera.centre_m);
         let ends = if up == 1 { camera.across_m } else { camera.upright_m };
-        for end in ends {
-            let line = PathElement::new(vec![at, (end[0], end[up])], BLUE.mix(0.7).stroke_width(1));
-            chart.draw_series([line])?;
-        }
+        let style = BLUE.mix(0.7).stroke_width(1);
+        chart.draw_series(ends.map(|end| line([at, place(&end)], style)))?;
         chart.draw_series([Circle::new(at, 6, BLUE.filled())])?;
         let style = TextStyle::from((FONT, 16)).color(&BLACK);
         let label = EmptyElement::at(at) + Text::new(camera.name.clone(), (9, -18), style);
@@ -164,36 +146,27 @@ fn draw_view<'a>(
     Ok(())
 }
 
-fn draw_legend<'a>(area: &Area<'a>) -> Drawn<'a> {
+fn draw_legend(area: &Area<'_>) -> Drawn {
     let style = TextStyle::from((FONT, 15)).color(&BLACK);
-    let entries = [
-        ("camera and its field", 0),
-        ("flight volume", 172),
-        ("may stand", 306),
-        ("keep out", 416),
-        ("blocks the view", 518),
-        ("control point", 660),
-    ];
-    for (k, (text, at)) in entries.into_iter().enumerate() {
-        let x = LEFT as i32 + at;
-        let low = [(x, 10), (x + 16, 24)];
-        match k {
-            0 => area.draw(&Circle::new((x + 8, 17), 6, BLUE.filled()))?,
-            1 => {
-                area.draw(&Rectangle::new(low, GREEN.mix(0.15).filled()))?;
-                area.draw(&Rectangle::new(low, GREEN.stroke_width(2)))?;
-            }
-            2 => area.draw(&Rectangle::new(low, GREY.mix(0.18).filled()))?,
-            3 => {
-                area.draw(&Rectangle::new(low, VERMILION.stroke_width(1)))?;
-                area.draw(&PathElement::new(low.to_vec(), VERMILION.stroke_width(1)))?;
-            }
-            4 => area.draw(&Rectangle::new(low, RGBColor(60, 60, 60).filled()))?,
-            _ => area.draw(&Cross::new((x + 8, 17), 4, BLACK.stroke_width(1)))?,
+    let left = |at: i32| LEFT as i32 + at;
+    let label = |text: &str, x: i32| area.draw(&Text::new(text.to_owned(), (x + 22, 10), style.clone()));
+    label("camera and its field", left(0))?;
+    area.draw(&Circle::new((left(8), 17), 6, BLUE.filled()))?;
+    for (text, at, role) in [
+        ("flight volume", 172, BoxRole::Volume),
+        ("may stand", 306, BoxRole::Stand),
+        ("keep out", 416, BoxRole::KeepOut),
+        ("blocks the view", 518, BoxRole::Block),
+    ] {
+        let corners = [(left(at), 10), (left(at) + 16, 24)];
+        role.rectangles(corners).try_for_each(|r| area.draw(&r))?;
+        if role == BoxRole::KeepOut {
+            area.draw(&PathElement::new(corners.to_vec(), VERMILION.stroke_width(1)))?;
         }
-        area.draw(&Text::new(text, (x + 22, 10), style.clone()))?;
+        label(text, left(at))?;
     }
-    Ok(())
+    label("control point", left(660))?;
+    area.draw(&Cross::new((left(668), 17), 4, BLACK.stroke_width(1)))
 }
 
 #[cfg(test)]

@@ -1,17 +1,13 @@
 //! Equation error: figures of merit, tables, plots.
 
 use crate::figures::{curve, figure, figure_over};
-use crate::summary::{Section, Summary};
+use crate::html::row;
+use crate::parameters::{equation_rows, lead, parameter_table, words};
+use crate::summary::Summary;
 use crate::{Figure, Panel, ReportError, Role, Table};
-use mavsight_identify::{Clocks, Estimator, Identification, OutputFit};
+use mavsight_identify::{Clocks, Identification, OutputFit};
 use mavsight_session::RunResults;
 use serde_json::json;
-
-/// The estimator that verdicts and plots are of: total least squares where it was asked for, else the first.
-pub(crate) fn lead(identification: &Identification) -> Option<Estimator> {
-    let all = || identification.fits.iter().map(|f| f.estimator);
-    all().find(|e| *e == Estimator::TotalLeastSquares).or_else(|| all().next())
-}
 
 fn lead_fits(identification: &Identification) -> impl Iterator<Item = &OutputFit> {
     let lead = lead(identification);
@@ -28,10 +24,10 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
     }
     let Some(identification) = &results.identification else { return };
     if let Some(lead) = lead(identification) {
-        summary.section("fit").add("estimator", "estimator", lead.name(), words(lead));
+        summary.section("fit").add("estimator", "estimator", lead.name(), words(lead.name()));
     }
     for fit in lead_fits(identification) {
-        figures_of_merit(&mut summary.section("fit"), fit);
+        figures_of_merit(summary, fit);
         summary.verdicts.push(fit.verdict.clone());
     }
     let mut section = summary.section("parameters");
@@ -47,11 +43,11 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
     }
 }
 
-fn figures_of_merit(section: &mut Section<'_>, fit: &OutputFit) {
-    let (name, d) = (&fit.output, &fit.diagnostics);
-    section.number(format!("{name}_r2"), format!("{name} R²"), fit.diagnostics.fit.r2, "");
-    let label = format!("{name} R² of instants left out (PRESS)");
-    section.number(format!("{name}_predicted_r2"), label, d.predicted_r2, "");
+fn figures_of_merit(summary: &mut Summary, fit: &OutputFit) {
+    let mut section = summary.section_of("fit", &fit.output, &fit.output);
+    let d = &fit.diagnostics;
+    section.number("r2", "R²", d.fit.r2, "");
+    section.number("predicted_r2", "R² of instants left out (PRESS)", d.predicted_r2, "");
     let rows: Vec<Vec<f64>> = d.correlations.row_iter().map(|r| r.iter().copied().collect()).collect();
     for (key, value) in [
         ("theil", json!(d.fit.theil)),
@@ -62,86 +58,54 @@ fn figures_of_merit(section: &mut Section<'_>, fit: &OutputFit) {
         ("correlations", json!(rows)),
         ("residual_autocorrelations", json!(d.autocorrelations)),
     ] {
-        section.hidden(format!("{name}_{key}"), value);
+        section.hidden(key, value);
     }
-    let label = format!("{name} largest residual");
-    section.add(
-        format!("{name}_max_residual"),
-        label,
-        fit.diagnostics.fit.max,
-        format!("{:.2e}", fit.diagnostics.fit.max),
-    );
+    let shown = format!("{:.2e}", d.fit.max);
+    section.add("max_residual", "largest residual", d.fit.max, shown);
     let shown = format!("{} of {}, {:.0}", fit.rank, fit.parameters.len(), fit.condition);
-    section.add(format!("{name}_rank"), format!("{name} rank, condition"), fit.rank, shown);
+    section.add("rank", "rank, condition", fit.rank, shown);
     if let Some(held) = &d.held_out {
-        section.number(format!("{name}_held_out_r2"), format!("{name} R² of the hold-out"), held.r2, "");
-        let label = format!("{name} Theil's coefficient of it");
-        section.number(format!("{name}_held_out_theil"), label, held.theil, "");
+        section.number("held_out_r2", "R² of the hold-out", held.r2, "");
+        section.number("held_out_theil", "Theil's coefficient of it", held.theil, "");
     }
 }
 
 /// Table 3 of the paper, one for each estimator, and how far the flight separates the columns.
 pub(crate) fn tables(results: &RunResults) -> Vec<Table> {
     let Some(identification) = &results.identification else { return vec![] };
-    let lead = lead(identification);
-    let mut fits: Vec<&OutputFit> = identification.fits.iter().collect();
-    fits.sort_by_key(|f| Some(f.estimator) != lead);
-    let mut tables: Vec<Table> = Vec::new();
-    for fit in fits {
-        let caption = format!(
-            "Table 3, {}: parameters with standard deviation and 95 % interval.",
-            words(fit.estimator)
-        );
-        if !tables.iter().any(|t| t.caption == caption) {
-            let header =
-                ["parameter", "value", "std", "95 % from", "to", "verdict"].map(str::to_owned).to_vec();
-            tables.push(Table { caption: caption.clone(), header, rows: vec![] });
-        }
-        if let Some(table) = tables.iter_mut().find(|t| t.caption == caption) {
-            table.rows.extend(parameter_rows(fit));
+    let mut estimators = Vec::from_iter(lead(identification));
+    for fit in &identification.fits {
+        if !estimators.contains(&fit.estimator) {
+            estimators.push(fit.estimator);
         }
     }
-    tables.extend(lead_fits(identification).map(separation));
-    tables
-}
-
-pub(crate) fn parameter_rows(fit: &OutputFit) -> Vec<Vec<String>> {
-    let show = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:+.3e}"));
-    let parameters = fit.parameters.iter().map(|p| {
-        let verdict = if p.identifiable { "" } else { "only in a combination" };
-        let name = format!("{},{}", fit.output, p.name);
-        vec![name, show(p.value), show(p.std), show(p.ci_low), show(p.ci_high), verdict.to_owned()]
+    let parameters = estimators.into_iter().map(|estimator| {
+        let fits = identification.fits.iter().filter(|f| f.estimator == estimator);
+        let title = format!("Table 3, {}", words(estimator.name()));
+        parameter_table(&title, fits.flat_map(equation_rows).collect())
     });
-    let combinations = fit.combinations.iter().map(|c| {
-        let [value, std, low, high] = [c.value, c.std, c.ci_low, c.ci_high].map(|v| show(Some(v)));
-        vec![c.text.clone(), value, std, low, high, "determined".to_owned()]
-    });
-    parameters.chain(combinations).collect()
+    parameters.chain(lead_fits(identification).map(separation)).collect()
 }
 
 /// Singular values, variance inflation and correlations of one output's columns.
 fn separation(fit: &OutputFit) -> Table {
     let d = &fit.diagnostics;
-    let show = |values: &[f64]| values.iter().map(|v| format!("{v:.3}")).collect::<Vec<_>>();
-    let row = |label: &str, values: &[f64]| std::iter::once(label.to_owned()).chain(show(values)).collect();
-    let mut rows: Vec<Vec<String>> = vec![
-        row("singular values", d.collinearity.singular_values.as_slice()),
-        row("condition indices", d.collinearity.condition_indices.as_slice()),
-        row("variance inflation", d.collinearity.variance_inflation.as_slice()),
+    let show = |label: &str, values: &[f64]| row(label, values.iter().map(|v| format!("{v:.3}")));
+    let mut rows = vec![
+        show("singular values", d.collinearity.singular_values.as_slice()),
+        show("condition indices", d.collinearity.condition_indices.as_slice()),
+        show("variance inflation", d.collinearity.variance_inflation.as_slice()),
     ];
     for (k, name) in d.columns.iter().enumerate() {
         let correlations: Vec<f64> = d.correlations.row(k).iter().copied().collect();
-        rows.push(row(&format!("correlation with {name}"), &correlations));
+        rows.push(show(&format!("correlation with {name}"), &correlations));
     }
-    Table {
-        caption: format!(
-            "{}: how separate its independent columns are, each scaled to length one. Condition indices above 30 are \
-             entangled columns.",
-            fit.output
-        ),
-        header: std::iter::once(String::new()).chain(d.columns.clone()).collect(),
-        rows,
-    }
+    let caption = format!(
+        "{}: how separate its independent columns are, each scaled to length one. Condition indices above 30 are \
+         entangled columns.",
+        fit.output
+    );
+    Table::new(caption, row("", d.columns.clone()), rows)
 }
 
 /// Figure 12, and the residuals of the fit.
@@ -154,20 +118,20 @@ pub(crate) fn figures(results: &RunResults) -> Result<Vec<Figure>, ReportError> 
         let Some(output) = table.outputs.iter().find(|o| o.name == fit.output) else { continue };
         let fitted: Vec<f64> = (0..table.t_s.len()).map(|row| fit.line.at(output, row)).collect();
         let inside = |t: f64| t >= table.window_s.0 && t <= table.window_s.1;
-        let panel = |axis: String, curves: &[(&str, Role, Vec<f64>)]| {
-            let of = |(label, role, values): &(&str, Role, Vec<f64>)| {
-                curve(
-                    label,
-                    *role,
-                    std::iter::zip(&table.t_s, values).map(|(t, v)| (*t, *v)).filter(|p| inside(p.0)),
-                )
-            };
-            Panel { axis, curves: curves.iter().map(of).collect() }
+        let drawn = |label: &str, role: Role, values: &[f64]| {
+            let points = std::iter::zip(&table.t_s, values).map(|(t, v)| (*t, *v));
+            curve(label, role, points.filter(|p| inside(p.0)))
         };
-        let residual = output.values.iter().zip(&fitted).map(|(a, b)| a - b).collect();
-        let measured = ("from the motion", Role::Estimate, output.values.clone());
-        panels.push(panel(output.name.clone(), &[measured, (words(fit.estimator), Role::Model, fitted)]));
-        residuals.push(panel(format!("Δ {}", output.name), &[("residual", Role::Estimate, residual)]));
+        let residual: Vec<f64> = output.values.iter().zip(&fitted).map(|(a, b)| a - b).collect();
+        panels.push(Panel {
+            axis: output.name.clone(),
+            curves: vec![
+                drawn("from the motion", Role::Estimate, &output.values),
+                drawn(words(fit.estimator.name()), Role::Model, &fitted),
+            ],
+        });
+        let curves = vec![drawn("residual", Role::Estimate, &residual)];
+        residuals.push(Panel { axis: format!("Δ {}", output.name), curves });
         autocorrelations.push(autocorrelation(fit, table.sample_interval_s));
     }
     if panels.is_empty() {
@@ -201,15 +165,5 @@ fn autocorrelation(fit: &OutputFit, interval_s: f64) -> Panel {
             curve("autocorrelation of residuals", Role::Estimate, points),
             curve("95 % of white ones", Role::Truth, level(bound).into_iter().chain(level(-bound))),
         ],
-    }
-}
-
-pub(crate) fn words(estimator: Estimator) -> &'static str {
-    match estimator {
-        Estimator::LeastSquares => "least squares",
-        Estimator::WeightedLeastSquares => "weighted least squares",
-        Estimator::TotalLeastSquares => "total least squares with exact columns",
-        Estimator::TotalLeastSquaresByRow => "total least squares, each instant with its own covariance",
-        Estimator::FrequencyDomain => "least squares in the frequency domain",
     }
 }

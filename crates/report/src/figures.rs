@@ -1,11 +1,12 @@
 //! The figures of the report, numbered as in the paper.
 
-use crate::{Chart, Curve, Figure, HeatMap, Panel, ReportError, Role, draw, draw_heat_maps, png_figure};
-use mavsight_geometry::{EulerAngles, Isometry3, Vector2, Vector3};
-use mavsight_pose::{MotionSample, Rig, control_volume, euler_std, precision_map};
-use mavsight_scene::draw_path;
-use mavsight_score::TruthRow;
+use crate::html::{data_address, image};
+use crate::{Chart, Curve, Figure, HeatMap, Panel, ReportError, Role, draw, draw_heat_maps};
+use mavsight_flight::{InputSample, InputSeries};
+use mavsight_geometry::{EulerAngles, ImageSize, Isometry3, Vector2, Vector3};
+use mavsight_pose::{MotionSample, PoseEstimate, PoseSample, Rig, control_volume, euler_std, precision_map};
 use mavsight_session::RunResults;
+use mavsight_simulator::FlightState;
 use mavsight_vision::Frame;
 
 /// A value at each instant.
@@ -74,31 +75,50 @@ pub(crate) fn precision(rig: &Rig, pixel_std_px: f64) -> Result<Vec<Figure>, Rep
 pub(crate) fn pictures(frames: &[Frame], results: &RunResults) -> Result<Vec<Figure>, ReportError> {
     let mut figures = Vec::new();
     let Some(rig) = &results.rig else { return Ok(figures) };
-    let path: Vec<Option<Vector3<f64>>> = results
-        .poses
-        .iter()
-        .map(|p| p.estimate.as_ref().ok().map(|e| e.world_from_body.translation.vector))
-        .collect();
     for (k, (camera, frame)) in rig.cameras.iter().zip(frames).enumerate() {
-        let seen: Vec<Vector2<f64>> = path
-            .iter()
-            .map(|p| {
-                p.and_then(|p| camera.camera.project(&p).ok()).map_or(Vector2::repeat(f64::NAN), |s| s.pixel)
-            })
-            .collect();
-        if let Some(first) = seen.iter().find(|p| k == 0 && p.x.is_finite()) {
-            figures.push(png_figure(
-                "Figure 4: the observed object, from the first frame of the first camera.",
-                &close_up(frame, first)?,
-            ));
+        let seen = results.poses.iter().map(|p| {
+            let place = p.estimate.as_ref().ok()?.world_from_body.translation.vector;
+            Some(camera.camera.project(&place).ok()?.pixel)
+        });
+        let seen: Vec<Option<Vector2<f64>>> = seen.collect();
+        if let Some(first) = seen.iter().flatten().next().filter(|_| k == 0) {
+            let caption = "Figure 4: the observed object, from the first frame of the first camera.";
+            figures.push(Figure { caption: caption.to_owned(), markup: image(&close_up(frame, first)?) });
         }
-        let mut rgb = frame.to_rgb();
-        draw_path(&mut rgb, frame.size, &seen, [0, 0, 0], 3.5);
-        draw_path(&mut rgb, frame.size, &seen, [255, 255, 255], 1.8);
+        let ImageSize { width_px, height_px } = frame.size;
+        let picture = png(frame.to_rgb(), width_px, height_px)?;
         let caption = format!("Figure 6: path of the body origin over the first frame of {}.", camera.name);
-        figures.push(png_figure(caption, &png(rgb, frame.size.width_px, frame.size.height_px)?));
+        figures.push(Figure { caption, markup: with_path(&picture, frame.size, &seen) });
     }
     Ok(figures)
+}
+
+/// A picture with a white line on a black one over it, broken where there is no point.
+fn with_path(png: &[u8], size: ImageSize, points: &[Option<Vector2<f64>>]) -> String {
+    let (mut path, mut last) = (String::new(), None::<Vector2<f64>>);
+    for point in points {
+        let Some(p) = point else {
+            last = None;
+            continue;
+        };
+        // Steps of less than half a pixel do not show.
+        if last.is_none_or(|last| (p - last).norm() > 0.5) {
+            // The middle of the first pixel is half a pixel from the corner.
+            path += &format!("{}{:.1} {:.1}", if last.is_some() { "L" } else { "M" }, p.x + 0.5, p.y + 0.5);
+            last = Some(*p);
+        }
+    }
+    let line = |color: &str, width: f64| {
+        format!("<path d=\"{path}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\"/>")
+    };
+    format!(
+        "<svg role=\"img\" viewBox=\"0 0 {0} {1}\"><image width=\"{0}\" height=\"{1}\" href=\"{2}\"/>{3}{4}</svg>",
+        size.width_px,
+        size.height_px,
+        data_address(png),
+        line("#000", 3.5),
+        line("#fff", 1.8)
+    )
 }
 
 /// A window of a quarter of the frame around a point, enlarged fourfold.
@@ -125,12 +145,12 @@ fn png(rgb: Vec<u8>, width: u32, height: u32) -> Result<Vec<u8>, ReportError> {
 }
 
 /// Figure 7.
-pub(crate) fn inputs(recorded: &mavsight_flight::InputSeries) -> Result<Figure, ReportError> {
+pub(crate) fn inputs(recorded: &InputSeries) -> Result<Figure, ReportError> {
     // Thinned one by one: an hour's inputs are many.
-    let series = |label: &str, role: Role, f: Of<'_, mavsight_flight::InputSample>| {
+    let series = |label: &str, role: Role, f: Of<'_, InputSample>| {
         curve(label, role, recorded.samples().iter().map(|s| (s.t_s, f(s))))
     };
-    let panel = |axis: &str, upper: Of<'_, mavsight_flight::InputSample>, lower: Of<'_, _>| Panel {
+    let panel = |axis: &str, upper: Of<'_, InputSample>, lower: Of<'_, _>| Panel {
         axis: axis.to_owned(),
         curves: vec![
             series("upper rotor, longitudinal", Role::Estimate, upper),
@@ -146,99 +166,88 @@ pub(crate) fn inputs(recorded: &mavsight_flight::InputSeries) -> Result<Figure, 
     )
 }
 
-/// One quantity of the motion over time.
-struct Quantity<'a> {
-    axis: &'a str,
-    truth: fn(&TruthRow) -> f64,
-    smoothed: Of<'a, MotionSample>,
-    std: Of<'a, MotionSample>,
-    /// In a single pose, where it has the quantity.
-    measured: Option<Of<'a, Isometry3<f64>>>,
+/// Captions of figures 8 to 11, and what their three panels show.
+const MOTION: [(&str, [&str; 3]); 4] = [
+    ("Figure 8: position in the world.", ["X, m", "Y, m", "Z, m"]),
+    ("Figure 9: attitude.", ["roll φ, °", "pitch θ, °", "yaw ψ, °"]),
+    ("Figure 10: velocity in body axes.", ["u, m/s", "v, m/s", "w, m/s"]),
+    ("Figure 11: angular rates in body axes.", ["p, °/s", "q, °/s", "r, °/s"]),
+];
+
+/// The quantities of the figures at one instant, in the figures' units.
+struct Quantities {
+    t_s: f64,
+    values: [Vector3<f64>; 4],
+    half_widths: [Vector3<f64>; 4],
 }
 
-impl Quantity<'_> {
-    /// A panel of truth, smoothed motion and, where it exists, single measurements.
-    fn panel(&self, results: &RunResults, truth: Option<&[TruthRow]>) -> Panel {
+fn degrees(v: Vector3<f64>) -> Vector3<f64> {
+    v.map(f64::to_degrees)
+}
+
+fn angles(e: &EulerAngles) -> Vector3<f64> {
+    degrees(Vector3::new(e.phi_rad, e.theta_rad, e.psi_rad))
+}
+
+/// Position and attitude; nowhere without a pose.
+fn of_pose(pose: Option<&Isometry3<f64>>) -> [Vector3<f64>; 2] {
+    let of = |p: &Isometry3<f64>| [p.translation.vector, angles(&EulerAngles::from_world_from_body(p))];
+    pose.map_or([Vector3::repeat(f64::NAN); 2], of)
+}
+
+impl Quantities {
+    fn of_sample(s: &MotionSample) -> Self {
+        let [position, attitude] = of_pose(Some(&s.world_from_body));
+        let std = |k: usize| s.covariance.quantity(k).diagonal().map(|v| v.max(0.0).sqrt());
+        let turn = euler_std(&s.world_from_body, &s.covariance.quantity(1));
+        Self {
+            t_s: seconds(s.t_ns),
+            values: [position, attitude, s.velocity_in_body_m_s, degrees(s.rates_rad_s)],
+            half_widths: [std(0), degrees(turn), std(2), degrees(std(3))].map(|std| NORMAL_95 * std),
+        }
+    }
+
+    fn of_truth(s: &FlightState) -> Self {
+        let values =
+            [s.position_in_world_m, angles(&s.attitude), s.velocity_in_body_m_s, degrees(s.rates_rad_s)];
+        Self { t_s: s.t_s, values, half_widths: [Vector3::zeros(); 4] }
+    }
+
+    /// Where the motion is not known, curves are broken.
+    fn unknown(t_ns: i64) -> Self {
+        let nothing = [Vector3::repeat(f64::NAN); 4];
+        Self { t_s: seconds(t_ns), values: nothing, half_widths: nothing }
+    }
+}
+
+/// Figures 8 to 11: single poses, smoothed motion, and truth where it is known.
+pub(crate) fn motion(
+    results: &RunResults,
+    truth: Option<&[FlightState]>,
+) -> Result<Vec<Figure>, ReportError> {
+    let Some(motion) = &results.motion else { return Ok(vec![]) };
+    let pose = |p: &PoseSample| of_pose(p.estimate.as_ref().ok().map(|e| &e.world_from_body));
+    let measured: Vec<_> = results.poses.iter().map(|p| (seconds(p.t_ns), pose(p))).collect();
+    let known = motion.samples.iter().map(Quantities::of_sample);
+    let mut smoothed: Vec<Quantities> =
+        known.chain(motion.unknown_ns.iter().map(|t_ns| Quantities::unknown(*t_ns))).collect();
+    smoothed.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+    let truth: Option<Vec<Quantities>> = truth.map(|t| t.iter().map(Quantities::of_truth).collect());
+    let panel = |figure: usize, k: usize| {
         let mut curves = Vec::new();
-        if let Some(measured) = self.measured {
-            let points = results.poses.iter().map(|p| {
-                (seconds(p.t_ns), p.estimate.as_ref().map_or(f64::NAN, |e| measured(&e.world_from_body)))
-            });
+        if figure < 2 {
+            let points = measured.iter().map(|(t_s, pose)| (*t_s, pose[figure][k]));
             curves.push(curve("single frames", Role::Measured, points));
         }
-        if let Some(motion) = &results.motion {
-            // Where the motion is not known, the curve is broken.
-            let known = (motion.samples.iter())
-                .map(|s| (seconds(s.t_ns), (self.smoothed)(s), NORMAL_95 * (self.std)(s)));
-            let unknown = motion.unknown_ns.iter().map(|t_ns| (seconds(*t_ns), f64::NAN, f64::NAN));
-            let mut all: Vec<(f64, f64, f64)> = known.chain(unknown).collect();
-            all.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let (points, half_width) = all.into_iter().map(|(t_s, value, half)| ((t_s, value), half)).unzip();
-            let label = "smoothed, 95 %".to_owned();
-            curves.push(Curve { label, role: Role::Estimate, points, half_width }.thinned());
-        }
-        if let Some(truth) = truth {
-            curves.push(curve("truth", Role::Truth, truth.iter().map(|r| (r.t_s, (self.truth)(r)))));
-        }
-        Panel { axis: self.axis.to_owned(), curves }
-    }
-}
-
-/// Figures 8 to 11.
-pub(crate) fn motion(results: &RunResults, truth: Option<&[TruthRow]>) -> Result<Vec<Figure>, ReportError> {
-    if results.motion.is_none() {
-        return Ok(vec![]);
-    }
-    let std = |s: &MotionSample, row: usize| s.covariance.variance(row).max(0.0).sqrt();
-    let place = |axis: &str, k: usize, truth_of: fn(&TruthRow) -> f64| {
-        let smoothed: Of<'_, MotionSample> = &|s| s.world_from_body.translation.vector[k];
-        let measured: Of<'_, Isometry3<f64>> = &|p| p.translation.vector[k];
-        let measured = Some(measured);
-        Quantity { axis, truth: truth_of, smoothed, std: &|s| std(s, k), measured }.panel(results, truth)
+        let value = |q: &Quantities| (q.t_s, q.values[figure][k]);
+        let (points, half_width) = smoothed.iter().map(|q| (value(q), q.half_widths[figure][k])).unzip();
+        let label = "smoothed, 95 %".to_owned();
+        curves.push(Curve { label, role: Role::Estimate, points, half_width }.thinned());
+        curves.extend(truth.iter().map(|truth| curve("truth", Role::Truth, truth.iter().map(value))));
+        Panel { axis: MOTION[figure].1[k].to_owned(), curves }
     };
-    let angle = |axis: &str, k: usize, truth_of: fn(&TruthRow) -> f64| {
-        let of = |p: &Isometry3<f64>| {
-            let e = EulerAngles::from_world_from_body(p);
-            [e.phi_rad, e.theta_rad, e.psi_rad][k].to_degrees()
-        };
-        let std: Of<'_, MotionSample> =
-            &|s| euler_std(&s.world_from_body, &s.covariance.quantity(1))[k].to_degrees();
-        let smoothed: Of<'_, MotionSample> = &|s| of(&s.world_from_body);
-        Quantity { axis, truth: truth_of, smoothed, std, measured: Some(&of) }.panel(results, truth)
-    };
-    let speed = |axis: &str, k: usize, truth_of: fn(&TruthRow) -> f64| {
-        let smoothed: Of<'_, MotionSample> = &|s| s.velocity_in_body_m_s[k];
-        Quantity { axis, truth: truth_of, smoothed, std: &|s| std(s, 6 + k), measured: None }
-            .panel(results, truth)
-    };
-    let rate = |axis: &str, k: usize, truth_of: fn(&TruthRow) -> f64| {
-        let smoothed: Of<'_, MotionSample> = &|s| s.rates_rad_s[k].to_degrees();
-        let std: Of<'_, MotionSample> = &|s| std(s, 9 + k).to_degrees();
-        Quantity { axis, truth: truth_of, smoothed, std, measured: None }.panel(results, truth)
-    };
-    let positions =
-        vec![place("X, m", 0, |r| r.x_m), place("Y, m", 1, |r| r.y_m), place("Z, m", 2, |r| r.z_m)];
-    let angles = vec![
-        angle("roll φ, °", 0, |r| r.phi_rad.to_degrees()),
-        angle("pitch θ, °", 1, |r| r.theta_rad.to_degrees()),
-        angle("yaw ψ, °", 2, |r| r.psi_rad.to_degrees()),
-    ];
-    let speeds = vec![
-        speed("u, m/s", 0, |r| r.u_m_s),
-        speed("v, m/s", 1, |r| r.v_m_s),
-        speed("w, m/s", 2, |r| r.w_m_s),
-    ];
-    let rates = vec![
-        rate("p, °/s", 0, |r| r.p_rad_s.to_degrees()),
-        rate("q, °/s", 1, |r| r.q_rad_s.to_degrees()),
-        rate("r, °/s", 2, |r| r.r_rad_s.to_degrees()),
-    ];
-    Ok(vec![
-        figure("Figure 8: position in the world.", positions)?,
-        figure("Figure 9: attitude.", angles)?,
-        figure("Figure 10: velocity in body axes.", speeds)?,
-        figure("Figure 11: angular rates in body axes.", rates)?,
-    ])
+    let drawn = |k: usize| figure(MOTION[k].0, (0..3).map(|axis| panel(k, axis)).collect());
+    (0..MOTION.len()).map(drawn).collect()
 }
 
 /// How good each frame was.
@@ -247,21 +256,17 @@ pub(crate) fn quality(results: &RunResults) -> Result<Vec<Figure>, ReportError> 
     if !poses.iter().any(|p| p.estimate.is_ok()) {
         return Ok(vec![]);
     }
-    let panel = |axis: &str, f: Of<'_, mavsight_pose::PoseEstimate>| {
+    let panel = |axis: &str, f: Of<'_, PoseEstimate>| {
         let points = poses.iter().map(|p| (seconds(p.t_ns), p.estimate.as_ref().map_or(f64::NAN, f)));
         Panel { axis: axis.to_owned(), curves: vec![curve("single frames", Role::Estimate, points)] }
     };
-    let spread =
-        |e: &mavsight_pose::PoseEstimate| 1e3 * e.covariance().fixed_view::<3, 3>(0, 0).trace().sqrt();
-    let turn = |e: &mavsight_pose::PoseEstimate| {
-        (e.covariance().fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt().to_degrees()
-    };
+    let trace = |e: &PoseEstimate, at: usize| e.covariance().fixed_view::<3, 3>(at, at).trace();
     Ok(vec![figure(
         "Each frame: reprojection residual, and the predicted errors of position (3-D) and attitude (an axis).",
         vec![
             panel("residual, px", &|e| e.residual_px),
-            panel("position, mm", &spread),
-            panel("attitude, °", &turn),
+            panel("position, mm", &|e| 1e3 * trace(e, 0).sqrt()),
+            panel("attitude, °", &|e| (trace(e, 3) / 3.0).sqrt().to_degrees()),
         ],
     )?])
 }

@@ -1,11 +1,14 @@
 //! The report of a flight: which figures and tables of the paper it shows.
 
 use crate::camera_tables::camera_tables;
-use crate::summary::{Summary, pixel_std_px, title};
-use crate::{Figure, Report, ReportError, Table, equation_error, figures, output_error, render};
+use crate::sections::pixel_std_px;
+use crate::summary::title;
+use crate::{
+    Figure, Report, ReportError, Row, Summary, Table, equation_error, figures, output_error, render,
+};
 use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_score::TruthRow;
 use mavsight_session::{RunResults, results::names, write_whole};
+use mavsight_simulator::FlightState;
 use mavsight_vision::Frame;
 use std::path::Path;
 
@@ -17,7 +20,7 @@ pub struct FlightReport<'a> {
     /// Recorded inputs, where there are any.
     pub inputs: Option<&'a InputSeries>,
     /// Truth, drawn next to the estimates.
-    pub truth: Option<&'a [TruthRow]>,
+    pub truth: Option<&'a [FlightState]>,
     /// The first frame of each camera.
     pub frames: &'a [Frame],
 }
@@ -88,43 +91,32 @@ fn headline(summary: &Summary) -> Vec<(String, String)> {
 }
 
 fn summary_tables(summary: &Summary) -> Vec<Table> {
-    let mut tables: Vec<Table> = Vec::new();
-    for row in summary.shown() {
-        let caption = title(row.section);
-        if tables.last().is_none_or(|t| t.caption != caption) {
-            tables.push(Table {
-                caption: caption.to_owned(),
-                header: vec!["figure".into(), "value".into()],
-                rows: vec![],
-            });
-        }
-        if let Some(table) = tables.last_mut() {
-            table.rows.push(vec![row.label.clone(), row.shown.clone()]);
-        }
-    }
-    tables
+    let rows: Vec<&Row> = summary.shown().collect();
+    let sections = rows.chunk_by(|a, b| a.section == b.section);
+    let table = |rows: &[&Row]| {
+        let cells = rows.iter().map(|r| vec![r.label.clone(), r.shown.clone()]);
+        Table::new(title(rows[0].section), ["figure", "value"], cells.collect())
+    };
+    sections.map(table).collect()
 }
 
 /// Table 2 of the paper.
 fn vehicle_table(v: &Vehicle) -> Table {
     let (r, e) = (&v.rotor, &v.environment);
-    let row = |name: &str, value: String, unit: &str| vec![name.to_owned(), value, unit.to_owned()];
-    let [ix, iy, iz] = v.inertia_kg_m2;
-    Table {
-        caption: "Table 2: constants of the vehicle file.".to_owned(),
-        header: vec!["constant".into(), "value".into(), "unit".into()],
-        rows: vec![
-            row("air density ρ", e.air_density_kg_m3.to_string(), "kg/m³"),
-            row("gravity g", e.gravity_m_s2.to_string(), "m/s²"),
-            row("mass m", v.mass_kg.to_string(), "kg"),
-            row("rotor radius R", r.radius_m.to_string(), "m"),
-            row("inertia I_xx, I_yy, I_zz", format!("{ix}, {iy}, {iz}"), "kg m²"),
-            row("thrust coefficient, upper", r.thrust_coefficient_upper.to_string(), ""),
-            row("thrust coefficient, lower", r.thrust_coefficient_lower.to_string(), ""),
-            row("flapping time, lower rotor τ_fl", r.flap_time_lower_s.to_string(), "s"),
-            row("flapping time, fly-bar τ_ff", r.flap_time_flybar_s.to_string(), "s"),
-            row("linkage K_b", r.swashplate_gain.to_string(), ""),
-            row("linkage K_u (not in the paper)", r.flybar_gain.to_string(), ""),
-        ],
-    }
+    let inertia = v.inertia_kg_m2.map(|i| i.to_string()).join(", ");
+    let rows = [
+        ("air density ρ", e.air_density_kg_m3.to_string(), "kg/m³"),
+        ("gravity g", e.gravity_m_s2.to_string(), "m/s²"),
+        ("mass m", v.mass_kg.to_string(), "kg"),
+        ("rotor radius R", r.radius_m.to_string(), "m"),
+        ("inertia I_xx, I_yy, I_zz", inertia, "kg m²"),
+        ("thrust coefficient, upper", r.thrust_coefficient_upper.to_string(), ""),
+        ("thrust coefficient, lower", r.thrust_coefficient_lower.to_string(), ""),
+        ("flapping time, lower rotor τ_fl", r.flap_time_lower_s.to_string(), "s"),
+        ("flapping time, fly-bar τ_ff", r.flap_time_flybar_s.to_string(), "s"),
+        ("linkage K_b", r.swashplate_gain.to_string(), ""),
+        ("linkage K_u (not in the paper)", r.flybar_gain.to_string(), ""),
+    ];
+    let rows = rows.map(|(name, value, unit)| vec![name.to_owned(), value, unit.to_owned()]);
+    Table::new("Table 2: constants of the vehicle file.", ["constant", "value", "unit"], rows.into())
 }

@@ -1,8 +1,10 @@
 //! Values over planes as colours, side by side under one scale, as SVG.
 
 use crate::ReportError;
-use crate::chart::{FONT, WIDTH, scalable};
+use crate::chart::bounds;
+use crate::svg::{AXIS, Area, Drawn, FONT, WIDTH, svg};
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// One plane of values.
 #[derive(Debug, Clone)]
@@ -51,41 +53,29 @@ fn color(part: f64) -> RGBColor {
     RGBColor(r, g, b)
 }
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
-type Drawn<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
-
 /// Draws maps with a common colour bar, whose unit is given, as an SVG element that scales with the page.
 ///
 /// # Errors
-/// [`ReportError::Plot`] when no map has a finite value or one has not as many values as cells, or the
+/// [`ReportError::Plot`] when no map has a finite value or one has not as many values as cells, or what the
 /// plotting library refuses.
 pub fn draw_heat_maps(maps: &[HeatMap], unit: &str) -> Result<String, ReportError> {
-    let failed = |e: String| ReportError::Plot(e);
     if maps.iter().any(|m| m.values.len() != m.columns * m.rows || m.values.is_empty()) {
-        return Err(failed("a map has not as many values as cells".to_owned()));
+        return Err(ReportError::Plot("a map has not as many values as cells"));
     }
-    let finite = maps.iter().flat_map(|m| &m.values).flatten().copied().filter(|v| v.is_finite());
-    let scale = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
-    if scale.0 > scale.1 {
-        return Err(failed("a map has no finite value".to_owned()));
-    }
+    let values = maps.iter().flat_map(|m| &m.values).flatten().copied();
+    let (low, high) = bounds(values).ok_or(ReportError::Plot("a map has no finite value"))?;
     // One value everywhere still has a bar.
-    let scale = if scale.1 > scale.0 { scale } else { (0.9 * scale.0, 1.1 * scale.1 + f64::MIN_POSITIVE) };
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, (WIDTH, HEIGHT)).into_drawing_area();
-        root.fill(&WHITE).map_err(|e| failed(e.to_string()))?;
+    let scale = if high > low { (low, high) } else { (0.9 * low, 1.1 * high + f64::MIN_POSITIVE) };
+    svg(HEIGHT, |root| {
         let (body, bar) = root.split_horizontally(WIDTH - BAR_WIDTH);
         for (area, map) in body.split_evenly((1, maps.len())).iter().zip(maps) {
-            draw_map(area, map, scale).map_err(|e| failed(e.to_string()))?;
+            draw_map(area, map, scale)?;
         }
-        draw_bar(&bar, scale, unit).map_err(|e| failed(e.to_string()))?;
-        root.present().map_err(|e| failed(e.to_string()))?;
-    }
-    Ok(scalable(&svg, HEIGHT))
+        draw_bar(&bar, scale, unit)
+    })
 }
 
-fn draw_map<'a>(area: &Area<'a>, map: &HeatMap, scale: (f64, f64)) -> Drawn<'a> {
+fn draw_map(area: &Area<'_>, map: &HeatMap, scale: (f64, f64)) -> Drawn {
     let area = area.titled(&map.title, (FONT, 17))?;
     let mut chart = ChartBuilder::on(&area)
         .margin_right(14)
@@ -96,7 +86,7 @@ fn draw_map<'a>(area: &Area<'a>, map: &HeatMap, scale: (f64, f64)) -> Drawn<'a> 
     chart
         .configure_mesh()
         .disable_mesh()
-        .axis_style(RGBColor(120, 120, 120))
+        .axis_style(AXIS)
         .label_style((FONT, 15))
         .axis_desc_style((FONT, 16))
         .x_labels(5)
@@ -128,10 +118,7 @@ fn draw_map<'a>(area: &Area<'a>, map: &HeatMap, scale: (f64, f64)) -> Drawn<'a> 
         let (low, part) = (corner(k % map.columns, k / map.columns), (value - scale.0) / (scale.1 - scale.0));
         let style = TextStyle::from((FONT, 15)).color(if part > 0.55 { &BLACK } else { &WHITE });
         let middle = (low.0 + 0.5 * step.0, low.1 + 0.5 * step.1);
-        let style = style.pos(plotters::style::text_anchor::Pos::new(
-            plotters::style::text_anchor::HPos::Center,
-            plotters::style::text_anchor::VPos::Center,
-        ));
+        let style = style.pos(Pos::new(HPos::Center, VPos::Center));
         chart.draw_series([Text::new(three_digits(value), middle, style)])?;
     }
     Ok(())
@@ -140,15 +127,10 @@ fn draw_map<'a>(area: &Area<'a>, map: &HeatMap, scale: (f64, f64)) -> Drawn<'a> 
 /// Cells on a grid of three by three that bear their value.
 fn label_cells(map: &HeatMap) -> Vec<(usize, f64)> {
     let places = |n: usize| [n / 6, n / 2, n - 1 - n / 6];
-    let mut out: Vec<(usize, f64)> = Vec::new();
-    for row in places(map.rows) {
-        for column in places(map.columns) {
-            let k = row * map.columns + column;
-            if let Some(value) = map.values[k].filter(|v| v.is_finite()) {
-                out.push((k, value));
-            }
-        }
-    }
+    let cells =
+        places(map.rows).into_iter().flat_map(|row| places(map.columns).map(|c| row * map.columns + c));
+    let mut out: Vec<(usize, f64)> =
+        cells.filter_map(|k| Some((k, map.values[k].filter(|v| v.is_finite())?))).collect();
     out.dedup_by_key(|cell| cell.0);
     out
 }
@@ -162,7 +144,7 @@ fn three_digits(value: f64) -> String {
     }
 }
 
-fn draw_bar<'a>(area: &Area<'a>, scale: (f64, f64), unit: &str) -> Drawn<'a> {
+fn draw_bar(area: &Area<'_>, scale: (f64, f64), unit: &str) -> Drawn {
     let area = area.titled(unit, (FONT, 17))?;
     let mut chart = ChartBuilder::on(&area)
         .margin_top(6)
@@ -174,7 +156,7 @@ fn draw_bar<'a>(area: &Area<'a>, scale: (f64, f64), unit: &str) -> Drawn<'a> {
         .configure_mesh()
         .disable_mesh()
         .disable_x_axis()
-        .axis_style(RGBColor(120, 120, 120))
+        .axis_style(AXIS)
         .label_style((FONT, 15))
         .y_labels(6)
         .y_label_formatter(&|v| three_digits(*v))

@@ -3,15 +3,19 @@
 use base64::Engine;
 use minijinja::value::Serde;
 use minijinja::{AutoEscape, Environment, Value, context};
+use plotters::drawing::DrawingAreaErrorKind;
 use serde::Serialize;
 use thiserror::Error;
 
 /// Why a report could not be made.
 #[derive(Debug, Error)]
 pub enum ReportError {
+    /// Nothing to draw.
+    #[error("a plot could not be drawn: {0}")]
+    Plot(&'static str),
     /// The plotting library's words.
     #[error("a plot could not be drawn: {0}")]
-    Plot(String),
+    Plotters(#[from] DrawingAreaErrorKind<std::io::Error>),
     /// A picture of another size than its pixels.
     #[error("a picture of the report could not be encoded")]
     Picture,
@@ -35,6 +39,25 @@ pub struct Table {
     pub header: Vec<String>,
     /// Rows.
     pub rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    /// A table of a caption, a first row and rows.
+    pub fn new<H: Into<String>>(
+        caption: impl Into<String>,
+        header: impl IntoIterator<Item = H>,
+        rows: Vec<Vec<String>>,
+    ) -> Self {
+        Self { caption: caption.into(), header: header.into_iter().map(Into::into).collect(), rows }
+    }
+}
+
+/// A row whose first cell is its name.
+pub(crate) fn row<C: Into<String>>(
+    first: impl Into<String>,
+    cells: impl IntoIterator<Item = C>,
+) -> Vec<String> {
+    std::iter::once(first.into()).chain(cells.into_iter().map(Into::into)).collect()
 }
 
 /// A picture with its caption.
@@ -63,10 +86,14 @@ pub struct Report {
     pub sections: Vec<(String, Vec<Table>, Vec<Figure>)>,
 }
 
-/// A figure of a PNG file's bytes.
-pub fn png_figure(caption: impl Into<String>, png: &[u8]) -> Figure {
-    let data = base64::engine::general_purpose::STANDARD.encode(png);
-    Figure { caption: caption.into(), markup: format!("<img alt=\"\" src=\"data:image/png;base64,{data}\">") }
+/// The bytes of a PNG file as an address.
+pub(crate) fn data_address(png: &[u8]) -> String {
+    format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png))
+}
+
+/// Markup of a PNG file's bytes.
+pub(crate) fn image(png: &[u8]) -> String {
+    format!("<img alt=\"\" src=\"{}\">", data_address(png))
 }
 
 /// Renders a report as one file: no script, no font, no picture from elsewhere.
@@ -96,7 +123,7 @@ mod tests {
                     header: vec!["a".into()],
                     rows: vec![vec!["1 < 2".into()]],
                 }],
-                vec![png_figure("a picture", b"not really")],
+                vec![Figure { caption: "a picture".into(), markup: image(b"not really") }],
             )],
             ..Report::default()
         };

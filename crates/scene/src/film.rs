@@ -3,7 +3,7 @@
 use crate::aircraft::{Aircraft, ControlFrame, Part};
 use crate::light::IrradianceMap;
 use crate::occluders::Occluders;
-use crate::render::{Composer, Moving, PART_SAMPLES, Plate, Region, region_of, room_plate};
+use crate::render::{Composer, Moving, PART_SAMPLES, Plate, Region, exposure, region_of, room_plate};
 use crate::sensor::Coder;
 use crate::{Room, Sensor};
 use mavsight_geometry::Camera;
@@ -32,11 +32,6 @@ impl<'a> Film<'a> {
         let (width, height) = film.size();
         film.blurred = blur(&film.plate.light, width, height, &film.lens.coarse);
         film
-    }
-
-    /// Changes the seed of the noise of all later frames.
-    pub fn reseed(&mut self, seed: u64) {
-        self.coder.reseed(seed);
     }
 
     fn size(&self) -> (usize, usize) {
@@ -72,8 +67,7 @@ impl<'a> Film<'a> {
         if occluders.black {
             return vec![0; 3 * self.plate.light.len()];
         }
-        let poses: Vec<Isometry3<f64>> =
-            (0..PART_SAMPLES).map(|k| pose_at((k as f64 + 0.5) / PART_SAMPLES as f64 - 0.5)).collect();
+        let poses = exposure(pose_at);
         let (width, height) = self.size();
         let mut light = match occluders.over(&self.plate, &self.camera, &self.room.lamps) {
             Some(plate) => {
@@ -100,20 +94,16 @@ impl<'a> Film<'a> {
         row_share: f64,
         pose_at: impl Fn(f64) -> Isometry3<f64>,
     ) -> Vec<u8> {
-        let sample = |k: usize| (k as f64 + 0.5) / PART_SAMPLES as f64 - 0.5;
         let rows = self.size().1;
         let late = |row: usize| row_share * (row as f64 - (rows as f64 - 1.0) / 2.0);
-        let all: Vec<Isometry3<f64>> = (0..=8)
-            .map(|k| pose_at(late(k * (rows - 1) / 8)))
-            .chain((0..PART_SAMPLES).map(|k| pose_at(sample(k))))
-            .collect();
+        let of_rows = (0..=8).map(|k| pose_at(late(k * (rows - 1) / 8)));
+        let all: Vec<Isometry3<f64>> = of_rows.chain(exposure(&pose_at)).collect();
         let margin_px = 3.0 + 2.0 * self.lens.reach as f64;
         let mut out = self.blurred.clone();
         if let Some(region) = region_of(&aircraft.parts, &all, &self.camera, margin_px) {
             let light = self.light_on(&aircraft.parts, &pose_at(0.0));
             self.soften_into(&mut out, region, |y, columns, samples| {
-                let poses: Vec<Isometry3<f64>> =
-                    (0..PART_SAMPLES).map(|k| pose_at(sample(k) + late(y))).collect();
+                let poses = exposure(|share| pose_at(share + late(y)));
                 let moving = Moving { parts: &aircraft.parts, poses: &poses, light: &light };
                 Composer::new(&moving, &self.camera, &self.plate).row(y, columns, samples);
             });
@@ -174,14 +164,11 @@ impl<'a> Film<'a> {
             }
         }
         let inner = |(from, to): (usize, usize), size: usize| {
-            (
-                if from == 0 { 0 } else { from + reach },
-                if to == size { size } else { to.saturating_sub(reach) },
-            )
+            let from = if from == 0 { 0 } else { from + reach };
+            from..if to == size { size } else { to.saturating_sub(reach) }
         };
-        let (x, y) = (inner(region.x, width), inner(region.y, height));
-        for row in y.0..y.1 {
-            for column in x.0..x.1 {
+        for row in inner(region.y, height) {
+            for column in inner(region.x, width) {
                 let (sum, total) = sums[(row - region.y.0) * columns + column - region.x.0];
                 out[row * width + column] = sum.map(|c| c / total);
             }

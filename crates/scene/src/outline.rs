@@ -1,88 +1,56 @@
 //! Where in the image a part may be: what lets rays pass by parts that they cannot meet.
 
 use crate::aircraft::Part;
-use crate::shapes::Shape;
 use mavsight_geometry::Camera;
 use nalgebra::{Isometry3, Point3, Vector2};
 
-/// A part's bounds in the plane of unit depth before the camera, where lines are straight whatever the lens
-/// does, over all poses of an exposure.
+/// A line and a reach about it in the plane of unit depth before the camera, where lines are straight whatever
+/// the lens does: no ray outside meets the part at any pose of an exposure.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Outline {
-    low: Vector2<f64>,
-    high: Vector2<f64>,
-    /// Ends of a bar's axis, and how far from it the bar reaches.
-    bar: Option<[Vector2<f64>; 2]>,
+    from: Vector2<f64>,
+    to: Vector2<f64>,
     reach: f64,
-}
-
-impl Outline {
-    /// Everywhere.
-    pub(crate) const ALL: Self = Self {
-        low: Vector2::new(f64::NEG_INFINITY, f64::NEG_INFINITY),
-        high: Vector2::new(f64::INFINITY, f64::INFINITY),
-        bar: None,
-        reach: 0.0,
-    };
-
-    /// The outline of a part; everywhere where it comes beside or behind the camera.
-    pub(crate) fn of(part: &Part, poses: &[Isometry3<f64>], camera: &Camera) -> Self {
-        let (low, high) = part.shape.bounds();
-        let corner = |k: usize| {
-            let of = |bit: usize| if k >> bit & 1 == 0 { low[bit] } else { high[bit] };
-            Point3::new(of(0), of(1), of(2))
-        };
-        let mut out = Self { low: Vector2::repeat(f64::MAX), high: Vector2::repeat(f64::MIN), ..Self::ALL };
-        let mut nearest_m = f64::MAX;
-        for pose in poses {
-            let into_cam = camera.cam_from_world * pose;
-            for k in 0..8 {
-                let at = (into_cam * corner(k)).coords;
-                if at.z < LEAST_DEPTH_M {
-                    return Self::ALL;
-                }
-                nearest_m = nearest_m.min(at.z);
-                let seen = at.xy() / at.z;
-                (out.low, out.high) = (out.low.inf(&seen), out.high.sup(&seen));
-            }
-        }
-        if let Shape::Capsule { from, to, radius } = part.shape {
-            let ends = |pose: &Isometry3<f64>| {
-                [from, to].map(|end| {
-                    let at = (camera.cam_from_world * (pose * Point3::from(end))).coords;
-                    at.xy() / at.z
-                })
-            };
-            let first = ends(&poses[0]);
-            let moved = poses.iter().map(ends).fold(0.0_f64, |most, now| {
-                most.max((now[0] - first[0]).norm()).max((now[1] - first[1]).norm())
-            });
-            // A ball of radius r at depth z and slope n is seen within r (1 + n²) / (z - r) of its centre.
-            let slope2 = out.low.abs().sup(&out.high.abs()).norm_squared();
-            out.reach = moved + radius * (1.0 + slope2) / (nearest_m - radius).max(LEAST_DEPTH_M);
-            out.bar = Some(first);
-        }
-        out
-    }
-
-    /// Whether a ray within `margin` of a place may meet the part.
-    pub(crate) fn may_be_at(&self, place: &Vector2<f64>, margin: f64) -> bool {
-        let is_in_box = place.x >= self.low.x - margin
-            && place.x <= self.high.x + margin
-            && place.y >= self.low.y - margin
-            && place.y <= self.high.y + margin;
-        is_in_box
-            && self.bar.is_none_or(|[from, to]| {
-                let (along, to_place) = (to - from, place - from);
-                let w = (to_place.dot(&along) / along.norm_squared().max(1e-30)).clamp(0.0, 1.0);
-                let reach = self.reach + margin;
-                (to_place - along * w).norm_squared() <= reach * reach
-            })
-    }
 }
 
 /// Parts that come so near to the camera's own plane have no outline.
 const LEAST_DEPTH_M: f64 = 0.05;
+
+impl Outline {
+    /// Everywhere.
+    pub(crate) const ALL: Self =
+        Self { from: Vector2::new(0.0, 0.0), to: Vector2::new(0.0, 0.0), reach: f64::INFINITY };
+
+    /// The outline of a part; everywhere where it comes beside or behind the camera.
+    pub(crate) fn of(part: &Part, poses: &[Isometry3<f64>], camera: &Camera) -> Self {
+        let (core, radius_m) = part.shape.core();
+        let mut first = None;
+        let (mut moved, mut slope2, mut nearest_m) = (0.0_f64, 0.0_f64, f64::MAX);
+        for pose in poses {
+            let ends = core.map(|end| (camera.cam_from_world * (pose * Point3::from(end))).coords);
+            nearest_m = nearest_m.min(ends[0].z).min(ends[1].z);
+            let ends = ends.map(|end| end.xy() / end.z);
+            let [from, to] = *first.get_or_insert(ends);
+            moved = moved.max((ends[0] - from).norm()).max((ends[1] - to).norm());
+            slope2 = slope2.max(ends[0].norm_squared()).max(ends[1].norm_squared());
+        }
+        let Some([from, to]) = first.filter(|_| nearest_m - radius_m > LEAST_DEPTH_M) else {
+            return Self::ALL;
+        };
+        // A ball of radius r at depth z and slope n is seen within r (1 + n²)/(z - r √(1 + n²)) of its centre.
+        let lean = (1.0 + slope2).sqrt();
+        let depth_m = nearest_m - radius_m * lean;
+        let reach = if depth_m > 0.0 { moved + radius_m * lean * lean / depth_m } else { f64::INFINITY };
+        Self { from, to, reach }
+    }
+
+    /// Whether a ray within `margin` of a place may meet the part.
+    pub(crate) fn may_be_at(&self, place: &Vector2<f64>, margin: f64) -> bool {
+        let (along, to_place) = (self.to - self.from, place - self.from);
+        let w = (to_place.dot(&along) / along.norm_squared().max(1e-30)).clamp(0.0, 1.0);
+        (to_place - along * w).norm_squared() <= (self.reach + margin).powi(2)
+    }
+}
 
 #[cfg(test)]
 mod tests {

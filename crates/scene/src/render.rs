@@ -35,12 +35,12 @@ pub(crate) fn ray_at(camera: &Camera, u: f64, v: f64) -> Option<Ray> {
 /// Renders the room with soft shadows and contact shadows.
 pub(crate) fn room_plate(room: &Room, camera: &Camera) -> Plate {
     let width = camera.size.width_px as usize;
-    let rows: Vec<(Vec<[f32; 3]>, Vec<f32>)> = (0..camera.size.height_px as usize)
+    let rows: Vec<Vec<([f32; 3], f32)>> = (0..camera.size.height_px as usize)
         .into_par_iter()
-        .map(|y| (0..width).map(|x| room_pixel(room, camera, x, y)).unzip())
+        .map(|y| (0..width).map(|x| room_pixel(room, camera, x, y)).collect())
         .collect();
-    let (light, distance_m): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
-    Plate { light: light.concat(), distance_m: distance_m.concat() }
+    let (light, distance_m) = rows.into_iter().flatten().unzip();
+    Plate { light, distance_m }
 }
 
 fn room_pixel(room: &Room, camera: &Camera, x: usize, y: usize) -> ([f32; 3], f32) {
@@ -129,6 +129,11 @@ pub(crate) fn region_of(
     (x.0 < x.1 && y.0 < y.1).then_some(Region { x, y })
 }
 
+/// Poses at evenly spread times of an exposure, whose shares are -0.5 to 0.5.
+pub(crate) fn exposure(pose_at: impl Fn(f64) -> Isometry3<f64>) -> [Isometry3<f64>; PART_SAMPLES] {
+    std::array::from_fn(|k| pose_at((k as f64 + 0.5) / PART_SAMPLES as f64 - 0.5))
+}
+
 /// Parts at their poses over the exposure, with the light on them.
 pub(crate) struct Moving<'a> {
     pub parts: &'a [Part],
@@ -170,13 +175,6 @@ struct Cell {
     middle: Option<Ray>,
 }
 
-/// Lists that are used again from pixel to pixel.
-#[derive(Default)]
-struct Scratch {
-    near: Vec<usize>,
-    hits: Vec<Met>,
-}
-
 impl<'a> Composer<'a> {
     pub(crate) fn new(moving: &'a Moving<'a>, camera: &'a Camera, plate: &'a Plate) -> Self {
         let inverses: Vec<Isometry3<f64>> = moving.poses.iter().map(Isometry3::inverse).collect();
@@ -204,11 +202,10 @@ impl<'a> Composer<'a> {
     /// a pixel.
     pub(crate) fn row(&self, y: usize, columns: (usize, usize), samples: &mut [[f32; 3]]) {
         let width = (columns.1 - columns.0) * PART_SAMPLES;
-        let mut scratch = Scratch::default();
         for x in columns.0..columns.1 {
             let k = y * self.camera.size.width_px as usize + x;
             let light = self.plate.light[k].map(f64::from);
-            self.pixel((x, y), self.background(k, light), &mut scratch, |i, j, light| {
+            self.pixel((x, y), self.background(k, light), |i, j, light| {
                 samples[j * width + (x - columns.0) * PART_SAMPLES + i] = light.map(|c| c as f32);
             });
         }
@@ -216,11 +213,10 @@ impl<'a> Composer<'a> {
 
     /// The moving parts over a row of light, one ray a pixel, without a lens.
     pub(crate) fn over(&self, y: usize, columns: (usize, usize), light: &mut [[f32; 3]]) {
-        let mut scratch = Scratch::default();
         for (x, pixel) in (columns.0..columns.1).zip(light) {
             let k = y * self.camera.size.width_px as usize + x;
             let background = self.background(k, pixel.map(f64::from));
-            self.pixel((x, y), background, &mut scratch, |_, _, light| *pixel = light.map(|c| c as f32));
+            self.pixel((x, y), background, |_, _, light| *pixel = light.map(|c| c as f32));
         }
     }
 
@@ -232,11 +228,10 @@ impl<'a> Composer<'a> {
         &self,
         (x, y): (usize, usize),
         background: Background,
-        Scratch { near, hits }: &mut Scratch,
         mut each: impl FnMut(usize, usize, [f64; 3]),
     ) {
         const N: usize = PART_SAMPLES;
-        self.near_parts(x as f64, y as f64, near);
+        let (near, mut hits) = (self.near_parts(x as f64, y as f64), Vec::new());
         let near_ball = near.iter().any(|k| matches!(self.moving.parts[*k].shape, Shape::Ball { .. }));
         // The canonical multi-jittered arrangement (Chiu, Shirley & Wang 1994).
         let n_parts = (N / self.stride) as f64;
@@ -255,7 +250,7 @@ impl<'a> Composer<'a> {
             let light = somewhere.map_or(background.light, |somewhere| {
                 let half = 0.5 * (n_parts - 1.0);
                 let middle = if near_ball { ray(half, half) } else { None };
-                self.sample(near, hits, &Cell { somewhere, middle }, pose, background)
+                self.sample(&near, &mut hits, &Cell { somewhere, middle }, pose, background)
             });
             for k in 0..self.stride * self.stride {
                 each(i * self.stride + k % self.stride, j * self.stride + k / self.stride, light);
@@ -306,19 +301,14 @@ impl<'a> Composer<'a> {
         light
     }
 
-    /// Finds the parts that a pixel may see at some time of the exposure.
-    fn near_parts(&self, u: f64, v: f64, near: &mut Vec<usize>) {
-        near.clear();
-        let Ok(middle) = self.camera.ray(&Vector2::new(u, v)) else { return };
+    /// The parts that a pixel may see at some time of the exposure.
+    fn near_parts(&self, u: f64, v: f64) -> Vec<usize> {
+        let Ok(middle) = self.camera.ray(&Vector2::new(u, v)) else { return vec![] };
         let ahead = self.camera.cam_from_world.rotation * middle;
-        if ahead.z < 1e-3 {
-            near.extend(0..self.outlines.len());
-            return;
-        }
         let place = ahead.xy() / ahead.z;
         // A pixel's corners are 0.7 of a pixel from its middle, and more where a lens compresses.
         let margin = 1.5 / self.camera.intrinsics.fx_px.abs().min(self.camera.intrinsics.fy_px.abs());
-        let may = |k: &usize| self.outlines[*k].may_be_at(&place, margin);
-        near.extend((0..self.outlines.len()).filter(may));
+        let may = |k: &usize| ahead.z < 1e-3 || self.outlines[*k].may_be_at(&place, margin);
+        (0..self.outlines.len()).filter(may).collect()
     }
 }

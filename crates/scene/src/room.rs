@@ -5,7 +5,6 @@ use crate::sensor::unit;
 use crate::shapes::{Hit, Ray, Shape};
 use crate::tree::{Bounds, Tree};
 use nalgebra::Vector3;
-use std::sync::OnceLock;
 
 type V = Vector3<f64>;
 
@@ -38,8 +37,7 @@ pub(crate) struct Item {
 pub struct Room {
     pub(crate) items: Vec<Item>,
     pub(crate) lamps: Vec<Lamp>,
-    /// The items' boxes, made when the first ray goes through the finished room.
-    tree: OnceLock<Tree>,
+    tree: Tree,
 }
 
 impl Default for Room {
@@ -51,7 +49,7 @@ impl Default for Room {
 impl Room {
     /// Two desks, four chairs, a cupboard, a board, a bin, a door and a poster under six lamps.
     pub fn meeting_room() -> Self {
-        let mut room = Self { items: Vec::new(), lamps: Vec::new(), tree: OnceLock::new() };
+        let mut room = Self { items: Vec::new(), lamps: Vec::new(), tree: Tree::default() };
         for x in [-3.4, 0.0, 3.4] {
             for y in [-3.0, 0.4] {
                 room.lamp(x, y);
@@ -98,15 +96,9 @@ impl Room {
     }
 
     fn push(&mut self, item: Item) {
-        self.tree.take();
         self.items.push(item);
-    }
-
-    fn tree(&self) -> &Tree {
-        self.tree.get_or_init(|| {
-            let bounds: Vec<_> = self.items.iter().map(|item| Bounds::of(&item.shape)).collect();
-            Tree::of(&bounds)
-        })
+        let bounds: Vec<_> = self.items.iter().map(|item| Bounds::of(&item.shape)).collect();
+        self.tree = Tree::of(&bounds);
     }
 
     fn lamp(&mut self, x: f64, y: f64) {
@@ -118,32 +110,23 @@ impl Room {
     }
 
     fn desk(&mut self, x: f64, y: f64, yaw_deg: f64) {
+        let metal = Paint::Plain([0.22; 3]);
         self.block([x, y, 0.735], [1.5, 0.7, 0.03], yaw_deg, Paint::Wood);
-        let (s, c) = yaw_deg.to_radians().sin_cos();
         for (dx, dy) in [(-0.7, -0.3), (-0.7, 0.3), (0.7, -0.3), (0.7, 0.3)] {
-            let (ox, oy) = (c * dx - s * dy, s * dx + c * dy);
-            self.block([x + ox, y + oy, 0.36], [0.04, 0.04, 0.72], yaw_deg, Paint::Plain([0.22; 3]));
+            self.block(beside([x, y], [dx, dy, 0.36], yaw_deg), [0.04, 0.04, 0.72], yaw_deg, metal);
         }
-        let (ox, oy) = (-0.3 * c - 0.15 * s, -0.3 * s + 0.15 * c);
-        self.block([x + ox, y + oy, 0.93], [0.48, 0.03, 0.3], yaw_deg + 8.0, Paint::Plain([0.02; 3]));
-        let (ox, oy) = (0.35 * c, 0.35 * s);
-        self.block(
-            [x + ox, y + oy, 0.765],
-            [0.21, 0.3, 0.03],
-            yaw_deg - 12.0,
-            Paint::Plain([0.7, 0.69, 0.66]),
-        );
+        let (screen, papers) = ([-0.3, 0.15, 0.93], [0.35, 0.0, 0.765]);
+        let (black, white) = (Paint::Plain([0.02; 3]), Paint::Plain([0.7, 0.69, 0.66]));
+        self.block(beside([x, y], screen, yaw_deg), [0.48, 0.03, 0.3], yaw_deg + 8.0, black);
+        self.block(beside([x, y], papers, yaw_deg), [0.21, 0.3, 0.03], yaw_deg - 12.0, white);
     }
 
     fn chair(&mut self, x: f64, y: f64, yaw_deg: f64) {
-        let cloth = Paint::Plain([0.025, 0.035, 0.055]);
-        let (s, c) = yaw_deg.to_radians().sin_cos();
+        let (cloth, metal) = (Paint::Plain([0.025, 0.035, 0.055]), Paint::Plain([0.3; 3]));
         self.block([x, y, 0.45], [0.44, 0.42, 0.05], yaw_deg, cloth);
-        let back = (s * 0.2, -c * 0.2);
-        self.block([x + back.0, y + back.1, 0.72], [0.42, 0.035, 0.32], yaw_deg, cloth);
+        self.block(beside([x, y], [0.0, -0.2, 0.72], yaw_deg), [0.42, 0.035, 0.32], yaw_deg, cloth);
         for (dx, dy) in [(-0.19, -0.18), (-0.19, 0.18), (0.19, -0.18), (0.19, 0.18)] {
-            let (ox, oy) = (c * dx - s * dy, s * dx + c * dy);
-            self.block([x + ox, y + oy, 0.22], [0.025, 0.025, 0.44], yaw_deg, Paint::Plain([0.3; 3]));
+            self.block(beside([x, y], [dx, dy, 0.22], yaw_deg), [0.025, 0.025, 0.44], yaw_deg, metal);
         }
     }
 
@@ -166,7 +149,7 @@ impl Room {
         let mut reach_m = best.map_or(within_m, |b| b.0.distance_m);
         // Of surfaces that coincide the shell's is seen, otherwise the first that was built.
         let mut of = None;
-        self.tree().along(ray, reach_m, |k| {
+        self.tree.along(ray, reach_m, |k| {
             if let Some(hit) = self.items[k].shape.meet(ray)
                 && (hit.distance_m < reach_m || hit.distance_m == reach_m && of.is_some_and(|of| k < of))
             {
@@ -185,7 +168,7 @@ impl Room {
         let length = way.norm();
         let ray = Ray { origin: *from, direction: way / length };
         let mut is_hidden = false;
-        self.tree().along(&ray, length, |k| {
+        self.tree.along(&ray, length, |k| {
             let item = &self.items[k];
             is_hidden |= !matches!(item.paint, Paint::Glow(_))
                 && item.shape.meet(&ray).is_some_and(|hit| hit.distance_m < length - 0.02);
@@ -193,6 +176,12 @@ impl Room {
         });
         is_hidden
     }
+}
+
+/// The place at a height and an offset, in the axes of a piece of furniture, from its middle.
+fn beside([x, y]: [f64; 2], [dx, dy, height]: [f64; 3], yaw_deg: f64) -> [f64; 3] {
+    let (s, c) = yaw_deg.to_radians().sin_cos();
+    [x + (c * dx - s * dy), y + (s * dx + c * dy), height]
 }
 
 /// Walls, floor and ceiling, seen from inside.
@@ -206,18 +195,12 @@ fn shell(ray: &Ray) -> Option<(Hit, Paint)> {
         (V::z(), FLOOR_M, Paint::Carpet),
         (-V::z(), -HEIGHT_M - FLOOR_M, Paint::CeilingTiles),
     ];
-    let mut best: Option<(Hit, Paint)> = None;
-    for (normal, offset, paint) in planes {
+    let met = planes.into_iter().filter_map(|(normal, offset, paint)| {
         let towards = normal.dot(&ray.direction);
-        if towards >= 0.0 {
-            continue;
-        }
         let distance_m = (offset - normal.dot(&ray.origin)) / towards;
-        if distance_m > 0.0 && best.as_ref().is_none_or(|(b, _)| distance_m < b.distance_m) {
-            best = Some((Hit { distance_m, normal }, paint));
-        }
-    }
-    best
+        (towards < 0.0 && distance_m > 0.0).then_some((Hit { distance_m, normal }, paint))
+    });
+    met.min_by(|a, b| a.0.distance_m.total_cmp(&b.0.distance_m))
 }
 
 /// The paint's colour at a place whose height is counted from the floor.

@@ -58,11 +58,6 @@ impl Coder {
         Self { sensor, codes, quantiles }
     }
 
-    /// Changes the seed of the noise.
-    pub(crate) fn reseed(&mut self, seed: u64) {
-        self.sensor.seed = seed;
-    }
-
     /// Codes a frame of linear light, 0 to 1 of full well; the noise depends on seed, frame and pixel alone.
     pub(crate) fn code(&self, linear: &[[f32; 3]], frame: u64) -> Vec<u8> {
         let mut out = vec![0; linear.len() * 3];
@@ -82,8 +77,8 @@ impl Coder {
                 if self.sensor.noise {
                     let electrons = (light * well).max(0.0);
                     let sigma = (electrons + read2).sqrt();
-                    value =
-                        (electrons + sigma * self.quantiles[(bits & (QUANTILES as u64 - 1)) as usize]) / well;
+                    let normal = self.quantiles[(bits & (QUANTILES as u64 - 1)) as usize];
+                    value = (electrons + sigma * normal) / well;
                     bits >>= 12;
                 }
                 let index = (value.clamp(0.0, 1.0) * CODES as f32 + 0.5) as usize;

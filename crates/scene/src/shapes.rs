@@ -99,15 +99,21 @@ impl Shape {
         Self::Block { centre: V::from(centre), half: V::from(size) / 2.0, yaw: (s, c) }
     }
 
+    /// A line and a radius: all points within the radius of the line hold the shape.
+    pub(crate) fn core(&self) -> ([V; 2], f64) {
+        match self {
+            Self::Block { centre, half, .. } => ([*centre; 2], half.norm()),
+            Self::Ball { centre, radius } => ([*centre; 2], *radius),
+            Self::Ellipsoid { centre, semi } => ([*centre; 2], semi.amax()),
+            Self::Capsule { from, to, radius } => ([*from, *to], *radius),
+            Self::Ring { centre, outer, .. } => ([*centre; 2], *outer),
+        }
+    }
+
     /// Centre and radius of a ball that holds the shape.
     pub(crate) fn bound(&self) -> (V, f64) {
-        match self {
-            Self::Block { centre, half, .. } => (*centre, half.norm()),
-            Self::Ball { centre, radius } => (*centre, *radius),
-            Self::Ellipsoid { centre, semi } => (*centre, semi.amax()),
-            Self::Capsule { from, to, radius } => ((from + to) / 2.0, (to - from).norm() / 2.0 + radius),
-            Self::Ring { centre, outer, .. } => (*centre, *outer),
-        }
+        let ([from, to], radius) = self.core();
+        ((from + to) / 2.0, (to - from).norm() / 2.0 + radius)
     }
 
     /// Corners of the upright box that holds the shape.

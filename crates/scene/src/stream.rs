@@ -2,7 +2,7 @@
 
 use crate::Film;
 use crate::aircraft::Aircraft;
-use crate::render::{Composer, Moving, PART_SAMPLES, Region, region_of};
+use crate::render::{Composer, Moving, PART_SAMPLES, Region, exposure, region_of};
 use crate::shapes::Shape;
 use nalgebra::Isometry3;
 
@@ -55,8 +55,7 @@ impl<'a> FilmStream<'a> {
                 self.light[span.clone()].copy_from_slice(&self.film.blurred[span]);
             }
         }
-        let poses: [Isometry3<f64>; PART_SAMPLES] =
-            std::array::from_fn(|k| pose_at((k as f64 + 0.5) / PART_SAMPLES as f64 - 0.5));
+        let poses = exposure(pose_at);
         let margin_px = 2.0 + 2.0 * self.film.lens.reach as f64;
         let parts = &aircraft.parts;
         let Some(region) = region_of(parts, &poses, &self.film.camera, margin_px) else { return };

@@ -8,7 +8,7 @@ use mavsight_geometry::{
 use mavsight_identify::output_error::{
     FlightModel, Measurements, OutputErrorOptions, StateMeasurement, output_error,
 };
-use mavsight_plan::{FlightLimits, FlightPlanner, Placed, PlannedManoeuvre, Planner, pose_of};
+use mavsight_plan::{FlightLimits, FlightPlanner, Placed, PlannedManoeuvre, Planner};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
 use mavsight_random::Random;
 use mavsight_session::{ns_from_s, read_toml};
@@ -335,7 +335,7 @@ impl Cell {
         let mut seen = Vec::with_capacity(real.len() * markers.len());
         let mut out = Vec::with_capacity(self.plan.states.len());
         for s in &self.plan.states {
-            let (pose, t_ns) = (pose_of(s), ns_from_s(s.t_s));
+            let (pose, t_ns) = (s.pose(), ns_from_s(s.t_s));
             seen.clear();
             for (camera, view) in real.iter().enumerate() {
                 let kind = &room.camera[self.placed[camera].kind];

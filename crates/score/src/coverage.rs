@@ -1,7 +1,6 @@
 //! Whether intervals hold the truth: shares inside, normalised errors squared, and their own uncertainty.
 
 use crate::VirtualFlight;
-use crate::virtual_flight::pose_of;
 use mavsight_geometry::{Isometry3, Matrix3, Vector3};
 use mavsight_simulator::FlightState;
 use serde::Serialize;
@@ -193,7 +192,7 @@ fn chi_square_quantile(probability: f64, freedom: f64) -> f64 {
 
 /// Position in world axes, and the turn from the true to the measured attitude about body axes.
 fn pose_error(measured: &Isometry3<f64>, truth: &FlightState) -> [Vector3<f64>; 2] {
-    let pose = pose_of(truth);
+    let pose = truth.pose();
     let turn = (pose.rotation.inverse() * measured.rotation).scaled_axis();
     [measured.translation.vector - pose.translation.vector, turn]
 }
@@ -205,7 +204,7 @@ fn motion_error(
 ) -> [Vector3<f64>; 6] {
     let [position, turn] = pose_error(&sample.world_from_body, truth);
     let (v, w) = (truth.velocity_in_body_m_s, truth.rates_rad_s);
-    let up_in_body = pose_of(truth).rotation.inverse() * Vector3::z();
+    let up_in_body = truth.pose().rotation.inverse() * Vector3::z();
     let force = truth.velocity_rate_m_s2 + w.cross(&v) + up_in_body * gravity_m_s2;
     [
         position,

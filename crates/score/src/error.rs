@@ -7,7 +7,8 @@ use thiserror::Error;
 pub enum ScoreError {
     /// The cameras do not see where the aircraft would fly.
     #[error(
-        "in {share_percent:.0} % of a flight around ({x_m:.2}, {y_m:.2}, {z_m:.2}) m two cameras see three markers: a self-test needs {needed_percent:.0} %; move the cameras or fly elsewhere"
+        "in {share_percent:.0} % of a flight around ({:.2}, {:.2}, {:.2}) m two cameras see three markers: a self-test needs {needed_percent:.0} %; move the cameras or fly elsewhere",
+        middle_m[0], middle_m[1], middle_m[2]
     )]
     OutOfView {
         /// Part of the instants in view.
@@ -15,11 +16,7 @@ pub enum ScoreError {
         /// Part needed.
         needed_percent: f64,
         /// Middle of the flight volume.
-        x_m: f64,
-        /// Y.
-        y_m: f64,
-        /// Z.
-        z_m: f64,
+        middle_m: [f64; 3],
     },
     /// The session has too little data for a laboratory.
     #[error("the laboratory has {found} {what}, but needs {needed}: check the session")]

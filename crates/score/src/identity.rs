@@ -1,9 +1,9 @@
 //! Correctness of associations, and the share of measurable frames with a pose.
 
-use crate::TruthRow;
 use crate::truth_at;
-use mavsight_geometry::{EulerAngles, Point3, Vector3, world_from_body};
+use mavsight_geometry::{Point3, Vector3};
 use mavsight_pose::PoseSample;
+use mavsight_simulator::FlightState;
 use serde::Serialize;
 
 /// Share of a ball's face from which it counts as visible.
@@ -30,7 +30,7 @@ pub struct IdentityScore {
 /// each ball's face that each camera sees, by instant of the truth, camera and marker.
 pub fn score_identity(
     poses: &[PoseSample],
-    truth: &[TruthRow],
+    truth: &[FlightState],
     markers: &[(Vector3<f64>, f64)],
     visible: &[Vec<Vec<f64>>],
 ) -> IdentityScore {
@@ -45,8 +45,7 @@ pub fn score_identity(
         score.measurable += usize::from(measurable);
         let Ok(estimate) = &sample.estimate else { continue };
         score.measured += usize::from(measurable);
-        let attitude = EulerAngles { phi_rad: row.phi_rad, theta_rad: row.theta_rad, psi_rad: row.psi_rad };
-        let real = world_from_body(Vector3::new(row.x_m, row.y_m, row.z_m), attitude);
+        let real = row.pose();
         let std2 = |from: usize| estimate.covariance().fixed_view::<3, 3>(from, from).trace();
         let is_off = |marker: usize| {
             let Some((place, radius_m)) = markers.get(marker) else { return true };
@@ -70,13 +69,17 @@ fn is_measurable(cameras: &[Vec<f64>], markers: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_geometry::{Isometry3, Matrix6};
+    use mavsight_geometry::{EulerAngles, Isometry3, Matrix6, world_from_body};
     use mavsight_pose::PoseEstimate;
 
     #[test]
     fn wrong_and_frozen_poses_are_counted() {
-        let truth: Vec<TruthRow> = (0..5)
-            .map(|k| TruthRow { t_s: f64::from(k), x_m: 0.1 * f64::from(k), ..Default::default() })
+        let truth: Vec<FlightState> = (0..5)
+            .map(|k| FlightState {
+                t_s: f64::from(k),
+                position_in_world_m: Vector3::x() * (0.1 * f64::from(k)),
+                ..Default::default()
+            })
             .collect();
         let markers = [[0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2]].map(|[x, y]| (Vector3::new(x, y, 0.0), 0.025));
         let real = |k: usize| world_from_body(Vector3::new(0.1 * k as f64, 0.0, 0.0), EulerAngles::default());

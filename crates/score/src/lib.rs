@@ -23,9 +23,7 @@ pub use chunks::ChunkFile;
 pub use coverage::{Coverage, QUANTITIES, Quantity, TOO_FEW, Tally};
 pub use error::ScoreError;
 pub use identity::{IdentityScore, score_identity};
-pub use truth::{
-    TruthRow, VISIBILITY, read_truth, read_visibility, truth_of, visibility_of, write_truth, write_visibility,
-};
+pub use truth::{VISIBILITY, read_truth, truth_of, visibility_of, write_truth, write_visibility};
 pub use virtual_flight::VirtualFlight;
 pub use virtual_lab::{ObservationNoise, VirtualCamera, VirtualLab};
 
@@ -34,7 +32,7 @@ use mavsight_geometry::{EulerAngles, Vector3};
 use mavsight_identify::output_error::{FlightFits, ModelParameter};
 use mavsight_identify::{Estimator, Identification};
 use mavsight_pose::{Motion, PoseSample, Rig};
-use mavsight_simulator::{ModelCoefficients, true_coefficients};
+use mavsight_simulator::{FlightState, ModelCoefficients, true_coefficients};
 use serde::Serialize;
 
 /// Errors of position and attitude.
@@ -108,7 +106,7 @@ pub struct Scores {
 const SAME_INSTANT_S: f64 = 1e-3;
 
 /// The true state at a time; `None` where truth has no row within a millisecond.
-pub fn truth_at(truth: &[TruthRow], t_s: f64) -> Option<&TruthRow> {
+pub fn truth_at(truth: &[FlightState], t_s: f64) -> Option<&FlightState> {
     let after = truth.partition_point(|row| row.t_s < t_s - SAME_INSTANT_S);
     truth.get(after).filter(|row| (row.t_s - t_s).abs() <= SAME_INSTANT_S)
 }
@@ -119,14 +117,14 @@ fn rms(squares: f64, count: usize) -> f64 {
 
 fn pose_errors<'a>(
     poses: impl Iterator<Item = (i64, &'a mavsight_geometry::Isometry3<f64>)>,
-    truth: &[TruthRow],
+    truth: &[FlightState],
 ) -> Option<PoseErrors> {
     let (mut count, mut square, mut worst, mut angles) = (0, 0.0, 0.0_f64, [0.0; 3]);
     for (t_ns, pose) in poses {
         let t_s = t_ns as f64 * 1e-9;
         // Rows that are meant for this instant are taken as they are; cameras with clocks of their own lie
         // between rows.
-        let at_row = truth_at(truth, t_s).map(between::pose_of_row);
+        let at_row = truth_at(truth, t_s).map(FlightState::pose);
         let Some(wanted) = at_row.or_else(|| true_pose(truth, t_s)) else { continue };
         let distance_m = (pose.translation.vector - wanted.translation.vector).norm();
         let (e, row) = (EulerAngles::from_world_from_body(pose), EulerAngles::from_world_from_body(&wanted));
@@ -149,23 +147,20 @@ fn pose_errors<'a>(
 }
 
 /// Errors of single poses; `None` where no instant has a truth.
-pub fn score_poses(poses: &[PoseSample], truth: &[TruthRow]) -> Option<PoseErrors> {
-    pose_errors(
-        poses.iter().filter_map(|p| p.estimate.as_ref().ok().map(|e| (p.t_ns, &e.world_from_body))),
-        truth,
-    )
+pub fn score_poses(poses: &[PoseSample], truth: &[FlightState]) -> Option<PoseErrors> {
+    let measured = poses.iter().filter_map(|p| Some((p.t_ns, &p.estimate.as_ref().ok()?.world_from_body)));
+    pose_errors(measured, truth)
 }
 
 /// Errors of smoothed motion; `None` where no instant has a truth.
-pub fn score_motion(motion: &Motion, truth: &[TruthRow]) -> Option<MotionErrors> {
+pub fn score_motion(motion: &Motion, truth: &[FlightState]) -> Option<MotionErrors> {
     let pose = pose_errors(motion.samples.iter().map(|s| (s.t_ns, &s.world_from_body)), truth)?;
     let (mut velocity, mut rates) = ([0.0; 3], [0.0; 3]);
     for s in &motion.samples {
         let Some(row) = truth_at(truth, s.t_ns as f64 * 1e-9) else { continue };
-        let (v, w) = ([row.u_m_s, row.v_m_s, row.w_m_s], [row.p_rad_s, row.q_rad_s, row.r_rad_s]);
         for k in 0..3 {
-            velocity[k] += (1e3 * (s.velocity_in_body_m_s[k] - v[k])).powi(2);
-            rates[k] += (s.rates_rad_s[k] - w[k]).to_degrees().powi(2);
+            velocity[k] += (1e3 * (s.velocity_in_body_m_s[k] - row.velocity_in_body_m_s[k])).powi(2);
+            rates[k] += (s.rates_rad_s[k] - row.rates_rad_s[k]).to_degrees().powi(2);
         }
     }
     let count = pose.compared;
@@ -249,8 +244,12 @@ mod tests {
 
     #[test]
     fn a_known_error_is_reported_as_such() {
-        let truth: Vec<TruthRow> = (0..10)
-            .map(|k| TruthRow { t_s: 0.1 * f64::from(k), psi_rad: 3.0, ..Default::default() })
+        let truth: Vec<FlightState> = (0..10)
+            .map(|k| FlightState {
+                t_s: 0.1 * f64::from(k),
+                attitude: EulerAngles { psi_rad: 3.0, ..Default::default() },
+                ..Default::default()
+            })
             .collect();
         let poses: Vec<PoseSample> = (0..10)
             .map(|k| {

@@ -5,119 +5,71 @@ use mavsight_session::{Session, SessionError, Table, csv_cell, write_numbers, wr
 use mavsight_simulator::FlightState;
 use std::path::Path;
 
-/// Declares the truth's row and its columns together, so that they cannot drift apart.
-macro_rules! truth_row {
-    ($($(#[$doc:meta])* $field:ident),+ $(,)?) => {
-        /// The true state at one instant, for scoring.
-        #[derive(Debug, Clone, Copy, PartialEq, Default)]
-        pub struct TruthRow { $($(#[$doc])* pub $field: f64,)+ }
-
-        /// Columns of the truth.
-        const TRUTH_COLUMNS: &[&str] = &[$(stringify!($field)),+];
-
-        impl TruthRow {
-            fn values(&self) -> Vec<f64> { vec![$(self.$field),+] }
-        }
-
-        /// Reads the truth table; other columns are ignored.
-        ///
-        /// # Errors
-        /// Names the file, row and column.
-        pub fn read_truth(path: &Path) -> Result<Vec<TruthRow>, SessionError> {
-            let table = Table::read(path, "truth")?;
-            $(let $field = table.column(stringify!($field))?;)+
-            table.rows()?.map(|row| Ok(TruthRow { $($field: row.number($field)?),+ })).collect()
-        }
-    };
+/// The columns of a truth file with the numbers of a state that they hold.
+fn columns(state: &mut FlightState) -> [(&'static str, &mut f64); 23] {
+    let [x_m, y_m, z_m] = state.position_in_world_m.as_mut();
+    let [u_m_s, v_m_s, w_m_s] = state.velocity_in_body_m_s.as_mut();
+    let [p_rad_s, q_rad_s, r_rad_s] = state.rates_rad_s.as_mut();
+    let [du_m_s2, dv_m_s2, dw_m_s2] = state.velocity_rate_m_s2.as_mut();
+    let [dp_rad_s2, dq_rad_s2, dr_rad_s2] = state.angular_acceleration_rad_s2.as_mut();
+    [
+        ("t_s", &mut state.t_s),
+        ("x_m", x_m),
+        ("y_m", y_m),
+        ("z_m", z_m),
+        ("u_m_s", u_m_s),
+        ("v_m_s", v_m_s),
+        ("w_m_s", w_m_s),
+        ("phi_rad", &mut state.attitude.phi_rad),
+        ("theta_rad", &mut state.attitude.theta_rad),
+        ("psi_rad", &mut state.attitude.psi_rad),
+        ("p_rad_s", p_rad_s),
+        ("q_rad_s", q_rad_s),
+        ("r_rad_s", r_rad_s),
+        ("alpha_l_rad", &mut state.flap.alpha_l_rad),
+        ("beta_l_rad", &mut state.flap.beta_l_rad),
+        ("alpha_f_rad", &mut state.flap.alpha_f_rad),
+        ("beta_f_rad", &mut state.flap.beta_f_rad),
+        ("du_m_s2", du_m_s2),
+        ("dv_m_s2", dv_m_s2),
+        ("dw_m_s2", dw_m_s2),
+        ("dp_rad_s2", dp_rad_s2),
+        ("dq_rad_s2", dq_rad_s2),
+        ("dr_rad_s2", dr_rad_s2),
+    ]
 }
 
-truth_row! {
-    /// Time.
-    t_s,
-    /// Position of the centre of gravity, world axes.
-    x_m,
-    /// World Y.
-    y_m,
-    /// World Z, up.
-    z_m,
-    /// Velocity, body axes: forward.
-    u_m_s,
-    /// Right.
-    v_m_s,
-    /// Down.
-    w_m_s,
-    /// Roll.
-    phi_rad,
-    /// Pitch.
-    theta_rad,
-    /// Yaw.
-    psi_rad,
-    /// Roll rate.
-    p_rad_s,
-    /// Pitch rate.
-    q_rad_s,
-    /// Yaw rate.
-    r_rad_s,
-    /// Flapping of the lower rotor, back.
-    alpha_l_rad,
-    /// Flapping of the lower rotor, right.
-    beta_l_rad,
-    /// Flapping of the fly-bar, back.
-    alpha_f_rad,
-    /// Flapping of the fly-bar, right.
-    beta_f_rad,
-    /// Rate of u.
-    du_m_s2,
-    /// Rate of v.
-    dv_m_s2,
-    /// Rate of w.
-    dw_m_s2,
-    /// Rate of p.
-    dp_rad_s2,
-    /// Rate of q.
-    dq_rad_s2,
-    /// Rate of r.
-    dr_rad_s2,
+fn names() -> [&'static str; 23] {
+    columns(&mut FlightState::default()).map(|(name, _)| name)
 }
 
-/// Writes the simulated motion.
+/// Reads a truth file: a CSV or Parquet table with the columns that [`write_truth`] writes; others are ignored.
+///
+/// # Errors
+/// Names the file, row and column.
+pub fn read_truth(path: &Path) -> Result<Vec<FlightState>, SessionError> {
+    let table = Table::read(path, "truth")?;
+    let places = table.columns(names())?;
+    let states = table.rows()?.map(|row| {
+        let mut state = FlightState::default();
+        for ((_, number), place) in columns(&mut state).into_iter().zip(places) {
+            *number = row.number(place)?;
+        }
+        Ok(state)
+    });
+    states.collect()
+}
+
+/// Writes a simulated motion as a truth file.
 ///
 /// # Errors
 /// What the file system refuses.
 pub fn write_truth(path: &Path, states: &[FlightState]) -> Result<(), SessionError> {
-    write_numbers(path, TRUTH_COLUMNS, states.iter().map(|s| TruthRow::from(s).values()))
-}
-
-impl From<&FlightState> for TruthRow {
-    fn from(s: &FlightState) -> Self {
-        let (p, v, e, w) = (s.position_in_world_m, s.velocity_in_body_m_s, s.attitude, s.rates_rad_s);
-        let (f, a, d) = (s.flap, s.velocity_rate_m_s2, s.angular_acceleration_rad_s2);
-        Self {
-            t_s: s.t_s,
-            x_m: p.x,
-            y_m: p.y,
-            z_m: p.z,
-            u_m_s: v.x,
-            v_m_s: v.y,
-            w_m_s: v.z,
-            phi_rad: e.phi_rad,
-            theta_rad: e.theta_rad,
-            psi_rad: e.psi_rad,
-            p_rad_s: w.x,
-            q_rad_s: w.y,
-            r_rad_s: w.z,
-            alpha_l_rad: f.alpha_l_rad,
-            beta_l_rad: f.beta_l_rad,
-            alpha_f_rad: f.alpha_f_rad,
-            beta_f_rad: f.beta_f_rad,
-            du_m_s2: a.x,
-            dv_m_s2: a.y,
-            dw_m_s2: a.z,
-            dp_rad_s2: d.x,
-            dq_rad_s2: d.y,
-            dr_rad_s2: d.z,
-        }
-    }
+    write_numbers(
+        path,
+        &names(),
+        states.iter().map(|s| columns(&mut s.clone()).map(|(_, number)| *number).to_vec()),
+    )
 }
 
 /// Name of the file, next to `truth.csv`.
@@ -129,7 +81,7 @@ pub const VISIBILITY: &str = "visibility.csv";
 /// What the file system refuses.
 pub fn write_visibility(
     path: &Path,
-    truth: &[TruthRow],
+    truth: &[FlightState],
     cameras: &[String],
     vehicle: &Vehicle,
     shares: &[Vec<Vec<f64>>],
@@ -147,30 +99,11 @@ pub fn write_visibility(
     write_whole(path, text.as_bytes())
 }
 
-/// Reads the shares of the balls' faces that each camera saw, by instant, camera and marker, in the order of
-/// the rows, for a number of cameras.
-///
-/// # Errors
-/// Names the file, row and column.
-pub fn read_visibility(
-    path: &Path,
-    cameras: usize,
-    markers: &[String],
-) -> Result<Vec<Vec<Vec<f64>>>, SessionError> {
-    let table = Table::read(path, "visibility")?;
-    let columns = markers.iter().map(|m| table.column(m)).collect::<Result<Vec<_>, _>>()?;
-    let rows = table
-        .rows()?
-        .map(|row| columns.iter().map(|c| row.number(*c)).collect::<Result<Vec<f64>, _>>())
-        .collect::<Result<Vec<_>, _>>()?;
-    Ok(rows.chunks(cameras.max(1)).map(<[Vec<f64>]>::to_vec).collect())
-}
-
 /// Reads the truth of a session, where it has one.
 ///
 /// # Errors
 /// Names row and column.
-pub fn truth_of(session: &Session) -> Result<Option<Vec<TruthRow>>, SessionError> {
+pub fn truth_of(session: &Session) -> Result<Option<Vec<FlightState>>, SessionError> {
     session.file.truth.as_deref().map(read_truth).transpose()
 }
 
@@ -182,8 +115,14 @@ pub fn truth_of(session: &Session) -> Result<Option<Vec<TruthRow>>, SessionError
 pub fn visibility_of(session: &Session) -> Result<Option<Vec<Vec<Vec<f64>>>>, SessionError> {
     let path = session.file.truth.as_deref().map(|t| t.with_file_name(VISIBILITY));
     let Some(path) = path.filter(|p| p.is_file()) else { return Ok(None) };
-    let markers: Vec<String> = session.vehicle.marker.iter().map(|m| m.name.clone()).collect();
-    read_visibility(&path, session.cameras().len(), &markers).map(Some)
+    let table = Table::read(&path, "visibility")?;
+    let columns =
+        session.vehicle.marker.iter().map(|m| table.column(&m.name)).collect::<Result<Vec<_>, _>>()?;
+    let rows = table
+        .rows()?
+        .map(|row| columns.iter().map(|c| row.number(*c)).collect())
+        .collect::<Result<Vec<Vec<f64>>, _>>()?;
+    Ok(Some(rows.chunks(session.cameras().len().max(1)).map(<[_]>::to_vec).collect()))
 }
 
 #[cfg(test)]
@@ -204,8 +143,8 @@ mod tests {
         }
         let truth = truth_of(&Session::load(&path).unwrap()).unwrap().unwrap();
         assert_eq!(truth.len(), 300);
-        assert_eq!((truth[1].t_s, truth[1].z_m), (0.033333333, 1.5));
-        assert!((truth[1].psi_rad + 22.5_f64.to_radians()).abs() < 1e-6);
+        assert_eq!((truth[1].t_s, truth[1].position_in_world_m.z), (0.033333333, 1.5));
+        assert!((truth[1].attitude.psi_rad + 22.5_f64.to_radians()).abs() < 1e-6);
     }
 
     #[test]

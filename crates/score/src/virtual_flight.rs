@@ -1,7 +1,7 @@
 //! Flights in a virtual laboratory: simulated observations, measured by the real pipeline.
 
 use crate::{ScoreError, VirtualLab};
-use mavsight_geometry::{ControlPoint, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body};
+use mavsight_geometry::{ControlPoint, Isometry3, Matrix2, Point3, Vector2, Vector3};
 use mavsight_pipeline::{NoProgress, Refinement, Tracked, motion_of, reconstruct, refine};
 use mavsight_pose::{CameraControl, MarkerObservation, Motion, Rig, calibrate};
 use mavsight_random::Random;
@@ -90,9 +90,8 @@ impl VirtualLab {
             most = f64::max(most, share);
             scenario.maneuver.iter_mut().for_each(|m| *m = m.scaled(SMALLER));
         }
-        let [x_m, y_m, z_m] = self.middle_m.into();
         let (share_percent, needed_percent) = (100.0 * most, 100.0 * IN_VIEW_SHARE);
-        Err(ScoreError::OutOfView { share_percent, needed_percent, x_m, y_m, z_m })
+        Err(ScoreError::OutOfView { share_percent, needed_percent, middle_m: self.middle_m.into() })
     }
 
     fn scenario(&self, random: &mut Random) -> Scenario {
@@ -125,7 +124,7 @@ impl VirtualLab {
     }
 
     fn is_in_view(&self, state: &FlightState) -> bool {
-        let pose = pose_of(state);
+        let pose = state.pose();
         let markers = self.vehicle.marker.len();
         let sees = |camera: usize| {
             let seen = |m: &usize| {
@@ -176,7 +175,7 @@ impl VirtualLab {
         let bias: Vec<Vector2<f64>> = self.observations.iter().map(|_| normal2(self.bias_px)).collect();
         let mut out = Vec::with_capacity(flight.len());
         for (k, state) in flight.iter().enumerate() {
-            let (pose, t_ns) = (pose_of(state), ns_from_s(state.t_s));
+            let (pose, t_ns) = (state.pose(), ns_from_s(state.t_s));
             let mut seen = Vec::new();
             for (index, noise) in self.observations.iter().enumerate() {
                 let (camera, marker) = (index / markers, index % markers);
@@ -194,9 +193,4 @@ impl VirtualLab {
         }
         out
     }
-}
-
-/// The pose of a state.
-pub(crate) fn pose_of(state: &FlightState) -> Isometry3<f64> {
-    world_from_body(state.position_in_world_m, state.attitude)
 }

@@ -230,15 +230,10 @@ mod tests {
     fn rig() -> Rig {
         let size = ImageSize { width_px: 640, height_px: 480 };
         let k = Intrinsics::from_horizontal_fov(size, 1.0);
-        let camera = |name: &str, x: f64| mavsight_pose::RigCamera {
-            name: name.into(),
-            camera: Camera::looking_at(Vector3::new(x, -4.0, 1.0), Vector3::zeros(), k, size),
-            model: mavsight_pose::CameraModel { pixels: Pixels::Square, lens: Lens::Straight },
-            centre_std_m: Vector3::zeros(),
-            centre_cov_m2: mavsight_geometry::Matrix3::zeros(),
-            points: vec![],
-            residual_rms_px: 0.0,
-            sigma_px: 0.0,
+        let camera = |name: &str, x: f64| {
+            let camera = Camera::looking_at(Vector3::new(x, -4.0, 1.0), Vector3::zeros(), k, size);
+            let model = mavsight_pose::CameraModel { pixels: Pixels::Square, lens: Lens::Straight };
+            mavsight_pose::RigCamera::exact(name.into(), camera, model)
         };
         let cameras = vec![camera("a", -1.0), camera("b", 0.0), camera("c", 1.0)];
         let uncertainty = DMatrix::from_fn(48, 2, |i, j| (i / 16) as f64 + 10.0 * j as f64);

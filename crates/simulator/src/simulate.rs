@@ -5,7 +5,7 @@ use differential_equations::prelude::{ExplicitRungeKutta, IVP, ODE};
 use mavsight_flight::{
     Airframe, Coefficients, FLIGHT_STATES, FlapState, InputSample, InputSeries, StateVector, Vehicle,
 };
-use mavsight_geometry::EulerAngles;
+use mavsight_geometry::{EulerAngles, Isometry3, world_from_body};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// Relative and absolute tolerance of the integrator, far below what cameras can see (1e-10 m, 1e-10 rad).
@@ -63,7 +63,7 @@ impl InitialState {
 }
 
 /// The aircraft at one instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FlightState {
     /// Time.
     pub t_s: f64,
@@ -84,6 +84,11 @@ pub struct FlightState {
 }
 
 impl FlightState {
+    /// The pose of the body in the world.
+    pub fn pose(&self) -> Isometry3<f64> {
+        world_from_body(self.position_in_world_m, self.attitude)
+    }
+
     /// The state without its time and accelerations: where another flight may begin.
     pub fn as_start(&self) -> InitialState {
         let Self { position_in_world_m, attitude, velocity_in_body_m_s, rates_rad_s, flap, .. } = *self;

@@ -2,6 +2,7 @@
 //! the public calls.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+use mavsight_random::Random;
 use mavsight_vision::{BallColor, Detector, Frame, ImageSize, Vector2};
 
 const SIZE: ImageSize = ImageSize { width_px: 40, height_px: 40 };
@@ -43,16 +44,7 @@ fn still(scene: &Scene, seed: u32) -> Frame {
         let edge = |z: f64| 1.0 / (1.0 + (-1.5976 * z - 0.070_565 * z * z * z).exp());
         edge((offset + 0.5) / BLUR_PX) - edge((offset - 0.5) / BLUR_PX)
     };
-    let mut noise = seed.wrapping_mul(2_654_435_761) | 1;
-    let mut gauss = || {
-        let mut uniform = || {
-            noise ^= noise << 13;
-            noise ^= noise >> 17;
-            noise ^= noise << 5;
-            f64::from(noise) / f64::from(u32::MAX)
-        };
-        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
-    };
+    let mut random = Random::new(seed.into(), 0);
     let mut rgb = Vec::new();
     for (y, x) in (0..SIZE.height_px).flat_map(|y| (0..SIZE.width_px).map(move |x| (y, x))) {
         let (mut light, mut total) = ([0.0; 3], 0.0);
@@ -62,7 +54,7 @@ fn still(scene: &Scene, seed: u32) -> Frame {
             light.iter_mut().zip(here).for_each(|(sum, value)| *sum += share * value);
             total += share;
         }
-        rgb.extend(light.map(|l| (code(l / total) + 2.0 * gauss()).round().clamp(0.0, 255.0) as u8));
+        rgb.extend(light.map(|l| (code(l / total) + 2.0 * random.normal()).round().clamp(0.0, 255.0) as u8));
     }
     Frame::from_rgb(SIZE, rgb).unwrap()
 }

@@ -2,25 +2,10 @@
 //! public calls.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+use mavsight_random::Random;
 use mavsight_vision::{BallColor, Detector, Frame, ImageSize, Tracker, Vector2, VisionError, YuvMatrix};
 
 const SIZE: ImageSize = ImageSize { width_px: 64, height_px: 48 };
-
-/// A small generator with good low bits (xorshift64*), and Gaussian numbers from sums of twelve.
-struct Dice(u64);
-
-impl Dice {
-    fn uniform(&mut self) -> f64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn gauss(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
-    }
-}
 
 #[derive(Clone, Copy)]
 struct Drawn {
@@ -59,9 +44,9 @@ fn code(linear: f64) -> f64 {
 
 /// Draws balls before a wall with a gradient: Gaussian blur of `blur_px` and a pixel's box by 41 × 41
 /// supersampling.
-fn draw(balls: &[Drawn], blur_px: f64, noise: f64, dice: &mut Dice) -> Vec<u8> {
+fn draw(balls: &[Drawn], blur_px: f64, noise: f64, random: &mut Random) -> Vec<u8> {
     let wall = |at: Vector2<f64>| [0.45 + 0.001 * at.x, 0.42 + 0.001 * at.y, 0.36];
-    draw_before(wall, balls, blur_px, noise, dice)
+    draw_before(wall, balls, blur_px, noise, random)
 }
 
 /// The same before another wall.
@@ -70,7 +55,7 @@ fn draw_before(
     balls: &[Drawn],
     blur_px: f64,
     noise: f64,
-    dice: &mut Dice,
+    random: &mut Random,
 ) -> Vec<u8> {
     let mut rgb = Vec::new();
     let taps: Vec<(f64, f64)> = (-20..=20).map(|i| (f64::from(i) * 0.1, f64::from(i))).collect();
@@ -101,15 +86,15 @@ fn draw_before(
                 }
             }
             for channel in light {
-                rgb.push((code(channel / total) + noise * dice.gauss()).round().clamp(0.0, 255.0) as u8);
+                rgb.push((code(channel / total) + noise * random.normal()).round().clamp(0.0, 255.0) as u8);
             }
         }
     }
     rgb
 }
 
-fn frame(balls: &[Drawn], blur_px: f64, noise: f64, dice: &mut Dice) -> Frame {
-    Frame::from_rgb(SIZE, draw(balls, blur_px, noise, dice)).unwrap()
+fn frame(balls: &[Drawn], blur_px: f64, noise: f64, random: &mut Random) -> Frame {
+    Frame::from_rgb(SIZE, draw(balls, blur_px, noise, random)).unwrap()
 }
 
 fn red() -> Vec<BallColor> {
@@ -120,11 +105,12 @@ fn red() -> Vec<BallColor> {
 /// axis.
 fn trial(count: usize, blur_px: f64, noise: f64, shade: Vector2<f64>) -> (Vector2<f64>, f64, f64) {
     let mut detector = Detector::new(&red()).unwrap();
-    let mut dice = Dice(7);
+    let mut random = Random::new(7, 1);
     let (mut sum, mut square, mut normalized) = (Vector2::zeros(), 0.0, 0.0);
     for _ in 0..count {
-        let drawn = Drawn { shade_per_radius: shade, ..ball(30.0 + dice.uniform(), 22.0 + dice.uniform()) };
-        let frame = frame(&[drawn], blur_px, noise, &mut dice);
+        let drawn =
+            Drawn { shade_per_radius: shade, ..ball(30.0 + random.uniform(), 22.0 + random.uniform()) };
+        let frame = frame(&[drawn], blur_px, noise, &mut random);
         let found = detector.detect(&frame, 3.0..=10.0);
         let best = found[0].first().expect("the ball is found");
         let error = best.pixel - drawn.middle;
@@ -152,12 +138,12 @@ fn centres_are_unbiased_under_blur_noise_and_shading() {
 /// place in a pixel.
 #[test]
 fn a_small_ball_before_a_dim_wall_is_where_it_is() {
-    let (mut detector, mut dice) = (Detector::new(&red()).unwrap(), Dice(5));
+    let (mut detector, mut random) = (Detector::new(&red()).unwrap(), Random::new(5, 1));
     let (mut square, mut count) = (0.0, 0.0);
     for k in 0..16_u32 {
         let middle = Vector2::new(30.0 + f64::from(k % 4) / 4.0, 22.125 + f64::from(k / 4) / 4.0);
         let drawn = Drawn { radius_px: 2.5, middle, light: [0.4, 0.012, 0.012], ..ball(0.0, 0.0) };
-        let rgb = draw_before(|_| [0.2; 3], &[drawn], 0.5, 0.3, &mut dice);
+        let rgb = draw_before(|_| [0.2; 3], &[drawn], 0.5, 0.3, &mut random);
         let found = detector.detect(&Frame::from_rgb(SIZE, rgb).unwrap(), 3.0..=10.0);
         square += (found[0].first().expect("the ball is found").pixel - middle).norm_squared();
         count += 2.0;
@@ -172,11 +158,11 @@ fn a_small_ball_before_a_dim_wall_is_where_it_is() {
 fn a_ball_far_from_the_corner_of_a_large_image_is_where_it_is() {
     const LEFT: usize = 2016;
     let size = ImageSize { width_px: 4096, ..SIZE };
-    let (mut detector, mut dice) = (Detector::new(&red()).unwrap(), Dice(13));
+    let (mut detector, mut random) = (Detector::new(&red()).unwrap(), Random::new(13, 1));
     for k in 0..4_u32 {
         let middle = Vector2::new(32.0 + 0.3 * f64::from(k), 24.0 - 0.2 * f64::from(k));
         let drawn = Drawn { radius_px: 4.0, middle, ..ball(0.0, 0.0) };
-        let small = draw_before(|_| [0.2; 3], &[drawn], 0.5, 0.3, &mut dice);
+        let small = draw_before(|_| [0.2; 3], &[drawn], 0.5, 0.3, &mut random);
         let mut rgb = vec![code(0.2).round() as u8; 3 * size.area_px()];
         let rows = rgb.chunks_exact_mut(3 * size.width_px as usize);
         for (row, small) in rows.zip(small.chunks_exact(3 * SIZE.width_px as usize)) {
@@ -191,14 +177,14 @@ fn a_ball_far_from_the_corner_of_a_large_image_is_where_it_is() {
 /// One lamp from the side leaves half of a ball in the dark, behind an edge that no order of harmonics has.
 #[test]
 fn a_ball_that_one_lamp_lights_is_where_it_is() {
-    let (mut detector, mut dice) = (Detector::new(&red()).unwrap(), Dice(11));
+    let (mut detector, mut random) = (Detector::new(&red()).unwrap(), Random::new(11, 1));
     let (mut bias, mut turns) = (0.0, 0.0);
     for k in 0..30_u32 {
         let (sin, cos) = (0.9 * f64::from(k)).sin_cos();
-        let middle = Vector2::new(30.0 + dice.uniform(), 22.0 + dice.uniform());
+        let middle = Vector2::new(30.0 + random.uniform(), 22.0 + random.uniform());
         let lamp = Some([cos, sin, 0.0]);
         let drawn = Drawn { radius_px: 5.0, lamp, middle, ..ball(0.0, 0.0) };
-        let frame = frame(&[drawn], 0.5, 0.3, &mut dice);
+        let frame = frame(&[drawn], 0.5, 0.3, &mut random);
         let found = detector.detect(&frame, 3.0..=16.0);
         let error = found[0].first().expect("the ball is found").pixel - middle;
         bias += error.dot(&Vector2::new(cos, sin));
@@ -224,14 +210,14 @@ fn covariance_holds_the_errors() {
 /// high.
 #[test]
 fn a_lamp_behind_a_part_of_a_ball_does_not_move_it() {
-    let (mut detector, mut dice, mut normalized) = (Detector::new(&red()).unwrap(), Dice(5), 0.0);
+    let (mut detector, mut random, mut normalized) = (Detector::new(&red()).unwrap(), Random::new(5, 1), 0.0);
     const COUNT: usize = 30;
     for k in 0..COUNT {
-        let drawn = Drawn { radius_px: 5.0, ..ball(30.0 + dice.uniform(), 22.0 + dice.uniform()) };
-        let edge_px = drawn.middle.y - 1.0 + 3.0 * dice.uniform();
+        let drawn = Drawn { radius_px: 5.0, ..ball(30.0 + random.uniform(), 22.0 + random.uniform()) };
+        let edge_px = drawn.middle.y - 1.0 + 3.0 * random.uniform();
         let lamp = [3.0, 7.0, 30.0][k % 3];
         let wall = |at: Vector2<f64>| if at.y > edge_px { [lamp; 3] } else { [0.12; 3] };
-        let rgb = draw_before(wall, &[drawn], 0.5, 2.0, &mut dice);
+        let rgb = draw_before(wall, &[drawn], 0.5, 2.0, &mut random);
         let found = detector.detect(&Frame::from_rgb(SIZE, rgb).unwrap(), 3.0..=16.0);
         let best = found[0].first().expect("the ball is found");
         let error = best.pixel - drawn.middle;
@@ -245,17 +231,17 @@ fn a_lamp_behind_a_part_of_a_ball_does_not_move_it() {
 fn a_ball_that_is_not_there_is_not_found() {
     let colors = [red().remove(0), BallColor { name: "blue".into(), rgb: [51, 69, 192] }];
     let mut tracker = Tracker::new(&colors, 3.0..=10.0).unwrap();
-    let mut dice = Dice(3);
+    let mut random = Random::new(3, 1);
     for step in 0..6 {
         let drawn = ball(20.0 + f64::from(step), 20.0);
-        let seen = tracker.update_preferred(&frame(&[drawn], 0.5, 2.0, &mut dice)).to_vec();
+        let seen = tracker.update_preferred(&frame(&[drawn], 0.5, 2.0, &mut random)).to_vec();
         assert!((seen[0].unwrap().pixel - drawn.middle).norm() < 0.2);
         assert!(seen[1].is_none());
     }
-    assert_eq!(tracker.update_preferred(&frame(&[], 0.5, 2.0, &mut dice)), [None, None]);
+    assert_eq!(tracker.update_preferred(&frame(&[], 0.5, 2.0, &mut random)), [None, None]);
     // It comes back far from where it was last seen, and is found again.
     let drawn = ball(50.0, 35.0);
-    let seen = tracker.update_preferred(&frame(&[drawn], 0.5, 2.0, &mut dice));
+    let seen = tracker.update_preferred(&frame(&[drawn], 0.5, 2.0, &mut random));
     assert!((seen[0].unwrap().pixel - drawn.middle).norm() < 0.2);
 }
 
@@ -264,21 +250,21 @@ fn a_ball_that_is_not_there_is_not_found() {
 #[test]
 fn everything_of_a_colour_is_followed_and_what_moves_leads() {
     let mut tracker = Tracker::new(&red(), 3.0..=10.0).unwrap();
-    let mut dice = Dice(5);
+    let mut random = Random::new(5, 1);
     let decoy = ball(20.0, 14.0);
     let mut ids = std::collections::BTreeSet::new();
     for step in 0..40 {
         let drawn = ball(14.0 + f64::from(step), 30.0);
         let hidden = (20..24).contains(&step);
         let balls = if hidden { vec![decoy] } else { vec![decoy, drawn] };
-        let seen = tracker.update(&frame(&balls, 0.5, 2.0, &mut dice)).to_vec();
+        let seen = tracker.update(&frame(&balls, 0.5, 2.0, &mut random)).to_vec();
         let at = |middle: Vector2<f64>| seen.iter().find(|s| (s.detection.pixel - middle).norm() < 0.3);
         assert!(at(decoy.middle).is_some(), "step {step}: {seen:?}");
         let marker = at(drawn.middle);
         assert_eq!(marker.is_none(), hidden, "step {step}: {seen:?}");
         ids.extend(marker.map(|m| m.id));
         if step > 12 && !hidden {
-            let lead = tracker.clone().update_preferred(&frame(&balls, 0.5, 2.0, &mut dice))[0].unwrap();
+            let lead = tracker.clone().update_preferred(&frame(&balls, 0.5, 2.0, &mut random))[0].unwrap();
             assert!((lead.pixel - drawn.middle).norm() < 0.3, "step {step}");
         }
     }
@@ -290,15 +276,15 @@ fn everything_of_a_colour_is_followed_and_what_moves_leads() {
 #[test]
 fn newcomers_are_reported_once_they_have_been_seen_in_some_frames() {
     let mut tracker = Tracker::new(&red(), 3.0..=10.0).unwrap();
-    let mut dice = Dice(9);
+    let mut random = Random::new(9, 1);
     let (known, newcomer) = (ball(20.0, 14.0), ball(44.0, 33.0));
     for _ in 0..3 {
-        assert_eq!(tracker.update(&frame(&[known], 0.5, 2.0, &mut dice)).len(), 1);
+        assert_eq!(tracker.update(&frame(&[known], 0.5, 2.0, &mut random)).len(), 1);
     }
     let mut stepwise = tracker.clone();
     let (mut seen, mut reported) = (Vec::new(), Vec::new());
     for _ in 0..14 {
-        let image = frame(&[known, newcomer], 0.5, 2.0, &mut dice);
+        let image = frame(&[known, newcomer], 0.5, 2.0, &mut random);
         let all = tracker.update(&image);
         seen.push(all.len());
         let first = stepwise.follow(&image);
@@ -315,12 +301,12 @@ fn newcomers_are_reported_once_they_have_been_seen_in_some_frames() {
 /// Video is made from the same drawing by averaging 2 × 2 blocks of colour differences (centred siting).
 #[test]
 fn video_with_halved_colour_gives_the_same_centre() {
-    let mut dice = Dice(11);
+    let mut random = Random::new(11, 1);
     let mut tracker = Tracker::new(&red(), 3.0..=10.0).unwrap();
     let (mut sum, mut count) = (Vector2::zeros(), 0.0);
     for step in 0..30 {
         let drawn = ball(20.0 + 0.37 * f64::from(step), 20.0 + 0.21 * f64::from(step));
-        let rgb = draw(&[drawn], 0.5, 1.0, &mut dice);
+        let rgb = draw(&[drawn], 0.5, 1.0, &mut random);
         let frame = halved(&rgb);
         let seen = tracker.update_preferred(&frame)[0].expect("the ball is seen");
         if step >= 10 {

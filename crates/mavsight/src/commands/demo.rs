@@ -17,10 +17,10 @@ use mavsight_pose::Rig;
 use mavsight_report::FlightReport;
 use mavsight_scene::Aircraft;
 use mavsight_score::{
-    TruthRow, VirtualCamera, score_cameras, score_identity, score_output_error, score_parameters, write_truth,
+    VirtualCamera, score_cameras, score_identity, score_output_error, score_parameters, write_truth,
 };
 use mavsight_session::{ns_from_s, write_control_points, write_inputs, write_toml};
-use mavsight_simulator::{Scenario, model_coefficients, simulate};
+use mavsight_simulator::{FlightState, Scenario, model_coefficients, simulate};
 use mavsight_vision::Frame;
 use std::path::Path;
 
@@ -44,8 +44,7 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     let bars = Bars::new();
     bars.start("flying", None);
     let inputs = scenario.inputs(&vehicle)?;
-    let states = simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
-    let truth: Vec<TruthRow> = states.iter().map(TruthRow::from).collect();
+    let truth = simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
     bars.start("building", None);
     let cameras = lab::cameras();
     let staging = &scenario.staging;
@@ -70,7 +69,8 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     scores.parameters =
         results.identification.as_ref().map(|i| score_parameters(i, &model)).unwrap_or_default();
     scores.output_error = score_output_error(&results.output_error, &vehicle);
-    let shares = |row: &TruthRow| films.iter().map(|f| f.visible_shares(&vehicle, &aircraft, row)).collect();
+    let shares =
+        |row: &FlightState| films.iter().map(|f| f.visible_shares(&vehicle, &aircraft, row)).collect();
     let visible: Vec<Vec<Vec<f64>>> = truth.iter().map(shares).collect();
     scores.identity = Some(score_identity(&results.poses, &truth, &markers_of(&vehicle), &visible));
     let centres: Vec<_> = cameras.iter().map(|c| (c.name.clone(), c.camera.centre_in_world())).collect();
@@ -78,7 +78,7 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     bars.done();
     write_toml(&args.out.join("vehicle.toml"), &vehicle)?;
     write_inputs(&args.out.join("inputs.csv"), &inputs)?;
-    write_truth(&args.out.join("truth.csv"), &states)?;
+    write_truth(&args.out.join("truth.csv"), &truth)?;
     write_control_points(&args.out.join("control_points.csv"), &lab::control_points())?;
     let frames = cameras
         .iter()
@@ -96,7 +96,7 @@ pub(super) struct FilmedFlight<'a> {
     pub(super) cameras: &'a [VirtualCamera],
     pub(super) films: &'a [StagedFilm<'a>],
     pub(super) aircraft: &'a Aircraft,
-    pub(super) truth: &'a [TruthRow],
+    pub(super) truth: &'a [FlightState],
     pub(super) interval_s: f64,
 }
 

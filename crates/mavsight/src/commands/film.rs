@@ -9,13 +9,13 @@ use anyhow::{Context, Result, bail};
 use mavsight_geometry::{BrownConrady, Camera, ImageSize, Intrinsics, Vector3};
 use mavsight_pipeline::{ControlPointRow, Progress};
 use mavsight_scene::Aircraft;
-use mavsight_score::{TruthRow, VISIBILITY, VirtualCamera, read_truth, write_visibility};
+use mavsight_score::{VISIBILITY, VirtualCamera, read_truth, write_visibility};
 use mavsight_session::{
     ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, load_vehicle, make_folder,
     read_toml, tables::read_control_points, tables::read_inputs, write_control_points, write_inputs,
     write_png, write_toml,
 };
-use mavsight_simulator::{Scenario, Staging};
+use mavsight_simulator::{FlightState, Scenario, Staging};
 use mavsight_vision::Frame;
 use serde::Deserialize;
 use std::io::Write;
@@ -115,7 +115,7 @@ fn cameras_of(path: Option<&Path>) -> Result<Vec<(FilmCamera, Camera)>> {
 /// A flight and how it is filmed.
 struct Set<'a> {
     args: &'a Film,
-    truth: &'a [TruthRow],
+    truth: &'a [FlightState],
     aircraft: &'a Aircraft,
     control: &'a [ControlPointRow],
     interval_s: f64,

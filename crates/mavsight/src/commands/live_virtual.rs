@@ -15,11 +15,12 @@ use mavsight_live::{
 };
 use mavsight_pipeline::{ControlStill, Progress, calibrate_from_stills};
 use mavsight_scene::{Aircraft, FilmStream, Room, Sensor};
-use mavsight_score::{TruthRow, VirtualCamera};
+use mavsight_score::VirtualCamera;
 use mavsight_session::{
     ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, make_folder, ns_from_s,
     write_control_points, write_png, write_toml,
 };
+use mavsight_simulator::FlightState;
 use mavsight_vision::Frame;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -53,13 +54,13 @@ impl Shared {
     }
 
     /// The aircraft at a frame, and what was commanded on the way to it into the recording.
-    fn at(&self, frame: u64) -> Result<Option<TruthRow>> {
+    fn at(&self, frame: u64) -> Result<Option<FlightState>> {
         let mut pilot = self.pilot();
         let state = pilot.at(frame)?;
         for input in pilot.fresh() {
             self.recorder.current().iter().for_each(|r| r.input(input));
         }
-        Ok(state.as_ref().map(TruthRow::from))
+        Ok(state)
     }
 }
 

@@ -5,9 +5,7 @@ use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_flight::Vehicle;
-use mavsight_plan::{
-    EXAMPLE, Placed, PlanError, Planner, Ranked, SearchOptions, StudyRow, angle_study, distance_study,
-};
+use mavsight_plan::{EXAMPLE, Placed, PlanError, Planner, Ranked, SearchOptions, StudyRow};
 use mavsight_report::{CameraPlan, angle_deg, least, write_plan_report};
 use mavsight_session::{
     ControlSection, RESULTS_SCHEMA, SESSION_SCHEMA, SessionCamera, SessionFile, csv_cell, make_folder,
@@ -79,9 +77,9 @@ fn study(planner: &Planner, best: &Ranked) -> [Vec<StudyRow>; 2] {
     let middle = planner.room().middle_m();
     let n = best.placed.len() as f64;
     let distance_m = best.placed.iter().map(|p| (p.centre_m - middle).norm()).sum::<f64>() / n;
-    let angles: Vec<f64> = ANGLES_DEG.map(|k| ANGLE_STEP_DEG * f64::from(k)).collect();
-    let distances: Vec<f64> = DISTANCES.map(|k| DISTANCE_STEP_M * f64::from(k)).collect();
-    [angle_study(planner, 0, distance_m, &angles), distance_study(planner, 0, RIGHT_ANGLE_DEG, &distances)]
+    let angles: Vec<_> = ANGLES_DEG.map(|k| (ANGLE_STEP_DEG * f64::from(k), distance_m)).collect();
+    let distances: Vec<_> = DISTANCES.map(|k| (RIGHT_ANGLE_DEG, DISTANCE_STEP_M * f64::from(k))).collect();
+    [&angles, &distances].map(|pairs| planner.study(0, pairs))
 }
 
 /// For people.

@@ -7,8 +7,9 @@ use crate::progress::Bars;
 use anyhow::{Context, Result};
 use mavsight_engine::{Options, first_frames, recorded_inputs};
 use mavsight_report::{FlightReport, Summary, write_report};
-use mavsight_score::{Scores, TruthRow, score_identity, score_motion, score_poses, truth_of, visibility_of};
+use mavsight_score::{Scores, score_identity, score_motion, score_poses, truth_of, visibility_of};
 use mavsight_session::{RunResults, Session, results::names, write_results};
+use mavsight_simulator::FlightState;
 use std::path::Path;
 
 /// `mavsight run`
@@ -44,7 +45,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
 }
 
 /// Errors of poses and motion against truth.
-pub(crate) fn scores_of(results: &RunResults, truth: &[TruthRow]) -> Scores {
+pub(crate) fn scores_of(results: &RunResults, truth: &[FlightState]) -> Scores {
     Scores {
         poses: score_poses(&results.poses, truth),
         motion: results.motion.as_ref().and_then(|m| score_motion(m, truth)),

@@ -11,7 +11,7 @@ use mavsight_engine::camera_feeds;
 use mavsight_pipeline::{NoProgress, Progress};
 use mavsight_random::Random;
 use mavsight_scene::Room;
-use mavsight_score::{Coverage, TOO_FEW, Tally, TruthRow, VirtualFlight, VirtualLab};
+use mavsight_score::{Coverage, TOO_FEW, Tally, VirtualFlight, VirtualLab};
 use mavsight_session::{RESULTS_SCHEMA, Session, make_folder, write_whole};
 use mavsight_simulator::Staging;
 use rayon::prelude::*;
@@ -104,7 +104,6 @@ fn lab_of(args: &Selftest, bars: &Bars) -> Result<(String, VirtualLab)> {
 fn film(lab: &VirtualLab, seed: u64, index: u64) -> Result<VirtualFlight> {
     let mut random = Random::new(seed, index);
     let truth = lab.flight(&mut random)?;
-    let rows: Vec<TruthRow> = truth.iter().map(TruthRow::from).collect();
     let mut as_built = lab.control.clone();
     for row in &mut as_built {
         row.position_m.iter_mut().for_each(|x| *x += row.std_m * random.normal());
@@ -118,7 +117,7 @@ fn film(lab: &VirtualLab, seed: u64, index: u64) -> Result<VirtualFlight> {
         .collect();
     let interval_s = 1.0 / lab.frame_rate_hz;
     let filmed =
-        FilmedFlight { cameras: &lab.cameras, films: &films, aircraft: &aircraft, truth: &rows, interval_s };
+        FilmedFlight { cameras: &lab.cameras, films: &films, aircraft: &aircraft, truth: &truth, interval_s };
     let (rig, tracked) = filmed.track(&as_built, &lab.control, &lab.vehicle, &NoProgress)?;
     Ok(lab.measured(truth, rig, tracked)?)
 }

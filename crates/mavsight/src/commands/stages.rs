@@ -10,7 +10,7 @@ use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_engine::{Flight, Options, first_frames, identify_from_poses, recorded_inputs};
 use mavsight_report::{FlightReport, Summary, write_report};
-use mavsight_score::{TruthRow, truth_of, write_truth};
+use mavsight_score::{truth_of, write_truth};
 use mavsight_session::{
     RunResults, Session, make_folder, read_body, read_markers, read_poses, read_rig, read_summary,
     results::names, tables::read_inputs, write_inputs, write_results, write_toml,
@@ -112,7 +112,7 @@ fn put(mut results: RunResults, out: &Path) -> Result<()> {
 pub(crate) fn report(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     let inputs = recorded_inputs(&session)?;
-    let truth: Option<Vec<TruthRow>> = named(truth_of(&session))?;
+    let truth = named(truth_of(&session))?;
     let camera_names: Vec<String> = session.cameras().iter().map(|c| c.name.clone()).collect();
     let marker_names: Vec<String> = session.vehicle.marker.iter().map(|m| m.name.clone()).collect();
     let mut results = RunResults {

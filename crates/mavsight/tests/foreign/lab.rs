@@ -2,7 +2,7 @@
 
 use mavsight::flight::Vehicle;
 use mavsight::geometry::{
-    BrownConrady, Camera, EulerAngles, ImageSize, Intrinsics, Matrix3, Vector3, world_from_body,
+    BrownConrady, Camera, EulerAngles, ImageSize, Intrinsics, Vector3, world_from_body,
 };
 use mavsight::pose::{CameraModel, Rig, RigCamera};
 use mavsight::session::foreign::poses::{TimedPose, write_pose_table};
@@ -27,16 +27,7 @@ impl Lab {
             (k.fy_px, k.cx_px, k.cy_px) = (k.fx_px * 1.01, k.cx_px + 3.25, k.cy_px - 5.5);
             let mut camera = Camera::looking_at(centre, Vector3::new(0.1, -0.1, 1.4), k, SIZE);
             camera.distortion = distortion;
-            RigCamera {
-                name: name.into(),
-                camera,
-                model: CameraModel::DLT_16,
-                centre_std_m: Vector3::zeros(),
-                centre_cov_m2: Matrix3::zeros(),
-                points: Vec::new(),
-                residual_rms_px: 0.0,
-                sigma_px: 0.0,
-            }
+            RigCamera::exact(name.into(), camera, CameraModel::DLT_16)
         };
         let rig = Rig::exact(vec![
             camera("cam1", Vector3::new(4.0, -3.0, 1.9), 50.0),

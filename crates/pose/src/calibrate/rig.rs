@@ -67,6 +67,20 @@ pub struct RigCamera {
 }
 
 impl RigCamera {
+    /// A camera that counts as exact: all that is uncertain is zero, and it has no control points.
+    pub fn exact(name: String, camera: Camera, model: CameraModel) -> Self {
+        Self {
+            name,
+            camera,
+            model,
+            centre_std_m: Vector3::zeros(),
+            centre_cov_m2: Matrix3::zeros(),
+            points: vec![],
+            residual_rms_px: 0.0,
+            sigma_px: 0.0,
+        }
+    }
+
     /// Whether its lens' distortion is among the parameters.
     pub fn distortion_is_estimated(&self) -> bool {
         self.model.lens != Lens::Straight

@@ -28,16 +28,7 @@ pub(super) fn rig_camera(name: String, camera: Camera) -> RigCamera {
         () if d.k1 != 0.0 => Lens::K1,
         () => Lens::Straight,
     };
-    RigCamera {
-        name,
-        camera,
-        model: CameraModel { pixels, lens },
-        centre_std_m: Vector3::zeros(),
-        centre_cov_m2: Matrix3::zeros(),
-        points: Vec::new(),
-        residual_rms_px: 0.0,
-        sigma_px: 0.0,
-    }
+    RigCamera::exact(name, camera, CameraModel { pixels, lens })
 }
 
 /// Cameras as a rig, with what must be said of all such rigs.

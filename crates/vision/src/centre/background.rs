@@ -10,12 +10,12 @@
 use super::cholesky::Banded;
 use super::constants::CLEAR;
 use super::curve::decode_one;
-use super::disc::Disc;
 use super::krige::{Kriging, LEAST_CLUTTER, Spread};
 use super::layout::Layout;
+use super::model::{EDGE, Parameters, RADIUS};
 use super::places::Places;
 use super::policy::FitPolicy;
-use super::robust::{Fitted, Plane, Scattered, on};
+use super::robust::{Plane, Scattered, on};
 use crate::patch::Patch;
 use pulp::Simd;
 
@@ -25,81 +25,87 @@ const RING_EDGES: f64 = 4.0;
 /// Least standard deviation of colours: half a level is what rounding leaves of a uniform wall.
 const LEAST_COLOR_STD: f64 = 0.5;
 
+/// Robust planes of brightness and colours around a ball, over the patch from a middle.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Planes {
+    bright: Plane,
+    colors: [Plane; 2],
+    middle: (f64, f64),
+    /// Mean squares of what the planes leave.
+    variance: f64,
+    color_variance: [f64; 2],
+}
+
+impl Planes {
+    /// Planes through what the disc leaves free; None with too few free pixels.
+    #[inline(always)]
+    pub(super) fn new<S: Simd>(
+        simd: S,
+        patch: &Patch,
+        (layout, p): (&Layout, &Parameters),
+        noise_variance: f64,
+    ) -> Option<Self> {
+        let reach_px = p[RADIUS] + (3.0 + RING_EDGES) * p[EDGE];
+        let free = Free { middle: (p[0], p[1]), reach_px2: (reach_px * reach_px) as f32 };
+        let pixels = (patch.columns, (0.0, 0.0), 1);
+        let bright = free
+            .scattered(pixels, &layout.covered, |pixel| patch.bright[pixel])
+            .plane(simd, noise_variance.sqrt())?;
+        let mut planes =
+            Self { bright: bright.middle, variance: bright.square, middle: free.middle, ..Self::default() };
+        let blocks = (patch.block_columns, patch.block_place(0), patch.step);
+        for channel in 0..2 {
+            let color = free
+                .scattered(blocks, &layout.color_covered, |block| patch.colors[block][channel])
+                .plane(simd, LEAST_COLOR_STD)?;
+            (planes.colors[channel], planes.color_variance[channel]) = (color.middle, color.square);
+        }
+        Some(planes)
+    }
+
+    /// Brightness expected at a place.
+    #[inline(always)]
+    fn level(&self, (x_px, y_px): (f64, f64)) -> f32 {
+        on(&self.bright, x_px - self.middle.0, y_px - self.middle.1) as f32
+    }
+}
+
 /// The background of one ball.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Background {
     kriging: Kriging,
-    /// Robust planes of brightness and colours over the patch, from the disc's middle.
-    plane: Plane,
-    colors: [Plane; 2],
-    middle: (f64, f64),
-    pub(super) color_variance: [f64; 2],
+    planes: Planes,
     /// Covariance of the brightness expected behind the rim, in the rim's order; empty without clutter.
     pub(super) covariance: Banded,
-    /// Standard deviation of all clutter around, and of that near each pixel and each block in use.
-    clutter: f64,
-    pub(super) near: Vec<f32>,
-    pub(super) color_near: Vec<f32>,
+    /// Standard deviation of the clutter around.
+    pub(super) clutter: f64,
     /// Pixels in use and shared ones, with the light behind the ball there.
     pub(super) places: Places,
 }
 
 impl Background {
-    /// Estimates the background around the disc; None with too few free pixels.
+    /// What is expected behind the disc, on these planes; None where the clutter's covariance is none.
     #[inline(always)]
     pub(super) fn new<S: Simd>(
         simd: S,
         patch: &Patch,
-        (layout, disc): (&Layout, &Disc),
+        (layout, planes, edge_px): (&Layout, Planes, f64),
         (noise_variance, policy): (f64, FitPolicy),
     ) -> Option<Self> {
-        let mut scattered = Scattered::default();
-        let reach_px = disc.radius_px + (3.0 + RING_EDGES) * disc.edge_px;
-        let free = Free { patch, middle: (disc.x_px, disc.y_px), reach_px2: (reach_px * reach_px) as f32 };
-        free.brightness(&layout.covered, &mut scattered);
-        let Fitted { middle: plane, square } = scattered.plane(simd, noise_variance.sqrt())?;
-        // A loop, since the closure of an array's `map` is not compiled for the vector unit.
-        let (mut colors, mut color_variance) = ([Plane::zeros(); 2], [0.0; 2]);
-        for channel in 0..2 {
-            free.colors(&layout.color_covered, channel, &mut scattered);
-            Fitted { middle: colors[channel], square: color_variance[channel] } =
-                scattered.plane(simd, LEAST_COLOR_STD)?;
-        }
-        let mut background = Self {
-            plane,
-            middle: free.middle,
-            colors,
-            color_variance,
-            clutter: (square - noise_variance).max(0.0).sqrt(),
-            ..Self::default()
-        };
-        let level = |(x, y): (f64, f64)| on(&plane, x - free.middle.0, y - free.middle.1) as f32;
-        let mut mean: Vec<f32> = layout.rim.iter().map(|i| level(patch.place(*i as usize))).collect();
-        let is_cluttered = square - noise_variance > LEAST_CLUTTER * noise_variance;
-        if is_cluttered {
+        let clutter_variance = planes.variance - noise_variance;
+        let mut background = Self { planes, clutter: clutter_variance.max(0.0).sqrt(), ..Self::default() };
+        let mut mean: Vec<f32> = layout.rim.iter().map(|i| planes.level(patch.place(*i as usize))).collect();
+        if clutter_variance > LEAST_CLUTTER * noise_variance {
             let spread = Spread { clutter: background.clutter, noise_variance };
             background.kriging = Kriging::new(policy);
             let around = (&layout.rim[..], &layout.covered[..]);
-            background.kriging.weigh(simd, (patch, disc.edge_px, spread), around, level)?;
+            let level = |place| planes.level(place);
+            background.kriging.weigh(simd, (patch, edge_px, spread), around, level)?;
             background.kriging.predict(simd, spread.clutter, &mut mean)?;
             background.kriging.correlate(&mut background.covariance);
         }
-        background.find_near(patch, layout, noise_variance, policy.clutter_by_place && is_cluttered);
         background.light_up(simd, patch, layout, &mean);
         Some(background)
-    }
-
-    /// Standard deviation of the clutter near each pixel and each block in use: that of all around where it
-    /// is not looked at by place, or nothing near is free.
-    fn find_near(&mut self, patch: &Patch, layout: &Layout, noise_variance: f64, by_place: bool) {
-        let all = self.clutter;
-        let near = |pixel: usize| {
-            let here = || self.kriging.clutter_near(patch, pixel, noise_variance);
-            by_place.then(here).flatten().unwrap_or(all) as f32
-        };
-        self.near = layout.used.iter().map(|pixel| near(*pixel as usize)).collect();
-        self.color_near =
-            layout.blocks.iter().map(|block| near(patch.first_pixel(*block as usize))).collect();
     }
 
     /// Sets the light behind the ball, of this mean brightness behind its rim.
@@ -109,8 +115,8 @@ impl Background {
             self.places.push(patch.place(*index as usize));
         }
         self.places.finish();
-        let (x, y) = self.middle;
-        let colors = self.colors.map(|plane| [on(&plane, -x, -y), plane.y, plane.z]);
+        let (x, y) = self.planes.middle;
+        let colors = self.planes.colors.map(|plane| [on(&plane, -x, -y), plane.y, plane.z]);
         self.places.light_up_first(simd, patch, mean, &colors);
         // So little of it is seen there that it may be taken as it is on average, but not as any.
         let around = patch.coded(self.around().map(|value| value as f32)).map(decode_one);
@@ -125,55 +131,48 @@ impl Background {
 
     /// Brightness and colour differences in the middle.
     pub(super) fn around(&self) -> [f64; 3] {
-        [self.plane.x, self.colors[0].x, self.colors[1].x]
+        [self.planes.bright.x, self.planes.colors[0].x, self.planes.colors[1].x]
+    }
+
+    /// Mean squares of the colour differences around their planes.
+    pub(super) fn color_variance(&self) -> [f64; 2] {
+        self.planes.color_variance
     }
 
     /// Colour differences expected behind the ball at a place.
     #[inline(always)]
     pub(super) fn colors_at(&self, (x_px, y_px): (f64, f64)) -> [f64; 2] {
-        self.colors.map(|plane| on(&plane, x_px - self.middle.0, y_px - self.middle.1))
+        let (x, y) = self.planes.middle;
+        self.planes.colors.map(|plane| on(&plane, x_px - x, y_px - y))
     }
 }
 
 /// The samples near a disc but free of it.
-struct Free<'a> {
-    patch: &'a Patch,
+struct Free {
     middle: (f64, f64),
     reach_px2: f32,
 }
 
-impl Free<'_> {
+impl Free {
+    /// Samples of a grid whose first lies at `origin` of the patch, `step` pixels apart.
     #[inline(always)]
-    fn brightness(&self, covered: &[f32], out: &mut Scattered) {
-        let patch = self.patch;
-        out.begin(patch.bright.len());
-        let rows = patch.bright.chunks_exact(patch.columns).zip(covered.chunks_exact(patch.columns));
-        for (row, (values, covered)) in rows.enumerate() {
-            let y = (row as f64 - self.middle.1) as f32;
-            for (column, (value, covered)) in values.iter().zip(covered).enumerate() {
-                let x = (column as f64 - self.middle.0) as f32;
-                let counts = (*covered < CLEAR) & (x * x + y * y < self.reach_px2);
-                out.offer((x, y), *value, counts);
+    fn scattered(
+        &self,
+        (columns, origin, step): (usize, (f64, f64), usize),
+        covered: &[f32],
+        value: impl Fn(usize) -> f32,
+    ) -> Scattered {
+        let (left, top) = ((origin.0 - self.middle.0) as f32, (origin.1 - self.middle.1) as f32);
+        let mut out = Scattered::default();
+        for (row, covered) in covered.chunks_exact(columns).enumerate() {
+            let y = top + (row * step) as f32;
+            for (column, covered) in covered.iter().enumerate() {
+                let x = left + (column * step) as f32;
+                if *covered < CLEAR && x * x + y * y < self.reach_px2 {
+                    out.push((x, y), value(row * columns + column));
+                }
             }
         }
-        out.finish();
-    }
-
-    #[inline(always)]
-    fn colors(&self, covered: &[f32], channel: usize, out: &mut Scattered) {
-        let patch = self.patch;
-        out.begin(patch.colors.len());
-        let rows =
-            patch.colors.chunks_exact(patch.block_columns).zip(covered.chunks_exact(patch.block_columns));
-        for (row, (values, covered)) in rows.enumerate() {
-            let (left, y) = patch.block_place(row * patch.block_columns);
-            let (left, y) = ((left - self.middle.0) as f32, (y - self.middle.1) as f32);
-            for (column, (value, covered)) in values.iter().zip(covered).enumerate() {
-                let x = left + (column * patch.step) as f32;
-                let counts = (*covered < CLEAR) & (x * x + y * y < self.reach_px2);
-                out.offer((x, y), value[channel], counts);
-            }
-        }
-        out.finish();
+        out
     }
 }

@@ -38,29 +38,16 @@ impl Banded {
         }
     }
 
-    /// An entry on the diagonal.
-    pub(super) fn diagonal(&self, i: usize) -> f32 {
-        self.columns[i][0]
-    }
-
     /// Copies a matrix, each entry times the factors of its row and its column, and adds to the diagonal.
     /// There are as many factors as columns and a band more.
     #[inline(always)]
-    pub(super) fn copy<S: Simd>(&mut self, simd: S, from: &Self, factors: &[f32], added: &[f32]) {
-        self.count = from.count;
-        self.columns.resize(from.columns.len(), [0.0; BAND + GROUP]);
-        for (j, (out, column)) in self.columns.iter_mut().zip(&from.columns[..from.count]).enumerate() {
-            let factor = Lanes::splat(simd, factors[j]);
-            let rows = &factors[j..j + BAND];
-            for part in 0..BAND / S::F32_LANES {
-                let value = Lanes::load(simd, column, part) * factor * Lanes::load(simd, rows, part);
-                value.store(out, part);
+    pub(super) fn copy(&mut self, from: &Self, factors: &[f32], added: &[f32]) {
+        self.clone_from(from);
+        for (j, column) in self.columns[..from.count].iter_mut().enumerate() {
+            for (value, factor) in column[..=BAND].iter_mut().zip(&factors[j..=j + BAND]) {
+                *value *= factors[j] * factor;
             }
-            out[BAND] = column[BAND] * factors[j] * factors[j + BAND];
-            out[0] += added[j];
-        }
-        for column in &mut self.columns[from.count..] {
-            *column = [0.0; BAND + GROUP];
+            column[0] += added[j];
         }
     }
 
@@ -77,17 +64,17 @@ impl Banded {
             }
             let inverse = pivot.recip();
             // Behind the column, room for groups that reach beyond its end.
-            let mut below = [0.0; BAND + 2 * GROUP];
+            let mut below = [0.0; 2 * BAND];
             below[..BAND].copy_from_slice(&column[1..=BAND]);
             // No column waits for the root of another.
             let scale = inverse.sqrt();
             column[0] = scale;
             column[1..=BAND].iter_mut().for_each(|value| *value *= scale);
-            let rest = &mut rest[..BAND];
-            for (first, others) in rest.chunks_exact_mut(GROUP).enumerate() {
-                match first {
-                    0 => subtract::<S, 2>(simd, (0, inverse), &below, others),
-                    _ => subtract::<S, 1>(simd, (GROUP, inverse), &below, others),
+            for (k, other) in rest[..BAND].iter_mut().enumerate() {
+                let factor = Lanes::splat(simd, -below[k] * inverse);
+                for part in 0..BAND / S::F32_LANES {
+                    let values = Lanes::load(simd, &below[k..k + BAND], part);
+                    factor.mul_add(values, Lanes::load(simd, other, part)).store(other, part);
                 }
             }
         }
@@ -100,48 +87,15 @@ impl Banded {
         const { assert!(WIDTH.is_multiple_of(GROUP)) };
         for i in 0..self.count {
             let (done, rest) = b.split_at_mut(i);
-            let target = &mut rest[0];
             let first = i.saturating_sub(BAND);
-            let known = done[first..].iter().zip(&self.columns[first..i]).enumerate();
-            let scale = self.columns[i][0];
-            if S::F32_LANES == GROUP && WIDTH == 3 * GROUP {
-                let mut left: [Lanes<S>; 3] = std::array::from_fn(|k| Lanes::load(simd, target, k));
-                for (k, (other, column)) in known {
+            for part in 0..WIDTH / S::F32_LANES {
+                let mut left = Lanes::load(simd, &rest[0], part);
+                for (k, (other, column)) in done[first..].iter().zip(&self.columns[first..i]).enumerate() {
                     let factor = Lanes::splat(simd, -column[i - first - k]);
-                    for (part, left) in left.iter_mut().enumerate() {
-                        *left = factor.mul_add(Lanes::load(simd, other, part), *left);
-                    }
+                    left = factor.mul_add(Lanes::load(simd, other, part), left);
                 }
-                let scale = Lanes::splat(simd, scale);
-                left.into_iter().enumerate().for_each(|(part, left)| (left * scale).store(target, part));
-                continue;
+                (left * Lanes::splat(simd, self.columns[i][0])).store(&mut rest[0], part);
             }
-            let mut left = *target;
-            for (k, (other, column)) in known {
-                for (x, y) in left.iter_mut().zip(other) {
-                    *x = (-column[i - first - k]).mul_add(*y, *x);
-                }
-            }
-            *target = left.map(|x| x * scale);
-        }
-    }
-}
-
-/// Subtracts the products of a column with a group of its entries, that at `first` and those behind, over its
-/// pivot from as many columns.
-#[inline(always)]
-fn subtract<S: Simd, const GROUPS: usize>(
-    simd: S,
-    (first, inverse): (usize, f32),
-    below: &[f32; BAND + 2 * GROUP],
-    others: &mut [Column],
-) {
-    for (k, other) in others.iter_mut().enumerate() {
-        let values = &below[first + k..first + k + GROUP * GROUPS];
-        let factor = Lanes::splat(simd, -values[0] * inverse);
-        for part in 0..GROUPS * Lanes::<S>::PARTS {
-            let value = factor.mul_add(Lanes::load(simd, values, part), Lanes::load(simd, other, part));
-            value.store(other, part);
         }
     }
 }
@@ -179,7 +133,7 @@ mod tests {
             let factors: Vec<f32> = (0..n + BAND).map(|i| 1.0 + 0.125 * i as f32).collect();
             let added = vec![1.0; n];
             let mut l = Banded::default();
-            l.copy(pulp::Scalar::new(), &plain, &factors, &added);
+            l.copy(&plain, &factors, &added);
             let scaled = DMatrix::from_diagonal(&DVector::from_fn(n, |i, _| f64::from(factors[i])));
             let a = &scaled * a * &scaled + DMatrix::identity(n, n);
             let rhs = DVector::from_fn(n, |i, _| i as f64 - 2.0);

@@ -24,22 +24,6 @@ pub(super) fn bell<S: Simd>(simd: S, square: Lanes<S>) -> Lanes<S> {
     square.where_below(all(FAR * FAR), power, all(0.0))
 }
 
-/// exp(-s/2) for a square s of up to 150, beyond which it remains e⁻⁷⁵.
-#[inline(always)]
-pub(super) fn fall<S: Simd>(simd: S, square: Lanes<S>) -> Lanes<S> {
-    let all = |value: f64| Lanes::splat(simd, value);
-    // e to a 1024th of the exponent, which is above -0.08, by its series; then squared ten times.
-    let part = square.min(all(150.0)) * all(-0.5 / 1024.0);
-    let mut power = all(1.0);
-    for k in (1..=5).rev() {
-        power = all(1.0) + part * power * all(1.0 / f64::from(k));
-    }
-    for _ in 0..10 {
-        power = power * power;
-    }
-    power
-}
-
 /// Coverage of pixels at a distance inside the edge: a Gaussian edge (lens, aperture and pixel together), by
 /// the normal distribution function of Abramowitz and Stegun 26.2.17, with an error below 7.5e-8; and its
 /// density.
@@ -80,17 +64,6 @@ mod tests {
             slope.store(&mut got[1], 0);
             assert!((f64::from(got[0][0]) - want).abs() < 2e-7, "{z}: {got:?}");
             assert!((f64::from(got[1][0]) - density).abs() < 1e-6, "{z}: {got:?}");
-        }
-    }
-
-    #[test]
-    fn correlation_falls_exponentially() {
-        let simd = Scalar::new();
-        for square in [0.0_f64, 1e-3, 0.7, 3.0, 20.0, 150.0, 200.0, 1e6] {
-            let mut got = [0.0_f32];
-            fall(simd, Lanes::splat(simd, square)).store(&mut got, 0);
-            let want = (-0.5 * square.min(150.0)).exp();
-            assert!((f64::from(got[0]) / want - 1.0).abs() < 2e-4, "{square}: {got:?} for {want}");
         }
     }
 }

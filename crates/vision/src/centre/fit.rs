@@ -1,19 +1,19 @@
 //! A fit from its first guess to its end: steps of Gauss-Newton, and a new layout and background wherever the
 //! ball has moved.
 
-use super::background::Background;
+use super::background::{Background, Planes};
 use super::constants::{LEAST_CONTRAST, NOISE_STD, SAME_PLACE_PX};
-use super::disc::Disc;
 use super::guess::{Start, distance_px, first_guess, prior, with_margin, within};
 use super::layout::Layout;
 use super::linearized::Linearized;
 use super::model::{BALL, COUNT, EDGE, Model, Parameters, RADIUS};
+use super::normal::Solved;
 use super::outcome::{CentreFit, End, LEAST_TRUSTED, NoFit, contrast};
 use super::policy::FitPolicy;
 use super::samples::{Noise, grain_variance};
 use super::stages::Stages;
 use super::trust::Trust;
-use super::weighted::{Left, Solved, Weighted};
+use super::weighted::{Left, Weighted};
 use crate::Vector2;
 use crate::optics::Known;
 use crate::patch::Patch;
@@ -37,6 +37,9 @@ const NOISE_CHANGES: f64 = 0.1;
 /// goes no further than w √π (the integral of the slope over that of its square). The background is not
 /// estimated again before, either, as long as the fit has not come near.
 const LONGEST_STEP_EDGES: f64 = 1.772_454;
+/// Movement in edge widths up to which the planes of the background serve: what the ball then covers of free
+/// pixels is a few hundredths.
+const ALIKE_EDGES: f64 = 0.5;
 /// Standard deviations that a ball differs from its background, below which a first look at a region ends:
 /// its colour is one pixel's and the noise not yet the film's own.
 const FAINT: f64 = 0.5 * LEAST_CONTRAST;
@@ -62,7 +65,7 @@ impl pulp::WithSimd for Run<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let search = Search::new(simd, self.patch, self.start, self.range_px);
+        let search = Search::new(self.patch, self.start, self.range_px);
         self.fitter.run(simd, self.patch, search)
     }
 }
@@ -97,8 +100,10 @@ struct Search {
     /// Where it began, and how far from there it may go.
     start_px: Vector2<f64>,
     reach_px: f64,
-    /// Movement after which layout and background are formed again.
-    same_place_px: f64,
+    /// Planes of the background, and where the ball was when they were fitted.
+    planes: Option<(Planes, Parameters)>,
+    /// Whether the last step's outcome follows from the equations' linear form.
+    is_near: bool,
     /// Times that trust and noise have been set, and that they are set at least.
     weighed: usize,
     least_weighed: usize,
@@ -107,9 +112,9 @@ struct Search {
 
 impl Search {
     #[inline(always)]
-    fn new<S: Simd>(simd: S, patch: &Patch, start: &Start, range_px: (f64, f64)) -> Self {
+    fn new(patch: &Patch, start: &Start, range_px: (f64, f64)) -> Self {
         let model = first_guess(start, range_px);
-        let least = grain_variance(simd, patch).max(NOISE_STD * NOISE_STD);
+        let least = grain_variance(patch).max(NOISE_STD * NOISE_STD);
         Self {
             prior: prior(start, &model),
             range_px,
@@ -117,7 +122,8 @@ impl Search {
             noise: Noise { least, variance: start.followed.map_or(least, |f| f.noise_variance) },
             start_px: start.pixel,
             reach_px: 1.0 + model.unit_px,
-            same_place_px: SAME_PLACE_PX,
+            planes: None,
+            is_near: false,
             weighed: 0,
             least_weighed: if start.followed.is_some() { LEAST_WEIGHED_FOLLOWED } else { LEAST_WEIGHED },
             was_too_large: false,
@@ -125,10 +131,14 @@ impl Search {
         }
     }
 
+    /// Movement after which layout and background are formed again.
+    fn same_place_px(&self) -> f64 {
+        if self.is_near { SAME_PLACE_PX } else { LONGEST_STEP_EDGES * self.model.p[EDGE] }
+    }
+
     /// Takes a step; false where it leads too far away, or the ball is too large and still grows.
     fn take(&mut self, step: &Step) -> bool {
-        let far_px = LONGEST_STEP_EDGES * self.model.p[EDGE];
-        self.same_place_px = if step.is_near { SAME_PLACE_PX } else { far_px };
+        self.is_near = step.is_near;
         self.model.p = within(self.model.p + step.change, self.range_px);
         let is_too_large = self.model.p[RADIUS] >= self.range_px.1;
         let remains_too_large = is_too_large && (self.was_too_large || step.is_near);
@@ -141,25 +151,28 @@ impl Search {
     fn around<S: Simd>(&mut self, simd: S, patch: &Patch, policy: FitPolicy) -> Option<(Layout, Background)> {
         self.model.shade_here();
         let layout = Layout::new(simd, patch, &self.model);
-        let disc = Disc::of(&self.model);
-        self.trust.glare.reach(patch, &disc, (&layout.covered, &layout.depth));
+        let p = self.model.p;
+        self.trust.glare.reach(patch, &p, (&layout.covered, &layout.depth));
         self.trust.forget_dazzled(patch);
-        let background = Background::new(simd, patch, (&layout, &disc), (self.noise.variance, policy))?;
+        let noise_variance = self.noise.variance;
+        let is_close = |from: &Parameters| distance_px(from, &p) < ALIKE_EDGES * p[EDGE];
+        if !self.planes.is_some_and(|(_, from)| is_close(&from)) {
+            let planes = Planes::new(simd, patch, (&layout, &p), noise_variance)?;
+            self.planes = Some((planes, p));
+        }
+        let (planes, _) = self.planes?;
+        let around = (&layout, planes, p[EDGE]);
+        let background = Background::new(simd, patch, around, (noise_variance, policy))?;
         Some((layout, background))
     }
 
     /// Sets trust and, once that has been set without it, noise from what a step leaves: whether the noise is
     /// about what it was.
     #[inline(always)]
-    fn weigh(
-        &mut self,
-        stages: &Stages<'_>,
-        (weighted, left): (&Weighted, &Left),
-        policy: FitPolicy,
-    ) -> Result<bool, NoFit> {
+    fn weigh(&mut self, stages: &Stages<'_>, weighted: &Weighted, left: &Left) -> Result<bool, NoFit> {
         let before = self.noise;
         self.weighed += 1;
-        weighted.set_trust(stages, left, (&mut self.trust, &before, policy));
+        weighted.set_trust(stages, left, &mut self.trust);
         if self.weighed >= self.least_weighed {
             self.noise.variance = weighted.noise_variance(stages, left, &self.trust, &before);
             if self.trust.believed(stages) < LEAST_TRUSTED {
@@ -198,7 +211,7 @@ impl Fitter {
         let policy = self.policy;
         let (mut around, mut seen_from) = (None, search.model.p);
         for _ in 0..policy.most_steps {
-            if around.is_none() || distance_px(&seen_from, &search.model.p) > search.same_place_px {
+            if around.is_none() || distance_px(&seen_from, &search.model.p) > search.same_place_px() {
                 around = Some(search.around(simd, patch, policy).ok_or(NoFit::NoBackground)?);
                 seen_from = search.model.p;
             }
@@ -208,9 +221,9 @@ impl Fitter {
                 std::mem::take(&mut self.linearized).at(simd, patch, (layout, background), &model);
             let stages = Stages { patch, layout, background, linearized: &linearized };
             let weighted = std::mem::take(&mut self.weighted)
-                .form(simd, &stages, (&search.trust, &search.noise, policy))
+                .form(simd, &stages, &search.trust, &search.noise)
                 .ok_or(NoFit::Undetermined)?;
-            let solved = weighted.solve(simd, &model, &search.prior).ok_or(NoFit::Undetermined)?;
+            let solved = weighted.solve(simd, &stages, &model, &search.prior).ok_or(NoFit::Undetermined)?;
             let step = Step::of(&solved, &model).ok_or(NoFit::Undetermined)?;
             let linear = [0, 1, 2].map(|c| model.p[BALL + c]);
             if search.weighed == 0 && contrast(&stages, search.noise.variance, &linear) < FAINT {
@@ -223,13 +236,13 @@ impl Fitter {
                 let left = weighted.left(simd, &stages, &step.change);
                 let mut has_converged = search.weighed >= search.least_weighed;
                 if search.weighed < MOST_WEIGHED {
-                    has_converged &= search.weigh(&stages, (&weighted, &left), policy)?;
+                    has_converged &= search.weigh(&stages, &weighted, &left)?;
                 }
                 if solved.length < SMALL_STEP && has_converged {
                     let Search { trust, prior, noise, range_px, .. } = &search;
                     let (trust, p) = (trust, search.model.p);
-                    let (weighted, solved, left) = (&weighted, &solved, &left);
-                    let end = End { stages, trust, noise: *noise, weighted, solved, left, p };
+                    let (solved, left) = (&solved, &left);
+                    let end = End { stages, trust, noise: *noise, solved, left, p };
                     return end.summarize(prior, *range_px);
                 }
             }

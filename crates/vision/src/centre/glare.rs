@@ -6,7 +6,7 @@
 //! nothing of the edge.
 
 use super::constants::{CLEAR, NOISE_STD};
-use super::disc::Disc;
+use super::model::{EDGE, Parameters, RADIUS};
 use crate::patch::Patch;
 
 /// Codes from which light may be beyond the brightest: two standard deviations of a usual pixel's noise below
@@ -32,9 +32,6 @@ impl Glare {
     #[inline(always)]
     pub(super) fn new(patch: &Patch) -> Self {
         let mut glare = Self::default();
-        if patch.step == 1 && !any_is_brightest(patch) {
-            return glare;
-        }
         for (block, color) in patch.colors.iter().enumerate() {
             let first = patch.first_pixel(block);
             for pixel in (0..patch.step * patch.step)
@@ -49,21 +46,21 @@ impl Glare {
 
     /// Finds the pixels that such light reaches past the disc. Where it is all around it takes of every side
     /// alike and leaves the centre in its place: then none counts as reached.
-    pub(super) fn reach(&mut self, patch: &Patch, disc: &Disc, (covered, depth): (&[f32], &[f32])) {
+    pub(super) fn reach(&mut self, patch: &Patch, p: &Parameters, (covered, depth): (&[f32], &[f32])) {
         self.reached.clear();
         self.edge.clear();
         let is_beside = |i: usize| covered[i] < CLEAR && depth[i] > -REACH_EDGES;
         for i in self.brightest.iter().map(|i| *i as usize).filter(|i| is_beside(*i)) {
             let (x, y) = patch.place(i);
-            let (x, y) = (x - disc.x_px, y - disc.y_px);
-            let inwards = disc.radius_px / x.hypot(y).max(disc.radius_px);
-            self.edge.push((disc.x_px + inwards * x, disc.y_px + inwards * y));
+            let (x, y) = (x - p[0], y - p[1]);
+            let inwards = p[RADIUS] / x.hypot(y).max(p[RADIUS]);
+            self.edge.push((p[0] + inwards * x, p[1] + inwards * y));
         }
         let beside = (0..covered.len()).filter(|i| is_beside(*i)).count();
         if self.edge.is_empty() || self.edge.len() == beside {
             return;
         }
-        let reach_px2 = (f64::from(REACH_EDGES) * disc.edge_px).powi(2);
+        let reach_px2 = (f64::from(REACH_EDGES) * p[EDGE]).powi(2);
         let is_near =
             |(x, y): (f64, f64)| self.edge.iter().any(|e| (e.0 - x).powi(2) + (e.1 - y).powi(2) < reach_px2);
         self.reached.extend((0..covered.len()).map(|i| depth[i] < REACH_EDGES && is_near(patch.place(i))));
@@ -83,17 +80,6 @@ impl Glare {
     pub(super) fn is_none(&self) -> bool {
         self.reached.is_empty()
     }
-}
-
-/// Whether any pixel is, where each has its own colour: mostly none is, which is soon known as no pixel waits
-/// for another.
-#[inline(always)]
-fn any_is_brightest(patch: &Patch) -> bool {
-    let mut any = false;
-    for (bright, color) in patch.bright.iter().zip(&patch.colors) {
-        any |= is_brightest(patch, [*bright, color[0], color[1]]);
-    }
-    any
 }
 
 /// Whether one of the codes of red, green and blue that these channels are may be beyond what can be shown.

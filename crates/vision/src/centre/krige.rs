@@ -11,7 +11,6 @@ mod systems;
 use self::systems::{NEIGHBOURS, Systems, Weights};
 use super::cholesky::Banded;
 use super::constants::CLEAR;
-use super::edge::fall;
 use super::lanes::{GROUP, Lanes};
 use super::metric::Course;
 use super::policy::FitPolicy;
@@ -30,6 +29,12 @@ const ACROSS: usize = 4 * REACH + 1;
 const HERE: usize = (ACROSS + 1) * 2 * REACH;
 /// Room for such a table: a power of two, so that no place needs to be checked.
 const TABLE: usize = 512;
+
+/// A displacement by its place in such a table.
+fn displacement_px(at: usize) -> (f64, f64) {
+    let along = |k: usize| k as f64 - (2 * REACH) as f64;
+    (along(at % ACROSS), along(at / ACROSS))
+}
 
 /// Clutter's standard deviation, and variance of a pixel's noise.
 #[derive(Debug, Clone, Copy)]
@@ -57,7 +62,7 @@ pub(super) struct Kriging {
     /// Offsets to look for neighbours at in `left`, and in a table by displacement.
     offsets: Vec<(usize, usize)>,
     /// Covariance by displacement.
-    kernel: Vec<[f32; TABLE]>,
+    kernel: Vec<f32>,
     /// Correlation by squared distance, as it ends.
     tapered: Vec<f32>,
     places: Vec<(i32, i32)>,
@@ -70,7 +75,7 @@ pub(super) struct Kriging {
 
 impl Kriging {
     pub(super) fn new(policy: FitPolicy) -> Self {
-        Self { along_lines: policy.clutter_by_place, ..Self::default() }
+        Self { along_lines: policy.clutter_along_lines, ..Self::default() }
     }
 
     /// Sets from which free pixels and with which weights the clutter at each rim pixel is predicted. `level`
@@ -99,14 +104,8 @@ impl Kriging {
             rim.iter().map(|i| ((*i as usize % patch.columns) as i32, (*i as usize / patch.columns) as i32)),
         );
         self.weights.clear();
-        let mut systems = Systems::NOTHING;
         for places in self.places.chunks(GROUP) {
-            systems.own = [(spread.clutter * spread.clutter + spread.noise_variance) as f32; GROUP];
-            let mut weights = Weights::NOTHING;
-            self.set_up(&mut systems, places, stride, &mut weights);
-            if self.along_lines {
-                self.follow_lines(simd, &mut systems, places, (stride, edge_px, spread));
-            }
+            let (systems, mut weights) = self.set_up(places, (stride, edge_px, spread));
             systems.solve(simd, &mut weights)?;
             self.weights.push(weights);
         }
@@ -167,12 +166,17 @@ impl Kriging {
         }
     }
 
-    /// Sets the equations of up to a group of rim pixels, but for covariances that follow lines, and where
-    /// their values are.
+    /// Sets the equations of up to a group of rim pixels and where their values are, with the covariances of
+    /// blurred noise, or as lines near each pixel have them.
     #[inline(always)]
-    fn set_up(&self, systems: &mut Systems, places: &[(i32, i32)], stride: usize, weights: &mut Weights) {
+    fn set_up(
+        &self,
+        places: &[(i32, i32)],
+        (stride, edge_px, spread): (usize, f64, Spread),
+    ) -> (Systems, Weights) {
+        let (clutter, noise) = (spread.clutter * spread.clutter, spread.noise_variance);
+        let (mut systems, mut weights) = (Systems::NOTHING, Weights::NOTHING);
         weights.at = [[(self.left.len() - 1) as u32; GROUP]; NEIGHBOURS];
-        let Some(kernel) = self.kernel.first() else { return };
         for (lane, (x, y)) in places.iter().enumerate() {
             // The offsets begin a reach before the pixel.
             let corner = *y as usize * stride + *x as usize;
@@ -191,70 +195,21 @@ impl Kriging {
             for (at, place) in weights.at.iter_mut().zip(places).take(count) {
                 at[lane] = place;
             }
-            if self.along_lines {
-                continue;
-            }
-            for i in 0..NEIGHBOURS {
-                for j in i + 1..NEIGHBOURS {
-                    systems.matrix[i][j][lane] = kernel[(HERE + found[i] - found[j]) % TABLE];
+            let nearby = self.along_lines.then(|| self.course.nearby(corner, edge_px, noise));
+            let seen = nearby.map_or(clutter, |nearby| nearby.variance.max(LEAST_CLUTTER * noise));
+            systems.own[lane] = (clutter * (1.0 + noise / seen)) as f32;
+            let covariance = |displacement: usize| match &nearby {
+                None => self.kernel[displacement % TABLE],
+                Some(nearby) => (clutter * nearby.correlation(displacement_px(displacement))) as f32,
+            };
+            for i in 0..count {
+                for j in i + 1..count {
+                    systems.matrix[i][j][lane] = covariance(HERE + found[i] - found[j]);
                 }
-                systems.cross[i][lane] = kernel[found[i] % TABLE];
-            }
-            systems.leave_out_missing(lane);
-        }
-    }
-
-    /// Sets the covariances of up to a group of rim pixels as lines near each of them have it.
-    #[inline(always)]
-    fn follow_lines<S: Simd>(
-        &self,
-        simd: S,
-        systems: &mut Systems,
-        places: &[(i32, i32)],
-        (stride, edge_px, spread): (usize, f64, Spread),
-    ) {
-        let (clutter, noise) = (spread.clutter * spread.clutter, spread.noise_variance);
-        // Of the neighbours, and behind them of the pixel itself.
-        let mut from_pixel = [[[0.0; GROUP]; 2]; NEIGHBOURS + 1];
-        let mut metric = [[0.0; GROUP]; 3];
-        for (lane, (x, y)) in places.iter().enumerate() {
-            let corner = *y as usize * stride + *x as usize;
-            let nearby = self.course.nearby(corner, edge_px, noise);
-            for (out, value) in metric.iter_mut().zip(nearby.metric) {
-                out[lane] = value as f32;
-            }
-            let free =
-                BY_DISTANCE.iter().zip(&self.offsets).filter(|(_, (at, _))| !self.left[corner + at].is_nan());
-            for ([across, down], ((x, y), _)) in from_pixel[..NEIGHBOURS].iter_mut().zip(free) {
-                (across[lane], down[lane]) = (*x as f32, *y as f32);
-            }
-            let own = clutter * (1.0 + noise / nearby.variance.max(LEAST_CLUTTER * noise));
-            systems.own[lane] = own as f32;
-        }
-        for part in 0..Lanes::<S>::PARTS {
-            let load = |values: &[f32; GROUP]| Lanes::load(simd, values, part);
-            let (xx, xy, yy) = (load(&metric[0]), load(&metric[1]), load(&metric[2]));
-            for i in 0..NEIGHBOURS {
-                for j in i + 1..=NEIGHBOURS {
-                    let x = load(&from_pixel[i][0]) - load(&from_pixel[j][0]);
-                    let y = load(&from_pixel[i][1]) - load(&from_pixel[j][1]);
-                    let square = (xx * x + (xy + xy) * y) * x + yy * y * y;
-                    let covariance = Lanes::splat(simd, clutter) * fall(simd, square);
-                    let into = if j < NEIGHBOURS { &mut systems.matrix[i][j] } else { &mut systems.cross[i] };
-                    covariance.store(into, part);
-                }
+                systems.cross[i][lane] = covariance(found[i]);
             }
         }
-        for lane in 0..places.len() {
-            systems.leave_out_missing(lane);
-        }
-    }
-
-    /// Standard deviation of the clutter near a pixel of the patch, once predicted along lines; None where
-    /// all is covered.
-    pub(super) fn clutter_near(&self, patch: &Patch, pixel: usize, noise_variance: f64) -> Option<f64> {
-        let corner = pixel / patch.columns * (patch.columns + 2 * REACH) + pixel % patch.columns;
-        self.course.variance(corner, noise_variance).map(f64::sqrt)
+        (systems, weights)
     }
 
     /// Covariance by displacement; correlation by squared distance in pixels, as it ends.
@@ -268,8 +223,7 @@ impl Kriging {
         for (row, down) in kernel.chunks_exact_mut(ACROSS).zip(&along) {
             row.iter_mut().zip(&along).for_each(|(value, across)| *value = (down * across) as f32);
         }
-        self.kernel.clear();
-        self.kernel.push(kernel);
+        self.kernel = kernel.to_vec();
         let last = (far_px * far_px).floor().min((2 * BAND_REACH * BAND_REACH) as f64) as usize;
         self.tapered.clear();
         self.tapered.extend((0..=last).map(|square| {

@@ -91,29 +91,18 @@ impl<S: Simd> Lanes<S> {
     }
 }
 
-/// Sum, greatest and least of a group of numbers: of those half a group apart first, then of what they make.
-macro_rules! folded {
-    ($name:ident, $vector:ident, $two:expr) => {
-        #[inline(always)]
-        pub(super) fn $name<S: Simd>(simd: S, group: &[f32; GROUP]) -> f32 {
-            if S::F32_LANES == GROUP {
-                return simd.$vector(S::as_simd_f32s(group).0[0]);
-            }
-            let (mut left, mut half) = (*group, GROUP / 2);
-            while half > 0 {
-                for k in 0..half {
-                    left[k] = $two(left[k], left[k + half]);
-                }
-                half /= 2;
-            }
-            left[0]
+/// Sum of a group of numbers, in one order on all processors: of those half a group apart first.
+#[inline(always)]
+pub(super) fn total(mut group: [f32; GROUP]) -> f32 {
+    let mut half = GROUP / 2;
+    while half > 0 {
+        for k in 0..half {
+            group[k] += group[k + half];
         }
-    };
+        half /= 2;
+    }
+    group[0]
 }
-
-folded!(total, reduce_sum_f32s, std::ops::Add::add);
-folded!(greatest, reduce_max_f32s, f32::max);
-folded!(least, reduce_min_f32s, f32::min);
 
 macro_rules! operator {
     ($trait:ident, $name:ident, $vector:ident) => {
@@ -148,28 +137,6 @@ mod tests {
             (S::F32_LANES == GROUP)
                 .then(|| Lanes::transposed(simd, columns.map(|column| Lanes::load(simd, column, 0))))
         }
-    }
-
-    struct Folded<'a>(&'a [f32; GROUP]);
-
-    impl pulp::WithSimd for Folded<'_> {
-        type Output = [f32; 3];
-
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, simd: S) -> [f32; 3] {
-            [total(simd, self.0), greatest(simd, self.0), least(simd, self.0)]
-        }
-    }
-
-    #[test]
-    fn all_processors_fold_alike() {
-        let group = std::array::from_fn(|k| (7.0 * k as f32).sin());
-        let plain = pulp::Scalar::new().vectorize(Folded(&group));
-        assert_eq!(pulp::Arch::new().dispatch(Folded(&group)), plain);
-        let mut sorted = group;
-        sorted.sort_by(f32::total_cmp);
-        assert_eq!(plain[1..], [sorted[GROUP - 1], sorted[0]]);
-        assert!((plain[0] - group.iter().sum::<f32>()).abs() < 1e-6);
     }
 
     #[test]

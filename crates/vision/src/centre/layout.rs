@@ -71,15 +71,17 @@ impl Layout {
 
     #[inline(always)]
     fn find_rim(&mut self, patch: &Patch, model: &Model) {
-        let mut by_angle: Vec<(f64, u32)> = Vec::with_capacity(256);
+        // Angle in the upper half of a number, pixel in the lower: whole numbers are sorted fast.
+        let mut by_angle: Vec<u64> = Vec::with_capacity(256);
         for (i, covered) in self.covered.iter().enumerate() {
             if (CLEAR..=1.0 - CLEAR).contains(covered) {
                 let (x, y) = patch.place(i);
-                by_angle.push((turn(x - model.p[0], y - model.p[1]), i as u32));
+                let turn = (2.0 + turn(x - model.p[0], y - model.p[1])) * f64::from(1 << 29);
+                by_angle.push((turn as u64) << 32 | i as u64);
             }
         }
-        by_angle.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        self.rim.extend(by_angle.iter().map(|(_, i)| *i));
+        by_angle.sort_unstable();
+        self.rim.extend(by_angle.iter().map(|key| *key as u32));
     }
 
     #[inline(always)]

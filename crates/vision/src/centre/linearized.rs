@@ -3,7 +3,9 @@
 use super::background::Background;
 use super::lanes::GROUP;
 use super::layout::Layout;
-use super::model::{EDGE, Model, NO_COLUMNS, NOTHING, Row, SITING, Shown, Values, WIDTH, add_scaled};
+use super::model::{
+    EDGE, Model, NO_COLUMNS, NOTHING, RESIDUAL, Row, SITING, Shown, Values, WIDTH, add_scaled,
+};
 use super::samples::visit;
 use crate::patch::Patch;
 use pulp::Simd;
@@ -11,13 +13,11 @@ use pulp::Simd;
 /// Residuals and derivatives where the model is.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Linearized {
-    /// What each pixel in use and each that is shared shows, and its derivatives.
+    /// What each pixel in use and each that is shared shows, and its derivatives; behind those of the
+    /// brightness of each pixel in use its residual.
     pub(super) values: Values,
     pub(super) shown: Vec<Shown>,
-    /// Residuals of the brightness of each pixel in use, and of both colours of each block.
-    pub(super) residuals: Vec<f32>,
-    pub(super) color_residuals: Vec<[f32; 2]>,
-    /// Derivatives of both colours of each block: means over its pixels.
+    /// Derivatives of both colours of each block, means over its pixels, and the residuals behind them.
     pub(super) color_rows: Vec<[Row; 2]>,
     /// Width of the model's edge.
     pub(super) edge_px: f64,
@@ -43,16 +43,19 @@ impl Linearized {
             model.show(simd, places, &patch.from_coded, &mut columns, out);
         }
         let constant = patch.from_coded.map(|row| row[3] as f32);
-        self.residuals.clear();
-        let both = layout.used.iter().zip(&self.values.channels[0]);
-        self.residuals.extend(both.map(|(used, value)| patch.bright[*used as usize] - value - constant[0]));
-        self.color_residuals.clear();
         self.color_rows.clear();
         for block in &layout.blocks {
-            let (values, rows) = self.color_of(patch, (layout, background), *block as usize, model.p[SITING]);
-            self.color_rows.push(rows);
+            let (values, mut rows) =
+                self.color_of(patch, (layout, background), *block as usize, model.p[SITING]);
             let seen = patch.colors[*block as usize];
-            self.color_residuals.push([0, 1].map(|k| seen[k] - values[k] - constant[k + 1]));
+            for (k, row) in rows.iter_mut().enumerate() {
+                row[RESIDUAL] = seen[k] - values[k] - constant[k + 1];
+            }
+            self.color_rows.push(rows);
+        }
+        let seen = layout.used.iter().map(|pixel| patch.bright[*pixel as usize]);
+        for ((shown, seen), value) in self.shown.iter_mut().zip(seen).zip(&self.values.channels[0]) {
+            shown[0][RESIDUAL] = seen - value - constant[0];
         }
         self
     }
@@ -67,12 +70,6 @@ impl Linearized {
         siting_px: f64,
     ) -> ([f32; 2], [Row; 2]) {
         let channels = &self.values.channels;
-        if patch.step == 1
-            && let Some(place) = layout.place(block)
-        {
-            let [_, across, along] = self.shown[place];
-            return ([channels[1][place], channels[2][place]], [across, along]);
-        }
         let (mut values, mut rows) = ([0.0; 2], [[0.0; WIDTH]; 2]);
         visit(patch, block, siting_px, |pixel, weight, by_siting| {
             let shown = match layout.place(pixel) {

@@ -20,6 +20,14 @@ pub(super) struct Nearby {
     pub(super) metric: [f64; 3],
 }
 
+impl Nearby {
+    /// Correlation by displacement.
+    pub(super) fn correlation(&self, (x, y): (f64, f64)) -> f64 {
+        let [xx, xy, yy] = self.metric;
+        (-0.5 * (xx * x * x + 2.0 * xy * x * y + yy * y * y)).exp()
+    }
+}
+
 /// Products of a free pixel's gradient (xx, xy, yy), its square and its presence; all 0 where it or a
 /// neighbour is not free.
 type Moments = [f32; 5];
@@ -60,19 +68,7 @@ impl Course {
         }
     }
 
-    /// Variance of the clutter under pixel noise around the pixel whose neighbourhood's corner is at
-    /// `corner`; None where all is covered.
-    #[inline(always)]
-    pub(super) fn variance(&self, corner: usize, noise_variance: f64) -> Option<f64> {
-        let (mut square, mut count) = (0.0_f32, 0.0_f32);
-        for (offset, weight) in &self.window {
-            let [.., value, free] = self.moments[corner + offset];
-            (square, count) = (square + weight * value, count + weight * free);
-        }
-        (count > 0.0).then(|| (f64::from(square / count) - noise_variance).max(0.0))
-    }
-
-    /// That and the metric, isotropic where all is covered.
+    /// Clutter around the pixel whose neighbourhood's corner is at `corner`; isotropic where all is covered.
     #[inline(always)]
     pub(super) fn nearby(&self, corner: usize, edge_px: f64, noise_variance: f64) -> Nearby {
         let mut sum = [0.0_f32; 5];

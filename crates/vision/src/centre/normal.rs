@@ -1,205 +1,102 @@
-//! The normal equations of a fit: sums of weighted outer products, solved in place.
+//! The normal equations of a fit: sums of weighted outer products, and their solution.
 
 use super::lanes::{GROUP, Lanes};
 use super::model::{COUNT, Parameters, RESIDUAL, Row, WIDTH};
+use nalgebra::{Cholesky, Const, SMatrix};
 use pulp::Simd;
 
 /// Information of a parameter that is held: a millionth of a pixel.
 const HELD: f64 = 1e12;
+/// Columns of the sums that are added to together: as many sums as a vector unit keeps at hand.
+const TOGETHER: usize = 10;
 
-/// Rows of the sums that are added to together: as many sums as a vector unit keeps at hand.
-const ROWS: usize = 4;
-
-/// Upper triangle of the information matrix, the gradient behind each of its rows; after [`Self::solve`], its
-/// factor.
+/// The lower triangle of the information matrix and behind it, in row [`RESIDUAL`], the gradient; in double
+/// precision, as a solution needs it.
 #[derive(Debug, Clone)]
-pub(super) struct Normal {
-    /// Sums over the samples with what is known besides, in double precision, as a solution needs it.
-    rows: [[f64; WIDTH]; COUNT],
-    /// One over the factor's diagonal.
-    inverse: [f64; COUNT],
-}
+pub(super) struct Normal(SMatrix<f64, WIDTH, COUNT>);
 
-impl Default for Normal {
-    fn default() -> Self {
-        Self { rows: [[0.0; WIDTH]; COUNT], inverse: [0.0; COUNT] }
-    }
+/// The step that the equations ask for, its squared length in standard deviations, and the information's
+/// factor.
+pub(super) struct Solved {
+    pub(super) change: Parameters,
+    pub(super) length: f64,
+    factor: Cholesky<f64, Const<COUNT>>,
 }
 
 impl Normal {
-    /// Sets the sums over samples of unit variance, derivatives with the residual behind them.
+    pub(super) fn new() -> Self {
+        Self(SMatrix::zeros())
+    }
+
+    /// Adds the sums over some samples: derivatives with the residual behind them, and one over the variance.
     #[inline(always)]
-    pub(super) fn set<S: Simd>(&mut self, simd: S, samples: &[Row]) {
-        const { assert!(COUNT.is_multiple_of(ROWS) && GROUP.is_multiple_of(ROWS) && WIDTH == 3 * GROUP) };
-        let mut all: [Row; COUNT] = [[0.0; WIDTH]; COUNT];
-        if S::F32_LANES == GROUP {
-            for first in (0..COUNT).step_by(ROWS) {
-                match first / GROUP {
-                    0 => sum_rows::<S, 3>(simd, first, samples, &mut all),
-                    1 => sum_rows::<S, 2>(simd, first, samples, &mut all),
-                    _ => sum_rows::<S, 1>(simd, first, samples, &mut all),
-                }
-            }
-        } else {
-            for sample in samples {
-                for (i, sum) in all.iter_mut().enumerate() {
-                    for k in i / GROUP * GROUP..WIDTH {
-                        sum[k] = sample[i].mul_add(sample[k], sum[k]);
+    pub(super) fn add<'a, S: Simd>(
+        &mut self,
+        simd: S,
+        samples: impl Iterator<Item = (&'a Row, f32)> + Clone,
+    ) {
+        const { assert!(COUNT.is_multiple_of(TOGETHER)) };
+        for first in (0..COUNT).step_by(TOGETHER) {
+            for part in first / S::F32_LANES..WIDTH / S::F32_LANES {
+                let mut sums = [Lanes::splat(simd, 0.0); TOGETHER];
+                for (row, information) in samples.clone() {
+                    let values = Lanes::load(simd, row, part) * Lanes::splat(simd, information);
+                    for (sum, factor) in sums.iter_mut().zip(&row[first..first + TOGETHER]) {
+                        *sum = Lanes::splat(simd, *factor).mul_add(values, *sum);
                     }
                 }
-            }
-        }
-        for (row, sums) in self.rows.iter_mut().zip(&all) {
-            for (value, sum) in row.iter_mut().zip(sums) {
-                *value = f64::from(*sum);
+                for (k, sum) in sums.into_iter().enumerate() {
+                    let mut out = [0.0; GROUP];
+                    sum.store(&mut out, 0);
+                    let column = &mut self.0.data.0[first + k];
+                    let into = column[part * S::F32_LANES..].iter_mut();
+                    into.zip(&out[..S::F32_LANES]).for_each(|(value, sum)| *value += f64::from(*sum));
+                }
             }
         }
     }
 
     /// Adds what is known of one parameter: the inverse of its variance, and how far below its mean it is.
     pub(super) fn add_known(&mut self, i: usize, information: f64, residual: f64) {
-        self.rows[i][i] += information;
-        self.rows[i][RESIDUAL] += information * residual;
+        self.0[(i, i)] += information;
+        self.0[(RESIDUAL, i)] += information * residual;
     }
 
     /// Which way and how strongly the samples pull a parameter.
     pub(super) fn pull(&self, i: usize) -> f64 {
-        self.rows[i][RESIDUAL]
+        self.0[(RESIDUAL, i)]
     }
 
     /// Keeps a parameter as it is.
     pub(super) fn hold(&mut self, i: usize) {
-        self.rows[i][i] += HELD;
-        self.rows[i][RESIDUAL] = 0.0;
+        self.0[(i, i)] += HELD;
+        self.0[(RESIDUAL, i)] = 0.0;
     }
 
-    /// The step that these equations ask for and its squared length in standard deviations; None where the
-    /// information is not positive definite. Leaves the factor: information = Uᵀ D⁻¹ U with D the diagonal of
-    /// U.
+    /// The solution; None where the information is not positive definite.
     #[inline(always)]
-    pub(super) fn solve(&mut self) -> Option<(Parameters, f64)> {
-        let mut length = 0.0;
-        for k in 0..COUNT {
-            let (done, rest) = self.rows.split_at_mut(k + 1);
-            let pivot_row = &done[k];
-            let pivot = pivot_row[k];
-            if pivot.is_nan() || pivot <= 0.0 {
-                return None;
-            }
-            let inverse = pivot.recip();
-            self.inverse[k] = inverse;
-            length += pivot_row[RESIDUAL] * pivot_row[RESIDUAL] * inverse;
-            for (row, i) in rest.iter_mut().zip(k + 1..) {
-                add_scaled(row, i, pivot_row, -pivot_row[i] * inverse);
-            }
-        }
-        let mut change = std::array::from_fn(|i| [self.rows[i][RESIDUAL]]);
-        self.back_substitute(&mut change);
-        Some((Parameters::from_fn(|i, _| change[i][0]), length))
-    }
-
-    /// Solves with the upper triangle. Each value is taken from all before it once it is known, so that none
-    /// waits for a sum.
-    #[inline(always)]
-    fn back_substitute<const N: usize>(&self, x: &mut [[f64; N]; COUNT]) {
-        for k in (0..COUNT).rev() {
-            let (before, here) = x.split_at_mut(k);
-            here[0] = here[0].map(|value| value * self.inverse[k]);
-            for (before, row) in before.iter_mut().zip(&self.rows) {
-                for n in 0..N {
-                    before[n] -= here[0][n] * row[k];
-                }
-            }
-        }
-    }
-
-    /// Covariance of some parameters, after [`Self::solve`]: that of two is the product of their columns of
-    /// the inverse factor.
-    #[inline(always)]
-    pub(super) fn covariance<const N: usize>(&self, of: [usize; N]) -> [[f64; N]; N] {
-        let mut columns = [[0.0; N]; COUNT];
-        for (n, i) in of.into_iter().enumerate() {
-            columns[i][n] = 1.0;
-        }
-        let mut out = [[0.0; N]; N];
-        for k in of.into_iter().min().unwrap_or(COUNT)..COUNT {
-            let (done, rest) = columns.split_at_mut(k + 1);
-            let here = &done[k];
-            let mut scaled = [0.0; N];
-            for n in 0..N {
-                scaled[n] = here[n] * self.inverse[k];
-            }
-            for (out, scaled) in out.iter_mut().zip(&scaled) {
-                for n in 0..N {
-                    out[n] += scaled * here[n];
-                }
-            }
-            for (later, value) in rest.iter_mut().zip(&self.rows[k][k + 1..COUNT]) {
-                for n in 0..N {
-                    later[n] -= scaled[n] * value;
-                }
-            }
-        }
-        out
+    pub(super) fn solve(&self) -> Option<Solved> {
+        let factor = Cholesky::new(self.0.fixed_view::<COUNT, COUNT>(0, 0).into_owned())?;
+        let gradient = self.0.row(RESIDUAL).transpose();
+        let change = factor.solve(&gradient);
+        Some(Solved { change, length: gradient.dot(&change), factor })
     }
 }
 
-/// Sets some rows of the sums, of which all but the last `GROUPS` groups lie before the diagonal.
-#[inline(always)]
-fn sum_rows<S: Simd, const GROUPS: usize>(simd: S, first: usize, samples: &[Row], all: &mut [Row; COUNT]) {
-    let from = WIDTH - GROUP * GROUPS;
-    let mut sums = [[Lanes::splat(simd, 0.0); GROUPS]; ROWS];
-    for sample in samples {
-        let values: [Lanes<S>; GROUPS] = std::array::from_fn(|k| Lanes::load(simd, &sample[from..], k));
-        for (r, sums) in sums.iter_mut().enumerate() {
-            let factor = Lanes::splat(simd, sample[first + r]);
-            for k in 0..GROUPS {
-                sums[k] = factor.mul_add(values[k], sums[k]);
-            }
-        }
-    }
-    for (row, sums) in all[first..].iter_mut().zip(sums) {
-        for (k, sum) in sums.into_iter().enumerate() {
-            sum.store(&mut row[from..], k);
-        }
-    }
-}
-
-/// Adds a multiple of a row to row `i`: nothing before its diagonal is read, and loops of a fixed length are
-/// what compilers turn into vector instructions.
-#[inline(always)]
-fn add_scaled(sum: &mut [f64; WIDTH], i: usize, row: &[f64; WIDTH], factor: f64) {
-    const HALF: usize = 8;
-    if i < HALF {
-        for k in 0..WIDTH {
-            sum[k] += factor * row[k];
-        }
-    } else {
-        for k in HALF..WIDTH {
-            sum[k] += factor * row[k];
-        }
+impl Solved {
+    /// Covariance of all parameters.
+    pub(super) fn covariance(&self) -> SMatrix<f64, COUNT, COUNT> {
+        self.factor.inverse()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::SMatrix;
-
-    struct Set<'a>(&'a mut Normal, &'a [Row]);
-
-    impl pulp::WithSimd for Set<'_> {
-        type Output = ();
-
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, simd: S) {
-            self.0.set(simd, self.1);
-        }
-    }
 
     #[test]
     fn it_agrees_with_the_general_solver() {
-        let (mut normal, mut information) = (Normal::default(), SMatrix::<f64, COUNT, COUNT>::zeros());
+        let (mut normal, mut information) = (Normal::new(), SMatrix::<f64, COUNT, COUNT>::zeros());
         let (mut gradient, mut samples) = (Parameters::zeros(), Vec::new());
         for sample in 0..40 {
             let mut row: Row = [0.0; WIDTH];
@@ -211,45 +108,37 @@ mod tests {
             information += derivatives * derivatives.transpose();
             gradient += derivatives * f64::from(row[RESIDUAL]);
         }
-        let mut plain = normal.clone();
-        plain.set(pulp::Scalar::new(), &samples);
-        pulp::Arch::new().dispatch(Set(&mut normal, &samples));
-        assert_eq!(plain.rows, normal.rows);
+        normal.add(pulp::Scalar::new(), samples.iter().map(|row| (row, 1.0)));
         normal.add_known(3, 5.0, 0.2);
         information[(3, 3)] += 5.0;
         gradient[3] += 1.0;
-        let (change, length) = normal.solve().expect("definite");
+        let solved = normal.solve().expect("definite");
         let covariance = information.try_inverse().expect("an inverse");
         let want = covariance * gradient;
-        assert!((change - want).norm() < 1e-4 * want.norm());
-        assert!((length - gradient.dot(&want)).abs() < 1e-4 * length);
-        let some = [0, 5, COUNT - 1];
-        for (i, row) in some.iter().zip(normal.covariance(some)) {
-            for (j, got) in some.iter().zip(row) {
-                assert!((got - covariance[(*i, *j)]).abs() < 1e-4 * covariance[(*i, *i)]);
-            }
-        }
-        assert!(Normal::default().solve().is_none());
+        assert!((solved.change - want).norm() < 1e-4 * want.norm());
+        assert!((solved.length - gradient.dot(&want)).abs() < 1e-4 * solved.length);
+        assert!((solved.covariance() - covariance).norm() < 1e-4 * covariance.norm());
+        assert!(Normal::new().solve().is_none());
     }
 
     /// Beside the equations without the parameter.
     #[test]
     fn a_parameter_that_is_held_keeps_its_value_and_the_others_do_not_see_it() {
         const HELD: usize = 3;
-        let mut normal = Normal::default();
+        let mut normal = Normal::new();
         let (mut information, mut gradient) = (SMatrix::<f64, COUNT, COUNT>::zeros(), Parameters::zeros());
         for i in 0..COUNT {
             for j in i..COUNT {
                 let value = ((i * 5 + j * 3) as f64).sin() + if i == j { 30.0 } else { 0.0 };
-                normal.rows[i][j] = value;
+                normal.0[(j, i)] = value;
                 (information[(i, j)], information[(j, i)]) = (value, value);
             }
-            normal.rows[i][RESIDUAL] = (i as f64).cos();
+            normal.0[(RESIDUAL, i)] = (i as f64).cos();
             gradient[i] = (i as f64).cos();
         }
         assert!((normal.pull(HELD) - gradient[HELD]).abs() < 1e-15);
         normal.hold(HELD);
-        let (change, length) = normal.solve().expect("definite");
+        let Solved { change, length, .. } = normal.solve().expect("definite");
         let rest = information.remove_row(HELD).remove_column(HELD).try_inverse().expect("an inverse");
         let wanted = rest * gradient.remove_row(HELD);
         assert!(change[HELD].abs() < 1e-9 && (length - gradient.remove_row(HELD).dot(&wanted)).abs() < 1e-9);

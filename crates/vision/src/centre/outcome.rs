@@ -4,10 +4,11 @@ use super::constants::{LEAST_CONTRAST, LIGHT_STD, MODEL_STD, PIXEL_STD_PX};
 use super::curve::encode_one;
 use super::guess::Followed;
 use super::model::{BALL, COUNT, EDGE, Parameters, RADIUS, SITING};
+use super::normal::Solved;
 use super::samples::{Noise, combined};
 use super::stages::Stages;
 use super::trust::Trust;
-use super::weighted::{Left, Solved, Weighted};
+use super::weighted::Left;
 use crate::optics::{Known, Optics};
 use crate::{Matrix2, Vector2};
 
@@ -61,7 +62,6 @@ pub(super) struct End<'a> {
     pub(super) stages: Stages<'a>,
     pub(super) trust: &'a Trust,
     pub(super) noise: Noise,
-    pub(super) weighted: &'a Weighted,
     pub(super) solved: &'a Solved,
     /// What its step left.
     pub(super) left: &'a Left,
@@ -75,12 +75,11 @@ impl End<'_> {
         let Self { stages, p, .. } = self;
         let is_in_range = p[RADIUS] > range_px.0 && p[RADIUS] < range_px.1;
         let linear = [0, 1, 2].map(|channel| p[BALL + channel]);
-        let covariance = self.solved.normal.covariance([0, 1, RADIUS, EDGE]);
-        let [[siting_px2]] = self.solved.normal.covariance([SITING]);
-        let centre_px2 = Matrix2::from_fn(|i, j| covariance[i][j]);
+        let covariance = self.solved.covariance();
+        let centre_px2 = covariance.fixed_view::<2, 2>(0, 0);
         let texture_px = TEXTURE_GAIN * p[EDGE] * self.texture(&linear);
         let model_px2 = (MODEL_STD * 2.0 * p[RADIUS]).powi(2) + texture_px * texture_px;
-        let covariance_px2 = 0.5 * (centre_px2 + centre_px2.transpose()) + Matrix2::identity() * model_px2;
+        let covariance_px2 = centre_px2 + Matrix2::identity() * model_px2;
         let trusted = self.trust.believed(stages);
         let is_uncertain = covariance_px2.trace() > 0.5 * p[RADIUS] * p[RADIUS];
         if trusted <= LEAST_TRUSTED {
@@ -93,16 +92,16 @@ impl End<'_> {
             return Err(NoFit::Implausible);
         }
         let known = |i: usize, variance: f64| Known { mean: p[i], variance };
-        let edge_px = known(EDGE, covariance[3][3]);
+        let edge_px = known(EDGE, covariance[(EDGE, EDGE)]);
         Ok(CentreFit {
             pixel: p.xy() + stages.patch.corner(),
             covariance_px2,
-            radius_px: known(RADIUS, covariance[2][2]),
+            radius_px: known(RADIUS, covariance[(RADIUS, RADIUS)]),
             ball: linear.map(|l| l.clamp(0.0, 1.0) as f32),
             trusted,
             taken: Optics { siting_px: prior[SITING], edge_px: prior[EDGE] },
             optics: Optics {
-                siting_px: known(SITING, siting_px2),
+                siting_px: known(SITING, covariance[(SITING, SITING)]),
                 edge_px: if p[EDGE] <= PIXEL_STD_PX { prior[EDGE] } else { edge_px },
             },
             followed: Followed { parameters: *p, noise_variance: self.noise.variance },
@@ -111,10 +110,9 @@ impl End<'_> {
 
     /// Standard deviation of what the face shows beyond the model and the noise of a pixel (a shadow, a
     /// highlight, light of higher order), as a part of its difference from the surroundings, by what the last
-    /// step has left. A sample counts by the probability that it is the face that is seen: what is before it
-    /// is in the samples' own variance.
+    /// step has left.
     fn texture(&self, linear: &[f64; 3]) -> f64 {
-        let Self { stages, trust, noise, weighted, left, .. } = self;
+        let Self { stages, trust, noise, left, .. } = self;
         let from_coded = &stages.patch.from_coded;
         let encoded = linear.map(encoded);
         let coded = encoded.map(|(code, _)| code);
@@ -122,38 +120,25 @@ impl End<'_> {
         let contrast: f64 = std::iter::zip(from_coded, stages.background.around()).map(differs).sum();
         let by_light = |row: &[f64; 4]| -> f64 { (0..3).map(|c| row[c] * encoded[c].1 * linear[c]).sum() };
         let light: f64 = from_coded.iter().map(|row| (LIGHT_STD * by_light(row)).powi(2)).sum();
-        let (mut bright, mut colors) = (Mean::default(), Mean::default());
-        for (place, pixel) in stages.pixels() {
-            let weight =
-                stages.linearized.values.covered[place] * trust.weight[pixel] * (1.0 - trust.occluded[pixel]);
-            bright.add(weight.into(), f64::from(left.bright[place].powi(2)) - noise.least);
-        }
-        for (place, block) in stages.blocks() {
-            let seen = 1.0 - trust.occluded_block(stages.patch, block);
-            let weight = stages.layout.color_covered[block] * trust.block_weight[block] * seen;
-            colors.add(weight.into(), f64::from(weighted.color_square(left, place)) - 2.0 * noise.least);
-        }
-        let beyond = (bright.value() + colors.value()).max(0.0);
+        let bright = weighted_mean(stages.pixels().map(|(place, pixel)| {
+            let weight = stages.linearized.values.covered[place] * trust.weight[pixel];
+            (weight, f64::from(left.bright[place].powi(2)) - noise.least)
+        }));
+        let colors = weighted_mean(stages.blocks().map(|(place, block)| {
+            let weight = stages.layout.color_covered[block] * trust.block_weight[block];
+            let [first, second] = left.colors[place];
+            (weight, f64::from(first * first + second * second) - 2.0 * noise.least)
+        }));
+        let beyond = (bright + colors).max(0.0);
         ((beyond + light) / contrast.max(noise.variance)).sqrt()
     }
 }
 
-/// A weighted mean, of at least one sample.
-#[derive(Default)]
-struct Mean {
-    sum: f64,
-    count: f64,
-}
-
-impl Mean {
-    fn add(&mut self, weight: f64, value: f64) {
-        self.sum += weight * value;
-        self.count += weight;
-    }
-
-    fn value(&self) -> f64 {
-        self.sum / self.count.max(1.0)
-    }
+/// Mean by weights, of at least one sample.
+fn weighted_mean(samples: impl Iterator<Item = (f32, f64)>) -> f64 {
+    let sums = samples.map(|(weight, value)| (f64::from(weight), f64::from(weight) * value));
+    let (count, sum) = sums.fold((0.0, 0.0), |all, one| (all.0 + one.0, all.1 + one.1));
+    sum / f64::max(count, 1.0)
 }
 
 /// Greatest difference between a light and the surroundings in any channel, in standard deviations of the

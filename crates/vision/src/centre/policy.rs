@@ -5,16 +5,15 @@
 pub(crate) struct FitPolicy {
     /// Steps after which a fit is given up.
     pub(super) most_steps: usize,
-    /// Whether clutter is looked at by place: followed along lines behind the ball's rim, such as a rod that
-    /// ends at it, and looked for before its face.
-    pub(super) clutter_by_place: bool,
+    /// Whether clutter is followed along lines behind the ball's rim, such as a rod that ends at it.
+    pub(super) clutter_along_lines: bool,
 }
 
 impl FitPolicy {
     /// For a ball that is followed through a film.
-    pub(crate) const FILM: Self = Self { most_steps: 16, clutter_by_place: false };
+    pub(crate) const FILM: Self = Self { most_steps: 16, clutter_along_lines: false };
     /// For a still, for three times the work.
-    pub(crate) const STILL: Self = Self { most_steps: 24, clutter_by_place: true };
+    pub(crate) const STILL: Self = Self { most_steps: 24, clutter_along_lines: true };
 }
 
 impl Default for FitPolicy {

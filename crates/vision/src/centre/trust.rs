@@ -1,7 +1,6 @@
 //! How far samples are believed: the less, the worse they fit.
 
 use super::glare::Glare;
-use super::occluder::OCCLUDED;
 use super::stages::Stages;
 use crate::patch::Patch;
 
@@ -13,11 +12,6 @@ pub(super) struct Trust {
     /// Trust, less what its neighbours spoil.
     pub(super) weight: Vec<f32>,
     pub(super) block_weight: Vec<f32>,
-    /// Probability that clutter lies before the ball, at each pixel.
-    pub(super) occluded: Vec<f32>,
-    /// Whether that has been decided. It is once, from a fit that allowed for it everywhere: decided again
-    /// from a fit that trusts what it found, it would bear itself out.
-    pub(super) is_occlusion_decided: bool,
     pub(super) glare: Glare,
 }
 
@@ -31,22 +25,8 @@ impl Trust {
             block_weight: blocks.clone(),
             pixels,
             blocks,
-            occluded: vec![OCCLUDED; patch.bright.len()],
-            is_occlusion_decided: false,
             glare: Glare::new(patch),
         }
-    }
-
-    /// Probability that clutter lies before the ball, mean over a colour sample's block.
-    #[inline(always)]
-    pub(super) fn occluded_block(&self, patch: &Patch, block: usize) -> f32 {
-        if patch.step == 1 {
-            return self.occluded[block];
-        }
-        let first = patch.first_pixel(block);
-        let count = patch.step * patch.step;
-        let of_pixel = |k: usize| self.occluded[first + k / patch.step * patch.columns + k % patch.step];
-        (0..count).map(of_pixel).sum::<f32>() / count as f32
     }
 
     /// Part of the covered samples that is believed.

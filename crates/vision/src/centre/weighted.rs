@@ -2,10 +2,9 @@
 
 use super::cholesky::{BAND, Banded};
 use super::lanes::{GROUP, Lanes, total};
+use super::linearized::Linearized;
 use super::model::{COUNT, EDGE, Model, Parameters, RESIDUAL, Row, WIDTH};
-use super::normal::Normal;
-use super::occluder::{OCCLUDED, probabilities};
-use super::policy::FitPolicy;
+use super::normal::{Normal, Solved};
 use super::robust::biweight;
 use super::samples::Noise;
 use super::stages::Stages;
@@ -15,10 +14,9 @@ use pulp::Simd;
 
 /// Weight at which a sample no longer counts.
 const LEAST_TRUST: f32 = 1e-3;
-/// Area over which clutter is alike, in squared edge widths: the integral of the correlation of blurred white
-/// noise. What is taken as independent from pixel to pixel but is not has its variance times the area, so
-/// that a mean over many is right.
-const ALIKE: f64 = 4.0 * std::f64::consts::PI;
+/// Probability that clutter near a ball reaches over its face as well as behind it: as much of it is taken to
+/// be the room behind as what the ball is fixed to, and of the latter as much on its near side as on its far.
+const OCCLUDED: f32 = 0.25;
 /// Clutter is taken to have half the brightness of the wall, so that one of a given variance hides this many
 /// times its relative strength of the ball's colour, as long as nothing is seen before the ball.
 const HIDES: f32 = 2.0;
@@ -29,33 +27,27 @@ const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
 /// Parameters that the samples determine in the main: place, radius, colour and shading's slopes.
 const DETERMINED: f64 = 8.0;
 
-/// Samples of unit variance.
+/// What each sample counts for.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Weighted {
     /// Variance of each pixel in use as far as it is independent of the others.
     variance: Vec<f32>,
     /// Weight of each pixel in use and, behind these, of each block.
     believed: Vec<f32>,
-    /// One over the standard deviation of each block's colours.
-    color_scale: Vec<[f32; 2]>,
+    /// One over the variance of each block's colours.
+    color_information: Vec<[f32; 2]>,
     factor: Banded,
-    /// Derivatives and residual: brightness of the pixels in use, then both colours of each block.
-    rows: Vec<Row>,
+    /// Derivatives and residuals of the rim's brightness, whitened; none without clutter.
+    rim: Vec<Row>,
 }
 
-/// What a step leaves of each sample's whitened residual, and of the brightness of each pixel in use.
+/// What a step leaves of the brightness of each pixel in use, of both colours of each block, and of the
+/// rim's whitened brightness.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Left {
-    pub(super) whitened: Vec<f32>,
     pub(super) bright: Vec<f32>,
-}
-
-/// Fifth stage: the step that the equations ask for, its squared length in standard deviations, and their
-/// factor.
-pub(super) struct Solved {
-    pub(super) change: Parameters,
-    pub(super) length: f64,
-    pub(super) normal: Normal,
+    pub(super) colors: Vec<[f32; 2]>,
+    rim: Vec<f32>,
 }
 
 impl Weighted {
@@ -65,96 +57,86 @@ impl Weighted {
         mut self,
         simd: S,
         stages: &Stages<'_>,
-        (trust, noise, policy): (&Trust, &Noise, FitPolicy),
+        trust: &Trust,
+        noise: &Noise,
     ) -> Option<Self> {
-        let alike_px =
-            if policy.clutter_by_place { (ALIKE * stages.linearized.edge_px.powi(2)) as f32 } else { 1.0 };
-        self.weigh_pixels(stages, trust, noise, alike_px);
-        self.weigh_blocks(stages, trust, noise, alike_px);
+        self.weigh_pixels(stages, trust, noise);
+        self.weigh_blocks(stages, trust, noise);
         let covariance = &stages.background.covariance;
         let stretched = covariance.len();
         let mut open = stages.linearized.values.open[..stretched].to_vec();
         open.resize(stretched + BAND, 0.0);
-        self.factor.copy(simd, covariance, &open, &self.variance);
+        self.factor.copy(covariance, &open, &self.variance);
         self.factor.factor(simd).then_some(())?;
-        self.whiten(simd, stages, stretched);
+        self.rim.clear();
+        self.rim.extend(stages.linearized.shown[..stretched].iter().map(|shown| shown[0]));
+        self.factor.whiten(simd, &mut self.rim);
         Some(self)
     }
 
     #[inline(always)]
-    fn whiten<S: Simd>(&mut self, simd: S, stages: &Stages<'_>, stretched: usize) {
-        let of = stages.linearized;
-        let pixels = of.residuals.len();
-        self.rows.resize(pixels + 2 * of.color_rows.len(), [0.0; WIDTH]);
-        let (bright, colors) = self.rows.split_at_mut(pixels);
-        let values = of.shown.iter().zip(&of.residuals).zip(&self.variance);
-        for (place, (out, ((shown, residual), variance))) in bright.iter_mut().zip(values).enumerate() {
-            let scale = if place < stretched { 1.0 } else { variance.sqrt().recip() };
-            set_scaled(out, (&shown[0], *residual), scale);
-        }
-        self.factor.whiten(simd, &mut bright[..stretched]);
-        let rows = of.color_rows.as_flattened().iter().zip(of.color_residuals.as_flattened());
-        for ((out, (row, residual)), scale) in
-            colors.iter_mut().zip(rows).zip(self.color_scale.as_flattened())
-        {
-            set_scaled(out, (row, *residual), *scale);
-        }
-    }
-
-    #[inline(always)]
-    fn weigh_pixels(&mut self, stages: &Stages<'_>, trust: &Trust, noise: &Noise, alike_px: f32) {
+    fn weigh_pixels(&mut self, stages: &Stages<'_>, trust: &Trust, noise: &Noise) {
         let noise = noise.variance as f32;
         self.variance.clear();
         self.believed.clear();
-        for ((place, pixel), near) in stages.pixels().zip(&stages.background.near) {
+        let clutter = stages.background.clutter as f32;
+        for (place, pixel) in stages.pixels() {
             let covered = stages.linearized.values.covered[place];
-            let occluder = trust.occluded[pixel] * (near * covered).powi(2);
             let believed = trust.weight[pixel].max(LEAST_TRUST);
-            self.variance.push((noise + alike_px * occluder) / believed);
+            self.variance.push((noise + OCCLUDED * (clutter * covered).powi(2)) / believed);
             self.believed.push(believed);
         }
     }
 
     #[inline(always)]
-    fn weigh_blocks(&mut self, stages: &Stages<'_>, trust: &Trust, noise: &Noise, alike_px: f32) {
+    fn weigh_blocks(&mut self, stages: &Stages<'_>, trust: &Trust, noise: &Noise) {
         let Stages { patch, layout, background, linearized } = stages;
         let noise = noise.variance as f32;
-        let alike = (alike_px / (patch.step * patch.step) as f32).max(1.0);
         let level = (background.around()[0] - patch.from_coded[0][3]) as f32;
         let level = level.abs().max(noise.sqrt());
         // Noise there is no clutter.
-        let clutter = background.color_variance.map(|all| (all as f32 - noise).max(0.0));
-        self.color_scale.clear();
+        let hidden = (HIDES * background.clutter as f32 / level).powi(2).min(1.0);
+        let clutter = background.color_variance().map(|all| (all as f32 - noise).max(0.0));
+        self.color_information.clear();
         for (place, block) in stages.blocks() {
-            let likelier = trust.occluded_block(patch, block) / OCCLUDED;
-            let hidden = (likelier * (HIDES * background.color_near[place] / level).powi(2)).min(1.0);
             let covered = layout.color_covered[block];
             let believed = trust.block_weight[block].max(LEAST_TRUST);
             self.believed.push(believed);
-            self.color_scale.push([0, 1].map(|k| {
-                let residual = linearized.color_residuals[place][k];
+            self.color_information.push([0, 1].map(|k| {
+                let residual = linearized.color_rows[place][k][RESIDUAL];
                 let value = patch.colors[block][k] - residual - patch.from_coded[k + 1][3] as f32;
                 let behind = (1.0 - covered).powi(2) * clutter[k];
-                let variance = noise + alike * (hidden * (covered * value).powi(2) + behind);
-                (believed / variance).sqrt()
+                let variance = noise + hidden * (covered * value).powi(2) + behind;
+                believed / variance
             }));
         }
     }
 
-    /// The step by these samples and by what is known beforehand; None where the information is not positive
+    /// Fifth stage: the step by these samples and by what is known beforehand; None where the information is not positive
     /// definite.
     #[inline(always)]
-    pub(super) fn solve<S: Simd>(&self, simd: S, model: &Model, prior: &[Known; COUNT]) -> Option<Solved> {
-        let mut normal = Normal::default();
-        normal.set(simd, &self.rows);
+    pub(super) fn solve<S: Simd>(
+        &self,
+        simd: S,
+        stages: &Stages<'_>,
+        model: &Model,
+        prior: &[Known; COUNT],
+    ) -> Option<Solved> {
+        let mut normal = Normal::new();
+        let Linearized { shown, color_rows, .. } = stages.linearized;
+        let rim = self.rim.len();
+        normal.add(simd, self.rim.iter().map(|row| (row, 1.0)));
+        let inside = shown[rim..].iter().zip(&self.variance[rim..]);
+        normal.add(simd, inside.map(|(shown, variance)| (&shown[0], variance.recip())));
+        let colors = color_rows.as_flattened().iter().zip(self.color_information.as_flattened());
+        normal.add(simd, colors.map(|(row, information)| (row, *information)));
         for (i, known) in prior.iter().enumerate() {
             normal.add_known(i, known.variance.recip(), known.mean - model.p[i]);
         }
         if model.is_sharpest() && normal.pull(EDGE) < 0.0 {
             normal.hold(EDGE);
         }
-        let (change, length) = normal.solve()?;
-        Some(Solved { change, length, normal })
+        normal.solve()
     }
 
     /// What a step leaves of all residuals.
@@ -162,27 +144,30 @@ impl Weighted {
     pub(super) fn left<S: Simd>(&self, simd: S, stages: &Stages<'_>, step: &Parameters) -> Left {
         let mut filled: Row = [0.0; WIDTH];
         filled.iter_mut().zip(step).for_each(|(out, change)| *out = *change as f32);
-        let linearized = stages.linearized;
-        let mut left = Left::default();
-        left.whitened.reserve(self.rows.len());
-        for row in &self.rows {
-            left.whitened.push(row[RESIDUAL] - along(simd, row, &filled));
+        let left = |row: &Row| row[RESIDUAL] - along(simd, row, &filled);
+        let Linearized { shown, color_rows, .. } = stages.linearized;
+        let mut out = Left::default();
+        for shown in &shown[..self.variance.len()] {
+            out.bright.push(left(&shown[0]));
         }
-        left.bright.reserve(linearized.residuals.len());
-        for (residual, shown) in linearized.residuals.iter().zip(&linearized.shown) {
-            left.bright.push(residual - along(simd, &shown[0], &filled));
+        for [first, second] in color_rows {
+            out.colors.push([left(first), left(second)]);
         }
-        left
+        for row in &self.rim {
+            out.rim.push(left(row));
+        }
+        out
+    }
+
+    /// Square of what a step leaves of the brightness of a pixel in use, whitened.
+    fn square(&self, left: &Left, place: usize) -> f32 {
+        let independent = || left.bright[place].powi(2) / self.variance[place];
+        left.rim.get(place).map_or_else(independent, |whitened| whitened * whitened)
     }
 
     /// Sets the trust in each sample from what a step leaves of its residual.
     #[inline(always)]
-    pub(super) fn set_trust(
-        &self,
-        stages: &Stages<'_>,
-        left: &Left,
-        (trust, noise, policy): (&mut Trust, &Noise, FitPolicy),
-    ) {
+    pub(super) fn set_trust(&self, stages: &Stages<'_>, left: &Left, trust: &mut Trust) {
         let mut spoiled = Vec::new();
         let deviation = stages.background.deviation();
         for (place, pixel) in stages.pixels() {
@@ -201,18 +186,13 @@ impl Weighted {
             if trust.glare.reaches_block(stages.patch, block) {
                 continue;
             }
-            let residuals = &left.whitened[pixels + 2 * place..][..2];
-            let worst = residuals[0].abs().max(residuals[1].abs());
-            trust.blocks[block] = biweight(worst * worst / self.believed[pixels + place]);
+            let worst = [0, 1].map(|k| left.colors[place][k].powi(2) * self.color_information[place][k]);
+            trust.blocks[block] = biweight(worst[0].max(worst[1]) / self.believed[pixels + place]);
             if trust.blocks[block] == 0.0 && stages.patch.step == 1 {
                 spoiled.push(block as u32);
             }
         }
         trust.weigh(stages.patch, &spoiled);
-        // In a film clutter is not looked at by place.
-        if policy.clutter_by_place && !std::mem::replace(&mut trust.is_occlusion_decided, true) {
-            probabilities(stages, &left.bright, noise.variance, &mut trust.occluded);
-        }
     }
 
     /// Variance of a sample's noise, from what is left of all by their weights.
@@ -228,12 +208,13 @@ impl Weighted {
         let pixels = stages.layout.used.len();
         for (place, pixel) in stages.pixels() {
             let weight = trust.weight[pixel];
-            chi_square += left.whitened[place].powi(2) * weight / self.believed[place];
+            chi_square += self.square(left, place) * weight / self.believed[place];
             count += weight;
         }
         for (place, block) in stages.blocks() {
             let weight = trust.block_weight[block];
-            let squares: f32 = left.whitened[pixels + 2 * place..][..2].iter().map(|v| v * v).sum();
+            let both = left.colors[place].iter().zip(&self.color_information[place]);
+            let squares: f32 = both.map(|(left, information)| left * left * information).sum();
             chi_square += squares * weight / self.believed[pixels + place];
             count += 2.0 * weight;
         }
@@ -241,21 +222,6 @@ impl Weighted {
         let seen = NOISE_WEIGHT * noise.least + f64::from(chi_square) * noise.variance;
         (seen / (NOISE_WEIGHT + free)).max(ROUNDING_VARIANCE)
     }
-
-    /// Sum over both colours of what is left of a block, squared.
-    pub(super) fn color_square(&self, left: &Left, place: usize) -> f32 {
-        let first = left.bright.len() + 2 * place;
-        (0..2).map(|k| (left.whitened[first + k] / self.color_scale[place][k]).powi(2)).sum()
-    }
-}
-
-/// Sets a row, with its residual behind it, to a multiple of another.
-#[inline(always)]
-fn set_scaled(out: &mut Row, (row, residual): (&Row, f32), scale: f32) {
-    for (out, value) in out.iter_mut().zip(row) {
-        *out = value * scale;
-    }
-    out[RESIDUAL] = residual * scale;
 }
 
 /// The amount by which a step changes a sample; the step is filled up with zeros.
@@ -270,5 +236,5 @@ fn along<S: Simd>(simd: S, row: &Row, step: &Row) -> f32 {
         }
         sum.store(&mut sums, part);
     }
-    total(simd, &sums)
+    total(sums)
 }

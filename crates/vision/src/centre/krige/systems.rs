@@ -29,24 +29,13 @@ pub(super) struct Weights {
 }
 
 impl Systems {
-    /// Where nothing was found.
+    /// Where nothing was found, which predicts nothing.
     pub(super) const NOTHING: Self = Self {
         matrix: [[[0.0; GROUP]; NEIGHBOURS]; NEIGHBOURS],
         cross: [[0.0; GROUP]; NEIGHBOURS],
         own: [1.0; GROUP],
         count: [0; GROUP],
     };
-
-    /// What was not found predicts nothing.
-    #[inline(always)]
-    pub(super) fn leave_out_missing(&mut self, lane: usize) {
-        for i in self.count[lane]..NEIGHBOURS {
-            for row in &mut self.matrix[..i] {
-                row[i][lane] = 0.0;
-            }
-            self.cross[i][lane] = 0.0;
-        }
-    }
 
     /// Weights of the neighbours; None where a matrix is not positive definite.
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! How well each camera saw the markers, and what could be done about it.
 
-use super::list::Summary;
+use crate::summary::Summary;
 use mavsight_pipeline::{CameraHealth, MarkerHealth};
 use mavsight_session::RunResults;
 use serde_json::json;
@@ -19,11 +19,10 @@ const BLURRED_PX: f64 = 1.5;
 /// Health of the masks and of the exposure, by camera and marker, with advice as notes.
 pub(super) fn add(summary: &mut Summary, results: &RunResults) {
     for camera in &results.camera_health {
-        let name = &camera.camera;
-        let mut section = summary.section("health");
+        let mut section = summary.section_of("health", &camera.camera, &camera.camera);
         let value = json!({"frames": camera.frames, "dark": camera.dark, "edge_px": camera.edge_px});
         let shown = format!("{} frames, {} dark, edges {:.2} px", camera.frames, camera.dark, camera.edge_px);
-        section.add(format!("{name}_frames"), name, value, shown);
+        section.add("frames", "", value, shown);
         for (marker, m) in results.marker_names.iter().zip(&camera.markers) {
             let ball = &m.ball;
             let value = json!({
@@ -39,7 +38,7 @@ pub(super) fn add(summary: &mut Summary, results: &RunResults) {
                 ball.others,
                 ball.hue_apart_deg
             );
-            section.add(format!("{name}_{marker}"), format!("{name} {marker}"), value, shown);
+            section.add(marker, marker, value, shown);
         }
         summary.notes.extend(advice(camera, &results.marker_names));
     }
@@ -52,17 +51,13 @@ fn advice(camera: &CameraHealth, markers: &[String]) -> Vec<String> {
         let named = markers.iter().zip(&camera.markers).filter(|(_, m)| wrong(m));
         named.map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ")
     };
+    let near_hue = of(|m| m.seen > 0.0 && m.ball.hue_apart_deg < NEAR_HUE_DEG);
+    let small = of(|m| m.ball.diameter_px > 0.0 && m.ball.diameter_px < SMALL_PX);
     let mut out: Vec<String> = [
         (of(|m| m.ball.saturated > GLINT), "overexposed: shorten the exposure or close the iris"),
         (of(|m| m.ball.others > 0.5), "not the only object of its colour in view: cover the other"),
-        (
-            of(|m| m.seen > 0.0 && m.ball.hue_apart_deg < NEAR_HUE_DEG),
-            "before a background of nearly its hue: cover that, or paint the ball otherwise",
-        ),
-        (
-            of(|m| m.ball.diameter_px > 0.0 && m.ball.diameter_px < SMALL_PX),
-            "small: come closer, or use a longer lens or a larger ball",
-        ),
+        (near_hue, "before a background of nearly its hue: cover that, or paint the ball otherwise"),
+        (small, "small: come closer, or use a longer lens or a larger ball"),
         (
             of(|m| m.seen < OFTEN_SEEN),
             "often not identified: look for what hides it, or place a further camera",

@@ -1,6 +1,6 @@
 //! Single poses and smoothed motion.
 
-use super::list::Summary;
+use crate::summary::Summary;
 use mavsight_pose::{PoseEstimate, PoseSample, euler_std};
 use mavsight_session::{RunResults, has_assumed_std};
 use serde_json::json;
@@ -48,10 +48,12 @@ pub(super) fn add_poses(summary: &mut Summary, results: &RunResults) {
 pub(super) fn add_motion(summary: &mut Summary, results: &RunResults) {
     let Some(motion) = &results.motion else { return };
     let mut section = summary.section("motion");
-    let (key, label) = ("translation_bandwidth_hz", "smoother passes half at, translation");
-    section.number(key, label, motion.translation_bandwidth_hz, "Hz");
-    let (key, label) = ("rotation_bandwidth_hz", "smoother passes half at, rotation");
-    section.number(key, label, motion.rotation_bandwidth_hz, "Hz");
+    for (of, value) in
+        [("translation", motion.translation_bandwidth_hz), ("rotation", motion.rotation_bandwidth_hz)]
+    {
+        let label = format!("smoother passes half at, {of}");
+        section.number(&format!("{of}_bandwidth_hz"), label, value, "Hz");
+    }
     let n = motion.samples.len().max(1) as f64;
     let position: f64 = motion.samples.iter().map(|s| s.covariance.quantity(0).trace()).sum();
     let label = "predicted position error (3-D)";

@@ -1,6 +1,6 @@
 //! The cameras: what was calibrated, and how precise a ball between them is.
 
-use super::list::Summary;
+use crate::summary::{Summary, listed};
 use mavsight_pose::{Rig, RigCamera, control_volume, volume_precision};
 use mavsight_session::RunResults;
 use serde_json::json;
@@ -25,32 +25,23 @@ pub(super) fn add(summary: &mut Summary, results: &RunResults) {
 }
 
 fn camera(summary: &mut Summary, camera: &RigCamera) {
-    let mut section = summary.section("cameras");
-    let (name, c, s) = (&camera.name, camera.camera.centre_in_world(), camera.centre_std_m);
-    let std_mm = 1e3 * s;
-    let shown = format!(
-        "({:.4}, {:.4}, {:.4}) m ± ({:.1}, {:.1}, {:.1}) mm",
-        c.x, c.y, c.z, std_mm.x, std_mm.y, std_mm.z
-    );
-    section.add(format!("{name}_centre_m"), format!("{name} centre"), json!([c.x, c.y, c.z]), shown);
-    section.hidden(format!("{name}_centre_std_m"), json!([s.x, s.y, s.z]));
-    let k = camera.camera.intrinsics;
-    let (value, label) = (json!([k.fx_px, k.fy_px]), format!("{name} focal lengths"));
-    section.add(format!("{name}_focal_px"), label, value, format!("{:.1}, {:.1} px", k.fx_px, k.fy_px));
-    let (value, label) = (json!([k.cx_px, k.cy_px]), format!("{name} principal point"));
-    let shown = format!("({:.1}, {:.1}) px", k.cx_px, k.cy_px);
-    section.add(format!("{name}_principal_point_px"), label, value, shown);
-    let label = format!("{name} control residual, RMS");
-    section.number(format!("{name}_residual_rms_px"), label, camera.residual_rms_px, "px");
+    let mut section = summary.section_of("cameras", &camera.name, &camera.name);
+    let (centre, std) = (camera.camera.centre_in_world(), camera.centre_std_m);
+    let shown = format!("({}) m ± ({}) mm", listed(centre.as_slice(), 4), listed((1e3 * std).as_slice(), 1));
+    section.add("centre_m", "centre", json!(centre.as_slice()), shown);
+    section.hidden("centre_std_m", json!(std.as_slice()));
+    let (k, d) = (camera.camera.intrinsics, camera.camera.distortion);
+    let (focal, principal) = ([k.fx_px, k.fy_px], [k.cx_px, k.cy_px]);
+    section.add("focal_px", "focal lengths", json!(focal), format!("{} px", listed(&focal, 1)));
+    let shown = format!("({}) px", listed(&principal, 1));
+    section.add("principal_point_px", "principal point", json!(principal), shown);
+    section.number("residual_rms_px", "control residual, RMS", camera.residual_rms_px, "px");
     let model = camera.model.to_string();
-    let label = format!("{name} model, chosen by the data");
-    section.add(format!("{name}_model"), label, model.clone(), model);
+    section.add("model", "model, chosen by the data", model.clone(), model);
     if camera.distortion_is_estimated() {
-        let d = camera.camera.distortion;
-        let value = json!([d.k1, d.k2, d.p1, d.p2, d.k3]);
-        let label = format!("{name} distortion k1, k2, p1, p2, k3");
         let shown = format!("{:.4}, {:.4}, {:.5}, {:.5}, {:.4}", d.k1, d.k2, d.p1, d.p2, d.k3);
-        section.add(format!("{name}_distortion_k1_k2_p1_p2_k3"), label, value, shown);
+        let value = json!([d.k1, d.k2, d.p1, d.p2, d.k3]);
+        section.add("distortion_k1_k2_p1_p2_k3", "distortion k1, k2, p1, p2, k3", value, shown);
     }
 }
 
@@ -62,8 +53,7 @@ fn precision(summary: &mut Summary, rig: &Rig, pixel_std_px: f64) {
         let label = format!("a ball seen with {pixel_std_px:.3} px: predicted error in the middle (3-D)");
         section.number("predicted_centre_mm", label, centre_mm, "mm");
     }
-    let at = p.worst_at_m;
-    let shown = format!("{:.3} mm at ({:.2}, {:.2}, {:.2}) m", p.worst_mm, at.x, at.y, at.z);
+    let shown = format!("{:.3} mm at ({}) m", p.worst_mm, listed(p.worst_at_m.as_slice(), 2));
     section.add("predicted_worst_mm", "and worst within the control frame", p.worst_mm, shown);
     let label = "part of the control frame's volume that two cameras see";
     section.add("share_seen", label, p.share_seen, format!("{:.0} %", 100.0 * p.share_seen));
