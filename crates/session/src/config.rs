@@ -3,12 +3,13 @@
 use crate::error::read_text;
 use crate::error::require_file;
 use crate::files::read_toml;
-use crate::session_file::{LiveSection, SessionCamera, SessionFile, is_empty, validate};
+use crate::session_file::{SessionCamera, SessionFile, is_empty, validate};
 use crate::video::{FrameSource, find_clap, is_pattern};
 use crate::{SessionError, read_image, read_rig, tables};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{CAMERA_PARAMETERS, ImageSize};
 use mavsight_identify::Model;
+use mavsight_link::LiveSection;
 use mavsight_pipeline::{Clap, ControlPixel, ControlPointRow};
 use mavsight_pose::Rig;
 use std::path::{Path, PathBuf};

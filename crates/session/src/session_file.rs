@@ -2,7 +2,7 @@
 
 mod validate;
 
-use mavsight_link::{JsonOptions, LinkOptions, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions};
+use mavsight_link::LiveSection;
 use mavsight_pipeline::{Board, Refinement, WandBall};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -88,41 +88,6 @@ impl SessionFile {
 
 pub(crate) fn is_empty(path: &Path) -> bool {
     path.as_os_str().is_empty()
-}
-
-/// How a session is flown live.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LiveSection {
-    /// Poses of an earlier flight (`pose.csv`) that give the motion noise; left out: this flight's first
-    /// seconds.
-    pub poses: Option<PathBuf>,
-    /// Half width of a parameter's interval, as a share of its value, at which enough has been seen of it;
-    /// left out: 0.05.
-    pub enough: Option<f64>,
-    /// To an autopilot.
-    pub mavlink: Option<MavlinkOptions>,
-    /// To clients of OptiTrack's Motive.
-    pub natnet: Option<NatnetOptions>,
-    /// To clients of VRPN.
-    pub vrpn: Option<VrpnOptions>,
-    /// Events as lines.
-    pub json: Option<JsonOptions>,
-    /// Events by Zenoh.
-    pub zenoh: Option<ZenohOptions>,
-}
-
-impl LiveSection {
-    /// The outlets that are switched on.
-    pub fn links(&self) -> LinkOptions {
-        LinkOptions {
-            mavlink: self.mavlink.clone(),
-            natnet: self.natnet.clone(),
-            vrpn: self.vrpn.clone(),
-            json: self.json.clone(),
-            zenoh: self.zenoh.clone(),
-        }
-    }
 }
 
 /// Calibration by control points.
