@@ -9,12 +9,11 @@ pub mod foreign;
 mod parquet_rows;
 pub mod results;
 mod session_file;
-mod session_rig;
 mod table;
 pub mod tables;
 pub mod video;
 
-pub use config::{Session, load_model, load_vehicle};
+pub use config::{Session, cameras_of, load_model, load_vehicle};
 pub use error::SessionError;
 pub use files::{make_folder, read_toml, write_toml, write_whole};
 pub use mavsight_link::LiveSection;
@@ -24,10 +23,9 @@ pub use results::{
     write_results, write_rig,
 };
 pub use session_file::{
-    ControlSection, Estimate, FieldOrder, LineTime, RefineSection, RigSection, SESSION_SCHEMA, SessionCamera,
-    SessionFile, WandSection,
+    ControlSection, Estimate, FieldOrder, LineTime, RigSection, SESSION_SCHEMA, SessionCamera, SessionFile,
+    WandSection,
 };
-pub use session_rig::cameras_of;
 pub use table::{Row, Table, csv_cell};
 pub use tables::{read_control_points, write_control_points, write_inputs, write_numbers};
 pub use video::{FrameSource, LiveVideo, Y4mWriter, ffmpeg_program, find_clap, read_image, write_png};

@@ -3,7 +3,7 @@
 mod validate;
 
 use mavsight_link::LiveSection;
-use mavsight_pipeline::{Board, WandBall};
+use mavsight_pipeline::{Board, Refinement, WandBall};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -46,7 +46,7 @@ pub struct SessionFile {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub clap: bool,
     /// What is refined from the flight itself; left out: nothing.
-    pub refine: Option<RefineSection>,
+    pub refine: Option<Refinement>,
     /// How the session is flown live.
     pub live: Option<LiveSection>,
     /// Cameras.
@@ -120,21 +120,6 @@ pub struct WandSection {
     pub length_std_m: f64,
     /// The two balls, of unlike colours.
     pub ball: Vec<WandBall>,
-}
-
-/// Refinement of cameras and markers from the flight itself.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RefineSection {
-    /// Whether the cameras are refined; they are wherever the markers are.
-    #[serde(default)]
-    pub rig: bool,
-    /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002. Left
-    /// out: the markers are as in the file.
-    pub markers_std_m: Option<f64>,
-    /// Whether the balls' diameters are measured too, from their images.
-    #[serde(default)]
-    pub diameters: bool,
 }
 
 /// One camera of a session.

@@ -109,11 +109,6 @@ impl FrameSource {
         self
     }
 
-    /// The file or pattern.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
     /// Size of every frame.
     pub fn size(&self) -> ImageSize {
         let ImageSize { width_px, height_px } = self.opened.size;
