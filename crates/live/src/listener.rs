@@ -31,8 +31,8 @@ enum Message {
 #[derive(Default)]
 pub struct Listeners {
     connected: Vec<Worker<Message>>,
-    /// Whether the flight waits for slow listeners that are added from now on, instead of losing messages: for
-    /// runs that are not in real time.
+    /// Whether the flight waits for slow listeners that are added from now on, instead of losing messages:
+    /// for runs that are not in real time.
     pub waiting: bool,
 }
 

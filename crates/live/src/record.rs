@@ -133,8 +133,8 @@ struct DetectedBall {
 }
 
 impl Recorder {
-    /// Begins a recording: makes the folder if missing, copies the session and its files, and opens videos and
-    /// logs.
+    /// Begins a recording: makes the folder if missing, copies the session and its files, and opens videos
+    /// and logs.
     ///
     /// # Errors
     /// A folder that holds a session already or cannot be written, files that cannot be copied.
