@@ -13,6 +13,7 @@ mod frequency_domain;
 mod inverse;
 mod lag;
 mod least_squares;
+mod lowpass;
 mod model;
 mod noise;
 mod orthogonal;

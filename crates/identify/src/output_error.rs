@@ -1,11 +1,11 @@
 //! Output error: the parameters, and the start, with which the equations of motion pass nearest to what was
 //! measured.
 //!
-//! The measurements are poses, or the images of markers themselves; nothing is differentiated or smoothed. The flight is cut into segments that are flown each from its own start and
-//! held together by a penalty that is tightened until it is a constraint (multiple shooting, Bock 1983), so
-//! that an unstable aircraft does not carry a fit away. Sensitivities are the exact derivative of the
-//! integration. Weights follow from the residuals by iterated relaxation (Maine & Iliff 1985; Jategaonkar
-//! 2015, chapter 4).
+//! The measurements are poses, or the images of markers themselves; nothing is differentiated or smoothed.
+//! The flight is cut into segments that are flown each from its own start and held together by a penalty that
+//! is tightened until it is a constraint (multiple shooting, Bock 1983), so that an unstable aircraft does
+//! not carry a fit away. Sensitivities are the exact derivative of the integration. Weights follow from the
+//! residuals by iterated relaxation (Maine & Iliff 1985; Jategaonkar 2015, chapter 4).
 //!
 //! Where residuals are not white, part of each channel's errors is taken to last for some time; its share and
 //! the time are found by restricted maximum likelihood and weighed. What is still correlated then widens the

@@ -2,9 +2,10 @@
 
 use crate::coloured::coloured;
 use crate::inverse::log_determinant;
+use crate::lowpass::{lowpass_at, median};
 use crate::model::{Model, OutputModel, Scale, When};
 use crate::noise::{Bands, ErrorRows, Source, Term, Transfer};
-use crate::signals::{Flight, Passed, Signal, lowpass_at, median, scale_terms};
+use crate::signals::{Flight, Passed, Signal, scale_terms};
 use crate::table::{CoefficientTable, Column, Fixed, Output};
 use crate::{Correlation, IdentifyError, least_squares};
 use mavsight_flight::{InputSeries, Vehicle};

@@ -107,8 +107,8 @@ impl FlightModel {
     /// Sets the value that a fit starts from, or holds where the parameter is fixed.
     ///
     /// # Errors
-    /// [`IdentifyError::UnknownParameter`], [`IdentifyError::BadSetting`] for a number that is not finite or a
-    /// flapping time below 2 ms.
+    /// [`IdentifyError::UnknownParameter`], [`IdentifyError::BadSetting`] for a number that is not finite
+    /// or a flapping time below 2 ms.
     pub fn with_value(mut self, name: &str, value: f64) -> Result<Self, IdentifyError> {
         let parameter = known(name)?;
         self.set(parameter, value);

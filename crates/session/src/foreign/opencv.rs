@@ -20,7 +20,7 @@ use std::path::Path;
 const MATRIX: [&str; 4] = ["M", "K", "cameraMatrix", "camera_matrix"];
 const LENS: [&str; 4] = ["D", "D", "distCoeffs", "distortion_coefficients"];
 
-/// Reads a file that OpenCV 3, 4 or 5 or this program wrote. Skew is kept, coefficients beyond k3 are refused.
+/// Reads a file that OpenCV 3, 4 or 5 or this program wrote; keeps skew, refuses coefficients beyond k3.
 pub(super) fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, SessionError> {
     let file = YamlFile::read(path, "OpenCV calibration")?;
     let Some((family, suffixes)) = suffixes(&file) else {
