@@ -1,6 +1,6 @@
 //! Parts of a flight: those that the inputs cover, and those without a gap.
 
-use mavsight_flight::InputSeries;
+use mavsight_flight::{InputSample, InputSeries};
 use mavsight_pose::{Motion, MotionSample};
 use std::ops::Range;
 
@@ -58,14 +58,15 @@ pub(crate) fn held_long(inputs: &InputSeries) -> Option<String> {
     const LONG_S: f64 = 0.2;
     const MANY: f64 = 10.0;
     let samples = inputs.samples();
-    let mut steps_s: Vec<f64> = samples.windows(2).map(|w| w[1].t_s - w[0].t_s).collect();
-    let middle = steps_s.len() / 2;
-    let usual_s = *steps_s.select_nth_unstable_by(middle, f64::total_cmp).1;
-    let (from, to) = samples
-        .windows(2)
-        .map(|w| (w[0].t_s, w[1].t_s))
-        .max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0)))
-        .filter(|(from, to)| to - from > LONG_S.max(MANY * usual_s))?;
+    let step_s = |w: &[InputSample]| w[1].t_s - w[0].t_s;
+    let mut steps_s: Vec<f64> = samples.windows(2).map(step_s).collect();
+    steps_s.sort_by(f64::total_cmp);
+    let usual_s = steps_s[steps_s.len() / 2];
+    let longest = samples.windows(2).max_by(|a, b| step_s(a).total_cmp(&step_s(b)))?;
+    let (from, to) = (longest[0].t_s, longest[1].t_s);
+    if to - from <= LONG_S.max(MANY * usual_s) {
+        return None;
+    }
     Some(format!(
         "The inputs have no row from {from:.3} to {to:.3} s, where one every {usual_s:.3} s is usual: the last one counts as held."
     ))
@@ -74,7 +75,6 @@ pub(crate) fn held_long(inputs: &InputSeries) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_flight::InputSample;
     use mavsight_geometry::{Isometry3, Vector3};
     use mavsight_pose::MotionCovariance;
 

@@ -2,7 +2,7 @@
 
 use crate::{EngineError, camera_feeds};
 use mavsight_flight::Vehicle;
-use mavsight_pipeline::{PipelineError, Progress, RefinedBody, Refinement, Tracked, refine};
+use mavsight_pipeline::{PipelineError, Progress, RefinedBody, Tracked, refine};
 use mavsight_pose::{BodyMarker, MarkerObservation, Observations, Rig};
 use mavsight_session::{MarkerAsBuilt, RunResults, Session};
 
@@ -25,10 +25,9 @@ pub struct TrackedFlight {
 /// Recordings that cannot be read, and what [`mavsight_pipeline::track`] refuses.
 pub fn track(session: &Session, rig: Rig, progress: &dyn Progress) -> Result<TrackedFlight, EngineError> {
     let mut tracked = mavsight_pipeline::track(camera_feeds(session)?, &rig, &session.vehicle, progress)?;
-    let Some(asked) = session.file.refine else {
+    let Some(how) = session.file.refine else {
         return Ok(TrackedFlight { rig, tracked, body: Vec::new() });
     };
-    let how = Refinement { markers_std_m: asked.markers_std_m, diameters: asked.diameters };
     match refine(&mut tracked, &rig, &session.vehicle, how) {
         Ok(refined) => {
             let has_markers = how.markers_std_m.is_some() && refined.kept.is_none();

@@ -281,11 +281,9 @@ impl Vehicle {
                 let key = format!("marker {}: diameter_m", marker.name);
                 return Err(FlightError::NotPositive { key, value: marker.diameter_m });
             }
-            if let Some(value) = marker.position_m.iter().find(|v| !v.is_finite()) {
-                return Err(FlightError::NotFinite {
-                    key: format!("marker {}: position_m", marker.name),
-                    value: *value,
-                });
+            if let Some(&value) = marker.position_m.iter().find(|v| !v.is_finite()) {
+                let key = format!("marker {}: position_m", marker.name);
+                return Err(FlightError::NotFinite { key, value });
             }
             if marker.name.is_empty() || marker.name.contains(char::is_whitespace) {
                 return Err(FlightError::MarkerName { name: marker.name.clone() });

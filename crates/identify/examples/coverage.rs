@@ -168,7 +168,7 @@ fn image(
 ) -> Result<Measurements, Box<dyn std::error::Error>> {
     let mut images = ImageMeasurements::new(rig, markers, seen)?;
     if kind == "nuisances" {
-        images = images.with_marker_positions(5e-4).with_marker_biases(0.1, None);
+        images = images.with_marker_positions(5e-4).with_marker_biases(0.1);
     }
     Ok(Measurements::Image(images))
 }

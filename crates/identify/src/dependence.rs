@@ -1,5 +1,6 @@
 //! Which columns say something that the others have not said.
 
+use crate::orthogonal::Factored;
 use nalgebra::{DMatrix, DVector};
 
 /// Columns split into independent ones and those that are combinations of them.
@@ -22,7 +23,7 @@ impl Dependence {
 /// Part of a column's length below which what is left of it says nothing: no record of rotor speeds or
 /// swash-plate angles is good to a millionth, and the normal equations of such columns keep four digits of
 /// sixteen.
-const TOLD: f64 = 1e-6;
+const LEAST_PART: f64 = 1e-6;
 
 /// Goes through the columns from left to right and keeps each that is not a combination of those kept before.
 ///
@@ -37,13 +38,13 @@ pub fn independent_columns(columns: &DMatrix<f64>, noise_std: &[f64]) -> Depende
         let length = column.norm();
         let noise = 3.0 * noise_std.get(j).copied().unwrap_or(0.0) * (rows as f64).sqrt();
         let (factors, left) = project(columns, &out.independent, &column);
-        if length > 0.0 && left > noise.max(TOLD * length) && out.independent.len() < rows {
+        if length > 0.0 && left > noise.max(LEAST_PART * length) && out.independent.len() < rows {
             out.independent.push(j);
             for (_, factors) in &mut out.dependent {
                 factors.push(0.0);
             }
         } else {
-            let factors = fewest(columns, &out.independent, &column, factors, left.max(TOLD * length));
+            let factors = fewest(columns, &out.independent, &column, factors, left.max(LEAST_PART * length));
             out.dependent.push((j, factors));
         }
     }
@@ -80,24 +81,12 @@ fn fewest(
 
 /// Factors of the kept columns that come nearest to a column, and the length of what is left.
 fn project(columns: &DMatrix<f64>, kept: &[usize], column: &DVector<f64>) -> (Vec<f64>, f64) {
+    let nothing = (vec![0.0; kept.len()], column.norm());
     if kept.is_empty() {
-        return (Vec::new(), column.norm());
+        return nothing;
     }
-    let mut scaled = columns.select_columns(kept);
-    let scales: Vec<f64> = scaled.column_iter().map(|c| c.norm()).collect();
-    for (mut c, s) in scaled.column_iter_mut().zip(&scales) {
-        c /= *s;
-    }
-    let qr = scaled.qr();
-    let mut along = column.clone();
-    qr.q_tr_mul(&mut along);
-    let Some(solution) = qr.r().solve_upper_triangular(&along.rows(0, kept.len())) else {
-        return (vec![0.0; kept.len()], column.norm());
-    };
-    let factors: Vec<f64> = solution.iter().zip(&scales).map(|(x, s)| x / s).collect();
-    let mut left = column.clone();
-    kept.iter().zip(&factors).for_each(|(k, factor)| left.axpy(-factor, &columns.column(*k), 1.0));
-    (factors, left.norm())
+    let nearest = Factored::new(&columns.select_columns(kept)).and_then(|f| f.solve(column));
+    nearest.map_or(nothing, |(factors, left)| (factors.as_slice().to_vec(), left.norm()))
 }
 
 #[cfg(test)]

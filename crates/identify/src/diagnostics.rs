@@ -68,15 +68,9 @@ impl Collinearity {
     /// index above `threshold`.
     pub fn entangled(&self, threshold: f64) -> Vec<Vec<usize>> {
         let count = self.condition_indices.len();
-        let mut groups: Vec<Vec<usize>> = Vec::new();
-        let strong: Vec<usize> = (0..count).filter(|k| self.condition_indices[*k] > threshold).collect();
-        for k in strong {
-            let group: Vec<usize> = (0..count).filter(|j| self.variance_proportions[(k, *j)] > 0.5).collect();
-            if group.len() > 1 {
-                groups.push(group);
-            }
-        }
-        groups
+        let group = |k: usize| (0..count).filter(move |j| self.variance_proportions[(k, *j)] > 0.5).collect();
+        let strong = (0..count).filter(|k| self.condition_indices[*k] > threshold);
+        strong.map(group).filter(|group: &Vec<usize>| group.len() > 1).collect()
     }
 }
 

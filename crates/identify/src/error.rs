@@ -131,14 +131,6 @@ pub enum IdentifyError {
         /// What there is.
         known: String,
     },
-    /// A value that makes no sense for a parameter.
-    #[error("{name} cannot be {value}: give a finite number, and flapping times of 2 ms or more")]
-    ParameterOutOfRange {
-        /// The parameter.
-        name: &'static str,
-        /// Its value.
-        value: f64,
-    },
     /// Times of measurements must increase.
     #[error(
         "the measurement at {t_s} s does not come after the one at {before_s} s: sort them and remove repeats"
@@ -160,9 +152,7 @@ pub enum IdentifyError {
         what: &'static str,
     },
     /// Too few instants to start from.
-    #[error(
-        "{known} instants have a pose (or velocity and rates), but at least 4 are needed to start: measure more of the flight"
-    )]
+    #[error("{known} instants have a pose, but at least 4 are needed to start: measure more of the flight")]
     NoStart {
         /// Instants with a pose.
         known: usize,

@@ -5,16 +5,15 @@
 //! C_l and C_n likewise.
 
 mod coloured;
-mod compensated;
 mod dependence;
 mod diagnostics;
 mod error;
-mod error_rows;
 mod fit;
 mod frequency_domain;
 mod inverse;
 mod lag;
 mod least_squares;
+mod lowpass;
 mod model;
 mod noise;
 mod orthogonal;
@@ -37,13 +36,12 @@ pub use diagnostics::{
     Agreement, Collinearity, agreement, autocorrelations, collinearity, correlations, press,
 };
 pub use error::IdentifyError;
-pub use error_rows::ErrorRows;
 pub use fit::{Combination, Diagnostics, Estimator, FitOptions, Identification, OutputFit, Parameter};
 pub use frequency_domain::{Band, fourier_transform, frequency_domain};
 pub use lag::{Clocks, Lag, delayed, estimate_lag};
 pub use least_squares::{LeastSquares, least_squares, student_quantile_975, weighted_least_squares};
 pub use model::{EQUATION_3, Measured, Model, OutputModel, SIGNALS, Scale, When};
-pub use noise::ErrorSpectrum;
+pub use noise::{ErrorRows, ErrorSpectrum};
 pub use recursive::RecursiveLeastSquares;
 pub use regression::{identify, identify_with};
 pub use regressors::{Bandwidth, Options, coefficients};

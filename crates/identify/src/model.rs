@@ -53,14 +53,7 @@ pub enum Measured {
 impl Measured {
     /// Body axis, and whether it is a moment.
     pub(crate) fn axis(self) -> (usize, bool) {
-        match self {
-            Self::ForceX => (0, false),
-            Self::ForceY => (1, false),
-            Self::ForceZ => (2, false),
-            Self::MomentX => (0, true),
-            Self::MomentY => (1, true),
-            Self::MomentZ => (2, true),
-        }
+        (self as usize % 3, self as usize >= 3)
     }
 }
 

@@ -1,7 +1,7 @@
-//! QR of scaled columns, and solutions of normal equations refined beyond it.
+//! QR of scaled columns, and solutions of normal equations refined beyond it with sums of products as if
+//! formed in twice the working precision.
 
 use crate::IdentifyError;
-use crate::compensated::Compensated;
 use nalgebra::{DMatrix, DVector};
 
 /// Refinements at most: each gains as many digits as the condition leaves, so a handful reaches the last.
@@ -111,6 +111,38 @@ impl Factored {
     }
 }
 
+/// A running sum and what its roundings lost (Ogita, Rump & Oishi 2005, algorithm 5.3, `Dot2`).
+#[derive(Debug, Clone, Copy, Default)]
+struct Compensated {
+    sum: f64,
+    lost: f64,
+}
+
+impl Compensated {
+    fn new(start: f64) -> Self {
+        Self { sum: start, lost: 0.0 }
+    }
+
+    /// Adds a number; the rounding error is found without error (Knuth 1969, theorem 4.2.2 B).
+    fn add(&mut self, term: f64) {
+        let sum = self.sum + term;
+        let part = sum - self.sum;
+        self.lost += (self.sum - (sum - part)) + (term - part);
+        self.sum = sum;
+    }
+
+    /// Adds a product with the rounding error of the product.
+    fn add_product(&mut self, a: f64, b: f64) {
+        let product = a * b;
+        self.lost += a.mul_add(b, -product);
+        self.add(product);
+    }
+
+    fn value(self) -> f64 {
+        self.sum + self.lost
+    }
+}
+
 /// A sum of two numbers less products, as if formed in twice the working precision.
 fn remainder(first: f64, second: f64, products: impl Iterator<Item = (f64, f64)>) -> f64 {
     let mut sum = Compensated::new(first);
@@ -123,4 +155,23 @@ fn remainder(first: f64, second: f64, products: impl Iterator<Item = (f64, f64)>
 fn power_of_two(largest: f64, length: f64) -> f64 {
     let size = if length.is_finite() { length } else { largest };
     if size > 0.0 { size.log2().floor().exp2() } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cancels_in_working_precision_is_kept() {
+        let mut sum = Compensated::new(1e16);
+        for term in [1.0, -1e16, 1e-3] {
+            sum.add(term);
+        }
+        assert_eq!(sum.value(), 1.001);
+        let a = 1.0 + f64::EPSILON;
+        let mut dot = Compensated::default();
+        dot.add_product(a, a);
+        dot.add_product(-1.0, 1.0 + 2.0 * f64::EPSILON);
+        assert_eq!(dot.value(), f64::EPSILON * f64::EPSILON);
+    }
 }

@@ -1,12 +1,11 @@
 //! Output error: the parameters, and the start, with which the equations of motion pass nearest to what was
 //! measured.
 //!
-//! The measurements are poses, velocities and rates, or the images of markers themselves; nothing is
-//! differentiated or smoothed. The flight is cut into segments that are flown each from its own start and
-//! held together by a penalty that is tightened until it is a constraint (multiple shooting, Bock 1983), so
-//! that an unstable aircraft does not carry a fit away. Sensitivities are the exact derivative of the
-//! integration. Weights follow from the residuals by iterated relaxation (Maine & Iliff 1985; Jategaonkar
-//! 2015, chapter 4).
+//! The measurements are poses, or the images of markers themselves; nothing is differentiated or smoothed.
+//! The flight is cut into segments that are flown each from its own start and held together by a penalty that
+//! is tightened until it is a constraint (multiple shooting, Bock 1983), so that an unstable aircraft does
+//! not carry a fit away. Sensitivities are the exact derivative of the integration. Weights follow from the
+//! residuals by iterated relaxation (Maine & Iliff 1985; Jategaonkar 2015, chapter 4).
 //!
 //! Where residuals are not white, part of each channel's errors is taken to last for some time; its share and
 //! the time are found by restricted maximum likelihood and weighed. What is still correlated then widens the
@@ -17,8 +16,6 @@ mod assemble;
 mod colour;
 mod condense;
 mod covariance;
-mod dead_reckoning;
-mod descent;
 mod determined;
 mod disagreement;
 mod expected;
@@ -26,7 +23,6 @@ mod fit;
 mod fitter;
 mod flight;
 mod image;
-mod linear;
 mod measure;
 mod model;
 mod options;
@@ -46,9 +42,7 @@ pub use measure::{Measurements, StateMeasurement};
 pub use model::{FlightModel, ModelParameter};
 pub use options::{InitialFlapping, NoiseModel, OutputErrorOptions};
 pub use prediction::predict_poses;
-pub use result::{
-    ChannelResiduals, Extent, FittedParameter, FittedState, OutputErrorFit, Prediction, SystematicErrors,
-};
+pub use result::{Extent, FittedParameter, OutputErrorFit, Prediction, SystematicErrors};
 
 #[cfg(test)]
 mod tests;

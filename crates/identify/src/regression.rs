@@ -120,7 +120,7 @@ impl<'a> Regression<'a> {
         let ((values, covariance, bread), std) = match self.estimator {
             Estimator::LeastSquares => (plain(least_squares(x, y, how)?), ones),
             Estimator::WeightedLeastSquares => {
-                let std = DVector::from_fn(y.len(), |k, _| self.output.std[self.rows[k]]);
+                let std = DVector::from_fn(y.len(), |k, _| self.output.std_at(self.rows[k]));
                 let std = if std.iter().all(|s| *s > 0.0) { std } else { ones };
                 (plain(weighted_least_squares(x, y, std.as_slice(), how)?), std)
             }

@@ -1,16 +1,16 @@
 //! Outputs and regressors of a model from motion and inputs.
 
 use crate::coloured::coloured;
-use crate::error_rows::ErrorRows;
 use crate::inverse::log_determinant;
+use crate::lowpass::{lowpass_at, median};
 use crate::model::{Model, OutputModel, Scale, When};
-use crate::noise::{Bands, Source, Term, Transfer};
-use crate::signals::{Flight, Passed, Signal, lowpass_at, median, scale_terms};
+use crate::noise::{Bands, ErrorRows, Source, Term, Transfer};
+use crate::signals::{Flight, Passed, Signal, scale_terms};
 use crate::table::{CoefficientTable, Column, Fixed, Output};
 use crate::{Correlation, IdentifyError, least_squares};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_pose::Motion;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector, DVectorView};
 
 /// The low-pass that both sides of a regression pass in addition to the smoother's.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -164,23 +164,18 @@ fn usable(flight: &Flight<'_>, margin_s: f64) -> Vec<bool> {
     out
 }
 
-/// Standard deviation about the mean, of some rows.
-fn spread(values: &[f64], rows: &[usize]) -> f64 {
-    let n = rows.len().max(1) as f64;
-    let mean = rows.iter().map(|i| values[*i]).sum::<f64>() / n;
-    (rows.iter().map(|i| (values[*i] - mean).powi(2)).sum::<f64>() / n).sqrt()
-}
-
 /// Whether the output, and one regressor, move by more than three times their errors: a signal that does not
 /// is not distinguished from noise at any usual level.
 fn excited(output: &Output, rows: &[usize]) -> bool {
-    let noise = (rows.iter().map(|i| output.std[*i].powi(2)).sum::<f64>() / rows.len().max(1) as f64).sqrt();
-    let moved = |values: &[f64], std: f64| {
-        let size = rows.iter().map(|i| values[*i].abs()).fold(0.0, f64::max);
-        let spread = spread(values, rows);
-        spread > 3.0 * std && spread > 1e-9 * size
+    let variance = rows.iter().map(|i| output.std_at(*i).powi(2)).sum::<f64>() / rows.len().max(1) as f64;
+    let moved = |values: &DVector<f64>, std: f64| {
+        let spread = values.variance().sqrt();
+        spread > 3.0 * std && spread > 1e-9 * values.amax()
     };
-    moved(&output.values, noise) && output.columns.iter().any(|c| moved(&c.values, c.std))
+    let regressors = output.regressors_at(rows);
+    let moves = |(column, x): (&Column, DVectorView<'_, f64>)| moved(&x.into_owned(), column.std);
+    moved(&output.values_at(rows), variance.sqrt())
+        && output.columns.iter().zip(regressors.column_iter()).any(moves)
 }
 
 /// An output behind the smoother's low-passes alone.
@@ -229,7 +224,6 @@ impl Draft {
 
     /// The output behind one more low-pass, with the errors of its rows.
     fn finish(&self, flight: &Flight<'_>, usable: &[bool], extra_hz: Option<f64>) -> Output {
-        let count = self.columns.len();
         let mut out = self.passed(flight, usable, extra_hz);
         let variance = |source, row| flight.variance(source, row);
         out.errors = self.bands_behind(extra_hz).covariances(&self.terms(), flight.t_s.len(), &variance);
@@ -238,7 +232,6 @@ impl Draft {
         let mean =
             |j: usize| used().map(|row| errors.at(row, j, j)).sum::<f64>() / used().count().max(1) as f64;
         out.columns.iter_mut().enumerate().for_each(|(j, column)| column.std = mean(j).sqrt());
-        out.std = (0..errors.len()).map(|row| errors.at(row, count, count).sqrt()).collect();
         out
     }
 
@@ -275,7 +268,6 @@ impl Draft {
         Output {
             name: self.name.clone(),
             values: pass(&self.output.values),
-            std: Vec::new(),
             columns: self.columns.iter().map(column).collect(),
             errors: ErrorRows::default(),
             spectrum,

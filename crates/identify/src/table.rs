@@ -2,8 +2,7 @@
 
 use crate::coloured::ResidualErrors;
 use crate::dependence::{Dependence, independent_columns};
-use crate::error_rows::ErrorRows;
-use crate::noise::ErrorSpectrum;
+use crate::noise::{ErrorRows, ErrorSpectrum};
 use nalgebra::{DMatrix, DVector};
 
 /// One regressor over time.
@@ -33,8 +32,6 @@ pub struct Output {
     pub name: String,
     /// Values at the table's times, less the part of fixed coefficients.
     pub values: Vec<f64>,
-    /// Standard deviation of their error behind the low-pass, at each time.
-    pub std: Vec<f64>,
     /// Regressors.
     pub columns: Vec<Column>,
     /// Covariance of the errors of the regressors and, last, of the output, at each time.
@@ -72,6 +69,11 @@ impl Output {
     /// All regressors at some rows.
     pub(crate) fn regressors_at(&self, rows: &[usize]) -> DMatrix<f64> {
         DMatrix::from_fn(rows.len(), self.columns.len(), |i, j| self.columns[j].values[rows[i]])
+    }
+
+    /// Standard deviation of the error of the value at a row.
+    pub(crate) fn std_at(&self, row: usize) -> f64 {
+        self.errors.at(row, self.columns.len(), self.columns.len()).sqrt()
     }
 
     /// The values at some rows.

@@ -56,34 +56,14 @@ pub fn total_least_squares(
 ) -> Result<TotalLeastSquares, IdentifyError> {
     check(regressors, output)?;
     let split = Split::new(regressors.ncols(), errors)?;
-    if split.noisy.is_empty() {
-        return exact(regressors, output, errors, correlation);
-    }
-    let solved = split.solve(regressors, output)?;
-    let residuals = output - regressors * &solved.values;
+    let (values, singular_values) = split.solve(regressors, output)?;
+    let last = singular_values.len() - 1;
+    let degrees = (regressors.nrows() - regressors.ncols()).max(1);
+    let level = singular_values[last].powi(2) / degrees as f64;
+    let residuals = output - regressors * &values;
     let (covariance, inverse_moment) =
-        covariance(regressors, &solved.values, &residuals, &(errors * solved.level), correlation)?;
-    let Solved { values, level, singular_values } = solved;
+        covariance(regressors, &values, &residuals, &(errors * level), correlation)?;
     Ok(TotalLeastSquares { values, covariance, inverse_moment, residuals, level, singular_values })
-}
-
-fn exact(
-    regressors: &DMatrix<f64>,
-    output: &DVector<f64>,
-    errors: &DMatrix<f64>,
-    correlation: Correlation,
-) -> Result<TotalLeastSquares, IdentifyError> {
-    let (rows, count) = regressors.shape();
-    let fit = crate::least_squares(regressors, output, correlation)?;
-    let variance = fit.residuals.norm_squared() / (rows - count) as f64;
-    Ok(TotalLeastSquares {
-        values: fit.values,
-        covariance: fit.covariance,
-        inverse_moment: fit.inverse_gram,
-        singular_values: DVector::from_element(1, fit.residuals.norm() / errors[(count, count)].sqrt()),
-        level: variance / errors[(count, count)],
-        residuals: fit.residuals,
-    })
 }
 
 /// Columns that are exact and those that are not, with the triangle that whitens the latter and the output.
@@ -92,12 +72,6 @@ struct Split {
     noisy: Vec<usize>,
     /// L of Σ = L Lᵀ.
     lower: DMatrix<f64>,
-}
-
-struct Solved {
-    values: DVector<f64>,
-    level: f64,
-    singular_values: DVector<f64>,
 }
 
 impl Split {
@@ -123,7 +97,12 @@ impl Split {
         Ok(Self { exact, noisy, lower })
     }
 
-    fn solve(&self, regressors: &DMatrix<f64>, output: &DVector<f64>) -> Result<Solved, IdentifyError> {
+    /// Values, and the singular values of what is left of the whitened columns.
+    fn solve(
+        &self,
+        regressors: &DMatrix<f64>,
+        output: &DVector<f64>,
+    ) -> Result<(DVector<f64>, DVector<f64>), IdentifyError> {
         let rows = regressors.nrows();
         let (k, m) = (self.exact.len(), self.noisy.len());
         let scales: Vec<f64> = self.exact.iter().map(|j| regressors.column(*j).norm()).collect();
@@ -162,8 +141,7 @@ impl Split {
         if !values.iter().all(|v| v.is_finite()) {
             return Err(IdentifyError::RankZero);
         }
-        let level = svd.singular_values[m].powi(2) / (rows - k - m).max(1) as f64;
-        Ok(Solved { values, level, singular_values: svd.singular_values })
+        Ok((values, svd.singular_values))
     }
 }
 

@@ -28,20 +28,23 @@ pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -
     let mut text = determined(output, fit);
     // The frequency domain leaves constants out on purpose.
     if fit.estimator != Estimator::FrequencyDomain && !dependence.dependent.is_empty() {
-        let idle: Vec<&str> =
-            dependence.dependent.iter().map(|(j, _)| output.columns[*j].name.as_str()).collect();
+        let name = |(j, _): &(usize, Vec<f64>)| output.columns[*j].name.as_str();
+        let idle: Vec<&str> = dependence.dependent.iter().map(name).collect();
+        let (it, itself) = if idle.len() == 1 { ("it", "itself") } else { ("them", "themselves") };
         text += &format!(
-            " The flight cannot distinguish {} from the terms listed before: it did not move {} by {}.",
-            listed(&idle),
-            if idle.len() == 1 { "it" } else { "them" },
-            if idle.len() == 1 { "itself" } else { "themselves" }
+            " The flight cannot distinguish {} from the terms listed before: it did not move {it} by {itself}.",
+            idle.join(" and ")
         );
         for c in &fit.combinations {
             text += &format!(" Determined is only {} = {:.3e} ± {:.1e}.", c.text, c.value, c.std);
         }
         text += &sum_of_stiffness(output, fit, &idle);
-        for advice in idle.iter().filter_map(|name| manoeuvre(&[name])).fold(Vec::new(), once) {
-            text += &format!(" To separate them, {advice}.");
+        let mut advices: Vec<String> = Vec::new();
+        for advice in idle.iter().filter_map(|name| manoeuvre(&[name])) {
+            if !advices.contains(&advice) {
+                text += &format!(" To separate them, {advice}.");
+                advices.push(advice);
+            }
         }
     }
     text += &entangled(fit);
@@ -69,13 +72,11 @@ fn determined(output: &Output, fit: &OutputFit) -> String {
         fit.parameters.iter().filter(|p| p.identifiable).count(),
         fit.parameters.len()
     );
-    let clear = names(&|p| p.identifiable && significant(p));
-    if !clear.is_empty() {
-        text += &format!(" Different from zero at 95 %: {clear}.");
-    }
-    let unclear = names(&|p| p.identifiable && !significant(p));
-    if !unclear.is_empty() {
-        text += &format!(" Not distinguished from zero: {unclear}.");
+    for (what, is_clear) in [("Different from zero at 95 %", true), ("Not distinguished from zero", false)] {
+        let names = names(&|p| p.identifiable && significant(p) == is_clear);
+        if !names.is_empty() {
+            text += &format!(" {what}: {names}.");
+        }
     }
     if !output.fixed.is_empty() {
         let fixed: Vec<String> = output.fixed.iter().map(|f| format!("{} = {}", f.name, f.value)).collect();
@@ -115,7 +116,7 @@ fn entangled(fit: &OutputFit) -> String {
     let groups = fit.diagnostics.collinearity.entangled(ENTANGLED);
     for group in &groups {
         let names: Vec<&str> = group.iter().map(|j| fit.diagnostics.columns[*j].as_str()).collect();
-        text += &format!(" {} trade against each other", listed(&names));
+        text += &format!(" {} trade against each other", names.join(" and "));
         text += &match manoeuvre(&names) {
             Some(advice) => format!("; to separate them, {advice}."),
             None => "; fly a manoeuvre with more frequencies to part them.".to_owned(),
@@ -124,50 +125,26 @@ fn entangled(fit: &OutputFit) -> String {
     text
 }
 
-/// What moves regressors apart: at least so many names, one of which has one of these signals.
-const MANOEUVRES: [(usize, &[&str], &str); 6] = [
-    (
-        1,
-        &["T_u", "T_l", "omega_u", "omega_l", "kappa_u", "kappa_l", "kappa_d"],
-        "move the rotor speeds, each by itself, with a multisine or a doublet",
-    ),
-    (
-        2,
-        &["delta_lon"],
-        "move the longitudinal swash-plate faster than the rotor follows: short steps, 3-2-1-1 or a multisine",
-    ),
-    (
-        2,
-        &["delta_lat"],
-        "move the lateral swash-plate faster than the rotor follows: short steps, 3-2-1-1 or a multisine",
-    ),
-    (
-        1,
-        &["alpha_u", "alpha_l", "q", "u", "w", "delta_lon"],
-        "move the longitudinal swash-plate with a multisine from slow, as the fly-bar, to fast, as the rotor",
-    ),
-    (
-        1,
-        &["beta_u", "beta_l", "p", "v", "delta_lat"],
-        "move the lateral swash-plate with a multisine from slow, as the fly-bar, to fast, as the rotor",
-    ),
-    (1, &["r"], "turn about the vertical with a doublet of the rotors' speed difference"),
-];
-
 /// The manoeuvre that moves the named regressors apart.
-fn manoeuvre(names: &[&str]) -> Option<&'static str> {
+fn manoeuvre(names: &[&str]) -> Option<String> {
     let has = |signals: &[&str]| names.iter().any(|n| factors(n).any(|f| signals.contains(&f)));
-    let fits = |(count, signals, _): &&(usize, &[&str], &str)| names.len() >= *count && has(signals);
-    MANOEUVRES.iter().find(fits).map(|(_, _, advice)| *advice)
-}
-
-fn once<'a>(mut seen: Vec<&'a str>, next: &'a str) -> Vec<&'a str> {
-    if !seen.contains(&next) {
-        seen.push(next);
+    let axes: [(&str, &str, &[&str]); 2] = [
+        ("longitudinal", "delta_lon", &["alpha_u", "alpha_l", "q", "u", "w"]),
+        ("lateral", "delta_lat", &["beta_u", "beta_l", "p", "v"]),
+    ];
+    if has(&["T_u", "T_l", "omega_u", "omega_l", "kappa_u", "kappa_l", "kappa_d"]) {
+        return Some("move the rotor speeds, each by itself, with a multisine or a doublet".to_owned());
     }
-    seen
-}
-
-fn listed(names: &[&str]) -> String {
-    names.join(" and ")
+    if let Some((axis, ..)) = axes.iter().find(|(_, plate, _)| names.len() > 1 && has(&[plate])) {
+        return Some(format!(
+            "move the {axis} swash-plate faster than the rotor follows: short steps, 3-2-1-1 or a multisine"
+        ));
+    }
+    if let Some((axis, ..)) = axes.iter().find(|(_, plate, follow)| has(&[plate]) || has(follow)) {
+        return Some(format!(
+            "move the {axis} swash-plate with a multisine from slow, as the fly-bar, to fast, as the rotor"
+        ));
+    }
+    let yaw = "turn about the vertical with a doublet of the rotors' speed difference";
+    has(&["r"]).then(|| yaw.to_owned())
 }

@@ -20,7 +20,7 @@ pub enum LinkError {
     Option {
         /// Outlet.
         outlet: &'static str,
-        /// Its key in the session file.
+        /// Key in the session file.
         option: &'static str,
         /// What was written.
         value: String,

@@ -26,7 +26,7 @@ pub enum Event {
     Camera {
         /// Index into the scene's cameras.
         camera: usize,
-        /// Its state.
+        /// State of the camera.
         state: CameraState,
         /// Frames a second over the last second.
         rate_hz: f64,
@@ -139,7 +139,7 @@ pub struct Scene {
 /// One camera of the scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CameraView {
-    /// Its name.
+    /// Name of the camera.
     pub name: String,
     /// Image.
     pub width_px: u32,
@@ -155,9 +155,9 @@ pub struct CameraView {
 /// One marker of the vehicle.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MarkerView {
-    /// Its name.
+    /// Name of the marker.
     pub name: String,
-    /// Its colour, 0-255.
+    /// Colour, 0-255.
     pub rgb: [u8; 3],
     /// Where it is in body axes.
     pub in_body_m: [f64; 3],
@@ -218,9 +218,9 @@ pub enum CameraState {
     Running,
     /// No frame for two intervals.
     Stalled,
-    /// Its source has ended or could not be opened; it is being opened again.
+    /// The source has ended or could not be opened; it is being opened again.
     Gone,
-    /// Its image of the body is shifted: it is left out.
+    /// The body is shifted in the image: the camera is left out.
     Moved,
     /// It sees next to nothing.
     Dark,

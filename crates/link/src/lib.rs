@@ -36,7 +36,7 @@ pub use mavlink::Mavlink;
 pub use natnet::Natnet;
 pub use open::open;
 pub use options::{
-    BodyAxes, JsonOptions, LinkOptions, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions,
+    BodyAxes, JsonOptions, LiveSection, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions,
 };
 pub use outlet::{Body, Outlet};
 pub use rerun::Rerun;

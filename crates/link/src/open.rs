@@ -4,13 +4,13 @@ use crate::json::JsonLines;
 use crate::mavlink::Mavlink;
 use crate::natnet::Natnet;
 use crate::vrpn::Vrpn;
-use crate::{Body, LinkError, LinkOptions, Outlet};
+use crate::{Body, LinkError, LiveSection, Outlet};
 
 /// Opens every outlet that the options have.
 ///
 /// # Errors
 /// An address or option is wrong, a port is held by another program, or this build has not the outlet.
-pub fn open(options: &LinkOptions, body: &Body) -> Result<Vec<Box<dyn Outlet>>, LinkError> {
+pub fn open(options: &LiveSection, body: &Body) -> Result<Vec<Box<dyn Outlet>>, LinkError> {
     let mut outlets: Vec<Box<dyn Outlet>> = Vec::new();
     if let Some(options) = &options.mavlink {
         outlets.push(Box::new(Mavlink::open(options, body)?));
@@ -44,7 +44,7 @@ mod tests {
         let held = std::net::UdpSocket::bind("127.0.0.1:0").expect("a port");
         let address = held.local_addr().expect("its address").to_string();
         let natnet = crate::NatnetOptions { address: address.clone(), ..Default::default() };
-        let options = LinkOptions { natnet: Some(natnet), ..Default::default() };
+        let options = LiveSection { natnet: Some(natnet), ..Default::default() };
         let said = match open(&options, &Body::new("x", Vec::new())) {
             Err(fault) => fault.to_string(),
             Ok(_) => String::new(),
@@ -55,7 +55,7 @@ mod tests {
     #[cfg(not(feature = "zenoh"))]
     #[test]
     fn an_outlet_that_was_not_built_is_reported() {
-        let options = LinkOptions { zenoh: Some(Default::default()), ..Default::default() };
+        let options = LiveSection { zenoh: Some(Default::default()), ..Default::default() };
         let said = open(&options, &Body::new("x", Vec::new())).err().map(|e| e.to_string());
         assert!(said.is_some_and(|s| s.contains("--features zenoh")));
     }

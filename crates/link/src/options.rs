@@ -1,29 +1,32 @@
-//! `[live.mavlink]`, `[live.natnet]`, `[live.vrpn]`, `[live.json]`, `[live.zenoh]` of a session file.
+//! `[live]` of a session file, with `[live.mavlink]`, `[live.natnet]`, `[live.vrpn]`, `[live.json]` and
+//! `[live.zenoh]`.
 //!
 //! Addresses are texts `host:port`; every default keeps to the machine itself.
 
 use crate::LinkError;
 use serde::{Deserialize, Serialize};
 use std::net::{SocketAddr, ToSocketAddrs};
+use std::path::PathBuf;
 
-/// Which outlets a session has; a section that is there switches its outlet on.
+/// How a session is flown live; a section of an outlet that is there switches it on.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct LinkOptions {
+pub struct LiveSection {
+    /// Poses of an earlier flight (`pose.csv`) that give the motion noise; left out: this flight's first
+    /// seconds.
+    pub poses: Option<PathBuf>,
+    /// Half width of a parameter's interval, as a share of its value, at which enough has been seen of it;
+    /// left out: 0.05.
+    pub enough: Option<f64>,
     /// To an autopilot.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub mavlink: Option<MavlinkOptions>,
     /// To clients of OptiTrack's Motive.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub natnet: Option<NatnetOptions>,
     /// To clients of VRPN.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub vrpn: Option<VrpnOptions>,
     /// Events as lines.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub json: Option<JsonOptions>,
     /// Events by Zenoh.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub zenoh: Option<ZenohOptions>,
 }
 
@@ -156,7 +159,7 @@ mod tests {
 
     #[test]
     fn defaults_keep_to_the_machine() {
-        let all: LinkOptions =
+        let all: LiveSection =
             toml::from_str("[mavlink]\n[natnet]\n[vrpn]\n[json]\n[zenoh]\n").expect("sections");
         let texts = [
             all.mavlink.expect("mavlink").address,
@@ -169,18 +172,18 @@ mod tests {
         }
         let zenoh = all.zenoh.expect("zenoh");
         assert!(zenoh.listen.iter().all(|e| e.starts_with("tcp/127.0.0.1:")) && !zenoh.scouting);
-        assert_eq!(toml::from_str::<LinkOptions>("").expect("nothing"), LinkOptions::default());
-        assert_eq!(toml::to_string(&LinkOptions::default()).expect("a text"), "");
+        assert_eq!(toml::from_str::<LiveSection>("").expect("nothing"), LiveSection::default());
+        assert_eq!(toml::to_string(&LiveSection::default()).expect("a text"), "");
     }
 
     #[test]
     fn a_key_that_is_not_known_is_named() {
         let said =
-            toml::from_str::<LinkOptions>("[mavlink]\nrate = 30\n").expect_err("no such key").to_string();
+            toml::from_str::<LiveSection>("[mavlink]\nrate = 30\n").expect_err("no such key").to_string();
         assert!(said.contains("`rate`") && said.contains("`rate_hz`"), "{said}");
-        let said = toml::from_str::<LinkOptions>("[ros]\n").expect_err("no such outlet").to_string();
+        let said = toml::from_str::<LiveSection>("[ros]\n").expect_err("no such outlet").to_string();
         assert!(said.contains("`ros`"), "{said}");
-        assert!(toml::from_str::<LinkOptions>("[vrpn]\nbody_axes = \"enu\"\n").is_err());
+        assert!(toml::from_str::<LiveSection>("[vrpn]\nbody_axes = \"enu\"\n").is_err());
     }
 
     #[test]

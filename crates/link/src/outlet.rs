@@ -25,7 +25,7 @@ pub trait Outlet: Send {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Body {
     name: String,
-    /// Its markers, in body axes.
+    /// Markers, in body axes.
     pub markers: Vec<MarkerView>,
 }
 
@@ -44,7 +44,7 @@ impl Body {
         Self { name, markers }
     }
 
-    /// Its name on every wire.
+    /// The name on every wire.
     pub fn name(&self) -> &str {
         &self.name
     }

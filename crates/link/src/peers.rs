@@ -30,38 +30,24 @@ impl Peer {
         if !self.flush() || self.waiting.len() + bytes.len() > MOST_WAITING {
             return false;
         }
-        let sent = if self.waiting.is_empty() { self.write(bytes) } else { Some(0) };
-        if let Some(rest) = sent.and_then(|sent| bytes.get(sent..)) {
-            self.waiting.extend_from_slice(rest);
-        }
-        sent.is_some()
+        self.waiting.extend_from_slice(bytes);
+        self.flush()
     }
 
     /// Sends what waits, as far as it goes. False: it has gone.
     pub(crate) fn flush(&mut self) -> bool {
-        if self.waiting.is_empty() {
-            return true;
-        }
-        let waiting = std::mem::take(&mut self.waiting);
-        let sent = self.write(&waiting);
-        self.waiting = waiting;
-        self.waiting.drain(..sent.unwrap_or(0));
-        sent.is_some()
-    }
-
-    /// How many bytes went; none where the connection has gone.
-    fn write(&mut self, bytes: &[u8]) -> Option<usize> {
         let mut sent = 0;
-        while sent < bytes.len() {
-            match self.stream.write(&bytes[sent..]) {
-                Ok(0) => return None,
+        while sent < self.waiting.len() {
+            match self.stream.write(&self.waiting[sent..]) {
+                Ok(0) => return false,
                 Ok(n) => sent += n,
                 Err(e) if e.kind() == io::ErrorKind::WouldBlock => break,
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-                Err(_) => return None,
+                Err(_) => return false,
             }
         }
-        Some(sent)
+        self.waiting.drain(..sent);
+        true
     }
 }
 

@@ -17,7 +17,7 @@ mod file;
 mod flat;
 
 use crate::{Event, LinkError, Outlet, PoseEvent, Scene, Tracking};
-use arrow::{Array, Column};
+use arrow::{Array, Column, Type};
 use file::RrdFile;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -42,39 +42,43 @@ impl Rerun {
         let refused = |source| LinkError::File { path: path.display().to_string(), source };
         let mut file = RrdFile::create(path, "mavsight", crate::outlet::now_ns()).map_err(refused)?;
         // Right, forward, up.
-        let axes = Array::lists(&[1], Array::fixed(3, Array::bytes(&[3, 5, 1])));
+        let axes = Array::lists([1], Array::threes(Array::plain(Type::BYTE, [3, 5, 1].into_iter())));
         let column = component("ViewCoordinates", "xyz", "ViewCoordinates", axes);
         file.chunk("/world", 1, vec![column]).map_err(refused)?;
         Ok(Self { path: path.to_owned(), file, poses: Vec::with_capacity(ROWS), tracking: None })
     }
 
     fn scene(&mut self, scene: &Scene) -> io::Result<()> {
-        let points = |places: Vec<[f64; 3]>, names: Vec<String>| {
-            let flat: Vec<f32> = places.iter().flatten().map(|v| *v as f32).collect();
-            let places = Array::lists(&[places.len()], Array::fixed(3, Array::f32(&flat)));
-            let labels = Array::lists(&[names.len()], Array::texts(&names));
+        let points = |places: Vec<[f64; 3]>, names: Vec<&str>| {
+            let place = floats(places.iter().flatten());
+            let labels = Array::texts(names.iter().copied());
             vec![
-                component("Points3D", "positions", "Position3D", places),
-                component("Points3D", "labels", "Text", labels),
+                component(
+                    "Points3D",
+                    "positions",
+                    "Position3D",
+                    Array::lists([places.len()], Array::threes(place)),
+                ),
+                component("Points3D", "labels", "Text", Array::lists([names.len()], labels)),
             ]
         };
         let (cameras, markers) = (&scene.cameras, &scene.markers);
-        let names = cameras.iter().map(|c| c.name.clone()).collect();
+        let names = cameras.iter().map(|c| c.name.as_str()).collect();
         self.file.chunk("/world/cameras", 1, points(cameras.iter().map(|c| c.centre_m).collect(), names))?;
-        let names = markers.iter().map(|m| m.name.clone()).collect();
+        let names = markers.iter().map(|m| m.name.as_str()).collect();
         let mut columns = points(markers.iter().map(|m| m.in_body_m).collect(), names);
-        let color = |[r, g, b]: [u8; 3]| u32::from_be_bytes([r, g, b, 255]);
-        let colors: Vec<u32> = markers.iter().map(|m| color(m.rgb)).collect();
-        let radii: Vec<f32> = markers.iter().map(|m| (0.5 * m.diameter_m) as f32).collect();
-        let one = |of| Array::lists(&[markers.len()], of);
-        columns.push(component("Points3D", "colors", "Color", one(Array::words(&colors))));
-        columns.push(component("Points3D", "radii", "Radius", one(Array::f32(&radii))));
+        // Red, green, blue and opacity from the highest byte on.
+        let colors = markers.iter().flat_map(|m| [255, m.rgb[2], m.rgb[1], m.rgb[0]]);
+        let radii: Vec<f64> = markers.iter().map(|m| 0.5 * m.diameter_m).collect();
+        let one = |of| Array::lists([markers.len()], of);
+        columns.push(component("Points3D", "colors", "Color", one(Array::plain(Type::WORD, colors))));
+        columns.push(component("Points3D", "radii", "Radius", one(floats(&radii))));
         self.file.chunk("/world/aircraft/markers", 1, columns)
     }
 
     fn text(&mut self, entity: &str, t_s: f64, text: &str) -> io::Result<()> {
-        let body = Array::lists(&[1], Array::texts(&[text.to_owned()]));
-        let t = index("t", Array::durations(&[(t_s * 1e9).round() as i64]));
+        let body = Array::lists([1], Array::texts(std::iter::once(text)));
+        let t = index("t", Type::DURATION, [(t_s * 1e9).round() as i64]);
         self.file.chunk(entity, 1, vec![t, component("TextLog", "text", "Text", body)])
     }
 
@@ -85,30 +89,29 @@ impl Rerun {
         }
         let poses = std::mem::take(&mut self.poses);
         let times = |of: &[&PoseEvent]| {
-            let t: Vec<i64> = of.iter().map(|p| (p.t_s * 1e9).round() as i64).collect();
-            let captured: Vec<i64> = of.iter().map(|p| p.captured_ns).collect();
-            vec![index("captured", Array::timestamps(&captured)), index("t", Array::durations(&t))]
+            let captured = index("captured", Type::TIMESTAMP, of.iter().map(|p| p.captured_ns));
+            vec![captured, index("t", Type::DURATION, of.iter().map(|p| (p.t_s * 1e9).round() as i64))]
         };
         let measured: Vec<&PoseEvent> = poses.iter().filter(|p| p.position_m.is_some()).collect();
         if !measured.is_empty() {
-            let places = measured.iter().filter_map(|p| p.position_m).flatten();
+            let places: Vec<f64> = measured.iter().filter_map(|p| p.position_m).flatten().collect();
             // Rerun has w last.
             let turns = measured.iter().filter_map(|p| p.attitude).flat_map(|[w, x, y, z]| [x, y, z, w]);
-            let (places, turns): (Vec<f32>, Vec<f32>) =
-                (places.map(|v| v as f32).collect(), turns.map(|v| v as f32).collect());
-            let rows = vec![1; measured.len()];
-            let fixed = |count, of: &[f32]| Array::lists(&rows, Array::fixed(count, Array::f32(of)));
+            let turns: Vec<f64> = turns.collect();
+            let one = |of| Array::lists(measured.iter().map(|_| 1), of);
+            let turns = one(Array::fours(floats(&turns)));
+            let places = one(Array::threes(floats(&places)));
             let mut columns = times(&measured);
-            columns.push(component("Transform3D", "quaternion", "RotationQuat", fixed(4, &turns)));
-            columns.push(component("Transform3D", "translation", "Translation3D", fixed(3, &places)));
+            columns.push(component("Transform3D", "quaternion", "RotationQuat", turns));
+            columns.push(component("Transform3D", "translation", "Translation3D", places));
             self.file.chunk("/world/aircraft", measured.len(), columns)?;
         }
         let all: Vec<&PoseEvent> = poses.iter().collect();
         for (entity, of) in SCALARS {
             let values: Vec<Vec<f64>> = all.iter().map(|p| of(p)).collect();
-            let rows: Vec<usize> = values.iter().map(Vec::len).collect();
+            let bytes = values.iter().flatten().flat_map(|v| v.to_le_bytes());
+            let lists = Array::lists(values.iter().map(Vec::len), Array::plain(Type::F64, bytes));
             let mut columns = times(&all);
-            let lists = Array::lists(&rows, Array::f64(&values.concat()));
             columns.push(component("Scalars", "scalars", "Scalar", lists));
             self.file.chunk(entity, all.len(), columns)?;
         }
@@ -159,13 +162,19 @@ fn component(archetype: &str, field: &str, of: &str, array: Array) -> Column {
     Column { name: format!("{archetype}:{field}"), about, array }
 }
 
-fn index(name: &str, array: Array) -> Column {
+fn index(name: &str, of: Type, ns: impl IntoIterator<Item = i64>) -> Column {
     let about = vec![
         ("rerun:index_name", name.to_owned()),
         ("rerun:is_sorted", "true".to_owned()),
         ("rerun:kind", "index".to_owned()),
     ];
+    let array = Array::plain(of, ns.into_iter().flat_map(i64::to_le_bytes));
     Column { name: name.to_owned(), about, array }
+}
+
+/// Numbers in single precision.
+fn floats<'a>(values: impl IntoIterator<Item = &'a f64>) -> Array {
+    Array::plain(Type::F32, values.into_iter().flat_map(|v| (*v as f32).to_le_bytes()))
 }
 
 impl Outlet for Rerun {

@@ -3,7 +3,7 @@
 use crate::LinkError;
 use crate::worker::PATIENCE;
 use std::io;
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::time::Duration;
 
 /// Longest that a full buffer of the system holds a sender up.
@@ -20,11 +20,10 @@ pub(crate) fn open(outlet: &'static str, from: SocketAddr) -> Result<UdpSocket, 
 
 /// Any port, on the loopback interface where the peer is on this machine.
 pub(crate) fn any_port_towards(to: SocketAddr) -> SocketAddr {
-    match (to.is_ipv4(), to.ip().is_loopback()) {
-        (true, true) => (Ipv4Addr::LOCALHOST, 0).into(),
-        (true, false) => (Ipv4Addr::UNSPECIFIED, 0).into(),
-        (false, true) => (Ipv6Addr::LOCALHOST, 0).into(),
-        (false, false) => (Ipv6Addr::UNSPECIFIED, 0).into(),
+    match to.ip() {
+        ip if ip.is_loopback() => (ip, 0).into(),
+        IpAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
+        IpAddr::V6(_) => (Ipv6Addr::UNSPECIFIED, 0).into(),
     }
 }
 

@@ -20,8 +20,8 @@ use crate::peers::{MOST, Peer};
 use crate::udp;
 use crate::worker::{Worker, lock};
 use crate::{Body, Fix, LinkError, Outlet, VrpnOptions};
-use messages::{Inbox, Kind, Read};
-use std::io::{self, Read as _};
+use messages::{Ask, Inbox, Kind};
+use std::io::{self, Read};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -53,7 +53,6 @@ pub struct Vrpn {
 struct Client {
     peer: Peer,
     inbox: Inbox,
-    greeted: bool,
     since: Instant,
 }
 
@@ -92,7 +91,7 @@ impl Outlet for Vrpn {
             let velocity_m_s = world_from_body * moving.velocity_in_body_m_s;
             bytes.extend(messages::velocity(fix.captured_ns, &velocity_m_s, &turning_rad_s));
         }
-        lock(&self.clients).retain_mut(|client| !client.greeted || client.peer.push(&bytes));
+        lock(&self.clients).retain_mut(|client| !client.inbox.is_welcome || client.peer.push(&bytes));
         Ok(())
     }
 }
@@ -135,7 +134,7 @@ impl Door {
             && let Ok(mut peer) = Peer::new(stream)
             && peer.push(&messages::COOKIE)
         {
-            clients.push(Client { peer, inbox: Inbox::default(), greeted: false, since: Instant::now() });
+            clients.push(Client { peer, inbox: Inbox::default(), since: Instant::now() });
         }
     }
 }
@@ -143,7 +142,7 @@ impl Door {
 impl Client {
     /// Reads what has come and answers it. False: it has gone, or speaks something else.
     fn listen(&mut self, greeting: &[u8]) -> bool {
-        if !self.greeted && self.since.elapsed() > GREETING {
+        if !self.inbox.is_welcome && self.since.elapsed() > GREETING {
             return false;
         }
         let mut bytes = [0; 4096];
@@ -151,7 +150,8 @@ impl Client {
             match self.peer.stream.read(&mut bytes) {
                 Ok(0) => return false,
                 Ok(length) => {
-                    if !self.inbox.take(&bytes[..length]) {
+                    let asks = self.inbox.take(&bytes[..length]);
+                    if !asks.is_some_and(|asks| asks.iter().all(|ask| self.answer(*ask, greeting))) {
                         return false;
                     }
                 }
@@ -160,19 +160,13 @@ impl Client {
                 Err(_) => return false,
             }
         }
-        loop {
-            let went = match self.inbox.next() {
-                Read::Nothing => return self.peer.flush(),
-                Read::Noise => false,
-                Read::Cookie => {
-                    self.greeted = true;
-                    self.peer.push(greeting)
-                }
-                Read::Ping => self.peer.push(&messages::message(now_ns(), Kind::Pong, &[])),
-            };
-            if !went {
-                return false;
-            }
+        self.peer.flush()
+    }
+
+    fn answer(&mut self, ask: Ask, greeting: &[u8]) -> bool {
+        match ask {
+            Ask::Greeting => self.peer.push(greeting),
+            Ask::Pong => self.peer.push(&messages::message(now_ns(), Kind::Pong, &[])),
         }
     }
 }

@@ -13,8 +13,6 @@ use zenoh::Wait;
 pub struct Zenoh {
     session: zenoh::Session,
     stem: String,
-    key: String,
-    payload: Vec<u8>,
 }
 
 impl Zenoh {
@@ -48,18 +46,15 @@ impl Zenoh {
             config.insert_json5(key, &value.to_string()).map_err(refused)?;
         }
         let session = zenoh::open(config).wait().map_err(refused)?;
-        Ok(Self { session, key: stem.clone(), stem, payload: Vec::new() })
+        Ok(Self { session, stem })
     }
 }
 
 impl Outlet for Zenoh {
     fn event(&mut self, event: &Event) -> Result<(), LinkError> {
-        self.payload.clear();
-        serde_json::to_writer(&mut self.payload, event).map_err(|e| LinkError::Zenoh(e.to_string()))?;
-        self.key.truncate(self.stem.len());
-        self.key.push_str(event.kind());
+        let payload = serde_json::to_vec(event).map_err(|e| LinkError::Zenoh(e.to_string()))?;
         self.session
-            .put(&self.key, &self.payload[..])
+            .put(format!("{}{}", self.stem, event.kind()), payload)
             .encoding(zenoh::bytes::Encoding::APPLICATION_JSON)
             .wait()
             .map_err(|e| LinkError::Zenoh(e.to_string()))

@@ -24,9 +24,9 @@ const WAITING_FAST: usize = 8;
 const POSE_TIME: Duration = Duration::from_millis(1);
 
 /// First wait before a source is opened again.
-const FIRST_WAIT: Duration = Duration::from_millis(200);
+const FIRST_WAIT_NS: i64 = 200_000_000;
 /// Longest wait before a source is opened again, after repeated failures.
-const LONGEST_WAIT: Duration = Duration::from_secs(4);
+const LONGEST_WAIT_NS: i64 = 4_000_000_000;
 
 /// A frame in hand.
 struct Arrival {
@@ -86,8 +86,8 @@ impl Camera {
         tracker: CameraTracker,
         shared: &Shared,
     ) -> Result<Self, LiveError> {
-        let waiting = if shared.pace == Pace::Fast { WAITING_FAST } else { WAITING };
-        let queue = Arc::new(Queue::new(waiting));
+        let waits = shared.pace == Pace::Fast;
+        let queue = Arc::new(Queue::new(if waits { WAITING_FAST } else { WAITING }, waits));
         let interrupt = Arc::new(Mutex::new(None));
         let fetch = Fetch {
             camera,
@@ -141,16 +141,16 @@ struct Fetch {
 
 impl Fetch {
     fn run(mut self) {
-        let mut wait = FIRST_WAIT;
+        let (clock, mut wait_ns) = (self.shared.clock, FIRST_WAIT_NS);
         while !self.stopped() {
-            let reason = match (self.setup.open)(self.shared.clock) {
+            let reason = match (self.setup.open)(clock) {
                 Ok(mut source) => {
                     self.set_interrupt(source.interrupt());
                     self.report(Report::Opened { camera: self.camera });
                     let (frames, reason) = self.fetch(source.as_mut());
                     self.set_interrupt(None);
                     if frames > 0 {
-                        wait = FIRST_WAIT;
+                        wait_ns = FIRST_WAIT_NS;
                     }
                     reason
                 }
@@ -167,8 +167,8 @@ impl Fetch {
             }
             let reason = reason.unwrap_or_else(|| "its source has ended".to_owned());
             self.report(Report::Gone { camera: self.camera, reason });
-            self.sleep(wait);
-            wait = (2 * wait).min(LONGEST_WAIT);
+            clock.wait_until(clock.now_ns() + wait_ns, &self.shared.stop);
+            wait_ns = (2 * wait_ns).min(LONGEST_WAIT_NS);
         }
         self.queue.close();
     }
@@ -184,10 +184,8 @@ impl Fetch {
                     }
                     frames += 1;
                     let received_ns = self.shared.clock.now_ns();
-                    let arrival = Arrival { stamp_ns, received_ns, frame };
-                    if self.shared.pace == Pace::Own {
-                        drop(self.queue.push(arrival));
-                    } else if !self.queue.push_waiting(arrival) {
+                    drop(self.queue.push(Arrival { stamp_ns, received_ns, frame }));
+                    if self.queue.is_closed() {
                         break;
                     }
                 }
@@ -217,15 +215,6 @@ impl Fetch {
     fn report(&self, report: Report) {
         // A flight that has ended receives nothing more.
         let _ = self.shared.reports.send(report);
-    }
-
-    fn sleep(&self, wait: Duration) {
-        let step = Duration::from_millis(10);
-        let mut left = wait;
-        while !left.is_zero() && !self.stopped() {
-            std::thread::sleep(step.min(left));
-            left = left.saturating_sub(step);
-        }
     }
 }
 

@@ -34,7 +34,7 @@ pub enum LiveError {
     /// A thread cannot be started.
     #[error("no thread `{name}` ({source}): end other programs and try again")]
     Thread {
-        /// Its name.
+        /// Name of the thread.
         name: String,
         /// The system's error.
         source: std::io::Error,

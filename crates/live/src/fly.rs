@@ -162,26 +162,9 @@ impl Flight<'_> {
         self.received_ns = received_ns;
         self.first_ns.get_or_insert(received_ns);
         self.report_ended(t_ns);
-        let had_begun = self.pipeline.has_begun();
         self.pipeline.push(camera, stamp_ns, &seen.detections);
-        if !had_begun && self.pipeline.has_begun() {
-            self.set_intervals();
-        }
-    }
-
-    /// Begins the join with the cameras that have frames.
-    fn begin(&mut self) {
-        if !self.pipeline.has_begun() {
-            self.pipeline.begin();
-            self.set_intervals();
-        }
-    }
-
-    fn set_intervals(&mut self) {
-        for (k, status) in self.status.iter_mut().enumerate() {
-            if let Some(interval_s) = self.pipeline.interval_s(k) {
-                status.interval_ns = (interval_s * 1e9) as i64;
-            }
+        if let Some(interval_s) = self.pipeline.interval_s(camera) {
+            self.status[camera].interval_ns = (interval_s * 1e9) as i64;
         }
     }
 

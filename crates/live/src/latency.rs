@@ -46,12 +46,6 @@ impl Latencies {
         }
         0.0
     }
-
-    /// Removes all durations.
-    pub fn clear(&mut self) {
-        self.counts.fill(0);
-        (self.total, self.most_ms) = (0, 0.0);
-    }
 }
 
 #[cfg(test)]
@@ -70,7 +64,5 @@ mod tests {
         all.add_ns(i64::MAX);
         all.add_ns(-5);
         assert_eq!(all.total, 10_002);
-        all.clear();
-        assert_eq!((all.total, all.most_ms()), (0, 0.0));
     }
 }

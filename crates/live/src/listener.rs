@@ -1,6 +1,7 @@
 //! Listeners of a flight, each at its own pace.
 
 use crate::LiveError;
+use crate::queue::Queue;
 use crate::worker::Worker;
 use mavsight_link::{Event, Fix};
 use std::sync::Arc;
@@ -30,8 +31,8 @@ enum Message {
 #[derive(Default)]
 pub struct Listeners {
     connected: Vec<Worker<Message>>,
-    /// Whether the flight waits for slow listeners instead of losing messages: for runs that are not in real
-    /// time.
+    /// Whether the flight waits for slow listeners that are added from now on, instead of losing messages:
+    /// for runs that are not in real time.
     pub waiting: bool,
 }
 
@@ -46,22 +47,14 @@ impl Listeners {
             Some(Message::Event(event)) => listener.event(&event),
             None => listener.flush(),
         };
-        self.connected.push(Worker::start("listener", WAITING, false, listen)?);
+        let queue = Queue::new(WAITING, self.waiting);
+        self.connected.push(Worker::start("listener", queue, false, listen)?);
         Ok(())
-    }
-
-    /// Whether there is no listener.
-    pub fn is_empty(&self) -> bool {
-        self.connected.is_empty()
     }
 
     fn push(&self, message: &Message) {
         for listener in &self.connected {
-            if self.waiting {
-                listener.queue.push_waiting(message.clone());
-            } else {
-                listener.queue.push(message.clone());
-            }
+            listener.queue.push(message.clone());
         }
     }
 

@@ -20,8 +20,8 @@ pub(crate) struct MotionFilter {
     gravity_m_s2: f64,
     filter: Option<CausalFilter>,
     kept: Vec<PoseSample>,
-    /// Number of windows used.
-    done: usize,
+    /// Lengths of the windows that are not used yet.
+    windows_s: &'static [f64],
     /// An estimation in progress, and the number of kept poses that it uses.
     finding: Option<(JoinHandle<Option<CausalFilter>>, usize)>,
 }
@@ -33,8 +33,8 @@ impl MotionFilter {
     /// A noise or gravity that is not finite and positive.
     pub(crate) fn new(noise: Option<MotionNoise>, gravity_m_s2: f64) -> Result<Self, LiveError> {
         let filter = noise.map(|n| CausalFilter::new(n, gravity_m_s2)).transpose()?;
-        let done = if filter.is_some() { WINDOWS_S.len() } else { 0 };
-        Ok(Self { gravity_m_s2, filter, kept: Vec::new(), done, finding: None })
+        let windows_s: &[f64] = if filter.is_some() { &[] } else { &WINDOWS_S };
+        Ok(Self { gravity_m_s2, filter, kept: Vec::new(), windows_s, finding: None })
     }
 
     /// Adds an instant; returns its motion, if known.
@@ -60,19 +60,14 @@ impl MotionFilter {
                 }
                 self.filter = Some(filter);
             }
-            if self.done == WINDOWS_S.len() {
+            if self.windows_s.is_empty() {
                 self.kept = Vec::new();
+                return;
             }
         }
-        let long_s = match (self.kept.first(), self.kept.last()) {
-            (Some(first), Some(last)) => (last.t_ns - first.t_ns) as f64 * 1e-9,
-            _ => 0.0,
-        };
+        let span_s = (sample.t_ns - self.kept[0].t_ns) as f64 * 1e-9;
         let is_full = self.kept.len() >= MOST_KEPT;
-        if self.finding.is_none()
-            && self.done < WINDOWS_S.len()
-            && (is_full || WINDOWS_S.get(self.done).is_some_and(|w| long_s >= *w))
-        {
+        if self.finding.is_none() && self.windows_s.first().is_some_and(|w| is_full || span_s >= *w) {
             let (poses, gravity_m_s2) = (self.kept.clone(), self.gravity_m_s2);
             let had = poses.len();
             let find = move || {
@@ -82,13 +77,13 @@ impl MotionFilter {
             if let Ok(handle) = std::thread::Builder::new().name("noise".into()).spawn(find) {
                 self.finding = Some((handle, had));
             }
-            self.done = if is_full { WINDOWS_S.len() } else { self.done + 1 };
+            self.windows_s = if is_full { &[] } else { &self.windows_s[1..] };
         }
     }
 
     /// Whether the noise is given or estimated for the last time.
     pub(crate) fn has_final_noise(&self) -> bool {
-        self.done == WINDOWS_S.len() && self.finding.is_none()
+        self.windows_s.is_empty() && self.finding.is_none()
     }
 }
 

@@ -1,7 +1,7 @@
 //! Parameters by recursive least squares during the flight.
 
 use crate::LiveError;
-use crate::queue::locked;
+use crate::queue::{Queue, locked};
 use crate::worker::Worker;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{
@@ -66,7 +66,7 @@ impl Parameters {
                 *locked(&out) = Some(event);
             }
         };
-        Ok(Self { worker: Worker::start("parameters", WAITING, true, run)?, latest })
+        Ok(Self { worker: Worker::start("parameters", Queue::new(WAITING, false), true, run)?, latest })
     }
 
     /// Takes a pose; the oldest is dropped where the thread is behind.

@@ -15,6 +15,7 @@ pub(crate) struct Queue<T> {
     inner: Mutex<Inner<T>>,
     changed: Condvar,
     capacity: usize,
+    waits: bool,
 }
 
 #[derive(Debug)]
@@ -25,21 +26,26 @@ struct Inner<T> {
 }
 
 impl<T> Queue<T> {
-    /// A queue for `capacity` items, at least one.
-    pub(crate) fn new(capacity: usize) -> Self {
+    /// A queue for `capacity` items, at least one. If it is full, whoever adds an item `waits` for room, or
+    /// the oldest item is dropped.
+    pub(crate) fn new(capacity: usize, waits: bool) -> Self {
         let capacity = capacity.max(1);
         let inner = Inner { items: VecDeque::with_capacity(capacity), dropped: 0, closed: false };
-        Self { inner: Mutex::new(inner), changed: Condvar::new(), capacity }
+        Self { inner: Mutex::new(inner), changed: Condvar::new(), capacity, waits }
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner<T>> {
         locked(&self.inner)
     }
 
-    /// Adds an item; if the queue is full, the oldest is dropped, counted and returned. A closed queue
-    /// returns the item itself.
+    /// Adds an item; returns the one that is dropped and counted for it. A closed queue returns the item
+    /// itself.
     pub(crate) fn push(&self, item: T) -> Option<T> {
         let mut inner = self.lock();
+        if self.waits {
+            let is_full = |inner: &mut Inner<T>| inner.items.len() == self.capacity && !inner.closed;
+            inner = self.changed.wait_while(inner, is_full).unwrap_or_else(PoisonError::into_inner);
+        }
         if inner.closed {
             return Some(item);
         }
@@ -49,20 +55,6 @@ impl<T> Queue<T> {
         drop(inner);
         self.changed.notify_all();
         oldest
-    }
-
-    /// Adds an item as soon as there is room for it; false if the queue is closed.
-    pub(crate) fn push_waiting(&self, item: T) -> bool {
-        let is_full = |inner: &mut Inner<T>| inner.items.len() == self.capacity && !inner.closed;
-        let waited = self.changed.wait_while(self.lock(), is_full);
-        let mut inner = waited.unwrap_or_else(PoisonError::into_inner);
-        if inner.closed {
-            return false;
-        }
-        inner.items.push_back(item);
-        drop(inner);
-        self.changed.notify_all();
-        true
     }
 
     /// Removes the oldest item, waiting for one at most for `wait`; none if the queue is closed and empty.
@@ -104,7 +96,7 @@ mod tests {
 
     #[test]
     fn the_oldest_is_dropped_and_counted() {
-        let queue = Queue::new(3);
+        let queue = Queue::new(3, false);
         let back: Vec<i32> = (0..7).filter_map(|k| queue.push(k)).collect();
         assert_eq!((back, queue.dropped()), (vec![0, 1, 2, 3], 4));
         assert!(!queue.is_closed());
@@ -114,13 +106,13 @@ mod tests {
         let rest: Vec<_> = (0..4).map(|_| queue.pop(Duration::ZERO)).collect();
         assert_eq!(rest, [Some(4), Some(5), Some(6), None]);
         assert!(queue.is_over());
-        let empty = Queue::<u8>::new(0);
+        let empty = Queue::<u8>::new(0, false);
         assert!(empty.pop(Duration::ZERO).is_none() && !empty.is_over());
     }
 
     #[test]
     fn waiting_for_room_loses_nothing() {
-        let queue = Arc::new(Queue::new(2));
+        let queue = Arc::new(Queue::new(2, true));
         let own = Arc::clone(&queue);
         let taker = std::thread::spawn(move || {
             let mut got = Vec::new();
@@ -130,9 +122,9 @@ mod tests {
             }
             got
         });
-        assert!((0..50).all(|k| queue.push_waiting(k)));
+        assert!((0..50).all(|k| queue.push(k).is_none()));
         queue.close();
-        assert!(!queue.push_waiting(99));
+        assert!(queue.push(99) == Some(99));
         assert_eq!((taker.join().unwrap(), queue.dropped()), ((0..50).collect::<Vec<_>>(), 0));
     }
 }

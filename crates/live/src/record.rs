@@ -1,7 +1,7 @@
 //! Recording of what is received, detected and sent.
 
 use crate::LiveError;
-use crate::queue::locked;
+use crate::queue::{Queue, locked};
 use crate::setup::Tap;
 use crate::worker::Worker;
 use mavsight_flight::InputSample;
@@ -50,7 +50,6 @@ enum Item {
 /// disk is full or too slow, the recording ends with a fault, and the flight goes on.
 pub struct Recorder {
     folder: PathBuf,
-    waits: bool,
     status: Arc<Mutex<Status>>,
     worker: Worker<Item>,
 }
@@ -134,8 +133,8 @@ struct DetectedBall {
 }
 
 impl Recorder {
-    /// Begins a recording: makes the folder if missing, copies the session and its files, and opens videos and
-    /// logs.
+    /// Begins a recording: makes the folder if missing, copies the session and its files, and opens videos
+    /// and logs.
     ///
     /// # Errors
     /// A folder that holds a session already or cannot be written, files that cannot be copied.
@@ -174,8 +173,8 @@ impl Recorder {
         write_toml(&folder.join("session.toml"), &session)?;
         let status = Arc::clone(&writer.status);
         let write = move |item: Option<Item>| item.into_iter().for_each(|item| writer.take(item));
-        let worker = Worker::start("record", WAITING, true, write)?;
-        Ok(Self { folder: folder.to_owned(), waits, status, worker })
+        let worker = Worker::start("record", Queue::new(WAITING, waits), true, write)?;
+        Ok(Self { folder: folder.to_owned(), status, worker })
     }
 
     /// Records a frame and its detections.
@@ -189,9 +188,7 @@ impl Recorder {
         if locked(&self.status).fault.is_some() {
             return;
         }
-        if self.waits {
-            queue.push_waiting(item);
-        } else if let Some(lost) = queue.push(item)
+        if let Some(lost) = queue.push(item)
             && !queue.is_closed()
         {
             let what = match lost {

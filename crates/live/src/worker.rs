@@ -26,11 +26,11 @@ impl<T: Send + 'static> Worker<T> {
     /// end. Work on which no pose depends `gives_way` to other threads.
     pub(crate) fn start(
         name: &str,
-        capacity: usize,
+        queue: Queue<T>,
         gives_way: bool,
         mut take: impl FnMut(Option<T>) + Send + 'static,
     ) -> Result<Self, LiveError> {
-        let queue = Arc::new(Queue::new(capacity));
+        let queue = Arc::new(queue);
         let own = Arc::clone(&queue);
         let run = move || {
             if gives_way {

@@ -68,7 +68,8 @@ struct SetUp {
 /// of bank and pitch, on which all cameras see all balls.
 fn way(
     planner: &Planner,
-    (films, aircraft): (&[Film<'_>], &Aircraft),
+    films: &[Film<'_>],
+    aircraft: &Aircraft,
     count: usize,
     random: &mut Random,
 ) -> Option<Vec<FlightState>> {
@@ -121,7 +122,8 @@ fn cameras_of(planner: &Planner, placed: &[Placed]) -> Vec<VirtualCamera> {
 fn filmed(
     planner: &Planner,
     placed: &[Placed],
-    (seeds, count): (std::ops::Range<u64>, usize),
+    seeds: std::ops::Range<u64>,
+    count: usize,
 ) -> Outcome<Vec<SetUp>> {
     let room = Room::meeting_room();
     let aircraft = lab::aircraft(&Vehicle::paper());
@@ -140,11 +142,11 @@ fn filmed(
         let cameras = cameras_of(planner, &placed);
         let films: Vec<Film<'_>> =
             cameras.iter().enumerate().map(|(k, c)| lab::film(&room, c, k, seed)).collect();
-        let Some(way) = way(planner, (&films, &aircraft), count, random) else {
+        let Some(way) = way(planner, &films, &aircraft, count, random) else {
             println!("set up {seed}: no way on which all cameras see all balls");
             continue;
         };
-        match film_once(planner, (&cameras, &films), &way, random) {
+        match film_once(planner, &cameras, &films, &way, random) {
             Ok(one) => all.push(SetUp { placed, ..one }),
             Err(error) => println!("set up {seed}: {error}"),
         }
@@ -154,7 +156,8 @@ fn filmed(
 
 fn film_once(
     planner: &Planner,
-    (cameras, films): (&[VirtualCamera], &[Film<'_>]),
+    cameras: &[VirtualCamera],
+    films: &[Film<'_>],
     truth: &[FlightState],
     random: &mut Random,
 ) -> Outcome<SetUp> {
@@ -182,7 +185,7 @@ fn film_once(
         CameraFeed::new(c.name.clone(), Some(truth.len()), Box::new(frames))
     });
     let tracked = track(feeds.collect(), &rig, &vehicle, &NoProgress)?;
-    let predicted = PoseEstimator::new(&predicted_rig(planner, cameras, (&stills, &rig))?, planner.markers());
+    let predicted = PoseEstimator::new(&predicted_rig(planner, cameras, &stills, &rig)?, planner.markers());
     let control_px2 = rig.cameras.iter().map(|c| c.sigma_px.powi(2)).sum::<f64>() / rig.cameras.len() as f64;
     let mut out = SetUp { control_px2, centres: tracked.centre_quality(), ..SetUp::default() };
     for (k, row) in truth.iter().enumerate() {
@@ -234,7 +237,8 @@ fn variances(
 fn predicted_rig(
     planner: &Planner,
     cameras: &[VirtualCamera],
-    (stills, rig): (&[ControlStill], &Rig),
+    stills: &[ControlStill],
+    rig: &Rig,
 ) -> Outcome<Rig> {
     let table = planner.control();
     let ball = |row: &ControlPointRow| BallColor { name: row.name.clone(), rgb: row.color.rgb() };
@@ -367,7 +371,7 @@ fn main() -> Outcome<()> {
         if only.as_ref().is_some_and(|o| !name.contains(o.as_str())) {
             continue;
         }
-        let mut all = filmed(&planner, &placed, (first_seed..first_seed + calibrations, frames))?;
+        let mut all = filmed(&planner, &placed, first_seed..first_seed + calibrations, frames)?;
         all.retain(|s| !s.poses.is_empty());
         if all.is_empty() {
             println!("{name}: nothing was measured");

@@ -49,7 +49,8 @@ pub fn room(staging: &Staging) -> Room {
 
 /// A camera that films a scenario.
 pub struct StagedFilm<'a> {
-    camera: VirtualCamera,
+    /// The camera, as it stands at first.
+    pub camera: VirtualCamera,
     film: Film<'a>,
     /// From when on the camera stands otherwise, and what it films then.
     bumped: Vec<(f64, Film<'a>)>,
@@ -64,6 +65,16 @@ pub fn film<'a>(room: &'a Room, camera: &VirtualCamera, index: usize, seed: u64)
 fn sensor(index: usize, seed: u64) -> Sensor {
     let seed = seed.wrapping_mul(1_000_003).wrapping_add(index as u64);
     Sensor { seed, ..Sensor::default() }
+}
+
+/// The films of all cameras of a scenario.
+pub fn staged_films<'a>(
+    room: &'a Room,
+    cameras: &[VirtualCamera],
+    seed: u64,
+    staging: &Staging,
+) -> Vec<StagedFilm<'a>> {
+    cameras.iter().enumerate().map(|(k, camera)| staged_film(room, camera, k, seed, staging)).collect()
 }
 
 /// A camera's film with what a scenario does to the camera.

@@ -11,7 +11,6 @@
 //! `engine::run` does the same in one call, and [`report`] writes the figures and `report.html`.
 
 pub mod lab;
-pub mod pilot;
 
 pub use mavsight_engine as engine;
 pub use mavsight_flight as flight;

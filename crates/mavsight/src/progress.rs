@@ -56,11 +56,4 @@ impl Progress for Bars {
     fn step(&self) {
         self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).inc(1);
     }
-
-    fn warn(&self, message: &str) {
-        self.0
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner)
-            .suspend(|| eprintln!("mavsight: {message}"));
-    }
 }

@@ -5,14 +5,7 @@ use hyper::{Response, StatusCode};
 
 /// Why a request is refused: a status and a sentence for its reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Refusal {
-    pub(crate) status: StatusCode,
-    pub(crate) text: &'static str,
-}
-
-pub(crate) const fn refusal(status: StatusCode, text: &'static str) -> Refusal {
-    Refusal { status, text }
-}
+pub(crate) struct Refusal(pub(crate) StatusCode, pub(crate) &'static str);
 
 /// Headers of every answer: nothing may be cached, framed, guessed at, or loaded from elsewhere, and a
 /// connection serves one request, so that it cannot be reused for another origin or hide a second request.
@@ -49,13 +42,13 @@ pub(crate) fn answer(status: StatusCode, media_type: &'static str, body: &str) -
 
 /// The answer to a refused request.
 pub(crate) fn refuse(refused: Refusal) -> Response<String> {
-    answer(refused.status, "text/plain; charset=utf-8", &format!("{}\n", refused.text))
+    answer(refused.0, "text/plain; charset=utf-8", &format!("{}\n", refused.1))
 }
 
 /// The bytes of a refusal, for a connection whose request has not been read.
 pub(crate) fn refusal_bytes(refused: Refusal) -> Vec<u8> {
     let response = refuse(refused);
-    let mut text = format!("HTTP/1.1 {}\r\nContent-Length: {}\r\n", refused.status, response.body().len());
+    let mut text = format!("HTTP/1.1 {}\r\nContent-Length: {}\r\n", refused.0, response.body().len());
     for (name, value) in response.headers() {
         text += &format!("{name}: {}\r\n", value.to_str().unwrap_or_default());
     }

@@ -17,7 +17,7 @@ use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::error::{Error, ProtocolError};
 use tokio_tungstenite::tungstenite::handshake::server::create_response_with_body;
 
-use crate::answer::{Refusal, answer, refusal, refusal_bytes, refuse};
+use crate::answer::{Refusal, answer, refusal_bytes, refuse};
 use crate::hub::{Hub, Mailbox};
 use crate::{access, assets, listener};
 
@@ -26,7 +26,7 @@ const HEAD_LIMIT_BYTES: usize = 8192;
 /// Most header lines; browsers send about twenty.
 const HEADER_LIMIT: usize = 64;
 
-const MALFORMED: Refusal = refusal(StatusCode::BAD_REQUEST, "This request does not follow HTTP/1.1.");
+const MALFORMED: Refusal = Refusal(StatusCode::BAD_REQUEST, "This request does not follow HTTP/1.1.");
 
 /// Serves one connection to its end: one request, which may become a WebSocket.
 pub(crate) async fn serve(mut stream: TcpStream, hub: Arc<Hub>) {
@@ -51,7 +51,7 @@ pub(crate) async fn serve(mut stream: TcpStream, hub: Arc<Hub>) {
         Err(_) => {
             if !is_answered.load(Ordering::Relaxed) {
                 let late = "The request did not come to its end in time.";
-                farewell = refusal_bytes(refusal(StatusCode::REQUEST_TIMEOUT, late));
+                farewell = refusal_bytes(Refusal(StatusCode::REQUEST_TIMEOUT, late));
             }
             None
         }
@@ -84,7 +84,7 @@ fn respond(
     if uri.authority().is_some() || !uri.path().starts_with('/') {
         return Err(MALFORMED);
     }
-    let refused = |text| Err(refusal(StatusCode::FORBIDDEN, text));
+    let refused = |text| Err(Refusal(StatusCode::FORBIDDEN, text));
     if !access::is_own_host(host) {
         return refused(
             "This server goes by its address or localhost only: use the address that was printed.",
@@ -98,19 +98,19 @@ fn respond(
         return refused("The token is missing or wrong: use the address that was printed.");
     };
     if request.method() != Method::GET && request.method() != Method::HEAD {
-        return Err(refusal(StatusCode::METHOD_NOT_ALLOWED, "Only GET and HEAD are served."));
+        return Err(Refusal(StatusCode::METHOD_NOT_ALLOWED, "Only GET and HEAD are served."));
     }
     if !request.body().is_end_stream() {
-        return Err(refusal(StatusCode::PAYLOAD_TOO_LARGE, "No request here has a body."));
+        return Err(Refusal(StatusCode::PAYLOAD_TOO_LARGE, "No request here has a body."));
     }
     if path == "events" {
         let response = upgrade(request, origin)?;
-        let full = refusal(StatusCode::SERVICE_UNAVAILABLE, "As many pages as may are open: close one.");
+        let full = Refusal(StatusCode::SERVICE_UNAVAILABLE, "As many pages as may are open: close one.");
         let joined = hub.join().ok_or(full)?;
         mailbox.get_or_init(|| joined);
         return Ok(response);
     }
-    let not_found = refusal(StatusCode::NOT_FOUND, "There is no such file.");
+    let not_found = Refusal(StatusCode::NOT_FOUND, "There is no such file.");
     let (media_type, text) = assets::find(path).ok_or(not_found)?;
     Ok(answer(StatusCode::OK, media_type, text))
 }
@@ -121,17 +121,17 @@ fn upgrade(request: &Request<Incoming>, origin: Option<&str>) -> Result<Response
     let has_key = !matches!(&accepted, Err(Error::Protocol(ProtocolError::MissingSecWebSocketKey)));
     if accepted.is_err() && has_key {
         let text = "Events come over a WebSocket of version 13.";
-        return Err(refusal(StatusCode::UPGRADE_REQUIRED, text));
+        return Err(Refusal(StatusCode::UPGRADE_REQUIRED, text));
     }
     // Every browser sends its origin here, so a client that sends none is no page.
     if origin.is_none() {
-        return Err(refusal(StatusCode::FORBIDDEN, "A WebSocket must name its origin."));
+        return Err(Refusal(StatusCode::FORBIDDEN, "A WebSocket must name its origin."));
     }
     let is_base64 = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'+' | b'/' | b'=');
     let key = single(request.headers(), SEC_WEBSOCKET_KEY)?.unwrap_or_default();
     match accepted {
         Ok(response) if key.len() == 24 && key.bytes().all(is_base64) => Ok(response),
-        _ => Err(refusal(StatusCode::BAD_REQUEST, "The WebSocket's key is not 16 bytes in base 64.")),
+        _ => Err(Refusal(StatusCode::BAD_REQUEST, "The WebSocket's key is not 16 bytes in base 64.")),
     }
 }
 

@@ -12,7 +12,7 @@ use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::runtime::Runtime;
 use tokio::sync::{Semaphore, watch};
 
-use crate::answer::{refusal, refusal_bytes};
+use crate::answer::{Refusal, refusal_bytes};
 use crate::connection::serve;
 use crate::hub::{Hub, lock};
 use crate::{Command, Limits, PageError, access};
@@ -53,15 +53,7 @@ impl Server {
     /// [`PageError::NotLoopback`] for an address that other machines can reach unless `reach` permits it,
     /// [`PageError::Listen`] where the address is taken or not this machine's, [`PageError::Token`] or
     /// [`PageError::Start`] where the system gives no random numbers or no thread.
-    pub fn start(address: SocketAddr, reach: Reach) -> Result<Self, PageError> {
-        Self::start_with(address, reach, Limits::default())
-    }
-
-    /// Serves the page like [`Server::start`], with other limits than the defaults.
-    ///
-    /// # Errors
-    /// Those of [`Server::start`].
-    pub fn start_with(address: SocketAddr, reach: Reach, limits: Limits) -> Result<Self, PageError> {
+    pub fn start(address: SocketAddr, reach: Reach, limits: Limits) -> Result<Self, PageError> {
         let is_open = !address.ip().to_canonical().is_loopback();
         if is_open && reach == Reach::Loopback {
             return Err(PageError::NotLoopback(address));
@@ -194,7 +186,7 @@ async fn accept(listener: TcpListener, hub: Arc<Hub>) {
 /// Refuses a connection for which there is no place, without waiting for anything.
 fn refuse_connection(stream: TcpStream) {
     let text = "Too many connections: try again in a few seconds.";
-    let full = refusal_bytes(refusal(StatusCode::SERVICE_UNAVAILABLE, text));
+    let full = refusal_bytes(Refusal(StatusCode::SERVICE_UNAVAILABLE, text));
     if let Ok(mut stream) = stream.into_std() {
         // The socket does not block; a client that gets nothing sees it closed.
         let _ = std::io::Write::write(&mut stream, &full);
@@ -208,24 +200,28 @@ mod tests {
     #[test]
     fn an_open_address_must_be_asked_for_and_has_a_token() {
         let open: SocketAddr = "0.0.0.0:0".parse().unwrap();
-        let error = Server::start(open, Reach::Loopback).unwrap_err();
+        let error = Server::start(open, Reach::Loopback, Limits::default()).unwrap_err();
         assert!(matches!(error, PageError::NotLoopback(_)), "{error}");
         assert!(error.to_string().contains("0.0.0.0:0"), "{error}");
-        let server = Server::start("127.0.0.1:0".parse().unwrap(), Reach::Network).unwrap();
+        let server =
+            Server::start("127.0.0.1:0".parse().unwrap(), Reach::Network, Limits::default()).unwrap();
         assert_eq!(server.url(), format!("http://{}/", server.address()));
     }
 
     #[test]
     fn a_port_that_is_taken_is_an_error() {
-        let first = Server::start("127.0.0.1:0".parse().unwrap(), Reach::Loopback).unwrap();
-        let error = Server::start(first.address(), Reach::Loopback).unwrap_err();
+        let first =
+            Server::start("127.0.0.1:0".parse().unwrap(), Reach::Loopback, Limits::default()).unwrap();
+        let error = Server::start(first.address(), Reach::Loopback, Limits::default()).unwrap_err();
         assert!(matches!(error, PageError::Listen { .. }), "{error}");
         assert!(error.to_string().contains("free port"), "{error}");
     }
 
     #[test]
     fn the_port_is_free_again_once_a_server_is_dropped() {
-        let address = Server::start("127.0.0.1:0".parse().unwrap(), Reach::Loopback).unwrap().address();
-        Server::start(address, Reach::Loopback).unwrap();
+        let address = Server::start("127.0.0.1:0".parse().unwrap(), Reach::Loopback, Limits::default())
+            .unwrap()
+            .address();
+        Server::start(address, Reach::Loopback, Limits::default()).unwrap();
     }
 }

@@ -16,7 +16,7 @@ fn limits() -> Limits {
 }
 
 fn start() -> Server {
-    Server::start_with("127.0.0.1:0".parse().unwrap(), Reach::Loopback, limits()).unwrap()
+    Server::start("127.0.0.1:0".parse().unwrap(), Reach::Loopback, limits()).unwrap()
 }
 
 fn connect(server: &Server) -> TcpStream {
@@ -250,7 +250,7 @@ fn pages_of_other_origins_and_names_get_nothing() {
 
 #[test]
 fn beyond_this_machine_only_the_token_opens() {
-    let server = Server::start_with("0.0.0.0:0".parse().unwrap(), Reach::Network, limits()).unwrap();
+    let server = Server::start("0.0.0.0:0".parse().unwrap(), Reach::Network, limits()).unwrap();
     let here = SocketAddr::from(([127, 0, 0, 1], server.address().port()));
     let token = server.url().rsplit('/').nth(1).unwrap().to_owned();
     assert_eq!(token.len(), 32);
@@ -338,7 +338,7 @@ fn commands_that_are_none_or_too_many_are_answered_and_do_no_harm() {
 #[test]
 fn a_listener_that_does_not_read_holds_nobody_and_then_sees_what_is_new() {
     let patient = Limits { silence: Duration::from_secs(60), ..limits() };
-    let server = Server::start_with("127.0.0.1:0".parse().unwrap(), Reach::Loopback, patient).unwrap();
+    let server = Server::start("127.0.0.1:0".parse().unwrap(), Reach::Loopback, patient).unwrap();
     let mut asleep = open(&server).unwrap();
     let mut awake = open(&server).unwrap();
     wait_for("both are counted", || server.listeners() == 2);
@@ -379,7 +379,7 @@ fn a_listener_that_does_not_read_holds_nobody_and_then_sees_what_is_new() {
 #[test]
 fn a_page_that_has_gone_without_a_word_is_left() {
     let quick = Limits { beat: Duration::from_millis(30), silence: Duration::from_millis(300), ..limits() };
-    let server = Server::start_with("127.0.0.1:0".parse().unwrap(), Reach::Loopback, quick).unwrap();
+    let server = Server::start("127.0.0.1:0".parse().unwrap(), Reach::Loopback, quick).unwrap();
     let silent = open(&server).unwrap();
     wait_for("the page is counted", || server.listeners() == 1);
     let mut beats = open(&server).unwrap();

@@ -76,16 +76,11 @@ impl FlightAssociator {
     /// [`PipelineError::MixedUp`] where recordings or cameras exchanged, mirrored or turned upside down
     /// explain it.
     pub fn misfit(&self, rig: &Rig) -> Result<Option<String>, PipelineError> {
-        mixed_up::note(self.estimator(), rig, self.sample.observations())
+        mixed_up::note(self.associator.estimator(), rig, self.sample.observations())
     }
 
     /// Cameras that were found to be moved; they take no part from then on.
     pub fn moved_cameras(&self) -> &[MovedCamera] {
         self.associator.moved_cameras()
-    }
-
-    /// The estimator of poses.
-    pub fn estimator(&self) -> &PoseEstimator {
-        self.associator.estimator()
     }
 }

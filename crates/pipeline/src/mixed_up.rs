@@ -77,11 +77,8 @@ impl Mistake {
     }
 }
 
-/// A note on observations that do not fit, if they do not.
-///
-/// # Errors
-/// [`PipelineError::MixedUp`] where recordings exchanged, mirrored or turned upside down explain it;
-/// observations that are not numbers.
+/// A note on observations that do not fit, if they do not; an error where recordings exchanged, mirrored or
+/// turned upside down explain it.
 pub(crate) fn note(
     estimator: &PoseEstimator,
     rig: &Rig,

@@ -194,7 +194,7 @@ mod tests {
         let mut built = body_markers(&vehicle);
         built[2].marker_in_body_m.x += 4e-3;
         let mut tracked = tracked(&rig, &built, 0.0);
-        let how = Refinement { markers_std_m: Some(2e-3), diameters: false };
+        let how = Refinement { markers_std_m: Some(2e-3), ..Refinement::default() };
         let refined = refine(&mut tracked, &rig, &vehicle, how).unwrap().refined;
         let length =
             |m: &[BodyMarker], a: usize, b: usize| (m[a].marker_in_body_m - m[b].marker_in_body_m).norm();

@@ -19,8 +19,6 @@ pub trait Progress: Sync {
     fn begin(&self, _stage: Stage, _steps: Option<u64>) {}
     /// One more step of the running stage is done.
     fn step(&self) {}
-    /// Something that the user should know, and that does not stop the run.
-    fn warn(&self, _message: &str) {}
 }
 
 /// A listener that says nothing.

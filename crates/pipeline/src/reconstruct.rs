@@ -42,9 +42,6 @@ impl Reconstruction {
     }
 
     /// All poses, with what the whole flight has shown of the centres' systematic errors.
-    ///
-    /// # Errors
-    /// Observations that are not numbers.
     pub(crate) fn finish(mut self) -> Result<Tracked, PipelineError> {
         poses_anew(self.estimator, &mut self.tracked)
             .map_err(|source| PipelineError::Pose { place: "centres".into(), source })?;

@@ -7,13 +7,20 @@ use crate::tracked::Tracked;
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, Isometry3, Point3};
 use mavsight_pose::{BodyMarker, FlightPrior, PoseError, PoseEstimator, RefinedFlight, Rig, refine_flight};
+use serde::{Deserialize, Serialize};
 
-/// What is refined in addition to the cameras, and from what it starts.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+/// Refinement of cameras and markers from the flight itself.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Refinement {
-    /// Standard deviation of a coordinate in the vehicle file, where the markers are to be refined.
+    /// Whether the cameras are refined; they are wherever the markers are.
+    #[serde(default)]
+    pub rig: bool,
+    /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002. Left
+    /// out: the markers are as in the file.
     pub markers_std_m: Option<f64>,
-    /// Whether the balls' diameters are measured too.
+    /// Whether the balls' diameters are measured too, from their images.
+    #[serde(default)]
     pub diameters: bool,
 }
 

@@ -135,7 +135,7 @@ pub fn identify_motion(
         }
         identification.fits.extend(identify_with(&table, &options.fit)?.fits);
         for output in &mut table.outputs {
-            (output.errors, output.once, output.std) = (ErrorRows::default(), Vec::new(), Vec::new());
+            (output.errors, output.once) = (ErrorRows::default(), Vec::new());
         }
         match &mut whole {
             Some(all) => {

@@ -208,10 +208,7 @@ impl Stream {
         Frames { stream: self, at: 0, seen: Vec::new() }
     }
 
-    /// Notes an error of the source behind the first frame.
-    ///
-    /// # Errors
-    /// The error itself where there was no frame before it.
+    /// Notes an error of the source behind the first frame; one before it is handed back.
     pub(crate) fn add_fault(&mut self, error: PipelineError) -> Result<(), PipelineError> {
         let Some(last_ns) = self.stamps_ns.last() else { return Err(error) };
         let words = match error {
@@ -256,33 +253,21 @@ impl Stream {
 
     /// What was wrong, in words.
     pub(crate) fn notes(&self) -> Vec<String> {
+        let (name, Faults { copies_ns, backward_ns, broken }) = (&self.name, &self.faults);
         let mut notes = Vec::new();
-        let first_s = |of: &[i64]| of.first().map_or(0.0, |t| *t as f64 * 1e-9);
-        for (after_ns, words) in self.faults.broken.iter().take(MOST_NOTED) {
-            notes.push(format!("{}, after {:.3} s: {words}.", self.name, *after_ns as f64 * 1e-9));
+        for (after_ns, words) in broken.iter().take(MOST_NOTED) {
+            notes.push(format!("{name}, after {:.3} s: {words}.", *after_ns as f64 * 1e-9));
         }
-        let others = self.faults.broken.len().saturating_sub(MOST_NOTED);
-        if others > 0 {
-            notes.push(format!("{}: {others} more faults of this kind.", self.name));
+        if broken.len() > MOST_NOTED {
+            notes.push(format!("{name}: {} more faults of this kind.", broken.len() - MOST_NOTED));
         }
-        let copies = &self.faults.copies_ns;
-        if !copies.is_empty() {
-            notes.push(format!(
-                "{}: {} frame(s) repeat the one before and are left out, the first at {:.3} s: the camera or a converter put them in.",
-                self.name,
-                copies.len(),
-                first_s(copies)
-            ));
-        }
-        let backward = &self.faults.backward_ns;
-        if !backward.is_empty() {
-            notes.push(format!(
-                "{}: {} frame(s) with a time stamp not after that of the frame before are left out, the first at {:.3} s.",
-                self.name,
-                backward.len(),
-                first_s(backward)
-            ));
-        }
+        let left_out = |stamps_ns: &[i64], what: &str, why: &str| {
+            let (count, first_s) = (stamps_ns.len(), *stamps_ns.first()? as f64 * 1e-9);
+            Some(format!("{name}: {count} frame(s) {what} are left out, the first at {first_s:.3} s{why}."))
+        };
+        let why = ": the camera or a converter put them in";
+        notes.extend(left_out(copies_ns, "repeat the one before and", why));
+        notes.extend(left_out(backward_ns, "with a time stamp not after that of the frame before", ""));
         notes.extend(self.gaps());
         notes
     }
@@ -301,20 +286,13 @@ impl Stream {
         let missing: i64 = gaps.iter().map(|g| g.1.max(1)).sum();
         let places =
             if gaps.len() > 1 { format!(" in {} places, the first", gaps.len()) } else { String::new() };
-        Some(format!(
-            "{}: {missing} frame(s) are missing{places} after {:.3} s ({} there).",
-            self.name,
-            first_ns as f64 * 1e-9,
-            first.max(1)
-        ))
+        let (name, first_s, first) = (&self.name, first_ns as f64 * 1e-9, first.max(1));
+        Some(format!("{name}: {missing} frame(s) are missing{places} after {first_s:.3} s ({first} there)."))
     }
 }
 
 /// Refuses one recording for two cameras, whose observations then lie in the same places: from two places
 /// no two cameras see that.
-///
-/// # Errors
-/// [`PipelineError::SameRecording`].
 pub(crate) fn refuse_one_recording_twice(streams: &[Stream]) -> Result<(), PipelineError> {
     const SAME_PX: f64 = 0.1;
     const COMPARED: usize = 40;

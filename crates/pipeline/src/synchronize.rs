@@ -1,6 +1,6 @@
 //! Cameras of any rate and clock, brought to common instants as their frames come.
 
-use crate::stream::Stream;
+use crate::stream::{Frames, Stream};
 use mavsight_geometry::{ImageSize, Vector2};
 use mavsight_pose::{CameraClock, PixelPath, TrackedDetection};
 use std::collections::{BTreeMap, VecDeque};
@@ -20,24 +20,16 @@ const SLOWER: f64 = 1.05;
 /// ([`PixelPath::at`]).
 const SAME_NS: i64 = 10_000;
 
-/// How far beyond an instant a camera that is not in step must have seen before the instant is joined.
+/// How far beyond an instant a camera that is not in step must have seen before the instant is joined, in
+/// frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lookahead {
     /// To its next frame: as little as shows which of its detections is the nearest, and between which it
     /// lies.
-    NextFrame,
-    /// As far as its path's cubic reaches.
-    WholePath,
-}
-
-impl Lookahead {
-    fn frames(self) -> usize {
-        match self {
-            Self::NextFrame => 1,
-            // Three beyond the nearest detection, which may itself be beyond the instant.
-            Self::WholePath => 4,
-        }
-    }
+    NextFrame = 1,
+    /// As far as its path's cubic reaches: three beyond the nearest detection, which may itself be beyond the
+    /// instant.
+    WholePath = 4,
 }
 
 /// What the join must know of a camera.
@@ -99,13 +91,10 @@ struct Track {
 impl Synchronizer {
     /// A join of cameras, in the order of the rig.
     pub fn new(cameras: &[CameraTiming], ahead: Lookahead) -> Self {
+        let interval_s = |k: usize| cameras[k].interval_s;
+        let faster = |lead, k| if interval_s(k) < FASTER * interval_s(lead) { k } else { lead };
+        let lead = (0..cameras.len()).reduce(faster).unwrap_or(0);
         let mut order: Vec<usize> = (0..cameras.len()).collect();
-        let mut lead = 0;
-        for k in 1..cameras.len() {
-            if cameras[k].interval_s < FASTER * cameras[lead].interval_s {
-                lead = k;
-            }
-        }
         if lead > 0 {
             order.swap(0, lead);
         }
@@ -160,11 +149,6 @@ impl Synchronizer {
     /// Whether an instant waits for a camera.
     pub fn waits_for(&self, camera: usize, t_ns: i64) -> bool {
         self.cameras.get(camera).is_some_and(|c| !c.is_ready(t_ns, self.ahead))
-    }
-
-    /// Time of a camera's latest frame, by the common clock.
-    pub fn latest_ns(&self, camera: usize) -> Option<i64> {
-        self.cameras.get(camera)?.frames_ns.back().copied()
     }
 
     /// The next instant for which all that it needs has come: its time, and what all cameras saw then, by
@@ -239,7 +223,7 @@ impl Incoming {
         let after = self.frames_ns.iter().rev().take_while(|f| **f > t_ns + SAME_NS).count();
         let is_in_step = self.about.clock.line_time_s == 0.0 || ahead == Lookahead::NextFrame;
         let has_own = || self.frames_ns.iter().rev().any(|f| (f - t_ns).abs() <= SAME_NS);
-        after >= ahead.frames() || (is_in_step && has_own())
+        after >= ahead as usize || (is_in_step && has_own())
     }
 
     /// Adds the detections of a frame to their paths.
@@ -285,18 +269,20 @@ pub(crate) fn instants(
     clocks: &[CameraClock],
     mut each: impl FnMut(i64, &[TrackedDetection]),
 ) {
-    let about = |(k, s): (usize, &Stream)| CameraTiming {
-        size: sizes[k],
-        clock: clocks[k],
-        readout: s.readout,
-        interval_s: s.interval_s(),
+    let timing = |(stream, (size, clock)): (&Stream, (&ImageSize, &CameraClock))| CameraTiming {
+        size: *size,
+        clock: *clock,
+        readout: stream.readout,
+        interval_s: stream.interval_s(),
     };
-    let cameras: Vec<CameraTiming> = streams.iter().enumerate().map(about).collect();
+    let cameras: Vec<CameraTiming> = streams.iter().zip(sizes.iter().zip(clocks)).map(timing).collect();
     let mut synchronizer = Synchronizer::new(&cameras, Lookahead::WholePath);
     let mut frames: Vec<_> = streams.into_iter().map(Stream::into_frames).collect();
-    loop {
-        let next = (0..frames.len()).filter_map(|k| Some((clocks[k].time_ns(frames[k].peek()?), k))).min();
-        let Some((_, camera)) = next else { break };
+    let next = |frames: &[Frames]| {
+        let times = frames.iter().enumerate().filter_map(|(k, f)| Some((clocks[k].time_ns(f.peek()?), k)));
+        times.min().map(|(_, k)| k)
+    };
+    while let Some(camera) = next(&frames) {
         if let Some((stamp_ns, detections)) = frames[camera].next() {
             synchronizer.push(camera, stamp_ns, detections);
         }

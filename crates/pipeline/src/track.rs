@@ -184,19 +184,16 @@ fn span_notes(streams: &[Stream], clocks: &[CameraClock]) -> Result<Vec<String>,
             let (camera, from_s, to_s) = (stream.name.clone(), *from_s, *to_s);
             return Err(PipelineError::NoCommonTime { camera, from_s, to_s });
         }
-        let slack_s = 1.5 * stream.interval_s();
-        if end_s - to_s > slack_s {
+        let (name, slack_s) = (&stream.name, 1.5 * stream.interval_s());
+        let (early_s, late_s) = (end_s - to_s, from_s - begin_s);
+        if early_s > slack_s {
             notes.push(format!(
-                "{} ends at {to_s:.3} s, {:.3} s before the last camera: from there on poses are by the others.",
-                stream.name,
-                end_s - to_s
+                "{name} ends at {to_s:.3} s, {early_s:.3} s before the last camera: from there on poses are by the others."
             ));
         }
-        if from_s - begin_s > slack_s {
+        if late_s > slack_s {
             notes.push(format!(
-                "{} begins at {from_s:.3} s, {:.3} s after the first camera: until then poses are by the others.",
-                stream.name,
-                from_s - begin_s
+                "{name} begins at {from_s:.3} s, {late_s:.3} s after the first camera: until then poses are by the others."
             ));
         }
     }

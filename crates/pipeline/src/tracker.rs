@@ -5,7 +5,7 @@ use crate::markers::MarkerColors;
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector3;
 use mavsight_pose::{Rig, TrackedDetection};
-use mavsight_vision::{BallHealth, Frame, Tracker};
+use mavsight_vision::{Frame, Tracker};
 use std::sync::Arc;
 
 /// How far beyond the control points' ranges the aircraft may fly, as a factor on its apparent size.
@@ -106,11 +106,6 @@ impl CameraTracker {
     /// Whether the last frame was dark all over.
     pub fn is_dark(&self) -> bool {
         self.tracker.is_dark()
-    }
-
-    /// How well the balls of each colour have been seen so far.
-    pub fn health(&self) -> &[BallHealth] {
-        self.tracker.health()
     }
 
     /// The tracker itself.

@@ -5,6 +5,7 @@ use crate::{CameraFeed, PipelineError, usual_interval_ns};
 use mavsight_flight::Color;
 use mavsight_pose::{MarkerObservation, MovedObject};
 use mavsight_vision::{BallColor, Detection, Tracker};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Two balls on a stick.
@@ -39,15 +40,8 @@ type Seen = Vec<(i64, Vec<Option<Detection>>)>;
 /// # Errors
 /// Sources that fail, colours that cannot be distinguished, a camera without frames.
 pub fn wand_of(wand: &Wand, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<MovedObject, PipelineError> {
-    let seen: Vec<Result<Seen, PipelineError>> = std::thread::scope(|scope| {
-        let workers: Vec<_> = feeds
-            .into_iter()
-            .map(|feed| scope.spawn(move || feed.map_or_else(|| Ok(Vec::new()), |feed| balls_of(wand, feed))))
-            .collect();
-        let lost = || PipelineError::Worker { camera: "the wand's recordings".into() };
-        workers.into_iter().map(|w| w.join().unwrap_or_else(|_| Err(lost()))).collect()
-    });
-    let seen: Vec<Seen> = seen.into_iter().collect::<Result<_, _>>()?;
+    let seen = |feed: Option<_>| feed.map_or_else(|| Ok(Vec::new()), |feed| balls_of(wand, feed));
+    let seen: Vec<Seen> = feeds.into_par_iter().map(seen).collect::<Result<_, _>>()?;
     let balls = [0, 1].map(|k| (BALL_NAMES[k], wand.balls[k].diameter_m));
     Ok(MovedObject::wand(wand.length_m, wand.length_std_m, balls, joined(&seen)))
 }

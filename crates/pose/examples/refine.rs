@@ -17,7 +17,7 @@ fn main() {
     println!("| rig | true positions | the file's | refined | refined over true |");
     println!("|---|---|---|---|---|");
     for (name, rig) in rigs() {
-        let (mut random, mut squares) = (Random(21), [0.0; 3]);
+        let (mut random, mut squares) = (Random::new(21, 0), [0.0; 3]);
         for _ in 0..flights {
             let rms_m = position_rms_m(&rig, &case(&rig, &mut random));
             squares.iter_mut().zip(rms_m).for_each(|(sum, rms_m)| *sum += rms_m * rms_m);

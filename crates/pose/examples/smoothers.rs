@@ -160,7 +160,7 @@ fn unwrapped(mut angles: Vec<f64>) -> Vec<f64> {
 fn main() {
     let (name, rig) = rigs().into_iter().next().expect("a rig");
     let exact = mavsight_pose::Rig::exact(rig.cameras.clone());
-    let mut random = Random(3);
+    let mut random = Random::new(3, 0);
     let (mut ours, mut splines, mut windows) = ([0.0; 6], [0.0; 6], [[0.0; 6]; WINDOWS.len()]);
     for _ in 0..FLIGHTS {
         let truth = flight(&mut random);

@@ -9,29 +9,11 @@ use mavsight_geometry::{
     Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, UnitQuaternion, Vector2, Vector3,
 };
 use mavsight_pose::{CameraControl, MarkerObservation, MovedObject, calibrate_with};
+use mavsight_random::Random;
 
 const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
 const WAND_STD_PX: f64 = 0.1;
 const CONTROL_STD_PX: f64 = 0.05;
-
-/// Standard normal numbers from a linear congruential generator (Knuth's MMIX) by Box and Muller.
-struct Random(u64);
-
-impl Random {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((self.0 >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        let (a, b) = (self.uniform(), self.uniform());
-        (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
-    }
-
-    fn pixel(&mut self, std_px: f64) -> Vector2<f64> {
-        Vector2::new(self.normal(), self.normal()) * std_px
-    }
-}
 
 fn cameras() -> [Camera; 2] {
     let k = Intrinsics::from_horizontal_fov(SIZE, 53f64.to_radians());
@@ -47,6 +29,10 @@ fn waved(t_s: f64, phase: f64) -> Isometry3<f64> {
     Isometry3::from_parts(at.into(), UnitQuaternion::from_scaled_axis(turn))
 }
 
+fn noise(random: &mut Random, std_px: f64) -> Vector2<f64> {
+    Vector2::new(random.normal(), random.normal()) * std_px
+}
+
 fn wand(random: &mut Random) -> MovedObject {
     let empty = MovedObject::wand(0.5, 0.0, [("red", 0.04), ("green", 0.04)], Vec::new());
     let mut observations = Vec::new();
@@ -59,7 +45,7 @@ fn wand(random: &mut Random) -> MovedObject {
                 let Ok(seen) = view.project_ball(&centre, ball.radius_m) else { continue };
                 if SIZE.contains(&seen.pixel, 5.0) {
                     let covariance_px2 = Matrix2::identity() * WAND_STD_PX * WAND_STD_PX;
-                    let pixel = seen.pixel + random.pixel(WAND_STD_PX);
+                    let pixel = seen.pixel + noise(random, WAND_STD_PX);
                     let t_ns = i64::from(k) * 33_333_333;
                     observations.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
                 }
@@ -81,7 +67,7 @@ fn control(random: &mut Random) -> Vec<CameraControl> {
                 name: format!("p{i}"),
                 point_in_world_m: *place,
                 pixel: camera.project_ball(place, 0.03).expect("in view").pixel
-                    + random.pixel(CONTROL_STD_PX),
+                    + noise(random, CONTROL_STD_PX),
                 pixel_cov_px2: Matrix2::identity() * CONTROL_STD_PX * CONTROL_STD_PX,
             })
             .collect();
@@ -92,7 +78,7 @@ fn control(random: &mut Random) -> Vec<CameraControl> {
 
 fn main() {
     let recordings = std::env::args().nth(1).and_then(|n| n.parse().ok()).unwrap_or(20u32);
-    let mut random = Random(41);
+    let mut random = Random::new(41, 0);
     println!("| control | scale error, RMS % | camera centres, RMS mm | claimed mm |");
     println!("|---|---|---|---|");
     for (name, has_wand) in [("frame alone", false), ("frame and wand", true)] {

@@ -25,7 +25,7 @@ pub enum PoseError {
         points: usize,
         /// Which column.
         what: &'static str,
-        /// Its length.
+        /// Length of the column.
         given: usize,
     },
     /// A name that is no camera model's.
@@ -57,7 +57,7 @@ pub enum PoseError {
         gate_px: f64,
         /// The point that misses most.
         worst: String,
-        /// Its residual.
+        /// Residual of that point.
         worst_px: f64,
     },
     /// No camera at all.
@@ -205,7 +205,7 @@ pub enum PoseError {
     /// A wand or board whose points make no shape.
     #[error("the {object} cannot calibrate: {detail}")]
     BadObject {
-        /// Its name.
+        /// Name.
         object: String,
         /// The reason.
         detail: &'static str,
@@ -321,7 +321,7 @@ pub enum PoseError {
     TimeNotIncreasing {
         /// Row.
         index: usize,
-        /// Its time.
+        /// Time of the row.
         t_s: f64,
     },
     /// A pose, covariance or constant that is not usable.

@@ -38,13 +38,8 @@ impl PackedObservation {
 
     fn seen(&self, t_ns: i64) -> MarkerObservation {
         let [uu, uv, vv] = self.covariance_px2.map(f64::from);
-        MarkerObservation {
-            t_ns,
-            camera: self.camera.into(),
-            marker: self.marker.into(),
-            pixel: self.pixel,
-            covariance_px2: Matrix2::new(uu, uv, uv, vv),
-        }
+        let (camera, marker, pixel) = (self.camera.into(), self.marker.into(), self.pixel);
+        MarkerObservation { t_ns, camera, marker, pixel, covariance_px2: Matrix2::new(uu, uv, uv, vv) }
     }
 }
 

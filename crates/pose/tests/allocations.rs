@@ -17,7 +17,7 @@ static COUNTED: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 #[test]
 fn a_frame_allocates_its_pose_and_its_observations() {
     let (_, rig) = rigs().into_iter().next().unwrap();
-    let mut random = Random(3);
+    let mut random = Random::new(3, 0);
     let states = flight(&mut random);
     let seen = observed(&true_cameras(&rig, &mut random), &square(), &states, &mut random);
     let estimator = PoseEstimator::new(&rig, &square()).with_centre_bias(0.05).unwrap();

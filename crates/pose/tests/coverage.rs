@@ -10,7 +10,7 @@ use simulated::{ROWS, Random, Tally, rigs};
 #[test]
 fn intervals_hold_the_truth_where_centres_are_off_for_good() {
     let (_, rig) = rigs().into_iter().next().expect("a rig");
-    let (mut tally, mut random, mut found) = (Tally::default(), Random(13), Vec::new());
+    let (mut tally, mut random, mut found) = (Tally::default(), Random::new(13, 0), Vec::new());
     for _ in 0..10 {
         found.push(tally.film_with_bias(&rig, 0.1, &mut random));
     }

@@ -35,7 +35,7 @@ fn shape_nees(c: &Case) -> f64 {
 #[test]
 fn positions_with_refined_markers_are_as_good_as_with_true_ones() {
     let (_, rig) = rigs().into_iter().next().unwrap();
-    let mut random = Random(5);
+    let mut random = Random::new(5, 0);
     let (mut with_true, mut with_file, mut with_refined) = (0.0, 0.0, 0.0);
     for _ in 0..6 {
         let c = case(&rig, &mut random);
@@ -55,7 +55,7 @@ fn positions_with_refined_markers_are_as_good_as_with_true_ones() {
 #[test]
 fn the_stated_uncertainty_of_the_shape_is_true_and_no_motion_is_added() {
     let (_, rig) = rigs().into_iter().next().unwrap();
-    let (mut random, mut nees, trials) = (Random(9), 0.0, 12);
+    let (mut random, mut nees, trials) = (Random::new(9, 0), 0.0, 12);
     let exact = FlightPrior { centres_std_px: Some(0.0), ..RULER };
     for _ in 0..trials {
         let c = case_with_bias(&rig, 0.0, exact, &mut random);
@@ -73,7 +73,7 @@ fn the_stated_uncertainty_of_the_shape_is_true_and_no_motion_is_added() {
 #[test]
 fn cameras_that_a_flight_has_refined_are_better_and_as_good_as_they_claim() {
     for (name, rig) in rigs().into_iter().skip(1) {
-        let mut random = Random(17);
+        let mut random = Random::new(17, 0);
         for bias_px in [0.0, 0.1] {
             let (mut nees, mut before, mut after, trials) = (0.0, 0.0, 0.0, 4);
             for _ in 0..trials {
@@ -119,7 +119,7 @@ fn cameras_that_a_flight_has_refined_are_better_and_as_good_as_they_claim() {
 fn systematic_errors_of_centres_are_found_next_to_errors_of_markers() {
     let (_, rig) = rigs().into_iter().next().unwrap();
     for bias_px in [0.0, 0.05, 0.2] {
-        let mut random = Random(23);
+        let mut random = Random::new(23, 0);
         let (mut squares_px2, mut nees, trials) = (0.0, 0.0, 12);
         for _ in 0..trials {
             let case = case_with_bias(&rig, bias_px, RULER, &mut random);
@@ -139,7 +139,7 @@ fn systematic_errors_of_centres_are_found_next_to_errors_of_markers() {
 #[test]
 fn what_cannot_be_refined_is_refused() {
     let (_, mut rig) = rigs().into_iter().next().unwrap();
-    let mut random = Random(2);
+    let mut random = Random::new(2, 0);
     let states = flight(&mut random);
     let mut seen = observed(&true_cameras(&rig, &mut random), &square(), &states[..9], &mut random).concat();
     assert!(matches!(
@@ -173,7 +173,7 @@ fn what_cannot_be_refined_is_refused() {
 #[test]
 fn a_flight_that_does_not_turn_is_refused_and_one_that_does_is_not() {
     let (_, rig) = rigs().into_iter().next().unwrap();
-    let (mut random, good_ruler_m) = (Random(4), 5e-4);
+    let (mut random, good_ruler_m) = (Random::new(4, 0), 5e-4);
     let mut states = flight(&mut random);
     let (attitude, cameras) = (states[0].attitude, true_cameras(&rig, &mut random));
     for turns in [0.0, 1.0] {

@@ -8,7 +8,7 @@ use std::ops::Range;
 
 /// What a curve shows; decides its colour, width and dashes together, so that no reader depends on hue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Role {
+pub(crate) enum Role {
     /// Known truth: black, dashed.
     Truth,
     /// Single measurements: small dots.
@@ -32,10 +32,8 @@ impl Role {
 
 /// One curve; points that are not finite break it.
 #[derive(Debug, Clone)]
-pub struct Curve {
-    /// In the legend.
+pub(crate) struct Curve {
     pub label: String,
-    /// How it is drawn.
     pub role: Role,
     /// Time in seconds and value.
     pub points: Vec<(f64, f64)>,
@@ -46,8 +44,7 @@ pub struct Curve {
 impl Curve {
     /// The curve with no more points than its plot can show: of each column of pixels the first and the last
     /// point, the lowest and the highest edge, and a break where there is one. Unchanged if it has fewer.
-    #[must_use]
-    pub fn thinned(self) -> Self {
+    pub(crate) fn thinned(self) -> Self {
         let times = || self.points.iter().map(|p| p.0);
         let Some((start, end)) = bounds(times()).filter(|(start, end)| end > start) else { return self };
         let columns = WIDTH as usize;
@@ -79,19 +76,17 @@ const MOST_OF_A_COLUMN: usize = 5;
 
 /// One panel.
 #[derive(Debug, Clone)]
-pub struct Panel {
+pub(crate) struct Panel {
     /// Quantity and unit, beside the axis.
     pub axis: String,
-    /// Curves, drawn in order.
     pub curves: Vec<Curve>,
 }
 
 /// Panels over one axis.
 #[derive(Debug, Clone)]
-pub struct Chart {
+pub(crate) struct Chart {
     /// Quantity and unit of that, below the last.
     pub axis: &'static str,
-    /// From top to bottom.
     pub panels: Vec<Panel>,
 }
 
@@ -103,7 +98,7 @@ const BAND_OPACITY: f64 = 0.22;
 ///
 /// # Errors
 /// [`ReportError::Plot`] when a chart has no finite point, or what the plotting library refuses.
-pub fn draw(chart: &Chart) -> Result<String, ReportError> {
+pub(crate) fn draw(chart: &Chart) -> Result<String, ReportError> {
     let points = chart.panels.iter().flat_map(|p| &p.curves).flat_map(|c| &c.points);
     let (start, end) = bounds(points.map(|p| p.0)).ok_or(ReportError::Plot("a chart has no finite point"))?;
     let height = LEGEND_HEIGHT + PANEL_HEIGHT * chart.panels.len() as u32 + 24;

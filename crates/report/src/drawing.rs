@@ -6,7 +6,7 @@ use plotters::prelude::*;
 
 /// What a box is; decides how it is drawn, so that no reader depends on hue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum BoxRole {
+pub(crate) enum BoxRole {
     /// Walls: black outline.
     Room,
     /// Where cameras may stand: grey fill.
@@ -20,22 +20,15 @@ pub enum BoxRole {
 }
 
 /// A box in the room.
-#[derive(Debug, Clone)]
-pub struct DrawnBox {
-    /// How it is drawn.
+pub(crate) struct DrawnBox {
     pub role: BoxRole,
-    /// Corner of the least coordinates, m.
     pub low_m: [f64; 3],
-    /// Corner of the largest.
     pub high_m: [f64; 3],
 }
 
 /// A camera in the room.
-#[derive(Debug, Clone)]
-pub struct DrawnCamera {
-    /// Beside it.
+pub(crate) struct DrawnCamera {
     pub name: String,
-    /// Projection centre.
     pub centre_m: [f64; 3],
     /// Far ends of its field of view in the plan: left and right.
     pub across_m: [[f64; 3]; 2],
@@ -44,11 +37,9 @@ pub struct DrawnCamera {
 }
 
 /// A room.
-#[derive(Debug, Clone)]
-pub struct RoomDrawing {
-    /// Boxes, drawn in order; the first gives the extent.
+pub(crate) struct RoomDrawing {
+    /// Drawn in order; the first gives the extent.
     pub boxes: Vec<DrawnBox>,
-    /// Cameras.
     pub cameras: Vec<DrawnCamera>,
     /// Control points.
     pub points_m: Vec<[f64; 3]>,
@@ -84,7 +75,7 @@ impl BoxRole {
 ///
 /// # Errors
 /// [`ReportError::Plot`] without a first box of some size, or what the plotting library refuses.
-pub fn draw_room(room: &RoomDrawing) -> Result<String, ReportError> {
+pub(crate) fn draw_room(room: &RoomDrawing) -> Result<String, ReportError> {
     let extent = room.boxes.first().filter(|b| (0..3).all(|k| b.high_m[k] - b.low_m[k] > 0.0));
     let extent = extent.ok_or(ReportError::Plot("a room has no size"))?;
     let side = |k: usize| extent.high_m[k] - extent.low_m[k] + 2.0 * MARGIN_M;

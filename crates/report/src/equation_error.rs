@@ -1,10 +1,11 @@
 //! Equation error: figures of merit, tables, plots.
 
+use crate::chart::{Panel, Role};
 use crate::figures::{curve, figure, figure_over};
 use crate::html::row;
 use crate::parameters::{equation_rows, lead, parameter_table, words};
 use crate::summary::Summary;
-use crate::{Figure, Panel, ReportError, Role, Table};
+use crate::{Figure, ReportError, Table};
 use mavsight_identify::{Clocks, Identification, OutputFit};
 use mavsight_session::RunResults;
 use serde_json::json;

@@ -1,10 +1,14 @@
 //! The figures of the report, numbered as in the paper.
 
+use crate::chart::{Chart, Curve, Panel, Role, draw};
+use crate::heatmap::{HeatMap, draw_heat_maps};
 use crate::html::{data_address, image};
-use crate::{Chart, Curve, Figure, HeatMap, Panel, ReportError, Role, draw, draw_heat_maps};
+use crate::{Figure, ReportError};
 use mavsight_flight::{InputSample, InputSeries};
 use mavsight_geometry::{EulerAngles, ImageSize, Isometry3, Vector2, Vector3};
-use mavsight_pose::{MotionSample, PoseEstimate, PoseSample, Rig, control_volume, euler_std, precision_map};
+use mavsight_pose::{
+    MapPlane, MotionSample, PoseEstimate, PoseSample, Rig, control_volume, euler_std, precision_map,
+};
 use mavsight_session::RunResults;
 use mavsight_simulator::FlightState;
 use mavsight_vision::Frame;
@@ -42,25 +46,9 @@ const MAP_CELLS: usize = 30;
 /// The predicted precision over the calibrated volume.
 pub(crate) fn precision(rig: &Rig, pixel_std_px: f64) -> Result<Vec<Figure>, ReportError> {
     let Some(volume) = control_volume(rig) else { return Ok(vec![]) };
-    let middle = 0.5 * (volume.low_m + volume.high_m);
-    let planes = [
-        (volume.horizontal(), format!("horizontal, Z = {:.2} m", middle.z), "Y, m", 1),
-        (volume.vertical(), format!("upright, Y = {:.2} m", middle.y), "Z, m", 2),
-    ];
-    let maps: Vec<HeatMap> = planes
-        .into_iter()
-        .map(|(plane, title, y_axis, axis)| HeatMap {
-            title,
-            x_axis: "X, m".to_owned(),
-            y_axis: y_axis.to_owned(),
-            x: (volume.low_m.x, volume.high_m.x),
-            y: (volume.low_m[axis], volume.high_m[axis]),
-            columns: MAP_CELLS,
-            rows: MAP_CELLS,
-            values: precision_map(rig, plane, MAP_CELLS, MAP_CELLS, pixel_std_px).std_mm,
-        })
-        .collect();
-    if maps.iter().all(|m| m.values.iter().all(Option::is_none)) {
+    let values = |plane: MapPlane| precision_map(rig, plane, MAP_CELLS, MAP_CELLS, pixel_std_px).std_mm;
+    let maps = HeatMap::through(&volume, MAP_CELLS, values);
+    if maps.iter().all(HeatMap::is_empty) {
         return Ok(vec![]);
     }
     let caption = format!(

@@ -3,9 +3,7 @@
 use crate::camera_tables::camera_tables;
 use crate::sections::pixel_std_px;
 use crate::summary::title;
-use crate::{
-    Figure, Report, ReportError, Row, Summary, Table, equation_error, figures, output_error, render,
-};
+use crate::{Report, ReportError, Row, Summary, Table, equation_error, figures, output_error, render};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_session::{RunResults, results::names, write_whole};
 use mavsight_simulator::FlightState;
@@ -43,23 +41,18 @@ pub fn write_report(
         notes: summary.notes.clone(),
         sections: Vec::new(),
     };
-    let mut section = |heading: &str, tables: Vec<Table>, figures: Vec<Figure>| {
-        if !tables.is_empty() || !figures.is_empty() {
-            report.sections.push((heading.to_owned(), tables, figures));
-        }
-    };
-    section("Figures of merit", summary_tables(summary), vec![]);
+    report.add("Figures of merit", summary_tables(summary), vec![]);
     if let Some(rig) = &results.rig {
         let mut pictures = figures::precision(rig, pixel_std_px(results))?;
         pictures.extend(figures::pictures(flight.frames, results)?);
-        section("Cameras", camera_tables(rig), pictures);
+        report.add("Cameras", camera_tables(rig), pictures);
     }
     let inputs = flight.inputs.map(figures::inputs).transpose()?;
-    section("Aircraft and inputs", vec![vehicle_table(flight.vehicle)], inputs.into_iter().collect());
-    section("Motion", vec![], figures::motion(results, flight.truth)?);
-    section("Coefficients", equation_error::tables(results), equation_error::figures(results)?);
-    section("Equations of motion", output_error::tables(results), vec![]);
-    section("Quality", vec![], figures::quality(results)?);
+    report.add("Aircraft and inputs", vec![vehicle_table(flight.vehicle)], inputs.into_iter().collect());
+    report.add("Motion", vec![], figures::motion(results, flight.truth)?);
+    report.add("Coefficients", equation_error::tables(results), equation_error::figures(results)?);
+    report.add("Equations of motion", output_error::tables(results), vec![]);
+    report.add("Quality", vec![], figures::quality(results)?);
     write_whole(&out.join(names::REPORT), render(&report)?.as_bytes())?;
     Ok(())
 }

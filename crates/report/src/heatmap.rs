@@ -3,28 +3,50 @@
 use crate::ReportError;
 use crate::chart::bounds;
 use crate::svg::{AXIS, Area, Drawn, FONT, WIDTH, svg};
+use mavsight_pose::{MapPlane, Volume};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-/// One plane of values.
-#[derive(Debug, Clone)]
-pub struct HeatMap {
-    /// Above it.
-    pub title: String,
-    /// Quantity and unit along the first side.
-    pub x_axis: String,
-    /// Along the second side.
-    pub y_axis: String,
-    /// From and to.
-    pub x: (f64, f64),
-    /// From and to, upwards.
-    pub y: (f64, f64),
-    /// Cells along the first side.
-    pub columns: usize,
-    /// Cells along the second side.
-    pub rows: usize,
+/// One plane of values, X to the right.
+pub(crate) struct HeatMap {
+    title: String,
+    y_axis: &'static str,
+    x: (f64, f64),
+    y: (f64, f64),
+    columns: usize,
+    rows: usize,
     /// First side first, from the lower left; none is left white with a cross.
-    pub values: Vec<Option<f64>>,
+    values: Vec<Option<f64>>,
+}
+
+impl HeatMap {
+    /// The horizontal and the upright plane through the middle of a volume, with so many cells along each
+    /// side.
+    pub(crate) fn through(
+        volume: &Volume,
+        cells: usize,
+        values: impl Fn(MapPlane) -> Vec<Option<f64>>,
+    ) -> [Self; 2] {
+        let middle = 0.5 * (volume.low_m + volume.high_m);
+        let map = |title: String, y_axis: &'static str, up: usize, plane: MapPlane| Self {
+            title,
+            y_axis,
+            x: (volume.low_m.x, volume.high_m.x),
+            y: (volume.low_m[up], volume.high_m[up]),
+            columns: cells,
+            rows: cells,
+            values: values(plane),
+        };
+        [
+            map(format!("horizontal, Z = {:.2} m", middle.z), "Y, m", 1, volume.horizontal()),
+            map(format!("upright, Y = {:.2} m", middle.y), "Z, m", 2, volume.vertical()),
+        ]
+    }
+
+    /// Whether no cell has a value.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.values.iter().all(Option::is_none)
+    }
 }
 
 const HEIGHT: u32 = 400;
@@ -58,7 +80,7 @@ fn color(part: f64) -> RGBColor {
 /// # Errors
 /// [`ReportError::Plot`] when no map has a finite value or one has not as many values as cells, or what the
 /// plotting library refuses.
-pub fn draw_heat_maps(maps: &[HeatMap], unit: &str) -> Result<String, ReportError> {
+pub(crate) fn draw_heat_maps(maps: &[HeatMap], unit: &str) -> Result<String, ReportError> {
     if maps.iter().any(|m| m.values.len() != m.columns * m.rows || m.values.is_empty()) {
         return Err(ReportError::Plot("a map has not as many values as cells"));
     }
@@ -91,8 +113,8 @@ fn draw_map(area: &Area<'_>, map: &HeatMap, scale: (f64, f64)) -> Drawn {
         .axis_desc_style((FONT, 16))
         .x_labels(5)
         .y_labels(6)
-        .x_desc(map.x_axis.as_str())
-        .y_desc(map.y_axis.as_str())
+        .x_desc("X, m")
+        .y_desc(map.y_axis)
         .draw()?;
     let step = ((map.x.1 - map.x.0) / map.columns as f64, (map.y.1 - map.y.0) / map.rows as f64);
     let corner =
@@ -177,8 +199,7 @@ mod tests {
     fn map(values: Vec<Option<f64>>) -> HeatMap {
         HeatMap {
             title: "z = 1.5 m".to_owned(),
-            x_axis: "X, m".to_owned(),
-            y_axis: "Y, m".to_owned(),
+            y_axis: "Y, m",
             x: (-1.5, 1.5),
             y: (-1.5, 1.5),
             columns: 2,

@@ -82,8 +82,28 @@ pub struct Report {
     pub verdicts: Vec<String>,
     /// What could not be had, and why.
     pub notes: Vec<String>,
-    /// Sections: heading, tables, figures.
-    pub sections: Vec<(String, Vec<Table>, Vec<Figure>)>,
+    /// Sections, in order.
+    pub sections: Vec<ReportSection>,
+}
+
+/// A part of a report under a heading of its own.
+#[derive(Debug, Clone, Serialize)]
+pub struct ReportSection {
+    /// Heading.
+    pub heading: String,
+    /// Tables, before the figures.
+    pub tables: Vec<Table>,
+    /// Figures.
+    pub figures: Vec<Figure>,
+}
+
+impl Report {
+    /// Adds a section; one without tables and figures is left out.
+    pub fn add(&mut self, heading: &str, tables: Vec<Table>, figures: Vec<Figure>) {
+        if !tables.is_empty() || !figures.is_empty() {
+            self.sections.push(ReportSection { heading: heading.to_owned(), tables, figures });
+        }
+    }
 }
 
 /// The bytes of a PNG file as an address.
@@ -113,20 +133,17 @@ mod tests {
 
     #[test]
     fn text_is_escaped_and_nothing_is_loaded_from_elsewhere() {
-        let report = Report {
+        let mut report = Report {
             title: "flight <script>".to_owned(),
             verdicts: vec!["C_m & C_X".to_owned()],
-            sections: vec![(
-                "Motion".to_owned(),
-                vec![Table {
-                    caption: "t".into(),
-                    header: vec!["a".into()],
-                    rows: vec![vec!["1 < 2".into()]],
-                }],
-                vec![Figure { caption: "a picture".into(), markup: image(b"not really") }],
-            )],
             ..Report::default()
         };
+        let table = Table::new("t", ["a"], vec![vec!["1 < 2".into()]]);
+        report.add(
+            "Motion",
+            vec![table],
+            vec![Figure { caption: "a picture".into(), markup: image(b"not really") }],
+        );
         let html = render(&report).expect("a report");
         assert!(html.contains("flight &lt;script&gt;") && !html.contains("<script"));
         assert!(html.contains("C_m &amp; C_X") && html.contains("1 &lt; 2"));

@@ -1,9 +1,8 @@
 //! The report of a plan: drawing, map, tables.
 
-use crate::{
-    BoxRole, DrawnBox, DrawnCamera, Figure, HeatMap, Report, ReportError, RoomDrawing, Table, draw_heat_maps,
-    draw_room, render,
-};
+use crate::drawing::{BoxRole, DrawnBox, DrawnCamera, RoomDrawing, draw_room};
+use crate::heatmap::{HeatMap, draw_heat_maps};
+use crate::{Figure, Report, ReportError, Table, render};
 use mavsight_geometry::{Camera, Vector2};
 use mavsight_plan::{Placed, Planner, Ranked, Solid, StudyRow};
 use mavsight_pose::{MapPlane, Volume};
@@ -61,9 +60,8 @@ pub fn write_plan_report(plan: &CameraPlan<'_>, out: &Path) -> Result<(), Report
     };
     let room =
         Figure { caption: "The best placement. Lines bound what a camera sees.".into(), markup: drawing };
-    report.sections.push(("Where the cameras go".into(), vec![placements(plan)], vec![room]));
-    let maps = maps(planner, best)?;
-    report.sections.push(("Millimetres through the volume".into(), vec![], vec![maps]));
+    report.add("Where the cameras go", vec![placements(plan)], vec![room]);
+    report.add("Millimetres through the volume", vec![], vec![maps(planner, best)?]);
     if let [angles, distances] = &plan.study
         && !angles.is_empty()
     {
@@ -71,14 +69,9 @@ pub fn write_plan_report(plan: &CameraPlan<'_>, out: &Path) -> Result<(), Report
             study("Error against the angle between two cameras", angles),
             study("Error against distance, at a right angle", distances),
         ];
-        report.sections.push(("Two cameras".into(), tables, vec![]));
+        report.add("Two cameras", tables, vec![]);
     }
     Ok(write_whole(&out.join("plan.html"), render(&report)?.as_bytes())?)
-}
-
-fn table(caption: &str, header: &[&str], rows: impl Iterator<Item = Vec<String>>) -> Table {
-    let header = header.iter().map(|h| (*h).to_owned()).collect();
-    Table { caption: caption.to_owned(), header, rows: rows.collect() }
 }
 
 fn placements(plan: &CameraPlan<'_>) -> Table {
@@ -106,7 +99,7 @@ fn placements(plan: &CameraPlan<'_>) -> Table {
             format!("{:.1}", p.least_diameter_px),
         ]
     });
-    table("Placements, best first", &header, rows)
+    Table::new("Placements, best first", header, rows.collect())
 }
 
 fn study(caption: &str, rows: &[StudyRow]) -> Table {
@@ -139,7 +132,7 @@ fn study(caption: &str, rows: &[StudyRow]) -> Table {
             note.to_owned(),
         ]
     });
-    table(caption, &header, cells)
+    Table::new(caption, header, cells.collect())
 }
 
 /// Predicted position over the horizontal and the upright plane through the middle of the volume.
@@ -147,30 +140,17 @@ fn maps(planner: &Planner, best: &Ranked) -> Result<Figure, ReportError> {
     let rig = planner.rig(&best.placed)?;
     let section = &planner.room().volume;
     let volume = Volume { low_m: section.low_m.into(), high_m: section.high_m.into() };
-    let map = |plane: MapPlane, title: String, up: usize| {
-        let (corner, sides) = (plane.corner_in_world_m, [plane.first_side_m, plane.second_side_m]);
-        let end = corner + sides[0] + sides[1];
+    let values = |plane: MapPlane| {
         let middle = |k: usize| (k as f64 + 0.5) / MAP_CELLS as f64;
         let value = |cell: usize| {
-            let place = corner + sides[0] * middle(cell % MAP_CELLS) + sides[1] * middle(cell / MAP_CELLS);
+            let place = plane.corner_in_world_m
+                + plane.first_side_m * middle(cell % MAP_CELLS)
+                + plane.second_side_m * middle(cell / MAP_CELLS);
             planner.position_std_mm(&best.placed, &rig, &place)
         };
-        HeatMap {
-            title,
-            x_axis: "X, m".into(),
-            y_axis: if up == 1 { "Y, m".into() } else { "Z, m".into() },
-            x: (corner.x, end.x),
-            y: (corner[up], end[up]),
-            columns: MAP_CELLS,
-            rows: MAP_CELLS,
-            values: (0..MAP_CELLS * MAP_CELLS).into_par_iter().map(value).collect(),
-        }
+        (0..MAP_CELLS * MAP_CELLS).into_par_iter().map(value).collect()
     };
-    let middle = planner.room().middle_m();
-    let maps = [
-        map(volume.horizontal(), format!("Z = {:.2} m", middle.z), 1),
-        map(volume.vertical(), format!("Y = {:.2} m", middle.y), 2),
-    ];
+    let maps = HeatMap::through(&volume, MAP_CELLS, values);
     let caption = "Predicted standard deviation of the body's position, mean over the headings; crossed where some marker is not seen by two cameras.";
     Ok(Figure { caption: caption.into(), markup: draw_heat_maps(&maps, "mm")? })
 }

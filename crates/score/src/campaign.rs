@@ -2,14 +2,12 @@
 
 use crate::chunks::checksum;
 use crate::{CAMPAIGN_SCHEMA, CampaignFile, CampaignRig, ChunkFile, FitKind, NoiseLevel, ScoreError};
-use mavsight_geometry::{
-    CAMERA_PARAMETERS, Camera, CameraChange, Isometry3, Matrix2, Point3, Vector2, Vector3,
-};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Matrix2, Point3, Vector2, Vector3};
 use mavsight_identify::output_error::{
-    FlightModel, Measurements, OutputErrorOptions, StateMeasurement, output_error,
+    ExpectedParameter, FlightModel, Measurements, OutputErrorOptions, StateMeasurement, output_error,
 };
 use mavsight_plan::{FlightLimits, FlightPlanner, Placed, PlannedManoeuvre, Planner};
-use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
+use mavsight_pose::{MarkerObservation, PoseEstimator, Rig, RigCamera};
 use mavsight_random::Random;
 use mavsight_session::{ns_from_s, read_toml};
 use mavsight_simulator::Scenario;
@@ -85,10 +83,8 @@ impl Campaign {
         let folder = path.parent().unwrap_or(Path::new(""));
         let refuse = |key: &str, detail: String| Err(ScoreError::Campaign { key: key.to_owned(), detail });
         if file.schema != CAMPAIGN_SCHEMA {
-            return refuse(
-                "schema",
-                format!("{} is not known: this version reads {CAMPAIGN_SCHEMA}", file.schema),
-            );
+            let detail = format!("{} is not known: this version reads {CAMPAIGN_SCHEMA}", file.schema);
+            return refuse("schema", detail);
         }
         if file.flights == 0 || file.flights > 10_000_000 {
             return refuse("flights", format!("{} is not from 1 to 10 000 000", file.flights));
@@ -183,25 +179,18 @@ impl Campaign {
     /// A file of another campaign, or what the file system refuses.
     pub fn run(&self, file: &Path, step: &(dyn Fn(u64) + Sync)) -> Result<String, ScoreError> {
         let store = ChunkFile::open(file, self.job)?;
-        let chunks = self.flights().div_ceil(CHUNK);
-        let range = |k: u64| k * CHUNK..((k + 1) * CHUNK).min(self.flights());
-        let fresh: Vec<(u64, String)> = (0..chunks)
-            .into_par_iter()
-            .filter(|k| !store.done().contains_key(k))
-            .map(|k| {
-                let rows = self.rows(range(k));
-                store.append(k, &rows)?;
-                step(range(k).end - range(k).start);
-                Ok((k, rows))
-            })
-            .collect::<Result<_, ScoreError>>()?;
-        let mut all: Vec<(u64, &String)> = store.done().iter().map(|(k, rows)| (*k, rows)).collect();
-        all.extend(fresh.iter().map(|(k, rows)| (*k, rows)));
-        all.retain(|(k, _)| *k < chunks);
-        all.sort_by_key(|(k, _)| *k);
-        let mut table = Self::HEADER.to_owned();
-        all.into_iter().for_each(|(_, rows)| table += rows);
-        Ok(table)
+        let chunk = |k: u64| {
+            if let Some(rows) = store.done().get(&k) {
+                return Ok(rows.clone());
+            }
+            let flights = k * CHUNK..((k + 1) * CHUNK).min(self.flights());
+            let rows = self.rows(flights.clone());
+            store.append(k, &rows)?;
+            step(flights.end - flights.start);
+            Ok(rows)
+        };
+        let chunks = (0..self.flights().div_ceil(CHUNK)).into_par_iter().map(chunk);
+        Ok(Self::HEADER.to_owned() + &chunks.collect::<Result<Vec<String>, ScoreError>>()?.concat())
     }
 
     /// Checks that names distinguish the flights of a table.
@@ -230,24 +219,21 @@ impl Campaign {
                 table.lines().filter_map(|l| Some(l.strip_prefix(&start)?.split(',').collect())).collect();
             for p in &cell.plan.fit.parameters {
                 let name = p.name.replace(',', ":");
-                let numbers = rows.iter().filter(|r| r[1] == name).filter_map(|r| {
+                let errors = rows.iter().filter(|r| r[1] == name).filter_map(|r| {
                     let number = |k: usize| r.get(k)?.parse::<f64>().ok();
-                    Some((number(2)?, number(3)?, number(4)?))
+                    Some((number(3)? - number(2)?, number(4)?))
                 });
-                let (mut n, mut squares, mut inside) = (0, 0.0, 0.0);
-                for (truth, estimate, std) in numbers {
-                    n += 1;
-                    squares += (estimate - truth).powi(2);
-                    inside += f64::from(u8::from((estimate - truth).abs() <= NORMAL_95 * std));
-                }
+                let errors: Vec<(f64, f64)> = errors.collect();
+                let n = errors.len().max(1) as f64;
+                let inside = errors.iter().filter(|(error, std)| error.abs() <= NORMAL_95 * std).count();
                 out.push(CellSummary {
                     cell: cell.names.clone(),
                     parameter: p.name.to_owned(),
-                    flights: n,
+                    flights: errors.len(),
                     truth: p.value,
                     predicted_std: p.std,
-                    achieved_std: (squares / f64::from(n.max(1) as u32)).sqrt(),
-                    inside: inside / f64::from(n.max(1) as u32),
+                    achieved_std: (errors.iter().map(|(error, _)| error * error).sum::<f64>() / n).sqrt(),
+                    inside: inside as f64 / n,
                 });
             }
         }
@@ -307,27 +293,13 @@ impl Cell {
         let room = self.planner.room();
         let normal = DVector::from_fn(self.rig.uncertainty.ncols(), |_, _| random.normal());
         let off = &self.rig.uncertainty * normal;
-        let real: Vec<Camera> = self
-            .rig
-            .cameras
-            .iter()
-            .enumerate()
-            .map(|(k, c)| {
-                let own: CameraChange =
-                    off.fixed_rows::<CAMERA_PARAMETERS>(k * CAMERA_PARAMETERS).into_owned();
-                c.camera.moved(&own)
-            })
-            .collect();
+        let moved = |(k, c): (usize, &RigCamera)| {
+            c.camera.moved(&off.fixed_rows::<CAMERA_PARAMETERS>(k * CAMERA_PARAMETERS).into_owned())
+        };
+        let real: Vec<Camera> = self.rig.cameras.iter().enumerate().map(moved).collect();
         let mut normal3 = |std: f64| Vector3::from_fn(|_, _| std * random.normal());
-        let markers: Vec<BodyMarker> = self
-            .planner
-            .markers()
-            .iter()
-            .map(|m| BodyMarker {
-                marker_in_body_m: m.marker_in_body_m + normal3(room.markers_std_m),
-                ..m.clone()
-            })
-            .collect();
+        let mut markers = self.planner.markers().to_vec();
+        markers.iter_mut().for_each(|m| m.marker_in_body_m += normal3(room.markers_std_m));
         let mut normal2 = |std: f64| Vector2::new(std * random.normal(), std * random.normal());
         let bias: Vec<Vector2<f64>> =
             (0..real.len() * markers.len()).map(|_| normal2(room.centre_bias_px)).collect();
@@ -359,20 +331,22 @@ impl Cell {
 
     fn estimate(&self, poses: &[Isometry3<f64>], kind: FitKind) -> Option<Vec<TrueParameter>> {
         let plan = &self.plan;
+        let planned = plan.fit.parameters.iter();
         if kind == FitKind::FirstOrder {
             let got = plan.fit.first_order(poses).ok()?;
-            let flown = plan.fit.parameters.iter().zip(got.iter());
-            let flown =
-                flown.map(|(p, e)| TrueParameter { name: p.name, truth: p.value, estimate: *e, std: p.std });
-            return Some(flown.collect());
+            let of = |(p, e): (&ExpectedParameter, &f64)| TrueParameter {
+                name: p.name,
+                truth: p.value,
+                estimate: *e,
+                std: p.std,
+            };
+            return Some(planned.zip(got.iter()).map(of).collect());
         }
-        let measured = plan.states.iter().zip(poses).zip(&plan.pose_covariance).map(|((s, pose), c)| {
-            let t_ns = ns_from_s(s.t_s);
-            StateMeasurement::of_pose(t_ns, *pose, *c)
-        });
+        let measured = plan.states.iter().zip(poses).zip(&plan.pose_covariance);
+        let measured = measured.map(|((s, pose), c)| StateMeasurement::of_pose(ns_from_s(s.t_s), *pose, *c));
         let measured = Measurements::States(measured.collect());
         let fit = output_error(&self.model, &plan.inputs, &measured, &OutputErrorOptions::default()).ok()?;
-        let flown = fit.parameters.iter().zip(&plan.fit.parameters);
+        let flown = fit.parameters.iter().zip(planned);
         let flown =
             flown.map(|(f, p)| TrueParameter { name: f.name, truth: p.value, estimate: f.value, std: f.std });
         Some(flown.collect())

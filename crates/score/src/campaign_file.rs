@@ -1,14 +1,14 @@
 //! The campaign file.
 
 use mavsight_plan::CentreStd;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use std::path::PathBuf;
 
 /// Version of the campaign file.
 pub const CAMPAIGN_SCHEMA: u32 = 1;
 
 /// A campaign; the content of `CAMPAIGN.toml`. Every rig meets every noise and every manoeuvre.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CampaignFile {
     /// Version of this file, [`CAMPAIGN_SCHEMA`].
@@ -34,7 +34,7 @@ fn one() -> u64 {
 }
 
 /// Estimator of parameters from a flight's poses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FitKind {
     /// One Gauss-Newton step of output error from the truth, with the planned weights.
@@ -45,7 +45,7 @@ pub enum FitKind {
 }
 
 /// A rig: a room file with cameras at given places.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CampaignRig {
     /// Name.
@@ -57,7 +57,7 @@ pub struct CampaignRig {
 }
 
 /// A camera of a rig.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CampaignCamera {
     /// Name of its type in the room file.
@@ -66,29 +66,25 @@ pub struct CampaignCamera {
     /// Projection centre.
     pub centre_m: [f64; 3],
     /// Aim point; the middle of the volume where left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub aim_m: Option<[f64; 3]>,
 }
 
 /// Noise, in place of what the room file says; left out: as there.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NoiseLevel {
     /// Name.
     pub name: String,
     /// Of a centre's coordinate, new in each frame; one for all or a list of equally likely ones.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub centre_std_px: Option<CentreStd>,
     /// Of a centre's coordinate, the same for a flight.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub centre_bias_px: Option<f64>,
     /// Of each coordinate of a marker on the body.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub markers_std_m: Option<f64>,
 }
 
 /// A manoeuvre.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CampaignManoeuvre {
     /// Name.

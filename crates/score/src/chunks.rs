@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{Mutex, PoisonError};
 
 /// A file of numbered pieces of text, each behind a line with its number, length and checksum.
 ///
@@ -26,16 +26,16 @@ impl ChunkFile {
     /// # Errors
     /// [`ScoreError::Chunks`] for a file of another job, or what the file system refuses.
     pub fn open(path: &Path, job: u64) -> Result<Self, ScoreError> {
-        let failed = |detail: String| ScoreError::Chunks { path: path.to_owned(), detail };
+        let failed = |e: std::io::Error| ScoreError::Chunks { path: path.to_owned(), detail: e.to_string() };
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)
             .create(true)
             .truncate(false)
             .open(path)
-            .map_err(|e| failed(e.to_string()))?;
+            .map_err(failed)?;
         let mut bytes = Vec::new();
-        file.read_to_end(&mut bytes).map_err(|e| failed(e.to_string()))?;
+        file.read_to_end(&mut bytes).map_err(failed)?;
         let head = format!("{MAGIC} {job:016x}\n");
         let (mut done, mut sound) = (BTreeMap::new(), 0);
         if bytes.starts_with(head.as_bytes()) {
@@ -45,13 +45,14 @@ impl ChunkFile {
                 sound += length;
             }
         } else if !head.as_bytes().starts_with(&bytes) {
-            return Err(failed("belongs to another campaign: remove it, or take another folder".to_owned()));
+            let detail = "belongs to another campaign: remove it, or take another folder".to_owned();
+            return Err(ScoreError::Chunks { path: path.to_owned(), detail });
         }
-        file.set_len(sound as u64).map_err(|e| failed(e.to_string()))?;
+        file.set_len(sound as u64).map_err(failed)?;
         drop(file);
-        let mut file = OpenOptions::new().append(true).open(path).map_err(|e| failed(e.to_string()))?;
+        let mut file = OpenOptions::new().append(true).open(path).map_err(failed)?;
         if sound == 0 {
-            file.write_all(head.as_bytes()).map_err(|e| failed(e.to_string()))?;
+            file.write_all(head.as_bytes()).map_err(failed)?;
         }
         Ok(Self { path: path.to_owned(), file: Mutex::new(file), done })
     }
@@ -66,10 +67,11 @@ impl ChunkFile {
     /// # Errors
     /// [`ScoreError::Chunks`] for what the file system refuses.
     pub fn append(&self, number: u64, text: &str) -> Result<(), ScoreError> {
-        let failed = |detail: String| ScoreError::Chunks { path: self.path.clone(), detail };
         let whole = format!("#{number} {} {:016x}\n{text}", text.len(), checksum(text.as_bytes()));
-        let mut file = self.file.lock().map_err(|e| failed(e.to_string()))?;
-        file.write_all(whole.as_bytes()).map_err(|e| failed(e.to_string()))
+        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        let failed =
+            |e: std::io::Error| ScoreError::Chunks { path: self.path.clone(), detail: e.to_string() };
+        file.write_all(whole.as_bytes()).map_err(failed)
     }
 }
 

@@ -76,6 +76,20 @@ pub struct ParameterError {
     pub in_interval: bool,
 }
 
+impl ParameterError {
+    fn new(
+        estimator: &'static str,
+        name: String,
+        truth: f64,
+        value: f64,
+        interval: Option<(f64, f64)>,
+    ) -> Self {
+        let error_percent = (truth != 0.0).then(|| 100.0 * (value - truth) / truth.abs());
+        let in_interval = interval.is_some_and(|(low, high)| low <= truth && truth <= high);
+        Self { estimator, name, truth, value, error_percent, in_interval }
+    }
+}
+
 /// Error of one camera.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CameraError {
@@ -180,26 +194,15 @@ pub fn score_parameters(identification: &Identification, truth: &ModelCoefficien
         ("C_m", "alpha_u", truth.cm_alpha_u),
         ("C_m", "alpha_l", truth.cm_alpha_l),
     ];
-    let mut errors = Vec::new();
-    for estimator in [Estimator::LeastSquares, Estimator::TotalLeastSquares] {
-        for (output, name, truth) in wanted {
-            let parameter = identification
-                .fit(output, estimator)
-                .and_then(|fit| fit.parameters.iter().find(|p| p.name == name));
-            let Some((parameter, value)) = parameter.and_then(|p| p.value.map(|v| (p, v))) else { continue };
-            let holds =
-                parameter.ci_low.zip(parameter.ci_high).is_some_and(|(a, b)| a <= truth && truth <= b);
-            errors.push(ParameterError {
-                estimator: estimator.name(),
-                name: format!("{output},{name}"),
-                truth,
-                value,
-                error_percent: (truth != 0.0).then(|| 100.0 * (value - truth) / truth.abs()),
-                in_interval: holds,
-            });
-        }
-    }
-    errors
+    let estimators = [Estimator::LeastSquares, Estimator::TotalLeastSquares];
+    let all = estimators.into_iter().flat_map(|estimator| wanted.map(|w| (estimator, w)));
+    let error = |(estimator, (output, name, truth)): (Estimator, (&str, &str, f64))| {
+        let fit = identification.fit(output, estimator)?;
+        let p = fit.parameters.iter().find(|p| p.name == name)?;
+        let interval = p.ci_low.zip(p.ci_high);
+        Some(ParameterError::new(estimator.name(), format!("{output},{name}"), truth, p.value?, interval))
+    };
+    all.filter_map(error).collect()
 }
 
 /// Errors of the parameters of output error against the simulated vehicle; the true input lag is 0.
@@ -212,15 +215,8 @@ pub fn score_output_error(fits: &FlightFits, vehicle: &Vehicle) -> Vec<Parameter
     fits.named()
         .flat_map(|(estimator, fit)| fit.parameters.iter().map(move |p| (estimator, p)))
         .map(|(estimator, p)| {
-            let truth = of(p.parameter);
-            ParameterError {
-                estimator,
-                name: p.name.to_owned(),
-                truth,
-                value: p.value,
-                error_percent: (truth != 0.0).then(|| 100.0 * (p.value - truth) / truth.abs()),
-                in_interval: p.ci_low <= truth && truth <= p.ci_high,
-            }
+            let interval = Some((p.ci_low, p.ci_high));
+            ParameterError::new(estimator, p.name.to_owned(), of(p.parameter), p.value, interval)
         })
         .collect()
 }

@@ -3,16 +3,21 @@
 use crate::error::read_text;
 use crate::error::require_file;
 use crate::files::read_toml;
-use crate::session_file::{LiveSection, SessionCamera, SessionFile, is_empty, validate};
+use crate::session_file::{SessionCamera, SessionFile, is_empty, validate};
 use crate::video::{FrameSource, find_clap, is_pattern};
-use crate::{SessionError, read_image, tables};
+use crate::{SessionError, read_image, read_rig, tables};
 use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_geometry::ImageSize;
+use mavsight_geometry::{CAMERA_PARAMETERS, ImageSize};
 use mavsight_identify::Model;
+use mavsight_link::LiveSection;
 use mavsight_pipeline::{Clap, ControlPixel, ControlPointRow};
+use mavsight_pose::Rig;
 use std::path::{Path, PathBuf};
 
 /// A session whose files are there.
+///
+/// Errors name the file, the line, key or cell, and what to do; a camera index beyond the list is one as
+/// well.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Session {
     /// The session file.
@@ -25,9 +30,6 @@ pub struct Session {
 
 impl Session {
     /// Reads a session file and the vehicle, and checks that every file named is there.
-    ///
-    /// # Errors
-    /// Names the file, the line or key, and what to do.
     pub fn load(path: &Path) -> Result<Self, SessionError> {
         let mut file: SessionFile = read_toml(path, "session file")?;
         validate(&file, path)?;
@@ -55,9 +57,6 @@ impl Session {
 
     /// Opens one camera's frames, with the time stamps of the file; fields of an interlaced recording one by
     /// one.
-    ///
-    /// # Errors
-    /// A file that cannot be read, or a camera index beyond the list.
     pub fn open_camera(&self, camera: usize) -> Result<FrameSource, SessionError> {
         let camera = self.camera(camera)?;
         open_film(camera, &camera.video)
@@ -65,18 +64,12 @@ impl Session {
 
     /// Opens one camera's recording of the wand as [`Self::open_camera`] does that of the flight; `None`
     /// where it has none.
-    ///
-    /// # Errors
-    /// A file that cannot be read, or a camera index beyond the list.
     pub fn open_wand(&self, camera: usize) -> Result<Option<FrameSource>, SessionError> {
         let camera = self.camera(camera)?;
         camera.wand.as_ref().map(|path| open_film(camera, path)).transpose()
     }
 
     /// The clap in the sound of one camera's recording; `None` where the session has no `clap`.
-    ///
-    /// # Errors
-    /// Those of [`find_clap`], or a camera index beyond the list.
     pub fn clap_of(&self, camera: usize) -> Result<Option<Clap>, SessionError> {
         let camera = self.camera(camera)?;
         let has_sound = camera.frame_rate_hz.is_none();
@@ -86,9 +79,6 @@ impl Session {
 
     /// Opens one camera's images of the board; `None` where it has none. Images of a sequence are a second
     /// apart.
-    ///
-    /// # Errors
-    /// A file that cannot be read, or a camera index beyond the list.
     pub fn open_board(&self, camera: usize) -> Result<Option<FrameSource>, SessionError> {
         let path = &self.camera(camera)?.board;
         path.as_ref().map(|path| FrameSource::open(path, Some(1.0))).transpose()
@@ -96,9 +86,6 @@ impl Session {
 
     /// The size that a camera films in: as its recording has it; of one that is only flown live, its still,
     /// or its recording of the wand or of the board.
-    ///
-    /// # Errors
-    /// A file that cannot be read, a camera index beyond the list, a camera without any of them.
     pub fn image_size(&self, camera: usize) -> Result<ImageSize, SessionError> {
         let own = self.camera(camera)?;
         if !is_empty(&own.video) {
@@ -121,27 +108,18 @@ impl Session {
     }
 
     /// Reads the inputs; none where the session has no table of them.
-    ///
-    /// # Errors
-    /// Names row and column.
     pub fn inputs(&self) -> Result<Option<InputSeries>, SessionError> {
         let path = Some(&self.file.inputs).filter(|path| !is_empty(path));
         path.map(|path| tables::read_inputs(path)).transpose()
     }
 
     /// Reads the control points; none where the session has no table of them.
-    ///
-    /// # Errors
-    /// Names row and column.
     pub fn control_points(&self) -> Result<Vec<ControlPointRow>, SessionError> {
         self.file.control.as_ref().map_or(Ok(Vec::new()), |c| tables::read_control_points(&c.points))
     }
 
     /// Reads the control pixels, where the session has a table of them; names are checked against the
     /// session.
-    ///
-    /// # Errors
-    /// Names row and column.
     pub fn control_pixels(&self) -> Result<Option<Vec<ControlPixel>>, SessionError> {
         let Some(path) = self.file.control.as_ref().and_then(|c| c.observations.as_ref()) else {
             return Ok(None);
@@ -153,12 +131,66 @@ impl Session {
     }
 
     /// Reads the output equations, where the session names them.
-    ///
-    /// # Errors
-    /// Names the file and the line or key.
     pub fn model(&self) -> Result<Option<Model>, SessionError> {
         self.file.model.as_deref().map(load_model).transpose()
     }
+
+    /// The rig that the session names in place of a calibration, its cameras in the session's order; `None`
+    /// where it names none. Cameras of the file that the session does not have are left out.
+    ///
+    /// # Errors
+    /// Those of [`read_rig`]; a camera that the file does not have, or that has another image size there than
+    /// its recording. Where there is none, as for a camera that is only flown live, the size is the file's.
+    pub fn rig(&self) -> Result<Option<Rig>, SessionError> {
+        let Some(path) = self.file.rig.as_ref().map(|r| &r.file) else { return Ok(None) };
+        let names: Vec<&str> = self.cameras().iter().map(|c| c.name.as_str()).collect();
+        let rig = cameras_of(&read_rig(path)?, &names, path)?;
+        self.require_sizes(&rig, path)?;
+        Ok(Some(rig))
+    }
+
+    /// Refuses a rig, which has the session's cameras in their order by what `path` names, where a recording
+    /// has another size than its camera was calibrated at.
+    ///
+    /// # Errors
+    /// The first such camera; recordings that cannot be read.
+    pub fn require_sizes(&self, rig: &Rig, path: &Path) -> Result<(), SessionError> {
+        let recorded = |k: &(usize, _)| self.cameras().get(k.0).is_some_and(|c| !is_empty(&c.video));
+        for (k, own) in rig.cameras.iter().enumerate().filter(recorded) {
+            let (filmed, size) = (self.image_size(k)?, own.camera.size);
+            if filmed != size {
+                let detail = format!(
+                    "is calibrated at {}×{} px, but its recording has {}×{}: calibrate it at the size it films in",
+                    size.width_px, size.height_px, filmed.width_px, filmed.height_px
+                );
+                return Err(SessionError::value(path, format!("camera {}", own.name), detail));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The cameras of a rig that have some names, in the order of these, with what is not known of them.
+///
+/// # Errors
+/// A name that no camera has; the rig was read from `path`.
+pub fn cameras_of(rig: &Rig, names: &[&str], path: &Path) -> Result<Rig, SessionError> {
+    let places = names
+        .iter()
+        .map(|name| {
+            rig.cameras.iter().position(|c| c.name == *name).ok_or_else(|| {
+                let found: Vec<&str> = rig.cameras.iter().map(|c| c.name.as_str()).collect();
+                let detail =
+                    format!("is missing: the file has {}; rename one or the other", found.join(", "));
+                SessionError::value(path, format!("camera {name}"), detail)
+            })
+        })
+        .collect::<Result<Vec<usize>, _>>()?;
+    let rows: Vec<usize> =
+        places.iter().flat_map(|k| CAMERA_PARAMETERS * k..CAMERA_PARAMETERS * (k + 1)).collect();
+    let uncertainty = rig.uncertainty.select_rows(&rows);
+    let cameras = places.into_iter().map(|k| rig.cameras[k].clone()).collect();
+    Ok(Rig { cameras, uncertainty, ..rig.clone() })
 }
 
 /// A recording of a camera, its fields one by one where it is interlaced.
@@ -187,4 +219,35 @@ pub fn load_vehicle(path: &Path) -> Result<Vehicle, SessionError> {
     let vehicle: Vehicle = read_toml(path, "vehicle file")?;
     vehicle.validate().map_err(|source| SessionError::content(path, source))?;
     Ok(vehicle)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_geometry::{Camera, ImageSize, Intrinsics, Vector3};
+    use mavsight_pose::{Lens, Pixels};
+    use nalgebra::DMatrix;
+
+    fn rig() -> Rig {
+        let size = ImageSize { width_px: 640, height_px: 480 };
+        let k = Intrinsics::from_horizontal_fov(size, 1.0);
+        let camera = |name: &str, x: f64| {
+            let camera = Camera::looking_at(Vector3::new(x, -4.0, 1.0), Vector3::zeros(), k, size);
+            let model = mavsight_pose::CameraModel { pixels: Pixels::Square, lens: Lens::Straight };
+            mavsight_pose::RigCamera::exact(name.into(), camera, model)
+        };
+        let cameras = vec![camera("a", -1.0), camera("b", 0.0), camera("c", 1.0)];
+        let uncertainty = DMatrix::from_fn(48, 2, |i, j| (i / 16) as f64 + 10.0 * j as f64);
+        Rig { cameras, uncertainty, left_out: vec![], frames: 0 }
+    }
+
+    #[test]
+    fn cameras_come_by_their_names_with_their_own_uncertainty() {
+        let got = cameras_of(&rig(), &["c", "a"], Path::new("rig.toml")).unwrap();
+        assert_eq!(got.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>(), ["c", "a"]);
+        assert_eq!(got.uncertainty.shape(), (32, 2));
+        assert!(got.uncertainty[(0, 0)] == 2.0 && got.uncertainty[(31, 1)] == 10.0);
+        let refused = cameras_of(&rig(), &["a", "d"], Path::new("rig.toml")).unwrap_err().to_string();
+        assert!(refused.contains("camera d") && refused.contains("a, b, c"), "{refused}");
+    }
 }

@@ -9,24 +9,23 @@ pub mod foreign;
 mod parquet_rows;
 pub mod results;
 mod session_file;
-mod session_rig;
 mod table;
 pub mod tables;
 pub mod video;
 
-pub use config::{Session, load_model, load_vehicle};
+pub use config::{Session, cameras_of, load_model, load_vehicle};
 pub use error::SessionError;
 pub use files::{make_folder, read_toml, write_toml, write_whole};
+pub use mavsight_link::LiveSection;
 pub use results::{
     FlightTable, MarkerAsBuilt, RESULTS_SCHEMA, RunResults, has_assumed_std, read_body, read_flight_table,
     read_markers, read_motion, read_poses, read_rig, read_summary, write_markers, write_markers_early,
     write_results, write_rig,
 };
 pub use session_file::{
-    ControlSection, Estimate, FieldOrder, LineTime, LiveSection, RefineSection, RigSection, SESSION_SCHEMA,
-    SessionCamera, SessionFile, WandSection,
+    ControlSection, Estimate, FieldOrder, LineTime, RigSection, SESSION_SCHEMA, SessionCamera, SessionFile,
+    WandSection,
 };
-pub use session_rig::cameras_of;
 pub use table::{Row, Table, csv_cell};
 pub use tables::{read_control_points, write_control_points, write_inputs, write_numbers};
 pub use video::{FrameSource, LiveVideo, Y4mWriter, ffmpeg_program, find_clap, read_image, write_png};

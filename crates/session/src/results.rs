@@ -1,6 +1,5 @@
 //! The results of a run on disk: one folder, one file for each kind, written whole or not at all.
 
-mod body;
 pub(crate) mod columns;
 mod read;
 mod read_motion;
@@ -12,8 +11,7 @@ use mavsight_identify::{Clocks, CoefficientTable, Identification};
 use mavsight_pipeline::{CameraHealth, CentreQuality};
 use mavsight_pose::{ClockEstimate, MarkerObservation, Motion, PoseSample, Rig};
 
-pub use body::{MarkerAsBuilt, read_body};
-pub use read::{has_assumed_std, read_markers, read_poses, read_summary};
+pub use read::{MarkerAsBuilt, has_assumed_std, read_body, read_markers, read_poses, read_summary};
 pub use read_motion::{FlightTable, read_flight_table, read_motion};
 pub use rig_file::{read_rig, write_rig};
 pub use write::{EarlyFile, write_markers, write_markers_early, write_results};

@@ -2,8 +2,8 @@
 
 mod validate;
 
-use mavsight_link::{JsonOptions, LinkOptions, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions};
-use mavsight_pipeline::{Board, WandBall};
+use mavsight_link::LiveSection;
+use mavsight_pipeline::{Board, Refinement, WandBall};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -46,7 +46,7 @@ pub struct SessionFile {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub clap: bool,
     /// What is refined from the flight itself; left out: nothing.
-    pub refine: Option<RefineSection>,
+    pub refine: Option<Refinement>,
     /// How the session is flown live.
     pub live: Option<LiveSection>,
     /// Cameras.
@@ -90,41 +90,6 @@ pub(crate) fn is_empty(path: &Path) -> bool {
     path.as_os_str().is_empty()
 }
 
-/// How a session is flown live.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LiveSection {
-    /// Poses of an earlier flight (`pose.csv`) that give the motion noise; left out: this flight's first
-    /// seconds.
-    pub poses: Option<PathBuf>,
-    /// Half width of a parameter's interval, as a share of its value, at which enough has been seen of it;
-    /// left out: 0.05.
-    pub enough: Option<f64>,
-    /// To an autopilot.
-    pub mavlink: Option<MavlinkOptions>,
-    /// To clients of OptiTrack's Motive.
-    pub natnet: Option<NatnetOptions>,
-    /// To clients of VRPN.
-    pub vrpn: Option<VrpnOptions>,
-    /// Events as lines.
-    pub json: Option<JsonOptions>,
-    /// Events by Zenoh.
-    pub zenoh: Option<ZenohOptions>,
-}
-
-impl LiveSection {
-    /// The outlets that are switched on.
-    pub fn links(&self) -> LinkOptions {
-        LinkOptions {
-            mavlink: self.mavlink.clone(),
-            natnet: self.natnet.clone(),
-            vrpn: self.vrpn.clone(),
-            json: self.json.clone(),
-            zenoh: self.zenoh.clone(),
-        }
-    }
-}
-
 /// Calibration by control points.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -155,21 +120,6 @@ pub struct WandSection {
     pub length_std_m: f64,
     /// The two balls, of unlike colours.
     pub ball: Vec<WandBall>,
-}
-
-/// Refinement of cameras and markers from the flight itself.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RefineSection {
-    /// Whether the cameras are refined; they are wherever the markers are.
-    #[serde(default)]
-    pub rig: bool,
-    /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002. Left
-    /// out: the markers are as in the file.
-    pub markers_std_m: Option<f64>,
-    /// Whether the balls' diameters are measured too, from their images.
-    #[serde(default)]
-    pub diameters: bool,
 }
 
 /// One camera of a session.

@@ -15,14 +15,15 @@ pub fn csv_cell(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// A table in memory.
+/// A table in memory. Its errors are a file that is missing, a row that is broken, no rows where there must
+/// be one, and a column that is not there, with those that are.
 pub struct Table {
     path: PathBuf,
     columns: Vec<String>,
     rows: Vec<StringRecord>,
 }
 
-/// One row of it.
+/// A row of a [`Table`]. Its errors name row, line and column.
 #[derive(Clone, Copy)]
 pub struct Row<'a> {
     table: &'a Table,
@@ -32,9 +33,6 @@ pub struct Row<'a> {
 impl Table {
     /// Reads a table, a Parquet one by its name; spaces around cells do not count, lines that begin with `#`
     /// neither.
-    ///
-    /// # Errors
-    /// A file that is missing, or of which a row is broken.
     pub fn read(path: &Path, role: &str) -> Result<Self, SessionError> {
         #[cfg(feature = "parquet")]
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet")) {
@@ -59,9 +57,6 @@ impl Table {
     }
 
     /// The rows, at least one.
-    ///
-    /// # Errors
-    /// A table without rows.
     pub fn rows(&self) -> Result<impl Iterator<Item = Row<'_>>, SessionError> {
         if self.rows.is_empty() {
             return Err(SessionError::no_rows(&self.path));
@@ -91,9 +86,6 @@ impl Table {
     }
 
     /// The place of a column that must be there.
-    ///
-    /// # Errors
-    /// Names the columns found.
     pub fn column(&self, name: &str) -> Result<usize, SessionError> {
         self.columns.iter().position(|c| c == name).ok_or_else(|| {
             let found = match &self.columns[..] {
@@ -106,9 +98,6 @@ impl Table {
     }
 
     /// The places of several columns that must be there.
-    ///
-    /// # Errors
-    /// Names the columns found.
     pub fn columns<const N: usize>(&self, names: [&str; N]) -> Result<[usize; N], SessionError> {
         let mut places = [0; N];
         for (place, name) in places.iter_mut().zip(names) {
@@ -125,9 +114,6 @@ impl<'a> Row<'a> {
     }
 
     /// A finite number.
-    ///
-    /// # Errors
-    /// Names row and column.
     pub fn number(&self, column: usize) -> Result<f64, SessionError> {
         let text = self.text(column);
         match text.parse::<f64>() {
@@ -141,17 +127,11 @@ impl<'a> Row<'a> {
     }
 
     /// A finite number, or nothing in an empty cell.
-    ///
-    /// # Errors
-    /// Names row and column.
     pub fn number_if_any(&self, column: usize) -> Result<Option<f64>, SessionError> {
         if self.text(column).is_empty() { Ok(None) } else { self.number(column).map(Some) }
     }
 
     /// Several numbers at once.
-    ///
-    /// # Errors
-    /// Names row and column.
     pub fn numbers<const N: usize>(&self, columns: [usize; N]) -> Result<[f64; N], SessionError> {
         let mut values = [0.0; N];
         for (value, column) in values.iter_mut().zip(columns) {
@@ -161,9 +141,6 @@ impl<'a> Row<'a> {
     }
 
     /// A time in seconds as nanoseconds.
-    ///
-    /// # Errors
-    /// Names row and column.
     pub fn time_ns(&self, column: usize) -> Result<i64, SessionError> {
         let t_s = self.number(column)?;
         // Digit by digit: seconds since 1970 have more of them than a double.
@@ -173,9 +150,6 @@ impl<'a> Row<'a> {
     }
 
     /// The place of a cell's text among the names that it may hold.
-    ///
-    /// # Errors
-    /// Names row and column, and the names.
     pub fn place_in<T: AsRef<str>>(&self, column: usize, names: &[T]) -> Result<usize, SessionError> {
         let text = self.text(column);
         names.iter().position(|n| n.as_ref() == text).ok_or_else(|| {

@@ -16,6 +16,7 @@ use mavsight_vision::Frame;
 use std::path::{Path, PathBuf};
 
 pub use audio::find_clap;
+pub use ffmpeg::program as ffmpeg_program;
 pub(crate) use images::is_pattern;
 pub use images::{read_image, write_png};
 pub use live::LiveVideo;
@@ -23,11 +24,6 @@ pub use y4m::Y4mWriter;
 
 /// Frames in order of time, each with the middle of its exposure in nanoseconds.
 pub(crate) type Frames = Box<dyn Iterator<Item = Result<(i64, Frame), SessionError>> + Send>;
-
-/// The ffmpeg program: the environment variable `MAVSIGHT_FFMPEG`, or the one on the search path.
-pub fn ffmpeg_program() -> String {
-    ffmpeg::program()
-}
 
 /// What a reader yields before the counting around it.
 pub(crate) struct Opened {
@@ -107,11 +103,6 @@ impl FrameSource {
     pub fn fields(mut self, order: FieldOrder) -> Self {
         self.fields = Some(Fields { order, frame: None, second: None, interval_ns: 0 });
         self
-    }
-
-    /// The file or pattern.
-    pub fn path(&self) -> &Path {
-        &self.path
     }
 
     /// Size of every frame.

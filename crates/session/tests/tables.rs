@@ -6,11 +6,11 @@ mod common;
 
 use common::{Folder, data};
 use mavsight_flight::{InputSample, InputSeries, Vehicle};
-use mavsight_pipeline::ControlPointRow;
+use mavsight_pipeline::{ControlPointRow, Refinement};
 use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs};
 use mavsight_session::{
-    ControlSection, RefineSection, Session, SessionCamera, SessionFile, load_model, load_vehicle,
-    write_control_points, write_inputs, write_toml,
+    ControlSection, Session, SessionCamera, SessionFile, load_model, load_vehicle, write_control_points,
+    write_inputs, write_toml,
 };
 use std::path::PathBuf;
 
@@ -50,7 +50,7 @@ fn session(folder: &Folder) -> PathBuf {
         rig: None,
         flash: false,
         clap: false,
-        refine: Some(RefineSection { markers_std_m: Some(0.002), ..RefineSection::default() }),
+        refine: Some(Refinement { markers_std_m: Some(0.002), ..Refinement::default() }),
         live: None,
         camera: vec![camera("cam1"), camera("cam2")],
     };

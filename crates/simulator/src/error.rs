@@ -40,3 +40,9 @@ pub enum SimulatorError {
         detail: String,
     },
 }
+
+impl SimulatorError {
+    pub(crate) fn scenario(what: impl Into<String>) -> Self {
+        Self::Scenario { what: what.into() }
+    }
+}

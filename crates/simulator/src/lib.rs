@@ -7,6 +7,7 @@
 mod coefficients;
 mod error;
 mod maneuver;
+mod pilot;
 mod scenario;
 mod simulate;
 pub mod staging;
@@ -14,6 +15,7 @@ pub mod staging;
 pub use coefficients::{ModelCoefficients, model_coefficients, true_coefficients};
 pub use error::SimulatorError;
 pub use maneuver::{Channel, Maneuver, Sine};
+pub use pilot::Pilot;
 pub use scenario::Scenario;
 pub use simulate::{FlightState, InitialState, simulate};
 pub use staging::Staging;

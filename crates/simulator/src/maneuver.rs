@@ -129,37 +129,19 @@ impl Maneuver {
             Self::ThreeTwoOneOne { start_s, unit_s, amplitude, .. } => {
                 pulses(&[3.0, 2.0, 1.0, 1.0], (t - start_s) / unit_s) * amplitude
             }
-            Self::Step { start_s, amplitude, .. } => {
-                if t >= *start_s {
-                    *amplitude
-                } else {
-                    0.0
-                }
-            }
+            Self::Step { start_s, amplitude, .. } if t >= *start_s => *amplitude,
+            Self::Step { .. } => 0.0,
             Self::Multisine { start_s, length_s, harmonics, amplitude, .. } => {
-                let tau = t_s - start_s;
-                if !(0.0..=*length_s).contains(&tau) {
-                    return 0.0;
-                }
                 let n = harmonics.len() as f64;
-                let each = amplitude * (2.0 / n).sqrt();
-                let sum: f64 = harmonics
-                    .iter()
-                    .enumerate()
-                    .map(|(k, h)| {
-                        let phase = -PI * (k as f64) * (k as f64 + 1.0) / n;
-                        (2.0 * PI * f64::from(*h) * tau / length_s + phase).sin()
-                    })
-                    .sum();
-                each * sum
+                let sine = |(k, harmonic): (usize, &u32)| Sine {
+                    harmonic: *harmonic,
+                    amplitude: amplitude * (2.0 / n).sqrt(),
+                    phase_rad: -PI * (k as f64) * (k as f64 + 1.0) / n,
+                };
+                sum_of_sines(harmonics.iter().enumerate().map(sine), (t_s - start_s) / length_s)
             }
             Self::Sines { start_s, length_s, sine, .. } => {
-                let tau = t_s - start_s;
-                if !(0.0..=*length_s).contains(&tau) {
-                    return 0.0;
-                }
-                let turn = 2.0 * PI * tau / length_s;
-                sine.iter().map(|s| s.amplitude * (f64::from(s.harmonic) * turn + s.phase_rad).sin()).sum()
+                sum_of_sines(sine.iter().copied(), (t_s - start_s) / length_s)
             }
         }
     }
@@ -177,7 +159,7 @@ impl Maneuver {
         };
         if numbers.iter().any(|v| !v.is_finite()) || numbers[1] <= 0.0 {
             let what = format!("{self:?} needs finite numbers and a length above zero");
-            return Err(SimulatorError::Scenario { what });
+            return Err(SimulatorError::scenario(what));
         }
         let no_sine = match self {
             Self::Multisine { harmonics, .. } => harmonics.is_empty() || harmonics.contains(&0),
@@ -185,12 +167,19 @@ impl Maneuver {
             _ => false,
         };
         if no_sine {
-            return Err(SimulatorError::Scenario {
-                what: "a multisine needs harmonics of 1 or more".to_owned(),
-            });
+            return Err(SimulatorError::scenario("a multisine needs harmonics of 1 or more"));
         }
         Ok(())
     }
+}
+
+/// The sum at a share of the length; zero outside.
+fn sum_of_sines(sines: impl Iterator<Item = Sine>, share: f64) -> f64 {
+    if !(0.0..=1.0).contains(&share) {
+        return 0.0;
+    }
+    let turn = 2.0 * PI * share;
+    sines.map(|s| s.amplitude * (f64::from(s.harmonic) * turn + s.phase_rad).sin()).sum()
 }
 
 /// Sign of a train of pulses of the given lengths at `t` units after its start; zero outside.

@@ -29,8 +29,7 @@ pub struct Scenario {
 
 impl Scenario {
     /// Section 4.2 of the paper: 2 s of hover, swash-plate 5° down for 1 s and up for 1 s, 10 s in all. The
-    /// heading of
-    /// 22.5° keeps the balls apart in both views.
+    /// heading of 22.5° keeps the balls apart in both views.
     pub fn paper() -> Self {
         Self {
             duration_s: 10.0,
@@ -59,20 +58,14 @@ impl Scenario {
             ("input_rate_hz", self.input_rate_hz),
         ] {
             if !(value.is_finite() && value > 0.0) {
-                return Err(SimulatorError::Scenario {
-                    what: format!("{key} is {value}, but must be above zero"),
-                });
+                return Err(SimulatorError::scenario(format!("{key} is {value}, but must be above zero")));
             }
         }
         if !self.heading_deg.is_finite() || self.position_m.iter().any(|v| !v.is_finite()) {
-            return Err(SimulatorError::Scenario {
-                what: "position_m and heading_deg must be finite".to_owned(),
-            });
+            return Err(SimulatorError::scenario("position_m and heading_deg must be finite"));
         }
         if self.duration_s * self.input_rate_hz.max(self.frame_rate_hz) > 1e7 {
-            return Err(SimulatorError::Scenario {
-                what: "more than ten million samples: shorten the flight".to_owned(),
-            });
+            return Err(SimulatorError::scenario("more than ten million samples: shorten the flight"));
         }
         self.staging.check()?;
         self.maneuver.iter().try_for_each(Maneuver::check)

@@ -132,35 +132,30 @@ impl Staging {
     /// # Errors
     /// [`SimulatorError::Scenario`].
     pub fn check(&self) -> Result<(), SimulatorError> {
-        let wrong = |what: &str| Err(SimulatorError::Scenario { what: what.to_owned() });
         let finite = |values: &[f64]| values.iter().all(|v| v.is_finite());
         let positive = |values: &[f64]| values.iter().all(|v| v.is_finite() && *v > 0.0);
-        if !self.decoy.iter().all(|d| finite(&d.position_m) && positive(&[d.diameter_m])) {
-            return wrong("a decoy needs a finite position_m and a diameter_m above zero");
-        }
-        if !self
-            .poster
-            .iter()
-            .all(|p| finite(&p.position_m) && positive(&p.size_m) && p.heading_deg.is_finite())
-        {
-            return wrong("a poster needs a finite position_m and heading_deg and a size_m above zero");
-        }
+        let stands = |d: &Decoy| finite(&d.position_m) && positive(&[d.diameter_m]);
+        let hangs = |p: &Poster| finite(&p.position_m) && positive(&p.size_m) && p.heading_deg.is_finite();
         let walks = |w: &Walker| finite(&w.from_m) && finite(&w.to_m) && finite(&[w.start_s, w.speed_m_s]);
-        if !self.walker.iter().all(walks) {
-            return wrong("a walker needs finite from_m, to_m, start_s and speed_m_s");
-        }
         let shines = |g: &Glare| {
             finite(&g.from) && finite(&g.to) && positive(&[g.radius, g.strength]) && g.to_s > g.from_s
         };
-        if !self.glare.iter().all(shines) {
-            return wrong(
+        let turns = |b: &Bump| finite(&b.turn_deg) && b.at_s.is_finite();
+        let needs = [
+            (self.decoy.iter().all(stands), "a decoy needs a finite position_m and a diameter_m above zero"),
+            (
+                self.poster.iter().all(hangs),
+                "a poster needs a finite position_m and heading_deg and a size_m above zero",
+            ),
+            (self.walker.iter().all(walks), "a walker needs finite from_m, to_m, start_s and speed_m_s"),
+            (
+                self.glare.iter().all(shines),
                 "a glare needs finite from and to, radius and strength above zero, and to_s after from_s",
-            );
-        }
-        if !self.bump.iter().all(|b| finite(&b.turn_deg) && b.at_s.is_finite()) {
-            return wrong("a bump needs a finite at_s and turn_deg");
-        }
-        Ok(())
+            ),
+            (self.bump.iter().all(turns), "a bump needs a finite at_s and turn_deg"),
+        ];
+        let unmet = needs.into_iter().find(|(is_met, _)| !is_met);
+        unmet.map_or(Ok(()), |(_, what)| Err(SimulatorError::scenario(what)))
     }
 }
 

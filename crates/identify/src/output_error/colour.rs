@@ -1,7 +1,7 @@
 //! Correlated errors of measurements: part of each channel's variance is new at every instant, part dies away
 //! slowly, with time or with the path that a marker's image has gone.
 
-use super::linear::Linear;
+use super::condense::Linear;
 use super::result::Extent;
 use super::shooting::Place;
 use crate::IdentifyError;

@@ -1,6 +1,6 @@
 //! How well parameters are known: Cramér-Rao bounds, and their correction for coloured residuals.
 
-use super::linear::Linear;
+use super::condense::Linear;
 use super::propagate::TANGENT;
 use crate::IdentifyError;
 use crate::inverse::inverse;
@@ -9,7 +9,7 @@ use nalgebra::DMatrix;
 
 /// Bounds and their correction.
 pub(crate) struct Covariance {
-    /// Of start and parameters, for white rows.
+    /// Of the parameters, for white rows.
     pub(crate) bound: DMatrix<f64>,
     /// Of the parameters, for rows of the colour that was found.
     pub(crate) coloured: DMatrix<f64>,
@@ -23,16 +23,14 @@ pub(crate) struct Covariance {
 impl Covariance {
     pub(crate) fn new(linear: &Linear, parameters: usize, channels: usize) -> Result<Self, IdentifyError> {
         let all = inverse(&linear.information()).ok_or(IdentifyError::RankZero)?;
-        let m = TANGENT + parameters;
-        let bound = all.view((0, 0), (m, m)).into_owned();
+        let bound = all.view((TANGENT, TANGENT), (parameters, parameters)).into_owned();
         let lag = correlation_lag(linear, channels);
-        let own = bound.view((TANGENT, TANGENT), (parameters, parameters)).into_owned();
         // What a unit of each row's noise does to the parameters: parameters by rows.
         let influence = all.rows(TANGENT, parameters) * linear.by();
         let by_instant = Instants::new(linear, &influence, channels);
         // The priors' part of the bound is kept.
         let white = &influence * influence.transpose();
-        let rest = own - &white;
+        let rest = &bound - &white;
         let coloured = &rest + if lag == 0 { white } else { by_instant.colour(lag) };
         let uneven = by_instant.is_uneven().then(|| &rest + by_instant.scores_spread(lag));
         Ok(Self { bound, coloured, uneven, lag })

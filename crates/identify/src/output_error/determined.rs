@@ -1,7 +1,7 @@
 //! Whether the flight determines every free parameter.
 
+use super::condense::Linear;
 use super::fitter::Fitter;
-use super::linear::Linear;
 use super::model::ModelParameter;
 use super::propagate::TANGENT;
 use crate::IdentifyError;

@@ -52,7 +52,7 @@ pub struct ExpectedFit {
 
 /// The covariance with which [`super::output_error`] will estimate the free parameters of a model from
 /// measurements that are as good as they say, about the motion with the model's own values; `states` are
-/// those of the motion at the instants of the measurements, each of which holds a pose and nothing else.
+/// those of the motion at the instants of the measurements, each of which holds a pose.
 ///
 /// Uses the integration, sensitivities, constraint between segments and unknown start of the fit: the
 /// inverse of the information, which is Cramér and Rao's bound and, for an efficient estimator, the
@@ -74,7 +74,7 @@ pub fn expected_fit(
     if states.len() != measured.len() || states.len() < 2 {
         return Err(IdentifyError::PlannedStates { states: states.len(), instants: measured.len() });
     }
-    if let Some(m) = measured.iter().find(|m| m.pose.is_none() || m.velocity.is_some() || m.rates.is_some()) {
+    if let Some(m) = measured.iter().find(|m| m.pose.is_none()) {
         return Err(IdentifyError::BadMeasurement { t_s: m.t_ns as f64 * 1e-9, what: "planned pose" });
     }
     let measurements = Measurements::States(measured);

@@ -2,10 +2,10 @@
 
 use super::assemble::assemble;
 use super::colour::Colour;
+use super::condense::Linear;
 use super::covariance;
 use super::determined::refuse_undetermined;
 use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, Recorded, TIGHTNESS};
-use super::linear::Linear;
 use super::measure::Measurements;
 use super::model::FlightModel;
 use super::options::{NoiseModel, OutputErrorOptions};

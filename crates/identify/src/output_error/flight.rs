@@ -11,7 +11,6 @@ use crate::{Identification, IdentifyError};
 use mavsight_flight::{InputSample, InputSeries, Vehicle};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseSample, Rig};
 use nalgebra::{DMatrix, DVector};
-use std::borrow::Cow;
 
 /// What the images of a flight are made of.
 #[derive(Debug, Clone, Copy)]
@@ -122,7 +121,7 @@ pub struct Comparison {
     pub test: Disagreement,
 }
 
-/// NamedEstimates with their covariance.
+#[derive(Default)]
 struct NamedEstimates {
     estimator: String,
     names: Vec<String>,
@@ -268,10 +267,8 @@ pub fn fitted_stretch_s(poses: &[PoseSample]) -> Option<(f64, f64)> {
 
 impl Images<'_> {
     fn measurements(&self, options: &FlightFitOptions) -> Result<Measurements, IdentifyError> {
-        let fitted: Cow<'_, [MarkerObservation]> = match options.held_out_s {
-            None => self.observations.into(),
-            Some(_) => self.observations.iter().filter(|o| !options.holds_out(o.t_ns)).cloned().collect(),
-        };
+        let fitted: Vec<MarkerObservation> =
+            self.observations.iter().filter(|o| !options.holds_out(o.t_ns)).cloned().collect();
         let images = ImageMeasurements::new(self.rig, self.markers, &fitted)?
             .with_cameras(self.rig)?
             .with_marker_positions(self.markers_std_m);
@@ -286,47 +283,45 @@ fn of_equations(
     estimator: crate::Estimator,
     speeds: Option<Speeds>,
 ) -> Option<NamedEstimates> {
-    let fits = || identification.fits.iter().filter(|f| f.estimator == estimator);
-    let (mut names, mut values, mut places) = (Vec::new(), Vec::new(), Vec::new());
-    for (k, fit) in fits().enumerate() {
-        for p in fit.parameters.iter().filter(|p| p.identifiable) {
+    let mut out = NamedEstimates::default();
+    let mut blocks = Vec::new();
+    for fit in identification.fits.iter().filter(|f| f.estimator == estimator) {
+        let mut columns = Vec::new();
+        let mut stds = Vec::new();
+        for p in fit.parameters.iter().filter(|p| p.name != "0") {
             let name = format!("{},{}", fit.output, p.name);
-            let (Some(value), Some(std)) = (p.value, p.std) else { continue };
             let column = fit.diagnostics.columns.iter().position(|c| *c == p.name);
-            if p.name != "0" && ModelParameter::from_name(&name).is_some() {
+            let (Some(value), Some(std), Some(column)) = (p.value, p.std, column) else { continue };
+            if ModelParameter::from_name(&name).is_some() {
                 let scale = speeds.map_or(1.0, |s| s.equation_over_motion(&name));
-                names.push(name);
-                values.push(value / scale);
-                places.push((k, column, std / scale));
+                out.names.push(name);
+                out.values.push(value / scale);
+                columns.push(column);
+                stds.push(std / scale);
             }
         }
+        let stds = DVector::from_vec(stds);
+        let correlations = fit.diagnostics.correlations.select_rows(&columns).select_columns(&columns);
+        blocks.push(correlations.component_mul(&(&stds * stds.transpose())));
     }
-    let correlations: Vec<&DMatrix<f64>> = fits().map(|f| &f.diagnostics.correlations).collect();
-    let n = names.len();
-    let covariance = DMatrix::from_fn(n, n, |i, j| {
-        let ((a, row, std_a), (b, column, std_b)) = (places[i], places[j]);
-        let correlation = match (row, column) {
-            _ if i == j => 1.0,
-            (Some(row), Some(column)) if a == b => correlations[a].get((row, column)).copied().unwrap_or(0.0),
-            _ => 0.0,
-        };
-        correlation * std_a * std_b
-    });
-    (n > 0).then(|| NamedEstimates { estimator: estimator.name().to_owned(), names, values, covariance })
+    out.estimator = estimator.name().to_owned();
+    out.covariance = DMatrix::zeros(out.names.len(), out.names.len());
+    let mut first = 0;
+    for block in blocks {
+        out.covariance.view_mut((first, first), block.shape()).copy_from(&block);
+        first += block.nrows();
+    }
+    (first > 0).then_some(out)
 }
 
 fn compare(first: &NamedEstimates, second: &NamedEstimates) -> Option<Comparison> {
-    let shared: Vec<(usize, usize)> = first
-        .names
-        .iter()
-        .enumerate()
-        .filter_map(|(i, name)| Some((i, second.names.iter().position(|n| n == name)?)))
-        .collect();
-    let part = |e: &NamedEstimates, index: &[usize]| {
-        let values = DVector::from_iterator(index.len(), index.iter().map(|i| e.values[*i]));
-        Estimates { values, covariance: e.covariance.select_rows(index).select_columns(index) }
+    let place = |name: &String| second.names.iter().position(|n| n == name);
+    let shared = first.names.iter().enumerate().filter_map(|(i, name)| Some((i, place(name)?)));
+    let (a, b): (Vec<usize>, Vec<usize>) = shared.unzip();
+    let part = |e: &NamedEstimates, index: &[usize]| Estimates {
+        values: DVector::from_fn(index.len(), |k, _| e.values[index[k]]),
+        covariance: e.covariance.select_rows(index).select_columns(index),
     };
-    let (a, b): (Vec<usize>, Vec<usize>) = shared.into_iter().unzip();
     let (one, other) = (part(first, &a), part(second, &b));
     let test = disagreement(&one, &other).ok()?;
     Some(Comparison {

@@ -135,20 +135,12 @@ impl ImageMeasurements {
     }
 
     /// Adds an error of each marker's centre in each camera that keeps through the flight, of `std_px` along
-    /// each axis, and one that changes with each of three body turns by `std_px` per `turn_rad`: what a
-    /// marker's neighbourhood, light and occlusion do to its centre changes with the aspect.
-    pub fn with_marker_biases(self, std_px: f64, turn_rad: Option<f64>) -> Self {
-        let orders = if turn_rad.is_some() { 4 } else { 1 };
-        let count = 2 * self.markers.len() * self.cameras.len() * orders;
-        let first = self.poses.iter().flatten().next().map_or_else(Default::default, |p| p.rotation);
-        self.with_directions(count, |all, s, pose, columns| {
-            let turn = (first.inverse() * pose.rotation).scaled_axis() / turn_rad.unwrap_or(1.0);
-            let shares = [1.0, turn.x, turn.y, turn.z];
+    /// each axis.
+    pub fn with_marker_biases(self, std_px: f64) -> Self {
+        let count = 2 * self.markers.len() * self.cameras.len();
+        self.with_directions(count, |all, s, _, columns| {
             let channel = 2 * (s.camera * all.markers.len() + s.marker);
-            for axis in 0..2 {
-                let own = &mut columns[(channel + axis) * orders..(channel + axis + 1) * orders];
-                own.iter_mut().zip(shares).for_each(|(column, share)| column[axis] = std_px * share);
-            }
+            (0..2).for_each(|axis| columns[channel + axis][axis] = std_px);
         })
     }
 
@@ -181,14 +173,15 @@ impl ImageMeasurements {
             let marker = &self.markers[s.marker];
             let point = (pose * Point3::from(marker.marker_in_body_m)).coords;
             let seen = self.cameras[s.camera].project_ball(&point, marker.radius_m)?;
-            let jacobian = self.whiteners[k] * d_pixel_d_pose(&seen, &pose, &marker.marker_in_body_m);
+            let by = (self.whiteners[k] * d_pixel_d_pose(&seen, &pose, &marker.marker_in_body_m)).transpose();
             let residual = self.whiteners[k] * (s.pixel - seen.pixel);
-            for axis in 0..2 {
-                let channel = 2 * (s.camera * self.markers.len() + s.marker) + axis;
-                let row = Row::new(residual[axis], jacobian.fixed_rows::<1>(axis).into_owned(), 0, channel);
-                let directions = self.directions.column(2 * k + axis).data.into_slice();
-                out.push(Row { directions, pixel: seen.pixel.into(), ..row });
-            }
+            out.extend((0..2).map(|axis| Row {
+                residual: residual[axis],
+                jacobian: by.column(axis).into_owned(),
+                channel: 2 * (s.camera * self.markers.len() + s.marker) + axis,
+                directions: self.directions.column(2 * k + axis).data.into_slice(),
+                pixel: seen.pixel.into(),
+            }));
         }
         Ok(out)
     }

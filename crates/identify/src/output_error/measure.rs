@@ -6,21 +6,17 @@ use super::row::{Row, pose_of, whitener};
 use crate::IdentifyError;
 use mavsight_flight::StateVector;
 use mavsight_geometry::attitude::right_jacobian;
-use mavsight_geometry::{Isometry3, Matrix3, Matrix6, Vector3};
-use mavsight_pose::{MotionSample, PoseEstimate, PoseSample};
+use mavsight_geometry::{Isometry3, Matrix3, Matrix6};
+use mavsight_pose::{PoseEstimate, PoseSample};
 use nalgebra::Vector6;
 
-/// What was measured of the motion at one instant. A part that was not measured is `None`.
+/// The pose that was measured at one instant, or none.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StateMeasurement {
     /// Middle of the exposure.
     pub t_ns: i64,
     /// Pose, and the covariance of position (world axes, m²) and of a small turn about body axes (rad²).
     pub pose: Option<(Isometry3<f64>, Matrix6<f64>)>,
-    /// Velocity in body axes, m/s, and its covariance.
-    pub velocity: Option<(Vector3<f64>, Matrix3<f64>)>,
-    /// p, q, r in rad/s, and their covariance.
-    pub rates: Option<(Vector3<f64>, Matrix3<f64>)>,
     /// Effect of systematic errors on the pose, in addition to that covariance: a column for each independent
     /// direction, one standard deviation along it, the same directions at all instants. Six rows of as many
     /// numbers as there are directions, whitened by the covariance; empty: none.
@@ -30,15 +26,17 @@ pub struct StateMeasurement {
 impl StateMeasurement {
     /// A pose with its covariance, all of it new at this instant.
     pub fn of_pose(t_ns: i64, pose: Isometry3<f64>, covariance: Matrix6<f64>) -> Self {
-        Self { t_ns, pose: Some((pose, covariance)), velocity: None, rates: None, systematic: Box::default() }
+        Self { t_ns, pose: Some((pose, covariance)), systematic: Box::default() }
     }
 
     /// The pose of a sample, all of its covariance as new; nothing where it holds none.
     pub fn from_pose(sample: &PoseSample) -> Self {
-        let nothing =
-            Self { t_ns: sample.t_ns, pose: None, velocity: None, rates: None, systematic: Box::default() };
         let pose = sample.estimate.as_ref().ok().map(|e| (e.world_from_body, e.covariance()));
-        Self { pose, ..nothing }
+        Self { t_ns: sample.t_ns, pose, systematic: Box::default() }
+    }
+
+    fn bad(&self) -> IdentifyError {
+        IdentifyError::BadMeasurement { t_s: self.t_ns as f64 * 1e-9, what: "pose" }
     }
 
     /// The poses of a flight; nothing where a sample holds none. Their systematic errors count as such where
@@ -60,37 +58,18 @@ impl StateMeasurement {
         };
         samples.clone().map(of).collect()
     }
-
-    /// Velocity and rates of a smoothed sample, and its pose.
-    ///
-    /// A smoother's errors are correlated over its time constant; the corrected standard deviations of the
-    /// fit allow for that, its Cramér-Rao bounds do not.
-    pub fn from_motion(sample: &MotionSample) -> Self {
-        let c = &sample.covariance;
-        Self {
-            t_ns: sample.t_ns,
-            pose: Some((sample.world_from_body, c.pose())),
-            velocity: Some((sample.velocity_in_body_m_s, c.quantity(2))),
-            rates: Some((sample.rates_rad_s, c.quantity(3))),
-            systematic: Box::default(),
-        }
-    }
 }
 
 /// The measurements of a flight.
 #[derive(Debug, Clone)]
 pub enum Measurements {
-    /// Poses, velocities or rates at increasing times, each with its covariance.
+    /// Poses at increasing times, each with its covariance.
     States(Vec<StateMeasurement>),
     /// Markers in images.
     Image(ImageMeasurements),
 }
 
-/// Coordinates of a pose.
-const POSE: usize = 6;
-
-const STATE_CHANNELS: [&str; 12] =
-    ["x", "y", "z", "turn_x", "turn_y", "turn_z", "u", "v", "w", "p", "q", "r"];
+const POSE_CHANNELS: [&str; SEEN] = ["x", "y", "z", "turn_x", "turn_y", "turn_z"];
 
 impl Measurements {
     pub(crate) fn times_s(&self) -> Vec<f64> {
@@ -102,14 +81,14 @@ impl Measurements {
 
     pub(crate) fn channels(&self) -> Vec<String> {
         match self {
-            Self::States(_) => STATE_CHANNELS.map(str::to_owned).to_vec(),
+            Self::States(_) => POSE_CHANNELS.map(str::to_owned).to_vec(),
             Self::Image(i) => i.channels(),
         }
     }
 
     pub(crate) fn nuisances(&self) -> usize {
         match self {
-            Self::States(s) => s.iter().map(|m| m.systematic.len() / POSE).max().unwrap_or(0),
+            Self::States(s) => s.iter().map(|m| m.systematic.len() / SEEN).max().unwrap_or(0),
             Self::Image(i) => i.nuisances(),
         }
     }
@@ -127,7 +106,7 @@ impl Measurements {
     /// Rows of one instant at a state.
     pub(crate) fn rows(&self, instant: usize, y: &StateVector) -> Result<Vec<Row<'_>>, IdentifyError> {
         match self {
-            Self::States(s) => state_rows(&s[instant], y),
+            Self::States(s) => pose_rows(&s[instant], y),
             Self::Image(i) => i.rows(instant, y),
         }
     }
@@ -142,55 +121,34 @@ impl Measurements {
         }
         let Self::States(samples) = self else { return Ok(()) };
         for s in samples {
-            let bad = |what| IdentifyError::BadMeasurement { t_s: s.t_ns as f64 * 1e-9, what };
-            let is_usable = |numbers: &[f64], whitens: bool| whitens && numbers.iter().all(|v| v.is_finite());
-            if let Some((pose, covariance)) = &s.pose
-                && !is_usable(&pose.to_homogeneous().as_slice()[..], whitener(covariance).is_some())
-            {
-                return Err(bad("pose"));
-            }
-            for (what, part) in [("velocity", &s.velocity), ("rates", &s.rates)] {
-                if let Some((value, covariance)) = part
-                    && !is_usable(value.as_slice(), whitener(covariance).is_some())
-                {
-                    return Err(bad(what));
-                }
+            if let Some((pose, covariance)) = &s.pose {
+                let is_finite = pose.to_homogeneous().iter().all(|v| v.is_finite());
+                whitener(covariance).filter(|_| is_finite).ok_or(s.bad())?;
             }
         }
         Ok(())
     }
 }
 
-fn state_rows<'a>(s: &'a StateMeasurement, y: &StateVector) -> Result<Vec<Row<'a>>, IdentifyError> {
-    let bad = |what| IdentifyError::BadMeasurement { t_s: s.t_ns as f64 * 1e-9, what };
-    let mut out = Vec::with_capacity(SEEN);
-    if let Some((measured, covariance)) = &s.pose {
-        let l = whitener(covariance).ok_or(bad("pose"))?;
-        let at = pose_of(y);
-        let turn = (at.rotation.inverse() * measured.rotation).scaled_axis();
-        let offset = measured.translation.vector - at.translation.vector;
-        let mut error = Vector6::zeros();
-        error.fixed_rows_mut::<3>(0).copy_from(&offset);
-        error.fixed_rows_mut::<3>(3).copy_from(&turn);
-        // log(exp(-δ) exp(e)) = e - J_l(e)⁻¹ δ, and J_l(e) = J_r(-e).
-        let by_turn = right_jacobian(&-turn).try_inverse().unwrap_or_else(Matrix3::identity);
-        let mut jacobian = Matrix6::identity();
-        jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&by_turn);
-        let (error, jacobian) = (l * error, l * jacobian);
-        let directions = s.systematic.len() / POSE;
-        for k in 0..POSE {
-            let row = Row::new(error[k], jacobian.fixed_rows::<1>(k).into_owned(), 0, k);
-            out.push(Row { directions: &s.systematic[k * directions..(k + 1) * directions], ..row });
-        }
-    }
-    for (what, part, first) in [("velocity", &s.velocity, POSE), ("rates", &s.rates, POSE + 3)] {
-        if let Some((measured, covariance)) = part {
-            let l = whitener(covariance).ok_or(bad(what))?;
-            let error = l * (measured - Vector3::new(y[first + 1], y[first + 2], y[first + 3]));
-            out.extend(
-                (0..3).map(|k| Row::new(error[k], l.fixed_rows::<1>(k).into_owned(), first, first + k)),
-            );
-        }
-    }
-    Ok(out)
+fn pose_rows<'a>(s: &'a StateMeasurement, y: &StateVector) -> Result<Vec<Row<'a>>, IdentifyError> {
+    let Some((measured, covariance)) = &s.pose else { return Ok(Vec::new()) };
+    let l = whitener(covariance).ok_or(s.bad())?;
+    let at = pose_of(y);
+    let turn = (at.rotation.inverse() * measured.rotation).scaled_axis();
+    let offset = measured.translation.vector - at.translation.vector;
+    let error = l * Vector6::new(offset.x, offset.y, offset.z, turn.x, turn.y, turn.z);
+    // log(exp(-δ) exp(e)) = e - J_l(e)⁻¹ δ, and J_l(e) = J_r(-e).
+    let by_turn = right_jacobian(&-turn).try_inverse().unwrap_or_else(Matrix3::identity);
+    let mut jacobian = Matrix6::identity();
+    jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&by_turn);
+    let by = (l * jacobian).transpose();
+    let directions = s.systematic.len() / SEEN;
+    let row = |k: usize| Row {
+        residual: error[k],
+        jacobian: by.column(k).into_owned(),
+        channel: k,
+        directions: &s.systematic[k * directions..(k + 1) * directions],
+        pixel: [0.0; 2],
+    };
+    Ok((0..SEEN).map(row).collect())
 }

@@ -30,7 +30,11 @@ impl ModelParameter {
 
     /// The parameter of a name.
     pub fn from_name(name: &str) -> Option<Self> {
-        Coefficient::ALL.into_iter().map(Self::Coefficient).chain([Self::InputLag]).find(|p| p.name() == name)
+        Self::all().find(|p| p.name() == name)
+    }
+
+    fn all() -> impl Iterator<Item = Self> {
+        Coefficient::ALL.into_iter().map(Self::Coefficient).chain([Self::InputLag])
     }
 }
 
@@ -103,13 +107,14 @@ impl FlightModel {
     /// Sets the value that a fit starts from, or holds where the parameter is fixed.
     ///
     /// # Errors
-    /// [`IdentifyError::UnknownParameter`], [`IdentifyError::ParameterOutOfRange`] for a number that is not
-    /// finite or a flapping time that is not positive.
+    /// [`IdentifyError::UnknownParameter`], [`IdentifyError::BadSetting`] for a number that is not finite
+    /// or a flapping time below 2 ms.
     pub fn with_value(mut self, name: &str, value: f64) -> Result<Self, IdentifyError> {
         let parameter = known(name)?;
         self.set(parameter, value);
         if !value.is_finite() || !self.is_physical() {
-            return Err(IdentifyError::ParameterOutOfRange { name: parameter.name(), value });
+            let must = "be a finite number, and a flapping time 2 ms or more";
+            return Err(IdentifyError::BadSetting { what: parameter.name(), value, must });
         }
         Ok(self)
     }
@@ -184,12 +189,7 @@ const MIN_FLAP_TIME_S: f64 = 2e-3;
 fn known(name: &str) -> Result<ModelParameter, IdentifyError> {
     ModelParameter::from_name(name).ok_or_else(|| IdentifyError::UnknownParameter {
         name: name.to_owned(),
-        known: Coefficient::ALL
-            .iter()
-            .map(|c| c.name())
-            .chain([ModelParameter::InputLag.name()])
-            .collect::<Vec<_>>()
-            .join(", "),
+        known: ModelParameter::all().map(ModelParameter::name).collect::<Vec<_>>().join(", "),
     })
 }
 

@@ -2,12 +2,13 @@
 
 use super::model::{FlightModel, ModelParameter};
 use mavsight_flight::{Coefficient, FLIGHT_STATES, InputSample, Linearisation, StateVector};
-use nalgebra::{DMatrix, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, Matrix3, Quaternion, UnitQuaternion, Vector3};
+use std::ops::Range;
 
 /// Degrees of freedom of a state: position (world), turn (body), velocity (body), rates, flapping.
 pub(crate) const TANGENT: usize = 16;
-/// Degrees of freedom that a measurement may see: the same without flapping.
-pub(crate) const SEEN: usize = 12;
+/// Degrees of freedom that a measurement sees: those of the pose.
+pub(crate) const SEEN: usize = 6;
 
 /// Steps per flapping time constant, at least: the error of a step is then (1/5)⁵/120 of the transient.
 const STEPS_PER_FLAP_TIME: f64 = 5.0;
@@ -40,171 +41,124 @@ impl Raster<'_> {
     /// `instants` are indices into the times of what lies in (from, to].
     pub(crate) fn steps(
         &self,
-        (from_s, to_s): (f64, f64),
+        from_s: f64,
+        to_s: f64,
         model: &FlightModel,
-        instants: std::ops::Range<usize>,
+        instants: Range<usize>,
     ) -> Vec<Step> {
-        let (inputs, times_s) = (self.inputs, self.times_s);
-        let lag_s = model.input_lag_s;
-        let time_s = |of| model.coefficients.get(of);
-        let tau_s = time_s(Coefficient::TauLower).min(time_s(Coefficient::TauFlybar));
-        let longest_s = self.longest_s.min(tau_s / STEPS_PER_FLAP_TIME);
+        let (inputs, lag_s) = (self.inputs, model.input_lag_s);
+        let [tau_l, tau_f] =
+            [Coefficient::TauLower, Coefficient::TauFlybar].map(|c| model.coefficients.get(c));
+        let longest_s = self.longest_s.min(tau_l.min(tau_f) / STEPS_PER_FLAP_TIME);
         let mut input = inputs.partition_point(|s| s.t_s + lag_s <= from_s + SAME_TIME_S).max(1) - 1;
-        let mut next_instant = instants.start;
+        let mut ahead = instants.peekable();
         let mut out = Vec::new();
         let mut now_s = from_s;
         while now_s < to_s - SAME_TIME_S {
             let change_s = inputs.get(input + 1).map_or(f64::INFINITY, |s| s.t_s + lag_s);
-            let instant_s = if next_instant < instants.end { times_s[next_instant] } else { f64::INFINITY };
+            let instant_s = ahead.peek().map_or(f64::INFINITY, |k| self.times_s[*k]);
             let end_s = change_s.min(instant_s).min(to_s);
             let count = ((end_s - now_s) / longest_s).ceil().max(1.0);
-            for _ in 0..count as usize {
-                out.push(Step { h_s: (end_s - now_s) / count, input, changes_to: None, instant: None });
-            }
-            if let Some(last) = out.last_mut() {
-                if (change_s - end_s).abs() < SAME_TIME_S {
-                    input += 1;
-                    last.changes_to = Some(input);
-                }
-                if (instant_s - end_s).abs() < SAME_TIME_S {
-                    last.instant = Some(next_instant);
-                    next_instant += 1;
-                }
-            }
+            let step = Step { h_s: (end_s - now_s) / count, input, changes_to: None, instant: None };
+            out.extend(std::iter::repeat_n(step, count as usize - 1));
+            let changes = (change_s - end_s).abs() < SAME_TIME_S;
+            input += usize::from(changes);
+            let is_instant = (instant_s - end_s).abs() < SAME_TIME_S;
+            out.push(Step {
+                changes_to: changes.then_some(input),
+                instant: ahead.next_if(|_| is_instant),
+                ..step
+            });
             now_s = end_s;
         }
         out
     }
 }
 
-/// A state and its derivative with respect to where it started (16 columns) and to the free parameters.
+/// A state and its derivative with respect to where it started (16) and to the free parameters.
 pub(crate) struct Propagator {
     pub(crate) y: StateVector,
-    columns: usize,
     free: Vec<ModelParameter>,
-    s: Vec<f64>,
-    stage: Vec<f64>,
-    rate: Vec<f64>,
-    sum: Vec<f64>,
+    /// A column for each state.
+    by: DMatrix<f64>,
 }
 
 /// Weights of the classical fourth-order method: node of the next stage, weight in the sum.
 const STAGES: [(f64, f64); 4] = [(0.5, 1.0 / 6.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 3.0), (0.0, 1.0 / 6.0)];
 
 impl Propagator {
-    pub(crate) fn new(free: &[ModelParameter]) -> Self {
-        let columns = TANGENT + free.len();
-        let zeros = || vec![0.0; FLIGHT_STATES * columns];
-        Self {
-            y: [0.0; FLIGHT_STATES],
-            columns,
-            free: free.to_vec(),
-            s: zeros(),
-            stage: zeros(),
-            rate: zeros(),
-            sum: zeros(),
-        }
-    }
-
-    /// Begins again at a state.
-    pub(crate) fn start(&mut self, y: &StateVector) {
-        self.y = *y;
-        self.s.fill(0.0);
-        let n = self.columns;
-        for k in 0..3 {
-            self.s[k * n + k] = 1.0;
-            self.s[(7 + k) * n + 6 + k] = 1.0;
-            self.s[(10 + k) * n + 9 + k] = 1.0;
-        }
-        for k in 0..4 {
-            self.s[(13 + k) * n + 12 + k] = 1.0;
-        }
+    /// At a state.
+    pub(crate) fn new(free: &[ModelParameter], y: &StateVector) -> Self {
+        let mut by = DMatrix::zeros(TANGENT + free.len(), FLIGHT_STATES);
+        (0..3).for_each(|k| by[(k, k)] = 1.0);
+        (6..TANGENT).for_each(|k| by[(k, k + 1)] = 1.0);
         let q = Quaternion::new(y[3], y[4], y[5], y[6]);
         for k in 0..3 {
             let d = q * Quaternion::from_imag(Vector3::ith(k, 0.5));
-            for (row, value) in [d.w, d.i, d.j, d.k].into_iter().enumerate() {
-                self.s[(3 + row) * n + 3 + k] = value;
-            }
+            by.fixed_view_mut::<1, 4>(3 + k, 3).copy_from_slice(&[d.w, d.i, d.j, d.k]);
         }
+        Self { y: *y, free: free.to_vec(), by }
     }
 
     /// One step: the classical Runge-Kutta method for the state, and its exact derivative.
     pub(crate) fn step(&mut self, model: &FlightModel, inputs: &[InputSample], step: &Step) {
         let input = &inputs[step.input];
         let (airframe, c) = (&model.airframe, &model.coefficients);
-        let mut y_stage = self.y;
-        let mut y_sum = self.y;
-        self.stage.copy_from_slice(&self.s);
-        self.sum.copy_from_slice(&self.s);
+        let (mut y_stage, mut y_sum) = (self.y, self.y);
+        let (mut stage, mut sum) = (self.by.clone(), self.by.clone());
+        let mut rate = DMatrix::zeros(stage.nrows(), FLIGHT_STATES);
         for (node, weight) in STAGES {
             let k = airframe.derivative(c, input, &y_stage);
-            self.variational(&airframe.linearise(c, input, &y_stage));
+            self.variational(&airframe.linearise(c, input, &y_stage), &stage, &mut rate);
             for i in 0..FLIGHT_STATES {
                 y_sum[i] += step.h_s * weight * k[i];
                 y_stage[i] = self.y[i] + step.h_s * node * k[i];
             }
-            axpy(&mut self.sum, step.h_s * weight, &self.rate);
-            if node > 0.0 {
-                self.stage.copy_from_slice(&self.s);
-                axpy(&mut self.stage, step.h_s * node, &self.rate);
-            }
+            sum.zip_apply(&rate, |sum, rate| *sum += step.h_s * weight * rate);
+            stage.copy_from(&self.by);
+            stage.zip_apply(&rate, |stage, rate| *stage += step.h_s * node * rate);
         }
-        self.y = y_sum;
-        std::mem::swap(&mut self.s, &mut self.sum);
-        if let (Some(next), Some(lag)) =
-            (step.changes_to, self.free.iter().position(|p| *p == ModelParameter::InputLag))
-        {
+        (self.y, self.by) = (y_sum, sum);
+        let lag = self.free.iter().position(|p| *p == ModelParameter::InputLag);
+        if let (Some(next), Some(lag)) = (step.changes_to, lag) {
             // A later change leaves the old rates for longer in place of the new.
-            let (old, new) =
-                (airframe.derivative(c, input, &self.y), airframe.derivative(c, &inputs[next], &self.y));
+            let [old, new] = [input, &inputs[next]].map(|input| airframe.derivative(c, input, &self.y));
             for i in 0..FLIGHT_STATES {
-                self.s[i * self.columns + TANGENT + lag] += old[i] - new[i];
+                self.by[(TANGENT + lag, i)] += old[i] - new[i];
             }
         }
     }
 
     /// rate = A stage + B.
-    fn variational(&mut self, linear: &Linearisation) {
-        let n = self.columns;
-        for i in 0..FLIGHT_STATES {
-            let row = &mut self.rate[i * n..(i + 1) * n];
-            row.fill(0.0);
+    fn variational(&self, linear: &Linearisation, stage: &DMatrix<f64>, rate: &mut DMatrix<f64>) {
+        for (i, mut out) in rate.column_iter_mut().enumerate() {
+            out.fill(0.0);
             for (position, parameter) in self.free.iter().enumerate() {
                 if let ModelParameter::Coefficient(which) = parameter {
-                    row[TANGENT + position] = linear.by_coefficient[i][*which as usize];
+                    out[TANGENT + position] = linear.by_coefficient[i][*which as usize];
                 }
             }
             for &j in Linearisation::COLUMNS[i] {
-                axpy(row, linear.by_state[i][j], &self.stage[j * n..(j + 1) * n]);
+                out.axpy(linear.by_state[i][j], &stage.column(j), 1.0);
             }
         }
     }
 
     /// Derivative of the state's degrees of freedom, a column each, by the start's and the free parameters.
     pub(crate) fn tangent(&self) -> DMatrix<f64> {
-        let n = self.columns;
-        let mut out = DMatrix::zeros(n, TANGENT);
-        out.columns_mut(0, 3).copy_from_slice(&self.s[..3 * n]);
-        out.columns_mut(6, 10).copy_from_slice(&self.s[7 * n..]);
+        let mut out = DMatrix::zeros(self.by.nrows(), TANGENT);
+        out.columns_mut(0, 3).copy_from(&self.by.columns(0, 3));
+        out.columns_mut(6, 10).copy_from(&self.by.columns(7, 10));
         let (w, u) = (self.y[3], Vector3::new(self.y[4], self.y[5], self.y[6]));
-        let scale = 2.0 / (w * w + u.norm_squared());
-        for k in 0..n {
-            let d = Vector3::new(self.s[4 * n + k], self.s[5 * n + k], self.s[6 * n + k]);
-            let turn = (d * w - u * self.s[3 * n + k] - u.cross(&d)) * scale;
-            out.fixed_view_mut::<1, 3>(k, 3).copy_from(&turn.transpose());
-        }
+        let by_imaginary = Matrix3::identity() * w + u.cross_matrix();
+        let turn = self.by.column(3) * -u.transpose() + self.by.columns(4, 3) * by_imaginary;
+        out.columns_mut(3, 3).copy_from(&(turn * (2.0 / (w * w + u.norm_squared()))));
         out
     }
 
     /// Whether nothing has run away.
     pub(crate) fn is_finite(&self) -> bool {
-        self.y.iter().chain(&self.s).all(|v| v.is_finite())
-    }
-}
-
-fn axpy(out: &mut [f64], factor: f64, x: &[f64]) {
-    for (o, v) in out.iter_mut().zip(x) {
-        *o += factor * v;
+        self.y.iter().chain(&self.by).all(|v| v.is_finite())
     }
 }
 

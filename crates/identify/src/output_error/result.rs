@@ -2,8 +2,6 @@
 
 use super::model::ModelParameter;
 use crate::Agreement;
-use mavsight_flight::FlapState;
-use mavsight_geometry::{Isometry3, Vector3};
 use nalgebra::DMatrix;
 
 /// One estimate.
@@ -28,36 +26,6 @@ pub struct FittedParameter {
     /// effect of one hundredth of the weight (over the rotor's radius; per m/s, per 10 rad/s), whichever is
     /// the largest.
     pub identifiable: bool,
-}
-
-/// Residuals of one channel.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ChannelResiduals {
-    /// `x`, `turn_y`, `camera 0 red u` ...
-    pub name: String,
-    /// How many.
-    pub count: usize,
-    /// Mean of the whitened residuals: predictions one instant ahead where errors are correlated.
-    pub mean: f64,
-    /// Root mean square of them: 1 where they are as large as weighed.
-    pub rms: f64,
-    /// Correlation of neighbours.
-    pub autocorrelation: f64,
-}
-
-/// The fitted motion at one instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FittedState {
-    /// Time.
-    pub t_s: f64,
-    /// Pose.
-    pub world_from_body: Isometry3<f64>,
-    /// u, v, w.
-    pub velocity_in_body_m_s: Vector3<f64>,
-    /// p, q, r.
-    pub rates_rad_s: Vector3<f64>,
-    /// Flapping.
-    pub flap: FlapState,
 }
 
 /// Correlated errors of the measurements: part of each channel's variance has the autocorrelation
@@ -95,12 +63,8 @@ pub struct OutputErrorFit {
     pub parameters: Vec<FittedParameter>,
     /// Their covariance, corrected where residuals are still correlated.
     pub covariance: DMatrix<f64>,
-    /// Their correlation.
-    pub correlation: DMatrix<f64>,
-    /// Residuals by channel.
-    pub residuals: Vec<ChannelResiduals>,
-    /// Each channel with the factor by which its given variances were multiplied; see
-    /// [`ChannelResiduals::name`].
+    /// Each channel (`x`, `turn_y`, `camera 0 red u` ...) with the factor by which its given variances were
+    /// multiplied.
     pub variance_factors: Vec<(String, f64)>,
     /// Correlated errors of the measurements; none where residuals are white.
     pub systematic: Option<SystematicErrors>,
@@ -110,18 +74,6 @@ pub struct OutputErrorFit {
     pub reduced_chi_square: f64,
     /// Steps taken.
     pub iterations: usize,
-    /// Whether the last step promised nothing more. A fit that has not converged is refused, so this is
-    /// always true.
-    pub converged: bool,
-    /// Where the flight began.
-    pub initial_state: FittedState,
-    /// Covariance of that: position (world), turn (body), velocity (body), rates, alpha_l, beta_l, alpha_f,
-    /// beta_f.
-    pub initial_covariance: DMatrix<f64>,
-    /// Motion at the times of measurement, from the first with a pose.
-    pub trajectory: Vec<FittedState>,
-    /// Nuisances in units of their prior standard deviation.
-    pub nuisances: Vec<f64>,
     /// Largest distance between the end of one segment and the start of the next, m.
     pub largest_gap_m: f64,
     /// How it predicts what was held out of the fit.

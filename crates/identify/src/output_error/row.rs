@@ -3,7 +3,7 @@
 use super::propagate::{SEEN, attitude};
 use mavsight_flight::StateVector;
 use mavsight_geometry::{Isometry3, Vector3, world_from_level};
-use nalgebra::{RowSVector, SMatrix, SVector};
+use nalgebra::{SMatrix, SVector};
 
 /// One whitened coordinate: residual, its derivative by the seen part of the state, and where it belongs.
 #[derive(Debug, Clone, Copy)]
@@ -16,21 +16,6 @@ pub(crate) struct Row<'a> {
     pub(crate) directions: &'a [f64],
     /// Where it is predicted in the image; the origin for what is no image.
     pub(crate) pixel: [f64; 2],
-}
-
-impl Row<'_> {
-    /// A coordinate of no image that no nuisance moves; `by` is its derivative by degrees of freedom of the
-    /// state from the `first` on.
-    pub(crate) fn new<const N: usize>(
-        residual: f64,
-        by: RowSVector<f64, N>,
-        first: usize,
-        channel: usize,
-    ) -> Self {
-        let mut jacobian = SVector::<f64, SEEN>::zeros();
-        jacobian.fixed_rows_mut::<N>(first).copy_from(&by.transpose());
-        Self { residual, jacobian, channel, directions: &[], pixel: [0.0; 2] }
-    }
 }
 
 /// L⁻¹ with L Lᵀ the covariance; none where it is not positive definite.

@@ -122,13 +122,12 @@ impl Shooting<'_> {
         let (from, to) = (self.bounds[segment], self.bounds[segment + 1] - usize::from(last));
         // The instant at which the next segment starts belongs to that.
         let raster = Raster { inputs: self.inputs, times_s: &self.times_s, longest_s: self.longest_step_s };
-        raster.steps((self.times_s[from], self.times_s[to]), model, from + 1..to + usize::from(last))
+        raster.steps(self.times_s[from], self.times_s[to], model, from + 1..to + usize::from(last))
     }
 
     /// Flies all segments.
     pub(crate) fn evaluate(&self, point: &Point) -> Result<Evaluation, IdentifyError> {
         let n = TANGENT + point.model.free().len() + point.nuisances.len() + 1;
-        let mut flyer = Propagator::new(point.model.free());
         let mut out = Evaluation {
             segments: Vec::with_capacity(point.starts.len()),
             prior: self.prior(point),
@@ -137,7 +136,7 @@ impl Shooting<'_> {
         };
         for (s, start) in point.starts.iter().enumerate() {
             let mut rows = Vec::new();
-            flyer.start(start);
+            let mut flyer = Propagator::new(point.model.free(), start);
             self.see(&flyer, self.bounds[s], point, &mut rows, &mut out)?;
             for step in self.steps(&point.model, s) {
                 flyer.step(&point.model, self.inputs, &step);

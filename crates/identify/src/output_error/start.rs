@@ -1,7 +1,6 @@
 //! States to start from, drawn out of the poses by local polynomials.
 
 use super::fitter::{Begin, Recorded};
-use super::measure::Measurements;
 use super::model::{FlightModel, ModelParameter};
 use crate::IdentifyError;
 use mavsight_flight::flapping::{Between, first_order_response, interpolate};
@@ -37,10 +36,6 @@ pub(crate) fn begin(
     let Recorded { inputs, measurements } = recorded;
     let times_s = measurements.times_s();
     let poses = measurements.poses();
-    let poses = match measurements {
-        Measurements::States(samples) if poses.is_empty() => super::dead_reckoning::poses(samples),
-        _ => poses,
-    };
     if poses.len() < 4 {
         return Err(IdentifyError::NoStart { known: poses.len() });
     }

@@ -6,7 +6,7 @@
 
 mod circle;
 
-use mavsight_link::{Body, LinkOptions, open};
+use mavsight_link::{Body, LiveSection, open};
 use std::error::Error;
 use std::time::{Duration, Instant};
 
@@ -17,7 +17,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let rate_hz: f64 = rest.first().map_or(Ok(60.0), |text| text.parse())?;
     let seconds: f64 = seconds.parse()?;
-    let options: LinkOptions = toml::from_str(&std::fs::read_to_string(file)?)?;
+    let options: LiveSection = toml::from_str(&std::fs::read_to_string(file)?)?;
     let mut outlets = open(&options, &Body::new("circle", circle::markers()))?;
     println!("{} outlets are open", outlets.len());
     for outlet in &mut outlets {

@@ -2,12 +2,30 @@
 
 use super::flat::{Flat, buffer};
 
+/// A type: its member of Arrow's union, its fields by their number, and the bytes of a value.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) struct Type(i64, &'static [(u16, i64)], usize);
+
+impl Type {
+    pub(super) const F32: Self = Self(3, &[(0, 1)], 4);
+    pub(super) const F64: Self = Self(3, &[(0, 2)], 8);
+    pub(super) const BYTE: Self = Self(2, &[(0, 8), (1, 0)], 1);
+    pub(super) const WORD: Self = Self(2, &[(0, 32), (1, 0)], 4);
+    /// Nanoseconds of the UNIX epoch.
+    pub(super) const TIMESTAMP: Self = Self(10, &[(0, 3)], 8);
+    /// Nanoseconds.
+    pub(super) const DURATION: Self = Self(18, &[(0, 3)], 8);
+    pub(super) const ID: Self = Self(15, &[(0, 16)], 16);
+    const TEXT: Self = Self(5, &[], 1);
+    const LIST: Self = Self(12, &[], 4);
+    /// Lists of three and of four.
+    const THREE: Self = Self(16, &[(0, 3)], 0);
+    const FOUR: Self = Self(16, &[(0, 4)], 0);
+}
+
 /// Values of a column, none of them missing.
 pub(super) struct Array {
-    /// Member of Arrow's union of types.
-    kind: i64,
-    /// Fields of that type by their number.
-    fields: Vec<(u16, i64)>,
+    of: Type,
     len: usize,
     /// The values, in little-endian bytes.
     buffers: Vec<Vec<u8>>,
@@ -26,76 +44,41 @@ const V5: i64 = 4;
 /// Members of Arrow's union of messages.
 const SCHEMA: i64 = 1;
 const RECORD_BATCH: i64 = 3;
-/// Members of its union of types that are treated in a way of their own.
-const BINARY: i64 = 15;
-const FIXED_LIST: i64 = 16;
 
 impl Array {
-    fn plain<T: Copy, const N: usize>(
-        kind: i64,
-        fields: &[(u16, i64)],
-        values: &[T],
-        bytes: fn(T) -> [u8; N],
-    ) -> Self {
-        let buffer = values.iter().flat_map(|v| bytes(*v)).collect();
-        Self { kind, fields: fields.into(), len: values.len(), buffers: vec![buffer], items: None }
+    /// Values of one width, by their bytes.
+    pub(super) fn plain(of: Type, bytes: impl Iterator<Item = u8>) -> Self {
+        let buffer: Vec<u8> = bytes.collect();
+        Self { of, len: buffer.len() / of.2, buffers: vec![buffer], items: None }
     }
 
-    pub(super) fn f32(values: &[f32]) -> Self {
-        Self::plain(3, &[(0, 1)], values, f32::to_le_bytes)
-    }
-
-    pub(super) fn f64(values: &[f64]) -> Self {
-        Self::plain(3, &[(0, 2)], values, f64::to_le_bytes)
-    }
-
-    pub(super) fn bytes(values: &[u8]) -> Self {
-        Self::plain(2, &[(0, 8), (1, 0)], values, u8::to_le_bytes)
-    }
-
-    pub(super) fn words(values: &[u32]) -> Self {
-        Self::plain(2, &[(0, 32), (1, 0)], values, u32::to_le_bytes)
-    }
-
-    /// Nanoseconds of the UNIX epoch.
-    pub(super) fn timestamps(ns: &[i64]) -> Self {
-        Self::plain(10, &[(0, 3)], ns, i64::to_le_bytes)
-    }
-
-    /// Nanoseconds.
-    pub(super) fn durations(ns: &[i64]) -> Self {
-        Self::plain(18, &[(0, 3)], ns, i64::to_le_bytes)
-    }
-
-    pub(super) fn ids(ids: &[u128]) -> Self {
-        Self::plain(BINARY, &[(0, 16)], ids, u128::to_be_bytes)
-    }
-
-    pub(super) fn texts(texts: &[String]) -> Self {
-        let buffers = vec![ends(texts.iter().map(String::len)), texts.concat().into_bytes()];
-        Self { kind: 5, fields: Vec::new(), len: texts.len(), buffers, items: None }
+    pub(super) fn texts<'a>(texts: impl Iterator<Item = &'a str> + Clone) -> Self {
+        let (ends, bytes) = (ends(texts.clone().map(str::len)), texts.flat_map(str::bytes));
+        Self { of: Type::TEXT, len: ends.len() / 4 - 1, buffers: vec![ends, bytes.collect()], items: None }
     }
 
     /// One list for each row.
-    pub(super) fn lists(rows: &[usize], items: Self) -> Self {
-        let buffers = vec![ends(rows.iter().copied())];
-        Self { kind: 12, fields: Vec::new(), len: rows.len(), buffers, items: Some(Box::new(items)) }
+    pub(super) fn lists(rows: impl IntoIterator<Item = usize>, items: Self) -> Self {
+        let ends = ends(rows.into_iter());
+        Self { of: Type::LIST, len: ends.len() / 4 - 1, buffers: vec![ends], items: Some(Box::new(items)) }
     }
 
-    /// Lists of so many items each.
-    pub(super) fn fixed(count: usize, items: Self) -> Self {
-        let (fields, len) = (vec![(0, count as i64)], items.len / count.max(1));
-        Self { kind: FIXED_LIST, fields, len, buffers: Vec::new(), items: Some(Box::new(items)) }
+    pub(super) fn threes(items: Self) -> Self {
+        Self { of: Type::THREE, len: items.len / 3, buffers: Vec::new(), items: Some(Box::new(items)) }
+    }
+
+    pub(super) fn fours(items: Self) -> Self {
+        Self { of: Type::FOUR, len: items.len / 4, buffers: Vec::new(), items: Some(Box::new(items)) }
     }
 
     /// Items of a fixed number are never missing, by Rerun's types.
     fn field(&self, name: &str, nullable: bool, about: &[(&'static str, String)]) -> Flat {
-        let item = |items: &Box<Self>| items.field("item", self.kind != FIXED_LIST, &[]);
-        let fields = self.fields.iter().map(|(slot, n)| (*slot, Flat::Number(*n)));
+        let item = |items: &Box<Self>| items.field("item", self.of == Type::LIST, &[]);
+        let fields = self.of.1.iter().map(|(slot, n)| (*slot, Flat::Number(*n)));
         Flat::Table(vec![
             (0, Flat::Text(name.to_owned())),
             (1, Flat::Number(i64::from(nullable))),
-            (2, Flat::Number(self.kind)),
+            (2, Flat::Number(self.of.0)),
             (3, Flat::Table(fields.collect())),
             (5, Flat::List(self.items.iter().map(item).collect())),
             (6, pairs(about)),
@@ -143,7 +126,7 @@ impl Body {
 
 /// The stream of one record batch.
 pub(super) fn stream(columns: &[Column], about: &[(&'static str, String)]) -> Vec<u8> {
-    let fields = columns.iter().map(|c| c.array.field(&c.name, c.array.kind != BINARY, &c.about));
+    let fields = columns.iter().map(|c| c.array.field(&c.name, c.array.of != Type::ID, &c.about));
     let schema = Flat::Table(vec![(1, Flat::List(fields.collect())), (2, pairs(about))]);
     let mut body = Body::default();
     columns.iter().for_each(|c| c.array.put(&mut body));

@@ -1,7 +1,7 @@
 //! Rerun's file: a header, then messages of `rerun.log_msg.v1alpha1` (Protocol Buffers), each with its kind
 //! and length before it.
 
-use super::arrow::{Array, Column, stream};
+use super::arrow::{Array, Column, Type, stream};
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::Path;
@@ -91,10 +91,7 @@ impl RrdFile {
     pub(super) fn chunk(&mut self, entity: &str, rows: usize, columns: Vec<Column>) -> io::Result<()> {
         let is_index = |c: &Column| c.about.iter().any(|(key, _)| *key == "rerun:index_name");
         let is_static = !columns.iter().any(is_index);
-        let row_ids: Vec<u128> = (0..rows)
-            .map(|_| self.id())
-            .map(|[time, count]| u128::from(time) << 64 | u128::from(count))
-            .collect();
+        let row_ids: Vec<u8> = (0..rows).flat_map(|_| self.id().map(u64::to_be_bytes).concat()).collect();
         let rows = Column {
             name: "rerun.controls.RowId".into(),
             about: vec![
@@ -103,7 +100,7 @@ impl RrdFile {
                 ("rerun:is_sorted", "true".into()),
                 ("rerun:kind", "control".into()),
             ],
-            array: Array::ids(&row_ids),
+            array: Array::plain(Type::ID, row_ids.into_iter()),
         };
         let id = self.id();
         let about = [

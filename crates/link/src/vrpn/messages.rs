@@ -93,76 +93,60 @@ pub(super) fn called_port(call: &[u8]) -> Option<u16> {
     port.filter(|_| words.next().is_none())
 }
 
-/// What a client has sent, and what of it has been read.
+/// What a client asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Ask {
+    /// By its cookie: what numbers this side gives.
+    Greeting,
+    /// Whether this side is there.
+    Pong,
+}
+
+/// What a client has sent and has not been read.
 #[derive(Default)]
 pub(super) struct Inbox {
     bytes: Vec<u8>,
-    /// So many of them have been read.
-    read: usize,
     /// The client's own number for pings.
     ping: Option<i32>,
-    welcome: bool,
-}
-
-/// What is next in an inbox.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Read {
-    /// Nothing whole.
-    Nothing,
-    /// Something that no client says.
-    Noise,
-    /// The cookie.
-    Cookie,
-    /// It asks whether this side is there.
-    Ping,
+    /// Whether its cookie has come.
+    pub(super) is_welcome: bool,
 }
 
 impl Inbox {
-    /// Takes bytes in. False: more than any client says at once.
-    pub(super) fn take(&mut self, bytes: &[u8]) -> bool {
-        self.bytes.drain(..self.read);
-        self.read = 0;
+    /// Takes bytes in; what they ask for, or none where no client says such.
+    pub(super) fn take(&mut self, bytes: &[u8]) -> Option<Vec<Ask>> {
         self.bytes.extend_from_slice(bytes);
-        self.bytes.len() <= 2 * LONGEST
-    }
-
-    /// The next message that asks for an answer; others are passed over.
-    pub(super) fn next(&mut self) -> Read {
-        if !self.welcome {
-            return self.cookie();
+        let mut asks = Vec::new();
+        if !self.is_welcome {
+            let so_far = self.bytes.len().min(COOKIE_FAMILY.len());
+            if self.bytes[..so_far] != COOKIE_FAMILY[..so_far] {
+                return None;
+            }
+            if self.bytes.len() < COOKIE.len() {
+                return Some(asks);
+            }
+            self.bytes.drain(..COOKIE.len());
+            self.is_welcome = true;
+            asks.push(Ask::Greeting);
         }
-        while let Some((head, rest)) = self.bytes.get(self.read..).and_then(|b| b.split_at_checked(HEADER)) {
+        let mut read = 0;
+        while let Some((head, rest)) = self.bytes[read..].split_at_checked(HEADER) {
             let word = |at: usize| i32::from_be_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
             let (kind, number) = (word(16), word(12));
-            let Some(length) = usize::try_from(word(0)).ok().filter(|l| (HEADER..=LONGEST).contains(l))
-            else {
-                return Read::Noise;
-            };
+            let length = usize::try_from(word(0)).ok().filter(|l| (HEADER..=LONGEST).contains(l))?;
             let padded = length.next_multiple_of(ALIGN);
-            let Some(payload) = rest.get(..padded - HEADER) else { return Read::Nothing };
+            let Some(payload) = rest.get(..padded - HEADER) else { break };
             if kind == TYPE_DESCRIPTION
                 && payload.get(4..).is_some_and(|name| name.starts_with(b"vrpn_Base ping_message\0"))
             {
                 self.ping = Some(number);
             }
-            self.read += padded;
             if self.ping == Some(kind) {
-                return Read::Ping;
+                asks.push(Ask::Pong);
             }
+            read += padded;
         }
-        Read::Nothing
-    }
-
-    fn cookie(&mut self) -> Read {
-        let so_far = self.bytes.len().min(COOKIE_FAMILY.len());
-        if self.bytes[..so_far] != COOKIE_FAMILY[..so_far] {
-            return Read::Noise;
-        }
-        if self.bytes.len() < COOKIE.len() {
-            return Read::Nothing;
-        }
-        self.read = COOKIE.len();
-        self.welcome = true;
-        Read::Cookie
+        self.bytes.drain(..read);
+        Some(asks)
     }
 }

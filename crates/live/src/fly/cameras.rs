@@ -52,7 +52,7 @@ impl Flight<'_> {
     pub(super) fn check_cameras(&mut self) {
         let now_ns = self.setup.clock.now_ns();
         if self.first_ns.is_some_and(|first_ns| now_ns - first_ns > BEGIN_NS) {
-            self.begin();
+            self.pipeline.begin();
         }
         for camera in 0..self.status.len() {
             let status = &mut self.status[camera];

@@ -1,9 +1,9 @@
 //! Reports of a flight to its listeners.
 
 use super::Flight;
-use crate::events;
 use crate::parameters::Parameters;
 use crate::setup::Pace;
+use crate::{Latencies, events};
 use mavsight_link::{Event, Fix, Tracking};
 
 /// Time between two reports of rates and latencies.
@@ -12,7 +12,6 @@ const REPORT_NS: i64 = 1_000_000_000;
 impl Flight<'_> {
     pub(super) fn report_instants(&mut self) {
         let recorder = self.setup.recorder.current();
-        let wants_events = !self.setup.listeners.is_empty() || recorder.is_some();
         while let Some(instant) = self.pipeline.next_instant() {
             let sample = &instant.association.sample;
             for moved in &instant.moved[self.moved..] {
@@ -45,16 +44,14 @@ impl Flight<'_> {
             if let Some(parameters) = &self.parameters {
                 parameters.push(sample);
             }
-            if wants_events {
-                let pose =
-                    events::pose(&fix, instant.t_ns, tracking, latency_ns, sample.estimate.as_ref().err());
-                if let Some(recorder) = &recorder {
-                    recorder.sent(&pose);
-                }
-                self.setup.listeners.event(pose);
-                let detections = events::detections(&instant, self.setup.rig, self.setup.vehicle);
-                detections.for_each(|e| self.setup.listeners.event(e));
+            let error = sample.estimate.as_ref().err();
+            let pose = events::pose(&fix, instant.t_ns, tracking, latency_ns, error);
+            if let Some(recorder) = &recorder {
+                recorder.sent(&pose);
             }
+            self.setup.listeners.event(pose);
+            let detections = events::detections(&instant, self.setup.rig, self.setup.vehicle);
+            detections.for_each(|e| self.setup.listeners.event(e));
         }
     }
 
@@ -87,7 +84,7 @@ impl Flight<'_> {
             let status = &mut self.status[camera];
             (status.frames, status.instants) = (0, 0);
             status.markers.fill(0);
-            status.latency.clear();
+            status.latency = Latencies::default();
         }
         self.reported_ns = Some(now_ns);
         self.setup.listeners.event(self.setup.recorder.event());

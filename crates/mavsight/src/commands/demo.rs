@@ -5,10 +5,10 @@ use super::run::{finish, scores_of};
 use crate::cli::Demo;
 use crate::lab::{self, StagedFilm};
 use crate::progress::Bars;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use mavsight_engine::{Flight, TrackedFlight, solve};
 use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
-use mavsight_geometry::{ImageSize, Vector3};
+use mavsight_geometry::Vector3;
 use mavsight_pipeline::{
     CameraFeed, ControlPointRow, ControlStill, IdentifyOptions, PipelineError, Progress, TimedFrame, Tracked,
     calibrate_from_stills,
@@ -49,11 +49,9 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     let cameras = lab::cameras();
     let staging = &scenario.staging;
     let (room, aircraft) = (lab::room(staging), lab::aircraft(&vehicle));
-    let filmed = |(k, camera)| lab::staged_film(&room, camera, k, args.seed, staging);
-    let films: Vec<StagedFilm<'_>> = cameras.iter().enumerate().map(filmed).collect();
+    let films = lab::staged_films(&room, &cameras, args.seed, staging);
     let interval_s = 1.0 / scenario.frame_rate_hz;
-    let filmed =
-        FilmedFlight { cameras: &cameras, films: &films, aircraft: &aircraft, truth: &truth, interval_s };
+    let filmed = FilmedFlight { films: &films, aircraft: &aircraft, truth: &truth, interval_s };
     let control = lab::control_points();
     let (rig, tracked) = filmed.track(&control, &control, &vehicle, &bars)?;
     let flight = Flight {
@@ -80,12 +78,11 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     write_inputs(&args.out.join("inputs.csv"), &inputs)?;
     write_truth(&args.out.join("truth.csv"), &truth)?;
     write_control_points(&args.out.join("control_points.csv"), &lab::control_points())?;
-    let frames = cameras
-        .iter()
-        .zip(&films)
-        .filter_map(|(c, film)| Some((c, film, truth.first()?)))
-        .map(|(c, film, row)| frame_of(c.camera.size, film.frame(0, &aircraft, row, interval_s)))
-        .collect::<Result<Vec<_>>>()?;
+    let mut frames = Vec::new();
+    for film in films.iter().filter(|_| !truth.is_empty()) {
+        let rgb = film.frame(0, &aircraft, &truth[0], interval_s);
+        frames.push(Frame::from_rgb(film.camera.camera.size, rgb)?);
+    }
     let report =
         FlightReport { vehicle: &vehicle, inputs: Some(&inputs), truth: Some(&truth), frames: &frames };
     finish(&mut results, Some(&scores), &report, &args.out)
@@ -93,7 +90,6 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
 
 /// A flight filmed in the virtual room.
 pub(super) struct FilmedFlight<'a> {
-    pub(super) cameras: &'a [VirtualCamera],
     pub(super) films: &'a [StagedFilm<'a>],
     pub(super) aircraft: &'a Aircraft,
     pub(super) truth: &'a [FlightState],
@@ -111,42 +107,33 @@ impl FilmedFlight<'_> {
     ) -> Result<(Rig, Tracked)> {
         progress.begin(mavsight_pipeline::Stage::Calibrate, None);
         let control = lab::control_frame(as_built);
-        let stills = control_stills(self.cameras, |k| self.films[k].still(Some(&control)))?;
+        let still = |film: &StagedFilm<'_>| control_still(&film.camera, film.still(Some(&control)));
+        let stills = self.films.iter().map(still).collect::<Result<Vec<_>>>()?;
         let rig = calibrate_from_stills(&stills, table, &[])?;
-        let feeds = (0..self.cameras.len()).map(|k| self.feed(k)).collect();
+        let feeds = self.films.iter().map(|film| self.feed(film)).collect();
         let tracked = mavsight_pipeline::track(feeds, &rig, vehicle, progress)?;
         Ok((rig, tracked))
     }
 
     /// A virtual camera as a source of frames.
-    fn feed(&self, k: usize) -> CameraFeed<'_> {
-        let camera = &self.cameras[k];
+    fn feed<'b>(&'b self, film: &'b StagedFilm<'b>) -> CameraFeed<'b> {
+        let VirtualCamera { name, camera, .. } = &film.camera;
         let frames = self.truth.iter().enumerate().map(move |(n, row)| {
-            let rgb = self.films[k].frame(n, self.aircraft, row, self.interval_s);
-            let frame = Frame::from_rgb(camera.camera.size, rgb)
-                .map_err(|e| PipelineError::Source { camera: camera.name.clone(), source: Box::new(e) })?;
+            let rgb = film.frame(n, self.aircraft, row, self.interval_s);
+            let frame = Frame::from_rgb(camera.size, rgb)
+                .map_err(|e| PipelineError::Source { camera: name.clone(), source: Box::new(e) })?;
             Ok(TimedFrame { t_ns: ns_from_s(row.t_s), frame })
         });
-        CameraFeed::new(camera.name.clone(), Some(self.truth.len()), Box::new(frames))
+        CameraFeed::new(name.clone(), Some(self.truth.len()), Box::new(frames))
     }
 }
 
-/// The control frame as each camera sees it.
-pub(super) fn control_stills(
-    cameras: &[VirtualCamera],
-    still: impl Fn(usize) -> Vec<u8>,
-) -> Result<Vec<ControlStill>> {
-    let of = |(k, c): (usize, &VirtualCamera)| {
-        Ok(ControlStill { camera: c.name.clone(), frame: frame_of(c.camera.size, still(k))? })
-    };
-    cameras.iter().enumerate().map(of).collect()
+/// The control frame as a camera sees it.
+pub(super) fn control_still(camera: &VirtualCamera, rgb: Vec<u8>) -> Result<ControlStill> {
+    Ok(ControlStill { camera: camera.name.clone(), frame: Frame::from_rgb(camera.camera.size, rgb)? })
 }
 
 /// Places and radii of a vehicle's markers.
 pub(super) fn markers_of(vehicle: &Vehicle) -> Vec<(Vector3<f64>, f64)> {
     vehicle.marker.iter().map(|m| (m.position_m.into(), m.diameter_m / 2.0)).collect()
-}
-
-fn frame_of(size: ImageSize, rgb: Vec<u8>) -> Result<Frame> {
-    Frame::from_rgb(size, rgb).context("a filmed frame has the size of its camera")
 }

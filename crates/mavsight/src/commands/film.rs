@@ -12,8 +12,8 @@ use mavsight_scene::Aircraft;
 use mavsight_score::{VISIBILITY, VirtualCamera, read_truth, write_visibility};
 use mavsight_session::{
     ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, load_vehicle, make_folder,
-    read_toml, tables::read_control_points, tables::read_inputs, write_control_points, write_inputs,
-    write_png, write_toml,
+    read_toml, tables::read_control_points, tables::read_inputs, write_control_points, write_png, write_toml,
+    write_whole,
 };
 use mavsight_simulator::{FlightState, Scenario, Staging};
 use mavsight_vision::Frame;
@@ -126,7 +126,7 @@ struct Set<'a> {
 pub(crate) fn film(args: &Film) -> Result<()> {
     let vehicle = named(load_vehicle(&args.flight.join("vehicle.toml")))?;
     let truth = named(read_truth(&args.flight.join("truth.csv")))?;
-    let inputs = named(read_inputs(&args.flight.join("inputs.csv")))?;
+    named(read_inputs(&args.flight.join("inputs.csv")))?;
     let interval_s = match truth.as_slice() {
         [a, b, ..] => b.t_s - a.t_s,
         _ => 1.0 / Scenario::paper().frame_rate_hz,
@@ -157,7 +157,13 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         let names: Vec<String> = cameras.iter().map(|c| c.name.clone()).collect();
         write_visibility(&args.out.join(VISIBILITY), &truth, &names, &vehicle, &visible)?;
     }
-    write_flight_files(args, &vehicle, &inputs, &control)?;
+    write_control_points(&args.out.join("control_points.csv"), &control)?;
+    if args.flight.canonicalize().ok() != args.out.canonicalize().ok() {
+        for name in ["vehicle.toml", "inputs.csv", "truth.csv"] {
+            let content = std::fs::read(args.flight.join(name)).context(name)?;
+            write_whole(&args.out.join(name), &content)?;
+        }
+    }
     let session = SessionFile {
         schema: SESSION_SCHEMA,
         name: "virtual-flight".to_owned(),
@@ -239,23 +245,6 @@ fn one_camera(
         line_time_s: (own.line_time_s != 0.0).then_some(LineTime::Known(own.line_time_s)),
         ..SessionCamera::default()
     })
-}
-
-fn write_flight_files(
-    args: &Film,
-    vehicle: &mavsight_flight::Vehicle,
-    inputs: &mavsight_flight::InputSeries,
-    control: &[ControlPointRow],
-) -> Result<()> {
-    write_control_points(&args.out.join("control_points.csv"), control)?;
-    let same = args.flight.canonicalize().ok() == args.out.canonicalize().ok();
-    if !same {
-        write_toml(&args.out.join("vehicle.toml"), vehicle)?;
-        write_inputs(&args.out.join("inputs.csv"), inputs)?;
-        let truth = std::fs::read(args.flight.join("truth.csv")).context("truth.csv")?;
-        mavsight_session::write_whole(&args.out.join("truth.csv"), &truth)?;
-    }
-    Ok(())
 }
 
 /// Encodes frames with the `ffmpeg` program.

@@ -2,13 +2,12 @@
 
 use crate::cli::{Live, WrongCall};
 use mavsight_flight::Vehicle;
-use mavsight_link::{Body, Event, Fix, LinkError, LinkOptions, Outlet, Rerun};
+use mavsight_link::{Body, Event, Fix, LinkError, LiveSection, Outlet, Rerun};
 use mavsight_live::{Listener, Listeners, marker_views};
-use mavsight_session::LiveSection;
 
 /// What the session switches on, and the command line in addition.
-fn options(session: &LiveSection, args: &Live) -> LinkOptions {
-    let mut links = session.links();
+fn options(session: &LiveSection, args: &Live) -> LiveSection {
+    let mut links = session.clone();
     let set = |place: &mut String, own: &Option<String>| own.iter().for_each(|a| place.clone_from(a));
     if let Some(own) = &args.mavlink {
         set(&mut links.mavlink.get_or_insert_default().address, own);

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use mavsight_link::{Event, PoseEvent};
 use mavsight_live::{Listener, Recorder, RecorderSlot, Setup, give_way};
-use mavsight_page::{Command, Reach, Server, encode_preview};
+use mavsight_page::{Command, Limits, Reach, Server, encode_preview};
 use mavsight_pipeline::{ControlPointRow, ControlStill, calibrate_from_stills};
 use mavsight_session::write_rig;
 use mavsight_vision::Frame;
@@ -32,7 +32,7 @@ pub(super) fn add_page(
 ) -> Result<()> {
     let address = address.unwrap_or_else(|| (Ipv4Addr::LOCALHOST, PORT).into());
     let reach = if address.ip().is_loopback() { Reach::Loopback } else { Reach::Network };
-    let server = Arc::new(Server::start(address, reach)?);
+    let server = Arc::new(Server::start(address, reach, Limits::default())?);
     eprintln!("The page is at {}", server.url());
     let (out, pictures) = sync_channel::<(usize, i64, Arc<Frame>)>(WAITING);
     let sink = Arc::clone(&server);
@@ -120,8 +120,8 @@ impl<B: Fn(&Path) -> Result<Recorder>> Page<B> {
         self.server.publish(&self.slot.event());
     }
 
-    /// Calibrates from what the cameras show, control points in view, into a rig of its own: the flight goes on
-    /// with the cameras it has.
+    /// Calibrates from what the cameras show, control points in view, into a rig of its own: the flight goes
+    /// on with the cameras it has.
     fn calibrate(&self) -> Result<String> {
         if self.points.is_empty() {
             anyhow::bail!("The session has no control points to calibrate from: give it `[control]`.");

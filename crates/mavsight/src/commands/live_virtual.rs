@@ -1,12 +1,11 @@
 //! The virtual room filmed in real time, with a pilot who flies in it.
 
-use super::demo::control_stills;
+use super::demo::control_still;
 use super::live_flight::{Begin, fly_with};
 use crate::cli::{Live, WrongCall};
 use crate::lab;
 use crate::progress::Bars;
 use anyhow::{Context, Result};
-use mavsight::pilot::Pilot;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_live::{
@@ -14,13 +13,13 @@ use mavsight_live::{
     give_way,
 };
 use mavsight_pipeline::{ControlStill, Progress, calibrate_from_stills};
-use mavsight_scene::{Aircraft, FilmStream, Room, Sensor};
+use mavsight_scene::{Aircraft, Film, FilmStream, Room, Sensor};
 use mavsight_score::VirtualCamera;
 use mavsight_session::{
     ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, make_folder, ns_from_s,
     write_control_points, write_png, write_toml,
 };
-use mavsight_simulator::FlightState;
+use mavsight_simulator::{FlightState, Pilot};
 use mavsight_vision::Frame;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -151,7 +150,8 @@ pub(super) fn fly_virtual(args: &Live, pace: Pace, enough: f64) -> Result<()> {
     let films: Vec<_> = cameras.iter().enumerate().map(|(k, c)| lab::film(room, c, k, args.seed)).collect();
     bars.begin(mavsight_pipeline::Stage::Calibrate, None);
     let control = lab::control_frame(&points);
-    let stills = control_stills(&cameras, |k| films[k].still(Some(&control)))?;
+    let still = |(camera, film): (_, &Film<'_>)| control_still(camera, film.still(Some(&control)));
+    let stills = cameras.iter().zip(&films).map(still).collect::<Result<Vec<_>>>()?;
     let rig = calibrate_from_stills(&stills, &points, &[])?;
     bars.done();
     let (flown, rate_hz, waits) = (vehicle.clone(), args.rate, args.fast);

@@ -3,7 +3,7 @@
 use super::demo::FilmedFlight;
 use super::named;
 use crate::cli::{BuiltInRig, Selftest};
-use crate::lab::{self, StagedFilm};
+use crate::lab;
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Result, bail};
@@ -109,15 +109,9 @@ fn film(lab: &VirtualLab, seed: u64, index: u64) -> Result<VirtualFlight> {
         row.position_m.iter_mut().for_each(|x| *x += row.std_m * random.normal());
     }
     let (room, aircraft) = (Room::meeting_room(), lab::aircraft(&lab.vehicle));
-    let films: Vec<StagedFilm<'_>> = lab
-        .cameras
-        .iter()
-        .enumerate()
-        .map(|(k, c)| lab::staged_film(&room, c, k, seed + index, &Staging::default()))
-        .collect();
+    let films = lab::staged_films(&room, &lab.cameras, seed + index, &Staging::default());
     let interval_s = 1.0 / lab.frame_rate_hz;
-    let filmed =
-        FilmedFlight { cameras: &lab.cameras, films: &films, aircraft: &aircraft, truth: &truth, interval_s };
+    let filmed = FilmedFlight { films: &films, aircraft: &aircraft, truth: &truth, interval_s };
     let (rig, tracked) = filmed.track(&as_built, &lab.control, &lab.vehicle, &NoProgress)?;
     Ok(lab.measured(truth, rig, tracked)?)
 }

@@ -7,12 +7,12 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use flight::{PICTURE_PX, RATE_HZ, VirtualFlight};
 use mavsight_link::Event;
-use mavsight_page::{Command, Reach, Server, encode_preview};
+use mavsight_page::{Command, Limits, Reach, Server, encode_preview};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let address: SocketAddr = std::env::args().nth(1).as_deref().unwrap_or("127.0.0.1:8750").parse()?;
     let reach = if address.ip().is_loopback() { Reach::Loopback } else { Reach::Network };
-    let server = Server::start(address, reach)?;
+    let server = Server::start(address, reach, Limits::default())?;
     println!("{}", server.url());
     let mut flight = VirtualFlight::new(true);
     server.publish(&flight.scene());

@@ -19,7 +19,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use chromium::Chromium;
 use flight::{PICTURE_PX, RATE_HZ, VirtualFlight};
 use mavsight_link::{CameraState, Event};
-use mavsight_page::{Command, Reach, Server, encode_preview};
+use mavsight_page::{Command, Limits, Reach, Server, encode_preview};
 use serde_json::json;
 
 /// Signals to the feed.
@@ -40,7 +40,7 @@ struct Feed {
 impl Feed {
     /// Begins when the flight is `already_s` old, with its past sent quickly.
     fn start(address: SocketAddr, already_s: f64) -> Self {
-        let server = Arc::new(Server::start(address, Reach::Loopback).unwrap());
+        let server = Arc::new(Server::start(address, Reach::Loopback, Limits::default()).unwrap());
         let orders = Arc::new(Orders::default());
         let thread = std::thread::spawn({
             let (server, orders) = (Arc::clone(&server), Arc::clone(&orders));
@@ -321,7 +321,7 @@ fn lost_connections_are_said_and_made_anew(browser: &mut Chromium, feed: Feed, a
 
 /// What a page of another origin gets in a real browser.
 fn no_other_page_may_listen(browser: &mut Chromium, address: SocketAddr) {
-    let server = Server::start(address, Reach::Loopback).unwrap();
+    let server = Server::start(address, Reach::Loopback, Limits::default()).unwrap();
     browser.call("Page.navigate", json!({ "url": "data:text/html,<title>other</title>" }));
     browser.wait_for("document.title === 'other'");
     let tries = format!(

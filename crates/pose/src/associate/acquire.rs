@@ -4,7 +4,7 @@ use super::associator::{Association, Associator, DECISIVE_LOG_ODDS, refused};
 use super::frame::{Frame, Pairs};
 use super::history::Belief;
 use crate::{PoseError, PoseEstimate, PoseSample, TrackedDetection};
-use mavsight_geometry::{ImagePoint, Isometry3, Matrix2, Matrix3, Matrix6, Vector3, rigid_fit, triangulate};
+use mavsight_geometry::{ImagePoint, Isometry3, Matrix2, Matrix6, Triangulation, rigid_fit, triangulate};
 
 /// Bounds of the work of an instant: balls in space, assignments tried, choices in one camera.
 const MOST_SPOTS: usize = 96;
@@ -20,8 +20,7 @@ struct Spot {
     color: usize,
     pair: [usize; 2],
     is_static: bool,
-    at_m: Vector3<f64>,
-    covariance_m2: Matrix3<f64>,
+    met: Triangulation,
 }
 
 struct Trial {
@@ -152,10 +151,10 @@ impl Associator {
         }
         let markers = self.estimator.markers();
         let wanted_m = (markers[first].marker_in_body_m - markers[second].marker_in_body_m).norm();
-        let way = spots[a].at_m - spots[b].at_m;
+        let way = spots[a].met.point_in_world_m - spots[b].met.point_in_world_m;
         let length_m = way.norm();
         let along = way / length_m.max(1e-9);
-        let spread = spots[a].covariance_m2 + spots[b].covariance_m2;
+        let spread = spots[a].met.covariance_m2 + spots[b].met.covariance_m2;
         let variance = along.dot(&(spread * along)) + 2.0 * self.markers_std_m.powi(2);
         // The centre of a ball in part hidden is off by a share of its radius.
         let hidden_m = 0.5 * markers[first].radius_m.max(markers[second].radius_m);
@@ -202,15 +201,16 @@ impl Associator {
             color: seen[0].color,
             pair,
             is_static: seen.iter().any(|c| c.is_static),
-            at_m: met.point_in_world_m,
-            covariance_m2: met.covariance_m2,
+            met,
         })
     }
 
     /// The pose of a triangle, with all else that it finds in its place.
     fn completed(&self, frame: Frame, spots: &[Spot], three: [(usize, usize); 3]) -> Option<Trial> {
         let markers = self.estimator.markers();
-        let pose = rigid_fit(three.map(|(m, s)| (markers[m].marker_in_body_m, spots[s].at_m))).ok()?;
+        let pose =
+            rigid_fit(three.map(|(m, s)| (markers[m].marker_in_body_m, spots[s].met.point_in_world_m)))
+                .ok()?;
         let mut pairs: Pairs =
             three.iter().flat_map(|(m, s)| spots[*s].pair.map(|index| (index, *m))).collect();
         let covariance = self.covariance_of(&pose, frame, &pairs)?;

@@ -5,7 +5,7 @@ use super::history::Noise;
 use super::history::Watch;
 use super::symmetry;
 use crate::{PoseError, PoseEstimator, PoseSample, Rig};
-use mavsight_geometry::{Camera, Vector3};
+use mavsight_geometry::{Camera, Vector3, centroid_and_spread};
 
 /// Logarithm of the odds at which an assignment is believed: 999 to 1.
 pub(super) const DECISIVE_LOG_ODDS: f64 = 6.907;
@@ -51,10 +51,8 @@ impl Associator {
         let mut colors = colors.to_vec();
         colors.resize(markers.len(), usize::MAX);
         symmetry::refuse_symmetric(markers, &colors, markers_std_m)?;
-        let n = markers.len().max(1) as f64;
-        let middle = markers.iter().map(|m| m.marker_in_body_m).sum::<Vector3<f64>>() / n;
-        let square = |m: &crate::BodyMarker| (m.marker_in_body_m - middle).norm_squared();
-        let size_m = (markers.iter().map(square).sum::<f64>() / n).sqrt().max(1e-3);
+        let (_, spread_m) = centroid_and_spread(markers.iter().map(|m| m.marker_in_body_m));
+        let size_m = (3f64.sqrt() * spread_m).max(1e-3);
         let cameras: Vec<Camera> = rig.cameras.iter().map(|c| c.camera).collect();
         let volume_m3 = room_m3(rig, &cameras);
         let (history, noise, watch) = Default::default();

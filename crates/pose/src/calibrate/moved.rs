@@ -10,9 +10,9 @@ use nalgebra::Translation3;
 /// An object of known shape, observed at many places.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MovedObject {
-    /// Its name in messages.
+    /// Name in messages.
     pub name: String,
-    /// Its points, in axes of its own.
+    /// Points of the object, in axes of its own.
     pub points: Vec<BodyMarker>,
     /// Standard deviation of its size, relative to that of the points; 0 for exact.
     pub scale_std: f64,

@@ -131,7 +131,12 @@ impl Problem {
 
     /// Why all cameras together have no answer.
     pub(super) fn undetermined(&self) -> PoseError {
-        let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
-        PoseError::Calibration { camera: self.names.join(", "), source }
+        undetermined(&self.names.join(", "))
     }
+}
+
+/// Why a camera has no answer.
+pub(super) fn undetermined(camera: &str) -> PoseError {
+    let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
+    PoseError::Calibration { camera: camera.to_owned(), source }
 }

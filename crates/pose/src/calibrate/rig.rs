@@ -31,9 +31,9 @@ impl CameraControl {
 /// A control point in one camera, after calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControlResidual {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its surveyed place.
+    /// Surveyed place.
     pub point_in_world_m: Vector3<f64>,
     /// Measured less predicted centre of its image.
     pub residual_px: Vector2<f64>,
@@ -90,7 +90,7 @@ impl RigCamera {
 /// A control point that does not agree with the others.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftOut {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// The camera in which it was left out; `None` for all.
     pub camera: Option<String>,
@@ -101,7 +101,7 @@ pub struct LeftOut {
 /// Why a control point was left out.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LeftOutReason {
-    /// Its image and its place in the table disagree: wrongly surveyed, moved, or wrongly found in the image.
+    /// Image and place in the table disagree: wrongly surveyed, moved, or wrongly found in the image.
     Displaced,
     /// It bears the name, or the colour, of another.
     Swapped {

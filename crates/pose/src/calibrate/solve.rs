@@ -7,7 +7,7 @@ use super::disagree::hotelling_over_normal;
 use super::model::CameraModel;
 use super::moved::MovedObject;
 use super::objects::with_objects;
-use super::problem::{Data, Problem};
+use super::problem::{Data, Problem, undetermined};
 use super::rig::{CameraControl, ControlResidual, Rig, RigCamera};
 use super::snoop::clean;
 use super::start::MIN_POINTS;
@@ -65,8 +65,7 @@ pub fn calibrate_with(controls: &[CameraControl], objects: &[MovedObject]) -> Re
         let distance_m = (own.camera.centre_in_world() - problem.middle_m()).norm();
         let share = own.centre_std_m.norm() / distance_m;
         if share.is_nan() || share > UNDETERMINED {
-            let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
-            return Err(PoseError::Calibration { camera: own.name.clone(), source });
+            return Err(undetermined(&own.name));
         }
         own.points = residuals(data, fit, camera);
         let of_objects = fit.object_residuals(&problem, camera);
@@ -93,20 +92,16 @@ pub fn predict_calibration(
     if controls.is_empty() || controls.len() != cameras.len() {
         return Err(PoseError::NoCameras { found: controls.len().min(cameras.len()) });
     }
-    let refusal =
-        |control: &CameraControl, source| PoseError::Calibration { camera: control.name.clone(), source };
     if let Some(few) = controls.iter().find(|c| c.points.len() < MIN_POINTS) {
-        let (found, needed) = (few.points.len(), MIN_POINTS);
-        return Err(refusal(few, GeometryError::TooFewControlPoints { found, needed }));
+        let source = GeometryError::TooFewControlPoints { found: few.points.len(), needed: MIN_POINTS };
+        return Err(PoseError::Calibration { camera: few.name.clone(), source });
     }
     let problem = Problem::new(controls)?;
     let (views, models): (Vec<Camera>, Vec<CameraModel>) = cameras.iter().copied().unzip();
     let choice = problem.all();
     let fit = expected(problem.with(&choice), &models, &views);
-    let Some((fit, uncertainty)) = fit.and_then(|f| f.camera_root().map(|root| (f, root))) else {
-        let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
-        return Err(refusal(&controls[0], source));
-    };
+    let fit = fit.and_then(|fit| Some((fit.camera_root()?, fit)));
+    let (uncertainty, fit) = fit.ok_or_else(|| undetermined(&controls[0].name))?;
     let mut rig = rig_of(problem.with(&choice), &fit, uncertainty);
     for (own, control) in rig.cameras.iter_mut().zip(controls) {
         let (residual_px, studentised, used) = (Vector2::zeros(), 0.0, true);

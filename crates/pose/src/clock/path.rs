@@ -52,7 +52,7 @@ pub struct PathPoint {
 pub struct PathVelocity {
     /// The velocity.
     pub px_s: Vector2<f64>,
-    /// Its variance over that of a centre.
+    /// Variance of the velocity over that of a centre.
     pub gain_per_s2: f64,
 }
 

@@ -75,26 +75,25 @@ impl PoseEstimator {
     ///
     /// # Errors
     /// [`PoseError::BadObservation`].
-    pub(super) fn views<'a>(
+    pub(super) fn views(
         &self,
-        seen: impl IntoIterator<Item = &'a MarkerObservation>,
+        seen: impl Iterator<Item = MarkerObservation>,
     ) -> Result<Vec<PointObservation>, PoseError> {
-        let seen = seen.into_iter();
+        let most = self.markers.len().min(MarkerSet::MOST);
         let mut out = Vec::with_capacity(seen.size_hint().1.unwrap_or(0));
         for o in seen {
-            let mut view =
-                PointObservation::of(o, self.cameras.len(), self.markers.len().min(MarkerSet::MOST))?;
+            let mut view = PointObservation::of(&o, self.cameras.len(), most)?;
             view.pixel -= self.offsets_px[o.camera * self.markers.len() + o.marker];
             out.push(view);
         }
         Ok(out)
     }
 
-    pub(super) fn views_of(
+    pub(crate) fn views_of(
         &self,
         seen: &[MarkerObservation],
         estimate: &PoseEstimate,
     ) -> Result<Vec<PointObservation>, PoseError> {
-        self.views(seen.iter().filter(|o| estimate.markers_used.contains(o.marker)))
+        self.views(seen.iter().copied().filter(|o| estimate.markers_used.contains(o.marker)))
     }
 }

@@ -31,7 +31,7 @@ impl PoseEstimator {
         observations: &[MarkerObservation],
         previous: Option<&Isometry3<f64>>,
     ) -> Result<PoseEstimate, PoseError> {
-        self.estimate_views(&self.views(observations.iter().filter(|o| o.t_ns == t_ns))?, previous)
+        self.estimate_views(&self.views(observations.iter().copied().filter(|o| o.t_ns == t_ns))?, previous)
     }
 
     /// [`Self::estimate`] of observations without the constant errors of their centres.
@@ -72,18 +72,11 @@ impl PoseEstimator {
         world_from_body: &Isometry3<f64>,
         views: &[PredictedObservation],
     ) -> Result<PoseEstimate, PoseError> {
-        let pixel = Vector2::zeros();
-        let seen: Vec<MarkerObservation> = views
-            .iter()
-            .map(|&PredictedObservation { camera, marker, covariance_px2 }| MarkerObservation {
-                t_ns: 0,
-                camera,
-                marker,
-                pixel,
-                covariance_px2,
-            })
-            .collect();
-        let mut own = self.views(&seen)?;
+        let (t_ns, pixel) = (0, Vector2::zeros());
+        let mut own = self.views(views.iter().map(|v| {
+            let PredictedObservation { camera, marker, covariance_px2 } = *v;
+            MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 }
+        }))?;
         for o in &mut own {
             o.pixel = self.scene().at(o, world_from_body)?.projection.pixel;
         }
@@ -178,7 +171,7 @@ impl PoseEstimator {
         &self,
         observations: &[MarkerObservation],
     ) -> Result<Option<ReprojectionFit>, PoseError> {
-        let views = self.views(observations)?;
+        let views = self.views(observations.iter().copied())?;
         let used: MarkerSet = views.iter().map(|s| s.point).collect();
         if used.len() < 3 || 2 * views.len() <= 6 {
             return Ok(None);

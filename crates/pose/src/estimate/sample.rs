@@ -174,7 +174,7 @@ impl PoseEstimate {
 /// A ball on the body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodyMarker {
-    /// Its name in messages.
+    /// Name in messages.
     pub name: String,
     /// Centre of the ball, body axes.
     pub marker_in_body_m: Vector3<f64>,

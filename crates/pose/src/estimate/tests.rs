@@ -288,7 +288,7 @@ fn bounded_influence_beats_least_squares_where_some_observations_are_off() {
     for _ in 0..400 {
         let mut views = seen(&truth(), 0.1, &mut seed);
         views[3].pixel += Vector2::new(normal(&mut seed), normal(&mut seed)) * 0.25;
-        let own = estimator.views(&views).unwrap();
+        let own = estimator.views(views.iter().copied()).unwrap();
         let plain = estimator.descend(&own, &truth()).unwrap();
         let robust = estimator.bounded_from(&own, plain.clone());
         least += error(&plain.world_from_body, &truth()).fixed_rows::<3>(0).norm_squared();

@@ -1,7 +1,6 @@
 //! Frames of a flight that a refinement rests on.
 
 use crate::moving::Instant;
-use crate::reprojection::PointObservation;
 use crate::{BodyMarker, Observations, PoseError, PoseEstimator, Rig};
 use nalgebra::DMatrix;
 
@@ -25,9 +24,7 @@ pub(super) fn instants_of(
     let unsure = DMatrix::identity(3 * markers.len(), 3 * markers.len()) * markers_std_m;
     let estimator = PoseEstimator::new(rig, markers).with_marker_uncertainty(&unsure)?;
     let times_ns: Vec<i64> = observations.times_ns().collect();
-    let (mut out, mut previous, mut measured) = (Vec::<Vec<Instant>>::new(), None, 0);
-    let mut last_second = None;
-    let mut own = Vec::new();
+    let (mut found, mut previous, mut own) = (Vec::<(i64, Instant)>::new(), None, Vec::new());
     let tried = spread(&times_ns);
     for &t_ns in &tried {
         observations.at(t_ns, &mut own);
@@ -38,25 +35,17 @@ pub(super) fn instants_of(
         };
         let world_from_body = estimate.world_from_body;
         previous = Some(world_from_body);
-        let used = own.iter().filter(|o| estimate.markers_used.contains(o.marker));
-        let used: Vec<_> = used
-            .filter_map(|o| PointObservation::new(o.camera, o.marker, o.pixel, o.covariance_px2))
-            .collect();
-        if used.len() > 3 {
-            measured += 1;
-            let second = Some((t_ns - times_ns[0]) / SECOND_NS);
-            let instant = Instant { observations: used, world_from_body };
-            match out.last_mut().filter(|_| second == last_second) {
-                Some(same) => same.push(instant),
-                None => out.push(vec![instant]),
-            }
-            last_second = second;
+        let observations = estimator.views_of(&own, &estimate)?;
+        if observations.len() > 3 {
+            found.push(((t_ns - times_ns[0]) / SECOND_NS, Instant { observations, world_from_body }));
         }
     }
-    if measured < NEEDED_FRAMES {
-        return Err(PoseError::TooFewPoses { measured, samples: tried.len(), needed: NEEDED_FRAMES });
+    if found.len() < NEEDED_FRAMES {
+        let (measured, samples) = (found.len(), tried.len());
+        return Err(PoseError::TooFewPoses { measured, samples, needed: NEEDED_FRAMES });
     }
-    Ok(out)
+    let seconds = found.chunk_by(|a, b| a.0 == b.0);
+    Ok(seconds.map(|own| own.iter().map(|(_, instant)| instant.clone()).collect()).collect())
 }
 
 /// Times that enter, in their order: evenly over the flight, or in pairs half a second apart where that

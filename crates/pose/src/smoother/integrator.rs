@@ -125,18 +125,17 @@ impl<P: Place> Integrator<P> {
 }
 
 impl Transition {
-    /// F times the rows of a chain in each column; a column has `rows` entries, the chain begins at `at`. The
-    /// last three may be left out.
+    /// F times the rows of a chain in each column, of `rows` entries; the chain begins at `at`.
     pub(crate) fn forward(&self, columns: &mut [f64], rows: usize, at: usize) {
         for column in columns.chunks_exact_mut(rows) {
-            let c = &mut column[at..rows.min(at + CHAIN)];
+            let c = &mut column[at..at + CHAIN];
             let [x, v, a] = [0, 3, 6].map(|k| Vector3::new(c[k], c[k + 1], c[k + 2]));
             let moved = self.keep * x + self.turn * (v * self.dt_s + a * (0.5 * self.dt_s * self.dt_s));
             for k in 0..3 {
                 c[k] = moved[k];
                 c[3 + k] += self.dt_s * a[k];
+                c[CORRELATED + k] *= self.kept;
             }
-            c[CORRELATED..].iter_mut().for_each(|b| *b *= self.kept);
         }
     }
 
@@ -208,10 +207,8 @@ pub(crate) fn add_process_noise(
             }
         }
     }
-    if rows > at + CORRELATED {
-        let mut own = all.fixed_view_mut::<3, 3>(at + CORRELATED, at + CORRELATED);
-        own += noise.correlated * (1.0 - noise.kept(dt_s).powi(2));
-    }
+    let mut own = all.fixed_view_mut::<3, 3>(at + CORRELATED, at + CORRELATED);
+    own += noise.correlated * (1.0 - noise.kept(dt_s).powi(2));
 }
 
 #[cfg(test)]

@@ -225,48 +225,32 @@ const DIFFUSE: usize = 3;
 
 /// The innovations of a whole series; `None` where the arithmetic fails.
 pub(crate) fn innovations<P: Place>(series: &Series<'_, P>, noise: &JerkNoise) -> Option<Innovations> {
-    // Without a correlated part the three coordinates of it would only cost time.
-    if noise.correlated == Matrix3::zeros() {
-        run::<P, CORRELATED>(series, noise)
-    } else {
-        run::<P, CHAIN>(series, noise)
-    }
-}
-
-/// The filter with an error state of `N`: all of it, or all but the correlated part.
-fn run<P: Place, const N: usize>(series: &Series<'_, P>, noise: &JerkNoise) -> Option<Innovations> {
     let first = (*series.measured.first()?)?;
     let mut chain = Integrator::at(first.place);
-    let start = start_covariance(&(first.covariance * noise.variance_factor), noise, series.prior_std);
-    let mut covariance: SMatrix<f64, N, N> = start.fixed_view::<N, N>(0, 0).into_owned();
+    let start = &(first.covariance * noise.variance_factor);
+    let mut covariance = start_covariance(start, noise, series.prior_std);
     let mut sums = Innovations::default();
     let (mut seen_count, mut before) = (1, None);
     for k in 1..series.t_s.len() {
         let dt_s = series.t_s[k] - series.t_s[k - 1];
         let (predicted, transition) = chain.predicted(dt_s, noise);
         chain = predicted;
-        transition.forward(covariance.as_mut_slice(), N, 0);
+        transition.forward(covariance.as_mut_slice(), CHAIN, 0);
         covariance.transpose_mut();
-        transition.forward(covariance.as_mut_slice(), N, 0);
-        add_process_noise(covariance.as_mut_slice(), N, 0, dt_s, noise);
+        transition.forward(covariance.as_mut_slice(), CHAIN, 0);
+        add_process_noise(covariance.as_mut_slice(), CHAIN, 0, dt_s, noise);
         let Some(seen) = &series.measured[k] else { continue };
         let y = chain.innovation(&seen.place);
-        let mut seen_rows: SMatrix<f64, 3, N> = covariance.fixed_rows::<3>(0).into_owned();
-        if N > CORRELATED {
-            seen_rows += covariance.fixed_rows::<3>(CORRELATED);
-        }
-        let mut s = seen_rows.fixed_columns::<3>(0) + seen.covariance * noise.variance_factor;
-        if N > CORRELATED {
-            s += seen_rows.fixed_columns::<3>(CORRELATED);
-        }
+        let rows = covariance.fixed_rows::<3>(0) + covariance.fixed_rows::<3>(CORRELATED);
+        let s = rows.fixed_columns::<3>(0)
+            + rows.fixed_columns::<3>(CORRELATED)
+            + seen.covariance * noise.variance_factor;
         let factor = s.cholesky()?;
-        let gain: SMatrix<f64, N, 3> = factor.solve(&seen_rows).transpose();
-        let taken = gain * seen_rows;
+        let gain: SMatrix<f64, CHAIN, 3> = factor.solve(&rows).transpose();
+        let taken = gain * rows;
         covariance += gain * s * gain.transpose() - taken - taken.transpose();
         covariance = (covariance + covariance.transpose()) * 0.5;
-        let mut by = [0.0; CHAIN];
-        by[..N].copy_from_slice((gain * y).as_slice());
-        chain.correct(&by);
+        chain.correct((gain * y).as_slice());
         seen_count += 1;
         if seen_count > DIFFUSE {
             let white = factor.l().solve_lower_triangular(&y)?;

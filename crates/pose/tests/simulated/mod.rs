@@ -10,6 +10,7 @@ use mavsight_geometry::{
 use mavsight_pose::{
     BodyMarker, CameraControl, MarkerObservation, PoseEstimator, PoseSample, Rig, calibrate,
 };
+pub(crate) use mavsight_random::Random;
 use mavsight_simulator::{Channel, Maneuver, Scenario};
 use mavsight_simulator::{FlightState, simulate};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
@@ -19,25 +20,6 @@ use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 pub(crate) const PIXEL_STD: f64 = 0.15;
 const CONTROL_STD: f64 = 0.1;
 const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
-
-/// Standard normal numbers from a linear congruential generator (Knuth's MMIX) by Box and Muller.
-pub(crate) struct Random(pub(crate) u64);
-
-impl Random {
-    pub(crate) fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((self.0 >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    pub(crate) fn normal(&mut self) -> f64 {
-        let (a, b) = (self.uniform(), self.uniform());
-        (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
-    }
-
-    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.uniform()
-    }
-}
 
 /// The paper's pair at 90°, an oblique pair at 60°, three cameras around.
 pub(crate) fn rigs() -> [(&'static str, Rig); 3] {

@@ -60,7 +60,7 @@ pub(super) fn write(path: &Path, rig: &Rig, options: &CameraOptions) -> Result<V
             return Err(SessionError::value(path, format!("camera {}", camera.name), detail));
         }
         let (w, h) = (size.width_px, size.height_px);
-        let centre = origin.from_ours(Vector2::new(i.cx_px, i.cy_px), h);
+        let centre = origin.to_theirs(Vector2::new(i.cx_px, i.cy_px), h);
         let t1 = if origin.is_top_left() { d.p1 } else { -d.p1 };
         let (number, f, cx, cy) = (k + 1, i.fx_px, centre.x, centre.y);
         text += &format!(

@@ -152,16 +152,13 @@ pub fn write(path: &Path, paths: &MarkerPaths) -> Result<Vec<String>, SessionErr
         return Err(SessionError::value(path, "markers", detail));
     }
     let clock = even_clock(path, &paths.t_ns)?;
-    let ticks = paths.t_ns[0] as f64 * 1e-9 * clock.rate_hz;
-    let on_grid = (ticks - ticks.round()).abs() < 0.05 && (0.0..1e9).contains(&ticks.round());
-    let mut notes = Vec::new();
-    let first = if on_grid { ticks.round() as u32 + 1 } else { 1 };
-    if !on_grid {
-        notes.push(format!(
-            "times begin at zero in the file: {} s is taken off",
-            crate::s_from_ns(paths.t_ns[0])
-        ));
-    }
+    let ticks = (paths.t_ns[0] as f64 * 1e-9 * clock.rate_hz).round();
+    let off = paths.t_ns[0] as f64 * 1e-9 * clock.rate_hz - ticks;
+    let is_on_grid = off.abs() < 0.05 && (0.0..1e9).contains(&ticks);
+    let first = if is_on_grid { ticks as u32 + 1 } else { 1 };
+    let note =
+        || format!("times begin at zero in the file: {} s is taken off", crate::s_from_ns(paths.t_ns[0]));
+    let notes = (!is_on_grid).then(note).into_iter().collect();
     let last = first + clock.ticks.len() as u32 - 1;
     let section = section(paths, first, last, clock.rate_hz as f32);
     let blocks = section.len() / BLOCK;

@@ -225,7 +225,7 @@ pub fn write_xypts(
     let mut instants: BTreeMap<i64, Cells> = BTreeMap::new();
     for o in &tracks.markers {
         let row = instants.entry(o.t_ns).or_insert_with(|| vec![None; 2 * cameras * points]);
-        let theirs = origin.from_ours(o.pixel, named[o.camera].1.height_px);
+        let theirs = origin.to_theirs(o.pixel, named[o.camera].1.height_px);
         let at = 2 * (o.marker * cameras + o.camera);
         (row[at], row[at + 1]) = (Some(theirs.x), Some(theirs.y));
     }

@@ -20,7 +20,7 @@ use std::path::Path;
 const MATRIX: [&str; 4] = ["M", "K", "cameraMatrix", "camera_matrix"];
 const LENS: [&str; 4] = ["D", "D", "distCoeffs", "distortion_coefficients"];
 
-/// Reads a file that OpenCV 3, 4 or 5 or this program wrote. Skew is kept, coefficients beyond k3 are refused.
+/// Reads a file that OpenCV 3, 4 or 5 or this program wrote; keeps skew, refuses coefficients beyond k3.
 pub(super) fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, SessionError> {
     let file = YamlFile::read(path, "OpenCV calibration")?;
     let Some((family, suffixes)) = suffixes(&file) else {
@@ -48,8 +48,7 @@ pub(super) fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, S
     for (k, (suffix, (name, size))) in suffixes.iter().zip(named).enumerate() {
         let intrinsics = file.intrinsics(&format!("{}{suffix}", MATRIX[family]), size)?;
         let lens_key = format!("{}{suffix}", LENS[family]);
-        let lens =
-            file.root.get(&lens_key).map_or(Ok(Vec::new()), |node| file.matrix(node).map(|m| m.data))?;
+        let lens = file.root.get(&lens_key).map_or(Ok(Vec::new()), |node| file.matrix(node, None))?;
         let distortion = distortion(path, &lens_key, &lens)?;
         let cam_from_world = place(&file, suffix, k, suffixes.len(), &mut notes)?;
         cameras.push(rig_camera(name, Camera { cam_from_world, intrinsics, distortion, size }));
@@ -94,7 +93,7 @@ fn place(
 ) -> Result<Isometry3<f64>, SessionError> {
     let key = format!("cam_from_world{}{suffix}", if suffix.is_empty() { "" } else { "_" });
     if let Some(node) = file.root.get(&key) {
-        return isometry(&file.path, &key, &file.shaped(node, 3, 4)?);
+        return isometry(&file.path, &key, &file.matrix(node, Some((3, 4)))?);
     }
     match (index, file.root.get("R"), file.root.get("T")) {
         (0, _, _) if count == 1 => {
@@ -108,8 +107,8 @@ fn place(
             Ok(Isometry3::identity())
         }
         (1, Some(r), Some(t)) if count == 2 => {
-            let r = rotation(&file.path, "R", &Matrix3::from_row_slice(&file.shaped(r, 3, 3)?))?;
-            let [x, y, z] = file.matrix(t)?.data[..] else {
+            let r = rotation(&file.path, "R", &Matrix3::from_row_slice(&file.matrix(r, Some((3, 3)))?))?;
+            let [x, y, z] = file.matrix(t, None)?[..] else {
                 return Err(SessionError::value(&file.path, "T", "three numbers are wanted"));
             };
             Ok(Isometry3::from_parts(Vector3::new(x, y, z).into(), r))

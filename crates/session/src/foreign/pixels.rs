@@ -68,7 +68,7 @@ impl PixelOrigin {
     }
 
     /// One pixel of ours into theirs.
-    pub(super) fn from_ours(self, ours: Vector2<f64>, height_px: u32) -> Vector2<f64> {
+    pub(super) fn to_theirs(self, ours: Vector2<f64>, height_px: u32) -> Vector2<f64> {
         (self.theirs_from_ours(height_px) * ours.push(1.0)).xy()
     }
 }
@@ -87,8 +87,8 @@ mod tests {
             (PixelOrigin::Argus, (0.0, 480.0), (639.0, 1.0)),
         ];
         for (origin, a, b) in want {
-            assert_eq!(origin.from_ours(first, 480), Vector2::new(a.0, a.1), "{origin:?}");
-            assert_eq!(origin.from_ours(last, 480), Vector2::new(b.0, b.1), "{origin:?}");
+            assert_eq!(origin.to_theirs(first, 480), Vector2::new(a.0, a.1), "{origin:?}");
+            assert_eq!(origin.to_theirs(last, 480), Vector2::new(b.0, b.1), "{origin:?}");
             assert_eq!(origin.to_ours(Vector2::new(b.0, b.1), 480), last, "{origin:?}");
         }
     }

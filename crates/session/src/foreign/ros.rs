@@ -17,7 +17,7 @@ pub(super) fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, S
     let intrinsics = file.intrinsics("camera_matrix", size)?;
     let remedy = "this program has plumb_bob; calibrate with it";
     file.word(&file.root, "distortion_model", &["plumb_bob", "rational_polynomial"], remedy)?;
-    let d = file.matrix(file.key(&file.root, "distortion_coefficients")?)?.data;
+    let d = file.matrix(file.key(&file.root, "distortion_coefficients")?, None)?;
     let distortion = distortion(path, "distortion_coefficients", &d)?;
     let own = file.root.get("camera_name").and_then(|n| n.text()).filter(|n| !n.is_empty()).unwrap_or("cam1");
     let name = options.names.first().map_or(own, String::as_str).to_owned();

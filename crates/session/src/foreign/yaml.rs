@@ -27,14 +27,6 @@ enum Value {
     Map(Vec<(String, Yaml)>),
 }
 
-/// A matrix as OpenCV and ROS write it.
-pub(super) struct Matrix {
-    rows: usize,
-    cols: usize,
-    /// Row by row.
-    pub(super) data: Vec<f64>,
-}
-
 /// Nesting beyond this is no calibration.
 const DEEPEST: usize = 32;
 
@@ -82,7 +74,7 @@ impl YamlFile {
 
     /// The camera matrix of a key, for images of that size.
     pub(super) fn intrinsics(&self, key: &str, size: ImageSize) -> Result<Intrinsics, SessionError> {
-        let m = self.shaped(self.key(&self.root, key)?, 3, 3)?;
+        let m = self.matrix(self.key(&self.root, key)?, Some((3, 3)))?;
         let k = Intrinsics { fx_px: m[0], skew_px: m[1], cx_px: m[2], fy_px: m[4], cy_px: m[5] };
         checked(&self.path, key, k, size)
     }
@@ -116,8 +108,12 @@ impl YamlFile {
             .map_err(|_| self.refuse(node, format!("{} numbers where {what} has {N}", all.len())))
     }
 
-    /// The numbers of a matrix with `rows`, `cols` and `data`.
-    pub(super) fn matrix(&self, node: &Yaml) -> Result<Matrix, SessionError> {
+    /// The numbers, row by row, of a matrix with `rows`, `cols` and `data`, of a shape where that is known.
+    pub(super) fn matrix(
+        &self,
+        node: &Yaml,
+        shape: Option<(usize, usize)>,
+    ) -> Result<Vec<f64>, SessionError> {
         let side = |key: &str| -> Result<usize, SessionError> {
             let at = self.key(node, key)?;
             let n = self.number(at)?;
@@ -132,16 +128,11 @@ impl YamlFile {
             let announced = format!("{rows} rows of {cols} are announced: the file is damaged");
             return Err(self.refuse(at, format!("{} numbers where {announced}", data.len())));
         }
-        Ok(Matrix { rows, cols, data })
-    }
-
-    /// A matrix of a shape that is known.
-    pub(super) fn shaped(&self, node: &Yaml, rows: usize, cols: usize) -> Result<Vec<f64>, SessionError> {
-        let Matrix { rows: r, cols: c, data } = self.matrix(node)?;
-        if (r, c) == (rows, cols) {
-            Ok(data)
-        } else {
-            Err(self.refuse(node, format!("a matrix of {r} by {c} where {rows} by {cols} is wanted")))
+        match shape.filter(|shape| *shape != (rows, cols)) {
+            Some((r, c)) => {
+                Err(self.refuse(node, format!("a matrix of {rows} by {cols} where {r} by {c} is wanted")))
+            }
+            None => Ok(data),
         }
     }
 }

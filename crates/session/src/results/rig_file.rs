@@ -129,23 +129,25 @@ fn left_out_entry(point: &LeftOut) -> LeftOutEntry {
 }
 
 fn entry(camera: &RigCamera) -> CameraEntry {
-    let Camera { cam_from_world, intrinsics: i, distortion: d, size } = &camera.camera;
+    let Camera { cam_from_world, intrinsics, distortion: d, size } = camera.camera;
+    let Intrinsics { fx_px, fy_px, cx_px, cy_px, skew_px } = intrinsics;
+    let ImageSize { width_px, height_px } = size;
     let q = cam_from_world.rotation.quaternion();
     CameraEntry {
         name: camera.name.clone(),
-        width_px: size.width_px,
-        height_px: size.height_px,
+        width_px,
+        height_px,
         model: camera.model.to_string(),
         dlt: Dlt::from_camera(&camera.camera).ok().map(|dlt| dlt.l),
         centre_in_world_m: camera.camera.centre_in_world().into(),
         centre_std_m: camera.centre_std_m.into(),
         centre_cov_m2: std::array::from_fn(|k| camera.centre_cov_m2[(k / 3, k % 3)]),
         cam_from_world_wxyz: [q.w, q.i, q.j, q.k],
-        fx_px: i.fx_px,
-        fy_px: i.fy_px,
-        cx_px: i.cx_px,
-        cy_px: i.cy_px,
-        skew_px: i.skew_px,
+        fx_px,
+        fy_px,
+        cx_px,
+        cy_px,
+        skew_px,
         distortion_k1_k2_p1_p2_k3: [d.k1, d.k2, d.p1, d.p2, d.k3],
         residual_rms_px: camera.residual_rms_px,
         sigma_px: camera.sigma_px,
@@ -184,25 +186,21 @@ pub fn read_rig(path: &Path) -> Result<Rig, SessionError> {
     }
     let uncertainty = DMatrix::from_fn(rows, file.uncertainty.len(), |i, k| file.uncertainty[k][i]);
     let cameras = file.camera.into_iter().map(|entry| camera(entry, path));
-    let left_out = file.left_out.into_iter().map(|point| {
-        let with = point.with;
-        let reason = match point.kind {
+    let left_out = file.left_out.into_iter().map(|LeftOutEntry { name, camera, kind, with, .. }| {
+        let reason = match kind {
             LeftOutKind::Displaced => LeftOutReason::Displaced,
             LeftOutKind::Swapped => LeftOutReason::Swapped { with },
             LeftOutKind::Doubtful => LeftOutReason::Doubtful { with },
         };
-        LeftOut { name: point.name, camera: point.camera, reason }
+        LeftOut { name, camera, reason }
     });
-    Ok(Rig {
-        cameras: cameras.collect::<Result<_, _>>()?,
-        uncertainty,
-        left_out: left_out.collect(),
-        frames: file.frames,
-    })
+    let (left_out, frames) = (left_out.collect(), file.frames);
+    Ok(Rig { cameras: cameras.collect::<Result<_, _>>()?, uncertainty, left_out, frames })
 }
 
 fn camera(entry: CameraEntry, path: &Path) -> Result<RigCamera, SessionError> {
     let refuse = |detail: String| SessionError::value(path, format!("camera {}", entry.name), detail);
+    let CameraEntry { width_px, height_px, fx_px, fy_px, cx_px, cy_px, skew_px, .. } = entry;
     let [w, i, j, k] = entry.cam_from_world_wxyz;
     let quaternion = Quaternion::new(w, i, j, k);
     let lens = entry.distortion_k1_k2_p1_p2_k3;
@@ -211,14 +209,14 @@ fn camera(entry: CameraEntry, path: &Path) -> Result<RigCamera, SessionError> {
     let checks = [
         ((quaternion.norm() - 1.0).abs() <= 1e-6, "cam_from_world_wxyz is not a unit quaternion"),
         (
-            is_focal(entry.fx_px) && is_focal(entry.fy_px) && are_finite(&entry.centre_in_world_m),
+            is_focal(fx_px) && is_focal(fy_px) && are_finite(&entry.centre_in_world_m),
             "focal lengths must be above zero and the centre finite",
         ),
         (
-            are_finite(&[entry.cx_px, entry.cy_px, entry.skew_px]) && are_finite(&lens),
+            are_finite(&[cx_px, cy_px, skew_px]) && are_finite(&lens),
             "principal point, skew and distortion must be finite",
         ),
-        (entry.width_px > 0 && entry.height_px > 0, "width_px and height_px must be above zero"),
+        (width_px > 0 && height_px > 0, "width_px and height_px must be above zero"),
     ];
     if let Some((_, wrong)) = checks.iter().find(|(holds, _)| !holds) {
         return Err(refuse(format!("{wrong}: calibrate again")));
@@ -230,15 +228,9 @@ fn camera(entry: CameraEntry, path: &Path) -> Result<RigCamera, SessionError> {
     Ok(RigCamera {
         camera: Camera {
             cam_from_world: Isometry3::from_parts(Translation3::from(translation), rotation),
-            intrinsics: Intrinsics {
-                fx_px: entry.fx_px,
-                fy_px: entry.fy_px,
-                cx_px: entry.cx_px,
-                cy_px: entry.cy_px,
-                skew_px: entry.skew_px,
-            },
+            intrinsics: Intrinsics { fx_px, fy_px, cx_px, cy_px, skew_px },
             distortion: BrownConrady { k1, k2, p1, p2, k3 },
-            size: ImageSize { width_px: entry.width_px, height_px: entry.height_px },
+            size: ImageSize { width_px, height_px },
         },
         model,
         centre_std_m: entry.centre_std_m.into(),

@@ -72,43 +72,29 @@ fn validate_camera(
         &key("still"),
         "is missing: name the image of the control frame, or give control.observations",
     )?;
-    checks.number(
-        camera.frame_rate_hz,
-        |rate| (0.01..=1e5).contains(&rate),
-        &key("frame_rate_hz"),
-        "is no rate of a camera: give frames a second, for instance 30.0",
-    )?;
     checks.require(
         !is_empty(&camera.video) || camera.live.as_ref().is_some_and(|l| !l.trim().is_empty()),
         &key("video"),
         "is missing: name the recording, or what ffmpeg is to open as live",
     )?;
-    checks.number(
-        camera.latency_s,
-        |s| (0.0..10.0).contains(&s),
-        &key("latency_s"),
-        "is no delay: give seconds from 0 to 10",
-    )?;
-    checks.number(
-        camera.time_offset_s,
-        |s| s.abs() < 1e9,
-        &key("time_offset_s"),
-        "is not a time: give seconds",
-    )?;
-    checks.number(
-        camera.time_offset_std_s,
-        |s| (1e-9..1e9).contains(&s),
-        &key("time_offset_std_s"),
-        "is no standard deviation of a clock: give a nanosecond or more, in seconds, or leave it out",
-    )?;
-    let Some(LineTime::Known(line_time_s)) = camera.line_time_s else { return Ok(()) };
+    let line_time_s = match camera.line_time_s {
+        Some(LineTime::Known(line_time_s)) => Some(line_time_s),
+        _ => None,
+    };
     // A frame of so few rows that a line time is longer has none.
-    checks.number(
-        Some(line_time_s),
-        |s| s.abs() < 1e-3,
-        &key("line_time_s"),
-        "is no line time: give seconds a row, for instance 30e-6, or \"estimate\"",
-    )
+    let line = "is no line time: give seconds a row, for instance 30e-6, or \"estimate\"";
+    let rate = "is no rate of a camera: give frames a second, for instance 30.0";
+    let std = "is no standard deviation of a clock: give a nanosecond or more, in seconds, or leave it out";
+    for (name, value, range, detail) in [
+        ("frame_rate_hz", camera.frame_rate_hz, 0.01..1e5, rate),
+        ("latency_s", camera.latency_s, 0.0..10.0, "is no delay: give seconds from 0 to 10"),
+        ("time_offset_s", camera.time_offset_s, -1e9..1e9, "is not a time: give seconds"),
+        ("time_offset_std_s", camera.time_offset_std_s, 1e-9..1e9, std),
+        ("line_time_s", line_time_s, -1e-3..1e-3, line),
+    ] {
+        checks.number(value, |x| range.contains(&x), &key(name), detail)?;
+    }
+    Ok(())
 }
 
 fn validate_calibration(file: &SessionFile, checks: Checks<'_>) -> Result<(), SessionError> {

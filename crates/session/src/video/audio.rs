@@ -3,7 +3,6 @@
 use super::ffmpeg;
 use crate::SessionError;
 use mavsight_pipeline::Clap;
-use std::collections::VecDeque;
 use std::io::{BufReader, Read};
 use std::path::Path;
 use std::process::Command;
@@ -18,10 +17,10 @@ const BLOCK: usize = RATE_HZ / 1000;
 const BEFORE: usize = 20;
 
 /// A clap and its echoes in a room last so many blocks, in which nothing else is looked for.
-const ECHO: i64 = 600;
+const ECHO: usize = 600;
 
 /// A clap is at its loudest within so many blocks.
-const ONSET: i64 = 3;
+const ONSET: usize = 3;
 
 /// A clap rises more than all else by this factor in amplitude, as a flash does in brightness.
 const ALONE: f64 = 2.0;
@@ -49,92 +48,56 @@ pub fn find_clap(path: &Path) -> Result<Clap, SessionError> {
         let mut text = Vec::new();
         words.read_to_end(&mut text).map(|_| String::from_utf8_lossy(&text).into_owned())
     });
-    let mut ears = Ears::default();
-    let heard = ears.listen(BufReader::new(sound));
+    let heard = loudness_of(BufReader::new(sound));
     let status = child.wait();
     let said = said.join().ok().and_then(Result::ok).unwrap_or_default();
-    heard.map_err(|e| failed(e.to_string()))?;
+    let loudness = heard.map_err(|e| failed(e.to_string()))?;
     if said.contains("matches no streams") {
         return Ok(Clap::Silent);
     }
     match status {
-        Ok(status) if status.success() => Ok(ears.clap()),
+        Ok(status) if status.success() => Ok(clap_in(&loudness)),
         Ok(status) => Err(failed(format!("{status}: {}", said.trim()))),
         Err(error) => Err(failed(error.to_string())),
     }
 }
 
-/// A block that rises over those before it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Rise {
-    block: i64,
-    /// By how much the root mean square of its first differences does.
-    by: f64,
+/// Root mean squares of the first differences of a sound, block by block.
+fn loudness_of(mut sound: impl Read) -> std::io::Result<Vec<f64>> {
+    let (mut loudness, mut last) = (Vec::new(), 0.0);
+    let mut bytes = [0_u8; 2 * BLOCK];
+    loop {
+        match sound.read_exact(&mut bytes) {
+            Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => return Ok(loudness),
+            read => read?,
+        }
+        let mut squares = 0.0;
+        for pair in bytes.chunks_exact(2) {
+            let sample = f64::from(i16::from_le_bytes([pair[0], pair[1]]));
+            squares += (sample - std::mem::replace(&mut last, sample)).powi(2);
+        }
+        loudness.push((squares / BLOCK as f64).sqrt());
+    }
 }
 
-/// Hears block by block, and keeps the largest rise and the largest that is no echo of it.
-#[derive(Debug, Default)]
-struct Ears {
-    last: f64,
-    blocks: i64,
-    recent: VecDeque<f64>,
-    /// Rises, each the largest within an echo of it, falling.
-    largest: Vec<Rise>,
-}
-
-impl Ears {
-    fn listen(&mut self, mut sound: impl Read) -> std::io::Result<()> {
-        let mut bytes = [0_u8; 2 * BLOCK];
-        loop {
-            match sound.read_exact(&mut bytes) {
-                Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => return Ok(()),
-                read => read?,
-            }
-            let mut squares = 0.0;
-            for pair in bytes.chunks_exact(2) {
-                let sample = f64::from(i16::from_le_bytes([pair[0], pair[1]]));
-                squares += (sample - self.last).powi(2);
-                self.last = sample;
-            }
-            self.hear((squares / BLOCK as f64).sqrt());
-        }
+/// The block that rises over those before it by more than twice what any other does that is no echo of it.
+fn clap_in(loudness: &[f64]) -> Clap {
+    let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len() as f64;
+    let rise = |w: &[f64]| w[BEFORE] - mean(&w[..BEFORE]);
+    let rises: Vec<f64> = loudness.windows(BEFORE + 1).map(rise).collect();
+    let largest = |is_wanted: &dyn Fn(&usize) -> bool| {
+        (0..rises.len()).filter(is_wanted).max_by(|a, b| rises[*a].total_cmp(&rises[*b]))
+    };
+    let Some(loudest) = largest(&|_| true) else { return Clap::None };
+    let other = largest(&|k| k.abs_diff(loudest) >= ECHO).map_or(0.0, |k| rises[k].max(0.0));
+    // Sixteen bits of silence differ by one.
+    if rises[loudest] <= ALONE * other.max(1.0) {
+        return Clap::None;
     }
-
-    fn hear(&mut self, loudness: f64) {
-        if self.recent.len() == BEFORE {
-            let before = self.recent.iter().sum::<f64>() / BEFORE as f64;
-            self.take(Rise { block: self.blocks, by: loudness - before });
-            self.recent.pop_front();
-        }
-        self.recent.push_back(loudness);
-        self.blocks += 1;
-    }
-
-    /// Takes a rise among the two largest that are apart.
-    fn take(&mut self, rise: Rise) {
-        let is_near = |other: &Rise| rise.block - other.block < ECHO;
-        match self.largest.iter_mut().find(|other| is_near(other)) {
-            Some(same) if rise.by > same.by => {
-                // The first block of a clap may hold half of it, and the next be the louder.
-                let goes_on = rise.block - same.block <= ONSET && rise.by <= ALONE * same.by;
-                *same = Rise { block: if goes_on { same.block } else { rise.block }, by: rise.by };
-            }
-            Some(_) => return,
-            None => self.largest.push(rise),
-        }
-        self.largest.sort_by(|a, b| b.by.total_cmp(&a.by));
-        self.largest.truncate(2);
-    }
-
-    fn clap(&self) -> Clap {
-        let (Some(first), second) = (self.largest.first(), self.largest.get(1)) else { return Clap::None };
-        let other = second.map_or(0.0, |s| s.by.max(0.0));
-        // Sixteen bits of silence differ by one.
-        if first.by <= ALONE * other.max(1.0) {
-            return Clap::None;
-        }
-        Clap::At((first.block as f64 + 0.5) * BLOCK as f64 / RATE_HZ as f64)
-    }
+    // The first block of a clap may hold half of it, and the next be the louder.
+    let mut onset = loudest.saturating_sub(ONSET)..loudest;
+    let first = onset.find(|k| rises[loudest] <= ALONE * rises[*k]).unwrap_or(loudest);
+    Clap::At(((first + BEFORE) as f64 + 0.5) * BLOCK as f64 / RATE_HZ as f64)
 }
 
 #[cfg(test)]
@@ -157,9 +120,7 @@ mod tests {
     }
 
     fn heard(bytes: &[u8]) -> Clap {
-        let mut ears = Ears::default();
-        ears.listen(bytes).unwrap();
-        ears.clap()
+        clap_in(&loudness_of(bytes).unwrap())
     }
 
     #[test]

@@ -40,7 +40,13 @@ struct Bits {
 
 impl Bits {
     fn of(nal: &[u8]) -> Self {
-        Self { bytes: strip_emulation(nal), at: 0 }
+        let mut zeros = 0;
+        let is_content = |byte: &u8| {
+            let is_emulation = zeros >= 2 && *byte == 3;
+            zeros = if *byte == 0 { zeros + 1 } else { 0 };
+            !is_emulation
+        };
+        Self { bytes: nal.iter().copied().filter(is_content).collect(), at: 0 }
     }
 
     fn bit(&mut self) -> Option<u32> {
@@ -80,20 +86,6 @@ impl Bits {
         let code = i64::from(self.ue()?);
         i32::try_from(if code % 2 == 1 { (code + 1) / 2 } else { -code / 2 }).ok()
     }
-}
-
-fn strip_emulation(nal: &[u8]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(nal.len());
-    let mut zeros = 0;
-    for &byte in nal {
-        if zeros >= 2 && byte == 3 {
-            zeros = 0;
-            continue;
-        }
-        zeros = if byte == 0 { zeros + 1 } else { 0 };
-        bytes.push(byte);
-    }
-    bytes
 }
 
 fn parse_sps(nal: &[u8]) -> Option<YuvCoding> {

@@ -14,8 +14,8 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-/// The ffmpeg program: `MAVSIGHT_FFMPEG`, or the one on the search path.
-pub(crate) fn program() -> String {
+/// The ffmpeg program: the environment variable `MAVSIGHT_FFMPEG`, or the one on the search path.
+pub fn program() -> String {
     std::env::var("MAVSIGHT_FFMPEG").ok().filter(|p| !p.is_empty()).unwrap_or_else(|| "ffmpeg".into())
 }
 

@@ -85,7 +85,7 @@ fn pixels_give_the_truth_within_their_intervals() {
     let images = ImageMeasurements::new(&rig, &markers, &observations)
         .expect("images")
         .with_marker_positions(5e-4)
-        .with_marker_biases(0.1, None);
+        .with_marker_biases(0.1);
     let model = FlightModel::new(&vehicle, &inputs).expect("a model");
     let measured = Measurements::Image(images);
     let fit = output_error(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit");

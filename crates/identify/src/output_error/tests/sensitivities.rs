@@ -23,9 +23,8 @@ fn raster<'a>(inputs: &'a InputSeries, times_s: &'a [f64]) -> Raster<'a> {
 }
 
 fn fly(model: &FlightModel, inputs: &InputSeries, y: &StateVector, end_s: f64) -> Propagator {
-    let mut flyer = Propagator::new(model.free());
-    flyer.start(y);
-    for step in raster(inputs, &[]).steps((0.0, end_s), model, 0..0) {
+    let mut flyer = Propagator::new(model.free(), y);
+    for step in raster(inputs, &[]).steps(0.0, end_s, model, 0..0) {
         flyer.step(model, inputs.samples(), &step);
     }
     flyer
@@ -38,11 +37,10 @@ fn fixed_steps_agree_with_the_adaptive_integrator() {
         let (inputs, states) = flown(&vehicle, &scenario);
         let model = true_model(&vehicle, &inputs);
         let times: Vec<f64> = states.iter().map(|s| s.t_s).collect();
-        let mut flyer = Propagator::new(&[]);
-        flyer.start(&start(&scenario));
+        let mut flyer = Propagator::new(&[], &start(&scenario));
         let (mut worst_m, mut seen) = (0.0_f64, 0);
         let end_s = times[times.len() - 1];
-        for step in raster(&inputs, &times).steps((0.0, end_s), &model, 1..times.len()) {
+        for step in raster(&inputs, &times).steps(0.0, end_s, &model, 1..times.len()) {
             flyer.step(&model, inputs.samples(), &step);
             if let Some(k) = step.instant {
                 let p = states[k].position_in_world_m;

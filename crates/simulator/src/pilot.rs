@@ -1,9 +1,9 @@
 //! A pilot who flies the simulated helicopter for as long as it is wanted: holds it in the middle of the
 //! room, wanders, and moves the swash-plate now and then so that the parameters show themselves.
 
+use crate::{FlightState, InitialState, SimulatorError, simulate};
 use mavsight_flight::{FlightError, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{EulerAngles, Vector3};
-use mavsight_simulator::{FlightState, InitialState, SimulatorError, simulate};
 use std::collections::VecDeque;
 
 /// Steps of the controls in one frame.
