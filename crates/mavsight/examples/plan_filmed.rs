@@ -31,17 +31,13 @@ const INTERVAL_S: f64 = 1.0 / 30.0;
 /// Of the cameras from the middle: within the walls for every angle.
 const DISTANCE_M: f64 = 5.3;
 
-/// The middle of the control frame, and its size over that of the paper's: the near corners are still in
-/// view.
+/// Middle of the control frame, and its size over the paper's: the near corners are still in view.
 const MIDDLE_M: Vector3<f64> = Vector3::new(0.0, 0.0, 1.5);
 const FRAME: f64 = 0.75;
-/// How far from its place a camera is put, so that something else is behind each ball every time: as far
-/// behind it again as the camera is before it, that moves what it hides by as much, three times a ball's
-/// width.
+/// How far from its place a camera is put, so that something else is behind each ball every time.
 const SET_UP_STD_M: f64 = 0.2;
 /// Ways that are tried for one on which all balls are seen.
 const TRIES: usize = 1000;
-
 /// Part of a ball's face that must be seen: an arm before it hides less than the rest.
 const SEEN: f64 = 0.8;
 

@@ -43,7 +43,7 @@ fn cells(name: String, numbers: [Option<f64>; 4], verdict: &str) -> Vec<String> 
     [vec![name], numbers.to_vec(), vec![verdict.to_owned()]].concat()
 }
 
-/// Parameters and determined combinations of equation error: name, value, standard deviation, interval, verdict.
+/// Parameters and determined combinations of equation error: name, value, deviation, interval, verdict.
 pub(crate) fn equation_rows(fit: &OutputFit) -> impl Iterator<Item = Vec<String>> {
     let parameters = fit.parameters.iter().map(|p| {
         let verdict = if p.identifiable { "" } else { "only in a combination" };

@@ -4,8 +4,8 @@ use crate::aircraft::Part;
 use mavsight_geometry::Camera;
 use nalgebra::{Isometry3, Point3, Vector2};
 
-/// A line and a reach about it in the plane of unit depth before the camera, where lines are straight whatever
-/// the lens does: no ray outside meets the part at any pose of an exposure.
+/// A line and a reach about it in the plane of unit depth before the camera, where lines are straight
+/// whatever the lens does: no ray outside meets the part at any pose of an exposure.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Outline {
     from: Vector2<f64>,
@@ -37,7 +37,7 @@ impl Outline {
         let Some([from, to]) = first.filter(|_| nearest_m - radius_m > LEAST_DEPTH_M) else {
             return Self::ALL;
         };
-        // A ball of radius r at depth z and slope n is seen within r (1 + n²)/(z - r √(1 + n²)) of its centre.
+        // A ball of radius r at depth z and slope n appears within r (1 + n²)/(z - r √(1 + n²)) of it.
         let lean = (1.0 + slope2).sqrt();
         let depth_m = nearest_m - radius_m * lean;
         let reach = if depth_m > 0.0 { moved + radius_m * lean * lean / depth_m } else { f64::INFINITY };

@@ -43,7 +43,7 @@ fn names() -> [&'static str; 23] {
     columns(&mut FlightState::default()).map(|(name, _)| name)
 }
 
-/// Reads a truth file: a CSV or Parquet table with the columns that [`write_truth`] writes; others are ignored.
+/// Reads a truth file: a CSV or Parquet table with the columns that [`write_truth`] writes, or more.
 ///
 /// # Errors
 /// Names the file, row and column.

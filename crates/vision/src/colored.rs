@@ -7,7 +7,7 @@
 
 use crate::color::{Seen, colored_hue, least_colored_code, to_linear};
 use crate::frame::YuvToRgb;
-use crate::segment::Window;
+use crate::window::Window;
 use crate::{Frame, Pixels, YuvMatrix};
 
 /// A coloured pixel; small, as a frame may be full of them.

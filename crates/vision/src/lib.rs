@@ -16,6 +16,7 @@ mod outline;
 mod patch;
 mod segment;
 mod track;
+mod window;
 
 pub use board::{BoardCorner, CodedBoard, CodedBoardError, MarkerDictionary, find_board, find_coded_board};
 pub use centre::MODEL_STD;

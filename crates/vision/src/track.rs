@@ -7,7 +7,7 @@ use crate::centre::LEAST_RADIUS_PX;
 use crate::color::{ColorModel, Seen};
 use crate::detect::{Workspace, is_measurable};
 use crate::health::{self, BallHealth};
-use crate::segment::Window;
+use crate::window::Window;
 use crate::{BallColor, Detection, Frame, VisionError};
 use mavsight_geometry::Camera;
 use state::TrackState;

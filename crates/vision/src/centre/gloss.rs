@@ -6,7 +6,6 @@
 
 use super::edge::bell;
 use super::lanes::Lanes;
-use super::shading::Normals;
 use crate::Vector3;
 use pulp::Simd;
 
@@ -29,6 +28,14 @@ const SLOPE_STD: f64 = 0.04 * 0.25;
 /// Part of the light that comes from all around besides lamps: half as much as from them, as the ball's
 /// shading takes it.
 const AROUND: f64 = 1.0 / 3.0;
+
+/// Normal of the surface at pixels: x, y and z, and z squared.
+pub(super) struct Normals<S: Simd> {
+    pub(super) x: Lanes<S>,
+    pub(super) y: Lanes<S>,
+    pub(super) z: Lanes<S>,
+    pub(super) z2: Lanes<S>,
+}
 
 /// Patterns of mirrored light.
 pub(super) const GLOSSES: usize = 3;

@@ -12,7 +12,7 @@ use self::systems::{NEIGHBOURS, Systems, Weights};
 use super::cholesky::Banded;
 use super::constants::CLEAR;
 use super::lanes::{GROUP, Lanes};
-use super::metric::{Course, Nearby};
+use super::metric::{Course, Nearby, REACH};
 use super::policy::FitPolicy;
 use crate::patch::Patch;
 use pulp::Simd;
@@ -21,9 +21,7 @@ use pulp::Simd;
 pub(super) const LEAST_CLUTTER: f64 = 0.5;
 /// Distance in edge widths at which correlation ends.
 const FAR_EDGES: f64 = 4.0;
-/// Pixels to look for them in each direction.
-pub(super) const REACH: usize = 4;
-/// Width of a table by the displacement of two of them.
+/// Width of a table by the displacement of two neighbours.
 const ACROSS: usize = 4 * REACH + 1;
 /// Entry of such a table for no displacement.
 const HERE: usize = (ACROSS + 1) * 2 * REACH;

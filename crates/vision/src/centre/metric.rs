@@ -6,8 +6,8 @@
 //! nearby determine the metric M: small along a line, large across it. Across, it is at most I/2w², that of
 //! white noise blurred to the width w of an edge; where nothing but noise is seen it is that.
 
-use super::krige::REACH;
-
+/// Pixels in each direction within which free pixels are looked for.
+pub(super) const REACH: usize = 4;
 /// Width of the neighbourhood, a Gaussian's standard deviation: half the reach, so that its end weighs e⁻².
 const WINDOW_PX: f64 = 0.5 * REACH as f64;
 /// Correlation of two pixels two apart below which they are as good as independent: e⁻⁴.

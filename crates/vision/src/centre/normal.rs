@@ -15,8 +15,7 @@ const TOGETHER: usize = 10;
 #[derive(Debug, Clone)]
 pub(super) struct Normal(SMatrix<f64, WIDTH, COUNT>);
 
-/// The step that the equations ask for, its squared length in standard deviations, and the information's
-/// factor.
+/// The step, its squared length in standard deviations, and the information's factor.
 pub(super) struct Solved {
     pub(super) change: Parameters,
     pub(super) length: f64,

@@ -5,7 +5,7 @@
 pub(crate) struct FitPolicy {
     /// Steps after which a fit is given up.
     pub(super) most_steps: usize,
-    /// Whether clutter is followed along lines behind the ball's rim, such as a rod that ends at it.
+    /// Whether clutter is followed along lines behind the rim, such as a rod that ends at the ball.
     pub(super) clutter_along_lines: bool,
 }
 

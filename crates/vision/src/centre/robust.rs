@@ -9,7 +9,7 @@ const CUT_OFF: f64 = 4.685;
 /// A Gaussian's standard deviation over its median absolute value.
 pub(super) const MEDIAN_TO_DEVIATION: f64 = 1.4826;
 const ROUNDS: usize = 4;
-/// A scale beyond which nothing lies but what fills up the last group.
+/// A scale beyond which only filling lies.
 const ANY: f64 = 1e15;
 const FILLING: f32 = 1e30;
 

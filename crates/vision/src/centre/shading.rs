@@ -5,7 +5,7 @@
 //! where one lamp outshines the others: its clamped cosine t is 1/4 + t/2 + 5/16 P₂(t) - 3/32 P₄(t), with no
 //! other direction than that of the first order.
 
-use super::gloss::Gloss;
+use super::gloss::{Gloss, Normals};
 use super::lanes::Lanes;
 use super::model::{EDGE, Model, Parameters, RADIUS, SHADE, SHADES};
 use crate::Vector3;
@@ -15,14 +15,6 @@ use pulp::Simd;
 /// Shading of first order below which no direction stands out: the fourth would be below a hundredth of the
 /// ball's light.
 const LEAST_SLOPE: f64 = 0.05;
-
-/// Normal of the surface at pixels: x, y and z, and z squared.
-pub(super) struct Normals<S: Simd> {
-    pub(super) x: Lanes<S>,
-    pub(super) y: Lanes<S>,
-    z: Lanes<S>,
-    z2: Lanes<S>,
-}
 
 /// The direction from which most light comes, by the shading of first order; from above where none stands
 /// out.

@@ -111,8 +111,8 @@ impl Weighted {
         }
     }
 
-    /// Fifth stage: the step by these samples and by what is known beforehand; None where the information is not positive
-    /// definite.
+    /// Fifth stage: the step by these samples and by what is known beforehand; None where the information is
+    /// not positive definite.
     #[inline(always)]
     pub(super) fn solve<S: Simd>(
         &self,
