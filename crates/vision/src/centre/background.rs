@@ -70,16 +70,22 @@ impl Planes {
     }
 }
 
+/// Area over which clutter is alike, in squared edge widths: the integral of the correlation of blurred white
+/// noise. What is taken as independent from pixel to pixel but is not has its variance times the area.
+const ALIKE: f64 = 4.0 * std::f64::consts::PI;
+
 /// The background of one ball.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Background {
-    kriging: Kriging,
+    pub(super) kriging: Kriging,
     planes: Planes,
     /// Covariance of the brightness expected behind the rim, in the rim's order; empty without clutter.
     pub(super) covariance: Banded,
     /// Standard deviation of the clutter near each pixel and each block in use.
     pub(super) near: Vec<f32>,
     pub(super) color_near: Vec<f32>,
+    /// Area over which clutter before the ball is taken to be alike.
+    pub(super) alike_px2: f32,
     /// Pixels in use and shared ones, with the light behind the ball there.
     pub(super) places: Places,
 }
@@ -95,7 +101,8 @@ impl Background {
     ) -> Option<Self> {
         let clutter_variance = planes.variance - noise_variance;
         let clutter = clutter_variance.max(0.0).sqrt();
-        let mut background = Self { planes, ..Self::default() };
+        let alike_px2 = if policy.clutter_along_lines { (ALIKE * edge_px * edge_px) as f32 } else { 1.0 };
+        let mut background = Self { planes, alike_px2, ..Self::default() };
         let mut mean: Vec<f32> = layout.rim.iter().map(|i| planes.level(patch.place(*i as usize))).collect();
         if clutter_variance > LEAST_CLUTTER * noise_variance {
             let spread = Spread { clutter, noise_variance };
@@ -131,11 +138,6 @@ impl Background {
         let around = patch.coded(self.around().map(|value| value as f32)).map(decode_one);
         self.places.light_up_from(mean.len(), &around);
         self.places.decode(simd);
-    }
-
-    /// Standard deviation of what is predicted at each rim pixel; empty without clutter.
-    pub(super) fn deviation(&self) -> &[f32] {
-        self.kriging.deviation()
     }
 
     /// Brightness and colour differences in the middle.

@@ -65,7 +65,8 @@ pub(super) struct Kriging {
     tapered: Vec<f32>,
     places: Vec<(i32, i32)>,
     weights: Vec<Weights>,
-    deviation: Vec<f32>,
+    /// How far what is predicted at each rim pixel may be off: standard deviations; empty without clutter.
+    pub(super) deviation: Vec<f32>,
     course: Course,
     /// Whether lines are looked for.
     along_lines: bool,
@@ -126,11 +127,6 @@ impl Kriging {
             self.deviation.extend_from_slice(&deviation[..mean.len()]);
         }
         all.is_finite().then_some(())
-    }
-
-    /// How far what is predicted at each rim pixel may be off: standard deviations.
-    pub(super) fn deviation(&self) -> &[f32] {
-        &self.deviation
     }
 
     /// Sets the covariance of what is predicted.

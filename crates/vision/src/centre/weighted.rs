@@ -82,7 +82,8 @@ impl Weighted {
         for ((place, pixel), near) in stages.pixels().zip(&stages.background.near) {
             let covered = stages.linearized.values.covered[place];
             let believed = trust.weight[pixel].max(LEAST_TRUST);
-            self.variance.push((noise + OCCLUDED * (near * covered).powi(2)) / believed);
+            let clutter = stages.background.alike_px2 * OCCLUDED * (near * covered).powi(2);
+            self.variance.push((noise + clutter) / believed);
             self.believed.push(believed);
         }
     }
@@ -95,6 +96,7 @@ impl Weighted {
         let level = level.abs().max(noise.sqrt());
         // Noise there is no clutter.
         let clutter = background.color_variance().map(|all| (all as f32 - noise).max(0.0));
+        let alike = (background.alike_px2 / (patch.step * patch.step) as f32).max(1.0);
         self.color_information.clear();
         for (place, block) in stages.blocks() {
             let covered = layout.color_covered[block];
@@ -105,7 +107,7 @@ impl Weighted {
                 let residual = linearized.color_rows[place][k][RESIDUAL];
                 let value = patch.colors[block][k] - residual - patch.from_coded[k + 1][3] as f32;
                 let behind = (1.0 - covered).powi(2) * clutter[k];
-                let variance = noise + hidden * (covered * value).powi(2) + behind;
+                let variance = noise + alike * (hidden * (covered * value).powi(2) + behind);
                 believed / variance
             }));
         }
@@ -168,7 +170,7 @@ impl Weighted {
     #[inline(always)]
     pub(super) fn set_trust(&self, stages: &Stages<'_>, left: &Left, trust: &mut Trust) {
         let mut spoiled = Vec::new();
-        let deviation = stages.background.deviation();
+        let deviation = &stages.background.kriging.deviation;
         for (place, pixel) in stages.pixels() {
             if trust.glare.reaches(pixel) {
                 continue;
