@@ -63,9 +63,9 @@ pub struct PoseEstimate {
     pub left_out: MarkerSet,
     /// What is new in each frame: the upper triangle, by columns.
     own: [f64; TRIANGLE],
-    /// Systematic part, by columns.
+    /// Systematic part: columns of six, or a lower triangle by columns, which no number of columns is as
+    /// long as.
     systematic: Box<[f32]>,
-    is_condensed: bool,
 }
 
 const TRIANGLE: usize = 21;
@@ -81,22 +81,22 @@ impl PoseEstimate {
         let mut own = [0.0; TRIANGLE];
         let mean = |(i, j)| 0.5 * (covariance[(i, j)] + covariance[(j, i)]);
         own.iter_mut().zip(places()).for_each(|(value, at)| *value = mean(at));
-        let (residual_px, markers_used, left_out, systematic, is_condensed) = Default::default();
-        Self { world_from_body, residual_px, markers_used, left_out, own, systematic, is_condensed }
+        let (residual_px, markers_used, left_out, systematic) = Default::default();
+        Self { world_from_body, residual_px, markers_used, left_out, own, systematic }
     }
 
     /// Adds what the systematic errors of cameras and marker positions do to this pose. Each column is one
     /// standard deviation along one independent direction, the same directions in all poses of a flight.
     #[must_use]
     pub fn with_systematic(self, columns: &Matrix6xX<f32>) -> Self {
-        Self { systematic: columns.as_slice().into(), is_condensed: false, ..self }
+        Self { systematic: columns.as_slice().into(), ..self }
     }
 
     /// [`Self::with_systematic`] of columns in double precision, without a copy of them in between.
     #[must_use]
     pub(crate) fn with_rounded(self, columns: &Matrix6xX<f64>) -> Self {
         let systematic = columns.as_slice().iter().map(|v| *v as f32).collect();
-        Self { systematic, is_condensed: false, ..self }
+        Self { systematic, ..self }
     }
 
     /// States which markers entered, which were left out, and the residual that they leave.
@@ -127,22 +127,29 @@ impl PoseEstimate {
     /// The part S of the covariance S Sᵀ that is not new in each frame, in single precision: seven digits of
     /// a standard deviation. No columns: none is known.
     pub fn systematic(&self) -> Matrix6xX<f32> {
-        Matrix6xX::from_column_slice(&self.systematic)
+        let columns: Vec<_> =
+            (0..self.systematic_columns()).map(|c| self.systematic_column(c).map(|v| v as f32)).collect();
+        if columns.is_empty() { Matrix6xX::zeros(0) } else { Matrix6xX::from_columns(&columns) }
     }
 
     /// Number of columns of that.
     pub fn systematic_columns(&self) -> usize {
-        self.systematic.len() / 6
+        if self.is_condensed() { 6 } else { self.systematic.len() / 6 }
     }
 
     /// Whether the systematic columns are those of [`Self::condensed`], which do not say how poses err
     /// together.
     pub fn is_condensed(&self) -> bool {
-        self.is_condensed
+        self.systematic.len() == TRIANGLE
     }
 
     pub(crate) fn systematic_column(&self, c: usize) -> Vector6<f64> {
-        Vector6::from_fn(|i, _| f64::from(self.systematic[6 * c + i]))
+        if !self.is_condensed() {
+            return Vector6::from_fn(|i, _| f64::from(self.systematic[6 * c + i]));
+        }
+        // A lower triangle's columns are an upper one's rows.
+        let start = c * (13 - c) / 2;
+        Vector6::from_fn(|i, _| if i < c { 0.0 } else { f64::from(self.systematic[start + i - c]) })
     }
 
     /// This pose without systematic columns: all of its covariance counts as random.
@@ -167,7 +174,8 @@ impl PoseEstimate {
         // S Sᵀ = Rᵀ R where Sᵀ = Q R.
         let rows = self.systematic().map(f64::from).transpose();
         let root = rows.qr().r().transpose().map(|v| v as f32);
-        Self { systematic: root.as_slice().into(), is_condensed: true, ..self }
+        let triangle = (0..6).flat_map(|c| (c..6).map(move |i| (i, c))).map(|at| root[at]);
+        Self { systematic: triangle.collect(), ..self }
     }
 }
 
