@@ -73,14 +73,14 @@ impl Array {
 
     /// Items of a fixed number are never missing, by Rerun's types.
     fn field(&self, name: &str, nullable: bool, about: &[(&'static str, String)]) -> Flat {
-        let item = |items: &Box<Self>| items.field("item", self.of == Type::LIST, &[]);
+        let item = |items: &Self| items.field("item", self.of == Type::LIST, &[]);
         let fields = self.of.1.iter().map(|(slot, n)| (*slot, Flat::Number(*n)));
         Flat::Table(vec![
             (0, Flat::Text(name.to_owned())),
             (1, Flat::Number(i64::from(nullable))),
             (2, Flat::Number(self.of.0)),
             (3, Flat::Table(fields.collect())),
-            (5, Flat::List(self.items.iter().map(item).collect())),
+            (5, Flat::List(self.items.as_deref().map(item).into_iter().collect())),
             (6, pairs(about)),
         ])
     }

@@ -91,7 +91,7 @@ enum Content {
     Cameras(Rig),
     Poses(Vec<TimedPose>),
     Paths(MarkerPaths),
-    Pixels(RunResults),
+    Pixels(Box<RunResults>),
     Control(Vec<ControlPointRow>),
     Offsets(Vec<f64>),
 }
@@ -143,9 +143,10 @@ impl Call<'_> {
             Format::Trc => plain(trc::read(path), Content::Paths),
             Format::C3d => noted(c3d::read(path), Content::Paths),
             Format::Xyzpts => plain(dltdv_points::read_xyzpts(path, self.rate_hz()?, points), Content::Paths),
-            Format::Markers => {
-                plain(dltdv_points::read_marker_table(path, names, &self.point_names()), Content::Pixels)
-            }
+            Format::Markers => plain(
+                dltdv_points::read_marker_table(path, names, &self.point_names()).map(Box::new),
+                Content::Pixels,
+            ),
             Format::Xypts => {
                 let options = PointOptions {
                     rate_hz: self.rate_hz()?,
@@ -155,7 +156,7 @@ impl Call<'_> {
                     points: self.point_names(),
                     std_px: *std,
                 };
-                plain(dltdv_points::read_xypts(path, &options), Content::Pixels)
+                plain(dltdv_points::read_xypts(path, &options).map(Box::new), Content::Pixels)
             }
             Format::Control => plain(tables::read_control_points(path), Content::Control),
             Format::Object => noted(dltdv::read_control_object(path), Content::Control),
