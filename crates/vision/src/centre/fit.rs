@@ -23,10 +23,8 @@ use pulp::Simd;
 const MOST_WEIGHED: usize = 4;
 /// That of the last step: all that is still to come then is a fraction of what noise does to one parameter.
 const SMALL_STEP: f64 = 1.0;
-/// Times that trust and noise are set at least: first the trust, then the noise too. A ball that is followed
-/// brings its noise along.
+/// Times that trust and noise are set at least: first the trust, then the noise too.
 const LEAST_WEIGHED: usize = 2;
-const LEAST_WEIGHED_FOLLOWED: usize = 1;
 /// Squared length, in standard deviations over all parameters, of a step whose outcome is predicted from the
 /// equations' linear form: as long as that by which two frames' noise sets their parameters apart (2 a
 /// parameter; three quarters of all frames).
@@ -104,9 +102,8 @@ struct Search {
     planes: Option<(Planes, Parameters)>,
     /// Whether the last step's outcome follows from the equations' linear form.
     is_near: bool,
-    /// Times that trust and noise have been set, and that they are set at least.
+    /// Times that trust and noise have been set.
     weighed: usize,
-    least_weighed: usize,
     was_too_large: bool,
 }
 
@@ -125,7 +122,6 @@ impl Search {
             planes: None,
             is_near: false,
             weighed: 0,
-            least_weighed: if start.followed.is_some() { LEAST_WEIGHED_FOLLOWED } else { LEAST_WEIGHED },
             was_too_large: false,
             model,
         }
@@ -173,7 +169,7 @@ impl Search {
         let before = self.noise;
         self.weighed += 1;
         weighted.set_trust(stages, left, &mut self.trust);
-        if self.weighed >= self.least_weighed {
+        if self.weighed >= LEAST_WEIGHED {
             self.noise.variance = weighted.noise_variance(stages, left, &self.trust, &before);
             if self.trust.believed(stages) < LEAST_TRUSTED {
                 return Err(NoFit::Hidden);
@@ -234,7 +230,7 @@ impl Fitter {
             }
             if step.is_near {
                 let left = weighted.left(simd, &stages, &step.change);
-                let mut has_converged = search.weighed >= search.least_weighed;
+                let mut has_converged = search.weighed >= LEAST_WEIGHED;
                 if search.weighed < MOST_WEIGHED {
                     has_converged &= search.weigh(&stages, &weighted, &left)?;
                 }
