@@ -3,7 +3,7 @@
 use super::constants::CLEAR;
 use super::lanes::GROUP;
 use super::model::{Model, SITING};
-use super::samples::visit;
+use super::samples::parts;
 use crate::patch::Patch;
 use pulp::Simd;
 
@@ -87,17 +87,15 @@ impl Layout {
     #[inline(always)]
     fn choose_blocks(&mut self, patch: &Patch, model: &Model) {
         for block in 0..patch.colors.len() {
-            let mut sum = 0.0;
-            let is_whole = visit(patch, block, model.p[SITING], |pixel, weight, _| {
-                sum += weight * self.covered[pixel];
-            });
+            let parts = parts(patch, block, model.p[SITING]);
+            let covered = parts.map(|parts| parts.map(|part| part.weight * self.covered[part.pixel]).sum());
             // A block at the border of the patch serves neither as ball nor as background.
-            self.color_covered.push(if is_whole { sum } else { 0.5 });
+            self.color_covered.push(covered.unwrap_or(0.5));
             let depth = || match patch.step {
                 1 => self.depth[block],
                 _ => model.depth_edges(patch.block_place(block)),
             };
-            if is_whole && sum >= CLEAR && depth() < DEEPEST {
+            if covered.is_some_and(|covered| covered >= CLEAR) && depth() < DEEPEST {
                 self.blocks.push(block as u32);
             }
         }
@@ -124,12 +122,12 @@ impl Layout {
             self.slot[*used as usize] = place as u32 + 1;
         }
         for block in &self.blocks {
-            visit(patch, *block as usize, model.p[SITING], |pixel, _, _| {
-                if self.slot[pixel] == 0 && self.covered[pixel] >= 0.5 {
-                    self.shared.push(pixel as u32);
-                    self.slot[pixel] = (self.used.len() + self.shared.len()) as u32;
+            for part in parts(patch, *block as usize, model.p[SITING]).into_iter().flatten() {
+                if self.slot[part.pixel] == 0 && self.covered[part.pixel] >= 0.5 {
+                    self.shared.push(part.pixel as u32);
+                    self.slot[part.pixel] = (self.used.len() + self.shared.len()) as u32;
                 }
-            });
+            }
         }
     }
 }

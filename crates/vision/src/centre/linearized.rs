@@ -6,7 +6,7 @@ use super::layout::Layout;
 use super::model::{
     EDGE, Model, NO_COLUMNS, NOTHING, RESIDUAL, Row, SITING, Shown, Values, WIDTH, add_scaled,
 };
-use super::samples::visit;
+use super::samples::parts;
 use crate::patch::Patch;
 use pulp::Simd;
 
@@ -71,24 +71,24 @@ impl Linearized {
     ) -> ([f32; 2], [Row; 2]) {
         let channels = &self.values.channels;
         let (mut values, mut rows) = ([0.0; 2], [[0.0; WIDTH]; 2]);
-        visit(patch, block, siting_px, |pixel, weight, by_siting| {
-            let shown = match layout.place(pixel) {
+        for part in parts(patch, block, siting_px).into_iter().flatten() {
+            let shown = match layout.place(part.pixel) {
                 Some(place) => {
                     for (row, channel) in rows.iter_mut().zip(&self.shown[place][1..]) {
-                        add_scaled(row, channel, weight);
+                        add_scaled(row, channel, part.weight);
                     }
                     [channels[1][place], channels[2][place]]
                 }
                 None => {
-                    let free = background.colors_at(patch.place(pixel));
+                    let free = background.colors_at(patch.place(part.pixel));
                     [0, 1].map(|k| (free[k] - patch.from_coded[k + 1][3]) as f32)
                 }
             };
             for ((value, row), shown) in values.iter_mut().zip(&mut rows).zip(shown) {
-                *value += weight * shown;
-                row[SITING] += by_siting * shown;
+                *value += part.weight * shown;
+                row[SITING] += part.by_siting * shown;
             }
-        });
+        }
         (values, rows)
     }
 }

@@ -2,7 +2,6 @@
 
 use super::lanes::{GROUP, Lanes};
 use super::model::{COUNT, Parameters, RESIDUAL, Row, WIDTH};
-use nalgebra::{Cholesky, Const, SMatrix};
 use pulp::Simd;
 
 /// Information of a parameter that is held: a millionth of a pixel.
@@ -10,21 +9,23 @@ const HELD: f64 = 1e12;
 /// Columns of the sums that are added to together: as many sums as a vector unit keeps at hand.
 const TOGETHER: usize = 10;
 
-/// The lower triangle of the information matrix and behind it, in row [`RESIDUAL`], the gradient; in double
-/// precision, as a solution needs it.
-#[derive(Debug, Clone)]
-pub(super) struct Normal(SMatrix<f64, WIDTH, COUNT>);
+/// Columns of the information matrix from the diagonal down and behind each, in row [`RESIDUAL`], the gradient;
+/// in double precision, as a solution needs it.
+type Columns = [[f64; WIDTH]; COUNT];
 
-/// The step, its squared length in standard deviations, and the information's factor.
+#[derive(Debug, Clone)]
+pub(super) struct Normal(Columns);
+
+/// The step, its squared length in standard deviations, and the information after elimination.
 pub(super) struct Solved {
     pub(super) change: Parameters,
     pub(super) length: f64,
-    factor: Cholesky<f64, Const<COUNT>>,
+    eliminated: Columns,
 }
 
 impl Normal {
     pub(super) fn new() -> Self {
-        Self(SMatrix::zeros())
+        Self([[0.0; WIDTH]; COUNT])
     }
 
     /// Adds the sums over some samples: derivatives with the residual behind them, and one over the variance.
@@ -47,7 +48,7 @@ impl Normal {
                 for (k, sum) in sums.into_iter().enumerate() {
                     let mut out = [0.0; GROUP];
                     sum.store(&mut out, 0);
-                    let column = &mut self.0.data.0[first + k];
+                    let column = &mut self.0[first + k];
                     let into = column[part * S::F32_LANES..].iter_mut();
                     into.zip(&out[..S::F32_LANES]).for_each(|(value, sum)| *value += f64::from(*sum));
                 }
@@ -57,41 +58,78 @@ impl Normal {
 
     /// Adds what is known of one parameter: the inverse of its variance, and how far below its mean it is.
     pub(super) fn add_known(&mut self, i: usize, information: f64, residual: f64) {
-        self.0[(i, i)] += information;
-        self.0[(RESIDUAL, i)] += information * residual;
+        self.0[i][i] += information;
+        self.0[i][RESIDUAL] += information * residual;
     }
 
     /// Which way and how strongly the samples pull a parameter.
     pub(super) fn pull(&self, i: usize) -> f64 {
-        self.0[(RESIDUAL, i)]
+        self.0[i][RESIDUAL]
     }
 
     /// Keeps a parameter as it is.
     pub(super) fn hold(&mut self, i: usize) {
-        self.0[(i, i)] += HELD;
-        self.0[(RESIDUAL, i)] = 0.0;
+        self.0[i][i] += HELD;
+        self.0[i][RESIDUAL] = 0.0;
     }
 
-    /// The solution; None where the information is not positive definite.
+    /// The solution by symmetric elimination; None where the information is not positive definite. The loops
+    /// have fixed lengths, for the vector unit; what they leave above the diagonal is not read.
     #[inline(always)]
     pub(super) fn solve(&self) -> Option<Solved> {
-        let factor = Cholesky::new(self.0.fixed_view::<COUNT, COUNT>(0, 0).into_owned())?;
-        let gradient = self.0.row(RESIDUAL).transpose();
-        let change = factor.solve(&gradient);
-        Some(Solved { change, length: gradient.dot(&change), factor })
+        let mut eliminated = self.0;
+        let mut length = 0.0;
+        for k in 0..COUNT {
+            let pivot = eliminated[k];
+            if pivot[k].is_nan() || pivot[k] <= 0.0 {
+                return None;
+            }
+            for j in k + 1..COUNT {
+                let factor = pivot[j] / pivot[k];
+                for (value, taken) in eliminated[j].iter_mut().zip(&pivot) {
+                    *value -= factor * taken;
+                }
+            }
+            length += pivot[RESIDUAL] * pivot[RESIDUAL] / pivot[k];
+        }
+        let change = substituted(&eliminated, Parameters::from_fn(|k, _| eliminated[k][RESIDUAL]));
+        Some(Solved { change, length, eliminated })
     }
 }
 
+/// Parameters from the right-hand side after elimination.
+#[inline(always)]
+fn substituted(eliminated: &Columns, mut p: Parameters) -> Parameters {
+    for (k, column) in eliminated.iter().enumerate().rev() {
+        let others: f64 = (k + 1..COUNT).map(|i| column[i] * p[i]).sum();
+        p[k] = (p[k] - others) / column[k];
+    }
+    p
+}
+
 impl Solved {
-    /// Covariance of all parameters.
-    pub(super) fn covariance(&self) -> SMatrix<f64, COUNT, COUNT> {
-        self.factor.inverse()
+    /// Covariance of a parameter with each.
+    pub(super) fn covariance(&self, of: usize) -> Parameters {
+        let mut side = Parameters::zeros();
+        side[of] = 1.0;
+        for k in of..COUNT {
+            let part = side[k] / self.eliminated[k][k];
+            for i in k + 1..COUNT {
+                side[i] -= part * self.eliminated[k][i];
+            }
+        }
+        substituted(&self.eliminated, side)
+    }
+
+    pub(super) fn variance(&self, of: usize) -> f64 {
+        self.covariance(of)[of]
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::SMatrix;
 
     #[test]
     fn it_agrees_with_the_general_solver() {
@@ -116,7 +154,9 @@ mod tests {
         let want = covariance * gradient;
         assert!((solved.change - want).norm() < 1e-4 * want.norm());
         assert!((solved.length - gradient.dot(&want)).abs() < 1e-4 * solved.length);
-        assert!((solved.covariance() - covariance).norm() < 1e-4 * covariance.norm());
+        for of in 0..COUNT {
+            assert!((solved.covariance(of) - covariance.column(of)).norm() < 1e-4 * covariance.norm());
+        }
         assert!(Normal::new().solve().is_none());
     }
 
@@ -129,10 +169,10 @@ mod tests {
         for i in 0..COUNT {
             for j in i..COUNT {
                 let value = ((i * 5 + j * 3) as f64).sin() + if i == j { 30.0 } else { 0.0 };
-                normal.0[(j, i)] = value;
+                normal.0[i][j] = value;
                 (information[(i, j)], information[(j, i)]) = (value, value);
             }
-            normal.0[(RESIDUAL, i)] = (i as f64).cos();
+            normal.0[i][RESIDUAL] = (i as f64).cos();
             gradient[i] = (i as f64).cos();
         }
         assert!((normal.pull(HELD) - gradient[HELD]).abs() < 1e-15);

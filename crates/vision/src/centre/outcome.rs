@@ -75,8 +75,8 @@ impl End<'_> {
         let Self { stages, p, .. } = self;
         let is_in_range = p[RADIUS] > range_px.0 && p[RADIUS] < range_px.1;
         let linear = [0, 1, 2].map(|channel| p[BALL + channel]);
-        let covariance = self.solved.covariance();
-        let centre_px2 = covariance.fixed_view::<2, 2>(0, 0);
+        let [across, down] = [0, 1].map(|axis| self.solved.covariance(axis));
+        let centre_px2 = Matrix2::from_columns(&[across.xy(), down.xy()]);
         let texture_px = TEXTURE_GAIN * p[EDGE] * self.texture(&linear);
         let model_px2 = (MODEL_STD * 2.0 * p[RADIUS]).powi(2) + texture_px * texture_px;
         let covariance_px2 = centre_px2 + Matrix2::identity() * model_px2;
@@ -91,18 +91,17 @@ impl End<'_> {
         if !covariance_px2.iter().all(|v| v.is_finite()) || !is_in_range || is_uncertain {
             return Err(NoFit::Implausible);
         }
-        let known = |i: usize, variance: f64| Known { mean: p[i], variance };
-        let edge_px = known(EDGE, covariance[(EDGE, EDGE)]);
+        let known = |i: usize| Known { mean: p[i], variance: self.solved.variance(i) };
         Ok(CentreFit {
             pixel: p.xy() + stages.patch.corner(),
             covariance_px2,
-            radius_px: known(RADIUS, covariance[(RADIUS, RADIUS)]),
+            radius_px: known(RADIUS),
             ball: linear.map(|l| l.clamp(0.0, 1.0) as f32),
             trusted,
             taken: Optics { siting_px: prior[SITING], edge_px: prior[EDGE] },
             optics: Optics {
-                siting_px: known(SITING, covariance[(SITING, SITING)]),
-                edge_px: if p[EDGE] <= PIXEL_STD_PX { prior[EDGE] } else { edge_px },
+                siting_px: known(SITING),
+                edge_px: if p[EDGE] <= PIXEL_STD_PX { prior[EDGE] } else { known(EDGE) },
             },
             followed: Followed { parameters: *p, noise_variance: self.noise.variance },
         })

@@ -35,44 +35,48 @@ pub(super) fn grain_variance(patch: &Patch) -> f64 {
     median(&mut left).map_or(0.0, |m| (MEDIAN_TO_DEVIATION * m / 6.0).powi(2))
 }
 
-/// The pixels that a colour sample averages: `each` gets pixel, weight and the weight's derivative by the
-/// siting. False where some lie outside the patch.
+/// A pixel's part in a colour sample.
+pub(super) struct Part {
+    pub(super) pixel: usize,
+    pub(super) weight: f32,
+    /// The weight's derivative by the siting.
+    pub(super) by_siting: f32,
+}
+
+/// The pixels that a colour sample averages; None where some lie outside the patch.
 ///
 /// A colour sample is the mean over the two rows of its block and over a box two pixels wide whose middle
 /// lies the siting to the right of the block's left pixel: weights of 1/4, 1/2, 1/4 for a siting of 0, of 0,
 /// 1/2, 1/2 for one of 1/2.
 #[inline(always)]
-pub(super) fn visit(
-    patch: &Patch,
-    block: usize,
-    siting_px: f64,
-    mut each: impl FnMut(usize, f32, f32),
-) -> bool {
-    if patch.step == 1 {
-        each(block, 1.0, 0.0);
-        return true;
-    }
+pub(super) fn parts(patch: &Patch, block: usize, siting_px: f64) -> Option<impl Iterator<Item = Part>> {
+    let (first, rows, columns, weights) = if patch.step == 1 {
+        (block, 1, 1, [(1.0, 0.0); 3])
+    } else {
+        let shift = (0.25 * siting_px.clamp(-0.5, 1.0)) as f32;
+        (first_averaged(patch, block)?, 2, 3, [(0.125 - shift, -0.25), (0.25, 0.0), (0.125 + shift, 0.25)])
+    };
+    let stride = patch.columns;
+    Some((0..rows * columns).map(move |k| {
+        let (weight, by_siting) = weights[k % columns];
+        Part { pixel: first + k / columns * stride + k % columns, weight, by_siting }
+    }))
+}
+
+/// The first pixel that a colour sample of a block averages.
+#[inline(always)]
+fn first_averaged(patch: &Patch, block: usize) -> Option<usize> {
     let (bx, by) = (
         patch.first_block.0 + block % patch.block_columns,
         patch.first_block.1 + block / patch.block_columns,
     );
     let (left, top) = ((2 * bx).wrapping_sub(1), 2 * by);
-    let inside = bx > 0
+    let is_inside = bx > 0
         && left >= patch.first.0
         && left + 2 < patch.first.0 + patch.columns
         && top >= patch.first.1
         && top + 1 < patch.first.1 + patch.rows;
-    if !inside {
-        return false;
-    }
-    let shift = (0.25 * siting_px.clamp(-0.5, 1.0)) as f32;
-    for row in [top, top + 1] {
-        let pixel = (row - patch.first.1) * patch.columns + left - patch.first.0;
-        each(pixel, 0.125 - shift, -0.25);
-        each(pixel + 1, 0.25, 0.0);
-        each(pixel + 2, 0.125 + shift, 0.25);
-    }
-    true
+    is_inside.then(|| (top - patch.first.1) * patch.columns + left - patch.first.0)
 }
 
 #[cfg(test)]
