@@ -91,42 +91,46 @@ pub(super) struct Background {
 }
 
 impl Background {
-    /// What is expected behind the disc, on these planes; None where the clutter's covariance is none.
+    /// Forms what is expected behind the disc, on these planes, in the buffers of an earlier one; None where
+    /// the clutter's covariance is none.
     #[inline(always)]
-    pub(super) fn new<S: Simd>(
+    pub(super) fn form<S: Simd>(
+        &mut self,
         simd: S,
         patch: &Patch,
         (layout, planes, edge_px): (&Layout, Planes, f64),
         (noise_variance, policy): (f64, FitPolicy),
-    ) -> Option<Self> {
+    ) -> Option<()> {
         let clutter_variance = planes.variance - noise_variance;
         let clutter = clutter_variance.max(0.0).sqrt();
-        let alike_px2 = if policy.clutter_along_lines { (ALIKE * edge_px * edge_px) as f32 } else { 1.0 };
-        let mut background = Self { planes, alike_px2, ..Self::default() };
+        self.planes = planes;
+        self.alike_px2 = if policy.clutter_along_lines { (ALIKE * edge_px * edge_px) as f32 } else { 1.0 };
         let mut mean: Vec<f32> = layout.rim.iter().map(|i| planes.level(patch.place(*i as usize))).collect();
+        self.kriging.clear(policy);
+        self.covariance.clear();
         if clutter_variance > LEAST_CLUTTER * noise_variance {
             let spread = Spread { clutter, noise_variance };
-            background.kriging = Kriging::new(policy);
             let around = (&layout.rim[..], &layout.covered[..]);
             let level = |place| planes.level(place);
-            background.kriging.weigh(simd, (patch, edge_px, spread), around, level)?;
-            background.kriging.predict(simd, clutter, &mut mean)?;
-            background.kriging.correlate(&mut background.covariance);
+            self.kriging.weigh(simd, (patch, edge_px, spread), around, level)?;
+            self.kriging.predict(simd, clutter, &mut mean)?;
+            self.kriging.correlate(&mut self.covariance);
         }
-        let near = |pixel: usize| {
-            background.kriging.clutter_near(patch, pixel, noise_variance).unwrap_or(clutter) as f32
-        };
-        let near_pixels = layout.used.iter().map(|pixel| near(*pixel as usize)).collect();
-        let near_blocks =
-            layout.blocks.iter().map(|block| near(patch.first_pixel(*block as usize))).collect();
-        (background.near, background.color_near) = (near_pixels, near_blocks);
-        background.light_up(simd, patch, layout, &mean);
-        Some(background)
+        let Self { kriging, near, color_near, .. } = self;
+        let near_pixel =
+            |pixel: usize| kriging.clutter_near(patch, pixel, noise_variance).unwrap_or(clutter) as f32;
+        near.clear();
+        near.extend(layout.used.iter().map(|pixel| near_pixel(*pixel as usize)));
+        color_near.clear();
+        color_near.extend(layout.blocks.iter().map(|block| near_pixel(patch.first_pixel(*block as usize))));
+        self.light_up(simd, patch, layout, &mean);
+        Some(())
     }
 
     /// Sets the light behind the ball, of this mean brightness behind its rim.
     #[inline(always)]
     fn light_up<S: Simd>(&mut self, simd: S, patch: &Patch, layout: &Layout, mean: &[f32]) {
+        self.places.clear();
         for index in layout.used.iter().chain(&layout.shared) {
             self.places.push(patch.place(*index as usize));
         }
@@ -174,7 +178,7 @@ impl Free {
         value: impl Fn(usize) -> f32,
     ) -> Scattered {
         let (left, top) = ((origin.0 - self.middle.0) as f32, (origin.1 - self.middle.1) as f32);
-        let mut out = Scattered::default();
+        let mut out = Scattered::with_room(covered.len());
         for (row, covered) in covered.chunks_exact(columns).enumerate() {
             let y = top + (row * step) as f32;
             for (column, covered) in covered.iter().enumerate() {

@@ -24,6 +24,12 @@ impl Banded {
         self.count
     }
 
+    /// Makes it one without columns.
+    pub(super) fn clear(&mut self) {
+        self.count = 0;
+        self.columns.clear();
+    }
+
     /// Sets the matrix: the entry at a row and as many columns before it as the second number says, diagonal
     /// included.
     #[inline(always)]

@@ -46,6 +46,8 @@ const FAINT: f64 = 0.5 * LEAST_CONTRAST;
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Fitter {
     policy: FitPolicy,
+    layout: Layout,
+    background: Background,
     linearized: Linearized,
     weighted: Weighted,
 }
@@ -142,24 +144,28 @@ impl Search {
         (self.model.p.xy() - self.start_px).norm() <= self.reach_px && !remains_too_large
     }
 
-    /// Layout and background where the ball is now.
+    /// Forms layout and background where the ball is now; None where nothing is known of the background.
     #[inline(always)]
-    fn around<S: Simd>(&mut self, simd: S, patch: &Patch, policy: FitPolicy) -> Option<(Layout, Background)> {
+    fn around<S: Simd>(
+        &mut self,
+        simd: S,
+        patch: &Patch,
+        policy: FitPolicy,
+        (layout, background): (&mut Layout, &mut Background),
+    ) -> Option<()> {
         self.model.shade_here();
-        let layout = Layout::new(simd, patch, &self.model);
+        layout.form(simd, patch, &self.model);
         let p = self.model.p;
         self.trust.glare.reach(patch, &p, (&layout.covered, &layout.depth));
         self.trust.forget_dazzled(patch);
         let noise_variance = self.noise.variance;
         let is_close = |from: &Parameters| distance_px(from, &p) < ALIKE_EDGES * p[EDGE];
         if !self.planes.is_some_and(|(_, from)| is_close(&from)) {
-            let planes = Planes::new(simd, patch, (&layout, &p), noise_variance)?;
+            let planes = Planes::new(simd, patch, (layout, &p), noise_variance)?;
             self.planes = Some((planes, p));
         }
         let (planes, _) = self.planes?;
-        let around = (&layout, planes, p[EDGE]);
-        let background = Background::new(simd, patch, around, (noise_variance, policy))?;
-        Some((layout, background))
+        background.form(simd, patch, (layout, planes, p[EDGE]), (noise_variance, policy))
     }
 
     /// Sets trust and, once that has been set without it, noise from what a step leaves: whether the noise is
@@ -205,16 +211,18 @@ impl Fitter {
     #[inline(always)]
     fn run<S: Simd>(&mut self, simd: S, patch: &Patch, mut search: Search) -> Result<CentreFit, NoFit> {
         let policy = self.policy;
-        let (mut around, mut seen_from) = (None, search.model.p);
+        let Self { layout, background, .. } = self;
+        let mut seen_from = None;
         for _ in 0..policy.most_steps {
-            if around.is_none() || distance_px(&seen_from, &search.model.p) > search.same_place_px() {
-                around = Some(search.around(simd, patch, policy).ok_or(NoFit::NoBackground)?);
-                seen_from = search.model.p;
+            let same_place_px = search.same_place_px();
+            if !seen_from.is_some_and(|from| distance_px(&from, &search.model.p) <= same_place_px) {
+                let around = (&mut *layout, &mut *background);
+                search.around(simd, patch, policy, around).ok_or(NoFit::NoBackground)?;
+                seen_from = Some(search.model.p);
             }
-            let Some((layout, background)) = &around else { break };
             let model = search.model;
             let linearized =
-                std::mem::take(&mut self.linearized).at(simd, patch, (layout, background), &model);
+                std::mem::take(&mut self.linearized).at(simd, patch, (&*layout, &*background), &model);
             let stages = Stages { patch, layout, background, linearized: &linearized };
             let weighted = std::mem::take(&mut self.weighted)
                 .form(simd, &stages, &search.trust, &search.noise)

@@ -73,8 +73,13 @@ pub(super) struct Kriging {
 }
 
 impl Kriging {
-    pub(super) fn new(policy: FitPolicy) -> Self {
-        Self { along_lines: policy.clutter_along_lines, ..Self::default() }
+    /// Forgets the clutter of another ball.
+    pub(super) fn clear(&mut self, policy: FitPolicy) {
+        self.along_lines = policy.clutter_along_lines;
+        self.left.clear();
+        self.weights.clear();
+        self.deviation.clear();
+        self.course = Course::default();
     }
 
     /// Sets from which free pixels and with which weights the clutter at each rim pixel is predicted. `level`
@@ -228,7 +233,8 @@ impl Kriging {
         for (row, down) in kernel.chunks_exact_mut(ACROSS).zip(&along) {
             row.iter_mut().zip(&along).for_each(|(value, across)| *value = (down * across) as f32);
         }
-        self.kernel = kernel.to_vec();
+        self.kernel.clear();
+        self.kernel.extend_from_slice(&kernel);
         let last = (far_px * far_px).floor().min((2 * BAND_REACH * BAND_REACH) as f64) as usize;
         self.tapered.clear();
         self.tapered.extend((0..=last).map(|square| {

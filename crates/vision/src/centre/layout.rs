@@ -35,14 +35,16 @@ pub(super) struct Layout {
 }
 
 impl Layout {
+    /// Forms it in the buffers of an earlier one.
     #[inline(always)]
-    pub(super) fn new<S: Simd>(simd: S, patch: &Patch, model: &Model) -> Self {
-        let mut layout = Self::default();
-        layout.cover(simd, patch, model);
-        layout.find_rim(patch, model);
-        layout.choose_blocks(patch, model);
-        layout.choose_pixels(patch, model);
-        layout
+    pub(super) fn form<S: Simd>(&mut self, simd: S, patch: &Patch, model: &Model) {
+        let Self { covered, depth, color_covered, rim, used, shared, slot, blocks } = self;
+        [covered, depth, color_covered].into_iter().for_each(Vec::clear);
+        [rim, used, shared, slot, blocks].into_iter().for_each(Vec::clear);
+        self.cover(simd, patch, model);
+        self.find_rim(patch, model);
+        self.choose_blocks(patch, model);
+        self.choose_pixels(patch, model);
     }
 
     /// The place of a pixel's values, if it has any.

@@ -15,6 +15,11 @@ pub(super) struct Places {
 }
 
 impl Places {
+    pub(super) fn clear(&mut self) {
+        let Self { x, y, light, decoding } = self;
+        [x, y].into_iter().chain(light).chain(decoding).for_each(Vec::clear);
+    }
+
     pub(super) fn push(&mut self, (x_px, y_px): (f64, f64)) {
         self.x.push(x_px as f32);
         self.y.push(y_px as f32);

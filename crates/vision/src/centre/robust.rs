@@ -46,6 +46,11 @@ pub(super) fn on(plane: &Plane, x: f64, y: f64) -> f64 {
 }
 
 impl Scattered {
+    pub(super) fn with_room(count: usize) -> Self {
+        let room = || Vec::with_capacity(count + GROUP);
+        Self { x: room(), y: room(), values: room(), left: Vec::new() }
+    }
+
     pub(super) fn push(&mut self, (x, y): (f32, f32), value: f32) {
         self.x.push(x);
         self.y.push(y);
