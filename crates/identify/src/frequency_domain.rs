@@ -120,7 +120,7 @@ pub fn frequency_domain(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal;
+    use mavsight_random::Random;
 
     #[test]
     fn straight_lines_are_transformed_as_the_closed_form_says() {
@@ -176,7 +176,7 @@ mod tests {
     #[test]
     fn knows_its_spread_in_coloured_noise() {
         let (dt, n, runs) = (1.0 / 30.0, 600, 400);
-        let mut seed = 21;
+        let mut random = Random::new(21, 0);
         let x = DMatrix::from_fn(n, 2, |i, j| {
             let t = i as f64 * dt;
             (1..8)
@@ -187,7 +187,7 @@ mod tests {
         for _ in 0..runs {
             let mut state = 0.0;
             let y = DVector::from_fn(n, |i, _| {
-                state = 0.8 * state + normal(&mut seed);
+                state = 0.8 * state + random.normal();
                 2.0 * x[(i, 0)] - x[(i, 1)] + state
             });
             let fit = frequency_domain(&x, &y, dt, Band { low_hz: 0.1, high_hz: 1.6 }).expect("a fit");

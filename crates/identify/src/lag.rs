@@ -3,7 +3,6 @@
 use crate::coloured::coloured;
 use crate::dependence::independent_columns;
 use crate::model::factors;
-use crate::regressors::form;
 use crate::table::Output;
 use crate::{
     Bandwidth, CoefficientTable, Correlation, IdentifyError, Model, Options, OutputModel, When, coefficients,
@@ -204,7 +203,7 @@ impl<'a> LagSearch<'a> {
 
     /// All outputs under a lag.
     fn table(&self, lag_s: f64) -> Result<CoefficientTable, IdentifyError> {
-        form(self.motion, &delayed(self.inputs, lag_s)?, self.vehicle, &self.options, false)
+        coefficients(self.motion, &delayed(self.inputs, lag_s)?, self.vehicle, &self.options)
     }
 
     /// Outputs that can be fitted to their independent columns in so many rows, by number.

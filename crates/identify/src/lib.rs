@@ -41,7 +41,7 @@ pub use frequency_domain::{Band, fourier_transform, frequency_domain};
 pub use lag::{Clocks, Lag, delayed, estimate_lag};
 pub use least_squares::{LeastSquares, least_squares, student_quantile_975, weighted_least_squares};
 pub use model::{EQUATION_3, Measured, Model, OutputModel, SIGNALS, Scale, When};
-pub use noise::{ErrorRows, ErrorSpectrum};
+pub use noise::SignalErrors;
 pub use recursive::RecursiveLeastSquares;
 pub use regression::{identify, identify_with};
 pub use regressors::{Bandwidth, Options, coefficients};

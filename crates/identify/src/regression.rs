@@ -198,12 +198,11 @@ impl<'a> Regression<'a> {
     fn errors_of(&self, row: usize) -> DMatrix<f64> {
         let count = self.output.columns.len();
         let kept: Vec<usize> = self.dependence.independent.iter().copied().chain([count]).collect();
-        let all = &self.output.errors;
-        if row < all.len() && all.at(row, count, count) > 0.0 {
-            return all.block(row, &kept);
+        let mut errors = self.output.errors.covariance(row, &kept);
+        if errors[(kept.len() - 1, kept.len() - 1)] == 0.0 {
+            errors.fill(0.0);
+            errors[(kept.len() - 1, kept.len() - 1)] = 1.0;
         }
-        let mut errors = DMatrix::zeros(kept.len(), kept.len());
-        errors[(kept.len() - 1, kept.len() - 1)] = 1.0;
         errors
     }
 

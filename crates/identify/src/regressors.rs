@@ -4,7 +4,7 @@ use crate::coloured::coloured;
 use crate::inverse::log_determinant;
 use crate::lowpass::{lowpass_at, median};
 use crate::model::{Model, OutputModel, Scale, When};
-use crate::noise::{Bands, ErrorRows, Source, Term, Transfer};
+use crate::noise::{Bands, SignalErrors, Source, SourceVariance, Term, Transfer};
 use crate::signals::{Flight, Passed, Signal, scale_terms};
 use crate::table::{CoefficientTable, Column, Fixed, Output};
 use crate::{Correlation, IdentifyError, least_squares};
@@ -93,18 +93,6 @@ pub fn coefficients(
     vehicle: &Vehicle,
     options: &Options,
 ) -> Result<CoefficientTable, IdentifyError> {
-    form(motion, inputs, vehicle, options, true)
-}
-
-/// [`coefficients`]; where they are not wanted, and the low-pass is given in hertz, without the errors of
-/// single rows.
-pub(crate) fn form(
-    motion: &Motion,
-    inputs: &InputSeries,
-    vehicle: &Vehicle,
-    options: &Options,
-    with_errors: bool,
-) -> Result<CoefficientTable, IdentifyError> {
     let model = options.model()?;
     model.check_signals(inputs)?;
     let flight = Flight::new(motion, inputs, vehicle)?;
@@ -135,8 +123,7 @@ pub(crate) fn form(
                 let (what, must) = ("the bandwidth", "be above zero");
                 return Err(IdentifyError::BadSetting { what, value, must });
             }
-            Bandwidth::Hz(hz) if with_errors => draft.finish(&flight, &table.usable, Some(hz)),
-            Bandwidth::Hz(hz) => draft.passed(&flight, &table.usable, Some(hz)),
+            Bandwidth::Hz(hz) => draft.finish(&flight, &table.usable, Some(hz)),
             Bandwidth::Automatic => draft.best(&flight, &rows, &table),
         };
         table.outputs.push(output);
@@ -147,10 +134,9 @@ pub(crate) fn form(
 /// Instants whose smoothed rates are not much worse than usual, and not within the margin of a gap in time: a
 /// low-pass leans on one side there as it does at the ends.
 fn usable(flight: &Flight<'_>, margin_s: f64) -> Vec<bool> {
-    let rows = flight.t_s.len();
-    let mut out = vec![true; rows];
+    let mut out = vec![true; flight.t_s.len()];
     for source in Source::all() {
-        let variances: Vec<f64> = (0..rows).map(|i| flight.variance(source, i)).collect();
+        let variances = flight.variances(source);
         let median = median(variances.clone());
         for (usable, variance) in out.iter_mut().zip(&variances) {
             *usable &= median == 0.0 || *variance <= 9.0 * median;
@@ -222,56 +208,33 @@ impl Draft {
         Ok(Self { name: equation.name.clone(), output, columns, fixed, bands })
     }
 
-    /// The output behind one more low-pass, with the errors of its rows.
+    /// The output behind one more low-pass.
     fn finish(&self, flight: &Flight<'_>, usable: &[bool], extra_hz: Option<f64>) -> Output {
-        let mut out = self.passed(flight, usable, extra_hz);
-        let variance = |source, row| flight.variance(source, row);
-        out.errors = self.bands_behind(extra_hz).covariances(&self.terms(), flight.t_s.len(), &variance);
-        let errors = &out.errors;
-        let used = || (0..errors.len()).filter(|row| usable[*row]);
-        let mean =
-            |j: usize| used().map(|row| errors.at(row, j, j)).sum::<f64>() / used().count().max(1) as f64;
-        out.columns.iter_mut().enumerate().for_each(|(j, column)| column.std = mean(j).sqrt());
-        out
-    }
-
-    fn bands_behind(&self, extra_hz: Option<f64>) -> Bands {
-        let mut bands = self.bands.clone();
-        bands.passed_hz.extend(extra_hz);
-        bands
-    }
-
-    /// Those of the columns and, last, the output.
-    fn terms(&self) -> Vec<&[Term]> {
-        let columns = self.columns.iter().map(|(_, s)| s.terms.as_slice());
-        columns.chain([self.output.terms.as_slice()]).collect()
-    }
-
-    /// The output behind one more low-pass, of whose errors only the spectrum is known.
-    fn passed(&self, flight: &Flight<'_>, usable: &[bool], extra_hz: Option<f64>) -> Output {
         let pass = |values: &[f64]| match extra_hz {
             Some(hz) => lowpass_at(&flight.t_s, values, hz),
             None => values.to_vec(),
         };
-        let (bands, terms, rows) = (self.bands_behind(extra_hz), self.terms(), flight.t_s.len());
-        let mean_variance = |source: Source| {
-            let all = (0..rows).filter(|row| usable[*row]).map(|row| flight.variance(source, row));
-            median(all.collect())
-        };
-        let spectrum = bands.spectrum(&terms, &mean_variance);
-        let once = start_errors(flight, &terms);
-        let column = |(name, signal): &(String, Signal)| Column {
-            name: name.clone(),
-            values: pass(&signal.values),
-            std: 0.0,
+        let mut bands = self.bands.clone();
+        bands.passed_hz.extend(extra_hz);
+        let columns = self.columns.iter().map(|(_, s)| s.terms.as_slice());
+        let terms: Vec<&[Term]> = columns.chain([self.output.terms.as_slice()]).collect();
+        let used: Vec<usize> = (0..usable.len()).filter(|row| usable[*row]).collect();
+        let errors = SignalErrors::new(&bands, &terms, |source| {
+            let by_row = flight.variances(source);
+            let usual = median(used.iter().map(|row| by_row[*row]).collect());
+            SourceVariance { by_row, usual }
+        });
+        let column = |(j, (name, signal)): (usize, &(String, Signal))| {
+            let sum: f64 = used.iter().map(|row| errors.variance(*row, j)).sum();
+            let std = (sum / used.len().max(1) as f64).sqrt();
+            Column { name: name.clone(), values: pass(&signal.values), std }
         };
         Output {
             name: self.name.clone(),
             values: pass(&self.output.values),
-            columns: self.columns.iter().map(column).collect(),
-            errors: ErrorRows::default(),
-            spectrum,
-            once,
+            columns: self.columns.iter().enumerate().map(column).collect(),
+            once: start_errors(flight, &terms),
+            errors,
             fixed: self.fixed.clone(),
             bandwidth_hz: bands.passed_hz.iter().copied().fold(f64::INFINITY, f64::min),
         }
@@ -282,8 +245,7 @@ impl Draft {
     fn best(&self, flight: &Flight<'_>, rows: &[usize], table: &CoefficientTable) -> Output {
         let margin_s = table.window_s.0 - table.t_s[0];
         let lowest_hz = 1.0 / margin_s;
-        let mut whole = self.finish(flight, &table.usable, None);
-        whole.errors = ErrorRows::default();
+        let whole = self.finish(flight, &table.usable, None);
         let independent = whole.dependence(&whole.regressors_at(rows)).independent;
         let measure =
             |output: &Output| log_variance(output, &independent, rows, table).unwrap_or(f64::INFINITY);
@@ -295,7 +257,7 @@ impl Draft {
         let mut hz = widest_hz.min(0.5 / table.sample_interval_s);
         while hz >= lowest_hz {
             candidates_hz.push(Some(hz));
-            measures.push(measure(&self.passed(flight, &table.usable, Some(hz))));
+            measures.push(measure(&self.finish(flight, &table.usable, Some(hz))));
             hz *= 0.5_f64.powf(0.25);
         }
         let least = measures.iter().copied().fold(f64::INFINITY, f64::min);

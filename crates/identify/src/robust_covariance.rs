@@ -105,7 +105,7 @@ fn automatic_lag(scores: &DMatrix<f64>) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal;
+    use mavsight_random::Random;
     use nalgebra::DVector;
 
     #[test]
@@ -125,17 +125,17 @@ mod tests {
 
     #[test]
     fn the_lag_of_an_autoregression_is_that_of_the_closed_form() {
-        let (mut seed, rows, rho) = (5, 20_000, 0.8);
+        let (mut random, rows, rho) = (Random::new(5, 0), 20_000, 0.8);
         let mut state = 0.0;
         let scores = DMatrix::from_fn(rows, 1, |_, _| {
-            state = rho * state + normal(&mut seed);
+            state = rho * state + random.normal();
             state
         });
         // 4ρ²/(1 - ρ²)² with ρ = 0.8 is 19.75.
         let wanted = 1.1447 * (19.75 * rows as f64).cbrt();
         let got = automatic_lag(&scores) as f64;
         assert!((got / wanted - 1.0).abs() < 0.05, "{got} is not {wanted}");
-        let white = DMatrix::from_fn(rows, 1, |_, _| normal(&mut seed));
+        let white = DMatrix::from_fn(rows, 1, |_, _| random.normal());
         assert!(automatic_lag(&white) < 4);
         assert_eq!(automatic_lag(&DMatrix::zeros(10, 2)), 0);
     }
@@ -143,12 +143,12 @@ mod tests {
     #[test]
     fn the_long_run_variance_of_an_autoregression_is_that_of_the_closed_form() {
         // Innovations of covariance I under ψ_t = A ψ_{t-1} + ε have (I - A)⁻¹ (I - A)⁻ᵀ.
-        let (mut seed, rows) = (9, 40_000);
+        let (mut random, rows) = (Random::new(9, 0), 40_000);
         let a = DMatrix::from_row_slice(2, 2, &[0.7, 0.2, -0.1, 0.5]);
         let mut scores = DMatrix::zeros(rows, 2);
         let mut state = DVector::zeros(2);
         for i in 0..rows {
-            state = &a * state + DVector::from_fn(2, |_, _| normal(&mut seed));
+            state = &a * state + DVector::from_fn(2, |_, _| random.normal());
             scores.set_row(i, &state.transpose());
         }
         let root = (DMatrix::identity(2, 2) - a).try_inverse().expect("regular");

@@ -207,7 +207,8 @@ impl RowTotalLeastSquares<'_> {
 mod tests {
     use super::*;
     use crate::independent_errors;
-    use crate::testing::{linear_problem_of_scipy, normal};
+    use crate::testing::linear_problem_of_scipy;
+    use mavsight_random::Random;
 
     /// Covariances that differ from row to row, x1 and x2 correlated; as given to scipy.
     fn errors_of_rows() -> Vec<DMatrix<f64>> {
@@ -270,22 +271,20 @@ mod tests {
     #[test]
     fn knows_its_spread_where_the_quality_of_rows_changes() {
         let (runs, rows, truth) = (400, 300, [0.5, 2.0]);
-        let mut seed = 3;
+        let mut random = Random::new(3, 0);
         let std: Vec<f64> = (0..rows).map(|i| if i % 3 == 0 { 0.6 } else { 0.15 }).collect();
         let errors: Vec<DMatrix<f64>> = std.iter().map(|s| independent_errors(&[0.0, *s], *s)).collect();
         let (mut squares, mut predicted, mut unweighted) = (0.0, 0.0, 0.0);
         for _ in 0..runs {
             let clean = |i: usize| (0.07 * i as f64).sin();
-            let x =
-                DMatrix::from_fn(
-                    rows,
-                    2,
-                    |i, j| {
-                        if j == 0 { 1.0 } else { clean(i) + std[i] * normal(&mut seed) }
-                    },
-                );
-            let y =
-                DVector::from_fn(rows, |i, _| truth[0] + truth[1] * clean(i) + std[i] * normal(&mut seed));
+            let x = DMatrix::from_fn(
+                rows,
+                2,
+                |i, j| {
+                    if j == 0 { 1.0 } else { clean(i) + std[i] * random.normal() }
+                },
+            );
+            let y = DVector::from_fn(rows, |i, _| truth[0] + truth[1] * clean(i) + std[i] * random.normal());
             let fit = total_least_squares_by_row(&x, &y, &errors, Correlation::White).expect("a fit");
             squares += (fit.values[1] - truth[1]).powi(2);
             predicted += fit.covariance[(1, 1)];

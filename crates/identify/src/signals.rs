@@ -120,17 +120,17 @@ impl<'a> Flight<'a> {
         self.inputs.samples().iter().map(value).collect()
     }
 
-    /// The variance at a row of a source's errors that change: by the smoother's variance of its rate, of
+    /// The variance at each row of a source's errors that change: by the smoother's variance of its rate, of
     /// which white errors behind H = 1/(1 + (f/fc)⁶) have (2π fc)²/2 times their own. Systematic errors, such
     /// as a camera's, are no part of it.
-    pub(crate) fn variance(&self, source: Source, row: usize) -> f64 {
-        let covariance = &self.motion.samples[row].covariance;
-        let (rate_variance, hz) = match source {
-            Source::Position(axis) => (covariance.variance(6 + axis), self.motion.translation_bandwidth_hz),
-            Source::Turn(axis) => (covariance.variance(9 + axis), self.motion.rotation_bandwidth_hz),
+    pub(crate) fn variances(&self, source: Source) -> Vec<f64> {
+        let (place, hz) = match source {
+            Source::Position(axis) => (6 + axis, self.motion.translation_bandwidth_hz),
+            Source::Turn(axis) => (9 + axis, self.motion.rotation_bandwidth_hz),
         };
-        let variance = 2.0 * rate_variance / (2.0 * std::f64::consts::PI * hz).powi(2);
-        if variance.is_finite() { variance.max(0.0) } else { 0.0 }
+        let per_rate = 2.0 / (2.0 * std::f64::consts::PI * hz).powi(2);
+        let variances = self.of(|s| per_rate * s.covariance.variance(place));
+        variances.into_iter().map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 }).collect()
     }
 
     /// Intervals between times over which the motion cannot be read.
@@ -142,11 +142,9 @@ impl<'a> Flight<'a> {
     /// The standard deviation of the turn about a body axis at the first time, without systematic errors:
     /// those are what the variances of all times have beyond [`Flight::variance`].
     pub(crate) fn start_turn_std_rad(&self, axis: usize) -> f64 {
-        let samples = &self.motion.samples;
-        let turn = |row: usize| samples[row].covariance.variance(3 + axis);
-        let beyond = (0..samples.len()).map(|row| turn(row) - self.variance(Source::Turn(axis), row));
-        let systematic = median(beyond.collect()).max(0.0);
-        (turn(0) - systematic).max(0.0).sqrt()
+        let turns = self.of(|s| s.covariance.variance(3 + axis));
+        let beyond = turns.iter().zip(self.variances(Source::Turn(axis))).map(|(all, own)| all - own);
+        (turns[0] - median(beyond.collect()).max(0.0)).max(0.0).sqrt()
     }
 
     /// What is measured, newtons or newton metres.

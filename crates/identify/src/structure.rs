@@ -110,16 +110,16 @@ pub fn choose_structure(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal;
+    use mavsight_random::Random;
 
     #[test]
     fn finds_what_made_the_output() {
-        let (rows, mut seed) = (200, 6);
+        let (rows, mut random) = (200, Random::new(6, 0));
         let x = DMatrix::from_fn(rows, 8, |i, j| {
-            if j == 0 { 1.0 } else { (0.03 * (j * j + 2) as f64 * i as f64).sin() + 0.2 * normal(&mut seed) }
+            if j == 0 { 1.0 } else { (0.03 * (j * j + 2) as f64 * i as f64).sin() + 0.2 * random.normal() }
         });
         let y =
-            DVector::from_fn(rows, |i, _| 3.0 + 1.5 * x[(i, 2)] - 0.7 * x[(i, 5)] + 0.1 * normal(&mut seed));
+            DVector::from_fn(rows, |i, _| 3.0 + 1.5 * x[(i, 2)] - 0.7 * x[(i, 5)] + 0.1 * random.normal());
         let found = stepwise(&x, &y, &[0], 1).expect("a structure");
         for j in [0, 2, 5] {
             assert!(found.chosen.contains(&j), "{:?}", found.chosen);
@@ -133,12 +133,12 @@ mod tests {
     #[test]
     fn a_first_choice_that_others_replace_is_taken_back() {
         // The sum of two regressors, noisy, is the best single one and idle beside both.
-        let (rows, mut seed) = (300, 8);
-        let mut x = DMatrix::from_fn(rows, 3, |_, _| normal(&mut seed));
+        let (rows, mut random) = (300, Random::new(8, 0));
+        let mut x = DMatrix::from_fn(rows, 3, |_, _| random.normal());
         for i in 0..rows {
-            x[(i, 2)] = x[(i, 0)] + x[(i, 1)] + 0.5 * normal(&mut seed);
+            x[(i, 2)] = x[(i, 0)] + x[(i, 1)] + 0.5 * random.normal();
         }
-        let y = DVector::from_fn(rows, |i, _| x[(i, 0)] + x[(i, 1)] + 0.01 * normal(&mut seed));
+        let y = DVector::from_fn(rows, |i, _| x[(i, 0)] + x[(i, 1)] + 0.01 * random.normal());
         let found = stepwise(&x, &y, &[], 1).expect("a structure");
         assert_eq!(found.steps[0].0, 2);
         assert!(

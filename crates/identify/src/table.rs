@@ -2,7 +2,7 @@
 
 use crate::coloured::ResidualErrors;
 use crate::dependence::{Dependence, independent_columns};
-use crate::noise::{ErrorRows, ErrorSpectrum};
+use crate::noise::SignalErrors;
 use nalgebra::{DMatrix, DVector};
 
 /// One regressor over time.
@@ -34,10 +34,8 @@ pub struct Output {
     pub values: Vec<f64>,
     /// Regressors.
     pub columns: Vec<Column>,
-    /// Covariance of the errors of the regressors and, last, of the output, at each time.
-    pub errors: ErrorRows,
-    /// Spectrum of those errors.
-    pub spectrum: ErrorSpectrum,
+    /// Errors of the regressors and, last, of the output.
+    pub errors: SignalErrors,
     /// Errors that happen once, since flapping is integrated from a turn that errs where the flight begins:
     /// for each, what one standard deviation of it does to the regressors and, last, the output, at the times
     /// until it has died away.
@@ -56,7 +54,6 @@ impl Output {
             columns: chosen.iter().map(|j| self.columns[*j].clone()).collect(),
             errors: self.errors.of_signals(&kept),
             once: self.once.iter().map(|e| e.select_columns(&kept)).collect(),
-            spectrum: self.spectrum.of_signals(&kept),
             ..self.clone()
         }
     }
@@ -73,7 +70,7 @@ impl Output {
 
     /// Standard deviation of the error of the value at a row.
     pub(crate) fn std_at(&self, row: usize) -> f64 {
-        self.errors.at(row, self.columns.len(), self.columns.len()).sqrt()
+        self.errors.variance(row, self.columns.len()).sqrt()
     }
 
     /// The values at some rows.
@@ -150,7 +147,7 @@ impl CoefficientTable {
             DVector::from_fn(rows.len(), |k, _| effect.get(rows[k]).copied().unwrap_or(0.0))
         };
         ResidualErrors {
-            gamma: output.spectrum.autocovariances(&weights, self.sample_interval_s, lags),
+            gamma: output.errors.autocovariances(&weights, self.sample_interval_s, lags),
             once: output.once.iter().map(effect).collect(),
         }
     }

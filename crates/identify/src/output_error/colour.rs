@@ -267,7 +267,7 @@ fn likeliest(rows: &[usize], places: &[f64], series: &DMatrix<f64>, extents: &[f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal;
+    use mavsight_random::Random;
 
     #[test]
     fn the_filter_is_the_inverse_root_of_the_covariance() {
@@ -322,15 +322,15 @@ mod tests {
         };
         for (along, extent) in [(Along::Path, 8.0), (Along::Time, 0.5)] {
             let coordinate = if along == Along::Path { &path } else { &times_s };
-            let mut seed = 5;
+            let mut random = Random::new(5, 0);
             let mut series = DMatrix::zeros(1, instants * channels);
             for channel in 0..channels {
-                let mut correlated = 3.0 * normal(&mut seed);
+                let mut correlated = 3.0 * random.normal();
                 for i in 0..instants {
                     let apart = if i == 0 { 0.0 } else { coordinate[i] - coordinate[i - 1] };
                     let kept = f64::exp(-apart / extent);
-                    correlated = kept * correlated + 3.0 * (1.0 - kept * kept).sqrt() * normal(&mut seed);
-                    series[(0, i * channels + channel)] = correlated + normal(&mut seed);
+                    correlated = kept * correlated + 3.0 * (1.0 - kept * kept).sqrt() * random.normal();
+                    series[(0, i * channels + channel)] = correlated + random.normal();
                 }
             }
             let found = Colour::most_likely(&places, &series);

@@ -142,7 +142,7 @@ impl Instants {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal;
+    use mavsight_random::Random;
 
     /// Residuals whose standard deviation is three in a tenth of the flight, that of the most informative
     /// instants, and one else.
@@ -156,9 +156,9 @@ mod tests {
                 DMatrix::from_fn(2, channels, |p, c| informative * ((p + 1) as f64 * (c + i) as f64).sin())
             })
             .collect();
-        let mut seed = 3;
+        let mut random = Random::new(3, 0);
         let mut drawn = |burst: f64| Instants {
-            residuals: DMatrix::from_fn(instants, channels, |i, _| std(i, burst) * normal(&mut seed)),
+            residuals: DMatrix::from_fn(instants, channels, |i, _| std(i, burst) * random.normal()),
             influence: influence.clone(),
             rows: vec![channels; instants],
         };
