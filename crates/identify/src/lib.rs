@@ -8,6 +8,7 @@ mod coloured;
 mod dependence;
 mod diagnostics;
 mod error;
+mod exact_columns;
 mod fit;
 mod frequency_domain;
 mod inverse;
@@ -22,7 +23,6 @@ mod recursive;
 mod regression;
 mod regressors;
 mod robust_covariance;
-mod row_errors;
 mod signals;
 mod structure;
 mod table;
@@ -46,7 +46,8 @@ pub use recursive::RecursiveLeastSquares;
 pub use regression::{identify, identify_with};
 pub use regressors::{Bandwidth, Options, coefficients};
 pub use robust_covariance::Correlation;
-pub use row_errors::total_least_squares_by_row;
 pub use structure::{Structure, choose_structure, stepwise};
 pub use table::{CoefficientTable, Column, Fixed, Output};
-pub use total_least_squares::{TotalLeastSquares, independent_errors, total_least_squares};
+pub use total_least_squares::{
+    TotalLeastSquares, independent_errors, total_least_squares, total_least_squares_by_row,
+};

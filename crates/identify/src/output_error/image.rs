@@ -68,7 +68,7 @@ impl ImageMeasurements {
         }
         let known = poses.iter().flatten().count();
         if known < 4 {
-            return Err(IdentifyError::NoStart { known });
+            return Err(IdentifyError::NoStart(known));
         }
         let markers = markers.to_vec();
         let directions = DMatrix::zeros(0, 2 * observations.len());

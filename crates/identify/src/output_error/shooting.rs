@@ -145,7 +145,7 @@ impl Shooting<'_> {
                 }
             }
             if !flyer.is_finite() {
-                return Err(IdentifyError::RanAway { t_s: self.times_s[self.bounds[s]] });
+                return Err(IdentifyError::RanAway(self.times_s[self.bounds[s]]));
             }
             let by = self.sensitivity(&flyer, point);
             let mut next = DMatrix::zeros(TANGENT, n);

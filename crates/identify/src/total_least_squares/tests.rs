@@ -105,6 +105,103 @@ fn is_consistent_where_least_squares_is_biased() {
     assert!((plain / n - 2.0).abs() > 0.2, "least squares should be biased: {}", plain / n);
 }
 
+/// Covariances that differ from row to row, x1 and x2 correlated; as given to scipy.
+fn errors_of_rows() -> Vec<DMatrix<f64>> {
+    (0..12)
+        .map(|k| {
+            let k = f64::from(k);
+            let (a, b, c) = (0.1 + 0.02 * k, 0.3 - 0.015 * k, 0.5 * k.sin());
+            let mut e = independent_errors(&[0.0, a, b], 0.2 + 0.02 * k);
+            (e[(1, 2)], e[(2, 1)]) = (c * a * b, c * a * b);
+            e
+        })
+        .collect()
+}
+
+#[test]
+fn rows_with_covariances_of_their_own_are_those_of_odrpack() {
+    // scipy 1.17.1: as in the test of equal rows, with RealData([x1, x2], y, covx=cov, sy=0.2 + 0.02 i),
+    // cov[:, :, i] the 2 x 2 block above. ODRPACK stops when the sum of squares stands, which leaves nine
+    // digits of beta.
+    let (x, y) = linear_problem_of_scipy();
+    let fit = total_least_squares_by_row(&x, &y, &errors_of_rows(), Correlation::White).expect("a fit");
+    for (got, printed) in fit.values.iter().zip([1.557_869_605, 0.744_022_965, -1.202_751_159]) {
+        assert!((got - printed).abs() < 1e-9, "{got} is not {printed}");
+    }
+    assert!((fit.level * 9.0 - 4.90808646584).abs() < 5e-11, "{}", fit.level * 9.0);
+    assert!((fit.level - 0.545342940649).abs() < 1e-11);
+}
+
+#[test]
+fn equal_rows_are_total_least_squares() {
+    let (x, y) = linear_problem_of_scipy();
+    let errors = errors_of_rows().swap_remove(3);
+    let how = Correlation::Rows(2);
+    let one = total_least_squares(&x, &y, &errors, how).expect("a fit");
+    let many = total_least_squares_by_row(&x, &y, &vec![errors; 12], how).expect("a fit");
+    assert!((&one.values - &many.values).norm() < 1e-10);
+    assert!((&one.covariance - &many.covariance).norm() < 1e-9 * one.covariance.norm());
+    assert!((one.level - many.level).abs() < 1e-10);
+}
+
+#[test]
+fn the_score_is_half_the_negative_gradient() {
+    let (x, y) = linear_problem_of_scipy();
+    let errors = errors_of_rows();
+    let of_row = |i: usize| errors[i].clone();
+    let problem = Problem { regressors: &x, output: &y, errors: &of_row };
+    let at = DVector::from_vec(vec![1.0, 0.5, -0.7]);
+    let score = problem.at(&at).expect("a state").score();
+    for j in 0..3 {
+        let moved = |h: f64| {
+            let mut x = at.clone();
+            x[j] += h;
+            problem.at(&x).expect("a state").sum()
+        };
+        let numeric = -(moved(1e-5) - moved(-1e-5)) / 4e-5;
+        assert!((numeric - score[j]).abs() < 1e-6 * score.norm(), "{numeric} is not {}", score[j]);
+    }
+}
+
+#[test]
+fn knows_its_spread_where_the_quality_of_rows_changes() {
+    let (runs, rows, truth) = (400, 300, [0.5, 2.0]);
+    let mut random = Random::new(3, 0);
+    let std: Vec<f64> = (0..rows).map(|i| if i % 3 == 0 { 0.6 } else { 0.15 }).collect();
+    let errors: Vec<DMatrix<f64>> = std.iter().map(|s| independent_errors(&[0.0, *s], *s)).collect();
+    let (mut squares, mut predicted, mut unweighted) = (0.0, 0.0, 0.0);
+    for _ in 0..runs {
+        let clean = |i: usize| (0.07 * i as f64).sin();
+        let x =
+            DMatrix::from_fn(rows, 2, |i, j| if j == 0 { 1.0 } else { clean(i) + std[i] * random.normal() });
+        let y = DVector::from_fn(rows, |i, _| truth[0] + truth[1] * clean(i) + std[i] * random.normal());
+        let fit = total_least_squares_by_row(&x, &y, &errors, Correlation::White).expect("a fit");
+        squares += (fit.values[1] - truth[1]).powi(2);
+        predicted += fit.covariance[(1, 1)];
+        let plain = total_least_squares(&x, &y, &independent_errors(&[0.0, 1.0], 1.0), Correlation::White);
+        unweighted += (plain.expect("a fit").values[1] - truth[1]).powi(2);
+    }
+    let ratio = (predicted / squares).sqrt();
+    assert!((0.88..1.12).contains(&ratio), "predicted over achieved standard deviation {ratio}");
+    assert!(squares < 0.6 * unweighted, "weights should pay: {squares} against {unweighted}");
+}
+
+#[test]
+fn covariances_that_are_none_are_refused() {
+    let (x, y) = linear_problem_of_scipy();
+    let refused = |errors: Vec<DMatrix<f64>>| {
+        let fit = total_least_squares_by_row(&x, &y, &errors, Correlation::White);
+        assert!(matches!(fit, Err(IdentifyError::BadErrors { columns: 3, .. })), "{fit:?}");
+    };
+    refused(errors_of_rows()[1..].to_vec());
+    let mut errors = errors_of_rows();
+    errors[4][(1, 1)] = f64::NAN;
+    refused(errors);
+    let mut errors = errors_of_rows();
+    errors[4][(3, 3)] = 0.0;
+    refused(errors);
+}
+
 proptest! {
     #[test]
     fn exact_columns_alone_are_least_squares(seed: u64) {

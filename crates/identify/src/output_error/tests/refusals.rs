@@ -71,7 +71,7 @@ fn bad_measurements_are_named() {
     for s in &mut none[3..] {
         s.pose = None;
     }
-    assert_eq!(fit(none), Some(IdentifyError::NoStart { known: 3 }));
+    assert_eq!(fit(none), Some(IdentifyError::NoStart(3)));
     assert!(matches!(fit(good[..4].to_vec()), Some(IdentifyError::TooFewInstants { .. })));
 }
 
