@@ -31,13 +31,13 @@ mod testing;
 mod total_least_squares;
 mod verdict;
 
-pub use dependence::{Dependence, independent_columns};
+pub use dependence::{Dependence, DependentColumn, independent_columns};
 pub use diagnostics::{
     Agreement, Collinearity, agreement, autocorrelations, collinearity, correlations, press,
 };
 pub use error::IdentifyError;
 pub use fit::{Combination, Diagnostics, Estimator, FitOptions, Identification, OutputFit, Parameter};
-pub use frequency_domain::{Band, fourier_transform, frequency_domain};
+pub use frequency_domain::{Band, frequency_domain};
 pub use lag::{Clocks, Lag, delayed, estimate_lag};
 pub use least_squares::{LeastSquares, least_squares, student_quantile_975, weighted_least_squares};
 pub use model::{EQUATION_3, Measured, Model, OutputModel, SIGNALS, Scale, When};
@@ -46,7 +46,7 @@ pub use recursive::RecursiveLeastSquares;
 pub use regression::{identify, identify_with};
 pub use regressors::{Bandwidth, Options, coefficients};
 pub use robust_covariance::Correlation;
-pub use structure::{Structure, choose_structure, stepwise};
+pub use structure::{Structure, StructureStep, choose_structure, stepwise};
 pub use table::{CoefficientTable, Column, Fixed, Output};
 pub use total_least_squares::{
     TotalLeastSquares, independent_errors, total_least_squares, total_least_squares_by_row,

@@ -20,8 +20,7 @@ pub enum Bandwidth {
     /// least-squares covariance (D-optimal: Box & Lucas 1959). From a record of n = 2BT independent values a
     /// standard deviation is known to 1/√(2n), and what is within that is the simpler choice (Breiman,
     /// Friedman, Olshen & Stone 1984, section 3.4.3). The smoother's bandwidth suits positions; the noise of
-    /// accelerations grows with frequency to the fourth power, and so do what models neglect and what lies
-    /// between samples.
+    /// accelerations grows with frequency to the fourth power.
     #[default]
     Automatic,
     /// None.
@@ -33,9 +32,8 @@ pub enum Bandwidth {
 /// What a user may choose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Left out at either end, where a low-pass leans on one side only: half a second is one to two periods
-    /// of the cut-off frequencies that ordinary cameras allow. It is at least one period of the smoother's,
-    /// and a further low-pass is none of which it is less.
+    /// Left out at either end, where a low-pass leans on one side only; at least one period of the
+    /// smoother's, and of a further low-pass.
     pub margin_s: f64,
     /// Output equations; equation 3 where there are none.
     pub model: Option<Model>,
@@ -60,12 +58,9 @@ impl Options {
     /// # Errors
     /// Those of [`Model::equation_3`].
     pub fn by_equation(&self) -> Result<Vec<Self>, IdentifyError> {
-        let model = self.model()?;
-        let alone = |equation: &OutputModel| {
-            let model = Model { output: vec![equation.clone()], ..model.clone() };
-            Self { model: Some(model), ..self.clone() }
-        };
-        Ok(model.output.iter().map(alone).collect())
+        let Model { schema, name, output } = self.model()?;
+        let model = |equation| Model { schema, name: name.clone(), output: vec![equation] };
+        Ok(output.into_iter().map(|e| Self { model: Some(model(e)), ..self.clone() }).collect())
     }
 }
 
@@ -131,8 +126,7 @@ pub fn coefficients(
     Ok(table)
 }
 
-/// Instants whose smoothed rates are not much worse than usual, and not within the margin of a gap in time: a
-/// low-pass leans on one side there as it does at the ends.
+/// Instants whose smoothed rates are not much worse than usual, and not within the margin of a gap in time.
 fn usable(flight: &Flight<'_>, margin_s: f64) -> Vec<bool> {
     let mut out = vec![true; flight.t_s.len()];
     for source in Source::all() {
@@ -182,9 +176,8 @@ impl Draft {
         let mut output = flight.measured(equation.measured, passed);
         if equation.scale == Scale::Rotor {
             let scale = flight.rotor_scale(equation.measured.axis().1, passed)?;
-            let inverse: Vec<f64> = scale.iter().map(|s| 1.0 / s).collect();
-            scale_terms(&mut output.terms, &inverse);
-            output.values.iter_mut().zip(&inverse).for_each(|(v, s)| *v *= s);
+            let inverse = scale.iter().map(|s| 1.0 / s).collect();
+            output.multiply(Signal { values: inverse, terms: Vec::new() });
         }
         let mut columns = Vec::new();
         let mut fixed = Vec::new();
@@ -243,8 +236,7 @@ impl Draft {
     /// The output behind the low-pass of [`Bandwidth::Automatic`]: of steps of a fourth of an octave, down to
     /// where the window's margin is one period.
     fn best(&self, flight: &Flight<'_>, rows: &[usize], table: &CoefficientTable) -> Output {
-        let margin_s = table.window_s.0 - table.t_s[0];
-        let lowest_hz = 1.0 / margin_s;
+        let lowest_hz = 1.0 / (table.window_s.0 - table.t_s[0]);
         let whole = self.finish(flight, &table.usable, None);
         let independent = whole.dependence(&whole.regressors_at(rows)).independent;
         let measure =
@@ -273,15 +265,15 @@ impl Draft {
 /// with the disc's time.
 fn start_errors(flight: &Flight<'_>, signals: &[&[Term]]) -> Vec<DMatrix<f64>> {
     let mut out = Vec::new();
+    let slowest_s = signals.iter().flat_map(|terms| terms.iter()).filter_map(|t| match t.transfer {
+        Transfer::Washout { time_s } => Some(time_s),
+        Transfer::Derivative(_) => None,
+    });
+    // Behind so many times of the slowest disc less than 1e-13 of it is left.
+    let gone_s = flight.t_s[0] + 30.0 * slowest_s.fold(0.0, f64::max);
+    let rows = flight.t_s.partition_point(|t_s| *t_s <= gone_s);
     for axis in 0..3 {
         let std_rad = flight.start_turn_std_rad(axis);
-        // Behind so many times of the slowest disc less than 1e-13 of it is left.
-        let slowest_s = signals.iter().flat_map(|terms| terms.iter()).filter_map(|t| match t.transfer {
-            Transfer::Washout { time_s } => Some(time_s),
-            Transfer::Derivative(_) => None,
-        });
-        let gone_s = flight.t_s.first().copied().unwrap_or(0.0) + 30.0 * slowest_s.fold(0.0, f64::max);
-        let rows = flight.t_s.partition_point(|t_s| *t_s <= gone_s);
         let mut effect = DMatrix::zeros(rows, signals.len());
         for (j, terms) in signals.iter().enumerate() {
             for term in terms.iter().filter(|t| t.source == Source::Turn(axis)) {

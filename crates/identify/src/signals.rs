@@ -17,7 +17,7 @@ pub(crate) struct Signal {
 }
 
 impl Signal {
-    fn multiply(&mut self, mut factor: Self) {
+    pub(crate) fn multiply(&mut self, mut factor: Self) {
         scale_terms(&mut self.terms, &factor.values);
         scale_terms(&mut factor.terms, &self.values);
         self.terms.extend(factor.terms);
@@ -180,9 +180,8 @@ impl<'a> Flight<'a> {
         Signal { values: self.pass_rest(values, own, passed), terms }
     }
 
-    /// The force is the sum of two larger terms, the acceleration, which has passed the smoother's low-pass
-    /// of translation, and the weight's part along the axis, which has passed that of rotation: both pass
-    /// both.
+    /// The force is the sum of the acceleration, which has passed the smoother's low-pass of translation, and
+    /// the weight's part along the axis, which has passed that of rotation: both pass both.
     fn force(&self, axis: usize, passed: Passed) -> Signal {
         let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
         let weight_n = self.vehicle.mass_kg * self.vehicle.environment.gravity_m_s2;
@@ -294,21 +293,16 @@ impl<'a> Flight<'a> {
         let per_square = force_per_speed2(self.vehicle) * if is_moment { radius_m } else { 1.0 };
         let square = self.of_inputs(|s| (0.5 * (s.omega_u_rad_s + s.omega_l_rad_s)).powi(2));
         let square = self.onto_frames(&square, Between::Hold, passed)?;
-        for (t_s, square) in self.t_s.iter().zip(&square) {
-            let omega_rad_s = square.max(0.0).sqrt();
-            if omega_rad_s < 1.0 {
-                return Err(IdentifyError::RotorsStopped { t_s: *t_s, omega_rad_s });
-            }
+        if let Some(k) = square.iter().position(|s| *s < 1.0) {
+            let omega_rad_s = square[k].max(0.0).sqrt();
+            return Err(IdentifyError::RotorsStopped { t_s: self.t_s[k], omega_rad_s });
         }
         Ok(square.iter().map(|s| per_square * s).collect())
     }
 
     pub(crate) fn bandwidths_hz(&self, passed: Passed) -> impl Iterator<Item = f64> {
-        let all = [
-            (passed.translation, self.motion.translation_bandwidth_hz),
-            (passed.rotation, self.motion.rotation_bandwidth_hz),
-        ];
-        all.into_iter().filter(|(wanted, _)| *wanted).map(|(_, hz)| hz)
+        let translation = passed.translation.then_some(self.motion.translation_bandwidth_hz);
+        translation.into_iter().chain(passed.rotation.then_some(self.motion.rotation_bandwidth_hz))
     }
 
     /// Passes the low-passes of `passed` that are not in `own`.
@@ -321,9 +315,7 @@ impl<'a> Flight<'a> {
     }
 
     /// A series on the inputs' times, low-passed on a regular grid of their mean interval and read off at the
-    /// frames.
-    ///
-    /// Of a series that holds a grid point gets its mean over the grid's interval around it.
+    /// frames; of a series that holds a grid point gets the mean over the interval around it.
     fn onto_frames(
         &self,
         series: &[f64],

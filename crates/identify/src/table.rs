@@ -36,9 +36,8 @@ pub struct Output {
     pub columns: Vec<Column>,
     /// Errors of the regressors and, last, of the output.
     pub errors: SignalErrors,
-    /// Errors that happen once, since flapping is integrated from a turn that errs where the flight begins:
-    /// for each, what one standard deviation of it does to the regressors and, last, the output, at the times
-    /// until it has died away.
+    /// Errors that happen once, of the turn from which flapping is integrated: for each, what one standard
+    /// deviation of it does to the regressors and, last, the output, at the times until it has died away.
     pub once: Vec<DMatrix<f64>>,
     /// Coefficients that the model fixes; their part is taken off the values.
     pub fixed: Vec<Fixed>,
@@ -65,7 +64,7 @@ impl Output {
 
     /// All regressors at some rows.
     pub(crate) fn regressors_at(&self, rows: &[usize]) -> DMatrix<f64> {
-        DMatrix::from_fn(rows.len(), self.columns.len(), |i, j| self.columns[j].values[rows[i]])
+        self.columns_at(&(0..self.columns.len()).collect::<Vec<_>>(), rows)
     }
 
     /// Standard deviation of the error of the value at a row.
@@ -127,8 +126,7 @@ impl CoefficientTable {
     }
 
     /// What is known of the errors of the residuals of a fit of some columns at some rows: autocovariances
-    /// over eight periods of the low-pass, after which what is left is below a thousandth, all zero where the
-    /// errors are not known.
+    /// over eight periods of the low-pass, behind which less than a thousandth is left.
     pub(crate) fn residual_errors(
         &self,
         output: &Output,

@@ -46,15 +46,13 @@ pub(crate) struct Colour {
     mean_extent: f64,
 }
 
-/// Ratios of the correlated part's variance to the white one's that are tried, beside none, each twice the
-/// one before.
+/// Ratios of the correlated part's variance to the white one's that are tried, each twice the one before.
 const FIRST_RATIO: f64 = 1.0 / 16.0;
 const RATIOS: usize = 15;
-/// Rounds in which unknowns and noise determine each other; each leaves less than a third of the error of the
-/// one before.
+/// Rounds in which unknowns and noise determine each other; each leaves less than a third of the error.
 const ROUNDS: usize = 4;
 
-/// One row of a channel.
+/// One row of a channel in the filter.
 struct FilterStep {
     /// How much of the state is kept since the row before.
     kept: f64,

@@ -3,12 +3,13 @@
 use super::propagate::TANGENT;
 use super::shooting::{Evaluation, Place, gap_information};
 use crate::IdentifyError;
+use crate::inverse::inverse;
 use nalgebra::{DMatrix, DMatrixView, DVector};
 
 /// Added to a unit diagonal, so that a direction that is not determined keeps its value.
 const RIDGE: f64 = 1e-13;
 
-/// The quadratic of all segments in [start, parameters, nuisances, -1], and how all starts follow.
+/// The quadratic of all segments in [start, parameters, nuisances, -1].
 pub(crate) struct Condensed {
     quadratic: DMatrix<f64>,
     /// Start of each segment by the variables of the quadratic.
@@ -25,7 +26,7 @@ pub(crate) struct Penalty {
 
 impl Condensed {
     /// Folds the segments into the first from the last on: at each gap the next start is eliminated, with x =
-    /// u + c, u what the segment before leads to and c held near zero (Bock 1983; Albersmeyer & Diehl 2010).
+    /// u + c, u the end of the segment before and c held near zero (Bock 1983; Albersmeyer & Diehl 2010).
     pub(crate) fn new(at: &Evaluation, penalty: Penalty) -> Result<Self, IdentifyError> {
         let n = at.prior.nrows();
         // All but the nuisances and the constant.
@@ -148,21 +149,16 @@ impl Linear {
         self.rows.row(self.unknowns()).columns(0, self.places.len()).transpose()
     }
 
-    /// Squares of all rows as a quadratic of the unknowns and -1.
-    fn quadratic(&self) -> DMatrix<f64> {
-        &self.rows * self.rows.transpose()
-    }
-
     /// Information on all unknowns.
     pub(crate) fn information(&self) -> DMatrix<f64> {
-        let n = self.unknowns();
-        self.quadratic().view((0, 0), (n, n)).into_owned()
+        let by = self.rows.rows(0, self.unknowns());
+        by * by.transpose()
     }
 
     /// The step of the unknowns to the least squares, with the inverse of the information.
     pub(crate) fn step(&self, covariance: &DMatrix<f64>) -> DVector<f64> {
         let n = self.unknowns();
-        covariance * self.quadratic().view((0, n), (n, 1)).column(0)
+        covariance * (self.rows.rows(0, n) * self.rows.row(n).transpose())
     }
 
     /// Squares that a step of the unknowns makes.
@@ -170,17 +166,27 @@ impl Linear {
         self.rows.rows(0, self.unknowns()).tr_mul(step).norm_squared()
     }
 
-    /// Residuals by instant, from the first with a row, and channel; zero where nothing was seen.
+    /// Residuals by instant and channel; zero where nothing was seen.
     pub(crate) fn table(&self, channels: usize) -> DMatrix<f64> {
-        let (first, last) = (self.first_instant(), self.places.last().map_or(0, |p| p.instant));
-        let mut table = DMatrix::zeros(last - first + 1, channels);
+        let mut table = DMatrix::zeros(self.places.last().map_or(0, |p| p.instant) + 1, channels);
         for (place, r) in self.places.iter().zip(&self.residuals()) {
-            table[(place.instant - first, place.channel)] = *r;
+            table[(place.instant, place.channel)] = *r;
         }
         table
     }
 
-    pub(crate) fn first_instant(&self) -> usize {
-        self.places.first().map_or(0, |p| p.instant)
+    /// What is known of so many parameters, were all rows white.
+    pub(crate) fn bound(&self, parameters: usize) -> Result<Bound, IdentifyError> {
+        let all = inverse(&self.information()).ok_or(IdentifyError::RankZero)?;
+        let covariance = all.view((TANGENT, TANGENT), (parameters, parameters)).into_owned();
+        Ok(Bound { covariance, influence: all.rows(TANGENT, parameters) * self.by() })
     }
+}
+
+/// The bound of Cramér and Rao.
+pub(crate) struct Bound {
+    /// Covariance of the parameters.
+    pub(crate) covariance: DMatrix<f64>,
+    /// What a unit of each row's noise does to the parameters: parameters by rows.
+    pub(crate) influence: DMatrix<f64>,
 }

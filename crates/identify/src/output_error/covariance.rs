@@ -1,9 +1,7 @@
 //! How well parameters are known: Cramér-Rao bounds, and their correction for coloured residuals.
 
-use super::condense::Linear;
-use super::propagate::TANGENT;
+use super::condense::{Bound, Linear};
 use crate::IdentifyError;
-use crate::inverse::inverse;
 use crate::robust_covariance::bartlett_sum;
 use nalgebra::DMatrix;
 
@@ -22,11 +20,8 @@ pub(crate) struct Covariance {
 
 impl Covariance {
     pub(crate) fn new(linear: &Linear, parameters: usize, channels: usize) -> Result<Self, IdentifyError> {
-        let all = inverse(&linear.information()).ok_or(IdentifyError::RankZero)?;
-        let bound = all.view((TANGENT, TANGENT), (parameters, parameters)).into_owned();
+        let Bound { covariance: bound, influence } = linear.bound(parameters)?;
         let lag = correlation_lag(linear, channels);
-        // What a unit of each row's noise does to the parameters: parameters by rows.
-        let influence = all.rows(TANGENT, parameters) * linear.by();
         let by_instant = Instants::new(linear, &influence, channels);
         // The priors' part of the bound is kept.
         let white = &influence * influence.transpose();
@@ -76,12 +71,11 @@ struct Instants {
 impl Instants {
     fn new(linear: &Linear, influence: &DMatrix<f64>, channels: usize) -> Self {
         let residuals = linear.table(channels);
-        let first = linear.first_instant();
         let mut by_instant = vec![DMatrix::zeros(influence.nrows(), channels); residuals.nrows()];
         let mut rows = vec![0; residuals.nrows()];
         for (place, influence) in linear.places.iter().zip(influence.column_iter()) {
-            by_instant[place.instant - first].set_column(place.channel, &influence);
-            rows[place.instant - first] += 1;
+            by_instant[place.instant].set_column(place.channel, &influence);
+            rows[place.instant] += 1;
         }
         Self { residuals, influence: by_instant, rows }
     }

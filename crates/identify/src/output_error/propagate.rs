@@ -87,7 +87,6 @@ pub(crate) struct Propagator {
 const STAGES: [(f64, f64); 4] = [(0.5, 1.0 / 6.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 3.0), (0.0, 1.0 / 6.0)];
 
 impl Propagator {
-    /// At a state.
     pub(crate) fn new(free: &[ModelParameter], y: &StateVector) -> Self {
         let mut by = DMatrix::zeros(TANGENT + free.len(), FLIGHT_STATES);
         (0..3).for_each(|k| by[(k, k)] = 1.0);
@@ -156,7 +155,6 @@ impl Propagator {
         out
     }
 
-    /// Whether nothing has run away.
     pub(crate) fn is_finite(&self) -> bool {
         self.y.iter().chain(&self.by).all(|v| v.is_finite())
     }
@@ -169,15 +167,11 @@ pub(crate) fn attitude(y: &StateVector) -> UnitQuaternion<f64> {
 /// A state moved by its degrees of freedom.
 pub(crate) fn moved(y: &StateVector, d: &[f64]) -> StateVector {
     let q = attitude(y) * UnitQuaternion::from_scaled_axis(Vector3::new(d[3], d[4], d[5]));
-    let mut out = *y;
-    for k in 0..3 {
-        out[k] += d[k];
-    }
-    (out[3], out[4], out[5], out[6]) = (q.w, q.i, q.j, q.k);
-    for k in 6..TANGENT {
-        out[k + 1] += d[k];
-    }
-    out
+    std::array::from_fn(|k| match k {
+        0..=2 => y[k] + d[k],
+        3..=6 => [q.w, q.i, q.j, q.k][k - 3],
+        _ => y[k] + d[k - 1],
+    })
 }
 
 /// The degrees of freedom that lead from one state to another.

@@ -53,9 +53,8 @@ pub(crate) struct Shooting<'a> {
     pub(crate) prior_start: StateVector,
 }
 
-/// How far the end of one segment may miss the start of the next: standard deviations per degree of freedom,
-/// to be multiplied by the tightness: m, rad, m/s, rad/s, rad. A penalty stands for the constraint; what it
-/// leaves open is far below the resolution of any measurement.
+/// Standard deviations of the gap from the end of one segment to the start of the next, to be multiplied by
+/// the tightness: m, rad, m/s, rad/s, rad.
 const GAP_STD: [f64; TANGENT] =
     [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 3.0, 3.0, 3.0, 10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 1.0];
 
@@ -92,7 +91,7 @@ pub(crate) struct Evaluation {
     pub(crate) states: Vec<StateVector>,
 }
 
-/// Last entries of columns: their residuals.
+/// The residuals of rows, which are columns here: their last entries.
 fn residuals(rows: &DMatrix<f64>) -> impl Iterator<Item = f64> {
     rows.column_iter().map(|c| c[c.len() - 1])
 }
