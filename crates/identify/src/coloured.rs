@@ -2,14 +2,12 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// The covariance of estimates, and the degrees of freedom of the level that scales it.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Coloured {
     pub(crate) covariance: DMatrix<f64>,
     pub(crate) degrees: f64,
 }
 
-/// What is known of the errors of some residuals.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ResidualErrors {
     /// Their autocovariances at lags 0, 1, ..., up to a factor.

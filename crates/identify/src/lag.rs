@@ -287,7 +287,6 @@ impl<'a> LagSearch<'a> {
 }
 
 impl Lagged {
-    /// Whether the rows are too few for a fit.
     fn is_short(&self) -> bool {
         self.rows.len() <= self.x.ncols() + 1
     }

@@ -63,7 +63,6 @@ impl Bands {
     }
 }
 
-/// The variance of a source's errors.
 pub(crate) struct SourceVariance {
     pub(crate) by_row: Vec<f64>,
     /// What is usual over the flight.
@@ -86,7 +85,6 @@ pub struct SignalErrors {
     sources: Vec<SourceErrors>,
 }
 
-/// Errors from one source.
 #[derive(Debug, Clone, PartialEq)]
 struct SourceErrors {
     by_row: Vec<f64>,
@@ -174,7 +172,6 @@ impl SignalErrors {
         self.sources.iter().map(of).sum()
     }
 
-    /// The errors of some of the signals.
     pub(crate) fn of_signals(&self, kept: &[usize]) -> Self {
         let of = |source: &SourceErrors| {
             let own: Vec<usize> = source.ways_to(kept).map(|(k, ..)| k).collect();

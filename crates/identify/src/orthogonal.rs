@@ -11,7 +11,6 @@ const MAX_REFINEMENTS: usize = 12;
 pub(crate) struct Factored {
     columns: DMatrix<f64>,
     scales: DVector<f64>,
-    /// Orthonormal columns.
     pub(crate) q: DMatrix<f64>,
     r: DMatrix<f64>,
 }
@@ -39,14 +38,12 @@ impl Factored {
         Ok(Self { columns: scaled, scales, q, r })
     }
 
-    /// Coefficients and residuals of least squares.
     pub(crate) fn solve(&self, output: &DVector<f64>) -> Result<(DVector<f64>, DVector<f64>), IdentifyError> {
         let zero = DVector::zeros(self.columns.ncols());
         let (x, residuals) = self.augmented(output, &zero)?;
         Ok((x.component_div(&self.scales), residuals))
     }
 
-    /// (XᵀX)⁻¹.
     pub(crate) fn inverse_gram(&self) -> Result<DMatrix<f64>, IdentifyError> {
         let (rows, count) = self.columns.shape();
         let none = DVector::zeros(rows);

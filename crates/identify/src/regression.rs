@@ -45,7 +45,6 @@ pub fn identify_with(
     Ok(Identification { fits })
 }
 
-/// The rows of one output inside the window.
 struct Regression<'a> {
     table: &'a CoefficientTable,
     output: &'a Output,
@@ -63,7 +62,6 @@ struct Regression<'a> {
     lag: usize,
 }
 
-/// Estimates of the independent columns.
 struct Solved {
     values: DVector<f64>,
     errors: Coloured,

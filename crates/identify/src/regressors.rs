@@ -48,7 +48,6 @@ impl Default for Options {
 }
 
 impl Options {
-    /// The model, or equation 3.
     pub(crate) fn model(&self) -> Result<Model, IdentifyError> {
         self.model.clone().map_or_else(Model::equation_3, Ok)
     }
@@ -201,7 +200,6 @@ impl Draft {
         Ok(Self { name: equation.name.clone(), output, columns, fixed, bands })
     }
 
-    /// The output behind one more low-pass.
     fn finish(&self, flight: &Flight<'_>, usable: &[bool], extra_hz: Option<f64>) -> Output {
         let pass = |values: &[f64]| match extra_hz {
             Some(hz) => lowpass_at(&flight.t_s, values, hz),

@@ -9,7 +9,6 @@ use mavsight_flight::{InputSample, InputSeries, Vehicle, force_per_speed2, thrus
 use mavsight_geometry::Vector3;
 use mavsight_pose::{Motion, MotionSample, lowpass_like};
 
-/// Values at the motion's times, and how errors reach them.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Signal {
     pub(crate) values: Vec<f64>,
@@ -87,7 +86,6 @@ impl Factor {
     }
 }
 
-/// One flight's motion and inputs.
 pub(crate) struct Flight<'a> {
     pub(crate) t_s: Vec<f64>,
     pub(crate) motion: &'a Motion,
@@ -343,7 +341,6 @@ fn term(source: Source, transfer: Transfer, gains: Vec<f64>) -> Term {
     Term { source, transfer, gains }
 }
 
-/// Multiplies every gain by a value of its row.
 pub(crate) fn scale_terms(terms: &mut [Term], by: &[f64]) {
     for term in terms {
         for (gain, by) in term.gains.iter_mut().zip(by) {

@@ -46,7 +46,6 @@ pub struct Output {
 }
 
 impl Output {
-    /// This output with some of the regressors.
     pub(crate) fn with_columns(&self, chosen: &[usize]) -> Self {
         let kept: Vec<usize> = chosen.iter().copied().chain([self.columns.len()]).collect();
         Self {
@@ -57,12 +56,10 @@ impl Output {
         }
     }
 
-    /// Some of the regressors at some rows.
     pub(crate) fn columns_at(&self, chosen: &[usize], rows: &[usize]) -> DMatrix<f64> {
         DMatrix::from_fn(rows.len(), chosen.len(), |i, j| self.columns[chosen[j]].values[rows[i]])
     }
 
-    /// All regressors at some rows.
     pub(crate) fn regressors_at(&self, rows: &[usize]) -> DMatrix<f64> {
         self.columns_at(&(0..self.columns.len()).collect::<Vec<_>>(), rows)
     }
@@ -72,7 +69,6 @@ impl Output {
         self.errors.variance(row, self.columns.len()).sqrt()
     }
 
-    /// The values at some rows.
     pub(crate) fn values_at(&self, rows: &[usize]) -> DVector<f64> {
         DVector::from_fn(rows.len(), |i, _| self.values[rows[i]])
     }

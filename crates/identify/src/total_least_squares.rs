@@ -135,7 +135,6 @@ pub(crate) fn by_row(
 
 const ONE_A_ROW: &str = "must be one matrix a row, with one row a column and one for the output";
 
-/// The covariance of a row's errors.
 type ErrorsOf<'a> = &'a dyn Fn(usize) -> DMatrix<f64>;
 
 struct Problem<'a> {
@@ -144,7 +143,6 @@ struct Problem<'a> {
     errors: ErrorsOf<'a>,
 }
 
-/// The problem at one x.
 struct State {
     /// v/σ.
     residuals: DVector<f64>,

@@ -23,7 +23,6 @@ pub(crate) fn combination(output: &Output, dependence: &Dependence, position: us
     text
 }
 
-/// The verdict on one output.
 pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -> String {
     let mut text = determined(output, fit);
     // The frequency domain leaves constants out on purpose.

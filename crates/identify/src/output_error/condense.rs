@@ -67,7 +67,6 @@ impl Condensed {
         Ok(Self { quadratic: q, starts })
     }
 
-    /// Information on [start, parameters, nuisances].
     pub(crate) fn information(&self) -> DMatrix<f64> {
         let n = self.quadratic.ncols() - 1;
         self.quadratic.view((0, 0), (n, n)).into_owned()
@@ -112,7 +111,6 @@ pub(crate) struct Linear {
     /// A column for each row, the prior's last: its derivative by start, parameters and nuisances, and what
     /// was measured less what was predicted, in the units of the weights.
     pub(crate) rows: DMatrix<f64>,
-    /// Of the measured rows; instants ascend.
     pub(crate) places: Vec<Place>,
 }
 
@@ -134,7 +132,6 @@ impl Linear {
         Self { rows, places: at.places.clone() }
     }
 
-    /// Unknowns.
     pub(crate) fn unknowns(&self) -> usize {
         self.rows.nrows() - 1
     }
@@ -144,12 +141,10 @@ impl Linear {
         self.rows.view((0, 0), (self.unknowns(), self.places.len()))
     }
 
-    /// Residuals of the measured rows.
     pub(crate) fn residuals(&self) -> DVector<f64> {
         self.rows.row(self.unknowns()).columns(0, self.places.len()).transpose()
     }
 
-    /// Information on all unknowns.
     pub(crate) fn information(&self) -> DMatrix<f64> {
         let by = self.rows.rows(0, self.unknowns());
         by * by.transpose()
@@ -185,7 +180,6 @@ impl Linear {
 
 /// The bound of Cramér and Rao.
 pub(crate) struct Bound {
-    /// Covariance of the parameters.
     pub(crate) covariance: DMatrix<f64>,
     /// What a unit of each row's noise does to the parameters: parameters by rows.
     pub(crate) influence: DMatrix<f64>,

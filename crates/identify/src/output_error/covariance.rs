@@ -5,7 +5,6 @@ use crate::IdentifyError;
 use crate::robust_covariance::bartlett_sum;
 use nalgebra::DMatrix;
 
-/// Bounds and their correction.
 pub(crate) struct Covariance {
     /// Of the parameters, for white rows.
     pub(crate) bound: DMatrix<f64>,
@@ -14,7 +13,6 @@ pub(crate) struct Covariance {
     /// Of the parameters, for rows that are at times larger than at others; none where chance explains how
     /// they differ.
     pub(crate) uneven: Option<DMatrix<f64>>,
-    /// Instants over which rows are correlated.
     pub(crate) lag: usize,
 }
 

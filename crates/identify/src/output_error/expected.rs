@@ -14,7 +14,6 @@ use mavsight_flight::{InputSeries, StateVector};
 use mavsight_geometry::Isometry3;
 use nalgebra::{DMatrix, DVector, Matrix6xX};
 
-/// Half-width of a normal 95 % interval.
 const NORMAL_95: f64 = 1.959_964;
 
 /// What is expected of one parameter.

@@ -43,14 +43,12 @@ pub(crate) struct Fitter<'a> {
     pub(super) limit: usize,
 }
 
-/// Where the iteration begins.
 pub(super) struct Begin {
     pub(super) model: FlightModel,
     /// States with which the segments begin, each with its instant.
     pub(super) nodes: Vec<(usize, StateVector)>,
 }
 
-/// What was recorded of a flight.
 #[derive(Clone, Copy)]
 pub(super) struct Recorded<'a> {
     pub(super) inputs: &'a InputSeries,
@@ -148,7 +146,6 @@ impl<'a> Fitter<'a> {
         IdentifyError::FitNotConverged { iterations, squares: self.at.merit(tightness), promise }
     }
 
-    /// The free parameters.
     pub(crate) fn free(&self) -> &[ModelParameter] {
         self.point.model.free()
     }

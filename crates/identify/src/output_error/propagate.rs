@@ -12,14 +12,11 @@ pub(crate) const SEEN: usize = 6;
 
 /// Steps per flapping time constant, at least: the error of a step is then (1/5)⁵/120 of the transient.
 const STEPS_PER_FLAP_TIME: f64 = 5.0;
-/// Events nearer than this are one.
 const SAME_TIME_S: f64 = 1e-9;
 
-/// One step of constant inputs.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Step {
     pub(crate) h_s: f64,
-    /// Index of the input that holds.
     pub(crate) input: usize,
     /// The input changes to another at the end of the step.
     pub(crate) changes_to: Option<usize>,
@@ -27,7 +24,6 @@ pub(crate) struct Step {
     pub(crate) instant: Option<usize>,
 }
 
-/// What divides a flight into steps.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Raster<'a> {
     pub(crate) inputs: &'a [InputSample],
@@ -164,7 +160,6 @@ pub(crate) fn attitude(y: &StateVector) -> UnitQuaternion<f64> {
     UnitQuaternion::from_quaternion(Quaternion::new(y[3], y[4], y[5], y[6]))
 }
 
-/// A state moved by its degrees of freedom.
 pub(crate) fn moved(y: &StateVector, d: &[f64]) -> StateVector {
     let q = attitude(y) * UnitQuaternion::from_scaled_axis(Vector3::new(d[3], d[4], d[5]));
     std::array::from_fn(|k| match k {
