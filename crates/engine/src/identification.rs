@@ -25,7 +25,6 @@ pub fn identify_from_poses(
     identify_into(results, motion, flight, progress)
 }
 
-/// Identifies from what became of the motion.
 pub(crate) fn identify_into(
     results: &mut RunResults,
     motion: Result<Motion, PipelineError>,

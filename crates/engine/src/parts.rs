@@ -47,7 +47,6 @@ pub(crate) fn part_covered(inputs: &InputSeries, motion: &Motion) -> String {
     )
 }
 
-/// First and last time.
 fn span_s(samples: &[MotionSample]) -> (f64, f64) {
     let t_s = |sample: Option<&MotionSample>| sample.map_or(0.0, |s| s.t_ns as f64 * 1e-9);
     (t_s(samples.first()), t_s(samples.last()))

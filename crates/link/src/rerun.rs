@@ -76,7 +76,6 @@ impl Rerun {
         self.file.chunk(entity, 1, vec![flight_time([t_s]), body])
     }
 
-    /// Writes the poses that wait.
     fn flush(&mut self) -> io::Result<()> {
         if self.poses.is_empty() {
             return Ok(());

@@ -9,7 +9,6 @@ use std::time::Duration;
 /// Longest that a full buffer of the system holds a sender up.
 const SENDING: Duration = Duration::from_millis(1);
 
-/// Opens a port.
 pub(crate) fn open(outlet: &'static str, from: SocketAddr) -> Result<UdpSocket, LinkError> {
     let fault = |source| LinkError::Open { outlet, address: from.to_string(), source };
     let socket = UdpSocket::bind(from).map_err(fault)?;

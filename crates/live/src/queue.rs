@@ -66,24 +66,20 @@ impl<T> Queue<T> {
         item
     }
 
-    /// Closes the queue: items in it can still be removed, but none can be added.
     pub(crate) fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
     }
 
-    /// Whether it is closed.
     pub(crate) fn is_closed(&self) -> bool {
         self.lock().closed
     }
 
-    /// Whether it is closed and empty.
     pub(crate) fn is_over(&self) -> bool {
         let inner = self.lock();
         inner.closed && inner.items.is_empty()
     }
 
-    /// Number of dropped items.
     pub(crate) fn dropped(&self) -> u64 {
         self.lock().dropped
     }

@@ -88,7 +88,6 @@ impl<I> Replay<I> {
         Self { frames, pace, stop, last_ns: None }
     }
 
-    /// Waits for a time if frames have a pace.
     fn wait_until(&self, t_ns: i64) {
         self.pace.iter().for_each(|clock| clock.wait_until(t_ns, &self.stop));
     }

@@ -24,7 +24,6 @@ pub(crate) fn figure(caption: &str, panels: Vec<Panel>) -> Result<Figure, Report
     figure_over("time, s", caption, panels)
 }
 
-/// Panels over another axis.
 pub(crate) fn figure_over(
     axis: &'static str,
     caption: &str,
@@ -132,7 +131,6 @@ fn png(rgb: Vec<u8>, width: u32, height: u32) -> Result<Vec<u8>, ReportError> {
     Ok(bytes.into_inner())
 }
 
-/// Figure 7.
 pub(crate) fn inputs(recorded: &InputSeries) -> Result<Figure, ReportError> {
     // Thinned one by one: an hour's inputs are many.
     let series = |label: &str, role: Role, f: Of<'_, InputSample>| {
@@ -238,7 +236,6 @@ pub(crate) fn motion(
     (0..MOTION.len()).map(drawn).collect()
 }
 
-/// How good each frame was.
 pub(crate) fn quality(results: &RunResults) -> Result<Vec<Figure>, ReportError> {
     let poses = &results.poses;
     if !poses.iter().any(|p| p.estimate.is_ok()) {

@@ -108,7 +108,6 @@ impl SessionError {
     }
 }
 
-/// Refuses a path at which there is no file.
 pub(crate) fn require_file(path: &Path, role: &str) -> Result<(), SessionError> {
     if path.is_file() {
         return Ok(());

@@ -36,7 +36,6 @@ impl PartFile {
         Ok(this)
     }
 
-    /// Puts it into its place.
     pub(crate) fn keep(&self) -> Result<(), SessionError> {
         std::fs::rename(&self.part, &self.path).map_err(|e| SessionError::io(&self.path, "write it", e))
     }
@@ -93,7 +92,6 @@ pub fn write_toml(path: &Path, value: &impl Serialize) -> Result<(), SessionErro
     write_whole(path, toml_text(path, value)?.as_bytes())
 }
 
-/// A value as TOML, to be written to a path.
 pub(crate) fn toml_text(path: &Path, value: &impl Serialize) -> Result<String, SessionError> {
     toml::to_string(value).map_err(|e| SessionError::express(path, "express it as TOML", e))
 }

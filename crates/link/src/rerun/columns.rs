@@ -40,7 +40,6 @@ fn index<T: ArrowPrimitiveType>(name: &str, times: impl IntoIterator<Item = T::N
     column(name, Arc::new(PrimitiveArray::<T>::from_iter_values(times)), true, &about)
 }
 
-/// Nanoseconds of the UNIX epoch.
 pub(super) fn captured(captured_ns: impl IntoIterator<Item = i64>) -> Column {
     index::<TimestampNanosecondType>("captured", captured_ns)
 }
@@ -73,7 +72,6 @@ pub(super) fn fixed<const N: i32>(items: impl Array + 'static) -> FixedSizeListA
     FixedSizeListArray::new(Arc::new(item), N, Arc::new(items), None)
 }
 
-/// Numbers in single precision.
 pub(super) fn floats<'a>(values: impl IntoIterator<Item = &'a f64>) -> PrimitiveArray<Float32Type> {
     PrimitiveArray::from_iter_values(values.into_iter().map(|v| *v as f32))
 }

@@ -22,7 +22,6 @@ pub(super) struct RrdFile {
     ids: u64,
 }
 
-/// A message of Protocol Buffers.
 #[derive(Default)]
 struct Message(Vec<u8>);
 

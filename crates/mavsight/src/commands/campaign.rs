@@ -11,7 +11,6 @@ use mavsight_session::{RESULTS_SCHEMA, make_folder, write_whole};
 use serde_json::json;
 use std::time::Instant;
 
-/// `mavsight campaign`
 pub(crate) fn campaign(args: &Args) -> Result<()> {
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;

@@ -16,7 +16,6 @@ use mavsight_session::{
     tables::read_inputs, write_results,
 };
 
-/// `mavsight identify`
 pub(crate) fn identify(args: &Identify) -> Result<()> {
     let vehicle = named(load_vehicle(&args.vehicle))?;
     let inputs = named(read_inputs(&args.inputs))?;

@@ -44,7 +44,6 @@ pub(super) fn fly_with(
     finish(args, rig, &flown)
 }
 
-/// Events as JSON, one a line.
 struct Lines {
     stop: Arc<AtomicBool>,
 }

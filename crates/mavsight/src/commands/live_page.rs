@@ -20,7 +20,6 @@ const PORT: u16 = 8750;
 /// Pictures that may wait to be encoded; more are not needed to be ten a second.
 const WAITING: usize = 2;
 
-/// Latest frame of each camera.
 type Latest = Arc<Mutex<BTreeMap<usize, Arc<Frame>>>>;
 
 /// Serves the page of a flight: it hears of the flight and sees its frames.

@@ -30,7 +30,6 @@ use std::time::Duration;
 /// where the aircraft was for those that are behind.
 const AHEAD: u64 = 32;
 
-/// The pilot, shared by the cameras, the recording and the parameters.
 struct Shared {
     pilot: Mutex<Pilot>,
     recorder: Arc<RecorderSlot>,
@@ -71,7 +70,6 @@ impl InputSource for Commands {
     }
 }
 
-/// The frames of one camera of the room.
 struct VirtualFrames {
     film: FilmStream<'static>,
     camera: VirtualCamera,
@@ -136,7 +134,6 @@ impl Iterator for VirtualFrames {
     }
 }
 
-/// `mavsight live --virtual`
 pub(super) fn fly_virtual(args: &Live, pace: Pace, enough: f64) -> Result<()> {
     if !(args.rate.is_finite() && (1.0..=1000.0).contains(&args.rate)) {
         return Err(WrongCall("--rate wants frames a second, from 1 to 1000".into()).into());

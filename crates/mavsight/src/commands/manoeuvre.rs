@@ -25,7 +25,6 @@ const BAND_HZ: (f64, f64) = (0.25, 2.5);
 const HARMONICS: usize = 10;
 const ROTOR_PERCENT: f64 = 5.0;
 
-/// `mavsight plan manoeuvre`
 pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
     let (planner, vehicle) = Planner::load(&args.room).map_err(wrong_call)?;
     let bars = Bars::new();
@@ -158,7 +157,6 @@ fn ratio(plans: &Plans, plan: &PlannedManoeuvre, names: &[&str]) -> f64 {
     log(plan).zip(log(&plans[0].1)).map_or(f64::INFINITY, |(own, doublet)| (own - doublet).exp())
 }
 
-/// What manoeuvres cannot determine.
 fn verdicts(plans: &Plans) -> Vec<String> {
     let mut out = Vec::new();
     for (name, plan) in plans {

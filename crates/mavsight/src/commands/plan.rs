@@ -23,7 +23,6 @@ const DISTANCES: std::ops::RangeInclusive<u32> = 6..=20;
 const DISTANCE_STEP_M: f64 = 0.5;
 const RIGHT_ANGLE_DEG: f64 = 90.0;
 
-/// `mavsight plan cameras`
 pub(crate) fn cameras(args: &PlanCameras) -> Result<()> {
     if let Some(folder) = &args.example {
         make_folder(folder)?;
@@ -82,7 +81,6 @@ fn study(planner: &Planner, best: &Ranked) -> [Vec<StudyRow>; 2] {
     [&angles, &distances].map(|pairs| planner.study(0, pairs))
 }
 
-/// For people.
 fn placement_table(plan: &CameraPlan<'_>) -> String {
     let mut out = format!(
         "{:>4} {:>9} {:>9} {:>9} {:>9} {:>9} {:>7}  cameras at X Y Z, m\n",
@@ -149,7 +147,6 @@ fn placements_csv(plan: &CameraPlan<'_>) -> String {
     out
 }
 
-/// A placed camera in `plan.json`.
 #[derive(Serialize, Deserialize)]
 struct CameraEntry {
     name: String,
@@ -170,7 +167,6 @@ struct Placement {
     cameras: Vec<CameraEntry>,
 }
 
-/// The best placement of a `plan.json`.
 pub(super) fn best_placement(planner: &Planner, path: &Path) -> Result<Vec<Placed>, WrongCall> {
     let wrong = |detail: &str| {
         WrongCall(format!("{}: {detail}: give the plan.json of `mavsight plan cameras`", path.display()))

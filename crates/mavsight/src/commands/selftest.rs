@@ -24,7 +24,6 @@ const FILMS: u64 = 3;
 /// Flights that are measured before they are counted: bounds the memory.
 const AT_ONCE: u64 = 16;
 
-/// `mavsight selftest`
 pub(crate) fn selftest(args: &Selftest) -> Result<()> {
     let bars = Bars::new();
     let (name, lab) = lab_of(args, &bars)?;
@@ -82,7 +81,6 @@ pub(crate) fn selftest(args: &Selftest) -> Result<()> {
     Ok(())
 }
 
-/// The laboratory, and what it is called.
 fn lab_of(args: &Selftest, bars: &Bars) -> Result<(String, VirtualLab)> {
     let Some(path) = &args.session else {
         return Ok(match args.rig.unwrap_or(BuiltInRig::Paper) {
@@ -116,7 +114,6 @@ fn film(lab: &VirtualLab, seed: u64, index: u64) -> Result<VirtualFlight> {
     Ok(lab.measured(truth, rig, tracked)?)
 }
 
-/// What was tested, in words.
 fn setting(name: &str, lab: &VirtualLab, tally: &Tally, args: &Selftest) -> String {
     let (instants, without) = tally.instants();
     let seen = if args.film {
@@ -138,7 +135,6 @@ fn setting(name: &str, lab: &VirtualLab, tally: &Tally, args: &Selftest) -> Stri
     )
 }
 
-/// For people.
 fn table(coverage: &[Coverage]) -> String {
     let mut out = format!(
         "{:<23} {:>8} {:>15} {:>6} {:>13} {:>10} {:<7} {}\n",

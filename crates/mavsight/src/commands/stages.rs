@@ -18,7 +18,6 @@ use mavsight_session::{
 use serde_json::Value;
 use std::path::Path;
 
-/// `mavsight simulate`
 pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     let vehicle = vehicle_of(args.vehicle.as_deref())?;
     let scenario = scenario_of(args.scenario.as_deref())?;
@@ -50,7 +49,6 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     Ok(())
 }
 
-/// `mavsight calibrate`
 pub(crate) fn calibrate(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     require_folder(&args.out)?;
@@ -61,7 +59,6 @@ pub(crate) fn calibrate(args: &Stage) -> Result<()> {
     put(results, &args.out)
 }
 
-/// `mavsight track`
 pub(crate) fn track(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     let rig = named(read_rig(&args.out.join(names::RIG)))?;
@@ -108,7 +105,6 @@ fn put(mut results: RunResults, out: &Path) -> Result<()> {
     print_summary(&summary, &results, out)
 }
 
-/// `mavsight report`
 pub(crate) fn report(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     let inputs = recorded_inputs(&session)?;

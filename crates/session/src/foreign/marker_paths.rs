@@ -154,7 +154,6 @@ pub fn paths_of_body(poses: &[TimedPose], body: &[(String, Vector3<f64>)]) -> Ma
 
 /// Instants on an even clock.
 pub(super) struct Even {
-    /// Rate.
     pub(super) rate_hz: f64,
     /// For each tick from the first instant on, the index of the instant there.
     pub(super) ticks: Vec<Option<usize>>,

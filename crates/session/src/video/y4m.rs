@@ -19,7 +19,6 @@ use std::path::{Path, PathBuf};
 /// Longest line of parameters that is believed to be one.
 const LONGEST_LINE: u64 = 4096;
 
-/// The first line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Header {
     size: ImageSize,
@@ -119,7 +118,6 @@ impl<R: BufRead> Y4mFrames<R> {
         Ok(Self { input, header, read: 0 })
     }
 
-    /// Reads the next frame.
     pub(super) fn piece(&mut self) -> Piece {
         let line = match line_of(&mut self.input) {
             Ok(line) if line.is_empty() => return Piece::End,
@@ -146,7 +144,6 @@ fn line_of(input: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
     Ok(line)
 }
 
-/// Opens a file.
 pub(super) fn open(path: &Path) -> Result<Opened, SessionError> {
     let broken = |detail: String| SessionError::frame(path, 0, detail);
     let file = File::open(path).map_err(|e| SessionError::io(path, "read it", e))?;
