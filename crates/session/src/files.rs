@@ -95,3 +95,16 @@ pub fn write_toml(path: &Path, value: &impl Serialize) -> Result<(), SessionErro
 pub(crate) fn toml_text(path: &Path, value: &impl Serialize) -> Result<String, SessionError> {
     toml::to_string(value).map_err(|e| SessionError::express(path, "express it as TOML", e))
 }
+
+/// Writes a value as JSON, indented for people.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), SessionError> {
+    write_whole(path, json_text(path, value)?.as_bytes())
+}
+
+pub(crate) fn json_text(path: &Path, value: &impl Serialize) -> Result<String, SessionError> {
+    let text = serde_json::to_string_pretty(value);
+    text.map(|t| t + "\n").map_err(|e| SessionError::express(path, "express it as JSON", e))
+}

@@ -8,7 +8,7 @@ use mavsight_link::{CameraState, Event, Tracking};
 use mavsight_live::{FlightSummary, Latencies, Listener, Recorder, Setup, fly};
 use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::Rig;
-use mavsight_session::{LiveSection, make_folder, write_whole};
+use mavsight_session::{LiveSection, make_folder, write_json};
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
@@ -150,7 +150,7 @@ fn finish(args: &Live, rig: &Rig, flown: &FlightSummary) -> Result<()> {
     }
     if let Some(out) = &args.out {
         make_folder(out)?;
-        write_whole(&out.join("live.json"), &serde_json::to_vec_pretty(&figures)?)?;
+        write_json(&out.join("live.json"), &figures)?;
     }
     if let Some(fault) = &flown.recording_fault {
         anyhow::bail!("the recording is not whole: {fault}");

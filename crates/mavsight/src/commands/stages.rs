@@ -42,8 +42,7 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     write_inputs(&out.join("inputs.csv"), &inputs)?;
     write_truth(&out.join("truth.csv"), &states)?;
     if !scenario.staging.is_empty() {
-        let text = toml::to_string(&scenario.staging)?;
-        mavsight_session::write_whole(&out.join(STAGING), text.as_bytes())?;
+        write_toml(&out.join(STAGING), &scenario.staging)?;
     }
     outln!("{} instants of {:.2} s: {}", states.len(), scenario.duration_s, out.display());
     Ok(())

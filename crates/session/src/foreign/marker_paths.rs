@@ -3,9 +3,9 @@
 
 use super::Noted;
 use super::poses::TimedPose;
+use crate::SessionError;
 use crate::decimal::decimal_from_ns;
-use crate::table::{Table, csv_cell};
-use crate::{SessionError, write_whole};
+use crate::table::{Table, write_csv};
 use mavsight_geometry::{GeometryError, Vector3, rigid_fit};
 use mavsight_pipeline::usual_interval_ns;
 use std::path::Path;
@@ -66,18 +66,15 @@ pub fn read_table(path: &Path) -> Result<MarkerPaths, SessionError> {
 /// # Errors
 /// What the file system refuses.
 pub fn write_table(path: &Path, paths: &MarkerPaths) -> Result<(), SessionError> {
-    let mut text = COLUMNS.join(",") + "\n";
-    let names: Vec<_> = paths.names.iter().map(|name| csv_cell(name)).collect();
-    for (t_ns, places) in paths.t_ns.iter().zip(&paths.points_m) {
-        let time = decimal_from_ns(*t_ns);
-        for (name, place) in names.iter().zip(places) {
-            text += &match place {
-                Some(p) => format!("{time},{name},{:?},{:?},{:?}\n", p.x, p.y, p.z),
-                None => format!("{time},{name},,,\n"),
-            };
-        }
-    }
-    write_whole(path, text.as_bytes())
+    let of_instant = |(t_ns, places): (&i64, &Vec<Option<Vector3<f64>>>)| -> Vec<Vec<String>> {
+        let row = |(name, place): (&String, &Option<Vector3<f64>>)| {
+            let [x, y, z] =
+                place.map_or_else(Default::default, |p| [p.x, p.y, p.z].map(|v| format!("{v:?}")));
+            vec![decimal_from_ns(*t_ns), name.clone(), x, y, z]
+        };
+        paths.names.iter().zip(places).map(row).collect()
+    };
+    write_csv(path, COLUMNS, paths.t_ns.iter().zip(&paths.points_m).flat_map(of_instant))
 }
 
 /// Poses of a rigid body from at least three of its markers an instant, by least squares (Kabsch 1976); an
