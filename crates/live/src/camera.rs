@@ -19,8 +19,7 @@ const WAITING: usize = 2;
 /// Frames that may wait for a tracker where nothing is dropped.
 const WAITING_FAST: usize = 8;
 
-/// Pause of a tracker after its report, so that its search for new balls does not take the processor from the
-/// pose estimate.
+/// Pause of a tracker after its report, which leaves the processor to the pose estimate.
 const POSE_TIME: Duration = Duration::from_millis(1);
 
 /// First wait before a source is opened again.

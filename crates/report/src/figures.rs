@@ -57,8 +57,7 @@ pub(crate) fn precision(rig: &Rig, pixel_std_px: f64) -> Result<Vec<Figure>, Rep
     Ok(vec![Figure { caption, markup: draw_heat_maps(&maps, "mm")? }])
 }
 
-/// Figure 4: the object as the first camera sees it; figure 6: the path of the flight over a frame of each
-/// camera.
+/// Figure 4: the object from the first camera; figure 6: the flight's path over a frame of each camera.
 pub(crate) fn pictures(frames: &[Frame], results: &RunResults) -> Result<Vec<Figure>, ReportError> {
     let mut figures = Vec::new();
     let Some(rig) = &results.rig else { return Ok(figures) };

@@ -7,8 +7,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// A file that is being written next to its place: renamed into it when it is whole, gone when it is dropped
-/// before.
+/// A file written next to its place: renamed into it when whole, gone when dropped before.
 #[derive(Debug)]
 pub(crate) struct PartFile {
     path: PathBuf,
@@ -43,8 +42,7 @@ impl PartFile {
 
 impl Drop for PartFile {
     fn drop(&mut self) {
-        // There is none where it was kept. That a half file cannot be removed is less important than why it
-        // is half.
+        // Nothing is there once it was kept; otherwise the reason why it is half counts, not that it remains.
         drop(std::fs::remove_file(&self.part));
     }
 }

@@ -5,8 +5,7 @@ use csv::StringRecord;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Lines of a table, begun with its header; cells that need quotes get them, also those that begin like a
-/// comment: who reads the table again would pass over them.
+/// Lines of a table after its header; cells are quoted where needed, also those that begin like a comment.
 pub(crate) fn csv_lines<T: AsRef<[u8]>>(
     out: &mut dyn io::Write,
     header: impl IntoIterator<Item = T>,

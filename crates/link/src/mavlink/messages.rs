@@ -20,8 +20,7 @@ pub(super) struct Message {
     pub(super) payload: Vec<u8>,
 }
 
-/// HEARTBEAT: no mode, MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, MAV_STATE_ACTIVE, MAVLink 3 (as 1
-/// and 2 both say).
+/// HEARTBEAT of an onboard controller that is active, no autopilot, without a mode; MAVLink 3, as 2 says too.
 pub(super) fn heartbeat() -> Message {
     Message { id: HEARTBEAT, payload: vec![0, 0, 0, 0, 18, 8, 0, 4, 3] }
 }

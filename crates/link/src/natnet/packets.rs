@@ -30,8 +30,7 @@ pub(super) enum Request {
     Other,
 }
 
-/// The request in a packet; none where it is none, or a kind that only servers send. The length that the
-/// packet says may be wrong, as that of libmotioncapture is.
+/// The request in a packet, if it is a client's. The length that it says may be wrong (libmotioncapture).
 pub(super) fn request(packet: &[u8]) -> Option<Request> {
     let (head, rest) = packet.split_at_checked(4)?;
     match u16::from_le_bytes([head[0], head[1]]) {

@@ -18,8 +18,7 @@ use std::time::{Duration, Instant};
 /// Begins a recording of the flight in a folder.
 pub(super) type Begin = Box<dyn Fn(&Path) -> Result<Recorder> + Send>;
 
-/// Adds the listeners that were asked for, flies, and reports. `points` are the control points from which the
-/// page may calibrate.
+/// Adds the listeners, flies, and reports; the page may calibrate from the control points `points`.
 pub(super) fn fly_with(
     args: &Live,
     section: &LiveSection,

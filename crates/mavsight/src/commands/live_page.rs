@@ -119,8 +119,7 @@ impl<B: Fn(&Path) -> Result<Recorder>> Page<B> {
         self.server.publish(&self.slot.event());
     }
 
-    /// Calibrates from what the cameras show, control points in view, into a rig of its own: the flight goes
-    /// on with the cameras it has.
+    /// Calibrates from what the cameras show into a rig of its own: the flight keeps the cameras it has.
     fn calibrate(&self) -> Result<String> {
         if self.points.is_empty() {
             anyhow::bail!("The session has no control points to calibrate from: give it `[control]`.");

@@ -26,8 +26,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Frames by which a camera may be ahead of the others where nothing is in real time: the pilot still knows
-/// where the aircraft was for those that are behind.
+/// Frames by which a camera may be ahead: the pilot still knows where the aircraft was for the others.
 const AHEAD: u64 = 32;
 
 struct Shared {

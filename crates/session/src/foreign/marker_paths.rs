@@ -13,8 +13,7 @@ use std::path::Path;
 /// Columns of the table: one row for each marker and instant, coordinates empty where it was not seen.
 const COLUMNS: [&str; 5] = ["t_s", "marker", "x_m", "y_m", "z_m"];
 
-/// A stamp may be this part of an interval off an even clock: the jitter of a video's stamps, far below the
-/// half at which a frame would be taken for its neighbour.
+/// A stamp may be this part of an interval off an even clock: jitter, far below the half of a neighbour.
 const JITTER: f64 = 0.1;
 
 /// Markers in space.
@@ -162,8 +161,7 @@ pub(super) fn even_clock(path: &Path, t_ns: &[i64]) -> Result<Even, SessionError
     let Some(usual_ns) = usual_interval_ns(t_ns.iter().copied()).filter(|i| *i > 0) else {
         return Err(wrong("at least two instants are needed for a rate".into()));
     };
-    // Ticks are counted from one instant to the next, so that a rate known to a part of a nanosecond does not
-    // drift.
+    // Ticks are counted from instant to instant, so that a rounded rate does not drift.
     let mut at = vec![0usize];
     for w in t_ns.windows(2) {
         let steps = ((w[1] - w[0]) as f64 / usual_ns as f64).round().max(1.0) as usize;

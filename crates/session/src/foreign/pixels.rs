@@ -43,8 +43,7 @@ impl PixelOrigin {
         matches!(self, Self::TopLeftZero | Self::Dltdv8)
     }
 
-    /// The affine map from their pixels to ours, of an image of that height; the inverse of lower-left maps
-    /// has the same form.
+    /// The affine map from their pixels to ours in an image of that height.
     pub(super) fn ours_from_theirs(self, height_px: u32) -> Matrix3<f64> {
         let (du, sign, dv) = match self {
             Self::TopLeftZero => (0.0, 1.0, 0.0),

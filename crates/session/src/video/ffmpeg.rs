@@ -101,7 +101,7 @@ fn probe(path: &Path, program: &str, missing: impl Fn(&str) -> SessionError) -> 
         return Err(SessionError::ffmpeg(path, detail));
     }
     let (Ok(width_px), Ok(height_px)) = (value("width").parse(), value("height").parse()) else {
-        return Err(SessionError::NoFrames { path: path.to_owned() });
+        return Err(SessionError::NoFrames(path.to_owned()));
     };
     let format = value("pix_fmt");
     let planes = if ["rgb", "bgr", "gbr", "pal8"].iter().any(|name| format.contains(name)) {
