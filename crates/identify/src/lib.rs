@@ -8,7 +8,6 @@ mod coloured;
 mod dependence;
 mod diagnostics;
 mod error;
-mod exact_columns;
 mod fit;
 mod frequency_domain;
 mod inverse;

@@ -63,6 +63,7 @@ impl Bands {
     }
 }
 
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SourceVariance {
     pub(crate) by_row: Vec<f64>,
     /// What is usual over the flight.
@@ -87,8 +88,7 @@ pub struct SignalErrors {
 
 #[derive(Debug, Clone, PartialEq)]
 struct SourceErrors {
-    by_row: Vec<f64>,
-    usual: f64,
+    variance: SourceVariance,
     ways: Vec<Way>,
     /// Responses of the ways (columns) at each frequency, in roots of the source's variance.
     responses: DMatrix<Complex<f64>>,
@@ -136,11 +136,10 @@ impl SignalErrors {
                 let passed: f64 = bands.passed_hz.iter().map(|fc| 1.0 / (1.0 + (f / fc).powi(6))).product();
                 terms[j].1.transfer.at(f) * (root * passed)
             });
-            let SourceVariance { by_row, usual } = variance(source);
             let ways =
                 terms.iter().map(|(signal, t)| Way { signal: *signal, gains: t.gains.clone() }).collect();
             let shares = responses.ad_mul(&responses).map(|c| c.re);
-            out.sources.push(SourceErrors { by_row, usual, ways, responses, shares });
+            out.sources.push(SourceErrors { variance: variance(source), ways, responses, shares });
         }
         out
     }
@@ -152,7 +151,8 @@ impl SignalErrors {
             let ways = source.ways_to(signals);
             for (a, i, first) in ways.clone() {
                 for (b, j, second) in ways.clone() {
-                    out[(i, j)] += source.by_row[row] * source.shares[(a, b)] * first[row] * second[row];
+                    out[(i, j)] +=
+                        source.variance.by_row[row] * source.shares[(a, b)] * first[row] * second[row];
                 }
             }
         }
@@ -167,7 +167,7 @@ impl SignalErrors {
             let squares = ways.clone().flat_map(|(a, _, first)| {
                 ways.clone().map(move |(b, _, second)| source.shares[(a, b)] * first[row] * second[row])
             });
-            source.by_row[row] * squares.sum::<f64>()
+            source.variance.by_row[row] * squares.sum::<f64>()
         };
         self.sources.iter().map(of).sum()
     }
@@ -193,7 +193,7 @@ impl SignalErrors {
         for source in &self.sources {
             let weight = |way: &Way| Complex::from(weights[way.signal] * mean(&way.gains));
             let weights = DVector::from_iterator(source.ways.len(), source.ways.iter().map(weight));
-            power += (&source.responses * weights).map(|c| c.norm_sqr() * source.usual);
+            power += (&source.responses * weights).map(|c| c.norm_sqr() * source.variance.usual);
         }
         let angle = 2.0 * PI * self.step_hz * dt_s;
         let at = |l: usize, k: usize| (angle * l as f64 * (k as f64 + 0.5)).cos();

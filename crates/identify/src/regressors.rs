@@ -70,8 +70,7 @@ impl Options {
 /// with a the specific force and ω the mean rotor speed, C_m = I_yy q̇/(½ρπR⁵ω²) with the gyroscopic part of
 /// [`crate::Measured`]. Flapping angles are integrated from the smoothed rates and the recorded swash-plate
 /// (equation 2), from trim. All that stands in one equation has passed the same low-passes
-/// ([`mavsight_pose::lowpass_like`]): what comes from the motion those of the smoother, what comes from the
-/// inputs as well, and both that of [`Bandwidth`].
+/// ([`mavsight_pose::lowpass_like`]): the smoother's and that of [`Bandwidth`].
 ///
 /// Valid for flights that begin in trim, with flapping times that are known. Instants in a gap of the poses,
 /// where the smoother's variance of a velocity or rate is above nine times its median, or beside a gap in

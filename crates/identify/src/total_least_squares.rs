@@ -1,11 +1,11 @@
 //! Total least squares: regression where regressors have errors as well as the output.
 
 use crate::IdentifyError;
-use crate::exact_columns::{Solution, Split};
 use crate::inverse::inverse_of_scaled;
 use crate::least_squares::{check, weighted_least_squares};
 use crate::robust_covariance::Correlation;
-use nalgebra::{DMatrix, DVector};
+use mavsight_geometry::svd::jacobi_svd;
+use nalgebra::{Cholesky, DMatrix, DVector};
 
 /// Steps at most; each gains some digits in proportion to how small errors are.
 const MAX_STEPS: usize = 100;
@@ -63,8 +63,7 @@ pub fn total_least_squares(
     correlation: Correlation,
 ) -> Result<TotalLeastSquares, IdentifyError> {
     check(regressors, output)?;
-    let Solution { values, singular_values } =
-        Split::new(regressors.ncols(), errors)?.solve(regressors, output)?;
+    let EqualRows { values, singular_values } = EqualRows::solve(regressors, output, errors)?;
     let problem = Problem { regressors, output, errors: &|_| errors.clone() };
     let state = problem.at(&values)?;
     Ok(TotalLeastSquares { singular_values, ..problem.finish(values, state, correlation)? })
@@ -131,6 +130,68 @@ pub(crate) fn by_row(
         }
     }
     Err(IdentifyError::NotConverged { what: "total least squares by rows", steps: MAX_STEPS })
+}
+
+/// Values of rows with errors of one covariance, of which some columns are exact.
+struct EqualRows {
+    values: DVector<f64>,
+    /// Of what is left of the whitened columns.
+    singular_values: DVector<f64>,
+}
+
+impl EqualRows {
+    fn solve(
+        regressors: &DMatrix<f64>,
+        output: &DVector<f64>,
+        errors: &DMatrix<f64>,
+    ) -> Result<Self, IdentifyError> {
+        let (rows, count) = regressors.shape();
+        let bad = |what: &'static str| IdentifyError::BadErrors { what, columns: count };
+        if errors.shape() != (count + 1, count + 1) || !errors.iter().all(|v| v.is_finite()) {
+            return Err(bad("must be finite, square, with one row a column and one for the output"));
+        }
+        if (errors - errors.transpose()).amax() > 1e-9 * errors.amax() {
+            return Err(bad("must be symmetric"));
+        }
+        let is_exact = |j: &usize| errors.row(*j).iter().all(|v| *v == 0.0);
+        if is_exact(&count) {
+            return Err(bad("must leave the output an error: total least squares needs one"));
+        }
+        let (exact, noisy): (Vec<usize>, Vec<usize>) = (0..count).partition(is_exact);
+        let (k, m) = (exact.len(), noisy.len());
+        let kept: Vec<usize> = noisy.iter().copied().chain([count]).collect();
+        // L of Σ = L Lᵀ whitens the noisy columns and the output.
+        let lower = Cholesky::new(errors.select_rows(&kept).select_columns(&kept));
+        let lower =
+            lower.ok_or_else(|| bad("must be positive definite in its columns that are not exact"))?;
+        let lower = lower.unpack();
+        let mut whitened = regressors.select_columns(&noisy).transpose().insert_row(m, 0.0);
+        whitened.set_row(m, &output.transpose());
+        let whitened = lower.solve_lower_triangular(&whitened).ok_or(IdentifyError::RankZero)?;
+        let mut all = regressors.select_columns(&exact).resize_horizontally(k + m + 1, 0.0);
+        all.columns_mut(k, m + 1).copy_from(&whitened.transpose());
+        let r = all.qr().r();
+        let size = (rows - k).min(m + 1);
+        let svd = jacobi_svd(&r.view((k, k), (size, m + 1)).into_owned());
+        let smallest = svd.v.column(m);
+        let null = lower.tr_solve_lower_triangular(&smallest).ok_or(IdentifyError::RankZero)?;
+        // The share of the output, in units of its error.
+        let part = (null[m] * lower[(m, m)]).abs();
+        if part < 1e-10 {
+            return Err(IdentifyError::NonGeneric(part));
+        }
+        // E c = y - A x = [A y] null / null_y.
+        let right = r.view((0, k), (k, m + 1)) * smallest / null[m];
+        let of_exact =
+            r.view((0, 0), (k, k)).solve_upper_triangular(&right).ok_or(IdentifyError::RankZero)?;
+        let mut values = DVector::zeros(count);
+        exact.iter().zip(&of_exact).for_each(|(j, value)| values[*j] = *value);
+        noisy.iter().zip(&null).for_each(|(j, part)| values[*j] = -part / null[m]);
+        if !values.iter().all(|v: &f64| v.is_finite()) {
+            return Err(IdentifyError::RankZero);
+        }
+        Ok(Self { values, singular_values: svd.singular_values })
+    }
 }
 
 const ONE_A_ROW: &str = "must be one matrix a row, with one row a column and one for the output";
@@ -222,9 +283,8 @@ impl Problem<'_> {
         let (rows, count) = self.regressors.shape();
         let zero = DMatrix::zeros(count + 1, count + 1);
         let mean = self.each_errors().fold(zero, |sum, errors| sum + errors / rows as f64);
-        let equal = Split::new(count, &mean).and_then(|split| split.solve(self.regressors, self.output));
-        if let Ok(Solution { values, .. }) = equal {
-            return Ok(values);
+        if let Ok(equal) = EqualRows::solve(self.regressors, self.output, &mean) {
+            return Ok(equal.values);
         }
         let output_std: Vec<f64> = self.each_errors().map(|e| e[(count, count)].sqrt()).collect();
         Ok(weighted_least_squares(self.regressors, self.output, &output_std, Correlation::White)?.values)

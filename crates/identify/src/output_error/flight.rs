@@ -101,9 +101,8 @@ impl Speeds {
     }
 }
 
-/// A flight is fitted in one piece up to this length: a fit holds tens of kilobytes for each instant, so that
-/// a bound keeps memory constant; a minute is twenty time constants of the fly-bar, the slowest that is
-/// fitted, and six manoeuvres.
+/// A flight is fitted in one piece up to this length, since a fit holds tens of kilobytes for each instant: a
+/// minute is twenty time constants of the fly-bar, the slowest that is fitted, and six manoeuvres.
 const LONGEST_S: f64 = 60.0;
 
 /// Two estimates of the same parameters.
