@@ -21,9 +21,11 @@ const SYSTEMATIC_STD_PX: f64 = 1.0;
 /// Whitened residuals longer than this many times the flight's scale weigh no more than one of that length.
 const BOUND: f64 = 2.5;
 
-/// Steps to a pose, which is taken as far as it has come, and the drop of chi-square that ends them.
+/// Steps to a pose, which is taken as far as it has come, and the drop of chi-square that ends them: a larger
+/// one where only misfits are compared.
 const MOST_STEPS: usize = 12;
 const CONVERGED: f64 = 1e-4;
+const CONVERGED_MISFIT: f64 = 1.0;
 
 /// A camera and a part of its clock.
 pub(super) type Unknown = (usize, usize);
@@ -180,7 +182,8 @@ impl<'a> Problem<'a> {
             self.views(&paths, t_s, cameras, &mut views);
             let two = views.iter().any(|v| v.seen.camera != views[0].seen.camera);
             let Some(start) = self.poses[k].filter(|_| two && views.len() > 3) else { continue };
-            let Some(fit) = self.fitted_pose(&views, &start) else { continue };
+            let converged = if unknowns.is_empty() { CONVERGED_MISFIT } else { CONVERGED };
+            let Some(fit) = self.fitted_pose(&views, &start, converged) else { continue };
             sums.poses[k] = Some(fit.world_from_body);
             let redundancy = fit.redundancy() as f64;
             sums.instants += 1;
@@ -195,9 +198,9 @@ impl<'a> Problem<'a> {
     }
 
     /// The pose nearest to a start that fits the views best, with bounded influence.
-    pub(super) fn fitted_pose(&self, views: &[View], start: &Isometry3<f64>) -> Option<PoseFit> {
+    fn fitted_pose(&self, views: &[View], start: &Isometry3<f64>, converged: f64) -> Option<PoseFit> {
         let seen: Vec<_> = views.iter().map(|v| v.seen).collect();
-        self.scene().descend(&seen, start, self.bound2(), CONVERGED, MOST_STEPS).ok()
+        self.scene().descend(&seen, start, self.bound2(), converged, MOST_STEPS).ok()
     }
 
     pub(super) fn scene(&self) -> Scene<'_> {
@@ -296,7 +299,8 @@ impl Problem<'_> {
             let Some(near) = self.poses[k] else { continue };
             let mut pose_at = |t_s: f64| {
                 self.views(&paths, t_s, &all, &mut beside);
-                (beside.len() > 3).then(|| Some(self.fitted_pose(&beside, &near)?.world_from_body)).flatten()
+                let fit = self.fitted_pose(&beside, &near, CONVERGED).filter(|_| beside.len() > 3);
+                fit.map(|fit| fit.world_from_body)
             };
             let t_s = self.instants[k];
             let (before, after) = (pose_at(t_s - 0.5 * apart_s), pose_at(t_s + 0.5 * apart_s));

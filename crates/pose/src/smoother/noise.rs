@@ -7,7 +7,6 @@ use crate::smoother::state::{MotionNoise, PRIOR_ROTATION, PRIOR_TRANSLATION};
 use crate::statistics::median;
 use crate::{PoseError, PoseSample};
 use mavsight_geometry::{Isometry3, Matrix3, Vector3};
-use nalgebra::SMatrix;
 
 /// Poses needed: three fix the start, and two noise parameters want more than a handful of innovations.
 pub(crate) const NEEDED: usize = 10;
@@ -182,7 +181,9 @@ fn least(cost: impl Fn(f64) -> f64, low: f64, high: f64, steps: usize) -> f64 {
     let mut best = (0..=steps).map(|k| at(low + step * k as f64)).fold((f64::INFINITY, low), lower);
     while step > 0.005 {
         step *= 0.5;
-        best = lower(lower(best, at((best.1 - step).max(low))), at((best.1 + step).min(high)));
+        let below = lower(best, at((best.1 - step).max(low)));
+        // Where it falls on one side it rises on the other.
+        best = if below.1 < best.1 { below } else { lower(best, at((best.1 + step).min(high))) };
     }
     best.1
 }
@@ -246,16 +247,15 @@ pub(crate) fn innovations<P: Place>(series: &Series<'_, P>, noise: &JerkNoise) -
             + rows.fixed_columns::<3>(CORRELATED)
             + seen.covariance * noise.variance_factor;
         let factor = s.cholesky()?;
-        let gain: SMatrix<f64, CHAIN, 3> = factor.solve(&rows).transpose();
-        let taken = gain * rows;
-        covariance += gain * s * gain.transpose() - taken - taken.transpose();
+        let root = factor.l();
+        let (whitened, white) = (root.solve_lower_triangular(&rows)?, root.solve_lower_triangular(&y)?);
+        covariance -= whitened.tr_mul(&whitened);
         covariance = (covariance + covariance.transpose()) * 0.5;
-        chain.correct((gain * y).as_slice());
+        chain.correct(whitened.tr_mul(&white).as_slice());
         seen_count += 1;
         if seen_count > DIFFUSE {
-            let white = factor.l().solve_lower_triangular(&y)?;
             sums.count += 3;
-            sums.log_det += 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
+            sums.log_det += 2.0 * root.diagonal().map(f64::ln).sum();
             sums.chi_square += white.norm_squared();
             sums.neighbours += before.map_or(0.0, |b: Vector3<f64>| b.dot(&white));
             before = Some(white);
