@@ -184,13 +184,14 @@ impl Factored {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mavsight_random::Random;
 
     fn normal() -> DMatrix<f64> {
         let mut jacobian = DMatrix::<f64>::zeros(60, 21);
-        let mut seed = 5;
+        let mut random = Random::new(5, 0);
         for row in 0..60 {
             let (point, camera) = (row / 15, row % 3);
-            let mut number = || crate::testing::normal(&mut seed);
+            let mut number = || random.normal();
             (0..3).for_each(|k| jacobian[(row, 3 * camera + k)] = number() * 10f64.powi(k as i32 - 1));
             (0..3).for_each(|k| jacobian[(row, 9 + 3 * point + k)] = number());
         }

@@ -159,17 +159,18 @@ mod tests {
     use super::super::test_sets::both;
     use super::*;
     use crate::testing::cameras;
+    use mavsight_random::Random;
 
     /// The scatter of many calibrations against the prediction: centre and focal length.
     #[test]
     fn many_calibrations_scatter_as_predicted() {
-        let (std_px, mut seed, trials) = (0.1, 5, 300);
+        let (std_px, mut random, trials) = (0.1, Random::new(5, 0), 300);
         let truth = cameras();
         let given = truth.map(|c| (c, CameraModel::PINHOLE));
-        let predicted = predict_calibration(&given, &both(std_px, &mut seed)).unwrap();
+        let predicted = predict_calibration(&given, &both(std_px, &mut random)).unwrap();
         let (mut centre_m2, mut focal_px2) = (0.0, 0.0);
         for _ in 0..trials {
-            let rig = calibrate(&both(std_px, &mut seed)).unwrap();
+            let rig = calibrate(&both(std_px, &mut random)).unwrap();
             for (got, truth) in rig.cameras.iter().zip(&truth) {
                 let off = got.camera.centre_in_world() - truth.centre_in_world();
                 centre_m2 += off.norm_squared() / f64::from(2 * trials);
@@ -187,7 +188,7 @@ mod tests {
 
     #[test]
     fn too_few_points_and_no_cameras_are_refused() {
-        let mut controls = both(0.1, &mut 3);
+        let mut controls = both(0.1, &mut Random::new(3, 0));
         let given = cameras().map(|c| (c, CameraModel::PINHOLE));
         assert!(matches!(predict_calibration(&[], &[]), Err(PoseError::NoCameras { found: 0 })));
         controls[1].points.truncate(4);
@@ -195,7 +196,7 @@ mod tests {
         controls[1].survey_std_m.truncate(4);
         let refused = predict_calibration(&given, &controls).unwrap_err();
         assert!(refused.to_string().contains("cam2") && refused.to_string().contains('4'), "{refused}");
-        let mut flat = both(0.1, &mut 3);
+        let mut flat = both(0.1, &mut Random::new(3, 0));
         flat[0].points.iter_mut().for_each(|p| p.pixel_cov_px2 *= f64::NAN);
         assert!(matches!(predict_calibration(&given, &flat), Err(PoseError::Calibration { .. })));
     }

@@ -216,13 +216,13 @@ fn real_roots(quartic: &[f64; 5]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal3;
+    use mavsight_random::Random;
 
     #[test]
     fn the_true_distances_are_among_the_solutions_and_all_fit() {
-        let mut seed = 8;
+        let mut random = Random::new(8, 0);
         for _ in 0..300 {
-            let points = [(); 3].map(|()| normal3(&mut seed) * 0.3 + Vector3::z() * 4.0);
+            let points = [(); 3].map(|()| Vector3::from(random.normals()) * 0.3 + Vector3::z() * 4.0);
             let rays = points.map(|p| p.normalize());
             let body = points.map(|p| Vector3::new(p.y, -p.x, p.z + 1.0));
             let found = distances(&rays, &body);

@@ -104,6 +104,7 @@ mod tests {
     use super::*;
     use crate::{JerkNoise, PoseEstimate, smoother::smooth::forward_samples};
     use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
+    use mavsight_random::Random;
     use nalgebra::{Matrix6xX, Translation3};
 
     const GRAVITY: f64 = 9.81;
@@ -113,12 +114,12 @@ mod tests {
     }
 
     fn flight(count: i64) -> Vec<PoseSample> {
-        let mut seed = 5;
+        let mut random = Random::new(5, 0);
         (0..count)
             .map(|k| {
                 let t = k as f64 / 30.0;
-                let shift = crate::testing::normal3(&mut seed) * 1e-3;
-                let turn = crate::testing::normal3(&mut seed) * 2e-3;
+                let shift = Vector3::from(random.normals()) * 1e-3;
+                let turn = Vector3::from(random.normals()) * 2e-3;
                 let place = Vector3::new(t.sin(), 0.2 * t, (0.7 * t).cos()) + shift;
                 let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(0.2 * t.sin(), 0.1, 0.4 * t))
                     * UnitQuaternion::from_scaled_axis(turn);
