@@ -21,11 +21,9 @@ const SYSTEMATIC_STD_PX: f64 = 1.0;
 /// Whitened residuals longer than this many times the flight's scale weigh no more than one of that length.
 const BOUND: f64 = 2.5;
 
-/// Steps to a pose, which is taken as far as it has come, and the drop of chi-square that ends them: a larger
-/// one where only misfits are compared.
+/// Steps to a pose, which is taken as far as it has come, and the drop of chi-square that ends them.
 const MOST_STEPS: usize = 12;
 const CONVERGED: f64 = 1e-4;
-const CONVERGED_MISFIT: f64 = 1.0;
 
 /// A camera and a part of its clock.
 pub(super) type Unknown = (usize, usize);
@@ -57,10 +55,6 @@ pub(super) struct Sums {
     /// Chi-square over redundancy of each instant with a pose.
     pub(super) factors: Vec<f64>,
     pub(super) poses: Vec<Option<Isometry3<f64>>>,
-    /// Instants with a pose, and the sum over them of the root of chi-square over redundancy: small where the
-    /// clocks are right, whatever a few bad instants do.
-    pub(super) instants: usize,
-    pub(super) misfit: f64,
     /// By camera: sum of squared speeds, px²/s², corrected for noise; observations; redundancy in whitened
     /// units; distance over focal length.
     pub(super) by_camera: Vec<CameraSums>,
@@ -73,6 +67,15 @@ pub(super) struct CameraSums {
     /// What the information on the offset would be at 1 px/s.
     pub(super) at_unit_speed: f64,
     pub(super) metres_a_pixel: f64,
+}
+
+/// Agreement of cameras under some clocks.
+pub(super) struct Misfit {
+    /// Instants with a pose.
+    pub(super) instants: u32,
+    /// Mean over them of the root of chi-square over redundancy: small where the clocks are right, whatever a
+    /// few bad instants do.
+    pub(super) mean: f64,
 }
 
 pub(super) struct Problem<'a> {
@@ -157,15 +160,48 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The sums under some clocks, over some instants and cameras.
-    pub(super) fn sums(
+    /// The pose of an instant, where two cameras determine it with redundancy, and its views.
+    fn pose_of(
+        &self,
+        paths: &[Vec<PixelPath>],
+        instant: usize,
+        cameras: &[usize],
+        views: &mut Vec<View>,
+    ) -> Option<PoseFit> {
+        self.views(paths, self.instants[instant], cameras, views);
+        let is_other = |v: &View| v.seen.camera != views[0].seen.camera;
+        let start = self.poses[instant].filter(|_| views.len() > 3 && views.iter().any(is_other))?;
+        self.fitted_pose(views, &start)
+    }
+
+    /// How well some cameras agree under some clocks at every so many instants. Left off where the mean is
+    /// above a bound.
+    pub(super) fn misfit(
         &self,
         clocks: &[CameraClock],
-        unknowns: &[Unknown],
         cameras: &[usize],
         stride: usize,
-    ) -> Sums {
+        most: f64,
+    ) -> Misfit {
+        let (paths, mut views) = (self.paths(clocks), Vec::new());
+        let tried = self.instants.len().div_ceil(stride) as f64;
+        let (mut instants, mut sum) = (0, 0.0);
+        for k in (0..self.instants.len()).step_by(stride) {
+            if let Some(fit) = self.pose_of(&paths, k, cameras, &mut views) {
+                instants += 1;
+                sum += (fit.loss / fit.redundancy() as f64).sqrt();
+            }
+            if sum > most * tried {
+                break;
+            }
+        }
+        Misfit { instants, mean: sum / f64::from(instants).max(1.0) }
+    }
+
+    /// The sums under some clocks.
+    pub(super) fn sums(&self, clocks: &[CameraClock], unknowns: &[Unknown]) -> Sums {
         let paths = self.paths(clocks);
+        let all: Vec<usize> = (0..self.streams.len()).collect();
         let size = unknowns.len() + self.systematic_px.len();
         let mut sums = Sums {
             normal: DMatrix::zeros(size, size),
@@ -177,30 +213,21 @@ impl<'a> Problem<'a> {
             ..Default::default()
         };
         let mut views = Vec::new();
-        for k in (0..self.instants.len()).step_by(stride) {
-            let t_s = self.instants[k];
-            self.views(&paths, t_s, cameras, &mut views);
-            let two = views.iter().any(|v| v.seen.camera != views[0].seen.camera);
-            let Some(start) = self.poses[k].filter(|_| two && views.len() > 3) else { continue };
-            let converged = if unknowns.is_empty() { CONVERGED_MISFIT } else { CONVERGED };
-            let Some(fit) = self.fitted_pose(&views, &start, converged) else { continue };
+        for k in 0..self.instants.len() {
+            let Some(fit) = self.pose_of(&paths, k, &all, &mut views) else { continue };
             sums.poses[k] = Some(fit.world_from_body);
             let redundancy = fit.redundancy() as f64;
-            sums.instants += 1;
-            sums.misfit += (fit.loss / redundancy).sqrt();
             // The median of a chi-square over its degrees of freedom is below one (Wilson & Hilferty 1931).
             sums.factors.push(fit.loss / redundancy / (1.0 - 2.0 / (9.0 * redundancy)).powi(3));
-            if !unknowns.is_empty() {
-                self.add(&mut sums, &views, unknowns, k);
-            }
+            self.add(&mut sums, &views, unknowns, k);
         }
         sums
     }
 
     /// The pose nearest to a start that fits the views best, with bounded influence.
-    fn fitted_pose(&self, views: &[View], start: &Isometry3<f64>, converged: f64) -> Option<PoseFit> {
+    fn fitted_pose(&self, views: &[View], start: &Isometry3<f64>) -> Option<PoseFit> {
         let seen: Vec<_> = views.iter().map(|v| v.seen).collect();
-        self.scene().descend(&seen, start, self.bound2(), converged, MOST_STEPS).ok()
+        self.scene().descend(&seen, start, self.bound2(), CONVERGED, MOST_STEPS).ok()
     }
 
     pub(super) fn scene(&self) -> Scene<'_> {
@@ -299,7 +326,7 @@ impl Problem<'_> {
             let Some(near) = self.poses[k] else { continue };
             let mut pose_at = |t_s: f64| {
                 self.views(&paths, t_s, &all, &mut beside);
-                let fit = self.fitted_pose(&beside, &near, CONVERGED).filter(|_| beside.len() > 3);
+                let fit = self.fitted_pose(&beside, &near).filter(|_| beside.len() > 3);
                 fit.map(|fit| fit.world_from_body)
             };
             let t_s = self.instants[k];
