@@ -87,7 +87,7 @@ mod tests {
     fn factors_show_which_ball_is_worse_or_better_than_it_claims_and_in_which_direction() {
         let estimator = PoseEstimator::new(&rig(), &body());
         for times in [Vector2::new(3.0, 3.0), Vector2::new(0.5, 2.0)] {
-            let (mut views, mut poses) = flight(&estimator, (400, (1, 2), times), &mut Random::new(41, 0));
+            let (mut views, mut poses) = flight(&estimator, (400, (1, 2), times), &mut Random::new(1, 0));
             // Twice, as where a flight is refined: the product nears the variance component.
             let mut total = [Vector2::repeat(1.0); 8];
             for _ in 0..2 {
