@@ -1,7 +1,6 @@
 //! Bundle adjustment of all cameras and of the surveyed points that are not exact.
 
-use super::equations::Factored;
-use super::equations::{Adjustment, Equations};
+use super::equations::{Adjustment, Equations, Factored};
 use super::layout::{Layout, State};
 use super::model::CameraModel;
 use super::problem::{Data, Problem};

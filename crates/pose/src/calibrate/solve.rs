@@ -13,7 +13,7 @@ use super::snoop::clean;
 use super::start::MIN_POINTS;
 use crate::PoseError;
 use mavsight_geometry::camera_parameters::CENTRE;
-use mavsight_geometry::{CAMERA_PARAMETERS, Camera, ControlPoint, GeometryError, Vector2};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, GeometryError, Vector2};
 use nalgebra::DMatrix;
 
 /// Part of the distance from the control points above which a centre's standard deviation is too large.
@@ -103,16 +103,8 @@ pub fn predict_calibration(
     let fit = fit.and_then(|fit| Some((fit.camera_root()?, fit)));
     let (uncertainty, fit) = fit.ok_or_else(|| undetermined(&controls[0].name))?;
     let mut rig = rig_of(problem.with(&choice), &fit, uncertainty);
-    for (own, control) in rig.cameras.iter_mut().zip(controls) {
-        let (residual_px, studentised, used) = (Vector2::zeros(), 0.0, true);
-        own.points = control
-            .points
-            .iter()
-            .map(|ControlPoint { name, point_in_world_m, .. }| {
-                let (name, point_in_world_m) = (name.clone(), *point_in_world_m);
-                ControlResidual { name, point_in_world_m, residual_px, studentised, used }
-            })
-            .collect();
+    for (camera, own) in rig.cameras.iter_mut().enumerate() {
+        own.points = residuals(problem.with(&choice), &fit, camera);
     }
     Ok(rig)
 }

@@ -2,8 +2,7 @@
 
 use super::estimator::PoseEstimator;
 use super::gates::{beyond_f_gate, chi_square_gate, noise_factor};
-use super::sample::PredictedObservation;
-use super::sample::{MarkerSet, PoseEstimate};
+use super::sample::{MarkerSet, PoseEstimate, PredictedObservation};
 use super::solve::MAX_STEPS;
 use super::start::of_markers;
 use crate::reprojection::{PointObservation, PoseFit};
