@@ -16,9 +16,6 @@ const FOLLOWED: usize = 4;
 
 /// Sets of cameras near those that saw the objects, in the axes of the first camera: x to its right, y
 /// forward, z up.
-///
-/// # Errors
-/// [`PoseError::NotLinked`] names a camera that shares too little with the others.
 pub(super) fn linked(
     objects: &[Moved],
     names: &[String],

@@ -68,9 +68,7 @@ pub(super) fn names_of(objects: &[Moved]) -> String {
 }
 
 impl Moved {
-    /// # Errors
-    /// [`PoseError::BadObservation`] for a camera or point that does not exist or a number that is not
-    /// finite; [`PoseError::BadObject`] for points that make no shape.
+    /// Refuses cameras and points that do not exist, numbers that are not finite, points that make no shape.
     pub(super) fn new(object: &MovedObject, cameras: usize) -> Result<Self, PoseError> {
         let bad = |detail| PoseError::BadObject { object: object.name.clone(), detail };
         let numbers = object.points.iter().flat_map(|p| p.marker_in_body_m.iter().chain([&p.radius_m]));

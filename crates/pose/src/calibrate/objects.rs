@@ -26,9 +26,6 @@ const UNDETERMINED: f64 = 0.05;
 const GROSS: f64 = 0.005;
 
 /// Adjusts cameras to control points and moved objects together.
-///
-/// # Errors
-/// Those of [`super::calibrate_with`].
 pub(super) fn with_objects(
     controls: &[CameraControl],
     objects: &[MovedObject],

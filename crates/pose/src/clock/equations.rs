@@ -28,11 +28,25 @@ const CONVERGED: f64 = 1e-4;
 /// A camera and a part of its clock.
 pub(super) type Unknown = (usize, usize);
 
+/// An observation of a marker, by its index in its path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct InPath {
+    camera: usize,
+    marker: usize,
+    index: usize,
+}
+
+/// Speeds of an observation's path and of the pose at its place.
+struct Speeds {
+    of: InPath,
+    path_px_s: f64,
+    pose_px_s: f64,
+}
+
 pub(super) struct View {
-    pub(super) seen: PointObservation,
-    /// Index of the observation in its path.
-    pub(super) index: usize,
-    pub(super) velocity: PathVelocity,
+    seen: PointObservation,
+    of: InPath,
+    velocity: PathVelocity,
     rows_px: f64,
 }
 
@@ -83,8 +97,8 @@ pub(super) struct Problem<'a> {
     estimator: PoseEstimator,
     pub(super) instants: Vec<f64>,
     pub(super) poses: Vec<Option<Isometry3<f64>>>,
-    /// Camera, marker and index of observations whose paths leap.
-    pub(super) leaping: HashSet<(usize, usize, usize)>,
+    /// Observations whose paths leap.
+    leaping: HashSet<InPath>,
     /// Systematic error of each centre: camera by camera, two a marker.
     pub(super) systematic_px: DVector<f64>,
     /// Factor on the claimed variances.
@@ -126,14 +140,15 @@ impl<'a> Problem<'a> {
         for &camera in cameras {
             for (marker, path) in paths[camera].iter().enumerate() {
                 let Some(at) = path.at(t_s) else { continue };
-                if self.leaping.contains(&(camera, marker, at.index)) {
+                let of = InPath { camera, marker, index: at.index };
+                if self.leaping.contains(&of) {
                     continue;
                 }
                 let Some(velocity) = at.velocity else { continue };
                 let pixel = at.pixel - self.systematic_px.fixed_rows::<2>(self.row(camera, marker));
                 let seen = PointObservation::new(camera, marker, pixel, at.covariance_px2);
                 let rows_px = self.streams[camera].rows_px(self.scene().cameras[camera].size, &at.pixel);
-                out.extend(seen.map(|seen| View { seen, index: at.index, velocity, rows_px }));
+                out.extend(seen.map(|seen| View { seen, of, velocity, rows_px }));
             }
         }
     }
@@ -320,8 +335,7 @@ impl Problem<'_> {
         let all: Vec<usize> = (0..self.streams.len()).collect();
         let apart_s = self.streams.iter().map(|s| s.interval_s).fold(f64::INFINITY, f64::min);
         let (mut views, mut beside) = (Vec::new(), Vec::new());
-        // Of each view: which it is, its speed, and that of the pose.
-        let mut speeds: Vec<((usize, usize, usize), f64, f64)> = Vec::new();
+        let mut speeds: Vec<Speeds> = Vec::new();
         for k in 0..self.instants.len() {
             let Some(near) = self.poses[k] else { continue };
             let mut pose_at = |t_s: f64| {
@@ -336,18 +350,18 @@ impl Problem<'_> {
             for v in &views {
                 let seen = |pose| self.scene().at(&v.seen, pose).ok().map(|at| at.projection.pixel);
                 let Some((from, to)) = seen(&before).zip(seen(&after)) else { continue };
-                let of_pose = (to - from).norm() / apart_s;
-                speeds.push(((v.seen.camera, v.seen.point, v.index), v.velocity.px_s.norm(), of_pose));
+                let (path_px_s, pose_px_s) = (v.velocity.px_s.norm(), (to - from).norm() / apart_s);
+                speeds.push(Speeds { of: v.of, path_px_s, pose_px_s });
             }
         }
         for camera in all {
-            let own = || speeds.iter().filter(|s| s.0.0 == camera);
-            let mut usual: Vec<f64> = own().map(|s| s.2).collect();
+            let own = || speeds.iter().filter(|s| s.of.camera == camera);
+            let mut usual: Vec<f64> = own().map(|s| s.pose_px_s).collect();
             usual.sort_by(f64::total_cmp);
             // Nine tenths of the flight is slower; the rest may be what wrong observations do to poses.
             let Some(fast) = usual.get(usual.len() * 9 / 10).copied() else { continue };
-            let leaps = own().filter(|s| s.1 > LEAP * (s.2 + fast)).map(|s| s.0);
-            self.leaping.extend(leaps);
+            let leaps = own().filter(|s| s.path_px_s > LEAP * (s.pose_px_s + fast));
+            self.leaping.extend(leaps.map(|s| s.of));
         }
     }
 }

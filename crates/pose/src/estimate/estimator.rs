@@ -71,9 +71,6 @@ impl PoseEstimator {
     }
 
     /// Observations without the constant errors of their centres.
-    ///
-    /// # Errors
-    /// [`PoseError::BadObservation`].
     pub(super) fn views(
         &self,
         seen: impl Iterator<Item = MarkerObservation>,
