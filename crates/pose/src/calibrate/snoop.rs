@@ -84,7 +84,7 @@ pub(super) fn clean(problem: &Problem) -> Result<Cleaned, PoseError> {
                 refuse_gross(data, &chosen.best)?;
                 return Ok(Cleaned { chosen, choice, left_out });
             }
-            (None, None, Err(e)) => return Err(e.named(problem)),
+            (None, None, Err(error)) => return Err(error),
             (None, None, Ok(_)) => return Err(problem.undetermined()),
         }
     }
