@@ -94,14 +94,10 @@ pub(crate) struct Reduced {
     pub(crate) weighted: f64,
     pub(crate) coordinates: usize,
     pub(crate) instants: usize,
-    /// Of the poses' normal matrices together.
+    /// Of the normal matrices of what was eliminated, changes over their prior information.
     pub(crate) log_determinant: f64,
-}
-
-/// What the elimination of a change does to the equations.
-pub(crate) struct Elimination {
+    /// Drop of the weighted squares by eliminated changes.
     pub(crate) gain: f64,
-    pub(crate) log_determinant: f64,
 }
 
 impl Reduced {
@@ -164,7 +160,7 @@ impl Reduced {
     }
 
     /// Eliminates a change of these instants' rows from `first` on, with the information `weight` on each.
-    pub(crate) fn eliminate_changes(&mut self, first: usize, weight: f64) -> Option<Elimination> {
+    pub(crate) fn eliminate_changes(&mut self, first: usize, weight: f64) -> Option<()> {
         let n = self.normal.nrows() - first;
         let mut own = self.normal.view((first, first), (n, n)).into_owned();
         (0..n).for_each(|k| own[(k, k)] += weight);
@@ -174,8 +170,9 @@ impl Reduced {
         let slope = self.gradient.rows(first, n).into_owned();
         self.normal.gemm_tr(-1.0, &coupling, &eliminated, 1.0);
         self.gradient.gemv_tr(-1.0, &eliminated, &slope, 1.0);
-        let gain = slope.dot(&factored.solve(&slope));
-        Some(Elimination { gain, log_determinant: factored.ln_determinant() })
+        self.gain += slope.dot(&factored.solve(&slope));
+        self.log_determinant += factored.ln_determinant() - n as f64 * weight.ln();
+        Some(())
     }
 
     pub(crate) fn join(&mut self, other: &Self) {
@@ -187,6 +184,7 @@ impl Reduced {
         self.coordinates += other.coordinates;
         self.instants += other.instants;
         self.log_determinant += other.log_determinant;
+        self.gain += other.gain;
     }
 }
 
