@@ -33,7 +33,6 @@ pub struct MultisineOptions {
     pub seed: u64,
 }
 
-/// Flights a round.
 const OFFSPRING: usize = 6;
 /// First step, of the length of all amplitudes; a success lengthens it and a failure shortens it so that one
 /// in five succeeds (Rechenberg 1973; Kern et al. 2004).
